@@ -1,0 +1,2 @@
+//! What a skid-steer rover on a slope should do: path, speed profile, reference, model-predictive
+//! control, estimation and supervision. This crate does no input or output.

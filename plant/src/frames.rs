@@ -1,0 +1,340 @@
+//! Frames, poses and attitudes: the one file that knows how angles turn into axes.
+//!
+//! Body frame of the paper: X right, Y forward, Z up. World frame: X_g and Y_g horizontal, Z_g up.
+//! Yaw psi is the heading of the vehicle counted counter-clockwise from Y_g, roll alpha turns about
+//! Y (right side down is positive), pitch phi about X (nose up is positive), and
+//! `R = Rz(psi) Ry(alpha) Rx(phi)` (equation 12).
+//!
+//! [`RosAttitude`] and [`RosPose`] speak REP-103 (x forward, y left, `R = Rz Ry Rx`). The two triples
+//! differ by more than signs once both angles are non-zero, so every conversion goes through a
+//! rotation.
+
+use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
+use std::f64::consts::{FRAC_PI_2, PI, TAU};
+
+/// Roll and pitch of the body against the horizontal, in the paper's order `Ry(roll) Rx(pitch)`.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Attitude {
+    /// Roll alpha about the body's forward axis, rad, right side down positive.
+    pub roll_rad: f64,
+    /// Pitch phi about the body's right axis, rad, nose up positive.
+    pub pitch_rad: f64,
+}
+
+impl Attitude {
+    /// Returns the attitude of a vehicle that stands level.
+    pub const LEVEL: Self = Self {
+        roll_rad: 0.0,
+        pitch_rad: 0.0,
+    };
+
+    /// Returns the exact attitude at heading `yaw_rad` on a plane with upward unit normal
+    /// `normal_in_world`: n' = Rz(-psi) n, phi = -asin(n'_y), alpha = atan2(n'_x, n'_z).
+    ///
+    /// Valid for any plane that is not vertical.
+    pub fn on_plane(normal_in_world: &Vector3<f64>, yaw_rad: f64) -> Self {
+        let (sin, cos) = yaw_rad.sin_cos();
+        let right = cos * normal_in_world.x + sin * normal_in_world.y;
+        let forward = -sin * normal_in_world.x + cos * normal_in_world.y;
+        Self {
+            roll_rad: right.atan2(normal_in_world.z),
+            pitch_rad: -forward.clamp(-1.0, 1.0).asin(),
+        }
+    }
+
+    /// Returns the small-angle attitude of equation (1), alpha = -beta sin(gamma),
+    /// phi = beta cos(gamma), with beta the slope and gamma the heading counted from uphill, rad.
+    pub fn from_slope(slope_rad: f64, heading_from_uphill_rad: f64) -> Self {
+        let (sin, cos) = heading_from_uphill_rad.sin_cos();
+        Self {
+            roll_rad: -slope_rad * sin,
+            pitch_rad: slope_rad * cos,
+        }
+    }
+
+    /// Returns the heading gamma against the direction of steepest ascent, rad, by equation (2)
+    /// resolved in all quadrants; 0 on level ground, where it is not defined.
+    pub fn heading_from_uphill_rad(&self) -> f64 {
+        if self.roll_rad == 0.0 && self.pitch_rad == 0.0 {
+            0.0
+        } else {
+            (-self.roll_rad).atan2(self.pitch_rad)
+        }
+    }
+
+    /// Returns the slope beta = sqrt(alpha^2 + phi^2) of equation (3), rad.
+    pub fn slope_rad(&self) -> f64 {
+        self.roll_rad.hypot(self.pitch_rad)
+    }
+
+    /// Returns the rotation `world_from_body` = Rz(psi) Ry(alpha) Rx(phi) of equation (12).
+    pub fn world_from_body(&self, yaw_rad: f64) -> Rotation3<f64> {
+        Rotation3::from_axis_angle(&Vector3::z_axis(), yaw_rad)
+            * Rotation3::from_axis_angle(&Vector3::y_axis(), self.roll_rad)
+            * Rotation3::from_axis_angle(&Vector3::x_axis(), self.pitch_rad)
+    }
+
+    /// Returns the upward unit normal, in the world frame, of the plane on which a vehicle of this
+    /// attitude stands at heading `yaw_rad`; the inverse of [`Attitude::on_plane`].
+    pub fn plane_normal(&self, yaw_rad: f64) -> Vector3<f64> {
+        self.world_from_body(yaw_rad) * Vector3::z()
+    }
+
+    /// Returns whether both angles are finite.
+    pub fn is_finite(&self) -> bool {
+        self.roll_rad.is_finite() && self.pitch_rad.is_finite()
+    }
+}
+
+/// Velocity of the body's origin and its yaw rate, in body axes.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct BodyVelocity {
+    /// Lateral velocity v_x, m/s, to the right.
+    pub right_m_s: f64,
+    /// Longitudinal velocity v_y, m/s, forward.
+    pub forward_m_s: f64,
+    /// Angular velocity omega_z about the body's up axis, rad/s, counter-clockwise.
+    pub yaw_rate_rad_s: f64,
+}
+
+/// Position of the body's origin and heading in the horizontal plane of the world.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct PlanarPose {
+    /// X_g, m.
+    pub x_m: f64,
+    /// Y_g, m.
+    pub y_m: f64,
+    /// Heading psi, rad, counter-clockwise from Y_g; not wrapped.
+    pub yaw_rad: f64,
+}
+
+/// Position of the body's origin in the world, and heading.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Pose {
+    /// X_g, m.
+    pub x_m: f64,
+    /// Y_g, m.
+    pub y_m: f64,
+    /// Z_g, m, up.
+    pub z_m: f64,
+    /// Heading psi, rad, counter-clockwise from Y_g; not wrapped.
+    pub yaw_rad: f64,
+}
+
+impl Pose {
+    /// Returns the pose without its height.
+    pub fn planar(&self) -> PlanarPose {
+        PlanarPose {
+            x_m: self.x_m,
+            y_m: self.y_m,
+            yaw_rad: self.yaw_rad,
+        }
+    }
+}
+
+/// Rate of change of a [`Pose`], as equation (12) gives it.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct PoseRate {
+    /// dX_g/dt, m/s.
+    pub x_m_s: f64,
+    /// dY_g/dt, m/s.
+    pub y_m_s: f64,
+    /// dZ_g/dt, m/s.
+    pub z_m_s: f64,
+    /// d psi/dt, rad/s.
+    pub yaw_rad_s: f64,
+}
+
+/// Returns the rate of the pose for a body velocity at an attitude and heading: equation (12).
+///
+/// Singular where |alpha| = pi/2, which no vehicle that drives reaches.
+pub fn pose_rate(velocity: &BodyVelocity, attitude: &Attitude, yaw_rad: f64) -> PoseRate {
+    let (s_psi, c_psi) = yaw_rad.sin_cos();
+    let (s_alpha, c_alpha) = attitude.roll_rad.sin_cos();
+    let (s_phi, c_phi) = attitude.pitch_rad.sin_cos();
+    let (v_x, v_y) = (velocity.right_m_s, velocity.forward_m_s);
+    PoseRate {
+        x_m_s: c_psi * c_alpha * v_x + (c_psi * s_phi * s_alpha - c_phi * s_psi) * v_y,
+        y_m_s: s_psi * c_alpha * v_x + (c_psi * c_phi + s_phi * s_psi * s_alpha) * v_y,
+        z_m_s: -s_alpha * v_x + s_phi * c_alpha * v_y,
+        yaw_rad_s: c_phi / c_alpha * velocity.yaw_rate_rad_s,
+    }
+}
+
+/// Returns the angle wrapped into (-pi, pi], rad.
+pub fn wrap_angle(angle_rad: f64) -> f64 {
+    let wrapped = angle_rad.rem_euclid(TAU);
+    if wrapped > PI { wrapped - TAU } else { wrapped }
+}
+
+/// Roll, pitch and yaw of REP-103: x forward, y left, z up, `R = Rz(yaw) Ry(pitch) Rx(roll)`,
+/// yaw counted counter-clockwise from world x.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct RosAttitude {
+    /// Rotation about x (forward), rad, right side down positive.
+    pub roll_rad: f64,
+    /// Rotation about y (left), rad, nose down positive.
+    pub pitch_rad: f64,
+    /// Rotation about z (up), rad, 0 when x_ros points along world x.
+    pub yaw_rad: f64,
+}
+
+impl RosAttitude {
+    /// Returns the REP-103 triple of the orientation with the paper's attitude and heading.
+    pub fn from_paper(attitude: &Attitude, yaw_rad: f64) -> Self {
+        Self::from_quaternion(&ros_quaternion(attitude, yaw_rad))
+    }
+
+    /// Returns the paper's attitude and heading of this orientation.
+    pub fn to_paper(self) -> (Attitude, f64) {
+        paper_attitude(&self.quaternion())
+    }
+
+    /// Returns the unit quaternion `world_from_base_link`.
+    pub fn quaternion(&self) -> UnitQuaternion<f64> {
+        UnitQuaternion::from_euler_angles(self.roll_rad, self.pitch_rad, self.yaw_rad)
+    }
+
+    /// Returns the REP-103 triple of a quaternion `world_from_base_link`.
+    pub fn from_quaternion(world_from_base_link: &UnitQuaternion<f64>) -> Self {
+        let (roll_rad, pitch_rad, yaw_rad) = world_from_base_link.euler_angles();
+        Self {
+            roll_rad,
+            pitch_rad,
+            yaw_rad,
+        }
+    }
+}
+
+/// Returns the REP-103 quaternion `world_from_base_link` of the paper's attitude and heading.
+///
+/// The worlds share their axes (X_g = x, Y_g = y), the bodies do not: x_ros is the paper's Y.
+pub fn ros_quaternion(attitude: &Attitude, yaw_rad: f64) -> UnitQuaternion<f64> {
+    UnitQuaternion::from_rotation_matrix(&(attitude.world_from_body(yaw_rad) * body_from_ros()))
+}
+
+/// Returns the paper's attitude and heading of a REP-103 quaternion `world_from_base_link`.
+pub fn paper_attitude(world_from_base_link: &UnitQuaternion<f64>) -> (Attitude, f64) {
+    let r = (world_from_base_link.to_rotation_matrix() * body_from_ros().inverse()).into_inner();
+    // R = Rz(psi) Ry(alpha) Rx(phi): the bottom row is (-s_alpha, s_phi c_alpha, c_phi c_alpha).
+    let attitude = Attitude {
+        roll_rad: (-r[(2, 0)]).clamp(-1.0, 1.0).asin(),
+        pitch_rad: r[(2, 1)].atan2(r[(2, 2)]),
+    };
+    (attitude, r[(1, 0)].atan2(r[(0, 0)]))
+}
+
+/// Returns the rotation that expresses REP-103 body axes in the paper's body axes:
+/// x_ros = Y, y_ros = -X.
+fn body_from_ros() -> Rotation3<f64> {
+    Rotation3::from_matrix_unchecked(Matrix3::new(
+        0.0, -1.0, 0.0, //
+        1.0, 0.0, 0.0, //
+        0.0, 0.0, 1.0,
+    ))
+}
+
+/// Returns REP-103 yaw of a paper heading on level ground: psi + 90 deg, wrapped.
+pub fn ros_yaw_on_level_ground(yaw_rad: f64) -> f64 {
+    wrap_angle(yaw_rad + FRAC_PI_2)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn close(a: f64, b: f64) {
+        assert!((a - b).abs() < 1e-9, "{a} != {b}");
+    }
+
+    #[test]
+    fn level_ground_keeps_roll_and_turns_pitch_around_when_only_one_is_set() {
+        let ros = RosAttitude::from_paper(
+            &Attitude {
+                roll_rad: 0.1,
+                pitch_rad: 0.0,
+            },
+            0.0,
+        );
+        close(ros.roll_rad, 0.1);
+        close(ros.yaw_rad, FRAC_PI_2);
+        let ros = RosAttitude::from_paper(
+            &Attitude {
+                roll_rad: 0.0,
+                pitch_rad: 0.2,
+            },
+            0.3,
+        );
+        close(ros.pitch_rad, -0.2);
+        close(ros.yaw_rad, ros_yaw_on_level_ground(0.3));
+    }
+
+    #[test]
+    fn swapping_signs_is_wrong_when_both_angles_are_set() {
+        let attitude = Attitude {
+            roll_rad: 0.3,
+            pitch_rad: 0.3,
+        };
+        let ros = RosAttitude::from_paper(&attitude, 0.0);
+        assert!((ros.roll_rad - 0.3).abs() > 0.01 || (ros.yaw_rad - FRAC_PI_2).abs() > 0.01);
+    }
+
+    #[test]
+    fn attitude_on_a_plane_meets_equation_one_for_small_slopes() {
+        let slope = 1e-3_f64;
+        let normal = Vector3::new(0.0, -slope.sin(), slope.cos());
+        for i in 0..12 {
+            let yaw = f64::from(i) * 0.5;
+            let exact = Attitude::on_plane(&normal, yaw);
+            let small = Attitude::from_slope(slope, yaw);
+            assert!((exact.roll_rad - small.roll_rad).abs() < 1e-8);
+            assert!((exact.pitch_rad - small.pitch_rad).abs() < 1e-8);
+            assert!((wrap_angle(small.heading_from_uphill_rad() - yaw)).abs() < 1e-9);
+            close(small.slope_rad(), slope);
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn paper_to_ros_and_back(roll in -1.2..1.2f64, pitch in -1.2..1.2f64, yaw in -3.1..3.1f64) {
+            let attitude = Attitude { roll_rad: roll, pitch_rad: pitch };
+            let (back, yaw_back) = RosAttitude::from_paper(&attitude, yaw).to_paper();
+            prop_assert!((back.roll_rad - roll).abs() < 1e-9);
+            prop_assert!((back.pitch_rad - pitch).abs() < 1e-9);
+            prop_assert!(wrap_angle(yaw_back - yaw).abs() < 1e-9);
+        }
+
+        #[test]
+        fn forward_is_the_ros_x_axis(roll in -1.0..1.0f64, pitch in -1.0..1.0f64, yaw in -3.1..3.1f64) {
+            let attitude = Attitude { roll_rad: roll, pitch_rad: pitch };
+            let forward = attitude.world_from_body(yaw) * Vector3::y();
+            let x_ros = ros_quaternion(&attitude, yaw) * Vector3::x();
+            prop_assert!((forward - x_ros).norm() < 1e-12);
+        }
+
+        #[test]
+        fn pose_rate_is_the_rotated_velocity(roll in -1.0..1.0f64, pitch in -1.0..1.0f64,
+                                             yaw in -3.1..3.1f64, v_x in -1.0..1.0f64, v_y in -1.0..1.0f64) {
+            let attitude = Attitude { roll_rad: roll, pitch_rad: pitch };
+            let v = BodyVelocity { right_m_s: v_x, forward_m_s: v_y, yaw_rate_rad_s: 0.0 };
+            let rate = pose_rate(&v, &attitude, yaw);
+            let expected = attitude.world_from_body(yaw) * Vector3::new(v_x, v_y, 0.0);
+            prop_assert!((Vector3::new(rate.x_m_s, rate.y_m_s, rate.z_m_s) - expected).norm() < 1e-12);
+        }
+
+        #[test]
+        fn a_plane_gives_its_attitude_and_back(nx in -0.5..0.5f64, ny in -0.5..0.5f64, yaw in -3.1..3.1f64) {
+            let normal = Vector3::new(nx, ny, 1.0).normalize();
+            let back = Attitude::on_plane(&normal, yaw).plane_normal(yaw);
+            prop_assert!((normal - back).norm() < 1e-12);
+        }
+
+        #[test]
+        fn wrapping_keeps_the_direction(angle in -100.0..100.0f64) {
+            let w = wrap_angle(angle);
+            prop_assert!(w > -PI && w <= PI);
+            prop_assert!((w.sin() - angle.sin()).abs() < 1e-9 && (w.cos() - angle.cos()).abs() < 1e-9);
+        }
+    }
+}

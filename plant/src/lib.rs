@@ -1,0 +1,8 @@
+//! What a skid-steer rover does on a slope: frames, ICR kinematics, terrain, drive train, sensors
+//! and their simulation. This crate does no input or output and knows no file format.
+
+pub mod frames;
+pub mod icr;
+pub mod sample;
+pub mod speeds;
+pub mod vehicle;

@@ -1,0 +1,3 @@
+//! The program `sidehill`.
+
+fn main() {}
