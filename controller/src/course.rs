@@ -1,0 +1,5 @@
+//! Named analytic courses.
+
+mod figure_eight;
+
+pub use figure_eight::FigureEight;

@@ -1,0 +1,42 @@
+use super::Point2;
+use sidehill_plant::vehicle::RangeError;
+
+/// Why there is no path or no trajectory along it.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum PathError {
+    /// There are no points.
+    #[error("the path has no points")]
+    Empty,
+    /// One point alone is no path.
+    #[error("the path has a single point")]
+    SinglePoint,
+    /// All points are in the same place.
+    #[error("the path has no length: all its points are in the same place")]
+    ZeroLength,
+    /// A coordinate is NaN or infinite.
+    #[error("point {index} of the path is not finite: x = {x_m} m, y = {y_m} m", x_m = position.x_m, y_m = position.y_m)]
+    NotFinite {
+        /// Index of the point, from 0.
+        index: usize,
+        /// The point.
+        position: Point2,
+    },
+    /// No curve within the allowed deviation meets the curvature bound.
+    #[error(
+        "the path is too sharp at point {index} (x = {x_m:.3} m, y = {y_m:.3} m): curvature {curvature_per_m:.3} 1/m is left within the allowed deviation, at most {limit_per_m:.3} 1/m is allowed",
+        x_m = position.x_m, y_m = position.y_m
+    )]
+    TooSharp {
+        /// Index of the nearest given point, from 0.
+        index: usize,
+        /// Where.
+        position: Point2,
+        /// Magnitude of the curvature that is left, 1/m.
+        curvature_per_m: f64,
+        /// Largest curvature allowed, 1/m.
+        limit_per_m: f64,
+    },
+    /// A parameter is out of range.
+    #[error(transparent)]
+    Range(#[from] RangeError),
+}
