@@ -3,6 +3,7 @@
 
 pub mod frames;
 pub mod icr;
+pub mod motion;
 pub mod sample;
 pub mod speeds;
 pub mod vehicle;
