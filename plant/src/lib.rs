@@ -6,4 +6,5 @@ pub mod icr;
 pub mod motion;
 pub mod sample;
 pub mod speeds;
+pub mod terrain;
 pub mod vehicle;
