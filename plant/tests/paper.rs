@@ -1,5 +1,6 @@
 //! The paper's vehicles and experiments against an independent implementation, see `data/README.md`.
 
+#![allow(clippy::unwrap_used, clippy::panic)]
 use sidehill_plant::dead_reckoning::{Motion, advance};
 use sidehill_plant::frames::{Attitude, Pose};
 use sidehill_plant::speeds::TreadSpeeds;
