@@ -8,6 +8,7 @@ pub mod icr;
 pub mod motion;
 pub mod sample;
 pub mod sensors;
+pub mod simulation;
 pub mod speeds;
 pub mod terrain;
 pub mod vehicle;

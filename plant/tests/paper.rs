@@ -1,6 +1,8 @@
 //! The paper's vehicles and experiments against an independent implementation, see `data/README.md`.
 
+// The lints except tests only, not what helps them in this file.
 #![allow(clippy::unwrap_used, clippy::panic)]
+
 use sidehill_plant::dead_reckoning::{Motion, advance};
 use sidehill_plant::frames::{Attitude, Pose};
 use sidehill_plant::speeds::TreadSpeeds;
