@@ -1,9 +1,15 @@
 //! What a skid-steer rover does on a slope: frames, ICR kinematics, terrain, drive train, sensors
 //! and their simulation. This crate does no input or output and knows no file format.
 
+pub mod dead_reckoning;
+pub mod drive_train;
 pub mod frames;
 pub mod icr;
 pub mod prediction;
+pub mod motion;
 pub mod sample;
+pub mod sensors;
+pub mod simulation;
 pub mod speeds;
+pub mod terrain;
 pub mod vehicle;
