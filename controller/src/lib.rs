@@ -2,4 +2,5 @@
 //! control, estimation and supervision. This crate does no input or output.
 pub mod course;
 pub mod path;
+pub mod speed_profile;
 pub mod trajectory;
