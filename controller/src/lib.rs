@@ -3,4 +3,5 @@
 pub mod course;
 pub mod mpc;
 pub mod path;
+pub mod speed_profile;
 pub mod trajectory;

@@ -6,7 +6,7 @@ use std::f64::consts::TAU;
 
 /// An 8 lying across Y_g, driven as x = a sin(2 w t), y = b sin(w t), w = 2 pi/period.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(try_from = "RawFigureEight", into = "RawFigureEight")]
+#[serde(deny_unknown_fields, default)]
 pub struct FigureEight {
     /// a, m: greatest X_g.
     pub half_width_m: f64,
@@ -30,8 +30,9 @@ impl FigureEight {
     /// Returns the trajectory exactly as parametrised; it is periodic.
     ///
     /// # Errors
-    /// None for a validated course.
+    /// [`PathError::Range`] for parameters out of range.
     pub fn trajectory(&self) -> Result<Trajectory, PathError> {
+        self.check()?;
         let course = *self;
         let table = ArcLength::new(move |time_s| course.at(time_s), self.period_s, 2000);
         let samples = table.samples(Direction::Forward);
@@ -58,6 +59,14 @@ impl FigureEight {
         Trajectory::from_nodes(nodes, step_s, Some(path), Ending::Periodic)
     }
 
+    pub(super) fn check(&self) -> Result<(), RangeError> {
+        let extent = |key, value| RangeError::check(key, value, 0.1, 1e3, "from 0.1 to 1000 m");
+        extent("half_width_m", self.half_width_m)?;
+        extent("half_length_m", self.half_length_m)?;
+        RangeError::check("period_s", self.period_s, 1.0, 1e5, "from 1 to 100000 s")?;
+        Ok(())
+    }
+
     fn at(&self, time_s: f64) -> CurvePoint {
         let (a, b, w) = (self.half_width_m, self.half_length_m, TAU / self.period_s);
         let (sin, cos) = (w * time_s).sin_cos();
@@ -69,43 +78,6 @@ impl FigureEight {
             },
             tangent: [2.0 * a * w * cos_2, b * w * cos],
             second: [-4.0 * a * w * w * sin_2, -b * w * w * sin],
-        }
-    }
-}
-
-#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-struct RawFigureEight {
-    half_width_m: f64,
-    half_length_m: f64,
-    period_s: f64,
-}
-
-impl Default for RawFigureEight {
-    fn default() -> Self {
-        FigureEight::default().into()
-    }
-}
-
-impl TryFrom<RawFigureEight> for FigureEight {
-    type Error = RangeError;
-
-    fn try_from(raw: RawFigureEight) -> Result<Self, RangeError> {
-        let extent = |key, value| RangeError::check(key, value, 0.1, 1e3, "from 0.1 to 1000 m");
-        Ok(Self {
-            half_width_m: extent("half_width_m", raw.half_width_m)?,
-            half_length_m: extent("half_length_m", raw.half_length_m)?,
-            period_s: RangeError::check("period_s", raw.period_s, 1.0, 1e5, "from 1 to 100000 s")?,
-        })
-    }
-}
-
-impl From<FigureEight> for RawFigureEight {
-    fn from(course: FigureEight) -> Self {
-        Self {
-            half_width_m: course.half_width_m,
-            half_length_m: course.half_length_m,
-            period_s: course.period_s,
         }
     }
 }

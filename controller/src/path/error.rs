@@ -36,6 +36,25 @@ pub enum PathError {
         /// Largest curvature allowed, 1/m.
         limit_per_m: f64,
     },
+    /// A CSV text is not a table of points.
+    #[error("line {line} of the CSV: {what}")]
+    Csv {
+        /// Line, from 1.
+        line: u64,
+        /// What is wrong there.
+        what: String,
+    },
+    /// A GPX text is not well-formed or lacks something.
+    #[error("line {line} of the GPX: {what}")]
+    Gpx {
+        /// Line, from 1.
+        line: u32,
+        /// What is wrong there.
+        what: String,
+    },
+    /// The reader failed.
+    #[error("the route could not be read: {0}")]
+    Read(String),
     /// A parameter is out of range.
     #[error(transparent)]
     Range(#[from] RangeError),

@@ -5,9 +5,16 @@
 mod curve;
 mod error;
 mod projection;
+mod raw;
+mod read;
+mod smoothing;
+mod spline;
 
 pub use error::PathError;
 pub use projection::{Projected, Projection, Window};
+pub use raw::RawPoint;
+pub use read::{GeodeticOrigin, Route, read_csv, read_gpx};
+pub use smoothing::{Smoothed, Smoothing, smooth};
 
 pub(crate) use curve::{ArcLength, CurvePoint};
 
