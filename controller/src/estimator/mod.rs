@@ -329,8 +329,8 @@ impl Estimator {
                     belief.mean += gain * difference;
                     // Joseph's form keeps the covariance symmetric and positive.
                     let rest = Matrix3::identity() - gain;
-                    belief.covariance =
-                        rest * belief.covariance * rest.transpose() + gain * noise * gain.transpose();
+                    belief.covariance = rest * belief.covariance * rest.transpose()
+                        + gain * noise * gain.transpose();
                 }
             }
         }
@@ -378,8 +378,8 @@ impl Estimator {
         let measured = belief.attitude.plane_normal(yaw_rad);
         let normal_in_world = match self.normal_in_world {
             Some((before_s, before)) if self.settings.normal_filter_s > 0.0 => {
-                let share = 1.0
-                    - (-(time_s - before_s).max(0.0) / self.settings.normal_filter_s).exp();
+                let share =
+                    1.0 - (-(time_s - before_s).max(0.0) / self.settings.normal_filter_s).exp();
                 (before + share * (measured - before)).normalize()
             }
             _ => measured,

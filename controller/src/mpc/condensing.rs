@@ -4,7 +4,7 @@
 //!
 //! ```text
 //! xi_{k+1} = A_k xi_k + B_k du_k + c_k,   c_k = F(x_k, u_k) - x_{k+1},   xi_0 = 0
-//! cost = sum_k  w_along a_k^2 + w_cross n_k^2 + w_heading h_k^2  +  sum_k  r |u_k - u_{k-1} - d_k|^2
+//! cost = sum_k  w_along a_k^2 + w_cross n_k^2 + w_heading h_k^2  +  sum_k  r |u_k - u_{k-1}|^2
 //! ```
 //!
 //! with a, n, h the errors along and across the reference and in heading at the end of stage k.
@@ -35,8 +35,6 @@ pub struct Stage {
     pub input: MotorSpeeds,
     /// Weight r of a change of traction and steer from the stage before.
     pub rate_weights: MotorSpeeds,
-    /// Change d_k of traction and steer that costs nothing.
-    pub free_change: MotorSpeeds,
     /// How far traction may change from the stage before.
     pub traction_change: Change,
     /// How far steer may change from the stage before.
@@ -411,7 +409,7 @@ impl Condenser {
         }
     }
 
-    /// Adds r |u_k - u_{k-1} - d_k|^2 for each stage.
+    /// Adds r |u_k - u_{k-1}|^2 for each stage.
     fn change_cost(&self, stages: &[Stage], previous: MotorSpeeds, data: &mut QpData) {
         let slack = usize::from(self.corridor.is_some());
         let mut before: Option<(usize, usize)> = None;
@@ -425,10 +423,8 @@ impl Condenser {
                     self.cost_scale * stage.rate_weights.steer_m_s,
                 ];
                 let offsets = [
-                    stage.input.traction_m_s
-                        - before_input.traction_m_s
-                        - stage.free_change.traction_m_s,
-                    stage.input.steer_m_s - before_input.steer_m_s - stage.free_change.steer_m_s,
+                    stage.input.traction_m_s - before_input.traction_m_s,
+                    stage.input.steer_m_s - before_input.steer_m_s,
                 ];
                 for motor in 0..2 {
                     let (w, offset) = (weights[motor], offsets[motor]);

@@ -43,13 +43,10 @@ impl MotorLimits {
         }
     }
 
-    /// Returns the speed nearest to `wanted_m_s` that the motor may have `time_s` after `from_m_s`.
-    ///
-    /// A motor found beyond its speed limit is led back at its deceleration.
+    /// Returns the speed nearest to `wanted_m_s` that the motor can have `time_s` after `from_m_s`.
     pub fn project(&self, wanted_m_s: f64, from_m_s: f64, time_s: f64) -> f64 {
-        let target = wanted_m_s.clamp(-self.speed_m_s, self.speed_m_s);
         let change = self.change(from_m_s, time_s);
-        target.clamp(from_m_s - change.fall, from_m_s + change.rise)
+        wanted_m_s.clamp(from_m_s - change.fall, from_m_s + change.rise)
     }
 }
 
@@ -103,19 +100,34 @@ impl InputLimits {
         self.traction.speed_m_s + self.steer.speed_m_s <= self.tread_speed_m_s
     }
 
-    /// Returns the speeds nearest to `wanted` within bounds, treads and rates, `time_s` after `from`.
+    /// Returns the speeds nearest to `wanted` within the motors' and treads' bounds.
     ///
-    /// Where a tread would be too fast the traction gives way first: steering keeps the path. Rates
-    /// come last, so that a motor is never asked for a jump.
-    pub fn project(&self, wanted: MotorSpeeds, from: MotorSpeeds, time_s: f64) -> MotorSpeeds {
-        let steer = wanted
-            .steer_m_s
-            .clamp(-self.steer.speed_m_s, self.steer.speed_m_s);
-        let room = (self.tread_speed_m_s - steer.abs()).max(0.0);
-        let traction = wanted.traction_m_s.clamp(-room, room);
+    /// Where a tread would be too fast the traction gives way: steering keeps the path.
+    pub fn within_bounds(&self, wanted: MotorSpeeds) -> MotorSpeeds {
+        let steer_max = self.steer.speed_m_s.min(self.tread_speed_m_s);
+        let steer_m_s = wanted.steer_m_s.clamp(-steer_max, steer_max);
+        let traction_max = self
+            .traction
+            .speed_m_s
+            .min(self.tread_speed_m_s - steer_m_s.abs());
         MotorSpeeds {
-            traction_m_s: self.traction.project(traction, from.traction_m_s, time_s),
-            steer_m_s: self.steer.project(steer, from.steer_m_s, time_s),
+            traction_m_s: wanted.traction_m_s.clamp(-traction_max, traction_max),
+            steer_m_s,
+        }
+    }
+
+    /// Returns the speeds nearest to `wanted` within bounds and rates, `time_s` after `from`.
+    ///
+    /// Rates come last, so that a motor is never asked for a jump.
+    pub fn project(&self, wanted: MotorSpeeds, from: MotorSpeeds, time_s: f64) -> MotorSpeeds {
+        let bounded = self.within_bounds(wanted);
+        MotorSpeeds {
+            traction_m_s: self
+                .traction
+                .project(bounded.traction_m_s, from.traction_m_s, time_s),
+            steer_m_s: self
+                .steer
+                .project(bounded.steer_m_s, from.steer_m_s, time_s),
         }
     }
 

@@ -16,6 +16,12 @@ use sidehill_plant::prediction::PredictionModel;
 use sidehill_plant::speeds::MotorSpeeds;
 use std::time::Instant;
 
+/// Factor on all costs: brings the QP's numbers near 1, where the solver's tolerances are meant.
+const COST_SCALE: f64 = 10.0;
+
+/// Linearisations and QPs when a plan is made from nothing.
+const START_ITERATIONS: usize = 10;
+
 /// What the horizon asks for at the end of one stage.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StageTarget {
@@ -25,7 +31,7 @@ pub struct StageTarget {
     pub along_heading_rad: f64,
     /// Upward unit normal of the ground during the stage, world frame.
     pub normal_in_world: Vector3<f64>,
-    /// Input that would keep the target exactly.
+    /// Input of the flat model that would follow the target; a plan made from nothing begins with it.
     pub feedforward: MotorSpeeds,
     /// Weights of this stage.
     pub weights: StageWeights,
@@ -46,18 +52,12 @@ pub struct MpcSettings {
     pub change_weight: MotorSpeeds,
     /// Factor on the weights of the last stage.
     pub terminal_factor: f64,
-    /// Whether changes count against those of the feed-forward rather than against none.
-    pub change_from_feedforward: bool,
-    /// Factor on all costs, which brings the QP's numbers near 1.
-    pub cost_scale: f64,
     /// Limits of the inputs.
     pub limits: InputLimits,
     /// Soft bound on the cross-track error.
     pub corridor: Option<Corridor>,
     /// Solver settings.
     pub qp: QpSettings,
-    /// Linearisations and QPs when a plan is made from nothing.
-    pub start_iterations: usize,
 }
 
 /// States and inputs over the horizon.
@@ -102,7 +102,7 @@ impl Mpc {
             settings.block_stages,
             settings.limits,
             settings.corridor,
-            settings.cost_scale,
+            COST_SCALE,
         );
         let solver = QpSolver::new(data, settings.qp)?;
         let plan = Plan {
@@ -162,7 +162,7 @@ impl Mpc {
             *yaw = before + wrap_angle(*yaw - before);
         }
         let mut report = self.solve(state, previous, targets, None);
-        for _ in 1..self.settings.start_iterations {
+        for _ in 1..START_ITERATIONS {
             report = self.solve(state, previous, targets, None);
         }
         report
@@ -195,7 +195,9 @@ impl Mpc {
 
     /// Linearises about the plan, solves one QP and moves the plan to its solution.
     ///
-    /// `previous` is the input in force, `targets` one for each stage. Allocates nothing.
+    /// `previous` is the input in force, `targets` one for each stage. Of `previous` only what is
+    /// within the bounds counts: from there the QP always has a feasible point, that of no change.
+    /// Allocates nothing but what the solver does.
     ///
     /// # Errors
     /// Every [`QpFailure`]; the plan is then as it was.
@@ -213,6 +215,7 @@ impl Mpc {
             now
         };
         self.plan.states[0] = now;
+        let previous = self.settings.limits.within_bounds(previous);
         self.linearise(previous, targets);
         self.condenser
             .assemble(&self.stages, previous, self.solver.data_mut());
@@ -232,7 +235,6 @@ impl Mpc {
         self.stages.clear();
         let settings = &self.settings;
         let mut before = previous;
-        let mut before_feedforward = targets.first().map_or(previous, |t| t.feedforward);
         for (k, target) in targets.iter().enumerate() {
             let (state, next, input) = (
                 &self.plan.states[k],
@@ -254,14 +256,6 @@ impl Mpc {
                 weights.cross_per_m2 *= settings.terminal_factor;
                 weights.heading_per_rad2 *= settings.terminal_factor;
             }
-            let free_change = if settings.change_from_feedforward {
-                MotorSpeeds {
-                    traction_m_s: target.feedforward.traction_m_s - before_feedforward.traction_m_s,
-                    steer_m_s: target.feedforward.steer_m_s - before_feedforward.steer_m_s,
-                }
-            } else {
-                MotorSpeeds::STOP
-            };
             self.stages.push(Stage {
                 step,
                 defect: state + step.increment - next,
@@ -277,12 +271,10 @@ impl Mpc {
                     traction_m_s: settings.change_weight.traction_m_s / settings.step_s,
                     steer_m_s: settings.change_weight.steer_m_s / settings.step_s,
                 },
-                free_change,
                 traction_change: settings.limits.traction.change(before.traction_m_s, time_s),
                 steer_change: settings.limits.steer.change(before.steer_m_s, time_s),
             });
             before = input;
-            before_feedforward = target.feedforward;
         }
     }
 
