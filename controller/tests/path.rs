@@ -1,5 +1,8 @@
 //! Properties of paths, projections, smoothing and speed profiles.
 
+// The lint's exception for tests does not reach helper functions.
+#![allow(clippy::unwrap_used)]
+
 use proptest::prelude::*;
 use sidehill_controller::course::{Course, FigureEight, Slalom};
 use sidehill_controller::path::{
@@ -162,6 +165,10 @@ fn unusable_points_are_refused_by_name() {
     assert!(matches!(
         smooth(&raw(&[(0.0, 0.0), (1.0, 0.0), (f64::NAN, 0.0)]), &options),
         Err(PathError::NotFinite { index: 2, .. })
+    ));
+    assert!(matches!(
+        smooth(&raw(&[(0.0, 0.0), (0.0, 4e6)]), &options),
+        Err(PathError::TooLong { .. })
     ));
     let tight = Smoothing {
         max_deviation_m: 0.1,
