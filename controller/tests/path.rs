@@ -322,6 +322,19 @@ fn a_local_cap_and_an_initial_speed_are_kept() {
     }
 }
 
+#[test]
+fn the_speed_profile_stops_at_a_cusp_and_keeps_its_limits_about_it() {
+    let points = raw(&[(0.0, 0.0), (0.0, 5.0), (0.5, 10.0), (1.0, 5.0), (1.0, 0.0)]);
+    let path = smooth(&points, &Smoothing::default()).unwrap().path;
+    check_profile(&path, &LIMITS).unwrap();
+    let trajectory = speed_profile(&path, &LIMITS, |_| 1.0).unwrap();
+    let cusp_s = trajectory.time_at(path.cusps_m().next().unwrap());
+    // Slower than one node of 0.05 s can brake or accelerate.
+    assert!(trajectory.at(cusp_s).speed_m_s.abs() < 0.05 * LIMITS.acceleration_m_s2);
+    assert!(trajectory.at(cusp_s - 1.0).speed_m_s > 0.1);
+    assert!(trajectory.at(cusp_s + 1.0).speed_m_s < -0.1);
+}
+
 /// Checks every bound of `limits` by differences along the trajectory.
 fn check_profile(path: &Path, limits: &SpeedLimits) -> Result<(), TestCaseError> {
     let trajectory = speed_profile(path, limits, |_| f64::INFINITY).unwrap();
