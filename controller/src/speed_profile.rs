@@ -182,11 +182,12 @@ impl<'a> Stretch<'a> {
 
     fn knots(mut self, initial_m_s: f64) -> Vec<Knot> {
         let last = self.caps.len() - 1;
-        let jerk = 2.0 * self.limits.steer_acceleration_m_s2 / self.limits.track_width_m;
+        let yaw_acceleration =
+            2.0 * self.limits.steer_acceleration_m_s2 / self.limits.track_width_m;
         for i in 0..last {
             let slope = (self.curvatures[i + 1] - self.curvatures[i]).abs() / self.step_m;
             for j in [i, i + 1] {
-                self.caps[j] = self.caps[j].min(jerk / slope);
+                self.caps[j] = self.caps[j].min(yaw_acceleration / slope);
             }
         }
         let mut squares = self.caps.clone();
@@ -194,18 +195,19 @@ impl<'a> Stretch<'a> {
         squares[last] = 0.0;
         for i in (0..last).rev() {
             let bound = squares[i + 1] + 2.0 * self.step_m * self.limits.deceleration_m_s2;
-            let [here, there] = self.steer_rate_weights(i);
-            squares[i] = squares[i]
-                .min(bound)
-                .min(steer_bound(here, there * squares[i + 1], jerk));
+            squares[i] = squares[i].min(bound);
+            for [here, there] in self.steer_rate_weights(i) {
+                let rest = there * squares[i + 1];
+                squares[i] = squares[i].min(steer_bound(here, rest, yaw_acceleration));
+            }
         }
         for i in 0..last {
             let bound = squares[i] + 2.0 * self.step_m * self.limits.acceleration_m_s2;
-            let [there, here] = self.steer_rate_weights(i);
-            squares[i + 1] =
-                squares[i + 1]
-                    .min(bound)
-                    .min(steer_bound(here, there * squares[i], jerk));
+            squares[i + 1] = squares[i + 1].min(bound);
+            for [there, here] in self.steer_rate_weights(i) {
+                let rest = there * squares[i];
+                squares[i + 1] = squares[i + 1].min(steer_bound(here, rest, yaw_acceleration));
+            }
         }
         squares
             .into_iter()
@@ -217,11 +219,15 @@ impl<'a> Stretch<'a> {
             .collect()
     }
 
-    /// Returns the factors of w at knots `index` and `index + 1` in 2/D d(sigma)/dt between them.
-    fn steer_rate_weights(&self, index: usize) -> [f64; 2] {
+    /// Returns the factors of w at knots `index` and `index + 1` in 2/D d(sigma)/dt, just after the
+    /// one and just before the other; between them it is linear in arc length.
+    fn steer_rate_weights(&self, index: usize) -> [[f64; 2]; 2] {
         let (a, b) = (self.curvatures[index], self.curvatures[index + 1]);
-        let quarter = 0.25 / self.step_m;
-        [quarter * (b - 3.0 * a), quarter * (3.0 * b - a)]
+        let half = 0.5 / self.step_m;
+        [
+            [half * (2.0 * b - 3.0 * a), half * a],
+            [half * -b, half * (3.0 * b - 2.0 * a)],
+        ]
     }
 }
 

@@ -13,6 +13,14 @@ pub enum PathError {
     /// All points are in the same place.
     #[error("the path has no length: all its points are in the same place")]
     ZeroLength,
+    /// The points are so far apart that one of them must be wrong.
+    #[error("the path is {length_m:.0} m long, at most {limit_m:.0} m are allowed")]
+    TooLong {
+        /// Length of the polyline, m.
+        length_m: f64,
+        /// Largest length allowed, m.
+        limit_m: f64,
+    },
     /// A coordinate is NaN or infinite.
     #[error("point {index} of the path is not finite: x = {x_m} m, y = {y_m} m", x_m = position.x_m, y_m = position.y_m)]
     NotFinite {

@@ -81,7 +81,7 @@ impl Projection {
 }
 
 /// Weight of the distance from the expected arc length where branches are about equally near.
-const BRANCH_WEIGHT: f64 = 1e-3;
+const BRANCH_WEIGHT: f64 = 1e-2;
 /// Squared metres a heading error of 1 rad counts for in the search of the whole path.
 const HEADING_WEIGHT_M2: f64 = 0.25;
 const NEWTON_STEPS: usize = 12;
@@ -98,11 +98,31 @@ impl Path {
             low_m = low_m.clamp(0.0, self.length_m);
             high_m = high_m.clamp(0.0, self.length_m);
         }
-        let coarse_m = self.best_sample(low_m, high_m, |point| {
+        let cost = |point: &PathPoint| {
             let off_m = point.arc_length_m - around_m;
             squared_distance(&point.position, position) + BRANCH_WEIGHT * off_m * off_m
-        });
-        self.refine(position, coarse_m, low_m, high_m, laps)
+        };
+        let mut nearest = self.refine(
+            position,
+            self.best_sample(low_m, high_m, cost),
+            (low_m, high_m),
+        );
+        // The ways to and from a cusp lie on each other: both are refined before they are compared.
+        for cusp_m in self.cusps_m() {
+            if !(low_m..high_m).contains(&cusp_m) {
+                continue;
+            }
+            for bounds in [(low_m, cusp_m.next_down()), (cusp_m, high_m)] {
+                let coarse_m = self.best_sample(bounds.0, bounds.1, cost);
+                let other = self.refine(position, coarse_m, bounds);
+                if cost(&other.point) < cost(&nearest.point) {
+                    nearest = other;
+                }
+            }
+        }
+        nearest.point.arc_length_m += laps * self.length_m;
+        nearest.point.heading_rad += laps * self.turn_per_lap_rad();
+        nearest
     }
 
     /// Returns the nearest point on the whole path; where branches are about equally near, as at a
@@ -118,7 +138,7 @@ impl Path {
             let turn_rad = wrap_angle(point.heading_rad - pose.yaw_rad);
             squared_distance(&point.position, &position) + HEADING_WEIGHT_M2 * turn_rad * turn_rad
         });
-        self.refine(&position, coarse_m, 0.0, self.length_m, 0.0)
+        self.refine(&position, coarse_m, (0.0, self.length_m))
     }
 
     /// Returns the arc length, of a set no sparser than the samples, with the least cost.
@@ -138,15 +158,8 @@ impl Path {
 
     /// Solves (position - p(s)) . t(s) = 0 for s by Newton's method within the bounds and the
     /// piece on which the search starts.
-    fn refine(
-        &self,
-        position: &Point2,
-        from_m: f64,
-        low_m: f64,
-        high_m: f64,
-        laps: f64,
-    ) -> Projected {
-        let (mut low_m, mut high_m) = (low_m, high_m);
+    fn refine(&self, position: &Point2, from_m: f64, bounds_m: (f64, f64)) -> Projected {
+        let (mut low_m, mut high_m) = bounds_m;
         if !self.closed {
             let piece = &self.pieces[self.piece_index(from_m)];
             low_m = low_m.max(piece.start_m);
@@ -169,8 +182,6 @@ impl Path {
         }
         let (_, left_m) = offsets(position, &point);
         let sign = if left_m < 0.0 { -1.0 } else { 1.0 };
-        point.arc_length_m += laps * self.length_m;
-        point.heading_rad += laps * self.turn_per_lap_rad();
         Projected {
             cross_track_m: sign * point.position.distance_m(position),
             point,

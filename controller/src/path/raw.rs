@@ -25,6 +25,13 @@ pub(super) struct RawPiece {
     pub(super) end_tangent: Option<[f64; 2]>,
 }
 
+impl RawPiece {
+    /// Returns the length of the polyline, m.
+    pub(super) fn length_m(&self) -> f64 {
+        along_m(&self.points, 0, self.points.len() - 1)
+    }
+}
+
 /// Cosine of the angle by which travel must turn at a point to make it a cusp: 120 deg.
 const CUSP_COS: f64 = -0.5;
 

@@ -48,6 +48,8 @@ const GROWTH: f64 = 1.1;
 /// Largest change of the reach from node to node, in nodes.
 const GRADE: f64 = 0.2;
 const ROUNDS: usize = 80;
+/// Beyond this a route holds a stray point, and its nodes would fill the memory.
+const LENGTH_MAX_M: f64 = 1e5;
 /// Share of the curvature bound the smoothing aims at.
 const MARGIN: f64 = 0.97;
 
@@ -62,10 +64,17 @@ const MARGIN: f64 = 0.97;
 ///
 /// # Errors
 /// [`PathError::Empty`], [`PathError::SinglePoint`], [`PathError::ZeroLength`] or
-/// [`PathError::NotFinite`] for unusable points; [`PathError::TooSharp`] where the curvature bound
+/// [`PathError::NotFinite`] for unusable points; [`PathError::TooLong`] above 100 km; [`PathError::TooSharp`] where the curvature bound
 /// cannot be met within the deviation.
 pub fn smooth(points: &[RawPoint], options: &Smoothing) -> Result<Smoothed, PathError> {
     let raw_pieces = split(points, 0.5 / options.max_curvature_per_m)?;
+    let length_m: f64 = raw_pieces.iter().map(RawPiece::length_m).sum();
+    if length_m > LENGTH_MAX_M {
+        return Err(PathError::TooLong {
+            length_m,
+            limit_m: LENGTH_MAX_M,
+        });
+    }
     let mut pieces = Vec::with_capacity(raw_pieces.len());
     let mut offsets: Vec<Offset> = Vec::with_capacity(points.len());
     let mut start_m = 0.0;
@@ -159,7 +168,7 @@ fn smooth_piece(raw: &RawPiece, options: &Smoothing) -> Result<SmoothPiece, Path
 fn widen(reaches: &mut [f64], curvatures: &[f64], options: &Smoothing) {
     let limit = MARGIN * options.max_curvature_per_m;
     for (reach, &curvature) in reaches.iter_mut().zip(curvatures) {
-        if !(curvature <= limit) {
+        if curvature.is_nan() || curvature > limit {
             *reach *= GROWTH;
         }
     }
