@@ -5,7 +5,8 @@ use crate::record::{Quantiles, Row, Run, Summary};
 use sidehill_controller::config::ControllerKind;
 use sidehill_controller::controller::{Controller, Decision, Status};
 use sidehill_controller::mpc::limits::InputLimits;
-use sidehill_controller::path::{Path, Point2, Window};
+use sidehill_controller::path::{Path, Point2};
+use sidehill_controller::reference::PROJECTION_WINDOW;
 use sidehill_controller::trajectory::{Ending, ReferencePoint};
 use sidehill_plant::frames::wrap_angle;
 use sidehill_plant::motion::{IcrMotion, MotionModel};
@@ -17,8 +18,6 @@ use std::time::Instant;
 const SETTLING_S: f64 = 2.0;
 /// Farthest from the end of its path at which a run counts as completed, m; Nav2's default.
 const GOAL_TOLERANCE_M: f64 = 0.25;
-/// Reach along the path within which the true nearest point is looked for, m.
-const REACH_M: f64 = 1.0;
 
 /// Returns the run of one controller; `progress` hears the share done, 0 to 1, once a second of
 /// simulated time.
@@ -113,7 +112,6 @@ struct Figures<'a> {
     path: Option<&'a Path>,
     limits: InputLimits,
     period_s: f64,
-    arc_length_m: f64,
     cross_track_m: f64,
     along_track_m: f64,
     heading_error_rad: f64,
@@ -134,7 +132,6 @@ impl<'a> Figures<'a> {
             path: prepared.trajectory.path(),
             limits,
             period_s,
-            arc_length_m: 0.0,
             cross_track_m: 0.0,
             along_track_m: 0.0,
             heading_error_rad: 0.0,
@@ -160,11 +157,10 @@ impl<'a> Figures<'a> {
             y_m: state.pose.y_m,
         };
         if let Some(path) = self.path {
-            let window = Window::symmetric(REACH_M);
-            let projected = path.nearest_within(&self.position, self.arc_length_m, &window);
-            self.arc_length_m = projected.point.arc_length_m;
-            self.cross_track_m = projected.cross_track_m;
-            self.along_track_m = self.arc_length_m - reference.arc_length_m;
+            let nearest =
+                path.nearest_within(&self.position, reference.arc_length_m, &PROJECTION_WINDOW);
+            self.cross_track_m = nearest.cross_track_m;
+            self.along_track_m = nearest.point.arc_length_m - reference.arc_length_m;
         } else {
             self.cross_track_m = reference.position.distance_m(&self.position);
             self.along_track_m = 0.0;

@@ -4,6 +4,7 @@ use crate::estimator::EstimatorSettings;
 use crate::mpc::limits::{InputLimits, MotorLimits};
 use crate::mpc::{Corridor, MpcSettings, QpMode, QpSettings, StageWeights};
 use crate::pure_pursuit::PurePursuitSettings;
+use crate::trajectory::Motion;
 use serde::{Deserialize, Serialize};
 use sidehill_plant::speeds::MotorSpeeds;
 use sidehill_plant::vehicle::RangeError;
@@ -68,7 +69,9 @@ pub struct Weights {
     /// Heading error while driving, 1/rad^2. Small: the heading that keeps the path is not its
     /// tangent.
     pub heading_per_rad2: f64,
-    /// Heading error while turning on the spot, 1/rad^2.
+    /// Position error while turning on the spot, 1/m^2.
+    pub pivot_position_per_m2: f64,
+    /// Heading error while turning on the spot or standing at the end, 1/rad^2.
     pub pivot_heading_per_rad2: f64,
     /// Change of traction, s/(m/s)^2: divided by the duration of a stage.
     pub traction_change_s3_per_m2: f64,
@@ -84,7 +87,8 @@ impl Default for Weights {
             along_per_m2: 50.0,
             cross_per_m2: 50.0,
             heading_per_rad2: 0.02,
-            pivot_heading_per_rad2: 10.0,
+            pivot_position_per_m2: 5.0,
+            pivot_heading_per_rad2: 5.0,
             traction_change_s3_per_m2: 0.05,
             steer_change_s3_per_m2: 0.05,
             terminal_factor: 1.0,
@@ -291,6 +295,7 @@ impl ControllerConfig {
             ("weights.along_per_m2", w.along_per_m2),
             ("weights.cross_per_m2", w.cross_per_m2),
             ("weights.heading_per_rad2", w.heading_per_rad2),
+            ("weights.pivot_position_per_m2", w.pivot_position_per_m2),
             ("weights.pivot_heading_per_rad2", w.pivot_heading_per_rad2),
             ("weights.terminal_factor", w.terminal_factor),
         ] {
@@ -409,16 +414,25 @@ impl ControllerConfig {
         }
     }
 
-    /// Returns the weights of a stage.
-    pub(crate) fn stage_weights(&self, pivot: bool) -> StageWeights {
+    /// Returns the weights of a stage: at the end an error across the path is left as it is, for
+    /// there is no way left on which to undo it.
+    pub(crate) fn stage_weights(&self, motion: Motion) -> StageWeights {
         let w = &self.weights;
-        StageWeights {
-            along_per_m2: w.along_per_m2,
-            cross_per_m2: w.cross_per_m2,
-            heading_per_rad2: if pivot {
-                w.pivot_heading_per_rad2
-            } else {
-                w.heading_per_rad2
+        match motion {
+            Motion::Drive => StageWeights {
+                along_per_m2: w.along_per_m2,
+                cross_per_m2: w.cross_per_m2,
+                heading_per_rad2: w.heading_per_rad2,
+            },
+            Motion::Pivot => StageWeights {
+                along_per_m2: w.pivot_position_per_m2,
+                cross_per_m2: w.pivot_position_per_m2,
+                heading_per_rad2: w.pivot_heading_per_rad2,
+            },
+            Motion::Stand => StageWeights {
+                along_per_m2: w.along_per_m2,
+                cross_per_m2: 0.0,
+                heading_per_rad2: w.pivot_heading_per_rad2,
             },
         }
     }

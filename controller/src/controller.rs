@@ -9,7 +9,7 @@ use crate::estimator::{Estimate, Estimator, Refused};
 use crate::mpc::{Mpc, Plan, QpFailure, SolveReport, StageTarget};
 use crate::pure_pursuit::PursuitView;
 use crate::reference::{Progress, Reference, Tracking};
-use crate::trajectory::{Ending, Motion, Trajectory};
+use crate::trajectory::{Ending, Trajectory};
 use nalgebra::Vector3;
 use sidehill_plant::frames::{PlanarPose, wrap_angle};
 use sidehill_plant::prediction::PredictionModel;
@@ -505,7 +505,7 @@ fn preview(
                 traction_m_s: point.speed_m_s,
                 steer_m_s: half_track_m * point.yaw_rate_rad_s,
             },
-            weights: config.stage_weights(point.motion == Motion::Pivot),
+            weights: config.stage_weights(point.motion),
         });
     }
 }

@@ -28,6 +28,8 @@ pub struct PurePursuitSettings {
     pub approach_distance_m: f64,
     /// Lowest speed of either reduction, m/s.
     pub speed_min_m_s: f64,
+    /// Distance from the end at which the vehicle may stop, m.
+    pub goal_tolerance_m: f64,
     /// Yaw rate asked for per heading error while turning on the spot, 1/s.
     pub pivot_gain_per_s: f64,
 }
@@ -41,6 +43,7 @@ impl Default for PurePursuitSettings {
             regulated_radius_m: 0.9,
             approach_distance_m: 0.6,
             speed_min_m_s: 0.1,
+            goal_tolerance_m: 0.05,
             pivot_gain_per_s: 2.0,
         }
     }
@@ -59,6 +62,7 @@ impl PurePursuitSettings {
             ("pure_pursuit.regulated_radius_m", self.regulated_radius_m),
             ("pure_pursuit.approach_distance_m", self.approach_distance_m),
             ("pure_pursuit.speed_min_m_s", self.speed_min_m_s),
+            ("pure_pursuit.goal_tolerance_m", self.goal_tolerance_m),
             ("pure_pursuit.pivot_gain_per_s", self.pivot_gain_per_s),
         ] {
             RangeError::check(key, value, 0.01, 100.0, "from 0.01 to 100")?;
@@ -99,17 +103,22 @@ impl PurePursuitSettings {
             steer_m_s: half_track_m * yaw_rate_rad_s,
         };
         let path = match (reference.motion, view.path) {
-            (Motion::Drive, Some(path)) => path,
+            (Motion::Drive | Motion::Stand, Some(path)) => path,
             (Motion::Pivot, _) => {
                 let error = wrap_angle(reference.heading_rad - view.pose.yaw_rad);
                 return turn(reference.yaw_rate_rad_s + self.pivot_gain_per_s * error);
             }
             _ => return MotorSpeeds::STOP,
         };
-        let speed = reference.speed_m_s.abs();
+        let to_go_m = view.stop_at_m - view.arc_length_m;
+        if reference.motion == Motion::Stand && to_go_m < self.goal_tolerance_m {
+            return MotorSpeeds::STOP;
+        }
+        // The reference stands at the end before the vehicle does.
+        let speed = reference.speed_m_s.abs().max(self.speed_min_m_s);
         let lookahead_m = (self.lookahead_time_s * speed)
             .clamp(self.lookahead_min_m, self.lookahead_max_m)
-            .min((view.stop_at_m - view.arc_length_m).max(0.05));
+            .min(to_go_m.max(0.05));
         let carrot = path.at(view.arc_length_m + lookahead_m);
         let (dx, dy) = (
             carrot.position.x_m - view.pose.x_m,
@@ -128,10 +137,8 @@ impl PurePursuitSettings {
         };
         let radius_m = 1.0 / curvature_per_m.abs().max(1e-6);
         let in_turn = (radius_m / self.regulated_radius_m).min(1.0);
-        let near_end =
-            ((view.stop_at_m - view.arc_length_m) / self.approach_distance_m).clamp(0.0, 1.0);
-        let slowest = self.speed_min_m_s.min(speed);
-        let regulated = (speed * in_turn.min(near_end)).max(slowest);
+        let near_end = (to_go_m / self.approach_distance_m).clamp(0.0, 1.0);
+        let regulated = (speed * in_turn.min(near_end)).max(self.speed_min_m_s);
         let traction_m_s = sign * regulated;
         MotorSpeeds {
             traction_m_s,

@@ -1,7 +1,7 @@
 //! Progress along a trajectory: which part of it the horizon covers now.
 
-use crate::path::{Path, Point2, Projection, Window};
-use crate::trajectory::{Ending, ReferencePoint, Trajectory};
+use crate::path::{Path, Point2, Window};
+use crate::trajectory::{Ending, Motion, ReferencePoint, Trajectory};
 use sidehill_plant::frames::PlanarPose;
 
 /// How the reference moves on.
@@ -9,9 +9,9 @@ use sidehill_plant::frames::PlanarPose;
 pub enum Tracking {
     /// With the clock: the trajectory is tracked as given.
     Time,
-    /// With the clock as long as it leads the vehicle by at most this arc length, m.
+    /// With the clock as long as it is not too far ahead of the vehicle.
     Path {
-        /// Largest lead, m.
+        /// Largest lead in the direction of travel, m.
         lead_max_m: f64,
     },
 }
@@ -22,7 +22,6 @@ pub struct Reference {
     tracking: Tracking,
     laps: u32,
     time_s: f64,
-    projection: Projection,
     cusps_m: Vec<f64>,
 }
 
@@ -40,8 +39,13 @@ pub struct Progress {
     pub ended: bool,
 }
 
-/// How far behind and ahead of the last nearest point the next one is looked for, m.
-const PROJECTION_REACH_M: f64 = 1.0;
+/// Part of the path around the reference on which the nearest point is looked for. It moves with the
+/// reference, so the nearest point can neither jump to another branch at a crossing nor stay behind
+/// on the way into a cusp.
+pub const PROJECTION_WINDOW: Window = Window {
+    behind_m: 2.0,
+    ahead_m: 1.0,
+};
 
 impl Reference {
     /// Returns a reference at the start of `trajectory`; `laps` counts rounds of a periodic one.
@@ -54,7 +58,6 @@ impl Reference {
             tracking,
             laps,
             time_s: 0.0,
-            projection: Projection::starting_at(0.0),
             cusps_m,
         }
     }
@@ -92,7 +95,7 @@ impl Reference {
         if self.trajectory.ending() == Ending::Periodic {
             return f64::INFINITY;
         }
-        let here = self.projection.arc_length_m().unwrap_or(0.0);
+        let here = self.trajectory.at(self.time_s).arc_length_m;
         self.cusps_m
             .iter()
             .copied()
@@ -100,34 +103,24 @@ impl Reference {
             .unwrap_or(self.trajectory.length_m())
     }
 
-    /// Moves on by `elapsed_s` and returns the progress of a vehicle at `pose`.
+    /// Moves on by `elapsed_s` and returns the progress of a vehicle at `pose`, which must be finite.
     pub fn advance(&mut self, elapsed_s: f64, pose: &PlanarPose) -> Progress {
-        self.time_s += elapsed_s;
+        let here = Point2 {
+            x_m: pose.x_m,
+            y_m: pose.y_m,
+        };
+        let next = self.trajectory.at(self.time_s + elapsed_s);
+        if !self.leads_too_far(&next, &here) {
+            self.time_s += elapsed_s;
+        }
+        let point = self.trajectory.at(self.time_s);
         let (arc_length_m, cross_track_m) = match self.trajectory.path() {
             Some(path) => {
-                let window = Window::symmetric(PROJECTION_REACH_M);
-                match self.projection.update(path, pose, &window) {
-                    Some(projected) => (projected.point.arc_length_m, projected.cross_track_m),
-                    None => (f64::NAN, f64::NAN),
-                }
+                let nearest = path.nearest_within(&here, point.arc_length_m, &PROJECTION_WINDOW);
+                (nearest.point.arc_length_m, nearest.cross_track_m)
             }
-            None => {
-                let point = self.trajectory.at(self.time_s);
-                let here = Point2 {
-                    x_m: pose.x_m,
-                    y_m: pose.y_m,
-                };
-                (point.arc_length_m, point.position.distance_m(&here))
-            }
+            None => (point.arc_length_m, point.position.distance_m(&here)),
         };
-        if let (Tracking::Path { lead_max_m }, Some(_)) = (self.tracking, self.trajectory.path()) {
-            let reach_m = arc_length_m + lead_max_m;
-            if self.trajectory.at(self.time_s).arc_length_m > reach_m {
-                // Never back: at a cusp the nearest point falls behind while the vehicle turns.
-                let before_s = self.time_s - elapsed_s;
-                self.time_s = self.trajectory.time_at(reach_m).max(before_s);
-            }
-        }
         let ended = match (self.trajectory.ending(), self.tracking) {
             // A reference that waits does so at the end of the last round too.
             (Ending::Periodic, Tracking::Path { .. }) => {
@@ -136,10 +129,25 @@ impl Reference {
             _ => self.time_s >= self.end_s() - 1e-9,
         };
         Progress {
-            point: self.trajectory.at(self.time_s),
+            point,
             arc_length_m,
             cross_track_m,
             ended,
+        }
+    }
+
+    /// Returns whether a point is farther ahead of the vehicle than allowed, seen along its own
+    /// direction of travel: past a cusp that direction is the new one, so the reference gets there.
+    fn leads_too_far(&self, point: &ReferencePoint, here: &Point2) -> bool {
+        let Tracking::Path { lead_max_m } = self.tracking else {
+            return false;
+        };
+        let (sin, cos) = point.heading_rad.sin_cos();
+        let ahead_m =
+            -sin * (point.position.x_m - here.x_m) + cos * (point.position.y_m - here.y_m);
+        match point.motion {
+            Motion::Drive => point.speed_m_s.signum() * ahead_m > lead_max_m,
+            Motion::Pivot | Motion::Stand => false,
         }
     }
 }

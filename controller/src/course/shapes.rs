@@ -201,7 +201,10 @@ impl Slalom {
     }
 }
 
-/// A turn on the spot, at the origin, from heading 0.
+/// A turn on the spot from heading 0, beginning at the origin.
+///
+/// A skid-steer vehicle on level ground turns about a point y_ICR ahead of its origin: with that as
+/// `centre_forward_m` the reference can be followed, with 0 the origin itself is to keep its place.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Pivot {
@@ -209,6 +212,8 @@ pub struct Pivot {
     pub angle_deg: f64,
     /// Magnitude of the yaw rate, rad/s.
     pub yaw_rate_rad_s: f64,
+    /// How far ahead of the vehicle's origin the point is that keeps its place, m.
+    pub centre_forward_m: f64,
 }
 
 impl Default for Pivot {
@@ -216,6 +221,7 @@ impl Default for Pivot {
         Self {
             angle_deg: 360.0,
             yaw_rate_rad_s: 0.3,
+            centre_forward_m: 0.0,
         }
     }
 }
@@ -232,7 +238,18 @@ impl Pivot {
         })?;
         let range = "from 0.001 to 10 rad/s";
         RangeError::check("yaw_rate_rad_s", self.yaw_rate_rad_s, 1e-3, 10.0, range)?;
+        let (forward_m, range) = (self.centre_forward_m, "from -10 to 10 m");
+        RangeError::check("centre_forward_m", forward_m, -10.0, 10.0, range)?;
         Ok(())
+    }
+
+    /// Where the vehicle's origin is at a heading: the centre less `centre_forward_m` ahead.
+    fn position(&self, heading_rad: f64) -> Point2 {
+        let (sin, cos) = heading_rad.sin_cos();
+        Point2 {
+            x_m: self.centre_forward_m * sin,
+            y_m: self.centre_forward_m * (1.0 - cos),
+        }
     }
 
     pub(super) fn trajectory(&self) -> Result<Trajectory, PathError> {
@@ -240,10 +257,11 @@ impl Pivot {
         let duration_s = angle_rad.abs() / self.yaw_rate_rad_s;
         let intervals = (duration_s / NODE_STEP_S).ceil().max(1.0) as usize;
         let nodes = (0..=intervals)
-            .map(|i| Node {
+            .map(|i| angle_rad * i as f64 / intervals as f64)
+            .map(|heading_rad| Node {
                 arc_length_m: 0.0,
-                position: Point2::default(),
-                heading_rad: angle_rad * i as f64 / intervals as f64,
+                position: self.position(heading_rad),
+                heading_rad,
                 speed_m_s: 0.0,
                 yaw_rate_rad_s: angle_rad / duration_s,
                 motion: Motion::Pivot,

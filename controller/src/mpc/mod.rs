@@ -161,10 +161,14 @@ impl Mpc {
             let yaw = &mut self.plan.states[k].z;
             *yaw = before + wrap_angle(*yaw - before);
         }
+        // Far from a good plan the limits bind and a QP takes longer; nothing moves yet.
+        self.solver.set_max_iterations(qp::ITERATIONS_MAX);
         let mut report = self.solve(state, previous, targets, None);
         for _ in 1..START_ITERATIONS {
             report = self.solve(state, previous, targets, None);
         }
+        self.solver
+            .set_max_iterations(self.settings.qp.max_iterations);
         report
     }
 

@@ -9,8 +9,11 @@ use clarabel::solver::{
     DefaultInfo, DefaultSettings, DefaultSolver, IPSolver, SolverStatus, SupportedConeT,
 };
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
+
+/// Largest number of iterations of any solve.
+pub const ITERATIONS_MAX: u32 = 100;
 
 /// How the QP is handed to the solver.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -103,14 +106,28 @@ pub struct QpSettings {
     pub accepted_residual: f64,
 }
 
+/// When the termination callback ends a solve.
+#[derive(Debug)]
+struct SolveLimits {
+    epoch: Instant,
+    /// Nanoseconds after `epoch`.
+    deadline_ns: AtomicU64,
+    iterations: AtomicU32,
+}
+
+impl SolveLimits {
+    fn reached(&self, iterations: u32) -> bool {
+        let deadline = Duration::from_nanos(self.deadline_ns.load(Ordering::Relaxed));
+        iterations >= self.iterations.load(Ordering::Relaxed) || self.epoch.elapsed() >= deadline
+    }
+}
+
 /// A solver with the problem it solves.
 pub struct QpSolver {
     data: QpData,
     settings: QpSettings,
     solver: DefaultSolver<f64>,
-    /// Nanoseconds after `epoch` at which the callback ends the solve.
-    deadline_ns: Arc<AtomicU64>,
-    epoch: Instant,
+    limits: Arc<SolveLimits>,
     dual_residual: Vec<f64>,
     primal_residual: Vec<f64>,
     iterations: u32,
@@ -123,17 +140,19 @@ impl QpSolver {
     /// # Errors
     /// [`QpFailure::Rejected`] when clarabel does not take the data.
     pub fn new(data: QpData, settings: QpSettings) -> Result<Self, QpFailure> {
-        let deadline_ns = Arc::new(AtomicU64::new(u64::MAX));
-        let epoch = Instant::now();
-        let solver = build(&data, &settings, &deadline_ns, epoch)?;
+        let limits = Arc::new(SolveLimits {
+            epoch: Instant::now(),
+            deadline_ns: AtomicU64::new(u64::MAX),
+            iterations: AtomicU32::new(settings.max_iterations),
+        });
+        let solver = build(&data, &settings, &limits)?;
         Ok(Self {
             dual_residual: vec![0.0; data.q.len()],
             primal_residual: vec![0.0; data.b.len()],
             data,
             settings,
             solver,
-            deadline_ns,
-            epoch,
+            limits,
             iterations: 0,
             rebuilds: 0,
         })
@@ -164,6 +183,11 @@ impl QpSolver {
         &self.solver.solution.x
     }
 
+    /// Sets the largest number of iterations of the solves to come, at most [`ITERATIONS_MAX`].
+    pub fn set_max_iterations(&mut self, iterations: u32) {
+        self.limits.iterations.store(iterations, Ordering::Relaxed);
+    }
+
     /// Solves the problem as its data stands, until `deadline` at the latest.
     ///
     /// # Errors
@@ -174,14 +198,18 @@ impl QpSolver {
             return Err(QpFailure::NotFinite);
         }
         let limit = deadline.map_or(u64::MAX, |instant| {
-            u64::try_from(instant.saturating_duration_since(self.epoch).as_nanos())
-                .unwrap_or(u64::MAX)
+            u64::try_from(
+                instant
+                    .saturating_duration_since(self.limits.epoch)
+                    .as_nanos(),
+            )
+            .unwrap_or(u64::MAX)
         });
-        self.deadline_ns.store(limit, Ordering::Relaxed);
+        self.limits.deadline_ns.store(limit, Ordering::Relaxed);
         match self.settings.mode {
             QpMode::InPlace => self.update()?,
             QpMode::FreshDefaults => {
-                self.solver = build(&self.data, &self.settings, &self.deadline_ns, self.epoch)?;
+                self.solver = build(&self.data, &self.settings, &self.limits)?;
             }
         }
         self.solver.solve();
@@ -191,6 +219,12 @@ impl QpSolver {
             SolverStatus::Solved | SolverStatus::AlmostSolved => self.check(),
             SolverStatus::MaxIterations | SolverStatus::InsufficientProgress => {
                 // The last iterate may well do; the residuals tell.
+                self.check()
+                    .map_err(|_| QpFailure::MaxIterations { iterations })
+            }
+            SolverStatus::CallbackTerminated
+                if iterations >= self.limits.iterations.load(Ordering::Relaxed) =>
+            {
                 self.check()
                     .map_err(|_| QpFailure::MaxIterations { iterations })
             }
@@ -220,7 +254,7 @@ impl QpSolver {
 
     /// Makes the solver new: a NaN inside it would stay there for good.
     fn rebuild(&mut self) -> Result<(), QpFailure> {
-        self.solver = build(&self.data, &self.settings, &self.deadline_ns, self.epoch)?;
+        self.solver = build(&self.data, &self.settings, &self.limits)?;
         self.rebuilds += 1;
         Ok(())
     }
@@ -304,8 +338,7 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
 fn build(
     data: &QpData,
     settings: &QpSettings,
-    deadline_ns: &Arc<AtomicU64>,
-    epoch: Instant,
+    limits: &Arc<SolveLimits>,
 ) -> Result<DefaultSolver<f64>, QpFailure> {
     let mut clarabel = DefaultSettings::<f64> {
         verbose: false,
@@ -318,7 +351,7 @@ fn build(
         clarabel.equilibrate_enable = false;
         clarabel.iterative_refinement_enable = false;
         clarabel.direct_solve_method = "qdldl".into();
-        clarabel.max_iter = settings.max_iterations;
+        clarabel.max_iter = ITERATIONS_MAX;
         clarabel.tol_gap_abs = settings.tolerance;
         clarabel.tol_gap_rel = settings.tolerance;
         clarabel.tol_feas = settings.tolerance;
@@ -329,11 +362,8 @@ fn build(
     ];
     let mut solver = DefaultSolver::new(&data.p, &data.q, &data.a, &data.b, &cones, clarabel)
         .map_err(|_| QpFailure::Rejected)?;
-    let deadline_ns = Arc::clone(deadline_ns);
-    solver.set_termination_callback(move |_: &DefaultInfo<f64>| {
-        let limit = Duration::from_nanos(deadline_ns.load(Ordering::Relaxed));
-        epoch.elapsed() >= limit
-    });
+    let limits = Arc::clone(limits);
+    solver.set_termination_callback(move |info: &DefaultInfo<f64>| limits.reached(info.iterations));
     Ok(solver)
 }
 
