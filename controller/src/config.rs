@@ -114,8 +114,10 @@ pub struct SolverConfig {
     pub max_iterations: u32,
     /// Tolerance of the solver.
     pub tolerance: f64,
-    /// Largest relative KKT residual that the controller's own check accepts.
+    /// Largest relative primal and dual residual that the controller's own check accepts.
     pub accepted_residual: f64,
+    /// Largest relative duality gap that it accepts.
+    pub accepted_gap: f64,
     /// How the solver is used.
     pub mode: QpMode,
 }
@@ -126,6 +128,7 @@ impl Default for SolverConfig {
             max_iterations: 10,
             tolerance: 1e-6,
             accepted_residual: 1e-3,
+            accepted_gap: 0.2,
             mode: QpMode::InPlace,
         }
     }
@@ -350,6 +353,13 @@ impl ControllerConfig {
             1.0,
             "from 1e-9 to 1",
         )?;
+        check(
+            "solver.accepted_gap",
+            solver.accepted_gap,
+            1e-9,
+            1.0,
+            "from 1e-9 to 1",
+        )?;
         let s = &self.supervisor;
         for (key, value) in [
             ("supervisor.pose_timeout_s", s.pose_timeout_s),
@@ -410,6 +420,7 @@ impl ControllerConfig {
                 max_iterations: self.solver.max_iterations,
                 tolerance: self.solver.tolerance,
                 accepted_residual: self.solver.accepted_residual,
+                accepted_gap: self.solver.accepted_gap,
             },
         }
     }

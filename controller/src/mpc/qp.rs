@@ -102,8 +102,12 @@ pub struct QpSettings {
     pub max_iterations: u32,
     /// Feasibility and gap tolerance of the solver.
     pub tolerance: f64,
-    /// Largest residual accepted by our own check, relative to the size of the terms it sums.
+    /// Largest primal and dual residual accepted by our own check, relative to the size of the terms
+    /// they sum.
     pub accepted_residual: f64,
+    /// Largest duality gap accepted, relative to the cost: a feasible point so far from the optimum
+    /// is still a plan.
+    pub accepted_gap: f64,
 }
 
 /// When the termination callback ends a solve.
@@ -271,7 +275,7 @@ impl QpSolver {
         let residuals = self.residuals();
         let limit = self.settings.accepted_residual;
         let Residuals { primal, dual, gap } = residuals;
-        if primal <= limit && dual <= limit && gap <= limit {
+        if primal <= limit && dual <= limit && gap <= self.settings.accepted_gap {
             Ok(residuals)
         } else {
             // A comparison with NaN is false, so a NaN ends here too.
