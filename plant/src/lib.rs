@@ -1,6 +1,7 @@
 //! What a skid-steer rover does on a slope: frames, ICR kinematics, terrain, drive train, sensors
 //! and their simulation. This crate does no input or output and knows no file format.
 
+pub mod contact;
 pub mod frames;
 pub mod icr;
 pub mod motion;
