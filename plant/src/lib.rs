@@ -2,10 +2,14 @@
 //! and their simulation. This crate does no input or output and knows no file format.
 
 pub mod contact;
+pub mod dead_reckoning;
+pub mod drive_train;
 pub mod frames;
 pub mod icr;
 pub mod motion;
 pub mod sample;
+pub mod sensors;
+pub mod simulation;
 pub mod speeds;
 pub mod terrain;
 pub mod vehicle;

@@ -1,0 +1,175 @@
+//! Configuration of the sensors; everything left out is perfect.
+
+use crate::vehicle::RangeError;
+use serde::{Deserialize, Serialize};
+
+/// When each of the three sensors reads and how wrong it is; `{}` is perfect sensors.
+///
+/// As YAML: `tread_speeds`, `attitude` and `pose`, each with `timing` (`rate_hz`, absent for every
+/// step; `delay_s`; `dropout_probability`) and `errors` (standard deviations, biases and steps of
+/// quantisation, with units in their keys).
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[serde(try_from = "RawSensors", into = "RawSensors")]
+pub struct SensorsConfig {
+    pub(super) tread_speeds: Sensor<TreadSpeedErrors>,
+    pub(super) attitude: Sensor<AttitudeErrors>,
+    pub(super) pose: Sensor<PoseErrors>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct Sensor<E: Default> {
+    pub(super) timing: Timing,
+    pub(super) errors: E,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct Timing {
+    /// Readings a second; none for one at every step.
+    pub(super) rate_hz: Option<f64>,
+    /// From the instant of a reading to its arrival.
+    pub(super) delay_s: f64,
+    /// Share of readings that never arrive.
+    pub(super) dropout_probability: f64,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct TreadSpeedErrors {
+    pub(super) noise_std_m_s: f64,
+    pub(super) bias_left_m_s: f64,
+    pub(super) bias_right_m_s: f64,
+    pub(super) quantisation_m_s: f64,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct AttitudeErrors {
+    pub(super) noise_std_deg: f64,
+    pub(super) bias_roll_deg: f64,
+    pub(super) bias_pitch_deg: f64,
+    pub(super) quantisation_deg: f64,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct PoseErrors {
+    /// Of each coordinate.
+    pub(super) noise_std_m: f64,
+    pub(super) noise_std_yaw_deg: f64,
+    pub(super) bias_x_m: f64,
+    pub(super) bias_y_m: f64,
+    pub(super) bias_z_m: f64,
+    pub(super) bias_yaw_deg: f64,
+    pub(super) quantisation_m: f64,
+    pub(super) quantisation_yaw_deg: f64,
+}
+
+#[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct RawSensors {
+    tread_speeds: Sensor<TreadSpeedErrors>,
+    attitude: Sensor<AttitudeErrors>,
+    pose: Sensor<PoseErrors>,
+}
+
+/// Keys of a sensor's timing, as the errors name them.
+struct TimingKeys {
+    rate: &'static str,
+    delay: &'static str,
+    dropout: &'static str,
+}
+
+impl Timing {
+    fn check(&self, keys: &TimingKeys) -> Result<(), RangeError> {
+        let check = RangeError::check;
+        if let Some(rate_hz) = self.rate_hz {
+            check(keys.rate, rate_hz, 1e-3, 1e5, "from 0.001 to 100000 Hz")?;
+        }
+        check(keys.delay, self.delay_s, 0.0, 10.0, "from 0 to 10 s")?;
+        check(
+            keys.dropout,
+            self.dropout_probability,
+            0.0,
+            1.0,
+            "from 0 to 1",
+        )?;
+        Ok(())
+    }
+}
+
+impl TryFrom<RawSensors> for SensorsConfig {
+    type Error = RangeError;
+
+    fn try_from(raw: RawSensors) -> Result<Self, RangeError> {
+        raw.tread_speeds.timing.check(&TimingKeys {
+            rate: "tread_speeds.timing.rate_hz",
+            delay: "tread_speeds.timing.delay_s",
+            dropout: "tread_speeds.timing.dropout_probability",
+        })?;
+        raw.attitude.timing.check(&TimingKeys {
+            rate: "attitude.timing.rate_hz",
+            delay: "attitude.timing.delay_s",
+            dropout: "attitude.timing.dropout_probability",
+        })?;
+        raw.pose.timing.check(&TimingKeys {
+            rate: "pose.timing.rate_hz",
+            delay: "pose.timing.delay_s",
+            dropout: "pose.timing.dropout_probability",
+        })?;
+        let (treads, attitude, pose) = (
+            raw.tread_speeds.errors,
+            raw.attitude.errors,
+            raw.pose.errors,
+        );
+        for (key, value) in [
+            ("tread_speeds.errors.noise_std_m_s", treads.noise_std_m_s),
+            (
+                "tread_speeds.errors.quantisation_m_s",
+                treads.quantisation_m_s,
+            ),
+            ("attitude.errors.noise_std_deg", attitude.noise_std_deg),
+            (
+                "attitude.errors.quantisation_deg",
+                attitude.quantisation_deg,
+            ),
+            ("pose.errors.noise_std_m", pose.noise_std_m),
+            ("pose.errors.noise_std_yaw_deg", pose.noise_std_yaw_deg),
+            ("pose.errors.quantisation_m", pose.quantisation_m),
+            (
+                "pose.errors.quantisation_yaw_deg",
+                pose.quantisation_yaw_deg,
+            ),
+        ] {
+            RangeError::check(key, value, 0.0, 100.0, "from 0 to 100")?;
+        }
+        for (key, value) in [
+            ("tread_speeds.errors.bias_left_m_s", treads.bias_left_m_s),
+            ("tread_speeds.errors.bias_right_m_s", treads.bias_right_m_s),
+            ("attitude.errors.bias_roll_deg", attitude.bias_roll_deg),
+            ("attitude.errors.bias_pitch_deg", attitude.bias_pitch_deg),
+            ("pose.errors.bias_x_m", pose.bias_x_m),
+            ("pose.errors.bias_y_m", pose.bias_y_m),
+            ("pose.errors.bias_z_m", pose.bias_z_m),
+            ("pose.errors.bias_yaw_deg", pose.bias_yaw_deg),
+        ] {
+            RangeError::check(key, value, -100.0, 100.0, "from -100 to 100")?;
+        }
+        Ok(Self {
+            tread_speeds: raw.tread_speeds,
+            attitude: raw.attitude,
+            pose: raw.pose,
+        })
+    }
+}
+
+impl From<SensorsConfig> for RawSensors {
+    fn from(config: SensorsConfig) -> Self {
+        Self {
+            tread_speeds: config.tread_speeds,
+            attitude: config.attitude,
+            pose: config.pose,
+        }
+    }
+}

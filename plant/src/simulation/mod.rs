@@ -1,0 +1,245 @@
+//! The vehicle in its world, advanced in fixed steps: drive train, motion, terrain and sensors.
+
+use crate::drive_train::{DriveTrain, DriveTrainConfig};
+use crate::frames::{Attitude, BodyVelocity, PlanarPose, Pose, PoseRate, pose_rate};
+use crate::motion::{GroundState, MotionError, MotionModel};
+use crate::sample::Sample;
+use crate::sensors::{Sensors, SensorsConfig, Truth};
+use crate::speeds::{MotorSpeeds, TreadSpeeds};
+use crate::terrain::{Terrain, TerrainError};
+use crate::vehicle::{RangeError, SpeedCorrection};
+
+/// What a simulation is made of.
+pub struct SimulationSetup {
+    /// The ground.
+    pub terrain: Terrain,
+    /// What moves the vehicle over it.
+    pub motion: Box<dyn MotionModel + Send>,
+    /// Between command and treads.
+    pub drive_train: DriveTrainConfig,
+    /// Between truth and controller.
+    pub sensors: SensorsConfig,
+    /// The true c_l and c_r, by which encoders read less than the effective tread speeds.
+    pub correction: SpeedCorrection,
+    /// Where the vehicle stands at time 0.
+    pub start: PlanarPose,
+    /// Step, s, from 1e-5 to 1.
+    pub dt_s: f64,
+    /// Seed of everything random.
+    pub seed: u64,
+}
+
+/// Everything that is true at the end of a step.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct TrueState {
+    /// Steps since the start.
+    pub step_index: u64,
+    /// `step_index` times the step, s.
+    pub time_s: f64,
+    /// Pose, its height the terrain's.
+    pub pose: Pose,
+    /// Roll and pitch of the ground there.
+    pub attitude: Attitude,
+    /// Effective motor speeds, reached by the end of the step and held through it.
+    pub motors: MotorSpeeds,
+    /// Effective tread speeds V_l, V_r of these.
+    pub treads: TreadSpeeds,
+    /// Body velocity that moved the vehicle through the step.
+    pub velocity: BodyVelocity,
+}
+
+/// A vehicle in its world; deterministic for a setup and its commands.
+pub struct Simulation {
+    terrain: Terrain,
+    motion: Box<dyn MotionModel + Send>,
+    drive_train: DriveTrain,
+    sensors: Sensors,
+    correction: SpeedCorrection,
+    dt_s: f64,
+    command: MotorSpeeds,
+    state: TrueState,
+}
+
+impl Simulation {
+    /// Returns the simulation of a vehicle that stands at its start and has read its sensors there.
+    ///
+    /// # Errors
+    /// Names the step or start coordinate that is out of range, or says why there is no ground at
+    /// the start.
+    pub fn new(setup: SimulationSetup) -> Result<Self, SimulationError> {
+        let dt_s = RangeError::check("dt_s", setup.dt_s, 1e-5, 1.0, "from 1e-5 to 1 s")?;
+        let start = setup.start;
+        RangeError::check(
+            "start yaw_rad",
+            start.yaw_rad,
+            -1e6,
+            1e6,
+            "from -1e6 to 1e6 rad",
+        )?;
+        let (pose, attitude) =
+            stand(&setup.terrain, start).map_err(|reason| SimulationError::Terrain {
+                time_s: 0.0,
+                reason,
+            })?;
+        let mut simulation = Self {
+            terrain: setup.terrain,
+            motion: setup.motion,
+            drive_train: DriveTrain::new(&setup.drive_train, dt_s),
+            sensors: Sensors::new(&setup.sensors, setup.seed, dt_s),
+            correction: setup.correction,
+            dt_s,
+            command: MotorSpeeds::STOP,
+            state: TrueState {
+                pose,
+                attitude,
+                ..TrueState::default()
+            },
+        };
+        simulation.observe();
+        Ok(simulation)
+    }
+
+    /// Returns what is true now.
+    pub fn state(&self) -> &TrueState {
+        &self.state
+    }
+
+    /// Takes the command that holds from the next step on, until another.
+    ///
+    /// # Errors
+    /// Returns the command if one of its speeds is not finite; the command before it stays.
+    pub fn set_command(&mut self, command: MotorSpeeds) -> Result<(), SimulationError> {
+        if !command.is_finite() {
+            return Err(SimulationError::CommandNotFinite { command });
+        }
+        self.command = command;
+        Ok(())
+    }
+
+    /// Advances by one step and returns what is true then.
+    ///
+    /// The drive train's speeds at the end of the step hold through it; equation (12) is integrated
+    /// by the midpoint rule, asking the motion model at the start and in the middle.
+    ///
+    /// # Errors
+    /// Says when and why there is no ground or no motion. The step is then not taken, and the
+    /// simulation is over: the drive train has already moved on.
+    pub fn step(&mut self) -> Result<&TrueState, SimulationError> {
+        let step_index = self.state.step_index + 1;
+        // Multiplied and never accumulated, so that the clock does not drift.
+        let time_s = step_index as f64 * self.dt_s;
+        let off_ground = |reason| SimulationError::Terrain { time_s, reason };
+        let no_motion = |reason| SimulationError::Motion { time_s, reason };
+
+        let motors = self.drive_train.step(self.command);
+        let treads = TreadSpeeds::from(motors);
+        let here = GroundState {
+            position: self.state.pose.planar(),
+            attitude: self.state.attitude,
+        };
+        let velocity = self
+            .motion
+            .body_velocity(&here, treads, 0.0)
+            .map_err(no_motion)?;
+        let rate = pose_rate(&velocity, &here.attitude, here.position.yaw_rad);
+        let position = moved(here.position, &rate, 0.5 * self.dt_s);
+        let midway = GroundState {
+            position,
+            attitude: self
+                .terrain
+                .attitude(position.x_m, position.y_m, position.yaw_rad)
+                .map_err(off_ground)?,
+        };
+        let velocity = self
+            .motion
+            .body_velocity(&midway, treads, self.dt_s)
+            .map_err(no_motion)?;
+        let rate = pose_rate(&velocity, &midway.attitude, midway.position.yaw_rad);
+        let (pose, attitude) =
+            stand(&self.terrain, moved(here.position, &rate, self.dt_s)).map_err(off_ground)?;
+        self.state = TrueState {
+            step_index,
+            time_s,
+            pose,
+            attitude,
+            motors,
+            treads,
+            velocity,
+        };
+        self.observe();
+        Ok(&self.state)
+    }
+
+    /// Returns the newest sensor readings that have arrived since the last call.
+    pub fn sample(&mut self) -> Sample {
+        self.sensors.sample(self.state.time_s)
+    }
+
+    fn observe(&mut self) {
+        let truth = Truth {
+            tread_speeds: self.correction.invert(self.state.treads),
+            attitude: self.state.attitude,
+            pose: self.state.pose,
+        };
+        self.sensors.observe(self.state.step_index, &truth);
+    }
+}
+
+fn moved(from: PlanarPose, rate: &PoseRate, dt_s: f64) -> PlanarPose {
+    PlanarPose {
+        x_m: from.x_m + dt_s * rate.x_m_s,
+        y_m: from.y_m + dt_s * rate.y_m_s,
+        yaw_rad: from.yaw_rad + dt_s * rate.yaw_rad_s,
+    }
+}
+
+/// Pose and attitude of a vehicle that stands on the ground at a place and heading.
+fn stand(terrain: &Terrain, at: PlanarPose) -> Result<(Pose, Attitude), TerrainError> {
+    let surface = terrain.surface(at.x_m, at.y_m)?;
+    let pose = Pose {
+        x_m: at.x_m,
+        y_m: at.y_m,
+        z_m: surface.height_m,
+        yaw_rad: at.yaw_rad,
+    };
+    Ok((
+        pose,
+        Attitude::on_plane(&surface.normal_in_world, at.yaw_rad),
+    ))
+}
+
+/// Why a simulation cannot start or go on.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum SimulationError {
+    /// There is no ground where the vehicle has come to.
+    #[error("at {time_s} s: {reason}")]
+    Terrain {
+        /// Time of the step, s.
+        time_s: f64,
+        /// Where and why.
+        reason: TerrainError,
+    },
+    /// The motion model has no answer.
+    #[error("at {time_s} s: {reason}")]
+    Motion {
+        /// Time of the step, s.
+        time_s: f64,
+        /// Where and why.
+        reason: MotionError,
+    },
+    /// A command is not finite.
+    #[error(
+        "command is not finite: traction {} m/s, steer {} m/s",
+        command.traction_m_s, command.steer_m_s
+    )]
+    CommandNotFinite {
+        /// The command.
+        command: MotorSpeeds,
+    },
+    /// A parameter is out of its range.
+    #[error(transparent)]
+    Parameter(#[from] RangeError),
+}
+
+#[cfg(test)]
+mod tests;

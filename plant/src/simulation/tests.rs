@@ -1,0 +1,224 @@
+use super::*;
+use crate::dead_reckoning::{Motion, advance};
+use crate::motion::IcrMotion;
+use crate::terrain::PlaneTerrain;
+use crate::vehicle::Vehicle;
+use proptest::prelude::*;
+
+fn j8() -> Vehicle {
+    serde_yaml::from_str(include_str!("../../../config/vehicles/j8.yaml")).unwrap()
+}
+
+/// The J8 without its small asymmetry from left to right.
+fn symmetric_j8() -> Vehicle {
+    let mut vehicle = j8();
+    vehicle.icrs.left_m = -vehicle.icrs.right_m;
+    vehicle
+}
+
+fn plane(slope_deg: f64) -> Terrain {
+    Terrain::Plane(PlaneTerrain::new(slope_deg, 0.0).unwrap())
+}
+
+fn setup(vehicle: Vehicle, terrain: Terrain) -> SimulationSetup {
+    SimulationSetup {
+        terrain,
+        correction: vehicle.correction,
+        motion: Box::new(IcrMotion {
+            vehicle,
+            inclined: true,
+        }),
+        drive_train: DriveTrainConfig::default(),
+        sensors: SensorsConfig::default(),
+        start: PlanarPose::default(),
+        dt_s: 0.005,
+        seed: 0,
+    }
+}
+
+fn motors(traction_m_s: f64, steer_m_s: f64) -> MotorSpeeds {
+    MotorSpeeds {
+        traction_m_s,
+        steer_m_s,
+    }
+}
+
+fn drive(simulation: &mut Simulation, command: MotorSpeeds, steps: u32) -> TrueState {
+    simulation.set_command(command).unwrap();
+    for _ in 0..steps {
+        simulation.step().unwrap();
+    }
+    *simulation.state()
+}
+
+#[test]
+fn a_seed_repeats_every_bit_and_another_does_not() {
+    let run = |seed| {
+        let mut setup = setup(j8(), plane(10.0));
+        setup.seed = seed;
+        setup.sensors = serde_yaml::from_str(
+            "{tread_speeds: {timing: {rate_hz: 20}, errors: {noise_std_m_s: 0.02}},
+              attitude: {timing: {rate_hz: 20, dropout_probability: 0.1}, errors: {noise_std_deg: 0.3}},
+              pose: {timing: {rate_hz: 10, delay_s: 0.08}, errors: {noise_std_m: 0.02, noise_std_yaw_deg: 0.5}}}",
+        ).unwrap();
+        setup.drive_train = serde_yaml::from_str(
+            "{traction: {time_constant_s: 0.2}, steer: {acceleration_max_m_s2: 2}, delay_s: 0.06}",
+        )
+        .unwrap();
+        let mut simulation = Simulation::new(setup).unwrap();
+        let mut trace = String::new();
+        for cycle in 0..400 {
+            let sample = simulation.sample();
+            // Steering by a noisy reading, so that the noise reaches the motion.
+            let roll_rad = sample
+                .attitude
+                .map_or(0.0, |attitude| attitude.value.roll_rad);
+            let state = drive(
+                &mut simulation,
+                motors(0.4, roll_rad + 0.1 * f64::from(cycle % 7)),
+                10,
+            );
+            trace += &format!("{state:?} {sample:?}\n");
+        }
+        trace
+    };
+    // Printed floats are the shortest that read back as the same bits.
+    assert_eq!(run(5), run(5));
+    assert_ne!(run(5), run(6));
+}
+
+#[test]
+fn the_clock_does_not_drift_in_a_million_steps() {
+    let mut setup = setup(j8(), Terrain::Level);
+    setup.dt_s = 0.003;
+    let mut simulation = Simulation::new(setup).unwrap();
+    for _ in 0..1_000_000 {
+        simulation.step().unwrap();
+    }
+    assert_eq!(simulation.state().time_s, 3000.0);
+    assert_eq!(simulation.sample().pose.unwrap().time_s, 3000.0);
+    assert_eq!(simulation.state().pose, Pose::default());
+}
+
+#[test]
+fn motion_on_a_plane_is_the_dead_reckoning_of_equation_12() {
+    let vehicle = j8();
+    let mut simulation = Simulation::new(setup(vehicle.clone(), plane(10.0))).unwrap();
+    let state = drive(&mut simulation, motors(0.3, 0.3), 4000);
+    let normal = plane(10.0).surface(0.0, 0.0).unwrap().normal_in_world;
+    let treads = TreadSpeeds::from(motors(0.3, 0.3));
+    let mut reckoned = Pose::default();
+    for _ in 0..4000 {
+        reckoned = advance(&reckoned, 0.005, |_, yaw_rad| {
+            let attitude = Attitude::on_plane(&normal, yaw_rad);
+            Motion {
+                velocity: vehicle.body_velocity(attitude, treads),
+                attitude,
+            }
+        });
+    }
+    assert!((state.pose.x_m - reckoned.x_m).abs() < 1e-4);
+    assert!((state.pose.y_m - reckoned.y_m).abs() < 1e-4);
+    assert!((state.pose.yaw_rad - reckoned.yaw_rad).abs() < 1e-5);
+    // The integrated height of (12) is the terrain's height.
+    let height_m = plane(10.0)
+        .surface(reckoned.x_m, reckoned.y_m)
+        .unwrap()
+        .height_m;
+    assert!((reckoned.z_m - height_m).abs() < 1e-6);
+    assert!(state.pose.z_m.abs() > 0.1);
+}
+
+#[test]
+fn straight_driving_across_a_slope_does_not_slide_under_icrik() {
+    let mut setup = setup(symmetric_j8(), plane(15.0));
+    setup.start.yaw_rad = std::f64::consts::FRAC_PI_2;
+    let mut simulation = Simulation::new(setup).unwrap();
+    let state = drive(&mut simulation, motors(0.5, 0.0), 2000);
+    assert!((state.pose.x_m + 5.0).abs() < 1e-9);
+    assert!(state.pose.y_m.abs() < 1e-9 && state.pose.z_m.abs() < 1e-9);
+    assert!((state.attitude.roll_rad + 15.0_f64.to_radians()).abs() < 1e-9);
+}
+
+#[test]
+fn turning_on_a_slope_slides_downhill_under_icrik_only() {
+    let mut descended_m = [0.0; 2];
+    for (inclined, m) in [true, false].into_iter().zip(&mut descended_m) {
+        let mut setup = setup(symmetric_j8(), plane(5.0));
+        setup.motion = Box::new(IcrMotion {
+            vehicle: symmetric_j8(),
+            inclined,
+        });
+        let mut simulation = Simulation::new(setup).unwrap();
+        *m = drive(&mut simulation, motors(0.0, 0.3), 6000).pose.y_m;
+    }
+    assert!(
+        descended_m[0] < -1.0 && descended_m[1].abs() < 0.5,
+        "{descended_m:?}"
+    );
+}
+
+#[test]
+fn perfect_sensors_give_the_truth_as_an_encoder_sees_it() {
+    let mut simulation = Simulation::new(setup(j8(), plane(5.3))).unwrap();
+    let state = drive(&mut simulation, motors(0.4, 0.2), 10);
+    let sample = simulation.sample();
+    assert_eq!(sample.time_s, state.time_s);
+    assert_eq!(sample.pose.unwrap().value, state.pose);
+    assert_eq!(sample.attitude.unwrap().value, state.attitude);
+    let read = sample.tread_speeds.unwrap();
+    assert_eq!(read.time_s, state.time_s);
+    assert!((read.value.left_m_s * 1.004 - 0.2).abs() < 1e-12);
+    assert!((read.value.right_m_s * 1.011 - 0.6).abs() < 1e-12);
+}
+
+#[test]
+fn leaving_the_ground_is_an_error_with_time_and_place() {
+    let text = "ncols 3\nnrows 3\nxllcenter -1\nyllcenter -1\ncellsize 1\n0 0 0\n0 0 0\n0 0 0\n";
+    let grid = crate::terrain::GridTerrain::parse(text).unwrap();
+    let mut simulation = Simulation::new(setup(j8(), Terrain::Grid(grid))).unwrap();
+    simulation.set_command(motors(1.0, 0.0)).unwrap();
+    let error = (0..400).find_map(|_| simulation.step().err()).unwrap();
+    let text = error.to_string();
+    assert!(
+        text.contains("outside the elevation grid") && text.contains(" s: "),
+        "{text}"
+    );
+    assert!((simulation.state().pose.y_m - 1.0).abs() < 0.006);
+}
+
+#[test]
+fn bad_commands_steps_and_starts_are_refused() {
+    let mut simulation = Simulation::new(setup(j8(), Terrain::Level)).unwrap();
+    let error = simulation.set_command(motors(f64::NAN, 0.0)).unwrap_err();
+    assert!(error.to_string().contains("traction NaN"), "{error}");
+    let mut no_step = setup(j8(), Terrain::Level);
+    no_step.dt_s = 0.0;
+    assert!(Simulation::new(no_step).is_err());
+    let mut nowhere = setup(j8(), Terrain::Level);
+    nowhere.start.x_m = f64::INFINITY;
+    assert!(matches!(
+        Simulation::new(nowhere),
+        Err(SimulationError::Terrain { .. })
+    ));
+}
+
+proptest! {
+    #[test]
+    fn left_and_right_are_mirror_images(traction in -1.0..1.0f64, steer in -1.0..1.0f64,
+                                        yaw in -3.0..3.0f64, slope in 0.0..20.0f64) {
+        let run = |side: f64| {
+            let mut setup = setup(symmetric_j8(), plane(slope));
+            setup.start.yaw_rad = side * yaw;
+            let mut simulation = Simulation::new(setup).unwrap();
+            drive(&mut simulation, motors(traction, side * steer), 200)
+        };
+        let (left, right) = (run(1.0), run(-1.0));
+        prop_assert!((left.pose.x_m + right.pose.x_m).abs() < 1e-9);
+        prop_assert!((left.pose.y_m - right.pose.y_m).abs() < 1e-9);
+        prop_assert!((left.pose.z_m - right.pose.z_m).abs() < 1e-9);
+        prop_assert!((left.pose.yaw_rad + right.pose.yaw_rad).abs() < 1e-9);
+        prop_assert!((left.attitude.roll_rad + right.attitude.roll_rad).abs() < 1e-9);
+        prop_assert!((left.velocity.right_m_s + right.velocity.right_m_s).abs() < 1e-9);
+    }
+}
