@@ -1,4 +1,4 @@
-//! Balance of wheel forces and weight: a convex potential, minimised by a damped Newton method.
+//! Balance of wheel forces and weight: a convex potential, minimised by a safeguarded Newton method.
 
 use super::friction::Friction;
 use nalgebra::{Matrix3, Vector2, Vector3};
@@ -44,6 +44,9 @@ struct Expansion {
     value: f64,
     gradient: Vector3<f64>,
     hessian: Matrix3<f64>,
+    /// Curvature of a parabola that touches the potential here and lies above it elsewhere: that of
+    /// sqrt(z) is below its tangent in z = q^2 (iteratively reweighted least squares).
+    majorant: Matrix3<f64>,
 }
 
 /// Why Newton's method gave no velocity.
@@ -80,35 +83,34 @@ impl Balance<'_> {
             if residual < TOLERANCE {
                 return Ok(velocity);
             }
-            let Some(factor) = here.hessian.cholesky() else {
+            let Some((candidate, there)) = self.improve(&velocity, &here) else {
                 return Err(failed);
             };
-            let step = -factor.solve(&here.gradient);
-            let slope = here.gradient.dot(&step);
-            // Rounding of the potential hides a decrease smaller than this.
-            let rounding = 1e-14 * here.value.abs();
-            let mut share = 1.0;
-            loop {
-                let candidate = velocity + share * step;
-                let there = self.expand(&candidate);
-                if there.value <= here.value + 1e-4 * share * slope + rounding {
-                    velocity = candidate;
-                    here = there;
-                    break;
-                }
-                share *= 0.5;
-                if share < 1e-6 {
-                    return Err(failed);
-                }
-            }
-            if !(velocity.norm() < MAX_SPEED) {
+            if !candidate.norm().is_finite() || candidate.norm() > MAX_SPEED {
                 return Err(failed);
             }
+            (velocity, here) = (candidate, there);
         }
         Err(NotBalanced {
             residual: here.gradient.norm() * scale,
             iterations: MAX_ITERATIONS,
         })
+    }
+
+    /// Returns a better velocity: by Newton's step where that descends, otherwise by the step to the
+    /// minimum of a parabola that lies above the potential everywhere, which descends always.
+    fn improve(&self, velocity: &Velocity, here: &Expansion) -> Option<(Velocity, Expansion)> {
+        [(here.hessian, 1e-4), (here.majorant, 0.0)]
+            .into_iter()
+            .find_map(|(curvature, share)| {
+                let step = -curvature.cholesky()?.solve(&here.gradient);
+                let candidate = velocity + step;
+                let there = self.expand(&candidate);
+                let descends = there.value < here.value + share * here.gradient.dot(&step);
+                // Near the minimum, rounding hides the descent of the potential, not of its gradient.
+                let flattens = there.gradient.norm() < 0.7 * here.gradient.norm();
+                (descends || flattens).then_some((candidate, there))
+            })
     }
 
     /// Returns the potential of the module's documentation with its derivatives.
@@ -127,6 +129,7 @@ impl Balance<'_> {
         let mut value = -self.drive.dot(velocity);
         let mut gradient = -self.drive;
         let mut hessian = Matrix3::zeros();
+        let mut majorant = Matrix3::zeros();
         for contact in self.contacts {
             let (x, y) = (contact.position.x, contact.position.y);
             let rolling = v_y + omega * x;
@@ -136,6 +139,9 @@ impl Balance<'_> {
             let q = (lateral_squared * s_x * s_x + s_y * s_y + spin * omega + scale_squared).sqrt();
             let limit = contact.friction * contact.load_n;
             let (f_x, f_y) = (lateral_squared * s_x / q, s_y / q);
+            let mut weight_yy = limit / q;
+            let weight_xx = lateral_squared * weight_yy;
+            let weight_zz = patch_squared * weight_yy;
             let (mut along, mut curve_yy) = (limit * f_y, limit * (1.0 - f_y * f_y) / q);
             value += limit * q;
             if rolling_resistance > 0.0 {
@@ -144,6 +150,7 @@ impl Balance<'_> {
                 value += resistance * p;
                 along += resistance * rolling / p;
                 curve_yy += resistance * scale_squared / (p * p * p);
+                weight_yy += resistance / p;
             }
             let across = limit * f_x;
             let curve_xx = limit * (lateral_squared - f_x * f_x) / q;
@@ -165,6 +172,17 @@ impl Balance<'_> {
                 yz + curve_yz,
                 x * yz - y * xz + 2.0 * (x * curve_yz - y * curve_xz) + curve_zz,
             );
+            majorant += Matrix3::new(
+                weight_xx,
+                0.0,
+                -y * weight_xx,
+                0.0,
+                weight_yy,
+                x * weight_yy,
+                -y * weight_xx,
+                x * weight_yy,
+                y * y * weight_xx + x * x * weight_yy + weight_zz,
+            );
         }
         if let Some(inertia) = &self.inertia {
             let change = velocity - inertia.before;
@@ -172,11 +190,13 @@ impl Balance<'_> {
             value += 0.5 * change.dot(&momentum);
             gradient += momentum;
             hessian += inertia.mass_per_step;
+            majorant += inertia.mass_per_step;
         }
         Expansion {
             value,
             gradient,
             hessian,
+            majorant,
         }
     }
 }
@@ -246,6 +266,18 @@ mod tests {
                 let column = (up.gradient - down.gradient) / (2.0 * step);
                 prop_assert!((column - here.hessian.column(axis)).norm() < 1e-5 * here.hessian.norm());
             }
+        }
+
+        #[test]
+        fn the_majorant_lies_above_the_potential(v_x in -1.0..1.0f64, v_y in -1.0..1.0f64, omega in -1.0..1.0f64,
+                d_x in -1.0..1.0f64, d_y in -1.0..1.0f64, d_omega in -1.0..1.0f64) {
+            let contacts = four_wheels(0.3, 0.7);
+            let balance = Balance { contacts: &contacts, friction: &ROUGH,
+                drive: Vector3::new(150.0, -240.0, 30.0), inertia: None };
+            let (at, step) = (Vector3::new(v_x, v_y, omega), Vector3::new(d_x, d_y, d_omega));
+            let (here, there) = (balance.expand(&at), balance.expand(&(at + step)));
+            let above = here.value + here.gradient.dot(&step) + 0.5 * step.dot(&(here.majorant * step));
+            prop_assert!(there.value <= above + 1e-9, "{} {}", there.value, above);
         }
 
         #[test]

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 /// Coefficient of friction over the ground.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case", deny_unknown_fields)]
+#[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
 pub enum FrictionField {
     /// The same everywhere.
     Uniform {

@@ -66,9 +66,9 @@ impl ContactModel {
         true
     }
 
-    /// Returns the inertia of a step of `dt_s`; none for a quasi-static vehicle or query.
+    /// Returns the inertia of a step of `dt_s`; none for a quasi-static vehicle.
     fn inertia_step(&self, dt_s: f64) -> Option<InertiaStep> {
-        let yaw_inertia = self.vehicle.yaw_inertia_kg_m2.filter(|_| dt_s > 0.0)?;
+        let yaw_inertia = self.vehicle.yaw_inertia_kg_m2?;
         let mass = self.vehicle.mass_kg;
         let (x, y) = (
             self.vehicle.centre_of_mass.right_m,
@@ -101,6 +101,9 @@ impl ContactModel {
 impl MotionModel for ContactModel {
     /// Returns the body velocity in balance, see the module's documentation.
     ///
+    /// A vehicle with inertia has a velocity of its own: a query (`dt_s` 0) returns it, a step
+    /// changes it. Tread speeds hold through the step.
+    ///
     /// # Errors
     /// Returns [`MotionError::Overturned`] where the weight falls beside the wheels, and
     /// [`MotionError::NotConverged`] where friction does not hold the vehicle on the slope.
@@ -110,6 +113,9 @@ impl MotionModel for ContactModel {
         treads: TreadSpeeds,
         dt_s: f64,
     ) -> Result<BodyVelocity, MotionError> {
+        if dt_s <= 0.0 && self.vehicle.yaw_inertia_kg_m2.is_some() {
+            return Ok(body_velocity(&self.velocity));
+        }
         let (x_m, y_m) = (ground.position.x_m, ground.position.y_m);
         let not_finite = |quantity| MotionError::NotFinite { quantity, x_m, y_m };
         if !(treads.left_m_s.is_finite() && treads.right_m_s.is_finite()) {
@@ -133,19 +139,24 @@ impl MotionModel for ContactModel {
             ),
             inertia: self.inertia_step(dt_s),
         };
-        let velocity = balance
-            .solve(self.velocity)
-            .map_err(|failed| MotionError::NotConverged {
-                residual: failed.residual,
-                iterations: failed.iterations,
-                x_m,
-                y_m,
-            })?;
+        let velocity =
+            balance
+                .solve(self.velocity)
+                .map_err(|failed| MotionError::NotConverged {
+                    residual: failed.residual,
+                    iterations: failed.iterations,
+                    x_m,
+                    y_m,
+                })?;
         self.velocity = velocity;
-        Ok(BodyVelocity {
-            right_m_s: velocity.x,
-            forward_m_s: velocity.y,
-            yaw_rate_rad_s: velocity.z,
-        })
+        Ok(body_velocity(&velocity))
+    }
+}
+
+fn body_velocity(velocity: &Velocity) -> BodyVelocity {
+    BodyVelocity {
+        right_m_s: velocity.x,
+        forward_m_s: velocity.y,
+        yaw_rate_rad_s: velocity.z,
     }
 }

@@ -131,6 +131,13 @@ impl TryFrom<RawContactVehicle> for ContactVehicle {
             0.5,
             "from 0 to 0.5",
         )?;
+        check(
+            "patch_radius_m",
+            raw.friction.patch_radius_m,
+            0.0,
+            1.0,
+            "from 0 to 1 m",
+        )?;
         let yaw_inertia_kg_m2 = raw
             .yaw_inertia_kg_m2
             .map(|value| {
