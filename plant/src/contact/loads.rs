@@ -103,7 +103,7 @@ mod tests {
         };
         let (stands, loads_n, _) = loads(&vehicle, steep(25.0));
         assert!(
-            stands && loads_n.iter().any(|load| *load == 0.0),
+            stands && loads_n.contains(&0.0),
             "{loads_n:?}"
         );
         // The weight leaves the base rectangle at atan(0.6 / 0.9) = 34 deg.

@@ -191,7 +191,7 @@ fn turning_slides_downhill_in_proportion_to_the_turn() {
             let ratio = half.slide(&j8()).0 / down;
             assert!((0.47..0.51).contains(&ratio), "{ratio}");
         }
-        assert!(total_along.abs() < 0.01 * total_down, "{total_along}");
+        assert!(total_along.abs() < 0.1 * total_down, "{total_along}");
     }
 }
 
