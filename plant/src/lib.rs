@@ -7,6 +7,7 @@ pub mod drive_train;
 pub mod frames;
 pub mod icr;
 pub mod motion;
+pub mod prediction;
 pub mod sample;
 pub mod sensors;
 pub mod simulation;

@@ -75,6 +75,31 @@ pub struct Vehicle {
     pub correction: SpeedCorrection,
 }
 
+impl Vehicle {
+    /// Returns the same vehicle without slide: ICRIK then equals ICRHK.
+    pub fn on_level_ground(&self) -> Self {
+        Self {
+            slide: SlideGains {
+                shift_s_per_rad: 0.0,
+                aggravated_s_per_rad: 0.0,
+            },
+            ..self.clone()
+        }
+    }
+
+    /// Returns an ideal differential drive with its wheels on the base rectangle's sides.
+    pub fn as_differential_drive(&self) -> Self {
+        Self {
+            icrs: HorizontalIcrs {
+                left_m: -self.base_half_width_m,
+                right_m: self.base_half_width_m,
+                forward_m: 0.0,
+            },
+            ..self.on_level_ground()
+        }
+    }
+}
+
 /// Correction factors of equation (11), from measured to effective tread speeds.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SpeedCorrection {

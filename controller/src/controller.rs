@@ -1,0 +1,502 @@
+//! The controller: from a sample of the sensors to a command, once a cycle.
+//!
+//! ```text
+//! Sample -> Estimate -> Horizon -> Linearised -> Solution -> Decision
+//! ```
+
+use crate::config::{AttitudePreview, ControllerConfig, ControllerKind};
+use crate::estimator::{Estimate, Estimator, Refused};
+use crate::mpc::{Mpc, Plan, QpFailure, SolveReport, StageTarget};
+use crate::pure_pursuit::PursuitView;
+use crate::reference::{Progress, Reference, Tracking};
+use crate::trajectory::{Motion, Trajectory};
+use nalgebra::Vector3;
+use sidehill_plant::frames::{PlanarPose, wrap_angle};
+use sidehill_plant::prediction::PredictionModel;
+use sidehill_plant::sample::Sample;
+use sidehill_plant::speeds::MotorSpeeds;
+use sidehill_plant::terrain::Terrain;
+use sidehill_plant::vehicle::{RangeError, Vehicle};
+use std::time::Instant;
+
+/// Why a controller cannot be made.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum ControllerError {
+    /// A setting is out of its range.
+    #[error("controller setting {0}")]
+    Range(#[from] RangeError),
+    /// The solver does not take the problem.
+    #[error("the MPC cannot be set up: {0}")]
+    Solver(#[from] QpFailure),
+}
+
+/// What a command is worth.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Status {
+    /// No attitude and pose yet: the vehicle is kept standing.
+    Waiting,
+    /// The law's own command.
+    Tracking,
+    /// This cycle has no solution; the command is the previous plan's.
+    Fallback {
+        /// Why there is none.
+        reason: QpFailure,
+        /// Cycles in a row, this one included.
+        cycles: u32,
+    },
+    /// The vehicle is being stopped, and stays so until the controller is re-armed.
+    Stopping(StopReason),
+    /// The reference has been followed to its end; the vehicle is being stopped there.
+    Finished,
+}
+
+/// Why the vehicle is stopped.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+pub enum StopReason {
+    /// The newest believed pose is too old.
+    #[error("the pose is {age_s:.2} s old ({gated} newer ones refused as outliers)")]
+    PoseStale {
+        /// Its age, s.
+        age_s: f64,
+        /// Newer poses that the gate refused.
+        gated: u32,
+    },
+    /// The newest attitude is too old.
+    #[error("the attitude is {age_s:.2} s old")]
+    AttitudeStale {
+        /// Its age, s.
+        age_s: f64,
+    },
+    /// The newest tread speeds are too old.
+    #[error("the tread speeds are {age_s:.2} s old")]
+    SpeedsStale {
+        /// Their age, s.
+        age_s: f64,
+    },
+    /// The vehicle is too far from the path.
+    #[error("the vehicle is {cross_track_m:.2} m off the path")]
+    OffPath {
+        /// Distance, m.
+        cross_track_m: f64,
+    },
+    /// The vehicle points too far from where the path goes.
+    #[error("the heading is {error_rad:.2} rad off the path's")]
+    HeadingOff {
+        /// Heading less reference, rad.
+        error_rad: f64,
+    },
+    /// Too many cycles in a row without a solution.
+    #[error("no solution for {cycles} cycles: {reason}")]
+    NoSolution {
+        /// Cycles in a row.
+        cycles: u32,
+        /// The last failure.
+        reason: QpFailure,
+    },
+    /// The clock did not move on, or jumped.
+    #[error("the cycle's time went from {before_s} s to {now_s} s")]
+    ClockJump {
+        /// Time of the cycle before, s.
+        before_s: f64,
+        /// Time of this cycle, s.
+        now_s: f64,
+    },
+    /// A person or another part of the program asked for it.
+    #[error("a stop was asked for")]
+    Requested,
+}
+
+/// What a cycle decides, and what it is based on.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Decision {
+    /// Instant of the cycle, s.
+    pub time_s: f64,
+    /// Speeds for the motors until the next cycle, within bounds and rates.
+    pub command: MotorSpeeds,
+    /// What the command is worth.
+    pub status: Status,
+    /// The state it is based on.
+    pub estimate: Option<Estimate>,
+    /// Where the vehicle stands against the reference.
+    pub progress: Option<Progress>,
+    /// The solver's account, where a QP was solved.
+    pub solve: Option<SolveReport>,
+    /// Readings left out because they were not finite.
+    pub refused: Refused,
+}
+
+/// What turns estimate and reference into a command.
+enum Law {
+    Mpc { mpc: Box<Mpc>, planned: bool },
+    PurePursuit,
+}
+
+/// What the cycle before left behind.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Phase {
+    Driving { fallback_cycles: u32 },
+    Stopped(StopReason),
+    Finished,
+}
+
+/// A command and the instant from which it was given.
+#[derive(Debug, Clone, Copy)]
+struct Issued {
+    time_s: f64,
+    command: MotorSpeeds,
+}
+
+/// Follows a reference; one [`Controller::step`] a control period.
+pub struct Controller {
+    config: ControllerConfig,
+    vehicle: Vehicle,
+    terrain: Option<Terrain>,
+    estimator: Estimator,
+    reference: Reference,
+    law: Law,
+    targets: Vec<StageTarget>,
+    phase: Phase,
+    /// Commands of the last second, the newest last: those in flight are among them.
+    issued: Vec<Issued>,
+    last_time_s: Option<f64>,
+}
+
+impl Controller {
+    /// Returns a controller that will follow `trajectory`, given in time or along its path.
+    ///
+    /// `vehicle` is the model it steers by, `terrain` a map for its preview, if it has one.
+    ///
+    /// # Errors
+    /// [`ControllerError`] for settings out of range.
+    pub fn new(
+        kind: ControllerKind,
+        config: ControllerConfig,
+        vehicle: &Vehicle,
+        trajectory: Trajectory,
+        tracking: Tracking,
+        laps: u32,
+        terrain: Option<Terrain>,
+    ) -> Result<Self, ControllerError> {
+        config.validate()?;
+        let vehicle = match kind {
+            ControllerKind::IcrikMpc => vehicle.clone(),
+            ControllerKind::IcrhkMpc | ControllerKind::PurePursuit => vehicle.on_level_ground(),
+            ControllerKind::DiffdriveMpc => vehicle.as_differential_drive(),
+        };
+        let law = if kind == ControllerKind::PurePursuit {
+            Law::PurePursuit
+        } else {
+            let model = PredictionModel::new(vehicle.clone(), config.smoothing_m_s);
+            Law::Mpc {
+                mpc: Box::new(Mpc::new(config.mpc(), model)?),
+                planned: false,
+            }
+        };
+        let commands = (1.0 / config.period_s).ceil() as usize + 2;
+        Ok(Self {
+            estimator: Estimator::new(config.estimator, vehicle.clone()),
+            reference: Reference::new(trajectory, tracking, laps),
+            targets: Vec::with_capacity(config.stages),
+            issued: Vec::with_capacity(commands + 1),
+            phase: Phase::Driving { fallback_cycles: 0 },
+            last_time_s: None,
+            law,
+            terrain,
+            vehicle,
+            config,
+        })
+    }
+
+    /// Returns the settings.
+    pub fn config(&self) -> &ControllerConfig {
+        &self.config
+    }
+
+    /// Returns the reference and how far it has been followed.
+    pub fn reference(&self) -> &Reference {
+        &self.reference
+    }
+
+    /// Returns the plan of the last cycle, where the law makes one.
+    pub fn plan(&self) -> Option<&Plan> {
+        match &self.law {
+            Law::Mpc { mpc, planned: true } => Some(mpc.plan()),
+            _ => None,
+        }
+    }
+
+    /// Stops the vehicle at its decelerations from the next cycle on.
+    pub fn request_stop(&mut self) {
+        if !matches!(self.phase, Phase::Stopped(_)) {
+            self.phase = Phase::Stopped(StopReason::Requested);
+        }
+    }
+
+    /// Lets a stopped controller drive again, with a plan made from nothing.
+    pub fn rearm(&mut self) {
+        self.phase = Phase::Driving { fallback_cycles: 0 };
+        self.last_time_s = None;
+        if let Law::Mpc { planned, .. } = &mut self.law {
+            *planned = false;
+        }
+    }
+
+    /// Decides on the command from this cycle's time until the next; `deadline` ends a solve.
+    ///
+    /// Total: every doubt ends in a controlled stop and a [`Status`] that says why.
+    pub fn step(&mut self, sample: &Sample, deadline: Option<Instant>) -> Decision {
+        let (estimate, refused) = self.estimator.update(sample);
+        let mut decision = Decision {
+            time_s: sample.time_s,
+            command: MotorSpeeds::STOP,
+            status: Status::Waiting,
+            estimate,
+            progress: None,
+            solve: None,
+            refused,
+        };
+        let elapsed_s = self.elapsed(sample.time_s);
+        if let Some(estimate) = &estimate {
+            let progress = self.reference.advance(elapsed_s, &estimate.pose);
+            decision.progress = Some(progress);
+            self.supervise(estimate, &progress);
+            self.follow(estimate, &progress, elapsed_s, deadline, &mut decision);
+        } else if let Phase::Stopped(reason) = self.phase {
+            decision.status = Status::Stopping(reason);
+        }
+        self.issue(&mut decision);
+        decision
+    }
+
+    /// Returns the time since the cycle before; a clock that stands, jumps or is no number stops.
+    fn elapsed(&mut self, now_s: f64) -> f64 {
+        let Some(before_s) = self.last_time_s else {
+            if now_s.is_finite() {
+                self.last_time_s = Some(now_s);
+            }
+            return 0.0;
+        };
+        let elapsed_s = now_s - before_s;
+        if elapsed_s > 0.0 && elapsed_s <= self.config.supervisor.pose_timeout_s {
+            self.last_time_s = Some(now_s);
+            return elapsed_s;
+        }
+        self.stop(StopReason::ClockJump { before_s, now_s });
+        if now_s.is_finite() {
+            self.last_time_s = Some(now_s);
+        }
+        0.0
+    }
+
+    fn stop(&mut self, reason: StopReason) {
+        if matches!(self.phase, Phase::Driving { .. }) {
+            self.phase = Phase::Stopped(reason);
+        }
+    }
+
+    /// Stops on stale readings, on leaving the path, and at its end.
+    fn supervise(&mut self, estimate: &Estimate, progress: &Progress) {
+        let limits = self.config.supervisor;
+        let heading_error = wrap_angle(estimate.pose.yaw_rad - progress.point.heading_rad);
+        // Written so that a NaN stops.
+        if !(estimate.pose_age_s <= limits.pose_timeout_s) {
+            self.stop(StopReason::PoseStale {
+                age_s: estimate.pose_age_s,
+                gated: estimate.poses_gated,
+            });
+        } else if !(estimate.attitude_age_s <= limits.attitude_timeout_s) {
+            self.stop(StopReason::AttitudeStale {
+                age_s: estimate.attitude_age_s,
+            });
+        } else if !(estimate.speeds_age_s <= limits.speeds_timeout_s) {
+            self.stop(StopReason::SpeedsStale {
+                age_s: estimate.speeds_age_s,
+            });
+        } else if !(progress.cross_track_m.abs() <= limits.cross_track_max_m) {
+            self.stop(StopReason::OffPath {
+                cross_track_m: progress.cross_track_m,
+            });
+        } else if !(heading_error.abs() <= limits.heading_error_max_rad) {
+            self.stop(StopReason::HeadingOff {
+                error_rad: heading_error,
+            });
+        }
+        if progress.ended && matches!(self.phase, Phase::Driving { .. }) {
+            let periodic = self.reference.end_s() > self.reference.trajectory().duration_s()
+                || self.reference.trajectory().ending() == crate::trajectory::Ending::Periodic;
+            let last = self.last_command();
+            let standing = last.traction_m_s.abs() < 0.01 && last.steer_m_s.abs() < 0.01;
+            let late = self.reference.time_s() > self.reference.end_s() + limits.settle_time_s;
+            if periodic || standing || late {
+                self.phase = Phase::Finished;
+            }
+        }
+    }
+
+    /// Fills in command and status as the phase has it.
+    fn follow(
+        &mut self,
+        estimate: &Estimate,
+        progress: &Progress,
+        elapsed_s: f64,
+        deadline: Option<Instant>,
+        decision: &mut Decision,
+    ) {
+        let Phase::Driving { fallback_cycles } = self.phase else {
+            return;
+        };
+        let previous = self.last_command();
+        let horizon_start = self.roll_forward(estimate);
+        match &mut self.law {
+            Law::PurePursuit => {
+                decision.status = Status::Tracking;
+                decision.command = self.config.pure_pursuit.command(
+                    &PursuitView {
+                        pose: &horizon_start,
+                        reference: &progress.point,
+                        path: self.reference.path(),
+                        arc_length_m: progress.arc_length_m,
+                        stop_at_m: self.reference.stop_at_m(),
+                    },
+                    &self.vehicle.icrs,
+                );
+            }
+            Law::Mpc { mpc, planned } => {
+                preview(
+                    &self.config,
+                    &self.vehicle,
+                    &self.reference,
+                    self.terrain.as_ref(),
+                    &estimate.normal_in_world,
+                    &mut self.targets,
+                );
+                let solved = if *planned {
+                    let end = self
+                        .targets
+                        .last()
+                        .map_or(estimate.normal_in_world, |t| t.normal_in_world);
+                    mpc.shift(elapsed_s, &end);
+                    mpc.solve(&horizon_start, previous, &self.targets, deadline)
+                } else {
+                    mpc.start(&horizon_start, previous, &self.targets)
+                };
+                *planned |= solved.is_ok();
+                match solved {
+                    Ok(report) => {
+                        decision.solve = Some(report);
+                        decision.status = Status::Tracking;
+                        decision.command = mpc.plan().inputs[0];
+                        self.phase = Phase::Driving { fallback_cycles: 0 };
+                    }
+                    Err(reason) => {
+                        let cycles = fallback_cycles + 1;
+                        if *planned && cycles <= self.config.supervisor.fallback_cycles {
+                            decision.status = Status::Fallback { reason, cycles };
+                            decision.command = mpc.plan().inputs[0];
+                            self.phase = Phase::Driving {
+                                fallback_cycles: cycles,
+                            };
+                        } else {
+                            self.stop(StopReason::NoSolution { cycles, reason });
+                        }
+                    }
+                }
+            }
+        }
+    }
+
+    /// Puts the command within limits, or leads it to zero, and remembers it.
+    fn issue(&mut self, decision: &mut Decision) {
+        let previous = self.last_command();
+        let (limits, period_s) = (&self.config.limits, self.config.period_s);
+        decision.command = match self.phase {
+            Phase::Driving { .. } => limits.project(decision.command, previous, period_s),
+            Phase::Stopped(reason) => {
+                decision.status = Status::Stopping(reason);
+                limits.stop_step(previous, period_s)
+            }
+            Phase::Finished => {
+                decision.status = Status::Finished;
+                limits.stop_step(previous, period_s)
+            }
+        };
+        if self.issued.len() + 1 > self.issued.capacity() {
+            self.issued.remove(0);
+        }
+        self.issued.push(Issued {
+            time_s: decision.time_s,
+            command: decision.command,
+        });
+    }
+
+    fn last_command(&self) -> MotorSpeeds {
+        self.issued
+            .last()
+            .map_or(MotorSpeeds::STOP, |issued| issued.command)
+    }
+
+    /// Returns where the vehicle will be when a command given now acts: the estimate moved on
+    /// through the commands in flight.
+    fn roll_forward(&self, estimate: &Estimate) -> PlanarPose {
+        let delay_s = self.config.delay_s();
+        let mut pose = estimate.pose;
+        let Law::Mpc { mpc, .. } = &self.law else {
+            return pose;
+        };
+        let begin_s = estimate.time_s - delay_s;
+        for (i, issued) in self.issued.iter().enumerate() {
+            let until_s = self
+                .issued
+                .get(i + 1)
+                .map_or(estimate.time_s, |next| next.time_s);
+            let time_s = until_s - issued.time_s.max(begin_s);
+            if time_s > 0.0 {
+                let step = mpc.model().step_on_plane(
+                    &estimate.normal_in_world,
+                    pose.yaw_rad,
+                    issued.command,
+                    time_s,
+                );
+                pose.x_m += step.increment.x;
+                pose.y_m += step.increment.y;
+                pose.yaw_rad += step.increment.z;
+            }
+        }
+        pose
+    }
+}
+
+/// Fills `targets` with the reference over the horizon, which begins when a command given now acts.
+fn preview(
+    config: &ControllerConfig,
+    vehicle: &Vehicle,
+    reference: &Reference,
+    terrain: Option<&Terrain>,
+    measured_normal: &Vector3<f64>,
+    targets: &mut Vec<StageTarget>,
+) {
+    let half_track_m = 0.5 * (vehicle.icrs.right_m - vehicle.icrs.left_m);
+    let map = terrain.filter(|_| config.attitude_preview == AttitudePreview::Terrain);
+    targets.clear();
+    for k in 1..=config.stages {
+        let point = reference.ahead(config.delay_s() + config.step_s * k as f64);
+        // Beyond the map's edge the plane the vehicle stands on is the best guess there is.
+        let normal_in_world = map
+            .and_then(|map| map.surface(point.position.x_m, point.position.y_m).ok())
+            .map_or(*measured_normal, |surface| surface.normal_in_world);
+        targets.push(StageTarget {
+            pose: PlanarPose {
+                x_m: point.position.x_m,
+                y_m: point.position.y_m,
+                yaw_rad: point.heading_rad,
+            },
+            along_heading_rad: point.heading_rad,
+            normal_in_world,
+            feedforward: MotorSpeeds {
+                traction_m_s: point.speed_m_s,
+                steer_m_s: half_track_m * point.yaw_rate_rad_s,
+            },
+            weights: config.stage_weights(point.motion == Motion::Pivot),
+        });
+    }
+}

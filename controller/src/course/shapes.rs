@@ -1,0 +1,376 @@
+use crate::path::{ArcLength, CurvePoint, Direction, Path, PathError, Point2};
+use crate::speed_profile::{SpeedLimits, speed_profile};
+use crate::trajectory::{Ending, Motion, NODE_STEP_S, Node, Trajectory};
+use serde::{Deserialize, Serialize};
+use sidehill_plant::vehicle::RangeError;
+use std::f64::consts::TAU;
+
+/// Which way a curve turns.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Turn {
+    /// Counter-clockwise.
+    #[default]
+    Left,
+    /// Clockwise.
+    Right,
+}
+
+impl Turn {
+    fn sign(self) -> f64 {
+        match self {
+            Self::Left => 1.0,
+            Self::Right => -1.0,
+        }
+    }
+}
+
+/// A circle from the origin, first along +Y_g, at constant speed.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Circle {
+    /// Radius, m.
+    pub radius_m: f64,
+    /// Speed, m/s.
+    pub speed_m_s: f64,
+    /// Turns until the end; whole turns go on periodically, others end with a stop.
+    pub turns: f64,
+    /// Left or right.
+    pub turn: Turn,
+}
+
+impl Default for Circle {
+    fn default() -> Self {
+        Self {
+            radius_m: 4.0,
+            speed_m_s: 0.4,
+            turns: 1.0,
+            turn: Turn::Left,
+        }
+    }
+}
+
+impl Circle {
+    pub(super) fn check(&self) -> Result<(), RangeError> {
+        length("radius_m", self.radius_m)?;
+        speed(self.speed_m_s)?;
+        RangeError::check("turns", self.turns, 0.01, 1e3, "from 0.01 to 1000")?;
+        Ok(())
+    }
+
+    pub(super) fn trajectory(&self) -> Result<Trajectory, PathError> {
+        let whole = self.turns.fract() == 0.0;
+        let arc = Arc {
+            start: Point2::default(),
+            heading_rad: 0.0,
+            radius_m: self.radius_m,
+            turn: self.turn,
+            direction: Direction::Forward,
+        };
+        let path = Path::from_pieces(
+            [arc.piece(if whole { TAU } else { self.turns * TAU })],
+            whole,
+        )?;
+        let duration_s = self.turns * TAU * self.radius_m / self.speed_m_s;
+        let intervals = (duration_s / NODE_STEP_S).ceil().max(1.0) as usize;
+        let step_s = duration_s / intervals as f64;
+        let yaw_rate_rad_s = self.turn.sign() * self.speed_m_s / self.radius_m;
+        let nodes = (0..=intervals)
+            .map(|i| {
+                let angle_rad = (i as f64 * step_s) * self.speed_m_s / self.radius_m;
+                Node {
+                    arc_length_m: angle_rad * self.radius_m,
+                    position: arc.at(angle_rad).position,
+                    heading_rad: self.turn.sign() * angle_rad,
+                    speed_m_s: self.speed_m_s,
+                    yaw_rate_rad_s,
+                    motion: Motion::Drive,
+                }
+            })
+            .collect();
+        let ending = if whole {
+            Ending::Periodic
+        } else {
+            Ending::Stop
+        };
+        Trajectory::from_nodes(nodes, step_s, Some(path), ending)
+    }
+}
+
+/// A straight line from the origin.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Straight {
+    /// Length, m.
+    pub length_m: f64,
+    /// Speed, m/s.
+    pub speed_m_s: f64,
+    /// Heading, deg, counter-clockwise from Y_g.
+    pub heading_deg: f64,
+}
+
+impl Default for Straight {
+    fn default() -> Self {
+        Self {
+            length_m: 20.0,
+            speed_m_s: 0.5,
+            heading_deg: 0.0,
+        }
+    }
+}
+
+impl Straight {
+    pub(super) fn check(&self) -> Result<(), RangeError> {
+        length("length_m", self.length_m)?;
+        speed(self.speed_m_s)?;
+        let heading = self.heading_deg;
+        RangeError::check(
+            "heading_deg",
+            heading,
+            -360.0,
+            360.0,
+            "from -360 to 360 deg",
+        )?;
+        Ok(())
+    }
+
+    pub(super) fn trajectory(&self, limits: &SpeedLimits) -> Result<Trajectory, PathError> {
+        let (sin, cos) = self.heading_deg.to_radians().sin_cos();
+        let line = move |along_m: f64| CurvePoint {
+            position: Point2 {
+                x_m: -sin * along_m,
+                y_m: cos * along_m,
+            },
+            tangent: [-sin, cos],
+            second: [0.0, 0.0],
+        };
+        profiled([piece(line, self.length_m)], self.speed_m_s, limits)
+    }
+}
+
+/// A sine about the Y_g axis: X_g = amplitude * sin(2 pi Y_g/wavelength).
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Slalom {
+    /// Extent along Y_g, m.
+    pub length_m: f64,
+    /// Amplitude, m.
+    pub amplitude_m: f64,
+    /// Wavelength, m.
+    pub wavelength_m: f64,
+    /// Speed, m/s.
+    pub speed_m_s: f64,
+}
+
+impl Default for Slalom {
+    fn default() -> Self {
+        Self {
+            length_m: 24.0,
+            amplitude_m: 1.0,
+            wavelength_m: 8.0,
+            speed_m_s: 0.5,
+        }
+    }
+}
+
+impl Slalom {
+    pub(super) fn check(&self) -> Result<(), RangeError> {
+        length("length_m", self.length_m)?;
+        RangeError::check(
+            "amplitude_m",
+            self.amplitude_m,
+            0.0,
+            100.0,
+            "from 0 to 100 m",
+        )?;
+        length("wavelength_m", self.wavelength_m)?;
+        speed(self.speed_m_s)
+    }
+
+    pub(super) fn trajectory(&self, limits: &SpeedLimits) -> Result<Trajectory, PathError> {
+        let (a, w) = (self.amplitude_m, TAU / self.wavelength_m);
+        let sine = move |y_m: f64| {
+            let (sin, cos) = (w * y_m).sin_cos();
+            CurvePoint {
+                position: Point2 { x_m: a * sin, y_m },
+                tangent: [a * w * cos, 1.0],
+                second: [-a * w * w * sin, 0.0],
+            }
+        };
+        profiled([piece(sine, self.length_m)], self.speed_m_s, limits)
+    }
+}
+
+/// A turn on the spot, at the origin, from heading 0.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Pivot {
+    /// Angle, deg, counter-clockwise positive.
+    pub angle_deg: f64,
+    /// Magnitude of the yaw rate, rad/s.
+    pub yaw_rate_rad_s: f64,
+}
+
+impl Default for Pivot {
+    fn default() -> Self {
+        Self {
+            angle_deg: 360.0,
+            yaw_rate_rad_s: 0.3,
+        }
+    }
+}
+
+impl Pivot {
+    pub(super) fn check(&self) -> Result<(), RangeError> {
+        let magnitude = self.angle_deg.abs();
+        let range = "from 1 to 36000 deg either way";
+        RangeError::check("angle_deg", magnitude, 1.0, 36e3, range).map_err(|error| {
+            RangeError {
+                value: self.angle_deg,
+                ..error
+            }
+        })?;
+        let range = "from 0.001 to 10 rad/s";
+        RangeError::check("yaw_rate_rad_s", self.yaw_rate_rad_s, 1e-3, 10.0, range)?;
+        Ok(())
+    }
+
+    pub(super) fn trajectory(&self) -> Result<Trajectory, PathError> {
+        let angle_rad = self.angle_deg.to_radians();
+        let duration_s = angle_rad.abs() / self.yaw_rate_rad_s;
+        let intervals = (duration_s / NODE_STEP_S).ceil().max(1.0) as usize;
+        let nodes = (0..=intervals)
+            .map(|i| Node {
+                arc_length_m: 0.0,
+                position: Point2::default(),
+                heading_rad: angle_rad * i as f64 / intervals as f64,
+                speed_m_s: 0.0,
+                yaw_rate_rad_s: angle_rad / duration_s,
+                motion: Motion::Pivot,
+            })
+            .collect();
+        Trajectory::from_nodes(nodes, duration_s / intervals as f64, None, Ending::Stop)
+    }
+}
+
+/// An arc forward from the origin, first along +Y_g, and an arc in reverse on which the heading
+/// turns on the same way: the first two moves of a three-point turn.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Cusp {
+    /// Radius of both arcs, m.
+    pub radius_m: f64,
+    /// Turn of the heading on each arc, deg.
+    pub angle_deg: f64,
+    /// Left or right.
+    pub turn: Turn,
+    /// Speed, m/s.
+    pub speed_m_s: f64,
+}
+
+impl Default for Cusp {
+    fn default() -> Self {
+        Self {
+            radius_m: 4.0,
+            angle_deg: 60.0,
+            turn: Turn::Left,
+            speed_m_s: 0.4,
+        }
+    }
+}
+
+impl Cusp {
+    pub(super) fn check(&self) -> Result<(), RangeError> {
+        length("radius_m", self.radius_m)?;
+        let angle = self.angle_deg;
+        RangeError::check("angle_deg", angle, 1.0, 360.0, "from 1 to 360 deg")?;
+        speed(self.speed_m_s)
+    }
+
+    pub(super) fn trajectory(&self, limits: &SpeedLimits) -> Result<Trajectory, PathError> {
+        let angle_rad = self.angle_deg.to_radians();
+        let forward = Arc {
+            start: Point2::default(),
+            heading_rad: 0.0,
+            radius_m: self.radius_m,
+            turn: self.turn,
+            direction: Direction::Forward,
+        };
+        let reverse = Arc {
+            start: forward.at(angle_rad).position,
+            heading_rad: self.turn.sign() * angle_rad,
+            direction: Direction::Reverse,
+            ..forward
+        };
+        profiled(
+            [forward.piece(angle_rad), reverse.piece(angle_rad)],
+            self.speed_m_s,
+            limits,
+        )
+    }
+}
+
+/// A circular arc on which the heading turns one way.
+#[derive(Debug, Clone, Copy)]
+struct Arc {
+    start: Point2,
+    /// Heading of the vehicle at the start.
+    heading_rad: f64,
+    radius_m: f64,
+    turn: Turn,
+    direction: Direction,
+}
+
+impl Arc {
+    /// Returns the arc after the heading has turned by `angle_rad`, with derivatives by the angle.
+    fn at(&self, angle_rad: f64) -> CurvePoint {
+        let (sign, travel) = (self.turn.sign(), self.direction.sign());
+        let (sin_0, cos_0) = self.heading_rad.sin_cos();
+        let (sin, cos) = (self.heading_rad + sign * angle_rad).sin_cos();
+        // d position/d angle = radius * travel * (-sin psi, cos psi)
+        let r = self.radius_m * travel;
+        CurvePoint {
+            position: Point2 {
+                x_m: self.start.x_m + r * sign * (cos - cos_0),
+                y_m: self.start.y_m + r * sign * (sin - sin_0),
+            },
+            tangent: [-r * sin, r * cos],
+            second: [-r * sign * cos, -r * sign * sin],
+        }
+    }
+
+    fn piece(self, angle_rad: f64) -> PathPiece {
+        let table = ArcLength::new(move |angle| self.at(angle), angle_rad, 64);
+        (
+            self.direction,
+            table.length_m(),
+            table.samples(self.direction),
+        )
+    }
+}
+
+type PathPiece = (Direction, f64, Vec<crate::path::Sample>);
+
+fn piece(curve: impl Fn(f64) -> CurvePoint, end: f64) -> PathPiece {
+    let intervals = (end / 0.05).ceil().max(64.0) as usize;
+    let table = ArcLength::new(curve, end, intervals);
+    let samples = table.samples(Direction::Forward);
+    (Direction::Forward, table.length_m(), samples)
+}
+
+fn profiled<const N: usize>(
+    pieces: [PathPiece; N],
+    speed_m_s: f64,
+    limits: &SpeedLimits,
+) -> Result<Trajectory, PathError> {
+    let path = Path::from_pieces(pieces, false)?;
+    speed_profile(&path, limits, |_| speed_m_s)
+}
+
+fn length(key: &'static str, value: f64) -> Result<(), RangeError> {
+    RangeError::check(key, value, 0.1, 1e4, "from 0.1 to 10000 m").map(|_| ())
+}
+
+fn speed(value: f64) -> Result<(), RangeError> {
+    RangeError::check("speed_m_s", value, 0.01, 20.0, "from 0.01 to 20 m/s").map(|_| ())
+}

@@ -1,0 +1,524 @@
+//! The horizon's linearised dynamics and costs as a QP, condensed in blocks of a few stages.
+//!
+//! Direct multiple shooting about a plan (x_k, u_k), k = 0..N, with deviations xi and du:
+//!
+//! ```text
+//! xi_{k+1} = A_k xi_k + B_k du_k + c_k,   c_k = F(x_k, u_k) - x_{k+1},   xi_0 = 0
+//! cost = sum_k  w_along a_k^2 + w_cross n_k^2 + w_heading h_k^2  +  sum_k  r |u_k - u_{k-1}|^2
+//! ```
+//!
+//! with a, n, h the errors along and across the reference and in heading at the end of stage k.
+//! Inside a block the deviations are eliminated (they are linear in the block's first one and its
+//! inputs); between blocks they stay variables tied by equalities. That keeps the Hessian's blocks
+//! small and dense, where an interior-point method spends the least time on 20 to 50 stages.
+
+use super::limits::{Change, InputLimits};
+use super::qp::{QpData, pattern};
+use nalgebra::Vector3;
+use sidehill_plant::prediction::LinearisedStep;
+use sidehill_plant::speeds::MotorSpeeds;
+
+/// What one stage contributes: its linearised dynamics and the cost at its end.
+#[derive(Debug, Clone, Copy)]
+pub struct Stage {
+    /// Increment and sensitivities of the stage's step about the plan.
+    pub step: LinearisedStep,
+    /// c_k: where the step ends, less the plan's next state.
+    pub defect: Vector3<f64>,
+    /// Plan's next state less the reference there: x and y in m, heading in rad.
+    pub error: Vector3<f64>,
+    /// Unit vector along the reference, (x, y).
+    pub along: (f64, f64),
+    /// Weights at the end of this stage.
+    pub weights: StageWeights,
+    /// Planned input of the stage.
+    pub input: MotorSpeeds,
+    /// Weight r of a change of traction and steer from the stage before.
+    pub rate_weights: MotorSpeeds,
+    /// How far traction may change from the stage before.
+    pub traction_change: Change,
+    /// How far steer may change from the stage before.
+    pub steer_change: Change,
+}
+
+/// Weights of the errors at the end of a stage.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct StageWeights {
+    /// Of the position error along the reference, 1/m^2.
+    pub along_per_m2: f64,
+    /// Of the position error across it, 1/m^2.
+    pub cross_per_m2: f64,
+    /// Of the heading error, 1/rad^2.
+    pub heading_per_rad2: f64,
+}
+
+/// A soft bound on the cross-track error.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Corridor {
+    /// Half width, m.
+    pub half_width_m: f64,
+    /// Weight of leaving it, 1/m^2.
+    pub weight_per_m2: f64,
+}
+
+/// Where the parts of a block stand among the variables.
+#[derive(Debug, Clone)]
+struct Block {
+    first_stage: usize,
+    stages: usize,
+    /// First of all the block's variables: its state's deviation, then its inputs, then its slack.
+    first: usize,
+    /// 3, or 0 in the first block, whose state is known.
+    states: usize,
+    /// Where its upper triangle stands among P's values, by entry (row, column) packed by columns.
+    hessian: Vec<usize>,
+    /// Where the change cost ties its first inputs to the last of the block before (traction, steer).
+    tie: Option<(usize, usize)>,
+    /// Where the rows of the next block's state stand among A's values: 3 rows by `width` entries.
+    continuity: Vec<usize>,
+    /// Where the corridor's rows stand: for each stage, both sides, its entries.
+    corridor: Vec<usize>,
+    /// First corridor row.
+    corridor_row: usize,
+}
+
+impl Block {
+    fn input(&self, stage_in_block: usize) -> usize {
+        self.states + 2 * stage_in_block
+    }
+
+    /// Variables without the slack.
+    fn width(&self) -> usize {
+        self.states + 2 * self.stages
+    }
+}
+
+/// Builds the QP of a horizon and reads its solution back.
+pub struct Condenser {
+    blocks: Vec<Block>,
+    stages: usize,
+    limits: InputLimits,
+    corridor: Option<Corridor>,
+    tread_rows: bool,
+    first_inequality: usize,
+    cost_scale: f64,
+    /// Rows of d(x, y, yaw)/d(block's variables), then the constant, reused by every block.
+    jacobian: [Vec<f64>; 3],
+    along: Vec<f64>,
+    cross: Vec<f64>,
+    hessian: Vec<f64>,
+}
+
+/// Rows an input stage has: bounds and changes of both motors, each from both sides.
+const ROWS_PER_STAGE: usize = 8;
+
+impl Condenser {
+    /// Returns the condenser of a horizon of `stages` in blocks of `block_stages`, with the QP data
+    /// whose values it writes.
+    pub fn new(
+        stages: usize,
+        block_stages: usize,
+        limits: InputLimits,
+        corridor: Option<Corridor>,
+        cost_scale: f64,
+    ) -> (Self, QpData) {
+        let slack = usize::from(corridor.is_some());
+        let mut blocks = Vec::new();
+        let (mut first_stage, mut first) = (0, 0);
+        while first_stage < stages {
+            let length = block_stages.min(stages - first_stage);
+            let states = if first_stage == 0 { 0 } else { 3 };
+            blocks.push(Block {
+                first_stage,
+                stages: length,
+                first,
+                states,
+                hessian: Vec::new(),
+                tie: None,
+                continuity: Vec::new(),
+                corridor: Vec::new(),
+                corridor_row: 0,
+            });
+            first += states + 2 * length + slack;
+            first_stage += length;
+        }
+        let variables = first;
+        let equalities = 3 * (blocks.len() - 1);
+        let tread_rows = !limits.treads_follow_from_motors();
+
+        // P: each block's dense upper triangle, and the change cost's ties between blocks.
+        let mut p_entries = Vec::new();
+        let mut p_places: Vec<(usize, usize)> = Vec::new();
+        for (i, block) in blocks.iter().enumerate() {
+            let start = p_entries.len();
+            let width = block.width() + slack;
+            for column in 0..width {
+                for row in 0..=column {
+                    p_entries.push((block.first + row, block.first + column));
+                }
+            }
+            if i > 0 {
+                let before = &blocks[i - 1];
+                let last = before.first + before.input(before.stages - 1);
+                let own = block.first + block.input(0);
+                p_entries.push((last, own));
+                p_entries.push((last + 1, own + 1));
+            }
+            p_places.push((start, width * (width + 1) / 2));
+        }
+        let (p, p_positions) = pattern(variables, variables, &p_entries);
+        for (i, (start, count)) in p_places.into_iter().enumerate() {
+            blocks[i].hessian = p_positions[start..start + count].to_vec();
+            blocks[i].tie =
+                (i > 0).then(|| (p_positions[start + count], p_positions[start + count + 1]));
+        }
+
+        // A: continuity of the states, then the stages' inequalities.
+        let mut a_entries = Vec::new();
+        let mut a_values = Vec::new();
+        let mut continuity_starts = Vec::new();
+        for (i, block) in blocks.iter().enumerate().take(blocks.len() - 1) {
+            continuity_starts.push(a_entries.len());
+            for row in 0..3 {
+                for column in 0..block.width() {
+                    a_entries.push((3 * i + row, block.first + column));
+                    a_values.push(0.0);
+                }
+            }
+            for row in 0..3 {
+                a_entries.push((3 * i + row, blocks[i + 1].first + row));
+                a_values.push(1.0);
+            }
+        }
+        let mut row = equalities;
+        let mut before: Option<usize> = None;
+        for block in &blocks {
+            for stage in 0..block.stages {
+                let own = block.first + block.input(stage);
+                for motor in 0..2 {
+                    let (limit, change) = if motor == 0 {
+                        (
+                            limits.traction.speed_m_s,
+                            change_scale(limits.traction.acceleration_m_s2),
+                        )
+                    } else {
+                        (
+                            limits.steer.speed_m_s,
+                            change_scale(limits.steer.acceleration_m_s2),
+                        )
+                    };
+                    for sign in [1.0, -1.0] {
+                        a_entries.push((row, own + motor));
+                        a_values.push(sign / limit);
+                        row += 1;
+                        a_entries.push((row, own + motor));
+                        a_values.push(sign * change);
+                        if let Some(before) = before {
+                            a_entries.push((row, before + motor));
+                            a_values.push(-sign * change);
+                        }
+                        row += 1;
+                    }
+                }
+                if tread_rows {
+                    // +-(tau - sigma) and +-(tau + sigma)
+                    for (sign, side) in [(1.0, -1.0), (-1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)] {
+                        a_entries.push((row, own));
+                        a_values.push(sign / limits.tread_speed_m_s);
+                        a_entries.push((row, own + 1));
+                        a_values.push(sign * side / limits.tread_speed_m_s);
+                        row += 1;
+                    }
+                }
+                before = Some(own);
+            }
+        }
+        let mut corridor_starts = Vec::new();
+        if corridor.is_some() {
+            for block in &mut blocks {
+                block.corridor_row = row;
+                corridor_starts.push(a_entries.len());
+                let slack_variable = block.first + block.width();
+                for stage in 0..block.stages {
+                    for _side in 0..2 {
+                        for column in 0..block.input(stage + 1) {
+                            a_entries.push((row, block.first + column));
+                            a_values.push(0.0);
+                        }
+                        a_entries.push((row, slack_variable));
+                        a_values.push(-1.0);
+                        row += 1;
+                    }
+                }
+                a_entries.push((row, slack_variable));
+                a_values.push(-1.0);
+                row += 1;
+            }
+        }
+        let rows = row;
+        let (mut a, a_positions) = pattern(rows, variables, &a_entries);
+        for (position, value) in a_positions.iter().zip(&a_values) {
+            a.nzval[*position] = *value;
+        }
+        for (i, start) in continuity_starts.into_iter().enumerate() {
+            let count = 3 * blocks[i].width();
+            blocks[i].continuity = a_positions[start..start + count].to_vec();
+        }
+        for (i, start) in corridor_starts.into_iter().enumerate() {
+            let block = &blocks[i];
+            let count: usize = (0..block.stages)
+                .map(|stage| 2 * (block.input(stage + 1) + 1))
+                .sum();
+            blocks[i].corridor = a_positions[start..start + count].to_vec();
+        }
+        let widest = blocks.iter().map(Block::width).max().unwrap_or(0);
+        let condenser = Self {
+            blocks,
+            stages,
+            limits,
+            corridor,
+            tread_rows,
+            first_inequality: equalities,
+            cost_scale,
+            jacobian: std::array::from_fn(|_| vec![0.0; widest + 1]),
+            along: vec![0.0; widest + 1],
+            cross: vec![0.0; widest + 1],
+            hessian: vec![0.0; (widest + 1) * (widest + 1)],
+        };
+        let data = QpData {
+            p,
+            q: vec![0.0; variables],
+            a,
+            b: vec![0.0; rows],
+            equalities,
+        };
+        (condenser, data)
+    }
+
+    /// Writes the QP of `stages` about the plan, which begins in the present state; `previous` is the
+    /// input in force.
+    ///
+    /// `stages` must have the horizon's length; no memory is allocated.
+    pub fn assemble(&mut self, stages: &[Stage], previous: MotorSpeeds, data: &mut QpData) {
+        debug_assert_eq!(stages.len(), self.stages);
+        data.q.fill(0.0);
+        for i in 0..self.blocks.len() {
+            self.condense_block(i, stages, data);
+        }
+        self.change_cost(stages, previous, data);
+        self.bounds(stages, previous, data);
+    }
+
+    /// Writes one block's Hessian, gradient, continuity and corridor.
+    fn condense_block(&mut self, index: usize, stages: &[Stage], data: &mut QpData) {
+        let block = &self.blocks[index];
+        let width = block.width();
+        let [x, y, yaw] = &mut self.jacobian;
+        for row in [&mut *x, &mut *y, &mut *yaw] {
+            row.fill(0.0);
+        }
+        // Entry `width` of each row is the constant of the affine map.
+        if block.states == 3 {
+            (x[0], y[1], yaw[2]) = (1.0, 1.0, 1.0);
+        }
+        self.hessian.fill(0.0);
+        let stride = width + 1;
+        let mut corridor_entry = 0;
+        for stage_in_block in 0..block.stages {
+            let stage = &stages[block.first_stage + stage_in_block];
+            let used = block.input(stage_in_block);
+            let step = &stage.step;
+            for column in (0..used).chain(width..=width) {
+                let turned = yaw[column];
+                x[column] += step.by_yaw.x * turned;
+                y[column] += step.by_yaw.y * turned;
+                yaw[column] += step.by_yaw.z * turned;
+            }
+            for (offset, by_input) in [(0, &step.by_traction), (1, &step.by_steer)] {
+                x[used + offset] = by_input.x;
+                y[used + offset] = by_input.y;
+                yaw[used + offset] = by_input.z;
+            }
+            x[width] += stage.defect.x;
+            y[width] += stage.defect.y;
+            yaw[width] += stage.defect.z;
+            let used = used + 2;
+
+            let (along_x, along_y) = stage.along;
+            for column in (0..used).chain(width..=width) {
+                self.along[column] = along_x * x[column] + along_y * y[column];
+                self.cross[column] = along_x * y[column] - along_y * x[column];
+            }
+            let error_along = self.along[width] + along_x * stage.error.x + along_y * stage.error.y;
+            let error_cross = self.cross[width] + along_x * stage.error.y - along_y * stage.error.x;
+            let error_heading = yaw[width] + stage.error.z;
+            let scale = self.cost_scale;
+            let w = &stage.weights;
+            let (w_a, w_c, w_h) = (
+                scale * w.along_per_m2,
+                scale * w.cross_per_m2,
+                scale * w.heading_per_rad2,
+            );
+            for column in 0..used {
+                let (a, c, h) = (
+                    w_a * self.along[column],
+                    w_c * self.cross[column],
+                    w_h * yaw[column],
+                );
+                data.q[block.first + column] +=
+                    a * error_along + c * error_cross + h * error_heading;
+                let packed = &mut self.hessian[column * stride..column * stride + column + 1];
+                for (row, entry) in packed.iter_mut().enumerate() {
+                    *entry += a * self.along[row] + c * self.cross[row] + h * yaw[row];
+                }
+            }
+            if let Some(corridor) = self.corridor {
+                let row = block.corridor_row + 2 * stage_in_block;
+                for (side, sign) in [1.0, -1.0].into_iter().enumerate() {
+                    for column in 0..used {
+                        data.a.nzval[block.corridor[corridor_entry + column]] =
+                            sign * self.cross[column];
+                    }
+                    corridor_entry += used + 1;
+                    data.b[row + side] = corridor.half_width_m - sign * error_cross;
+                }
+            }
+        }
+        let mut entry = 0;
+        for column in 0..width {
+            for row in 0..=column {
+                data.p.nzval[block.hessian[entry]] = self.hessian[column * stride + row];
+                entry += 1;
+            }
+        }
+        if let Some(corridor) = self.corridor {
+            for _ in 0..width {
+                data.p.nzval[block.hessian[entry]] = 0.0;
+                entry += 1;
+            }
+            data.p.nzval[block.hessian[entry]] = self.cost_scale * corridor.weight_per_m2;
+            data.b[block.corridor_row + 2 * block.stages] = 0.0;
+        }
+        if !block.continuity.is_empty() {
+            for (row, values) in [&*x, &*y, &*yaw].into_iter().enumerate() {
+                for (column, value) in values.iter().enumerate().take(width) {
+                    data.a.nzval[block.continuity[row * width + column]] = -value;
+                }
+                data.b[3 * index + row] = values[width];
+            }
+        }
+    }
+
+    /// Adds r |u_k - u_{k-1}|^2 for each stage.
+    fn change_cost(&self, stages: &[Stage], previous: MotorSpeeds, data: &mut QpData) {
+        let slack = usize::from(self.corridor.is_some());
+        let mut before: Option<(usize, usize)> = None;
+        let mut before_input = previous;
+        for (i, block) in self.blocks.iter().enumerate() {
+            for stage_in_block in 0..block.stages {
+                let stage = &stages[block.first_stage + stage_in_block];
+                let own = block.input(stage_in_block);
+                let weights = [
+                    self.cost_scale * stage.rate_weights.traction_m_s,
+                    self.cost_scale * stage.rate_weights.steer_m_s,
+                ];
+                let offsets = [
+                    stage.input.traction_m_s - before_input.traction_m_s,
+                    stage.input.steer_m_s - before_input.steer_m_s,
+                ];
+                for motor in 0..2 {
+                    let (w, offset) = (weights[motor], offsets[motor]);
+                    let column = own + motor;
+                    data.p.nzval[block.hessian[packed(column, column)]] += w;
+                    data.q[block.first + column] += w * offset;
+                    let Some((before_block, before_input)) = before else {
+                        continue;
+                    };
+                    let holder = &self.blocks[before_block];
+                    let row = before_input + motor;
+                    data.p.nzval[holder.hessian[packed(row, row)]] += w;
+                    data.q[holder.first + row] -= w * offset;
+                    match (before_block == i, block.tie) {
+                        (true, _) => data.p.nzval[block.hessian[packed(row, column)]] -= w,
+                        (false, Some((traction, steer))) => {
+                            data.p.nzval[if motor == 0 { traction } else { steer }] = -w;
+                        }
+                        (false, None) => {}
+                    }
+                }
+                before = Some((i, own));
+                before_input = stage.input;
+            }
+        }
+        debug_assert!(self.blocks.iter().all(|b| {
+            let width = b.width() + slack;
+            b.hessian.len() == width * (width + 1) / 2
+        }));
+    }
+
+    /// Writes the right-hand sides of bounds, changes and treads.
+    fn bounds(&self, stages: &[Stage], previous: MotorSpeeds, data: &mut QpData) {
+        let (traction, steer) = (&self.limits.traction, &self.limits.steer);
+        let scales = [
+            (traction.speed_m_s, change_scale(traction.acceleration_m_s2)),
+            (steer.speed_m_s, change_scale(steer.acceleration_m_s2)),
+        ];
+        let mut before = previous;
+        let mut row = self.first_inequality;
+        for stage in stages {
+            let own = [stage.input.traction_m_s, stage.input.steer_m_s];
+            let last = [before.traction_m_s, before.steer_m_s];
+            let changes = [stage.traction_change, stage.steer_change];
+            for motor in 0..2 {
+                let (limit, change_scale) = scales[motor];
+                let change = own[motor] - last[motor];
+                data.b[row] = (limit - own[motor]) / limit;
+                data.b[row + 1] = (changes[motor].rise - change) * change_scale;
+                data.b[row + 2] = (limit + own[motor]) / limit;
+                data.b[row + 3] = (changes[motor].fall + change) * change_scale;
+                row += 4;
+            }
+            if self.tread_rows {
+                let limit = self.limits.tread_speed_m_s;
+                let (left, right) = (own[0] - own[1], own[0] + own[1]);
+                for (offset, speed) in [left, -left, right, -right].into_iter().enumerate() {
+                    data.b[row + offset] = (limit - speed) / limit;
+                }
+                row += 4;
+            }
+            before = stage.input;
+        }
+        debug_assert!(
+            row - self.first_inequality
+                == stages.len() * (ROWS_PER_STAGE + if self.tread_rows { 4 } else { 0 })
+        );
+    }
+
+    /// Returns the planned inputs' corrections of a primal point, stage by stage.
+    pub fn input_corrections<'a>(
+        &'a self,
+        primal: &'a [f64],
+    ) -> impl Iterator<Item = MotorSpeeds> + 'a {
+        self.blocks.iter().flat_map(move |block| {
+            (0..block.stages).map(move |stage| {
+                let own = block.first + block.input(stage);
+                MotorSpeeds {
+                    traction_m_s: primal[own],
+                    steer_m_s: primal[own + 1],
+                }
+            })
+        })
+    }
+}
+
+/// Returns the position of (row, column) in an upper triangle packed by columns.
+fn packed(row: usize, column: usize) -> usize {
+    column * (column + 1) / 2 + row
+}
+
+/// Returns the factor that brings a change of speed to the size of 1.
+fn change_scale(acceleration_m_s2: f64) -> f64 {
+    /// A typical stage, s.
+    const STAGE_S: f64 = 0.15;
+    1.0 / (acceleration_m_s2 * STAGE_S)
+}

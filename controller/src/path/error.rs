@@ -1,0 +1,69 @@
+use super::Point2;
+use sidehill_plant::vehicle::RangeError;
+
+/// Why there is no path or no trajectory along it.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum PathError {
+    /// There are no points.
+    #[error("the path has no points")]
+    Empty,
+    /// One point alone is no path.
+    #[error("the path has a single point")]
+    SinglePoint,
+    /// All points are in the same place.
+    #[error("the path has no length: all its points are in the same place")]
+    ZeroLength,
+    /// The points are so far apart that one of them must be wrong.
+    #[error("the path is {length_m:.0} m long, at most {limit_m:.0} m are allowed")]
+    TooLong {
+        /// Length of the polyline, m.
+        length_m: f64,
+        /// Largest length allowed, m.
+        limit_m: f64,
+    },
+    /// A coordinate is NaN or infinite.
+    #[error("point {index} of the path is not finite: x = {x_m} m, y = {y_m} m", x_m = position.x_m, y_m = position.y_m)]
+    NotFinite {
+        /// Index of the point, from 0.
+        index: usize,
+        /// The point.
+        position: Point2,
+    },
+    /// No curve within the allowed deviation meets the curvature bound.
+    #[error(
+        "the path is too sharp at point {index} (x = {x_m:.3} m, y = {y_m:.3} m): curvature {curvature_per_m:.3} 1/m is left within the allowed deviation, at most {limit_per_m:.3} 1/m is allowed",
+        x_m = position.x_m, y_m = position.y_m
+    )]
+    TooSharp {
+        /// Index of the nearest given point, from 0.
+        index: usize,
+        /// Where.
+        position: Point2,
+        /// Magnitude of the curvature that is left, 1/m.
+        curvature_per_m: f64,
+        /// Largest curvature allowed, 1/m.
+        limit_per_m: f64,
+    },
+    /// A CSV text is not a table of points.
+    #[error("line {line} of the CSV: {what}")]
+    Csv {
+        /// Line, from 1.
+        line: u64,
+        /// What is wrong there.
+        what: String,
+    },
+    /// A GPX text is not well-formed or lacks something.
+    #[error("line {line} of the GPX: {what}")]
+    Gpx {
+        /// Line, from 1.
+        line: u32,
+        /// What is wrong there.
+        what: String,
+    },
+    /// The reader failed.
+    #[error("the route could not be read: {0}")]
+    Read(String),
+    /// A parameter is out of range.
+    #[error(transparent)]
+    Range(#[from] RangeError),
+}

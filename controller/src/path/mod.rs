@@ -1,0 +1,294 @@
+//! Planar curves parametrised by arc length, and where a vehicle is along them.
+//!
+//! Everything is in the world frame: X_g, Y_g horizontal, heading psi counter-clockwise from Y_g.
+
+mod curve;
+mod error;
+mod projection;
+mod raw;
+mod read;
+mod smoothing;
+mod spline;
+
+pub use error::PathError;
+pub use projection::{Projected, Projection, Window};
+pub use raw::RawPoint;
+pub use read::{GeodeticOrigin, Route, read_csv, read_gpx};
+pub use smoothing::{Smoothed, Smoothing, smooth};
+
+pub(crate) use curve::{ArcLength, CurvePoint};
+
+use std::f64::consts::PI;
+
+/// Distance between the samples a path is stored at, m.
+pub(crate) const SAMPLE_STEP_M: f64 = 0.05;
+
+/// A position in the horizontal plane of the world.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Point2 {
+    /// X_g, m.
+    pub x_m: f64,
+    /// Y_g, m.
+    pub y_m: f64,
+}
+
+impl Point2 {
+    /// Returns the distance to `other`, m.
+    pub fn distance_m(&self, other: &Self) -> f64 {
+        (self.x_m - other.x_m).hypot(self.y_m - other.y_m)
+    }
+
+    /// Returns whether both coordinates are finite.
+    pub fn is_finite(&self) -> bool {
+        self.x_m.is_finite() && self.y_m.is_finite()
+    }
+}
+
+/// Which way the vehicle drives along a path.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Direction {
+    /// The vehicle's forward axis points along the direction of travel.
+    #[default]
+    Forward,
+    /// The vehicle's forward axis points against the direction of travel.
+    Reverse,
+}
+
+impl Direction {
+    /// Returns 1 for forward and -1 for reverse: the sign of the longitudinal speed.
+    pub fn sign(self) -> f64 {
+        match self {
+            Self::Forward => 1.0,
+            Self::Reverse => -1.0,
+        }
+    }
+
+    /// Returns the other direction.
+    pub fn reversed(self) -> Self {
+        match self {
+            Self::Forward => Self::Reverse,
+            Self::Reverse => Self::Forward,
+        }
+    }
+}
+
+/// A point of a [`Path`].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PathPoint {
+    /// Distance travelled from the start of the path, m.
+    pub arc_length_m: f64,
+    /// Position in the world.
+    pub position: Point2,
+    /// Heading psi of the vehicle, rad, unwrapped; against the direction of travel in reverse.
+    pub heading_rad: f64,
+    /// Curvature d(heading)/d(arc length), 1/m, positive where the heading turns
+    /// counter-clockwise.
+    pub curvature_per_m: f64,
+    /// Which way the vehicle drives here.
+    pub direction: Direction,
+}
+
+impl PathPoint {
+    /// Returns the heading of the direction of travel, rad.
+    pub fn travel_heading_rad(&self) -> f64 {
+        match self.direction {
+            Direction::Forward => self.heading_rad,
+            Direction::Reverse => self.heading_rad + PI,
+        }
+    }
+}
+
+/// A planar curve parametrised by arc length, in pieces of one driving direction each.
+///
+/// Consecutive pieces meet at a cusp, where position and vehicle heading are continuous and the
+/// direction of travel is reversed.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Path {
+    pieces: Vec<Piece>,
+    closed: bool,
+    length_m: f64,
+}
+
+/// A part of a path driven one way, sampled uniformly in arc length.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Piece {
+    pub(crate) start_m: f64,
+    pub(crate) length_m: f64,
+    pub(crate) direction: Direction,
+    pub(crate) samples: Vec<Sample>,
+}
+
+/// What is stored at a sample; the heading is the vehicle's.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Sample {
+    pub(crate) position: Point2,
+    pub(crate) heading_rad: f64,
+    pub(crate) curvature_per_m: f64,
+}
+
+impl Path {
+    /// Joins pieces given as samples uniform in arc length, with their lengths and directions.
+    ///
+    /// Headings are of the vehicle; each piece's are shifted by whole turns so that they continue
+    /// those of the piece before.
+    pub(crate) fn from_pieces(
+        pieces: impl IntoIterator<Item = (Direction, f64, Vec<Sample>)>,
+        closed: bool,
+    ) -> Result<Self, PathError> {
+        let mut joined: Vec<Piece> = Vec::new();
+        let mut length_m = 0.0;
+        for (direction, piece_length_m, mut samples) in pieces {
+            if samples.len() < 2 || piece_length_m <= 0.0 {
+                return Err(PathError::ZeroLength);
+            }
+            if let Some(before) = joined.last().and_then(|p| p.samples.last()) {
+                let turns = ((before.heading_rad - samples[0].heading_rad) / (2.0 * PI)).round();
+                for sample in &mut samples {
+                    sample.heading_rad += turns * 2.0 * PI;
+                }
+            }
+            joined.push(Piece {
+                start_m: length_m,
+                length_m: piece_length_m,
+                direction,
+                samples,
+            });
+            length_m += piece_length_m;
+        }
+        if joined.is_empty() {
+            return Err(PathError::Empty);
+        }
+        Ok(Self {
+            pieces: joined,
+            closed,
+            length_m,
+        })
+    }
+
+    /// Returns the length, m; of one lap where the path is closed.
+    pub fn length_m(&self) -> f64 {
+        self.length_m
+    }
+
+    /// Returns whether the end joins the start, so that arc lengths continue lap after lap.
+    pub fn is_closed(&self) -> bool {
+        self.closed
+    }
+
+    /// Returns the arc lengths at which the driving direction changes, m.
+    pub fn cusps_m(&self) -> impl Iterator<Item = f64> + '_ {
+        self.pieces.iter().skip(1).map(|piece| piece.start_m)
+    }
+
+    /// Returns the largest magnitude of the curvature at the samples, 1/m.
+    pub fn max_curvature_per_m(&self) -> f64 {
+        self.pieces
+            .iter()
+            .flat_map(|piece| &piece.samples)
+            .fold(0.0, |max: f64, sample| {
+                max.max(sample.curvature_per_m.abs())
+            })
+    }
+
+    /// Returns the point at `arc_length_m`, by cubic Hermite interpolation of position and heading
+    /// and linear interpolation of curvature between samples.
+    ///
+    /// Arc lengths outside the path are clamped to it, or counted as further laps where it is
+    /// closed; the heading then keeps on turning. At a cusp the piece after it is returned.
+    pub fn at(&self, arc_length_m: f64) -> PathPoint {
+        let (laps, within_m) = self.lap(arc_length_m);
+        let mut point = self.pieces[self.piece_index(within_m)].at(within_m);
+        point.heading_rad += laps * self.turn_per_lap_rad();
+        point.arc_length_m += laps * self.length_m;
+        point
+    }
+
+    /// Splits an arc length into whole laps and the rest, which is on the path.
+    fn lap(&self, arc_length_m: f64) -> (f64, f64) {
+        if self.closed {
+            let laps = (arc_length_m / self.length_m).floor();
+            let within_m = arc_length_m - laps * self.length_m;
+            (laps, within_m.clamp(0.0, self.length_m))
+        } else {
+            (0.0, arc_length_m.clamp(0.0, self.length_m))
+        }
+    }
+
+    fn piece_index(&self, within_m: f64) -> usize {
+        self.pieces
+            .partition_point(|piece| piece.start_m <= within_m)
+            .saturating_sub(1)
+    }
+
+    fn turn_per_lap_rad(&self) -> f64 {
+        match (self.pieces.first(), self.pieces.last()) {
+            (Some(first), Some(last)) => {
+                last.samples[last.samples.len() - 1].heading_rad - first.samples[0].heading_rad
+            }
+            _ => 0.0,
+        }
+    }
+}
+
+impl Piece {
+    fn step_m(&self) -> f64 {
+        self.length_m / (self.samples.len() - 1) as f64
+    }
+
+    fn end_m(&self) -> f64 {
+        self.start_m + self.length_m
+    }
+
+    fn at(&self, arc_length_m: f64) -> PathPoint {
+        let step_m = self.step_m();
+        let from_start = ((arc_length_m - self.start_m) / step_m).max(0.0);
+        let index = (from_start as usize).min(self.samples.len() - 2);
+        let (a, b) = (&self.samples[index], &self.samples[index + 1]);
+        let hermite = Hermite::at(from_start - index as f64, step_m);
+        let sign = self.direction.sign();
+        let (sin_a, cos_a) = a.heading_rad.sin_cos();
+        let (sin_b, cos_b) = b.heading_rad.sin_cos();
+        PathPoint {
+            arc_length_m,
+            position: Point2 {
+                x_m: hermite.value(a.position.x_m, -sign * sin_a, b.position.x_m, -sign * sin_b),
+                y_m: hermite.value(a.position.y_m, sign * cos_a, b.position.y_m, sign * cos_b),
+            },
+            heading_rad: hermite.value(
+                a.heading_rad,
+                a.curvature_per_m,
+                b.heading_rad,
+                b.curvature_per_m,
+            ),
+            curvature_per_m: hermite.linear(a.curvature_per_m, b.curvature_per_m),
+            direction: self.direction,
+        }
+    }
+}
+
+/// Weights of the cubic Hermite interpolation between two nodes.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Hermite {
+    ratio: f64,
+    step: f64,
+}
+
+impl Hermite {
+    /// Returns the interpolation at `ratio` (0 to 1) of an interval `step` long.
+    pub(crate) fn at(ratio: f64, step: f64) -> Self {
+        Self { ratio, step }
+    }
+
+    /// Returns the value from the values and the slopes at both nodes.
+    pub(crate) fn value(&self, a: f64, slope_a: f64, b: f64, slope_b: f64) -> f64 {
+        let u = self.ratio;
+        let v = 1.0 - u;
+        v * v * ((1.0 + 2.0 * u) * a + u * self.step * slope_a)
+            + u * u * ((1.0 + 2.0 * v) * b - v * self.step * slope_b)
+    }
+
+    /// Returns the linear interpolation of the values at both nodes.
+    pub(crate) fn linear(&self, a: f64, b: f64) -> f64 {
+        a + self.ratio * (b - a)
+    }
+}

@@ -1,0 +1,204 @@
+//! Nearest points of a path, on the branch the vehicle is on.
+
+use super::{Path, PathPoint, Point2};
+use sidehill_plant::frames::{PlanarPose, wrap_angle};
+
+/// The nearest point of a path and the offset from it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Projected {
+    /// The point on the path; its arc length counts laps where the path is closed.
+    pub point: PathPoint,
+    /// Signed distance, m, positive to the left of the direction of travel.
+    pub cross_track_m: f64,
+}
+
+/// How far from a known arc length the nearest point is looked for.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Window {
+    /// Against the direction of travel, m.
+    pub behind_m: f64,
+    /// Along the direction of travel, m.
+    pub ahead_m: f64,
+}
+
+impl Window {
+    /// Returns a window that reaches equally far both ways.
+    pub fn symmetric(reach_m: f64) -> Self {
+        Self {
+            behind_m: reach_m,
+            ahead_m: reach_m,
+        }
+    }
+}
+
+/// Progress along a path that follows the vehicle and does not jump to another branch.
+///
+/// The first projection searches the whole path; each later one only a window around the one
+/// before, so that at a crossing, or where the path comes back beside itself, the branch is kept.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Projection {
+    arc_length_m: Option<f64>,
+}
+
+impl Projection {
+    /// Returns a projection that starts at a known arc length rather than with a search.
+    pub fn starting_at(arc_length_m: f64) -> Self {
+        Self {
+            arc_length_m: Some(arc_length_m),
+        }
+    }
+
+    /// Returns the arc length of the last projection, m.
+    pub fn arc_length_m(&self) -> Option<f64> {
+        self.arc_length_m
+    }
+
+    /// Forgets the branch, so that the next update searches the whole path.
+    pub fn reset(&mut self) {
+        self.arc_length_m = None;
+    }
+
+    /// Returns the nearest point to `pose` and remembers it.
+    ///
+    /// `window` bounds how far progress may move; the farthest the vehicle can have gone since the
+    /// last update, and a margin, is enough. A pose that is not finite changes nothing and returns
+    /// `None`.
+    pub fn update(&mut self, path: &Path, pose: &PlanarPose, window: &Window) -> Option<Projected> {
+        let position = Point2 {
+            x_m: pose.x_m,
+            y_m: pose.y_m,
+        };
+        if !position.is_finite() || !pose.yaw_rad.is_finite() {
+            return None;
+        }
+        let projected = match self.arc_length_m {
+            Some(around_m) => path.nearest_within(&position, around_m, window),
+            None => path.nearest_anywhere(pose),
+        };
+        self.arc_length_m = Some(projected.point.arc_length_m);
+        Some(projected)
+    }
+}
+
+/// Weight of the distance from the expected arc length where branches are about equally near.
+const BRANCH_WEIGHT: f64 = 1e-2;
+/// Squared metres a heading error of 1 rad counts for in the search of the whole path.
+const HEADING_WEIGHT_M2: f64 = 0.25;
+const NEWTON_STEPS: usize = 12;
+
+impl Path {
+    /// Returns the nearest point within `window` of `around_m`.
+    ///
+    /// Of places about equally near, the one closer to `around_m` along the path is returned.
+    /// `position` must be finite.
+    pub fn nearest_within(&self, position: &Point2, around_m: f64, window: &Window) -> Projected {
+        let (laps, around_m) = self.lap(around_m);
+        let (mut low_m, mut high_m) = (around_m - window.behind_m, around_m + window.ahead_m);
+        if !self.closed {
+            low_m = low_m.clamp(0.0, self.length_m);
+            high_m = high_m.clamp(0.0, self.length_m);
+        }
+        let cost = |point: &PathPoint| {
+            let off_m = point.arc_length_m - around_m;
+            squared_distance(&point.position, position) + BRANCH_WEIGHT * off_m * off_m
+        };
+        let mut nearest = self.refine(
+            position,
+            self.best_sample(low_m, high_m, cost),
+            (low_m, high_m),
+        );
+        // The ways to and from a cusp lie on each other: both are refined before they are compared.
+        for cusp_m in self.cusps_m() {
+            if !(low_m..high_m).contains(&cusp_m) {
+                continue;
+            }
+            for bounds in [(low_m, cusp_m.next_down()), (cusp_m, high_m)] {
+                let coarse_m = self.best_sample(bounds.0, bounds.1, cost);
+                let other = self.refine(position, coarse_m, bounds);
+                if cost(&other.point) < cost(&nearest.point) {
+                    nearest = other;
+                }
+            }
+        }
+        nearest.point.arc_length_m += laps * self.length_m;
+        nearest.point.heading_rad += laps * self.turn_per_lap_rad();
+        nearest
+    }
+
+    /// Returns the nearest point on the whole path; where branches are about equally near, as at a
+    /// crossing, the one whose heading agrees with the vehicle's.
+    ///
+    /// `pose` must be finite.
+    pub fn nearest_anywhere(&self, pose: &PlanarPose) -> Projected {
+        let position = Point2 {
+            x_m: pose.x_m,
+            y_m: pose.y_m,
+        };
+        let coarse_m = self.best_sample(0.0, self.length_m, |point| {
+            let turn_rad = wrap_angle(point.heading_rad - pose.yaw_rad);
+            squared_distance(&point.position, &position) + HEADING_WEIGHT_M2 * turn_rad * turn_rad
+        });
+        self.refine(&position, coarse_m, (0.0, self.length_m))
+    }
+
+    /// Returns the arc length, of a set no sparser than the samples, with the least cost.
+    fn best_sample(&self, low_m: f64, high_m: f64, cost: impl Fn(&PathPoint) -> f64) -> f64 {
+        let intervals = ((high_m - low_m) / super::SAMPLE_STEP_M).ceil().max(1.0);
+        let step_m = (high_m - low_m) / intervals;
+        let mut best = (f64::INFINITY, low_m);
+        for i in 0..=intervals as usize {
+            let arc_length_m = low_m + i as f64 * step_m;
+            let found = cost(&self.at(arc_length_m));
+            if found < best.0 {
+                best = (found, arc_length_m);
+            }
+        }
+        best.1
+    }
+
+    /// Solves (position - p(s)) . t(s) = 0 for s by Newton's method within the bounds and the
+    /// piece on which the search starts.
+    fn refine(&self, position: &Point2, from_m: f64, bounds_m: (f64, f64)) -> Projected {
+        let (mut low_m, mut high_m) = bounds_m;
+        if !self.closed {
+            let piece = &self.pieces[self.piece_index(from_m)];
+            low_m = low_m.max(piece.start_m);
+            // Short of the end, because there the piece after a cusp begins.
+            high_m = high_m.min(piece.end_m().next_down());
+        }
+        let mut arc_length_m = from_m.clamp(low_m, high_m.max(low_m));
+        let mut point = self.at(arc_length_m);
+        for _ in 0..NEWTON_STEPS {
+            let (along_m, left_m) = offsets(position, &point);
+            // d(along)/ds = -(1 - curvature * left); kept away from 0 at the centre of curvature.
+            let slope = (1.0 - point.curvature_per_m * left_m).max(0.2);
+            let next_m = (arc_length_m + along_m / slope).clamp(low_m, high_m.max(low_m));
+            let step_m = (next_m - arc_length_m).abs();
+            arc_length_m = next_m;
+            point = self.at(arc_length_m);
+            if step_m < 1e-12 {
+                break;
+            }
+        }
+        let (_, left_m) = offsets(position, &point);
+        let sign = if left_m < 0.0 { -1.0 } else { 1.0 };
+        Projected {
+            cross_track_m: sign * point.position.distance_m(position),
+            point,
+        }
+    }
+}
+
+fn squared_distance(a: &Point2, b: &Point2) -> f64 {
+    (a.x_m - b.x_m).powi(2) + (a.y_m - b.y_m).powi(2)
+}
+
+/// Returns how far `position` is ahead and to the left of a point, in the direction of travel, m.
+fn offsets(position: &Point2, point: &PathPoint) -> (f64, f64) {
+    let (sin, cos) = point.travel_heading_rad().sin_cos();
+    let (x, y) = (
+        position.x_m - point.position.x_m,
+        position.y_m - point.position.y_m,
+    );
+    (-sin * x + cos * y, -cos * x - sin * y)
+}

@@ -1,0 +1,186 @@
+//! Points as they are given, before they are a path.
+
+use super::{Direction, PathError, Point2};
+
+/// A point of a route as it was recorded or drawn.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct RawPoint {
+    /// Position in the world.
+    pub position: Point2,
+    /// Z_g, m, where known.
+    pub elevation_m: Option<f64>,
+    /// Which way to drive from this point to the next, where given.
+    pub direction: Option<Direction>,
+}
+
+/// A run of points driven one way.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct RawPiece {
+    pub(super) direction: Direction,
+    /// Points with the index they were given at.
+    pub(super) points: Vec<(usize, Point2)>,
+    /// Unit direction of travel that a cusp prescribes at the start.
+    pub(super) start_tangent: Option<[f64; 2]>,
+    /// Unit direction of travel that a cusp prescribes at the end.
+    pub(super) end_tangent: Option<[f64; 2]>,
+}
+
+impl RawPiece {
+    /// Returns the length of the polyline, m.
+    pub(super) fn length_m(&self) -> f64 {
+        along_m(&self.points, 0, self.points.len() - 1)
+    }
+}
+
+/// Cosine of the angle by which travel must turn at a point to make it a cusp: 120 deg.
+const CUSP_COS: f64 = -0.5;
+
+/// Drops exact repetitions and splits the points where the driving direction changes: where the
+/// points say so, or, if none says anything, where travel over `chord_m` before and after a point
+/// turns by more than 120 deg.
+pub(super) fn split(points: &[RawPoint], chord_m: f64) -> Result<Vec<RawPiece>, PathError> {
+    let kept = without_repetitions(points)?;
+    let positions: Vec<(usize, Point2)> = kept.iter().map(|&(i, p)| (i, p.position)).collect();
+    let explicit = kept.iter().any(|(_, p)| p.direction.is_some());
+    let mut direction = kept[0].1.direction.unwrap_or_default();
+    let mut pieces: Vec<RawPiece> = Vec::new();
+    let mut start = 0;
+    let cusps = if explicit {
+        marked_cusps(&kept)
+    } else {
+        sharp_cusps(&positions, chord_m)
+    };
+    let mut tangent = None;
+    for cusp in cusps.into_iter().chain([positions.len() - 1]) {
+        let last = cusp == positions.len() - 1;
+        let next_tangent = if last {
+            None
+        } else {
+            Some(cusp_tangent(&positions, cusp, chord_m))
+        };
+        pieces.push(RawPiece {
+            direction,
+            points: positions[start..=cusp].to_vec(),
+            start_tangent: tangent.map(|t: [f64; 2]| [-t[0], -t[1]]),
+            end_tangent: next_tangent,
+        });
+        direction = direction.reversed();
+        tangent = next_tangent;
+        start = cusp;
+    }
+    Ok(pieces)
+}
+
+fn without_repetitions(points: &[RawPoint]) -> Result<Vec<(usize, RawPoint)>, PathError> {
+    let mut kept: Vec<(usize, RawPoint)> = Vec::with_capacity(points.len());
+    for (index, point) in points.iter().enumerate() {
+        if !point.position.is_finite() || point.elevation_m.is_some_and(|z_m| !z_m.is_finite()) {
+            return Err(PathError::NotFinite {
+                index,
+                position: point.position,
+            });
+        }
+        match kept.last_mut() {
+            // The later point says which way to go on.
+            Some((_, before)) if before.position == point.position => {
+                before.direction = point.direction.or(before.direction);
+            }
+            _ => kept.push((index, *point)),
+        }
+    }
+    match (points.len(), kept.len()) {
+        (0, _) => Err(PathError::Empty),
+        (1, _) => Err(PathError::SinglePoint),
+        (_, 1) => Err(PathError::ZeroLength),
+        _ => Ok(kept),
+    }
+}
+
+/// Returns where the marked direction changes; an unmarked point keeps the one before it.
+fn marked_cusps(points: &[(usize, RawPoint)]) -> Vec<usize> {
+    let mut direction = points[0].1.direction.unwrap_or_default();
+    let mut cusps = Vec::new();
+    for (at, (_, point)) in points.iter().enumerate().take(points.len() - 1).skip(1) {
+        let next = point.direction.unwrap_or(direction);
+        if next != direction {
+            cusps.push(at);
+        }
+        direction = next;
+    }
+    cusps
+}
+
+/// Returns the sharpest point of each place where travel turns back.
+fn sharp_cusps(points: &[(usize, Point2)], chord_m: f64) -> Vec<usize> {
+    let mut cusps: Vec<(usize, f64)> = Vec::new();
+    for at in 1..points.len() - 1 {
+        let (before, after) = (
+            chord_before(points, at, chord_m),
+            chord_after(points, at, chord_m),
+        );
+        let cos = before[0] * after[0] + before[1] * after[1];
+        if cos >= CUSP_COS {
+            continue;
+        }
+        match cusps.last_mut() {
+            Some((best, best_cos)) if along_m(points, *best, at) <= 2.0 * chord_m => {
+                if cos < *best_cos {
+                    (*best, *best_cos) = (at, cos);
+                }
+            }
+            _ => cusps.push((at, cos)),
+        }
+    }
+    cusps.into_iter().map(|(at, _)| at).collect()
+}
+
+/// Returns the unit direction of travel into a cusp, the mean of that in and the opposite of that
+/// out.
+fn cusp_tangent(points: &[(usize, Point2)], at: usize, chord_m: f64) -> [f64; 2] {
+    let (before, after) = (
+        chord_before(points, at, chord_m),
+        chord_after(points, at, chord_m),
+    );
+    let mean = [before[0] - after[0], before[1] - after[1]];
+    let norm = mean[0].hypot(mean[1]);
+    if norm > 1e-6 {
+        [mean[0] / norm, mean[1] / norm]
+    } else {
+        before
+    }
+}
+
+fn chord_before(points: &[(usize, Point2)], at: usize, chord_m: f64) -> [f64; 2] {
+    let from = (0..at)
+        .rev()
+        .find(|&i| points[i].1.distance_m(&points[at].1) >= chord_m)
+        .unwrap_or(0);
+    unit(&points[from].1, &points[at].1)
+}
+
+fn chord_after(points: &[(usize, Point2)], at: usize, chord_m: f64) -> [f64; 2] {
+    let to = (at + 1..points.len())
+        .find(|&i| points[i].1.distance_m(&points[at].1) >= chord_m)
+        .unwrap_or(points.len() - 1);
+    unit(&points[at].1, &points[to].1)
+}
+
+/// Returns the unit vector between two points, zero where they coincide.
+fn unit(from: &Point2, to: &Point2) -> [f64; 2] {
+    let distance_m = from.distance_m(to);
+    if distance_m > 0.0 {
+        [
+            (to.x_m - from.x_m) / distance_m,
+            (to.y_m - from.y_m) / distance_m,
+        ]
+    } else {
+        [0.0, 0.0]
+    }
+}
+
+fn along_m(points: &[(usize, Point2)], from: usize, to: usize) -> f64 {
+    points[from..=to]
+        .windows(2)
+        .map(|pair| pair[0].1.distance_m(&pair[1].1))
+        .sum()
+}

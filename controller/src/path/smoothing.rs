@@ -1,0 +1,368 @@
+//! Raw points to a path of bounded curvature.
+
+use super::raw::{RawPiece, split};
+use super::spline::{Spline, smooth_nodes};
+use super::{ArcLength, Path, PathError, Point2, RawPoint, Sample, Window};
+use serde::{Deserialize, Serialize};
+use sidehill_plant::vehicle::RangeError;
+use std::f64::consts::PI;
+
+/// How raw points become a path.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "RawSmoothing", into = "RawSmoothing")]
+pub struct Smoothing {
+    /// Largest curvature of the path, 1/m.
+    pub max_curvature_per_m: f64,
+    /// Largest distance of a raw point from the path, m.
+    pub max_deviation_m: f64,
+    /// Distance between the nodes of the smoothing spline, m.
+    pub spacing_m: f64,
+}
+
+impl Default for Smoothing {
+    fn default() -> Self {
+        Self {
+            max_curvature_per_m: 1.0,
+            max_deviation_m: 0.5,
+            spacing_m: 0.1,
+        }
+    }
+}
+
+/// A path and how far it is from the points it was made of.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Smoothed {
+    /// The path.
+    pub path: Path,
+    /// Largest distance of a raw point from the path, m.
+    pub deviation_max_m: f64,
+    /// Root of the mean squared distance of the raw points from the path, m.
+    pub deviation_rms_m: f64,
+    /// Arc length at which each raw point is nearest to the path, m, never decreasing; one for
+    /// each point given, so that what else was recorded with a point can be placed on the path.
+    pub arc_lengths_m: Vec<f64>,
+}
+
+/// Factor by which the reach of the smoothing grows where the curvature is too large.
+const GROWTH: f64 = 1.1;
+/// Largest change of the reach from node to node, in nodes.
+const GRADE: f64 = 0.2;
+const ROUNDS: usize = 80;
+/// Beyond this a route holds a stray point, and its nodes would fill the memory.
+const LENGTH_MAX_M: f64 = 1e5;
+/// Share of the curvature bound the smoothing aims at.
+const MARGIN: f64 = 0.97;
+
+/// Returns a path of bounded curvature that passes all points within the allowed deviation.
+///
+/// Each piece between cusps is a smoothing spline: the nodes minimise the squared distance to the
+/// polyline plus lambda times the squared second derivative, and lambda grows, only where the
+/// curvature is still too large, until the bound holds. Both ends and all cusps are met exactly.
+/// A cusp is where [`RawPoint::direction`] changes or, where no point has one, where the polyline
+/// turns by more than 120 deg, seen over half the smallest radius; the first piece is then driven
+/// forward.
+///
+/// # Errors
+/// [`PathError::Empty`], [`PathError::SinglePoint`], [`PathError::ZeroLength`] or
+/// [`PathError::NotFinite`] for unusable points; [`PathError::TooLong`] above 100 km; [`PathError::TooSharp`] where the curvature bound
+/// cannot be met within the deviation.
+pub fn smooth(points: &[RawPoint], options: &Smoothing) -> Result<Smoothed, PathError> {
+    let raw_pieces = split(points, 0.5 / options.max_curvature_per_m)?;
+    let length_m: f64 = raw_pieces.iter().map(RawPiece::length_m).sum();
+    if length_m > LENGTH_MAX_M {
+        return Err(PathError::TooLong {
+            length_m,
+            limit_m: LENGTH_MAX_M,
+        });
+    }
+    let mut pieces = Vec::with_capacity(raw_pieces.len());
+    let mut offsets: Vec<Offset> = Vec::with_capacity(points.len());
+    let mut start_m = 0.0;
+    for raw in &raw_pieces {
+        let piece = smooth_piece(raw, options)?;
+        // The first point of a later piece is the cusp, counted with the piece before.
+        let counted = usize::from(!offsets.is_empty());
+        offsets.extend(piece.offsets.iter().skip(counted).map(|offset| Offset {
+            arc_length_m: offset.arc_length_m + start_m,
+            ..*offset
+        }));
+        start_m += piece.length_m;
+        let samples = match raw.direction {
+            super::Direction::Forward => piece.samples,
+            super::Direction::Reverse => turned_back(piece.samples),
+        };
+        pieces.push((raw.direction, piece.length_m, samples));
+    }
+    let path = Path::from_pieces(pieces, false)?;
+    let squares: f64 = offsets.iter().map(|o| o.distance_m * o.distance_m).sum();
+    Ok(Smoothed {
+        path,
+        deviation_max_m: offsets.iter().fold(0.0, |max, o| o.distance_m.max(max)),
+        deviation_rms_m: (squares / offsets.len() as f64).sqrt(),
+        arc_lengths_m: spread(&offsets, points.len()),
+    })
+}
+
+/// Where a raw point is against its piece of the path.
+#[derive(Debug, Clone, Copy)]
+struct Offset {
+    index: usize,
+    arc_length_m: f64,
+    distance_m: f64,
+}
+
+/// A smoothed piece; the headings are of the direction of travel.
+struct SmoothPiece {
+    length_m: f64,
+    samples: Vec<Sample>,
+    offsets: Vec<Offset>,
+}
+
+fn smooth_piece(raw: &RawPiece, options: &Smoothing) -> Result<SmoothPiece, PathError> {
+    let (given, step_m) = resampled(raw, options.spacing_m);
+    let pinned = (raw.start_tangent.is_some(), raw.end_tangent.is_some());
+    // Fourth roots of lambda: over how many nodes the smoothing reaches.
+    let mut reaches = vec![1.0_f64; given.len()];
+    let mut too_sharp = None;
+    for _ in 0..ROUNDS {
+        let stiffness: Vec<f64> = reaches.iter().map(|reach| reach.powi(4)).collect();
+        let nodes = smooth_nodes(&given, &stiffness, pinned);
+        let slope = |tangent: [f64; 2]| [tangent[0] * step_m, tangent[1] * step_m];
+        let spline = Spline::through(
+            nodes,
+            raw.start_tangent.map(slope),
+            raw.end_tangent.map(slope),
+        );
+        let curvatures: Vec<f64> = (0..given.len())
+            .map(|i| spline.at(i as f64).curvature_per_m().abs())
+            .collect();
+        let table = ArcLength::new(|u| spline.at(u), spline.end(), given.len() - 1);
+        let piece = SmoothPiece {
+            length_m: table.length_m(),
+            samples: table.samples(super::Direction::Forward),
+            offsets: Vec::new(),
+        };
+        let piece = with_offsets(piece, raw, options)?;
+        let (worst, curvature_per_m) = sharpest(&piece.samples);
+        let deviation_m = piece
+            .offsets
+            .iter()
+            .fold(0.0, |max: f64, o| o.distance_m.max(max));
+        if deviation_m <= options.max_deviation_m {
+            if curvature_per_m <= options.max_curvature_per_m {
+                return Ok(piece);
+            }
+            too_sharp = Some(sharp_error(&piece, worst, curvature_per_m, options));
+        } else if let Some(error) = too_sharp {
+            return Err(error);
+        } else {
+            return Err(sharp_error(&piece, worst, curvature_per_m, options));
+        }
+        widen(&mut reaches, &curvatures, options);
+    }
+    Err(too_sharp.unwrap_or(PathError::ZeroLength))
+}
+
+/// Lengthens the reach of the smoothing where nodes bend too much, and around them so that the
+/// reach changes gradually: curvature would gather where it drops.
+fn widen(reaches: &mut [f64], curvatures: &[f64], options: &Smoothing) {
+    let limit = MARGIN * options.max_curvature_per_m;
+    for (reach, &curvature) in reaches.iter_mut().zip(curvatures) {
+        if curvature.is_nan() || curvature > limit {
+            *reach *= GROWTH;
+        }
+    }
+    for i in 1..reaches.len() {
+        reaches[i] = reaches[i].max(reaches[i - 1] - GRADE);
+    }
+    for i in (0..reaches.len() - 1).rev() {
+        reaches[i] = reaches[i].max(reaches[i + 1] - GRADE);
+    }
+}
+
+/// Returns nodes uniform along the polyline and their distance; those next to a cusp are put on
+/// the tangent there.
+fn resampled(raw: &RawPiece, spacing_m: f64) -> (Vec<Point2>, f64) {
+    let points = &raw.points;
+    let mut along_m = Vec::with_capacity(points.len());
+    let mut length_m = 0.0;
+    along_m.push(0.0);
+    for pair in points.windows(2) {
+        length_m += pair[0].1.distance_m(&pair[1].1);
+        along_m.push(length_m);
+    }
+    let intervals = (length_m / spacing_m).ceil().max(4.0) as usize;
+    let step_m = length_m / intervals as f64;
+    let mut nodes = Vec::with_capacity(intervals + 1);
+    let mut segment = 0;
+    for i in 0..=intervals {
+        let at_m = (i as f64 * step_m).min(length_m);
+        while segment + 2 < points.len() && along_m[segment + 1] < at_m {
+            segment += 1;
+        }
+        let (a, b) = (&points[segment].1, &points[segment + 1].1);
+        let ratio =
+            ((at_m - along_m[segment]) / (along_m[segment + 1] - along_m[segment])).min(1.0);
+        nodes.push(Point2 {
+            x_m: a.x_m + ratio * (b.x_m - a.x_m),
+            y_m: a.y_m + ratio * (b.y_m - a.y_m),
+        });
+    }
+    let beside = |end: Point2, tangent: [f64; 2], off_m: f64| Point2 {
+        x_m: end.x_m + off_m * tangent[0],
+        y_m: end.y_m + off_m * tangent[1],
+    };
+    if let Some(tangent) = raw.start_tangent {
+        nodes[1] = beside(nodes[0], tangent, step_m);
+    }
+    if let Some(tangent) = raw.end_tangent {
+        nodes[intervals - 1] = beside(nodes[intervals], tangent, -step_m);
+    }
+    (nodes, step_m)
+}
+
+/// Finds each raw point's nearest point, in order.
+fn with_offsets(
+    mut piece: SmoothPiece,
+    raw: &RawPiece,
+    options: &Smoothing,
+) -> Result<SmoothPiece, PathError> {
+    let path = Path::from_pieces(
+        [(
+            super::Direction::Forward,
+            piece.length_m,
+            piece.samples.clone(),
+        )],
+        false,
+    )?;
+    let last = raw.points.len() - 1;
+    let mut reached_m = 0.0;
+    for (i, &(index, position)) in raw.points.iter().enumerate() {
+        let step_m = match i {
+            0 => 0.0,
+            _ => raw.points[i - 1].1.distance_m(&position),
+        };
+        let window = Window {
+            behind_m: 0.0,
+            ahead_m: step_m + 2.0 * options.max_deviation_m,
+        };
+        let projected = path.nearest_within(&position, reached_m, &window);
+        reached_m = match i {
+            0 => 0.0,
+            _ if i == last => piece.length_m,
+            _ => projected.point.arc_length_m,
+        };
+        piece.offsets.push(Offset {
+            index,
+            arc_length_m: reached_m,
+            distance_m: path.at(reached_m).position.distance_m(&position),
+        });
+    }
+    Ok(piece)
+}
+
+fn sharpest(samples: &[Sample]) -> (usize, f64) {
+    let mut worst = (0, 0.0);
+    for (i, sample) in samples.iter().enumerate() {
+        let curvature = sample.curvature_per_m.abs();
+        if !curvature.is_finite() {
+            return (i, f64::INFINITY);
+        }
+        if curvature > worst.1 {
+            worst = (i, curvature);
+        }
+    }
+    worst
+}
+
+fn sharp_error(
+    piece: &SmoothPiece,
+    sample: usize,
+    curvature_per_m: f64,
+    options: &Smoothing,
+) -> PathError {
+    let at_m = piece.length_m * sample as f64 / (piece.samples.len() - 1) as f64;
+    let nearest = piece.offsets.iter().min_by(|a, b| {
+        (a.arc_length_m - at_m)
+            .abs()
+            .total_cmp(&(b.arc_length_m - at_m).abs())
+    });
+    PathError::TooSharp {
+        index: nearest.map_or(0, |offset| offset.index),
+        position: piece.samples[sample].position,
+        curvature_per_m,
+        limit_per_m: options.max_curvature_per_m,
+    }
+}
+
+fn turned_back(mut samples: Vec<Sample>) -> Vec<Sample> {
+    for sample in &mut samples {
+        sample.heading_rad -= PI;
+    }
+    samples
+}
+
+/// Gives the repeated points that were dropped the arc length of the one kept before them.
+fn spread(offsets: &[Offset], count: usize) -> Vec<f64> {
+    let mut arc_lengths_m = vec![f64::NAN; count];
+    for offset in offsets {
+        arc_lengths_m[offset.index] = offset.arc_length_m;
+    }
+    let mut before_m = 0.0;
+    for arc_length_m in &mut arc_lengths_m {
+        if arc_length_m.is_nan() {
+            *arc_length_m = before_m;
+        }
+        before_m = *arc_length_m;
+    }
+    arc_lengths_m
+}
+
+#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct RawSmoothing {
+    max_curvature_per_m: f64,
+    max_deviation_m: f64,
+    spacing_m: f64,
+}
+
+impl Default for RawSmoothing {
+    fn default() -> Self {
+        Smoothing::default().into()
+    }
+}
+
+impl TryFrom<RawSmoothing> for Smoothing {
+    type Error = RangeError;
+
+    fn try_from(raw: RawSmoothing) -> Result<Self, RangeError> {
+        let check = RangeError::check;
+        Ok(Self {
+            max_curvature_per_m: check(
+                "max_curvature_per_m",
+                raw.max_curvature_per_m,
+                0.01,
+                10.0,
+                "from 0.01 to 10 1/m",
+            )?,
+            max_deviation_m: check(
+                "max_deviation_m",
+                raw.max_deviation_m,
+                1e-3,
+                100.0,
+                "from 0.001 to 100 m",
+            )?,
+            spacing_m: check("spacing_m", raw.spacing_m, 0.01, 1.0, "from 0.01 to 1 m")?,
+        })
+    }
+}
+
+impl From<Smoothing> for RawSmoothing {
+    fn from(options: Smoothing) -> Self {
+        Self {
+            max_curvature_per_m: options.max_curvature_per_m,
+            max_deviation_m: options.max_deviation_m,
+            spacing_m: options.spacing_m,
+        }
+    }
+}

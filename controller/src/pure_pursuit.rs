@@ -1,0 +1,141 @@
+//! Regulated pure pursuit: the geometric baseline, as widely used with Nav2.
+//!
+//! The vehicle steers along the circle through its origin and a point a look-ahead distance ahead on
+//! the path, and slows down in sharp turns and towards the end. It believes the ground is flat.
+//! After S. Macenski, S. Singh, F. Martin, J. Gines, "Regulated pure pursuit for robot path tracking",
+//! Autonomous Robots 47 (2023).
+
+use crate::path::{Direction, Path};
+use crate::trajectory::{Motion, ReferencePoint};
+use serde::{Deserialize, Serialize};
+use sidehill_plant::frames::{PlanarPose, wrap_angle};
+use sidehill_plant::speeds::MotorSpeeds;
+use sidehill_plant::vehicle::{HorizontalIcrs, RangeError};
+
+/// Settings of regulated pure pursuit.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct PurePursuitSettings {
+    /// Time by which the look-ahead grows with speed, s.
+    pub lookahead_time_s: f64,
+    /// Shortest look-ahead distance, m.
+    pub lookahead_min_m: f64,
+    /// Longest look-ahead distance, m.
+    pub lookahead_max_m: f64,
+    /// Radius of the turn below which speed is reduced in proportion, m.
+    pub regulated_radius_m: f64,
+    /// Distance to the end within which speed is reduced in proportion, m.
+    pub approach_distance_m: f64,
+    /// Lowest speed of either reduction, m/s.
+    pub speed_min_m_s: f64,
+    /// Yaw rate asked for per heading error while turning on the spot, 1/s.
+    pub pivot_gain_per_s: f64,
+}
+
+impl Default for PurePursuitSettings {
+    fn default() -> Self {
+        Self {
+            lookahead_time_s: 1.5,
+            lookahead_min_m: 0.5,
+            lookahead_max_m: 0.9,
+            regulated_radius_m: 0.9,
+            approach_distance_m: 0.6,
+            speed_min_m_s: 0.1,
+            pivot_gain_per_s: 2.0,
+        }
+    }
+}
+
+impl PurePursuitSettings {
+    /// Checks the ranges.
+    ///
+    /// # Errors
+    /// [`RangeError`] with the first key out of its range.
+    pub fn validate(&self) -> Result<(), RangeError> {
+        for (key, value) in [
+            ("pure_pursuit.lookahead_time_s", self.lookahead_time_s),
+            ("pure_pursuit.lookahead_min_m", self.lookahead_min_m),
+            ("pure_pursuit.lookahead_max_m", self.lookahead_max_m),
+            ("pure_pursuit.regulated_radius_m", self.regulated_radius_m),
+            ("pure_pursuit.approach_distance_m", self.approach_distance_m),
+            ("pure_pursuit.speed_min_m_s", self.speed_min_m_s),
+            ("pure_pursuit.pivot_gain_per_s", self.pivot_gain_per_s),
+        ] {
+            RangeError::check(key, value, 0.01, 100.0, "from 0.01 to 100")?;
+        }
+        RangeError::check(
+            "pure_pursuit.lookahead_max_m",
+            self.lookahead_max_m,
+            self.lookahead_min_m,
+            100.0,
+            "at least lookahead_min_m",
+        )?;
+        Ok(())
+    }
+}
+
+/// What pure pursuit looks at.
+#[derive(Debug, Clone, Copy)]
+pub struct PursuitView<'a> {
+    /// Estimated pose.
+    pub pose: &'a PlanarPose,
+    /// Reference of this cycle.
+    pub reference: &'a ReferencePoint,
+    /// Path, where the reference drives along one.
+    pub path: Option<&'a Path>,
+    /// Arc length of the nearest point on it, m.
+    pub arc_length_m: f64,
+    /// Arc length up to which this drive goes: the next cusp or the end; infinite on a closed path.
+    pub stop_at_m: f64,
+}
+
+impl PurePursuitSettings {
+    /// Returns the motor speeds of this cycle, before limits.
+    pub fn command(&self, view: &PursuitView<'_>, icrs: &HorizontalIcrs) -> MotorSpeeds {
+        let half_track_m = 0.5 * (icrs.right_m - icrs.left_m);
+        let reference = view.reference;
+        let turn = |yaw_rate_rad_s: f64| MotorSpeeds {
+            traction_m_s: 0.0,
+            steer_m_s: half_track_m * yaw_rate_rad_s,
+        };
+        let path = match (reference.motion, view.path) {
+            (Motion::Drive, Some(path)) => path,
+            (Motion::Pivot, _) => {
+                let error = wrap_angle(reference.heading_rad - view.pose.yaw_rad);
+                return turn(reference.yaw_rate_rad_s + self.pivot_gain_per_s * error);
+            }
+            _ => return MotorSpeeds::STOP,
+        };
+        let speed = reference.speed_m_s.abs();
+        let lookahead_m = (self.lookahead_time_s * speed)
+            .clamp(self.lookahead_min_m, self.lookahead_max_m)
+            .min((view.stop_at_m - view.arc_length_m).max(0.05));
+        let carrot = path.at(view.arc_length_m + lookahead_m);
+        let (dx, dy) = (
+            carrot.position.x_m - view.pose.x_m,
+            carrot.position.y_m - view.pose.y_m,
+        );
+        let (sin, cos) = view.pose.yaw_rad.sin_cos();
+        // Body axes: right = (cos, sin), forward = (-sin, cos).
+        let right = cos * dx + sin * dy;
+        let distance2 = (dx * dx + dy * dy).max(1e-4);
+        // Circle through origin and carrot, tangent to the body's forward axis; left positive.
+        let curvature_per_m = -2.0 * right / distance2;
+        let sign = if reference.speed_m_s < 0.0 || carrot.direction == Direction::Reverse {
+            -1.0
+        } else {
+            1.0
+        };
+        let radius_m = 1.0 / curvature_per_m.abs().max(1e-6);
+        let in_turn = (radius_m / self.regulated_radius_m).min(1.0);
+        let near_end =
+            ((view.stop_at_m - view.arc_length_m) / self.approach_distance_m).clamp(0.0, 1.0);
+        let slowest = self.speed_min_m_s.min(speed);
+        let regulated = (speed * in_turn.min(near_end)).max(slowest);
+        let traction_m_s = sign * regulated;
+        MotorSpeeds {
+            traction_m_s,
+            steer_m_s: half_track_m * curvature_per_m * traction_m_s,
+        }
+    }
+}

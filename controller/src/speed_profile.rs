@@ -1,0 +1,294 @@
+//! Speeds along a path that the motors can follow.
+
+use crate::path::{Path, PathError, PathPoint, SAMPLE_STEP_M};
+use crate::trajectory::{Ending, Motion, NODE_STEP_S, Node, Trajectory};
+use sidehill_plant::vehicle::RangeError;
+
+/// What bounds the speed along a path.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SpeedLimits {
+    /// Speed wanted on the open stretch, m/s.
+    pub speed_max_m_s: f64,
+    /// Largest traction |tau|, m/s.
+    pub traction_max_m_s: f64,
+    /// Largest steer |sigma|, m/s.
+    pub steer_max_m_s: f64,
+    /// Largest speed of a tread, |tau| + |sigma|, m/s; infinite where only the motors bind.
+    pub tread_max_m_s: f64,
+    /// Largest rate at which the speed grows, m/s^2.
+    pub acceleration_m_s2: f64,
+    /// Largest rate at which the speed falls, m/s^2.
+    pub deceleration_m_s2: f64,
+    /// Largest |d sigma/dt|, m/s^2; infinite for none.
+    pub steer_acceleration_m_s2: f64,
+    /// Largest |curvature| speed^2, m/s^2; infinite for none.
+    pub lateral_acceleration_m_s2: f64,
+    /// Effective distance D between the tread ICRs, m: sigma = yaw rate * D/2.
+    pub track_width_m: f64,
+    /// Speed at the start of the path, m/s; lowered to what the path allows.
+    pub initial_speed_m_s: f64,
+}
+
+impl SpeedLimits {
+    fn check(&self) -> Result<(), RangeError> {
+        let positive = |key, value: f64| {
+            if value > 0.0 {
+                Ok(())
+            } else {
+                let range = "above 0";
+                Err(RangeError { key, value, range })
+            }
+        };
+        positive("speed_max_m_s", self.speed_max_m_s)?;
+        positive("traction_max_m_s", self.traction_max_m_s)?;
+        positive("steer_max_m_s", self.steer_max_m_s)?;
+        positive("tread_max_m_s", self.tread_max_m_s)?;
+        positive("acceleration_m_s2", self.acceleration_m_s2)?;
+        positive("deceleration_m_s2", self.deceleration_m_s2)?;
+        positive("steer_acceleration_m_s2", self.steer_acceleration_m_s2)?;
+        positive("lateral_acceleration_m_s2", self.lateral_acceleration_m_s2)?;
+        let check = RangeError::check;
+        check(
+            "speed_max_m_s",
+            self.speed_max_m_s,
+            1e-3,
+            50.0,
+            "from 0.001 to 50 m/s",
+        )?;
+        check(
+            "track_width_m",
+            self.track_width_m,
+            1e-3,
+            100.0,
+            "from 0.001 to 100 m",
+        )?;
+        check(
+            "initial_speed_m_s",
+            self.initial_speed_m_s,
+            0.0,
+            50.0,
+            "from 0 to 50 m/s",
+        )?;
+        Ok(())
+    }
+
+    /// Returns the largest speed at a curvature, m/s, by all bounds on speeds.
+    fn speed_at(&self, curvature_per_m: f64) -> f64 {
+        let curvature = curvature_per_m.abs();
+        // sigma = D/2 * curvature * v
+        let steer_share = 0.5 * self.track_width_m * curvature;
+        self.speed_max_m_s
+            .min(self.traction_max_m_s)
+            .min(self.steer_max_m_s / steer_share)
+            .min(self.tread_max_m_s / (1.0 + steer_share))
+            .min((self.lateral_acceleration_m_s2 / curvature).sqrt())
+    }
+}
+
+/// Returns the fastest trajectory along `path` within `limits` and, at each point, within
+/// `speed_cap_m_s` (as for a slope), with a stop at every cusp and at the end.
+///
+/// With w = v^2 on a grid of arc length, speed and curvature bounds cap w, and the bounds on
+/// traction and steer acceleration,
+///   -deceleration <= dw/ds / 2 <= acceleration,
+///   |d(sigma)/dt| = D/2 |curvature' w + curvature dw/ds / 2| <= steer acceleration,
+/// are linear in neighbouring w; one pass backward and one forward give the largest w. A closed path
+/// is driven once round. The steer may step where the vehicle stands.
+///
+/// # Errors
+/// [`PathError::Range`] for a limit or cap that is not positive.
+pub fn speed_profile(
+    path: &Path,
+    limits: &SpeedLimits,
+    speed_cap_m_s: impl Fn(&PathPoint) -> f64,
+) -> Result<Trajectory, PathError> {
+    limits.check()?;
+    let mut stops_m: Vec<f64> = vec![0.0];
+    stops_m.extend(path.cusps_m());
+    stops_m.push(path.length_m());
+    let mut knots = Vec::new();
+    for (index, ends) in stops_m.windows(2).enumerate() {
+        let initial_m_s = if index == 0 {
+            limits.initial_speed_m_s
+        } else {
+            0.0
+        };
+        let stretch = Stretch::new(path, ends[0], ends[1], limits, &speed_cap_m_s)?;
+        knots.extend(stretch.knots(initial_m_s));
+    }
+    timed(path, &knots)
+}
+
+/// A place on the path and the squared speed there.
+#[derive(Debug, Clone, Copy)]
+struct Knot {
+    arc_length_m: f64,
+    speed_squared: f64,
+}
+
+/// A part of the path between stops, on a uniform grid.
+struct Stretch<'a> {
+    limits: &'a SpeedLimits,
+    start_m: f64,
+    step_m: f64,
+    curvatures: Vec<f64>,
+    caps: Vec<f64>,
+}
+
+impl<'a> Stretch<'a> {
+    fn new(
+        path: &Path,
+        start_m: f64,
+        end_m: f64,
+        limits: &'a SpeedLimits,
+        speed_cap_m_s: impl Fn(&PathPoint) -> f64,
+    ) -> Result<Self, PathError> {
+        let intervals = ((end_m - start_m) / SAMPLE_STEP_M).ceil().max(4.0) as usize;
+        let step_m = (end_m - start_m) / intervals as f64;
+        let mut curvatures = Vec::with_capacity(intervals + 1);
+        let mut local_caps = Vec::with_capacity(intervals + 1);
+        for i in 0..=intervals {
+            // The end belongs to this stretch, not to the one after a cusp, nor to the next lap.
+            let point = path.at((start_m + i as f64 * step_m).min(end_m.next_down()));
+            let cap = speed_cap_m_s(&point);
+            if cap.is_nan() || cap <= 0.0 {
+                return Err(PathError::Range(RangeError {
+                    key: "speed_cap_m_s",
+                    value: cap,
+                    range: "above 0",
+                }));
+            }
+            curvatures.push(point.curvature_per_m);
+            local_caps.push(cap);
+        }
+        let caps = (0..=intervals)
+            .map(|i| {
+                // Neighbours count, so that the bound holds between the knots too.
+                let beside = i.saturating_sub(1)..=(i + 1).min(intervals);
+                let speed = beside
+                    .map(|j| limits.speed_at(curvatures[j]).min(local_caps[j]))
+                    .fold(f64::INFINITY, f64::min);
+                speed * speed
+            })
+            .collect();
+        Ok(Self {
+            limits,
+            start_m,
+            step_m,
+            curvatures,
+            caps,
+        })
+    }
+
+    fn knots(mut self, initial_m_s: f64) -> Vec<Knot> {
+        let last = self.caps.len() - 1;
+        let yaw_acceleration =
+            2.0 * self.limits.steer_acceleration_m_s2 / self.limits.track_width_m;
+        for i in 0..last {
+            let slope = (self.curvatures[i + 1] - self.curvatures[i]).abs() / self.step_m;
+            for j in [i, i + 1] {
+                self.caps[j] = self.caps[j].min(yaw_acceleration / slope);
+            }
+        }
+        let mut squares = self.caps.clone();
+        squares[0] = squares[0].min(initial_m_s * initial_m_s);
+        squares[last] = 0.0;
+        for i in (0..last).rev() {
+            let bound = squares[i + 1] + 2.0 * self.step_m * self.limits.deceleration_m_s2;
+            squares[i] = squares[i].min(bound);
+            for [here, there] in self.steer_rate_weights(i) {
+                let rest = there * squares[i + 1];
+                squares[i] = squares[i].min(steer_bound(here, rest, yaw_acceleration));
+            }
+        }
+        for i in 0..last {
+            let bound = squares[i] + 2.0 * self.step_m * self.limits.acceleration_m_s2;
+            squares[i + 1] = squares[i + 1].min(bound);
+            for [there, here] in self.steer_rate_weights(i) {
+                let rest = there * squares[i];
+                squares[i + 1] = squares[i + 1].min(steer_bound(here, rest, yaw_acceleration));
+            }
+        }
+        squares
+            .into_iter()
+            .enumerate()
+            .map(|(i, speed_squared)| Knot {
+                arc_length_m: self.start_m + i as f64 * self.step_m,
+                speed_squared,
+            })
+            .collect()
+    }
+
+    /// Returns the factors of w at knots `index` and `index + 1` in 2/D d(sigma)/dt, just after the
+    /// one and just before the other; between them it is linear in arc length.
+    fn steer_rate_weights(&self, index: usize) -> [[f64; 2]; 2] {
+        let (a, b) = (self.curvatures[index], self.curvatures[index + 1]);
+        let half = 0.5 / self.step_m;
+        [
+            [half * (2.0 * b - 3.0 * a), half * a],
+            [half * -b, half * (3.0 * b - 2.0 * a)],
+        ]
+    }
+}
+
+/// Returns the largest w with |weight * w + rest| <= limit, where 0 meets it or nothing does.
+fn steer_bound(weight: f64, rest: f64, limit: f64) -> f64 {
+    if weight == 0.0 {
+        f64::INFINITY
+    } else if weight > 0.0 {
+        ((limit - rest) / weight).max(0.0)
+    } else {
+        ((limit + rest) / -weight).max(0.0)
+    }
+}
+
+/// Puts the knots, between which the acceleration is constant, on a uniform grid of time.
+fn timed(path: &Path, knots: &[Knot]) -> Result<Trajectory, PathError> {
+    let mut times_s = vec![0.0];
+    let mut duration_s = 0.0;
+    for pair in knots.windows(2) {
+        let length_m = pair[1].arc_length_m - pair[0].arc_length_m;
+        if length_m > 1e-9 {
+            duration_s += 2.0 * length_m / (pair[0].speed() + pair[1].speed());
+        }
+        times_s.push(duration_s);
+    }
+    let intervals = (duration_s / NODE_STEP_S).ceil().max(1.0) as usize;
+    let step_s = duration_s / intervals as f64;
+    let mut nodes = Vec::with_capacity(intervals + 1);
+    let mut knot = 0;
+    for i in 0..=intervals {
+        let time_s = (i as f64 * step_s).min(duration_s);
+        while knot + 2 < knots.len() && times_s[knot + 1] <= time_s {
+            knot += 1;
+        }
+        let (a, b) = (&knots[knot], &knots[knot + 1]);
+        let (since_s, span_s) = (time_s - times_s[knot], times_s[knot + 1] - times_s[knot]);
+        let acceleration_m_s2 = if span_s > 0.0 {
+            (b.speed() - a.speed()) / span_s
+        } else {
+            0.0
+        };
+        let speed_m_s = (a.speed() + acceleration_m_s2 * since_s).max(0.0);
+        let arc_length_m = (a.arc_length_m
+            + since_s * (a.speed() + 0.5 * acceleration_m_s2 * since_s))
+            .min(b.arc_length_m);
+        // The end of a closed path belongs to this lap.
+        let point = path.at(arc_length_m.min(path.length_m().next_down()));
+        nodes.push(Node {
+            arc_length_m,
+            position: point.position,
+            heading_rad: point.heading_rad,
+            speed_m_s: point.direction.sign() * speed_m_s,
+            yaw_rate_rad_s: point.curvature_per_m * speed_m_s,
+            motion: Motion::Drive,
+        });
+    }
+    Trajectory::from_nodes(nodes, step_s, Some(path.clone()), Ending::Stop)
+}
+
+impl Knot {
+    fn speed(&self) -> f64 {
+        self.speed_squared.sqrt()
+    }
+}

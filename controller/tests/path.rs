@@ -1,0 +1,437 @@
+//! Properties of paths, projections, smoothing and speed profiles.
+
+// The lint's exception for tests does not reach helper functions.
+#![allow(clippy::unwrap_used)]
+
+use proptest::prelude::*;
+use sidehill_controller::course::{Course, FigureEight, Slalom};
+use sidehill_controller::path::{
+    Direction, Path, PathError, Point2, Projection, RawPoint, Smoothing, Window, read_csv,
+    read_gpx, smooth,
+};
+use sidehill_controller::speed_profile::{SpeedLimits, speed_profile};
+use sidehill_plant::frames::PlanarPose;
+use std::f64::consts::{PI, TAU};
+
+const LIMITS: SpeedLimits = SpeedLimits {
+    speed_max_m_s: 0.8,
+    traction_max_m_s: 1.0,
+    steer_max_m_s: 0.5,
+    tread_max_m_s: 1.1,
+    acceleration_m_s2: 0.5,
+    deceleration_m_s2: 0.3,
+    steer_acceleration_m_s2: 0.6,
+    lateral_acceleration_m_s2: 0.4,
+    track_width_m: 2.05,
+    initial_speed_m_s: 0.0,
+};
+
+fn eight() -> Path {
+    FigureEight::default()
+        .trajectory()
+        .unwrap()
+        .path()
+        .unwrap()
+        .clone()
+}
+
+fn slalom() -> Path {
+    Course::Slalom(Slalom::default())
+        .trajectory(&LIMITS)
+        .unwrap()
+        .path()
+        .unwrap()
+        .clone()
+}
+
+fn raw(points: &[(f64, f64)]) -> Vec<RawPoint> {
+    points
+        .iter()
+        .map(|&(x_m, y_m)| RawPoint {
+            position: Point2 { x_m, y_m },
+            ..RawPoint::default()
+        })
+        .collect()
+}
+
+/// A random walk of steps of about 0.5 m that turns gently, with noise.
+fn noisy_route() -> impl Strategy<Value = Vec<RawPoint>> {
+    prop::collection::vec((-0.25..0.25f64, -0.03..0.03f64, -0.03..0.03f64), 4..120).prop_map(
+        |steps| {
+            let (mut x, mut y, mut heading) = (0.0, 0.0, 0.0_f64);
+            let mut points = vec![(0.0, 0.0)];
+            for (turn, noise_x, noise_y) in steps {
+                heading += turn;
+                x += 0.5 * heading.cos();
+                y += 0.5 * heading.sin();
+                points.push((x + noise_x, y + noise_y));
+            }
+            raw(&points)
+        },
+    )
+}
+
+fn beside(path: &Path, arc_length_m: f64, left_m: f64) -> Point2 {
+    let point = path.at(arc_length_m);
+    let (sin, cos) = point.travel_heading_rad().sin_cos();
+    Point2 {
+        x_m: point.position.x_m - cos * left_m,
+        y_m: point.position.y_m - sin * left_m,
+    }
+}
+
+#[test]
+fn the_length_of_the_eight_is_that_of_its_polygon() {
+    let w = TAU / 60.0;
+    let at = |t: f64| Point2 {
+        x_m: 2.4 * (2.0 * w * t).sin(),
+        y_m: 3.9 * (w * t).sin(),
+    };
+    let polygon_m: f64 = (0..60_000)
+        .map(|i| at(f64::from(i) * 1e-3).distance_m(&at(f64::from(i + 1) * 1e-3)))
+        .sum();
+    assert!((eight().length_m() - polygon_m).abs() < 1e-5);
+}
+
+#[test]
+fn a_crossing_does_not_switch_the_branch() {
+    let path = eight();
+    let window = Window::symmetric(0.5);
+    for offset_m in [-0.1, 0.0, 0.1] {
+        let mut projection = Projection::default();
+        let mut travelled_m = 1.0;
+        while travelled_m < 2.5 * path.length_m() {
+            let place = beside(&path, travelled_m, offset_m);
+            let pose = PlanarPose {
+                x_m: place.x_m,
+                y_m: place.y_m,
+                yaw_rad: path.at(travelled_m).heading_rad,
+            };
+            let projected = projection.update(&path, &pose, &window).unwrap();
+            assert!((projected.point.arc_length_m - travelled_m).abs() < 1e-3);
+            assert!((projected.cross_track_m - offset_m).abs() < 1e-6);
+            travelled_m += 0.03;
+        }
+    }
+}
+
+#[test]
+fn the_first_projection_at_a_crossing_takes_the_branch_of_the_heading() {
+    let path = eight();
+    let half_m = 0.5 * path.length_m();
+    for (arc_length_m, yaw_rad) in [
+        (0.0, path.at(0.0).heading_rad),
+        (half_m, path.at(half_m).heading_rad),
+    ] {
+        let pose = PlanarPose {
+            x_m: 0.01,
+            y_m: 0.0,
+            yaw_rad,
+        };
+        let found = path.nearest_anywhere(&pose).point.arc_length_m;
+        let off_m = (found - arc_length_m + 0.5 * half_m).rem_euclid(path.length_m());
+        assert!((off_m - 0.5 * half_m).abs() < 0.1, "{found}");
+    }
+}
+
+#[test]
+fn a_nan_pose_leaves_the_progress_alone() {
+    let path = eight();
+    let mut projection = Projection::starting_at(3.0);
+    let pose = PlanarPose {
+        x_m: f64::NAN,
+        ..PlanarPose::default()
+    };
+    assert!(
+        projection
+            .update(&path, &pose, &Window::symmetric(1.0))
+            .is_none()
+    );
+    assert_eq!(projection.arc_length_m(), Some(3.0));
+}
+
+#[test]
+fn unusable_points_are_refused_by_name() {
+    let options = Smoothing::default();
+    assert_eq!(smooth(&[], &options), Err(PathError::Empty));
+    assert_eq!(
+        smooth(&raw(&[(1.0, 2.0)]), &options),
+        Err(PathError::SinglePoint)
+    );
+    assert_eq!(
+        smooth(&raw(&[(1.0, 2.0), (1.0, 2.0)]), &options),
+        Err(PathError::ZeroLength)
+    );
+    assert!(matches!(
+        smooth(&raw(&[(0.0, 0.0), (1.0, 0.0), (f64::NAN, 0.0)]), &options),
+        Err(PathError::NotFinite { index: 2, .. })
+    ));
+    assert!(matches!(
+        smooth(&raw(&[(0.0, 0.0), (0.0, 4e6)]), &options),
+        Err(PathError::TooLong { .. })
+    ));
+    let tight = Smoothing {
+        max_deviation_m: 0.1,
+        ..options
+    };
+    let corner = raw(&[(0.0, 0.0), (0.0, 5.0), (5.0, 5.0), (10.0, 5.0)]);
+    match smooth(&corner, &tight) {
+        Err(PathError::TooSharp {
+            index,
+            curvature_per_m,
+            position,
+            ..
+        }) => {
+            assert_eq!(index, 1);
+            assert!(curvature_per_m > 1.0);
+            assert!(position.distance_m(&Point2 { x_m: 0.0, y_m: 5.0 }) < 0.5);
+        }
+        other => panic!("{other:?}"),
+    }
+    let smoothed = smooth(&corner, &options).unwrap();
+    assert!(smoothed.deviation_max_m < 0.5 && smoothed.path.max_curvature_per_m() <= 1.0);
+}
+
+#[test]
+fn repeated_points_are_dropped_and_keep_their_place() {
+    let points = raw(&[(0.0, 0.0), (0.0, 3.0), (0.0, 3.0), (0.0, 8.0)]);
+    let smoothed = smooth(&points, &Smoothing::default()).unwrap();
+    let expected = [0.0, 3.0, 3.0, 8.0];
+    for (found, expected) in smoothed.arc_lengths_m.iter().zip(expected) {
+        assert!((found - expected).abs() < 1e-6);
+    }
+}
+
+#[test]
+fn a_way_back_is_driven_in_reverse() {
+    let points = raw(&[(0.0, 0.0), (0.0, 5.0), (0.5, 10.0), (1.0, 5.0), (1.0, 0.0)]);
+    let path = smooth(&points, &Smoothing::default()).unwrap().path;
+    let cusp_m = path.cusps_m().next().unwrap();
+    assert_eq!(path.cusps_m().count(), 1);
+    let (before, after) = (path.at(cusp_m - 1e-6), path.at(cusp_m + 1e-6));
+    assert_eq!(before.direction, Direction::Forward);
+    assert_eq!(after.direction, Direction::Reverse);
+    assert!((before.heading_rad - after.heading_rad).abs() < 1e-3);
+    let there = Point2 {
+        x_m: 0.5,
+        y_m: 10.0,
+    };
+    assert!(before.position.distance_m(&there) < 1e-4);
+    // Past the cusp the projection goes on along the way back.
+    let mut projection = Projection::starting_at(cusp_m - 1.0);
+    let mut travelled_m = cusp_m - 1.0;
+    while travelled_m < path.length_m() {
+        let point = path.at(travelled_m);
+        let pose = PlanarPose {
+            x_m: point.position.x_m,
+            y_m: point.position.y_m,
+            yaw_rad: point.heading_rad,
+        };
+        let found = projection
+            .update(&path, &pose, &Window::symmetric(0.3))
+            .unwrap();
+        assert!(
+            (found.point.arc_length_m - travelled_m).abs() < 0.02,
+            "{travelled_m} {found:?}"
+        );
+        travelled_m += 0.04;
+    }
+}
+
+#[test]
+fn directions_in_a_csv_are_kept() {
+    let text = "x_m,y_m,z_m,direction\n0,0,1.5,forward\n0,4,2,reverse\n0.2,1,2,\n0.4,-3,1,\n";
+    let route = read_csv(text.as_bytes()).unwrap();
+    assert_eq!(route.points[0].elevation_m, Some(1.5));
+    let path = smooth(&route.points, &Smoothing::default()).unwrap().path;
+    assert_eq!(path.cusps_m().count(), 1);
+    assert_eq!(path.at(2.0).direction, Direction::Forward);
+    assert_eq!(path.at(7.0).direction, Direction::Reverse);
+    assert!(path.at(7.0).heading_rad.abs() < 0.2);
+}
+
+#[test]
+fn faults_in_a_csv_carry_their_line() {
+    let fault = |text: &str| read_csv(text.as_bytes()).unwrap_err().to_string();
+    assert!(fault("x_m,y_m\n0,0\n1,nan\n").contains("line 3"));
+    assert!(fault("x_m,y_m\n0,0\n1\n").contains("line 3"));
+    assert!(fault("x_m\n0\n").contains("`y_m` is missing"));
+    assert!(fault("x_m,y_m,w\n0,0,0\n").contains("`w` is unknown"));
+    assert!(fault("x_m,y_m,direction\n0,0,up\n").contains("`up` is unknown"));
+    assert_eq!(read_csv("x_m,y_m\n".as_bytes()), Err(PathError::Empty));
+}
+
+#[test]
+fn a_gpx_is_read_into_the_tangent_plane() {
+    let text = r#"<gpx version="1.1" xmlns="http://www.topografix.com/GPX/1/1"><rte>
+        <rtept lat="45" lon="7"><ele>100</ele></rtept>
+        <rtept lat="45.001" lon="7"><ele>103.5</ele></rtept>
+        <rtept lat="45" lon="7.001"/></rte></gpx>"#;
+    let points = read_gpx(text.as_bytes()).unwrap().points;
+    // Radii of curvature of WGS 84 at 45 deg: meridian 6 367 381.8 m, prime vertical 6 388 838.3 m.
+    let step_rad = 1e-3_f64.to_radians();
+    assert!((points[1].position.y_m - 6_367_381.8 * step_rad).abs() < 1e-2);
+    assert!(points[1].position.x_m.abs() < 1e-6);
+    let east_m = 6_388_838.3 * (PI / 4.0).cos() * step_rad;
+    assert!((points[2].position.x_m - east_m).abs() < 1e-2);
+    assert_eq!(points[1].elevation_m, Some(3.5));
+    assert_eq!(points[2].elevation_m, None);
+}
+
+#[test]
+fn faults_in_a_gpx_carry_their_line() {
+    let fault = |text: &str| read_gpx(text.as_bytes()).unwrap_err().to_string();
+    let in_track = |point: &str| format!("<gpx><trk><trkseg>\n{point}\n</trkseg></trk></gpx>");
+    assert!(fault(&in_track(r#"<trkpt lat="91" lon="0"/>"#)).contains("line 2 of the GPX: lat"));
+    assert!(fault(&in_track(r#"<trkpt lat="1"/>"#)).contains("no `lon`"));
+    assert!(fault(&in_track("<trkpt")).contains("line"));
+    assert!(fault("<kml/>").contains("kml"));
+    assert_eq!(read_gpx("<gpx/>".as_bytes()), Err(PathError::Empty));
+}
+
+#[test]
+fn limits_that_are_not_positive_are_refused() {
+    let limits = SpeedLimits {
+        steer_max_m_s: 0.0,
+        ..LIMITS
+    };
+    let error = speed_profile(&slalom(), &limits, |_| 1.0).unwrap_err();
+    assert!(error.to_string().contains("steer_max_m_s: 0"));
+    let error = speed_profile(&slalom(), &LIMITS, |_| f64::NAN).unwrap_err();
+    assert!(error.to_string().contains("speed_cap_m_s"));
+}
+
+#[test]
+fn a_local_cap_and_an_initial_speed_are_kept() {
+    let path = slalom();
+    let limits = SpeedLimits {
+        initial_speed_m_s: 0.3,
+        ..LIMITS
+    };
+    let steep = |s_m: f64| (10.0..15.0).contains(&s_m);
+    let trajectory = speed_profile(&path, &limits, |p| {
+        if steep(p.arc_length_m) { 0.2 } else { 1.0 }
+    })
+    .unwrap();
+    assert!((trajectory.at(0.0).speed_m_s - 0.3).abs() < 1e-9);
+    let mut slow_s = 0.0;
+    while slow_s < trajectory.duration_s() {
+        let here = trajectory.at(slow_s);
+        assert!(!steep(here.arc_length_m) || here.speed_m_s <= 0.2 + 1e-9);
+        slow_s += 0.01;
+    }
+}
+
+#[test]
+fn the_speed_profile_stops_at_a_cusp_and_keeps_its_limits_about_it() {
+    let points = raw(&[(0.0, 0.0), (0.0, 5.0), (0.5, 10.0), (1.0, 5.0), (1.0, 0.0)]);
+    let path = smooth(&points, &Smoothing::default()).unwrap().path;
+    check_profile(&path, &LIMITS).unwrap();
+    let trajectory = speed_profile(&path, &LIMITS, |_| 1.0).unwrap();
+    let cusp_s = trajectory.time_at(path.cusps_m().next().unwrap());
+    // Slower than one node of 0.05 s can brake or accelerate.
+    assert!(trajectory.at(cusp_s).speed_m_s.abs() < 0.05 * LIMITS.acceleration_m_s2);
+    assert!(trajectory.at(cusp_s - 1.0).speed_m_s > 0.1);
+    assert!(trajectory.at(cusp_s + 1.0).speed_m_s < -0.1);
+}
+
+/// Checks every bound of `limits` by differences along the trajectory.
+fn check_profile(path: &Path, limits: &SpeedLimits) -> Result<(), TestCaseError> {
+    let trajectory = speed_profile(path, limits, |_| f64::INFINITY).unwrap();
+    let (end, duration_s) = (path.length_m(), trajectory.duration_s());
+    let steer = |time_s: f64| 0.5 * limits.track_width_m * trajectory.at(time_s).yaw_rate_rad_s;
+    prop_assert!((trajectory.length_m() - end).abs() < 1e-6);
+    prop_assert!(trajectory.at(duration_s).speed_m_s.abs() < 1e-9);
+    let step_s = 0.1;
+    let cusps_s: Vec<f64> = path.cusps_m().map(|s_m| trajectory.time_at(s_m)).collect();
+    for i in 0..(duration_s / step_s) as usize {
+        let time_s = i as f64 * step_s;
+        let (a, b) = (trajectory.at(time_s), trajectory.at(time_s + step_s));
+        let speed = a.speed_m_s.abs();
+        let sigma = steer(time_s);
+        prop_assert!(speed <= limits.speed_max_m_s + 1e-9);
+        prop_assert!(
+            sigma.abs() <= limits.steer_max_m_s + 1e-3,
+            "{sigma} at {time_s}"
+        );
+        prop_assert!(speed + sigma.abs() <= limits.tread_max_m_s + 2e-3);
+        prop_assert!(speed * a.yaw_rate_rad_s.abs() <= limits.lateral_acceleration_m_s2 * 1.01);
+        if cusps_s.iter().any(|c| (c - time_s).abs() < 0.3) {
+            continue;
+        }
+        let rate = (b.speed_m_s.abs() - speed) / step_s;
+        prop_assert!(
+            rate <= limits.acceleration_m_s2 + 1e-6,
+            "{rate} at {time_s}"
+        );
+        prop_assert!(
+            rate >= -limits.deceleration_m_s2 - 1e-6,
+            "{rate} at {time_s}"
+        );
+        let rate = (steer(time_s + step_s) - sigma) / step_s;
+        prop_assert!(
+            rate.abs() <= limits.steer_acceleration_m_s2 * 1.001,
+            "{rate} at {time_s} s of {duration_s} s, {limits:?}"
+        );
+    }
+    Ok(())
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 48, failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn a_point_beside_the_path_is_found_with_its_offset(at_m in 0.0..24.0f64, left_m in -0.3..0.3f64,
+                                                        guess_m in -0.4..0.4f64) {
+        let path = slalom();
+        let found = path.nearest_within(&beside(&path, at_m, left_m), at_m + guess_m,
+                                        &Window::symmetric(0.5));
+        prop_assert!((found.cross_track_m - left_m).abs() < 1e-7);
+        prop_assert!((found.point.arc_length_m - at_m).abs() < 1e-4);
+    }
+
+    #[test]
+    fn arc_length_is_the_length_of_the_curve(at_m in 0.0..30.0f64) {
+        let path = eight();
+        let step_m = 1e-3;
+        let (a, b) = (path.at(at_m), path.at(at_m + step_m));
+        prop_assert!((a.position.distance_m(&b.position) - step_m).abs() < 1e-7);
+        let curvature = (b.heading_rad - a.heading_rad) / step_m;
+        prop_assert!((curvature - a.curvature_per_m).abs() < 2e-2);
+        let (sin, cos) = a.heading_rad.sin_cos();
+        prop_assert!(((b.position.x_m - a.position.x_m) / step_m + sin).abs() < 2e-3);
+        prop_assert!(((b.position.y_m - a.position.y_m) / step_m - cos).abs() < 2e-3);
+    }
+
+    #[test]
+    fn smoothing_keeps_its_bounds(points in noisy_route()) {
+        let options = Smoothing { max_curvature_per_m: 0.8, max_deviation_m: 0.3, spacing_m: 0.1 };
+        let smoothed = smooth(&points, &options);
+        // A walk that turns by at most 0.5 1/m, with 4 cm of noise, can always be smoothed.
+        let smoothed = smoothed.map_err(|error| TestCaseError::fail(error.to_string()))?;
+        let path = &smoothed.path;
+        prop_assert!(path.max_curvature_per_m() <= 0.8);
+        prop_assert!(smoothed.arc_lengths_m.is_sorted());
+        let mut worst_m: f64 = 0.0;
+        for point in &points {
+            // By brute force, apart from the code under test.
+            let nearest_m = (0..=(path.length_m() / 0.01).ceil() as usize)
+                .map(|i| path.at(i as f64 * 0.01).position.distance_m(&point.position))
+                .fold(f64::INFINITY, f64::min);
+            worst_m = worst_m.max(nearest_m);
+        }
+        // Half a step along a curve that bends by at most 0.24 of its distance.
+        let found_m = smoothed.deviation_max_m;
+        prop_assert!(worst_m <= found_m.hypot(0.006), "{worst_m} > {found_m}");
+        prop_assert!(smoothed.deviation_max_m <= 0.3);
+    }
+
+    #[test]
+    fn the_speed_profile_keeps_every_limit(points in noisy_route(), steer in 0.1..0.8f64, rate in 0.2..1.0f64) {
+        let options = Smoothing { max_curvature_per_m: 0.8, max_deviation_m: 0.3, spacing_m: 0.1 };
+        if let Ok(smoothed) = smooth(&points, &options) {
+            let limits = SpeedLimits { steer_max_m_s: steer, steer_acceleration_m_s2: rate, ..LIMITS };
+            check_profile(&smoothed.path, &limits)?;
+        }
+    }
+}

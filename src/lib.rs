@@ -1,0 +1,6 @@
+//! What the program `sidehill` is made of besides `plant` and `controller`: configuration files,
+//! closed-loop simulation, figures and reports.
+//!
+//! Kept as a library so that tests and benches reach it; it promises no stable interface.
+
+pub mod record;

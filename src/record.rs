@@ -1,0 +1,128 @@
+//! What a run leaves behind: one row a control cycle, and the figures of the whole.
+
+use serde::Serialize;
+use sidehill_controller::controller::Status;
+use sidehill_plant::frames::{Attitude, Pose};
+use sidehill_plant::icr::TreadIcrs;
+use sidehill_plant::speeds::MotorSpeeds;
+
+/// One control cycle, with the truth at its beginning.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Row {
+    /// Instant, s.
+    pub time_s: f64,
+    /// True pose.
+    pub pose: Pose,
+    /// True roll and pitch.
+    pub attitude: Attitude,
+    /// Estimated position and heading: x, y in m, yaw in rad.
+    pub estimate: Option<[f64; 3]>,
+    /// Reference position and heading: x, y in m, yaw in rad.
+    pub reference: Option<[f64; 3]>,
+    /// True distance from the path, m, left positive.
+    pub cross_track_m: f64,
+    /// True distance by which the vehicle is ahead of the reference along the path, m.
+    pub along_track_m: f64,
+    /// True heading less that of the reference, rad.
+    pub heading_error_rad: f64,
+    /// Command given in this cycle.
+    pub command: MotorSpeeds,
+    /// True motor speeds.
+    pub motors: MotorSpeeds,
+    /// Tread ICRs of ICRIK at the true attitude and speeds.
+    pub icrs: TreadIcrs,
+    /// What the command is worth.
+    pub status: Status,
+    /// Interior-point iterations; 0 without a QP.
+    pub qp_iterations: u32,
+    /// Time within the QP solver, us; 0 without a QP.
+    pub solve_us: f64,
+    /// Time from estimate to command, us.
+    pub cycle_us: f64,
+}
+
+/// Quantiles of a time, us.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+pub struct Quantiles {
+    /// Median.
+    pub p50: f64,
+    /// 99 % quantile.
+    pub p99: f64,
+    /// 99.9 % quantile.
+    pub p999: f64,
+    /// Largest.
+    pub max: f64,
+}
+
+impl Quantiles {
+    /// Returns the quantiles of `values` by the nearest rank; zeros where there are none.
+    pub fn of(mut values: Vec<f64>) -> Self {
+        if values.is_empty() {
+            return Self::default();
+        }
+        values.sort_by(f64::total_cmp);
+        let rank = |q: f64| {
+            let index = (q * values.len() as f64).ceil() as usize;
+            values[index.clamp(1, values.len()) - 1]
+        };
+        Self {
+            p50: rank(0.5),
+            p99: rank(0.99),
+            p999: rank(0.999),
+            max: rank(1.0),
+        }
+    }
+}
+
+/// The figures of one run, as `simulate --format json` prints them.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Summary {
+    /// Controller's name.
+    pub controller: String,
+    /// Plant's name: icrik or contact.
+    pub plant: String,
+    /// Scenario's name.
+    pub scenario: String,
+    /// Seed.
+    pub seed: u64,
+    /// Whether the reference was followed to its end.
+    pub completed: bool,
+    /// Why not, where it was not.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub ended_by: Option<String>,
+    /// Root mean square of the distance from the path, m.
+    pub cross_track_rms_m: f64,
+    /// 95 % quantile of its absolute value, m.
+    pub cross_track_p95_m: f64,
+    /// Largest absolute value, m.
+    pub cross_track_max_m: f64,
+    /// Root mean square of the error along the path, m.
+    pub along_track_rms_m: f64,
+    /// Root mean square of the difference from the path's heading, rad.
+    pub heading_rms_rad: f64,
+    /// Sum of the absolute changes of the steer command, m/s.
+    pub steer_total_variation_m_s: f64,
+    /// Distance from the end of the path at the end, m.
+    pub goal_error_m: f64,
+    /// Commands outside bounds or rates.
+    pub constraint_violations: u32,
+    /// Cycles that drove on the previous plan.
+    pub fallbacks: u32,
+    /// Cycles that took longer than the control period.
+    pub deadline_misses: u32,
+    /// Mean of the QP's iterations.
+    pub qp_iterations_mean: f64,
+    /// Time within the QP solver, us.
+    pub solve_us: Quantiles,
+    /// Time from estimate to command, us.
+    pub cycle_us: Quantiles,
+}
+
+/// A whole run of one controller.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Run {
+    /// Its figures.
+    pub summary: Summary,
+    /// Its cycles.
+    pub rows: Vec<Row>,
+}
