@@ -102,10 +102,7 @@ mod tests {
             pitch_rad: 0.1,
         };
         let (stands, loads_n, _) = loads(&vehicle, steep(25.0));
-        assert!(
-            stands && loads_n.contains(&0.0),
-            "{loads_n:?}"
-        );
+        assert!(stands && loads_n.contains(&0.0), "{loads_n:?}");
         // The weight leaves the base rectangle at atan(0.6 / 0.9) = 34 deg.
         assert!(!loads(&vehicle, steep(36.0)).0);
     }
