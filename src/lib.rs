@@ -2,5 +2,11 @@
 //! closed-loop simulation, figures and reports.
 //!
 //! Kept as a library so that tests and benches reach it; it promises no stable interface.
+#![allow(clippy::print_stdout, clippy::print_stderr)]
 
+pub mod check;
+pub mod closed_loop;
+pub mod config;
+pub mod icr;
 pub mod record;
+pub mod simulate;

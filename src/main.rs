@@ -1,3 +1,41 @@
-//! The program `sidehill`.
+//! The program `sidehill`: arguments in, exit status out.
+#![allow(clippy::print_stderr)]
 
-fn main() {}
+use clap::{Parser, Subcommand};
+use sidehill::{check, icr, simulate};
+use std::process::ExitCode;
+
+/// Path tracking for skid-steer rovers on slopes. Without a subcommand it simulates the figure of
+/// eight on a hillside with several controllers.
+#[derive(Debug, Parser)]
+#[command(version)]
+struct Cli {
+    #[command(subcommand)]
+    command: Option<Command>,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Simulates a scenario with its controllers, side by side.
+    Simulate(simulate::SimulateArgs),
+    /// Evaluates ICRIK: CSV with roll_rad, pitch_rad, v_left_m_s, v_right_m_s on standard input.
+    Icr(icr::IcrArgs),
+    /// Validates configuration files.
+    Check(check::CheckArgs),
+}
+
+fn main() -> ExitCode {
+    let command = Cli::parse()
+        .command
+        .unwrap_or_else(|| Command::Simulate(simulate::SimulateArgs::default()));
+    let result = match command {
+        Command::Simulate(args) => simulate::run(&args),
+        Command::Icr(args) => icr::run(&args, std::io::stdin().lock(), std::io::stdout().lock())
+            .map(|()| ExitCode::SUCCESS),
+        Command::Check(args) => check::run(&args),
+    };
+    result.unwrap_or_else(|error| {
+        eprintln!("sidehill: {error:#}");
+        ExitCode::from(2)
+    })
+}

@@ -74,7 +74,8 @@ impl Quantiles {
     }
 }
 
-/// The figures of one run, as `simulate --format json` prints them.
+/// The figures of one run, as `simulate --format json` prints them. Errors and the steer command are
+/// counted after the first 2 s, in which the vehicle gets under way.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Summary {
     /// Controller's name.

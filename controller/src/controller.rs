@@ -9,7 +9,7 @@ use crate::estimator::{Estimate, Estimator, Refused};
 use crate::mpc::{Mpc, Plan, QpFailure, SolveReport, StageTarget};
 use crate::pure_pursuit::PursuitView;
 use crate::reference::{Progress, Reference, Tracking};
-use crate::trajectory::{Motion, Trajectory};
+use crate::trajectory::{Ending, Motion, Trajectory};
 use nalgebra::Vector3;
 use sidehill_plant::frames::{PlanarPose, wrap_angle};
 use sidehill_plant::prediction::PredictionModel;
@@ -178,6 +178,16 @@ impl Controller {
         terrain: Option<Terrain>,
     ) -> Result<Self, ControllerError> {
         config.validate()?;
+        // All kinds estimate with the vehicle as identified: they differ in what they predict with.
+        let estimator = Estimator::new(config.estimator, vehicle.clone());
+        let tracking = if kind == ControllerKind::PurePursuit {
+            // A geometric law knows no time: its reference waits for the vehicle.
+            Tracking::Path {
+                lead_max_m: config.lead_max_m,
+            }
+        } else {
+            tracking
+        };
         let vehicle = match kind {
             ControllerKind::IcrikMpc => vehicle.clone(),
             ControllerKind::IcrhkMpc | ControllerKind::PurePursuit => vehicle.on_level_ground(),
@@ -194,7 +204,7 @@ impl Controller {
         };
         let commands = (1.0 / config.period_s).ceil() as usize + 2;
         Ok(Self {
-            estimator: Estimator::new(config.estimator, vehicle.clone()),
+            estimator,
             reference: Reference::new(trajectory, tracking, laps),
             targets: Vec::with_capacity(config.stages),
             issued: Vec::with_capacity(commands + 1),
@@ -322,8 +332,7 @@ impl Controller {
             });
         }
         if progress.ended && matches!(self.phase, Phase::Driving { .. }) {
-            let periodic = self.reference.end_s() > self.reference.trajectory().duration_s()
-                || self.reference.trajectory().ending() == crate::trajectory::Ending::Periodic;
+            let periodic = self.reference.trajectory().ending() == Ending::Periodic;
             let last = self.last_command();
             let standing = last.traction_m_s.abs() < 0.01 && last.steer_m_s.abs() < 0.01;
             let late = self.reference.time_s() > self.reference.end_s() + limits.settle_time_s;

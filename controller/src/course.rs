@@ -14,7 +14,7 @@ use sidehill_plant::vehicle::RangeError;
 
 /// A course with its parameters; each has a default.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(try_from = "RawCourse", tag = "course", rename_all = "snake_case")]
+#[serde(try_from = "RawCourse", tag = "shape", rename_all = "snake_case")]
 pub enum Course {
     /// An 8, given as a trajectory.
     FigureEight(FigureEight),
@@ -63,7 +63,7 @@ impl Course {
 }
 
 #[derive(Deserialize)]
-#[serde(tag = "course", rename_all = "snake_case")]
+#[serde(tag = "shape", rename_all = "snake_case")]
 enum RawCourse {
     FigureEight(FigureEight),
     Circle(Circle),
@@ -125,7 +125,7 @@ mod tests {
             "pivot",
             "cusp",
         ] {
-            let course = course(&format!("course: {name}")).unwrap();
+            let course = course(&format!("shape: {name}")).unwrap();
             let trajectory = course.trajectory(&limits()).unwrap();
             let step_s = 1e-3;
             for i in 1..500 {
@@ -191,7 +191,7 @@ mod tests {
 
     #[test]
     fn the_cusp_course_reverses_with_a_continuous_heading() {
-        let trajectory = course("course: cusp")
+        let trajectory = course("shape: cusp")
             .unwrap()
             .trajectory(&limits())
             .unwrap();

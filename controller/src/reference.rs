@@ -128,11 +128,18 @@ impl Reference {
                 self.time_s = self.trajectory.time_at(reach_m).max(before_s);
             }
         }
+        let ended = match (self.trajectory.ending(), self.tracking) {
+            // A reference that waits does so at the end of the last round too.
+            (Ending::Periodic, Tracking::Path { .. }) => {
+                arc_length_m >= self.trajectory.length_m() * f64::from(self.laps)
+            }
+            _ => self.time_s >= self.end_s() - 1e-9,
+        };
         Progress {
             point: self.trajectory.at(self.time_s),
             arc_length_m,
             cross_track_m,
-            ended: self.time_s >= self.end_s() - 1e-9,
+            ended,
         }
     }
 }

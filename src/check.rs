@@ -1,0 +1,69 @@
+//! `sidehill check`: validates configuration files.
+
+use crate::config::{ConfigFile, Scenario, ScenarioFiles};
+use anyhow::{Result, bail};
+use sidehill_controller::controller::Controller;
+use sidehill_plant::vehicle::Vehicle;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// Arguments of `sidehill check`.
+#[derive(Debug, Clone, clap::Args)]
+pub struct CheckArgs {
+    /// Files to validate; what they are is told from their keys.
+    #[arg(required = true)]
+    pub files: Vec<PathBuf>,
+}
+
+/// Validates each file with all it names, prints a line for each, and returns success only if all
+/// are valid.
+///
+/// # Errors
+/// None of its own: what is wrong with a file is printed.
+pub fn run(args: &CheckArgs) -> Result<ExitCode> {
+    let mut valid = true;
+    for path in &args.files {
+        match check(path) {
+            Ok(kind) => println!("{}: valid {kind}", path.display()),
+            Err(error) => {
+                valid = false;
+                eprintln!("{error:#}");
+            }
+        }
+    }
+    Ok(if valid {
+        ExitCode::SUCCESS
+    } else {
+        ExitCode::FAILURE
+    })
+}
+
+/// Returns what kind of file it is.
+fn check(path: &std::path::Path) -> Result<&'static str> {
+    let file = ConfigFile::read(path)?;
+    let keys: serde_yaml::Mapping = file.parse()?;
+    let has = |key: &str| keys.contains_key(key);
+    if has("controllers") {
+        let prepared = Scenario::read(file)?.prepare(&ScenarioFiles::default())?;
+        for &kind in &prepared.controllers {
+            Controller::new(
+                kind,
+                prepared.controller.clone(),
+                &prepared.vehicle,
+                prepared.trajectory.clone(),
+                prepared.tracking,
+                prepared.laps,
+                None,
+            )?;
+        }
+        Ok("scenario")
+    } else if has("x_icr_left_m") {
+        file.parse::<Vehicle>()?;
+        Ok("vehicle")
+    } else {
+        bail!(
+            "{}: neither a scenario (key controllers) nor a vehicle (key x_icr_left_m)",
+            file.name()
+        )
+    }
+}

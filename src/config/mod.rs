@@ -1,0 +1,155 @@
+//! Configuration files: the one place that reads YAML.
+
+mod scenario;
+
+pub use scenario::{PlantKind, Prepared, RouteConfig, Scenario, ScenarioFiles, TerrainConfig};
+
+use serde::de::DeserializeOwned;
+use std::path::{Component, Path, PathBuf};
+
+/// What is wrong with a file, with its name.
+#[derive(Debug, thiserror::Error)]
+pub enum ConfigError {
+    /// The file cannot be read.
+    #[error("{file}: {reason}")]
+    Read {
+        /// Name of the file.
+        file: String,
+        /// Why not.
+        reason: std::io::Error,
+    },
+    /// Its YAML does not hold what is expected; the message names key, value and range.
+    #[error("{file}: {message}")]
+    Content {
+        /// Name of the file.
+        file: String,
+        /// Key, value and what is allowed.
+        message: String,
+    },
+}
+
+/// Files compiled into the program, by their names in its repository.
+const BUILT_IN: [(&str, &str); 2] = [
+    (
+        "config/scenarios/figure_eight.yaml",
+        include_str!("../../config/scenarios/figure_eight.yaml"),
+    ),
+    (
+        "config/vehicles/j8.yaml",
+        include_str!("../../config/vehicles/j8.yaml"),
+    ),
+];
+
+/// The scenario that runs when none is named.
+pub const DEFAULT_SCENARIO: &str = "config/scenarios/figure_eight.yaml";
+
+/// A file's name and text; names inside it are relative to it.
+#[derive(Debug, Clone)]
+pub struct ConfigFile {
+    path: PathBuf,
+    built_in: bool,
+    text: String,
+}
+
+impl ConfigFile {
+    /// Reads a file from the disk.
+    ///
+    /// # Errors
+    /// [`ConfigError::Read`] with its name.
+    pub fn read(path: &Path) -> Result<Self, ConfigError> {
+        let text = std::fs::read_to_string(path).map_err(|reason| ConfigError::Read {
+            file: path.display().to_string(),
+            reason,
+        })?;
+        Ok(Self {
+            path: path.to_owned(),
+            built_in: false,
+            text,
+        })
+    }
+
+    /// Returns the file of that name that is compiled into the program.
+    ///
+    /// # Errors
+    /// [`ConfigError::Read`] where there is none.
+    pub fn built_in(name: &str) -> Result<Self, ConfigError> {
+        BUILT_IN
+            .iter()
+            .find(|(built_in, _)| *built_in == name)
+            .map(|(name, text)| Self {
+                path: PathBuf::from(name),
+                built_in: true,
+                text: (*text).to_owned(),
+            })
+            .ok_or_else(|| ConfigError::Read {
+                file: format!("{name} (built in)"),
+                reason: std::io::ErrorKind::NotFound.into(),
+            })
+    }
+
+    /// Returns the file that this one names, relative to itself.
+    ///
+    /// # Errors
+    /// [`ConfigError::Read`] with the whole name.
+    pub fn sibling(&self, name: &Path) -> Result<Self, ConfigError> {
+        let folder = self.path.parent().unwrap_or(Path::new(""));
+        let path = normalised(&folder.join(name));
+        if self.built_in {
+            Self::built_in(&path.to_string_lossy())
+        } else {
+            Self::read(&path)
+        }
+    }
+
+    /// Returns the name for messages.
+    pub fn name(&self) -> String {
+        if self.built_in {
+            format!("{} (built in)", self.path.display())
+        } else {
+            self.path.display().to_string()
+        }
+    }
+
+    /// Returns the path as it was given.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Returns the text.
+    pub fn text(&self) -> &str {
+        &self.text
+    }
+
+    /// Reads the text as YAML.
+    ///
+    /// # Errors
+    /// [`ConfigError::Content`] with file, key, value and range.
+    pub fn parse<T: DeserializeOwned>(&self) -> Result<T, ConfigError> {
+        serde_yaml::from_str(&self.text).map_err(|error| self.error(error))
+    }
+
+    /// Returns an error about this file's content.
+    pub fn error(&self, message: impl ToString) -> ConfigError {
+        ConfigError::Content {
+            file: self.name(),
+            message: message.to_string(),
+        }
+    }
+}
+
+/// Returns a path without `.` and with each `..` resolved against the folder before it.
+fn normalised(path: &Path) -> PathBuf {
+    let mut out = PathBuf::new();
+    for component in path.components() {
+        match component {
+            Component::CurDir => {}
+            Component::ParentDir
+                if matches!(out.components().next_back(), Some(Component::Normal(_))) =>
+            {
+                out.pop();
+            }
+            other => out.push(other),
+        }
+    }
+    out
+}

@@ -1,0 +1,434 @@
+//! A scenario: vehicle, ground, reference, plant, sensors and controllers of a simulation.
+
+use super::{ConfigError, ConfigFile};
+use serde::Deserialize;
+use sidehill_controller::config::{ControllerConfig, ControllerKind};
+use sidehill_controller::course::Course;
+use sidehill_controller::path::{Route, Smoothing, read_csv, read_gpx, smooth};
+use sidehill_controller::reference::Tracking;
+use sidehill_controller::speed_profile::{SpeedLimits, speed_profile};
+use sidehill_controller::trajectory::{Ending, Trajectory};
+use sidehill_plant::drive_train::DriveTrainConfig;
+use sidehill_plant::frames::PlanarPose;
+use sidehill_plant::sensors::SensorsConfig;
+use sidehill_plant::terrain::{
+    GridTerrain, PlaneTerrain, RoutePoint, RouteSmoothing, RouteTerrain, Terrain, ZonedTerrain,
+};
+use sidehill_plant::vehicle::{RangeError, Vehicle};
+use std::path::{Path, PathBuf};
+
+/// What moves the simulated vehicle.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "snake_case")]
+pub enum PlantKind {
+    /// The exact ICRIK model.
+    Icrik,
+}
+
+impl PlantKind {
+    /// Returns the name of command lines and tables.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Icrik => "icrik",
+        }
+    }
+}
+
+/// The ground of a scenario.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(tag = "kind", rename_all = "snake_case")]
+pub enum TerrainConfig {
+    /// Level ground.
+    Level,
+    /// One plane.
+    Plane(PlaneTerrain),
+    /// Plane zones along an axis.
+    Zones(ZonedTerrain),
+    /// An elevation grid.
+    Grid {
+        /// ESRI ASCII grid, relative to the scenario.
+        file: PathBuf,
+        /// Easting of the world's origin in the grid's coordinates, m.
+        #[serde(default)]
+        origin_east_m: f64,
+        /// Northing of the world's origin in the grid's coordinates, m.
+        #[serde(default)]
+        origin_north_m: f64,
+    },
+    /// The elevation recorded with the route.
+    Route(RouteSmoothing),
+}
+
+/// A recorded route as reference.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RouteConfig {
+    /// CSV or GPX file, relative to the scenario.
+    pub file: PathBuf,
+    /// How its points become a path.
+    #[serde(default)]
+    pub smoothing: Smoothing,
+}
+
+/// What bounds the speed where the reference is not given in time.
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+struct SpeedConfig {
+    /// Speed on the open stretch, m/s.
+    speed_m_s: f64,
+    /// Share of the motors' limits that the profile uses; the rest is left to feedback and slope.
+    motor_share: f64,
+    /// Largest |curvature| speed^2, m/s^2.
+    lateral_acceleration_m_s2: f64,
+}
+
+impl Default for SpeedConfig {
+    fn default() -> Self {
+        Self {
+            speed_m_s: 0.8,
+            motor_share: 0.5,
+            lateral_acceleration_m_s2: 1.0,
+        }
+    }
+}
+
+/// Where the vehicle starts, against the start of the reference.
+#[derive(Debug, Clone, Copy, Default, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+struct StartOffset {
+    right_m: f64,
+    forward_m: f64,
+    heading_deg: f64,
+}
+
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RawScenario {
+    name: String,
+    vehicle: PathBuf,
+    terrain: TerrainConfig,
+    #[serde(default)]
+    course: Option<Course>,
+    #[serde(default)]
+    route: Option<RouteConfig>,
+    #[serde(default = "one_lap")]
+    laps: u32,
+    #[serde(default)]
+    speed: SpeedConfig,
+    #[serde(default)]
+    start: StartOffset,
+    controllers: Vec<ControllerKind>,
+    plant: PlantKind,
+    seed: u64,
+    step_s: f64,
+    #[serde(default)]
+    drive_train: DriveTrainConfig,
+    #[serde(default)]
+    sensors: SensorsConfig,
+    #[serde(default)]
+    controller: ControllerConfig,
+}
+
+fn one_lap() -> u32 {
+    1
+}
+
+/// A scenario as its file and the command line give it.
+pub struct Scenario {
+    file: ConfigFile,
+    raw: RawScenario,
+}
+
+/// Files on the command line that replace some of the scenario's.
+#[derive(Debug, Clone, Default)]
+pub struct ScenarioFiles {
+    /// Instead of the scenario's course or route.
+    pub path: Option<PathBuf>,
+}
+
+/// A scenario with everything read, checked and built; runs share it.
+pub struct Prepared {
+    /// Name for tables.
+    pub name: String,
+    /// What moves the vehicle.
+    pub plant: PlantKind,
+    /// The vehicle, as controllers know it.
+    pub vehicle: Vehicle,
+    /// The ground.
+    pub terrain: Terrain,
+    /// The reference.
+    pub trajectory: Trajectory,
+    /// How the reference moves on.
+    pub tracking: Tracking,
+    /// Rounds of a periodic reference.
+    pub laps: u32,
+    /// Where the vehicle starts.
+    pub start: PlanarPose,
+    /// Controllers to run.
+    pub controllers: Vec<ControllerKind>,
+    /// Seed of everything random.
+    pub seed: u64,
+    /// Step of the simulation, s.
+    pub step_s: f64,
+    /// Simulated drive train.
+    pub drive_train: DriveTrainConfig,
+    /// Simulated sensors.
+    pub sensors: SensorsConfig,
+    /// Settings of the controllers.
+    pub controller: ControllerConfig,
+    /// What was done to recorded points, in words; empty for a course.
+    pub route_note: String,
+}
+
+impl Scenario {
+    /// Reads a scenario's own file.
+    ///
+    /// # Errors
+    /// [`ConfigError`] with file, key, value and range.
+    pub fn read(file: ConfigFile) -> Result<Self, ConfigError> {
+        let raw: RawScenario = file.parse()?;
+        Ok(Self { file, raw })
+    }
+
+    /// Returns the scenario's name.
+    pub fn name(&self) -> &str {
+        &self.raw.name
+    }
+
+    /// Reads what the scenario names and builds vehicle, ground and reference.
+    ///
+    /// # Errors
+    /// [`ConfigError`] with the file at fault, key, value and range.
+    pub fn prepare(&self, files: &ScenarioFiles) -> Result<Prepared, ConfigError> {
+        let (raw, file) = (&self.raw, &self.file);
+        let ranges = || -> Result<(), RangeError> {
+            RangeError::check("laps", f64::from(raw.laps), 1.0, 1e6, "from 1 to 1000000")?;
+            RangeError::check("step_s", raw.step_s, 1e-4, 0.05, "from 0.0001 to 0.05 s")?;
+            let speed = &raw.speed;
+            RangeError::check(
+                "speed.speed_m_s",
+                speed.speed_m_s,
+                0.01,
+                20.0,
+                "from 0.01 to 20 m/s",
+            )?;
+            RangeError::check(
+                "speed.motor_share",
+                speed.motor_share,
+                0.05,
+                1.0,
+                "from 0.05 to 1",
+            )?;
+            RangeError::check(
+                "speed.lateral_acceleration_m_s2",
+                speed.lateral_acceleration_m_s2,
+                0.01,
+                100.0,
+                "from 0.01 to 100 m/s^2",
+            )?;
+            let start = &raw.start;
+            RangeError::check(
+                "start.right_m",
+                start.right_m,
+                -100.0,
+                100.0,
+                "within +-100 m",
+            )?;
+            RangeError::check(
+                "start.forward_m",
+                start.forward_m,
+                -100.0,
+                100.0,
+                "within +-100 m",
+            )?;
+            RangeError::check(
+                "start.heading_deg",
+                start.heading_deg,
+                -180.0,
+                180.0,
+                "within +-180 deg",
+            )?;
+            let steps = raw.controller.period_s / raw.step_s;
+            let uneven = (steps - steps.round()).abs();
+            RangeError::check(
+                "controller.period_s / step_s, its distance from a whole number",
+                uneven,
+                0.0,
+                1e-6,
+                "0: the period must be a whole number of steps",
+            )?;
+            raw.controller.validate()
+        };
+        ranges().map_err(|error| file.error(error))?;
+        if raw.controllers.is_empty() {
+            return Err(file.error("controllers: the list is empty"));
+        }
+        let vehicle: Vehicle = file.sibling(&raw.vehicle)?.parse()?;
+        let limits = self.speed_limits(&vehicle);
+        let reference = self.reference(files, &limits)?;
+        let terrain = self.terrain(reference.route.as_ref())?;
+        let first = reference.trajectory.at(0.0);
+        let (sin, cos) = first.heading_rad.sin_cos();
+        let offset = &raw.start;
+        let start = PlanarPose {
+            x_m: first.position.x_m + cos * offset.right_m - sin * offset.forward_m,
+            y_m: first.position.y_m + sin * offset.right_m + cos * offset.forward_m,
+            yaw_rad: first.heading_rad + offset.heading_deg.to_radians(),
+        };
+        Ok(Prepared {
+            name: raw.name.clone(),
+            plant: raw.plant,
+            vehicle,
+            terrain,
+            tracking: match reference.trajectory.ending() {
+                Ending::Periodic => Tracking::Time,
+                Ending::Stop => Tracking::Path {
+                    lead_max_m: raw.controller.lead_max_m,
+                },
+            },
+            trajectory: reference.trajectory,
+            laps: raw.laps,
+            start,
+            controllers: raw.controllers.clone(),
+            seed: raw.seed,
+            step_s: raw.step_s,
+            drive_train: raw.drive_train,
+            sensors: raw.sensors,
+            controller: raw.controller.clone(),
+            route_note: reference.note,
+        })
+    }
+
+    fn speed_limits(&self, vehicle: &Vehicle) -> SpeedLimits {
+        let (speed, limits) = (&self.raw.speed, &self.raw.controller.limits);
+        let share = speed.motor_share;
+        SpeedLimits {
+            speed_max_m_s: speed.speed_m_s,
+            traction_max_m_s: limits.traction.speed_m_s,
+            steer_max_m_s: share * limits.steer.speed_m_s,
+            tread_max_m_s: limits.tread_speed_m_s,
+            acceleration_m_s2: share * limits.traction.acceleration_m_s2,
+            deceleration_m_s2: share * limits.traction.deceleration_m_s2,
+            steer_acceleration_m_s2: share * limits.steer.acceleration_m_s2,
+            lateral_acceleration_m_s2: speed.lateral_acceleration_m_s2,
+            track_width_m: vehicle.icrs.right_m - vehicle.icrs.left_m,
+            initial_speed_m_s: 0.0,
+        }
+    }
+
+    fn reference(
+        &self,
+        files: &ScenarioFiles,
+        limits: &SpeedLimits,
+    ) -> Result<Reference, ConfigError> {
+        let raw = &self.raw;
+        let smoothing = raw
+            .route
+            .as_ref()
+            .map_or_else(Smoothing::default, |r| r.smoothing);
+        let route = match (&files.path, &raw.route, &raw.course) {
+            (Some(path), _, _) => ConfigFile::read(path)?,
+            (None, Some(route), None) => self.file.sibling(&route.file)?,
+            (None, None, Some(course)) => {
+                let trajectory = course
+                    .trajectory(limits)
+                    .map_err(|error| self.file.error(format!("course: {error}")))?;
+                return Ok(Reference {
+                    trajectory,
+                    route: None,
+                    note: String::new(),
+                });
+            }
+            (None, Some(_), Some(_)) => {
+                return Err(self
+                    .file
+                    .error("course and route: only one of them can be followed"));
+            }
+            (None, None, None) => {
+                return Err(self.file.error("course or route: one of them is needed"));
+            }
+        };
+        let points = read_route(&route)?;
+        let smoothed = smooth(&points.points, &smoothing).map_err(|error| route.error(error))?;
+        let trajectory = speed_profile(&smoothed.path, limits, |_| f64::INFINITY)
+            .map_err(|error| route.error(error))?;
+        let note = format!(
+            "{}: {} points, path of {:.1} m within {:.3} m of them ({:.3} m RMS), curvature up to {:.2} 1/m, {:.0} s",
+            route.name(),
+            points.points.len(),
+            smoothed.path.length_m(),
+            smoothed.deviation_max_m,
+            smoothed.deviation_rms_m,
+            smoothed.path.max_curvature_per_m(),
+            trajectory.duration_s(),
+        );
+        let elevations = points
+            .points
+            .iter()
+            .map(|point| {
+                point.elevation_m.map(|z_m| RoutePoint {
+                    x_m: point.position.x_m,
+                    y_m: point.position.y_m,
+                    z_m,
+                })
+            })
+            .collect();
+        Ok(Reference {
+            trajectory,
+            route: Some((route, elevations)),
+            note,
+        })
+    }
+
+    fn terrain(
+        &self,
+        route: Option<&(ConfigFile, Option<Vec<RoutePoint>>)>,
+    ) -> Result<Terrain, ConfigError> {
+        Ok(match &self.raw.terrain {
+            TerrainConfig::Level => Terrain::Level,
+            TerrainConfig::Plane(plane) => Terrain::Plane(plane.clone()),
+            TerrainConfig::Zones(zones) => Terrain::Zones(zones.clone()),
+            TerrainConfig::Grid {
+                file,
+                origin_east_m,
+                origin_north_m,
+            } => {
+                let grid = self.file.sibling(file)?;
+                let terrain = GridTerrain::parse(grid.text()).map_err(|error| grid.error(error))?;
+                Terrain::Grid(terrain.with_origin_at(*origin_east_m, *origin_north_m))
+            }
+            TerrainConfig::Route(smoothing) => match route {
+                None => {
+                    return Err(self
+                        .file
+                        .error("terrain.kind: route needs a route with elevations, not a course"));
+                }
+                Some((file, None)) => {
+                    return Err(file.error(
+                        "not every point has an elevation, which terrain.kind route needs",
+                    ));
+                }
+                Some((file, Some(points))) => Terrain::Route(
+                    RouteTerrain::new(points, *smoothing).map_err(|error| file.error(error))?,
+                ),
+            },
+        })
+    }
+}
+
+struct Reference {
+    trajectory: Trajectory,
+    route: Option<(ConfigFile, Option<Vec<RoutePoint>>)>,
+    note: String,
+}
+
+/// Reads a route by the ending of its file's name.
+fn read_route(file: &ConfigFile) -> Result<Route, ConfigError> {
+    let ending = Path::extension(file.path()).map(|e| e.to_string_lossy().to_lowercase());
+    let route = match ending.as_deref() {
+        Some("gpx") => read_gpx(file.text().as_bytes()),
+        Some("csv") => read_csv(file.text().as_bytes()),
+        _ => return Err(file.error("a path must be a .csv or .gpx file")),
+    };
+    route.map_err(|error| file.error(error))
+}

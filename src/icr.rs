@@ -1,0 +1,99 @@
+//! `sidehill icr`: tread ICRs and body velocities of a vehicle for attitudes and tread speeds.
+
+use crate::config::ConfigFile;
+use anyhow::{Context, Result};
+use serde::{Deserialize, Serialize};
+use sidehill_plant::frames::Attitude;
+use sidehill_plant::speeds::TreadSpeeds;
+use sidehill_plant::vehicle::{RangeError, Vehicle};
+use std::io::{Read, Write};
+use std::path::PathBuf;
+
+/// Arguments of `sidehill icr`.
+#[derive(Debug, Clone, clap::Args)]
+pub struct IcrArgs {
+    /// Vehicle whose ICRIK is evaluated.
+    #[arg(long, value_name = "FILE")]
+    pub vehicle: PathBuf,
+}
+
+/// A line of input; other columns are left out.
+#[derive(Debug, Deserialize)]
+struct Input {
+    roll_rad: f64,
+    pitch_rad: f64,
+    v_left_m_s: f64,
+    v_right_m_s: f64,
+}
+
+#[derive(Debug, Serialize)]
+struct Output<'a> {
+    vehicle: &'a str,
+    roll_rad: f64,
+    pitch_rad: f64,
+    v_left_m_s: f64,
+    v_right_m_s: f64,
+    x_icr_left_m: f64,
+    x_icr_right_m: f64,
+    y_icr_m: f64,
+    v_x_m_s: f64,
+    v_y_m_s: f64,
+    omega_z_rad_s: f64,
+}
+
+/// Reads CSV from `input`, one attitude and effective tread speeds (V_l, V_r, after c_l and c_r) a
+/// line, and writes the model's answers to `output`.
+///
+/// # Errors
+/// Names the vehicle's file, or the line and column at fault.
+pub fn run(args: &IcrArgs, input: impl Read, output: impl Write) -> Result<()> {
+    let vehicle: Vehicle = ConfigFile::read(&args.vehicle)?.parse()?;
+    let mut reader = csv::ReaderBuilder::new()
+        .trim(csv::Trim::All)
+        .from_reader(input);
+    let mut writer = csv::Writer::from_writer(output);
+    for (index, line) in reader.deserialize().enumerate() {
+        // The header is line 1.
+        let line_number = index + 2;
+        let input: Input = line.with_context(|| format!("standard input, line {line_number}"))?;
+        check(&input).with_context(|| format!("standard input, line {line_number}"))?;
+        let attitude = Attitude {
+            roll_rad: input.roll_rad,
+            pitch_rad: input.pitch_rad,
+        };
+        let treads = TreadSpeeds {
+            left_m_s: input.v_left_m_s,
+            right_m_s: input.v_right_m_s,
+        };
+        let icrs = vehicle.icrik(attitude, treads);
+        let velocity = icrs.body_velocity(treads);
+        writer.serialize(Output {
+            vehicle: &vehicle.name,
+            roll_rad: input.roll_rad,
+            pitch_rad: input.pitch_rad,
+            v_left_m_s: input.v_left_m_s,
+            v_right_m_s: input.v_right_m_s,
+            x_icr_left_m: icrs.left_m,
+            x_icr_right_m: icrs.right_m,
+            y_icr_m: icrs.forward_m,
+            v_x_m_s: velocity.right_m_s,
+            v_y_m_s: velocity.forward_m_s,
+            omega_z_rad_s: velocity.yaw_rate_rad_s,
+        })?;
+    }
+    writer.flush()?;
+    Ok(())
+}
+
+fn check(input: &Input) -> Result<(), RangeError> {
+    const QUARTER_TURN: f64 = std::f64::consts::FRAC_PI_2;
+    let angle = |key, value| {
+        RangeError::check(key, value, -QUARTER_TURN, QUARTER_TURN, "within +-pi/2 rad")
+    };
+    let speed = |key, value| RangeError::check(key, value, -100.0, 100.0, "within +-100 m/s");
+    angle("roll_rad", input.roll_rad)?;
+    angle("pitch_rad", input.pitch_rad)?;
+    speed("v_left_m_s", input.v_left_m_s)?;
+    speed("v_right_m_s", input.v_right_m_s)?;
+    Ok(())
+}

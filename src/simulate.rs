@@ -1,0 +1,179 @@
+//! `sidehill simulate`: a scenario with its controllers, side by side.
+
+use crate::closed_loop;
+use crate::config::{ConfigFile, DEFAULT_SCENARIO, PlantKind, Prepared, Scenario, ScenarioFiles};
+use crate::record::{Run, Summary};
+use anyhow::{Context, Result, bail};
+use indicatif::{ProgressBar, ProgressStyle};
+use sidehill_controller::config::ControllerKind;
+use std::fmt::Write;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// Arguments of `sidehill simulate`.
+#[derive(Debug, Clone, Default, clap::Args)]
+pub struct SimulateArgs {
+    /// Scenario; without one, the figure of eight on 5.3 degrees that is built in.
+    pub scenario: Option<PathBuf>,
+    /// Controller to run instead of the scenario's; may be given several times.
+    #[arg(long = "controller", value_name = "NAME", value_parser = controller)]
+    pub controllers: Vec<ControllerKind>,
+    /// What moves the vehicle, instead of what the scenario says.
+    #[arg(long)]
+    pub plant: Option<PlantKind>,
+    /// CSV or GPX file to follow instead of the scenario's path.
+    #[arg(long, value_name = "FILE")]
+    pub path: Option<PathBuf>,
+    /// Seed instead of the scenario's.
+    #[arg(long)]
+    pub seed: Option<u64>,
+    /// Folder for a CSV file of each run and a report.
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// How the figures are printed.
+    #[arg(long, value_enum, default_value_t)]
+    pub format: Format,
+}
+
+/// How figures are printed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum)]
+pub enum Format {
+    /// For people.
+    #[default]
+    Table,
+    /// For programs.
+    Json,
+}
+
+fn controller(name: &str) -> Result<ControllerKind, String> {
+    ControllerKind::from_name(name).ok_or_else(|| {
+        let names: Vec<_> = ControllerKind::ALL.iter().map(|kind| kind.name()).collect();
+        format!("controllers are {}", names.join(", "))
+    })
+}
+
+/// Runs the scenario, prints the figures, and returns success only if every run completed.
+///
+/// # Errors
+/// What is wrong with a file, with its name, key, value and range; or what cannot be written.
+pub fn run(args: &SimulateArgs) -> Result<ExitCode> {
+    let file = match &args.scenario {
+        Some(path) => ConfigFile::read(path)?,
+        None => ConfigFile::built_in(DEFAULT_SCENARIO)?,
+    };
+    let files = ScenarioFiles {
+        path: args.path.clone(),
+    };
+    let mut prepared = Scenario::read(file)?.prepare(&files)?;
+    if let Some(plant) = args.plant {
+        prepared.plant = plant;
+    }
+    if let Some(seed) = args.seed {
+        prepared.seed = seed;
+    }
+    if !args.controllers.is_empty() {
+        prepared.controllers.clone_from(&args.controllers);
+    }
+    let runs = runs(&prepared)?;
+    if let Some(folder) = &args.out {
+        std::fs::create_dir_all(folder)
+            .with_context(|| format!("{}: cannot be made", folder.display()))?;
+        bail!("{}: no writer", folder.display());
+    }
+    let summaries: Vec<&Summary> = runs.iter().map(|run| &run.summary).collect();
+    match args.format {
+        Format::Table => print!("{}", table(&prepared, &summaries)),
+        Format::Json => println!(
+            "{}",
+            serde_json::to_string(&serde_json::json!({ "runs": summaries }))?
+        ),
+    }
+    let completed = summaries.iter().all(|summary| summary.completed);
+    Ok(if completed {
+        ExitCode::SUCCESS
+    } else {
+        ExitCode::FAILURE
+    })
+}
+
+/// Runs one controller after the other: their times would disturb each other.
+fn runs(prepared: &Prepared) -> Result<Vec<Run>> {
+    let style = ProgressStyle::with_template("{prefix:14} {bar:40} {percent:>3} %  {eta} left")?;
+    let mut runs = Vec::new();
+    for &kind in &prepared.controllers {
+        // Hidden by itself where standard error is not a terminal.
+        let bar = ProgressBar::new(1000)
+            .with_style(style.clone())
+            .with_prefix(kind.name());
+        let run = closed_loop::run(prepared, kind, |share| {
+            bar.set_position((1000.0 * share) as u64)
+        })?;
+        bar.finish_and_clear();
+        runs.push(run);
+    }
+    Ok(runs)
+}
+
+/// Returns the figures as a table for people.
+fn table(prepared: &Prepared, summaries: &[&Summary]) -> String {
+    let mut out = String::new();
+    let _ = writeln!(
+        out,
+        "scenario {}, plant {}, vehicle {}, seed {}",
+        prepared.name,
+        prepared.plant.name(),
+        prepared.vehicle.name,
+        prepared.seed
+    );
+    if !prepared.route_note.is_empty() {
+        let _ = writeln!(out, "{}", prepared.route_note);
+    }
+    let _ = writeln!(
+        out,
+        "\n{:14} {:>9} {:>9} {:>9} {:>9} {:>9} {:>9} {:>6} {:>9} {:>9}",
+        "controller",
+        "cross RMS",
+        "cross p95",
+        "cross max",
+        "along RMS",
+        "steer TV",
+        "goal err",
+        "iters",
+        "cycle p50",
+        "cycle p99"
+    );
+    let _ = writeln!(
+        out,
+        "{:14} {:>9} {:>9} {:>9} {:>9} {:>9} {:>9} {:>6} {:>9} {:>9}",
+        "", "cm", "cm", "cm", "cm", "m/s", "cm", "", "us", "us"
+    );
+    for s in summaries {
+        let _ = writeln!(
+            out,
+            "{:14} {:>9.3} {:>9.3} {:>9.3} {:>9.3} {:>9.2} {:>9.2} {:>6.1} {:>9.0} {:>9.0}",
+            s.controller,
+            100.0 * s.cross_track_rms_m,
+            100.0 * s.cross_track_p95_m,
+            100.0 * s.cross_track_max_m,
+            100.0 * s.along_track_rms_m,
+            s.steer_total_variation_m_s,
+            100.0 * s.goal_error_m,
+            s.qp_iterations_mean,
+            s.cycle_us.p50,
+            s.cycle_us.p99
+        );
+    }
+    for s in summaries {
+        if let Some(reason) = &s.ended_by {
+            let _ = writeln!(out, "{} did not complete: {reason}", s.controller);
+        }
+        if s.fallbacks + s.deadline_misses + s.constraint_violations > 0 {
+            let _ = writeln!(
+                out,
+                "{}: {} fallbacks, {} deadline misses, {} constraint violations",
+                s.controller, s.fallbacks, s.deadline_misses, s.constraint_violations
+            );
+        }
+    }
+    out
+}
