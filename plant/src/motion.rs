@@ -30,6 +30,14 @@ pub enum MotionError {
         /// Y_g of the vehicle, m.
         y_m: f64,
     },
+    /// The weight falls beside the wheels.
+    #[error("the vehicle overturns at x {x_m} m, y {y_m} m")]
+    Overturned {
+        /// X_g of the vehicle, m.
+        x_m: f64,
+        /// Y_g of the vehicle, m.
+        y_m: f64,
+    },
     /// The model was given, or gave, a number that is not finite.
     #[error("{quantity} is not finite at x {x_m} m, y {y_m} m")]
     NotFinite {

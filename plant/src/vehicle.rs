@@ -100,6 +100,16 @@ impl Vehicle {
     }
 }
 
+impl Vehicle {
+    /// Returns the vehicle if all its parameters are in range.
+    ///
+    /// # Errors
+    /// Names the key, its value and its range.
+    pub fn validated(self) -> Result<Self, RangeError> {
+        Self::try_from(RawVehicle::from(self))
+    }
+}
+
 /// Correction factors of equation (11), from measured to effective tread speeds.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SpeedCorrection {

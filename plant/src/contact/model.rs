@@ -1,0 +1,162 @@
+//! The contact vehicle as a motion model.
+
+use super::balance::{Balance, Contact, InertiaStep, Velocity};
+use super::loads::{weight_in_body, write_wheel_loads};
+use super::vehicle::{ContactVehicle, Wheel};
+use crate::frames::BodyVelocity;
+use crate::motion::{GroundState, MotionError, MotionModel};
+use crate::speeds::TreadSpeeds;
+use nalgebra::{Matrix3, Rotation2, Vector2, Vector3};
+
+/// Motion of a [`ContactVehicle`], with the previous velocity as the start of the next search and,
+/// for a vehicle with inertia, as its state.
+#[derive(Debug, Clone)]
+pub struct ContactModel {
+    vehicle: ContactVehicle,
+    wheels: Vec<Wheel>,
+    loads_n: Vec<f64>,
+    contacts: Vec<Contact>,
+    velocity: Velocity,
+}
+
+impl ContactModel {
+    /// Returns the model of a vehicle at rest.
+    pub fn new(vehicle: ContactVehicle) -> Self {
+        let wheels = vehicle.wheels();
+        Self {
+            loads_n: vec![0.0; wheels.len()],
+            contacts: Vec::with_capacity(wheels.len()),
+            velocity: Vector3::zeros(),
+            vehicle,
+            wheels,
+        }
+    }
+
+    /// Returns the vehicle.
+    pub fn vehicle(&self) -> &ContactVehicle {
+        &self.vehicle
+    }
+
+    /// Collects the wheels on the ground; false where the vehicle does not stand on its wheels.
+    fn stand(&mut self, ground: &GroundState, treads: TreadSpeeds, weight: &Vector3<f64>) -> bool {
+        if !write_wheel_loads(&self.vehicle, &self.wheels, weight, &mut self.loads_n) {
+            return false;
+        }
+        let position = &ground.position;
+        let heading = Rotation2::new(position.yaw_rad);
+        self.contacts.clear();
+        for (wheel, load_n) in self.wheels.iter().zip(&self.loads_n) {
+            // The slope's foreshortening of a wheel base is nothing to patches of friction.
+            let place = heading * wheel.position;
+            self.contacts.push(Contact {
+                position: wheel.position,
+                tread_m_s: if wheel.position.x < 0.0 {
+                    treads.left_m_s
+                } else {
+                    treads.right_m_s
+                },
+                load_n: *load_n,
+                friction: self
+                    .vehicle
+                    .friction
+                    .field
+                    .coefficient_at(position.x_m + place.x, position.y_m + place.y),
+            });
+        }
+        true
+    }
+
+    /// Returns the inertia of a step of `dt_s`; none for a quasi-static vehicle.
+    fn inertia_step(&self, dt_s: f64) -> Option<InertiaStep> {
+        let yaw_inertia = self.vehicle.yaw_inertia_kg_m2?;
+        let mass = self.vehicle.mass_kg;
+        let (x, y) = (
+            self.vehicle.centre_of_mass.right_m,
+            self.vehicle.centre_of_mass.forward_m,
+        );
+        // v_c = (v_x - omega y, v_y + omega x), so kinetic energy couples turning and moving.
+        let mass_matrix = Matrix3::new(
+            mass,
+            0.0,
+            -mass * y,
+            0.0,
+            mass,
+            mass * x,
+            -mass * y,
+            mass * x,
+            yaw_inertia + mass * (x * x + y * y),
+        );
+        // The axes turn under the velocity of the centre of mass, which keeps its direction.
+        let centre = Vector2::new(-y, x);
+        let turned = Rotation2::new(-self.velocity.z * dt_s)
+            * (self.velocity.xy() + self.velocity.z * centre)
+            - self.velocity.z * centre;
+        Some(InertiaStep {
+            mass_per_step: mass_matrix / dt_s,
+            before: Vector3::new(turned.x, turned.y, self.velocity.z),
+        })
+    }
+}
+
+impl MotionModel for ContactModel {
+    /// Returns the body velocity in balance, see the module's documentation.
+    ///
+    /// A vehicle with inertia has a velocity of its own: a query (`dt_s` 0) returns it, a step
+    /// changes it. Tread speeds hold through the step.
+    ///
+    /// # Errors
+    /// Returns [`MotionError::Overturned`] where the weight falls beside the wheels, and
+    /// [`MotionError::NotConverged`] where friction does not hold the vehicle on the slope.
+    fn body_velocity(
+        &mut self,
+        ground: &GroundState,
+        treads: TreadSpeeds,
+        dt_s: f64,
+    ) -> Result<BodyVelocity, MotionError> {
+        if dt_s <= 0.0 && self.vehicle.yaw_inertia_kg_m2.is_some() {
+            return Ok(body_velocity(&self.velocity));
+        }
+        let (x_m, y_m) = (ground.position.x_m, ground.position.y_m);
+        let not_finite = |quantity| MotionError::NotFinite { quantity, x_m, y_m };
+        if !(treads.left_m_s.is_finite() && treads.right_m_s.is_finite()) {
+            return Err(not_finite("tread speed"));
+        }
+        if !(ground.attitude.is_finite() && x_m.is_finite() && y_m.is_finite()) {
+            return Err(not_finite("ground state"));
+        }
+        let weight = weight_in_body(self.vehicle.mass_kg, &ground.attitude);
+        if !self.stand(ground, treads, &weight) {
+            return Err(MotionError::Overturned { x_m, y_m });
+        }
+        let centre = &self.vehicle.centre_of_mass;
+        let balance = Balance {
+            contacts: &self.contacts,
+            friction: &self.vehicle.friction,
+            drive: Vector3::new(
+                weight.x,
+                weight.y,
+                centre.right_m * weight.y - centre.forward_m * weight.x,
+            ),
+            inertia: self.inertia_step(dt_s),
+        };
+        let velocity =
+            balance
+                .solve(self.velocity)
+                .map_err(|failed| MotionError::NotConverged {
+                    residual: failed.residual,
+                    iterations: failed.iterations,
+                    x_m,
+                    y_m,
+                })?;
+        self.velocity = velocity;
+        Ok(body_velocity(&velocity))
+    }
+}
+
+fn body_velocity(velocity: &Velocity) -> BodyVelocity {
+    BodyVelocity {
+        right_m_s: velocity.x,
+        forward_m_s: velocity.y,
+        yaw_rate_rad_s: velocity.z,
+    }
+}

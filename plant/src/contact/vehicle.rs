@@ -1,0 +1,195 @@
+//! A vehicle as wheel-ground contact knows it.
+
+use super::friction::Friction;
+use crate::vehicle::RangeError;
+use nalgebra::Vector2;
+use serde::{Deserialize, Serialize};
+
+/// One axle: a wheel on each side.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Axle {
+    /// Wheel contact ahead of the body's origin, m.
+    pub forward_m: f64,
+    /// Share of the weight that the axle would carry on level ground with the centre of mass above
+    /// the origin, without unit; all axles together carry 1.
+    pub load_share: f64,
+}
+
+/// Where the mass is, in the body frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CentreOfMass {
+    /// To the right of the origin, m.
+    pub right_m: f64,
+    /// Ahead of the origin, m.
+    pub forward_m: f64,
+    /// Above the ground, m.
+    pub height_m: f64,
+}
+
+/// A skid-steer vehicle for [`ContactModel`](super::ContactModel).
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "RawContactVehicle", into = "RawContactVehicle")]
+pub struct ContactVehicle {
+    /// Name for tables and plots.
+    pub name: String,
+    /// Mass, kg.
+    pub mass_kg: f64,
+    /// Where the mass is.
+    pub centre_of_mass: CentreOfMass,
+    /// Lateral distance of the wheel contacts from the origin, m.
+    pub half_width_m: f64,
+    /// Axles, in any order.
+    pub axles: Vec<Axle>,
+    /// Wheel-ground friction.
+    pub friction: Friction,
+    /// Yaw inertia about the centre of mass, kg m^2; without it the motion is quasi-static.
+    pub yaw_inertia_kg_m2: Option<f64>,
+}
+
+/// A wheel's contact with the ground.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Wheel {
+    pub(super) position: Vector2<f64>,
+    pub(super) load_share: f64,
+}
+
+impl ContactVehicle {
+    /// Returns the distance of the outermost wheel contacts from the origin along the body, m.
+    pub fn half_length_m(&self) -> f64 {
+        let lengths = self.axles.iter().map(|axle| axle.forward_m.abs());
+        lengths.fold(0.0, f64::max)
+    }
+
+    /// Returns the wheels, the left ones first.
+    pub(super) fn wheels(&self) -> Vec<Wheel> {
+        let side = |right_m: f64| {
+            self.axles.iter().map(move |axle| Wheel {
+                position: Vector2::new(right_m, axle.forward_m),
+                load_share: 0.5 * axle.load_share,
+            })
+        };
+        side(-self.half_width_m)
+            .chain(side(self.half_width_m))
+            .collect()
+    }
+}
+
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RawContactVehicle {
+    name: String,
+    mass_kg: f64,
+    centre_of_mass_right_m: f64,
+    centre_of_mass_forward_m: f64,
+    centre_of_mass_height_m: f64,
+    half_width_m: f64,
+    axles: Vec<Axle>,
+    friction: Friction,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    yaw_inertia_kg_m2: Option<f64>,
+}
+
+impl TryFrom<RawContactVehicle> for ContactVehicle {
+    type Error = RangeError;
+
+    fn try_from(raw: RawContactVehicle) -> Result<Self, RangeError> {
+        let check = RangeError::check;
+        let length = |key, value| check(key, value, -10.0, 10.0, "from -10 to 10 m");
+        check("axles", raw.axles.len() as f64, 2.0, 16.0, "2 to 16 axles")?;
+        for axle in &raw.axles {
+            length("forward_m", axle.forward_m)?;
+            check("load_share", axle.load_share, 0.0, 1.0, "from 0 to 1")?;
+        }
+        let shares: f64 = raw.axles.iter().map(|axle| axle.load_share).sum();
+        check(
+            "load_share",
+            shares,
+            0.999,
+            1.001,
+            "such that all axles together carry 1",
+        )?;
+        raw.friction.field.check()?;
+        check(
+            "lateral_share",
+            raw.friction.lateral_share,
+            0.1,
+            2.0,
+            "from 0.1 to 2",
+        )?;
+        check(
+            "slip_scale_m_s",
+            raw.friction.slip_scale_m_s,
+            1e-4,
+            1.0,
+            "from 0.0001 to 1 m/s",
+        )?;
+        check(
+            "rolling_resistance",
+            raw.friction.rolling_resistance,
+            0.0,
+            0.5,
+            "from 0 to 0.5",
+        )?;
+        check(
+            "patch_radius_m",
+            raw.friction.patch_radius_m,
+            0.0,
+            1.0,
+            "from 0 to 1 m",
+        )?;
+        let yaw_inertia_kg_m2 = raw
+            .yaw_inertia_kg_m2
+            .map(|value| {
+                check(
+                    "yaw_inertia_kg_m2",
+                    value,
+                    1e-3,
+                    1e6,
+                    "from 0.001 to 1000000 kg m^2",
+                )
+            })
+            .transpose()?;
+        Ok(Self {
+            name: raw.name,
+            mass_kg: check("mass_kg", raw.mass_kg, 0.1, 1e5, "from 0.1 to 100000 kg")?,
+            centre_of_mass: CentreOfMass {
+                right_m: length("centre_of_mass_right_m", raw.centre_of_mass_right_m)?,
+                forward_m: length("centre_of_mass_forward_m", raw.centre_of_mass_forward_m)?,
+                height_m: check(
+                    "centre_of_mass_height_m",
+                    raw.centre_of_mass_height_m,
+                    0.0,
+                    10.0,
+                    "from 0 to 10 m",
+                )?,
+            },
+            half_width_m: check(
+                "half_width_m",
+                raw.half_width_m,
+                0.01,
+                20.0,
+                "from 0.01 to 20 m",
+            )?,
+            axles: raw.axles,
+            friction: raw.friction,
+            yaw_inertia_kg_m2,
+        })
+    }
+}
+
+impl From<ContactVehicle> for RawContactVehicle {
+    fn from(vehicle: ContactVehicle) -> Self {
+        Self {
+            name: vehicle.name,
+            mass_kg: vehicle.mass_kg,
+            centre_of_mass_right_m: vehicle.centre_of_mass.right_m,
+            centre_of_mass_forward_m: vehicle.centre_of_mass.forward_m,
+            centre_of_mass_height_m: vehicle.centre_of_mass.height_m,
+            half_width_m: vehicle.half_width_m,
+            axles: vehicle.axles,
+            friction: vehicle.friction,
+            yaw_inertia_kg_m2: vehicle.yaw_inertia_kg_m2,
+        }
+    }
+}

@@ -1,0 +1,31 @@
+//! Identification of a vehicle's ICR parameters from logs, in the paper's two stages (section III-B).
+//!
+//! Level logs give c_l, c_r and the horizontal ICRs; logs on a slope then give lambda_1 and lambda_2.
+//! Both minimise J of equation (13) over segments of a stated length, dead-reckoned by (11), (4)-(10)
+//! and (12). Beyond the paper:
+//!
+//! - Each segment's start pose is estimated with the parameters. A measured start pose would put its
+//!   noise into every later error of the segment and bias the parameters. For given parameters the
+//!   best start has a closed form but for its yaw, so it is eliminated inside the residual.
+//! - Poses far off weigh less (Cauchy's loss, by iteratively reweighted least squares).
+//! - Segments without motion, or across a gap in the log, are left out.
+//! - Every parameter gets a standard deviation from the scatter between segments (the "sandwich" of
+//!   clustered residuals), since errors within a segment are correlated.
+//! - What the data cannot tell apart is named, from the eigenvalues of the scaled normal matrix.
+//! - Each stage is fitted again without a fifth of its segments and judged on that fifth.
+
+mod least_squares;
+mod problem;
+mod procedure;
+mod segments;
+mod stages;
+mod statistics;
+#[cfg(test)]
+mod tests;
+
+pub use procedure::{Drive, Leg, LogNoise, Procedure, ProcedureError, drive};
+pub use segments::{Segment, SegmentErrors, Segmentation, segments};
+pub use stages::{
+    CrossValidation, Estimate, IdentificationError, IdentificationSettings, StageReport, Warning,
+    identify_level, identify_slope,
+};

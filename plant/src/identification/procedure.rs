@@ -1,0 +1,199 @@
+//! Logs of the paper's identification procedure, driven by a motion model in simulation.
+
+use crate::drive_train::DriveTrainConfig;
+use crate::frames::{Attitude, PlanarPose, Pose};
+use crate::log::{DriveLog, LogError, LogRow};
+use crate::motion::MotionModel;
+use crate::sensors::SensorsConfig;
+use crate::simulation::{Simulation, SimulationError, SimulationSetup, TrueState};
+use crate::speeds::{MeasuredTreadSpeeds, MotorSpeeds};
+use crate::terrain::{PlaneTerrain, Terrain};
+use crate::vehicle::{RangeError, SpeedCorrection};
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::SeedableRng;
+use rand_distr::{Distribution, StandardNormal};
+
+/// Motor speeds held for a while.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Leg {
+    /// For how long, s.
+    pub duration_s: f64,
+    /// What the driver wants.
+    pub motors: MotorSpeeds,
+}
+
+/// What is driven in the two stages.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Procedure {
+    /// On level ground.
+    pub level: Vec<Leg>,
+    /// On the slope.
+    pub slope: Vec<Leg>,
+    /// The slope, degrees.
+    pub slope_deg: f64,
+}
+
+impl Procedure {
+    /// Returns the paper's procedure: on level ground straight lines, curves of several radii and
+    /// speeds both ways and turns on the spot, in all four minutes; on 4 degrees of slope a minute of
+    /// turning on the spot at 0.33 m/s each way.
+    pub fn of_the_paper() -> Self {
+        let leg = |duration_s, traction_m_s, steer_m_s| Leg {
+            duration_s,
+            motors: MotorSpeeds {
+                traction_m_s,
+                steer_m_s,
+            },
+        };
+        let mut level = Vec::new();
+        for sense in [1.0, -1.0] {
+            level.push(leg(8.0, 0.5, 0.0));
+            level.push(leg(10.0, 0.5, sense * 0.15));
+            level.push(leg(10.0, 0.3, -sense * 0.3));
+            level.push(leg(12.0, 0.0, sense * 0.33));
+            level.push(leg(8.0, -0.4, 0.0));
+            level.push(leg(10.0, -0.4, sense * 0.2));
+            level.push(leg(8.0, 0.8, 0.0));
+            level.push(leg(10.0, 0.8, -sense * 0.25));
+            level.push(leg(4.0, 0.0, 0.0));
+            level.push(leg(10.0, 0.2, sense * 0.4));
+            level.push(leg(12.0, 0.6, -sense * 0.4));
+            level.push(leg(12.0, 0.0, -sense * 0.25));
+        }
+        Self {
+            level,
+            slope: vec![leg(60.0, 0.0, 0.33), leg(60.0, 0.0, -0.33)],
+            slope_deg: 4.0,
+        }
+    }
+
+    /// Returns the ground of the second stage.
+    ///
+    /// # Errors
+    /// Says so when the slope is out of range.
+    pub fn slope_terrain(&self) -> Result<Terrain, RangeError> {
+        Ok(Terrain::Plane(PlaneTerrain::new(self.slope_deg, 0.0)?))
+    }
+}
+
+/// Standard deviations of a log's noise.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LogNoise {
+    /// Of a tread speed, as a share of it.
+    pub speed_share: f64,
+    /// Of roll and pitch, rad.
+    pub attitude_rad: f64,
+    /// Of each coordinate of a pose, m.
+    pub position_m: f64,
+    /// Of the yaw of a pose, rad.
+    pub yaw_rad: f64,
+}
+
+impl LogNoise {
+    /// Returns the noise of usual sensors: speeds 1 %, attitude 0.3 deg, poses 2 cm and 0.5 deg.
+    pub fn usual() -> Self {
+        Self {
+            speed_share: 0.01,
+            attitude_rad: 0.3_f64.to_radians(),
+            position_m: 0.02,
+            yaw_rad: 0.5_f64.to_radians(),
+        }
+    }
+}
+
+/// The vehicle and the ground of a simulated log.
+pub struct Drive<'a> {
+    /// What moves the vehicle.
+    pub motion: Box<dyn MotionModel + Send>,
+    /// The true c_l and c_r.
+    pub correction: SpeedCorrection,
+    /// The ground.
+    pub terrain: Terrain,
+    /// What is driven.
+    pub legs: &'a [Leg],
+}
+
+const DT_S: f64 = 0.005;
+/// Steps between rows (20 Hz) and between poses (10 Hz), the paper's rates.
+const ROW_STEPS: u64 = 10;
+const POSE_STEPS: u64 = 20;
+/// A driver's hand, s.
+const DRIVER_LAG_S: f64 = 0.4;
+
+/// Returns the log of driving `drive`'s legs, with noise of `seed`: speeds and attitude at 20 Hz,
+/// poses at 10 Hz.
+///
+/// # Errors
+/// Says when and why the vehicle could not go on.
+pub fn drive(drive: Drive, noise: &LogNoise, seed: u64) -> Result<DriveLog, ProcedureError> {
+    let correction = drive.correction;
+    let mut simulation = Simulation::new(SimulationSetup {
+        terrain: drive.terrain,
+        motion: drive.motion,
+        drive_train: DriveTrainConfig::default(),
+        sensors: SensorsConfig::default(),
+        correction,
+        start: PlanarPose::default(),
+        dt_s: DT_S,
+        seed,
+    })?;
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let mut rows = vec![noisy_row(
+        simulation.state(),
+        &correction,
+        noise,
+        &mut random,
+    )];
+    let mut command = MotorSpeeds::STOP;
+    for leg in drive.legs {
+        for _ in 0..(leg.duration_s / DT_S).round() as u64 {
+            let share = DT_S / DRIVER_LAG_S;
+            command.traction_m_s += share * (leg.motors.traction_m_s - command.traction_m_s);
+            command.steer_m_s += share * (leg.motors.steer_m_s - command.steer_m_s);
+            simulation.set_command(command)?;
+            let state = simulation.step()?;
+            if state.step_index % ROW_STEPS == 0 {
+                rows.push(noisy_row(state, &correction, noise, &mut random));
+            }
+        }
+    }
+    Ok(DriveLog::new(rows)?)
+}
+
+fn noisy_row(
+    state: &TrueState,
+    correction: &SpeedCorrection,
+    noise: &LogNoise,
+    random: &mut ChaCha8Rng,
+) -> LogRow {
+    let mut gaussian = || -> f64 { StandardNormal.sample(random) };
+    let measured = correction.invert(state.treads);
+    LogRow {
+        time_s: state.time_s,
+        speeds: MeasuredTreadSpeeds {
+            left_m_s: measured.left_m_s * (1.0 + noise.speed_share * gaussian()),
+            right_m_s: measured.right_m_s * (1.0 + noise.speed_share * gaussian()),
+        },
+        attitude: Attitude {
+            roll_rad: state.attitude.roll_rad + noise.attitude_rad * gaussian(),
+            pitch_rad: state.attitude.pitch_rad + noise.attitude_rad * gaussian(),
+        },
+        pose: (state.step_index % POSE_STEPS == 0).then(|| Pose {
+            x_m: state.pose.x_m + noise.position_m * gaussian(),
+            y_m: state.pose.y_m + noise.position_m * gaussian(),
+            z_m: state.pose.z_m + noise.position_m * gaussian(),
+            yaw_rad: state.pose.yaw_rad + noise.yaw_rad * gaussian(),
+        }),
+    }
+}
+
+/// Why a simulated log could not be made.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum ProcedureError {
+    /// The simulation could not go on.
+    #[error(transparent)]
+    Simulation(#[from] SimulationError),
+    /// What was driven is no log.
+    #[error(transparent)]
+    Log(#[from] LogError),
+}

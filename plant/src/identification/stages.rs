@@ -1,0 +1,377 @@
+//! The two stages.
+
+use super::least_squares::{jacobian_columns, minimise};
+use super::problem::{PER_POSE, Problem, pose_count};
+use super::segments::{Segment, SegmentErrors, Segmentation, segments};
+use super::statistics::{Cluster, confidence_factor, covariance, median, weak_direction};
+use crate::log::DriveLog;
+use crate::odometry::KinematicModel;
+use crate::vehicle::{RangeError, Vehicle};
+use nalgebra::{DMatrix, DVector};
+
+/// How parameters are identified.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct IdentificationSettings {
+    /// How logs are cut into segments.
+    pub segmentation: Segmentation,
+    /// Standard deviation of the Gaussian that smooths roll and pitch, s; 0 for none.
+    pub attitude_smoothing_s: f64,
+}
+
+/// A fitted parameter.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Estimate {
+    /// Key in the vehicle's YAML.
+    pub name: &'static str,
+    /// Value, in the key's unit.
+    pub value: f64,
+    /// Standard deviation; none where the data do not determine it.
+    pub std: Option<f64>,
+    /// Half width of the 95 % confidence interval; none as above.
+    pub half_width: Option<f64>,
+}
+
+/// Errors on segments that were left out of the fit.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CrossValidation {
+    /// Of the stage's model, fitted without them.
+    pub fitted: SegmentErrors,
+    /// Of the model without the stage's parameters: ideal differential drive on level ground, ICRHK
+    /// on a slope.
+    pub baseline: SegmentErrors,
+}
+
+/// Something a user should know before trusting the result.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum Warning {
+    /// A combination of parameters has hardly an effect in these logs.
+    #[error(
+        "the logs cannot tell apart {} (strength {strength:.1e} of the best known combination): drive more varied",
+        names.join(", ")
+    )]
+    NotToldApart {
+        /// Keys of the parameters.
+        names: Vec<&'static str>,
+        /// How little, from 0 to 1.
+        strength: f64,
+    },
+    /// A slide gain came out negative and was set to 0.
+    #[error("{name} would be {value}, against the model's slide downhill; set to 0")]
+    NegativeSlide {
+        /// Key of the parameter.
+        name: &'static str,
+        /// What the fit gave.
+        value: f64,
+    },
+    /// The solver stopped early.
+    #[error("the search for the parameters did not settle")]
+    NotSettled,
+}
+
+/// What a stage did and how far to trust it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct StageReport {
+    /// The fitted parameters.
+    pub estimates: Vec<Estimate>,
+    /// Segments used.
+    pub segments: usize,
+    /// Poses compared.
+    pub poses: usize,
+    /// Mean fitness J/N of (13) with estimated start poses, squares of m and rad added.
+    pub fitness: f64,
+    /// Share of poses with less than half their weight: far off.
+    pub outlier_share: f64,
+    /// Judgement on segments left out.
+    pub cross_validation: CrossValidation,
+    /// What to know before trusting it.
+    pub warnings: Vec<Warning>,
+}
+
+/// Why there is no result.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum IdentificationError {
+    /// The logs hold too little motion with poses.
+    #[error("{found} segments with motion and poses, at least {needed} are needed")]
+    TooFewSegments {
+        /// Segments found.
+        found: usize,
+        /// Segments needed.
+        needed: usize,
+    },
+    /// The fitted parameters are outside what a vehicle may have.
+    #[error("the fit is not a vehicle: {0}")]
+    NotAVehicle(#[from] RangeError),
+}
+
+/// Returns the vehicle with c_l, c_r and the ICRs of level ground fitted to logs of driving on level
+/// ground: the first stage.
+///
+/// # Errors
+/// Says so when there are too few segments, or names the parameter that came out of range.
+pub fn identify_level(
+    logs: &[DriveLog],
+    vehicle: &Vehicle,
+    settings: &IdentificationSettings,
+) -> Result<(Vehicle, StageReport), IdentificationError> {
+    let stage = Stage {
+        names: &[
+            "correction_left",
+            "correction_right",
+            "x_icr_left_m",
+            "x_icr_right_m",
+            "y_icr_m",
+        ],
+        model: KinematicModel::Icrhk,
+        baseline: KinematicModel::DifferentialDrive,
+        vehicle_with: &|parameters| {
+            let mut vehicle = vehicle.clone();
+            if let [left, right, icr_left, icr_right, icr_forward] = *parameters {
+                vehicle.correction.left = left;
+                vehicle.correction.right = right;
+                vehicle.icrs.left_m = icr_left;
+                vehicle.icrs.right_m = icr_right;
+                vehicle.icrs.forward_m = icr_forward;
+            }
+            vehicle
+        },
+    };
+    let start = [
+        vehicle.correction.left,
+        vehicle.correction.right,
+        vehicle.icrs.left_m,
+        vehicle.icrs.right_m,
+        vehicle.icrs.forward_m,
+    ];
+    let logs = smoothed(logs, settings);
+    let (parameters, report) = stage.run(&cut(&logs, settings), &start)?;
+    Ok(((stage.vehicle_with)(&parameters).validated()?, report))
+}
+
+/// Returns the vehicle with lambda_1 and lambda_2 fitted to logs of turning on a slope: the second
+/// stage, whose `vehicle` should come from the first.
+///
+/// # Errors
+/// Says so when there are too few segments, or names the parameter that came out of range.
+pub fn identify_slope(
+    logs: &[DriveLog],
+    vehicle: &Vehicle,
+    settings: &IdentificationSettings,
+) -> Result<(Vehicle, StageReport), IdentificationError> {
+    const SHIFT: &str = "lambda_1_s_per_rad";
+    const AGGRAVATED: &str = "lambda_2_s_per_rad";
+    let slide_with = |shift: f64, aggravated: f64| {
+        let mut vehicle = vehicle.clone();
+        vehicle.slide.shift_s_per_rad = shift;
+        vehicle.slide.aggravated_s_per_rad = aggravated;
+        vehicle
+    };
+    let logs = smoothed(logs, settings);
+    let segments = cut(&logs, settings);
+    let stage = |names, vehicle_with| Stage {
+        names,
+        model: KinematicModel::Icrik,
+        baseline: KinematicModel::Icrhk,
+        vehicle_with,
+    };
+    let both = |p: &[f64]| slide_with(p[0], p[1]);
+    let start = [
+        vehicle.slide.shift_s_per_rad,
+        vehicle.slide.aggravated_s_per_rad,
+    ];
+    let (parameters, report) = stage(&[SHIFT, AGGRAVATED], &both).run(&segments, &start)?;
+    let (fitted, report) = if parameters[0] < 0.0 {
+        let only = |p: &[f64]| slide_with(0.0, p[0].max(0.0));
+        let (rest, mut report) = stage(&[AGGRAVATED], &only).run(&segments, &start[1..])?;
+        report.warnings.push(Warning::NegativeSlide {
+            name: SHIFT,
+            value: parameters[0],
+        });
+        (only(&rest), report)
+    } else if parameters[1] < 0.0 {
+        let only = |p: &[f64]| slide_with(p[0].max(0.0), 0.0);
+        let (rest, mut report) = stage(&[SHIFT], &only).run(&segments, &start[..1])?;
+        report.warnings.push(Warning::NegativeSlide {
+            name: AGGRAVATED,
+            value: parameters[1],
+        });
+        (only(&rest), report)
+    } else {
+        (both(&parameters), report)
+    };
+    Ok((fitted.validated()?, report))
+}
+
+fn smoothed(logs: &[DriveLog], settings: &IdentificationSettings) -> Vec<DriveLog> {
+    logs.iter()
+        .map(|log| log.with_smooth_attitude(settings.attitude_smoothing_s))
+        .collect()
+}
+
+fn cut<'a>(logs: &'a [DriveLog], settings: &IdentificationSettings) -> Vec<Segment<'a>> {
+    logs.iter()
+        .flat_map(|log| segments(log, &settings.segmentation))
+        .collect()
+}
+
+/// Which parameters are fitted with which model.
+struct Stage<'a> {
+    names: &'a [&'static str],
+    model: KinematicModel,
+    baseline: KinematicModel,
+    vehicle_with: &'a dyn Fn(&[f64]) -> Vehicle,
+}
+
+/// Every fifth segment is left out in turn for cross-validation.
+const FOLDS: usize = 5;
+/// Below this share of the best known combination's effect, parameters are not told apart.
+const STRENGTH_MIN: f64 = 0.03;
+
+impl Stage<'_> {
+    fn run(
+        &self,
+        segments: &[Segment],
+        start: &[f64],
+    ) -> Result<(Vec<f64>, StageReport), IdentificationError> {
+        let needed = self.names.len() + FOLDS;
+        if segments.len() < needed {
+            return Err(IdentificationError::TooFewSegments {
+                found: segments.len(),
+                needed,
+            });
+        }
+        let fit = self.fit(segments, start);
+        let clusters = fit.clusters(segments);
+        let mut warnings = Vec::new();
+        if !fit.settled {
+            warnings.push(Warning::NotSettled);
+        }
+        if let Some(weak) = weak_direction(&clusters, STRENGTH_MIN) {
+            warnings.push(Warning::NotToldApart {
+                names: weak.parameters.iter().map(|i| self.names[*i]).collect(),
+                strength: weak.strength,
+            });
+        }
+        let covariance = covariance(&clusters);
+        let factor = confidence_factor(segments.len() - self.names.len());
+        let estimates = self.names.iter().zip(&fit.parameters).enumerate();
+        let estimates = estimates.map(|(index, (name, value))| {
+            let std = covariance.as_ref().map(|c| c[(index, index)].sqrt());
+            Estimate {
+                name,
+                value: *value,
+                std,
+                half_width: std.map(|std| factor * std),
+            }
+        });
+        let poses = fit.residuals.len();
+        let squares: f64 = fit.residuals.iter().flatten().map(|r| r * r).sum();
+        let outliers = fit.weights.iter().filter(|weight| **weight < 0.5).count();
+        let report = StageReport {
+            estimates: estimates.collect(),
+            segments: segments.len(),
+            poses,
+            fitness: squares / poses as f64,
+            outlier_share: outliers as f64 / poses as f64,
+            cross_validation: self.cross_validate(segments, &fit.parameters),
+            warnings,
+        };
+        Ok((fit.parameters, report))
+    }
+
+    /// Fits with Cauchy's loss: weights 1 / (1 + (|r| / 3 median|r|)^2) of the residuals before, until
+    /// the parameters stay.
+    fn fit(&self, segments: &[Segment], start: &[f64]) -> Fit {
+        let mut problem = Problem::new(segments, self.model, self.vehicle_with);
+        let mut parameters = start.to_vec();
+        let mut settled = false;
+        for _ in 0..ROUNDS {
+            let (found, ended) = minimise(&problem, &parameters);
+            let moved = found
+                .iter()
+                .zip(&parameters)
+                .map(|(new, old)| (new - old).abs() / old.abs().max(0.1))
+                .fold(0.0, f64::max);
+            parameters = found;
+            settled = ended && moved < 1e-5;
+            if settled {
+                break;
+            }
+            let sizes: Vec<f64> = problem
+                .unweighted(&parameters)
+                .iter()
+                .map(|r| r.iter().map(|r| r * r).sum::<f64>().sqrt())
+                .collect();
+            let scale = 3.0 * median(sizes.clone()).max(1e-9);
+            problem.weights = sizes
+                .iter()
+                .map(|size| 1.0 / (1.0 + (size / scale).powi(2)))
+                .collect();
+        }
+        Fit {
+            jacobian: jacobian_columns(&problem, &parameters),
+            residuals: problem.unweighted(&parameters),
+            weights: problem.weights,
+            parameters,
+            settled,
+        }
+    }
+
+    fn cross_validate(&self, segments: &[Segment], parameters: &[f64]) -> CrossValidation {
+        let fold = |fold: usize| {
+            let (out, used): (Vec<_>, Vec<_>) =
+                (0..segments.len()).partition(|index| index % FOLDS == fold);
+            let pick = |indices: Vec<usize>| -> Vec<Segment> {
+                indices.into_iter().map(|index| segments[index]).collect()
+            };
+            let (used, out) = (pick(used), pick(out));
+            let vehicle = (self.vehicle_with)(&self.fit(&used, parameters).parameters);
+            CrossValidation {
+                fitted: SegmentErrors::of(&out, &vehicle, self.model),
+                baseline: SegmentErrors::of(&out, &vehicle, self.baseline),
+            }
+        };
+        let folds: Vec<CrossValidation> = (0..FOLDS).map(fold).collect();
+        CrossValidation {
+            fitted: SegmentErrors::pooled(folds.iter().map(|f| f.fitted)),
+            baseline: SegmentErrors::pooled(folds.iter().map(|f| f.baseline)),
+        }
+    }
+}
+
+/// Reweightings at most; a few are enough where outliers are few.
+const ROUNDS: usize = 20;
+
+struct Fit {
+    parameters: Vec<f64>,
+    /// Weighted residuals' derivatives, a column for each parameter.
+    jacobian: Vec<Vec<f64>>,
+    residuals: Vec<[f64; PER_POSE]>,
+    weights: Vec<f64>,
+    settled: bool,
+}
+
+impl Fit {
+    fn clusters(&self, segments: &[Segment]) -> Vec<Cluster> {
+        let mut first = 0;
+        segments
+            .iter()
+            .map(|segment| {
+                let poses = first..first + pose_count(segment);
+                first = poses.end;
+                let rows = PER_POSE * poses.start;
+                let residuals = poses.clone().flat_map(|pose| {
+                    let weight = self.weights[pose].sqrt();
+                    self.residuals[pose].map(|residual| weight * residual)
+                });
+                Cluster {
+                    jacobian: DMatrix::from_fn(
+                        PER_POSE * poses.len(),
+                        self.parameters.len(),
+                        |row, column| self.jacobian[column][rows + row],
+                    ),
+                    residuals: DVector::from_iterator(PER_POSE * poses.len(), residuals),
+                }
+            })
+            .collect()
+    }
+}

@@ -1,0 +1,140 @@
+//! Which columns of a log mean what, in which units and frames.
+
+use serde::{Deserialize, Serialize};
+
+/// Where a log has its values; [`ColumnMap::default`] is the contract's columns.
+///
+/// As YAML, with the contract's values:
+///
+/// ```yaml
+/// time: time_s                # s
+/// tread_speed_left: v_left_m_s
+/// tread_speed_right: v_right_m_s
+/// tread_speed_scale: 1.0      # to m/s: a wheel's radius in m where the columns are rad/s
+/// attitude: { kind: paper, roll: roll_rad, pitch: pitch_rad }
+/// pose: { x: x_m, y: y_m, z: z_m, heading: { kind: paper, yaw: yaw_rad }, repeats: false }
+/// ```
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ColumnMap {
+    /// Column of the time, s.
+    pub time: String,
+    /// Column of the left tread's speed.
+    pub tread_speed_left: String,
+    /// Column of the right tread's speed.
+    pub tread_speed_right: String,
+    /// Factor from these columns to m/s: a wheel's radius, m, where they are rad/s.
+    #[serde(default = "one")]
+    pub tread_speed_scale: f64,
+    /// Columns of roll and pitch.
+    pub attitude: AttitudeColumns,
+    /// Columns of the pose; without, the log has none.
+    #[serde(default)]
+    pub pose: Option<PoseColumns>,
+}
+
+/// Columns of roll and pitch.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
+pub enum AttitudeColumns {
+    /// The paper's angles, rad: right side down and nose up are positive.
+    Paper {
+        /// Column of roll.
+        roll: String,
+        /// Column of pitch.
+        pitch: String,
+    },
+    /// Angles of REP-103, rad: right side down and nose down are positive.
+    Rep103 {
+        /// Column of roll.
+        roll: String,
+        /// Column of pitch.
+        pitch: String,
+    },
+    /// Quaternion `world_from_base_link` of REP-103.
+    Quaternion {
+        /// Column of its x.
+        x: String,
+        /// Column of its y.
+        y: String,
+        /// Column of its z.
+        z: String,
+        /// Column of its w.
+        w: String,
+    },
+    /// No columns: the ground was level.
+    Level,
+}
+
+/// Columns of the pose. Paper and REP-103 share the world's axes, so positions need no conversion.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PoseColumns {
+    /// Column of x, m.
+    pub x: String,
+    /// Column of y, m.
+    pub y: String,
+    /// Column of z, m.
+    pub z: String,
+    /// Columns of the heading.
+    pub heading: HeadingColumns,
+    /// Whether the log repeats a pose until there is a new one; a repetition then counts as none.
+    /// A pose of a standing vehicle that is the same to the last digit counts as repeated, too.
+    #[serde(default)]
+    pub repeats: bool,
+}
+
+/// Columns of the heading.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
+pub enum HeadingColumns {
+    /// The paper's heading, rad, from Y_g counter-clockwise.
+    Paper {
+        /// Column of yaw.
+        yaw: String,
+    },
+    /// Yaw of REP-103, rad, from world x counter-clockwise.
+    Rep103 {
+        /// Column of yaw.
+        yaw: String,
+    },
+    /// Quaternion `world_from_base_link` of REP-103.
+    Quaternion {
+        /// Column of its x.
+        x: String,
+        /// Column of its y.
+        y: String,
+        /// Column of its z.
+        z: String,
+        /// Column of its w.
+        w: String,
+    },
+}
+
+fn one() -> f64 {
+    1.0
+}
+
+impl Default for ColumnMap {
+    fn default() -> Self {
+        Self {
+            time: "time_s".into(),
+            tread_speed_left: "v_left_m_s".into(),
+            tread_speed_right: "v_right_m_s".into(),
+            tread_speed_scale: one(),
+            attitude: AttitudeColumns::Paper {
+                roll: "roll_rad".into(),
+                pitch: "pitch_rad".into(),
+            },
+            pose: Some(PoseColumns {
+                x: "x_m".into(),
+                y: "y_m".into(),
+                z: "z_m".into(),
+                heading: HeadingColumns::Paper {
+                    yaw: "yaw_rad".into(),
+                },
+                repeats: false,
+            }),
+        }
+    }
+}

@@ -1,0 +1,188 @@
+//! Logs of drives: tread speeds and attitude, and poses where there are any.
+
+mod columns;
+mod read;
+#[cfg(test)]
+mod tests;
+
+pub use columns::{AttitudeColumns, ColumnMap, HeadingColumns, PoseColumns};
+
+use crate::frames::{Attitude, Pose};
+use crate::speeds::MeasuredTreadSpeeds;
+use crate::vehicle::RangeError;
+
+/// One row of a log.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LogRow {
+    /// Instant, s.
+    pub time_s: f64,
+    /// Tread speeds as measured, before c_l and c_r.
+    pub speeds: MeasuredTreadSpeeds,
+    /// Roll and pitch.
+    pub attitude: Attitude,
+    /// Pose, in rows with a new one.
+    pub pose: Option<Pose>,
+}
+
+/// A drive, row by row, with time rising.
+#[derive(Debug, Clone, PartialEq)]
+pub struct DriveLog {
+    rows: Vec<LogRow>,
+}
+
+impl DriveLog {
+    /// Returns the log of these rows.
+    ///
+    /// # Errors
+    /// Names the row, counted from 1, whose time does not rise or in which a number is not finite or
+    /// an angle or speed is out of its range; there have to be two rows.
+    pub fn new(rows: Vec<LogRow>) -> Result<Self, LogError> {
+        if rows.len() < 2 {
+            return Err(LogError::TooShort { rows: rows.len() });
+        }
+        for (index, row) in rows.iter().enumerate() {
+            let row_number = index + 1;
+            check_row(row).map_err(|reason| LogError::OutOfRange { row_number, reason })?;
+            if index > 0 && row.time_s <= rows[index - 1].time_s {
+                return Err(LogError::TimeNotRising {
+                    row_number,
+                    time_s: row.time_s,
+                    before_s: rows[index - 1].time_s,
+                });
+            }
+        }
+        Ok(Self { rows })
+    }
+
+    /// Returns the rows.
+    pub fn rows(&self) -> &[LogRow] {
+        &self.rows
+    }
+
+    /// Returns how many rows have a pose.
+    pub fn pose_count(&self) -> usize {
+        self.rows.iter().filter(|row| row.pose.is_some()).count()
+    }
+
+    /// Returns the log with roll and pitch smoothed without delay by a Gaussian of `std_s`, s; 0
+    /// keeps them.
+    ///
+    /// Noise of the attitude biases lambda_2, whose equations (9) and (10) have a kink in it; the
+    /// vehicle itself turns slowly against a quarter of a second.
+    pub fn with_smooth_attitude(&self, std_s: f64) -> Self {
+        if std_s <= 0.0 {
+            return self.clone();
+        }
+        let reach_s = 3.0 * std_s;
+        let mut first = 0;
+        let rows = self.rows.iter().map(|row| {
+            while row.time_s - self.rows[first].time_s > reach_s {
+                first += 1;
+            }
+            let (mut total, mut roll_rad, mut pitch_rad) = (0.0, 0.0, 0.0);
+            for near in self.rows[first..]
+                .iter()
+                .take_while(|near| near.time_s - row.time_s <= reach_s)
+            {
+                let distance = (near.time_s - row.time_s) / std_s;
+                let weight = (-0.5 * distance * distance).exp();
+                total += weight;
+                roll_rad += weight * near.attitude.roll_rad;
+                pitch_rad += weight * near.attitude.pitch_rad;
+            }
+            LogRow {
+                attitude: Attitude {
+                    roll_rad: roll_rad / total,
+                    pitch_rad: pitch_rad / total,
+                },
+                ..*row
+            }
+        });
+        Self {
+            rows: rows.collect(),
+        }
+    }
+}
+
+fn check_row(row: &LogRow) -> Result<(), RangeError> {
+    let angle = |key, value| RangeError::check(key, value, -1.5, 1.5, "from -1.5 to 1.5 rad");
+    let speed = |key, value| RangeError::check(key, value, -50.0, 50.0, "from -50 to 50 m/s");
+    let finite = |key, value| RangeError::check(key, value, -1e12, 1e12, "a finite number");
+    finite("time_s", row.time_s)?;
+    speed("v_left_m_s", row.speeds.left_m_s)?;
+    speed("v_right_m_s", row.speeds.right_m_s)?;
+    angle("roll_rad", row.attitude.roll_rad)?;
+    angle("pitch_rad", row.attitude.pitch_rad)?;
+    if let Some(pose) = row.pose {
+        finite("x_m", pose.x_m)?;
+        finite("y_m", pose.y_m)?;
+        finite("z_m", pose.z_m)?;
+        finite("yaw_rad", pose.yaw_rad)?;
+    }
+    Ok(())
+}
+
+/// Why a log cannot be used.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum LogError {
+    /// There is nothing to integrate over.
+    #[error("{rows} rows, at least 2 are needed")]
+    TooShort {
+        /// Rows found.
+        rows: usize,
+    },
+    /// A value is out of its range.
+    #[error("row {row_number}: {reason}")]
+    OutOfRange {
+        /// Data row, counted from 1.
+        row_number: usize,
+        /// Column, value and range.
+        reason: RangeError,
+    },
+    /// Time stands or goes back.
+    #[error("row {row_number}: time {time_s} s does not rise from {before_s} s")]
+    TimeNotRising {
+        /// Data row, counted from 1.
+        row_number: usize,
+        /// Its time, s.
+        time_s: f64,
+        /// Time of the row before, s.
+        before_s: f64,
+    },
+    /// A column is not there.
+    #[error("no column {column}; there are: {present}")]
+    NoColumn {
+        /// Name looked for.
+        column: String,
+        /// The columns found.
+        present: String,
+    },
+    /// A field is not a number.
+    #[error("row {row_number}, column {column}: {found:?} is not a number")]
+    NotANumber {
+        /// Data row, counted from 1.
+        row_number: usize,
+        /// Column.
+        column: String,
+        /// What stands there.
+        found: String,
+    },
+    /// A pose has some of its columns filled and others empty.
+    #[error("row {row_number}: the pose is not complete")]
+    HalfAPose {
+        /// Data row, counted from 1.
+        row_number: usize,
+    },
+    /// A quaternion has no direction.
+    #[error("row {row_number}: the quaternion is zero")]
+    ZeroQuaternion {
+        /// Data row, counted from 1.
+        row_number: usize,
+    },
+    /// The text is not CSV.
+    #[error("not readable as CSV: {reason}")]
+    Csv {
+        /// What the reader found.
+        reason: String,
+    },
+}

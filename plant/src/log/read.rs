@@ -1,0 +1,233 @@
+//! Logs from CSV.
+
+use super::columns::{AttitudeColumns, ColumnMap, HeadingColumns, PoseColumns};
+use super::{DriveLog, LogError, LogRow};
+use crate::frames::{Attitude, Pose, RosAttitude, paper_attitude};
+use crate::speeds::MeasuredTreadSpeeds;
+use csv::{ReaderBuilder, StringRecord, Trim};
+use nalgebra::{Quaternion, UnitQuaternion};
+use std::io::Read;
+
+impl DriveLog {
+    /// Returns the log in CSV with the columns of `map`.
+    ///
+    /// Columns of the pose may be absent together, where `map` is the contract's, and empty together
+    /// in rows without a pose.
+    ///
+    /// # Errors
+    /// Names the row and column at fault.
+    pub fn read(source: impl Read, map: &ColumnMap) -> Result<Self, LogError> {
+        let mut reader = ReaderBuilder::new().trim(Trim::All).from_reader(source);
+        let header = reader.headers().map_err(csv_error)?.clone();
+        let columns = Columns::find(&header, map)?;
+        let mut rows: Vec<LogRow> = Vec::new();
+        let mut newest: Option<Pose> = None;
+        for (index, record) in reader.records().enumerate() {
+            let record = record.map_err(csv_error)?;
+            let mut row = columns.row(&Fields {
+                record: &record,
+                header: &header,
+                row_number: index + 1,
+            })?;
+            if columns.pose_repeats && row.pose == newest {
+                row.pose = None;
+            } else {
+                newest = row.pose.or(newest);
+            }
+            rows.push(row);
+        }
+        Self::new(rows)
+    }
+}
+
+fn csv_error(error: csv::Error) -> LogError {
+    LogError::Csv {
+        reason: error.to_string(),
+    }
+}
+
+/// Positions of the columns in a record.
+struct Columns {
+    time: usize,
+    speeds: [usize; 2],
+    speed_scale: f64,
+    attitude: AttitudeSource,
+    pose: Option<([usize; 3], HeadingSource)>,
+    pose_repeats: bool,
+}
+
+enum AttitudeSource {
+    Paper([usize; 2]),
+    Rep103([usize; 2]),
+    Quaternion([usize; 4]),
+    Level,
+}
+
+enum HeadingSource {
+    Paper(usize),
+    Rep103(usize),
+    Quaternion([usize; 4]),
+}
+
+impl Columns {
+    fn find(header: &StringRecord, map: &ColumnMap) -> Result<Self, LogError> {
+        let find = |name: &String| position(header, name);
+        let attitude = match &map.attitude {
+            AttitudeColumns::Paper { roll, pitch } => {
+                AttitudeSource::Paper([find(roll)?, find(pitch)?])
+            }
+            AttitudeColumns::Rep103 { roll, pitch } => {
+                AttitudeSource::Rep103([find(roll)?, find(pitch)?])
+            }
+            AttitudeColumns::Quaternion { x, y, z, w } => {
+                AttitudeSource::Quaternion([find(x)?, find(y)?, find(z)?, find(w)?])
+            }
+            AttitudeColumns::Level => AttitudeSource::Level,
+        };
+        // In the contract a log without poses is still a log.
+        let pose = map.pose.as_ref().filter(|pose| {
+            *map != ColumnMap::default()
+                || [&pose.x, &pose.y, &pose.z]
+                    .into_iter()
+                    .any(|name| find(name).is_ok())
+        });
+        Ok(Self {
+            time: find(&map.time)?,
+            speeds: [find(&map.tread_speed_left)?, find(&map.tread_speed_right)?],
+            speed_scale: map.tread_speed_scale,
+            attitude,
+            pose: pose.map(|pose| pose_source(header, pose)).transpose()?,
+            pose_repeats: pose.is_some_and(|pose| pose.repeats),
+        })
+    }
+
+    fn row(&self, fields: &Fields) -> Result<LogRow, LogError> {
+        let [left, right] = self.speeds;
+        Ok(LogRow {
+            time_s: fields.number(self.time)?,
+            speeds: MeasuredTreadSpeeds {
+                left_m_s: self.speed_scale * fields.number(left)?,
+                right_m_s: self.speed_scale * fields.number(right)?,
+            },
+            attitude: self.attitude(fields)?,
+            pose: self.pose(fields)?,
+        })
+    }
+
+    fn attitude(&self, fields: &Fields) -> Result<Attitude, LogError> {
+        Ok(match self.attitude {
+            AttitudeSource::Paper([roll, pitch]) => Attitude {
+                roll_rad: fields.number(roll)?,
+                pitch_rad: fields.number(pitch)?,
+            },
+            AttitudeSource::Rep103([roll, pitch]) => {
+                let angles = RosAttitude {
+                    roll_rad: fields.number(roll)?,
+                    pitch_rad: fields.number(pitch)?,
+                    yaw_rad: 0.0,
+                };
+                angles.to_paper().0
+            }
+            AttitudeSource::Quaternion(xyzw) => paper_attitude(&fields.quaternion(xyzw)?).0,
+            AttitudeSource::Level => Attitude::LEVEL,
+        })
+    }
+
+    fn pose(&self, fields: &Fields) -> Result<Option<Pose>, LogError> {
+        let Some(([x, y, z], heading)) = &self.pose else {
+            return Ok(None);
+        };
+        let heading_columns = match heading {
+            HeadingSource::Paper(yaw) | HeadingSource::Rep103(yaw) => std::slice::from_ref(yaw),
+            HeadingSource::Quaternion(xyzw) => xyzw.as_slice(),
+        };
+        let all = || [x, y, z].into_iter().chain(heading_columns);
+        if all().all(|column| fields.is_empty(*column)) {
+            return Ok(None);
+        }
+        if all().any(|column| fields.is_empty(*column)) {
+            return Err(LogError::HalfAPose {
+                row_number: fields.row_number,
+            });
+        }
+        let yaw_rad = match *heading {
+            HeadingSource::Paper(yaw) => fields.number(yaw)?,
+            HeadingSource::Rep103(yaw) => {
+                let level = RosAttitude {
+                    yaw_rad: fields.number(yaw)?,
+                    ..RosAttitude::default()
+                };
+                level.to_paper().1
+            }
+            HeadingSource::Quaternion(xyzw) => paper_attitude(&fields.quaternion(xyzw)?).1,
+        };
+        Ok(Some(Pose {
+            x_m: fields.number(*x)?,
+            y_m: fields.number(*y)?,
+            z_m: fields.number(*z)?,
+            yaw_rad,
+        }))
+    }
+}
+
+fn pose_source(
+    header: &StringRecord,
+    pose: &PoseColumns,
+) -> Result<([usize; 3], HeadingSource), LogError> {
+    let find = |name: &String| position(header, name);
+    let heading = match &pose.heading {
+        HeadingColumns::Paper { yaw } => HeadingSource::Paper(find(yaw)?),
+        HeadingColumns::Rep103 { yaw } => HeadingSource::Rep103(find(yaw)?),
+        HeadingColumns::Quaternion { x, y, z, w } => {
+            HeadingSource::Quaternion([find(x)?, find(y)?, find(z)?, find(w)?])
+        }
+    };
+    Ok(([find(&pose.x)?, find(&pose.y)?, find(&pose.z)?], heading))
+}
+
+fn position(header: &StringRecord, name: &String) -> Result<usize, LogError> {
+    header
+        .iter()
+        .position(|column| column == name)
+        .ok_or_else(|| LogError::NoColumn {
+            column: name.clone(),
+            present: header.iter().collect::<Vec<_>>().join(", "),
+        })
+}
+
+/// One record with what an error needs to name it.
+struct Fields<'a> {
+    record: &'a StringRecord,
+    header: &'a StringRecord,
+    row_number: usize,
+}
+
+impl Fields<'_> {
+    fn text(&self, column: usize) -> &str {
+        self.record.get(column).unwrap_or_default()
+    }
+
+    fn is_empty(&self, column: usize) -> bool {
+        self.text(column).is_empty()
+    }
+
+    fn number(&self, column: usize) -> Result<f64, LogError> {
+        self.text(column).parse().map_err(|_| LogError::NotANumber {
+            row_number: self.row_number,
+            column: self.header.get(column).unwrap_or_default().to_owned(),
+            found: self.text(column).to_owned(),
+        })
+    }
+
+    fn quaternion(&self, [x, y, z, w]: [usize; 4]) -> Result<UnitQuaternion<f64>, LogError> {
+        let quaternion = Quaternion::new(
+            self.number(w)?,
+            self.number(x)?,
+            self.number(y)?,
+            self.number(z)?,
+        );
+        UnitQuaternion::try_new(quaternion, 1e-3).ok_or(LogError::ZeroQuaternion {
+            row_number: self.row_number,
+        })
+    }
+}

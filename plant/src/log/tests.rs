@@ -1,0 +1,114 @@
+use super::*;
+use crate::frames::{RosAttitude, ros_quaternion};
+
+const CONTRACT: &str = "time_s,v_left_m_s,v_right_m_s,roll_rad,pitch_rad,x_m,y_m,z_m,yaw_rad\n\
+    0.0, 0.1, 0.2, 0.01, 0.02, 1, 2, 3, 0.5\n\
+    0.1, 0.3, 0.4, 0.03, 0.04, , , ,\n\
+    0.2, 0.5, 0.6, 0.05, 0.06, 4, 5, 6, 0.7\n";
+
+fn read(text: &str, map: &ColumnMap) -> Result<DriveLog, LogError> {
+    DriveLog::read(text.as_bytes(), map)
+}
+
+#[test]
+fn the_contract_reads_with_poses_on_some_rows_or_none() {
+    let log = read(CONTRACT, &ColumnMap::default()).unwrap();
+    assert_eq!(log.rows().len(), 3);
+    assert_eq!(log.pose_count(), 2);
+    assert_eq!(log.rows()[1].pose, None);
+    assert_eq!(log.rows()[2].pose.unwrap().z_m, 6.0);
+    assert_eq!(log.rows()[1].speeds.right_m_s, 0.4);
+    let bare = "time_s,v_left_m_s,v_right_m_s,roll_rad,pitch_rad\n0,1,1,0,0\n1,1,1,0,0\n";
+    assert_eq!(read(bare, &ColumnMap::default()).unwrap().pose_count(), 0);
+}
+
+#[test]
+fn errors_name_row_and_column() {
+    let error = |from: &str, to: &str| {
+        assert!(CONTRACT.contains(from));
+        read(&CONTRACT.replacen(from, to, 1), &ColumnMap::default())
+            .unwrap_err()
+            .to_string()
+    };
+    assert!(error("0.3, 0.4", "0.3, fast").contains("row 2, column v_right_m_s: \"fast\""));
+    assert!(error("0.2, 0.5", "0.1, 0.5").contains("row 3: time 0.1 s does not rise"));
+    assert!(error("0.05, 0.06", "0.05, 2.06").contains("row 3: pitch_rad: 2.06"));
+    assert!(error("4, 5, 6, 0.7", "4, , 6, 0.7").contains("row 3: the pose is not complete"));
+    assert!(error("roll_rad", "roll").contains("no column roll_rad; there are: time_s"));
+    assert!(error("0.1, 0.2", "NaN, 0.2").contains("row 1: v_left_m_s: NaN"));
+}
+
+#[test]
+fn third_party_columns_are_converted() {
+    let attitude = Attitude {
+        roll_rad: 0.2,
+        pitch_rad: -0.3,
+    };
+    let q = ros_quaternion(&attitude, 0.8);
+    let row =
+        |time_s: f64, x_m: f64| format!("{time_s},2,4,{x_m},0,0,{},{},{},{}\n", q.i, q.j, q.k, q.w);
+    let text = format!(
+        "t,wl,wr,x,y,z,qx,qy,qz,qw\n{}{}{}",
+        row(0.0, 1.0),
+        row(0.05, 1.0),
+        row(0.1, 1.5)
+    );
+    let map: ColumnMap = serde_yaml::from_str(
+        "{time: t, tread_speed_left: wl, tread_speed_right: wr, tread_speed_scale: 0.3,
+          attitude: {kind: quaternion, x: qx, y: qy, z: qz, w: qw},
+          pose: {x: x, y: y, z: z, heading: {kind: quaternion, x: qx, y: qy, z: qz, w: qw}, repeats: true}}",
+    )
+    .unwrap();
+    let log = read(&text, &map).unwrap();
+    let rows = log.rows();
+    assert!((rows[0].speeds.right_m_s - 1.2).abs() < 1e-12);
+    assert!((rows[0].attitude.pitch_rad + 0.3).abs() < 1e-9);
+    assert!((rows[0].pose.unwrap().yaw_rad - 0.8).abs() < 1e-9);
+    assert!(rows[1].pose.is_none() && rows[2].pose.is_some());
+}
+
+#[test]
+fn rep_103_angles_go_through_a_rotation() {
+    let attitude = Attitude {
+        roll_rad: 0.3,
+        pitch_rad: 0.25,
+    };
+    let ros = RosAttitude::from_paper(&attitude, 0.0);
+    let text = format!(
+        "t,l,r,roll,pitch,x,y,z,yaw\n0,1,1,{0},{1},0,0,0,1.5\n1,1,1,{0},{1},1,1,1,1.6\n",
+        ros.roll_rad, ros.pitch_rad
+    );
+    let map: ColumnMap = serde_yaml::from_str(
+        "{time: t, tread_speed_left: l, tread_speed_right: r, attitude: {kind: rep103, roll: roll, pitch: pitch},
+          pose: {x: x, y: y, z: z, heading: {kind: rep103, yaw: yaw}}}",
+    )
+    .unwrap();
+    let row = read(&text, &map).unwrap().rows()[0];
+    assert!((row.attitude.roll_rad - 0.3).abs() < 1e-9);
+    assert!((row.attitude.pitch_rad - 0.25).abs() < 1e-9);
+    let yaw_rad = row.pose.unwrap().yaw_rad;
+    assert!((yaw_rad - (1.5 - std::f64::consts::FRAC_PI_2)).abs() < 1e-9);
+}
+
+#[test]
+fn smoothing_keeps_a_ramp_and_removes_noise() {
+    let rows = (0..200).map(|i| {
+        let time_s = 0.05 * f64::from(i);
+        let noise = if i % 2 == 0 { 0.005 } else { -0.005 };
+        LogRow {
+            time_s,
+            speeds: MeasuredTreadSpeeds::default(),
+            attitude: Attitude {
+                roll_rad: 0.01 * time_s,
+                pitch_rad: noise,
+            },
+            pose: None,
+        }
+    });
+    let log = DriveLog::new(rows.collect()).unwrap();
+    let smooth = log.with_smooth_attitude(0.2);
+    for (before, after) in log.rows().iter().zip(smooth.rows()).skip(15).take(170) {
+        assert!((before.attitude.roll_rad - after.attitude.roll_rad).abs() < 1e-9);
+        assert!(after.attitude.pitch_rad.abs() < 5e-5, "{after:?}");
+    }
+}
