@@ -1,7 +1,7 @@
 //! `sidehill simulate`: a scenario with its controllers, side by side.
 
 use crate::closed_loop;
-use crate::config::{ConfigFile, DEFAULT_SCENARIO, PlantKind, Prepared, Scenario, ScenarioFiles};
+use crate::config::{ConfigFile, DEFAULT_SCENARIO, Overrides, PlantKind, Prepared, Scenario};
 use crate::record::{Run, Summary};
 use anyhow::{Context, Result, bail};
 use indicatif::{ProgressBar, ProgressStyle};
@@ -61,19 +61,12 @@ pub fn run(args: &SimulateArgs) -> Result<ExitCode> {
         Some(path) => ConfigFile::read(path)?,
         None => ConfigFile::built_in(DEFAULT_SCENARIO)?,
     };
-    let files = ScenarioFiles {
+    let prepared = Scenario::read(file)?.prepare(&Overrides {
         path: args.path.clone(),
-    };
-    let mut prepared = Scenario::read(file)?.prepare(&files)?;
-    if let Some(plant) = args.plant {
-        prepared.plant = plant;
-    }
-    if let Some(seed) = args.seed {
-        prepared.seed = seed;
-    }
-    if !args.controllers.is_empty() {
-        prepared.controllers.clone_from(&args.controllers);
-    }
+        plant: args.plant,
+        seed: args.seed,
+        controllers: args.controllers.clone(),
+    })?;
     let runs = runs(&prepared)?;
     if let Some(folder) = &args.out {
         std::fs::create_dir_all(folder)
@@ -121,7 +114,7 @@ fn table(prepared: &Prepared, summaries: &[&Summary]) -> String {
         out,
         "scenario {}, plant {}, vehicle {}, seed {}",
         prepared.name,
-        prepared.plant.name(),
+        prepared.plant.kind().name(),
         prepared.vehicle.name,
         prepared.seed
     );
