@@ -17,13 +17,20 @@ pub(super) struct Problem<'a> {
     pub(super) vehicle: &'a dyn Fn(&[f64]) -> Vehicle,
     /// Weight of every pose of every segment in turn.
     pub(super) weights: Vec<f64>,
+    /// Where the search starts.
+    pub(super) start: &'a [f64],
 }
+
+/// Pull back to the start, m for each unit of a parameter: nothing against logs that determine the
+/// parameters, but it keeps what they do not determine from running away.
+const PULL_M: f64 = 0.01;
 
 impl<'a> Problem<'a> {
     pub(super) fn new(
         segments: &'a [Segment<'a>],
         model: KinematicModel,
         vehicle: &'a dyn Fn(&[f64]) -> Vehicle,
+        start: &'a [f64],
     ) -> Self {
         let poses = segments.iter().map(pose_count).sum();
         Self {
@@ -31,6 +38,7 @@ impl<'a> Problem<'a> {
             model,
             vehicle,
             weights: vec![1.0; poses],
+            start,
         }
     }
 
@@ -62,10 +70,15 @@ impl<'a> Problem<'a> {
 
 impl Residuals for Problem<'_> {
     fn residuals(&self, parameters: &[f64]) -> Vec<f64> {
+        let pulls = parameters
+            .iter()
+            .zip(self.start)
+            .map(|(parameter, start)| PULL_M * (parameter - start));
         self.unweighted(parameters)
             .iter()
             .zip(&self.weights)
             .flat_map(|(residual, weight)| residual.map(|r| weight.sqrt() * r))
+            .chain(pulls)
             .collect()
     }
 }

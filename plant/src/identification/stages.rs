@@ -281,7 +281,7 @@ impl Stage<'_> {
     /// Fits with Cauchy's loss: weights 1 / (1 + (|r| / 3 median|r|)^2) of the residuals before, until
     /// the parameters stay.
     fn fit(&self, segments: &[Segment], start: &[f64]) -> Fit {
-        let mut problem = Problem::new(segments, self.model, self.vehicle_with);
+        let mut problem = Problem::new(segments, self.model, self.vehicle_with, start);
         let mut parameters = start.to_vec();
         let mut settled = false;
         for _ in 0..ROUNDS {
@@ -292,7 +292,7 @@ impl Stage<'_> {
                 .map(|(new, old)| (new - old).abs() / old.abs().max(0.1))
                 .fold(0.0, f64::max);
             parameters = found;
-            settled = ended && moved < 1e-5;
+            settled = ended && moved < 1e-4;
             if settled {
                 break;
             }
