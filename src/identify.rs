@@ -189,3 +189,63 @@ fn commented(vehicle: &Vehicle, args: &IdentifyArgs) -> Result<String> {
         args.smoothing_s
     ))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn repository(name: &str) -> PathBuf {
+        Path::new(env!("CARGO_MANIFEST_DIR")).join(name)
+    }
+
+    fn arguments(out: PathBuf) -> IdentifyArgs {
+        IdentifyArgs {
+            level: Vec::new(),
+            slope: Vec::new(),
+            simulate: Some(repository("config/vehicles/j8_contact.yaml")),
+            vehicle: repository("config/vehicles/j8.yaml"),
+            out,
+            columns: None,
+            segment_s: 8.0,
+            smoothing_s: 0.2,
+            name: Some("j8-contact-identified".into()),
+            seed: 1,
+        }
+    }
+
+    #[test]
+    fn the_identified_contact_vehicle_is_what_its_command_makes() {
+        let out = std::env::temp_dir().join(format!("sidehill-{}.yaml", std::process::id()));
+        run(&arguments(out.clone())).unwrap();
+        let made: Vehicle = ConfigFile::read(&out).unwrap().parse().unwrap();
+        std::fs::remove_file(&out).unwrap();
+        let kept = repository("config/vehicles/j8_contact_identified.yaml");
+        let kept: Vehicle = ConfigFile::read(&kept).unwrap().parse().unwrap();
+        // Mathematical functions differ in the last digit between machines.
+        for (made, kept) in [
+            (made.icrs.left_m, kept.icrs.left_m),
+            (made.icrs.right_m, kept.icrs.right_m),
+            (made.icrs.forward_m, kept.icrs.forward_m),
+            (made.slide.shift_s_per_rad, kept.slide.shift_s_per_rad),
+            (
+                made.slide.aggravated_s_per_rad,
+                kept.slide.aggravated_s_per_rad,
+            ),
+            (made.correction.left, kept.correction.left),
+            (made.correction.right, kept.correction.right),
+        ] {
+            assert!((made - kept).abs() < 1e-3 * kept.abs(), "{made} {kept}");
+        }
+    }
+
+    #[test]
+    fn a_log_that_is_missing_is_named() {
+        let error = run(&IdentifyArgs {
+            level: vec!["no_such_log.csv".into()],
+            simulate: None,
+            ..arguments("unused.yaml".into())
+        })
+        .unwrap_err();
+        assert!(format!("{error:#}").contains("no_such_log.csv"));
+    }
+}

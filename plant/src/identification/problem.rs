@@ -17,20 +17,25 @@ pub(super) struct Problem<'a> {
     pub(super) vehicle: &'a dyn Fn(&[f64]) -> Vehicle,
     /// Weight of every pose of every segment in turn.
     pub(super) weights: Vec<f64>,
-    /// Where the search starts.
-    pub(super) start: &'a [f64],
+    pub(super) pull: Pull<'a>,
 }
 
-/// Pull back to the start, m for each unit of a parameter: nothing against logs that determine the
+/// A pull back to the start: nothing against the thousands of poses of logs that determine the
 /// parameters, but it keeps what they do not determine from running away.
-const PULL_M: f64 = 0.01;
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Pull<'a> {
+    /// Where the search starts.
+    pub(super) start: &'a [f64],
+    /// Residual for each unit of a parameter away from there, m.
+    pub(super) strength_m: f64,
+}
 
 impl<'a> Problem<'a> {
     pub(super) fn new(
         segments: &'a [Segment<'a>],
         model: KinematicModel,
         vehicle: &'a dyn Fn(&[f64]) -> Vehicle,
-        start: &'a [f64],
+        pull: Pull<'a>,
     ) -> Self {
         let poses = segments.iter().map(pose_count).sum();
         Self {
@@ -38,7 +43,7 @@ impl<'a> Problem<'a> {
             model,
             vehicle,
             weights: vec![1.0; poses],
-            start,
+            pull,
         }
     }
 
@@ -72,8 +77,8 @@ impl Residuals for Problem<'_> {
     fn residuals(&self, parameters: &[f64]) -> Vec<f64> {
         let pulls = parameters
             .iter()
-            .zip(self.start)
-            .map(|(parameter, start)| PULL_M * (parameter - start));
+            .zip(self.pull.start)
+            .map(|(parameter, start)| self.pull.strength_m * (parameter - start));
         self.unweighted(parameters)
             .iter()
             .zip(&self.weights)
