@@ -4,3 +4,4 @@
 //! Kept as a library so that tests and benches reach it; it promises no stable interface.
 
 pub mod record;
+pub mod report;
