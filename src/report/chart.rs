@@ -54,7 +54,8 @@ pub(super) fn time_chart(
                     (limit(&frame, *value, text))
                 }
                 (frame.clipped(&format!("{name}-{index}"), &html! {
-                    @for (run, line) in lines.iter().enumerate() {
+                    // The first run is drawn last: it lies on top.
+                    @for (run, line) in lines.iter().enumerate().rev() {
                         path.curve.{ "run" (run) } d=(frame.line(line.iter().copied()))
                             stroke=(styles[run].colour) {}
                     }

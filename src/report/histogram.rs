@@ -23,8 +23,11 @@ pub(super) fn solve_times(runs: &[Run], styles: &[Style]) -> Markup {
         return html! { p { "No run solved a QP." } };
     }
     let all = || solved.iter().flat_map(|(.., times)| times.iter().copied());
-    let low = all().fold(f64::INFINITY, f64::min) - 0.05;
-    let high = all().fold(f64::NEG_INFINITY, f64::max) + 0.15;
+    let least = all().fold(f64::INFINITY, f64::min);
+    let most = all().fold(f64::NEG_INFINITY, f64::max);
+    // Room for the marks' texts, and at least the better part of a decade.
+    let room = (0.12 * (most - least)).max(0.5 * (0.8 - (most - least)));
+    let (low, high) = (least - room, most + room);
     let total_px = TOP_PX + solved.len() as f64 * (ROW_PX + GAP_PX) + 16.0;
     html! {
         svg viewBox={ "0 0 " (DRAWING_WIDTH_PX) " " (total_px) } role="img" aria-label="solve times" {
@@ -37,7 +40,7 @@ pub(super) fn solve_times(runs: &[Run], styles: &[Style]) -> Markup {
                     width: DRAWING_WIDTH_PX - 110.0,
                     height: ROW_PX,
                     x: [low, high],
-                    y: [0.0, 1.1 * most],
+                    y: [0.0, 1.35 * most],
                 };
                 (frame.axis_below(&logarithmic_ticks(low, high), "time within the QP solver (\u{b5}s)", place + 1 == solved.len()))
                 (frame.axis_left(&ticks(frame.y, 3.0), "cycles (%)"))

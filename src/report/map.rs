@@ -1,19 +1,20 @@
 //! The runs seen from above, over the ground's contour lines.
 
 use super::contours::Heights;
-use super::frame::{Frame, multiples, nice_step, px, range, rounded, ticks};
+use super::frame::{Frame, px, range, ticks};
 use super::relief::{self, Labels};
 use super::{DRAWING_WIDTH_PX, Scene, Style};
 use crate::record::Run;
 use maud::{Markup, html};
 use sidehill_plant::frames::PlanarPose;
+use sidehill_plant::terrain::Surface;
 
 const LEFT_PX: f64 = 80.0;
 const TOP_PX: f64 = 8.0;
 const HEIGHT_MIN_PX: f64 = 340.0;
-const HEIGHT_MAX_PX: f64 = 680.0;
+const HEIGHT_MAX_PX: f64 = 740.0;
 /// Between the nodes at which the ground is asked for.
-const NODE_PX: f64 = 4.0;
+const NODE_PX: f64 = 3.0;
 /// Between the points of a line.
 const POINT_PX: f64 = 0.5;
 
@@ -31,15 +32,20 @@ pub(super) fn map(scene: &Scene, runs: &[Run], styles: &[Style]) -> Markup {
     let ground = Ground::of(scene, &frame);
     let lines = scene.path.iter().chain(tracks.iter().flatten());
     let taken = lines.map(|point| frame.place(*point)).collect();
-    let labels = Labels::beside(taken, &relief::boxes(&frame));
+    let contours = relief::contours(
+        &frame,
+        &ground.heights,
+        Labels::beside(taken, &relief::boxes(&frame)),
+    );
     html! {
         svg viewBox={ "0 0 " (DRAWING_WIDTH_PX) " " (px(frame.bottom() + 44.0)) } role="img" aria-label="map" {
-            (frame.axis_below(&x_ticks, "X_g (m)", true))
-            (frame.axis_left(&y_ticks, "Y_g (m)"))
+            (frame.axis_below(&x_ticks, "world X_g (m)", true))
+            (frame.axis_left(&y_ticks, "world Y_g (m)"))
             (frame.clipped("map-frame", &html! {
-                (relief::contours(&frame, &ground.heights, labels))
+                @for contour in &contours { (contour.line()) }
                 path.path d=(thin(&scene.path)) {}
-                @for (run, track) in tracks.iter().enumerate() {
+                // The first run is drawn last: it lies on top.
+                @for (run, track) in tracks.iter().enumerate().rev() {
                     g.{ "run" (run) } {
                         path.curve d=(thin(track)) stroke=(styles[run].colour) {}
                         @if let Some(end) = track.last().filter(|p| frame.contains(**p)) {
@@ -51,6 +57,7 @@ pub(super) fn map(scene: &Scene, runs: &[Run], styles: &[Style]) -> Markup {
                 @if !ground.even {
                     (relief::arrows(&frame, scene))
                 }
+                @for contour in &contours { (contour.label()) }
                 @if let Some(row) = start {
                     (vehicle(&frame, scene, &row.pose.planar()))
                 }
@@ -69,6 +76,8 @@ pub(super) struct Ground {
     pub(super) gradient: [f64; 2],
     /// Largest slope, as a gradient.
     pub(super) steepest: f64,
+    /// Largest slope on the path, as a gradient.
+    pub(super) steepest_on_path: f64,
     /// Whether the gradient is the same everywhere.
     pub(super) even: bool,
     /// Share of the map where there is ground.
@@ -99,15 +108,19 @@ impl Ground {
             let [x, y] = surface.gradient_in_world();
             (x - gradient[0]).hypot(y - gradient[1])
         });
-        let steepest = known()
-            .map(|surface| {
-                let [x, y] = surface.gradient_in_world();
-                x.hypot(y)
-            })
-            .fold(0.0, f64::max);
+        let slope = |surface: &Surface| {
+            let [x, y] = surface.gradient_in_world();
+            x.hypot(y)
+        };
+        let steepest = known().map(slope).fold(0.0, f64::max);
+        let on_path = scene
+            .path
+            .iter()
+            .filter_map(|p| scene.terrain.surface(p[0], p[1]).ok());
         Self {
             even: differences.fold(0.0, f64::max) <= 0.01 * steepest + 1e-6,
             gradient,
+            steepest_on_path: on_path.map(|surface| slope(&surface)).fold(0.0, f64::max),
             steepest,
             share: known().count() as f64 / surfaces.len() as f64,
             heights: Heights {
@@ -200,20 +213,4 @@ fn vehicle(frame: &Frame, scene: &Scene, pose: &PlanarPose) -> Markup {
         }
         text.halo.strong x=(px(x)) y=(px(y + half_px.max(8.0) + 16.0)) text-anchor="middle" { "start" }
     }
-}
-
-/// Levels of about ten contour lines, with their step.
-pub(super) fn levels(heights: &Heights) -> (Vec<f64>, f64) {
-    let [low, high] = range(heights.values.iter().flatten().copied(), 0.0);
-    let known = heights.values.iter().any(Option::is_some);
-    if !known || high - low < 1e-3 {
-        return (Vec::new(), 1.0);
-    }
-    let step = nice_step(high - low, 12.0);
-    (multiples([low, high], step), step)
-}
-
-/// Text of a contour line.
-pub(super) fn level_text(level: f64, step: f64) -> String {
-    rounded(level, step) + " m"
 }

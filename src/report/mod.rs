@@ -50,6 +50,9 @@ struct Style {
 /// Width of every drawing; the page scales them.
 const DRAWING_WIDTH_PX: f64 = 960.0;
 
+/// Steer speed below which a vehicle counts as going straight.
+const TURNING_M_S: f64 = 0.005;
+
 /// Colours that stay apart for colour-blind eyes and in print: the set of Okabe and Ito without its
 /// yellow. The first four belong to the kinds of controllers, in their order.
 const COLOURS: [&str; 7] = [
@@ -97,6 +100,7 @@ fn sections(scene: &Scene, runs: &[Run], styles: &[Style]) -> Markup {
             }
         }
     };
+    let errors = cross_track_panels(runs);
     html! {
         (figure(
             "Map",
@@ -107,10 +111,12 @@ fn sections(scene: &Scene, runs: &[Run], styles: &[Style]) -> Markup {
         ))
         (figure(
             "Cross-track error",
-            "How far the vehicle was from the path, to its left above zero and to its right below; a \
-             flat line at zero is perfect. Where the controllers differ much, the lower plot shows \
-             the same with the axis magnified.",
-            &chart("cross-track", &cross_track_panels(runs), 210.0), false,
+            &format!(
+                "How far the vehicle was from the path, to its left above zero and to its right \
+                 below{}; a flat line at zero is perfect.",
+                if errors.len() > 1 { ", the same again with the axis magnified" } else { "" },
+            ),
+            &chart("cross-track", &errors, 210.0), false,
         ))
         (figure(
             "Commands",
@@ -127,9 +133,10 @@ fn sections(scene: &Scene, runs: &[Run], styles: &[Style]) -> Markup {
         ))
         (figure(
             "Tread ICRs",
-            "The points about which the left and right treads turn on the ground, at x_l and x_r to \
-             the right of the body's origin and y ahead of it: the slope moves them, the rectangle \
-             of the wheels (dashed) limits them, and they jump where the turn changes its side.",
+            "The points about which the left and right treads turn on the ground, in metres to the \
+             right of the body's origin and ahead of it: the slope moves them, the rectangle of the \
+             wheels (dashed) limits them, they jump where the turn changes its side, and there are \
+             none to show while the vehicle goes straight or stands.",
             &chart("icrs", &icr_panels(scene), 130.0), false,
         ))
         (figure(
@@ -165,8 +172,8 @@ fn cross_track_panels(runs: &[Run]) -> Vec<Panel<'static>> {
 
 fn command_panels(limits: &InputLimits) -> [Panel<'static>; 2] {
     let both = |speed_m_s: f64| {
-        [speed_m_s, -speed_m_s]
-            .map(|value| (value, "limit".to_owned()))
+        [("", 1.0), ("\u{2212}", -1.0)]
+            .map(|(sign, side)| (side * speed_m_s, format!("limit {sign}{speed_m_s} m/s")))
             .into()
     };
     [
@@ -204,27 +211,38 @@ fn attitude_panels() -> [Panel<'static>; 2] {
 
 fn icr_panels(scene: &Scene) -> [Panel<'static>; 3] {
     let (half_width_m, half_length_m) = (scene.base_half_width_m, scene.base_half_length_m);
-    let edge = |value: f64, name: &str| (value, format!("{name}, {value} m"));
+    let edge =
+        |value: f64, name: &str| (value, format!("{name} {value} m").replace('-', "\u{2212}"));
     [
         Panel {
-            title: "x_r (m)",
+            title: "right tread, x_r (m)",
             limits: vec![edge(half_width_m, "right edge")],
             magnified_to: None,
-            value: &|row| row.icrs.right_m,
+            value: &|row| while_turning(row, row.icrs.right_m),
         },
         Panel {
-            title: "x_l (m)",
+            title: "left tread, x_l (m)",
             limits: vec![edge(-half_width_m, "left edge")],
             magnified_to: None,
-            value: &|row| row.icrs.left_m,
+            value: &|row| while_turning(row, row.icrs.left_m),
         },
         Panel {
-            title: "y (m)",
+            title: "ahead, y (m)",
             limits: vec![edge(half_length_m, "front"), edge(-half_length_m, "rear")],
             magnified_to: None,
-            value: &|row| row.icrs.forward_m,
+            value: &|row| while_turning(row, row.icrs.forward_m),
         },
     ]
+}
+
+/// Returns a coordinate of an ICR where the vehicle turns, else a gap: the ICRs of a vehicle that
+/// goes straight follow the sign of next to nothing.
+fn while_turning(row: &Row, icr_m: f64) -> f64 {
+    if row.motors.steer_m_s.abs() > TURNING_M_S {
+        icr_m
+    } else {
+        f64::NAN
+    }
 }
 
 /// Returns a style for each run: the colour of its kind of controller where it is still free.

@@ -2,8 +2,8 @@
 
 use super::Scene;
 use super::contours::{Heights, Segment};
-use super::frame::{Frame, nice_step, px};
-use super::map::{Ground, level_text, levels};
+use super::frame::{Frame, multiples, nice_step, px, range, rounded};
+use super::map::Ground;
 use maud::{Markup, html};
 use std::fmt::Write;
 
@@ -16,6 +16,8 @@ const BOX_WIDTH_PX: f64 = 128.0;
 const BOX_HEIGHT_PX: f64 = 92.0;
 /// Distance from lines beyond which a label is not better placed.
 const CLEAR_PX: f64 = 22.0;
+/// Pieces of a contour below which its label may stand beside it.
+const SHORT_SEGMENTS: usize = 60;
 const ARROWS: usize = 12;
 
 /// Where labels of contour lines may stand.
@@ -36,9 +38,13 @@ impl Labels {
     }
 
     /// Takes and returns the best of the spots: clear of lines, then far to the right.
-    fn take(&mut self, spots: &[Spot], frame: &Frame) -> Option<usize> {
-        let around = |[x, y]: Spot| [x - 26.0, y - 13.0, x + 26.0, y + 13.0];
-        let fits = |spot: Spot| {
+    fn take(&mut self, spots: &[LabelSpot], frame: &Frame) -> Option<LabelSpot> {
+        let around = |spot: &LabelSpot| {
+            let ([x, y], tilt) = (spot.middle, spot.tilt_deg.to_radians());
+            let (half_x, half_y) = (26.0, 10.0 + 16.0 * tilt.sin().abs());
+            [x - half_x, y - half_y, x + half_x, y + half_y]
+        };
+        let fits = |spot: &&LabelSpot| {
             let [left, top, right, bottom] = around(spot);
             left > frame.left
                 && right < frame.right()
@@ -53,12 +59,45 @@ impl Labels {
             let distances = self.lines.iter().map(|l| (l[0] - x).hypot(l[1] - y));
             distances.fold(CLEAR_PX, f64::min)
         };
-        let (index, _) = (0..spots.len())
-            .filter(|&index| fits(spots[index]))
-            .map(|index| (index, 100.0 * clearance(spots[index]) + spots[index][0]))
-            .max_by(|a, b| a.1.total_cmp(&b.1))?;
-        self.taken.push(around(spots[index]));
-        Some(index)
+        let worth = |spot: &LabelSpot| 100.0 * clearance(spot.middle) + spot.middle[0];
+        let best = spots
+            .iter()
+            .filter(fits)
+            .map(|spot| (*spot, worth(spot)))
+            .max_by(|a, b| a.1.total_cmp(&b.1))?
+            .0;
+        self.taken.push(around(&best));
+        Some(best)
+    }
+}
+
+/// Where a label can stand, and how it is turned so that it reads along its line.
+#[derive(Clone, Copy)]
+struct LabelSpot {
+    middle: Spot,
+    tilt_deg: f64,
+}
+
+/// A contour line on the drawing.
+pub(super) struct Contour {
+    data: String,
+    text: String,
+    spot: Option<LabelSpot>,
+}
+
+impl Contour {
+    pub(super) fn line(&self) -> Markup {
+        html! { path.contour d=(self.data) {} }
+    }
+
+    /// Draws its height, where there was room.
+    pub(super) fn label(&self) -> Markup {
+        html! {
+            @if let Some(LabelSpot { middle: [x, y], tilt_deg }) = self.spot {
+                text.height x=(px(x)) y=(px(y + 4.0)) text-anchor="middle"
+                    transform={ "rotate(" (px(tilt_deg)) " " (px(x)) " " (px(y)) ")" } { (self.text) }
+            }
+        }
     }
 }
 
@@ -76,26 +115,34 @@ pub(super) fn boxes(frame: &Frame) -> [Bounds; 2] {
     ]
 }
 
-/// Draws the contour lines, each labelled with its height once where there is room.
-pub(super) fn contours(frame: &Frame, heights: &Heights, mut labels: Labels) -> Markup {
+/// Returns the contour lines, each labelled with its height once where there is room.
+pub(super) fn contours(frame: &Frame, heights: &Heights, mut labels: Labels) -> Vec<Contour> {
     let (levels, step) = levels(heights);
-    html! {
-        @for level in levels {
-            @let segments: Vec<Segment> = heights
-                .contour(level)
-                .into_iter()
-                .map(|segment| segment.map(|point| frame.place(point)))
-                .collect();
-            path.contour d=(segments_data(&segments)) {}
-            @if let Some((spot, tilt_deg)) = label_spot(&segments, &mut labels, frame) {
-                @let (x, y) = (px(spot[0]), px(spot[1]));
-                text.height x=(x) y=(px(spot[1] + 4.0)) text-anchor="middle"
-                    transform={ "rotate(" (px(tilt_deg)) " " (x) " " (y) ")" } {
-                    (level_text(level, step))
-                }
-            }
+    let corridor = heights.values.iter().any(Option::is_none);
+    let contour = |level: f64| {
+        let segments: Vec<Segment> = heights
+            .contour(level)
+            .into_iter()
+            .map(|segment| segment.map(|point| frame.place(point)))
+            .collect();
+        Contour {
+            data: segments_data(&segments),
+            text: rounded(level, step) + " m",
+            spot: labels.take(&label_spots(&segments, corridor), frame),
         }
+    };
+    levels.into_iter().map(contour).collect()
+}
+
+/// Levels of about ten contour lines, with their step.
+fn levels(heights: &Heights) -> (Vec<f64>, f64) {
+    let [low, high] = range(heights.values.iter().flatten().copied(), 0.0);
+    let known = heights.values.iter().any(Option::is_some);
+    if !known || high - low < 1e-3 {
+        return (Vec::new(), 1.0);
     }
+    let step = nice_step(high - low, 12.0);
+    (multiples([low, high], step), step)
 }
 
 fn segments_data(segments: &[Segment]) -> String {
@@ -107,55 +154,66 @@ fn segments_data(segments: &[Segment]) -> String {
     data
 }
 
-/// Returns where a label stands, and how it is turned so that it reads along the line.
-fn label_spot(segments: &[Segment], labels: &mut Labels, frame: &Frame) -> Option<(Spot, f64)> {
+/// Returns spots on the line, and beside it for a line too short to leave a corridor of ground.
+fn label_spots(segments: &[Segment], corridor: bool) -> Vec<LabelSpot> {
     // Every place on a line is within a few pixels of one of so many.
     let stride = segments.len().div_ceil(300).max(1);
-    let chosen: Vec<_> = segments.iter().step_by(stride).collect();
-    let middle = |[p, q]: &Segment| [0.5 * (p[0] + q[0]), 0.5 * (p[1] + q[1])];
-    let spots: Vec<_> = chosen.iter().map(|segment| middle(segment)).collect();
-    let index = labels.take(&spots, frame)?;
-    let [p, q] = chosen[index];
-    let tilt_deg = ((q[1] - p[1]) / (q[0] - p[0])).atan().to_degrees();
-    Some((
-        spots[index],
-        if tilt_deg.is_finite() { tilt_deg } else { 0.0 },
-    ))
+    let on_line = segments.iter().step_by(stride).map(|[p, q]| {
+        let tilt_deg = ((q[1] - p[1]) / (q[0] - p[0])).atan().to_degrees();
+        LabelSpot {
+            middle: [0.5 * (p[0] + q[0]), 0.5 * (p[1] + q[1])],
+            tilt_deg: if tilt_deg.is_finite() { tilt_deg } else { 0.0 },
+        }
+    });
+    let mut spots: Vec<_> = on_line.collect();
+    if corridor && segments.len() < SHORT_SEGMENTS {
+        for index in 0..spots.len() {
+            let [x, y] = spots[index].middle;
+            for aside in [-30.0, 30.0] {
+                spots.push(LabelSpot {
+                    middle: [x + aside, y],
+                    tilt_deg: 0.0,
+                });
+            }
+        }
+    }
+    spots
 }
 
 /// Draws which way is uphill, or how to read the arrows where that differs from place to place.
 pub(super) fn slope_box(frame: &Frame, ground: &Ground) -> Markup {
     let [[left, top, ..], _] = boxes(frame);
     let middle = left + 0.5 * BOX_WIDTH_PX;
-    let steepest_deg = ground.steepest.atan().to_degrees();
-    let level = steepest_deg < 0.05;
-    let [x, y] = ground.gradient;
-    let lines = match (level, ground.even) {
-        _ if ground.share == 0.0 => ["no ground known".to_owned(), String::new()],
-        (true, _) => ["level ground".to_owned(), String::new()],
-        (false, true) => [
+    let degrees = |gradient: f64| gradient.atan().to_degrees();
+    let lines = if ground.share == 0.0 {
+        vec!["no ground known".to_owned()]
+    } else if degrees(ground.steepest) < 0.05 {
+        vec!["level ground".to_owned()]
+    } else if ground.even {
+        vec![
             "uphill".to_owned(),
-            format!("slope {steepest_deg:.1}\u{b0}"),
-        ],
-        (false, false) => [
-            "uphill".to_owned(),
-            format!("steepest {steepest_deg:.1}\u{b0}"),
-        ],
+            format!("slope {:.1}\u{b0}", degrees(ground.steepest)),
+        ]
+    } else {
+        vec![
+            "arrows: uphill".to_owned(),
+            format!("up to {:.1}\u{b0}", degrees(ground.steepest_on_path)),
+        ]
     };
-    let arrow_shown = !level && ground.even;
+    let arrow_px = if lines.len() > 1 && ground.even {
+        44.0
+    } else {
+        0.0
+    };
+    let text_top = top + arrow_px + 20.0;
     html! {
         rect.box x=(px(left)) y=(px(top)) width=(BOX_WIDTH_PX)
-            height=(if level { 30.0 } else { BOX_HEIGHT_PX }) {}
-        @if arrow_shown {
-            (arrow([middle, top + 27.0], [x, y], 36.0))
-        } @else if !level {
-            (arrow([middle, top + 27.0], [1.0, 0.0], 36.0))
+            height=(px(arrow_px + 13.0 + 17.0 * lines.len() as f64)) {}
+        @if arrow_px > 0.0 {
+            (arrow([middle, top + 27.0], ground.gradient, 36.0))
         }
-        @if level {
-            text x=(px(middle)) y=(px(top + 20.0)) text-anchor="middle" { (lines[0]) }
-        } @else {
-            text x=(px(middle)) y=(px(top + 64.0)) text-anchor="middle" { (lines[0]) }
-            text x=(px(middle)) y=(px(top + 81.0)) text-anchor="middle" { (lines[1]) }
+        @for (index, line) in lines.iter().enumerate() {
+            text x=(px(middle)) y=(px(text_top + 17.0 * index as f64)) text-anchor="middle" { (line) }
         }
     }
 }

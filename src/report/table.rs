@@ -60,8 +60,7 @@ const COLUMNS: [&str; 28] = [
     "cycle_us",
 ];
 
-#[derive(Debug, PartialEq, Serialize)]
-#[cfg_attr(test, derive(serde::Deserialize))]
+#[derive(Serialize)]
 struct Record {
     time_s: f64,
     x_m: f64,
