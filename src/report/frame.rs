@@ -131,10 +131,10 @@ pub(super) fn nice_step(span: f64, count: f64) -> f64 {
 pub(super) fn multiples([low, high]: [f64; 2], step: f64) -> Vec<f64> {
     let slack = 1e-9;
     let (first, last) = ((low / step - slack).ceil(), (high / step + slack).floor());
-    if !(last - first < 1e4) {
+    if !(0.0..1e4).contains(&(last - first)) {
         return Vec::new();
     }
-    let count = (last - first + 1.0).max(0.0) as usize;
+    let count = (last - first) as usize + 1;
     (0..count).map(|i| (first + i as f64) * step).collect()
 }
 

@@ -62,7 +62,7 @@ fn run(controller: &str, rows: Vec<Row>) -> Run {
             cross_track_max_m: 0.012_345,
             along_track_rms_m: 0.001,
             heading_rms_rad: 0.2,
-            steer_total_variation_m_s: 3.14,
+            steer_total_variation_m_s: 3.5,
             goal_error_m: 0.0,
             constraint_violations: 0,
             fallbacks: 3,
