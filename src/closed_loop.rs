@@ -13,7 +13,6 @@ use sidehill_plant::frames::wrap_angle;
 use sidehill_plant::motion::{IcrMotion, MotionModel};
 use sidehill_plant::simulation::{Simulation, SimulationSetup, TrueState};
 use sidehill_plant::speeds::MotorSpeeds;
-use sidehill_plant::vehicle::SpeedCorrection;
 use std::time::Instant;
 
 /// Time at the start that does not count in the figures: the vehicle has to get under way, s.
@@ -32,11 +31,6 @@ pub fn run(
     mut progress: impl FnMut(f64),
 ) -> anyhow::Result<Run> {
     let config = &prepared.controller;
-    // Encoders read less than the effective speeds where c_l and c_r are part of the truth.
-    let no_correction = SpeedCorrection {
-        left: 1.0,
-        right: 1.0,
-    };
     let (motion, correction): (Box<dyn MotionModel + Send>, _) = match &prepared.plant {
         Plant::Icrik(vehicle) => (
             Box::new(IcrMotion {
@@ -45,7 +39,10 @@ pub fn run(
             }),
             vehicle.correction,
         ),
-        Plant::Contact(vehicle) => (Box::new(ContactModel::new(vehicle.clone())), no_correction),
+        Plant::Contact {
+            vehicle,
+            correction,
+        } => (Box::new(ContactModel::new(vehicle.clone())), *correction),
     };
     let mut simulation = Simulation::new(SimulationSetup {
         terrain: prepared.terrain.clone(),

@@ -11,4 +11,5 @@ pub mod icr;
 pub mod identify;
 pub mod odometry;
 pub mod record;
+pub mod report;
 pub mod simulate;

@@ -15,7 +15,7 @@ use sidehill_plant::sensors::SensorsConfig;
 use sidehill_plant::terrain::{
     GridTerrain, PlaneTerrain, RoutePoint, RouteSmoothing, RouteTerrain, Terrain, ZonedTerrain,
 };
-use sidehill_plant::vehicle::{RangeError, Vehicle};
+use sidehill_plant::vehicle::{RangeError, SpeedCorrection, Vehicle};
 use std::path::{Path, PathBuf};
 
 /// What moves the simulated vehicle.
@@ -174,7 +174,12 @@ pub enum Plant {
     /// The exact ICRIK model of a vehicle.
     Icrik(Vehicle),
     /// Wheels with friction on the ground.
-    Contact(ContactVehicle),
+    Contact {
+        /// The vehicle on wheels.
+        vehicle: ContactVehicle,
+        /// Its true c_l and c_r: those of the scenario's vehicle.
+        correction: SpeedCorrection,
+    },
 }
 
 impl Plant {
@@ -182,7 +187,7 @@ impl Plant {
     pub fn kind(&self) -> PlantKind {
         match self {
             Self::Icrik(_) => PlantKind::Icrik,
-            Self::Contact(_) => PlantKind::Contact,
+            Self::Contact { .. } => PlantKind::Contact,
         }
     }
 }
@@ -347,11 +352,9 @@ impl Scenario {
 
     /// Returns what moves the vehicle, and the vehicle as controllers know it.
     fn plant(&self, kind: PlantKind) -> Result<(Plant, Vehicle), ConfigError> {
+        let own: Vehicle = self.file.sibling(&self.raw.vehicle)?.parse()?;
         match kind {
-            PlantKind::Icrik => {
-                let vehicle: Vehicle = self.file.sibling(&self.raw.vehicle)?.parse()?;
-                Ok((Plant::Icrik(vehicle.clone()), vehicle))
-            }
+            PlantKind::Icrik => Ok((Plant::Icrik(own.clone()), own)),
             PlantKind::Contact => {
                 let (vehicle, identified) = match &self.raw.contact {
                     Some(files) => (
@@ -363,7 +366,11 @@ impl Scenario {
                         ConfigFile::built_in(CONTACT_IDENTIFIED)?,
                     ),
                 };
-                Ok((Plant::Contact(vehicle.parse()?), identified.parse()?))
+                let plant = Plant::Contact {
+                    vehicle: vehicle.parse()?,
+                    correction: own.correction,
+                };
+                Ok((plant, identified.parse()?))
             }
         }
     }
