@@ -181,13 +181,18 @@ impl Controller {
         config.validate()?;
         // An adapted model is estimated with as it predicts. A law that does not adapt leaves
         // dead reckoning to the best model there is.
-        let estimator = match kind {
-            ControllerKind::IcrhkMpc if config.estimator.adaptation.is_on() => {
-                let mut settings = config.estimator;
-                settings.adaptation.slope_sigma = 0.0;
-                Estimator::new(settings, vehicle.on_level_ground())
-            }
-            _ => Estimator::new(config.estimator, vehicle.clone()),
+        let adaptation = config.estimator.adaptation;
+        let adapts = match kind {
+            ControllerKind::IcrikMpc => adaptation.is_on(),
+            ControllerKind::IcrhkMpc => adaptation.is_on() && adaptation.of_icrhk,
+            ControllerKind::DiffdriveMpc | ControllerKind::PurePursuit => false,
+        };
+        let estimator = if kind == ControllerKind::IcrhkMpc && adapts {
+            let mut settings = config.estimator;
+            settings.adaptation.slope_sigma = 0.0;
+            Estimator::new(settings, vehicle.on_level_ground())
+        } else {
+            Estimator::new(config.estimator, vehicle.clone())
         };
         let tracking = if kind == ControllerKind::PurePursuit {
             // A geometric law knows no time: its reference waits for the vehicle.
@@ -219,7 +224,7 @@ impl Controller {
             issued: Vec::with_capacity(commands + 1),
             phase: Phase::Driving { fallback_cycles: 0 },
             last_time_s: None,
-            adapts: matches!(kind, ControllerKind::IcrikMpc | ControllerKind::IcrhkMpc),
+            adapts,
             law,
             terrain,
             vehicle,
@@ -386,9 +391,13 @@ impl Controller {
                 );
             }
             Law::Mpc { mpc, planned } => {
-                let caution = (estimate.model_error_m_s / self.config.caution.error_m_s)
-                    .powi(2)
-                    .min(1.0);
+                let caution = if self.adapts {
+                    (estimate.model_error_m_s / self.config.caution.error_m_s)
+                        .powi(2)
+                        .min(1.0)
+                } else {
+                    0.0
+                };
                 mpc.set_steer_change_weight(self.config.steer_change_weight(caution));
                 preview(
                     &self.config,

@@ -76,6 +76,8 @@ pub struct AdaptationSettings {
     /// Share of these variances that comes back for each metre of steering, 1/m: how fast what was
     /// learned is given up for what is new.
     pub forgetting_per_m: f64,
+    /// Whether icrhk-mpc too learns what its model has, the ICRs; it drives no better for it.
+    pub of_icrhk: bool,
 }
 
 impl Default for AdaptationSettings {
@@ -84,6 +86,7 @@ impl Default for AdaptationSettings {
             shift_sigma: 0.05,
             slope_sigma: 0.7,
             forgetting_per_m: 0.001,
+            of_icrhk: false,
         }
     }
 }
