@@ -218,13 +218,15 @@ impl Mpc {
             now.z = self.plan.states[0].z + wrap_angle(now.z - self.plan.states[0].z);
             now
         };
-        self.plan.states[0] = now;
+        let before = std::mem::replace(&mut self.plan.states[0], now);
         let previous = self.settings.limits.within_bounds(previous);
         self.linearise(previous, targets);
         self.condenser
             .assemble(&self.stages, previous, self.solver.data_mut());
         let begin = Instant::now();
-        let residuals = self.solver.solve(deadline)?;
+        let residuals = self.solver.solve(deadline).inspect_err(|_| {
+            self.plan.states[0] = before;
+        })?;
         let solve_time_s = begin.elapsed().as_secs_f64();
         self.apply();
         Ok(SolveReport {
@@ -304,3 +306,6 @@ impl Mpc {
 fn vector(pose: &PlanarPose) -> Vector3<f64> {
     Vector3::new(pose.x_m, pose.y_m, pose.yaw_rad)
 }
+
+#[cfg(test)]
+mod tests;

@@ -168,6 +168,7 @@ impl QpSolver {
     }
 
     /// Returns the data of the last solve.
+    #[cfg(test)]
     pub fn data(&self) -> &QpData {
         &self.data
     }
@@ -178,6 +179,7 @@ impl QpSolver {
     }
 
     /// Returns how often the solver was made new after a numerical error.
+    #[cfg(test)]
     pub fn rebuilds(&self) -> u32 {
         self.rebuilds
     }
