@@ -15,6 +15,10 @@ use std::time::{Duration, Instant};
 /// Largest number of iterations of any solve.
 pub const ITERATIONS_MAX: u32 = 100;
 
+/// Share of the way to the cone's boundary that a step may take. On a well-scaled QP few of whose
+/// rows bind, each step reduces the gap by about 1 less this: clarabel's 0.99 costs an iteration more.
+const STEP_FRACTION: f64 = 0.999;
+
 /// How the QP is handed to the solver.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -358,6 +362,7 @@ fn build(
         clarabel.iterative_refinement_enable = false;
         clarabel.direct_solve_method = "qdldl".into();
         clarabel.max_iter = ITERATIONS_MAX;
+        clarabel.max_step_fraction = STEP_FRACTION;
         clarabel.tol_gap_abs = settings.tolerance;
         clarabel.tol_gap_rel = settings.tolerance;
         clarabel.tol_feas = settings.tolerance;
