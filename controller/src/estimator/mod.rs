@@ -159,7 +159,9 @@ pub struct Estimator {
     /// Newest last; never longer than [`HISTORY`].
     events: Vec<Event>,
     started: bool,
-    first_attitude: Option<Attitude>,
+    /// Newest readings, with which the filter starts.
+    newest_attitude: Option<Attitude>,
+    newest_treads: TreadSpeeds,
     normal_in_world: Option<(f64, Vector3<f64>)>,
     pose_time_s: f64,
     attitude_time_s: f64,
@@ -176,7 +178,8 @@ impl Estimator {
             vehicle,
             events: Vec::with_capacity(HISTORY + 1),
             started: false,
-            first_attitude: None,
+            newest_attitude: None,
+            newest_treads: TreadSpeeds::default(),
             normal_in_world: None,
             pose_time_s: f64::NEG_INFINITY,
             attitude_time_s: f64::NEG_INFINITY,
@@ -208,6 +211,7 @@ impl Estimator {
             {
                 self.speeds_time_s = self.speeds_time_s.max(speeds.time_s);
                 let treads = self.vehicle.correction.apply(speeds.value);
+                self.newest_treads = treads;
                 self.insert(speeds.time_s, Reading::Speeds(treads));
             } else {
                 refused.tread_speeds = true;
@@ -216,7 +220,7 @@ impl Estimator {
         if let Some(attitude) = sample.attitude {
             if attitude.time_s.is_finite() && attitude.value.is_finite() {
                 self.attitude_time_s = self.attitude_time_s.max(attitude.time_s);
-                self.first_attitude.get_or_insert(attitude.value);
+                self.newest_attitude = Some(attitude.value);
                 self.insert(attitude.time_s, Reading::Attitude(attitude.value));
             } else {
                 refused.attitude = true;
@@ -243,7 +247,7 @@ impl Estimator {
     fn take_pose(&mut self, pose: Stamped<PlanarPose>) {
         if self.started {
             self.insert(pose.time_s, Reading::Pose(pose.value));
-        } else if let Some(attitude) = self.first_attitude {
+        } else if let Some(attitude) = self.newest_attitude {
             let (position, heading) = (self.settings.pose_sigma_m, self.settings.pose_sigma_rad);
             self.started = true;
             self.pose_time_s = pose.time_s;
@@ -258,7 +262,7 @@ impl Estimator {
                         position * position,
                         heading * heading,
                     )),
-                    treads: TreadSpeeds::default(),
+                    treads: self.newest_treads,
                     attitude,
                 },
             });
