@@ -125,7 +125,7 @@ pub struct SolverConfig {
 impl Default for SolverConfig {
     fn default() -> Self {
         Self {
-            max_iterations: 10,
+            max_iterations: 25,
             tolerance: 1e-6,
             accepted_residual: 1e-3,
             accepted_gap: 0.2,
