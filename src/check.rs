@@ -1,8 +1,9 @@
 //! `sidehill check`: validates configuration files.
 
-use crate::config::{ConfigFile, Scenario, ScenarioFiles};
+use crate::config::{ConfigFile, Overrides, Scenario};
 use anyhow::{Result, bail};
 use sidehill_controller::controller::Controller;
+use sidehill_plant::contact::ContactVehicle;
 use sidehill_plant::vehicle::Vehicle;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -44,7 +45,7 @@ fn check(path: &std::path::Path) -> Result<&'static str> {
     let keys: serde_yaml::Mapping = file.parse()?;
     let has = |key: &str| keys.contains_key(key);
     if has("controllers") {
-        let prepared = Scenario::read(file)?.prepare(&ScenarioFiles::default())?;
+        let prepared = Scenario::read(file)?.prepare(&Overrides::default())?;
         for &kind in &prepared.controllers {
             Controller::new(
                 kind,
@@ -60,9 +61,13 @@ fn check(path: &std::path::Path) -> Result<&'static str> {
     } else if has("x_icr_left_m") {
         file.parse::<Vehicle>()?;
         Ok("vehicle")
+    } else if has("axles") {
+        file.parse::<ContactVehicle>()?;
+        Ok("contact vehicle")
     } else {
         bail!(
-            "{}: neither a scenario (key controllers) nor a vehicle (key x_icr_left_m)",
+            "{}: neither a scenario (key controllers), a vehicle (key x_icr_left_m) nor a \
+             contact vehicle (key axles)",
             file.name()
         )
     }

@@ -1,6 +1,6 @@
 //! A controller driving the simulated vehicle, and the figures of its run.
 
-use crate::config::{PlantKind, Prepared};
+use crate::config::{Plant, Prepared};
 use crate::record::{Quantiles, Row, Run, Summary};
 use sidehill_controller::config::ControllerKind;
 use sidehill_controller::controller::{Controller, Decision, Status};
@@ -8,6 +8,7 @@ use sidehill_controller::mpc::limits::InputLimits;
 use sidehill_controller::path::{Path, Point2};
 use sidehill_controller::reference::PROJECTION_WINDOW;
 use sidehill_controller::trajectory::{Ending, ReferencePoint};
+use sidehill_plant::contact::ContactModel;
 use sidehill_plant::frames::wrap_angle;
 use sidehill_plant::motion::{IcrMotion, MotionModel};
 use sidehill_plant::simulation::{Simulation, SimulationSetup, TrueState};
@@ -30,18 +31,25 @@ pub fn run(
     mut progress: impl FnMut(f64),
 ) -> anyhow::Result<Run> {
     let config = &prepared.controller;
-    let motion: Box<dyn MotionModel + Send> = match prepared.plant {
-        PlantKind::Icrik => Box::new(IcrMotion {
-            vehicle: prepared.vehicle.clone(),
-            inclined: true,
-        }),
+    let (motion, correction): (Box<dyn MotionModel + Send>, _) = match &prepared.plant {
+        Plant::Icrik(vehicle) => (
+            Box::new(IcrMotion {
+                vehicle: vehicle.clone(),
+                inclined: true,
+            }),
+            vehicle.correction,
+        ),
+        Plant::Contact {
+            vehicle,
+            correction,
+        } => (Box::new(ContactModel::new(vehicle.clone())), *correction),
     };
     let mut simulation = Simulation::new(SimulationSetup {
         terrain: prepared.terrain.clone(),
         motion,
         drive_train: prepared.drive_train,
         sensors: prepared.sensors,
-        correction: prepared.vehicle.correction,
+        correction,
         start: prepared.start,
         dt_s: prepared.step_s,
         seed: prepared.seed,
@@ -276,7 +284,7 @@ impl<'a> Figures<'a> {
         let iterations: u64 = solves.clone().map(|row| u64::from(row.qp_iterations)).sum();
         Summary {
             controller: kind.name().to_owned(),
-            plant: prepared.plant.name().to_owned(),
+            plant: prepared.plant.kind().name().to_owned(),
             scenario: prepared.name.clone(),
             seed: prepared.seed,
             completed: ended_by.is_none(),

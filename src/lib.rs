@@ -8,5 +8,8 @@ pub mod check;
 pub mod closed_loop;
 pub mod config;
 pub mod icr;
+pub mod identify;
+pub mod odometry;
 pub mod record;
+pub mod report;
 pub mod simulate;

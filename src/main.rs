@@ -2,7 +2,7 @@
 #![allow(clippy::print_stderr)]
 
 use clap::{Parser, Subcommand};
-use sidehill::{check, icr, simulate};
+use sidehill::{check, icr, identify, odometry, simulate};
 use std::process::ExitCode;
 
 /// Path tracking for skid-steer rovers on slopes. Without a subcommand it simulates the figure of
@@ -20,6 +20,10 @@ enum Command {
     Simulate(simulate::SimulateArgs),
     /// Evaluates ICRIK: CSV with roll_rad, pitch_rad, v_left_m_s, v_right_m_s on standard input.
     Icr(icr::IcrArgs),
+    /// Judges odometry of a log by its poses: ICRHK, ICRIK and ideal differential drive.
+    Odometry(odometry::OdometryArgs),
+    /// Identifies a vehicle's parameters from logs of level and sloping ground.
+    Identify(identify::IdentifyArgs),
     /// Validates configuration files.
     Check(check::CheckArgs),
 }
@@ -32,6 +36,8 @@ fn main() -> ExitCode {
         Command::Simulate(args) => simulate::run(&args),
         Command::Icr(args) => icr::run(&args, std::io::stdin().lock(), std::io::stdout().lock())
             .map(|()| ExitCode::SUCCESS),
+        Command::Odometry(args) => odometry::run(&args).map(|()| ExitCode::SUCCESS),
+        Command::Identify(args) => identify::run(&args).map(|()| ExitCode::SUCCESS),
         Command::Check(args) => check::run(&args),
     };
     result.unwrap_or_else(|error| {

@@ -1,13 +1,14 @@
 //! `sidehill simulate`: a scenario with its controllers, side by side.
 
 use crate::closed_loop;
-use crate::config::{ConfigFile, DEFAULT_SCENARIO, PlantKind, Prepared, Scenario, ScenarioFiles};
+use crate::config::{ConfigFile, DEFAULT_SCENARIO, Overrides, PlantKind, Prepared, Scenario};
 use crate::record::{Run, Summary};
-use anyhow::{Context, Result, bail};
+use crate::report;
+use anyhow::{Context, Result};
 use indicatif::{ProgressBar, ProgressStyle};
 use sidehill_controller::config::ControllerKind;
 use std::fmt::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 /// Arguments of `sidehill simulate`.
@@ -61,24 +62,16 @@ pub fn run(args: &SimulateArgs) -> Result<ExitCode> {
         Some(path) => ConfigFile::read(path)?,
         None => ConfigFile::built_in(DEFAULT_SCENARIO)?,
     };
-    let files = ScenarioFiles {
+    let prepared = Scenario::read(file)?.prepare(&Overrides {
         path: args.path.clone(),
-    };
-    let mut prepared = Scenario::read(file)?.prepare(&files)?;
-    if let Some(plant) = args.plant {
-        prepared.plant = plant;
-    }
-    if let Some(seed) = args.seed {
-        prepared.seed = seed;
-    }
-    if !args.controllers.is_empty() {
-        prepared.controllers.clone_from(&args.controllers);
-    }
+        plant: args.plant,
+        seed: args.seed,
+        controllers: args.controllers.clone(),
+    })?;
     let runs = runs(&prepared)?;
     if let Some(folder) = &args.out {
-        std::fs::create_dir_all(folder)
-            .with_context(|| format!("{}: cannot be made", folder.display()))?;
-        bail!("{}: no writer", folder.display());
+        write_out(folder, &prepared, &runs)
+            .with_context(|| format!("{}: cannot be written", folder.display()))?;
     }
     let summaries: Vec<&Summary> = runs.iter().map(|run| &run.summary).collect();
     match args.format {
@@ -94,6 +87,41 @@ pub fn run(args: &SimulateArgs) -> Result<ExitCode> {
     } else {
         ExitCode::FAILURE
     })
+}
+
+/// Writes a CSV file of each run and the report of all.
+fn write_out(folder: &Path, prepared: &Prepared, runs: &[Run]) -> Result<()> {
+    std::fs::create_dir_all(folder)?;
+    for run in runs {
+        let file = std::fs::File::create(folder.join(format!("{}.csv", run.summary.controller)))?;
+        report::write_csv(run, std::io::BufWriter::new(file))?;
+    }
+    let path = prepared.trajectory.path();
+    let length_m = path.map_or(0.0, |path| path.length_m());
+    let points = (length_m / 0.05).ceil().clamp(2.0, 20_000.0) as usize;
+    let scene = report::Scene {
+        title: prepared.name.replace('_', " "),
+        subtitle: format!(
+            "Plant {}, vehicle {}, seed {}. {}",
+            prepared.plant.kind().name(),
+            prepared.vehicle.name,
+            prepared.seed,
+            prepared.route_note
+        ),
+        path: path.map_or_else(Vec::new, |path| {
+            (0..=points)
+                .map(|i| path.at(length_m * i as f64 / points as f64).position)
+                .map(|position| [position.x_m, position.y_m])
+                .collect()
+        }),
+        terrain: &prepared.terrain,
+        limits: &prepared.controller.limits,
+        base_half_width_m: prepared.vehicle.base_half_width_m,
+        base_half_length_m: prepared.vehicle.base_half_length_m,
+        period_s: prepared.controller.period_s,
+    };
+    std::fs::write(folder.join("report.html"), report::html(&scene, runs))?;
+    Ok(())
 }
 
 /// Runs one controller after the other: their times would disturb each other.
@@ -121,7 +149,7 @@ fn table(prepared: &Prepared, summaries: &[&Summary]) -> String {
         out,
         "scenario {}, plant {}, vehicle {}, seed {}",
         prepared.name,
-        prepared.plant.name(),
+        prepared.plant.kind().name(),
         prepared.vehicle.name,
         prepared.seed
     );

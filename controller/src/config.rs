@@ -399,7 +399,7 @@ impl ControllerConfig {
     }
 
     /// Returns the settings of the MPC.
-    pub(crate) fn mpc(&self) -> MpcSettings {
+    pub fn mpc(&self) -> MpcSettings {
         MpcSettings {
             stages: self.stages,
             step_s: self.step_s,
@@ -427,7 +427,7 @@ impl ControllerConfig {
 
     /// Returns the weights of a stage: at the end an error across the path is left as it is, for
     /// there is no way left on which to undo it.
-    pub(crate) fn stage_weights(&self, motion: Motion) -> StageWeights {
+    pub fn stage_weights(&self, motion: Motion) -> StageWeights {
         let w = &self.weights;
         match motion {
             Motion::Drive => StageWeights {

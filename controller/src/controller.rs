@@ -154,6 +154,8 @@ pub struct Controller {
     estimator: Estimator,
     reference: Reference,
     law: Law,
+    /// Whether the law predicts with what the estimator learns.
+    adapts: bool,
     targets: Vec<StageTarget>,
     phase: Phase,
     /// Commands of the last second, the newest last: those in flight are among them.
@@ -178,8 +180,16 @@ impl Controller {
         terrain: Option<Terrain>,
     ) -> Result<Self, ControllerError> {
         config.validate()?;
-        // All kinds estimate with the vehicle as identified: they differ in what they predict with.
-        let estimator = Estimator::new(config.estimator, vehicle.clone());
+        // An adapted model is estimated with as it predicts. A law that does not adapt leaves
+        // dead reckoning to the best model there is.
+        let estimator = match kind {
+            ControllerKind::IcrhkMpc if config.estimator.adaptation.is_on() => {
+                let mut settings = config.estimator;
+                settings.adaptation.slope_sigma = 0.0;
+                Estimator::new(settings, vehicle.on_level_ground())
+            }
+            _ => Estimator::new(config.estimator, vehicle.clone()),
+        };
         let tracking = if kind == ControllerKind::PurePursuit {
             // A geometric law knows no time: its reference waits for the vehicle.
             Tracking::Path {
@@ -210,6 +220,7 @@ impl Controller {
             issued: Vec::with_capacity(commands + 1),
             phase: Phase::Driving { fallback_cycles: 0 },
             last_time_s: None,
+            adapts: matches!(kind, ControllerKind::IcrikMpc | ControllerKind::IcrhkMpc),
             law,
             terrain,
             vehicle,
@@ -355,6 +366,11 @@ impl Controller {
             return;
         };
         let previous = self.last_command();
+        if let Law::Mpc { mpc, .. } = &mut self.law
+            && self.adapts
+        {
+            mpc.model_mut().set_correction(&estimate.gains);
+        }
         let horizon_start = self.roll_forward(estimate);
         match &mut self.law {
             Law::PurePursuit => {

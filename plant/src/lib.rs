@@ -2,6 +2,7 @@
 //! and their simulation. This crate does no input or output and knows no file format.
 
 pub mod contact;
+pub mod correction;
 pub mod dead_reckoning;
 pub mod drive_train;
 pub mod frames;

@@ -2,7 +2,7 @@
 
 mod scenario;
 
-pub use scenario::{PlantKind, Prepared, RouteConfig, Scenario, ScenarioFiles, TerrainConfig};
+pub use scenario::{Overrides, Plant, PlantKind, Prepared, RouteConfig, Scenario, TerrainConfig};
 
 use serde::de::DeserializeOwned;
 use std::path::{Component, Path, PathBuf};
@@ -29,7 +29,7 @@ pub enum ConfigError {
 }
 
 /// Files compiled into the program, by their names in its repository.
-const BUILT_IN: [(&str, &str); 2] = [
+const BUILT_IN: [(&str, &str); 4] = [
     (
         "config/scenarios/figure_eight.yaml",
         include_str!("../../config/scenarios/figure_eight.yaml"),
@@ -38,10 +38,23 @@ const BUILT_IN: [(&str, &str); 2] = [
         "config/vehicles/j8.yaml",
         include_str!("../../config/vehicles/j8.yaml"),
     ),
+    (
+        CONTACT_VEHICLE,
+        include_str!("../../config/vehicles/j8_contact.yaml"),
+    ),
+    (
+        CONTACT_IDENTIFIED,
+        include_str!("../../config/vehicles/j8_contact_identified.yaml"),
+    ),
 ];
 
 /// The scenario that runs when none is named.
 pub const DEFAULT_SCENARIO: &str = "config/scenarios/figure_eight.yaml";
+
+/// The vehicle on wheels that `--plant contact` drives where the scenario names none.
+pub const CONTACT_VEHICLE: &str = "config/vehicles/j8_contact.yaml";
+/// What identification found of it: the parameters controllers have then.
+pub const CONTACT_IDENTIFIED: &str = "config/vehicles/j8_contact_identified.yaml";
 
 /// A file's name and text; names inside it are relative to it.
 #[derive(Debug, Clone)]

@@ -1,6 +1,6 @@
 //! A scenario: vehicle, ground, reference, plant, sensors and controllers of a simulation.
 
-use super::{ConfigError, ConfigFile};
+use super::{CONTACT_IDENTIFIED, CONTACT_VEHICLE, ConfigError, ConfigFile};
 use serde::Deserialize;
 use sidehill_controller::config::{ControllerConfig, ControllerKind};
 use sidehill_controller::course::Course;
@@ -8,13 +8,14 @@ use sidehill_controller::path::{Route, Smoothing, read_csv, read_gpx, smooth};
 use sidehill_controller::reference::Tracking;
 use sidehill_controller::speed_profile::{SpeedLimits, speed_profile};
 use sidehill_controller::trajectory::{Ending, Trajectory};
+use sidehill_plant::contact::ContactVehicle;
 use sidehill_plant::drive_train::DriveTrainConfig;
 use sidehill_plant::frames::PlanarPose;
 use sidehill_plant::sensors::SensorsConfig;
 use sidehill_plant::terrain::{
     GridTerrain, PlaneTerrain, RoutePoint, RouteSmoothing, RouteTerrain, Terrain, ZonedTerrain,
 };
-use sidehill_plant::vehicle::{RangeError, Vehicle};
+use sidehill_plant::vehicle::{RangeError, SpeedCorrection, Vehicle};
 use std::path::{Path, PathBuf};
 
 /// What moves the simulated vehicle.
@@ -23,6 +24,8 @@ use std::path::{Path, PathBuf};
 pub enum PlantKind {
     /// The exact ICRIK model.
     Icrik,
+    /// Wheels with friction on the ground.
+    Contact,
 }
 
 impl PlantKind {
@@ -30,6 +33,7 @@ impl PlantKind {
     pub fn name(self) -> &'static str {
         match self {
             Self::Icrik => "icrik",
+            Self::Contact => "contact",
         }
     }
 }
@@ -119,6 +123,8 @@ struct RawScenario {
     start: StartOffset,
     controllers: Vec<ControllerKind>,
     plant: PlantKind,
+    #[serde(default)]
+    contact: Option<ContactFiles>,
     seed: u64,
     step_s: f64,
     #[serde(default)]
@@ -127,6 +133,16 @@ struct RawScenario {
     sensors: SensorsConfig,
     #[serde(default)]
     controller: ControllerConfig,
+}
+
+/// Files of the contact plant, relative to the scenario.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ContactFiles {
+    /// The vehicle on wheels.
+    vehicle: PathBuf,
+    /// What identification found of it.
+    identified: PathBuf,
 }
 
 fn one_lap() -> u32 {
@@ -139,11 +155,41 @@ pub struct Scenario {
     raw: RawScenario,
 }
 
-/// Files on the command line that replace some of the scenario's.
+/// What the command line puts in place of the scenario's own.
 #[derive(Debug, Clone, Default)]
-pub struct ScenarioFiles {
-    /// Instead of the scenario's course or route.
+pub struct Overrides {
+    /// Path to follow instead of the course or route.
     pub path: Option<PathBuf>,
+    /// What moves the vehicle.
+    pub plant: Option<PlantKind>,
+    /// Seed.
+    pub seed: Option<u64>,
+    /// Controllers; none for the scenario's.
+    pub controllers: Vec<ControllerKind>,
+}
+
+/// What moves the vehicle, with its parameters.
+#[derive(Debug, Clone)]
+pub enum Plant {
+    /// The exact ICRIK model of a vehicle.
+    Icrik(Vehicle),
+    /// Wheels with friction on the ground.
+    Contact {
+        /// The vehicle on wheels.
+        vehicle: ContactVehicle,
+        /// Its true c_l and c_r: those of the scenario's vehicle.
+        correction: SpeedCorrection,
+    },
+}
+
+impl Plant {
+    /// Returns which kind it is.
+    pub fn kind(&self) -> PlantKind {
+        match self {
+            Self::Icrik(_) => PlantKind::Icrik,
+            Self::Contact { .. } => PlantKind::Contact,
+        }
+    }
 }
 
 /// A scenario with everything read, checked and built; runs share it.
@@ -151,7 +197,7 @@ pub struct Prepared {
     /// Name for tables.
     pub name: String,
     /// What moves the vehicle.
-    pub plant: PlantKind,
+    pub plant: Plant,
     /// The vehicle, as controllers know it.
     pub vehicle: Vehicle,
     /// The ground.
@@ -199,7 +245,7 @@ impl Scenario {
     ///
     /// # Errors
     /// [`ConfigError`] with the file at fault, key, value and range.
-    pub fn prepare(&self, files: &ScenarioFiles) -> Result<Prepared, ConfigError> {
+    pub fn prepare(&self, overrides: &Overrides) -> Result<Prepared, ConfigError> {
         let (raw, file) = (&self.raw, &self.file);
         let ranges = || -> Result<(), RangeError> {
             RangeError::check("laps", f64::from(raw.laps), 1.0, 1e6, "from 1 to 1000000")?;
@@ -260,12 +306,17 @@ impl Scenario {
             raw.controller.validate()
         };
         ranges().map_err(|error| file.error(error))?;
-        if raw.controllers.is_empty() {
+        let controllers = if overrides.controllers.is_empty() {
+            &raw.controllers
+        } else {
+            &overrides.controllers
+        };
+        if controllers.is_empty() {
             return Err(file.error("controllers: the list is empty"));
         }
-        let vehicle: Vehicle = file.sibling(&raw.vehicle)?.parse()?;
+        let (plant, vehicle) = self.plant(overrides.plant.unwrap_or(raw.plant))?;
         let limits = self.speed_limits(&vehicle);
-        let reference = self.reference(files, &limits)?;
+        let reference = self.reference(overrides, &limits)?;
         let terrain = self.terrain(reference.route.as_ref())?;
         let first = reference.trajectory.at(0.0);
         let (sin, cos) = first.heading_rad.sin_cos();
@@ -277,7 +328,7 @@ impl Scenario {
         };
         Ok(Prepared {
             name: raw.name.clone(),
-            plant: raw.plant,
+            plant,
             vehicle,
             terrain,
             tracking: match reference.trajectory.ending() {
@@ -289,14 +340,39 @@ impl Scenario {
             trajectory: reference.trajectory,
             laps: raw.laps,
             start,
-            controllers: raw.controllers.clone(),
-            seed: raw.seed,
+            controllers: controllers.clone(),
+            seed: overrides.seed.unwrap_or(raw.seed),
             step_s: raw.step_s,
             drive_train: raw.drive_train,
             sensors: raw.sensors,
             controller: raw.controller.clone(),
             route_note: reference.note,
         })
+    }
+
+    /// Returns what moves the vehicle, and the vehicle as controllers know it.
+    fn plant(&self, kind: PlantKind) -> Result<(Plant, Vehicle), ConfigError> {
+        let own: Vehicle = self.file.sibling(&self.raw.vehicle)?.parse()?;
+        match kind {
+            PlantKind::Icrik => Ok((Plant::Icrik(own.clone()), own)),
+            PlantKind::Contact => {
+                let (vehicle, identified) = match &self.raw.contact {
+                    Some(files) => (
+                        self.file.sibling(&files.vehicle)?,
+                        self.file.sibling(&files.identified)?,
+                    ),
+                    None => (
+                        ConfigFile::built_in(CONTACT_VEHICLE)?,
+                        ConfigFile::built_in(CONTACT_IDENTIFIED)?,
+                    ),
+                };
+                let plant = Plant::Contact {
+                    vehicle: vehicle.parse()?,
+                    correction: own.correction,
+                };
+                Ok((plant, identified.parse()?))
+            }
+        }
     }
 
     fn speed_limits(&self, vehicle: &Vehicle) -> SpeedLimits {
@@ -318,7 +394,7 @@ impl Scenario {
 
     fn reference(
         &self,
-        files: &ScenarioFiles,
+        overrides: &Overrides,
         limits: &SpeedLimits,
     ) -> Result<Reference, ConfigError> {
         let raw = &self.raw;
@@ -326,7 +402,7 @@ impl Scenario {
             .route
             .as_ref()
             .map_or_else(Smoothing::default, |r| r.smoothing);
-        let route = match (&files.path, &raw.route, &raw.course) {
+        let route = match (&overrides.path, &raw.route, &raw.course) {
             (Some(path), _, _) => ConfigFile::read(path)?,
             (None, Some(route), None) => self.file.sibling(&route.file)?,
             (None, None, Some(course)) => {

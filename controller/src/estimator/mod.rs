@@ -1,18 +1,31 @@
 //! Where the vehicle is now: an extended Kalman filter over ICRIK dead reckoning and late poses.
 //!
-//! The state is (x, y, yaw) in the world. Tread speeds and attitude drive it by equation (12) with
-//! the vehicle's own model; a pose corrects it *at the time it was taken*: readings are kept in the
-//! order of their stamps for a while, and a late one is put in its place and all after it replayed.
+//! The state is (x, y, yaw) in the world and the gains of a correction of the model. Tread speeds and
+//! attitude drive it by equation (12) with the vehicle's own model and the correction; a pose corrects
+//! it *at the time it was taken*: readings are kept in the order of their stamps for a while, and a
+//! late one is put in its place and all after it replayed.
+//!
+//! The gains are constants that the filter does not know: what a pose says about them follows from
+//! their covariance with it, which grows only where their terms are excited. At standstill, straight
+//! ahead and without poses nothing is learned and nothing winds up.
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 use serde::{Deserialize, Serialize};
+use sidehill_plant::correction::{Gains, TERMS, Terms};
 use sidehill_plant::frames::{Attitude, PlanarPose, pose_rate, wrap_angle};
 use sidehill_plant::sample::{Sample, Stamped};
-use sidehill_plant::speeds::TreadSpeeds;
+use sidehill_plant::speeds::{MotorSpeeds, TreadSpeeds};
 use sidehill_plant::vehicle::{RangeError, Vehicle};
+use std::collections::VecDeque;
 
-/// Readings kept: with 20 Hz speeds, 20 Hz attitude and 10 Hz poses, about 2.5 s.
-const HISTORY: usize = 128;
+/// Readings kept: with 20 Hz speeds, 20 Hz attitude and 10 Hz poses, about 1 s.
+const HISTORY: usize = 50;
+
+/// Gains of the correction.
+const GAINS: usize = 3 * TERMS;
+
+type PoseByGains = SMatrix<f64, 3, GAINS>;
+type GainCovariance = SMatrix<f64, GAINS, GAINS>;
 
 /// Settings of the estimator.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -28,6 +41,8 @@ pub struct EstimatorSettings {
     pub yaw_sigma_rad_per_sqrt_s: f64,
     /// Largest normalised innovation squared (3 degrees of freedom) of a pose that is believed.
     pub gate: f64,
+    /// Learning of the correction.
+    pub adaptation: AdaptationSettings,
     /// Time constant of the smoothing of the ground's normal in the world frame, s; 0 for none.
     pub normal_filter_s: f64,
 }
@@ -40,8 +55,51 @@ impl Default for EstimatorSettings {
             slide_sigma_m_per_sqrt_s: 0.02,
             yaw_sigma_rad_per_sqrt_s: 0.02,
             gate: 30.0,
+            adaptation: AdaptationSettings::default(),
             normal_filter_s: 0.0,
         }
+    }
+}
+
+/// How far the correction may be from nothing.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct AdaptationSettings {
+    /// Standard deviation of the gains of the steer speed itself (shift of the ICRs): of v_x and v_y
+    /// without unit, of the yaw rate in rad/m. 0 switches them off.
+    pub shift_sigma: f64,
+    /// Standard deviation of the gains of slide and load shift, 1/rad and 1/m. 0 switches them off.
+    pub slope_sigma: f64,
+    /// Share of these variances that comes back for each metre of steering, 1/m: how fast what was
+    /// learned is given up for what is new.
+    pub forgetting_per_m: f64,
+}
+
+impl Default for AdaptationSettings {
+    fn default() -> Self {
+        Self {
+            shift_sigma: 0.05,
+            slope_sigma: 0.7,
+            forgetting_per_m: 0.001,
+        }
+    }
+}
+
+impl AdaptationSettings {
+    /// Returns whether anything is learned.
+    pub fn is_on(&self) -> bool {
+        self.shift_sigma > 0.0 || self.slope_sigma > 0.0
+    }
+
+    fn prior(&self) -> GainCovariance {
+        GainCovariance::from_diagonal(&SVector::from_fn(|i, _| {
+            let sigma = if i % TERMS == 0 {
+                self.shift_sigma
+            } else {
+                self.slope_sigma
+            };
+            sigma * sigma
+        }))
     }
 }
 
@@ -107,6 +165,8 @@ pub struct Estimate {
     pub normal_in_world: Vector3<f64>,
     /// Effective tread speeds, after (11).
     pub treads: TreadSpeeds,
+    /// Learned correction of the model.
+    pub gains: Gains,
     /// Age of the newest believed pose, s.
     pub pose_age_s: f64,
     /// Age of the newest attitude, s.
@@ -144,10 +204,16 @@ struct Event {
     belief: Belief,
 }
 
+/// Mean and covariance of pose and gains, in blocks, and the inputs in force.
 #[derive(Debug, Clone, Copy)]
 struct Belief {
     mean: Vector3<f64>,
     covariance: Matrix3<f64>,
+    /// Row by row of the matrix of gains.
+    gains: SVector<f64, GAINS>,
+    /// Of the pose with the gains.
+    cross: PoseByGains,
+    gain_covariance: GainCovariance,
     treads: TreadSpeeds,
     attitude: Attitude,
 }
@@ -157,7 +223,7 @@ pub struct Estimator {
     settings: EstimatorSettings,
     vehicle: Vehicle,
     /// Newest last; never longer than [`HISTORY`].
-    events: Vec<Event>,
+    events: VecDeque<Event>,
     started: bool,
     /// Newest readings, with which the filter starts.
     newest_attitude: Option<Attitude>,
@@ -176,7 +242,7 @@ impl Estimator {
         Self {
             settings,
             vehicle,
-            events: Vec::with_capacity(HISTORY + 1),
+            events: VecDeque::with_capacity(HISTORY + 1),
             started: false,
             newest_attitude: None,
             newest_treads: TreadSpeeds::default(),
@@ -252,7 +318,7 @@ impl Estimator {
             self.started = true;
             self.pose_time_s = pose.time_s;
             self.events.clear();
-            self.events.push(Event {
+            self.events.push_back(Event {
                 time_s: pose.time_s,
                 reading: Reading::Attitude(attitude),
                 belief: Belief {
@@ -262,6 +328,9 @@ impl Estimator {
                         position * position,
                         heading * heading,
                     )),
+                    gains: SVector::zeros(),
+                    cross: PoseByGains::zeros(),
+                    gain_covariance: self.settings.adaptation.prior(),
                     treads: self.newest_treads,
                     attitude,
                 },
@@ -285,15 +354,38 @@ impl Estimator {
                 belief,
             },
         );
-        for i in after..self.events.len() {
-            let previous = self.events[i - 1];
+        // New speeds also hold for the intervals since the speeds before them.
+        let first = match reading {
+            Reading::Speeds(_) => self
+                .events
+                .iter()
+                .take(after)
+                .rposition(|event| matches!(event.reading, Reading::Speeds(_)))
+                .map_or(1, |speeds| speeds + 1),
+            _ => after,
+        };
+        for i in first..self.events.len() {
+            let mut before = self.events[i - 1].belief;
             let event = self.events[i];
-            let belief = self.propagate(&previous.belief, event.time_s - previous.time_s);
+            // Between two readings of the speeds the later one holds: it shows what the command of the
+            // interval has made of them.
+            if let Some(treads) = self.next_treads(i) {
+                before.treads = treads;
+            }
+            let belief = self.propagate(&before, event.time_s - self.events[i - 1].time_s);
             self.events[i].belief = self.absorb(belief, &event, i == after);
         }
         if self.events.len() > HISTORY {
-            self.events.remove(0);
+            self.events.pop_front();
         }
+    }
+
+    /// Returns the first tread speeds read at event `from` or later.
+    fn next_treads(&self, from: usize) -> Option<TreadSpeeds> {
+        self.events.iter().skip(from).find_map(|e| match e.reading {
+            Reading::Speeds(treads) => Some(treads),
+            _ => None,
+        })
     }
 
     /// Returns the belief after a reading; `new` tells a reading from a replayed one.
@@ -330,9 +422,13 @@ impl Estimator {
                 }
                 if believed {
                     let gain = belief.covariance * inverse;
+                    let gain_of_gains = belief.cross.transpose() * inverse;
                     belief.mean += gain * difference;
+                    belief.gains += gain_of_gains * difference;
                     // Joseph's form keeps the covariance symmetric and positive.
                     let rest = Matrix3::identity() - gain;
+                    belief.gain_covariance -= gain_of_gains * belief.cross;
+                    belief.cross = rest * belief.cross;
                     belief.covariance = rest * belief.covariance * rest.transpose()
                         + gain * noise * gain.transpose();
                 }
@@ -346,19 +442,33 @@ impl Estimator {
         if time_s <= 0.0 {
             return *belief;
         }
-        let velocity = self.vehicle.body_velocity(belief.attitude, belief.treads);
+        let motors = MotorSpeeds::from(belief.treads);
+        let terms = Terms::at(belief.attitude, motors.steer_m_s, SMOOTHING_M_S).value;
+        let gains = matrix(&belief.gains);
+        let learned = gains * terms;
+        let mut velocity = self.vehicle.body_velocity(belief.attitude, belief.treads);
+        velocity.right_m_s += learned.x;
+        velocity.forward_m_s += learned.y;
+        velocity.yaw_rate_rad_s += learned.z;
         let yaw = belief.mean.z;
         let start = pose_rate(&velocity, &belief.attitude, yaw);
-        let middle = pose_rate(
-            &velocity,
-            &belief.attitude,
-            yaw + 0.5 * time_s * start.yaw_rad_s,
-        );
+        let half_way = yaw + 0.5 * time_s * start.yaw_rad_s;
+        let middle = pose_rate(&velocity, &belief.attitude, half_way);
         let mut next = *belief;
         next.mean += time_s * Vector3::new(middle.x_m_s, middle.y_m_s, middle.yaw_rad_s);
         let mut by_state = Matrix3::identity();
         by_state[(0, 2)] = -time_s * middle.y_m_s;
         by_state[(1, 2)] = time_s * middle.x_m_s;
+        let (sin, cos) = half_way.sin_cos();
+        let mut by_gains = PoseByGains::zeros();
+        for (k, term) in terms.iter().enumerate() {
+            let share = time_s * term;
+            by_gains[(0, k)] = cos * share;
+            by_gains[(1, k)] = sin * share;
+            by_gains[(0, TERMS + k)] = -sin * share;
+            by_gains[(1, TERMS + k)] = cos * share;
+            by_gains[(2, 2 * TERMS + k)] = share;
+        }
         let s = &self.settings;
         let moving = belief.treads.left_m_s != 0.0 || belief.treads.right_m_s != 0.0;
         // A vehicle that stands does not slide; a tenth keeps the filter open to poses.
@@ -368,7 +478,16 @@ impl Estimator {
             share * time_s * s.slide_sigma_m_per_sqrt_s.powi(2),
             share * time_s * s.yaw_sigma_rad_per_sqrt_s.powi(2),
         ));
-        next.covariance = by_state * belief.covariance * by_state.transpose() + noise;
+        let through_gains = by_gains * belief.gain_covariance;
+        let crossed = by_state * belief.cross * by_gains.transpose();
+        next.covariance = by_state * belief.covariance * by_state.transpose()
+            + crossed
+            + crossed.transpose()
+            + through_gains * by_gains.transpose()
+            + noise;
+        next.cross = by_state * belief.cross + through_gains;
+        let forget = (time_s * terms[0].abs() * s.adaptation.forgetting_per_m).min(0.1);
+        next.gain_covariance += forget * s.adaptation.prior();
         next
     }
 
@@ -376,7 +495,7 @@ impl Estimator {
         if !self.started {
             return None;
         }
-        let last = self.events.last()?;
+        let last = self.events.back()?;
         let belief = self.propagate(&last.belief, time_s - last.time_s);
         let yaw_rad = belief.mean.z;
         let measured = belief.attitude.plane_normal(yaw_rad);
@@ -400,12 +519,20 @@ impl Estimator {
             attitude: belief.attitude,
             normal_in_world,
             treads: belief.treads,
+            gains: matrix(&belief.gains),
             pose_age_s: time_s - self.pose_time_s,
             attitude_age_s: time_s - self.attitude_time_s,
             speeds_age_s: time_s - self.speeds_time_s,
             poses_gated: self.poses_gated,
         })
     }
+}
+
+/// Speed within which |steer| is rounded off in the terms, m/s.
+const SMOOTHING_M_S: f64 = 0.02;
+
+fn matrix(gains: &SVector<f64, GAINS>) -> Gains {
+    Gains::from_row_slice(gains.as_slice())
 }
 
 fn vector(pose: &PlanarPose) -> Vector3<f64> {

@@ -243,7 +243,7 @@ proptest! {
     fn the_order_of_arrival_does_not_matter(
         (in_order, shuffled) in prop::collection::vec(
             (0..3_u8, -1.0..1.0_f64, -1.0..1.0_f64, -1.0..1.0_f64),
-            2..60,
+            2..40,
         )
         .prop_map(|readings| {
             readings

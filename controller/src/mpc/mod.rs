@@ -219,25 +219,18 @@ impl Mpc {
             now
         };
         let before = std::mem::replace(&mut self.plan.states[0], now);
-        let previous = self.settings.limits.within_bounds(previous);
         self.linearise(previous, targets);
-        self.condenser
-            .assemble(&self.stages, previous, self.solver.data_mut());
-        let begin = Instant::now();
-        let residuals = self.solver.solve(deadline).inspect_err(|_| {
-            self.plan.states[0] = before;
-        })?;
-        let solve_time_s = begin.elapsed().as_secs_f64();
+        self.assemble(previous);
+        let report = self
+            .solve_assembled(deadline)
+            .inspect_err(|_| self.plan.states[0] = before)?;
         self.apply();
-        Ok(SolveReport {
-            iterations: self.solver.iterations(),
-            residuals,
-            solve_time_s,
-        })
+        Ok(report)
     }
 
-    /// Fills the stages: dynamics, errors and limits about the plan.
-    fn linearise(&mut self, previous: MotorSpeeds, targets: &[StageTarget]) {
+    /// First part of [`Mpc::solve`]: dynamics, errors and limits of each stage about the plan.
+    pub fn linearise(&mut self, previous: MotorSpeeds, targets: &[StageTarget]) {
+        let previous = self.settings.limits.within_bounds(previous);
         self.stages.clear();
         let settings = &self.settings;
         let mut before = previous;
@@ -282,6 +275,27 @@ impl Mpc {
             });
             before = input;
         }
+    }
+
+    /// Second part of [`Mpc::solve`]: condenses the linearised stages into the QP.
+    pub fn assemble(&mut self, previous: MotorSpeeds) {
+        let previous = self.settings.limits.within_bounds(previous);
+        self.condenser
+            .assemble(&self.stages, previous, self.solver.data_mut());
+    }
+
+    /// Third part of [`Mpc::solve`]: solves the QP as assembled; the plan stays as it is.
+    ///
+    /// # Errors
+    /// Every [`QpFailure`].
+    pub fn solve_assembled(&mut self, deadline: Option<Instant>) -> Result<SolveReport, QpFailure> {
+        let begin = Instant::now();
+        let residuals = self.solver.solve(deadline)?;
+        Ok(SolveReport {
+            iterations: self.solver.iterations(),
+            residuals,
+            solve_time_s: begin.elapsed().as_secs_f64(),
+        })
     }
 
     /// Moves the plan by the QP's solution, states along the linearised dynamics.

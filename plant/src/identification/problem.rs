@@ -17,6 +17,17 @@ pub(super) struct Problem<'a> {
     pub(super) vehicle: &'a dyn Fn(&[f64]) -> Vehicle,
     /// Weight of every pose of every segment in turn.
     pub(super) weights: Vec<f64>,
+    pub(super) pull: Pull<'a>,
+}
+
+/// A pull back to the start: nothing against the thousands of poses of logs that determine the
+/// parameters, but it keeps what they do not determine from running away.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Pull<'a> {
+    /// Where the search starts.
+    pub(super) start: &'a [f64],
+    /// Residual for each unit of a parameter away from there, m.
+    pub(super) strength_m: f64,
 }
 
 impl<'a> Problem<'a> {
@@ -24,6 +35,7 @@ impl<'a> Problem<'a> {
         segments: &'a [Segment<'a>],
         model: KinematicModel,
         vehicle: &'a dyn Fn(&[f64]) -> Vehicle,
+        pull: Pull<'a>,
     ) -> Self {
         let poses = segments.iter().map(pose_count).sum();
         Self {
@@ -31,6 +43,7 @@ impl<'a> Problem<'a> {
             model,
             vehicle,
             weights: vec![1.0; poses],
+            pull,
         }
     }
 
@@ -62,10 +75,15 @@ impl<'a> Problem<'a> {
 
 impl Residuals for Problem<'_> {
     fn residuals(&self, parameters: &[f64]) -> Vec<f64> {
+        let pulls = parameters
+            .iter()
+            .zip(self.pull.start)
+            .map(|(parameter, start)| self.pull.strength_m * (parameter - start));
         self.unweighted(parameters)
             .iter()
             .zip(&self.weights)
             .flat_map(|(residual, weight)| residual.map(|r| weight.sqrt() * r))
+            .chain(pulls)
             .collect()
     }
 }

@@ -152,7 +152,7 @@ pub fn drive(drive: Drive, noise: &LogNoise, seed: u64) -> Result<DriveLog, Proc
             command.steer_m_s += share * (leg.motors.steer_m_s - command.steer_m_s);
             simulation.set_command(command)?;
             let state = simulation.step()?;
-            if state.step_index % ROW_STEPS == 0 {
+            if state.step_index.is_multiple_of(ROW_STEPS) {
                 rows.push(noisy_row(state, &correction, noise, &mut random));
             }
         }
@@ -178,7 +178,7 @@ fn noisy_row(
             roll_rad: state.attitude.roll_rad + noise.attitude_rad * gaussian(),
             pitch_rad: state.attitude.pitch_rad + noise.attitude_rad * gaussian(),
         },
-        pose: (state.step_index % POSE_STEPS == 0).then(|| Pose {
+        pose: state.step_index.is_multiple_of(POSE_STEPS).then(|| Pose {
             x_m: state.pose.x_m + noise.position_m * gaussian(),
             y_m: state.pose.y_m + noise.position_m * gaussian(),
             z_m: state.pose.z_m + noise.position_m * gaussian(),

@@ -1,7 +1,7 @@
 //! The two stages.
 
 use super::least_squares::{jacobian_columns, minimise};
-use super::problem::{PER_POSE, Problem, pose_count};
+use super::problem::{PER_POSE, Problem, Pull, pose_count};
 use super::segments::{Segment, SegmentErrors, Segmentation, segments};
 use super::statistics::{Cluster, confidence_factor, covariance, median, weak_direction};
 use crate::log::DriveLog;
@@ -99,8 +99,27 @@ pub enum IdentificationError {
         needed: usize,
     },
     /// The fitted parameters are outside what a vehicle may have.
-    #[error("the fit is not a vehicle: {0}")]
-    NotAVehicle(#[from] RangeError),
+    #[error("the fit is not a vehicle: {reason}{}", warnings.iter().map(|w| format!("; {w}")).collect::<String>())]
+    NotAVehicle {
+        /// Key, value and range.
+        reason: RangeError,
+        /// What may have led there.
+        warnings: Vec<Warning>,
+    },
+}
+
+/// Returns the vehicle with its report if all its parameters are in range.
+fn checked(
+    vehicle: Vehicle,
+    report: StageReport,
+) -> Result<(Vehicle, StageReport), IdentificationError> {
+    match vehicle.validated() {
+        Ok(vehicle) => Ok((vehicle, report)),
+        Err(reason) => Err(IdentificationError::NotAVehicle {
+            reason,
+            warnings: report.warnings,
+        }),
+    }
 }
 
 /// Returns the vehicle with c_l, c_r and the ICRs of level ground fitted to logs of driving on level
@@ -134,6 +153,7 @@ pub fn identify_level(
             }
             vehicle
         },
+        pull_m: 0.1,
     };
     let start = [
         vehicle.correction.left,
@@ -144,7 +164,7 @@ pub fn identify_level(
     ];
     let logs = smoothed(logs, settings);
     let (parameters, report) = stage.run(&cut(&logs, settings), &start)?;
-    Ok(((stage.vehicle_with)(&parameters).validated()?, report))
+    checked((stage.vehicle_with)(&parameters), report)
 }
 
 /// Returns the vehicle with lambda_1 and lambda_2 fitted to logs of turning on a slope: the second
@@ -172,6 +192,7 @@ pub fn identify_slope(
         model: KinematicModel::Icrik,
         baseline: KinematicModel::Icrhk,
         vehicle_with,
+        pull_m: 0.002,
     };
     let both = |p: &[f64]| slide_with(p[0], p[1]);
     let start = [
@@ -198,7 +219,7 @@ pub fn identify_slope(
     } else {
         (both(&parameters), report)
     };
-    Ok((fitted.validated()?, report))
+    checked(fitted, report)
 }
 
 fn smoothed(logs: &[DriveLog], settings: &IdentificationSettings) -> Vec<DriveLog> {
@@ -219,6 +240,8 @@ struct Stage<'a> {
     model: KinematicModel,
     baseline: KinematicModel,
     vehicle_with: &'a dyn Fn(&[f64]) -> Vehicle,
+    /// Pull back to the start for each unit of a parameter, m.
+    pull_m: f64,
 }
 
 /// Every fifth segment is left out in turn for cross-validation.
@@ -272,7 +295,7 @@ impl Stage<'_> {
             poses,
             fitness: squares / poses as f64,
             outlier_share: outliers as f64 / poses as f64,
-            cross_validation: self.cross_validate(segments, &fit.parameters),
+            cross_validation: self.cross_validate(segments, start),
             warnings,
         };
         Ok((fit.parameters, report))
@@ -281,7 +304,15 @@ impl Stage<'_> {
     /// Fits with Cauchy's loss: weights 1 / (1 + (|r| / 3 median|r|)^2) of the residuals before, until
     /// the parameters stay.
     fn fit(&self, segments: &[Segment], start: &[f64]) -> Fit {
-        let mut problem = Problem::new(segments, self.model, self.vehicle_with);
+        let mut problem = Problem::new(
+            segments,
+            self.model,
+            self.vehicle_with,
+            Pull {
+                start,
+                strength_m: self.pull_m,
+            },
+        );
         let mut parameters = start.to_vec();
         let mut settled = false;
         for _ in 0..ROUNDS {
@@ -292,7 +323,7 @@ impl Stage<'_> {
                 .map(|(new, old)| (new - old).abs() / old.abs().max(0.1))
                 .fold(0.0, f64::max);
             parameters = found;
-            settled = ended && moved < 1e-5;
+            settled = ended && moved < 1e-4;
             if settled {
                 break;
             }
@@ -316,7 +347,7 @@ impl Stage<'_> {
         }
     }
 
-    fn cross_validate(&self, segments: &[Segment], parameters: &[f64]) -> CrossValidation {
+    fn cross_validate(&self, segments: &[Segment], start: &[f64]) -> CrossValidation {
         let fold = |fold: usize| {
             let (out, used): (Vec<_>, Vec<_>) =
                 (0..segments.len()).partition(|index| index % FOLDS == fold);
@@ -324,7 +355,7 @@ impl Stage<'_> {
                 indices.into_iter().map(|index| segments[index]).collect()
             };
             let (used, out) = (pick(used), pick(out));
-            let vehicle = (self.vehicle_with)(&self.fit(&used, parameters).parameters);
+            let vehicle = (self.vehicle_with)(&self.fit(&used, start).parameters);
             CrossValidation {
                 fitted: SegmentErrors::of(&out, &vehicle, self.model),
                 baseline: SegmentErrors::of(&out, &vehicle, self.baseline),

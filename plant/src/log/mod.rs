@@ -73,7 +73,8 @@ impl DriveLog {
         if std_s <= 0.0 {
             return self.clone();
         }
-        let reach_s = 3.0 * std_s;
+        // The margin keeps rounding from taking a row on one side only.
+        let reach_s = 3.0 * std_s + 1e-6;
         let mut first = 0;
         let rows = self.rows.iter().map(|row| {
             while row.time_s - self.rows[first].time_s > reach_s {

@@ -171,6 +171,7 @@ fn the_qps_of_a_run_have_the_optimum_of_the_stagewise_problem() {
                 &input_limits(tread_speed_m_s),
                 corridor,
                 block_stages,
+                QpMode::FreshDefaults,
             );
         }
     }

@@ -21,7 +21,7 @@ fn stage() -> impl Strategy<Value = Stage> {
             by_traction: vector(0.2),
             by_steer: vector(0.2),
         };
-        let (defect, error) = (vector(0.02), vector(0.5));
+        let (defect, error) = (vector(0.02), vector(0.3));
         let heading = within(-4.0, 4.0);
         Stage {
             step,
@@ -34,7 +34,7 @@ fn stage() -> impl Strategy<Value = Stage> {
                 heading_per_rad2: within(0.0, 5.0),
             },
             input: motors(within(-1.0, 1.0), within(-0.8, 0.8)),
-            rate_weights: motors(within(0.1, 2.0), within(0.1, 2.0)),
+            rate_weights: motors(within(0.5, 4.0), within(0.5, 4.0)),
             traction_change: Change {
                 fall: within(0.05, 0.5),
                 rise: within(0.05, 0.5),
@@ -54,13 +54,14 @@ pub fn assert_same_optimum(
     limits: &InputLimits,
     corridor: Option<Corridor>,
     block_stages: usize,
+    reference: QpMode,
 ) {
     let (mut condenser, data) =
         Condenser::new(stages.len(), block_stages, *limits, corridor, COST_SCALE);
     let mut solver = QpSolver::new(data, exact()).unwrap();
     condenser.assemble(stages, previous, solver.data_mut());
     solver.solve(None).unwrap();
-    let expected = optimal_corrections(stages, previous, limits, corridor, block_stages);
+    let expected = optimal_corrections(stages, previous, limits, corridor, block_stages, reference);
     let found: Vec<_> = condenser.input_corrections(solver.primal()).collect();
     assert_eq!(found.len(), expected.len());
     for (k, (found, expected)) in found.iter().zip(&expected).enumerate() {
@@ -76,7 +77,7 @@ pub fn assert_same_optimum(
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(48))]
+    #![proptest_config(ProptestConfig::with_cases(100))]
 
     #[test]
     fn condensing_keeps_the_optimum(
@@ -96,6 +97,8 @@ proptest! {
             &input_limits(tread_speed_m_s),
             corridor,
             block_stages,
+            // Clarabel's own tolerance leaves up to 1e-4 where a limit almost binds.
+            QpMode::InPlace,
         );
     }
 }

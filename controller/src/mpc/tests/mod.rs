@@ -30,7 +30,7 @@ fn exact() -> QpSettings {
     QpSettings {
         mode: QpMode::InPlace,
         max_iterations: 100,
-        tolerance: 1e-9,
+        tolerance: 1e-10,
         accepted_residual: 1e-6,
         accepted_gap: 1e-6,
     }

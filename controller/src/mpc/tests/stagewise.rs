@@ -6,13 +6,14 @@ use crate::mpc::qp::{QpData, pattern};
 use std::collections::BTreeMap;
 
 /// Returns the corrections of the inputs that are optimal for `stages`, by a solver made for this
-/// problem alone, with clarabel's defaults.
+/// problem alone, used as `mode` says.
 pub fn optimal_corrections(
     stages: &[Stage],
     previous: MotorSpeeds,
     limits: &InputLimits,
     corridor: Option<Corridor>,
     block_stages: usize,
+    mode: QpMode,
 ) -> Vec<MotorSpeeds> {
     let mut problem = Problem::default();
     let count = stages.len();
@@ -100,7 +101,7 @@ pub fn optimal_corrections(
     }
     let blocks = count.div_ceil(block_stages);
     let slacks = if corridor.is_some() { blocks } else { 0 };
-    let optimum = problem.solve(5 * count + slacks);
+    let optimum = problem.solve(5 * count + slacks, mode);
     (0..count)
         .map(|k| MotorSpeeds {
             traction_m_s: optimum[input(k, 0)],
@@ -137,7 +138,7 @@ impl Problem {
         self.inequalities.push((sum_repeated(row), value));
     }
 
-    fn solve(&self, variables: usize) -> Vec<f64> {
+    fn solve(&self, variables: usize, mode: QpMode) -> Vec<f64> {
         let entries: Vec<_> = self.hessian.keys().copied().collect();
         let (mut p, positions) = pattern(variables, variables, &entries);
         for (value, &position) in self.hessian.values().zip(&positions) {
@@ -164,10 +165,7 @@ impl Problem {
             b: rows.iter().map(|(_, value)| *value).collect(),
             equalities: self.equalities.len(),
         };
-        let settings = QpSettings {
-            mode: QpMode::FreshDefaults,
-            ..exact()
-        };
+        let settings = QpSettings { mode, ..exact() };
         let mut solver = QpSolver::new(data, settings).unwrap();
         solver.solve(None).unwrap();
         solver.primal().to_vec()

@@ -1,0 +1,251 @@
+//! `sidehill identify`: a vehicle's parameters from logs, in the paper's two stages.
+
+use crate::config::ConfigFile;
+use crate::odometry::{column_map, read_log};
+use anyhow::{Context, Result, bail};
+use sidehill_plant::contact::{ContactModel, ContactVehicle};
+use sidehill_plant::identification::{
+    Drive, IdentificationSettings, Leg, LogNoise, Procedure, SegmentErrors, Segmentation,
+    StageReport, drive, identify_level, identify_slope,
+};
+use sidehill_plant::log::DriveLog;
+use sidehill_plant::terrain::Terrain;
+use sidehill_plant::vehicle::{SpeedCorrection, Vehicle};
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
+
+/// Arguments of `sidehill identify`.
+#[derive(Debug, Clone, clap::Args)]
+pub struct IdentifyArgs {
+    /// Log of varied driving on level ground, in CSV; may be given several times.
+    #[arg(long, value_name = "LOG", num_args = 1..)]
+    pub level: Vec<PathBuf>,
+    /// Log of turning on a slope, in CSV; may be given several times. Without one, the slide gains
+    /// stay.
+    #[arg(long, value_name = "LOG", num_args = 1..)]
+    pub slope: Vec<PathBuf>,
+    /// Drives the paper's procedure with this contact vehicle in simulation, instead of reading logs.
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["level", "slope", "columns"],
+          required_unless_present_any = ["level", "slope"])]
+    pub simulate: Option<PathBuf>,
+    /// Vehicle to start from; its base and largest speed are kept.
+    #[arg(long, value_name = "FILE")]
+    pub vehicle: PathBuf,
+    /// Where the identified vehicle is written, in YAML.
+    #[arg(long, value_name = "FILE")]
+    pub out: PathBuf,
+    /// Columns of the logs, in YAML, where they are not time_s, v_left_m_s, v_right_m_s, roll_rad,
+    /// pitch_rad, x_m, y_m, z_m, yaw_rad.
+    #[arg(long, value_name = "FILE")]
+    pub columns: Option<PathBuf>,
+    /// Length of the dead-reckoned segments, s.
+    #[arg(long, value_name = "SECONDS", default_value_t = 8.0)]
+    pub segment_s: f64,
+    /// Standard deviation of the Gaussian that smooths roll and pitch, s.
+    #[arg(long, value_name = "SECONDS", default_value_t = 0.2)]
+    pub smoothing_s: f64,
+    /// Name of the identified vehicle, instead of that of the vehicle to start from.
+    #[arg(long)]
+    pub name: Option<String>,
+    /// Seed of the noise of simulated logs.
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+}
+
+/// Identifies, prints what was found and how far to trust it, and writes the vehicle.
+///
+/// # Errors
+/// Names the file, row and column at fault, or says what the logs lack.
+pub fn run(args: &IdentifyArgs) -> Result<()> {
+    if !(0.0..=10.0).contains(&args.smoothing_s) {
+        bail!("smoothing_s: {}: must be from 0 to 10 s", args.smoothing_s);
+    }
+    let settings = IdentificationSettings {
+        segmentation: Segmentation::of_length(args.segment_s)?,
+        attitude_smoothing_s: args.smoothing_s,
+    };
+    let mut vehicle: Vehicle = ConfigFile::read(&args.vehicle)?.parse()?;
+    let logs = match &args.simulate {
+        Some(path) => simulated(path, &vehicle, args.seed)?,
+        None => recorded(args)?,
+    };
+    if !logs.level.is_empty() {
+        let (fitted, report) =
+            identify_level(&logs.level, &vehicle, &settings).context("level logs")?;
+        print!("{}", stage_table("level", "differential drive", &report));
+        vehicle = fitted;
+    }
+    if !logs.slope.is_empty() {
+        let (fitted, report) =
+            identify_slope(&logs.slope, &vehicle, &settings).context("slope logs")?;
+        print!("{}", stage_table("slope", "ICRHK", &report));
+        vehicle = fitted;
+    }
+    if let Some(name) = &args.name {
+        vehicle.name.clone_from(name);
+    }
+    let yaml = commented(&vehicle, args)?;
+    std::fs::write(&args.out, yaml).with_context(|| args.out.display().to_string())?;
+    println!("written: {}", args.out.display());
+    Ok(())
+}
+
+/// Logs of both stages.
+struct Logs {
+    level: Vec<DriveLog>,
+    slope: Vec<DriveLog>,
+}
+
+fn recorded(args: &IdentifyArgs) -> Result<Logs> {
+    let map = column_map(args.columns.as_deref())?;
+    let read = |paths: &[PathBuf]| -> Result<Vec<DriveLog>> {
+        paths.iter().map(|path| read_log(path, &map)).collect()
+    };
+    Ok(Logs {
+        level: read(&args.level)?,
+        slope: read(&args.slope)?,
+    })
+}
+
+/// Drives the paper's procedure with a contact vehicle whose encoders are off by `vehicle`'s factors.
+fn simulated(path: &Path, vehicle: &Vehicle, seed: u64) -> Result<Logs> {
+    let contact: ContactVehicle = ConfigFile::read(path)?.parse()?;
+    let procedure = Procedure::of_the_paper();
+    let correction: SpeedCorrection = vehicle.correction;
+    let log = |terrain: Terrain, legs: &[Leg], seed: u64| {
+        let setup = Drive {
+            motion: Box::new(ContactModel::new(contact.clone())),
+            correction,
+            terrain,
+            legs,
+        };
+        drive(setup, &LogNoise::usual(), seed).with_context(|| path.display().to_string())
+    };
+    Ok(Logs {
+        level: vec![log(Terrain::Level, &procedure.level, seed)?],
+        slope: vec![log(procedure.slope_terrain()?, &procedure.slope, seed + 1)?],
+    })
+}
+
+fn stage_table(stage: &str, baseline: &str, report: &StageReport) -> String {
+    let mut out = String::new();
+    let _ = writeln!(
+        out,
+        "{stage}: {} segments, {} poses, J/N {:.3e}, {:.1} % of the poses far off",
+        report.segments,
+        report.poses,
+        report.fitness,
+        100.0 * report.outlier_share
+    );
+    for estimate in &report.estimates {
+        let interval = estimate.half_width.map_or_else(
+            || "not determined".to_owned(),
+            |half_width| format!("+- {half_width:.4} (95 %)"),
+        );
+        let _ = writeln!(
+            out,
+            "  {:20} {:>9.4} {interval}",
+            estimate.name, estimate.value
+        );
+    }
+    let held_out = |name: &str, errors: &SegmentErrors| {
+        format!(
+            "  held-out segments, {name}: lateral {:.3} m, longitudinal {:.3} m, yaw {:.3} rad RMS\n",
+            errors.lateral_m, errors.longitudinal_m, errors.yaw_rad
+        )
+    };
+    out += &held_out("fitted", &report.cross_validation.fitted);
+    out += &held_out(baseline, &report.cross_validation.baseline);
+    for warning in &report.warnings {
+        let _ = writeln!(out, "  warning: {warning}");
+    }
+    out
+}
+
+/// Returns the vehicle as YAML with where it comes from.
+fn commented(vehicle: &Vehicle, args: &IdentifyArgs) -> Result<String> {
+    let list = |paths: &[PathBuf]| {
+        let names: Vec<_> = paths
+            .iter()
+            .map(|path| path.display().to_string())
+            .collect();
+        names.join(" ")
+    };
+    let source = match &args.simulate {
+        Some(path) => format!("--simulate {} --seed {}", path.display(), args.seed),
+        None => format!(
+            "--level {} --slope {}",
+            list(&args.level),
+            list(&args.slope)
+        ),
+    };
+    let yaml = serde_yaml::to_string(vehicle)?;
+    Ok(format!(
+        "# Identified by: sidehill identify {source} --vehicle {} --segment-s {} --smoothing-s {}\n\
+         # Keys and units as in config/vehicles/j8.yaml: ICRs in m from the body's origin, slide gains\n\
+         # in s/rad, largest speed in m/s, base in m; base and largest speed from the --vehicle file.\n{yaml}",
+        args.vehicle.display(),
+        args.segment_s,
+        args.smoothing_s
+    ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn repository(name: &str) -> PathBuf {
+        Path::new(env!("CARGO_MANIFEST_DIR")).join(name)
+    }
+
+    fn arguments(out: PathBuf) -> IdentifyArgs {
+        IdentifyArgs {
+            level: Vec::new(),
+            slope: Vec::new(),
+            simulate: Some(repository("config/vehicles/j8_contact.yaml")),
+            vehicle: repository("config/vehicles/j8.yaml"),
+            out,
+            columns: None,
+            segment_s: 8.0,
+            smoothing_s: 0.2,
+            name: Some("j8-contact-identified".into()),
+            seed: 1,
+        }
+    }
+
+    #[test]
+    fn the_identified_contact_vehicle_is_what_its_command_makes() {
+        let out = std::env::temp_dir().join(format!("sidehill-{}.yaml", std::process::id()));
+        run(&arguments(out.clone())).unwrap();
+        let made: Vehicle = ConfigFile::read(&out).unwrap().parse().unwrap();
+        std::fs::remove_file(&out).unwrap();
+        let kept = repository("config/vehicles/j8_contact_identified.yaml");
+        let kept: Vehicle = ConfigFile::read(&kept).unwrap().parse().unwrap();
+        // Mathematical functions differ in the last digit between machines.
+        for (made, kept) in [
+            (made.icrs.left_m, kept.icrs.left_m),
+            (made.icrs.right_m, kept.icrs.right_m),
+            (made.icrs.forward_m, kept.icrs.forward_m),
+            (made.slide.shift_s_per_rad, kept.slide.shift_s_per_rad),
+            (
+                made.slide.aggravated_s_per_rad,
+                kept.slide.aggravated_s_per_rad,
+            ),
+            (made.correction.left, kept.correction.left),
+            (made.correction.right, kept.correction.right),
+        ] {
+            assert!((made - kept).abs() < 1e-3 * kept.abs(), "{made} {kept}");
+        }
+    }
+
+    #[test]
+    fn a_log_that_is_missing_is_named() {
+        let error = run(&IdentifyArgs {
+            level: vec!["no_such_log.csv".into()],
+            simulate: None,
+            ..arguments("unused.yaml".into())
+        })
+        .unwrap_err();
+        assert!(format!("{error:#}").contains("no_such_log.csv"));
+    }
+}

@@ -1,0 +1,184 @@
+//! `sidehill odometry`: Table II for a log.
+
+mod plot;
+
+use crate::config::ConfigFile;
+use crate::simulate::Format;
+use anyhow::{Context, Result};
+use serde::Serialize;
+use sidehill_plant::log::{ColumnMap, DriveLog};
+use sidehill_plant::odometry::{Comparison, KinematicModel, MeanSquaredErrors, compare};
+use sidehill_plant::vehicle::Vehicle;
+use std::fmt::Write;
+use std::fs::File;
+use std::path::{Path, PathBuf};
+
+/// Arguments of `sidehill odometry`.
+#[derive(Debug, Clone, clap::Args)]
+pub struct OdometryArgs {
+    /// Log with tread speeds, attitude and poses, in CSV.
+    pub log: PathBuf,
+    /// Vehicle that drove.
+    #[arg(long, value_name = "FILE")]
+    pub vehicle: PathBuf,
+    /// Columns of the log, in YAML, where they are not time_s, v_left_m_s, v_right_m_s, roll_rad,
+    /// pitch_rad, x_m, y_m, z_m, yaw_rad.
+    #[arg(long, value_name = "FILE")]
+    pub columns: Option<PathBuf>,
+    /// How the errors are printed.
+    #[arg(long, value_enum, default_value_t)]
+    pub format: Format,
+    /// SVG file for a drawing of the paths.
+    #[arg(long, value_name = "FILE")]
+    pub plot: Option<PathBuf>,
+}
+
+/// The models compared, with their names in tables and in JSON.
+const MODELS: [(KinematicModel, &str); 3] = [
+    (KinematicModel::Icrhk, "icrhk"),
+    (KinematicModel::Icrik, "icrik"),
+    (KinematicModel::DifferentialDrive, "diff_drive"),
+];
+
+/// One model's errors, as JSON spells them.
+#[derive(Debug, Serialize)]
+struct Figures {
+    mse_x: f64,
+    mse_y: f64,
+    mse_z: f64,
+    mse_yaw: f64,
+    j_over_n: f64,
+}
+
+impl From<MeanSquaredErrors> for Figures {
+    fn from(errors: MeanSquaredErrors) -> Self {
+        Self {
+            mse_x: errors.x_m2,
+            mse_y: errors.y_m2,
+            mse_z: errors.z_m2,
+            mse_yaw: errors.yaw_rad2,
+            j_over_n: errors.fitness(),
+        }
+    }
+}
+
+/// Prints the mean squared errors of each model's dead reckoning against the log's poses.
+///
+/// # Errors
+/// Names the file, row and column at fault.
+pub fn run(args: &OdometryArgs) -> Result<()> {
+    let vehicle: Vehicle = ConfigFile::read(&args.vehicle)?.parse()?;
+    let log = read_log(&args.log, &column_map(args.columns.as_deref())?)?;
+    let comparisons = MODELS
+        .iter()
+        .map(|(model, _)| compare(&log, &vehicle, *model))
+        .collect::<Result<Vec<_>, _>>()
+        .with_context(|| args.log.display().to_string())?;
+    match args.format {
+        Format::Table => print!("{}", table(&comparisons)),
+        Format::Json => println!("{}", json(&comparisons)?),
+    }
+    if let Some(path) = &args.plot {
+        let paths: Vec<_> = MODELS
+            .iter()
+            .zip(&comparisons)
+            .map(|((_, name), comparisons)| (*name, comparisons.as_slice()))
+            .collect();
+        let drawing = plot::paths(&paths).with_context(|| path.display().to_string())?;
+        std::fs::write(path, drawing).with_context(|| path.display().to_string())?;
+    }
+    Ok(())
+}
+
+/// Returns the column map of a file, or the contract's without one.
+///
+/// # Errors
+/// Names the file and key at fault.
+pub(crate) fn column_map(path: Option<&Path>) -> Result<ColumnMap> {
+    path.map_or_else(
+        || Ok(ColumnMap::default()),
+        |path| Ok(ConfigFile::read(path)?.parse()?),
+    )
+}
+
+/// Returns the log of a file.
+///
+/// # Errors
+/// Names the file, row and column at fault.
+pub(crate) fn read_log(path: &Path, map: &ColumnMap) -> Result<DriveLog> {
+    let name = || path.display().to_string();
+    let file = File::open(path).with_context(name)?;
+    DriveLog::read(std::io::BufReader::new(file), map).with_context(name)
+}
+
+fn table(comparisons: &[Vec<Comparison>]) -> String {
+    let mut out = String::new();
+    let samples = comparisons.first().map_or(0, Vec::len);
+    let _ = writeln!(out, "mean squared errors over {samples} poses");
+    let _ = writeln!(
+        out,
+        "{:12} {:>10} {:>10} {:>10} {:>10} {:>10}",
+        "model", "x m^2", "y m^2", "z m^2", "yaw rad^2", "J/N"
+    );
+    for ((_, name), comparisons) in MODELS.iter().zip(comparisons) {
+        let errors = MeanSquaredErrors::of(comparisons);
+        let _ = writeln!(
+            out,
+            "{name:12} {:10.4} {:10.4} {:10.4} {:10.4} {:10.4}",
+            errors.x_m2,
+            errors.y_m2,
+            errors.z_m2,
+            errors.yaw_rad2,
+            errors.fitness()
+        );
+    }
+    out
+}
+
+fn json(comparisons: &[Vec<Comparison>]) -> Result<String> {
+    let mut object = serde_json::Map::new();
+    let samples = comparisons.first().map_or(0, Vec::len);
+    object.insert("samples".into(), samples.into());
+    for ((_, name), comparisons) in MODELS.iter().zip(comparisons) {
+        let figures = Figures::from(MeanSquaredErrors::of(comparisons));
+        object.insert((*name).into(), serde_json::to_value(figures)?);
+    }
+    Ok(serde_json::to_string(&object)?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use sidehill_plant::frames::Pose;
+
+    fn off_by(x_m: f64) -> Vec<Comparison> {
+        vec![Comparison {
+            time_s: 0.1,
+            measured: Pose::default(),
+            estimated: Pose {
+                x_m,
+                ..Pose::default()
+            },
+        }]
+    }
+
+    #[test]
+    fn json_has_the_contracts_fields() {
+        let text = json(&[off_by(2.0), off_by(0.5), off_by(3.0)]).unwrap();
+        let value: serde_json::Value = serde_json::from_str(&text).unwrap();
+        assert_eq!(value["samples"], 1);
+        assert_eq!(value["icrhk"]["mse_x"], 4.0);
+        assert_eq!(value["icrik"]["j_over_n"], 0.25);
+        for key in ["mse_x", "mse_y", "mse_z", "mse_yaw", "j_over_n"] {
+            assert!(value["diff_drive"][key].is_f64(), "{key}");
+        }
+    }
+
+    #[test]
+    fn the_drawing_has_a_line_for_each_path() {
+        let (one, two) = (off_by(2.0), off_by(0.5));
+        let svg = plot::paths(&[("icrhk", &one), ("icrik", &two)]).unwrap();
+        assert!(svg.starts_with("<svg") && svg.matches("<polyline").count() >= 3);
+        assert!(svg.contains("icrik") && svg.contains("log"));
+    }
+}

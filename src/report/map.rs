@@ -1,0 +1,216 @@
+//! The runs seen from above, over the ground's contour lines.
+
+use super::contours::Heights;
+use super::frame::{Frame, px, range, ticks};
+use super::relief::{self, Labels};
+use super::{DRAWING_WIDTH_PX, Scene, Style};
+use crate::record::Run;
+use maud::{Markup, html};
+use sidehill_plant::frames::PlanarPose;
+use sidehill_plant::terrain::Surface;
+
+const LEFT_PX: f64 = 80.0;
+const TOP_PX: f64 = 8.0;
+const HEIGHT_MIN_PX: f64 = 340.0;
+const HEIGHT_MAX_PX: f64 = 740.0;
+/// Between the nodes at which the ground is asked for.
+const NODE_PX: f64 = 3.0;
+/// Between the points of a line.
+const POINT_PX: f64 = 0.5;
+
+/// Draws contours, path, tracks and the vehicle at its start on one scale for both axes.
+pub(super) fn map(scene: &Scene, runs: &[Run], styles: &[Style]) -> Markup {
+    let tracks: Vec<Vec<[f64; 2]>> = runs.iter().map(track).collect();
+    let frame = frame(scene, &tracks);
+    let metre_px = frame.width / (frame.x[1] - frame.x[0]);
+    let (x_ticks, y_ticks) = (
+        ticks(frame.x, 10.0),
+        ticks(frame.y, 10.0 * frame.height / frame.width),
+    );
+    let thin = |line: &[[f64; 2]]| frame.line(thinned(line, POINT_PX / metre_px));
+    let start = runs.iter().find_map(|run| run.rows.first());
+    let ground = Ground::of(scene, &frame);
+    let lines = scene.path.iter().chain(tracks.iter().flatten());
+    let taken = lines.map(|point| frame.place(*point)).collect();
+    let contours = relief::contours(
+        &frame,
+        &ground.heights,
+        Labels::beside(taken, &relief::boxes(&frame)),
+    );
+    html! {
+        svg viewBox={ "0 0 " (DRAWING_WIDTH_PX) " " (px(frame.bottom() + 44.0)) } role="img" aria-label="map" {
+            (frame.axis_below(&x_ticks, "world X_g (m)", true))
+            (frame.axis_left(&y_ticks, "world Y_g (m)"))
+            (frame.clipped("map-frame", &html! {
+                @for contour in &contours { (contour.line()) }
+                path.path d=(thin(&scene.path)) {}
+                // The first run is drawn last: it lies on top.
+                @for (run, track) in tracks.iter().enumerate().rev() {
+                    g.{ "run" (run) } {
+                        path.curve d=(thin(track)) stroke=(styles[run].colour) {}
+                        @if let Some(end) = track.last().filter(|p| frame.contains(**p)) {
+                            @let [x, y] = frame.place(*end);
+                            circle cx=(px(x)) cy=(px(y)) r="4" fill=(styles[run].colour) {}
+                        }
+                    }
+                }
+                @if !ground.even {
+                    (relief::arrows(&frame, scene))
+                }
+                @for contour in &contours { (contour.label()) }
+                @if let Some(row) = start {
+                    (vehicle(&frame, scene, &row.pose.planar()))
+                }
+            }))
+            (relief::slope_box(&frame, &ground))
+            (relief::scale_bar(&frame, metre_px))
+            (frame.border())
+        }
+    }
+}
+
+/// The ground within the map.
+pub(super) struct Ground {
+    pub(super) heights: Heights,
+    /// Mean of the gradient.
+    pub(super) gradient: [f64; 2],
+    /// Largest slope, as a gradient.
+    pub(super) steepest: f64,
+    /// Largest slope on the path, as a gradient.
+    pub(super) steepest_on_path: f64,
+    /// Whether the gradient is the same everywhere.
+    pub(super) even: bool,
+    /// Share of the map where there is ground.
+    pub(super) share: f64,
+}
+
+impl Ground {
+    fn of(scene: &Scene, frame: &Frame) -> Self {
+        let spacing = NODE_PX * (frame.x[1] - frame.x[0]) / frame.width;
+        let nodes = |length_px: f64| (length_px / NODE_PX).ceil() as usize + 1;
+        let (columns, rows) = (nodes(frame.width), nodes(frame.height));
+        let origin = [frame.x[0], frame.y[0]];
+        let surfaces: Vec<_> = (0..rows * columns)
+            .map(|node| {
+                let x_m = origin[0] + spacing * (node % columns) as f64;
+                let y_m = origin[1] + spacing * (node / columns) as f64;
+                scene.terrain.surface(x_m, y_m).ok()
+            })
+            .collect();
+        let known = || surfaces.iter().flatten();
+        let count = known().count().max(1) as f64;
+        let mut gradient = [0.0; 2];
+        for surface in known() {
+            let [x, y] = surface.gradient_in_world();
+            gradient = [gradient[0] + x / count, gradient[1] + y / count];
+        }
+        let differences = known().map(|surface| {
+            let [x, y] = surface.gradient_in_world();
+            (x - gradient[0]).hypot(y - gradient[1])
+        });
+        let slope = |surface: &Surface| {
+            let [x, y] = surface.gradient_in_world();
+            x.hypot(y)
+        };
+        let steepest = known().map(slope).fold(0.0, f64::max);
+        let on_path = scene
+            .path
+            .iter()
+            .filter_map(|p| scene.terrain.surface(p[0], p[1]).ok());
+        Self {
+            even: differences.fold(0.0, f64::max) <= 0.01 * steepest + 1e-6,
+            gradient,
+            steepest_on_path: on_path.map(|surface| slope(&surface)).fold(0.0, f64::max),
+            steepest,
+            share: known().count() as f64 / surfaces.len() as f64,
+            heights: Heights {
+                origin,
+                spacing,
+                columns,
+                values: surfaces.iter().map(|s| s.map(|s| s.height_m)).collect(),
+            },
+        }
+    }
+}
+
+fn track(run: &Run) -> Vec<[f64; 2]> {
+    let poses = run.rows.iter().map(|row| [row.pose.x_m, row.pose.y_m]);
+    poses
+        .filter(|p| p[0].is_finite() && p[1].is_finite())
+        .collect()
+}
+
+/// Returns a frame that holds everything at one scale for both axes.
+fn frame(scene: &Scene, tracks: &[Vec<[f64; 2]>]) -> Frame {
+    let points = || tracks.iter().flatten().chain(&scene.path);
+    let around = 1.2 * scene.base_half_length_m.hypot(scene.base_half_width_m);
+    let extent = |axis: usize| {
+        let [low, high] = range(points().map(|point| point[axis]), 0.06);
+        [low - around, high + around]
+    };
+    let (x, y) = (extent(0), extent(1));
+    let width = DRAWING_WIDTH_PX - LEFT_PX - 20.0;
+    let aspect = (y[1] - y[0]) / (x[1] - x[0]);
+    let height = (width * aspect).clamp(HEIGHT_MIN_PX, HEIGHT_MAX_PX);
+    let metre_px = (width / (x[1] - x[0])).min(height / (y[1] - y[0]));
+    let widened = |[low, high]: [f64; 2], length_px: f64| {
+        let (middle, half) = (0.5 * (low + high), 0.5 * length_px / metre_px);
+        [middle - half, middle + half]
+    };
+    Frame {
+        left: LEFT_PX,
+        top: TOP_PX,
+        width,
+        height,
+        x: widened(x, width),
+        y: widened(y, height),
+    }
+}
+
+/// Returns a line without the points that are nearer than `least_m` to the one before; the last
+/// one stays.
+fn thinned(line: &[[f64; 2]], least_m: f64) -> Vec<[f64; 2]> {
+    let mut kept: Vec<[f64; 2]> = Vec::new();
+    for (index, point) in line.iter().enumerate() {
+        let near = kept
+            .last()
+            .is_some_and(|k| (point[0] - k[0]).hypot(point[1] - k[1]) < least_m);
+        if !near || index + 1 == line.len() {
+            kept.push(*point);
+        }
+    }
+    kept
+}
+
+/// Draws the rectangle of the wheels' contact points with a wedge at its front.
+fn vehicle(frame: &Frame, scene: &Scene, pose: &PlanarPose) -> Markup {
+    let (sin, cos) = pose.yaw_rad.sin_cos();
+    let place = |right: f64, forward: f64| {
+        let (right, forward) = (
+            right * scene.base_half_width_m,
+            forward * scene.base_half_length_m,
+        );
+        [
+            pose.x_m + cos * right - sin * forward,
+            pose.y_m + sin * right + cos * forward,
+        ]
+    };
+    let closed = |points: &[[f64; 2]]| frame.line(points.iter().copied()) + "Z";
+    let base = [
+        place(-1.0, -1.0),
+        place(1.0, -1.0),
+        place(1.0, 1.0),
+        place(-1.0, 1.0),
+    ];
+    let wedge = [place(-0.6, 0.35), place(0.6, 0.35), place(0.0, 0.9)];
+    let [x, y] = frame.place([pose.x_m, pose.y_m]);
+    let half_px = frame.width / (frame.x[1] - frame.x[0]) * scene.base_half_length_m;
+    html! {
+        path.vehicle d=(closed(&base)) {}
+        path.front d=(closed(&wedge)) {}
+        @if half_px < 6.0 {
+            circle.vehicle cx=(px(x)) cy=(px(y)) r="8" {}
+        }
+        text.halo.strong x=(px(x)) y=(px(y + half_px.max(8.0) + 16.0)) text-anchor="middle" { "start" }
+    }
+}

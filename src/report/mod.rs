@@ -1,0 +1,317 @@
+//! What `simulate --out` writes: a CSV of each run, and one HTML page about all of them.
+//!
+//! The page is one file without scripts and loads nothing.
+
+mod chart;
+mod contours;
+mod frame;
+mod histogram;
+mod map;
+mod relief;
+mod summary;
+mod table;
+
+pub use table::write_csv;
+
+use crate::record::{Row, Run};
+use chart::{Panel, time_chart};
+use maud::{DOCTYPE, Markup, PreEscaped, html};
+use sidehill_controller::config::ControllerKind;
+use sidehill_controller::mpc::limits::InputLimits;
+use sidehill_plant::terrain::Terrain;
+
+/// What all runs of a report have in common.
+#[derive(Debug, Clone)]
+pub struct Scene<'a> {
+    /// Heading of the page.
+    pub title: String,
+    /// Line below it.
+    pub subtitle: String,
+    /// Path to follow, X_g and Y_g, m.
+    pub path: Vec<[f64; 2]>,
+    /// Ground.
+    pub terrain: &'a Terrain,
+    /// Limits of the commands.
+    pub limits: &'a InputLimits,
+    /// Half width of the rectangle of the wheels' contact points, m.
+    pub base_half_width_m: f64,
+    /// Half length of it, m.
+    pub base_half_length_m: f64,
+    /// Control period, s.
+    pub period_s: f64,
+}
+
+/// How a run appears wherever it does.
+struct Style {
+    name: String,
+    colour: &'static str,
+}
+
+/// Width of every drawing; the page scales them.
+const DRAWING_WIDTH_PX: f64 = 960.0;
+
+/// Steer speed below which a vehicle counts as going straight.
+const TURNING_M_S: f64 = 0.005;
+
+/// Colours that stay apart for colour-blind eyes and in print: the set of Okabe and Ito without its
+/// yellow. The first four belong to the kinds of controllers, in their order.
+const COLOURS: [&str; 7] = [
+    "#0072b2", "#d55e00", "#aa4499", "#009e73", "#e69f00", "#56b4e9", "#000000",
+];
+
+/// Returns the page: summary, map, errors, commands, attitude, ICRs and solve times of all runs.
+///
+/// It is XHTML that browsers read as HTML. Long runs are thinned so that no extreme is lost; a
+/// value that is not finite leaves a gap.
+pub fn html(scene: &Scene, runs: &[Run]) -> String {
+    let styles = styles(runs);
+    let page = html! {
+        (DOCTYPE)
+        html xmlns="http://www.w3.org/1999/xhtml" lang="en" {
+            head {
+                (PreEscaped("<meta charset=\"utf-8\"/>"))
+                (PreEscaped("<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\"/>"))
+                title { (scene.title) }
+                style { (PreEscaped(include_str!("style.css"))) (switches(runs.len())) }
+            }
+            body {
+                h1 { (scene.title) }
+                p.subtitle { (scene.subtitle) }
+                (summary::summary(runs, &styles))
+                (toggles(&styles))
+                (sections(scene, runs, &styles))
+            }
+        }
+    };
+    page.into_string()
+}
+
+fn sections(scene: &Scene, runs: &[Run], styles: &[Style]) -> Markup {
+    let chart = |name: &str, panels: &[Panel], height_px: f64| {
+        time_chart(name, panels, height_px, runs, styles)
+    };
+    let figure = |title: &str, caption: &str, drawing: &Markup, path: bool| {
+        html! {
+            h2 { (title) }
+            figure {
+                figcaption { (caption) }
+                (legend(styles, path))
+                (drawing)
+            }
+        }
+    };
+    let errors = cross_track_panels(runs);
+    html! {
+        (figure(
+            "Map",
+            "Seen from above: the wide grey band is the path to follow, the coloured lines are where \
+             each controller drove, a dot is where it ended, and brown lines join places of the same \
+             height.",
+            &map::map(scene, runs, styles), true,
+        ))
+        (figure(
+            "Cross-track error",
+            &format!(
+                "How far the vehicle was from the path, to its left above zero and to its right \
+                 below{}; a flat line at zero is perfect.",
+                if errors.len() > 1 { ", the same again with the axis magnified" } else { "" },
+            ),
+            &chart("cross-track", &errors, 210.0), false,
+        ))
+        (figure(
+            "Commands",
+            "What each controller asked of the motors: traction drives forward above zero, steer \
+             turns to the left above zero; nothing may pass the dashed limits, and a jagged line is \
+             a nervous controller.",
+            &chart("commands", &command_panels(scene.limits), 160.0), false,
+        ))
+        (figure(
+            "Attitude",
+            "How the slope tilted the vehicle: roll is positive with the right side down, pitch with \
+             the nose up; on an even slope one turns into the other as the vehicle turns.",
+            &chart("attitude", &attitude_panels(), 140.0), false,
+        ))
+        (figure(
+            "Tread ICRs",
+            "The points about which the left and right treads turn on the ground, in metres to the \
+             right of the body's origin and ahead of it: the slope moves them, the rectangle of the \
+             wheels (dashed) limits them, they jump where the turn changes its side, and there are \
+             none to show while the vehicle goes straight or stands.",
+            &chart("icrs", &icr_panels(scene), 130.0), false,
+        ))
+        (figure(
+            "Solve time",
+            &format!(
+                "How often the QP solver took how long, on a logarithmic axis: half of the cycles are \
+                 left of p50, 99 of 100 left of p99; a command is due every {:.0} ms ({:.0} \u{b5}s).",
+                1e3 * scene.period_s, 1e6 * scene.period_s,
+            ),
+            &histogram::solve_times(runs, styles), false,
+        ))
+    }
+}
+
+fn cross_track_panels(runs: &[Run]) -> Vec<Panel<'static>> {
+    let centimetres = &|row: &Row| 100.0 * row.cross_track_m;
+    let panel = |title, magnified_to| Panel {
+        title,
+        limits: vec![(0.0, "on the path".to_owned())],
+        magnified_to,
+        value: centimetres,
+    };
+    let largest = runs.iter().map(|run| run.summary.cross_track_max_m);
+    let largest: Vec<f64> = largest.filter(|m| m.is_finite() && *m > 0.0).collect();
+    let best = largest.iter().copied().fold(f64::INFINITY, f64::min);
+    let worst = largest.iter().copied().fold(0.0, f64::max);
+    let mut panels = vec![panel("cross-track (cm)", None)];
+    if worst > 5.0 * best {
+        panels.push(panel("magnified (cm)", Some(200.0 * best)));
+    }
+    panels
+}
+
+fn command_panels(limits: &InputLimits) -> [Panel<'static>; 2] {
+    let both = |speed_m_s: f64| {
+        [("", 1.0), ("\u{2212}", -1.0)]
+            .map(|(sign, side)| (side * speed_m_s, format!("limit {sign}{speed_m_s} m/s")))
+            .into()
+    };
+    [
+        Panel {
+            title: "traction \u{3c4} (m/s)",
+            limits: both(limits.traction.speed_m_s),
+            magnified_to: None,
+            value: &|row| row.command.traction_m_s,
+        },
+        Panel {
+            title: "steer \u{3c3} (m/s)",
+            limits: both(limits.steer.speed_m_s),
+            magnified_to: None,
+            value: &|row| row.command.steer_m_s,
+        },
+    ]
+}
+
+fn attitude_panels() -> [Panel<'static>; 2] {
+    let panel = |title, value| Panel {
+        title,
+        limits: vec![(0.0, "level".to_owned())],
+        magnified_to: None,
+        value,
+    };
+    [
+        panel("roll (\u{b0})", &|row: &Row| {
+            row.attitude.roll_rad.to_degrees()
+        }),
+        panel("pitch (\u{b0})", &|row: &Row| {
+            row.attitude.pitch_rad.to_degrees()
+        }),
+    ]
+}
+
+fn icr_panels(scene: &Scene) -> [Panel<'static>; 3] {
+    let (half_width_m, half_length_m) = (scene.base_half_width_m, scene.base_half_length_m);
+    let edge =
+        |value: f64, name: &str| (value, format!("{name} {value} m").replace('-', "\u{2212}"));
+    [
+        Panel {
+            title: "right tread, x_r (m)",
+            limits: vec![edge(half_width_m, "right edge")],
+            magnified_to: None,
+            value: &|row| while_turning(row, row.icrs.right_m),
+        },
+        Panel {
+            title: "left tread, x_l (m)",
+            limits: vec![edge(-half_width_m, "left edge")],
+            magnified_to: None,
+            value: &|row| while_turning(row, row.icrs.left_m),
+        },
+        Panel {
+            title: "ahead, y (m)",
+            limits: vec![edge(half_length_m, "front"), edge(-half_length_m, "rear")],
+            magnified_to: None,
+            value: &|row| while_turning(row, row.icrs.forward_m),
+        },
+    ]
+}
+
+/// Returns a coordinate of an ICR where the vehicle turns, else a gap: the ICRs of a vehicle that
+/// goes straight follow the sign of next to nothing.
+fn while_turning(row: &Row, icr_m: f64) -> f64 {
+    if row.motors.steer_m_s.abs() > TURNING_M_S {
+        icr_m
+    } else {
+        f64::NAN
+    }
+}
+
+/// Returns a style for each run: the colour of its kind of controller where it is still free.
+fn styles(runs: &[Run]) -> Vec<Style> {
+    let several = |get: fn(&Run) -> &String| runs.windows(2).any(|w| get(&w[0]) != get(&w[1]));
+    let plants_differ = several(|run| &run.summary.plant);
+    let mut styles: Vec<Style> = Vec::new();
+    for run in runs {
+        let summary = &run.summary;
+        let own = ControllerKind::ALL
+            .iter()
+            .position(|kind| kind.name() == summary.controller);
+        let free = |index: &usize| !styles.iter().any(|style| style.colour == COLOURS[*index]);
+        let others = ControllerKind::ALL.len()..COLOURS.len();
+        let index = own
+            .filter(free)
+            .or_else(|| others.chain(0..COLOURS.len()).find(free))
+            .unwrap_or(styles.len() % COLOURS.len());
+        styles.push(Style {
+            name: if plants_differ {
+                format!("{} on {}", summary.controller, summary.plant)
+            } else {
+                summary.controller.clone()
+            },
+            colour: COLOURS[index],
+        });
+    }
+    styles
+}
+
+fn legend(styles: &[Style], path: bool) -> Markup {
+    html! {
+        div.legend {
+            @if path {
+                span { span.swatch.path-swatch {} "path to follow" }
+            }
+            @for (run, style) in styles.iter().enumerate() {
+                span.{ "run" (run) } { (swatch(style)) (style.name) }
+            }
+        }
+    }
+}
+
+fn swatch(style: &Style) -> Markup {
+    html! { span.swatch style={ "background:" (style.colour) } {} }
+}
+
+/// Boxes to tick, by which the style sheet alone hides and shows runs.
+fn toggles(styles: &[Style]) -> Markup {
+    html! {
+        @if styles.len() > 1 {
+            div.toggles {
+                span { "Show in all plots:" }
+                @for (run, style) in styles.iter().enumerate() {
+                    label {
+                        (PreEscaped(format!("<input type=\"checkbox\" id=\"show{run}\" checked=\"checked\"/> ")))
+                        (swatch(style)) (style.name)
+                    }
+                }
+            }
+        }
+    }
+}
+
+fn switches(runs: usize) -> PreEscaped<String> {
+    let switch =
+        |run| format!("body:has(#show{run}:not(:checked)) .run{run} {{ display: none; }}\n");
+    PreEscaped((0..runs).map(switch).collect())
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,116 @@
+//! The figures of all runs, and what they say in one sentence.
+
+use super::{Style, swatch};
+use crate::record::{Run, Summary};
+use maud::{Markup, PreEscaped, html};
+
+/// Returns a sentence about the best run and the table of all.
+pub(super) fn summary(runs: &[Run], styles: &[Style]) -> Markup {
+    html! {
+        p.finding { (finding(runs, styles)) }
+        div.scroll {
+            table {
+                thead {
+                    tr {
+                        th.name rowspan="2" { "Controller" }
+                        th colspan="3" { "Cross-track error (cm)" }
+                        th rowspan="2" title="sum of all changes of the steer command" { "Steer total" (PreEscaped("<br/>")) "variation (m/s)" }
+                        th.name rowspan="2" { "Reached the end" }
+                        th colspan="2" { "QP solve time (\u{b5}s)" }
+                        th rowspan="2" title="cycles that drove on the previous plan" { "Fallbacks" }
+                    }
+                    tr {
+                        th { "RMS" }
+                        th title="95 % of the time it is smaller" { "p95" }
+                        th { "max" }
+                        th { "p50" }
+                        th { "p99" }
+                    }
+                }
+                tbody {
+                    @for (run, style) in runs.iter().zip(styles) {
+                        (line(&run.summary, style))
+                    }
+                }
+            }
+        }
+    }
+}
+
+fn line(summary: &Summary, style: &Style) -> Markup {
+    let has_qp = summary.solve_us.max > 0.0;
+    let end = match (&summary.ended_by, summary.completed) {
+        (_, true) => "yes".to_owned(),
+        (Some(reason), false) => format!("no: {reason}"),
+        (None, false) => "no".to_owned(),
+    };
+    let microseconds = |time_us: f64| {
+        if has_qp {
+            number(time_us, 0)
+        } else {
+            "no QP".to_owned()
+        }
+    };
+    html! {
+        tr {
+            th.name scope="row" { (swatch(style)) (style.name) }
+            td { (number(100.0 * summary.cross_track_rms_m, 2)) }
+            td { (number(100.0 * summary.cross_track_p95_m, 2)) }
+            td { (number(100.0 * summary.cross_track_max_m, 2)) }
+            td { (number(summary.steer_total_variation_m_s, 2)) }
+            td.text { (end) }
+            td { (microseconds(summary.solve_us.p50)) }
+            td { (microseconds(summary.solve_us.p99)) }
+            td { (summary.fallbacks) }
+        }
+    }
+}
+
+/// Returns a number with its decimals, a dash for what is none.
+fn number(value: f64, decimals: usize) -> String {
+    if value.is_finite() {
+        format!("{value:.decimals$}")
+    } else {
+        "\u{2013}".to_owned()
+    }
+}
+
+fn finding(runs: &[Run], styles: &[Style]) -> String {
+    if runs.is_empty() {
+        return "There is no run to show.".to_owned();
+    }
+    let completed = runs.iter().filter(|run| run.summary.completed).count();
+    let ends = if completed == runs.len() {
+        match completed {
+            1 => "The run reached the end of the path.".to_owned(),
+            2 => "Both runs reached the end of the path.".to_owned(),
+            _ => format!("All {completed} runs reached the end of the path."),
+        }
+    } else {
+        format!(
+            "{completed} of {} runs reached the end of the path.",
+            runs.len()
+        )
+    };
+    let mut ranked: Vec<_> = runs
+        .iter()
+        .zip(styles)
+        .filter(|(run, _)| run.summary.completed)
+        .map(|(run, style)| (run.summary.cross_track_rms_m, style))
+        .filter(|(rms_m, _)| rms_m.is_finite())
+        .collect();
+    ranked.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let Some(((best_m, best), others)) = ranked.split_first() else {
+        return ends;
+    };
+    let mut text = format!(
+        "{ends} {} kept to the path within {} cm RMS",
+        best.name,
+        number(100.0 * best_m, 2)
+    );
+    for (index, (rms_m, style)) in others.iter().enumerate() {
+        text += if index == 0 { "; " } else { ", " };
+        text += &format!("{} was {:.1} times as far off", style.name, rms_m / best_m);
+    }
+    text + "."
+}

@@ -1,0 +1,137 @@
+//! A run as CSV.
+
+use crate::record::{Row, Run};
+use serde::Serialize;
+use sidehill_controller::controller::Status;
+use std::io::Write;
+
+/// Writes `run` as CSV with a header, one row a control cycle.
+///
+/// Units are in the columns' names, frames are those of [`Row`]: x, y, z and yaw in the world, yaw
+/// counter-clockwise from Y_g; ICRs in the body, to the right and ahead of its origin. `estimate_*`
+/// and `reference_*` are empty where there is none. `status` is `waiting`, `tracking`, `fallback`,
+/// `stopping` or `finished`, and `reason` says why for the two that need one. Floats are the
+/// shortest that read back as the same bits; what is not finite is `NaN`, `inf` or `-inf`.
+///
+/// # Errors
+/// What `out` reports.
+pub fn write_csv(run: &Run, out: impl Write) -> csv::Result<()> {
+    let mut table = csv::WriterBuilder::new()
+        .has_headers(false)
+        .from_writer(out);
+    // Written here, so that a run without rows has its header, too.
+    table.write_record(COLUMNS)?;
+    for row in &run.rows {
+        table.serialize(Record::from(row))?;
+    }
+    table.flush()?;
+    Ok(())
+}
+
+/// Names of the columns: the fields of [`Record`].
+const COLUMNS: [&str; 28] = [
+    "time_s",
+    "x_m",
+    "y_m",
+    "z_m",
+    "yaw_rad",
+    "roll_rad",
+    "pitch_rad",
+    "estimate_x_m",
+    "estimate_y_m",
+    "estimate_yaw_rad",
+    "reference_x_m",
+    "reference_y_m",
+    "reference_yaw_rad",
+    "cross_track_m",
+    "along_track_m",
+    "heading_error_rad",
+    "command_traction_m_s",
+    "command_steer_m_s",
+    "motor_traction_m_s",
+    "motor_steer_m_s",
+    "icr_left_m",
+    "icr_right_m",
+    "icr_forward_m",
+    "status",
+    "reason",
+    "qp_iterations",
+    "solve_us",
+    "cycle_us",
+];
+
+#[derive(Serialize)]
+struct Record {
+    time_s: f64,
+    x_m: f64,
+    y_m: f64,
+    z_m: f64,
+    yaw_rad: f64,
+    roll_rad: f64,
+    pitch_rad: f64,
+    estimate_x_m: Option<f64>,
+    estimate_y_m: Option<f64>,
+    estimate_yaw_rad: Option<f64>,
+    reference_x_m: Option<f64>,
+    reference_y_m: Option<f64>,
+    reference_yaw_rad: Option<f64>,
+    cross_track_m: f64,
+    along_track_m: f64,
+    heading_error_rad: f64,
+    command_traction_m_s: f64,
+    command_steer_m_s: f64,
+    motor_traction_m_s: f64,
+    motor_steer_m_s: f64,
+    icr_left_m: f64,
+    icr_right_m: f64,
+    icr_forward_m: f64,
+    status: String,
+    reason: String,
+    qp_iterations: u32,
+    solve_us: f64,
+    cycle_us: f64,
+}
+
+impl From<&Row> for Record {
+    fn from(row: &Row) -> Self {
+        let estimate = |index: usize| row.estimate.map(|values| values[index]);
+        let reference = |index: usize| row.reference.map(|values| values[index]);
+        let (status, reason) = match row.status {
+            Status::Waiting => ("waiting", String::new()),
+            Status::Tracking => ("tracking", String::new()),
+            Status::Fallback { reason, .. } => ("fallback", reason.to_string()),
+            Status::Stopping(reason) => ("stopping", reason.to_string()),
+            Status::Finished => ("finished", String::new()),
+        };
+        Self {
+            time_s: row.time_s,
+            x_m: row.pose.x_m,
+            y_m: row.pose.y_m,
+            z_m: row.pose.z_m,
+            yaw_rad: row.pose.yaw_rad,
+            roll_rad: row.attitude.roll_rad,
+            pitch_rad: row.attitude.pitch_rad,
+            estimate_x_m: estimate(0),
+            estimate_y_m: estimate(1),
+            estimate_yaw_rad: estimate(2),
+            reference_x_m: reference(0),
+            reference_y_m: reference(1),
+            reference_yaw_rad: reference(2),
+            cross_track_m: row.cross_track_m,
+            along_track_m: row.along_track_m,
+            heading_error_rad: row.heading_error_rad,
+            command_traction_m_s: row.command.traction_m_s,
+            command_steer_m_s: row.command.steer_m_s,
+            motor_traction_m_s: row.motors.traction_m_s,
+            motor_steer_m_s: row.motors.steer_m_s,
+            icr_left_m: row.icrs.left_m,
+            icr_right_m: row.icrs.right_m,
+            icr_forward_m: row.icrs.forward_m,
+            status: status.into(),
+            reason,
+            qp_iterations: row.qp_iterations,
+            solve_us: row.solve_us,
+            cycle_us: row.cycle_us,
+        }
+    }
+}
