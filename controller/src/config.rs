@@ -148,7 +148,7 @@ pub struct SolverConfig {
 impl Default for SolverConfig {
     fn default() -> Self {
         Self {
-            max_iterations: 10,
+            max_iterations: 25,
             tolerance: 1e-6,
             accepted_residual: 1e-3,
             accepted_gap: 0.2,
@@ -436,7 +436,7 @@ impl ControllerConfig {
     }
 
     /// Returns the settings of the MPC.
-    pub(crate) fn mpc(&self) -> MpcSettings {
+    pub fn mpc(&self) -> MpcSettings {
         MpcSettings {
             stages: self.stages,
             step_s: self.step_s,
@@ -471,9 +471,9 @@ impl ControllerConfig {
         own + caution * (full - own).max(0.0)
     }
 
-    /// Returns the weights of a stage: at the end an error across the path is left as it is, for
+    /// Returns the weights of a stage at a caution from 0 to 1: at the end an error across the path is left as it is, for
     /// there is no way left on which to undo it.
-    pub(crate) fn stage_weights(&self, motion: Motion, caution: f64) -> StageWeights {
+    pub fn stage_weights(&self, motion: Motion, caution: f64) -> StageWeights {
         let w = &self.weights;
         let calmer = (self.caution.heading_per_rad2 - w.heading_per_rad2).max(0.0);
         match motion {

@@ -323,25 +323,26 @@ impl Controller {
     fn supervise(&mut self, estimate: &Estimate, progress: &Progress) {
         let limits = self.config.supervisor;
         let heading_error = wrap_angle(estimate.pose.yaw_rad - progress.point.heading_rad);
-        // Written so that a NaN stops.
-        if !(estimate.pose_age_s <= limits.pose_timeout_s) {
+        // False for a NaN, which so stops.
+        let within = |value: f64, limit: f64| value <= limit;
+        if !within(estimate.pose_age_s, limits.pose_timeout_s) {
             self.stop(StopReason::PoseStale {
                 age_s: estimate.pose_age_s,
                 gated: estimate.poses_gated,
             });
-        } else if !(estimate.attitude_age_s <= limits.attitude_timeout_s) {
+        } else if !within(estimate.attitude_age_s, limits.attitude_timeout_s) {
             self.stop(StopReason::AttitudeStale {
                 age_s: estimate.attitude_age_s,
             });
-        } else if !(estimate.speeds_age_s <= limits.speeds_timeout_s) {
+        } else if !within(estimate.speeds_age_s, limits.speeds_timeout_s) {
             self.stop(StopReason::SpeedsStale {
                 age_s: estimate.speeds_age_s,
             });
-        } else if !(progress.cross_track_m.abs() <= limits.cross_track_max_m) {
+        } else if !within(progress.cross_track_m.abs(), limits.cross_track_max_m) {
             self.stop(StopReason::OffPath {
                 cross_track_m: progress.cross_track_m,
             });
-        } else if !(heading_error.abs() <= limits.heading_error_max_rad) {
+        } else if !within(heading_error.abs(), limits.heading_error_max_rad) {
             self.stop(StopReason::HeadingOff {
                 error_rad: heading_error,
             });

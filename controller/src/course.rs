@@ -162,7 +162,7 @@ mod tests {
 
     #[test]
     fn a_circle_goes_on_and_keeps_turning() {
-        let course = course("{course: circle, radius_m: 2, turn: right, turns: 1}").unwrap();
+        let course = course("{shape: circle, radius_m: 2, turn: right, turns: 1}").unwrap();
         let trajectory = course.trajectory(&limits()).unwrap();
         assert_eq!(trajectory.ending(), Ending::Periodic);
         let (one, three) = (
@@ -180,7 +180,7 @@ mod tests {
 
     #[test]
     fn a_straight_course_stands_before_its_start_and_after_its_end() {
-        let course = course("{course: straight, length_m: 5, heading_deg: -90}").unwrap();
+        let course = course("{shape: straight, length_m: 5, heading_deg: -90}").unwrap();
         let trajectory = course.trajectory(&limits()).unwrap();
         let (before, after) = (trajectory.at(-1.0), trajectory.at(1e4));
         assert_eq!((before.motion, before.speed_m_s), (Motion::Stand, 0.0));
@@ -207,11 +207,11 @@ mod tests {
 
     #[test]
     fn bad_parameters_are_named() {
-        let error = course("{course: circle, radius_m: -1}").unwrap_err();
+        let error = course("{shape: circle, radius_m: -1}").unwrap_err();
         assert!(error.contains("radius_m: -1 is out of range"), "{error}");
-        let error = course("{course: circle, radios_m: 1}").unwrap_err();
+        let error = course("{shape: circle, radios_m: 1}").unwrap_err();
         assert!(error.contains("radios_m"), "{error}");
-        let error = course("{course: spiral}").unwrap_err();
+        let error = course("{shape: spiral}").unwrap_err();
         assert!(error.contains("spiral"), "{error}");
     }
 }

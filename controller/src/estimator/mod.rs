@@ -247,7 +247,9 @@ pub struct Estimator {
     /// Newest last; never longer than [`HISTORY`].
     events: VecDeque<Event>,
     started: bool,
-    first_attitude: Option<Attitude>,
+    /// Newest readings, with which the filter starts.
+    newest_attitude: Option<Attitude>,
+    newest_treads: TreadSpeeds,
     normal_in_world: Option<(f64, Vector3<f64>)>,
     pose_time_s: f64,
     attitude_time_s: f64,
@@ -287,7 +289,8 @@ impl Estimator {
             vehicle,
             events: VecDeque::with_capacity(HISTORY + 1),
             started: false,
-            first_attitude: None,
+            newest_attitude: None,
+            newest_treads: TreadSpeeds::default(),
             normal_in_world: None,
             pose_time_s: f64::NEG_INFINITY,
             attitude_time_s: f64::NEG_INFINITY,
@@ -323,6 +326,7 @@ impl Estimator {
             {
                 self.speeds_time_s = self.speeds_time_s.max(speeds.time_s);
                 let treads = self.vehicle.correction.apply(speeds.value);
+                self.newest_treads = treads;
                 self.insert(speeds.time_s, Reading::Speeds(treads));
             } else {
                 refused.tread_speeds = true;
@@ -331,7 +335,7 @@ impl Estimator {
         if let Some(attitude) = sample.attitude {
             if attitude.time_s.is_finite() && attitude.value.is_finite() {
                 self.attitude_time_s = self.attitude_time_s.max(attitude.time_s);
-                self.first_attitude.get_or_insert(attitude.value);
+                self.newest_attitude = Some(attitude.value);
                 self.insert(attitude.time_s, Reading::Attitude(attitude.value));
             } else {
                 refused.attitude = true;
@@ -358,7 +362,7 @@ impl Estimator {
     fn take_pose(&mut self, pose: Stamped<PlanarPose>) {
         if self.started {
             self.insert(pose.time_s, Reading::Pose(pose.value));
-        } else if let Some(attitude) = self.first_attitude {
+        } else if let Some(attitude) = self.newest_attitude {
             let (position, heading) = (self.settings.pose_sigma_m, self.settings.pose_sigma_rad);
             self.started = true;
             self.pose_time_s = pose.time_s;
@@ -376,7 +380,7 @@ impl Estimator {
                     gains: SVector::zeros(),
                     cross: PoseByGains::zeros(),
                     gain_covariance: self.settings.adaptation.prior(),
-                    treads: TreadSpeeds::default(),
+                    treads: self.newest_treads,
                     attitude,
                 },
             });
@@ -399,7 +403,17 @@ impl Estimator {
                 belief,
             },
         );
-        for i in after..self.events.len() {
+        // New speeds also hold for the intervals since the speeds before them.
+        let first = match reading {
+            Reading::Speeds(_) => self
+                .events
+                .iter()
+                .take(after)
+                .rposition(|event| matches!(event.reading, Reading::Speeds(_)))
+                .map_or(1, |speeds| speeds + 1),
+            _ => after,
+        };
+        for i in first..self.events.len() {
             let mut before = self.events[i - 1].belief;
             let event = self.events[i];
             // Between two readings of the speeds the later one holds: it shows what the command of the

@@ -118,16 +118,26 @@ impl InputLimits {
 
     /// Returns the speeds nearest to `wanted` within bounds and rates, `time_s` after `from`.
     ///
-    /// Rates come last, so that a motor is never asked for a jump.
+    /// Rates come last, so that a motor is never asked for a jump. From within the bounds both hold:
+    /// where a tread would be too fast because traction cannot give way so quickly, steer waits.
     pub fn project(&self, wanted: MotorSpeeds, from: MotorSpeeds, time_s: f64) -> MotorSpeeds {
         let bounded = self.within_bounds(wanted);
+        let within = |speed: f64, room: f64| speed.clamp(-room.max(0.0), room.max(0.0));
+        let slowest = self.traction.project(0.0, from.traction_m_s, time_s);
+        let steer_room = self.tread_speed_m_s - slowest.abs();
+        let steer_m_s = self.steer.project(
+            within(bounded.steer_m_s, steer_room),
+            from.steer_m_s,
+            time_s,
+        );
+        let traction_room = self.tread_speed_m_s - steer_m_s.abs();
         MotorSpeeds {
-            traction_m_s: self
-                .traction
-                .project(bounded.traction_m_s, from.traction_m_s, time_s),
-            steer_m_s: self
-                .steer
-                .project(bounded.steer_m_s, from.steer_m_s, time_s),
+            traction_m_s: self.traction.project(
+                within(bounded.traction_m_s, traction_room),
+                from.traction_m_s,
+                time_s,
+            ),
+            steer_m_s,
         }
     }
 

@@ -223,24 +223,19 @@ impl Mpc {
             now.z = self.plan.states[0].z + wrap_angle(now.z - self.plan.states[0].z);
             now
         };
-        self.plan.states[0] = now;
-        let previous = self.settings.limits.within_bounds(previous);
+        let before = std::mem::replace(&mut self.plan.states[0], now);
         self.linearise(previous, targets);
-        self.condenser
-            .assemble(&self.stages, previous, self.solver.data_mut());
-        let begin = Instant::now();
-        let residuals = self.solver.solve(deadline)?;
-        let solve_time_s = begin.elapsed().as_secs_f64();
+        self.assemble(previous);
+        let report = self
+            .solve_assembled(deadline)
+            .inspect_err(|_| self.plan.states[0] = before)?;
         self.apply();
-        Ok(SolveReport {
-            iterations: self.solver.iterations(),
-            residuals,
-            solve_time_s,
-        })
+        Ok(report)
     }
 
-    /// Fills the stages: dynamics, errors and limits about the plan.
-    fn linearise(&mut self, previous: MotorSpeeds, targets: &[StageTarget]) {
+    /// First part of [`Mpc::solve`]: dynamics, errors and limits of each stage about the plan.
+    pub fn linearise(&mut self, previous: MotorSpeeds, targets: &[StageTarget]) {
+        let previous = self.settings.limits.within_bounds(previous);
         self.stages.clear();
         let settings = &self.settings;
         let mut before = previous;
@@ -287,6 +282,27 @@ impl Mpc {
         }
     }
 
+    /// Second part of [`Mpc::solve`]: condenses the linearised stages into the QP.
+    pub fn assemble(&mut self, previous: MotorSpeeds) {
+        let previous = self.settings.limits.within_bounds(previous);
+        self.condenser
+            .assemble(&self.stages, previous, self.solver.data_mut());
+    }
+
+    /// Third part of [`Mpc::solve`]: solves the QP as assembled; the plan stays as it is.
+    ///
+    /// # Errors
+    /// Every [`QpFailure`].
+    pub fn solve_assembled(&mut self, deadline: Option<Instant>) -> Result<SolveReport, QpFailure> {
+        let begin = Instant::now();
+        let residuals = self.solver.solve(deadline)?;
+        Ok(SolveReport {
+            iterations: self.solver.iterations(),
+            residuals,
+            solve_time_s: begin.elapsed().as_secs_f64(),
+        })
+    }
+
     /// Moves the plan by the QP's solution, states along the linearised dynamics.
     fn apply(&mut self) {
         let mut deviation = Vector3::zeros();
@@ -309,3 +325,6 @@ impl Mpc {
 fn vector(pose: &PlanarPose) -> Vector3<f64> {
     Vector3::new(pose.x_m, pose.y_m, pose.yaw_rad)
 }
+
+#[cfg(test)]
+mod tests;

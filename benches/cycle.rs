@@ -1,0 +1,279 @@
+//! Times of a control cycle and its parts on the figure of eight at 10 deg: `cargo bench --bench cycle`.
+//!
+//! Everything is replayed from one drive in closed loop, so that all variants see the same inputs.
+
+// A bench that cannot be set up has nothing to report.
+#![allow(clippy::unwrap_used, missing_docs)]
+
+use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
+use nalgebra::Vector3;
+use sidehill_controller::config::{ControllerConfig, ControllerKind};
+use sidehill_controller::controller::{Controller, Status};
+use sidehill_controller::course::FigureEight;
+use sidehill_controller::mpc::{Mpc, MpcSettings, QpMode, StageTarget};
+use sidehill_controller::reference::Tracking;
+use sidehill_controller::trajectory::Trajectory;
+use sidehill_plant::drive_train::DriveTrainConfig;
+use sidehill_plant::frames::PlanarPose;
+use sidehill_plant::motion::IcrMotion;
+use sidehill_plant::prediction::PredictionModel;
+use sidehill_plant::sample::Sample;
+use sidehill_plant::sensors::SensorsConfig;
+use sidehill_plant::simulation::{Simulation, SimulationSetup};
+use sidehill_plant::speeds::MotorSpeeds;
+use sidehill_plant::terrain::{PlaneTerrain, Terrain};
+use sidehill_plant::vehicle::Vehicle;
+use std::hint::black_box;
+use std::time::{Duration, Instant};
+
+const HORIZONS: [usize; 4] = [20, 30, 40, 50];
+const SLOPE_DEG: f64 = 10.0;
+/// One round of the course at 20 Hz.
+const CYCLES: usize = 1200;
+
+fn vehicle() -> Vehicle {
+    serde_yaml::from_str(include_str!("../config/vehicles/j8.yaml")).unwrap()
+}
+
+fn trajectory() -> Trajectory {
+    FigureEight::default().trajectory().unwrap()
+}
+
+fn controller(config: &ControllerConfig) -> Controller {
+    Controller::new(
+        ControllerKind::IcrikMpc,
+        config.clone(),
+        &vehicle(),
+        trajectory(),
+        Tracking::Time,
+        2,
+        None,
+    )
+    .unwrap()
+}
+
+/// What the sensors read and what was commanded in a round driven with `config`.
+fn drive(config: &ControllerConfig) -> Vec<(Sample, MotorSpeeds)> {
+    let start = trajectory().at(0.0);
+    let mut simulation = Simulation::new(SimulationSetup {
+        terrain: Terrain::Plane(PlaneTerrain::new(SLOPE_DEG, 0.0).unwrap()),
+        motion: Box::new(IcrMotion {
+            vehicle: vehicle(),
+            inclined: true,
+        }),
+        drive_train: DriveTrainConfig::default(),
+        sensors: SensorsConfig::default(),
+        correction: vehicle().correction,
+        start: PlanarPose {
+            x_m: start.position.x_m,
+            y_m: start.position.y_m,
+            yaw_rad: start.heading_rad,
+        },
+        dt_s: config.period_s / 10.0,
+        seed: 1,
+    })
+    .unwrap();
+    let mut controller = controller(config);
+    (0..CYCLES)
+        .map(|_| {
+            let sample = simulation.sample();
+            let decision = controller.step(&sample, None);
+            assert_eq!(decision.status, Status::Tracking);
+            simulation.set_command(decision.command).unwrap();
+            for _ in 0..10 {
+                simulation.step().unwrap();
+            }
+            (sample, decision.command)
+        })
+        .collect()
+}
+
+/// Returns the time of `count` cycles after the first one of a replay, which makes a plan from nothing.
+fn replay(config: &ControllerConfig, samples: &[(Sample, MotorSpeeds)], count: u64) -> Duration {
+    let mut total = Duration::ZERO;
+    let mut done = 0;
+    while done < count {
+        let mut controller = controller(config);
+        for (i, (sample, _)) in samples.iter().enumerate() {
+            let begin = Instant::now();
+            black_box(controller.step(black_box(sample), None));
+            let time = begin.elapsed();
+            if i > 0 {
+                total += time;
+                done += 1;
+            }
+            if done == count {
+                break;
+            }
+        }
+    }
+    total
+}
+
+fn horizon(stages: usize) -> ControllerConfig {
+    ControllerConfig {
+        stages,
+        ..ControllerConfig::default()
+    }
+}
+
+/// The whole cycle, from sample to command.
+fn cycle(criterion: &mut Criterion) {
+    let mut group = criterion.benchmark_group("cycle");
+    for stages in HORIZONS {
+        let config = horizon(stages);
+        let samples = drive(&config);
+        group.bench_function(BenchmarkId::from_parameter(stages), |bencher| {
+            bencher.iter_custom(|count| replay(&config, &samples, count));
+        });
+    }
+    group.finish();
+}
+
+/// The whole cycle at 40 stages: the solver updated in place, clarabel's defaults made new each cycle
+/// for the same QP, and the same with plain multiple shooting, which is one stage a block.
+fn solver_modes(criterion: &mut Criterion) {
+    let mut group = criterion.benchmark_group("cycle_40_stages");
+    let in_place = horizon(40);
+    let samples = drive(&in_place);
+    let mut fresh = in_place.clone();
+    fresh.solver.mode = QpMode::FreshDefaults;
+    let mut multiple_shooting = fresh.clone();
+    multiple_shooting.block_stages = 1;
+    for (name, config) in [
+        ("in_place", &in_place),
+        ("fresh_defaults", &fresh),
+        ("fresh_defaults_multiple_shooting", &multiple_shooting),
+    ] {
+        group.bench_function(name, |bencher| {
+            bencher.iter_custom(|count| replay(config, &samples, count));
+        });
+    }
+    group.finish();
+}
+
+/// One of the parts of [`Mpc::solve`].
+#[derive(Clone, Copy, PartialEq)]
+enum Part {
+    Linearise,
+    Assemble,
+    Solve,
+}
+
+/// An MPC's inputs in one cycle of a drive.
+struct Inputs {
+    pose: PlanarPose,
+    previous: MotorSpeeds,
+    targets: Vec<StageTarget>,
+}
+
+fn normal_in_world() -> Vector3<f64> {
+    let slope = SLOPE_DEG.to_radians();
+    Vector3::new(0.0, -slope.sin(), slope.cos())
+}
+
+fn inputs(
+    config: &ControllerConfig,
+    settings: &MpcSettings,
+    samples: &[(Sample, MotorSpeeds)],
+) -> Vec<Inputs> {
+    let trajectory = trajectory();
+    let mut previous = MotorSpeeds::STOP;
+    samples
+        .iter()
+        .map(|(sample, command)| {
+            let targets = (1..=settings.stages)
+                .map(|k| {
+                    let point = trajectory.at(sample.time_s + settings.step_s * k as f64);
+                    StageTarget {
+                        pose: PlanarPose {
+                            x_m: point.position.x_m,
+                            y_m: point.position.y_m,
+                            yaw_rad: point.heading_rad,
+                        },
+                        along_heading_rad: point.heading_rad,
+                        normal_in_world: normal_in_world(),
+                        feedforward: MotorSpeeds {
+                            traction_m_s: point.speed_m_s,
+                            steer_m_s: point.yaw_rate_rad_s,
+                        },
+                        weights: config.stage_weights(point.motion, 0.0),
+                    }
+                })
+                .collect();
+            let inputs = Inputs {
+                pose: sample.pose.unwrap().value.planar(),
+                previous,
+                targets,
+            };
+            previous = *command;
+            inputs
+        })
+        .collect()
+}
+
+/// Returns the time that `count` cycles spend in `part`.
+fn replay_part(
+    config: &ControllerConfig,
+    samples: &[(Sample, MotorSpeeds)],
+    part: Part,
+    count: u64,
+) -> Duration {
+    let settings = config.mpc();
+    let inputs = inputs(config, &settings, samples);
+    let mut total = Duration::ZERO;
+    let mut done = 0;
+    while done < count {
+        let model = PredictionModel::new(vehicle(), config.smoothing_m_s);
+        let mut mpc = Mpc::new(settings.clone(), model).unwrap();
+        let first = &inputs[0];
+        mpc.start(&first.pose, first.previous, &first.targets)
+            .unwrap();
+        for cycle in &inputs[1..] {
+            mpc.shift(config.period_s, &normal_in_world());
+            let mut timed = |this: Part, run: &mut dyn FnMut(&mut Mpc)| {
+                let begin = Instant::now();
+                run(&mut mpc);
+                if this == part {
+                    total += begin.elapsed();
+                    done += 1;
+                }
+            };
+            timed(Part::Linearise, &mut |mpc| {
+                mpc.linearise(cycle.previous, black_box(&cycle.targets));
+            });
+            timed(Part::Assemble, &mut |mpc| mpc.assemble(cycle.previous));
+            timed(Part::Solve, &mut |mpc| {
+                black_box(mpc.solve_assembled(None)).unwrap();
+            });
+            if done == count {
+                break;
+            }
+            mpc.solve(&cycle.pose, cycle.previous, &cycle.targets, None)
+                .unwrap();
+        }
+    }
+    total
+}
+
+/// The parts of a cycle over horizons.
+fn parts(criterion: &mut Criterion) {
+    for (name, part) in [
+        ("linearise", Part::Linearise),
+        ("assemble", Part::Assemble),
+        ("solve", Part::Solve),
+    ] {
+        let mut group = criterion.benchmark_group(name);
+        for stages in HORIZONS {
+            let config = horizon(stages);
+            let samples = drive(&config);
+            group.bench_function(BenchmarkId::from_parameter(stages), |bencher| {
+                bencher.iter_custom(|count| replay_part(&config, &samples, part, count));
+            });
+        }
+        group.finish();
+    }
+}
+
+criterion_group!(benches, cycle, solver_modes, parts);
+criterion_main!(benches);

@@ -1,0 +1,310 @@
+//! The MPC on a slope, driving the exact model.
+
+use super::condensed::assert_same_optimum;
+use super::*;
+use crate::course::FigureEight;
+use crate::trajectory::Trajectory;
+use sidehill_plant::frames::{Attitude, pose_rate};
+
+/// The 8 on a plane of 10 deg, with the MPC at its start.
+struct Course {
+    trajectory: Trajectory,
+    normal_in_world: Vector3<f64>,
+    pose: PlanarPose,
+    command: MotorSpeeds,
+    cycle: u32,
+}
+
+impl Course {
+    fn new() -> Self {
+        let trajectory = FigureEight::default().trajectory().unwrap();
+        let start = trajectory.at(0.0);
+        let slope = 10.0_f64.to_radians();
+        Self {
+            normal_in_world: Vector3::new(0.0, -slope.sin(), slope.cos()),
+            pose: PlanarPose {
+                x_m: start.position.x_m,
+                y_m: start.position.y_m,
+                yaw_rad: start.heading_rad,
+            },
+            command: MotorSpeeds::STOP,
+            trajectory,
+            cycle: 0,
+        }
+    }
+
+    fn targets(&self, settings: &MpcSettings) -> Vec<StageTarget> {
+        (1..=settings.stages)
+            .map(|k| {
+                let time_s = 0.05 * f64::from(self.cycle) + settings.step_s * k as f64;
+                let point = self.trajectory.at(time_s);
+                StageTarget {
+                    pose: PlanarPose {
+                        x_m: point.position.x_m,
+                        y_m: point.position.y_m,
+                        yaw_rad: point.heading_rad,
+                    },
+                    along_heading_rad: point.heading_rad,
+                    normal_in_world: self.normal_in_world,
+                    feedforward: motors(point.speed_m_s, point.yaw_rate_rad_s),
+                    weights: StageWeights {
+                        along_per_m2: 50.0,
+                        cross_per_m2: 50.0,
+                        heading_per_rad2: 0.02,
+                    },
+                }
+            })
+            .collect()
+    }
+
+    /// Solves a cycle: the first from nothing, later ones on the shifted plan.
+    fn solve(&self, mpc: &mut Mpc) -> Result<SolveReport, QpFailure> {
+        let targets = self.targets(&mpc.settings);
+        if self.cycle == 0 {
+            mpc.start(&self.pose, self.command, &targets)
+        } else {
+            mpc.shift(0.05, &self.normal_in_world);
+            mpc.solve(&self.pose, self.command, &targets, None)
+        }
+    }
+
+    /// Drives for a control period with the plan's first input.
+    fn drive(&mut self, mpc: &Mpc) {
+        self.command = mpc.plan().inputs[0];
+        let vehicle = j8();
+        for _ in 0..10 {
+            let attitude = Attitude::on_plane(&self.normal_in_world, self.pose.yaw_rad);
+            let velocity = vehicle.body_velocity(attitude, self.command.into());
+            let rate = pose_rate(&velocity, &attitude, self.pose.yaw_rad);
+            self.pose.x_m += 0.005 * rate.x_m_s;
+            self.pose.y_m += 0.005 * rate.y_m_s;
+            self.pose.yaw_rad += 0.005 * rate.yaw_rad_s;
+        }
+        self.cycle += 1;
+    }
+}
+
+fn settings(stages: usize, block_stages: usize) -> MpcSettings {
+    MpcSettings {
+        stages,
+        step_s: 0.15,
+        period_s: 0.05,
+        block_stages,
+        change_weight: motors(0.05, 0.05),
+        terminal_factor: 1.0,
+        limits: input_limits(2.0),
+        corridor: None,
+        qp: QpSettings {
+            tolerance: 1e-6,
+            max_iterations: 10,
+            accepted_residual: 1e-3,
+            accepted_gap: 0.2,
+            mode: QpMode::InPlace,
+        },
+    }
+}
+
+fn mpc(settings: MpcSettings) -> Mpc {
+    Mpc::new(settings, PredictionModel::new(j8(), 0.02)).unwrap()
+}
+
+#[test]
+fn every_qp_of_a_run_meets_its_optimality_conditions() {
+    let mut course = Course::new();
+    let mut mpc = mpc(settings(40, 5));
+    for _ in 0..400 {
+        let report = course.solve(&mut mpc).unwrap();
+        let Residuals { primal, dual, gap } = report.residuals;
+        let at = format!("cycle {}: {:?}", course.cycle, report.residuals);
+        assert!(primal < 1e-5 && dual < 1e-5 && gap < 1e-3, "{at}");
+        // What the report says is what the solver's data say.
+        assert_eq!(mpc.solver.residuals(), report.residuals);
+        assert!(mpc.solver.data().b.iter().all(|b| b.is_finite()));
+        let mut before = course.command;
+        for (k, input) in mpc.plan().inputs.iter().enumerate() {
+            let bounded = mpc.settings.limits.within_bounds(*input);
+            assert!(
+                (bounded.traction_m_s - input.traction_m_s).abs() < 1e-4,
+                "{at}"
+            );
+            assert!((bounded.steer_m_s - input.steer_m_s).abs() < 1e-4, "{at}");
+            let time_s = if k == 0 { 0.05 } else { 0.15 };
+            let reached = mpc.settings.limits.project(*input, before, time_s);
+            assert!(
+                (reached.traction_m_s - input.traction_m_s).abs() < 0.02,
+                "{at} {k}"
+            );
+            assert!(
+                (reached.steer_m_s - input.steer_m_s).abs() < 0.02,
+                "{at} {k}"
+            );
+            before = *input;
+        }
+        course.drive(&mpc);
+    }
+    assert_eq!(mpc.solver.rebuilds(), 0);
+}
+
+#[test]
+fn the_qps_of_a_run_have_the_optimum_of_the_stagewise_problem() {
+    let mut course = Course::new();
+    let mut mpc = mpc(settings(40, 5));
+    for block_stages in 1..=8 {
+        for _ in 0..5 {
+            course.solve(&mut mpc).unwrap();
+            course.drive(&mpc);
+        }
+        // The stages of the last QP, before its solution moved the plan.
+        for (corridor, tread_speed_m_s) in [
+            (None, 2.0),
+            (
+                Some(Corridor {
+                    half_width_m: 0.01,
+                    weight_per_m2: 300.0,
+                }),
+                1.2,
+            ),
+        ] {
+            assert_same_optimum(
+                &mpc.stages,
+                course.command,
+                &input_limits(tread_speed_m_s),
+                corridor,
+                block_stages,
+                QpMode::FreshDefaults,
+            );
+        }
+    }
+}
+
+#[test]
+fn block_sizes_and_solver_modes_give_one_plan() {
+    let plan = |block_stages, mode| {
+        let mut settings = settings(30, block_stages);
+        settings.qp = QpSettings { mode, ..exact() };
+        let mut course = Course::new();
+        let mut mpc = mpc(settings);
+        for _ in 0..20 {
+            course.solve(&mut mpc).unwrap();
+            course.drive(&mpc);
+        }
+        mpc.plan().clone()
+    };
+    let reference = plan(5, QpMode::InPlace);
+    for (block_stages, mode) in [
+        (1, QpMode::InPlace),
+        (7, QpMode::InPlace),
+        (20, QpMode::InPlace),
+        (1, QpMode::FreshDefaults),
+        (5, QpMode::FreshDefaults),
+    ] {
+        let other = plan(block_stages, mode);
+        for (a, b) in reference.inputs.iter().zip(&other.inputs) {
+            let difference = (a.traction_m_s - b.traction_m_s)
+                .abs()
+                .max((a.steer_m_s - b.steer_m_s).abs());
+            assert!(difference < 1e-5, "{block_stages} {mode:?}: {difference}");
+        }
+        for (a, b) in reference.states.iter().zip(&other.states) {
+            assert!((a - b).norm() < 1e-5, "{block_stages} {mode:?}");
+        }
+    }
+}
+
+#[test]
+fn a_failed_cycle_leaves_the_plan_and_the_next_one_is_right() {
+    let mut course = Course::new();
+    let (mut spoiled, mut twin) = (mpc(settings(40, 5)), mpc(settings(40, 5)));
+    for _ in 0..10 {
+        course.solve(&mut spoiled).unwrap();
+        course.solve(&mut twin).unwrap();
+        course.drive(&twin);
+    }
+    let targets = course.targets(&twin.settings);
+    let (pose, command) = (course.pose, course.command);
+    let plan = spoiled.plan().clone();
+
+    let mut nan = targets.clone();
+    nan[7].pose.x_m = f64::NAN;
+    let failure = spoiled.solve(&pose, command, &nan, None);
+    assert_eq!(failure, Err(QpFailure::NotFinite));
+    assert_eq!(spoiled.plan(), &plan);
+
+    let lost = PlanarPose {
+        yaw_rad: f64::NAN,
+        ..pose
+    };
+    let failure = spoiled.solve(&lost, command, &targets, None);
+    assert_eq!(failure, Err(QpFailure::NotFinite));
+    assert_eq!(spoiled.plan(), &plan);
+
+    let failure = spoiled.solve(&pose, command, &targets, Some(Instant::now()));
+    assert_eq!(failure, Err(QpFailure::Deadline { iterations: 0 }));
+    assert_eq!(spoiled.plan(), &plan);
+
+    spoiled.solver.set_max_iterations(1);
+    let failure = spoiled.solve(&pose, command, &targets, None);
+    assert_eq!(failure, Err(QpFailure::MaxIterations { iterations: 1 }));
+    assert_eq!(spoiled.plan(), &plan);
+    spoiled.solver.set_max_iterations(10);
+
+    spoiled.solve(&pose, command, &targets, None).unwrap();
+    twin.solve(&pose, command, &targets, None).unwrap();
+    assert_eq!(spoiled.plan(), twin.plan());
+}
+
+#[test]
+fn a_previous_input_out_of_bounds_does_not_make_the_qp_infeasible() {
+    for previous in [motors(3.0, -3.0), motors(-1.0, 0.8), motors(1.0, 0.2)] {
+        let course = Course::new();
+        let mut settings = settings(20, 5);
+        settings.limits = input_limits(1.2);
+        let targets = course.targets(&settings);
+        let mut mpc = mpc(settings);
+        mpc.start(&course.pose, previous, &targets).unwrap();
+        let bounded = mpc.settings.limits.within_bounds(previous);
+        let reached = mpc
+            .settings
+            .limits
+            .project(mpc.plan().inputs[0], bounded, 0.05);
+        let first = mpc.plan().inputs[0];
+        assert!((reached.traction_m_s - first.traction_m_s).abs() < 1e-3);
+        assert!((reached.steer_m_s - first.steer_m_s).abs() < 1e-3);
+    }
+}
+
+#[test]
+fn shifting_interpolates_and_runs_on_with_the_last_input() {
+    let mut course = Course::new();
+    let mut mpc = mpc(settings(12, 5));
+    for _ in 0..10 {
+        course.solve(&mut mpc).unwrap();
+        course.drive(&mpc);
+    }
+    let plan = mpc.plan().clone();
+    let normal = course.normal_in_world;
+    mpc.shift(0.0, &normal);
+    assert_eq!(mpc.plan(), &plan);
+
+    mpc.shift(0.05, &normal);
+    for k in 0..12 {
+        let expected = plan.states[k] * (2.0 / 3.0) + plan.states[k + 1] / 3.0;
+        assert!((mpc.plan().states[k] - expected).norm() < 1e-12);
+        let next = plan.inputs[(k + 1).min(11)];
+        let steer = plan.inputs[k].steer_m_s * (2.0 / 3.0) + next.steer_m_s / 3.0;
+        assert!((mpc.plan().inputs[k].steer_m_s - steer).abs() < 1e-12);
+    }
+    let run_on = |from: &Vector3<f64>, time_s| {
+        from + mpc
+            .model()
+            .step_on_plane(&normal, from.z, plan.inputs[11], time_s)
+            .increment
+    };
+    assert!((mpc.plan().states[12] - run_on(&plan.states[12], 0.05)).norm() < 1e-12);
+
+    mpc.plan = plan.clone();
+    mpc.shift(0.15, &normal);
+    assert_eq!(mpc.plan().states[..12], plan.states[1..]);
+    assert_eq!(mpc.plan().inputs[..11], plan.inputs[1..]);
+    assert_eq!(mpc.plan().inputs[11], plan.inputs[11]);
+}

@@ -1,0 +1,104 @@
+//! The condensed QP has the optimum of the problem it was condensed from.
+
+use super::stagewise::optimal_corrections;
+use super::*;
+
+/// A stage of no vehicle in particular.
+fn stage() -> impl Strategy<Value = Stage> {
+    prop::array::uniform28(0.0..1.0_f64).prop_map(|u| {
+        let mut next = u.into_iter();
+        let mut within = |low: f64, high: f64| low + (high - low) * next.next().unwrap();
+        let mut vector = |size: f64| {
+            Vector3::new(
+                within(-size, size),
+                within(-size, size),
+                within(-size, size),
+            )
+        };
+        let step = LinearisedStep {
+            increment: Vector3::zeros(),
+            by_yaw: Vector3::new(1.0, 1.0, 0.0).component_mul(&vector(0.2)),
+            by_traction: vector(0.2),
+            by_steer: vector(0.2),
+        };
+        let (defect, error) = (vector(0.02), vector(0.3));
+        let heading = within(-4.0, 4.0);
+        Stage {
+            step,
+            defect,
+            error,
+            along: (-heading.sin(), heading.cos()),
+            weights: StageWeights {
+                along_per_m2: within(0.0, 60.0),
+                cross_per_m2: within(0.0, 60.0),
+                heading_per_rad2: within(0.0, 5.0),
+            },
+            input: motors(within(-1.0, 1.0), within(-0.8, 0.8)),
+            rate_weights: motors(within(0.5, 4.0), within(0.5, 4.0)),
+            traction_change: Change {
+                fall: within(0.05, 0.5),
+                rise: within(0.05, 0.5),
+            },
+            steer_change: Change {
+                fall: within(0.05, 0.5),
+                rise: within(0.05, 0.5),
+            },
+        }
+    })
+}
+
+/// Asserts that condensed and stage-wise problem have the same optimum.
+pub fn assert_same_optimum(
+    stages: &[Stage],
+    previous: MotorSpeeds,
+    limits: &InputLimits,
+    corridor: Option<Corridor>,
+    block_stages: usize,
+    reference: QpMode,
+) {
+    let (mut condenser, data) =
+        Condenser::new(stages.len(), block_stages, *limits, corridor, COST_SCALE);
+    let mut solver = QpSolver::new(data, exact()).unwrap();
+    condenser.assemble(stages, previous, solver.data_mut());
+    solver.solve(None).unwrap();
+    let expected = optimal_corrections(stages, previous, limits, corridor, block_stages, reference);
+    let found: Vec<_> = condenser.input_corrections(solver.primal()).collect();
+    assert_eq!(found.len(), expected.len());
+    for (k, (found, expected)) in found.iter().zip(&expected).enumerate() {
+        let difference = (found.traction_m_s - expected.traction_m_s)
+            .abs()
+            .max((found.steer_m_s - expected.steer_m_s).abs());
+        assert!(
+            difference < 1e-5,
+            "stage {k} of {} in blocks of {block_stages}: {found:?}, expected {expected:?}",
+            stages.len()
+        );
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(100))]
+
+    #[test]
+    fn condensing_keeps_the_optimum(
+        stages in prop::collection::vec(stage(), 2..22),
+        previous in (-0.6..0.6_f64, -0.5..0.5_f64),
+        block_stages in 1..=8_usize,
+        half_width_m in prop::option::of(0.02..0.6_f64),
+        tread_speed_m_s in prop_oneof![Just(2.0), 1.1..1.7_f64],
+    ) {
+        let corridor = half_width_m.map(|half_width_m| Corridor {
+            half_width_m,
+            weight_per_m2: 200.0,
+        });
+        assert_same_optimum(
+            &stages,
+            motors(previous.0, previous.1),
+            &input_limits(tread_speed_m_s),
+            corridor,
+            block_stages,
+            // Clarabel's own tolerance leaves up to 1e-4 where a limit almost binds.
+            QpMode::InPlace,
+        );
+    }
+}

@@ -1,0 +1,53 @@
+#![allow(clippy::unwrap_used)]
+
+mod closed_loop;
+mod condensed;
+mod limits;
+mod qp;
+mod stagewise;
+
+use super::condensing::{Condenser, Stage};
+use super::limits::{Change, InputLimits, MotorLimits};
+use super::qp::QpSolver;
+use super::*;
+use proptest::prelude::*;
+use sidehill_plant::prediction::LinearisedStep;
+use sidehill_plant::vehicle::Vehicle;
+
+fn j8() -> Vehicle {
+    serde_yaml::from_str(include_str!("../../../../config/vehicles/j8.yaml")).unwrap()
+}
+
+fn motors(traction_m_s: f64, steer_m_s: f64) -> MotorSpeeds {
+    MotorSpeeds {
+        traction_m_s,
+        steer_m_s,
+    }
+}
+
+/// Settings of a solver that is to be as exact as it can.
+fn exact() -> QpSettings {
+    QpSettings {
+        mode: QpMode::InPlace,
+        max_iterations: 100,
+        tolerance: 1e-10,
+        accepted_residual: 1e-6,
+        accepted_gap: 1e-6,
+    }
+}
+
+fn input_limits(tread_speed_m_s: f64) -> InputLimits {
+    InputLimits {
+        traction: MotorLimits {
+            speed_m_s: 1.0,
+            acceleration_m_s2: 2.0,
+            deceleration_m_s2: 3.0,
+        },
+        steer: MotorLimits {
+            speed_m_s: 0.8,
+            acceleration_m_s2: 1.5,
+            deceleration_m_s2: 2.0,
+        },
+        tread_speed_m_s,
+    }
+}

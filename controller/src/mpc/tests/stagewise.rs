@@ -1,0 +1,181 @@
+//! The horizon's problem written down once more, stage by stage and without condensing: every state
+//! is a variable, every row in its own units.
+
+use super::*;
+use crate::mpc::qp::{QpData, pattern};
+use std::collections::BTreeMap;
+
+/// Returns the corrections of the inputs that are optimal for `stages`, by a solver made for this
+/// problem alone, used as `mode` says.
+pub fn optimal_corrections(
+    stages: &[Stage],
+    previous: MotorSpeeds,
+    limits: &InputLimits,
+    corridor: Option<Corridor>,
+    block_stages: usize,
+    mode: QpMode,
+) -> Vec<MotorSpeeds> {
+    let mut problem = Problem::default();
+    let count = stages.len();
+    let input = |k: usize, motor: usize| 2 * k + motor;
+    // Deviation of the state at the end of stage k.
+    let state = |k: usize, i: usize| 2 * count + 3 * k + i;
+    let slack = |k: usize| 5 * count + k / block_stages;
+
+    for (k, stage) in stages.iter().enumerate() {
+        let step = &stage.step;
+        for i in 0..3 {
+            let mut row = vec![
+                (state(k, i), 1.0),
+                (input(k, 0), -step.by_traction[i]),
+                (input(k, 1), -step.by_steer[i]),
+            ];
+            if k > 0 {
+                row.push((state(k - 1, i), -1.0));
+                row.push((state(k - 1, 2), -step.by_yaw[i]));
+            }
+            problem.equal(row, stage.defect[i]);
+        }
+    }
+    for (k, stage) in stages.iter().enumerate() {
+        let (along_x, along_y) = stage.along;
+        let (x, y, yaw) = (state(k, 0), state(k, 1), state(k, 2));
+        let error = stage.error;
+        let w = &stage.weights;
+        problem.square(
+            w.along_per_m2,
+            &[(x, along_x), (y, along_y)],
+            along_x * error.x + along_y * error.y,
+        );
+        let cross = [(y, along_x), (x, -along_y)];
+        let cross_error = along_x * error.y - along_y * error.x;
+        problem.square(w.cross_per_m2, &cross, cross_error);
+        problem.square(w.heading_per_rad2, &[(yaw, 1.0)], error.z);
+        if let Some(corridor) = corridor {
+            for sign in [1.0, -1.0] {
+                let mut row: Vec<_> = cross.iter().map(|&(c, v)| (c, sign * v)).collect();
+                row.push((slack(k), -1.0));
+                problem.at_most(row, corridor.half_width_m - sign * cross_error);
+            }
+            if k % block_stages == 0 {
+                problem.square(corridor.weight_per_m2, &[(slack(k), 1.0)], 0.0);
+                problem.at_most(vec![(slack(k), -1.0)], 0.0);
+            }
+        }
+
+        let own = [stage.input.traction_m_s, stage.input.steer_m_s];
+        let before = if k == 0 {
+            previous
+        } else {
+            stages[k - 1].input
+        };
+        let before = [before.traction_m_s, before.steer_m_s];
+        let speed_max = [limits.traction.speed_m_s, limits.steer.speed_m_s];
+        let weights = [
+            stage.rate_weights.traction_m_s,
+            stage.rate_weights.steer_m_s,
+        ];
+        let changes = [stage.traction_change, stage.steer_change];
+        for motor in 0..2 {
+            let planned = own[motor] - before[motor];
+            let mut change = vec![(input(k, motor), 1.0)];
+            if k > 0 {
+                change.push((input(k - 1, motor), -1.0));
+            }
+            problem.square(weights[motor], &change, planned);
+            problem.at_most(change.clone(), changes[motor].rise - planned);
+            let fall = change.into_iter().map(|(c, v)| (c, -v)).collect();
+            problem.at_most(fall, changes[motor].fall + planned);
+            for sign in [1.0, -1.0] {
+                let row = vec![(input(k, motor), sign)];
+                problem.at_most(row, speed_max[motor] - sign * own[motor]);
+            }
+        }
+        for side in [1.0, -1.0] {
+            for sign in [1.0, -1.0] {
+                let row = vec![(input(k, 0), sign), (input(k, 1), sign * side)];
+                let planned = sign * (own[0] + side * own[1]);
+                problem.at_most(row, limits.tread_speed_m_s - planned);
+            }
+        }
+    }
+    let blocks = count.div_ceil(block_stages);
+    let slacks = if corridor.is_some() { blocks } else { 0 };
+    let optimum = problem.solve(5 * count + slacks, mode);
+    (0..count)
+        .map(|k| MotorSpeeds {
+            traction_m_s: optimum[input(k, 0)],
+            steer_m_s: optimum[input(k, 1)],
+        })
+        .collect()
+}
+
+/// A QP in the making.
+#[derive(Default)]
+struct Problem {
+    hessian: BTreeMap<(usize, usize), f64>,
+    gradient: BTreeMap<usize, f64>,
+    equalities: Vec<(Vec<(usize, f64)>, f64)>,
+    inequalities: Vec<(Vec<(usize, f64)>, f64)>,
+}
+
+impl Problem {
+    /// Adds weight/2 (row z + constant)^2 to the cost.
+    fn square(&mut self, weight: f64, row: &[(usize, f64)], constant: f64) {
+        for &(i, a) in row {
+            *self.gradient.entry(i).or_default() += weight * a * constant;
+            for &(j, b) in row.iter().filter(|&&(j, _)| i <= j) {
+                *self.hessian.entry((i, j)).or_default() += weight * a * b;
+            }
+        }
+    }
+
+    fn equal(&mut self, row: Vec<(usize, f64)>, value: f64) {
+        self.equalities.push((sum_repeated(row), value));
+    }
+
+    fn at_most(&mut self, row: Vec<(usize, f64)>, value: f64) {
+        self.inequalities.push((sum_repeated(row), value));
+    }
+
+    fn solve(&self, variables: usize, mode: QpMode) -> Vec<f64> {
+        let entries: Vec<_> = self.hessian.keys().copied().collect();
+        let (mut p, positions) = pattern(variables, variables, &entries);
+        for (value, &position) in self.hessian.values().zip(&positions) {
+            p.nzval[position] = *value;
+        }
+        let rows: Vec<_> = self.equalities.iter().chain(&self.inequalities).collect();
+        let entries: Vec<_> = rows
+            .iter()
+            .enumerate()
+            .flat_map(|(i, (row, _))| row.iter().map(move |&(column, _)| (i, column)))
+            .collect();
+        let (mut a, positions) = pattern(rows.len(), variables, &entries);
+        let values = rows.iter().flat_map(|(row, _)| row.iter().map(|&(_, v)| v));
+        for (value, &position) in values.zip(&positions) {
+            a.nzval[position] = value;
+        }
+        let q = (0..variables)
+            .map(|i| self.gradient.get(&i).copied().unwrap_or(0.0))
+            .collect();
+        let data = QpData {
+            p,
+            q,
+            a,
+            b: rows.iter().map(|(_, value)| *value).collect(),
+            equalities: self.equalities.len(),
+        };
+        let settings = QpSettings { mode, ..exact() };
+        let mut solver = QpSolver::new(data, settings).unwrap();
+        solver.solve(None).unwrap();
+        solver.primal().to_vec()
+    }
+}
+
+fn sum_repeated(row: Vec<(usize, f64)>) -> Vec<(usize, f64)> {
+    let mut sums = BTreeMap::<usize, f64>::new();
+    for (column, value) in row {
+        *sums.entry(column).or_default() += value;
+    }
+    sums.into_iter().collect()
+}

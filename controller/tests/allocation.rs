@@ -1,0 +1,82 @@
+//! What a cycle allocates on the heap in the steady state.
+
+// The lints' exceptions for tests do not reach helper functions.
+#![allow(clippy::unwrap_used, clippy::panic)]
+
+mod rig;
+
+use allocation_counter::{AllocationInfo, measure};
+use rig::{Setup, course, plane};
+use sidehill_controller::config::{AttitudePreview, ControllerKind};
+use sidehill_controller::controller::Status;
+use sidehill_plant::sensors::SensorsConfig;
+
+fn late_poses() -> SensorsConfig {
+    serde_yaml::from_str(
+        "{tread_speeds: {timing: {rate_hz: 20}, errors: {noise_std_m_s: 0.005}},
+          attitude: {timing: {rate_hz: 20}, errors: {noise_std_deg: 0.1}},
+          pose: {timing: {rate_hz: 10, delay_s: 0.12}, errors: {noise_std_m: 0.005}}}",
+    )
+    .unwrap()
+}
+
+/// Allocations of each of 400 cycles after the history of readings has filled.
+fn allocations(setup: Setup) -> Vec<AllocationInfo> {
+    let mut rig = setup.build();
+    for _ in 0..200 {
+        rig.cycle();
+    }
+    (0..400)
+        .map(|_| {
+            let sample = rig.simulation.sample();
+            let mut decision = None;
+            let info = measure(|| decision = Some(rig.controller.step(&sample, None)));
+            let decision = decision.unwrap();
+            assert_eq!(decision.status, Status::Tracking);
+            rig.simulation.set_command(decision.command).unwrap();
+            for _ in 0..10 {
+                rig.simulation.step().unwrap();
+            }
+            info
+        })
+        .collect()
+}
+
+fn mpc(sensors: SensorsConfig, preview: AttitudePreview) -> Setup {
+    let mut setup = Setup::new(course("{shape: figure_eight}"));
+    setup.sensors = sensors;
+    setup.config.attitude_preview = preview;
+    setup.map = Some(plane(10.0));
+    setup
+}
+
+/// Most bytes of the one allocation of clarabel 0.11.1 in a solve: the hash map of the timers inside its
+/// timer "IP iteration", which `Timers::reset_timer("solve")` drops and the next solve makes again.
+const CLARABEL_TIMERS_BYTES: u64 = 512;
+
+#[test]
+fn an_mpc_cycle_allocates_nothing_but_what_clarabel_does() {
+    for sensors in [SensorsConfig::default(), late_poses()] {
+        for preview in [AttitudePreview::Measured, AttitudePreview::Terrain] {
+            for (cycle, info) in allocations(mpc(sensors, preview)).iter().enumerate() {
+                assert!(info.count_total <= 1, "cycle {cycle}: {info:?}");
+                assert!(info.bytes_total <= CLARABEL_TIMERS_BYTES, "{info:?}");
+                assert_eq!(info.count_current, 0, "cycle {cycle}: {info:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_pure_pursuit_cycle_allocates_nothing() {
+    for sensors in [SensorsConfig::default(), late_poses()] {
+        let setup = Setup {
+            kind: ControllerKind::PurePursuit,
+            sensors,
+            ..Setup::new(course("{shape: figure_eight}"))
+        };
+        for info in allocations(setup) {
+            assert_eq!(info, AllocationInfo::default());
+        }
+    }
+}

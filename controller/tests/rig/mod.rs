@@ -1,0 +1,188 @@
+//! A controller and the simulated J8 on a slope, in one loop; every command is checked.
+
+// Not every test binary uses all of it.
+#![allow(dead_code)]
+
+use sidehill_controller::config::{ControllerConfig, ControllerKind};
+use sidehill_controller::controller::{Controller, Decision};
+use sidehill_controller::course::Course;
+use sidehill_controller::reference::Tracking;
+use sidehill_controller::speed_profile::SpeedLimits;
+use sidehill_controller::trajectory::Trajectory;
+use sidehill_plant::drive_train::DriveTrainConfig;
+use sidehill_plant::frames::PlanarPose;
+use sidehill_plant::motion::IcrMotion;
+use sidehill_plant::sample::Sample;
+use sidehill_plant::sensors::SensorsConfig;
+use sidehill_plant::simulation::{Simulation, SimulationSetup};
+use sidehill_plant::speeds::MotorSpeeds;
+use sidehill_plant::terrain::{PlaneTerrain, Terrain};
+use sidehill_plant::vehicle::Vehicle;
+use std::time::Instant;
+
+pub fn j8() -> Vehicle {
+    serde_yaml::from_str(include_str!("../../../config/vehicles/j8.yaml")).unwrap()
+}
+
+pub fn plane(slope_deg: f64) -> Terrain {
+    Terrain::Plane(PlaneTerrain::new(slope_deg, 0.0).unwrap())
+}
+
+pub fn course(yaml: &str) -> Trajectory {
+    let limits = SpeedLimits {
+        speed_max_m_s: 0.8,
+        traction_max_m_s: 1.0,
+        steer_max_m_s: 1.0,
+        tread_max_m_s: f64::INFINITY,
+        acceleration_m_s2: 0.5,
+        deceleration_m_s2: 0.5,
+        steer_acceleration_m_s2: 1.0,
+        lateral_acceleration_m_s2: f64::INFINITY,
+        track_width_m: 2.05,
+        initial_speed_m_s: 0.0,
+    };
+    let course: Course = serde_yaml::from_str(yaml).unwrap();
+    course.trajectory(&limits).unwrap()
+}
+
+/// What a rig is made of; `Setup::new` gives perfect sensors and the vehicle on its reference.
+pub struct Setup {
+    pub kind: ControllerKind,
+    pub config: ControllerConfig,
+    pub trajectory: Trajectory,
+    pub tracking: Tracking,
+    pub laps: u32,
+    pub terrain: Terrain,
+    pub map: Option<Terrain>,
+    pub start: PlanarPose,
+    pub sensors: SensorsConfig,
+    pub drive_train: DriveTrainConfig,
+    pub steps_per_cycle: u32,
+}
+
+impl Setup {
+    pub fn new(trajectory: Trajectory) -> Self {
+        let start = trajectory.at(0.0);
+        Self {
+            kind: ControllerKind::IcrikMpc,
+            config: ControllerConfig::default(),
+            tracking: Tracking::Time,
+            laps: 1,
+            terrain: plane(10.0),
+            map: None,
+            start: PlanarPose {
+                x_m: start.position.x_m,
+                y_m: start.position.y_m,
+                yaw_rad: start.heading_rad,
+            },
+            sensors: SensorsConfig::default(),
+            drive_train: DriveTrainConfig::default(),
+            steps_per_cycle: 10,
+            trajectory,
+        }
+    }
+
+    pub fn build(self) -> Rig {
+        let vehicle = j8();
+        let simulation = Simulation::new(SimulationSetup {
+            terrain: self.terrain,
+            motion: Box::new(IcrMotion {
+                vehicle: vehicle.clone(),
+                inclined: true,
+            }),
+            drive_train: self.drive_train,
+            sensors: self.sensors,
+            correction: vehicle.correction,
+            start: self.start,
+            dt_s: self.config.period_s / f64::from(self.steps_per_cycle),
+            seed: 7,
+        })
+        .unwrap();
+        let controller = Controller::new(
+            self.kind,
+            self.config,
+            &vehicle,
+            self.trajectory,
+            self.tracking,
+            self.laps,
+            self.map,
+        )
+        .unwrap();
+        Rig {
+            simulation,
+            controller,
+            command: MotorSpeeds::STOP,
+            steps_per_cycle: self.steps_per_cycle,
+        }
+    }
+}
+
+pub struct Rig {
+    pub simulation: Simulation,
+    pub controller: Controller,
+    pub command: MotorSpeeds,
+    steps_per_cycle: u32,
+}
+
+impl Rig {
+    /// One cycle with the sensors as they are.
+    pub fn cycle(&mut self) -> Decision {
+        self.cycle_with(None, |_| ())
+    }
+
+    /// One cycle whose sample is `disturb`ed and whose solve ends at `deadline`.
+    pub fn cycle_with(
+        &mut self,
+        deadline: Option<Instant>,
+        disturb: impl FnOnce(&mut Sample),
+    ) -> Decision {
+        let mut sample = self.simulation.sample();
+        disturb(&mut sample);
+        let decision = self.controller.step(&sample, deadline);
+        self.check(decision.command);
+        self.command = decision.command;
+        self.simulation.set_command(decision.command).unwrap();
+        for _ in 0..self.steps_per_cycle {
+            self.simulation.step().unwrap();
+        }
+        decision
+    }
+
+    /// Cycles until the vehicle stands for good, at most `limit`; returns the last decision.
+    pub fn until_standing(&mut self, limit: u32) -> (u32, Decision) {
+        for count in 1..=limit {
+            let decision = self.cycle();
+            if decision.command == MotorSpeeds::STOP {
+                return (count, decision);
+            }
+        }
+        panic!("still moving after {limit} cycles: {:?}", self.command);
+    }
+
+    /// Asserts that a command is within bounds and rates; the default limits' rates are the same
+    /// towards standstill and away from it.
+    fn check(&self, command: MotorSpeeds) {
+        let config = self.controller.config();
+        let (traction, steer) = (&config.limits.traction, &config.limits.steer);
+        assert!(command.is_finite(), "{command:?}");
+        assert!(command.traction_m_s.abs() <= traction.speed_m_s + 1e-12);
+        assert!(command.steer_m_s.abs() <= steer.speed_m_s + 1e-12);
+        let tread_m_s = command.traction_m_s.abs() + command.steer_m_s.abs();
+        assert!(
+            tread_m_s <= config.limits.tread_speed_m_s + 1e-12,
+            "{command:?}"
+        );
+        let before = self.command;
+        for (limits, from, to) in [
+            (traction, before.traction_m_s, command.traction_m_s),
+            (steer, before.steer_m_s, command.steer_m_s),
+        ] {
+            assert_eq!(limits.acceleration_m_s2, limits.deceleration_m_s2);
+            let change = limits.acceleration_m_s2 * config.period_s;
+            assert!(
+                (to - from).abs() <= change + 1e-12,
+                "{before:?} {command:?}"
+            );
+        }
+    }
+}

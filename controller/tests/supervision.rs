@@ -1,0 +1,431 @@
+//! Whatever goes wrong ends as `Status` and `StopReason` say, with the vehicle standing.
+
+// The lints' exceptions for tests do not reach helper functions.
+#![allow(clippy::unwrap_used, clippy::panic)]
+
+mod rig;
+
+use rig::{Rig, Setup, course};
+use sidehill_controller::config::ControllerKind;
+use sidehill_controller::controller::{Controller, ControllerError, Decision, Status, StopReason};
+use sidehill_controller::course::Course;
+use sidehill_controller::estimator::Refused;
+use sidehill_controller::mpc::QpFailure;
+use sidehill_controller::path::{PathError, Point2, RawPoint, Smoothing, smooth};
+use sidehill_controller::reference::Tracking;
+use sidehill_plant::sample::Sample;
+use sidehill_plant::speeds::MotorSpeeds;
+use std::f64::consts::PI;
+use std::time::Instant;
+
+const CIRCLE: &str = "{shape: circle, radius_m: 4, speed_m_s: 0.4}";
+
+/// A vehicle under way, on a reference that waits for it.
+fn driving(kind: ControllerKind) -> Rig {
+    let mut rig = Setup {
+        kind,
+        tracking: Tracking::Path { lead_max_m: 0.3 },
+        ..Setup::new(course(CIRCLE))
+    }
+    .build();
+    for _ in 0..40 {
+        assert_eq!(rig.cycle().status, Status::Tracking);
+    }
+    assert!(rig.command.traction_m_s > 0.3);
+    rig
+}
+
+const KINDS: [ControllerKind; 2] = [ControllerKind::IcrikMpc, ControllerKind::PurePursuit];
+
+/// Cycles until a command of 0.4 m/s is 0 at 2 m/s^2, and one for rounding.
+const STOPPING_CYCLES: u32 = 5;
+
+/// Asserts that a stopping vehicle comes to stand and stays so with all in order again, until it is
+/// re-armed; then it drives.
+fn assert_stays_stopped(rig: &mut Rig, reason: impl Fn(&StopReason) -> bool) {
+    let is_expected =
+        |decision: &Decision| matches!(decision.status, Status::Stopping(found) if reason(&found));
+    let (_, decision) = rig.until_standing(STOPPING_CYCLES);
+    assert!(is_expected(&decision), "{:?}", decision.status);
+    let stands_at = rig.simulation.state().pose;
+    for _ in 0..100 {
+        let decision = rig.cycle();
+        assert!(is_expected(&decision), "{:?}", decision.status);
+        assert_eq!(decision.command, MotorSpeeds::STOP);
+    }
+    assert_eq!(rig.simulation.state().pose, stands_at);
+    rig.controller.rearm();
+    for _ in 0..20 {
+        assert_eq!(rig.cycle().status, Status::Tracking);
+    }
+    assert!(rig.command.traction_m_s > 0.1);
+}
+
+#[test]
+fn nothing_moves_before_an_attitude_and_a_pose() {
+    let losses: [fn(&mut Sample); 2] =
+        [|sample| sample.pose = None, |sample| sample.attitude = None];
+    for kind in ControllerKind::ALL {
+        for lose in losses {
+            let mut rig = Setup {
+                kind,
+                ..Setup::new(course(CIRCLE))
+            }
+            .build();
+            for _ in 0..20 {
+                let decision = rig.cycle_with(None, lose);
+                assert_eq!(decision.status, Status::Waiting);
+                assert_eq!(decision.command, MotorSpeeds::STOP);
+                assert_eq!(decision.estimate, None);
+            }
+            let decision = rig.cycle();
+            assert_eq!(decision.status, Status::Tracking, "{kind:?}");
+            assert!(decision.estimate.is_some() && decision.progress.is_some());
+        }
+    }
+}
+
+#[test]
+fn readings_lost_for_a_moment_are_driven_over() {
+    for kind in KINDS {
+        let mut rig = driving(kind);
+        for lose in [
+            (|sample: &mut Sample| sample.pose = None) as fn(&mut Sample),
+            |sample| sample.attitude = None,
+            |sample| sample.tread_speeds = None,
+        ] {
+            for _ in 0..5 {
+                assert_eq!(rig.cycle_with(None, lose).status, Status::Tracking);
+            }
+            assert_eq!(rig.cycle().status, Status::Tracking);
+        }
+    }
+}
+
+/// Disturbs every cycle until one does not track; returns how many did, and the decision.
+fn until_stopping(rig: &mut Rig, disturb: impl Fn(&mut Sample)) -> (u32, Decision) {
+    for count in 0..100 {
+        let decision = rig.cycle_with(None, &disturb);
+        if decision.status != Status::Tracking {
+            return (count, decision);
+        }
+    }
+    panic!("still tracking");
+}
+
+#[test]
+fn stale_readings_stop_for_good() {
+    for kind in KINDS {
+        let mut rig = driving(kind);
+        let (cycles, decision) = until_stopping(&mut rig, |sample| sample.pose = None);
+        // 0.5 s of age are allowed, give or take the rounding of the clock.
+        assert!((9..=10).contains(&cycles), "{cycles}");
+        let expected = |reason: &StopReason| matches!(reason, StopReason::PoseStale { age_s, gated: 0 } if *age_s > 0.49);
+        assert!(matches!(decision.status, Status::Stopping(r) if expected(&r)));
+        assert_stays_stopped(&mut rig, expected);
+
+        let mut rig = driving(kind);
+        let (cycles, _) = until_stopping(&mut rig, |sample| sample.attitude = None);
+        assert!((5..=6).contains(&cycles), "{cycles}");
+        assert_stays_stopped(
+            &mut rig,
+            |reason| matches!(reason, StopReason::AttitudeStale { age_s } if *age_s > 0.29),
+        );
+
+        let mut rig = driving(kind);
+        let (cycles, _) = until_stopping(&mut rig, |sample| sample.tread_speeds = None);
+        assert!((5..=6).contains(&cycles), "{cycles}");
+        assert_stays_stopped(
+            &mut rig,
+            |reason| matches!(reason, StopReason::SpeedsStale { age_s } if *age_s > 0.29),
+        );
+    }
+}
+
+#[test]
+fn poses_that_jump_away_are_not_followed_and_stop_the_vehicle() {
+    let mut rig = driving(ControllerKind::IcrikMpc);
+    let (cycles, decision) = until_stopping(&mut rig, |sample| {
+        if let Some(pose) = &mut sample.pose {
+            pose.value.x_m += 1.5;
+        }
+    });
+    let Status::Stopping(StopReason::PoseStale { gated, .. }) = decision.status else {
+        panic!("{:?}", decision.status);
+    };
+    assert_eq!(gated, cycles + 1);
+    assert_stays_stopped(&mut rig, |r| matches!(r, StopReason::PoseStale { .. }));
+}
+
+#[test]
+fn nan_readings_are_named_driven_over_and_in_the_end_stop() {
+    for kind in KINDS {
+        let mut rig = driving(kind);
+        let nan = |sample: &mut Sample| {
+            if let Some(pose) = &mut sample.pose {
+                pose.value.yaw_rad = f64::NAN;
+            }
+            if let Some(attitude) = &mut sample.attitude {
+                attitude.value.pitch_rad = f64::NAN;
+            }
+            if let Some(speeds) = &mut sample.tread_speeds {
+                speeds.value.left_m_s = f64::NAN;
+            }
+        };
+        let decision = rig.cycle_with(None, nan);
+        assert_eq!(decision.status, Status::Tracking);
+        let all = Refused {
+            tread_speeds: true,
+            attitude: true,
+            pose: true,
+        };
+        assert_eq!(decision.refused, all);
+        assert_eq!(rig.cycle().refused, Refused::default());
+        let (cycles, _) = until_stopping(&mut rig, nan);
+        assert!((5..=6).contains(&cycles), "{cycles}");
+        assert_stays_stopped(&mut rig, |r| matches!(r, StopReason::AttitudeStale { .. }));
+    }
+}
+
+#[test]
+fn a_clock_that_does_not_run_on_stops() {
+    type Disturb = fn(&mut Sample);
+    let jumps: [Disturb; 5] = [
+        |sample| sample.time_s -= 1.0,
+        |sample| sample.time_s -= 0.05,
+        |sample| sample.time_s += 2.0,
+        |sample| sample.time_s = f64::NAN,
+        |sample| sample.time_s = f64::INFINITY,
+    ];
+    for kind in KINDS {
+        for jump in jumps {
+            let mut rig = driving(kind);
+            let expected_now = {
+                let mut sample = Sample {
+                    time_s: rig.simulation.state().time_s,
+                    tread_speeds: None,
+                    attitude: None,
+                    pose: None,
+                };
+                jump(&mut sample);
+                sample.time_s
+            };
+            let decision = rig.cycle_with(None, jump);
+            let expected = |reason: &StopReason| {
+                matches!(
+                    reason,
+                    StopReason::ClockJump { before_s, now_s }
+                        if (before_s - 1.95).abs() < 1e-9
+                            && now_s.to_bits() == expected_now.to_bits()
+                )
+            };
+            assert!(
+                matches!(decision.status, Status::Stopping(r) if expected(&r)),
+                "{:?}",
+                decision.status
+            );
+            assert_stays_stopped(&mut rig, expected);
+        }
+    }
+}
+
+#[test]
+fn a_path_behind_the_vehicle_is_not_turned_to() {
+    for kind in ControllerKind::ALL {
+        let mut setup = Setup {
+            kind,
+            ..Setup::new(course(CIRCLE))
+        };
+        setup.start.yaw_rad += PI - 0.2;
+        let mut rig = setup.build();
+        for _ in 0..50 {
+            let decision = rig.cycle();
+            let Status::Stopping(StopReason::HeadingOff { error_rad }) = decision.status else {
+                panic!("{:?}", decision.status);
+            };
+            assert!((error_rad - (PI - 0.2)).abs() < 1e-6);
+            assert_eq!(decision.command, MotorSpeeds::STOP);
+        }
+    }
+}
+
+#[test]
+fn a_vehicle_off_the_path_stays_where_it_is() {
+    for kind in ControllerKind::ALL {
+        let mut setup = Setup {
+            kind,
+            ..Setup::new(course(CIRCLE))
+        };
+        setup.start.x_m += 2.5;
+        let mut rig = setup.build();
+        for _ in 0..50 {
+            let decision = rig.cycle();
+            let Status::Stopping(StopReason::OffPath { cross_track_m }) = decision.status else {
+                panic!("{:?}", decision.status);
+            };
+            assert!((cross_track_m + 2.5).abs() < 0.01, "{cross_track_m}");
+            assert_eq!(decision.command, MotorSpeeds::STOP);
+        }
+    }
+}
+
+#[test]
+fn a_path_without_length_makes_no_controller() {
+    let point = |x_m: f64| RawPoint {
+        position: Point2 { x_m, y_m: 2.0 },
+        elevation_m: None,
+        direction: None,
+    };
+    let options = Smoothing::default();
+    let failure = |points: &[RawPoint]| smooth(points, &options).map(|_| ()).unwrap_err();
+    assert_eq!(failure(&[point(1.0); 5]), PathError::ZeroLength);
+    assert_eq!(failure(&[point(1.0)]), PathError::SinglePoint);
+    assert_eq!(failure(&[]), PathError::Empty);
+    let course = serde_yaml::from_str::<Course>("{shape: straight, length_m: 0}");
+    assert!(course.unwrap_err().to_string().contains("length_m"));
+}
+
+#[test]
+fn settings_out_of_range_make_no_controller() {
+    let mut setup = Setup::new(course(CIRCLE));
+    setup.config.supervisor.pose_timeout_s = f64::NAN;
+    let failure = Controller::new(
+        setup.kind,
+        setup.config,
+        &rig::j8(),
+        setup.trajectory,
+        setup.tracking,
+        1,
+        None,
+    );
+    let Err(ControllerError::Range(error)) = failure.map(|_| ()) else {
+        panic!("accepted");
+    };
+    assert_eq!(error.key, "supervisor.pose_timeout_s");
+}
+
+#[test]
+fn missed_deadlines_drive_on_the_shifted_plan_then_stop() {
+    let mut rig = driving(ControllerKind::IcrikMpc);
+    let deadline = QpFailure::Deadline { iterations: 0 };
+    for cycles in 1..=10 {
+        let plan = rig.controller.plan().unwrap().inputs.clone();
+        let decision = rig.cycle_with(Some(Instant::now()), |_| ());
+        let expected = Status::Fallback {
+            reason: deadline,
+            cycles,
+        };
+        assert_eq!(decision.status, expected);
+        assert_eq!(decision.solve, None);
+        // A third of a stage later on the plan.
+        let blend = |now: f64, next: f64| (2.0 * now + next) / 3.0;
+        let traction = blend(plan[0].traction_m_s, plan[1].traction_m_s);
+        let steer = blend(plan[0].steer_m_s, plan[1].steer_m_s);
+        assert!((decision.command.traction_m_s - traction).abs() < 1e-9);
+        assert!((decision.command.steer_m_s - steer).abs() < 1e-9);
+    }
+    assert!(rig.command.traction_m_s > 0.3);
+    let decision = rig.cycle_with(Some(Instant::now()), |_| ());
+    let reason = StopReason::NoSolution {
+        cycles: 11,
+        reason: deadline,
+    };
+    assert_eq!(decision.status, Status::Stopping(reason));
+    assert_stays_stopped(&mut rig, |found| *found == reason);
+}
+
+#[test]
+fn a_solved_cycle_ends_a_row_of_fallbacks() {
+    let mut rig = driving(ControllerKind::IcrikMpc);
+    for _ in 0..5 {
+        for cycles in 1..=9 {
+            let decision = rig.cycle_with(Some(Instant::now()), |_| ());
+            assert!(
+                matches!(decision.status, Status::Fallback { cycles: found, .. } if found == cycles)
+            );
+        }
+        for _ in 0..5 {
+            assert_eq!(rig.cycle().status, Status::Tracking);
+        }
+    }
+    let cross_track_m = rig.cycle().progress.unwrap().cross_track_m;
+    assert!(cross_track_m.abs() < 0.02, "{cross_track_m}");
+}
+
+#[test]
+fn a_stop_that_is_asked_for_holds_until_rearmed() {
+    for kind in ControllerKind::ALL {
+        let mut rig = driving(kind);
+        rig.controller.request_stop();
+        let before = rig.command;
+        let decision = rig.cycle();
+        assert_eq!(decision.status, Status::Stopping(StopReason::Requested));
+        let slower = before.traction_m_s - 2.0 * 0.05;
+        assert!((decision.command.traction_m_s - slower).abs() < 1e-9);
+        assert_stays_stopped(&mut rig, |reason| *reason == StopReason::Requested);
+    }
+}
+
+#[test]
+fn the_first_reason_to_stop_is_kept() {
+    let mut rig = driving(ControllerKind::IcrikMpc);
+    until_stopping(&mut rig, |sample| sample.attitude = None);
+    rig.controller.request_stop();
+    for _ in 0..20 {
+        let decision = rig.cycle_with(None, |sample| sample.pose = None);
+        assert!(matches!(
+            decision.status,
+            Status::Stopping(StopReason::AttitudeStale { .. })
+        ));
+    }
+}
+
+#[test]
+fn a_start_that_the_limits_cannot_follow_is_caught_up_with() {
+    // The reference drives at 0.4 m/s from its first instant, the vehicle stands and needs 2 s.
+    let mut setup = Setup::new(course(CIRCLE));
+    for motor in [
+        &mut setup.config.limits.traction,
+        &mut setup.config.limits.steer,
+    ] {
+        motor.acceleration_m_s2 = 0.2;
+        motor.deceleration_m_s2 = 0.2;
+    }
+    setup.config.limits.tread_speed_m_s = 0.9;
+    let mut rig = setup.build();
+    for cycle in 0..400 {
+        let decision = rig.cycle();
+        match decision.status {
+            Status::Tracking => (),
+            status => panic!("cycle {cycle}: {status:?}"),
+        }
+    }
+    let decision = rig.cycle();
+    let (pose, progress) = (decision.estimate.unwrap().pose, decision.progress.unwrap());
+    let reference = progress.point.position;
+    let lag_m = (pose.x_m - reference.x_m).hypot(pose.y_m - reference.y_m);
+    assert!(lag_m < 0.02, "{lag_m} m");
+}
+
+#[test]
+fn a_straight_drive_ends_standing_at_its_end() {
+    for kind in ControllerKind::ALL {
+        let mut rig = Setup {
+            kind,
+            ..Setup::new(course("{shape: straight, length_m: 3, speed_m_s: 0.5}"))
+        }
+        .build();
+        let finished = (0..600).find(|_| rig.cycle().status == Status::Finished);
+        assert!(finished.is_some(), "{kind:?}");
+        rig.until_standing(STOPPING_CYCLES);
+        for _ in 0..100 {
+            let decision = rig.cycle();
+            assert_eq!(decision.status, Status::Finished);
+            assert_eq!(decision.command, MotorSpeeds::STOP);
+        }
+        let end = rig.controller.reference().ahead(0.0).position;
+        let pose = rig.simulation.state().pose;
+        let distance_m = (end.x_m - pose.x_m).hypot(end.y_m - pose.y_m);
+        assert!(distance_m < 0.1, "{kind:?}: {distance_m} m");
+    }
+}
