@@ -70,7 +70,7 @@ fn both_vehicles_meet_the_reference_vectors() {
 fn a_bad_line_is_named() {
     for (line, says) in [
         ("0.1,2.0,0.3,0.3", &["line 3", "pitch_rad", "2"][..]),
-        ("0.1,0.0,fast,0.3", &["line 3", "fast"]),
+        ("0.1,0.0,fast,0.3", &["line 3", "v_left_m_s", "fast"]),
         ("0.1,0.0,0.3", &["line 3"]),
         ("0.1,0.0,NaN,0.3", &["line 3", "v_left_m_s", "NaN"]),
     ] {

@@ -82,7 +82,7 @@ impl Course {
                  vehicle: {}\n\
                  terrain: {{kind: plane, slope_deg: 8, uphill_heading_deg: 60}}\n\
                  course: {{shape: straight, length_m: 2, speed_m_s: 0.5}}\n\
-                 controllers: [icrik-mpc, pure-pursuit]\n\
+                 controllers: [icrik-mpc, icrhk-mpc]\n\
                  plant: icrik\n\
                  seed: 1\n\
                  step_s: 0.005\n\

@@ -48,7 +48,8 @@ fn the_papers_first_validation_gives_its_errors() {
     );
     let figures: Value = serde_json::from_str(&text).unwrap();
     let error = |model: &str, key: &str| figures[model][key].as_f64().unwrap();
-    assert_eq!(figures["samples"], 478);
+    // Of 478 poses the first is where dead reckoning starts.
+    assert_eq!(figures["samples"], 477);
     let icrhk_y = error("icrhk", "mse_y");
     assert!((icrhk_y / 0.80 - 1.0).abs() < 0.03, "{icrhk_y} m^2");
     for key in ["mse_x", "mse_y", "mse_z", "mse_yaw", "j_over_n"] {

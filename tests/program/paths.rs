@@ -19,11 +19,11 @@ fn a_gpx_path_is_driven_in_metres_on_its_own_elevation() {
     course.write("scenario.yaml", &scenario.replace(plane, route));
     // 1e-5 degrees of latitude are 1.11 m.
     let places = [0, 1, 2, 3].map(|i| {
+        let elevation = 40.0 + 0.1 * f64::from(i);
         format!(
-            "<trkpt lat=\"36.7{i:02}\" lon=\"-4.5\"><ele>{}</ele></trkpt>\n",
-            40.0 + 0.1 * f64::from(i)
+            "<trkpt lat=\"36.{}\" lon=\"-4.5\"><ele>{elevation}</ele></trkpt>\n",
+            70_000 + i
         )
-        .replace(&format!("36.7{i:02}"), &format!("36.7000{i}"))
     });
     let gpx = format!(
         "<gpx version=\"1.1\"><trk><trkseg>\n{}</trkseg></trk></gpx>",

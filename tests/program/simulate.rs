@@ -82,7 +82,7 @@ fn json_has_the_fields_of_the_contract_and_no_others() {
     let course = Course::new("");
     let runs = runs(&succeed(course.simulate().args(["--format", "json"])));
     let controllers: Vec<_> = runs.iter().map(|run| &run["controller"]).collect();
-    assert_eq!(controllers, ["icrik-mpc", "pure-pursuit"]);
+    assert_eq!(controllers, ["icrik-mpc", "icrhk-mpc"]);
     for run in &runs {
         assert_eq!(keys(run), BTreeSet::from(FIELDS));
         for times in ["solve_us", "cycle_us"] {
@@ -109,7 +109,7 @@ fn arguments_replace_what_the_scenario_says() {
     let course = Course::new("");
     let arguments = [
         "--controller",
-        "icrhk-mpc",
+        "diffdrive-mpc",
         "--plant",
         "contact",
         "--seed",
@@ -119,7 +119,7 @@ fn arguments_replace_what_the_scenario_says() {
     ];
     let runs = runs(&succeed(course.simulate().args(arguments)));
     assert_eq!(runs.len(), 1);
-    assert_eq!(runs[0]["controller"], "icrhk-mpc");
+    assert_eq!(runs[0]["controller"], "diffdrive-mpc");
     assert_eq!(runs[0]["plant"], "contact");
     assert_eq!(runs[0]["seed"], 7);
 }
@@ -162,7 +162,7 @@ fn out_gets_a_table_for_each_run_and_a_report() {
         .map(|entry| entry.unwrap().file_name().into_string().unwrap())
         .collect();
     let names: Vec<&str> = names.iter().map(String::as_str).collect();
-    assert_eq!(names, ["icrik-mpc.csv", "pure-pursuit.csv", "report.html"]);
+    assert_eq!(names, ["icrhk-mpc.csv", "icrik-mpc.csv", "report.html"]);
     let mut table = csv::Reader::from_path(out.join("icrik-mpc.csv")).unwrap();
     let columns = table.headers().unwrap().clone();
     let at = |name: &str| columns.iter().position(|column| column == name).unwrap();
@@ -179,7 +179,7 @@ fn out_gets_a_table_for_each_run_and_a_report() {
     let end = rows.last().unwrap();
     assert!((number(end, y) - 2.0).abs() < 0.05, "{end:?}");
     let report = std::fs::read_to_string(out.join("report.html")).unwrap();
-    assert_says(&report, &["<svg", "icrik-mpc", "pure-pursuit", "short"]);
+    assert_says(&report, &["<svg", "icrik-mpc", "icrhk-mpc", "short"]);
 }
 
 #[test]
