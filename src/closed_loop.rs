@@ -17,7 +17,8 @@ use std::time::Instant;
 
 /// Time at the start that does not count in the figures: the vehicle has to get under way, s.
 const SETTLING_S: f64 = 2.0;
-/// Farthest from the end of its path at which a run counts as completed, m; Nav2's default.
+/// Farthest from the end of its path, or from a closed path, at which a run counts as completed, m;
+/// Nav2's default.
 const GOAL_TOLERANCE_M: f64 = 0.25;
 
 /// Returns the run of one controller; `progress` hears the share done, 0 to 1, once a second of
@@ -267,10 +268,15 @@ impl<'a> Figures<'a> {
             }
         };
         let goal_error_m = goal.distance_m(&self.position);
+        // A closed course has no place to stop at: who is late but on the path has driven it.
+        let (miss_m, missed) = match prepared.trajectory.ending() {
+            Ending::Periodic => (self.cross_track_m.abs(), "path"),
+            Ending::Stop => (goal_error_m, "goal"),
+        };
         let ended_by = match ending {
             Err(reason) => Some(reason),
-            Ok(()) if goal_error_m > GOAL_TOLERANCE_M => Some(format!(
-                "{goal_error_m:.2} m from the goal, more than {GOAL_TOLERANCE_M} m"
+            Ok(()) if miss_m > GOAL_TOLERANCE_M => Some(format!(
+                "{miss_m:.2} m from the {missed}, more than {GOAL_TOLERANCE_M} m"
             )),
             Ok(()) => None,
         };

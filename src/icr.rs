@@ -1,7 +1,7 @@
 //! `sidehill icr`: tread ICRs and body velocities of a vehicle for attitudes and tread speeds.
 
 use crate::config::ConfigFile;
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, anyhow};
 use serde::{Deserialize, Serialize};
 use sidehill_plant::frames::Attitude;
 use sidehill_plant::speeds::TreadSpeeds;
@@ -17,13 +17,41 @@ pub struct IcrArgs {
     pub vehicle: PathBuf,
 }
 
-/// A line of input; other columns are left out.
+/// A line of input as it is written; other columns are left out.
 #[derive(Debug, Deserialize)]
+struct Line {
+    roll_rad: String,
+    pitch_rad: String,
+    v_left_m_s: String,
+    v_right_m_s: String,
+}
+
+/// A line of input.
+#[derive(Debug)]
 struct Input {
     roll_rad: f64,
     pitch_rad: f64,
     v_left_m_s: f64,
     v_right_m_s: f64,
+}
+
+impl Line {
+    /// Returns the numbers, each within its range.
+    fn input(&self) -> Result<Input> {
+        // By hand, as the csv crate names neither column nor text.
+        let number = |key: &str, text: &str| -> Result<f64> {
+            text.parse()
+                .map_err(|_| anyhow!("{key}: `{text}` is not a number"))
+        };
+        let input = Input {
+            roll_rad: number("roll_rad", &self.roll_rad)?,
+            pitch_rad: number("pitch_rad", &self.pitch_rad)?,
+            v_left_m_s: number("v_left_m_s", &self.v_left_m_s)?,
+            v_right_m_s: number("v_right_m_s", &self.v_right_m_s)?,
+        };
+        check(&input)?;
+        Ok(input)
+    }
 }
 
 #[derive(Debug, Serialize)]
@@ -55,8 +83,9 @@ pub fn run(args: &IcrArgs, input: impl Read, output: impl Write) -> Result<()> {
     for (index, line) in reader.deserialize().enumerate() {
         // The header is line 1.
         let line_number = index + 2;
-        let input: Input = line.with_context(|| format!("standard input, line {line_number}"))?;
-        check(&input).with_context(|| format!("standard input, line {line_number}"))?;
+        let place = || format!("standard input, line {line_number}");
+        let line: Line = line.with_context(place)?;
+        let input = line.input().with_context(place)?;
         let attitude = Attitude {
             roll_rad: input.roll_rad,
             pitch_rad: input.pitch_rad,

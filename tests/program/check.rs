@@ -1,0 +1,152 @@
+//! `sidehill check` on all of `config/` and on broken files.
+
+use crate::{Course, assert_says, fail, repository, sidehill, succeed, text};
+use std::path::PathBuf;
+
+fn yaml_files(folder: &str) -> Vec<PathBuf> {
+    let mut files: Vec<PathBuf> = repository(folder)
+        .read_dir()
+        .unwrap()
+        .map(|entry| entry.unwrap().path())
+        .filter(|path| path.extension().is_some_and(|ending| ending == "yaml"))
+        .collect();
+    files.sort();
+    files
+}
+
+#[test]
+fn every_vehicle_and_scenario_of_the_repository_is_valid() {
+    let files = [
+        yaml_files("config/vehicles"),
+        yaml_files("config/scenarios"),
+    ]
+    .concat();
+    assert!(files.len() >= 14, "{files:?}");
+    let lines = succeed(sidehill().arg("check").args(&files));
+    for file in &files {
+        assert_says(&lines, &[&format!("{}: valid", file.display())]);
+    }
+    assert_eq!(lines.lines().count(), files.len());
+}
+
+/// Returns what `check` says of a file with `text`.
+fn complaint(name: &str, text: &str) -> String {
+    let course = Course::new("");
+    let file = course.write(name, text);
+    fail(sidehill().arg("check").arg(file))
+}
+
+#[test]
+fn a_broken_vehicle_is_named_with_key_value_and_range() {
+    let j8 = text("config/vehicles/j8.yaml");
+    for (from, to, says) in [
+        (
+            "x_icr_right_m: 1.073",
+            "x_icr_right_m: -1.073",
+            &["x_icr_right_m", "-1.073", "must be"][..],
+        ),
+        (
+            "lambda_1_s_per_rad: 1.222",
+            "lambda_1_s_per_rad: -1",
+            &["lambda_1_s_per_rad", "-1", "from 0 to 100"],
+        ),
+        (
+            "correction_left: 1.004",
+            "correction_left: .nan",
+            &["correction_left", "NaN", "from 0.5 to 2"],
+        ),
+        (
+            "speed_max_m_s: 1.0",
+            "speed_max_m_s: fast",
+            &["speed_max_m_s", "fast"],
+        ),
+        (
+            "speed_max_m_s: 1.0",
+            "speed_max_mph: 1.0",
+            &["speed_max_mph"],
+        ),
+        ("speed_max_m_s: 1.0", "", &["speed_max_m_s", "missing"]),
+        ("speed_max_m_s: 1.0", "speed_max_m_s: [1.0", &["line"]),
+    ] {
+        assert!(j8.contains(from), "{from}");
+        let message = complaint("rover.yaml", &j8.replace(from, to));
+        assert_says(&message, &["rover.yaml"]);
+        assert_says(&message, says);
+    }
+}
+
+#[test]
+fn a_broken_scenario_is_named_with_key_value_and_range() {
+    for (extra, says) in [
+        ("speedy: 1\n", &["scenario.yaml", "speedy"][..]),
+        (
+            "speed: {speed_m_s: 90}\n",
+            &["scenario.yaml", "speed.speed_m_s", "90", "from 0.01 to 20"],
+        ),
+        ("laps: 0\n", &["scenario.yaml", "laps", "0", "from 1 to"]),
+        (
+            "controller: {weights: {cross_per_m2: -5}}\n",
+            &["scenario.yaml", "weights.cross_per_m2", "-5", "from 0 to"],
+        ),
+        ("controller: {stage: 40}\n", &["scenario.yaml", "stage"]),
+        (
+            "sensors: {pose: {timing: {dropout_probability: 1.5}}}\n",
+            &[
+                "scenario.yaml",
+                "pose.timing.dropout_probability",
+                "1.5",
+                "from 0 to 1",
+            ],
+        ),
+        (
+            "route: {file: nowhere.gpx}\n",
+            &["scenario.yaml", "course and route"],
+        ),
+        (
+            "contact: {vehicle: a.yaml}\n",
+            &["scenario.yaml", "identified"],
+        ),
+    ] {
+        let course = Course::new(extra);
+        let message = fail(sidehill().arg("check").arg(course.path("scenario.yaml")));
+        assert_says(&message, says);
+    }
+}
+
+#[test]
+fn what_a_scenario_names_is_checked_too() {
+    let course = Course::new("");
+    let scenario = std::fs::read_to_string(course.path("scenario.yaml")).unwrap();
+    let vehicle = repository("config/vehicles/j8.yaml").display().to_string();
+    let file = course.write("other.yaml", &scenario.replace(&vehicle, "lost.yaml"));
+    assert_says(&fail(sidehill().arg("check").arg(&file)), &["lost.yaml"]);
+    course.write(
+        "lost.yaml",
+        &text("config/vehicles/j8.yaml").replace("correction_left: 1.004", "correction_left: 9"),
+    );
+    let message = fail(sidehill().arg("check").arg(&file));
+    assert_says(
+        &message,
+        &["lost.yaml", "correction_left", "9", "from 0.5 to 2"],
+    );
+}
+
+#[test]
+fn a_file_that_is_missing_or_of_no_kind_is_named() {
+    let message = fail(sidehill().args(["check", "no_such_file.yaml"]));
+    assert_says(&message, &["no_such_file.yaml"]);
+    let message = complaint("odd.yaml", "colour: blue\n");
+    assert_says(&message, &["odd.yaml", "neither a scenario"]);
+}
+
+#[test]
+fn one_broken_file_fails_the_lot_and_the_others_are_still_judged() {
+    let good = repository("config/vehicles/lazaro.yaml");
+    let output = sidehill()
+        .args(["check", "no_such_file.yaml"])
+        .arg(&good)
+        .output()
+        .unwrap();
+    assert!(!output.status.success());
+    assert_says(&crate::stdout(&output), &["lazaro.yaml: valid vehicle"]);
+}

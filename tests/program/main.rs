@@ -1,0 +1,112 @@
+//! The program as a person runs it: its binary, files, standard streams and exit status.
+
+// The lints except tests only, not what helps them in these files.
+#![allow(clippy::unwrap_used, clippy::panic)]
+
+mod check;
+mod icr;
+mod odometry;
+mod paths;
+mod readme;
+mod simulate;
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+/// Returns the program, ready for arguments.
+fn sidehill() -> Command {
+    Command::new(env!("CARGO_BIN_EXE_sidehill"))
+}
+
+/// Returns where a file of the repository is.
+fn repository(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join(name)
+}
+
+/// Returns the text of a file of the repository.
+fn text(name: &str) -> String {
+    std::fs::read_to_string(repository(name)).unwrap()
+}
+
+fn stdout(output: &Output) -> String {
+    String::from_utf8(output.stdout.clone()).unwrap()
+}
+
+fn stderr(output: &Output) -> String {
+    String::from_utf8(output.stderr.clone()).unwrap()
+}
+
+/// Returns what the program printed, having ended with success.
+fn succeed(command: &mut Command) -> String {
+    let output = command.output().unwrap();
+    assert!(
+        output.status.success(),
+        "{:?} after\n{}\n{}",
+        output.status,
+        stdout(&output),
+        stderr(&output)
+    );
+    stdout(&output)
+}
+
+/// Returns what the program complained about, having ended with a status other than 0.
+fn fail(command: &mut Command) -> String {
+    let output = command.output().unwrap();
+    assert!(!output.status.success(), "{}", stdout(&output));
+    stderr(&output)
+}
+
+/// Asserts that a message says all of `parts`.
+fn assert_says(message: &str, parts: &[&str]) {
+    for part in parts {
+        assert!(message.contains(part), "no `{part}` in: {message}");
+    }
+}
+
+/// A folder with a scenario in it that takes little time: 2 m across a slope of 8 degrees.
+struct Course {
+    folder: tempfile::TempDir,
+}
+
+impl Course {
+    /// Returns a course whose scenario has `extra` lines of YAML.
+    fn new(extra: &str) -> Self {
+        let course = Self {
+            folder: tempfile::tempdir().unwrap(),
+        };
+        let vehicle = repository("config/vehicles/j8.yaml");
+        course.write(
+            "scenario.yaml",
+            &format!(
+                "name: short\n\
+                 vehicle: {}\n\
+                 terrain: {{kind: plane, slope_deg: 8, uphill_heading_deg: 60}}\n\
+                 course: {{shape: straight, length_m: 2, speed_m_s: 0.5}}\n\
+                 controllers: [icrik-mpc, icrhk-mpc]\n\
+                 plant: icrik\n\
+                 seed: 1\n\
+                 step_s: 0.005\n\
+                 {extra}",
+                vehicle.display()
+            ),
+        );
+        course
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    fn write(&self, name: &str, text: &str) -> PathBuf {
+        let path = self.path(name);
+        std::fs::write(&path, text).unwrap();
+        path
+    }
+
+    /// Returns `sidehill simulate` with this scenario.
+    fn simulate(&self) -> Command {
+        let mut command = sidehill();
+        command.arg("simulate").arg(self.path("scenario.yaml"));
+        command
+    }
+}

@@ -1,0 +1,212 @@
+//! `sidehill simulate` and the run without arguments.
+
+use crate::{Course, assert_says, fail, sidehill, stdout, succeed};
+use serde_json::Value;
+use std::collections::BTreeSet;
+
+/// Sensors with every seeded error, so that a seed has something to decide.
+const NOISY: &str = "sensors:
+  tread_speeds: {timing: {rate_hz: 20}, errors: {noise_std_m_s: 0.01}}
+  attitude: {timing: {rate_hz: 20}, errors: {noise_std_deg: 0.2}}
+  pose: {timing: {rate_hz: 10, dropout_probability: 0.2}, errors: {noise_std_m: 0.01, noise_std_yaw_deg: 0.3}}
+";
+
+/// Fields of a run, design of the program's contract.
+const FIELDS: [&str; 18] = [
+    "controller",
+    "plant",
+    "scenario",
+    "seed",
+    "completed",
+    "cross_track_rms_m",
+    "cross_track_p95_m",
+    "cross_track_max_m",
+    "along_track_rms_m",
+    "heading_rms_rad",
+    "steer_total_variation_m_s",
+    "goal_error_m",
+    "constraint_violations",
+    "fallbacks",
+    "deadline_misses",
+    "qp_iterations_mean",
+    "solve_us",
+    "cycle_us",
+];
+
+fn keys(value: &Value) -> BTreeSet<&str> {
+    value
+        .as_object()
+        .unwrap()
+        .keys()
+        .map(String::as_str)
+        .collect()
+}
+
+/// Returns the runs of what `--format json` printed.
+fn runs(text: &str) -> Vec<Value> {
+    let value: Value = serde_json::from_str(text).unwrap();
+    assert_eq!(keys(&value), BTreeSet::from(["runs"]));
+    value["runs"].as_array().unwrap().clone()
+}
+
+#[test]
+fn without_arguments_it_compares_controllers_on_the_figure_of_eight_from_any_folder() {
+    let elsewhere = tempfile::tempdir().unwrap();
+    let table = succeed(sidehill().current_dir(&elsewhere));
+    assert_says(
+        &table,
+        &["scenario figure_eight", "plant icrik", "vehicle j8"],
+    );
+    // The cross-track RMS is the first figure of a row, in cm.
+    let rms_cm = |controller: &str| -> f64 {
+        let row = table.lines().find(|line| line.starts_with(controller));
+        row.unwrap()
+            .split_whitespace()
+            .nth(1)
+            .unwrap()
+            .parse()
+            .unwrap()
+    };
+    assert!(rms_cm("icrik-mpc") <= 0.10, "{table}");
+    assert!(rms_cm("icrik-mpc") <= 0.1 * rms_cm("icrhk-mpc"), "{table}");
+    assert!(rms_cm("diffdrive-mpc") > 0.0 && rms_cm("pure-pursuit") > 0.0);
+    assert_eq!(
+        elsewhere.path().read_dir().unwrap().count(),
+        0,
+        "it left files"
+    );
+}
+
+#[test]
+fn json_has_the_fields_of_the_contract_and_no_others() {
+    let course = Course::new("");
+    let runs = runs(&succeed(course.simulate().args(["--format", "json"])));
+    let controllers: Vec<_> = runs.iter().map(|run| &run["controller"]).collect();
+    assert_eq!(controllers, ["icrik-mpc", "icrhk-mpc"]);
+    for run in &runs {
+        assert_eq!(keys(run), BTreeSet::from(FIELDS));
+        for times in ["solve_us", "cycle_us"] {
+            assert_eq!(
+                keys(&run[times]),
+                BTreeSet::from(["p50", "p99", "p999", "max"])
+            );
+        }
+        assert_eq!(run["completed"], true);
+        assert_eq!(run["scenario"], "short");
+        assert_eq!(run["plant"], "icrik");
+        assert_eq!(run["seed"], 1);
+        for count in ["constraint_violations", "fallbacks", "deadline_misses"] {
+            assert!(run[count].is_u64(), "{count}");
+        }
+        for figure in ["cross_track_rms_m", "goal_error_m", "heading_rms_rad"] {
+            assert!(run[figure].as_f64().unwrap().is_finite(), "{figure}");
+        }
+    }
+}
+
+#[test]
+fn arguments_replace_what_the_scenario_says() {
+    let course = Course::new("");
+    let arguments = [
+        "--controller",
+        "diffdrive-mpc",
+        "--plant",
+        "contact",
+        "--seed",
+        "7",
+        "--format",
+        "json",
+    ];
+    let runs = runs(&succeed(course.simulate().args(arguments)));
+    assert_eq!(runs.len(), 1);
+    assert_eq!(runs[0]["controller"], "diffdrive-mpc");
+    assert_eq!(runs[0]["plant"], "contact");
+    assert_eq!(runs[0]["seed"], 7);
+}
+
+#[test]
+fn a_seed_makes_the_same_figures_but_for_times_and_another_seed_others() {
+    let course = Course::new(NOISY);
+    let figures = |seed: &str| {
+        let arguments = [
+            "--controller",
+            "icrik-mpc",
+            "--format",
+            "json",
+            "--seed",
+            seed,
+        ];
+        let mut run = runs(&succeed(course.simulate().args(arguments))).remove(0);
+        let fields = run.as_object_mut().unwrap();
+        for measured in ["solve_us", "cycle_us", "deadline_misses"] {
+            assert!(fields.remove(measured).is_some(), "{measured}");
+        }
+        run
+    };
+    let first = figures("1");
+    assert_eq!(first, figures("1"));
+    assert_ne!(
+        first["cross_track_rms_m"],
+        figures("2")["cross_track_rms_m"]
+    );
+}
+
+#[test]
+fn out_gets_a_table_for_each_run_and_a_report() {
+    let course = Course::new("");
+    let out = course.path("made/results");
+    succeed(course.simulate().arg("--out").arg(&out));
+    let names: BTreeSet<_> = out
+        .read_dir()
+        .unwrap()
+        .map(|entry| entry.unwrap().file_name().into_string().unwrap())
+        .collect();
+    let names: Vec<&str> = names.iter().map(String::as_str).collect();
+    assert_eq!(names, ["icrhk-mpc.csv", "icrik-mpc.csv", "report.html"]);
+    let mut table = csv::Reader::from_path(out.join("icrik-mpc.csv")).unwrap();
+    let columns = table.headers().unwrap().clone();
+    let at = |name: &str| columns.iter().position(|column| column == name).unwrap();
+    let (time, y, cross_track) = (at("time_s"), at("y_m"), at("cross_track_m"));
+    let rows: Vec<csv::StringRecord> = table.records().map(Result::unwrap).collect();
+    let number = |row: &csv::StringRecord, column: usize| row[column].parse::<f64>().unwrap();
+    for (index, row) in rows.iter().enumerate() {
+        assert!(
+            (number(row, time) - 0.05 * index as f64).abs() < 1e-9,
+            "{row:?}"
+        );
+        assert!(number(row, cross_track).abs() < 0.05, "{row:?}");
+    }
+    let end = rows.last().unwrap();
+    assert!((number(end, y) - 2.0).abs() < 0.05, "{end:?}");
+    let report = std::fs::read_to_string(out.join("report.html")).unwrap();
+    assert_says(&report, &["<svg", "icrik-mpc", "icrhk-mpc", "short"]);
+}
+
+#[test]
+fn a_run_that_does_not_complete_says_why_and_ends_with_another_status() {
+    let course = Course::new("start: {right_m: 20}\n");
+    let output = course.simulate().output().unwrap();
+    assert_eq!(output.status.code(), Some(1));
+    assert_says(&stdout(&output), &["icrik-mpc did not complete:"]);
+    let output = course
+        .simulate()
+        .args(["--format", "json"])
+        .output()
+        .unwrap();
+    assert_eq!(output.status.code(), Some(1));
+    for run in runs(&stdout(&output)) {
+        assert_eq!(run["completed"], false);
+        assert!(!run["ended_by"].as_str().unwrap().is_empty());
+    }
+}
+
+#[test]
+fn arguments_that_mean_nothing_are_refused() {
+    let course = Course::new("");
+    let message = fail(course.simulate().args(["--controller", "magic"]));
+    assert_says(&message, &["magic", "icrik-mpc", "pure-pursuit"]);
+    let message = fail(sidehill().args(["simulate", "no_such_scenario.yaml"]));
+    assert_says(&message, &["no_such_scenario.yaml"]);
+    let message = fail(course.simulate().args(["--path", "no_such_path.csv"]));
+    assert_says(&message, &["no_such_path.csv"]);
+}
