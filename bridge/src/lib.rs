@@ -7,3 +7,4 @@
 
 pub mod can;
 pub mod motors;
+pub mod safety;

@@ -168,7 +168,7 @@ impl SignalCodec {
         }
         let first = match self.order {
             BitOrder::Intel => self.start_bit,
-            BitOrder::Motorola => self.from_the_left(),
+            BitOrder::Motorola => self.sawtooth_start(),
         };
         first + self.bits <= bits
     }
@@ -210,14 +210,14 @@ impl SignalCodec {
                 (position / 8, position % 8)
             }
             BitOrder::Motorola => {
-                let position = self.from_the_left() + self.bits - 1 - i;
+                let position = self.sawtooth_start() + self.bits - 1 - i;
                 (position / 8, 7 - position % 8)
             }
         }
     }
 
     /// Start bit counted from the most significant bit of byte 0.
-    fn from_the_left(&self) -> usize {
+    fn sawtooth_start(&self) -> usize {
         self.start_bit / 8 * 8 + (7 - self.start_bit % 8)
     }
 }
