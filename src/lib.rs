@@ -3,4 +3,7 @@
 //!
 //! Kept as a library so that tests and benches reach it; it promises no stable interface.
 
+pub mod bridge_config;
 pub mod record;
+pub mod run;
+pub mod vehicle;

@@ -5,6 +5,15 @@
 //! Decision -> Safety -> Port
 //! ```
 
+pub mod bus;
 pub mod can;
+pub mod clock;
+pub mod cycle;
+pub mod drive;
 pub mod motors;
+pub mod pilot;
+pub mod port;
+pub mod realtime;
+pub mod record;
 pub mod safety;
+pub mod virtual_vehicle;

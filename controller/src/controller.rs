@@ -257,7 +257,12 @@ impl Controller {
         };
         let elapsed_s = self.elapsed(sample.time_s);
         if let Some(estimate) = &estimate {
-            let progress = self.reference.advance(elapsed_s, &estimate.pose);
+            // The reference waits for a vehicle that has been stopped.
+            let reference_s = match self.phase {
+                Phase::Stopped(_) => 0.0,
+                Phase::Driving { .. } | Phase::Finished => elapsed_s,
+            };
+            let progress = self.reference.advance(reference_s, &estimate.pose);
             decision.progress = Some(progress);
             self.supervise(estimate, &progress);
             self.follow(estimate, &progress, elapsed_s, deadline, &mut decision);
