@@ -232,8 +232,10 @@ impl Controller {
         }
     }
 
-    /// Lets a stopped controller drive again, with a plan made from nothing.
+    /// Lets a stopped controller drive again, with an estimate and a plan made from nothing: readings
+    /// may have been missing for so long that the filter would refuse the poses that come now.
     pub fn rearm(&mut self) {
+        self.estimator.restart();
         self.phase = Phase::Driving { fallback_cycles: 0 };
         self.last_time_s = None;
         if let Law::Mpc { planned, .. } = &mut self.law {
