@@ -55,7 +55,7 @@ fn assert_off(name: &str, took_s: Option<f64>, limit_s: f64) {
 /// Asserts that re-arming drives again.
 fn assert_rearms(name: &str, run: &Program, observer: &Observer) {
     let before = observer.seen().len();
-    run.signal("USR1");
+    run.signal(Signal::USR1);
     sleep_s(2.0);
     let after = &observer.seen()[before..];
     assert!(
@@ -142,8 +142,8 @@ fn faults_of_the_vehicle_end_the_commands_until_re_armed() {
 #[test]
 #[ignore = "needs a CAN bus: run .ci/vcan"]
 fn signals_end_with_zeros_and_disabled_drives() {
-    for signal in ["INT", "TERM"] {
-        let folder = Folder::new(&format!("signal_{signal}"));
+    for signal in [Signal::INT, Signal::TERM] {
+        let folder = Folder::new(&format!("signal_{}", signal.as_raw()));
         let observer = Observer::start();
         let _vehicle = Program::vehicle(&folder, "");
         let run = Program::run(&folder, &["--arm"]);
@@ -152,7 +152,11 @@ fn signals_end_with_zeros_and_disabled_drives() {
         run.signal(signal);
         let ending = run.wait(Duration::from_secs(5));
         assert_eq!(ending["ended"], "signal");
-        assert_off(signal, observer.off_after_s(asked_s), 2.0 * CYCLE_S);
+        assert_off(
+            &format!("{signal:?}"),
+            observer.off_after_s(asked_s),
+            2.0 * CYCLE_S,
+        );
     }
 }
 
@@ -166,13 +170,15 @@ fn an_interface_that_goes_down_or_away_stops_the_vehicle_until_re_armed() {
         let _vehicle = Program::vehicle(&folder, "");
         let run = Program::run(&folder, &["--arm"]);
         observer.wait_for_driving(2.0);
-        let broken_s = unix_now_s();
         if deleted {
             ip(&["link", "delete", BUS]);
         } else {
             ip(&["link", "set", BUS, "down"]);
         }
         sleep_s(2.0);
+        // Silence counts from the last command that got through.
+        let broken_s = observer.seen().last().unwrap().unix_s;
+        let back_s = unix_now_s();
         ensure_bus();
         // Longer than the longest pause between attempts to open it again.
         sleep_s(4.0);
@@ -183,7 +189,6 @@ fn an_interface_that_goes_down_or_away_stops_the_vehicle_until_re_armed() {
             DRIVES_OFF_AFTER_SILENCE_S,
         );
         // The commands were off when the bus came back.
-        let back_s = broken_s + 2.0;
         let seen = observer.seen();
         let mut after = seen.iter().filter(|s| s.unix_s > back_s).peekable();
         assert!(
@@ -230,4 +235,68 @@ fn a_full_queue_stops_the_vehicle_until_re_armed() {
         folder.events()
     );
     assert_rearms("full queue", &run, &observer);
+}
+
+#[test]
+#[ignore = "needs a CAN bus: run .ci/vcan"]
+fn a_foreign_vehicle_by_python_is_driven() {
+    let folder = Folder::new("foreign");
+    let observer = Observer::start();
+    let foreign = python("foreign_vehicle.py", &[BUS, "14"])
+        .stdout(std::process::Stdio::piped())
+        .spawn()
+        .unwrap();
+    let run = Program::run(&folder, &["--arm"]);
+    observer.wait_for_driving(4.0);
+    let asked_s = unix_now_s();
+    run.signal(Signal::USR2);
+    sleep_s(1.0);
+    assert_off(
+        "stop asked for",
+        observer.off_after_s(asked_s),
+        RAMP_S + 3.0 * CYCLE_S,
+    );
+    let output = foreign.wait_with_output().unwrap();
+    let text = String::from_utf8_lossy(&output.stdout);
+    println!("{text}");
+    assert!(output.status.success(), "{text}");
+}
+
+#[test]
+#[ignore = "needs a CAN bus: run .ci/vcan"]
+fn a_controller_that_has_left_the_bus_stops_until_re_armed() {
+    let folder = Folder::new("bus_off");
+    let observer = Observer::start();
+    let adapter = Adapter::attach();
+    let _vehicle = Program::vehicle(&folder, "");
+    let run = Program::run_on(&folder, &adapter.interface, &["--arm"]);
+    observer.wait_for_driving(2.0);
+    // Warning and passive do not stop.
+    adapter.say("sw100010\r");
+    adapter.say("sp130020\r");
+    sleep_s(0.5);
+    let off_s = unix_now_s();
+    adapter.say("sb255000\r");
+    sleep_s(2.0);
+    adapter.say("sa000000\r");
+    sleep_s(3.0);
+    let took_s = standing_after_s(&folder.truth(), off_s);
+    // Commands may still get through, on the ramp; or they may not, and the drives time out.
+    assert_off(
+        "bus-off, drives stand",
+        took_s,
+        DRIVES_OFF_AFTER_SILENCE_S + CYCLE_S,
+    );
+    let events = folder.events();
+    for event in [
+        "Warning",
+        "Passive",
+        "the bus is BusOff",
+        "\"event\":\"restart\"",
+    ] {
+        assert!(events.contains(event), "no {event}:\n{events}");
+    }
+    let last = observer.seen();
+    assert!(!last.last().unwrap().enable, "enabled by itself");
+    drop(run);
 }

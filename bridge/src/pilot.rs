@@ -27,7 +27,8 @@ pub fn intent(decision: &Decision) -> Intent {
         time_s: decision.time_s,
         command: decision.command,
         pilot: match decision.status {
-            Status::Waiting | Status::Tracking | Status::Fallback { .. } => PilotState::Driving,
+            Status::Waiting => PilotState::Waiting,
+            Status::Tracking | Status::Fallback { .. } => PilotState::Driving,
             Status::Stopping(_) => PilotState::Stopped,
             Status::Finished => PilotState::Finished,
         },

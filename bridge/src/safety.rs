@@ -26,7 +26,7 @@ pub struct SafetyConfig {
     pub transmit_timeout_s: f64,
     /// Time for which zeros are sent, disabled, before the drives are switched on, s.
     pub zeroing_time_s: f64,
-    /// Longest time for each part of the handshake, s.
+    /// Longest time for each part of the handshake, the controller's first command included, s.
     pub handshake_timeout_s: f64,
     /// Speed below which a motor stands, m/s.
     pub standstill_m_s: f64,
@@ -167,7 +167,9 @@ pub struct Intent {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum PilotState {
-    /// It drives, or waits for its first readings.
+    /// It waits for its first readings.
+    Waiting,
+    /// It drives.
     Driving,
     /// It stops the vehicle.
     Stopped,
@@ -397,6 +399,8 @@ pub struct Safety {
     armed_before: bool,
     order: Order,
     recent: RecentCommands,
+    /// Whether the controller has driven since the drives were switched on.
+    following: bool,
     implausible_since_s: Option<f64>,
 }
 
@@ -416,6 +420,7 @@ impl Safety {
             armed_before: true,
             order: Order::OFF,
             recent: RecentCommands::new(),
+            following: false,
             implausible_since_s: None,
         })
     }
@@ -454,6 +459,7 @@ impl Safety {
             self.since_s = seen.time_s;
             if to == State::Enabling {
                 self.recent.clear();
+                self.following = false;
                 self.implausible_since_s = None;
             }
             Transition {
@@ -566,12 +572,22 @@ impl Safety {
             .then_some(Alarm::Ramp(Reason::OperatorStop))
     }
 
-    /// What forbids to drive because of the controller.
-    fn intent_alarm(&self, seen: &Observation) -> Option<Reason> {
+    /// What forbids to drive because of the controller. Its first plan takes longer than those
+    /// after it: until it follows, the vehicle stands, and there is the time of a handshake.
+    fn intent_alarm(&mut self, seen: &Observation) -> Option<Reason> {
         let intent = self.current_intent(seen);
-        // Until the first intent for this drive, the age counts from its beginning.
         let age_s = seen.time_s - intent.map_or(self.since_s, |intent| intent.time_s);
-        if !(..=self.config.command_timeout_s).contains(&age_s) {
+        let fresh = (..=self.config.command_timeout_s).contains(&age_s);
+        if !self.following {
+            self.following =
+                fresh && intent.is_some_and(|intent| intent.pilot != PilotState::Waiting);
+            let age_s = seen.time_s - self.since_s;
+            if !self.following {
+                let late = !(..=self.config.handshake_timeout_s).contains(&age_s);
+                return late.then_some(Reason::CommandTimeout { age_s });
+            }
+        }
+        if !fresh {
             return Some(Reason::CommandTimeout { age_s });
         }
         let intent = intent?;
@@ -579,7 +595,7 @@ impl Safety {
             PilotState::Finished => Some(Reason::Finished),
             PilotState::Stopped => Some(Reason::ControllerStopped),
             PilotState::Driving if !intent.command.is_finite() => Some(Reason::CommandNotFinite),
-            PilotState::Driving => None,
+            PilotState::Driving | PilotState::Waiting => None,
         }
     }
 
@@ -636,6 +652,7 @@ impl Safety {
                 let limit = self.config.speed_max_m_s;
                 let speeds = self
                     .current_intent(seen)
+                    .filter(|_| self.following)
                     .map(|intent| intent.command)
                     .filter(MotorSpeeds::is_finite)
                     .unwrap_or(MotorSpeeds::STOP);

@@ -1,5 +1,6 @@
 //! Folders, programs, an observer of the bus, and faults of the bus, for the tests on a real one.
 
+pub use rustix::process::Signal;
 use serde_json::Value;
 use sidehill::bridge_config::load_layout;
 use sidehill_bridge::bus::{Heard, Listener};
@@ -17,6 +18,9 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 /// The interface of all tests.
 pub const BUS: &str = "vcan0";
+
+mod adapter;
+pub use adapter::Adapter;
 
 /// What a scheduler of 100 Hz and a shared machine may add to a documented limit, s.
 pub const TOLERANCE_S: f64 = 0.06;
@@ -169,9 +173,10 @@ impl Program {
         Self { child, output }
     }
 
-    /// Sends a signal by its name.
-    pub fn signal(&self, name: &str) {
-        command("kill", &[&format!("-{name}"), &self.child.id().to_string()]);
+    /// Sends a signal.
+    pub fn signal(&self, signal: Signal) {
+        let id = rustix::process::Pid::from_raw(self.child.id() as i32).unwrap();
+        rustix::process::kill_process(id, signal).unwrap();
     }
 
     /// Waits for the end and returns the last line of the output.

@@ -267,6 +267,43 @@ fn an_intent_from_before_the_drive_is_not_driven_on() {
 }
 
 #[test]
+fn a_first_plan_may_take_long_while_the_vehicle_stands() {
+    let mut bench = Bench::new();
+    bench.arm();
+    while bench.safety.state() != State::Driving {
+        bench.step(MotorSpeeds::STOP, |_| {});
+    }
+    let start_s = f64::from(bench.steps) * PERIOD_S;
+    // An answer that is too old when it comes is not driven on, nor an alarm yet.
+    for i in 0..10 {
+        let order = bench.step(speeds(0.5, 0.0), |s| match i {
+            0..4 => s.intent = None,
+            _ => set_command_time(s, start_s + 0.05),
+        });
+        assert!(
+            order.enable && order.speeds == MotorSpeeds::STOP,
+            "{:?}",
+            bench.events
+        );
+    }
+    assert_eq!(
+        bench.step(speeds(0.5, 0.0), |_| {}).speeds,
+        speeds(0.5, 0.0)
+    );
+    // From here on the same age stops.
+    for _ in 0..20 {
+        bench.step(speeds(0.5, 0.0), |s| set_command_time(s, start_s + 0.6));
+    }
+    assert!(
+        bench
+            .events
+            .iter()
+            .any(|event| matches!(event.reason, Reason::CommandTimeout { .. }))
+    );
+    assert_eq!(bench.safety.state(), State::Latched);
+}
+
+#[test]
 fn a_ramp_catches_up_after_a_late_cycle() {
     let mut bench = Bench::driving(speeds(0.8, 0.0));
     bench.step(speeds(0.8, 0.0), |seen| seen.operator.stop = true);
