@@ -27,6 +27,10 @@ pub struct RunConfig {
     pub interface: String,
     /// Layout of the bus, relative to this file.
     pub can: PathBuf,
+    /// Instead of the bus: the virtual vehicle of this file, simulated in real time within the
+    /// program.
+    #[serde(default)]
+    pub simulated: Option<PathBuf>,
     /// Vehicle that the controller steers by, relative to this file.
     pub vehicle: PathBuf,
     /// Which controller.

@@ -1,13 +1,16 @@
 //! `sidehill run`: the controller in real time on a CAN bus.
 #![allow(clippy::print_stdout, clippy::print_stderr)]
 
-use crate::bridge_config::{RunConfig, load_layout, load_vehicle, read_yaml, resolve};
+use crate::bridge_config::{
+    RunConfig, VehicleConfig, load_layout, load_vehicle, read_yaml, resolve,
+};
+use crate::vehicle::simulation;
 use anyhow::{Context, Result, anyhow, ensure};
 use serde::Serialize;
 use sidehill_bridge::clock::{Clock, Epoch};
 use sidehill_bridge::cycle::{Cycle, Timing};
 use sidehill_bridge::pilot::ThreadedPilot;
-use sidehill_bridge::port::CanPort;
+use sidehill_bridge::port::{CanPort, Port, SimulatedPort};
 use sidehill_bridge::realtime;
 use sidehill_bridge::record::{CycleRow, Outputs, RecordSink, Recorder, ring};
 use sidehill_bridge::safety::{Operator, Reason, State};
@@ -93,15 +96,17 @@ pub fn run(args: &RunArgs) -> Result<ExitCode> {
     let (sent_sink, sent) = ring(RING);
     let (cycle_sink, cycles) = ring(RING);
     let mut recorder = Recorder::new(vec![heard, sent, cycles], epoch, &config.interface);
-    let correction = vehicle.correction;
-    let port = CanPort::new(
-        &config.interface,
-        layout,
-        correction,
-        epoch,
-        heard_sink,
-        sent_sink,
-    )?;
+    let port: Box<dyn Port + Send> = match &config.simulated {
+        None => Box::new(CanPort::new(
+            &config.interface,
+            layout,
+            vehicle.correction,
+            epoch,
+            heard_sink,
+            sent_sink,
+        )?),
+        Some(file) => Box::new(simulated(&resolve(&args.config, file))?),
+    };
     let job = Job {
         config,
         arm: args.arm,
@@ -156,7 +161,7 @@ impl Job {
     fn drive(
         self,
         clock: Clock,
-        port: CanPort,
+        port: Box<dyn Port + Send>,
         controller: Controller,
         records: RecordSink,
     ) -> Result<Ending> {
@@ -222,6 +227,14 @@ impl Signals {
         register(SIGUSR2, Arc::clone(&signals.stop))?;
         Ok(signals)
     }
+}
+
+/// The virtual vehicle of a file, within this program.
+fn simulated(file: &Path) -> Result<SimulatedPort> {
+    let config: VehicleConfig = read_yaml(file)?;
+    let named = || file.display().to_string();
+    let (simulation, correction) = simulation(file, &config).with_context(named)?;
+    SimulatedPort::new(simulation, config.dt_s, correction, config.drive).with_context(named)
 }
 
 fn controller(config: &RunConfig, vehicle: &Vehicle) -> Result<Controller> {

@@ -4,11 +4,13 @@
 use crate::bridge_config::{VehicleConfig, load_layout, load_vehicle, read_yaml, resolve};
 use anyhow::{Context, Result};
 use sidehill_bridge::bus::{Heard, Listener, Sender};
+use sidehill_bridge::can::layout::Layout;
 use sidehill_bridge::clock::{Clock, Epoch};
 use sidehill_bridge::virtual_vehicle::{VirtualVehicle, VirtualVehicleSetup};
 use sidehill_plant::motion::IcrMotion;
 use sidehill_plant::simulation::{Simulation, SimulationSetup};
 use sidehill_plant::terrain::{PlaneTerrain, Terrain};
+use sidehill_plant::vehicle::SpeedCorrection;
 use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
@@ -39,11 +41,9 @@ const WAITING_MAX: usize = 64;
 /// ground.
 pub fn run(args: &VehicleArgs) -> Result<ExitCode> {
     let config: VehicleConfig = read_yaml(&args.config)?;
-    config
-        .validate()
-        .with_context(|| args.config.display().to_string())?;
     let layout = Arc::new(load_layout(&resolve(&args.config, &config.can))?);
-    let mut vehicle = build(&args.config, &config, Arc::clone(&layout))?;
+    let mut vehicle = build(&args.config, &config, Arc::clone(&layout))
+        .with_context(|| args.config.display().to_string())?;
     let mut truth = args.truth.as_deref().map(create).transpose()?;
     if let Some(truth) = &mut truth {
         writeln!(
@@ -117,18 +117,32 @@ pub fn run(args: &VehicleArgs) -> Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-fn build(
-    file: &Path,
-    config: &VehicleConfig,
-    layout: Arc<sidehill_bridge::can::layout::Layout>,
-) -> Result<VirtualVehicle> {
+fn build(file: &Path, config: &VehicleConfig, layout: Arc<Layout>) -> Result<VirtualVehicle> {
+    let (simulation, correction) = simulation(file, config)?;
+    let setup = VirtualVehicleSetup {
+        dt_s: config.dt_s,
+        correction,
+        drive: config.drive,
+        report_period_s: config.report_period_s,
+        faults: config.faults.clone(),
+    };
+    Ok(VirtualVehicle::new(simulation, layout, setup)?)
+}
+
+/// Returns the simulation of a configuration that was read from `file`, and its true c_l and c_r.
+///
+/// # Errors
+/// A vehicle's file that cannot be read, or a setting out of range.
+pub fn simulation(file: &Path, config: &VehicleConfig) -> Result<(Simulation, SpeedCorrection)> {
+    config.validate()?;
     let vehicle = load_vehicle(&resolve(file, &config.vehicle))?;
     let terrain = PlaneTerrain::new(config.slope_deg, config.uphill_deg)?;
+    let correction = vehicle.correction;
     let simulation = Simulation::new(SimulationSetup {
         terrain: Terrain::Plane(terrain),
-        correction: vehicle.correction,
+        correction,
         motion: Box::new(IcrMotion {
-            vehicle: vehicle.clone(),
+            vehicle,
             inclined: true,
         }),
         drive_train: config.drive_train,
@@ -137,14 +151,7 @@ fn build(
         dt_s: config.dt_s,
         seed: config.seed,
     })?;
-    let setup = VirtualVehicleSetup {
-        dt_s: config.dt_s,
-        correction: vehicle.correction,
-        drive: config.drive,
-        report_period_s: config.report_period_s,
-        faults: config.faults.clone(),
-    };
-    Ok(VirtualVehicle::new(simulation, layout, setup)?)
+    Ok((simulation, correction))
 }
 
 fn create(path: &Path) -> Result<BufWriter<File>> {

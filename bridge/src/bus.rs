@@ -15,7 +15,6 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-const EPERM: i32 = 1;
 const ENXIO: i32 = 6;
 const ENODEV: i32 = 19;
 const ENETDOWN: i32 = 100;
@@ -53,9 +52,29 @@ pub enum Heard {
         time_s: f64,
         /// How many were tried since the bus was left.
         attempt: u32,
-        /// Error number of the attempt, 0 where the system took it.
+        /// What the system said.
+        answer: RestartAnswer,
+    },
+}
+
+/// What the system says to a restart of the interface.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum RestartAnswer {
+    /// It has been done.
+    Accepted,
+    /// It has been refused, for want of permission or because the driver cannot.
+    Refused {
+        /// Error number.
         errno: i32,
     },
+    /// There was no answer that could be understood.
+    None,
+}
+
+impl RestartAnswer {
+    fn refused(errno: Option<i32>) -> Self {
+        errno.map_or(Self::None, |errno| Self::Refused { errno })
+    }
 }
 
 /// Why a frame was not sent.
@@ -322,19 +341,21 @@ impl<F: FnMut(Heard)> Ear<F> {
         self.restarts += 1;
         let pause_s = BACKOFF_S[0] * f64::from(1u32 << self.restarts.min(16));
         self.restart_s = time_s + pause_s.min(BACKOFF_S[1]);
-        let result = CanInterface::open(&self.interface).and_then(|interface| interface.restart());
-        let errno = match result {
+        let restarted =
+            CanInterface::open(&self.interface).and_then(|interface| interface.restart());
+        let answer = match restarted {
             Ok(()) => {
                 self.errors = BusState::Active;
-                0
+                RestartAnswer::Accepted
             }
-            Err(socketcan::Error::Io(error)) => error.raw_os_error().unwrap_or(EPERM),
-            Err(_) => EPERM,
+            Err(socketcan::Error::Io(error)) => RestartAnswer::refused(error.raw_os_error()),
+            Err(socketcan::Error::Nl(error)) => RestartAnswer::refused(error.errno()),
+            Err(_) => RestartAnswer::None,
         };
         (self.hear)(Heard::Restart {
             time_s,
             attempt: self.restarts,
-            errno,
+            answer,
         });
     }
 

@@ -1,6 +1,6 @@
 //! From the cycle to files without waiting: bounded rings of plain values, and who writes them.
 
-use crate::bus::SendFault;
+use crate::bus::{RestartAnswer, SendFault};
 use crate::can::frame::Frame;
 use crate::can::message::FrameFault;
 use crate::clock::Epoch;
@@ -44,8 +44,8 @@ pub enum Record {
         time_s: f64,
         /// How many were tried.
         attempt: u32,
-        /// The system's answer, 0 for yes.
-        errno: i32,
+        /// The system's answer.
+        answer: RestartAnswer,
     },
     /// A command could not be sent, where the one before could.
     Unsent {
@@ -259,10 +259,9 @@ fn event_line(record: &Record, unix_s: f64, time_s: f64) -> EventLine<'_> {
         }
         Record::Refused { frame, fault, .. } => ("refused", format!("{frame}: {fault}")),
         Record::Bus { state, .. } => ("bus", format!("{state:?}")),
-        Record::Restart { attempt, errno, .. } => (
-            "restart",
-            format!("attempt {attempt}, system error {errno}"),
-        ),
+        Record::Restart {
+            attempt, answer, ..
+        } => ("restart", format!("attempt {attempt}: {answer:?}")),
         Record::Unsent { fault, .. } => ("unsent", fault.to_string()),
         Record::Frame { .. } | Record::Cycle(_) => ("", String::new()),
     };

@@ -1,4 +1,5 @@
 //! The whole bridge in virtual time: controller, safety, cycle and a simulated vehicle.
+#![allow(clippy::unwrap_used)]
 
 use sidehill_bridge::clock::Clock;
 use sidehill_bridge::cycle::{Cycle, CycleConfig};

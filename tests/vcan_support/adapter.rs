@@ -36,15 +36,17 @@ impl Adapter {
         let before = interfaces();
         let attach = Command::new("slcan_attach")
             .args(["-w", name.to_str().unwrap()])
+            // It stays attached until it reads something.
+            .stdin(Stdio::piped())
             .stdout(Stdio::null())
             .spawn()
             .unwrap();
-        let interface = loop {
-            std::thread::sleep(Duration::from_millis(50));
-            if let Some(new) = interfaces().difference(&before).next() {
-                break new.clone();
-            }
-        };
+        let interface = (0..100)
+            .find_map(|_| {
+                std::thread::sleep(Duration::from_millis(50));
+                interfaces().difference(&before).next().cloned()
+            })
+            .expect("the kernel made no interface of the adapter");
 
         // From the adapter to the bus.
         let mut input = terminal.try_clone().unwrap();

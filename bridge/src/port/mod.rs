@@ -34,3 +34,13 @@ pub trait Port {
     /// Why it has not been sent; it is not sent later either.
     fn send(&mut self, now_s: f64, order: &Order) -> Result<(), SendFault>;
 }
+
+impl<P: Port + ?Sized> Port for Box<P> {
+    fn receive(&mut self, now_s: f64) -> Reading {
+        (**self).receive(now_s)
+    }
+
+    fn send(&mut self, now_s: f64, order: &Order) -> Result<(), SendFault> {
+        (**self).send(now_s, order)
+    }
+}

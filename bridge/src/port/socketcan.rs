@@ -76,11 +76,11 @@ impl CanPort {
                 Heard::Restart {
                     time_s,
                     attempt,
-                    errno,
+                    answer,
                 } => heard_records.push(Record::Restart {
                     time_s,
                     attempt,
-                    errno,
+                    answer,
                 }),
             }
             slot.write(Snapshot {

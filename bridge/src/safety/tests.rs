@@ -1,5 +1,6 @@
 use super::*;
 use proptest::prelude::*;
+use sidehill_plant::sample::Stamped;
 
 const PERIOD_S: f64 = 0.05;
 
