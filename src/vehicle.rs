@@ -66,7 +66,7 @@ pub fn run(args: &VehicleArgs) -> Result<ExitCode> {
             let _ = arrived.push((time_s, frame));
         }
     })?;
-    let mut sender = Sender::new(&config.interface);
+    let mut sender = Sender::start(&config.interface)?;
     let mut step: u64 = 0;
     while !ended.load(Ordering::Relaxed) {
         step += 1;
@@ -88,7 +88,7 @@ pub fn run(args: &VehicleArgs) -> Result<ExitCode> {
         if now_s >= vehicle.next_report_s() {
             vehicle.report(now_s, |frame| {
                 // A frame that is lost shows itself as a gap of the counter.
-                let _ = sender.send(&frame, now_s);
+                let _ = sender.send(&frame);
             })?;
             if let Some(truth) = &mut truth {
                 let s = vehicle.state();

@@ -10,8 +10,8 @@ use socketcan::{
     SocketOptions,
 };
 use std::io::{Error, ErrorKind};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, mpsc};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
@@ -106,56 +106,103 @@ impl From<crate::can::message::FrameFault> for SendFault {
     }
 }
 
-/// Sends frames without waiting; opens its interface again where that has gone.
+/// Sends frames without waiting. Sockets are opened and closed by a thread of its own: while an
+/// interface disappears, the kernel keeps both waiting.
 pub struct Sender {
-    interface: String,
     socket: Option<CanSocket>,
-    retry_s: f64,
-    backoff_s: f64,
+    closed: mpsc::Sender<CanSocket>,
+    opened: mpsc::Receiver<CanSocket>,
+    thread: Option<JoinHandle<()>>,
+    stop: Arc<AtomicBool>,
 }
 
 impl Sender {
     /// Returns a sender for an interface that need not exist yet.
-    pub fn new(interface: &str) -> Self {
-        Self {
-            interface: interface.to_owned(),
-            socket: open_sender(interface).ok(),
-            retry_s: 0.0,
-            backoff_s: BACKOFF_S[0],
-        }
+    ///
+    /// # Errors
+    /// The system's, where it has no thread left.
+    pub fn start(interface: &str) -> Result<Self, Error> {
+        let (closed, to_close) = mpsc::channel();
+        let (ready, opened) = mpsc::channel();
+        let stop = Arc::new(AtomicBool::new(false));
+        let socket = open_sender(interface).ok();
+        let (ended, interface) = (Arc::clone(&stop), interface.to_owned());
+        let mut wanted = socket.is_none();
+        let thread = std::thread::Builder::new()
+            .name("can-opener".to_owned())
+            .spawn(move || {
+                let mut backoff_s = BACKOFF_S[0];
+                while !ended.load(Ordering::Relaxed) {
+                    let pause = Duration::from_secs_f64(backoff_s);
+                    match to_close.recv_timeout(pause) {
+                        Ok(socket) => {
+                            drop(socket);
+                            wanted = true;
+                            backoff_s = BACKOFF_S[0];
+                        }
+                        Err(mpsc::RecvTimeoutError::Timeout) => {}
+                        Err(mpsc::RecvTimeoutError::Disconnected) => return,
+                    }
+                    if !wanted {
+                        continue;
+                    }
+                    match open_sender(&interface) {
+                        Ok(socket) => {
+                            wanted = false;
+                            backoff_s = BACKOFF_S[0];
+                            if ready.send(socket).is_err() {
+                                return;
+                            }
+                        }
+                        Err(_) => backoff_s = (2.0 * backoff_s).min(BACKOFF_S[1]),
+                    }
+                }
+            })?;
+        Ok(Self {
+            socket,
+            closed,
+            opened,
+            thread: Some(thread),
+            stop,
+        })
     }
 
-    /// Sends a frame at once or not at all; `now_s` spaces the attempts to open the interface.
+    /// Sends a frame at once or not at all.
     ///
     /// # Errors
     /// [`SendFault`]; the frame is then lost.
-    pub fn send(&mut self, frame: &Frame, now_s: f64) -> Result<(), SendFault> {
-        if self.socket.is_none() && now_s >= self.retry_s {
-            self.socket = open_sender(&self.interface).ok();
-            self.retry_s = now_s + self.backoff_s;
-            self.backoff_s = (2.0 * self.backoff_s).min(BACKOFF_S[1]);
+    pub fn send(&mut self, frame: &Frame) -> Result<(), SendFault> {
+        if self.socket.is_none() {
+            self.socket = self.opened.try_recv().ok();
         }
         let socket = self.socket.as_ref().ok_or(SendFault::Absent)?;
         let data = socket_frame(frame).ok_or(SendFault::Values)?;
-        match socket.write_frame(&data) {
-            Ok(()) => {
-                self.backoff_s = BACKOFF_S[0];
-                Ok(())
-            }
-            Err(error) => Err(match error.raw_os_error() {
-                Some(ENOBUFS) => SendFault::QueueFull,
-                Some(ENETDOWN) => SendFault::Down,
-                Some(ENODEV | ENXIO) => {
-                    self.socket = None;
-                    self.retry_s = now_s + self.backoff_s;
-                    SendFault::Absent
+        let Err(error) = socket.write_frame(&data) else {
+            return Ok(());
+        };
+        Err(match error.raw_os_error() {
+            Some(ENOBUFS) => SendFault::QueueFull,
+            Some(ENETDOWN) => SendFault::Down,
+            Some(ENODEV | ENXIO) => {
+                if let Some(socket) = self.socket.take() {
+                    // Where the thread is gone, the socket is closed here.
+                    let _ = self.closed.send(socket);
                 }
-                _ if error.kind() == ErrorKind::WouldBlock => SendFault::QueueFull,
-                errno => SendFault::System {
-                    errno: errno.unwrap_or(0),
-                },
-            }),
-        }
+                SendFault::Absent
+            }
+            _ if error.kind() == ErrorKind::WouldBlock => SendFault::QueueFull,
+            errno => SendFault::System {
+                errno: errno.unwrap_or(0),
+            },
+        })
+    }
+}
+
+impl Drop for Sender {
+    fn drop(&mut self) {
+        self.stop.store(true, Ordering::Relaxed);
+        // Not joined: the program's end need not wait for a pause between attempts.
+        drop(self.thread.take());
     }
 }
 

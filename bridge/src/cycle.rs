@@ -119,7 +119,7 @@ impl<P: Port, Q: Pilot> Cycle<P, Q> {
         self.safety.state()
     }
 
-    /// Returns why the vehicle was stopped or the handshake went on or ended last.
+    /// Returns why the last drive or handshake ended.
     pub fn stopped_by(&self) -> Option<Reason> {
         self.stopped_by
     }
@@ -171,10 +171,8 @@ impl<P: Port, Q: Pilot> Cycle<P, Q> {
 
         // 6. Record, and find the next cycle that is not over yet.
         if let Some(transition) = transition {
-            if matches!(
-                transition.from,
-                State::Zeroing | State::Enabling | State::Driving
-            ) {
+            let stops = matches!(transition.to, State::Stopping | State::Latched);
+            if stops && transition.from != State::Stopping {
                 self.stopped_by = Some(transition.reason);
             }
             self.records.push(Record::Transition(transition));

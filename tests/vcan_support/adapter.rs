@@ -52,14 +52,14 @@ impl Adapter {
         let mut input = terminal.try_clone().unwrap();
         let epoch = Epoch::now();
         std::thread::spawn(move || {
-            let (mut sender, mut line, mut byte) = (Sender::new(BUS), Vec::new(), [0]);
+            let (mut sender, mut line, mut byte) = (Sender::start(BUS).unwrap(), Vec::new(), [0]);
             while input.read_exact(&mut byte).is_ok() {
                 if byte[0] != b'\r' {
                     line.push(byte[0]);
                     continue;
                 }
                 if let Some(frame) = parse(&String::from_utf8_lossy(&line)) {
-                    let _ = sender.send(&frame, epoch.elapsed_s());
+                    let _ = sender.send(&frame);
                 }
                 line.clear();
             }

@@ -277,6 +277,15 @@ impl Observer {
         }
     }
 
+    /// When the last command came before the first silence of half a second.
+    pub fn silent_since_s(&self) -> f64 {
+        let seen = self.seen();
+        let silence = seen
+            .windows(2)
+            .find(|pair| pair[1].unix_s - pair[0].unix_s > 0.5);
+        silence.expect("there was no silence")[0].unix_s
+    }
+
     /// Time from `unix_s` to the first command from which on all are zero and off, s; none where
     /// commands still move or enable.
     pub fn off_after_s(&self, unix_s: f64) -> Option<f64> {

@@ -90,7 +90,7 @@ impl CanPort {
         })?;
         Ok(Self {
             writer: CommandWriter::new(layout),
-            sender: Sender::new(interface),
+            sender: Sender::start(interface)?,
             newest,
             correction,
             delivered_s: [f64::NEG_INFINITY; 3],
@@ -149,7 +149,7 @@ impl Port for CanPort {
         };
         let (sender, records) = (&mut self.sender, &mut self.records);
         self.writer.write(&order, |frame| {
-            sender.send(frame, now_s)?;
+            sender.send(frame)?;
             records.push(Record::Frame {
                 time_s: now_s,
                 sent: true,
