@@ -4,6 +4,7 @@
 //! Kept as a library so that tests and benches reach it; it promises no stable interface.
 #![allow(clippy::print_stdout, clippy::print_stderr)]
 
+pub mod bridge_config;
 pub mod check;
 pub mod closed_loop;
 pub mod config;
@@ -12,4 +13,6 @@ pub mod identify;
 pub mod odometry;
 pub mod record;
 pub mod report;
+pub mod run;
 pub mod simulate;
+pub mod vehicle;

@@ -2,7 +2,7 @@
 #![allow(clippy::print_stderr)]
 
 use clap::{Parser, Subcommand};
-use sidehill::{check, icr, identify, odometry, simulate};
+use sidehill::{check, icr, identify, odometry, run, simulate, vehicle};
 use std::process::ExitCode;
 
 /// Path tracking for skid-steer rovers on slopes. Without a subcommand it simulates the figure of
@@ -24,6 +24,10 @@ enum Command {
     Odometry(odometry::OdometryArgs),
     /// Identifies a vehicle's parameters from logs of level and sloping ground.
     Identify(identify::IdentifyArgs),
+    /// Drives a course in real time on a CAN bus.
+    Run(run::RunArgs),
+    /// Is a virtual rover in real time on a CAN bus.
+    Vehicle(vehicle::VehicleArgs),
     /// Validates configuration files.
     Check(check::CheckArgs),
 }
@@ -38,6 +42,8 @@ fn main() -> ExitCode {
             .map(|()| ExitCode::SUCCESS),
         Command::Odometry(args) => odometry::run(&args).map(|()| ExitCode::SUCCESS),
         Command::Identify(args) => identify::run(&args).map(|()| ExitCode::SUCCESS),
+        Command::Run(args) => run::run(&args),
+        Command::Vehicle(args) => vehicle::run(&args),
         Command::Check(args) => check::run(&args),
     };
     result.unwrap_or_else(|error| {

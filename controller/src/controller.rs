@@ -257,8 +257,10 @@ impl Controller {
         }
     }
 
-    /// Lets a stopped controller drive again, with a plan made from nothing.
+    /// Lets a stopped controller drive again, with an estimate and a plan made from nothing: readings
+    /// may have been missing for so long that the filter would refuse the poses that come now.
     pub fn rearm(&mut self) {
+        self.estimator.restart();
         self.phase = Phase::Driving { fallback_cycles: 0 };
         self.last_time_s = None;
         if let Law::Mpc { planned, .. } = &mut self.law {
@@ -282,7 +284,12 @@ impl Controller {
         };
         let elapsed_s = self.elapsed(sample.time_s);
         if let Some(estimate) = &estimate {
-            let progress = self.reference.advance(elapsed_s, &estimate.pose);
+            // The reference waits for a vehicle that has been stopped.
+            let reference_s = match self.phase {
+                Phase::Stopped(_) => 0.0,
+                Phase::Driving { .. } | Phase::Finished => elapsed_s,
+            };
+            let progress = self.reference.advance(reference_s, &estimate.pose);
             decision.progress = Some(progress);
             self.supervise(estimate, &progress);
             self.follow(estimate, &progress, elapsed_s, deadline, &mut decision);

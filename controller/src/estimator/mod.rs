@@ -309,6 +309,11 @@ impl Estimator {
         self.vehicle.clone_from(vehicle);
     }
 
+    /// Forgets everything: the next attitude and pose are believed as the first ones were.
+    pub fn restart(&mut self) {
+        *self = Self::new(self.settings, self.vehicle.clone());
+    }
+
     /// Returns the innovation of the newest pose of the last update, believed or not.
     pub fn innovation(&self) -> Option<Innovation> {
         self.innovation

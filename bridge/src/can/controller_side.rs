@@ -1,0 +1,266 @@
+//! The controller's end of the bus: commands to frames, the vehicle's frames to readings.
+
+use super::config::AttitudeConvention;
+use super::frame::Frame;
+use super::layout::{DriveMode, Layout};
+use super::message::{Contents, CounterWatch, FrameFault, MessageCodec, Quantity};
+use crate::motors::MeasuredMotorSpeeds;
+use sidehill_plant::frames::{Attitude, Pose, RosAttitude};
+use sidehill_plant::sample::Stamped;
+use std::sync::Arc;
+
+/// What the drives are told in a cycle, in the motors' own speeds.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MotorOrder {
+    /// Speeds.
+    pub motors: MeasuredMotorSpeeds,
+    /// Whether the drives shall be on.
+    pub enable: bool,
+}
+
+/// Turns orders into frames and counts them.
+pub struct CommandWriter {
+    layout: Arc<Layout>,
+    counter: u32,
+}
+
+impl CommandWriter {
+    /// Returns a writer whose first frame has counter 0.
+    pub fn new(layout: Arc<Layout>) -> Self {
+        Self { layout, counter: 0 }
+    }
+
+    /// Passes the frames of one cycle to `send`, in the order of the layout, until one fails.
+    ///
+    /// # Errors
+    /// A speed that does not fit its signal, or what `send` returned.
+    pub fn write<E: From<FrameFault>>(
+        &mut self,
+        order: &MotorOrder,
+        mut send: impl FnMut(&Frame) -> Result<(), E>,
+    ) -> Result<(), E> {
+        let enable = self.layout.enable;
+        let value_of = |quantity| match quantity {
+            Quantity::CommandTraction => order.motors.traction_m_s,
+            Quantity::CommandSteer => order.motors.steer_m_s,
+            Quantity::CommandEnable if order.enable => enable.on,
+            Quantity::CommandEnable => enable.off,
+            // Not in a command: refused by the codec.
+            _ => f64::NAN,
+        };
+        let counter = self.counter;
+        self.counter = self.counter.wrapping_add(1);
+        for message in &self.layout.command {
+            // Encoded first and counted anyway: a peer sees a lost frame as a gap.
+            send(&message.encode(counter % message.counter_modulus(), value_of)?)?;
+        }
+        Ok(())
+    }
+}
+
+/// What one drive says.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MotorReport {
+    /// Speed reached, m/s, as the motor counts.
+    pub speed_m_s: f64,
+    /// State.
+    pub mode: DriveMode,
+}
+
+/// The newest of everything the vehicle has sent, each with its instant.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Readings {
+    /// Of the traction drive.
+    pub traction: Option<Stamped<MotorReport>>,
+    /// Of the steer drive.
+    pub steer: Option<Stamped<MotorReport>>,
+    /// Roll and pitch.
+    pub attitude: Option<Stamped<Attitude>>,
+    /// Pose.
+    pub pose: Option<Stamped<Pose>>,
+    /// Frames taken.
+    pub taken: u64,
+    /// Frames refused.
+    pub refused: u64,
+    /// Why the last one was refused.
+    pub last_fault: Option<FrameFault>,
+}
+
+/// Which of the vehicle's messages a frame is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Source {
+    Traction,
+    Steer,
+    Attitude,
+    Position,
+    Heading,
+}
+
+/// Validates the vehicle's frames and keeps the newest readings.
+pub struct VehicleReader {
+    layout: Arc<Layout>,
+    watches: [CounterWatch; 5],
+    /// Position that waits for the heading with the same counter.
+    position: Option<Contents>,
+    readings: Readings,
+}
+
+const SOURCES: [Source; 5] = [
+    Source::Traction,
+    Source::Steer,
+    Source::Attitude,
+    Source::Position,
+    Source::Heading,
+];
+
+impl VehicleReader {
+    /// Returns a reader that has read nothing.
+    pub fn new(layout: Arc<Layout>) -> Self {
+        let watches = layout
+            .from_vehicle()
+            .map(|message| CounterWatch::new(message, layout.counter_skip_max));
+        Self {
+            layout,
+            watches,
+            position: None,
+            readings: Readings::default(),
+        }
+    }
+
+    /// Returns the newest readings.
+    pub fn readings(&self) -> &Readings {
+        &self.readings
+    }
+
+    /// Takes a frame that arrived at `time_s`; frames of other identifiers have no effect.
+    ///
+    /// # Errors
+    /// Why the frame is not believed. It then changes nothing but the count of refused frames.
+    pub fn take(&mut self, frame: &Frame, time_s: f64) -> Result<(), FrameFault> {
+        let Some(index) = self
+            .layout
+            .from_vehicle()
+            .iter()
+            .position(|message| message.id() == frame.id)
+        else {
+            return Ok(());
+        };
+        let result = self.decode(index, frame, time_s);
+        match result {
+            Ok(()) => self.readings.taken += 1,
+            Err(fault) => {
+                self.readings.refused += 1;
+                self.readings.last_fault = Some(fault);
+            }
+        }
+        result
+    }
+
+    fn decode(&mut self, index: usize, frame: &Frame, time_s: f64) -> Result<(), FrameFault> {
+        let layout = Arc::clone(&self.layout);
+        let message: &MessageCodec = layout.from_vehicle()[index];
+        let Some(contents) = message.decode(frame)? else {
+            return Ok(());
+        };
+        // Before the counter is looked at, so that a frame with a bad state does not count.
+        let mode = |states: &super::layout::DriveStates, quantity| {
+            let value = contents.get(quantity).unwrap_or(f64::NAN);
+            states
+                .mode(value)
+                .ok_or(FrameFault::State { quantity, value })
+        };
+        let value = |quantity| contents.get(quantity).unwrap_or(f64::NAN);
+        let r = &mut self.readings;
+        match SOURCES[index] {
+            Source::Traction => {
+                let mode = mode(&layout.traction_states, Quantity::TractionState)?;
+                self.watches[index].check(contents.counter)?;
+                r.traction = Some(Stamped {
+                    time_s,
+                    value: MotorReport {
+                        speed_m_s: value(Quantity::TractionSpeed),
+                        mode,
+                    },
+                });
+            }
+            Source::Steer => {
+                let mode = mode(&layout.steer_states, Quantity::SteerState)?;
+                self.watches[index].check(contents.counter)?;
+                r.steer = Some(Stamped {
+                    time_s,
+                    value: MotorReport {
+                        speed_m_s: value(Quantity::SteerSpeed),
+                        mode,
+                    },
+                });
+            }
+            Source::Attitude => {
+                self.watches[index].check(contents.counter)?;
+                r.attitude = Some(Stamped {
+                    time_s: time_s - layout.attitude_latency_s,
+                    value: paper_attitude(
+                        layout.attitude_convention,
+                        value(Quantity::Roll),
+                        value(Quantity::Pitch),
+                    ),
+                });
+            }
+            Source::Position => {
+                self.watches[index].check(contents.counter)?;
+                self.position = Some(contents);
+            }
+            Source::Heading => {
+                self.watches[index].check(contents.counter)?;
+                let pair = self
+                    .position
+                    .take()
+                    .filter(|position| position.counter == contents.counter);
+                if let Some(position) = pair {
+                    r.pose = Some(Stamped {
+                        time_s: time_s - layout.pose_latency_s,
+                        value: Pose {
+                            x_m: position.get(Quantity::X).unwrap_or(f64::NAN),
+                            y_m: position.get(Quantity::Y).unwrap_or(f64::NAN),
+                            z_m: value(Quantity::Z),
+                            yaw_rad: value(Quantity::Yaw),
+                        },
+                    });
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Returns the paper's roll and pitch. Neither depends on the heading: both are told by the
+/// direction of gravity in the body.
+fn paper_attitude(convention: AttitudeConvention, roll_rad: f64, pitch_rad: f64) -> Attitude {
+    let ros = |pitch_rad| {
+        RosAttitude {
+            roll_rad,
+            pitch_rad,
+            yaw_rad: 0.0,
+        }
+        .to_paper()
+        .0
+    };
+    match convention {
+        AttitudeConvention::Paper => Attitude {
+            roll_rad,
+            pitch_rad,
+        },
+        AttitudeConvention::Ros => ros(pitch_rad),
+        // Half a turn about x takes z down to z up; it keeps roll and turns pitch around.
+        AttitudeConvention::Aerospace => ros(-pitch_rad),
+    }
+}
+
+/// Returns roll and pitch as a sensor of that convention tells them.
+pub(super) fn told_attitude(convention: AttitudeConvention, attitude: &Attitude) -> [f64; 2] {
+    let ros = RosAttitude::from_paper(attitude, 0.0);
+    match convention {
+        AttitudeConvention::Paper => [attitude.roll_rad, attitude.pitch_rad],
+        AttitudeConvention::Ros => [ros.roll_rad, ros.pitch_rad],
+        AttitudeConvention::Aerospace => [ros.roll_rad, -ros.pitch_rad],
+    }
+}

@@ -1,0 +1,513 @@
+//! The layout of the bus: every name of `can.yaml` found in the database.
+
+use super::config::{
+    AttitudeConvention, CanConfig, Checksum, ChecksumAlgorithm, DriveMessage, EnableSignal,
+    Protection, ScaledSignal, StateSignal,
+};
+use super::database::{Database, DatabaseError, DatabaseFault, Message, Signal};
+use super::message::{ChecksumCodec, Field, MessageCodec, Quantity};
+use super::signal::{RawKind, SignalCodec};
+use crc::{Algorithm, Crc, Table};
+use sidehill_plant::vehicle::RangeError;
+
+/// Everything that encodes and decodes the frames of a vehicle.
+#[derive(Clone)]
+pub struct Layout {
+    /// Messages to the drives, all sent every cycle.
+    pub command: Vec<MessageCodec>,
+    /// How the drives spell off and on.
+    pub enable: EnableValues,
+    /// From the traction drive.
+    pub traction: MessageCodec,
+    /// Its states.
+    pub traction_states: DriveStates,
+    /// From the steer drive.
+    pub steer: MessageCodec,
+    /// Its states.
+    pub steer_states: DriveStates,
+    /// From the attitude sensor.
+    pub attitude: MessageCodec,
+    /// What its angles mean.
+    pub attitude_convention: AttitudeConvention,
+    /// Age of an attitude when it arrives, s.
+    pub attitude_latency_s: f64,
+    /// First message of a pose.
+    pub position: MessageCodec,
+    /// Second message of a pose.
+    pub heading: MessageCodec,
+    /// Age of a pose when it arrives, s.
+    pub pose_latency_s: f64,
+    /// Missing counts that are still accepted.
+    pub counter_skip_max: u32,
+}
+
+/// Off and on.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct EnableValues {
+    /// Value for off.
+    pub off: f64,
+    /// Value for on.
+    pub on: f64,
+}
+
+/// State of a drive.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum DriveMode {
+    /// Off, and can be switched on.
+    Disabled,
+    /// Follows commands.
+    Enabled,
+    /// Somebody pressed the button.
+    EmergencyStop,
+    /// The drive has a fault of its own.
+    Fault,
+}
+
+/// Which values of a signal mean which state.
+#[derive(Debug, Clone, PartialEq)]
+pub struct DriveStates {
+    values: Vec<(f64, DriveMode)>,
+}
+
+impl DriveStates {
+    /// Returns the state of a value, `None` where it is not listed.
+    pub fn mode(&self, value: f64) -> Option<DriveMode> {
+        self.values
+            .iter()
+            .find_map(|(listed, mode)| ((listed - value).abs() < 1e-9).then_some(*mode))
+    }
+
+    /// Returns the first value that is listed for a state.
+    pub fn value(&self, mode: DriveMode) -> Option<f64> {
+        self.values
+            .iter()
+            .find_map(|(value, listed)| (*listed == mode).then_some(*value))
+    }
+}
+
+/// Why a layout cannot be used.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum LayoutError {
+    /// A name is not in the database, or what it names cannot be used.
+    #[error(transparent)]
+    Database(#[from] DatabaseError),
+    /// A number of `can.yaml` is out of range.
+    #[error("message {message}: {error}")]
+    Range {
+        /// Message it belongs to.
+        message: String,
+        /// Key, value and range.
+        error: RangeError,
+    },
+    /// A counter is no unsigned integer of 1 to 16 bits.
+    #[error(
+        "message {message}: counter {signal} must be unsigned with 1 to 16 bits, it has {bits}"
+    )]
+    Counter {
+        /// Message.
+        message: String,
+        /// Signal.
+        signal: String,
+        /// Its bits.
+        bits: usize,
+    },
+    /// A checksum does not fill one byte.
+    #[error("message {message}: checksum {signal} must fill one byte")]
+    Checksum {
+        /// Message.
+        message: String,
+        /// Signal.
+        signal: String,
+    },
+    /// The message needs a counter.
+    #[error("message {message} needs a counter, by which its pair is found")]
+    NoCounter {
+        /// Message.
+        message: String,
+    },
+    /// Signals of one message are on different pages of a multiplexor.
+    #[error("message {message}: the signals used are not on one page")]
+    Pages {
+        /// Message.
+        message: String,
+    },
+    /// Traction, steer or enable is missing or given more than once.
+    #[error("command: {what} is given {times} times, must be {expected}")]
+    Command {
+        /// Which.
+        what: &'static str,
+        /// How often.
+        times: usize,
+        /// How often it must be.
+        expected: &'static str,
+    },
+    /// A list of states is empty, or a value is in two of them or none of the signal's.
+    #[error("message {message}, signal {signal}: states: {what}")]
+    States {
+        /// Message.
+        message: String,
+        /// Signal.
+        signal: String,
+        /// What is wrong.
+        what: String,
+    },
+    /// Two messages have the same identifier.
+    #[error("messages {message} and {other} are one and the same")]
+    SharedMessage {
+        /// One.
+        message: String,
+        /// The other.
+        other: String,
+    },
+}
+
+impl Layout {
+    /// Returns the layout that `config` describes in the terms of `database`.
+    ///
+    /// # Errors
+    /// [`LayoutError`] names the file, message and signal that is unknown or cannot be used.
+    pub fn new(config: &CanConfig, database: &Database) -> Result<Self, LayoutError> {
+        let f = &config.feedback;
+        let (a, p) = (&config.attitude, &config.pose);
+        let attitude = Builder::new(database, &a.message)?
+            .scaled(Quantity::Roll, &a.roll)?
+            .scaled(Quantity::Pitch, &a.pitch)?
+            .finish(&a.protection)?;
+        let position = Builder::new(database, &p.position.message)?
+            .scaled(Quantity::X, &p.position.x)?
+            .scaled(Quantity::Y, &p.position.y)?
+            .finish(&p.position.protection)?;
+        let heading = Builder::new(database, &p.heading.message)?
+            .scaled(Quantity::Z, &p.heading.z)?
+            .scaled(Quantity::Yaw, &p.heading.yaw)?
+            .finish(&p.heading.protection)?;
+        for message in [&position, &heading] {
+            if message.counter.is_none() {
+                return Err(LayoutError::NoCounter {
+                    message: message.name.clone(),
+                });
+            }
+        }
+        let (traction, traction_states) = drive(
+            database,
+            &f.traction,
+            [Quantity::TractionSpeed, Quantity::TractionState],
+        )?;
+        let (steer, steer_states) = drive(
+            database,
+            &f.steer,
+            [Quantity::SteerSpeed, Quantity::SteerState],
+        )?;
+        let (command, enable) = command(config, database)?;
+        let layout = Self {
+            command,
+            enable,
+            traction,
+            traction_states,
+            steer,
+            steer_states,
+            attitude,
+            attitude_convention: a.convention,
+            attitude_latency_s: latency(&a.message, a.latency_s)?,
+            position,
+            heading,
+            pose_latency_s: latency(&p.heading.message, p.latency_s)?,
+            counter_skip_max: config.counter_skip_max,
+        };
+        layout.check_messages_differ()?;
+        Ok(layout)
+    }
+
+    /// Returns the messages that come from the vehicle.
+    pub fn from_vehicle(&self) -> [&MessageCodec; 5] {
+        [
+            &self.traction,
+            &self.steer,
+            &self.attitude,
+            &self.position,
+            &self.heading,
+        ]
+    }
+
+    fn check_messages_differ(&self) -> Result<(), LayoutError> {
+        let all: Vec<&MessageCodec> = self.command.iter().chain(self.from_vehicle()).collect();
+        for (i, message) in all.iter().enumerate() {
+            if let Some(other) = all[..i].iter().find(|other| other.id == message.id) {
+                return Err(LayoutError::SharedMessage {
+                    message: message.name.clone(),
+                    other: other.name.clone(),
+                });
+            }
+        }
+        Ok(())
+    }
+}
+
+fn latency(message: &str, latency_s: f64) -> Result<f64, LayoutError> {
+    RangeError::check("latency_s", latency_s, 0.0, 1.0, "from 0 to 1 s").map_err(|error| {
+        LayoutError::Range {
+            message: message.to_owned(),
+            error,
+        }
+    })
+}
+
+fn command(
+    config: &CanConfig,
+    database: &Database,
+) -> Result<(Vec<MessageCodec>, EnableValues), LayoutError> {
+    let count = |what, times, allowed: bool, expected| {
+        if allowed {
+            Ok(())
+        } else {
+            Err(LayoutError::Command {
+                what,
+                times,
+                expected,
+            })
+        }
+    };
+    let messages = &config.command;
+    let tractions = messages.iter().filter(|m| m.traction.is_some()).count();
+    let steers = messages.iter().filter(|m| m.steer.is_some()).count();
+    let mut enables = messages.iter().filter_map(|m| m.enable.as_ref());
+    count("traction", tractions, tractions == 1, "1")?;
+    count("steer", steers, steers == 1, "1")?;
+    let first = enables.next();
+    let Some(EnableSignal { off, on, .. }) = first.filter(|first| first.off != first.on) else {
+        return Err(LayoutError::Command {
+            what: "enable with different off and on",
+            times: 0,
+            expected: "1 or more",
+        });
+    };
+    let differing = enables.filter(|e| e.off != *off || e.on != *on).count();
+    count("another off or on", differing, differing == 0, "0")?;
+    let command = messages
+        .iter()
+        .map(|m| {
+            let mut builder = Builder::new(database, &m.message)?;
+            if let Some(signal) = &m.traction {
+                builder = builder.scaled(Quantity::CommandTraction, signal)?;
+            }
+            if let Some(signal) = &m.steer {
+                builder = builder.scaled(Quantity::CommandSteer, signal)?;
+            }
+            if let Some(enable) = &m.enable {
+                builder = builder.value(Quantity::CommandEnable, &enable.signal)?;
+                builder.check_holds(&enable.signal, &[enable.off, enable.on])?;
+            }
+            builder.finish(&m.protection)
+        })
+        .collect::<Result<_, LayoutError>>()?;
+    Ok((command, EnableValues { off: *off, on: *on }))
+}
+
+fn drive(
+    database: &Database,
+    config: &DriveMessage,
+    [speed, state]: [Quantity; 2],
+) -> Result<(MessageCodec, DriveStates), LayoutError> {
+    let builder = Builder::new(database, &config.message)?
+        .scaled(speed, &config.speed)?
+        .value(state, &config.state.signal)?;
+    let states = states(&builder, &config.state)?;
+    Ok((builder.finish(&config.protection)?, states))
+}
+
+fn states(builder: &Builder<'_>, signal: &StateSignal) -> Result<DriveStates, LayoutError> {
+    let mut values: Vec<(f64, DriveMode)> = Vec::new();
+    let fail = |what: String| LayoutError::States {
+        message: builder.name.clone(),
+        signal: signal.signal.clone(),
+        what,
+    };
+    for (list, mode, name) in [
+        (&signal.disabled, DriveMode::Disabled, "disabled"),
+        (&signal.enabled, DriveMode::Enabled, "enabled"),
+        (
+            &signal.emergency_stop,
+            DriveMode::EmergencyStop,
+            "emergency_stop",
+        ),
+        (&signal.fault, DriveMode::Fault, "fault"),
+    ] {
+        if list.is_empty() {
+            return Err(fail(format!("{name} has no value")));
+        }
+        builder.check_holds(&signal.signal, list)?;
+        for value in list {
+            if values.iter().any(|(other, _)| other == value) {
+                return Err(fail(format!("{value} is listed twice")));
+            }
+            values.push((*value, mode));
+        }
+    }
+    Ok(DriveStates { values })
+}
+
+/// Collects the signals of one message and checks that they go together.
+struct Builder<'a> {
+    database: &'a Database,
+    message: Message<'a>,
+    name: String,
+    fields: Vec<Field>,
+    used: Vec<(String, Signal)>,
+}
+
+impl<'a> Builder<'a> {
+    fn new(database: &'a Database, name: &str) -> Result<Self, LayoutError> {
+        Ok(Self {
+            database,
+            message: database.message(name)?,
+            name: name.to_owned(),
+            fields: Vec::new(),
+            used: Vec::new(),
+        })
+    }
+
+    fn find(&mut self, name: &str) -> Result<SignalCodec, LayoutError> {
+        let signal = self.message.signal(name)?;
+        let bits = signal.codec.footprint();
+        if let Some((other, _)) = self
+            .used
+            .iter()
+            .find(|(_, used)| used.codec.footprint() & bits != 0)
+        {
+            return Err(self
+                .database
+                .fail(DatabaseFault::Overlap {
+                    message: self.name.clone(),
+                    signal: name.to_owned(),
+                    other: other.clone(),
+                })
+                .into());
+        }
+        self.used.push((name.to_owned(), signal));
+        Ok(signal.codec)
+    }
+
+    fn scaled(mut self, quantity: Quantity, signal: &ScaledSignal) -> Result<Self, LayoutError> {
+        let codec = self.find(&signal.signal)?;
+        let size = RangeError::check(
+            "per_unit",
+            signal.per_unit.abs(),
+            1e-6,
+            1e9,
+            "from 1e-6 to 1e9, or its negative",
+        )
+        .map_err(|error| LayoutError::Range {
+            message: self.name.clone(),
+            error,
+        })?;
+        self.fields.push(Field {
+            quantity,
+            codec,
+            per_unit: size.copysign(signal.per_unit),
+        });
+        Ok(self)
+    }
+
+    fn value(mut self, quantity: Quantity, signal: &str) -> Result<Self, LayoutError> {
+        let codec = self.find(signal)?;
+        self.fields.push(Field {
+            quantity,
+            codec,
+            per_unit: 1.0,
+        });
+        Ok(self)
+    }
+
+    /// Checks that a signal shows each of `values` exactly.
+    fn check_holds(&self, signal: &str, values: &[f64]) -> Result<(), LayoutError> {
+        let codec = self.message.signal(signal)?.codec;
+        for value in values {
+            let mut data = [0; 8];
+            let held = codec.encode(*value, &mut data).is_ok()
+                && codec
+                    .decode(&data)
+                    .is_ok_and(|back| (back - value).abs() < 1e-9);
+            if !held {
+                return Err(LayoutError::States {
+                    message: self.name.clone(),
+                    signal: signal.to_owned(),
+                    what: format!("the signal cannot hold {value}"),
+                });
+            }
+        }
+        Ok(())
+    }
+
+    fn finish(mut self, protection: &Protection) -> Result<MessageCodec, LayoutError> {
+        let counter = match &protection.counter {
+            None => None,
+            Some(name) => {
+                let codec = self.find(name)?;
+                if codec.kind != RawKind::Unsigned || codec.bits > 16 {
+                    return Err(LayoutError::Counter {
+                        message: self.name,
+                        signal: name.clone(),
+                        bits: codec.bits,
+                    });
+                }
+                Some(codec)
+            }
+        };
+        let checksum = match &protection.checksum {
+            None => None,
+            Some(checksum) => Some(self.checksum(checksum)?),
+        };
+        Ok(MessageCodec {
+            page: self.page()?,
+            id: self.message.id,
+            length: self.message.length,
+            name: self.name,
+            fields: self.fields,
+            counter,
+            checksum,
+        })
+    }
+
+    fn checksum(&mut self, checksum: &Checksum) -> Result<ChecksumCodec, LayoutError> {
+        let codec = self.find(&checksum.signal)?;
+        let footprint = codec.footprint();
+        let byte = footprint.trailing_zeros() as usize / 8;
+        if footprint != 0xFF << (8 * byte) || codec.kind != RawKind::Unsigned {
+            return Err(LayoutError::Checksum {
+                message: self.name.clone(),
+                signal: checksum.signal.clone(),
+            });
+        }
+        Ok(ChecksumCodec {
+            byte,
+            crc: Crc::<u8, Table<1>>::new(algorithm(checksum.algorithm)),
+            data_id: checksum.data_id.clone(),
+        })
+    }
+
+    /// The one page on which all multiplexed signals used are.
+    fn page(&self) -> Result<Option<(SignalCodec, u64)>, LayoutError> {
+        let mut pages = self.used.iter().filter_map(|(_, signal)| signal.page);
+        let Some(page) = pages.next() else {
+            return Ok(None);
+        };
+        let overlaps =
+            |(_, used): &(String, Signal)| used.codec.footprint() & page.0.footprint() != 0;
+        if pages.any(|other| other != page) || self.used.iter().any(overlaps) {
+            return Err(LayoutError::Pages {
+                message: self.name.clone(),
+            });
+        }
+        Ok(Some(page))
+    }
+}
+
+fn algorithm(algorithm: ChecksumAlgorithm) -> &'static Algorithm<u8> {
+    match algorithm {
+        ChecksumAlgorithm::SaeJ1850 => &crc::CRC_8_SAE_J1850,
+        ChecksumAlgorithm::Autosar => &crc::CRC_8_AUTOSAR,
+        ChecksumAlgorithm::Smbus => &crc::CRC_8_SMBUS,
+        ChecksumAlgorithm::MaximDow => &crc::CRC_8_MAXIM_DOW,
+    }
+}

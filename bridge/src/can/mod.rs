@@ -1,0 +1,13 @@
+//! What is on the CAN bus, apart from any socket: database, signals, messages and their layout.
+
+pub mod config;
+pub mod controller_side;
+pub mod database;
+pub mod frame;
+pub mod layout;
+pub mod message;
+pub mod signal;
+pub mod vehicle_side;
+
+#[cfg(test)]
+mod tests;

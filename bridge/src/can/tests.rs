@@ -1,0 +1,423 @@
+use super::config::CanConfig;
+use super::controller_side::{CommandWriter, MotorOrder, MotorReport, VehicleReader};
+use super::database::{Database, DatabaseFault};
+use super::frame::{Frame, FrameId};
+use super::layout::{DriveMode, Layout, LayoutError};
+use super::message::FrameFault;
+use super::vehicle_side::{CommandReader, ReportWriter, VehicleReport};
+use crate::motors::MeasuredMotorSpeeds;
+use proptest::prelude::*;
+use sidehill_plant::frames::{Attitude, Pose};
+use std::sync::Arc;
+
+const DBC: &str = include_str!("../../../config/bridge/j8.dbc");
+const YAML: &str = include_str!("../../../config/bridge/can.yaml");
+
+fn config() -> CanConfig {
+    serde_yaml::from_str(YAML).unwrap()
+}
+
+fn layout() -> Arc<Layout> {
+    let database = Database::parse("j8.dbc", DBC).unwrap();
+    Arc::new(Layout::new(&config(), &database).unwrap())
+}
+
+fn refusal(dbc: &str, yaml: &str) -> LayoutError {
+    let config: CanConfig = serde_yaml::from_str(yaml).unwrap();
+    Layout::new(&config, &Database::parse("j8.dbc", dbc).unwrap())
+        .err()
+        .unwrap()
+}
+
+fn order(traction_m_s: f64, steer_m_s: f64, enable: bool) -> MotorOrder {
+    MotorOrder {
+        motors: MeasuredMotorSpeeds {
+            traction_m_s,
+            steer_m_s,
+        },
+        enable,
+    }
+}
+
+fn frames(writer: &mut CommandWriter, order: &MotorOrder) -> Vec<Frame> {
+    let mut frames = Vec::new();
+    writer
+        .write::<FrameFault>(order, |frame| {
+            frames.push(*frame);
+            Ok(())
+        })
+        .unwrap();
+    frames
+}
+
+fn report(speed_m_s: f64) -> VehicleReport {
+    let motor = |speed_m_s| MotorReport {
+        speed_m_s,
+        mode: DriveMode::Enabled,
+    };
+    VehicleReport {
+        traction: motor(speed_m_s),
+        steer: motor(-speed_m_s),
+        attitude: Some(Attitude {
+            roll_rad: 0.2,
+            pitch_rad: -0.3,
+        }),
+        pose: Some(Pose {
+            x_m: 1.234,
+            y_m: -56.789,
+            z_m: 0.5,
+            yaw_rad: 2.0,
+        }),
+    }
+}
+
+fn reported(writer: &mut ReportWriter, report: &VehicleReport, frozen: bool) -> Vec<Frame> {
+    let mut frames = Vec::new();
+    writer
+        .write(report, frozen, |frame| frames.push(frame))
+        .unwrap();
+    frames
+}
+
+/// The same bytes and values as cantools, an independent implementation.
+#[test]
+fn signals_are_coded_as_cantools_codes_them() {
+    let dbc = include_str!("../../tests/data/codec.dbc");
+    let vectors = include_str!("../../tests/data/codec_vectors.csv");
+    let database = Database::parse("codec.dbc", dbc).unwrap();
+    let mut rows = 0;
+    for row in csv::Reader::from_reader(vectors.as_bytes()).records() {
+        let row = row.unwrap();
+        let message = database.message(&row[0]).unwrap();
+        let id: u32 = row[3].parse().unwrap();
+        let expected_id = if &row[4] == "1" {
+            FrameId::Extended(id)
+        } else {
+            FrameId::Standard(id as u16)
+        };
+        assert_eq!(message.id, expected_id);
+        let mut expected = [0; 8];
+        for (i, byte) in expected[..usize::from(message.length)]
+            .iter_mut()
+            .enumerate()
+        {
+            *byte = u8::from_str_radix(&row[5][2 * i..2 * i + 2], 16).unwrap();
+        }
+        let mut data = [0; 8];
+        for (name, value) in row[1].split(' ').zip(row[2].split(' ')) {
+            let value: f64 = value.parse().unwrap();
+            let signal = message.signal(name).unwrap();
+            signal.codec.encode(value, &mut data).unwrap();
+            let back = signal.codec.decode(&expected).unwrap();
+            let tolerance = 1e-6 * value.abs().max(1.0);
+            assert!((back - value).abs() < tolerance, "{name}: {back} {value}");
+            if let Some((switch, page)) = signal.page {
+                assert_eq!(switch.extract(&expected), page);
+            }
+        }
+        assert_eq!(data, expected, "{row:?}");
+        rows += 1;
+    }
+    assert_eq!(rows, 300);
+}
+
+#[test]
+fn a_command_reaches_the_drives_and_a_report_the_controller() {
+    let layout = layout();
+    let mut drives = CommandReader::new(Arc::clone(&layout));
+    let mut writer = CommandWriter::new(Arc::clone(&layout));
+    assert_eq!(drives.told(), None);
+    for frame in frames(&mut writer, &order(0.5, -0.25, true)) {
+        drives.take(&frame, 7.0).unwrap();
+    }
+    let told = drives.told().unwrap();
+    assert!(told.order.enable && told.time_s == 7.0);
+    assert!((told.order.motors.traction_m_s - 0.5).abs() < 1e-4);
+    assert!((told.order.motors.steer_m_s + 0.25).abs() < 1e-4);
+
+    let mut reader = VehicleReader::new(Arc::clone(&layout));
+    for frame in reported(&mut ReportWriter::new(layout), &report(0.4), false) {
+        reader.take(&frame, 3.0).unwrap();
+    }
+    let readings = reader.readings();
+    let (traction, attitude, pose) = (
+        readings.traction.unwrap().value,
+        readings.attitude.unwrap().value,
+        readings.pose.unwrap().value,
+    );
+    assert!((traction.speed_m_s - 0.4).abs() < 1e-4 && traction.mode == DriveMode::Enabled);
+    assert!((attitude.roll_rad - 0.2).abs() < 1e-4);
+    assert!((attitude.pitch_rad + 0.3).abs() < 1e-4);
+    assert!((pose.y_m + 56.789).abs() < 1e-3 && (pose.yaw_rad - 2.0).abs() < 1e-4);
+}
+
+#[test]
+fn speeds_that_are_not_finite_or_too_large_are_not_sent() {
+    let mut writer = CommandWriter::new(layout());
+    for speed in [f64::NAN, f64::INFINITY, 3.3, -1e9] {
+        let result = writer.write::<FrameFault>(&order(speed, 0.0, true), |_| Ok(()));
+        assert!(
+            matches!(result, Err(FrameFault::Value { .. })),
+            "{result:?}"
+        );
+    }
+}
+
+#[test]
+fn frames_that_repeat_skip_or_are_damaged_are_refused() {
+    let layout = layout();
+    let mut reader = VehicleReader::new(Arc::clone(&layout));
+    let mut writer = ReportWriter::new(Arc::clone(&layout));
+    let first = reported(&mut writer, &report(0.1), false);
+    reader.take(&first[0], 0.0).unwrap();
+    assert!(matches!(
+        reader.take(&first[0], 0.1),
+        Err(FrameFault::CounterRepeated { counter: 0 })
+    ));
+    for _ in 0..2 {
+        reported(&mut writer, &report(0.1), false);
+    }
+    // Two counts missing pass, three do not, and counting goes on from there.
+    let after_gap = reported(&mut writer, &report(0.2), false);
+    reader.take(&after_gap[0], 0.2).unwrap();
+    for _ in 0..3 {
+        reported(&mut writer, &report(0.1), false);
+    }
+    let lost = reported(&mut writer, &report(0.3), false);
+    assert!(matches!(
+        reader.take(&lost[0], 0.3),
+        Err(FrameFault::CounterSkipped {
+            before: 3,
+            counter: 7
+        })
+    ));
+    let next = reported(&mut writer, &report(0.4), false);
+    reader.take(&next[0], 0.4).unwrap();
+
+    let good = reported(&mut writer, &report(0.5), false)[0];
+    for bit in 0..64 {
+        let mut damaged = good;
+        damaged.data[bit / 8] ^= 1 << (bit % 8);
+        assert!(matches!(
+            reader.take(&damaged, 0.5),
+            Err(FrameFault::Checksum { .. })
+        ));
+    }
+    let mut short = good;
+    short.length = 7;
+    assert!(matches!(
+        reader.take(&short, 0.5),
+        Err(FrameFault::Length { .. })
+    ));
+    // The same number as an extended identifier is another message.
+    let mut extended = good;
+    extended.id = FrameId::Extended(257);
+    let before = *reader.readings();
+    reader.take(&extended, 0.5).unwrap();
+    assert_eq!(*reader.readings(), before);
+    reader.take(&good, 0.5).unwrap();
+    assert_eq!(reader.readings().traction.unwrap().time_s, 0.5);
+}
+
+#[test]
+fn halves_of_different_poses_make_none() {
+    let layout = layout();
+    let mut reader = VehicleReader::new(Arc::clone(&layout));
+    let mut writer = ReportWriter::new(layout);
+    let (one, two) = (
+        reported(&mut writer, &report(0.1), false),
+        reported(&mut writer, &report(0.1), false),
+    );
+    reader.take(&one[3], 0.0).unwrap();
+    reader.take(&two[4], 0.1).unwrap();
+    assert_eq!(reader.readings().pose, None);
+}
+
+#[test]
+fn names_that_are_unknown_or_unusable_are_named_with_their_file() {
+    let error = refusal(
+        DBC,
+        &YAML.replace("signal: TractionSpeed", "signal: TractionSped"),
+    );
+    assert_eq!(
+        error.to_string(),
+        "j8.dbc: message DriveCommand has no signal TractionSped"
+    );
+    let error = refusal(DBC, &YAML.replace("message: AhrsAttitude", "message: Ahrs"));
+    assert_eq!(error.to_string(), "j8.dbc: message Ahrs is not defined");
+    let error = refusal(
+        &DBC.replace("SG_ Roll : 7|16@0-", "SG_ Roll : 7|17@0-"),
+        YAML,
+    );
+    assert!(
+        error.to_string().contains("signals Pitch and Roll overlap"),
+        "{error}"
+    );
+    let error = refusal(
+        &DBC.replace("SG_ Roll : 7|16@0-", "SG_ Roll : 41|16@0-"),
+        YAML,
+    );
+    assert!(
+        error
+            .to_string()
+            .contains("signal Roll: 16 bits from bit 41 do not fit"),
+        "{error}"
+    );
+    let error = refusal(&DBC.replace("PoseHeading: 8", "PoseHeading: 64"), YAML);
+    assert!(
+        error.to_string().contains("PoseHeading: 64 bytes"),
+        "{error}"
+    );
+    let error = refusal(&DBC.replace("(0.005,0)", "(0,0)"), YAML);
+    assert!(
+        error.to_string().contains("scale 0 is not usable"),
+        "{error}"
+    );
+    let error = refusal(DBC, &YAML.replace("fault: [3]", "fault: [9]"));
+    assert!(error.to_string().contains("cannot hold 9"), "{error}");
+    let error = refusal(DBC, &YAML.replace("per_unit: 940.0", "per_unit: 0"));
+    assert!(
+        error.to_string().contains("per_unit: 0 is out of range"),
+        "{error}"
+    );
+    let error = refusal(
+        DBC,
+        &YAML.replace("message: SteerFeedback", "message: TractionFeedback"),
+    );
+    assert!(
+        matches!(error, LayoutError::SharedMessage { .. }),
+        "{error}"
+    );
+    let error = Database::parse("j8.dbc", &DBC.replace("BO_ 256 ", "BO_ 65792 ")).unwrap_err();
+    assert!(
+        matches!(error.fault, DatabaseFault::Identifier { id: 65792, .. }),
+        "{error}"
+    );
+    let error = Database::parse("j8.dbc", &DBC.replace("BO_ 257 ", "BO_ 258 ")).unwrap_err();
+    assert!(
+        matches!(error.fault, DatabaseFault::DuplicateMessage { .. }),
+        "{error}"
+    );
+}
+
+/// Text with pieces cut out, doubled and replaced.
+fn mangled(text: &'static str) -> impl Strategy<Value = String> {
+    let edit = (
+        any::<prop::sample::Index>(),
+        any::<prop::sample::Index>(),
+        0..4u8,
+        "[ -~\n]{0,6}",
+    );
+    prop::collection::vec(edit, 1..6).prop_map(move |edits| {
+        let mut text = text.to_owned();
+        for (at, length, kind, insert) in edits {
+            let at = at.index(text.len() + 1).min(text.len());
+            let end = (at + length.index(24)).min(text.len());
+            if !text.is_char_boundary(at) || !text.is_char_boundary(end) {
+                continue;
+            }
+            let piece = text[at..end].to_owned();
+            match kind {
+                0 => text.replace_range(at..end, ""),
+                1 => text.insert_str(at, &piece),
+                2 => text.replace_range(at..end, &insert),
+                _ => text.insert_str(at, &insert),
+            }
+        }
+        text
+    })
+}
+
+/// Whatever is accepted works: every signal round-trips within the frame.
+fn check_sane(layout: &Layout) {
+    for message in layout.command.iter().chain(layout.from_vehicle()) {
+        assert!((1..=8).contains(&message.length));
+        for field in message.fields() {
+            assert!(field.codec.fits(usize::from(message.length)));
+            assert!(field.codec.scale != 0.0 && field.per_unit != 0.0);
+            assert!(field.codec.scale.is_finite() && field.per_unit.is_finite());
+            assert!(field.codec.encode(f64::NAN, &mut [0; 8]).is_err());
+        }
+        match message.encode(0, |_| 0.0) {
+            Ok(frame) => assert!(message.decode(&frame).is_ok()),
+            Err(fault) => assert!(matches!(fault, FrameFault::Value { .. }), "{fault}"),
+        }
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(2000))]
+
+    #[test]
+    fn any_frame_is_refused_or_within_range(extended: bool, id in 0..6usize, length in 0..=8u8, data: [u8; 8]) {
+        let layout = layout();
+        let id = match (extended, layout.from_vehicle().get(id)) {
+            (_, Some(message)) => message.id(),
+            (true, None) => FrameId::Extended(u32::from_le_bytes([data[0], data[1], data[2], data[3] & 0x1F])),
+            (false, None) => layout.command[0].id(),
+        };
+        let frame = Frame::new(id, &data[..usize::from(length)]).unwrap();
+        let mut reader = VehicleReader::new(Arc::clone(&layout));
+        let _ = reader.take(&frame, 0.0);
+        let readings = *reader.readings();
+        for motor in [readings.traction, readings.steer].into_iter().flatten() {
+            prop_assert!(motor.value.speed_m_s.abs() <= 3.5);
+        }
+        if let Some(attitude) = readings.attitude {
+            prop_assert!(attitude.value.is_finite());
+        }
+        let mut drives = CommandReader::new(layout);
+        let _ = drives.take(&frame, 0.0);
+        if let Some(told) = drives.told() {
+            prop_assert!(told.order.motors.traction_m_s.abs() < 3.2 && told.order.motors.steer_m_s.abs() < 3.2);
+        }
+    }
+
+    #[test]
+    fn a_right_checksum_on_any_payload_is_still_checked_for_range(data: [u8; 8]) {
+        // The widest acceptance there is: the checksum made to fit.
+        let layout = layout();
+        let mut frame = Frame::new(layout.traction.id(), &data).unwrap();
+        if let Err(FrameFault::Checksum { computed, .. }) = layout.traction.decode(&frame) {
+            frame.data[7] = computed;
+        }
+        let mut reader = VehicleReader::new(layout);
+        match reader.take(&frame, 0.0) {
+            Ok(()) => {
+                let speed = reader.readings().traction.unwrap().value.speed_m_s;
+                prop_assert!(speed.abs() <= 3200.05 / 940.0, "{}", speed);
+            }
+            Err(FrameFault::Value { .. } | FrameFault::State { .. }) => {}
+            Err(other) => prop_assert!(false, "{other}"),
+        }
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(500))]
+
+    #[test]
+    fn a_mangled_database_is_refused_or_usable(text in mangled(DBC)) {
+        if let Ok(database) = Database::parse("j8.dbc", &text)
+            && let Ok(layout) = Layout::new(&config(), &database)
+        {
+            check_sane(&layout);
+        }
+    }
+
+    #[test]
+    fn a_mangled_layout_is_refused_or_usable(text in mangled(YAML)) {
+        if let Ok(config) = serde_yaml::from_str::<CanConfig>(&text)
+            && let Ok(layout) = Layout::new(&config, &Database::parse("j8.dbc", DBC).unwrap())
+        {
+            check_sane(&layout);
+        }
+    }
+
+    #[test]
+    fn any_text_is_no_database(text in "\\PC*") {
+        if let Ok(database) = Database::parse("x", &text) {
+            prop_assert_eq!(database.message_names().count(), 0);
+        }
+    }
+}

@@ -1,0 +1,204 @@
+//! The vehicle's end of the bus: frames to what the drives are told, what is true to frames.
+
+use super::controller_side::{MotorOrder, MotorReport, told_attitude};
+use super::frame::Frame;
+use super::layout::Layout;
+use super::message::{CounterWatch, FrameFault, MessageCodec, Quantity};
+use crate::motors::MeasuredMotorSpeeds;
+use sidehill_plant::frames::{Attitude, Pose, wrap_angle};
+use std::sync::Arc;
+
+/// What the drives have been told, with the instant of the oldest part.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Told {
+    /// When, s.
+    pub time_s: f64,
+    /// What.
+    pub order: MotorOrder,
+}
+
+/// Validates the controller's frames.
+pub struct CommandReader {
+    layout: Arc<Layout>,
+    watches: Vec<CounterWatch>,
+    traction: Option<(f64, f64)>,
+    steer: Option<(f64, f64)>,
+    enable: bool,
+    refused: u64,
+}
+
+impl CommandReader {
+    /// Returns a reader that has been told nothing.
+    pub fn new(layout: Arc<Layout>) -> Self {
+        let watches = layout
+            .command
+            .iter()
+            .map(|message| CounterWatch::new(message, layout.counter_skip_max))
+            .collect();
+        Self {
+            layout,
+            watches,
+            traction: None,
+            steer: None,
+            enable: false,
+            refused: 0,
+        }
+    }
+
+    /// Returns the number of frames refused.
+    pub fn refused(&self) -> u64 {
+        self.refused
+    }
+
+    /// Returns what the drives have been told, once both motors have been told something.
+    pub fn told(&self) -> Option<Told> {
+        let ((traction_s, traction_m_s), (steer_s, steer_m_s)) = (self.traction?, self.steer?);
+        Some(Told {
+            time_s: traction_s.min(steer_s),
+            order: MotorOrder {
+                motors: MeasuredMotorSpeeds {
+                    traction_m_s,
+                    steer_m_s,
+                },
+                enable: self.enable,
+            },
+        })
+    }
+
+    /// Takes a frame that arrived at `time_s`; frames of other identifiers have no effect.
+    ///
+    /// # Errors
+    /// Why the frame is not believed. It then changes nothing.
+    pub fn take(&mut self, frame: &Frame, time_s: f64) -> Result<(), FrameFault> {
+        let found = self
+            .layout
+            .command
+            .iter()
+            .zip(&mut self.watches)
+            .find(|(message, _)| message.id() == frame.id);
+        let Some((message, watch)) = found else {
+            return Ok(());
+        };
+        let enable = self.layout.enable;
+        let decoded = message.decode(frame).and_then(|contents| {
+            if let Some(contents) = &contents {
+                watch.check(contents.counter)?;
+            }
+            Ok(contents)
+        });
+        let contents = match decoded {
+            Ok(Some(contents)) => contents,
+            Ok(None) => return Ok(()),
+            Err(fault) => {
+                self.refused += 1;
+                return Err(fault);
+            }
+        };
+        if let Some(speed_m_s) = contents.get(Quantity::CommandTraction) {
+            self.traction = Some((time_s, speed_m_s));
+        }
+        if let Some(speed_m_s) = contents.get(Quantity::CommandSteer) {
+            self.steer = Some((time_s, speed_m_s));
+        }
+        if let Some(value) = contents.get(Quantity::CommandEnable) {
+            self.enable = (value - enable.on).abs() < 1e-9;
+        }
+        Ok(())
+    }
+}
+
+/// Everything a vehicle sends.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct VehicleReport {
+    /// Of the traction drive.
+    pub traction: MotorReport,
+    /// Of the steer drive.
+    pub steer: MotorReport,
+    /// Roll and pitch, where there is a new reading.
+    pub attitude: Option<Attitude>,
+    /// Pose, where there is a new reading.
+    pub pose: Option<Pose>,
+}
+
+/// Turns reports into frames and counts them.
+pub struct ReportWriter {
+    layout: Arc<Layout>,
+    feedback_counter: u32,
+    attitude_counter: u32,
+    pose_counter: u32,
+}
+
+impl ReportWriter {
+    /// Returns a writer whose first frames have counter 0.
+    pub fn new(layout: Arc<Layout>) -> Self {
+        Self {
+            layout,
+            feedback_counter: 0,
+            attitude_counter: 0,
+            pose_counter: 0,
+        }
+    }
+
+    /// Passes the frames of a report to `send`; with `frozen`, no counter goes on.
+    ///
+    /// # Errors
+    /// A value that does not fit its signal.
+    pub fn write(
+        &mut self,
+        report: &VehicleReport,
+        frozen: bool,
+        mut send: impl FnMut(Frame),
+    ) -> Result<(), FrameFault> {
+        let layout = Arc::clone(&self.layout);
+        let step = u32::from(!frozen);
+        let value_of = |quantity| match quantity {
+            Quantity::TractionSpeed => report.traction.speed_m_s,
+            Quantity::SteerSpeed => report.steer.speed_m_s,
+            Quantity::TractionState => layout
+                .traction_states
+                .value(report.traction.mode)
+                .unwrap_or(f64::NAN),
+            Quantity::SteerState => layout
+                .steer_states
+                .value(report.steer.mode)
+                .unwrap_or(f64::NAN),
+            _ => f64::NAN,
+        };
+        for message in [&layout.traction, &layout.steer] {
+            send(encode(message, self.feedback_counter, value_of)?);
+        }
+        self.feedback_counter = self.feedback_counter.wrapping_add(step);
+        if let Some(attitude) = &report.attitude {
+            let [roll_rad, pitch_rad] = told_attitude(layout.attitude_convention, attitude);
+            let value_of = |quantity| match quantity {
+                Quantity::Roll => roll_rad,
+                Quantity::Pitch => pitch_rad,
+                _ => f64::NAN,
+            };
+            send(encode(&layout.attitude, self.attitude_counter, value_of)?);
+            self.attitude_counter = self.attitude_counter.wrapping_add(step);
+        }
+        if let Some(pose) = &report.pose {
+            let value_of = |quantity| match quantity {
+                Quantity::X => pose.x_m,
+                Quantity::Y => pose.y_m,
+                Quantity::Z => pose.z_m,
+                Quantity::Yaw => wrap_angle(pose.yaw_rad),
+                _ => f64::NAN,
+            };
+            for message in [&layout.position, &layout.heading] {
+                send(encode(message, self.pose_counter, value_of)?);
+            }
+            self.pose_counter = self.pose_counter.wrapping_add(step);
+        }
+        Ok(())
+    }
+}
+
+fn encode(
+    message: &MessageCodec,
+    counter: u32,
+    value_of: impl Fn(Quantity) -> f64,
+) -> Result<Frame, FrameFault> {
+    message.encode(counter % message.counter_modulus(), value_of)
+}

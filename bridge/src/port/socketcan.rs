@@ -1,0 +1,180 @@
+use super::{Port, Reading};
+use crate::bus::{Heard, Listener, SendFault, Sender};
+use crate::can::controller_side::{CommandWriter, MotorOrder, Readings, VehicleReader};
+use crate::can::layout::{DriveMode, Layout};
+use crate::clock::Epoch;
+use crate::motors::MeasuredMotorSpeeds;
+use crate::record::{Record, RecordSink};
+use crate::safety::{BusState, DriveFeedback, Order};
+use sidehill_plant::sample::{Sample, Stamped};
+use sidehill_plant::vehicle::SpeedCorrection;
+use std::sync::Arc;
+use triple_buffer::{Output, triple_buffer};
+
+/// What the listener leaves for the cycle: always the newest, never a queue.
+#[derive(Debug, Clone, Copy, Default)]
+struct Snapshot {
+    readings: Readings,
+    bus: BusState,
+}
+
+/// A vehicle behind a SocketCAN interface.
+pub struct CanPort {
+    writer: CommandWriter,
+    sender: Sender,
+    newest: Output<Snapshot>,
+    correction: SpeedCorrection,
+    /// Instants of the tread speeds, attitude and pose delivered last, s.
+    delivered_s: [f64; 3],
+    records: RecordSink,
+    /// Kept for its thread.
+    _listener: Listener,
+}
+
+impl CanPort {
+    /// Returns a port that listens from now on; `heard_records` takes what comes, `sent_records`
+    /// what goes.
+    ///
+    /// # Errors
+    /// The system's, where it has no thread left. An interface that does not exist is no error: the
+    /// bus is then absent.
+    pub fn new(
+        interface: &str,
+        layout: Arc<Layout>,
+        correction: SpeedCorrection,
+        epoch: Epoch,
+        mut heard_records: RecordSink,
+        sent_records: RecordSink,
+    ) -> Result<Self, std::io::Error> {
+        let (mut slot, newest) = triple_buffer(&Snapshot {
+            readings: Readings::default(),
+            bus: BusState::Absent,
+        });
+        let wanted = layout.from_vehicle().map(|message| message.id());
+        let mut reader = VehicleReader::new(Arc::clone(&layout));
+        let mut bus = BusState::Absent;
+        let listener = Listener::start(interface, &wanted, epoch, move |heard| {
+            match heard {
+                Heard::Frame { time_s, frame } => {
+                    heard_records.push(Record::Frame {
+                        time_s,
+                        sent: false,
+                        frame,
+                    });
+                    if let Err(fault) = reader.take(&frame, time_s) {
+                        heard_records.push(Record::Refused {
+                            time_s,
+                            frame,
+                            fault,
+                        });
+                    }
+                }
+                Heard::Bus { time_s, state } => {
+                    bus = state;
+                    heard_records.push(Record::Bus { time_s, state });
+                }
+                Heard::Restart {
+                    time_s,
+                    attempt,
+                    answer,
+                } => heard_records.push(Record::Restart {
+                    time_s,
+                    attempt,
+                    answer,
+                }),
+            }
+            slot.write(Snapshot {
+                readings: *reader.readings(),
+                bus,
+            });
+        })?;
+        Ok(Self {
+            writer: CommandWriter::new(layout),
+            sender: Sender::start(interface)?,
+            newest,
+            correction,
+            delivered_s: [f64::NEG_INFINITY; 3],
+            records: sent_records,
+            _listener: listener,
+        })
+    }
+}
+
+impl Port for CanPort {
+    fn receive(&mut self, now_s: f64) -> Reading {
+        let Snapshot { readings, bus } = *self.newest.read();
+        let motors = readings
+            .traction
+            .zip(readings.steer)
+            .map(|(traction, steer)| {
+                let speeds = MeasuredMotorSpeeds {
+                    traction_m_s: traction.value.speed_m_s,
+                    steer_m_s: steer.value.speed_m_s,
+                };
+                Stamped {
+                    time_s: traction.time_s.min(steer.time_s),
+                    value: (speeds, worse(traction.value.mode, steer.value.mode)),
+                }
+            });
+        let [treads_s, attitude_s, pose_s] = &mut self.delivered_s;
+        Reading {
+            sample: Sample {
+                time_s: now_s,
+                tread_speeds: new(
+                    motors.map(|motors| Stamped {
+                        time_s: motors.time_s,
+                        value: motors.value.0.into(),
+                    }),
+                    treads_s,
+                ),
+                attitude: new(readings.attitude, attitude_s),
+                pose: new(readings.pose, pose_s),
+            },
+            feedback: motors.map(|motors| Stamped {
+                time_s: motors.time_s,
+                value: DriveFeedback {
+                    speeds: motors.value.0.effective(&self.correction),
+                    mode: motors.value.1,
+                },
+            }),
+            bus,
+            refused: readings.refused,
+        }
+    }
+
+    fn send(&mut self, now_s: f64, order: &Order) -> Result<(), SendFault> {
+        let order = MotorOrder {
+            motors: MeasuredMotorSpeeds::reaching(order.speeds, &self.correction),
+            enable: order.enable,
+        };
+        let (sender, records) = (&mut self.sender, &mut self.records);
+        self.writer.write(&order, |frame| {
+            sender.send(frame)?;
+            records.push(Record::Frame {
+                time_s: now_s,
+                sent: true,
+                frame: *frame,
+            });
+            Ok(())
+        })
+    }
+}
+
+/// Returns a reading that is newer than the last one delivered.
+fn new<T>(reading: Option<Stamped<T>>, delivered_s: &mut f64) -> Option<Stamped<T>> {
+    let reading = reading.filter(|reading| reading.time_s > *delivered_s)?;
+    *delivered_s = reading.time_s;
+    Some(reading)
+}
+
+/// Emergency stop before fault before off before on.
+fn worse(a: DriveMode, b: DriveMode) -> DriveMode {
+    [
+        DriveMode::EmergencyStop,
+        DriveMode::Fault,
+        DriveMode::Disabled,
+    ]
+    .into_iter()
+    .find(|mode| a == *mode || b == *mode)
+    .unwrap_or(DriveMode::Enabled)
+}

@@ -1,0 +1,140 @@
+use serde::{Deserialize, Serialize};
+use sidehill_plant::vehicle::RangeError;
+
+/// Limits of the state machine.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct SafetyConfig {
+    /// Largest age of a command that is still driven on, s.
+    pub command_timeout_s: f64,
+    /// Largest age of the drives' feedback, s.
+    pub feedback_timeout_s: f64,
+    /// Longest time for which no frame can be sent, s.
+    pub transmit_timeout_s: f64,
+    /// Time for which zeros are sent, disabled, before the drives are switched on, s.
+    pub zeroing_time_s: f64,
+    /// Longest time for each part of the handshake, the controller's first command included, s.
+    pub handshake_timeout_s: f64,
+    /// Speed below which a motor stands, m/s.
+    pub standstill_m_s: f64,
+    /// Largest commanded speed of either motor, m/s.
+    pub speed_max_m_s: f64,
+    /// Deceleration of a controlled stop, for each motor, m/s^2.
+    pub deceleration_m_s2: f64,
+    /// Difference between feedback and command that is plausible, m/s.
+    pub plausible_difference_m_s: f64,
+    /// Time within which the drives reach a command: feedback is compared with the least and the
+    /// greatest command of this time, s.
+    pub response_time_s: f64,
+    /// Time for which feedback may be implausible, s.
+    pub implausible_time_s: f64,
+}
+
+impl Default for SafetyConfig {
+    fn default() -> Self {
+        Self {
+            command_timeout_s: 0.15,
+            feedback_timeout_s: 0.2,
+            transmit_timeout_s: 0.15,
+            zeroing_time_s: 0.2,
+            handshake_timeout_s: 1.0,
+            standstill_m_s: 0.02,
+            speed_max_m_s: 1.0,
+            deceleration_m_s2: 2.0,
+            plausible_difference_m_s: 0.1,
+            response_time_s: 0.5,
+            implausible_time_s: 0.3,
+        }
+    }
+}
+
+impl SafetyConfig {
+    /// Checks every range.
+    ///
+    /// # Errors
+    /// [`RangeError`] with the first key out of its range.
+    pub fn validate(&self) -> Result<(), RangeError> {
+        for (key, value, low, high, range) in [
+            (
+                "safety.command_timeout_s",
+                self.command_timeout_s,
+                0.01,
+                1.0,
+                "from 0.01 to 1 s",
+            ),
+            (
+                "safety.feedback_timeout_s",
+                self.feedback_timeout_s,
+                0.01,
+                1.0,
+                "from 0.01 to 1 s",
+            ),
+            (
+                "safety.transmit_timeout_s",
+                self.transmit_timeout_s,
+                0.01,
+                1.0,
+                "from 0.01 to 1 s",
+            ),
+            (
+                "safety.zeroing_time_s",
+                self.zeroing_time_s,
+                0.05,
+                10.0,
+                "from 0.05 to 10 s",
+            ),
+            (
+                "safety.handshake_timeout_s",
+                self.handshake_timeout_s,
+                0.1,
+                10.0,
+                "from 0.1 to 10 s",
+            ),
+            (
+                "safety.standstill_m_s",
+                self.standstill_m_s,
+                0.001,
+                0.2,
+                "from 0.001 to 0.2 m/s",
+            ),
+            (
+                "safety.speed_max_m_s",
+                self.speed_max_m_s,
+                0.01,
+                20.0,
+                "from 0.01 to 20 m/s",
+            ),
+            (
+                "safety.deceleration_m_s2",
+                self.deceleration_m_s2,
+                0.1,
+                20.0,
+                "from 0.1 to 20 m/s^2",
+            ),
+            (
+                "safety.plausible_difference_m_s",
+                self.plausible_difference_m_s,
+                0.01,
+                5.0,
+                "from 0.01 to 5 m/s",
+            ),
+            (
+                "safety.response_time_s",
+                self.response_time_s,
+                0.0,
+                1.0,
+                "from 0 to 1 s",
+            ),
+            (
+                "safety.implausible_time_s",
+                self.implausible_time_s,
+                0.0,
+                5.0,
+                "from 0 to 5 s",
+            ),
+        ] {
+            RangeError::check(key, value, low, high, range)?;
+        }
+        Ok(())
+    }
+}

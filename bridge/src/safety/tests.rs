@@ -1,0 +1,429 @@
+use super::*;
+use proptest::prelude::*;
+use sidehill_plant::sample::Stamped;
+
+const PERIOD_S: f64 = 0.05;
+
+/// A drive that follows at once, and a controller that wants what it is told.
+struct Bench {
+    safety: Safety,
+    seen: Observation,
+    steps: u32,
+    events: Vec<Transition>,
+    order: Order,
+}
+
+impl Bench {
+    fn new() -> Self {
+        Self {
+            safety: Safety::new(SafetyConfig::default()).unwrap(),
+            seen: Observation {
+                time_s: 0.0,
+                intent: None,
+                feedback: None,
+                bus: BusState::Active,
+                unsent_since_s: None,
+                operator: Operator::default(),
+            },
+            steps: 0,
+            events: Vec::new(),
+            order: Order::OFF,
+        }
+    }
+
+    /// One healthy cycle, in which `change` may break something.
+    fn step(&mut self, command: MotorSpeeds, change: impl FnOnce(&mut Observation)) -> Order {
+        self.steps += 1;
+        let time_s = f64::from(self.steps) * PERIOD_S;
+        self.seen.time_s = time_s;
+        self.seen.intent = Some(Intent {
+            time_s,
+            command,
+            pilot: PilotState::Driving,
+        });
+        self.seen.feedback = Some(Stamped {
+            time_s,
+            value: DriveFeedback {
+                speeds: self.order.speeds,
+                mode: if self.order.enable {
+                    DriveMode::Enabled
+                } else {
+                    DriveMode::Disabled
+                },
+            },
+        });
+        change(&mut self.seen);
+        let (order, event) = self.safety.step(&self.seen);
+        self.order = order;
+        self.events.extend(event);
+        order
+    }
+
+    fn arm(&mut self) {
+        self.step(MotorSpeeds::STOP, |seen| seen.operator.arm = false);
+        self.step(MotorSpeeds::STOP, |seen| seen.operator.arm = true);
+    }
+
+    /// A bench that drives at a command.
+    fn driving(command: MotorSpeeds) -> Self {
+        let mut bench = Self::new();
+        bench.arm();
+        for _ in 0..20 {
+            bench.step(command, |_| {});
+        }
+        assert_eq!(bench.safety.state(), State::Driving);
+        assert_eq!(bench.order.speeds, command);
+        bench
+    }
+
+    fn last(&self) -> Transition {
+        *self.events.last().unwrap()
+    }
+}
+
+fn speeds(traction_m_s: f64, steer_m_s: f64) -> MotorSpeeds {
+    MotorSpeeds {
+        traction_m_s,
+        steer_m_s,
+    }
+}
+
+#[test]
+fn nothing_moves_before_zeros_standstill_and_the_drives_answer() {
+    let mut bench = Bench::new();
+    for _ in 0..40 {
+        assert_eq!(bench.step(speeds(1.0, 0.5), |_| {}), Order::OFF);
+    }
+    bench.arm();
+    let mut orders = Vec::new();
+    for _ in 0..20 {
+        orders.push(bench.step(speeds(0.5, 0.1), |_| {}));
+    }
+    let on = orders.iter().position(|order| order.enable).unwrap();
+    let moved = orders
+        .iter()
+        .position(|order| order.speeds != MotorSpeeds::STOP)
+        .unwrap();
+    assert!(on >= 3 && moved > on, "{orders:?}");
+    let states: Vec<State> = bench.events.iter().map(|event| event.to).collect();
+    assert_eq!(states, [State::Zeroing, State::Enabling, State::Driving]);
+}
+
+#[test]
+fn a_switch_that_stands_on_arm_does_not_arm() {
+    let mut bench = Bench::new();
+    for _ in 0..100 {
+        bench.step(speeds(0.5, 0.0), |seen| seen.operator.arm = true);
+    }
+    assert_eq!(bench.safety.state(), State::Disarmed);
+}
+
+#[test]
+fn a_drive_that_never_answers_or_never_stands_ends_the_handshake() {
+    let mut bench = Bench::new();
+    bench.arm();
+    for _ in 0..60 {
+        bench.step(speeds(0.5, 0.0), |seen| {
+            if let Some(feedback) = &mut seen.feedback {
+                feedback.value.mode = DriveMode::Disabled;
+            }
+        });
+    }
+    assert!(matches!(bench.last().reason, Reason::Handshake { .. }));
+    assert_eq!(bench.safety.state(), State::Latched);
+    let mut bench = Bench::new();
+    bench.arm();
+    for _ in 0..60 {
+        let order = bench.step(speeds(0.5, 0.0), |seen| {
+            if let Some(feedback) = &mut seen.feedback {
+                feedback.value.speeds.steer_m_s = 0.05;
+            }
+        });
+        assert!(!order.enable);
+    }
+    assert!(matches!(bench.last().reason, Reason::Handshake { .. }));
+}
+
+/// What is broken, and whether it is broken at once or after a time-out, s.
+type Break = (&'static str, fn(&mut Observation), f64, bool);
+
+const BREAKS: [Break; 12] = [
+    ("halt", |s| s.operator.halt = true, 0.0, true),
+    (
+        "emergency stop",
+        |s| set_mode(s, DriveMode::EmergencyStop),
+        0.0,
+        true,
+    ),
+    ("drive fault", |s| set_mode(s, DriveMode::Fault), 0.0, true),
+    ("drive off", |s| set_mode(s, DriveMode::Disabled), 0.0, true),
+    ("stop", |s| s.operator.stop = true, 0.0, false),
+    ("bus off", |s| s.bus = BusState::BusOff, 0.0, false),
+    ("down", |s| s.bus = BusState::Down, 0.0, false),
+    ("not finite", |s| set_command(s, f64::NAN), 0.0, false),
+    ("unsent", |s| s.unsent_since_s = Some(1.05), 0.15, false),
+    ("no feedback", |s| set_feedback_time(s, 1.05), 0.2, false),
+    ("no command", |s| set_command_time(s, 1.05), 0.15, false),
+    ("runs away", |s| set_speed(s, 0.9), 0.3, false),
+];
+
+fn set_mode(seen: &mut Observation, mode: DriveMode) {
+    seen.feedback.as_mut().unwrap().value.mode = mode;
+}
+
+fn set_command(seen: &mut Observation, traction_m_s: f64) {
+    seen.intent.as_mut().unwrap().command.traction_m_s = traction_m_s;
+}
+
+fn set_feedback_time(seen: &mut Observation, time_s: f64) {
+    seen.feedback.as_mut().unwrap().time_s = time_s;
+}
+
+fn set_command_time(seen: &mut Observation, time_s: f64) {
+    seen.intent.as_mut().unwrap().time_s = time_s;
+}
+
+fn set_speed(seen: &mut Observation, traction_m_s: f64) {
+    seen.feedback.as_mut().unwrap().value.speeds.traction_m_s = traction_m_s;
+}
+
+#[test]
+fn every_fault_stops_in_time_and_stays_stopped_until_re_armed() {
+    for (name, fault, after_s, at_once) in BREAKS {
+        let mut bench = Bench::driving(speeds(0.6, -0.3));
+        // 22 cycles have passed: what breaks now was good until 1.1 s.
+        let start = bench.steps;
+        let ramp_s = if at_once { 0.0 } else { 0.6 / 2.0 };
+        let cycles = ((after_s + ramp_s) / PERIOD_S).ceil() as u32 + 2;
+        let mut previous = 0.6;
+        for _ in 0..cycles {
+            let order = bench.step(speeds(0.6, -0.3), fault);
+            assert!(order.speeds.traction_m_s <= previous, "{name}");
+            previous = order.speeds.traction_m_s;
+            if at_once {
+                assert_eq!(order, Order::OFF, "{name}");
+            }
+        }
+        assert_eq!(
+            bench.order.speeds,
+            MotorSpeeds::STOP,
+            "{name}: {:?}",
+            bench.events
+        );
+        assert!(bench.steps - start == cycles);
+        bench.step(speeds(0.6, -0.3), |_| {});
+        assert_eq!(bench.safety.state(), State::Latched, "{name}");
+        // The fault is gone; the arm level still stands.
+        for _ in 0..100 {
+            bench.seen.operator = Operator {
+                arm: true,
+                stop: false,
+                halt: false,
+            };
+            bench.seen.bus = BusState::Active;
+            bench.seen.unsent_since_s = None;
+            assert_eq!(bench.step(speeds(0.6, -0.3), |_| {}), Order::OFF, "{name}");
+        }
+        bench.arm();
+        for _ in 0..20 {
+            bench.step(speeds(0.6, -0.3), |_| {});
+        }
+        assert_eq!(bench.safety.state(), State::Driving, "{name}");
+    }
+}
+
+#[test]
+fn arming_is_refused_while_the_fault_lasts() {
+    for (name, fault, ..) in BREAKS {
+        if ["not finite", "no command", "drive off", "runs away"].contains(&name) {
+            continue; // No matter to vehicles that stand, off.
+        }
+        let mut bench = Bench::new();
+        for _ in 0..40 {
+            bench.step(MotorSpeeds::STOP, |_| {});
+        }
+        bench.arm();
+        for _ in 0..40 {
+            let order = bench.step(speeds(0.5, 0.0), fault);
+            assert_eq!(order, Order::OFF, "{name}");
+        }
+        assert!(bench.safety.state() != State::Driving, "{name}");
+    }
+}
+
+#[test]
+fn an_intent_from_before_the_drive_is_not_driven_on() {
+    let mut bench = Bench::new();
+    bench.arm();
+    for _ in 0..40 {
+        let order = bench.step(speeds(0.5, 0.0), |seen| set_command_time(seen, 0.1));
+        assert_eq!(order.speeds, MotorSpeeds::STOP);
+    }
+    assert!(
+        bench
+            .events
+            .iter()
+            .any(|event| matches!(event.reason, Reason::CommandTimeout { .. }))
+    );
+}
+
+#[test]
+fn a_first_plan_may_take_long_while_the_vehicle_stands() {
+    let mut bench = Bench::new();
+    bench.arm();
+    while bench.safety.state() != State::Driving {
+        bench.step(MotorSpeeds::STOP, |_| {});
+    }
+    let start_s = f64::from(bench.steps) * PERIOD_S;
+    // An answer that is too old when it comes is not driven on, nor an alarm yet.
+    for i in 0..10 {
+        let order = bench.step(speeds(0.5, 0.0), |s| match i {
+            0..4 => s.intent = None,
+            _ => set_command_time(s, start_s + 0.05),
+        });
+        assert!(
+            order.enable && order.speeds == MotorSpeeds::STOP,
+            "{:?}",
+            bench.events
+        );
+    }
+    assert_eq!(
+        bench.step(speeds(0.5, 0.0), |_| {}).speeds,
+        speeds(0.5, 0.0)
+    );
+    // From here on the same age stops.
+    for _ in 0..20 {
+        bench.step(speeds(0.5, 0.0), |s| set_command_time(s, start_s + 0.6));
+    }
+    assert!(
+        bench
+            .events
+            .iter()
+            .any(|event| matches!(event.reason, Reason::CommandTimeout { .. }))
+    );
+    assert_eq!(bench.safety.state(), State::Latched);
+}
+
+#[test]
+fn a_ramp_catches_up_after_a_late_cycle() {
+    let mut bench = Bench::driving(speeds(0.8, 0.0));
+    bench.step(speeds(0.8, 0.0), |seen| seen.operator.stop = true);
+    bench.steps += 5;
+    let order = bench.step(speeds(0.8, 0.0), |_| {});
+    // 0.3 s and the first cycle's 0.05 s at 2 m/s^2.
+    assert!(order.speeds.traction_m_s <= 0.1 + 1e-9, "{order:?}");
+}
+
+#[test]
+fn settings_out_of_range_are_named() {
+    let error = Safety::new(SafetyConfig {
+        deceleration_m_s2: 0.0,
+        ..SafetyConfig::default()
+    })
+    .unwrap_err();
+    assert_eq!(error.key, "safety.deceleration_m_s2");
+}
+
+fn any_number() -> impl Strategy<Value = f64> {
+    prop_oneof![
+        -1.5..1.5f64,
+        Just(f64::NAN),
+        Just(f64::INFINITY),
+        Just(-0.0)
+    ]
+}
+
+fn any_observation() -> impl Strategy<Value = Observation> {
+    let mode = prop_oneof![
+        6 => Just(DriveMode::Enabled),
+        6 => Just(DriveMode::Disabled),
+        1 => Just(DriveMode::EmergencyStop),
+        1 => Just(DriveMode::Fault),
+    ];
+    let bus = prop_oneof![
+        8 => Just(BusState::Active),
+        1 => Just(BusState::Passive),
+        1 => Just(BusState::BusOff),
+    ];
+    let operator = (
+        any::<bool>(),
+        prop::bool::weighted(0.05),
+        prop::bool::weighted(0.05),
+    )
+        .prop_map(|(arm, stop, halt)| Operator { arm, stop, halt });
+    (
+        prop_oneof![20 => 0.0..0.1f64, 1 => -1.0..2.0f64, 1 => Just(f64::NAN)],
+        (any_number(), any_number(), -0.05..0.2f64),
+        (any_number(), any_number(), 0.0..0.25f64, mode),
+        bus,
+        prop::option::weighted(0.1, 0.0..0.3f64),
+        operator,
+    )
+        .prop_map(
+            |(dt, (traction, steer, age), (a, b, old, mode), bus, unsent, operator)| {
+                // Times are made absolute by the test.
+                Observation {
+                    time_s: dt,
+                    intent: Some(Intent {
+                        time_s: age,
+                        command: speeds(traction, steer),
+                        pilot: PilotState::Driving,
+                    }),
+                    feedback: Some(Stamped {
+                        time_s: old,
+                        value: DriveFeedback {
+                            speeds: speeds(a, b),
+                            mode,
+                        },
+                    }),
+                    bus,
+                    unsent_since_s: unsent,
+                    operator,
+                }
+            },
+        )
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(1000))]
+
+    /// Whatever comes: orders are finite and bounded, only Driving and Stopping move anything, speed
+    /// never grows while stopping, Latched is left only by arming, and every change is an event.
+    #[test]
+    fn whatever_is_seen_the_order_is_safe(observations in prop::collection::vec(any_observation(), 1..200)) {
+        let mut safety = Safety::new(SafetyConfig::default()).unwrap();
+        let (mut now_s, mut before, mut armed_before) = (0.0, Order::OFF, true);
+        for mut seen in observations {
+            let dt = seen.time_s;
+            let time_s = now_s + dt;
+            seen.time_s = time_s;
+            if let Some(intent) = &mut seen.intent { intent.time_s = time_s - intent.time_s; }
+            if let Some(feedback) = &mut seen.feedback { feedback.time_s = time_s - feedback.time_s; }
+            if let Some(since) = &mut seen.unsent_since_s { *since = time_s - *since; }
+            let from = safety.state();
+            let (order, event) = safety.step(&seen);
+            let state = safety.state();
+            prop_assert_eq!(event.is_some(), state != from);
+            prop_assert!(order.speeds.is_finite());
+            prop_assert!(order.speeds.traction_m_s.abs() <= 1.0 && order.speeds.steer_m_s.abs() <= 1.0);
+            if !matches!(state, State::Driving | State::Stopping) {
+                prop_assert_eq!(order.speeds, MotorSpeeds::STOP);
+            }
+            prop_assert_eq!(order.enable, matches!(state, State::Enabling | State::Driving | State::Stopping));
+            if state == State::Stopping {
+                let elapsed = if dt >= 0.0 { dt } else { 0.0 };
+                let bound = (before.speeds.traction_m_s.abs() - 2.0 * elapsed).max(0.0);
+                prop_assert!(order.speeds.traction_m_s.abs() <= bound + 1e-9);
+            }
+            if matches!(from, State::Latched | State::Disarmed) && state != from {
+                prop_assert!(state == State::Zeroing && seen.operator.arm && !armed_before);
+            }
+            if seen.operator.halt || seen.feedback.is_some_and(|f| f.value.mode == DriveMode::EmergencyStop) {
+                prop_assert_eq!(order.speeds, MotorSpeeds::STOP);
+            }
+            armed_before = seen.operator.arm;
+            before = order;
+            if time_s.is_finite() { now_s = time_s; }
+        }
+    }
+}

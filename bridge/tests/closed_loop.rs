@@ -1,0 +1,251 @@
+//! The whole bridge in virtual time: controller, safety, cycle and a simulated vehicle.
+#![allow(clippy::unwrap_used)]
+
+use sidehill_bridge::clock::Clock;
+use sidehill_bridge::cycle::{Cycle, CycleConfig};
+use sidehill_bridge::drive::DriveConfig;
+use sidehill_bridge::pilot::{InlinePilot, Pilot};
+use sidehill_bridge::port::SimulatedPort;
+use sidehill_bridge::record::{RecordSource, ring};
+use sidehill_bridge::safety::{Operator, SafetyConfig, State};
+use sidehill_controller::config::{ControllerConfig, ControllerKind};
+use sidehill_controller::controller::{Controller, Decision, Status};
+use sidehill_controller::course::FigureEight;
+use sidehill_controller::path::{Projection, Window};
+use sidehill_controller::reference::Tracking;
+use sidehill_plant::frames::PlanarPose;
+use sidehill_plant::motion::IcrMotion;
+use sidehill_plant::sample::Sample;
+use sidehill_plant::simulation::{Simulation, SimulationSetup};
+use sidehill_plant::speeds::MotorSpeeds;
+use sidehill_plant::terrain::{PlaneTerrain, Terrain};
+use sidehill_plant::vehicle::Vehicle;
+use std::time::Duration;
+
+const ARM: Operator = Operator {
+    arm: true,
+    stop: false,
+    halt: false,
+};
+const NOTHING: Operator = Operator {
+    arm: false,
+    stop: false,
+    halt: false,
+};
+
+fn j8() -> Vehicle {
+    serde_yaml::from_str(include_str!("../../config/vehicles/j8.yaml")).unwrap()
+}
+
+fn port() -> SimulatedPort {
+    let vehicle = j8();
+    let start = FigureEight::default().trajectory().unwrap().at(0.0);
+    let setup = SimulationSetup {
+        terrain: Terrain::Plane(PlaneTerrain::new(5.3, 0.0).unwrap()),
+        correction: vehicle.correction,
+        motion: Box::new(IcrMotion {
+            vehicle: vehicle.clone(),
+            inclined: true,
+        }),
+        drive_train: serde_yaml::from_str(
+            "{traction: {acceleration_max_m_s2: 2, deceleration_max_m_s2: 2}, steer: {acceleration_max_m_s2: 2, deceleration_max_m_s2: 2}}",
+        )
+        .unwrap(),
+        sensors: Default::default(),
+        start: PlanarPose {
+            x_m: 0.0,
+            y_m: 0.0,
+            yaw_rad: start.heading_rad,
+        },
+        dt_s: 0.005,
+        seed: 1,
+    };
+    let simulation = Simulation::new(setup).unwrap();
+    SimulatedPort::new(
+        simulation,
+        0.005,
+        vehicle.correction,
+        DriveConfig::default(),
+    )
+    .unwrap()
+}
+
+fn cycle<Q: Pilot>(pilot: Q) -> (Cycle<SimulatedPort, Q>, RecordSource) {
+    let (sink, source) = ring(64);
+    let cycle = Cycle::new(
+        CycleConfig::default(),
+        SafetyConfig::default(),
+        Clock::Virtual { now_s: 0.0 },
+        port(),
+        pilot,
+        sink,
+    )
+    .unwrap();
+    (cycle, source)
+}
+
+fn controller() -> Controller {
+    Controller::new(
+        ControllerKind::IcrikMpc,
+        ControllerConfig::default(),
+        &j8(),
+        FigureEight::default().trajectory().unwrap(),
+        Tracking::Time,
+        1,
+        None,
+    )
+    .unwrap()
+}
+
+/// Wants a constant speed, until it hangs.
+struct Constant {
+    from_s: f64,
+    hangs_s: f64,
+    last: Option<Decision>,
+}
+
+impl Pilot for Constant {
+    fn decide(&mut self, sample: &Sample, _: bool, _: Option<Duration>) -> Option<Decision> {
+        if sample.time_s < self.hangs_s && sample.time_s >= self.from_s {
+            self.last = Some(Decision {
+                time_s: sample.time_s,
+                command: MotorSpeeds {
+                    traction_m_s: 0.5,
+                    steer_m_s: 0.1,
+                },
+                status: Status::Tracking,
+                estimate: None,
+                progress: None,
+                solve: None,
+                refused: Default::default(),
+            });
+        }
+        self.last
+    }
+}
+
+fn constant(hangs_s: f64) -> Constant {
+    Constant {
+        from_s: 0.0,
+        hangs_s,
+        last: None,
+    }
+}
+
+#[test]
+fn the_figure_of_eight_is_followed_through_the_bridge() {
+    let (mut cycle, _records) = cycle(InlinePilot::new(controller()));
+    let trajectory = FigureEight::default().trajectory().unwrap();
+    let path = trajectory.path().unwrap();
+    let mut errors = Vec::new();
+    let mut projection = Projection::starting_at(0.0);
+    let mut driving_s = 0.0;
+    for i in 0..1400 {
+        let row = cycle.step(if i > 5 { ARM } else { NOTHING });
+        if row.state != State::Driving {
+            continue;
+        }
+        driving_s += 0.05;
+        let pose = cycle.port().state().pose.planar();
+        let found = projection
+            .update(path, &pose, &Window::symmetric(1.0))
+            .unwrap();
+        if driving_s > 2.0 {
+            errors.push(found.cross_track_m);
+        }
+    }
+    // The lap takes 60 s; then the controller has finished and the bridge latches.
+    assert!((driving_s - 60.0_f64).abs() < 0.2, "{driving_s}");
+    assert_eq!(cycle.state(), State::Latched);
+    let square: f64 = errors.iter().map(|error| error * error).sum();
+    let rms_m = (square / errors.len() as f64).sqrt();
+    assert!(rms_m < 0.01, "{rms_m}");
+}
+
+#[test]
+fn a_controller_that_hangs_brings_the_vehicle_to_a_stop_until_re_armed() {
+    let (mut cycle, _records) = cycle(constant(3.0));
+    let mut moved = false;
+    for i in 0..200 {
+        let row = cycle.step(if i > 2 { ARM } else { NOTHING });
+        moved |= row.traction_m_s == 0.5;
+        // 0.15 s until it is noticed, a cycle at most until it acts, 0.25 s for the ramp.
+        if row.time_s > 3.0 + 0.15 + 0.05 + 0.25 + 0.05 {
+            assert_eq!((row.traction_m_s, row.steer_m_s), (0.0, 0.0));
+        }
+    }
+    assert!(moved);
+    assert_eq!(cycle.state(), State::Latched);
+    assert_eq!(cycle.port().state().motors, MotorSpeeds::STOP);
+}
+
+#[test]
+fn the_last_word_is_zero_and_off() {
+    use sidehill_bridge::bus::SendFault;
+    use sidehill_bridge::port::{Port, Reading};
+    use sidehill_bridge::safety::Order;
+    use std::sync::{Arc, Mutex};
+
+    struct Overheard {
+        inner: SimulatedPort,
+        last: Arc<Mutex<Option<Order>>>,
+    }
+    impl Port for Overheard {
+        fn receive(&mut self, now_s: f64) -> Reading {
+            self.inner.receive(now_s)
+        }
+        fn send(&mut self, now_s: f64, order: &Order) -> Result<(), SendFault> {
+            *self.last.lock().unwrap() = Some(*order);
+            self.inner.send(now_s, order)
+        }
+    }
+    let last = Arc::new(Mutex::new(None));
+    let inside = Arc::clone(&last);
+    let panicked = std::thread::spawn(move || {
+        let port = Overheard {
+            inner: port(),
+            last: Arc::clone(&inside),
+        };
+        let (sink, _source) = ring(64);
+        let clock = Clock::Virtual { now_s: 0.0 };
+        let (config, safety) = (CycleConfig::default(), SafetyConfig::default());
+        let mut cycle = Cycle::new(config, safety, clock, port, constant(1e9), sink).unwrap();
+        for i in 0..40 {
+            cycle.step(if i > 2 { ARM } else { NOTHING });
+        }
+        assert!(inside.lock().unwrap().unwrap().speeds.traction_m_s > 0.0);
+        panic!("on purpose");
+    })
+    .join();
+    assert!(panicked.is_err());
+    assert_eq!(last.lock().unwrap().unwrap(), Order::OFF);
+}
+
+#[test]
+fn a_steady_cycle_allocates_nothing() {
+    let (mut cycle, _records) = cycle(constant(1e9));
+    for i in 0..100 {
+        cycle.step(if i > 2 { ARM } else { NOTHING });
+    }
+    assert_eq!(cycle.state(), State::Driving);
+    let counted = allocation_counter::measure(|| {
+        for _ in 0..200 {
+            cycle.step(ARM);
+        }
+    });
+    assert_eq!(counted.count_total, 0, "{counted:?}");
+}
+
+#[test]
+fn a_run_repeats_every_bit() {
+    let run = || {
+        let (mut cycle, _records) = cycle(InlinePilot::new(controller()));
+        (0..200)
+            .map(|i| {
+                let row = cycle.step(if i > 5 { ARM } else { NOTHING });
+                format!("{} {} {}", row.traction_m_s, row.steer_m_s, row.x_m)
+            })
+            .collect::<Vec<_>>()
+    };
+    assert_eq!(run(), run());
+}

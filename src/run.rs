@@ -1,0 +1,355 @@
+//! `sidehill run`: the controller in real time on a CAN bus.
+#![allow(clippy::print_stdout, clippy::print_stderr)]
+
+use crate::bridge_config::{
+    RunConfig, VehicleConfig, load_layout, load_vehicle, read_yaml, resolve,
+};
+use crate::vehicle::simulation;
+use anyhow::{Context, Result, anyhow, ensure};
+use serde::Serialize;
+use sidehill_bridge::clock::{Clock, Epoch};
+use sidehill_bridge::cycle::{Cycle, Timing};
+use sidehill_bridge::pilot::ThreadedPilot;
+use sidehill_bridge::port::{CanPort, Port, SimulatedPort};
+use sidehill_bridge::realtime;
+use sidehill_bridge::record::{CycleRow, Outputs, RecordSink, Recorder, ring};
+use sidehill_bridge::safety::{Operator, Reason, State};
+use sidehill_controller::controller::Controller;
+use sidehill_controller::reference::Tracking;
+use sidehill_controller::speed_profile::SpeedLimits;
+use sidehill_plant::vehicle::{RangeError, Vehicle};
+use std::fs::File;
+use std::io::{BufWriter, Write};
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+/// Arguments of `sidehill run`.
+#[derive(Debug, clap::Args)]
+pub struct RunArgs {
+    /// Configuration: interface, layout of the bus, vehicle, controller, course, safety.
+    pub config: PathBuf,
+    /// Arms once when the drives' feedback has come. Without it, and after every stop, SIGUSR1 arms.
+    #[arg(long)]
+    pub arm: bool,
+    /// Folder for candump.log, cycles.csv and events.jsonl; it is made where it does not exist.
+    #[arg(long)]
+    pub out: Option<PathBuf>,
+    /// Ends after so many seconds; without it, at the end of the course or on a signal.
+    #[arg(long)]
+    pub duration_s: Option<f64>,
+}
+
+/// Records that a ring holds: seconds of a busy bus.
+const RING: usize = 8192;
+/// Cycles of zeros after a signal, before the program ends.
+const LAST_CYCLES: u32 = 5;
+
+/// What signals ask for.
+#[derive(Clone, Default)]
+struct Signals {
+    end: Arc<AtomicBool>,
+    arm: Arc<AtomicBool>,
+    stop: Arc<AtomicBool>,
+}
+
+/// One line a second on standard output.
+#[derive(Serialize)]
+struct StatusLine<'a> {
+    unix_s: f64,
+    #[serde(flatten)]
+    cycle: &'a CycleRow,
+    records_lost: u64,
+}
+
+/// How a run ended, as the last line on standard output.
+#[derive(Serialize)]
+struct Ending {
+    ended: &'static str,
+    state: State,
+    #[serde(flatten)]
+    timing: Timing,
+}
+
+/// Drives the course of a configuration until it ends or a signal comes: SIGUSR1 arms, SIGUSR2 stops
+/// on the ramp, SIGINT and SIGTERM send zeros, switch the drives off and end the program.
+///
+/// The exit status is 0 where the course has been driven to its end or the time was over while
+/// driving, else 1.
+///
+/// # Errors
+/// A file that cannot be read, a setting that is out of range, a name that the CAN database does not
+/// know, or something asked of the system that it does not permit.
+pub fn run(args: &RunArgs) -> Result<ExitCode> {
+    let config: RunConfig = read_yaml(&args.config)?;
+    let layout = Arc::new(load_layout(&resolve(&args.config, &config.can))?);
+    let vehicle = load_vehicle(&resolve(&args.config, &config.vehicle))?;
+    let named = || args.config.display().to_string();
+    let controller = controller(&config, &vehicle).with_context(named)?;
+    let mut files = args.out.as_deref().map(Files::create).transpose()?;
+    let signals = Signals::register()?;
+
+    let epoch = Epoch::now();
+    let (heard_sink, heard) = ring(RING);
+    let (sent_sink, sent) = ring(RING);
+    let (cycle_sink, cycles) = ring(RING);
+    let mut recorder = Recorder::new(vec![heard, sent, cycles], epoch, &config.interface);
+    let port: Box<dyn Port + Send> = match &config.simulated {
+        None => Box::new(CanPort::new(
+            &config.interface,
+            layout,
+            vehicle.correction,
+            epoch,
+            heard_sink,
+            sent_sink,
+        )?),
+        Some(file) => Box::new(simulated(&resolve(&args.config, file))?),
+    };
+    let job = Job {
+        config,
+        arm: args.arm,
+        duration_s: args.duration_s,
+        signals,
+    };
+    let thread = std::thread::Builder::new()
+        .name("cycle".to_owned())
+        .spawn(move || job.drive(Clock::Real(epoch), port, controller, cycle_sink))?;
+
+    let mut reported_s = 0.0;
+    while !thread.is_finished() {
+        std::thread::sleep(Duration::from_millis(50));
+        write(&mut recorder, files.as_mut())?;
+        let now_s = epoch.elapsed_s();
+        if now_s >= reported_s + 1.0 {
+            reported_s = now_s;
+            if let Some(cycle) = recorder.latest() {
+                let line = StatusLine {
+                    unix_s: epoch.unix_s(cycle.time_s),
+                    cycle,
+                    records_lost: recorder.lost(),
+                };
+                println!("{}", serde_json::to_string(&line)?);
+            }
+        }
+    }
+    let ending = thread.join().map_err(|_| {
+        anyhow!("the cycle has panicked; zeros were sent and the drives switched off")
+    })?;
+    write(&mut recorder, files.as_mut())?;
+    if let Some(files) = &mut files {
+        files.flush()?;
+    }
+    let ending = ending.with_context(named)?;
+    println!("{}", serde_json::to_string(&ending)?);
+    Ok(match ending.ended {
+        "finished" | "time_over" => ExitCode::SUCCESS,
+        _ => ExitCode::FAILURE,
+    })
+}
+
+/// What the cycle's thread does.
+struct Job {
+    config: RunConfig,
+    arm: bool,
+    duration_s: Option<f64>,
+    signals: Signals,
+}
+
+impl Job {
+    fn drive(
+        self,
+        clock: Clock,
+        port: Box<dyn Port + Send>,
+        controller: Controller,
+        records: RecordSink,
+    ) -> Result<Ending> {
+        // The controller's thread before the priority, which it would inherit: it may be late, the
+        // cycle may not.
+        let pilot = ThreadedPilot::start(controller)?;
+        realtime::apply(&self.config.realtime)?;
+        let config = &self.config;
+        let mut cycle = Cycle::new(config.cycle, config.safety, clock, port, pilot, records)?;
+        let (mut operator, mut last_cycles, mut ended) = (Operator::default(), 0, "signal");
+        let mut arm = self.arm;
+        loop {
+            let row = cycle.step(operator);
+            operator.arm = false;
+            if self.signals.arm.swap(false, Ordering::Relaxed)
+                || (arm && row.feedback_age_s <= config.safety.feedback_timeout_s)
+            {
+                operator.arm = true;
+                arm = false;
+            }
+            operator.stop = self.signals.stop.swap(false, Ordering::Relaxed);
+            if operator.halt {
+                last_cycles += 1;
+                if last_cycles > LAST_CYCLES {
+                    break;
+                }
+                continue;
+            }
+            if self.signals.end.load(Ordering::Relaxed) {
+                operator.halt = true;
+            }
+            if self
+                .duration_s
+                .is_some_and(|duration_s| row.time_s >= duration_s)
+            {
+                ended = match row.state {
+                    State::Driving => "time_over",
+                    _ => "stopped",
+                };
+                operator.halt = true;
+            }
+            if row.state == State::Latched && cycle.stopped_by() == Some(Reason::Finished) {
+                ended = "finished";
+                operator.halt = true;
+            }
+        }
+        Ok(Ending {
+            ended,
+            state: cycle.state(),
+            timing: cycle.timing(),
+        })
+    }
+}
+
+impl Signals {
+    fn register() -> Result<Self> {
+        use signal_hook::consts::{SIGINT, SIGTERM, SIGUSR1, SIGUSR2};
+        use signal_hook::flag::register;
+        let signals = Self::default();
+        register(SIGINT, Arc::clone(&signals.end))?;
+        register(SIGTERM, Arc::clone(&signals.end))?;
+        register(SIGUSR1, Arc::clone(&signals.arm))?;
+        register(SIGUSR2, Arc::clone(&signals.stop))?;
+        Ok(signals)
+    }
+}
+
+/// The virtual vehicle of a file, within this program.
+fn simulated(file: &Path) -> Result<SimulatedPort> {
+    let config: VehicleConfig = read_yaml(file)?;
+    let named = || file.display().to_string();
+    let (simulation, correction) = simulation(file, &config).with_context(named)?;
+    SimulatedPort::new(simulation, config.dt_s, correction, config.drive).with_context(named)
+}
+
+fn controller(config: &RunConfig, vehicle: &Vehicle) -> Result<Controller> {
+    let settings = &config.settings;
+    ensure!(
+        settings.period_s == config.cycle.period_s,
+        "settings.period_s: {} must be the same as cycle.period_s: {}",
+        settings.period_s,
+        config.cycle.period_s
+    );
+    RangeError::check(
+        "laps",
+        f64::from(config.laps),
+        1.0,
+        1e6,
+        "from 1 to 1000000",
+    )?;
+    let (traction, steer) = (&settings.limits.traction, &settings.limits.steer);
+    let trajectory = config.course.trajectory(&SpeedLimits {
+        speed_max_m_s: vehicle.speed_max_m_s,
+        traction_max_m_s: traction.speed_m_s,
+        steer_max_m_s: steer.speed_m_s,
+        tread_max_m_s: settings.limits.tread_speed_m_s,
+        acceleration_m_s2: traction.acceleration_m_s2,
+        deceleration_m_s2: traction.deceleration_m_s2,
+        steer_acceleration_m_s2: steer.acceleration_m_s2,
+        lateral_acceleration_m_s2: f64::INFINITY,
+        track_width_m: vehicle.icrs.right_m - vehicle.icrs.left_m,
+        initial_speed_m_s: 0.0,
+    })?;
+    let controller = Controller::new(
+        config.controller,
+        settings.clone(),
+        vehicle,
+        trajectory,
+        Tracking::Time,
+        config.laps,
+        None,
+    )?;
+    Ok(controller)
+}
+
+/// The files of `--out`.
+struct Files {
+    candump: BufWriter<File>,
+    events: BufWriter<File>,
+    cycles: csv::Writer<File>,
+}
+
+#[derive(Serialize)]
+struct CycleLine<'a>(f64, &'a CycleRow);
+
+impl Files {
+    fn create(folder: &Path) -> Result<Self> {
+        let named = |file: &Path| format!("cannot write {}", file.display());
+        std::fs::create_dir_all(folder).with_context(|| named(folder))?;
+        let open = |name: &str| {
+            let file = folder.join(name);
+            File::create(&file).with_context(|| named(&file))
+        };
+        let mut cycles = csv::WriterBuilder::new()
+            .has_headers(false)
+            .from_writer(open("cycles.csv")?);
+        cycles.write_record([
+            "unix_s",
+            "time_s",
+            "lateness_s",
+            "slack_s",
+            "state",
+            "enable",
+            "traction_m_s",
+            "steer_m_s",
+            "sent",
+            "feedback_traction_m_s",
+            "feedback_steer_m_s",
+            "feedback_age_s",
+            "bus",
+            "x_m",
+            "y_m",
+            "yaw_rad",
+            "cross_track_m",
+            "solve_us",
+            "refused",
+            "skipped",
+        ])?;
+        Ok(Self {
+            candump: BufWriter::new(open("candump.log")?),
+            events: BufWriter::new(open("events.jsonl")?),
+            cycles,
+        })
+    }
+
+    fn flush(&mut self) -> Result<()> {
+        self.candump.flush()?;
+        self.events.flush()?;
+        self.cycles.flush()?;
+        Ok(())
+    }
+}
+
+/// Writes what the threads have left: to the files, else events to standard error.
+fn write(recorder: &mut Recorder, files: Option<&mut Files>) -> Result<()> {
+    let Some(files) = files else {
+        recorder.drain(&mut Outputs {
+            events: Some(&mut std::io::stderr()),
+            ..Outputs::default()
+        })?;
+        return Ok(());
+    };
+    let cycles = &mut files.cycles;
+    recorder.drain(&mut Outputs {
+        candump: Some(&mut files.candump),
+        events: Some(&mut files.events),
+        cycles: Some(&mut |unix_s, row| Ok(cycles.serialize(CycleLine(unix_s, row))?)),
+    })?;
+    // Through to the file, so that little is missing where the program is killed.
+    files.flush()
+}

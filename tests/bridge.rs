@@ -1,0 +1,149 @@
+//! `run` and `vehicle` as far as they need no bus.
+#![allow(clippy::unwrap_used)]
+
+use proptest::prelude::*;
+use sidehill::bridge_config::{RunConfig, VehicleConfig};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+const RUN: &str = include_str!("../config/bridge/run_vcan0.yaml");
+const VEHICLE: &str = include_str!("../config/bridge/vehicle_vcan0.yaml");
+
+fn sidehill(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_sidehill"))
+        .args(arguments)
+        .output()
+        .unwrap()
+}
+
+/// Copies the bridge's configuration beside the vehicles and changes it.
+fn configuration(test: &str, changes: &[(&str, &str, &str)]) -> PathBuf {
+    let (from, to) = (
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("config"),
+        Path::new(env!("CARGO_TARGET_TMPDIR")).join(test),
+    );
+    for folder in ["bridge", "vehicles"] {
+        std::fs::create_dir_all(to.join(folder)).unwrap();
+        for file in std::fs::read_dir(from.join(folder)).unwrap() {
+            let file = file.unwrap();
+            let mut text = std::fs::read_to_string(file.path()).unwrap();
+            for (name, old, new) in changes {
+                if file.file_name() == *name {
+                    assert!(text.contains(old), "{old}");
+                    text = text.replace(old, new);
+                }
+            }
+            std::fs::write(to.join(folder).join(file.file_name()), text).unwrap();
+        }
+    }
+    to.join("bridge/run_vcan0.yaml")
+}
+
+#[test]
+fn a_simulated_vehicle_is_driven_in_real_time() {
+    let simulated = ("run_vcan0.yaml", "# simulated:", "simulated:");
+    let file = configuration("simulated", &[simulated]);
+    let output = sidehill(&["run", file.to_str().unwrap(), "--arm", "--duration-s", "3"]);
+    let text = String::from_utf8(output.stdout).unwrap();
+    let events = String::from_utf8(output.stderr).unwrap();
+    // Whether it still drives then is up to the machine's other work.
+    let ending = text.lines().last().unwrap();
+    assert!(ending.contains("\"ended\":\""), "{text}\n{events}");
+    assert!(events.contains("the drives are on"), "{events}");
+}
+
+#[test]
+fn what_is_wrong_is_named_with_its_file() {
+    for (file, old, new, expected) in [
+        (
+            "can.yaml",
+            "signal: TractionSpeed",
+            "signal: Tracton",
+            "j8.dbc: message DriveCommand has no signal Tracton",
+        ),
+        (
+            "can.yaml",
+            "counter_skip_max",
+            "counter_skip",
+            "unknown field `counter_skip`",
+        ),
+        ("j8.dbc", "BO_ 256", "B0_ 256", "not a DBC file"),
+        (
+            "run_vcan0.yaml",
+            "deceleration_m_s2: 2.0",
+            "deceleration_m_s2: -2.0",
+            "safety.deceleration_m_s2: -2 is out of range",
+        ),
+        (
+            "run_vcan0.yaml",
+            "can: can.yaml",
+            "can: cam.yaml",
+            "cam.yaml",
+        ),
+        (
+            "run_vcan0.yaml",
+            "decision_time_s: 0.03",
+            "decision_time_s: 3",
+            "cycle.decision_time_s: 3 is out of range",
+        ),
+    ] {
+        let folder = format!("wrong_{}", new.replace(|c: char| !c.is_alphanumeric(), ""));
+        let config = configuration(&folder, &[(file, old, new)]);
+        let output = sidehill(&["run", config.to_str().unwrap()]);
+        let text = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(2), "{text}");
+        assert!(text.contains(expected), "{text}");
+        assert!(text.contains(".yaml") || text.contains(".dbc"), "{text}");
+    }
+}
+
+/// Text with pieces cut out, doubled and replaced.
+fn mangled(text: &'static str) -> impl Strategy<Value = String> {
+    let edit = (
+        any::<prop::sample::Index>(),
+        0..24usize,
+        0..3u8,
+        "[ -~\n]{0,6}",
+    );
+    prop::collection::vec(edit, 1..6).prop_map(move |edits| {
+        let mut text = text.to_owned();
+        for (at, length, kind, insert) in edits {
+            let at = at.index(text.len().max(1)).min(text.len());
+            let end = (at + length).min(text.len());
+            if !text.is_char_boundary(at) || !text.is_char_boundary(end) {
+                continue;
+            }
+            let piece = text[at..end].to_owned();
+            match kind {
+                0 => text.replace_range(at..end, ""),
+                1 => text.insert_str(at, &piece),
+                _ => text.replace_range(at..end, &insert),
+            }
+        }
+        text
+    })
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(1000))]
+
+    #[test]
+    fn a_mangled_run_is_refused_or_sane(text in mangled(RUN)) {
+        if let Ok(config) = serde_yaml::from_str::<RunConfig>(&text)
+            && config.safety.validate().is_ok()
+        {
+            let s = &config.safety;
+            prop_assert!(s.feedback_timeout_s <= 1.0 && s.command_timeout_s <= 1.0);
+            prop_assert!(s.deceleration_m_s2 >= 0.1 && s.speed_max_m_s.is_finite());
+        }
+    }
+
+    #[test]
+    fn a_mangled_vehicle_is_refused_or_sane(text in mangled(VEHICLE)) {
+        if let Ok(config) = serde_yaml::from_str::<VehicleConfig>(&text)
+            && config.validate().is_ok()
+        {
+            prop_assert!((1e-3..=0.05).contains(&config.dt_s));
+        }
+    }
+}

@@ -1,0 +1,345 @@
+//! Folders, programs, an observer of the bus, and faults of the bus, for the tests on a real one.
+
+pub use rustix::process::Signal;
+use serde_json::Value;
+use sidehill::bridge_config::load_layout;
+use sidehill_bridge::bus::{Heard, Listener};
+use sidehill_bridge::can::layout::Layout;
+use sidehill_bridge::can::message::Quantity;
+use sidehill_bridge::clock::Epoch;
+use sidehill_controller::course::FigureEight;
+use sidehill_controller::path::{Projection, Window};
+use sidehill_plant::frames::PlanarPose;
+use std::fs::File;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+
+/// The interface of all tests.
+pub const BUS: &str = "vcan0";
+
+mod adapter;
+pub use adapter::Adapter;
+
+/// What a scheduler of 100 Hz and a shared machine may add to a documented limit, s.
+pub const TOLERANCE_S: f64 = 0.06;
+
+/// A folder for the files of one test.
+pub struct Folder(pub PathBuf);
+
+impl Folder {
+    /// Makes an empty folder and a bus that works.
+    pub fn new(name: &str) -> Self {
+        assert!(
+            std::env::var_os("SIDEHILL_VCAN").is_some(),
+            "this test changes network interfaces and runs under its own kernel: use .ci/vcan"
+        );
+        let folder = Path::new(env!("CARGO_TARGET_TMPDIR"))
+            .join("vcan")
+            .join(name);
+        let _ = std::fs::remove_dir_all(&folder);
+        std::fs::create_dir_all(&folder).unwrap();
+        ensure_bus();
+        Self(folder)
+    }
+
+    /// What was true, as the virtual vehicle wrote it.
+    pub fn truth(&self) -> Vec<Truth> {
+        csv::Reader::from_path(self.0.join("truth.csv"))
+            .unwrap()
+            .deserialize()
+            .collect::<Result<_, _>>()
+            .unwrap()
+    }
+
+    /// The events of the controller's side.
+    pub fn events(&self) -> String {
+        std::fs::read_to_string(self.0.join("run/events.jsonl")).unwrap()
+    }
+}
+
+/// Makes the bus if it is gone, and switches it on.
+pub fn ensure_bus() {
+    if !Path::new("/sys/class/net").join(BUS).exists() {
+        ip(&["link", "add", BUS, "type", "vcan"]);
+    }
+    ip(&["link", "set", BUS, "up"]);
+}
+
+/// Runs `ip`.
+pub fn ip(arguments: &[&str]) {
+    command("ip", arguments);
+}
+
+/// Runs a command that must succeed.
+pub fn command(name: &str, arguments: &[&str]) {
+    let status = Command::new(name).args(arguments).status().unwrap();
+    assert!(status.success(), "{name} {arguments:?}: {status}");
+}
+
+/// A row of the virtual vehicle's truth.
+#[derive(Debug, Clone, serde::Deserialize)]
+pub struct Truth {
+    pub unix_s: f64,
+    pub x_m: f64,
+    pub y_m: f64,
+    pub yaw_rad: f64,
+    pub traction_m_s: f64,
+    pub steer_m_s: f64,
+    pub mode: String,
+}
+
+impl Truth {
+    /// Whether nothing moves and the drives are off.
+    pub fn off(&self) -> bool {
+        self.mode != "Enabled" && self.traction_m_s == 0.0 && self.steer_m_s == 0.0
+    }
+}
+
+/// Root mean square of the distance from the figure of eight, 2 s after the first movement until the
+/// drives go off.
+pub fn cross_track_rms_m(truth: &[Truth]) -> f64 {
+    let trajectory = FigureEight::default().trajectory().unwrap();
+    let path = trajectory.path().unwrap();
+    let mut projection = Projection::starting_at(0.0);
+    let moving: Vec<&Truth> = truth
+        .iter()
+        .skip_while(|row| row.traction_m_s == 0.0)
+        .take_while(|row| row.mode == "Enabled")
+        .collect();
+    let squares: Vec<f64> = moving
+        .iter()
+        .map(|row| {
+            let pose = PlanarPose {
+                x_m: row.x_m,
+                y_m: row.y_m,
+                yaw_rad: row.yaw_rad,
+            };
+            let window = Window::symmetric(1.0);
+            let found = projection.update(path, &pose, &window).unwrap();
+            found.cross_track_m * found.cross_track_m
+        })
+        .skip(40)
+        .collect();
+    assert!(squares.len() > 1100, "{} rows", squares.len());
+    (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()
+}
+
+/// A running `sidehill`; killed where it is dropped.
+pub struct Program {
+    child: Child,
+    output: PathBuf,
+}
+
+impl Program {
+    /// Starts a virtual vehicle; `faults` is YAML, a list.
+    pub fn vehicle(folder: &Folder, faults: &str) -> Self {
+        let faults = if faults.is_empty() { "[]" } else { faults };
+        let config = configuration(folder, "vehicle_vcan0.yaml", |text| {
+            text.replace("faults: []", &format!("faults: {faults}"))
+        });
+        let truth = folder.0.join("truth.csv");
+        let arguments = ["vehicle", &config, "--truth", &truth.display().to_string()];
+        Self::start(folder, "vehicle.out", &arguments)
+    }
+
+    /// Starts a controller on an interface; `arguments` are added.
+    pub fn run_on(folder: &Folder, interface: &str, arguments: &[&str]) -> Self {
+        let config = configuration(folder, "run_vcan0.yaml", |text| {
+            text.replace("interface: vcan0", &format!("interface: {interface}"))
+        });
+        let out = folder.0.join("run").display().to_string();
+        let mut all = vec!["run", &config, "--out", &out];
+        all.extend(arguments);
+        Self::start(folder, "run.out", &all)
+    }
+
+    /// Starts a controller.
+    pub fn run(folder: &Folder, arguments: &[&str]) -> Self {
+        Self::run_on(folder, BUS, arguments)
+    }
+
+    fn start(folder: &Folder, output: &str, arguments: &[&str]) -> Self {
+        let output = folder.0.join(output);
+        let file = File::create(&output).unwrap();
+        let child = Command::new(env!("CARGO_BIN_EXE_sidehill"))
+            .args(arguments)
+            .stdin(Stdio::null())
+            .stderr(file.try_clone().unwrap())
+            .stdout(file)
+            .spawn()
+            .unwrap();
+        Self { child, output }
+    }
+
+    /// Sends a signal.
+    pub fn signal(&self, signal: Signal) {
+        let id = rustix::process::Pid::from_raw(self.child.id() as i32).unwrap();
+        rustix::process::kill_process(id, signal).unwrap();
+    }
+
+    /// Waits for the end and returns the last line of the output.
+    pub fn wait(mut self, at_most: Duration) -> Value {
+        let start = Instant::now();
+        while self.child.try_wait().unwrap().is_none() {
+            let text = || std::fs::read_to_string(&self.output).unwrap();
+            assert!(start.elapsed() < at_most, "did not end:\n{}", text());
+            std::thread::sleep(Duration::from_millis(50));
+        }
+        let text = std::fs::read_to_string(&self.output).unwrap();
+        let last = text.lines().last().unwrap_or_default();
+        serde_json::from_str(last).unwrap_or_else(|error| panic!("{error}:\n{text}"))
+    }
+}
+
+impl Drop for Program {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// Writes a configuration of the repository into the folder, with absolute names and changes.
+fn configuration(folder: &Folder, name: &str, change: impl Fn(String) -> String) -> String {
+    let config = Path::new(env!("CARGO_MANIFEST_DIR")).join("config");
+    let text = std::fs::read_to_string(config.join("bridge").join(name)).unwrap();
+    let text = text
+        .replace(
+            "can: can.yaml",
+            &format!("can: {}", config.join("bridge/can.yaml").display()),
+        )
+        .replace(
+            "../vehicles",
+            &config.join("vehicles").display().to_string(),
+        );
+    let file = folder.0.join(name);
+    std::fs::write(&file, change(text)).unwrap();
+    file.display().to_string()
+}
+
+/// A command as a third party on the bus saw it.
+#[derive(Debug, Clone, Copy)]
+pub struct Seen {
+    pub unix_s: f64,
+    pub enable: bool,
+    pub zero: bool,
+}
+
+/// A third party that watches the commands.
+pub struct Observer {
+    seen: Arc<Mutex<Vec<Seen>>>,
+    _listener: Listener,
+}
+
+impl Observer {
+    /// Starts to watch an interface.
+    pub fn start() -> Self {
+        let layout = layout();
+        let seen = Arc::new(Mutex::new(Vec::new()));
+        let inside = Arc::clone(&seen);
+        let epoch = Epoch::now();
+        let message = layout.command[0].clone();
+        let listener = Listener::start(BUS, &[message.id()], epoch, move |heard| {
+            if let Heard::Frame { time_s, frame } = heard
+                && let Ok(Some(contents)) = message.decode(&frame)
+            {
+                let is_zero = |quantity| contents.get(quantity).unwrap().abs() < 1e-9;
+                inside.lock().unwrap().push(Seen {
+                    unix_s: epoch.unix_s(time_s),
+                    enable: contents.get(Quantity::CommandEnable).unwrap() == 1.0,
+                    zero: is_zero(Quantity::CommandTraction) && is_zero(Quantity::CommandSteer),
+                });
+            }
+        })
+        .unwrap();
+        Self {
+            seen,
+            _listener: listener,
+        }
+    }
+
+    /// What was seen.
+    pub fn seen(&self) -> Vec<Seen> {
+        self.seen.lock().unwrap().clone()
+    }
+
+    /// Waits until the vehicle has been told to move for `for_s`.
+    pub fn wait_for_driving(&self, for_s: f64) {
+        let start = Instant::now();
+        loop {
+            let since = self.seen().into_iter().rev().take_while(|s| !s.zero).last();
+            if since.is_some_and(|first| unix_now_s() - first.unix_s > for_s) {
+                return;
+            }
+            assert!(start.elapsed() < Duration::from_secs(20), "nothing drives");
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+
+    /// When the last command came before the first silence of half a second.
+    pub fn silent_since_s(&self) -> f64 {
+        let seen = self.seen();
+        let silence = seen
+            .windows(2)
+            .find(|pair| pair[1].unix_s - pair[0].unix_s > 0.5);
+        silence.expect("there was no silence")[0].unix_s
+    }
+
+    /// Time from `unix_s` to the first command from which on all are zero and off, s; none where
+    /// commands still move or enable.
+    pub fn off_after_s(&self, unix_s: f64) -> Option<f64> {
+        let seen = self.seen();
+        let last_on = seen.iter().rposition(|s| s.enable || !s.zero);
+        let first_off = last_on.map_or(0, |last| last + 1);
+        seen.get(first_off).map(|s| s.unix_s - unix_s)
+    }
+}
+
+/// Time from `unix_s` to the first row of the truth from which on the drives are off and stand, s.
+pub fn standing_after_s(truth: &[Truth], unix_s: f64) -> Option<f64> {
+    let last_on = truth.iter().rposition(|row| !row.off());
+    let first_off = last_on.map_or(0, |last| last + 1);
+    truth.get(first_off).map(|row| row.unix_s - unix_s)
+}
+
+/// The layout of the repository.
+pub fn layout() -> Layout {
+    load_layout(&Path::new(env!("CARGO_MANIFEST_DIR")).join("config/bridge/can.yaml")).unwrap()
+}
+
+/// Now, s since 1970.
+pub fn unix_now_s() -> f64 {
+    SystemTime::now()
+        .duration_since(UNIX_EPOCH)
+        .unwrap()
+        .as_secs_f64()
+}
+
+/// Sleeps.
+pub fn sleep_s(seconds: f64) {
+    std::thread::sleep(Duration::from_secs_f64(seconds));
+}
+
+/// Runs a script of this folder with the repository's database and more arguments.
+pub fn python(script: &str, arguments: &[&str]) -> Command {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let mut command = Command::new("python3");
+    command
+        .arg(root.join("tests/vcan_support").join(script))
+        .arg(root.join("config/bridge/j8.dbc"))
+        .args(arguments);
+    command
+}
+
+/// Lets cantools decode the log of the bus and compare it with the program's own log.
+pub fn decode_with_cantools(folder: &Folder) {
+    let file = |name: &str| folder.0.join("run").join(name).display().to_string();
+    let (candump, cycles) = (file("candump.log"), file("cycles.csv"));
+    let output = python("compare_logs.py", &[&candump, &cycles])
+        .output()
+        .unwrap();
+    println!("{}", String::from_utf8_lossy(&output.stdout));
+    let errors = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "cantools disagrees: {errors}");
+}
