@@ -197,7 +197,7 @@ fn inputs(
                             traction_m_s: point.speed_m_s,
                             steer_m_s: point.yaw_rate_rad_s,
                         },
-                        weights: config.stage_weights(point.motion),
+                        weights: config.stage_weights(point.motion, 0.0),
                     }
                 })
                 .collect();

@@ -96,6 +96,29 @@ impl Default for Weights {
     }
 }
 
+/// How the MPC grows calmer where its model has been seen to err: the weights of a change of steer and
+/// of the heading rise from their own values to these with the square of the model's error.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct CautionConfig {
+    /// Error of the predicted velocity at which caution is full, m/s; poses show it.
+    pub error_m_s: f64,
+    /// Weight of a change of steer at full caution, s/(m/s)^2.
+    pub steer_change_s3_per_m2: f64,
+    /// Weight of the heading error at full caution, 1/rad^2.
+    pub heading_per_rad2: f64,
+}
+
+impl Default for CautionConfig {
+    fn default() -> Self {
+        Self {
+            error_m_s: 0.01,
+            steer_change_s3_per_m2: 0.2,
+            heading_per_rad2: 0.4,
+        }
+    }
+}
+
 /// Soft bound on the cross-track error.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -193,6 +216,8 @@ pub struct ControllerConfig {
     pub attitude_preview: AttitudePreview,
     /// Weights of the MPC.
     pub weights: Weights,
+    /// Calm where the model errs.
+    pub caution: CautionConfig,
     /// Soft corridor, none by default.
     pub corridor: Option<CorridorConfig>,
     /// Limits of both motors.
@@ -225,6 +250,7 @@ impl Default for ControllerConfig {
             lead_max_m: 0.3,
             attitude_preview: AttitudePreview::Measured,
             weights: Weights::default(),
+            caution: CautionConfig::default(),
             corridor: None,
             limits: InputLimits {
                 traction: motor,
@@ -311,6 +337,17 @@ impl ControllerConfig {
                 w.traction_change_s3_per_m2,
             ),
             ("weights.steer_change_s3_per_m2", w.steer_change_s3_per_m2),
+        ] {
+            check(key, value, 1e-6, 1e6, "from 1e-6 to 1e6")?;
+        }
+        let caution = &self.caution;
+        for (key, value) in [
+            ("caution.error_m_s", caution.error_m_s),
+            (
+                "caution.steer_change_s3_per_m2",
+                caution.steer_change_s3_per_m2,
+            ),
+            ("caution.heading_per_rad2", caution.heading_per_rad2),
         ] {
             check(key, value, 1e-6, 1e6, "from 1e-6 to 1e6")?;
         }
@@ -425,15 +462,25 @@ impl ControllerConfig {
         }
     }
 
+    /// Returns the weight of a change of steer at a caution from 0 to 1.
+    pub(crate) fn steer_change_weight(&self, caution: f64) -> f64 {
+        let (own, full) = (
+            self.weights.steer_change_s3_per_m2,
+            self.caution.steer_change_s3_per_m2,
+        );
+        own + caution * (full - own).max(0.0)
+    }
+
     /// Returns the weights of a stage: at the end an error across the path is left as it is, for
     /// there is no way left on which to undo it.
-    pub fn stage_weights(&self, motion: Motion) -> StageWeights {
+    pub fn stage_weights(&self, motion: Motion, caution: f64) -> StageWeights {
         let w = &self.weights;
+        let calmer = (self.caution.heading_per_rad2 - w.heading_per_rad2).max(0.0);
         match motion {
             Motion::Drive => StageWeights {
                 along_per_m2: w.along_per_m2,
                 cross_per_m2: w.cross_per_m2,
-                heading_per_rad2: w.heading_per_rad2,
+                heading_per_rad2: w.heading_per_rad2 + caution * calmer,
             },
             Motion::Pivot => StageWeights {
                 along_per_m2: w.pivot_position_per_m2,

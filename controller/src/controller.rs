@@ -10,7 +10,6 @@ use crate::mpc::{Mpc, Plan, QpFailure, SolveReport, StageTarget};
 use crate::pure_pursuit::PursuitView;
 use crate::reference::{Progress, Reference, Tracking};
 use crate::trajectory::{Ending, Trajectory};
-use nalgebra::Vector3;
 use sidehill_plant::frames::{PlanarPose, wrap_angle};
 use sidehill_plant::prediction::PredictionModel;
 use sidehill_plant::sample::Sample;
@@ -182,13 +181,18 @@ impl Controller {
         config.validate()?;
         // An adapted model is estimated with as it predicts. A law that does not adapt leaves
         // dead reckoning to the best model there is.
-        let estimator = match kind {
-            ControllerKind::IcrhkMpc if config.estimator.adaptation.is_on() => {
-                let mut settings = config.estimator;
-                settings.adaptation.slope_sigma = 0.0;
-                Estimator::new(settings, vehicle.on_level_ground())
-            }
-            _ => Estimator::new(config.estimator, vehicle.clone()),
+        let adaptation = config.estimator.adaptation;
+        let adapts = match kind {
+            ControllerKind::IcrikMpc => adaptation.is_on(),
+            ControllerKind::IcrhkMpc => adaptation.is_on() && adaptation.of_icrhk,
+            ControllerKind::DiffdriveMpc | ControllerKind::PurePursuit => false,
+        };
+        let estimator = if kind == ControllerKind::IcrhkMpc && adapts {
+            let mut settings = config.estimator;
+            settings.adaptation.slope_sigma = 0.0;
+            Estimator::new(settings, vehicle.on_level_ground())
+        } else {
+            Estimator::new(config.estimator, vehicle.clone())
         };
         let tracking = if kind == ControllerKind::PurePursuit {
             // A geometric law knows no time: its reference waits for the vehicle.
@@ -220,7 +224,7 @@ impl Controller {
             issued: Vec::with_capacity(commands + 1),
             phase: Phase::Driving { fallback_cycles: 0 },
             last_time_s: None,
-            adapts: matches!(kind, ControllerKind::IcrikMpc | ControllerKind::IcrhkMpc),
+            adapts,
             law,
             terrain,
             vehicle,
@@ -388,12 +392,21 @@ impl Controller {
                 );
             }
             Law::Mpc { mpc, planned } => {
+                let caution = if self.adapts {
+                    (estimate.model_error_m_s / self.config.caution.error_m_s)
+                        .powi(2)
+                        .min(1.0)
+                } else {
+                    0.0
+                };
+                mpc.set_steer_change_weight(self.config.steer_change_weight(caution));
                 preview(
                     &self.config,
                     &self.vehicle,
                     &self.reference,
                     self.terrain.as_ref(),
-                    &estimate.normal_in_world,
+                    estimate,
+                    caution,
                     &mut self.targets,
                 );
                 let solved = if *planned {
@@ -498,7 +511,8 @@ fn preview(
     vehicle: &Vehicle,
     reference: &Reference,
     terrain: Option<&Terrain>,
-    measured_normal: &Vector3<f64>,
+    estimate: &Estimate,
+    caution: f64,
     targets: &mut Vec<StageTarget>,
 ) {
     let half_track_m = 0.5 * (vehicle.icrs.right_m - vehicle.icrs.left_m);
@@ -509,7 +523,7 @@ fn preview(
         // Beyond the map's edge the plane the vehicle stands on is the best guess there is.
         let normal_in_world = map
             .and_then(|map| map.surface(point.position.x_m, point.position.y_m).ok())
-            .map_or(*measured_normal, |surface| surface.normal_in_world);
+            .map_or(estimate.normal_in_world, |surface| surface.normal_in_world);
         targets.push(StageTarget {
             pose: PlanarPose {
                 x_m: point.position.x_m,
@@ -522,7 +536,7 @@ fn preview(
                 traction_m_s: point.speed_m_s,
                 steer_m_s: half_track_m * point.yaw_rate_rad_s,
             },
-            weights: config.stage_weights(point.motion),
+            weights: config.stage_weights(point.motion, caution),
         });
     }
 }

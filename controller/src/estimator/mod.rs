@@ -41,6 +41,8 @@ pub struct EstimatorSettings {
     pub yaw_sigma_rad_per_sqrt_s: f64,
     /// Largest normalised innovation squared (3 degrees of freedom) of a pose that is believed.
     pub gate: f64,
+    /// Time over which the error of the model's velocity is averaged, s.
+    pub error_averaging_s: f64,
     /// Learning of the correction.
     pub adaptation: AdaptationSettings,
     /// Time constant of the smoothing of the ground's normal in the world frame, s; 0 for none.
@@ -55,6 +57,7 @@ impl Default for EstimatorSettings {
             slide_sigma_m_per_sqrt_s: 0.02,
             yaw_sigma_rad_per_sqrt_s: 0.02,
             gate: 30.0,
+            error_averaging_s: 3.0,
             adaptation: AdaptationSettings::default(),
             normal_filter_s: 0.0,
         }
@@ -73,6 +76,8 @@ pub struct AdaptationSettings {
     /// Share of these variances that comes back for each metre of steering, 1/m: how fast what was
     /// learned is given up for what is new.
     pub forgetting_per_m: f64,
+    /// Whether icrhk-mpc too learns what its model has, the ICRs; it drives no better for it.
+    pub of_icrhk: bool,
 }
 
 impl Default for AdaptationSettings {
@@ -81,6 +86,7 @@ impl Default for AdaptationSettings {
             shift_sigma: 0.05,
             slope_sigma: 0.7,
             forgetting_per_m: 0.001,
+            of_icrhk: false,
         }
     }
 }
@@ -121,6 +127,20 @@ impl EstimatorSettings {
             self.yaw_sigma_rad_per_sqrt_s,
         )?;
         RangeError::check("estimator.gate", self.gate, 1.0, 1e6, "from 1 to 1e6")?;
+        positive("estimator.error_averaging_s", self.error_averaging_s)?;
+        let gain = |key, value| RangeError::check(key, value, 0.0, 10.0, "from 0 to 10");
+        gain(
+            "estimator.adaptation.shift_sigma",
+            self.adaptation.shift_sigma,
+        )?;
+        gain(
+            "estimator.adaptation.slope_sigma",
+            self.adaptation.slope_sigma,
+        )?;
+        gain(
+            "estimator.adaptation.forgetting_per_m",
+            self.adaptation.forgetting_per_m,
+        )?;
         RangeError::check(
             "estimator.normal_filter_s",
             self.normal_filter_s,
@@ -167,6 +187,8 @@ pub struct Estimate {
     pub treads: TreadSpeeds,
     /// Learned correction of the model.
     pub gains: Gains,
+    /// Root mean square of the error of the predicted velocity over the last seconds, m/s.
+    pub model_error_m_s: f64,
     /// Age of the newest believed pose, s.
     pub pose_age_s: f64,
     /// Age of the newest attitude, s.
@@ -234,6 +256,29 @@ pub struct Estimator {
     speeds_time_s: f64,
     poses_gated: u32,
     innovation: Option<Innovation>,
+    model_error: ModelError,
+}
+
+/// Mean square of the error of the predicted velocity, as poses show it.
+#[derive(Debug, Clone, Copy)]
+struct ModelError {
+    pose_time_s: f64,
+    mean_square_m2_s2: f64,
+}
+
+impl ModelError {
+    /// Takes an innovation in; `noise_m2` is the pose's own share of its square, which is no error
+    /// of the model.
+    fn absorb(&mut self, innovation: &Innovation, noise_m2: f64, averaging_s: f64) {
+        let time_s = innovation.time_s - self.pose_time_s;
+        self.pose_time_s = innovation.time_s;
+        if time_s > 0.0 && time_s <= averaging_s {
+            let square = innovation.difference.xy().norm_squared() - noise_m2;
+            let share = time_s / averaging_s;
+            let found = (square / (time_s * time_s)).max(0.0);
+            self.mean_square_m2_s2 += share * (found - self.mean_square_m2_s2);
+        }
+    }
 }
 
 impl Estimator {
@@ -252,6 +297,10 @@ impl Estimator {
             speeds_time_s: f64::NEG_INFINITY,
             poses_gated: 0,
             innovation: None,
+            model_error: ModelError {
+                pose_time_s: f64::NEG_INFINITY,
+                mean_square_m2_s2: 0.0,
+            },
         }
     }
 
@@ -413,6 +462,11 @@ impl Estimator {
                         difference,
                         normalised,
                     });
+                    if let Some(innovation) = &self.innovation {
+                        let noise_m2 = 2.0 * s.pose_sigma_m * s.pose_sigma_m;
+                        self.model_error
+                            .absorb(innovation, noise_m2, s.error_averaging_s);
+                    }
                     if believed {
                         self.pose_time_s = self.pose_time_s.max(event.time_s);
                         self.poses_gated = 0;
@@ -520,6 +574,7 @@ impl Estimator {
             normal_in_world,
             treads: belief.treads,
             gains: matrix(&belief.gains),
+            model_error_m_s: self.model_error.mean_square_m2_s2.sqrt(),
             pose_age_s: time_s - self.pose_time_s,
             attitude_age_s: time_s - self.attitude_time_s,
             speeds_age_s: time_s - self.speeds_time_s,

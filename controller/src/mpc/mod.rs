@@ -137,6 +137,11 @@ impl Mpc {
         &self.model
     }
 
+    /// Sets the weight of a change of steer, s/(m/s)^2, which must be positive.
+    pub fn set_steer_change_weight(&mut self, weight: f64) {
+        self.settings.change_weight.steer_m_s = weight;
+    }
+
     /// Makes a plan from nothing: the targets as states, their feed-forward as inputs, then as many
     /// QPs as the settings say.
     ///
