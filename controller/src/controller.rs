@@ -327,6 +327,7 @@ impl Controller {
     }
 
     /// Stops on stale readings, on leaving the path, and at its end.
+    #[allow(clippy::neg_cmp_op_on_partial_ord)]
     fn supervise(&mut self, estimate: &Estimate, progress: &Progress) {
         let limits = self.config.supervisor;
         let heading_error = wrap_angle(estimate.pose.yaw_rad - progress.point.heading_rad);

@@ -278,7 +278,7 @@ fn a_path_without_length_makes_no_controller() {
     };
     let options = Smoothing::default();
     let failure = |points: &[RawPoint]| smooth(points, &options).map(|_| ()).unwrap_err();
-    assert_eq!(failure(&[point(1.0); 5]), PathError::ZeroLength);
+    assert_eq!(failure(&[1.0; 5].map(point)), PathError::ZeroLength);
     assert_eq!(failure(&[point(1.0)]), PathError::SinglePoint);
     assert_eq!(failure(&[]), PathError::Empty);
     let course = serde_yaml::from_str::<Course>("{shape: straight, length_m: 0}");

@@ -309,11 +309,11 @@ impl QpSolver {
         for ((residual, s), b) in self.primal_residual.iter_mut().zip(s).zip(&data.b) {
             *residual = s - b;
         }
-        for (column, z) in z.iter().enumerate() {
+        for (column, (z, residual)) in z.iter().zip(&mut self.dual_residual).enumerate() {
             for k in data.a.colptr[column]..data.a.colptr[column + 1] {
                 let (row, value) = (data.a.rowval[k], data.a.nzval[k]);
                 self.primal_residual[row] += value * z;
-                self.dual_residual[column] += value * y[row];
+                *residual += value * y[row];
             }
         }
         let largest = |values: &[f64]| values.iter().fold(0.0_f64, |m, v| nan_max(m, v.abs()));
