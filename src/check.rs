@@ -1,12 +1,16 @@
 //! `sidehill check`: validates configuration files.
 
-use crate::config::{ConfigFile, Overrides, Scenario};
-use anyhow::{Result, bail};
+use crate::config::{
+    ConfigFile, Overrides, RunConfig, RunPort, Scenario, VehicleConfig, load_layout,
+};
+use crate::{run, vehicle};
+use anyhow::{Context, Result, bail};
 use sidehill_controller::controller::Controller;
 use sidehill_plant::contact::ContactVehicle;
 use sidehill_plant::vehicle::Vehicle;
 use std::path::PathBuf;
 use std::process::ExitCode;
+use std::sync::Arc;
 
 /// Arguments of `sidehill check`.
 #[derive(Debug, Clone, clap::Args)]
@@ -64,11 +68,40 @@ fn check(path: &std::path::Path) -> Result<&'static str> {
     } else if has("axles") {
         file.parse::<ContactVehicle>()?;
         Ok("contact vehicle")
+    } else if has("database") {
+        load_layout(&file)?;
+        Ok("layout of a CAN bus")
+    } else if has("controller") {
+        check_run(&file)?;
+        Ok("configuration of run")
+    } else if has("scenario") {
+        let config: VehicleConfig = file.parse()?;
+        let (_, layout) = config.bus(&file)?;
+        vehicle::build(&config, &config.world(&file)?, Arc::new(layout))
+            .with_context(|| file.name())?;
+        Ok("configuration of vehicle")
     } else {
         bail!(
-            "{}: neither a scenario (key controllers), a vehicle (key x_icr_left_m) nor a \
-             contact vehicle (key axles)",
+            "{}: neither a scenario (key controllers), a vehicle (x_icr_left_m), a contact vehicle \
+             (axles), a layout of a CAN bus (database), nor a configuration of run (controller) or \
+             vehicle (scenario)",
             file.name()
         )
     }
+}
+
+fn check_run(file: &ConfigFile) -> Result<()> {
+    let config: RunConfig = file.parse()?;
+    let vehicle = config.load_vehicle(file)?;
+    config.controller(file, &vehicle)?;
+    config
+        .cycle
+        .validate()
+        .and_then(|()| config.safety.validate())
+        .map_err(|error| file.error(error))?;
+    match config.port {
+        RunPort::Can => drop(config.bus(file)?),
+        RunPort::Simulated => drop(run::simulated(file, &config)?),
+    }
+    Ok(())
 }

@@ -1,6 +1,6 @@
 //! A controller driving the simulated vehicle, and the figures of its run.
 
-use crate::config::{Plant, Prepared};
+use crate::config::Prepared;
 use crate::record::{Quantiles, Row, Run, Summary};
 use sidehill_controller::config::ControllerKind;
 use sidehill_controller::controller::{Controller, Decision, Status};
@@ -8,10 +8,8 @@ use sidehill_controller::mpc::limits::InputLimits;
 use sidehill_controller::path::{Path, Point2};
 use sidehill_controller::reference::PROJECTION_WINDOW;
 use sidehill_controller::trajectory::{Ending, ReferencePoint};
-use sidehill_plant::contact::ContactModel;
 use sidehill_plant::frames::wrap_angle;
-use sidehill_plant::motion::{IcrMotion, MotionModel};
-use sidehill_plant::simulation::{Simulation, SimulationSetup, TrueState};
+use sidehill_plant::simulation::TrueState;
 use sidehill_plant::speeds::MotorSpeeds;
 use std::time::Instant;
 
@@ -32,29 +30,7 @@ pub fn run(
     mut progress: impl FnMut(f64),
 ) -> anyhow::Result<Run> {
     let config = &prepared.controller;
-    let (motion, correction): (Box<dyn MotionModel + Send>, _) = match &prepared.plant {
-        Plant::Icrik(vehicle) => (
-            Box::new(IcrMotion {
-                vehicle: vehicle.clone(),
-                inclined: true,
-            }),
-            vehicle.correction,
-        ),
-        Plant::Contact {
-            vehicle,
-            correction,
-        } => (Box::new(ContactModel::new(vehicle.clone())), *correction),
-    };
-    let mut simulation = Simulation::new(SimulationSetup {
-        terrain: prepared.terrain.clone(),
-        motion,
-        drive_train: prepared.drive_train,
-        sensors: prepared.sensors,
-        correction,
-        start: prepared.start,
-        dt_s: prepared.step_s,
-        seed: prepared.seed,
-    })?;
+    let mut simulation = prepared.simulation()?;
     let mut controller = Controller::new(
         kind,
         config.clone(),

@@ -4,7 +4,6 @@
 //! Kept as a library so that tests and benches reach it; it promises no stable interface.
 #![allow(clippy::print_stdout, clippy::print_stderr)]
 
-pub mod bridge_config;
 pub mod check;
 pub mod closed_loop;
 pub mod config;

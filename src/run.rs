@@ -1,11 +1,8 @@
 //! `sidehill run`: the controller in real time on a CAN bus.
 #![allow(clippy::print_stdout, clippy::print_stderr)]
 
-use crate::bridge_config::{
-    RunConfig, VehicleConfig, load_layout, load_vehicle, read_yaml, resolve,
-};
-use crate::vehicle::simulation;
-use anyhow::{Context, Result, anyhow, ensure};
+use crate::config::{ConfigFile, RunConfig, RunPort};
+use anyhow::{Context, Result, anyhow};
 use serde::Serialize;
 use sidehill_bridge::clock::{Clock, Epoch};
 use sidehill_bridge::cycle::{Cycle, Timing};
@@ -15,9 +12,6 @@ use sidehill_bridge::realtime;
 use sidehill_bridge::record::{CycleRow, Outputs, RecordSink, Recorder, ring};
 use sidehill_bridge::safety::{Operator, Reason, State};
 use sidehill_controller::controller::Controller;
-use sidehill_controller::reference::Tracking;
-use sidehill_controller::speed_profile::SpeedLimits;
-use sidehill_plant::vehicle::{RangeError, Vehicle};
 use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
@@ -83,11 +77,10 @@ struct Ending {
 /// A file that cannot be read, a setting that is out of range, a name that the CAN database does not
 /// know, or something asked of the system that it does not permit.
 pub fn run(args: &RunArgs) -> Result<ExitCode> {
-    let config: RunConfig = read_yaml(&args.config)?;
-    let layout = Arc::new(load_layout(&resolve(&args.config, &config.can))?);
-    let vehicle = load_vehicle(&resolve(&args.config, &config.vehicle))?;
-    let named = || args.config.display().to_string();
-    let controller = controller(&config, &vehicle).with_context(named)?;
+    let file = ConfigFile::read(&args.config)?;
+    let config: RunConfig = file.parse()?;
+    let vehicle = config.load_vehicle(&file)?;
+    let controller = config.controller(&file, &vehicle)?;
     let mut files = args.out.as_deref().map(Files::create).transpose()?;
     let signals = Signals::register()?;
 
@@ -95,18 +88,22 @@ pub fn run(args: &RunArgs) -> Result<ExitCode> {
     let (heard_sink, heard) = ring(RING);
     let (sent_sink, sent) = ring(RING);
     let (cycle_sink, cycles) = ring(RING);
-    let mut recorder = Recorder::new(vec![heard, sent, cycles], epoch, &config.interface);
-    let port: Box<dyn Port + Send> = match &config.simulated {
-        None => Box::new(CanPort::new(
-            &config.interface,
-            layout,
-            vehicle.correction,
-            epoch,
-            heard_sink,
-            sent_sink,
-        )?),
-        Some(file) => Box::new(simulated(&resolve(&args.config, file))?),
+    let (port, bus): (Box<dyn Port + Send>, _) = match config.port {
+        RunPort::Can => {
+            let (interface, layout) = config.bus(&file)?;
+            let port = CanPort::new(
+                interface,
+                Arc::new(layout),
+                vehicle.correction,
+                epoch,
+                heard_sink,
+                sent_sink,
+            )?;
+            (Box::new(port), interface.to_owned())
+        }
+        RunPort::Simulated => (Box::new(simulated(&file, &config)?), "simulated".to_owned()),
     };
+    let mut recorder = Recorder::new(vec![heard, sent, cycles], epoch, &bus);
     let job = Job {
         config,
         arm: args.arm,
@@ -141,7 +138,7 @@ pub fn run(args: &RunArgs) -> Result<ExitCode> {
     if let Some(files) = &mut files {
         files.flush()?;
     }
-    let ending = ending.with_context(named)?;
+    let ending = ending.with_context(|| file.name())?;
     println!("{}", serde_json::to_string(&ending)?);
     Ok(match ending.ended {
         "finished" | "time_over" => ExitCode::SUCCESS,
@@ -229,52 +226,19 @@ impl Signals {
     }
 }
 
-/// The virtual vehicle of a file, within this program.
-fn simulated(file: &Path) -> Result<SimulatedPort> {
-    let config: VehicleConfig = read_yaml(file)?;
-    let named = || file.display().to_string();
-    let (simulation, correction) = simulation(file, &config).with_context(named)?;
-    SimulatedPort::new(simulation, config.dt_s, correction, config.drive).with_context(named)
-}
-
-fn controller(config: &RunConfig, vehicle: &Vehicle) -> Result<Controller> {
-    let settings = &config.settings;
-    ensure!(
-        settings.period_s == config.cycle.period_s,
-        "settings.period_s: {} must be the same as cycle.period_s: {}",
-        settings.period_s,
-        config.cycle.period_s
-    );
-    RangeError::check(
-        "laps",
-        f64::from(config.laps),
-        1.0,
-        1e6,
-        "from 1 to 1000000",
-    )?;
-    let (traction, steer) = (&settings.limits.traction, &settings.limits.steer);
-    let trajectory = config.course.trajectory(&SpeedLimits {
-        speed_max_m_s: vehicle.speed_max_m_s,
-        traction_max_m_s: traction.speed_m_s,
-        steer_max_m_s: steer.speed_m_s,
-        tread_max_m_s: settings.limits.tread_speed_m_s,
-        acceleration_m_s2: traction.acceleration_m_s2,
-        deceleration_m_s2: traction.deceleration_m_s2,
-        steer_acceleration_m_s2: steer.acceleration_m_s2,
-        lateral_acceleration_m_s2: f64::INFINITY,
-        track_width_m: vehicle.icrs.right_m - vehicle.icrs.left_m,
-        initial_speed_m_s: 0.0,
-    })?;
-    let controller = Controller::new(
-        config.controller,
-        settings.clone(),
-        vehicle,
-        trajectory,
-        Tracking::Time,
-        config.laps,
-        None,
-    )?;
-    Ok(controller)
+/// Returns the virtual vehicle that a configuration names, within this program.
+///
+/// # Errors
+/// The file at fault, key, value and range.
+pub fn simulated(file: &ConfigFile, config: &RunConfig) -> Result<SimulatedPort> {
+    let (file, config) = config.simulated(file)?;
+    let world = config.world(&file)?;
+    let simulation = world.simulation().map_err(|error| file.error(error))?;
+    let correction = world.plant.correction();
+    Ok(
+        SimulatedPort::new(simulation, world.step_s, correction, config.drive)
+            .map_err(|error| file.error(error))?,
+    )
 }
 
 /// The files of `--out`.

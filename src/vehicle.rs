@@ -1,16 +1,12 @@
 //! `sidehill vehicle`: a virtual rover in real time behind a CAN bus.
 #![allow(clippy::print_stdout)]
 
-use crate::bridge_config::{VehicleConfig, load_layout, load_vehicle, read_yaml, resolve};
+use crate::config::{ConfigFile, Prepared, VehicleConfig};
 use anyhow::{Context, Result};
 use sidehill_bridge::bus::{Heard, Listener, Sender};
 use sidehill_bridge::can::layout::Layout;
 use sidehill_bridge::clock::{Clock, Epoch};
 use sidehill_bridge::virtual_vehicle::{VirtualVehicle, VirtualVehicleSetup};
-use sidehill_plant::motion::IcrMotion;
-use sidehill_plant::simulation::{Simulation, SimulationSetup};
-use sidehill_plant::terrain::{PlaneTerrain, Terrain};
-use sidehill_plant::vehicle::SpeedCorrection;
 use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
@@ -40,10 +36,12 @@ const WAITING_MAX: usize = 64;
 /// A file that cannot be read, a setting that is out of range, or a simulation that has left its
 /// ground.
 pub fn run(args: &VehicleArgs) -> Result<ExitCode> {
-    let config: VehicleConfig = read_yaml(&args.config)?;
-    let layout = Arc::new(load_layout(&resolve(&args.config, &config.can))?);
-    let mut vehicle = build(&args.config, &config, Arc::clone(&layout))
-        .with_context(|| args.config.display().to_string())?;
+    let file = ConfigFile::read(&args.config)?;
+    let config: VehicleConfig = file.parse()?;
+    let (interface, layout) = config.bus(&file)?;
+    let layout = Arc::new(layout);
+    let world = config.world(&file)?;
+    let mut vehicle = build(&config, &world, Arc::clone(&layout)).with_context(|| file.name())?;
     let mut truth = args.truth.as_deref().map(create).transpose()?;
     if let Some(truth) = &mut truth {
         writeln!(
@@ -60,17 +58,17 @@ pub fn run(args: &VehicleArgs) -> Result<ExitCode> {
     let mut clock = Clock::Real(epoch);
     let (mut arrived, mut waiting) = rtrb::RingBuffer::new(WAITING_MAX);
     let wanted: Vec<_> = layout.command.iter().map(|message| message.id()).collect();
-    let _listener = Listener::start(&config.interface, &wanted, epoch, move |heard| {
+    let _listener = Listener::start(interface, &wanted, epoch, move |heard| {
         if let Heard::Frame { time_s, frame } = heard {
             // A full ring loses the frame, as a slow drive would; the counter shows it.
             let _ = arrived.push((time_s, frame));
         }
     })?;
-    let mut sender = Sender::start(&config.interface)?;
+    let mut sender = Sender::start(interface)?;
     let mut step: u64 = 0;
     while !ended.load(Ordering::Relaxed) {
         step += 1;
-        clock.wait_until(step as f64 * config.dt_s);
+        clock.wait_until(step as f64 * world.step_s);
         let now_s = clock.now_s();
         if args
             .duration_s
@@ -79,7 +77,7 @@ pub fn run(args: &VehicleArgs) -> Result<ExitCode> {
             break;
         }
         // What a late wake-up has missed is simulated now.
-        step = step.max((now_s / config.dt_s) as u64);
+        step = step.max((now_s / world.step_s) as u64);
         while let Ok((time_s, frame)) = waiting.pop() {
             // Refusals are counted; the drives go on without.
             let _ = vehicle.take(&frame, time_s);
@@ -117,41 +115,23 @@ pub fn run(args: &VehicleArgs) -> Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-fn build(file: &Path, config: &VehicleConfig, layout: Arc<Layout>) -> Result<VirtualVehicle> {
-    let (simulation, correction) = simulation(file, config)?;
+/// Returns the vehicle of a configuration in its world, off.
+///
+/// # Errors
+/// A setting out of range, or no ground at the start.
+pub fn build(
+    config: &VehicleConfig,
+    world: &Prepared,
+    layout: Arc<Layout>,
+) -> Result<VirtualVehicle> {
     let setup = VirtualVehicleSetup {
-        dt_s: config.dt_s,
-        correction,
+        dt_s: world.step_s,
+        correction: world.plant.correction(),
         drive: config.drive,
         report_period_s: config.report_period_s,
         faults: config.faults.clone(),
     };
-    Ok(VirtualVehicle::new(simulation, layout, setup)?)
-}
-
-/// Returns the simulation of a configuration that was read from `file`, and its true c_l and c_r.
-///
-/// # Errors
-/// A vehicle's file that cannot be read, or a setting out of range.
-pub fn simulation(file: &Path, config: &VehicleConfig) -> Result<(Simulation, SpeedCorrection)> {
-    config.validate()?;
-    let vehicle = load_vehicle(&resolve(file, &config.vehicle))?;
-    let terrain = PlaneTerrain::new(config.slope_deg, config.uphill_deg)?;
-    let correction = vehicle.correction;
-    let simulation = Simulation::new(SimulationSetup {
-        terrain: Terrain::Plane(terrain),
-        correction,
-        motion: Box::new(IcrMotion {
-            vehicle,
-            inclined: true,
-        }),
-        drive_train: config.drive_train,
-        sensors: config.sensors,
-        start: config.start.pose(),
-        dt_s: config.dt_s,
-        seed: config.seed,
-    })?;
-    Ok((simulation, correction))
+    Ok(VirtualVehicle::new(world.simulation()?, layout, setup)?)
 }
 
 fn create(path: &Path) -> Result<BufWriter<File>> {

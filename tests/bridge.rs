@@ -2,7 +2,7 @@
 #![allow(clippy::unwrap_used)]
 
 use proptest::prelude::*;
-use sidehill::bridge_config::{RunConfig, VehicleConfig};
+use sidehill::config::{ConfigFile, RunConfig, VehicleConfig};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
@@ -22,7 +22,7 @@ fn configuration(test: &str, changes: &[(&str, &str, &str)]) -> PathBuf {
         Path::new(env!("CARGO_MANIFEST_DIR")).join("config"),
         Path::new(env!("CARGO_TARGET_TMPDIR")).join(test),
     );
-    for folder in ["bridge", "vehicles"] {
+    for folder in ["bridge", "vehicles", "scenarios"] {
         std::fs::create_dir_all(to.join(folder)).unwrap();
         for file in std::fs::read_dir(from.join(folder)).unwrap() {
             let file = file.unwrap();
@@ -41,7 +41,7 @@ fn configuration(test: &str, changes: &[(&str, &str, &str)]) -> PathBuf {
 
 #[test]
 fn a_simulated_vehicle_is_driven_in_real_time() {
-    let simulated = ("run_vcan0.yaml", "# simulated:", "simulated:");
+    let simulated = ("run_vcan0.yaml", "port: can", "port: simulated");
     let file = configuration("simulated", &[simulated]);
     let output = sidehill(&["run", file.to_str().unwrap(), "--arm", "--duration-s", "3"]);
     let text = String::from_utf8(output.stdout).unwrap();
@@ -50,6 +50,57 @@ fn a_simulated_vehicle_is_driven_in_real_time() {
     let ending = text.lines().last().unwrap();
     assert!(ending.contains("\"ended\":\""), "{text}\n{events}");
     assert!(events.contains("the drives are on"), "{events}");
+}
+
+#[test]
+fn the_bridges_files_are_valid() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/bridge");
+    for name in ["can.yaml", "run_vcan0.yaml", "vehicle_vcan0.yaml"] {
+        let output = sidehill(&["check", folder.join(name).to_str().unwrap()]);
+        let text = String::from_utf8(output.stdout).unwrap();
+        assert!(
+            output.status.success() && text.contains("valid"),
+            "{name}: {text}"
+        );
+    }
+}
+
+#[test]
+fn a_route_is_driven_on_wheels() {
+    let changes = [
+        ("run_vcan0.yaml", "port: can", "port: simulated"),
+        (
+            "run_vcan0.yaml",
+            "vehicles/j8.yaml",
+            "vehicles/j8_contact_identified.yaml",
+        ),
+        (
+            "run_vcan0.yaml",
+            "course: {shape: figure_eight}",
+            "route: {file: ../route.csv}",
+        ),
+        (
+            "vehicle_vcan0.yaml",
+            "scenario: ../scenarios/figure_eight.yaml",
+            "scenario: ../scenarios/across_slope.yaml",
+        ),
+        ("vehicle_vcan0.yaml", "# plant: contact", "plant: contact"),
+    ];
+    let file = configuration("route_on_wheels", &changes);
+    let route = "x_m,y_m\n0,0\n0.5,0\n1,0\n1.5,0\n2,0\n";
+    std::fs::write(
+        file.parent().unwrap().parent().unwrap().join("route.csv"),
+        route,
+    )
+    .unwrap();
+    let output = sidehill(&["run", file.to_str().unwrap(), "--arm", "--duration-s", "30"]);
+    let text = String::from_utf8(output.stdout).unwrap();
+    let events = String::from_utf8(output.stderr).unwrap();
+    let ending = text.lines().last().unwrap();
+    assert!(
+        ending.contains("\"ended\":\"finished\""),
+        "{text}\n{events}"
+    );
 }
 
 #[test]
@@ -140,10 +191,15 @@ proptest! {
 
     #[test]
     fn a_mangled_vehicle_is_refused_or_sane(text in mangled(VEHICLE)) {
-        if let Ok(config) = serde_yaml::from_str::<VehicleConfig>(&text)
-            && config.validate().is_ok()
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/bridge/vehicle_vcan0.yaml");
+        let file = ConfigFile::with_text(&path, text);
+        if let Ok(config) = file.parse::<VehicleConfig>()
+            && let Ok(world) = config.world(&file)
+            && let Ok(simulation) = world.simulation()
         {
-            prop_assert!((1e-3..=0.05).contains(&config.dt_s));
+            let pose = simulation.state().pose;
+            prop_assert!(pose.x_m.is_finite() && pose.y_m.is_finite() && pose.yaw_rad.is_finite());
+            prop_assert!((1e-4..=0.05).contains(&world.step_s));
         }
     }
 }

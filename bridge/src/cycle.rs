@@ -29,6 +29,30 @@ impl Default for CycleConfig {
     }
 }
 
+impl CycleConfig {
+    /// Checks the ranges.
+    ///
+    /// # Errors
+    /// [`RangeError`] with the first key out of its range.
+    pub fn validate(&self) -> Result<(), RangeError> {
+        RangeError::check(
+            "cycle.period_s",
+            self.period_s,
+            0.01,
+            0.2,
+            "from 0.01 to 0.2 s",
+        )?;
+        RangeError::check(
+            "cycle.decision_time_s",
+            self.decision_time_s,
+            0.001,
+            self.period_s,
+            "from 0.001 s to cycle.period_s",
+        )?;
+        Ok(())
+    }
+}
+
 /// The cycle with its vehicle, its controller and its safety.
 pub struct Cycle<P: Port, Q: Pilot> {
     config: CycleConfig,
@@ -78,20 +102,7 @@ impl<P: Port, Q: Pilot> Cycle<P, Q> {
         pilot: Q,
         records: RecordSink,
     ) -> Result<Self, RangeError> {
-        RangeError::check(
-            "cycle.period_s",
-            config.period_s,
-            0.01,
-            0.2,
-            "from 0.01 to 0.2 s",
-        )?;
-        RangeError::check(
-            "cycle.decision_time_s",
-            config.decision_time_s,
-            0.001,
-            config.period_s,
-            "from 0.001 s to cycle.period_s",
-        )?;
+        config.validate()?;
         Ok(Self {
             config,
             clock,

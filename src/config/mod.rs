@@ -1,8 +1,11 @@
 //! Configuration files: the one place that reads YAML.
 
+mod bridge;
+mod reference;
 mod scenario;
 
-pub use scenario::{Overrides, Plant, PlantKind, Prepared, RouteConfig, Scenario, TerrainConfig};
+pub use bridge::{RunConfig, RunPort, VehicleConfig, load_layout};
+pub use scenario::{Overrides, Plant, PlantKind, Prepared, Scenario, TerrainConfig};
 
 use serde::de::DeserializeOwned;
 use std::path::{Component, Path, PathBuf};
@@ -74,11 +77,16 @@ impl ConfigFile {
             file: path.display().to_string(),
             reason,
         })?;
-        Ok(Self {
+        Ok(Self::with_text(path, text))
+    }
+
+    /// Returns a file as if `text` stood in it.
+    pub fn with_text(path: &Path, text: String) -> Self {
+        Self {
             path: path.to_owned(),
             built_in: false,
             text,
-        })
+        }
     }
 
     /// Returns the file of that name that is compiled into the program.

@@ -1,22 +1,23 @@
 //! A scenario: vehicle, ground, reference, plant, sensors and controllers of a simulation.
 
+use super::reference::{Reference, RouteConfig, Source, SpeedConfig};
 use super::{CONTACT_IDENTIFIED, CONTACT_VEHICLE, ConfigError, ConfigFile};
 use serde::Deserialize;
 use sidehill_controller::config::{ControllerConfig, ControllerKind};
 use sidehill_controller::course::Course;
-use sidehill_controller::path::{Route, Smoothing, read_csv, read_gpx, smooth};
 use sidehill_controller::reference::Tracking;
-use sidehill_controller::speed_profile::{SpeedLimits, speed_profile};
-use sidehill_controller::trajectory::{Ending, Trajectory};
-use sidehill_plant::contact::ContactVehicle;
+use sidehill_controller::trajectory::Trajectory;
+use sidehill_plant::contact::{ContactModel, ContactVehicle};
 use sidehill_plant::drive_train::DriveTrainConfig;
 use sidehill_plant::frames::PlanarPose;
+use sidehill_plant::motion::{IcrMotion, MotionModel};
 use sidehill_plant::sensors::SensorsConfig;
+use sidehill_plant::simulation::{Simulation, SimulationError, SimulationSetup};
 use sidehill_plant::terrain::{
     GridTerrain, PlaneTerrain, RoutePoint, RouteSmoothing, RouteTerrain, Terrain, ZonedTerrain,
 };
 use sidehill_plant::vehicle::{RangeError, SpeedCorrection, Vehicle};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// What moves the simulated vehicle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Deserialize, clap::ValueEnum)]
@@ -61,39 +62,6 @@ pub enum TerrainConfig {
     },
     /// The elevation recorded with the route.
     Route(RouteSmoothing),
-}
-
-/// A recorded route as reference.
-#[derive(Debug, Clone, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct RouteConfig {
-    /// CSV or GPX file, relative to the scenario.
-    pub file: PathBuf,
-    /// How its points become a path.
-    #[serde(default)]
-    pub smoothing: Smoothing,
-}
-
-/// What bounds the speed where the reference is not given in time.
-#[derive(Debug, Clone, Copy, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-struct SpeedConfig {
-    /// Speed on the open stretch, m/s.
-    speed_m_s: f64,
-    /// Share of the motors' limits that the profile uses; the rest is left to feedback and slope.
-    motor_share: f64,
-    /// Largest |curvature| speed^2, m/s^2.
-    lateral_acceleration_m_s2: f64,
-}
-
-impl Default for SpeedConfig {
-    fn default() -> Self {
-        Self {
-            speed_m_s: 0.8,
-            motor_share: 0.5,
-            lateral_acceleration_m_s2: 1.0,
-        }
-    }
 }
 
 /// Where the vehicle starts, against the start of the reference.
@@ -190,6 +158,24 @@ impl Plant {
             Self::Contact { .. } => PlantKind::Contact,
         }
     }
+
+    /// Returns its true c_l and c_r.
+    pub fn correction(&self) -> SpeedCorrection {
+        match self {
+            Self::Icrik(vehicle) => vehicle.correction,
+            Self::Contact { correction, .. } => *correction,
+        }
+    }
+
+    fn motion(&self) -> Box<dyn MotionModel + Send> {
+        match self {
+            Self::Icrik(vehicle) => Box::new(IcrMotion {
+                vehicle: vehicle.clone(),
+                inclined: true,
+            }),
+            Self::Contact { vehicle, .. } => Box::new(ContactModel::new(vehicle.clone())),
+        }
+    }
 }
 
 /// A scenario with everything read, checked and built; runs share it.
@@ -226,6 +212,25 @@ pub struct Prepared {
     pub route_note: String,
 }
 
+impl Prepared {
+    /// Returns the vehicle in its world, standing at its start.
+    ///
+    /// # Errors
+    /// Names the setting out of range, or says why there is no ground at the start.
+    pub fn simulation(&self) -> Result<Simulation, SimulationError> {
+        Simulation::new(SimulationSetup {
+            terrain: self.terrain.clone(),
+            motion: self.plant.motion(),
+            drive_train: self.drive_train,
+            sensors: self.sensors,
+            correction: self.plant.correction(),
+            start: self.start,
+            dt_s: self.step_s,
+            seed: self.seed,
+        })
+    }
+}
+
 impl Scenario {
     /// Reads a scenario's own file.
     ///
@@ -250,28 +255,7 @@ impl Scenario {
         let ranges = || -> Result<(), RangeError> {
             RangeError::check("laps", f64::from(raw.laps), 1.0, 1e6, "from 1 to 1000000")?;
             RangeError::check("step_s", raw.step_s, 1e-4, 0.05, "from 0.0001 to 0.05 s")?;
-            let speed = &raw.speed;
-            RangeError::check(
-                "speed.speed_m_s",
-                speed.speed_m_s,
-                0.01,
-                20.0,
-                "from 0.01 to 20 m/s",
-            )?;
-            RangeError::check(
-                "speed.motor_share",
-                speed.motor_share,
-                0.05,
-                1.0,
-                "from 0.05 to 1",
-            )?;
-            RangeError::check(
-                "speed.lateral_acceleration_m_s2",
-                speed.lateral_acceleration_m_s2,
-                0.01,
-                100.0,
-                "from 0.01 to 100 m/s^2",
-            )?;
+            raw.speed.validate()?;
             let start = &raw.start;
             RangeError::check(
                 "start.right_m",
@@ -315,8 +299,14 @@ impl Scenario {
             return Err(file.error("controllers: the list is empty"));
         }
         let (plant, vehicle) = self.plant(overrides.plant.unwrap_or(raw.plant))?;
-        let limits = self.speed_limits(&vehicle);
-        let reference = self.reference(overrides, &limits)?;
+        let limits = raw.speed.limits(&raw.controller.limits, &vehicle);
+        let source = Source::of(
+            file,
+            raw.course.as_ref(),
+            raw.route.as_ref(),
+            overrides.path.as_deref(),
+        )?;
+        let reference = Reference::build(file, source, &limits)?;
         let terrain = self.terrain(reference.route.as_ref())?;
         let first = reference.trajectory.at(0.0);
         let (sin, cos) = first.heading_rad.sin_cos();
@@ -331,12 +321,7 @@ impl Scenario {
             plant,
             vehicle,
             terrain,
-            tracking: match reference.trajectory.ending() {
-                Ending::Periodic => Tracking::Time,
-                Ending::Stop => Tracking::Path {
-                    lead_max_m: raw.controller.lead_max_m,
-                },
-            },
+            tracking: reference.tracking(raw.controller.lead_max_m),
             trajectory: reference.trajectory,
             laps: raw.laps,
             start,
@@ -375,87 +360,6 @@ impl Scenario {
         }
     }
 
-    fn speed_limits(&self, vehicle: &Vehicle) -> SpeedLimits {
-        let (speed, limits) = (&self.raw.speed, &self.raw.controller.limits);
-        let share = speed.motor_share;
-        SpeedLimits {
-            speed_max_m_s: speed.speed_m_s,
-            traction_max_m_s: limits.traction.speed_m_s,
-            steer_max_m_s: share * limits.steer.speed_m_s,
-            tread_max_m_s: limits.tread_speed_m_s,
-            acceleration_m_s2: share * limits.traction.acceleration_m_s2,
-            deceleration_m_s2: share * limits.traction.deceleration_m_s2,
-            steer_acceleration_m_s2: share * limits.steer.acceleration_m_s2,
-            lateral_acceleration_m_s2: speed.lateral_acceleration_m_s2,
-            track_width_m: vehicle.icrs.right_m - vehicle.icrs.left_m,
-            initial_speed_m_s: 0.0,
-        }
-    }
-
-    fn reference(
-        &self,
-        overrides: &Overrides,
-        limits: &SpeedLimits,
-    ) -> Result<Reference, ConfigError> {
-        let raw = &self.raw;
-        let smoothing = raw
-            .route
-            .as_ref()
-            .map_or_else(Smoothing::default, |r| r.smoothing);
-        let route = match (&overrides.path, &raw.route, &raw.course) {
-            (Some(path), _, _) => ConfigFile::read(path)?,
-            (None, Some(route), None) => self.file.sibling(&route.file)?,
-            (None, None, Some(course)) => {
-                let trajectory = course
-                    .trajectory(limits)
-                    .map_err(|error| self.file.error(format!("course: {error}")))?;
-                return Ok(Reference {
-                    trajectory,
-                    route: None,
-                    note: String::new(),
-                });
-            }
-            (None, Some(_), Some(_)) => {
-                return Err(self
-                    .file
-                    .error("course and route: only one of them can be followed"));
-            }
-            (None, None, None) => {
-                return Err(self.file.error("course or route: one of them is needed"));
-            }
-        };
-        let points = read_route(&route)?;
-        let smoothed = smooth(&points.points, &smoothing).map_err(|error| route.error(error))?;
-        let trajectory = speed_profile(&smoothed.path, limits, |_| f64::INFINITY)
-            .map_err(|error| route.error(error))?;
-        let note = format!(
-            "{}: {} points, path of {:.1} m within {:.3} m of them ({:.3} m RMS), curvature up to {:.2} 1/m, {:.0} s",
-            route.name(),
-            points.points.len(),
-            smoothed.path.length_m(),
-            smoothed.deviation_max_m,
-            smoothed.deviation_rms_m,
-            smoothed.path.max_curvature_per_m(),
-            trajectory.duration_s(),
-        );
-        let elevations = points
-            .points
-            .iter()
-            .map(|point| {
-                point.elevation_m.map(|z_m| RoutePoint {
-                    x_m: point.position.x_m,
-                    y_m: point.position.y_m,
-                    z_m,
-                })
-            })
-            .collect();
-        Ok(Reference {
-            trajectory,
-            route: Some((route, elevations)),
-            note,
-        })
-    }
-
     fn terrain(
         &self,
         route: Option<&(ConfigFile, Option<Vec<RoutePoint>>)>,
@@ -490,21 +394,4 @@ impl Scenario {
             },
         })
     }
-}
-
-struct Reference {
-    trajectory: Trajectory,
-    route: Option<(ConfigFile, Option<Vec<RoutePoint>>)>,
-    note: String,
-}
-
-/// Reads a route by the ending of its file's name.
-fn read_route(file: &ConfigFile) -> Result<Route, ConfigError> {
-    let ending = Path::extension(file.path()).map(|e| e.to_string_lossy().to_lowercase());
-    let route = match ending.as_deref() {
-        Some("gpx") => read_gpx(file.text().as_bytes()),
-        Some("csv") => read_csv(file.text().as_bytes()),
-        _ => return Err(file.error("a path must be a .csv or .gpx file")),
-    };
-    route.map_err(|error| file.error(error))
 }

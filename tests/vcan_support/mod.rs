@@ -2,7 +2,7 @@
 
 pub use rustix::process::Signal;
 use serde_json::Value;
-use sidehill::bridge_config::load_layout;
+use sidehill::config::{ConfigFile, load_layout};
 use sidehill_bridge::bus::{Heard, Listener};
 use sidehill_bridge::can::layout::Layout;
 use sidehill_bridge::can::message::Quantity;
@@ -209,10 +209,7 @@ fn configuration(folder: &Folder, name: &str, change: impl Fn(String) -> String)
             "can: can.yaml",
             &format!("can: {}", config.join("bridge/can.yaml").display()),
         )
-        .replace(
-            "../vehicles",
-            &config.join("vehicles").display().to_string(),
-        );
+        .replace("../", &format!("{}/", config.display()));
     let file = folder.0.join(name);
     std::fs::write(&file, change(text)).unwrap();
     file.display().to_string()
@@ -305,7 +302,8 @@ pub fn standing_after_s(truth: &[Truth], unix_s: f64) -> Option<f64> {
 
 /// The layout of the repository.
 pub fn layout() -> Layout {
-    load_layout(&Path::new(env!("CARGO_MANIFEST_DIR")).join("config/bridge/can.yaml")).unwrap()
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/bridge/can.yaml");
+    load_layout(&ConfigFile::read(&file).unwrap()).unwrap()
 }
 
 /// Now, s since 1970.

@@ -1,0 +1,237 @@
+//! Configuration of `run` and `vehicle`.
+
+use super::reference::{Reference, RouteConfig, Source, SpeedConfig};
+use super::{ConfigError, ConfigFile, Overrides, PlantKind, Prepared, Scenario};
+use serde::Deserialize;
+use sidehill_bridge::can::config::CanConfig;
+use sidehill_bridge::can::database::Database;
+use sidehill_bridge::can::layout::Layout;
+use sidehill_bridge::cycle::CycleConfig;
+use sidehill_bridge::drive::DriveConfig;
+use sidehill_bridge::realtime::RealtimeConfig;
+use sidehill_bridge::safety::SafetyConfig;
+use sidehill_bridge::virtual_vehicle::InjectedFault;
+use sidehill_controller::config::{ControllerConfig, ControllerKind};
+use sidehill_controller::controller::Controller;
+use sidehill_controller::course::Course;
+use sidehill_plant::drive_train::DriveTrainConfig;
+use sidehill_plant::sensors::SensorsConfig;
+use sidehill_plant::vehicle::{RangeError, Vehicle};
+use std::path::{Path, PathBuf};
+
+/// Through what `run` tells the drives.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum RunPort {
+    /// A CAN bus.
+    #[default]
+    Can,
+    /// A virtual vehicle within the program.
+    Simulated,
+}
+
+/// What `sidehill run` reads.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RunConfig {
+    /// Through what the drives are told.
+    #[serde(default)]
+    pub port: RunPort,
+    /// SocketCAN interface.
+    #[serde(default)]
+    pub interface: Option<String>,
+    /// Layout of the bus, relative to this file.
+    #[serde(default)]
+    pub can: Option<PathBuf>,
+    /// The virtual vehicle of port `simulated`, relative to this file.
+    #[serde(default)]
+    pub simulated: Option<PathBuf>,
+    /// Vehicle that the controller steers by, relative to this file.
+    pub vehicle: PathBuf,
+    /// Which controller.
+    pub controller: ControllerKind,
+    /// Its settings.
+    #[serde(default)]
+    pub settings: ControllerConfig,
+    /// What is driven, unless it is a route.
+    #[serde(default)]
+    pub course: Option<Course>,
+    /// What is driven, unless it is a course.
+    #[serde(default)]
+    pub route: Option<RouteConfig>,
+    /// How fast, where the course gives no times.
+    #[serde(default)]
+    pub speed: SpeedConfig,
+    /// Rounds of a periodic course.
+    #[serde(default = "one")]
+    pub laps: u32,
+    /// The cycle.
+    #[serde(default)]
+    pub cycle: CycleConfig,
+    /// The safety.
+    #[serde(default)]
+    pub safety: SafetyConfig,
+    /// What is asked of the system.
+    #[serde(default)]
+    pub realtime: RealtimeConfig,
+}
+
+impl RunConfig {
+    /// Returns the vehicle that the controller steers by.
+    ///
+    /// # Errors
+    /// [`ConfigError`] with the file at fault, key, value and range.
+    pub fn load_vehicle(&self, file: &ConfigFile) -> Result<Vehicle, ConfigError> {
+        file.sibling(&self.vehicle)?.parse()
+    }
+
+    /// Returns the controller with what it follows.
+    ///
+    /// # Errors
+    /// [`ConfigError`] with the file at fault, key, value and range.
+    pub fn controller(
+        &self,
+        file: &ConfigFile,
+        vehicle: &Vehicle,
+    ) -> Result<Controller, ConfigError> {
+        let settings = &self.settings;
+        if settings.period_s != self.cycle.period_s {
+            return Err(file.error(format!(
+                "settings.period_s: {} must be the same as cycle.period_s: {}",
+                settings.period_s, self.cycle.period_s
+            )));
+        }
+        RangeError::check("laps", f64::from(self.laps), 1.0, 1e6, "from 1 to 1000000")
+            .and_then(|_| self.speed.validate())
+            .map_err(|error| file.error(error))?;
+        let source = Source::of(file, self.course.as_ref(), self.route.as_ref(), None)?;
+        let limits = self.speed.limits(&settings.limits, vehicle);
+        let reference = Reference::build(file, source, &limits)?;
+        let tracking = reference.tracking(settings.lead_max_m);
+        Controller::new(
+            self.controller,
+            settings.clone(),
+            vehicle,
+            reference.trajectory,
+            tracking,
+            self.laps,
+            None,
+        )
+        .map_err(|error| file.error(error))
+    }
+
+    /// Returns interface and layout of the bus.
+    ///
+    /// # Errors
+    /// [`ConfigError`] where a key is missing or the layout's files are wrong.
+    pub fn bus(&self, file: &ConfigFile) -> Result<(&str, Layout), ConfigError> {
+        bus(file, self.interface.as_deref(), self.can.as_deref())
+    }
+
+    /// Returns the virtual vehicle of port `simulated`.
+    ///
+    /// # Errors
+    /// [`ConfigError`] where the key is missing or the file cannot be read or parsed.
+    pub fn simulated(&self, file: &ConfigFile) -> Result<(ConfigFile, VehicleConfig), ConfigError> {
+        let name = needed(file, "simulated", self.simulated.as_deref())?;
+        let vehicle_file = file.sibling(name)?;
+        let config = vehicle_file.parse()?;
+        Ok((vehicle_file, config))
+    }
+}
+
+/// What `sidehill vehicle` reads.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct VehicleConfig {
+    /// SocketCAN interface.
+    #[serde(default)]
+    pub interface: Option<String>,
+    /// Layout of the bus, relative to this file.
+    #[serde(default)]
+    pub can: Option<PathBuf>,
+    /// The world: vehicle, ground, start, drive train and sensors of a scenario, relative to this
+    /// file.
+    pub scenario: PathBuf,
+    /// What moves the vehicle, instead of what the scenario says.
+    #[serde(default)]
+    pub plant: Option<PlantKind>,
+    /// Seed of everything random, instead of the scenario's.
+    #[serde(default)]
+    pub seed: Option<u64>,
+    /// Between command and treads, instead of the scenario's.
+    #[serde(default)]
+    pub drive_train: Option<DriveTrainConfig>,
+    /// Errors of the sensors, instead of the scenario's.
+    #[serde(default)]
+    pub sensors: Option<SensorsConfig>,
+    /// The drives' own side of the handshake.
+    #[serde(default)]
+    pub drive: DriveConfig,
+    /// Time between reports, s.
+    #[serde(default = "fifty_milliseconds")]
+    pub report_period_s: f64,
+    /// What goes wrong on purpose.
+    #[serde(default)]
+    pub faults: Vec<InjectedFault>,
+}
+
+impl VehicleConfig {
+    /// Returns the scenario with what replaces its own.
+    ///
+    /// # Errors
+    /// [`ConfigError`] with the file at fault, key, value and range.
+    pub fn world(&self, file: &ConfigFile) -> Result<Prepared, ConfigError> {
+        let scenario = Scenario::read(file.sibling(&self.scenario)?)?;
+        let mut world = scenario.prepare(&Overrides {
+            plant: self.plant,
+            seed: self.seed,
+            ..Overrides::default()
+        })?;
+        world.drive_train = self.drive_train.unwrap_or(world.drive_train);
+        world.sensors = self.sensors.unwrap_or(world.sensors);
+        Ok(world)
+    }
+
+    /// Returns interface and layout of the bus.
+    ///
+    /// # Errors
+    /// [`ConfigError`] where a key is missing or the layout's files are wrong.
+    pub fn bus(&self, file: &ConfigFile) -> Result<(&str, Layout), ConfigError> {
+        bus(file, self.interface.as_deref(), self.can.as_deref())
+    }
+}
+
+/// Returns the layout of the bus in a file and the database it names.
+///
+/// # Errors
+/// Names the file, the message and the signal that is wrong.
+pub fn load_layout(file: &ConfigFile) -> Result<Layout, ConfigError> {
+    let config: CanConfig = file.parse()?;
+    let database = file.sibling(Path::new(&config.database))?;
+    let database =
+        Database::parse(&database.name(), database.text()).map_err(|error| file.error(error))?;
+    Layout::new(&config, &database).map_err(|error| file.error(error))
+}
+
+fn bus<'a>(
+    file: &ConfigFile,
+    interface: Option<&'a str>,
+    layout: Option<&Path>,
+) -> Result<(&'a str, Layout), ConfigError> {
+    let interface = needed(file, "interface", interface)?;
+    let layout = needed(file, "can", layout)?;
+    Ok((interface, load_layout(&file.sibling(layout)?)?))
+}
+
+fn needed<T>(file: &ConfigFile, key: &str, value: Option<T>) -> Result<T, ConfigError> {
+    value.ok_or_else(|| file.error(format!("{key}: is missing, which this port needs")))
+}
+
+fn one() -> u32 {
+    1
+}
+
+fn fifty_milliseconds() -> f64 {
+    0.05
+}
