@@ -152,7 +152,7 @@ impl Default for SolverConfig {
             tolerance: 1e-6,
             accepted_residual: 1e-3,
             accepted_gap: 0.2,
-            mode: QpMode::InPlace,
+            mode: QpMode::RelaxedFirst,
         }
     }
 }

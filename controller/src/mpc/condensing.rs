@@ -13,7 +13,7 @@
 //! small and dense, where an interior-point method spends the least time on 20 to 50 stages.
 
 use super::limits::{Change, InputLimits};
-use super::qp::{QpData, pattern};
+use super::problem::{QpData, pattern};
 use nalgebra::Vector3;
 use sidehill_plant::prediction::LinearisedStep;
 use sidehill_plant::speeds::MotorSpeeds;

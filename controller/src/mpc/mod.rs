@@ -2,10 +2,12 @@
 
 mod condensing;
 pub mod limits;
+mod problem;
 mod qp;
 
 pub use condensing::{Corridor, StageWeights};
-pub use qp::{QpFailure, QpMode, QpSettings, Residuals};
+pub use problem::Residuals;
+pub use qp::{QpFailure, QpMode, QpSettings};
 
 use condensing::{Condenser, Stage};
 use limits::InputLimits;
@@ -19,8 +21,10 @@ use std::time::Instant;
 /// Factor on all costs: brings the QP's numbers near 1, where the solver's tolerances are meant.
 const COST_SCALE: f64 = 10.0;
 
-/// Linearisations and QPs when a plan is made from nothing.
+/// Linearisations and QPs at most when a plan is made from nothing.
 const START_ITERATIONS: usize = 10;
+/// Largest correction of an input, m/s, at which such a plan is good enough.
+const START_CORRECTION_M_S: f64 = 1e-3;
 
 /// What the horizon asks for at the end of one stage.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -89,6 +93,8 @@ pub struct Mpc {
     stages: Vec<Stage>,
     condenser: Condenser,
     solver: QpSolver,
+    /// Largest correction of an input by the last QP, m/s.
+    corrected_m_s: f64,
 }
 
 impl Mpc {
@@ -115,6 +121,7 @@ impl Mpc {
             stages: Vec::new(),
             condenser,
             solver,
+            corrected_m_s: 0.0,
             model,
             settings,
         };
@@ -142,16 +149,17 @@ impl Mpc {
         self.settings.change_weight.steer_m_s = weight;
     }
 
-    /// Makes a plan from nothing: the targets as states, their feed-forward as inputs, then as many
-    /// QPs as the settings say.
+    /// Makes a plan from nothing: the targets as states, their feed-forward as inputs, then QPs until
+    /// they correct it little or `deadline` is over.
     ///
     /// # Errors
-    /// The [`QpFailure`] of the last QP.
+    /// The [`QpFailure`] of the first QP; a later one leaves the plan of those before it.
     pub fn start(
         &mut self,
         state: &PlanarPose,
         previous: MotorSpeeds,
         targets: &[StageTarget],
+        deadline: Option<Instant>,
     ) -> Result<SolveReport, QpFailure> {
         self.plan.states[0] = vector(state);
         for (k, target) in targets.iter().enumerate() {
@@ -166,11 +174,17 @@ impl Mpc {
             let yaw = &mut self.plan.states[k].z;
             *yaw = before + wrap_angle(*yaw - before);
         }
-        // Far from a good plan the limits bind and a QP takes longer; nothing moves yet.
+        // Far from a good plan the limits bind and a QP takes longer.
         self.solver.set_max_iterations(qp::ITERATIONS_MAX);
-        let mut report = self.solve(state, previous, targets, None);
+        let mut report = self.solve(state, previous, targets, deadline);
         for _ in 1..START_ITERATIONS {
-            report = self.solve(state, previous, targets, None);
+            if report.is_err() || self.corrected_m_s < START_CORRECTION_M_S {
+                break;
+            }
+            match self.solve(state, previous, targets, deadline) {
+                Ok(better) => report = Ok(better),
+                Err(_) => break,
+            }
         }
         self.solver
             .set_max_iterations(self.settings.qp.max_iterations);
@@ -306,6 +320,7 @@ impl Mpc {
     /// Moves the plan by the QP's solution, states along the linearised dynamics.
     fn apply(&mut self) {
         let mut deviation = Vector3::zeros();
+        self.corrected_m_s = 0.0;
         let corrections = self.condenser.input_corrections(self.solver.primal());
         for ((k, stage), correction) in self.stages.iter().enumerate().zip(corrections) {
             let step = &stage.step;
@@ -313,6 +328,10 @@ impl Mpc {
                 + step.by_traction * correction.traction_m_s
                 + step.by_steer * correction.steer_m_s
                 + stage.defect;
+            self.corrected_m_s = self
+                .corrected_m_s
+                .max(correction.traction_m_s.abs())
+                .max(correction.steer_m_s.abs());
             self.plan.states[k + 1] += deviation;
             self.plan.inputs[k] = MotorSpeeds {
                 traction_m_s: stage.input.traction_m_s + correction.traction_m_s,

@@ -2,7 +2,7 @@
 //! is a variable, every row in its own units.
 
 use super::*;
-use crate::mpc::qp::{QpData, pattern};
+use crate::mpc::problem::{QpData, pattern};
 use std::collections::BTreeMap;
 
 /// Returns the corrections of the inputs that are optimal for `stages`, by a solver made for this
