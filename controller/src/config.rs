@@ -2,11 +2,10 @@
 
 use crate::estimator::EstimatorSettings;
 use crate::mpc::limits::{InputLimits, MotorLimits};
-use crate::mpc::{Corridor, MpcSettings, QpMode, QpSettings, StageWeights};
+use crate::mpc::{ChangeWeights, Corridor, MpcSettings, QpMode, QpSettings, StageWeights};
 use crate::pure_pursuit::PurePursuitSettings;
 use crate::trajectory::Motion;
 use serde::{Deserialize, Serialize};
-use sidehill_plant::speeds::MotorSpeeds;
 use sidehill_plant::vehicle::RangeError;
 
 /// Which law turns estimate and reference into commands.
@@ -442,9 +441,9 @@ impl ControllerConfig {
             step_s: self.step_s,
             period_s: self.period_s,
             block_stages: self.block_stages,
-            change_weight: MotorSpeeds {
-                traction_m_s: self.weights.traction_change_s3_per_m2,
-                steer_m_s: self.weights.steer_change_s3_per_m2,
+            change_weights: ChangeWeights {
+                traction: self.weights.traction_change_s3_per_m2,
+                steer: self.weights.steer_change_s3_per_m2,
             },
             terminal_factor: self.weights.terminal_factor,
             limits: self.limits,

@@ -4,8 +4,9 @@ mod condensing;
 pub mod limits;
 mod problem;
 mod qp;
+mod structure;
 
-pub use condensing::{Corridor, StageWeights};
+pub use condensing::{ChangeWeights, Corridor, StageWeights};
 pub use problem::Residuals;
 pub use qp::{QpFailure, QpMode, QpSettings};
 
@@ -52,8 +53,8 @@ pub struct MpcSettings {
     pub period_s: f64,
     /// Stages condensed into one block.
     pub block_stages: usize,
-    /// Weight of changes of (traction, steer), divided by the stage's duration, s/(m/s)^2.
-    pub change_weight: MotorSpeeds,
+    /// Weights of changes of the inputs, divided by the stage's duration, s/(m/s)^2.
+    pub change_weights: ChangeWeights,
     /// Factor on the weights of the last stage.
     pub terminal_factor: f64,
     /// Limits of the inputs.
@@ -146,7 +147,7 @@ impl Mpc {
 
     /// Sets the weight of a change of steer, s/(m/s)^2, which must be positive.
     pub fn set_steer_change_weight(&mut self, weight: f64) {
-        self.settings.change_weight.steer_m_s = weight;
+        self.settings.change_weights.steer = weight;
     }
 
     /// Makes a plan from nothing: the targets as states, their feed-forward as inputs, then QPs until
@@ -285,9 +286,9 @@ impl Mpc {
                 along: (-sin, cos),
                 weights,
                 input,
-                rate_weights: MotorSpeeds {
-                    traction_m_s: settings.change_weight.traction_m_s / settings.step_s,
-                    steer_m_s: settings.change_weight.steer_m_s / settings.step_s,
+                change_weights: ChangeWeights {
+                    traction: settings.change_weights.traction / settings.step_s,
+                    steer: settings.change_weights.steer / settings.step_s,
                 },
                 traction_change: settings.limits.traction.change(before.traction_m_s, time_s),
                 steer_change: settings.limits.steer.change(before.steer_m_s, time_s),

@@ -4,7 +4,7 @@
 //! minimise 1/2 z' P z + q' z   subject to   A z + s = b,  s = 0 (equalities), s >= 0 (the rest)
 //! ```
 
-use super::qp::CscMatrix;
+pub use super::qp::CscMatrix;
 
 /// Optimality of a point, computed from the data and not from the solver's own account.
 #[derive(Debug, Clone, Copy, PartialEq)]

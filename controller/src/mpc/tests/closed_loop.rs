@@ -90,7 +90,10 @@ fn settings(stages: usize, block_stages: usize) -> MpcSettings {
         step_s: 0.15,
         period_s: 0.05,
         block_stages,
-        change_weight: motors(0.05, 0.05),
+        change_weights: ChangeWeights {
+            traction: 0.05,
+            steer: 0.05,
+        },
         terminal_factor: 1.0,
         limits: input_limits(2.0),
         corridor: None,
