@@ -10,3 +10,4 @@ pub mod names;
 pub mod node;
 pub mod parameter_file;
 pub mod qos;
+pub mod vehicle;
