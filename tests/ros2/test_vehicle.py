@@ -106,16 +106,19 @@ def test_other_commands_drive_as_a_twist_does(vehicle, peer, kind):
         traction = peer.writer("/traction/command", wire.Float64)
         steer = peer.writer("/steer/command", wire.Float64)
         sends = [(traction, wire.Float64(data=0.4)), (steer, wire.Float64(data=0.1 * TRACK_WIDTH_M))]
+    joints = peer.reader("/joint_states", wire.JointState)
     for writer, _ in sends:
         matched(writer)
     for _ in range(30):
         for writer, message in sends:
             writer.write(message)
         time.sleep(0.05)
-    row = rover.now()
-    assert row["mode"] == "Enabled"
-    assert math.isclose(row["traction_m_s"], 0.4, abs_tol=1e-6)
-    assert math.isclose(row["steer_m_s"], 0.1 * TRACK_WIDTH_M, abs_tol=1e-6)
+        joints.take()
+    assert rover.now()["mode"] == "Enabled"
+    # As the drives count, before c_l and c_r of the truth.
+    left, right = (0.25 * velocity for velocity in joints.last().velocity)
+    assert math.isclose((left + right) / 2, 0.4, abs_tol=1e-6)
+    assert math.isclose(right - left, 0.2 * TRACK_WIDTH_M, abs_tol=1e-6)
 
 
 def test_it_stops_when_commands_cease_or_are_no_numbers(vehicle, peer):

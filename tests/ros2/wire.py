@@ -26,7 +26,7 @@ def _default(kind):
     return {bool: lambda: False, str: str, int: lambda: 0, float: lambda: 0.0}[kind]
 
 
-def wire(name, **fields):
+def wire(name, /, **fields):
     """Makes the type `name` ("package/msg/Type") with these fields."""
     package, folder, short = name.split("/")
 
