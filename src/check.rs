@@ -1,6 +1,8 @@
 //! `sidehill check`: validates configuration files.
 
-use crate::config::{ConfigFile, Overrides, RunConfig, RunPort, Scenario, load_layout};
+use crate::config::{
+    Conditions, ConfigFile, Overrides, RunConfig, RunPort, Scenario, load_layout,
+};
 use crate::{run, vehicle};
 use anyhow::{Result, bail};
 use sidehill_controller::controller::Controller;
@@ -65,6 +67,9 @@ fn check(path: &std::path::Path) -> Result<&'static str> {
     } else if has("axles") {
         file.parse::<ContactVehicle>()?;
         Ok("contact vehicle")
+    } else if !has("scenario") && (has("sensors") || has("drive_train")) {
+        Conditions::parse(&file)?;
+        Ok("conditions")
     } else if has("database") {
         load_layout(&file)?;
         Ok("layout of a CAN bus")
