@@ -196,7 +196,7 @@ impl Controller {
         };
         let tracking = if kind == ControllerKind::PurePursuit {
             // A geometric law knows no time: its reference waits for the vehicle.
-            Tracking::Path {
+            Tracking::PathByCusps {
                 lead_max_m: config.lead_max_m,
             }
         } else {
@@ -382,7 +382,9 @@ impl Controller {
         if let Law::Mpc { mpc, .. } = &mut self.law
             && self.adapts
         {
-            mpc.model_mut().set_correction(&estimate.gains);
+            let half_track_m = 0.5 * (self.vehicle.icrs.right_m - self.vehicle.icrs.left_m);
+            mpc.model_mut()
+                .set_correction(&estimate.bounded_gains(half_track_m));
         }
         let horizon_start = self.roll_forward(estimate);
         match &mut self.law {
@@ -423,6 +425,11 @@ impl Controller {
                         .last()
                         .map_or(estimate.normal_in_world, |t| t.normal_in_world);
                     mpc.shift(elapsed_s, &end);
+                    for (target, state) in self.targets.iter_mut().zip(&mpc.plan().states[1..]) {
+                        let error_rad = wrap_angle(state.z - target.pose.yaw_rad);
+                        target.weights.heading_per_rad2 +=
+                            self.config.heading_excess_weight(error_rad);
+                    }
                     mpc.solve(&horizon_start, previous, &self.targets, deadline)
                 } else {
                     mpc.start(&horizon_start, previous, &self.targets, deadline)
