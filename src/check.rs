@@ -1,7 +1,7 @@
 //! `sidehill check`: validates configuration files.
 
 use crate::config::{
-    Conditions, ConfigFile, Overrides, RunConfig, RunPort, Scenario, load_layout,
+    Campaign, Conditions, ConfigFile, Overrides, RunConfig, RunPort, Scenario, load_layout,
 };
 use crate::{run, vehicle};
 use anyhow::{Result, bail};
@@ -70,6 +70,9 @@ fn check(path: &std::path::Path) -> Result<&'static str> {
     } else if !has("scenario") && (has("sensors") || has("drive_train")) {
         Conditions::parse(&file)?;
         Ok("conditions")
+    } else if has("draws") {
+        Campaign::read(&file)?;
+        Ok("campaign")
     } else if has("database") {
         load_layout(&file)?;
         Ok("layout of a CAN bus")

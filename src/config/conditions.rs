@@ -49,6 +49,18 @@ impl Conditions {
         }
     }
 
+    /// Reads the conditions that another file names, relative to itself or built in.
+    ///
+    /// # Errors
+    /// [`ConfigError`] with file, key, value and range.
+    pub fn beside(file: &ConfigFile, name: &Path) -> Result<Self, ConfigError> {
+        if name == Path::new(REALISTIC.0) {
+            Self::read(name)
+        } else {
+            Self::parse(&file.sibling(name)?)
+        }
+    }
+
     /// Reads conditions from a file.
     ///
     /// # Errors

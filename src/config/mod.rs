@@ -1,12 +1,14 @@
 //! Configuration files: the one place that reads YAML.
 
 mod bridge;
+mod campaign;
 mod conditions;
 mod reference;
 pub mod ros2;
 mod scenario;
 
 pub use bridge::{RunConfig, RunPort, VehicleConfig, VehiclePort, load_layout};
+pub use campaign::{Campaign, Drawn};
 pub use conditions::Conditions;
 pub use scenario::{Overrides, Plant, PlantKind, Prepared, Scenario, TerrainConfig};
 

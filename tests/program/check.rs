@@ -15,13 +15,15 @@ fn yaml_files(folder: &str) -> Vec<PathBuf> {
 }
 
 #[test]
-fn every_vehicle_and_scenario_of_the_repository_is_valid() {
+fn every_vehicle_scenario_conditions_and_campaign_of_the_repository_is_valid() {
     let files = [
         yaml_files("config/vehicles"),
         yaml_files("config/scenarios"),
+        yaml_files("config/conditions"),
+        yaml_files("config/campaigns"),
     ]
     .concat();
-    assert!(files.len() >= 14, "{files:?}");
+    assert!(files.len() >= 16, "{files:?}");
     let lines = succeed(sidehill().arg("check").args(&files));
     for file in &files {
         assert_says(&lines, &[&format!("{}: valid", file.display())]);
