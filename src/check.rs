@@ -47,7 +47,10 @@ fn check(path: &std::path::Path) -> Result<&'static str> {
     let file = ConfigFile::read(path)?;
     let keys: serde_yaml::Mapping = file.parse()?;
     let has = |key: &str| keys.contains_key(key);
-    if has("controllers") {
+    if has("draws") {
+        Campaign::read(&file)?;
+        Ok("campaign")
+    } else if has("controllers") {
         let prepared = Scenario::read(file)?.prepare(&Overrides::default())?;
         for &kind in &prepared.controllers {
             Controller::new(
@@ -70,9 +73,6 @@ fn check(path: &std::path::Path) -> Result<&'static str> {
     } else if !has("scenario") && (has("sensors") || has("drive_train")) {
         Conditions::parse(&file)?;
         Ok("conditions")
-    } else if has("draws") {
-        Campaign::read(&file)?;
-        Ok("campaign")
     } else if has("database") {
         load_layout(&file)?;
         Ok("layout of a CAN bus")
@@ -84,7 +84,7 @@ fn check(path: &std::path::Path) -> Result<&'static str> {
         Ok("configuration of vehicle")
     } else {
         bail!(
-            "{}: neither a scenario (key controllers), a vehicle (x_icr_left_m), a contact vehicle \
+            "{}: neither a campaign (key draws), a scenario (controllers), a vehicle (x_icr_left_m), a contact vehicle \
              (axles), a layout of a CAN bus (database), nor a configuration of run (controller) or \
              vehicle (scenario)",
             file.name()

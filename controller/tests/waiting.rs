@@ -29,7 +29,11 @@ fn a_timed_reference_waits_for_a_vehicle_that_stands_and_goes_on_with_it() {
         reference.advance(0.05, &standing);
     }
     // 0.6 m ahead at 0.4 m/s.
-    assert!((reference.time_s() - 1.5).abs() < 0.1, "{}", reference.time_s());
+    assert!(
+        (reference.time_s() - 1.5).abs() < 0.1,
+        "{}",
+        reference.time_s()
+    );
     let point = reference.ahead(0.0);
     let there = PlanarPose {
         x_m: point.position.x_m,
@@ -72,7 +76,10 @@ fn at_a_cusp_only_the_geometric_laws_reference_waits_for_the_vehicle() {
 #[test]
 fn pure_pursuit_drives_into_a_cusp_back_out_of_it_and_to_its_end() {
     for (course_text, slope_right_m) in [
-        ("{shape: cusp, radius_m: 3, angle_deg: 90, speed_m_s: 0.5}", 0.0),
+        (
+            "{shape: cusp, radius_m: 3, angle_deg: 90, speed_m_s: 0.5}",
+            0.0,
+        ),
         ("{shape: straight, length_m: 6, speed_m_s: 0.5}", 0.3),
     ] {
         let mut setup = Setup::new(course(course_text));

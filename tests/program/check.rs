@@ -138,7 +138,7 @@ fn a_file_that_is_missing_or_of_no_kind_is_named() {
     let message = fail(sidehill().args(["check", "no_such_file.yaml"]));
     assert_says(&message, &["no_such_file.yaml"]);
     let message = complaint("odd.yaml", "colour: blue\n");
-    assert_says(&message, &["odd.yaml", "neither a scenario"]);
+    assert_says(&message, &["odd.yaml", "neither a campaign", "a scenario"]);
 }
 
 #[test]
