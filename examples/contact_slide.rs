@@ -205,7 +205,7 @@ fn heading(j8: &ContactVehicle) -> Result<Panel> {
     Ok(Panel {
         title: "Up or down (0, 180) more than across (90)",
         x: ("heading from uphill, deg", 0.0..180.0),
-        y: ("slide, m/rad", 0.0..5.0),
+        y: ("slide, m/rad", 0.0..6.0),
         lines: lines?,
     })
 }
@@ -230,7 +230,7 @@ fn speed(j8: &ContactVehicle) -> Result<Panel> {
     Ok(Panel {
         title: "At speed less, by rolling resistance alone",
         x: ("traction, m/s", 0.0..0.6),
-        y: ("slide up and down, m/rad", 0.0..2.5),
+        y: ("slide up and down, m/rad", 0.0..3.5),
         lines,
     })
 }
