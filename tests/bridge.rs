@@ -55,7 +55,12 @@ fn a_simulated_vehicle_is_driven_in_real_time() {
 #[test]
 fn the_bridges_files_are_valid() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/bridge");
-    for name in ["can.yaml", "run_vcan0.yaml", "vehicle_vcan0.yaml"] {
+    for name in [
+        "can.yaml",
+        "cia402.yaml",
+        "run_vcan0.yaml",
+        "vehicle_vcan0.yaml",
+    ] {
         let output = sidehill(&["check", folder.join(name).to_str().unwrap()]);
         let text = String::from_utf8(output.stdout).unwrap();
         assert!(

@@ -98,6 +98,8 @@ pub struct Order {
     pub speeds: MotorSpeeds,
     /// Whether the drives shall be on.
     pub enable: bool,
+    /// Whether drives that can be told to do so may forget a fault: only after an operator has armed.
+    pub fault_reset: bool,
 }
 
 impl Order {
@@ -105,6 +107,7 @@ impl Order {
     pub const OFF: Self = Self {
         speeds: MotorSpeeds::STOP,
         enable: false,
+        fault_reset: false,
     };
 }
 

@@ -6,10 +6,11 @@
     clippy::print_stdout
 )]
 
-mod vcan_support;
+mod cia402;
+mod support;
 
 use std::time::Duration;
-use vcan_support::*;
+use support::*;
 
 #[test]
 #[ignore = "needs a CAN bus: run .ci/vcan"]
@@ -37,7 +38,7 @@ fn a_vehicle_and_a_controller_follow_the_figure_of_eight() {
     );
     assert_eq!(ending["skipped"], 0);
     assert_eq!(ending["unsent"], 0);
-    decode_with_cantools(&folder);
+    decode_with_cantools(&folder, "j8.dbc");
 }
 
 /// Documented limits of docs/can.md, s: the time-out, a cycle until it acts, the ramp from the course's
@@ -251,7 +252,7 @@ fn a_full_queue_stops_the_vehicle_until_re_armed() {
 fn a_foreign_vehicle_by_python_is_driven() {
     let folder = Folder::new("foreign");
     let observer = Observer::start();
-    let foreign = python("foreign_vehicle.py", &[BUS, "14"])
+    let foreign = python("foreign_vehicle.py", "j8.dbc", &[BUS, "14"])
         .stdout(std::process::Stdio::piped())
         .spawn()
         .unwrap();
