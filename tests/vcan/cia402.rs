@@ -128,7 +128,7 @@ fn faults_of_canopen_drives_stop_both_until_re_armed() {
         } else {
             peer.tell(fault);
         }
-        sleep_s(2.5);
+        sleep_s(1.5);
         let took_s = observer.off_after_s(begin_s);
         assert_off(&format!("cia402: {fault}"), took_s, limit_s);
         if let Some(end) = end {

@@ -7,6 +7,7 @@
 )]
 
 mod cia402;
+mod realtime;
 mod support;
 
 use std::time::Duration;
@@ -23,22 +24,28 @@ fn a_vehicle_and_a_controller_follow_the_figure_of_eight() {
     println!("{ending}");
     assert_eq!(ending["ended"], "finished");
 
-    let rms_m = cross_track_rms_m(&folder.truth());
+    let rms_m = cross_track_rms_m(&folder.truth(), 1100);
     println!("cross-track RMS {:.4} m", rms_m);
     assert!(rms_m <= 0.02, "{rms_m}");
     // The bound is the kernel's own lateness: 24 ms were measured under two busy processes.
+    print_timing(&ending);
+    assert_eq!(ending["skipped"], 0);
+    assert_eq!(ending["unsent"], 0);
+    decode_with_cantools(&folder, "j8.dbc");
+}
+
+/// Prints how well a run has kept its times.
+fn print_timing(ending: &serde_json::Value) {
     let number = |key: &str| ending[key].as_f64().unwrap();
     println!(
-        "lateness p50 {:.2} ms, p99 {:.2} ms, max {:.2} ms; least slack {:.2} ms, skipped {}",
+        "lateness p50 {:.2} ms, p99 {:.2} ms, max {:.2} ms; least slack {:.2} ms, cycles {}, skipped {}",
         1e3 * number("lateness_p50_s"),
         1e3 * number("lateness_p99_s"),
         1e3 * number("lateness_max_s"),
         1e3 * number("slack_min_s"),
+        ending["cycles"],
         ending["skipped"],
     );
-    assert_eq!(ending["skipped"], 0);
-    assert_eq!(ending["unsent"], 0);
-    decode_with_cantools(&folder, "j8.dbc");
 }
 
 /// Documented limits of docs/can.md, s: the time-out, a cycle until it acts, the ramp from the course's

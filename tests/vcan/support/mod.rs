@@ -100,7 +100,7 @@ impl Truth {
 
 /// Root mean square of the distance from the figure of eight, 2 s after the first movement until the
 /// drives go off.
-pub fn cross_track_rms_m(truth: &[Truth]) -> f64 {
+pub fn cross_track_rms_m(truth: &[Truth], rows_min: usize) -> f64 {
     let trajectory = FigureEight::default().trajectory().unwrap();
     let path = trajectory.path().unwrap();
     let mut projection = Projection::starting_at(0.0);
@@ -123,7 +123,7 @@ pub fn cross_track_rms_m(truth: &[Truth]) -> f64 {
         })
         .skip(40)
         .collect();
-    assert!(squares.len() > 1100, "{} rows", squares.len());
+    assert!(squares.len() > rows_min, "{} rows", squares.len());
     (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()
 }
 
@@ -189,6 +189,32 @@ impl Program {
         rustix::process::kill_process(id, signal).unwrap();
     }
 
+    /// What it has printed.
+    pub fn output(&self) -> String {
+        std::fs::read_to_string(&self.output).unwrap()
+    }
+
+    /// Process number.
+    pub fn id(&self) -> u32 {
+        self.child.id()
+    }
+
+    /// Number of the thread of this name.
+    pub fn thread(&self, name: &str) -> u32 {
+        let tasks = std::fs::read_dir(format!("/proc/{}/task", self.id())).unwrap();
+        tasks
+            .map(|task| task.unwrap())
+            .find(|task| {
+                let comm = std::fs::read_to_string(task.path().join("comm"));
+                comm.is_ok_and(|comm| comm.trim() == name)
+            })
+            .unwrap_or_else(|| panic!("no thread {name}"))
+            .file_name()
+            .to_string_lossy()
+            .parse()
+            .unwrap()
+    }
+
     /// Waits for the end and returns the last line of the output.
     pub fn wait(mut self, at_most: Duration) -> Value {
         let start = Instant::now();
@@ -211,7 +237,7 @@ impl Drop for Program {
 }
 
 /// Writes a configuration of the repository into the folder, with absolute names and changes.
-fn configuration(folder: &Folder, name: &str, change: impl Fn(String) -> String) -> String {
+pub fn configuration(folder: &Folder, name: &str, change: impl Fn(String) -> String) -> String {
     let config = Path::new(env!("CARGO_MANIFEST_DIR")).join("config");
     let text = std::fs::read_to_string(config.join("bridge").join(name)).unwrap();
     let text = text
