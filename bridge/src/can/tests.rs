@@ -11,6 +11,8 @@ use sidehill_plant::frames::{Attitude, Pose};
 use std::sync::Arc;
 
 const DBC: &str = include_str!("../../../config/bridge/j8.dbc");
+const CANOPEN_DBC: &str = include_str!("../../../config/bridge/cia402.dbc");
+const CANOPEN_YAML: &str = include_str!("../../../config/bridge/cia402.yaml");
 const YAML: &str = include_str!("../../../config/bridge/can.yaml");
 
 fn config() -> CanConfig {
@@ -353,7 +355,7 @@ fn check_sane(layout: &Layout) {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(2000))]
+    #![proptest_config(ProptestConfig::with_cases(20_000))]
 
     #[test]
     fn any_frame_is_refused_or_within_range(extended: bool, id in 0..6usize, length in 0..=8u8, data: [u8; 8]) {
@@ -401,7 +403,7 @@ proptest! {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(500))]
+    #![proptest_config(ProptestConfig::with_cases(3000))]
 
     #[test]
     fn a_mangled_database_is_refused_or_usable(text in mangled(DBC)) {
@@ -409,6 +411,17 @@ proptest! {
             && let Ok(layout) = Layout::new(&config(), &database)
         {
             check_sane(&layout);
+        }
+    }
+
+    #[test]
+    fn a_mangled_database_of_canopen_is_refused_or_usable(text in mangled(CANOPEN_DBC)) {
+        let config: CanConfig = serde_yaml::from_str(CANOPEN_YAML).unwrap();
+        match Database::parse("cia402.dbc", &text) {
+            Err(error) => prop_assert!(error.to_string().starts_with("cia402.dbc: ")),
+            Ok(database) => if let Ok(layout) = Layout::new(&config, &database) {
+                check_sane(&layout);
+            }
         }
     }
 
