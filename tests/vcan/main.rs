@@ -10,6 +10,8 @@ mod cia402;
 mod realtime;
 mod support;
 
+use std::io::{BufRead, BufReader, Read};
+use std::process::Stdio;
 use std::time::Duration;
 use support::*;
 
@@ -259,10 +261,15 @@ fn a_full_queue_stops_the_vehicle_until_re_armed() {
 fn a_foreign_vehicle_by_python_is_driven() {
     let folder = Folder::new("foreign");
     let observer = Observer::start();
-    let foreign = python("foreign_vehicle.py", "j8.dbc", &[BUS, "14"])
-        .stdout(std::process::Stdio::piped())
+    let mut foreign = python("foreign_vehicle.py", "j8.dbc", &[BUS, "14"])
+        .stdout(Stdio::piped())
         .spawn()
         .unwrap();
+    // Its modules take their time to load.
+    let mut output = BufReader::new(foreign.stdout.take().unwrap());
+    let mut text = String::new();
+    output.read_line(&mut text).unwrap();
+    assert_eq!(text, "ready\n");
     let run = Program::run(&folder, &["--arm"]);
     observer.wait_for_driving(4.0);
     let asked_s = unix_now_s();
@@ -273,10 +280,9 @@ fn a_foreign_vehicle_by_python_is_driven() {
         observer.off_after_s(asked_s),
         RAMP_S + 3.0 * CYCLE_S,
     );
-    let output = foreign.wait_with_output().unwrap();
-    let text = String::from_utf8_lossy(&output.stdout);
+    output.read_to_string(&mut text).unwrap();
     println!("{text}");
-    assert!(output.status.success(), "{text}");
+    assert!(foreign.wait().unwrap().success(), "{text}");
 }
 
 #[test]

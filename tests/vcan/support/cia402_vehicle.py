@@ -117,6 +117,9 @@ class Drive:
                 self.state = "SWITCH ON DISABLED"
                 return
             for (before, after), word in State402.TRANSITIONTABLE.items():
+                # Transition 16, back from a quick stop, is optional; this drive does not have it.
+                if (before, after) == ("QUICK STOP ACTIVE", "OPERATION ENABLED"):
+                    continue
                 if before == self.state and word == self.control and "NOT READY" not in before + after:
                     self.state = after
                     return

@@ -2,6 +2,7 @@
 
     foreign_vehicle.py DATABASE.dbc INTERFACE SECONDS
 
+It says "ready" when its seconds begin.
 It answers the handshake, reaches every speed at once, moves on level ground, and checks every
 command's checksum and counter. The exit status is 0 where all were right and it was
 driven.
@@ -24,6 +25,7 @@ RPM_PER_M_S = 940.0
 reports, chassis = Reports(database, bus), Chassis(math.atan2(-2 * 2.4, 3.9))
 traction = steer = 0.0
 mode, ready, last_counter, bad, commands = 1, False, None, 0, 0
+print("ready", flush=True)
 start = due = time.monotonic()
 while time.monotonic() < start + seconds:
     received = bus.recv(timeout=max(0.0, due - time.monotonic()))
