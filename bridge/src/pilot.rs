@@ -29,7 +29,7 @@ pub fn intent(decision: &Decision) -> Intent {
         pilot: match decision.status {
             Status::Waiting => PilotState::Waiting,
             Status::Tracking | Status::Fallback { .. } => PilotState::Driving,
-            Status::Stopping(_) => PilotState::Stopped,
+            Status::Stopping(why) => PilotState::Stopped(why),
             Status::Finished => PilotState::Finished,
         },
     }

@@ -237,7 +237,7 @@ impl Safety {
         let intent = intent?;
         match intent.pilot {
             PilotState::Finished => Some(Reason::Finished),
-            PilotState::Stopped => Some(Reason::ControllerStopped),
+            PilotState::Stopped(why) => Some(Reason::ControllerStopped { why }),
             PilotState::Driving if !intent.command.is_finite() => Some(Reason::CommandNotFinite),
             PilotState::Driving | PilotState::Waiting => None,
         }
