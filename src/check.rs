@@ -27,7 +27,7 @@ pub struct CheckArgs {
 pub fn run(args: &CheckArgs) -> Result<ExitCode> {
     let mut valid = true;
     for path in &args.files {
-        match check(path) {
+        match ConfigFile::read(path).map_err(Into::into).and_then(check) {
             Ok(kind) => println!("{}: valid {kind}", path.display()),
             Err(error) => {
                 valid = false;
@@ -42,16 +42,18 @@ pub fn run(args: &CheckArgs) -> Result<ExitCode> {
     })
 }
 
-/// Returns what kind of file it is.
-fn check(path: &std::path::Path) -> Result<&'static str> {
-    let file = ConfigFile::read(path)?;
+/// Validates a file with all it names and returns what kind of file it is.
+///
+/// # Errors
+/// What is wrong, with the name of the file at fault.
+pub fn check(file: ConfigFile) -> Result<&'static str> {
     let keys: serde_yaml::Mapping = file.parse()?;
     let has = |key: &str| keys.contains_key(key);
     if has("draws") {
         Campaign::read(&file)?;
         Ok("campaign")
     } else if has("controllers") {
-        let prepared = Scenario::read(file)?.prepare(&Overrides::default())?;
+        let prepared = Scenario::read(file.clone())?.prepare(&Overrides::default())?;
         for &kind in &prepared.controllers {
             Controller::new(
                 kind,
@@ -61,7 +63,8 @@ fn check(path: &std::path::Path) -> Result<&'static str> {
                 prepared.tracking,
                 prepared.laps,
                 None,
-            )?;
+            )
+            .map_err(|error| file.error(error))?;
         }
         Ok("scenario")
     } else if has("x_icr_left_m") {
