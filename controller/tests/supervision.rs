@@ -450,7 +450,8 @@ fn another_path_is_taken_up_while_driving() {
         let end = rig.simulation.state().pose;
         let (sin, cos) = pose.yaw_rad.sin_cos();
         let (x_m, y_m) = (pose.x_m - 4.0 * sin, pose.y_m + 4.0 * cos);
-        assert!((end.x_m - x_m).hypot(end.y_m - y_m) < 0.1, "{end:?}");
+        let miss_m = (end.x_m - x_m).hypot(end.y_m - y_m);
+        assert!(miss_m < 0.25, "{kind:?}: {miss_m} m");
         // One that has finished drives again, and begins where it is told to.
         let back = course("{shape: straight, length_m: 9, heading_deg: 0}").seen_from(&pose);
         rig.controller.follow(8, back, 4.0);
