@@ -16,5 +16,6 @@ pub mod pilot;
 pub mod port;
 pub mod realtime;
 pub mod record;
+pub mod ros2;
 pub mod safety;
 pub mod virtual_vehicle;
