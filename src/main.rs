@@ -1,8 +1,10 @@
 //! The program `sidehill`: arguments in, exit status out.
 #![allow(clippy::print_stderr)]
 
+use anyhow::anyhow;
 use clap::{Parser, Subcommand};
 use sidehill::{check, icr, identify, odometry, run, simulate, vehicle};
+use sidehill_bridge::ros2::arguments;
 use std::process::ExitCode;
 
 /// Path tracking for skid-steer rovers on slopes. Without a subcommand it simulates the figure of
@@ -24,7 +26,7 @@ enum Command {
     Odometry(odometry::OdometryArgs),
     /// Identifies a vehicle's parameters from logs of level and sloping ground.
     Identify(identify::IdentifyArgs),
-    /// Drives a course in real time on a CAN bus.
+    /// Drives a course in real time on a CAN bus or on ROS 2.
     Run(run::RunArgs),
     /// Is a virtual rover in real time on a CAN bus.
     Vehicle(vehicle::VehicleArgs),
@@ -33,16 +35,18 @@ enum Command {
 }
 
 fn main() -> ExitCode {
-    let command = Cli::parse()
+    let (own, ros) = arguments::split(std::env::args());
+    let command = Cli::parse_from(own)
         .command
         .unwrap_or_else(|| Command::Simulate(simulate::SimulateArgs::default()));
     let result = match command {
+        Command::Run(args) => run::run(&args, &ros),
+        _ if !ros.is_empty() => Err(anyhow!("--ros-args: this command is no node of ROS 2")),
         Command::Simulate(args) => simulate::run(&args),
         Command::Icr(args) => icr::run(&args, std::io::stdin().lock(), std::io::stdout().lock())
             .map(|()| ExitCode::SUCCESS),
         Command::Odometry(args) => odometry::run(&args).map(|()| ExitCode::SUCCESS),
         Command::Identify(args) => identify::run(&args).map(|()| ExitCode::SUCCESS),
-        Command::Run(args) => run::run(&args),
         Command::Vehicle(args) => vehicle::run(&args),
         Command::Check(args) => check::run(&args),
     };

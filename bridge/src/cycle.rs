@@ -168,7 +168,9 @@ impl<P: Port, Q: Pilot> Cycle<P, Q> {
         // 3. Decide, within the time there is.
         let engaged = self.safety.state() == State::Driving;
         let patience = match self.clock {
-            Clock::Real(_) | Clock::Told(_) => Some(Duration::from_secs_f64(self.config.decision_time_s)),
+            Clock::Real(_) | Clock::Told(_) => {
+                Some(Duration::from_secs_f64(self.config.decision_time_s))
+            }
             Clock::Virtual { .. } => None,
         };
         let decision = self.pilot.decide(&reading.sample, engaged, patience);

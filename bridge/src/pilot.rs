@@ -109,10 +109,7 @@ impl ThreadedPilot {
     ///
     /// # Errors
     /// The system's, where it has no thread left.
-    pub fn start(
-        controller: Controller,
-        desk: Option<PilotDesk>,
-    ) -> Result<Self, std::io::Error> {
+    pub fn start(controller: Controller, desk: Option<PilotDesk>) -> Result<Self, std::io::Error> {
         let (questions, mut asked) = triple_buffer(&None::<Question>);
         let (mut answer, answers) = triple_buffer(&None::<Decision>);
         let stop = Arc::new(AtomicBool::new(false));
