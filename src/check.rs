@@ -1,16 +1,13 @@
 //! `sidehill check`: validates configuration files.
 
-use crate::config::{
-    ConfigFile, Overrides, RunConfig, RunPort, Scenario, VehicleConfig, load_layout,
-};
+use crate::config::{ConfigFile, Overrides, RunConfig, RunPort, Scenario, load_layout};
 use crate::{run, vehicle};
-use anyhow::{Context, Result, bail};
+use anyhow::{Result, bail};
 use sidehill_controller::controller::Controller;
 use sidehill_plant::contact::ContactVehicle;
 use sidehill_plant::vehicle::Vehicle;
 use std::path::PathBuf;
 use std::process::ExitCode;
-use std::sync::Arc;
 
 /// Arguments of `sidehill check`.
 #[derive(Debug, Clone, clap::Args)]
@@ -75,10 +72,7 @@ fn check(path: &std::path::Path) -> Result<&'static str> {
         check_run(&file)?;
         Ok("configuration of run")
     } else if has("scenario") {
-        let config: VehicleConfig = file.parse()?;
-        let (_, layout) = config.bus(&file)?;
-        vehicle::build(&config, &config.world(&file)?, Arc::new(layout))
-            .with_context(|| file.name())?;
+        vehicle::check(&file)?;
         Ok("configuration of vehicle")
     } else {
         bail!(

@@ -28,7 +28,7 @@ enum Command {
     Identify(identify::IdentifyArgs),
     /// Drives a course in real time on a CAN bus or on ROS 2.
     Run(run::RunArgs),
-    /// Is a virtual rover in real time on a CAN bus.
+    /// Is a virtual rover in real time on a CAN bus or on ROS 2, there with --ros-args.
     Vehicle(vehicle::VehicleArgs),
     /// Validates configuration files.
     Check(check::CheckArgs),
@@ -41,13 +41,13 @@ fn main() -> ExitCode {
         .unwrap_or_else(|| Command::Simulate(simulate::SimulateArgs::default()));
     let result = match command {
         Command::Run(args) => run::run(&args, &ros),
+        Command::Vehicle(args) => vehicle::run(&args, &ros),
         _ if !ros.is_empty() => Err(anyhow!("--ros-args: this command is no node of ROS 2")),
         Command::Simulate(args) => simulate::run(&args),
         Command::Icr(args) => icr::run(&args, std::io::stdin().lock(), std::io::stdout().lock())
             .map(|()| ExitCode::SUCCESS),
         Command::Odometry(args) => odometry::run(&args).map(|()| ExitCode::SUCCESS),
         Command::Identify(args) => identify::run(&args).map(|()| ExitCode::SUCCESS),
-        Command::Vehicle(args) => vehicle::run(&args),
         Command::Check(args) => check::run(&args),
     };
     result.unwrap_or_else(|error| {

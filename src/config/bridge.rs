@@ -11,6 +11,7 @@ use sidehill_bridge::drive::DriveConfig;
 use sidehill_bridge::realtime::RealtimeConfig;
 use sidehill_bridge::ros2::config::Ros2Config;
 use sidehill_bridge::ros2::route::RouteSettings;
+use sidehill_bridge::ros2::vehicle::VehicleNodeConfig;
 use sidehill_bridge::safety::SafetyConfig;
 use sidehill_bridge::virtual_vehicle::InjectedFault;
 use sidehill_controller::config::{ControllerConfig, ControllerKind};
@@ -183,10 +184,27 @@ impl RunConfig {
     }
 }
 
+/// Behind what a virtual vehicle is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum VehiclePort {
+    /// A CAN bus.
+    #[default]
+    Can,
+    /// The graph of ROS 2.
+    Ros2,
+}
+
 /// What `sidehill vehicle` reads.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct VehicleConfig {
+    /// Behind what it is.
+    #[serde(default)]
+    pub port: VehiclePort,
+    /// Its topics and frames, of port `ros2`.
+    #[serde(default)]
+    pub ros2: VehicleNodeConfig,
     /// SocketCAN interface.
     #[serde(default)]
     pub interface: Option<String>,
@@ -214,7 +232,7 @@ pub struct VehicleConfig {
     /// Time between reports, s.
     #[serde(default = "fifty_milliseconds")]
     pub report_period_s: f64,
-    /// What goes wrong on purpose.
+    /// What goes wrong on purpose, of port `can`.
     #[serde(default)]
     pub faults: Vec<InjectedFault>,
 }

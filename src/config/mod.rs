@@ -2,9 +2,10 @@
 
 mod bridge;
 mod reference;
+pub mod ros2;
 mod scenario;
 
-pub use bridge::{RunConfig, RunPort, VehicleConfig, load_layout};
+pub use bridge::{RunConfig, RunPort, VehicleConfig, VehiclePort, load_layout};
 pub use scenario::{Overrides, Plant, PlantKind, Prepared, Scenario, TerrainConfig};
 
 use serde::de::DeserializeOwned;

@@ -9,7 +9,7 @@ use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 use sidehill_plant::frames::{Attitude, BodyVelocity, Pose, paper_attitude, ros_quaternion};
 use sidehill_plant::speeds::MeasuredTreadSpeeds;
-use sidehill_plant::vehicle::RangeError;
+use sidehill_plant::vehicle::{RangeError, Vehicle};
 
 /// Why a message cannot be used.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -223,28 +223,24 @@ pub fn to_twist(velocity: &BodyVelocity) -> Twist {
 
 /// How a vehicle that obeys cmd_vel turns it into speeds of its treads: as a differential drive of a
 /// width of its own. A controller that knows the width can so command both treads exactly.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TwistMapping {
     /// Distance b of the treads in v_r - v_l = b omega, m.
     pub track_width_m: f64,
 }
 
-impl Default for TwistMapping {
-    /// 1 m, so that angular.z is v_r - v_l.
-    fn default() -> Self {
-        Self { track_width_m: 1.0 }
-    }
-}
-
 impl TwistMapping {
-    /// Checks the range.
+    /// Returns the mapping by a width, which is the distance of the vehicle's tread ICRs where none
+    /// is given.
     ///
     /// # Errors
-    /// [`RangeError`].
-    pub fn validate(&self) -> Result<(), RangeError> {
-        let (key, value) = ("twist.track_width_m", self.track_width_m);
-        RangeError::check(key, value, 0.05, 10.0, "from 0.05 to 10 m").map(|_| ())
+    /// [`RangeError`] for a width out of range.
+    pub fn new(track_width_m: Option<f64>, vehicle: &Vehicle) -> Result<Self, RangeError> {
+        let icr_distance_m = vehicle.icrs.right_m - vehicle.icrs.left_m;
+        let value = track_width_m.unwrap_or(icr_distance_m);
+        let track_width_m =
+            RangeError::check("track_width_m", value, 0.05, 20.0, "from 0.05 to 20 m")?;
+        Ok(Self { track_width_m })
     }
 
     /// Returns the twist that commands these speeds.

@@ -23,6 +23,7 @@ pub mod route;
 pub mod server;
 pub mod time;
 pub mod transform;
+pub mod vehicle;
 mod worker;
 
 pub use inputs::ListenError;

@@ -1,6 +1,8 @@
 //! Parameter files of ROS 2: values by node, with wildcards, as nested maps.
 
-use ros2_client::{NodeName, Parameter, ParameterValue};
+pub use ros2_client::{Parameter, ParameterValue};
+
+use ros2_client::NodeName;
 use serde::Deserialize;
 use std::collections::BTreeMap;
 

@@ -61,7 +61,7 @@ impl RosTime {
     /// Returns the cycle's time of a stamp, s.
     pub fn cycle_s(&self, stamp_ns: i64) -> f64 {
         let origin_ns = self.origin_ns.load(Ordering::Relaxed);
-        stamp_ns.saturating_sub(origin_ns) as f64 * 1e-9
+        stamp_ns.saturating_sub(origin_ns) as f64 / 1e9
     }
 
     /// Returns the stamp of a cycle's time, ns.

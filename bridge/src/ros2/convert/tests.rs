@@ -97,7 +97,7 @@ fn what_is_no_number_or_no_rotation_is_refused() {
     );
     let mut twist = Twist::default();
     twist.angular.z = f64::INFINITY;
-    assert!(TwistMapping::default().motors(&twist).is_err());
+    assert!(TwistMapping { track_width_m: 1.0 }.motors(&twist).is_err());
     let late = Time {
         sec: 0,
         nanosec: 1_000_000_000,

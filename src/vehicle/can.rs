@@ -1,0 +1,93 @@
+//! A virtual rover behind a CAN bus.
+
+use super::Rover;
+use crate::config::{ConfigFile, Prepared, VehicleConfig};
+use anyhow::{Context, Result};
+use sidehill_bridge::bus::{Heard, Listener, Sender};
+use sidehill_bridge::can::frame::Frame;
+use sidehill_bridge::can::layout::{DriveMode, Layout};
+use sidehill_bridge::clock::Epoch;
+use sidehill_bridge::virtual_vehicle::{VirtualVehicle, VirtualVehicleSetup};
+use sidehill_plant::simulation::TrueState;
+use std::sync::Arc;
+
+/// Commands that wait for the simulation, at most: two cycles of a dozen messages.
+const WAITING_MAX: usize = 64;
+
+pub(super) struct CanRover {
+    vehicle: VirtualVehicle,
+    waiting: rtrb::Consumer<(f64, Frame)>,
+    sender: Sender,
+    /// Kept for its thread.
+    _listener: Listener,
+}
+
+impl CanRover {
+    pub fn start(
+        file: &ConfigFile,
+        config: &VehicleConfig,
+        world: &Prepared,
+        epoch: Epoch,
+    ) -> Result<Self> {
+        let (interface, layout) = config.bus(file)?;
+        let layout = Arc::new(layout);
+        let vehicle = build(config, world, Arc::clone(&layout)).with_context(|| file.name())?;
+        let (mut arrived, waiting) = rtrb::RingBuffer::new(WAITING_MAX);
+        let wanted: Vec<_> = layout.command.iter().map(|message| message.id()).collect();
+        let listener = Listener::start(interface, &wanted, epoch, move |heard| {
+            if let Heard::Frame { time_s, frame } = heard {
+                // A full ring loses the frame, as a slow drive would; the counter shows it.
+                let _ = arrived.push((time_s, frame));
+            }
+        })?;
+        Ok(Self {
+            vehicle,
+            waiting,
+            sender: Sender::start(interface)?,
+            _listener: listener,
+        })
+    }
+}
+
+impl Rover for CanRover {
+    fn advance(&mut self, now_s: f64) -> Result<bool> {
+        while let Ok((time_s, frame)) = self.waiting.pop() {
+            // Refusals are counted; the drives go on without.
+            let _ = self.vehicle.take(&frame, time_s);
+        }
+        self.vehicle.advance(now_s)?;
+        let due = now_s >= self.vehicle.next_report_s();
+        if due {
+            let sender = &mut self.sender;
+            self.vehicle.report(now_s, |frame| {
+                // A frame that is lost shows itself as a gap of the counter.
+                let _ = sender.send(&frame);
+            })?;
+        }
+        Ok(due)
+    }
+
+    fn state(&self) -> &TrueState {
+        self.vehicle.state()
+    }
+
+    fn mode(&self) -> DriveMode {
+        self.vehicle.mode()
+    }
+}
+
+/// Returns the vehicle of a configuration in its world, off.
+pub(super) fn build(
+    config: &VehicleConfig,
+    world: &Prepared,
+    layout: Arc<Layout>,
+) -> Result<VirtualVehicle> {
+    let setup = VirtualVehicleSetup {
+        dt_s: world.step_s,
+        correction: world.plant.correction(),
+        drive: config.drive,
+        report_period_s: config.report_period_s,
+        faults: config.faults.clone(),
+    };
+    Ok(VirtualVehicle::new(world.simulation()?, layout, setup)?)
+}

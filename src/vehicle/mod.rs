@@ -1,0 +1,173 @@
+//! `sidehill vehicle`: a virtual rover in real time behind a CAN bus or on ROS 2.
+#![allow(clippy::print_stdout)]
+
+mod can;
+mod ros2;
+
+use crate::config::{ConfigFile, VehicleConfig, VehiclePort};
+use anyhow::{Context, Result, ensure};
+use can::CanRover;
+use ros2::RosRover;
+use sidehill_bridge::can::layout::DriveMode;
+use sidehill_bridge::clock::{Clock, Epoch};
+use sidehill_plant::simulation::TrueState;
+use std::fs::File;
+use std::io::{BufWriter, Write};
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// Arguments of `sidehill vehicle`.
+#[derive(Debug, clap::Args)]
+pub struct VehicleArgs {
+    /// Configuration of the virtual vehicle.
+    pub config: PathBuf,
+    /// File for the truth: CSV with one row a step of the reports.
+    #[arg(long)]
+    pub truth: Option<PathBuf>,
+    /// Ends after so many seconds; without it, on SIGINT or SIGTERM.
+    #[arg(long)]
+    pub duration_s: Option<f64>,
+}
+
+/// A virtual rover behind something.
+trait Rover {
+    /// Takes commands, simulates until `now_s`, and reports where that is due; returns whether it
+    /// was.
+    fn advance(&mut self, now_s: f64) -> Result<bool>;
+    /// What is true.
+    fn state(&self) -> &TrueState;
+    /// State of the drives.
+    fn mode(&self) -> DriveMode;
+}
+
+/// Runs a virtual vehicle until its time is over or a signal ends it; `ros` is what stood after
+/// `--ros-args`.
+///
+/// # Errors
+/// A file that cannot be read, a setting that is out of range, or a simulation that has left its
+/// ground.
+pub fn run(args: &VehicleArgs, ros: &[String]) -> Result<ExitCode> {
+    let file = ConfigFile::read(&args.config)?;
+    let config: VehicleConfig = file.parse()?;
+    let world = config.world(&file)?;
+    let truth = args.truth.as_deref().map(Truth::create).transpose()?;
+    let epoch = Epoch::now();
+    let mut pace = Pace {
+        epoch,
+        dt_s: world.step_s,
+        factor: 1.0,
+        duration_s: args.duration_s,
+    };
+    match config.port {
+        VehiclePort::Can => {
+            ensure!(
+                ros.is_empty(),
+                "--ros-args: the port of {} is can",
+                file.name()
+            );
+            pace.drive(CanRover::start(&file, &config, &world, epoch)?, truth)
+        }
+        VehiclePort::Ros2 => {
+            pace.factor = config.ros2.clock_factor.unwrap_or(1.0);
+            let rover = RosRover::start(&config, &world, ros, epoch);
+            pace.drive(rover.with_context(|| file.name())?, truth)
+        }
+    }
+}
+
+/// Checks the configuration of a vehicle.
+///
+/// # Errors
+/// As [`run`], without a bus or a graph.
+pub fn check(file: &ConfigFile) -> Result<()> {
+    let config: VehicleConfig = file.parse()?;
+    let world = config.world(file)?;
+    match config.port {
+        VehiclePort::Can => {
+            let (_, layout) = config.bus(file)?;
+            can::build(&config, &world, Arc::new(layout)).map(drop)
+        }
+        VehiclePort::Ros2 => ros2::build(&config, &world, 0).map(drop),
+    }
+    .with_context(|| file.name())
+}
+
+/// How simulated time goes on.
+struct Pace {
+    epoch: Epoch,
+    dt_s: f64,
+    /// Simulated seconds in one of the world.
+    factor: f64,
+    duration_s: Option<f64>,
+}
+
+impl Pace {
+    fn drive(&self, mut rover: impl Rover, mut truth: Option<Truth>) -> Result<ExitCode> {
+        let ended = Arc::new(AtomicBool::new(false));
+        for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
+            signal_hook::flag::register(signal, Arc::clone(&ended))?;
+        }
+        let mut clock = Clock::Real(self.epoch);
+        let mut step: u64 = 0;
+        while !ended.load(Ordering::Relaxed) {
+            step += 1;
+            clock.wait_until(step as f64 * self.dt_s / self.factor);
+            let now_s = clock.now_s() * self.factor;
+            if self
+                .duration_s
+                .is_some_and(|duration_s| now_s >= duration_s)
+            {
+                break;
+            }
+            // What a late wake-up has missed is simulated now.
+            step = step.max((now_s / self.dt_s) as u64);
+            if rover.advance(now_s)?
+                && let Some(truth) = &mut truth
+            {
+                let state = rover.state();
+                let unix_s = self.epoch.unix_s(state.time_s / self.factor);
+                truth.write(unix_s, state, rover.mode())?;
+            }
+        }
+        let state = rover.state();
+        println!(
+            "{{\"time_s\":{:.3},\"x_m\":{:.4},\"y_m\":{:.4}}}",
+            state.time_s, state.pose.x_m, state.pose.y_m
+        );
+        Ok(ExitCode::SUCCESS)
+    }
+}
+
+/// The file of `--truth`.
+struct Truth(BufWriter<File>);
+
+impl Truth {
+    fn create(path: &Path) -> Result<Self> {
+        let file =
+            File::create(path).with_context(|| format!("cannot write {}", path.display()))?;
+        let mut file = BufWriter::new(file);
+        writeln!(
+            file,
+            "unix_s,time_s,x_m,y_m,yaw_rad,traction_m_s,steer_m_s,mode"
+        )?;
+        Ok(Self(file))
+    }
+
+    fn write(&mut self, unix_s: f64, s: &TrueState, mode: DriveMode) -> Result<()> {
+        writeln!(
+            self.0,
+            "{unix_s:.6},{:.6},{:.9},{:.9},{:.9},{:.9},{:.9},{mode:?}",
+            s.time_s,
+            s.pose.x_m,
+            s.pose.y_m,
+            s.pose.yaw_rad,
+            s.motors.traction_m_s,
+            s.motors.steer_m_s,
+        )?;
+        // Written through, so that the rows of a vehicle that is killed are there.
+        self.0.flush()?;
+        Ok(())
+    }
+}

@@ -1,0 +1,79 @@
+//! A virtual rover on ROS 2.
+
+use super::Rover;
+use crate::config::ros2::environment;
+use crate::config::{Prepared, VehicleConfig};
+use anyhow::Result;
+use sidehill_bridge::can::layout::DriveMode;
+use sidehill_bridge::clock::Epoch;
+use sidehill_bridge::ros2::arguments::RosArguments;
+use sidehill_bridge::ros2::vehicle::{RosVehicle, VehicleNode, VehicleSetup};
+use sidehill_plant::simulation::TrueState;
+
+pub(super) struct RosRover {
+    vehicle: RosVehicle,
+    node: VehicleNode,
+}
+
+impl RosRover {
+    pub fn start(
+        config: &VehicleConfig,
+        world: &Prepared,
+        ros: &[String],
+        epoch: Epoch,
+    ) -> Result<Self> {
+        let arguments = RosArguments::parse(ros)?;
+        // With a clock of its own its time begins at 0, else with the world's.
+        let origin_ns = match config.ros2.clock_factor {
+            Some(_) => 0,
+            None => (epoch.unix_s(0.0) * 1e9) as i64,
+        };
+        let vehicle = build(config, world, origin_ns)?;
+        let node = VehicleNode::start(&vehicle, origin_ns, &arguments, &environment()?)?;
+        Ok(Self { vehicle, node })
+    }
+}
+
+impl Rover for RosRover {
+    fn advance(&mut self, now_s: f64) -> Result<bool> {
+        if let Some(motors) = self.node.command(&self.vehicle) {
+            self.vehicle.take(motors, now_s);
+        }
+        self.vehicle.advance(now_s)?;
+        let due = now_s >= self.vehicle.next_report_s();
+        if due {
+            let node = &mut self.node;
+            self.vehicle.report(now_s, |report| node.publish(report));
+        }
+        Ok(due)
+    }
+
+    fn state(&self) -> &TrueState {
+        self.vehicle.state()
+    }
+
+    fn mode(&self) -> DriveMode {
+        self.vehicle.mode()
+    }
+}
+
+/// Returns the vehicle of a configuration in its world, off, with the stamp of its time 0.
+pub(super) fn build(
+    config: &VehicleConfig,
+    world: &Prepared,
+    origin_ns: i64,
+) -> Result<RosVehicle> {
+    let setup = VehicleSetup {
+        dt_s: world.step_s,
+        correction: world.plant.correction(),
+        vehicle: &world.vehicle,
+        drive: config.drive,
+        report_period_s: config.report_period_s,
+        origin_ns,
+    };
+    Ok(RosVehicle::new(
+        world.simulation()?,
+        &setup,
+        config.ros2.clone(),
+    )?)
+}
