@@ -1,17 +1,21 @@
-//! `sidehill run`: the controller in real time on a CAN bus.
+//! `sidehill run`: the controller in real time on a CAN bus or on ROS 2.
 #![allow(clippy::print_stdout, clippy::print_stderr)]
 
 use crate::config::{ConfigFile, RunConfig, RunPort};
-use anyhow::{Context, Result, anyhow};
+use anyhow::{Context, Result, anyhow, ensure};
 use serde::Serialize;
 use sidehill_bridge::clock::{Clock, Epoch};
 use sidehill_bridge::cycle::{Cycle, Timing};
+use sidehill_bridge::mission::{CycleDesk, PilotDesk};
 use sidehill_bridge::pilot::ThreadedPilot;
 use sidehill_bridge::port::{CanPort, Port, SimulatedPort};
 use sidehill_bridge::realtime;
 use sidehill_bridge::record::{CycleRow, Outputs, RecordSink, Recorder, ring};
+use sidehill_bridge::ros2::arguments::{RosArguments, RosEnvironment};
+use sidehill_bridge::ros2::server::{self, Ros2};
 use sidehill_bridge::safety::{Operator, Reason, State};
 use sidehill_controller::controller::Controller;
+use sidehill_plant::vehicle::Vehicle;
 use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
@@ -76,7 +80,7 @@ struct Ending {
 /// # Errors
 /// A file that cannot be read, a setting that is out of range, a name that the CAN database does not
 /// know, or something asked of the system that it does not permit.
-pub fn run(args: &RunArgs) -> Result<ExitCode> {
+pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
     let file = ConfigFile::read(&args.config)?;
     let config: RunConfig = file.parse()?;
     let vehicle = config.load_vehicle(&file)?;
@@ -88,6 +92,16 @@ pub fn run(args: &RunArgs) -> Result<ExitCode> {
     let (heard_sink, heard) = ring(RING);
     let (sent_sink, sent) = ring(RING);
     let (cycle_sink, cycles) = ring(RING);
+    let ros2 = start_ros2(&file, &config, &vehicle, ros_arguments, epoch)?;
+    let (clock, desks, ros2_port, _server) = match ros2 {
+        Some(ros2) => (
+            ros2.time.clock(),
+            Some((ros2.cycle, ros2.pilot)),
+            ros2.port,
+            Some(ros2.server),
+        ),
+        None => (Clock::Real(epoch), None, None, None),
+    };
     let (port, bus): (Box<dyn Port + Send>, _) = match config.port {
         RunPort::Can => {
             let (interface, layout) = config.bus(&file)?;
@@ -102,6 +116,10 @@ pub fn run(args: &RunArgs) -> Result<ExitCode> {
             (Box::new(port), interface.to_owned())
         }
         RunPort::Simulated => (Box::new(simulated(&file, &config)?), "simulated".to_owned()),
+        RunPort::Ros2 => {
+            let port = ros2_port.ok_or_else(|| anyhow!("there is no port of ROS 2"))?;
+            (Box::new(port), "ros2".to_owned())
+        }
     };
     let mut recorder = Recorder::new(vec![heard, sent, cycles], epoch, &bus);
     let job = Job {
@@ -112,7 +130,7 @@ pub fn run(args: &RunArgs) -> Result<ExitCode> {
     };
     let thread = std::thread::Builder::new()
         .name("cycle".to_owned())
-        .spawn(move || job.drive(Clock::Real(epoch), port, controller, cycle_sink))?;
+        .spawn(move || job.drive(clock, port, controller, desks, cycle_sink))?;
 
     let mut reported_s = 0.0;
     while !thread.is_finished() {
@@ -160,18 +178,33 @@ impl Job {
         clock: Clock,
         port: Box<dyn Port + Send>,
         controller: Controller,
+        desks: Option<(CycleDesk, PilotDesk)>,
         records: RecordSink,
     ) -> Result<Ending> {
+        let (mut desk, pilot_desk) = desks.unzip();
+        if let Clock::Told(told) = &clock {
+            // There is no time before somebody tells it.
+            while told.now_s().is_none() && !self.signals.end.load(Ordering::Relaxed) {
+                std::thread::sleep(Duration::from_millis(20));
+            }
+        }
         // The controller's thread before the priority, which it would inherit: it may be late, the
         // cycle may not.
-        let pilot = ThreadedPilot::start(controller)?;
+        let pilot = ThreadedPilot::start(controller, pilot_desk)?;
         realtime::apply(&self.config.realtime)?;
         let config = &self.config;
         let mut cycle = Cycle::new(config.cycle, config.safety, clock, port, pilot, records)?;
         let (mut operator, mut last_cycles, mut ended) = (Operator::default(), 0, "signal");
         let mut arm = self.arm;
         loop {
-            let row = cycle.step(operator);
+            let asked = match &mut desk {
+                Some(desk) => desk.operator(operator, cycle.state()),
+                None => operator,
+            };
+            let row = cycle.step(asked);
+            if let Some(desk) = &mut desk {
+                desk.leave(row, &cycle);
+            }
             operator.arm = false;
             if self.signals.arm.swap(false, Ordering::Relaxed)
                 || (arm && row.feedback_age_s <= config.safety.feedback_timeout_s)
@@ -200,7 +233,11 @@ impl Job {
                 };
                 operator.halt = true;
             }
-            if row.state == State::Latched && cycle.stopped_by() == Some(Reason::Finished) {
+            // Where paths come from outside, another may come.
+            if desk.is_none()
+                && row.state == State::Latched
+                && cycle.stopped_by() == Some(Reason::Finished)
+            {
                 ended = "finished";
                 operator.halt = true;
             }
@@ -224,6 +261,37 @@ impl Signals {
         register(SIGUSR2, Arc::clone(&signals.stop))?;
         Ok(signals)
     }
+}
+
+/// Starts what is offered on ROS 2, where paths come from there.
+fn start_ros2(
+    file: &ConfigFile,
+    config: &RunConfig,
+    vehicle: &Vehicle,
+    arguments: &[String],
+    epoch: Epoch,
+) -> Result<Option<Ros2>> {
+    if !config.over_ros2() {
+        ensure!(
+            arguments.is_empty(),
+            "--ros-args: this configuration has no ROS 2 in it"
+        );
+        return Ok(None);
+    }
+    let (ros2, route) = config.ros2(file, vehicle)?;
+    let arguments = RosArguments::parse(arguments)?;
+    let environment = RosEnvironment::from_variables(|name| std::env::var(name).ok())?;
+    let started = server::start(server::Setup {
+        config: ros2,
+        vehicle,
+        route,
+        arguments: &arguments,
+        environment: &environment,
+        epoch,
+        drives: config.port == RunPort::Ros2,
+        stages: config.settings.stages,
+    });
+    Ok(Some(started.map_err(|error| file.error(error))?))
 }
 
 /// Returns the virtual vehicle that a configuration names, within this program.

@@ -4,6 +4,7 @@ use crate::estimator::EstimatorSettings;
 use crate::mpc::limits::{InputLimits, MotorLimits};
 use crate::mpc::{Corridor, MpcSettings, QpMode, QpSettings, StageWeights};
 use crate::pure_pursuit::PurePursuitSettings;
+use crate::reference::Tracking;
 use crate::trajectory::Motion;
 use serde::{Deserialize, Serialize};
 use sidehill_plant::speeds::MotorSpeeds;
@@ -428,6 +429,13 @@ impl ControllerConfig {
         )?;
         self.estimator.validate()?;
         self.pure_pursuit.validate()
+    }
+
+    /// Returns the tracking of a path whose reference waits for the vehicle.
+    pub fn along_path(&self) -> Tracking {
+        Tracking::Path {
+            lead_max_m: self.lead_max_m,
+        }
     }
 
     /// Returns the time after which a command acts: delay and, as a further delay, the motors' lag.

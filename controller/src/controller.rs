@@ -122,6 +122,8 @@ pub struct Decision {
     pub solve: Option<SolveReport>,
     /// Readings left out because they were not finite.
     pub refused: Refused,
+    /// Number of the reference that is followed: 0 for the first, see [`Controller::follow`].
+    pub reference: u64,
 }
 
 /// What turns estimate and reference into a command.
@@ -145,6 +147,10 @@ struct Issued {
     command: MotorSpeeds,
 }
 
+/// Largest distance between the ends of the horizons of two references for which the plan made for
+/// the first is taken up for the second, m.
+const PLAN_REUSE_M: f64 = 0.5;
+
 /// Follows a reference; one [`Controller::step`] a control period.
 pub struct Controller {
     config: ControllerConfig,
@@ -152,6 +158,7 @@ pub struct Controller {
     terrain: Option<Terrain>,
     estimator: Estimator,
     reference: Reference,
+    reference_number: u64,
     law: Law,
     /// Whether the law predicts with what the estimator learns.
     adapts: bool,
@@ -194,13 +201,10 @@ impl Controller {
         } else {
             Estimator::new(config.estimator, vehicle.clone())
         };
-        let tracking = if kind == ControllerKind::PurePursuit {
-            // A geometric law knows no time: its reference waits for the vehicle.
-            Tracking::Path {
-                lead_max_m: config.lead_max_m,
-            }
-        } else {
-            tracking
+        // A geometric law knows no time: its reference waits for the vehicle.
+        let tracking = match kind {
+            ControllerKind::PurePursuit => config.along_path(),
+            _ => tracking,
         };
         let vehicle = match kind {
             ControllerKind::IcrikMpc => vehicle.clone(),
@@ -220,6 +224,7 @@ impl Controller {
         Ok(Self {
             estimator,
             reference: Reference::new(trajectory, tracking, laps),
+            reference_number: 0,
             targets: Vec::with_capacity(config.stages),
             issued: Vec::with_capacity(commands + 1),
             phase: Phase::Driving { fallback_cycles: 0 },
@@ -248,6 +253,29 @@ impl Controller {
             Law::Mpc { mpc, planned: true } => Some(mpc.plan()),
             _ => None,
         }
+    }
+
+    /// Returns the targets of the horizon of the last cycle.
+    pub fn targets(&self) -> &[StageTarget] {
+        &self.targets
+    }
+
+    /// Follows `trajectory` along its path from the next cycle on, beginning at the arc length
+    /// `from_m`, under a number of the caller's. The estimate and the commands in flight stay; a
+    /// stopped controller stays stopped, one that had finished drives again.
+    pub fn follow(&mut self, number: u64, trajectory: Trajectory, from_m: f64) {
+        let next = Reference::new(trajectory, self.config.along_path(), 1).starting_at(from_m);
+        // A plan that leads elsewhere is a bad point to linearise about.
+        let horizon_s = self.config.delay_s() + self.config.step_s * self.config.stages as f64;
+        let [old, new] = [&self.reference, &next].map(|reference| reference.ahead(horizon_s));
+        if let Law::Mpc { planned, .. } = &mut self.law {
+            *planned &= old.position.distance_m(&new.position) <= PLAN_REUSE_M;
+        }
+        if self.phase == Phase::Finished {
+            self.phase = Phase::Driving { fallback_cycles: 0 };
+        }
+        self.reference = next;
+        self.reference_number = number;
     }
 
     /// Stops the vehicle at its decelerations from the next cycle on.
@@ -281,6 +309,7 @@ impl Controller {
             progress: None,
             solve: None,
             refused,
+            reference: self.reference_number,
         };
         let elapsed_s = self.elapsed(sample.time_s);
         if let Some(estimate) = &estimate {
@@ -292,7 +321,7 @@ impl Controller {
             let progress = self.reference.advance(reference_s, &estimate.pose);
             decision.progress = Some(progress);
             self.supervise(estimate, &progress);
-            self.follow(estimate, &progress, elapsed_s, deadline, &mut decision);
+            self.decide(estimate, &progress, elapsed_s, deadline, &mut decision);
         } else if let Phase::Stopped(reason) = self.phase {
             decision.status = Status::Stopping(reason);
         }
@@ -367,7 +396,7 @@ impl Controller {
     }
 
     /// Fills in command and status as the phase has it.
-    fn follow(
+    fn decide(
         &mut self,
         estimate: &Estimate,
         progress: &Progress,
