@@ -214,7 +214,7 @@ class FollowPath:
         return self
 
     def send(self, path, **names):
-        goal_id = wire.UUID(uuid=list(uuid.uuid4().bytes))
+        goal_id = wire.UUID(uuid=uuid.uuid4().bytes)
         reply = self.send_goal.call(goal_id=goal_id, goal=wire.FollowPathGoal(path=path, **names))
         return Goal(self, goal_id, reply)
 

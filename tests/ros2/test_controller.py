@@ -137,7 +137,7 @@ def test_results_can_be_asked_for_again_and_before_the_end(rig):
     again = goal.result()
     assert (again.status, again.result.error_code) == (FollowPath.SUCCEEDED, NONE)
     # A goal that nobody sent has no result: its status is unknown.
-    nobody = r.action.get_result.call(goal_id=wire.UUID(uuid=[7] * 16))
+    nobody = r.action.get_result.call(goal_id=wire.UUID(uuid=bytes([7] * 16)))
     assert nobody.status == 0
 
 
@@ -168,7 +168,7 @@ def test_cancelling_stops_and_says_which_goals(rig):
     r.stands()
     # An ended goal and one that never was have codes of their own.
     assert goal.cancel().return_code == 3
-    nobody = wire.GoalInfo(goal_id=wire.UUID(uuid=[9] * 16))
+    nobody = wire.GoalInfo(goal_id=wire.UUID(uuid=bytes([9] * 16)))
     assert r.action.cancel.call(goal_info=nobody).return_code == 2
     # Afterwards it drives again.
     r.sent_off()

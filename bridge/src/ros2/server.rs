@@ -96,12 +96,7 @@ pub fn start(setup: Setup<'_>) -> Result<Ros2, ListenError> {
     } else {
         RosTime::of_world(setup.epoch)
     };
-    let icrs = &setup.vehicle.icrs;
-    let width_m = config.commands.track_width_m;
-    let mapping = TwistMapping {
-        track_width_m: width_m.unwrap_or(icrs.right_m - icrs.left_m),
-    };
-    mapping.validate()?;
+    let mapping = TwistMapping::new(config.commands.track_width_m, setup.vehicle)?;
     let (dispatcher, cycle, pilot) = desks(setup.stages);
     let shared = Arc::new(Shared::default());
     let ears = Ears {
