@@ -1,6 +1,7 @@
 //! `sidehill run`: the controller in real time on a CAN bus or on ROS 2.
 #![allow(clippy::print_stdout, clippy::print_stderr)]
 
+use crate::config::ros2::{environment, parameters};
 use crate::config::{ConfigFile, RunConfig, RunPort};
 use anyhow::{Context, Result, anyhow, ensure};
 use serde::Serialize;
@@ -11,7 +12,9 @@ use sidehill_bridge::pilot::ThreadedPilot;
 use sidehill_bridge::port::{CanPort, Port, SimulatedPort};
 use sidehill_bridge::realtime;
 use sidehill_bridge::record::{CycleRow, Outputs, RecordSink, Recorder, ring};
-use sidehill_bridge::ros2::arguments::{RosArguments, RosEnvironment};
+use sidehill_bridge::ros2::arguments::RosArguments;
+use sidehill_bridge::ros2::names::Names;
+use sidehill_bridge::ros2::parameters::override_config;
 use sidehill_bridge::ros2::server::{self, Ros2};
 use sidehill_bridge::safety::{Operator, Reason, State};
 use sidehill_controller::controller::Controller;
@@ -278,9 +281,14 @@ fn start_ros2(
         );
         return Ok(None);
     }
-    let (ros2, route) = config.ros2(file, vehicle)?;
+    let (mut ros2, mut route) = config.ros2(file, vehicle)?;
     let arguments = RosArguments::parse(arguments)?;
-    let environment = RosEnvironment::from_variables(|name| std::env::var(name).ok())?;
+    let environment = environment()?;
+    let names = Names::new(&ros2.node.0, "/", &arguments.remaps)?;
+    let given = parameters(&arguments, &names)?;
+    let (speed_m_s, period_s) = (&mut route.limits.speed_max_m_s, config.cycle.period_s);
+    override_config(&mut ros2, speed_m_s, period_s, &given)
+        .map_err(|reason| anyhow!("parameter {reason}"))?;
     let started = server::start(server::Setup {
         config: ros2,
         vehicle,
@@ -290,6 +298,7 @@ fn start_ros2(
         epoch,
         drives: config.port == RunPort::Ros2,
         stages: config.settings.stages,
+        period_s,
     });
     Ok(Some(started.map_err(|error| file.error(error))?))
 }

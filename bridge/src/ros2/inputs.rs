@@ -45,9 +45,22 @@ pub(super) struct Shared {
     pub(super) refused: AtomicU64,
     pub(super) emergency_stop: AtomicBool,
     pub(super) clock_jumps: AtomicU64,
+    /// Bits of the speed, m/s, and the yaw rate, rad/s, below which odometry says 0.
+    thresholds: [AtomicU64; 2],
 }
 
 impl Shared {
+    pub(super) fn set_thresholds(&self, thresholds: [f64; 2]) {
+        for (slot, value) in self.thresholds.iter().zip(thresholds) {
+            slot.store(value.to_bits(), Ordering::Relaxed);
+        }
+    }
+
+    fn thresholds(&self) -> [f64; 2] {
+        let [speed, yaw_rate] = &self.thresholds;
+        [speed, yaw_rate].map(|slot| f64::from_bits(slot.load(Ordering::Relaxed)))
+    }
+
     pub(super) fn transforms(&self) -> MutexGuard<'_, Transforms> {
         self.transforms
             .lock()
@@ -330,7 +343,17 @@ fn take_odometry(ears: &Ears, message: &Odometry, heard: &mut Heard) -> Result<(
     in_frame(&message.child_frame_id, &ears.frames.base)?;
     let time_s = instant(ears, &message.header)?;
     let (pose, attitude) = pose_and_attitude(&from_pose(&message.pose.pose)?);
-    let motors = ears.mapping.motors(&message.twist.twist)?;
+    let mut twist = message.twist.twist.clone();
+    let [speed_m_s, yaw_rate_rad_s] = ears.shared.thresholds();
+    for (value, threshold) in [
+        (&mut twist.linear.x, speed_m_s),
+        (&mut twist.angular.z, yaw_rate_rad_s),
+    ] {
+        if value.abs() < threshold {
+            *value = 0.0;
+        }
+    }
+    let motors = ears.mapping.motors(&twist)?;
     heard.pose = Some(Stamped {
         time_s,
         value: pose,

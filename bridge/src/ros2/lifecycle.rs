@@ -20,13 +20,48 @@ const fn edge(id: u8, label: &'static str, from: u8, to: u8) -> Edge {
 }
 
 const EDGES: [Edge; 7] = [
-    edge(transition::CONFIGURE, "configure", state::UNCONFIGURED, state::INACTIVE),
-    edge(transition::CLEANUP, "cleanup", state::INACTIVE, state::UNCONFIGURED),
-    edge(transition::ACTIVATE, "activate", state::INACTIVE, state::ACTIVE),
-    edge(transition::DEACTIVATE, "deactivate", state::ACTIVE, state::INACTIVE),
-    edge(transition::UNCONFIGURED_SHUTDOWN, "shutdown", state::UNCONFIGURED, state::FINALIZED),
-    edge(transition::INACTIVE_SHUTDOWN, "shutdown", state::INACTIVE, state::FINALIZED),
-    edge(transition::ACTIVE_SHUTDOWN, "shutdown", state::ACTIVE, state::FINALIZED),
+    edge(
+        transition::CONFIGURE,
+        "configure",
+        state::UNCONFIGURED,
+        state::INACTIVE,
+    ),
+    edge(
+        transition::CLEANUP,
+        "cleanup",
+        state::INACTIVE,
+        state::UNCONFIGURED,
+    ),
+    edge(
+        transition::ACTIVATE,
+        "activate",
+        state::INACTIVE,
+        state::ACTIVE,
+    ),
+    edge(
+        transition::DEACTIVATE,
+        "deactivate",
+        state::ACTIVE,
+        state::INACTIVE,
+    ),
+    edge(
+        transition::UNCONFIGURED_SHUTDOWN,
+        "shutdown",
+        state::UNCONFIGURED,
+        state::FINALIZED,
+    ),
+    edge(
+        transition::INACTIVE_SHUTDOWN,
+        "shutdown",
+        state::INACTIVE,
+        state::FINALIZED,
+    ),
+    edge(
+        transition::ACTIVE_SHUTDOWN,
+        "shutdown",
+        state::ACTIVE,
+        state::FINALIZED,
+    ),
 ];
 
 /// Primary states, and those that a transition passes through.
@@ -54,7 +89,11 @@ impl Lifecycle {
     /// Returns a node that is active, or one that waits for a manager.
     pub fn new(active: bool) -> Self {
         Self {
-            state: if active { state::ACTIVE } else { state::UNCONFIGURED },
+            state: if active {
+                state::ACTIVE
+            } else {
+                state::UNCONFIGURED
+            },
         }
     }
 
@@ -141,7 +180,10 @@ mod tests {
             (ask(0, "shutdown"), "finalized", false),
         ] {
             let done = node.change(&asked).unwrap();
-            assert_eq!((done.goal_state.label.as_str(), node.is_active()), (state, active));
+            assert_eq!(
+                (done.goal_state.label.as_str(), node.is_active()),
+                (state, active)
+            );
             assert_eq!(node.state().label, state);
         }
         assert!(node.available().is_empty());
@@ -159,7 +201,11 @@ mod tests {
             assert_eq!(node.change(&asked), None);
         }
         assert!(node.is_active());
-        let labels: Vec<String> = node.available().into_iter().map(|t| t.transition.label).collect();
+        let labels: Vec<String> = node
+            .available()
+            .into_iter()
+            .map(|t| t.transition.label)
+            .collect();
         assert_eq!(labels, ["deactivate", "shutdown"]);
         assert_eq!(Lifecycle::graph().len(), 7);
     }

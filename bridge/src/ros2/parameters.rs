@@ -109,15 +109,31 @@ impl Parameters {
         }
         for (name, value, description) in [
             ("odom_topic", &config.inputs.odometry, "nav_msgs/Odometry"),
-            ("speed_limit_topic", &config.inputs.speed_limit, "nav2_msgs/SpeedLimit"),
+            (
+                "speed_limit_topic",
+                &config.inputs.speed_limit,
+                "nav2_msgs/SpeedLimit",
+            ),
         ] {
             let value = ParameterValue::String(value.clone());
             parameters.declare(name, value, Rule::ReadOnly, description);
         }
-        let stamped = config.commands.twist.as_ref().is_some_and(|twist| twist.stamped);
+        let stamped = config
+            .commands
+            .twist
+            .as_ref()
+            .is_some_and(|twist| twist.stamped);
         for (name, value, description) in [
-            ("use_sim_time", config.use_sim_time, "whether time is that of /clock"),
-            ("enable_stamped_cmd_vel", stamped, "TwistStamped rather than Twist"),
+            (
+                "use_sim_time",
+                config.use_sim_time,
+                "whether time is that of /clock",
+            ),
+            (
+                "enable_stamped_cmd_vel",
+                stamped,
+                "TwistStamped rather than Twist",
+            ),
         ] {
             let value = ParameterValue::Boolean(value);
             parameters.declare(name, value, Rule::ReadOnly, description);
@@ -133,7 +149,13 @@ impl Parameters {
         parameters
     }
 
-    fn declare(&mut self, name: &str, value: ParameterValue, rule: Rule, description: &'static str) {
+    fn declare(
+        &mut self,
+        name: &str,
+        value: ParameterValue,
+        rule: Rule,
+        description: &'static str,
+    ) {
         let entry = Entry {
             value,
             rule,
@@ -158,7 +180,9 @@ impl Parameters {
                 if (low..=high).contains(value) {
                     Ok(())
                 } else {
-                    Err(format!("{name}: {value} is out of range, must be from {low} to {high}"))
+                    Err(format!(
+                        "{name}: {value} is out of range, must be from {low} to {high}"
+                    ))
                 }
             }
             _ => Err(format!("{name} must be a double")),
@@ -303,7 +327,9 @@ pub fn override_config(
 ) -> Result<(), String> {
     for Parameter { name, value } in given {
         match (name.as_str(), value) {
-            ("odom_topic", ParameterValue::String(topic)) => config.inputs.odometry.clone_from(topic),
+            ("odom_topic", ParameterValue::String(topic)) => {
+                config.inputs.odometry.clone_from(topic)
+            }
             ("speed_limit_topic", ParameterValue::String(topic)) => {
                 config.inputs.speed_limit.clone_from(topic);
             }
@@ -375,7 +401,11 @@ mod tests {
         parameters.set(name, Double(0.4)).unwrap();
         assert_eq!(parameters.tolerances().goal_xy_m, 0.4);
         for (name, value, reason) in [
-            (name, Double(-1.0), "-1 is out of range, must be from 0.01 to 100"),
+            (
+                name,
+                Double(-1.0),
+                "-1 is out of range, must be from 0.01 to 100",
+            ),
             (name, Double(f64::NAN), "out of range"),
             (name, Integer(1), "must be a double"),
             ("controller_frequency", Double(30.0), "read-only"),
@@ -418,7 +448,9 @@ mod tests {
         let flat = parameters.list(&[], 1);
         assert!(flat.iter().all(|name| !name.contains('.')) && flat.len() > 5);
         assert_eq!(parameters.list(&[], 0).len(), parameters.all().len());
-        let range = parameters.describe("failure_tolerance").floating_point_range;
+        let range = parameters
+            .describe("failure_tolerance")
+            .floating_point_range;
         assert_eq!((range[0].from_value, range[0].to_value), (0.0, 60.0));
         assert!(parameters.describe("controller_frequency").read_only);
         assert_eq!(parameters.get("no_such"), NotSet);
@@ -431,7 +463,10 @@ mod tests {
         let mut speed_m_s = 0.5;
         let file = [
             given("use_sim_time", Boolean(true)),
-            given("goal_checker_plugins", StringArray(vec!["precise".to_owned()])),
+            given(
+                "goal_checker_plugins",
+                StringArray(vec!["precise".to_owned()]),
+            ),
             given("precise.xy_goal_tolerance", Double(0.1)),
             given("progress_checker.movement_time_allowance", Integer(20)),
             given("FollowPath.desired_linear_vel", Double(0.3)),

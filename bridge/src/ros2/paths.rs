@@ -16,6 +16,8 @@ use std::sync::mpsc::{Receiver, TryRecvError, channel};
 /// Movement of a frame at the vehicle that is followed, m and rad.
 const MOVED_M: f64 = 0.01;
 const MOVED_RAD: f64 = 0.002;
+/// Slowest drive that a limit asks for, m/s.
+const SPEED_MIN_M_S: f64 = 0.01;
 /// Longest time for smoothing and timing a path, s.
 const BUILDING_S: f64 = 20.0;
 
@@ -52,6 +54,7 @@ pub(super) struct Paths {
     settings: RouteSettings,
     /// Speed wanted where nobody limits it, m/s.
     speed_m_s: f64,
+    limit: SpeedLimit,
     odometry_frame: String,
     preparing: Option<Preparing>,
     assigned: Option<Assigned>,
@@ -61,6 +64,7 @@ impl Paths {
     pub(super) fn new(settings: RouteSettings, odometry_frame: &str) -> Self {
         Self {
             speed_m_s: settings.limits.speed_max_m_s,
+            limit: SpeedLimit::default(),
             settings,
             odometry_frame: odometry_frame.to_owned(),
             preparing: None,
@@ -190,17 +194,29 @@ impl Paths {
         Ok(Some(handover(&assigned.route, &now)))
     }
 
-    /// Takes a limit of the speed, and returns the path in hand at its new speeds; none where
-    /// nothing changes.
+    /// Takes a limit of the speed, and returns the path in hand at its new speeds; none where nothing
+    /// changes. A limit that is no speed is not believed.
     pub(super) fn limit(&mut self, limit: &SpeedLimit) -> Option<Handover> {
-        let limited_m_s = match (limit.percentage, limit.speed_limit) {
+        if limit.speed_limit.is_finite() && limit.speed_limit >= 0.0 {
+            self.limit = limit.clone();
+        }
+        self.at_speed()
+    }
+
+    /// Takes the speed wanted where nobody limits it, and returns the same.
+    pub(super) fn want_speed(&mut self, speed_m_s: f64) -> Option<Handover> {
+        self.speed_m_s = speed_m_s;
+        self.at_speed()
+    }
+
+    fn at_speed(&mut self) -> Option<Handover> {
+        let limited_m_s = match (self.limit.percentage, self.limit.speed_limit) {
             (_, 0.0) => self.speed_m_s,
             (true, share) => self.speed_m_s * share / 100.0,
             (false, speed_m_s) => speed_m_s,
         };
-        let usable = limited_m_s.is_finite() && limited_m_s > 0.0;
-        let speed_m_s = limited_m_s.clamp(0.01, self.speed_m_s.max(0.01));
-        if !usable || speed_m_s == self.settings.limits.speed_max_m_s {
+        let speed_m_s = limited_m_s.min(self.speed_m_s).max(SPEED_MIN_M_S);
+        if speed_m_s == self.settings.limits.speed_max_m_s {
             return None;
         }
         self.settings.limits.speed_max_m_s = speed_m_s;

@@ -7,14 +7,18 @@ use super::executive::{Client, Effect, Executive, Seen};
 use super::follow_path::{FollowPathEndpoints, NewGoal, endpoints};
 use super::goals::{GoalEnd, Goals, Outcome};
 use super::inputs::{Ears, ListenError, Shared, drain};
+use super::lifecycle::Lifecycle;
 use super::message::action::{FollowPathFeedback, code};
 use super::message::{Path, SpeedLimit};
 use super::node::RosNode;
+use super::parameters::Parameters;
 use super::paths::{Handover, Paths, Whereabouts};
 use super::peers::{Participant, Peers, participant};
 use super::port::Ros2Port;
 use super::qos;
 use super::route::{Plan, RouteSettings};
+use super::services::Services;
+use super::telemetry::{Account, Telemetry};
 use super::time::RosTime;
 use super::worker::Worker;
 use crate::clock::{Epoch, ToldClock};
@@ -60,6 +64,8 @@ pub struct Setup<'a> {
     pub drives: bool,
     /// Stages of the controller's horizon.
     pub stages: usize,
+    /// Period of the cycle, s.
+    pub period_s: f64,
 }
 
 /// A server, and the ends of it that belong to the cycle. Dropped, it leaves the graph.
@@ -96,7 +102,11 @@ pub fn start(setup: Setup<'_>) -> Result<Ros2, ListenError> {
     } else {
         RosTime::of_world(setup.epoch)
     };
-    let mapping = TwistMapping::new(config.commands.track_width_m, setup.vehicle)?;
+    let icrs = &setup.vehicle.icrs;
+    let width_m = config.commands.track_width_m;
+    let mapping = TwistMapping {
+        track_width_m: width_m.unwrap_or(icrs.right_m - icrs.left_m),
+    };
     let (dispatcher, cycle, pilot) = desks(setup.stages);
     let shared = Arc::new(Shared::default());
     let ears = Ears {
@@ -127,7 +137,16 @@ pub fn start(setup: Setup<'_>) -> Result<Ros2, ListenError> {
     } else {
         (None, Some(listener))
     };
-    let server = Server::new(node, config, setup.route, dispatcher, shared, time.clone())?;
+    let server = Server::new(
+        node,
+        config,
+        setup.route,
+        setup.vehicle,
+        setup.period_s,
+        dispatcher,
+        shared,
+        time.clone(),
+    )?;
     Ok(Ros2 {
         time,
         cycle,
@@ -149,7 +168,12 @@ struct Server {
     path: Option<Subscription<Path>>,
     speed_limit: Subscription<SpeedLimit>,
     status: DomainParticipantStatusListener,
+    services: Services,
+    telemetry: Telemetry,
     peers: Peers,
+    /// Goals accepted, and how the last one ended.
+    accepted: u64,
+    last_end: Option<(GoalEnd, String)>,
     goals: Goals,
     executive: Executive,
     paths: Paths,
@@ -174,6 +198,8 @@ impl Server {
         mut node: RosNode,
         config: Ros2Config,
         route: RouteSettings,
+        vehicle: &Vehicle,
+        period_s: f64,
         dispatcher: Dispatcher,
         shared: Arc<Shared>,
         time: RosTime,
@@ -193,6 +219,14 @@ impl Server {
         registry.register(&mut speed_limit, token, Interest::READABLE)?;
         let mut status = node.context().domain_participant().status_listener();
         registry.register(&mut status, token, Interest::READABLE)?;
+        let speed_m_s = route.limits.speed_max_m_s;
+        let services = Services::new(
+            &mut node,
+            (registry, token),
+            Parameters::new(&config, period_s, speed_m_s),
+            Lifecycle::new(config.autostart.0),
+        )?;
+        let telemetry = Telemetry::new(&mut node, vehicle, &config.frames.odometry)?;
         let action_name = node.names().resolve(&config.follow_path.action);
         let action_name = action_name.map_err(super::node::NodeError::from)?;
         Ok(Self {
@@ -205,7 +239,11 @@ impl Server {
             path,
             speed_limit,
             status,
+            services,
+            telemetry,
             peers: Peers::default(),
+            accepted: 0,
+            last_end: None,
             goals: Goals::default(),
             executive: Executive::default(),
             next_number: 0,
@@ -261,14 +299,53 @@ impl Server {
                 self.action.answer_result(answer);
             }
         }
+        self.serve(now_s);
         self.take_path_topic(now_s);
-        self.take_speed_limit(now_s);
+        self.take_speed_limit();
         self.look_after(now_s, jumped);
         self.goals.forget_old(now_s);
         if self.statuses_changed {
             self.statuses_changed = false;
             self.action.publish_statuses(self.goals.statuses());
         }
+    }
+
+    /// Answers the services of parameters and lifecycle.
+    fn serve(&mut self, now_s: f64) {
+        let changes = self.services.answer(&mut self.node, &self.peers);
+        if changes.parameters {
+            let parameters = &self.services.parameters;
+            self.config.tolerances = parameters.tolerances();
+            self.shared.set_thresholds(parameters.thresholds());
+            if let Some(handover) = self.paths.want_speed(parameters.speed_m_s()) {
+                self.replace(handover);
+            }
+        }
+        if changes.state && !self.services.lifecycle.is_active() {
+            self.fail(
+                Outcome::new(code::UNKNOWN, "the node was deactivated"),
+                now_s,
+            );
+        }
+    }
+
+    fn tell(&mut self, now_s: f64, view: Option<&CycleView>) {
+        let state = self.services.lifecycle.state();
+        let last_refusal = self.shared.last_refusal().clone();
+        let account = Account {
+            lifecycle: &state.label,
+            refused: self.shared.refused.load(Ordering::Relaxed),
+            last_refusal: &last_refusal,
+            emergency_stop: self.shared.emergency_stop.load(Ordering::Relaxed),
+            goals: self.accepted,
+            last_end: self
+                .last_end
+                .as_ref()
+                .map(|(end, why)| (*end, why.as_str())),
+        };
+        let pilot = self.dispatcher.pilot();
+        self.telemetry
+            .tell(now_s, &self.time, view, pilot, &account);
     }
 
     fn meet_peers(&mut self) {
@@ -301,13 +378,15 @@ impl Server {
 
     fn take_goal(&mut self, goal: NewGoal, now_s: f64) {
         let stamp = Time::from_nanos(self.time.stamp_ns(now_s));
-        let ready = !self.shared.emergency_stop.load(Ordering::Relaxed);
+        let pressed = self.shared.emergency_stop.load(Ordering::Relaxed);
+        let ready = self.services.lifecycle.is_active() && !pressed;
         let accepted = ready && self.goals.accept(goal.id, stamp);
         self.action.answer_goal(goal.request, accepted, stamp);
         if !accepted {
             return;
         }
         self.statuses_changed = true;
+        self.accepted += 1;
         let client = Some((participant(&goal.request), false));
         let plan = self.named(&goal).and_then(|()| Plan::of(&goal.path));
         self.take_plan(Client::Goal(goal.id), plan, now_s);
@@ -343,7 +422,7 @@ impl Server {
         if let Some(path) = &self.path {
             drain(path, |message| newest = Some(message));
         }
-        if let Some(path) = newest {
+        if let Some(path) = newest.filter(|_| self.services.lifecycle.is_active()) {
             self.client = None;
             self.take_plan(Client::Topic, Plan::of(&path), now_s);
         }
@@ -365,18 +444,18 @@ impl Server {
         self.carry_out(effects, now_s);
     }
 
-    fn take_speed_limit(&mut self, now_s: f64) {
+    fn take_speed_limit(&mut self) {
         let mut newest = None;
         drain(&self.speed_limit, |message| newest = Some(message));
         if let Some(limit) = newest
             && let Some(handover) = self.paths.limit(&limit)
         {
-            self.replace(handover, now_s);
+            self.replace(handover);
         }
     }
 
     /// Gives the controller the path it has, changed, where it has come to on it.
-    fn replace(&mut self, handover: Handover, _now_s: f64) {
+    fn replace(&mut self, handover: Handover) {
         let Some(before) = self.executive.driven() else {
             return;
         };
@@ -418,6 +497,7 @@ impl Server {
         );
         self.carry_out(effects, now_s);
         self.feed_back(now_s, decision.as_ref());
+        self.tell(now_s, view.as_ref());
     }
 
     /// Goes on with a path that is being prepared.
@@ -483,7 +563,7 @@ impl Server {
                 self.transform = None;
                 if let Some(handover) = handover {
                     self.executive.move_goal(handover.goal);
-                    self.replace(handover, now_s);
+                    self.replace(handover);
                 }
             }
         }
@@ -528,8 +608,11 @@ impl Server {
                         from_m: 0.0,
                     });
                 }
-                Effect::Told(Client::Topic, ..) => {}
+                Effect::Told(Client::Topic, end, outcome) => {
+                    self.last_end = Some((end, outcome.message));
+                }
                 Effect::Told(Client::Goal(id), end, outcome) => {
+                    self.last_end = Some((end, outcome.message.clone()));
                     for answer in self.goals.end(&id, now_s, end, outcome) {
                         self.action.answer_result(answer);
                     }
