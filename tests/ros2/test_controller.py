@@ -225,8 +225,9 @@ def test_a_fault_ends_the_goal_with_its_code_and_the_vehicle_stands(rig, fault, 
 
 
 def test_drives_that_no_longer_obey_end_the_goal(rig):
-    r = rig(faults=["{after_enabled_s: 2.5, for_s: 4, fault: ignore_commands}"])
-    goal = r.sent_off()
+    # On a straight line going on is what is commanded: the fault shows itself in the curve.
+    r = rig(faults=["{after_enabled_s: 4, for_s: 6, fault: ignore_commands}"])
+    goal = r.sent_off(path_of(figure_eight()))
     answer = goal.result(timeout_s=30)
     assert answer.status == FollowPath.ABORTED and answer.result.error_code != NONE
     wait_for(r.commands_zero, "commands of zero")
@@ -413,7 +414,7 @@ def test_diagnostics_and_plans_are_published(rig, peer):
     diagnostics = peer.reader("/diagnostics", wire.DiagnosticArray)
     plan = peer.reader("/optimal_trajectory", wire.Path)
     reference = peer.reader("/transformed_global_plan", wire.Path)
-    pose = peer.reader("/estimated_pose", wire.PoseWithCovarianceStamped)
+    pose = peer.reader("/controller_server/pose", wire.PoseWithCovarianceStamped)
     r.sent_off()
     wait_for(lambda: (diagnostics.last() or diagnostics).__class__ is wire.DiagnosticArray, "/diagnostics")
     keys = {value.key for status in diagnostics.last().status for value in status.values}
@@ -422,7 +423,7 @@ def test_diagnostics_and_plans_are_published(rig, peer):
     assert len(predicted.poses) > 10
     ahead = reference.next("/transformed_global_plan")
     assert len(ahead.poses) > 1
-    estimate = pose.next("/estimated_pose")
+    estimate = pose.next("/controller_server/pose")
     row = r.vehicle.now()
     at = estimate.pose.pose.position
     assert math.dist((at.x, at.y), (row["x_m"], row["y_m"])) < 0.3
