@@ -29,8 +29,9 @@ def generate_launch_description():
         output="screen",
     )
 
-    def nav2(package, executable, name, **more):
-        return Node(package=package, executable=executable, name=name, output="screen", parameters=[params], **more)
+    def nav2(package, executable, name, more=None):
+        parameters = [params, more] if more else [params]
+        return Node(package=package, executable=executable, name=name, output="screen", parameters=parameters)
 
     return LaunchDescription(
         [
@@ -39,17 +40,16 @@ def generate_launch_description():
             DeclareLaunchArgument("params_file", default_value=os.path.join(HERE, "params.yaml")),
             DeclareLaunchArgument("sidehill", default_value="sidehill", description="the program"),
             controller,
-            Node(
-                package="nav2_map_server",
-                executable="map_server",
-                name="map_server",
-                output="screen",
-                parameters=[params, {"yaml_filename": LaunchConfiguration("map")}],
-            ),
+            nav2("nav2_map_server", "map_server", "map_server", {"yaml_filename": LaunchConfiguration("map")}),
             nav2("nav2_planner", "planner_server", "planner_server"),
             nav2("nav2_smoother", "smoother_server", "smoother_server"),
             nav2("nav2_behaviors", "behavior_server", "behavior_server"),
-            nav2("nav2_bt_navigator", "bt_navigator", "bt_navigator"),
+            nav2(
+                "nav2_bt_navigator",
+                "bt_navigator",
+                "bt_navigator",
+                {"default_nav_to_pose_bt_xml": os.path.join(HERE, "navigate.xml")},
+            ),
             nav2("nav2_lifecycle_manager", "lifecycle_manager", "lifecycle_manager_navigation"),
             # Without a controller nothing shall go on planning.
             RegisterEventHandler(

@@ -6,7 +6,8 @@ come.
 - Round trip: the peer plays a vehicle and publishes odometry at 1 kHz, stamped as it is sent. From
   the stamp that a cycle used until the command of that cycle has arrived at the peer, less the cycle
   itself (from its beginning to its end, as the program records it).
-- Goal acceptance: send_goal until its answer, for paths of 1,000 and 5,000 poses.
+- Goal acceptance: from when the client has put a goal of 1,000 or 5,000 poses on the wire, which takes
+  Python its time, until the answer.
 - First calls: of fresh participants, at once after both topics of the service have matched.
 """
 
@@ -19,10 +20,13 @@ import random
 import tempfile
 import threading
 import time
+import uuid
+
+from cyclonedds.util import duration
 
 import wire
 from conftest import adapted
-from peer import Client, FollowPath, Peer, Program, now, path_of, straight, wait_for
+from peer import Client, FollowPath, Goal, Peer, Program, now, path_of, straight, wait_for
 
 
 class PlayedVehicle(threading.Thread):
@@ -35,8 +39,16 @@ class PlayedVehicle(threading.Thread):
         self.fixed = peer.writer("/tf_static", wire.TFMessage, latched=True)
         self.stopped = peer.writer("/emergency_stop", wire.Bool, latched=True)
         self.commands = peer.raw_reader("rt/cmd_vel", wire.Twist)
-        self.arrivals = []
+        self.arrivals, self.told = [], (0.0, 0.0)
         self.ended = False
+        threading.Thread(target=self.listen, daemon=True).start()
+
+    def listen(self):
+        """Waits for commands in a thread of its own, so that they are noted when they come."""
+        while not self.ended:
+            command = self.commands.take_one(timeout=duration(seconds=3600))
+            self.arrivals.append(time.time())
+            self.told = (command.linear.x, command.angular.z)
 
     def run(self):
         identity = wire.Transform(rotation=wire.Quaternion(w=1.0))
@@ -47,17 +59,15 @@ class PlayedVehicle(threading.Thread):
             )
         )
         self.stopped.write(wire.Bool(data=False))
-        x = y = yaw = forward = turn = 0.0
+        x = y = yaw = 0.0
         message = wire.Odometry(child_frame_id="base_link")
         message.header.frame_id = "odom"
         imu = wire.Imu()
         imu.header.frame_id = "base_link"
         last, count = time.time(), 0
         while not self.ended:
-            for command in self.commands.take(N=100):
-                self.arrivals.append(time.time())
-                forward, turn = command.linear.x, command.angular.z
             at = time.time()
+            forward, turn = self.told
             dt, last = at - last, at
             yaw += turn * dt
             x += forward * math.cos(yaw) * dt
@@ -125,16 +135,20 @@ def round_trip(peer, folder, config, domain, seconds):
 
 def acceptance(action, poses):
     points = straight(0.01 * poses, yaw_rad=0.0, step_m=0.01)
-    path = path_of(points)
-    took = []
+    goal = wire.FollowPathGoal(path=path_of(points))
+    wrote, took = [], []
     for _ in range(20):
+        goal_id = wire.UUID(uuid=uuid.uuid4().bytes)
         began = time.perf_counter()
-        goal = action.send(path)
-        took.append(time.perf_counter() - began)
-        assert goal.reply.accepted
-        goal.cancel()
+        number = action.send_goal.send(goal_id=goal_id, goal=goal)
+        written = time.perf_counter()
+        reply = wait_for(lambda: action.send_goal.reply(number), "the answer", step_s=0.0002)
+        took.append(time.perf_counter() - written)
+        wrote.append(written - began)
+        assert reply.accepted
+        Goal(action, goal_id, reply).cancel()
         time.sleep(0.1)
-    return quantiles(took)
+    return {"client_writes": quantiles(wrote), "answer_after_it": quantiles(took)}
 
 
 def first_calls(domain, count):

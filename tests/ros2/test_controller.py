@@ -13,6 +13,7 @@ from conftest import adapted
 
 import wire
 from peer import (
+    REPOSITORY,
     FollowPath,
     Peer,
     figure_eight,
@@ -303,8 +304,12 @@ def test_a_client_that_leaves_ends_its_goal(rig, domain, ending, tmp_path):
     finally:
         client.kill()
     wait_for(r.commands_zero, "commands of zero")
-    r.action.status.take()
-    assert r.action.status.all[-1].status_list[-1].status == FollowPath.ABORTED
+
+    def aborted():
+        message = r.action.status.last()
+        return message and message.status_list[-1].status == FollowPath.ABORTED
+
+    wait_for(aborted, "the status of the goal")
 
 
 def test_a_killed_controller_leaves_a_vehicle_that_stops(rig):
@@ -387,6 +392,30 @@ def test_parameters_are_listed_read_set_and_refused_with_reasons(rig, peer):
     for refused in (bad, unknown, kind):
         assert not refused.successful and refused.reason != ""
     assert get.call(names=["transform_tolerance"]).values[0].double_value == 0.4
+
+
+def test_the_params_file_for_nav2_is_read(rig, peer):
+    file = f"{REPOSITORY}/bridge/nav2/params.yaml"
+    rig(ros=["--params-file", file, "-p", "FollowPath.desired_linear_vel:=0.35"])
+    get = peer.client("/controller_server/get_parameters", wire.GetParameters)
+    names = [
+        "use_sim_time",
+        "transform_tolerance",
+        "general_goal_checker.xy_goal_tolerance",
+        "progress_checker.movement_time_allowance",
+        "FollowPath.desired_linear_vel",
+    ]
+    values = get.call(names=names).values
+    assert (values[0].type, values[0].bool_value) == (1, False)
+    # What stands on the command line is stronger than the file.
+    assert [value.double_value for value in values[1:]] == [0.5, 0.25, 10.0, 0.35]
+
+
+def test_a_wrong_parameter_ends_the_program_and_is_named(start, tmp_path):
+    config = adapted("run_ros2.yaml", {}, tmp_path)
+    program = start("run", config, "--ros-args", "-p", "transform_tolerance:=-1.0")
+    assert program.process.wait(timeout=10) == 2
+    assert "transform_tolerance" in program.output()
 
 
 def test_a_lifecycle_manager_can_run_it(rig, peer):
