@@ -78,7 +78,7 @@ struct Ending {
 /// on the ramp, SIGINT and SIGTERM send zeros, switch the drives off and end the program.
 ///
 /// The exit status is 0 where the course has been driven to its end or the time was over while
-/// driving, else 1.
+/// driving, or where paths come over ROS 2, else 1.
 ///
 /// # Errors
 /// A file that cannot be read, a setting that is out of range, a name that the CAN database does not
@@ -95,6 +95,7 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
     let (heard_sink, heard) = ring(RING);
     let (sent_sink, sent) = ring(RING);
     let (cycle_sink, cycles) = ring(RING);
+    let over_ros2 = config.over_ros2();
     let ros2 = start_ros2(&file, &config, &vehicle, ros_arguments, epoch)?;
     let (clock, desks, ros2_port, _server) = match ros2 {
         Some(ros2) => (
@@ -163,6 +164,8 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
     println!("{}", serde_json::to_string(&ending)?);
     Ok(match ending.ended {
         "finished" | "time_over" => ExitCode::SUCCESS,
+        // Where paths come from outside, nothing but a signal ends.
+        "signal" if over_ros2 => ExitCode::SUCCESS,
         _ => ExitCode::FAILURE,
     })
 }
@@ -284,7 +287,7 @@ fn start_ros2(
     let (mut ros2, mut route) = config.ros2(file, vehicle)?;
     let arguments = RosArguments::parse(arguments)?;
     let environment = environment()?;
-    let names = Names::new(&ros2.node.0, "/", &arguments.remaps)?;
+    let names = Names::new(&ros2.node, "/", &arguments.remaps)?;
     let given = parameters(&arguments, &names)?;
     let (speed_m_s, period_s) = (&mut route.limits.speed_max_m_s, config.cycle.period_s);
     override_config(&mut ros2, speed_m_s, period_s, &given)

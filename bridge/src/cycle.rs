@@ -199,7 +199,9 @@ impl<P: Port, Q: Pilot> Cycle<P, Q> {
         let end_s = self.clock.now_s();
         let slack_s = due_s + self.config.period_s - end_s;
         self.lateness.take(begin_s - due_s, slack_s);
-        let late_periods = (-slack_s / self.config.period_s).max(0.0) as u64;
+        // A cycle that began after its own period does not begin again at once.
+        let passed_s = (begin_s - due_s).max(-slack_s);
+        let late_periods = (passed_s / self.config.period_s).max(0.0) as u64;
         self.tick += 1 + late_periods;
         self.skipped += late_periods;
         let feedback = reading.feedback.map(|feedback| feedback.value.speeds);

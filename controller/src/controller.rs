@@ -147,6 +147,9 @@ struct Issued {
     command: MotorSpeeds,
 }
 
+/// Poses in a row that the gate may refuse while the vehicle stands, before it is taken to have been
+/// carried to where they say.
+const CARRIED_POSES: u32 = 10;
 /// Largest distance between the ends of the horizons of two references for which the plan made for
 /// the first is taken up for the second, m.
 const PLAN_REUSE_M: f64 = 0.5;
@@ -300,6 +303,13 @@ impl Controller {
     ///
     /// Total: every doubt ends in a controlled stop and a [`Status`] that says why.
     pub fn step(&mut self, sample: &Sample, deadline: Option<Instant>) -> Decision {
+        if self
+            .last_time_s
+            .is_some_and(|before_s| sample.time_s < before_s)
+        {
+            // What was read under the clock before it was put back is not older than what comes now.
+            self.estimator.restart();
+        }
         let (estimate, refused) = self.estimator.update(sample);
         let mut decision = Decision {
             time_s: sample.time_s,
@@ -322,6 +332,12 @@ impl Controller {
             decision.progress = Some(progress);
             self.supervise(estimate, &progress);
             self.decide(estimate, &progress, elapsed_s, deadline, &mut decision);
+            // A vehicle that stands may have been carried elsewhere.
+            let stands = self.last_command() == MotorSpeeds::STOP;
+            let stopped = matches!(self.phase, Phase::Stopped(_));
+            if stopped && stands && estimate.poses_gated >= CARRIED_POSES {
+                self.estimator.restart();
+            }
         } else if let Phase::Stopped(reason) = self.phase {
             decision.status = Status::Stopping(reason);
         }

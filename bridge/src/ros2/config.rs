@@ -6,11 +6,11 @@ use sidehill_controller::path::Smoothing;
 use sidehill_plant::vehicle::RangeError;
 
 /// The `ros2:` section of a run.
-#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Ros2Config {
     /// Name of the node, unless `__node` says otherwise.
-    pub node: NodeLabel,
+    pub node: String,
     /// Frames.
     pub frames: Frames,
     /// What is listened to.
@@ -26,28 +26,26 @@ pub struct Ros2Config {
     /// Whether time is that of /clock.
     pub use_sim_time: bool,
     /// Whether the node configures and activates itself, as without a lifecycle manager.
-    pub autostart: Autostart,
+    pub autostart: bool,
 }
 
-/// The name of a node.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(transparent)]
-pub struct NodeLabel(pub String);
-
-impl Default for NodeLabel {
+impl Default for Ros2Config {
     fn default() -> Self {
-        Self("controller_server".to_owned())
-    }
-}
-
-/// Yes by default.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(transparent)]
-pub struct Autostart(pub bool);
-
-impl Default for Autostart {
-    fn default() -> Self {
-        Self(true)
+        Self {
+            node: "controller_server".to_owned(),
+            frames: Frames::default(),
+            inputs: InputsConfig::default(),
+            commands: CommandsConfig::default(),
+            follow_path: FollowPathConfig::default(),
+            // Planners mean the corners they draw.
+            smoothing: Smoothing {
+                max_curvature_per_m: 2.0,
+                ..Smoothing::default()
+            },
+            tolerances: Tolerances::default(),
+            use_sim_time: false,
+            autostart: true,
+        }
     }
 }
 

@@ -6,6 +6,7 @@ use super::convert::{
     MessageFault, TwistMapping, from_pose, from_quaternion, from_transform, nanoseconds,
     pose_and_attitude,
 };
+use super::emergency_stop::EmergencyStop;
 use super::message::{Bool, Clock, Header, Imu, JointState, Odometry, TfMessage};
 use super::node::{NodeError, RosNode};
 use super::qos;
@@ -14,8 +15,8 @@ use super::transform::Transforms;
 use super::worker::Worker;
 use crate::mission::Brake;
 use crate::motors::MeasuredMotorSpeeds;
-use ros2_client::Subscription;
 use ros2_client::dds::rustdds::mio1::{Events, Interest, Poll, Token};
+use ros2_client::{Gid, Subscription};
 use sidehill_plant::frames::{Attitude, Pose, paper_attitude};
 use sidehill_plant::sample::Stamped;
 use sidehill_plant::vehicle::RangeError;
@@ -44,6 +45,8 @@ pub(super) struct Shared {
     last_refusal: Mutex<String>,
     pub(super) refused: AtomicU64,
     pub(super) emergency_stop: AtomicBool,
+    /// Writers that have left the graph since the last look.
+    left: Mutex<Vec<Gid>>,
     pub(super) clock_jumps: AtomicU64,
     /// Bits of the speed, m/s, and the yaw rate, rad/s, below which odometry says 0.
     thresholds: [AtomicU64; 2],
@@ -54,6 +57,15 @@ impl Shared {
         for (slot, value) in self.thresholds.iter().zip(thresholds) {
             slot.store(value.to_bits(), Ordering::Relaxed);
         }
+    }
+
+    /// Says that a writer has left.
+    pub(super) fn writer_left(&self, writer: Gid) {
+        self.lock_left().push(writer);
+    }
+
+    fn lock_left(&self) -> MutexGuard<'_, Vec<Gid>> {
+        self.left.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn thresholds(&self) -> [f64; 2] {
@@ -171,7 +183,7 @@ impl Ears {
                 subscriptions,
                 heard: Heard::default(),
                 slot,
-                pressed: None,
+                emergency_stop: EmergencyStop::default(),
                 clock_s: None,
             };
             let mut events = Events::with_capacity(64);
@@ -218,8 +230,7 @@ struct Listener {
     subscriptions: Subscriptions,
     heard: Heard,
     slot: Input<Heard>,
-    /// The newest word of the emergency stop, and when it came.
-    pressed: Option<(bool, Instant)>,
+    emergency_stop: EmergencyStop,
     clock_s: Option<f64>,
 }
 
@@ -227,17 +238,17 @@ impl Listener {
     fn hear(&mut self) {
         let ears = &self.ears;
         let (shared, config) = (&ears.shared, &ears.config);
-        let mut pressed = self.pressed;
+        let emergency_stop = &mut self.emergency_stop;
+        for writer in shared.lock_left().drain(..) {
+            emergency_stop.leave(writer);
+        }
         for subscription in &self.subscriptions.emergency_stop {
-            drain(subscription, |Bool { data }| {
-                pressed = Some((data, Instant::now()))
+            drain_from(subscription, |Bool { data }, writer| {
+                emergency_stop.take(writer, data, Instant::now());
             });
         }
-        self.pressed = pressed;
-        let timeout_s = config.emergency_stop_timeout_s;
-        let silent =
-            timeout_s > 0.0 && pressed.is_none_or(|(_, at)| at.elapsed().as_secs_f64() > timeout_s);
-        let stop = silent || pressed.is_some_and(|(pressed, _)| pressed);
+        let timeout = Duration::from_secs_f64(config.emergency_stop_timeout_s);
+        let stop = emergency_stop.is_pressed(timeout);
         ears.brake.set(stop);
         shared.emergency_stop.store(stop, Ordering::Relaxed);
 
@@ -303,11 +314,19 @@ pub(super) fn drain<M>(subscription: &Subscription<M>, mut take: impl FnMut(M))
 where
     M: 'static + serde::de::DeserializeOwned,
 {
+    drain_from(subscription, |message, _| take(message));
+}
+
+/// Passes all that has come to `take`, with who wrote it.
+fn drain_from<M>(subscription: &Subscription<M>, mut take: impl FnMut(M, Gid))
+where
+    M: 'static + serde::de::DeserializeOwned,
+{
     // What cannot be read is passed over, but not for ever.
     let mut unreadable = 0;
     while unreadable < 100 {
         match subscription.take() {
-            Ok(Some((message, _))) => take(message),
+            Ok(Some((message, info))) => take(message, info.publisher_gid()),
             Ok(None) => return,
             Err(_) => unreadable += 1,
         }

@@ -7,6 +7,7 @@ pub mod arguments;
 pub mod checkers;
 pub mod config;
 pub mod convert;
+mod emergency_stop;
 pub mod executive;
 mod follow_path;
 pub mod goals;

@@ -28,7 +28,9 @@ use ros2_client::Subscription;
 use ros2_client::action::{GoalId, GoalStatusEnum};
 use ros2_client::builtin_interfaces::Time;
 use ros2_client::dds::rustdds::mio1::{Events, Interest, Poll, Token};
-use ros2_client::dds::rustdds::{DomainParticipantStatusListener, StatusEvented};
+use ros2_client::dds::rustdds::{
+    DomainParticipantStatusEvent as Event, DomainParticipantStatusListener, StatusEvented,
+};
 use sidehill_controller::controller::Decision;
 use sidehill_controller::trajectory::Trajectory;
 use sidehill_plant::frames::PlanarPose;
@@ -96,7 +98,7 @@ pub struct Ros2Server {
 pub fn start(setup: Setup<'_>) -> Result<Ros2, ListenError> {
     setup.config.validate()?;
     let config = setup.config;
-    let mut node = RosNode::start(&config.node.0, setup.arguments, setup.environment)?;
+    let mut node = RosNode::start(&config.node, setup.arguments, setup.environment)?;
     let time = if config.use_sim_time {
         RosTime::told(ToldClock::default())
     } else {
@@ -224,7 +226,7 @@ impl Server {
             &mut node,
             (registry, token),
             Parameters::new(&config, period_s, speed_m_s),
-            Lifecycle::new(config.autostart.0),
+            Lifecycle::new(config.autostart),
         )?;
         let telemetry = Telemetry::new(&mut node, vehicle, &config.frames.odometry)?;
         let action_name = node.names().resolve(&config.follow_path.action);
@@ -350,6 +352,15 @@ impl Server {
 
     fn meet_peers(&mut self) {
         while let Some(event) = self.status.try_recv_status() {
+            match &event {
+                Event::WriterLost { guid, .. } => self.shared.writer_left((*guid).into()),
+                Event::ParticipantLost { id, .. } => {
+                    let mut participant = [0; 16];
+                    participant[..12].copy_from_slice(id.as_ref());
+                    self.shared.writer_left(participant.into());
+                }
+                _ => {}
+            }
             let Some((left, topic)) = self.peers.take(event) else {
                 continue;
             };
