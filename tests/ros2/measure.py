@@ -135,7 +135,7 @@ def round_trip(peer, folder, config, domain, seconds):
 
 def acceptance(action, poses):
     points = straight(0.01 * poses, yaw_rad=0.0, step_m=0.01)
-    goal = wire.FollowPathGoal(path=path_of(points))
+    goal = action.goal_type(path=path_of(points))
     wrote, took = [], []
     for _ in range(20):
         goal_id = wire.UUID(uuid=uuid.uuid4().bytes)

@@ -35,10 +35,10 @@ START_YAW_RAD = math.radians(90 - 50.906)
 class Rig:
     """A vehicle, a controller and a client on a graph of their own."""
 
-    def __init__(self, vehicle, controller, peer):
+    def __init__(self, vehicle, controller, peer, definition):
         self.vehicle, self.controller, self.peer = vehicle, controller, peer
         self.commands = peer.reader("/cmd_vel", wire.Twist)
-        self.action = FollowPath(peer).wait()
+        self.action = FollowPath(peer, definition).wait()
 
     def ahead(self, length_m=15.0, frame="map"):
         """A straight path from where the vehicle stands first."""
@@ -66,13 +66,13 @@ class Rig:
 
 @pytest.fixture
 def rig(vehicle, start, peer, tmp_path):
-    def rig(faults=(), of_vehicle={}, of_controller={}, ros=()):
+    def rig(faults=(), of_vehicle={}, of_controller={}, ros=(), definition="jazzy"):
         rover = vehicle(of_vehicle, faults)
         config = adapted("run_ros2.yaml", of_controller, tmp_path)
         arguments = ["run", config, "--out", tmp_path / "run"]
         if ros:
             arguments += ["--ros-args", *ros]
-        return Rig(rover, start(*arguments), peer)
+        return Rig(rover, start(*arguments), peer, definition)
 
     return rig
 
@@ -195,6 +195,18 @@ def test_what_cannot_be_followed_has_its_code_and_nothing_moves(rig, path, names
     assert (answer.status, answer.result.error_code) == (FollowPath.ABORTED, code)
     assert answer.result.error_msg != ""
     assert all(row["traction_m_s"] == 0.0 for row in r.vehicle.truth())
+
+
+@pytest.mark.parametrize("definition", ["humble", "iron"])
+def test_the_definitions_of_older_distributions(rig, definition):
+    r = rig(of_controller={"definition: jazzy": f"definition: {definition}"}, definition=definition)
+    goal = r.sent_off(r.ahead(2.0))
+    answer = goal.result(timeout_s=60)
+    assert answer.status == FollowPath.SUCCEEDED
+    failed = r.action.send(path_of([])).result()
+    assert failed.status == FollowPath.ABORTED
+    if definition == "iron":
+        assert (answer.result.error_code, failed.result.error_code) == (NONE, INVALID_PATH)
 
 
 @pytest.mark.parametrize(
