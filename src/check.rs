@@ -107,6 +107,10 @@ fn check_run(file: &ConfigFile) -> Result<()> {
     match config.port {
         RunPort::Can => drop(config.bus(file)?),
         RunPort::Simulated => drop(run::simulated(file, &config)?),
+        RunPort::Ros2 => {}
+    }
+    if config.over_ros2() {
+        config.ros2(file, &vehicle)?;
     }
     Ok(())
 }

@@ -28,7 +28,7 @@ enum Command {
     Odometry(odometry::OdometryArgs),
     /// Identifies a vehicle's parameters from logs of level and sloping ground.
     Identify(identify::IdentifyArgs),
-    /// Drives a course in real time on a CAN bus.
+    /// Drives a course in real time on a CAN bus or on ROS 2.
     Run(run::RunArgs),
     /// Is a virtual rover in real time on a CAN bus or on ROS 2, there with --ros-args.
     Vehicle(vehicle::VehicleArgs),
@@ -42,6 +42,7 @@ fn main() -> ExitCode {
         .command
         .unwrap_or_else(|| Command::Simulate(simulate::SimulateArgs::default()));
     let result = match command {
+        Command::Run(args) => run::run(&args, &ros),
         Command::Vehicle(args) => vehicle::run(&args, &ros),
         _ if !ros.is_empty() => Err(anyhow!("--ros-args: this command is no node of ROS 2")),
         Command::Simulate(args) => simulate::run(&args),
@@ -50,7 +51,6 @@ fn main() -> ExitCode {
             .map(|()| ExitCode::SUCCESS),
         Command::Odometry(args) => odometry::run(&args).map(|()| ExitCode::SUCCESS),
         Command::Identify(args) => identify::run(&args).map(|()| ExitCode::SUCCESS),
-        Command::Run(args) => run::run(&args),
         Command::Check(args) => check::run(&args),
     };
     result.unwrap_or_else(|error| {

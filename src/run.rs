@@ -1,17 +1,24 @@
-//! `sidehill run`: the controller in real time on a CAN bus.
+//! `sidehill run`: the controller in real time on a CAN bus or on ROS 2.
 #![allow(clippy::print_stdout, clippy::print_stderr)]
 
+use crate::config::ros2::{environment, parameters};
 use crate::config::{ConfigFile, RunConfig, RunPort};
-use anyhow::{Context, Result, anyhow};
+use anyhow::{Context, Result, anyhow, ensure};
 use serde::Serialize;
 use sidehill_bridge::clock::{Clock, Epoch};
 use sidehill_bridge::cycle::{Cycle, Timing};
+use sidehill_bridge::mission::{CycleDesk, PilotDesk};
 use sidehill_bridge::pilot::ThreadedPilot;
 use sidehill_bridge::port::{CanPort, Port, SimulatedPort};
 use sidehill_bridge::realtime;
 use sidehill_bridge::record::{CycleRow, Outputs, RecordSink, Recorder, ring};
+use sidehill_bridge::ros2::arguments::RosArguments;
+use sidehill_bridge::ros2::names::Names;
+use sidehill_bridge::ros2::parameters::override_config;
+use sidehill_bridge::ros2::server::{self, Ros2};
 use sidehill_bridge::safety::{Operator, Reason, State};
 use sidehill_controller::controller::Controller;
+use sidehill_plant::vehicle::Vehicle;
 use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
@@ -47,6 +54,7 @@ struct Signals {
     end: Arc<AtomicBool>,
     arm: Arc<AtomicBool>,
     stop: Arc<AtomicBool>,
+    resumed: Arc<AtomicBool>,
 }
 
 /// One line a second on standard output.
@@ -68,15 +76,16 @@ struct Ending {
 }
 
 /// Drives the course of a configuration until it ends or a signal comes: SIGUSR1 arms, SIGUSR2 stops
-/// on the ramp, SIGINT and SIGTERM send zeros, switch the drives off and end the program.
+/// on the ramp, SIGINT and SIGTERM send zeros, switch the drives off and end the program, as does over
+/// ROS 2 a SIGCONT: its middleware does not outlive a suspension.
 ///
 /// The exit status is 0 where the course has been driven to its end or the time was over while
-/// driving, else 1.
+/// driving, or where paths come over ROS 2, else 1.
 ///
 /// # Errors
 /// A file that cannot be read, a setting that is out of range, a name that the CAN database does not
 /// know, or something asked of the system that it does not permit.
-pub fn run(args: &RunArgs) -> Result<ExitCode> {
+pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
     let file = ConfigFile::read(&args.config)?;
     let config: RunConfig = file.parse()?;
     let vehicle = config.load_vehicle(&file)?;
@@ -88,6 +97,17 @@ pub fn run(args: &RunArgs) -> Result<ExitCode> {
     let (heard_sink, heard) = ring(RING);
     let (sent_sink, sent) = ring(RING);
     let (cycle_sink, cycles) = ring(RING);
+    let over_ros2 = config.over_ros2();
+    let ros2 = start_ros2(&file, &config, &vehicle, ros_arguments, epoch)?;
+    let (clock, desks, ros2_port, _server) = match ros2 {
+        Some(ros2) => (
+            ros2.time.clock(),
+            Some((ros2.cycle, ros2.pilot)),
+            ros2.port,
+            Some(ros2.server),
+        ),
+        None => (Clock::Real(epoch), None, None, None),
+    };
     let (port, bus): (Box<dyn Port + Send>, _) = match config.port {
         RunPort::Can => {
             let (interface, layout) = config.bus(&file)?;
@@ -102,6 +122,10 @@ pub fn run(args: &RunArgs) -> Result<ExitCode> {
             (Box::new(port), interface.to_owned())
         }
         RunPort::Simulated => (Box::new(simulated(&file, &config)?), "simulated".to_owned()),
+        RunPort::Ros2 => {
+            let port = ros2_port.ok_or_else(|| anyhow!("there is no port of ROS 2"))?;
+            (Box::new(port), "ros2".to_owned())
+        }
     };
     let mut recorder = Recorder::new(vec![heard, sent, cycles], epoch, &bus);
     let job = Job {
@@ -112,7 +136,7 @@ pub fn run(args: &RunArgs) -> Result<ExitCode> {
     };
     let thread = std::thread::Builder::new()
         .name("cycle".to_owned())
-        .spawn(move || job.drive(Clock::Real(epoch), port, controller, cycle_sink))?;
+        .spawn(move || job.drive(clock, port, controller, desks, cycle_sink))?;
 
     let mut reported_s = 0.0;
     while !thread.is_finished() {
@@ -142,6 +166,8 @@ pub fn run(args: &RunArgs) -> Result<ExitCode> {
     println!("{}", serde_json::to_string(&ending)?);
     Ok(match ending.ended {
         "finished" | "time_over" => ExitCode::SUCCESS,
+        // Where paths come from outside, nothing but a signal ends.
+        "signal" if over_ros2 => ExitCode::SUCCESS,
         _ => ExitCode::FAILURE,
     })
 }
@@ -160,18 +186,33 @@ impl Job {
         clock: Clock,
         port: Box<dyn Port + Send>,
         controller: Controller,
+        desks: Option<(CycleDesk, PilotDesk)>,
         records: RecordSink,
     ) -> Result<Ending> {
+        let (mut desk, pilot_desk) = desks.unzip();
+        if let Clock::Told(told) = &clock {
+            // There is no time before somebody tells it.
+            while told.now_s().is_none() && !self.signals.end.load(Ordering::Relaxed) {
+                std::thread::sleep(Duration::from_millis(20));
+            }
+        }
         // The controller's thread before the priority, which it would inherit: it may be late, the
         // cycle may not.
-        let pilot = ThreadedPilot::start(controller)?;
+        let pilot = ThreadedPilot::start(controller, pilot_desk)?;
         realtime::apply(&self.config.realtime)?;
         let config = &self.config;
         let mut cycle = Cycle::new(config.cycle, config.safety, clock, port, pilot, records)?;
         let (mut operator, mut last_cycles, mut ended) = (Operator::default(), 0, "signal");
         let mut arm = self.arm;
         loop {
-            let row = cycle.step(operator);
+            let asked = match &mut desk {
+                Some(desk) => desk.operator(operator, cycle.state()),
+                None => operator,
+            };
+            let row = cycle.step(asked);
+            if let Some(desk) = &mut desk {
+                desk.leave(row, &cycle);
+            }
             operator.arm = false;
             if self.signals.arm.swap(false, Ordering::Relaxed)
                 || (arm && row.feedback_age_s <= config.safety.feedback_timeout_s)
@@ -190,6 +231,11 @@ impl Job {
             if self.signals.end.load(Ordering::Relaxed) {
                 operator.halt = true;
             }
+            // A middleware that was suspended hears and says nothing any more.
+            if desk.is_some() && self.signals.resumed.load(Ordering::Relaxed) {
+                ended = "suspended";
+                operator.halt = true;
+            }
             if self
                 .duration_s
                 .is_some_and(|duration_s| row.time_s >= duration_s)
@@ -200,7 +246,11 @@ impl Job {
                 };
                 operator.halt = true;
             }
-            if row.state == State::Latched && cycle.stopped_by() == Some(Reason::Finished) {
+            // Where paths come from outside, another may come.
+            if desk.is_none()
+                && row.state == State::Latched
+                && cycle.stopped_by() == Some(Reason::Finished)
+            {
                 ended = "finished";
                 operator.halt = true;
             }
@@ -215,15 +265,53 @@ impl Job {
 
 impl Signals {
     fn register() -> Result<Self> {
-        use signal_hook::consts::{SIGINT, SIGTERM, SIGUSR1, SIGUSR2};
+        use signal_hook::consts::{SIGCONT, SIGINT, SIGTERM, SIGUSR1, SIGUSR2};
         use signal_hook::flag::register;
         let signals = Self::default();
         register(SIGINT, Arc::clone(&signals.end))?;
         register(SIGTERM, Arc::clone(&signals.end))?;
         register(SIGUSR1, Arc::clone(&signals.arm))?;
         register(SIGUSR2, Arc::clone(&signals.stop))?;
+        register(SIGCONT, Arc::clone(&signals.resumed))?;
         Ok(signals)
     }
+}
+
+/// Starts what is offered on ROS 2, where paths come from there.
+fn start_ros2(
+    file: &ConfigFile,
+    config: &RunConfig,
+    vehicle: &Vehicle,
+    arguments: &[String],
+    epoch: Epoch,
+) -> Result<Option<Ros2>> {
+    if !config.over_ros2() {
+        ensure!(
+            arguments.is_empty(),
+            "--ros-args: this configuration has no ROS 2 in it"
+        );
+        return Ok(None);
+    }
+    let (mut ros2, mut route) = config.ros2(file, vehicle)?;
+    let arguments = RosArguments::parse(arguments)?;
+    let environment = environment()?;
+    let names = Names::new(&ros2.node, "/", &arguments.remaps)?;
+    let given = parameters(&arguments, &names)?;
+    let (speed_m_s, period_s) = (&mut route.limits.speed_max_m_s, config.cycle.period_s);
+    override_config(&mut ros2, speed_m_s, period_s, &given)
+        .map_err(|reason| anyhow!("parameter {reason}"))?;
+    let started = server::start(server::Setup {
+        config: ros2,
+        vehicle,
+        route,
+        arguments: &arguments,
+        environment: &environment,
+        epoch,
+        drives: config.port == RunPort::Ros2,
+        stages: config.settings.stages,
+        period_s,
+    });
+    Ok(Some(started.map_err(|error| file.error(error))?))
 }
 
 /// Returns the virtual vehicle that a configuration names, within this program.

@@ -152,9 +152,15 @@ impl<P: Port, Q: Pilot> Cycle<P, Q> {
     pub fn step(&mut self, operator: Operator) -> CycleRow {
         // 1. Wait for the absolute time of this cycle.
         let first_s = *self.first_s.get_or_insert_with(|| self.clock.now_s());
-        let due_s = first_s + self.tick as f64 * self.config.period_s;
+        let mut due_s = first_s + self.tick as f64 * self.config.period_s;
         self.clock.wait_until(due_s);
         let begin_s = self.clock.now_s();
+        if begin_s + self.config.period_s < due_s {
+            // A clock that was put back, or has been waited for in vain, is counted from anew.
+            self.first_s = Some(begin_s);
+            self.tick = 0;
+            due_s = begin_s;
+        }
 
         // 2. Receive: the newest of everything.
         let reading = self.port.receive(begin_s);
@@ -162,7 +168,9 @@ impl<P: Port, Q: Pilot> Cycle<P, Q> {
         // 3. Decide, within the time there is.
         let engaged = self.safety.state() == State::Driving;
         let patience = match self.clock {
-            Clock::Real(_) => Some(Duration::from_secs_f64(self.config.decision_time_s)),
+            Clock::Real(_) | Clock::Told(_) => {
+                Some(Duration::from_secs_f64(self.config.decision_time_s))
+            }
             Clock::Virtual { .. } => None,
         };
         let decision = self.pilot.decide(&reading.sample, engaged, patience);
@@ -191,7 +199,9 @@ impl<P: Port, Q: Pilot> Cycle<P, Q> {
         let end_s = self.clock.now_s();
         let slack_s = due_s + self.config.period_s - end_s;
         self.lateness.take(begin_s - due_s, slack_s);
-        let late_periods = (-slack_s / self.config.period_s).max(0.0) as u64;
+        // A cycle that began after its own period does not begin again at once.
+        let passed_s = (begin_s - due_s).max(-slack_s);
+        let late_periods = (passed_s / self.config.period_s).max(0.0) as u64;
         self.tick += 1 + late_periods;
         self.skipped += late_periods;
         let feedback = reading.feedback.map(|feedback| feedback.value.speeds);

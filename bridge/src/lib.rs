@@ -10,6 +10,7 @@ pub mod can;
 pub mod clock;
 pub mod cycle;
 pub mod drive;
+pub mod mission;
 pub mod motors;
 pub mod pilot;
 pub mod port;

@@ -1,5 +1,6 @@
 //! The controller as the cycle sees it: in the cycle itself, or in a thread that may be late.
 
+use crate::mission::PilotDesk;
 use crate::safety::{Intent, PilotState};
 use sidehill_controller::controller::{Controller, Decision, Status};
 use sidehill_plant::sample::Sample;
@@ -39,6 +40,7 @@ pub fn intent(decision: &Decision) -> Intent {
 pub struct InlinePilot {
     controller: Controller,
     engaged: bool,
+    desk: Option<PilotDesk>,
 }
 
 impl InlinePilot {
@@ -48,7 +50,14 @@ impl InlinePilot {
         Self {
             controller,
             engaged: false,
+            desk: None,
         }
+    }
+
+    /// Returns this pilot with a desk where it takes paths and leaves what it decides.
+    pub fn at(mut self, desk: Option<PilotDesk>) -> Self {
+        self.desk = desk;
+        self
     }
 }
 
@@ -67,8 +76,15 @@ impl Pilot for InlinePilot {
                 self.controller.request_stop();
             }
         }
+        if let Some(desk) = &self.desk {
+            desk.take_paths(&mut self.controller);
+        }
         let deadline = patience.map(|patience| Instant::now() + patience);
-        Some(self.controller.step(sample, deadline))
+        let decision = self.controller.step(sample, deadline);
+        if let Some(desk) = &mut self.desk {
+            desk.leave(&decision, &self.controller);
+        }
+        Some(decision)
     }
 }
 
@@ -93,7 +109,7 @@ impl ThreadedPilot {
     ///
     /// # Errors
     /// The system's, where it has no thread left.
-    pub fn start(controller: Controller) -> Result<Self, std::io::Error> {
+    pub fn start(controller: Controller, desk: Option<PilotDesk>) -> Result<Self, std::io::Error> {
         let (questions, mut asked) = triple_buffer(&None::<Question>);
         let (mut answer, answers) = triple_buffer(&None::<Decision>);
         let stop = Arc::new(AtomicBool::new(false));
@@ -101,7 +117,7 @@ impl ThreadedPilot {
         let thread = std::thread::Builder::new()
             .name("controller".to_owned())
             .spawn(move || {
-                let mut pilot = InlinePilot::new(controller);
+                let mut pilot = InlinePilot::new(controller).at(desk);
                 while !ended.load(Ordering::Relaxed) {
                     if !asked.update() {
                         std::thread::park_timeout(Duration::from_millis(100));

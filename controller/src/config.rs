@@ -4,6 +4,7 @@ use crate::estimator::EstimatorSettings;
 use crate::mpc::limits::{InputLimits, MotorLimits};
 use crate::mpc::{ChangeWeights, Corridor, MpcSettings, QpMode, QpSettings, StageWeights};
 use crate::pure_pursuit::PurePursuitSettings;
+use crate::reference::Tracking;
 use crate::trajectory::Motion;
 use serde::{Deserialize, Serialize};
 use sidehill_plant::vehicle::RangeError;
@@ -443,6 +444,20 @@ impl ControllerConfig {
         )?;
         self.estimator.validate()?;
         self.pure_pursuit.validate()
+    }
+
+    /// Returns the tracking of a path whose reference waits for the vehicle.
+    pub fn along_path(&self) -> Tracking {
+        Tracking::Path {
+            lead_max_m: self.lead_max_m,
+        }
+    }
+
+    /// Returns the tracking of a path for a law that looks at one point of it.
+    pub fn along_path_by_cusps(&self) -> Tracking {
+        Tracking::PathByCusps {
+            lead_max_m: self.lead_max_m,
+        }
     }
 
     /// Returns the time after which a command acts: delay and, as a further delay, the motors' lag.

@@ -122,6 +122,8 @@ pub struct Decision {
     pub solve: Option<SolveReport>,
     /// Readings left out because they were not finite.
     pub refused: Refused,
+    /// Number of the reference that is followed: 0 for the first, see [`Controller::follow`].
+    pub reference: u64,
 }
 
 /// What turns estimate and reference into a command.
@@ -145,6 +147,13 @@ struct Issued {
     command: MotorSpeeds,
 }
 
+/// Poses in a row that the gate may refuse while the vehicle stands, before it is taken to have been
+/// carried to where they say.
+const CARRIED_POSES: u32 = 10;
+/// Largest distance between the ends of the horizons of two references for which the plan made for
+/// the first is taken up for the second, m.
+const PLAN_REUSE_M: f64 = 0.5;
+
 /// Follows a reference; one [`Controller::step`] a control period.
 pub struct Controller {
     config: ControllerConfig,
@@ -152,6 +161,7 @@ pub struct Controller {
     terrain: Option<Terrain>,
     estimator: Estimator,
     reference: Reference,
+    reference_number: u64,
     law: Law,
     /// Whether the law predicts with what the estimator learns.
     adapts: bool,
@@ -194,13 +204,10 @@ impl Controller {
         } else {
             Estimator::new(config.estimator, vehicle.clone())
         };
-        let tracking = if kind == ControllerKind::PurePursuit {
+        let tracking = match kind {
             // A geometric law knows no time: its reference waits for the vehicle.
-            Tracking::PathByCusps {
-                lead_max_m: config.lead_max_m,
-            }
-        } else {
-            tracking
+            ControllerKind::PurePursuit => config.along_path_by_cusps(),
+            _ => tracking,
         };
         let vehicle = match kind {
             ControllerKind::IcrikMpc => vehicle.clone(),
@@ -220,6 +227,7 @@ impl Controller {
         Ok(Self {
             estimator,
             reference: Reference::new(trajectory, tracking, laps),
+            reference_number: 0,
             targets: Vec::with_capacity(config.stages),
             issued: Vec::with_capacity(commands + 1),
             phase: Phase::Driving { fallback_cycles: 0 },
@@ -250,6 +258,33 @@ impl Controller {
         }
     }
 
+    /// Returns the targets of the horizon of the last cycle.
+    pub fn targets(&self) -> &[StageTarget] {
+        &self.targets
+    }
+
+    /// Follows `trajectory` along its path from the next cycle on, beginning at the arc length
+    /// `from_m`, under a number of the caller's. The estimate and the commands in flight stay; a
+    /// stopped controller stays stopped, one that had finished drives again.
+    pub fn follow(&mut self, number: u64, trajectory: Trajectory, from_m: f64) {
+        let tracking = match self.law {
+            Law::Mpc { .. } => self.config.along_path(),
+            Law::PurePursuit => self.config.along_path_by_cusps(),
+        };
+        let next = Reference::new(trajectory, tracking, 1).starting_at(from_m);
+        // A plan that leads elsewhere is a bad point to linearise about.
+        let horizon_s = self.config.delay_s() + self.config.step_s * self.config.stages as f64;
+        let [old, new] = [&self.reference, &next].map(|reference| reference.ahead(horizon_s));
+        if let Law::Mpc { planned, .. } = &mut self.law {
+            *planned &= old.position.distance_m(&new.position) <= PLAN_REUSE_M;
+        }
+        if self.phase == Phase::Finished {
+            self.phase = Phase::Driving { fallback_cycles: 0 };
+        }
+        self.reference = next;
+        self.reference_number = number;
+    }
+
     /// Stops the vehicle at its decelerations from the next cycle on.
     pub fn request_stop(&mut self) {
         if !matches!(self.phase, Phase::Stopped(_)) {
@@ -272,6 +307,13 @@ impl Controller {
     ///
     /// Total: every doubt ends in a controlled stop and a [`Status`] that says why.
     pub fn step(&mut self, sample: &Sample, deadline: Option<Instant>) -> Decision {
+        if self
+            .last_time_s
+            .is_some_and(|before_s| sample.time_s < before_s)
+        {
+            // What was read under the clock before it was put back is not older than what comes now.
+            self.estimator.restart();
+        }
         let (estimate, refused) = self.estimator.update(sample);
         let mut decision = Decision {
             time_s: sample.time_s,
@@ -281,6 +323,7 @@ impl Controller {
             progress: None,
             solve: None,
             refused,
+            reference: self.reference_number,
         };
         let elapsed_s = self.elapsed(sample.time_s);
         if let Some(estimate) = &estimate {
@@ -292,7 +335,13 @@ impl Controller {
             let progress = self.reference.advance(reference_s, &estimate.pose);
             decision.progress = Some(progress);
             self.supervise(estimate, &progress);
-            self.follow(estimate, &progress, elapsed_s, deadline, &mut decision);
+            self.decide(estimate, &progress, elapsed_s, deadline, &mut decision);
+            // A vehicle that stands may have been carried elsewhere.
+            let stands = self.last_command() == MotorSpeeds::STOP;
+            let stopped = matches!(self.phase, Phase::Stopped(_));
+            if stopped && stands && estimate.poses_gated >= CARRIED_POSES {
+                self.estimator.restart();
+            }
         } else if let Phase::Stopped(reason) = self.phase {
             decision.status = Status::Stopping(reason);
         }
@@ -367,7 +416,7 @@ impl Controller {
     }
 
     /// Fills in command and status as the phase has it.
-    fn follow(
+    fn decide(
         &mut self,
         estimate: &Estimate,
         progress: &Progress,

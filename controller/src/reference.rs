@@ -72,6 +72,12 @@ impl Reference {
         }
     }
 
+    /// Returns this reference moved on to where the trajectory has come `arc_length_m` far.
+    pub fn starting_at(mut self, arc_length_m: f64) -> Self {
+        self.time_s = self.trajectory.time_at(arc_length_m);
+        self
+    }
+
     /// Returns the trajectory.
     pub fn trajectory(&self) -> &Trajectory {
         &self.trajectory

@@ -1,6 +1,7 @@
 //! Time-parametrised references.
 
 use crate::path::{Hermite, Path, PathError, Point2};
+use sidehill_plant::frames::PlanarPose;
 
 /// Largest distance in time between the nodes of a trajectory, s.
 pub(crate) const NODE_STEP_S: f64 = 0.05;
@@ -83,6 +84,38 @@ impl Trajectory {
             path,
             ending,
         })
+    }
+
+    /// Returns a trajectory that stands in a pose: what is followed before there is a path.
+    pub fn standing_at(pose: &PlanarPose) -> Self {
+        let node = Node {
+            arc_length_m: 0.0,
+            position: Point2 {
+                x_m: pose.x_m,
+                y_m: pose.y_m,
+            },
+            heading_rad: pose.yaw_rad,
+            speed_m_s: 0.0,
+            yaw_rate_rad_s: 0.0,
+            motion: Motion::Stand,
+        };
+        Self {
+            nodes: vec![node, node],
+            step_s: NODE_STEP_S,
+            path: None,
+            ending: Ending::Stop,
+        }
+    }
+
+    /// Returns this trajectory as seen from another frame, in which the origin of its own is at
+    /// `frame`: `frame.yaw_rad` is the turn from the other axes to its own.
+    pub fn seen_from(mut self, frame: &PlanarPose) -> Self {
+        for node in &mut self.nodes {
+            node.position = node.position.seen_from(frame);
+            node.heading_rad += frame.yaw_rad;
+        }
+        self.path = self.path.map(|path| path.seen_from(frame));
+        self
     }
 
     /// Returns the duration, s; of one period where the trajectory is periodic.

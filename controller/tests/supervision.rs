@@ -429,3 +429,69 @@ fn a_straight_drive_ends_standing_at_its_end() {
         assert!(distance_m < 0.1, "{kind:?}: {distance_m} m");
     }
 }
+
+#[test]
+fn another_path_is_taken_up_while_driving() {
+    for kind in KINDS {
+        let mut rig = driving(kind);
+        let before = rig.cycle();
+        let pose = before.estimate.unwrap().pose;
+        // A straight path that begins under the vehicle, given in a frame of its own.
+        let ahead = course("{shape: straight, length_m: 4, heading_deg: 0}").seen_from(&pose);
+        rig.controller.follow(7, ahead, 0.0);
+        let after = rig.cycle();
+        assert_eq!((before.reference, after.reference), (0, 7));
+        assert_eq!(after.status, Status::Tracking);
+        // Neither the estimate nor the command begins anew.
+        let drop_m_s = before.command.traction_m_s - after.command.traction_m_s;
+        assert!(drop_m_s.abs() < 0.11, "{drop_m_s}");
+        let until = (0..400).find(|_| rig.cycle().status == Status::Finished);
+        assert!(until.is_some());
+        let end = rig.simulation.state().pose;
+        let (sin, cos) = pose.yaw_rad.sin_cos();
+        let (x_m, y_m) = (pose.x_m - 4.0 * sin, pose.y_m + 4.0 * cos);
+        let miss_m = (end.x_m - x_m).hypot(end.y_m - y_m);
+        assert!(miss_m < 0.25, "{kind:?}: {miss_m} m");
+        // One that has finished drives again, and begins where it is told to.
+        let back = course("{shape: straight, length_m: 9, heading_deg: 0}").seen_from(&pose);
+        rig.controller.follow(8, back, 4.0);
+        let decision = rig.cycle();
+        assert_eq!(decision.status, Status::Tracking);
+        let progress_m = decision.progress.unwrap().arc_length_m;
+        assert!((progress_m - 4.0).abs() < 0.2, "{progress_m}");
+    }
+}
+
+#[test]
+fn another_path_does_not_move_a_stopped_vehicle() {
+    let mut rig = driving(ControllerKind::IcrikMpc);
+    rig.controller.request_stop();
+    rig.until_standing(STOPPING_CYCLES);
+    let pose = rig.cycle().estimate.unwrap().pose;
+    let ahead = course("{shape: straight, length_m: 4, heading_deg: 0}").seen_from(&pose);
+    rig.controller.follow(1, ahead, 0.0);
+    for _ in 0..20 {
+        let decision = rig.cycle();
+        assert_eq!(decision.status, Status::Stopping(StopReason::Requested));
+        assert_eq!(decision.command, MotorSpeeds::STOP);
+    }
+}
+
+#[test]
+fn a_vehicle_that_was_carried_while_it_stood_is_believed_where_it_is() {
+    let mut rig = driving(ControllerKind::IcrikMpc);
+    rig.controller.request_stop();
+    rig.until_standing(STOPPING_CYCLES);
+    let carried = |sample: &mut Sample| {
+        if let Some(pose) = &mut sample.pose {
+            pose.value.x_m += 5.0;
+        }
+    };
+    let before = rig.cycle().estimate.unwrap().pose;
+    for _ in 0..20 {
+        rig.cycle_with(None, carried);
+    }
+    let estimate = rig.cycle_with(None, carried).estimate.unwrap();
+    assert!((estimate.pose.x_m - before.x_m - 5.0).abs() < 0.1);
+    assert!(estimate.pose_age_s < 0.2);
+}

@@ -9,13 +9,18 @@ use sidehill_bridge::can::layout::Layout;
 use sidehill_bridge::cycle::CycleConfig;
 use sidehill_bridge::drive::DriveConfig;
 use sidehill_bridge::realtime::RealtimeConfig;
+use sidehill_bridge::ros2::config::Ros2Config;
+use sidehill_bridge::ros2::convert::TwistMapping;
+use sidehill_bridge::ros2::route::RouteSettings;
 use sidehill_bridge::ros2::vehicle::VehicleNodeConfig;
 use sidehill_bridge::safety::SafetyConfig;
 use sidehill_bridge::virtual_vehicle::InjectedFault;
 use sidehill_controller::config::{ControllerConfig, ControllerKind};
 use sidehill_controller::controller::Controller;
 use sidehill_controller::course::Course;
+use sidehill_controller::trajectory::Trajectory;
 use sidehill_plant::drive_train::DriveTrainConfig;
+use sidehill_plant::frames::PlanarPose;
 use sidehill_plant::sensors::SensorsConfig;
 use sidehill_plant::vehicle::{RangeError, Vehicle};
 use std::path::{Path, PathBuf};
@@ -29,6 +34,8 @@ pub enum RunPort {
     Can,
     /// A virtual vehicle within the program.
     Simulated,
+    /// Topics of ROS 2.
+    Ros2,
 }
 
 /// What `sidehill run` reads.
@@ -75,6 +82,10 @@ pub struct RunConfig {
     /// What is asked of the system.
     #[serde(default)]
     pub realtime: RealtimeConfig,
+    /// What is offered and listened to on ROS 2: paths come from there, through whatever port the
+    /// drives are told.
+    #[serde(default)]
+    pub ros2: Option<Ros2Config>,
 }
 
 impl RunConfig {
@@ -105,20 +116,56 @@ impl RunConfig {
         RangeError::check("laps", f64::from(self.laps), 1.0, 1e6, "from 1 to 1000000")
             .and_then(|_| self.speed.validate())
             .map_err(|error| file.error(error))?;
-        let source = Source::of(file, self.course.as_ref(), self.route.as_ref(), None)?;
-        let limits = self.speed.limits(&settings.limits, vehicle);
-        let reference = Reference::build(file, source, &limits)?;
-        let tracking = reference.tracking(settings.lead_max_m);
+        let (trajectory, tracking) = if self.over_ros2() {
+            if self.course.is_some() || self.route.is_some() {
+                return Err(file.error("course and route: paths come over ROS 2, not from here"));
+            }
+            let standing = Trajectory::standing_at(&PlanarPose::default());
+            (standing, settings.along_path())
+        } else {
+            let source = Source::of(file, self.course.as_ref(), self.route.as_ref(), None)?;
+            let limits = self.speed.limits(&settings.limits, vehicle);
+            let reference = Reference::build(file, source, &limits)?;
+            let tracking = reference.tracking(settings.lead_max_m);
+            (reference.trajectory, tracking)
+        };
         Controller::new(
             self.controller,
             settings.clone(),
             vehicle,
-            reference.trajectory,
+            trajectory,
             tracking,
             self.laps,
             None,
         )
         .map_err(|error| file.error(error))
+    }
+
+    /// Returns whether paths come over ROS 2.
+    pub fn over_ros2(&self) -> bool {
+        self.port == RunPort::Ros2 || self.ros2.is_some()
+    }
+
+    /// Returns what is offered and listened to on ROS 2, and how its paths are driven.
+    ///
+    /// # Errors
+    /// [`ConfigError`] with the file, key, value and range.
+    pub fn ros2(
+        &self,
+        file: &ConfigFile,
+        vehicle: &Vehicle,
+    ) -> Result<(Ros2Config, RouteSettings), ConfigError> {
+        let config = self.ros2.clone().unwrap_or_default();
+        config
+            .validate()
+            .and_then(|()| TwistMapping::new(config.commands.track_width_m, vehicle).map(drop))
+            .map_err(|error| file.error(error))?;
+        let route = RouteSettings {
+            smoothing: config.smoothing,
+            limits: self.speed.limits(&self.settings.limits, vehicle),
+            use_orientations: config.follow_path.use_orientations,
+        };
+        Ok((config, route))
     }
 
     /// Returns interface and layout of the bus.

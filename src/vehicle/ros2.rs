@@ -6,13 +6,20 @@ use crate::config::{Prepared, VehicleConfig};
 use anyhow::Result;
 use sidehill_bridge::can::layout::DriveMode;
 use sidehill_bridge::clock::Epoch;
-use sidehill_bridge::ros2::arguments::RosArguments;
+use sidehill_bridge::ros2::arguments::{RosArguments, RosEnvironment};
 use sidehill_bridge::ros2::vehicle::{RosVehicle, VehicleNode, VehicleSetup};
 use sidehill_plant::simulation::TrueState;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 pub(super) struct RosRover {
     vehicle: RosVehicle,
     node: VehicleNode,
+    origin_ns: i64,
+    arguments: RosArguments,
+    environment: RosEnvironment,
+    /// Whether the process has been stopped and continued.
+    continued: Arc<AtomicBool>,
 }
 
 impl RosRover {
@@ -29,13 +36,32 @@ impl RosRover {
             None => (epoch.unix_s(0.0) * 1e9) as i64,
         };
         let vehicle = build(config, world, origin_ns)?;
-        let node = VehicleNode::start(&vehicle, origin_ns, &arguments, &environment()?)?;
-        Ok(Self { vehicle, node })
+        let environment = environment()?;
+        let node = VehicleNode::start(&vehicle, origin_ns, &arguments, &environment)?;
+        let continued = Arc::new(AtomicBool::new(false));
+        signal_hook::flag::register(signal_hook::consts::SIGCONT, Arc::clone(&continued))?;
+        Ok(Self {
+            vehicle,
+            node,
+            origin_ns,
+            arguments,
+            environment,
+            continued,
+        })
     }
 }
 
 impl Rover for RosRover {
     fn advance(&mut self, now_s: f64) -> Result<bool> {
+        if self.continued.swap(false, Ordering::Relaxed) {
+            // RustDDS gives up for good when its wait is interrupted, as by every stop.
+            self.node = VehicleNode::start(
+                &self.vehicle,
+                self.origin_ns,
+                &self.arguments,
+                &self.environment,
+            )?;
+        }
         if let Some(motors) = self.node.command(&self.vehicle) {
             self.vehicle.take(motors, now_s);
         }

@@ -194,14 +194,15 @@ class Goal:
 
 
 class FollowPath:
-    """A client of the action."""
+    """A client of the action, by the definition of a distribution."""
 
     EXECUTING, CANCELING, SUCCEEDED, CANCELED, ABORTED = 2, 3, 4, 5, 6
 
-    def __init__(self, peer, name="/follow_path"):
-        base = f"{name}/_action"
-        self.send_goal = Client(peer, f"{base}/send_goal", wire.SendGoal)
-        self.get_result = Client(peer, f"{base}/get_result", wire.GetResult)
+    def __init__(self, peer, definition="jazzy"):
+        base = "/follow_path/_action"
+        self.goal_type = wire.FollowPathGoal[definition]
+        self.send_goal = Client(peer, f"{base}/send_goal", wire.SendGoal[definition])
+        self.get_result = Client(peer, f"{base}/get_result", wire.GetResult[definition])
         self.cancel = Client(peer, f"{base}/cancel_goal", wire.CancelGoal)
         self.feedback = peer.reader(f"{base}/feedback", wire.FeedbackMessage)
         self.status = peer.reader(f"{base}/status", wire.GoalStatusArray, latched=True)
@@ -214,8 +215,8 @@ class FollowPath:
         return self
 
     def send(self, path, **names):
-        goal_id = wire.UUID(uuid=list(uuid.uuid4().bytes))
-        reply = self.send_goal.call(goal_id=goal_id, goal=wire.FollowPathGoal(path=path, **names))
+        goal_id = wire.UUID(uuid=uuid.uuid4().bytes)
+        reply = self.send_goal.call(goal_id=goal_id, goal=self.goal_type(path=path, **names))
         return Goal(self, goal_id, reply)
 
 

@@ -1,6 +1,7 @@
 """The virtual vehicle alone, driven open loop by an independent peer."""
 
 import math
+import signal
 import subprocess
 import time
 
@@ -187,6 +188,21 @@ def test_ros_args_name_node_and_topics_and_it_leaves_the_graph(vehicle, peer, do
     peer.reader("/tf", wire.TFMessage).next("/tf, which is no relative name")
     assert rover.program.end() == 0
     wait_for(lambda: "/j8/front" not in names(), "the node gone from the graph", 3.0)
+
+
+def test_a_vehicle_that_was_suspended_speaks_again(vehicle, peer):
+    rover = vehicle()
+    odom = peer.reader("/odom", wire.Odometry)
+    odom.next("odometry")
+    rover.program.signal(signal.SIGSTOP)
+    time.sleep(1.0)
+    rover.program.signal(signal.SIGCONT)
+    fresh = lambda: any(time.time() - seconds(message.header.stamp) < 0.5 for message in odom.take())
+    wait_for(fresh, "fresh odometry")
+    command = matched(peer.writer("/cmd_vel", wire.Twist))
+    drive(command, twist(0.5, 0.0), 1.5)
+    assert rover.now()["traction_m_s"] > 0.4
+    assert rover.program.end() == 0
 
 
 @pytest.mark.parametrize(

@@ -131,35 +131,43 @@ ParticipantEntitiesInfo = wire(
     node_entities_info_seq=sequence[NodeEntitiesInfo],
 )
 
-# The action nav2_msgs/FollowPath of jazzy
+# The action nav2_msgs/FollowPath, by distribution
 UUID = wire("unique_identifier_msgs/msg/UUID", uuid=array[uint8, 16])
 GoalInfo = wire("action_msgs/msg/GoalInfo", goal_id=UUID, stamp=Time)
 GoalStatus = wire("action_msgs/msg/GoalStatus", goal_info=GoalInfo, status=int8)
 GoalStatusArray = wire("action_msgs/msg/GoalStatusArray", status_list=sequence[GoalStatus])
-FollowPathGoal = wire(
-    "nav2_msgs/action/FollowPath_Goal",
-    path=Path,
-    controller_id=str,
-    goal_checker_id=str,
-    progress_checker_id=str,
-)
-FollowPathResult = wire(
-    "nav2_msgs/action/FollowPath_Result", result=Empty, error_code=uint16, error_msg=str
-)
+_GOAL = {"path": Path, "controller_id": str, "goal_checker_id": str}
+_GOALS = {
+    "humble": wire("nav2_msgs/action/FollowPath_Goal", **_GOAL),
+    "jazzy": wire("nav2_msgs/action/FollowPath_Goal", **_GOAL, progress_checker_id=str),
+}
+_GOALS["iron"] = _GOALS["jazzy"]
+_RESULTS = {
+    "humble": wire("nav2_msgs/action/FollowPath_Result", result=Empty),
+    "iron": wire("nav2_msgs/action/FollowPath_Result", result=Empty, error_code=uint16),
+    "jazzy": wire("nav2_msgs/action/FollowPath_Result", result=Empty, error_code=uint16, error_msg=str),
+}
 FollowPathFeedback = wire("nav2_msgs/action/FollowPath_Feedback", distance_to_goal=float32, speed=float32)
 FeedbackMessage = wire(
     "nav2_msgs/action/FollowPath_FeedbackMessage", goal_id=UUID, feedback=FollowPathFeedback
 )
-SendGoal = service(
-    "nav2_msgs/action/FollowPath_SendGoal",
-    {"goal_id": UUID, "goal": FollowPathGoal},
-    {"accepted": bool, "stamp": Time},
-)
-GetResult = service(
-    "nav2_msgs/action/FollowPath_GetResult",
-    {"goal_id": UUID},
-    {"status": int8, "result": FollowPathResult},
-)
+SendGoal = {
+    name: service(
+        "nav2_msgs/action/FollowPath_SendGoal",
+        {"goal_id": UUID, "goal": goal},
+        {"accepted": bool, "stamp": Time},
+    )
+    for name, goal in _GOALS.items()
+}
+GetResult = {
+    name: service(
+        "nav2_msgs/action/FollowPath_GetResult",
+        {"goal_id": UUID},
+        {"status": int8, "result": result},
+    )
+    for name, result in _RESULTS.items()
+}
+FollowPathGoal = _GOALS
 CancelGoal = service(
     "action_msgs/srv/CancelGoal",
     {"goal_info": GoalInfo},

@@ -125,7 +125,7 @@ impl Pilot for Panicking {
         Some(Decision {
             time_s: sample.time_s,
             command: MotorSpeeds {
-                traction_m_s: 0.1_f64.mul_add(f64::from(self.moving.min(5)), 0.0),
+                traction_m_s: 0.1 * f64::from(self.moving.min(5)),
                 steer_m_s: 0.0,
             },
             status: Status::Tracking,
@@ -133,6 +133,7 @@ impl Pilot for Panicking {
             progress: None,
             solve: None,
             refused: Default::default(),
+            reference: 0,
         })
     }
 }

@@ -44,3 +44,10 @@ impl<P: Port + ?Sized> Port for Box<P> {
         (**self).send(now_s, order)
     }
 }
+
+/// Returns a reading that is newer than the last one delivered.
+pub(crate) fn newer<T>(reading: Option<Stamped<T>>, delivered_s: &mut f64) -> Option<Stamped<T>> {
+    let reading = reading.filter(|reading| reading.time_s > *delivered_s)?;
+    *delivered_s = reading.time_s;
+    Some(reading)
+}

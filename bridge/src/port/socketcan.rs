@@ -1,4 +1,4 @@
-use super::{Port, Reading};
+use super::{Port, Reading, newer};
 use crate::bus::{Heard, Listener, SendFault, Sender};
 use crate::can::cia402::Master;
 use crate::can::controller_side::{CommandWriter, MotorOrder, Readings, VehicleReader};
@@ -146,15 +146,15 @@ impl Port for CanPort {
         Reading {
             sample: Sample {
                 time_s: now_s,
-                tread_speeds: new(
+                tread_speeds: newer(
                     motors.map(|motors| Stamped {
                         time_s: motors.time_s,
                         value: motors.value.0.into(),
                     }),
                     treads_s,
                 ),
-                attitude: new(readings.attitude, attitude_s),
-                pose: new(readings.pose, pose_s),
+                attitude: newer(readings.attitude, attitude_s),
+                pose: newer(readings.pose, pose_s),
             },
             feedback: motors.map(|motors| Stamped {
                 time_s: motors.time_s,
@@ -206,13 +206,6 @@ impl Port for CanPort {
         }
         sent
     }
-}
-
-/// Returns a reading that is newer than the last one delivered.
-fn new<T>(reading: Option<Stamped<T>>, delivered_s: &mut f64) -> Option<Stamped<T>> {
-    let reading = reading.filter(|reading| reading.time_s > *delivered_s)?;
-    *delivered_s = reading.time_s;
-    Some(reading)
 }
 
 /// Emergency stop before fault before off before on.

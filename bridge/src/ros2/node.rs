@@ -54,7 +54,9 @@ impl RosNode {
         }
         let context =
             Context::from_domain_participant(participant.build().map_err(CreateError::from)?)?;
-        let options = NodeOptions::new().start_parameter_services(false);
+        let options = NodeOptions::new()
+            .start_parameter_services(false)
+            .allow_undeclared_parameters(true);
         let node = context.new_node(names.node().clone(), options)?;
         Ok(Self {
             node,

@@ -18,6 +18,7 @@ pub use smoothing::{Smoothed, Smoothing, smooth};
 
 pub(crate) use curve::{ArcLength, CurvePoint};
 
+use sidehill_plant::frames::PlanarPose;
 use std::f64::consts::PI;
 
 /// Distance between the samples a path is stored at, m.
@@ -36,6 +37,15 @@ impl Point2 {
     /// Returns the distance to `other`, m.
     pub fn distance_m(&self, other: &Self) -> f64 {
         (self.x_m - other.x_m).hypot(self.y_m - other.y_m)
+    }
+
+    /// Returns this point as seen from a frame in which the origin of its own is at `frame`.
+    pub fn seen_from(&self, frame: &PlanarPose) -> Self {
+        let (sin, cos) = frame.yaw_rad.sin_cos();
+        Self {
+            x_m: frame.x_m + cos * self.x_m - sin * self.y_m,
+            y_m: frame.y_m + sin * self.x_m + cos * self.y_m,
+        }
     }
 
     /// Returns whether both coordinates are finite.
@@ -163,6 +173,15 @@ impl Path {
             closed,
             length_m,
         })
+    }
+
+    /// Returns this path as seen from a frame in which the origin of its own is at `frame`.
+    pub(crate) fn seen_from(mut self, frame: &PlanarPose) -> Self {
+        for sample in self.pieces.iter_mut().flat_map(|piece| &mut piece.samples) {
+            sample.position = sample.position.seen_from(frame);
+            sample.heading_rad += frame.yaw_rad;
+        }
+        self
     }
 
     /// Returns the length, m; of one lap where the path is closed.

@@ -33,11 +33,14 @@ enum Commands {
     Twist(Subscription<Twist>),
     TwistStamped(Subscription<TwistStamped>),
     TreadVelocities(Subscription<Float64MultiArray>),
-    Motors {
-        traction: Subscription<Float64>,
-        steer: Subscription<Float64>,
-        newest: [Option<f64>; 2],
-    },
+    Motors(Box<MotorCommands>),
+}
+
+/// Two topics that make a command together.
+struct MotorCommands {
+    traction: Subscription<Float64>,
+    steer: Subscription<Float64>,
+    newest: [Option<f64>; 2],
 }
 
 impl VehicleNode {
@@ -74,11 +77,11 @@ impl VehicleNode {
             CommandKind::TreadVelocities => Commands::TreadVelocities(
                 node.subscription("tread_velocities/commands", &qos::NEWEST)?,
             ),
-            CommandKind::Motors => Commands::Motors {
+            CommandKind::Motors => Commands::Motors(Box::new(MotorCommands {
                 traction: node.subscription("traction/command", &qos::NEWEST)?,
                 steer: node.subscription("steer/command", &qos::NEWEST)?,
                 newest: [None; 2],
-            },
+            })),
         };
         Ok(Self {
             odometry: node.publisher("odom", &qos::STREAM)?,
@@ -120,27 +123,23 @@ impl VehicleNode {
             Commands::TreadVelocities(topic) => newest(topic, refused, |message| {
                 joints.commanded(&message).map(MeasuredMotorSpeeds::from)
             }),
-            Commands::Motors {
-                traction,
-                steer,
-                newest: values,
-            } => {
+            Commands::Motors(motors) => {
                 let finite = |message: Float64| match message.data.is_finite() {
                     true => Ok(message.data),
                     false => Err(()),
                 };
                 let came = [
-                    newest(traction, refused, finite),
-                    newest(steer, refused, finite),
+                    newest(&motors.traction, refused, finite),
+                    newest(&motors.steer, refused, finite),
                 ];
                 // A command is complete when both have come.
-                for (value, came) in values.iter_mut().zip(came) {
+                for (value, came) in motors.newest.iter_mut().zip(came) {
                     *value = came.or(*value);
                 }
-                let [Some(traction_m_s), Some(steer_m_s)] = *values else {
+                let [Some(traction_m_s), Some(steer_m_s)] = motors.newest else {
                     return None;
                 };
-                *values = [None; 2];
+                motors.newest = [None; 2];
                 Some(MeasuredMotorSpeeds {
                     traction_m_s,
                     steer_m_s,

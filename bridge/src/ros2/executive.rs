@@ -1,0 +1,404 @@
+//! From a path that is asked for to a drive that has ended: when to arm, when to stop, what to tell.
+//!
+//! ```text
+//! Preparing -> Arming -> Driving -> Ending -> (told)
+//! ```
+//!
+//! Time is an argument; there is no node and no thread in here. The safety decides on its own when
+//! the vehicle stops; the executive only asks it to, and gives its reasons a code.
+
+use super::checkers::{GoalError, ProgressChecker};
+use super::config::Tolerances;
+use super::goals::{GoalEnd, Outcome};
+use super::message::action::code;
+use crate::safety::{Reason, State};
+use ros2_client::action::GoalId;
+use sidehill_controller::controller::{Decision, Status, StopReason};
+use sidehill_plant::frames::PlanarPose;
+
+/// Who wants a path driven.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Client {
+    /// A goal of the action.
+    Goal(GoalId),
+    /// The topic.
+    Topic,
+}
+
+/// What shall happen.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Effect {
+    /// Arm under this number; 0 takes a wish back.
+    Arm(u64),
+    /// Stop and stay so, or no longer.
+    Stop(bool),
+    /// Tell how it has ended.
+    Told(Client, GoalEnd, Outcome),
+    /// Give the controller nothing to follow any more.
+    Clear,
+}
+
+/// What the executive looks at.
+#[derive(Debug, Clone, Copy)]
+pub struct Seen<'a> {
+    /// Now, s.
+    pub now_s: f64,
+    /// Time of the cycle that the next three are of, s.
+    pub cycle_s: f64,
+    /// State of the safety.
+    pub state: State,
+    /// Number of the newest arming carried out.
+    pub armed: u64,
+    /// Why the last drive ended.
+    pub stopped_by: Option<Reason>,
+    /// The controller's newest decision.
+    pub decision: Option<&'a Decision>,
+    /// Why the path's frame cannot be brought to that of odometry now.
+    pub transform: Option<&'a str>,
+    /// Whether the emergency stop is pressed or silent.
+    pub emergency_stop: bool,
+    /// Whether the clock has jumped.
+    pub clock_jumped: bool,
+    /// Whether the goal's client has left the graph.
+    pub client_lost: bool,
+}
+
+#[derive(Debug, Clone, PartialEq)]
+enum Phase {
+    Preparing,
+    Arming {
+        since_s: f64,
+    },
+    Driving,
+    Ending {
+        since_s: f64,
+        end: GoalEnd,
+        outcome: Outcome,
+    },
+}
+
+#[derive(Debug, Clone)]
+struct Job {
+    client: Client,
+    number: u64,
+    phase: Phase,
+    goal: PlanarPose,
+    progress: ProgressChecker,
+    /// Whether the controller has taken the path up.
+    followed: bool,
+    /// Since when transforms are missing, and plans.
+    without_transform_s: Option<f64>,
+    without_plan_s: Option<f64>,
+}
+
+/// Longest time until the drives are armed, s.
+const ARMING_S: f64 = 10.0;
+/// Longest time for a stop, s; the safety's own ramp is far shorter.
+const ENDING_S: f64 = 10.0;
+
+/// Looks after one path at a time.
+#[derive(Debug, Default)]
+pub struct Executive {
+    job: Option<Job>,
+    number: u64,
+    /// Whether a stop is asked for.
+    stopping: bool,
+}
+
+impl Executive {
+    /// Returns who the path in hand is for.
+    pub fn client(&self) -> Option<Client> {
+        self.job.as_ref().map(|job| job.client)
+    }
+
+    /// Returns the number of the path in hand, where it is given to the controller.
+    pub fn driven(&self) -> Option<u64> {
+        let job = self.job.as_ref()?;
+        matches!(job.phase, Phase::Arming { .. } | Phase::Driving).then_some(job.number)
+    }
+
+    /// Takes up another path; the one before has ended. Returns its number.
+    pub fn begin(&mut self, client: Client) -> (u64, Vec<Effect>) {
+        let mut effects = Vec::new();
+        if let Some(job) = self.job.take() {
+            effects.push(match job.phase {
+                // What was being ended has its end.
+                Phase::Ending { end, outcome, .. } => Effect::Told(job.client, end, outcome),
+                _ => Effect::Told(
+                    job.client,
+                    GoalEnd::Aborted,
+                    Outcome::new(code::UNKNOWN, "a newer path has come"),
+                ),
+            });
+        }
+        (self.adopt(client), effects)
+    }
+
+    fn adopt(&mut self, client: Client) -> u64 {
+        self.number += 1;
+        self.job = Some(Job {
+            client,
+            number: self.number,
+            phase: Phase::Preparing,
+            goal: PlanarPose::default(),
+            progress: ProgressChecker::default(),
+            followed: false,
+            without_transform_s: None,
+            without_plan_s: None,
+        });
+        self.number
+    }
+
+    /// Returns a number for a path that replaces the one in hand without being another: at other
+    /// speeds, or after its frame has moved.
+    pub fn renumber(&mut self) -> Option<u64> {
+        let job = self.job.as_mut()?;
+        self.number += 1;
+        job.number = self.number;
+        Some(self.number)
+    }
+
+    /// Says that the controller has been given the path, which leads to `goal`.
+    pub fn ready(&mut self, now_s: f64, state: State, goal: PlanarPose) -> Vec<Effect> {
+        let Some(job) = self.job.as_mut() else {
+            return Vec::new();
+        };
+        job.goal = goal;
+        job.followed = false;
+        job.progress.reset();
+        // A vehicle that is under way goes over to the new path as it drives.
+        let under_way = matches!(state, State::Zeroing | State::Enabling | State::Driving);
+        if under_way && !self.stopping {
+            job.phase = Phase::Driving;
+            return Vec::new();
+        }
+        job.phase = Phase::Arming { since_s: now_s };
+        vec![Effect::Arm(job.number)]
+    }
+
+    /// Says where the goal is now, as its frame has moved.
+    pub fn move_goal(&mut self, goal: PlanarPose) {
+        if let Some(job) = &mut self.job {
+            job.goal = goal;
+        }
+    }
+
+    /// Ends the path in hand; it is told when the vehicle stands.
+    pub fn end(&mut self, now_s: f64, end: GoalEnd, outcome: Outcome) -> Vec<Effect> {
+        let Some(job) = self.job.as_mut() else {
+            return Vec::new();
+        };
+        if let Phase::Ending { .. } = job.phase {
+            return Vec::new();
+        }
+        job.phase = Phase::Ending {
+            since_s: now_s,
+            end,
+            outcome,
+        };
+        self.stopping = true;
+        vec![Effect::Arm(0), Effect::Stop(true)]
+    }
+
+    /// Looks at what has become of the path in hand.
+    pub fn step(&mut self, seen: &Seen<'_>, tolerances: &Tolerances) -> Vec<Effect> {
+        let off = matches!(seen.state, State::Disarmed | State::Latched);
+        let Some(job) = self.job.as_mut() else {
+            return self.guard_idle(off);
+        };
+        match job.phase.clone() {
+            Phase::Preparing => {
+                if let Some(outcome) = refusal(seen) {
+                    return self.end(seen.now_s, GoalEnd::Aborted, outcome);
+                }
+                if self.stopping && off {
+                    self.stopping = false;
+                    return vec![Effect::Stop(false)];
+                }
+                Vec::new()
+            }
+            Phase::Ending {
+                since_s,
+                end,
+                outcome,
+            } => {
+                // Only a cycle that has seen the stop says that the vehicle stands.
+                let stands = off && seen.cycle_s > since_s;
+                if stands || seen.now_s - since_s > ENDING_S {
+                    let client = job.client;
+                    self.job = None;
+                    self.stopping = !stands;
+                    return vec![
+                        Effect::Clear,
+                        Effect::Stop(!stands),
+                        Effect::Told(client, end, outcome),
+                    ];
+                }
+                Vec::new()
+            }
+            Phase::Arming { since_s } => {
+                if let Some(outcome) = refusal(seen) {
+                    return self.end(seen.now_s, GoalEnd::Aborted, outcome);
+                }
+                if self.stopping && off {
+                    self.stopping = false;
+                    return vec![Effect::Stop(false)];
+                }
+                if seen.armed >= job.number {
+                    job.phase = Phase::Driving;
+                } else if seen.now_s - since_s > ARMING_S {
+                    let outcome = Outcome::new(code::UNKNOWN, "the drives could not be armed");
+                    return self.end(seen.now_s, GoalEnd::Aborted, outcome);
+                }
+                Vec::new()
+            }
+            Phase::Driving => self.watch(seen, tolerances, off),
+        }
+    }
+
+    /// Nobody has asked for a drive.
+    fn guard_idle(&mut self, off: bool) -> Vec<Effect> {
+        if off == self.stopping {
+            self.stopping = !off;
+            return vec![Effect::Stop(!off)];
+        }
+        Vec::new()
+    }
+
+    fn watch(&mut self, seen: &Seen<'_>, tolerances: &Tolerances, off: bool) -> Vec<Effect> {
+        let Some(job) = self.job.as_mut() else {
+            return Vec::new();
+        };
+        let now_s = seen.now_s;
+        let own = seen
+            .decision
+            .filter(|decision| decision.reference == job.number);
+        let tracked = own.filter(|decision| {
+            matches!(
+                decision.status,
+                Status::Tracking | Status::Fallback { .. } | Status::Finished
+            )
+        });
+        job.followed |= tracked.is_some() && !off;
+        if off {
+            return self.ended(seen, tolerances);
+        }
+        if seen.state == State::Stopping {
+            return Vec::new();
+        }
+        if let Some(outcome) = refusal(seen) {
+            return self.end(now_s, GoalEnd::Aborted, outcome);
+        }
+        if seen.client_lost {
+            let outcome = Outcome::new(code::UNKNOWN, "the client has left");
+            return self.end(now_s, GoalEnd::Aborted, outcome);
+        }
+        let lasts = |since_s: &mut Option<f64>, holds: bool| {
+            if !holds {
+                *since_s = None;
+                return false;
+            }
+            now_s - *since_s.get_or_insert(now_s) > tolerances.failure_s
+        };
+        if lasts(&mut job.without_transform_s, seen.transform.is_some()) {
+            let outcome = Outcome::new(code::TF_ERROR, seen.transform.unwrap_or_default());
+            return self.end(now_s, GoalEnd::Aborted, outcome);
+        }
+        let fallback = match own.map(|decision| decision.status) {
+            Some(Status::Fallback { reason, .. }) => Some(reason),
+            _ => None,
+        };
+        if lasts(&mut job.without_plan_s, fallback.is_some()) {
+            let reason = fallback.map_or_else(String::new, |reason| format!(": {reason}"));
+            let message = format!("no plan for longer than tolerated{reason}");
+            let outcome = Outcome::new(code::PATIENCE_EXCEEDED, message);
+            return self.end(now_s, GoalEnd::Aborted, outcome);
+        }
+        let pose = own
+            .and_then(|decision| decision.estimate)
+            .map(|estimate| estimate.pose);
+        if let Some(pose) = pose.filter(|_| seen.state == State::Driving) {
+            let (radius_m, time_s) = (tolerances.progress_m, tolerances.progress_time_s);
+            if !job.progress.gets_on(now_s, &pose, radius_m, time_s) {
+                let message = format!("no progress of {radius_m} m within {time_s} s");
+                let outcome = Outcome::new(code::FAILED_TO_MAKE_PROGRESS, message);
+                return self.end(now_s, GoalEnd::Aborted, outcome);
+            }
+        }
+        Vec::new()
+    }
+
+    /// The safety has ended the drive.
+    fn ended(&mut self, seen: &Seen<'_>, tolerances: &Tolerances) -> Vec<Effect> {
+        let Some(job) = self.job.as_mut() else {
+            return Vec::new();
+        };
+        let finished = seen.stopped_by == Some(Reason::Finished);
+        if finished && !job.followed {
+            // The drive before had come to its end when this path came.
+            job.phase = Phase::Arming {
+                since_s: seen.now_s,
+            };
+            return vec![Effect::Arm(job.number)];
+        }
+        let estimate = seen.decision.and_then(|decision| decision.estimate);
+        let (end, outcome) = match estimate.filter(|_| finished) {
+            Some(estimate) => {
+                let left = GoalError::of(&estimate.pose, &job.goal);
+                if left.within(tolerances.goal_xy_m, tolerances.goal_yaw_rad) {
+                    (GoalEnd::Succeeded, Outcome::default())
+                } else {
+                    let message = format!(
+                        "the path has ended {:.2} m and {:.2} rad off the goal",
+                        left.distance_m, left.heading_rad
+                    );
+                    let outcome = Outcome::new(code::NO_VALID_CONTROL, message);
+                    (GoalEnd::Aborted, outcome)
+                }
+            }
+            None => (GoalEnd::Aborted, explained(seen)),
+        };
+        self.end(seen.now_s, end, outcome)
+    }
+}
+
+/// What forbids to drive on, whatever the safety does.
+fn refusal(seen: &Seen<'_>) -> Option<Outcome> {
+    if seen.emergency_stop {
+        return Some(Outcome::new(code::UNKNOWN, "the emergency stop is pressed"));
+    }
+    seen.clock_jumped
+        .then(|| Outcome::new(code::TF_ERROR, "the clock has jumped"))
+}
+
+/// Returns what a client is told of a drive that the safety has ended.
+fn explained(seen: &Seen<'_>) -> Outcome {
+    let Some(reason) = seen.stopped_by else {
+        return Outcome::new(code::UNKNOWN, "the drive has ended");
+    };
+    if seen.emergency_stop {
+        return Outcome::new(code::UNKNOWN, "the emergency stop is pressed");
+    }
+    let code = match reason {
+        Reason::CommandTimeout { .. } => code::CONTROLLER_TIMED_OUT,
+        Reason::CommandNotFinite => code::NO_VALID_CONTROL,
+        Reason::FeedbackTimeout { .. } | Reason::Clock { .. } => code::TF_ERROR,
+        Reason::ControllerStopped { why } => return stopped(&why),
+        _ => code::UNKNOWN,
+    };
+    Outcome::new(code, reason.to_string())
+}
+
+/// Returns what a client is told of a controller that has stopped: without a pose Nav2's transforms
+/// fail too.
+fn stopped(why: &StopReason) -> Outcome {
+    let code = match why {
+        StopReason::PoseStale { .. } | StopReason::ClockJump { .. } => code::TF_ERROR,
+        StopReason::Requested => code::UNKNOWN,
+        _ => code::NO_VALID_CONTROL,
+    };
+    Outcome::new(code, why.to_string())
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,382 @@
+use super::*;
+use sidehill_controller::estimator::{Estimate, Refused};
+use sidehill_plant::speeds::MotorSpeeds;
+
+const TOLERANCES: Tolerances = Tolerances {
+    goal_xy_m: 0.25,
+    goal_yaw_rad: 0.25,
+    progress_m: 0.5,
+    progress_time_s: 10.0,
+    transform_s: 0.5,
+    failure_s: 1.0,
+};
+
+/// A vehicle in words: the state of its safety, and what the controller says.
+struct World {
+    executive: Executive,
+    now_s: f64,
+    state: State,
+    armed: u64,
+    stopped_by: Option<Reason>,
+    status: Status,
+    reference: u64,
+    x_m: f64,
+    transform: Option<&'static str>,
+    emergency_stop: bool,
+    clock_jumped: bool,
+    client_lost: bool,
+    told: Vec<(Client, GoalEnd, Outcome)>,
+    arm: u64,
+    stop: bool,
+}
+
+impl World {
+    fn new() -> Self {
+        Self {
+            executive: Executive::default(),
+            now_s: 1.0,
+            state: State::Disarmed,
+            armed: 0,
+            stopped_by: None,
+            status: Status::Tracking,
+            reference: 0,
+            x_m: 0.0,
+            transform: None,
+            emergency_stop: false,
+            clock_jumped: false,
+            client_lost: false,
+            told: Vec::new(),
+            arm: 0,
+            stop: false,
+        }
+    }
+
+    fn carry_out(&mut self, effects: Vec<Effect>) {
+        for effect in effects {
+            match effect {
+                Effect::Arm(number) => self.arm = number,
+                Effect::Stop(on) => self.stop = on,
+                Effect::Told(client, end, outcome) => self.told.push((client, end, outcome)),
+                Effect::Clear => self.reference = 0,
+            }
+        }
+    }
+
+    /// A cycle of the safety as far as it matters here, and a look at it.
+    fn cycle(&mut self) {
+        self.now_s += 0.05;
+        let off = matches!(self.state, State::Disarmed | State::Latched);
+        self.state = match self.state {
+            _ if self.emergency_stop && !off => {
+                self.stopped_by = Some(Reason::Halted);
+                State::Latched
+            }
+            state if off && self.arm > self.armed && !self.stop && !self.emergency_stop => {
+                self.armed = self.arm;
+                let _ = state;
+                State::Zeroing
+            }
+            State::Zeroing => State::Enabling,
+            State::Enabling => State::Driving,
+            State::Driving if self.stop => {
+                self.stopped_by = Some(Reason::OperatorStop);
+                State::Stopping
+            }
+            State::Stopping => State::Latched,
+            state => state,
+        };
+        let decision = Decision {
+            time_s: self.now_s,
+            command: MotorSpeeds::STOP,
+            status: self.status,
+            estimate: Some(estimate(self.now_s, self.x_m)),
+            progress: None,
+            solve: None,
+            refused: Refused::default(),
+            reference: self.reference,
+        };
+        let effects = self.executive.step(
+            &Seen {
+                now_s: self.now_s,
+                cycle_s: self.now_s,
+                state: self.state,
+                armed: self.armed,
+                stopped_by: self.stopped_by,
+                decision: Some(&decision),
+                transform: self.transform,
+                emergency_stop: self.emergency_stop,
+                clock_jumped: self.clock_jumped,
+                client_lost: self.client_lost,
+            },
+            &TOLERANCES,
+        );
+        self.carry_out(effects);
+    }
+
+    fn cycles(&mut self, count: u32) {
+        for _ in 0..count {
+            self.cycle();
+        }
+    }
+
+    /// Takes a path up that leads 10 m ahead, and returns its client.
+    fn follow(&mut self) -> Client {
+        let client = Client::Goal(GoalId::new_random());
+        let (number, effects) = self.executive.begin(client);
+        self.carry_out(effects);
+        self.cycles(2);
+        self.reference = number;
+        let goal = PlanarPose {
+            x_m: 10.0,
+            ..PlanarPose::default()
+        };
+        let effects = self.executive.ready(self.now_s, self.state, goal);
+        self.carry_out(effects);
+        client
+    }
+
+    fn driving(&mut self) -> Client {
+        let client = self.follow();
+        self.cycles(10);
+        assert_eq!(self.state, State::Driving);
+        client
+    }
+
+    fn finish(&mut self) {
+        self.state = State::Latched;
+        self.stopped_by = Some(Reason::Finished);
+        self.cycles(3);
+    }
+
+    #[track_caller]
+    fn assert_told(&self, client: Client, end: GoalEnd, code: u16) {
+        let told: Vec<_> = self
+            .told
+            .iter()
+            .filter(|(who, ..)| *who == client)
+            .collect();
+        assert_eq!(told.len(), 1, "{told:?}");
+        assert_eq!((told[0].1, told[0].2.code), (end, code), "{told:?}");
+        assert_eq!(told[0].2.message.is_empty(), end == GoalEnd::Succeeded);
+    }
+}
+
+fn estimate(time_s: f64, x_m: f64) -> Estimate {
+    use nalgebra::{Matrix3, Vector3};
+    Estimate {
+        time_s,
+        pose: PlanarPose {
+            x_m,
+            ..PlanarPose::default()
+        },
+        covariance: Matrix3::zeros(),
+        attitude: sidehill_plant::frames::Attitude::LEVEL,
+        normal_in_world: Vector3::z(),
+        treads: sidehill_plant::speeds::TreadSpeeds::default(),
+        gains: sidehill_plant::correction::Gains::default(),
+        model_error_m_s: 0.0,
+        pose_age_s: 0.0,
+        attitude_age_s: 0.0,
+        speeds_age_s: 0.0,
+        poses_gated: 0,
+    }
+}
+
+#[test]
+fn a_path_is_armed_for_driven_and_succeeds_within_the_tolerances() {
+    for (x_m, end, code) in [
+        (9.9, GoalEnd::Succeeded, code::NONE),
+        (9.0, GoalEnd::Aborted, code::NO_VALID_CONTROL),
+    ] {
+        let mut world = World::new();
+        let client = world.driving();
+        world.x_m = x_m;
+        world.cycle();
+        world.finish();
+        world.assert_told(client, end, code);
+        // Nothing is asked for any more.
+        world.cycles(3);
+        assert_eq!((world.arm, world.stop), (0, false));
+        assert_eq!(world.executive.client(), None);
+    }
+}
+
+#[test]
+fn a_newer_path_is_gone_over_to_without_a_stop() {
+    let mut world = World::new();
+    let first = world.driving();
+    let armed = world.armed;
+    let second = world.follow();
+    world.assert_told(first, GoalEnd::Aborted, code::UNKNOWN);
+    world.cycles(20);
+    assert_eq!(
+        (world.state, world.armed, world.stop),
+        (State::Driving, armed, false)
+    );
+    world.x_m = 10.0;
+    world.cycle();
+    world.finish();
+    world.assert_told(second, GoalEnd::Succeeded, code::NONE);
+}
+
+#[test]
+fn a_path_that_comes_as_the_one_before_ends_is_armed_for_anew() {
+    let mut world = World::new();
+    world.driving();
+    let (number, effects) = world.executive.begin(Client::Topic);
+    world.carry_out(effects);
+    let effects = world
+        .executive
+        .ready(world.now_s, world.state, PlanarPose::default());
+    world.carry_out(effects);
+    // The controller finishes the old path before it sees the new one.
+    world.state = State::Latched;
+    world.stopped_by = Some(Reason::Finished);
+    world.cycle();
+    world.reference = number;
+    world.cycles(5);
+    assert_eq!(world.state, State::Driving);
+    assert_eq!(world.armed, number);
+}
+
+#[test]
+fn a_cancelled_path_is_told_when_the_vehicle_stands() {
+    let mut world = World::new();
+    let client = world.driving();
+    let effects = world.executive.end(
+        world.now_s,
+        GoalEnd::Canceled,
+        Outcome::new(0, "taken back"),
+    );
+    world.carry_out(effects);
+    assert!(world.stop && world.told.is_empty());
+    world.cycle();
+    assert_eq!(world.state, State::Stopping);
+    assert!(world.told.is_empty());
+    world.cycles(2);
+    world.assert_told(client, GoalEnd::Canceled, code::NONE);
+    assert!(!world.stop);
+    // And a path after it drives.
+    world.driving();
+}
+
+#[test]
+fn an_end_before_the_drives_are_armed_does_not_arm_them() {
+    let mut world = World::new();
+    let client = world.follow();
+    let effects = world.executive.end(
+        world.now_s,
+        GoalEnd::Canceled,
+        Outcome::new(0, "taken back"),
+    );
+    world.carry_out(effects);
+    world.cycles(20);
+    assert_eq!((world.armed, world.state), (0, State::Disarmed));
+    world.assert_told(client, GoalEnd::Canceled, code::NONE);
+}
+
+#[test]
+fn an_arming_that_crosses_the_end_is_taken_back() {
+    let mut world = World::new();
+    let client = world.follow();
+    // The cycle has armed, but its word has not come yet.
+    let effects = world.executive.end(
+        world.now_s,
+        GoalEnd::Canceled,
+        Outcome::new(0, "taken back"),
+    );
+    world.carry_out(effects);
+    let seen = Seen {
+        now_s: world.now_s,
+        cycle_s: world.now_s - 0.05,
+        state: State::Disarmed,
+        armed: 0,
+        stopped_by: None,
+        decision: None,
+        transform: None,
+        emergency_stop: false,
+        clock_jumped: false,
+        client_lost: false,
+    };
+    let effects = world.executive.step(&seen, &TOLERANCES);
+    assert!(effects.is_empty(), "{effects:?}");
+    assert!(world.stop);
+    world.cycles(3);
+    world.assert_told(client, GoalEnd::Canceled, code::NONE);
+}
+
+#[test]
+fn every_doubt_ends_with_its_code() {
+    type Disturb = fn(&mut World);
+    let doubts: [(Disturb, u16); 9] = [
+        (|world| world.emergency_stop = true, code::UNKNOWN),
+        (|world| world.clock_jumped = true, code::TF_ERROR),
+        (|world| world.client_lost = true, code::UNKNOWN),
+        (
+            |world| world.transform = Some("there is no transform"),
+            code::TF_ERROR,
+        ),
+        (
+            |world| {
+                world.status = Status::Fallback {
+                    reason: sidehill_controller::mpc::QpFailure::Infeasible,
+                    cycles: 1,
+                };
+            },
+            code::PATIENCE_EXCEEDED,
+        ),
+        (|_| {}, code::FAILED_TO_MAKE_PROGRESS),
+        (
+            |world| {
+                world.state = State::Latched;
+                world.stopped_by = Some(Reason::CommandTimeout { age_s: 0.2 });
+            },
+            code::CONTROLLER_TIMED_OUT,
+        ),
+        (
+            |world| {
+                world.state = State::Latched;
+                world.stopped_by = Some(Reason::FeedbackTimeout { age_s: 0.3 });
+            },
+            code::TF_ERROR,
+        ),
+        (
+            |world| {
+                world.state = State::Latched;
+                let why = StopReason::OffPath { cross_track_m: 3.0 };
+                world.stopped_by = Some(Reason::ControllerStopped { why });
+                world.status = Status::Stopping(why);
+            },
+            code::NO_VALID_CONTROL,
+        ),
+    ];
+    for (index, (disturb, code)) in doubts.into_iter().enumerate() {
+        let mut world = World::new();
+        let client = world.driving();
+        disturb(&mut world);
+        world.cycles(220);
+        assert_eq!(world.state, State::Latched, "doubt {index}");
+        world.assert_told(client, GoalEnd::Aborted, code);
+        assert_eq!(world.arm, 0, "doubt {index} arms nothing");
+    }
+}
+
+#[test]
+fn nothing_is_armed_under_an_emergency_stop() {
+    let mut world = World::new();
+    world.emergency_stop = true;
+    let client = world.follow();
+    world.cycles(20);
+    assert_eq!((world.armed, world.state), (0, State::Disarmed));
+    world.assert_told(client, GoalEnd::Aborted, code::UNKNOWN);
+}
+
+#[test]
+fn a_drive_that_nobody_asked_for_is_stopped() {
+    let mut world = World::new();
+    world.state = State::Driving;
+    world.cycles(3);
+    assert_eq!(world.state, State::Latched);
+    world.cycles(2);
+    assert!(!world.stop);
+}

@@ -1,0 +1,406 @@
+//! From a path that has come to what the controller is given, and what becomes of it when its frame
+//! moves or the speed limit changes.
+
+use super::convert::pose_and_attitude;
+use super::goals::Outcome;
+use super::message::{SpeedLimit, action::code};
+use super::route::{Plan, Route, RouteSettings};
+use super::transform::Transforms;
+use nalgebra::{Isometry3, Point3};
+use sidehill_controller::path::Point2;
+use sidehill_controller::trajectory::Trajectory;
+use sidehill_plant::frames::{PlanarPose, wrap_angle};
+use std::f64::consts::FRAC_PI_2;
+use std::sync::mpsc::{Receiver, TryRecvError, channel};
+
+/// Movement of a frame at the vehicle that is followed, m and rad.
+const MOVED_M: f64 = 0.01;
+const MOVED_RAD: f64 = 0.002;
+/// Slowest drive that a limit asks for, m/s.
+const SPEED_MIN_M_S: f64 = 0.01;
+/// Longest time for smoothing and timing a path, s.
+const BUILDING_S: f64 = 20.0;
+
+/// Where the vehicle is, in the frame that is driven in, and how fast it drives.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Whereabouts {
+    pub(super) pose: PlanarPose,
+    pub(super) speed_m_s: f64,
+}
+
+/// A path on its way to the controller.
+struct Preparing {
+    plan: Plan,
+    since_s: f64,
+    building: Option<Receiver<Result<Route, Outcome>>>,
+}
+
+/// A path the controller has.
+struct Assigned {
+    route: Route,
+    /// Where the path's frame is in that of odometry.
+    frame: PlanarPose,
+}
+
+/// What the controller shall be given.
+pub(super) struct Handover {
+    pub(super) trajectory: Trajectory,
+    /// The goal in the frame that is driven in.
+    pub(super) goal: PlanarPose,
+}
+
+/// The paths in hand.
+pub(super) struct Paths {
+    settings: RouteSettings,
+    /// Speed wanted where nobody limits it, m/s.
+    speed_m_s: f64,
+    limit: SpeedLimit,
+    odometry_frame: String,
+    preparing: Option<Preparing>,
+    assigned: Option<Assigned>,
+}
+
+impl Paths {
+    pub(super) fn new(settings: RouteSettings, odometry_frame: &str) -> Self {
+        Self {
+            speed_m_s: settings.limits.speed_max_m_s,
+            limit: SpeedLimit::default(),
+            settings,
+            odometry_frame: odometry_frame.to_owned(),
+            preparing: None,
+            assigned: None,
+        }
+    }
+
+    /// Takes up a path.
+    pub(super) fn prepare(&mut self, plan: Plan, now_s: f64) {
+        self.preparing = Some(Preparing {
+            plan,
+            since_s: now_s,
+            building: None,
+        });
+    }
+
+    /// Forgets the path that is being prepared, and the one that is driven where `all`.
+    pub(super) fn forget(&mut self, all: bool) {
+        self.preparing = None;
+        if all {
+            self.assigned = None;
+        }
+    }
+
+    /// Returns the length of the path in hand, m.
+    pub(super) fn length_m(&self) -> Option<f64> {
+        let assigned = self.assigned.as_ref()?;
+        Some(assigned.route.trajectory.length_m())
+    }
+
+    /// Goes on with what is being prepared: needs where the vehicle is and the path's frame, for
+    /// which it waits `patience_s`, then time to smooth.
+    pub(super) fn step(
+        &mut self,
+        now_s: f64,
+        here: Option<Whereabouts>,
+        transforms: &Transforms,
+        tolerance_s: f64,
+        patience_s: f64,
+    ) -> Option<Result<Handover, Outcome>> {
+        let preparing = self.preparing.as_mut()?;
+        let waited_s = now_s - preparing.since_s;
+        let frame = preparing.plan.frame.clone();
+        if let Some(building) = &preparing.building {
+            let built = match building.try_recv() {
+                Ok(built) => built,
+                Err(TryRecvError::Empty) if waited_s <= patience_s + BUILDING_S => return None,
+                Err(_) => Err(Outcome::new(code::UNKNOWN, "the path could not be made")),
+            };
+            let handed = built.and_then(|route| {
+                let found = transforms.look_up(&self.odometry_frame, &frame, now_s, tolerance_s);
+                let frame =
+                    found.map_err(|error| Outcome::new(code::TF_ERROR, error.to_string()))?;
+                Ok(self.hand_over(route, planar(&frame)))
+            });
+            self.preparing = None;
+            return Some(handed);
+        }
+        let found = transforms.look_up(&self.odometry_frame, &frame, now_s, tolerance_s);
+        let trouble = match (found, here) {
+            (Ok(in_odometry), Some(here)) => {
+                let at = in_odometry.inverse() * Point3::new(here.pose.x_m, here.pose.y_m, 0.0);
+                let pose = PlanarPose {
+                    x_m: at.x,
+                    y_m: at.y,
+                    yaw_rad: 0.0,
+                };
+                let (sender, receiver) = channel();
+                let (plan, settings) = (preparing.plan.clone(), self.settings);
+                let thread = std::thread::Builder::new().name("ros2 path".to_owned());
+                let started = thread.spawn(move || {
+                    let route = Route::build(&plan, &pose, here.speed_m_s, &settings);
+                    // Nobody waits for it where another path has come.
+                    let _ = sender.send(route);
+                });
+                match started {
+                    Ok(_) => {
+                        preparing.building = Some(receiver);
+                        return None;
+                    }
+                    Err(error) => Outcome::new(code::UNKNOWN, error.to_string()),
+                }
+            }
+            (Err(error), _) => Outcome::new(code::TF_ERROR, error.to_string()),
+            (Ok(_), None) => Outcome::new(code::TF_ERROR, "there is no fresh pose of the vehicle"),
+        };
+        if waited_s <= patience_s {
+            return None;
+        }
+        self.preparing = None;
+        Some(Err(trouble))
+    }
+
+    fn hand_over(&mut self, route: Route, frame: PlanarPose) -> Handover {
+        let handover = handover(&route, &frame);
+        self.assigned = Some(Assigned { route, frame });
+        handover
+    }
+
+    /// Looks whether the frame of the path that is driven has moved: returns why that is not known,
+    /// or the path where it is now.
+    pub(super) fn follow_frame(
+        &mut self,
+        now_s: f64,
+        pose: &PlanarPose,
+        transforms: &Transforms,
+        tolerance_s: f64,
+    ) -> Result<Option<Handover>, String> {
+        let Some(assigned) = &mut self.assigned else {
+            return Ok(None);
+        };
+        let frame = &assigned.route.frame;
+        let found = transforms
+            .look_up(&self.odometry_frame, frame, now_s, tolerance_s)
+            .map_err(|error| error.to_string())?;
+        let (now, before) = (planar(&found), assigned.frame);
+        let turned_rad = wrap_angle(now.yaw_rad - before.yaw_rad);
+        // The point of the path's frame at which the vehicle was is now elsewhere.
+        let (sin, cos) = turned_rad.sin_cos();
+        let (x_m, y_m) = (pose.x_m - before.x_m, pose.y_m - before.y_m);
+        let moved_m = (now.x_m + cos * x_m - sin * y_m - pose.x_m)
+            .hypot(now.y_m + sin * x_m + cos * y_m - pose.y_m);
+        if moved_m <= MOVED_M && turned_rad.abs() <= MOVED_RAD {
+            return Ok(None);
+        }
+        assigned.frame = now;
+        Ok(Some(handover(&assigned.route, &now)))
+    }
+
+    /// Takes a limit of the speed, and returns the path in hand at its new speeds; none where nothing
+    /// changes. A limit that is no speed is not believed.
+    pub(super) fn limit(&mut self, limit: &SpeedLimit) -> Option<Handover> {
+        if limit.speed_limit.is_finite() && limit.speed_limit >= 0.0 {
+            self.limit = limit.clone();
+        }
+        self.at_speed()
+    }
+
+    /// Takes the speed wanted where nobody limits it, and returns the same.
+    pub(super) fn want_speed(&mut self, speed_m_s: f64) -> Option<Handover> {
+        self.speed_m_s = speed_m_s;
+        self.at_speed()
+    }
+
+    fn at_speed(&mut self) -> Option<Handover> {
+        let limited_m_s = match (self.limit.percentage, self.limit.speed_limit) {
+            (_, 0.0) => self.speed_m_s,
+            (true, share) => self.speed_m_s * share / 100.0,
+            (false, speed_m_s) => speed_m_s,
+        };
+        let speed_m_s = limited_m_s.min(self.speed_m_s).max(SPEED_MIN_M_S);
+        if speed_m_s == self.settings.limits.speed_max_m_s {
+            return None;
+        }
+        self.settings.limits.speed_max_m_s = speed_m_s;
+        let assigned = self.assigned.as_mut()?;
+        assigned.route = assigned.route.at_speeds(&self.settings.limits).ok()?;
+        Some(handover(&assigned.route, &assigned.frame))
+    }
+}
+
+fn handover(route: &Route, frame: &PlanarPose) -> Handover {
+    let at = Point2 {
+        x_m: route.goal.x_m,
+        y_m: route.goal.y_m,
+    }
+    .seen_from(frame);
+    Handover {
+        trajectory: route.trajectory.clone().seen_from(frame),
+        goal: PlanarPose {
+            x_m: at.x_m,
+            y_m: at.y_m,
+            yaw_rad: route.goal.yaw_rad + frame.yaw_rad,
+        },
+    }
+}
+
+/// Returns where a frame is in the plane: its turn is that of its heading.
+fn planar(frame: &Isometry3<f64>) -> PlanarPose {
+    // A frame that is not turned looks along x, which is a heading of -90 deg.
+    let mut pose = pose_and_attitude(frame).0.planar();
+    pose.yaw_rad += FRAC_PI_2;
+    pose
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::{Translation3, UnitQuaternion};
+    use sidehill_controller::path::Smoothing;
+    use sidehill_controller::speed_profile::SpeedLimits;
+
+    fn isometry(x: f64, y: f64, turn: f64) -> Isometry3<f64> {
+        Isometry3::from_parts(
+            Translation3::new(x, y, 0.0),
+            UnitQuaternion::from_euler_angles(0.0, 0.0, turn),
+        )
+    }
+
+    fn paths() -> Paths {
+        let settings = RouteSettings {
+            smoothing: Smoothing::default(),
+            limits: SpeedLimits {
+                speed_max_m_s: 0.5,
+                traction_max_m_s: 1.0,
+                steer_max_m_s: 1.0,
+                tread_max_m_s: 2.0,
+                acceleration_m_s2: 1.0,
+                deceleration_m_s2: 1.0,
+                steer_acceleration_m_s2: 1.0,
+                lateral_acceleration_m_s2: 1.0,
+                track_width_m: 2.0,
+                initial_speed_m_s: 0.0,
+            },
+            use_orientations: false,
+        };
+        Paths::new(settings, "odom")
+    }
+
+    /// 5 m along y of the frame map, a heading of 0.
+    fn plan() -> Plan {
+        let poses = (0..=50).map(|i| PlanarPose {
+            x_m: 0.0,
+            y_m: 0.1 * f64::from(i),
+            yaw_rad: 0.0,
+        });
+        Plan {
+            frame: "map".to_owned(),
+            poses: poses.collect(),
+        }
+    }
+
+    const HERE: Whereabouts = Whereabouts {
+        pose: PlanarPose {
+            x_m: 3.0,
+            y_m: 0.0,
+            yaw_rad: 0.0,
+        },
+        speed_m_s: 0.0,
+    };
+
+    fn known() -> Transforms {
+        let mut known = Transforms::default();
+        known.take("odom", "map", 0.0, isometry(3.0, 0.0, 0.5), false);
+        known
+    }
+
+    fn until_done(paths: &mut Paths, known: &Transforms) -> Result<Handover, Outcome> {
+        for _ in 0..2000 {
+            if let Some(done) = paths.step(0.1, Some(HERE), known, 1.0, 1.0) {
+                return done;
+            }
+            std::thread::sleep(std::time::Duration::from_millis(5));
+        }
+        panic!("nothing came");
+    }
+
+    #[test]
+    fn a_path_is_brought_to_the_frame_that_is_driven_in() {
+        let (mut paths, mut known) = (paths(), known());
+        paths.prepare(plan(), 0.0);
+        let handover = until_done(&mut paths, &known).unwrap();
+        let end = handover.trajectory.at(1e3);
+        let (sin, cos) = 0.5_f64.sin_cos();
+        for (x_m, y_m, yaw_rad) in [
+            (end.position.x_m, end.position.y_m, end.heading_rad),
+            (handover.goal.x_m, handover.goal.y_m, handover.goal.yaw_rad),
+        ] {
+            assert!((x_m - (3.0 - 5.0 * sin)).abs() < 1e-3, "{x_m}");
+            assert!((y_m - 5.0 * cos).abs() < 1e-3, "{y_m}");
+            assert!((yaw_rad - 0.5).abs() < 1e-3, "{yaw_rad}");
+        }
+        // A frame that moves takes its path along.
+        let pose = HERE.pose;
+        assert!(
+            paths
+                .follow_frame(0.1, &pose, &known, 1.0)
+                .unwrap()
+                .is_none()
+        );
+        known.take("odom", "map", 0.2, isometry(3.2, 0.0, 0.5), false);
+        let moved = paths
+            .follow_frame(0.2, &pose, &known, 1.0)
+            .unwrap()
+            .unwrap();
+        let step_m = moved.trajectory.at(1e3).position.x_m - end.position.x_m;
+        assert!((step_m - 0.2).abs() < 1e-9, "{step_m}");
+        assert!(
+            paths
+                .follow_frame(0.2, &pose, &known, 1.0)
+                .unwrap()
+                .is_none()
+        );
+        assert!(paths.follow_frame(9.0, &pose, &known, 1.0).is_err());
+    }
+
+    #[test]
+    fn what_is_missing_for_too_long_ends_the_wait() {
+        let nothing = Transforms::default();
+        let mut paths = paths();
+        paths.prepare(plan(), 0.0);
+        assert!(paths.step(0.5, Some(HERE), &nothing, 1.0, 1.0).is_none());
+        let error = paths.step(1.5, Some(HERE), &nothing, 1.0, 1.0).unwrap();
+        assert_eq!(error.err().unwrap().code, code::TF_ERROR);
+        paths.prepare(plan(), 0.0);
+        let error = paths.step(1.5, None, &known(), 3.0, 1.0).unwrap();
+        assert_eq!(error.err().unwrap().code, code::TF_ERROR);
+    }
+
+    #[test]
+    fn a_speed_limit_holds_for_the_path_in_hand_and_those_after_it() {
+        let limit = |percentage, speed_limit| SpeedLimit {
+            percentage,
+            speed_limit,
+            ..SpeedLimit::default()
+        };
+        let (mut paths, known) = (paths(), known());
+        assert!(
+            paths.limit(&limit(true, 50.0)).is_none(),
+            "there is no path"
+        );
+        paths.prepare(plan(), 0.0);
+        let handover = until_done(&mut paths, &known).unwrap();
+        let fastest = |handover: &Handover| {
+            let times = (0..400).map(|i| 0.1 * f64::from(i));
+            times.fold(0.0_f64, |max, s| {
+                max.max(handover.trajectory.at(s).speed_m_s)
+            })
+        };
+        assert!((fastest(&handover) - 0.25).abs() < 1e-6);
+        let slower = paths.limit(&limit(false, 0.1)).unwrap();
+        assert!((fastest(&slower) - 0.1).abs() < 1e-6);
+        for ignored in [f64::NAN, -1.0, 0.1] {
+            assert!(paths.limit(&limit(false, ignored)).is_none());
+        }
+        let free = paths.limit(&limit(false, 0.0)).unwrap();
+        assert!((fastest(&free) - 0.5).abs() < 1e-6);
+    }
+}

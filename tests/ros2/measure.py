@@ -1,0 +1,195 @@
+"""Measures the controller on ROS 2 and prints figures as JSON; nothing is asserted but that answers
+come.
+
+    python3 tests/ros2/measure.py [--seconds 60] [--clients 100]
+
+- Round trip: the peer plays a vehicle and publishes odometry at 1 kHz, stamped as it is sent. From
+  the stamp that a cycle used until the command of that cycle has arrived at the peer, less the cycle
+  itself (from its beginning to its end, as the program records it).
+- Goal acceptance: from when the client has put a goal of 1,000 or 5,000 poses on the wire, which takes
+  Python its time, until the answer.
+- First calls: of fresh participants, at once after both topics of the service have matched.
+"""
+
+import argparse
+import csv
+import json
+import math
+import pathlib
+import random
+import tempfile
+import threading
+import time
+import uuid
+
+from cyclonedds.util import duration
+
+import wire
+from conftest import adapted
+from peer import Client, FollowPath, Goal, Peer, Program, now, path_of, straight, wait_for
+
+
+class PlayedVehicle(threading.Thread):
+    """A vehicle that does at once what it is told, on level ground."""
+
+    def __init__(self, peer):
+        super().__init__(daemon=True)
+        self.odom = peer.writer("/odom", wire.Odometry)
+        self.imu = peer.writer("/imu", wire.Imu)
+        self.fixed = peer.writer("/tf_static", wire.TFMessage, latched=True)
+        self.stopped = peer.writer("/emergency_stop", wire.Bool, latched=True)
+        self.commands = peer.raw_reader("rt/cmd_vel", wire.Twist)
+        self.arrivals, self.told = [], (0.0, 0.0)
+        self.ended = False
+        threading.Thread(target=self.listen, daemon=True).start()
+
+    def listen(self):
+        """Waits for commands in a thread of its own, so that they are noted when they come."""
+        while not self.ended:
+            command = self.commands.take_one(timeout=duration(seconds=3600))
+            self.arrivals.append(time.time())
+            self.told = (command.linear.x, command.angular.z)
+
+    def run(self):
+        identity = wire.Transform(rotation=wire.Quaternion(w=1.0))
+        header = wire.Header(stamp=now(), frame_id="map")
+        self.fixed.write(
+            wire.TFMessage(
+                transforms=[wire.TransformStamped(header=header, child_frame_id="odom", transform=identity)]
+            )
+        )
+        self.stopped.write(wire.Bool(data=False))
+        x = y = yaw = 0.0
+        message = wire.Odometry(child_frame_id="base_link")
+        message.header.frame_id = "odom"
+        imu = wire.Imu()
+        imu.header.frame_id = "base_link"
+        last, count = time.time(), 0
+        while not self.ended:
+            at = time.time()
+            forward, turn = self.told
+            dt, last = at - last, at
+            yaw += turn * dt
+            x += forward * math.cos(yaw) * dt
+            y += forward * math.sin(yaw) * dt
+            pose, twist = message.pose.pose, message.twist.twist
+            pose.position.x, pose.position.y = x, y
+            pose.orientation.z, pose.orientation.w = math.sin(yaw / 2), math.cos(yaw / 2)
+            twist.linear.x, twist.angular.z = forward, turn
+            message.header.stamp = now()
+            self.odom.write(message)
+            if count % 20 == 0:
+                imu.header.stamp = now()
+                imu.orientation = pose.orientation
+                self.imu.write(imu)
+            count += 1
+            time.sleep(max(0.0, 0.001 - (time.time() - at)))
+
+
+def quantiles(values_s):
+    ordered = sorted(1e3 * value for value in values_s)
+    at = lambda q: round(ordered[min(len(ordered) - 1, int(q * len(ordered)))], 3)
+    return {"count": len(ordered), "p50_ms": at(0.5), "p99_ms": at(0.99), "max_ms": round(ordered[-1], 3)}
+
+
+def round_trip(peer, folder, config, domain, seconds):
+    vehicle = PlayedVehicle(peer)
+    vehicle.start()
+    program = Program(["run", config, "--out", folder / "run"], domain, folder / "run.log")
+    action = FollowPath(peer).wait()
+    goal = action.send(path_of(straight(0.5 * seconds + 5.0, yaw_rad=0.0, step_m=0.1)))
+    assert goal.reply.accepted, program.output()
+    time.sleep(seconds)
+    goal.cancel()
+    program.end()
+    vehicle.ended = True
+    vehicle.join()
+    with open(folder / "run" / "cycles.csv") as file:
+        cycles = list(csv.DictReader(file))
+    period_s = 0.05
+    inward, itself, outward, above = [], [], [], []
+    arrivals = iter(vehicle.arrivals)
+    arrival = next(arrivals)
+    for row in cycles:
+        if row["state"] != "driving":
+            continue
+        begin = float(row["unix_s"])
+        duration = period_s - float(row["slack_s"]) - float(row["lateness_s"])
+        while arrival is not None and arrival < begin:
+            arrival = next(arrivals, None)
+        if arrival is None:
+            break
+        if arrival > begin + period_s:
+            continue
+        inward.append(float(row["feedback_age_s"]))
+        itself.append(duration)
+        outward.append(arrival - begin - duration)
+        above.append(inward[-1] + outward[-1])
+    return {
+        "odometry_until_cycle": quantiles(inward),
+        "cycle_itself": quantiles(itself),
+        "cycle_end_until_command": quantiles(outward),
+        "above_the_cycle": quantiles(above),
+    }
+
+
+def acceptance(action, poses):
+    points = straight(0.01 * poses, yaw_rad=0.0, step_m=0.01)
+    goal = action.goal_type(path=path_of(points))
+    wrote, took = [], []
+    for _ in range(20):
+        goal_id = wire.UUID(uuid=uuid.uuid4().bytes)
+        began = time.perf_counter()
+        number = action.send_goal.send(goal_id=goal_id, goal=goal)
+        written = time.perf_counter()
+        reply = wait_for(lambda: action.send_goal.reply(number), "the answer", step_s=0.0002)
+        took.append(time.perf_counter() - written)
+        wrote.append(written - began)
+        assert reply.accepted
+        Goal(action, goal_id, reply).cancel()
+        time.sleep(0.1)
+    return {"client_writes": quantiles(wrote), "answer_after_it": quantiles(took)}
+
+
+def first_calls(domain, count):
+    lost, took = 0, []
+    for _ in range(count):
+        client = Client(Peer(domain), "/controller_server/get_state", wire.GetState)
+        wait_for(client.ready, "the service", step_s=0.001)
+        number, began = client.send(), time.perf_counter()
+        while client.reply(number) is None and time.perf_counter() < began + 3.0:
+            time.sleep(0.001)
+        if number in client.replies:
+            took.append(time.perf_counter() - began)
+        else:
+            lost += 1
+    return {"clients": count, "lost": lost, **quantiles(took)}
+
+
+def main():
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--seconds", type=float, default=60.0)
+    parser.add_argument("--clients", type=int, default=100)
+    arguments = parser.parse_args()
+    figures = {}
+    with tempfile.TemporaryDirectory() as folder:
+        folder = pathlib.Path(folder)
+        config = adapted("run_ros2.yaml", {}, folder)
+        domain = random.randint(1, 101)
+        figures["round_trip"] = round_trip(Peer(domain), folder, config, domain, arguments.seconds)
+        domain = random.randint(1, 101)
+        program = Program(["run", config], domain, folder / "second.log")
+        peer = Peer(domain)
+        vehicle = PlayedVehicle(peer)
+        vehicle.start()
+        action = FollowPath(peer).wait()
+        for poses in (1000, 5000):
+            figures[f"goal_acceptance_{poses}_poses"] = acceptance(action, poses)
+        figures["first_calls"] = first_calls(domain, arguments.clients)
+        program.end()
+        vehicle.ended = True
+    print(json.dumps(figures, indent=2))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,480 @@
+"""Controller and virtual vehicle as two processes, over ROS 2 alone, with a goal of an independent
+client."""
+
+import math
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+
+import pytest
+from conftest import adapted
+
+import wire
+from peer import (
+    REPOSITORY,
+    FollowPath,
+    Peer,
+    figure_eight,
+    now,
+    path_of,
+    seconds,
+    straight,
+    wait_for,
+)
+
+# Codes of nav2_msgs/FollowPath.
+NONE, UNKNOWN, INVALID_CONTROLLER, TF_ERROR, INVALID_PATH = 0, 100, 101, 102, 103
+NO_VALID_CONTROL = 106
+
+# The figure of eight's start: where the vehicle stands and where it looks, REP-103.
+START_YAW_RAD = math.radians(90 - 50.906)
+
+
+class Rig:
+    """A vehicle, a controller and a client on a graph of their own."""
+
+    def __init__(self, vehicle, controller, peer, definition):
+        self.vehicle, self.controller, self.peer = vehicle, controller, peer
+        self.commands = peer.reader("/cmd_vel", wire.Twist)
+        self.action = FollowPath(peer, definition).wait()
+
+    def ahead(self, length_m=15.0, frame="map"):
+        """A straight path from where the vehicle stands first."""
+        return path_of(straight(length_m, yaw_rad=START_YAW_RAD), frame)
+
+    def drives(self):
+        return abs(self.vehicle.now()["traction_m_s"]) > 0.2
+
+    def sent_off(self, path=None, **names):
+        """A goal that is accepted and being driven."""
+        goal = self.action.send(path or self.ahead(), **names)
+        assert goal.reply.accepted
+        wait_for(self.drives, "driving")
+        return goal
+
+    def commands_zero(self):
+        """Whether the newest command is zero, or none has come for half a second."""
+        message = self.commands.last()
+        return message.linear.x == 0.0 and message.angular.z == 0.0
+
+    def stands(self):
+        wait_for(self.vehicle.stands, "standing")
+        wait_for(self.commands_zero, "commands of zero")
+
+
+@pytest.fixture
+def rig(vehicle, start, peer, tmp_path):
+    def rig(faults=(), of_vehicle={}, of_controller={}, ros=(), definition="jazzy"):
+        rover = vehicle(of_vehicle, faults)
+        config = adapted("run_ros2.yaml", of_controller, tmp_path)
+        arguments = ["run", config, "--out", tmp_path / "run"]
+        if ros:
+            arguments += ["--ros-args", *ros]
+        return Rig(rover, start(*arguments), peer, definition)
+
+    return rig
+
+
+def cross_track_m(rows, points):
+    """Distances of places to a path, each to the stretch that follows the one before."""
+    distances, near = [], 0
+    for row in rows:
+        place = (row["x_m"], row["y_m"])
+        stretch = range(near, min(near + 60, len(points) - 1))
+        best, near = min((_to_segment(place, points[i], points[i + 1]), i) for i in stretch)
+        distances.append(best)
+    return distances
+
+
+def _to_segment(p, a, b):
+    (ax, ay), (bx, by) = a, b
+    dx, dy = bx - ax, by - ay
+    along = ((p[0] - ax) * dx + (p[1] - ay) * dy) / (dx * dx + dy * dy)
+    along = min(1.0, max(0.0, along))
+    return math.dist(p, (ax + along * dx, ay + along * dy))
+
+
+def test_figure_eight_with_a_goal_is_within_3_cm(rig):
+    r = rig(of_vehicle={r"^  map_from_odom: .*$": "  map_from_odom: {x_m: 3, y_m: -2, yaw_deg: 30}"})
+    points = figure_eight(1000)
+    goal = r.action.send(path_of(points))
+    assert goal.reply.accepted
+    answer = goal.result(timeout_s=180)
+    assert (answer.status, answer.result.error_code) == (FollowPath.SUCCEEDED, NONE)
+    assert answer.result.error_msg == ""
+    assert goal.status() == FollowPath.SUCCEEDED
+    r.stands()
+
+    rows = r.vehicle.truth()
+    moving = next(row["time_s"] for row in rows if abs(row["traction_m_s"]) > 1e-3)
+    driven = [row for row in rows if row["time_s"] > moving]
+    distances = cross_track_m(driven, points)
+    after = [d for d, row in zip(distances, driven) if row["time_s"] > moving + 2.0]
+    rms = math.sqrt(sum(d * d for d in after) / len(after))
+    print(f"cross-track RMS {100 * rms:.2f} cm, largest {100 * max(after):.2f} cm")
+    assert rms <= 0.03
+    # It has been all the way: to both lobes' ends and back to the middle, where it began.
+    assert max(row["y_m"] for row in driven) > 3.8 and min(row["y_m"] for row in driven) < -3.8
+    assert math.dist((rows[-1]["x_m"], rows[-1]["y_m"]), points[-1]) < 0.25
+
+    feedback = goal.feedback()
+    left = [message.distance_to_goal for message in feedback]
+    length = sum(math.dist(a, b) for a, b in zip(points, points[1:]))
+    assert len(feedback) > 100
+    assert abs(left[0] - length) < 1.0 and left[-1] < 1.0
+    assert all(b < a + 0.05 for a, b in zip(left, left[1:]))
+    assert max(message.speed for message in feedback) > 0.3
+
+
+def test_results_can_be_asked_for_again_and_before_the_end(rig):
+    r = rig()
+    goal = r.sent_off(r.ahead(3.0))
+    early = r.action.get_result.send(goal_id=goal.id)
+    answer = goal.result(timeout_s=60)
+    assert (answer.status, answer.result.error_code) == (FollowPath.SUCCEEDED, NONE)
+    assert wait_for(lambda: r.action.get_result.reply(early), "the early answer").status == FollowPath.SUCCEEDED
+    again = goal.result()
+    assert (again.status, again.result.error_code) == (FollowPath.SUCCEEDED, NONE)
+    # A goal that nobody sent has no result: its status is unknown.
+    nobody = r.action.get_result.call(goal_id=wire.UUID(uuid=bytes([7] * 16)))
+    assert nobody.status == 0
+
+
+def test_a_newer_goal_takes_over_without_a_stop(rig):
+    r = rig()
+    first = r.sent_off()
+    time.sleep(1.0)
+    since = r.vehicle.now()["time_s"]
+    row = r.vehicle.now()
+    ahead = straight(4.0, (row["x_m"], row["y_m"]), START_YAW_RAD)
+    second = r.action.send(path_of(ahead))
+    assert second.reply.accepted
+    answer = first.result()
+    assert answer.status == FollowPath.ABORTED
+    assert second.result(timeout_s=60).status == FollowPath.SUCCEEDED
+    r.stands()
+    took_over = [row for row in r.vehicle.truth() if since < row["time_s"] < since + 2.0]
+    assert min(abs(row["traction_m_s"]) for row in took_over) > 0.05
+
+
+def test_cancelling_stops_and_says_which_goals(rig):
+    r = rig()
+    goal = r.sent_off()
+    reply = goal.cancel()
+    assert reply.return_code == 0
+    assert [info.goal_id for info in reply.goals_canceling] == [goal.id]
+    assert goal.result().status == FollowPath.CANCELED
+    r.stands()
+    # An ended goal and one that never was have codes of their own.
+    assert goal.cancel().return_code == 3
+    nobody = wire.GoalInfo(goal_id=wire.UUID(uuid=bytes([9] * 16)))
+    assert r.action.cancel.call(goal_info=nobody).return_code == 2
+    # Afterwards it drives again.
+    r.sent_off()
+
+
+@pytest.mark.parametrize(
+    "path, names, code",
+    [
+        (path_of([]), {}, INVALID_PATH),
+        (path_of([(0, 0), (math.nan, 1)]), {}, INVALID_PATH),
+        (path_of(straight(5.0), frame="atlantis"), {}, TF_ERROR),
+        (path_of(straight(5.0)), {"controller_id": "NoSuch"}, INVALID_CONTROLLER),
+        (path_of(straight(5.0)), {"goal_checker_id": "NoSuch"}, INVALID_CONTROLLER),
+        (path_of(straight(5.0)), {"progress_checker_id": "NoSuch"}, INVALID_CONTROLLER),
+    ],
+    ids=["empty", "nan", "unknown_frame", "controller", "goal_checker", "progress_checker"],
+)
+def test_what_cannot_be_followed_has_its_code_and_nothing_moves(rig, path, names, code):
+    r = rig()
+    goal = r.action.send(path, **names)
+    assert goal.reply.accepted
+    answer = goal.result()
+    assert (answer.status, answer.result.error_code) == (FollowPath.ABORTED, code)
+    assert answer.result.error_msg != ""
+    assert all(row["traction_m_s"] == 0.0 for row in r.vehicle.truth())
+
+
+@pytest.mark.parametrize("definition", ["humble", "iron"])
+def test_the_definitions_of_older_distributions(rig, definition):
+    r = rig(of_controller={"definition: jazzy": f"definition: {definition}"}, definition=definition)
+    goal = r.sent_off(r.ahead(2.0))
+    answer = goal.result(timeout_s=60)
+    assert answer.status == FollowPath.SUCCEEDED
+    failed = r.action.send(path_of([])).result()
+    assert failed.status == FollowPath.ABORTED
+    if definition == "iron":
+        assert (answer.result.error_code, failed.result.error_code) == (NONE, INVALID_PATH)
+
+
+@pytest.mark.parametrize(
+    "fault, code",
+    [
+        ("!stop [odometry]", TF_ERROR),
+        ("!stop [imu]", NO_VALID_CONTROL),
+        ("!not_a_number odometry", TF_ERROR),
+        ("!not_a_number imu", NO_VALID_CONTROL),
+        ("!wrong_frame odometry", TF_ERROR),
+        ("!wrong_frame imu", NO_VALID_CONTROL),
+        ("freeze_stamps", TF_ERROR),
+        ("!delay_s 2.0", TF_ERROR),
+        ("!clock_jump_s 100.0", TF_ERROR),
+        ("!clock_jump_s -100.0", TF_ERROR),
+        ("emergency_stop", UNKNOWN),
+    ],
+)
+def test_a_fault_ends_the_goal_with_its_code_and_the_vehicle_stands(rig, fault, code):
+    r = rig(faults=["{after_enabled_s: 2.5, for_s: 1000, fault: " + fault + "}"])
+    goal = r.sent_off()
+    answer = goal.result(timeout_s=30)
+    assert (answer.status, answer.result.error_code) == (FollowPath.ABORTED, code), answer.result.error_msg
+    assert answer.result.error_msg != ""
+    r.stands()
+    # It stays so.
+    time.sleep(1.0)
+    assert r.vehicle.stands() and r.commands_zero()
+
+
+def test_drives_that_no_longer_obey_end_the_goal(rig):
+    # On a straight line going on is what is commanded: the fault shows itself in the curve.
+    r = rig(faults=["{after_enabled_s: 4, for_s: 6, fault: ignore_commands}"])
+    goal = r.sent_off(path_of(figure_eight()))
+    answer = goal.result(timeout_s=30)
+    assert answer.status == FollowPath.ABORTED and answer.result.error_code != NONE
+    wait_for(r.commands_zero, "commands of zero")
+    wait_for(r.vehicle.stands, "standing when they obey again")
+
+
+def test_a_localisation_that_falls_silent_ends_the_goal(rig, peer):
+    r = rig(of_vehicle={r"^  frames: .*$": "  frames: {map: world, odom: odom, base: base_link}"})
+    tf = peer.writer("/tf", wire.TFMessage)
+    wait_for(lambda: len(tf.get_matched_subscriptions()) > 0, "the controller's /tf")
+
+    def localise():
+        header = wire.Header(stamp=now(), frame_id="map")
+        rotation = wire.Quaternion(w=1.0)
+        still = wire.TransformStamped(
+            header=header, child_frame_id="odom", transform=wire.Transform(rotation=rotation)
+        )
+        tf.write(wire.TFMessage(transforms=[still]))
+
+    until = time.monotonic() + 1.0
+    while time.monotonic() < until:
+        localise()
+        time.sleep(0.05)
+    goal = r.action.send(r.ahead())
+    number = r.action.get_result.send(goal_id=goal.id)
+    until = time.monotonic() + 4.0
+    while time.monotonic() < until:
+        localise()
+        time.sleep(0.05)
+    assert r.drives()
+    answer = wait_for(lambda: r.action.get_result.reply(number), "the result")
+    assert (answer.status, answer.result.error_code) == (FollowPath.ABORTED, TF_ERROR)
+    r.stands()
+
+
+def test_a_jump_of_the_simulated_clock_ends_the_goal(rig):
+    r = rig(
+        faults=["{after_enabled_s: 4, for_s: 1000, fault: !clock_jump_s -3.0}"],
+        of_vehicle={r"^  # clock_factor: 4$": "  clock_factor: 1"},
+        of_controller={r"^  use_sim_time: false": "  use_sim_time: true"},
+    )
+    goal = r.sent_off()
+    answer = goal.result(timeout_s=30)
+    assert (answer.status, answer.result.error_code) == (FollowPath.ABORTED, TF_ERROR)
+    r.stands()
+
+
+@pytest.mark.parametrize("ending", [signal.SIGKILL, signal.SIGTERM])
+def test_a_client_that_leaves_ends_its_goal(rig, domain, ending, tmp_path):
+    r = rig()
+    script = textwrap.dedent(
+        f"""
+        import math, sys, time
+        sys.path.insert(0, {str(sys.path[0])!r})
+        from peer import FollowPath, Peer, path_of, straight
+        import signal
+        signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
+        action = FollowPath(Peer({domain})).wait()
+        goal = action.send(path_of(straight(30.0, yaw_rad={START_YAW_RAD})))
+        action.get_result.send(goal_id=goal.id)
+        print("accepted" if goal.reply.accepted else "rejected", flush=True)
+        time.sleep(600)
+        """
+    )
+    client = subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, text=True)
+    try:
+        assert client.stdout.readline().strip() == "accepted"
+        wait_for(r.drives, "driving")
+        client.send_signal(ending)
+        client.wait(timeout=10)
+        # One that is killed says nothing; its lease of 10 s must run out.
+        wait_for(r.vehicle.stands, "standing", timeout_s=25.0)
+    finally:
+        client.kill()
+    wait_for(r.commands_zero, "commands of zero")
+
+    def aborted():
+        message = r.action.status.last()
+        return message and message.status_list[-1].status == FollowPath.ABORTED
+
+    wait_for(aborted, "the status of the goal")
+
+
+def test_a_killed_controller_leaves_a_vehicle_that_stops(rig):
+    r = rig()
+    r.sent_off()
+    r.controller.kill()
+    wait_for(r.vehicle.stands, "standing by the drives' own time-out")
+
+
+def test_a_killed_vehicle_ends_the_goal_with_commands_of_zero(rig):
+    r = rig()
+    goal = r.sent_off()
+    r.vehicle.program.kill()
+    answer = goal.result(timeout_s=30)
+    assert (answer.status, answer.result.error_code) == (FollowPath.ABORTED, TF_ERROR)
+    wait_for(r.commands_zero, "commands of zero")
+
+
+def test_ending_the_controller_sends_zero_and_leaves_the_graph(rig, peer):
+    r = rig()
+    names = peer.nodes()
+    wait_for(lambda: "/controller_server" in names(), "the controller's node")
+    r.sent_off()
+    r.controller.signal(signal.SIGINT)
+    r.stands()
+    r.controller.process.wait(timeout=10)
+    wait_for(lambda: "/controller_server" not in names(), "the node gone from the graph", 3.0)
+
+
+def test_a_latched_path_is_followed(rig, peer):
+    r = rig()
+    plan = peer.writer("/plan", wire.Path, latched=True)
+    plan.write(r.ahead(3.0))
+    wait_for(r.drives, "driving")
+    wait_for(r.vehicle.stands, "the end of the path", 60.0)
+    row = r.vehicle.now()
+    end = straight(3.0, yaw_rad=START_YAW_RAD)[-1]
+    assert math.dist((row["x_m"], row["y_m"]), end) < 0.25
+
+
+def test_a_speed_limit_is_kept_and_lifted(rig, peer):
+    r = rig()
+    limit = peer.writer("/speed_limit", wire.SpeedLimit)
+    wait_for(lambda: limit.get_matched_subscriptions(), "the controller's speed_limit")
+    r.sent_off()
+    time.sleep(1.5)
+    limit.write(wire.SpeedLimit(percentage=False, speed_limit=0.2))
+    wait_for(lambda: r.vehicle.now()["traction_m_s"] < 0.23, "slow driving")
+    time.sleep(1.0)
+    assert 0.1 < r.vehicle.now()["traction_m_s"] < 0.23
+    limit.write(wire.SpeedLimit(percentage=True, speed_limit=0.0))
+    wait_for(lambda: r.vehicle.now()["traction_m_s"] > 0.4, "full speed again")
+
+
+def parameter(name, value):
+    kinds = {bool: (1, "bool_value"), int: (2, "integer_value"), float: (3, "double_value"), str: (4, "string_value")}
+    number, field = kinds[type(value)]
+    return wire.Parameter(name=name, value=wire.ParameterValue(type=number, **{field: value}))
+
+
+def test_parameters_are_listed_read_set_and_refused_with_reasons(rig, peer):
+    rig(ros=["-p", "controller_frequency:=20.0"])
+    names = peer.client("/controller_server/list_parameters", wire.ListParameters)
+    known = set(names.call().result.names)
+    wanted = {"controller_frequency", "odom_topic", "speed_limit_topic", "use_sim_time", "transform_tolerance"}
+    assert wanted <= known, known
+    get = peer.client("/controller_server/get_parameters", wire.GetParameters)
+    value = get.call(names=["controller_frequency"]).values[0]
+    assert (value.type, value.double_value) == (3, 20.0)
+    set_ = peer.client("/controller_server/set_parameters", wire.SetParameters)
+    good, bad, unknown, kind = set_.call(
+        parameters=[
+            parameter("transform_tolerance", 0.4),
+            parameter("transform_tolerance", -1.0),
+            parameter("no_such_parameter", 1.0),
+            parameter("transform_tolerance", "soon"),
+        ]
+    ).results
+    assert good.successful, good.reason
+    for refused in (bad, unknown, kind):
+        assert not refused.successful and refused.reason != ""
+    assert get.call(names=["transform_tolerance"]).values[0].double_value == 0.4
+
+
+def test_the_params_file_for_nav2_is_read(rig, peer):
+    file = f"{REPOSITORY}/bridge/nav2/params.yaml"
+    rig(ros=["--params-file", file, "-p", "FollowPath.desired_linear_vel:=0.35"])
+    get = peer.client("/controller_server/get_parameters", wire.GetParameters)
+    names = [
+        "use_sim_time",
+        "transform_tolerance",
+        "general_goal_checker.xy_goal_tolerance",
+        "progress_checker.movement_time_allowance",
+        "FollowPath.desired_linear_vel",
+    ]
+    values = get.call(names=names).values
+    assert (values[0].type, values[0].bool_value) == (1, False)
+    # What stands on the command line is stronger than the file.
+    assert [value.double_value for value in values[1:]] == [0.5, 0.25, 10.0, 0.35]
+
+
+def test_a_wrong_parameter_ends_the_program_and_is_named(start, tmp_path):
+    config = adapted("run_ros2.yaml", {}, tmp_path)
+    program = start("run", config, "--ros-args", "-p", "transform_tolerance:=-1.0")
+    assert program.process.wait(timeout=10) == 2
+    assert "transform_tolerance" in program.output()
+
+
+def test_a_lifecycle_manager_can_run_it(rig, peer):
+    configure, cleanup, activate, deactivate = 1, 2, 3, 4
+    r = rig(of_controller={r"^  autostart: true": "  autostart: false"})
+    get = peer.client("/controller_server/get_state", wire.GetState)
+    change = peer.client("/controller_server/change_state", wire.ChangeState)
+    ask = lambda transition: change.call(transition=wire.Transition(id=transition)).success
+    label = lambda: get.call().current_state.label
+    assert label() == "unconfigured"
+    assert not r.action.send(r.ahead()).reply.accepted
+    assert not ask(activate)
+    assert ask(configure) and label() == "inactive"
+    assert ask(activate) and label() == "active"
+    goal = r.sent_off()
+    assert ask(deactivate) and label() == "inactive"
+    assert goal.result().status == FollowPath.ABORTED
+    r.stands()
+    assert not r.action.send(r.ahead()).reply.accepted
+    assert ask(cleanup) and label() == "unconfigured"
+
+
+def test_diagnostics_and_plans_are_published(rig, peer):
+    r = rig()
+    diagnostics = peer.reader("/diagnostics", wire.DiagnosticArray)
+    plan = peer.reader("/optimal_trajectory", wire.Path)
+    reference = peer.reader("/transformed_global_plan", wire.Path)
+    pose = peer.reader("/controller_server/pose", wire.PoseWithCovarianceStamped)
+    r.sent_off()
+    wait_for(lambda: (diagnostics.last() or diagnostics).__class__ is wire.DiagnosticArray, "/diagnostics")
+    keys = {value.key for status in diagnostics.last().status for value in status.values}
+    assert len(keys) >= 6, keys
+    predicted = plan.next("/optimal_trajectory")
+    assert len(predicted.poses) > 10
+    ahead = reference.next("/transformed_global_plan")
+    assert len(ahead.poses) > 1
+    estimate = pose.next("/controller_server/pose")
+    row = r.vehicle.now()
+    at = estimate.pose.pose.position
+    assert math.dist((at.x, at.y), (row["x_m"], row["y_m"])) < 0.3
+    assert abs(seconds(estimate.header.stamp) - time.time()) < 5.0
+
+
+def test_a_second_participant_sees_action_and_services(rig, domain):
+    rig()
+    other = Peer(domain)
+    action = FollowPath(other).wait()
+    assert action.send_goal.ready() and action.get_result.ready() and action.cancel.ready()
+    names = other.nodes()
+    wait_for(lambda: {"/controller_server", "/virtual_rover"} <= names(), "both nodes")
