@@ -68,16 +68,18 @@ fn assert_off(name: &str, took_s: Option<f64>, limit_s: f64) {
     assert!(took_s <= limit_s + TOLERANCE_S, "{name}: {took_s} s");
 }
 
-/// Asserts that re-arming drives again.
+/// Asserts that re-arming drives again, the third time at the latest: on a machine that others keep
+/// busy the first plan can miss its deadline, which ends the drive.
 fn assert_rearms(name: &str, run: &Program, observer: &Observer) {
-    let before = observer.seen().len();
-    run.signal(Signal::USR1);
-    sleep_s(2.0);
-    let after = &observer.seen()[before..];
-    assert!(
-        after.iter().any(|s| s.enable && !s.zero),
-        "{name}: did not re-arm"
-    );
+    let rearmed = (0..3).any(|_| {
+        let before = observer.seen().len();
+        run.signal(Signal::USR1);
+        sleep_s(2.0);
+        observer.seen()[before..]
+            .iter()
+            .any(|s| s.enable && !s.zero)
+    });
+    assert!(rearmed, "{name}: did not re-arm\n{}", run.output());
 }
 
 #[test]
