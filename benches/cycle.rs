@@ -130,17 +130,21 @@ fn cycle(criterion: &mut Criterion) {
     group.finish();
 }
 
-/// The whole cycle at 40 stages: the solver updated in place, clarabel's defaults made new each cycle
-/// for the same QP, and the same with plain multiple shooting, which is one stage a block.
+/// The whole cycle at 40 stages: the relaxed problem first, the whole one in each cycle, clarabel's
+/// defaults made new each cycle for the same QP, and the same with plain multiple shooting, which is one
+/// stage a block.
 fn solver_modes(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("cycle_40_stages");
-    let in_place = horizon(40);
-    let samples = drive(&in_place);
-    let mut fresh = in_place.clone();
+    let relaxed_first = horizon(40);
+    let samples = drive(&relaxed_first);
+    let mut in_place = relaxed_first.clone();
+    in_place.solver.mode = QpMode::InPlace;
+    let mut fresh = relaxed_first.clone();
     fresh.solver.mode = QpMode::FreshDefaults;
     let mut multiple_shooting = fresh.clone();
     multiple_shooting.block_stages = 1;
     for (name, config) in [
+        ("relaxed_first", &relaxed_first),
         ("in_place", &in_place),
         ("fresh_defaults", &fresh),
         ("fresh_defaults_multiple_shooting", &multiple_shooting),
@@ -227,7 +231,7 @@ fn replay_part(
         let model = PredictionModel::new(vehicle(), config.smoothing_m_s);
         let mut mpc = Mpc::new(settings.clone(), model).unwrap();
         let first = &inputs[0];
-        mpc.start(&first.pose, first.previous, &first.targets)
+        mpc.start(&first.pose, first.previous, &first.targets, None)
             .unwrap();
         for cycle in &inputs[1..] {
             mpc.shift(config.period_s, &normal_in_world());

@@ -54,6 +54,7 @@ struct Signals {
     end: Arc<AtomicBool>,
     arm: Arc<AtomicBool>,
     stop: Arc<AtomicBool>,
+    resumed: Arc<AtomicBool>,
 }
 
 /// One line a second on standard output.
@@ -75,7 +76,8 @@ struct Ending {
 }
 
 /// Drives the course of a configuration until it ends or a signal comes: SIGUSR1 arms, SIGUSR2 stops
-/// on the ramp, SIGINT and SIGTERM send zeros, switch the drives off and end the program.
+/// on the ramp, SIGINT and SIGTERM send zeros, switch the drives off and end the program, as does over
+/// ROS 2 a SIGCONT: its middleware does not outlive a suspension.
 ///
 /// The exit status is 0 where the course has been driven to its end or the time was over while
 /// driving, or where paths come over ROS 2, else 1.
@@ -229,6 +231,11 @@ impl Job {
             if self.signals.end.load(Ordering::Relaxed) {
                 operator.halt = true;
             }
+            // A middleware that was suspended hears and says nothing any more.
+            if desk.is_some() && self.signals.resumed.load(Ordering::Relaxed) {
+                ended = "suspended";
+                operator.halt = true;
+            }
             if self
                 .duration_s
                 .is_some_and(|duration_s| row.time_s >= duration_s)
@@ -258,13 +265,14 @@ impl Job {
 
 impl Signals {
     fn register() -> Result<Self> {
-        use signal_hook::consts::{SIGINT, SIGTERM, SIGUSR1, SIGUSR2};
+        use signal_hook::consts::{SIGCONT, SIGINT, SIGTERM, SIGUSR1, SIGUSR2};
         use signal_hook::flag::register;
         let signals = Self::default();
         register(SIGINT, Arc::clone(&signals.end))?;
         register(SIGTERM, Arc::clone(&signals.end))?;
         register(SIGUSR1, Arc::clone(&signals.arm))?;
         register(SIGUSR2, Arc::clone(&signals.stop))?;
+        register(SIGCONT, Arc::clone(&signals.resumed))?;
         Ok(signals)
     }
 }

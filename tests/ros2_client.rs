@@ -1,5 +1,5 @@
-//! An action client in the mapping of Fast DDS, against a controller and a virtual rover in
-//! processes of their own.
+//! Action clients in the mapping of Fast DDS, against a controller and a virtual rover in processes
+//! of their own.
 
 // The lints' exceptions for tests do not reach helper functions.
 #![allow(clippy::unwrap_used, clippy::panic)]
@@ -8,34 +8,43 @@ use ros2_client::action::{
     ActionClientQosPolicies, CancelGoalResponse, GoalId, GoalStatusEnum, SendGoalResponse,
 };
 use ros2_client::action_msgs::CancelGoalResponseEnum;
-use ros2_client::dds::rustdds::{DomainParticipantStatusEvent, StatusEvented};
-use ros2_client::{ActionClient, ActionTypeName, Name, ServiceMapping};
+use ros2_client::dds::rustdds::{DomainParticipantStatusEvent, GUID, StatusEvented};
+use ros2_client::{ActionClient, ActionTypeName, Message, Name, ServiceMapping};
 use sidehill_bridge::ros2::arguments::{RosArguments, RosEnvironment};
 use sidehill_bridge::ros2::convert::{to_pose, world_from_base_link};
 use sidehill_bridge::ros2::message::action::{
-    FollowPathFeedback, FollowPathGoal, FollowPathResult, code,
+    FollowPathFeedback, FollowPathGoal, FollowPathGoalHumble, FollowPathResult,
+    FollowPathResultHumble, FollowPathResultIron, code,
 };
 use sidehill_bridge::ros2::message::{Path, PoseStamped};
 use sidehill_bridge::ros2::node::RosNode;
 use sidehill_bridge::ros2::qos;
 use sidehill_plant::frames::{Attitude, Pose};
+use std::collections::BTreeSet;
+use std::path::PathBuf;
 use std::process::{Child, Command, Stdio};
+use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
 
 /// What an answer may take on a busy machine: a limit for liveness, not a figure.
 const PATIENCE: Duration = Duration::from_secs(60);
 
-type FollowPathClient = ActionClient<FollowPathGoal, FollowPathResult, FollowPathFeedback>;
+/// A domain of its own for each test: those that run at the same time must not hear each other.
+fn domain_id() -> u16 {
+    static TESTS: AtomicU32 = AtomicU32::new(0);
+    let test = TESTS.fetch_add(1, Ordering::Relaxed);
+    1 + ((7 * std::process::id() + test) % 200) as u16
+}
 
 /// A process that ends with the test.
 struct Program(Child);
 
 impl Program {
-    fn start(subcommand: &str, config: &str, domain_id: u16) -> Self {
-        let config = format!("{}/config/bridge/{config}", env!("CARGO_MANIFEST_DIR"));
+    fn start(subcommand: &str, config: &std::path::Path, domain_id: u16) -> Self {
         let mut command = Command::new(env!("CARGO_BIN_EXE_sidehill"));
         command
-            .args([subcommand, &config])
+            .arg(subcommand)
+            .arg(config)
             .env("ROS_DOMAIN_ID", domain_id.to_string())
             .env("RMW_IMPLEMENTATION", "rmw_fastrtps_cpp")
             .env("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
@@ -52,21 +61,22 @@ impl Drop for Program {
     }
 }
 
-/// Controller, rover and a client of the action.
-struct Rig {
-    client: FollowPathClient,
-    _node: RosNode,
-    _programs: [Program; 2],
+/// Returns a file of the folder config/bridge.
+fn config(name: &str) -> PathBuf {
+    [env!("CARGO_MANIFEST_DIR"), "config", "bridge", name]
+        .iter()
+        .collect()
 }
 
-impl Rig {
-    fn start() -> Self {
-        // Tests that run at the same time must not hear each other.
-        let domain_id = 1 + (std::process::id() % 200) as u16;
-        let programs = [
-            Program::start("vehicle", "vehicle_ros2.yaml", domain_id),
-            Program::start("run", "run_ros2.yaml", domain_id),
-        ];
+/// A client of the action, by the types of one definition.
+struct Client<G: Message + Clone, R: Message + Clone> {
+    action: ActionClient<G, R, FollowPathFeedback>,
+    _node: RosNode,
+}
+
+impl<G: Message + Clone + 'static, R: Message + Clone + 'static> Client<G, R> {
+    /// Returns a client that has found the server.
+    fn find(domain_id: u16) -> Self {
         let environment = RosEnvironment {
             domain_id,
             service_mapping: ServiceMapping::Enhanced,
@@ -74,7 +84,7 @@ impl Rig {
         };
         let mut node = RosNode::start("client", &RosArguments::default(), &environment).unwrap();
         let status = node.context().domain_participant().status_listener();
-        let client = node
+        let action = node
             .inner()
             .create_action_client(
                 ServiceMapping::Enhanced,
@@ -89,51 +99,51 @@ impl Rig {
                 },
             )
             .unwrap();
-        // Three services with a reader and a writer each, feedback and status; a request that is
+        // Three services with a writer and a reader each, feedback and status. A request that is
         // written before its reader is known is lost.
-        let (mut readers, mut writers) = (0, 0);
+        let (mut writers, mut readers) = (BTreeSet::new(), BTreeSet::new());
+        // Those of the middleware itself are told of too.
+        let own = |guid: &GUID| guid.to_bytes()[15] & 0xc0 == 0;
         until(|| {
             while let Some(event) = status.try_recv_status() {
                 match event {
-                    DomainParticipantStatusEvent::RemoteReaderMatched { .. } => readers += 1,
-                    DomainParticipantStatusEvent::RemoteWriterMatched { .. } => writers += 1,
+                    DomainParticipantStatusEvent::RemoteReaderMatched { local_writer, .. } => {
+                        writers.extend(own(&local_writer).then_some(local_writer));
+                    }
+                    DomainParticipantStatusEvent::RemoteWriterMatched { local_reader, .. } => {
+                        readers.extend(own(&local_reader).then_some(local_reader));
+                    }
                     _ => {}
                 }
             }
-            (readers >= 3 && writers >= 5).then_some(())
+            (writers.len() >= 3 && readers.len() >= 5).then_some(())
         });
         Self {
-            client,
+            action,
             _node: node,
-            _programs: programs,
         }
     }
 
-    fn send(&self, path: Path) -> (GoalId, SendGoalResponse) {
-        let goal = FollowPathGoal {
-            path,
-            ..FollowPathGoal::default()
-        };
-        let (request, id) = self.client.send_goal(goal).unwrap();
-        let answer = until(|| self.client.receive_goal_response(request).unwrap());
+    fn send(&self, goal: G) -> (GoalId, SendGoalResponse) {
+        let (request, id) = self.action.send_goal(goal).unwrap();
+        let answer = until(|| self.action.receive_goal_response(request).unwrap());
         (id, answer)
     }
 
-    fn result(&self, id: GoalId) -> (GoalStatusEnum, FollowPathResult) {
-        let request = self.client.request_result(id).unwrap();
-        until(|| self.client.receive_result(request).unwrap())
+    fn result(&self, id: GoalId) -> (GoalStatusEnum, R) {
+        let request = self.action.request_result(id).unwrap();
+        until(|| self.action.receive_result(request).unwrap())
     }
 
     fn cancel(&self, id: GoalId) -> CancelGoalResponse {
-        let request = self.client.cancel_goal(id).unwrap();
-        until(|| self.client.receive_cancel_response(request).unwrap())
+        let request = self.action.cancel_goal(id).unwrap();
+        until(|| self.action.receive_cancel_response(request).unwrap())
     }
 
-    /// Drives `length_m` from where the rover stands at first, and returns how far is left as it is
-    /// told on the way.
+    /// Returns how far is left, m, as it was told since the last call.
     fn feedback(&self, id: GoalId) -> Vec<f32> {
         let mut left_m = Vec::new();
-        while let Some(feedback) = self.client.receive_feedback(id).unwrap() {
+        while let Some(feedback) = self.action.receive_feedback(id).unwrap() {
             left_m.push(feedback.distance_to_goal);
         }
         left_m
@@ -174,51 +184,92 @@ fn straight(from_m: f64, to_m: f64) -> Path {
     path
 }
 
+fn goal(path: Path) -> FollowPathGoal {
+    FollowPathGoal {
+        path,
+        ..FollowPathGoal::default()
+    }
+}
+
 #[test]
 fn a_client_of_fast_dds_drives_cancels_and_asks_twice() {
-    let rig = Rig::start();
+    let domain_id = domain_id();
+    let _vehicle = Program::start("vehicle", &config("vehicle_ros2.yaml"), domain_id);
+    let _run = Program::start("run", &config("run_ros2.yaml"), domain_id);
+    let client = Client::<FollowPathGoal, FollowPathResult>::find(domain_id);
 
-    let (id, answer) = rig.send(straight(0.0, 2.0));
+    let (id, answer) = client.send(goal(straight(0.0, 2.0)));
     assert!(answer.accepted);
-    let (status, result) = rig.result(id);
-    assert_eq!(
-        (status, result.error_code),
-        (GoalStatusEnum::Succeeded, code::NONE)
-    );
-    assert_eq!(result.error_msg, "");
-    let left_m = rig.feedback(id);
+    let (status, result) = client.result(id);
+    let told = (status, result.error_code, result.error_msg.as_str());
+    assert_eq!(told, (GoalStatusEnum::Succeeded, code::NONE, ""));
+    let left_m = client.feedback(id);
     assert!(!left_m.is_empty() && left_m.iter().all(|left_m| *left_m <= 2.0));
 
     // The answer to a second request is the same, and there is nothing to cancel any more.
-    assert_eq!(rig.result(id).0, GoalStatusEnum::Succeeded);
-    assert_eq!(
-        rig.cancel(id).return_code,
-        CancelGoalResponseEnum::GoalTerminated
-    );
-    let nobody = rig.cancel(GoalId::new_random());
-    assert_eq!(nobody.return_code, CancelGoalResponseEnum::UnknownGoal);
+    assert_eq!(client.result(id).0, GoalStatusEnum::Succeeded);
+    let ended = client.cancel(id).return_code;
+    assert_eq!(ended, CancelGoalResponseEnum::GoalTerminated);
+    let nobody = client.cancel(GoalId::new_random()).return_code;
+    assert_eq!(nobody, CancelGoalResponseEnum::UnknownGoal);
 
     // Another goal is cancelled under way.
-    let (id, answer) = rig.send(straight(2.0, 12.0));
+    let (id, answer) = client.send(goal(straight(2.0, 12.0)));
     assert!(answer.accepted);
     until(|| {
-        rig.feedback(id)
+        client
+            .feedback(id)
             .last()
             .copied()
             .filter(|left_m| *left_m < 9.5)
     });
-    let canceled = rig.cancel(id);
+    let canceled = client.cancel(id);
     assert_eq!(canceled.return_code, CancelGoalResponseEnum::None);
     assert_eq!(canceled.goals_canceling[0].goal_id, id);
-    assert_eq!(rig.result(id).0, GoalStatusEnum::Canceled);
+    assert_eq!(client.result(id).0, GoalStatusEnum::Canceled);
 
     // And one that cannot be followed is aborted, with the reason.
-    let (id, answer) = rig.send(Path::default());
+    let (id, answer) = client.send(goal(Path::default()));
     assert!(answer.accepted);
-    let (status, result) = rig.result(id);
+    let (status, result) = client.result(id);
     assert_eq!(
         (status, result.error_code),
         (GoalStatusEnum::Aborted, code::INVALID_PATH)
     );
     assert!(!result.error_msg.is_empty());
+}
+
+/// A controller that speaks the action as `definition` has it, without a vehicle.
+fn run_with(definition: &str, domain_id: u16) -> (Program, tempfile::TempDir) {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("run.yaml");
+    let vehicles = format!("{}/config/vehicles", env!("CARGO_MANIFEST_DIR"));
+    let text = std::fs::read_to_string(config("run_ros2.yaml")).unwrap();
+    assert!(text.contains("definition: jazzy") && text.contains("../vehicles"));
+    let text = text.replace("definition: jazzy", &format!("definition: {definition}"));
+    std::fs::write(&file, text.replace("../vehicles", &vehicles)).unwrap();
+    (Program::start("run", &file, domain_id), folder)
+}
+
+#[test]
+fn clients_of_humble_and_iron_are_understood_and_answered() {
+    let domain = domain_id();
+    let _run = run_with("humble", domain);
+    let humble = Client::<FollowPathGoalHumble, FollowPathResultHumble>::find(domain);
+    let (id, answer) = humble.send(FollowPathGoalHumble::default());
+    assert!(answer.accepted);
+    assert_eq!(humble.result(id).0, GoalStatusEnum::Aborted);
+
+    let domain = domain_id();
+    let _run = run_with("iron", domain);
+    let iron = Client::<FollowPathGoal, FollowPathResultIron>::find(domain);
+    let (id, answer) = iron.send(FollowPathGoal {
+        path: straight(0.0, 2.0),
+        progress_checker_id: "no_such".to_owned(),
+        ..FollowPathGoal::default()
+    });
+    assert!(answer.accepted);
+    let (status, result) = iron.result(id);
+    let told = (status, result.error_code);
+    assert_eq!(told, (GoalStatusEnum::Aborted, code::INVALID_CONTROLLER));
 }

@@ -219,3 +219,49 @@ impl PilotDesk {
         self.view.publish();
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const IDLE: Operator = Operator {
+        arm: false,
+        stop: false,
+        halt: false,
+    };
+
+    #[test]
+    fn an_arming_is_asked_for_until_the_safety_takes_it_and_only_where_it_can() {
+        let (dispatcher, mut desk, _pilot) = desks(10);
+        assert_eq!(desk.operator(IDLE, State::Disarmed), IDLE);
+        dispatcher.arm(3);
+        for state in [State::Zeroing, State::Driving, State::Stopping] {
+            assert!(!desk.operator(IDLE, state).arm);
+        }
+        // It falls where it was not taken, so that it can rise again.
+        let asked: Vec<bool> = (0..4)
+            .map(|_| desk.operator(IDLE, State::Latched).arm)
+            .collect();
+        assert_eq!(asked, [true, false, true, false]);
+        dispatcher.arm(0);
+        assert!(!desk.operator(IDLE, State::Latched).arm);
+    }
+
+    #[test]
+    fn a_stop_or_a_halt_forbids_to_arm() {
+        let (dispatcher, mut desk, _pilot) = desks(10);
+        dispatcher.arm(1);
+        dispatcher.stop(true);
+        let asked = desk.operator(IDLE, State::Latched);
+        assert!(asked.stop && !asked.arm && !asked.halt);
+        dispatcher.stop(false);
+        dispatcher.brake().set(true);
+        let asked = desk.operator(IDLE, State::Latched);
+        assert!(asked.halt && !asked.arm && !asked.stop);
+        dispatcher.brake().set(false);
+        assert!(desk.operator(IDLE, State::Latched).arm);
+        // What an operator asks for on his own is kept.
+        let own = Operator { stop: true, ..IDLE };
+        assert!(desk.operator(own, State::Driving).stop);
+    }
+}

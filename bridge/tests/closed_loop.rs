@@ -118,6 +118,7 @@ impl Pilot for Constant {
                 progress: None,
                 solve: None,
                 refused: Default::default(),
+                reference: 0,
             });
         }
         self.last

@@ -2,12 +2,11 @@
 
 use crate::estimator::EstimatorSettings;
 use crate::mpc::limits::{InputLimits, MotorLimits};
-use crate::mpc::{Corridor, MpcSettings, QpMode, QpSettings, StageWeights};
+use crate::mpc::{ChangeWeights, Corridor, MpcSettings, QpMode, QpSettings, StageWeights};
 use crate::pure_pursuit::PurePursuitSettings;
 use crate::reference::Tracking;
 use crate::trajectory::Motion;
 use serde::{Deserialize, Serialize};
-use sidehill_plant::speeds::MotorSpeeds;
 use sidehill_plant::vehicle::RangeError;
 
 /// Which law turns estimate and reference into commands.
@@ -153,7 +152,7 @@ impl Default for SolverConfig {
             tolerance: 1e-6,
             accepted_residual: 1e-3,
             accepted_gap: 0.2,
-            mode: QpMode::InPlace,
+            mode: QpMode::RelaxedFirst,
         }
     }
 }
@@ -450,9 +449,9 @@ impl ControllerConfig {
             step_s: self.step_s,
             period_s: self.period_s,
             block_stages: self.block_stages,
-            change_weight: MotorSpeeds {
-                traction_m_s: self.weights.traction_change_s3_per_m2,
-                steer_m_s: self.weights.steer_change_s3_per_m2,
+            change_weights: ChangeWeights {
+                traction: self.weights.traction_change_s3_per_m2,
+                steer: self.weights.steer_change_s3_per_m2,
             },
             terminal_factor: self.weights.terminal_factor,
             limits: self.limits,

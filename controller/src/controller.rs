@@ -470,7 +470,7 @@ impl Controller {
                     mpc.shift(elapsed_s, &end);
                     mpc.solve(&horizon_start, previous, &self.targets, deadline)
                 } else {
-                    mpc.start(&horizon_start, previous, &self.targets)
+                    mpc.start(&horizon_start, previous, &self.targets, deadline)
                 };
                 *planned |= solved.is_ok();
                 match solved {

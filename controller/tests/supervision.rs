@@ -476,3 +476,22 @@ fn another_path_does_not_move_a_stopped_vehicle() {
         assert_eq!(decision.command, MotorSpeeds::STOP);
     }
 }
+
+#[test]
+fn a_vehicle_that_was_carried_while_it_stood_is_believed_where_it_is() {
+    let mut rig = driving(ControllerKind::IcrikMpc);
+    rig.controller.request_stop();
+    rig.until_standing(STOPPING_CYCLES);
+    let carried = |sample: &mut Sample| {
+        if let Some(pose) = &mut sample.pose {
+            pose.value.x_m += 5.0;
+        }
+    };
+    let before = rig.cycle().estimate.unwrap().pose;
+    for _ in 0..20 {
+        rig.cycle_with(None, carried);
+    }
+    let estimate = rig.cycle_with(None, carried).estimate.unwrap();
+    assert!((estimate.pose.x_m - before.x_m - 5.0).abs() < 0.1);
+    assert!(estimate.pose_age_s < 0.2);
+}

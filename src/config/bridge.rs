@@ -10,6 +10,7 @@ use sidehill_bridge::cycle::CycleConfig;
 use sidehill_bridge::drive::DriveConfig;
 use sidehill_bridge::realtime::RealtimeConfig;
 use sidehill_bridge::ros2::config::Ros2Config;
+use sidehill_bridge::ros2::convert::TwistMapping;
 use sidehill_bridge::ros2::route::RouteSettings;
 use sidehill_bridge::ros2::vehicle::VehicleNodeConfig;
 use sidehill_bridge::safety::SafetyConfig;
@@ -155,7 +156,10 @@ impl RunConfig {
         vehicle: &Vehicle,
     ) -> Result<(Ros2Config, RouteSettings), ConfigError> {
         let config = self.ros2.clone().unwrap_or_default();
-        config.validate().map_err(|error| file.error(error))?;
+        config
+            .validate()
+            .and_then(|()| TwistMapping::new(config.commands.track_width_m, vehicle).map(drop))
+            .map_err(|error| file.error(error))?;
         let route = RouteSettings {
             smoothing: config.smoothing,
             limits: self.speed.limits(&self.settings.limits, vehicle),

@@ -333,15 +333,6 @@ impl Ros2Config {
             10.0,
             "from 0 to 10 s",
         )?;
-        if let Some(width_m) = self.commands.track_width_m {
-            check(
-                "ros2.commands.track_width_m",
-                width_m,
-                0.05,
-                10.0,
-                "from 0.05 to 10 m",
-            )?;
-        }
         self.inputs.joints.validate()?;
         if let Some(treads) = &self.commands.treads {
             treads.joints.validate()?;

@@ -104,14 +104,20 @@ enum Refusal {
     Transform(#[from] super::transform::TransformError),
 }
 
-/// Settings of the listening thread.
-pub(super) struct Ears {
-    pub(super) config: InputsConfig,
+/// What the threads of a node have in common.
+#[derive(Clone)]
+pub(super) struct Common {
     pub(super) frames: Frames,
     pub(super) mapping: TwistMapping,
     pub(super) time: RosTime,
-    pub(super) brake: Brake,
     pub(super) shared: Arc<Shared>,
+}
+
+/// Settings of the listening thread.
+pub(super) struct Ears {
+    pub(super) config: InputsConfig,
+    pub(super) common: Common,
+    pub(super) brake: Brake,
     /// Whether the vehicle is listened to, or only what concerns paths.
     pub(super) drives: bool,
 }
@@ -167,7 +173,7 @@ impl Ears {
                 node.subscription(&config.emergency_stop, &qos::RELIABLE_10)?,
                 node.subscription(&config.emergency_stop, &qos::LATCHED)?,
             ],
-            clock: match self.time.told_clock() {
+            clock: match self.common.time.told_clock() {
                 Some(_) => Some(node.subscription("/clock", &qos::NEWEST)?),
                 None => None,
             },
@@ -237,7 +243,7 @@ struct Listener {
 impl Listener {
     fn hear(&mut self) {
         let ears = &self.ears;
-        let (shared, config) = (&ears.shared, &ears.config);
+        let (shared, config) = (&ears.common.shared, &ears.config);
         let emergency_stop = &mut self.emergency_stop;
         for writer in shared.lock_left().drain(..) {
             emergency_stop.leave(writer);
@@ -253,14 +259,14 @@ impl Listener {
         shared.emergency_stop.store(stop, Ordering::Relaxed);
 
         if let (Some(subscription), Some(clock)) =
-            (&self.subscriptions.clock, ears.time.told_clock())
+            (&self.subscriptions.clock, ears.common.time.told_clock())
         {
             let (mut clock_s, mut jumped) = (self.clock_s, false);
             drain(subscription, |message: Clock| {
                 let Ok(now_ns) = nanoseconds(message.clock) else {
                     return;
                 };
-                let now_s = ears.time.cycle_s(now_ns);
+                let now_s = ears.common.time.cycle_s(now_ns);
                 jumped |= clock_s
                     .is_some_and(|before_s| !(0.0..=CLOCK_JUMP_S).contains(&(now_s - before_s)));
                 clock_s = Some(now_s);
@@ -335,11 +341,11 @@ where
 
 /// Returns the instant of a stamp; a stamp of zero is one that was not set.
 fn instant(ears: &Ears, header: &Header) -> Result<f64, Refusal> {
-    let (stamp_ns, now_s) = (nanoseconds(header.stamp)?, ears.time.now_s());
-    if stamp_ns == 0 && ears.time.told_clock().is_none() {
+    let (stamp_ns, now_s) = (nanoseconds(header.stamp)?, ears.common.time.now_s());
+    if stamp_ns == 0 && ears.common.time.told_clock().is_none() {
         return Ok(now_s);
     }
-    let time_s = ears.time.cycle_s(stamp_ns);
+    let time_s = ears.common.time.cycle_s(stamp_ns);
     let ahead_s = time_s - now_s;
     if ahead_s > AHEAD_S {
         return Err(Refusal::Ahead { ahead_s });
@@ -358,12 +364,12 @@ fn in_frame(found: &str, wanted: &str) -> Result<(), Refusal> {
 }
 
 fn take_odometry(ears: &Ears, message: &Odometry, heard: &mut Heard) -> Result<(), Refusal> {
-    in_frame(&message.header.frame_id, &ears.frames.odometry)?;
-    in_frame(&message.child_frame_id, &ears.frames.base)?;
+    in_frame(&message.header.frame_id, &ears.common.frames.odometry)?;
+    in_frame(&message.child_frame_id, &ears.common.frames.base)?;
     let time_s = instant(ears, &message.header)?;
     let (pose, attitude) = pose_and_attitude(&from_pose(&message.pose.pose)?);
     let mut twist = message.twist.twist.clone();
-    let [speed_m_s, yaw_rate_rad_s] = ears.shared.thresholds();
+    let [speed_m_s, yaw_rate_rad_s] = ears.common.shared.thresholds();
     for (value, threshold) in [
         (&mut twist.linear.x, speed_m_s),
         (&mut twist.angular.z, yaw_rate_rad_s),
@@ -372,7 +378,7 @@ fn take_odometry(ears: &Ears, message: &Odometry, heard: &mut Heard) -> Result<(
             *value = 0.0;
         }
     }
-    let motors = ears.mapping.motors(&twist)?;
+    let motors = ears.common.mapping.motors(&twist)?;
     heard.pose = Some(Stamped {
         time_s,
         value: pose,
@@ -395,12 +401,12 @@ fn take_odometry(ears: &Ears, message: &Odometry, heard: &mut Heard) -> Result<(
 fn attitude(ears: &Ears, message: &Imu) -> Result<Stamped<Attitude>, Refusal> {
     let time_s = instant(ears, &message.header)?;
     let world_from_imu = from_quaternion(&message.orientation)?;
-    let (imu, base) = (&message.header.frame_id, &ears.frames.base);
+    let (imu, base) = (&message.header.frame_id, &ears.common.frames.base);
     let world_from_base = match in_frame(imu, base) {
         Ok(()) => world_from_imu,
         Err(_) => {
             // How it is mounted.
-            let known = ears.shared.transforms();
+            let known = ears.common.shared.transforms();
             world_from_imu * known.look_up(imu, base, time_s, 0.0)?.rotation
         }
     };
@@ -417,9 +423,9 @@ fn motors(ears: &Ears, message: &JointState) -> Result<Stamped<MeasuredMotorSpee
 }
 
 fn take_transforms(ears: &Ears, message: &TfMessage, fixed: bool) -> Result<(), Refusal> {
-    let mut known = ears.shared.transforms();
+    let mut known = ears.common.shared.transforms();
     for stamped in &message.transforms {
-        let time_s = ears.time.cycle_s(nanoseconds(stamped.header.stamp)?);
+        let time_s = ears.common.time.cycle_s(nanoseconds(stamped.header.stamp)?);
         let pose = from_transform(&stamped.transform)?;
         let (parent, child) = (&stamped.header.frame_id, &stamped.child_frame_id);
         known.take(parent, child, time_s, pose, fixed);

@@ -2,7 +2,7 @@
 
 use super::config::CommandsConfig;
 use super::convert::{self, TreadJoints, TwistMapping};
-use super::inputs::{Heard, ListenError, Shared};
+use super::inputs::{Common, Heard, ListenError, Shared};
 use super::message::{Float64, Float64MultiArray, Header, Twist, TwistStamped};
 use super::node::RosNode;
 use super::qos;
@@ -52,12 +52,9 @@ impl Ros2Port {
     pub(super) fn new(
         node: &mut RosNode,
         config: &CommandsConfig,
-        mapping: TwistMapping,
         correction: SpeedCorrection,
-        base_frame: &str,
-        time: RosTime,
+        common: Common,
         (listener, heard): (Worker, Output<Heard>),
-        shared: Arc<Shared>,
     ) -> Result<Self, ListenError> {
         let speaker = Speaker {
             twist: match &config.twist {
@@ -81,9 +78,9 @@ impl Ros2Port {
                 ]),
                 None => None,
             },
-            mapping,
-            base_frame: base_frame.to_owned(),
-            time,
+            mapping: common.mapping,
+            base_frame: common.frames.base,
+            time: common.time,
         };
         let (told, mut newest) = triple_buffer(&Told::default());
         let speaker = Worker::start("ros2 commands", move |end| {
@@ -109,7 +106,7 @@ impl Ros2Port {
         })?;
         Ok(Self {
             heard,
-            shared,
+            shared: common.shared,
             correction,
             mode: DriveMode::Disabled,
             last_s: f64::NEG_INFINITY,

@@ -6,7 +6,7 @@ use super::convert::TwistMapping;
 use super::executive::{Client, Effect, Executive, Seen};
 use super::follow_path::{FollowPathEndpoints, NewGoal, endpoints};
 use super::goals::{GoalEnd, Goals, Outcome};
-use super::inputs::{Ears, ListenError, Shared, drain};
+use super::inputs::{Common, Ears, ListenError, Shared, drain};
 use super::lifecycle::Lifecycle;
 use super::message::action::{FollowPathFeedback, code};
 use super::message::{Path, SpeedLimit};
@@ -104,50 +104,40 @@ pub fn start(setup: Setup<'_>) -> Result<Ros2, ListenError> {
     } else {
         RosTime::of_world(setup.epoch)
     };
-    let icrs = &setup.vehicle.icrs;
-    let width_m = config.commands.track_width_m;
-    let mapping = TwistMapping {
-        track_width_m: width_m.unwrap_or(icrs.right_m - icrs.left_m),
-    };
+    let mapping = TwistMapping::new(config.commands.track_width_m, setup.vehicle)?;
     let (dispatcher, cycle, pilot) = desks(setup.stages);
-    let shared = Arc::new(Shared::default());
-    let ears = Ears {
-        config: config.inputs.clone(),
+    let common = Common {
         frames: config.frames.clone(),
         mapping,
         time: time.clone(),
+        shared: Arc::new(Shared::default()),
+    };
+    let ears = Ears {
+        config: config.inputs.clone(),
+        common: common.clone(),
         brake: dispatcher.brake(),
-        shared: Arc::clone(&shared),
         drives: setup.drives,
     };
     let (listener, heard) = ears.listen(&mut node)?;
     let (port, listener) = if setup.drives {
-        let heard = (listener, heard);
         let correction = setup.vehicle.correction;
-        let frames = &config.frames;
-        let port = Ros2Port::new(
-            &mut node,
-            &config.commands,
-            mapping,
-            correction,
-            &frames.base,
-            time.clone(),
-            heard,
-            Arc::clone(&shared),
-        )?;
+        let (commands, common) = (&config.commands, common.clone());
+        let port = Ros2Port::new(&mut node, commands, correction, common, (listener, heard))?;
         (Some(port), None)
     } else {
         (None, Some(listener))
     };
+    let parameters = Parameters::new(&config, setup.period_s, setup.route.limits.speed_max_m_s);
+    let services = (parameters, Lifecycle::new(config.autostart));
+    let paths = Paths::new(setup.route, &config.frames.odometry);
     let server = Server::new(
         node,
         config,
-        setup.route,
+        paths,
         setup.vehicle,
-        setup.period_s,
+        services,
         dispatcher,
-        shared,
-        time.clone(),
+        common,
     )?;
     Ok(Ros2 {
         time,
@@ -199,12 +189,11 @@ impl Server {
     fn new(
         mut node: RosNode,
         config: Ros2Config,
-        route: RouteSettings,
+        paths: Paths,
         vehicle: &Vehicle,
-        period_s: f64,
+        (parameters, lifecycle): (Parameters, Lifecycle),
         dispatcher: Dispatcher,
-        shared: Arc<Shared>,
-        time: RosTime,
+        common: Common,
     ) -> Result<Self, ListenError> {
         let poll = Poll::new()?;
         let (registry, token) = (poll.registry(), Token(0));
@@ -221,21 +210,16 @@ impl Server {
         registry.register(&mut speed_limit, token, Interest::READABLE)?;
         let mut status = node.context().domain_participant().status_listener();
         registry.register(&mut status, token, Interest::READABLE)?;
-        let speed_m_s = route.limits.speed_max_m_s;
-        let services = Services::new(
-            &mut node,
-            (registry, token),
-            Parameters::new(&config, period_s, speed_m_s),
-            Lifecycle::new(config.autostart),
-        )?;
+        let poll_of = (registry, token);
+        let services = Services::new(&mut node, poll_of, parameters, lifecycle)?;
         let telemetry = Telemetry::new(&mut node, vehicle, &config.frames.odometry)?;
         let action_name = node.names().resolve(&config.follow_path.action);
         let action_name = action_name.map_err(super::node::NodeError::from)?;
         Ok(Self {
-            paths: Paths::new(route, &config.frames.odometry),
+            paths,
             config,
-            time,
-            shared,
+            time: common.time,
+            shared: common.shared,
             dispatcher,
             action,
             path,

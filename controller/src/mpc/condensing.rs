@@ -13,7 +13,8 @@
 //! small and dense, where an interior-point method spends the least time on 20 to 50 stages.
 
 use super::limits::{Change, InputLimits};
-use super::qp::{QpData, pattern};
+use super::problem::QpData;
+use super::structure::{Block, ROWS_PER_STAGE, change_scale, packed, structure};
 use nalgebra::Vector3;
 use sidehill_plant::prediction::LinearisedStep;
 use sidehill_plant::speeds::MotorSpeeds;
@@ -33,8 +34,8 @@ pub struct Stage {
     pub weights: StageWeights,
     /// Planned input of the stage.
     pub input: MotorSpeeds,
-    /// Weight r of a change of traction and steer from the stage before.
-    pub rate_weights: MotorSpeeds,
+    /// Weights r of a change of traction and steer from the stage before, 1/(m/s)^2.
+    pub change_weights: ChangeWeights,
     /// How far traction may change from the stage before.
     pub traction_change: Change,
     /// How far steer may change from the stage before.
@@ -52,6 +53,15 @@ pub struct StageWeights {
     pub heading_per_rad2: f64,
 }
 
+/// Weights of changes of the inputs.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ChangeWeights {
+    /// Of traction.
+    pub traction: f64,
+    /// Of steer.
+    pub steer: f64,
+}
+
 /// A soft bound on the cross-track error.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Corridor {
@@ -59,38 +69,6 @@ pub struct Corridor {
     pub half_width_m: f64,
     /// Weight of leaving it, 1/m^2.
     pub weight_per_m2: f64,
-}
-
-/// Where the parts of a block stand among the variables.
-#[derive(Debug, Clone)]
-struct Block {
-    first_stage: usize,
-    stages: usize,
-    /// First of all the block's variables: its state's deviation, then its inputs, then its slack.
-    first: usize,
-    /// 3, or 0 in the first block, whose state is known.
-    states: usize,
-    /// Where its upper triangle stands among P's values, by entry (row, column) packed by columns.
-    hessian: Vec<usize>,
-    /// Where the change cost ties its first inputs to the last of the block before (traction, steer).
-    tie: Option<(usize, usize)>,
-    /// Where the rows of the next block's state stand among A's values: 3 rows by `width` entries.
-    continuity: Vec<usize>,
-    /// Where the corridor's rows stand: for each stage, both sides, its entries.
-    corridor: Vec<usize>,
-    /// First corridor row.
-    corridor_row: usize,
-}
-
-impl Block {
-    fn input(&self, stage_in_block: usize) -> usize {
-        self.states + 2 * stage_in_block
-    }
-
-    /// Variables without the slack.
-    fn width(&self) -> usize {
-        self.states + 2 * self.stages
-    }
 }
 
 /// Builds the QP of a horizon and reads its solution back.
@@ -109,9 +87,6 @@ pub struct Condenser {
     hessian: Vec<f64>,
 }
 
-/// Rows an input stage has: bounds and changes of both motors, each from both sides.
-const ROWS_PER_STAGE: usize = 8;
-
 impl Condenser {
     /// Returns the condenser of a horizon of `stages` in blocks of `block_stages`, with the QP data
     /// whose values it writes.
@@ -122,155 +97,8 @@ impl Condenser {
         corridor: Option<Corridor>,
         cost_scale: f64,
     ) -> (Self, QpData) {
-        let slack = usize::from(corridor.is_some());
-        let mut blocks = Vec::new();
-        let (mut first_stage, mut first) = (0, 0);
-        while first_stage < stages {
-            let length = block_stages.min(stages - first_stage);
-            let states = if first_stage == 0 { 0 } else { 3 };
-            blocks.push(Block {
-                first_stage,
-                stages: length,
-                first,
-                states,
-                hessian: Vec::new(),
-                tie: None,
-                continuity: Vec::new(),
-                corridor: Vec::new(),
-                corridor_row: 0,
-            });
-            first += states + 2 * length + slack;
-            first_stage += length;
-        }
-        let variables = first;
-        let equalities = 3 * (blocks.len() - 1);
         let tread_rows = !limits.treads_follow_from_motors();
-
-        // P: each block's dense upper triangle, and the change cost's ties between blocks.
-        let mut p_entries = Vec::new();
-        let mut p_places: Vec<(usize, usize)> = Vec::new();
-        for (i, block) in blocks.iter().enumerate() {
-            let start = p_entries.len();
-            let width = block.width() + slack;
-            for column in 0..width {
-                for row in 0..=column {
-                    p_entries.push((block.first + row, block.first + column));
-                }
-            }
-            if i > 0 {
-                let before = &blocks[i - 1];
-                let last = before.first + before.input(before.stages - 1);
-                let own = block.first + block.input(0);
-                p_entries.push((last, own));
-                p_entries.push((last + 1, own + 1));
-            }
-            p_places.push((start, width * (width + 1) / 2));
-        }
-        let (p, p_positions) = pattern(variables, variables, &p_entries);
-        for (i, (start, count)) in p_places.into_iter().enumerate() {
-            blocks[i].hessian = p_positions[start..start + count].to_vec();
-            blocks[i].tie =
-                (i > 0).then(|| (p_positions[start + count], p_positions[start + count + 1]));
-        }
-
-        // A: continuity of the states, then the stages' inequalities.
-        let mut a_entries = Vec::new();
-        let mut a_values = Vec::new();
-        let mut continuity_starts = Vec::new();
-        for (i, block) in blocks.iter().enumerate().take(blocks.len() - 1) {
-            continuity_starts.push(a_entries.len());
-            for row in 0..3 {
-                for column in 0..block.width() {
-                    a_entries.push((3 * i + row, block.first + column));
-                    a_values.push(0.0);
-                }
-            }
-            for row in 0..3 {
-                a_entries.push((3 * i + row, blocks[i + 1].first + row));
-                a_values.push(1.0);
-            }
-        }
-        let mut row = equalities;
-        let mut before: Option<usize> = None;
-        for block in &blocks {
-            for stage in 0..block.stages {
-                let own = block.first + block.input(stage);
-                for motor in 0..2 {
-                    let (limit, change) = if motor == 0 {
-                        (
-                            limits.traction.speed_m_s,
-                            change_scale(limits.traction.acceleration_m_s2),
-                        )
-                    } else {
-                        (
-                            limits.steer.speed_m_s,
-                            change_scale(limits.steer.acceleration_m_s2),
-                        )
-                    };
-                    for sign in [1.0, -1.0] {
-                        a_entries.push((row, own + motor));
-                        a_values.push(sign / limit);
-                        row += 1;
-                        a_entries.push((row, own + motor));
-                        a_values.push(sign * change);
-                        if let Some(before) = before {
-                            a_entries.push((row, before + motor));
-                            a_values.push(-sign * change);
-                        }
-                        row += 1;
-                    }
-                }
-                if tread_rows {
-                    // +-(tau - sigma) and +-(tau + sigma)
-                    for (sign, side) in [(1.0, -1.0), (-1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)] {
-                        a_entries.push((row, own));
-                        a_values.push(sign / limits.tread_speed_m_s);
-                        a_entries.push((row, own + 1));
-                        a_values.push(sign * side / limits.tread_speed_m_s);
-                        row += 1;
-                    }
-                }
-                before = Some(own);
-            }
-        }
-        let mut corridor_starts = Vec::new();
-        if corridor.is_some() {
-            for block in &mut blocks {
-                block.corridor_row = row;
-                corridor_starts.push(a_entries.len());
-                let slack_variable = block.first + block.width();
-                for stage in 0..block.stages {
-                    for _side in 0..2 {
-                        for column in 0..block.input(stage + 1) {
-                            a_entries.push((row, block.first + column));
-                            a_values.push(0.0);
-                        }
-                        a_entries.push((row, slack_variable));
-                        a_values.push(-1.0);
-                        row += 1;
-                    }
-                }
-                a_entries.push((row, slack_variable));
-                a_values.push(-1.0);
-                row += 1;
-            }
-        }
-        let rows = row;
-        let (mut a, a_positions) = pattern(rows, variables, &a_entries);
-        for (position, value) in a_positions.iter().zip(&a_values) {
-            a.nzval[*position] = *value;
-        }
-        for (i, start) in continuity_starts.into_iter().enumerate() {
-            let count = 3 * blocks[i].width();
-            blocks[i].continuity = a_positions[start..start + count].to_vec();
-        }
-        for (i, start) in corridor_starts.into_iter().enumerate() {
-            let block = &blocks[i];
-            let count: usize = (0..block.stages)
-                .map(|stage| 2 * (block.input(stage + 1) + 1))
-                .sum();
-            blocks[i].corridor = a_positions[start..start + count].to_vec();
-        }
+        let (blocks, data) = structure(stages, block_stages, &limits, corridor, tread_rows);
         let widest = blocks.iter().map(Block::width).max().unwrap_or(0);
         let condenser = Self {
             blocks,
@@ -278,19 +106,12 @@ impl Condenser {
             limits,
             corridor,
             tread_rows,
-            first_inequality: equalities,
+            first_inequality: data.equalities,
             cost_scale,
             jacobian: std::array::from_fn(|_| vec![0.0; widest + 1]),
             along: vec![0.0; widest + 1],
             cross: vec![0.0; widest + 1],
             hessian: vec![0.0; (widest + 1) * (widest + 1)],
-        };
-        let data = QpData {
-            p,
-            q: vec![0.0; variables],
-            a,
-            b: vec![0.0; rows],
-            equalities,
         };
         (condenser, data)
     }
@@ -419,8 +240,8 @@ impl Condenser {
                 let stage = &stages[block.first_stage + stage_in_block];
                 let own = block.input(stage_in_block);
                 let weights = [
-                    self.cost_scale * stage.rate_weights.traction_m_s,
-                    self.cost_scale * stage.rate_weights.steer_m_s,
+                    self.cost_scale * stage.change_weights.traction,
+                    self.cost_scale * stage.change_weights.steer,
                 ];
                 let offsets = [
                     stage.input.traction_m_s - before_input.traction_m_s,
@@ -509,16 +330,4 @@ impl Condenser {
             })
         })
     }
-}
-
-/// Returns the position of (row, column) in an upper triangle packed by columns.
-fn packed(row: usize, column: usize) -> usize {
-    column * (column + 1) / 2 + row
-}
-
-/// Returns the factor that brings a change of speed to the size of 1.
-fn change_scale(acceleration_m_s2: f64) -> f64 {
-    /// A typical stage, s.
-    const STAGE_S: f64 = 0.15;
-    1.0 / (acceleration_m_s2 * STAGE_S)
 }

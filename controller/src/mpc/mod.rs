@@ -2,10 +2,13 @@
 
 mod condensing;
 pub mod limits;
+mod problem;
 mod qp;
+mod structure;
 
-pub use condensing::{Corridor, StageWeights};
-pub use qp::{QpFailure, QpMode, QpSettings, Residuals};
+pub use condensing::{ChangeWeights, Corridor, StageWeights};
+pub use problem::Residuals;
+pub use qp::{QpFailure, QpMode, QpSettings};
 
 use condensing::{Condenser, Stage};
 use limits::InputLimits;
@@ -19,8 +22,10 @@ use std::time::Instant;
 /// Factor on all costs: brings the QP's numbers near 1, where the solver's tolerances are meant.
 const COST_SCALE: f64 = 10.0;
 
-/// Linearisations and QPs when a plan is made from nothing.
+/// Linearisations and QPs at most when a plan is made from nothing.
 const START_ITERATIONS: usize = 10;
+/// Largest correction of an input, m/s, at which such a plan is good enough.
+const START_CORRECTION_M_S: f64 = 1e-3;
 
 /// What the horizon asks for at the end of one stage.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -48,8 +53,8 @@ pub struct MpcSettings {
     pub period_s: f64,
     /// Stages condensed into one block.
     pub block_stages: usize,
-    /// Weight of changes of (traction, steer), divided by the stage's duration, s/(m/s)^2.
-    pub change_weight: MotorSpeeds,
+    /// Weights of changes of the inputs, divided by the stage's duration, s/(m/s)^2.
+    pub change_weights: ChangeWeights,
     /// Factor on the weights of the last stage.
     pub terminal_factor: f64,
     /// Limits of the inputs.
@@ -89,6 +94,8 @@ pub struct Mpc {
     stages: Vec<Stage>,
     condenser: Condenser,
     solver: QpSolver,
+    /// Largest correction of an input by the last QP, m/s.
+    corrected_m_s: f64,
 }
 
 impl Mpc {
@@ -115,6 +122,7 @@ impl Mpc {
             stages: Vec::new(),
             condenser,
             solver,
+            corrected_m_s: 0.0,
             model,
             settings,
         };
@@ -139,19 +147,20 @@ impl Mpc {
 
     /// Sets the weight of a change of steer, s/(m/s)^2, which must be positive.
     pub fn set_steer_change_weight(&mut self, weight: f64) {
-        self.settings.change_weight.steer_m_s = weight;
+        self.settings.change_weights.steer = weight;
     }
 
-    /// Makes a plan from nothing: the targets as states, their feed-forward as inputs, then as many
-    /// QPs as the settings say.
+    /// Makes a plan from nothing: the targets as states, their feed-forward as inputs, then QPs until
+    /// they correct it little or `deadline` is over.
     ///
     /// # Errors
-    /// The [`QpFailure`] of the last QP.
+    /// The [`QpFailure`] of the first QP; a later one leaves the plan of those before it.
     pub fn start(
         &mut self,
         state: &PlanarPose,
         previous: MotorSpeeds,
         targets: &[StageTarget],
+        deadline: Option<Instant>,
     ) -> Result<SolveReport, QpFailure> {
         self.plan.states[0] = vector(state);
         for (k, target) in targets.iter().enumerate() {
@@ -166,11 +175,17 @@ impl Mpc {
             let yaw = &mut self.plan.states[k].z;
             *yaw = before + wrap_angle(*yaw - before);
         }
-        // Far from a good plan the limits bind and a QP takes longer; nothing moves yet.
+        // Far from a good plan the limits bind and a QP takes longer.
         self.solver.set_max_iterations(qp::ITERATIONS_MAX);
-        let mut report = self.solve(state, previous, targets, None);
+        let mut report = self.solve(state, previous, targets, deadline);
         for _ in 1..START_ITERATIONS {
-            report = self.solve(state, previous, targets, None);
+            if report.is_err() || self.corrected_m_s < START_CORRECTION_M_S {
+                break;
+            }
+            match self.solve(state, previous, targets, deadline) {
+                Ok(better) => report = Ok(better),
+                Err(_) => break,
+            }
         }
         self.solver
             .set_max_iterations(self.settings.qp.max_iterations);
@@ -271,9 +286,9 @@ impl Mpc {
                 along: (-sin, cos),
                 weights,
                 input,
-                rate_weights: MotorSpeeds {
-                    traction_m_s: settings.change_weight.traction_m_s / settings.step_s,
-                    steer_m_s: settings.change_weight.steer_m_s / settings.step_s,
+                change_weights: ChangeWeights {
+                    traction: settings.change_weights.traction / settings.step_s,
+                    steer: settings.change_weights.steer / settings.step_s,
                 },
                 traction_change: settings.limits.traction.change(before.traction_m_s, time_s),
                 steer_change: settings.limits.steer.change(before.steer_m_s, time_s),
@@ -306,6 +321,7 @@ impl Mpc {
     /// Moves the plan by the QP's solution, states along the linearised dynamics.
     fn apply(&mut self) {
         let mut deviation = Vector3::zeros();
+        self.corrected_m_s = 0.0;
         let corrections = self.condenser.input_corrections(self.solver.primal());
         for ((k, stage), correction) in self.stages.iter().enumerate().zip(corrections) {
             let step = &stage.step;
@@ -313,6 +329,10 @@ impl Mpc {
                 + step.by_traction * correction.traction_m_s
                 + step.by_steer * correction.steer_m_s
                 + stage.defect;
+            self.corrected_m_s = self
+                .corrected_m_s
+                .max(correction.traction_m_s.abs())
+                .max(correction.steer_m_s.abs());
             self.plan.states[k + 1] += deviation;
             self.plan.inputs[k] = MotorSpeeds {
                 traction_m_s: stage.input.traction_m_s + correction.traction_m_s,

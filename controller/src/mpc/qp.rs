@@ -1,10 +1,11 @@
 //! The one file that names clarabel: a convex QP of fixed sparsity, solved again and again.
 //!
-//! ```text
-//! minimise 1/2 z' P z + q' z   subject to   A z + s = b,  s = 0 (equalities), s >= 0 (the rest)
-//! ```
+//! Most of the time no inequality binds. Then the minimiser under the equalities alone is the QP's
+//! solution, and one linear system finds it: [`QpMode::RelaxedFirst`] tries that before the whole QP.
 
-use clarabel::algebra::CscMatrix;
+pub use clarabel::algebra::CscMatrix;
+
+use super::problem::{Point, QpData, Residuals};
 use clarabel::solver::{
     DefaultInfo, DefaultSettings, DefaultSolver, IPSolver, SolverStatus, SupportedConeT,
 };
@@ -23,6 +24,9 @@ const STEP_FRACTION: f64 = 0.999;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum QpMode {
+    /// As `InPlace`, but the QP without its inequalities first, unless one of them bound in the solve
+    /// before; where its minimiser meets them all it is the solution.
+    RelaxedFirst,
     /// One solver made at start, updated in place, set up for small well-scaled QPs.
     InPlace,
     /// A solver with clarabel's defaults made new in each cycle: what benches compare with.
@@ -71,32 +75,6 @@ pub enum QpFailure {
     },
 }
 
-/// Optimality of a point, computed from the data and not from the solver's own account.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Residuals {
-    /// Largest entry of |A z + s - b|, and how far s or the multipliers leave their cone.
-    pub primal: f64,
-    /// Largest entry of |P z + q + A' y|.
-    pub dual: f64,
-    /// |z' P z + q' z + b' y|.
-    pub gap: f64,
-}
-
-/// A QP's data with the pattern it was made with; values may be overwritten between solves.
-#[derive(Debug, Clone)]
-pub struct QpData {
-    /// Upper triangle of P.
-    pub p: CscMatrix<f64>,
-    /// Linear cost.
-    pub q: Vec<f64>,
-    /// Constraint matrix, equalities first.
-    pub a: CscMatrix<f64>,
-    /// Right-hand side.
-    pub b: Vec<f64>,
-    /// Number of equality rows.
-    pub equalities: usize,
-}
-
 /// Limits and tolerances of a solve.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct QpSettings {
@@ -124,9 +102,56 @@ struct SolveLimits {
 }
 
 impl SolveLimits {
+    fn set_deadline(&self, deadline: Option<Instant>) {
+        let after = |instant: Instant| instant.saturating_duration_since(self.epoch).as_nanos();
+        let limit = deadline.map_or(u64::MAX, |instant| {
+            u64::try_from(after(instant)).unwrap_or(u64::MAX)
+        });
+        self.deadline_ns.store(limit, Ordering::Relaxed);
+    }
+
     fn reached(&self, iterations: u32) -> bool {
         let deadline = Duration::from_nanos(self.deadline_ns.load(Ordering::Relaxed));
         iterations >= self.iterations.load(Ordering::Relaxed) || self.epoch.elapsed() >= deadline
+    }
+}
+
+/// The problem without its inequalities: clarabel needs one factorisation for it.
+struct Relaxed {
+    solver: DefaultSolver<f64>,
+    /// A's values in the equalities' rows.
+    a_values: Vec<f64>,
+    b: Vec<f64>,
+}
+
+impl Relaxed {
+    fn new(
+        data: &QpData,
+        settings: &QpSettings,
+        limits: &Arc<SolveLimits>,
+    ) -> Result<Self, QpFailure> {
+        let mut relaxed = data.without_inequalities();
+        let solver = build(&relaxed, settings, limits)?;
+        Ok(Self {
+            solver,
+            a_values: std::mem::take(&mut relaxed.a.nzval),
+            b: relaxed.b,
+        })
+    }
+
+    fn solve(&mut self, data: &QpData) -> Result<SolverStatus, QpFailure> {
+        self.a_values.clear();
+        self.a_values.extend(data.equality_values());
+        self.b.copy_from_slice(&data.b[..data.equalities]);
+        update(
+            &mut self.solver,
+            &data.p.nzval,
+            &data.q,
+            &self.a_values,
+            &self.b,
+        )?;
+        self.solver.solve();
+        Ok(self.solver.solution.status)
     }
 }
 
@@ -134,10 +159,13 @@ impl SolveLimits {
 pub struct QpSolver {
     data: QpData,
     settings: QpSettings,
-    solver: DefaultSolver<f64>,
+    whole: DefaultSolver<f64>,
+    relaxed: Relaxed,
     limits: Arc<SolveLimits>,
-    dual_residual: Vec<f64>,
-    primal_residual: Vec<f64>,
+    point: Point,
+    work: Point,
+    /// Whether an inequality bound in the last solve.
+    binding: bool,
     iterations: u32,
     rebuilds: u32,
 }
@@ -153,14 +181,15 @@ impl QpSolver {
             deadline_ns: AtomicU64::new(u64::MAX),
             iterations: AtomicU32::new(settings.max_iterations),
         });
-        let solver = build(&data, &settings, &limits)?;
         Ok(Self {
-            dual_residual: vec![0.0; data.q.len()],
-            primal_residual: vec![0.0; data.b.len()],
+            whole: build(&data, &settings, &limits)?,
+            relaxed: Relaxed::new(&data, &settings, &limits)?,
+            point: Point::zeros(&data),
+            work: Point::zeros(&data),
             data,
             settings,
-            solver,
             limits,
+            binding: false,
             iterations: 0,
             rebuilds: 0,
         })
@@ -177,7 +206,7 @@ impl QpSolver {
         &self.data
     }
 
-    /// Returns the iterations of the last solve.
+    /// Returns the iterations of the last solve; the relaxed problem's linear system counts as one.
     pub fn iterations(&self) -> u32 {
         self.iterations
     }
@@ -190,7 +219,7 @@ impl QpSolver {
 
     /// Returns the primal point of the last solve.
     pub fn primal(&self) -> &[f64] {
-        &self.solver.solution.x
+        &self.point.primal
     }
 
     /// Sets the largest number of iterations of the solves to come, at most [`ITERATIONS_MAX`].
@@ -204,28 +233,64 @@ impl QpSolver {
     /// Every [`QpFailure`]; the last solution is then not to be used.
     pub fn solve(&mut self, deadline: Option<Instant>) -> Result<Residuals, QpFailure> {
         self.iterations = 0;
-        if !self.data_is_finite() {
+        if !self.data.is_finite() {
             return Err(QpFailure::NotFinite);
         }
-        let limit = deadline.map_or(u64::MAX, |instant| {
-            u64::try_from(
-                instant
-                    .saturating_duration_since(self.limits.epoch)
-                    .as_nanos(),
-            )
-            .unwrap_or(u64::MAX)
-        });
-        self.limits.deadline_ns.store(limit, Ordering::Relaxed);
+        self.limits.set_deadline(deadline);
+        if self.settings.mode == QpMode::RelaxedFirst
+            && !self.binding
+            && !self.limits.reached(0)
+            && let Some(residuals) = self.solve_relaxed()?
+        {
+            return Ok(residuals);
+        }
+        self.solve_whole()
+    }
+
+    /// Returns the residuals of the solution, where no inequality is in its way.
+    fn solve_relaxed(&mut self) -> Result<Option<Residuals>, QpFailure> {
+        let status = self.relaxed.solve(&self.data)?;
+        self.iterations += 1;
+        if !matches!(status, SolverStatus::Solved | SolverStatus::AlmostSolved) {
+            self.relaxed = Relaxed::new(&self.data, &self.settings, &self.limits)?;
+            return Ok(None);
+        }
+        let found = &self.relaxed.solver.solution;
+        self.point.primal.copy_from_slice(&found.x);
+        self.point.dual[..self.data.equalities].copy_from_slice(&found.z);
+        self.point.dual[self.data.equalities..].fill(0.0);
+        if self.data.slacken(&mut self.point) >= 0.0 {
+            return Ok(self.check().ok());
+        }
+        Ok(None)
+    }
+
+    fn solve_whole(&mut self) -> Result<Residuals, QpFailure> {
+        let before = self.iterations;
         match self.settings.mode {
-            QpMode::InPlace => self.update()?,
+            QpMode::RelaxedFirst | QpMode::InPlace => {
+                let data = &self.data;
+                update(
+                    &mut self.whole,
+                    &data.p.nzval,
+                    &data.q,
+                    &data.a.nzval,
+                    &data.b,
+                )?;
+            }
             QpMode::FreshDefaults => {
-                self.solver = build(&self.data, &self.settings, &self.limits)?;
+                self.whole = build(&self.data, &self.settings, &self.limits)?;
             }
         }
-        self.solver.solve();
-        let iterations = self.solver.info.iterations;
-        self.iterations = iterations;
-        match self.solver.solution.status {
+        self.whole.solve();
+        let iterations = self.whole.info.iterations;
+        self.iterations = before + iterations;
+        let found = &self.whole.solution;
+        self.point.primal.copy_from_slice(&found.x);
+        self.point.dual.copy_from_slice(&found.z);
+        self.point.slack.copy_from_slice(&found.s);
+        self.binding = self.point.binds(self.data.equalities);
+        match found.status {
             SolverStatus::Solved | SolverStatus::AlmostSolved => self.check(),
             SolverStatus::MaxIterations | SolverStatus::InsufficientProgress => {
                 // The last iterate may well do; the residuals tell.
@@ -246,35 +311,12 @@ impl QpSolver {
             | SolverStatus::AlmostPrimalInfeasible
             | SolverStatus::AlmostDualInfeasible => Err(QpFailure::Infeasible),
             SolverStatus::NumericalError | SolverStatus::Unsolved => {
-                self.rebuild()?;
+                // A NaN inside it would stay there for good.
+                self.whole = build(&self.data, &self.settings, &self.limits)?;
+                self.rebuilds += 1;
                 Err(QpFailure::Numerical { iterations })
             }
         }
-    }
-
-    fn update(&mut self) -> Result<(), QpFailure> {
-        let (solver, data) = (&mut self.solver, &self.data);
-        let updated = solver
-            .update_P(&data.p.nzval)
-            .and_then(|()| solver.update_q(&data.q))
-            .and_then(|()| solver.update_A(&data.a.nzval))
-            .and_then(|()| solver.update_b(&data.b));
-        updated.map_err(|_| QpFailure::Rejected)
-    }
-
-    /// Makes the solver new: a NaN inside it would stay there for good.
-    fn rebuild(&mut self) -> Result<(), QpFailure> {
-        self.solver = build(&self.data, &self.settings, &self.limits)?;
-        self.rebuilds += 1;
-        Ok(())
-    }
-
-    fn data_is_finite(&self) -> bool {
-        let finite = |values: &[f64]| values.iter().all(|v| v.is_finite());
-        finite(&self.data.p.nzval)
-            && finite(&self.data.q)
-            && finite(&self.data.a.nzval)
-            && finite(&self.data.b)
     }
 
     fn check(&mut self) -> Result<Residuals, QpFailure> {
@@ -289,60 +331,25 @@ impl QpSolver {
         }
     }
 
-    /// Returns the KKT residuals of the last solution, relative to the largest term of each.
+    /// Returns the KKT residuals of the last solution.
     pub fn residuals(&mut self) -> Residuals {
-        let (data, solution) = (&self.data, &self.solver.solution);
-        let (z, y, s) = (&solution.x, &solution.z, &solution.s);
-        self.dual_residual.copy_from_slice(&data.q);
-        let mut quadratic = 0.0;
-        for column in 0..data.p.n {
-            for k in data.p.colptr[column]..data.p.colptr[column + 1] {
-                let (row, value) = (data.p.rowval[k], data.p.nzval[k]);
-                self.dual_residual[row] += value * z[column];
-                quadratic += value * z[row] * z[column];
-                if row != column {
-                    self.dual_residual[column] += value * z[row];
-                    quadratic += value * z[row] * z[column];
-                }
-            }
-        }
-        for ((residual, s), b) in self.primal_residual.iter_mut().zip(s).zip(&data.b) {
-            *residual = s - b;
-        }
-        for (column, (z, residual)) in z.iter().zip(&mut self.dual_residual).enumerate() {
-            for k in data.a.colptr[column]..data.a.colptr[column + 1] {
-                let (row, value) = (data.a.rowval[k], data.a.nzval[k]);
-                self.primal_residual[row] += value * z;
-                *residual += value * y[row];
-            }
-        }
-        let largest = |values: &[f64]| values.iter().fold(0.0_f64, |m, v| nan_max(m, v.abs()));
-        let outside = s[data.equalities..]
-            .iter()
-            .chain(&y[data.equalities..])
-            .fold(0.0_f64, |m, v| nan_max(m, -v));
-        let linear = dot(&data.q, z);
-        let gap = quadratic + linear + dot(&data.b, y);
-        Residuals {
-            primal: nan_max(largest(&self.primal_residual), outside)
-                / (1.0 + largest(&data.b).max(largest(z))),
-            dual: largest(&self.dual_residual) / (1.0 + largest(&data.q)),
-            gap: gap.abs() / (1.0 + (0.5 * quadratic + linear).abs()),
-        }
+        self.data.residuals(&self.point, &mut self.work)
     }
 }
 
-/// Returns the larger of two values, or NaN where one is: a NaN must not hide behind a maximum.
-fn nan_max(a: f64, b: f64) -> f64 {
-    if a.is_nan() || b.is_nan() {
-        f64::NAN
-    } else {
-        a.max(b)
-    }
-}
-
-fn dot(a: &[f64], b: &[f64]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| a * b).sum()
+fn update(
+    solver: &mut DefaultSolver<f64>,
+    p: &Vec<f64>,
+    q: &Vec<f64>,
+    a: &Vec<f64>,
+    b: &Vec<f64>,
+) -> Result<(), QpFailure> {
+    solver
+        .update_P(p)
+        .and_then(|()| solver.update_q(q))
+        .and_then(|()| solver.update_A(a))
+        .and_then(|()| solver.update_b(b))
+        .map_err(|_| QpFailure::Rejected)
 }
 
 fn build(
@@ -354,7 +361,7 @@ fn build(
         verbose: false,
         ..DefaultSettings::default()
     };
-    if settings.mode == QpMode::InPlace {
+    if settings.mode != QpMode::FreshDefaults {
         // Updates in place need the data as given; the QP is scaled by its maker, so neither
         // equilibration nor iterative refinement earns its time.
         clarabel.presolve_enable = false;
@@ -371,39 +378,10 @@ fn build(
         SupportedConeT::ZeroConeT(data.equalities),
         SupportedConeT::NonnegativeConeT(data.b.len() - data.equalities),
     ];
-    let mut solver = DefaultSolver::new(&data.p, &data.q, &data.a, &data.b, &cones, clarabel)
+    let cones = &cones[..if data.b.len() > data.equalities { 2 } else { 1 }];
+    let mut solver = DefaultSolver::new(&data.p, &data.q, &data.a, &data.b, cones, clarabel)
         .map_err(|_| QpFailure::Rejected)?;
     let limits = Arc::clone(limits);
     solver.set_termination_callback(move |info: &DefaultInfo<f64>| limits.reached(info.iterations));
     Ok(solver)
-}
-
-/// Returns a matrix in compressed columns with the given entries, all 1, and where each entry's value
-/// stands in it.
-///
-/// Entries must be distinct; their order is free.
-pub fn pattern(
-    rows: usize,
-    columns: usize,
-    entries: &[(usize, usize)],
-) -> (CscMatrix<f64>, Vec<usize>) {
-    let mut order: Vec<usize> = (0..entries.len()).collect();
-    order.sort_by_key(|&i| (entries[i].1, entries[i].0));
-    let mut column_starts = vec![0; columns + 1];
-    for &(_, column) in entries {
-        column_starts[column + 1] += 1;
-    }
-    for column in 0..columns {
-        column_starts[column + 1] += column_starts[column];
-    }
-    let mut positions = vec![0; entries.len()];
-    for (position, &entry) in order.iter().enumerate() {
-        positions[entry] = position;
-    }
-    let row_indices = order.iter().map(|&i| entries[i].0).collect();
-    let values = vec![1.0; entries.len()];
-    (
-        CscMatrix::new(rows, columns, column_starts, row_indices, values),
-        positions,
-    )
 }

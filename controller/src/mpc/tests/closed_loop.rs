@@ -61,7 +61,7 @@ impl Course {
     fn solve(&self, mpc: &mut Mpc) -> Result<SolveReport, QpFailure> {
         let targets = self.targets(&mpc.settings);
         if self.cycle == 0 {
-            mpc.start(&self.pose, self.command, &targets)
+            mpc.start(&self.pose, self.command, &targets, None)
         } else {
             mpc.shift(0.05, &self.normal_in_world);
             mpc.solve(&self.pose, self.command, &targets, None)
@@ -90,7 +90,10 @@ fn settings(stages: usize, block_stages: usize) -> MpcSettings {
         step_s: 0.15,
         period_s: 0.05,
         block_stages,
-        change_weight: motors(0.05, 0.05),
+        change_weights: ChangeWeights {
+            traction: 0.05,
+            steer: 0.05,
+        },
         terminal_factor: 1.0,
         limits: input_limits(2.0),
         corridor: None,
@@ -99,7 +102,7 @@ fn settings(stages: usize, block_stages: usize) -> MpcSettings {
             max_iterations: 10,
             accepted_residual: 1e-3,
             accepted_gap: 0.2,
-            mode: QpMode::InPlace,
+            mode: QpMode::RelaxedFirst,
         },
     }
 }
@@ -192,6 +195,8 @@ fn block_sizes_and_solver_modes_give_one_plan() {
     };
     let reference = plan(5, QpMode::InPlace);
     for (block_stages, mode) in [
+        (5, QpMode::RelaxedFirst),
+        (1, QpMode::RelaxedFirst),
         (1, QpMode::InPlace),
         (7, QpMode::InPlace),
         (20, QpMode::InPlace),
@@ -261,7 +266,7 @@ fn a_previous_input_out_of_bounds_does_not_make_the_qp_infeasible() {
         settings.limits = input_limits(1.2);
         let targets = course.targets(&settings);
         let mut mpc = mpc(settings);
-        mpc.start(&course.pose, previous, &targets).unwrap();
+        mpc.start(&course.pose, previous, &targets, None).unwrap();
         let bounded = mpc.settings.limits.within_bounds(previous);
         let reached = mpc
             .settings

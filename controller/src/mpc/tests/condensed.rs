@@ -34,7 +34,10 @@ fn stage() -> impl Strategy<Value = Stage> {
                 heading_per_rad2: within(0.0, 5.0),
             },
             input: motors(within(-1.0, 1.0), within(-0.8, 0.8)),
-            rate_weights: motors(within(0.5, 4.0), within(0.5, 4.0)),
+            change_weights: ChangeWeights {
+                traction: within(0.5, 4.0),
+                steer: within(0.5, 4.0),
+            },
             traction_change: Change {
                 fall: within(0.05, 0.5),
                 rise: within(0.05, 0.5),

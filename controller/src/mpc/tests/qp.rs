@@ -1,7 +1,7 @@
 //! The solver against problems whose answers are known, and its failures.
 
 use super::*;
-use crate::mpc::qp::{QpData, pattern};
+use crate::mpc::problem::{QpData, pattern};
 use std::time::Duration;
 
 /// minimise 1/2 (x^2 + 2 y^2) + q'(x, y)   subject to   x + y = sum,  x <= x_max,  -y <= 0
@@ -48,6 +48,33 @@ fn known_optima_are_found_and_their_residuals_vanish() {
     solver.solve(None).unwrap();
     assert_near(solver.primal(), [3.0, 0.0]);
     assert_eq!(solver.rebuilds(), 0);
+}
+
+#[test]
+fn where_nothing_binds_the_relaxed_problem_is_enough_and_else_it_is_not_believed() {
+    let settings = QpSettings {
+        mode: QpMode::RelaxedFirst,
+        ..exact()
+    };
+    let mut solver = QpSolver::new(small(3.0, 10.0, [0.0, 0.0]), settings).unwrap();
+    solver.solve(None).unwrap();
+    assert_near(solver.primal(), [2.0, 1.0]);
+    assert_eq!(solver.iterations(), 1);
+    // Without its bound x would be 2: the whole problem is solved besides, and then at once.
+    *solver.data_mut() = small(3.0, 0.5, [0.0, 0.0]);
+    solver.solve(None).unwrap();
+    assert_near(solver.primal(), [0.5, 2.5]);
+    let with_relaxed = solver.iterations();
+    solver.solve(None).unwrap();
+    assert_near(solver.primal(), [0.5, 2.5]);
+    assert_eq!(solver.iterations() + 1, with_relaxed);
+    // One more whole solve finds that nothing binds any longer.
+    *solver.data_mut() = small(3.0, 10.0, [0.0, 0.0]);
+    solver.solve(None).unwrap();
+    assert!(solver.iterations() > 1);
+    solver.solve(None).unwrap();
+    assert_near(solver.primal(), [2.0, 1.0]);
+    assert_eq!(solver.iterations(), 1);
 }
 
 #[test]
@@ -160,16 +187,23 @@ proptest! {
         ),
     ) {
         let mut updated = solver(small(3.0, 10.0, [0.0, 0.0]));
+        let settings = QpSettings { mode: QpMode::RelaxedFirst, ..exact() };
+        let mut relaxed_first = QpSolver::new(small(3.0, 10.0, [0.0, 0.0]), settings).unwrap();
         for ([p_x, p_y, q_x, q_y, sum, x_max], slope) in problems {
             let mut data = small(sum, x_max, [q_x, q_y]);
             data.p.nzval.copy_from_slice(&[p_x, p_y]);
             data.a.nzval[0] = 1.0 + 0.5 * slope;
             *updated.data_mut() = data.clone();
-            let mut fresh = solver(data);
+            let mut fresh = solver(data.clone());
             let expected = fresh.solve(None);
             prop_assert_eq!(updated.solve(None), expected);
             prop_assert_eq!(updated.primal(), fresh.primal());
             prop_assert!(expected.is_ok(), "{:?}", expected);
+            *relaxed_first.data_mut() = data;
+            prop_assert!(relaxed_first.solve(None).is_ok());
+            for (found, expected) in relaxed_first.primal().iter().zip(fresh.primal()) {
+                prop_assert!((found - expected).abs() < 1e-5, "{} {}", found, expected);
+            }
         }
     }
 }

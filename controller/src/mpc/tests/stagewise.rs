@@ -2,7 +2,7 @@
 //! is a variable, every row in its own units.
 
 use super::*;
-use crate::mpc::qp::{QpData, pattern};
+use crate::mpc::problem::{QpData, pattern};
 use std::collections::BTreeMap;
 
 /// Returns the corrections of the inputs that are optimal for `stages`, by a solver made for this
@@ -71,10 +71,7 @@ pub fn optimal_corrections(
         };
         let before = [before.traction_m_s, before.steer_m_s];
         let speed_max = [limits.traction.speed_m_s, limits.steer.speed_m_s];
-        let weights = [
-            stage.rate_weights.traction_m_s,
-            stage.rate_weights.steer_m_s,
-        ];
+        let weights = [stage.change_weights.traction, stage.change_weights.steer];
         let changes = [stage.traction_change, stage.steer_change];
         for motor in 0..2 {
             let planned = own[motor] - before[motor];

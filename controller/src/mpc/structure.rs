@@ -1,0 +1,239 @@
+//! Which variables and rows the condensed QP has, and where their values stand in its matrices.
+
+use super::condensing::Corridor;
+use super::limits::InputLimits;
+use super::problem::{CscMatrix, QpData, pattern};
+use std::ops::Range;
+
+/// Rows an input stage has: bounds and changes of both motors, each from both sides.
+pub const ROWS_PER_STAGE: usize = 8;
+
+/// Where the parts of a block stand among the variables.
+#[derive(Debug, Clone)]
+pub struct Block {
+    /// First stage of the horizon in it.
+    pub first_stage: usize,
+    /// Number of its stages.
+    pub stages: usize,
+    /// First of all the block's variables: its state's deviation, then its inputs, then its slack.
+    pub first: usize,
+    /// 3, or 0 in the first block, whose state is known.
+    pub states: usize,
+    /// Where its upper triangle stands among P's values, by entry (row, column) packed by columns.
+    pub hessian: Vec<usize>,
+    /// Where the change cost ties its first inputs to the last of the block before (traction, steer).
+    pub tie: Option<(usize, usize)>,
+    /// Where the rows of the next block's state stand among A's values: 3 rows by `width` entries.
+    pub continuity: Vec<usize>,
+    /// Where the corridor's rows stand: for each stage, both sides, its entries.
+    pub corridor: Vec<usize>,
+    /// First corridor row.
+    pub corridor_row: usize,
+}
+
+impl Block {
+    /// First of a stage's two inputs among the block's variables.
+    pub fn input(&self, stage_in_block: usize) -> usize {
+        self.states + 2 * stage_in_block
+    }
+
+    /// Variables without the slack.
+    pub fn width(&self) -> usize {
+        self.states + 2 * self.stages
+    }
+}
+
+/// Returns the blocks of a horizon, and a QP of their structure that holds the values which never
+/// change.
+pub fn structure(
+    stages: usize,
+    block_stages: usize,
+    limits: &InputLimits,
+    corridor: Option<Corridor>,
+    tread_rows: bool,
+) -> (Vec<Block>, QpData) {
+    let slack = usize::from(corridor.is_some());
+    let (mut blocks, variables) = blocks(stages, block_stages, slack);
+    let p = hessian(&mut blocks, variables, slack);
+    let mut rows = Rows::default();
+    let continuity = rows.continuity(&blocks);
+    let equalities = rows.count;
+    rows.inputs(&blocks, limits, tread_rows);
+    let corridor = match corridor {
+        Some(_) => rows.corridor(&mut blocks),
+        None => Vec::new(),
+    };
+    let (mut a, positions) = pattern(rows.count, variables, &rows.entries);
+    for (position, value) in positions.iter().zip(&rows.values) {
+        a.nzval[*position] = *value;
+    }
+    for (block, entries) in blocks.iter_mut().zip(continuity) {
+        block.continuity = positions[entries].to_vec();
+    }
+    for (block, entries) in blocks.iter_mut().zip(corridor) {
+        block.corridor = positions[entries].to_vec();
+    }
+    let data = QpData {
+        p,
+        q: vec![0.0; variables],
+        a,
+        b: vec![0.0; rows.count],
+        equalities,
+    };
+    (blocks, data)
+}
+
+/// Returns the blocks, and how many variables they have in all.
+fn blocks(stages: usize, block_stages: usize, slack: usize) -> (Vec<Block>, usize) {
+    let mut blocks = Vec::new();
+    let (mut first_stage, mut first) = (0, 0);
+    while first_stage < stages {
+        let length = block_stages.min(stages - first_stage);
+        let states = if first_stage == 0 { 0 } else { 3 };
+        blocks.push(Block {
+            first_stage,
+            stages: length,
+            first,
+            states,
+            hessian: Vec::new(),
+            tie: None,
+            continuity: Vec::new(),
+            corridor: Vec::new(),
+            corridor_row: 0,
+        });
+        first += states + 2 * length + slack;
+        first_stage += length;
+    }
+    (blocks, first)
+}
+
+/// Returns P: each block's dense upper triangle, and the change cost's ties between blocks.
+fn hessian(blocks: &mut [Block], variables: usize, slack: usize) -> CscMatrix<f64> {
+    let mut entries = Vec::new();
+    let mut places: Vec<(usize, usize)> = Vec::new();
+    for (i, block) in blocks.iter().enumerate() {
+        let start = entries.len();
+        let width = block.width() + slack;
+        for column in 0..width {
+            for row in 0..=column {
+                entries.push((block.first + row, block.first + column));
+            }
+        }
+        if i > 0 {
+            let before = &blocks[i - 1];
+            let last = before.first + before.input(before.stages - 1);
+            let own = block.first + block.input(0);
+            entries.push((last, own));
+            entries.push((last + 1, own + 1));
+        }
+        places.push((start, width * (width + 1) / 2));
+    }
+    let (p, positions) = pattern(variables, variables, &entries);
+    for (i, (start, count)) in places.into_iter().enumerate() {
+        blocks[i].hessian = positions[start..start + count].to_vec();
+        blocks[i].tie = (i > 0).then(|| (positions[start + count], positions[start + count + 1]));
+    }
+    p
+}
+
+/// The rows of A while they are listed.
+#[derive(Default)]
+struct Rows {
+    entries: Vec<(usize, usize)>,
+    values: Vec<f64>,
+    count: usize,
+}
+
+impl Rows {
+    fn set(&mut self, row: usize, column: usize, value: f64) {
+        self.entries.push((row, column));
+        self.values.push(value);
+    }
+
+    /// Lists the rows that tie each block's end to the next one's state; returns for each block
+    /// which entries are those of its own variables.
+    fn continuity(&mut self, blocks: &[Block]) -> Vec<Range<usize>> {
+        let mut places = Vec::new();
+        for pair in blocks.windows(2) {
+            let (block, next) = (&pair[0], &pair[1]);
+            let start = self.entries.len();
+            for row in 0..3 {
+                for column in 0..block.width() {
+                    self.set(self.count + row, block.first + column, 0.0);
+                }
+            }
+            places.push(start..self.entries.len());
+            for row in 0..3 {
+                self.set(self.count + row, next.first + row, 1.0);
+            }
+            self.count += 3;
+        }
+        places
+    }
+
+    /// Lists the bounds on the inputs, their changes and, where wanted, the treads.
+    fn inputs(&mut self, blocks: &[Block], limits: &InputLimits, tread_rows: bool) {
+        let motors = [&limits.traction, &limits.steer];
+        let mut before: Option<usize> = None;
+        for block in blocks {
+            for stage in 0..block.stages {
+                let own = block.first + block.input(stage);
+                for (motor, limit) in motors.into_iter().enumerate() {
+                    let change = change_scale(limit.acceleration_m_s2);
+                    for sign in [1.0, -1.0] {
+                        self.set(self.count, own + motor, sign / limit.speed_m_s);
+                        self.set(self.count + 1, own + motor, sign * change);
+                        if let Some(before) = before {
+                            self.set(self.count + 1, before + motor, -sign * change);
+                        }
+                        self.count += 2;
+                    }
+                }
+                if tread_rows {
+                    // +-(tau - sigma) and +-(tau + sigma)
+                    for (sign, side) in [(1.0, -1.0), (-1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)] {
+                        self.set(self.count, own, sign / limits.tread_speed_m_s);
+                        self.set(self.count, own + 1, sign * side / limits.tread_speed_m_s);
+                        self.count += 1;
+                    }
+                }
+                before = Some(own);
+            }
+        }
+    }
+
+    /// Lists the corridor's rows; returns for each block which entries are its.
+    fn corridor(&mut self, blocks: &mut [Block]) -> Vec<Range<usize>> {
+        let mut places = Vec::new();
+        for block in blocks {
+            block.corridor_row = self.count;
+            let start = self.entries.len();
+            let slack_variable = block.first + block.width();
+            for stage in 0..block.stages {
+                for _side in 0..2 {
+                    for column in 0..block.input(stage + 1) {
+                        self.set(self.count, block.first + column, 0.0);
+                    }
+                    self.set(self.count, slack_variable, -1.0);
+                    self.count += 1;
+                }
+            }
+            places.push(start..self.entries.len());
+            self.set(self.count, slack_variable, -1.0);
+            self.count += 1;
+        }
+        places
+    }
+}
+
+/// Returns the position of (row, column) in an upper triangle packed by columns.
+pub fn packed(row: usize, column: usize) -> usize {
+    column * (column + 1) / 2 + row
+}
+
+/// Returns the factor that brings a change of speed to the size of 1.
+pub fn change_scale(acceleration_m_s2: f64) -> f64 {
+    /// A typical stage, s.
+    const STAGE_S: f64 = 0.15;
+    1.0 / (acceleration_m_s2 * STAGE_S)
+}
