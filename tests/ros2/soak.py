@@ -3,7 +3,8 @@
     python3 tests/ros2/soak.py [--minutes 10]
 
 Prints a line every 15 s. The exit status is 0 where every goal succeeded and neither program's
-resident memory grew by more than 1 MiB from the first third, its beginning left out, to the last.
+resident memory grew by more than 512 KiB in the last quarter. Before that it may: the rings of the
+record are 8192 rows long, whose pages are first written to in the first 410 s at 20 Hz.
 """
 
 import argparse
@@ -11,7 +12,6 @@ import os
 import pathlib
 import random
 import signal
-import statistics
 import sys
 import tempfile
 import time
@@ -77,10 +77,9 @@ def main():
     failed = [status for status in ends if status != FollowPath.SUCCEEDED]
     grown = {}
     for name, samples in memory.items():
-        third = max(1, len(samples) // 3)
-        grown[name] = statistics.median(samples[-third:]) - statistics.median(samples[third // 3 : third])
-    print(f"goals {len(ends)}, of them not succeeded {len(failed)}; grown by {grown} KiB")
-    sys.exit(1 if failed or not ends or any(kib > 1024 for kib in grown.values()) else 0)
+        grown[name] = samples[-1] - samples[-max(1, len(samples) // 4)]
+    print(f"goals {len(ends)}, of them not succeeded {len(failed)}; grown in the last quarter by {grown} KiB")
+    sys.exit(1 if failed or not ends or any(kib > 512 for kib in grown.values()) else 0)
 
 
 if __name__ == "__main__":

@@ -340,6 +340,19 @@ def test_a_killed_vehicle_ends_the_goal_with_commands_of_zero(rig):
     wait_for(r.commands_zero, "commands of zero")
 
 
+def test_a_suspended_controller_ends_and_the_vehicle_stands(rig):
+    r = rig()
+    r.sent_off()
+    r.controller.signal(signal.SIGSTOP)
+    wait_for(r.vehicle.stands, "standing by the drives' own time-out")
+    r.controller.signal(signal.SIGCONT)
+    # What it speaks through does not survive that: it says so and lets itself be started again.
+    assert r.controller.process.wait(timeout=10) != 0
+    assert "suspended" in r.controller.output()
+    time.sleep(0.5)
+    assert r.vehicle.stands()
+
+
 def test_ending_the_controller_sends_zero_and_leaves_the_graph(rig, peer):
     r = rig()
     names = peer.nodes()

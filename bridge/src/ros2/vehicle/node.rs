@@ -21,6 +21,9 @@ pub struct VehicleNode {
     _fixed_transforms: Publisher<TfMessage>,
     joint_states: Publisher<JointState>,
     emergency_stop: Publisher<Bool>,
+    /// What was said last of the emergency stop. Said at changes only: RustDDS keeps all that a
+    /// latched topic has carried, and a late subscription gets it all.
+    pressed: Option<bool>,
     clock: Option<Publisher<Clock>>,
     commands: Commands,
     refused: u64,
@@ -90,6 +93,7 @@ impl VehicleNode {
             _fixed_transforms: fixed_transforms,
             joint_states: node.publisher("joint_states", &qos::STREAM)?,
             emergency_stop: node.publisher("emergency_stop", &qos::LATCHED)?,
+            pressed: None,
             clock: match config.clock_factor {
                 Some(_) => Some(node.publisher("/clock", &qos::STREAM)?),
                 None => None,
@@ -168,10 +172,13 @@ impl VehicleNode {
         if let Some(message) = report.joint_states {
             count(self.joint_states.publish(message).is_err());
         }
-        let pressed = Bool {
-            data: report.emergency_stop,
-        };
-        count(self.emergency_stop.publish(pressed).is_err());
+        let data = report.emergency_stop;
+        if self.pressed != Some(data) {
+            // What is lost is said again with the next report.
+            let said = self.emergency_stop.publish(Bool { data }).is_ok();
+            self.pressed = said.then_some(data);
+            count(!said);
+        }
     }
 }
 
