@@ -1,6 +1,8 @@
 //! `sidehill check`: validates configuration files.
 
-use crate::config::{ConfigFile, Overrides, RunConfig, RunPort, Scenario, load_layout};
+use crate::config::{
+    Campaign, Conditions, ConfigFile, Overrides, RunConfig, RunPort, Scenario, load_layout,
+};
 use crate::{run, vehicle};
 use anyhow::{Result, bail};
 use sidehill_controller::controller::Controller;
@@ -25,7 +27,7 @@ pub struct CheckArgs {
 pub fn run(args: &CheckArgs) -> Result<ExitCode> {
     let mut valid = true;
     for path in &args.files {
-        match check(path) {
+        match ConfigFile::read(path).map_err(Into::into).and_then(check) {
             Ok(kind) => println!("{}: valid {kind}", path.display()),
             Err(error) => {
                 valid = false;
@@ -40,13 +42,18 @@ pub fn run(args: &CheckArgs) -> Result<ExitCode> {
     })
 }
 
-/// Returns what kind of file it is.
-fn check(path: &std::path::Path) -> Result<&'static str> {
-    let file = ConfigFile::read(path)?;
+/// Validates a file with all it names and returns what kind of file it is.
+///
+/// # Errors
+/// What is wrong, with the name of the file at fault.
+pub fn check(file: ConfigFile) -> Result<&'static str> {
     let keys: serde_yaml::Mapping = file.parse()?;
     let has = |key: &str| keys.contains_key(key);
-    if has("controllers") {
-        let prepared = Scenario::read(file)?.prepare(&Overrides::default())?;
+    if has("draws") {
+        Campaign::read(&file)?;
+        Ok("campaign")
+    } else if has("controllers") {
+        let prepared = Scenario::read(file.clone())?.prepare(&Overrides::default())?;
         for &kind in &prepared.controllers {
             Controller::new(
                 kind,
@@ -56,7 +63,8 @@ fn check(path: &std::path::Path) -> Result<&'static str> {
                 prepared.tracking,
                 prepared.laps,
                 None,
-            )?;
+            )
+            .map_err(|error| file.error(error))?;
         }
         Ok("scenario")
     } else if has("x_icr_left_m") {
@@ -65,6 +73,9 @@ fn check(path: &std::path::Path) -> Result<&'static str> {
     } else if has("axles") {
         file.parse::<ContactVehicle>()?;
         Ok("contact vehicle")
+    } else if !has("scenario") && (has("sensors") || has("drive_train")) {
+        Conditions::parse(&file)?;
+        Ok("conditions")
     } else if has("database") {
         load_layout(&file)?;
         Ok("layout of a CAN bus")
@@ -76,7 +87,7 @@ fn check(path: &std::path::Path) -> Result<&'static str> {
         Ok("configuration of vehicle")
     } else {
         bail!(
-            "{}: neither a scenario (key controllers), a vehicle (x_icr_left_m), a contact vehicle \
+            "{}: neither a campaign (key draws), a scenario (controllers), a vehicle (x_icr_left_m), a contact vehicle \
              (axles), a layout of a CAN bus (database), nor a configuration of run (controller) or \
              vehicle (scenario)",
             file.name()

@@ -4,6 +4,7 @@
 //! Kept as a library so that tests and benches reach it; it promises no stable interface.
 #![allow(clippy::print_stdout, clippy::print_stderr)]
 
+pub mod campaign;
 pub mod check;
 pub mod closed_loop;
 pub mod config;

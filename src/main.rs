@@ -3,7 +3,7 @@
 
 use anyhow::anyhow;
 use clap::{Parser, Subcommand};
-use sidehill::{check, icr, identify, odometry, run, simulate, vehicle};
+use sidehill::{campaign, check, icr, identify, odometry, run, simulate, vehicle};
 use sidehill_bridge::ros2::arguments;
 use std::process::ExitCode;
 
@@ -20,6 +20,8 @@ struct Cli {
 enum Command {
     /// Simulates a scenario with its controllers, side by side.
     Simulate(simulate::SimulateArgs),
+    /// Runs many seeded simulations on all cores and compares controllers over them.
+    Campaign(campaign::CampaignArgs),
     /// Evaluates ICRIK: CSV with roll_rad, pitch_rad, v_left_m_s, v_right_m_s on standard input.
     Icr(icr::IcrArgs),
     /// Judges odometry of a log by its poses: ICRHK, ICRIK and ideal differential drive.
@@ -44,6 +46,7 @@ fn main() -> ExitCode {
         Command::Vehicle(args) => vehicle::run(&args, &ros),
         _ if !ros.is_empty() => Err(anyhow!("--ros-args: this command is no node of ROS 2")),
         Command::Simulate(args) => simulate::run(&args),
+        Command::Campaign(args) => campaign::run(&args).map(|()| ExitCode::SUCCESS),
         Command::Icr(args) => icr::run(&args, std::io::stdin().lock(), std::io::stdout().lock())
             .map(|()| ExitCode::SUCCESS),
         Command::Odometry(args) => odometry::run(&args).map(|()| ExitCode::SUCCESS),

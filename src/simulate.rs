@@ -1,7 +1,9 @@
 //! `sidehill simulate`: a scenario with its controllers, side by side.
 
 use crate::closed_loop;
-use crate::config::{ConfigFile, DEFAULT_SCENARIO, Overrides, PlantKind, Prepared, Scenario};
+use crate::config::{
+    Conditions, ConfigFile, DEFAULT_SCENARIO, Overrides, PlantKind, Prepared, Scenario,
+};
 use crate::record::{Run, Summary};
 use crate::report;
 use anyhow::{Context, Result};
@@ -19,7 +21,11 @@ pub struct SimulateArgs {
     /// Controller to run instead of the scenario's; may be given several times.
     #[arg(long = "controller", value_name = "NAME", value_parser = controller)]
     pub controllers: Vec<ControllerKind>,
-    /// What moves the vehicle, instead of what the scenario says.
+    /// Sensing, actuation and ground instead of the scenario's: a YAML file, or `realistic`, which is
+    /// built in.
+    #[arg(long, value_name = "FILE")]
+    pub conditions: Option<PathBuf>,
+    /// What moves the vehicle, instead of what scenario or conditions say.
     #[arg(long)]
     pub plant: Option<PlantKind>,
     /// CSV or GPX file to follow instead of the scenario's path.
@@ -62,6 +68,16 @@ pub fn run(args: &SimulateArgs) -> Result<ExitCode> {
         Some(path) => ConfigFile::read(path)?,
         None => ConfigFile::built_in(DEFAULT_SCENARIO)?,
     };
+    let conditions = args
+        .conditions
+        .as_deref()
+        .map(Conditions::read)
+        .transpose()?;
+    let file = match &conditions {
+        Some(conditions) => conditions.put_into(&file)?,
+        None => file,
+    };
+    let conditions = conditions.map(|conditions| conditions.name);
     let prepared = Scenario::read(file)?.prepare(&Overrides {
         path: args.path.clone(),
         plant: args.plant,
@@ -70,12 +86,12 @@ pub fn run(args: &SimulateArgs) -> Result<ExitCode> {
     })?;
     let runs = runs(&prepared)?;
     if let Some(folder) = &args.out {
-        write_out(folder, &prepared, &runs)
+        write_out(folder, &prepared, conditions.as_deref(), &runs)
             .with_context(|| format!("{}: cannot be written", folder.display()))?;
     }
     let summaries: Vec<&Summary> = runs.iter().map(|run| &run.summary).collect();
     match args.format {
-        Format::Table => print!("{}", table(&prepared, &summaries)),
+        Format::Table => print!("{}", table(&prepared, conditions.as_deref(), &summaries)),
         Format::Json => println!(
             "{}",
             serde_json::to_string(&serde_json::json!({ "runs": summaries }))?
@@ -90,7 +106,12 @@ pub fn run(args: &SimulateArgs) -> Result<ExitCode> {
 }
 
 /// Writes a CSV file of each run and the report of all.
-fn write_out(folder: &Path, prepared: &Prepared, runs: &[Run]) -> Result<()> {
+fn write_out(
+    folder: &Path,
+    prepared: &Prepared,
+    conditions: Option<&str>,
+    runs: &[Run],
+) -> Result<()> {
     std::fs::create_dir_all(folder)?;
     for run in runs {
         let file = std::fs::File::create(folder.join(format!("{}.csv", run.summary.controller)))?;
@@ -102,10 +123,11 @@ fn write_out(folder: &Path, prepared: &Prepared, runs: &[Run]) -> Result<()> {
     let scene = report::Scene {
         title: prepared.name.replace('_', " "),
         subtitle: format!(
-            "Plant {}, vehicle {}, seed {}. {}",
+            "Plant {}, vehicle {}, seed {}{}. {}",
             prepared.plant.kind().name(),
             prepared.vehicle.name,
             prepared.seed,
+            named(conditions),
             prepared.route_note
         ),
         path: path.map_or_else(Vec::new, |path| {
@@ -142,16 +164,21 @@ fn runs(prepared: &Prepared) -> Result<Vec<Run>> {
     Ok(runs)
 }
 
+fn named(conditions: Option<&str>) -> String {
+    conditions.map_or_else(String::new, |name| format!(", conditions {name}"))
+}
+
 /// Returns the figures as a table for people.
-fn table(prepared: &Prepared, summaries: &[&Summary]) -> String {
+fn table(prepared: &Prepared, conditions: Option<&str>, summaries: &[&Summary]) -> String {
     let mut out = String::new();
     let _ = writeln!(
         out,
-        "scenario {}, plant {}, vehicle {}, seed {}",
+        "scenario {}, plant {}, vehicle {}, seed {}{}",
         prepared.name,
         prepared.plant.kind().name(),
         prepared.vehicle.name,
-        prepared.seed
+        prepared.seed,
+        named(conditions)
     );
     if !prepared.route_note.is_empty() {
         let _ = writeln!(out, "{}", prepared.route_note);

@@ -30,7 +30,7 @@ pub fn intent(decision: &Decision) -> Intent {
         pilot: match decision.status {
             Status::Waiting => PilotState::Waiting,
             Status::Tracking | Status::Fallback { .. } => PilotState::Driving,
-            Status::Stopping(_) => PilotState::Stopped,
+            Status::Stopping(why) => PilotState::Stopped(why),
             Status::Finished => PilotState::Finished,
         },
     }
@@ -169,13 +169,21 @@ impl Pilot for ThreadedPilot {
     }
 }
 
+/// Longest wait for the thread at the end: more than a decision, and short for a person.
+const END_PATIENCE: Duration = Duration::from_millis(500);
+
 impl Drop for ThreadedPilot {
     fn drop(&mut self) {
         self.stop.store(true, Ordering::Relaxed);
-        if let Some(thread) = self.thread.take() {
-            thread.thread().unpark();
-            // A panic of the controller has shown itself as a command time-out.
-            let _ = thread.join();
+        let Some(thread) = self.thread.take() else {
+            return;
+        };
+        thread.thread().unpark();
+        let deadline = Instant::now() + END_PATIENCE;
+        // A controller that hangs is left to the end of the program; a panic has shown itself as a
+        // command time-out.
+        while !thread.is_finished() && Instant::now() < deadline {
+            std::thread::sleep(Duration::from_millis(5));
         }
     }
 }

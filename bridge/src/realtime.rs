@@ -92,7 +92,12 @@ pub fn apply(config: &RealtimeConfig) -> Result<(), RealtimeError> {
             ThreadPriority::Crossplatform(value),
             ThreadSchedulePolicy::Realtime(RealtimeThreadSchedulePolicy::Fifo),
         )
-        .map_err(|error| refused(format!("{error:?}")))?;
+        .map_err(|error| match error {
+            thread_priority::Error::OS(errno) => {
+                refused(std::io::Error::from_raw_os_error(errno).to_string())
+            }
+            other => refused(format!("{other:?}")),
+        })?;
     }
     Ok(())
 }

@@ -1,6 +1,7 @@
 //! From the cycle to files without waiting: bounded rings of plain values, and who writes them.
 
 use crate::bus::{RestartAnswer, SendFault};
+use crate::can::cia402::DriveEvent;
 use crate::can::frame::Frame;
 use crate::can::message::FrameFault;
 use crate::clock::Epoch;
@@ -46,6 +47,15 @@ pub enum Record {
         attempt: u32,
         /// The system's answer.
         answer: RestartAnswer,
+    },
+    /// Something about a drive that speaks CANopen.
+    Drive {
+        /// When, s.
+        time_s: f64,
+        /// Its node number.
+        node: u8,
+        /// What.
+        event: DriveEvent,
     },
     /// A command could not be sent, where the one before could.
     Unsent {
@@ -244,6 +254,7 @@ fn time_of(record: &Record) -> f64 {
         | Record::Refused { time_s, .. }
         | Record::Bus { time_s, .. }
         | Record::Restart { time_s, .. }
+        | Record::Drive { time_s, .. }
         | Record::Unsent { time_s, .. }
         | Record::Transition(Transition { time_s, .. })
         | Record::Cycle(CycleRow { time_s, .. }) => *time_s,
@@ -262,6 +273,7 @@ fn event_line(record: &Record, unix_s: f64, time_s: f64) -> EventLine<'_> {
         Record::Restart {
             attempt, answer, ..
         } => ("restart", format!("attempt {attempt}: {answer:?}")),
+        Record::Drive { node, event, .. } => ("drive", format!("node {node}: {event}")),
         Record::Unsent { fault, .. } => ("unsent", fault.to_string()),
         Record::Frame { .. } | Record::Cycle(_) => ("", String::new()),
     };

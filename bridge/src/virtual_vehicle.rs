@@ -4,7 +4,7 @@ use crate::can::controller_side::MotorReport;
 use crate::can::frame::Frame;
 use crate::can::layout::{DriveMode, Layout};
 use crate::can::message::FrameFault;
-use crate::can::vehicle_side::{CommandReader, ReportWriter, VehicleReport};
+use crate::can::vehicle_side::{CommandReader, NotPlayed, ReportWriter, VehicleReport};
 use crate::drive::{DriveConfig, DriveInput, VirtualDrive};
 use crate::motors::MeasuredMotorSpeeds;
 use serde::{Deserialize, Serialize};
@@ -60,6 +60,17 @@ impl InjectedFault {
     }
 }
 
+/// Why there is no such virtual vehicle.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum VirtualVehicleError {
+    /// A setting is out of range.
+    #[error(transparent)]
+    Range(#[from] RangeError),
+    /// The layout's drives are not played.
+    #[error(transparent)]
+    Layout(#[from] NotPlayed),
+}
+
 /// The vehicle with its drives.
 pub struct VirtualVehicle {
     simulation: Simulation,
@@ -96,12 +107,12 @@ impl VirtualVehicle {
     /// Returns a vehicle that stands, off.
     ///
     /// # Errors
-    /// [`RangeError`] for a setting out of range.
+    /// A setting out of range, or a layout of CiA 402.
     pub fn new(
         simulation: Simulation,
         layout: Arc<Layout>,
         setup: VirtualVehicleSetup,
-    ) -> Result<Self, RangeError> {
+    ) -> Result<Self, VirtualVehicleError> {
         let report_period_s = RangeError::check(
             "report_period_s",
             setup.report_period_s,
@@ -115,7 +126,7 @@ impl VirtualVehicle {
             dt_s: setup.dt_s,
             correction: setup.correction,
             drive: VirtualDrive::new(setup.drive)?,
-            commands: CommandReader::new(Arc::clone(&layout)),
+            commands: CommandReader::new(Arc::clone(&layout))?,
             reports: ReportWriter::new(layout),
             report_period_s,
             reported: 0,

@@ -71,9 +71,13 @@ fn port() -> SimulatedPort {
 }
 
 fn cycle<Q: Pilot>(pilot: Q) -> (Cycle<SimulatedPort, Q>, RecordSource) {
+    cycle_of(CycleConfig::default(), pilot)
+}
+
+fn cycle_of<Q: Pilot>(config: CycleConfig, pilot: Q) -> (Cycle<SimulatedPort, Q>, RecordSource) {
     let (sink, source) = ring(64);
     let cycle = Cycle::new(
-        CycleConfig::default(),
+        config,
         SafetyConfig::default(),
         Clock::Virtual { now_s: 0.0 },
         port(),
@@ -84,10 +88,14 @@ fn cycle<Q: Pilot>(pilot: Q) -> (Cycle<SimulatedPort, Q>, RecordSource) {
     (cycle, source)
 }
 
-fn controller() -> Controller {
+fn controller(period_s: f64) -> Controller {
+    let config = ControllerConfig {
+        period_s,
+        ..ControllerConfig::default()
+    };
     Controller::new(
         ControllerKind::IcrikMpc,
-        ControllerConfig::default(),
+        config,
         &j8(),
         FigureEight::default().trajectory().unwrap(),
         Tracking::Time,
@@ -133,20 +141,25 @@ fn constant(hangs_s: f64) -> Constant {
     }
 }
 
-#[test]
-fn the_figure_of_eight_is_followed_through_the_bridge() {
-    let (mut cycle, _records) = cycle(InlinePilot::new(controller()));
+/// Drives for `cycles` cycles, and returns the time in which it drove, s, the root mean square of the
+/// distance from the path after 2 s of it, m, and the state at the end.
+fn follow(period_s: f64, cycles: usize) -> (f64, f64, State) {
+    let config = CycleConfig {
+        period_s,
+        decision_time_s: 0.6 * period_s,
+    };
+    let (mut cycle, _records) = cycle_of(config, InlinePilot::new(controller(period_s)));
     let trajectory = FigureEight::default().trajectory().unwrap();
     let path = trajectory.path().unwrap();
     let mut errors = Vec::new();
     let mut projection = Projection::starting_at(0.0);
     let mut driving_s = 0.0;
-    for i in 0..1400 {
+    for i in 0..cycles {
         let row = cycle.step(if i > 5 { ARM } else { NOTHING });
         if row.state != State::Driving {
             continue;
         }
-        driving_s += 0.05;
+        driving_s += period_s;
         let pose = cycle.port().state().pose.planar();
         let found = projection
             .update(path, &pose, &Window::symmetric(1.0))
@@ -155,12 +168,51 @@ fn the_figure_of_eight_is_followed_through_the_bridge() {
             errors.push(found.cross_track_m);
         }
     }
-    // The lap takes 60 s; then the controller has finished and the bridge latches.
-    assert!((driving_s - 60.0_f64).abs() < 0.2, "{driving_s}");
-    assert_eq!(cycle.state(), State::Latched);
     let square: f64 = errors.iter().map(|error| error * error).sum();
     let rms_m = (square / errors.len() as f64).sqrt();
+    (driving_s, rms_m, cycle.state())
+}
+
+#[test]
+fn the_figure_of_eight_is_followed_through_the_bridge() {
+    let (driving_s, rms_m, state) = follow(0.05, 1400);
+    // The lap takes 60 s; then the controller has finished and the bridge latches.
+    assert!((driving_s - 60.0_f64).abs() < 0.2, "{driving_s}");
+    assert_eq!(state, State::Latched);
     assert!(rms_m < 0.01, "{rms_m}");
+}
+
+#[test]
+fn the_figure_of_eight_is_followed_at_100_hz() {
+    let (driving_s, rms_m, state) = follow(0.01, 6_200);
+    println!(
+        "{driving_s:.2} s at 100 Hz: cross-track RMS {:.2} mm",
+        1e3 * rms_m
+    );
+    assert!((driving_s - 60.0_f64).abs() < 0.2, "{driving_s}");
+    assert_eq!(state, State::Latched);
+    assert!(rms_m < 0.01, "{rms_m}");
+}
+
+#[test]
+fn time_outs_are_as_long_at_100_hz() {
+    let config = CycleConfig {
+        period_s: 0.01,
+        decision_time_s: 0.006,
+    };
+    let (mut cycle, _records) = cycle_of(config, constant(3.0));
+    let (mut moved, mut zero_s) = (false, 0.0);
+    for i in 0..500 {
+        let row = cycle.step(if i > 2 { ARM } else { NOTHING });
+        moved |= row.traction_m_s == 0.5;
+        if row.traction_m_s != 0.0 {
+            zero_s = row.time_s + 0.01;
+        }
+    }
+    assert!(moved);
+    // 0.15 s until it is noticed and 0.25 s for the ramp, each to a cycle.
+    assert!((zero_s - 3.4_f64).abs() < 0.025, "{zero_s}");
+    assert_eq!(cycle.state(), State::Latched);
 }
 
 #[test]
@@ -240,7 +292,7 @@ fn a_steady_cycle_allocates_nothing() {
 #[test]
 fn a_run_repeats_every_bit() {
     let run = || {
-        let (mut cycle, _records) = cycle(InlinePilot::new(controller()));
+        let (mut cycle, _records) = cycle(InlinePilot::new(controller(0.05)));
         (0..200)
             .map(|i| {
                 let row = cycle.step(if i > 5 { ARM } else { NOTHING });

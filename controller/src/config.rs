@@ -69,6 +69,12 @@ pub struct Weights {
     /// Heading error while driving, 1/rad^2. Small: the heading that keeps the path is not its
     /// tangent.
     pub heading_per_rad2: f64,
+    /// Added to the heading's weight where the plan's heading is off the tangent by twice
+    /// `heading_free_rad`, in proportion to the square of what is beyond it, 1/rad^2. No slide asks for
+    /// such headings: they are where a wrong model leads.
+    pub heading_excess_per_rad2: f64,
+    /// Heading error that a slide may ask for, rad.
+    pub heading_free_rad: f64,
     /// Position error while turning on the spot, 1/m^2.
     pub pivot_position_per_m2: f64,
     /// Heading error while turning on the spot or standing at the end, 1/rad^2.
@@ -87,6 +93,8 @@ impl Default for Weights {
             along_per_m2: 50.0,
             cross_per_m2: 50.0,
             heading_per_rad2: 0.02,
+            heading_excess_per_rad2: 10.0,
+            heading_free_rad: 0.5,
             pivot_position_per_m2: 5.0,
             pivot_heading_per_rad2: 5.0,
             traction_change_s3_per_m2: 0.05,
@@ -210,7 +218,7 @@ pub struct ControllerConfig {
     /// Time constant of the motors, s.
     pub motor_lag_s: f64,
     /// Largest distance by which the reference may run ahead of the vehicle on a path, m; a
-    /// trajectory given in time does not wait.
+    /// trajectory given in time hardly waits.
     pub lead_max_m: f64,
     /// Where the attitude along the horizon comes from.
     pub attitude_preview: AttitudePreview,
@@ -324,12 +332,20 @@ impl ControllerConfig {
             ("weights.along_per_m2", w.along_per_m2),
             ("weights.cross_per_m2", w.cross_per_m2),
             ("weights.heading_per_rad2", w.heading_per_rad2),
+            ("weights.heading_excess_per_rad2", w.heading_excess_per_rad2),
             ("weights.pivot_position_per_m2", w.pivot_position_per_m2),
             ("weights.pivot_heading_per_rad2", w.pivot_heading_per_rad2),
             ("weights.terminal_factor", w.terminal_factor),
         ] {
             check(key, value, 0.0, 1e6, "from 0 to 1e6")?;
         }
+        check(
+            "weights.heading_free_rad",
+            w.heading_free_rad,
+            0.01,
+            3.2,
+            "from 0.01 to 3.2 rad",
+        )?;
         // Without a price on changes the QP would not be strictly convex.
         for (key, value) in [
             (
@@ -437,6 +453,13 @@ impl ControllerConfig {
         }
     }
 
+    /// Returns the tracking of a path for a law that looks at one point of it.
+    pub fn along_path_by_cusps(&self) -> Tracking {
+        Tracking::PathByCusps {
+            lead_max_m: self.lead_max_m,
+        }
+    }
+
     /// Returns the time after which a command acts: delay and, as a further delay, the motors' lag.
     pub fn delay_s(&self) -> f64 {
         self.command_delay_s + self.motor_lag_s
@@ -476,6 +499,15 @@ impl ControllerConfig {
             self.caution.steer_change_s3_per_m2,
         );
         own + caution * (full - own).max(0.0)
+    }
+
+    /// Returns what a planned heading error adds to a stage's weight of the heading.
+    pub(crate) fn heading_excess_weight(&self, error_rad: f64) -> f64 {
+        /// Where the weight stops growing, in `heading_free_rad` beyond it.
+        const LARGEST: f64 = 2.0;
+        let free_rad = self.weights.heading_free_rad;
+        let excess = ((error_rad.abs() - free_rad) / free_rad).clamp(0.0, LARGEST);
+        self.weights.heading_excess_per_rad2 * excess * excess
     }
 
     /// Returns the weights of a stage at a caution from 0 to 1: at the end an error across the path is left as it is, for

@@ -204,9 +204,9 @@ impl Controller {
         } else {
             Estimator::new(config.estimator, vehicle.clone())
         };
-        // A geometric law knows no time: its reference waits for the vehicle.
         let tracking = match kind {
-            ControllerKind::PurePursuit => config.along_path(),
+            // A geometric law knows no time: its reference waits for the vehicle.
+            ControllerKind::PurePursuit => config.along_path_by_cusps(),
             _ => tracking,
         };
         let vehicle = match kind {
@@ -267,7 +267,11 @@ impl Controller {
     /// `from_m`, under a number of the caller's. The estimate and the commands in flight stay; a
     /// stopped controller stays stopped, one that had finished drives again.
     pub fn follow(&mut self, number: u64, trajectory: Trajectory, from_m: f64) {
-        let next = Reference::new(trajectory, self.config.along_path(), 1).starting_at(from_m);
+        let tracking = match self.law {
+            Law::Mpc { .. } => self.config.along_path(),
+            Law::PurePursuit => self.config.along_path_by_cusps(),
+        };
+        let next = Reference::new(trajectory, tracking, 1).starting_at(from_m);
         // A plan that leads elsewhere is a bad point to linearise about.
         let horizon_s = self.config.delay_s() + self.config.step_s * self.config.stages as f64;
         let [old, new] = [&self.reference, &next].map(|reference| reference.ahead(horizon_s));
@@ -427,7 +431,9 @@ impl Controller {
         if let Law::Mpc { mpc, .. } = &mut self.law
             && self.adapts
         {
-            mpc.model_mut().set_correction(&estimate.gains);
+            let half_track_m = 0.5 * (self.vehicle.icrs.right_m - self.vehicle.icrs.left_m);
+            mpc.model_mut()
+                .set_correction(&estimate.bounded_gains(half_track_m));
         }
         let horizon_start = self.roll_forward(estimate);
         match &mut self.law {
@@ -468,6 +474,11 @@ impl Controller {
                         .last()
                         .map_or(estimate.normal_in_world, |t| t.normal_in_world);
                     mpc.shift(elapsed_s, &end);
+                    for (target, state) in self.targets.iter_mut().zip(&mpc.plan().states[1..]) {
+                        let error_rad = wrap_angle(state.z - target.pose.yaw_rad);
+                        target.weights.heading_per_rad2 +=
+                            self.config.heading_excess_weight(error_rad);
+                    }
                     mpc.solve(&horizon_start, previous, &self.targets, deadline)
                 } else {
                     mpc.start(&horizon_start, previous, &self.targets, deadline)

@@ -5,7 +5,7 @@
 //! After S. Macenski, S. Singh, F. Martin, J. Gines, "Regulated pure pursuit for robot path tracking",
 //! Autonomous Robots 47 (2023).
 
-use crate::path::{Direction, Path};
+use crate::path::Path;
 use crate::trajectory::{Motion, ReferencePoint};
 use serde::{Deserialize, Serialize};
 use sidehill_plant::frames::{PlanarPose, wrap_angle};
@@ -32,6 +32,8 @@ pub struct PurePursuitSettings {
     pub goal_tolerance_m: f64,
     /// Yaw rate asked for per heading error while turning on the spot, 1/s.
     pub pivot_gain_per_s: f64,
+    /// Bearing of the look-ahead point beyond which the vehicle first turns on the spot, rad.
+    pub rotate_bearing_rad: f64,
 }
 
 impl Default for PurePursuitSettings {
@@ -45,6 +47,7 @@ impl Default for PurePursuitSettings {
             speed_min_m_s: 0.1,
             goal_tolerance_m: 0.05,
             pivot_gain_per_s: 2.0,
+            rotate_bearing_rad: 0.785,
         }
     }
 }
@@ -64,6 +67,7 @@ impl PurePursuitSettings {
             ("pure_pursuit.speed_min_m_s", self.speed_min_m_s),
             ("pure_pursuit.goal_tolerance_m", self.goal_tolerance_m),
             ("pure_pursuit.pivot_gain_per_s", self.pivot_gain_per_s),
+            ("pure_pursuit.rotate_bearing_rad", self.rotate_bearing_rad),
         ] {
             RangeError::check(key, value, 0.01, 100.0, "from 0.01 to 100")?;
         }
@@ -116,25 +120,30 @@ impl PurePursuitSettings {
         }
         // The reference stands at the end before the vehicle does.
         let speed = reference.speed_m_s.abs().max(self.speed_min_m_s);
-        let lookahead_m = (self.lookahead_time_s * speed)
-            .clamp(self.lookahead_min_m, self.lookahead_max_m)
-            .min(to_go_m.max(0.05));
-        let carrot = path.at(view.arc_length_m + lookahead_m);
+        let lookahead_m =
+            (self.lookahead_time_s * speed).clamp(self.lookahead_min_m, self.lookahead_max_m);
+        // Short of a cusp, where the path already goes the other way, and of the end. Beyond either the
+        // carrot runs on straight: one that stood still would be passed, and circled.
+        let wanted_m = view.arc_length_m + lookahead_m;
+        let carrot = path.at(wanted_m.min(view.stop_at_m.next_down()));
+        let beyond_m = (wanted_m - view.stop_at_m).max(0.0);
+        let (sin, cos) = carrot.travel_heading_rad().sin_cos();
         let (dx, dy) = (
-            carrot.position.x_m - view.pose.x_m,
-            carrot.position.y_m - view.pose.y_m,
+            carrot.position.x_m - sin * beyond_m - view.pose.x_m,
+            carrot.position.y_m + cos * beyond_m - view.pose.y_m,
         );
         let (sin, cos) = view.pose.yaw_rad.sin_cos();
         // Body axes: right = (cos, sin), forward = (-sin, cos).
         let right = cos * dx + sin * dy;
+        let sign = carrot.direction.sign();
+        // Counter-clockwise, from the direction of travel to the carrot.
+        let bearing_rad = (-sign * right).atan2(sign * (cos * dy - sin * dx));
+        if bearing_rad.abs() > self.rotate_bearing_rad {
+            return turn(self.pivot_gain_per_s * bearing_rad);
+        }
         let distance2 = (dx * dx + dy * dy).max(1e-4);
         // Circle through origin and carrot, tangent to the body's forward axis; left positive.
         let curvature_per_m = -2.0 * right / distance2;
-        let sign = if reference.speed_m_s < 0.0 || carrot.direction == Direction::Reverse {
-            -1.0
-        } else {
-            1.0
-        };
         let radius_m = 1.0 / curvature_per_m.abs().max(1e-6);
         let in_turn = (radius_m / self.regulated_radius_m).min(1.0);
         let near_end = (to_go_m / self.approach_distance_m).clamp(0.0, 1.0);

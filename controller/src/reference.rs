@@ -7,10 +7,17 @@ use sidehill_plant::frames::PlanarPose;
 /// How the reference moves on.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Tracking {
-    /// With the clock: the trajectory is tracked as given.
+    /// With the clock: the trajectory is tracked as given. It waits only for a vehicle that cannot
+    /// follow, as without grip, since a plan for a place it has not reached is worth nothing.
     Time,
     /// With the clock as long as it is not too far ahead of the vehicle.
     Path {
+        /// Largest lead in the direction of travel, m.
+        lead_max_m: f64,
+    },
+    /// As `Path`, and at a cusp it waits until the vehicle is there too: a law that looks at one point
+    /// ahead would turn back where the point does.
+    PathByCusps {
         /// Largest lead in the direction of travel, m.
         lead_max_m: f64,
     },
@@ -46,6 +53,9 @@ pub const PROJECTION_WINDOW: Window = Window {
     behind_m: 2.0,
     ahead_m: 1.0,
 };
+
+/// Largest lead of a reference given in time, m: more than a start from standstill takes.
+const TIMED_LEAD_MAX_M: f64 = 0.6;
 
 impl Reference {
     /// Returns a reference at the start of `trajectory`; `laps` counts rounds of a periodic one.
@@ -105,7 +115,7 @@ impl Reference {
         self.cusps_m
             .iter()
             .copied()
-            .find(|&cusp| cusp > here + 1e-3)
+            .find(|&cusp| cusp > here)
             .unwrap_or(self.trajectory.length_m())
     }
 
@@ -129,7 +139,7 @@ impl Reference {
         };
         let ended = match (self.trajectory.ending(), self.tracking) {
             // A reference that waits does so at the end of the last round too.
-            (Ending::Periodic, Tracking::Path { .. }) => {
+            (Ending::Periodic, Tracking::Path { .. } | Tracking::PathByCusps { .. }) => {
                 arc_length_m >= self.trajectory.length_m() * f64::from(self.laps)
             }
             _ => self.time_s >= self.end_s() - 1e-9,
@@ -142,11 +152,36 @@ impl Reference {
         }
     }
 
+    /// Returns whether a cusp lies between the reference and `next` that the vehicle is short of.
+    fn cusp_to_come(&self, next: &ReferencePoint, here: &Point2) -> bool {
+        /// Near enough to a cusp, m.
+        const TOLERANCE_M: f64 = 0.1;
+        let before_m = self.trajectory.at(self.time_s).arc_length_m;
+        let cusp = self
+            .cusps_m
+            .iter()
+            .find(|&&cusp_m| before_m < cusp_m && cusp_m <= next.arc_length_m);
+        let (Some(cusp_m), Some(path)) = (cusp, self.trajectory.path()) else {
+            return false;
+        };
+        let end = path.at(cusp_m.next_down());
+        let (sin, cos) = end.travel_heading_rad().sin_cos();
+        let to_go_m = -sin * (end.position.x_m - here.x_m) + cos * (end.position.y_m - here.y_m);
+        to_go_m > TOLERANCE_M
+    }
+
     /// Returns whether a point is farther ahead of the vehicle than allowed, seen along its own
     /// direction of travel: past a cusp that direction is the new one, so the reference gets there.
     fn leads_too_far(&self, point: &ReferencePoint, here: &Point2) -> bool {
-        let Tracking::Path { lead_max_m } = self.tracking else {
-            return false;
+        let lead_max_m = match self.tracking {
+            Tracking::Path { lead_max_m } => lead_max_m,
+            Tracking::PathByCusps { lead_max_m } => {
+                if self.cusp_to_come(point, here) {
+                    return true;
+                }
+                lead_max_m
+            }
+            Tracking::Time => TIMED_LEAD_MAX_M,
         };
         let (sin, cos) = point.heading_rad.sin_cos();
         let ahead_m =

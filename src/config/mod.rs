@@ -1,11 +1,15 @@
 //! Configuration files: the one place that reads YAML.
 
 mod bridge;
+mod campaign;
+mod conditions;
 mod reference;
 pub mod ros2;
 mod scenario;
 
 pub use bridge::{RunConfig, RunPort, VehicleConfig, VehiclePort, load_layout};
+pub use campaign::{Campaign, Drawn};
+pub use conditions::Conditions;
 pub use scenario::{Overrides, Plant, PlantKind, Prepared, Scenario, TerrainConfig};
 
 use serde::de::DeserializeOwned;
@@ -33,7 +37,11 @@ pub enum ConfigError {
 }
 
 /// Files compiled into the program, by their names in its repository.
-const BUILT_IN: [(&str, &str); 4] = [
+const BUILT_IN: [(&str, &str); 5] = [
+    (
+        "config/conditions/realistic.yaml",
+        include_str!("../../config/conditions/realistic.yaml"),
+    ),
     (
         "config/scenarios/figure_eight.yaml",
         include_str!("../../config/scenarios/figure_eight.yaml"),
@@ -140,6 +148,21 @@ impl ConfigFile {
     /// Returns the text.
     pub fn text(&self) -> &str {
         &self.text
+    }
+
+    /// Returns this file with `keys` in place of its own of the same name; of `controller` only what
+    /// is named there is replaced.
+    ///
+    /// # Errors
+    /// [`ConfigError::Content`] where the text is no YAML mapping.
+    pub fn with_keys(&self, keys: &serde_yaml::Mapping) -> Result<Self, ConfigError> {
+        let mut all: serde_yaml::Mapping = self.parse()?;
+        conditions::overlay(&mut all, keys);
+        let text = serde_yaml::to_string(&all).map_err(|error| self.error(error))?;
+        Ok(Self {
+            text,
+            ..self.clone()
+        })
     }
 
     /// Reads the text as YAML.

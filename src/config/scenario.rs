@@ -7,7 +7,7 @@ use sidehill_controller::config::{ControllerConfig, ControllerKind};
 use sidehill_controller::course::Course;
 use sidehill_controller::reference::Tracking;
 use sidehill_controller::trajectory::Trajectory;
-use sidehill_plant::contact::{ContactModel, ContactVehicle};
+use sidehill_plant::contact::{ContactModel, ContactVehicle, FrictionField};
 use sidehill_plant::drive_train::DriveTrainConfig;
 use sidehill_plant::frames::PlanarPose;
 use sidehill_plant::motion::{IcrMotion, MotionModel};
@@ -93,6 +93,10 @@ struct RawScenario {
     plant: PlantKind,
     #[serde(default)]
     contact: Option<ContactFiles>,
+    #[serde(default)]
+    friction: Option<GroundFriction>,
+    #[serde(default)]
+    model_error: ModelError,
     seed: u64,
     step_s: f64,
     #[serde(default)]
@@ -101,6 +105,93 @@ struct RawScenario {
     sensors: SensorsConfig,
     #[serde(default)]
     controller: ControllerConfig,
+}
+
+/// Friction of the ground in place of that in the contact vehicle's file.
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
+pub enum GroundFriction {
+    /// The same everywhere.
+    Uniform {
+        /// Coefficient of friction.
+        coefficient: f64,
+    },
+    /// Smooth patches, which the run's seed chooses.
+    Patches {
+        /// Smallest coefficient of friction.
+        minimum: f64,
+        /// Largest coefficient of friction.
+        maximum: f64,
+        /// About the size of a patch, m.
+        cell_size_m: f64,
+    },
+}
+
+impl GroundFriction {
+    fn field(&self, seed: u64) -> FrictionField {
+        match *self {
+            Self::Uniform { coefficient } => FrictionField::Uniform { coefficient },
+            Self::Patches {
+                minimum,
+                maximum,
+                cell_size_m,
+            } => FrictionField::Patches {
+                minimum,
+                maximum,
+                cell_size_m,
+                seed,
+            },
+        }
+    }
+
+    /// Checks the ranges of all values.
+    ///
+    /// # Errors
+    /// Names the key, value and range that is wrong.
+    pub fn check(&self) -> Result<(), RangeError> {
+        self.field(0).check()
+    }
+}
+
+/// Factors on the parameters that controllers believe in, which so are wrong; all 1 by default.
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+struct ModelError {
+    x_icr_left: f64,
+    x_icr_right: f64,
+    y_icr: f64,
+    lambda_1: f64,
+    lambda_2: f64,
+    correction_left: f64,
+    correction_right: f64,
+}
+
+impl Default for ModelError {
+    fn default() -> Self {
+        Self {
+            x_icr_left: 1.0,
+            x_icr_right: 1.0,
+            y_icr: 1.0,
+            lambda_1: 1.0,
+            lambda_2: 1.0,
+            correction_left: 1.0,
+            correction_right: 1.0,
+        }
+    }
+}
+
+impl ModelError {
+    /// Returns what controllers believe instead of `vehicle`.
+    fn apply(&self, mut vehicle: Vehicle) -> Result<Vehicle, RangeError> {
+        vehicle.icrs.left_m *= self.x_icr_left;
+        vehicle.icrs.right_m *= self.x_icr_right;
+        vehicle.icrs.forward_m *= self.y_icr;
+        vehicle.slide.shift_s_per_rad *= self.lambda_1;
+        vehicle.slide.aggravated_s_per_rad *= self.lambda_2;
+        vehicle.correction.left *= self.correction_left;
+        vehicle.correction.right *= self.correction_right;
+        vehicle.validated()
+    }
 }
 
 /// Files of the contact plant, relative to the scenario.
@@ -298,7 +389,12 @@ impl Scenario {
         if controllers.is_empty() {
             return Err(file.error("controllers: the list is empty"));
         }
-        let (plant, vehicle) = self.plant(overrides.plant.unwrap_or(raw.plant))?;
+        let seed = overrides.seed.unwrap_or(raw.seed);
+        let (plant, vehicle) = self.plant(overrides.plant.unwrap_or(raw.plant), seed)?;
+        let vehicle = raw
+            .model_error
+            .apply(vehicle)
+            .map_err(|error| file.error(format!("model_error: {error}")))?;
         let limits = raw.speed.limits(&raw.controller.limits, &vehicle);
         let source = Source::of(
             file,
@@ -326,7 +422,7 @@ impl Scenario {
             laps: raw.laps,
             start,
             controllers: controllers.clone(),
-            seed: overrides.seed.unwrap_or(raw.seed),
+            seed,
             step_s: raw.step_s,
             drive_train: raw.drive_train,
             sensors: raw.sensors,
@@ -336,7 +432,7 @@ impl Scenario {
     }
 
     /// Returns what moves the vehicle, and the vehicle as controllers know it.
-    fn plant(&self, kind: PlantKind) -> Result<(Plant, Vehicle), ConfigError> {
+    fn plant(&self, kind: PlantKind, seed: u64) -> Result<(Plant, Vehicle), ConfigError> {
         let own: Vehicle = self.file.sibling(&self.raw.vehicle)?.parse()?;
         match kind {
             PlantKind::Icrik => Ok((Plant::Icrik(own.clone()), own)),
@@ -351,8 +447,15 @@ impl Scenario {
                         ConfigFile::built_in(CONTACT_IDENTIFIED)?,
                     ),
                 };
+                let mut vehicle: ContactVehicle = vehicle.parse()?;
+                if let Some(friction) = &self.raw.friction {
+                    friction
+                        .check()
+                        .map_err(|error| self.file.error(format!("friction.{error}")))?;
+                    vehicle.friction.field = friction.field(seed);
+                }
                 let plant = Plant::Contact {
-                    vehicle: vehicle.parse()?,
+                    vehicle,
                     correction: own.correction,
                 };
                 Ok((plant, identified.parse()?))

@@ -15,13 +15,15 @@ fn yaml_files(folder: &str) -> Vec<PathBuf> {
 }
 
 #[test]
-fn every_vehicle_and_scenario_of_the_repository_is_valid() {
+fn every_vehicle_scenario_conditions_and_campaign_of_the_repository_is_valid() {
     let files = [
         yaml_files("config/vehicles"),
         yaml_files("config/scenarios"),
+        yaml_files("config/conditions"),
+        yaml_files("config/campaigns"),
     ]
     .concat();
-    assert!(files.len() >= 14, "{files:?}");
+    assert!(files.len() >= 16, "{files:?}");
     let lines = succeed(sidehill().arg("check").args(&files));
     for file in &files {
         assert_says(&lines, &[&format!("{}: valid", file.display())]);
@@ -136,7 +138,7 @@ fn a_file_that_is_missing_or_of_no_kind_is_named() {
     let message = fail(sidehill().args(["check", "no_such_file.yaml"]));
     assert_says(&message, &["no_such_file.yaml"]);
     let message = complaint("odd.yaml", "colour: blue\n");
-    assert_says(&message, &["odd.yaml", "neither a scenario"]);
+    assert_says(&message, &["odd.yaml", "neither a campaign", "a scenario"]);
 }
 
 #[test]

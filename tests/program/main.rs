@@ -3,6 +3,7 @@
 // The lints except tests only, not what helps them in these files.
 #![allow(clippy::unwrap_used, clippy::panic)]
 
+mod campaign;
 mod check;
 mod icr;
 mod odometry;

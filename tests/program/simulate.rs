@@ -152,6 +152,63 @@ fn a_seed_makes_the_same_figures_but_for_times_and_another_seed_others() {
 }
 
 #[test]
+fn conditions_replace_plant_drive_train_sensors_and_what_controllers_know() {
+    let course = Course::new("controller: {stages: 39}\n");
+    let table = succeed(course.simulate().args(["--conditions", "realistic"]));
+    assert_says(&table, &["plant contact", "conditions realistic"]);
+    let json = ["--format", "json", "--controller", "icrik-mpc"];
+    let run =
+        |arguments: &[&str]| runs(&succeed(course.simulate().args(json).args(arguments))).remove(0);
+    let perfect = run(&["--plant", "contact"]);
+    let realistic = run(&["--conditions", "realistic"]);
+    let rms = |run: &Value| run["cross_track_rms_m"].as_f64().unwrap();
+    assert!(rms(&realistic) > rms(&perfect), "{realistic} {perfect}");
+    // The seed chooses the patches of friction too, and the file stands for the built-in one.
+    let file = crate::repository("config/conditions/realistic.yaml");
+    let from_file = run(&["--conditions", file.to_str().unwrap()]);
+    assert_eq!(rms(&from_file), rms(&realistic));
+    let level = run(&["--conditions", "realistic", "--plant", "icrik"]);
+    assert_eq!(level["plant"], "icrik");
+}
+
+#[test]
+fn what_is_wrong_with_conditions_is_named_by_their_file() {
+    let course = Course::new("");
+    for (text, parts) in [
+        (
+            "friction: {kind: uniform, coefficient: 9}\n",
+            ["coefficient: 9", "from 0.05 to 2"],
+        ),
+        ("controller: {stage: 40}\n", ["controller", "stage"]),
+        (
+            "controller: {weights: {cross_per_m2: -5}}\n",
+            ["cross_per_m2", "-5"],
+        ),
+        ("terrain: {kind: level}\n", ["terrain", "unknown field"]),
+    ] {
+        let file = course.write("bad.yaml", &format!("name: bad\n{text}"));
+        let message = fail(course.simulate().arg("--conditions").arg(&file));
+        assert_says(&message, &["bad.yaml"]);
+        assert_says(&message, &parts);
+    }
+}
+
+#[test]
+fn factors_make_the_controllers_vehicle_wrong_and_not_the_plants() {
+    let right = Course::new("start: {right_m: 0.2}\n");
+    let wrong =
+        Course::new("start: {right_m: 0.2}\nmodel_error: {x_icr_left: 1.3, x_icr_right: 1.3}\n");
+    let rms = |course: &Course| {
+        let run = runs(&succeed(course.simulate().args(["--format", "json"]))).remove(1);
+        run["cross_track_rms_m"].as_f64().unwrap()
+    };
+    assert_ne!(rms(&right), rms(&wrong));
+    let absurd = Course::new("model_error: {y_icr: 1000}\n");
+    let message = fail(&mut absurd.simulate());
+    assert_says(&message, &["scenario.yaml", "model_error", "y_icr"]);
+}
+
+#[test]
 fn out_gets_a_table_for_each_run_and_a_report() {
     let course = Course::new("");
     let out = course.path("made/results");

@@ -1,5 +1,6 @@
 //! `can.yaml`: which messages and signals of the database carry what.
 
+use super::cia402::Cia402Config;
 use serde::{Deserialize, Serialize};
 
 /// The layout of the bus by names; [`super::layout::Layout`] finds them in the database.
@@ -10,9 +11,14 @@ pub struct CanConfig {
     pub database: String,
     /// What the controller's side sends every cycle. Traction and steer are in one message each,
     /// enable in at least one; a message with neither is a heartbeat.
+    #[serde(default)]
     pub command: Vec<CommandMessage>,
     /// What the drives report.
-    pub feedback: Feedback,
+    #[serde(default)]
+    pub feedback: Option<Feedback>,
+    /// Instead of both: drives that speak CANopen.
+    #[serde(default)]
+    pub cia402: Option<Cia402Config>,
     /// What the attitude sensor reports.
     pub attitude: AttitudeMessage,
     /// What the pose source reports.

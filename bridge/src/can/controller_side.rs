@@ -1,8 +1,9 @@
 //! The controller's end of the bus: commands to frames, the vehicle's frames to readings.
 
+use super::cia402::{NodeReading, PowerState};
 use super::config::AttitudeConvention;
 use super::frame::Frame;
-use super::layout::{DriveMode, Layout};
+use super::layout::{DriveMode, DriveStates, EnableValues, Layout, Profile};
 use super::message::{Contents, CounterWatch, FrameFault, MessageCodec, Quantity};
 use crate::motors::MeasuredMotorSpeeds;
 use sidehill_plant::frames::{Attitude, Pose, RosAttitude};
@@ -21,13 +22,18 @@ pub struct MotorOrder {
 /// Turns orders into frames and counts them.
 pub struct CommandWriter {
     layout: Arc<Layout>,
+    enable: EnableValues,
     counter: u32,
 }
 
 impl CommandWriter {
     /// Returns a writer whose first frame has counter 0.
-    pub fn new(layout: Arc<Layout>) -> Self {
-        Self { layout, counter: 0 }
+    pub fn new(layout: Arc<Layout>, enable: EnableValues) -> Self {
+        Self {
+            layout,
+            enable,
+            counter: 0,
+        }
     }
 
     /// Passes the frames of one cycle to `send`, in the order of the layout, until one fails.
@@ -39,10 +45,9 @@ impl CommandWriter {
         order: &MotorOrder,
         mut send: impl FnMut(&Frame) -> Result<(), E>,
     ) -> Result<(), E> {
-        let enable = self.layout.enable;
+        let enable = self.enable;
         let value_of = |quantity| match quantity {
-            Quantity::CommandTraction => order.motors.traction_m_s,
-            Quantity::CommandSteer => order.motors.steer_m_s,
+            Quantity::Command(role) => role.speed_m_s(&order.motors),
             Quantity::CommandEnable if order.enable => enable.on,
             Quantity::CommandEnable => enable.off,
             // Not in a command: refused by the codec.
@@ -70,10 +75,10 @@ pub struct MotorReport {
 /// The newest of everything the vehicle has sent, each with its instant.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Readings {
-    /// Of the traction drive.
-    pub traction: Option<Stamped<MotorReport>>,
-    /// Of the steer drive.
-    pub steer: Option<Stamped<MotorReport>>,
+    /// Of the drives, in the order of the layout.
+    pub drives: [Option<Stamped<MotorReport>>; 2],
+    /// What they say as nodes of CANopen, where they are.
+    pub nodes: [NodeReading; 2],
     /// Roll and pitch.
     pub attitude: Option<Stamped<Attitude>>,
     /// Pose.
@@ -89,8 +94,7 @@ pub struct Readings {
 /// Which of the vehicle's messages a frame is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Source {
-    Traction,
-    Steer,
+    Drive(usize),
     Attitude,
     Position,
     Heading,
@@ -106,8 +110,8 @@ pub struct VehicleReader {
 }
 
 const SOURCES: [Source; 5] = [
-    Source::Traction,
-    Source::Steer,
+    Source::Drive(0),
+    Source::Drive(1),
     Source::Attitude,
     Source::Position,
     Source::Heading,
@@ -137,15 +141,23 @@ impl VehicleReader {
     /// # Errors
     /// Why the frame is not believed. It then changes nothing but the count of refused frames.
     pub fn take(&mut self, frame: &Frame, time_s: f64) -> Result<(), FrameFault> {
-        let Some(index) = self
+        let index = self
             .layout
             .from_vehicle()
             .iter()
-            .position(|message| message.id() == frame.id)
-        else {
-            return Ok(());
+            .position(|message| message.id() == frame.id);
+        let result = match (index, &self.layout.profile) {
+            (Some(index), _) => self.decode(index, frame, time_s),
+            (None, Profile::Cia402(cia402)) => {
+                let node = cia402
+                    .nodes
+                    .iter()
+                    .position(|node| node.heard_ids().contains(&frame.id));
+                let Some(i) = node else { return Ok(()) };
+                self.readings.nodes[i].take(cia402.nodes[i], frame, time_s)
+            }
+            (None, Profile::Values(_)) => return Ok(()),
         };
-        let result = self.decode(index, frame, time_s);
         match result {
             Ok(()) => self.readings.taken += 1,
             Err(fault) => {
@@ -162,37 +174,28 @@ impl VehicleReader {
         let Some(contents) = message.decode(frame)? else {
             return Ok(());
         };
-        // Before the counter is looked at, so that a frame with a bad state does not count.
-        let mode = |states: &super::layout::DriveStates, quantity| {
-            let value = contents.get(quantity).unwrap_or(f64::NAN);
-            states
-                .mode(value)
-                .ok_or(FrameFault::State { quantity, value })
-        };
         let value = |quantity| contents.get(quantity).unwrap_or(f64::NAN);
         let r = &mut self.readings;
         match SOURCES[index] {
-            Source::Traction => {
-                let mode = mode(&layout.traction_states, Quantity::TractionState)?;
+            Source::Drive(drive) => {
+                let codec = &layout.drives[drive];
+                // Before the counter is looked at, so that a frame with a bad state does not count.
+                let told = value(Quantity::DriveState);
+                let mode = codec.states.mode(told).ok_or(FrameFault::State {
+                    quantity: Quantity::DriveState,
+                    value: told,
+                })?;
                 self.watches[index].check(contents.counter)?;
-                r.traction = Some(Stamped {
+                r.drives[drive] = Some(Stamped {
                     time_s,
                     value: MotorReport {
-                        speed_m_s: value(Quantity::TractionSpeed),
+                        speed_m_s: value(Quantity::Speed(codec.role)),
                         mode,
                     },
                 });
-            }
-            Source::Steer => {
-                let mode = mode(&layout.steer_states, Quantity::SteerState)?;
-                self.watches[index].check(contents.counter)?;
-                r.steer = Some(Stamped {
-                    time_s,
-                    value: MotorReport {
-                        speed_m_s: value(Quantity::SteerSpeed),
-                        mode,
-                    },
-                });
+                if codec.states == DriveStates::Statusword {
+                    r.nodes[drive].power = PowerState::of(told as u16);
+                }
             }
             Source::Attitude => {
                 self.watches[index].check(contents.counter)?;

@@ -1,13 +1,17 @@
 //! The layout of the bus: every name of `can.yaml` found in the database.
 
+use super::cia402::{self, Cia402, PowerState};
 use super::config::{
     AttitudeConvention, CanConfig, Checksum, ChecksumAlgorithm, DriveMessage, EnableSignal,
     Protection, ScaledSignal, StateSignal,
 };
 use super::database::{Database, DatabaseError, DatabaseFault, Message, Signal};
-use super::message::{ChecksumCodec, Field, MessageCodec, Quantity};
+use super::frame::FrameId;
+use super::message::{ChecksumCodec, DriveRole, Field, MessageCodec, Quantity};
 use super::signal::{RawKind, SignalCodec};
+use crate::motors::MeasuredMotorSpeeds;
 use crc::{Algorithm, Crc, Table};
+use sidehill_plant::speeds::MeasuredTreadSpeeds;
 use sidehill_plant::vehicle::RangeError;
 
 /// Everything that encodes and decodes the frames of a vehicle.
@@ -15,16 +19,10 @@ use sidehill_plant::vehicle::RangeError;
 pub struct Layout {
     /// Messages to the drives, all sent every cycle.
     pub command: Vec<MessageCodec>,
-    /// How the drives spell off and on.
-    pub enable: EnableValues,
-    /// From the traction drive.
-    pub traction: MessageCodec,
-    /// Its states.
-    pub traction_states: DriveStates,
-    /// From the steer drive.
-    pub steer: MessageCodec,
-    /// Its states.
-    pub steer_states: DriveStates,
+    /// How the drives are switched on and off.
+    pub profile: Profile,
+    /// What the drives report: traction and steer, or left and right.
+    pub drives: [DriveCodec; 2],
     /// From the attitude sensor.
     pub attitude: MessageCodec,
     /// What its angles mean.
@@ -39,6 +37,27 @@ pub struct Layout {
     pub pose_latency_s: f64,
     /// Missing counts that are still accepted.
     pub counter_skip_max: u32,
+}
+
+/// How drives are switched on and off.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Profile {
+    /// By a signal with two values.
+    Values(EnableValues),
+    /// By the controlword of CiA 402; the messages of `Layout::command` belong to the drives in
+    /// their order.
+    Cia402(Cia402),
+}
+
+/// What one drive reports.
+#[derive(Clone)]
+pub struct DriveCodec {
+    /// What it moves.
+    pub role: DriveRole,
+    /// Its message.
+    pub message: MessageCodec,
+    /// Its states.
+    pub states: DriveStates,
 }
 
 /// Off and on.
@@ -66,23 +85,32 @@ pub enum DriveMode {
 
 /// Which values of a signal mean which state.
 #[derive(Debug, Clone, PartialEq)]
-pub struct DriveStates {
-    values: Vec<(f64, DriveMode)>,
+pub enum DriveStates {
+    /// Those of a list.
+    Values(Vec<(f64, DriveMode)>),
+    /// Those of CiA 402.
+    Statusword,
 }
 
 impl DriveStates {
-    /// Returns the state of a value, `None` where it is not listed.
+    /// Returns the state of a value, `None` where it is none.
     pub fn mode(&self, value: f64) -> Option<DriveMode> {
-        self.values
-            .iter()
-            .find_map(|(listed, mode)| ((listed - value).abs() < 1e-9).then_some(*mode))
+        match self {
+            Self::Values(values) => values
+                .iter()
+                .find_map(|(listed, mode)| ((listed - value).abs() < 1e-9).then_some(*mode)),
+            Self::Statusword => PowerState::of(value as u16).map(PowerState::mode),
+        }
     }
 
     /// Returns the first value that is listed for a state.
     pub fn value(&self, mode: DriveMode) -> Option<f64> {
-        self.values
-            .iter()
-            .find_map(|(value, listed)| (*listed == mode).then_some(*value))
+        match self {
+            Self::Values(values) => values
+                .iter()
+                .find_map(|(value, listed)| (*listed == mode).then_some(*value)),
+            Self::Statusword => None,
+        }
     }
 }
 
@@ -160,6 +188,49 @@ pub enum LayoutError {
         /// The other.
         other: String,
     },
+    /// Neither profile, or both.
+    #[error("give either `command` and `feedback`, or `cia402`")]
+    Profile,
+    /// The drives are no pair.
+    #[error(
+        "cia402.drives: the roles must be traction and steer, or left and right, in this order"
+    )]
+    Roles,
+    /// A controlword or statusword is not as CiA 402 has it.
+    #[error("message {message}: {signal} must be unsigned with 16 bits, scale 1 and offset 0")]
+    Word {
+        /// Message.
+        message: String,
+        /// Signal.
+        signal: String,
+    },
+    /// A node has the number of another, or one that CANopen does not have.
+    #[error("cia402: node_id {node} is out of range (from 1 to 127) or given twice")]
+    Node {
+        /// The number.
+        node: u8,
+    },
+    /// A message has an identifier that CANopen uses otherwise.
+    #[error("message {message}: identifier {id} belongs to a service of CANopen")]
+    ServiceId {
+        /// Message.
+        message: String,
+        /// Its identifier.
+        id: FrameId,
+    },
+    /// A value does not fit its object.
+    #[error("cia402: object {object:#06X}:{sub:02X}: {value} does not fit")]
+    Object {
+        /// Index.
+        object: u16,
+        /// Subindex.
+        sub: u8,
+        /// Value.
+        value: i64,
+    },
+    /// A number of `cia402` is out of range.
+    #[error("cia402.{0}")]
+    Cia402(RangeError),
 }
 
 impl Layout {
@@ -168,7 +239,6 @@ impl Layout {
     /// # Errors
     /// [`LayoutError`] names the file, message and signal that is unknown or cannot be used.
     pub fn new(config: &CanConfig, database: &Database) -> Result<Self, LayoutError> {
-        let f = &config.feedback;
         let (a, p) = (&config.attitude, &config.pose);
         let attitude = Builder::new(database, &a.message)?
             .scaled(Quantity::Roll, &a.roll)?
@@ -189,24 +259,25 @@ impl Layout {
                 });
             }
         }
-        let (traction, traction_states) = drive(
-            database,
-            &f.traction,
-            [Quantity::TractionSpeed, Quantity::TractionState],
-        )?;
-        let (steer, steer_states) = drive(
-            database,
-            &f.steer,
-            [Quantity::SteerSpeed, Quantity::SteerState],
-        )?;
-        let (command, enable) = command(config, database)?;
+        let (command, drives, profile) = match (&config.feedback, &config.cia402) {
+            (Some(f), None) => {
+                let (command, enable) = command(config, database)?;
+                let drives = [
+                    drive(database, DriveRole::Traction, &f.traction)?,
+                    drive(database, DriveRole::Steer, &f.steer)?,
+                ];
+                (command, drives, Profile::Values(enable))
+            }
+            (None, Some(cia402)) if config.command.is_empty() => {
+                let (command, drives, cia402) = cia402::layout(cia402, database)?;
+                (command, drives, Profile::Cia402(cia402))
+            }
+            _ => return Err(LayoutError::Profile),
+        };
         let layout = Self {
             command,
-            enable,
-            traction,
-            traction_states,
-            steer,
-            steer_states,
+            profile,
+            drives,
             attitude,
             attitude_convention: a.convention,
             attitude_latency_s: latency(&a.message, a.latency_s)?,
@@ -216,18 +287,61 @@ impl Layout {
             counter_skip_max: config.counter_skip_max,
         };
         layout.check_messages_differ()?;
+        if let Profile::Cia402(cia402) = &layout.profile {
+            layout.check_no_service(cia402)?;
+        }
         Ok(layout)
     }
 
     /// Returns the messages that come from the vehicle.
     pub fn from_vehicle(&self) -> [&MessageCodec; 5] {
         [
-            &self.traction,
-            &self.steer,
+            &self.drives[0].message,
+            &self.drives[1].message,
             &self.attitude,
             &self.position,
             &self.heading,
         ]
+    }
+
+    /// Returns the speeds of the motors where the drives have these, in the order of `drives`, m/s.
+    pub fn motors(&self, [first_m_s, second_m_s]: [f64; 2]) -> MeasuredMotorSpeeds {
+        if self.drives[0].role == DriveRole::Left {
+            MeasuredMotorSpeeds::from(MeasuredTreadSpeeds {
+                left_m_s: first_m_s,
+                right_m_s: second_m_s,
+            })
+        } else {
+            MeasuredMotorSpeeds {
+                traction_m_s: first_m_s,
+                steer_m_s: second_m_s,
+            }
+        }
+    }
+
+    /// Returns the identifiers that the controller's side listens to.
+    pub fn heard_ids(&self) -> Vec<FrameId> {
+        let mut ids = self.from_vehicle().map(|message| message.id()).to_vec();
+        if let Profile::Cia402(cia402) = &self.profile {
+            ids.extend(cia402.nodes.iter().flat_map(|node| node.heard_ids()));
+        }
+        ids
+    }
+
+    fn check_no_service(&self, cia402: &Cia402) -> Result<(), LayoutError> {
+        let services = cia402.service_ids();
+        match self
+            .command
+            .iter()
+            .chain(self.from_vehicle())
+            .find(|message| services.contains(&message.id))
+        {
+            None => Ok(()),
+            Some(message) => Err(LayoutError::ServiceId {
+                message: message.name.clone(),
+                id: message.id,
+            }),
+        }
     }
 
     fn check_messages_differ(&self) -> Result<(), LayoutError> {
@@ -289,10 +403,10 @@ fn command(
         .map(|m| {
             let mut builder = Builder::new(database, &m.message)?;
             if let Some(signal) = &m.traction {
-                builder = builder.scaled(Quantity::CommandTraction, signal)?;
+                builder = builder.scaled(Quantity::Command(DriveRole::Traction), signal)?;
             }
             if let Some(signal) = &m.steer {
-                builder = builder.scaled(Quantity::CommandSteer, signal)?;
+                builder = builder.scaled(Quantity::Command(DriveRole::Steer), signal)?;
             }
             if let Some(enable) = &m.enable {
                 builder = builder.value(Quantity::CommandEnable, &enable.signal)?;
@@ -306,14 +420,18 @@ fn command(
 
 fn drive(
     database: &Database,
+    role: DriveRole,
     config: &DriveMessage,
-    [speed, state]: [Quantity; 2],
-) -> Result<(MessageCodec, DriveStates), LayoutError> {
+) -> Result<DriveCodec, LayoutError> {
     let builder = Builder::new(database, &config.message)?
-        .scaled(speed, &config.speed)?
-        .value(state, &config.state.signal)?;
+        .scaled(Quantity::Speed(role), &config.speed)?
+        .value(Quantity::DriveState, &config.state.signal)?;
     let states = states(&builder, &config.state)?;
-    Ok((builder.finish(&config.protection)?, states))
+    Ok(DriveCodec {
+        role,
+        message: builder.finish(&config.protection)?,
+        states,
+    })
 }
 
 fn states(builder: &Builder<'_>, signal: &StateSignal) -> Result<DriveStates, LayoutError> {
@@ -344,11 +462,11 @@ fn states(builder: &Builder<'_>, signal: &StateSignal) -> Result<DriveStates, La
             values.push((*value, mode));
         }
     }
-    Ok(DriveStates { values })
+    Ok(DriveStates::Values(values))
 }
 
 /// Collects the signals of one message and checks that they go together.
-struct Builder<'a> {
+pub(super) struct Builder<'a> {
     database: &'a Database,
     message: Message<'a>,
     name: String,
@@ -357,7 +475,7 @@ struct Builder<'a> {
 }
 
 impl<'a> Builder<'a> {
-    fn new(database: &'a Database, name: &str) -> Result<Self, LayoutError> {
+    pub(super) fn new(database: &'a Database, name: &str) -> Result<Self, LayoutError> {
         Ok(Self {
             database,
             message: database.message(name)?,
@@ -388,7 +506,11 @@ impl<'a> Builder<'a> {
         Ok(signal.codec)
     }
 
-    fn scaled(mut self, quantity: Quantity, signal: &ScaledSignal) -> Result<Self, LayoutError> {
+    pub(super) fn scaled(
+        mut self,
+        quantity: Quantity,
+        signal: &ScaledSignal,
+    ) -> Result<Self, LayoutError> {
         let codec = self.find(&signal.signal)?;
         let size = RangeError::check(
             "per_unit",
@@ -409,8 +531,26 @@ impl<'a> Builder<'a> {
         Ok(self)
     }
 
-    fn value(mut self, quantity: Quantity, signal: &str) -> Result<Self, LayoutError> {
+    pub(super) fn value(mut self, quantity: Quantity, signal: &str) -> Result<Self, LayoutError> {
         let codec = self.find(signal)?;
+        self.fields.push(Field {
+            quantity,
+            codec,
+            per_unit: 1.0,
+        });
+        Ok(self)
+    }
+
+    /// Adds a controlword or statusword.
+    pub(super) fn word(mut self, quantity: Quantity, signal: &str) -> Result<Self, LayoutError> {
+        let codec = self.find(signal)?;
+        let plain = codec.kind == RawKind::Unsigned && codec.scale == 1.0 && codec.offset == 0.0;
+        if codec.bits != 16 || !plain {
+            return Err(LayoutError::Word {
+                message: self.name,
+                signal: signal.to_owned(),
+            });
+        }
         self.fields.push(Field {
             quantity,
             codec,
@@ -439,7 +579,7 @@ impl<'a> Builder<'a> {
         Ok(())
     }
 
-    fn finish(mut self, protection: &Protection) -> Result<MessageCodec, LayoutError> {
+    pub(super) fn finish(mut self, protection: &Protection) -> Result<MessageCodec, LayoutError> {
         let counter = match &protection.counter {
             None => None,
             Some(name) => {

@@ -2,25 +2,53 @@
 
 use super::frame::{Frame, FrameId};
 use super::signal::{SignalCodec, ValueFault};
+use crate::motors::MeasuredMotorSpeeds;
 use crc::{Crc, Table};
+use serde::{Deserialize, Serialize};
+use sidehill_plant::speeds::MeasuredTreadSpeeds;
+
+/// What a drive moves.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum DriveRole {
+    /// Both treads alike.
+    Traction,
+    /// Both treads against each other.
+    Steer,
+    /// The left tread.
+    Left,
+    /// The right tread.
+    Right,
+}
+
+impl DriveRole {
+    /// Returns the speed of this drive where the motors turn so, m/s.
+    pub fn speed_m_s(self, motors: &MeasuredMotorSpeeds) -> f64 {
+        let treads = MeasuredTreadSpeeds::from(*motors);
+        match self {
+            Self::Traction => motors.traction_m_s,
+            Self::Steer => motors.steer_m_s,
+            Self::Left => treads.left_m_s,
+            Self::Right => treads.right_m_s,
+        }
+    }
+}
 
 /// What a signal carries, in SI units after scaling.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Quantity {
-    /// Commanded traction, m/s.
-    CommandTraction,
-    /// Commanded steer, m/s.
-    CommandSteer,
+    /// Commanded speed of a drive, m/s.
+    Command(DriveRole),
     /// Off or on, as the drives spell it.
     CommandEnable,
-    /// Traction reached, m/s.
-    TractionSpeed,
-    /// State of the traction drive, as it spells it.
-    TractionState,
-    /// Steer reached, m/s.
-    SteerSpeed,
-    /// State of the steer drive, as it spells it.
-    SteerState,
+    /// Controlword of CiA 402.
+    Controlword,
+    /// Speed that a drive has reached, m/s.
+    Speed(DriveRole),
+    /// State of a drive, as it spells it.
+    DriveState,
+    /// State of a node of CANopen.
+    NodeState,
     /// Roll, rad.
     Roll,
     /// Pitch, rad.

@@ -2,7 +2,7 @@ use super::config::CanConfig;
 use super::controller_side::{CommandWriter, MotorOrder, MotorReport, VehicleReader};
 use super::database::{Database, DatabaseFault};
 use super::frame::{Frame, FrameId};
-use super::layout::{DriveMode, Layout, LayoutError};
+use super::layout::{DriveMode, Layout, LayoutError, Profile};
 use super::message::FrameFault;
 use super::vehicle_side::{CommandReader, ReportWriter, VehicleReport};
 use crate::motors::MeasuredMotorSpeeds;
@@ -11,6 +11,8 @@ use sidehill_plant::frames::{Attitude, Pose};
 use std::sync::Arc;
 
 const DBC: &str = include_str!("../../../config/bridge/j8.dbc");
+const CANOPEN_DBC: &str = include_str!("../../../config/bridge/cia402.dbc");
+const CANOPEN_YAML: &str = include_str!("../../../config/bridge/cia402.yaml");
 const YAML: &str = include_str!("../../../config/bridge/can.yaml");
 
 fn config() -> CanConfig {
@@ -20,6 +22,13 @@ fn config() -> CanConfig {
 fn layout() -> Arc<Layout> {
     let database = Database::parse("j8.dbc", DBC).unwrap();
     Arc::new(Layout::new(&config(), &database).unwrap())
+}
+
+fn writer(layout: &Arc<Layout>) -> CommandWriter {
+    let Profile::Values(enable) = layout.profile else {
+        panic!("not switched by values");
+    };
+    CommandWriter::new(Arc::clone(layout), enable)
 }
 
 fn refusal(dbc: &str, yaml: &str) -> LayoutError {
@@ -124,8 +133,8 @@ fn signals_are_coded_as_cantools_codes_them() {
 #[test]
 fn a_command_reaches_the_drives_and_a_report_the_controller() {
     let layout = layout();
-    let mut drives = CommandReader::new(Arc::clone(&layout));
-    let mut writer = CommandWriter::new(Arc::clone(&layout));
+    let mut drives = CommandReader::new(Arc::clone(&layout)).unwrap();
+    let mut writer = writer(&layout);
     assert_eq!(drives.told(), None);
     for frame in frames(&mut writer, &order(0.5, -0.25, true)) {
         drives.take(&frame, 7.0).unwrap();
@@ -141,7 +150,7 @@ fn a_command_reaches_the_drives_and_a_report_the_controller() {
     }
     let readings = reader.readings();
     let (traction, attitude, pose) = (
-        readings.traction.unwrap().value,
+        readings.drives[0].unwrap().value,
         readings.attitude.unwrap().value,
         readings.pose.unwrap().value,
     );
@@ -153,7 +162,7 @@ fn a_command_reaches_the_drives_and_a_report_the_controller() {
 
 #[test]
 fn speeds_that_are_not_finite_or_too_large_are_not_sent() {
-    let mut writer = CommandWriter::new(layout());
+    let mut writer = writer(&layout());
     for speed in [f64::NAN, f64::INFINITY, 3.3, -1e9] {
         let result = writer.write::<FrameFault>(&order(speed, 0.0, true), |_| Ok(()));
         assert!(
@@ -216,7 +225,7 @@ fn frames_that_repeat_skip_or_are_damaged_are_refused() {
     reader.take(&extended, 0.5).unwrap();
     assert_eq!(*reader.readings(), before);
     reader.take(&good, 0.5).unwrap();
-    assert_eq!(reader.readings().traction.unwrap().time_s, 0.5);
+    assert_eq!(reader.readings().drives[0].unwrap().time_s, 0.5);
 }
 
 #[test]
@@ -346,7 +355,7 @@ fn check_sane(layout: &Layout) {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(2000))]
+    #![proptest_config(ProptestConfig::with_cases(20_000))]
 
     #[test]
     fn any_frame_is_refused_or_within_range(extended: bool, id in 0..6usize, length in 0..=8u8, data: [u8; 8]) {
@@ -360,13 +369,13 @@ proptest! {
         let mut reader = VehicleReader::new(Arc::clone(&layout));
         let _ = reader.take(&frame, 0.0);
         let readings = *reader.readings();
-        for motor in [readings.traction, readings.steer].into_iter().flatten() {
+        for motor in readings.drives.into_iter().flatten() {
             prop_assert!(motor.value.speed_m_s.abs() <= 3.5);
         }
         if let Some(attitude) = readings.attitude {
             prop_assert!(attitude.value.is_finite());
         }
-        let mut drives = CommandReader::new(layout);
+        let mut drives = CommandReader::new(layout).unwrap();
         let _ = drives.take(&frame, 0.0);
         if let Some(told) = drives.told() {
             prop_assert!(told.order.motors.traction_m_s.abs() < 3.2 && told.order.motors.steer_m_s.abs() < 3.2);
@@ -377,14 +386,14 @@ proptest! {
     fn a_right_checksum_on_any_payload_is_still_checked_for_range(data: [u8; 8]) {
         // The widest acceptance there is: the checksum made to fit.
         let layout = layout();
-        let mut frame = Frame::new(layout.traction.id(), &data).unwrap();
-        if let Err(FrameFault::Checksum { computed, .. }) = layout.traction.decode(&frame) {
+        let mut frame = Frame::new(layout.drives[0].message.id(), &data).unwrap();
+        if let Err(FrameFault::Checksum { computed, .. }) = layout.drives[0].message.decode(&frame) {
             frame.data[7] = computed;
         }
         let mut reader = VehicleReader::new(layout);
         match reader.take(&frame, 0.0) {
             Ok(()) => {
-                let speed = reader.readings().traction.unwrap().value.speed_m_s;
+                let speed = reader.readings().drives[0].unwrap().value.speed_m_s;
                 prop_assert!(speed.abs() <= 3200.05 / 940.0, "{}", speed);
             }
             Err(FrameFault::Value { .. } | FrameFault::State { .. }) => {}
@@ -394,7 +403,7 @@ proptest! {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(500))]
+    #![proptest_config(ProptestConfig::with_cases(3000))]
 
     #[test]
     fn a_mangled_database_is_refused_or_usable(text in mangled(DBC)) {
@@ -402,6 +411,17 @@ proptest! {
             && let Ok(layout) = Layout::new(&config(), &database)
         {
             check_sane(&layout);
+        }
+    }
+
+    #[test]
+    fn a_mangled_database_of_canopen_is_refused_or_usable(text in mangled(CANOPEN_DBC)) {
+        let config: CanConfig = serde_yaml::from_str(CANOPEN_YAML).unwrap();
+        match Database::parse("cia402.dbc", &text) {
+            Err(error) => prop_assert!(error.to_string().starts_with("cia402.dbc: ")),
+            Ok(database) => if let Ok(layout) = Layout::new(&config, &database) {
+                check_sane(&layout);
+            }
         }
     }
 

@@ -2,8 +2,8 @@
 
 use super::controller_side::{MotorOrder, MotorReport, told_attitude};
 use super::frame::Frame;
-use super::layout::Layout;
-use super::message::{CounterWatch, FrameFault, MessageCodec, Quantity};
+use super::layout::{EnableValues, Layout, Profile};
+use super::message::{CounterWatch, DriveRole, FrameFault, MessageCodec, Quantity};
 use crate::motors::MeasuredMotorSpeeds;
 use sidehill_plant::frames::{Attitude, Pose, wrap_angle};
 use std::sync::Arc;
@@ -17,9 +17,17 @@ pub struct Told {
     pub order: MotorOrder,
 }
 
+/// Drives of CiA 402 are more than messages; they are not played here.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "a virtual vehicle has no drives of CiA 402: choose a layout with `command` and `feedback`"
+)]
+pub struct NotPlayed;
+
 /// Validates the controller's frames.
 pub struct CommandReader {
     layout: Arc<Layout>,
+    enable_values: EnableValues,
     watches: Vec<CounterWatch>,
     traction: Option<(f64, f64)>,
     steer: Option<(f64, f64)>,
@@ -29,20 +37,27 @@ pub struct CommandReader {
 
 impl CommandReader {
     /// Returns a reader that has been told nothing.
-    pub fn new(layout: Arc<Layout>) -> Self {
+    ///
+    /// # Errors
+    /// [`NotPlayed`] for a layout of CiA 402.
+    pub fn new(layout: Arc<Layout>) -> Result<Self, NotPlayed> {
+        let Profile::Values(enable_values) = layout.profile else {
+            return Err(NotPlayed);
+        };
         let watches = layout
             .command
             .iter()
             .map(|message| CounterWatch::new(message, layout.counter_skip_max))
             .collect();
-        Self {
+        Ok(Self {
             layout,
+            enable_values,
             watches,
             traction: None,
             steer: None,
             enable: false,
             refused: 0,
-        }
+        })
     }
 
     /// Returns the number of frames refused.
@@ -79,7 +94,6 @@ impl CommandReader {
         let Some((message, watch)) = found else {
             return Ok(());
         };
-        let enable = self.layout.enable;
         let decoded = message.decode(frame).and_then(|contents| {
             if let Some(contents) = &contents {
                 watch.check(contents.counter)?;
@@ -94,14 +108,14 @@ impl CommandReader {
                 return Err(fault);
             }
         };
-        if let Some(speed_m_s) = contents.get(Quantity::CommandTraction) {
+        if let Some(speed_m_s) = contents.get(Quantity::Command(DriveRole::Traction)) {
             self.traction = Some((time_s, speed_m_s));
         }
-        if let Some(speed_m_s) = contents.get(Quantity::CommandSteer) {
+        if let Some(speed_m_s) = contents.get(Quantity::Command(DriveRole::Steer)) {
             self.steer = Some((time_s, speed_m_s));
         }
         if let Some(value) = contents.get(Quantity::CommandEnable) {
-            self.enable = (value - enable.on).abs() < 1e-9;
+            self.enable = (value - self.enable_values.on).abs() < 1e-9;
         }
         Ok(())
     }
@@ -151,21 +165,13 @@ impl ReportWriter {
     ) -> Result<(), FrameFault> {
         let layout = Arc::clone(&self.layout);
         let step = u32::from(!frozen);
-        let value_of = |quantity| match quantity {
-            Quantity::TractionSpeed => report.traction.speed_m_s,
-            Quantity::SteerSpeed => report.steer.speed_m_s,
-            Quantity::TractionState => layout
-                .traction_states
-                .value(report.traction.mode)
-                .unwrap_or(f64::NAN),
-            Quantity::SteerState => layout
-                .steer_states
-                .value(report.steer.mode)
-                .unwrap_or(f64::NAN),
-            _ => f64::NAN,
-        };
-        for message in [&layout.traction, &layout.steer] {
-            send(encode(message, self.feedback_counter, value_of)?);
+        for (drive, report) in layout.drives.iter().zip([report.traction, report.steer]) {
+            let value_of = |quantity| match quantity {
+                Quantity::Speed(_) => report.speed_m_s,
+                Quantity::DriveState => drive.states.value(report.mode).unwrap_or(f64::NAN),
+                _ => f64::NAN,
+            };
+            send(encode(&drive.message, self.feedback_counter, value_of)?);
         }
         self.feedback_counter = self.feedback_counter.wrapping_add(step);
         if let Some(attitude) = &report.attitude {

@@ -1,7 +1,9 @@
 use super::{Port, Reading, newer};
 use crate::bus::{Heard, Listener, SendFault, Sender};
+use crate::can::cia402::Master;
 use crate::can::controller_side::{CommandWriter, MotorOrder, Readings, VehicleReader};
-use crate::can::layout::{DriveMode, Layout};
+use crate::can::frame::Frame;
+use crate::can::layout::{DriveMode, Layout, Profile};
 use crate::clock::Epoch;
 use crate::motors::MeasuredMotorSpeeds;
 use crate::record::{Record, RecordSink};
@@ -18,11 +20,23 @@ struct Snapshot {
     bus: BusState,
 }
 
+/// Events of both drives that one cycle can have.
+const EVENTS_MAX: usize = 8;
+
+/// What tells the drives, as their profile has it.
+enum Writer {
+    Values(CommandWriter),
+    Cia402(Master),
+}
+
 /// A vehicle behind a SocketCAN interface.
 pub struct CanPort {
-    writer: CommandWriter,
+    layout: Arc<Layout>,
+    writer: Writer,
     sender: Sender,
     newest: Output<Snapshot>,
+    /// What was received for this cycle.
+    readings: Readings,
     correction: SpeedCorrection,
     /// Instants of the tread speeds, attitude and pose delivered last, s.
     delivered_s: [f64; 3],
@@ -50,7 +64,7 @@ impl CanPort {
             readings: Readings::default(),
             bus: BusState::Absent,
         });
-        let wanted = layout.from_vehicle().map(|message| message.id());
+        let wanted = layout.heard_ids();
         let mut reader = VehicleReader::new(Arc::clone(&layout));
         let mut bus = BusState::Absent;
         let listener = Listener::start(interface, &wanted, epoch, move |heard| {
@@ -88,10 +102,20 @@ impl CanPort {
                 bus,
             });
         })?;
+        let writer = match &layout.profile {
+            Profile::Values(enable) => {
+                Writer::Values(CommandWriter::new(Arc::clone(&layout), *enable))
+            }
+            Profile::Cia402(cia402) => {
+                Writer::Cia402(Master::new(Arc::clone(&layout), cia402.clone()))
+            }
+        };
         Ok(Self {
-            writer: CommandWriter::new(layout),
+            layout,
+            writer,
             sender: Sender::start(interface)?,
             newest,
+            readings: Readings::default(),
             correction,
             delivered_s: [f64::NEG_INFINITY; 3],
             records: sent_records,
@@ -103,19 +127,21 @@ impl CanPort {
 impl Port for CanPort {
     fn receive(&mut self, now_s: f64) -> Reading {
         let Snapshot { readings, bus } = *self.newest.read();
-        let motors = readings
-            .traction
-            .zip(readings.steer)
-            .map(|(traction, steer)| {
-                let speeds = MeasuredMotorSpeeds {
-                    traction_m_s: traction.value.speed_m_s,
-                    steer_m_s: steer.value.speed_m_s,
-                };
-                Stamped {
-                    time_s: traction.time_s.min(steer.time_s),
-                    value: (speeds, worse(traction.value.mode, steer.value.mode)),
-                }
-            });
+        self.readings = readings;
+        let report = |drive: usize| match &self.writer {
+            Writer::Values(_) => readings.drives[drive],
+            Writer::Cia402(master) => master.report(drive, &readings),
+        };
+        let motors = report(0).zip(report(1)).map(|(first, second)| {
+            let speeds = [first.value.speed_m_s, second.value.speed_m_s];
+            Stamped {
+                time_s: first.time_s.min(second.time_s),
+                value: (
+                    self.layout.motors(speeds),
+                    worse(first.value.mode, second.value.mode),
+                ),
+            }
+        });
         let [treads_s, attitude_s, pose_s] = &mut self.delivered_s;
         Reading {
             sample: Sample {
@@ -143,12 +169,14 @@ impl Port for CanPort {
     }
 
     fn send(&mut self, now_s: f64, order: &Order) -> Result<(), SendFault> {
-        let order = MotorOrder {
+        let motor_order = MotorOrder {
             motors: MeasuredMotorSpeeds::reaching(order.speeds, &self.correction),
             enable: order.enable,
         };
         let (sender, records) = (&mut self.sender, &mut self.records);
-        self.writer.write(&order, |frame| {
+        // The records of frames and of events go the same way, one after the other.
+        let mut events = [None; EVENTS_MAX];
+        let send = |frame: &Frame| {
             sender.send(frame)?;
             records.push(Record::Frame {
                 time_s: now_s,
@@ -156,7 +184,27 @@ impl Port for CanPort {
                 frame: *frame,
             });
             Ok(())
-        })
+        };
+        let sent = match &mut self.writer {
+            Writer::Values(writer) => writer.write(&motor_order, send),
+            Writer::Cia402(master) => {
+                let tell = |node, event| {
+                    if let Some(slot) = events.iter_mut().find(|slot| slot.is_none()) {
+                        *slot = Some((node, event));
+                    }
+                };
+                let reset = order.fault_reset;
+                master.write(now_s, &motor_order, reset, &self.readings, tell, send)
+            }
+        };
+        for (node, event) in events.into_iter().flatten() {
+            self.records.push(Record::Drive {
+                time_s: now_s,
+                node,
+                event,
+            });
+        }
+        sent
     }
 }
 

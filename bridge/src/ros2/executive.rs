@@ -429,12 +429,7 @@ fn explained(seen: &Seen<'_>) -> Outcome {
         Reason::CommandTimeout { .. } => code::CONTROLLER_TIMED_OUT,
         Reason::CommandNotFinite => code::NO_VALID_CONTROL,
         Reason::FeedbackTimeout { .. } | Reason::Clock { .. } => code::TF_ERROR,
-        Reason::ControllerStopped => {
-            return match seen.decision.map(|decision| decision.status) {
-                Some(Status::Stopping(why)) => stopped(&why),
-                _ => Outcome::new(code::NO_VALID_CONTROL, reason.to_string()),
-            };
-        }
+        Reason::ControllerStopped { why } => return stopped(&why),
         _ => code::UNKNOWN,
     };
     Outcome::new(code, reason.to_string())

@@ -192,6 +192,8 @@ impl Safety {
             let on = matches!(self.state, State::Driving | State::Stopping);
             match feedback.value.mode {
                 DriveMode::EmergencyStop => return Some(Alarm::Cut(Reason::EmergencyStop)),
+                // While zeros are sent, off, a drive may forget its fault.
+                DriveMode::Fault if self.state == State::Zeroing => {}
                 DriveMode::Fault => return Some(Alarm::Cut(Reason::DriveFault)),
                 DriveMode::Disabled if on => return Some(Alarm::Cut(Reason::DriveOff)),
                 DriveMode::Disabled | DriveMode::Enabled => {}
@@ -235,7 +237,7 @@ impl Safety {
         let intent = intent?;
         match intent.pilot {
             PilotState::Finished => Some(Reason::Finished),
-            PilotState::Stopped => Some(Reason::ControllerStopped),
+            PilotState::Stopped(why) => Some(Reason::ControllerStopped { why }),
             PilotState::Driving if !intent.command.is_finite() => Some(Reason::CommandNotFinite),
             PilotState::Driving | PilotState::Waiting => None,
         }
@@ -285,10 +287,15 @@ impl Safety {
 
     fn order_in_state(&self, seen: &Observation, elapsed_s: f64) -> Order {
         match self.state {
-            State::Disarmed | State::Zeroing | State::Latched => Order::OFF,
+            State::Disarmed | State::Latched => Order::OFF,
+            State::Zeroing => Order {
+                fault_reset: true,
+                ..Order::OFF
+            },
             State::Enabling => Order {
                 speeds: MotorSpeeds::STOP,
                 enable: true,
+                fault_reset: false,
             },
             State::Driving => {
                 let limit = self.config.speed_max_m_s;
@@ -304,6 +311,7 @@ impl Safety {
                         steer_m_s: speeds.steer_m_s.clamp(-limit, limit),
                     },
                     enable: true,
+                    fault_reset: false,
                 }
             }
             State::Stopping => {
@@ -314,6 +322,7 @@ impl Safety {
                         steer_m_s: toward_zero(self.order.speeds.steer_m_s, step),
                     },
                     enable: true,
+                    fault_reset: false,
                 }
             }
         }

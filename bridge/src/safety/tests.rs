@@ -245,10 +245,47 @@ fn arming_is_refused_while_the_fault_lasts() {
         bench.arm();
         for _ in 0..40 {
             let order = bench.step(speeds(0.5, 0.0), fault);
-            assert_eq!(order, Order::OFF, "{name}");
+            assert_eq!(order.speeds, MotorSpeeds::STOP, "{name}");
+            assert!(!order.enable, "{name}");
         }
-        assert!(bench.safety.state() != State::Driving, "{name}");
+        assert_eq!(bench.safety.state(), State::Latched, "{name}");
     }
+}
+
+#[test]
+fn a_fault_may_be_forgotten_only_after_arming() {
+    let fault = |seen: &mut Observation| {
+        if let Some(feedback) = &mut seen.feedback {
+            feedback.value.mode = DriveMode::Fault;
+        }
+    };
+    let mut bench = Bench::driving(speeds(0.5, 0.0));
+    for _ in 0..100 {
+        assert_eq!(bench.step(speeds(0.5, 0.0), fault), Order::OFF);
+    }
+    assert_eq!(bench.last().reason, Reason::DriveFault);
+    bench.arm();
+    let order = bench.step(speeds(0.5, 0.0), fault);
+    assert!(order.fault_reset && !order.enable && order.speeds == MotorSpeeds::STOP);
+    for _ in 0..20 {
+        bench.step(speeds(0.5, 0.0), |_| {});
+    }
+    assert_eq!(bench.safety.state(), State::Driving);
+    assert!(!bench.order.fault_reset);
+    // One that lasts ends the handshake.
+    bench.step(speeds(0.5, 0.0), fault);
+    bench.arm();
+    for _ in 0..40 {
+        bench.step(speeds(0.5, 0.0), fault);
+    }
+    assert!(matches!(
+        bench.last().reason,
+        Reason::Handshake {
+            mode: DriveMode::Fault,
+            ..
+        }
+    ));
+    assert_eq!(bench.order, Order::OFF);
 }
 
 #[test]
@@ -410,6 +447,7 @@ proptest! {
                 prop_assert_eq!(order.speeds, MotorSpeeds::STOP);
             }
             prop_assert_eq!(order.enable, matches!(state, State::Enabling | State::Driving | State::Stopping));
+            prop_assert_eq!(order.fault_reset, state == State::Zeroing);
             if state == State::Stopping {
                 let elapsed = if dt >= 0.0 { dt } else { 0.0 };
                 let bound = (before.speeds.traction_m_s.abs() - 2.0 * elapsed).max(0.0);

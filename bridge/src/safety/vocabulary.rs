@@ -1,5 +1,6 @@
 use crate::can::layout::DriveMode;
 use serde::Serialize;
+use sidehill_controller::controller::StopReason;
 use sidehill_plant::sample::Stamped;
 use sidehill_plant::speeds::MotorSpeeds;
 
@@ -15,15 +16,14 @@ pub struct Intent {
 }
 
 /// Whether the controller can drive.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "snake_case")]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub enum PilotState {
     /// It waits for its first readings.
     Waiting,
     /// It drives.
     Driving,
     /// It stops the vehicle.
-    Stopped,
+    Stopped(StopReason),
     /// It has followed its reference to the end.
     Finished,
 }
@@ -98,6 +98,8 @@ pub struct Order {
     pub speeds: MotorSpeeds,
     /// Whether the drives shall be on.
     pub enable: bool,
+    /// Whether drives that can be told to do so may forget a fault: only after an operator has armed.
+    pub fault_reset: bool,
 }
 
 impl Order {
@@ -105,6 +107,7 @@ impl Order {
     pub const OFF: Self = Self {
         speeds: MotorSpeeds::STOP,
         enable: false,
+        fault_reset: false,
     };
 }
 
@@ -166,8 +169,11 @@ pub enum Reason {
     #[error("the command is not finite")]
     CommandNotFinite,
     /// The controller stops the vehicle.
-    #[error("the controller stops")]
-    ControllerStopped,
+    #[error("the controller stops: {why}")]
+    ControllerStopped {
+        /// Why.
+        why: StopReason,
+    },
     /// The controller has followed its reference to the end.
     #[error("the reference has been followed to its end")]
     Finished,

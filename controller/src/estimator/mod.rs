@@ -199,6 +199,26 @@ pub struct Estimate {
     pub poses_gated: u32,
 }
 
+/// Largest share of the model's own yaw rate that a learned correction may take or add: a vehicle
+/// whose treads spin turns less than it will with grip again, but never against its treads.
+const YAW_CORRECTION_MAX: f64 = 0.6;
+
+impl Estimate {
+    /// Returns the learned gains with those of the yaw rate made smaller, all by one factor, where on
+    /// this slope they could change the yaw rate of a vehicle of half effective track `half_track_m`
+    /// by more than 60 % at some heading.
+    pub fn bounded_gains(&self, half_track_m: f64) -> Gains {
+        let normal = &self.normal_in_world;
+        let slope_rad = normal.x.hypot(normal.y).atan2(normal.z);
+        let mut gains = self.gains;
+        let mut yaw = gains.row_mut(2);
+        let largest_per_m =
+            yaw[0].abs() + slope_rad * (yaw[1].hypot(yaw[2]) + yaw[3].hypot(yaw[4]));
+        yaw *= (YAW_CORRECTION_MAX / (half_track_m * largest_per_m)).min(1.0);
+        gains
+    }
+}
+
 /// A difference between a pose and the prediction at its time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Innovation {

@@ -30,7 +30,7 @@ impl FrictionField {
     ///
     /// # Errors
     /// Returns the key, value and range that is wrong.
-    pub(super) fn check(&self) -> Result<(), RangeError> {
+    pub fn check(&self) -> Result<(), RangeError> {
         let coefficient = |key, value| RangeError::check(key, value, 0.05, 2.0, "from 0.05 to 2");
         match *self {
             Self::Uniform { coefficient: mu } => coefficient("coefficient", mu).map(drop),

@@ -352,8 +352,9 @@ fn every_doubt_ends_with_its_code() {
         (
             |world| {
                 world.state = State::Latched;
-                world.stopped_by = Some(Reason::ControllerStopped);
-                world.status = Status::Stopping(StopReason::OffPath { cross_track_m: 3.0 });
+                let why = StopReason::OffPath { cross_track_m: 3.0 };
+                world.stopped_by = Some(Reason::ControllerStopped { why });
+                world.status = Status::Stopping(why);
             },
             code::NO_VALID_CONTROL,
         ),

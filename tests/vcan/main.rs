@@ -6,10 +6,14 @@
     clippy::print_stdout
 )]
 
-mod vcan_support;
+mod cia402;
+mod realtime;
+mod support;
 
+use std::io::{BufRead, BufReader, Read};
+use std::process::Stdio;
 use std::time::Duration;
-use vcan_support::*;
+use support::*;
 
 #[test]
 #[ignore = "needs a CAN bus: run .ci/vcan"]
@@ -22,22 +26,28 @@ fn a_vehicle_and_a_controller_follow_the_figure_of_eight() {
     println!("{ending}");
     assert_eq!(ending["ended"], "finished");
 
-    let rms_m = cross_track_rms_m(&folder.truth());
+    let rms_m = cross_track_rms_m(&folder.truth(), 1100);
     println!("cross-track RMS {:.4} m", rms_m);
     assert!(rms_m <= 0.02, "{rms_m}");
     // The bound is the kernel's own lateness: 24 ms were measured under two busy processes.
+    print_timing(&ending);
+    assert_eq!(ending["skipped"], 0);
+    assert_eq!(ending["unsent"], 0);
+    decode_with_cantools(&folder, "j8.dbc");
+}
+
+/// Prints how well a run has kept its times.
+fn print_timing(ending: &serde_json::Value) {
     let number = |key: &str| ending[key].as_f64().unwrap();
     println!(
-        "lateness p50 {:.2} ms, p99 {:.2} ms, max {:.2} ms; least slack {:.2} ms, skipped {}",
+        "lateness p50 {:.2} ms, p99 {:.2} ms, max {:.2} ms; least slack {:.2} ms, cycles {}, skipped {}",
         1e3 * number("lateness_p50_s"),
         1e3 * number("lateness_p99_s"),
         1e3 * number("lateness_max_s"),
         1e3 * number("slack_min_s"),
+        ending["cycles"],
         ending["skipped"],
     );
-    assert_eq!(ending["skipped"], 0);
-    assert_eq!(ending["unsent"], 0);
-    decode_with_cantools(&folder);
 }
 
 /// Documented limits of docs/can.md, s: the time-out, a cycle until it acts, the ramp from the course's
@@ -251,10 +261,15 @@ fn a_full_queue_stops_the_vehicle_until_re_armed() {
 fn a_foreign_vehicle_by_python_is_driven() {
     let folder = Folder::new("foreign");
     let observer = Observer::start();
-    let foreign = python("foreign_vehicle.py", &[BUS, "14"])
-        .stdout(std::process::Stdio::piped())
+    let mut foreign = python("foreign_vehicle.py", "j8.dbc", &[BUS, "14"])
+        .stdout(Stdio::piped())
         .spawn()
         .unwrap();
+    // Its modules take their time to load.
+    let mut output = BufReader::new(foreign.stdout.take().unwrap());
+    let mut text = String::new();
+    output.read_line(&mut text).unwrap();
+    assert_eq!(text, "ready\n");
     let run = Program::run(&folder, &["--arm"]);
     observer.wait_for_driving(4.0);
     let asked_s = unix_now_s();
@@ -265,10 +280,9 @@ fn a_foreign_vehicle_by_python_is_driven() {
         observer.off_after_s(asked_s),
         RAMP_S + 3.0 * CYCLE_S,
     );
-    let output = foreign.wait_with_output().unwrap();
-    let text = String::from_utf8_lossy(&output.stdout);
+    output.read_to_string(&mut text).unwrap();
     println!("{text}");
-    assert!(output.status.success(), "{text}");
+    assert!(foreign.wait().unwrap().success(), "{text}");
 }
 
 #[test]

@@ -1,0 +1,198 @@
+use super::power::PowerState;
+use super::sdo::{self, SdoAnswer};
+use crate::can::frame::{Frame, FrameId};
+use crate::can::message::{FrameFault, Quantity};
+use sidehill_plant::sample::Stamped;
+
+/// Function codes of the predefined connection set: what is added to a node's number.
+mod base {
+    pub(super) const EMERGENCY: u16 = 0x080;
+    pub(super) const ANSWER: u16 = 0x580;
+    pub(super) const REQUEST: u16 = 0x600;
+    pub(super) const HEARTBEAT: u16 = 0x700;
+}
+
+/// Identifier of the network management.
+pub const NMT: FrameId = FrameId::Standard(0x000);
+/// Identifier of SYNC.
+pub const SYNC: FrameId = FrameId::Standard(0x080);
+
+/// Number of a node, from 1 to 127.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct NodeId(u8);
+
+impl NodeId {
+    /// Returns a number, `None` where CANopen does not have it.
+    pub fn new(number: u8) -> Option<Self> {
+        (1..=127).contains(&number).then_some(Self(number))
+    }
+
+    /// Returns the number.
+    pub fn get(self) -> u8 {
+        self.0
+    }
+
+    /// Returns the identifier of the node's heartbeat.
+    pub fn heartbeat(self) -> FrameId {
+        self.of(base::HEARTBEAT)
+    }
+
+    /// Returns the identifier by which the node's objects are written.
+    pub fn request(self) -> FrameId {
+        self.of(base::REQUEST)
+    }
+
+    /// Returns the identifier of the node's answers to that.
+    pub fn answer(self) -> FrameId {
+        self.of(base::ANSWER)
+    }
+
+    /// Returns the identifier of the node's emergencies.
+    pub fn emergency(self) -> FrameId {
+        self.of(base::EMERGENCY)
+    }
+
+    fn of(self, base: u16) -> FrameId {
+        FrameId::Standard(base + u16::from(self.0))
+    }
+}
+
+/// What the network management asks of a node.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u8)]
+pub enum NmtCommand {
+    /// Exchange PDOs.
+    Start = 0x01,
+    /// Exchange nothing but heartbeats.
+    Stop = 0x02,
+    /// Exchange no PDOs.
+    EnterPreOperational = 0x80,
+}
+
+impl NmtCommand {
+    /// Returns its frame.
+    pub fn frame(self, node: NodeId) -> Frame {
+        Frame {
+            id: NMT,
+            length: 2,
+            data: [self as u8, node.0, 0, 0, 0, 0, 0, 0],
+        }
+    }
+}
+
+/// State of a node as its heartbeat tells it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum NmtState {
+    /// It has started this moment.
+    BootUp,
+    /// It exchanges nothing but heartbeats.
+    Stopped,
+    /// It exchanges PDOs.
+    Operational,
+    /// It exchanges no PDOs.
+    PreOperational,
+}
+
+impl NmtState {
+    fn of(byte: u8) -> Option<Self> {
+        match byte {
+            0x00 => Some(Self::BootUp),
+            0x04 => Some(Self::Stopped),
+            0x05 => Some(Self::Operational),
+            0x7F => Some(Self::PreOperational),
+            _ => None,
+        }
+    }
+}
+
+/// Returns the heartbeat of a node that is operational.
+pub fn heartbeat(node: NodeId) -> Frame {
+    Frame {
+        id: node.heartbeat(),
+        length: 1,
+        data: [0x05, 0, 0, 0, 0, 0, 0, 0],
+    }
+}
+
+/// A drive's own word on its fault.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Emergency {
+    /// Error code; 0 where the error has gone.
+    pub code: u16,
+    /// Error register.
+    pub register: u8,
+}
+
+/// The newest of what a node has said apart from its PDO. What comes at any time is counted, so that
+/// none is taken twice.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct NodeReading {
+    /// State of its power, by the newest PDO.
+    pub power: Option<PowerState>,
+    /// State of the node.
+    pub nmt: Option<Stamped<NmtState>>,
+    /// How often it has started.
+    pub boots: u32,
+    /// Answers to objects that were written.
+    pub answers: u32,
+    /// The newest.
+    pub answer: Option<SdoAnswer>,
+    /// Emergencies.
+    pub emergencies: u32,
+    /// The newest.
+    pub emergency: Option<Emergency>,
+}
+
+impl NodeReading {
+    /// Takes a frame of the node's that is no PDO.
+    ///
+    /// # Errors
+    /// Why it is not believed. It then changes nothing.
+    pub(in crate::can) fn take(
+        &mut self,
+        node: NodeId,
+        frame: &Frame,
+        time_s: f64,
+    ) -> Result<(), FrameFault> {
+        let length = |expected| {
+            if frame.length == expected {
+                Ok(())
+            } else {
+                Err(FrameFault::Length {
+                    found: frame.length,
+                    expected,
+                })
+            }
+        };
+        if frame.id == node.heartbeat() {
+            length(1)?;
+            let byte = frame.data[0];
+            let state = NmtState::of(byte).ok_or(FrameFault::State {
+                quantity: Quantity::NodeState,
+                value: f64::from(byte),
+            })?;
+            if state == NmtState::BootUp {
+                self.boots = self.boots.wrapping_add(1);
+            }
+            self.nmt = Some(Stamped {
+                time_s,
+                value: state,
+            });
+        } else if frame.id == node.answer() {
+            length(8)?;
+            // Answers to somebody else's uploads are none of ours.
+            if let Some(answer) = sdo::answer(frame) {
+                self.answers = self.answers.wrapping_add(1);
+                self.answer = Some(answer);
+            }
+        } else if frame.id == node.emergency() {
+            length(8)?;
+            self.emergencies = self.emergencies.wrapping_add(1);
+            self.emergency = Some(Emergency {
+                code: u16::from_le_bytes([frame.data[0], frame.data[1]]),
+                register: frame.data[2],
+            });
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,203 @@
+//! What a campaign's rows say of each controller.
+
+use super::results::Row;
+use crate::config::Campaign;
+use serde::Serialize;
+use std::fmt::Write;
+
+/// Figures of one controller over all runs. A run that was not completed counts as worse than every
+/// completed one, whatever its error was when it ended: a controller shall not look good by giving up.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Figures {
+    /// Controller's name.
+    pub controller: String,
+    /// Runs.
+    pub runs: usize,
+    /// Runs completed.
+    pub completed: usize,
+    /// Median of the cross-track RMS, m; none where half the runs were not completed.
+    pub median_m: Option<f64>,
+    /// 95 % quantile of the cross-track RMS, m; none where 5 % of the runs were not completed.
+    pub p95_m: Option<f64>,
+    /// Largest cross-track RMS of a completed run, m.
+    pub worst_m: Option<f64>,
+    /// That run's index.
+    pub worst_index: Option<u32>,
+    /// Median of the steer's total variation over completed runs, m/s.
+    pub steer_total_variation_m_s: Option<f64>,
+    /// Indices of runs that were not completed, ascending.
+    pub not_completed: Vec<u32>,
+}
+
+/// Returns the figures of the campaign's controllers over `rows`, those beyond its runs left out.
+pub fn of(rows: &[Row], campaign: &Campaign) -> Vec<Figures> {
+    let names = campaign.controllers.iter().map(|kind| kind.name());
+    names
+        .map(|name| {
+            let own = rows
+                .iter()
+                .filter(|row| row.controller == name && row.index < campaign.runs);
+            figures(name, &own.collect::<Vec<_>>())
+        })
+        .collect()
+}
+
+fn figures(controller: &str, rows: &[&Row]) -> Figures {
+    let done = || rows.iter().filter(|row| row.completed);
+    let mut errors: Vec<(f64, u32)> = done()
+        .filter_map(|row| Some((row.cross_track_rms_m?, row.index)))
+        .collect();
+    errors.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let mut steers: Vec<f64> = done()
+        .filter_map(|row| row.steer_total_variation_m_s)
+        .collect();
+    steers.sort_by(f64::total_cmp);
+    let mut not_completed: Vec<u32> = rows
+        .iter()
+        .filter(|row| !row.completed)
+        .map(|row| row.index)
+        .collect();
+    not_completed.sort_unstable();
+    // By the nearest rank among all runs; ranks beyond the completed ones have no value.
+    let quantile = |share: f64| {
+        let rank = (share * rows.len() as f64).ceil().max(1.0) as usize;
+        errors.get(rank - 1).map(|(error, _)| *error)
+    };
+    Figures {
+        controller: controller.to_owned(),
+        runs: rows.len(),
+        completed: done().count(),
+        median_m: quantile(0.5),
+        p95_m: quantile(0.95),
+        worst_m: errors.last().map(|(error, _)| *error),
+        worst_index: errors.last().map(|(_, index)| *index),
+        steer_total_variation_m_s: steers.get(steers.len() / 2).copied(),
+        not_completed,
+    }
+}
+
+/// Returns the figures as a table for people.
+pub fn table(figures: &[Figures], campaign: &Campaign) -> String {
+    let mut out = String::new();
+    let _ = writeln!(
+        out,
+        "campaign {}: cross-track RMS of {} runs, cm",
+        campaign.name, campaign.runs
+    );
+    let _ = writeln!(
+        out,
+        "\n{:14} {:>6} {:>11} {:>8} {:>8} {:>8} {:>9} {:>9}",
+        "controller", "runs", "completed", "median", "p95", "worst", "in run", "steer TV"
+    );
+    let cm = |value: Option<f64>| value.map_or("-".to_owned(), |m| format!("{:.2}", 100.0 * m));
+    for f in figures {
+        let _ = writeln!(
+            out,
+            "{:14} {:>6} {:>9.1} % {:>8} {:>8} {:>8} {:>9} {:>9}",
+            f.controller,
+            f.runs,
+            100.0 * f.completed as f64 / f.runs.max(1) as f64,
+            cm(f.median_m),
+            cm(f.p95_m),
+            cm(f.worst_m),
+            f.worst_index
+                .map_or("-".to_owned(), |index| index.to_string()),
+            f.steer_total_variation_m_s
+                .map_or("-".to_owned(), |value| format!("{value:.1}")),
+        );
+    }
+    for f in figures.iter().filter(|f| !f.not_completed.is_empty()) {
+        /// As many as fit on a line or two.
+        const SHOWN: usize = 20;
+        let shown: Vec<String> = f
+            .not_completed
+            .iter()
+            .take(SHOWN)
+            .map(u32::to_string)
+            .collect();
+        let more = f.not_completed.len().saturating_sub(SHOWN);
+        let _ = writeln!(
+            out,
+            "{} did not complete runs {}{}",
+            f.controller,
+            shown.join(", "),
+            if more > 0 {
+                format!(" and {more} more")
+            } else {
+                String::new()
+            }
+        );
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::results;
+    use super::*;
+    use crate::config::ConfigFile;
+    use std::path::Path;
+
+    fn campaign(runs: u32) -> Campaign {
+        let text = format!(
+            "{{name: small, seed: 1, runs: {runs}, controllers: [icrik-mpc, pure-pursuit], \
+             scenario: ../scenarios/slalom.yaml, draws: [{{key: start.right_m, uniform: [0, 1]}}]}}"
+        );
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/campaigns/small.yaml");
+        Campaign::read(&ConfigFile::with_text(&path, text)).unwrap()
+    }
+
+    const HEADER: &str = "campaign,index,seed,controller,start.right_m,completed,ended_by,\
+        cross_track_rms_m,cross_track_p95_m,cross_track_max_m,along_track_rms_m,heading_rms_rad,\
+        steer_total_variation_m_s,goal_error_m,constraint_violations,fallbacks\n";
+
+    /// Twenty runs of icrik-mpc with errors of 1 to 20 cm, the 7th given up early; one of pure pursuit
+    /// that never started.
+    fn csv() -> String {
+        let mut text = HEADER.replace("        ", "");
+        for i in (0..20).rev() {
+            let (cm, completed) = (i + 1, i != 6);
+            let reason = if completed { "" } else { "\"lost, here\"" };
+            text += &format!(
+                "f,{i},9,icrik-mpc,0.5,{completed},{reason},0.{cm:02},1,1,1,1,{cm},0,0,0\n"
+            );
+        }
+        text + "f,0,9,pure-pursuit,0.5,false,bad,,,,,,,,,\n"
+    }
+
+    #[test]
+    fn quantiles_count_a_run_not_completed_as_the_worst() {
+        let campaign = campaign(20);
+        let rows = results::rows(csv().as_bytes(), &campaign, "f").unwrap();
+        let [own, other] = &of(&rows, &campaign)[..] else {
+            panic!("two controllers")
+        };
+        // Completed: 1 to 6 and 8 to 20 cm; the 10th of 20 is 11 cm, the 19th 20 cm.
+        assert_eq!((own.runs, own.completed), (20, 19));
+        assert_eq!(own.median_m, Some(0.11));
+        assert_eq!(own.p95_m, Some(0.20));
+        assert_eq!((own.worst_m, own.worst_index), (Some(0.20), Some(19)));
+        assert_eq!(own.steer_total_variation_m_s, Some(11.0));
+        assert_eq!(own.not_completed, [6]);
+        assert_eq!((other.runs, other.completed), (1, 0));
+        assert_eq!((other.median_m, other.worst_index), (None, None));
+        let table = table(&[own.clone(), other.clone()], &campaign);
+        assert!(
+            table.contains("95.0 %") && table.contains("runs 6"),
+            "{table}"
+        );
+    }
+
+    #[test]
+    fn rows_beyond_the_runs_asked_for_do_not_count() {
+        let campaign = campaign(5);
+        let rows = results::rows(csv().as_bytes(), &campaign, "f").unwrap();
+        let own = &of(&rows, &campaign)[0];
+        assert_eq!((own.runs, own.median_m), (5, Some(0.03)));
+    }
+
+    #[test]
+    fn results_of_another_fingerprint_are_refused() {
+        assert!(results::rows(csv().as_bytes(), &campaign(5), "g").is_err());
+    }
+}

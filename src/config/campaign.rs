@@ -1,0 +1,240 @@
+//! A campaign: one scenario, and what is drawn anew for each of its runs.
+
+use super::{Conditions, ConfigError, ConfigFile, Overrides, Scenario};
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::{Rng, SeedableRng};
+use serde::Deserialize;
+use serde_yaml::{Mapping, Value};
+use sidehill_controller::config::ControllerKind;
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RawCampaign {
+    name: String,
+    seed: u64,
+    runs: u32,
+    controllers: Vec<ControllerKind>,
+    scenario: PathBuf,
+    #[serde(default)]
+    conditions: Option<PathBuf>,
+    #[serde(default)]
+    with: Mapping,
+    draws: Vec<Draw>,
+}
+
+/// What one key of the scenario is drawn from.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Draw {
+    /// The key, with dots between nested ones.
+    key: String,
+    /// Evenly distributed from the first to the second number.
+    #[serde(default)]
+    uniform: Option<[f64; 2]>,
+    /// Each as likely as the others.
+    #[serde(default)]
+    one_of: Option<Vec<Value>>,
+}
+
+/// A campaign with its scenario read.
+#[derive(Debug, Clone)]
+pub struct Campaign {
+    /// Name for files and tables.
+    pub name: String,
+    /// Runs of each controller.
+    pub runs: u32,
+    /// Controllers that drive each run.
+    pub controllers: Vec<ControllerKind>,
+    seed: u64,
+    draws: Vec<Draw>,
+    /// The scenario with conditions and fixed keys in it.
+    scenario: ConfigFile,
+}
+
+/// What was drawn for one run, and the scenario that it makes.
+pub struct Drawn {
+    /// Seed of everything random within the run.
+    pub seed: u64,
+    /// Values of the campaign's keys, in their order.
+    pub values: Vec<Value>,
+    /// The scenario.
+    pub scenario: ConfigFile,
+}
+
+impl Campaign {
+    /// Reads a campaign with the scenario it names.
+    ///
+    /// # Errors
+    /// [`ConfigError`] with file, key, value and range.
+    pub fn read(file: &ConfigFile) -> Result<Self, ConfigError> {
+        let raw: RawCampaign = file.parse()?;
+        if raw.controllers.is_empty() {
+            return Err(file.error("controllers: the list is empty"));
+        }
+        let mut keys = BTreeSet::new();
+        for draw in &raw.draws {
+            draw.check().map_err(|message| file.error(message))?;
+            if !keys.insert(draw.key.as_str()) {
+                return Err(file.error(format!("draws: {} is drawn twice", draw.key)));
+            }
+        }
+        let mut scenario = file.sibling(&raw.scenario)?;
+        if let Some(name) = &raw.conditions {
+            scenario = Conditions::beside(file, name)?.put_into(&scenario)?;
+        }
+        let campaign = Self {
+            scenario: scenario.with_keys(&raw.with)?,
+            name: raw.name,
+            runs: raw.runs,
+            controllers: raw.controllers,
+            seed: raw.seed,
+            draws: raw.draws,
+        };
+        // A key that no scenario has would spoil every run.
+        let first = campaign.draw(0)?;
+        Scenario::read(first.scenario)
+            .map_err(|error| file.error(format!("run 0 makes no scenario: {error}")))?;
+        Ok(campaign)
+    }
+
+    /// Returns the keys that are drawn.
+    pub fn keys(&self) -> impl Iterator<Item = &str> {
+        self.draws.iter().map(|draw| draw.key.as_str())
+    }
+
+    /// Returns what run `index` has; it depends on nothing but the campaign's seed, its draws and the
+    /// index.
+    ///
+    /// # Errors
+    /// [`ConfigError`] where a value cannot be put into the scenario.
+    pub fn draw(&self, index: u32) -> Result<Drawn, ConfigError> {
+        let mut random = ChaCha8Rng::seed_from_u64(self.seed);
+        random.set_stream(u64::from(index));
+        // Short enough to be typed.
+        let seed = random.next_u64() >> 32;
+        let values: Vec<Value> = self
+            .draws
+            .iter()
+            .map(|draw| draw.value(&mut random))
+            .collect();
+        let mut keys: Mapping = self.scenario.parse()?;
+        for (draw, value) in self.draws.iter().zip(&values) {
+            put(&mut keys, &draw.key, value);
+        }
+        put(&mut keys, "seed", &Value::from(seed));
+        let name = format!("{}_{index}", self.name);
+        put(&mut keys, "name", &Value::from(name));
+        Ok(Drawn {
+            seed,
+            values,
+            scenario: self.scenario.with_keys(&keys)?,
+        })
+    }
+
+    /// Returns the scenario of a run as a file that can stand anywhere: with the campaign's
+    /// controllers, and the names of other files made absolute.
+    ///
+    /// # Errors
+    /// [`ConfigError`] where a named file is not there.
+    pub fn scenario_text(&self, index: u32) -> Result<String, ConfigError> {
+        let scenario = self.draw(index)?.scenario;
+        let mut keys: Mapping = scenario.parse()?;
+        for key in [
+            "vehicle",
+            "route.file",
+            "terrain.file",
+            "contact.vehicle",
+            "contact.identified",
+        ] {
+            if let Some(name) = find(&keys, key).and_then(Value::as_str) {
+                let path = scenario.sibling(Path::new(name))?.path().to_owned();
+                let whole = std::path::absolute(&path).map_err(|reason| ConfigError::Read {
+                    file: path.display().to_string(),
+                    reason,
+                })?;
+                put(&mut keys, key, &Value::from(whole.display().to_string()));
+            }
+        }
+        let names = self.controllers.iter().map(|kind| kind.name());
+        put(&mut keys, "controllers", &names.collect());
+        serde_yaml::to_string(&keys).map_err(|error| scenario.error(error))
+    }
+
+    /// Returns a number that is another where seed, draws, scenario or vehicles are others: results
+    /// under different numbers do not belong together. More runs or controllers change nothing.
+    ///
+    /// # Errors
+    /// [`ConfigError`] where what the scenario names cannot be read.
+    pub fn fingerprint(&self) -> Result<String, ConfigError> {
+        let world = Scenario::read(self.scenario.clone())?.prepare(&Overrides::default())?;
+        let all = format!(
+            "{} {} {:?} {} {:?} {:?}",
+            env!("CARGO_PKG_VERSION"),
+            self.seed,
+            self.draws,
+            self.scenario.text(),
+            world.plant,
+            world.vehicle
+        );
+        Ok(format!("{:016x}", fnv_1a(all.as_bytes())))
+    }
+}
+
+impl Draw {
+    fn check(&self) -> Result<(), String> {
+        let key = &self.key;
+        match (&self.uniform, &self.one_of) {
+            (Some([from, to]), None) if from.is_finite() && to.is_finite() && from <= to => Ok(()),
+            (Some([from, to]), None) => Err(format!(
+                "draws: {key}: uniform [{from}, {to}] is out of range, must be two numbers in order"
+            )),
+            (None, Some(values)) if !values.is_empty() => Ok(()),
+            _ => Err(format!(
+                "draws: {key}: either uniform or one_of is needed, with something in it"
+            )),
+        }
+    }
+
+    fn value(&self, random: &mut ChaCha8Rng) -> Value {
+        // 53 bits are what a number in [0, 1) can hold.
+        let share = (random.next_u64() >> 11) as f64 * (-53.0_f64).exp2();
+        match (&self.uniform, &self.one_of) {
+            (Some([from, to]), _) => Value::from(from + share * (to - from)),
+            (None, Some(values)) => values[(share * values.len() as f64) as usize].clone(),
+            (None, None) => Value::Null,
+        }
+    }
+}
+
+/// Puts a value under a key with dots, making what is missing on the way.
+fn put(keys: &mut Mapping, key: &str, value: &Value) {
+    let Some((first, rest)) = key.split_once('.') else {
+        keys.insert(Value::from(key), value.clone());
+        return;
+    };
+    let inner = keys
+        .entry(Value::from(first))
+        .or_insert_with(|| Value::Mapping(Mapping::new()));
+    if !inner.is_mapping() {
+        *inner = Value::Mapping(Mapping::new());
+    }
+    if let Value::Mapping(inner) = inner {
+        put(inner, rest, value);
+    }
+}
+
+fn find<'a>(keys: &'a Mapping, key: &str) -> Option<&'a Value> {
+    match key.split_once('.') {
+        None => keys.get(key),
+        Some((first, rest)) => find(keys.get(first)?.as_mapping()?, rest),
+    }
+}
+
+/// The 64-bit FNV-1a hash, the same on every machine and by every compiler.
+fn fnv_1a(bytes: &[u8]) -> u64 {
+    bytes.iter().fold(0xCBF2_9CE4_8422_2325, |hash, byte| {
+        (hash ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01B3)
+    })
+}

@@ -1,0 +1,116 @@
+//! Sensing, actuation and ground that stand in place of a scenario's own.
+
+use super::scenario::{GroundFriction, PlantKind};
+use super::{ConfigError, ConfigFile};
+use serde::Deserialize;
+use serde_yaml::{Mapping, Value};
+use sidehill_controller::config::ControllerConfig;
+use sidehill_plant::drive_train::DriveTrainConfig;
+use sidehill_plant::sensors::SensorsConfig;
+use std::path::Path;
+
+/// The conditions that are built in, by the name of the command line.
+const REALISTIC: (&str, &str) = ("realistic", "config/conditions/realistic.yaml");
+
+/// Keys that conditions may have: what is wrong with one of them is found here, by its own file.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Keys {
+    name: String,
+    #[serde(default, rename = "plant")]
+    _plant: Option<PlantKind>,
+    #[serde(default)]
+    friction: Option<GroundFriction>,
+    #[serde(default, rename = "drive_train")]
+    _drive_train: DriveTrainConfig,
+    #[serde(default, rename = "sensors")]
+    _sensors: SensorsConfig,
+    #[serde(default)]
+    controller: ControllerConfig,
+}
+
+/// Keys of a scenario that a run has in place of the scenario's own.
+pub struct Conditions {
+    /// Name for tables.
+    pub name: String,
+    keys: Mapping,
+}
+
+impl Conditions {
+    /// Reads the file of that name, or the conditions of that name that are built in.
+    ///
+    /// # Errors
+    /// [`ConfigError`] with file, key, value and range.
+    pub fn read(name: &Path) -> Result<Self, ConfigError> {
+        if name == Path::new(REALISTIC.0) {
+            Self::parse(&ConfigFile::built_in(REALISTIC.1)?)
+        } else {
+            Self::parse(&ConfigFile::read(name)?)
+        }
+    }
+
+    /// Reads the conditions that another file names, relative to itself or built in.
+    ///
+    /// # Errors
+    /// [`ConfigError`] with file, key, value and range.
+    pub fn beside(file: &ConfigFile, name: &Path) -> Result<Self, ConfigError> {
+        if name == Path::new(REALISTIC.0) {
+            Self::read(name)
+        } else {
+            Self::parse(&file.sibling(name)?)
+        }
+    }
+
+    /// Reads conditions from a file.
+    ///
+    /// # Errors
+    /// [`ConfigError`] with file, key, value and range.
+    pub fn parse(file: &ConfigFile) -> Result<Self, ConfigError> {
+        let checked: Keys = file.parse()?;
+        checked
+            .friction
+            .map_or(Ok(()), |friction| friction.check())
+            .and_then(|()| checked.controller.validate())
+            .map_err(|error| file.error(error))?;
+        let mut keys: Mapping = file.parse()?;
+        keys.remove("name");
+        Ok(Self {
+            name: checked.name,
+            keys,
+        })
+    }
+
+    /// Returns a scenario's file with these keys in it.
+    ///
+    /// # Errors
+    /// [`ConfigError::Content`] where the scenario is no YAML mapping.
+    pub fn put_into(&self, scenario: &ConfigFile) -> Result<ConfigFile, ConfigError> {
+        scenario.with_keys(&self.keys)
+    }
+}
+
+/// Puts `keys` into `into`, in place of those of the same name; of `controller` only what is named.
+pub(super) fn overlay(into: &mut Mapping, keys: &Mapping) {
+    for (key, value) in keys {
+        match (into.get_mut(key), value) {
+            (Some(Value::Mapping(old)), Value::Mapping(new)) if key == "controller" => {
+                merge(old, new);
+            }
+            _ => {
+                into.insert(key.clone(), value.clone());
+            }
+        }
+    }
+}
+
+/// Puts `new` into `old`, key by key down to single values.
+fn merge(old: &mut Mapping, new: &Mapping) {
+    for (key, value) in new {
+        match (old.get_mut(key), value) {
+            (Some(Value::Mapping(old)), Value::Mapping(new)) => merge(old, new),
+            _ => {
+                old.insert(key.clone(), value.clone());
+            }
+        }
+    }
+}
