@@ -229,6 +229,9 @@ pub struct FollowPathConfig {
     /// Whether the poses' orientations tell where a path is driven in reverse; else only its sharp
     /// turns do.
     pub use_orientations: bool,
+    /// Whether the vehicle turns on the spot where the path has ended and the last pose looks
+    /// elsewhere.
+    pub turn_at_goal: bool,
 }
 
 impl Default for FollowPathConfig {
@@ -240,6 +243,7 @@ impl Default for FollowPathConfig {
             goal_checker_id: "general_goal_checker".to_owned(),
             progress_checker_id: "progress_checker".to_owned(),
             use_orientations: false,
+            turn_at_goal: true,
         }
     }
 }
@@ -293,14 +297,14 @@ impl Ros2Config {
         check(
             "ros2.tolerances.goal_yaw_rad",
             t.goal_yaw_rad,
-            0.01,
+            0.02,
             3.2,
-            "from 0.01 to 3.2 rad",
+            "from 0.02 to 3.2 rad",
         )?;
         check(
             "ros2.tolerances.progress_m",
             t.progress_m,
-            0.01,
+            0.02,
             100.0,
             "from 0.01 to 100 m",
         )?;

@@ -36,6 +36,15 @@ pub enum Effect {
     Told(Client, GoalEnd, Outcome),
     /// Give the controller nothing to follow any more.
     Clear,
+    /// Give the controller a turn on the spot.
+    Turn {
+        /// Number of the turn.
+        number: u64,
+        /// Where the vehicle stands.
+        from: PlanarPose,
+        /// By how much it turns, rad, counter-clockwise.
+        angle_rad: f64,
+    },
 }
 
 /// What the executive looks at.
@@ -86,6 +95,8 @@ struct Job {
     progress: ProgressChecker,
     /// Whether the controller has taken the path up.
     followed: bool,
+    /// Whether the path has been driven and the vehicle turns to the goal's heading.
+    turning: bool,
     /// Since when transforms are missing, and plans.
     without_transform_s: Option<f64>,
     without_plan_s: Option<f64>,
@@ -99,6 +110,8 @@ const ENDING_S: f64 = 10.0;
 /// Looks after one path at a time.
 #[derive(Debug, Default)]
 pub struct Executive {
+    /// Whether the vehicle turns to the goal's heading where the path has ended.
+    turns_at_goal: bool,
     job: Option<Job>,
     number: u64,
     /// Whether a stop is asked for.
@@ -106,6 +119,15 @@ pub struct Executive {
 }
 
 impl Executive {
+    /// Returns an executive without a path, whose vehicle turns to the goal's heading at a path's end
+    /// where `turns_at_goal`.
+    pub fn new(turns_at_goal: bool) -> Self {
+        Self {
+            turns_at_goal,
+            ..Self::default()
+        }
+    }
+
     /// Returns who the path in hand is for.
     pub fn client(&self) -> Option<Client> {
         self.job.as_ref().map(|job| job.client)
@@ -143,6 +165,7 @@ impl Executive {
             goal: PlanarPose::default(),
             progress: ProgressChecker::default(),
             followed: false,
+            turning: false,
             without_transform_s: None,
             without_plan_s: None,
         });
@@ -317,7 +340,7 @@ impl Executive {
         let pose = own
             .and_then(|decision| decision.estimate)
             .map(|estimate| estimate.pose);
-        if let Some(pose) = pose.filter(|_| seen.state == State::Driving) {
+        if let Some(pose) = pose.filter(|_| seen.state == State::Driving && !job.turning) {
             let (radius_m, time_s) = (tolerances.progress_m, tolerances.progress_time_s);
             if !job.progress.gets_on(now_s, &pose, radius_m, time_s) {
                 let message = format!("no progress of {radius_m} m within {time_s} s");
@@ -326,6 +349,24 @@ impl Executive {
             }
         }
         Vec::new()
+    }
+
+    /// The path has been driven, but the vehicle looks elsewhere than it shall.
+    fn turn(&mut self, now_s: f64, from: PlanarPose, angle_rad: f64) -> Vec<Effect> {
+        let Some(number) = self.renumber() else {
+            return Vec::new();
+        };
+        if let Some(job) = &mut self.job {
+            job.turning = true;
+            job.followed = false;
+            job.phase = Phase::Arming { since_s: now_s };
+        }
+        let turn = Effect::Turn {
+            number,
+            from,
+            angle_rad,
+        };
+        vec![turn, Effect::Arm(number)]
     }
 
     /// The safety has ended the drive.
@@ -347,6 +388,11 @@ impl Executive {
                 let left = GoalError::of(&estimate.pose, &job.goal);
                 if left.within(tolerances.goal_xy_m, tolerances.goal_yaw_rad) {
                     (GoalEnd::Succeeded, Outcome::default())
+                } else if self.turns_at_goal
+                    && !job.turning
+                    && left.distance_m <= tolerances.goal_xy_m
+                {
+                    return self.turn(seen.now_s, estimate.pose, -left.heading_rad);
                 } else {
                     let message = format!(
                         "the path has ended {:.2} m and {:.2} rad off the goal",

@@ -83,7 +83,7 @@ impl Parameters {
             (
                 format!("{goal}.yaw_goal_tolerance"),
                 t.goal_yaw_rad,
-                Rule::Range(0.01, 3.2),
+                Rule::Range(0.02, 3.2),
                 "rad off the goal's heading at the path's end",
             ),
             (

@@ -7,6 +7,7 @@ use super::message::{SpeedLimit, action::code};
 use super::route::{Plan, Route, RouteSettings};
 use super::transform::Transforms;
 use nalgebra::{Isometry3, Point3};
+use sidehill_controller::course::{Course, Pivot};
 use sidehill_controller::path::Point2;
 use sidehill_controller::trajectory::Trajectory;
 use sidehill_plant::frames::{PlanarPose, wrap_angle};
@@ -18,6 +19,8 @@ const MOVED_M: f64 = 0.01;
 const MOVED_RAD: f64 = 0.002;
 /// Slowest drive that a limit asks for, m/s.
 const SPEED_MIN_M_S: f64 = 0.01;
+/// Yaw rate of a turn on the spot, rad/s.
+const TURN_RAD_S: f64 = 0.3;
 /// Longest time for smoothing and timing a path, s.
 const BUILDING_S: f64 = 20.0;
 
@@ -192,6 +195,20 @@ impl Paths {
         }
         assigned.frame = now;
         Ok(Some(handover(&assigned.route, &now)))
+    }
+
+    /// Returns a turn on the spot from a pose.
+    pub(super) fn turn(&self, from: &PlanarPose, angle_rad: f64) -> Result<Trajectory, Outcome> {
+        let limits = &self.settings.limits;
+        let fastest_rad_s = 2.0 * limits.steer_max_m_s / limits.track_width_m;
+        let turn = Course::Pivot(Pivot {
+            angle_deg: angle_rad.to_degrees(),
+            yaw_rate_rad_s: TURN_RAD_S.min(fastest_rad_s),
+            centre_forward_m: 0.0,
+        });
+        turn.trajectory(limits)
+            .map(|trajectory| trajectory.seen_from(from))
+            .map_err(|error| Outcome::new(code::UNKNOWN, error.to_string()))
     }
 
     /// Takes a limit of the speed, and returns the path in hand at its new speeds; none where nothing

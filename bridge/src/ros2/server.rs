@@ -24,13 +24,14 @@ use super::worker::Worker;
 use crate::clock::{Epoch, ToldClock};
 use crate::mission::{Assignment, CycleDesk, CycleView, Dispatcher, PilotDesk, desks};
 use crate::safety::State;
-use ros2_client::Subscription;
 use ros2_client::action::{GoalId, GoalStatusEnum};
 use ros2_client::builtin_interfaces::Time;
 use ros2_client::dds::rustdds::mio1::{Events, Interest, Poll, Token};
 use ros2_client::dds::rustdds::{
     DomainParticipantStatusEvent as Event, DomainParticipantStatusListener, StatusEvented,
 };
+use ros2_client::log::LogLevel;
+use ros2_client::{NodeLoggingHandle, RosoutRaw, Subscription};
 use sidehill_controller::controller::Decision;
 use sidehill_controller::trajectory::Trajectory;
 use sidehill_plant::frames::PlanarPose;
@@ -180,6 +181,7 @@ struct Server {
     fed_back_s: f64,
     framed_s: f64,
     result_topic: String,
+    logger: NodeLoggingHandle,
     poll: Poll,
     // After all that it has made.
     node: RosNode,
@@ -212,12 +214,12 @@ impl Server {
         registry.register(&mut status, token, Interest::READABLE)?;
         let poll_of = (registry, token);
         let services = Services::new(&mut node, poll_of, parameters, lifecycle)?;
+        let logger = node.inner().logging_handle();
         let telemetry = Telemetry::new(&mut node, vehicle, &config.frames.odometry)?;
         let action_name = node.names().resolve(&config.follow_path.action);
         let action_name = action_name.map_err(super::node::NodeError::from)?;
         Ok(Self {
             paths,
-            config,
             time: common.time,
             shared: common.shared,
             dispatcher,
@@ -227,11 +229,12 @@ impl Server {
             status,
             services,
             telemetry,
+            logger,
             peers: Peers::default(),
             accepted: 0,
             last_end: None,
             goals: Goals::default(),
-            executive: Executive::default(),
+            executive: Executive::new(config.follow_path.turn_at_goal),
             next_number: 0,
             client: None,
             transform: None,
@@ -239,6 +242,7 @@ impl Server {
             statuses_changed: true,
             fed_back_s: f64::NEG_INFINITY,
             framed_s: f64::NEG_INFINITY,
+            config,
             result_topic: format!("rr{action_name}/_action/get_resultReply"),
             poll,
             node,
@@ -315,6 +319,28 @@ impl Server {
         }
     }
 
+    /// Says it on /rosout.
+    fn log(&self, level: LogLevel, message: &str) {
+        let now = Time::from_nanos(self.time.stamp_ns(self.time.now_s()));
+        let name = self.logger.base_name();
+        self.logger
+            .rosout_raw(now, level, name, message, file!(), "", line!());
+    }
+
+    fn log_end(&self, end: GoalEnd, outcome: &Outcome) {
+        match end {
+            GoalEnd::Succeeded => self.log(LogLevel::Info, "the goal is reached"),
+            GoalEnd::Canceled => self.log(LogLevel::Info, "the path was taken back"),
+            GoalEnd::Aborted => {
+                let message = format!(
+                    "the path is given up ({}): {}",
+                    outcome.code, outcome.message
+                );
+                self.log(LogLevel::Warn, &message);
+            }
+        }
+    }
+
     fn tell(&mut self, now_s: f64, view: Option<&CycleView>) {
         let state = self.services.lifecycle.state();
         let last_refusal = self.shared.last_refusal().clone();
@@ -378,8 +404,19 @@ impl Server {
         let accepted = ready && self.goals.accept(goal.id, stamp);
         self.action.answer_goal(goal.request, accepted, stamp);
         if !accepted {
+            let why = if pressed {
+                "a goal is refused: the emergency stop is pressed"
+            } else {
+                "a goal is refused: the node is not active, or the goal is not new"
+            };
+            self.log(LogLevel::Warn, why);
             return;
         }
+        let count = goal.path.poses.len();
+        self.log(
+            LogLevel::Info,
+            &format!("a goal of {count} poses is accepted"),
+        );
         self.statuses_changed = true;
         self.accepted += 1;
         let client = Some((participant(&goal.request), false));
@@ -593,6 +630,24 @@ impl Server {
             match effect {
                 Effect::Arm(number) => self.dispatcher.arm(number),
                 Effect::Stop(on) => self.dispatcher.stop(on),
+                Effect::Turn {
+                    number,
+                    from,
+                    angle_rad,
+                } => {
+                    self.paths.forget(true);
+                    self.transform = None;
+                    match self.paths.turn(&from, angle_rad) {
+                        Ok(trajectory) => {
+                            self.dispatcher.assign(Assignment {
+                                number,
+                                trajectory,
+                                from_m: 0.0,
+                            });
+                        }
+                        Err(outcome) => self.fail(outcome, now_s),
+                    }
+                }
                 Effect::Clear => {
                     self.paths.forget(true);
                     self.transform = None;
@@ -604,9 +659,11 @@ impl Server {
                     });
                 }
                 Effect::Told(Client::Topic, end, outcome) => {
+                    self.log_end(end, &outcome);
                     self.last_end = Some((end, outcome.message));
                 }
                 Effect::Told(Client::Goal(id), end, outcome) => {
+                    self.log_end(end, &outcome);
                     self.last_end = Some((end, outcome.message.clone()));
                     for answer in self.goals.end(&id, now_s, end, outcome) {
                         self.action.answer_result(answer);

@@ -21,6 +21,7 @@ struct World {
     status: Status,
     reference: u64,
     x_m: f64,
+    yaw_rad: f64,
     transform: Option<&'static str>,
     emergency_stop: bool,
     clock_jumped: bool,
@@ -41,6 +42,7 @@ impl World {
             status: Status::Tracking,
             reference: 0,
             x_m: 0.0,
+            yaw_rad: 0.0,
             transform: None,
             emergency_stop: false,
             clock_jumped: false,
@@ -58,6 +60,12 @@ impl World {
                 Effect::Stop(on) => self.stop = on,
                 Effect::Told(client, end, outcome) => self.told.push((client, end, outcome)),
                 Effect::Clear => self.reference = 0,
+                Effect::Turn {
+                    number, angle_rad, ..
+                } => {
+                    self.reference = number;
+                    self.yaw_rad += angle_rad;
+                }
             }
         }
     }
@@ -89,7 +97,7 @@ impl World {
             time_s: self.now_s,
             command: MotorSpeeds::STOP,
             status: self.status,
-            estimate: Some(estimate(self.now_s, self.x_m)),
+            estimate: Some(estimate(self.now_s, self.x_m, self.yaw_rad)),
             progress: None,
             solve: None,
             refused: Refused::default(),
@@ -161,13 +169,14 @@ impl World {
     }
 }
 
-fn estimate(time_s: f64, x_m: f64) -> Estimate {
+fn estimate(time_s: f64, x_m: f64, yaw_rad: f64) -> Estimate {
     use nalgebra::{Matrix3, Vector3};
     Estimate {
         time_s,
         pose: PlanarPose {
             x_m,
-            ..PlanarPose::default()
+            y_m: 0.0,
+            yaw_rad,
         },
         covariance: Matrix3::zeros(),
         attitude: sidehill_plant::frames::Attitude::LEVEL,
@@ -379,4 +388,31 @@ fn a_drive_that_nobody_asked_for_is_stopped() {
     assert_eq!(world.state, State::Latched);
     world.cycles(2);
     assert!(!world.stop);
+}
+
+#[test]
+fn a_vehicle_that_looks_elsewhere_at_the_goal_turns_where_it_may() {
+    for turns in [true, false] {
+        let mut world = World::new();
+        world.executive = Executive::new(turns);
+        world.yaw_rad = 2.0;
+        let client = world.driving();
+        let armed = world.armed;
+        world.x_m = 9.9;
+        world.cycle();
+        world.finish();
+        if !turns {
+            world.assert_told(client, GoalEnd::Aborted, code::NO_VALID_CONTROL);
+            continue;
+        }
+        assert!(world.told.is_empty(), "it is armed for the turn");
+        world.cycles(5);
+        assert_eq!(world.state, State::Driving);
+        assert!(world.armed > armed);
+        // A turn takes its time and gets nowhere.
+        world.cycles(250);
+        assert_eq!(world.state, State::Driving);
+        world.finish();
+        world.assert_told(client, GoalEnd::Succeeded, code::NONE);
+    }
 }

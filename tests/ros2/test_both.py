@@ -1,0 +1,87 @@
+"""Drives told through one port while paths come over ROS 2; frames that move; headings at the goal."""
+
+import math
+import os
+import time
+
+import pytest
+from conftest import adapted
+
+import wire
+from peer import REPOSITORY, FollowPath, now, path_of, straight, wait_for
+
+START_YAW_RAD = math.radians(90 - 50.906)
+
+
+@pytest.fixture
+def simulated(start, peer, tmp_path):
+    """A controller whose vehicle is within its program, and a client of its action."""
+    rover = os.path.join(REPOSITORY, "config", "bridge", "vehicle_vcan0.yaml")
+    replaced = {r"^port: ros2.*$": f"port: simulated\nsimulated: {rover}"}
+    start("run", adapted("run_ros2.yaml", replaced, tmp_path))
+    return FollowPath(peer).wait()
+
+
+def ahead(length_m, frame):
+    return path_of(straight(length_m, yaw_rad=START_YAW_RAD), frame)
+
+
+def values(diagnostics):
+    """The newest diagnostics by name."""
+    message = diagnostics.next("diagnostics")
+    return {value.key: value.value for value in message.status[0].values}
+
+
+def test_paths_over_ros_are_driven_through_another_port(simulated, peer):
+    pose = peer.reader("/controller_server/pose", wire.PoseWithCovarianceStamped)
+    goal = simulated.send(ahead(2.0, "odom"))
+    assert goal.reply.accepted
+    assert goal.result(60).status == FollowPath.SUCCEEDED
+    place = pose.next("pose").pose.pose.position
+    assert math.dist((place.x, place.y), straight(2.0, yaw_rad=START_YAW_RAD)[-1]) < 0.25
+
+
+def test_a_path_moves_with_its_frame_and_is_given_up_where_that_is_lost(simulated, peer):
+    tf = peer.writer("/tf", wire.TFMessage)
+    diagnostics = peer.reader("/diagnostics", wire.DiagnosticArray)
+    wait_for(tf.get_matched_subscriptions, "transforms")
+
+    def say(x, for_s):
+        """Where odom is in the map, ten times a second."""
+        for _ in range(round(10 * for_s)):
+            transform = wire.Transform(
+                translation=wire.Vector3(x=x, y=0.0, z=0.0),
+                rotation=wire.Quaternion(x=0.0, y=0.0, z=0.0, w=1.0),
+            )
+            header = wire.Header(stamp=now(), frame_id="map")
+            stamped = wire.TransformStamped(
+                header=header, child_frame_id="odom", transform=transform
+            )
+            tf.write(wire.TFMessage(transforms=[stamped]))
+            time.sleep(0.1)
+
+    say(0.0, 0.5)
+    goal = simulated.send(ahead(20.0, "map"))
+    say(0.0, 3.0)
+    assert abs(float(values(diagnostics)["cross_track_m"])) < 0.05
+    # The path is elsewhere for the vehicle now, 0.19 m across; it swings out and drives there.
+    say(0.3, 0.3)
+    far = float(values(diagnostics)["cross_track_m"])
+    assert 0.05 < abs(far) < 0.3, far
+    say(0.3, 6.0)
+    assert abs(float(values(diagnostics)["cross_track_m"])) < 0.05
+    answer = goal.result(30)
+    assert (answer.status, answer.result.error_code) == (FollowPath.ABORTED, 102)
+    assert "odom" in answer.result.error_msg
+
+
+def test_the_vehicle_turns_to_the_goals_heading(simulated, peer):
+    pose = peer.reader("/controller_server/pose", wire.PoseWithCovarianceStamped)
+    path = ahead(2.0, "odom")
+    yaw_rad = START_YAW_RAD + 1.5
+    last = path.poses[-1].pose.orientation
+    last.z, last.w = math.sin(yaw_rad / 2), math.cos(yaw_rad / 2)
+    assert simulated.send(path).result(60).status == FollowPath.SUCCEEDED
+    q = pose.next("pose").pose.pose.orientation
+    reached_rad = math.atan2(2 * (q.w * q.z + q.x * q.y), 1 - 2 * (q.y * q.y + q.z * q.z))
+    assert abs(reached_rad - yaw_rad) < 0.1
