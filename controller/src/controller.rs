@@ -36,7 +36,8 @@ pub enum Status {
     Waiting,
     /// The law's own command.
     Tracking,
-    /// This cycle has no solution; the command is the previous plan's.
+    /// This cycle has no solution; the command is the previous plan's, or slows down where there is
+    /// none yet.
     Fallback {
         /// Why there is none.
         reason: QpFailure,
@@ -493,9 +494,14 @@ impl Controller {
                     }
                     Err(reason) => {
                         let cycles = fallback_cycles + 1;
-                        if *planned && cycles <= self.config.supervisor.fallback_cycles {
+                        if cycles <= self.config.supervisor.fallback_cycles {
                             decision.status = Status::Fallback { reason, cycles };
-                            decision.command = mpc.plan().inputs[0];
+                            decision.command = if *planned {
+                                mpc.plan().inputs[0]
+                            } else {
+                                let limits = &self.config.limits;
+                                limits.stop_step(previous, self.config.period_s)
+                            };
                             self.phase = Phase::Driving {
                                 fallback_cycles: cycles,
                             };
