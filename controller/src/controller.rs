@@ -50,6 +50,18 @@ pub enum Status {
     Finished,
 }
 
+impl std::fmt::Display for Status {
+    fn fmt(&self, out: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Waiting => out.write_str("waiting for readings"),
+            Self::Tracking => out.write_str("tracking"),
+            Self::Fallback { reason, cycles } => write!(out, "fallback, cycle {cycles}: {reason}"),
+            Self::Stopping(reason) => write!(out, "stopping: {reason}"),
+            Self::Finished => out.write_str("finished"),
+        }
+    }
+}
+
 /// Why the vehicle is stopped.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum StopReason {

@@ -192,7 +192,8 @@ impl Telemetry {
             ]
         });
         let [slide_right, slide_forward] = slide.unwrap_or([f64::NAN; 2]);
-        let progress = decision.progress;
+        // Number 0 is no path: the vehicle stands where it is.
+        let progress = decision.progress.filter(|_| decision.reference != 0);
         let last_end = account.last_end.map_or_else(String::new, |(end, why)| {
             format!("{end:?}: {why}").trim_end_matches(": ").to_owned()
         });
@@ -205,7 +206,7 @@ impl Telemetry {
                     .stopped_by
                     .map_or_else(String::new, |reason| reason.to_string()),
             ),
-            ("controller", format!("{:?}", decision.status)),
+            ("controller", decision.status.to_string()),
             ("emergency_stop", account.emergency_stop.to_string()),
             ("goals", account.goals.to_string()),
             ("last_goal", last_end),
