@@ -271,8 +271,6 @@ fn planar(frame: &Isometry3<f64>) -> PlanarPose {
 mod tests {
     use super::*;
     use nalgebra::{Translation3, UnitQuaternion};
-    use sidehill_controller::path::Smoothing;
-    use sidehill_controller::speed_profile::SpeedLimits;
 
     fn isometry(x: f64, y: f64, turn: f64) -> Isometry3<f64> {
         Isometry3::from_parts(
@@ -282,23 +280,7 @@ mod tests {
     }
 
     fn paths() -> Paths {
-        let settings = RouteSettings {
-            smoothing: Smoothing::default(),
-            limits: SpeedLimits {
-                speed_max_m_s: 0.5,
-                traction_max_m_s: 1.0,
-                steer_max_m_s: 1.0,
-                tread_max_m_s: 2.0,
-                acceleration_m_s2: 1.0,
-                deceleration_m_s2: 1.0,
-                steer_acceleration_m_s2: 1.0,
-                lateral_acceleration_m_s2: 1.0,
-                track_width_m: 2.0,
-                initial_speed_m_s: 0.0,
-            },
-            use_orientations: false,
-        };
-        Paths::new(settings, "odom")
+        Paths::new(crate::ros2::route::tests::settings(), "odom")
     }
 
     /// 5 m along y of the frame map, a heading of 0.

@@ -193,13 +193,14 @@ fn direction(poses: &[PlanarPose], index: usize) -> Direction {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use crate::ros2::convert::{to_pose, world_from_base_link};
     use sidehill_plant::frames::{Attitude, Pose};
     use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
-    fn settings() -> RouteSettings {
+    /// Settings of a vehicle that drives 0.5 m/s at most.
+    pub fn settings() -> RouteSettings {
         RouteSettings {
             smoothing: Smoothing::default(),
             limits: SpeedLimits {
