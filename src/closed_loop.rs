@@ -2,11 +2,12 @@
 
 use crate::config::Prepared;
 use crate::record::{Quantiles, Row, Run, Summary};
+use anyhow::Context;
 use sidehill_controller::config::ControllerKind;
 use sidehill_controller::controller::{Controller, Decision, Status};
 use sidehill_controller::mpc::limits::InputLimits;
 use sidehill_controller::path::{Path, Point2};
-use sidehill_controller::reference::PROJECTION_WINDOW;
+use sidehill_controller::reference::{PROJECTION_WINDOW, Reference};
 use sidehill_controller::trajectory::{Ending, ReferencePoint};
 use sidehill_plant::frames::wrap_angle;
 use sidehill_plant::simulation::TrueState;
@@ -41,7 +42,7 @@ pub fn run(
         Some(prepared.terrain.clone()),
     )?;
     let steps = (config.period_s / prepared.step_s).round() as u64;
-    let end_s = controller.reference().end_s();
+    let end_s = followed(&controller)?.end_s();
     let give_up_s = 1.5 * end_s + 30.0;
     let mut figures = Figures::new(prepared, config.limits, config.period_s);
     let mut rows = Vec::new();
@@ -51,7 +52,7 @@ pub fn run(
         let begin = Instant::now();
         let decision = controller.step(&sample, None);
         let cycle_us = begin.elapsed().as_secs_f64() * 1e6;
-        let reference = controller.reference().ahead(0.0);
+        let reference = followed(&controller)?.ahead(0.0);
         rows.push(figures.cycle(&state, &decision, &reference, cycle_us, prepared));
         match decision.status {
             Status::Finished => break Ok(()),
@@ -64,7 +65,7 @@ pub fn run(
             _ => {}
         }
         if rows.len() % 20 == 0 {
-            progress((controller.reference().time_s() / end_s).min(1.0));
+            progress((followed(&controller)?.time_s() / end_s).min(1.0));
         }
         simulation.set_command(decision.command)?;
         let mut failed = None;
@@ -87,9 +88,14 @@ pub fn run(
         kind,
         ending,
         &rows,
-        controller.reference().ahead(0.0),
+        followed(&controller)?.ahead(0.0),
     );
     Ok(Run { summary, rows })
+}
+
+/// Returns what a controller follows.
+fn followed(controller: &Controller) -> anyhow::Result<&Reference> {
+    controller.reference().context("there is nothing to follow")
 }
 
 /// Sums and extremes of a run under way.

@@ -16,7 +16,7 @@ use sidehill_bridge::ros2::arguments::RosArguments;
 use sidehill_bridge::ros2::names::Names;
 use sidehill_bridge::ros2::parameters::override_config;
 use sidehill_bridge::ros2::server::{self, Ros2};
-use sidehill_bridge::safety::{Operator, Reason, State};
+use sidehill_bridge::safety::{Operator, Reason, State, StopCause};
 use sidehill_controller::controller::Controller;
 use sidehill_plant::vehicle::Vehicle;
 use std::fs::File;
@@ -220,8 +220,9 @@ impl Job {
                 operator.arm = true;
                 arm = false;
             }
-            operator.stop = self.signals.stop.swap(false, Ordering::Relaxed);
-            if operator.halt {
+            let stop = self.signals.stop.swap(false, Ordering::Relaxed);
+            operator.stop = stop.then_some(StopCause::Operator);
+            if operator.halt.is_some() {
                 last_cycles += 1;
                 if last_cycles > LAST_CYCLES {
                     break;
@@ -229,12 +230,12 @@ impl Job {
                 continue;
             }
             if self.signals.end.load(Ordering::Relaxed) {
-                operator.halt = true;
+                operator.halt = Some(StopCause::ProgramEnds);
             }
             // A middleware that was suspended hears and says nothing any more.
             if desk.is_some() && self.signals.resumed.load(Ordering::Relaxed) {
                 ended = "suspended";
-                operator.halt = true;
+                operator.halt = Some(StopCause::Suspended);
             }
             if self
                 .duration_s
@@ -244,7 +245,7 @@ impl Job {
                     State::Driving => "time_over",
                     _ => "stopped",
                 };
-                operator.halt = true;
+                operator.halt = Some(StopCause::TimeOver);
             }
             // Where paths come from outside, another may come.
             if desk.is_none()
@@ -252,7 +253,7 @@ impl Job {
                 && cycle.stopped_by() == Some(Reason::Finished)
             {
                 ended = "finished";
-                operator.halt = true;
+                operator.halt = Some(StopCause::ProgramEnds);
             }
         }
         Ok(Ending {

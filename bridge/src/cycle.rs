@@ -228,7 +228,7 @@ impl<P: Port, Q: Pilot> Cycle<P, Q> {
             cross_track_m: decision
                 .as_ref()
                 .and_then(|decision| decision.progress)
-                .map_or(f64::NAN, |progress| progress.cross_track_m),
+                .map(|progress| progress.cross_track_m),
             solve_us: decision
                 .as_ref()
                 .and_then(|decision| decision.solve)

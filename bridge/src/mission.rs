@@ -5,20 +5,20 @@
 //! Dispatcher <- CycleDesk (rows, reasons),   PilotDesk (decisions, plans)
 //! ```
 //!
-//! No side waits for another: orders are flags and a queue, answers are the newest of their kind.
+//! No side waits for another: orders are flags and the newest path, answers are the newest of their
+//! kind.
 
 use crate::cycle::{Cycle, Timing};
 use crate::pilot::Pilot;
 use crate::port::Port;
 use crate::record::CycleRow;
-use crate::safety::{Operator, Reason, State};
+use crate::safety::{Operator, Reason, State, StopCause};
 use sidehill_controller::controller::{Controller, Decision};
 use sidehill_controller::trajectory::Trajectory;
 use sidehill_plant::frames::PlanarPose;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::mpsc::{Receiver, Sender, channel};
-use triple_buffer::{Input, Output, triple_buffer};
+use std::sync::atomic::{AtomicU8, AtomicU64, Ordering};
+use triple_buffer::{Input, Output, TripleBuffer, triple_buffer};
 
 /// A path for the controller.
 pub struct Assignment {
@@ -30,13 +30,32 @@ pub struct Assignment {
     pub from_m: f64,
 }
 
+/// A cause of a stop, or none, that threads share.
+#[derive(Debug, Default)]
+pub struct SharedCause(AtomicU8);
+
+impl SharedCause {
+    /// Says that there is a cause, or that there is none any more.
+    pub fn set(&self, cause: Option<StopCause>) {
+        let code = cause.map_or(0, |cause| cause as u8 + 1);
+        self.0.store(code, Ordering::Relaxed);
+    }
+
+    /// Returns the cause.
+    pub fn get(&self) -> Option<StopCause> {
+        let index = usize::from(self.0.load(Ordering::Relaxed)).checked_sub(1)?;
+        // Whatever is there stops.
+        Some(StopCause::ALL[index.min(StopCause::ALL.len() - 1)])
+    }
+}
+
 /// What the cycle is asked for.
 #[derive(Default)]
 struct Asked {
     /// Number of the newest arming asked for; 0 for none.
     arm: AtomicU64,
-    stop: AtomicBool,
-    halt: AtomicBool,
+    stop: SharedCause,
+    halt: SharedCause,
 }
 
 /// What the cycle says of itself.
@@ -69,7 +88,7 @@ pub fn desks(stages: usize) -> (Dispatcher, CycleDesk, PilotDesk) {
     let (cycle_view, cycle) = triple_buffer(&None::<CycleView>);
     // A clone of an empty vector has no capacity: the first cycles give each buffer its own.
     let (pilot_view, pilot) = triple_buffer(&PilotView::default());
-    let (assignments, paths) = channel();
+    let (assignments, paths) = TripleBuffer::default().split();
     (
         Dispatcher {
             asked: Arc::clone(&asked),
@@ -94,7 +113,7 @@ pub fn desks(stages: usize) -> (Dispatcher, CycleDesk, PilotDesk) {
 /// Who gives paths and orders.
 pub struct Dispatcher {
     asked: Arc<Asked>,
-    assignments: Sender<Assignment>,
+    assignments: Input<Option<Assignment>>,
     cycle: Output<Option<CycleView>>,
     pilot: Output<PilotView>,
 }
@@ -104,16 +123,16 @@ pub struct Dispatcher {
 pub struct Brake(Arc<Asked>);
 
 impl Brake {
-    /// Keeps the drives at zero and off as long as `on`.
-    pub fn set(&self, on: bool) {
-        self.0.halt.store(on, Ordering::Relaxed);
+    /// Keeps the drives at zero and off as long as there is a cause.
+    pub fn set(&self, cause: Option<StopCause>) {
+        self.0.halt.set(cause);
     }
 }
 
 impl Dispatcher {
-    /// Gives the controller a path; returns false where there is no controller any more.
-    pub fn assign(&self, assignment: Assignment) -> bool {
-        self.assignments.send(assignment).is_ok()
+    /// Gives the controller a path instead of the one it has, or none.
+    pub fn assign(&mut self, assignment: Option<Assignment>) {
+        self.assignments.write(assignment);
     }
 
     /// Asks to arm as soon as the safety lets itself be armed; [`CycleView::armed`] then has this
@@ -122,9 +141,9 @@ impl Dispatcher {
         self.asked.arm.store(number, Ordering::Relaxed);
     }
 
-    /// Asks to stop on the ramp and to stay so as long as `on`.
-    pub fn stop(&self, on: bool) {
-        self.asked.stop.store(on, Ordering::Relaxed);
+    /// Asks to stop on the ramp and to stay so as long as there is a cause.
+    pub fn stop(&self, cause: Option<StopCause>) {
+        self.asked.stop.set(cause);
     }
 
     /// Returns the brake.
@@ -156,12 +175,13 @@ impl CycleDesk {
     /// Returns what `operator` asks for and what is asked for here, for a cycle that begins in
     /// `state`.
     pub fn operator(&mut self, operator: Operator, state: State) -> Operator {
-        let stop = operator.stop || self.asked.stop.load(Ordering::Relaxed);
-        let halt = operator.halt || self.asked.halt.load(Ordering::Relaxed);
+        let stop = operator.stop.or(self.asked.stop.get());
+        let halt = operator.halt.or(self.asked.halt.get());
         let wish = self.asked.arm.load(Ordering::Relaxed);
         let off = matches!(state, State::Disarmed | State::Latched);
         // The safety arms on a rising edge: where it did not, the wish falls before it rises again.
-        let arm = wish > self.armed && off && !stop && !halt && self.asking == 0;
+        let free = stop.or(halt).is_none();
+        let arm = wish > self.armed && off && free && self.asking == 0;
         self.asking = if arm { wish } else { 0 };
         Operator {
             arm: operator.arm || arm,
@@ -186,16 +206,20 @@ impl CycleDesk {
 
 /// The controller's end.
 pub struct PilotDesk {
-    paths: Receiver<Assignment>,
+    paths: Output<Option<Assignment>>,
     view: Input<PilotView>,
     stages: usize,
 }
 
 impl PilotDesk {
-    /// Gives the controller the paths that have come, the newest last.
-    pub fn take_paths(&self, controller: &mut Controller) {
-        while let Ok(path) = self.paths.try_recv() {
-            controller.follow(path.number, path.trajectory, path.from_m);
+    /// Gives the controller the newest path, where one has come, or takes away the one it has.
+    pub fn take_path(&mut self, controller: &mut Controller) {
+        if !self.paths.update() {
+            return;
+        }
+        match self.paths.output_buffer_mut().take() {
+            Some(path) => controller.follow(path.number, path.trajectory, path.from_m),
+            None => controller.forget_path(),
         }
     }
 
@@ -226,8 +250,8 @@ mod tests {
 
     const IDLE: Operator = Operator {
         arm: false,
-        stop: false,
-        halt: false,
+        stop: None,
+        halt: None,
     };
 
     #[test]
@@ -251,17 +275,40 @@ mod tests {
     fn a_stop_or_a_halt_forbids_to_arm() {
         let (dispatcher, mut desk, _pilot) = desks(10);
         dispatcher.arm(1);
-        dispatcher.stop(true);
+        dispatcher.stop(Some(StopCause::Cancelled));
         let asked = desk.operator(IDLE, State::Latched);
-        assert!(asked.stop && !asked.arm && !asked.halt);
-        dispatcher.stop(false);
-        dispatcher.brake().set(true);
+        let cancelled = Operator {
+            stop: Some(StopCause::Cancelled),
+            ..IDLE
+        };
+        assert_eq!(asked, cancelled);
+        dispatcher.stop(None);
+        dispatcher.brake().set(Some(StopCause::EmergencyStop));
         let asked = desk.operator(IDLE, State::Latched);
-        assert!(asked.halt && !asked.arm && !asked.stop);
-        dispatcher.brake().set(false);
+        let pressed = Operator {
+            halt: Some(StopCause::EmergencyStop),
+            ..IDLE
+        };
+        assert_eq!(asked, pressed);
+        dispatcher.brake().set(None);
         assert!(desk.operator(IDLE, State::Latched).arm);
         // What an operator asks for on his own is kept.
-        let own = Operator { stop: true, ..IDLE };
-        assert!(desk.operator(own, State::Driving).stop);
+        let own = Operator {
+            stop: Some(StopCause::Operator),
+            ..IDLE
+        };
+        assert_eq!(desk.operator(own, State::Driving).stop, own.stop);
+    }
+
+    #[test]
+    fn every_cause_comes_as_it_went() {
+        let shared = SharedCause::default();
+        assert_eq!(shared.get(), None);
+        for cause in StopCause::ALL {
+            shared.set(Some(cause));
+            assert_eq!(shared.get(), Some(cause));
+        }
+        shared.set(None);
+        assert_eq!(shared.get(), None);
     }
 }

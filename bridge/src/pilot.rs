@@ -76,8 +76,8 @@ impl Pilot for InlinePilot {
                 self.controller.request_stop();
             }
         }
-        if let Some(desk) = &self.desk {
-            desk.take_paths(&mut self.controller);
+        if let Some(desk) = &mut self.desk {
+            desk.take_path(&mut self.controller);
         }
         let deadline = patience.map(|patience| Instant::now() + patience);
         let decision = self.controller.step(sample, deadline);

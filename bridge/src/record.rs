@@ -103,8 +103,8 @@ pub struct CycleRow {
     pub y_m: f64,
     /// Estimated heading, rad.
     pub yaw_rad: f64,
-    /// Estimated distance from the path, m, left positive.
-    pub cross_track_m: f64,
+    /// Estimated distance from the path, m, left positive; none without a path or an estimate.
+    pub cross_track_m: Option<f64>,
     /// Time within the QP solver, us; NaN without a solution.
     pub solve_us: f64,
     /// Frames refused since the start.

@@ -24,13 +24,13 @@ use std::time::Duration;
 
 const ARM: Operator = Operator {
     arm: true,
-    stop: false,
-    halt: false,
+    stop: None,
+    halt: None,
 };
 const NOTHING: Operator = Operator {
     arm: false,
-    stop: false,
-    halt: false,
+    stop: None,
+    halt: None,
 };
 
 fn j8() -> Vehicle {

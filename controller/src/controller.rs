@@ -113,8 +113,11 @@ pub enum StopReason {
         /// Time of this cycle, s.
         now_s: f64,
     },
-    /// A person or another part of the program asked for it.
-    #[error("a stop was asked for")]
+    /// There is nothing to follow.
+    #[error("there is no path")]
+    NoPath,
+    /// It is kept from driving by [`Controller::request_stop`].
+    #[error("it is held")]
     Requested,
 }
 
@@ -129,13 +132,14 @@ pub struct Decision {
     pub status: Status,
     /// The state it is based on.
     pub estimate: Option<Estimate>,
-    /// Where the vehicle stands against the reference.
+    /// Where the vehicle stands against the reference; none without a path or an estimate.
     pub progress: Option<Progress>,
     /// The solver's account, where a QP was solved.
     pub solve: Option<SolveReport>,
     /// Readings left out because they were not finite.
     pub refused: Refused,
-    /// Number of the reference that is followed: 0 for the first, see [`Controller::follow`].
+    /// Number of the reference that is followed, see [`Controller::follow`]; 0 for the first and for
+    /// none.
     pub reference: u64,
 }
 
@@ -173,7 +177,8 @@ pub struct Controller {
     vehicle: Vehicle,
     terrain: Option<Terrain>,
     estimator: Estimator,
-    reference: Reference,
+    /// None: there is no path, so nothing to be off, and nothing to drive for.
+    reference: Option<Reference>,
     reference_number: u64,
     law: Law,
     /// Whether the law predicts with what the estimator learns.
@@ -201,6 +206,27 @@ impl Controller {
         laps: u32,
         terrain: Option<Terrain>,
     ) -> Result<Self, ControllerError> {
+        let mut controller = Self::without_path(kind, config, vehicle, terrain)?;
+        let tracking = match controller.law {
+            Law::Mpc { .. } => tracking,
+            // A geometric law knows no time: its reference waits for the vehicle.
+            Law::PurePursuit => controller.config.along_path_by_cusps(),
+        };
+        controller.reference = Some(Reference::new(trajectory, tracking, laps));
+        Ok(controller)
+    }
+
+    /// Returns a controller that has nothing to follow until [`Controller::follow`]: the vehicle
+    /// stands, and each cycle has an estimate and no progress.
+    ///
+    /// # Errors
+    /// [`ControllerError`] for settings out of range.
+    pub fn without_path(
+        kind: ControllerKind,
+        config: ControllerConfig,
+        vehicle: &Vehicle,
+        terrain: Option<Terrain>,
+    ) -> Result<Self, ControllerError> {
         config.validate()?;
         // An adapted model is estimated with as it predicts. A law that does not adapt leaves
         // dead reckoning to the best model there is.
@@ -216,11 +242,6 @@ impl Controller {
             Estimator::new(settings, vehicle.on_level_ground())
         } else {
             Estimator::new(config.estimator, vehicle.clone())
-        };
-        let tracking = match kind {
-            // A geometric law knows no time: its reference waits for the vehicle.
-            ControllerKind::PurePursuit => config.along_path_by_cusps(),
-            _ => tracking,
         };
         let vehicle = match kind {
             ControllerKind::IcrikMpc => vehicle.clone(),
@@ -239,7 +260,7 @@ impl Controller {
         let commands = (1.0 / config.period_s).ceil() as usize + 2;
         Ok(Self {
             estimator,
-            reference: Reference::new(trajectory, tracking, laps),
+            reference: None,
             reference_number: 0,
             targets: Vec::with_capacity(config.stages),
             issued: Vec::with_capacity(commands + 1),
@@ -258,9 +279,9 @@ impl Controller {
         &self.config
     }
 
-    /// Returns the reference and how far it has been followed.
-    pub fn reference(&self) -> &Reference {
-        &self.reference
+    /// Returns the reference and how far it has been followed; none without a path.
+    pub fn reference(&self) -> Option<&Reference> {
+        self.reference.as_ref()
     }
 
     /// Returns the plan of the last cycle, where the law makes one.
@@ -287,15 +308,29 @@ impl Controller {
         let next = Reference::new(trajectory, tracking, 1).starting_at(from_m);
         // A plan that leads elsewhere is a bad point to linearise about.
         let horizon_s = self.config.delay_s() + self.config.step_s * self.config.stages as f64;
-        let [old, new] = [&self.reference, &next].map(|reference| reference.ahead(horizon_s));
+        let new = next.ahead(horizon_s).position;
+        let near = self
+            .reference
+            .as_ref()
+            .is_some_and(|old| old.ahead(horizon_s).position.distance_m(&new) <= PLAN_REUSE_M);
         if let Law::Mpc { planned, .. } = &mut self.law {
-            *planned &= old.position.distance_m(&new.position) <= PLAN_REUSE_M;
+            *planned &= near;
         }
         if self.phase == Phase::Finished {
             self.phase = Phase::Driving { fallback_cycles: 0 };
         }
-        self.reference = next;
+        self.reference = Some(next);
         self.reference_number = number;
+    }
+
+    /// Has nothing to follow from the next cycle on: a vehicle that drives is stopped.
+    pub fn forget_path(&mut self) {
+        self.reference = None;
+        self.reference_number = 0;
+        self.targets.clear();
+        if let Law::Mpc { planned, .. } = &mut self.law {
+            *planned = false;
+        }
     }
 
     /// Stops the vehicle at its decelerations from the next cycle on.
@@ -345,10 +380,13 @@ impl Controller {
                 Phase::Stopped(_) => 0.0,
                 Phase::Driving { .. } | Phase::Finished => elapsed_s,
             };
-            let progress = self.reference.advance(reference_s, &estimate.pose);
-            decision.progress = Some(progress);
-            self.supervise(estimate, &progress);
-            self.decide(estimate, &progress, elapsed_s, deadline, &mut decision);
+            decision.progress = self
+                .reference
+                .as_mut()
+                .map(|reference| reference.advance(reference_s, &estimate.pose));
+            self.supervise_readings(estimate);
+            self.supervise_path(estimate, decision.progress.as_ref());
+            self.decide(estimate, elapsed_s, deadline, &mut decision);
             // A vehicle that stands may have been carried elsewhere.
             let stands = self.last_command() == MotorSpeeds::STOP;
             let stopped = matches!(self.phase, Phase::Stopped(_));
@@ -388,13 +426,9 @@ impl Controller {
         }
     }
 
-    /// Stops on stale readings, on leaving the path, and at its end.
-    #[allow(clippy::neg_cmp_op_on_partial_ord)]
-    fn supervise(&mut self, estimate: &Estimate, progress: &Progress) {
+    /// Stops on stale readings.
+    fn supervise_readings(&mut self, estimate: &Estimate) {
         let limits = self.config.supervisor;
-        let heading_error = wrap_angle(estimate.pose.yaw_rad - progress.point.heading_rad);
-        // False for a NaN, which so stops.
-        let within = |value: f64, limit: f64| value <= limit;
         if !within(estimate.pose_age_s, limits.pose_timeout_s) {
             self.stop(StopReason::PoseStale {
                 age_s: estimate.pose_age_s,
@@ -408,7 +442,20 @@ impl Controller {
             self.stop(StopReason::SpeedsStale {
                 age_s: estimate.speeds_age_s,
             });
-        } else if !within(progress.cross_track_m.abs(), limits.cross_track_max_m) {
+        }
+    }
+
+    /// Stops without a path, on leaving it, and at its end.
+    fn supervise_path(&mut self, estimate: &Estimate, progress: Option<&Progress>) {
+        let (Some(reference), Some(progress)) = (&self.reference, progress) else {
+            self.stop(StopReason::NoPath);
+            return;
+        };
+        let limits = self.config.supervisor;
+        let late = reference.time_s() > reference.end_s() + limits.settle_time_s;
+        let periodic = reference.trajectory().ending() == Ending::Periodic;
+        let heading_error = wrap_angle(estimate.pose.yaw_rad - progress.point.heading_rad);
+        if !within(progress.cross_track_m.abs(), limits.cross_track_max_m) {
             self.stop(StopReason::OffPath {
                 cross_track_m: progress.cross_track_m,
             });
@@ -418,10 +465,8 @@ impl Controller {
             });
         }
         if progress.ended && matches!(self.phase, Phase::Driving { .. }) {
-            let periodic = self.reference.trajectory().ending() == Ending::Periodic;
             let last = self.last_command();
             let standing = last.traction_m_s.abs() < 0.01 && last.steer_m_s.abs() < 0.01;
-            let late = self.reference.time_s() > self.reference.end_s() + limits.settle_time_s;
             if periodic || standing || late {
                 self.phase = Phase::Finished;
             }
@@ -432,12 +477,14 @@ impl Controller {
     fn decide(
         &mut self,
         estimate: &Estimate,
-        progress: &Progress,
         elapsed_s: f64,
         deadline: Option<Instant>,
         decision: &mut Decision,
     ) {
         let Phase::Driving { fallback_cycles } = self.phase else {
+            return;
+        };
+        let (Some(reference), Some(progress)) = (&self.reference, decision.progress) else {
             return;
         };
         let previous = self.last_command();
@@ -456,9 +503,9 @@ impl Controller {
                     &PursuitView {
                         pose: &horizon_start,
                         reference: &progress.point,
-                        path: self.reference.path(),
+                        path: reference.path(),
                         arc_length_m: progress.arc_length_m,
-                        stop_at_m: self.reference.stop_at_m(),
+                        stop_at_m: reference.stop_at_m(),
                     },
                     &self.vehicle.icrs,
                 );
@@ -475,7 +522,7 @@ impl Controller {
                 preview(
                     &self.config,
                     &self.vehicle,
-                    &self.reference,
+                    reference,
                     self.terrain.as_ref(),
                     estimate,
                     caution,
@@ -585,6 +632,11 @@ impl Controller {
         }
         pose
     }
+}
+
+/// Returns whether a value is within its limit; a NaN is not.
+fn within(value: f64, limit: f64) -> bool {
+    value <= limit
 }
 
 /// Fills `targets` with the reference over the horizon, which begins when a command given now acts.

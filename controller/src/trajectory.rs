@@ -86,27 +86,6 @@ impl Trajectory {
         })
     }
 
-    /// Returns a trajectory that stands in a pose: what is followed before there is a path.
-    pub fn standing_at(pose: &PlanarPose) -> Self {
-        let node = Node {
-            arc_length_m: 0.0,
-            position: Point2 {
-                x_m: pose.x_m,
-                y_m: pose.y_m,
-            },
-            heading_rad: pose.yaw_rad,
-            speed_m_s: 0.0,
-            yaw_rate_rad_s: 0.0,
-            motion: Motion::Stand,
-        };
-        Self {
-            nodes: vec![node, node],
-            step_s: NODE_STEP_S,
-            path: None,
-            ending: Ending::Stop,
-        }
-    }
-
     /// Returns this trajectory as seen from another frame, in which the origin of its own is at
     /// `frame`: `frame.yaw_rad` is the turn from the other axes to its own.
     pub fn seen_from(mut self, frame: &PlanarPose) -> Self {

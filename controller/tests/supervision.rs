@@ -423,7 +423,7 @@ fn a_straight_drive_ends_standing_at_its_end() {
             assert_eq!(decision.status, Status::Finished);
             assert_eq!(decision.command, MotorSpeeds::STOP);
         }
-        let end = rig.controller.reference().ahead(0.0).position;
+        let end = rig.controller.reference().unwrap().ahead(0.0).position;
         let pose = rig.simulation.state().pose;
         let distance_m = (end.x_m - pose.x_m).hypot(end.y_m - pose.y_m);
         assert!(distance_m < 0.1, "{kind:?}: {distance_m} m");
@@ -494,4 +494,41 @@ fn a_vehicle_that_was_carried_while_it_stood_is_believed_where_it_is() {
     let estimate = rig.cycle_with(None, carried).estimate.unwrap();
     assert!((estimate.pose.x_m - before.x_m - 5.0).abs() < 0.1);
     assert!(estimate.pose_age_s < 0.2);
+}
+
+#[test]
+fn without_a_path_there_is_an_estimate_and_no_progress_and_nothing_moves() {
+    for kind in KINDS {
+        let mut rig = Setup {
+            kind,
+            ..Setup::new(course(CIRCLE))
+        }
+        .build();
+        rig.controller.forget_path();
+        for _ in 0..20 {
+            let decision = rig.cycle();
+            assert!(decision.estimate.is_some() && decision.progress.is_none());
+            assert_eq!(decision.status, Status::Stopping(StopReason::NoPath));
+            assert_eq!(decision.command, MotorSpeeds::STOP);
+        }
+        // One that comes is driven where the controller is let.
+        let pose = rig.cycle().estimate.unwrap().pose;
+        let ahead = course("{shape: straight, length_m: 4, heading_deg: 0}").seen_from(&pose);
+        rig.controller.follow(1, ahead, 0.0);
+        assert!(matches!(rig.cycle().status, Status::Stopping(_)));
+        rig.controller.rearm();
+        let decision = (0..5).map(|_| rig.cycle()).last().unwrap();
+        assert_eq!((decision.status, decision.reference), (Status::Tracking, 1));
+        assert!(decision.progress.unwrap().cross_track_m.abs() < 0.02);
+        // One that is taken away while it is driven stops the vehicle.
+        for _ in 0..20 {
+            rig.cycle();
+        }
+        assert!(rig.command.traction_m_s > 0.1);
+        rig.controller.forget_path();
+        let decision = rig.cycle();
+        assert_eq!(decision.status, Status::Stopping(StopReason::NoPath));
+        assert_eq!((decision.progress, decision.reference), (None, 0));
+        rig.until_standing(STOPPING_CYCLES);
+    }
 }

@@ -18,9 +18,7 @@ use sidehill_bridge::virtual_vehicle::InjectedFault;
 use sidehill_controller::config::{ControllerConfig, ControllerKind};
 use sidehill_controller::controller::Controller;
 use sidehill_controller::course::Course;
-use sidehill_controller::trajectory::Trajectory;
 use sidehill_plant::drive_train::DriveTrainConfig;
-use sidehill_plant::frames::PlanarPose;
 use sidehill_plant::sensors::SensorsConfig;
 use sidehill_plant::vehicle::{RangeError, Vehicle};
 use std::path::{Path, PathBuf};
@@ -97,7 +95,7 @@ impl RunConfig {
         file.sibling(&self.vehicle)?.parse()
     }
 
-    /// Returns the controller with what it follows.
+    /// Returns the controller with what it follows; without a path where paths come over ROS 2.
     ///
     /// # Errors
     /// [`ConfigError`] with the file at fault, key, value and range.
@@ -116,29 +114,27 @@ impl RunConfig {
         RangeError::check("laps", f64::from(self.laps), 1.0, 1e6, "from 1 to 1000000")
             .and_then(|_| self.speed.validate())
             .map_err(|error| file.error(error))?;
-        let (trajectory, tracking) = if self.over_ros2() {
+        let made = if self.over_ros2() {
             if self.course.is_some() || self.route.is_some() {
                 return Err(file.error("course and route: paths come over ROS 2, not from here"));
             }
-            let standing = Trajectory::standing_at(&PlanarPose::default());
-            (standing, settings.along_path())
+            Controller::without_path(self.controller, settings.clone(), vehicle, None)
         } else {
             let source = Source::of(file, self.course.as_ref(), self.route.as_ref(), None)?;
             let limits = self.speed.limits(&settings.limits, vehicle);
             let reference = Reference::build(file, source, &limits)?;
             let tracking = reference.tracking(settings.lead_max_m);
-            (reference.trajectory, tracking)
+            Controller::new(
+                self.controller,
+                settings.clone(),
+                vehicle,
+                reference.trajectory,
+                tracking,
+                self.laps,
+                None,
+            )
         };
-        Controller::new(
-            self.controller,
-            settings.clone(),
-            vehicle,
-            trajectory,
-            tracking,
-            self.laps,
-            None,
-        )
-        .map_err(|error| file.error(error))
+        made.map_err(|error| file.error(error))
     }
 
     /// Returns whether paths come over ROS 2.

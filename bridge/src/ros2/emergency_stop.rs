@@ -1,6 +1,7 @@
 //! The emergency stop as all who may press it have it: a rover says at every report that it is not
 //! pressed, while an operator presses it once.
 
+use crate::safety::StopCause;
 use ros2_client::Gid;
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
@@ -50,9 +51,12 @@ impl EmergencyStop {
 
     /// Returns whether it is pressed, or nobody has said anything for `timeout`; a zero timeout is
     /// none.
-    pub(super) fn is_pressed(&self, timeout: Duration) -> bool {
+    pub(super) fn cause(&self, timeout: Duration) -> Option<StopCause> {
+        if self.words.values().any(|word| word.pressed) {
+            return Some(StopCause::EmergencyStop);
+        }
         let silent = || self.words.values().all(|word| word.at.elapsed() > timeout);
-        self.words.values().any(|word| word.pressed) || (!timeout.is_zero() && silent())
+        (!timeout.is_zero() && silent()).then_some(StopCause::EmergencyStopSilent)
     }
 }
 
@@ -72,11 +76,14 @@ mod tests {
         Gid::from(bytes)
     }
 
+    const PRESSED: Option<StopCause> = Some(StopCause::EmergencyStop);
+    const SILENT: Option<StopCause> = Some(StopCause::EmergencyStopSilent);
+
     #[test]
     fn one_who_presses_is_not_overruled_by_another() {
         let (rover, operator) = (writer(1, 1), writer(2, 1));
         let mut stop = EmergencyStop::default();
-        assert!(!stop.is_pressed(Duration::ZERO));
+        assert_eq!(stop.cause(Duration::ZERO), None);
         for (who, pressed, expected) in [
             (rover, false, false),
             (operator, true, true),
@@ -84,7 +91,7 @@ mod tests {
             (operator, false, false),
         ] {
             stop.take(who, pressed, Instant::now());
-            assert_eq!(stop.is_pressed(Duration::ZERO), expected);
+            assert_eq!(stop.cause(Duration::ZERO).is_some(), expected);
         }
     }
 
@@ -96,9 +103,9 @@ mod tests {
             stop.take(writer(2, 1), true, Instant::now());
             stop.leave(gone);
             stop.take(writer(1, 1), false, Instant::now());
-            assert!(stop.is_pressed(Duration::ZERO));
+            assert_eq!(stop.cause(Duration::ZERO), PRESSED);
             stop.take(writer(3, 1), false, Instant::now());
-            assert!(!stop.is_pressed(Duration::ZERO));
+            assert_eq!(stop.cause(Duration::ZERO), None);
         }
     }
 
@@ -106,11 +113,12 @@ mod tests {
     fn silence_counts_where_it_is_told_to() {
         let timeout = Duration::from_millis(20);
         let mut stop = EmergencyStop::default();
-        assert!(stop.is_pressed(timeout), "nobody has said anything yet");
+        // Nobody has said anything yet.
+        assert_eq!(stop.cause(timeout), SILENT);
         stop.take(writer(1, 1), false, Instant::now());
-        assert!(!stop.is_pressed(timeout));
+        assert_eq!(stop.cause(timeout), None);
         std::thread::sleep(Duration::from_millis(30));
-        assert!(stop.is_pressed(timeout));
-        assert!(!stop.is_pressed(Duration::ZERO));
+        assert_eq!(stop.cause(timeout), SILENT);
+        assert_eq!(stop.cause(Duration::ZERO), None);
     }
 }

@@ -11,7 +11,7 @@ use super::checkers::{GoalError, ProgressChecker};
 use super::config::Tolerances;
 use super::goals::{GoalEnd, Outcome};
 use super::message::action::code;
-use crate::safety::{Reason, State};
+use crate::safety::{Reason, State, StopCause};
 use ros2_client::action::GoalId;
 use sidehill_controller::controller::{Decision, Status, StopReason};
 use sidehill_plant::frames::PlanarPose;
@@ -30,8 +30,8 @@ pub enum Client {
 pub enum Effect {
     /// Arm under this number; 0 takes a wish back.
     Arm(u64),
-    /// Stop and stay so, or no longer.
-    Stop(bool),
+    /// Stop for this cause and stay so, or no longer.
+    Stop(Option<StopCause>),
     /// Tell how it has ended.
     Told(Client, GoalEnd, Outcome),
     /// Give the controller nothing to follow any more.
@@ -65,7 +65,7 @@ pub struct Seen<'a> {
     /// Why the path's frame cannot be brought to that of odometry now.
     pub transform: Option<&'a str>,
     /// Whether the emergency stop is pressed or silent.
-    pub emergency_stop: bool,
+    pub emergency_stop: Option<StopCause>,
     /// Whether the clock has jumped.
     pub clock_jumped: bool,
     /// Whether the goal's client has left the graph.
@@ -114,8 +114,8 @@ pub struct Executive {
     turns_at_goal: bool,
     job: Option<Job>,
     number: u64,
-    /// Whether a stop is asked for.
-    stopping: bool,
+    /// What a stop is asked for.
+    stopping: Option<StopCause>,
 }
 
 impl Executive {
@@ -191,7 +191,7 @@ impl Executive {
         job.progress.reset();
         // A vehicle that is under way goes over to the new path as it drives.
         let under_way = matches!(state, State::Zeroing | State::Enabling | State::Driving);
-        if under_way && !self.stopping {
+        if under_way && self.stopping.is_none() {
             job.phase = Phase::Driving;
             return Vec::new();
         }
@@ -206,8 +206,13 @@ impl Executive {
         }
     }
 
-    /// Ends the path in hand; it is told when the vehicle stands.
-    pub fn end(&mut self, now_s: f64, end: GoalEnd, outcome: Outcome) -> Vec<Effect> {
+    /// Ends the path in hand for a cause; it is told when the vehicle stands.
+    pub fn end(
+        &mut self,
+        now_s: f64,
+        end: GoalEnd,
+        (cause, outcome): (StopCause, Outcome),
+    ) -> Vec<Effect> {
         let Some(job) = self.job.as_mut() else {
             return Vec::new();
         };
@@ -219,8 +224,8 @@ impl Executive {
             end,
             outcome,
         };
-        self.stopping = true;
-        vec![Effect::Arm(0), Effect::Stop(true)]
+        self.stopping = Some(cause);
+        vec![Effect::Arm(0), Effect::Stop(self.stopping)]
     }
 
     /// Looks at what has become of the path in hand.
@@ -231,12 +236,12 @@ impl Executive {
         };
         match job.phase.clone() {
             Phase::Preparing => {
-                if let Some(outcome) = refusal(seen) {
-                    return self.end(seen.now_s, GoalEnd::Aborted, outcome);
+                if let Some(doubt) = refusal(seen) {
+                    return self.end(seen.now_s, GoalEnd::Aborted, doubt);
                 }
-                if self.stopping && off {
-                    self.stopping = false;
-                    return vec![Effect::Stop(false)];
+                if self.stopping.is_some() && off {
+                    self.stopping = None;
+                    return vec![Effect::Stop(None)];
                 }
                 Vec::new()
             }
@@ -250,28 +255,28 @@ impl Executive {
                 if stands || seen.now_s - since_s > ENDING_S {
                     let client = job.client;
                     self.job = None;
-                    self.stopping = !stands;
+                    self.stopping = self.stopping.filter(|_| !stands);
                     return vec![
                         Effect::Clear,
-                        Effect::Stop(!stands),
+                        Effect::Stop(self.stopping),
                         Effect::Told(client, end, outcome),
                     ];
                 }
                 Vec::new()
             }
             Phase::Arming { since_s } => {
-                if let Some(outcome) = refusal(seen) {
-                    return self.end(seen.now_s, GoalEnd::Aborted, outcome);
+                if let Some(doubt) = refusal(seen) {
+                    return self.end(seen.now_s, GoalEnd::Aborted, doubt);
                 }
-                if self.stopping && off {
-                    self.stopping = false;
-                    return vec![Effect::Stop(false)];
+                if self.stopping.is_some() && off {
+                    self.stopping = None;
+                    return vec![Effect::Stop(None)];
                 }
                 if seen.armed >= job.number {
                     job.phase = Phase::Driving;
                 } else if seen.now_s - since_s > ARMING_S {
-                    let outcome = Outcome::new(code::UNKNOWN, "the drives could not be armed");
-                    return self.end(seen.now_s, GoalEnd::Aborted, outcome);
+                    let doubt = doubt(code::UNKNOWN, StopCause::NotArmed);
+                    return self.end(seen.now_s, GoalEnd::Aborted, doubt);
                 }
                 Vec::new()
             }
@@ -281,11 +286,12 @@ impl Executive {
 
     /// Nobody has asked for a drive.
     fn guard_idle(&mut self, off: bool) -> Vec<Effect> {
-        if off == self.stopping {
-            self.stopping = !off;
-            return vec![Effect::Stop(!off)];
+        let wanted = (!off).then_some(StopCause::NobodyAsked);
+        if wanted.is_some() == self.stopping.is_some() {
+            return Vec::new();
         }
-        Vec::new()
+        self.stopping = wanted;
+        vec![Effect::Stop(wanted)]
     }
 
     fn watch(&mut self, seen: &Seen<'_>, tolerances: &Tolerances, off: bool) -> Vec<Effect> {
@@ -309,12 +315,12 @@ impl Executive {
         if seen.state == State::Stopping {
             return Vec::new();
         }
-        if let Some(outcome) = refusal(seen) {
-            return self.end(now_s, GoalEnd::Aborted, outcome);
+        if let Some(doubt) = refusal(seen) {
+            return self.end(now_s, GoalEnd::Aborted, doubt);
         }
         if seen.client_lost {
-            let outcome = Outcome::new(code::UNKNOWN, "the client has left");
-            return self.end(now_s, GoalEnd::Aborted, outcome);
+            let doubt = doubt(code::UNKNOWN, StopCause::ClientLeft);
+            return self.end(now_s, GoalEnd::Aborted, doubt);
         }
         let lasts = |since_s: &mut Option<f64>, holds: bool| {
             if !holds {
@@ -325,7 +331,8 @@ impl Executive {
         };
         if lasts(&mut job.without_transform_s, seen.transform.is_some()) {
             let outcome = Outcome::new(code::TF_ERROR, seen.transform.unwrap_or_default());
-            return self.end(now_s, GoalEnd::Aborted, outcome);
+            let doubt = (StopCause::FrameLost, outcome);
+            return self.end(now_s, GoalEnd::Aborted, doubt);
         }
         let fallback = match own.map(|decision| decision.status) {
             Some(Status::Fallback { reason, .. }) => Some(reason),
@@ -333,9 +340,9 @@ impl Executive {
         };
         if lasts(&mut job.without_plan_s, fallback.is_some()) {
             let reason = fallback.map_or_else(String::new, |reason| format!(": {reason}"));
-            let message = format!("no plan for longer than tolerated{reason}");
+            let message = format!("{}{reason}", StopCause::NoPlan);
             let outcome = Outcome::new(code::PATIENCE_EXCEEDED, message);
-            return self.end(now_s, GoalEnd::Aborted, outcome);
+            return self.end(now_s, GoalEnd::Aborted, (StopCause::NoPlan, outcome));
         }
         let pose = own
             .and_then(|decision| decision.estimate)
@@ -345,7 +352,7 @@ impl Executive {
             if !job.progress.gets_on(now_s, &pose, radius_m, time_s) {
                 let message = format!("no progress of {radius_m} m within {time_s} s");
                 let outcome = Outcome::new(code::FAILED_TO_MAKE_PROGRESS, message);
-                return self.end(now_s, GoalEnd::Aborted, outcome);
+                return self.end(now_s, GoalEnd::Aborted, (StopCause::NoProgress, outcome));
             }
         }
         Vec::new()
@@ -404,17 +411,22 @@ impl Executive {
             }
             None => (GoalEnd::Aborted, explained(seen)),
         };
-        self.end(seen.now_s, end, outcome)
+        self.end(seen.now_s, end, (StopCause::DriveEnded, outcome))
     }
 }
 
+/// What ends a drive, and what is told of it: the same.
+fn doubt(code: u16, cause: StopCause) -> (StopCause, Outcome) {
+    (cause, Outcome::new(code, cause.to_string()))
+}
+
 /// What forbids to drive on, whatever the safety does.
-fn refusal(seen: &Seen<'_>) -> Option<Outcome> {
-    if seen.emergency_stop {
-        return Some(Outcome::new(code::UNKNOWN, "the emergency stop is pressed"));
+fn refusal(seen: &Seen<'_>) -> Option<(StopCause, Outcome)> {
+    if let Some(cause) = seen.emergency_stop {
+        return Some(doubt(code::UNKNOWN, cause));
     }
     seen.clock_jumped
-        .then(|| Outcome::new(code::TF_ERROR, "the clock has jumped"))
+        .then(|| doubt(code::TF_ERROR, StopCause::ClockJumped))
 }
 
 /// Returns what a client is told of a drive that the safety has ended.
@@ -422,8 +434,8 @@ fn explained(seen: &Seen<'_>) -> Outcome {
     let Some(reason) = seen.stopped_by else {
         return Outcome::new(code::UNKNOWN, "the drive has ended");
     };
-    if seen.emergency_stop {
-        return Outcome::new(code::UNKNOWN, "the emergency stop is pressed");
+    if let Some(cause) = seen.emergency_stop {
+        return Outcome::new(code::UNKNOWN, cause.to_string());
     }
     let code = match reason {
         Reason::CommandTimeout { .. } => code::CONTROLLER_TIMED_OUT,

@@ -13,14 +13,14 @@ use super::qos;
 use super::time::RosTime;
 use super::transform::Transforms;
 use super::worker::Worker;
-use crate::mission::Brake;
+use crate::mission::{Brake, SharedCause};
 use crate::motors::MeasuredMotorSpeeds;
 use ros2_client::dds::rustdds::mio1::{Events, Interest, Poll, Token};
 use ros2_client::{Gid, Subscription};
 use sidehill_plant::frames::{Attitude, Pose, paper_attitude};
 use sidehill_plant::sample::Stamped;
 use sidehill_plant::vehicle::RangeError;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 use triple_buffer::{Input, Output, triple_buffer};
@@ -44,7 +44,7 @@ pub(super) struct Shared {
     transforms: Mutex<Transforms>,
     last_refusal: Mutex<String>,
     pub(super) refused: AtomicU64,
-    pub(super) emergency_stop: AtomicBool,
+    pub(super) emergency_stop: SharedCause,
     /// Writers that have left the graph since the last look.
     left: Mutex<Vec<Gid>>,
     pub(super) clock_jumps: AtomicU64,
@@ -254,9 +254,9 @@ impl Listener {
             });
         }
         let timeout = Duration::from_secs_f64(config.emergency_stop_timeout_s);
-        let stop = emergency_stop.is_pressed(timeout);
+        let stop = emergency_stop.cause(timeout);
         ears.brake.set(stop);
-        shared.emergency_stop.store(stop, Ordering::Relaxed);
+        shared.emergency_stop.set(stop);
 
         if let (Some(subscription), Some(clock)) =
             (&self.subscriptions.clock, ears.common.time.told_clock())

@@ -25,6 +25,7 @@ use super::time::RosTime;
 use super::worker::Worker;
 use crate::clock::{Epoch, ToldClock};
 use crate::mission::{CycleDesk, CycleView, Dispatcher, PilotDesk, desks};
+use crate::safety::StopCause;
 use ros2_client::action::GoalId;
 use ros2_client::builtin_interfaces::Time;
 use ros2_client::dds::rustdds::mio1::{Events, Interest, Poll, Token};
@@ -276,8 +277,10 @@ impl Server {
             for id in canceled {
                 if self.executive.client() == Some(Client::Goal(id)) {
                     self.paths.forget(false);
-                    let outcome = Outcome::new(code::NONE, "cancelled");
-                    let effects = self.executive.end(now_s, GoalEnd::Canceled, outcome);
+                    let cause = StopCause::Cancelled;
+                    let outcome = Outcome::new(code::NONE, cause.to_string());
+                    let ending = (cause, outcome);
+                    let effects = self.executive.end(now_s, GoalEnd::Canceled, ending);
                     self.carry_out(effects, now_s);
                 }
             }
@@ -310,10 +313,8 @@ impl Server {
             }
         }
         if changes.state && !self.services.lifecycle.is_active() {
-            self.fail(
-                Outcome::new(code::UNKNOWN, "the node was deactivated"),
-                now_s,
-            );
+            let cause = StopCause::Deactivated;
+            self.fail(cause, Outcome::new(code::UNKNOWN, cause.to_string()), now_s);
         }
     }
 
@@ -346,7 +347,7 @@ impl Server {
             lifecycle: &state.label,
             refused: self.shared.refused.load(Ordering::Relaxed),
             last_refusal: &last_refusal,
-            emergency_stop: self.shared.emergency_stop.load(Ordering::Relaxed),
+            emergency_stop: self.shared.emergency_stop.get(),
             goals: self.accepted,
             last_end: self
                 .last_end

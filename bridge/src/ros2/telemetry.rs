@@ -10,7 +10,7 @@ use super::node::{NodeError, RosNode};
 use super::qos;
 use super::time::RosTime;
 use crate::mission::{CycleView, PilotView};
-use crate::safety::State;
+use crate::safety::{Reason, State, StopCause};
 use ros2_client::Publisher;
 use sidehill_controller::controller::{Decision, Status};
 use sidehill_controller::estimator::Estimate;
@@ -39,7 +39,8 @@ pub(super) struct Account<'a> {
     pub(super) lifecycle: &'a str,
     pub(super) refused: u64,
     pub(super) last_refusal: &'a str,
-    pub(super) emergency_stop: bool,
+    /// Pressed or silent.
+    pub(super) emergency_stop: Option<StopCause>,
     pub(super) goals: u64,
     /// How the last goal ended.
     pub(super) last_end: Option<(GoalEnd, &'a str)>,
@@ -192,8 +193,6 @@ impl Telemetry {
             ]
         });
         let [slide_right, slide_forward] = slide.unwrap_or([f64::NAN; 2]);
-        // Number 0 is no path: the vehicle stands where it is.
-        let progress = decision.progress.filter(|_| decision.reference != 0);
         let last_end = account.last_end.map_or_else(String::new, |(end, why)| {
             format!("{end:?}: {why}").trim_end_matches(": ").to_owned()
         });
@@ -207,7 +206,10 @@ impl Telemetry {
                     .map_or_else(String::new, |reason| reason.to_string()),
             ),
             ("controller", decision.status.to_string()),
-            ("emergency_stop", account.emergency_stop.to_string()),
+            (
+                "emergency_stop",
+                account.emergency_stop.is_some().to_string(),
+            ),
             ("goals", account.goals.to_string()),
             ("last_goal", last_end),
             ("solve_p50_us", number(solve_p50)),
@@ -230,7 +232,7 @@ impl Telemetry {
             ("last_refusal", account.last_refusal.to_owned()),
             (
                 "cross_track_m",
-                number(progress.map_or(f64::NAN, |p| p.cross_track_m)),
+                number(decision.progress.map_or(f64::NAN, |p| p.cross_track_m)),
             ),
             ("slide_right_m_s", number(slide_right)),
             ("slide_forward_m_s", number(slide_forward)),
@@ -255,8 +257,8 @@ impl Telemetry {
 /// Returns level and message.
 fn judged(cycle: &CycleView, decision: &Decision, account: &Account<'_>) -> (u8, String) {
     let said = |level, message: &dyn Display| (level, message.to_string());
-    if account.emergency_stop {
-        return said(level::ERROR, &"the emergency stop is pressed");
+    if let Some(cause) = account.emergency_stop {
+        return said(level::ERROR, &cause);
     }
     match (cycle.row.state, decision.status) {
         (_, Status::Waiting) => said(level::STALE, &"there is no attitude and no pose yet"),
@@ -273,9 +275,12 @@ fn judged(cycle: &CycleView, decision: &Decision, account: &Account<'_>) -> (u8,
 }
 
 /// Returns whether a drive ended otherwise than it should.
-fn is_fault(reason: &crate::safety::Reason) -> bool {
-    use crate::safety::Reason;
-    !matches!(reason, Reason::Finished | Reason::OperatorStop)
+fn is_fault(reason: &Reason) -> bool {
+    match reason {
+        Reason::Finished => false,
+        Reason::Asked(cause) => cause.is_fault(),
+        _ => true,
+    }
 }
 
 /// Returns the name of a state as files spell it.

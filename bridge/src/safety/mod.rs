@@ -15,7 +15,7 @@ mod vocabulary;
 pub use config::SafetyConfig;
 pub use vocabulary::{
     BusState, DriveFeedback, Intent, Observation, Operator, Order, PilotState, Reason, State,
-    Transition,
+    StopCause, Transition,
 };
 
 use crate::can::layout::DriveMode;
@@ -124,7 +124,7 @@ impl Safety {
     ) -> Option<(State, Reason)> {
         match self.state {
             State::Disarmed | State::Latched => {
-                let halted = seen.operator.halt || seen.operator.stop;
+                let halted = seen.operator.halt.or(seen.operator.stop).is_some();
                 (armed && !halted).then_some((State::Zeroing, Reason::Armed))
             }
             State::Zeroing => {
@@ -181,8 +181,8 @@ impl Safety {
 
     /// What forbids to drive whatever the controller says.
     fn alarm(&self, seen: &Observation) -> Option<Alarm> {
-        if seen.operator.halt {
-            return Some(Alarm::Cut(Reason::Halted));
+        if let Some(cause) = seen.operator.halt {
+            return Some(Alarm::Cut(Reason::Asked(cause)));
         }
         let age_s = seen
             .feedback
@@ -213,7 +213,7 @@ impl Safety {
         }
         seen.operator
             .stop
-            .then_some(Alarm::Ramp(Reason::OperatorStop))
+            .map(|cause| Alarm::Ramp(Reason::Asked(cause)))
     }
 
     /// What forbids to drive because of the controller. Its first plan takes longer than those

@@ -63,15 +63,117 @@ impl BusState {
     }
 }
 
-/// What an operator asks for; each is a level, and arming acts where it rises.
+/// What an operator asks for, or who acts as one; each is a level, and arming acts where it rises.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Operator {
     /// Drive.
     pub arm: bool,
-    /// Stop on the ramp.
-    pub stop: bool,
-    /// Zero and disable at once: an emergency stop, or the program ends.
-    pub halt: bool,
+    /// Stop on the ramp, and why.
+    pub stop: Option<StopCause>,
+    /// Zero and disable at once, and why.
+    pub halt: Option<StopCause>,
+}
+
+/// Why an operator, or who acts as one, wants the vehicle to stand.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum StopCause {
+    /// A person asked for it by a signal.
+    #[error("the operator has asked for a stop")]
+    Operator,
+    /// The program ends: by a signal, or because all has been driven.
+    #[error("the program ends")]
+    ProgramEnds,
+    /// The time of the run is over.
+    #[error("the time of the run is over")]
+    TimeOver,
+    /// The program was suspended and goes on.
+    #[error("the program was suspended")]
+    Suspended,
+    /// Somebody presses the emergency stop of ROS 2.
+    #[error("the emergency stop is pressed")]
+    EmergencyStop,
+    /// Those who could press it have been silent for too long.
+    #[error("the emergency stop is silent")]
+    EmergencyStopSilent,
+    /// Who wanted the path has taken it back.
+    #[error("the goal was cancelled")]
+    Cancelled,
+    /// Who wanted the path has left.
+    #[error("the client has left")]
+    ClientLeft,
+    /// The node takes no paths any more.
+    #[error("the node was deactivated")]
+    Deactivated,
+    /// The clock that others go by was set.
+    #[error("the clock has jumped")]
+    ClockJumped,
+    /// A path has come that cannot be driven.
+    #[error("the newest path cannot be driven")]
+    PathRefused,
+    /// Where the path lies is no longer known.
+    #[error("the path's frame is no longer known")]
+    FrameLost,
+    /// The controller finds no plan.
+    #[error("there was no plan for longer than tolerated")]
+    NoPlan,
+    /// The vehicle does not get on.
+    #[error("there was no progress for longer than tolerated")]
+    NoProgress,
+    /// The drives did not let themselves be armed.
+    #[error("the drives could not be armed")]
+    NotArmed,
+    /// The drive for the path has ended.
+    #[error("the drive for the path has ended")]
+    DriveEnded,
+    /// The vehicle was armed without a path.
+    #[error("nobody has asked for this drive")]
+    NobodyAsked,
+}
+
+impl StopCause {
+    /// All of them.
+    pub const ALL: [Self; 17] = [
+        Self::Operator,
+        Self::ProgramEnds,
+        Self::TimeOver,
+        Self::Suspended,
+        Self::EmergencyStop,
+        Self::EmergencyStopSilent,
+        Self::Cancelled,
+        Self::ClientLeft,
+        Self::Deactivated,
+        Self::ClockJumped,
+        Self::PathRefused,
+        Self::FrameLost,
+        Self::NoPlan,
+        Self::NoProgress,
+        Self::NotArmed,
+        Self::DriveEnded,
+        Self::NobodyAsked,
+    ];
+
+    /// Returns whether something is wrong, other than that somebody has changed his mind.
+    pub fn is_fault(self) -> bool {
+        match self {
+            Self::Suspended
+            | Self::EmergencyStop
+            | Self::EmergencyStopSilent
+            | Self::ClockJumped
+            | Self::FrameLost
+            | Self::NoPlan
+            | Self::NoProgress
+            | Self::NotArmed => true,
+            Self::Operator
+            | Self::ProgramEnds
+            | Self::TimeOver
+            | Self::Cancelled
+            | Self::ClientLeft
+            | Self::Deactivated
+            | Self::PathRefused
+            | Self::DriveEnded
+            | Self::NobodyAsked => false,
+        }
+    }
 }
 
 /// Everything the state machine looks at in a cycle.
@@ -132,8 +234,8 @@ pub enum State {
 /// Why a state changed.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum Reason {
-    /// An operator armed.
-    #[error("armed by the operator")]
+    /// An operator armed, or who acts as one.
+    #[error("armed")]
     Armed,
     /// Zeros were sent for long enough and the drives stand, off.
     #[error("the drives stand and are off")]
@@ -144,20 +246,17 @@ pub enum Reason {
     /// The ramp has ended.
     #[error("the ramp has ended")]
     RampEnded,
-    /// An operator asked for a stop.
-    #[error("a stop was asked for")]
-    OperatorStop,
-    /// An emergency stop or the end of the program.
-    #[error("halted by the operator or the end of the program")]
-    Halted,
+    /// An operator wants it, or who acts as one: on the ramp or at once.
+    #[error("{0}")]
+    Asked(StopCause),
     /// The drives report an emergency stop.
     #[error("the drives report an emergency stop")]
     EmergencyStop,
     /// A drive reports a fault.
     #[error("a drive reports a fault")]
     DriveFault,
-    /// A drive has switched itself off.
-    #[error("a drive has switched itself off")]
+    /// A drive is off by itself, or because of others.
+    #[error("a drive is off that was told to be on")]
     DriveOff,
     /// The controller's command is too old.
     #[error("the command is {age_s:.3} s old")]
@@ -178,7 +277,7 @@ pub enum Reason {
     #[error("the reference has been followed to its end")]
     Finished,
     /// The drives' feedback is too old, or there was none.
-    #[error("the feedback is {age_s:.3} s old")]
+    #[error("{}", feedback_age(*age_s))]
     FeedbackTimeout {
         /// Its age, s; infinite where there was none.
         age_s: f64,
@@ -223,6 +322,13 @@ pub enum Reason {
         /// Of this step, s.
         now_s: f64,
     },
+}
+
+fn feedback_age(age_s: f64) -> String {
+    if age_s == f64::INFINITY {
+        return "there is no feedback".to_owned();
+    }
+    format!("the feedback is {age_s:.3} s old")
 }
 
 /// A change of state.

@@ -23,12 +23,12 @@ struct World {
     x_m: f64,
     yaw_rad: f64,
     transform: Option<&'static str>,
-    emergency_stop: bool,
+    emergency_stop: Option<StopCause>,
     clock_jumped: bool,
     client_lost: bool,
     told: Vec<(Client, GoalEnd, Outcome)>,
     arm: u64,
-    stop: bool,
+    stop: Option<StopCause>,
 }
 
 impl World {
@@ -44,12 +44,12 @@ impl World {
             x_m: 0.0,
             yaw_rad: 0.0,
             transform: None,
-            emergency_stop: false,
+            emergency_stop: None,
             clock_jumped: false,
             client_lost: false,
             told: Vec::new(),
             arm: 0,
-            stop: false,
+            stop: None,
         }
     }
 
@@ -57,7 +57,7 @@ impl World {
         for effect in effects {
             match effect {
                 Effect::Arm(number) => self.arm = number,
-                Effect::Stop(on) => self.stop = on,
+                Effect::Stop(cause) => self.stop = cause,
                 Effect::Told(client, end, outcome) => self.told.push((client, end, outcome)),
                 Effect::Clear => self.reference = 0,
                 Effect::Turn {
@@ -74,24 +74,24 @@ impl World {
     fn cycle(&mut self) {
         self.now_s += 0.05;
         let off = matches!(self.state, State::Disarmed | State::Latched);
-        self.state = match self.state {
-            _ if self.emergency_stop && !off => {
-                self.stopped_by = Some(Reason::Halted);
+        let free = self.emergency_stop.or(self.stop).is_none();
+        self.state = match (self.state, self.emergency_stop, self.stop) {
+            (_, Some(cause), _) if !off => {
+                self.stopped_by = Some(Reason::Asked(cause));
                 State::Latched
             }
-            state if off && self.arm > self.armed && !self.stop && !self.emergency_stop => {
+            _ if off && self.arm > self.armed && free => {
                 self.armed = self.arm;
-                let _ = state;
                 State::Zeroing
             }
-            State::Zeroing => State::Enabling,
-            State::Enabling => State::Driving,
-            State::Driving if self.stop => {
-                self.stopped_by = Some(Reason::OperatorStop);
+            (State::Zeroing, ..) => State::Enabling,
+            (State::Enabling, ..) => State::Driving,
+            (State::Driving, _, Some(cause)) => {
+                self.stopped_by = Some(Reason::Asked(cause));
                 State::Stopping
             }
-            State::Stopping => State::Latched,
-            state => state,
+            (State::Stopping, ..) => State::Latched,
+            (state, ..) => state,
         };
         let decision = Decision {
             time_s: self.now_s,
@@ -150,9 +150,14 @@ impl World {
         client
     }
 
-    fn finish(&mut self) {
+    /// The safety ends the drive by itself.
+    fn end_by(&mut self, reason: Reason) {
         self.state = State::Latched;
-        self.stopped_by = Some(Reason::Finished);
+        self.stopped_by = Some(reason);
+    }
+
+    fn finish(&mut self) {
+        self.end_by(Reason::Finished);
         self.cycles(3);
     }
 
@@ -205,7 +210,7 @@ fn a_path_is_armed_for_driven_and_succeeds_within_the_tolerances() {
         world.assert_told(client, end, code);
         // Nothing is asked for any more.
         world.cycles(3);
-        assert_eq!((world.arm, world.stop), (0, false));
+        assert_eq!((world.arm, world.stop), (0, None));
         assert_eq!(world.executive.client(), None);
     }
 }
@@ -220,7 +225,7 @@ fn a_newer_path_is_gone_over_to_without_a_stop() {
     world.cycles(20);
     assert_eq!(
         (world.state, world.armed, world.stop),
-        (State::Driving, armed, false)
+        (State::Driving, armed, None)
     );
     world.x_m = 10.0;
     world.cycle();
@@ -252,19 +257,20 @@ fn a_path_that_comes_as_the_one_before_ends_is_armed_for_anew() {
 fn a_cancelled_path_is_told_when_the_vehicle_stands() {
     let mut world = World::new();
     let client = world.driving();
-    let effects = world.executive.end(
-        world.now_s,
-        GoalEnd::Canceled,
-        Outcome::new(0, "taken back"),
-    );
+    let cancelled = doubt(code::NONE, StopCause::Cancelled);
+    let effects = world
+        .executive
+        .end(world.now_s, GoalEnd::Canceled, cancelled);
     world.carry_out(effects);
-    assert!(world.stop && world.told.is_empty());
+    assert_eq!(world.stop, Some(StopCause::Cancelled));
+    assert!(world.told.is_empty());
     world.cycle();
     assert_eq!(world.state, State::Stopping);
     assert!(world.told.is_empty());
     world.cycles(2);
     world.assert_told(client, GoalEnd::Canceled, code::NONE);
-    assert!(!world.stop);
+    assert_eq!(world.stop, None);
+    assert_eq!(world.stopped_by, Some(Reason::Asked(StopCause::Cancelled)));
     // And a path after it drives.
     world.driving();
 }
@@ -273,11 +279,10 @@ fn a_cancelled_path_is_told_when_the_vehicle_stands() {
 fn an_end_before_the_drives_are_armed_does_not_arm_them() {
     let mut world = World::new();
     let client = world.follow();
-    let effects = world.executive.end(
-        world.now_s,
-        GoalEnd::Canceled,
-        Outcome::new(0, "taken back"),
-    );
+    let cancelled = doubt(code::NONE, StopCause::Cancelled);
+    let effects = world
+        .executive
+        .end(world.now_s, GoalEnd::Canceled, cancelled);
     world.carry_out(effects);
     world.cycles(20);
     assert_eq!((world.armed, world.state), (0, State::Disarmed));
@@ -289,11 +294,10 @@ fn an_arming_that_crosses_the_end_is_taken_back() {
     let mut world = World::new();
     let client = world.follow();
     // The cycle has armed, but its word has not come yet.
-    let effects = world.executive.end(
-        world.now_s,
-        GoalEnd::Canceled,
-        Outcome::new(0, "taken back"),
-    );
+    let cancelled = doubt(code::NONE, StopCause::Cancelled);
+    let effects = world
+        .executive
+        .end(world.now_s, GoalEnd::Canceled, cancelled);
     world.carry_out(effects);
     let seen = Seen {
         now_s: world.now_s,
@@ -303,13 +307,13 @@ fn an_arming_that_crosses_the_end_is_taken_back() {
         stopped_by: None,
         decision: None,
         transform: None,
-        emergency_stop: false,
+        emergency_stop: None,
         clock_jumped: false,
         client_lost: false,
     };
     let effects = world.executive.step(&seen, &TOLERANCES);
     assert!(effects.is_empty(), "{effects:?}");
-    assert!(world.stop);
+    assert!(world.stop.is_some());
     world.cycles(3);
     world.assert_told(client, GoalEnd::Canceled, code::NONE);
 }
@@ -317,13 +321,32 @@ fn an_arming_that_crosses_the_end_is_taken_back() {
 #[test]
 fn every_doubt_ends_with_its_code() {
     type Disturb = fn(&mut World);
-    let doubts: [(Disturb, u16); 9] = [
-        (|world| world.emergency_stop = true, code::UNKNOWN),
-        (|world| world.clock_jumped = true, code::TF_ERROR),
-        (|world| world.client_lost = true, code::UNKNOWN),
+    // What is wrong, the goal's code, and how the end of the drive is told.
+    let doubts: [(Disturb, u16, &str); 10] = [
+        (
+            |world| world.emergency_stop = Some(StopCause::EmergencyStop),
+            code::UNKNOWN,
+            "the emergency stop is pressed",
+        ),
+        (
+            |world| world.emergency_stop = Some(StopCause::EmergencyStopSilent),
+            code::UNKNOWN,
+            "the emergency stop is silent",
+        ),
+        (
+            |world| world.clock_jumped = true,
+            code::TF_ERROR,
+            "the clock has jumped",
+        ),
+        (
+            |world| world.client_lost = true,
+            code::UNKNOWN,
+            "the client has left",
+        ),
         (
             |world| world.transform = Some("there is no transform"),
             code::TF_ERROR,
+            "the path's frame is no longer known",
         ),
         (
             |world| {
@@ -333,47 +356,49 @@ fn every_doubt_ends_with_its_code() {
                 };
             },
             code::PATIENCE_EXCEEDED,
+            "there was no plan for longer than tolerated",
         ),
-        (|_| {}, code::FAILED_TO_MAKE_PROGRESS),
         (
-            |world| {
-                world.state = State::Latched;
-                world.stopped_by = Some(Reason::CommandTimeout { age_s: 0.2 });
-            },
+            |_| {},
+            code::FAILED_TO_MAKE_PROGRESS,
+            "there was no progress for longer than tolerated",
+        ),
+        (
+            |world| world.end_by(Reason::CommandTimeout { age_s: 0.2 }),
             code::CONTROLLER_TIMED_OUT,
+            "the command is 0.200 s old",
         ),
         (
-            |world| {
-                world.state = State::Latched;
-                world.stopped_by = Some(Reason::FeedbackTimeout { age_s: 0.3 });
-            },
+            |world| world.end_by(Reason::FeedbackTimeout { age_s: 0.3 }),
             code::TF_ERROR,
+            "the feedback is 0.300 s old",
         ),
         (
             |world| {
-                world.state = State::Latched;
                 let why = StopReason::OffPath { cross_track_m: 3.0 };
-                world.stopped_by = Some(Reason::ControllerStopped { why });
+                world.end_by(Reason::ControllerStopped { why });
                 world.status = Status::Stopping(why);
             },
             code::NO_VALID_CONTROL,
+            "the controller stops: the vehicle is 3.00 m off the path",
         ),
     ];
-    for (index, (disturb, code)) in doubts.into_iter().enumerate() {
+    for (disturb, code, told) in doubts {
         let mut world = World::new();
         let client = world.driving();
         disturb(&mut world);
         world.cycles(220);
-        assert_eq!(world.state, State::Latched, "doubt {index}");
+        assert_eq!(world.state, State::Latched, "{told}");
+        assert_eq!(world.stopped_by.unwrap().to_string(), told);
         world.assert_told(client, GoalEnd::Aborted, code);
-        assert_eq!(world.arm, 0, "doubt {index} arms nothing");
+        assert_eq!(world.arm, 0, "{told}: arms nothing");
     }
 }
 
 #[test]
 fn nothing_is_armed_under_an_emergency_stop() {
     let mut world = World::new();
-    world.emergency_stop = true;
+    world.emergency_stop = Some(StopCause::EmergencyStop);
     let client = world.follow();
     world.cycles(20);
     assert_eq!((world.armed, world.state), (0, State::Disarmed));
@@ -386,8 +411,10 @@ fn a_drive_that_nobody_asked_for_is_stopped() {
     world.state = State::Driving;
     world.cycles(3);
     assert_eq!(world.state, State::Latched);
+    let cause = StopCause::NobodyAsked;
+    assert_eq!(world.stopped_by, Some(Reason::Asked(cause)));
     world.cycles(2);
-    assert!(!world.stop);
+    assert_eq!(world.stop, None);
 }
 
 #[test]

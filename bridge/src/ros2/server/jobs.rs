@@ -10,29 +10,25 @@ use crate::ros2::message::action::{FollowPathFeedback, code};
 use crate::ros2::paths::{Handover, Whereabouts};
 use crate::ros2::peers::participant;
 use crate::ros2::route::Plan;
-use crate::safety::State;
+use crate::safety::{State, StopCause};
 use ros2_client::action::GoalStatusEnum;
 use ros2_client::builtin_interfaces::Time;
 use ros2_client::log::LogLevel;
 use sidehill_controller::controller::Decision;
-use sidehill_controller::trajectory::Trajectory;
-use sidehill_plant::frames::PlanarPose;
-use std::sync::atomic::Ordering;
 
 impl Server {
     pub(super) fn take_goal(&mut self, goal: NewGoal, now_s: f64) {
         let stamp = Time::from_nanos(self.time.stamp_ns(now_s));
-        let pressed = self.shared.emergency_stop.load(Ordering::Relaxed);
-        let ready = self.services.lifecycle.is_active() && !pressed;
+        let stop = self.shared.emergency_stop.get();
+        let ready = self.services.lifecycle.is_active() && stop.is_none();
         let accepted = ready && self.goals.accept(goal.id, stamp);
         self.action.answer_goal(goal.request, accepted, stamp);
         if !accepted {
-            let why = if pressed {
-                "a goal is refused: the emergency stop is pressed"
-            } else {
-                "a goal is refused: the node is not active, or the goal is not new"
-            };
-            self.log(LogLevel::Warn, why);
+            let why = stop.map_or_else(
+                || "the node is not active, or the goal is not new".to_owned(),
+                |cause| cause.to_string(),
+            );
+            self.log(LogLevel::Warn, &format!("a goal is refused: {why}"));
             return;
         }
         let count = goal.path.poses.len();
@@ -89,13 +85,15 @@ impl Server {
         self.carry_out(effects, now_s);
         match plan {
             Ok(plan) => self.paths.prepare(plan, now_s),
-            Err(outcome) => self.fail(outcome, now_s),
+            Err(outcome) => self.fail(StopCause::PathRefused, outcome, now_s),
         }
     }
 
-    pub(super) fn fail(&mut self, outcome: Outcome, now_s: f64) {
+    pub(super) fn fail(&mut self, cause: StopCause, outcome: Outcome, now_s: f64) {
         self.paths.forget(false);
-        let effects = self.executive.end(now_s, GoalEnd::Aborted, outcome);
+        let effects = self
+            .executive
+            .end(now_s, GoalEnd::Aborted, (cause, outcome));
         self.carry_out(effects, now_s);
     }
 
@@ -121,11 +119,11 @@ impl Server {
         if let Some(progress) = progress
             && let Some(number) = self.executive.renumber()
         {
-            self.dispatcher.assign(Assignment {
+            self.dispatcher.assign(Some(Assignment {
                 number,
                 trajectory: handover.trajectory,
                 from_m: progress.arc_length_m,
-            });
+            }));
         }
     }
 
@@ -144,7 +142,7 @@ impl Server {
                 stopped_by: view.and_then(|view| view.stopped_by),
                 decision: decision.as_ref(),
                 transform: self.transform.as_deref(),
-                emergency_stop: self.shared.emergency_stop.load(Ordering::Relaxed),
+                emergency_stop: self.shared.emergency_stop.get(),
                 clock_jumped,
                 client_lost: self.client.is_some_and(|(_, left)| left),
             },
@@ -181,14 +179,14 @@ impl Server {
         drop(transforms);
         match done {
             None => {}
-            Some(Err(outcome)) => self.fail(outcome, now_s),
+            Some(Err(outcome)) => self.fail(StopCause::PathRefused, outcome, now_s),
             Some(Ok(handover)) => {
                 self.transform = None;
-                self.dispatcher.assign(Assignment {
+                self.dispatcher.assign(Some(Assignment {
                     number: self.next_number,
                     trajectory: handover.trajectory,
                     from_m: 0.0,
-                });
+                }));
                 let state = view.map_or(State::Disarmed, |view| view.row.state);
                 let effects = self.executive.ready(now_s, state, handover.goal);
                 self.carry_out(effects, now_s);
@@ -252,7 +250,7 @@ impl Server {
         for effect in effects {
             match effect {
                 Effect::Arm(number) => self.dispatcher.arm(number),
-                Effect::Stop(on) => self.dispatcher.stop(on),
+                Effect::Stop(cause) => self.dispatcher.stop(cause),
                 Effect::Turn {
                     number,
                     from,
@@ -262,24 +260,19 @@ impl Server {
                     self.transform = None;
                     match self.paths.turn(&from, angle_rad) {
                         Ok(trajectory) => {
-                            self.dispatcher.assign(Assignment {
+                            self.dispatcher.assign(Some(Assignment {
                                 number,
                                 trajectory,
                                 from_m: 0.0,
-                            });
+                            }));
                         }
-                        Err(outcome) => self.fail(outcome, now_s),
+                        Err(outcome) => self.fail(StopCause::PathRefused, outcome, now_s),
                     }
                 }
                 Effect::Clear => {
                     self.paths.forget(true);
                     self.transform = None;
-                    // Number 0 is nobody's.
-                    self.dispatcher.assign(Assignment {
-                        number: 0,
-                        trajectory: Trajectory::standing_at(&PlanarPose::default()),
-                        from_m: 0.0,
-                    });
+                    self.dispatcher.assign(None);
                 }
                 Effect::Told(Client::Topic, end, outcome) => {
                     self.log_end(end, &outcome);
