@@ -103,6 +103,7 @@ fn check_run(file: &ConfigFile) -> Result<()> {
         .cycle
         .validate()
         .and_then(|()| config.safety.validate())
+        .and_then(|()| config.realtime.validate())
         .map_err(|error| file.error(error))?;
     match config.port {
         RunPort::Can => drop(config.bus(file)?),

@@ -10,7 +10,7 @@ use sidehill_bridge::cycle::{Cycle, Timing};
 use sidehill_bridge::mission::{CycleDesk, PilotDesk};
 use sidehill_bridge::pilot::ThreadedPilot;
 use sidehill_bridge::port::{CanPort, Port, SimulatedPort};
-use sidehill_bridge::realtime;
+use sidehill_bridge::realtime::ThreadId;
 use sidehill_bridge::record::{CycleRow, Outputs, RecordSink, Recorder, ring};
 use sidehill_bridge::ros2::arguments::RosArguments;
 use sidehill_bridge::ros2::names::Names;
@@ -108,6 +108,7 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
         ),
         None => (Clock::Real(epoch), None, None, None),
     };
+    let mut listener = None;
     let (port, bus): (Box<dyn Port + Send>, _) = match config.port {
         RunPort::Can => {
             let (interface, layout) = config.bus(&file)?;
@@ -119,6 +120,7 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
                 heard_sink,
                 sent_sink,
             )?;
+            listener = port.listener_id();
             (Box::new(port), interface.to_owned())
         }
         RunPort::Simulated => (Box::new(simulated(&file, &config)?), "simulated".to_owned()),
@@ -133,6 +135,7 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
         arm: args.arm,
         duration_s: args.duration_s,
         signals,
+        listener,
     };
     let thread = std::thread::Builder::new()
         .name("cycle".to_owned())
@@ -178,6 +181,8 @@ struct Job {
     arm: bool,
     duration_s: Option<f64>,
     signals: Signals,
+    /// Thread that listens to the bus.
+    listener: Option<ThreadId>,
 }
 
 impl Job {
@@ -196,10 +201,13 @@ impl Job {
                 std::thread::sleep(Duration::from_millis(20));
             }
         }
-        // The controller's thread before the priority, which it would inherit: it may be late, the
-        // cycle may not.
+        // The controller's thread before this one's CPU and priority, which it would inherit.
         let pilot = ThreadedPilot::start(controller, pilot_desk)?;
-        realtime::apply(&self.config.realtime)?;
+        let realtime = &self.config.realtime;
+        realtime.apply_to_cycle()?;
+        for helper in [pilot.thread_id(), self.listener].into_iter().flatten() {
+            realtime.apply_to_helper(helper)?;
+        }
         let config = &self.config;
         let mut cycle = Cycle::new(config.cycle, config.safety, clock, port, pilot, records)?;
         let (mut operator, mut last_cycles, mut ended) = (Operator::default(), 0, "signal");

@@ -10,10 +10,12 @@ use socketcan::{
     SocketOptions,
 };
 use std::io::{Error, ErrorKind};
+use std::os::unix::thread::JoinHandleExt;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, mpsc};
 use std::thread::JoinHandle;
 use std::time::Duration;
+use thread_priority::ThreadId;
 
 const ENXIO: i32 = 6;
 const ENODEV: i32 = 19;
@@ -260,6 +262,11 @@ impl Listener {
             stop,
             thread: Some(thread),
         })
+    }
+
+    /// Returns the system's name of the thread.
+    pub fn thread_id(&self) -> Option<ThreadId> {
+        self.thread.as_ref().map(JoinHandleExt::as_pthread_t)
     }
 }
 

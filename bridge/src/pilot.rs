@@ -4,10 +4,12 @@ use crate::mission::PilotDesk;
 use crate::safety::{Intent, PilotState};
 use sidehill_controller::controller::{Controller, Decision, Status};
 use sidehill_plant::sample::Sample;
+use std::os::unix::thread::JoinHandleExt;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
+use thread_priority::ThreadId;
 use triple_buffer::{Input, Output, triple_buffer};
 
 /// Decides in every cycle.
@@ -139,6 +141,11 @@ impl ThreadedPilot {
             stop,
             thread: Some(thread),
         })
+    }
+
+    /// Returns the system's name of the thread.
+    pub fn thread_id(&self) -> Option<ThreadId> {
+        self.thread.as_ref().map(JoinHandleExt::as_pthread_t)
     }
 }
 

@@ -212,8 +212,19 @@ fn a_hundred_cycles_a_second_follow_the_path() {
 
 const REALTIME: &str = "realtime: {fifo_priority: 50, cpu: 0, lock_memory: true}";
 
+/// Real-time priority and policy of a thread, as the kernel has them; 1 is `SCHED_FIFO`.
+fn scheduling(run: &Program, thread: &str) -> [u32; 2] {
+    let file = format!("/proc/{}/task/{}/stat", run.id(), run.thread(thread));
+    let stat = std::fs::read_to_string(file).unwrap();
+    let after_name = stat.rsplit_once(')').unwrap().1;
+    let fields: Vec<&str> = after_name.split_whitespace().collect();
+    // Fields 40 and 41, of which the first two are before this.
+    [fields[40 - 3], fields[41 - 3]].map(|field| field.parse().unwrap())
+}
+
 fn with_realtime(text: String) -> String {
-    let commented = "# realtime: {fifo_priority: 50, cpu: 1, lock_memory: true}";
+    let commented =
+        "# realtime: {fifo_priority: 50, helper_fifo_priority: 40, cpu: 1, lock_memory: true}";
     assert!(text.contains(commented));
     text.replace(commented, REALTIME)
 }
@@ -226,34 +237,20 @@ fn real_time_settings_are_applied_or_refused_with_what_to_do() {
     let _vehicle = Program::vehicle(&folder, "");
     let run = Program::run_changed(&folder, with_realtime, &["--arm"]);
     observer.wait_for_driving(2.0);
-    let read = |file: String| std::fs::read_to_string(file).unwrap();
+    assert_eq!(scheduling(&run, "cycle"), [50, 1]);
+    // Below the cycle's where the file does not say; what nobody waits for has none.
+    assert_eq!(scheduling(&run, "controller"), [40, 1]);
+    assert_eq!(scheduling(&run, "can-listener"), [40, 1]);
+    assert_eq!(scheduling(&run, "can-opener"), [0, 0]);
     let task = format!("/proc/{}/task/{}", run.id(), run.thread("cycle"));
-    let stat = read(format!("{task}/stat"));
-    let fields: Vec<&str> = stat
-        .rsplit_once(')')
-        .unwrap()
-        .1
-        .split_whitespace()
-        .collect();
-    // Real-time priority and SCHED_FIFO, of the cycle alone.
-    assert_eq!([fields[40 - 3], fields[41 - 3]], ["50", "1"], "{stat}");
-    let other = format!("/proc/{}/task/{}/stat", run.id(), run.thread("controller"));
-    let other = read(other);
-    let fields: Vec<&str> = other
-        .rsplit_once(')')
-        .unwrap()
-        .1
-        .split_whitespace()
-        .collect();
-    assert_eq!([fields[40 - 3], fields[41 - 3]], ["0", "0"], "{other}");
-    let status = read(format!("{task}/status"));
+    let status = std::fs::read_to_string(format!("{task}/status")).unwrap();
     let value = |key: &str| {
         let line = status.lines().find(|line| line.starts_with(key)).unwrap();
         line[key.len()..].trim().to_owned()
     };
     assert_eq!(value("Cpus_allowed_list:"), "0");
     let locked = value("VmLck:");
-    println!("SCHED_FIFO 50, CPU 0, locked {locked}");
+    println!("SCHED_FIFO 50 and 40, CPU 0, locked {locked}");
     assert!(
         locked.trim_end_matches(" kB").parse::<u64>().unwrap() > 10_000,
         "{locked}"
@@ -261,6 +258,19 @@ fn real_time_settings_are_applied_or_refused_with_what_to_do() {
     run.signal(Signal::INT);
     let ending = run.wait(Duration::from_secs(5));
     print_timing(&ending);
+
+    // A priority of their own, or none.
+    for (helper, expected) in [("7", [7, 1]), ("0", [0, 0])] {
+        let settings = format!("realtime: {{fifo_priority: 50, helper_fifo_priority: {helper}}}");
+        let change = |text: String| with_realtime(text).replace(REALTIME, &settings);
+        let run = Program::run_changed(&folder, change, &[]);
+        // Once cycles are told of, both threads have what they asked for.
+        wait_until("cycles", || run.output().contains("lateness_s"));
+        assert_eq!(scheduling(&run, "cycle"), [50, 1]);
+        for thread in ["controller", "can-listener"] {
+            assert_eq!(scheduling(&run, thread), expected, "{thread}");
+        }
+    }
 
     // The same without the capabilities.
     for (settings, expected) in [

@@ -11,6 +11,7 @@ use crate::safety::{BusState, DriveFeedback, Order};
 use sidehill_plant::sample::{Sample, Stamped};
 use sidehill_plant::vehicle::SpeedCorrection;
 use std::sync::Arc;
+use thread_priority::ThreadId;
 use triple_buffer::{Output, triple_buffer};
 
 /// What the listener leaves for the cycle: always the newest, never a queue.
@@ -41,8 +42,7 @@ pub struct CanPort {
     /// Instants of the tread speeds, attitude and pose delivered last, s.
     delivered_s: [f64; 3],
     records: RecordSink,
-    /// Kept for its thread.
-    _listener: Listener,
+    listener: Listener,
 }
 
 impl CanPort {
@@ -119,8 +119,13 @@ impl CanPort {
             correction,
             delivered_s: [f64::NEG_INFINITY; 3],
             records: sent_records,
-            _listener: listener,
+            listener,
         })
+    }
+
+    /// Returns the system's name of the thread that listens.
+    pub fn listener_id(&self) -> Option<ThreadId> {
+        self.listener.thread_id()
     }
 }
 
