@@ -309,6 +309,7 @@ fn start_ros2(
     let (speed_m_s, period_s) = (&mut route.limits.speed_max_m_s, config.cycle.period_s);
     override_config(&mut ros2, speed_m_s, period_s, &given)
         .map_err(|reason| anyhow!("parameter {reason}"))?;
+    config.check_clock(file, &ros2)?;
     let started = server::start(server::Setup {
         config: ros2,
         vehicle,

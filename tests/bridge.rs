@@ -53,7 +53,10 @@ fn the_bridges_files_are_valid() {
     for name in [
         "can.yaml",
         "cia402.yaml",
+        "run_can_ros2.yaml",
+        "run_ros2.yaml",
         "run_vcan0.yaml",
+        "vehicle_ros2.yaml",
         "vehicle_vcan0.yaml",
     ] {
         let output = sidehill(&["check", folder.join(name).to_str().unwrap()]);
@@ -145,5 +148,28 @@ fn what_is_wrong_is_named_with_its_file() {
         assert_eq!(output.status.code(), Some(2), "{text}");
         assert!(text.contains(expected), "{text}");
         assert!(text.contains(".yaml") || text.contains(".dbc"), "{text}");
+    }
+}
+
+#[test]
+fn a_bus_is_not_driven_in_simulated_time() {
+    let file = configuration("simulated_time", &[]);
+    let file = file.with_file_name("run_can_ros2.yaml");
+    let name = file.to_str().unwrap();
+    let parameter = ["--ros-args", "-p", "use_sim_time:=true"];
+    let by_parameter = sidehill(&[&["run", name][..], &parameter].concat());
+    let text = std::fs::read_to_string(&file).unwrap();
+    let simulated = text.replace(
+        "  autostart: true",
+        "  use_sim_time: true\n  autostart: true",
+    );
+    assert_ne!(simulated, text);
+    std::fs::write(&file, simulated).unwrap();
+    for output in [by_parameter, sidehill(&["check", name])] {
+        let complaint = String::from_utf8(output.stderr).unwrap();
+        assert!(!output.status.success(), "{complaint}");
+        for part in ["run_can_ros2.yaml", "ros2.use_sim_time"] {
+            assert!(complaint.contains(part), "{complaint}");
+        }
     }
 }

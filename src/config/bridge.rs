@@ -156,12 +156,25 @@ impl RunConfig {
             .validate()
             .and_then(|()| TwistMapping::new(config.commands.track_width_m, vehicle).map(drop))
             .map_err(|error| file.error(error))?;
+        self.check_clock(file, &config)?;
         let route = RouteSettings {
             smoothing: config.smoothing,
             limits: self.speed.limits(&self.settings.limits, vehicle),
             use_orientations: config.follow_path.use_orientations,
         };
         Ok((config, route))
+    }
+
+    /// Checks that the cycle goes by a clock by which the port's readings can be dated.
+    ///
+    /// # Errors
+    /// [`ConfigError`] where a bus, whose frames come at times of the world, is to be driven in
+    /// simulated time: no silence of it would be noticed.
+    pub fn check_clock(&self, file: &ConfigFile, ros2: &Ros2Config) -> Result<(), ConfigError> {
+        if self.port == RunPort::Can && ros2.use_sim_time {
+            return Err(file.error("ros2.use_sim_time: a CAN bus has no simulated time"));
+        }
+        Ok(())
     }
 
     /// Returns interface and layout of the bus.

@@ -6,6 +6,7 @@
     clippy::print_stdout
 )]
 
+mod both;
 mod cia402;
 mod realtime;
 mod support;
@@ -263,7 +264,7 @@ fn a_full_queue_stops_the_vehicle_until_re_armed() {
 fn a_foreign_vehicle_by_python_is_driven() {
     let folder = Folder::new("foreign");
     let observer = Observer::start();
-    let mut foreign = python("foreign_vehicle.py", "j8.dbc", &[BUS, "14"])
+    let mut foreign = python("foreign_vehicle.py", &[&database("j8.dbc"), BUS, "14"])
         .stdout(Stdio::piped())
         .spawn()
         .unwrap();

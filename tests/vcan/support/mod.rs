@@ -137,9 +137,14 @@ impl Program {
     /// Starts a virtual vehicle; `faults` is YAML, a list.
     pub fn vehicle(folder: &Folder, faults: &str) -> Self {
         let faults = if faults.is_empty() { "[]" } else { faults };
-        let config = configuration(folder, "vehicle_vcan0.yaml", |text| {
+        Self::vehicle_changed(folder, |text| {
             text.replace("faults: []", &format!("faults: {faults}"))
-        });
+        })
+    }
+
+    /// Starts a virtual vehicle with a changed configuration.
+    pub fn vehicle_changed(folder: &Folder, change: impl Fn(String) -> String) -> Self {
+        let config = configuration(folder, "vehicle_vcan0.yaml", change);
         let truth = folder.0.join("truth.csv");
         let arguments = ["vehicle", &config, "--truth", &truth.display().to_string()];
         Self::start(folder, "vehicle.out", &arguments)
@@ -170,11 +175,34 @@ impl Program {
         Self::run_on(folder, BUS, arguments)
     }
 
+    /// Starts a controller that takes its paths over ROS 2 in a domain.
+    pub fn run_for_goals(folder: &Folder, domain: u16) -> Self {
+        let config = configuration(folder, "run_can_ros2.yaml", |text| text);
+        let out = folder.0.join("run").display().to_string();
+        let domain = domain.to_string();
+        let environment = [
+            ("ROS_DOMAIN_ID", domain.as_str()),
+            ("RMW_IMPLEMENTATION", "rmw_cyclonedds_cpp"),
+        ];
+        let arguments = ["run", &config, "--out", &out];
+        Self::start_with(folder, "run.out", &arguments, &environment)
+    }
+
     fn start(folder: &Folder, output: &str, arguments: &[&str]) -> Self {
+        Self::start_with(folder, output, arguments, &[])
+    }
+
+    fn start_with(
+        folder: &Folder,
+        output: &str,
+        arguments: &[&str],
+        environment: &[(&str, &str)],
+    ) -> Self {
         let output = folder.0.join(output);
         let file = File::create(&output).unwrap();
         let child = Command::new(env!("CARGO_BIN_EXE_sidehill"))
             .args(arguments)
+            .envs(environment.iter().copied())
             .stdin(Stdio::null())
             .stderr(file.try_clone().unwrap())
             .stdout(file)
@@ -363,28 +391,42 @@ pub fn unix_now_s() -> f64 {
         .as_secs_f64()
 }
 
+/// Waits until something holds.
+pub fn wait_until(what: &str, mut holds: impl FnMut() -> bool) {
+    let start = Instant::now();
+    while !holds() {
+        assert!(start.elapsed() < Duration::from_secs(20), "no {what}");
+        sleep_s(0.02);
+    }
+}
+
 /// Sleeps.
 pub fn sleep_s(seconds: f64) {
     std::thread::sleep(Duration::from_secs_f64(seconds));
 }
 
-/// Runs a script of this folder with a database of the repository and more arguments.
-pub fn python(script: &str, database: &str, arguments: &[&str]) -> Command {
+/// Runs a script of this folder.
+pub fn python(script: &str, arguments: &[&str]) -> Command {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let mut command = Command::new("python3");
     command
         .env("PYTHONDONTWRITEBYTECODE", "1")
         .arg(root.join("tests/vcan/support").join(script))
-        .arg(root.join("config/bridge").join(database))
         .args(arguments);
     command
 }
 
+/// Returns a database of the repository.
+pub fn database(name: &str) -> String {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/bridge");
+    folder.join(name).display().to_string()
+}
+
 /// Lets cantools decode the log of the bus by a database and compare it with the program's own log.
-pub fn decode_with_cantools(folder: &Folder, database: &str) {
+pub fn decode_with_cantools(folder: &Folder, name: &str) {
     let file = |name: &str| folder.0.join("run").join(name).display().to_string();
     let (candump, cycles) = (file("candump.log"), file("cycles.csv"));
-    let output = python("compare_logs.py", database, &[&candump, &cycles])
+    let output = python("compare_logs.py", &[&database(name), &candump, &cycles])
         .output()
         .unwrap();
     println!("{}", String::from_utf8_lossy(&output.stdout));
