@@ -25,8 +25,8 @@ import uuid
 from cyclonedds.util import duration
 
 import wire
-from conftest import adapted
-from peer import Client, FollowPath, Goal, Peer, Program, now, path_of, straight, wait_for
+from peer import Client, FollowPath, Goal, Peer, now, path_of
+from programs import Program, adapted, straight, wait_for
 
 
 class PlayedVehicle(threading.Thread):

@@ -1,10 +1,7 @@
 """An independent peer on the graph of ROS 2: CycloneDDS by its Python binding, without ROS."""
 
 import math
-import os
 import random
-import signal
-import subprocess
 import time
 import uuid
 
@@ -16,23 +13,7 @@ from cyclonedds.topic import Topic
 from cyclonedds.util import duration
 
 import wire
-
-REPOSITORY = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
-SIDEHILL = os.environ.get("SIDEHILL", os.path.join(REPOSITORY, "target", "release", "sidehill"))
-
-# What an answer may take on a machine that others use too: a limit for liveness, not a figure.
-PATIENCE_S = 10.0
-
-
-def wait_for(condition, what, timeout_s=PATIENCE_S, step_s=0.005):
-    """Returns the first true value of `condition`; fails with `what` where none comes in time."""
-    until = time.monotonic() + timeout_s
-    while True:
-        value = condition()
-        if value:
-            return value
-        assert time.monotonic() < until, f"{what}: not within {timeout_s} s"
-        time.sleep(step_s)
+from programs import PATIENCE_S, wait_for
 
 
 def seconds(stamp):
@@ -47,52 +28,6 @@ def stamp(time_s):
 
 def now():
     return stamp(time.time())
-
-
-class Program:
-    """`sidehill` with arguments, in a domain; ends with the test."""
-
-    def __init__(self, arguments, domain, log, **environment):
-        self.log = log
-        self.file = open(log, "w")
-        self.process = subprocess.Popen(
-            [SIDEHILL, *map(str, arguments)],
-            stdin=subprocess.DEVNULL,
-            stdout=self.file,
-            stderr=subprocess.STDOUT,
-            env={
-                **os.environ,
-                "ROS_DOMAIN_ID": str(domain),
-                "RMW_IMPLEMENTATION": "rmw_cyclonedds_cpp",
-                **environment,
-            },
-        )
-
-    def running(self):
-        return self.process.poll() is None
-
-    def output(self):
-        self.file.flush()
-        with open(self.log) as file:
-            return file.read()
-
-    def signal(self, which):
-        self.process.send_signal(which)
-
-    def end(self):
-        """Asks it to end and returns its exit status."""
-        if self.running():
-            self.process.send_signal(signal.SIGINT)
-        try:
-            return self.process.wait(timeout=PATIENCE_S)
-        except subprocess.TimeoutExpired:
-            self.process.kill()
-            self.process.wait()
-            raise AssertionError(f"it did not end on SIGINT: {self.output()}") from None
-
-    def kill(self):
-        self.process.kill()
-        self.process.wait()
 
 
 class Reader:
@@ -302,16 +237,3 @@ def path_of(points, frame="map"):
             )
         )
     return wire.Path(header=header, poses=poses)
-
-
-def figure_eight(count=1000):
-    """Points of the figure of eight of design and scenario: 4.8 m by 7.8 m."""
-    angles = (2 * math.pi * index / (count - 1) for index in range(count))
-    return [(2.4 * math.sin(2 * a), 3.9 * math.sin(a)) for a in angles]
-
-
-def straight(length_m, start=(0.0, 0.0), yaw_rad=math.pi / 2, step_m=0.05):
-    """Points of a straight line."""
-    count = round(length_m / step_m) + 1
-    along = (index * step_m for index in range(count))
-    return [(start[0] + s * math.cos(yaw_rad), start[1] + s * math.sin(yaw_rad)) for s in along]

@@ -16,8 +16,8 @@ import sys
 import tempfile
 import time
 
-from conftest import adapted
-from peer import FollowPath, Peer, Program, figure_eight, path_of
+from peer import FollowPath, Peer, path_of
+from programs import Program, adapted, figure_eight
 
 
 def resident_kib(pid):

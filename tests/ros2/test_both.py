@@ -5,10 +5,9 @@ import os
 import time
 
 import pytest
-from conftest import adapted
-
 import wire
-from peer import REPOSITORY, FollowPath, now, path_of, straight, wait_for
+from peer import FollowPath, now, path_of
+from programs import REPOSITORY, adapted, straight, wait_for
 
 START_YAW_RAD = math.radians(90 - 50.906)
 

@@ -9,20 +9,10 @@ import textwrap
 import time
 
 import pytest
-from conftest import adapted
 
 import wire
-from peer import (
-    REPOSITORY,
-    FollowPath,
-    Peer,
-    figure_eight,
-    now,
-    path_of,
-    seconds,
-    straight,
-    wait_for,
-)
+from peer import FollowPath, Peer, now, path_of, seconds
+from programs import REPOSITORY, adapted, cross_track_m, figure_eight, straight, wait_for
 
 # Codes of nav2_msgs/FollowPath.
 NONE, UNKNOWN, INVALID_CONTROLLER, TF_ERROR, INVALID_PATH = 0, 100, 101, 102, 103
@@ -75,25 +65,6 @@ def rig(vehicle, start, peer, tmp_path):
         return Rig(rover, start(*arguments), peer, definition)
 
     return rig
-
-
-def cross_track_m(rows, points):
-    """Distances of places to a path, each to the stretch that follows the one before."""
-    distances, near = [], 0
-    for row in rows:
-        place = (row["x_m"], row["y_m"])
-        stretch = range(near, min(near + 60, len(points) - 1))
-        best, near = min((_to_segment(place, points[i], points[i + 1]), i) for i in stretch)
-        distances.append(best)
-    return distances
-
-
-def _to_segment(p, a, b):
-    (ax, ay), (bx, by) = a, b
-    dx, dy = bx - ax, by - ay
-    along = ((p[0] - ax) * dx + (p[1] - ay) * dy) / (dx * dx + dy * dy)
-    along = min(1.0, max(0.0, along))
-    return math.dist(p, (ax + along * dx, ay + along * dy))
 
 
 def test_figure_eight_with_a_goal_is_within_3_cm(rig):
@@ -295,7 +266,8 @@ def test_a_client_that_leaves_ends_its_goal(rig, domain, ending, tmp_path):
         f"""
         import math, sys, time
         sys.path.insert(0, {str(sys.path[0])!r})
-        from peer import FollowPath, Peer, path_of, straight
+        from peer import FollowPath, Peer, path_of
+        from programs import straight
         import signal
         signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
         action = FollowPath(Peer({domain})).wait()

@@ -8,7 +8,8 @@ import time
 import pytest
 
 import wire
-from peer import REPOSITORY, SIDEHILL, Peer, rotate, seconds, wait_for, yaw
+from peer import Peer, rotate, seconds, yaw
+from programs import REPOSITORY, SIDEHILL, wait_for
 
 # Distance of the J8's tread ICRs, m: the width by which its drives read a twist.
 TRACK_WIDTH_M = 1.073 + 0.980

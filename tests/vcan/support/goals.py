@@ -21,7 +21,8 @@ import sys
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..", "ros2"))
 
 import wire
-from peer import FollowPath, Peer, figure_eight, path_of, straight, wait_for
+from peer import FollowPath, Peer, path_of
+from programs import figure_eight, straight, wait_for
 
 START_YAW_RAD = math.radians(90 - 50.906)
 # A result comes when the path has been driven.

@@ -1,0 +1,273 @@
+"""Controller and virtual vehicle with nodes of ROS 2 Jazzy itself, over Fast DDS: rclpy as it is published
+in wheels, and Nav2's action made by rosidl from nav2_msgs/."""
+
+import math
+import random
+import time
+
+import pytest
+import rclpy
+from action_msgs.msg import GoalStatus
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseStamped, Twist
+from lifecycle_msgs.msg import State, Transition
+from lifecycle_msgs.srv import ChangeState, GetState
+from nav2_msgs.action import FollowPath
+from nav2_msgs.msg import SpeedLimit
+from nav_msgs.msg import Odometry
+from programs import adapted, cross_track_m, figure_eight, straight, wait_for
+from rcl_interfaces.msg import ParameterType
+from rclpy.action import ActionClient, get_action_names_and_types
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter
+from rclpy.parameter_client import AsyncParameterClient
+from rclpy.qos import qos_profile_sensor_data
+
+SERVER = "/controller_server"
+START_YAW_RAD = math.radians(90 - 50.906)
+
+
+@pytest.fixture
+def middleware():
+    assert rclpy.get_rmw_implementation_identifier() == "rmw_fastrtps_cpp"
+    return "rmw_fastrtps_cpp"
+
+
+class Node:
+    """A node of rclpy that is spun while something is waited for."""
+
+    def __init__(self, domain):
+        self.context = rclpy.Context()
+        rclpy.init(context=self.context, domain_id=domain)
+        self.node = rclpy.create_node(f"peer_{random.randrange(10**6)}", context=self.context)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor.add_node(self.node)
+
+    def wait_for(self, condition, what, **limit):
+        def spun():
+            self.executor.spin_once(timeout_sec=0.01)
+            return condition()
+
+        return wait_for(spun, what, **limit)
+
+    def result(self, future, what, **limit):
+        self.wait_for(future.done, what, **limit)
+        return future.result()
+
+    def call(self, kind, name, request):
+        client = self.node.create_client(kind, f"{SERVER}/{name}")
+        self.wait_for(client.service_is_ready, name)
+        return self.result(client.call_async(request), name)
+
+    def messages(self, kind, topic, qos=10):
+        """A list that grows with what comes."""
+        came = []
+        self.node.create_subscription(kind, topic, came.append, qos)
+        return came
+
+    def close(self):
+        self.executor.shutdown()
+        self.node.destroy_node()
+        rclpy.shutdown(context=self.context)
+
+
+class Driven:
+    """A vehicle and its controller, with a client of the action."""
+
+    def __init__(self, vehicle, ros):
+        self.vehicle, self.ros = vehicle, ros
+        self.action = ActionClient(ros.node, FollowPath, "/follow_path")
+        self.ros.wait_for(self.action.server_is_ready, "action server", timeout_s=20.0)
+        self.feedback = []
+
+    def send(self, points):
+        goal = FollowPath.Goal(path=path_of(points, self.ros.node))
+        came = lambda message: self.feedback.append(message.feedback)
+        return self.ros.result(self.action.send_goal_async(goal, feedback_callback=came), "answer to a goal")
+
+    def sent_off(self, points):
+        """A goal that was accepted and is being driven."""
+        goal = self.send(points)
+        assert goal.accepted
+        self.ros.wait_for(lambda: abs(self.vehicle.now()["traction_m_s"]) > 0.2, "driving")
+        return goal
+
+    def ended(self, goal, **limit):
+        """Status and result of a goal."""
+        answer = self.ros.result(goal.get_result_async(), "result", **limit)
+        return answer.status, answer.result
+
+    def stands(self):
+        self.ros.wait_for(self.vehicle.stands, "standing")
+
+
+@pytest.fixture
+def ros(domain):
+    node = Node(domain)
+    yield node
+    node.close()
+
+
+@pytest.fixture
+def driven(vehicle, start, ros, tmp_path):
+    def driven(of_controller={}):
+        rover = vehicle()
+        start("run", adapted("run_ros2.yaml", of_controller, tmp_path))
+        return Driven(rover, ros)
+
+    return driven
+
+
+def path_of(points, node):
+    """A nav_msgs/Path in the map."""
+    path = FollowPath.Goal().path
+    path.header.frame_id = "map"
+    path.header.stamp = node.get_clock().now().to_msg()
+    for index, (x, y) in enumerate(points):
+        ahead, behind = points[min(index + 1, len(points) - 1)], points[max(index - 1, 0)]
+        half_rad = 0.5 * math.atan2(ahead[1] - behind[1], ahead[0] - behind[0])
+        pose = PoseStamped(header=path.header)
+        pose.pose.position.x, pose.pose.position.y = x, y
+        pose.pose.orientation.z, pose.pose.orientation.w = math.sin(half_rad), math.cos(half_rad)
+        path.poses.append(pose)
+    return path
+
+
+def ahead(length_m=15.0):
+    return straight(length_m, yaw_rad=START_YAW_RAD)
+
+
+def test_a_goal_is_driven_with_feedback_to_success(driven):
+    d = driven()
+    commands = d.ros.messages(Twist, "/cmd_vel")
+    # The first lobe and back to where the lines cross.
+    points = figure_eight(2000)[:1000]
+    began = time.monotonic()
+    goal = d.send(points)
+    print(f"1,000 poses answered after {1000 * (time.monotonic() - began):.1f} ms")
+    assert goal.accepted
+    status, result = d.ended(goal, timeout_s=120)
+    assert (status, result.error_code, result.error_msg) == (GoalStatus.STATUS_SUCCEEDED, 0, "")
+    d.stands()
+    rows = [row for row in d.vehicle.truth() if row["time_s"] > 0.0]
+    moving = next(row["time_s"] for row in rows if abs(row["traction_m_s"]) > 1e-3)
+    driven_rows = [row for row in rows if row["time_s"] > moving + 2.0]
+    distances = cross_track_m(driven_rows, points)
+    rms_m = math.sqrt(sum(d * d for d in distances) / len(distances))
+    print(f"cross-track RMS {100 * rms_m:.2f} cm")
+    assert rms_m <= 0.03
+    left_m = [message.distance_to_goal for message in d.feedback]
+    assert len(left_m) > 50 and left_m[0] > 9.0 and left_m[-1] < 1.0
+    assert max(command.linear.x for command in commands) > 0.3
+    assert commands[-1] == Twist()
+
+
+def test_cancel_and_a_newer_goal_end_a_goal_as_its_client_expects(driven):
+    d = driven()
+    first = d.sent_off(ahead())
+    second = d.sent_off(ahead(12.0))
+    status, result = d.ended(first)
+    assert (status, result.error_code) == (GoalStatus.STATUS_ABORTED, 100)
+    assert result.error_msg
+    answer = d.ros.result(second.cancel_goal_async(), "answer to a cancel")
+    assert [entry.goal_id for entry in answer.goals_canceling] == [second.goal_id]
+    status, result = d.ended(second)
+    assert (status, result.error_code) == (GoalStatus.STATUS_CANCELED, 0)
+    d.stands()
+    # A result is told again.
+    assert d.ended(second)[0] == GoalStatus.STATUS_CANCELED
+
+
+def test_a_path_that_cannot_be_driven_is_aborted_with_its_code(driven):
+    d = driven()
+    goal = d.send([])
+    status, result = d.ended(goal)
+    assert (status, result.error_code) == (GoalStatus.STATUS_ABORTED, 103)
+
+
+def test_parameters_are_listed_described_set_and_refused(driven):
+    d = driven()
+    client = AsyncParameterClient(d.ros.node, SERVER)
+    d.ros.wait_for(client.services_are_ready, "parameter services")
+    names = d.ros.result(client.list_parameters(), "names").result.names
+    assert {"failure_tolerance", "general_goal_checker.xy_goal_tolerance", "use_sim_time"} <= set(names)
+    values = d.ros.result(client.get_parameters(["failure_tolerance"]), "values").values
+    assert values[0].type == ParameterType.PARAMETER_DOUBLE and values[0].double_value == 1.0
+    told = d.ros.result(client.describe_parameters(["failure_tolerance"]), "descriptions").descriptors
+    assert told[0].type == ParameterType.PARAMETER_DOUBLE
+    set_to = lambda value: d.ros.result(
+        client.set_parameters([Parameter("failure_tolerance", value=value)]), "setting"
+    ).results[0]
+    assert set_to(2.5).successful
+    refused = set_to(-1.0)
+    assert not refused.successful and "failure_tolerance" in refused.reason
+    values = d.ros.result(client.get_parameters(["failure_tolerance"]), "values").values
+    assert values[0].double_value == 2.5
+
+
+def test_a_lifecycle_manager_leads_it(driven):
+    d = driven({r"^  autostart: true": "  autostart: false"})
+    state = lambda: d.ros.call(GetState, "get_state", GetState.Request()).current_state.id
+
+    def change(transition):
+        request = ChangeState.Request(transition=Transition(id=transition))
+        return d.ros.call(ChangeState, "change_state", request).success
+
+    assert state() == State.PRIMARY_STATE_UNCONFIGURED
+    assert not d.send(ahead()).accepted
+    assert change(Transition.TRANSITION_CONFIGURE) and state() == State.PRIMARY_STATE_INACTIVE
+    assert not change(Transition.TRANSITION_CLEANUP + 100)
+    assert change(Transition.TRANSITION_ACTIVATE) and state() == State.PRIMARY_STATE_ACTIVE
+    goal = d.sent_off(ahead())
+    assert change(Transition.TRANSITION_DEACTIVATE)
+    assert d.ended(goal)[0] == GoalStatus.STATUS_ABORTED
+    d.stands()
+    assert change(Transition.TRANSITION_CLEANUP) and state() == State.PRIMARY_STATE_UNCONFIGURED
+
+
+def test_the_graph_shows_nodes_topics_services_and_the_action(driven):
+    d = driven()
+    node = d.ros.node
+    whole = lambda: {"controller_server", "virtual_rover"} <= set(node.get_node_names())
+    d.ros.wait_for(whole, "both nodes")
+    published = dict(node.get_publisher_names_and_types_by_node("controller_server", "/"))
+    assert published["/cmd_vel"] == ["geometry_msgs/msg/Twist"]
+    assert published["/diagnostics"] == ["diagnostic_msgs/msg/DiagnosticArray"]
+    heard = dict(node.get_subscriber_names_and_types_by_node("controller_server", "/"))
+    assert heard["/odom"] == ["nav_msgs/msg/Odometry"]
+    assert heard["/speed_limit"] == ["nav2_msgs/msg/SpeedLimit"]
+    served = dict(node.get_service_names_and_types_by_node("controller_server", "/"))
+    assert served[f"{SERVER}/change_state"] == ["lifecycle_msgs/srv/ChangeState"]
+    assert ("/follow_path", ["nav2_msgs/action/FollowPath"]) in get_action_names_and_types(node)
+
+
+def test_topics_reach_nodes_of_ros_and_theirs_reach_the_controller(driven):
+    d = driven()
+    odometry = d.ros.messages(Odometry, "/odom", qos_profile_sensor_data)
+    diagnostics = d.ros.messages(DiagnosticArray, "/diagnostics")
+    limit = d.ros.node.create_publisher(SpeedLimit, "/speed_limit", 10)
+    d.ros.wait_for(limit.get_subscription_count, "who listens to the speed limit")
+    goal = d.sent_off(ahead())
+    limit.publish(SpeedLimit(percentage=True, speed_limit=40.0))
+    slow = lambda: 0.15 < d.vehicle.now()["traction_m_s"] < 0.22
+    d.ros.wait_for(slow, "40 % of 0.5 m/s")
+    d.ros.wait_for(lambda: diagnostics, "diagnostics")
+    assert any("controller_server" in status.name for status in diagnostics[-1].status)
+    assert odometry[-1].header.frame_id == "odom" and odometry[-1].child_frame_id == "base_link"
+    d.ros.result(goal.cancel_goal_async(), "answer to a cancel")
+    assert d.ended(goal)[0] == GoalStatus.STATUS_CANCELED
+
+
+def test_first_calls_of_fresh_nodes_are_answered(driven, domain):
+    driven()
+    took_s = []
+    for _ in range(10):
+        fresh = Node(domain)
+        client = fresh.node.create_client(GetState, f"{SERVER}/get_state")
+        fresh.wait_for(client.service_is_ready, "service")
+        began = time.monotonic()
+        answer = fresh.result(client.call_async(GetState.Request()), "first call")
+        took_s.append(time.monotonic() - began)
+        assert answer.current_state.id == State.PRIMARY_STATE_ACTIVE
+        fresh.close()
+    print(f"first calls answered after {sorted(round(t, 3) for t in took_s)} s")
