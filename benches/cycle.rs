@@ -64,11 +64,7 @@ fn drive(config: &ControllerConfig) -> Vec<(Sample, MotorSpeeds)> {
         drive_train: DriveTrainConfig::default(),
         sensors: SensorsConfig::default(),
         correction: vehicle().correction,
-        start: PlanarPose {
-            x_m: start.position.x_m,
-            y_m: start.position.y_m,
-            yaw_rad: start.heading_rad,
-        },
+        start: start.pose(),
         dt_s: config.period_s / 10.0,
         seed: 1,
     })
@@ -190,11 +186,7 @@ fn inputs(
                 .map(|k| {
                     let point = trajectory.at(sample.time_s + settings.step_s * k as f64);
                     StageTarget {
-                        pose: PlanarPose {
-                            x_m: point.position.x_m,
-                            y_m: point.position.y_m,
-                            yaw_rad: point.heading_rad,
-                        },
+                        pose: point.pose(),
                         along_heading_rad: point.heading_rad,
                         normal_in_world: normal_in_world(),
                         feedforward: MotorSpeeds {

@@ -87,9 +87,9 @@ pub fn check(file: ConfigFile) -> Result<&'static str> {
         Ok("configuration of vehicle")
     } else {
         bail!(
-            "{}: neither a campaign (key draws), a scenario (controllers), a vehicle (x_icr_left_m), a contact vehicle \
-             (axles), a layout of a CAN bus (database), nor a configuration of run (controller) or \
-             vehicle (scenario)",
+            "{}: neither a campaign (key draws), a scenario (controllers), a vehicle (x_icr_left_m), a \
+             contact vehicle (axles), conditions (sensors or drive_train), a layout of a CAN bus \
+             (database), nor a configuration of run (controller) or vehicle (scenario)",
             file.name()
         )
     }

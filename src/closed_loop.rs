@@ -1,16 +1,16 @@
 //! A controller driving the simulated vehicle, and the figures of its run.
 
 use crate::config::Prepared;
-use crate::record::{Quantiles, Row, Run, Summary};
+use crate::record::{Quantiles, Row, Run, Summary, nearest_rank};
 use anyhow::Context;
 use sidehill_controller::config::ControllerKind;
 use sidehill_controller::controller::{Controller, Decision, Status};
-use sidehill_controller::mpc::limits::InputLimits;
+use sidehill_controller::mpc::limits::{InputLimits, MotorLimits};
 use sidehill_controller::path::{Path, Point2};
 use sidehill_controller::reference::{PROJECTION_WINDOW, Reference};
 use sidehill_controller::trajectory::{Ending, ReferencePoint};
 use sidehill_plant::frames::wrap_angle;
-use sidehill_plant::simulation::TrueState;
+use sidehill_plant::simulation::{SimulationError, TrueState};
 use sidehill_plant::speeds::MotorSpeeds;
 use std::time::Instant;
 
@@ -68,18 +68,12 @@ pub fn run(
             progress((followed(&controller)?.time_s() / end_s).min(1.0));
         }
         simulation.set_command(decision.command)?;
-        let mut failed = None;
-        for _ in 0..steps {
-            match simulation.step() {
-                Ok(state) => figures.step(state, &reference),
-                Err(error) => {
-                    failed = Some(error.to_string());
-                    break;
-                }
-            }
-        }
-        if let Some(reason) = failed {
-            break Err(reason);
+        let moved = (0..steps).try_for_each(|_| {
+            figures.step(simulation.step()?, &reference);
+            Ok::<_, SimulationError>(())
+        });
+        if let Err(error) = moved {
+            break Err(error.to_string());
         }
     };
     progress(1.0);
@@ -193,14 +187,8 @@ impl<'a> Figures<'a> {
             time_s: state.time_s,
             pose: state.pose,
             attitude: state.attitude,
-            estimate: decision
-                .estimate
-                .map(|e| [e.pose.x_m, e.pose.y_m, e.pose.yaw_rad]),
-            reference: Some([
-                reference.position.x_m,
-                reference.position.y_m,
-                reference.heading_rad,
-            ]),
+            estimate: decision.estimate.map(|estimate| estimate.pose),
+            reference: reference.pose(),
             cross_track_m: self.cross_track_m,
             along_track_m: self.along_track_m,
             heading_error_rad: self.heading_error_rad,
@@ -218,7 +206,7 @@ impl<'a> Figures<'a> {
     /// projection but for the limits' definition.
     fn permitted(&self, command: MotorSpeeds) -> bool {
         const ROUNDING: f64 = 1e-9;
-        let one = |now: f64, before: f64, motor: &sidehill_controller::mpc::limits::MotorLimits| {
+        let one = |now: f64, before: f64, motor: &MotorLimits| {
             let change = motor.change(before, self.period_s);
             now.abs() <= motor.speed_m_s + ROUNDING
                 && now - before <= change.rise + ROUNDING
@@ -267,7 +255,6 @@ impl<'a> Figures<'a> {
         let squares = self.cross_tracks_m.iter().map(|e| e * e).sum();
         let mut absolute: Vec<f64> = self.cross_tracks_m.iter().map(|e| e.abs()).collect();
         absolute.sort_by(f64::total_cmp);
-        let p95_index = (0.95 * absolute.len() as f64).ceil() as usize;
         let solves = rows.iter().filter(|row| row.qp_iterations > 0);
         let iterations: u64 = solves.clone().map(|row| u64::from(row.qp_iterations)).sum();
         Summary {
@@ -278,10 +265,7 @@ impl<'a> Figures<'a> {
             completed: ended_by.is_none(),
             ended_by,
             cross_track_rms_m: root_mean(squares),
-            cross_track_p95_m: absolute
-                .get(p95_index.saturating_sub(1))
-                .copied()
-                .unwrap_or(0.0),
+            cross_track_p95_m: nearest_rank(&absolute, 0.95).unwrap_or(0.0),
             cross_track_max_m: absolute.last().copied().unwrap_or(0.0),
             along_track_rms_m: root_mean(self.along_squares),
             heading_rms_rad: root_mean(self.heading_squares),

@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 use sidehill_controller::controller::Status;
-use sidehill_plant::frames::{Attitude, Pose};
+use sidehill_plant::frames::{Attitude, PlanarPose, Pose};
 use sidehill_plant::icr::TreadIcrs;
 use sidehill_plant::speeds::MotorSpeeds;
 
@@ -15,10 +15,10 @@ pub struct Row {
     pub pose: Pose,
     /// True roll and pitch.
     pub attitude: Attitude,
-    /// Estimated position and heading: x, y in m, yaw in rad.
-    pub estimate: Option<[f64; 3]>,
-    /// Reference position and heading: x, y in m, yaw in rad.
-    pub reference: Option<[f64; 3]>,
+    /// Estimated position and heading; none before there is one.
+    pub estimate: Option<PlanarPose>,
+    /// Reference position and heading.
+    pub reference: PlanarPose,
     /// True distance from the path, m, left positive.
     pub cross_track_m: f64,
     /// True distance by which the vehicle is ahead of the reference along the path, m.
@@ -57,21 +57,21 @@ pub struct Quantiles {
 impl Quantiles {
     /// Returns the quantiles of `values` by the nearest rank; zeros where there are none.
     pub fn of(mut values: Vec<f64>) -> Self {
-        if values.is_empty() {
-            return Self::default();
-        }
         values.sort_by(f64::total_cmp);
-        let rank = |q: f64| {
-            let index = (q * values.len() as f64).ceil() as usize;
-            values[index.clamp(1, values.len()) - 1]
-        };
+        let quantile = |share| nearest_rank(&values, share).unwrap_or(0.0);
         Self {
-            p50: rank(0.5),
-            p99: rank(0.99),
-            p999: rank(0.999),
-            max: rank(1.0),
+            p50: quantile(0.5),
+            p99: quantile(0.99),
+            p999: quantile(0.999),
+            max: quantile(1.0),
         }
     }
+}
+
+/// Returns the quantile of ascending values by the nearest rank; none where there are no values.
+pub fn nearest_rank(ascending: &[f64], share: f64) -> Option<f64> {
+    let rank = (share * ascending.len() as f64).ceil() as usize;
+    ascending.get(rank.max(1) - 1).copied()
 }
 
 /// The figures of one run, as `simulate --format json` prints them. Errors and the steer command are

@@ -3,7 +3,7 @@
 use rustix::thread::{ClockId as SleepClock, clock_nanosleep_absolute};
 use rustix::time::{ClockId, Timespec, clock_gettime};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// Where the time of a program begins, on the monotonic clock and in the world.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -36,14 +36,8 @@ impl Epoch {
 /// A clock that somebody else tells, as a simulator does; its copies are the same clock.
 #[derive(Debug, Clone, Default)]
 pub struct ToldClock {
-    shared: Arc<(Mutex<Told>, Condvar)>,
-}
-
-/// What is known of a told clock.
-#[derive(Debug, Clone, Copy, Default)]
-struct Told {
-    now_s: Option<f64>,
-    told_at: Option<Instant>,
+    /// The time told last, s.
+    shared: Arc<(Mutex<Option<f64>>, Condvar)>,
 }
 
 impl ToldClock {
@@ -53,28 +47,19 @@ impl ToldClock {
     /// Tells the time, s; a number that is not finite is not believed.
     pub fn tell(&self, now_s: f64) {
         if now_s.is_finite() {
-            *self.lock() = Told {
-                now_s: Some(now_s),
-                told_at: Some(Instant::now()),
-            };
+            *self.lock() = Some(now_s);
             self.shared.1.notify_all();
         }
     }
 
     /// Returns the time told last, s; none before the first.
     pub fn now_s(&self) -> Option<f64> {
-        self.lock().now_s
-    }
-
-    /// Returns for how long nobody has told the time, in real time.
-    pub fn silent_for(&self) -> Duration {
-        let told_at = self.lock().told_at;
-        told_at.map_or(Duration::MAX, |told_at| told_at.elapsed())
+        *self.lock()
     }
 
     fn wait_until(&self, time_s: f64) {
         let told = self.lock();
-        let early = |told: &mut Told| told.now_s.is_none_or(|now_s| now_s < time_s);
+        let early = |told: &mut Option<f64>| told.is_none_or(|now_s| now_s < time_s);
         // A poisoned lock ends the wait, as every doubt does.
         drop(
             self.shared
@@ -83,7 +68,7 @@ impl ToldClock {
         );
     }
 
-    fn lock(&self) -> MutexGuard<'_, Told> {
+    fn lock(&self) -> MutexGuard<'_, Option<f64>> {
         self.shared.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
@@ -144,6 +129,7 @@ fn seconds(time: &Timespec) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::time::Instant;
 
     #[test]
     fn a_told_clock_wakes_who_waits_for_it() {
@@ -170,8 +156,9 @@ mod tests {
         clock.tell(3.0);
         clock.tell(f64::NAN);
         let mut waiting = Clock::Told(clock.clone());
+        let start = Instant::now();
         waiting.wait_until(4.0);
         assert_eq!(waiting.now_s(), 3.0);
-        assert!(clock.silent_for() >= ToldClock::PATIENCE);
+        assert!(start.elapsed() >= ToldClock::PATIENCE);
     }
 }

@@ -11,7 +11,7 @@ use sidehill_bridge::safety::{Operator, SafetyConfig, State};
 use sidehill_controller::config::{ControllerConfig, ControllerKind};
 use sidehill_controller::controller::{Controller, Decision, Status};
 use sidehill_controller::course::FigureEight;
-use sidehill_controller::path::{Projection, Window};
+use sidehill_controller::path::{Point2, Window};
 use sidehill_controller::reference::Tracking;
 use sidehill_plant::frames::PlanarPose;
 use sidehill_plant::motion::IcrMotion;
@@ -152,7 +152,7 @@ fn follow(period_s: f64, cycles: usize) -> (f64, f64, State) {
     let trajectory = FigureEight::default().trajectory().unwrap();
     let path = trajectory.path().unwrap();
     let mut errors = Vec::new();
-    let mut projection = Projection::starting_at(0.0);
+    let mut reached_m = 0.0;
     let mut driving_s = 0.0;
     for i in 0..cycles {
         let row = cycle.step(if i > 5 { ARM } else { NOTHING });
@@ -160,10 +160,13 @@ fn follow(period_s: f64, cycles: usize) -> (f64, f64, State) {
             continue;
         }
         driving_s += period_s;
-        let pose = cycle.port().state().pose.planar();
-        let found = projection
-            .update(path, &pose, &Window::symmetric(1.0))
-            .unwrap();
+        let pose = cycle.port().state().pose;
+        let position = Point2 {
+            x_m: pose.x_m,
+            y_m: pose.y_m,
+        };
+        let found = path.nearest_within(&position, reached_m, &Window::symmetric(1.0));
+        reached_m = found.point.arc_length_m;
         if driving_s > 2.0 {
             errors.push(found.cross_track_m);
         }

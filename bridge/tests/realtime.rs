@@ -1,7 +1,7 @@
 //! What the system is asked for, as the kernel itself tells it afterwards.
 #![allow(clippy::unwrap_used)]
 
-use sidehill_bridge::realtime::{RealtimeConfig, RealtimeError, apply};
+use sidehill_bridge::realtime::{RealtimeConfig, RealtimeError};
 
 /// Scheduling policy and real-time priority of the calling thread.
 fn policy_and_priority() -> (u32, u32) {
@@ -34,7 +34,7 @@ fn applied<T: Send + 'static>(
     config: RealtimeConfig,
     look: impl FnOnce() -> T + Send + 'static,
 ) -> (Result<(), RealtimeError>, T) {
-    std::thread::spawn(move || (apply(&config), look()))
+    std::thread::spawn(move || (config.apply_to_cycle(), look()))
         .join()
         .unwrap()
 }

@@ -209,6 +209,8 @@ mod tests {
     fn bad_parameters_are_named() {
         let error = course("{shape: circle, radius_m: -1}").unwrap_err();
         assert!(error.contains("radius_m: -1 is out of range"), "{error}");
+        let error = course("{shape: straight, length_m: 0}").unwrap_err();
+        assert!(error.contains("length_m: 0 is out of range"), "{error}");
         let error = course("{shape: circle, radios_m: 1}").unwrap_err();
         assert!(error.contains("radios_m"), "{error}");
         let error = course("{shape: spiral}").unwrap_err();

@@ -45,6 +45,17 @@ pub struct ReferencePoint {
     pub motion: Motion,
 }
 
+impl ReferencePoint {
+    /// Returns where the vehicle should be, heading included.
+    pub fn pose(&self) -> PlanarPose {
+        PlanarPose {
+            x_m: self.position.x_m,
+            y_m: self.position.y_m,
+            yaw_rad: self.heading_rad,
+        }
+    }
+}
+
 /// A time-parametrised reference, stored on a uniform grid of time.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Trajectory {

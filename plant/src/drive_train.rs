@@ -11,7 +11,7 @@ use std::collections::VecDeque;
 /// zero speed), `deceleration_max_m_s2` (towards it) and `time_constant_s`; `delay_s`, and
 /// `tread_speed_max_m_s` for the faster tread. What is absent does not act.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
-#[serde(try_from = "RawDriveTrain", into = "RawDriveTrain")]
+#[serde(try_from = "RawDriveTrain")]
 pub struct DriveTrainConfig {
     traction: MotorConfig,
     steer: MotorConfig,
@@ -145,7 +145,7 @@ impl Motor {
     }
 }
 
-#[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
+#[derive(Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 struct RawDriveTrain {
     traction: MotorConfig,
@@ -202,17 +202,6 @@ fn check_optional(
     match value {
         Some(value) => RangeError::check(key, value, low, high, range).map(drop),
         None => Ok(()),
-    }
-}
-
-impl From<DriveTrainConfig> for RawDriveTrain {
-    fn from(config: DriveTrainConfig) -> Self {
-        Self {
-            traction: config.traction,
-            steer: config.steer,
-            delay_s: config.delay_s,
-            tread_speed_max_m_s: config.tread_speed_max_m_s,
-        }
     }
 }
 

@@ -10,7 +10,7 @@
 //! rotation.
 
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
-use std::f64::consts::{FRAC_PI_2, PI, TAU};
+use std::f64::consts::{PI, TAU};
 
 /// Roll and pitch of the body against the horizontal, in the paper's order `Ry(roll) Rx(pitch)`.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -22,7 +22,7 @@ pub struct Attitude {
 }
 
 impl Attitude {
-    /// Returns the attitude of a vehicle that stands level.
+    /// A vehicle that stands level.
     pub const LEVEL: Self = Self {
         roll_rad: 0.0,
         pitch_rad: 0.0,
@@ -50,21 +50,6 @@ impl Attitude {
             roll_rad: -slope_rad * sin,
             pitch_rad: slope_rad * cos,
         }
-    }
-
-    /// Returns the heading gamma against the direction of steepest ascent, rad, by equation (2)
-    /// resolved in all quadrants; 0 on level ground, where it is not defined.
-    pub fn heading_from_uphill_rad(&self) -> f64 {
-        if self.roll_rad == 0.0 && self.pitch_rad == 0.0 {
-            0.0
-        } else {
-            (-self.roll_rad).atan2(self.pitch_rad)
-        }
-    }
-
-    /// Returns the slope beta = sqrt(alpha^2 + phi^2) of equation (3), rad.
-    pub fn slope_rad(&self) -> f64 {
-        self.roll_rad.hypot(self.pitch_rad)
     }
 
     /// Returns the rotation `world_from_body` = Rz(psi) Ry(alpha) Rx(phi) of equation (12).
@@ -182,27 +167,21 @@ pub struct RosAttitude {
 impl RosAttitude {
     /// Returns the REP-103 triple of the orientation with the paper's attitude and heading.
     pub fn from_paper(attitude: &Attitude, yaw_rad: f64) -> Self {
-        Self::from_quaternion(&ros_quaternion(attitude, yaw_rad))
-    }
-
-    /// Returns the paper's attitude and heading of this orientation.
-    pub fn to_paper(self) -> (Attitude, f64) {
-        paper_attitude(&self.quaternion())
-    }
-
-    /// Returns the unit quaternion `world_from_base_link`.
-    pub fn quaternion(&self) -> UnitQuaternion<f64> {
-        UnitQuaternion::from_euler_angles(self.roll_rad, self.pitch_rad, self.yaw_rad)
-    }
-
-    /// Returns the REP-103 triple of a quaternion `world_from_base_link`.
-    pub fn from_quaternion(world_from_base_link: &UnitQuaternion<f64>) -> Self {
-        let (roll_rad, pitch_rad, yaw_rad) = world_from_base_link.euler_angles();
+        let (roll_rad, pitch_rad, yaw_rad) = ros_quaternion(attitude, yaw_rad).euler_angles();
         Self {
             roll_rad,
             pitch_rad,
             yaw_rad,
         }
+    }
+
+    /// Returns the paper's attitude and heading of this orientation.
+    pub fn to_paper(self) -> (Attitude, f64) {
+        paper_attitude(&UnitQuaternion::from_euler_angles(
+            self.roll_rad,
+            self.pitch_rad,
+            self.yaw_rad,
+        ))
     }
 }
 
@@ -234,15 +213,11 @@ fn body_from_ros() -> Rotation3<f64> {
     ))
 }
 
-/// Returns REP-103 yaw of a paper heading on level ground: psi + 90 deg, wrapped.
-pub fn ros_yaw_on_level_ground(yaw_rad: f64) -> f64 {
-    wrap_angle(yaw_rad + FRAC_PI_2)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use proptest::prelude::*;
+    use std::f64::consts::FRAC_PI_2;
 
     fn close(a: f64, b: f64) {
         assert!((a - b).abs() < 1e-9, "{a} != {b}");
@@ -267,7 +242,7 @@ mod tests {
             0.3,
         );
         close(ros.pitch_rad, -0.2);
-        close(ros.yaw_rad, ros_yaw_on_level_ground(0.3));
+        close(ros.yaw_rad, 0.3 + FRAC_PI_2);
     }
 
     #[test]
@@ -290,8 +265,6 @@ mod tests {
             let small = Attitude::from_slope(slope, yaw);
             assert!((exact.roll_rad - small.roll_rad).abs() < 1e-8);
             assert!((exact.pitch_rad - small.pitch_rad).abs() < 1e-8);
-            assert!((wrap_angle(small.heading_from_uphill_rad() - yaw)).abs() < 1e-9);
-            close(small.slope_rad(), slope);
         }
     }
 

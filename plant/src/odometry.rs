@@ -179,10 +179,7 @@ pub enum OdometryError {
 mod tests {
     use super::*;
     use crate::speeds::TreadSpeeds;
-
-    fn j8() -> Vehicle {
-        serde_yaml::from_str(include_str!("../../config/vehicles/j8.yaml")).unwrap()
-    }
+    use crate::vehicle::j8;
 
     /// The paper's first validation: V_l = -V_r = 0.3 m/s on 3.6 deg for 47.7 s, poses by ICRIK.
     fn turn_on_the_spot() -> DriveLog {

@@ -28,7 +28,7 @@ pub struct MotorSpeeds {
 }
 
 impl MotorSpeeds {
-    /// Returns the speeds of a vehicle that stands.
+    /// A vehicle that stands.
     pub const STOP: Self = Self {
         traction_m_s: 0.0,
         steer_m_s: 0.0,

@@ -259,3 +259,9 @@ impl From<Vehicle> for RawVehicle {
         }
     }
 }
+
+/// Returns the J8 of the paper.
+#[cfg(test)]
+pub(crate) fn j8() -> Vehicle {
+    serde_yaml::from_str(include_str!("../../config/vehicles/j8.yaml")).unwrap()
+}

@@ -114,6 +114,9 @@ impl RunConfig {
         RangeError::check("laps", f64::from(self.laps), 1.0, 1e6, "from 1 to 1000000")
             .and_then(|_| self.speed.validate())
             .map_err(|error| file.error(error))?;
+        settings
+            .validate()
+            .map_err(|error| file.error(format!("settings.{error}")))?;
         let made = if self.over_ros2() {
             if self.course.is_some() || self.route.is_some() {
                 return Err(file.error("course and route: paths come over ROS 2, not from here"));

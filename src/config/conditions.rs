@@ -1,6 +1,6 @@
 //! Sensing, actuation and ground that stand in place of a scenario's own.
 
-use super::scenario::{GroundFriction, PlantKind};
+use super::plant::{GroundFriction, PlantKind};
 use super::{ConfigError, ConfigFile};
 use serde::Deserialize;
 use serde_yaml::{Mapping, Value};
@@ -67,11 +67,15 @@ impl Conditions {
     /// [`ConfigError`] with file, key, value and range.
     pub fn parse(file: &ConfigFile) -> Result<Self, ConfigError> {
         let checked: Keys = file.parse()?;
+        if let Some(friction) = &checked.friction {
+            friction
+                .check()
+                .map_err(|error| file.error(format!("friction.{error}")))?;
+        }
         checked
-            .friction
-            .map_or(Ok(()), |friction| friction.check())
-            .and_then(|()| checked.controller.validate())
-            .map_err(|error| file.error(error))?;
+            .controller
+            .validate()
+            .map_err(|error| file.error(format!("controller.{error}")))?;
         let mut keys: Mapping = file.parse()?;
         keys.remove("name");
         Ok(Self {

@@ -3,6 +3,7 @@
 mod bridge;
 mod campaign;
 mod conditions;
+mod plant;
 mod reference;
 pub mod ros2;
 mod scenario;
@@ -10,7 +11,8 @@ mod scenario;
 pub use bridge::{RunConfig, RunPort, VehicleConfig, VehiclePort, load_layout};
 pub use campaign::{Campaign, Drawn};
 pub use conditions::Conditions;
-pub use scenario::{Overrides, Plant, PlantKind, Prepared, Scenario, TerrainConfig};
+pub use plant::{Plant, PlantKind};
+pub use scenario::{Overrides, Prepared, Scenario};
 
 use serde::de::DeserializeOwned;
 use std::path::{Component, Path, PathBuf};

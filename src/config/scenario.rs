@@ -1,48 +1,29 @@
 //! A scenario: vehicle, ground, reference, plant, sensors and controllers of a simulation.
 
+use super::plant::{ContactFiles, GroundFriction, ModelError, Plant, PlantKind};
 use super::reference::{Reference, RouteConfig, Source, SpeedConfig};
 use super::{CONTACT_IDENTIFIED, CONTACT_VEHICLE, ConfigError, ConfigFile};
 use serde::Deserialize;
 use sidehill_controller::config::{ControllerConfig, ControllerKind};
 use sidehill_controller::course::Course;
+use sidehill_controller::path::Point2;
 use sidehill_controller::reference::Tracking;
 use sidehill_controller::trajectory::Trajectory;
-use sidehill_plant::contact::{ContactModel, ContactVehicle, FrictionField};
+use sidehill_plant::contact::ContactVehicle;
 use sidehill_plant::drive_train::DriveTrainConfig;
 use sidehill_plant::frames::PlanarPose;
-use sidehill_plant::motion::{IcrMotion, MotionModel};
 use sidehill_plant::sensors::SensorsConfig;
 use sidehill_plant::simulation::{Simulation, SimulationError, SimulationSetup};
 use sidehill_plant::terrain::{
     GridTerrain, PlaneTerrain, RoutePoint, RouteSmoothing, RouteTerrain, Terrain, ZonedTerrain,
 };
-use sidehill_plant::vehicle::{RangeError, SpeedCorrection, Vehicle};
+use sidehill_plant::vehicle::{RangeError, Vehicle};
 use std::path::PathBuf;
-
-/// What moves the simulated vehicle.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Deserialize, clap::ValueEnum)]
-#[serde(rename_all = "snake_case")]
-pub enum PlantKind {
-    /// The exact ICRIK model.
-    Icrik,
-    /// Wheels with friction on the ground.
-    Contact,
-}
-
-impl PlantKind {
-    /// Returns the name of command lines and tables.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Icrik => "icrik",
-            Self::Contact => "contact",
-        }
-    }
-}
 
 /// The ground of a scenario.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(tag = "kind", rename_all = "snake_case")]
-pub enum TerrainConfig {
+enum TerrainConfig {
     /// Level ground.
     Level,
     /// One plane.
@@ -71,6 +52,35 @@ struct StartOffset {
     right_m: f64,
     forward_m: f64,
     heading_deg: f64,
+}
+
+impl StartOffset {
+    fn validate(&self) -> Result<(), RangeError> {
+        let within = |key, value, most: f64, range| {
+            RangeError::check(key, value, -most, most, range).map(drop)
+        };
+        within("start.right_m", self.right_m, 100.0, "within +-100 m")?;
+        within("start.forward_m", self.forward_m, 100.0, "within +-100 m")?;
+        within(
+            "start.heading_deg",
+            self.heading_deg,
+            180.0,
+            "within +-180 deg",
+        )
+    }
+
+    fn from(&self, reference: &PlanarPose) -> PlanarPose {
+        let position = Point2 {
+            x_m: self.right_m,
+            y_m: self.forward_m,
+        }
+        .seen_from(reference);
+        PlanarPose {
+            x_m: position.x_m,
+            y_m: position.y_m,
+            yaw_rad: reference.yaw_rad + self.heading_deg.to_radians(),
+        }
+    }
 }
 
 #[derive(Debug, Clone, Deserialize)]
@@ -107,101 +117,29 @@ struct RawScenario {
     controller: ControllerConfig,
 }
 
-/// Friction of the ground in place of that in the contact vehicle's file.
-#[derive(Debug, Clone, Copy, Deserialize)]
-#[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
-pub enum GroundFriction {
-    /// The same everywhere.
-    Uniform {
-        /// Coefficient of friction.
-        coefficient: f64,
-    },
-    /// Smooth patches, which the run's seed chooses.
-    Patches {
-        /// Smallest coefficient of friction.
-        minimum: f64,
-        /// Largest coefficient of friction.
-        maximum: f64,
-        /// About the size of a patch, m.
-        cell_size_m: f64,
-    },
-}
-
-impl GroundFriction {
-    fn field(&self, seed: u64) -> FrictionField {
-        match *self {
-            Self::Uniform { coefficient } => FrictionField::Uniform { coefficient },
-            Self::Patches {
-                minimum,
-                maximum,
-                cell_size_m,
-            } => FrictionField::Patches {
-                minimum,
-                maximum,
-                cell_size_m,
-                seed,
-            },
-        }
+impl RawScenario {
+    /// Checks the numbers of the scenario's own file.
+    fn validate(&self, file: &ConfigFile) -> Result<(), ConfigError> {
+        let ranges = || -> Result<(), RangeError> {
+            RangeError::check("laps", f64::from(self.laps), 1.0, 1e6, "from 1 to 1000000")?;
+            RangeError::check("step_s", self.step_s, 1e-4, 0.05, "from 0.0001 to 0.05 s")?;
+            self.speed.validate()?;
+            self.start.validate()?;
+            let steps = self.controller.period_s / self.step_s;
+            RangeError::check(
+                "controller.period_s / step_s, its distance from a whole number",
+                (steps - steps.round()).abs(),
+                0.0,
+                1e-6,
+                "0: the period must be a whole number of steps",
+            )
+            .map(drop)
+        };
+        ranges().map_err(|error| file.error(error))?;
+        self.controller
+            .validate()
+            .map_err(|error| file.error(format!("controller.{error}")))
     }
-
-    /// Checks the ranges of all values.
-    ///
-    /// # Errors
-    /// Names the key, value and range that is wrong.
-    pub fn check(&self) -> Result<(), RangeError> {
-        self.field(0).check()
-    }
-}
-
-/// Factors on the parameters that controllers believe in, which so are wrong; all 1 by default.
-#[derive(Debug, Clone, Copy, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-struct ModelError {
-    x_icr_left: f64,
-    x_icr_right: f64,
-    y_icr: f64,
-    lambda_1: f64,
-    lambda_2: f64,
-    correction_left: f64,
-    correction_right: f64,
-}
-
-impl Default for ModelError {
-    fn default() -> Self {
-        Self {
-            x_icr_left: 1.0,
-            x_icr_right: 1.0,
-            y_icr: 1.0,
-            lambda_1: 1.0,
-            lambda_2: 1.0,
-            correction_left: 1.0,
-            correction_right: 1.0,
-        }
-    }
-}
-
-impl ModelError {
-    /// Returns what controllers believe instead of `vehicle`.
-    fn apply(&self, mut vehicle: Vehicle) -> Result<Vehicle, RangeError> {
-        vehicle.icrs.left_m *= self.x_icr_left;
-        vehicle.icrs.right_m *= self.x_icr_right;
-        vehicle.icrs.forward_m *= self.y_icr;
-        vehicle.slide.shift_s_per_rad *= self.lambda_1;
-        vehicle.slide.aggravated_s_per_rad *= self.lambda_2;
-        vehicle.correction.left *= self.correction_left;
-        vehicle.correction.right *= self.correction_right;
-        vehicle.validated()
-    }
-}
-
-/// Files of the contact plant, relative to the scenario.
-#[derive(Debug, Clone, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct ContactFiles {
-    /// The vehicle on wheels.
-    vehicle: PathBuf,
-    /// What identification found of it.
-    identified: PathBuf,
 }
 
 fn one_lap() -> u32 {
@@ -225,48 +163,6 @@ pub struct Overrides {
     pub seed: Option<u64>,
     /// Controllers; none for the scenario's.
     pub controllers: Vec<ControllerKind>,
-}
-
-/// What moves the vehicle, with its parameters.
-#[derive(Debug, Clone)]
-pub enum Plant {
-    /// The exact ICRIK model of a vehicle.
-    Icrik(Vehicle),
-    /// Wheels with friction on the ground.
-    Contact {
-        /// The vehicle on wheels.
-        vehicle: ContactVehicle,
-        /// Its true c_l and c_r: those of the scenario's vehicle.
-        correction: SpeedCorrection,
-    },
-}
-
-impl Plant {
-    /// Returns which kind it is.
-    pub fn kind(&self) -> PlantKind {
-        match self {
-            Self::Icrik(_) => PlantKind::Icrik,
-            Self::Contact { .. } => PlantKind::Contact,
-        }
-    }
-
-    /// Returns its true c_l and c_r.
-    pub fn correction(&self) -> SpeedCorrection {
-        match self {
-            Self::Icrik(vehicle) => vehicle.correction,
-            Self::Contact { correction, .. } => *correction,
-        }
-    }
-
-    fn motion(&self) -> Box<dyn MotionModel + Send> {
-        match self {
-            Self::Icrik(vehicle) => Box::new(IcrMotion {
-                vehicle: vehicle.clone(),
-                inclined: true,
-            }),
-            Self::Contact { vehicle, .. } => Box::new(ContactModel::new(vehicle.clone())),
-        }
-    }
 }
 
 /// A scenario with everything read, checked and built; runs share it.
@@ -343,44 +239,7 @@ impl Scenario {
     /// [`ConfigError`] with the file at fault, key, value and range.
     pub fn prepare(&self, overrides: &Overrides) -> Result<Prepared, ConfigError> {
         let (raw, file) = (&self.raw, &self.file);
-        let ranges = || -> Result<(), RangeError> {
-            RangeError::check("laps", f64::from(raw.laps), 1.0, 1e6, "from 1 to 1000000")?;
-            RangeError::check("step_s", raw.step_s, 1e-4, 0.05, "from 0.0001 to 0.05 s")?;
-            raw.speed.validate()?;
-            let start = &raw.start;
-            RangeError::check(
-                "start.right_m",
-                start.right_m,
-                -100.0,
-                100.0,
-                "within +-100 m",
-            )?;
-            RangeError::check(
-                "start.forward_m",
-                start.forward_m,
-                -100.0,
-                100.0,
-                "within +-100 m",
-            )?;
-            RangeError::check(
-                "start.heading_deg",
-                start.heading_deg,
-                -180.0,
-                180.0,
-                "within +-180 deg",
-            )?;
-            let steps = raw.controller.period_s / raw.step_s;
-            let uneven = (steps - steps.round()).abs();
-            RangeError::check(
-                "controller.period_s / step_s, its distance from a whole number",
-                uneven,
-                0.0,
-                1e-6,
-                "0: the period must be a whole number of steps",
-            )?;
-            raw.controller.validate()
-        };
-        ranges().map_err(|error| file.error(error))?;
+        raw.validate(file)?;
         let controllers = if overrides.controllers.is_empty() {
             &raw.controllers
         } else {
@@ -404,14 +263,7 @@ impl Scenario {
         )?;
         let reference = Reference::build(file, source, &limits)?;
         let terrain = self.terrain(reference.route.as_ref())?;
-        let first = reference.trajectory.at(0.0);
-        let (sin, cos) = first.heading_rad.sin_cos();
-        let offset = &raw.start;
-        let start = PlanarPose {
-            x_m: first.position.x_m + cos * offset.right_m - sin * offset.forward_m,
-            y_m: first.position.y_m + sin * offset.right_m + cos * offset.forward_m,
-            yaw_rad: first.heading_rad + offset.heading_deg.to_radians(),
-        };
+        let start = raw.start.from(&reference.trajectory.at(0.0).pose());
         Ok(Prepared {
             name: raw.name.clone(),
             plant,

@@ -9,9 +9,9 @@ use std::io::Write;
 ///
 /// Units are in the columns' names, frames are those of [`Row`]: x, y, z and yaw in the world, yaw
 /// counter-clockwise from Y_g; ICRs in the body, to the right and ahead of its origin. `estimate_*`
-/// and `reference_*` are empty where there is none. `status` is `waiting`, `tracking`, `fallback`,
-/// `stopping` or `finished`, and `reason` says why for the two that need one. Floats are the
-/// shortest that read back as the same bits; what is not finite is `NaN`, `inf` or `-inf`.
+/// are empty where there is none. `status` is `waiting`, `tracking`, `fallback`, `stopping` or
+/// `finished`, and `reason` says why for the two that need one. Floats are the shortest that read back
+/// as the same bits; what is not finite is `NaN`, `inf` or `-inf`.
 ///
 /// # Errors
 /// What `out` reports.
@@ -72,9 +72,9 @@ struct Record {
     estimate_x_m: Option<f64>,
     estimate_y_m: Option<f64>,
     estimate_yaw_rad: Option<f64>,
-    reference_x_m: Option<f64>,
-    reference_y_m: Option<f64>,
-    reference_yaw_rad: Option<f64>,
+    reference_x_m: f64,
+    reference_y_m: f64,
+    reference_yaw_rad: f64,
     cross_track_m: f64,
     along_track_m: f64,
     heading_error_rad: f64,
@@ -94,8 +94,6 @@ struct Record {
 
 impl From<&Row> for Record {
     fn from(row: &Row) -> Self {
-        let estimate = |index: usize| row.estimate.map(|values| values[index]);
-        let reference = |index: usize| row.reference.map(|values| values[index]);
         let (status, reason) = match row.status {
             Status::Waiting => ("waiting", String::new()),
             Status::Tracking => ("tracking", String::new()),
@@ -111,12 +109,12 @@ impl From<&Row> for Record {
             yaw_rad: row.pose.yaw_rad,
             roll_rad: row.attitude.roll_rad,
             pitch_rad: row.attitude.pitch_rad,
-            estimate_x_m: estimate(0),
-            estimate_y_m: estimate(1),
-            estimate_yaw_rad: estimate(2),
-            reference_x_m: reference(0),
-            reference_y_m: reference(1),
-            reference_yaw_rad: reference(2),
+            estimate_x_m: row.estimate.map(|pose| pose.x_m),
+            estimate_y_m: row.estimate.map(|pose| pose.y_m),
+            estimate_yaw_rad: row.estimate.map(|pose| pose.yaw_rad),
+            reference_x_m: row.reference.x_m,
+            reference_y_m: row.reference.y_m,
+            reference_yaw_rad: row.reference.yaw_rad,
             cross_track_m: row.cross_track_m,
             along_track_m: row.along_track_m,
             heading_error_rad: row.heading_error_rad,

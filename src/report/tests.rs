@@ -3,7 +3,7 @@ use crate::record::{Quantiles, Summary};
 use roxmltree::{Document, ParsingOptions};
 use sidehill_controller::config::ControllerConfig;
 use sidehill_controller::controller::{Status, StopReason};
-use sidehill_plant::frames::{Attitude, Pose};
+use sidehill_plant::frames::{Attitude, PlanarPose, Pose};
 use sidehill_plant::icr::TreadIcrs;
 use sidehill_plant::speeds::MotorSpeeds;
 use sidehill_plant::terrain::{PlaneTerrain, RoutePoint, RouteSmoothing, RouteTerrain};
@@ -28,8 +28,12 @@ fn row(index: usize) -> Row {
             roll_rad: 0.1 * cos,
             pitch_rad: 0.1 * sin,
         },
-        estimate: Some([3.0 * cos, 3.0 * sin, 0.1 * time_s]),
-        reference: None,
+        estimate: None,
+        reference: PlanarPose {
+            x_m: 3.0 * cos,
+            y_m: 3.0 * sin,
+            yaw_rad: 0.1 * time_s,
+        },
         cross_track_m: 0.01 * (7.3 * time_s).sin(),
         along_track_m: 1e-3,
         heading_error_rad: -0.2,
@@ -194,6 +198,19 @@ fn nothing_to_show_is_shown() {
     assert!(text_of(&[run("icrik-mpc", rows(1))]).contains("icrik-mpc"));
 }
 
+/// Returns the first run's curve in the plot of the cross-track error, as SVG has it.
+fn cross_track_curve<'a>(document: &'a Document<'_>) -> &'a str {
+    let chart = document
+        .descendants()
+        .find(|node| node.attribute("aria-label") == Some("cross-track"))
+        .unwrap();
+    let curve = chart
+        .descendants()
+        .find(|node| node.attribute("class") == Some("curve run0"))
+        .unwrap();
+    curve.attribute("d").unwrap()
+}
+
 #[test]
 fn values_that_are_not_finite_leave_gaps() {
     let mut run = run("icrik-mpc", rows(300));
@@ -207,15 +224,7 @@ fn values_that_are_not_finite_leave_gaps() {
     run.summary.cross_track_max_m = f64::NAN;
     let page = page(&plane(), &[run]);
     let document = checked(&page);
-    let chart = document
-        .descendants()
-        .find(|node| node.attribute("aria-label") == Some("cross-track"))
-        .unwrap();
-    let curve = chart
-        .descendants()
-        .find(|node| node.attribute("class") == Some("curve run0"))
-        .unwrap();
-    let data = curve.attribute("d").unwrap();
+    let data = cross_track_curve(&document);
     assert_eq!(data.matches('M').count(), 2, "one gap makes two pieces");
 }
 
@@ -257,15 +266,7 @@ fn long_runs_make_a_page_of_bounded_size_that_keeps_the_extremes() {
     let page = page(&plane(), &runs);
     assert!(page.len() < 3_000_000, "{} bytes", page.len());
     let document = checked(&page);
-    let chart = document
-        .descendants()
-        .find(|node| node.attribute("aria-label") == Some("cross-track"))
-        .unwrap();
-    let curve = chart
-        .descendants()
-        .find(|node| node.attribute("class") == Some("curve run0"))
-        .unwrap();
-    let heights = curve.attribute("d").unwrap().split(['M', 'L']);
+    let heights = cross_track_curve(&document).split(['M', 'L']);
     let heights = heights.filter_map(|point| point.split_once(',')?.1.parse::<f64>().ok());
     let top = heights.fold(f64::INFINITY, f64::min);
     // The margin is 8 % of the range, which fills 210 px below 8 px.
@@ -299,8 +300,8 @@ fn a_csv_reads_back_bit_for_bit() {
         assert_eq!(number("time_s"), row.time_s.to_bits());
         assert_eq!(number("y_m"), row.pose.y_m.to_bits());
         assert_eq!(number("pitch_rad"), row.attitude.pitch_rad.to_bits());
-        assert_eq!(number("estimate_x_m"), row.estimate.unwrap()[0].to_bits());
-        assert_eq!(&record[column("reference_yaw_rad")], "");
+        assert_eq!(&record[column("estimate_yaw_rad")], "");
+        assert_eq!(number("reference_x_m"), row.reference.x_m.to_bits());
         assert_eq!(number("cross_track_m"), row.cross_track_m.to_bits());
         assert_eq!(number("command_steer_m_s"), row.command.steer_m_s.to_bits());
         assert_eq!(number("icr_right_m"), row.icrs.right_m.to_bits());

@@ -201,12 +201,10 @@ impl Database {
         })
     }
 
-    /// Returns the names of all messages.
-    pub fn message_names(&self) -> impl Iterator<Item = &str> {
-        self.dbc
-            .messages
-            .iter()
-            .map(|message| message.name.as_str())
+    /// Returns the number of messages.
+    #[cfg(test)]
+    pub fn message_count(&self) -> usize {
+        self.dbc.messages.len()
     }
 
     pub(super) fn fail(&self, fault: DatabaseFault) -> DatabaseError {
@@ -276,14 +274,6 @@ impl Message<'_> {
             }
         };
         Ok(Signal { codec, page })
-    }
-
-    /// Returns the names of all signals.
-    pub fn signal_names(&self) -> impl Iterator<Item = &str> {
-        self.message
-            .signals
-            .iter()
-            .map(|signal| signal.name.as_str())
     }
 
     /// The message's multiplexor, which must be able to show `page`.

@@ -1,16 +1,17 @@
 //! The layout of the bus: every name of `can.yaml` found in the database.
 
+mod builder;
+mod error;
+
+pub(in crate::can) use builder::Builder;
+pub use error::LayoutError;
+
 use super::cia402::{self, Cia402, PowerState};
-use super::config::{
-    AttitudeConvention, CanConfig, Checksum, ChecksumAlgorithm, DriveMessage, EnableSignal,
-    Protection, ScaledSignal, StateSignal,
-};
-use super::database::{Database, DatabaseError, DatabaseFault, Message, Signal};
+use super::config::{AttitudeConvention, CanConfig, DriveMessage, EnableSignal};
+use super::database::Database;
 use super::frame::FrameId;
-use super::message::{ChecksumCodec, DriveRole, Field, MessageCodec, Quantity};
-use super::signal::{RawKind, SignalCodec};
+use super::message::{DriveRole, MessageCodec, Quantity};
 use crate::motors::MeasuredMotorSpeeds;
-use crc::{Algorithm, Crc, Table};
 use sidehill_plant::speeds::MeasuredTreadSpeeds;
 use sidehill_plant::vehicle::RangeError;
 
@@ -112,125 +113,6 @@ impl DriveStates {
             Self::Statusword => None,
         }
     }
-}
-
-/// Why a layout cannot be used.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum LayoutError {
-    /// A name is not in the database, or what it names cannot be used.
-    #[error(transparent)]
-    Database(#[from] DatabaseError),
-    /// A number of `can.yaml` is out of range.
-    #[error("message {message}: {error}")]
-    Range {
-        /// Message it belongs to.
-        message: String,
-        /// Key, value and range.
-        error: RangeError,
-    },
-    /// A counter is no unsigned integer of 1 to 16 bits.
-    #[error(
-        "message {message}: counter {signal} must be unsigned with 1 to 16 bits, it has {bits}"
-    )]
-    Counter {
-        /// Message.
-        message: String,
-        /// Signal.
-        signal: String,
-        /// Its bits.
-        bits: usize,
-    },
-    /// A checksum does not fill one byte.
-    #[error("message {message}: checksum {signal} must fill one byte")]
-    Checksum {
-        /// Message.
-        message: String,
-        /// Signal.
-        signal: String,
-    },
-    /// The message needs a counter.
-    #[error("message {message} needs a counter, by which its pair is found")]
-    NoCounter {
-        /// Message.
-        message: String,
-    },
-    /// Signals of one message are on different pages of a multiplexor.
-    #[error("message {message}: the signals used are not on one page")]
-    Pages {
-        /// Message.
-        message: String,
-    },
-    /// Traction, steer or enable is missing or given more than once.
-    #[error("command: {what} is given {times} times, must be {expected}")]
-    Command {
-        /// Which.
-        what: &'static str,
-        /// How often.
-        times: usize,
-        /// How often it must be.
-        expected: &'static str,
-    },
-    /// A list of states is empty, or a value is in two of them or none of the signal's.
-    #[error("message {message}, signal {signal}: states: {what}")]
-    States {
-        /// Message.
-        message: String,
-        /// Signal.
-        signal: String,
-        /// What is wrong.
-        what: String,
-    },
-    /// Two messages have the same identifier.
-    #[error("messages {message} and {other} are one and the same")]
-    SharedMessage {
-        /// One.
-        message: String,
-        /// The other.
-        other: String,
-    },
-    /// Neither profile, or both.
-    #[error("give either `command` and `feedback`, or `cia402`")]
-    Profile,
-    /// The drives are no pair.
-    #[error(
-        "cia402.drives: the roles must be traction and steer, or left and right, in this order"
-    )]
-    Roles,
-    /// A controlword or statusword is not as CiA 402 has it.
-    #[error("message {message}: {signal} must be unsigned with 16 bits, scale 1 and offset 0")]
-    Word {
-        /// Message.
-        message: String,
-        /// Signal.
-        signal: String,
-    },
-    /// A node has the number of another, or one that CANopen does not have.
-    #[error("cia402: node_id {node} is out of range (from 1 to 127) or given twice")]
-    Node {
-        /// The number.
-        node: u8,
-    },
-    /// A message has an identifier that CANopen uses otherwise.
-    #[error("message {message}: identifier {id} belongs to a service of CANopen")]
-    ServiceId {
-        /// Message.
-        message: String,
-        /// Its identifier.
-        id: FrameId,
-    },
-    /// A value does not fit its object.
-    #[error("cia402: object {object:#06X}:{sub:02X}: {value} does not fit")]
-    Object {
-        /// Index.
-        object: u16,
-        /// Subindex.
-        sub: u8,
-        /// Value.
-        value: i64,
-    },
-    /// A number of `cia402` is out of range.
-    #[error("cia402.{0}")]
-    Cia402(RangeError),
 }
 
 impl Layout {
@@ -426,7 +308,7 @@ fn drive(
     let builder = Builder::new(database, &config.message)?
         .scaled(Quantity::Speed(role), &config.speed)?
         .value(Quantity::DriveState, &config.state.signal)?;
-    let states = states(&builder, &config.state)?;
+    let states = states(&builder, config)?;
     Ok(DriveCodec {
         role,
         message: builder.finish(&config.protection)?,
@@ -434,10 +316,11 @@ fn drive(
     })
 }
 
-fn states(builder: &Builder<'_>, signal: &StateSignal) -> Result<DriveStates, LayoutError> {
+fn states(builder: &Builder<'_>, config: &DriveMessage) -> Result<DriveStates, LayoutError> {
+    let signal = &config.state;
     let mut values: Vec<(f64, DriveMode)> = Vec::new();
     let fail = |what: String| LayoutError::States {
-        message: builder.name.clone(),
+        message: config.message.clone(),
         signal: signal.signal.clone(),
         what,
     };
@@ -463,191 +346,4 @@ fn states(builder: &Builder<'_>, signal: &StateSignal) -> Result<DriveStates, La
         }
     }
     Ok(DriveStates::Values(values))
-}
-
-/// Collects the signals of one message and checks that they go together.
-pub(super) struct Builder<'a> {
-    database: &'a Database,
-    message: Message<'a>,
-    name: String,
-    fields: Vec<Field>,
-    used: Vec<(String, Signal)>,
-}
-
-impl<'a> Builder<'a> {
-    pub(super) fn new(database: &'a Database, name: &str) -> Result<Self, LayoutError> {
-        Ok(Self {
-            database,
-            message: database.message(name)?,
-            name: name.to_owned(),
-            fields: Vec::new(),
-            used: Vec::new(),
-        })
-    }
-
-    fn find(&mut self, name: &str) -> Result<SignalCodec, LayoutError> {
-        let signal = self.message.signal(name)?;
-        let bits = signal.codec.footprint();
-        if let Some((other, _)) = self
-            .used
-            .iter()
-            .find(|(_, used)| used.codec.footprint() & bits != 0)
-        {
-            return Err(self
-                .database
-                .fail(DatabaseFault::Overlap {
-                    message: self.name.clone(),
-                    signal: name.to_owned(),
-                    other: other.clone(),
-                })
-                .into());
-        }
-        self.used.push((name.to_owned(), signal));
-        Ok(signal.codec)
-    }
-
-    pub(super) fn scaled(
-        mut self,
-        quantity: Quantity,
-        signal: &ScaledSignal,
-    ) -> Result<Self, LayoutError> {
-        let codec = self.find(&signal.signal)?;
-        let size = RangeError::check(
-            "per_unit",
-            signal.per_unit.abs(),
-            1e-6,
-            1e9,
-            "from 1e-6 to 1e9, or its negative",
-        )
-        .map_err(|error| LayoutError::Range {
-            message: self.name.clone(),
-            error,
-        })?;
-        self.fields.push(Field {
-            quantity,
-            codec,
-            per_unit: size.copysign(signal.per_unit),
-        });
-        Ok(self)
-    }
-
-    pub(super) fn value(mut self, quantity: Quantity, signal: &str) -> Result<Self, LayoutError> {
-        let codec = self.find(signal)?;
-        self.fields.push(Field {
-            quantity,
-            codec,
-            per_unit: 1.0,
-        });
-        Ok(self)
-    }
-
-    /// Adds a controlword or statusword.
-    pub(super) fn word(mut self, quantity: Quantity, signal: &str) -> Result<Self, LayoutError> {
-        let codec = self.find(signal)?;
-        let plain = codec.kind == RawKind::Unsigned && codec.scale == 1.0 && codec.offset == 0.0;
-        if codec.bits != 16 || !plain {
-            return Err(LayoutError::Word {
-                message: self.name,
-                signal: signal.to_owned(),
-            });
-        }
-        self.fields.push(Field {
-            quantity,
-            codec,
-            per_unit: 1.0,
-        });
-        Ok(self)
-    }
-
-    /// Checks that a signal shows each of `values` exactly.
-    fn check_holds(&self, signal: &str, values: &[f64]) -> Result<(), LayoutError> {
-        let codec = self.message.signal(signal)?.codec;
-        for value in values {
-            let mut data = [0; 8];
-            let held = codec.encode(*value, &mut data).is_ok()
-                && codec
-                    .decode(&data)
-                    .is_ok_and(|back| (back - value).abs() < 1e-9);
-            if !held {
-                return Err(LayoutError::States {
-                    message: self.name.clone(),
-                    signal: signal.to_owned(),
-                    what: format!("the signal cannot hold {value}"),
-                });
-            }
-        }
-        Ok(())
-    }
-
-    pub(super) fn finish(mut self, protection: &Protection) -> Result<MessageCodec, LayoutError> {
-        let counter = match &protection.counter {
-            None => None,
-            Some(name) => {
-                let codec = self.find(name)?;
-                if codec.kind != RawKind::Unsigned || codec.bits > 16 {
-                    return Err(LayoutError::Counter {
-                        message: self.name,
-                        signal: name.clone(),
-                        bits: codec.bits,
-                    });
-                }
-                Some(codec)
-            }
-        };
-        let checksum = match &protection.checksum {
-            None => None,
-            Some(checksum) => Some(self.checksum(checksum)?),
-        };
-        Ok(MessageCodec {
-            page: self.page()?,
-            id: self.message.id,
-            length: self.message.length,
-            name: self.name,
-            fields: self.fields,
-            counter,
-            checksum,
-        })
-    }
-
-    fn checksum(&mut self, checksum: &Checksum) -> Result<ChecksumCodec, LayoutError> {
-        let codec = self.find(&checksum.signal)?;
-        let footprint = codec.footprint();
-        let byte = footprint.trailing_zeros() as usize / 8;
-        if footprint != 0xFF << (8 * byte) || codec.kind != RawKind::Unsigned {
-            return Err(LayoutError::Checksum {
-                message: self.name.clone(),
-                signal: checksum.signal.clone(),
-            });
-        }
-        Ok(ChecksumCodec {
-            byte,
-            crc: Crc::<u8, Table<1>>::new(algorithm(checksum.algorithm)),
-            data_id: checksum.data_id.clone(),
-        })
-    }
-
-    /// The one page on which all multiplexed signals used are.
-    fn page(&self) -> Result<Option<(SignalCodec, u64)>, LayoutError> {
-        let mut pages = self.used.iter().filter_map(|(_, signal)| signal.page);
-        let Some(page) = pages.next() else {
-            return Ok(None);
-        };
-        let overlaps =
-            |(_, used): &(String, Signal)| used.codec.footprint() & page.0.footprint() != 0;
-        if pages.any(|other| other != page) || self.used.iter().any(overlaps) {
-            return Err(LayoutError::Pages {
-                message: self.name.clone(),
-            });
-        }
-        Ok(Some(page))
-    }
-}
-
-fn algorithm(algorithm: ChecksumAlgorithm) -> &'static Algorithm<u8> {
-    match algorithm {
-        ChecksumAlgorithm::SaeJ1850 => &crc::CRC_8_SAE_J1850,
-        ChecksumAlgorithm::Autosar => &crc::CRC_8_AUTOSAR,
-        ChecksumAlgorithm::Smbus => &crc::CRC_8_SMBUS,
-        ChecksumAlgorithm::MaximDow => &crc::CRC_8_MAXIM_DOW,
-    }
 }

@@ -1,5 +1,9 @@
 //! The node's parameters: what there is, what may be changed, and to what.
 
+mod given;
+
+pub use given::override_config;
+
 use super::config::{Ros2Config, Tolerances};
 use ros2_client::parameters::{Parameter, ParameterValue, raw};
 use std::collections::BTreeMap;
@@ -107,44 +111,43 @@ impl Parameters {
         ] {
             parameters.declare(&name, ParameterValue::Double(value), rule, description);
         }
+        let text = |topic: &String| ParameterValue::String(topic.clone());
+        let one = |id: &String| ParameterValue::StringArray(vec![id.clone()]);
+        let twist = config.commands.twist.as_ref();
         for (name, value, description) in [
-            ("odom_topic", &config.inputs.odometry, "nav_msgs/Odometry"),
+            (
+                "odom_topic",
+                text(&config.inputs.odometry),
+                "nav_msgs/Odometry",
+            ),
             (
                 "speed_limit_topic",
-                &config.inputs.speed_limit,
+                text(&config.inputs.speed_limit),
                 "nav2_msgs/SpeedLimit",
             ),
-        ] {
-            let value = ParameterValue::String(value.clone());
-            parameters.declare(name, value, Rule::ReadOnly, description);
-        }
-        let stamped = config
-            .commands
-            .twist
-            .as_ref()
-            .is_some_and(|twist| twist.stamped);
-        for (name, value, description) in [
             (
                 "use_sim_time",
-                config.use_sim_time,
+                ParameterValue::Boolean(config.use_sim_time),
                 "whether time is that of /clock",
             ),
             (
                 "enable_stamped_cmd_vel",
-                stamped,
+                ParameterValue::Boolean(twist.is_some_and(|twist| twist.stamped)),
                 "TwistStamped rather than Twist",
             ),
+            (
+                "controller_plugins",
+                one(controller),
+                "what a goal may name",
+            ),
+            ("goal_checker_plugins", one(goal), "what a goal may name"),
+            (
+                "progress_checker_plugins",
+                one(progress),
+                "what a goal may name",
+            ),
         ] {
-            let value = ParameterValue::Boolean(value);
             parameters.declare(name, value, Rule::ReadOnly, description);
-        }
-        for (name, id) in [
-            ("controller_plugins", controller),
-            ("goal_checker_plugins", goal),
-            ("progress_checker_plugins", progress),
-        ] {
-            let value = ParameterValue::StringArray(vec![id.clone()]);
-            parameters.declare(name, value, Rule::ReadOnly, "what a goal may name");
         }
         parameters
     }
@@ -162,6 +165,13 @@ impl Parameters {
             description,
         };
         self.entries.insert(name.to_owned(), entry);
+    }
+
+    /// Returns whether there is a parameter of that name that may be set to something else.
+    fn may_change(&self, name: &str) -> bool {
+        self.entries
+            .get(name)
+            .is_some_and(|entry| entry.rule != Rule::ReadOnly)
     }
 
     /// Checks whether a parameter may be set.
@@ -314,173 +324,5 @@ impl Parameters {
     }
 }
 
-/// Takes what files and arguments say of a run's configuration: what they say of other things is not
-/// ours.
-///
-/// # Errors
-/// The parameter that cannot have its value, and why.
-pub fn override_config(
-    config: &mut Ros2Config,
-    speed_m_s: &mut f64,
-    period_s: f64,
-    given: &[Parameter],
-) -> Result<(), String> {
-    for Parameter { name, value } in given {
-        match (name.as_str(), value) {
-            ("odom_topic", ParameterValue::String(topic)) => {
-                config.inputs.odometry.clone_from(topic)
-            }
-            ("speed_limit_topic", ParameterValue::String(topic)) => {
-                config.inputs.speed_limit.clone_from(topic);
-            }
-            ("use_sim_time", ParameterValue::Boolean(on)) => config.use_sim_time = *on,
-            ("enable_stamped_cmd_vel", ParameterValue::Boolean(on)) => {
-                if let Some(twist) = &mut config.commands.twist {
-                    twist.stamped = *on;
-                }
-            }
-            ("controller_plugins", ParameterValue::StringArray(ids)) => {
-                set_id(&mut config.follow_path.controller_id, ids);
-            }
-            ("goal_checker_plugins", ParameterValue::StringArray(ids)) => {
-                set_id(&mut config.follow_path.goal_checker_id, ids);
-            }
-            ("progress_checker_plugins", ParameterValue::StringArray(ids)) => {
-                set_id(&mut config.follow_path.progress_checker_id, ids);
-            }
-            _ => {}
-        }
-    }
-    // Names of checkers are known now, and with them the names of what they tolerate.
-    let mut parameters = Parameters::new(config, period_s, *speed_m_s);
-    for Parameter { name, value } in given {
-        let dynamic = matches!(
-            parameters.entries.get(name).map(|entry| entry.rule),
-            Some(Rule::Range(..))
-        );
-        if dynamic {
-            // YAML writes whole numbers without a point.
-            let value = match value {
-                ParameterValue::Integer(whole) => ParameterValue::Double(*whole as f64),
-                other => other.clone(),
-            };
-            parameters.set(name, value)?;
-        }
-    }
-    config.tolerances = parameters.tolerances();
-    *speed_m_s = parameters.speed_m_s();
-    Ok(())
-}
-
-fn set_id(id: &mut String, given: &[String]) {
-    if let Some(first) = given.first() {
-        id.clone_from(first);
-    }
-}
-
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use ParameterValue::{Boolean, Double, Integer, NotSet, StringArray};
-
-    fn parameters() -> Parameters {
-        Parameters::new(&Ros2Config::default(), 0.05, 0.5)
-    }
-
-    fn given(name: &str, value: ParameterValue) -> Parameter {
-        Parameter {
-            name: name.to_owned(),
-            value,
-        }
-    }
-
-    #[test]
-    fn a_tolerance_is_set_within_its_range_and_refused_with_a_reason() {
-        let mut parameters = parameters();
-        let name = "general_goal_checker.xy_goal_tolerance";
-        parameters.set(name, Double(0.4)).unwrap();
-        assert_eq!(parameters.tolerances().goal_xy_m, 0.4);
-        for (name, value, reason) in [
-            (
-                name,
-                Double(-1.0),
-                "-1 is out of range, must be from 0.01 to 100",
-            ),
-            (name, Double(f64::NAN), "out of range"),
-            (name, Integer(1), "must be a double"),
-            ("controller_frequency", Double(30.0), "read-only"),
-            ("use_sim_time", Boolean(true), "read-only"),
-            ("no_such", Double(1.0), "there is no parameter no_such"),
-        ] {
-            let error = parameters.set(name, value).unwrap_err();
-            assert!(error.contains(reason), "{error}");
-        }
-        assert_eq!(parameters.tolerances().goal_xy_m, 0.4);
-        // To set what it is already is no change.
-        parameters.set("use_sim_time", Boolean(false)).unwrap();
-    }
-
-    #[test]
-    fn several_are_set_all_or_none() {
-        let mut parameters = parameters();
-        let error = parameters.set_all(vec![
-            given("failure_tolerance", Double(2.0)),
-            given("transform_tolerance", Double(-2.0)),
-        ]);
-        assert!(error.unwrap_err().contains("transform_tolerance"));
-        assert_eq!(parameters.tolerances().failure_s, 1.0);
-        let both = vec![
-            given("failure_tolerance", Double(2.0)),
-            given("transform_tolerance", Double(0.2)),
-        ];
-        parameters.set_all(both).unwrap();
-        let now = parameters.tolerances();
-        assert_eq!((now.failure_s, now.transform_s), (2.0, 0.2));
-    }
-
-    #[test]
-    fn what_there_is_can_be_listed_and_described() {
-        let parameters = parameters();
-        let of = |prefix: &str| parameters.list(&[prefix.to_owned()], 0);
-        assert_eq!(of("progress_checker").len(), 2);
-        assert!(of("progress").is_empty());
-        assert_eq!(of("use_sim_time"), ["use_sim_time"]);
-        let flat = parameters.list(&[], 1);
-        assert!(flat.iter().all(|name| !name.contains('.')) && flat.len() > 5);
-        assert_eq!(parameters.list(&[], 0).len(), parameters.all().len());
-        let range = parameters
-            .describe("failure_tolerance")
-            .floating_point_range;
-        assert_eq!((range[0].from_value, range[0].to_value), (0.0, 60.0));
-        assert!(parameters.describe("controller_frequency").read_only);
-        assert_eq!(parameters.get("no_such"), NotSet);
-        assert_eq!(parameters.get("controller_frequency"), Double(20.0));
-    }
-
-    #[test]
-    fn a_file_of_nav2_is_understood_where_it_is_ours() {
-        let mut config = Ros2Config::default();
-        let mut speed_m_s = 0.5;
-        let file = [
-            given("use_sim_time", Boolean(true)),
-            given(
-                "goal_checker_plugins",
-                StringArray(vec!["precise".to_owned()]),
-            ),
-            given("precise.xy_goal_tolerance", Double(0.1)),
-            given("progress_checker.movement_time_allowance", Integer(20)),
-            given("FollowPath.desired_linear_vel", Double(0.3)),
-            given("FollowPath.plugin", ParameterValue::String("x".to_owned())),
-            given("controller_frequency", Double(100.0)),
-        ];
-        override_config(&mut config, &mut speed_m_s, 0.05, &file).unwrap();
-        assert!(config.use_sim_time);
-        assert_eq!(config.follow_path.goal_checker_id, "precise");
-        assert_eq!(config.tolerances.goal_xy_m, 0.1);
-        assert_eq!(config.tolerances.progress_time_s, 20.0);
-        assert_eq!(speed_m_s, 0.3);
-        let wrong = [given("failure_tolerance", Double(-1.0))];
-        let error = override_config(&mut config, &mut speed_m_s, 0.05, &wrong).unwrap_err();
-        assert!(error.contains("failure_tolerance: -1"), "{error}");
-    }
-}
+mod tests;

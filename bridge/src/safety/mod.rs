@@ -31,6 +31,14 @@ enum Alarm {
     Cut(Reason),
 }
 
+impl Alarm {
+    fn reason(self) -> Reason {
+        match self {
+            Self::Ramp(reason) | Self::Cut(reason) => reason,
+        }
+    }
+}
+
 /// The state machine.
 #[derive(Debug, Clone)]
 pub struct Safety {
@@ -128,11 +136,8 @@ impl Safety {
                 (armed && !halted).then_some((State::Zeroing, Reason::Armed))
             }
             State::Zeroing => {
-                if let Some(reason) = clock {
-                    return Some((State::Latched, reason));
-                }
-                let alarm = self.alarm(seen);
-                if let Some(Alarm::Ramp(reason) | Alarm::Cut(reason)) = alarm {
+                let alarm = || self.alarm(seen).map(Alarm::reason);
+                if let Some(reason) = clock.or_else(alarm) {
                     return Some((State::Latched, reason));
                 }
                 let feedback = seen.feedback?.value;
@@ -144,11 +149,8 @@ impl Safety {
                 self.handshake_late(time_s, self.config.zeroing_time_s, feedback.mode)
             }
             State::Enabling => {
-                if let Some(reason) = clock {
-                    return Some((State::Latched, reason));
-                }
-                let alarm = self.alarm(seen);
-                if let Some(Alarm::Ramp(reason) | Alarm::Cut(reason)) = alarm {
+                let alarm = || self.alarm(seen).map(Alarm::reason);
+                if let Some(reason) = clock.or_else(alarm) {
                     return Some((State::Latched, reason));
                 }
                 let feedback = seen.feedback?.value;

@@ -14,6 +14,7 @@
 
 use super::limits::{Change, InputLimits};
 use super::problem::QpData;
+use super::settings::{ChangeWeights, Corridor};
 use super::structure::{Block, ROWS_PER_STAGE, change_scale, packed, structure};
 use nalgebra::Vector3;
 use sidehill_plant::prediction::LinearisedStep;
@@ -51,24 +52,6 @@ pub struct StageWeights {
     pub cross_per_m2: f64,
     /// Of the heading error, 1/rad^2.
     pub heading_per_rad2: f64,
-}
-
-/// Weights of changes of the inputs.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ChangeWeights {
-    /// Of traction.
-    pub traction: f64,
-    /// Of steer.
-    pub steer: f64,
-}
-
-/// A soft bound on the cross-track error.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Corridor {
-    /// Half width, m.
-    pub half_width_m: f64,
-    /// Weight of leaving it, 1/m^2.
-    pub weight_per_m2: f64,
 }
 
 /// Builds the QP of a horizon and reads its solution back.

@@ -80,19 +80,25 @@ impl InputLimits {
         let check = |key, value| {
             RangeError::check(key, value, 1e-3, 100.0, "from 0.001 to 100").map(|_| ())
         };
-        check("traction.speed_m_s", self.traction.speed_m_s)?;
+        check("limits.traction.speed_m_s", self.traction.speed_m_s)?;
         check(
-            "traction.acceleration_m_s2",
+            "limits.traction.acceleration_m_s2",
             self.traction.acceleration_m_s2,
         )?;
         check(
-            "traction.deceleration_m_s2",
+            "limits.traction.deceleration_m_s2",
             self.traction.deceleration_m_s2,
         )?;
-        check("steer.speed_m_s", self.steer.speed_m_s)?;
-        check("steer.acceleration_m_s2", self.steer.acceleration_m_s2)?;
-        check("steer.deceleration_m_s2", self.steer.deceleration_m_s2)?;
-        check("tread_speed_m_s", self.tread_speed_m_s)
+        check("limits.steer.speed_m_s", self.steer.speed_m_s)?;
+        check(
+            "limits.steer.acceleration_m_s2",
+            self.steer.acceleration_m_s2,
+        )?;
+        check(
+            "limits.steer.deceleration_m_s2",
+            self.steer.deceleration_m_s2,
+        )?;
+        check("limits.tread_speed_m_s", self.tread_speed_m_s)
     }
 
     /// Returns whether the motors' own limits already keep each tread within its limit.

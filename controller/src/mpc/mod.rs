@@ -4,14 +4,15 @@ mod condensing;
 pub mod limits;
 mod problem;
 mod qp;
+mod settings;
 mod structure;
 
-pub use condensing::{ChangeWeights, Corridor, StageWeights};
+pub use condensing::StageWeights;
 pub use problem::Residuals;
-pub use qp::{QpFailure, QpMode, QpSettings};
+pub use qp::QpFailure;
+pub use settings::{ChangeWeights, Corridor, MpcSettings, QpMode, QpSettings};
 
 use condensing::{Condenser, Stage};
-use limits::InputLimits;
 use nalgebra::Vector3;
 use qp::QpSolver;
 use sidehill_plant::frames::{PlanarPose, wrap_angle};
@@ -40,29 +41,6 @@ pub struct StageTarget {
     pub feedforward: MotorSpeeds,
     /// Weights of this stage.
     pub weights: StageWeights,
-}
-
-/// Settings of the controller.
-#[derive(Debug, Clone, PartialEq)]
-pub struct MpcSettings {
-    /// Number of stages N.
-    pub stages: usize,
-    /// Duration of a stage, s.
-    pub step_s: f64,
-    /// Control period, s: the first change of the inputs has this time, the later ones a stage's.
-    pub period_s: f64,
-    /// Stages condensed into one block.
-    pub block_stages: usize,
-    /// Weights of changes of the inputs, divided by the stage's duration, s/(m/s)^2.
-    pub change_weights: ChangeWeights,
-    /// Factor on the weights of the last stage.
-    pub terminal_factor: f64,
-    /// Limits of the inputs.
-    pub limits: InputLimits,
-    /// Soft bound on the cross-track error.
-    pub corridor: Option<Corridor>,
-    /// Solver settings.
-    pub qp: QpSettings,
 }
 
 /// States and inputs over the horizon.
@@ -176,7 +154,7 @@ impl Mpc {
             *yaw = before + wrap_angle(*yaw - before);
         }
         // Far from a good plan the limits bind and a QP takes longer.
-        self.solver.set_max_iterations(qp::ITERATIONS_MAX);
+        self.solver.set_max_iterations(settings::ITERATIONS_MAX);
         let mut report = self.solve(state, previous, targets, deadline);
         for _ in 1..START_ITERATIONS {
             if report.is_err() || self.corrected_m_s < START_CORRECTION_M_S {

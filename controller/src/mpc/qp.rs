@@ -6,6 +6,7 @@
 pub use clarabel::algebra::CscMatrix;
 
 use super::problem::{Point, QpData, Residuals};
+use super::settings::{ITERATIONS_MAX, QpMode, QpSettings};
 use clarabel::solver::{
     DefaultInfo, DefaultSettings, DefaultSolver, IPSolver, SolverStatus, SupportedConeT,
 };
@@ -13,25 +14,9 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
-/// Largest number of iterations of any solve.
-pub const ITERATIONS_MAX: u32 = 100;
-
 /// Share of the way to the cone's boundary that a step may take. On a well-scaled QP few of whose
 /// rows bind, each step reduces the gap by about 1 less this: clarabel's 0.99 costs an iteration more.
 const STEP_FRACTION: f64 = 0.999;
-
-/// How the QP is handed to the solver.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum QpMode {
-    /// As `InPlace`, but the QP without its inequalities first, unless one of them bound in the solve
-    /// before; where its minimiser meets them all it is the solution.
-    RelaxedFirst,
-    /// One solver made at start, updated in place, set up for small well-scaled QPs.
-    InPlace,
-    /// A solver with clarabel's defaults made new in each cycle: what benches compare with.
-    FreshDefaults,
-}
 
 /// Why there is no solution to use.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
@@ -73,23 +58,6 @@ pub enum QpFailure {
         /// Duality gap.
         gap: f64,
     },
-}
-
-/// Limits and tolerances of a solve.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct QpSettings {
-    /// How the solver is used.
-    pub mode: QpMode,
-    /// Largest number of interior-point iterations.
-    pub max_iterations: u32,
-    /// Feasibility and gap tolerance of the solver.
-    pub tolerance: f64,
-    /// Largest primal and dual residual accepted by our own check, relative to the size of the terms
-    /// they sum.
-    pub accepted_residual: f64,
-    /// Largest duality gap accepted, relative to the cost: a feasible point so far from the optimum
-    /// is still a plan.
-    pub accepted_gap: f64,
 }
 
 /// When the termination callback ends a solve.

@@ -1,8 +1,8 @@
 //! Which variables and rows the condensed QP has, and where their values stand in its matrices.
 
-use super::condensing::Corridor;
 use super::limits::InputLimits;
 use super::problem::{CscMatrix, QpData, pattern};
+use super::settings::Corridor;
 use std::ops::Range;
 
 /// Rows an input stage has: bounds and changes of both motors, each from both sides.

@@ -11,7 +11,7 @@ mod smoothing;
 mod spline;
 
 pub use error::PathError;
-pub use projection::{Projected, Projection, Window};
+pub use projection::{Projected, Window};
 pub use raw::RawPoint;
 pub use read::{GeodeticOrigin, Route, read_csv, read_gpx};
 pub use smoothing::{Smoothed, Smoothing, smooth};
@@ -187,11 +187,6 @@ impl Path {
     /// Returns the length, m; of one lap where the path is closed.
     pub fn length_m(&self) -> f64 {
         self.length_m
-    }
-
-    /// Returns whether the end joins the start, so that arc lengths continue lap after lap.
-    pub fn is_closed(&self) -> bool {
-        self.closed
     }
 
     /// Returns the arc lengths at which the driving direction changes, m.

@@ -1,7 +1,6 @@
 //! Nearest points of a path, on the branch the vehicle is on.
 
 use super::{Path, PathPoint, Point2};
-use sidehill_plant::frames::{PlanarPose, wrap_angle};
 
 /// The nearest point of a path and the offset from it.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -31,59 +30,8 @@ impl Window {
     }
 }
 
-/// Progress along a path that follows the vehicle and does not jump to another branch.
-///
-/// The first projection searches the whole path; each later one only a window around the one
-/// before, so that at a crossing, or where the path comes back beside itself, the branch is kept.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Projection {
-    arc_length_m: Option<f64>,
-}
-
-impl Projection {
-    /// Returns a projection that starts at a known arc length rather than with a search.
-    pub fn starting_at(arc_length_m: f64) -> Self {
-        Self {
-            arc_length_m: Some(arc_length_m),
-        }
-    }
-
-    /// Returns the arc length of the last projection, m.
-    pub fn arc_length_m(&self) -> Option<f64> {
-        self.arc_length_m
-    }
-
-    /// Forgets the branch, so that the next update searches the whole path.
-    pub fn reset(&mut self) {
-        self.arc_length_m = None;
-    }
-
-    /// Returns the nearest point to `pose` and remembers it.
-    ///
-    /// `window` bounds how far progress may move; the farthest the vehicle can have gone since the
-    /// last update, and a margin, is enough. A pose that is not finite changes nothing and returns
-    /// `None`.
-    pub fn update(&mut self, path: &Path, pose: &PlanarPose, window: &Window) -> Option<Projected> {
-        let position = Point2 {
-            x_m: pose.x_m,
-            y_m: pose.y_m,
-        };
-        if !position.is_finite() || !pose.yaw_rad.is_finite() {
-            return None;
-        }
-        let projected = match self.arc_length_m {
-            Some(around_m) => path.nearest_within(&position, around_m, window),
-            None => path.nearest_anywhere(pose),
-        };
-        self.arc_length_m = Some(projected.point.arc_length_m);
-        Some(projected)
-    }
-}
-
 /// Weight of the distance from the expected arc length where branches are about equally near.
 const BRANCH_WEIGHT: f64 = 1e-2;
-/// Squared metres a heading error of 1 rad counts for in the search of the whole path.
-const HEADING_WEIGHT_M2: f64 = 0.25;
 const NEWTON_STEPS: usize = 12;
 
 impl Path {
@@ -123,22 +71,6 @@ impl Path {
         nearest.point.arc_length_m += laps * self.length_m;
         nearest.point.heading_rad += laps * self.turn_per_lap_rad();
         nearest
-    }
-
-    /// Returns the nearest point on the whole path; where branches are about equally near, as at a
-    /// crossing, the one whose heading agrees with the vehicle's.
-    ///
-    /// `pose` must be finite.
-    pub fn nearest_anywhere(&self, pose: &PlanarPose) -> Projected {
-        let position = Point2 {
-            x_m: pose.x_m,
-            y_m: pose.y_m,
-        };
-        let coarse_m = self.best_sample(0.0, self.length_m, |point| {
-            let turn_rad = wrap_angle(point.heading_rad - pose.yaw_rad);
-            squared_distance(&point.position, &position) + HEADING_WEIGHT_M2 * turn_rad * turn_rad
-        });
-        self.refine(&position, coarse_m, (0.0, self.length_m))
     }
 
     /// Returns the arc length, of a set no sparser than the samples, with the least cost.

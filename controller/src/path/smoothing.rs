@@ -64,8 +64,8 @@ const MARGIN: f64 = 0.97;
 ///
 /// # Errors
 /// [`PathError::Empty`], [`PathError::SinglePoint`], [`PathError::ZeroLength`] or
-/// [`PathError::NotFinite`] for unusable points; [`PathError::TooLong`] above 100 km; [`PathError::TooSharp`] where the curvature bound
-/// cannot be met within the deviation.
+/// [`PathError::NotFinite`] for unusable points; [`PathError::TooLong`] above 100 km;
+/// [`PathError::TooSharp`] where the curvature bound cannot be met within the deviation.
 pub fn smooth(points: &[RawPoint], options: &Smoothing) -> Result<Smoothed, PathError> {
     let raw_pieces = split(points, 0.5 / options.max_curvature_per_m)?;
     let length_m: f64 = raw_pieces.iter().map(RawPiece::length_m).sum();

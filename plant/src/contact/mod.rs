@@ -9,20 +9,21 @@
 //!
 //! and the moment `-mu N r^2 omega / q` about its middle, with N its normal load, mu the friction where
 //! it stands, `a` the share of mu that acts sideways, r the radius of gyration of its contact patch
-//! (whose mean squared slip is that of its middle and r^2 omega^2) and eps the slip scale. Without inertia, wheel forces and the weight's pull along the ground balance in
-//! both directions and in moment: three equations for v_x, v_y and omega. They are the stationarity of
-//! the dissipation potential
+//! (whose mean squared slip is that of its middle and r^2 omega^2) and eps the slip scale. Without
+//! inertia, wheel forces and the weight's pull along the ground balance in both directions and in
+//! moment: three equations for v_x, v_y and omega. They are the stationarity of the dissipation
+//! potential
 //!
 //! ```text
 //! P(v_x, v_y, omega) = sum mu N q + sum c N sqrt(u^2 + eps^2) - G . v_c
 //! ```
 //!
-//! (c the soft ground's rolling resistance against a wheel's speed u, G the weight along the ground, v_c the
-//! velocity of the centre of mass). P is strictly convex, so the balance has at most one solution and a
-//! Newton method, which falls back on a majorising parabola where its step does not lower P, reaches it
-//! from anywhere; it has none where the ground
-//! is steeper than friction holds, which is reported. With a yaw inertia given, the kinetic term of an
-//! implicit Euler step is added to P, which keeps it convex and the step stable at any length.
+//! (c the soft ground's rolling resistance against a wheel's speed u, G the weight along the ground,
+//! v_c the velocity of the centre of mass). P is strictly convex, so the balance has at most one
+//! solution and a Newton method, which falls back on a majorising parabola where its step does not
+//! lower P, reaches it from anywhere; it has none where the ground is steeper than friction holds,
+//! which is reported. With a yaw inertia given, the kinetic term of an implicit Euler step is added to
+//! P, which keeps it convex and the step stable at any length.
 //!
 //! What this leaves out: inertial load transfer, suspension travel, slip that grows with a tyre's
 //! speed, and the drive train, which imposes the tread speeds whatever the forces.

@@ -3,11 +3,7 @@ use crate::contact::{ContactModel, ContactVehicle};
 use crate::log::DriveLog;
 use crate::motion::IcrMotion;
 use crate::terrain::Terrain;
-use crate::vehicle::Vehicle;
-
-fn j8() -> Vehicle {
-    serde_yaml::from_str(include_str!("../../../config/vehicles/j8.yaml")).unwrap()
-}
+use crate::vehicle::{Vehicle, j8};
 
 /// What somebody knows beforehand who has measured the vehicle's base only.
 fn before() -> Vehicle {
@@ -30,31 +26,31 @@ fn settings(length_s: f64) -> IdentificationSettings {
 }
 
 fn level_log(seed: u64, noise: &LogNoise) -> DriveLog {
-    let procedure = Procedure::of_the_paper();
-    let on_level = Drive {
-        motion: Box::new(IcrMotion {
-            vehicle: j8(),
-            inclined: true,
-        }),
-        correction: j8().correction,
-        terrain: Terrain::Level,
-        legs: &procedure.level,
-    };
-    drive(on_level, noise, seed).unwrap()
+    driven(
+        Terrain::Level,
+        &Procedure::of_the_paper().level,
+        noise,
+        seed,
+    )
 }
 
 fn slope_log(seed: u64, noise: &LogNoise) -> DriveLog {
     let procedure = Procedure::of_the_paper();
-    let on_slope = Drive {
+    let terrain = procedure.slope_terrain().unwrap();
+    driven(terrain, &procedure.slope, noise, 1000 + seed)
+}
+
+fn driven(terrain: Terrain, legs: &[Leg], noise: &LogNoise, seed: u64) -> DriveLog {
+    let by_icrik = Drive {
         motion: Box::new(IcrMotion {
             vehicle: j8(),
             inclined: true,
         }),
         correction: j8().correction,
-        terrain: procedure.slope_terrain().unwrap(),
-        legs: &procedure.slope,
+        terrain,
+        legs,
     };
-    drive(on_slope, noise, 1000 + seed).unwrap()
+    drive(by_icrik, noise, seed).unwrap()
 }
 
 const TRUTH: [f64; 7] = [1.004, 1.011, -0.980, 1.073, 0.206, 1.222, 4.965];

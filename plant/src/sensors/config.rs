@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 /// step; `delay_s`; `dropout_probability`) and `errors` (standard deviations, biases and steps of
 /// quantisation, with units in their keys).
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
-#[serde(try_from = "RawSensors", into = "RawSensors")]
+#[serde(try_from = "RawSensors")]
 pub struct SensorsConfig {
     pub(super) tread_speeds: Sensor<TreadSpeedErrors>,
     pub(super) attitude: Sensor<AttitudeErrors>,
@@ -66,7 +66,7 @@ pub(super) struct PoseErrors {
     pub(super) quantisation_yaw_deg: f64,
 }
 
-#[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
+#[derive(Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 struct RawSensors {
     tread_speeds: Sensor<TreadSpeedErrors>,
@@ -161,15 +161,5 @@ impl TryFrom<RawSensors> for SensorsConfig {
             attitude: raw.attitude,
             pose: raw.pose,
         })
-    }
-}
-
-impl From<SensorsConfig> for RawSensors {
-    fn from(config: SensorsConfig) -> Self {
-        Self {
-            tread_speeds: config.tread_speeds,
-            attitude: config.attitude,
-            pose: config.pose,
-        }
     }
 }

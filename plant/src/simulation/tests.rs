@@ -2,12 +2,8 @@ use super::*;
 use crate::dead_reckoning::{Motion, advance};
 use crate::motion::IcrMotion;
 use crate::terrain::PlaneTerrain;
-use crate::vehicle::Vehicle;
+use crate::vehicle::{Vehicle, j8};
 use proptest::prelude::*;
-
-fn j8() -> Vehicle {
-    serde_yaml::from_str(include_str!("../../../config/vehicles/j8.yaml")).unwrap()
-}
 
 /// The J8 without its small asymmetry from left to right.
 fn symmetric_j8() -> Vehicle {

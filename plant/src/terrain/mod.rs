@@ -10,7 +10,7 @@ mod zones;
 pub use grid::{GridExtent, GridTerrain};
 pub use plane::PlaneTerrain;
 pub use route::{RoutePoint, RouteSmoothing, RouteTerrain};
-pub use zones::{Zone, ZonedTerrain};
+pub use zones::ZonedTerrain;
 
 use crate::frames::Attitude;
 use crate::vehicle::RangeError;

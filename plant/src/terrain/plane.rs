@@ -2,13 +2,12 @@
 
 use super::Surface;
 use crate::vehicle::RangeError;
-use serde::{Deserialize, Serialize};
+use serde::Deserialize;
 
 /// A plane of one slope through the world's origin, unbounded.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(try_from = "RawPlane", into = "RawPlane")]
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(try_from = "RawPlane")]
 pub struct PlaneTerrain {
-    raw: RawPlane,
     gradient_in_world: [f64; 2],
 }
 
@@ -31,7 +30,7 @@ impl PlaneTerrain {
     }
 }
 
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct RawPlane {
     slope_deg: f64,
@@ -55,15 +54,8 @@ impl TryFrom<RawPlane> for PlaneTerrain {
         let rise = slope_deg.to_radians().tan();
         let (sin, cos) = heading_deg.to_radians().sin_cos();
         Ok(Self {
-            raw,
             gradient_in_world: [-sin * rise, cos * rise],
         })
-    }
-}
-
-impl From<PlaneTerrain> for RawPlane {
-    fn from(plane: PlaneTerrain) -> Self {
-        plane.raw
     }
 }
 

@@ -40,7 +40,7 @@ pub struct RoutePoint {
 
 /// How far route elevations are smoothed, and how far to the side they are believed.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(try_from = "RawSmoothing", into = "RawSmoothing")]
+#[serde(try_from = "RawSmoothing")]
 pub struct RouteSmoothing {
     smoothing_length_m: f64,
     distance_max_m: f64,
@@ -349,7 +349,7 @@ fn slot([x_m, y_m]: [f64; 2], direction: [f64; 2], side_m: f64) -> (i64, i64, i6
     (index(x_m), index(y_m), (angle / PI * 8.0) as i64 % 8)
 }
 
-#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
+#[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct RawSmoothing {
     smoothing_length_m: f64,
@@ -361,15 +361,6 @@ impl TryFrom<RawSmoothing> for RouteSmoothing {
 
     fn try_from(raw: RawSmoothing) -> Result<Self, RangeError> {
         Self::new(raw.smoothing_length_m, raw.distance_max_m)
-    }
-}
-
-impl From<RouteSmoothing> for RawSmoothing {
-    fn from(smoothing: RouteSmoothing) -> Self {
-        Self {
-            smoothing_length_m: smoothing.smoothing_length_m,
-            distance_max_m: smoothing.distance_max_m,
-        }
     }
 }
 

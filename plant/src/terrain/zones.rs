@@ -2,17 +2,18 @@
 
 use super::Surface;
 use crate::vehicle::RangeError;
-use serde::{Deserialize, Serialize};
+use serde::Deserialize;
 use std::sync::Arc;
 
 /// Ground whose slope along an axis goes from zone to zone, blended by a smoothstep, with one
 /// constant cross slope; unbounded, the outer zones go on for ever.
 ///
 /// The height is 0 on the axis where the first zone starts, and has a continuous second derivative.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(try_from = "RawZones", into = "RawZones")]
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(try_from = "RawZones")]
 pub struct ZonedTerrain {
-    raw: Arc<RawZones>,
+    /// Width of each transition.
+    transition_m: f64,
     axis_in_world: [f64; 2],
     cross_rise: f64,
     /// First zone's rise, and the height where it would cut the axis' station 0.
@@ -22,13 +23,13 @@ pub struct ZonedTerrain {
 }
 
 /// One zone as the configuration states it.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Zone {
+struct Zone {
     /// Station along the axis where the zone starts, m: the middle of its transition.
-    pub start_m: f64,
+    start_m: f64,
     /// Slope along the axis, degrees, positive rising.
-    pub slope_deg: f64,
+    slope_deg: f64,
 }
 
 /// The transition into a zone; rises are tangents of slopes.
@@ -64,7 +65,7 @@ impl ZonedTerrain {
                 self.first_height_m + self.first_rise * station_m,
                 self.first_rise,
             ),
-            Some(joint) => joint.profile(station_m, self.raw.transition_m),
+            Some(joint) => joint.profile(station_m, self.transition_m),
         }
     }
 }
@@ -86,7 +87,7 @@ impl Joint {
     }
 }
 
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct RawZones {
     /// Heading of the axis, counter-clockwise from Y_g.
@@ -185,14 +186,8 @@ impl TryFrom<RawZones> for ZonedTerrain {
             first_rise,
             first_height_m,
             joints: joints.into(),
-            raw: Arc::new(raw),
+            transition_m,
         })
-    }
-}
-
-impl From<ZonedTerrain> for RawZones {
-    fn from(terrain: ZonedTerrain) -> Self {
-        Arc::unwrap_or_clone(terrain.raw)
     }
 }
 

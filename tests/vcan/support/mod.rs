@@ -9,8 +9,7 @@ use sidehill_bridge::can::layout::Layout;
 use sidehill_bridge::can::message::{DriveRole, Quantity};
 use sidehill_bridge::clock::Epoch;
 use sidehill_controller::course::FigureEight;
-use sidehill_controller::path::{Projection, Window};
-use sidehill_plant::frames::PlanarPose;
+use sidehill_controller::path::{Point2, Window};
 use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
@@ -103,7 +102,7 @@ impl Truth {
 pub fn cross_track_rms_m(truth: &[Truth], rows_min: usize) -> f64 {
     let trajectory = FigureEight::default().trajectory().unwrap();
     let path = trajectory.path().unwrap();
-    let mut projection = Projection::starting_at(0.0);
+    let mut reached_m = 0.0;
     let moving: Vec<&Truth> = truth
         .iter()
         .skip_while(|row| row.traction_m_s == 0.0)
@@ -112,13 +111,12 @@ pub fn cross_track_rms_m(truth: &[Truth], rows_min: usize) -> f64 {
     let squares: Vec<f64> = moving
         .iter()
         .map(|row| {
-            let pose = PlanarPose {
+            let position = Point2 {
                 x_m: row.x_m,
                 y_m: row.y_m,
-                yaw_rad: row.yaw_rad,
             };
-            let window = Window::symmetric(1.0);
-            let found = projection.update(path, &pose, &window).unwrap();
+            let found = path.nearest_within(&position, reached_m, &Window::symmetric(1.0));
+            reached_m = found.point.arc_length_m;
             found.cross_track_m * found.cross_track_m
         })
         .skip(40)

@@ -22,11 +22,7 @@ impl Course {
         let slope = 10.0_f64.to_radians();
         Self {
             normal_in_world: Vector3::new(0.0, -slope.sin(), slope.cos()),
-            pose: PlanarPose {
-                x_m: start.position.x_m,
-                y_m: start.position.y_m,
-                yaw_rad: start.heading_rad,
-            },
+            pose: start.pose(),
             command: MotorSpeeds::STOP,
             trajectory,
             cycle: 0,
@@ -39,11 +35,7 @@ impl Course {
                 let time_s = 0.05 * f64::from(self.cycle) + settings.step_s * k as f64;
                 let point = self.trajectory.at(time_s);
                 StageTarget {
-                    pose: PlanarPose {
-                        x_m: point.position.x_m,
-                        y_m: point.position.y_m,
-                        yaw_rad: point.heading_rad,
-                    },
+                    pose: point.pose(),
                     along_heading_rad: point.heading_rad,
                     normal_in_world: self.normal_in_world,
                     feedforward: motors(point.speed_m_s, point.yaw_rate_rad_s),

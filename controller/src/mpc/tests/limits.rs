@@ -172,10 +172,13 @@ fn limits_out_of_range_are_named() {
     limits.steer.deceleration_m_s2 = f64::NAN;
     assert_eq!(
         limits.validate().unwrap_err().key,
-        "steer.deceleration_m_s2"
+        "limits.steer.deceleration_m_s2"
     );
     let mut limits = input_limits(0.0);
-    assert_eq!(limits.validate().unwrap_err().key, "tread_speed_m_s");
+    assert_eq!(limits.validate().unwrap_err().key, "limits.tread_speed_m_s");
     limits.traction.speed_m_s = -1.0;
-    assert_eq!(limits.validate().unwrap_err().key, "traction.speed_m_s");
+    assert_eq!(
+        limits.validate().unwrap_err().key,
+        "limits.traction.speed_m_s"
+    );
 }

@@ -1,30 +1,12 @@
-//! Properties of paths, projections, smoothing and speed profiles.
+//! Properties of paths, of projections onto them, and of smoothing.
 
-// The lint's exception for tests does not reach helper functions.
-#![allow(clippy::unwrap_used)]
-
+use crate::speed_profile::LIMITS;
 use proptest::prelude::*;
 use sidehill_controller::course::{Course, FigureEight, Slalom};
 use sidehill_controller::path::{
-    Direction, Path, PathError, Point2, Projection, RawPoint, Smoothing, Window, read_csv,
-    read_gpx, smooth,
+    Direction, Path, PathError, Point2, RawPoint, Smoothing, Window, read_csv, read_gpx, smooth,
 };
-use sidehill_controller::speed_profile::{SpeedLimits, speed_profile};
-use sidehill_plant::frames::PlanarPose;
 use std::f64::consts::{PI, TAU};
-
-const LIMITS: SpeedLimits = SpeedLimits {
-    speed_max_m_s: 0.8,
-    traction_max_m_s: 1.0,
-    steer_max_m_s: 0.5,
-    tread_max_m_s: 1.1,
-    acceleration_m_s2: 0.5,
-    deceleration_m_s2: 0.3,
-    steer_acceleration_m_s2: 0.6,
-    lateral_acceleration_m_s2: 0.4,
-    track_width_m: 2.05,
-    initial_speed_m_s: 0.0,
-};
 
 fn eight() -> Path {
     FigureEight::default()
@@ -35,7 +17,7 @@ fn eight() -> Path {
         .clone()
 }
 
-fn slalom() -> Path {
+pub fn slalom() -> Path {
     Course::Slalom(Slalom::default())
         .trajectory(&LIMITS)
         .unwrap()
@@ -44,7 +26,7 @@ fn slalom() -> Path {
         .clone()
 }
 
-fn raw(points: &[(f64, f64)]) -> Vec<RawPoint> {
+pub fn raw(points: &[(f64, f64)]) -> Vec<RawPoint> {
     points
         .iter()
         .map(|&(x_m, y_m)| RawPoint {
@@ -55,7 +37,7 @@ fn raw(points: &[(f64, f64)]) -> Vec<RawPoint> {
 }
 
 /// A random walk of steps of about 0.5 m that turns gently, with noise.
-fn noisy_route() -> impl Strategy<Value = Vec<RawPoint>> {
+pub fn noisy_route() -> impl Strategy<Value = Vec<RawPoint>> {
     prop::collection::vec((-0.25..0.25f64, -0.03..0.03f64, -0.03..0.03f64), 4..120).prop_map(
         |steps| {
             let (mut x, mut y, mut heading) = (0.0, 0.0, 0.0_f64);
@@ -98,56 +80,17 @@ fn a_crossing_does_not_switch_the_branch() {
     let path = eight();
     let window = Window::symmetric(0.5);
     for offset_m in [-0.1, 0.0, 0.1] {
-        let mut projection = Projection::default();
+        let mut reached_m = 1.0;
         let mut travelled_m = 1.0;
         while travelled_m < 2.5 * path.length_m() {
             let place = beside(&path, travelled_m, offset_m);
-            let pose = PlanarPose {
-                x_m: place.x_m,
-                y_m: place.y_m,
-                yaw_rad: path.at(travelled_m).heading_rad,
-            };
-            let projected = projection.update(&path, &pose, &window).unwrap();
+            let projected = path.nearest_within(&place, reached_m, &window);
+            reached_m = projected.point.arc_length_m;
             assert!((projected.point.arc_length_m - travelled_m).abs() < 1e-3);
             assert!((projected.cross_track_m - offset_m).abs() < 1e-6);
             travelled_m += 0.03;
         }
     }
-}
-
-#[test]
-fn the_first_projection_at_a_crossing_takes_the_branch_of_the_heading() {
-    let path = eight();
-    let half_m = 0.5 * path.length_m();
-    for (arc_length_m, yaw_rad) in [
-        (0.0, path.at(0.0).heading_rad),
-        (half_m, path.at(half_m).heading_rad),
-    ] {
-        let pose = PlanarPose {
-            x_m: 0.01,
-            y_m: 0.0,
-            yaw_rad,
-        };
-        let found = path.nearest_anywhere(&pose).point.arc_length_m;
-        let off_m = (found - arc_length_m + 0.5 * half_m).rem_euclid(path.length_m());
-        assert!((off_m - 0.5 * half_m).abs() < 0.1, "{found}");
-    }
-}
-
-#[test]
-fn a_nan_pose_leaves_the_progress_alone() {
-    let path = eight();
-    let mut projection = Projection::starting_at(3.0);
-    let pose = PlanarPose {
-        x_m: f64::NAN,
-        ..PlanarPose::default()
-    };
-    assert!(
-        projection
-            .update(&path, &pose, &Window::symmetric(1.0))
-            .is_none()
-    );
-    assert_eq!(projection.arc_length_m(), Some(3.0));
 }
 
 #[test]
@@ -218,20 +161,14 @@ fn a_way_back_is_driven_in_reverse() {
     };
     assert!(before.position.distance_m(&there) < 1e-4);
     // Past the cusp the projection goes on along the way back.
-    let mut projection = Projection::starting_at(cusp_m - 1.0);
+    let mut reached_m = cusp_m - 1.0;
     let mut travelled_m = cusp_m - 1.0;
     while travelled_m < path.length_m() {
-        let point = path.at(travelled_m);
-        let pose = PlanarPose {
-            x_m: point.position.x_m,
-            y_m: point.position.y_m,
-            yaw_rad: point.heading_rad,
-        };
-        let found = projection
-            .update(&path, &pose, &Window::symmetric(0.3))
-            .unwrap();
+        let position = path.at(travelled_m).position;
+        let found = path.nearest_within(&position, reached_m, &Window::symmetric(0.3));
+        reached_m = found.point.arc_length_m;
         assert!(
-            (found.point.arc_length_m - travelled_m).abs() < 0.02,
+            (reached_m - travelled_m).abs() < 0.02,
             "{travelled_m} {found:?}"
         );
         travelled_m += 0.04;
@@ -289,94 +226,6 @@ fn faults_in_a_gpx_carry_their_line() {
     assert_eq!(read_gpx("<gpx/>".as_bytes()), Err(PathError::Empty));
 }
 
-#[test]
-fn limits_that_are_not_positive_are_refused() {
-    let limits = SpeedLimits {
-        steer_max_m_s: 0.0,
-        ..LIMITS
-    };
-    let error = speed_profile(&slalom(), &limits, |_| 1.0).unwrap_err();
-    assert!(error.to_string().contains("steer_max_m_s: 0"));
-    let error = speed_profile(&slalom(), &LIMITS, |_| f64::NAN).unwrap_err();
-    assert!(error.to_string().contains("speed_cap_m_s"));
-}
-
-#[test]
-fn a_local_cap_and_an_initial_speed_are_kept() {
-    let path = slalom();
-    let limits = SpeedLimits {
-        initial_speed_m_s: 0.3,
-        ..LIMITS
-    };
-    let steep = |s_m: f64| (10.0..15.0).contains(&s_m);
-    let trajectory = speed_profile(&path, &limits, |p| {
-        if steep(p.arc_length_m) { 0.2 } else { 1.0 }
-    })
-    .unwrap();
-    assert!((trajectory.at(0.0).speed_m_s - 0.3).abs() < 1e-9);
-    let mut slow_s = 0.0;
-    while slow_s < trajectory.duration_s() {
-        let here = trajectory.at(slow_s);
-        assert!(!steep(here.arc_length_m) || here.speed_m_s <= 0.2 + 1e-9);
-        slow_s += 0.01;
-    }
-}
-
-#[test]
-fn the_speed_profile_stops_at_a_cusp_and_keeps_its_limits_about_it() {
-    let points = raw(&[(0.0, 0.0), (0.0, 5.0), (0.5, 10.0), (1.0, 5.0), (1.0, 0.0)]);
-    let path = smooth(&points, &Smoothing::default()).unwrap().path;
-    check_profile(&path, &LIMITS).unwrap();
-    let trajectory = speed_profile(&path, &LIMITS, |_| 1.0).unwrap();
-    let cusp_s = trajectory.time_at(path.cusps_m().next().unwrap());
-    // Slower than one node of 0.05 s can brake or accelerate.
-    assert!(trajectory.at(cusp_s).speed_m_s.abs() < 0.05 * LIMITS.acceleration_m_s2);
-    assert!(trajectory.at(cusp_s - 1.0).speed_m_s > 0.1);
-    assert!(trajectory.at(cusp_s + 1.0).speed_m_s < -0.1);
-}
-
-/// Checks every bound of `limits` by differences along the trajectory.
-fn check_profile(path: &Path, limits: &SpeedLimits) -> Result<(), TestCaseError> {
-    let trajectory = speed_profile(path, limits, |_| f64::INFINITY).unwrap();
-    let (end, duration_s) = (path.length_m(), trajectory.duration_s());
-    let steer = |time_s: f64| 0.5 * limits.track_width_m * trajectory.at(time_s).yaw_rate_rad_s;
-    prop_assert!((trajectory.length_m() - end).abs() < 1e-6);
-    prop_assert!(trajectory.at(duration_s).speed_m_s.abs() < 1e-9);
-    let step_s = 0.1;
-    let cusps_s: Vec<f64> = path.cusps_m().map(|s_m| trajectory.time_at(s_m)).collect();
-    for i in 0..(duration_s / step_s) as usize {
-        let time_s = i as f64 * step_s;
-        let (a, b) = (trajectory.at(time_s), trajectory.at(time_s + step_s));
-        let speed = a.speed_m_s.abs();
-        let sigma = steer(time_s);
-        prop_assert!(speed <= limits.speed_max_m_s + 1e-9);
-        prop_assert!(
-            sigma.abs() <= limits.steer_max_m_s + 1e-3,
-            "{sigma} at {time_s}"
-        );
-        prop_assert!(speed + sigma.abs() <= limits.tread_max_m_s + 2e-3);
-        prop_assert!(speed * a.yaw_rate_rad_s.abs() <= limits.lateral_acceleration_m_s2 * 1.01);
-        if cusps_s.iter().any(|c| (c - time_s).abs() < 0.3) {
-            continue;
-        }
-        let rate = (b.speed_m_s.abs() - speed) / step_s;
-        prop_assert!(
-            rate <= limits.acceleration_m_s2 + 1e-6,
-            "{rate} at {time_s}"
-        );
-        prop_assert!(
-            rate >= -limits.deceleration_m_s2 - 1e-6,
-            "{rate} at {time_s}"
-        );
-        let rate = (steer(time_s + step_s) - sigma) / step_s;
-        prop_assert!(
-            rate.abs() <= limits.steer_acceleration_m_s2 * 1.001,
-            "{rate} at {time_s} s of {duration_s} s, {limits:?}"
-        );
-    }
-    Ok(())
-}
-
 proptest! {
     #![proptest_config(ProptestConfig { cases: 48, failure_persistence: None, ..ProptestConfig::default() })]
 
@@ -424,14 +273,5 @@ proptest! {
         let found_m = smoothed.deviation_max_m;
         prop_assert!(worst_m <= found_m.hypot(0.006), "{worst_m} > {found_m}");
         prop_assert!(smoothed.deviation_max_m <= 0.3);
-    }
-
-    #[test]
-    fn the_speed_profile_keeps_every_limit(points in noisy_route(), steer in 0.1..0.8f64, rate in 0.2..1.0f64) {
-        let options = Smoothing { max_curvature_per_m: 0.8, max_deviation_m: 0.3, spacing_m: 0.1 };
-        if let Ok(smoothed) = smooth(&points, &options) {
-            let limits = SpeedLimits { steer_max_m_s: steer, steer_acceleration_m_s2: rate, ..LIMITS };
-            check_profile(&smoothed.path, &limits)?;
-        }
     }
 }

@@ -1,12 +1,7 @@
 //! What a cycle allocates on the heap in the steady state.
 
-// The lints' exceptions for tests do not reach helper functions.
-#![allow(clippy::unwrap_used, clippy::panic)]
-
-mod rig;
-
+use crate::rig::{Setup, course, plane};
 use allocation_counter::{AllocationInfo, measure};
-use rig::{Setup, course, plane};
 use sidehill_controller::config::{AttitudePreview, ControllerKind};
 use sidehill_controller::controller::Status;
 use sidehill_plant::sensors::SensorsConfig;

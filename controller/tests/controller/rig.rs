@@ -1,10 +1,7 @@
 //! A controller and the simulated J8 on a slope, in one loop; every command is checked.
 
-// Not every test binary uses all of it.
-#![allow(dead_code)]
-
 use sidehill_controller::config::{ControllerConfig, ControllerKind};
-use sidehill_controller::controller::{Controller, Decision};
+use sidehill_controller::controller::{Controller, Decision, Status};
 use sidehill_controller::course::Course;
 use sidehill_controller::reference::Tracking;
 use sidehill_controller::speed_profile::SpeedLimits;
@@ -20,6 +17,14 @@ use sidehill_plant::terrain::{PlaneTerrain, Terrain};
 use sidehill_plant::vehicle::Vehicle;
 use std::time::Instant;
 
+pub const CIRCLE: &str = "{shape: circle, radius_m: 4, speed_m_s: 0.4}";
+
+/// A law that predicts, and one that does not.
+pub const KINDS: [ControllerKind; 2] = [ControllerKind::IcrikMpc, ControllerKind::PurePursuit];
+
+/// Cycles until a command of 0.4 m/s is 0 at 2 m/s^2, and one for rounding.
+pub const STOPPING_CYCLES: u32 = 5;
+
 pub fn j8() -> Vehicle {
     serde_yaml::from_str(include_str!("../../../config/vehicles/j8.yaml")).unwrap()
 }
@@ -28,21 +33,23 @@ pub fn plane(slope_deg: f64) -> Terrain {
     Terrain::Plane(PlaneTerrain::new(slope_deg, 0.0).unwrap())
 }
 
+/// How fast the J8 is asked to be.
+pub const LIMITS: SpeedLimits = SpeedLimits {
+    speed_max_m_s: 0.8,
+    traction_max_m_s: 1.0,
+    steer_max_m_s: 1.0,
+    tread_max_m_s: f64::INFINITY,
+    acceleration_m_s2: 0.5,
+    deceleration_m_s2: 0.5,
+    steer_acceleration_m_s2: 1.0,
+    lateral_acceleration_m_s2: f64::INFINITY,
+    track_width_m: 2.05,
+    initial_speed_m_s: 0.0,
+};
+
 pub fn course(yaml: &str) -> Trajectory {
-    let limits = SpeedLimits {
-        speed_max_m_s: 0.8,
-        traction_max_m_s: 1.0,
-        steer_max_m_s: 1.0,
-        tread_max_m_s: f64::INFINITY,
-        acceleration_m_s2: 0.5,
-        deceleration_m_s2: 0.5,
-        steer_acceleration_m_s2: 1.0,
-        lateral_acceleration_m_s2: f64::INFINITY,
-        track_width_m: 2.05,
-        initial_speed_m_s: 0.0,
-    };
     let course: Course = serde_yaml::from_str(yaml).unwrap();
-    course.trajectory(&limits).unwrap()
+    course.trajectory(&LIMITS).unwrap()
 }
 
 /// What a rig is made of; `Setup::new` gives perfect sensors and the vehicle on its reference.
@@ -70,11 +77,7 @@ impl Setup {
             laps: 1,
             terrain: plane(10.0),
             map: None,
-            start: PlanarPose {
-                x_m: start.position.x_m,
-                y_m: start.position.y_m,
-                yaw_rad: start.heading_rad,
-            },
+            start: start.pose(),
             sensors: SensorsConfig::default(),
             drive_train: DriveTrainConfig::default(),
             steps_per_cycle: 10,
@@ -185,4 +188,19 @@ impl Rig {
             );
         }
     }
+}
+
+/// A vehicle under way, on a reference that waits for it.
+pub fn driving(kind: ControllerKind) -> Rig {
+    let mut rig = Setup {
+        kind,
+        tracking: Tracking::Path { lead_max_m: 0.3 },
+        ..Setup::new(course(CIRCLE))
+    }
+    .build();
+    for _ in 0..40 {
+        assert_eq!(rig.cycle().status, Status::Tracking);
+    }
+    assert!(rig.command.traction_m_s > 0.3);
+    rig
 }

@@ -1,13 +1,8 @@
 //! The J8's routes become paths that can be driven to their ends.
 
-// The lints' exceptions for tests do not reach helper functions.
-#![allow(clippy::unwrap_used, clippy::print_stdout)]
-
-use sidehill_controller::path::{Path, Route, Smoothed, Smoothing, read_gpx, smooth};
-use sidehill_controller::speed_profile::{SpeedLimits, speed_profile};
-use sidehill_controller::trajectory::Trajectory;
-
-const J8_TRACK_WIDTH_M: f64 = 2.05;
+use crate::rig::LIMITS;
+use sidehill_controller::path::{Route, Smoothed, Smoothing, read_gpx, smooth};
+use sidehill_controller::speed_profile::speed_profile;
 
 struct Expected {
     points: usize,
@@ -17,28 +12,12 @@ struct Expected {
     deviation_rms_m: f64,
 }
 
-fn drive(path: &Path) -> Trajectory {
-    let limits = SpeedLimits {
-        speed_max_m_s: 0.8,
-        traction_max_m_s: 1.0,
-        steer_max_m_s: 1.0,
-        tread_max_m_s: f64::INFINITY,
-        acceleration_m_s2: 0.5,
-        deceleration_m_s2: 0.5,
-        steer_acceleration_m_s2: 1.0,
-        lateral_acceleration_m_s2: f64::INFINITY,
-        track_width_m: J8_TRACK_WIDTH_M,
-        initial_speed_m_s: 0.0,
-    };
-    speed_profile(path, &limits, |_| f64::INFINITY).unwrap()
-}
-
 fn check(gpx: &str, expected: &Expected) -> (Route, Smoothed) {
     let options = Smoothing::default();
     let route = read_gpx(gpx.as_bytes()).unwrap();
     let smoothed = smooth(&route.points, &options).unwrap();
     let path = &smoothed.path;
-    let trajectory = drive(path);
+    let trajectory = speed_profile(path, &LIMITS, |_| f64::INFINITY).unwrap();
     let heights = || route.points.iter().filter_map(|point| point.elevation_m);
     println!(
         "{} points, {:.1} m, cusps at {:.1?} m, deviation max {:.3} m, rms {:.3} m, curvature {:.3} 1/m, elevation {:.2} to {:.2} m, {:.1} s",
@@ -65,8 +44,9 @@ fn check(gpx: &str, expected: &Expected) -> (Route, Smoothed) {
     let mut time_s = 0.0;
     while time_s < trajectory.duration_s() {
         let here = trajectory.at(time_s);
-        let steer_m_s = 0.5 * J8_TRACK_WIDTH_M * here.yaw_rate_rad_s;
-        assert!(here.speed_m_s.abs() <= 0.8 + 1e-9 && steer_m_s.abs() <= 1.0 + 1e-6);
+        let steer_m_s = 0.5 * LIMITS.track_width_m * here.yaw_rate_rad_s;
+        assert!(here.speed_m_s.abs() <= LIMITS.speed_max_m_s + 1e-9);
+        assert!(steer_m_s.abs() <= LIMITS.steer_max_m_s + 1e-6);
         time_s += 0.05;
     }
     (route, smoothed)
@@ -75,7 +55,7 @@ fn check(gpx: &str, expected: &Expected) -> (Route, Smoothed) {
 #[test]
 fn path_1_is_smoothed_and_driven_to_its_end() {
     let (route, smoothed) = check(
-        include_str!("../../config/routes/path_1_june_26.gpx"),
+        include_str!("../../../config/routes/path_1_june_26.gpx"),
         &Expected {
             points: 1468,
             cusps: 2,
@@ -99,7 +79,7 @@ fn path_1_is_smoothed_and_driven_to_its_end() {
 #[test]
 fn path_2_is_smoothed_and_driven_to_its_end() {
     check(
-        include_str!("../../config/routes/path_2_june_26.gpx"),
+        include_str!("../../../config/routes/path_2_june_26.gpx"),
         &Expected {
             points: 988,
             cusps: 2,
@@ -113,7 +93,7 @@ fn path_2_is_smoothed_and_driven_to_its_end() {
 #[test]
 fn spin_is_smoothed_and_driven_to_its_end() {
     check(
-        include_str!("../../config/routes/spin.gpx"),
+        include_str!("../../../config/routes/spin.gpx"),
         &Expected {
             points: 245,
             cusps: 0,

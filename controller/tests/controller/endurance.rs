@@ -1,11 +1,6 @@
 //! Long drives neither drift nor depend on anything but their inputs.
 
-// The lints' exceptions for tests do not reach helper functions.
-#![allow(clippy::unwrap_used, clippy::panic)]
-
-mod rig;
-
-use rig::{Setup, course};
+use crate::rig::{Setup, course};
 use sidehill_controller::config::ControllerKind;
 use sidehill_controller::controller::{Decision, Status};
 

@@ -1,44 +1,14 @@
 //! Whatever goes wrong ends as `Status` and `StopReason` say, with the vehicle standing.
 
-// The lints' exceptions for tests do not reach helper functions.
-#![allow(clippy::unwrap_used, clippy::panic)]
-
-mod rig;
-
-use rig::{Rig, Setup, course};
+use crate::rig::{CIRCLE, KINDS, Rig, STOPPING_CYCLES, Setup, course, driving};
 use sidehill_controller::config::ControllerKind;
 use sidehill_controller::controller::{Controller, ControllerError, Decision, Status, StopReason};
-use sidehill_controller::course::Course;
 use sidehill_controller::estimator::Refused;
 use sidehill_controller::mpc::QpFailure;
-use sidehill_controller::path::{PathError, Point2, RawPoint, Smoothing, smooth};
-use sidehill_controller::reference::Tracking;
 use sidehill_plant::sample::Sample;
 use sidehill_plant::speeds::MotorSpeeds;
 use std::f64::consts::PI;
 use std::time::Instant;
-
-const CIRCLE: &str = "{shape: circle, radius_m: 4, speed_m_s: 0.4}";
-
-/// A vehicle under way, on a reference that waits for it.
-fn driving(kind: ControllerKind) -> Rig {
-    let mut rig = Setup {
-        kind,
-        tracking: Tracking::Path { lead_max_m: 0.3 },
-        ..Setup::new(course(CIRCLE))
-    }
-    .build();
-    for _ in 0..40 {
-        assert_eq!(rig.cycle().status, Status::Tracking);
-    }
-    assert!(rig.command.traction_m_s > 0.3);
-    rig
-}
-
-const KINDS: [ControllerKind; 2] = [ControllerKind::IcrikMpc, ControllerKind::PurePursuit];
-
-/// Cycles until a command of 0.4 m/s is 0 at 2 m/s^2, and one for rounding.
-const STOPPING_CYCLES: u32 = 5;
 
 /// Asserts that a stopping vehicle comes to stand and stays so with all in order again, until it is
 /// re-armed; then it drives.
@@ -270,29 +240,13 @@ fn a_vehicle_off_the_path_stays_where_it_is() {
 }
 
 #[test]
-fn a_path_without_length_makes_no_controller() {
-    let point = |x_m: f64| RawPoint {
-        position: Point2 { x_m, y_m: 2.0 },
-        elevation_m: None,
-        direction: None,
-    };
-    let options = Smoothing::default();
-    let failure = |points: &[RawPoint]| smooth(points, &options).map(|_| ()).unwrap_err();
-    assert_eq!(failure(&[1.0; 5].map(point)), PathError::ZeroLength);
-    assert_eq!(failure(&[point(1.0)]), PathError::SinglePoint);
-    assert_eq!(failure(&[]), PathError::Empty);
-    let course = serde_yaml::from_str::<Course>("{shape: straight, length_m: 0}");
-    assert!(course.unwrap_err().to_string().contains("length_m"));
-}
-
-#[test]
 fn settings_out_of_range_make_no_controller() {
     let mut setup = Setup::new(course(CIRCLE));
     setup.config.supervisor.pose_timeout_s = f64::NAN;
     let failure = Controller::new(
         setup.kind,
         setup.config,
-        &rig::j8(),
+        &crate::rig::j8(),
         setup.trajectory,
         setup.tracking,
         1,
@@ -377,88 +331,6 @@ fn the_first_reason_to_stop_is_kept() {
             decision.status,
             Status::Stopping(StopReason::AttitudeStale { .. })
         ));
-    }
-}
-
-#[test]
-fn a_start_that_the_limits_cannot_follow_is_caught_up_with() {
-    // The reference drives at 0.4 m/s from its first instant, the vehicle stands and needs 2 s.
-    let mut setup = Setup::new(course(CIRCLE));
-    for motor in [
-        &mut setup.config.limits.traction,
-        &mut setup.config.limits.steer,
-    ] {
-        motor.acceleration_m_s2 = 0.2;
-        motor.deceleration_m_s2 = 0.2;
-    }
-    setup.config.limits.tread_speed_m_s = 0.9;
-    let mut rig = setup.build();
-    for cycle in 0..400 {
-        let decision = rig.cycle();
-        match decision.status {
-            Status::Tracking => (),
-            status => panic!("cycle {cycle}: {status:?}"),
-        }
-    }
-    let decision = rig.cycle();
-    let (pose, progress) = (decision.estimate.unwrap().pose, decision.progress.unwrap());
-    let reference = progress.point.position;
-    let lag_m = (pose.x_m - reference.x_m).hypot(pose.y_m - reference.y_m);
-    assert!(lag_m < 0.02, "{lag_m} m");
-}
-
-#[test]
-fn a_straight_drive_ends_standing_at_its_end() {
-    for kind in ControllerKind::ALL {
-        let mut rig = Setup {
-            kind,
-            ..Setup::new(course("{shape: straight, length_m: 3, speed_m_s: 0.5}"))
-        }
-        .build();
-        let finished = (0..600).find(|_| rig.cycle().status == Status::Finished);
-        assert!(finished.is_some(), "{kind:?}");
-        rig.until_standing(STOPPING_CYCLES);
-        for _ in 0..100 {
-            let decision = rig.cycle();
-            assert_eq!(decision.status, Status::Finished);
-            assert_eq!(decision.command, MotorSpeeds::STOP);
-        }
-        let end = rig.controller.reference().unwrap().ahead(0.0).position;
-        let pose = rig.simulation.state().pose;
-        let distance_m = (end.x_m - pose.x_m).hypot(end.y_m - pose.y_m);
-        assert!(distance_m < 0.1, "{kind:?}: {distance_m} m");
-    }
-}
-
-#[test]
-fn another_path_is_taken_up_while_driving() {
-    for kind in KINDS {
-        let mut rig = driving(kind);
-        let before = rig.cycle();
-        let pose = before.estimate.unwrap().pose;
-        // A straight path that begins under the vehicle, given in a frame of its own.
-        let ahead = course("{shape: straight, length_m: 4, heading_deg: 0}").seen_from(&pose);
-        rig.controller.follow(7, ahead, 0.0);
-        let after = rig.cycle();
-        assert_eq!((before.reference, after.reference), (0, 7));
-        assert_eq!(after.status, Status::Tracking);
-        // Neither the estimate nor the command begins anew.
-        let drop_m_s = before.command.traction_m_s - after.command.traction_m_s;
-        assert!(drop_m_s.abs() < 0.11, "{drop_m_s}");
-        let until = (0..400).find(|_| rig.cycle().status == Status::Finished);
-        assert!(until.is_some());
-        let end = rig.simulation.state().pose;
-        let (sin, cos) = pose.yaw_rad.sin_cos();
-        let (x_m, y_m) = (pose.x_m - 4.0 * sin, pose.y_m + 4.0 * cos);
-        let miss_m = (end.x_m - x_m).hypot(end.y_m - y_m);
-        assert!(miss_m < 0.25, "{kind:?}: {miss_m} m");
-        // One that has finished drives again, and begins where it is told to.
-        let back = course("{shape: straight, length_m: 9, heading_deg: 0}").seen_from(&pose);
-        rig.controller.follow(8, back, 4.0);
-        let decision = rig.cycle();
-        assert_eq!(decision.status, Status::Tracking);
-        let progress_m = decision.progress.unwrap().arc_length_m;
-        assert!((progress_m - 4.0).abs() < 0.2, "{progress_m}");
     }
 }
 

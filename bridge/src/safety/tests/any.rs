@@ -1,0 +1,113 @@
+//! Whatever is seen.
+
+use super::*;
+use proptest::prelude::*;
+
+fn any_number() -> impl Strategy<Value = f64> {
+    prop_oneof![
+        -1.5..1.5f64,
+        Just(f64::NAN),
+        Just(f64::INFINITY),
+        Just(-0.0)
+    ]
+}
+
+fn any_observation() -> impl Strategy<Value = Observation> {
+    let mode = prop_oneof![
+        6 => Just(DriveMode::Enabled),
+        6 => Just(DriveMode::Disabled),
+        1 => Just(DriveMode::EmergencyStop),
+        1 => Just(DriveMode::Fault),
+    ];
+    let bus = prop_oneof![
+        8 => Just(BusState::Active),
+        1 => Just(BusState::Passive),
+        1 => Just(BusState::BusOff),
+    ];
+    let operator = (
+        any::<bool>(),
+        prop::bool::weighted(0.05),
+        prop::bool::weighted(0.05),
+    )
+        .prop_map(|(arm, stop, halt)| Operator {
+            arm,
+            stop: stop.then_some(StopCause::Operator),
+            halt: halt.then_some(StopCause::ProgramEnds),
+        });
+    (
+        prop_oneof![20 => 0.0..0.1f64, 1 => -1.0..2.0f64, 1 => Just(f64::NAN)],
+        (any_number(), any_number(), -0.05..0.2f64),
+        (any_number(), any_number(), 0.0..0.25f64, mode),
+        bus,
+        prop::option::weighted(0.1, 0.0..0.3f64),
+        operator,
+    )
+        .prop_map(
+            |(dt, (traction, steer, age), (a, b, old, mode), bus, unsent, operator)| {
+                // Times are made absolute by the test.
+                Observation {
+                    time_s: dt,
+                    intent: Some(Intent {
+                        time_s: age,
+                        command: speeds(traction, steer),
+                        pilot: PilotState::Driving,
+                    }),
+                    feedback: Some(Stamped {
+                        time_s: old,
+                        value: DriveFeedback {
+                            speeds: speeds(a, b),
+                            mode,
+                        },
+                    }),
+                    bus,
+                    unsent_since_s: unsent,
+                    operator,
+                }
+            },
+        )
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(1000))]
+
+    /// Whatever comes: orders are finite and bounded, only Driving and Stopping move anything, speed
+    /// never grows while stopping, Latched is left only by arming, and every change is an event.
+    #[test]
+    fn whatever_is_seen_the_order_is_safe(observations in prop::collection::vec(any_observation(), 1..200)) {
+        let mut safety = Safety::new(SafetyConfig::default()).unwrap();
+        let (mut now_s, mut before, mut armed_before) = (0.0, Order::OFF, true);
+        for mut seen in observations {
+            let dt = seen.time_s;
+            let time_s = now_s + dt;
+            seen.time_s = time_s;
+            if let Some(intent) = &mut seen.intent { intent.time_s = time_s - intent.time_s; }
+            if let Some(feedback) = &mut seen.feedback { feedback.time_s = time_s - feedback.time_s; }
+            if let Some(since) = &mut seen.unsent_since_s { *since = time_s - *since; }
+            let from = safety.state();
+            let (order, event) = safety.step(&seen);
+            let state = safety.state();
+            prop_assert_eq!(event.is_some(), state != from);
+            prop_assert!(order.speeds.is_finite());
+            prop_assert!(order.speeds.traction_m_s.abs() <= 1.0 && order.speeds.steer_m_s.abs() <= 1.0);
+            if !matches!(state, State::Driving | State::Stopping) {
+                prop_assert_eq!(order.speeds, MotorSpeeds::STOP);
+            }
+            prop_assert_eq!(order.enable, matches!(state, State::Enabling | State::Driving | State::Stopping));
+            prop_assert_eq!(order.fault_reset, state == State::Zeroing);
+            if state == State::Stopping {
+                let elapsed = if dt >= 0.0 { dt } else { 0.0 };
+                let bound = (before.speeds.traction_m_s.abs() - 2.0 * elapsed).max(0.0);
+                prop_assert!(order.speeds.traction_m_s.abs() <= bound + 1e-9);
+            }
+            if matches!(from, State::Latched | State::Disarmed) && state != from {
+                prop_assert!(state == State::Zeroing && seen.operator.arm && !armed_before);
+            }
+            if seen.operator.halt.is_some() || seen.feedback.is_some_and(|f| f.value.mode == DriveMode::EmergencyStop) {
+                prop_assert_eq!(order.speeds, MotorSpeeds::STOP);
+            }
+            armed_before = seen.operator.arm;
+            before = order;
+            if time_s.is_finite() { now_s = time_s; }
+        }
+    }
+}

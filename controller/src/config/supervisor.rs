@@ -1,0 +1,75 @@
+use serde::{Deserialize, Serialize};
+use sidehill_plant::vehicle::RangeError;
+
+/// When the controller gives up and stops the vehicle.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct SupervisorConfig {
+    /// Oldest pose that is still driven on, s.
+    pub pose_timeout_s: f64,
+    /// Oldest attitude that is still driven on, s.
+    pub attitude_timeout_s: f64,
+    /// Oldest tread speeds that are still driven on, s.
+    pub speeds_timeout_s: f64,
+    /// Largest distance from the path, m.
+    pub cross_track_max_m: f64,
+    /// Largest difference between heading and reference, rad.
+    pub heading_error_max_rad: f64,
+    /// Cycles in a row that may drive on the shifted previous plan.
+    pub fallback_cycles: u32,
+    /// Time after the reference's end within which the vehicle may still move, s.
+    pub settle_time_s: f64,
+}
+
+impl Default for SupervisorConfig {
+    fn default() -> Self {
+        Self {
+            pose_timeout_s: 0.5,
+            attitude_timeout_s: 0.3,
+            speeds_timeout_s: 0.3,
+            cross_track_max_m: 2.0,
+            heading_error_max_rad: 2.0,
+            fallback_cycles: 10,
+            settle_time_s: 3.0,
+        }
+    }
+}
+
+impl SupervisorConfig {
+    /// Checks the ranges.
+    ///
+    /// # Errors
+    /// [`RangeError`] with the first key out of its range.
+    pub(super) fn validate(&self) -> Result<(), RangeError> {
+        let check = RangeError::check;
+        for (key, value) in [
+            ("supervisor.pose_timeout_s", self.pose_timeout_s),
+            ("supervisor.attitude_timeout_s", self.attitude_timeout_s),
+            ("supervisor.speeds_timeout_s", self.speeds_timeout_s),
+        ] {
+            check(key, value, 0.01, 10.0, "from 0.01 to 10 s")?;
+        }
+        check(
+            "supervisor.cross_track_max_m",
+            self.cross_track_max_m,
+            0.01,
+            100.0,
+            "from 0.01 to 100 m",
+        )?;
+        check(
+            "supervisor.heading_error_max_rad",
+            self.heading_error_max_rad,
+            0.1,
+            3.2,
+            "from 0.1 to 3.2 rad",
+        )?;
+        check(
+            "supervisor.settle_time_s",
+            self.settle_time_s,
+            0.0,
+            60.0,
+            "from 0 to 60 s",
+        )?;
+        Ok(())
+    }
+}

@@ -1,0 +1,46 @@
+//! What was learned is bounded before it is driven by.
+
+use nalgebra::{Matrix3, Vector3};
+use sidehill_controller::estimator::Estimate;
+use sidehill_plant::correction::{Gains, Terms};
+use sidehill_plant::frames::{Attitude, PlanarPose};
+use sidehill_plant::speeds::TreadSpeeds;
+
+#[test]
+fn learned_gains_never_turn_the_vehicle_against_its_treads() {
+    let half_track_m = 1.0;
+    let slope_rad = 0.25_f64;
+    let estimate = |gains: Gains| Estimate {
+        time_s: 0.0,
+        pose: PlanarPose::default(),
+        covariance: Matrix3::identity(),
+        attitude: Attitude::default(),
+        normal_in_world: Vector3::new(0.0, -slope_rad.sin(), slope_rad.cos()),
+        treads: TreadSpeeds::default(),
+        gains,
+        model_error_m_s: 0.0,
+        pose_age_s: 0.0,
+        attitude_age_s: 0.0,
+        speeds_age_s: 0.0,
+        poses_gated: 0,
+    };
+    let small = Gains::from_fn(|i, j| 0.01 * (i + j) as f64);
+    assert_eq!(estimate(small).bounded_gains(half_track_m), small);
+    // What spinning treads teach: steer does not turn.
+    let mut spun = small;
+    for (k, gain) in [-0.9, 1.0, -2.0, 1.5, -1.5].into_iter().enumerate() {
+        spun[(2, k)] = gain;
+    }
+    let bounded = estimate(spun).bounded_gains(half_track_m);
+    assert_eq!(bounded.row(0), spun.row(0));
+    assert!((bounded[(2, 1)] / bounded[(2, 0)] - spun[(2, 1)] / spun[(2, 0)]).abs() < 1e-12);
+    for heading in 0..36 {
+        let heading_rad = f64::from(heading).to_radians() * 10.0;
+        let attitude = Attitude::on_plane(&estimate(small).normal_in_world, heading_rad);
+        for steer_m_s in [-0.5, 0.5] {
+            let own = steer_m_s / half_track_m;
+            let learned = (bounded * Terms::at(attitude, steer_m_s, 1e-9).value).z;
+            assert!((learned / own).abs() < 0.62, "{heading_rad} {learned}");
+        }
+    }
+}

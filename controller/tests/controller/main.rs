@@ -1,0 +1,14 @@
+//! The controller as its users see it: paths, routes, and closed loops with the simulated J8.
+
+// The lints' exceptions for tests do not reach helper functions.
+#![allow(clippy::unwrap_used, clippy::panic, clippy::print_stdout)]
+
+mod adaptation;
+mod allocation;
+mod endurance;
+mod following;
+mod path;
+mod rig;
+mod routes;
+mod speed_profile;
+mod supervision;

@@ -1,0 +1,120 @@
+//! A speed profile keeps every one of its limits.
+
+use crate::path::{noisy_route, raw, slalom};
+use proptest::prelude::*;
+use sidehill_controller::path::{Path, Smoothing, smooth};
+use sidehill_controller::speed_profile::{SpeedLimits, speed_profile};
+
+pub const LIMITS: SpeedLimits = SpeedLimits {
+    speed_max_m_s: 0.8,
+    traction_max_m_s: 1.0,
+    steer_max_m_s: 0.5,
+    tread_max_m_s: 1.1,
+    acceleration_m_s2: 0.5,
+    deceleration_m_s2: 0.3,
+    steer_acceleration_m_s2: 0.6,
+    lateral_acceleration_m_s2: 0.4,
+    track_width_m: 2.05,
+    initial_speed_m_s: 0.0,
+};
+
+#[test]
+fn limits_that_are_not_positive_are_refused() {
+    let limits = SpeedLimits {
+        steer_max_m_s: 0.0,
+        ..LIMITS
+    };
+    let error = speed_profile(&slalom(), &limits, |_| 1.0).unwrap_err();
+    assert!(error.to_string().contains("steer_max_m_s: 0"));
+    let error = speed_profile(&slalom(), &LIMITS, |_| f64::NAN).unwrap_err();
+    assert!(error.to_string().contains("speed_cap_m_s"));
+}
+
+#[test]
+fn a_local_cap_and_an_initial_speed_are_kept() {
+    let path = slalom();
+    let limits = SpeedLimits {
+        initial_speed_m_s: 0.3,
+        ..LIMITS
+    };
+    let steep = |s_m: f64| (10.0..15.0).contains(&s_m);
+    let trajectory = speed_profile(&path, &limits, |p| {
+        if steep(p.arc_length_m) { 0.2 } else { 1.0 }
+    })
+    .unwrap();
+    assert!((trajectory.at(0.0).speed_m_s - 0.3).abs() < 1e-9);
+    let mut slow_s = 0.0;
+    while slow_s < trajectory.duration_s() {
+        let here = trajectory.at(slow_s);
+        assert!(!steep(here.arc_length_m) || here.speed_m_s <= 0.2 + 1e-9);
+        slow_s += 0.01;
+    }
+}
+
+#[test]
+fn the_speed_profile_stops_at_a_cusp_and_keeps_its_limits_about_it() {
+    let points = raw(&[(0.0, 0.0), (0.0, 5.0), (0.5, 10.0), (1.0, 5.0), (1.0, 0.0)]);
+    let path = smooth(&points, &Smoothing::default()).unwrap().path;
+    check_profile(&path, &LIMITS).unwrap();
+    let trajectory = speed_profile(&path, &LIMITS, |_| 1.0).unwrap();
+    let cusp_s = trajectory.time_at(path.cusps_m().next().unwrap());
+    // Slower than one node of 0.05 s can brake or accelerate.
+    assert!(trajectory.at(cusp_s).speed_m_s.abs() < 0.05 * LIMITS.acceleration_m_s2);
+    assert!(trajectory.at(cusp_s - 1.0).speed_m_s > 0.1);
+    assert!(trajectory.at(cusp_s + 1.0).speed_m_s < -0.1);
+}
+
+/// Checks every bound of `limits` by differences along the trajectory.
+fn check_profile(path: &Path, limits: &SpeedLimits) -> Result<(), TestCaseError> {
+    let trajectory = speed_profile(path, limits, |_| f64::INFINITY).unwrap();
+    let (end, duration_s) = (path.length_m(), trajectory.duration_s());
+    let steer = |time_s: f64| 0.5 * limits.track_width_m * trajectory.at(time_s).yaw_rate_rad_s;
+    prop_assert!((trajectory.length_m() - end).abs() < 1e-6);
+    prop_assert!(trajectory.at(duration_s).speed_m_s.abs() < 1e-9);
+    let step_s = 0.1;
+    let cusps_s: Vec<f64> = path.cusps_m().map(|s_m| trajectory.time_at(s_m)).collect();
+    for i in 0..(duration_s / step_s) as usize {
+        let time_s = i as f64 * step_s;
+        let (a, b) = (trajectory.at(time_s), trajectory.at(time_s + step_s));
+        let speed = a.speed_m_s.abs();
+        let sigma = steer(time_s);
+        prop_assert!(speed <= limits.speed_max_m_s + 1e-9);
+        prop_assert!(
+            sigma.abs() <= limits.steer_max_m_s + 1e-3,
+            "{sigma} at {time_s}"
+        );
+        prop_assert!(speed + sigma.abs() <= limits.tread_max_m_s + 2e-3);
+        prop_assert!(speed * a.yaw_rate_rad_s.abs() <= limits.lateral_acceleration_m_s2 * 1.01);
+        if cusps_s.iter().any(|c| (c - time_s).abs() < 0.3) {
+            continue;
+        }
+        let rate = (b.speed_m_s.abs() - speed) / step_s;
+        prop_assert!(
+            rate <= limits.acceleration_m_s2 + 1e-6,
+            "{rate} at {time_s}"
+        );
+        prop_assert!(
+            rate >= -limits.deceleration_m_s2 - 1e-6,
+            "{rate} at {time_s}"
+        );
+        let rate = (steer(time_s + step_s) - sigma) / step_s;
+        prop_assert!(
+            rate.abs() <= limits.steer_acceleration_m_s2 * 1.001,
+            "{rate} at {time_s} s of {duration_s} s, {limits:?}"
+        );
+    }
+    Ok(())
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 48, failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn the_speed_profile_keeps_every_limit(points in noisy_route(), steer in 0.1..0.8f64, rate in 0.2..1.0f64) {
+        let options = Smoothing { max_curvature_per_m: 0.8, max_deviation_m: 0.3, spacing_m: 0.1 };
+        if let Ok(smoothed) = smooth(&points, &options) {
+            let limits = SpeedLimits { steer_max_m_s: steer, steer_acceleration_m_s2: rate, ..LIMITS };
+            check_profile(&smoothed.path, &limits)?;
+        }
+    }
+}

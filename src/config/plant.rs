@@ -1,0 +1,166 @@
+//! What moves the simulated vehicle, the friction under it, and what controllers wrongly believe of it.
+
+use serde::Deserialize;
+use sidehill_plant::contact::{ContactModel, ContactVehicle, FrictionField};
+use sidehill_plant::motion::{IcrMotion, MotionModel};
+use sidehill_plant::vehicle::{RangeError, SpeedCorrection, Vehicle};
+use std::path::PathBuf;
+
+/// What moves the simulated vehicle.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "snake_case")]
+pub enum PlantKind {
+    /// The exact ICRIK model.
+    Icrik,
+    /// Wheels with friction on the ground.
+    Contact,
+}
+
+impl PlantKind {
+    /// Returns the name of command lines and tables.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Icrik => "icrik",
+            Self::Contact => "contact",
+        }
+    }
+}
+
+/// What moves the vehicle, with its parameters.
+#[derive(Debug, Clone)]
+pub enum Plant {
+    /// The exact ICRIK model of a vehicle.
+    Icrik(Vehicle),
+    /// Wheels with friction on the ground.
+    Contact {
+        /// The vehicle on wheels.
+        vehicle: ContactVehicle,
+        /// Its true c_l and c_r: those of the scenario's vehicle.
+        correction: SpeedCorrection,
+    },
+}
+
+impl Plant {
+    /// Returns which kind it is.
+    pub fn kind(&self) -> PlantKind {
+        match self {
+            Self::Icrik(_) => PlantKind::Icrik,
+            Self::Contact { .. } => PlantKind::Contact,
+        }
+    }
+
+    /// Returns its true c_l and c_r.
+    pub fn correction(&self) -> SpeedCorrection {
+        match self {
+            Self::Icrik(vehicle) => vehicle.correction,
+            Self::Contact { correction, .. } => *correction,
+        }
+    }
+
+    pub(super) fn motion(&self) -> Box<dyn MotionModel + Send> {
+        match self {
+            Self::Icrik(vehicle) => Box::new(IcrMotion {
+                vehicle: vehicle.clone(),
+                inclined: true,
+            }),
+            Self::Contact { vehicle, .. } => Box::new(ContactModel::new(vehicle.clone())),
+        }
+    }
+}
+
+/// Friction of the ground in place of that in the contact vehicle's file.
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
+pub enum GroundFriction {
+    /// The same everywhere.
+    Uniform {
+        /// Coefficient of friction.
+        coefficient: f64,
+    },
+    /// Smooth patches, which the run's seed chooses.
+    Patches {
+        /// Smallest coefficient of friction.
+        minimum: f64,
+        /// Largest coefficient of friction.
+        maximum: f64,
+        /// About the size of a patch, m.
+        cell_size_m: f64,
+    },
+}
+
+impl GroundFriction {
+    pub(super) fn field(&self, seed: u64) -> FrictionField {
+        match *self {
+            Self::Uniform { coefficient } => FrictionField::Uniform { coefficient },
+            Self::Patches {
+                minimum,
+                maximum,
+                cell_size_m,
+            } => FrictionField::Patches {
+                minimum,
+                maximum,
+                cell_size_m,
+                seed,
+            },
+        }
+    }
+
+    /// Checks the ranges of all values.
+    ///
+    /// # Errors
+    /// Names the key, value and range that is wrong.
+    pub fn check(&self) -> Result<(), RangeError> {
+        self.field(0).check()
+    }
+}
+
+/// Factors on the parameters that controllers believe in, which so are wrong; all 1 by default.
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub(super) struct ModelError {
+    x_icr_left: f64,
+    x_icr_right: f64,
+    y_icr: f64,
+    lambda_1: f64,
+    lambda_2: f64,
+    correction_left: f64,
+    correction_right: f64,
+}
+
+impl Default for ModelError {
+    fn default() -> Self {
+        Self {
+            x_icr_left: 1.0,
+            x_icr_right: 1.0,
+            y_icr: 1.0,
+            lambda_1: 1.0,
+            lambda_2: 1.0,
+            correction_left: 1.0,
+            correction_right: 1.0,
+        }
+    }
+}
+
+impl ModelError {
+    /// Returns what controllers believe instead of `vehicle`.
+    pub(super) fn apply(&self, mut vehicle: Vehicle) -> Result<Vehicle, RangeError> {
+        vehicle.icrs.left_m *= self.x_icr_left;
+        vehicle.icrs.right_m *= self.x_icr_right;
+        vehicle.icrs.forward_m *= self.y_icr;
+        vehicle.slide.shift_s_per_rad *= self.lambda_1;
+        vehicle.slide.aggravated_s_per_rad *= self.lambda_2;
+        vehicle.correction.left *= self.correction_left;
+        vehicle.correction.right *= self.correction_right;
+        vehicle.validated()
+    }
+}
+
+/// Files of the contact plant, relative to the scenario.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct ContactFiles {
+    /// The vehicle on wheels.
+    pub(super) vehicle: PathBuf,
+    /// What identification found of it.
+    pub(super) identified: PathBuf,
+}
