@@ -493,7 +493,7 @@ impl Controller {
         {
             let half_track_m = 0.5 * (self.vehicle.icrs.right_m - self.vehicle.icrs.left_m);
             mpc.model_mut()
-                .set_correction(&estimate.bounded_gains(half_track_m));
+                .set_correction(&estimate.bounded_gains(half_track_m, progress.cross_track_m));
         }
         let horizon_start = self.roll_forward(estimate);
         match &mut self.law {

@@ -203,11 +203,17 @@ pub struct Estimate {
 /// whose treads spin turns less than it will with grip again, but never against its treads.
 const YAW_CORRECTION_MAX: f64 = 0.6;
 
+/// Distances from the path, m, from which on what was learned of the slide is believed less, and at
+/// which it is not believed at all. Back to the path leads a turn unlike those it was learned from,
+/// and a slide that is thought too large for that turn would keep the vehicle beside the path.
+const SLIDE_DOUBTED_M: (f64, f64) = (0.2, 0.5);
+
 impl Estimate {
-    /// Returns the learned gains with those of the yaw rate made smaller, all by one factor, where on
-    /// this slope they could change the yaw rate of a vehicle of half effective track `half_track_m`
-    /// by more than 60 % at some heading.
-    pub fn bounded_gains(&self, half_track_m: f64) -> Gains {
+    /// Returns the learned gains as they are driven by, `off_path_m` from the path: those of the yaw
+    /// rate made smaller, all by one factor, where on this slope they could change the yaw rate of a
+    /// vehicle of half effective track `half_track_m` by more than 60 % at some heading; those of the
+    /// slide as they are up to 0.2 m from the path, and less beyond, to nothing at 0.5 m.
+    pub fn bounded_gains(&self, half_track_m: f64, off_path_m: f64) -> Gains {
         let normal = &self.normal_in_world;
         let slope_rad = normal.x.hypot(normal.y).atan2(normal.z);
         let mut gains = self.gains;
@@ -215,6 +221,9 @@ impl Estimate {
         let largest_per_m =
             yaw[0].abs() + slope_rad * (yaw[1].hypot(yaw[2]) + yaw[3].hypot(yaw[4]));
         yaw *= (YAW_CORRECTION_MAX / (half_track_m * largest_per_m)).min(1.0);
+        let (near_m, far_m) = SLIDE_DOUBTED_M;
+        let mut slide = gains.fixed_rows_mut::<2>(0);
+        slide *= ((far_m - off_path_m.abs()) / (far_m - near_m)).clamp(0.0, 1.0);
         gains
     }
 }

@@ -6,11 +6,12 @@ use sidehill_plant::correction::{Gains, Terms};
 use sidehill_plant::frames::{Attitude, PlanarPose};
 use sidehill_plant::speeds::TreadSpeeds;
 
-#[test]
-fn learned_gains_never_turn_the_vehicle_against_its_treads() {
-    let half_track_m = 1.0;
+const HALF_TRACK_M: f64 = 1.0;
+
+/// On a slope of 0.25 rad.
+fn estimate(gains: Gains) -> Estimate {
     let slope_rad = 0.25_f64;
-    let estimate = |gains: Gains| Estimate {
+    Estimate {
         time_s: 0.0,
         pose: PlanarPose::default(),
         covariance: Matrix3::identity(),
@@ -23,22 +24,45 @@ fn learned_gains_never_turn_the_vehicle_against_its_treads() {
         attitude_age_s: 0.0,
         speeds_age_s: 0.0,
         poses_gated: 0,
-    };
-    let small = Gains::from_fn(|i, j| 0.01 * (i + j) as f64);
-    assert_eq!(estimate(small).bounded_gains(half_track_m), small);
+    }
+}
+
+fn small() -> Gains {
+    Gains::from_fn(|i, j| 0.01 * (i + j) as f64)
+}
+
+#[test]
+fn a_learned_slide_is_doubted_away_from_the_path() {
+    let gains = small();
+    let at = |off_path_m| estimate(gains).bounded_gains(HALF_TRACK_M, off_path_m);
+    for near_m in [0.0, 0.19, -0.19] {
+        assert_eq!(at(near_m), gains);
+    }
+    for far_m in [0.5, -0.5, 2.0] {
+        assert_eq!(at(far_m).fixed_rows::<2>(0).norm(), 0.0);
+        assert_eq!(at(far_m).row(2), gains.row(2));
+    }
+    let half = at(-0.35).fixed_rows::<2>(0) - 0.5 * gains.fixed_rows::<2>(0);
+    assert!(half.norm() < 1e-12);
+}
+
+#[test]
+fn learned_gains_never_turn_the_vehicle_against_its_treads() {
+    let small = small();
+    assert_eq!(estimate(small).bounded_gains(HALF_TRACK_M, 0.0), small);
     // What spinning treads teach: steer does not turn.
     let mut spun = small;
     for (k, gain) in [-0.9, 1.0, -2.0, 1.5, -1.5].into_iter().enumerate() {
         spun[(2, k)] = gain;
     }
-    let bounded = estimate(spun).bounded_gains(half_track_m);
+    let bounded = estimate(spun).bounded_gains(HALF_TRACK_M, 0.0);
     assert_eq!(bounded.row(0), spun.row(0));
     assert!((bounded[(2, 1)] / bounded[(2, 0)] - spun[(2, 1)] / spun[(2, 0)]).abs() < 1e-12);
     for heading in 0..36 {
         let heading_rad = f64::from(heading).to_radians() * 10.0;
         let attitude = Attitude::on_plane(&estimate(small).normal_in_world, heading_rad);
         for steer_m_s in [-0.5, 0.5] {
-            let own = steer_m_s / half_track_m;
+            let own = steer_m_s / HALF_TRACK_M;
             let learned = (bounded * Terms::at(attitude, steer_m_s, 1e-9).value).z;
             assert!((learned / own).abs() < 0.62, "{heading_rad} {learned}");
         }
