@@ -173,9 +173,14 @@ impl Program {
         Self::run_on(folder, BUS, arguments)
     }
 
-    /// Starts a controller that takes its paths over ROS 2 in a domain.
+    /// Starts a controller that takes its paths over ROS 2 in a domain. It has real-time priority, as
+    /// on a vehicle: the kernel has one CPU for all that talk to it.
     pub fn run_for_goals(folder: &Folder, domain: u16) -> Self {
-        let config = configuration(folder, "run_can_ros2.yaml", |text| text);
+        let config = configuration(folder, "run_can_ros2.yaml", |text| {
+            assert!(text.contains("# realtime: {fifo_priority: 50, "));
+            text.replace("# realtime: {", "realtime: {")
+                .replace("cpu: 1", "cpu: 0")
+        });
         let out = folder.0.join("run").display().to_string();
         let domain = domain.to_string();
         let environment = [
