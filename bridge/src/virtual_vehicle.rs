@@ -1,10 +1,11 @@
 //! A virtual vehicle on the bus: a simulation that answers as motors, AHRS and pose source do.
 
+use crate::can::cia402::VirtualDrives;
 use crate::can::controller_side::MotorReport;
-use crate::can::frame::Frame;
-use crate::can::layout::{DriveMode, Layout};
+use crate::can::frame::{Frame, FrameId};
+use crate::can::layout::{DriveMode, Layout, Profile};
 use crate::can::message::FrameFault;
-use crate::can::vehicle_side::{CommandReader, NotPlayed, ReportWriter, VehicleReport};
+use crate::can::vehicle_side::{CommandReader, ReportWriter, VehicleReport};
 use crate::drive::{DriveConfig, DriveInput, VirtualDrive};
 use crate::motors::MeasuredMotorSpeeds;
 use serde::{Deserialize, Serialize};
@@ -32,9 +33,9 @@ pub struct InjectedFault {
 pub enum FaultKind {
     /// The vehicle sends nothing.
     StopFeedback,
-    /// The counters of all messages stand.
+    /// The counters of all messages stand. PDOs have none, so that those of CiA 402 go on.
     FreezeCounter,
-    /// A bit of each frame is wrong.
+    /// A bit of each frame is wrong that has a checksum.
     CorruptChecksum,
     /// Somebody presses the emergency stop.
     EmergencyStop,
@@ -60,15 +61,24 @@ impl InjectedFault {
     }
 }
 
-/// Why there is no such virtual vehicle.
+/// Why a virtual vehicle cannot go on.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum VirtualVehicleError {
-    /// A setting is out of range.
+    /// There is no ground or no motion.
     #[error(transparent)]
-    Range(#[from] RangeError),
-    /// The layout's drives are not played.
+    Simulation(#[from] SimulationError),
+    /// What is true does not fit its signal.
     #[error(transparent)]
-    Layout(#[from] NotPlayed),
+    Frame(#[from] FrameFault),
+}
+
+/// Its drives, as their profile has them.
+enum Drives {
+    Values {
+        drive: VirtualDrive,
+        commands: CommandReader,
+    },
+    Cia402(VirtualDrives),
 }
 
 /// The vehicle with its drives.
@@ -76,8 +86,8 @@ pub struct VirtualVehicle {
     simulation: Simulation,
     dt_s: f64,
     correction: SpeedCorrection,
-    drive: VirtualDrive,
-    commands: CommandReader,
+    layout: Arc<Layout>,
+    drives: Drives,
     reports: ReportWriter,
     report_period_s: f64,
     reported: u64,
@@ -95,7 +105,7 @@ pub struct VirtualVehicleSetup {
     pub dt_s: f64,
     /// The true c_l and c_r.
     pub correction: SpeedCorrection,
-    /// The drives.
+    /// The drives, unless they are of CiA 402.
     pub drive: DriveConfig,
     /// Time between reports, s, from 0.005 to 1.
     pub report_period_s: f64,
@@ -107,12 +117,12 @@ impl VirtualVehicle {
     /// Returns a vehicle that stands, off.
     ///
     /// # Errors
-    /// A setting out of range, or a layout of CiA 402.
+    /// A setting out of range.
     pub fn new(
         simulation: Simulation,
         layout: Arc<Layout>,
         setup: VirtualVehicleSetup,
-    ) -> Result<Self, VirtualVehicleError> {
+    ) -> Result<Self, RangeError> {
         let report_period_s = RangeError::check(
             "report_period_s",
             setup.report_period_s,
@@ -121,13 +131,23 @@ impl VirtualVehicle {
             "from 0.005 to 1 s",
         )?;
         setup.faults.iter().try_for_each(InjectedFault::validate)?;
+        let drive = VirtualDrive::new(setup.drive)?;
+        let drives = match &layout.profile {
+            Profile::Values(enable) => Drives::Values {
+                drive,
+                commands: CommandReader::new(Arc::clone(&layout), *enable),
+            },
+            Profile::Cia402(cia402) => {
+                Drives::Cia402(VirtualDrives::new(Arc::clone(&layout), cia402))
+            }
+        };
         Ok(Self {
             simulation,
             dt_s: setup.dt_s,
             correction: setup.correction,
-            drive: VirtualDrive::new(setup.drive)?,
-            commands: CommandReader::new(Arc::clone(&layout))?,
-            reports: ReportWriter::new(layout),
+            drives,
+            reports: ReportWriter::new(Arc::clone(&layout)),
+            layout,
             report_period_s,
             reported: 0,
             faults: setup.faults,
@@ -144,7 +164,21 @@ impl VirtualVehicle {
 
     /// Returns the state of the drives.
     pub fn mode(&self) -> DriveMode {
-        self.drive.mode()
+        match &self.drives {
+            Drives::Values { drive, .. } => drive.mode(),
+            Drives::Cia402(drives) => drives.mode(),
+        }
+    }
+
+    /// Returns the identifiers that the vehicle listens to.
+    pub fn wanted(&self) -> Vec<FrameId> {
+        match &self.drives {
+            Drives::Values { .. } => {
+                let messages = self.layout.command.iter();
+                messages.map(|message| message.id()).collect()
+            }
+            Drives::Cia402(drives) => drives.wanted(),
+        }
     }
 
     /// Returns when the next report is due, s.
@@ -157,26 +191,21 @@ impl VirtualVehicle {
     /// # Errors
     /// Why it is not believed; the drives then go on as if it had not come.
     pub fn take(&mut self, frame: &Frame, time_s: f64) -> Result<(), FrameFault> {
-        self.commands.take(frame, time_s)
+        match &mut self.drives {
+            Drives::Values { commands, .. } => commands.take(frame, time_s),
+            Drives::Cia402(drives) => drives.take(frame, time_s),
+        }
     }
 
     /// Simulates until `now_s`.
     ///
     /// # Errors
-    /// Where and why there is no ground or no motion.
-    pub fn advance(&mut self, now_s: f64) -> Result<(), SimulationError> {
+    /// Where and why there is no ground or no motion, or a speed that does not fit its signal.
+    pub fn advance(&mut self, now_s: f64) -> Result<(), VirtualVehicleError> {
         while self.simulation.state().time_s + 0.5 * self.dt_s < now_s {
             let time_s = self.simulation.state().time_s;
-            let told = self
-                .commands
-                .told()
-                .map(|told| (told.time_s, told.order.motors, told.order.enable));
-            let target = self.drive.step(&DriveInput {
-                time_s,
-                told,
-                emergency_stop: self.fails(time_s, |kind| kind == FaultKind::EmergencyStop),
-            });
-            if self.drive.mode() == DriveMode::Enabled {
+            let target = self.step_drives(time_s)?;
+            if self.mode() == DriveMode::Enabled {
                 self.first_enabled_s.get_or_insert(time_s);
             }
             if !self.fails(time_s, |kind| kind == FaultKind::IgnoreCommands) {
@@ -189,38 +218,70 @@ impl VirtualVehicle {
         Ok(())
     }
 
-    /// Passes the frames of the report that is due now to `send`.
+    /// Returns the speeds that the drives head for.
+    fn step_drives(&mut self, time_s: f64) -> Result<MeasuredMotorSpeeds, FrameFault> {
+        let emergency_stop = self.fails(time_s, |kind| kind == FaultKind::EmergencyStop);
+        let motors = self.motors();
+        match &mut self.drives {
+            Drives::Values { drive, commands } => {
+                let told = commands.told();
+                Ok(drive.step(&DriveInput {
+                    time_s,
+                    told: told.map(|told| (told.time_s, told.order.motors, told.order.enable)),
+                    emergency_stop,
+                }))
+            }
+            Drives::Cia402(drives) => {
+                let target = drives.step(time_s, &motors, emergency_stop)?;
+                let frames: Vec<Frame> = std::iter::from_fn(|| drives.next_frame()).collect();
+                for frame in frames {
+                    self.queue(time_s, frame);
+                }
+                Ok(target)
+            }
+        }
+    }
+
+    /// Returns what the motors' own sensors see.
+    fn motors(&self) -> MeasuredMotorSpeeds {
+        let treads = self.simulation.state().treads;
+        self.correction.invert(treads).into()
+    }
+
+    /// Makes the frames of the report that is due now.
     ///
     /// # Errors
     /// A value that does not fit its signal.
-    pub fn report(&mut self, now_s: f64, mut send: impl FnMut(Frame)) -> Result<(), FrameFault> {
+    pub fn report(&mut self, now_s: f64) -> Result<(), FrameFault> {
         self.reported += 1;
         let Sample { attitude, pose, .. } = self.simulation.sample();
-        let motors: MeasuredMotorSpeeds = self
-            .correction
-            .invert(self.simulation.state().treads)
-            .into();
-        let mode = self.drive.mode();
-        let motor = |speed_m_s| MotorReport { speed_m_s, mode };
+        let (motors, mode) = (self.motors(), self.mode());
+        let drives = match self.drives {
+            Drives::Values { .. } => Some([motors.traction_m_s, motors.steer_m_s]),
+            Drives::Cia402(_) => None,
+        };
         let report = VehicleReport {
-            traction: motor(motors.traction_m_s),
-            steer: motor(motors.steer_m_s),
+            drives: drives.map(|speeds| speeds.map(|speed_m_s| MotorReport { speed_m_s, mode })),
             attitude: attitude.map(|attitude| attitude.value),
             pose: pose.map(|pose| pose.value),
         };
         let frozen = self.fails(now_s, |kind| kind == FaultKind::FreezeCounter);
-        let silent = self.fails(now_s, |kind| kind == FaultKind::StopFeedback);
         let corrupt = self.fails(now_s, |kind| kind == FaultKind::CorruptChecksum);
-        let delay_s = self.delay_s(now_s);
-        let delayed = &mut self.delayed;
+        let mut frames = Vec::new();
         self.reports.write(&report, frozen, |mut frame| {
             if corrupt {
                 frame.data[0] ^= 1;
             }
-            if !silent {
-                delayed.push_back((now_s + delay_s, frame));
-            }
+            frames.push(frame);
         })?;
+        for frame in frames {
+            self.queue(now_s, frame);
+        }
+        Ok(())
+    }
+
+    /// Passes the frames that are due now to `send`.
+    pub fn flush(&mut self, now_s: f64, mut send: impl FnMut(Frame)) {
         while let Some((due_s, frame)) = self.delayed.front() {
             if *due_s > now_s {
                 break;
@@ -228,7 +289,13 @@ impl VirtualVehicle {
             send(*frame);
             self.delayed.pop_front();
         }
-        Ok(())
+    }
+
+    /// Keeps a frame until its delay is over, unless the vehicle says nothing.
+    fn queue(&mut self, now_s: f64, frame: Frame) {
+        if !self.fails(now_s, |kind| kind == FaultKind::StopFeedback) {
+            self.delayed.push_back((now_s + self.delay_s(now_s), frame));
+        }
     }
 
     fn fails(&self, now_s: f64, kind: impl Fn(FaultKind) -> bool) -> bool {

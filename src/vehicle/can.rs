@@ -30,11 +30,9 @@ impl CanRover {
         epoch: Epoch,
     ) -> Result<Self> {
         let (interface, layout) = config.bus(file)?;
-        let layout = Arc::new(layout);
-        let vehicle = build(config, world, Arc::clone(&layout)).with_context(|| file.name())?;
+        let vehicle = build(config, world, Arc::new(layout)).with_context(|| file.name())?;
         let (mut arrived, waiting) = rtrb::RingBuffer::new(WAITING_MAX);
-        let wanted: Vec<_> = layout.command.iter().map(|message| message.id()).collect();
-        let listener = Listener::start(interface, &wanted, epoch, move |heard| {
+        let listener = Listener::start(interface, &vehicle.wanted(), epoch, move |heard| {
             if let Heard::Frame { time_s, frame } = heard {
                 // A full ring loses the frame, as a slow drive would; the counter shows it.
                 let _ = arrived.push((time_s, frame));
@@ -58,12 +56,13 @@ impl Rover for CanRover {
         self.vehicle.advance(now_s)?;
         let due = now_s >= self.vehicle.next_report_s();
         if due {
-            let sender = &mut self.sender;
-            self.vehicle.report(now_s, |frame| {
-                // A frame that is lost shows itself as a gap of the counter.
-                let _ = sender.send(&frame);
-            })?;
+            self.vehicle.report(now_s)?;
         }
+        let sender = &mut self.sender;
+        self.vehicle.flush(now_s, |frame| {
+            // A frame that is lost shows itself as a gap of the counter, or as silence.
+            let _ = sender.send(&frame);
+        });
         Ok(due)
     }
 

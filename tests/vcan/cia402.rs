@@ -1,7 +1,7 @@
 //! Drives of CiA 402, played by canopen (PyPI).
 
 use super::support::*;
-use super::{COMMANDS_OFF_AFTER_SILENCE_S, CYCLE_S, assert_off, assert_rearms};
+use super::{COMMANDS_OFF_AFTER_SILENCE_S, CYCLE_S, RAMP_S, assert_off, assert_rearms};
 use sidehill_bridge::can::frame::FrameId;
 use std::io::Write;
 use std::path::Path;
@@ -222,4 +222,86 @@ fn canopen_drives_that_refuse_or_do_not_obey_are_told_of_and_stopped() {
     );
     assert!(folder.events().contains("node 1: not off in time"));
     drop(program);
+}
+
+#[test]
+#[ignore = "needs a CAN bus: run .ci/vcan"]
+fn the_virtual_vehicle_plays_drives_of_cia_402() {
+    let folder = Folder::new("cia402_virtual");
+    let observer = observer();
+    let faults = "faults: [{after_enabled_s: 3.0, for_s: 1.0, fault: emergency_stop}]";
+    let vehicle = Program::vehicle_changed(&folder, |text| {
+        of_cia402(text).replace("faults: []", faults)
+    });
+    let program = run(&folder, &["--arm"], FIGURE_EIGHT);
+    observer.wait_for_driving(1.5);
+    let truth = folder.truth();
+    let on = truth.iter().find(|row| row.mode == "Enabled").unwrap();
+    sleep_s(4.0);
+    let took_s = observer.off_after_s(on.unix_s + 3.0);
+    // A PDO until it is told, a cycle until it acts.
+    assert_off("cia402: virtual emergency stop", took_s, 2.0 * CYCLE_S);
+    let events = folder.events();
+    for event in [
+        "node 2: set up and operational",
+        "the drives report an emergency stop",
+    ] {
+        assert!(events.contains(event), "no {event}:\n{events}");
+    }
+    assert_rearms("cia402: virtual", &program, &observer);
+    // The program dies: the drives miss its heartbeat.
+    let killed_s = unix_now_s();
+    drop(program);
+    sleep_s(2.0);
+    let took_s = standing_after_s(&folder.truth(), killed_s);
+    let limit_s = CONSUMER_S + RAMP_S + CYCLE_S;
+    assert_off("cia402: virtual drives stand", took_s, limit_s);
+    drop(vehicle);
+
+    let folder = Folder::new("cia402_figure_eight");
+    let _vehicle = Program::vehicle_changed(&folder, of_cia402);
+    let program = run(&folder, &["--arm"], FIGURE_EIGHT);
+    let ending = program.wait(Duration::from_secs(90));
+    assert_eq!(ending["ended"], "finished");
+    let rms_m = cross_track_rms_m(&folder.truth(), 1100);
+    println!("cia402: cross-track RMS {rms_m:.4} m");
+    assert!(rms_m <= 0.02, "{rms_m}");
+    decode_with_cantools(&folder, "cia402.dbc");
+}
+
+#[test]
+#[ignore = "needs a CAN bus: run .ci/vcan"]
+fn a_master_of_other_make_leads_a_virtual_drive() {
+    let folder = Folder::new("cia402_master");
+    let _vehicle = Program::vehicle_changed(&folder, of_cia402);
+    let database = database("cia402.dbc");
+    let output = python("cia402_master.py", &[&database, BUS, "1"])
+        .output()
+        .unwrap();
+    let (said, errors) = (
+        String::from_utf8_lossy(&output.stdout),
+        String::from_utf8_lossy(&output.stderr),
+    );
+    assert!(output.status.success(), "{said}\n{errors}");
+    println!("{said}");
+    let found: serde_json::Value = serde_json::from_str(&said).unwrap();
+    // A servo drive of CiA 402; there is no object 0x5FFF; profile velocity.
+    assert_eq!(found["device"], 0x0002_0192);
+    assert_eq!(found["abort"], 0x0602_0000);
+    assert_eq!(
+        (&found["mode"], &found["nmt"]),
+        (&3.into(), &"OPERATIONAL".into())
+    );
+    let states = [
+        "SWITCH ON DISABLED",
+        "READY TO SWITCH ON",
+        "SWITCHED ON",
+        "OPERATION ENABLED",
+    ];
+    assert_eq!(found["states"], serde_json::json!(states));
+    let number = |key: &str| found[key].as_f64().unwrap();
+    assert!((number("speed_m_s") - 0.3).abs() < 0.01);
+    assert!((0.15..0.2 + TOLERANCE_S + CYCLE_S).contains(&number("noticed_s")));
+    assert!(number("stood_m_s").abs() < 0.01);
+    assert_eq!(found["emergency"], 0x8130);
 }

@@ -72,6 +72,16 @@ pub struct MotorReport {
     pub mode: DriveMode,
 }
 
+impl DriveMode {
+    /// Returns the worse of two drives' states: emergency stop before fault before off before on.
+    pub fn worse(self, other: Self) -> Self {
+        [Self::EmergencyStop, Self::Fault, Self::Disabled]
+            .into_iter()
+            .find(|mode| self == *mode || other == *mode)
+            .unwrap_or(Self::Enabled)
+    }
+}
+
 /// The newest of everything the vehicle has sent, each with its instant.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Readings {

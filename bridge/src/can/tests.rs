@@ -30,6 +30,13 @@ fn writer(layout: &Arc<Layout>) -> CommandWriter {
     CommandWriter::new(Arc::clone(layout), enable)
 }
 
+fn told_by(layout: &Arc<Layout>) -> CommandReader {
+    let Profile::Values(enable) = layout.profile else {
+        panic!("not switched by values");
+    };
+    CommandReader::new(Arc::clone(layout), enable)
+}
+
 fn refusal(dbc: &str, yaml: &str) -> LayoutError {
     let config: CanConfig = serde_yaml::from_str(yaml).unwrap();
     Layout::new(&config, &Database::parse("j8.dbc", dbc).unwrap())
@@ -64,8 +71,7 @@ fn report(speed_m_s: f64) -> VehicleReport {
         mode: DriveMode::Enabled,
     };
     VehicleReport {
-        traction: motor(speed_m_s),
-        steer: motor(-speed_m_s),
+        drives: Some([motor(speed_m_s), motor(-speed_m_s)]),
         attitude: Some(Attitude {
             roll_rad: 0.2,
             pitch_rad: -0.3,
@@ -132,7 +138,7 @@ fn signals_are_coded_as_cantools_codes_them() {
 #[test]
 fn a_command_reaches_the_drives_and_a_report_the_controller() {
     let layout = layout();
-    let mut drives = CommandReader::new(Arc::clone(&layout)).unwrap();
+    let mut drives = told_by(&layout);
     let mut writer = writer(&layout);
     assert_eq!(drives.told(), None);
     for frame in frames(&mut writer, &order(0.5, -0.25, true)) {

@@ -2,7 +2,7 @@
 
 use super::controller_side::{MotorOrder, MotorReport, told_attitude};
 use super::frame::Frame;
-use super::layout::{EnableValues, Layout, Profile};
+use super::layout::{EnableValues, Layout};
 use super::message::{CounterWatch, DriveRole, FrameFault, MessageCodec, Quantity};
 use crate::motors::MeasuredMotorSpeeds;
 use sidehill_plant::frames::{Attitude, Pose, wrap_angle};
@@ -17,13 +17,6 @@ pub struct Told {
     pub order: MotorOrder,
 }
 
-/// Drives of CiA 402 are more than messages; they are not played here.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-#[error(
-    "a virtual vehicle has no drives of CiA 402: choose a layout with `command` and `feedback`"
-)]
-pub struct NotPlayed;
-
 /// Validates the controller's frames.
 pub struct CommandReader {
     layout: Arc<Layout>,
@@ -36,20 +29,15 @@ pub struct CommandReader {
 }
 
 impl CommandReader {
-    /// Returns a reader that has been told nothing.
-    ///
-    /// # Errors
-    /// [`NotPlayed`] for a layout of CiA 402.
-    pub fn new(layout: Arc<Layout>) -> Result<Self, NotPlayed> {
-        let Profile::Values(enable_values) = layout.profile else {
-            return Err(NotPlayed);
-        };
+    /// Returns a reader that has been told nothing, of a layout whose drives are switched on and off
+    /// by these values.
+    pub fn new(layout: Arc<Layout>, enable_values: EnableValues) -> Self {
         let watches = layout
             .command
             .iter()
             .map(|message| CounterWatch::new(message, layout.counter_skip_max))
             .collect();
-        Ok(Self {
+        Self {
             layout,
             enable_values,
             watches,
@@ -57,7 +45,7 @@ impl CommandReader {
             steer: None,
             enable: false,
             refused: 0,
-        })
+        }
     }
 
     /// Returns the number of frames refused.
@@ -124,10 +112,8 @@ impl CommandReader {
 /// Everything a vehicle sends.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct VehicleReport {
-    /// Of the traction drive.
-    pub traction: MotorReport,
-    /// Of the steer drive.
-    pub steer: MotorReport,
+    /// Of the drives, in the order of the layout; none where they report by themselves.
+    pub drives: Option<[MotorReport; 2]>,
     /// Roll and pitch, where there is a new reading.
     pub attitude: Option<Attitude>,
     /// Pose, where there is a new reading.
@@ -165,7 +151,7 @@ impl ReportWriter {
     ) -> Result<(), FrameFault> {
         let layout = Arc::clone(&self.layout);
         let step = u32::from(!frozen);
-        for (drive, report) in layout.drives.iter().zip([report.traction, report.steer]) {
+        for (drive, report) in layout.drives.iter().zip(report.drives.iter().flatten()) {
             let value_of = |quantity| match quantity {
                 Quantity::Speed(_) => report.speed_m_s,
                 Quantity::DriveState => drive.states.value(report.mode).unwrap_or(f64::NAN),

@@ -3,7 +3,7 @@ use crate::bus::{Heard, Listener, SendFault, Sender};
 use crate::can::cia402::Master;
 use crate::can::controller_side::{CommandWriter, MotorOrder, Readings, VehicleReader};
 use crate::can::frame::Frame;
-use crate::can::layout::{DriveMode, Layout, Profile};
+use crate::can::layout::{Layout, Profile};
 use crate::clock::Epoch;
 use crate::motors::MeasuredMotorSpeeds;
 use crate::record::{Record, RecordSink};
@@ -143,7 +143,7 @@ impl Port for CanPort {
                 time_s: first.time_s.min(second.time_s),
                 value: (
                     self.layout.motors(speeds),
-                    worse(first.value.mode, second.value.mode),
+                    first.value.mode.worse(second.value.mode),
                 ),
             }
         });
@@ -211,16 +211,4 @@ impl Port for CanPort {
         }
         sent
     }
-}
-
-/// Emergency stop before fault before off before on.
-fn worse(a: DriveMode, b: DriveMode) -> DriveMode {
-    [
-        DriveMode::EmergencyStop,
-        DriveMode::Fault,
-        DriveMode::Disabled,
-    ]
-    .into_iter()
-    .find(|mode| a == *mode || b == *mode)
-    .unwrap_or(DriveMode::Enabled)
 }

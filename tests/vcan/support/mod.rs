@@ -178,7 +178,8 @@ impl Program {
     pub fn run_for_goals(folder: &Folder, domain: u16) -> Self {
         let config = configuration(folder, "run_can_ros2.yaml", |text| {
             assert!(text.contains("# realtime: {fifo_priority: 50, "));
-            text.replace("# realtime: {", "realtime: {").replace("cpu: 1", "cpu: 0")
+            text.replace("# realtime: {", "realtime: {")
+                .replace("cpu: 1", "cpu: 0")
         });
         let out = folder.0.join("run").display().to_string();
         let domain = domain.to_string();

@@ -1,5 +1,5 @@
 use super::Cia402;
-use super::node::{Emergency, NmtCommand, NmtState, NodeId, NodeReading, SYNC, heartbeat};
+use super::node::{Emergency, NmtCommand, NmtState, NodeId, NodeReading, SYNC};
 use super::power::{Controlword, PowerState};
 use super::sdo::SetupFault;
 use crate::can::controller_side::{MotorOrder, MotorReport, Readings};
@@ -126,7 +126,7 @@ impl Master {
                 data,
             })?;
         }
-        send(&heartbeat(self.cia402.own))?;
+        send(&NmtState::Operational.heartbeat(self.cia402.own))?;
         for (i, drive) in self.drives.iter_mut().enumerate() {
             let node = drive.node.get();
             let tell = |event| tell(node, event);

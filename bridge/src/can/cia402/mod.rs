@@ -5,12 +5,15 @@
 //! is four kinds of frames.
 
 mod config;
+mod drive;
 mod master;
 mod node;
+mod objects;
 mod power;
 mod sdo;
 
 pub use config::{Cia402Config, Cia402Drive, CommandPdo, FeedbackPdo, ObjectType, ObjectValue};
+pub use drive::VirtualDrives;
 pub use master::{DriveEvent, Master};
 pub use node::{Emergency, NmtCommand, NmtState, NodeId, NodeReading};
 pub use power::{Controlword, PowerState};

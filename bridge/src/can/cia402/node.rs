@@ -94,23 +94,34 @@ pub enum NmtState {
 }
 
 impl NmtState {
-    fn of(byte: u8) -> Option<Self> {
-        match byte {
-            0x00 => Some(Self::BootUp),
-            0x04 => Some(Self::Stopped),
-            0x05 => Some(Self::Operational),
-            0x7F => Some(Self::PreOperational),
-            _ => None,
+    /// Returns the byte by which a heartbeat tells the state.
+    pub fn byte(self) -> u8 {
+        match self {
+            Self::BootUp => 0x00,
+            Self::Stopped => 0x04,
+            Self::Operational => 0x05,
+            Self::PreOperational => 0x7F,
         }
     }
-}
 
-/// Returns the heartbeat of a node that is operational.
-pub fn heartbeat(node: NodeId) -> Frame {
-    Frame {
-        id: node.heartbeat(),
-        length: 1,
-        data: [0x05, 0, 0, 0, 0, 0, 0, 0],
+    fn of(byte: u8) -> Option<Self> {
+        let mut states = [
+            Self::BootUp,
+            Self::Stopped,
+            Self::Operational,
+            Self::PreOperational,
+        ]
+        .into_iter();
+        states.find(|state| state.byte() == byte)
+    }
+
+    /// Returns the heartbeat of a node in the state.
+    pub fn heartbeat(self, node: NodeId) -> Frame {
+        Frame {
+            id: node.heartbeat(),
+            length: 1,
+            data: [self.byte(), 0, 0, 0, 0, 0, 0, 0],
+        }
     }
 }
 
@@ -121,6 +132,18 @@ pub struct Emergency {
     pub code: u16,
     /// Error register.
     pub register: u8,
+}
+
+impl Emergency {
+    /// Returns its frame.
+    pub fn frame(self, node: NodeId) -> Frame {
+        let [low, high] = self.code.to_le_bytes();
+        Frame {
+            id: node.emergency(),
+            length: 8,
+            data: [low, high, self.register, 0, 0, 0, 0, 0],
+        }
+    }
 }
 
 /// The newest of what a node has said apart from its PDO. What comes at any time is counted, so that

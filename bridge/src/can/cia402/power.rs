@@ -38,6 +38,48 @@ impl PowerState {
         }
     }
 
+    /// Returns the statusword of a drive that is in the state and not at its own controls.
+    pub fn statusword(self) -> u16 {
+        const REMOTE: u16 = 1 << 9;
+        const VOLTAGE: u16 = 1 << 4;
+        REMOTE
+            | match self {
+                Self::NotReadyToSwitchOn => 0x00,
+                Self::SwitchOnDisabled => 0x40,
+                Self::ReadyToSwitchOn => 0x21 | VOLTAGE,
+                Self::SwitchedOn => 0x23 | VOLTAGE,
+                Self::OperationEnabled => 0x27 | VOLTAGE,
+                Self::QuickStopActive => 0x07 | VOLTAGE,
+                Self::FaultReactionActive => 0x0F | VOLTAGE,
+                Self::Fault => 0x08,
+            }
+    }
+
+    /// Returns the state that a controlword leads to from this one: the transitions of CiA 402 but
+    /// for 16, back from a quick stop, which is optional. `before` is the controlword before it.
+    pub fn after(self, controlword: u16, before: u16) -> Self {
+        const VOLTAGE: u16 = 1 << 1;
+        const NO_QUICK_STOP: u16 = 1 << 2;
+        let rises = controlword & !before & Controlword::FAULT_RESET != 0;
+        let word = controlword & 0x0F;
+        let off = word & VOLTAGE == 0;
+        let stop = !off && word & NO_QUICK_STOP == 0;
+        match (self, word) {
+            (Self::Fault, _) if rises => Self::SwitchOnDisabled,
+            (Self::NotReadyToSwitchOn | Self::FaultReactionActive | Self::Fault, _) => self,
+            (_, _) if off => Self::SwitchOnDisabled,
+            (Self::OperationEnabled | Self::QuickStopActive, _) if stop => Self::QuickStopActive,
+            (_, _) if stop => Self::SwitchOnDisabled,
+            (Self::QuickStopActive, _) => self,
+            (Self::SwitchOnDisabled, 0x07 | 0x0F) => self,
+            (Self::ReadyToSwitchOn | Self::OperationEnabled, 0x07) => Self::SwitchedOn,
+            (Self::ReadyToSwitchOn | Self::SwitchedOn, 0x0F) => Self::OperationEnabled,
+            // Bit 3 counts in what is left only together with bit 0.
+            (_, 0x06 | 0x0E) => Self::ReadyToSwitchOn,
+            _ => self,
+        }
+    }
+
     /// Returns what the state means to the safety. A quick stop that nobody here asked for is an
     /// emergency stop.
     pub fn mode(self) -> DriveMode {

@@ -72,7 +72,7 @@ proptest! {
         if let Some(attitude) = readings.attitude {
             prop_assert!(attitude.value.is_finite());
         }
-        let mut drives = CommandReader::new(layout).unwrap();
+        let mut drives = told_by(&layout);
         let _ = drives.take(&frame, 0.0);
         if let Some(told) = drives.told() {
             prop_assert!(told.order.motors.traction_m_s.abs() < 3.2 && told.order.motors.steer_m_s.abs() < 3.2);
