@@ -42,7 +42,6 @@ def generate_launch_description():
             controller,
             nav2("nav2_map_server", "map_server", "map_server", {"yaml_filename": LaunchConfiguration("map")}),
             nav2("nav2_planner", "planner_server", "planner_server"),
-            nav2("nav2_smoother", "smoother_server", "smoother_server"),
             nav2("nav2_behaviors", "behavior_server", "behavior_server"),
             nav2(
                 "nav2_bt_navigator",

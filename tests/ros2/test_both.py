@@ -21,8 +21,8 @@ def simulated(start, peer, tmp_path):
     return FollowPath(peer).wait()
 
 
-def ahead(length_m, frame):
-    return path_of(straight(length_m, yaw_rad=START_YAW_RAD), frame)
+def ahead(length_m, frame, turned_rad=0.0):
+    return path_of(straight(length_m, yaw_rad=START_YAW_RAD + turned_rad), frame)
 
 
 def values(diagnostics):
@@ -84,3 +84,11 @@ def test_the_vehicle_turns_to_the_goals_heading(simulated, peer):
     q = pose.next("pose").pose.pose.orientation
     reached_rad = math.atan2(2 * (q.w * q.z + q.x * q.y), 1 - 2 * (q.y * q.y + q.z * q.z))
     assert abs(reached_rad - yaw_rad) < 0.1
+
+
+def test_a_path_that_leads_off_behind_the_vehicle_is_driven(simulated, peer):
+    pose = peer.reader("/controller_server/pose", wire.PoseWithCovarianceStamped)
+    answer = simulated.send(ahead(2.0, "odom", turned_rad=3.0)).result(60)
+    assert (answer.status, answer.result.error_msg) == (FollowPath.SUCCEEDED, "")
+    place = pose.next("pose").pose.pose.position
+    assert math.dist((place.x, place.y), straight(2.0, yaw_rad=START_YAW_RAD + 3.0)[-1]) < 0.25

@@ -229,6 +229,8 @@ pub struct FollowPathConfig {
     /// Whether the poses' orientations tell where a path is driven in reverse; else only its sharp
     /// turns do.
     pub use_orientations: bool,
+    /// Whether the vehicle turns on the spot where the path leads off behind it.
+    pub turn_at_start: bool,
     /// Whether the vehicle turns on the spot where the path has ended and the last pose looks
     /// elsewhere.
     pub turn_at_goal: bool,
@@ -243,6 +245,7 @@ impl Default for FollowPathConfig {
             goal_checker_id: "general_goal_checker".to_owned(),
             progress_checker_id: "progress_checker".to_owned(),
             use_orientations: false,
+            turn_at_start: true,
             turn_at_goal: true,
         }
     }

@@ -4,6 +4,9 @@
 //! Preparing -> Arming -> Driving -> Ending -> (told)
 //! ```
 //!
+//! A path that leads off behind the vehicle is preceded by a turn on the spot, and prepared again after
+//! it; where the vehicle shall look elsewhere at its end, such a turn follows.
+//!
 //! Time is an argument; there is no node and no thread in here. The safety decides on its own when
 //! the vehicle stops; the executive only asks it to, and gives its reasons a code.
 
@@ -14,7 +17,7 @@ use super::message::action::code;
 use crate::safety::{Reason, State, StopCause};
 use ros2_client::action::GoalId;
 use sidehill_controller::controller::{Decision, Status, StopReason};
-use sidehill_plant::frames::PlanarPose;
+use sidehill_plant::frames::{PlanarPose, wrap_angle};
 
 /// Who wants a path driven.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -36,6 +39,8 @@ pub enum Effect {
     Told(Client, GoalEnd, Outcome),
     /// Give the controller nothing to follow any more.
     Clear,
+    /// Prepare the path in hand again, under this number.
+    Prepare(u64),
     /// Give the controller a turn on the spot.
     Turn {
         /// Number of the turn.
@@ -72,9 +77,30 @@ pub struct Seen<'a> {
     pub client_lost: bool,
 }
 
+/// Where the vehicle turns on the spot.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Turns {
+    /// Where a path leads off behind it.
+    pub at_start: bool,
+    /// Where the path has ended and the goal's heading is another.
+    pub at_goal: bool,
+}
+
+/// A turn on the spot that belongs to a path.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Turn {
+    AtStart,
+    AtGoal,
+}
+
 #[derive(Debug, Clone, PartialEq)]
 enum Phase {
     Preparing,
+    /// The vehicle shall stand, and then turn to this heading; without one it is at the goal.
+    Standing {
+        since_s: f64,
+        turn_to_rad: Option<f64>,
+    },
     Arming {
         since_s: f64,
     },
@@ -95,7 +121,9 @@ struct Job {
     progress: ProgressChecker,
     /// Whether the controller has taken the path up.
     followed: bool,
-    /// Whether the path has been driven and the vehicle turns to the goal's heading.
+    /// The newest turn, where there was one.
+    turn: Option<Turn>,
+    /// Whether it is what is driven.
     turning: bool,
     /// Since when transforms are missing, and plans.
     without_transform_s: Option<f64>,
@@ -110,8 +138,7 @@ const ENDING_S: f64 = 10.0;
 /// Looks after one path at a time.
 #[derive(Debug, Default)]
 pub struct Executive {
-    /// Whether the vehicle turns to the goal's heading where the path has ended.
-    turns_at_goal: bool,
+    turns: Turns,
     job: Option<Job>,
     number: u64,
     /// What a stop is asked for.
@@ -119,11 +146,10 @@ pub struct Executive {
 }
 
 impl Executive {
-    /// Returns an executive without a path, whose vehicle turns to the goal's heading at a path's end
-    /// where `turns_at_goal`.
-    pub fn new(turns_at_goal: bool) -> Self {
+    /// Returns an executive without a path.
+    pub fn new(turns: Turns) -> Self {
         Self {
-            turns_at_goal,
+            turns,
             ..Self::default()
         }
     }
@@ -165,6 +191,7 @@ impl Executive {
             goal: PlanarPose::default(),
             progress: ProgressChecker::default(),
             followed: false,
+            turn: None,
             turning: false,
             without_transform_s: None,
             without_plan_s: None,
@@ -181,8 +208,15 @@ impl Executive {
         Some(self.number)
     }
 
-    /// Says that the controller has been given the path, which leads to `goal`.
-    pub fn ready(&mut self, now_s: f64, state: State, goal: PlanarPose) -> Vec<Effect> {
+    /// Says that the controller has been given the path, which leads to `goal`; where it leads off
+    /// behind the vehicle, also the heading there, rad.
+    pub fn ready(
+        &mut self,
+        now_s: f64,
+        state: State,
+        goal: PlanarPose,
+        turn_to_rad: Option<f64>,
+    ) -> Vec<Effect> {
         let Some(job) = self.job.as_mut() else {
             return Vec::new();
         };
@@ -191,12 +225,38 @@ impl Executive {
         job.progress.reset();
         // A vehicle that is under way goes over to the new path as it drives.
         let under_way = matches!(state, State::Zeroing | State::Enabling | State::Driving);
+        if turn_to_rad.is_some() && self.turns.at_start && job.turn.is_none() {
+            return self.stand(now_s, under_way, turn_to_rad);
+        }
         if under_way && self.stopping.is_none() {
             job.phase = Phase::Driving;
             return Vec::new();
         }
         job.phase = Phase::Arming { since_s: now_s };
         vec![Effect::Arm(job.number)]
+    }
+
+    /// Says that the path leads nowhere: the vehicle is at its goal, but may look elsewhere.
+    pub fn arrived(&mut self, now_s: f64, state: State, goal: PlanarPose) -> Vec<Effect> {
+        let Some(job) = self.job.as_mut() else {
+            return Vec::new();
+        };
+        job.goal = goal;
+        let stands = matches!(state, State::Disarmed | State::Latched);
+        self.stand(now_s, !stands, None)
+    }
+
+    fn stand(&mut self, now_s: f64, under_way: bool, turn_to_rad: Option<f64>) -> Vec<Effect> {
+        if let Some(job) = &mut self.job {
+            job.phase = Phase::Standing {
+                since_s: now_s,
+                turn_to_rad,
+            };
+        }
+        if under_way {
+            self.stopping = Some(StopCause::DriveEnded);
+        }
+        vec![Effect::Stop(self.stopping)]
     }
 
     /// Says where the goal is now, as its frame has moved.
@@ -261,6 +321,37 @@ impl Executive {
                         Effect::Stop(self.stopping),
                         Effect::Told(client, end, outcome),
                     ];
+                }
+                Vec::new()
+            }
+            Phase::Standing {
+                since_s,
+                turn_to_rad,
+            } => {
+                if let Some(doubt) = refusal(seen) {
+                    return self.end(seen.now_s, GoalEnd::Aborted, doubt);
+                }
+                let estimate = seen.decision.and_then(|decision| decision.estimate);
+                // Only a cycle that has seen the stop says that the vehicle stands.
+                if off
+                    && seen.cycle_s > since_s
+                    && let Some(estimate) = estimate
+                {
+                    self.stopping = None;
+                    let mut effects = vec![Effect::Stop(None)];
+                    let (now_s, pose) = (seen.now_s, estimate.pose);
+                    effects.extend(match turn_to_rad {
+                        Some(to_rad) => {
+                            let angle_rad = wrap_angle(to_rad - pose.yaw_rad);
+                            self.turn(now_s, Turn::AtStart, pose, angle_rad)
+                        }
+                        None => self.at_end(now_s, &pose, tolerances),
+                    });
+                    return effects;
+                }
+                if seen.now_s - since_s > ENDING_S {
+                    let doubt = doubt(code::UNKNOWN, StopCause::NotArmed);
+                    return self.end(seen.now_s, GoalEnd::Aborted, doubt);
                 }
                 Vec::new()
             }
@@ -358,12 +449,13 @@ impl Executive {
         Vec::new()
     }
 
-    /// The path has been driven, but the vehicle looks elsewhere than it shall.
-    fn turn(&mut self, now_s: f64, from: PlanarPose, angle_rad: f64) -> Vec<Effect> {
+    /// The vehicle stands, but looks elsewhere than it shall.
+    fn turn(&mut self, now_s: f64, turn: Turn, from: PlanarPose, angle_rad: f64) -> Vec<Effect> {
         let Some(number) = self.renumber() else {
             return Vec::new();
         };
         if let Some(job) = &mut self.job {
+            job.turn = Some(turn);
             job.turning = true;
             job.followed = false;
             job.phase = Phase::Arming { since_s: now_s };
@@ -389,29 +481,43 @@ impl Executive {
             };
             return vec![Effect::Arm(job.number)];
         }
+        if finished && job.turning && job.turn == Some(Turn::AtStart) {
+            job.turning = false;
+            job.phase = Phase::Preparing;
+            let number = self.renumber().unwrap_or_default();
+            return vec![Effect::Prepare(number)];
+        }
         let estimate = seen.decision.and_then(|decision| decision.estimate);
-        let (end, outcome) = match estimate.filter(|_| finished) {
-            Some(estimate) => {
-                let left = GoalError::of(&estimate.pose, &job.goal);
-                if left.within(tolerances.goal_xy_m, tolerances.goal_yaw_rad) {
-                    (GoalEnd::Succeeded, Outcome::default())
-                } else if self.turns_at_goal
-                    && !job.turning
-                    && left.distance_m <= tolerances.goal_xy_m
-                {
-                    return self.turn(seen.now_s, estimate.pose, -left.heading_rad);
-                } else {
-                    let message = format!(
-                        "the path has ended {:.2} m and {:.2} rad off the goal",
-                        left.distance_m, left.heading_rad
-                    );
-                    let outcome = Outcome::new(code::NO_VALID_CONTROL, message);
-                    (GoalEnd::Aborted, outcome)
-                }
+        match estimate.filter(|_| finished) {
+            Some(estimate) => self.at_end(seen.now_s, &estimate.pose, tolerances),
+            None => {
+                let doubt = (StopCause::DriveEnded, explained(seen));
+                self.end(seen.now_s, GoalEnd::Aborted, doubt)
             }
-            None => (GoalEnd::Aborted, explained(seen)),
+        }
+    }
+
+    /// The vehicle stands where the path has ended.
+    fn at_end(&mut self, now_s: f64, pose: &PlanarPose, tolerances: &Tolerances) -> Vec<Effect> {
+        let Some(job) = self.job.as_mut() else {
+            return Vec::new();
         };
-        self.end(seen.now_s, end, (StopCause::DriveEnded, outcome))
+        let left = GoalError::of(pose, &job.goal);
+        let (end, outcome) = if left.within(tolerances.goal_xy_m, tolerances.goal_yaw_rad) {
+            (GoalEnd::Succeeded, Outcome::default())
+        } else if self.turns.at_goal && !job.turning && left.distance_m <= tolerances.goal_xy_m {
+            return self.turn(now_s, Turn::AtGoal, *pose, -left.heading_rad);
+        } else {
+            let message = format!(
+                "the path has ended {:.2} m and {:.2} rad off the goal",
+                left.distance_m, left.heading_rad
+            );
+            (
+                GoalEnd::Aborted,
+                Outcome::new(code::NO_VALID_CONTROL, message),
+            )
+        };
+        self.end(now_s, end, (StopCause::DriveEnded, outcome))
     }
 }
 

@@ -1,6 +1,7 @@
 //! From a path that has come to what the controller is given, and what becomes of it when its frame
 //! moves or the speed limit changes.
 
+use super::config::Tolerances;
 use super::convert::pose_and_attitude;
 use super::goals::Outcome;
 use super::message::{SpeedLimit, action::code};
@@ -50,6 +51,16 @@ pub(super) struct Handover {
     pub(super) trajectory: Trajectory,
     /// The goal in the frame that is driven in.
     pub(super) goal: PlanarPose,
+    /// The vehicle's heading where the path begins, in that frame, rad.
+    pub(super) start_rad: f64,
+}
+
+/// What has become of a path that was prepared.
+pub(super) enum Prepared {
+    /// It can be followed.
+    Path(Handover),
+    /// It leads nowhere else than where the vehicle is: to this goal, in the frame that is driven in.
+    AtGoal(PlanarPose),
 }
 
 /// The paths in hand.
@@ -59,6 +70,8 @@ pub(super) struct Paths {
     speed_m_s: f64,
     limit: SpeedLimit,
     odometry_frame: String,
+    /// The path in hand as it came.
+    plan: Option<Plan>,
     preparing: Option<Preparing>,
     assigned: Option<Assigned>,
 }
@@ -70,6 +83,7 @@ impl Paths {
             limit: SpeedLimit::default(),
             settings,
             odometry_frame: odometry_frame.to_owned(),
+            plan: None,
             preparing: None,
             assigned: None,
         }
@@ -84,12 +98,25 @@ impl Paths {
         });
     }
 
+    /// Takes up the path in hand once more, from where the vehicle is then.
+    pub(super) fn prepare_again(&mut self, now_s: f64) {
+        if let Some(plan) = self.plan.take() {
+            self.prepare(plan, now_s);
+        }
+    }
+
     /// Forgets the path that is being prepared, and the one that is driven where `all`.
     pub(super) fn forget(&mut self, all: bool) {
         self.preparing = None;
         if all {
-            self.assigned = None;
+            self.set_aside();
+            self.plan = None;
         }
+    }
+
+    /// Has the controller follow something else than the path in hand for now.
+    pub(super) fn set_aside(&mut self) {
+        self.assigned = None;
     }
 
     /// Returns the length of the path in hand, m.
@@ -99,15 +126,15 @@ impl Paths {
     }
 
     /// Goes on with what is being prepared: needs where the vehicle is and the path's frame, for
-    /// which it waits `patience_s`, then time to smooth.
+    /// which it waits `failure_s` of the tolerances, then time to smooth.
     pub(super) fn step(
         &mut self,
         now_s: f64,
         here: Option<Whereabouts>,
         transforms: &Transforms,
-        tolerance_s: f64,
-        patience_s: f64,
-    ) -> Option<Result<Handover, Outcome>> {
+        tolerances: &Tolerances,
+    ) -> Option<Result<Prepared, Outcome>> {
+        let (tolerance_s, patience_s) = (tolerances.transform_s, tolerances.failure_s);
         let preparing = self.preparing.as_mut()?;
         let waited_s = now_s - preparing.since_s;
         let frame = preparing.plan.frame.clone();
@@ -121,9 +148,9 @@ impl Paths {
                 let found = transforms.look_up(&self.odometry_frame, &frame, now_s, tolerance_s);
                 let frame =
                     found.map_err(|error| Outcome::new(code::TF_ERROR, error.to_string()))?;
-                Ok(self.hand_over(route, planar(&frame)))
+                Ok(Prepared::Path(self.hand_over(route, planar(&frame))))
             });
-            self.preparing = None;
+            self.plan = self.preparing.take().map(|preparing| preparing.plan);
             return Some(handed);
         }
         let found = transforms.look_up(&self.odometry_frame, &frame, now_s, tolerance_s);
@@ -135,6 +162,11 @@ impl Paths {
                     y_m: at.y,
                     yaw_rad: 0.0,
                 };
+                if preparing.plan.stays_within(&pose, tolerances.goal_xy_m) {
+                    let goal = seen_from(&preparing.plan.goal(), &planar(&in_odometry));
+                    self.preparing = None;
+                    return Some(Ok(Prepared::AtGoal(goal)));
+                }
                 let (sender, receiver) = channel();
                 let (plan, settings) = (preparing.plan.clone(), self.settings);
                 let thread = std::thread::Builder::new().name("ros2 path".to_owned());
@@ -244,18 +276,24 @@ impl Paths {
 }
 
 fn handover(route: &Route, frame: &PlanarPose) -> Handover {
-    let at = Point2 {
-        x_m: route.goal.x_m,
-        y_m: route.goal.y_m,
-    }
-    .seen_from(frame);
     Handover {
         trajectory: route.trajectory.clone().seen_from(frame),
-        goal: PlanarPose {
-            x_m: at.x_m,
-            y_m: at.y_m,
-            yaw_rad: route.goal.yaw_rad + frame.yaw_rad,
-        },
+        start_rad: route.trajectory.at(0.0).heading_rad + frame.yaw_rad,
+        goal: seen_from(&route.goal, frame),
+    }
+}
+
+/// Returns a pose that is given in a frame where that frame is.
+fn seen_from(pose: &PlanarPose, frame: &PlanarPose) -> PlanarPose {
+    let at = Point2 {
+        x_m: pose.x_m,
+        y_m: pose.y_m,
+    }
+    .seen_from(frame);
+    PlanarPose {
+        x_m: at.x_m,
+        y_m: at.y_m,
+        yaw_rad: pose.yaw_rad + frame.yaw_rad,
     }
 }
 
@@ -311,10 +349,21 @@ mod tests {
         known
     }
 
+    fn tolerances(transform_s: f64) -> Tolerances {
+        Tolerances {
+            transform_s,
+            failure_s: 1.0,
+            ..Tolerances::default()
+        }
+    }
+
     fn until_done(paths: &mut Paths, known: &Transforms) -> Result<Handover, Outcome> {
         for _ in 0..2000 {
-            if let Some(done) = paths.step(0.1, Some(HERE), known, 1.0, 1.0) {
-                return done;
+            match paths.step(0.1, Some(HERE), known, &tolerances(1.0)) {
+                Some(Ok(Prepared::Path(handover))) => return Ok(handover),
+                Some(Ok(Prepared::AtGoal(goal))) => panic!("at {goal:?}"),
+                Some(Err(outcome)) => return Err(outcome),
+                None => {}
             }
             std::thread::sleep(std::time::Duration::from_millis(5));
         }
@@ -361,15 +410,48 @@ mod tests {
     }
 
     #[test]
+    fn a_path_that_ends_where_the_vehicle_is_has_been_driven() {
+        // Where the vehicle is in the map: the planner gives a single pose, or a few around it.
+        let here = PlanarPose {
+            x_m: 0.0,
+            y_m: 0.0,
+            yaw_rad: 1.0,
+        };
+        let (mut paths, known) = (paths(), known());
+        for count in [1, 3] {
+            paths.prepare(
+                Plan {
+                    frame: "map".to_owned(),
+                    poses: vec![here; count],
+                },
+                0.0,
+            );
+            let Some(Ok(Prepared::AtGoal(goal))) =
+                paths.step(0.1, Some(HERE), &known, &tolerances(1.0))
+            else {
+                panic!("{count} poses");
+            };
+            assert!((goal.x_m - 3.0).hypot(goal.y_m) < 1e-9, "{goal:?}");
+            assert!((goal.yaw_rad - 1.5).abs() < 1e-9, "{goal:?}");
+        }
+    }
+
+    #[test]
     fn what_is_missing_for_too_long_ends_the_wait() {
         let nothing = Transforms::default();
         let mut paths = paths();
         paths.prepare(plan(), 0.0);
-        assert!(paths.step(0.5, Some(HERE), &nothing, 1.0, 1.0).is_none());
-        let error = paths.step(1.5, Some(HERE), &nothing, 1.0, 1.0).unwrap();
+        assert!(
+            paths
+                .step(0.5, Some(HERE), &nothing, &tolerances(1.0))
+                .is_none()
+        );
+        let error = paths
+            .step(1.5, Some(HERE), &nothing, &tolerances(1.0))
+            .unwrap();
         assert_eq!(error.err().unwrap().code, code::TF_ERROR);
         paths.prepare(plan(), 0.0);
-        let error = paths.step(1.5, None, &known(), 3.0, 1.0).unwrap();
+        let error = paths.step(1.5, None, &known(), &tolerances(3.0)).unwrap();
         assert_eq!(error.err().unwrap().code, code::TF_ERROR);
     }
 

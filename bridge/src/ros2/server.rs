@@ -5,7 +5,7 @@ mod jobs;
 use super::arguments::{RosArguments, RosEnvironment};
 use super::config::Ros2Config;
 use super::convert::TwistMapping;
-use super::executive::{Client, Executive};
+use super::executive::{Client, Executive, Turns};
 use super::follow_path::{FollowPathEndpoints, endpoints};
 use super::goals::{GoalEnd, Goals, Outcome};
 use super::inputs::{Common, Ears, ListenError, Shared};
@@ -233,7 +233,10 @@ impl Server {
             accepted: 0,
             last_end: None,
             goals: Goals::default(),
-            executive: Executive::new(config.follow_path.turn_at_goal),
+            executive: Executive::new(Turns {
+                at_start: config.follow_path.turn_at_start,
+                at_goal: config.follow_path.turn_at_goal,
+            }),
             next_number: 0,
             client: None,
             transform: None,

@@ -26,6 +26,10 @@ struct World {
     emergency_stop: Option<StopCause>,
     clock_jumped: bool,
     client_lost: bool,
+    /// The heading where the path begins, where that is behind.
+    turn_to_rad: Option<f64>,
+    /// The path is to be prepared again under this number.
+    prepare: Option<u64>,
     told: Vec<(Client, GoalEnd, Outcome)>,
     arm: u64,
     stop: Option<StopCause>,
@@ -47,6 +51,8 @@ impl World {
             emergency_stop: None,
             clock_jumped: false,
             client_lost: false,
+            turn_to_rad: None,
+            prepare: None,
             told: Vec::new(),
             arm: 0,
             stop: None,
@@ -60,6 +66,7 @@ impl World {
                 Effect::Stop(cause) => self.stop = cause,
                 Effect::Told(client, end, outcome) => self.told.push((client, end, outcome)),
                 Effect::Clear => self.reference = 0,
+                Effect::Prepare(number) => self.prepare = Some(number),
                 Effect::Turn {
                     number, angle_rad, ..
                 } => {
@@ -138,7 +145,9 @@ impl World {
             x_m: 10.0,
             ..PlanarPose::default()
         };
-        let effects = self.executive.ready(self.now_s, self.state, goal);
+        let effects = self
+            .executive
+            .ready(self.now_s, self.state, goal, self.turn_to_rad);
         self.carry_out(effects);
         client
     }
@@ -241,7 +250,7 @@ fn a_path_that_comes_as_the_one_before_ends_is_armed_for_anew() {
     world.carry_out(effects);
     let effects = world
         .executive
-        .ready(world.now_s, world.state, PlanarPose::default());
+        .ready(world.now_s, world.state, PlanarPose::default(), None);
     world.carry_out(effects);
     // The controller finishes the old path before it sees the new one.
     world.state = State::Latched;
@@ -421,7 +430,10 @@ fn a_drive_that_nobody_asked_for_is_stopped() {
 fn a_vehicle_that_looks_elsewhere_at_the_goal_turns_where_it_may() {
     for turns in [true, false] {
         let mut world = World::new();
-        world.executive = Executive::new(turns);
+        world.executive = Executive::new(Turns {
+            at_start: false,
+            at_goal: turns,
+        });
         world.yaw_rad = 2.0;
         let client = world.driving();
         let armed = world.armed;
@@ -441,5 +453,107 @@ fn a_vehicle_that_looks_elsewhere_at_the_goal_turns_where_it_may() {
         assert_eq!(world.state, State::Driving);
         world.finish();
         world.assert_told(client, GoalEnd::Succeeded, code::NONE);
+    }
+}
+
+const AT_START: Turns = Turns {
+    at_start: true,
+    at_goal: false,
+};
+
+#[test]
+fn a_path_that_leads_off_behind_is_begun_by_a_turn() {
+    let mut world = World::new();
+    world.executive = Executive::new(AT_START);
+    (world.yaw_rad, world.turn_to_rad) = (2.5, Some(-0.1));
+    let client = world.follow();
+    world.cycles(10);
+    assert_eq!(
+        (world.armed, world.state),
+        (world.reference, State::Driving)
+    );
+    assert!((world.yaw_rad + 0.1).abs() < 1e-9, "{}", world.yaw_rad);
+    // A turn gets nowhere, and its end is not the path's.
+    world.cycles(250);
+    assert_eq!(world.state, State::Driving);
+    world.finish();
+    let number = world.prepare.expect("the path follows");
+    assert!(number > world.armed);
+    assert!(world.told.is_empty(), "{:?}", world.told);
+    // It still begins behind: one turn has to do.
+    world.reference = number;
+    let goal = PlanarPose::default();
+    let effects = world
+        .executive
+        .ready(world.now_s, world.state, goal, world.turn_to_rad);
+    world.carry_out(effects);
+    world.cycles(10);
+    assert_eq!((world.armed, world.state), (number, State::Driving));
+    world.finish();
+    world.assert_told(client, GoalEnd::Succeeded, code::NONE);
+}
+
+#[test]
+fn a_vehicle_under_way_stands_before_it_turns() {
+    let mut world = World::new();
+    world.executive = Executive::new(AT_START);
+    let first = world.driving();
+    world.turn_to_rad = Some(3.0);
+    let second = world.follow();
+    world.assert_told(first, GoalEnd::Aborted, code::UNKNOWN);
+    let armed = world.armed;
+    world.cycle();
+    assert_eq!((world.state, world.armed), (State::Stopping, armed));
+    assert_eq!(world.yaw_rad, 0.0, "not while it drives");
+    world.cycles(10);
+    assert_eq!(world.state, State::Driving);
+    assert!(world.armed > armed);
+    assert!((world.yaw_rad - 3.0).abs() < 1e-9);
+    // A cancel in the turn ends all of it.
+    let cause = StopCause::Cancelled;
+    let ending = (cause, Outcome::new(code::NONE, cause.to_string()));
+    let effects = world.executive.end(world.now_s, GoalEnd::Canceled, ending);
+    world.carry_out(effects);
+    world.cycles(5);
+    world.assert_told(second, GoalEnd::Canceled, code::NONE);
+    assert_eq!(world.prepare, None);
+}
+
+#[test]
+fn a_path_that_leads_off_behind_is_driven_as_it_is_where_turns_are_not_wanted() {
+    let mut world = World::new();
+    world.turn_to_rad = Some(3.0);
+    world.driving();
+    assert_eq!(world.yaw_rad, 0.0);
+}
+
+#[test]
+fn a_path_that_leads_nowhere_is_ended_standing_with_a_turn_where_it_takes_one() {
+    for (yaw_rad, turns) in [(0.1, false), (2.0, true)] {
+        let mut world = World::new();
+        world.executive = Executive::new(Turns {
+            at_start: false,
+            at_goal: true,
+        });
+        // It comes in place of a path that is driven, as a planner sends one anew.
+        world.driving();
+        let client = Client::Goal(GoalId::new_random());
+        let (_, effects) = world.executive.begin(client);
+        world.carry_out(effects);
+        let goal = PlanarPose {
+            yaw_rad,
+            ..PlanarPose::default()
+        };
+        let effects = world.executive.arrived(world.now_s, world.state, goal);
+        world.carry_out(effects);
+        world.cycle();
+        assert_eq!(world.state, State::Stopping);
+        world.cycles(10);
+        if turns {
+            assert_eq!(world.state, State::Driving);
+            world.finish();
+        }
+        world.assert_told(client, GoalEnd::Succeeded, code::NONE);
+        assert!((world.yaw_rad - if turns { yaw_rad } else { 0.0 }).abs() < 1e-9);
     }
 }

@@ -7,7 +7,7 @@ use crate::ros2::follow_path::NewGoal;
 use crate::ros2::goals::{GoalEnd, Outcome};
 use crate::ros2::inputs::drain;
 use crate::ros2::message::action::{FollowPathFeedback, code};
-use crate::ros2::paths::{Handover, Whereabouts};
+use crate::ros2::paths::{Handover, Prepared, Whereabouts};
 use crate::ros2::peers::participant;
 use crate::ros2::route::Plan;
 use crate::safety::{State, StopCause};
@@ -15,6 +15,8 @@ use ros2_client::action::GoalStatusEnum;
 use ros2_client::builtin_interfaces::Time;
 use ros2_client::log::LogLevel;
 use sidehill_controller::controller::Decision;
+use sidehill_plant::frames::wrap_angle;
+use std::f64::consts::FRAC_PI_2;
 
 impl Server {
     pub(super) fn take_goal(&mut self, goal: NewGoal, now_s: f64) {
@@ -171,24 +173,34 @@ impl Server {
                     },
                 })
         });
-        let (tolerance_s, patience_s) = (tolerances.transform_s, tolerances.failure_s);
         let transforms = self.shared.transforms();
-        let done = self
-            .paths
-            .step(now_s, here, &transforms, tolerance_s, patience_s);
+        let done = self.paths.step(now_s, here, &transforms, tolerances);
         drop(transforms);
+        let state = view.map_or(State::Disarmed, |view| view.row.state);
         match done {
             None => {}
             Some(Err(outcome)) => self.fail(StopCause::PathRefused, outcome, now_s),
-            Some(Ok(handover)) => {
+            Some(Ok(Prepared::AtGoal(goal))) => {
+                self.paths.set_aside();
+                self.transform = None;
+                let effects = self.executive.arrived(now_s, state, goal);
+                self.carry_out(effects, now_s);
+            }
+            Some(Ok(Prepared::Path(handover))) => {
                 self.transform = None;
                 self.dispatcher.assign(Some(Assignment {
                     number: self.next_number,
                     trajectory: handover.trajectory,
                     from_m: 0.0,
                 }));
-                let state = view.map_or(State::Disarmed, |view| view.row.state);
-                let effects = self.executive.ready(now_s, state, handover.goal);
+                let start_rad = handover.start_rad;
+                let behind = here.is_some_and(|here| {
+                    wrap_angle(here.pose.yaw_rad - start_rad).abs() > FRAC_PI_2
+                });
+                let turn_to_rad = behind.then_some(start_rad);
+                let effects = self
+                    .executive
+                    .ready(now_s, state, handover.goal, turn_to_rad);
                 self.carry_out(effects, now_s);
             }
         }
@@ -256,7 +268,7 @@ impl Server {
                     from,
                     angle_rad,
                 } => {
-                    self.paths.forget(true);
+                    self.paths.set_aside();
                     self.transform = None;
                     match self.paths.turn(&from, angle_rad) {
                         Ok(trajectory) => {
@@ -268,6 +280,10 @@ impl Server {
                         }
                         Err(outcome) => self.fail(StopCause::PathRefused, outcome, now_s),
                     }
+                }
+                Effect::Prepare(number) => {
+                    self.next_number = number;
+                    self.paths.prepare_again(now_s);
                 }
                 Effect::Clear => {
                     self.paths.forget(true);
