@@ -84,7 +84,6 @@ pub struct Truth {
     pub unix_s: f64,
     pub x_m: f64,
     pub y_m: f64,
-    pub yaw_rad: f64,
     pub traction_m_s: f64,
     pub steer_m_s: f64,
     pub mode: String,
