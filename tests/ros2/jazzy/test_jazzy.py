@@ -228,17 +228,32 @@ def test_a_lifecycle_manager_leads_it(driven):
 def test_the_graph_shows_nodes_topics_services_and_the_action(driven):
     d = driven()
     node = d.ros.node
-    whole = lambda: {"controller_server", "virtual_rover"} <= set(node.get_node_names())
-    d.ros.wait_for(whole, "both nodes")
-    published = dict(node.get_publisher_names_and_types_by_node("controller_server", "/"))
-    assert published["/cmd_vel"] == ["geometry_msgs/msg/Twist"]
-    assert published["/diagnostics"] == ["diagnostic_msgs/msg/DiagnosticArray"]
-    heard = dict(node.get_subscriber_names_and_types_by_node("controller_server", "/"))
-    assert heard["/odom"] == ["nav_msgs/msg/Odometry"]
-    assert heard["/speed_limit"] == ["nav2_msgs/msg/SpeedLimit"]
-    served = dict(node.get_service_names_and_types_by_node("controller_server", "/"))
-    assert served[f"{SERVER}/change_state"] == ["lifecycle_msgs/srv/ChangeState"]
-    assert ("/follow_path", ["nav2_msgs/action/FollowPath"]) in get_action_names_and_types(node)
+    # What a node has comes to be known one after the other.
+    shown = lambda what, listed: d.ros.wait_for(lambda: set(what) <= set(listed()), str(what))
+    shown(["controller_server", "virtual_rover"], node.get_node_names)
+
+    def of_the_controller(list_of_node, expected):
+        listed = lambda: [(name, *types) for name, types in list_of_node("controller_server", "/")]
+        shown(expected, listed)
+
+    of_the_controller(
+        node.get_publisher_names_and_types_by_node,
+        [
+            ("/cmd_vel", "geometry_msgs/msg/Twist"),
+            ("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray"),
+            ("/optimal_trajectory", "nav_msgs/msg/Path"),
+        ],
+    )
+    of_the_controller(
+        node.get_subscriber_names_and_types_by_node,
+        [("/odom", "nav_msgs/msg/Odometry"), ("/speed_limit", "nav2_msgs/msg/SpeedLimit")],
+    )
+    of_the_controller(
+        node.get_service_names_and_types_by_node,
+        [(f"{SERVER}/change_state", "lifecycle_msgs/srv/ChangeState")],
+    )
+    actions = lambda: [(name, *types) for name, types in get_action_names_and_types(node)]
+    shown([("/follow_path", "nav2_msgs/action/FollowPath")], actions)
 
 
 def test_topics_reach_nodes_of_ros_and_theirs_reach_the_controller(driven):
