@@ -9,13 +9,18 @@
 //! their covariance with it, which grows only where their terms are excited. At standstill, straight
 //! ahead and without poses nothing is learned and nothing winds up.
 
+mod estimate;
+mod settings;
+
+pub use estimate::{Estimate, Innovation, Refused};
+pub use settings::{AdaptationSettings, EstimatorSettings};
+
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
-use serde::{Deserialize, Serialize};
 use sidehill_plant::correction::{Gains, TERMS, Terms};
 use sidehill_plant::frames::{Attitude, PlanarPose, pose_rate, wrap_angle};
 use sidehill_plant::sample::{Sample, Stamped};
 use sidehill_plant::speeds::{MotorSpeeds, TreadSpeeds};
-use sidehill_plant::vehicle::{RangeError, Vehicle};
+use sidehill_plant::vehicle::Vehicle;
 use std::collections::VecDeque;
 
 /// Readings kept: with 20 Hz speeds, 20 Hz attitude and 10 Hz poses, about 1 s.
@@ -26,218 +31,6 @@ const GAINS: usize = 3 * TERMS;
 
 type PoseByGains = SMatrix<f64, 3, GAINS>;
 type GainCovariance = SMatrix<f64, GAINS, GAINS>;
-
-/// Settings of the estimator.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct EstimatorSettings {
-    /// Standard deviation of a pose's position, m.
-    pub pose_sigma_m: f64,
-    /// Standard deviation of a pose's heading, rad.
-    pub pose_sigma_rad: f64,
-    /// Growth of the position's uncertainty while moving, m/sqrt(s).
-    pub slide_sigma_m_per_sqrt_s: f64,
-    /// Growth of the heading's uncertainty while moving, rad/sqrt(s).
-    pub yaw_sigma_rad_per_sqrt_s: f64,
-    /// Largest normalised innovation squared (3 degrees of freedom) of a pose that is believed.
-    pub gate: f64,
-    /// Time over which the error of the model's velocity is averaged, s.
-    pub error_averaging_s: f64,
-    /// Learning of the correction.
-    pub adaptation: AdaptationSettings,
-    /// Time constant of the smoothing of the ground's normal in the world frame, s; 0 for none.
-    pub normal_filter_s: f64,
-}
-
-impl Default for EstimatorSettings {
-    fn default() -> Self {
-        Self {
-            pose_sigma_m: 0.01,
-            pose_sigma_rad: 0.0087,
-            slide_sigma_m_per_sqrt_s: 0.02,
-            yaw_sigma_rad_per_sqrt_s: 0.02,
-            gate: 30.0,
-            error_averaging_s: 3.0,
-            adaptation: AdaptationSettings::default(),
-            normal_filter_s: 0.0,
-        }
-    }
-}
-
-/// How far the correction may be from nothing.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct AdaptationSettings {
-    /// Standard deviation of the gains of the steer speed itself (shift of the ICRs): of v_x and v_y
-    /// without unit, of the yaw rate in rad/m. 0 switches them off.
-    pub shift_sigma: f64,
-    /// Standard deviation of the gains of slide and load shift, 1/rad and 1/m. 0 switches them off.
-    pub slope_sigma: f64,
-    /// Share of these variances that comes back for each metre of steering, 1/m: how fast what was
-    /// learned is given up for what is new.
-    pub forgetting_per_m: f64,
-    /// Whether icrhk-mpc too learns what its model has, the ICRs; it drives no better for it.
-    pub of_icrhk: bool,
-}
-
-impl Default for AdaptationSettings {
-    fn default() -> Self {
-        Self {
-            shift_sigma: 0.05,
-            slope_sigma: 0.7,
-            forgetting_per_m: 0.001,
-            of_icrhk: false,
-        }
-    }
-}
-
-impl AdaptationSettings {
-    /// Returns whether anything is learned.
-    pub fn is_on(&self) -> bool {
-        self.shift_sigma > 0.0 || self.slope_sigma > 0.0
-    }
-
-    fn prior(&self) -> GainCovariance {
-        GainCovariance::from_diagonal(&SVector::from_fn(|i, _| {
-            let sigma = if i % TERMS == 0 {
-                self.shift_sigma
-            } else {
-                self.slope_sigma
-            };
-            sigma * sigma
-        }))
-    }
-}
-
-impl EstimatorSettings {
-    /// Checks the ranges.
-    ///
-    /// # Errors
-    /// [`RangeError`] with the first key out of its range.
-    pub fn validate(&self) -> Result<(), RangeError> {
-        let positive = |key, value| RangeError::check(key, value, 1e-6, 10.0, "from 1e-6 to 10");
-        positive("estimator.pose_sigma_m", self.pose_sigma_m)?;
-        positive("estimator.pose_sigma_rad", self.pose_sigma_rad)?;
-        positive(
-            "estimator.slide_sigma_m_per_sqrt_s",
-            self.slide_sigma_m_per_sqrt_s,
-        )?;
-        positive(
-            "estimator.yaw_sigma_rad_per_sqrt_s",
-            self.yaw_sigma_rad_per_sqrt_s,
-        )?;
-        RangeError::check("estimator.gate", self.gate, 1.0, 1e6, "from 1 to 1e6")?;
-        positive("estimator.error_averaging_s", self.error_averaging_s)?;
-        let gain = |key, value| RangeError::check(key, value, 0.0, 10.0, "from 0 to 10");
-        gain(
-            "estimator.adaptation.shift_sigma",
-            self.adaptation.shift_sigma,
-        )?;
-        gain(
-            "estimator.adaptation.slope_sigma",
-            self.adaptation.slope_sigma,
-        )?;
-        gain(
-            "estimator.adaptation.forgetting_per_m",
-            self.adaptation.forgetting_per_m,
-        )?;
-        RangeError::check(
-            "estimator.normal_filter_s",
-            self.normal_filter_s,
-            0.0,
-            60.0,
-            "from 0 to 60 s",
-        )?;
-        Ok(())
-    }
-}
-
-/// Which readings of a sample were not finite and so were not used.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Refused {
-    /// The tread speeds.
-    pub tread_speeds: bool,
-    /// Roll or pitch.
-    pub attitude: bool,
-    /// The pose.
-    pub pose: bool,
-}
-
-impl Refused {
-    /// Returns whether any reading was refused.
-    pub fn any(&self) -> bool {
-        self.tread_speeds || self.attitude || self.pose
-    }
-}
-
-/// State of the vehicle at the time of a cycle.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Estimate {
-    /// Instant it holds for, s.
-    pub time_s: f64,
-    /// Position and heading.
-    pub pose: PlanarPose,
-    /// Covariance of (x, y, yaw), m^2, m rad and rad^2.
-    pub covariance: Matrix3<f64>,
-    /// Roll and pitch.
-    pub attitude: Attitude,
-    /// Upward unit normal of the ground under the vehicle, world frame.
-    pub normal_in_world: Vector3<f64>,
-    /// Effective tread speeds, after (11).
-    pub treads: TreadSpeeds,
-    /// Learned correction of the model.
-    pub gains: Gains,
-    /// Root mean square of the error of the predicted velocity over the last seconds, m/s.
-    pub model_error_m_s: f64,
-    /// Age of the newest believed pose, s.
-    pub pose_age_s: f64,
-    /// Age of the newest attitude, s.
-    pub attitude_age_s: f64,
-    /// Age of the newest tread speeds, s.
-    pub speeds_age_s: f64,
-    /// Poses refused by the gate since the last that was believed.
-    pub poses_gated: u32,
-}
-
-/// Largest share of the model's own yaw rate that a learned correction may take or add: a vehicle
-/// whose treads spin turns less than it will with grip again, but never against its treads.
-const YAW_CORRECTION_MAX: f64 = 0.6;
-
-/// Distances from the path, m, from which on what was learned of the slide is believed less, and at
-/// which it is not believed at all. Back to the path leads a turn unlike those it was learned from,
-/// and a slide that is thought too large for that turn would keep the vehicle beside the path.
-const SLIDE_DOUBTED_M: (f64, f64) = (0.2, 0.5);
-
-impl Estimate {
-    /// Returns the learned gains as they are driven by, `off_path_m` from the path: those of the yaw
-    /// rate made smaller, all by one factor, where on this slope they could change the yaw rate of a
-    /// vehicle of half effective track `half_track_m` by more than 60 % at some heading; those of the
-    /// slide as they are up to 0.2 m from the path, and less beyond, to nothing at 0.5 m.
-    pub fn bounded_gains(&self, half_track_m: f64, off_path_m: f64) -> Gains {
-        let normal = &self.normal_in_world;
-        let slope_rad = normal.x.hypot(normal.y).atan2(normal.z);
-        let mut gains = self.gains;
-        let mut yaw = gains.row_mut(2);
-        let largest_per_m =
-            yaw[0].abs() + slope_rad * (yaw[1].hypot(yaw[2]) + yaw[3].hypot(yaw[4]));
-        yaw *= (YAW_CORRECTION_MAX / (half_track_m * largest_per_m)).min(1.0);
-        let (near_m, far_m) = SLIDE_DOUBTED_M;
-        let mut slide = gains.fixed_rows_mut::<2>(0);
-        slide *= ((far_m - off_path_m.abs()) / (far_m - near_m)).clamp(0.0, 1.0);
-        gains
-    }
-}
-
-/// A difference between a pose and the prediction at its time.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Innovation {
-    /// Instant of the pose, s.
-    pub time_s: f64,
-    /// Pose less prediction, (x, y, yaw) in the world, m and rad.
-    pub difference: Vector3<f64>,
-    /// Normalised innovation squared.
-    pub normalised: f64,
-}
 
 /// What an event brings.
 #[derive(Debug, Clone, Copy)]

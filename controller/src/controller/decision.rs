@@ -1,0 +1,120 @@
+//! What a cycle decides, and what it has to say of it.
+
+use crate::estimator::{Estimate, Refused};
+use crate::mpc::{QpFailure, SolveReport};
+use crate::reference::Progress;
+use sidehill_plant::speeds::MotorSpeeds;
+
+/// What a command is worth.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Status {
+    /// No attitude and pose yet: the vehicle is kept standing.
+    Waiting,
+    /// The law's own command.
+    Tracking,
+    /// This cycle has no solution; the command is the previous plan's, or slows down where there is
+    /// none yet.
+    Fallback {
+        /// Why there is none.
+        reason: QpFailure,
+        /// Cycles in a row, this one included.
+        cycles: u32,
+    },
+    /// The vehicle is being stopped, and stays so until the controller is re-armed.
+    Stopping(StopReason),
+    /// The reference has been followed to its end; the vehicle is being stopped there.
+    Finished,
+}
+
+impl std::fmt::Display for Status {
+    fn fmt(&self, out: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Waiting => out.write_str("waiting for readings"),
+            Self::Tracking => out.write_str("tracking"),
+            Self::Fallback { reason, cycles } => write!(out, "fallback, cycle {cycles}: {reason}"),
+            Self::Stopping(reason) => write!(out, "stopping: {reason}"),
+            Self::Finished => out.write_str("finished"),
+        }
+    }
+}
+
+/// Why the vehicle is stopped.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+pub enum StopReason {
+    /// The newest believed pose is too old.
+    #[error("the pose is {age_s:.2} s old ({gated} newer ones refused as outliers)")]
+    PoseStale {
+        /// Its age, s.
+        age_s: f64,
+        /// Newer poses that the gate refused.
+        gated: u32,
+    },
+    /// The newest attitude is too old.
+    #[error("the attitude is {age_s:.2} s old")]
+    AttitudeStale {
+        /// Its age, s.
+        age_s: f64,
+    },
+    /// The newest tread speeds are too old.
+    #[error("the tread speeds are {age_s:.2} s old")]
+    SpeedsStale {
+        /// Their age, s.
+        age_s: f64,
+    },
+    /// The vehicle is too far from the path.
+    #[error("the vehicle is {cross_track_m:.2} m off the path")]
+    OffPath {
+        /// Distance, m.
+        cross_track_m: f64,
+    },
+    /// The vehicle points too far from where the path goes.
+    #[error("the heading is {error_rad:.2} rad off the path's")]
+    HeadingOff {
+        /// Heading less reference, rad.
+        error_rad: f64,
+    },
+    /// Too many cycles in a row without a solution.
+    #[error("no solution for {cycles} cycles: {reason}")]
+    NoSolution {
+        /// Cycles in a row.
+        cycles: u32,
+        /// The last failure.
+        reason: QpFailure,
+    },
+    /// The clock did not move on, or jumped.
+    #[error("the cycle's time went from {before_s} s to {now_s} s")]
+    ClockJump {
+        /// Time of the cycle before, s.
+        before_s: f64,
+        /// Time of this cycle, s.
+        now_s: f64,
+    },
+    /// There is nothing to follow.
+    #[error("there is no path")]
+    NoPath,
+    /// It is kept from driving by [`Controller::request_stop`](super::Controller::request_stop).
+    #[error("it is held")]
+    Requested,
+}
+
+/// What a cycle decides, and what it is based on.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Decision {
+    /// Instant of the cycle, s.
+    pub time_s: f64,
+    /// Speeds for the motors until the next cycle, within bounds and rates.
+    pub command: MotorSpeeds,
+    /// What the command is worth.
+    pub status: Status,
+    /// The state it is based on.
+    pub estimate: Option<Estimate>,
+    /// Where the vehicle stands against the reference; none without a path or an estimate.
+    pub progress: Option<Progress>,
+    /// The solver's account, where a QP was solved.
+    pub solve: Option<SolveReport>,
+    /// Readings left out because they were not finite.
+    pub refused: Refused,
+    /// Number of the reference that is followed, see
+    /// [`Controller::follow`](super::Controller::follow); 0 for the first and for none.
+    pub reference: u64,
+}

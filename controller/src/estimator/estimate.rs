@@ -1,0 +1,93 @@
+//! What the estimator says: the state, what of it is driven by, and what was wrong with the readings.
+
+use nalgebra::{Matrix3, Vector3};
+use sidehill_plant::correction::Gains;
+use sidehill_plant::frames::{Attitude, PlanarPose};
+use sidehill_plant::speeds::TreadSpeeds;
+
+/// Which readings of a sample were not finite and so were not used.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Refused {
+    /// The tread speeds.
+    pub tread_speeds: bool,
+    /// Roll or pitch.
+    pub attitude: bool,
+    /// The pose.
+    pub pose: bool,
+}
+
+impl Refused {
+    /// Returns whether any reading was refused.
+    pub fn any(&self) -> bool {
+        self.tread_speeds || self.attitude || self.pose
+    }
+}
+
+/// State of the vehicle at the time of a cycle.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Estimate {
+    /// Instant it holds for, s.
+    pub time_s: f64,
+    /// Position and heading.
+    pub pose: PlanarPose,
+    /// Covariance of (x, y, yaw), m^2, m rad and rad^2.
+    pub covariance: Matrix3<f64>,
+    /// Roll and pitch.
+    pub attitude: Attitude,
+    /// Upward unit normal of the ground under the vehicle, world frame.
+    pub normal_in_world: Vector3<f64>,
+    /// Effective tread speeds, after (11).
+    pub treads: TreadSpeeds,
+    /// Learned correction of the model.
+    pub gains: Gains,
+    /// Root mean square of the error of the predicted velocity over the last seconds, m/s.
+    pub model_error_m_s: f64,
+    /// Age of the newest believed pose, s.
+    pub pose_age_s: f64,
+    /// Age of the newest attitude, s.
+    pub attitude_age_s: f64,
+    /// Age of the newest tread speeds, s.
+    pub speeds_age_s: f64,
+    /// Poses refused by the gate since the last that was believed.
+    pub poses_gated: u32,
+}
+
+/// Largest share of the model's own yaw rate that a learned correction may take or add: a vehicle
+/// whose treads spin turns less than it will with grip again, but never against its treads.
+const YAW_CORRECTION_MAX: f64 = 0.6;
+
+/// Distances from the path, m, from which on what was learned of the slide is believed less, and at
+/// which it is not believed at all. Back to the path leads a turn unlike those it was learned from,
+/// and a slide that is thought too large for that turn would keep the vehicle beside the path.
+const SLIDE_DOUBTED_M: (f64, f64) = (0.2, 0.5);
+
+impl Estimate {
+    /// Returns the learned gains as they are driven by, `off_path_m` from the path: those of the yaw
+    /// rate made smaller, all by one factor, where on this slope they could change the yaw rate of a
+    /// vehicle of half effective track `half_track_m` by more than 60 % at some heading; those of the
+    /// slide as they are up to 0.2 m from the path, and less beyond, to nothing at 0.5 m.
+    pub fn bounded_gains(&self, half_track_m: f64, off_path_m: f64) -> Gains {
+        let normal = &self.normal_in_world;
+        let slope_rad = normal.x.hypot(normal.y).atan2(normal.z);
+        let mut gains = self.gains;
+        let mut yaw = gains.row_mut(2);
+        let largest_per_m =
+            yaw[0].abs() + slope_rad * (yaw[1].hypot(yaw[2]) + yaw[3].hypot(yaw[4]));
+        yaw *= (YAW_CORRECTION_MAX / (half_track_m * largest_per_m)).min(1.0);
+        let (near_m, far_m) = SLIDE_DOUBTED_M;
+        let mut slide = gains.fixed_rows_mut::<2>(0);
+        slide *= ((far_m - off_path_m.abs()) / (far_m - near_m)).clamp(0.0, 1.0);
+        gains
+    }
+}
+
+/// A difference between a pose and the prediction at its time.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Innovation {
+    /// Instant of the pose, s.
+    pub time_s: f64,
+    /// Pose less prediction, (x, y, yaw) in the world, m and rad.
+    pub difference: Vector3<f64>,
+    /// Normalised innovation squared.
+    pub normalised: f64,
+}

@@ -1,0 +1,132 @@
+//! Settings of the estimator and of what it learns.
+
+use super::GainCovariance;
+use nalgebra::SVector;
+use serde::{Deserialize, Serialize};
+use sidehill_plant::correction::TERMS;
+use sidehill_plant::vehicle::RangeError;
+
+/// Settings of the estimator.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct EstimatorSettings {
+    /// Standard deviation of a pose's position, m.
+    pub pose_sigma_m: f64,
+    /// Standard deviation of a pose's heading, rad.
+    pub pose_sigma_rad: f64,
+    /// Growth of the position's uncertainty while moving, m/sqrt(s).
+    pub slide_sigma_m_per_sqrt_s: f64,
+    /// Growth of the heading's uncertainty while moving, rad/sqrt(s).
+    pub yaw_sigma_rad_per_sqrt_s: f64,
+    /// Largest normalised innovation squared (3 degrees of freedom) of a pose that is believed.
+    pub gate: f64,
+    /// Time over which the error of the model's velocity is averaged, s.
+    pub error_averaging_s: f64,
+    /// Learning of the correction.
+    pub adaptation: AdaptationSettings,
+    /// Time constant of the smoothing of the ground's normal in the world frame, s; 0 for none.
+    pub normal_filter_s: f64,
+}
+
+impl Default for EstimatorSettings {
+    fn default() -> Self {
+        Self {
+            pose_sigma_m: 0.01,
+            pose_sigma_rad: 0.0087,
+            slide_sigma_m_per_sqrt_s: 0.02,
+            yaw_sigma_rad_per_sqrt_s: 0.02,
+            gate: 30.0,
+            error_averaging_s: 3.0,
+            adaptation: AdaptationSettings::default(),
+            normal_filter_s: 0.0,
+        }
+    }
+}
+
+/// How far the correction may be from nothing.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct AdaptationSettings {
+    /// Standard deviation of the gains of the steer speed itself (shift of the ICRs): of v_x and v_y
+    /// without unit, of the yaw rate in rad/m. 0 switches them off.
+    pub shift_sigma: f64,
+    /// Standard deviation of the gains of slide and load shift, 1/rad and 1/m. 0 switches them off.
+    pub slope_sigma: f64,
+    /// Share of these variances that comes back for each metre of steering, 1/m: how fast what was
+    /// learned is given up for what is new.
+    pub forgetting_per_m: f64,
+    /// Whether icrhk-mpc too learns what its model has, the ICRs; it drives no better for it.
+    pub of_icrhk: bool,
+}
+
+impl Default for AdaptationSettings {
+    fn default() -> Self {
+        Self {
+            shift_sigma: 0.05,
+            slope_sigma: 0.7,
+            forgetting_per_m: 0.001,
+            of_icrhk: false,
+        }
+    }
+}
+
+impl AdaptationSettings {
+    /// Returns whether anything is learned.
+    pub fn is_on(&self) -> bool {
+        self.shift_sigma > 0.0 || self.slope_sigma > 0.0
+    }
+
+    pub(super) fn prior(&self) -> GainCovariance {
+        GainCovariance::from_diagonal(&SVector::from_fn(|i, _| {
+            let sigma = if i % TERMS == 0 {
+                self.shift_sigma
+            } else {
+                self.slope_sigma
+            };
+            sigma * sigma
+        }))
+    }
+}
+
+impl EstimatorSettings {
+    /// Checks the ranges.
+    ///
+    /// # Errors
+    /// [`RangeError`] with the first key out of its range.
+    pub fn validate(&self) -> Result<(), RangeError> {
+        let positive = |key, value| RangeError::check(key, value, 1e-6, 10.0, "from 1e-6 to 10");
+        positive("estimator.pose_sigma_m", self.pose_sigma_m)?;
+        positive("estimator.pose_sigma_rad", self.pose_sigma_rad)?;
+        positive(
+            "estimator.slide_sigma_m_per_sqrt_s",
+            self.slide_sigma_m_per_sqrt_s,
+        )?;
+        positive(
+            "estimator.yaw_sigma_rad_per_sqrt_s",
+            self.yaw_sigma_rad_per_sqrt_s,
+        )?;
+        RangeError::check("estimator.gate", self.gate, 1.0, 1e6, "from 1 to 1e6")?;
+        positive("estimator.error_averaging_s", self.error_averaging_s)?;
+        let gain = |key, value| RangeError::check(key, value, 0.0, 10.0, "from 0 to 10");
+        gain(
+            "estimator.adaptation.shift_sigma",
+            self.adaptation.shift_sigma,
+        )?;
+        gain(
+            "estimator.adaptation.slope_sigma",
+            self.adaptation.slope_sigma,
+        )?;
+        gain(
+            "estimator.adaptation.forgetting_per_m",
+            self.adaptation.forgetting_per_m,
+        )?;
+        RangeError::check(
+            "estimator.normal_filter_s",
+            self.normal_filter_s,
+            0.0,
+            60.0,
+            "from 0 to 60 s",
+        )?;
+        Ok(())
+    }
+}
