@@ -3,7 +3,7 @@
 use super::convert::{from_pose, pose_and_attitude};
 use super::goals::Outcome;
 use super::message::{self, action::code};
-use sidehill_controller::path::{Direction, Path, PathError, Point2, RawPoint, Smoothing, smooth};
+use sidehill_controller::path::{Direction, Path, Point2, RawPoint, Smoothing, smooth};
 use sidehill_controller::speed_profile::{SpeedLimits, speed_profile};
 use sidehill_controller::trajectory::Trajectory;
 use sidehill_plant::frames::PlanarPose;
@@ -150,7 +150,9 @@ impl Route {
                 direction: settings.use_orientations.then(|| direction(poses, index)),
             })
             .collect();
-        let path = Arc::new(curve(&points, &settings.smoothing)?);
+        let smoothed = smooth(&points, &settings.smoothing)
+            .map_err(|error| Outcome::new(code::INVALID_PATH, error.to_string()))?;
+        let path = Arc::new(smoothed.path);
         let trajectory = timed(&path, speed_m_s, &settings.limits)?;
         Ok(Self {
             frame: plan.frame.clone(),
@@ -170,65 +172,6 @@ impl Route {
             ..self.clone()
         })
     }
-}
-
-/// Returns the curve of points. A grid planner's path can turn within less than the vehicle needs, close
-/// to where it begins or ends: where it is too sharp, half of the deviation goes to leaving points out.
-fn curve(points: &[RawPoint], smoothing: &Smoothing) -> Result<Path, Outcome> {
-    let wrong = |error: PathError| Outcome::new(code::INVALID_PATH, error.to_string());
-    let error = match smooth(points, smoothing) {
-        Ok(smoothed) => return Ok(smoothed.path),
-        Err(error @ PathError::TooSharp { .. }) => error,
-        Err(error) => return Err(wrong(error)),
-    };
-    let halved = Smoothing {
-        max_deviation_m: 0.5 * smoothing.max_deviation_m,
-        ..*smoothing
-    };
-    let mut every = 2;
-    while every < 2 * points.len() {
-        let thinned = thinned(points, every);
-        if deviation_m(points, every) > halved.max_deviation_m {
-            break;
-        }
-        if let Ok(smoothed) = smooth(&thinned, &halved) {
-            return Ok(smoothed.path);
-        }
-        every *= 2;
-    }
-    Err(wrong(error))
-}
-
-/// Returns every so many-th point, and the last one.
-fn thinned(points: &[RawPoint], every: usize) -> Vec<RawPoint> {
-    let last = points.len().saturating_sub(1);
-    let kept = points.iter().enumerate();
-    kept.filter(|(index, _)| index % every == 0 || *index == last)
-        .map(|(_, point)| *point)
-        .collect()
-}
-
-/// Returns the largest distance of a point that is left out from the line between those it is left
-/// out between, m.
-fn deviation_m(points: &[RawPoint], every: usize) -> f64 {
-    let last = points.len().saturating_sub(1);
-    (0..points.len()).fold(0.0, |largest: f64, index| {
-        let from = index - index % every;
-        let (a, b) = (
-            points[from].position,
-            points[(from + every).min(last)].position,
-        );
-        let (x_m, y_m) = (b.x_m - a.x_m, b.y_m - a.y_m);
-        let at = points[index].position;
-        let (dx_m, dy_m) = (at.x_m - a.x_m, at.y_m - a.y_m);
-        let length_m2 = x_m * x_m + y_m * y_m;
-        let share = if length_m2 > 0.0 {
-            ((dx_m * x_m + dy_m * y_m) / length_m2).clamp(0.0, 1.0)
-        } else {
-            0.0
-        };
-        largest.max((dx_m - share * x_m).hypot(dy_m - share * y_m))
-    })
 }
 
 fn timed(path: &Path, speed_m_s: f64, limits: &SpeedLimits) -> Result<Trajectory, Outcome> {
@@ -357,7 +300,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn a_grid_planners_kink_close_to_an_end_is_left_out() {
+    fn a_kink_close_to_an_end_is_smoothed_within_the_deviation_or_refused() {
         let at = |places: &[(f64, f64)]| Plan {
             frame: "map".to_owned(),
             poses: places
@@ -374,7 +317,6 @@ pub(super) mod tests {
         let route = Route::build(&plan, &pose, 0.0, &settings()).unwrap();
         let end = route.trajectory.at(1e3).position;
         assert!((end.x_m - 0.1).hypot(end.y_m - 0.3) < 1e-6, "{end:?}");
-        // What cannot be left out within the deviation still is too sharp.
         let exact = RouteSettings {
             smoothing: Smoothing {
                 max_deviation_m: 0.02,
