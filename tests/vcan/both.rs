@@ -223,8 +223,10 @@ fn the_emergency_stop_of_ros_2_and_a_cancel_stop_the_drives_on_the_bus() {
     assert_eq!(pressed["emergency_stop"], "true", "{pressed}");
     rig.client
         .assert_stopped_by("the emergency stop is pressed");
-    // While it is pressed nothing is taken, and its release does not drive.
-    rig.client.assert_accepted("straight 15", false);
+    // While it is pressed nothing is driven, and its release does not drive.
+    rig.client.assert_accepted("straight 15", true);
+    rig.client
+        .assert_result(ABORTED, UNKNOWN, "the emergency stop is pressed");
     rig.client.ask("release");
     rig.assert_stays_off();
 

@@ -6,6 +6,9 @@ use ros2_client::Gid;
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
+/// Longest wait for the first word of a writer. RustDDS gets what Fast DDS said earlier after 3 to 5 s.
+const FIRST_WORD: Duration = Duration::from_secs(6);
+
 /// What a writer last said.
 #[derive(Debug, Clone, Copy)]
 struct Word {
@@ -20,11 +23,28 @@ struct Word {
 #[derive(Debug, Default)]
 pub(super) struct EmergencyStop {
     words: BTreeMap<Gid, Word>,
+    /// Writers that keep their last word for newcomers and have not been heard, since when.
+    awaited: BTreeMap<Gid, Instant>,
 }
 
 impl EmergencyStop {
+    /// Takes that there is a writer which keeps its last word for newcomers.
+    pub(super) fn expect(&mut self, writer: Gid, now: Instant) {
+        if !self.words.contains_key(&writer) {
+            self.awaited.entry(writer).or_insert(now);
+        }
+    }
+
+    /// Returns whether a writer may have pressed it whose first word is still on its way.
+    pub(super) fn is_awaited(&self, now: Instant) -> bool {
+        self.awaited
+            .values()
+            .any(|since| now.duration_since(*since) < FIRST_WORD)
+    }
+
     /// Takes a word.
     pub(super) fn take(&mut self, writer: Gid, pressed: bool, at: Instant) {
+        self.awaited.remove(&writer);
         let word = Word {
             pressed,
             at,
@@ -41,10 +61,13 @@ impl EmergencyStop {
     pub(super) fn leave(&mut self, gone: Gid) {
         let gone = gone.to_bytes16();
         let whole_participant = gone[12..] == [0; 4];
-        self.words.retain(|writer, word| {
+        let left = |writer: &Gid| {
             let writer = writer.to_bytes16();
-            let left = writer == gone || (whole_participant && writer[..12] == gone[..12]);
-            word.left |= left;
+            writer == gone || (whole_participant && writer[..12] == gone[..12])
+        };
+        self.awaited.retain(|writer, _| !left(writer));
+        self.words.retain(|writer, word| {
+            word.left |= left(writer);
             word.pressed || !word.left
         });
     }
@@ -107,6 +130,28 @@ mod tests {
             stop.take(writer(3, 1), false, Instant::now());
             assert_eq!(stop.cause(Duration::ZERO), None);
         }
+    }
+
+    #[test]
+    fn the_first_word_of_a_latched_writer_is_awaited_for_a_time() {
+        let now = Instant::now();
+        let mut stop = EmergencyStop::default();
+        assert!(!stop.is_awaited(now));
+        for (who, gone) in [(writer(1, 1), writer(1, 1)), (writer(2, 1), participant(2))] {
+            stop.expect(who, now);
+            assert!(stop.is_awaited(now));
+            stop.leave(gone);
+            assert!(!stop.is_awaited(now));
+        }
+        let latched = writer(3, 1);
+        stop.expect(latched, now);
+        // Told of it once more, it is not waited for anew.
+        stop.expect(latched, now + FIRST_WORD / 2);
+        assert!(stop.is_awaited(now + FIRST_WORD * 9 / 10));
+        assert!(!stop.is_awaited(now + FIRST_WORD));
+        stop.take(latched, false, now);
+        stop.expect(latched, now);
+        assert!(!stop.is_awaited(now));
     }
 
     #[test]

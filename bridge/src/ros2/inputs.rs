@@ -45,8 +45,7 @@ pub(super) struct Shared {
     last_refusal: Mutex<String>,
     pub(super) refused: AtomicU64,
     pub(super) emergency_stop: SharedCause,
-    /// Writers that have left the graph since the last look.
-    left: Mutex<Vec<Gid>>,
+    words: Mutex<EmergencyStop>,
     pub(super) clock_jumps: AtomicU64,
     /// Bits of the speed, m/s, and the yaw rate, rad/s, below which odometry says 0.
     thresholds: [AtomicU64; 2],
@@ -59,13 +58,9 @@ impl Shared {
         }
     }
 
-    /// Says that a writer has left.
-    pub(super) fn writer_left(&self, writer: Gid) {
-        self.lock_left().push(writer);
-    }
-
-    fn lock_left(&self) -> MutexGuard<'_, Vec<Gid>> {
-        self.left.lock().unwrap_or_else(PoisonError::into_inner)
+    /// Who has said what of the emergency stop.
+    pub(super) fn words(&self) -> MutexGuard<'_, EmergencyStop> {
+        self.words.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn thresholds(&self) -> [f64; 2] {
@@ -189,7 +184,6 @@ impl Ears {
                 subscriptions,
                 heard: Heard::default(),
                 slot,
-                emergency_stop: EmergencyStop::default(),
                 clock_s: None,
             };
             let mut events = Events::with_capacity(64);
@@ -236,7 +230,6 @@ struct Listener {
     subscriptions: Subscriptions,
     heard: Heard,
     slot: Input<Heard>,
-    emergency_stop: EmergencyStop,
     clock_s: Option<f64>,
 }
 
@@ -244,19 +237,18 @@ impl Listener {
     fn hear(&mut self) {
         let ears = &self.ears;
         let (shared, config) = (&ears.common.shared, &ears.config);
-        let emergency_stop = &mut self.emergency_stop;
-        for writer in shared.lock_left().drain(..) {
-            emergency_stop.leave(writer);
-        }
+        let mut words = shared.words();
         for subscription in &self.subscriptions.emergency_stop {
             drain_from(subscription, |Bool { data }, writer| {
-                emergency_stop.take(writer, data, Instant::now());
+                words.take(writer, data, Instant::now());
             });
         }
         let timeout = Duration::from_secs_f64(config.emergency_stop_timeout_s);
-        let stop = emergency_stop.cause(timeout);
+        let stop = words.cause(timeout);
         ears.brake.set(stop);
         shared.emergency_stop.set(stop);
+        // Who awaits a word sees what came of it.
+        drop(words);
 
         if let (Some(subscription), Some(clock)) =
             (&self.subscriptions.clock, ears.common.time.told_clock())

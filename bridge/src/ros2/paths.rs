@@ -105,6 +105,13 @@ impl Paths {
         }
     }
 
+    /// Has the path that is being prepared begin its waits anew.
+    pub(super) fn postpone(&mut self, now_s: f64) {
+        if let Some(preparing) = &mut self.preparing {
+            preparing.since_s = now_s;
+        }
+    }
+
     /// Forgets the path that is being prepared, and the one that is driven where `all`.
     pub(super) fn forget(&mut self, all: bool) {
         self.preparing = None;

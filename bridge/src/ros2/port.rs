@@ -21,8 +21,8 @@ use std::sync::atomic::Ordering;
 use std::time::Duration;
 use triple_buffer::{Input, Output, triple_buffer};
 
-/// Zeros after the drives were switched off, before the topics are left to others.
-const LAST_ZEROS: u32 = 20;
+/// Zeros after the drives were switched off, before the topics are left to others, who may begin at once.
+const LAST_ZEROS: u32 = 5;
 
 /// What the drives are told in a cycle.
 #[derive(Debug, Clone, Copy, Default)]

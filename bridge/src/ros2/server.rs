@@ -29,15 +29,17 @@ use crate::safety::StopCause;
 use ros2_client::action::GoalId;
 use ros2_client::builtin_interfaces::Time;
 use ros2_client::dds::rustdds::mio1::{Events, Interest, Poll, Token};
+use ros2_client::dds::rustdds::policy::Durability;
 use ros2_client::dds::rustdds::{
-    DomainParticipantStatusEvent as Event, DomainParticipantStatusListener, StatusEvented,
+    DomainParticipantStatusEvent as Event, DomainParticipantStatusListener, EndpointDescription,
+    StatusEvented,
 };
 use ros2_client::log::LogLevel;
 use ros2_client::{NodeLoggingHandle, RosoutRaw, Subscription};
 use sidehill_plant::vehicle::Vehicle;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// Time between two looks where nothing comes, s.
 const TICK_S: f64 = 0.02;
@@ -179,6 +181,8 @@ struct Server {
     statuses_changed: bool,
     fed_back_s: f64,
     framed_s: f64,
+    /// Topics as DDS names them.
+    emergency_stop_topic: String,
     result_topic: String,
     logger: NodeLoggingHandle,
     poll: Poll,
@@ -215,8 +219,12 @@ impl Server {
         let services = Services::new(&mut node, poll_of, parameters, lifecycle)?;
         let logger = node.inner().logging_handle();
         let telemetry = Telemetry::new(&mut node, vehicle, &config.frames.odometry)?;
-        let action_name = node.names().resolve(&config.follow_path.action);
-        let action_name = action_name.map_err(super::node::NodeError::from)?;
+        let whole = |name: &str| {
+            let name = node.names().resolve(name);
+            name.map_err(super::node::NodeError::from)
+        };
+        let action_name = whole(&config.follow_path.action)?;
+        let emergency_stop_topic = format!("rt{}", whole(&config.inputs.emergency_stop)?);
         Ok(Self {
             paths,
             time: common.time,
@@ -245,6 +253,7 @@ impl Server {
             fed_back_s: f64::NEG_INFINITY,
             framed_s: f64::NEG_INFINITY,
             config,
+            emergency_stop_topic,
             result_topic: format!("rr{action_name}/_action/get_resultReply"),
             poll,
             node,
@@ -365,11 +374,16 @@ impl Server {
     fn meet_peers(&mut self) {
         while let Some(event) = self.status.try_recv_status() {
             match &event {
-                Event::WriterLost { guid, .. } => self.shared.writer_left((*guid).into()),
+                Event::WriterDetected { writer } if self.keeps_emergency_stop(writer) => {
+                    self.shared
+                        .words()
+                        .expect(writer.guid.into(), Instant::now());
+                }
+                Event::WriterLost { guid, .. } => self.shared.words().leave((*guid).into()),
                 Event::ParticipantLost { id, .. } => {
                     let mut participant = [0; 16];
                     participant[..12].copy_from_slice(id.as_ref());
-                    self.shared.writer_left(participant.into());
+                    self.shared.words().leave(participant.into());
                 }
                 _ => {}
             }
@@ -381,6 +395,15 @@ impl Server {
                 *gone |= its_client && *client == left;
             }
         }
+    }
+
+    /// Returns whether a writer says the emergency stop, and its last word again to newcomers.
+    fn keeps_emergency_stop(&self, writer: &EndpointDescription) -> bool {
+        writer.topic_name == self.emergency_stop_topic
+            && writer
+                .qos
+                .durability()
+                .is_some_and(|kept| kept >= Durability::TransientLocal)
     }
 
     /// Looks for a jump of the clock, simulated or the world's.

@@ -21,7 +21,8 @@ from rclpy.action import ActionClient, get_action_names_and_types
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
-from rclpy.qos import qos_profile_sensor_data
+from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
+from std_msgs.msg import Bool
 
 SERVER = "/controller_server"
 START_YAW_RAD = math.radians(90 - 50.906)
@@ -176,6 +177,25 @@ def test_cancel_and_a_newer_goal_end_a_goal_as_its_client_expects(driven):
     d.stands()
     # A result is told again.
     assert d.ended(second)[0] == GoalStatus.STATUS_CANCELED
+
+
+def test_an_emergency_stop_that_was_pressed_before_the_start_lets_nothing_drive(driven, ros):
+    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    button = ros.node.create_publisher(Bool, "/emergency_stop", latched)
+    button.publish(Bool(data=True))
+    d = driven()
+    # What a latched writer of Fast DDS said earlier takes some 3 s to be heard, and so does the first call of a
+    # client that calls at once.
+    time.sleep(1.0)
+    for _ in range(2):
+        status, result = d.ended(d.send(ahead()))
+        assert (status, result.error_code) == (GoalStatus.STATUS_ABORTED, 100)
+        assert "the emergency stop is pressed" in result.error_msg
+    assert all(row["traction_m_s"] == 0.0 and row["steer_m_s"] == 0.0 for row in d.vehicle.truth())
+    button.publish(Bool(data=False))
+    time.sleep(1.0)
+    assert d.vehicle.stands()
+    d.sent_off(ahead())
 
 
 def test_a_path_that_cannot_be_driven_is_aborted_with_its_code(driven):

@@ -37,6 +37,8 @@ class Operator:
         self.action = FollowPath(peer).wait()
         wait_for(self.diagnostics_of.matched, "diagnostics")
         wait_for(self.stop.get_matched_subscriptions, "who listens to the emergency stop")
+        # A goal waits for the first word of each who could have pressed it.
+        self.release()
         self.goal = None
 
     def send(self, points):

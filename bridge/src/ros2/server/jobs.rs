@@ -17,27 +17,29 @@ use ros2_client::log::LogLevel;
 use sidehill_controller::controller::Decision;
 use sidehill_plant::frames::wrap_angle;
 use std::f64::consts::FRAC_PI_2;
+use std::time::Instant;
 
 impl Server {
     pub(super) fn take_goal(&mut self, goal: NewGoal, now_s: f64) {
         let stamp = Time::from_nanos(self.time.stamp_ns(now_s));
-        let stop = self.shared.emergency_stop.get();
-        let ready = self.services.lifecycle.is_active() && stop.is_none();
-        let accepted = ready && self.goals.accept(goal.id, stamp);
+        let active = self.services.lifecycle.is_active();
+        let accepted = active && self.goals.accept(goal.id, stamp);
         self.action.answer_goal(goal.request, accepted, stamp);
         if !accepted {
-            let why = stop.map_or_else(
-                || "the node is not active, or the goal is not new".to_owned(),
-                |cause| cause.to_string(),
-            );
+            let why = match active {
+                true => "it is not new",
+                false => "the node is not active",
+            };
             self.log(LogLevel::Warn, &format!("a goal is refused: {why}"));
             return;
         }
         let count = goal.path.poses.len();
-        self.log(
-            LogLevel::Info,
-            &format!("a goal of {count} poses is accepted"),
-        );
+        let waits = match self.emergency_stop_is_awaited() {
+            true => ", and waits for the first word of the emergency stop",
+            false => "",
+        };
+        let message = format!("a goal of {count} poses is accepted{waits}");
+        self.log(LogLevel::Info, &message);
         self.statuses_changed = true;
         self.accepted += 1;
         let client = Some((participant(&goal.request), false));
@@ -155,8 +157,16 @@ impl Server {
         self.tell(now_s, view.as_ref());
     }
 
+    fn emergency_stop_is_awaited(&self) -> bool {
+        self.shared.words().is_awaited(Instant::now())
+    }
+
     /// Goes on with a path that is being prepared.
     fn hand_over(&mut self, now_s: f64, view: Option<&CycleView>, decision: Option<&Decision>) {
+        if self.emergency_stop_is_awaited() {
+            self.paths.postpone(now_s);
+            return;
+        }
         let tolerances = &self.config.tolerances;
         let driving = view.is_some_and(|view| view.row.state == State::Driving);
         let here = decision.and_then(|decision| {
