@@ -168,7 +168,10 @@ impl Executive {
     /// Takes up another path; the one before has ended. Returns its number.
     pub fn begin(&mut self, client: Client) -> (u64, Vec<Effect>) {
         let mut effects = Vec::new();
+        let mut progress = ProgressChecker::default();
         if let Some(job) = self.job.take() {
+            // Who sends a newer path again and again shall still learn that the vehicle does not get on.
+            progress = job.progress;
             effects.push(match job.phase {
                 // What was being ended has its end.
                 Phase::Ending { end, outcome, .. } => Effect::Told(job.client, end, outcome),
@@ -179,24 +182,20 @@ impl Executive {
                 ),
             });
         }
-        (self.adopt(client), effects)
-    }
-
-    fn adopt(&mut self, client: Client) -> u64 {
         self.number += 1;
         self.job = Some(Job {
             client,
             number: self.number,
             phase: Phase::Preparing,
             goal: PlanarPose::default(),
-            progress: ProgressChecker::default(),
+            progress,
             followed: false,
             turn: None,
             turning: false,
             without_transform_s: None,
             without_plan_s: None,
         });
-        self.number
+        (self.number, effects)
     }
 
     /// Returns a number for a path that replaces the one in hand without being another: at other
@@ -222,7 +221,6 @@ impl Executive {
         };
         job.goal = goal;
         job.followed = false;
-        job.progress.reset();
         // A vehicle that is under way goes over to the new path as it drives.
         let under_way = matches!(state, State::Zeroing | State::Enabling | State::Driving);
         if turn_to_rad.is_some() && self.turns.at_start && job.turn.is_none() {
@@ -232,6 +230,7 @@ impl Executive {
             job.phase = Phase::Driving;
             return Vec::new();
         }
+        job.progress.reset();
         job.phase = Phase::Arming { since_s: now_s };
         vec![Effect::Arm(job.number)]
     }

@@ -328,6 +328,28 @@ fn an_arming_that_crosses_the_end_is_taken_back() {
 }
 
 #[test]
+fn newer_paths_do_not_hide_that_the_vehicle_does_not_get_on() {
+    for (step_m, gets_on) in [(0.0, false), (0.6, true)] {
+        let mut world = World::new();
+        let mut client = world.driving();
+        // A planner that plans anew every 4 s.
+        for _ in 0..3 {
+            world.x_m += step_m;
+            client = world.follow();
+            world.cycles(80);
+        }
+        assert_eq!(world.state == State::Driving, gets_on);
+        if !gets_on {
+            world.assert_told(client, GoalEnd::Aborted, code::FAILED_TO_MAKE_PROGRESS);
+            // One that comes after it has its own time.
+            world.driving();
+            world.cycles(80);
+            assert_eq!(world.state, State::Driving);
+        }
+    }
+}
+
+#[test]
 fn every_doubt_ends_with_its_code() {
     type Disturb = fn(&mut World);
     // What is wrong, the goal's code, and how the end of the drive is told.
