@@ -5,7 +5,9 @@ come.
 
 - Round trip: the peer plays a vehicle and publishes odometry at 1 kHz, stamped as it is sent. From
   the stamp that a cycle used until the command of that cycle has arrived at the peer, less the cycle
-  itself (from its beginning to its end, as the program records it).
+  itself (from its beginning to its end, as the program records it). Of that, half a millisecond is the
+  phase of the odometry, and what peers_alone says is the peer's own: the way there and back to another of
+  its kind that answers at once.
 - Goal acceptance: from when the client has put a goal of 1,000 or 5,000 poses on the wire, which takes
   Python its time, until the answer.
 - First calls: of fresh participants, at once after both topics of the service have matched.
@@ -15,6 +17,7 @@ import argparse
 import csv
 import json
 import math
+import multiprocessing
 import pathlib
 import random
 import tempfile
@@ -133,6 +136,36 @@ def round_trip(peer, folder, config, domain, seconds):
     }
 
 
+def answer(domain, count):
+    """Answers each 50th odometry by a command that has its stamp, as soon as it comes."""
+    peer = Peer(domain)
+    odometry = peer.raw_reader("rt/odom", wire.Odometry)
+    commands = peer.writer("/cmd_vel", wire.Twist)
+    for _ in range(count):
+        for _ in range(50):
+            message = odometry.take_one(timeout=duration(seconds=30))
+        stamp = message.header.stamp
+        commands.write(wire.Twist(linear=wire.Vector3(z=stamp.sec + 1e-9 * stamp.nanosec)))
+
+
+def peers_alone(domain, count=400):
+    """The way there and back between two peers, without Sidehill: what the measurement itself takes."""
+    process = multiprocessing.get_context("spawn").Process(target=answer, args=(domain, count))
+    process.start()
+    peer = Peer(domain)
+    vehicle = PlayedVehicle(peer)
+    commands = peer.raw_reader("rt/cmd_vel", wire.Twist)
+    vehicle.start()
+    took = []
+    while len(took) < count // 2:
+        command = commands.take_one(timeout=duration(seconds=30))
+        took.append(time.time() - command.linear.z)
+    process.kill()
+    vehicle.ended = True
+    vehicle.join()
+    return quantiles(took)
+
+
 def acceptance(action, poses):
     points = straight(0.01 * poses, yaw_rad=0.0, step_m=0.01)
     goal = action.goal_type(path=path_of(points))
@@ -176,6 +209,7 @@ def main():
         folder = pathlib.Path(folder)
         config = adapted("run_ros2.yaml", {}, folder)
         domain = random.randint(1, 101)
+        figures["peers_alone"] = peers_alone(domain)
         figures["round_trip"] = round_trip(Peer(domain), folder, config, domain, arguments.seconds)
         domain = random.randint(1, 101)
         program = Program(["run", config], domain, folder / "second.log")
