@@ -5,15 +5,18 @@
 //! ```
 
 mod decision;
+mod preview;
+mod supervision;
 
 pub use decision::{Decision, Status, StopReason};
 
-use crate::config::{AttitudePreview, ControllerConfig, ControllerKind};
+use crate::config::{ControllerConfig, ControllerKind};
 use crate::estimator::{Estimate, Estimator};
 use crate::mpc::{Mpc, Plan, QpFailure, StageTarget};
 use crate::pure_pursuit::PursuitView;
-use crate::reference::{Progress, Reference, Tracking};
-use crate::trajectory::{Ending, Trajectory};
+use crate::reference::{Reference, Tracking};
+use crate::trajectory::Trajectory;
+use preview::preview;
 use sidehill_plant::frames::{PlanarPose, wrap_angle};
 use sidehill_plant::prediction::PredictionModel;
 use sidehill_plant::sample::Sample;
@@ -290,79 +293,6 @@ impl Controller {
         decision
     }
 
-    /// Returns the time since the cycle before; a clock that stands, jumps or is no number stops.
-    fn elapsed(&mut self, now_s: f64) -> f64 {
-        let Some(before_s) = self.last_time_s else {
-            if now_s.is_finite() {
-                self.last_time_s = Some(now_s);
-            }
-            return 0.0;
-        };
-        let elapsed_s = now_s - before_s;
-        if elapsed_s > 0.0 && elapsed_s <= self.config.supervisor.pose_timeout_s {
-            self.last_time_s = Some(now_s);
-            return elapsed_s;
-        }
-        self.stop(StopReason::ClockJump { before_s, now_s });
-        if now_s.is_finite() {
-            self.last_time_s = Some(now_s);
-        }
-        0.0
-    }
-
-    fn stop(&mut self, reason: StopReason) {
-        if matches!(self.phase, Phase::Driving { .. }) {
-            self.phase = Phase::Stopped(reason);
-        }
-    }
-
-    /// Stops on stale readings.
-    fn supervise_readings(&mut self, estimate: &Estimate) {
-        let limits = self.config.supervisor;
-        if !within(estimate.pose_age_s, limits.pose_timeout_s) {
-            self.stop(StopReason::PoseStale {
-                age_s: estimate.pose_age_s,
-                gated: estimate.poses_gated,
-            });
-        } else if !within(estimate.attitude_age_s, limits.attitude_timeout_s) {
-            self.stop(StopReason::AttitudeStale {
-                age_s: estimate.attitude_age_s,
-            });
-        } else if !within(estimate.speeds_age_s, limits.speeds_timeout_s) {
-            self.stop(StopReason::SpeedsStale {
-                age_s: estimate.speeds_age_s,
-            });
-        }
-    }
-
-    /// Stops without a path, on leaving it, and at its end.
-    fn supervise_path(&mut self, estimate: &Estimate, progress: Option<&Progress>) {
-        let (Some(reference), Some(progress)) = (&self.reference, progress) else {
-            self.stop(StopReason::NoPath);
-            return;
-        };
-        let limits = self.config.supervisor;
-        let late = reference.time_s() > reference.end_s() + limits.settle_time_s;
-        let periodic = reference.trajectory().ending() == Ending::Periodic;
-        let heading_error = wrap_angle(estimate.pose.yaw_rad - progress.point.heading_rad);
-        if !within(progress.cross_track_m.abs(), limits.cross_track_max_m) {
-            self.stop(StopReason::OffPath {
-                cross_track_m: progress.cross_track_m,
-            });
-        } else if !within(heading_error.abs(), limits.heading_error_max_rad) {
-            self.stop(StopReason::HeadingOff {
-                error_rad: heading_error,
-            });
-        }
-        if progress.ended && matches!(self.phase, Phase::Driving { .. }) {
-            let last = self.last_command();
-            let standing = last.traction_m_s.abs() < 0.01 && last.steer_m_s.abs() < 0.01;
-            if periodic || standing || late {
-                self.phase = Phase::Finished;
-            }
-        }
-    }
-
     /// Fills in command and status as the phase has it.
     fn decide(
         &mut self,
@@ -521,42 +451,5 @@ impl Controller {
             }
         }
         pose
-    }
-}
-
-/// Returns whether a value is within its limit; a NaN is not.
-fn within(value: f64, limit: f64) -> bool {
-    value <= limit
-}
-
-/// Fills `targets` with the reference over the horizon, which begins when a command given now acts.
-fn preview(
-    config: &ControllerConfig,
-    vehicle: &Vehicle,
-    reference: &Reference,
-    terrain: Option<&Terrain>,
-    estimate: &Estimate,
-    caution: f64,
-    targets: &mut Vec<StageTarget>,
-) {
-    let half_track_m = 0.5 * (vehicle.icrs.right_m - vehicle.icrs.left_m);
-    let map = terrain.filter(|_| config.attitude_preview == AttitudePreview::Terrain);
-    targets.clear();
-    for k in 1..=config.stages {
-        let point = reference.ahead(config.delay_s() + config.step_s * k as f64);
-        // Beyond the map's edge the plane the vehicle stands on is the best guess there is.
-        let normal_in_world = map
-            .and_then(|map| map.surface(point.position.x_m, point.position.y_m).ok())
-            .map_or(estimate.normal_in_world, |surface| surface.normal_in_world);
-        targets.push(StageTarget {
-            pose: point.pose(),
-            along_heading_rad: point.heading_rad,
-            normal_in_world,
-            feedforward: MotorSpeeds {
-                traction_m_s: point.speed_m_s,
-                steer_m_s: half_track_m * point.yaw_rate_rad_s,
-            },
-            weights: config.stage_weights(point.motion, caution),
-        });
     }
 }

@@ -10,81 +10,19 @@
 //! Time is an argument; there is no node and no thread in here. The safety decides on its own when
 //! the vehicle stops; the executive only asks it to, and gives its reasons a code.
 
+mod outcomes;
+mod vocabulary;
+
+pub use vocabulary::{Client, Effect, Seen, Turns};
+
 use super::checkers::{GoalError, ProgressChecker};
 use super::config::Tolerances;
 use super::goals::{GoalEnd, Outcome};
 use super::message::action::code;
 use crate::safety::{Reason, State, StopCause};
-use ros2_client::action::GoalId;
-use sidehill_controller::controller::{Decision, Status, StopReason};
+use outcomes::{doubt, explained, refusal};
+use sidehill_controller::controller::Status;
 use sidehill_plant::frames::{PlanarPose, wrap_angle};
-
-/// Who wants a path driven.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Client {
-    /// A goal of the action.
-    Goal(GoalId),
-    /// The topic.
-    Topic,
-}
-
-/// What shall happen.
-#[derive(Debug, Clone, PartialEq)]
-pub enum Effect {
-    /// Arm under this number; 0 takes a wish back.
-    Arm(u64),
-    /// Stop for this cause and stay so, or no longer.
-    Stop(Option<StopCause>),
-    /// Tell how it has ended.
-    Told(Client, GoalEnd, Outcome),
-    /// Give the controller nothing to follow any more.
-    Clear,
-    /// Prepare the path in hand again, under this number.
-    Prepare(u64),
-    /// Give the controller a turn on the spot.
-    Turn {
-        /// Number of the turn.
-        number: u64,
-        /// Where the vehicle stands.
-        from: PlanarPose,
-        /// By how much it turns, rad, counter-clockwise.
-        angle_rad: f64,
-    },
-}
-
-/// What the executive looks at.
-#[derive(Debug, Clone, Copy)]
-pub struct Seen<'a> {
-    /// Now, s.
-    pub now_s: f64,
-    /// Time of the cycle that the next three are of, s.
-    pub cycle_s: f64,
-    /// State of the safety.
-    pub state: State,
-    /// Number of the newest arming carried out.
-    pub armed: u64,
-    /// Why the last drive ended.
-    pub stopped_by: Option<Reason>,
-    /// The controller's newest decision.
-    pub decision: Option<&'a Decision>,
-    /// Why the path's frame cannot be brought to that of odometry now.
-    pub transform: Option<&'a str>,
-    /// Whether the emergency stop is pressed or silent.
-    pub emergency_stop: Option<StopCause>,
-    /// Whether the clock has jumped.
-    pub clock_jumped: bool,
-    /// Whether the goal's client has left the graph.
-    pub client_lost: bool,
-}
-
-/// Where the vehicle turns on the spot.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Turns {
-    /// Where a path leads off behind it.
-    pub at_start: bool,
-    /// Where the path has ended and the goal's heading is another.
-    pub at_goal: bool,
-}
 
 /// A turn on the spot that belongs to a path.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -518,49 +456,6 @@ impl Executive {
         };
         self.end(now_s, end, (StopCause::DriveEnded, outcome))
     }
-}
-
-/// What ends a drive, and what is told of it: the same.
-fn doubt(code: u16, cause: StopCause) -> (StopCause, Outcome) {
-    (cause, Outcome::new(code, cause.to_string()))
-}
-
-/// What forbids to drive on, whatever the safety does.
-fn refusal(seen: &Seen<'_>) -> Option<(StopCause, Outcome)> {
-    if let Some(cause) = seen.emergency_stop {
-        return Some(doubt(code::UNKNOWN, cause));
-    }
-    seen.clock_jumped
-        .then(|| doubt(code::TF_ERROR, StopCause::ClockJumped))
-}
-
-/// Returns what a client is told of a drive that the safety has ended.
-fn explained(seen: &Seen<'_>) -> Outcome {
-    let Some(reason) = seen.stopped_by else {
-        return Outcome::new(code::UNKNOWN, "the drive has ended");
-    };
-    if let Some(cause) = seen.emergency_stop {
-        return Outcome::new(code::UNKNOWN, cause.to_string());
-    }
-    let code = match reason {
-        Reason::CommandTimeout { .. } => code::CONTROLLER_TIMED_OUT,
-        Reason::CommandNotFinite => code::NO_VALID_CONTROL,
-        Reason::FeedbackTimeout { .. } | Reason::Clock { .. } => code::TF_ERROR,
-        Reason::ControllerStopped { why } => return stopped(&why),
-        _ => code::UNKNOWN,
-    };
-    Outcome::new(code, reason.to_string())
-}
-
-/// Returns what a client is told of a controller that has stopped: without a pose Nav2's transforms
-/// fail too.
-fn stopped(why: &StopReason) -> Outcome {
-    let code = match why {
-        StopReason::PoseStale { .. } | StopReason::ClockJump { .. } => code::TF_ERROR,
-        StopReason::Requested => code::UNKNOWN,
-        _ => code::NO_VALID_CONTROL,
-    };
-    Outcome::new(code, why.to_string())
 }
 
 #[cfg(test)]

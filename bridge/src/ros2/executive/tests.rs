@@ -1,4 +1,6 @@
 use super::*;
+use ros2_client::action::GoalId;
+use sidehill_controller::controller::{Decision, StopReason};
 use sidehill_controller::estimator::{Estimate, Refused};
 use sidehill_plant::speeds::MotorSpeeds;
 
