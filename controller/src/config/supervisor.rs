@@ -70,6 +70,15 @@ impl SupervisorConfig {
             60.0,
             "from 0 to 60 s",
         )?;
+        // A plan is good for no longer than its horizon.
+        let cycles = f64::from(self.fallback_cycles);
+        check(
+            "supervisor.fallback_cycles",
+            cycles,
+            0.0,
+            100.0,
+            "from 0 to 100",
+        )?;
         Ok(())
     }
 }

@@ -59,13 +59,13 @@ const YAW_CORRECTION_MAX: f64 = 0.6;
 /// Distances from the path, m, from which on what was learned of the slide is believed less, and at
 /// which it is not believed at all. Back to the path leads a turn unlike those it was learned from,
 /// and a slide that is thought too large for that turn would keep the vehicle beside the path.
-const SLIDE_DOUBTED_M: (f64, f64) = (0.2, 0.5);
+const SLIDE_DOUBTED_M: (f64, f64) = (0.1, 0.5);
 
 impl Estimate {
     /// Returns the learned gains as they are driven by, `off_path_m` from the path: those of the yaw
     /// rate made smaller, all by one factor, where on this slope they could change the yaw rate of a
     /// vehicle of half effective track `half_track_m` by more than 60 % at some heading; those of the
-    /// slide as they are up to 0.2 m from the path, and less beyond, to nothing at 0.5 m.
+    /// slide as they are up to 0.1 m from the path, and less beyond, to nothing at 0.5 m.
     pub fn bounded_gains(&self, half_track_m: f64, off_path_m: f64) -> Gains {
         let normal = &self.normal_in_world;
         let slope_rad = normal.x.hypot(normal.y).atan2(normal.z);
