@@ -6,8 +6,11 @@ use ros2_client::Gid;
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
-/// Longest wait for the first word of a writer. RustDDS gets what Fast DDS said earlier after 3 to 5 s.
+/// Longest wait for the first word of a writer. What Fast DDS says before RustDDS has matched it comes 3
+/// to 5 s late, and what it says meanwhile with it.
 const FIRST_WORD: Duration = Duration::from_secs(6);
+/// Wait for the first word of a writer while the vehicle drives.
+const FIRST_WORD_DRIVING: Duration = Duration::from_millis(250);
 
 /// What a writer last said.
 #[derive(Debug, Clone, Copy)]
@@ -19,27 +22,37 @@ struct Word {
 }
 
 /// The last word of each writer. It is pressed as long as one of them says so; one that has pressed it
-/// and left is answered for by whoever speaks first after it.
+/// and left is answered for by whoever speaks first after it. One that comes and soon leaves without
+/// having been heard is taken to have pressed it: `ros2 topic pub --once` is such a writer.
 #[derive(Debug, Default)]
 pub(super) struct EmergencyStop {
     words: BTreeMap<Gid, Word>,
-    /// Writers that keep their last word for newcomers and have not been heard, since when.
+    /// Writers that have not been heard, since when.
     awaited: BTreeMap<Gid, Instant>,
+    /// Who has left, until all that came before has been taken.
+    gone: Vec<Gid>,
 }
 
 impl EmergencyStop {
-    /// Takes that there is a writer which keeps its last word for newcomers.
+    /// Takes that there is a writer.
     pub(super) fn expect(&mut self, writer: Gid, now: Instant) {
         if !self.words.contains_key(&writer) {
             self.awaited.entry(writer).or_insert(now);
         }
     }
 
-    /// Returns whether a writer may have pressed it whose first word is still on its way.
-    pub(super) fn is_awaited(&self, now: Instant) -> bool {
+    /// Returns whether a writer may have pressed it whose first word is still on its way: none is armed
+    /// for. A vehicle that drives goes on for a moment.
+    pub(super) fn is_awaited(&self, now: Instant, driving: bool) -> bool {
+        let at_least = if driving {
+            FIRST_WORD_DRIVING
+        } else {
+            Duration::ZERO
+        };
+        let waited = |since: &Instant| now.duration_since(*since);
         self.awaited
             .values()
-            .any(|since| now.duration_since(*since) < FIRST_WORD)
+            .any(|since| (at_least..FIRST_WORD).contains(&waited(since)))
     }
 
     /// Takes a word.
@@ -59,17 +72,36 @@ impl EmergencyStop {
 
     /// Takes that a writer has left, or every writer of a participant, whose name ends in zeros.
     pub(super) fn leave(&mut self, gone: Gid) {
-        let gone = gone.to_bytes16();
-        let whole_participant = gone[12..] == [0; 4];
-        let left = |writer: &Gid| {
-            let writer = writer.to_bytes16();
-            writer == gone || (whole_participant && writer[..12] == gone[..12])
-        };
-        self.awaited.retain(|writer, _| !left(writer));
-        self.words.retain(|writer, word| {
-            word.left |= left(writer);
-            word.pressed || !word.left
-        });
+        self.gone.push(gone);
+    }
+
+    /// Says that all that had come has been taken.
+    pub(super) fn settle(&mut self, now: Instant) {
+        for gone in std::mem::take(&mut self.gone) {
+            let gone = gone.to_bytes16();
+            let whole_participant = gone[12..] == [0; 4];
+            let left = |writer: &Gid| {
+                let writer = writer.to_bytes16();
+                writer == gone || (whole_participant && writer[..12] == gone[..12])
+            };
+            let words = &mut self.words;
+            self.awaited.retain(|writer, since| {
+                let unheard = left(writer) && now.duration_since(*since) < FIRST_WORD;
+                if unheard {
+                    let word = Word {
+                        pressed: true,
+                        at: now,
+                        left: true,
+                    };
+                    words.insert(*writer, word);
+                }
+                !left(writer)
+            });
+            words.retain(|writer, word| {
+                word.left |= left(writer);
+                word.pressed || !word.left
+            });
+        }
     }
 
     /// Returns whether it is pressed, or nobody has said anything for `timeout`; a zero timeout is
@@ -125,6 +157,7 @@ mod tests {
             stop.take(writer(1, 1), false, Instant::now());
             stop.take(writer(2, 1), true, Instant::now());
             stop.leave(gone);
+            stop.settle(Instant::now());
             stop.take(writer(1, 1), false, Instant::now());
             assert_eq!(stop.cause(Duration::ZERO), PRESSED);
             stop.take(writer(3, 1), false, Instant::now());
@@ -133,25 +166,46 @@ mod tests {
     }
 
     #[test]
-    fn the_first_word_of_a_latched_writer_is_awaited_for_a_time() {
+    fn the_first_word_of_a_writer_is_awaited_for_a_time() {
         let now = Instant::now();
         let mut stop = EmergencyStop::default();
-        assert!(!stop.is_awaited(now));
-        for (who, gone) in [(writer(1, 1), writer(1, 1)), (writer(2, 1), participant(2))] {
-            stop.expect(who, now);
-            assert!(stop.is_awaited(now));
-            stop.leave(gone);
-            assert!(!stop.is_awaited(now));
-        }
-        let latched = writer(3, 1);
-        stop.expect(latched, now);
+        assert!(!stop.is_awaited(now, false));
+        let newcomer = writer(3, 1);
+        stop.expect(newcomer, now);
+        assert!(stop.is_awaited(now, false) && !stop.is_awaited(now, true));
+        assert!(stop.is_awaited(now + FIRST_WORD_DRIVING, true));
         // Told of it once more, it is not waited for anew.
-        stop.expect(latched, now + FIRST_WORD / 2);
-        assert!(stop.is_awaited(now + FIRST_WORD * 9 / 10));
-        assert!(!stop.is_awaited(now + FIRST_WORD));
-        stop.take(latched, false, now);
-        stop.expect(latched, now);
-        assert!(!stop.is_awaited(now));
+        stop.expect(newcomer, now + FIRST_WORD / 2);
+        assert!(stop.is_awaited(now + FIRST_WORD * 9 / 10, false));
+        assert!(!stop.is_awaited(now + FIRST_WORD, false));
+        assert!(!stop.is_awaited(now + FIRST_WORD, true));
+        stop.take(newcomer, false, now);
+        stop.expect(newcomer, now);
+        assert!(!stop.is_awaited(now, false));
+    }
+
+    #[test]
+    fn who_comes_and_leaves_without_being_heard_is_taken_to_have_pressed_it() {
+        let now = Instant::now();
+        for gone in [writer(2, 1), participant(2)] {
+            let mut stop = EmergencyStop::default();
+            stop.expect(writer(2, 1), now);
+            stop.leave(gone);
+            stop.settle(now + FIRST_WORD / 2);
+            assert_eq!(stop.cause(Duration::ZERO), PRESSED);
+            stop.take(writer(3, 1), false, now);
+            assert_eq!(stop.cause(Duration::ZERO), None);
+            // One that was there for long had said nothing, and one that was heard has said what it said.
+            stop.expect(writer(2, 1), now);
+            stop.leave(gone);
+            stop.settle(now + FIRST_WORD);
+            assert_eq!(stop.cause(Duration::ZERO), None);
+            stop.expect(writer(2, 1), now);
+            stop.leave(gone);
+            stop.take(writer(2, 1), false, now);
+            stop.settle(now);
+            assert_eq!(stop.cause(Duration::ZERO), None);
+        }
     }
 
     #[test]

@@ -346,6 +346,10 @@ impl Executive {
         if let Some(doubt) = refusal(seen) {
             return self.end(now_s, GoalEnd::Aborted, doubt);
         }
+        if seen.emergency_stop_awaited {
+            let doubt = doubt(code::UNKNOWN, StopCause::EmergencyStopUnheard);
+            return self.end(now_s, GoalEnd::Aborted, doubt);
+        }
         if seen.client_lost {
             let doubt = doubt(code::UNKNOWN, StopCause::ClientLeft);
             return self.end(now_s, GoalEnd::Aborted, doubt);

@@ -243,6 +243,7 @@ impl Listener {
                 words.take(writer, data, Instant::now());
             });
         }
+        words.settle(Instant::now());
         let timeout = Duration::from_secs_f64(config.emergency_stop_timeout_s);
         let stop = words.cause(timeout);
         ears.brake.set(stop);

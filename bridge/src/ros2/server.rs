@@ -29,10 +29,8 @@ use crate::safety::StopCause;
 use ros2_client::action::GoalId;
 use ros2_client::builtin_interfaces::Time;
 use ros2_client::dds::rustdds::mio1::{Events, Interest, Poll, Token};
-use ros2_client::dds::rustdds::policy::Durability;
 use ros2_client::dds::rustdds::{
-    DomainParticipantStatusEvent as Event, DomainParticipantStatusListener, EndpointDescription,
-    StatusEvented,
+    DomainParticipantStatusEvent as Event, DomainParticipantStatusListener, StatusEvented,
 };
 use ros2_client::log::LogLevel;
 use ros2_client::{NodeLoggingHandle, RosoutRaw, Subscription};
@@ -374,7 +372,9 @@ impl Server {
     fn meet_peers(&mut self) {
         while let Some(event) = self.status.try_recv_status() {
             match &event {
-                Event::WriterDetected { writer } if self.keeps_emergency_stop(writer) => {
+                Event::WriterDetected { writer }
+                    if writer.topic_name == self.emergency_stop_topic =>
+                {
                     self.shared
                         .words()
                         .expect(writer.guid.into(), Instant::now());
@@ -395,15 +395,6 @@ impl Server {
                 *gone |= its_client && *client == left;
             }
         }
-    }
-
-    /// Returns whether a writer says the emergency stop, and its last word again to newcomers.
-    fn keeps_emergency_stop(&self, writer: &EndpointDescription) -> bool {
-        writer.topic_name == self.emergency_stop_topic
-            && writer
-                .qos
-                .durability()
-                .is_some_and(|kept| kept >= Durability::TransientLocal)
     }
 
     /// Looks for a jump of the clock, simulated or the world's.

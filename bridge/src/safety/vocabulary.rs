@@ -95,6 +95,9 @@ pub enum StopCause {
     /// Those who could press it have been silent for too long.
     #[error("the emergency stop is silent")]
     EmergencyStopSilent,
+    /// Somebody has come who may press it, and his first word is still on its way.
+    #[error("who may press the emergency stop has come and is not heard")]
+    EmergencyStopUnheard,
     /// Who wanted the path has taken it back.
     #[error("the goal was cancelled")]
     Cancelled,
@@ -132,13 +135,14 @@ pub enum StopCause {
 
 impl StopCause {
     /// All of them.
-    pub const ALL: [Self; 17] = [
+    pub const ALL: [Self; 18] = [
         Self::Operator,
         Self::ProgramEnds,
         Self::TimeOver,
         Self::Suspended,
         Self::EmergencyStop,
         Self::EmergencyStopSilent,
+        Self::EmergencyStopUnheard,
         Self::Cancelled,
         Self::ClientLeft,
         Self::Deactivated,
@@ -158,6 +162,7 @@ impl StopCause {
             Self::Suspended
             | Self::EmergencyStop
             | Self::EmergencyStopSilent
+            | Self::EmergencyStopUnheard
             | Self::ClockJumped
             | Self::FrameLost
             | Self::NoPlan

@@ -3,6 +3,8 @@ in wheels, and Nav2's action made by rosidl from nav2_msgs/."""
 
 import math
 import random
+import subprocess
+import sys
 import time
 
 import pytest
@@ -195,6 +197,51 @@ def test_an_emergency_stop_that_was_pressed_before_the_start_lets_nothing_drive(
     button.publish(Bool(data=False))
     time.sleep(1.0)
     assert d.vehicle.stands()
+    d.sent_off(ahead())
+
+
+# As `ros2 topic pub --once` does it.
+PASSER_BY = """
+import sys, time, rclpy
+from std_msgs.msg import Bool
+rclpy.init(domain_id=int(sys.argv[1]))
+button = rclpy.create_node("passer_by").create_publisher(Bool, "/emergency_stop", 1)
+while not button.get_subscription_count():
+    time.sleep(0.01)
+button.publish(Bool(data=True))
+time.sleep(0.1)
+"""
+
+
+def test_an_emergency_stop_by_who_comes_for_it_and_leaves_is_not_lost(driven, ros, domain):
+    d = driven()
+    for _ in range(4):
+        goal = d.sent_off(ahead())
+        subprocess.run([sys.executable, "-c", PASSER_BY, str(domain)], check=True)
+        status, result = d.ended(goal, timeout_s=3.0)
+        assert (status, result.error_code) == (GoalStatus.STATUS_ABORTED, 100)
+        assert "emergency stop" in result.error_msg
+        print(result.error_msg)
+        d.stands()
+        # It is still pressed.
+        wait_for(lambda: d.ended(d.send(ahead()))[1].error_msg == "the emergency stop is pressed", "a stop that holds")
+        release = ros.node.create_publisher(Bool, "/emergency_stop", 1)
+        ros.wait_for(release.get_subscription_count, "who listens to the emergency stop")
+        time.sleep(4.0)
+        release.publish(Bool(data=False))
+        time.sleep(0.2)
+        ros.node.destroy_publisher(release)
+
+
+def test_a_newcomer_who_may_press_the_emergency_stop_and_is_not_heard_ends_a_drive(driven, ros):
+    d = driven()
+    goal = d.sent_off(ahead())
+    ros.node.create_publisher(Bool, "/emergency_stop", 1)
+    status, result = d.ended(goal)
+    assert (status, result.error_code) == (GoalStatus.STATUS_ABORTED, 100)
+    assert "is not heard" in result.error_msg
+    d.stands()
+    # A goal waits for its word, but not for ever.
     d.sent_off(ahead())
 
 

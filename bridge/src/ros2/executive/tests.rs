@@ -26,6 +26,7 @@ struct World {
     yaw_rad: f64,
     transform: Option<&'static str>,
     emergency_stop: Option<StopCause>,
+    emergency_stop_awaited: bool,
     clock_jumped: bool,
     client_lost: bool,
     /// The heading where the path begins, where that is behind.
@@ -51,6 +52,7 @@ impl World {
             yaw_rad: 0.0,
             transform: None,
             emergency_stop: None,
+            emergency_stop_awaited: false,
             clock_jumped: false,
             client_lost: false,
             turn_to_rad: None,
@@ -122,6 +124,7 @@ impl World {
                 decision: Some(&decision),
                 transform: self.transform,
                 emergency_stop: self.emergency_stop,
+                emergency_stop_awaited: self.emergency_stop_awaited,
                 clock_jumped: self.clock_jumped,
                 client_lost: self.client_lost,
             },
@@ -319,6 +322,7 @@ fn an_arming_that_crosses_the_end_is_taken_back() {
         decision: None,
         transform: None,
         emergency_stop: None,
+        emergency_stop_awaited: false,
         clock_jumped: false,
         client_lost: false,
     };
@@ -355,7 +359,12 @@ fn newer_paths_do_not_hide_that_the_vehicle_does_not_get_on() {
 fn every_doubt_ends_with_its_code() {
     type Disturb = fn(&mut World);
     // What is wrong, the goal's code, and how the end of the drive is told.
-    let doubts: [(Disturb, u16, &str); 10] = [
+    let doubts: [(Disturb, u16, &str); 11] = [
+        (
+            |world| world.emergency_stop_awaited = true,
+            code::UNKNOWN,
+            "who may press the emergency stop has come and is not heard",
+        ),
         (
             |world| world.emergency_stop = Some(StopCause::EmergencyStop),
             code::UNKNOWN,

@@ -57,6 +57,8 @@ pub struct Seen<'a> {
     pub transform: Option<&'a str>,
     /// Whether the emergency stop is pressed or silent.
     pub emergency_stop: Option<StopCause>,
+    /// Whether somebody has come who may press it and has not been heard.
+    pub emergency_stop_awaited: bool,
     /// Whether the clock has jumped.
     pub clock_jumped: bool,
     /// Whether the goal's client has left the graph.

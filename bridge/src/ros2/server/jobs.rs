@@ -34,7 +34,7 @@ impl Server {
             return;
         }
         let count = goal.path.poses.len();
-        let waits = match self.emergency_stop_is_awaited() {
+        let waits = match self.emergency_stop_is_awaited(false) {
             true => ", and waits for the first word of the emergency stop",
             false => "",
         };
@@ -147,6 +147,7 @@ impl Server {
                 decision: decision.as_ref(),
                 transform: self.transform.as_deref(),
                 emergency_stop: self.shared.emergency_stop.get(),
+                emergency_stop_awaited: self.emergency_stop_is_awaited(true),
                 clock_jumped,
                 client_lost: self.client.is_some_and(|(_, left)| left),
             },
@@ -157,13 +158,13 @@ impl Server {
         self.tell(now_s, view.as_ref());
     }
 
-    fn emergency_stop_is_awaited(&self) -> bool {
-        self.shared.words().is_awaited(Instant::now())
+    fn emergency_stop_is_awaited(&self, driving: bool) -> bool {
+        self.shared.words().is_awaited(Instant::now(), driving)
     }
 
     /// Goes on with a path that is being prepared.
     fn hand_over(&mut self, now_s: f64, view: Option<&CycleView>, decision: Option<&Decision>) {
-        if self.emergency_stop_is_awaited() {
+        if self.emergency_stop_is_awaited(false) {
             self.paths.postpone(now_s);
             return;
         }
