@@ -198,7 +198,7 @@ fn a_hundred_cycles_a_second_follow_the_path() {
     let run = Program::run_changed(&folder, at_100_hz, &["--arm", "--duration-s", "15"]);
     let ending = run.wait(Duration::from_secs(25));
     print_timing(&ending);
-    assert_eq!(ending["ended"], "time_over");
+    assert_eq!(ending["ended"], "time_over", "{}", folder.events());
     assert_eq!(ending["unsent"], 0);
     let count = |key: &str| ending[key].as_f64().unwrap();
     let (cycles, skipped) = (count("cycles"), count("skipped"));
