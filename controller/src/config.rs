@@ -23,6 +23,8 @@ pub enum ControllerKind {
     IcrikMpc,
     /// The same MPC that predicts with ICRHK, the model for level ground.
     IcrhkMpc,
+    /// The same MPC that predicts with the balance of wheel friction.
+    ContactMpc,
     /// The same MPC that predicts with an ideal differential drive.
     DiffdriveMpc,
     /// Regulated pure pursuit.
@@ -31,9 +33,10 @@ pub enum ControllerKind {
 
 impl ControllerKind {
     /// All kinds there are.
-    pub const ALL: [Self; 4] = [
+    pub const ALL: [Self; 5] = [
         Self::IcrikMpc,
         Self::IcrhkMpc,
+        Self::ContactMpc,
         Self::DiffdriveMpc,
         Self::PurePursuit,
     ];
@@ -43,6 +46,7 @@ impl ControllerKind {
         match self {
             Self::IcrikMpc => "icrik-mpc",
             Self::IcrhkMpc => "icrhk-mpc",
+            Self::ContactMpc => "contact-mpc",
             Self::DiffdriveMpc => "diffdrive-mpc",
             Self::PurePursuit => "pure-pursuit",
         }

@@ -12,11 +12,12 @@ pub use decision::{Decision, Status, StopReason};
 
 use crate::config::{ControllerConfig, ControllerKind};
 use crate::estimator::{Estimate, Estimator};
-use crate::mpc::{Mpc, Plan, QpFailure, StageTarget};
+use crate::mpc::{Model, Mpc, Plan, QpFailure, StageTarget};
 use crate::pure_pursuit::PursuitView;
 use crate::reference::{Reference, Tracking};
 use crate::trajectory::Trajectory;
 use preview::preview;
+use sidehill_plant::contact::ContactPrediction;
 use sidehill_plant::frames::{PlanarPose, wrap_angle};
 use sidehill_plant::prediction::PredictionModel;
 use sidehill_plant::sample::Sample;
@@ -127,9 +128,17 @@ impl Controller {
         let adapts = match kind {
             ControllerKind::IcrikMpc => adaptation.is_on(),
             ControllerKind::IcrhkMpc => adaptation.is_on() && adaptation.of_icrhk,
+            ControllerKind::ContactMpc => config.estimator.contact.is_on(),
             ControllerKind::DiffdriveMpc | ControllerKind::PurePursuit => false,
         };
-        let estimator = if kind == ControllerKind::IcrhkMpc && adapts {
+        let contact = if kind == ControllerKind::ContactMpc {
+            Some(ContactPrediction::new(&vehicle.contact_vehicle())?)
+        } else {
+            None
+        };
+        let estimator = if let Some(contact) = &contact {
+            Estimator::with_contact(config.estimator, vehicle, contact.clone())
+        } else if kind == ControllerKind::IcrhkMpc && adapts {
             let mut settings = config.estimator;
             settings.adaptation.slope_sigma = 0.0;
             Estimator::new(settings, vehicle.on_level_ground())
@@ -137,14 +146,17 @@ impl Controller {
             Estimator::new(config.estimator, vehicle.clone())
         };
         let vehicle = match kind {
-            ControllerKind::IcrikMpc => vehicle.clone(),
+            ControllerKind::IcrikMpc | ControllerKind::ContactMpc => vehicle.clone(),
             ControllerKind::IcrhkMpc | ControllerKind::PurePursuit => vehicle.on_level_ground(),
             ControllerKind::DiffdriveMpc => vehicle.as_differential_drive(),
         };
         let law = if kind == ControllerKind::PurePursuit {
             Law::PurePursuit
         } else {
-            let model = PredictionModel::new(vehicle.clone(), config.smoothing_m_s);
+            let model = match contact {
+                Some(contact) => Model::from(contact),
+                None => PredictionModel::new(vehicle.clone(), config.smoothing_m_s).into(),
+            };
             Law::Mpc {
                 mpc: Box::new(Mpc::new(config.mpc(), model)?),
                 planned: false,
@@ -311,11 +323,29 @@ impl Controller {
         if let Law::Mpc { mpc, .. } = &mut self.law
             && self.adapts
         {
-            let half_track_m = 0.5 * (self.vehicle.icrs.right_m - self.vehicle.icrs.left_m);
-            mpc.model_mut()
-                .set_correction(&estimate.bounded_gains(half_track_m, progress.cross_track_m));
+            match mpc.model_mut() {
+                Model::Icr(model) => {
+                    let half_track_m = 0.5 * (self.vehicle.icrs.right_m - self.vehicle.icrs.left_m);
+                    model.set_correction(
+                        &estimate.bounded_gains(half_track_m, progress.cross_track_m),
+                    );
+                }
+                Model::Contact(model) => {
+                    if let Some(learned) = &estimate.contact {
+                        model.set_parameters(&learned.parameters);
+                    }
+                }
+            }
         }
-        let horizon_start = self.roll_forward(estimate);
+        let horizon_start = match &mut self.law {
+            Law::Mpc { mpc, .. } => roll_forward(
+                mpc.model_mut(),
+                &self.issued,
+                self.config.delay_s(),
+                estimate,
+            ),
+            Law::PurePursuit => estimate.pose,
+        };
         match &mut self.law {
             Law::PurePursuit => {
                 decision.status = Status::Tracking;
@@ -422,34 +452,34 @@ impl Controller {
             .last()
             .map_or(MotorSpeeds::STOP, |issued| issued.command)
     }
+}
 
-    /// Returns where the vehicle will be when a command given now acts: the estimate moved on
-    /// through the commands in flight.
-    fn roll_forward(&self, estimate: &Estimate) -> PlanarPose {
-        let delay_s = self.config.delay_s();
-        let mut pose = estimate.pose;
-        let Law::Mpc { mpc, .. } = &self.law else {
-            return pose;
-        };
-        let begin_s = estimate.time_s - delay_s;
-        for (i, issued) in self.issued.iter().enumerate() {
-            let until_s = self
-                .issued
-                .get(i + 1)
-                .map_or(estimate.time_s, |next| next.time_s);
-            let time_s = until_s - issued.time_s.max(begin_s);
-            if time_s > 0.0 {
-                let step = mpc.model().step_on_plane(
-                    &estimate.normal_in_world,
-                    pose.yaw_rad,
-                    issued.command,
-                    time_s,
-                );
-                pose.x_m += step.increment.x;
-                pose.y_m += step.increment.y;
-                pose.yaw_rad += step.increment.z;
-            }
+/// Returns where the vehicle will be when a command given now acts: the estimate moved on through the
+/// commands in flight, `delay_s` of them.
+fn roll_forward(
+    model: &mut Model,
+    issued: &[Issued],
+    delay_s: f64,
+    estimate: &Estimate,
+) -> PlanarPose {
+    let mut pose = estimate.pose;
+    let begin_s = estimate.time_s - delay_s;
+    for (i, command) in issued.iter().enumerate() {
+        let until_s = issued
+            .get(i + 1)
+            .map_or(estimate.time_s, |next| next.time_s);
+        let time_s = until_s - command.time_s.max(begin_s);
+        if time_s > 0.0 {
+            let step = model.step_on_plane(
+                &estimate.normal_in_world,
+                pose.yaw_rad,
+                command.command,
+                time_s,
+            );
+            pose.x_m += step.increment.x;
+            pose.y_m += step.increment.y;
+            pose.yaw_rad += step.increment.z;
         }
-        pose
     }
+    pose
 }

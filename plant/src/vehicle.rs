@@ -1,5 +1,6 @@
 //! Parameters of a vehicle, validated once when they are read.
 
+use crate::contact::{ContactVehicle, KnownContact};
 use crate::speeds::{MeasuredTreadSpeeds, TreadSpeeds};
 use serde::{Deserialize, Serialize};
 
@@ -73,9 +74,18 @@ pub struct Vehicle {
     pub base_half_length_m: f64,
     /// c_l and c_r of equation (11).
     pub correction: SpeedCorrection,
+    /// What is known of it as a vehicle on wheels with friction: where `contact-mpc` starts from.
+    pub contact: Option<ContactVehicle>,
 }
 
 impl Vehicle {
+    /// Returns the vehicle on wheels with friction: as known, or as guessed from the base rectangle.
+    pub fn contact_vehicle(&self) -> ContactVehicle {
+        self.contact.clone().unwrap_or_else(|| {
+            ContactVehicle::of_base(&self.name, self.base_half_width_m, self.base_half_length_m)
+        })
+    }
+
     /// Returns the same vehicle without slide: ICRIK then equals ICRHK.
     pub fn on_level_ground(&self) -> Self {
         Self {
@@ -151,6 +161,8 @@ struct RawVehicle {
     base_half_length_m: f64,
     correction_left: f64,
     correction_right: f64,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    contact: Option<KnownContact>,
 }
 
 impl TryFrom<RawVehicle> for Vehicle {
@@ -172,8 +184,13 @@ impl TryFrom<RawVehicle> for Vehicle {
             20.0,
             "from 0.01 to 20 m",
         )?;
+        let contact = raw
+            .contact
+            .map(|known| known.vehicle(&raw.name))
+            .transpose()?;
         Ok(Self {
             name: raw.name,
+            contact,
             icrs: HorizontalIcrs {
                 left_m: check(
                     "x_icr_left_m",
@@ -256,6 +273,7 @@ impl From<Vehicle> for RawVehicle {
             base_half_length_m: v.base_half_length_m,
             correction_left: v.correction.left,
             correction_right: v.correction.right,
+            contact: v.contact.as_ref().map(KnownContact::of),
         }
     }
 }

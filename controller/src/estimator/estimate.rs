@@ -1,5 +1,6 @@
 //! What the estimator says: the state, what of it is driven by, and what was wrong with the readings.
 
+use super::ContactEstimate;
 use nalgebra::{Matrix3, Vector3};
 use sidehill_plant::correction::Gains;
 use sidehill_plant::frames::{Attitude, PlanarPose};
@@ -38,8 +39,10 @@ pub struct Estimate {
     pub normal_in_world: Vector3<f64>,
     /// Effective tread speeds, after (11).
     pub treads: TreadSpeeds,
-    /// Learned correction of the model.
+    /// Learned correction of ICRIK; zero where it is not what is learned.
     pub gains: Gains,
+    /// Learned contact vehicle, where that is what is learned.
+    pub contact: Option<ContactEstimate>,
     /// Root mean square of the error of the predicted velocity over the last seconds, m/s.
     pub model_error_m_s: f64,
     /// Age of the newest believed pose, s.

@@ -1,13 +1,15 @@
-//! The model-predictive controller: ICRIK linearised about the previous plan, one QP a cycle.
+//! The model-predictive controller: a model linearised about the previous plan, one QP a cycle.
 
 mod condensing;
 pub mod limits;
+mod model;
 mod problem;
 mod qp;
 mod settings;
 mod structure;
 
 pub use condensing::StageWeights;
+pub use model::Model;
 pub use problem::Residuals;
 pub use qp::QpFailure;
 pub use settings::{ChangeWeights, Corridor, MpcSettings, QpMode, QpSettings};
@@ -16,7 +18,6 @@ use condensing::{Condenser, Stage};
 use nalgebra::Vector3;
 use qp::QpSolver;
 use sidehill_plant::frames::{PlanarPose, wrap_angle};
-use sidehill_plant::prediction::PredictionModel;
 use sidehill_plant::speeds::MotorSpeeds;
 use std::time::Instant;
 
@@ -66,7 +67,7 @@ pub struct SolveReport {
 /// The controller's plan and the workspace to renew it.
 pub struct Mpc {
     settings: MpcSettings,
-    model: PredictionModel,
+    model: Model,
     plan: Plan,
     shifted: Plan,
     stages: Vec<Stage>,
@@ -81,7 +82,7 @@ impl Mpc {
     ///
     /// # Errors
     /// [`QpFailure`] where the solver does not take the problem.
-    pub fn new(settings: MpcSettings, model: PredictionModel) -> Result<Self, QpFailure> {
+    pub fn new(settings: MpcSettings, model: impl Into<Model>) -> Result<Self, QpFailure> {
         let (condenser, data) = Condenser::new(
             settings.stages,
             settings.block_stages,
@@ -101,7 +102,7 @@ impl Mpc {
             condenser,
             solver,
             corrected_m_s: 0.0,
-            model,
+            model: model.into(),
             settings,
         };
         mpc.stages.reserve_exact(mpc.settings.stages);
@@ -114,13 +115,8 @@ impl Mpc {
     }
 
     /// Returns the prediction model, to be adapted.
-    pub fn model_mut(&mut self) -> &mut PredictionModel {
+    pub fn model_mut(&mut self) -> &mut Model {
         &mut self.model
-    }
-
-    /// Returns the prediction model.
-    pub fn model(&self) -> &PredictionModel {
-        &self.model
     }
 
     /// Sets the weight of a change of steer, s/(m/s)^2, which must be positive.

@@ -292,8 +292,8 @@ fn shifting_interpolates_and_runs_on_with_the_last_input() {
         assert!((mpc.plan().inputs[k].steer_m_s - steer).abs() < 1e-12);
     }
     let run_on = |from: &Vector3<f64>, time_s| {
-        from + mpc
-            .model()
+        let model = PredictionModel::new(j8(), 0.02);
+        from + model
             .step_on_plane(&normal, from.z, plan.inputs[11], time_s)
             .increment
     };
