@@ -1,14 +1,16 @@
 //! Settings of a controller as a configuration file gives them; every key has a default.
 
+mod contact;
 mod supervisor;
 mod weights;
 
+pub use contact::ContactMpcConfig;
 pub use supervisor::SupervisorConfig;
 pub use weights::{CautionConfig, Weights};
 
 use crate::estimator::EstimatorSettings;
 use crate::mpc::limits::{InputLimits, MotorLimits};
-use crate::mpc::{ChangeWeights, Corridor, MpcSettings, QpSettings, StageWeights};
+use crate::mpc::{ChangeWeights, Corridor, MpcSettings, QpSettings, StageWeights, StepLimit};
 use crate::pure_pursuit::PurePursuitSettings;
 use crate::reference::Tracking;
 use crate::trajectory::Motion;
@@ -76,8 +78,10 @@ pub struct ControllerConfig {
     pub period_s: f64,
     /// Stages of the horizon.
     pub stages: usize,
-    /// Duration of a stage, s.
+    /// Duration of the first stage, s.
     pub step_s: f64,
+    /// Duration of the last stage, s, where longer than the first's; those between grow geometrically.
+    pub last_step_s: f64,
     /// Stages condensed into one block of the QP.
     pub block_stages: usize,
     /// Speed within which |traction| and the turning direction are rounded off, m/s.
@@ -97,8 +101,12 @@ pub struct ControllerConfig {
     pub caution: CautionConfig,
     /// Soft corridor, none by default.
     pub corridor: Option<Corridor>,
+    /// How far a QP's solution is followed in a cycle; all the way without it.
+    pub step_limit: Option<StepLimit>,
     /// Limits of both motors.
     pub limits: InputLimits,
+    /// What contact-mpc has in place of the settings above.
+    pub contact: ContactMpcConfig,
     /// QP solver.
     pub solver: QpSettings,
     /// State estimation.
@@ -120,6 +128,7 @@ impl Default for ControllerConfig {
             period_s: 0.05,
             stages: 40,
             step_s: 0.15,
+            last_step_s: 0.15,
             block_stages: 5,
             smoothing_m_s: 0.02,
             command_delay_s: 0.0,
@@ -129,11 +138,13 @@ impl Default for ControllerConfig {
             weights: Weights::default(),
             caution: CautionConfig::default(),
             corridor: None,
+            step_limit: None,
             limits: InputLimits {
                 traction: motor,
                 steer: motor,
                 tread_speed_m_s: 2.0,
             },
+            contact: ContactMpcConfig::default(),
             solver: QpSettings::default(),
             estimator: EstimatorSettings::default(),
             supervisor: SupervisorConfig::default(),
@@ -161,6 +172,16 @@ impl ControllerConfig {
             2.0,
             "from period_s to 2 s",
         )?;
+        check(
+            "last_step_s",
+            self.last_step_s,
+            self.period_s,
+            10.0,
+            "from period_s to 10 s",
+        )?;
+        if let Some(limit) = &self.step_limit {
+            limit.validate()?;
+        }
         check(
             "block_stages",
             self.block_stages as f64,
@@ -202,6 +223,7 @@ impl ControllerConfig {
             corridor.validate()?;
         }
         self.limits.validate()?;
+        self.contact.validate()?;
         self.solver.validate()?;
         self.supervisor.validate()?;
         self.estimator.validate()?;
@@ -240,7 +262,9 @@ impl ControllerConfig {
             },
             terminal_factor: self.weights.terminal_factor,
             limits: self.limits,
+            last_step_s: self.last_step_s,
             corridor: self.corridor,
+            step_limit: self.step_limit,
             qp: self.solver,
         }
     }

@@ -122,6 +122,11 @@ impl Controller {
         terrain: Option<Terrain>,
     ) -> Result<Self, ControllerError> {
         config.validate()?;
+        let config = if kind == ControllerKind::ContactMpc {
+            config.for_contact()
+        } else {
+            config
+        };
         // An adapted model is estimated with as it predicts. A law that does not adapt leaves
         // dead reckoning to the best model there is.
         let adaptation = config.estimator.adaptation;
@@ -212,7 +217,7 @@ impl Controller {
         };
         let next = Reference::new(trajectory, tracking, 1).starting_at(from_m);
         // A plan that leads elsewhere is a bad point to linearise about.
-        let horizon_s = self.config.delay_s() + self.config.step_s * self.config.stages as f64;
+        let horizon_s = self.config.delay_s() + self.config.mpc().horizon().duration_s();
         let new = next.ahead(horizon_s).position;
         let near = self
             .reference
@@ -371,6 +376,7 @@ impl Controller {
                 mpc.set_steer_change_weight(self.config.steer_change_weight(caution));
                 preview(
                     &self.config,
+                    mpc.horizon(),
                     &self.vehicle,
                     reference,
                     self.terrain.as_ref(),

@@ -2,7 +2,7 @@
 
 use crate::config::{AttitudePreview, ControllerConfig};
 use crate::estimator::Estimate;
-use crate::mpc::StageTarget;
+use crate::mpc::{Horizon, StageTarget};
 use crate::reference::Reference;
 use sidehill_plant::speeds::MotorSpeeds;
 use sidehill_plant::terrain::Terrain;
@@ -11,6 +11,7 @@ use sidehill_plant::vehicle::Vehicle;
 /// Fills `targets` with the reference over the horizon, which begins when a command given now acts.
 pub(super) fn preview(
     config: &ControllerConfig,
+    horizon: &Horizon,
     vehicle: &Vehicle,
     reference: &Reference,
     terrain: Option<&Terrain>,
@@ -21,8 +22,8 @@ pub(super) fn preview(
     let half_track_m = 0.5 * (vehicle.icrs.right_m - vehicle.icrs.left_m);
     let map = terrain.filter(|_| config.attitude_preview == AttitudePreview::Terrain);
     targets.clear();
-    for k in 1..=config.stages {
-        let point = reference.ahead(config.delay_s() + config.step_s * k as f64);
+    for end_s in horizon.ends_s() {
+        let point = reference.ahead(config.delay_s() + end_s);
         // Beyond the map's edge the plane the vehicle stands on is the best guess there is.
         let normal_in_world = map
             .and_then(|map| map.surface(point.position.x_m, point.position.y_m).ok())

@@ -1,18 +1,22 @@
 //! The model-predictive controller: a model linearised about the previous plan, one QP a cycle.
 
 mod condensing;
+mod horizon;
 pub mod limits;
 mod model;
 mod problem;
 mod qp;
 mod settings;
+mod step_limit;
 mod structure;
 
 pub use condensing::StageWeights;
+pub use horizon::Horizon;
 pub use model::Model;
 pub use problem::Residuals;
 pub use qp::QpFailure;
 pub use settings::{ChangeWeights, Corridor, MpcSettings, QpMode, QpSettings};
+pub use step_limit::StepLimit;
 
 use condensing::{Condenser, Stage};
 use nalgebra::Vector3;
@@ -20,6 +24,7 @@ use qp::QpSolver;
 use sidehill_plant::frames::{PlanarPose, wrap_angle};
 use sidehill_plant::speeds::MotorSpeeds;
 use std::time::Instant;
+use step_limit::{HALVINGS, TrustRegion};
 
 /// Factor on all costs: brings the QP's numbers near 1, where the solver's tolerances are meant.
 const COST_SCALE: f64 = 10.0;
@@ -69,7 +74,10 @@ pub struct Mpc {
     settings: MpcSettings,
     model: Model,
     plan: Plan,
+    /// Workspace of the plan's size: the shifted plan, the plan before a step.
     shifted: Plan,
+    horizon: Horizon,
+    region: Option<TrustRegion>,
     stages: Vec<Stage>,
     condenser: Condenser,
     solver: QpSolver,
@@ -98,6 +106,8 @@ impl Mpc {
         let mut mpc = Self {
             shifted: plan.clone(),
             plan,
+            horizon: settings.horizon(),
+            region: settings.step_limit.map(TrustRegion::new),
             stages: Vec::new(),
             condenser,
             solver,
@@ -112,6 +122,11 @@ impl Mpc {
     /// Returns the plan in force.
     pub fn plan(&self) -> &Plan {
         &self.plan
+    }
+
+    /// Returns the times of the stages.
+    pub fn horizon(&self) -> &Horizon {
+        &self.horizon
     }
 
     /// Returns the prediction model, to be adapted.
@@ -169,9 +184,10 @@ impl Mpc {
     /// Shifts the plan by `elapsed_s`, less than a stage: states are interpolated, inputs averaged
     /// over the new stages, the end follows from the model with the last input kept.
     pub fn shift(&mut self, elapsed_s: f64, normal_at_end: &Vector3<f64>) {
-        let ratio = (elapsed_s / self.settings.step_s).clamp(0.0, 1.0);
+        let elapsed_s = elapsed_s.clamp(0.0, self.horizon.step_s(0));
         let last = self.settings.stages - 1;
         for k in 0..=last {
+            let ratio = elapsed_s / self.horizon.step_s(k);
             self.shifted.states[k] =
                 (1.0 - ratio) * self.plan.states[k] + ratio * self.plan.states[k + 1];
             let (now, next) = (self.plan.inputs[k], self.plan.inputs[(k + 1).min(last)]);
@@ -181,12 +197,9 @@ impl Mpc {
             };
         }
         let end = &self.plan.states[last + 1];
-        let step = self.model.step_on_plane(
-            normal_at_end,
-            end.z,
-            self.plan.inputs[last],
-            ratio * self.settings.step_s,
-        );
+        let step =
+            self.model
+                .step_on_plane(normal_at_end, end.z, self.plan.inputs[last], elapsed_s);
         self.shifted.states[last + 1] = end + step.increment;
         std::mem::swap(&mut self.plan, &mut self.shifted);
     }
@@ -218,7 +231,10 @@ impl Mpc {
         let report = self
             .solve_assembled(deadline)
             .inspect_err(|_| self.plan.states[0] = before)?;
-        self.apply();
+        match self.region {
+            None => self.apply(1.0),
+            Some(region) => self.apply_within(region, previous, targets),
+        }
         Ok(report)
     }
 
@@ -234,21 +250,25 @@ impl Mpc {
                 &self.plan.states[k + 1],
                 self.plan.inputs[k],
             );
-            let step =
-                self.model
-                    .step_on_plane(&target.normal_in_world, state.z, input, settings.step_s);
+            let step_s = self.horizon.step_s(k);
+            let step = self
+                .model
+                .step_on_plane(&target.normal_in_world, state.z, input, step_s);
             let (sin, cos) = target.along_heading_rad.sin_cos();
             let time_s = if k == 0 {
                 settings.period_s
             } else {
-                settings.step_s
+                self.horizon.step_s(k - 1)
             };
-            let mut weights = target.weights;
+            // The cost is that of even stages, each of them a sample of an integral.
+            let mut factor = step_s / settings.step_s;
             if k + 1 == targets.len() {
-                weights.along_per_m2 *= settings.terminal_factor;
-                weights.cross_per_m2 *= settings.terminal_factor;
-                weights.heading_per_rad2 *= settings.terminal_factor;
+                factor *= settings.terminal_factor;
             }
+            let mut weights = target.weights;
+            weights.along_per_m2 *= factor;
+            weights.cross_per_m2 *= factor;
+            weights.heading_per_rad2 *= factor;
             self.stages.push(Stage {
                 step,
                 defect: state + step.increment - next,
@@ -261,8 +281,8 @@ impl Mpc {
                 weights,
                 input,
                 change_weights: ChangeWeights {
-                    traction: settings.change_weights.traction / settings.step_s,
-                    steer: settings.change_weights.steer / settings.step_s,
+                    traction: settings.change_weights.traction / step_s,
+                    steer: settings.change_weights.steer / step_s,
                 },
                 traction_change: settings.limits.traction.change(before.traction_m_s, time_s),
                 steer_change: settings.limits.steer.change(before.steer_m_s, time_s),
@@ -292,8 +312,8 @@ impl Mpc {
         })
     }
 
-    /// Moves the plan by the QP's solution, states along the linearised dynamics.
-    fn apply(&mut self) {
+    /// Moves the plan by a share of the QP's solution, states along the linearised dynamics.
+    fn apply(&mut self, share: f64) {
         let mut deviation = Vector3::zeros();
         self.corrected_m_s = 0.0;
         let corrections = self.condenser.input_corrections(self.solver.primal());
@@ -307,13 +327,91 @@ impl Mpc {
                 .corrected_m_s
                 .max(correction.traction_m_s.abs())
                 .max(correction.steer_m_s.abs());
-            self.plan.states[k + 1] += deviation;
+            self.plan.states[k + 1] += share * deviation;
             self.plan.inputs[k] = MotorSpeeds {
-                traction_m_s: stage.input.traction_m_s + correction.traction_m_s,
-                steer_m_s: stage.input.steer_m_s + correction.steer_m_s,
+                traction_m_s: stage.input.traction_m_s + share * correction.traction_m_s,
+                steer_m_s: stage.input.steer_m_s + share * correction.steer_m_s,
             };
         }
     }
+
+    /// Moves the plan as far as the linearisation tells the truth, see [`step_limit`].
+    fn apply_within(
+        &mut self,
+        mut region: TrustRegion,
+        previous: MotorSpeeds,
+        targets: &[StageTarget],
+    ) {
+        let corrections = self.condenser.input_corrections(self.solver.primal());
+        let largest_m_s = corrections
+            .map(|correction| correction.steer_m_s.abs())
+            .fold(0.0, f64::max);
+        let mut share = region.first_share(largest_m_s);
+        self.shifted.states.copy_from_slice(&self.plan.states);
+        self.shifted.inputs.copy_from_slice(&self.plan.inputs);
+        let before = self.rolled_out_cost(previous, targets);
+        for halvings in 0..=HALVINGS {
+            self.apply(share);
+            let promised = self.planned_cost(previous, targets);
+            let actual = self.rolled_out_cost(previous, targets);
+            if halvings == HALVINGS || region.takes(before, promised, actual) {
+                region.learn(before, promised, actual, share * largest_m_s, halvings == 0);
+                break;
+            }
+            share *= 0.5;
+            self.plan.states.copy_from_slice(&self.shifted.states);
+        }
+        self.region = Some(region);
+    }
+
+    /// Returns the cost of the plan as its states have it.
+    fn planned_cost(&self, previous: MotorSpeeds, targets: &[StageTarget]) -> f64 {
+        let mut cost = 0.0;
+        let mut before = self.settings.limits.within_bounds(previous);
+        for (k, stage) in self.stages.iter().enumerate() {
+            let input = self.plan.inputs[k];
+            cost += stage_cost(stage, &targets[k], &self.plan.states[k + 1], input, before);
+            before = input;
+        }
+        cost
+    }
+
+    /// Returns the cost of the plan's inputs, run through the model from the plan's first state.
+    fn rolled_out_cost(&mut self, previous: MotorSpeeds, targets: &[StageTarget]) -> f64 {
+        let mut cost = 0.0;
+        let mut before = self.settings.limits.within_bounds(previous);
+        let mut state = self.plan.states[0];
+        for (k, stage) in self.stages.iter().enumerate() {
+            let (input, target) = (self.plan.inputs[k], &targets[k]);
+            let step_s = self.horizon.step_s(k);
+            let step = self
+                .model
+                .step_on_plane(&target.normal_in_world, state.z, input, step_s);
+            state += step.increment;
+            cost += stage_cost(stage, target, &state, input, before);
+            before = input;
+        }
+        cost
+    }
+}
+
+/// Returns what a stage costs that ends at `state`.
+fn stage_cost(
+    stage: &Stage,
+    target: &StageTarget,
+    state: &Vector3<f64>,
+    input: MotorSpeeds,
+    before: MotorSpeeds,
+) -> f64 {
+    let (dx, dy) = (state.x - target.pose.x_m, state.y - target.pose.y_m);
+    let heading = wrap_angle(state.z - target.pose.yaw_rad);
+    let along = stage.along.0 * dx + stage.along.1 * dy;
+    let cross = stage.along.0 * dy - stage.along.1 * dx;
+    stage.weights.along_per_m2 * along * along
+        + stage.weights.cross_per_m2 * cross * cross
+        + stage.weights.heading_per_rad2 * heading * heading
+        + stage.change_weights.traction * (input.traction_m_s - before.traction_m_s).powi(2)
+        + stage.change_weights.steer * (input.steer_m_s - before.steer_m_s).powi(2)
 }
 
 fn vector(pose: &PlanarPose) -> Vector3<f64> {

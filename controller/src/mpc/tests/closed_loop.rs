@@ -80,6 +80,8 @@ fn settings(stages: usize, block_stages: usize) -> MpcSettings {
     MpcSettings {
         stages,
         step_s: 0.15,
+        last_step_s: 0.15,
+        step_limit: None,
         period_s: 0.05,
         block_stages,
         change_weights: ChangeWeights {
