@@ -84,7 +84,7 @@ pub enum Clock {
         now_s: f64,
     },
     /// Time that others tell.
-    Told(ExternalClock),
+    External(ExternalClock),
 }
 
 impl Clock {
@@ -93,7 +93,7 @@ impl Clock {
         match self {
             Self::Real(epoch) => epoch.elapsed_s(),
             Self::Virtual { now_s } => *now_s,
-            Self::Told(clock) => clock.now_s().unwrap_or(0.0),
+            Self::External(clock) => clock.now_s().unwrap_or(0.0),
         }
     }
 
@@ -102,7 +102,7 @@ impl Clock {
     pub fn wait_until(&mut self, time_s: f64) {
         match self {
             Self::Virtual { now_s } => *now_s = now_s.max(time_s),
-            Self::Told(clock) => clock.wait_until(time_s),
+            Self::External(clock) => clock.wait_until(time_s),
             Self::Real(epoch) => {
                 let absolute_s = epoch.monotonic_s + time_s;
                 if !absolute_s.is_finite() || absolute_s < 0.0 {

@@ -14,8 +14,8 @@ mod vocabulary;
 
 pub use config::SafetyConfig;
 pub use vocabulary::{
-    ControllerOutput, ControllerState, DriveCommand, DriveFeedback, LinkState, OperatorRequests,
-    Reason, SafetyInputs, SafetyState, StopCause, Transition,
+    ControllerOutput, ControllerState, OperatorRequests, Reason, SafetyInputs, SafetyState,
+    StopCause, Transition,
 };
 
 use crate::drives::{DriveCommand, DriveFeedback, DriveMode};

@@ -1,6 +1,7 @@
 mod any;
 
 use super::*;
+use crate::drives::LinkState;
 use sidehill_plant::sample::Stamped;
 
 const PERIOD_S: f64 = 0.05;
