@@ -12,7 +12,7 @@ use sidehill_plant::speeds::TreadSpeeds;
 use std::collections::VecDeque;
 
 /// Readings kept: with 20 Hz speeds, 20 Hz attitude and 10 Hz poses, about 1 s.
-const HISTORY: usize = 50;
+pub(super) const HISTORY: usize = 50;
 
 /// What an event brings.
 #[derive(Debug, Clone, Copy)]
@@ -110,6 +110,18 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
     /// Forgets everything: the next attitude and pose are believed as the first ones were.
     pub(super) fn restart(&mut self) {
         *self = Self::new(self.settings, self.model.clone());
+    }
+
+    /// Returns how many readings are kept.
+    #[cfg(test)]
+    pub(super) fn readings_kept(&self) -> usize {
+        self.events.len()
+    }
+
+    /// Returns the belief after the newest reading.
+    #[cfg(test)]
+    pub(super) fn newest(&self) -> Option<&Belief<N>> {
+        self.events.back().map(|event| &event.belief)
     }
 
     /// Returns the innovation of the newest pose of the last update, believed or not.
