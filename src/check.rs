@@ -3,7 +3,7 @@
 use crate::config::{
     Campaign, Conditions, ConfigFile, Overrides, RunConfig, RunPort, Scenario, load_layout,
 };
-use crate::{run, vehicle};
+use crate::{console, run, vehicle};
 use anyhow::{Result, bail};
 use sidehill_controller::controller::Controller;
 use sidehill_plant::contact::ContactVehicle;
@@ -28,10 +28,10 @@ pub fn run(args: &CheckArgs) -> Result<ExitCode> {
     let mut valid = true;
     for path in &args.files {
         match ConfigFile::read(path).map_err(Into::into).and_then(check) {
-            Ok(kind) => println!("{}: valid {kind}", path.display()),
+            Ok(kind) => console::line(format_args!("{}: valid {kind}", path.display())),
             Err(error) => {
                 valid = false;
-                eprintln!("{error:#}");
+                console::complain(format_args!("{error:#}"));
             }
         }
     }

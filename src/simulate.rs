@@ -4,6 +4,8 @@ use crate::closed_loop;
 use crate::config::{
     Conditions, ConfigFile, DEFAULT_SCENARIO, Overrides, PlantKind, Prepared, Scenario,
 };
+use crate::console;
+use crate::output;
 use crate::record::{Run, Summary};
 use crate::report;
 use anyhow::{Context, Result};
@@ -37,6 +39,9 @@ pub struct SimulateArgs {
     /// Folder for a CSV file of each run and a report.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
+    /// Overwrite files of --out that exist.
+    #[arg(long)]
+    pub force: bool,
     /// How the figures are printed.
     #[arg(long, value_enum, default_value_t)]
     pub format: Format,
@@ -84,18 +89,28 @@ pub fn run(args: &SimulateArgs) -> Result<ExitCode> {
         seed: args.seed,
         controllers: args.controllers.clone(),
     })?;
+    if let Some(folder) = &args.out {
+        // Before the work, which may take long.
+        std::fs::create_dir_all(folder)
+            .with_context(|| format!("{}: cannot be made", folder.display()))?;
+        let mut files = vec![folder.join(REPORT)];
+        let names = prepared.controllers.iter().map(|kind| kind.name());
+        files.extend(names.map(|name| csv_path(folder, name)));
+        output::check_free(&files, args.force)?;
+        output::check_writable(&folder.join(REPORT), args.force)?;
+    }
     let runs = runs(&prepared)?;
     if let Some(folder) = &args.out {
-        write_out(folder, &prepared, conditions.as_deref(), &runs)
-            .with_context(|| format!("{}: cannot be written", folder.display()))?;
+        write_out(folder, args.force, &prepared, conditions.as_deref(), &runs)?;
     }
     let summaries: Vec<&Summary> = runs.iter().map(|run| &run.summary).collect();
     match args.format {
-        Format::Table => print!("{}", table(&prepared, conditions.as_deref(), &summaries)),
-        Format::Json => println!(
-            "{}",
-            serde_json::to_string(&serde_json::json!({ "runs": summaries }))?
-        ),
+        Format::Table => {
+            console::text(table(&prepared, conditions.as_deref(), &summaries));
+        }
+        Format::Json => console::line(serde_json::to_string(
+            &serde_json::json!({ "runs": summaries }),
+        )?),
     }
     let completed = summaries.iter().all(|summary| summary.completed);
     Ok(if completed {
@@ -105,17 +120,25 @@ pub fn run(args: &SimulateArgs) -> Result<ExitCode> {
     })
 }
 
+/// Name of the report.
+const REPORT: &str = "report.html";
+
+fn csv_path(folder: &Path, controller: &str) -> PathBuf {
+    folder.join(format!("{controller}.csv"))
+}
+
 /// Writes a CSV file of each run and the report of all.
 fn write_out(
     folder: &Path,
+    force: bool,
     prepared: &Prepared,
     conditions: Option<&str>,
     runs: &[Run],
 ) -> Result<()> {
-    std::fs::create_dir_all(folder)?;
     for run in runs {
-        let file = std::fs::File::create(folder.join(format!("{}.csv", run.summary.controller)))?;
-        report::write_csv(run, std::io::BufWriter::new(file))?;
+        let mut csv = Vec::new();
+        report::write_csv(run, &mut csv)?;
+        output::write(&csv_path(folder, &run.summary.controller), &csv, force)?;
     }
     let path = prepared.trajectory.path();
     let length_m = path.map_or(0.0, |path| path.length_m());
@@ -142,8 +165,8 @@ fn write_out(
         base_half_length_m: prepared.vehicle.base_half_length_m,
         period_s: prepared.controller.period_s,
     };
-    std::fs::write(folder.join("report.html"), report::html(&scene, runs))?;
-    Ok(())
+    let html = report::html(&scene, runs);
+    output::write(&folder.join(REPORT), html.as_bytes(), force)
 }
 
 /// Runs one controller after the other: their times would disturb each other.

@@ -4,6 +4,8 @@ mod results;
 mod summary;
 
 use crate::closed_loop;
+use crate::console;
+use crate::output;
 use crate::config::{Campaign, ConfigFile, Overrides, Scenario};
 use crate::record::Summary;
 use anyhow::{Context, Result};
@@ -31,6 +33,9 @@ pub struct CampaignArgs {
     /// Write the scenario of one run, for `simulate`, to --out instead.
     #[arg(long, value_name = "INDEX")]
     pub write_scenario: Option<u32>,
+    /// Overwrite --out of --write-scenario where it exists; results are never overwritten.
+    #[arg(long, requires = "write_scenario")]
+    pub force: bool,
     /// How the summary is printed.
     #[arg(long, value_enum, default_value_t)]
     pub format: crate::simulate::Format,
@@ -46,8 +51,7 @@ pub fn run(args: &CampaignArgs) -> Result<()> {
     let out = &args.out;
     if let Some(index) = args.write_scenario {
         let text = campaign.scenario_text(index)?;
-        return std::fs::write(out, text)
-            .with_context(|| format!("{}: cannot be written", out.display()));
+        return output::write(out, text.as_bytes(), args.force);
     }
     campaign.runs = args.runs.unwrap_or(campaign.runs);
     let results = Results::open(out, &campaign)?;
@@ -72,11 +76,12 @@ pub fn run(args: &CampaignArgs) -> Result<()> {
     let rows = results::read(out, &campaign)?;
     let figures = summary::of(&rows, &campaign);
     match args.format {
-        crate::simulate::Format::Table => print!("{}", summary::table(&figures, &campaign)),
-        crate::simulate::Format::Json => println!(
-            "{}",
-            serde_json::to_string(&serde_json::json!({ "controllers": figures }))?
-        ),
+        crate::simulate::Format::Table => {
+            console::text(summary::table(&figures, &campaign));
+        }
+        crate::simulate::Format::Json => console::line(serde_json::to_string(
+            &serde_json::json!({ "controllers": figures }),
+        )?),
     }
     Ok(())
 }

@@ -22,10 +22,10 @@ use std::path::PathBuf;
 
 /// The ground of a scenario.
 #[derive(Debug, Clone, Deserialize)]
-#[serde(tag = "kind", rename_all = "snake_case")]
+#[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
 enum TerrainConfig {
-    /// Level ground.
-    Level,
+    /// Level ground; braces, as a variant without them would take any key.
+    Level {},
     /// One plane.
     Plane(PlaneTerrain),
     /// Plane zones along an axis.
@@ -320,7 +320,7 @@ impl Scenario {
         route: Option<&(ConfigFile, Option<Vec<RoutePoint>>)>,
     ) -> Result<Terrain, ConfigError> {
         Ok(match &self.raw.terrain {
-            TerrainConfig::Level => Terrain::Level,
+            TerrainConfig::Level {} => Terrain::Level,
             TerrainConfig::Plane(plane) => Terrain::Plane(plane.clone()),
             TerrainConfig::Zones(zones) => Terrain::Zones(zones.clone()),
             TerrainConfig::Grid {
