@@ -14,6 +14,7 @@ pub mod identify;
 pub mod init;
 pub mod odometry;
 pub mod output;
+pub mod progress;
 pub mod record;
 pub mod report;
 pub mod run;

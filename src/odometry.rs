@@ -116,7 +116,11 @@ pub(crate) fn column_map(path: Option<&Path>) -> Result<ColumnMap> {
 pub(crate) fn read_log(path: &Path, map: &ColumnMap) -> Result<DriveLog> {
     let name = || path.display().to_string();
     let file = File::open(path).with_context(name)?;
-    DriveLog::read(std::io::BufReader::new(file), map).with_context(name)
+    let log = DriveLog::read(std::io::BufReader::new(file), map).with_context(name)?;
+    for suspicion in log.suspicions() {
+        console::complain(format_args!("{}: warning: {suspicion}", name()));
+    }
+    Ok(log)
 }
 
 fn table(comparisons: &[Vec<Comparison>]) -> String {

@@ -6,10 +6,10 @@ use crate::config::{
 };
 use crate::console;
 use crate::output;
+use crate::progress::{self, Progress};
 use crate::record::{Run, Summary};
 use crate::report;
 use anyhow::{Context, Result};
-use indicatif::{ProgressBar, ProgressStyle};
 use sidehill_controller::config::ControllerKind;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -89,6 +89,9 @@ pub fn run(args: &SimulateArgs) -> Result<ExitCode> {
         seed: args.seed,
         controllers: args.controllers.clone(),
     })?;
+    for warning in &prepared.warnings {
+        console::complain(format_args!("warning: {warning}"));
+    }
     if let Some(folder) = &args.out {
         // Before the work, which may take long.
         std::fs::create_dir_all(folder)
@@ -99,6 +102,7 @@ pub fn run(args: &SimulateArgs) -> Result<ExitCode> {
         output::check_free(&files, args.force)?;
         output::check_writable(&folder.join(REPORT), args.force)?;
     }
+    progress::explain_interrupt(|| "interrupted: nothing was written".to_owned())?;
     let runs = runs(&prepared)?;
     if let Some(folder) = &args.out {
         write_out(folder, args.force, &prepared, conditions.as_deref(), &runs)?;
@@ -169,19 +173,25 @@ fn write_out(
     output::write(&folder.join(REPORT), html.as_bytes(), force)
 }
 
+/// Simulated time from which on a run is announced, s.
+const LONG_S: f64 = 1000.0;
+
 /// Runs one controller after the other: their times would disturb each other.
 fn runs(prepared: &Prepared) -> Result<Vec<Run>> {
-    let style = ProgressStyle::with_template("{prefix:14} {bar:40} {percent:>3} %  {eta} left")?;
+    let simulated_s = f64::from(prepared.laps) * prepared.trajectory.duration_s();
+    if simulated_s > LONG_S {
+        console::complain(format_args!(
+            "this simulates {simulated_s:.0} s of driving for each of {} controllers",
+            prepared.controllers.len()
+        ));
+    }
     let mut runs = Vec::new();
     for &kind in &prepared.controllers {
-        // Hidden by itself where standard error is not a terminal.
-        let bar = ProgressBar::new(1000)
-            .with_style(style.clone())
-            .with_prefix(kind.name());
+        let progress = Progress::new(kind.name(), 1000);
         let run = closed_loop::run(prepared, kind, |share| {
-            bar.set_position((1000.0 * share) as u64)
+            progress.at((1000.0 * share) as u64);
         })?;
-        bar.finish_and_clear();
+        progress.finish();
         runs.push(run);
     }
     Ok(runs)

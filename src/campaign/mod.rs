@@ -4,17 +4,18 @@ mod results;
 mod summary;
 
 use crate::closed_loop;
+use crate::config::{Campaign, ConfigFile, Overrides, Scenario};
 use crate::console;
 use crate::output;
-use crate::config::{Campaign, ConfigFile, Overrides, Scenario};
+use crate::progress::{self, Progress};
 use crate::record::Summary;
-use anyhow::{Context, Result};
-use indicatif::{ProgressBar, ProgressStyle};
+use anyhow::Result;
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
 use results::{Outcome, Results};
 use sidehill_controller::config::ControllerKind;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
+use std::time::Instant;
 
 /// Arguments of `sidehill campaign`.
 #[derive(Debug, Clone, clap::Args)]
@@ -62,17 +63,25 @@ pub fn run(args: &CampaignArgs) -> Result<()> {
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(args.threads.unwrap_or(0))
         .build()?;
-    let style = ProgressStyle::with_template("{bar:40} {pos}/{len}  {elapsed} gone, {eta} left")?;
-    // Hidden by itself where standard error is not a terminal.
-    let bar = ProgressBar::new(missing.len() as u64).with_style(style);
+    let (all, begun, name) = (missing.len(), Instant::now(), out.display().to_string());
+    if all > 0 {
+        console::complain(format_args!("{name}: {all} simulations to be done"));
+    }
+    progress::explain_interrupt(move || {
+        format!(
+            "interrupted after {:.0} s: what is done is in {name}; the same command goes on from there",
+            begun.elapsed().as_secs_f64()
+        )
+    })?;
+    let bar = Progress::new("campaign", all as u64);
     pool.install(|| {
         missing.into_par_iter().try_for_each(|(index, kind)| {
             results.append(&outcome(&campaign, index, kind))?;
-            bar.inc(1);
+            bar.step();
             anyhow::Ok(())
         })
     })?;
-    bar.finish_and_clear();
+    bar.finish();
     let rows = results::read(out, &campaign)?;
     let figures = summary::of(&rows, &campaign);
     match args.format {

@@ -30,7 +30,10 @@ pub(super) struct Keys {
 
 /// Where the parser is: in a mapping that waits for a key or for a value, or in a sequence.
 enum Level {
-    Mapping { first_key: usize, waits_for_key: bool },
+    Mapping {
+        first_key: usize,
+        waits_for_key: bool,
+    },
     Sequence,
 }
 
@@ -153,7 +156,13 @@ mod tests {
 
     #[test]
     fn a_key_that_stands_twice_is_found_and_one_of_two_items_is_not() {
-        assert_eq!(Keys::of("a: 1\nb: {c: 1}\na: 2\n").duplicate().unwrap().lines, (1, 3));
+        assert_eq!(
+            Keys::of("a: 1\nb: {c: 1}\na: 2\n")
+                .duplicate()
+                .unwrap()
+                .lines,
+            (1, 3)
+        );
         let inner = Keys::of("a:\n  b: 1\n  b: 2\n");
         assert_eq!(inner.duplicate().unwrap().key, "a.b");
         assert_eq!(Keys::of("- {b: 1}\n- {b: 1}\n").duplicate(), None);

@@ -13,6 +13,7 @@ pub use bridge::{RunConfig, RunPort, VehicleConfig, VehiclePort, load_layout};
 pub use campaign::{Campaign, Drawn};
 pub use conditions::Conditions;
 pub use plant::{Plant, PlantKind};
+pub use reference::read_route;
 pub use scenario::{Overrides, Prepared, Scenario};
 
 use keys::Keys;
@@ -166,6 +167,12 @@ impl ConfigFile {
     /// Returns the path as it was given.
     pub fn path(&self) -> &Path {
         &self.path
+    }
+
+    /// Returns what follows the last point of the name, in lower case.
+    pub fn ending(&self) -> Option<String> {
+        let ending = self.path.extension()?;
+        Some(ending.to_string_lossy().to_lowercase())
     }
 
     /// Returns the text.

@@ -249,10 +249,7 @@ fn bridge(port: PortKind, track_width_m: f64) -> Result<Vec<File>> {
         })
     };
     let vehicle = ("../vehicles/j8.yaml", "vehicle.yaml".to_owned());
-    let world = (
-        "../scenarios/figure_eight.yaml",
-        "scenario.yaml".to_owned(),
-    );
+    let world = ("../scenarios/figure_eight.yaml", "scenario.yaml".to_owned());
     let width = |example: &str| {
         (
             format!("# track_width_m: {example}"),
@@ -269,8 +266,11 @@ fn bridge(port: PortKind, track_width_m: f64) -> Result<Vec<File>> {
                     name: "run.yaml",
                     text: replaced(
                         run,
-                        &[vehicle, ("vehicle_ros2.yaml", "virtual.yaml".to_owned()),
-                          (&run_width.0, run_width.1.clone())],
+                        &[
+                            vehicle,
+                            ("vehicle_ros2.yaml", "virtual.yaml".to_owned()),
+                            (&run_width.0, run_width.1.clone()),
+                        ],
                     )?,
                 },
                 File {

@@ -153,7 +153,9 @@ pub enum LogError {
         before_s: f64,
     },
     /// A column is not there.
-    #[error("no column {column}; there are: {present}. Where the log has other names, units or frames, --columns FILE says which")]
+    #[error(
+        "no column {column}; there are: {present}. Where the log has other names, units or frames, --columns FILE says which"
+    )]
     NoColumn {
         /// Name looked for.
         column: String,

@@ -116,7 +116,12 @@ impl DriveLog {
         let angle_rad = self
             .rows()
             .iter()
-            .map(|row| row.attitude.roll_rad.abs().max(row.attitude.pitch_rad.abs()))
+            .map(|row| {
+                row.attitude
+                    .roll_rad
+                    .abs()
+                    .max(row.attitude.pitch_rad.abs())
+            })
             .fold(0.0, f64::max);
         if angle_rad > ATTITUDE_MAX_RAD {
             found.push(Suspicion::AttitudeUnit { angle_rad });
@@ -207,7 +212,11 @@ fn stretches(rows: &[LogRow]) -> Vec<Stretch> {
                 left_m: -cos * dx - sin * dy,
             });
         }
-        first = if rows[first].pose.is_some() { end } else { first + 1 };
+        first = if rows[first].pose.is_some() {
+            end
+        } else {
+            first + 1
+        };
     }
     out
 }
