@@ -208,7 +208,7 @@ fn first_guess(measures: &Measures, contact: &str) -> Result<String> {
 
 fn scenario(name: &str, identified: &str, scale: f64) -> String {
     format!(
-        "# A figure of eight on a hillside of 10 degrees, of a size that fits the vehicle.\n\
+        "# A figure of eight on a hillside of 5 degrees, of a size that fits the vehicle.\n\
          \n\
          # Name in tables and plots.\n\
          name: {name}_figure_eight\n\
@@ -221,7 +221,7 @@ fn scenario(name: &str, identified: &str, scale: f64) -> String {
          \n\
          # Ground: a plane that rises by slope_deg (degrees) towards uphill_heading_deg (degrees,\n\
          # counter-clockwise from Y_g, so 0 is up along +Y_g).\n\
-         terrain: {{kind: plane, slope_deg: 10, uphill_heading_deg: 0}}\n\
+         terrain: {{kind: plane, slope_deg: 5, uphill_heading_deg: 0}}\n\
          \n\
          # Lengths in m, period in s. A recorded route instead: route: {{file: route.gpx}}\n\
          course: {{shape: figure_eight, half_width_m: {width:.2}, half_length_m: {length:.2}, period_s: 60}}\n\
@@ -352,7 +352,7 @@ fn readme(name: &str, port: PortKind) -> String {
          \n\
          \x20       sidehill check *.yaml\n\
          \n\
-         2. Simulate it on wheels with friction, on 10 degrees, and look at out/report.html:\n\
+         2. Simulate it on wheels with friction, on 5 degrees, and look at out/report.html:\n\
          \n\
          \x20       sidehill simulate scenario.yaml --out out\n\
          \n\
