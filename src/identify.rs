@@ -223,10 +223,11 @@ mod tests {
     use super::*;
 
     fn repository(name: &str) -> PathBuf {
-        Path::new(env!("CARGO_MANIFEST_DIR")).join(name)
+        std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join(name)
     }
 
     fn arguments(out: PathBuf) -> IdentifyArgs {
+            force: false,
         IdentifyArgs {
             level: Vec::new(),
             slope: Vec::new(),
