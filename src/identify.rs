@@ -227,8 +227,8 @@ mod tests {
     }
 
     fn arguments(out: PathBuf) -> IdentifyArgs {
-            force: false,
         IdentifyArgs {
+            force: false,
             level: Vec::new(),
             slope: Vec::new(),
             simulate: Some(repository("config/vehicles/j8_contact.yaml")),
