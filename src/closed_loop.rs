@@ -1,7 +1,7 @@
 //! A controller driving the simulated vehicle, and the figures of its run.
 
 use crate::config::Prepared;
-use crate::record::{Quantiles, Row, Run, Summary, nearest_rank};
+use crate::record::{Quantiles, Row, Run, Summary};
 use anyhow::Context;
 use sidehill_controller::config::ControllerKind;
 use sidehill_controller::controller::{Controller, Decision, Status};
@@ -12,6 +12,7 @@ use sidehill_controller::trajectory::{Ending, ReferencePoint};
 use sidehill_plant::frames::wrap_angle;
 use sidehill_plant::simulation::{SimulationError, TrueState};
 use sidehill_plant::speeds::MotorSpeeds;
+use sidehill_plant::statistics::quantile;
 use std::time::Instant;
 
 /// Time at the start that does not count in the figures: the vehicle has to get under way, s.
@@ -265,7 +266,7 @@ impl<'a> Figures<'a> {
             completed: ended_by.is_none(),
             ended_by,
             cross_track_rms_m: root_mean(squares),
-            cross_track_p95_m: nearest_rank(&absolute, 0.95).unwrap_or(0.0),
+            cross_track_p95_m: quantile(&absolute, 0.95).unwrap_or(0.0),
             cross_track_max_m: absolute.last().copied().unwrap_or(0.0),
             along_track_rms_m: root_mean(self.along_squares),
             heading_rms_rad: root_mean(self.heading_squares),

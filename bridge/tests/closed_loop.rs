@@ -165,7 +165,14 @@ fn follow(period_s: f64, cycles: usize) -> (f64, f64, State) {
             x_m: pose.x_m,
             y_m: pose.y_m,
         };
-        let found = path.nearest_within(&position, reached_m, &Window::symmetric(1.0));
+        let found = path.nearest_within(
+            &position,
+            reached_m,
+            &Window {
+                behind_m: 1.0,
+                ahead_m: 1.0,
+            },
+        );
         reached_m = found.point.arc_length_m;
         if driving_s > 2.0 {
             errors.push(found.cross_track_m);

@@ -13,7 +13,7 @@ use crate::pure_pursuit::PurePursuitSettings;
 use crate::reference::Tracking;
 use crate::trajectory::Motion;
 use serde::{Deserialize, Serialize};
-use sidehill_plant::vehicle::RangeError;
+use sidehill_plant::bounds::{Bounds, RangeError};
 
 /// Which law turns estimate and reference into commands.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -147,51 +147,17 @@ impl ControllerConfig {
     /// # Errors
     /// [`RangeError`] with the first key out of its range.
     pub fn validate(&self) -> Result<(), RangeError> {
-        let check = RangeError::check;
-        check("period_s", self.period_s, 0.005, 1.0, "from 0.005 to 1 s")?;
-        check("stages", self.stages as f64, 2.0, 200.0, "from 2 to 200")?;
-        check(
-            "step_s",
-            self.step_s,
-            self.period_s,
-            2.0,
-            "from period_s to 2 s",
-        )?;
-        check(
-            "block_stages",
-            self.block_stages as f64,
-            1.0,
-            20.0,
-            "from 1 to 20",
-        )?;
-        check(
-            "smoothing_m_s",
-            self.smoothing_m_s,
-            1e-4,
-            1.0,
-            "from 0.0001 to 1 m/s",
-        )?;
-        check(
-            "command_delay_s + motor_lag_s",
-            self.delay_s(),
-            0.0,
-            DELAY_MAX_S,
-            "from 0 to 1 s",
-        )?;
-        check(
-            "command_delay_s",
-            self.command_delay_s,
-            0.0,
-            DELAY_MAX_S,
-            "from 0 to 1 s",
-        )?;
-        check(
-            "lead_max_m",
-            self.lead_max_m,
-            0.01,
-            10.0,
-            "from 0.01 to 10 m",
-        )?;
+        Bounds::new(0.005, 1.0, "s").check("period_s", self.period_s)?;
+        Bounds::new(2.0, 200.0, "").check("stages", self.stages as f64)?;
+        Bounds::new(self.period_s, 2.0, "s")
+            .with_note("at least period_s")
+            .check("step_s", self.step_s)?;
+        Bounds::new(1.0, 20.0, "").check("block_stages", self.block_stages as f64)?;
+        Bounds::new(1e-4, 1.0, "m/s").check("smoothing_m_s", self.smoothing_m_s)?;
+        Bounds::new(0.0, DELAY_MAX_S, "s")
+            .check("command_delay_s + motor_lag_s", self.delay_s())?;
+        Bounds::new(0.0, DELAY_MAX_S, "s").check("command_delay_s", self.command_delay_s)?;
+        Bounds::new(0.01, 10.0, "m").check("lead_max_m", self.lead_max_m)?;
         self.weights.validate()?;
         self.caution.validate()?;
         if let Some(corridor) = &self.corridor {

@@ -17,12 +17,13 @@ use crate::pure_pursuit::PursuitView;
 use crate::reference::{Reference, Tracking};
 use crate::trajectory::Trajectory;
 use preview::preview;
+use sidehill_plant::bounds::RangeError;
 use sidehill_plant::frames::{PlanarPose, wrap_angle};
 use sidehill_plant::prediction::PredictionModel;
 use sidehill_plant::sample::Sample;
 use sidehill_plant::speeds::MotorSpeeds;
 use sidehill_plant::terrain::Terrain;
-use sidehill_plant::vehicle::{RangeError, Vehicle};
+use sidehill_plant::vehicle::Vehicle;
 use std::time::Instant;
 
 /// Why a controller cannot be made.

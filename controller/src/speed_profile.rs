@@ -2,7 +2,7 @@
 
 use crate::path::{Path, PathError, PathPoint, SAMPLE_STEP_M};
 use crate::trajectory::{Ending, Motion, NODE_STEP_S, Node, Trajectory};
-use sidehill_plant::vehicle::RangeError;
+use sidehill_plant::bounds::{Bounds, RangeError};
 
 /// What bounds the speed along a path.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -31,13 +31,12 @@ pub struct SpeedLimits {
 
 impl SpeedLimits {
     fn check(&self) -> Result<(), RangeError> {
+        // Infinity is no limit.
         let positive = |key, value: f64| {
-            if value > 0.0 {
-                Ok(())
-            } else {
-                let range = "above 0";
-                Err(RangeError { key, value, range })
+            if value == f64::INFINITY {
+                return Ok(value);
             }
+            Bounds::positive("").check(key, value)
         };
         positive("speed_max_m_s", self.speed_max_m_s)?;
         positive("traction_max_m_s", self.traction_max_m_s)?;
@@ -47,28 +46,9 @@ impl SpeedLimits {
         positive("deceleration_m_s2", self.deceleration_m_s2)?;
         positive("steer_acceleration_m_s2", self.steer_acceleration_m_s2)?;
         positive("lateral_acceleration_m_s2", self.lateral_acceleration_m_s2)?;
-        let check = RangeError::check;
-        check(
-            "speed_max_m_s",
-            self.speed_max_m_s,
-            1e-3,
-            50.0,
-            "from 0.001 to 50 m/s",
-        )?;
-        check(
-            "track_width_m",
-            self.track_width_m,
-            1e-3,
-            100.0,
-            "from 0.001 to 100 m",
-        )?;
-        check(
-            "initial_speed_m_s",
-            self.initial_speed_m_s,
-            0.0,
-            50.0,
-            "from 0 to 50 m/s",
-        )?;
+        Bounds::new(1e-3, 50.0, "m/s").check("speed_max_m_s", self.speed_max_m_s)?;
+        Bounds::new(1e-3, 100.0, "m").check("track_width_m", self.track_width_m)?;
+        Bounds::new(0.0, 50.0, "m/s").check("initial_speed_m_s", self.initial_speed_m_s)?;
         Ok(())
     }
 
@@ -155,7 +135,7 @@ impl<'a> Stretch<'a> {
                 return Err(PathError::Range(RangeError {
                     key: "speed_cap_m_s",
                     value: cap,
-                    range: "above 0",
+                    bounds: Bounds::positive("m/s"),
                 }));
             }
             curvatures.push(point.curvature_per_m);

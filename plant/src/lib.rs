@@ -1,6 +1,7 @@
 //! What a skid-steer rover does on a slope: frames, ICR kinematics, terrain, drive train, sensors
 //! and their simulation. This crate does no input or output and knows no file format.
 
+pub mod bounds;
 pub mod contact;
 pub mod correction;
 pub mod dead_reckoning;
@@ -16,5 +17,6 @@ pub mod sample;
 pub mod sensors;
 pub mod simulation;
 pub mod speeds;
+pub mod statistics;
 pub mod terrain;
 pub mod vehicle;

@@ -1,39 +1,9 @@
 //! Parameters of a vehicle, validated once when they are read.
 
+use crate::bounds::Bounds;
+pub use crate::bounds::RangeError;
 use crate::speeds::{MeasuredTreadSpeeds, TreadSpeeds};
 use serde::{Deserialize, Serialize};
-
-/// A parameter that is outside its range.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-#[error("{key}: {value} is out of range, must be {range}")]
-pub struct RangeError {
-    /// Key as the configuration file spells it.
-    pub key: &'static str,
-    /// The value found.
-    pub value: f64,
-    /// The values allowed, in words.
-    pub range: &'static str,
-}
-
-impl RangeError {
-    /// Checks that `value` is finite and within `[low, high]`.
-    ///
-    /// # Errors
-    /// Returns the key, the value and `range` where it is not.
-    pub fn check(
-        key: &'static str,
-        value: f64,
-        low: f64,
-        high: f64,
-        range: &'static str,
-    ) -> Result<f64, Self> {
-        if value.is_finite() && (low..=high).contains(&value) {
-            Ok(value)
-        } else {
-            Err(Self { key, value, range })
-        }
-    }
-}
 
 /// Positions of the tread ICRs on level ground (ICRHK), in the body frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -157,86 +127,36 @@ impl TryFrom<RawVehicle> for Vehicle {
     type Error = RangeError;
 
     fn try_from(raw: RawVehicle) -> Result<Self, RangeError> {
-        let check = RangeError::check;
-        let half_width = check(
-            "base_half_width_m",
-            raw.base_half_width_m,
-            0.01,
-            20.0,
-            "from 0.01 to 20 m",
-        )?;
-        let half_length = check(
-            "base_half_length_m",
-            raw.base_half_length_m,
-            0.01,
-            20.0,
-            "from 0.01 to 20 m",
-        )?;
+        let half_width =
+            Bounds::new(0.01, 20.0, "m").check("base_half_width_m", raw.base_half_width_m)?;
+        let half_length =
+            Bounds::new(0.01, 20.0, "m").check("base_half_length_m", raw.base_half_length_m)?;
         Ok(Self {
             name: raw.name,
             icrs: HorizontalIcrs {
-                left_m: check(
-                    "x_icr_left_m",
-                    raw.x_icr_left_m,
-                    -50.0,
-                    -half_width,
-                    "at most -base_half_width_m, and at least -50 m",
-                )?,
-                right_m: check(
-                    "x_icr_right_m",
-                    raw.x_icr_right_m,
-                    half_width,
-                    50.0,
-                    "at least base_half_width_m, and at most 50 m",
-                )?,
-                forward_m: check(
-                    "y_icr_m",
-                    raw.y_icr_m,
-                    -half_length,
-                    half_length,
-                    "within +-base_half_length_m",
-                )?,
+                left_m: Bounds::new(-50.0, -half_width, "m")
+                    .with_note("at most -base_half_width_m")
+                    .check("x_icr_left_m", raw.x_icr_left_m)?,
+                right_m: Bounds::new(half_width, 50.0, "m")
+                    .with_note("at least base_half_width_m")
+                    .check("x_icr_right_m", raw.x_icr_right_m)?,
+                forward_m: Bounds::new(-half_length, half_length, "m")
+                    .with_note("within base_half_length_m")
+                    .check("y_icr_m", raw.y_icr_m)?,
             },
             slide: SlideGains {
-                shift_s_per_rad: check(
-                    "lambda_1_s_per_rad",
-                    raw.lambda_1_s_per_rad,
-                    0.0,
-                    100.0,
-                    "from 0 to 100 s/rad",
-                )?,
-                aggravated_s_per_rad: check(
-                    "lambda_2_s_per_rad",
-                    raw.lambda_2_s_per_rad,
-                    0.0,
-                    100.0,
-                    "from 0 to 100 s/rad",
-                )?,
+                shift_s_per_rad: Bounds::new(0.0, 100.0, "s/rad")
+                    .check("lambda_1_s_per_rad", raw.lambda_1_s_per_rad)?,
+                aggravated_s_per_rad: Bounds::new(0.0, 100.0, "s/rad")
+                    .check("lambda_2_s_per_rad", raw.lambda_2_s_per_rad)?,
             },
-            speed_max_m_s: check(
-                "speed_max_m_s",
-                raw.speed_max_m_s,
-                0.01,
-                20.0,
-                "from 0.01 to 20 m/s",
-            )?,
+            speed_max_m_s: Bounds::new(0.01, 20.0, "m/s")
+                .check("speed_max_m_s", raw.speed_max_m_s)?,
             base_half_width_m: half_width,
             base_half_length_m: half_length,
             correction: SpeedCorrection {
-                left: check(
-                    "correction_left",
-                    raw.correction_left,
-                    0.5,
-                    2.0,
-                    "from 0.5 to 2",
-                )?,
-                right: check(
-                    "correction_right",
-                    raw.correction_right,
-                    0.5,
-                    2.0,
-                    "from 0.5 to 2",
-                )?,
+                left: Bounds::new(0.5, 2.0, "").check("correction_left", raw.correction_left)?,
+                right: Bounds::new(0.5, 2.0, "").check("correction_right", raw.correction_right)?,
             },
         })
     }

@@ -18,9 +18,10 @@ use sidehill_bridge::virtual_vehicle::InjectedFault;
 use sidehill_controller::config::{ControllerConfig, ControllerKind};
 use sidehill_controller::controller::Controller;
 use sidehill_controller::course::Course;
+use sidehill_plant::bounds::Bounds;
 use sidehill_plant::drive_train::DriveTrainConfig;
 use sidehill_plant::sensors::SensorsConfig;
-use sidehill_plant::vehicle::{RangeError, Vehicle};
+use sidehill_plant::vehicle::Vehicle;
 use std::path::{Path, PathBuf};
 
 /// Through what `run` tells the drives.
@@ -111,7 +112,8 @@ impl RunConfig {
                 settings.period_s, self.cycle.period_s
             )));
         }
-        RangeError::check("laps", f64::from(self.laps), 1.0, 1e6, "from 1 to 1000000")
+        Bounds::new(1.0, 1e6, "")
+            .check("laps", f64::from(self.laps))
             .and_then(|_| self.speed.validate())
             .map_err(|error| file.error(error))?;
         settings

@@ -1,9 +1,10 @@
 //! What moves the simulated vehicle, the friction under it, and what controllers wrongly believe of it.
 
 use serde::Deserialize;
+use sidehill_plant::bounds::RangeError;
 use sidehill_plant::contact::{ContactModel, ContactVehicle, FrictionField};
 use sidehill_plant::motion::{IcrMotion, MotionModel};
-use sidehill_plant::vehicle::{RangeError, SpeedCorrection, Vehicle};
+use sidehill_plant::vehicle::{SpeedCorrection, Vehicle};
 use std::path::PathBuf;
 
 /// What moves the simulated vehicle.

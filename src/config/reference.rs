@@ -8,8 +8,9 @@ use sidehill_controller::path::{Route, Smoothing, read_csv, read_gpx, smooth};
 use sidehill_controller::reference::Tracking;
 use sidehill_controller::speed_profile::{SpeedLimits, speed_profile};
 use sidehill_controller::trajectory::{Ending, Trajectory};
+use sidehill_plant::bounds::{Bounds, RangeError};
 use sidehill_plant::terrain::RoutePoint;
-use sidehill_plant::vehicle::{RangeError, Vehicle};
+use sidehill_plant::vehicle::Vehicle;
 use std::path::{Path, PathBuf};
 
 /// A recorded route as reference.
@@ -51,31 +52,12 @@ impl SpeedConfig {
     /// # Errors
     /// [`RangeError`] with the first key out of its range.
     pub fn validate(&self) -> Result<(), RangeError> {
-        for (key, value, low, high, range) in [
-            (
-                "speed.speed_m_s",
-                self.speed_m_s,
-                0.01,
-                20.0,
-                "from 0.01 to 20 m/s",
-            ),
-            (
-                "speed.motor_share",
-                self.motor_share,
-                0.05,
-                1.0,
-                "from 0.05 to 1",
-            ),
-            (
-                "speed.lateral_acceleration_m_s2",
-                self.lateral_acceleration_m_s2,
-                0.01,
-                100.0,
-                "from 0.01 to 100 m/s^2",
-            ),
-        ] {
-            RangeError::check(key, value, low, high, range)?;
-        }
+        Bounds::new(0.01, 20.0, "m/s").check("speed.speed_m_s", self.speed_m_s)?;
+        Bounds::new(0.05, 1.0, "").check("speed.motor_share", self.motor_share)?;
+        Bounds::new(0.01, 100.0, "m/s^2").check(
+            "speed.lateral_acceleration_m_s2",
+            self.lateral_acceleration_m_s2,
+        )?;
         Ok(())
     }
 

@@ -9,6 +9,7 @@ use sidehill_controller::course::Course;
 use sidehill_controller::path::Point2;
 use sidehill_controller::reference::Tracking;
 use sidehill_controller::trajectory::Trajectory;
+use sidehill_plant::bounds::{Bounds, RangeError};
 use sidehill_plant::contact::ContactVehicle;
 use sidehill_plant::drive_train::DriveTrainConfig;
 use sidehill_plant::frames::PlanarPose;
@@ -17,7 +18,7 @@ use sidehill_plant::simulation::{Simulation, SimulationError, SimulationSetup};
 use sidehill_plant::terrain::{
     GridTerrain, PlaneTerrain, RoutePoint, RouteSmoothing, RouteTerrain, Terrain, ZonedTerrain,
 };
-use sidehill_plant::vehicle::{RangeError, Vehicle};
+use sidehill_plant::vehicle::Vehicle;
 use std::path::PathBuf;
 
 /// The ground of a scenario.
@@ -56,17 +57,12 @@ struct StartOffset {
 
 impl StartOffset {
     fn validate(&self) -> Result<(), RangeError> {
-        let within = |key, value, most: f64, range| {
-            RangeError::check(key, value, -most, most, range).map(drop)
-        };
-        within("start.right_m", self.right_m, 100.0, "within +-100 m")?;
-        within("start.forward_m", self.forward_m, 100.0, "within +-100 m")?;
-        within(
-            "start.heading_deg",
-            self.heading_deg,
-            180.0,
-            "within +-180 deg",
-        )
+        let offset = Bounds::new(-100.0, 100.0, "m");
+        offset.check("start.right_m", self.right_m)?;
+        offset.check("start.forward_m", self.forward_m)?;
+        Bounds::new(-180.0, 180.0, "deg")
+            .check("start.heading_deg", self.heading_deg)
+            .map(drop)
     }
 
     fn from(&self, reference: &PlanarPose) -> PlanarPose {
@@ -121,19 +117,18 @@ impl RawScenario {
     /// Checks the numbers of the scenario's own file.
     fn validate(&self, file: &ConfigFile) -> Result<(), ConfigError> {
         let ranges = || -> Result<(), RangeError> {
-            RangeError::check("laps", f64::from(self.laps), 1.0, 1e6, "from 1 to 1000000")?;
-            RangeError::check("step_s", self.step_s, 1e-4, 0.05, "from 0.0001 to 0.05 s")?;
+            Bounds::new(1.0, 1e6, "").check("laps", f64::from(self.laps))?;
+            Bounds::new(1e-4, 0.05, "s").check("step_s", self.step_s)?;
             self.speed.validate()?;
             self.start.validate()?;
             let steps = self.controller.period_s / self.step_s;
-            RangeError::check(
-                "controller.period_s / step_s, its distance from a whole number",
-                (steps - steps.round()).abs(),
-                0.0,
-                1e-6,
-                "0: the period must be a whole number of steps",
-            )
-            .map(drop)
+            Bounds::new(0.0, 1e-6, "")
+                .with_note("the period is a whole number of steps")
+                .check(
+                    "controller.period_s / step_s, its distance from a whole number",
+                    (steps - steps.round()).abs(),
+                )
+                .map(drop)
         };
         ranges().map_err(|error| file.error(error))?;
         self.controller

@@ -126,11 +126,6 @@ impl Estimator {
         }
     }
 
-    /// Replaces the vehicle's parameters, as online adaptation does.
-    pub fn set_vehicle(&mut self, vehicle: &Vehicle) {
-        self.vehicle.clone_from(vehicle);
-    }
-
     /// Forgets everything: the next attitude and pose are believed as the first ones were.
     pub fn restart(&mut self) {
         *self = Self::new(self.settings, self.vehicle.clone());

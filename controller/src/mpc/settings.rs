@@ -2,7 +2,7 @@
 
 use super::limits::InputLimits;
 use serde::{Deserialize, Serialize};
-use sidehill_plant::vehicle::RangeError;
+use sidehill_plant::bounds::{Bounds, RangeError};
 
 /// Settings of the controller.
 #[derive(Debug, Clone, PartialEq)]
@@ -52,22 +52,8 @@ impl Corridor {
     /// # Errors
     /// [`RangeError`] with the first key out of its range.
     pub fn validate(&self) -> Result<(), RangeError> {
-        for (key, value, high, range) in [
-            (
-                "corridor.half_width_m",
-                self.half_width_m,
-                100.0,
-                "from 0.001 to 100 m",
-            ),
-            (
-                "corridor.weight_per_m2",
-                self.weight_per_m2,
-                1e6,
-                "from 0.001 to 1e6",
-            ),
-        ] {
-            RangeError::check(key, value, 1e-3, high, range)?;
-        }
+        Bounds::new(1e-3, 100.0, "m").check("corridor.half_width_m", self.half_width_m)?;
+        Bounds::new(1e-3, 1e6, "1/m^2").check("corridor.weight_per_m2", self.weight_per_m2)?;
         Ok(())
     }
 }
@@ -125,35 +111,11 @@ impl QpSettings {
     /// # Errors
     /// [`RangeError`] with the first key out of its range.
     pub fn validate(&self) -> Result<(), RangeError> {
-        let check = RangeError::check;
-        check(
-            "solver.max_iterations",
-            f64::from(self.max_iterations),
-            1.0,
-            f64::from(ITERATIONS_MAX),
-            "from 1 to 100",
-        )?;
-        check(
-            "solver.tolerance",
-            self.tolerance,
-            1e-12,
-            1e-2,
-            "from 1e-12 to 0.01",
-        )?;
-        check(
-            "solver.accepted_residual",
-            self.accepted_residual,
-            1e-9,
-            1.0,
-            "from 1e-9 to 1",
-        )?;
-        check(
-            "solver.accepted_gap",
-            self.accepted_gap,
-            1e-9,
-            1.0,
-            "from 1e-9 to 1",
-        )?;
+        Bounds::new(1.0, f64::from(ITERATIONS_MAX), "")
+            .check("solver.max_iterations", f64::from(self.max_iterations))?;
+        Bounds::new(1e-12, 1e-2, "").check("solver.tolerance", self.tolerance)?;
+        Bounds::new(1e-9, 1.0, "").check("solver.accepted_residual", self.accepted_residual)?;
+        Bounds::new(1e-9, 1.0, "").check("solver.accepted_gap", self.accepted_gap)?;
         Ok(())
     }
 }

@@ -1,5 +1,6 @@
 //! Logs of the paper's identification procedure, driven by a motion model in simulation.
 
+use crate::bounds::RangeError;
 use crate::drive_train::DriveTrainConfig;
 use crate::frames::{Attitude, PlanarPose, Pose};
 use crate::log::{DriveLog, LogError, LogRow};
@@ -8,7 +9,7 @@ use crate::sensors::SensorsConfig;
 use crate::simulation::{Simulation, SimulationError, SimulationSetup, TrueState};
 use crate::speeds::{MeasuredTreadSpeeds, MotorSpeeds};
 use crate::terrain::{PlaneTerrain, Terrain};
-use crate::vehicle::{RangeError, SpeedCorrection};
+use crate::vehicle::SpeedCorrection;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};

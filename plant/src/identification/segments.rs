@@ -1,9 +1,10 @@
 //! Pieces of logs over which a model is judged.
 
+use crate::bounds::{Bounds, RangeError};
 use crate::frames::wrap_angle;
 use crate::log::{DriveLog, LogRow};
 use crate::odometry::KinematicModel;
-use crate::vehicle::{RangeError, Vehicle};
+use crate::vehicle::Vehicle;
 
 /// How logs are cut.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -24,7 +25,7 @@ impl Segmentation {
     /// Says so when the length is not from 0.1 to 1000 s.
     pub fn of_length(length_s: f64) -> Result<Self, RangeError> {
         Ok(Self {
-            length_s: RangeError::check("segment_s", length_s, 0.1, 1000.0, "from 0.1 to 1000 s")?,
+            length_s: Bounds::new(0.1, 1000.0, "s").check("segment_s", length_s)?,
             standstill_m_s: 0.02,
             gap_max_s: 0.5,
         })

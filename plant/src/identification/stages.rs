@@ -4,9 +4,10 @@ use super::least_squares::{jacobian_columns, minimise};
 use super::problem::{PER_POSE, Problem, Pull, pose_count};
 use super::segments::{Segment, SegmentErrors, Segmentation, segments};
 use super::statistics::{Cluster, confidence_factor, covariance, median, weak_direction};
+use crate::bounds::RangeError;
 use crate::log::DriveLog;
 use crate::odometry::KinematicModel;
-use crate::vehicle::{RangeError, Vehicle};
+use crate::vehicle::Vehicle;
 use nalgebra::{DMatrix, DVector};
 
 /// How parameters are identified.

@@ -7,9 +7,9 @@ mod tests;
 
 pub use columns::{AttitudeColumns, ColumnMap, HeadingColumns, PoseColumns};
 
+use crate::bounds::{Bounds, RangeError};
 use crate::frames::{Attitude, Pose};
 use crate::speeds::MeasuredTreadSpeeds;
-use crate::vehicle::RangeError;
 
 /// One row of a log.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -106,9 +106,9 @@ impl DriveLog {
 }
 
 fn check_row(row: &LogRow) -> Result<(), RangeError> {
-    let angle = |key, value| RangeError::check(key, value, -1.5, 1.5, "from -1.5 to 1.5 rad");
-    let speed = |key, value| RangeError::check(key, value, -50.0, 50.0, "from -50 to 50 m/s");
-    let finite = |key, value| RangeError::check(key, value, -1e12, 1e12, "a finite number");
+    let angle = |key, value| Bounds::new(-1.5, 1.5, "rad").check(key, value);
+    let speed = |key, value| Bounds::new(-50.0, 50.0, "m/s").check(key, value);
+    let finite = |key, value| Bounds::new(-1e12, 1e12, "").check(key, value);
     finite("time_s", row.time_s)?;
     speed("v_left_m_s", row.speeds.left_m_s)?;
     speed("v_right_m_s", row.speeds.right_m_s)?;

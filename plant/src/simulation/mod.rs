@@ -1,5 +1,6 @@
 //! The vehicle in its world, advanced in fixed steps: drive train, motion, terrain and sensors.
 
+use crate::bounds::{Bounds, RangeError};
 use crate::drive_train::{DriveTrain, DriveTrainConfig};
 use crate::frames::{Attitude, BodyVelocity, PlanarPose, Pose, PoseRate, pose_rate};
 use crate::motion::{GroundState, MotionError, MotionModel};
@@ -7,7 +8,7 @@ use crate::sample::Sample;
 use crate::sensors::{Sensors, SensorsConfig, Truth};
 use crate::speeds::{MotorSpeeds, TreadSpeeds};
 use crate::terrain::{Terrain, TerrainError};
-use crate::vehicle::{RangeError, SpeedCorrection};
+use crate::vehicle::SpeedCorrection;
 
 /// What a simulation is made of.
 pub struct SimulationSetup {
@@ -67,15 +68,9 @@ impl Simulation {
     /// Names the step or start coordinate that is out of range, or says why there is no ground at
     /// the start.
     pub fn new(setup: SimulationSetup) -> Result<Self, SimulationError> {
-        let dt_s = RangeError::check("dt_s", setup.dt_s, 1e-5, 1.0, "from 1e-5 to 1 s")?;
+        let dt_s = Bounds::new(1e-5, 1.0, "s").check("dt_s", setup.dt_s)?;
         let start = setup.start;
-        RangeError::check(
-            "start yaw_rad",
-            start.yaw_rad,
-            -1e6,
-            1e6,
-            "from -1e6 to 1e6 rad",
-        )?;
+        Bounds::new(-1e6, 1e6, "rad").check("start yaw_rad", start.yaw_rad)?;
         let (pose, attitude) =
             stand(&setup.terrain, start).map_err(|reason| SimulationError::Terrain {
                 time_s: 0.0,
