@@ -8,10 +8,10 @@ pub use weights::{CautionConfig, Weights};
 
 use crate::estimator::EstimatorSettings;
 use crate::mpc::limits::{InputLimits, MotorLimits};
-use crate::mpc::{ChangeWeights, Corridor, MpcSettings, QpSettings, StageWeights};
+use crate::mpc::{ChangeWeights, Corridor, HeadingExcess, MpcSettings, QpSettings, StageWeights};
 use crate::pure_pursuit::PurePursuitSettings;
-use crate::reference::Tracking;
-use crate::trajectory::Motion;
+use crate::reference::{Reference, Tracking};
+use crate::trajectory::{Ending, Motion, Trajectory};
 use serde::{Deserialize, Serialize};
 use sidehill_plant::bounds::{Bounds, RangeError};
 
@@ -170,18 +170,16 @@ impl ControllerConfig {
         self.pure_pursuit.validate()
     }
 
-    /// Returns the tracking of a path whose reference waits for the vehicle.
-    pub fn along_path(&self) -> Tracking {
-        Tracking::Path {
-            lead_max_m: self.lead_max_m,
-        }
-    }
-
-    /// Returns the tracking of a path for a law that looks at one point of it.
-    pub fn along_path_by_cusps(&self) -> Tracking {
-        Tracking::PathByCusps {
-            lead_max_m: self.lead_max_m,
-        }
+    /// Returns the reference that follows `trajectory` for one lap: with the clock where it is
+    /// periodic, else waiting for the vehicle within `lead_max_m`.
+    pub fn reference(&self, trajectory: Trajectory) -> Reference {
+        let tracking = match trajectory.ending() {
+            Ending::Periodic => Tracking::Time,
+            Ending::Stop => Tracking::Path {
+                lead_max_m: self.lead_max_m,
+            },
+        };
+        Reference::new(trajectory, tracking)
     }
 
     /// Returns the time after which a command acts: delay and, as a further delay, the motors' lag.
@@ -196,9 +194,9 @@ impl ControllerConfig {
             step_s: self.step_s,
             period_s: self.period_s,
             block_stages: self.block_stages,
-            change_weights: ChangeWeights {
-                traction: self.weights.traction_change_s3_per_m2,
-                steer: self.weights.steer_change_s3_per_m2,
+            heading_excess: HeadingExcess {
+                free_rad: self.weights.heading_free_rad,
+                per_rad2: self.weights.heading_excess_per_rad2,
             },
             terminal_factor: self.weights.terminal_factor,
             limits: self.limits,
@@ -207,22 +205,16 @@ impl ControllerConfig {
         }
     }
 
-    /// Returns the weight of a change of steer at a caution from 0 to 1.
-    pub(crate) fn steer_change_weight(&self, caution: f64) -> f64 {
+    /// Returns the weights of changes of the inputs at a caution from 0 to 1.
+    pub fn change_weights(&self, caution: f64) -> ChangeWeights {
         let (own, full) = (
             self.weights.steer_change_s3_per_m2,
             self.caution.steer_change_s3_per_m2,
         );
-        own + caution * (full - own).max(0.0)
-    }
-
-    /// Returns what a planned heading error adds to a stage's weight of the heading.
-    pub(crate) fn heading_excess_weight(&self, error_rad: f64) -> f64 {
-        /// Where the weight stops growing, in `heading_free_rad` beyond it.
-        const LARGEST: f64 = 2.0;
-        let free_rad = self.weights.heading_free_rad;
-        let excess = ((error_rad.abs() - free_rad) / free_rad).clamp(0.0, LARGEST);
-        self.weights.heading_excess_per_rad2 * excess * excess
+        ChangeWeights {
+            traction: self.weights.traction_change_s3_per_m2,
+            steer: own + caution * (full - own).max(0.0),
+        }
     }
 
     /// Returns the weights of a stage at a caution from 0 to 1: at the end an error across the path is

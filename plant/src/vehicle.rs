@@ -2,7 +2,8 @@
 
 use crate::bounds::Bounds;
 pub use crate::bounds::RangeError;
-use crate::speeds::{MeasuredTreadSpeeds, TreadSpeeds};
+use crate::speeds::EncoderScale;
+pub use crate::speeds::EncoderScale as SpeedCorrection;
 use serde::{Deserialize, Serialize};
 
 /// Positions of the tread ICRs on level ground (ICRHK), in the body frame.
@@ -41,11 +42,35 @@ pub struct Vehicle {
     pub base_half_width_m: f64,
     /// y_m, m: half length of the base rectangle.
     pub base_half_length_m: f64,
-    /// c_l and c_r of equation (11).
-    pub correction: SpeedCorrection,
+    /// c_l and c_r of equation (11); keys `correction_left` and `correction_right` of its file.
+    pub encoder_scale: EncoderScale,
 }
 
 impl Vehicle {
+    /// Returns the Argo J8 of the paper's Table I, a rover of about one tonne with eight wheels, on
+    /// smooth concrete.
+    pub fn j8() -> Self {
+        Self {
+            name: "j8".to_owned(),
+            icrs: HorizontalIcrs {
+                left_m: -0.980,
+                right_m: 1.073,
+                forward_m: 0.206,
+            },
+            slide: SlideGains {
+                shift_s_per_rad: 1.222,
+                aggravated_s_per_rad: 4.965,
+            },
+            speed_max_m_s: 1.0,
+            base_half_width_m: 0.6,
+            base_half_length_m: 1.06,
+            encoder_scale: EncoderScale {
+                left: 1.004,
+                right: 1.011,
+            },
+        }
+    }
+
     /// Returns the same vehicle without slide: ICRIK then equals ICRHK.
     pub fn on_level_ground(&self) -> Self {
         Self {
@@ -77,33 +102,6 @@ impl Vehicle {
     /// Names the key, its value and its range.
     pub fn validated(self) -> Result<Self, RangeError> {
         Self::try_from(RawVehicle::from(self))
-    }
-}
-
-/// Correction factors of equation (11), from measured to effective tread speeds.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct SpeedCorrection {
-    /// c_l of the left tread.
-    pub left: f64,
-    /// c_r of the right tread.
-    pub right: f64,
-}
-
-impl SpeedCorrection {
-    /// Returns V_l = c_l v_l, V_r = c_r v_r: equation (11).
-    pub fn apply(&self, measured: MeasuredTreadSpeeds) -> TreadSpeeds {
-        TreadSpeeds {
-            left_m_s: self.left * measured.left_m_s,
-            right_m_s: self.right * measured.right_m_s,
-        }
-    }
-
-    /// Returns what an encoder reads when the treads move at `treads`: equation (11) solved for v.
-    pub fn invert(&self, treads: TreadSpeeds) -> MeasuredTreadSpeeds {
-        MeasuredTreadSpeeds {
-            left_m_s: treads.left_m_s / self.left,
-            right_m_s: treads.right_m_s / self.right,
-        }
     }
 }
 
@@ -154,7 +152,7 @@ impl TryFrom<RawVehicle> for Vehicle {
                 .check("speed_max_m_s", raw.speed_max_m_s)?,
             base_half_width_m: half_width,
             base_half_length_m: half_length,
-            correction: SpeedCorrection {
+            encoder_scale: EncoderScale {
                 left: Bounds::new(0.5, 2.0, "").check("correction_left", raw.correction_left)?,
                 right: Bounds::new(0.5, 2.0, "").check("correction_right", raw.correction_right)?,
             },
@@ -174,14 +172,22 @@ impl From<Vehicle> for RawVehicle {
             speed_max_m_s: v.speed_max_m_s,
             base_half_width_m: v.base_half_width_m,
             base_half_length_m: v.base_half_length_m,
-            correction_left: v.correction.left,
-            correction_right: v.correction.right,
+            correction_left: v.encoder_scale.left,
+            correction_right: v.encoder_scale.right,
         }
     }
 }
 
-/// Returns the J8 of the paper.
 #[cfg(test)]
-pub(crate) fn j8() -> Vehicle {
-    serde_yaml::from_str(include_str!("../../config/vehicles/j8.yaml")).unwrap()
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_j8_of_the_file_is_that_of_the_paper() {
+        let file = include_str!("../../config/vehicles/j8.yaml");
+        assert_eq!(
+            serde_yaml::from_str::<Vehicle>(file).unwrap(),
+            Vehicle::j8()
+        );
+    }
 }

@@ -1,14 +1,15 @@
 //! A scenario: vehicle, ground, reference, plant, sensors and controllers of a simulation.
 
 use super::plant::{ContactFiles, GroundFriction, ModelError, Plant, PlantKind};
-use super::reference::{Reference, RouteConfig, Source, SpeedConfig};
+use super::reference::{LoadedReference, RouteConfig, Source};
 use super::{CONTACT_IDENTIFIED, CONTACT_VEHICLE, ConfigError, ConfigFile};
 use serde::Deserialize;
 use sidehill_controller::config::{ControllerConfig, ControllerKind};
+use sidehill_controller::controller::{Controller, ControllerError};
 use sidehill_controller::course::Course;
 use sidehill_controller::path::Point2;
-use sidehill_controller::reference::Tracking;
-use sidehill_controller::trajectory::Trajectory;
+use sidehill_controller::reference::Reference;
+use sidehill_controller::speed_profile::SpeedConfig;
 use sidehill_plant::bounds::{Bounds, RangeError};
 use sidehill_plant::contact::ContactVehicle;
 use sidehill_plant::drive_train::DriveTrainConfig;
@@ -170,12 +171,8 @@ pub struct Prepared {
     pub vehicle: Vehicle,
     /// The ground.
     pub terrain: Terrain,
-    /// The reference.
-    pub trajectory: Trajectory,
-    /// How the reference moves on.
-    pub tracking: Tracking,
-    /// Rounds of a periodic reference.
-    pub laps: u32,
+    /// What is followed, from its start.
+    pub reference: Reference,
     /// Where the vehicle starts.
     pub start: PlanarPose,
     /// Controllers to run.
@@ -205,11 +202,22 @@ impl Prepared {
             motion: self.plant.motion(),
             drive_train: self.drive_train,
             sensors: self.sensors,
-            correction: self.plant.correction(),
+            encoder_scale: self.plant.encoder_scale(),
             start: self.start,
             dt_s: self.step_s,
             seed: self.seed,
         })
+    }
+
+    /// Returns a controller of one kind at the start of the reference.
+    ///
+    /// # Errors
+    /// [`ControllerError`] for settings out of range.
+    pub fn controller(&self, kind: ControllerKind) -> Result<Controller, ControllerError> {
+        let mut controller = Controller::new(kind, self.controller.clone(), &self.vehicle)?
+            .with_terrain(self.terrain.clone());
+        controller.follow(self.reference.clone());
+        Ok(controller)
     }
 }
 
@@ -256,17 +264,18 @@ impl Scenario {
             raw.route.as_ref(),
             overrides.path.as_deref(),
         )?;
-        let reference = Reference::build(file, source, &limits)?;
-        let terrain = self.terrain(reference.route.as_ref())?;
-        let start = raw.start.from(&reference.trajectory.at(0.0).pose());
+        let loaded = LoadedReference::build(file, source, &limits)?;
+        let terrain = self.terrain(loaded.route.as_ref())?;
+        let start = raw.start.from(&loaded.trajectory.at(0.0).pose());
         Ok(Prepared {
             name: raw.name.clone(),
             plant,
             vehicle,
             terrain,
-            tracking: reference.tracking(raw.controller.lead_max_m),
-            trajectory: reference.trajectory,
-            laps: raw.laps,
+            reference: raw
+                .controller
+                .reference(loaded.trajectory)
+                .for_laps(raw.laps),
             start,
             controllers: controllers.clone(),
             seed,
@@ -274,7 +283,7 @@ impl Scenario {
             drive_train: raw.drive_train,
             sensors: raw.sensors,
             controller: raw.controller.clone(),
-            route_note: reference.note,
+            route_note: loaded.note,
         })
     }
 
@@ -303,7 +312,7 @@ impl Scenario {
                 }
                 let plant = Plant::Contact {
                     vehicle,
-                    correction: own.correction,
+                    encoder_scale: own.encoder_scale,
                 };
                 Ok((plant, identified.parse()?))
             }

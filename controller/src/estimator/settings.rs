@@ -4,7 +4,7 @@ use super::GainCovariance;
 use nalgebra::SVector;
 use serde::{Deserialize, Serialize};
 use sidehill_plant::bounds::{Bounds, RangeError};
-use sidehill_plant::correction::TERMS;
+use sidehill_plant::slip_gains::TERMS;
 
 /// Settings of the estimator.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]

@@ -15,8 +15,8 @@ pub struct MpcSettings {
     pub period_s: f64,
     /// Stages condensed into one block.
     pub block_stages: usize,
-    /// Weights of changes of the inputs, divided by the stage's duration, s/(m/s)^2.
-    pub change_weights: ChangeWeights,
+    /// Weight of headings far from the path's tangent.
+    pub heading_excess: HeadingExcess,
     /// Factor on the weights of the last stage.
     pub terminal_factor: f64,
     /// Limits of the inputs.
@@ -27,13 +27,33 @@ pub struct MpcSettings {
     pub qp: QpSettings,
 }
 
-/// Weights of changes of the inputs.
+/// Weights of changes of the inputs, divided by a stage's duration where they are applied.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ChangeWeights {
-    /// Of traction.
+    /// Of traction, s/(m/s)^2.
     pub traction: f64,
-    /// Of steer.
+    /// Of steer, s/(m/s)^2.
     pub steer: f64,
+}
+
+/// Weight of headings that no slide asks for: they are where a wrong model leads.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct HeadingExcess {
+    /// Heading error up to which nothing is added, rad, positive.
+    pub free_rad: f64,
+    /// What is added at twice that error, 1/rad^2.
+    pub per_rad2: f64,
+}
+
+impl HeadingExcess {
+    /// Returns what a planned heading error adds to a stage's weight of the heading, 1/rad^2: it
+    /// grows with the square of what is beyond `free_rad`, up to three times `free_rad`.
+    pub fn weight(&self, error_rad: f64) -> f64 {
+        /// Where the weight stops growing, in `free_rad` beyond it.
+        const LARGEST: f64 = 2.0;
+        let excess = ((error_rad.abs() - self.free_rad) / self.free_rad).clamp(0.0, LARGEST);
+        self.per_rad2 * excess * excess
+    }
 }
 
 /// A soft bound on the cross-track error.

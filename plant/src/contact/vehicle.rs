@@ -102,7 +102,7 @@ impl TryFrom<RawContactVehicle> for ContactVehicle {
         }
         let shares: f64 = raw.axles.iter().map(|axle| axle.load_share).sum();
         Bounds::new(0.999, 1.001, "")
-            .with_note("the sum over all axles")
+            .with_note("all axles together carry 1")
             .check("load_share", shares)?;
         raw.friction.field.check()?;
         Bounds::new(0.1, 2.0, "").check("lateral_share", raw.friction.lateral_share)?;

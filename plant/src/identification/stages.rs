@@ -146,8 +146,8 @@ pub fn identify_level(
         vehicle_with: &|parameters| {
             let mut vehicle = vehicle.clone();
             if let [left, right, icr_left, icr_right, icr_forward] = *parameters {
-                vehicle.correction.left = left;
-                vehicle.correction.right = right;
+                vehicle.encoder_scale.left = left;
+                vehicle.encoder_scale.right = right;
                 vehicle.icrs.left_m = icr_left;
                 vehicle.icrs.right_m = icr_right;
                 vehicle.icrs.forward_m = icr_forward;
@@ -157,8 +157,8 @@ pub fn identify_level(
         pull_m: 0.1,
     };
     let start = [
-        vehicle.correction.left,
-        vehicle.correction.right,
+        vehicle.encoder_scale.left,
+        vehicle.encoder_scale.right,
         vehicle.icrs.left_m,
         vehicle.icrs.right_m,
         vehicle.icrs.forward_m,

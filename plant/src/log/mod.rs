@@ -11,6 +11,9 @@ use crate::bounds::{Bounds, RangeError};
 use crate::frames::{Attitude, Pose};
 use crate::speeds::MeasuredTreadSpeeds;
 
+/// Rows further apart than this, s, are not connected: nothing is known of the motion between them.
+pub const GAP_MAX_S: f64 = 0.5;
+
 /// One row of a log.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LogRow {
@@ -57,6 +60,12 @@ impl DriveLog {
     /// Returns the rows.
     pub fn rows(&self) -> &[LogRow] {
         &self.rows
+    }
+
+    /// Returns the rows between gaps: pieces in which no two rows are further apart than `gap_max_s`.
+    pub fn pieces(&self, gap_max_s: f64) -> impl Iterator<Item = &[LogRow]> {
+        self.rows
+            .chunk_by(move |row, next| next.time_s - row.time_s <= gap_max_s)
     }
 
     /// Returns how many rows have a pose.
