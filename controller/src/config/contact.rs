@@ -1,7 +1,7 @@
 use super::ControllerConfig;
 use crate::mpc::StepLimit;
 use serde::{Deserialize, Serialize};
-use sidehill_plant::vehicle::RangeError;
+use sidehill_plant::bounds::{Bounds, RangeError};
 
 /// Settings of contact-mpc where they differ from those of the other MPCs.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -32,20 +32,8 @@ impl ContactMpcConfig {
     /// # Errors
     /// [`RangeError`] with the first key out of its range.
     pub(super) fn validate(&self) -> Result<(), RangeError> {
-        RangeError::check(
-            "contact.last_step_s",
-            self.last_step_s,
-            0.005,
-            10.0,
-            "from 0.005 to 10 s",
-        )?;
-        RangeError::check(
-            "contact.along_per_m2",
-            self.along_per_m2,
-            0.0,
-            1e6,
-            "from 0 to 1e6",
-        )?;
+        Bounds::new(0.005, 10.0, "s").check("contact.last_step_s", self.last_step_s)?;
+        Bounds::new(0.0, 1e6, "").check("contact.along_per_m2", self.along_per_m2)?;
         self.step_limit.map_or(Ok(()), |limit| limit.validate())
     }
 }

@@ -4,11 +4,12 @@ use super::EstimatorSettings;
 use super::learned::{Drift, LearnedModel, Prior};
 use nalgebra::{SMatrix, SVector};
 use serde::{Deserialize, Serialize};
+use sidehill_plant::bounds::{Bounds, RangeError};
 use sidehill_plant::contact::{ContactPrediction, PARAMETERS, Parameter, ParameterVector};
-use sidehill_plant::correction::Gains;
 use sidehill_plant::frames::{Attitude, BodyVelocity};
-use sidehill_plant::speeds::{MotorSpeeds, TreadSpeeds};
-use sidehill_plant::vehicle::{RangeError, SpeedCorrection, Vehicle};
+use sidehill_plant::slip_gains::SlipGains;
+use sidehill_plant::speeds::{EncoderScale, MotorSpeeds, TreadSpeeds};
+use sidehill_plant::vehicle::Vehicle;
 
 /// How far a contact vehicle may be from what is known of it, and how fast what was learned is given up.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -70,81 +71,46 @@ impl ContactLearningSettings {
     /// # Errors
     /// [`RangeError`] with the first key out of its range.
     pub fn validate(&self) -> Result<(), RangeError> {
-        for (key, value, low, range) in [
-            (
-                "estimator.contact.slide_sigma_m_per_sqrt_s",
-                self.slide_sigma_m_per_sqrt_s,
-                1e-6,
-                "from 1e-6 to 10",
-            ),
-            (
-                "estimator.contact.yaw_sigma_rad_per_sqrt_s",
-                self.yaw_sigma_rad_per_sqrt_s,
-                1e-6,
-                "from 1e-6 to 10",
-            ),
-            (
-                "estimator.contact.prior_factor",
-                self.prior_factor,
-                0.0,
-                "from 0 to 10",
-            ),
-            (
-                "estimator.contact.friction_sigma",
-                self.friction_sigma,
-                0.0,
-                "from 0 to 10",
-            ),
+        let noise = Bounds::new(1e-6, 10.0, "");
+        noise.check(
+            "estimator.contact.slide_sigma_m_per_sqrt_s",
+            self.slide_sigma_m_per_sqrt_s,
+        )?;
+        noise.check(
+            "estimator.contact.yaw_sigma_rad_per_sqrt_s",
+            self.yaw_sigma_rad_per_sqrt_s,
+        )?;
+        for (key, value) in [
+            ("estimator.contact.prior_factor", self.prior_factor),
+            ("estimator.contact.friction_sigma", self.friction_sigma),
             (
                 "estimator.contact.centre_right_sigma",
                 self.centre_right_sigma,
-                0.0,
-                "from 0 to 10",
             ),
             (
                 "estimator.contact.centre_forward_sigma",
                 self.centre_forward_sigma,
-                0.0,
-                "from 0 to 10",
             ),
             (
                 "estimator.contact.centre_height_sigma",
                 self.centre_height_sigma,
-                0.0,
-                "from 0 to 10",
             ),
             (
                 "estimator.contact.inner_share_sigma",
                 self.inner_share_sigma,
-                0.0,
-                "from 0 to 10",
             ),
             (
                 "estimator.contact.lateral_share_sigma",
                 self.lateral_share_sigma,
-                0.0,
-                "from 0 to 10",
             ),
-            (
-                "estimator.contact.slip_scale_sigma",
-                self.slip_scale_sigma,
-                0.0,
-                "from 0 to 10",
-            ),
+            ("estimator.contact.slip_scale_sigma", self.slip_scale_sigma),
             (
                 "estimator.contact.rolling_resistance_sigma",
                 self.rolling_resistance_sigma,
-                0.0,
-                "from 0 to 10",
             ),
-            (
-                "estimator.contact.forgetting_per_m",
-                self.forgetting_per_m,
-                0.0,
-                "from 0 to 10",
-            ),
+            ("estimator.contact.forgetting_per_m", self.forgetting_per_m),
         ] {
-            RangeError::check(key, value, low, 10.0, range)?;
+            Bounds::new(0.0, 10.0, "").check(key, value)?;
         }
         Ok(())
     }
@@ -165,13 +131,16 @@ impl ContactLearningSettings {
 }
 
 /// What has been learned of a contact vehicle.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct ContactEstimate {
     /// Its parameters.
+    #[serde(with = "crate::serde_form::rows")]
     pub parameters: ParameterVector,
     /// Their standard deviations.
+    #[serde(with = "crate::serde_form::rows")]
     pub sigma: ParameterVector,
     /// Their standard deviations before anything was learned: what stays there was not excited.
+    #[serde(with = "crate::serde_form::rows")]
     pub prior_sigma: ParameterVector,
 }
 
@@ -194,7 +163,7 @@ impl ContactEstimate {
 #[derive(Debug, Clone)]
 pub(super) struct LearnedContact {
     model: ContactPrediction,
-    correction: SpeedCorrection,
+    encoder_scale: EncoderScale,
     settings: ContactLearningSettings,
     prior: Prior<PARAMETERS>,
 }
@@ -211,7 +180,7 @@ impl LearnedContact {
         };
         Self {
             model,
-            correction: vehicle.correction,
+            encoder_scale: vehicle.encoder_scale,
             settings,
             prior,
         }
@@ -235,8 +204,8 @@ impl LearnedModel<PARAMETERS> for LearnedContact {
         (predicted.linearised.velocity, predicted.by_parameters)
     }
 
-    fn speed_correction(&self) -> SpeedCorrection {
-        self.correction
+    fn encoder_scale(&self) -> EncoderScale {
+        self.encoder_scale
     }
 
     fn process_noise(&self, _settings: &EstimatorSettings) -> (f64, f64) {
@@ -261,8 +230,8 @@ impl LearnedModel<PARAMETERS> for LearnedContact {
         *parameters = self.model.within_ranges(parameters);
     }
 
-    fn gains(&self, _parameters: &ParameterVector) -> Gains {
-        Gains::zeros()
+    fn slip_gains(&self, _parameters: &ParameterVector) -> SlipGains {
+        SlipGains::zeros()
     }
 
     fn contact(

@@ -140,7 +140,7 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
                 && speeds.value.right_m_s.is_finite()
             {
                 self.speeds_time_s = self.speeds_time_s.max(speeds.time_s);
-                let treads = self.model.speed_correction().apply(speeds.value);
+                let treads = self.model.encoder_scale().apply(speeds.value);
                 self.newest_treads = treads;
                 self.insert(speeds.time_s, Reading::Speeds(treads));
             } else {
@@ -369,7 +369,7 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
             attitude: belief.attitude,
             normal_in_world,
             treads: belief.treads,
-            gains: self.model.gains(&belief.parameters),
+            slip_gains: self.model.slip_gains(&belief.parameters),
             contact: self
                 .model
                 .contact(&belief.parameters, &belief.parameter_covariance),

@@ -2,10 +2,9 @@
 
 use super::{ContactEstimate, EstimatorSettings};
 use nalgebra::{SMatrix, SVector};
-use sidehill_plant::correction::Gains;
 use sidehill_plant::frames::{Attitude, BodyVelocity};
-use sidehill_plant::speeds::TreadSpeeds;
-use sidehill_plant::vehicle::SpeedCorrection;
+use sidehill_plant::slip_gains::SlipGains;
+use sidehill_plant::speeds::{EncoderScale, TreadSpeeds};
 
 /// Parameters before anything is known, independent of each other.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -44,7 +43,7 @@ pub(super) trait LearnedModel<const N: usize>: Clone {
     ) -> (BodyVelocity, SMatrix<f64, 3, N>);
 
     /// Returns the factors of the encoders.
-    fn speed_correction(&self) -> SpeedCorrection;
+    fn encoder_scale(&self) -> EncoderScale;
 
     /// Returns the growth of the uncertainty of dead reckoning besides that of the parameters: m/sqrt(s),
     /// rad/sqrt(s).
@@ -56,8 +55,8 @@ pub(super) trait LearnedModel<const N: usize>: Clone {
     /// Puts parameters within their ranges.
     fn bound(&self, parameters: &mut SVector<f64, N>);
 
-    /// Returns the learned gains of the correction of ICRIK; zero where that is not what is learned.
-    fn gains(&self, parameters: &SVector<f64, N>) -> Gains;
+    /// Returns the learned slip gains; zero where that is not what is learned.
+    fn slip_gains(&self, parameters: &SVector<f64, N>) -> SlipGains;
 
     /// Returns the learned parameters of a contact vehicle, where these are learned.
     fn contact(

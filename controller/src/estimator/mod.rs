@@ -26,13 +26,13 @@ use filter::Filter;
 use sidehill_plant::contact::{ContactPrediction, PARAMETERS};
 use sidehill_plant::sample::Sample;
 use sidehill_plant::vehicle::Vehicle;
-use slip::{GAINS, SlipGains};
+use slip::{GAINS, SlipModel};
 
 /// The filter with the model it learns.
 pub struct Estimator(Kind);
 
 enum Kind {
-    Slip(Box<Filter<SlipGains, GAINS>>),
+    Slip(Box<Filter<SlipModel, GAINS>>),
     Contact(Box<Filter<LearnedContact, PARAMETERS>>),
 }
 
@@ -40,7 +40,7 @@ impl Estimator {
     /// Returns an estimator that knows nothing yet; `vehicle` gives its dead reckoning by ICRIK, whose
     /// correction it learns.
     pub fn new(settings: EstimatorSettings, vehicle: Vehicle) -> Self {
-        let model = SlipGains::new(vehicle, settings.adaptation);
+        let model = SlipModel::new(vehicle, settings.adaptation);
         Self(Kind::Slip(Box::new(Filter::new(settings, model))))
     }
 

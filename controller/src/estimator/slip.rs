@@ -3,12 +3,12 @@
 use super::learned::{Drift, LearnedModel, Prior};
 use super::{AdaptationSettings, ContactEstimate, EstimatorSettings};
 use nalgebra::{SMatrix, SVector};
-use sidehill_plant::correction::{Gains, TERMS, Terms};
 use sidehill_plant::frames::{Attitude, BodyVelocity};
-use sidehill_plant::speeds::{MotorSpeeds, TreadSpeeds};
-use sidehill_plant::vehicle::{SpeedCorrection, Vehicle};
+use sidehill_plant::slip_gains::{SlipGains, TERMS, Terms};
+use sidehill_plant::speeds::{EncoderScale, MotorSpeeds, TreadSpeeds};
+use sidehill_plant::vehicle::Vehicle;
 
-/// Gains of the correction, row by row of [`Gains`].
+/// Gains of the correction, row by row of [`SlipGains`].
 pub(super) const GAINS: usize = 3 * TERMS;
 
 /// Speed within which |steer| is rounded off in the terms, m/s.
@@ -16,13 +16,13 @@ const SMOOTHING_M_S: f64 = 0.02;
 
 /// ICRIK of a vehicle, and how far its correction may be from nothing.
 #[derive(Debug, Clone)]
-pub(super) struct SlipGains {
+pub(super) struct SlipModel {
     vehicle: Vehicle,
     forgetting_per_m: f64,
     prior: Prior<GAINS>,
 }
 
-impl SlipGains {
+impl SlipModel {
     pub(super) fn new(vehicle: Vehicle, settings: AdaptationSettings) -> Self {
         let sigma = SVector::from_fn(|i, _| {
             if i % TERMS == 0 {
@@ -42,7 +42,7 @@ impl SlipGains {
     }
 }
 
-impl LearnedModel<GAINS> for SlipGains {
+impl LearnedModel<GAINS> for SlipModel {
     fn prior(&self) -> Prior<GAINS> {
         self.prior
     }
@@ -55,7 +55,7 @@ impl LearnedModel<GAINS> for SlipGains {
     ) -> (BodyVelocity, SMatrix<f64, 3, GAINS>) {
         let motors = MotorSpeeds::from(treads);
         let terms = Terms::at(attitude, motors.steer_m_s, SMOOTHING_M_S).value;
-        let learned = self.gains(parameters) * terms;
+        let learned = self.slip_gains(parameters) * terms;
         let mut velocity = self.vehicle.body_velocity(attitude, treads);
         velocity.right_m_s += learned.x;
         velocity.forward_m_s += learned.y;
@@ -69,8 +69,8 @@ impl LearnedModel<GAINS> for SlipGains {
         (velocity, by_gains)
     }
 
-    fn speed_correction(&self) -> SpeedCorrection {
-        self.vehicle.correction
+    fn encoder_scale(&self) -> EncoderScale {
+        self.vehicle.encoder_scale
     }
 
     fn process_noise(&self, settings: &EstimatorSettings) -> (f64, f64) {
@@ -92,8 +92,8 @@ impl LearnedModel<GAINS> for SlipGains {
 
     fn bound(&self, _parameters: &mut SVector<f64, GAINS>) {}
 
-    fn gains(&self, parameters: &SVector<f64, GAINS>) -> Gains {
-        Gains::from_row_slice(parameters.as_slice())
+    fn slip_gains(&self, parameters: &SVector<f64, GAINS>) -> SlipGains {
+        SlipGains::from_row_slice(parameters.as_slice())
     }
 
     fn contact(

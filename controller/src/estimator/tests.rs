@@ -12,13 +12,9 @@ use sidehill_plant::frames::{Attitude, PlanarPose, Pose, pose_rate, wrap_angle};
 use sidehill_plant::sample::Stamped;
 use sidehill_plant::speeds::{MeasuredTreadSpeeds, TreadSpeeds};
 
-fn j8() -> Vehicle {
-    serde_yaml::from_str(include_str!("../../../config/vehicles/j8.yaml")).unwrap()
-}
-
-fn estimator() -> Filter<SlipGains, GAINS> {
+fn estimator() -> Filter<SlipModel, GAINS> {
     let settings = EstimatorSettings::default();
-    Filter::new(settings, SlipGains::new(j8(), settings.adaptation))
+    Filter::new(settings, SlipModel::new(Vehicle::j8(), settings.adaptation))
 }
 
 fn nothing(time_s: f64) -> Sample {
@@ -55,7 +51,7 @@ impl Truth {
     fn new(slope_deg: f64) -> Self {
         let slope = slope_deg.to_radians();
         Self {
-            vehicle: j8(),
+            vehicle: Vehicle::j8(),
             normal_in_world: Vector3::new(0.0, -slope.sin(), slope.cos()),
             treads: TreadSpeeds {
                 left_m_s: 0.3,
@@ -88,8 +84,8 @@ impl Truth {
 
     fn sample(&self, time_s: f64) -> Sample {
         let treads = MeasuredTreadSpeeds {
-            left_m_s: self.treads.left_m_s / self.vehicle.correction.left,
-            right_m_s: self.treads.right_m_s / self.vehicle.correction.right,
+            left_m_s: self.treads.left_m_s / self.vehicle.encoder_scale.left,
+            right_m_s: self.treads.right_m_s / self.vehicle.encoder_scale.right,
         };
         Sample {
             time_s,
@@ -540,7 +536,7 @@ fn normalised_errors_of_all<M: LearnedModel<N>, const N: usize>(model: &M, seed:
         };
         let sample = Sample {
             time_s,
-            tread_speeds: stamped(time_s, model.speed_correction().invert(treads)),
+            tread_speeds: stamped(time_s, model.encoder_scale().invert(treads)),
             attitude: stamped(time_s, Attitude::on_plane(&normal, pose.z)),
             pose: stamped(time_s, pose_at(&noisy)),
         };
@@ -592,11 +588,11 @@ fn the_covariance_of_pose_and_gains_is_that_of_the_errors() {
         forgetting_per_m: 0.01,
         ..AdaptationSettings::default()
     };
-    check_whole_state(&SlipGains::new(j8(), adaptation), 0.03);
+    check_whole_state(&SlipModel::new(Vehicle::j8(), adaptation), 0.03);
 }
 
 fn learned_contact(settings: ContactLearningSettings) -> LearnedContact {
-    let vehicle = j8();
+    let vehicle = Vehicle::j8();
     let contact = ContactPrediction::new(&vehicle.contact_vehicle()).unwrap();
     LearnedContact::new(&vehicle, contact, settings)
 }
@@ -629,7 +625,7 @@ fn what_is_not_excited_stays_at_its_prior_and_says_so() {
         estimate = filter
             .update(&Sample {
                 time_s,
-                tread_speeds: stamped(time_s, j8().correction.invert(straight)),
+                tread_speeds: stamped(time_s, Vehicle::j8().encoder_scale.invert(straight)),
                 attitude: stamped(time_s, Attitude::LEVEL),
                 pose: stamped(time_s, pose_at(&pose)),
             })

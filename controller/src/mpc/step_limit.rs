@@ -12,7 +12,7 @@
 //! after bad ones.
 
 use serde::{Deserialize, Serialize};
-use sidehill_plant::vehicle::RangeError;
+use sidehill_plant::bounds::{Bounds, RangeError};
 
 /// Bounds of the trust region.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -42,27 +42,11 @@ impl StepLimit {
     /// # Errors
     /// [`RangeError`] with the first key out of its range.
     pub fn validate(&self) -> Result<(), RangeError> {
-        RangeError::check(
-            "step_limit.steer_min_m_s",
-            self.steer_min_m_s,
-            1e-3,
-            100.0,
-            "from 0.001 to 100 m/s",
-        )?;
-        RangeError::check(
-            "step_limit.steer_max_m_s",
-            self.steer_max_m_s,
-            self.steer_min_m_s,
-            100.0,
-            "from steer_min_m_s to 100 m/s",
-        )?;
-        RangeError::check(
-            "step_limit.accepted_share",
-            self.accepted_share,
-            0.0,
-            1.0,
-            "from 0 to 1",
-        )?;
+        Bounds::new(1e-3, 100.0, "m/s").check("step_limit.steer_min_m_s", self.steer_min_m_s)?;
+        Bounds::new(self.steer_min_m_s, 100.0, "m/s")
+            .with_note("at least steer_min_m_s")
+            .check("step_limit.steer_max_m_s", self.steer_max_m_s)?;
+        Bounds::new(0.0, 1.0, "").check("step_limit.accepted_share", self.accepted_share)?;
         Ok(())
     }
 }

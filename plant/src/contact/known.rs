@@ -2,7 +2,7 @@
 
 use super::friction::{Friction, FrictionField};
 use super::vehicle::{Axle, CentreOfMass, ContactVehicle};
-use crate::vehicle::RangeError;
+use crate::bounds::RangeError;
 use serde::{Deserialize, Serialize};
 
 /// Guesses for what no tape measures: tyres on firm ground, the mass low and in the middle.

@@ -24,10 +24,11 @@ mod tests;
 
 use super::parameters::{Parameter, ParameterVector};
 use super::vehicle::ContactVehicle;
+use crate::bounds::{Bounds, RangeError};
 use crate::frames::{Attitude, BodyVelocity};
 use crate::prediction::Linearised;
 use crate::speeds::{MotorSpeeds, TreadSpeeds};
-use crate::vehicle::RangeError;
+
 use loads::{Loads, Stance};
 use nalgebra::{Matrix3, SMatrix, Vector3};
 use sums::{Expansion, Sums};
@@ -251,13 +252,7 @@ impl Previous {
 impl Geometry {
     fn of(vehicle: &ContactVehicle) -> Result<Self, RangeError> {
         let axles = vehicle.axles.len();
-        RangeError::check(
-            "axles",
-            axles as f64,
-            2.0,
-            AXLES_MAX as f64,
-            "2 to 16 axles",
-        )?;
+        Bounds::new(2.0, AXLES_MAX as f64, "").check("axles", axles as f64)?;
         let mut geometry = Self {
             axles,
             half_width_m: vehicle.half_width_m,
@@ -293,13 +288,7 @@ impl Geometry {
         let length_m = vehicle.axles.iter().map(|a| a.forward_m);
         let length_m =
             length_m.clone().fold(f64::MIN, f64::max) - length_m.fold(f64::MAX, f64::min);
-        RangeError::check(
-            "axles, first to last",
-            length_m,
-            0.01,
-            100.0,
-            "at least 0.01 m apart",
-        )?;
+        Bounds::new(0.01, 100.0, "m").check("axles, first to last", length_m)?;
         if let Some(inverse) = stiffness.try_inverse() {
             geometry.inverse_stiffness = inverse;
         }
