@@ -34,7 +34,7 @@ fn applied<T: Send + 'static>(
     config: RealtimeConfig,
     look: impl FnOnce() -> T + Send + 'static,
 ) -> (Result<(), RealtimeError>, T) {
-    std::thread::spawn(move || (config.apply_to_cycle(), look()))
+    std::thread::spawn(move || (config.apply_to_loop(), look()))
         .join()
         .unwrap()
 }

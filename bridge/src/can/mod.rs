@@ -8,11 +8,13 @@ pub mod frame;
 pub mod layout;
 pub mod message;
 mod port;
+mod record;
 pub mod signal;
 mod socket;
 pub mod vehicle_side;
 
 pub use port::CanPort;
+pub use record::CanRecord;
 pub use socket::{BusEvent, BusMonitor, RestartAnswer, Sender};
 
 #[cfg(test)]

@@ -1,9 +1,10 @@
+use super::record::CanRecord;
 use super::socket::{BusEvent, BusMonitor, Sender};
 use crate::can::cia402::Master;
 use crate::can::controller_side::{CommandWriter, MotorOrder, Readings, VehicleReader};
 use crate::can::frame::Frame;
 use crate::can::layout::{Layout, Profile};
-use crate::control_loop::record::{Record, RecordSink};
+use crate::control_loop::record::RecordSink;
 use crate::drives::Epoch;
 use crate::drives::MeasuredMotorSpeeds;
 use crate::drives::{DriveCommand, DriveFeedback, LinkState};
@@ -41,7 +42,7 @@ pub struct CanPort {
     correction: SpeedCorrection,
     /// Instants of the tread speeds, attitude and pose delivered last, s.
     delivered_s: [f64; 3],
-    records: RecordSink,
+    records: RecordSink<CanRecord>,
     listener: BusMonitor,
 }
 
@@ -57,8 +58,8 @@ impl CanPort {
         layout: Arc<Layout>,
         correction: SpeedCorrection,
         epoch: Epoch,
-        mut heard_records: RecordSink,
-        sent_records: RecordSink,
+        mut heard_records: RecordSink<CanRecord>,
+        sent_records: RecordSink<CanRecord>,
     ) -> Result<Self, std::io::Error> {
         let (mut slot, newest) = triple_buffer(&Snapshot {
             readings: Readings::default(),
@@ -70,13 +71,9 @@ impl CanPort {
         let listener = BusMonitor::start(interface, &wanted, epoch, move |heard| {
             match heard {
                 BusEvent::Frame { time_s, frame } => {
-                    heard_records.push(Record::Frame {
-                        time_s,
-                        sent: false,
-                        frame,
-                    });
+                    heard_records.push(CanRecord::Frame { time_s, frame });
                     if let Err(fault) = reader.take(&frame, time_s) {
-                        heard_records.push(Record::Refused {
+                        heard_records.push(CanRecord::Refused {
                             time_s,
                             frame,
                             fault,
@@ -85,13 +82,13 @@ impl CanPort {
                 }
                 BusEvent::Bus { time_s, state } => {
                     bus = state;
-                    heard_records.push(Record::Bus { time_s, state });
+                    heard_records.push(CanRecord::Bus { time_s, state });
                 }
                 BusEvent::Restart {
                     time_s,
                     attempt,
                     answer,
-                } => heard_records.push(Record::Restart {
+                } => heard_records.push(CanRecord::Restart {
                     time_s,
                     attempt,
                     answer,
@@ -122,14 +119,13 @@ impl CanPort {
             listener,
         })
     }
-
-    /// Returns the system's name of the thread that listens.
-    pub fn listener_id(&self) -> Option<ThreadId> {
-        self.listener.thread_id()
-    }
 }
 
 impl Port for CanPort {
+    fn helper_threads(&self) -> Vec<ThreadId> {
+        self.listener.thread_id().into_iter().collect()
+    }
+
     fn receive(&mut self, now_s: f64) -> PortInputs {
         let Snapshot { readings, bus } = *self.newest.read();
         self.readings = readings;
@@ -183,9 +179,8 @@ impl Port for CanPort {
         let mut events = [None; EVENTS_MAX];
         let send = |frame: &Frame| {
             sender.send(frame)?;
-            records.push(Record::Frame {
+            records.push(CanRecord::Frame {
                 time_s: now_s,
-                sent: true,
                 frame: *frame,
             });
             Ok(())
@@ -203,7 +198,7 @@ impl Port for CanPort {
             }
         };
         for (node, event) in events.into_iter().flatten() {
-            self.records.push(Record::Drive {
+            self.records.push(CanRecord::Drive {
                 time_s: now_s,
                 node,
                 event,

@@ -98,7 +98,7 @@ impl RealtimeConfig {
     ///
     /// # Errors
     /// The first setting that is out of range or refused by the system, with what to do about it.
-    pub fn apply_to_cycle(&self) -> Result<(), RealtimeError> {
+    pub fn apply_to_loop(&self) -> Result<(), RealtimeError> {
         self.validate()?;
         if self.lock_memory {
             use rustix::mm::{MlockAllFlags, mlockall};

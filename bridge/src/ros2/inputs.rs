@@ -263,7 +263,7 @@ impl Listener {
                 jumped |= clock_s
                     .is_some_and(|before_s| !(0.0..=CLOCK_JUMP_S).contains(&(now_s - before_s)));
                 clock_s = Some(now_s);
-                clock.tell(now_s);
+                clock.set(now_s);
             });
             self.clock_s = clock_s;
             if jumped {

@@ -150,7 +150,7 @@ impl Port for Ros2Port {
     }
 
     fn send(&mut self, now_s: f64, order: &DriveCommand) -> Result<(), SendError> {
-        let thread = self.speaker.thread().ok_or(SendError::Down)?;
+        let thread = self.speaker.thread().ok_or(SendError::ThreadEnded)?;
         self.mode = match order.enable {
             true => DriveMode::Enabled,
             false => DriveMode::Disabled,

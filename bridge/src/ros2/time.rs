@@ -111,7 +111,7 @@ mod tests {
     fn a_told_time_is_the_stamps_own() {
         let clock = ExternalClock::default();
         let time = RosTime::told(clock.clone());
-        clock.tell(7.25);
+        clock.set(7.25);
         assert_eq!(time.now_s(), 7.25);
         assert_eq!(time.cycle_s(7_250_000_000), 7.25);
         assert_eq!(time.world_set_by_s(), 0.0);
