@@ -6,7 +6,7 @@ mod ros2;
 
 use crate::config::{ConfigFile, VehicleConfig, VehiclePort};
 use anyhow::{Context, Result, ensure};
-use can::CanRover;
+use can::BusRover;
 use ros2::RosRover;
 use sidehill_bridge::drives::DriveMode;
 use sidehill_bridge::drives::{Clock, Epoch};
@@ -67,7 +67,7 @@ pub fn run(args: &VehicleArgs, ros: &[String]) -> Result<ExitCode> {
                 "--ros-args: the port of {} is can",
                 file.name()
             );
-            pace.drive(CanRover::start(&file, &config, &world, epoch)?, truth)
+            pace.drive(BusRover::start(&file, &config, &world, epoch)?, truth)
         }
         VehiclePort::Ros2 => {
             pace.factor = config.ros2.clock_factor.unwrap_or(1.0);

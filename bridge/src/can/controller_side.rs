@@ -6,21 +6,12 @@ use super::frame::Frame;
 use super::layout::{DriveStates, EnableValues, Layout, Profile};
 use super::message::{Contents, CounterWatch, FrameFault, MessageCodec, Quantity};
 use crate::drives::DriveMode;
-use crate::drives::MeasuredMotorSpeeds;
+use crate::drives::MotorCommand;
 use sidehill_plant::frames::{Attitude, Pose, RosAttitude};
 use sidehill_plant::sample::Stamped;
 use std::sync::Arc;
 
-/// What the drives are told in a cycle, in the motors' own speeds.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct MotorOrder {
-    /// Speeds.
-    pub motors: MeasuredMotorSpeeds,
-    /// Whether the drives shall be on.
-    pub enable: bool,
-}
-
-/// Turns orders into frames and counts them.
+/// Turns commands into frames and counts them.
 pub struct CommandWriter {
     layout: Arc<Layout>,
     enable: EnableValues,
@@ -43,13 +34,13 @@ impl CommandWriter {
     /// A speed that does not fit its signal, or what `send` returned.
     pub fn write<E: From<FrameFault>>(
         &mut self,
-        order: &MotorOrder,
+        command: &MotorCommand,
         mut send: impl FnMut(&Frame) -> Result<(), E>,
     ) -> Result<(), E> {
         let enable = self.enable;
         let value_of = |quantity| match quantity {
-            Quantity::Command(role) => role.speed_m_s(&order.motors),
-            Quantity::CommandEnable if order.enable => enable.on,
+            Quantity::Command(role) => role.speed_m_s(&command.speeds),
+            Quantity::CommandEnable if command.enable => enable.on,
             Quantity::CommandEnable => enable.off,
             // Not in a command: refused by the codec.
             _ => f64::NAN,

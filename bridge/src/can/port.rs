@@ -1,12 +1,12 @@
 use super::record::CanRecord;
 use super::socket::{BusEvent, BusMonitor, Sender};
 use crate::can::cia402::Master;
-use crate::can::controller_side::{CommandWriter, MotorOrder, Readings, VehicleReader};
+use crate::can::controller_side::{CommandWriter, Readings, VehicleReader};
 use crate::can::frame::Frame;
 use crate::can::layout::{Layout, Profile};
 use crate::control_loop::record::RecordSink;
 use crate::drives::Epoch;
-use crate::drives::MeasuredMotorSpeeds;
+use crate::drives::MotorCommand;
 use crate::drives::{DriveCommand, DriveFeedback, LinkState};
 use crate::drives::{Port, PortInputs, SendError, newer};
 use sidehill_plant::sample::{Sample, Stamped};
@@ -169,11 +169,8 @@ impl Port for CanPort {
         }
     }
 
-    fn send(&mut self, now_s: f64, order: &DriveCommand) -> Result<(), SendError> {
-        let motor_order = MotorOrder {
-            motors: MeasuredMotorSpeeds::reaching(order.speeds, &self.correction),
-            enable: order.enable,
-        };
+    fn send(&mut self, now_s: f64, command: &DriveCommand) -> Result<(), SendError> {
+        let motors = MotorCommand::reaching(command, &self.correction);
         let (sender, records) = (&mut self.sender, &mut self.records);
         // The records of frames and of events go the same way, one after the other.
         let mut events = [None; EVENTS_MAX];
@@ -186,15 +183,15 @@ impl Port for CanPort {
             Ok(())
         };
         let sent = match &mut self.writer {
-            Writer::Values(writer) => writer.write(&motor_order, send),
+            Writer::Values(writer) => writer.write(&motors, send),
             Writer::Cia402(master) => {
                 let tell = |node, event| {
                     if let Some(slot) = events.iter_mut().find(|slot| slot.is_none()) {
                         *slot = Some((node, event));
                     }
                 };
-                let reset = order.fault_reset;
-                master.write(now_s, &motor_order, reset, &self.readings, tell, send)
+                let reset = command.fault_reset;
+                master.write(now_s, &motors, reset, &self.readings, tell, send)
             }
         };
         for (node, event) in events.into_iter().flatten() {

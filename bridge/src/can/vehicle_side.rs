@@ -1,21 +1,13 @@
 //! The vehicle's end of the bus: frames to what the drives are told, what is true to frames.
 
-use super::controller_side::{MotorOrder, MotorReport, told_attitude};
+use super::controller_side::{MotorReport, told_attitude};
 use super::frame::Frame;
 use super::layout::{EnableValues, Layout};
 use super::message::{CounterWatch, DriveRole, FrameFault, MessageCodec, Quantity};
-use crate::drives::MeasuredMotorSpeeds;
+use crate::drives::{MeasuredMotorSpeeds, MotorCommand};
 use sidehill_plant::frames::{Attitude, Pose, wrap_angle};
+use sidehill_plant::sample::Stamped;
 use std::sync::Arc;
-
-/// What the drives have been told, with the instant of the oldest part.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Told {
-    /// When, s.
-    pub time_s: f64,
-    /// What.
-    pub order: MotorOrder,
-}
 
 /// Validates the controller's frames.
 pub struct CommandReader {
@@ -53,13 +45,14 @@ impl CommandReader {
         self.refused
     }
 
-    /// Returns what the drives have been told, once both motors have been told something.
-    pub fn told(&self) -> Option<Told> {
+    /// Returns the newest command, with the instant of its oldest part; none before both motors have
+    /// been commanded.
+    pub fn command(&self) -> Option<Stamped<MotorCommand>> {
         let ((traction_s, traction_m_s), (steer_s, steer_m_s)) = (self.traction?, self.steer?);
-        Some(Told {
+        Some(Stamped {
             time_s: traction_s.min(steer_s),
-            order: MotorOrder {
-                motors: MeasuredMotorSpeeds {
+            value: MotorCommand {
+                speeds: MeasuredMotorSpeeds {
                     traction_m_s,
                     steer_m_s,
                 },

@@ -399,7 +399,7 @@ fn a_first_plan_may_take_long_while_the_vehicle_stands() {
     // An answer that is too old when it comes is not driven on, nor an alarm yet.
     for i in 0..10 {
         let order = bench.step(speeds(0.5, 0.0), |s| match i {
-            0..4 => s.output = None,
+            0..4 => s.controller = None,
             _ => set_command_time(s, start_s + 0.05),
         });
         assert!(

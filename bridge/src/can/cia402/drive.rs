@@ -47,8 +47,8 @@ impl VirtualDrives {
         }
     }
 
-    /// Returns the identifiers that the drives listen to.
-    pub fn wanted(&self) -> Vec<FrameId> {
+    /// Returns the identifiers of the frames that the drives receive.
+    pub fn received_ids(&self) -> Vec<FrameId> {
         let mut ids = vec![NMT, SYNC, self.master.heartbeat()];
         ids.extend(self.layout.command.iter().map(|message| message.id()));
         ids.extend(self.drives.iter().map(|drive| drive.node.request()));

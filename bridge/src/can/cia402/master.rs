@@ -2,11 +2,12 @@ use super::Cia402;
 use super::node::{Emergency, NmtCommand, NmtState, NodeId, NodeReading, SYNC};
 use super::power::{Controlword, PowerState};
 use super::sdo::SetupFault;
-use crate::can::controller_side::{MotorOrder, MotorReport, Readings};
+use crate::can::controller_side::{MotorReport, Readings};
 use crate::can::frame::Frame;
 use crate::can::layout::Layout;
 use crate::can::message::{FrameFault, Quantity};
 use crate::drives::DriveMode;
+use crate::drives::MotorCommand;
 use sidehill_plant::sample::Stamped;
 use std::fmt;
 use std::sync::Arc;
@@ -88,7 +89,7 @@ impl Master {
     pub fn write<E: From<FrameFault>>(
         &mut self,
         now_s: f64,
-        order: &MotorOrder,
+        command: &MotorCommand,
         fault_reset: bool,
         readings: &Readings,
         mut tell: impl FnMut(u8, DriveEvent),
@@ -102,18 +103,18 @@ impl Master {
             let report = readings.drives[i].map(|report| report.time_s);
             drive.follow(
                 now_s,
-                order.enable,
+                command.enable,
                 &readings.nodes[i],
                 report,
                 &self.cia402,
             );
             let power = readings.nodes[i].power;
-            let word = drive.controlword(now_s, order.enable, fault_reset, power, &self.cia402);
+            let word = drive.controlword(now_s, command.enable, fault_reset, power, &self.cia402);
             let moves = word == Controlword::ENABLE_OPERATION
                 && power == Some(PowerState::OperationEnabled);
             let value_of = |quantity| match quantity {
                 Quantity::Controlword => f64::from(word),
-                Quantity::Command(role) if moves => role.speed_m_s(&order.motors),
+                Quantity::Command(role) if moves => role.speed_m_s(&command.speeds),
                 Quantity::Command(_) => 0.0,
                 _ => f64::NAN,
             };
