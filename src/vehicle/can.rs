@@ -1,6 +1,6 @@
 //! A virtual rover behind a CAN bus.
 
-use super::Rover;
+use super::rover::Rover;
 use crate::config::{ConfigFile, Prepared, VehicleConfig};
 use anyhow::{Context, Result};
 use sidehill_bridge::can::frame::Frame;

@@ -144,7 +144,7 @@ impl VehicleReader {
                 let node = cia402
                     .nodes
                     .iter()
-                    .position(|node| node.heard_ids().contains(&frame.id));
+                    .position(|node| node.received_ids().contains(&frame.id));
                 let Some(i) = node else { return Ok(()) };
                 self.readings.nodes[i].take(cia402.nodes[i], frame, time_s)
             }

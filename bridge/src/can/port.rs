@@ -1,9 +1,10 @@
+use super::bus_monitor::{BusEvent, BusMonitor};
 use super::record::CanRecord;
-use super::socket::{BusEvent, BusMonitor, Sender};
 use crate::can::cia402::Master;
 use crate::can::controller_side::{CommandWriter, Readings, VehicleReader};
 use crate::can::frame::Frame;
 use crate::can::layout::{Layout, Profile};
+use crate::can::sender::Sender;
 use crate::control_loop::record::RecordSink;
 use crate::drives::Epoch;
 use crate::drives::MotorCommand;
@@ -65,7 +66,7 @@ impl CanPort {
             readings: Readings::default(),
             bus: LinkState::Absent,
         });
-        let wanted = layout.heard_ids();
+        let wanted = layout.received_ids();
         let mut reader = VehicleReader::new(Arc::clone(&layout));
         let mut bus = LinkState::Absent;
         let listener = BusMonitor::start(interface, &wanted, epoch, move |heard| {

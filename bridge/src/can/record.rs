@@ -1,7 +1,7 @@
+use super::bus_monitor::RestartAnswer;
 use super::cia402::DriveEvent;
 use super::frame::Frame;
 use super::message::FrameFault;
-use super::socket::RestartAnswer;
 use crate::control_loop::record::{LogEntry, Record};
 use crate::drives::LinkState;
 

@@ -1,12 +1,13 @@
 //! A virtual drive of CiA 402: a node with its objects, its states, its heartbeat and its PDOs.
 
-use super::Cia402;
-use super::node::{Emergency, NMT, NmtCommand, NmtState, NodeId, SYNC};
+use super::node::{Emergency, NMT, NmtCommand, NmtState, SYNC};
+use super::node_id::NodeId;
 use super::objects::{
     ABORT_OPTION, CONSUMER, ERROR_REGISTER, MODE, Objects, PRODUCER, QUICK_STOP_OPTION, STATUSWORD,
     TPDO_TIMER, TPDO_TYPE,
 };
 use super::power::PowerState;
+use super::settings::Cia402;
 use crate::can::frame::{Frame, FrameId};
 use crate::can::layout::Layout;
 use crate::can::message::{FrameFault, Quantity};

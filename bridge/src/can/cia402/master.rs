@@ -1,7 +1,8 @@
-use super::Cia402;
-use super::node::{Emergency, NmtCommand, NmtState, NodeId, NodeReading, SYNC};
+use super::node::{Emergency, NmtCommand, NmtState, NodeReading, SYNC};
+use super::node_id::NodeId;
 use super::power::{Controlword, PowerState};
 use super::sdo::SetupFault;
+use super::settings::Cia402;
 use crate::can::controller_side::{MotorReport, Readings};
 use crate::can::frame::Frame;
 use crate::can::layout::Layout;

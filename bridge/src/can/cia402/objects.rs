@@ -1,7 +1,7 @@
 //! The objects of a virtual drive, and its answers to who reads and writes them.
 
-use super::config::ObjectType;
-use super::node::NodeId;
+use super::node_id::NodeId;
+use crate::can::config::ObjectType;
 use crate::can::frame::Frame;
 use std::collections::BTreeMap;
 

@@ -3,10 +3,11 @@ mod coding;
 mod layout;
 
 use super::*;
-use crate::can::config::CanConfig;
+use crate::can::config::{CanConfig, ObjectType, ObjectValue};
 use crate::can::controller_side::VehicleReader;
-use crate::can::frame::Frame;
-use crate::can::layout::{Layout, Profile};
+use crate::can::database::Database;
+use crate::can::frame::{Frame, FrameId};
+use crate::can::layout::{Layout, LayoutError, Profile};
 use crate::can::message::FrameFault;
 use crate::drives::DriveMode;
 use crate::drives::{MeasuredMotorSpeeds, MotorCommand};

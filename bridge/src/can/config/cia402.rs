@@ -1,4 +1,4 @@
-use crate::can::config::ScaledSignal;
+use super::signals::ScaledSignal;
 use crate::can::message::DriveRole;
 use serde::{Deserialize, Serialize};
 
