@@ -8,7 +8,7 @@ use crate::can::controller_side::VehicleReader;
 use crate::can::database::Database;
 use crate::can::frame::{Frame, FrameId};
 use crate::can::layout::{Layout, LayoutError, Profile};
-use crate::can::message::FrameFault;
+use crate::can::message::{DriveRole, FrameFault};
 use crate::drives::DriveMode;
 use crate::drives::{MeasuredMotorSpeeds, MotorCommand};
 use bus::Bus;
