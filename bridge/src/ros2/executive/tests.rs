@@ -366,7 +366,7 @@ fn every_doubt_ends_with_its_code() {
         (
             |world| world.emergency_stop_awaited = true,
             code::UNKNOWN,
-            "who may press the emergency stop has come and is not heard",
+            "a new emergency-stop publisher has not sent anything yet",
         ),
         (
             |world| world.emergency_stop = Some(StopCause::EmergencyStop),
