@@ -280,7 +280,7 @@ fn real_time_settings_are_applied_or_refused_with_what_to_do() {
             "SCHED_FIFO priority 50 is not permitted",
         ),
         ("{lock_memory: true}", "memory cannot be locked"),
-        ("{cpu: 63}", "CPU 63 cannot be had"),
+        ("{cpu: 63}", "CPU 63 is not available"),
     ] {
         let change =
             |text: String| with_realtime(text).replace(REALTIME, &format!("realtime: {settings}"));

@@ -16,17 +16,17 @@ use std::sync::Arc;
 use thread_priority::ThreadId;
 use triple_buffer::{Output, triple_buffer};
 
-/// What the listener leaves for the cycle: always the newest, never a queue.
+/// What the bus monitor passes to the loop: always the newest, never a queue.
 #[derive(Debug, Clone, Copy, Default)]
 struct Snapshot {
     readings: Readings,
     bus: LinkState,
 }
 
-/// Events of both drives that one cycle can have.
+/// Largest number of drive events in one cycle.
 const EVENTS_MAX: usize = 8;
 
-/// What tells the drives, as their profile has it.
+/// Writes commands for the profile of the drives.
 enum Writer {
     Values(CommandWriter),
     Cia402(Master),
@@ -38,7 +38,7 @@ pub struct CanPort {
     writer: Writer,
     sender: Sender,
     newest: Output<Snapshot>,
-    /// What was received for this cycle.
+    /// Inputs of this cycle.
     readings: Readings,
     correction: SpeedCorrection,
     /// Instants of the tread speeds, attitude and pose delivered last, s.
@@ -48,8 +48,8 @@ pub struct CanPort {
 }
 
 impl CanPort {
-    /// Returns a port that listens from now on; `heard_records` takes what comes, `sent_records`
-    /// what goes.
+    /// Returns a port that receives from now on. `received_records` and `sent_records` take the frames
+    /// and events of either direction.
     ///
     /// # Errors
     /// The system's, where it has no thread left. An interface that does not exist is no error: the
@@ -59,7 +59,7 @@ impl CanPort {
         layout: Arc<Layout>,
         correction: SpeedCorrection,
         epoch: Epoch,
-        mut heard_records: RecordSink<CanRecord>,
+        mut received_records: RecordSink<CanRecord>,
         sent_records: RecordSink<CanRecord>,
     ) -> Result<Self, std::io::Error> {
         let (mut slot, newest) = triple_buffer(&Snapshot {
@@ -69,12 +69,12 @@ impl CanPort {
         let wanted = layout.received_ids();
         let mut reader = VehicleReader::new(Arc::clone(&layout));
         let mut bus = LinkState::Absent;
-        let listener = BusMonitor::start(interface, &wanted, epoch, move |heard| {
-            match heard {
+        let listener = BusMonitor::start(interface, &wanted, epoch, move |event| {
+            match event {
                 BusEvent::Frame { time_s, frame } => {
-                    heard_records.push(CanRecord::Frame { time_s, frame });
+                    received_records.push(CanRecord::Frame { time_s, frame });
                     if let Err(fault) = reader.take(&frame, time_s) {
-                        heard_records.push(CanRecord::Refused {
+                        received_records.push(CanRecord::Refused {
                             time_s,
                             frame,
                             fault,
@@ -83,13 +83,13 @@ impl CanPort {
                 }
                 BusEvent::Bus { time_s, state } => {
                     bus = state;
-                    heard_records.push(CanRecord::Bus { time_s, state });
+                    received_records.push(CanRecord::Bus { time_s, state });
                 }
                 BusEvent::Restart {
                     time_s,
                     attempt,
                     answer,
-                } => heard_records.push(CanRecord::Restart {
+                } => received_records.push(CanRecord::Restart {
                     time_s,
                     attempt,
                     answer,
@@ -173,7 +173,7 @@ impl Port for CanPort {
     fn send(&mut self, now_s: f64, command: &DriveCommand) -> Result<(), SendError> {
         let motors = MotorCommand::reaching(command, &self.correction);
         let (sender, records) = (&mut self.sender, &mut self.records);
-        // The records of frames and of events go the same way, one after the other.
+        // Frames and events share one sink: events follow after the frames.
         let mut events = [None; EVENTS_MAX];
         let send = |frame: &Frame| {
             sender.send(frame)?;
@@ -186,13 +186,13 @@ impl Port for CanPort {
         let sent = match &mut self.writer {
             Writer::Values(writer) => writer.write(&motors, send),
             Writer::Cia402(master) => {
-                let tell = |node, event| {
+                let report = |node, event| {
                     if let Some(slot) = events.iter_mut().find(|slot| slot.is_none()) {
                         *slot = Some((node, event));
                     }
                 };
                 let reset = command.fault_reset;
-                master.write(now_s, &motors, reset, &self.readings, tell, send)
+                master.write(now_s, &motors, reset, &self.readings, report, send)
             }
         };
         for (node, event) in events.into_iter().flatten() {

@@ -16,8 +16,8 @@ impl From<FrameFault> for SendError {
     }
 }
 
-/// Sends frames without waiting. Sockets are opened and closed by a thread of its own: while an
-/// interface disappears, the kernel keeps both waiting.
+/// Sends frames without waiting. A thread of its own opens and closes sockets, because the kernel blocks
+/// both while an interface disappears.
 pub struct Sender {
     socket: Option<CanSocket>,
     closed: mpsc::Sender<CanSocket>,
@@ -95,7 +95,7 @@ impl Sender {
             Some(ENETDOWN) => SendError::Down,
             Some(ENODEV | ENXIO) => {
                 if let Some(socket) = self.socket.take() {
-                    // Where the thread is gone, the socket is closed here.
+                    // If the thread has ended, the socket is closed here.
                     let _ = self.closed.send(socket);
                 }
                 SendError::Absent
@@ -111,14 +111,14 @@ impl Sender {
 impl Drop for Sender {
     fn drop(&mut self) {
         self.stop.store(true, Ordering::Relaxed);
-        // Not joined: the program's end need not wait for a pause between attempts.
+        // Not joined: it may be in a pause between attempts.
         drop(self.thread.take());
     }
 }
 
 fn open_sender(interface: &str) -> Result<CanSocket, Error> {
     let socket = CanSocket::open(interface)?;
-    // Nothing is read here, so nothing may pile up.
+    // Nothing is read from this socket, so nothing may accumulate in it.
     socket.set_filter_drop_all()?;
     socket.set_error_filter_drop_all()?;
     socket.set_nonblocking(true)?;

@@ -1,6 +1,6 @@
-//! The vehicle's end of the bus: frames to what the drives are told, what is true to frames.
+//! The vehicle's end of the bus: frames to commands, true values to frames.
 
-use super::controller_side::{MotorReport, told_attitude};
+use super::controller_side::{MotorReport, sensor_attitude};
 use super::frame::Frame;
 use super::layout::{EnableValues, Layout};
 use super::message::{CounterWatch, DriveRole, FrameFault, MessageCodec, Quantity};
@@ -21,8 +21,7 @@ pub struct CommandReader {
 }
 
 impl CommandReader {
-    /// Returns a reader that has been told nothing, of a layout whose drives are switched on and off
-    /// by these values.
+    /// Returns a reader without a command, for drives that are enabled by these values.
     pub fn new(layout: Arc<Layout>, enable_values: EnableValues) -> Self {
         let watches = layout
             .command
@@ -61,10 +60,10 @@ impl CommandReader {
         })
     }
 
-    /// Takes a frame that arrived at `time_s`; frames of other identifiers have no effect.
+    /// Takes a frame that arrived at `time_s`. Frames with other identifiers have no effect.
     ///
     /// # Errors
-    /// Why the frame is not believed. It then changes nothing.
+    /// Which check the frame failed. It then changes nothing.
     pub fn take(&mut self, frame: &Frame, time_s: f64) -> Result<(), FrameFault> {
         let found = self
             .layout
@@ -132,7 +131,7 @@ impl ReportWriter {
         }
     }
 
-    /// Passes the frames of a report to `send`; with `frozen`, no counter goes on.
+    /// Passes the frames of a report to `send`; with `frozen`, the counters stand still.
     ///
     /// # Errors
     /// A value that does not fit its signal.
@@ -154,7 +153,7 @@ impl ReportWriter {
         }
         self.feedback_counter = self.feedback_counter.wrapping_add(step);
         if let Some(attitude) = &report.attitude {
-            let [roll_rad, pitch_rad] = told_attitude(layout.attitude_convention, attitude);
+            let [roll_rad, pitch_rad] = sensor_attitude(layout.attitude_convention, attitude);
             let value_of = |quantity| match quantity {
                 Quantity::Roll => roll_rad,
                 Quantity::Pitch => pitch_rad,

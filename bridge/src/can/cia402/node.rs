@@ -33,7 +33,7 @@ impl NmtCommand {
     }
 }
 
-/// State of a node as its heartbeat tells it.
+/// NMT state of a node, as its heartbeat has it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum NmtState {
     /// It has started this moment.
@@ -47,7 +47,7 @@ pub enum NmtState {
 }
 
 impl NmtState {
-    /// Returns the byte by which a heartbeat tells the state.
+    /// Returns the state's byte in a heartbeat.
     pub fn byte(self) -> u8 {
         match self {
             Self::BootUp => 0x00,
@@ -78,10 +78,10 @@ impl NmtState {
     }
 }
 
-/// A drive's own word on its fault.
+/// An emergency message of a drive.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Emergency {
-    /// Error code; 0 where the error has gone.
+    /// Error code; 0 for an error that is over.
     pub code: u16,
     /// Error register.
     pub register: u8,
@@ -99,7 +99,7 @@ impl Emergency {
     }
 }
 
-/// The newest of what a node has said apart from its PDO. What comes at any time is counted, so that
+/// The newest messages of a node other than its PDO. Those that come at any time are counted, so that
 /// none is taken twice.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct NodeReading {
@@ -123,7 +123,7 @@ impl NodeReading {
     /// Takes a frame of the node's that is no PDO.
     ///
     /// # Errors
-    /// Why it is not believed. It then changes nothing.
+    /// Which check it failed. It then changes nothing.
     pub(in crate::can) fn take(
         &mut self,
         node: NodeId,
@@ -156,7 +156,7 @@ impl NodeReading {
             });
         } else if frame.id == node.answer() {
             length(8)?;
-            // Answers to somebody else's uploads are none of ours.
+            // Answers to the uploads of another client are ignored.
             if let Some(answer) = sdo::answer(frame) {
                 self.answers = self.answers.wrapping_add(1);
                 self.answer = Some(answer);

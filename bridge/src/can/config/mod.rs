@@ -80,7 +80,7 @@ pub struct DriveMessage {
     pub protection: Protection,
 }
 
-/// A signal that tells a drive's state; a value that is listed nowhere is a fault.
+/// A signal with a drive's state. A value that is not listed is a fault.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct StateSignal {

@@ -32,7 +32,7 @@ pub enum DriveStates {
 }
 
 impl DriveStates {
-    /// Returns the state of a value, `None` where it is none.
+    /// Returns the state of a value; none for an unknown one.
     pub fn mode(&self, value: f64) -> Option<DriveMode> {
         match self {
             Self::Values(values) => values

@@ -114,7 +114,7 @@ impl Layout {
         Ok(layout)
     }
 
-    /// Returns the messages that come from the vehicle.
+    /// Returns the messages that the vehicle sends.
     pub fn from_vehicle(&self) -> [&MessageCodec; 5] {
         [
             &self.drives[0].message,
