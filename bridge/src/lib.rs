@@ -10,7 +10,7 @@
 //! ```
 //!
 //! [`control_loop::ControlLoop::step`] is this line, once a period. [`drives`] is the vocabulary of
-//! both ends: [`can::CanPort`], [`ros2::Ros2Port`] and [`rover::SimulatedPort`] implement
+//! both ends: [`can::CanPort`], [`ros2::port::Ros2Port`] and [`rover::SimulatedPort`] implement
 //! [`drives::Port`], and neither the loop nor the safety knows which of them it has. A CAN fault reaches
 //! the safety as [`drives::LinkState`], as [`drives::SendError`], or as feedback that grows old, and
 //! becomes a stop in [`safety::Safety::step`].

@@ -2,7 +2,7 @@
 //! hangs on.
 //!
 //! [`SimulatedPort`] has it in the controller's own process, [`CanRover`] answers CAN frames, and
-//! [`crate::ros2::vehicle`] puts it on the ROS 2 graph.
+//! [`crate::ros2::port::rover`] puts it on the ROS 2 graph.
 
 mod can_rover;
 mod drive;
