@@ -3,6 +3,9 @@
 //! Each table follows a comment `<!-- keys: FILE PATH with KEY=JSON... -->`: a file of `config/`, the section in
 //! it, and what is put into the file so that it has the section. The program is asked by values that it must
 //! refuse: an unknown key makes it list the known ones, a map names the type, a huge number the range.
+//!
+//! With the environment variable `UPDATE_DOCS` set, types and ranges in the page are replaced by the program's; what
+//! a key means remains to be written.
 
 use crate::{repository, text};
 use serde_yaml::{Mapping, Value};
@@ -30,6 +33,7 @@ struct Table {
 
 /// A row: the cells that are compared.
 struct Row {
+    line: String,
     key: String,
     kind: String,
     default: String,
@@ -63,6 +67,7 @@ fn tables() -> Vec<Table> {
                 .map(|line| {
                     let cells: Vec<&str> = line.split('|').map(str::trim).collect();
                     Row {
+                        line: line.into(),
                         key: cells[1].trim_matches('`').into(),
                         kind: cells[2].into(),
                         default: cells[3].into(),
@@ -210,7 +215,8 @@ fn range(table: &Table, key: &str, kind: &str) -> String {
         .filter(|complaint| complaint.contains(key))
         .find_map(|complaint| {
             let (_, range) = complaint.split_once("must be ")?;
-            Some(range.split(" at line").next()?.to_owned())
+            // Where in the file it is follows.
+            Some(range.split(" at line").next()?.split(" (line").next()?.to_owned())
         })
         .unwrap_or_default()
 }
@@ -218,6 +224,7 @@ fn range(table: &Table, key: &str, kind: &str) -> String {
 #[test]
 fn every_key_has_its_row_with_type_and_range() {
     let mut wrong = Vec::new();
+    let mut page = text(PAGE);
     let tables = tables();
     for table in &tables {
         assert_eq!(
@@ -237,24 +244,23 @@ fn every_key_has_its_row_with_type_and_range() {
         }
         for row in &table.rows {
             let kind = kind(table, &row.key);
-            if kind != row.kind {
-                wrong.push(format!(
-                    "{}: {}: type {}, must be {kind}",
-                    table.name(),
-                    row.key,
-                    row.kind
-                ));
-            }
             let range = range(table, &row.key, &kind);
-            if range != row.range {
+            if kind != row.kind || range != row.range {
                 wrong.push(format!(
-                    "{}: {}: range `{}`, must be `{range}`",
+                    "{}: {}: {}, {}, must be {kind}, {range}",
                     table.name(),
                     row.key,
+                    row.kind,
                     row.range
                 ));
+                let mut cells: Vec<String> = row.line.split('|').map(str::to_owned).collect();
+                (cells[2], cells[5]) = (format!(" {kind} "), format!(" {range} "));
+                page = page.replace(&row.line, &cells.join("|"));
             }
         }
+    }
+    if std::env::var_os("UPDATE_DOCS").is_some() {
+        std::fs::write(repository(PAGE), page).unwrap();
     }
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
     assert!(tables.len() > 60, "only {} tables were found", tables.len());
@@ -322,6 +328,9 @@ fn defaults_are_those_of_the_code() {
                 continue;
             };
             let documented = row.default.trim_matches('`');
+            if documented == "required" {
+                continue;
+            }
             let same = match value {
                 Value::Number(number) => documented.parse().ok() == number.as_f64(),
                 Value::Bool(value) => documented == value.to_string(),
