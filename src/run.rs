@@ -12,9 +12,9 @@ use sidehill_bridge::control_loop::runner::ThreadedRunner;
 use sidehill_bridge::control_loop::scheduling::ThreadId;
 use sidehill_bridge::control_loop::{ControlLoop, Timing};
 use sidehill_bridge::drives::{Clock, Epoch, Port};
-use sidehill_bridge::ros2::arguments::RosArguments;
-use sidehill_bridge::ros2::names::Names;
-use sidehill_bridge::ros2::parameters::override_config;
+use sidehill_bridge::ros2::node::arguments::RosArguments;
+use sidehill_bridge::ros2::node::names::Names;
+use sidehill_bridge::ros2::server::parameters::override_config;
 use sidehill_bridge::ros2::server::{self, Ros2};
 use sidehill_bridge::rover::SimulatedPort;
 use sidehill_bridge::safety::{OperatorRequests, Reason, SafetyState, StopCause};
@@ -102,8 +102,8 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
     let ros2 = start_ros2(&file, &config, &vehicle, ros_arguments, epoch)?;
     let (clock, desks, ros2_port, _server) = match ros2 {
         Some(ros2) => (
-            ros2.time.clock(),
-            Some((ros2.cycle, ros2.pilot)),
+            ros2.clock,
+            Some((ros2.loop_end, ros2.controller_end)),
             ros2.port,
             Some(ros2.server),
         ),

@@ -13,7 +13,7 @@ use sidehill::check::check;
 use sidehill::config::ConfigFile;
 use sidehill_bridge::control_loop::CycleConfig;
 use sidehill_bridge::control_loop::scheduling::RealtimeConfig;
-use sidehill_bridge::ros2::config::Ros2Config;
+use sidehill_bridge::ros2::server::config::Ros2Config;
 use sidehill_bridge::safety::SafetyConfig;
 use sidehill_controller::config::ControllerConfig;
 use sidehill_plant::drive_train::DriveTrainConfig;
@@ -216,7 +216,14 @@ fn range(table: &Table, key: &str, kind: &str) -> String {
         .find_map(|complaint| {
             let (_, range) = complaint.split_once("must be ")?;
             // Where in the file it is follows.
-            Some(range.split(" at line").next()?.split(" (line").next()?.to_owned())
+            Some(
+                range
+                    .split(" at line")
+                    .next()?
+                    .split(" (line")
+                    .next()?
+                    .to_owned(),
+            )
         })
         .unwrap_or_default()
 }
