@@ -214,7 +214,7 @@ fn range(table: &Table, key: &str, kind: &str) -> String {
         .filter_map(|value| table.complaint(key, value))
         .filter(|complaint| complaint.contains(key))
         .find_map(|complaint| {
-            let (_, range) = complaint.split_once("must be ")?;
+            let (_, range) = complaint.split_once("out of range, must be ")?;
             // Where in the file it is follows.
             Some(
                 range
