@@ -44,8 +44,8 @@ pub struct ContactLearningSettings {
 impl Default for ContactLearningSettings {
     fn default() -> Self {
         Self {
-            slide_sigma_m_per_sqrt_s: 0.01,
-            yaw_sigma_rad_per_sqrt_s: 0.01,
+            slide_sigma_m_per_sqrt_s: 0.005,
+            yaw_sigma_rad_per_sqrt_s: 0.005,
             prior_factor: 1.0,
             friction_sigma: 0.3,
             centre_right_sigma: 0.17,
