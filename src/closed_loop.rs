@@ -1,6 +1,7 @@
 //! A controller driving the simulated vehicle, and the figures of its run.
 
 use crate::config::Prepared;
+use crate::qp_recording::QpRecording;
 use crate::record::{Quantiles, Row, Run, Summary, nearest_rank};
 use anyhow::Context;
 use sidehill_controller::config::ControllerKind;
@@ -21,7 +22,7 @@ const SETTLING_S: f64 = 2.0;
 const GOAL_TOLERANCE_M: f64 = 0.25;
 
 /// Returns the run of one controller; `progress` hears the share done, 0 to 1, once a second of
-/// simulated time.
+/// simulated time, and `qps` takes each cycle's QP.
 ///
 /// # Errors
 /// What keeps the run from starting: settings, or no ground under the start.
@@ -29,6 +30,7 @@ pub fn run(
     prepared: &Prepared,
     kind: ControllerKind,
     mut progress: impl FnMut(f64),
+    mut qps: Option<&mut QpRecording>,
 ) -> anyhow::Result<Run> {
     let config = &prepared.controller;
     let mut simulation = prepared.simulation()?;
@@ -52,6 +54,11 @@ pub fn run(
         let begin = Instant::now();
         let decision = controller.step(&sample, None);
         let cycle_us = begin.elapsed().as_secs_f64() * 1e6;
+        if let (Some(qps), Some(mpc), Some(report)) =
+            (&mut qps, controller.mpc(), &decision.solve)
+        {
+            qps.push(state.time_s, mpc.qp(), report);
+        }
         let reference = followed(&controller)?.ahead(0.0);
         rows.push(figures.cycle(&state, &decision, &reference, cycle_us, prepared));
         match decision.status {

@@ -11,6 +11,7 @@ pub mod config;
 pub mod icr;
 pub mod identify;
 pub mod odometry;
+pub mod qp_recording;
 pub mod record;
 pub mod report;
 pub mod run;

@@ -4,9 +4,10 @@ use crate::closed_loop;
 use crate::config::{
     Conditions, ConfigFile, DEFAULT_SCENARIO, Overrides, PlantKind, Prepared, Scenario,
 };
+use crate::qp_recording::QpRecording;
 use crate::record::{Run, Summary};
 use crate::report;
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use indicatif::{ProgressBar, ProgressStyle};
 use sidehill_controller::config::ControllerKind;
 use std::fmt::Write;
@@ -37,6 +38,9 @@ pub struct SimulateArgs {
     /// Folder for a CSV file of each run and a report.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
+    /// Write the QPs of a run to an npz file; it takes one controller, an MPC.
+    #[arg(long, value_name = "FILE")]
+    pub record_qps: Option<PathBuf>,
     /// How the figures are printed.
     #[arg(long, value_enum, default_value_t)]
     pub format: Format,
@@ -84,7 +88,20 @@ pub fn run(args: &SimulateArgs) -> Result<ExitCode> {
         seed: args.seed,
         controllers: args.controllers.clone(),
     })?;
-    let runs = runs(&prepared)?;
+    let mut qps = match (&args.record_qps, prepared.controllers.as_slice()) {
+        (None, _) => None,
+        (Some(_), [ControllerKind::PurePursuit]) => bail!("--record-qps: pure-pursuit solves no QP"),
+        (Some(_), [_]) => Some(QpRecording::default()),
+        (Some(_), several) => bail!(
+            "--record-qps takes the QPs of one controller, not of {}: choose it with --controller",
+            several.len()
+        ),
+    };
+    let runs = runs(&prepared, qps.as_mut())?;
+    if let (Some(path), Some(qps)) = (&args.record_qps, &qps) {
+        qps.write(path)
+            .with_context(|| format!("{}: cannot be written", path.display()))?;
+    }
     if let Some(folder) = &args.out {
         write_out(folder, &prepared, conditions.as_deref(), &runs)
             .with_context(|| format!("{}: cannot be written", folder.display()))?;
@@ -147,7 +164,7 @@ fn write_out(
 }
 
 /// Runs one controller after the other: their times would disturb each other.
-fn runs(prepared: &Prepared) -> Result<Vec<Run>> {
+fn runs(prepared: &Prepared, mut qps: Option<&mut QpRecording>) -> Result<Vec<Run>> {
     let style = ProgressStyle::with_template("{prefix:14} {bar:40} {percent:>3} %  {eta} left")?;
     let mut runs = Vec::new();
     for &kind in &prepared.controllers {
@@ -155,9 +172,8 @@ fn runs(prepared: &Prepared) -> Result<Vec<Run>> {
         let bar = ProgressBar::new(1000)
             .with_style(style.clone())
             .with_prefix(kind.name());
-        let run = closed_loop::run(prepared, kind, |share| {
-            bar.set_position((1000.0 * share) as u64)
-        })?;
+        let progress = |share| bar.set_position((1000.0 * share) as u64);
+        let run = closed_loop::run(prepared, kind, progress, qps.as_deref_mut())?;
         bar.finish_and_clear();
         runs.push(run);
     }

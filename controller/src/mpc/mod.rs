@@ -1,20 +1,23 @@
 //! The model-predictive controller: ICRIK linearised about the previous plan, one QP a cycle.
 
+mod clarabel_qp;
 mod condensing;
+mod dual_active_set;
 pub mod limits;
 mod problem;
 mod qp;
+mod rows;
 mod settings;
 mod structure;
+mod working_set;
 
 pub use condensing::StageWeights;
-pub use problem::Residuals;
-pub use qp::QpFailure;
+pub use problem::{CscMatrix, Point, QpData, Residuals};
+pub use qp::{QpFailure, QpSolver, SolvePath};
 pub use settings::{ChangeWeights, Corridor, MpcSettings, QpMode, QpSettings};
 
 use condensing::{Condenser, Stage};
 use nalgebra::Vector3;
-use qp::QpSolver;
 use sidehill_plant::frames::{PlanarPose, wrap_angle};
 use sidehill_plant::prediction::PredictionModel;
 use sidehill_plant::speeds::MotorSpeeds;
@@ -55,8 +58,10 @@ pub struct Plan {
 /// What a solved cycle reports besides its plan.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SolveReport {
-    /// Interior-point iterations.
+    /// Linear systems factorised and interior-point iterations.
     pub iterations: u32,
+    /// How the solution was found.
+    pub path: SolvePath,
     /// KKT residuals.
     pub residuals: Residuals,
     /// Time within the solver, s.
@@ -111,6 +116,11 @@ impl Mpc {
     /// Returns the plan in force.
     pub fn plan(&self) -> &Plan {
         &self.plan
+    }
+
+    /// Returns the QP of the last cycle and the point that its solver ended with.
+    pub fn qp(&self) -> (&QpData, &Point) {
+        (self.solver.data(), self.solver.point())
     }
 
     /// Returns the prediction model, to be adapted.
@@ -291,6 +301,7 @@ impl Mpc {
         let residuals = self.solver.solve(deadline)?;
         Ok(SolveReport {
             iterations: self.solver.iterations(),
+            path: self.solver.path(),
             residuals,
             solve_time_s: begin.elapsed().as_secs_f64(),
         })

@@ -4,7 +4,7 @@
 //! minimise 1/2 z' P z + q' z   subject to   A z + s = b,  s = 0 (equalities), s >= 0 (the rest)
 //! ```
 
-pub use super::qp::CscMatrix;
+pub use super::clarabel_qp::CscMatrix;
 
 /// Optimality of a point, computed from the data and not from the solver's own account.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -15,6 +15,13 @@ pub struct Residuals {
     pub dual: f64,
     /// |z' P z + q' z + b' y|.
     pub gap: f64,
+}
+
+impl Residuals {
+    /// Returns whether all are at most `limit`; one that is not a number is not.
+    pub fn within(&self, limit: f64) -> bool {
+        self.primal <= limit && self.dual <= limit && self.gap <= limit
+    }
 }
 
 /// A QP's data with the pattern it was made with; values may be overwritten between solves.
