@@ -5,6 +5,7 @@
 #![allow(clippy::print_stdout, clippy::print_stderr)]
 
 pub mod campaign;
+#[cfg(feature = "drive")]
 pub mod check;
 pub mod closed_loop;
 pub mod config;
@@ -14,6 +15,8 @@ pub mod odometry;
 pub mod qp_recording;
 pub mod record;
 pub mod report;
+#[cfg(feature = "drive")]
 pub mod run;
 pub mod simulate;
+#[cfg(feature = "drive")]
 pub mod vehicle;
