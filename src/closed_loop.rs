@@ -54,8 +54,7 @@ pub fn run(
         let begin = Instant::now();
         let decision = controller.step(&sample, None);
         let cycle_us = begin.elapsed().as_secs_f64() * 1e6;
-        if let (Some(qps), Some(mpc), Some(report)) =
-            (&mut qps, controller.mpc(), &decision.solve)
+        if let (Some(qps), Some(mpc), Some(report)) = (&mut qps, controller.mpc(), &decision.solve)
         {
             qps.push(state.time_s, mpc.qp(), report);
         }

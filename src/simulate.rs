@@ -90,7 +90,9 @@ pub fn run(args: &SimulateArgs) -> Result<ExitCode> {
     })?;
     let mut qps = match (&args.record_qps, prepared.controllers.as_slice()) {
         (None, _) => None,
-        (Some(_), [ControllerKind::PurePursuit]) => bail!("--record-qps: pure-pursuit solves no QP"),
+        (Some(_), [ControllerKind::PurePursuit]) => {
+            bail!("--record-qps: pure-pursuit solves no QP")
+        }
         (Some(_), [_]) => Some(QpRecording::default()),
         (Some(_), several) => bail!(
             "--record-qps takes the QPs of one controller, not of {}: choose it with --controller",

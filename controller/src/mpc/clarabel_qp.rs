@@ -194,7 +194,9 @@ impl LinearSystem {
         solver.data.q.copy_from_slice(q);
         solver.data.b.copy_from_slice(e);
         let (x, data) = (&mut solver.variables, &solver.data);
-        solver.kktsystem.solve_initial_point(x, data, &self.settings)
+        solver
+            .kktsystem
+            .solve_initial_point(x, data, &self.settings)
     }
 
     /// Returns x of the last solution.
@@ -229,10 +231,7 @@ fn clarabel_settings(settings: &QpSettings) -> DefaultSettings<f64> {
     clarabel
 }
 
-fn build(
-    data: &QpData,
-    settings: DefaultSettings<f64>,
-) -> Result<DefaultSolver<f64>, QpFailure> {
+fn build(data: &QpData, settings: DefaultSettings<f64>) -> Result<DefaultSolver<f64>, QpFailure> {
     let cones = [
         SupportedConeT::ZeroConeT(data.equalities),
         SupportedConeT::NonnegativeConeT(data.b.len() - data.equalities),
