@@ -6,6 +6,7 @@ use crate::record::{Quantiles, Row, Run, Summary, nearest_rank};
 use anyhow::Context;
 use sidehill_controller::config::ControllerKind;
 use sidehill_controller::controller::{Controller, Decision, Status};
+use sidehill_controller::mpc::SolvePath;
 use sidehill_controller::mpc::limits::{InputLimits, MotorLimits};
 use sidehill_controller::path::{Path, Point2};
 use sidehill_controller::reference::{PROJECTION_WINDOW, Reference};
@@ -203,6 +204,7 @@ impl<'a> Figures<'a> {
             icrs: prepared.vehicle.icrik(state.attitude, state.treads),
             status: decision.status,
             qp_iterations: decision.solve.map_or(0, |s| s.iterations),
+            qp_path: decision.solve.map(|s| s.path),
             solve_us: decision.solve.map_or(0.0, |s| 1e6 * s.solve_time_s),
             cycle_us,
         }
@@ -262,6 +264,7 @@ impl<'a> Figures<'a> {
         let mut absolute: Vec<f64> = self.cross_tracks_m.iter().map(|e| e.abs()).collect();
         absolute.sort_by(f64::total_cmp);
         let solves = rows.iter().filter(|row| row.qp_iterations > 0);
+        let solved = |path| rows.iter().filter(|row| row.qp_path == Some(path)).count() as u32;
         let iterations: u64 = solves.clone().map(|row| u64::from(row.qp_iterations)).sum();
         Summary {
             controller: kind.name().to_owned(),
@@ -281,6 +284,9 @@ impl<'a> Figures<'a> {
             fallbacks: self.fallbacks,
             deadline_misses: self.deadline_misses,
             qp_iterations_mean: iterations as f64 / solves.clone().count().max(1) as f64,
+            qp_working_set: solved(SolvePath::WorkingSet),
+            qp_interior_point: solved(SolvePath::InteriorPoint),
+            qp_cut_short: solved(SolvePath::CutShort),
             solve_us: Quantiles::of(solves.map(|row| row.solve_us).collect()),
             cycle_us: Quantiles::of(rows.iter().map(|row| row.cycle_us).collect()),
         }

@@ -10,11 +10,11 @@
 //! solution `x` with the multipliers `y`, and `time_s`, `iterations`, `solve_us`.
 
 use anyhow::{Context, Result, ensure};
-use ndarray::{ArrayView, ArrayView2, Ix1, arr0};
-use ndarray_npy::NpzWriter;
+use ndarray::{Array0, Array1, Array2, ArrayView, ArrayView2, Ix1, arr0};
+use ndarray_npy::{NpzReader, NpzWriter};
 use sidehill_controller::mpc::{CscMatrix, Point, QpData, SolveReport};
 use std::fs::File;
-use std::io::BufWriter;
+use std::io::Cursor;
 use std::path::Path;
 
 /// The QPs of a run, each as its cycle assembled it, and what the cycle made of it.
@@ -76,13 +76,13 @@ impl QpRecording {
         self.solve_us.push(1e6 * report.solve_time_s);
     }
 
-    /// Writes the file.
+    /// Returns the file's bytes.
     ///
     /// # Errors
-    /// No QP was recorded, or the file cannot be written.
-    pub fn write(&self, path: &Path) -> Result<()> {
+    /// No QP was recorded.
+    pub fn npz(&self) -> Result<Vec<u8>> {
         let pattern = self.pattern.as_ref().context("the run solved no QP")?;
-        let mut npz = NpzWriter::new(BufWriter::new(File::create(path)?));
+        let mut npz = NpzWriter::new(Cursor::new(Vec::new()));
         for (name, indices) in [
             ("P_indptr", &pattern.p.starts),
             ("P_indices", &pattern.p.rows),
@@ -102,14 +102,70 @@ impl QpRecording {
             ("x", &self.x),
             ("y", &self.y),
         ] {
-            ensure!(values.len() % count == 0, "the QPs differ in size");
             let rows = ArrayView2::from_shape((count, values.len() / count), values)?;
             npz.add_array(name, &rows)?;
         }
         for (name, values) in [("time_s", &self.times_s), ("solve_us", &self.solve_us)] {
             npz.add_array(name, &ArrayView::<_, Ix1>::from(values))?;
         }
-        npz.finish()?;
-        Ok(())
+        Ok(npz.finish()?.into_inner())
     }
+}
+
+/// Returns the QPs of a file.
+///
+/// # Errors
+/// Names the file that cannot be read, or whose arrays do not fit each other.
+pub fn read(path: &Path) -> Result<Vec<QpData>> {
+    read_arrays(path).with_context(|| format!("{}: not a recording of QPs", path.display()))
+}
+
+fn read_arrays(path: &Path) -> Result<Vec<QpData>> {
+    let mut npz = NpzReader::new(File::open(path)?)?;
+    let mut indices = |name: &str| -> Result<Vec<usize>> {
+        let stored: Array1<i64> = npz.by_name(name).with_context(|| name.to_owned())?;
+        let whole = stored
+            .iter()
+            .map(|&i| usize::try_from(i))
+            .collect::<Result<_, _>>();
+        whole.with_context(|| name.to_owned())
+    };
+    let (p_starts, p_rows) = (indices("P_indptr")?, indices("P_indices")?);
+    let (a_starts, a_rows) = (indices("A_indptr")?, indices("A_indices")?);
+    let stored: Array0<i64> = npz.by_name("equalities")?;
+    let equalities = usize::try_from(stored.into_scalar()).context("equalities")?;
+    let mut rows =
+        |name: &str| -> Result<Array2<f64>> { npz.by_name(name).with_context(|| name.to_owned()) };
+    let (p, q, a, b) = (rows("P_data")?, rows("q")?, rows("A_data")?, rows("b")?);
+    let (variables, constraints) = (q.ncols(), b.ncols());
+    ensure!(
+        [p.nrows(), a.nrows(), b.nrows()] == [q.nrows(); 3] && equalities <= constraints,
+        "the arrays differ in length"
+    );
+    let columns = |rows: usize, starts: &[usize], indices: &[usize], values: &Array2<f64>| {
+        let ends = starts.first() == Some(&0) && starts.last() == Some(&indices.len());
+        ends && starts.len() == variables + 1
+            && starts.is_sorted()
+            && indices.iter().all(|&row| row < rows)
+            && values.ncols() == indices.len()
+    };
+    ensure!(
+        columns(variables, &p_starts, &p_rows, &p),
+        "P is no matrix of the size of q"
+    );
+    ensure!(
+        columns(constraints, &a_starts, &a_rows, &a),
+        "A is no matrix of the size of b and q"
+    );
+    let matrix = |rows, starts: &Vec<usize>, indices: &Vec<usize>, values: Vec<f64>| {
+        CscMatrix::new(rows, variables, starts.clone(), indices.clone(), values)
+    };
+    let qps = (0..q.nrows()).map(|i| QpData {
+        p: matrix(variables, &p_starts, &p_rows, p.row(i).to_vec()),
+        q: q.row(i).to_vec(),
+        a: matrix(constraints, &a_starts, &a_rows, a.row(i).to_vec()),
+        b: b.row(i).to_vec(),
+        equalities,
+    });
+    Ok(qps.collect())
 }

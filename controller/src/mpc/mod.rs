@@ -292,13 +292,20 @@ impl Mpc {
             .assemble(&self.stages, previous, self.solver.data_mut());
     }
 
-    /// Third part of [`Mpc::solve`]: solves the QP as assembled; the plan stays as it is.
+    /// Third part of [`Mpc::solve`]: solves the QP as assembled; the plan stays as it is. A solve that
+    /// is cut short ends with a point that meets all limits, where one is found that is better than to
+    /// change nothing.
     ///
     /// # Errors
     /// Every [`QpFailure`].
     pub fn solve_assembled(&mut self, deadline: Option<Instant>) -> Result<SolveReport, QpFailure> {
         let begin = Instant::now();
-        let residuals = self.solver.solve(deadline)?;
+        let residuals = self.solver.solve(deadline).or_else(|failure| {
+            let (condenser, stages) = (&self.condenser, &self.stages);
+            self.solver.salvage(failure, |data, primal| {
+                condenser.make_feasible(stages, data, primal);
+            })
+        })?;
         Ok(SolveReport {
             iterations: self.solver.iterations(),
             path: self.solver.path(),

@@ -76,6 +76,20 @@ impl QpData {
             .all(|values| values.iter().all(|value| value.is_finite()))
     }
 
+    /// Returns the cost of a primal point.
+    pub fn cost(&self, primal: &[f64]) -> f64 {
+        let mut quadratic = 0.0;
+        for (column, x) in primal.iter().enumerate() {
+            for k in self.p.colptr[column]..self.p.colptr[column + 1] {
+                let row = self.p.rowval[k];
+                // Half of what stands on the diagonal, all of what stands for two entries.
+                let share = if row == column { 0.5 } else { 1.0 };
+                quadratic += share * self.p.nzval[k] * primal[row] * x;
+            }
+        }
+        quadratic + dot(&self.q, primal)
+    }
+
     /// Returns A's values in the rows of the equalities, in the order they are stored.
     pub fn equality_values(&self) -> impl Iterator<Item = f64> + '_ {
         let rows = self.a.rowval.iter().zip(&self.a.nzval);

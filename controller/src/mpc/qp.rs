@@ -226,6 +226,49 @@ impl QpSolver {
         }
     }
 
+    /// Makes the best of the last iterate of a solve that was cut short: of the points between those
+    /// that `make_feasible` leads the origin and the iterate to, the one of least cost. All of them are
+    /// feasible.
+    ///
+    /// # Errors
+    /// `failure` itself, where there is no iterate, or none of these is better than the origin's.
+    pub fn salvage(
+        &mut self,
+        failure: QpFailure,
+        make_feasible: impl Fn(&QpData, &mut [f64]),
+    ) -> Result<Residuals, QpFailure> {
+        let (QpFailure::Deadline { .. } | QpFailure::MaxIterations { .. }) = failure else {
+            return Err(failure);
+        };
+        if self.iterations == 0 {
+            return Err(failure);
+        }
+        let (from, to) = (&mut self.work.primal, &mut self.point.primal);
+        from.fill(0.0);
+        make_feasible(&self.data, from);
+        make_feasible(&self.data, to);
+        // The cost along the way is a parabola: three of its values tell its least.
+        let (begin, end) = (self.data.cost(from), self.data.cost(to));
+        for (to, from) in to.iter_mut().zip(&*from) {
+            *to = 0.5 * (*to + from);
+        }
+        let middle = self.data.cost(to);
+        let curvature = 2.0 * (begin + end - 2.0 * middle);
+        let slope = end - begin - curvature;
+        let share = (-slope / (2.0 * curvature)).clamp(0.0, 1.0);
+        // A comparison with NaN is false.
+        if !(slope < 0.0 && share > 0.0) {
+            return Err(failure);
+        }
+        for (to, from) in to.iter_mut().zip(&*from) {
+            *to = from + 2.0 * share * (*to - from);
+        }
+        self.data.slacken(&mut self.point);
+        self.point.dual.fill(0.0);
+        self.path = SolvePath::CutShort;
+        Ok(self.residuals())
+    }
+
     /// Returns the KKT residuals of the last solution.
     pub fn residuals(&mut self) -> Residuals {
         self.data.residuals(&self.point, &mut self.work)

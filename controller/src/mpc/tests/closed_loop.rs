@@ -7,16 +7,16 @@ use crate::trajectory::Trajectory;
 use sidehill_plant::frames::{Attitude, pose_rate};
 
 /// The 8 on a plane of 10 deg, with the MPC at its start.
-struct Course {
+pub struct Course {
     trajectory: Trajectory,
     normal_in_world: Vector3<f64>,
-    pose: PlanarPose,
+    pub pose: PlanarPose,
     command: MotorSpeeds,
     cycle: u32,
 }
 
 impl Course {
-    fn new() -> Self {
+    pub fn new() -> Self {
         let trajectory = FigureEight::default().trajectory().unwrap();
         let start = trajectory.at(0.0);
         let slope = 10.0_f64.to_radians();
@@ -50,7 +50,7 @@ impl Course {
     }
 
     /// Solves a cycle: the first from nothing, later ones on the shifted plan.
-    fn solve(&self, mpc: &mut Mpc) -> Result<SolveReport, QpFailure> {
+    pub fn solve(&self, mpc: &mut Mpc) -> Result<SolveReport, QpFailure> {
         let targets = self.targets(&mpc.settings);
         if self.cycle == 0 {
             mpc.start(&self.pose, self.command, &targets, None)
@@ -61,7 +61,7 @@ impl Course {
     }
 
     /// Drives for a control period with the plan's first input.
-    fn drive(&mut self, mpc: &Mpc) {
+    pub fn drive(&mut self, mpc: &Mpc) {
         self.command = mpc.plan().inputs[0];
         let vehicle = j8();
         for _ in 0..10 {
@@ -76,7 +76,7 @@ impl Course {
     }
 }
 
-fn settings(stages: usize, block_stages: usize) -> MpcSettings {
+pub fn settings(stages: usize, block_stages: usize) -> MpcSettings {
     MpcSettings {
         stages,
         step_s: 0.15,
@@ -242,6 +242,71 @@ fn a_failed_cycle_leaves_the_plan_and_the_next_one_is_right() {
     spoiled.solve(&pose, command, &targets, None).unwrap();
     twin.solve(&pose, command, &targets, None).unwrap();
     assert_eq!(spoiled.plan(), twin.plan());
+}
+
+#[test]
+fn a_solve_cut_short_keeps_the_limits_and_is_better_than_no_change() {
+    let mut course = Course::new();
+    let whole = QpSettings {
+        mode: QpMode::InPlace,
+        ..settings(40, 5).qp
+    };
+    let narrow = MpcSettings {
+        limits: input_limits(1.1),
+        corridor: Some(Corridor {
+            half_width_m: 0.02,
+            weight_per_m2: 200.0,
+        }),
+        qp: whole,
+        ..settings(40, 5)
+    };
+    let mut mpc = mpc(narrow);
+    let mut cut_short = 0;
+    for cycle in 0..60 {
+        // Pushed about, so that limits bind.
+        course.pose.x_m += 0.1 * (f64::from(cycle) * 1.3).sin();
+        course.pose.yaw_rad += 0.2 * (f64::from(cycle) * 0.7).cos();
+        let targets = course.targets(&mpc.settings);
+        mpc.solver
+            .set_max_iterations(if cycle < 10 { 100 } else { 4 });
+        let report = if cycle == 0 {
+            mpc.start(&course.pose, course.command, &targets, None)
+        } else {
+            mpc.shift(0.05, &course.normal_in_world);
+            mpc.solve(&course.pose, course.command, &targets, None)
+        };
+        let report = report.unwrap();
+        cut_short += u32::from(report.path == SolvePath::CutShort);
+        if report.path == SolvePath::CutShort {
+            let point = mpc.solver.point();
+            assert!(report.residuals.primal < 1e-12, "{:?}", report.residuals);
+            assert!(mpc.solver.data().cost(&point.primal).is_finite());
+            let mut before = course.command;
+            for (k, input) in mpc.plan().inputs.iter().enumerate() {
+                let bounded = mpc.settings.limits.within_bounds(*input);
+                assert!(
+                    (bounded.traction_m_s - input.traction_m_s).abs() < 1e-9,
+                    "stage {k}"
+                );
+                assert!(
+                    (bounded.steer_m_s - input.steer_m_s).abs() < 1e-9,
+                    "stage {k}"
+                );
+                let (traction, steer) =
+                    (&mpc.stages[k].traction_change, &mpc.stages[k].steer_change);
+                for (now, then, change) in [
+                    (input.traction_m_s, before.traction_m_s, traction),
+                    (input.steer_m_s, before.steer_m_s, steer),
+                ] {
+                    assert!(now - then <= change.rise + 1e-9, "stage {k}");
+                    assert!(then - now <= change.fall + 1e-9, "stage {k}");
+                }
+                before = *input;
+            }
+        }
+        course.drive(&mpc);
+    }
+    assert!(cut_short >= 20, "{cut_short}");
 }
 
 #[test]
