@@ -20,7 +20,8 @@ use std::path::Path;
 /// The QPs of a run, each as its cycle assembled it, and what the cycle made of it.
 #[derive(Debug, Clone, Default)]
 pub struct QpRecording {
-    pattern: Option<Pattern>,
+    /// The first QP, whose pattern all have.
+    first: Option<QpData>,
     p: Vec<f64>,
     q: Vec<f64>,
     a: Vec<f64>,
@@ -32,39 +33,10 @@ pub struct QpRecording {
     solve_us: Vec<f64>,
 }
 
-/// What the QPs of a run have in common.
-#[derive(Debug, Clone)]
-struct Pattern {
-    p: Indices,
-    a: Indices,
-    equalities: i64,
-}
-
-/// Where a matrix of compressed columns has its entries.
-#[derive(Debug, Clone)]
-struct Indices {
-    starts: Vec<i64>,
-    rows: Vec<i64>,
-}
-
-impl Indices {
-    fn of(matrix: &CscMatrix<f64>) -> Self {
-        let whole = |indices: &[usize]| indices.iter().map(|&i| i as i64).collect();
-        Self {
-            starts: whole(&matrix.colptr),
-            rows: whole(&matrix.rowval),
-        }
-    }
-}
-
 impl QpRecording {
     /// Adds the QP of the cycle at `time_s` with the point that was found for it.
     pub fn push(&mut self, time_s: f64, (data, point): (&QpData, &Point), report: &SolveReport) {
-        self.pattern.get_or_insert_with(|| Pattern {
-            p: Indices::of(&data.p),
-            a: Indices::of(&data.a),
-            equalities: data.equalities as i64,
-        });
+        self.first.get_or_insert_with(|| data.clone());
         self.p.extend_from_slice(&data.p.nzval);
         self.q.extend_from_slice(&data.q);
         self.a.extend_from_slice(&data.a.nzval);
@@ -76,23 +48,42 @@ impl QpRecording {
         self.solve_us.push(1e6 * report.solve_time_s);
     }
 
+    /// Returns the QPs.
+    pub fn qps(&self) -> Vec<QpData> {
+        let Some(first) = &self.first else {
+            return Vec::new();
+        };
+        let values = |all: &[f64], size: usize, i: usize| all[i * size..(i + 1) * size].to_vec();
+        let qp = |i| {
+            let mut qp = first.clone();
+            qp.p.nzval = values(&self.p, qp.p.nzval.len(), i);
+            qp.q = values(&self.q, qp.q.len(), i);
+            qp.a.nzval = values(&self.a, qp.a.nzval.len(), i);
+            qp.b = values(&self.b, qp.b.len(), i);
+            qp
+        };
+        (0..self.times_s.len()).map(qp).collect()
+    }
+
     /// Returns the file's bytes.
     ///
     /// # Errors
     /// No QP was recorded.
     pub fn npz(&self) -> Result<Vec<u8>> {
-        let pattern = self.pattern.as_ref().context("the run solved no QP")?;
+        let first = self.first.as_ref().context("the run solved no QP")?;
+        let whole =
+            |indices: &[usize]| -> Array1<i64> { indices.iter().map(|&i| i as i64).collect() };
         let mut npz = NpzWriter::new(Cursor::new(Vec::new()));
         for (name, indices) in [
-            ("P_indptr", &pattern.p.starts),
-            ("P_indices", &pattern.p.rows),
-            ("A_indptr", &pattern.a.starts),
-            ("A_indices", &pattern.a.rows),
-            ("iterations", &self.iterations),
+            ("P_indptr", &first.p.colptr),
+            ("P_indices", &first.p.rowval),
+            ("A_indptr", &first.a.colptr),
+            ("A_indices", &first.a.rowval),
         ] {
-            npz.add_array(name, &ArrayView::<_, Ix1>::from(indices))?;
+            npz.add_array(name, &whole(indices))?;
         }
-        npz.add_array("equalities", &arr0(pattern.equalities))?;
+        npz.add_array("iterations", &Array1::from(self.iterations.clone()))?;
+        npz.add_array("equalities", &arr0(first.equalities as i64))?;
         let count = self.times_s.len();
         for (name, values) in [
             ("P_data", &self.p),
