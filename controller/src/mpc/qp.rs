@@ -9,11 +9,13 @@ use super::clarabel_qp::{Ending, InteriorPoint, SolveLimits};
 use super::problem::{Point, QpData, Residuals};
 use super::settings::{QpMode, QpSettings};
 use super::working_set::WorkingSet;
+use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 use std::time::Instant;
 
 /// Why there is no solution to use.
-#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum QpFailure {
     /// The data holds a value that is not finite; the solver was not touched.
     #[error("the QP's data is not finite")]
@@ -55,7 +57,8 @@ pub enum QpFailure {
 }
 
 /// How a solution was found.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum SolvePath {
     /// No inequality binds: one linear system.
     Relaxed,

@@ -192,7 +192,7 @@ fn qps_of_a_drive_have_the_same_optimum() {
     let mut random = ChaCha8Rng::seed_from_u64(2);
     let mut counts = Counts::default();
     let mut course = Course::new();
-    let mut mpc = Mpc::new(settings(40, 5), PredictionModel::new(j8(), 0.02)).unwrap();
+    let mut mpc = Mpc::new(settings(40, 5), PredictionModel::new(Vehicle::j8(), 0.02)).unwrap();
     let mut replayed: Option<QpSolver> = None;
     for cycle in 0..cases() * 13 / 20 {
         // Readings that jump make limits bind.
