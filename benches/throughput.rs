@@ -8,7 +8,6 @@
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use sidehill::closed_loop;
 use sidehill::config::{Campaign, ConfigFile, DEFAULT_SCENARIO, Overrides, Prepared, Scenario};
-use sidehill_controller::config::ControllerKind;
 use std::hint::black_box;
 use std::path::Path;
 
