@@ -21,6 +21,7 @@ use chart::{Panel, time_chart};
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 use scene::{Style, swatch};
 use sidehill_controller::config::ControllerKind;
+use sidehill_controller::mpc::limits::InputLimits;
 
 /// Steer speed below which a vehicle counts as going straight.
 const TURNING_M_S: f64 = 0.005;
