@@ -6,7 +6,7 @@ use sidehill_controller::controller::{Status, StopReason};
 use sidehill_plant::frames::{Attitude, PlanarPose, Pose};
 use sidehill_plant::icr::TreadIcrs;
 use sidehill_plant::speeds::MotorSpeeds;
-use sidehill_plant::terrain::{PlaneTerrain, RoutePoint, RouteSmoothing, RouteTerrain};
+use sidehill_plant::terrain::{PlaneTerrain, RoutePoint, RouteSmoothing, RouteTerrain, Terrain};
 
 /// A cycle on a circle of 3 m radius.
 fn row(index: usize) -> Row {
