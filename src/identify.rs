@@ -5,8 +5,8 @@ use crate::odometry::{column_map, read_log};
 use anyhow::{Context, Result, bail};
 use sidehill_plant::contact::{ContactModel, ContactVehicle};
 use sidehill_plant::identification::{
-    Drive, IdentificationSettings, Leg, LogNoise, Procedure, SegmentErrors, Segmentation,
-    StageReport, drive, identify_level, identify_slope,
+    Drive, ExtensionReport, IdentificationSettings, Leg, LogNoise, Procedure, SegmentErrors,
+    Segmentation, StageReport, Verdict, drive, identify_extension, identify_level, identify_slope,
 };
 use sidehill_plant::log::DriveLog;
 use sidehill_plant::terrain::Terrain;
@@ -80,6 +80,15 @@ pub fn run(args: &IdentifyArgs) -> Result<()> {
             identify_slope(&logs.slope, &vehicle, &settings).context("slope logs")?;
         print!("{}", stage_table("slope", "ICRHK", &report));
         vehicle = fitted;
+    }
+    match identify_extension(&logs.level, &logs.slope, &vehicle, &settings) {
+        Ok((extension, report)) => {
+            print!("{}", extension_table(&report));
+            vehicle.extension = extension;
+            vehicle = vehicle.validated().context("the extended model")?;
+        }
+        // What the two stages found holds without it.
+        Err(error) => println!("extension: not tried: {error}"),
     }
     if let Some(name) = &args.name {
         vehicle.name.clone_from(name);
@@ -159,6 +168,45 @@ fn stage_table(stage: &str, baseline: &str, report: &StageReport) -> String {
     for warning in &report.warnings {
         let _ = writeln!(out, "  warning: {warning}");
     }
+    out
+}
+
+fn extension_table(report: &ExtensionReport) -> String {
+    let mut out = format!("extension: {} segments\n", report.segments);
+    for term in &report.terms {
+        let verdict = match term.verdict {
+            Verdict::Supported { value, half_width } => {
+                let interval =
+                    half_width.map_or_else(String::new, |width| format!(" +- {width:.4} (95 %)"));
+                format!("{value:>9.4}{interval}, supported")
+            }
+            Verdict::NotToldApart { instead } => {
+                format!("not told apart from {}, which says more", instead.key())
+            }
+            Verdict::Negative { value } => format!("not supported: it would be {value:.4}"),
+            Verdict::NotSupported => "not supported".to_owned(),
+        };
+        let _ = writeln!(
+            out,
+            "  {:20} {verdict}; held-out position error {:+.1} +- {:.1} %",
+            term.term.key(),
+            -100.0 * term.improvement,
+            100.0 * term.improvement_half_width,
+        );
+    }
+    let mut held_out = |name: &str, errors: &SegmentErrors| {
+        let _ = writeln!(
+            out,
+            "  held-out blocks, {name}: position {:.3} m, yaw {:.3} rad RMS",
+            errors.lateral_m.hypot(errors.longitudinal_m),
+            errors.yaw_rad
+        );
+    };
+    held_out("ICRHK", &report.icrhk);
+    if let Some(icrik) = &report.icrik {
+        held_out("ICRIK", icrik);
+    }
+    held_out("extended", &report.extended);
     out
 }
 

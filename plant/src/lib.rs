@@ -5,6 +5,7 @@ pub mod contact;
 pub mod correction;
 pub mod dead_reckoning;
 pub mod drive_train;
+pub mod extension;
 pub mod frames;
 pub mod icr;
 pub mod identification;

@@ -1,5 +1,6 @@
 //! Parameters of a vehicle, validated once when they are read.
 
+use crate::extension::{Extension, RawExtension};
 use crate::speeds::{MeasuredTreadSpeeds, TreadSpeeds};
 use serde::{Deserialize, Serialize};
 
@@ -73,12 +74,15 @@ pub struct Vehicle {
     pub base_half_length_m: f64,
     /// c_l and c_r of equation (11).
     pub correction: SpeedCorrection,
+    /// Terms beyond ICRIK and the parameters identified with them; none is ICRIK alone.
+    pub extension: Option<Extension>,
 }
 
 impl Vehicle {
-    /// Returns the same vehicle without slide: ICRIK then equals ICRHK.
+    /// Returns the same vehicle without slide and without an extension: ICRIK then equals ICRHK.
     pub fn on_level_ground(&self) -> Self {
         Self {
+            extension: None,
             slide: SlideGains {
                 shift_s_per_rad: 0.0,
                 aggravated_s_per_rad: 0.0,
@@ -151,6 +155,8 @@ struct RawVehicle {
     base_half_length_m: f64,
     correction_left: f64,
     correction_right: f64,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    extension: Option<RawExtension>,
 }
 
 impl TryFrom<RawVehicle> for Vehicle {
@@ -172,7 +178,7 @@ impl TryFrom<RawVehicle> for Vehicle {
             20.0,
             "from 0.01 to 20 m",
         )?;
-        Ok(Self {
+        let mut vehicle = Self {
             name: raw.name,
             icrs: HorizontalIcrs {
                 left_m: check(
@@ -238,7 +244,11 @@ impl TryFrom<RawVehicle> for Vehicle {
                     "from 0.5 to 2",
                 )?,
             },
-        })
+            extension: None,
+        };
+        let extension = raw.extension.map(|raw| raw.checked(&vehicle)).transpose()?;
+        vehicle.extension = extension;
+        Ok(vehicle)
     }
 }
 
@@ -256,6 +266,7 @@ impl From<Vehicle> for RawVehicle {
             base_half_length_m: v.base_half_length_m,
             correction_left: v.correction.left,
             correction_right: v.correction.right,
+            extension: v.extension.map(RawExtension::from),
         }
     }
 }

@@ -125,6 +125,13 @@ impl TryFrom<RawContactVehicle> for ContactVehicle {
             "from 0.0001 to 1 m/s",
         )?;
         check(
+            "slip_share",
+            raw.friction.slip_share,
+            0.0,
+            1.0,
+            "from 0 to 1",
+        )?;
+        check(
             "rolling_resistance",
             raw.friction.rolling_resistance,
             0.0,
