@@ -5,18 +5,19 @@ use crate::config::ros2::{environment, parameters};
 use crate::config::{ConfigFile, RunConfig, RunPort};
 use anyhow::{Context, Result, anyhow, ensure};
 use serde::Serialize;
-use sidehill_bridge::clock::{Clock, Epoch};
-use sidehill_bridge::cycle::{Cycle, Timing};
-use sidehill_bridge::mission::{CycleDesk, PilotDesk};
-use sidehill_bridge::pilot::ThreadedPilot;
-use sidehill_bridge::port::{CanPort, Port, SimulatedPort};
-use sidehill_bridge::realtime::ThreadId;
-use sidehill_bridge::record::{CycleRow, Outputs, RecordSink, Recorder, ring};
+use sidehill_bridge::can::CanPort;
+use sidehill_bridge::control_loop::channel::{ControllerEnd, LoopEnd};
+use sidehill_bridge::control_loop::record::{CycleRow, Outputs, RecordSink, Recorder, ring};
+use sidehill_bridge::control_loop::runner::ThreadedRunner;
+use sidehill_bridge::control_loop::scheduling::ThreadId;
+use sidehill_bridge::control_loop::{ControlLoop, Timing};
+use sidehill_bridge::drives::{Clock, Epoch, Port};
 use sidehill_bridge::ros2::arguments::RosArguments;
 use sidehill_bridge::ros2::names::Names;
 use sidehill_bridge::ros2::parameters::override_config;
 use sidehill_bridge::ros2::server::{self, Ros2};
-use sidehill_bridge::safety::{Operator, Reason, State, StopCause};
+use sidehill_bridge::rover::SimulatedPort;
+use sidehill_bridge::safety::{OperatorRequests, Reason, SafetyState, StopCause};
 use sidehill_controller::controller::Controller;
 use sidehill_plant::vehicle::Vehicle;
 use std::fs::File;
@@ -70,7 +71,7 @@ struct StatusLine<'a> {
 #[derive(Serialize)]
 struct Ending {
     ended: &'static str,
-    state: State,
+    state: SafetyState,
     #[serde(flatten)]
     timing: Timing,
 }
@@ -191,26 +192,26 @@ impl Job {
         clock: Clock,
         port: Box<dyn Port + Send>,
         controller: Controller,
-        desks: Option<(CycleDesk, PilotDesk)>,
+        desks: Option<(LoopEnd, ControllerEnd)>,
         records: RecordSink,
     ) -> Result<Ending> {
         let (mut desk, pilot_desk) = desks.unzip();
-        if let Clock::Told(told) = &clock {
+        if let Clock::External(told) = &clock {
             // There is no time before somebody tells it.
             while told.now_s().is_none() && !self.signals.end.load(Ordering::Relaxed) {
                 std::thread::sleep(Duration::from_millis(20));
             }
         }
         // The controller's thread before this one's CPU and priority, which it would inherit.
-        let pilot = ThreadedPilot::start(controller, pilot_desk)?;
+        let pilot = ThreadedRunner::start(controller, pilot_desk)?;
         let realtime = &self.config.realtime;
         realtime.apply_to_cycle()?;
         for helper in [pilot.thread_id(), self.listener].into_iter().flatten() {
             realtime.apply_to_helper(helper)?;
         }
         let config = &self.config;
-        let mut cycle = Cycle::new(config.cycle, config.safety, clock, port, pilot, records)?;
-        let (mut operator, mut last_cycles, mut ended) = (Operator::default(), 0, "signal");
+        let mut cycle = ControlLoop::new(config.cycle, config.safety, clock, port, pilot, records)?;
+        let (mut operator, mut last_cycles, mut ended) = (OperatorRequests::default(), 0, "signal");
         let mut arm = self.arm;
         loop {
             let asked = match &mut desk {
@@ -250,14 +251,14 @@ impl Job {
                 .is_some_and(|duration_s| row.time_s >= duration_s)
             {
                 ended = match row.state {
-                    State::Driving => "time_over",
+                    SafetyState::Driving => "time_over",
                     _ => "stopped",
                 };
                 operator.halt = Some(StopCause::TimeOver);
             }
             // Where paths come from outside, another may come.
             if desk.is_none()
-                && row.state == State::Latched
+                && row.state == SafetyState::Latched
                 && cycle.stopped_by() == Some(Reason::Finished)
             {
                 ended = "finished";

@@ -5,17 +5,9 @@
 //! Decision -> Safety -> Port
 //! ```
 
-pub mod bus;
 pub mod can;
-pub mod clock;
-pub mod cycle;
-pub mod drive;
-pub mod mission;
-pub mod motors;
-pub mod pilot;
-pub mod port;
-pub mod realtime;
-pub mod record;
+pub mod control_loop;
+pub mod drives;
 pub mod ros2;
+pub mod rover;
 pub mod safety;
-pub mod virtual_vehicle;

@@ -1,7 +1,7 @@
 //! What the system is asked for, as the kernel itself tells it afterwards.
 #![allow(clippy::unwrap_used)]
 
-use sidehill_bridge::realtime::{RealtimeConfig, RealtimeError};
+use sidehill_bridge::control_loop::scheduling::{RealtimeConfig, RealtimeError};
 
 /// Scheduling policy and real-time priority of the calling thread.
 fn policy_and_priority() -> (u32, u32) {

@@ -3,11 +3,12 @@
 use super::Rover;
 use crate::config::{ConfigFile, Prepared, VehicleConfig};
 use anyhow::{Context, Result};
-use sidehill_bridge::bus::{Heard, Listener, Sender};
 use sidehill_bridge::can::frame::Frame;
-use sidehill_bridge::can::layout::{DriveMode, Layout};
-use sidehill_bridge::clock::Epoch;
-use sidehill_bridge::virtual_vehicle::{VirtualVehicle, VirtualVehicleSetup};
+use sidehill_bridge::can::layout::Layout;
+use sidehill_bridge::can::{BusEvent, BusMonitor, Sender};
+use sidehill_bridge::drives::DriveMode;
+use sidehill_bridge::drives::Epoch;
+use sidehill_bridge::rover::{VirtualVehicle, VirtualVehicleSetup};
 use sidehill_plant::simulation::TrueState;
 use std::sync::Arc;
 
@@ -19,7 +20,7 @@ pub(super) struct CanRover {
     waiting: rtrb::Consumer<(f64, Frame)>,
     sender: Sender,
     /// Kept for its thread.
-    _listener: Listener,
+    _listener: BusMonitor,
 }
 
 impl CanRover {
@@ -32,8 +33,8 @@ impl CanRover {
         let (interface, layout) = config.bus(file)?;
         let vehicle = build(config, world, Arc::new(layout)).with_context(|| file.name())?;
         let (mut arrived, waiting) = rtrb::RingBuffer::new(WAITING_MAX);
-        let listener = Listener::start(interface, &vehicle.wanted(), epoch, move |heard| {
-            if let Heard::Frame { time_s, frame } = heard {
+        let listener = BusMonitor::start(interface, &vehicle.wanted(), epoch, move |heard| {
+            if let BusEvent::Frame { time_s, frame } = heard {
                 // A full ring loses the frame, as a slow drive would; the counter shows it.
                 let _ = arrived.push((time_s, frame));
             }

@@ -317,7 +317,7 @@ fn a_controller_that_has_left_the_bus_stops_until_re_armed() {
     for event in [
         "Warning",
         "Passive",
-        "the bus is BusOff",
+        "the link to the drives is BusOff",
         "\"event\":\"restart\"",
     ] {
         assert!(events.contains(event), "no {event}:\n{events}");

@@ -3,9 +3,10 @@
 use super::cia402::{NodeReading, PowerState};
 use super::config::AttitudeConvention;
 use super::frame::Frame;
-use super::layout::{DriveMode, DriveStates, EnableValues, Layout, Profile};
+use super::layout::{DriveStates, EnableValues, Layout, Profile};
 use super::message::{Contents, CounterWatch, FrameFault, MessageCodec, Quantity};
-use crate::motors::MeasuredMotorSpeeds;
+use crate::drives::DriveMode;
+use crate::drives::MeasuredMotorSpeeds;
 use sidehill_plant::frames::{Attitude, Pose, RosAttitude};
 use sidehill_plant::sample::Stamped;
 use std::sync::Arc;
@@ -70,16 +71,6 @@ pub struct MotorReport {
     pub speed_m_s: f64,
     /// State.
     pub mode: DriveMode,
-}
-
-impl DriveMode {
-    /// Returns the worse of two drives' states: emergency stop before fault before off before on.
-    pub fn worse(self, other: Self) -> Self {
-        [Self::EmergencyStop, Self::Fault, Self::Disabled]
-            .into_iter()
-            .find(|mode| self == *mode || other == *mode)
-            .unwrap_or(Self::Enabled)
-    }
 }
 
 /// The newest of everything the vehicle has sent, each with its instant.

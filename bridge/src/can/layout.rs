@@ -11,7 +11,7 @@ use super::config::{AttitudeConvention, CanConfig, DriveMessage, EnableSignal};
 use super::database::Database;
 use super::frame::FrameId;
 use super::message::{DriveRole, MessageCodec, Quantity};
-use crate::motors::MeasuredMotorSpeeds;
+use crate::drives::{DriveMode, MeasuredMotorSpeeds};
 use sidehill_plant::speeds::MeasuredTreadSpeeds;
 use sidehill_plant::vehicle::RangeError;
 
@@ -68,20 +68,6 @@ pub struct EnableValues {
     pub off: f64,
     /// Value for on.
     pub on: f64,
-}
-
-/// State of a drive.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum DriveMode {
-    /// Off, and can be switched on.
-    Disabled,
-    /// Follows commands.
-    Enabled,
-    /// Somebody pressed the button.
-    EmergencyStop,
-    /// The drive has a fault of its own.
-    Fault,
 }
 
 /// Which values of a signal mean which state.

@@ -2,7 +2,7 @@
 
 use super::frame::{Frame, FrameId};
 use super::signal::{SignalCodec, ValueFault};
-use crate::motors::MeasuredMotorSpeeds;
+use crate::drives::MeasuredMotorSpeeds;
 use crc::{Crc, Table};
 use serde::{Deserialize, Serialize};
 use sidehill_plant::speeds::MeasuredTreadSpeeds;

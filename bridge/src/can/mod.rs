@@ -7,8 +7,13 @@ pub mod database;
 pub mod frame;
 pub mod layout;
 pub mod message;
+mod port;
 pub mod signal;
+mod socket;
 pub mod vehicle_side;
+
+pub use port::CanPort;
+pub use socket::{BusEvent, BusMonitor, RestartAnswer, Sender};
 
 #[cfg(test)]
 mod tests;

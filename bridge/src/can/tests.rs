@@ -4,10 +4,11 @@ use super::config::CanConfig;
 use super::controller_side::{CommandWriter, MotorOrder, MotorReport, VehicleReader};
 use super::database::{Database, DatabaseFault};
 use super::frame::{Frame, FrameId};
-use super::layout::{DriveMode, Layout, LayoutError, Profile};
+use super::layout::{Layout, LayoutError, Profile};
 use super::message::FrameFault;
 use super::vehicle_side::{CommandReader, ReportWriter, VehicleReport};
-use crate::motors::MeasuredMotorSpeeds;
+use crate::drives::DriveMode;
+use crate::drives::MeasuredMotorSpeeds;
 use sidehill_plant::frames::{Attitude, Pose};
 use std::sync::Arc;
 

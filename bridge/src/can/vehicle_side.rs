@@ -4,7 +4,7 @@ use super::controller_side::{MotorOrder, MotorReport, told_attitude};
 use super::frame::Frame;
 use super::layout::{EnableValues, Layout};
 use super::message::{CounterWatch, DriveRole, FrameFault, MessageCodec, Quantity};
-use crate::motors::MeasuredMotorSpeeds;
+use crate::drives::MeasuredMotorSpeeds;
 use sidehill_plant::frames::{Attitude, Pose, wrap_angle};
 use std::sync::Arc;
 

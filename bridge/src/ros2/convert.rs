@@ -4,7 +4,7 @@
 //! ROS bodies have x forward and y left; the world is shared, X_g = x and Y_g = y.
 
 use super::message::{self, Float64MultiArray, Header, JointState, Time, Twist};
-use crate::motors::MeasuredMotorSpeeds;
+use crate::drives::MeasuredMotorSpeeds;
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 use sidehill_plant::frames::{Attitude, BodyVelocity, Pose, paper_attitude, ros_quaternion};

@@ -19,7 +19,7 @@ use super::checkers::{GoalError, ProgressChecker};
 use super::config::Tolerances;
 use super::goals::{GoalEnd, Outcome};
 use super::message::action::code;
-use crate::safety::{Reason, State, StopCause};
+use crate::safety::{Reason, SafetyState, StopCause};
 use outcomes::{doubt, explained, refusal};
 use sidehill_controller::controller::Status;
 use sidehill_plant::frames::{PlanarPose, wrap_angle};
@@ -150,7 +150,7 @@ impl Executive {
     pub fn ready(
         &mut self,
         now_s: f64,
-        state: State,
+        state: SafetyState,
         goal: PlanarPose,
         turn_to_rad: Option<f64>,
     ) -> Vec<Effect> {
@@ -160,7 +160,10 @@ impl Executive {
         job.goal = goal;
         job.followed = false;
         // A vehicle that is under way goes over to the new path as it drives.
-        let under_way = matches!(state, State::Zeroing | State::Enabling | State::Driving);
+        let under_way = matches!(
+            state,
+            SafetyState::Zeroing | SafetyState::Enabling | SafetyState::Driving
+        );
         if turn_to_rad.is_some() && self.turns.at_start && job.turn.is_none() {
             return self.stand(now_s, under_way, turn_to_rad);
         }
@@ -174,12 +177,12 @@ impl Executive {
     }
 
     /// Says that the path leads nowhere: the vehicle is at its goal, but may look elsewhere.
-    pub fn arrived(&mut self, now_s: f64, state: State, goal: PlanarPose) -> Vec<Effect> {
+    pub fn arrived(&mut self, now_s: f64, state: SafetyState, goal: PlanarPose) -> Vec<Effect> {
         let Some(job) = self.job.as_mut() else {
             return Vec::new();
         };
         job.goal = goal;
-        let stands = matches!(state, State::Disarmed | State::Latched);
+        let stands = matches!(state, SafetyState::Disarmed | SafetyState::Latched);
         self.stand(now_s, !stands, None)
     }
 
@@ -227,7 +230,7 @@ impl Executive {
 
     /// Looks at what has become of the path in hand.
     pub fn step(&mut self, seen: &Seen<'_>, tolerances: &Tolerances) -> Vec<Effect> {
-        let off = matches!(seen.state, State::Disarmed | State::Latched);
+        let off = matches!(seen.state, SafetyState::Disarmed | SafetyState::Latched);
         let Some(job) = self.job.as_mut() else {
             return self.guard_idle(off);
         };
@@ -340,7 +343,7 @@ impl Executive {
         if off {
             return self.ended(seen, tolerances);
         }
-        if seen.state == State::Stopping {
+        if seen.state == SafetyState::Stopping {
             return Vec::new();
         }
         if let Some(doubt) = refusal(seen) {
@@ -379,7 +382,7 @@ impl Executive {
         let pose = own
             .and_then(|decision| decision.estimate)
             .map(|estimate| estimate.pose);
-        if let Some(pose) = pose.filter(|_| seen.state == State::Driving && !job.turning) {
+        if let Some(pose) = pose.filter(|_| seen.state == SafetyState::Driving && !job.turning) {
             let (radius_m, time_s) = (tolerances.progress_m, tolerances.progress_time_s);
             if !job.progress.gets_on(now_s, &pose, radius_m, time_s) {
                 let message = format!("no progress of {radius_m} m within {time_s} s");

@@ -13,8 +13,8 @@ use super::qos;
 use super::time::RosTime;
 use super::transform::Transforms;
 use super::worker::Worker;
-use crate::mission::{Brake, SharedCause};
-use crate::motors::MeasuredMotorSpeeds;
+use crate::control_loop::channel::{HaltSwitch, SharedCause};
+use crate::drives::MeasuredMotorSpeeds;
 use ros2_client::dds::rustdds::mio1::{Events, Interest, Poll, Token};
 use ros2_client::{Gid, Subscription};
 use sidehill_plant::frames::{Attitude, Pose, paper_attitude};
@@ -112,7 +112,7 @@ pub(super) struct Common {
 pub(super) struct Ears {
     pub(super) config: InputsConfig,
     pub(super) common: Common,
-    pub(super) brake: Brake,
+    pub(super) brake: HaltSwitch,
     /// Whether the vehicle is listened to, or only what concerns paths.
     pub(super) drives: bool,
 }

@@ -8,11 +8,10 @@ use super::node::RosNode;
 use super::qos;
 use super::time::RosTime;
 use super::worker::Worker;
-use crate::bus::SendFault;
-use crate::can::layout::DriveMode;
-use crate::motors::MeasuredMotorSpeeds;
-use crate::port::{Port, Reading, newer};
-use crate::safety::{BusState, DriveFeedback, Order};
+use crate::drives::{
+    DriveCommand, DriveFeedback, DriveMode, LinkState, MeasuredMotorSpeeds, Port, PortInputs,
+    SendError, newer,
+};
 use ros2_client::Publisher;
 use sidehill_plant::sample::{Sample, Stamped};
 use sidehill_plant::vehicle::SpeedCorrection;
@@ -119,7 +118,7 @@ impl Ros2Port {
 }
 
 impl Port for Ros2Port {
-    fn receive(&mut self, now_s: f64) -> Reading {
+    fn receive(&mut self, now_s: f64) -> PortInputs {
         let heard = *self.heard.read();
         if now_s < self.last_s {
             // The clock was put back: what comes now is new.
@@ -131,7 +130,7 @@ impl Port for Ros2Port {
             time_s: motors.time_s,
             value: motors.value.into(),
         });
-        Reading {
+        PortInputs {
             sample: Sample {
                 time_s: now_s,
                 tread_speeds: newer(treads, treads_s),
@@ -145,13 +144,13 @@ impl Port for Ros2Port {
                     mode: self.mode,
                 },
             }),
-            bus: BusState::Active,
+            link: LinkState::Active,
             refused: self.shared.refused.load(Ordering::Relaxed),
         }
     }
 
-    fn send(&mut self, now_s: f64, order: &Order) -> Result<(), SendFault> {
-        let thread = self.speaker.thread().ok_or(SendFault::Down)?;
+    fn send(&mut self, now_s: f64, order: &DriveCommand) -> Result<(), SendError> {
+        let thread = self.speaker.thread().ok_or(SendError::Down)?;
         self.mode = match order.enable {
             true => DriveMode::Enabled,
             false => DriveMode::Disabled,

@@ -23,8 +23,10 @@ use super::services::Services;
 use super::telemetry::{Account, Telemetry};
 use super::time::RosTime;
 use super::worker::Worker;
-use crate::clock::{Epoch, ToldClock};
-use crate::mission::{CycleDesk, CycleView, Dispatcher, PilotDesk, desks};
+use crate::control_loop::channel::{
+    CommandClient, ControllerEnd, LoopEnd, LoopStatus, command_channel,
+};
+use crate::drives::{Epoch, ExternalClock};
 use crate::safety::StopCause;
 use ros2_client::action::GoalId;
 use ros2_client::builtin_interfaces::Time;
@@ -75,9 +77,9 @@ pub struct Ros2 {
     /// The time of the cycle.
     pub time: RosTime,
     /// For the cycle.
-    pub cycle: CycleDesk,
+    pub cycle: LoopEnd,
     /// For the controller.
-    pub pilot: PilotDesk,
+    pub pilot: ControllerEnd,
     /// The vehicle, where the drives are told over ROS 2.
     pub port: Option<Ros2Port>,
     /// Kept for its threads.
@@ -100,12 +102,12 @@ pub fn start(setup: Setup<'_>) -> Result<Ros2, ListenError> {
     let config = setup.config;
     let mut node = RosNode::start(&config.node, setup.arguments, setup.environment)?;
     let time = if config.use_sim_time {
-        RosTime::told(ToldClock::default())
+        RosTime::told(ExternalClock::default())
     } else {
         RosTime::of_world(setup.epoch)
     };
     let mapping = TwistMapping::new(config.commands.track_width_m, setup.vehicle)?;
-    let (dispatcher, cycle, pilot) = desks(setup.stages);
+    let (dispatcher, cycle, pilot) = command_channel(setup.stages);
     let common = Common {
         frames: config.frames.clone(),
         mapping,
@@ -115,7 +117,7 @@ pub fn start(setup: Setup<'_>) -> Result<Ros2, ListenError> {
     let ears = Ears {
         config: config.inputs.clone(),
         common: common.clone(),
-        brake: dispatcher.brake(),
+        brake: dispatcher.halt_switch(),
         drives: setup.drives,
     };
     let (listener, heard) = ears.listen(&mut node)?;
@@ -155,7 +157,7 @@ struct Server {
     config: Ros2Config,
     time: RosTime,
     shared: Arc<Shared>,
-    dispatcher: Dispatcher,
+    dispatcher: CommandClient,
     action: Box<dyn FollowPathEndpoints>,
     path: Option<Subscription<Path>>,
     speed_limit: Subscription<SpeedLimit>,
@@ -195,7 +197,7 @@ impl Server {
         paths: Paths,
         vehicle: &Vehicle,
         (parameters, lifecycle): (Parameters, Lifecycle),
-        dispatcher: Dispatcher,
+        dispatcher: CommandClient,
         common: Common,
     ) -> Result<Self, ListenError> {
         let poll = Poll::new()?;
@@ -350,7 +352,7 @@ impl Server {
         }
     }
 
-    fn tell(&mut self, now_s: f64, view: Option<&CycleView>) {
+    fn tell(&mut self, now_s: f64, view: Option<&LoopStatus>) {
         let state = self.services.lifecycle.state();
         let last_refusal = self.shared.last_refusal().clone();
         let account = Account {
@@ -364,7 +366,7 @@ impl Server {
                 .as_ref()
                 .map(|(end, why)| (*end, why.as_str())),
         };
-        let pilot = self.dispatcher.pilot();
+        let pilot = self.dispatcher.controller_status();
         self.telemetry
             .tell(now_s, &self.time, view, pilot, &account);
     }

@@ -9,8 +9,8 @@ use super::message::{
 use super::node::{NodeError, RosNode};
 use super::qos;
 use super::time::RosTime;
-use crate::mission::{CycleView, PilotView};
-use crate::safety::{Reason, State, StopCause};
+use crate::control_loop::channel::{ControllerStatus, LoopStatus};
+use crate::safety::{Reason, SafetyState, StopCause};
 use ros2_client::Publisher;
 use sidehill_controller::controller::{Decision, Status};
 use sidehill_controller::estimator::Estimate;
@@ -128,8 +128,8 @@ impl Telemetry {
         &mut self,
         now_s: f64,
         time: &RosTime,
-        cycle: Option<&CycleView>,
-        pilot: &PilotView,
+        cycle: Option<&LoopStatus>,
+        pilot: &ControllerStatus,
         account: &Account<'_>,
     ) {
         let Some(decision) = &pilot.decision else {
@@ -172,7 +172,7 @@ impl Telemetry {
 
     fn status(
         &self,
-        cycle: &CycleView,
+        cycle: &LoopStatus,
         decision: &Decision,
         account: &Account<'_>,
     ) -> DiagnosticStatus {
@@ -255,19 +255,19 @@ impl Telemetry {
 }
 
 /// Returns level and message.
-fn judged(cycle: &CycleView, decision: &Decision, account: &Account<'_>) -> (u8, String) {
+fn judged(cycle: &LoopStatus, decision: &Decision, account: &Account<'_>) -> (u8, String) {
     let said = |level, message: &dyn Display| (level, message.to_string());
     if let Some(cause) = account.emergency_stop {
         return said(level::ERROR, &cause);
     }
     match (cycle.row.state, decision.status) {
         (_, Status::Waiting) => said(level::STALE, &"there is no attitude and no pose yet"),
-        (State::Driving, Status::Fallback { reason, .. }) => said(level::WARN, &reason),
-        (State::Driving, _) => said(level::OK, &"drives"),
-        (State::Zeroing | State::Enabling, _) => said(level::OK, &"is being armed"),
-        (State::Stopping, _) => said(level::WARN, &"stops"),
-        (State::Disarmed, _) => said(level::OK, &"waits for a path"),
-        (State::Latched, _) => match cycle.stopped_by {
+        (SafetyState::Driving, Status::Fallback { reason, .. }) => said(level::WARN, &reason),
+        (SafetyState::Driving, _) => said(level::OK, &"drives"),
+        (SafetyState::Zeroing | SafetyState::Enabling, _) => said(level::OK, &"is being armed"),
+        (SafetyState::Stopping, _) => said(level::WARN, &"stops"),
+        (SafetyState::Disarmed, _) => said(level::OK, &"waits for a path"),
+        (SafetyState::Latched, _) => match cycle.stopped_by {
             Some(reason) if is_fault(&reason) => said(level::ERROR, &reason),
             _ => said(level::OK, &"waits for a path"),
         },
@@ -278,13 +278,13 @@ fn judged(cycle: &CycleView, decision: &Decision, account: &Account<'_>) -> (u8,
 fn is_fault(reason: &Reason) -> bool {
     match reason {
         Reason::Finished => false,
-        Reason::Asked(cause) => cause.is_fault(),
+        Reason::Requested(cause) => cause.is_fault(),
         _ => true,
     }
 }
 
 /// Returns the name of a state as files spell it.
-fn text(state: &State) -> String {
+fn text(state: &SafetyState) -> String {
     format!("{state:?}").to_lowercase()
 }
 

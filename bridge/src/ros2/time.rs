@@ -1,6 +1,6 @@
 //! Between the stamps of ROS and the cycle's clock.
 
-use crate::clock::{Clock, Epoch, ToldClock};
+use crate::drives::{Clock, Epoch, ExternalClock};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicI64, Ordering};
 use std::time::{SystemTime, UNIX_EPOCH};
@@ -15,7 +15,7 @@ pub struct RosTime {
 #[derive(Debug, Clone)]
 enum Source {
     World(Epoch),
-    Told(ToldClock),
+    Told(ExternalClock),
 }
 
 impl RosTime {
@@ -30,7 +30,7 @@ impl RosTime {
     }
 
     /// Returns the time that /clock tells, which is the cycle's too.
-    pub fn told(clock: ToldClock) -> Self {
+    pub fn told(clock: ExternalClock) -> Self {
         Self {
             origin_ns: Arc::default(),
             source: Source::Told(clock),
@@ -41,7 +41,7 @@ impl RosTime {
     pub fn clock(&self) -> Clock {
         match &self.source {
             Source::World(epoch) => Clock::Real(*epoch),
-            Source::Told(clock) => Clock::Told(clock.clone()),
+            Source::Told(clock) => Clock::External(clock.clone()),
         }
     }
 
@@ -51,7 +51,7 @@ impl RosTime {
     }
 
     /// Returns the told clock, where there is one.
-    pub fn told_clock(&self) -> Option<&ToldClock> {
+    pub fn told_clock(&self) -> Option<&ExternalClock> {
         match &self.source {
             Source::World(_) => None,
             Source::Told(clock) => Some(clock),
@@ -109,7 +109,7 @@ mod tests {
 
     #[test]
     fn a_told_time_is_the_stamps_own() {
-        let clock = ToldClock::default();
+        let clock = ExternalClock::default();
         let time = RosTime::told(clock.clone());
         clock.tell(7.25);
         assert_eq!(time.now_s(), 7.25);

@@ -14,11 +14,11 @@ mod vocabulary;
 
 pub use config::SafetyConfig;
 pub use vocabulary::{
-    BusState, DriveFeedback, Intent, Observation, Operator, Order, PilotState, Reason, State,
+    ControllerOutput, ControllerState, OperatorRequests, Reason, SafetyInputs, SafetyState,
     StopCause, Transition,
 };
 
-use crate::can::layout::DriveMode;
+use crate::drives::{DriveCommand, DriveFeedback, DriveMode};
 use recent::RecentCommands;
 use sidehill_plant::speeds::MotorSpeeds;
 use sidehill_plant::vehicle::RangeError;
@@ -43,11 +43,11 @@ impl Alarm {
 #[derive(Debug, Clone)]
 pub struct Safety {
     config: SafetyConfig,
-    state: State,
+    state: SafetyState,
     since_s: f64,
     last_s: Option<f64>,
     armed_before: bool,
-    order: Order,
+    order: DriveCommand,
     recent: RecentCommands,
     /// Whether the controller has driven since the drives were switched on.
     following: bool,
@@ -63,12 +63,12 @@ impl Safety {
         config.validate()?;
         Ok(Self {
             config,
-            state: State::Disarmed,
+            state: SafetyState::Disarmed,
             since_s: 0.0,
             last_s: None,
             // An arm level that stands from the start must fall first.
             armed_before: true,
-            order: Order::OFF,
+            order: DriveCommand::OFF,
             recent: RecentCommands::new(),
             following: false,
             implausible_since_s: None,
@@ -76,14 +76,14 @@ impl Safety {
     }
 
     /// Returns the state.
-    pub fn state(&self) -> State {
+    pub fn state(&self) -> SafetyState {
         self.state
     }
 
     /// Returns what the drives are told now and, where the state changed, why.
     ///
     /// At most one transition a step. Total: there is an order for every observation.
-    pub fn step(&mut self, seen: &Observation) -> (Order, Option<Transition>) {
+    pub fn step(&mut self, seen: &SafetyInputs) -> (DriveCommand, Option<Transition>) {
         let armed = seen.operator.arm && !self.armed_before;
         self.armed_before = seen.operator.arm;
         let before_s = self.last_s.unwrap_or(seen.time_s);
@@ -107,7 +107,7 @@ impl Safety {
             let from = self.state;
             self.state = to;
             self.since_s = seen.time_s;
-            if to == State::Enabling {
+            if to == SafetyState::Enabling {
                 self.recent.clear();
                 self.following = false;
                 self.implausible_since_s = None;
@@ -126,43 +126,43 @@ impl Safety {
 
     fn next(
         &mut self,
-        seen: &Observation,
+        seen: &SafetyInputs,
         armed: bool,
         clock: Option<Reason>,
-    ) -> Option<(State, Reason)> {
+    ) -> Option<(SafetyState, Reason)> {
         match self.state {
-            State::Disarmed | State::Latched => {
+            SafetyState::Disarmed | SafetyState::Latched => {
                 let halted = seen.operator.halt.or(seen.operator.stop).is_some();
-                (armed && !halted).then_some((State::Zeroing, Reason::Armed))
+                (armed && !halted).then_some((SafetyState::Zeroing, Reason::Armed))
             }
-            State::Zeroing => {
+            SafetyState::Zeroing => {
                 let alarm = || self.alarm(seen).map(Alarm::reason);
                 if let Some(reason) = clock.or_else(alarm) {
-                    return Some((State::Latched, reason));
+                    return Some((SafetyState::Latched, reason));
                 }
                 let feedback = seen.feedback?.value;
                 let time_s = seen.time_s - self.since_s;
                 let off = feedback.mode == DriveMode::Disabled && self.stands(&feedback);
                 if off && time_s >= self.config.zeroing_time_s {
-                    return Some((State::Enabling, Reason::Standing));
+                    return Some((SafetyState::Enabling, Reason::Standing));
                 }
                 self.handshake_late(time_s, self.config.zeroing_time_s, feedback.mode)
             }
-            State::Enabling => {
+            SafetyState::Enabling => {
                 let alarm = || self.alarm(seen).map(Alarm::reason);
                 if let Some(reason) = clock.or_else(alarm) {
-                    return Some((State::Latched, reason));
+                    return Some((SafetyState::Latched, reason));
                 }
                 let feedback = seen.feedback?.value;
                 if feedback.mode == DriveMode::Enabled {
-                    return Some((State::Driving, Reason::Enabled));
+                    return Some((SafetyState::Driving, Reason::Enabled));
                 }
                 self.handshake_late(seen.time_s - self.since_s, 0.0, feedback.mode)
             }
-            State::Driving => {
-                let ramp = |reason| Some((State::Stopping, reason));
+            SafetyState::Driving => {
+                let ramp = |reason| Some((SafetyState::Stopping, reason));
                 match self.alarm(seen) {
-                    Some(Alarm::Cut(reason)) => return Some((State::Latched, reason)),
+                    Some(Alarm::Cut(reason)) => return Some((SafetyState::Latched, reason)),
                     Some(Alarm::Ramp(reason)) => return ramp(reason),
                     None => {}
                 }
@@ -171,38 +171,38 @@ impl Safety {
                     .or_else(|| self.implausible(seen))
                     .and_then(ramp)
             }
-            State::Stopping => {
+            SafetyState::Stopping => {
                 if let Some(Alarm::Cut(reason)) = self.alarm(seen) {
-                    return Some((State::Latched, reason));
+                    return Some((SafetyState::Latched, reason));
                 }
                 (self.order.speeds == MotorSpeeds::STOP)
-                    .then_some((State::Latched, Reason::RampEnded))
+                    .then_some((SafetyState::Latched, Reason::RampEnded))
             }
         }
     }
 
     /// What forbids to drive whatever the controller says.
-    fn alarm(&self, seen: &Observation) -> Option<Alarm> {
+    fn alarm(&self, seen: &SafetyInputs) -> Option<Alarm> {
         if let Some(cause) = seen.operator.halt {
-            return Some(Alarm::Cut(Reason::Asked(cause)));
+            return Some(Alarm::Cut(Reason::Requested(cause)));
         }
         let age_s = seen
             .feedback
             .map_or(f64::INFINITY, |feedback| seen.time_s - feedback.time_s);
         let stale = !(..=self.config.feedback_timeout_s).contains(&age_s);
         if let (Some(feedback), false) = (seen.feedback, stale) {
-            let on = matches!(self.state, State::Driving | State::Stopping);
+            let on = matches!(self.state, SafetyState::Driving | SafetyState::Stopping);
             match feedback.value.mode {
                 DriveMode::EmergencyStop => return Some(Alarm::Cut(Reason::EmergencyStop)),
                 // While zeros are sent, off, a drive may forget its fault.
-                DriveMode::Fault if self.state == State::Zeroing => {}
+                DriveMode::Fault if self.state == SafetyState::Zeroing => {}
                 DriveMode::Fault => return Some(Alarm::Cut(Reason::DriveFault)),
                 DriveMode::Disabled if on => return Some(Alarm::Cut(Reason::DriveOff)),
                 DriveMode::Disabled | DriveMode::Enabled => {}
             }
         }
-        if !seen.bus.carries() {
-            return Some(Alarm::Ramp(Reason::Bus { state: seen.bus }));
+        if !seen.link.carries() {
+            return Some(Alarm::Ramp(Reason::Link { state: seen.link }));
         }
         if let Some(since_s) = seen.unsent_since_s {
             let time_s = seen.time_s - since_s;
@@ -215,18 +215,18 @@ impl Safety {
         }
         seen.operator
             .stop
-            .map(|cause| Alarm::Ramp(Reason::Asked(cause)))
+            .map(|cause| Alarm::Ramp(Reason::Requested(cause)))
     }
 
     /// What forbids to drive because of the controller. Its first plan takes longer than those
     /// after it: until it follows, the vehicle stands, and there is the time of a handshake.
-    fn intent_alarm(&mut self, seen: &Observation) -> Option<Reason> {
+    fn intent_alarm(&mut self, seen: &SafetyInputs) -> Option<Reason> {
         let intent = self.current_intent(seen);
         let age_s = seen.time_s - intent.map_or(self.since_s, |intent| intent.time_s);
         let fresh = (..=self.config.command_timeout_s).contains(&age_s);
         if !self.following {
             self.following =
-                fresh && intent.is_some_and(|intent| intent.pilot != PilotState::Waiting);
+                fresh && intent.is_some_and(|intent| intent.pilot != ControllerState::Waiting);
             let age_s = seen.time_s - self.since_s;
             if !self.following {
                 let late = !(..=self.config.handshake_timeout_s).contains(&age_s);
@@ -238,20 +238,22 @@ impl Safety {
         }
         let intent = intent?;
         match intent.pilot {
-            PilotState::Finished => Some(Reason::Finished),
-            PilotState::Stopped(why) => Some(Reason::ControllerStopped { why }),
-            PilotState::Driving if !intent.command.is_finite() => Some(Reason::CommandNotFinite),
-            PilotState::Driving | PilotState::Waiting => None,
+            ControllerState::Finished => Some(Reason::Finished),
+            ControllerState::Stopped(why) => Some(Reason::ControllerStopped { why }),
+            ControllerState::Driving if !intent.command.is_finite() => {
+                Some(Reason::CommandNotFinite)
+            }
+            ControllerState::Driving | ControllerState::Waiting => None,
         }
     }
 
     /// The intent, where it was made since the drive began and is not from the future.
-    fn current_intent(&self, seen: &Observation) -> Option<Intent> {
+    fn current_intent(&self, seen: &SafetyInputs) -> Option<ControllerOutput> {
         seen.intent
             .filter(|intent| intent.time_s > self.since_s && intent.time_s <= seen.time_s)
     }
 
-    fn implausible(&mut self, seen: &Observation) -> Option<Reason> {
+    fn implausible(&mut self, seen: &SafetyInputs) -> Option<Reason> {
         let speeds = seen.feedback?.value.speeds;
         let [traction, steer] = self.recent.range(seen.time_s - self.config.response_time_s);
         let (traction_m_s, steer_m_s) = (
@@ -282,24 +284,24 @@ impl Safety {
         time_s: f64,
         after_s: f64,
         mode: DriveMode,
-    ) -> Option<(State, Reason)> {
+    ) -> Option<(SafetyState, Reason)> {
         (time_s > after_s + self.config.handshake_timeout_s)
-            .then_some((State::Latched, Reason::Handshake { time_s, mode }))
+            .then_some((SafetyState::Latched, Reason::Handshake { time_s, mode }))
     }
 
-    fn order_in_state(&self, seen: &Observation, elapsed_s: f64) -> Order {
+    fn order_in_state(&self, seen: &SafetyInputs, elapsed_s: f64) -> DriveCommand {
         match self.state {
-            State::Disarmed | State::Latched => Order::OFF,
-            State::Zeroing => Order {
+            SafetyState::Disarmed | SafetyState::Latched => DriveCommand::OFF,
+            SafetyState::Zeroing => DriveCommand {
                 fault_reset: true,
-                ..Order::OFF
+                ..DriveCommand::OFF
             },
-            State::Enabling => Order {
+            SafetyState::Enabling => DriveCommand {
                 speeds: MotorSpeeds::STOP,
                 enable: true,
                 fault_reset: false,
             },
-            State::Driving => {
+            SafetyState::Driving => {
                 let limit = self.config.speed_max_m_s;
                 let speeds = self
                     .current_intent(seen)
@@ -307,7 +309,7 @@ impl Safety {
                     .map(|intent| intent.command)
                     .filter(MotorSpeeds::is_finite)
                     .unwrap_or(MotorSpeeds::STOP);
-                Order {
+                DriveCommand {
                     speeds: MotorSpeeds {
                         traction_m_s: speeds.traction_m_s.clamp(-limit, limit),
                         steer_m_s: speeds.steer_m_s.clamp(-limit, limit),
@@ -316,9 +318,9 @@ impl Safety {
                     fault_reset: false,
                 }
             }
-            State::Stopping => {
+            SafetyState::Stopping => {
                 let step = self.config.deceleration_m_s2 * elapsed_s;
-                Order {
+                DriveCommand {
                     speeds: MotorSpeeds {
                         traction_m_s: toward_zero(self.order.speeds.traction_m_s, step),
                         steer_m_s: toward_zero(self.order.speeds.steer_m_s, step),

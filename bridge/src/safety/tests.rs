@@ -1,6 +1,7 @@
 mod any;
 
 use super::*;
+use crate::drives::LinkState;
 use sidehill_plant::sample::Stamped;
 
 const PERIOD_S: f64 = 0.05;
@@ -8,39 +9,43 @@ const PERIOD_S: f64 = 0.05;
 /// A drive that follows at once, and a controller that wants what it is told.
 struct Bench {
     safety: Safety,
-    seen: Observation,
+    seen: SafetyInputs,
     steps: u32,
     events: Vec<Transition>,
-    order: Order,
+    order: DriveCommand,
 }
 
 impl Bench {
     fn new() -> Self {
         Self {
             safety: Safety::new(SafetyConfig::default()).unwrap(),
-            seen: Observation {
+            seen: SafetyInputs {
                 time_s: 0.0,
                 intent: None,
                 feedback: None,
-                bus: BusState::Active,
+                link: LinkState::Active,
                 unsent_since_s: None,
-                operator: Operator::default(),
+                operator: OperatorRequests::default(),
             },
             steps: 0,
             events: Vec::new(),
-            order: Order::OFF,
+            order: DriveCommand::OFF,
         }
     }
 
     /// One healthy cycle, in which `change` may break something.
-    fn step(&mut self, command: MotorSpeeds, change: impl FnOnce(&mut Observation)) -> Order {
+    fn step(
+        &mut self,
+        command: MotorSpeeds,
+        change: impl FnOnce(&mut SafetyInputs),
+    ) -> DriveCommand {
         self.steps += 1;
         let time_s = f64::from(self.steps) * PERIOD_S;
         self.seen.time_s = time_s;
-        self.seen.intent = Some(Intent {
+        self.seen.intent = Some(ControllerOutput {
             time_s,
             command,
-            pilot: PilotState::Driving,
+            pilot: ControllerState::Driving,
         });
         self.seen.feedback = Some(Stamped {
             time_s,
@@ -72,7 +77,7 @@ impl Bench {
         for _ in 0..20 {
             bench.step(command, |_| {});
         }
-        assert_eq!(bench.safety.state(), State::Driving);
+        assert_eq!(bench.safety.state(), SafetyState::Driving);
         assert_eq!(bench.order.speeds, command);
         bench
     }
@@ -93,7 +98,7 @@ fn speeds(traction_m_s: f64, steer_m_s: f64) -> MotorSpeeds {
 fn nothing_moves_before_zeros_standstill_and_the_drives_answer() {
     let mut bench = Bench::new();
     for _ in 0..40 {
-        assert_eq!(bench.step(speeds(1.0, 0.5), |_| {}), Order::OFF);
+        assert_eq!(bench.step(speeds(1.0, 0.5), |_| {}), DriveCommand::OFF);
     }
     bench.arm();
     let mut orders = Vec::new();
@@ -106,8 +111,15 @@ fn nothing_moves_before_zeros_standstill_and_the_drives_answer() {
         .position(|order| order.speeds != MotorSpeeds::STOP)
         .unwrap();
     assert!(on >= 3 && moved > on, "{orders:?}");
-    let states: Vec<State> = bench.events.iter().map(|event| event.to).collect();
-    assert_eq!(states, [State::Zeroing, State::Enabling, State::Driving]);
+    let states: Vec<SafetyState> = bench.events.iter().map(|event| event.to).collect();
+    assert_eq!(
+        states,
+        [
+            SafetyState::Zeroing,
+            SafetyState::Enabling,
+            SafetyState::Driving
+        ]
+    );
 }
 
 #[test]
@@ -116,7 +128,7 @@ fn a_switch_that_stands_on_arm_does_not_arm() {
     for _ in 0..100 {
         bench.step(speeds(0.5, 0.0), |seen| seen.operator.arm = true);
     }
-    assert_eq!(bench.safety.state(), State::Disarmed);
+    assert_eq!(bench.safety.state(), SafetyState::Disarmed);
 }
 
 #[test]
@@ -131,7 +143,7 @@ fn a_drive_that_never_answers_or_never_stands_ends_the_handshake() {
         });
     }
     assert!(matches!(bench.last().reason, Reason::Handshake { .. }));
-    assert_eq!(bench.safety.state(), State::Latched);
+    assert_eq!(bench.safety.state(), SafetyState::Latched);
     let mut bench = Bench::new();
     bench.arm();
     for _ in 0..60 {
@@ -147,7 +159,7 @@ fn a_drive_that_never_answers_or_never_stands_ends_the_handshake() {
 
 /// How it is told what is broken, what is, after which time-out, s, and whether it ends the drive at
 /// once.
-type Break = (&'static str, fn(&mut Observation), f64, bool);
+type Break = (&'static str, fn(&mut SafetyInputs), f64, bool);
 
 const BREAKS: [Break; 14] = [
     (
@@ -187,12 +199,17 @@ const BREAKS: [Break; 14] = [
         false,
     ),
     (
-        "the bus is BusOff",
-        |s| s.bus = BusState::BusOff,
+        "the link to the drives is BusOff",
+        |s| s.link = LinkState::BusOff,
         0.0,
         false,
     ),
-    ("the bus is Down", |s| s.bus = BusState::Down, 0.0, false),
+    (
+        "the link to the drives is Down",
+        |s| s.link = LinkState::Down,
+        0.0,
+        false,
+    ),
     (
         "the command is not finite",
         |s| set_command(s, f64::NAN),
@@ -226,23 +243,23 @@ const BREAKS: [Break; 14] = [
     ),
 ];
 
-fn set_mode(seen: &mut Observation, mode: DriveMode) {
+fn set_mode(seen: &mut SafetyInputs, mode: DriveMode) {
     seen.feedback.as_mut().unwrap().value.mode = mode;
 }
 
-fn set_command(seen: &mut Observation, traction_m_s: f64) {
+fn set_command(seen: &mut SafetyInputs, traction_m_s: f64) {
     seen.intent.as_mut().unwrap().command.traction_m_s = traction_m_s;
 }
 
-fn set_feedback_time(seen: &mut Observation, time_s: f64) {
+fn set_feedback_time(seen: &mut SafetyInputs, time_s: f64) {
     seen.feedback.as_mut().unwrap().time_s = time_s;
 }
 
-fn set_command_time(seen: &mut Observation, time_s: f64) {
+fn set_command_time(seen: &mut SafetyInputs, time_s: f64) {
     seen.intent.as_mut().unwrap().time_s = time_s;
 }
 
-fn set_speed(seen: &mut Observation, traction_m_s: f64) {
+fn set_speed(seen: &mut SafetyInputs, traction_m_s: f64) {
     seen.feedback.as_mut().unwrap().value.speeds.traction_m_s = traction_m_s;
 }
 
@@ -259,7 +276,7 @@ fn every_fault_stops_in_time_and_stays_stopped_until_re_armed() {
             assert!(order.speeds.traction_m_s <= previous, "{name}");
             previous = order.speeds.traction_m_s;
             if at_once {
-                assert_eq!(order, Order::OFF, "{name}");
+                assert_eq!(order, DriveCommand::OFF, "{name}");
             }
         }
         assert_eq!(
@@ -269,26 +286,32 @@ fn every_fault_stops_in_time_and_stays_stopped_until_re_armed() {
             bench.events
         );
         bench.step(speeds(0.6, -0.3), |_| {});
-        assert_eq!(bench.safety.state(), State::Latched, "{name}");
+        assert_eq!(bench.safety.state(), SafetyState::Latched, "{name}");
         let mut ends = bench.events.iter();
-        let end = ends.find(|event| event.from == State::Driving).unwrap();
+        let end = ends
+            .find(|event| event.from == SafetyState::Driving)
+            .unwrap();
         assert!(end.reason.to_string().starts_with(name), "{}", end.reason);
         // The fault is gone; the arm level still stands.
         for _ in 0..100 {
-            bench.seen.operator = Operator {
+            bench.seen.operator = OperatorRequests {
                 arm: true,
                 stop: None,
                 halt: None,
             };
-            bench.seen.bus = BusState::Active;
+            bench.seen.link = LinkState::Active;
             bench.seen.unsent_since_s = None;
-            assert_eq!(bench.step(speeds(0.6, -0.3), |_| {}), Order::OFF, "{name}");
+            assert_eq!(
+                bench.step(speeds(0.6, -0.3), |_| {}),
+                DriveCommand::OFF,
+                "{name}"
+            );
         }
         bench.arm();
         for _ in 0..20 {
             bench.step(speeds(0.6, -0.3), |_| {});
         }
-        assert_eq!(bench.safety.state(), State::Driving, "{name}");
+        assert_eq!(bench.safety.state(), SafetyState::Driving, "{name}");
     }
 }
 
@@ -309,20 +332,20 @@ fn arming_is_refused_while_the_fault_lasts() {
             assert_eq!(order.speeds, MotorSpeeds::STOP, "{name}");
             assert!(!order.enable, "{name}");
         }
-        assert_eq!(bench.safety.state(), State::Latched, "{name}");
+        assert_eq!(bench.safety.state(), SafetyState::Latched, "{name}");
     }
 }
 
 #[test]
 fn a_fault_may_be_forgotten_only_after_arming() {
-    let fault = |seen: &mut Observation| {
+    let fault = |seen: &mut SafetyInputs| {
         if let Some(feedback) = &mut seen.feedback {
             feedback.value.mode = DriveMode::Fault;
         }
     };
     let mut bench = Bench::driving(speeds(0.5, 0.0));
     for _ in 0..100 {
-        assert_eq!(bench.step(speeds(0.5, 0.0), fault), Order::OFF);
+        assert_eq!(bench.step(speeds(0.5, 0.0), fault), DriveCommand::OFF);
     }
     assert_eq!(bench.last().reason, Reason::DriveFault);
     bench.arm();
@@ -331,7 +354,7 @@ fn a_fault_may_be_forgotten_only_after_arming() {
     for _ in 0..20 {
         bench.step(speeds(0.5, 0.0), |_| {});
     }
-    assert_eq!(bench.safety.state(), State::Driving);
+    assert_eq!(bench.safety.state(), SafetyState::Driving);
     assert!(!bench.order.fault_reset);
     // One that lasts ends the handshake.
     bench.step(speeds(0.5, 0.0), fault);
@@ -346,7 +369,7 @@ fn a_fault_may_be_forgotten_only_after_arming() {
             ..
         }
     ));
-    assert_eq!(bench.order, Order::OFF);
+    assert_eq!(bench.order, DriveCommand::OFF);
 }
 
 #[test]
@@ -369,7 +392,7 @@ fn an_intent_from_before_the_drive_is_not_driven_on() {
 fn a_first_plan_may_take_long_while_the_vehicle_stands() {
     let mut bench = Bench::new();
     bench.arm();
-    while bench.safety.state() != State::Driving {
+    while bench.safety.state() != SafetyState::Driving {
         bench.step(MotorSpeeds::STOP, |_| {});
     }
     let start_s = f64::from(bench.steps) * PERIOD_S;
@@ -399,7 +422,7 @@ fn a_first_plan_may_take_long_while_the_vehicle_stands() {
             .iter()
             .any(|event| matches!(event.reason, Reason::CommandTimeout { .. }))
     );
-    assert_eq!(bench.safety.state(), State::Latched);
+    assert_eq!(bench.safety.state(), SafetyState::Latched);
 }
 
 #[test]

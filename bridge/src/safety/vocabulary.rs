@@ -1,4 +1,4 @@
-use crate::can::layout::DriveMode;
+use crate::drives::{DriveFeedback, DriveMode, LinkState};
 use serde::Serialize;
 use sidehill_controller::controller::StopReason;
 use sidehill_plant::sample::Stamped;
@@ -6,18 +6,18 @@ use sidehill_plant::speeds::MotorSpeeds;
 
 /// What the controller says in a cycle.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Intent {
-    /// Cycle for which it was decided, s.
+pub struct ControllerOutput {
+    /// ControlLoop for which it was decided, s.
     pub time_s: f64,
     /// Speeds it wants.
     pub command: MotorSpeeds,
     /// Whether it can drive.
-    pub pilot: PilotState,
+    pub pilot: ControllerState,
 }
 
 /// Whether the controller can drive.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum PilotState {
+pub enum ControllerState {
     /// It waits for its first readings.
     Waiting,
     /// It drives.
@@ -28,44 +28,9 @@ pub enum PilotState {
     Finished,
 }
 
-/// What both drives say.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct DriveFeedback {
-    /// Effective speeds reached.
-    pub speeds: MotorSpeeds,
-    /// State; the worse of the two drives'.
-    pub mode: DriveMode,
-}
-
-/// State of the bus as far as the port knows it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum BusState {
-    /// In order.
-    #[default]
-    Active,
-    /// Many errors.
-    Warning,
-    /// Too many errors: the node only listens for them.
-    Passive,
-    /// The node has left the bus.
-    BusOff,
-    /// The interface is down.
-    Down,
-    /// There is no interface.
-    Absent,
-}
-
-impl BusState {
-    /// Returns whether frames may get through.
-    pub fn carries(self) -> bool {
-        matches!(self, Self::Active | Self::Warning | Self::Passive)
-    }
-}
-
 /// What an operator asks for, or who acts as one; each is a level, and arming acts where it rises.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Operator {
+pub struct OperatorRequests {
     /// Drive.
     pub arm: bool,
     /// Stop on the ramp, and why.
@@ -183,45 +148,25 @@ impl StopCause {
 
 /// Everything the state machine looks at in a cycle.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Observation {
+pub struct SafetyInputs {
     /// Instant, s.
     pub time_s: f64,
     /// Newest intent of the controller.
-    pub intent: Option<Intent>,
+    pub intent: Option<ControllerOutput>,
     /// Newest feedback of both drives, with the instant of the older half.
     pub feedback: Option<Stamped<DriveFeedback>>,
-    /// State of the bus.
-    pub bus: BusState,
+    /// State of the link to the drives.
+    pub link: LinkState,
     /// Since when nothing could be sent, s; none where the last frame went out.
     pub unsent_since_s: Option<f64>,
     /// The operator.
-    pub operator: Operator,
-}
-
-/// What the drives are told.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Order {
-    /// Effective speeds.
-    pub speeds: MotorSpeeds,
-    /// Whether the drives shall be on.
-    pub enable: bool,
-    /// Whether drives that can be told to do so may forget a fault: only after an operator has armed.
-    pub fault_reset: bool,
-}
-
-impl Order {
-    /// Zero, and off.
-    pub const OFF: Self = Self {
-        speeds: MotorSpeeds::STOP,
-        enable: false,
-        fault_reset: false,
-    };
+    pub operator: OperatorRequests,
 }
 
 /// Where the state machine is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
-pub enum State {
+pub enum SafetyState {
     /// Off since the start; waits for an operator.
     Disarmed,
     /// Sends zeros, off, until the drives say that they stand and are off.
@@ -253,7 +198,7 @@ pub enum Reason {
     RampEnded,
     /// An operator wants it, or who acts as one: on the ramp or at once.
     #[error("{0}")]
-    Asked(StopCause),
+    Requested(StopCause),
     /// The drives report an emergency stop.
     #[error("the drives report an emergency stop")]
     EmergencyStop,
@@ -299,11 +244,11 @@ pub enum Reason {
         /// For how long, s.
         time_s: f64,
     },
-    /// The bus carries nothing.
-    #[error("the bus is {state:?}")]
-    Bus {
+    /// The link to the drives carries no messages.
+    #[error("the link to the drives is {state:?}")]
+    Link {
         /// Its state.
-        state: BusState,
+        state: LinkState,
     },
     /// Nothing could be sent.
     #[error("nothing could be sent for {time_s:.3} s")]
@@ -342,9 +287,9 @@ pub struct Transition {
     /// When, s.
     pub time_s: f64,
     /// From.
-    pub from: State,
+    pub from: SafetyState,
     /// To.
-    pub to: State,
+    pub to: SafetyState,
     /// Why.
     pub reason: Reason,
 }

@@ -8,9 +8,10 @@ use super::objects::{
 };
 use super::power::PowerState;
 use crate::can::frame::{Frame, FrameId};
-use crate::can::layout::{DriveMode, Layout};
+use crate::can::layout::Layout;
 use crate::can::message::{FrameFault, Quantity};
-use crate::motors::MeasuredMotorSpeeds;
+use crate::drives::DriveMode;
+use crate::drives::MeasuredMotorSpeeds;
 use std::collections::VecDeque;
 use std::sync::Arc;
 

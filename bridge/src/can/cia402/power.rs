@@ -1,4 +1,4 @@
-use crate::can::layout::DriveMode;
+use crate::drives::DriveMode;
 
 /// State of a drive's power as its statusword tells it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

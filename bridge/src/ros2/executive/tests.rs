@@ -17,7 +17,7 @@ const TOLERANCES: Tolerances = Tolerances {
 struct World {
     executive: Executive,
     now_s: f64,
-    state: State,
+    state: SafetyState,
     armed: u64,
     stopped_by: Option<Reason>,
     status: Status,
@@ -43,7 +43,7 @@ impl World {
         Self {
             executive: Executive::default(),
             now_s: 1.0,
-            state: State::Disarmed,
+            state: SafetyState::Disarmed,
             armed: 0,
             stopped_by: None,
             status: Status::Tracking,
@@ -84,24 +84,24 @@ impl World {
     /// A cycle of the safety as far as it matters here, and a look at it.
     fn cycle(&mut self) {
         self.now_s += 0.05;
-        let off = matches!(self.state, State::Disarmed | State::Latched);
+        let off = matches!(self.state, SafetyState::Disarmed | SafetyState::Latched);
         let free = self.emergency_stop.or(self.stop).is_none();
         self.state = match (self.state, self.emergency_stop, self.stop) {
             (_, Some(cause), _) if !off => {
-                self.stopped_by = Some(Reason::Asked(cause));
-                State::Latched
+                self.stopped_by = Some(Reason::Requested(cause));
+                SafetyState::Latched
             }
             _ if off && self.arm > self.armed && free => {
                 self.armed = self.arm;
-                State::Zeroing
+                SafetyState::Zeroing
             }
-            (State::Zeroing, ..) => State::Enabling,
-            (State::Enabling, ..) => State::Driving,
-            (State::Driving, _, Some(cause)) => {
-                self.stopped_by = Some(Reason::Asked(cause));
-                State::Stopping
+            (SafetyState::Zeroing, ..) => SafetyState::Enabling,
+            (SafetyState::Enabling, ..) => SafetyState::Driving,
+            (SafetyState::Driving, _, Some(cause)) => {
+                self.stopped_by = Some(Reason::Requested(cause));
+                SafetyState::Stopping
             }
-            (State::Stopping, ..) => State::Latched,
+            (SafetyState::Stopping, ..) => SafetyState::Latched,
             (state, ..) => state,
         };
         let decision = Decision {
@@ -160,13 +160,13 @@ impl World {
     fn driving(&mut self) -> Client {
         let client = self.follow();
         self.cycles(10);
-        assert_eq!(self.state, State::Driving);
+        assert_eq!(self.state, SafetyState::Driving);
         client
     }
 
     /// The safety ends the drive by itself.
     fn end_by(&mut self, reason: Reason) {
-        self.state = State::Latched;
+        self.state = SafetyState::Latched;
         self.stopped_by = Some(reason);
     }
 
@@ -239,7 +239,7 @@ fn a_newer_path_is_gone_over_to_without_a_stop() {
     world.cycles(20);
     assert_eq!(
         (world.state, world.armed, world.stop),
-        (State::Driving, armed, None)
+        (SafetyState::Driving, armed, None)
     );
     world.x_m = 10.0;
     world.cycle();
@@ -258,12 +258,12 @@ fn a_path_that_comes_as_the_one_before_ends_is_armed_for_anew() {
         .ready(world.now_s, world.state, PlanarPose::default(), None);
     world.carry_out(effects);
     // The controller finishes the old path before it sees the new one.
-    world.state = State::Latched;
+    world.state = SafetyState::Latched;
     world.stopped_by = Some(Reason::Finished);
     world.cycle();
     world.reference = number;
     world.cycles(5);
-    assert_eq!(world.state, State::Driving);
+    assert_eq!(world.state, SafetyState::Driving);
     assert_eq!(world.armed, number);
 }
 
@@ -279,12 +279,15 @@ fn a_cancelled_path_is_told_when_the_vehicle_stands() {
     assert_eq!(world.stop, Some(StopCause::Cancelled));
     assert!(world.told.is_empty());
     world.cycle();
-    assert_eq!(world.state, State::Stopping);
+    assert_eq!(world.state, SafetyState::Stopping);
     assert!(world.told.is_empty());
     world.cycles(2);
     world.assert_told(client, GoalEnd::Canceled, code::NONE);
     assert_eq!(world.stop, None);
-    assert_eq!(world.stopped_by, Some(Reason::Asked(StopCause::Cancelled)));
+    assert_eq!(
+        world.stopped_by,
+        Some(Reason::Requested(StopCause::Cancelled))
+    );
     // And a path after it drives.
     world.driving();
 }
@@ -299,7 +302,7 @@ fn an_end_before_the_drives_are_armed_does_not_arm_them() {
         .end(world.now_s, GoalEnd::Canceled, cancelled);
     world.carry_out(effects);
     world.cycles(20);
-    assert_eq!((world.armed, world.state), (0, State::Disarmed));
+    assert_eq!((world.armed, world.state), (0, SafetyState::Disarmed));
     world.assert_told(client, GoalEnd::Canceled, code::NONE);
 }
 
@@ -316,7 +319,7 @@ fn an_arming_that_crosses_the_end_is_taken_back() {
     let seen = Seen {
         now_s: world.now_s,
         cycle_s: world.now_s - 0.05,
-        state: State::Disarmed,
+        state: SafetyState::Disarmed,
         armed: 0,
         stopped_by: None,
         decision: None,
@@ -344,13 +347,13 @@ fn newer_paths_do_not_hide_that_the_vehicle_does_not_get_on() {
             client = world.follow();
             world.cycles(80);
         }
-        assert_eq!(world.state == State::Driving, gets_on);
+        assert_eq!(world.state == SafetyState::Driving, gets_on);
         if !gets_on {
             world.assert_told(client, GoalEnd::Aborted, code::FAILED_TO_MAKE_PROGRESS);
             // One that comes after it has its own time.
             world.driving();
             world.cycles(80);
-            assert_eq!(world.state, State::Driving);
+            assert_eq!(world.state, SafetyState::Driving);
         }
     }
 }
@@ -430,7 +433,7 @@ fn every_doubt_ends_with_its_code() {
         let client = world.driving();
         disturb(&mut world);
         world.cycles(220);
-        assert_eq!(world.state, State::Latched, "{told}");
+        assert_eq!(world.state, SafetyState::Latched, "{told}");
         assert_eq!(world.stopped_by.unwrap().to_string(), told);
         world.assert_told(client, GoalEnd::Aborted, code);
         assert_eq!(world.arm, 0, "{told}: arms nothing");
@@ -443,18 +446,18 @@ fn nothing_is_armed_under_an_emergency_stop() {
     world.emergency_stop = Some(StopCause::EmergencyStop);
     let client = world.follow();
     world.cycles(20);
-    assert_eq!((world.armed, world.state), (0, State::Disarmed));
+    assert_eq!((world.armed, world.state), (0, SafetyState::Disarmed));
     world.assert_told(client, GoalEnd::Aborted, code::UNKNOWN);
 }
 
 #[test]
 fn a_drive_that_nobody_asked_for_is_stopped() {
     let mut world = World::new();
-    world.state = State::Driving;
+    world.state = SafetyState::Driving;
     world.cycles(3);
-    assert_eq!(world.state, State::Latched);
+    assert_eq!(world.state, SafetyState::Latched);
     let cause = StopCause::NobodyAsked;
-    assert_eq!(world.stopped_by, Some(Reason::Asked(cause)));
+    assert_eq!(world.stopped_by, Some(Reason::Requested(cause)));
     world.cycles(2);
     assert_eq!(world.stop, None);
 }
@@ -479,11 +482,11 @@ fn a_vehicle_that_looks_elsewhere_at_the_goal_turns_where_it_may() {
         }
         assert!(world.told.is_empty(), "it is armed for the turn");
         world.cycles(5);
-        assert_eq!(world.state, State::Driving);
+        assert_eq!(world.state, SafetyState::Driving);
         assert!(world.armed > armed);
         // A turn takes its time and gets nowhere.
         world.cycles(250);
-        assert_eq!(world.state, State::Driving);
+        assert_eq!(world.state, SafetyState::Driving);
         world.finish();
         world.assert_told(client, GoalEnd::Succeeded, code::NONE);
     }
@@ -503,12 +506,12 @@ fn a_path_that_leads_off_behind_is_begun_by_a_turn() {
     world.cycles(10);
     assert_eq!(
         (world.armed, world.state),
-        (world.reference, State::Driving)
+        (world.reference, SafetyState::Driving)
     );
     assert!((world.yaw_rad + 0.1).abs() < 1e-9, "{}", world.yaw_rad);
     // A turn gets nowhere, and its end is not the path's.
     world.cycles(250);
-    assert_eq!(world.state, State::Driving);
+    assert_eq!(world.state, SafetyState::Driving);
     world.finish();
     let number = world.prepare.expect("the path follows");
     assert!(number > world.armed);
@@ -521,7 +524,7 @@ fn a_path_that_leads_off_behind_is_begun_by_a_turn() {
         .ready(world.now_s, world.state, goal, world.turn_to_rad);
     world.carry_out(effects);
     world.cycles(10);
-    assert_eq!((world.armed, world.state), (number, State::Driving));
+    assert_eq!((world.armed, world.state), (number, SafetyState::Driving));
     world.finish();
     world.assert_told(client, GoalEnd::Succeeded, code::NONE);
 }
@@ -536,10 +539,10 @@ fn a_vehicle_under_way_stands_before_it_turns() {
     world.assert_told(first, GoalEnd::Aborted, code::UNKNOWN);
     let armed = world.armed;
     world.cycle();
-    assert_eq!((world.state, world.armed), (State::Stopping, armed));
+    assert_eq!((world.state, world.armed), (SafetyState::Stopping, armed));
     assert_eq!(world.yaw_rad, 0.0, "not while it drives");
     world.cycles(10);
-    assert_eq!(world.state, State::Driving);
+    assert_eq!(world.state, SafetyState::Driving);
     assert!(world.armed > armed);
     assert!((world.yaw_rad - 3.0).abs() < 1e-9);
     // A cancel in the turn ends all of it.
@@ -580,10 +583,10 @@ fn a_path_that_leads_nowhere_is_ended_standing_with_a_turn_where_it_takes_one() 
         let effects = world.executive.arrived(world.now_s, world.state, goal);
         world.carry_out(effects);
         world.cycle();
-        assert_eq!(world.state, State::Stopping);
+        assert_eq!(world.state, SafetyState::Stopping);
         world.cycles(10);
         if turns {
-            assert_eq!(world.state, State::Driving);
+            assert_eq!(world.state, SafetyState::Driving);
             world.finish();
         }
         world.assert_told(client, GoalEnd::Succeeded, code::NONE);

@@ -1,6 +1,6 @@
 //! What the executive is asked, what it sees, and what it wants done.
 
-use super::{GoalEnd, Outcome, Reason, State, StopCause};
+use super::{GoalEnd, Outcome, Reason, SafetyState, StopCause};
 use ros2_client::action::GoalId;
 use sidehill_controller::controller::Decision;
 use sidehill_plant::frames::PlanarPose;
@@ -46,7 +46,7 @@ pub struct Seen<'a> {
     /// Time of the cycle that the next three are of, s.
     pub cycle_s: f64,
     /// State of the safety.
-    pub state: State,
+    pub state: SafetyState,
     /// Number of the newest arming carried out.
     pub armed: u64,
     /// Why the last drive ended.

@@ -1,7 +1,7 @@
 //! What the server does with goals and paths: take them, hand them over, look after them, tell.
 
 use super::{FEEDBACK_S, FRAME_S, Server};
-use crate::mission::{Assignment, CycleView};
+use crate::control_loop::channel::{LoopStatus, PathCommand};
 use crate::ros2::executive::{Client, Effect, Seen};
 use crate::ros2::follow_path::NewGoal;
 use crate::ros2::goals::{GoalEnd, Outcome};
@@ -10,7 +10,7 @@ use crate::ros2::message::action::{FollowPathFeedback, code};
 use crate::ros2::paths::{Handover, Prepared, Whereabouts};
 use crate::ros2::peers::participant;
 use crate::ros2::route::Plan;
-use crate::safety::{State, StopCause};
+use crate::safety::{SafetyState, StopCause};
 use ros2_client::action::GoalStatusEnum;
 use ros2_client::builtin_interfaces::Time;
 use ros2_client::log::LogLevel;
@@ -116,14 +116,14 @@ impl Server {
         let Some(before) = self.executive.driven() else {
             return;
         };
-        let decision = self.dispatcher.pilot().decision;
+        let decision = self.dispatcher.controller_status().decision;
         let progress = decision
             .filter(|decision| decision.reference == before)
             .and_then(|decision| decision.progress);
         if let Some(progress) = progress
             && let Some(number) = self.executive.renumber()
         {
-            self.dispatcher.assign(Some(Assignment {
+            self.dispatcher.set_path(Some(PathCommand {
                 number,
                 trajectory: handover.trajectory,
                 from_m: progress.arc_length_m,
@@ -132,11 +132,11 @@ impl Server {
     }
 
     pub(super) fn look_after(&mut self, now_s: f64, clock_jumped: bool) {
-        let view = self.dispatcher.cycle();
-        let decision = self.dispatcher.pilot().decision;
+        let view = self.dispatcher.loop_status();
+        let decision = self.dispatcher.controller_status().decision;
         self.hand_over(now_s, view.as_ref(), decision.as_ref());
         self.look_at_frame(now_s, decision.as_ref());
-        let state = view.map_or(State::Disarmed, |view| view.row.state);
+        let state = view.map_or(SafetyState::Disarmed, |view| view.row.state);
         let effects = self.executive.step(
             &Seen {
                 now_s,
@@ -163,13 +163,13 @@ impl Server {
     }
 
     /// Goes on with a path that is being prepared.
-    fn hand_over(&mut self, now_s: f64, view: Option<&CycleView>, decision: Option<&Decision>) {
+    fn hand_over(&mut self, now_s: f64, view: Option<&LoopStatus>, decision: Option<&Decision>) {
         if self.emergency_stop_is_awaited(false) {
             self.paths.postpone(now_s);
             return;
         }
         let tolerances = &self.config.tolerances;
-        let driving = view.is_some_and(|view| view.row.state == State::Driving);
+        let driving = view.is_some_and(|view| view.row.state == SafetyState::Driving);
         let here = decision.and_then(|decision| {
             let estimate = decision.estimate.as_ref()?;
             let age_s = now_s - estimate.time_s + estimate.pose_age_s;
@@ -187,7 +187,7 @@ impl Server {
         let transforms = self.shared.transforms();
         let done = self.paths.step(now_s, here, &transforms, tolerances);
         drop(transforms);
-        let state = view.map_or(State::Disarmed, |view| view.row.state);
+        let state = view.map_or(SafetyState::Disarmed, |view| view.row.state);
         match done {
             None => {}
             Some(Err(outcome)) => self.fail(StopCause::PathRefused, outcome, now_s),
@@ -199,7 +199,7 @@ impl Server {
             }
             Some(Ok(Prepared::Path(handover))) => {
                 self.transform = None;
-                self.dispatcher.assign(Some(Assignment {
+                self.dispatcher.set_path(Some(PathCommand {
                     number: self.next_number,
                     trajectory: handover.trajectory,
                     from_m: 0.0,
@@ -283,7 +283,7 @@ impl Server {
                     self.transform = None;
                     match self.paths.turn(&from, angle_rad) {
                         Ok(trajectory) => {
-                            self.dispatcher.assign(Some(Assignment {
+                            self.dispatcher.set_path(Some(PathCommand {
                                 number,
                                 trajectory,
                                 from_m: 0.0,
@@ -299,7 +299,7 @@ impl Server {
                 Effect::Clear => {
                     self.paths.forget(true);
                     self.transform = None;
-                    self.dispatcher.assign(None);
+                    self.dispatcher.set_path(None);
                 }
                 Effect::Told(Client::Topic, end, outcome) => {
                     self.log_end(end, &outcome);

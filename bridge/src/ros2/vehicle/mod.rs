@@ -12,9 +12,9 @@ pub use node::VehicleNode;
 pub use report::Report;
 
 use super::convert::TwistMapping;
-use crate::can::layout::DriveMode;
-use crate::drive::{DriveConfig, DriveInput, VirtualDrive};
-use crate::motors::MeasuredMotorSpeeds;
+use crate::drives::DriveMode;
+use crate::drives::MeasuredMotorSpeeds;
+use crate::rover::{DriveConfig, DriveInput, VirtualDrive};
 use report::Reporter;
 use sidehill_plant::simulation::{Simulation, SimulationError, TrueState};
 use sidehill_plant::speeds::MeasuredTreadSpeeds;

@@ -9,7 +9,7 @@ use super::super::node::{NodeError, RosNode};
 use super::super::{convert, qos};
 use super::report::{Report, map_from_odom};
 use super::{CommandKind, RosVehicle};
-use crate::motors::MeasuredMotorSpeeds;
+use crate::drives::MeasuredMotorSpeeds;
 use ros2_client::{Publisher, Subscription};
 use serde::de::DeserializeOwned;
 

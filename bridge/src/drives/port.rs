@@ -1,24 +1,15 @@
-//! Between the cycle and a vehicle: simulated, or behind a CAN bus.
-
-mod simulated;
-mod socketcan;
-
-pub use simulated::SimulatedPort;
-pub use socketcan::CanPort;
-
-use crate::bus::SendFault;
-use crate::safety::{BusState, DriveFeedback, Order};
+use super::vocabulary::{DriveCommand, DriveFeedback, LinkState, SendError};
 use sidehill_plant::sample::{Sample, Stamped};
 
 /// What a port has received when a cycle begins.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Reading {
+pub struct PortInputs {
     /// Readings for the controller that are new since the cycle before.
     pub sample: Sample,
     /// Newest feedback of both drives, new or not.
     pub feedback: Option<Stamped<DriveFeedback>>,
-    /// State of the bus.
-    pub bus: BusState,
+    /// State of the link to the drives.
+    pub link: LinkState,
     /// Frames that were not believed, since the start.
     pub refused: u64,
 }
@@ -26,21 +17,21 @@ pub struct Reading {
 /// A vehicle as the cycle sees it. Neither call waits.
 pub trait Port {
     /// Returns what has been received until `now_s`.
-    fn receive(&mut self, now_s: f64) -> Reading;
+    fn receive(&mut self, now_s: f64) -> PortInputs;
 
     /// Tells the drives an order.
     ///
     /// # Errors
     /// Why it has not been sent; it is not sent later either.
-    fn send(&mut self, now_s: f64, order: &Order) -> Result<(), SendFault>;
+    fn send(&mut self, now_s: f64, order: &DriveCommand) -> Result<(), SendError>;
 }
 
 impl<P: Port + ?Sized> Port for Box<P> {
-    fn receive(&mut self, now_s: f64) -> Reading {
+    fn receive(&mut self, now_s: f64) -> PortInputs {
         (**self).receive(now_s)
     }
 
-    fn send(&mut self, now_s: f64, order: &Order) -> Result<(), SendFault> {
+    fn send(&mut self, now_s: f64, order: &DriveCommand) -> Result<(), SendError> {
         (**self).send(now_s, order)
     }
 }

@@ -1,13 +1,13 @@
-use super::{Port, Reading, newer};
-use crate::bus::{Heard, Listener, SendFault, Sender};
+use super::socket::{BusEvent, BusMonitor, Sender};
 use crate::can::cia402::Master;
 use crate::can::controller_side::{CommandWriter, MotorOrder, Readings, VehicleReader};
 use crate::can::frame::Frame;
 use crate::can::layout::{Layout, Profile};
-use crate::clock::Epoch;
-use crate::motors::MeasuredMotorSpeeds;
-use crate::record::{Record, RecordSink};
-use crate::safety::{BusState, DriveFeedback, Order};
+use crate::control_loop::record::{Record, RecordSink};
+use crate::drives::Epoch;
+use crate::drives::MeasuredMotorSpeeds;
+use crate::drives::{DriveCommand, DriveFeedback, LinkState};
+use crate::drives::{Port, PortInputs, SendError, newer};
 use sidehill_plant::sample::{Sample, Stamped};
 use sidehill_plant::vehicle::SpeedCorrection;
 use std::sync::Arc;
@@ -18,7 +18,7 @@ use triple_buffer::{Output, triple_buffer};
 #[derive(Debug, Clone, Copy, Default)]
 struct Snapshot {
     readings: Readings,
-    bus: BusState,
+    bus: LinkState,
 }
 
 /// Events of both drives that one cycle can have.
@@ -42,7 +42,7 @@ pub struct CanPort {
     /// Instants of the tread speeds, attitude and pose delivered last, s.
     delivered_s: [f64; 3],
     records: RecordSink,
-    listener: Listener,
+    listener: BusMonitor,
 }
 
 impl CanPort {
@@ -62,14 +62,14 @@ impl CanPort {
     ) -> Result<Self, std::io::Error> {
         let (mut slot, newest) = triple_buffer(&Snapshot {
             readings: Readings::default(),
-            bus: BusState::Absent,
+            bus: LinkState::Absent,
         });
         let wanted = layout.heard_ids();
         let mut reader = VehicleReader::new(Arc::clone(&layout));
-        let mut bus = BusState::Absent;
-        let listener = Listener::start(interface, &wanted, epoch, move |heard| {
+        let mut bus = LinkState::Absent;
+        let listener = BusMonitor::start(interface, &wanted, epoch, move |heard| {
             match heard {
-                Heard::Frame { time_s, frame } => {
+                BusEvent::Frame { time_s, frame } => {
                     heard_records.push(Record::Frame {
                         time_s,
                         sent: false,
@@ -83,11 +83,11 @@ impl CanPort {
                         });
                     }
                 }
-                Heard::Bus { time_s, state } => {
+                BusEvent::Bus { time_s, state } => {
                     bus = state;
                     heard_records.push(Record::Bus { time_s, state });
                 }
-                Heard::Restart {
+                BusEvent::Restart {
                     time_s,
                     attempt,
                     answer,
@@ -130,7 +130,7 @@ impl CanPort {
 }
 
 impl Port for CanPort {
-    fn receive(&mut self, now_s: f64) -> Reading {
+    fn receive(&mut self, now_s: f64) -> PortInputs {
         let Snapshot { readings, bus } = *self.newest.read();
         self.readings = readings;
         let report = |drive: usize| match &self.writer {
@@ -148,7 +148,7 @@ impl Port for CanPort {
             }
         });
         let [treads_s, attitude_s, pose_s] = &mut self.delivered_s;
-        Reading {
+        PortInputs {
             sample: Sample {
                 time_s: now_s,
                 tread_speeds: newer(
@@ -168,12 +168,12 @@ impl Port for CanPort {
                     mode: motors.value.1,
                 },
             }),
-            bus,
+            link: bus,
             refused: readings.refused,
         }
     }
 
-    fn send(&mut self, now_s: f64, order: &Order) -> Result<(), SendFault> {
+    fn send(&mut self, now_s: f64, order: &DriveCommand) -> Result<(), SendError> {
         let motor_order = MotorOrder {
             motors: MeasuredMotorSpeeds::reaching(order.speeds, &self.correction),
             enable: order.enable,

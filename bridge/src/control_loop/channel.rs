@@ -1,18 +1,18 @@
 //! Between the cycle and whoever gives it paths: orders one way, what has become of them the other.
 //!
 //! ```text
-//! Dispatcher -> CycleDesk (arm, stop, halt), PilotDesk (paths)
-//! Dispatcher <- CycleDesk (rows, reasons),   PilotDesk (decisions, plans)
+//! CommandClient -> LoopEnd (arm, stop, halt), ControllerEnd (paths)
+//! CommandClient <- LoopEnd (rows, reasons),   ControllerEnd (decisions, plans)
 //! ```
 //!
 //! No side waits for another: orders are flags and the newest path, answers are the newest of their
 //! kind.
 
-use crate::cycle::{Cycle, Timing};
-use crate::pilot::Pilot;
-use crate::port::Port;
-use crate::record::CycleRow;
-use crate::safety::{Operator, Reason, State, StopCause};
+use crate::control_loop::record::CycleRow;
+use crate::control_loop::runner::ControllerRunner;
+use crate::control_loop::{ControlLoop, Timing};
+use crate::drives::Port;
+use crate::safety::{OperatorRequests, Reason, SafetyState, StopCause};
 use sidehill_controller::controller::{Controller, Decision};
 use sidehill_controller::trajectory::Trajectory;
 use sidehill_plant::frames::PlanarPose;
@@ -21,7 +21,7 @@ use std::sync::atomic::{AtomicU8, AtomicU64, Ordering};
 use triple_buffer::{Input, Output, TripleBuffer, triple_buffer};
 
 /// A path for the controller.
-pub struct Assignment {
+pub struct PathCommand {
     /// Number under which decisions on it come back; above 0.
     pub number: u64,
     /// What is followed.
@@ -60,7 +60,7 @@ struct Asked {
 
 /// What the cycle says of itself.
 #[derive(Debug, Clone, Copy)]
-pub struct CycleView {
+pub struct LoopStatus {
     /// The newest cycle.
     pub row: CycleRow,
     /// Number of the newest arming that was asked for and carried out.
@@ -73,7 +73,7 @@ pub struct CycleView {
 
 /// What the controller says of itself.
 #[derive(Debug, Clone, Default)]
-pub struct PilotView {
+pub struct ControllerStatus {
     /// The newest decision.
     pub decision: Option<Decision>,
     /// Predicted poses, the present first; empty without a plan.
@@ -83,59 +83,59 @@ pub struct PilotView {
 }
 
 /// Returns the three ends; the controller's horizon has at most `stages`.
-pub fn desks(stages: usize) -> (Dispatcher, CycleDesk, PilotDesk) {
+pub fn command_channel(stages: usize) -> (CommandClient, LoopEnd, ControllerEnd) {
     let asked = Arc::new(Asked::default());
-    let (cycle_view, cycle) = triple_buffer(&None::<CycleView>);
+    let (cycle_view, cycle) = triple_buffer(&None::<LoopStatus>);
     // A clone of an empty vector has no capacity: the first cycles give each buffer its own.
-    let (pilot_view, pilot) = triple_buffer(&PilotView::default());
+    let (controller_view, controller) = triple_buffer(&ControllerStatus::default());
     let (assignments, paths) = TripleBuffer::default().split();
     (
-        Dispatcher {
+        CommandClient {
             asked: Arc::clone(&asked),
             assignments,
             cycle,
-            pilot,
+            controller,
         },
-        CycleDesk {
+        LoopEnd {
             asked,
             view: cycle_view,
             asking: 0,
             armed: 0,
         },
-        PilotDesk {
+        ControllerEnd {
             paths,
-            view: pilot_view,
+            view: controller_view,
             stages,
         },
     )
 }
 
 /// Who gives paths and orders.
-pub struct Dispatcher {
+pub struct CommandClient {
     asked: Arc<Asked>,
-    assignments: Input<Option<Assignment>>,
-    cycle: Output<Option<CycleView>>,
-    pilot: Output<PilotView>,
+    assignments: Input<Option<PathCommand>>,
+    cycle: Output<Option<LoopStatus>>,
+    controller: Output<ControllerStatus>,
 }
 
 /// Halts the cycle from any thread.
 #[derive(Clone)]
-pub struct Brake(Arc<Asked>);
+pub struct HaltSwitch(Arc<Asked>);
 
-impl Brake {
+impl HaltSwitch {
     /// Keeps the drives at zero and off as long as there is a cause.
     pub fn set(&self, cause: Option<StopCause>) {
         self.0.halt.set(cause);
     }
 }
 
-impl Dispatcher {
+impl CommandClient {
     /// Gives the controller a path instead of the one it has, or none.
-    pub fn assign(&mut self, assignment: Option<Assignment>) {
+    pub fn set_path(&mut self, assignment: Option<PathCommand>) {
         self.assignments.write(assignment);
     }
 
-    /// Asks to arm as soon as the safety lets itself be armed; [`CycleView::armed`] then has this
+    /// Asks to arm as soon as the safety lets itself be armed; [`LoopStatus::armed`] then has this
     /// number. 0 takes the wish back.
     pub fn arm(&self, number: u64) {
         self.asked.arm.store(number, Ordering::Relaxed);
@@ -146,44 +146,44 @@ impl Dispatcher {
         self.asked.stop.set(cause);
     }
 
-    /// Returns the brake.
-    pub fn brake(&self) -> Brake {
-        Brake(Arc::clone(&self.asked))
+    /// Returns a switch that halts the drives from any thread.
+    pub fn halt_switch(&self) -> HaltSwitch {
+        HaltSwitch(Arc::clone(&self.asked))
     }
 
     /// Returns the newest of the cycle.
-    pub fn cycle(&mut self) -> Option<CycleView> {
+    pub fn loop_status(&mut self) -> Option<LoopStatus> {
         *self.cycle.read()
     }
 
     /// Returns the newest of the controller.
-    pub fn pilot(&mut self) -> &PilotView {
-        self.pilot.read()
+    pub fn controller_status(&mut self) -> &ControllerStatus {
+        self.controller.read()
     }
 }
 
 /// The cycle's end.
-pub struct CycleDesk {
+pub struct LoopEnd {
     asked: Arc<Asked>,
-    view: Input<Option<CycleView>>,
+    view: Input<Option<LoopStatus>>,
     /// Arming asked for in this cycle; 0 for none.
     asking: u64,
     armed: u64,
 }
 
-impl CycleDesk {
+impl LoopEnd {
     /// Returns what `operator` asks for and what is asked for here, for a cycle that begins in
     /// `state`.
-    pub fn operator(&mut self, operator: Operator, state: State) -> Operator {
+    pub fn operator(&mut self, operator: OperatorRequests, state: SafetyState) -> OperatorRequests {
         let stop = operator.stop.or(self.asked.stop.get());
         let halt = operator.halt.or(self.asked.halt.get());
         let wish = self.asked.arm.load(Ordering::Relaxed);
-        let off = matches!(state, State::Disarmed | State::Latched);
+        let off = matches!(state, SafetyState::Disarmed | SafetyState::Latched);
         // The safety arms on a rising edge: where it did not, the wish falls before it rises again.
         let free = stop.or(halt).is_none();
         let arm = wish > self.armed && off && free && self.asking == 0;
         self.asking = if arm { wish } else { 0 };
-        Operator {
+        OperatorRequests {
             arm: operator.arm || arm,
             stop,
             halt,
@@ -191,11 +191,15 @@ impl CycleDesk {
     }
 
     /// Leaves what a cycle did.
-    pub fn leave<P: Port, Q: Pilot>(&mut self, row: CycleRow, cycle: &Cycle<P, Q>) {
-        if self.asking > 0 && row.state == State::Zeroing {
+    pub fn leave<P: Port, Q: ControllerRunner>(
+        &mut self,
+        row: CycleRow,
+        cycle: &ControlLoop<P, Q>,
+    ) {
+        if self.asking > 0 && row.state == SafetyState::Zeroing {
             self.armed = self.asking;
         }
-        self.view.write(Some(CycleView {
+        self.view.write(Some(LoopStatus {
             row,
             armed: self.armed,
             stopped_by: cycle.stopped_by(),
@@ -205,13 +209,13 @@ impl CycleDesk {
 }
 
 /// The controller's end.
-pub struct PilotDesk {
-    paths: Output<Option<Assignment>>,
-    view: Input<PilotView>,
+pub struct ControllerEnd {
+    paths: Output<Option<PathCommand>>,
+    view: Input<ControllerStatus>,
     stages: usize,
 }
 
-impl PilotDesk {
+impl ControllerEnd {
     /// Gives the controller the newest path, where one has come, or takes away the one it has.
     pub fn take_path(&mut self, controller: &mut Controller) {
         if !self.paths.update() {
@@ -248,7 +252,7 @@ impl PilotDesk {
 mod tests {
     use super::*;
 
-    const IDLE: Operator = Operator {
+    const IDLE: OperatorRequests = OperatorRequests {
         arm: false,
         stop: None,
         halt: None,
@@ -256,48 +260,52 @@ mod tests {
 
     #[test]
     fn an_arming_is_asked_for_until_the_safety_takes_it_and_only_where_it_can() {
-        let (dispatcher, mut desk, _pilot) = desks(10);
-        assert_eq!(desk.operator(IDLE, State::Disarmed), IDLE);
+        let (dispatcher, mut desk, _controller) = command_channel(10);
+        assert_eq!(desk.operator(IDLE, SafetyState::Disarmed), IDLE);
         dispatcher.arm(3);
-        for state in [State::Zeroing, State::Driving, State::Stopping] {
+        for state in [
+            SafetyState::Zeroing,
+            SafetyState::Driving,
+            SafetyState::Stopping,
+        ] {
             assert!(!desk.operator(IDLE, state).arm);
         }
         // It falls where it was not taken, so that it can rise again.
         let asked: Vec<bool> = (0..4)
-            .map(|_| desk.operator(IDLE, State::Latched).arm)
+            .map(|_| desk.operator(IDLE, SafetyState::Latched).arm)
             .collect();
         assert_eq!(asked, [true, false, true, false]);
         dispatcher.arm(0);
-        assert!(!desk.operator(IDLE, State::Latched).arm);
+        assert!(!desk.operator(IDLE, SafetyState::Latched).arm);
     }
 
     #[test]
     fn a_stop_or_a_halt_forbids_to_arm() {
-        let (dispatcher, mut desk, _pilot) = desks(10);
+        let (dispatcher, mut desk, _controller) = command_channel(10);
         dispatcher.arm(1);
         dispatcher.stop(Some(StopCause::Cancelled));
-        let asked = desk.operator(IDLE, State::Latched);
-        let cancelled = Operator {
+        let asked = desk.operator(IDLE, SafetyState::Latched);
+        let cancelled = OperatorRequests {
             stop: Some(StopCause::Cancelled),
             ..IDLE
         };
         assert_eq!(asked, cancelled);
         dispatcher.stop(None);
-        dispatcher.brake().set(Some(StopCause::EmergencyStop));
-        let asked = desk.operator(IDLE, State::Latched);
-        let pressed = Operator {
+        dispatcher.halt_switch().set(Some(StopCause::EmergencyStop));
+        let asked = desk.operator(IDLE, SafetyState::Latched);
+        let pressed = OperatorRequests {
             halt: Some(StopCause::EmergencyStop),
             ..IDLE
         };
         assert_eq!(asked, pressed);
-        dispatcher.brake().set(None);
-        assert!(desk.operator(IDLE, State::Latched).arm);
+        dispatcher.halt_switch().set(None);
+        assert!(desk.operator(IDLE, SafetyState::Latched).arm);
         // What an operator asks for on his own is kept.
-        let own = Operator {
+        let own = OperatorRequests {
             stop: Some(StopCause::Operator),
             ..IDLE
         };
-        assert_eq!(desk.operator(own, State::Driving).stop, own.stop);
+        assert_eq!(desk.operator(own, SafetyState::Driving).stop, own.stop);
     }
 
     #[test]

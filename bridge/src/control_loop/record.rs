@@ -1,11 +1,11 @@
 //! From the cycle to files without waiting: bounded rings of plain values, and who writes them.
 
-use crate::bus::{RestartAnswer, SendFault};
+use crate::can::RestartAnswer;
 use crate::can::cia402::DriveEvent;
 use crate::can::frame::Frame;
 use crate::can::message::FrameFault;
-use crate::clock::Epoch;
-use crate::safety::{BusState, State, Transition};
+use crate::drives::{Epoch, LinkState, SendError};
+use crate::safety::{SafetyState, Transition};
 use serde::Serialize;
 use std::io::{Error, Write};
 use std::sync::Arc;
@@ -37,7 +37,7 @@ pub enum Record {
         /// When, s.
         time_s: f64,
         /// To what.
-        state: BusState,
+        state: LinkState,
     },
     /// A restart after a bus-off was tried.
     Restart {
@@ -62,7 +62,7 @@ pub enum Record {
         /// When, s.
         time_s: f64,
         /// Why.
-        fault: SendFault,
+        fault: SendError,
     },
     /// The safety changed its state.
     Transition(Transition),
@@ -80,7 +80,7 @@ pub struct CycleRow {
     /// What was left of the period when it ended, s.
     pub slack_s: f64,
     /// State of the safety.
-    pub state: State,
+    pub state: SafetyState,
     /// Whether the drives were told to be on.
     pub enable: bool,
     /// Traction told, m/s.
@@ -96,7 +96,7 @@ pub struct CycleRow {
     /// Age of the feedback, s; infinite without.
     pub feedback_age_s: f64,
     /// State of the bus.
-    pub bus: BusState,
+    pub bus: LinkState,
     /// Estimated X_g, m; NaN without an estimate.
     pub x_m: f64,
     /// Estimated Y_g, m.
@@ -179,9 +179,9 @@ struct EventLine<'a> {
     time_s: f64,
     event: &'a str,
     #[serde(skip_serializing_if = "Option::is_none")]
-    from: Option<State>,
+    from: Option<SafetyState>,
     #[serde(skip_serializing_if = "Option::is_none")]
-    to: Option<State>,
+    to: Option<SafetyState>,
     reason: String,
 }
 

@@ -1,11 +1,15 @@
 //! The cycle: receive, decide, guard, send, record, on absolute times.
 
-use crate::bus::SendFault;
-use crate::clock::Clock;
-use crate::pilot::{Pilot, intent};
-use crate::port::Port;
-use crate::record::{CycleRow, Record, RecordSink};
-use crate::safety::{Observation, Operator, Order, Reason, Safety, SafetyConfig, State};
+pub mod channel;
+pub mod record;
+pub mod runner;
+pub mod scheduling;
+
+use crate::control_loop::record::{CycleRow, Record, RecordSink};
+use crate::control_loop::runner::{ControllerRunner, intent};
+use crate::drives::Clock;
+use crate::drives::{DriveCommand, Port, SendError};
+use crate::safety::{OperatorRequests, Reason, Safety, SafetyConfig, SafetyInputs, SafetyState};
 use serde::{Deserialize, Serialize};
 use sidehill_plant::vehicle::RangeError;
 use std::time::Duration;
@@ -54,7 +58,7 @@ impl CycleConfig {
 }
 
 /// The cycle with its vehicle, its controller and its safety.
-pub struct Cycle<P: Port, Q: Pilot> {
+pub struct ControlLoop<P: Port, Q: ControllerRunner> {
     config: CycleConfig,
     clock: Clock,
     port: P,
@@ -89,7 +93,7 @@ pub struct Timing {
     pub slack_min_s: f64,
 }
 
-impl<P: Port, Q: Pilot> Cycle<P, Q> {
+impl<P: Port, Q: ControllerRunner> ControlLoop<P, Q> {
     /// Returns a cycle that begins with its first step, disarmed.
     ///
     /// # Errors
@@ -126,7 +130,7 @@ impl<P: Port, Q: Pilot> Cycle<P, Q> {
     }
 
     /// Returns the state of the safety.
-    pub fn state(&self) -> State {
+    pub fn state(&self) -> SafetyState {
         self.safety.state()
     }
 
@@ -149,7 +153,7 @@ impl<P: Port, Q: Pilot> Cycle<P, Q> {
     }
 
     /// Runs one cycle and returns what it did; waits for its time first.
-    pub fn step(&mut self, operator: Operator) -> CycleRow {
+    pub fn step(&mut self, operator: OperatorRequests) -> CycleRow {
         // 1. Wait for the absolute time of this cycle.
         let first_s = *self.first_s.get_or_insert_with(|| self.clock.now_s());
         let mut due_s = first_s + self.tick as f64 * self.config.period_s;
@@ -166,9 +170,9 @@ impl<P: Port, Q: Pilot> Cycle<P, Q> {
         let reading = self.port.receive(begin_s);
 
         // 3. Decide, within the time there is.
-        let engaged = self.safety.state() == State::Driving;
+        let engaged = self.safety.state() == SafetyState::Driving;
         let patience = match self.clock {
-            Clock::Real(_) | Clock::Told(_) => {
+            Clock::Real(_) | Clock::External(_) => {
                 Some(Duration::from_secs_f64(self.config.decision_time_s))
             }
             Clock::Virtual { .. } => None,
@@ -176,11 +180,11 @@ impl<P: Port, Q: Pilot> Cycle<P, Q> {
         let decision = self.pilot.decide(&reading.sample, engaged, patience);
 
         // 4. Guard: only the safety says what is sent. Its time is that of the readings.
-        let (order, transition) = self.safety.step(&Observation {
+        let (order, transition) = self.safety.step(&SafetyInputs {
             time_s: begin_s,
             intent: decision.as_ref().map(intent),
             feedback: reading.feedback,
-            bus: reading.bus,
+            link: reading.link,
             unsent_since_s: self.unsent_since_s,
             operator,
         });
@@ -190,8 +194,8 @@ impl<P: Port, Q: Pilot> Cycle<P, Q> {
 
         // 6. Record, and find the next cycle that is not over yet.
         if let Some(transition) = transition {
-            let stops = matches!(transition.to, State::Stopping | State::Latched);
-            if stops && transition.from != State::Stopping {
+            let stops = matches!(transition.to, SafetyState::Stopping | SafetyState::Latched);
+            if stops && transition.from != SafetyState::Stopping {
                 self.stopped_by = Some(transition.reason);
             }
             self.records.push(Record::Transition(transition));
@@ -221,7 +225,7 @@ impl<P: Port, Q: Pilot> Cycle<P, Q> {
             feedback_age_s: reading
                 .feedback
                 .map_or(f64::INFINITY, |feedback| begin_s - feedback.time_s),
-            bus: reading.bus,
+            bus: reading.link,
             x_m: pose.map_or(f64::NAN, |pose| pose.x_m),
             y_m: pose.map_or(f64::NAN, |pose| pose.y_m),
             yaw_rad: pose.map_or(f64::NAN, |pose| pose.yaw_rad),
@@ -240,7 +244,7 @@ impl<P: Port, Q: Pilot> Cycle<P, Q> {
         row
     }
 
-    fn send(&mut self, order: &Order) -> bool {
+    fn send(&mut self, order: &DriveCommand) -> bool {
         let now_s = self.clock.now_s();
         let Err(fault) = self.port.send(now_s, order) else {
             self.unsent_since_s = None;
@@ -258,13 +262,13 @@ impl<P: Port, Q: Pilot> Cycle<P, Q> {
     }
 }
 
-impl<P: Port, Q: Pilot> Drop for Cycle<P, Q> {
+impl<P: Port, Q: ControllerRunner> Drop for ControlLoop<P, Q> {
     /// The last word to the drives is zero and off, however the cycle ends; a panic comes here too.
     /// Said more than once, since a single frame may be lost.
     fn drop(&mut self) {
         for _ in 0..3 {
             let now_s = self.clock.now_s();
-            let _: Result<(), SendFault> = self.port.send(now_s, &Order::OFF);
+            let _: Result<(), SendError> = self.port.send(now_s, &DriveCommand::OFF);
         }
     }
 }

@@ -1,8 +1,8 @@
 //! A SocketCAN interface: one thread that listens, one sender that never waits.
 
 use crate::can::frame::{Frame, FrameId};
-use crate::clock::Epoch;
-use crate::safety::BusState;
+use crate::drives::Epoch;
+use crate::drives::{LinkState, SendError};
 use socketcan::embedded_can::{ExtendedId, Frame as _, Id, StandardId};
 use socketcan::errors::{CanError, ControllerProblems, ErrorCause};
 use socketcan::{
@@ -33,7 +33,7 @@ const RESTARTS_MAX: u32 = 8;
 
 /// What a listener hears.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Heard {
+pub enum BusEvent {
     /// A data frame that arrived.
     Frame {
         /// When, s.
@@ -46,7 +46,7 @@ pub enum Heard {
         /// When, s.
         time_s: f64,
         /// The new state.
-        state: BusState,
+        state: LinkState,
     },
     /// A restart of the interface after a bus-off was tried.
     Restart {
@@ -79,30 +79,7 @@ impl RestartAnswer {
     }
 }
 
-/// Why a frame was not sent.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-pub enum SendFault {
-    /// The interface's queue is full; the frame is dropped, since a later one is newer.
-    #[error("the queue of the interface is full")]
-    QueueFull,
-    /// The interface is down.
-    #[error("the interface is down")]
-    Down,
-    /// There is no interface, or it cannot be opened.
-    #[error("there is no such interface, or no permission to use it")]
-    Absent,
-    /// The frame's values do not fit.
-    #[error("the command does not fit its signals")]
-    Values,
-    /// Another error of the system.
-    #[error("system error {errno}")]
-    System {
-        /// Its number.
-        errno: i32,
-    },
-}
-
-impl From<crate::can::message::FrameFault> for SendFault {
+impl From<crate::can::message::FrameFault> for SendError {
     fn from(_: crate::can::message::FrameFault) -> Self {
         Self::Values
     }
@@ -172,28 +149,28 @@ impl Sender {
     /// Sends a frame at once or not at all.
     ///
     /// # Errors
-    /// [`SendFault`]; the frame is then lost.
-    pub fn send(&mut self, frame: &Frame) -> Result<(), SendFault> {
+    /// [`SendError`]; the frame is then lost.
+    pub fn send(&mut self, frame: &Frame) -> Result<(), SendError> {
         if self.socket.is_none() {
             self.socket = self.opened.try_recv().ok();
         }
-        let socket = self.socket.as_ref().ok_or(SendFault::Absent)?;
-        let data = socket_frame(frame).ok_or(SendFault::Values)?;
+        let socket = self.socket.as_ref().ok_or(SendError::Absent)?;
+        let data = socket_frame(frame).ok_or(SendError::Values)?;
         let Err(error) = socket.write_frame(&data) else {
             return Ok(());
         };
         Err(match error.raw_os_error() {
-            Some(ENOBUFS) => SendFault::QueueFull,
-            Some(ENETDOWN) => SendFault::Down,
+            Some(ENOBUFS) => SendError::QueueFull,
+            Some(ENETDOWN) => SendError::Down,
             Some(ENODEV | ENXIO) => {
                 if let Some(socket) = self.socket.take() {
                     // Where the thread is gone, the socket is closed here.
                     let _ = self.closed.send(socket);
                 }
-                SendFault::Absent
+                SendError::Absent
             }
-            _ if error.kind() == ErrorKind::WouldBlock => SendFault::QueueFull,
-            errno => SendFault::System {
+            _ if error.kind() == ErrorKind::WouldBlock => SendError::QueueFull,
+            errno => SendError::System {
                 errno: errno.unwrap_or(0),
             },
         })
@@ -226,12 +203,12 @@ fn socket_frame(frame: &Frame) -> Option<CanDataFrame> {
 }
 
 /// Listens on an interface in a thread of its own until it is dropped.
-pub struct Listener {
+pub struct BusMonitor {
     stop: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
 }
 
-impl Listener {
+impl BusMonitor {
     /// Returns a listener that passes frames of the identifiers `wanted`, errors and states of the
     /// bus to `hear`; the interface need not exist yet.
     ///
@@ -241,23 +218,23 @@ impl Listener {
         interface: &str,
         wanted: &[FrameId],
         epoch: Epoch,
-        hear: impl FnMut(Heard) + Send + 'static,
+        hear: impl FnMut(BusEvent) + Send + 'static,
     ) -> Result<Self, Error> {
         let stop = Arc::new(AtomicBool::new(false));
-        let mut ear = Ear {
+        let mut monitor = Monitor {
             interface: interface.to_owned(),
             filters: wanted.iter().map(|id| exact_filter(*id)).collect(),
             epoch,
             stop: Arc::clone(&stop),
             hear,
             told: None,
-            errors: BusState::Active,
+            errors: LinkState::Active,
             restarts: 0,
             restart_s: 0.0,
         };
         let thread = std::thread::Builder::new()
             .name("can-listener".to_owned())
-            .spawn(move || ear.run())?;
+            .spawn(move || monitor.run())?;
         Ok(Self {
             stop,
             thread: Some(thread),
@@ -270,7 +247,7 @@ impl Listener {
     }
 }
 
-impl Drop for Listener {
+impl Drop for BusMonitor {
     fn drop(&mut self) {
         self.stop.store(true, Ordering::Relaxed);
         if let Some(thread) = self.thread.take() {
@@ -291,28 +268,28 @@ fn exact_filter(id: FrameId) -> CanFilter {
     }
 }
 
-struct Ear<F> {
+struct Monitor<F> {
     interface: String,
     filters: Vec<CanFilter>,
     epoch: Epoch,
     stop: Arc<AtomicBool>,
     hear: F,
-    told: Option<BusState>,
-    errors: BusState,
+    told: Option<LinkState>,
+    errors: LinkState,
     restarts: u32,
     restart_s: f64,
 }
 
-impl<F: FnMut(Heard)> Ear<F> {
+impl<F: FnMut(BusEvent)> Monitor<F> {
     fn run(&mut self) {
         let mut backoff_s = BACKOFF_S[0];
         while !self.stop.load(Ordering::Relaxed) {
             if let Ok(socket) = self.open() {
                 backoff_s = BACKOFF_S[0];
-                self.errors = BusState::Active;
+                self.errors = LinkState::Active;
                 self.listen(&socket);
             } else {
-                self.tell(BusState::Absent);
+                self.tell(LinkState::Absent);
                 // Short sleeps, so that the end of the program does not wait.
                 let until_s = self.epoch.elapsed_s() + backoff_s;
                 while self.epoch.elapsed_s() < until_s && !self.stop.load(Ordering::Relaxed) {
@@ -341,17 +318,17 @@ impl<F: FnMut(Heard)> Ear<F> {
             match read {
                 Ok(CanFrame::Data(data)) => {
                     if let Some(frame) = plain_frame(&data) {
-                        (self.hear)(Heard::Frame { time_s, frame });
+                        (self.hear)(BusEvent::Frame { time_s, frame });
                     }
                 }
                 Ok(CanFrame::Error(error)) => self.judge(error),
                 Ok(CanFrame::Remote(_)) => {}
                 Err(error) => match error.raw_os_error() {
                     Some(ENODEV | ENXIO) => {
-                        self.tell(BusState::Absent);
+                        self.tell(LinkState::Absent);
                         return;
                     }
-                    Some(ENETDOWN) => self.tell(BusState::Down),
+                    Some(ENETDOWN) => self.tell(LinkState::Down),
                     _ => {}
                 },
             }
@@ -359,7 +336,7 @@ impl<F: FnMut(Heard)> Ear<F> {
                 polled_s = time_s;
                 // An interface that was deleted and made again has another index.
                 if index.is_none() || self.attribute("ifindex") != index {
-                    self.tell(BusState::Absent);
+                    self.tell(LinkState::Absent);
                     return;
                 }
                 self.poll(time_s);
@@ -376,12 +353,12 @@ impl<F: FnMut(Heard)> Ear<F> {
             .is_some_and(|flags| flags & UP != 0);
         if !up {
             // A controller that is started again has forgotten its errors.
-            self.errors = BusState::Active;
+            self.errors = LinkState::Active;
             self.restarts = 0;
-            self.tell(BusState::Down);
+            self.tell(LinkState::Down);
             return;
         }
-        if self.errors == BusState::BusOff {
+        if self.errors == LinkState::BusOff {
             self.recover(time_s);
         }
         self.tell(self.errors);
@@ -399,14 +376,14 @@ impl<F: FnMut(Heard)> Ear<F> {
             CanInterface::open(&self.interface).and_then(|interface| interface.restart());
         let answer = match restarted {
             Ok(()) => {
-                self.errors = BusState::Active;
+                self.errors = LinkState::Active;
                 RestartAnswer::Accepted
             }
             Err(socketcan::Error::Io(error)) => RestartAnswer::refused(error.raw_os_error()),
             Err(socketcan::Error::Nl(error)) => RestartAnswer::refused(error.errno()),
             Err(_) => RestartAnswer::None,
         };
-        (self.hear)(Heard::Restart {
+        (self.hear)(BusEvent::Restart {
             time_s,
             attempt: self.restarts,
             answer,
@@ -417,13 +394,13 @@ impl<F: FnMut(Heard)> Ear<F> {
         for cause in CanError::from(frame).causes() {
             self.errors = match cause {
                 ErrorCause::BusOff => {
-                    if self.errors != BusState::BusOff {
+                    if self.errors != LinkState::BusOff {
                         self.restarts = 0;
                         self.restart_s = self.epoch.elapsed_s() + BACKOFF_S[0];
                     }
-                    BusState::BusOff
+                    LinkState::BusOff
                 }
-                ErrorCause::Restarted => BusState::Active,
+                ErrorCause::Restarted => LinkState::Active,
                 ErrorCause::Controller(problems) => controller_state(*problems, self.errors),
                 _ => self.errors,
             };
@@ -431,9 +408,9 @@ impl<F: FnMut(Heard)> Ear<F> {
         self.tell(self.errors);
     }
 
-    fn tell(&mut self, state: BusState) {
+    fn tell(&mut self, state: LinkState) {
         if self.told.replace(state) != Some(state) {
-            (self.hear)(Heard::Bus {
+            (self.hear)(BusEvent::Bus {
                 time_s: self.epoch.elapsed_s(),
                 state,
             });
@@ -445,13 +422,13 @@ impl<F: FnMut(Heard)> Ear<F> {
     }
 }
 
-fn controller_state(problems: ControllerProblems, before: BusState) -> BusState {
+fn controller_state(problems: ControllerProblems, before: LinkState) -> LinkState {
     if problems.intersects(ControllerProblems::RX_PASSIVE | ControllerProblems::TX_PASSIVE) {
-        BusState::Passive
+        LinkState::Passive
     } else if problems.intersects(ControllerProblems::RX_WARNING | ControllerProblems::TX_WARNING) {
-        BusState::Warning
+        LinkState::Warning
     } else if problems.contains(ControllerProblems::ACTIVE) {
-        BusState::Active
+        LinkState::Active
     } else {
         before
     }

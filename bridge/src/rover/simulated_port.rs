@@ -1,8 +1,7 @@
-use super::{Port, Reading};
-use crate::bus::SendFault;
-use crate::drive::{DriveConfig, DriveInput, VirtualDrive};
-use crate::motors::MeasuredMotorSpeeds;
-use crate::safety::{BusState, DriveFeedback, Order};
+use crate::drives::MeasuredMotorSpeeds;
+use crate::drives::{DriveCommand, DriveFeedback, LinkState};
+use crate::drives::{Port, PortInputs, SendError};
+use crate::rover::{DriveConfig, DriveInput, VirtualDrive};
 use sidehill_plant::sample::{Sample, Stamped};
 use sidehill_plant::simulation::{Simulation, SimulationError, TrueState};
 use sidehill_plant::vehicle::{RangeError, SpeedCorrection};
@@ -62,7 +61,7 @@ impl SimulatedPort {
 }
 
 impl Port for SimulatedPort {
-    fn receive(&mut self, now_s: f64) -> Reading {
+    fn receive(&mut self, now_s: f64) -> PortInputs {
         let mut time_s = self.simulation.state().time_s;
         // Half a step of slack, so that rounding does not lose a step.
         while self.error.is_none() && time_s + 0.5 * self.dt_s < now_s {
@@ -82,7 +81,7 @@ impl Port for SimulatedPort {
                 pose: None,
             };
         }
-        Reading {
+        PortInputs {
             sample,
             feedback: Some(Stamped {
                 time_s: state.time_s,
@@ -91,12 +90,12 @@ impl Port for SimulatedPort {
                     mode: self.drive.mode(),
                 },
             }),
-            bus: BusState::Active,
+            link: LinkState::Active,
             refused: 0,
         }
     }
 
-    fn send(&mut self, now_s: f64, order: &Order) -> Result<(), SendFault> {
+    fn send(&mut self, now_s: f64, order: &DriveCommand) -> Result<(), SendError> {
         let motors = MeasuredMotorSpeeds::reaching(order.speeds, &self.correction);
         self.told = Some((now_s, motors, order.enable));
         Ok(())

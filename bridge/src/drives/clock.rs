@@ -35,12 +35,12 @@ impl Epoch {
 
 /// A clock that somebody else tells, as a simulator does; its copies are the same clock.
 #[derive(Debug, Clone, Default)]
-pub struct ToldClock {
+pub struct ExternalClock {
     /// The time told last, s.
     shared: Arc<(Mutex<Option<f64>>, Condvar)>,
 }
 
-impl ToldClock {
+impl ExternalClock {
     /// Longest wait for a clock that stands, real time; the cycle then looks around.
     const PATIENCE: Duration = Duration::from_millis(500);
 
@@ -84,7 +84,7 @@ pub enum Clock {
         now_s: f64,
     },
     /// Time that others tell.
-    Told(ToldClock),
+    External(ExternalClock),
 }
 
 impl Clock {
@@ -93,7 +93,7 @@ impl Clock {
         match self {
             Self::Real(epoch) => epoch.elapsed_s(),
             Self::Virtual { now_s } => *now_s,
-            Self::Told(clock) => clock.now_s().unwrap_or(0.0),
+            Self::External(clock) => clock.now_s().unwrap_or(0.0),
         }
     }
 
@@ -102,7 +102,7 @@ impl Clock {
     pub fn wait_until(&mut self, time_s: f64) {
         match self {
             Self::Virtual { now_s } => *now_s = now_s.max(time_s),
-            Self::Told(clock) => clock.wait_until(time_s),
+            Self::External(clock) => clock.wait_until(time_s),
             Self::Real(epoch) => {
                 let absolute_s = epoch.monotonic_s + time_s;
                 if !absolute_s.is_finite() || absolute_s < 0.0 {
@@ -133,7 +133,7 @@ mod tests {
 
     #[test]
     fn a_told_clock_wakes_who_waits_for_it() {
-        let clock = ToldClock::default();
+        let clock = ExternalClock::default();
         let teller = clock.clone();
         let thread = std::thread::spawn(move || {
             for step in 1..=10 {
@@ -141,7 +141,7 @@ mod tests {
                 teller.tell(f64::from(step) * 0.1);
             }
         });
-        let mut waiting = Clock::Told(clock);
+        let mut waiting = Clock::External(clock);
         waiting.wait_until(0.5);
         assert!(waiting.now_s() >= 0.5);
         thread.join().unwrap();
@@ -152,13 +152,13 @@ mod tests {
 
     #[test]
     fn a_told_clock_that_stands_is_not_waited_for_for_ever() {
-        let clock = ToldClock::default();
+        let clock = ExternalClock::default();
         clock.tell(3.0);
         clock.tell(f64::NAN);
-        let mut waiting = Clock::Told(clock.clone());
+        let mut waiting = Clock::External(clock.clone());
         let start = Instant::now();
         waiting.wait_until(4.0);
         assert_eq!(waiting.now_s(), 3.0);
-        assert!(start.elapsed() >= ToldClock::PATIENCE);
+        assert!(start.elapsed() >= ExternalClock::PATIENCE);
     }
 }

@@ -1,7 +1,7 @@
 //! The controller as the cycle sees it: in the cycle itself, or in a thread that may be late.
 
-use crate::mission::PilotDesk;
-use crate::safety::{Intent, PilotState};
+use crate::control_loop::channel::ControllerEnd;
+use crate::safety::{ControllerOutput, ControllerState};
 use sidehill_controller::controller::{Controller, Decision, Status};
 use sidehill_plant::sample::Sample;
 use std::os::unix::thread::JoinHandleExt;
@@ -13,7 +13,7 @@ use thread_priority::ThreadId;
 use triple_buffer::{Input, Output, triple_buffer};
 
 /// Decides in every cycle.
-pub trait Pilot {
+pub trait ControllerRunner {
     /// Returns the newest decision, which may be that of an earlier cycle; `engaged` says whether
     /// commands are passed on, and `patience` how long to wait at most, where time is real.
     fn decide(
@@ -25,27 +25,27 @@ pub trait Pilot {
 }
 
 /// Returns what a decision means to the safety.
-pub fn intent(decision: &Decision) -> Intent {
-    Intent {
+pub fn intent(decision: &Decision) -> ControllerOutput {
+    ControllerOutput {
         time_s: decision.time_s,
         command: decision.command,
         pilot: match decision.status {
-            Status::Waiting => PilotState::Waiting,
-            Status::Tracking | Status::Fallback { .. } => PilotState::Driving,
-            Status::Stopping(why) => PilotState::Stopped(why),
-            Status::Finished => PilotState::Finished,
+            Status::Waiting => ControllerState::Waiting,
+            Status::Tracking | Status::Fallback { .. } => ControllerState::Driving,
+            Status::Stopping(why) => ControllerState::Stopped(why),
+            Status::Finished => ControllerState::Finished,
         },
     }
 }
 
 /// The controller within the cycle, for virtual time.
-pub struct InlinePilot {
+pub struct InlineRunner {
     controller: Controller,
     engaged: bool,
-    desk: Option<PilotDesk>,
+    desk: Option<ControllerEnd>,
 }
 
-impl InlinePilot {
+impl InlineRunner {
     /// Returns a pilot that holds its controller until it is engaged.
     pub fn new(mut controller: Controller) -> Self {
         controller.request_stop();
@@ -57,13 +57,13 @@ impl InlinePilot {
     }
 
     /// Returns this pilot with a desk where it takes paths and leaves what it decides.
-    pub fn at(mut self, desk: Option<PilotDesk>) -> Self {
+    pub fn at(mut self, desk: Option<ControllerEnd>) -> Self {
         self.desk = desk;
         self
     }
 }
 
-impl Pilot for InlinePilot {
+impl ControllerRunner for InlineRunner {
     fn decide(
         &mut self,
         sample: &Sample,
@@ -99,19 +99,22 @@ struct Question {
 }
 
 /// The controller in a thread of its own, so that it can be late or die without the cycle.
-pub struct ThreadedPilot {
+pub struct ThreadedRunner {
     questions: Input<Option<Question>>,
     answers: Output<Option<Decision>>,
     stop: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
 }
 
-impl ThreadedPilot {
+impl ThreadedRunner {
     /// Returns a pilot whose thread wakes the calling one when it has decided.
     ///
     /// # Errors
     /// The system's, where it has no thread left.
-    pub fn start(controller: Controller, desk: Option<PilotDesk>) -> Result<Self, std::io::Error> {
+    pub fn start(
+        controller: Controller,
+        desk: Option<ControllerEnd>,
+    ) -> Result<Self, std::io::Error> {
         let (questions, mut asked) = triple_buffer(&None::<Question>);
         let (mut answer, answers) = triple_buffer(&None::<Decision>);
         let stop = Arc::new(AtomicBool::new(false));
@@ -119,7 +122,7 @@ impl ThreadedPilot {
         let thread = std::thread::Builder::new()
             .name("controller".to_owned())
             .spawn(move || {
-                let mut pilot = InlinePilot::new(controller).at(desk);
+                let mut pilot = InlineRunner::new(controller).at(desk);
                 while !ended.load(Ordering::Relaxed) {
                     if !asked.update() {
                         std::thread::park_timeout(Duration::from_millis(100));
@@ -149,7 +152,7 @@ impl ThreadedPilot {
     }
 }
 
-impl Pilot for ThreadedPilot {
+impl ControllerRunner for ThreadedRunner {
     fn decide(
         &mut self,
         sample: &Sample,
@@ -179,7 +182,7 @@ impl Pilot for ThreadedPilot {
 /// Longest wait for the thread at the end: more than a decision, and short for a person.
 const END_PATIENCE: Duration = Duration::from_millis(500);
 
-impl Drop for ThreadedPilot {
+impl Drop for ThreadedRunner {
     fn drop(&mut self) {
         self.stop.store(true, Ordering::Relaxed);
         let Some(thread) = self.thread.take() else {

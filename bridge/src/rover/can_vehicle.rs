@@ -3,11 +3,12 @@
 use crate::can::cia402::VirtualDrives;
 use crate::can::controller_side::MotorReport;
 use crate::can::frame::{Frame, FrameId};
-use crate::can::layout::{DriveMode, Layout, Profile};
+use crate::can::layout::{Layout, Profile};
 use crate::can::message::FrameFault;
 use crate::can::vehicle_side::{CommandReader, ReportWriter, VehicleReport};
-use crate::drive::{DriveConfig, DriveInput, VirtualDrive};
-use crate::motors::MeasuredMotorSpeeds;
+use crate::drives::DriveMode;
+use crate::drives::MeasuredMotorSpeeds;
+use crate::rover::{DriveConfig, DriveInput, VirtualDrive};
 use serde::{Deserialize, Serialize};
 use sidehill_plant::sample::Sample;
 use sidehill_plant::simulation::{Simulation, SimulationError, TrueState};

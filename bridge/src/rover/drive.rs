@@ -1,7 +1,7 @@
 //! The drives' own side of the handshake, for virtual vehicles.
 
-use crate::can::layout::DriveMode;
-use crate::motors::MeasuredMotorSpeeds;
+use crate::drives::DriveMode;
+use crate::drives::MeasuredMotorSpeeds;
 use serde::{Deserialize, Serialize};
 use sidehill_plant::vehicle::RangeError;
 

@@ -1,0 +1,13 @@
+//! What every port speaks: commands to the drives, their feedback, the state of the link to them, and
+//! the clock that all go by.
+
+mod clock;
+mod motors;
+mod port;
+mod vocabulary;
+
+pub use clock::{Clock, Epoch, ExternalClock};
+pub use motors::MeasuredMotorSpeeds;
+pub(crate) use port::newer;
+pub use port::{Port, PortInputs};
+pub use vocabulary::{DriveCommand, DriveFeedback, DriveMode, LinkState, SendError};
