@@ -81,7 +81,8 @@ pub fn run(args: &IdentifyArgs) -> Result<()> {
         print!("{}", stage_table("slope", "ICRHK", &report));
         vehicle = fitted;
     }
-    match identify_extension(&logs.level, &logs.slope, &vehicle, &settings) {
+    let slope: Vec<DriveLog> = logs.slope.into_iter().chain(logs.across).collect();
+    match identify_extension(&logs.level, &slope, &vehicle, &settings) {
         Ok((extension, report)) => {
             print!("{}", extension_table(&report));
             vehicle.extension = extension;
@@ -103,6 +104,8 @@ pub fn run(args: &IdentifyArgs) -> Result<()> {
 struct Logs {
     level: Vec<DriveLog>,
     slope: Vec<DriveLog>,
+    /// Further ones on the slope, for the terms beyond ICRIK.
+    across: Vec<DriveLog>,
 }
 
 fn recorded(args: &IdentifyArgs) -> Result<Logs> {
@@ -113,6 +116,7 @@ fn recorded(args: &IdentifyArgs) -> Result<Logs> {
     Ok(Logs {
         level: read(&args.level)?,
         slope: read(&args.slope)?,
+        across: Vec::new(),
     })
 }
 
@@ -133,6 +137,11 @@ fn simulated(path: &Path, vehicle: &Vehicle, seed: u64) -> Result<Logs> {
     Ok(Logs {
         level: vec![log(Terrain::Level, &procedure.level, seed)?],
         slope: vec![log(procedure.slope_terrain()?, &procedure.slope, seed + 1)?],
+        across: vec![log(
+            procedure.slope_terrain()?,
+            &procedure.across,
+            seed + 2,
+        )?],
     })
 }
 
@@ -188,7 +197,7 @@ fn extension_table(report: &ExtensionReport) -> String {
         };
         let _ = writeln!(
             out,
-            "  {:20} {verdict}; held-out position error {:+.1} +- {:.1} %",
+            "  {:20} {verdict}; held-out misfit {:+.1} +- {:.1} %",
             term.term.key(),
             -100.0 * term.improvement,
             100.0 * term.improvement_half_width,
@@ -197,7 +206,7 @@ fn extension_table(report: &ExtensionReport) -> String {
     let mut held_out = |name: &str, errors: &SegmentErrors| {
         let _ = writeln!(
             out,
-            "  held-out blocks, {name}: position {:.3} m, yaw {:.3} rad RMS",
+            "  held-out segments, {name}: position {:.3} m, yaw {:.3} rad RMS",
             errors.lateral_m.hypot(errors.longitudinal_m),
             errors.yaw_rad
         );
@@ -231,7 +240,8 @@ fn commented(vehicle: &Vehicle, args: &IdentifyArgs) -> Result<String> {
     Ok(format!(
         "# Identified by: sidehill identify {source} --vehicle {} --segment-s {} --smoothing-s {}\n\
          # Keys and units as in config/vehicles/j8.yaml: ICRs in m from the body's origin, slide gains\n\
-         # in s/rad, largest speed in m/s, base in m; base and largest speed from the --vehicle file.\n{yaml}",
+         # in s/rad, largest speed in m/s, base in m; base and largest speed from the --vehicle file.\n\
+         # extension: terms beyond ICRIK and the parameters found with them, see docs/identification.md.\n{yaml}",
         args.vehicle.display(),
         args.segment_s,
         args.smoothing_s
@@ -261,6 +271,10 @@ mod tests {
         }
     }
 
+    fn creep(vehicle: &Vehicle) -> f64 {
+        vehicle.extension_gains().creep_m_s_per_rad
+    }
+
     #[test]
     fn the_identified_contact_vehicle_is_what_its_command_makes() {
         let out = std::env::temp_dir().join(format!("sidehill-{}.yaml", std::process::id()));
@@ -281,6 +295,7 @@ mod tests {
             ),
             (made.correction.left, kept.correction.left),
             (made.correction.right, kept.correction.right),
+            (creep(&made), creep(&kept)),
         ] {
             assert!((made - kept).abs() < 1e-3 * kept.abs(), "{made} {kept}");
         }

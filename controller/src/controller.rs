@@ -134,10 +134,10 @@ impl Controller {
             settings.adaptation.slope_sigma = 0.0;
             Estimator::new(settings, vehicle.on_level_ground())
         } else {
-            Estimator::new(config.estimator, vehicle.clone())
+            Estimator::new(config.estimator, vehicle.extended())
         };
         let vehicle = match kind {
-            ControllerKind::IcrikMpc => vehicle.clone(),
+            ControllerKind::IcrikMpc => vehicle.extended(),
             ControllerKind::IcrhkMpc | ControllerKind::PurePursuit => vehicle.on_level_ground(),
             ControllerKind::DiffdriveMpc => vehicle.as_differential_drive(),
         };

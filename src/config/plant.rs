@@ -3,7 +3,7 @@
 use serde::Deserialize;
 use sidehill_plant::contact::{ContactModel, ContactVehicle, FrictionField};
 use sidehill_plant::motion::{IcrMotion, MotionModel};
-use sidehill_plant::vehicle::{RangeError, SpeedCorrection, Vehicle};
+use sidehill_plant::vehicle::{HorizontalIcrs, RangeError, SlideGains, SpeedCorrection, Vehicle};
 use std::path::PathBuf;
 
 /// What moves the simulated vehicle.
@@ -144,14 +144,34 @@ impl Default for ModelError {
 impl ModelError {
     /// Returns what controllers believe instead of `vehicle`.
     pub(super) fn apply(&self, mut vehicle: Vehicle) -> Result<Vehicle, RangeError> {
-        vehicle.icrs.left_m *= self.x_icr_left;
-        vehicle.icrs.right_m *= self.x_icr_right;
-        vehicle.icrs.forward_m *= self.y_icr;
-        vehicle.slide.shift_s_per_rad *= self.lambda_1;
-        vehicle.slide.aggravated_s_per_rad *= self.lambda_2;
-        vehicle.correction.left *= self.correction_left;
-        vehicle.correction.right *= self.correction_right;
+        self.scale(
+            &mut vehicle.icrs,
+            &mut vehicle.slide,
+            &mut vehicle.correction,
+        );
+        if let Some(extension) = &mut vehicle.extension {
+            self.scale(
+                &mut extension.icrs,
+                &mut extension.slide,
+                &mut extension.correction,
+            );
+        }
         vehicle.validated()
+    }
+
+    fn scale(
+        &self,
+        icrs: &mut HorizontalIcrs,
+        slide: &mut SlideGains,
+        correction: &mut SpeedCorrection,
+    ) {
+        icrs.left_m *= self.x_icr_left;
+        icrs.right_m *= self.x_icr_right;
+        icrs.forward_m *= self.y_icr;
+        slide.shift_s_per_rad *= self.lambda_1;
+        slide.aggravated_s_per_rad *= self.lambda_2;
+        correction.left *= self.correction_left;
+        correction.right *= self.correction_right;
     }
 }
 

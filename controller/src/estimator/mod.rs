@@ -327,7 +327,9 @@ impl Estimator {
         let terms = Terms::at(belief.attitude, motors.steer_m_s, SMOOTHING_M_S).value;
         let gains = matrix(&belief.gains);
         let learned = gains * terms;
-        let mut velocity = self.vehicle.body_velocity(belief.attitude, belief.treads);
+        let mut velocity = self
+            .vehicle
+            .extended_velocity(belief.attitude, belief.treads);
         velocity.right_m_s += learned.x;
         velocity.forward_m_s += learned.y;
         velocity.yaw_rate_rad_s += learned.z;

@@ -1,11 +1,15 @@
 //! Which terms beyond ICRHK a set of logs supports: forward selection by cross-validation over blocks.
 //!
-//! Logs are cut into [`BLOCKS`] blocks of consecutive segments. A model is fitted to all segments; its
-//! parameters without a block follow by one Gauss-Newton step on the rest, and predict the block.
-//! Starting from ICRHK, the term is added whose model lowers the held-out position error most, as long
-//! as the gain is at least [`IMPROVEMENT_MIN`] and its 95 % interval over the blocks is above 0. All
-//! parameters are fitted again with each set of terms.
+//! Segments are dealt out to [`FOLDS`] folds in runs of [`RUN`], so that what lies close in time is held
+//! out together and every fold has some of each kind of driving. A model is fitted to all segments; its
+//! parameters without a fold follow by one Gauss-Newton step on the rest, and predict the fold.
+//!
+//! Starting from ICRHK, the term is added whose model lowers the held-out misfit most, as long as the
+//! fall is at least [`IMPROVEMENT_MIN`] and above 0 with 95 % confidence over the folds, and the 95 %
+//! interval of the gain over the segments is above 0. The misfit of a segment is the root mean square distance of its poses from those dead-reckoned from the best start.
+//! Creep is tried when nothing else is left. All parameters are fitted again with each set of terms.
 
+use super::problem::{Problem, Pull};
 use super::segments::{Segment, SegmentErrors};
 use super::stages::{
     IdentificationError, IdentificationSettings, PULL_ICRS_M, PULL_SLIDE_M, Stage, cut, smoothed,
@@ -17,10 +21,14 @@ use crate::odometry::KinematicModel;
 use crate::vehicle::Vehicle;
 use nalgebra::{DMatrix, DVector};
 
-/// Blocks of consecutive segments, each held out once.
-const BLOCKS: usize = 10;
-/// Smallest gain that makes a term worth having, as a share of the held-out position error.
-const IMPROVEMENT_MIN: f64 = 0.01;
+/// Folds, each held out once.
+const FOLDS: usize = 10;
+/// Student's 95 % quantile, one-sided, for one degree of freedom less than folds.
+const STUDENT_95: f64 = 1.833;
+/// Consecutive segments that are in one fold.
+const RUN: usize = 3;
+/// Smallest fall of the mean held-out misfit that makes a term worth having, as a share of it.
+const IMPROVEMENT_MIN: f64 = 0.001;
 /// Parameters of ICRHK: c_l, c_r and the ICRs.
 const BASE: usize = 5;
 
@@ -68,6 +76,16 @@ impl Term {
         !matches!(self, Self::OutwardSlip | Self::TurnLoss)
     }
 
+    /// Returns whether it is tried beside `terms`: lambda_2 aggravates the slide of lambda_1, and creep
+    /// comes last, as turns of one rate alone cannot tell it from the slide.
+    fn may_follow(self, terms: &[Self], creep: bool) -> bool {
+        match self {
+            Self::AggravatedSlide => terms.contains(&Self::Slide),
+            Self::CreepShare | Self::Creep => creep,
+            Self::OutwardSlip | Self::TurnLoss | Self::Slide => true,
+        }
+    }
+
     fn gain(self, extension: &mut Extension) -> &mut f64 {
         match self {
             Self::Slide => &mut extension.slide.shift_s_per_rad,
@@ -109,10 +127,10 @@ pub enum Verdict {
 pub struct TermReport {
     /// The term.
     pub term: Term,
-    /// Fall of the mean held-out position error, as a share of it: of a supported term when it was
-    /// added, of another if it were added to the extended model.
+    /// Fall of the mean held-out misfit, as a share of it: of a supported term when it was added, of
+    /// another if it were added to the extended model.
     pub improvement: f64,
-    /// Half width of its 95 % interval over the blocks.
+    /// How far its one-sided 95 % bound over the folds is below it.
     pub improvement_half_width: f64,
     /// What follows.
     pub verdict: Verdict,
@@ -134,52 +152,39 @@ pub struct ExtensionReport {
     pub terms: Vec<TermReport>,
 }
 
-/// A model fitted to all segments, and its errors on each when its block was held out.
+/// A model fitted to all segments, and its errors on each when its fold was held out.
 struct Judged {
     terms: Vec<Term>,
     parameters: Vec<f64>,
     half_widths: Vec<Option<f64>>,
     errors: Vec<[f64; 3]>,
+    misfits_m: Vec<f64>,
 }
 
 impl Judged {
-    fn distance(&self, segment: usize) -> f64 {
-        let [lateral, longitudinal, _] = self.errors[segment];
-        lateral.hypot(longitudinal)
-    }
-
     fn pooled(&self) -> SegmentErrors {
         SegmentErrors::of_errors(&self.errors)
     }
 
-    /// Returns the gain of this model over `other` in the mean held-out position error, as a share, and
-    /// the half width of its 95 % interval over the blocks.
+    /// Returns the fall of the mean held-out misfit against `other`, as a share, and how far it is from
+    /// its one-sided 95 % bound over the folds.
     fn gain_over(&self, other: &Self) -> (f64, f64) {
-        let count = self.errors.len();
-        let mean: f64 = (0..count).map(|i| other.distance(i)).sum::<f64>() / count as f64;
-        let gains: Vec<f64> = (0..BLOCKS)
-            .map(|block| {
-                let part = members(count, block);
-                let size = part.len() as f64;
-                part.map(|i| other.distance(i) - self.distance(i))
-                    .sum::<f64>()
-                    / size
-                    / mean
-            })
-            .collect();
-        let blocks = BLOCKS as f64;
-        let gain = gains.iter().sum::<f64>() / blocks;
-        let variance = gains.iter().map(|g| (g - gain) * (g - gain)).sum::<f64>() / (blocks - 1.0);
-        (
-            gain,
-            confidence_factor(BLOCKS - 1) * (variance / blocks).sqrt(),
-        )
+        let count = self.misfits_m.len();
+        let mean = other.misfits_m.iter().sum::<f64>() / count as f64;
+        let mut gains = [0.0; FOLDS];
+        let differences = other.misfits_m.iter().zip(&self.misfits_m);
+        for (index, (before, after)) in differences.enumerate() {
+            gains[fold_of(index)] += (before - after) / mean * FOLDS as f64 / count as f64;
+        }
+        let folds = FOLDS as f64;
+        let gain = gains.iter().sum::<f64>() / folds;
+        let variance = gains.iter().map(|g| (g - gain).powi(2)).sum::<f64>() / (folds - 1.0);
+        (gain, STUDENT_95 * (variance / folds).sqrt())
     }
 }
 
-/// Returns the segments of a block.
-fn members(count: usize, block: usize) -> std::ops::Range<usize> {
-    block * count / BLOCKS..(block + 1) * count / BLOCKS
+fn fold_of(segment: usize) -> usize {
+    segment / RUN % FOLDS
 }
 
 /// Returns the extended model that the logs support, and what they say of each term; no extension where
@@ -204,7 +209,7 @@ pub fn identify_extension(
         .collect();
     logs.extend(smoothed(&level, settings));
     let segments = cut(&logs, settings);
-    let needed = 2 * BLOCKS;
+    let needed = 2 * FOLDS;
     if segments.len() < needed {
         return Err(IdentificationError::TooFewSegments {
             found: segments.len(),
@@ -247,8 +252,11 @@ impl Search<'_> {
         let mut chosen: Vec<TermReport> = Vec::new();
         // Terms that were supported in a round without being the best.
         let mut rivals: Vec<Term> = Vec::new();
+        let mut creep = false;
         loop {
-            let rest = candidates.iter().filter(|term| !model.terms.contains(term));
+            let rest = candidates
+                .iter()
+                .filter(|term| !model.terms.contains(term) && term.may_follow(&model.terms, creep));
             let mut tried: Vec<(Judged, TermReport)> = rest
                 .map(|term| {
                     let mut terms = model.terms.clone();
@@ -257,7 +265,9 @@ impl Search<'_> {
                     let (improvement, improvement_half_width) = larger.gain_over(&model);
                     let value = larger.parameters.last().copied().unwrap_or(0.0);
                     let half_width = larger.half_widths.last().copied().flatten();
-                    let clear = improvement >= IMPROVEMENT_MIN.max(improvement_half_width);
+                    let determined = half_width.is_some_and(|width| width < value);
+                    let clear =
+                        determined && improvement >= IMPROVEMENT_MIN.max(improvement_half_width);
                     let verdict = match (value < 0.0, clear) {
                         (true, _) => Verdict::Negative { value },
                         (false, true) => Verdict::Supported { value, half_width },
@@ -290,6 +300,10 @@ impl Search<'_> {
                 .max_by(|(_, (_, a)), (_, (_, b))| a.improvement.total_cmp(&b.improvement))
                 .map(|(index, _)| index);
             let Some(best) = best else {
+                if !creep {
+                    creep = true;
+                    continue;
+                }
                 for report in &mut chosen {
                     let place = model.terms.iter().position(|term| *term == report.term);
                     if let Some(place) = place {
@@ -313,7 +327,7 @@ impl Search<'_> {
         }
     }
 
-    /// Fits ICRHK with `terms` to all segments and predicts each block with what the others say.
+    /// Fits ICRHK with `terms` to all segments and predicts each fold with what the others say.
     /// `start` has the parameters of a smaller model.
     fn judge(&self, terms: &[Term], start: &[f64]) -> Judged {
         let own = self.own();
@@ -348,12 +362,14 @@ impl Search<'_> {
         for cluster in &clusters {
             normal += cluster.jacobian.tr_mul(&cluster.jacobian);
         }
-        let mut errors = Vec::with_capacity(self.segments.len());
-        for block in 0..BLOCKS {
-            let held_out = members(self.segments.len(), block);
-            // The sum of all gradients is 0 at the minimum, so the rest's is the block's, negative.
+        let mut errors = vec![[0.0; 3]; self.segments.len()];
+        let mut misfits_m = vec![0.0; self.segments.len()];
+        for fold in 0..FOLDS {
+            let held_out = || (0..self.segments.len()).filter(|i| fold_of(*i) == fold);
+            // The sum of all gradients is 0 at the minimum, so the rest's is the fold's, negative.
             let (mut rest, mut gradient) = (normal.clone(), DVector::zeros(size));
-            for cluster in &clusters[held_out.clone()] {
+            for index in held_out() {
+                let cluster = &clusters[index];
                 rest -= cluster.jacobian.tr_mul(&cluster.jacobian);
                 gradient -= cluster.jacobian.tr_mul(&cluster.residuals);
             }
@@ -365,17 +381,20 @@ impl Search<'_> {
                 .map(|(i, value)| value - step.as_ref().map_or(0.0, |step| step[i]))
                 .collect();
             let vehicle = vehicle_with(&parameters);
-            errors.extend(self.segments[held_out].iter().map(|segment| {
-                segment
+            for index in held_out() {
+                let segment = &self.segments[index];
+                errors[index] = segment
                     .end_error(&vehicle, KinematicModel::Extended)
-                    .unwrap_or_default()
-            }));
+                    .unwrap_or_default();
+                misfits_m[index] = misfit_m(segment, &vehicle);
+            }
         }
         Judged {
             terms: terms.to_vec(),
             parameters: fit.parameters,
             half_widths,
             errors,
+            misfits_m,
         }
     }
 
@@ -417,4 +436,21 @@ impl Search<'_> {
             ..self.vehicle.clone()
         }
     }
+}
+
+/// Returns the root mean square distance of a segment's poses from those dead-reckoned from the start
+/// that fits best.
+fn misfit_m(segment: &Segment, vehicle: &Vehicle) -> f64 {
+    let segments = std::slice::from_ref(segment);
+    let pull = Pull {
+        start: &[],
+        strengths_m: &[],
+    };
+    let same = |_: &[f64]| vehicle.clone();
+    let residuals = Problem::new(segments, KinematicModel::Extended, &same, pull).unweighted(&[]);
+    let squares: f64 = residuals
+        .iter()
+        .map(|[x, y, z, _]| x * x + y * y + z * z)
+        .sum();
+    (squares / residuals.len().max(1) as f64).sqrt()
 }
