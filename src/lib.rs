@@ -5,6 +5,7 @@
 #![allow(clippy::print_stdout, clippy::print_stderr)]
 
 pub mod campaign;
+#[cfg(feature = "drive")]
 pub mod check;
 pub mod closed_loop;
 pub mod config;
@@ -13,6 +14,8 @@ pub mod identify;
 pub mod odometry;
 pub mod record;
 pub mod report;
+#[cfg(feature = "drive")]
 pub mod run;
 pub mod simulate;
+#[cfg(feature = "drive")]
 pub mod vehicle;

@@ -1,13 +1,16 @@
 //! Configuration files: the one place that reads YAML.
 
+#[cfg(feature = "drive")]
 mod bridge;
 mod campaign;
 mod conditions;
 mod plant;
 mod reference;
+#[cfg(feature = "drive")]
 pub mod ros2;
 mod scenario;
 
+#[cfg(feature = "drive")]
 pub use bridge::{RunConfig, RunPort, VehicleConfig, VehiclePort, load_layout};
 pub use campaign::{Campaign, Drawn};
 pub use conditions::Conditions;
