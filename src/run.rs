@@ -12,9 +12,9 @@ use sidehill_bridge::control_loop::runner::ThreadedRunner;
 use sidehill_bridge::control_loop::scheduling::ThreadId;
 use sidehill_bridge::control_loop::{ControlLoop, Timing};
 use sidehill_bridge::drives::{Clock, Epoch, Port};
-use sidehill_bridge::ros2::arguments::RosArguments;
-use sidehill_bridge::ros2::names::Names;
-use sidehill_bridge::ros2::parameters::override_config;
+use sidehill_bridge::ros2::node::arguments::RosArguments;
+use sidehill_bridge::ros2::node::names::Names;
+use sidehill_bridge::ros2::server::parameters::override_config;
 use sidehill_bridge::ros2::server::{self, Ros2};
 use sidehill_bridge::rover::SimulatedPort;
 use sidehill_bridge::safety::{OperatorRequests, Reason, SafetyState, StopCause};
@@ -102,8 +102,8 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
     let ros2 = start_ros2(&file, &config, &vehicle, ros_arguments, epoch)?;
     let (clock, desks, ros2_port, _server) = match ros2 {
         Some(ros2) => (
-            ros2.time.clock(),
-            Some((ros2.cycle, ros2.pilot)),
+            ros2.clock,
+            Some((ros2.loop_end, ros2.controller_end)),
             ros2.port,
             Some(ros2.server),
         ),
@@ -116,7 +116,7 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
             let port = CanPort::new(
                 interface,
                 Arc::new(layout),
-                vehicle.correction,
+                vehicle.encoder_scale,
                 epoch,
                 heard_sink,
                 sent_sink,
@@ -333,9 +333,9 @@ pub fn simulated(file: &ConfigFile, config: &RunConfig) -> Result<SimulatedPort>
     let (file, config) = config.simulated(file)?;
     let world = config.world(&file)?;
     let simulation = world.simulation().map_err(|error| file.error(error))?;
-    let correction = world.plant.correction();
+    let encoder_scale = world.plant.encoder_scale();
     Ok(
-        SimulatedPort::new(simulation, world.step_s, correction, config.drive)
+        SimulatedPort::new(simulation, world.step_s, encoder_scale, config.drive)
             .map_err(|error| file.error(error))?,
     )
 }

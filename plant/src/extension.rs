@@ -25,10 +25,11 @@
 //! None of this is in the paper. What supports each term in logs of real vehicles is in
 //! docs/identification.md. Attitude enters linearly, as in equations (5)-(7): slopes to about 20 deg.
 
+use crate::bounds::{Bounds, RangeError};
 use crate::frames::{Attitude, BodyVelocity};
 use crate::prediction::Linearised;
-use crate::speeds::{MotorSpeeds, TreadSpeeds};
-use crate::vehicle::{HorizontalIcrs, RangeError, SlideGains, SpeedCorrection, Vehicle};
+use crate::speeds::{EncoderScale, MotorSpeeds, TreadSpeeds};
+use crate::vehicle::{HorizontalIcrs, SlideGains, Vehicle};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
@@ -58,7 +59,7 @@ pub struct Extension {
     /// Slide gains in the extended model.
     pub slide: SlideGains,
     /// c_l and c_r in the extended model.
-    pub correction: SpeedCorrection,
+    pub encoder_scale: EncoderScale,
 }
 
 impl ExtensionGains {
@@ -146,7 +147,7 @@ impl Vehicle {
         if let Some(extension) = &self.extension {
             vehicle.icrs = extension.icrs;
             vehicle.slide = extension.slide;
-            vehicle.correction = extension.correction;
+            vehicle.encoder_scale = extension.encoder_scale;
         }
         vehicle
     }
@@ -199,92 +200,58 @@ pub(crate) struct RawExtension {
 impl RawExtension {
     /// Returns the extension of a `vehicle` whose own parameters are in range.
     pub(crate) fn checked(&self, vehicle: &Vehicle) -> Result<Extension, RangeError> {
-        let check = RangeError::check;
-        let gains = ExtensionGains {
-            outward_slip_s: check(
-                "extension.outward_slip_s",
-                self.outward_slip_s,
-                0.0,
-                5.0,
-                "from 0 to 5 s",
-            )?,
-            turn_loss_s_per_rad: check(
-                "extension.turn_loss_s_per_rad",
-                self.turn_loss_s_per_rad,
-                0.0,
-                10.0,
-                "from 0 to 10 s/rad",
-            )?,
-            creep_per_rad: check(
-                "extension.creep_per_rad",
-                self.creep_per_rad,
-                0.0,
-                5.0,
-                "from 0 to 5 1/rad",
-            )?,
-            creep_m_s_per_rad: check(
-                "extension.creep_m_s_per_rad",
-                self.creep_m_s_per_rad,
-                0.0,
-                5.0,
-                "from 0 to 5 m/s/rad",
-            )?,
-        };
-        let half_width = vehicle.base_half_width_m;
-        let half_length = vehicle.base_half_length_m;
-        let slide = |key, value: Option<f64>, own| {
-            check(key, value.unwrap_or(own), 0.0, 100.0, "from 0 to 100 s/rad")
-        };
-        let factor = |key, value: Option<f64>, own| {
-            check(key, value.unwrap_or(own), 0.5, 2.0, "from 0.5 to 2")
-        };
+        let icrs = &vehicle.icrs;
+        let (half_width, half_length) = (vehicle.base_half_width_m, vehicle.base_half_length_m);
+        let slide = Bounds::new(0.0, 100.0, "s/rad");
+        let scale = Bounds::new(0.5, 2.0, "");
         Ok(Extension {
-            gains,
+            gains: ExtensionGains {
+                outward_slip_s: Bounds::new(0.0, 5.0, "s")
+                    .check("extension.outward_slip_s", self.outward_slip_s)?,
+                turn_loss_s_per_rad: Bounds::new(0.0, 10.0, "s/rad")
+                    .check("extension.turn_loss_s_per_rad", self.turn_loss_s_per_rad)?,
+                creep_per_rad: Bounds::new(0.0, 5.0, "1/rad")
+                    .check("extension.creep_per_rad", self.creep_per_rad)?,
+                creep_m_s_per_rad: Bounds::new(0.0, 5.0, "m/s/rad")
+                    .check("extension.creep_m_s_per_rad", self.creep_m_s_per_rad)?,
+            },
             icrs: HorizontalIcrs {
-                left_m: check(
-                    "extension.x_icr_left_m",
-                    self.x_icr_left_m.unwrap_or(vehicle.icrs.left_m),
-                    -50.0,
-                    -half_width,
-                    "at most -base_half_width_m, and at least -50 m",
-                )?,
-                right_m: check(
-                    "extension.x_icr_right_m",
-                    self.x_icr_right_m.unwrap_or(vehicle.icrs.right_m),
-                    half_width,
-                    50.0,
-                    "at least base_half_width_m, and at most 50 m",
-                )?,
-                forward_m: check(
-                    "extension.y_icr_m",
-                    self.y_icr_m.unwrap_or(vehicle.icrs.forward_m),
-                    -half_length,
-                    half_length,
-                    "within +-base_half_length_m",
-                )?,
+                left_m: Bounds::new(-50.0, -half_width, "m")
+                    .with_note("at most -base_half_width_m")
+                    .check(
+                        "extension.x_icr_left_m",
+                        self.x_icr_left_m.unwrap_or(icrs.left_m),
+                    )?,
+                right_m: Bounds::new(half_width, 50.0, "m")
+                    .with_note("at least base_half_width_m")
+                    .check(
+                        "extension.x_icr_right_m",
+                        self.x_icr_right_m.unwrap_or(icrs.right_m),
+                    )?,
+                forward_m: Bounds::new(-half_length, half_length, "m")
+                    .with_note("within base_half_length_m")
+                    .check("extension.y_icr_m", self.y_icr_m.unwrap_or(icrs.forward_m))?,
             },
             slide: SlideGains {
-                shift_s_per_rad: slide(
+                shift_s_per_rad: slide.check(
                     "extension.lambda_1_s_per_rad",
-                    self.lambda_1_s_per_rad,
-                    vehicle.slide.shift_s_per_rad,
+                    self.lambda_1_s_per_rad
+                        .unwrap_or(vehicle.slide.shift_s_per_rad),
                 )?,
-                aggravated_s_per_rad: slide(
+                aggravated_s_per_rad: slide.check(
                     "extension.lambda_2_s_per_rad",
-                    self.lambda_2_s_per_rad,
-                    vehicle.slide.aggravated_s_per_rad,
+                    self.lambda_2_s_per_rad
+                        .unwrap_or(vehicle.slide.aggravated_s_per_rad),
                 )?,
             },
-            correction: SpeedCorrection {
-                left: factor(
+            encoder_scale: EncoderScale {
+                left: scale.check(
                     "extension.correction_left",
-                    self.correction_left,
-                    vehicle.correction.left,
+                    self.correction_left.unwrap_or(vehicle.encoder_scale.left),
                 )?,
-                right: factor(
+                right: scale.check(
                     "extension.correction_right",
-                    self.correction_right,
-                    vehicle.correction.right,
+                    self.correction_right.unwrap_or(vehicle.encoder_scale.right),
                 )?,
             },
         })
@@ -297,7 +264,7 @@ impl From<Extension> for RawExtension {
             gains,
             icrs,
             slide,
-            correction,
+            encoder_scale,
         } = extension;
         Self {
             outward_slip_s: gains.outward_slip_s,
@@ -309,8 +276,8 @@ impl From<Extension> for RawExtension {
             y_icr_m: Some(icrs.forward_m),
             lambda_1_s_per_rad: Some(slide.shift_s_per_rad),
             lambda_2_s_per_rad: Some(slide.aggravated_s_per_rad),
-            correction_left: Some(correction.left),
-            correction_right: Some(correction.right),
+            correction_left: Some(encoder_scale.left),
+            correction_right: Some(encoder_scale.right),
         }
     }
 }

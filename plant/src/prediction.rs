@@ -19,9 +19,9 @@
 //! limit holds an ICR, its derivative is that of the limit. The kinks in attitude (|alpha| = |phi|
 //! and the limits) stay; there the one-sided derivative of the branch in force is used.
 
-use crate::correction::{Gains, Terms};
 use crate::extension::ExtensionGains;
 use crate::frames::{Attitude, BodyVelocity};
+use crate::slip_gains::{SlipGains, Terms};
 use crate::speeds::MotorSpeeds;
 use crate::vehicle::Vehicle;
 use nalgebra::{Matrix3, Vector3};
@@ -67,14 +67,14 @@ pub struct LinearisedStep {
     pub by_steer: Vector3<f64>,
 }
 
-/// ICRIK made differentiable, with the terms of the vehicle's extension and a learned correction; with
+/// ICRIK made differentiable, with the terms of the vehicle's extension and learned slip gains; with
 /// both slide gains zero, ICRHK.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PredictionModel {
     vehicle: Vehicle,
     smoothing_m_s: f64,
     extension: ExtensionGains,
-    correction: Gains,
+    slip_gains: SlipGains,
 }
 
 /// ICRs of one turning direction and their derivatives.
@@ -122,7 +122,7 @@ impl PredictionModel {
             extension: vehicle.extension_gains(),
             vehicle,
             smoothing_m_s: smoothing_m_s.max(1e-9),
-            correction: Gains::zeros(),
+            slip_gains: SlipGains::zeros(),
         }
     }
 
@@ -131,9 +131,9 @@ impl PredictionModel {
         &self.vehicle
     }
 
-    /// Replaces the gains of the correction, as online adaptation does.
-    pub fn set_correction(&mut self, gains: &Gains) {
-        self.correction = *gains;
+    /// Replaces the slip gains, as the estimator learns them.
+    pub fn set_slip_gains(&mut self, gains: &SlipGains) {
+        self.slip_gains = *gains;
     }
 
     /// Returns body velocity and derivatives at an attitude and motor speeds.
@@ -192,17 +192,17 @@ impl PredictionModel {
         };
         let added = self.extension.added(&icrik, attitude, motors, eps);
         let terms = Terms::at(attitude, sigma, eps);
-        let learned = self.correction * terms.value;
+        let learned = self.slip_gains * terms.value;
         Linearised {
             velocity: BodyVelocity {
                 right_m_s: icrik.velocity.right_m_s + learned.x + added.velocity.right_m_s,
                 forward_m_s: icrik.velocity.forward_m_s + learned.y + added.velocity.forward_m_s,
                 yaw_rate_rad_s: omega + learned.z,
             },
-            by_roll: icrik.by_roll + self.correction * terms.by_roll + added.by_roll,
-            by_pitch: icrik.by_pitch + self.correction * terms.by_pitch + added.by_pitch,
+            by_roll: icrik.by_roll + self.slip_gains * terms.by_roll + added.by_roll,
+            by_pitch: icrik.by_pitch + self.slip_gains * terms.by_pitch + added.by_pitch,
             by_traction: icrik.by_traction + added.by_traction,
-            by_steer: self.correction * terms.by_steer + by_direction + by_turn + added.by_steer,
+            by_steer: self.slip_gains * terms.by_steer + by_direction + by_turn + added.by_steer,
         }
     }
 

@@ -77,7 +77,7 @@ fn a_real_vehicle_slides_downhill_in_turns_slips_outward_and_loses_speed() {
     assert!(position(report.icrik.unwrap()) < 0.95 * position(report.icrhk));
     assert!(position(report.extended) < 0.85 * position(report.icrhk));
     // With the loss in turns in a term of its own, the factors are those of wheels that roll.
-    let correction = extension.unwrap().correction;
+    let correction = extension.unwrap().encoder_scale;
     assert!((0.95..1.2).contains(&correction.left) && (0.95..1.2).contains(&correction.right));
 }
 

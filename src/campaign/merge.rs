@@ -1,6 +1,7 @@
 //! Results of parts of a campaign, put together into the file that one machine would have written.
 
 use super::table::{AFTER, BEFORE, line};
+use crate::console;
 use anyhow::{Context, Result, bail};
 use csv::StringRecord;
 use std::collections::BTreeMap;
@@ -106,7 +107,10 @@ pub fn run(files: &[impl AsRef<Path>], out: Option<&Path>) -> Result<()> {
         let bytes = std::fs::read(path).with_context(name)?;
         let whole = whole_lines(&bytes);
         if whole.len() < bytes.len() {
-            eprintln!("{}: the last line is torn and left out", name());
+            console::complain(format_args!(
+                "{}: the last line is torn and left out",
+                name()
+            ));
         }
         // A campaign killed before its first line was on the disk.
         if !whole.is_empty() {

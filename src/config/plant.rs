@@ -1,9 +1,11 @@
 //! What moves the simulated vehicle, the friction under it, and what controllers wrongly believe of it.
 
 use serde::Deserialize;
+use sidehill_plant::bounds::RangeError;
 use sidehill_plant::contact::{ContactModel, ContactVehicle, FrictionField};
 use sidehill_plant::motion::{IcrMotion, MotionModel};
-use sidehill_plant::vehicle::{HorizontalIcrs, RangeError, SlideGains, SpeedCorrection, Vehicle};
+use sidehill_plant::speeds::EncoderScale;
+use sidehill_plant::vehicle::{HorizontalIcrs, SlideGains, Vehicle};
 use std::path::PathBuf;
 
 /// What moves the simulated vehicle.
@@ -36,7 +38,7 @@ pub enum Plant {
         /// The vehicle on wheels.
         vehicle: ContactVehicle,
         /// Its true c_l and c_r: those of the scenario's vehicle.
-        correction: SpeedCorrection,
+        encoder_scale: EncoderScale,
     },
 }
 
@@ -50,10 +52,10 @@ impl Plant {
     }
 
     /// Returns its true c_l and c_r.
-    pub fn correction(&self) -> SpeedCorrection {
+    pub fn encoder_scale(&self) -> EncoderScale {
         match self {
-            Self::Icrik(vehicle) => vehicle.correction,
-            Self::Contact { correction, .. } => *correction,
+            Self::Icrik(vehicle) => vehicle.encoder_scale,
+            Self::Contact { encoder_scale, .. } => *encoder_scale,
         }
     }
 
@@ -147,13 +149,13 @@ impl ModelError {
         self.scale(
             &mut vehicle.icrs,
             &mut vehicle.slide,
-            &mut vehicle.correction,
+            &mut vehicle.encoder_scale,
         );
         if let Some(extension) = &mut vehicle.extension {
             self.scale(
                 &mut extension.icrs,
                 &mut extension.slide,
-                &mut extension.correction,
+                &mut extension.encoder_scale,
             );
         }
         vehicle.validated()
@@ -163,15 +165,15 @@ impl ModelError {
         &self,
         icrs: &mut HorizontalIcrs,
         slide: &mut SlideGains,
-        correction: &mut SpeedCorrection,
+        encoder_scale: &mut EncoderScale,
     ) {
         icrs.left_m *= self.x_icr_left;
         icrs.right_m *= self.x_icr_right;
         icrs.forward_m *= self.y_icr;
         slide.shift_s_per_rad *= self.lambda_1;
         slide.aggravated_s_per_rad *= self.lambda_2;
-        correction.left *= self.correction_left;
-        correction.right *= self.correction_right;
+        encoder_scale.left *= self.correction_left;
+        encoder_scale.right *= self.correction_right;
     }
 }
 

@@ -6,8 +6,8 @@ use crate::config::{Prepared, VehicleConfig};
 use anyhow::Result;
 use sidehill_bridge::drives::DriveMode;
 use sidehill_bridge::drives::Epoch;
-use sidehill_bridge::ros2::arguments::{RosArguments, RosEnvironment};
-use sidehill_bridge::ros2::vehicle::{RosVehicle, VehicleNode, VehicleSetup};
+use sidehill_bridge::ros2::node::arguments::{RosArguments, RosEnvironment};
+use sidehill_bridge::ros2::port::rover::{RosVehicle, VehicleNode, VehicleSetup};
 use sidehill_plant::simulation::TrueState;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -91,7 +91,7 @@ pub(super) fn build(
 ) -> Result<RosVehicle> {
     let setup = VehicleSetup {
         dt_s: world.step_s,
-        correction: world.plant.correction(),
+        correction: world.plant.encoder_scale(),
         vehicle: &world.vehicle,
         drive: config.drive,
         report_period_s: config.report_period_s,

@@ -1,6 +1,5 @@
 use super::*;
 use crate::prediction::PredictionModel;
-use crate::vehicle::j8;
 use proptest::prelude::*;
 
 const GAINS: ExtensionGains = ExtensionGains {
@@ -11,12 +10,12 @@ const GAINS: ExtensionGains = ExtensionGains {
 };
 
 fn with(gains: ExtensionGains) -> Vehicle {
-    let mut vehicle = j8();
+    let mut vehicle = Vehicle::j8();
     vehicle.extension = Some(Extension {
         gains,
         icrs: vehicle.icrs,
         slide: vehicle.slide,
-        correction: vehicle.correction,
+        encoder_scale: vehicle.encoder_scale,
     });
     vehicle
 }
@@ -83,10 +82,10 @@ fn without_gains_it_is_icrik() {
     let slope = attitude(0.1, -0.2);
     assert_eq!(
         vehicle.extended_velocity(slope, treads),
-        j8().body_velocity(slope, treads)
+        Vehicle::j8().body_velocity(slope, treads)
     );
     let at = |vehicle| PredictionModel::new(vehicle, 0.05).body_velocity(slope, motors(0.4, -0.2));
-    assert_eq!(at(vehicle), at(j8()));
+    assert_eq!(at(vehicle), at(Vehicle::j8()));
 }
 
 #[test]
@@ -97,8 +96,8 @@ fn yaml_replaces_parameters_and_names_what_is_out_of_range() {
     };
     let vehicle = parse("{outward_slip_s: 0.2, correction_left: 1.1}").unwrap();
     let extended = vehicle.extended();
-    assert_eq!(vehicle.correction.left, 1.004);
-    assert_eq!(extended.correction.left, 1.1);
+    assert_eq!(vehicle.encoder_scale.left, 1.004);
+    assert_eq!(extended.encoder_scale.left, 1.1);
     assert_eq!(extended.icrs, vehicle.icrs);
     assert_eq!(extended.extended(), extended);
     assert_eq!(vehicle.on_level_ground().extension, None);

@@ -401,8 +401,8 @@ impl Search<'_> {
     fn own(&self) -> [f64; BASE] {
         let v = self.vehicle;
         [
-            v.correction.left,
-            v.correction.right,
+            v.encoder_scale.left,
+            v.encoder_scale.right,
             v.icrs.left_m,
             v.icrs.right_m,
             v.icrs.forward_m,
@@ -415,11 +415,11 @@ impl Search<'_> {
             gains: ExtensionGains::default(),
             icrs: self.vehicle.icrs,
             slide: self.vehicle.on_level_ground().slide,
-            correction: self.vehicle.correction,
+            encoder_scale: self.vehicle.encoder_scale,
         };
         if let [left, right, icr_left, icr_right, icr_forward, gains @ ..] = parameters {
-            extension.correction.left = *left;
-            extension.correction.right = *right;
+            extension.encoder_scale.left = *left;
+            extension.encoder_scale.right = *right;
             extension.icrs.left_m = *icr_left;
             extension.icrs.right_m = *icr_right;
             extension.icrs.forward_m = *icr_forward;

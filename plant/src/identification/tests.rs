@@ -3,13 +3,13 @@ use crate::contact::{ContactModel, ContactVehicle};
 use crate::log::DriveLog;
 use crate::motion::IcrMotion;
 use crate::terrain::Terrain;
-use crate::vehicle::{Vehicle, j8};
+use crate::vehicle::Vehicle;
 
 /// What somebody knows beforehand who has measured the vehicle's base only.
 fn before() -> Vehicle {
-    let mut vehicle = j8();
-    vehicle.correction.left = 1.0;
-    vehicle.correction.right = 1.0;
+    let mut vehicle = Vehicle::j8();
+    vehicle.encoder_scale.left = 1.0;
+    vehicle.encoder_scale.right = 1.0;
     vehicle.icrs.left_m = -0.7;
     vehicle.icrs.right_m = 0.7;
     vehicle.icrs.forward_m = 0.0;
@@ -43,10 +43,10 @@ fn slope_log(seed: u64, noise: &LogNoise) -> DriveLog {
 fn driven(terrain: Terrain, legs: &[Leg], noise: &LogNoise, seed: u64) -> DriveLog {
     let by_icrik = Drive {
         motion: Box::new(IcrMotion {
-            vehicle: j8(),
+            vehicle: Vehicle::j8(),
             inclined: true,
         }),
-        correction: j8().correction,
+        encoder_scale: Vehicle::j8().encoder_scale,
         terrain,
         legs,
     };
@@ -118,10 +118,10 @@ fn turning_on_the_spot_alone_cannot_tell_speeds_from_icrs() {
     let turning = Procedure::of_the_paper().slope;
     let on_level = Drive {
         motion: Box::new(IcrMotion {
-            vehicle: j8(),
+            vehicle: Vehicle::j8(),
             inclined: true,
         }),
-        correction: j8().correction,
+        encoder_scale: Vehicle::j8().encoder_scale,
         terrain: Terrain::Level,
         legs: &turning,
     };
@@ -174,7 +174,7 @@ fn the_contact_vehicle_is_identified_near_table_one_on_the_level() {
     let log = |terrain, legs| {
         let setup = Drive {
             motion: Box::new(ContactModel::new(contact.clone())),
-            correction: j8().correction,
+            encoder_scale: Vehicle::j8().encoder_scale,
             terrain,
             legs,
         };
@@ -203,7 +203,7 @@ fn contact_logs(contact: &ContactVehicle, seed: u64) -> [DriveLog; 3] {
     .map(|(terrain, legs, seed)| {
         let setup = Drive {
             motion: Box::new(ContactModel::new(contact.clone())),
-            correction: j8().correction,
+            encoder_scale: Vehicle::j8().encoder_scale,
             terrain,
             legs,
         };
@@ -227,7 +227,7 @@ fn logs_of_icrik_support_nothing_beyond_it() {
         ];
         let level = [level_log(seed, &noise)];
         let (extension, report) =
-            identify_extension(&level, &slope, &j8(), &settings(LENGTH_S)).unwrap();
+            identify_extension(&level, &slope, &Vehicle::j8(), &settings(LENGTH_S)).unwrap();
         assert_eq!(extension, None, "{report:?}");
     }
 }
@@ -237,8 +237,13 @@ fn straight_lines_on_a_slope_tell_the_creep_of_friction_from_the_slide() {
     let contact: ContactVehicle =
         serde_yaml::from_str(include_str!("../../../config/vehicles/j8_contact.yaml")).unwrap();
     let [level, slope, across] = contact_logs(&contact, 1);
-    let (extension, report) =
-        identify_extension(&[level], &[slope, across], &j8(), &settings(LENGTH_S)).unwrap();
+    let (extension, report) = identify_extension(
+        &[level],
+        &[slope, across],
+        &Vehicle::j8(),
+        &settings(LENGTH_S),
+    )
+    .unwrap();
     let extension = extension.unwrap();
     // Slip scale over coefficient of friction: 0.02 / 0.9 = 0.022 m/s/rad, and a little more where the
     // vehicle gathers speed.

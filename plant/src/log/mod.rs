@@ -1,15 +1,20 @@
 //! Logs of drives: tread speeds and attitude, and poses where there are any.
 
 mod columns;
+mod plausibility;
 mod read;
 #[cfg(test)]
 mod tests;
 
 pub use columns::{AttitudeColumns, ColumnMap, HeadingColumns, PoseColumns};
+pub use plausibility::Suspicion;
 
+use crate::bounds::{Bounds, RangeError};
 use crate::frames::{Attitude, Pose};
 use crate::speeds::MeasuredTreadSpeeds;
-use crate::vehicle::RangeError;
+
+/// Rows further apart than this, s, are not connected: nothing is known of the motion between them.
+pub const GAP_MAX_S: f64 = 0.5;
 
 /// One row of a log.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -59,6 +64,12 @@ impl DriveLog {
         &self.rows
     }
 
+    /// Returns the rows between gaps: pieces in which no two rows are further apart than `gap_max_s`.
+    pub fn pieces(&self, gap_max_s: f64) -> impl Iterator<Item = &[LogRow]> {
+        self.rows
+            .chunk_by(move |row, next| next.time_s - row.time_s <= gap_max_s)
+    }
+
     /// Returns how many rows have a pose.
     pub fn pose_count(&self) -> usize {
         self.rows.iter().filter(|row| row.pose.is_some()).count()
@@ -106,9 +117,9 @@ impl DriveLog {
 }
 
 fn check_row(row: &LogRow) -> Result<(), RangeError> {
-    let angle = |key, value| RangeError::check(key, value, -1.5, 1.5, "from -1.5 to 1.5 rad");
-    let speed = |key, value| RangeError::check(key, value, -50.0, 50.0, "from -50 to 50 m/s");
-    let finite = |key, value| RangeError::check(key, value, -1e12, 1e12, "a finite number");
+    let angle = |key, value| Bounds::new(-1.5, 1.5, "rad").check(key, value);
+    let speed = |key, value| Bounds::new(-50.0, 50.0, "m/s").check(key, value);
+    let finite = |key, value| Bounds::new(-1e12, 1e12, "").check(key, value);
     finite("time_s", row.time_s)?;
     speed("v_left_m_s", row.speeds.left_m_s)?;
     speed("v_right_m_s", row.speeds.right_m_s)?;
@@ -133,7 +144,7 @@ pub enum LogError {
         rows: usize,
     },
     /// A value is out of its range.
-    #[error("row {row_number}: {reason}")]
+    #[error("row {row_number}: {reason}{}", likely_unit(.reason))]
     OutOfRange {
         /// Data row, counted from 1.
         row_number: usize,
@@ -151,7 +162,9 @@ pub enum LogError {
         before_s: f64,
     },
     /// A column is not there.
-    #[error("no column {column}; there are: {present}")]
+    #[error(
+        "no column {column}; there are: {present}. Where the log has other names, units or frames, --columns FILE says which"
+    )]
     NoColumn {
         /// Name looked for.
         column: String,
@@ -167,6 +180,25 @@ pub enum LogError {
         column: String,
         /// What stands there.
         found: String,
+    },
+    /// Two columns have the same name, so that it is not known which one is meant.
+    #[error("two columns are named {column}: rename or remove one")]
+    DuplicateColumn {
+        /// Their name.
+        column: String,
+    },
+    /// There is no header.
+    #[error("the file is empty: its first line must name the columns")]
+    Empty,
+    /// A row has more or fewer fields than the header.
+    #[error("line {line}: {found} fields, but the header names {expected}{}", decimal_comma(*.found, *.expected))]
+    FieldCount {
+        /// Line of the file, counted from 1.
+        line: u64,
+        /// Fields in this row.
+        found: u64,
+        /// Fields in the header.
+        expected: u64,
     },
     /// A pose has some of its columns filled and others empty.
     #[error("row {row_number}: the pose is not complete")]
@@ -186,4 +218,23 @@ pub enum LogError {
         /// What the reader found.
         reason: String,
     },
+}
+
+/// Returns what may be wrong with the unit of a value that is far out of its range.
+fn likely_unit(reason: &RangeError) -> &'static str {
+    match reason.key {
+        "roll_rad" | "pitch_rad" => "; is the column in degrees? It must be in radians",
+        "v_left_m_s" | "v_right_m_s" => {
+            "; is the column in rpm or rad/s? It must be in m/s, tread_speed_scale of --columns converts"
+        }
+        _ => "",
+    }
+}
+
+fn decimal_comma(found: u64, expected: u64) -> &'static str {
+    if found > expected {
+        "; fields are separated by commas, so write decimals with a point (12.5, not 12,5)"
+    } else {
+        ""
+    }
 }
