@@ -10,9 +10,11 @@
 //! ahead and without poses nothing is learned and nothing winds up.
 
 mod estimate;
+mod gate;
 mod settings;
 
 pub use estimate::{Estimate, Innovation, Refused};
+use gate::{PoseGate, PoseSigmas, RefusedPose};
 pub use settings::{AdaptationSettings, EstimatorSettings};
 
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
@@ -45,6 +47,8 @@ enum Reading {
 struct Event {
     time_s: f64,
     reading: Reading,
+    /// Covariance added to the prediction's before a pose that is believed against it.
+    inflation: Option<Matrix3<f64>>,
     belief: Belief,
 }
 
@@ -77,6 +81,7 @@ pub struct Estimator {
     attitude_time_s: f64,
     speeds_time_s: f64,
     poses_gated: u32,
+    gate: PoseGate,
     innovation: Option<Innovation>,
     model_error: ModelError,
 }
@@ -118,6 +123,7 @@ impl Estimator {
             attitude_time_s: f64::NEG_INFINITY,
             speeds_time_s: f64::NEG_INFINITY,
             poses_gated: 0,
+            gate: PoseGate::new(settings.believed_after_s),
             innovation: None,
             model_error: ModelError {
                 pose_time_s: f64::NEG_INFINITY,
@@ -192,6 +198,7 @@ impl Estimator {
             self.events.push_back(Event {
                 time_s: pose.time_s,
                 reading: Reading::Attitude(attitude),
+                inflation: None,
                 belief: Belief {
                     mean: vector(&pose.value),
                     covariance: Matrix3::from_diagonal(&Vector3::new(
@@ -222,6 +229,7 @@ impl Estimator {
             Event {
                 time_s,
                 reading,
+                inflation: None,
                 belief,
             },
         );
@@ -243,7 +251,16 @@ impl Estimator {
             if let Some(treads) = self.next_treads(i) {
                 before.treads = treads;
             }
-            let belief = self.propagate(&before, event.time_s - self.events[i - 1].time_s);
+            let mut belief = self.propagate(&before, event.time_s - self.events[i - 1].time_s);
+            if i == after
+                && let Reading::Pose(pose) = event.reading
+            {
+                self.events[i].inflation = self.judge(&belief, event.time_s, &pose);
+            }
+            if let Some(inflation) = &self.events[i].inflation {
+                belief.covariance += inflation;
+            }
+            let event = self.events[i];
             self.events[i].belief = self.absorb(belief, &event, i == after);
         }
         if self.events.len() > HISTORY {
@@ -257,6 +274,45 @@ impl Estimator {
             Reading::Speeds(treads) => Some(treads),
             _ => None,
         })
+    }
+
+    /// Returns a pose less the prediction and its normalised square.
+    fn innovation_of(&self, predicted: &Belief, pose: &PlanarPose) -> Option<(Vector3<f64>, f64)> {
+        let s = &self.settings;
+        let (position, heading) = (s.pose_sigma_m.powi(2), s.pose_sigma_rad.powi(2));
+        let noise = Matrix3::from_diagonal(&Vector3::new(position, position, heading));
+        let mut difference = vector(pose) - predicted.mean;
+        difference.z = wrap_angle(difference.z);
+        let inverse = (predicted.covariance + noise).try_inverse()?;
+        Some((
+            difference,
+            (difference.transpose() * inverse * difference).x,
+        ))
+    }
+
+    /// Returns what makes a new pose pass that is believed against the prediction.
+    fn judge(
+        &mut self,
+        predicted: &Belief,
+        time_s: f64,
+        pose: &PlanarPose,
+    ) -> Option<Matrix3<f64>> {
+        let s = &self.settings;
+        let (_, normalised) = self.innovation_of(predicted, pose)?;
+        if normalised <= s.gate {
+            self.gate.passed(time_s, normalised / s.gate);
+            return None;
+        }
+        let refused = RefusedPose {
+            time_s,
+            pose: vector(pose),
+            predicted: predicted.mean,
+        };
+        let sigmas = PoseSigmas {
+            position_m: s.pose_sigma_m,
+            heading_rad: s.pose_sigma_rad,
+        };
+        self.gate.refused(refused, &sigmas)
     }
 
     /// Returns the belief after a reading; `new` tells a reading from a replayed one.
@@ -351,6 +407,7 @@ impl Estimator {
         let moving = belief.treads.left_m_s != 0.0 || belief.treads.right_m_s != 0.0;
         // A vehicle that stands does not slide; a tenth keeps the filter open to poses.
         let share = if moving { 1.0 } else { 0.01 };
+        let share = share * self.gate.noise_factor();
         let noise = Matrix3::from_diagonal(&Vector3::new(
             share * time_s * s.slide_sigma_m_per_sqrt_s.powi(2),
             share * time_s * s.slide_sigma_m_per_sqrt_s.powi(2),
@@ -403,6 +460,10 @@ impl Estimator {
             attitude_age_s: time_s - self.attitude_time_s,
             speeds_age_s: time_s - self.speeds_time_s,
             poses_gated: self.poses_gated,
+            poses_doubted_s: self
+                .gate
+                .doubted()
+                .map(|(doubted_s, newest_s)| (doubted_s, time_s - newest_s)),
         })
     }
 }
