@@ -2,6 +2,7 @@
 
 use crate::bounds::Bounds;
 pub use crate::bounds::RangeError;
+use crate::contact::{ContactVehicle, KnownContact};
 use crate::extension::{Extension, RawExtension};
 use crate::speeds::EncoderScale;
 pub use crate::speeds::EncoderScale as SpeedCorrection;
@@ -47,6 +48,8 @@ pub struct Vehicle {
     pub encoder_scale: EncoderScale,
     /// Terms beyond ICRIK and the parameters identified with them; none is ICRIK alone.
     pub extension: Option<Extension>,
+    /// What is known of it as a vehicle on wheels with friction: where `contact-mpc` starts from.
+    pub contact: Option<ContactVehicle>,
 }
 
 impl Vehicle {
@@ -72,7 +75,15 @@ impl Vehicle {
                 right: 1.011,
             },
             extension: None,
+            contact: None,
         }
+    }
+
+    /// Returns the vehicle on wheels with friction: as known, or as guessed from the base rectangle.
+    pub fn contact_vehicle(&self) -> ContactVehicle {
+        self.contact.clone().unwrap_or_else(|| {
+            ContactVehicle::of_base(&self.name, self.base_half_width_m, self.base_half_length_m)
+        })
     }
 
     /// Returns the same vehicle without slide and without an extension: ICRIK then equals ICRHK.
@@ -126,6 +137,8 @@ struct RawVehicle {
     correction_right: f64,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     extension: Option<RawExtension>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    contact: Option<KnownContact>,
 }
 
 impl TryFrom<RawVehicle> for Vehicle {
@@ -136,8 +149,13 @@ impl TryFrom<RawVehicle> for Vehicle {
             Bounds::new(0.01, 20.0, "m").check("base_half_width_m", raw.base_half_width_m)?;
         let half_length =
             Bounds::new(0.01, 20.0, "m").check("base_half_length_m", raw.base_half_length_m)?;
+        let contact = raw
+            .contact
+            .map(|known| known.vehicle(&raw.name))
+            .transpose()?;
         let mut vehicle = Self {
             name: raw.name,
+            contact,
             icrs: HorizontalIcrs {
                 left_m: Bounds::new(-50.0, -half_width, "m")
                     .with_note("at most -base_half_width_m")
@@ -186,6 +204,7 @@ impl From<Vehicle> for RawVehicle {
             correction_left: v.encoder_scale.left,
             correction_right: v.encoder_scale.right,
             extension: v.extension.map(RawExtension::from),
+            contact: v.contact.as_ref().map(KnownContact::of),
         }
     }
 }

@@ -1,7 +1,7 @@
 //! Decisions, estimates and statuses for the tests of the server.
 
 use super::route::RouteSettings;
-use crate::control_loop::Timing;
+use crate::control_loop::LoopTiming;
 use crate::control_loop::channel::LoopStatus;
 use crate::control_loop::record::CycleRow;
 use crate::drives::LinkState;
@@ -28,6 +28,7 @@ pub(crate) fn estimate(time_s: f64, x_m: f64, yaw_rad: f64) -> Estimate {
         normal_in_world: Vector3::z(),
         treads: sidehill_plant::speeds::TreadSpeeds::default(),
         slip_gains: sidehill_plant::slip_gains::SlipGains::default(),
+        contact: None,
         model_error_m_s: 0.0,
         pose_age_s: 0.0,
         attitude_age_s: 0.0,
@@ -76,7 +77,7 @@ pub(crate) fn loop_status(state: SafetyState) -> LoopStatus {
         },
         armed: 0,
         stopped_by: None,
-        timing: Timing {
+        timing: LoopTiming {
             cycles: 20,
             skipped: 0,
             unsent: 0,
