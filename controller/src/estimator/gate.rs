@@ -103,7 +103,8 @@ impl PoseGate {
             since_s,
             newest: refused,
         });
-        if refused.time_s - since_s < self.believed_after_s {
+        // Rounding of the times must not make it a pose longer.
+        if refused.time_s - since_s < self.believed_after_s - 1e-6 {
             return None;
         }
         self.run = None;
