@@ -120,7 +120,7 @@ pub enum Stall {
     Steer,
     /// Traction is at its limit and the vehicle does not move along its heading.
     Traction,
-    /// The reference asks for speed and the vehicle comes no further along the path.
+    /// The reference asks for speed and the vehicle stays where it is.
     Path,
 }
 

@@ -13,7 +13,7 @@ use std::collections::VecDeque;
 const AT_LIMIT: f64 = 0.95;
 /// Least way that the reference must have asked for, m, before the way along the path is judged.
 const ASKED_MIN_M: f64 = 0.3;
-/// A vehicle that has turned this much towards the path's heading gets on, rad.
+/// A vehicle that has turned this much does not stand, rad.
 const TURNED_MIN_RAD: f64 = 0.2;
 
 /// One cycle of a vehicle that drives.
@@ -40,10 +40,9 @@ struct Sums {
     way_m: f64,
     /// Way along the path that the reference's speed asks for.
     asked_m: f64,
-    /// Where it is, no sums.
-    arc_length_m: f64,
-    off_path_m: f64,
-    off_heading_rad: f64,
+    /// Where it is, no sum.
+    x_m: f64,
+    y_m: f64,
 }
 
 /// The cycles of the last `stall_time_s`; nothing is allocated after [`Watchdog::new`].
@@ -129,9 +128,7 @@ impl Watchdog {
             }
         }
         sums.time_s = now.time_s;
-        sums.arc_length_m = now.progress.arc_length_m;
-        sums.off_path_m = now.progress.cross_track_m.abs();
-        sums.off_heading_rad = wrap_angle(now.pose.yaw_rad - point.heading_rad).abs();
+        (sums.x_m, sums.y_m) = (now.pose.x_m, now.pose.y_m);
         sums
     }
 
@@ -157,11 +154,11 @@ impl Watchdog {
         ) {
             return Some(Stall::Traction);
         }
+        // At a cusp, or on its way back to the path, a vehicle moves that comes no further along it.
         let asked_m = end.asked_m - start.asked_m;
-        let least_m = self.share * asked_m;
-        let advances = end.arc_length_m - start.arc_length_m >= least_m
-            || start.off_path_m - end.off_path_m >= least_m
-            || start.off_heading_rad - end.off_heading_rad >= TURNED_MIN_RAD;
-        (asked_m >= ASKED_MIN_M && !advances).then_some(Stall::Path)
+        let moved_m = (end.x_m - start.x_m).hypot(end.y_m - start.y_m);
+        let turned_rad = (end.turn_rad - start.turn_rad).abs();
+        let stands = moved_m < self.share * asked_m && turned_rad < TURNED_MIN_RAD;
+        (asked_m >= ASKED_MIN_M && stands).then_some(Stall::Path)
     }
 }
