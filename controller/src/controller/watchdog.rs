@@ -154,11 +154,13 @@ impl Watchdog {
         ) {
             return Some(Stall::Traction);
         }
-        // At a cusp, or on its way back to the path, a vehicle moves that comes no further along it.
+        // Back from a cusp a vehicle is where it was; so no place of the window may be far from its start.
         let asked_m = end.asked_m - start.asked_m;
-        let moved_m = (end.x_m - start.x_m).hypot(end.y_m - start.y_m);
         let turned_rad = (end.turn_rad - start.turn_rad).abs();
-        let stands = moved_m < self.share * asked_m && turned_rad < TURNED_MIN_RAD;
+        let near = |place: &Sums| {
+            (place.x_m - start.x_m).hypot(place.y_m - start.y_m) < self.share * asked_m
+        };
+        let stands = turned_rad < TURNED_MIN_RAD && self.history.iter().all(near);
         (asked_m >= ASKED_MIN_M && stands).then_some(Stall::Path)
     }
 }
