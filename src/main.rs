@@ -4,7 +4,7 @@
 use anyhow::anyhow;
 use clap::{Parser, Subcommand};
 use sidehill::{campaign, check, console, icr, identify, init, odometry, run, simulate, vehicle};
-use sidehill_bridge::ros2::arguments;
+use sidehill_bridge::ros2::node::arguments;
 use std::process::ExitCode;
 
 /// Path tracking for skid-steer rovers on slopes. Without a subcommand it simulates the figure of
