@@ -292,3 +292,27 @@ fn init_writes_sets_that_are_valid_and_drive() {
     );
     assert_says(&said, &["can.yaml: layout of a CAN bus"]);
 }
+
+#[test]
+fn what_simulate_writes_is_a_log() {
+    let course = Course::new("");
+    let folder = course.path("out");
+    succeed(course.simulate().arg("--out").arg(&folder));
+    let log = folder.join("icrik-mpc.csv");
+    let valid = succeed(sidehill().arg("check").arg(&log));
+    assert_says(&valid, &["valid log"]);
+    let figures = succeed(
+        sidehill()
+            .arg("odometry")
+            .arg(&log)
+            .arg("--vehicle")
+            .arg(repository("config/vehicles/j8.yaml"))
+            .args(["--format", "json"]),
+    );
+    let figures: serde_json::Value = serde_json::from_str(&figures).unwrap();
+    // 2 m on a slope of 8 degrees: the model that drove reckons it to a centimetre.
+    assert!(
+        figures["icrik"]["j_over_n"].as_f64().unwrap() < 1e-4,
+        "{figures}"
+    );
+}
