@@ -5,7 +5,7 @@ use sidehill_controller::config::ControllerConfig;
 use sidehill_controller::controller::{Status, StopReason};
 use sidehill_plant::frames::{Attitude, PlanarPose, Pose};
 use sidehill_plant::icr::TreadIcrs;
-use sidehill_plant::speeds::MotorSpeeds;
+use sidehill_plant::speeds::{EncoderScale, MotorSpeeds};
 use sidehill_plant::terrain::{PlaneTerrain, RoutePoint, RouteSmoothing, RouteTerrain};
 
 /// A cycle on a circle of 3 m radius.
@@ -39,6 +39,11 @@ fn row(index: usize) -> Row {
         heading_error_rad: -0.2,
         command: motors,
         motors,
+        tread_speeds: EncoderScale {
+            left: 1.0,
+            right: 1.0,
+        }
+        .invert(motors.into()),
         icrs: TreadIcrs {
             left_m: -1.0,
             right_m: 1.1,
