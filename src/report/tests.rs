@@ -1,12 +1,18 @@
 use super::*;
 use crate::record::{Quantiles, Summary};
 use roxmltree::{Document, ParsingOptions};
+use sidehill_controller::config::ControllerKind;
 use sidehill_controller::config::ControllerConfig;
 use sidehill_controller::controller::{Status, StopReason};
 use sidehill_plant::frames::{Attitude, PlanarPose, Pose};
 use sidehill_plant::icr::TreadIcrs;
+<<<<<<< HEAD
 use sidehill_plant::speeds::{EncoderScale, MotorSpeeds};
 use sidehill_plant::terrain::{PlaneTerrain, RoutePoint, RouteSmoothing, RouteTerrain};
+=======
+use sidehill_plant::speeds::MotorSpeeds;
+use sidehill_plant::terrain::{PlaneTerrain, RoutePoint, RouteSmoothing, RouteTerrain, Terrain};
+>>>>>>> main
 
 /// A cycle on a circle of 3 m radius.
 fn row(index: usize) -> Row {
@@ -51,6 +57,7 @@ fn row(index: usize) -> Row {
         },
         status: Status::Tracking,
         qp_iterations: 6,
+        qp_path: None,
         solve_us: 200.0 + index as f64 % 90.0,
         cycle_us: 230.0,
     }
@@ -77,6 +84,9 @@ fn run(controller: &str, rows: Vec<Row>) -> Run {
             fallbacks: 3,
             deadline_misses: 0,
             qp_iterations_mean: 6.0,
+            qp_working_set: 0,
+            qp_interior_point: 0,
+            qp_cut_short: 0,
             solve_us,
             cycle_us: solve_us,
         },
@@ -283,7 +293,11 @@ fn runs_have_colours_of_their_own_that_stay_with_their_controllers() {
     let names = ["pure-pursuit", "icrik-mpc", "mine", "icrik-mpc"];
     let runs = names.map(|name| run(name, Vec::new()));
     let colours: Vec<_> = styles(&runs).iter().map(|style| style.colour).collect();
-    assert_eq!(colours[..2], [COLOURS[3], COLOURS[0]]);
+    let own = |name: &str| {
+        let mut kinds = ControllerKind::ALL.iter();
+        COLOURS[kinds.position(|kind| kind.name() == name).unwrap()]
+    };
+    assert_eq!(colours[..2], [own("pure-pursuit"), own("icrik-mpc")]);
     let distinct: std::collections::BTreeSet<_> = colours.iter().collect();
     assert_eq!(distinct.len(), names.len());
 }
