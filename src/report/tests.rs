@@ -1,18 +1,13 @@
 use super::*;
 use crate::record::{Quantiles, Summary};
 use roxmltree::{Document, ParsingOptions};
-use sidehill_controller::config::ControllerKind;
 use sidehill_controller::config::ControllerConfig;
+use sidehill_controller::config::ControllerKind;
 use sidehill_controller::controller::{Status, StopReason};
 use sidehill_plant::frames::{Attitude, PlanarPose, Pose};
 use sidehill_plant::icr::TreadIcrs;
-<<<<<<< HEAD
 use sidehill_plant::speeds::{EncoderScale, MotorSpeeds};
-use sidehill_plant::terrain::{PlaneTerrain, RoutePoint, RouteSmoothing, RouteTerrain};
-=======
-use sidehill_plant::speeds::MotorSpeeds;
 use sidehill_plant::terrain::{PlaneTerrain, RoutePoint, RouteSmoothing, RouteTerrain, Terrain};
->>>>>>> main
 
 /// A cycle on a circle of 3 m radius.
 fn row(index: usize) -> Row {
