@@ -310,9 +310,11 @@ fn what_simulate_writes_is_a_log() {
             .args(["--format", "json"]),
     );
     let figures: serde_json::Value = serde_json::from_str(&figures).unwrap();
-    // 2 m on a slope of 8 degrees: the model that drove reckons it to a centimetre.
+    // 2 m on a slope of 8 degrees: the model that drove finds the slide, the flat one does not.
+    let error = |model: &str, key: &str| figures[model][key].as_f64().unwrap();
+    assert!(error("icrik", "j_over_n") < 1e-3, "{figures}");
     assert!(
-        figures["icrik"]["j_over_n"].as_f64().unwrap() < 1e-4,
+        error("icrik", "mse_x") < 0.05 * error("icrhk", "mse_x"),
         "{figures}"
     );
 }
