@@ -13,7 +13,7 @@ use sidehill_bridge::ros2::port::rover::VehicleNodeConfig;
 use sidehill_bridge::ros2::server::config::Ros2Config;
 use sidehill_bridge::ros2::server::route::RouteSettings;
 use sidehill_bridge::rover::DriveConfig;
-use sidehill_bridge::rover::InjectedFault;
+use sidehill_bridge::rover::{CanFault, FaultWindow};
 use sidehill_bridge::safety::SafetyConfig;
 use sidehill_controller::config::{ControllerConfig, ControllerKind};
 use sidehill_controller::controller::Controller;
@@ -250,7 +250,7 @@ pub struct VehicleConfig {
     pub report_period_s: f64,
     /// What goes wrong on purpose, of port `can`.
     #[serde(default)]
-    pub faults: Vec<InjectedFault>,
+    pub faults: Vec<FaultWindow<CanFault>>,
 }
 
 impl VehicleConfig {

@@ -1,6 +1,6 @@
 //! A virtual rover on ROS 2.
 
-use super::Rover;
+use super::rover::Rover;
 use crate::config::ros2::environment;
 use crate::config::{Prepared, VehicleConfig};
 use anyhow::Result;

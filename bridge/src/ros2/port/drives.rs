@@ -152,7 +152,7 @@ impl Port for Ros2Port {
     }
 
     fn send(&mut self, now_s: f64, command: &DriveCommand) -> Result<(), SendError> {
-        let thread = self.publisher.thread().ok_or(SendError::Down)?;
+        let thread = self.publisher.thread().ok_or(SendError::ThreadEnded)?;
         self.mode = match command.enable {
             true => DriveMode::Enabled,
             false => DriveMode::Disabled,

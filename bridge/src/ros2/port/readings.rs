@@ -86,7 +86,7 @@ impl Readings {
             .clock_s
             .is_some_and(|before_s| !(0.0..=CLOCK_JUMP_S).contains(&(now_s - before_s)));
         self.clock_s = Some(now_s);
-        clock.tell(now_s);
+        clock.set(now_s);
         if jumped {
             let shared = &self.context.shared;
             shared.transforms().forget();

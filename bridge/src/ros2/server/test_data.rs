@@ -1,7 +1,7 @@
 //! Decisions, estimates and statuses for the tests of the server.
 
 use super::route::RouteSettings;
-use crate::control_loop::Timing;
+use crate::control_loop::LoopTiming;
 use crate::control_loop::channel::LoopStatus;
 use crate::control_loop::record::CycleRow;
 use crate::drives::LinkState;
@@ -77,7 +77,7 @@ pub(crate) fn loop_status(state: SafetyState) -> LoopStatus {
         },
         armed: 0,
         stopped_by: None,
-        timing: Timing {
+        timing: LoopTiming {
             cycles: 20,
             skipped: 0,
             unsent: 0,

@@ -8,7 +8,7 @@ use std::f64::consts::FRAC_PI_2;
 /// Readings with simulated time, and the clock that sets it.
 fn readings(change: impl FnOnce(&mut InputsConfig)) -> (Readings, ExternalClock) {
     let clock = ExternalClock::default();
-    clock.tell(10.0);
+    clock.set(10.0);
     let local = clock.clone();
     let mut config = InputsConfig::default();
     change(&mut config);

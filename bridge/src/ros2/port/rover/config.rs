@@ -1,6 +1,7 @@
 //! Settings of a virtual vehicle on the graph.
 
 use crate::ros2::port::joints::TreadJoints;
+use crate::rover::{Fault, FaultWindow};
 use serde::{Deserialize, Serialize};
 use sidehill_plant::vehicle::RangeError;
 
@@ -62,7 +63,7 @@ impl VehicleNodeConfig {
         ] {
             RangeError::check(key, value, -1e6, 1e6, "from -1e6 to 1e6")?;
         }
-        self.faults.iter().try_for_each(VehicleFault::validate)
+        self.faults.iter().try_for_each(check_fault)
     }
 }
 
@@ -115,17 +116,8 @@ pub struct PlanarOffset {
     pub yaw_deg: f64,
 }
 
-/// Something that goes wrong on purpose.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct VehicleFault {
-    /// When it begins, s after the drives first had a command.
-    pub after_enabled_s: f64,
-    /// How long it lasts, s.
-    pub for_s: f64,
-    /// What goes wrong.
-    pub fault: VehicleFaultKind,
-}
+/// An injected fault and when it is active.
+pub type VehicleFault = FaultWindow<VehicleFaultKind>;
 
 /// What can go wrong.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -165,22 +157,32 @@ pub enum Stream {
     Clock,
 }
 
-impl VehicleFault {
-    fn validate(&self) -> Result<(), RangeError> {
-        let check = |key, value| RangeError::check(key, value, 0.0, 1e6, "from 0 to 1e6 s");
-        check("ros2.faults.after_enabled_s", self.after_enabled_s)?;
-        check("ros2.faults.for_s", self.for_s)?;
-        match self.fault {
-            VehicleFaultKind::DelayS(delay_s) => {
-                let key = "ros2.faults.delay_s";
-                RangeError::check(key, delay_s, 0.0, 10.0, "from 0 to 10 s")?;
-            }
-            VehicleFaultKind::ClockJumpS(jump_s) => {
-                let key = "ros2.faults.clock_jump_s";
-                RangeError::check(key, jump_s, -1e5, 1e5, "from -1e5 to 1e5 s")?;
-            }
-            _ => {}
-        }
-        Ok(())
+impl Fault for VehicleFaultKind {
+    fn presses_emergency_stop(&self) -> bool {
+        *self == Self::EmergencyStop
     }
+
+    fn ignores_commands(&self) -> bool {
+        *self == Self::IgnoreCommands
+    }
+
+    fn delay_s(&self) -> f64 {
+        match self {
+            Self::DelayS(delay_s) => *delay_s,
+            _ => 0.0,
+        }
+    }
+}
+
+fn check_fault(fault: &VehicleFault) -> Result<(), RangeError> {
+    fault.validate([
+        "ros2.faults.after_enabled_s",
+        "ros2.faults.for_s",
+        "ros2.faults.delay_s",
+    ])?;
+    if let VehicleFaultKind::ClockJumpS(jump_s) = fault.fault {
+        let key = "ros2.faults.clock_jump_s";
+        RangeError::check(key, jump_s, -1e5, 1e5, "from -1e5 to 1e5 s")?;
+    }
+    Ok(())
 }

@@ -11,20 +11,17 @@ pub use config::{
 pub use node::VehicleNode;
 pub use report::Report;
 
-use crate::drives::DriveMode;
-use crate::drives::MeasuredMotorSpeeds;
+use crate::drives::{DriveMode, MeasuredMotorSpeeds, MotorCommand};
 use crate::ros2::port::convert::TwistMapping;
-use crate::rover::{DriveConfig, DriveInput, VirtualDrive};
+use crate::rover::{
+    DriveConfig, DriveStep, ReportTimer, RoverDrives, RoverSetup, VirtualDrive, VirtualRover,
+};
 use report::Reporter;
+use sidehill_plant::sample::Stamped;
 use sidehill_plant::simulation::{Simulation, SimulationError, TrueState};
 use sidehill_plant::speeds::MeasuredTreadSpeeds;
 use sidehill_plant::vehicle::{RangeError, SpeedCorrection, Vehicle};
 use std::collections::VecDeque;
-
-const ZERO: MeasuredMotorSpeeds = MeasuredMotorSpeeds {
-    traction_m_s: 0.0,
-    steer_m_s: 0.0,
-};
 
 /// What a vehicle is made of besides its simulation.
 pub struct VehicleSetup<'a> {
@@ -42,34 +39,77 @@ pub struct VehicleSetup<'a> {
     pub origin_ns: i64,
 }
 
-/// The vehicle with its drives, apart from any network.
+/// The drives of a vehicle on the ROS 2 graph.
 ///
-/// ROS has no word for switching drives on. They are on while commands come and off when none has
-/// come for their time-out; after an emergency stop they wait for a command of zero.
+/// A command of ROS does not enable drives. They are enabled while commands come, and disabled when
+/// none has come for their time-out; after an emergency stop they wait for a command of zero speed.
+struct TopicDrives {
+    drive: VirtualDrive,
+    command: Option<Stamped<MeasuredMotorSpeeds>>,
+    /// Whether the drives, disabled, were offered zero speed without "enable", and get it with
+    /// "enable" next.
+    prepared: bool,
+    /// Whether a command of zero speed must come before any other counts.
+    locked: bool,
+}
+
+impl TopicDrives {
+    /// Returns what the drives are commanded now: the handshake of the drives, then the command.
+    fn offer(&mut self) -> Option<Stamped<MotorCommand>> {
+        let command = self.command?;
+        if self.locked && command.value == MeasuredMotorSpeeds::STOP {
+            self.locked = false;
+        }
+        let value = if self.drive.mode() == DriveMode::Enabled && !self.locked {
+            MotorCommand {
+                speeds: command.value,
+                enable: true,
+            }
+        } else {
+            self.prepared = !self.prepared && !self.locked;
+            MotorCommand {
+                speeds: MeasuredMotorSpeeds::STOP,
+                enable: !self.prepared && !self.locked,
+            }
+        };
+        Some(Stamped {
+            time_s: command.time_s,
+            value,
+        })
+    }
+}
+
+impl RoverDrives for TopicDrives {
+    type Error = SimulationError;
+
+    fn step(&mut self, step: &DriveStep) -> Result<MeasuredMotorSpeeds, SimulationError> {
+        self.locked |= step.emergency_stop;
+        let command = self.offer();
+        self.drive.set_command(command);
+        Ok(self.drive.step(step.time_s, step.emergency_stop))
+    }
+
+    fn mode(&self) -> DriveMode {
+        self.drive.mode()
+    }
+}
+
+/// A virtual rover that obeys commands and reports as one on the ROS 2 graph, apart from any network.
 pub struct RosVehicle {
-    simulation: Simulation,
-    dt_s: f64,
-    correction: SpeedCorrection,
+    rover: VirtualRover<TopicDrives, VehicleFaultKind>,
     twist: TwistMapping,
     config: VehicleNodeConfig,
-    drive: VirtualDrive,
-    told: Option<(f64, MeasuredMotorSpeeds)>,
-    /// Whether the drives, being off, were offered zeros with "off" and next get "on".
-    prepared: bool,
-    /// Whether a command of zero must come before any other counts.
-    locked: bool,
-    heading_for: MeasuredMotorSpeeds,
-    first_enabled_s: Option<f64>,
+    /// Angle that each wheel joint turns in a step for 1 m/s of its tread, rad.
+    joint_step_rad: f64,
     angles_rad: [f64; 2],
     reporter: Reporter,
-    report_period_s: f64,
-    reported: u64,
+    timer: ReportTimer,
     /// Reports that wait for their delay: when they are due, s.
     delayed: VecDeque<(f64, Report)>,
 }
 
 impl RosVehicle {
-    /// Returns a vehicle that stands, off.
+    /// Returns a vehicle that stands, disabled.
     ///
     /// # Errors
     /// [`RangeError`] for a setting out of range.
@@ -79,29 +119,27 @@ impl RosVehicle {
         config: VehicleNodeConfig,
     ) -> Result<Self, RangeError> {
         config.validate()?;
-        let report_period_s = RangeError::check(
-            "report_period_s",
-            setup.report_period_s,
-            0.005,
-            1.0,
-            "from 0.005 to 1 s",
-        )?;
+        let timer = ReportTimer::new(setup.report_period_s)?;
         let twist = TwistMapping::new(config.track_width_m, setup.vehicle)?;
-        Ok(Self {
-            simulation,
-            dt_s: setup.dt_s,
-            correction: setup.correction,
-            twist,
+        let drives = TopicDrives {
             drive: VirtualDrive::new(setup.drive)?,
-            told: None,
+            command: None,
             prepared: false,
             locked: false,
-            heading_for: ZERO,
-            first_enabled_s: None,
+        };
+        Ok(Self {
+            rover: VirtualRover::new(RoverSetup {
+                simulation,
+                dt_s: setup.dt_s,
+                correction: setup.correction,
+                drives,
+                faults: config.faults.clone(),
+            }),
+            twist,
+            joint_step_rad: setup.dt_s / config.joints.radius_m,
             angles_rad: [0.0; 2],
             reporter: Reporter::new(&config, twist, setup.origin_ns),
-            report_period_s,
-            reported: 0,
+            timer,
             delayed: VecDeque::new(),
             config,
         })
@@ -112,14 +150,14 @@ impl RosVehicle {
         &self.config
     }
 
-    /// Returns what is true now.
+    /// Returns the true state.
     pub fn state(&self) -> &TrueState {
-        self.simulation.state()
+        self.rover.state()
     }
 
     /// Returns the state of the drives.
     pub fn mode(&self) -> DriveMode {
-        self.drive.mode()
+        self.rover.drives().mode()
     }
 
     /// Returns how a twist commands the drives.
@@ -129,12 +167,15 @@ impl RosVehicle {
 
     /// Returns when the next report is due, s.
     pub fn next_report_s(&self) -> f64 {
-        self.reported as f64 * self.report_period_s
+        self.timer.next_s()
     }
 
     /// Takes a command that arrived at `time_s`.
     pub fn take(&mut self, motors: MeasuredMotorSpeeds, time_s: f64) {
-        self.told = Some((time_s, motors));
+        self.rover.drives_mut().command = Some(Stamped {
+            time_s,
+            value: motors,
+        });
     }
 
     /// Simulates until `now_s`.
@@ -142,72 +183,38 @@ impl RosVehicle {
     /// # Errors
     /// Where and why there is no ground or no motion.
     pub fn advance(&mut self, now_s: f64) -> Result<(), SimulationError> {
-        while self.simulation.state().time_s + 0.5 * self.dt_s < now_s {
-            let time_s = self.simulation.state().time_s;
-            let emergency_stop = self.fails(time_s, &VehicleFaultKind::EmergencyStop);
-            self.locked |= emergency_stop;
-            let told = self.offer();
-            let target = self.drive.step(&DriveInput {
-                time_s,
-                told,
-                emergency_stop,
-            });
-            if self.drive.mode() == DriveMode::Enabled {
-                self.first_enabled_s.get_or_insert(time_s);
-            }
-            if !self.fails(time_s, &VehicleFaultKind::IgnoreCommands) {
-                self.heading_for = target;
-            }
-            self.simulation
-                .set_command(self.heading_for.effective(&self.correction))?;
-            self.simulation.step()?;
-            let MeasuredTreadSpeeds {
-                left_m_s,
-                right_m_s,
-            } = self.correction.invert(self.simulation.state().treads);
-            let per_m = self.dt_s / self.config.joints.radius_m;
-            self.angles_rad[0] += left_m_s * per_m;
-            self.angles_rad[1] += right_m_s * per_m;
-        }
-        Ok(())
-    }
-
-    /// The handshake of the drives, which a command of ROS does not speak: zeros and off, then zeros
-    /// and on, then what is commanded.
-    fn offer(&mut self) -> Option<(f64, MeasuredMotorSpeeds, bool)> {
-        let (told_s, motors) = self.told?;
-        if self.locked && motors == ZERO {
-            self.locked = false;
-        }
-        if self.drive.mode() == DriveMode::Enabled && !self.locked {
-            return Some((told_s, motors, true));
-        }
-        self.prepared = !self.prepared && !self.locked;
-        Some((told_s, ZERO, !self.prepared && !self.locked))
+        let (angles_rad, step_rad) = (&mut self.angles_rad, self.joint_step_rad);
+        self.rover.advance(now_s, |rover, _| {
+            let treads = MeasuredTreadSpeeds::from(rover.motors());
+            angles_rad[0] += treads.left_m_s * step_rad;
+            angles_rad[1] += treads.right_m_s * step_rad;
+        })
     }
 
     /// Passes the reports that are due to `publish`: that of now, and those whose delay is over.
     pub fn report(&mut self, now_s: f64, mut publish: impl FnMut(Report)) {
-        self.reported += 1;
-        let sample = self.simulation.sample();
-        let (active, jump_s) = self.active(now_s);
+        self.timer.count();
+        let sample = self.rover.simulation_mut().sample();
+        let state = self.rover.state();
         let mut report = self.reporter.report(&report::Readings {
             sample,
-            yaw_rate_rad_s: self.simulation.state().velocity.yaw_rate_rad_s,
+            yaw_rate_rad_s: state.velocity.yaw_rate_rad_s,
             angles_rad: self.angles_rad,
-            time_s: self.simulation.state().time_s,
-            jump_s,
-            frozen: active.contains(&VehicleFaultKind::FreezeStamps),
+            time_s: state.time_s,
+            jump_s: self.rover.faults(now_s).map(clock_jump_s).sum(),
+            frozen: self
+                .rover
+                .has_fault(now_s, |fault| *fault == VehicleFaultKind::FreezeStamps),
         });
-        let mut delay_s = 0.0;
-        for fault in &active {
+        for fault in self.rover.faults(now_s) {
             match fault {
-                VehicleFaultKind::DelayS(by_s) => delay_s += by_s,
                 VehicleFaultKind::EmergencyStop => report.emergency_stop = true,
+                VehicleFaultKind::DelayS(_) => {}
                 fault => report.spoil(fault),
             }
         }
-        self.delayed.push_back((now_s + delay_s, report));
+        let due_s = now_s + self.rover.delay_s(now_s);
+        self.delayed.push_back((due_s, report));
         // A delay that has ended does not hold up what comes after it.
         while let Some(due) = self.delayed.iter().position(|(due_s, _)| *due_s <= now_s) {
             if let Some((_, report)) = self.delayed.remove(due) {
@@ -215,32 +222,12 @@ impl RosVehicle {
             }
         }
     }
+}
 
-    fn fails(&self, now_s: f64, kind: &VehicleFaultKind) -> bool {
-        self.active(now_s).0.contains(kind)
-    }
-
-    /// The faults of now, and by how much the clock has jumped, s.
-    fn active(&self, now_s: f64) -> (Vec<VehicleFaultKind>, f64) {
-        let Some(first_s) = self.first_enabled_s else {
-            return (Vec::new(), 0.0);
-        };
-        let since_s = now_s - first_s;
-        let active: Vec<_> = self
-            .config
-            .faults
-            .iter()
-            .filter(|fault| {
-                (fault.after_enabled_s..fault.after_enabled_s + fault.for_s).contains(&since_s)
-            })
-            .map(|fault| fault.fault.clone())
-            .collect();
-        let jump_s = active.iter().map(|fault| match fault {
-            VehicleFaultKind::ClockJumpS(jump_s) => *jump_s,
-            _ => 0.0,
-        });
-        let jump_s = jump_s.sum();
-        (active, jump_s)
+fn clock_jump_s(fault: &VehicleFaultKind) -> f64 {
+    match fault {
+        VehicleFaultKind::ClockJumpS(jump_s) => *jump_s,
+        _ => 0.0,
     }
 }
 

@@ -123,7 +123,7 @@ fn an_emergency_stop_holds_until_zero_has_been_commanded() {
         .count();
     assert!((45..=55).contains(&pressed), "{pressed}");
     assert_eq!(vehicle.state().motors.traction_m_s, 0.0);
-    drive(&mut vehicle, ZERO, 4.2);
+    drive(&mut vehicle, MeasuredMotorSpeeds::STOP, 4.2);
     drive(&mut vehicle, FORWARD, 6.0);
     assert!((vehicle.state().motors.traction_m_s - 0.4).abs() < 0.1);
 }

@@ -1,12 +1,16 @@
 //! The layout of the bus: every name of `can.yaml` found in the database.
 
 mod builder;
+mod cia402;
+mod drives;
 mod error;
 
-pub(in crate::can) use builder::Builder;
+pub use drives::{DriveCodec, DriveStates, EnableValues};
 pub use error::LayoutError;
 
-use super::cia402::{self, Cia402, PowerState};
+use builder::Builder;
+
+use super::cia402::Cia402;
 use super::config::{AttitudeConvention, CanConfig, DriveMessage, EnableSignal};
 use super::database::Database;
 use super::frame::FrameId;
@@ -48,57 +52,6 @@ pub enum Profile {
     /// By the controlword of CiA 402; the messages of `Layout::command` belong to the drives in
     /// their order.
     Cia402(Cia402),
-}
-
-/// What one drive reports.
-#[derive(Clone)]
-pub struct DriveCodec {
-    /// What it moves.
-    pub role: DriveRole,
-    /// Its message.
-    pub message: MessageCodec,
-    /// Its states.
-    pub states: DriveStates,
-}
-
-/// Off and on.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct EnableValues {
-    /// Value for off.
-    pub off: f64,
-    /// Value for on.
-    pub on: f64,
-}
-
-/// Which values of a signal mean which state.
-#[derive(Debug, Clone, PartialEq)]
-pub enum DriveStates {
-    /// Those of a list.
-    Values(Vec<(f64, DriveMode)>),
-    /// Those of CiA 402.
-    Statusword,
-}
-
-impl DriveStates {
-    /// Returns the state of a value, `None` where it is none.
-    pub fn mode(&self, value: f64) -> Option<DriveMode> {
-        match self {
-            Self::Values(values) => values
-                .iter()
-                .find_map(|(listed, mode)| ((listed - value).abs() < 1e-9).then_some(*mode)),
-            Self::Statusword => PowerState::of(value as u16).map(PowerState::mode),
-        }
-    }
-
-    /// Returns the first value that is listed for a state.
-    pub fn value(&self, mode: DriveMode) -> Option<f64> {
-        match self {
-            Self::Values(values) => values
-                .iter()
-                .find_map(|(value, listed)| (*listed == mode).then_some(*value)),
-            Self::Statusword => None,
-        }
-    }
 }
 
 impl Layout {
@@ -161,7 +114,7 @@ impl Layout {
         Ok(layout)
     }
 
-    /// Returns the messages that come from the vehicle.
+    /// Returns the messages that the vehicle sends.
     pub fn from_vehicle(&self) -> [&MessageCodec; 5] {
         [
             &self.drives[0].message,
@@ -187,11 +140,11 @@ impl Layout {
         }
     }
 
-    /// Returns the identifiers that the controller's side listens to.
-    pub fn heard_ids(&self) -> Vec<FrameId> {
+    /// Returns the identifiers of the frames that the controller's side receives.
+    pub fn received_ids(&self) -> Vec<FrameId> {
         let mut ids = self.from_vehicle().map(|message| message.id()).to_vec();
         if let Profile::Cia402(cia402) = &self.profile {
-            ids.extend(cia402.nodes.iter().flat_map(|node| node.heard_ids()));
+            ids.extend(cia402.nodes.iter().flat_map(|node| node.received_ids()));
         }
         ids
     }

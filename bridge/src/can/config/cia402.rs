@@ -1,4 +1,4 @@
-use crate::can::config::ScaledSignal;
+use super::signals::ScaledSignal;
 use crate::can::message::DriveRole;
 use serde::{Deserialize, Serialize};
 
@@ -11,10 +11,10 @@ pub struct Cia402Config {
     /// Whether a SYNC follows the commands of every cycle.
     #[serde(default)]
     pub sync: bool,
-    /// Time for which the drives are told to stop quickly, s; then their voltage is disabled for as
-    /// long, and a drive that is not off by then is stopped as a node.
+    /// Time for which a quick stop is commanded, s; then disable voltage for as long. The node of a
+    /// drive that is not off by then is stopped.
     pub quick_stop_time_s: f64,
-    /// Longest wait for the answer to an object that is written, s.
+    /// Longest wait for the answer to an SDO download, s.
     pub answer_time_s: f64,
     /// Traction and steer, or left and right.
     pub drives: [Cia402Drive; 2],
@@ -32,7 +32,7 @@ pub struct Cia402Drive {
     pub command: CommandPdo,
     /// What it sends.
     pub feedback: FeedbackPdo,
-    /// What is written to it, in this order, whenever it has started.
+    /// Objects written to it, in this order, whenever it has started.
     #[serde(default)]
     pub setup: Vec<ObjectValue>,
 }

@@ -1,40 +1,31 @@
-//! A SocketCAN interface: one thread that listens, one sender that never waits.
-
-use crate::can::frame::{Frame, FrameId};
-use crate::drives::Epoch;
-use crate::drives::{LinkState, SendError};
-use socketcan::embedded_can::{ExtendedId, Frame as _, Id, StandardId};
+use super::frame::{Frame, FrameId};
+use super::system::{BACKOFF_S, ENETDOWN, ENODEV, ENXIO};
+use crate::drives::{Epoch, LinkState};
+use socketcan::embedded_can::{Frame as _, Id};
 use socketcan::errors::{CanError, ControllerProblems, ErrorCause};
 use socketcan::{
     CanDataFrame, CanErrorFrame, CanFilter, CanFrame, CanInterface, CanSocket, Socket,
     SocketOptions,
 };
-use std::io::{Error, ErrorKind};
+use std::io::Error;
 use std::os::unix::thread::JoinHandleExt;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, mpsc};
 use std::thread::JoinHandle;
 use std::time::Duration;
 use thread_priority::ThreadId;
 
-const ENXIO: i32 = 6;
-const ENODEV: i32 = 19;
-const ENETDOWN: i32 = 100;
-const ENOBUFS: i32 = 105;
-
-/// How long a read waits before the interface is looked at.
+/// Longest wait of a read.
 const READ_TIMEOUT: Duration = Duration::from_millis(20);
-/// How often the interface is looked at while frames come.
+/// Time between two checks of the interface, s.
 const POLL_S: f64 = 0.05;
-/// First and longest pause between attempts to open an interface or to restart it.
-const BACKOFF_S: [f64; 2] = [0.05, 2.0];
-/// Restarts after a bus-off before a person has to look.
+/// Automatic restarts after a bus-off. After that, an operator has to restart the interface.
 const RESTARTS_MAX: u32 = 8;
 
-/// What a listener hears.
+/// News from the bus.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum BusEvent {
-    /// A data frame that arrived.
+    /// A data frame was received.
     Frame {
         /// When, s.
         time_s: f64,
@@ -52,24 +43,24 @@ pub enum BusEvent {
     Restart {
         /// When, s.
         time_s: f64,
-        /// How many were tried since the bus was left.
+        /// Number of attempts since the bus-off.
         attempt: u32,
-        /// What the system said.
+        /// The system's answer.
         answer: RestartAnswer,
     },
 }
 
-/// What the system says to a restart of the interface.
+/// The system's answer to a restart of the interface.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum RestartAnswer {
-    /// It has been done.
+    /// Done.
     Accepted,
-    /// It has been refused, for want of permission or because the driver cannot.
+    /// Refused: no permission, or not supported by the driver.
     Refused {
         /// Error number.
         errno: i32,
     },
-    /// There was no answer that could be understood.
+    /// No answer that could be decoded.
     None,
 }
 
@@ -79,138 +70,15 @@ impl RestartAnswer {
     }
 }
 
-impl From<crate::can::message::FrameFault> for SendError {
-    fn from(_: crate::can::message::FrameFault) -> Self {
-        Self::Values
-    }
-}
-
-/// Sends frames without waiting. Sockets are opened and closed by a thread of its own: while an
-/// interface disappears, the kernel keeps both waiting.
-pub struct Sender {
-    socket: Option<CanSocket>,
-    closed: mpsc::Sender<CanSocket>,
-    opened: mpsc::Receiver<CanSocket>,
-    thread: Option<JoinHandle<()>>,
-    stop: Arc<AtomicBool>,
-}
-
-impl Sender {
-    /// Returns a sender for an interface that need not exist yet.
-    ///
-    /// # Errors
-    /// The system's, where it has no thread left.
-    pub fn start(interface: &str) -> Result<Self, Error> {
-        let (closed, to_close) = mpsc::channel();
-        let (ready, opened) = mpsc::channel();
-        let stop = Arc::new(AtomicBool::new(false));
-        let socket = open_sender(interface).ok();
-        let (ended, interface) = (Arc::clone(&stop), interface.to_owned());
-        let mut wanted = socket.is_none();
-        let thread = std::thread::Builder::new()
-            .name("can-opener".to_owned())
-            .spawn(move || {
-                let mut backoff_s = BACKOFF_S[0];
-                while !ended.load(Ordering::Relaxed) {
-                    let pause = Duration::from_secs_f64(backoff_s);
-                    match to_close.recv_timeout(pause) {
-                        Ok(socket) => {
-                            drop(socket);
-                            wanted = true;
-                            backoff_s = BACKOFF_S[0];
-                        }
-                        Err(mpsc::RecvTimeoutError::Timeout) => {}
-                        Err(mpsc::RecvTimeoutError::Disconnected) => return,
-                    }
-                    if !wanted {
-                        continue;
-                    }
-                    match open_sender(&interface) {
-                        Ok(socket) => {
-                            wanted = false;
-                            backoff_s = BACKOFF_S[0];
-                            if ready.send(socket).is_err() {
-                                return;
-                            }
-                        }
-                        Err(_) => backoff_s = (2.0 * backoff_s).min(BACKOFF_S[1]),
-                    }
-                }
-            })?;
-        Ok(Self {
-            socket,
-            closed,
-            opened,
-            thread: Some(thread),
-            stop,
-        })
-    }
-
-    /// Sends a frame at once or not at all.
-    ///
-    /// # Errors
-    /// [`SendError`]; the frame is then lost.
-    pub fn send(&mut self, frame: &Frame) -> Result<(), SendError> {
-        if self.socket.is_none() {
-            self.socket = self.opened.try_recv().ok();
-        }
-        let socket = self.socket.as_ref().ok_or(SendError::Absent)?;
-        let data = socket_frame(frame).ok_or(SendError::Values)?;
-        let Err(error) = socket.write_frame(&data) else {
-            return Ok(());
-        };
-        Err(match error.raw_os_error() {
-            Some(ENOBUFS) => SendError::QueueFull,
-            Some(ENETDOWN) => SendError::Down,
-            Some(ENODEV | ENXIO) => {
-                if let Some(socket) = self.socket.take() {
-                    // Where the thread is gone, the socket is closed here.
-                    let _ = self.closed.send(socket);
-                }
-                SendError::Absent
-            }
-            _ if error.kind() == ErrorKind::WouldBlock => SendError::QueueFull,
-            errno => SendError::System {
-                errno: errno.unwrap_or(0),
-            },
-        })
-    }
-}
-
-impl Drop for Sender {
-    fn drop(&mut self) {
-        self.stop.store(true, Ordering::Relaxed);
-        // Not joined: the program's end need not wait for a pause between attempts.
-        drop(self.thread.take());
-    }
-}
-
-fn open_sender(interface: &str) -> Result<CanSocket, Error> {
-    let socket = CanSocket::open(interface)?;
-    // Nothing is read here, so nothing may pile up.
-    socket.set_filter_drop_all()?;
-    socket.set_error_filter_drop_all()?;
-    socket.set_nonblocking(true)?;
-    Ok(socket)
-}
-
-fn socket_frame(frame: &Frame) -> Option<CanDataFrame> {
-    let id: Id = match frame.id {
-        FrameId::Standard(id) => StandardId::new(id)?.into(),
-        FrameId::Extended(id) => ExtendedId::new(id)?.into(),
-    };
-    CanDataFrame::new(id, frame.bytes())
-}
-
-/// Listens on an interface in a thread of its own until it is dropped.
+/// Receives frames and watches the state of an interface in a thread of its own, until it is dropped.
 pub struct BusMonitor {
     stop: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
 }
 
 impl BusMonitor {
-    /// Returns a listener that passes frames of the identifiers `wanted`, errors and states of the
-    /// bus to `hear`; the interface need not exist yet.
+    /// Starts a monitor that passes frames with the identifiers `wanted`, and changes of the bus, to
+    /// `handle`. The interface need not exist yet.
     ///
     /// # Errors
     /// The system's, where it has no thread left.
@@ -218,7 +86,7 @@ impl BusMonitor {
         interface: &str,
         wanted: &[FrameId],
         epoch: Epoch,
-        hear: impl FnMut(BusEvent) + Send + 'static,
+        handle: impl FnMut(BusEvent) + Send + 'static,
     ) -> Result<Self, Error> {
         let stop = Arc::new(AtomicBool::new(false));
         let mut monitor = Monitor {
@@ -226,8 +94,8 @@ impl BusMonitor {
             filters: wanted.iter().map(|id| exact_filter(*id)).collect(),
             epoch,
             stop: Arc::clone(&stop),
-            hear,
-            told: None,
+            handle,
+            reported: None,
             errors: LinkState::Active,
             restarts: 0,
             restart_s: 0.0,
@@ -241,7 +109,7 @@ impl BusMonitor {
         })
     }
 
-    /// Returns the system's name of the thread.
+    /// Returns the system's identifier of the thread.
     pub fn thread_id(&self) -> Option<ThreadId> {
         self.thread.as_ref().map(JoinHandleExt::as_pthread_t)
     }
@@ -251,14 +119,13 @@ impl Drop for BusMonitor {
     fn drop(&mut self) {
         self.stop.store(true, Ordering::Relaxed);
         if let Some(thread) = self.thread.take() {
-            // A panic of the listener has shown itself as a feedback time-out.
+            // A panic of the thread has become a feedback time-out.
             let _ = thread.join();
         }
     }
 }
 
-/// A filter that does not take an extended identifier for a standard one of the same number, nor a
-/// remote frame for a data frame.
+/// Returns a filter that distinguishes standard from extended identifiers and data from remote frames.
 fn exact_filter(id: FrameId) -> CanFilter {
     const EXTENDED: u32 = 1 << 31;
     const REMOTE: u32 = 1 << 30;
@@ -273,8 +140,8 @@ struct Monitor<F> {
     filters: Vec<CanFilter>,
     epoch: Epoch,
     stop: Arc<AtomicBool>,
-    hear: F,
-    told: Option<LinkState>,
+    handle: F,
+    reported: Option<LinkState>,
     errors: LinkState,
     restarts: u32,
     restart_s: f64,
@@ -289,7 +156,7 @@ impl<F: FnMut(BusEvent)> Monitor<F> {
                 self.errors = LinkState::Active;
                 self.listen(&socket);
             } else {
-                self.tell(LinkState::Absent);
+                self.report(LinkState::Absent);
                 // Short sleeps, so that the end of the program does not wait.
                 let until_s = self.epoch.elapsed_s() + backoff_s;
                 while self.epoch.elapsed_s() < until_s && !self.stop.load(Ordering::Relaxed) {
@@ -308,7 +175,7 @@ impl<F: FnMut(BusEvent)> Monitor<F> {
         Ok(socket)
     }
 
-    /// Reads until the interface has gone or the end is asked for.
+    /// Reads until the interface disappears or the monitor ends.
     fn listen(&mut self, socket: &CanSocket) {
         let index = self.attribute("ifindex");
         let mut polled_s = f64::NEG_INFINITY;
@@ -318,25 +185,25 @@ impl<F: FnMut(BusEvent)> Monitor<F> {
             match read {
                 Ok(CanFrame::Data(data)) => {
                     if let Some(frame) = plain_frame(&data) {
-                        (self.hear)(BusEvent::Frame { time_s, frame });
+                        (self.handle)(BusEvent::Frame { time_s, frame });
                     }
                 }
-                Ok(CanFrame::Error(error)) => self.judge(error),
+                Ok(CanFrame::Error(error)) => self.handle_error(error),
                 Ok(CanFrame::Remote(_)) => {}
                 Err(error) => match error.raw_os_error() {
                     Some(ENODEV | ENXIO) => {
-                        self.tell(LinkState::Absent);
+                        self.report(LinkState::Absent);
                         return;
                     }
-                    Some(ENETDOWN) => self.tell(LinkState::Down),
+                    Some(ENETDOWN) => self.report(LinkState::Down),
                     _ => {}
                 },
             }
             if time_s - polled_s >= POLL_S {
                 polled_s = time_s;
-                // An interface that was deleted and made again has another index.
+                // An interface that was deleted and re-created has another index.
                 if index.is_none() || self.attribute("ifindex") != index {
-                    self.tell(LinkState::Absent);
+                    self.report(LinkState::Absent);
                     return;
                 }
                 self.poll(time_s);
@@ -344,7 +211,7 @@ impl<F: FnMut(BusEvent)> Monitor<F> {
         }
     }
 
-    /// Looks at the interface: up or down, and whether a bus-off has ended.
+    /// Checks the interface: whether it is up, and whether a bus-off has ended.
     fn poll(&mut self, time_s: f64) {
         const UP: u32 = 1;
         let up = self
@@ -352,19 +219,19 @@ impl<F: FnMut(BusEvent)> Monitor<F> {
             .and_then(|text| u32::from_str_radix(text.trim().trim_start_matches("0x"), 16).ok())
             .is_some_and(|flags| flags & UP != 0);
         if !up {
-            // A controller that is started again has forgotten its errors.
+            // Switching the interface on resets its error counters.
             self.errors = LinkState::Active;
             self.restarts = 0;
-            self.tell(LinkState::Down);
+            self.report(LinkState::Down);
             return;
         }
         if self.errors == LinkState::BusOff {
             self.recover(time_s);
         }
-        self.tell(self.errors);
+        self.report(self.errors);
     }
 
-    /// Restarts a controller that has left the bus, with growing pauses and not for ever.
+    /// Restarts the interface after a bus-off, with growing pauses and a limited number of times.
     fn recover(&mut self, time_s: f64) {
         if self.restarts >= RESTARTS_MAX || time_s < self.restart_s {
             return;
@@ -383,14 +250,14 @@ impl<F: FnMut(BusEvent)> Monitor<F> {
             Err(socketcan::Error::Nl(error)) => RestartAnswer::refused(error.errno()),
             Err(_) => RestartAnswer::None,
         };
-        (self.hear)(BusEvent::Restart {
+        (self.handle)(BusEvent::Restart {
             time_s,
             attempt: self.restarts,
             answer,
         });
     }
 
-    fn judge(&mut self, frame: CanErrorFrame) {
+    fn handle_error(&mut self, frame: CanErrorFrame) {
         for cause in CanError::from(frame).causes() {
             self.errors = match cause {
                 ErrorCause::BusOff => {
@@ -405,12 +272,12 @@ impl<F: FnMut(BusEvent)> Monitor<F> {
                 _ => self.errors,
             };
         }
-        self.tell(self.errors);
+        self.report(self.errors);
     }
 
-    fn tell(&mut self, state: LinkState) {
-        if self.told.replace(state) != Some(state) {
-            (self.hear)(BusEvent::Bus {
+    fn report(&mut self, state: LinkState) {
+        if self.reported.replace(state) != Some(state) {
+            (self.handle)(BusEvent::Bus {
                 time_s: self.epoch.elapsed_s(),
                 state,
             });
