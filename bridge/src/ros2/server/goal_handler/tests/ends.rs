@@ -287,7 +287,7 @@ fn a_pivot_that_slides_off_the_goal_is_not_begun() {
         if !pivots {
             world.assert_finished(client, GoalEnd::Aborted, code::NO_VALID_CONTROL);
             let message = &world.finished[0].2.message;
-            assert!(message.contains("a pivot would slide 0.3"), "{message}");
+            assert!(message.contains("a pivot would slide 0.40 m"), "{message}");
         }
     }
 }
