@@ -144,7 +144,7 @@ fn write_out(
         report::write_csv(run, &mut csv)?;
         output::write(&csv_path(folder, &run.summary.controller), &csv, force)?;
     }
-    let path = prepared.trajectory.path();
+    let path = prepared.reference.path();
     let length_m = path.map_or(0.0, |path| path.length_m());
     let points = (length_m / 0.05).ceil().clamp(2.0, 20_000.0) as usize;
     let scene = report::Scene {
@@ -178,7 +178,7 @@ const LONG_S: f64 = 1000.0;
 
 /// Runs one controller after the other: their times would disturb each other.
 fn runs(prepared: &Prepared) -> Result<Vec<Run>> {
-    let simulated_s = f64::from(prepared.laps) * prepared.trajectory.duration_s();
+    let simulated_s = prepared.reference.end_s();
     if simulated_s > LONG_S {
         console::complain(format_args!(
             "this simulates {simulated_s:.0} s of driving for each of {} controllers",
