@@ -108,7 +108,7 @@ impl Default for FollowPathConfig {
 pub struct Tolerances {
     /// Distance from the goal, m.
     pub goal_xy_m: f64,
-    /// Heading error at the goal, rad.
+    /// Heading error at the goal, rad; from pi on any heading will do.
     pub goal_yaw_rad: f64,
     /// Movement that counts as progress, m.
     pub progress_m: f64,
@@ -141,8 +141,8 @@ impl Ros2Config {
     pub fn validate(&self) -> Result<(), RangeError> {
         let t = &self.tolerances;
         Bounds::new(0.01, 100.0, "m").check("ros2.tolerances.goal_xy_m", t.goal_xy_m)?;
-        Bounds::new(0.02, 3.2, "rad").check("ros2.tolerances.goal_yaw_rad", t.goal_yaw_rad)?;
-        Bounds::new(0.02, 100.0, "m").check("ros2.tolerances.progress_m", t.progress_m)?;
+        Bounds::new(0.02, 7.0, "rad").check("ros2.tolerances.goal_yaw_rad", t.goal_yaw_rad)?;
+        Bounds::new(0.01, 100.0, "m").check("ros2.tolerances.progress_m", t.progress_m)?;
         Bounds::new(0.1, 1e4, "s").check("ros2.tolerances.progress_time_s", t.progress_time_s)?;
         Bounds::new(0.0, 10.0, "s").check("ros2.tolerances.transform_s", t.transform_s)?;
         Bounds::new(0.0, 60.0, "s").check("ros2.tolerances.failure_s", t.failure_s)?;
