@@ -10,11 +10,9 @@ use nalgebra::Vector3;
 use sidehill_controller::config::{ControllerConfig, ControllerKind};
 use sidehill_controller::controller::{Controller, Status};
 use sidehill_controller::course::FigureEight;
-use sidehill_controller::mpc::{Mpc, MpcSettings, QpMode, StageTarget};
-use sidehill_controller::reference::Tracking;
+use sidehill_controller::mpc::{Horizon, Mpc, MpcSettings, QpMode, StageTarget};
 use sidehill_controller::trajectory::Trajectory;
 use sidehill_plant::drive_train::DriveTrainConfig;
-use sidehill_plant::frames::PlanarPose;
 use sidehill_plant::motion::IcrMotion;
 use sidehill_plant::prediction::PredictionModel;
 use sidehill_plant::sample::Sample;
@@ -40,16 +38,10 @@ fn trajectory() -> Trajectory {
 }
 
 fn controller(config: &ControllerConfig) -> Controller {
-    Controller::new(
-        ControllerKind::IcrikMpc,
-        config.clone(),
-        &vehicle(),
-        trajectory(),
-        Tracking::Time,
-        2,
-        None,
-    )
-    .unwrap()
+    let mut controller =
+        Controller::new(ControllerKind::IcrikMpc, config.clone(), &vehicle()).unwrap();
+    controller.follow(config.reference(trajectory()).for_laps(2));
+    controller
 }
 
 /// What the sensors read and what was commanded in a round driven with `config`.
@@ -63,7 +55,7 @@ fn drive(config: &ControllerConfig) -> Vec<(Sample, MotorSpeeds)> {
         }),
         drive_train: DriveTrainConfig::default(),
         sensors: SensorsConfig::default(),
-        correction: vehicle().correction,
+        encoder_scale: vehicle().encoder_scale,
         start: start.pose(),
         dt_s: config.period_s / 10.0,
         seed: 1,
@@ -75,11 +67,11 @@ fn drive(config: &ControllerConfig) -> Vec<(Sample, MotorSpeeds)> {
             let sample = simulation.sample();
             let decision = controller.step(&sample, None);
             assert_eq!(decision.status, Status::Tracking);
-            simulation.set_command(decision.command).unwrap();
+            simulation.set_command(decision.command_effective).unwrap();
             for _ in 0..10 {
                 simulation.step().unwrap();
             }
-            (sample, decision.command)
+            (sample, decision.command_effective)
         })
         .collect()
 }
@@ -152,19 +144,12 @@ fn solver_modes(criterion: &mut Criterion) {
     group.finish();
 }
 
-/// One of the parts of [`Mpc::solve`].
+/// One of the stages from horizon to solution.
 #[derive(Clone, Copy, PartialEq)]
 enum Part {
     Linearise,
-    Assemble,
+    Condense,
     Solve,
-}
-
-/// An MPC's inputs in one cycle of a drive.
-struct Inputs {
-    pose: PlanarPose,
-    previous: MotorSpeeds,
-    targets: Vec<StageTarget>,
 }
 
 fn normal_in_world() -> Vector3<f64> {
@@ -172,11 +157,12 @@ fn normal_in_world() -> Vector3<f64> {
     Vector3::new(0.0, -slope.sin(), slope.cos())
 }
 
-fn inputs(
+/// Returns the horizons of a drive.
+fn horizons(
     config: &ControllerConfig,
     settings: &MpcSettings,
     samples: &[(Sample, MotorSpeeds)],
-) -> Vec<Inputs> {
+) -> Vec<Horizon> {
     let trajectory = trajectory();
     let mut previous = MotorSpeeds::STOP;
     samples
@@ -197,13 +183,15 @@ fn inputs(
                     }
                 })
                 .collect();
-            let inputs = Inputs {
-                pose: sample.pose.unwrap().value.planar(),
+            let horizon = Horizon {
+                elapsed_s: config.period_s,
+                start: sample.pose.unwrap().value.planar(),
                 previous,
+                change_weights: config.change_weights(0.0),
                 targets,
             };
             previous = *command;
-            inputs
+            horizon
         })
         .collect()
 }
@@ -216,37 +204,33 @@ fn replay_part(
     count: u64,
 ) -> Duration {
     let settings = config.mpc();
-    let inputs = inputs(config, &settings, samples);
+    let horizons = horizons(config, &settings, samples);
     let mut total = Duration::ZERO;
     let mut done = 0;
     while done < count {
         let model = PredictionModel::new(vehicle(), config.smoothing_m_s);
         let mut mpc = Mpc::new(settings.clone(), model).unwrap();
-        let first = &inputs[0];
-        mpc.start(&first.pose, first.previous, &first.targets, None)
-            .unwrap();
-        for cycle in &inputs[1..] {
-            mpc.shift(config.period_s, &normal_in_world());
-            let mut timed = |this: Part, run: &mut dyn FnMut(&mut Mpc)| {
-                let begin = Instant::now();
-                run(&mut mpc);
-                if this == part {
-                    total += begin.elapsed();
-                    done += 1;
-                }
+        for (i, horizon) in horizons.iter().enumerate() {
+            let start = Instant::now();
+            let linearised = mpc.linearise(black_box(horizon));
+            let linearised_at = Instant::now();
+            let condensed = linearised.condense();
+            let condensed_at = Instant::now();
+            black_box(condensed.solve(None)).unwrap();
+            let solved_at = Instant::now();
+            // The first plan is made from a guess, in several solves.
+            if i == 0 {
+                continue;
+            }
+            total += match part {
+                Part::Linearise => linearised_at - start,
+                Part::Condense => condensed_at - linearised_at,
+                Part::Solve => solved_at - condensed_at,
             };
-            timed(Part::Linearise, &mut |mpc| {
-                mpc.linearise(cycle.previous, black_box(&cycle.targets));
-            });
-            timed(Part::Assemble, &mut |mpc| mpc.assemble(cycle.previous));
-            timed(Part::Solve, &mut |mpc| {
-                black_box(mpc.solve_assembled(None)).unwrap();
-            });
+            done += 1;
             if done == count {
                 break;
             }
-            mpc.solve(&cycle.pose, cycle.previous, &cycle.targets, None)
-                .unwrap();
         }
     }
     total
@@ -256,7 +240,7 @@ fn replay_part(
 fn parts(criterion: &mut Criterion) {
     for (name, part) in [
         ("linearise", Part::Linearise),
-        ("assemble", Part::Assemble),
+        ("condense", Part::Condense),
         ("solve", Part::Solve),
     ] {
         let mut group = criterion.benchmark_group(name);

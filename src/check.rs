@@ -5,7 +5,6 @@ use crate::config::{
 };
 use crate::{run, vehicle};
 use anyhow::{Result, bail};
-use sidehill_controller::controller::Controller;
 use sidehill_plant::contact::ContactVehicle;
 use sidehill_plant::vehicle::Vehicle;
 use std::path::PathBuf;
@@ -55,16 +54,9 @@ pub fn check(file: ConfigFile) -> Result<&'static str> {
     } else if has("controllers") {
         let prepared = Scenario::read(file.clone())?.prepare(&Overrides::default())?;
         for &kind in &prepared.controllers {
-            Controller::new(
-                kind,
-                prepared.controller.clone(),
-                &prepared.vehicle,
-                prepared.trajectory.clone(),
-                prepared.tracking,
-                prepared.laps,
-                None,
-            )
-            .map_err(|error| file.error(error))?;
+            prepared
+                .controller(kind)
+                .map_err(|error| file.error(error))?;
         }
         Ok("scenario")
     } else if has("x_icr_left_m") {

@@ -5,6 +5,7 @@ use sidehill_controller::controller::Status;
 use sidehill_plant::frames::{Attitude, PlanarPose, Pose};
 use sidehill_plant::icr::TreadIcrs;
 use sidehill_plant::speeds::MotorSpeeds;
+use sidehill_plant::statistics::quantile;
 
 /// One control cycle, with the truth at its beginning.
 #[derive(Debug, Clone, PartialEq)]
@@ -58,20 +59,14 @@ impl Quantiles {
     /// Returns the quantiles of `values` by the nearest rank; zeros where there are none.
     pub fn of(mut values: Vec<f64>) -> Self {
         values.sort_by(f64::total_cmp);
-        let quantile = |share| nearest_rank(&values, share).unwrap_or(0.0);
+        let at = |share| quantile(&values, share).unwrap_or(0.0);
         Self {
-            p50: quantile(0.5),
-            p99: quantile(0.99),
-            p999: quantile(0.999),
-            max: quantile(1.0),
+            p50: at(0.5),
+            p99: at(0.99),
+            p999: at(0.999),
+            max: at(1.0),
         }
     }
-}
-
-/// Returns the quantile of ascending values by the nearest rank; none where there are no values.
-pub fn nearest_rank(ascending: &[f64], share: f64) -> Option<f64> {
-    let rank = (share * ascending.len() as f64).ceil() as usize;
-    ascending.get(rank.max(1) - 1).copied()
 }
 
 /// The figures of one run, as `simulate --format json` prints them. Errors and the steer command are

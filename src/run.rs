@@ -116,7 +116,7 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
             let port = CanPort::new(
                 interface,
                 Arc::new(layout),
-                vehicle.correction,
+                vehicle.encoder_scale,
                 epoch,
                 heard_sink,
                 sent_sink,
@@ -333,9 +333,9 @@ pub fn simulated(file: &ConfigFile, config: &RunConfig) -> Result<SimulatedPort>
     let (file, config) = config.simulated(file)?;
     let world = config.world(&file)?;
     let simulation = world.simulation().map_err(|error| file.error(error))?;
-    let correction = world.plant.correction();
+    let encoder_scale = world.plant.encoder_scale();
     Ok(
-        SimulatedPort::new(simulation, world.step_s, correction, config.drive)
+        SimulatedPort::new(simulation, world.step_s, encoder_scale, config.drive)
             .map_err(|error| file.error(error))?,
     )
 }

@@ -117,7 +117,7 @@ fn write_out(
         let file = std::fs::File::create(folder.join(format!("{}.csv", run.summary.controller)))?;
         report::write_csv(run, std::io::BufWriter::new(file))?;
     }
-    let path = prepared.trajectory.path();
+    let path = prepared.reference.path();
     let length_m = path.map_or(0.0, |path| path.length_m());
     let points = (length_m / 0.05).ceil().clamp(2.0, 20_000.0) as usize;
     let scene = report::Scene {

@@ -8,12 +8,12 @@ pub use weights::{CautionConfig, Weights};
 
 use crate::estimator::EstimatorSettings;
 use crate::mpc::limits::{InputLimits, MotorLimits};
-use crate::mpc::{ChangeWeights, Corridor, MpcSettings, QpSettings, StageWeights};
+use crate::mpc::{ChangeWeights, Corridor, HeadingExcess, MpcSettings, QpSettings, StageWeights};
 use crate::pure_pursuit::PurePursuitSettings;
-use crate::reference::Tracking;
-use crate::trajectory::Motion;
+use crate::reference::{Reference, Tracking};
+use crate::trajectory::{Ending, Motion, Trajectory};
 use serde::{Deserialize, Serialize};
-use sidehill_plant::vehicle::RangeError;
+use sidehill_plant::bounds::{Bounds, RangeError};
 
 /// Which law turns estimate and reference into commands.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -147,51 +147,17 @@ impl ControllerConfig {
     /// # Errors
     /// [`RangeError`] with the first key out of its range.
     pub fn validate(&self) -> Result<(), RangeError> {
-        let check = RangeError::check;
-        check("period_s", self.period_s, 0.005, 1.0, "from 0.005 to 1 s")?;
-        check("stages", self.stages as f64, 2.0, 200.0, "from 2 to 200")?;
-        check(
-            "step_s",
-            self.step_s,
-            self.period_s,
-            2.0,
-            "from period_s to 2 s",
-        )?;
-        check(
-            "block_stages",
-            self.block_stages as f64,
-            1.0,
-            20.0,
-            "from 1 to 20",
-        )?;
-        check(
-            "smoothing_m_s",
-            self.smoothing_m_s,
-            1e-4,
-            1.0,
-            "from 0.0001 to 1 m/s",
-        )?;
-        check(
-            "command_delay_s + motor_lag_s",
-            self.delay_s(),
-            0.0,
-            DELAY_MAX_S,
-            "from 0 to 1 s",
-        )?;
-        check(
-            "command_delay_s",
-            self.command_delay_s,
-            0.0,
-            DELAY_MAX_S,
-            "from 0 to 1 s",
-        )?;
-        check(
-            "lead_max_m",
-            self.lead_max_m,
-            0.01,
-            10.0,
-            "from 0.01 to 10 m",
-        )?;
+        Bounds::new(0.005, 1.0, "s").check("period_s", self.period_s)?;
+        Bounds::new(2.0, 200.0, "").check("stages", self.stages as f64)?;
+        Bounds::new(self.period_s, 2.0, "s")
+            .with_note("at least period_s")
+            .check("step_s", self.step_s)?;
+        Bounds::new(1.0, 20.0, "").check("block_stages", self.block_stages as f64)?;
+        Bounds::new(1e-4, 1.0, "m/s").check("smoothing_m_s", self.smoothing_m_s)?;
+        Bounds::new(0.0, DELAY_MAX_S, "s")
+            .check("command_delay_s + motor_lag_s", self.delay_s())?;
+        Bounds::new(0.0, DELAY_MAX_S, "s").check("command_delay_s", self.command_delay_s)?;
+        Bounds::new(0.01, 10.0, "m").check("lead_max_m", self.lead_max_m)?;
         self.weights.validate()?;
         self.caution.validate()?;
         if let Some(corridor) = &self.corridor {
@@ -204,18 +170,16 @@ impl ControllerConfig {
         self.pure_pursuit.validate()
     }
 
-    /// Returns the tracking of a path whose reference waits for the vehicle.
-    pub fn along_path(&self) -> Tracking {
-        Tracking::Path {
-            lead_max_m: self.lead_max_m,
-        }
-    }
-
-    /// Returns the tracking of a path for a law that looks at one point of it.
-    pub fn along_path_by_cusps(&self) -> Tracking {
-        Tracking::PathByCusps {
-            lead_max_m: self.lead_max_m,
-        }
+    /// Returns the reference that follows `trajectory` for one lap: with the clock where it is
+    /// periodic, else waiting for the vehicle within `lead_max_m`.
+    pub fn reference(&self, trajectory: Trajectory) -> Reference {
+        let tracking = match trajectory.ending() {
+            Ending::Periodic => Tracking::Time,
+            Ending::Stop => Tracking::Path {
+                lead_max_m: self.lead_max_m,
+            },
+        };
+        Reference::new(trajectory, tracking)
     }
 
     /// Returns the time after which a command acts: delay and, as a further delay, the motors' lag.
@@ -230,9 +194,9 @@ impl ControllerConfig {
             step_s: self.step_s,
             period_s: self.period_s,
             block_stages: self.block_stages,
-            change_weights: ChangeWeights {
-                traction: self.weights.traction_change_s3_per_m2,
-                steer: self.weights.steer_change_s3_per_m2,
+            heading_excess: HeadingExcess {
+                free_rad: self.weights.heading_free_rad,
+                per_rad2: self.weights.heading_excess_per_rad2,
             },
             terminal_factor: self.weights.terminal_factor,
             limits: self.limits,
@@ -241,22 +205,16 @@ impl ControllerConfig {
         }
     }
 
-    /// Returns the weight of a change of steer at a caution from 0 to 1.
-    pub(crate) fn steer_change_weight(&self, caution: f64) -> f64 {
+    /// Returns the weights of changes of the inputs at a caution from 0 to 1.
+    pub fn change_weights(&self, caution: f64) -> ChangeWeights {
         let (own, full) = (
             self.weights.steer_change_s3_per_m2,
             self.caution.steer_change_s3_per_m2,
         );
-        own + caution * (full - own).max(0.0)
-    }
-
-    /// Returns what a planned heading error adds to a stage's weight of the heading.
-    pub(crate) fn heading_excess_weight(&self, error_rad: f64) -> f64 {
-        /// Where the weight stops growing, in `heading_free_rad` beyond it.
-        const LARGEST: f64 = 2.0;
-        let free_rad = self.weights.heading_free_rad;
-        let excess = ((error_rad.abs() - free_rad) / free_rad).clamp(0.0, LARGEST);
-        self.weights.heading_excess_per_rad2 * excess * excess
+        ChangeWeights {
+            traction: self.weights.traction_change_s3_per_m2,
+            steer: own + caution * (full - own).max(0.0),
+        }
     }
 
     /// Returns the weights of a stage at a caution from 0 to 1: at the end an error across the path is

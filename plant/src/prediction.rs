@@ -19,8 +19,8 @@
 //! limit holds an ICR, its derivative is that of the limit. The kinks in attitude (|alpha| = |phi|
 //! and the limits) stay; there the one-sided derivative of the branch in force is used.
 
-use crate::correction::{Gains, Terms};
 use crate::frames::{Attitude, BodyVelocity};
+use crate::slip_gains::{SlipGains, Terms};
 use crate::speeds::MotorSpeeds;
 use crate::vehicle::Vehicle;
 use nalgebra::{Matrix3, Vector3};
@@ -66,12 +66,12 @@ pub struct LinearisedStep {
     pub by_steer: Vector3<f64>,
 }
 
-/// ICRIK made differentiable, with a learned correction; with both slide gains zero, ICRHK.
+/// ICRIK made differentiable, with learned slip gains; with both slide gains zero, ICRHK.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PredictionModel {
     vehicle: Vehicle,
     smoothing_m_s: f64,
-    correction: Gains,
+    slip_gains: SlipGains,
 }
 
 /// ICRs of one turning direction and their derivatives.
@@ -118,7 +118,7 @@ impl PredictionModel {
         Self {
             vehicle,
             smoothing_m_s: smoothing_m_s.max(1e-9),
-            correction: Gains::zeros(),
+            slip_gains: SlipGains::zeros(),
         }
     }
 
@@ -127,9 +127,9 @@ impl PredictionModel {
         &self.vehicle
     }
 
-    /// Replaces the gains of the correction, as online adaptation does.
-    pub fn set_correction(&mut self, gains: &Gains) {
-        self.correction = *gains;
+    /// Replaces the slip gains, as the estimator learns them.
+    pub fn set_slip_gains(&mut self, gains: &SlipGains) {
+        self.slip_gains = *gains;
     }
 
     /// Returns body velocity and derivatives at an attitude and motor speeds.
@@ -170,7 +170,7 @@ impl PredictionModel {
         let by_gain = total(distance.by_gain, middle.by_gain, forward.by_gain);
         let omega_by_sigma = 2.0 / distance.value;
         let terms = Terms::at(attitude, sigma, eps);
-        let learned = self.correction * terms.value;
+        let learned = self.slip_gains * terms.value;
         Linearised {
             velocity: BodyVelocity {
                 right_m_s: forward.value * omega + learned.x,
@@ -178,11 +178,11 @@ impl PredictionModel {
                 yaw_rate_rad_s: omega + learned.z,
             },
             by_roll: total(distance.by_roll, middle.by_roll, forward.by_roll)
-                + self.correction * terms.by_roll,
+                + self.slip_gains * terms.by_roll,
             by_pitch: total(distance.by_pitch, middle.by_pitch, forward.by_pitch)
-                + self.correction * terms.by_pitch,
+                + self.slip_gains * terms.by_pitch,
             by_traction: by_gain * g_by_tau + Vector3::new(0.0, 1.0, 0.0),
-            by_steer: self.correction * terms.by_steer
+            by_steer: self.slip_gains * terms.by_steer
                 + total(distance_by_sigma, middle_by_sigma, forward_by_sigma)
                 + Vector3::new(
                     forward.value * omega_by_sigma,

@@ -1,9 +1,11 @@
 //! What moves the simulated vehicle, the friction under it, and what controllers wrongly believe of it.
 
 use serde::Deserialize;
+use sidehill_plant::bounds::RangeError;
 use sidehill_plant::contact::{ContactModel, ContactVehicle, FrictionField};
 use sidehill_plant::motion::{IcrMotion, MotionModel};
-use sidehill_plant::vehicle::{RangeError, SpeedCorrection, Vehicle};
+use sidehill_plant::speeds::EncoderScale;
+use sidehill_plant::vehicle::Vehicle;
 use std::path::PathBuf;
 
 /// What moves the simulated vehicle.
@@ -36,7 +38,7 @@ pub enum Plant {
         /// The vehicle on wheels.
         vehicle: ContactVehicle,
         /// Its true c_l and c_r: those of the scenario's vehicle.
-        correction: SpeedCorrection,
+        encoder_scale: EncoderScale,
     },
 }
 
@@ -50,10 +52,10 @@ impl Plant {
     }
 
     /// Returns its true c_l and c_r.
-    pub fn correction(&self) -> SpeedCorrection {
+    pub fn encoder_scale(&self) -> EncoderScale {
         match self {
-            Self::Icrik(vehicle) => vehicle.correction,
-            Self::Contact { correction, .. } => *correction,
+            Self::Icrik(vehicle) => vehicle.encoder_scale,
+            Self::Contact { encoder_scale, .. } => *encoder_scale,
         }
     }
 
@@ -149,8 +151,8 @@ impl ModelError {
         vehicle.icrs.forward_m *= self.y_icr;
         vehicle.slide.shift_s_per_rad *= self.lambda_1;
         vehicle.slide.aggravated_s_per_rad *= self.lambda_2;
-        vehicle.correction.left *= self.correction_left;
-        vehicle.correction.right *= self.correction_right;
+        vehicle.encoder_scale.left *= self.correction_left;
+        vehicle.encoder_scale.right *= self.correction_right;
         vehicle.validated()
     }
 }

@@ -124,7 +124,7 @@ impl ControllerRunner for Panicking {
         }
         Some(Decision {
             time_s: sample.time_s,
-            command: MotorSpeeds {
+            command_effective: MotorSpeeds {
                 traction_m_s: 0.1 * f64::from(self.moving.min(5)),
                 steer_m_s: 0.0,
             },
@@ -155,7 +155,7 @@ fn a_panic_of_the_cycle_says_zero_and_off() {
         let epoch = Epoch::now();
         let [(heard, _heard), (sent, _sent), (records, _records)] = [64; 3].map(ring);
         let layout = Arc::new(layout());
-        let port = CanPort::new(BUS, layout, vehicle.correction, epoch, heard, sent).unwrap();
+        let port = CanPort::new(BUS, layout, vehicle.encoder_scale, epoch, heard, sent).unwrap();
         let mut cycle = ControlLoop::new(
             CycleConfig::default(),
             SafetyConfig::default(),

@@ -122,7 +122,7 @@ pub fn start(setup: Setup<'_>) -> Result<Ros2, ListenError> {
     };
     let (listener, heard) = ears.listen(&mut node)?;
     let (port, listener) = if setup.drives {
-        let correction = setup.vehicle.correction;
+        let correction = setup.vehicle.encoder_scale;
         let (commands, common) = (&config.commands, common.clone());
         let port = Ros2Port::new(&mut node, commands, correction, common, (listener, heard))?;
         (Some(port), None)

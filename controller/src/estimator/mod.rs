@@ -16,9 +16,9 @@ pub use estimate::{Estimate, Innovation, Refused};
 pub use settings::{AdaptationSettings, EstimatorSettings};
 
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
-use sidehill_plant::correction::{Gains, TERMS, Terms};
 use sidehill_plant::frames::{Attitude, PlanarPose, pose_rate, wrap_angle};
 use sidehill_plant::sample::{Sample, Stamped};
+use sidehill_plant::slip_gains::{SlipGains, TERMS, Terms};
 use sidehill_plant::speeds::{MotorSpeeds, TreadSpeeds};
 use sidehill_plant::vehicle::Vehicle;
 use std::collections::VecDeque;
@@ -26,7 +26,7 @@ use std::collections::VecDeque;
 /// Readings kept: with 20 Hz speeds, 20 Hz attitude and 10 Hz poses, about 1 s.
 const HISTORY: usize = 50;
 
-/// Gains of the correction.
+/// Slip gains, as a vector.
 const GAINS: usize = 3 * TERMS;
 
 type PoseByGains = SMatrix<f64, 3, GAINS>;
@@ -126,11 +126,6 @@ impl Estimator {
         }
     }
 
-    /// Replaces the vehicle's parameters, as online adaptation does.
-    pub fn set_vehicle(&mut self, vehicle: &Vehicle) {
-        self.vehicle.clone_from(vehicle);
-    }
-
     /// Forgets everything: the next attitude and pose are believed as the first ones were.
     pub fn restart(&mut self) {
         *self = Self::new(self.settings, self.vehicle.clone());
@@ -152,7 +147,7 @@ impl Estimator {
                 && speeds.value.right_m_s.is_finite()
             {
                 self.speeds_time_s = self.speeds_time_s.max(speeds.time_s);
-                let treads = self.vehicle.correction.apply(speeds.value);
+                let treads = self.vehicle.encoder_scale.apply(speeds.value);
                 self.newest_treads = treads;
                 self.insert(speeds.time_s, Reading::Speeds(treads));
             } else {
@@ -400,7 +395,7 @@ impl Estimator {
             attitude: belief.attitude,
             normal_in_world,
             treads: belief.treads,
-            gains: matrix(&belief.gains),
+            slip_gains: matrix(&belief.gains),
             model_error_m_s: self.model_error.mean_square_m2_s2.sqrt(),
             pose_age_s: time_s - self.pose_time_s,
             attitude_age_s: time_s - self.attitude_time_s,
@@ -413,8 +408,8 @@ impl Estimator {
 /// Speed within which |steer| is rounded off in the terms, m/s.
 const SMOOTHING_M_S: f64 = 0.02;
 
-fn matrix(gains: &SVector<f64, GAINS>) -> Gains {
-    Gains::from_row_slice(gains.as_slice())
+fn matrix(gains: &SVector<f64, GAINS>) -> SlipGains {
+    SlipGains::from_row_slice(gains.as_slice())
 }
 
 fn vector(pose: &PlanarPose) -> Vector3<f64> {

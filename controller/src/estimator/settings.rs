@@ -3,8 +3,8 @@
 use super::GainCovariance;
 use nalgebra::SVector;
 use serde::{Deserialize, Serialize};
-use sidehill_plant::correction::TERMS;
-use sidehill_plant::vehicle::RangeError;
+use sidehill_plant::bounds::{Bounds, RangeError};
+use sidehill_plant::slip_gains::TERMS;
 
 /// Settings of the estimator.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -94,7 +94,7 @@ impl EstimatorSettings {
     /// # Errors
     /// [`RangeError`] with the first key out of its range.
     pub fn validate(&self) -> Result<(), RangeError> {
-        let positive = |key, value| RangeError::check(key, value, 1e-6, 10.0, "from 1e-6 to 10");
+        let positive = |key, value| Bounds::new(1e-6, 10.0, "").check(key, value);
         positive("estimator.pose_sigma_m", self.pose_sigma_m)?;
         positive("estimator.pose_sigma_rad", self.pose_sigma_rad)?;
         positive(
@@ -105,9 +105,9 @@ impl EstimatorSettings {
             "estimator.yaw_sigma_rad_per_sqrt_s",
             self.yaw_sigma_rad_per_sqrt_s,
         )?;
-        RangeError::check("estimator.gate", self.gate, 1.0, 1e6, "from 1 to 1e6")?;
+        Bounds::new(1.0, 1e6, "").check("estimator.gate", self.gate)?;
         positive("estimator.error_averaging_s", self.error_averaging_s)?;
-        let gain = |key, value| RangeError::check(key, value, 0.0, 10.0, "from 0 to 10");
+        let gain = |key, value| Bounds::new(0.0, 10.0, "").check(key, value);
         gain(
             "estimator.adaptation.shift_sigma",
             self.adaptation.shift_sigma,
@@ -120,13 +120,7 @@ impl EstimatorSettings {
             "estimator.adaptation.forgetting_per_m",
             self.adaptation.forgetting_per_m,
         )?;
-        RangeError::check(
-            "estimator.normal_filter_s",
-            self.normal_filter_s,
-            0.0,
-            60.0,
-            "from 0 to 60 s",
-        )?;
+        Bounds::new(0.0, 60.0, "s").check("estimator.normal_filter_s", self.normal_filter_s)?;
         Ok(())
     }
 }

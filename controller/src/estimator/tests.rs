@@ -8,12 +8,8 @@ use rand_distr::{Distribution, StandardNormal};
 use sidehill_plant::frames::Pose;
 use sidehill_plant::speeds::MeasuredTreadSpeeds;
 
-fn j8() -> Vehicle {
-    serde_yaml::from_str(include_str!("../../../config/vehicles/j8.yaml")).unwrap()
-}
-
 fn estimator() -> Estimator {
-    Estimator::new(EstimatorSettings::default(), j8())
+    Estimator::new(EstimatorSettings::default(), Vehicle::j8())
 }
 
 fn nothing(time_s: f64) -> Sample {
@@ -50,7 +46,7 @@ impl Truth {
     fn new(slope_deg: f64) -> Self {
         let slope = slope_deg.to_radians();
         Self {
-            vehicle: j8(),
+            vehicle: Vehicle::j8(),
             normal_in_world: Vector3::new(0.0, -slope.sin(), slope.cos()),
             treads: TreadSpeeds {
                 left_m_s: 0.3,
@@ -83,8 +79,8 @@ impl Truth {
 
     fn sample(&self, time_s: f64) -> Sample {
         let treads = MeasuredTreadSpeeds {
-            left_m_s: self.treads.left_m_s / self.vehicle.correction.left,
-            right_m_s: self.treads.right_m_s / self.vehicle.correction.right,
+            left_m_s: self.treads.left_m_s / self.vehicle.encoder_scale.left,
+            right_m_s: self.treads.right_m_s / self.vehicle.encoder_scale.right,
         };
         Sample {
             time_s,

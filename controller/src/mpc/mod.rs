@@ -1,4 +1,9 @@
 //! The model-predictive controller: ICRIK linearised about the previous plan, one QP a cycle.
+//!
+//! ```text
+//! mpc.linearise(&horizon).condense().solve(deadline)
+//!     Horizon -> Linearised -> CondensedQp -> Solution
+//! ```
 
 mod condensing;
 pub mod limits;
@@ -10,11 +15,12 @@ mod structure;
 pub use condensing::StageWeights;
 pub use problem::Residuals;
 pub use qp::QpFailure;
-pub use settings::{ChangeWeights, Corridor, MpcSettings, QpMode, QpSettings};
+pub use settings::{ChangeWeights, Corridor, HeadingExcess, MpcSettings, QpMode, QpSettings};
 
 use condensing::{Condenser, Stage};
 use nalgebra::Vector3;
 use qp::QpSolver;
+use serde::{Deserialize, Serialize};
 use sidehill_plant::frames::{PlanarPose, wrap_angle};
 use sidehill_plant::prediction::PredictionModel;
 use sidehill_plant::speeds::MotorSpeeds;
@@ -52,8 +58,57 @@ pub struct Plan {
     pub inputs: Vec<MotorSpeeds>,
 }
 
-/// What a solved cycle reports besides its plan.
+/// The optimisation problem of one cycle: where the vehicle will be when its command acts, and where
+/// it should go from there.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Horizon {
+    /// Time since the horizon of the cycle before, s, less than a stage.
+    pub elapsed_s: f64,
+    /// Pose when a command given now begins to act.
+    pub start: PlanarPose,
+    /// Effective command in force. Of it only what is within the bounds counts: from there the QP
+    /// always has a feasible point, that of no change.
+    pub previous: MotorSpeeds,
+    /// Weights of changes of the inputs.
+    pub change_weights: ChangeWeights,
+    /// One target for each stage.
+    pub targets: Vec<StageTarget>,
+}
+
+/// A horizon linearised about the plan: dynamics, errors and limits of each stage.
+pub struct Linearised<'a> {
+    mpc: &'a mut Mpc,
+    horizon: &'a Horizon,
+    about: About,
+}
+
+/// A linearised horizon condensed into the data of its QP.
+pub struct CondensedQp<'a> {
+    mpc: &'a mut Mpc,
+    horizon: &'a Horizon,
+    about: About,
+}
+
+/// What the plan is linearised about.
+#[derive(Clone, Copy)]
+struct About {
+    /// First state of the plan before it was put to where the vehicle is.
+    first: Vector3<f64>,
+    /// Whether the plan is a first guess and no solution of an earlier cycle.
+    guessed: bool,
+}
+
+/// What the law wants of a cycle.
 #[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Solution {
+    /// Effective command: the plan's first input.
+    pub command: MotorSpeeds,
+    /// The solver's account; none of a law without a solver.
+    pub report: Option<SolveReport>,
+}
+
+/// What a solved cycle reports besides its plan.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct SolveReport {
     /// Interior-point iterations.
     pub iterations: u32,
@@ -68,6 +123,8 @@ pub struct Mpc {
     settings: MpcSettings,
     model: PredictionModel,
     plan: Plan,
+    /// Whether the plan is the solution of an earlier cycle.
+    planned: bool,
     shifted: Plan,
     stages: Vec<Stage>,
     condenser: Condenser,
@@ -97,6 +154,7 @@ impl Mpc {
         let mut mpc = Self {
             shifted: plan.clone(),
             plan,
+            planned: false,
             stages: Vec::new(),
             condenser,
             solver,
@@ -108,9 +166,15 @@ impl Mpc {
         Ok(mpc)
     }
 
-    /// Returns the plan in force.
-    pub fn plan(&self) -> &Plan {
-        &self.plan
+    /// Returns the plan in force; none before the first solution, and after
+    /// [`Mpc::discard_plan`].
+    pub fn plan(&self) -> Option<&Plan> {
+        self.planned.then_some(&self.plan)
+    }
+
+    /// Makes the next plan from nothing, as after a change of the path.
+    pub fn discard_plan(&mut self) {
+        self.planned = false;
     }
 
     /// Returns the prediction model, to be adapted.
@@ -123,56 +187,48 @@ impl Mpc {
         &self.model
     }
 
-    /// Sets the weight of a change of steer, s/(m/s)^2, which must be positive.
-    pub fn set_steer_change_weight(&mut self, weight: f64) {
-        self.settings.change_weights.steer = weight;
+    /// Linearises `horizon` about the shifted plan or, where there is none, about the targets with
+    /// their feed-forward as inputs. Allocates nothing.
+    pub fn linearise<'a>(&'a mut self, horizon: &'a Horizon) -> Linearised<'a> {
+        let guessed = !self.planned;
+        if guessed {
+            self.guess(horizon);
+        } else {
+            let normal_at_end = horizon
+                .targets
+                .last()
+                .map_or(Vector3::z(), |target| target.normal_in_world);
+            self.shift(horizon.elapsed_s, &normal_at_end);
+        }
+        let about = self.linearise_about_plan(horizon, guessed);
+        Linearised {
+            mpc: self,
+            horizon,
+            about,
+        }
     }
 
-    /// Makes a plan from nothing: the targets as states, their feed-forward as inputs, then QPs until
-    /// they correct it little or `deadline` is over.
-    ///
-    /// # Errors
-    /// The [`QpFailure`] of the first QP; a later one leaves the plan of those before it.
-    pub fn start(
-        &mut self,
-        state: &PlanarPose,
-        previous: MotorSpeeds,
-        targets: &[StageTarget],
-        deadline: Option<Instant>,
-    ) -> Result<SolveReport, QpFailure> {
+    /// Puts the targets as states and their feed-forward as inputs into the plan.
+    fn guess(&mut self, horizon: &Horizon) {
+        let state = &horizon.start;
         self.plan.states[0] = vector(state);
-        for (k, target) in targets.iter().enumerate() {
+        for (k, target) in horizon.targets.iter().enumerate() {
             let mut next = vector(&target.pose);
             next.z = state.yaw_rad + wrap_angle(next.z - state.yaw_rad);
             self.plan.states[k + 1] = next;
             self.plan.inputs[k] = target.feedforward;
         }
         // Unwrap, so that the plan's heading runs on where the targets' does.
-        for k in 1..=targets.len() {
+        for k in 1..=horizon.targets.len() {
             let before = self.plan.states[k - 1].z;
             let yaw = &mut self.plan.states[k].z;
             *yaw = before + wrap_angle(*yaw - before);
         }
-        // Far from a good plan the limits bind and a QP takes longer.
-        self.solver.set_max_iterations(settings::ITERATIONS_MAX);
-        let mut report = self.solve(state, previous, targets, deadline);
-        for _ in 1..START_ITERATIONS {
-            if report.is_err() || self.corrected_m_s < START_CORRECTION_M_S {
-                break;
-            }
-            match self.solve(state, previous, targets, deadline) {
-                Ok(better) => report = Ok(better),
-                Err(_) => break,
-            }
-        }
-        self.solver
-            .set_max_iterations(self.settings.qp.max_iterations);
-        report
     }
 
     /// Shifts the plan by `elapsed_s`, less than a stage: states are interpolated, inputs averaged
     /// over the new stages, the end follows from the model with the last input kept.
-    pub fn shift(&mut self, elapsed_s: f64, normal_at_end: &Vector3<f64>) {
+    fn shift(&mut self, elapsed_s: f64, normal_at_end: &Vector3<f64>) {
         let ratio = (elapsed_s / self.settings.step_s).clamp(0.0, 1.0);
         let last = self.settings.stages - 1;
         for k in 0..=last {
@@ -195,44 +251,17 @@ impl Mpc {
         std::mem::swap(&mut self.plan, &mut self.shifted);
     }
 
-    /// Linearises about the plan, solves one QP and moves the plan to its solution.
-    ///
-    /// `previous` is the input in force, `targets` one for each stage. Of `previous` only what is
-    /// within the bounds counts: from there the QP always has a feasible point, that of no change.
-    /// Allocates nothing but what the solver does.
-    ///
-    /// # Errors
-    /// Every [`QpFailure`]; the plan is then as it was.
-    pub fn solve(
-        &mut self,
-        state: &PlanarPose,
-        previous: MotorSpeeds,
-        targets: &[StageTarget],
-        deadline: Option<Instant>,
-    ) -> Result<SolveReport, QpFailure> {
-        let now = {
-            let mut now = vector(state);
-            // The plan's heading is not wrapped; the state's turn count is taken from it.
-            now.z = self.plan.states[0].z + wrap_angle(now.z - self.plan.states[0].z);
-            now
-        };
-        let before = std::mem::replace(&mut self.plan.states[0], now);
-        self.linearise(previous, targets);
-        self.assemble(previous);
-        let report = self
-            .solve_assembled(deadline)
-            .inspect_err(|_| self.plan.states[0] = before)?;
-        self.apply();
-        Ok(report)
-    }
-
-    /// First part of [`Mpc::solve`]: dynamics, errors and limits of each stage about the plan.
-    pub fn linearise(&mut self, previous: MotorSpeeds, targets: &[StageTarget]) {
-        let previous = self.settings.limits.within_bounds(previous);
-        self.stages.clear();
+    /// Dynamics, errors and limits of each stage about the plan, whose first state becomes the
+    /// horizon's start.
+    fn linearise_about_plan(&mut self, horizon: &Horizon, guessed: bool) -> About {
+        let mut start = vector(&horizon.start);
+        // The plan's heading is not wrapped; the state's turn count is taken from it.
+        start.z = self.plan.states[0].z + wrap_angle(start.z - self.plan.states[0].z);
+        let first = std::mem::replace(&mut self.plan.states[0], start);
         let settings = &self.settings;
-        let mut before = previous;
-        for (k, target) in targets.iter().enumerate() {
+        let mut before = settings.limits.within_bounds(horizon.previous);
+        self.stages.clear();
+        for (k, target) in horizon.targets.iter().enumerate() {
             let (state, next, input) = (
                 &self.plan.states[k],
                 &self.plan.states[k + 1],
@@ -247,8 +276,16 @@ impl Mpc {
             } else {
                 settings.step_s
             };
+            let error = Vector3::new(
+                next.x - target.pose.x_m,
+                next.y - target.pose.y_m,
+                wrap_angle(next.z - target.pose.yaw_rad),
+            );
             let mut weights = target.weights;
-            if k + 1 == targets.len() {
+            if !guessed {
+                weights.heading_per_rad2 += settings.heading_excess.weight(error.z);
+            }
+            if k + 1 == horizon.targets.len() {
                 weights.along_per_m2 *= settings.terminal_factor;
                 weights.cross_per_m2 *= settings.terminal_factor;
                 weights.heading_per_rad2 *= settings.terminal_factor;
@@ -256,44 +293,65 @@ impl Mpc {
             self.stages.push(Stage {
                 step,
                 defect: state + step.increment - next,
-                error: Vector3::new(
-                    next.x - target.pose.x_m,
-                    next.y - target.pose.y_m,
-                    wrap_angle(next.z - target.pose.yaw_rad),
-                ),
+                error,
                 along: (-sin, cos),
                 weights,
                 input,
                 change_weights: ChangeWeights {
-                    traction: settings.change_weights.traction / settings.step_s,
-                    steer: settings.change_weights.steer / settings.step_s,
+                    traction: horizon.change_weights.traction / settings.step_s,
+                    steer: horizon.change_weights.steer / settings.step_s,
                 },
                 traction_change: settings.limits.traction.change(before.traction_m_s, time_s),
                 steer_change: settings.limits.steer.change(before.steer_m_s, time_s),
             });
             before = input;
         }
+        About { first, guessed }
     }
 
-    /// Second part of [`Mpc::solve`]: condenses the linearised stages into the QP.
-    pub fn assemble(&mut self, previous: MotorSpeeds) {
-        let previous = self.settings.limits.within_bounds(previous);
+    fn condense(&mut self, horizon: &Horizon) {
+        let previous = self.settings.limits.within_bounds(horizon.previous);
         self.condenser
             .assemble(&self.stages, previous, self.solver.data_mut());
     }
 
-    /// Third part of [`Mpc::solve`]: solves the QP as assembled; the plan stays as it is.
-    ///
-    /// # Errors
-    /// Every [`QpFailure`].
-    pub fn solve_assembled(&mut self, deadline: Option<Instant>) -> Result<SolveReport, QpFailure> {
+    /// Solves the condensed QP and moves the plan to its solution; a failure leaves the plan as it
+    /// was before it was linearised about.
+    fn solve(&mut self, about: About, deadline: Option<Instant>) -> Result<SolveReport, QpFailure> {
         let begin = Instant::now();
-        let residuals = self.solver.solve(deadline)?;
-        Ok(SolveReport {
+        let residuals = self
+            .solver
+            .solve(deadline)
+            .inspect_err(|_| self.plan.states[0] = about.first)?;
+        let report = SolveReport {
             iterations: self.solver.iterations(),
             residuals,
             solve_time_s: begin.elapsed().as_secs_f64(),
-        })
+        };
+        self.apply();
+        Ok(report)
+    }
+
+    /// Goes on from a guess: QPs until they correct it little or `deadline` is over.
+    fn solve_from_guess(
+        &mut self,
+        horizon: &Horizon,
+        about: About,
+        deadline: Option<Instant>,
+    ) -> Result<SolveReport, QpFailure> {
+        let mut report = self.solve(about, deadline)?;
+        for _ in 1..START_ITERATIONS {
+            if self.corrected_m_s < START_CORRECTION_M_S {
+                break;
+            }
+            let about = self.linearise_about_plan(horizon, true);
+            self.condense(horizon);
+            match self.solve(about, deadline) {
+                Ok(better) => report = better,
+                Err(_) => break,
+            }
+        }
+        Ok(report)
     }
 
     /// Moves the plan by the QP's solution, states along the linearised dynamics.
@@ -317,6 +375,50 @@ impl Mpc {
                 steer_m_s: stage.input.steer_m_s + correction.steer_m_s,
             };
         }
+    }
+}
+
+impl<'a> Linearised<'a> {
+    /// Condenses the stages into the QP's data. Allocates nothing.
+    pub fn condense(self) -> CondensedQp<'a> {
+        self.mpc.condense(self.horizon);
+        CondensedQp {
+            mpc: self.mpc,
+            horizon: self.horizon,
+            about: self.about,
+        }
+    }
+}
+
+impl CondensedQp<'_> {
+    /// Solves the QP, moves the plan to its solution and returns its first input; `deadline` ends the
+    /// solve. About a guess it linearises and solves again until a QP corrects the plan little.
+    /// Allocates nothing but what the solver does.
+    ///
+    /// # Errors
+    /// Every [`QpFailure`]; the plan is then the shifted one. Once a guess has been solved, a failure
+    /// of a later QP leaves the plan of those before it.
+    pub fn solve(self, deadline: Option<Instant>) -> Result<Solution, QpFailure> {
+        let Self {
+            mpc,
+            horizon,
+            about,
+        } = self;
+        let report = if about.guessed {
+            // Far from a good plan the limits bind and a QP takes longer.
+            mpc.solver.set_max_iterations(settings::ITERATIONS_MAX);
+            let report = mpc.solve_from_guess(horizon, about, deadline);
+            mpc.solver
+                .set_max_iterations(mpc.settings.qp.max_iterations);
+            report?
+        } else {
+            mpc.solve(about, deadline)?
+        };
+        mpc.planned = true;
+        Ok(Solution {
+            command: mpc.plan.inputs[0],
+            report: Some(report),
+        })
     }
 }
 

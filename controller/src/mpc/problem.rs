@@ -5,9 +5,10 @@
 //! ```
 
 pub use super::qp::CscMatrix;
+use serde::{Deserialize, Serialize};
 
 /// Optimality of a point, computed from the data and not from the solver's own account.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Residuals {
     /// Largest entry of |A z + s - b|, and how far s or the multipliers leave their cone.
     pub primal: f64,

@@ -10,6 +10,7 @@ use super::settings::{ITERATIONS_MAX, QpMode, QpSettings};
 use clarabel::solver::{
     DefaultInfo, DefaultSettings, DefaultSolver, IPSolver, SolverStatus, SupportedConeT,
 };
+use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
@@ -19,7 +20,8 @@ use std::time::{Duration, Instant};
 const STEP_FRACTION: f64 = 0.999;
 
 /// Why there is no solution to use.
-#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum QpFailure {
     /// The data holds a value that is not finite; the solver was not touched.
     #[error("the QP's data is not finite")]

@@ -2,7 +2,7 @@
 
 use super::limits::InputLimits;
 use serde::{Deserialize, Serialize};
-use sidehill_plant::vehicle::RangeError;
+use sidehill_plant::bounds::{Bounds, RangeError};
 
 /// Settings of the controller.
 #[derive(Debug, Clone, PartialEq)]
@@ -15,8 +15,8 @@ pub struct MpcSettings {
     pub period_s: f64,
     /// Stages condensed into one block.
     pub block_stages: usize,
-    /// Weights of changes of the inputs, divided by the stage's duration, s/(m/s)^2.
-    pub change_weights: ChangeWeights,
+    /// Weight of headings far from the path's tangent.
+    pub heading_excess: HeadingExcess,
     /// Factor on the weights of the last stage.
     pub terminal_factor: f64,
     /// Limits of the inputs.
@@ -27,13 +27,33 @@ pub struct MpcSettings {
     pub qp: QpSettings,
 }
 
-/// Weights of changes of the inputs.
+/// Weights of changes of the inputs, divided by a stage's duration where they are applied.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ChangeWeights {
-    /// Of traction.
+    /// Of traction, s/(m/s)^2.
     pub traction: f64,
-    /// Of steer.
+    /// Of steer, s/(m/s)^2.
     pub steer: f64,
+}
+
+/// Weight of headings that no slide asks for: they are where a wrong model leads.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct HeadingExcess {
+    /// Heading error up to which nothing is added, rad, positive.
+    pub free_rad: f64,
+    /// What is added at twice that error, 1/rad^2.
+    pub per_rad2: f64,
+}
+
+impl HeadingExcess {
+    /// Returns what a planned heading error adds to a stage's weight of the heading, 1/rad^2: it
+    /// grows with the square of what is beyond `free_rad`, up to three times `free_rad`.
+    pub fn weight(&self, error_rad: f64) -> f64 {
+        /// Where the weight stops growing, in `free_rad` beyond it.
+        const LARGEST: f64 = 2.0;
+        let excess = ((error_rad.abs() - self.free_rad) / self.free_rad).clamp(0.0, LARGEST);
+        self.per_rad2 * excess * excess
+    }
 }
 
 /// A soft bound on the cross-track error.
@@ -52,22 +72,8 @@ impl Corridor {
     /// # Errors
     /// [`RangeError`] with the first key out of its range.
     pub fn validate(&self) -> Result<(), RangeError> {
-        for (key, value, high, range) in [
-            (
-                "corridor.half_width_m",
-                self.half_width_m,
-                100.0,
-                "from 0.001 to 100 m",
-            ),
-            (
-                "corridor.weight_per_m2",
-                self.weight_per_m2,
-                1e6,
-                "from 0.001 to 1e6",
-            ),
-        ] {
-            RangeError::check(key, value, 1e-3, high, range)?;
-        }
+        Bounds::new(1e-3, 100.0, "m").check("corridor.half_width_m", self.half_width_m)?;
+        Bounds::new(1e-3, 1e6, "1/m^2").check("corridor.weight_per_m2", self.weight_per_m2)?;
         Ok(())
     }
 }
@@ -125,35 +131,11 @@ impl QpSettings {
     /// # Errors
     /// [`RangeError`] with the first key out of its range.
     pub fn validate(&self) -> Result<(), RangeError> {
-        let check = RangeError::check;
-        check(
-            "solver.max_iterations",
-            f64::from(self.max_iterations),
-            1.0,
-            f64::from(ITERATIONS_MAX),
-            "from 1 to 100",
-        )?;
-        check(
-            "solver.tolerance",
-            self.tolerance,
-            1e-12,
-            1e-2,
-            "from 1e-12 to 0.01",
-        )?;
-        check(
-            "solver.accepted_residual",
-            self.accepted_residual,
-            1e-9,
-            1.0,
-            "from 1e-9 to 1",
-        )?;
-        check(
-            "solver.accepted_gap",
-            self.accepted_gap,
-            1e-9,
-            1.0,
-            "from 1e-9 to 1",
-        )?;
+        Bounds::new(1.0, f64::from(ITERATIONS_MAX), "")
+            .check("solver.max_iterations", f64::from(self.max_iterations))?;
+        Bounds::new(1e-12, 1e-2, "").check("solver.tolerance", self.tolerance)?;
+        Bounds::new(1e-9, 1.0, "").check("solver.accepted_residual", self.accepted_residual)?;
+        Bounds::new(1e-9, 1.0, "").check("solver.accepted_gap", self.accepted_gap)?;
         Ok(())
     }
 }

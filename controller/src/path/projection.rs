@@ -20,16 +20,6 @@ pub struct Window {
     pub ahead_m: f64,
 }
 
-impl Window {
-    /// Returns a window that reaches equally far both ways.
-    pub fn symmetric(reach_m: f64) -> Self {
-        Self {
-            behind_m: reach_m,
-            ahead_m: reach_m,
-        }
-    }
-}
-
 /// Weight of the distance from the expected arc length where branches are about equally near.
 const BRANCH_WEIGHT: f64 = 1e-2;
 const NEWTON_STEPS: usize = 12;

@@ -28,7 +28,9 @@ fn allocations(setup: Setup) -> Vec<AllocationInfo> {
             let info = measure(|| decision = Some(rig.controller.step(&sample, None)));
             let decision = decision.unwrap();
             assert_eq!(decision.status, Status::Tracking);
-            rig.simulation.set_command(decision.command).unwrap();
+            rig.simulation
+                .set_command(decision.command_effective)
+                .unwrap();
             for _ in 0..10 {
                 rig.simulation.step().unwrap();
             }

@@ -1,7 +1,7 @@
 //! A vehicle as wheel-ground contact knows it.
 
 use super::friction::Friction;
-use crate::vehicle::RangeError;
+use crate::bounds::{Bounds, RangeError};
 use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
 
@@ -94,83 +94,35 @@ impl TryFrom<RawContactVehicle> for ContactVehicle {
     type Error = RangeError;
 
     fn try_from(raw: RawContactVehicle) -> Result<Self, RangeError> {
-        let check = RangeError::check;
-        let length = |key, value| check(key, value, -10.0, 10.0, "from -10 to 10 m");
-        check("axles", raw.axles.len() as f64, 2.0, 16.0, "2 to 16 axles")?;
+        let length = |key, value| Bounds::new(-10.0, 10.0, "m").check(key, value);
+        Bounds::new(2.0, 16.0, "axles").check("axles", raw.axles.len() as f64)?;
         for axle in &raw.axles {
             length("forward_m", axle.forward_m)?;
-            check("load_share", axle.load_share, 0.0, 1.0, "from 0 to 1")?;
+            Bounds::new(0.0, 1.0, "").check("load_share", axle.load_share)?;
         }
         let shares: f64 = raw.axles.iter().map(|axle| axle.load_share).sum();
-        check(
-            "load_share",
-            shares,
-            0.999,
-            1.001,
-            "such that all axles together carry 1",
-        )?;
+        Bounds::new(0.999, 1.001, "")
+            .with_note("all axles together carry 1")
+            .check("load_share", shares)?;
         raw.friction.field.check()?;
-        check(
-            "lateral_share",
-            raw.friction.lateral_share,
-            0.1,
-            2.0,
-            "from 0.1 to 2",
-        )?;
-        check(
-            "slip_scale_m_s",
-            raw.friction.slip_scale_m_s,
-            1e-4,
-            1.0,
-            "from 0.0001 to 1 m/s",
-        )?;
-        check(
-            "rolling_resistance",
-            raw.friction.rolling_resistance,
-            0.0,
-            0.5,
-            "from 0 to 0.5",
-        )?;
-        check(
-            "patch_radius_m",
-            raw.friction.patch_radius_m,
-            0.0,
-            1.0,
-            "from 0 to 1 m",
-        )?;
+        Bounds::new(0.1, 2.0, "").check("lateral_share", raw.friction.lateral_share)?;
+        Bounds::new(1e-4, 1.0, "m/s").check("slip_scale_m_s", raw.friction.slip_scale_m_s)?;
+        Bounds::new(0.0, 0.5, "").check("rolling_resistance", raw.friction.rolling_resistance)?;
+        Bounds::new(0.0, 1.0, "m").check("patch_radius_m", raw.friction.patch_radius_m)?;
         let yaw_inertia_kg_m2 = raw
             .yaw_inertia_kg_m2
-            .map(|value| {
-                check(
-                    "yaw_inertia_kg_m2",
-                    value,
-                    1e-3,
-                    1e6,
-                    "from 0.001 to 1000000 kg m^2",
-                )
-            })
+            .map(|value| Bounds::new(1e-3, 1e6, "kg m^2").check("yaw_inertia_kg_m2", value))
             .transpose()?;
         Ok(Self {
             name: raw.name,
-            mass_kg: check("mass_kg", raw.mass_kg, 0.1, 1e5, "from 0.1 to 100000 kg")?,
+            mass_kg: Bounds::new(0.1, 1e5, "kg").check("mass_kg", raw.mass_kg)?,
             centre_of_mass: CentreOfMass {
                 right_m: length("centre_of_mass_right_m", raw.centre_of_mass_right_m)?,
                 forward_m: length("centre_of_mass_forward_m", raw.centre_of_mass_forward_m)?,
-                height_m: check(
-                    "centre_of_mass_height_m",
-                    raw.centre_of_mass_height_m,
-                    0.0,
-                    10.0,
-                    "from 0 to 10 m",
-                )?,
+                height_m: Bounds::new(0.0, 10.0, "m")
+                    .check("centre_of_mass_height_m", raw.centre_of_mass_height_m)?,
             },
-            half_width_m: check(
-                "half_width_m",
-                raw.half_width_m,
-                0.01,
-                20.0,
-                "from 0.01 to 20 m",
-            )?,
+            half_width_m: Bounds::new(0.01, 20.0, "m").check("half_width_m", raw.half_width_m)?,
             axles: raw.axles,
             friction: raw.friction,
             yaw_inertia_kg_m2,

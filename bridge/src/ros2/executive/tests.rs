@@ -106,7 +106,7 @@ impl World {
         };
         let decision = Decision {
             time_s: self.now_s,
-            command: MotorSpeeds::STOP,
+            command_effective: MotorSpeeds::STOP,
             status: self.status,
             estimate: Some(estimate(self.now_s, self.x_m, self.yaw_rad)),
             progress: None,
@@ -201,7 +201,7 @@ fn estimate(time_s: f64, x_m: f64, yaw_rad: f64) -> Estimate {
         attitude: sidehill_plant::frames::Attitude::LEVEL,
         normal_in_world: Vector3::z(),
         treads: sidehill_plant::speeds::TreadSpeeds::default(),
-        gains: sidehill_plant::correction::Gains::default(),
+        slip_gains: sidehill_plant::slip_gains::SlipGains::default(),
         model_error_m_s: 0.0,
         pose_age_s: 0.0,
         attitude_age_s: 0.0,

@@ -178,7 +178,7 @@ impl Server {
                 .then_some(Whereabouts {
                     pose: estimate.pose,
                     speed_m_s: if driving {
-                        decision.command.traction_m_s.abs()
+                        decision.command_effective.traction_m_s.abs()
                     } else {
                         0.0
                     },
@@ -263,7 +263,7 @@ impl Server {
             self.fed_back_s = now_s;
             let feedback = FollowPathFeedback {
                 distance_to_goal: (length_m - progress.arc_length_m).max(0.0) as f32,
-                speed: decision.command.traction_m_s as f32,
+                speed: decision.command_effective.traction_m_s as f32,
             };
             self.action.feed_back(id, feedback);
         }

@@ -29,8 +29,9 @@ impl Course {
         }
     }
 
-    fn targets(&self, settings: &MpcSettings) -> Vec<StageTarget> {
-        (1..=settings.stages)
+    /// The horizon of the next cycle, a control period after the one before.
+    fn horizon(&self, settings: &MpcSettings) -> Horizon {
+        let targets = (1..=settings.stages)
             .map(|k| {
                 let time_s = 0.05 * f64::from(self.cycle) + settings.step_s * k as f64;
                 let point = self.trajectory.at(time_s);
@@ -46,24 +47,28 @@ impl Course {
                     },
                 }
             })
-            .collect()
+            .collect();
+        Horizon {
+            elapsed_s: 0.05,
+            start: self.pose,
+            previous: self.command,
+            change_weights: ChangeWeights {
+                traction: 0.05,
+                steer: 0.05,
+            },
+            targets,
+        }
     }
 
-    /// Solves a cycle: the first from nothing, later ones on the shifted plan.
+    /// Solves a cycle: the first from a guess, later ones about the shifted plan.
     fn solve(&self, mpc: &mut Mpc) -> Result<SolveReport, QpFailure> {
-        let targets = self.targets(&mpc.settings);
-        if self.cycle == 0 {
-            mpc.start(&self.pose, self.command, &targets, None)
-        } else {
-            mpc.shift(0.05, &self.normal_in_world);
-            mpc.solve(&self.pose, self.command, &targets, None)
-        }
+        solve(mpc, &self.horizon(&mpc.settings), None)
     }
 
     /// Drives for a control period with the plan's first input.
     fn drive(&mut self, mpc: &Mpc) {
-        self.command = mpc.plan().inputs[0];
-        let vehicle = j8();
+        self.command = mpc.plan().unwrap().inputs[0];
+        let vehicle = Vehicle::j8();
         for _ in 0..10 {
             let attitude = Attitude::on_plane(&self.normal_in_world, self.pose.yaw_rad);
             let velocity = vehicle.body_velocity(attitude, self.command.into());
@@ -76,15 +81,24 @@ impl Course {
     }
 }
 
+fn solve(
+    mpc: &mut Mpc,
+    horizon: &Horizon,
+    deadline: Option<Instant>,
+) -> Result<SolveReport, QpFailure> {
+    let solution = mpc.linearise(horizon).condense().solve(deadline)?;
+    Ok(solution.report.unwrap())
+}
+
 fn settings(stages: usize, block_stages: usize) -> MpcSettings {
     MpcSettings {
         stages,
         step_s: 0.15,
         period_s: 0.05,
         block_stages,
-        change_weights: ChangeWeights {
-            traction: 0.05,
-            steer: 0.05,
+        heading_excess: HeadingExcess {
+            free_rad: 0.5,
+            per_rad2: 0.0,
         },
         terminal_factor: 1.0,
         limits: input_limits(2.0),
@@ -100,7 +114,7 @@ fn settings(stages: usize, block_stages: usize) -> MpcSettings {
 }
 
 fn mpc(settings: MpcSettings) -> Mpc {
-    Mpc::new(settings, PredictionModel::new(j8(), 0.02)).unwrap()
+    Mpc::new(settings, PredictionModel::new(Vehicle::j8(), 0.02)).unwrap()
 }
 
 #[test]
@@ -116,7 +130,7 @@ fn every_qp_of_a_run_meets_its_optimality_conditions() {
         assert_eq!(mpc.solver.residuals(), report.residuals);
         assert!(mpc.solver.data().b.iter().all(|b| b.is_finite()));
         let mut before = course.command;
-        for (k, input) in mpc.plan().inputs.iter().enumerate() {
+        for (k, input) in mpc.plan().unwrap().inputs.iter().enumerate() {
             let bounded = mpc.settings.limits.within_bounds(*input);
             assert!(
                 (bounded.traction_m_s - input.traction_m_s).abs() < 1e-4,
@@ -183,7 +197,7 @@ fn block_sizes_and_solver_modes_give_one_plan() {
             course.solve(&mut mpc).unwrap();
             course.drive(&mpc);
         }
-        mpc.plan().clone()
+        mpc.plan().unwrap().clone()
     };
     let reference = plan(5, QpMode::InPlace);
     for (block_stages, mode) in [
@@ -217,37 +231,38 @@ fn a_failed_cycle_leaves_the_plan_and_the_next_one_is_right() {
         course.solve(&mut twin).unwrap();
         course.drive(&twin);
     }
-    let targets = course.targets(&twin.settings);
-    let (pose, command) = (course.pose, course.command);
-    let plan = spoiled.plan().clone();
-
-    let mut nan = targets.clone();
-    nan[7].pose.x_m = f64::NAN;
-    let failure = spoiled.solve(&pose, command, &nan, None);
-    assert_eq!(failure, Err(QpFailure::NotFinite));
-    assert_eq!(spoiled.plan(), &plan);
-
-    let lost = PlanarPose {
-        yaw_rad: f64::NAN,
-        ..pose
+    // At the same instant as the cycle before: the plan is not shifted.
+    let horizon = Horizon {
+        elapsed_s: 0.0,
+        ..course.horizon(&twin.settings)
     };
-    let failure = spoiled.solve(&lost, command, &targets, None);
-    assert_eq!(failure, Err(QpFailure::NotFinite));
-    assert_eq!(spoiled.plan(), &plan);
+    let plan = spoiled.plan().unwrap().clone();
 
-    let failure = spoiled.solve(&pose, command, &targets, Some(Instant::now()));
+    let mut nan = horizon.clone();
+    nan.targets[7].pose.x_m = f64::NAN;
+    let failure = solve(&mut spoiled, &nan, None);
+    assert_eq!(failure, Err(QpFailure::NotFinite));
+    assert_eq!(spoiled.plan().unwrap(), &plan);
+
+    let mut lost = horizon.clone();
+    lost.start.yaw_rad = f64::NAN;
+    let failure = solve(&mut spoiled, &lost, None);
+    assert_eq!(failure, Err(QpFailure::NotFinite));
+    assert_eq!(spoiled.plan().unwrap(), &plan);
+
+    let failure = solve(&mut spoiled, &horizon, Some(Instant::now()));
     assert_eq!(failure, Err(QpFailure::Deadline { iterations: 0 }));
-    assert_eq!(spoiled.plan(), &plan);
+    assert_eq!(spoiled.plan().unwrap(), &plan);
 
     spoiled.solver.set_max_iterations(1);
-    let failure = spoiled.solve(&pose, command, &targets, None);
+    let failure = solve(&mut spoiled, &horizon, None);
     assert_eq!(failure, Err(QpFailure::MaxIterations { iterations: 1 }));
-    assert_eq!(spoiled.plan(), &plan);
+    assert_eq!(spoiled.plan().unwrap(), &plan);
     spoiled.solver.set_max_iterations(10);
 
-    spoiled.solve(&pose, command, &targets, None).unwrap();
-    twin.solve(&pose, command, &targets, None).unwrap();
-    assert_eq!(spoiled.plan(), twin.plan());
+    solve(&mut spoiled, &horizon, None).unwrap();
+    solve(&mut twin, &horizon, None).unwrap();
+    assert_eq!(spoiled.plan().unwrap(), twin.plan().unwrap());
 }
 
 #[test]
@@ -256,15 +271,18 @@ fn a_previous_input_out_of_bounds_does_not_make_the_qp_infeasible() {
         let course = Course::new();
         let mut settings = settings(20, 5);
         settings.limits = input_limits(1.2);
-        let targets = course.targets(&settings);
+        let horizon = Horizon {
+            previous,
+            ..course.horizon(&settings)
+        };
         let mut mpc = mpc(settings);
-        mpc.start(&course.pose, previous, &targets, None).unwrap();
+        solve(&mut mpc, &horizon, None).unwrap();
         let bounded = mpc.settings.limits.within_bounds(previous);
         let reached = mpc
             .settings
             .limits
-            .project(mpc.plan().inputs[0], bounded, 0.05);
-        let first = mpc.plan().inputs[0];
+            .project(mpc.plan().unwrap().inputs[0], bounded, 0.05);
+        let first = mpc.plan().unwrap().inputs[0];
         assert!((reached.traction_m_s - first.traction_m_s).abs() < 1e-3);
         assert!((reached.steer_m_s - first.steer_m_s).abs() < 1e-3);
     }
@@ -278,18 +296,18 @@ fn shifting_interpolates_and_runs_on_with_the_last_input() {
         course.solve(&mut mpc).unwrap();
         course.drive(&mpc);
     }
-    let plan = mpc.plan().clone();
+    let plan = mpc.plan().unwrap().clone();
     let normal = course.normal_in_world;
     mpc.shift(0.0, &normal);
-    assert_eq!(mpc.plan(), &plan);
+    assert_eq!(mpc.plan().unwrap(), &plan);
 
     mpc.shift(0.05, &normal);
     for k in 0..12 {
         let expected = plan.states[k] * (2.0 / 3.0) + plan.states[k + 1] / 3.0;
-        assert!((mpc.plan().states[k] - expected).norm() < 1e-12);
+        assert!((mpc.plan().unwrap().states[k] - expected).norm() < 1e-12);
         let next = plan.inputs[(k + 1).min(11)];
         let steer = plan.inputs[k].steer_m_s * (2.0 / 3.0) + next.steer_m_s / 3.0;
-        assert!((mpc.plan().inputs[k].steer_m_s - steer).abs() < 1e-12);
+        assert!((mpc.plan().unwrap().inputs[k].steer_m_s - steer).abs() < 1e-12);
     }
     let run_on = |from: &Vector3<f64>, time_s| {
         from + mpc
@@ -297,11 +315,11 @@ fn shifting_interpolates_and_runs_on_with_the_last_input() {
             .step_on_plane(&normal, from.z, plan.inputs[11], time_s)
             .increment
     };
-    assert!((mpc.plan().states[12] - run_on(&plan.states[12], 0.05)).norm() < 1e-12);
+    assert!((mpc.plan().unwrap().states[12] - run_on(&plan.states[12], 0.05)).norm() < 1e-12);
 
     mpc.plan = plan.clone();
     mpc.shift(0.15, &normal);
-    assert_eq!(mpc.plan().states[..12], plan.states[1..]);
-    assert_eq!(mpc.plan().inputs[..11], plan.inputs[1..]);
-    assert_eq!(mpc.plan().inputs[11], plan.inputs[11]);
+    assert_eq!(mpc.plan().unwrap().states[..12], plan.states[1..]);
+    assert_eq!(mpc.plan().unwrap().inputs[..11], plan.inputs[1..]);
+    assert_eq!(mpc.plan().unwrap().inputs[11], plan.inputs[11]);
 }

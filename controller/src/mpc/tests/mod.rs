@@ -14,10 +14,6 @@ use proptest::prelude::*;
 use sidehill_plant::prediction::LinearisedStep;
 use sidehill_plant::vehicle::Vehicle;
 
-fn j8() -> Vehicle {
-    serde_yaml::from_str(include_str!("../../../../config/vehicles/j8.yaml")).unwrap()
-}
-
 fn motors(traction_m_s: f64, steer_m_s: f64) -> MotorSpeeds {
     MotorSpeeds {
         traction_m_s,
