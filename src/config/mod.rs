@@ -17,8 +17,11 @@ pub use conditions::Conditions;
 pub use plant::{Plant, PlantKind};
 pub use scenario::{Overrides, Prepared, Scenario};
 
+use serde::Serialize;
 use serde::de::DeserializeOwned;
+use std::collections::BTreeMap;
 use std::path::{Component, Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// What is wrong with a file, with its name.
 #[derive(Debug, thiserror::Error)]
@@ -77,9 +80,21 @@ pub const CONTACT_IDENTIFIED: &str = "config/vehicles/j8_contact_identified.yaml
 #[derive(Debug, Clone)]
 pub struct ConfigFile {
     path: PathBuf,
-    built_in: bool,
+    origin: Origin,
     text: String,
 }
+
+/// Where the files come from that a file names.
+#[derive(Debug, Clone)]
+enum Origin {
+    Disk,
+    BuiltIn,
+    Bundle(Bundle),
+}
+
+/// Files by their paths, which are read from the disk where they are not in it yet. What was read with a
+/// bundle on one machine can be read with it on another.
+pub(crate) type Bundle = Arc<Mutex<BTreeMap<PathBuf, String>>>;
 
 impl ConfigFile {
     /// Reads a file from the disk.
@@ -98,7 +113,7 @@ impl ConfigFile {
     pub fn with_text(path: &Path, text: String) -> Self {
         Self {
             path: path.to_owned(),
-            built_in: false,
+            origin: Origin::Disk,
             text,
         }
     }
@@ -113,7 +128,7 @@ impl ConfigFile {
             .find(|(built_in, _)| *built_in == name)
             .map(|(name, text)| Self {
                 path: PathBuf::from(name),
-                built_in: true,
+                origin: Origin::BuiltIn,
                 text: (*text).to_owned(),
             })
             .ok_or_else(|| ConfigError::Read {
@@ -129,16 +144,32 @@ impl ConfigFile {
     pub fn sibling(&self, name: &Path) -> Result<Self, ConfigError> {
         let folder = self.path.parent().unwrap_or(Path::new(""));
         let path = normalised(&folder.join(name));
-        if self.built_in {
-            Self::built_in(&path.to_string_lossy())
-        } else {
-            Self::read(&path)
+        match &self.origin {
+            Origin::Disk => Self::read(&path),
+            Origin::BuiltIn => Self::built_in(&path.to_string_lossy()),
+            Origin::Bundle(files) => {
+                let mut held = files.lock().unwrap_or_else(PoisonError::into_inner);
+                let text = match held.get(&path) {
+                    Some(text) => text.clone(),
+                    None => Self::read(&path)?.text,
+                };
+                held.insert(path.clone(), text.clone());
+                Ok(Self::with_text(&path, text).with_bundle(files.clone()))
+            }
+        }
+    }
+
+    /// Returns this file with what it names taken from, and put into, a bundle.
+    pub(crate) fn with_bundle(self, files: Bundle) -> Self {
+        Self {
+            origin: Origin::Bundle(files),
+            ..self
         }
     }
 
     /// Returns the name for messages.
     pub fn name(&self) -> String {
-        if self.built_in {
+        if matches!(self.origin, Origin::BuiltIn) {
             format!("{} (built in)", self.path.display())
         } else {
             self.path.display().to_string()
@@ -185,6 +216,14 @@ impl ConfigFile {
             message: message.to_string(),
         }
     }
+}
+
+/// Returns a value as YAML.
+///
+/// # Errors
+/// Why it has no form in YAML.
+pub fn to_yaml(value: &impl Serialize) -> Result<String, serde_yaml::Error> {
+    serde_yaml::to_string(value)
 }
 
 /// Returns a path without `.` and with each `..` resolved against the folder before it.
