@@ -145,6 +145,7 @@ def test_threads_take_turns(short):
     for step in steps:
         step.join(timeout=60)
         assert not step.is_alive()
+    controller.rearm()
     assert controller.step(0.1).status == "waiting"
 
 

@@ -39,7 +39,7 @@ def campaign(
     wanted = _range(runs, read.runs)
     if threads is not None and not (isinstance(threads, int) and threads >= 1):
         raise ValueError(f"threads: {threads!r} is not a whole number from 1")
-    chunks = []
+    chunks: list[bytes] = []
     for start in range(wanted.start, wanted.stop, CHUNK_RUNS):
         csv = read.csv(start, min(start + CHUNK_RUNS, wanted.stop), threads)
         chunks.append(csv if not chunks else csv.partition(b"\n")[2])

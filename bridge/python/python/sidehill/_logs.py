@@ -94,7 +94,7 @@ def _text(name: str, log: Log) -> tuple[str, bytes]:
 
 
 def _fields(column: str, values: np.ndarray) -> list[Any]:
-    fields = values.tolist()
+    fields: list[Any] = values.tolist()
     if column in _POSE:
         # An empty field: there is no new pose in this row.
         return ["" if value is None or value != value else value for value in fields]

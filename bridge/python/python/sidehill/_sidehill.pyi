@@ -5,6 +5,7 @@ from typing import Any, Literal, final
 
 import numpy as np
 import numpy.typing as npt
+from typing_extensions import disjoint_base
 
 from ._plant import Plant
 
@@ -15,6 +16,7 @@ _Floats = npt.NDArray[np.float64]
 _Numbers = tuple[float, ...] | list[float] | _Floats
 _Text = tuple[str, bytes]
 
+@disjoint_base
 class Vehicle:
     """A skid-steer vehicle as the ICR models know it; immutable.
 
@@ -64,7 +66,7 @@ class Vehicle:
     @property
     def correction_right(self) -> float:
         """c_r, from measured to effective speed of the right tread, equation (11)."""
-    def __eq__(self, other: object) -> bool: ...
+    def __eq__(self, value: object, /) -> bool: ...
 
 @final
 class Identification(Vehicle):
@@ -228,13 +230,13 @@ class Decision:
 class Controller:
     """Follows a scenario's path: one step() a control period."""
 
-    def __init__(
-        self,
+    def __new__(
+        cls,
         scenario: Scenario,
         kind: str | None = None,
         vehicle: Vehicle | None = None,
         seed: int | None = None,
-    ) -> None:
+    ) -> Controller:
         """Makes a controller at the start of the scenario's path.
 
         kind: a controller's name as in scenarios, icrik-mpc by default.
@@ -353,7 +355,7 @@ class Campaign:
 
 @final
 class Results:
-    def __init__(self, path: _Path, campaign: Campaign) -> None: ...
+    def __new__(cls, path: _Path, campaign: Campaign) -> Results: ...
     def missing(self, campaign: Campaign, start: int, stop: int) -> list[int]: ...
     def append(self, csv: bytes) -> None: ...
     def finish(self) -> None: ...
