@@ -9,9 +9,14 @@ pub mod campaign;
 pub mod check;
 pub mod closed_loop;
 pub mod config;
+pub mod console;
 pub mod icr;
 pub mod identify;
+#[cfg(feature = "drive")]
+pub mod init;
 pub mod odometry;
+pub mod output;
+pub mod progress;
 pub mod record;
 pub mod report;
 #[cfg(feature = "drive")]

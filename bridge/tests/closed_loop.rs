@@ -1,7 +1,7 @@
 //! The whole bridge in virtual time: controller, safety, cycle and a simulated vehicle.
 #![allow(clippy::unwrap_used)]
 
-use sidehill_bridge::control_loop::record::{RecordSource, ring};
+use sidehill_bridge::control_loop::record::{LoopRecord, RecordSource, ring};
 use sidehill_bridge::control_loop::runner::{ControllerRunner, InlineRunner};
 use sidehill_bridge::control_loop::{ControlLoop, CycleConfig};
 use sidehill_bridge::drives::Clock;
@@ -68,14 +68,16 @@ fn port() -> SimulatedPort {
     .unwrap()
 }
 
-fn cycle<Q: ControllerRunner>(pilot: Q) -> (ControlLoop<SimulatedPort, Q>, RecordSource) {
+fn cycle<Q: ControllerRunner>(
+    pilot: Q,
+) -> (ControlLoop<SimulatedPort, Q>, RecordSource<LoopRecord>) {
     cycle_of(CycleConfig::default(), pilot)
 }
 
 fn cycle_of<Q: ControllerRunner>(
     config: CycleConfig,
     pilot: Q,
-) -> (ControlLoop<SimulatedPort, Q>, RecordSource) {
+) -> (ControlLoop<SimulatedPort, Q>, RecordSource<LoopRecord>) {
     let (sink, source) = ring(64);
     let cycle = ControlLoop::new(
         config,

@@ -34,7 +34,7 @@ fn applied<T: Send + 'static>(
     config: RealtimeConfig,
     look: impl FnOnce() -> T + Send + 'static,
 ) -> (Result<(), RealtimeError>, T) {
-    std::thread::spawn(move || (config.apply_to_cycle(), look()))
+    std::thread::spawn(move || (config.apply_to_loop(), look()))
         .join()
         .unwrap()
 }
@@ -86,7 +86,7 @@ fn each_part_is_applied_or_refused_with_what_to_do() {
         || status("Cpus_allowed_list:"),
     );
     let error = result.unwrap_err().to_string();
-    assert!(error.contains("CPU 1023 cannot be had"), "{error}");
+    assert!(error.contains("CPU 1023 is not available"), "{error}");
     assert_eq!(seen, allowed);
 
     let (result, seen) = applied(

@@ -76,6 +76,12 @@ pub struct MeasuredMotorSpeeds {
 }
 
 impl MeasuredMotorSpeeds {
+    /// Both motors stand.
+    pub const STOP: Self = Self {
+        traction_m_s: 0.0,
+        steer_m_s: 0.0,
+    };
+
     /// Returns what the drives must be told to reach the effective speeds `wanted`: equation (11)
     /// solved for v_l and v_r.
     pub fn reaching(wanted: MotorSpeeds, scale: &EncoderScale) -> Self {

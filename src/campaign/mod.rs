@@ -9,14 +9,17 @@ pub use results::Results;
 
 use crate::closed_loop;
 use crate::config::{Campaign, ConfigFile, Overrides, Scenario};
+use crate::console;
+use crate::output;
+use crate::progress::{self, Progress};
 use crate::record::Summary;
-use anyhow::{Context, Result, bail};
-use indicatif::{ProgressBar, ProgressStyle};
+use anyhow::{Result, bail};
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
 use sidehill_controller::config::ControllerKind;
 use std::ops::Range;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
+use std::time::Instant;
 use table::{Outcome, Table};
 
 /// Arguments of `sidehill campaign`.
@@ -41,6 +44,9 @@ pub struct CampaignArgs {
     /// Write the scenario of one run, for `simulate`, to --out instead.
     #[arg(long, value_name = "INDEX")]
     pub write_scenario: Option<u32>,
+    /// Overwrite --out of --write-scenario where it exists; results are never overwritten.
+    #[arg(long, requires = "write_scenario")]
+    pub force: bool,
     /// Puts results of parts of one campaign together into the file that one machine would have
     /// written, instead of running anything.
     #[arg(long, value_name = "FILES", num_args = 1..,
@@ -74,8 +80,7 @@ pub fn run(args: &CampaignArgs) -> Result<()> {
     let campaign = Campaign::read(&ConfigFile::read(file)?)?;
     if let Some(index) = args.write_scenario {
         let text = campaign.scenario_text(index)?;
-        return std::fs::write(out, text)
-            .with_context(|| format!("{}: cannot be written", out.display()));
+        return output::write(out, text.as_bytes(), args.force);
     }
     let runs = args.range.clone();
     let runs = runs.unwrap_or(0..args.runs.unwrap_or(campaign.runs));
@@ -83,27 +88,34 @@ pub fn run(args: &CampaignArgs) -> Result<()> {
     let missing: Vec<_> = jobs(&campaign, runs.clone())
         .filter(|(index, kind)| !results.holds(*index, *kind))
         .collect();
-    let style = ProgressStyle::with_template("{bar:40} {pos}/{len}  {elapsed} gone, {eta} left")?;
-    // Hidden by itself where standard error is not a terminal.
-    let bar = ProgressBar::new(missing.len() as u64).with_style(style);
+    let (all, begun, name) = (missing.len(), Instant::now(), out.display().to_string());
+    if all > 0 {
+        console::complain(format_args!("{name}: {all} simulations to be done"));
+    }
+    progress::explain_interrupt(move || {
+        format!(
+            "interrupted after {:.0} s: what is done is in {name}; the same command goes on from there",
+            begun.elapsed().as_secs_f64()
+        )
+    })?;
+    let bar = Progress::new("campaign", all as u64);
     pool(args.threads)?.install(|| {
         missing.into_par_iter().try_for_each(|(index, kind)| {
             results.append(&outcome(&campaign, index, kind))?;
-            bar.inc(1);
+            bar.step();
             anyhow::Ok(())
         })
     })?;
-    bar.finish_and_clear();
+    bar.finish();
     let rows = Table::of(&campaign)?.rows(&results.finish()?)?;
     let figures = summary::of(&rows, &campaign, &runs);
     match args.format {
         crate::simulate::Format::Table => {
-            print!("{}", summary::table(&figures, &campaign, &runs));
+            console::text(summary::table(&figures, &campaign, &runs));
         }
-        crate::simulate::Format::Json => println!(
-            "{}",
-            serde_json::to_string(&serde_json::json!({ "controllers": figures }))?
-        ),
+        crate::simulate::Format::Json => console::line(serde_json::to_string(
+            &serde_json::json!({ "controllers": figures }),
+        )?),
     }
     Ok(())
 }

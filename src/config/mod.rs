@@ -4,6 +4,7 @@
 mod bridge;
 mod campaign;
 mod conditions;
+mod keys;
 mod plant;
 mod reference;
 #[cfg(feature = "drive")]
@@ -15,8 +16,10 @@ pub use bridge::{RunConfig, RunPort, VehicleConfig, VehiclePort, load_layout};
 pub use campaign::{Campaign, Drawn};
 pub use conditions::Conditions;
 pub use plant::{Plant, PlantKind};
+pub use reference::read_route;
 pub use scenario::{Overrides, Prepared, Scenario};
 
+use keys::Keys;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use std::collections::BTreeMap;
@@ -27,12 +30,14 @@ use std::sync::{Arc, Mutex, PoisonError};
 #[derive(Debug, thiserror::Error)]
 pub enum ConfigError {
     /// The file cannot be read.
-    #[error("{file}: {reason}")]
+    #[error("{file}: {reason}{}", whose_name_stands_in(.named_by.as_deref()))]
     Read {
         /// Name of the file.
         file: String,
         /// Why not.
         reason: std::io::Error,
+        /// The file that names it; none where the command line does.
+        named_by: Option<String>,
     },
     /// Its YAML does not hold what is expected; the message names key, value and range.
     #[error("{file}: {message}")]
@@ -42,6 +47,10 @@ pub enum ConfigError {
         /// Key, value and what is allowed.
         message: String,
     },
+}
+
+fn whose_name_stands_in(file: Option<&str>) -> String {
+    file.map_or_else(String::new, |file| format!(" (named by {file})"))
 }
 
 /// Files compiled into the program, by their names in its repository.
@@ -105,16 +114,20 @@ impl ConfigFile {
         let text = std::fs::read_to_string(path).map_err(|reason| ConfigError::Read {
             file: path.display().to_string(),
             reason,
+            named_by: None,
         })?;
         Ok(Self::with_text(path, text))
     }
 
-    /// Returns a file as if `text` stood in it.
+    /// Returns a file as if `text` stood in it; a byte order mark is left out.
     pub fn with_text(path: &Path, text: String) -> Self {
         Self {
             path: path.to_owned(),
             origin: Origin::Disk,
-            text,
+            text: match text.strip_prefix('\u{feff}') {
+                Some(rest) => rest.to_owned(),
+                None => text,
+            },
         }
     }
 
@@ -134,6 +147,7 @@ impl ConfigFile {
             .ok_or_else(|| ConfigError::Read {
                 file: format!("{name} (built in)"),
                 reason: std::io::ErrorKind::NotFound.into(),
+                named_by: None,
             })
     }
 
@@ -144,19 +158,29 @@ impl ConfigFile {
     pub fn sibling(&self, name: &Path) -> Result<Self, ConfigError> {
         let folder = self.path.parent().unwrap_or(Path::new(""));
         let path = normalised(&folder.join(name));
-        match &self.origin {
+        let found = match &self.origin {
             Origin::Disk => Self::read(&path),
             Origin::BuiltIn => Self::built_in(&path.to_string_lossy()),
-            Origin::Bundle(files) => {
-                let mut held = files.lock().unwrap_or_else(PoisonError::into_inner);
-                let text = match held.get(&path) {
-                    Some(text) => text.clone(),
-                    None => Self::read(&path)?.text,
-                };
-                held.insert(path.clone(), text.clone());
-                Ok(Self::with_text(&path, text).with_bundle(files.clone()))
-            }
-        }
+            Origin::Bundle(files) => Self::bundled(&path, files),
+        };
+        found.map_err(|error| match error {
+            ConfigError::Read { file, reason, .. } => ConfigError::Read {
+                file,
+                reason,
+                named_by: Some(self.name()),
+            },
+            content => content,
+        })
+    }
+
+    fn bundled(path: &Path, files: &Bundle) -> Result<Self, ConfigError> {
+        let mut held = files.lock().unwrap_or_else(PoisonError::into_inner);
+        let text = match held.get(path) {
+            Some(text) => text.clone(),
+            None => Self::read(path)?.text,
+        };
+        held.insert(path.to_owned(), text.clone());
+        Ok(Self::with_text(path, text).with_bundle(files.clone()))
     }
 
     /// Returns this file with what it names taken from, and put into, a bundle.
@@ -179,6 +203,12 @@ impl ConfigFile {
     /// Returns the path as it was given.
     pub fn path(&self) -> &Path {
         &self.path
+    }
+
+    /// Returns what follows the last point of the name, in lower case.
+    pub fn ending(&self) -> Option<String> {
+        let ending = self.path.extension()?;
+        Some(ending.to_string_lossy().to_lowercase())
     }
 
     /// Returns the text.
@@ -204,16 +234,39 @@ impl ConfigFile {
     /// Reads the text as YAML.
     ///
     /// # Errors
-    /// [`ConfigError::Content`] with file, key, value and range.
+    /// [`ConfigError::Content`] with file, line, key, value and range.
     pub fn parse<T: DeserializeOwned>(&self) -> Result<T, ConfigError> {
-        serde_yaml::from_str(&self.text).map_err(|error| self.error(error))
+        serde_yaml::from_str(&self.text).map_err(|error| {
+            if let Some(twice) = Keys::of(&self.text).duplicate() {
+                let (first, second) = twice.lines;
+                return self.error(format!(
+                    "{}: the key stands twice, in lines {first} and {second}; remove one",
+                    twice.key
+                ));
+            }
+            if let Some(line) = error.location().map(|at| at.line())
+                && let Some(tab) = indented_by_tab(&self.text, line)
+            {
+                return self.error(format!(
+                    "line {tab}: begins with a tab; YAML is indented with spaces"
+                ));
+            }
+            self.error(error)
+        })
     }
 
-    /// Returns an error about this file's content.
+    /// Returns an error about this file's content; where the message names a key but no line, the
+    /// line of that key is added.
     pub fn error(&self, message: impl ToString) -> ConfigError {
+        let mut message = message.to_string();
+        if !message.contains("line ")
+            && let Some(line) = Keys::of(&self.text).line_of(&keys_named(&message))
+        {
+            message += &format!(" (line {line})");
+        }
         ConfigError::Content {
             file: self.name(),
-            message: message.to_string(),
+            message,
         }
     }
 }
@@ -224,6 +277,42 @@ impl ConfigFile {
 /// Why it has no form in YAML.
 pub fn to_yaml(value: &impl Serialize) -> Result<String, serde_yaml::Error> {
     serde_yaml::to_string(value)
+}
+
+/// Returns the line, counted from 1, of the first tab that indents a line up to `last`.
+fn indented_by_tab(text: &str, last: usize) -> Option<usize> {
+    text.lines()
+        .take(last + 1)
+        .position(|line| line.trim_start_matches(' ').starts_with('\t'))
+        .map(|index| index + 1)
+}
+
+/// Returns the keys that a message begins with (`terrain.slope_deg: 95: must be ...`), and after them
+/// the one that it quotes as unknown (`terrain: unknown field `slope_rad`, ...`).
+fn keys_named(message: &str) -> Vec<&str> {
+    let is_key = |text: &str| {
+        !text.is_empty()
+            && text
+                .chars()
+                .all(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_')
+    };
+    let mut keys = Vec::new();
+    for part in message.split(": ") {
+        // Items of lists are written `zones[1]`.
+        let names: Vec<&str> = part
+            .split('.')
+            .map(|name| name.split('[').next().unwrap_or(name))
+            .collect();
+        if !names.iter().all(|name| is_key(name)) {
+            break;
+        }
+        keys.extend(names);
+    }
+    let unknown = message
+        .split_once("unknown field `")
+        .and_then(|(_, rest)| rest.split('`').next());
+    keys.extend(unknown);
+    keys
 }
 
 /// Returns a path without `.` and with each `..` resolved against the folder before it.

@@ -153,7 +153,8 @@ fn a_panic_of_the_cycle_says_zero_and_off() {
         let vehicle: Vehicle =
             serde_yaml::from_str(include_str!("../../config/vehicles/j8.yaml")).unwrap();
         let epoch = Epoch::now();
-        let [(heard, _heard), (sent, _sent), (records, _records)] = [64; 3].map(ring);
+        let [(heard, _heard), (sent, _sent)] = [64; 2].map(ring);
+        let (records, _records) = ring(64);
         let layout = Arc::new(layout());
         let port = CanPort::new(BUS, layout, vehicle.encoder_scale, epoch, heard, sent).unwrap();
         let mut cycle = ControlLoop::new(
@@ -279,7 +280,7 @@ fn real_time_settings_are_applied_or_refused_with_what_to_do() {
             "SCHED_FIFO priority 50 is not permitted",
         ),
         ("{lock_memory: true}", "memory cannot be locked"),
-        ("{cpu: 63}", "CPU 63 cannot be had"),
+        ("{cpu: 63}", "CPU 63 is not available"),
     ] {
         let change =
             |text: String| with_realtime(text).replace(REALTIME, &format!("realtime: {settings}"));

@@ -1,11 +1,13 @@
-use super::socket::{BusEvent, BusMonitor, Sender};
+use super::bus_monitor::{BusEvent, BusMonitor};
+use super::record::CanRecord;
 use crate::can::cia402::Master;
-use crate::can::controller_side::{CommandWriter, MotorOrder, Readings, VehicleReader};
+use crate::can::controller_side::{CommandWriter, Readings, VehicleReader};
 use crate::can::frame::Frame;
 use crate::can::layout::{Layout, Profile};
-use crate::control_loop::record::{Record, RecordSink};
+use crate::can::sender::Sender;
+use crate::control_loop::record::RecordSink;
 use crate::drives::Epoch;
-use crate::drives::MeasuredMotorSpeeds;
+use crate::drives::MotorCommand;
 use crate::drives::{DriveCommand, DriveFeedback, LinkState};
 use crate::drives::{Port, PortInputs, SendError, newer};
 use sidehill_plant::sample::{Sample, Stamped};
@@ -14,17 +16,17 @@ use std::sync::Arc;
 use thread_priority::ThreadId;
 use triple_buffer::{Output, triple_buffer};
 
-/// What the listener leaves for the cycle: always the newest, never a queue.
+/// What the bus monitor passes to the loop: always the newest, never a queue.
 #[derive(Debug, Clone, Copy, Default)]
 struct Snapshot {
     readings: Readings,
     bus: LinkState,
 }
 
-/// Events of both drives that one cycle can have.
+/// Largest number of drive events in one cycle.
 const EVENTS_MAX: usize = 8;
 
-/// What tells the drives, as their profile has it.
+/// Writes commands for the profile of the drives.
 enum Writer {
     Values(CommandWriter),
     Cia402(Master),
@@ -36,18 +38,18 @@ pub struct CanPort {
     writer: Writer,
     sender: Sender,
     newest: Output<Snapshot>,
-    /// What was received for this cycle.
+    /// Inputs of this cycle.
     readings: Readings,
     correction: SpeedCorrection,
     /// Instants of the tread speeds, attitude and pose delivered last, s.
     delivered_s: [f64; 3],
-    records: RecordSink,
+    records: RecordSink<CanRecord>,
     listener: BusMonitor,
 }
 
 impl CanPort {
-    /// Returns a port that listens from now on; `heard_records` takes what comes, `sent_records`
-    /// what goes.
+    /// Returns a port that receives from now on. `received_records` and `sent_records` take the frames
+    /// and events of either direction.
     ///
     /// # Errors
     /// The system's, where it has no thread left. An interface that does not exist is no error: the
@@ -57,26 +59,22 @@ impl CanPort {
         layout: Arc<Layout>,
         correction: SpeedCorrection,
         epoch: Epoch,
-        mut heard_records: RecordSink,
-        sent_records: RecordSink,
+        mut received_records: RecordSink<CanRecord>,
+        sent_records: RecordSink<CanRecord>,
     ) -> Result<Self, std::io::Error> {
         let (mut slot, newest) = triple_buffer(&Snapshot {
             readings: Readings::default(),
             bus: LinkState::Absent,
         });
-        let wanted = layout.heard_ids();
+        let wanted = layout.received_ids();
         let mut reader = VehicleReader::new(Arc::clone(&layout));
         let mut bus = LinkState::Absent;
-        let listener = BusMonitor::start(interface, &wanted, epoch, move |heard| {
-            match heard {
+        let listener = BusMonitor::start(interface, &wanted, epoch, move |event| {
+            match event {
                 BusEvent::Frame { time_s, frame } => {
-                    heard_records.push(Record::Frame {
-                        time_s,
-                        sent: false,
-                        frame,
-                    });
+                    received_records.push(CanRecord::Frame { time_s, frame });
                     if let Err(fault) = reader.take(&frame, time_s) {
-                        heard_records.push(Record::Refused {
+                        received_records.push(CanRecord::Refused {
                             time_s,
                             frame,
                             fault,
@@ -85,13 +83,13 @@ impl CanPort {
                 }
                 BusEvent::Bus { time_s, state } => {
                     bus = state;
-                    heard_records.push(Record::Bus { time_s, state });
+                    received_records.push(CanRecord::Bus { time_s, state });
                 }
                 BusEvent::Restart {
                     time_s,
                     attempt,
                     answer,
-                } => heard_records.push(Record::Restart {
+                } => received_records.push(CanRecord::Restart {
                     time_s,
                     attempt,
                     answer,
@@ -122,14 +120,13 @@ impl CanPort {
             listener,
         })
     }
-
-    /// Returns the system's name of the thread that listens.
-    pub fn listener_id(&self) -> Option<ThreadId> {
-        self.listener.thread_id()
-    }
 }
 
 impl Port for CanPort {
+    fn helper_threads(&self) -> Vec<ThreadId> {
+        self.listener.thread_id().into_iter().collect()
+    }
+
     fn receive(&mut self, now_s: f64) -> PortInputs {
         let Snapshot { readings, bus } = *self.newest.read();
         self.readings = readings;
@@ -173,37 +170,33 @@ impl Port for CanPort {
         }
     }
 
-    fn send(&mut self, now_s: f64, order: &DriveCommand) -> Result<(), SendError> {
-        let motor_order = MotorOrder {
-            motors: MeasuredMotorSpeeds::reaching(order.speeds, &self.correction),
-            enable: order.enable,
-        };
+    fn send(&mut self, now_s: f64, command: &DriveCommand) -> Result<(), SendError> {
+        let motors = MotorCommand::reaching(command, &self.correction);
         let (sender, records) = (&mut self.sender, &mut self.records);
-        // The records of frames and of events go the same way, one after the other.
+        // Frames and events share one sink: events follow after the frames.
         let mut events = [None; EVENTS_MAX];
         let send = |frame: &Frame| {
             sender.send(frame)?;
-            records.push(Record::Frame {
+            records.push(CanRecord::Frame {
                 time_s: now_s,
-                sent: true,
                 frame: *frame,
             });
             Ok(())
         };
         let sent = match &mut self.writer {
-            Writer::Values(writer) => writer.write(&motor_order, send),
+            Writer::Values(writer) => writer.write(&motors, send),
             Writer::Cia402(master) => {
-                let tell = |node, event| {
+                let report = |node, event| {
                     if let Some(slot) = events.iter_mut().find(|slot| slot.is_none()) {
                         *slot = Some((node, event));
                     }
                 };
-                let reset = order.fault_reset;
-                master.write(now_s, &motor_order, reset, &self.readings, tell, send)
+                let reset = command.fault_reset;
+                master.write(now_s, &motors, reset, &self.readings, report, send)
             }
         };
         for (node, event) in events.into_iter().flatten() {
-            self.records.push(Record::Drive {
+            self.records.push(CanRecord::Drive {
                 time_s: now_s,
                 node,
                 event,

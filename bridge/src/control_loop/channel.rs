@@ -1,17 +1,15 @@
-//! Between the cycle and whoever gives it paths: orders one way, what has become of them the other.
+//! The command channel between the loop and whoever gives it paths.
 //!
 //! ```text
-//! CommandClient -> LoopEnd (arm, stop, halt), ControllerEnd (paths)
-//! CommandClient <- LoopEnd (rows, reasons),   ControllerEnd (decisions, plans)
+//! CommandClient -> LoopEnd (arm, stop, halt),  ControllerEnd (paths)
+//! CommandClient <- LoopEnd (rows, reasons),    ControllerEnd (decisions, plans)
 //! ```
 //!
-//! No side waits for another: orders are flags and the newest path, answers are the newest of their
+//! No end waits for another: requests are flags and the newest path, answers are the newest of their
 //! kind.
 
-use crate::control_loop::record::CycleRow;
-use crate::control_loop::runner::ControllerRunner;
-use crate::control_loop::{ControlLoop, Timing};
-use crate::drives::Port;
+use super::record::CycleRow;
+use super::timing::LoopTiming;
 use crate::safety::{OperatorRequests, Reason, SafetyState, StopCause};
 use sidehill_controller::controller::{Controller, Decision};
 use sidehill_controller::trajectory::Trajectory;
@@ -22,11 +20,11 @@ use triple_buffer::{Input, Output, TripleBuffer, triple_buffer};
 
 /// A path for the controller.
 pub struct PathCommand {
-    /// Number under which decisions on it come back; above 0.
+    /// Number that decisions on this path carry; above 0.
     pub number: u64,
     /// What is followed.
     pub trajectory: Trajectory,
-    /// Arc length at which it is taken up, m.
+    /// Arc length at which the vehicle joins it, m.
     pub from_m: f64,
 }
 
@@ -35,7 +33,7 @@ pub struct PathCommand {
 pub struct SharedCause(AtomicU8);
 
 impl SharedCause {
-    /// Says that there is a cause, or that there is none any more.
+    /// Sets or clears the cause.
     pub fn set(&self, cause: Option<StopCause>) {
         let code = cause.map_or(0, |cause| cause as u8 + 1);
         self.0.store(code, Ordering::Relaxed);
@@ -44,184 +42,179 @@ impl SharedCause {
     /// Returns the cause.
     pub fn get(&self) -> Option<StopCause> {
         let index = usize::from(self.0.load(Ordering::Relaxed)).checked_sub(1)?;
-        // Whatever is there stops.
+        // A code that no cause has still stops.
         Some(StopCause::ALL[index.min(StopCause::ALL.len() - 1)])
     }
 }
 
-/// What the cycle is asked for.
+/// Requests of the client to the loop.
 #[derive(Default)]
-struct Asked {
-    /// Number of the newest arming asked for; 0 for none.
+struct Requests {
+    /// Number of the newest request to arm; 0 for none.
     arm: AtomicU64,
     stop: SharedCause,
     halt: SharedCause,
 }
 
-/// What the cycle says of itself.
+/// What the loop reports.
 #[derive(Debug, Clone, Copy)]
 pub struct LoopStatus {
     /// The newest cycle.
     pub row: CycleRow,
-    /// Number of the newest arming that was asked for and carried out.
+    /// Number of the newest request to arm that was carried out.
     pub armed: u64,
     /// Why the last drive or handshake ended.
     pub stopped_by: Option<Reason>,
-    /// How well the cycle keeps its times.
-    pub timing: Timing,
+    /// How well the loop keeps its times.
+    pub timing: LoopTiming,
 }
 
-/// What the controller says of itself.
+/// What the controller reports.
 #[derive(Debug, Clone, Default)]
 pub struct ControllerStatus {
     /// The newest decision.
     pub decision: Option<Decision>,
     /// Predicted poses, the present first; empty without a plan.
     pub plan: Vec<PlanarPose>,
-    /// Where the reference is over the same time.
+    /// Poses of the reference over the same time.
     pub reference: Vec<PlanarPose>,
 }
 
-/// Returns the three ends; the controller's horizon has at most `stages`.
+/// Returns the three ends of a new channel. The controller's horizon has at most `stages`.
 pub fn command_channel(stages: usize) -> (CommandClient, LoopEnd, ControllerEnd) {
-    let asked = Arc::new(Asked::default());
-    let (cycle_view, cycle) = triple_buffer(&None::<LoopStatus>);
-    // A clone of an empty vector has no capacity: the first cycles give each buffer its own.
-    let (controller_view, controller) = triple_buffer(&ControllerStatus::default());
-    let (assignments, paths) = TripleBuffer::default().split();
+    let requests = Arc::new(Requests::default());
+    let (loop_input, loop_status) = triple_buffer(&None::<LoopStatus>);
+    // A clone of an empty vector has no capacity: the first cycles allocate that of each buffer.
+    let (controller_input, controller_status) = triple_buffer(&ControllerStatus::default());
+    let (path_input, path_output) = TripleBuffer::default().split();
     (
         CommandClient {
-            asked: Arc::clone(&asked),
-            assignments,
-            cycle,
-            controller,
+            requests: Arc::clone(&requests),
+            path: path_input,
+            loop_status,
+            controller_status,
         },
         LoopEnd {
-            asked,
-            view: cycle_view,
-            asking: 0,
+            requests,
+            status: loop_input,
+            arming: 0,
             armed: 0,
         },
         ControllerEnd {
-            paths,
-            view: controller_view,
+            path: path_output,
+            status: controller_input,
             stages,
         },
     )
 }
 
-/// Who gives paths and orders.
+/// The end of whoever gives paths and requests.
 pub struct CommandClient {
-    asked: Arc<Asked>,
-    assignments: Input<Option<PathCommand>>,
-    cycle: Output<Option<LoopStatus>>,
-    controller: Output<ControllerStatus>,
+    requests: Arc<Requests>,
+    path: Input<Option<PathCommand>>,
+    loop_status: Output<Option<LoopStatus>>,
+    controller_status: Output<ControllerStatus>,
 }
 
-/// Halts the cycle from any thread.
+/// Halts the drives from any thread; a clone of part of a [`CommandClient`].
 #[derive(Clone)]
-pub struct HaltSwitch(Arc<Asked>);
+pub struct HaltSwitch(Arc<Requests>);
 
 impl HaltSwitch {
-    /// Keeps the drives at zero and off as long as there is a cause.
+    /// Keeps the drives at zero speed and disabled while there is a cause.
     pub fn set(&self, cause: Option<StopCause>) {
         self.0.halt.set(cause);
     }
 }
 
 impl CommandClient {
-    /// Gives the controller a path instead of the one it has, or none.
-    pub fn set_path(&mut self, assignment: Option<PathCommand>) {
-        self.assignments.write(assignment);
+    /// Replaces the controller's path, or takes it away.
+    pub fn set_path(&mut self, path: Option<PathCommand>) {
+        self.path.write(path);
     }
 
-    /// Asks to arm as soon as the safety lets itself be armed; [`LoopStatus::armed`] then has this
-    /// number. 0 takes the wish back.
+    /// Requests to arm as soon as the safety accepts it. [`LoopStatus::armed`] then has this number.
+    /// 0 withdraws the request.
     pub fn arm(&self, number: u64) {
-        self.asked.arm.store(number, Ordering::Relaxed);
+        self.requests.arm.store(number, Ordering::Relaxed);
     }
 
-    /// Asks to stop on the ramp and to stay so as long as there is a cause.
+    /// Requests to stop on the ramp, and to stay stopped while there is a cause.
     pub fn stop(&self, cause: Option<StopCause>) {
-        self.asked.stop.set(cause);
+        self.requests.stop.set(cause);
     }
 
-    /// Returns a switch that halts the drives from any thread.
+    /// Returns a switch that halts the drives.
     pub fn halt_switch(&self) -> HaltSwitch {
-        HaltSwitch(Arc::clone(&self.asked))
+        HaltSwitch(Arc::clone(&self.requests))
     }
 
-    /// Returns the newest of the cycle.
+    /// Returns the newest status of the loop; none before its first cycle.
     pub fn loop_status(&mut self) -> Option<LoopStatus> {
-        *self.cycle.read()
+        *self.loop_status.read()
     }
 
-    /// Returns the newest of the controller.
+    /// Returns the newest status of the controller.
     pub fn controller_status(&mut self) -> &ControllerStatus {
-        self.controller.read()
+        self.controller_status.read()
     }
 }
 
-/// The cycle's end.
+/// The loop's end.
 pub struct LoopEnd {
-    asked: Arc<Asked>,
-    view: Input<Option<LoopStatus>>,
-    /// Arming asked for in this cycle; 0 for none.
-    asking: u64,
+    requests: Arc<Requests>,
+    status: Input<Option<LoopStatus>>,
+    /// Number of the arming requested in this cycle; 0 for none.
+    arming: u64,
     armed: u64,
 }
 
 impl LoopEnd {
-    /// Returns what `operator` asks for and what is asked for here, for a cycle that begins in
-    /// `state`.
-    pub fn operator(&mut self, operator: OperatorRequests, state: SafetyState) -> OperatorRequests {
-        let stop = operator.stop.or(self.asked.stop.get());
-        let halt = operator.halt.or(self.asked.halt.get());
-        let wish = self.asked.arm.load(Ordering::Relaxed);
+    /// Returns the union of `local` and the client's requests, for a cycle that begins in `state`.
+    pub fn merge(&mut self, local: OperatorRequests, state: SafetyState) -> OperatorRequests {
+        let stop = local.stop.or(self.requests.stop.get());
+        let halt = local.halt.or(self.requests.halt.get());
+        let requested = self.requests.arm.load(Ordering::Relaxed);
         let off = matches!(state, SafetyState::Disarmed | SafetyState::Latched);
-        // The safety arms on a rising edge: where it did not, the wish falls before it rises again.
         let free = stop.or(halt).is_none();
-        let arm = wish > self.armed && off && free && self.asking == 0;
-        self.asking = if arm { wish } else { 0 };
+        // The safety arms on a rising edge: after a cycle without effect, the request falls once.
+        let arm = requested > self.armed && off && free && self.arming == 0;
+        self.arming = if arm { requested } else { 0 };
         OperatorRequests {
-            arm: operator.arm || arm,
+            arm: local.arm || arm,
             stop,
             halt,
         }
     }
 
-    /// Leaves what a cycle did.
-    pub fn leave<P: Port, Q: ControllerRunner>(
-        &mut self,
-        row: CycleRow,
-        cycle: &ControlLoop<P, Q>,
-    ) {
-        if self.asking > 0 && row.state == SafetyState::Zeroing {
-            self.armed = self.asking;
+    /// Publishes the status after a cycle.
+    pub fn publish(&mut self, row: CycleRow, stopped_by: Option<Reason>, timing: LoopTiming) {
+        if self.arming > 0 && row.state == SafetyState::Zeroing {
+            self.armed = self.arming;
         }
-        self.view.write(Some(LoopStatus {
+        self.status.write(Some(LoopStatus {
             row,
             armed: self.armed,
-            stopped_by: cycle.stopped_by(),
-            timing: cycle.timing(),
+            stopped_by,
+            timing,
         }));
     }
 }
 
 /// The controller's end.
 pub struct ControllerEnd {
-    paths: Output<Option<PathCommand>>,
-    view: Input<ControllerStatus>,
+    path: Output<Option<PathCommand>>,
+    status: Input<ControllerStatus>,
     stages: usize,
 }
 
 impl ControllerEnd {
     /// Gives the controller the newest path, where one has come, or takes away the one it has.
-    pub fn take_path(&mut self, controller: &mut Controller) {
-        if !self.paths.update() {
+    pub fn apply_path(&mut self, controller: &mut Controller) {
+        if !self.path.update() {
             return;
         }
-        match self.paths.output_buffer_mut().take() {
+        match self.path.output_buffer_mut().take() {
             Some(path) => {
                 let reference = controller
                     .config()
@@ -234,24 +227,26 @@ impl ControllerEnd {
         }
     }
 
-    /// Leaves what a cycle decided.
-    pub fn leave(&mut self, decision: &Decision, controller: &Controller) {
-        let view = self.view.input_buffer_mut();
-        view.decision = Some(*decision);
-        view.plan.clear();
-        view.plan.reserve_exact(self.stages + 1);
+    /// Publishes the status after a decision.
+    pub fn publish(&mut self, decision: &Decision, controller: &Controller) {
+        let status = self.status.input_buffer_mut();
+        status.decision = Some(*decision);
+        status.plan.clear();
+        status.plan.reserve_exact(self.stages + 1);
         if let Some(plan) = controller.plan() {
-            view.plan.extend(plan.states.iter().map(|state| PlanarPose {
-                x_m: state.x,
-                y_m: state.y,
-                yaw_rad: state.z,
-            }));
+            status
+                .plan
+                .extend(plan.states.iter().map(|state| PlanarPose {
+                    x_m: state.x,
+                    y_m: state.y,
+                    yaw_rad: state.z,
+                }));
         }
-        view.reference.clear();
-        view.reference.reserve_exact(self.stages + 1);
+        status.reference.clear();
+        status.reference.reserve_exact(self.stages + 1);
         let targets = controller.targets().iter().map(|target| target.pose);
-        view.reference.extend(targets);
-        self.view.publish();
+        status.reference.extend(targets);
+        self.status.publish();
     }
 }
 
@@ -266,57 +261,57 @@ mod tests {
     };
 
     #[test]
-    fn an_arming_is_asked_for_until_the_safety_takes_it_and_only_where_it_can() {
-        let (dispatcher, mut desk, _controller) = command_channel(10);
-        assert_eq!(desk.operator(IDLE, SafetyState::Disarmed), IDLE);
-        dispatcher.arm(3);
+    fn a_request_to_arm_is_repeated_until_the_safety_accepts_it() {
+        let (client, mut loop_end, _controller) = command_channel(10);
+        assert_eq!(loop_end.merge(IDLE, SafetyState::Disarmed), IDLE);
+        client.arm(3);
         for state in [
             SafetyState::Zeroing,
             SafetyState::Driving,
             SafetyState::Stopping,
         ] {
-            assert!(!desk.operator(IDLE, state).arm);
+            assert!(!loop_end.merge(IDLE, state).arm);
         }
-        // It falls where it was not taken, so that it can rise again.
-        let asked: Vec<bool> = (0..4)
-            .map(|_| desk.operator(IDLE, SafetyState::Latched).arm)
+        // It falls after a cycle without effect, so that it can rise again.
+        let requested: Vec<bool> = (0..4)
+            .map(|_| loop_end.merge(IDLE, SafetyState::Latched).arm)
             .collect();
-        assert_eq!(asked, [true, false, true, false]);
-        dispatcher.arm(0);
-        assert!(!desk.operator(IDLE, SafetyState::Latched).arm);
+        assert_eq!(requested, [true, false, true, false]);
+        client.arm(0);
+        assert!(!loop_end.merge(IDLE, SafetyState::Latched).arm);
     }
 
     #[test]
-    fn a_stop_or_a_halt_forbids_to_arm() {
-        let (dispatcher, mut desk, _controller) = command_channel(10);
-        dispatcher.arm(1);
-        dispatcher.stop(Some(StopCause::Cancelled));
-        let asked = desk.operator(IDLE, SafetyState::Latched);
+    fn a_stop_or_a_halt_prevents_arming() {
+        let (client, mut loop_end, _controller) = command_channel(10);
+        client.arm(1);
+        client.stop(Some(StopCause::Cancelled));
+        let merged = loop_end.merge(IDLE, SafetyState::Latched);
         let cancelled = OperatorRequests {
             stop: Some(StopCause::Cancelled),
             ..IDLE
         };
-        assert_eq!(asked, cancelled);
-        dispatcher.stop(None);
-        dispatcher.halt_switch().set(Some(StopCause::EmergencyStop));
-        let asked = desk.operator(IDLE, SafetyState::Latched);
+        assert_eq!(merged, cancelled);
+        client.stop(None);
+        client.halt_switch().set(Some(StopCause::EmergencyStop));
+        let merged = loop_end.merge(IDLE, SafetyState::Latched);
         let pressed = OperatorRequests {
             halt: Some(StopCause::EmergencyStop),
             ..IDLE
         };
-        assert_eq!(asked, pressed);
-        dispatcher.halt_switch().set(None);
-        assert!(desk.operator(IDLE, SafetyState::Latched).arm);
-        // What an operator asks for on his own is kept.
+        assert_eq!(merged, pressed);
+        client.halt_switch().set(None);
+        assert!(loop_end.merge(IDLE, SafetyState::Latched).arm);
+        // A local request is kept.
         let own = OperatorRequests {
             stop: Some(StopCause::Operator),
             ..IDLE
         };
-        assert_eq!(desk.operator(own, SafetyState::Driving).stop, own.stop);
+        assert_eq!(loop_end.merge(own, SafetyState::Driving).stop, own.stop);
     }
 
     #[test]
-    fn every_cause_comes_as_it_went() {
+    fn every_cause_is_shared_unchanged() {
         let shared = SharedCause::default();
         assert_eq!(shared.get(), None);
         for cause in StopCause::ALL {

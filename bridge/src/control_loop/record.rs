@@ -1,9 +1,6 @@
-//! From the cycle to files without waiting: bounded rings of plain values, and who writes them.
+//! What is logged: the loop, and each port's threads, leave plain values in bounded rings without
+//! waiting; [`Recorder`], outside the real-time threads, makes text of them.
 
-use crate::can::RestartAnswer;
-use crate::can::cia402::DriveEvent;
-use crate::can::frame::Frame;
-use crate::can::message::FrameFault;
 use crate::drives::{Epoch, LinkState, SendError};
 use crate::safety::{SafetyState, Transition};
 use serde::Serialize;
@@ -11,58 +8,53 @@ use std::io::{Error, Write};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Something worth keeping; a plain value, so that keeping it costs a copy.
+/// A plain value that is worth logging; ports have their own kinds.
+pub trait Record: Copy + Send + 'static {
+    /// Returns the instant, s.
+    fn time_s(&self) -> f64;
+
+    /// Returns what is written. May allocate: only the recorder calls it.
+    fn entry(&self) -> LogEntry;
+}
+
+/// What a record is written as.
+#[derive(Debug, Clone, PartialEq)]
+pub enum LogEntry {
+    /// A message on the link, as `candump -l` writes it after the interface.
+    Message(String),
+    /// Something that happened.
+    Event {
+        /// What, in one word.
+        event: &'static str,
+        /// The states before and after, of a transition.
+        states: Option<[SafetyState; 2]>,
+        /// Details.
+        reason: String,
+    },
+    /// A control cycle.
+    Cycle(CycleRow),
+}
+
+impl LogEntry {
+    /// Returns an event that is not a transition.
+    pub fn event(event: &'static str, reason: String) -> Self {
+        Self::Event {
+            event,
+            states: None,
+            reason,
+        }
+    }
+}
+
+/// What the control loop leaves.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Record {
-    /// A frame on the bus.
-    Frame {
-        /// When, s.
-        time_s: f64,
-        /// Whether this program sent it.
-        sent: bool,
-        /// The frame.
-        frame: Frame,
-    },
-    /// A frame that is not believed.
-    Refused {
-        /// When, s.
-        time_s: f64,
-        /// The frame.
-        frame: Frame,
-        /// Why.
-        fault: FrameFault,
-    },
-    /// The state of the bus has changed.
-    Bus {
-        /// When, s.
-        time_s: f64,
-        /// To what.
-        state: LinkState,
-    },
-    /// A restart after a bus-off was tried.
-    Restart {
-        /// When, s.
-        time_s: f64,
-        /// How many were tried.
-        attempt: u32,
-        /// The system's answer.
-        answer: RestartAnswer,
-    },
-    /// Something about a drive that speaks CANopen.
-    Drive {
-        /// When, s.
-        time_s: f64,
-        /// Its node number.
-        node: u8,
-        /// What.
-        event: DriveEvent,
-    },
-    /// A command could not be sent, where the one before could.
+pub enum LoopRecord {
+    /// A command could not be sent, after one that could.
     Unsent {
         /// When, s.
         time_s: f64,
         /// Why.
-        fault: SendError,
+        error: SendError,
     },
     /// The safety changed its state.
     Transition(Transition),
@@ -70,24 +62,46 @@ pub enum Record {
     Cycle(CycleRow),
 }
 
-/// One cycle of the bridge.
+impl Record for LoopRecord {
+    fn time_s(&self) -> f64 {
+        match self {
+            Self::Unsent { time_s, .. }
+            | Self::Transition(Transition { time_s, .. })
+            | Self::Cycle(CycleRow { time_s, .. }) => *time_s,
+        }
+    }
+
+    fn entry(&self) -> LogEntry {
+        match self {
+            Self::Unsent { error, .. } => LogEntry::event("unsent", error.to_string()),
+            Self::Transition(transition) => LogEntry::Event {
+                event: "state",
+                states: Some([transition.from, transition.to]),
+                reason: transition.reason.to_string(),
+            },
+            Self::Cycle(row) => LogEntry::Cycle(*row),
+        }
+    }
+}
+
+/// One control cycle. The names of its fields are the columns of `cycles.csv`.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct CycleRow {
-    /// Time for which the cycle was due, s.
+    /// When the cycle began, s.
     pub time_s: f64,
-    /// How much later it began, s.
+    /// How much later than due, s.
     pub lateness_s: f64,
     /// What was left of the period when it ended, s.
     pub slack_s: f64,
     /// State of the safety.
     pub state: SafetyState,
-    /// Whether the drives were told to be on.
+    /// Whether the drives were commanded to be enabled.
     pub enable: bool,
-    /// Traction told, m/s.
+    /// Commanded traction, m/s.
     pub traction_m_s: f64,
-    /// Steer told, m/s.
+    /// Commanded steer, m/s.
     pub steer_m_s: f64,
-    /// Whether it could be sent.
+    /// Whether the command could be sent.
     pub sent: bool,
     /// Traction fed back, m/s; NaN without feedback.
     pub feedback_traction_m_s: f64,
@@ -95,7 +109,7 @@ pub struct CycleRow {
     pub feedback_steer_m_s: f64,
     /// Age of the feedback, s; infinite without.
     pub feedback_age_s: f64,
-    /// State of the bus.
+    /// State of the link to the drives.
     pub bus: LinkState,
     /// Estimated X_g, m; NaN without an estimate.
     pub x_m: f64,
@@ -105,37 +119,37 @@ pub struct CycleRow {
     pub yaw_rad: f64,
     /// Estimated distance from the path, m, left positive; none without a path or an estimate.
     pub cross_track_m: Option<f64>,
-    /// Time within the QP solver, us; NaN without a solution.
+    /// Time in the QP solver, us; NaN without a solution.
     pub solve_us: f64,
-    /// Frames refused since the start.
+    /// Messages refused since the start.
     pub refused: u64,
-    /// Cycles left out since the start because those before took too long.
+    /// Cycles skipped since the start because earlier ones took too long.
     pub skipped: u64,
 }
 
 /// Where a thread leaves its records; never waits.
-pub struct RecordSink {
-    ring: rtrb::Producer<Record>,
+pub struct RecordSink<R> {
+    ring: rtrb::Producer<R>,
     lost: Arc<AtomicU64>,
 }
 
-impl RecordSink {
+impl<R> RecordSink<R> {
     /// Leaves a record, or counts it as lost where the ring is full.
-    pub fn push(&mut self, record: Record) {
+    pub fn push(&mut self, record: R) {
         if self.ring.push(record).is_err() {
             self.lost.fetch_add(1, Ordering::Relaxed);
         }
     }
 }
 
-/// The other end of a [`RecordSink`].
-pub struct RecordSource {
-    ring: rtrb::Consumer<Record>,
+/// The reading end of a [`RecordSink`].
+pub struct RecordSource<R> {
+    ring: rtrb::Consumer<R>,
     lost: Arc<AtomicU64>,
 }
 
 /// Returns both ends of a ring for `capacity` records.
-pub fn ring(capacity: usize) -> (RecordSink, RecordSource) {
+pub fn ring<R>(capacity: usize) -> (RecordSink<R>, RecordSource<R>) {
     let (producer, consumer) = rtrb::RingBuffer::new(capacity);
     let lost = Arc::new(AtomicU64::new(0));
     (
@@ -150,12 +164,33 @@ pub fn ring(capacity: usize) -> (RecordSink, RecordSource) {
     )
 }
 
+/// A [`RecordSource`] of any kind of record.
+pub trait LogSource {
+    /// Appends everything that has been left, with its instant, s.
+    fn drain(&mut self, into: &mut Vec<(f64, LogEntry)>);
+
+    /// Returns the number of records that found their ring full.
+    fn lost(&self) -> u64;
+}
+
+impl<R: Record> LogSource for RecordSource<R> {
+    fn drain(&mut self, into: &mut Vec<(f64, LogEntry)>) {
+        while let Ok(record) = self.ring.pop() {
+            into.push((record.time_s(), record.entry()));
+        }
+    }
+
+    fn lost(&self) -> u64 {
+        self.lost.load(Ordering::Relaxed)
+    }
+}
+
 /// Writes what several threads have left.
 pub struct Recorder {
-    sources: Vec<RecordSource>,
+    sources: Vec<Box<dyn LogSource>>,
     epoch: Epoch,
     interface: String,
-    batch: Vec<Record>,
+    batch: Vec<(f64, LogEntry)>,
     latest: Option<CycleRow>,
 }
 
@@ -165,9 +200,9 @@ pub type TakeCycle<'a> = dyn FnMut(f64, &CycleRow) -> Result<(), Error> + 'a;
 /// Where the recorder writes to; what is absent is not written.
 #[derive(Default)]
 pub struct Outputs<'a> {
-    /// Frames as `candump -l` logs them.
+    /// Messages as `candump -l` logs them.
     pub candump: Option<&'a mut dyn Write>,
-    /// One JSON object a line for everything that is no frame and no cycle.
+    /// One JSON object a line for each event.
     pub events: Option<&'a mut dyn Write>,
     /// Takes each cycle.
     pub cycles: Option<&'a mut TakeCycle<'a>>,
@@ -182,12 +217,12 @@ struct EventLine<'a> {
     from: Option<SafetyState>,
     #[serde(skip_serializing_if = "Option::is_none")]
     to: Option<SafetyState>,
-    reason: String,
+    reason: &'a str,
 }
 
 impl Recorder {
     /// Returns a recorder for these sources; `interface` is what the candump log names.
-    pub fn new(sources: Vec<RecordSource>, epoch: Epoch, interface: &str) -> Self {
+    pub fn new(sources: Vec<Box<dyn LogSource>>, epoch: Epoch, interface: &str) -> Self {
         Self {
             sources,
             epoch,
@@ -204,8 +239,7 @@ impl Recorder {
 
     /// Returns the number of records that found their ring full.
     pub fn lost(&self) -> u64 {
-        let lost = |source: &RecordSource| source.lost.load(Ordering::Relaxed);
-        self.sources.iter().map(lost).sum()
+        self.sources.iter().map(|source| source.lost()).sum()
     }
 
     /// Writes everything that has been left since the last call, in the order of time.
@@ -215,29 +249,37 @@ impl Recorder {
     pub fn drain(&mut self, outputs: &mut Outputs<'_>) -> Result<(), Error> {
         self.batch.clear();
         for source in &mut self.sources {
-            while let Ok(record) = source.ring.pop() {
-                self.batch.push(record);
-            }
+            source.drain(&mut self.batch);
         }
-        self.batch.sort_by(|a, b| time_of(a).total_cmp(&time_of(b)));
-        for record in &self.batch {
-            let time_s = time_of(record);
-            let unix_s = self.epoch.unix_s(time_s);
-            match record {
-                Record::Frame { frame, .. } => {
+        self.batch.sort_by(|(a_s, _), (b_s, _)| a_s.total_cmp(b_s));
+        for (time_s, entry) in &self.batch {
+            let unix_s = self.epoch.unix_s(*time_s);
+            match entry {
+                LogEntry::Message(text) => {
                     if let Some(out) = &mut outputs.candump {
-                        writeln!(out, "({unix_s:.6}) {} {frame}", self.interface)?;
+                        writeln!(out, "({unix_s:.6}) {} {text}", self.interface)?;
                     }
                 }
-                Record::Cycle(row) => {
+                LogEntry::Cycle(row) => {
                     self.latest = Some(*row);
                     if let Some(take) = &mut outputs.cycles {
                         take(unix_s, row)?;
                     }
                 }
-                other => {
+                LogEntry::Event {
+                    event,
+                    states,
+                    reason,
+                } => {
                     if let Some(out) = &mut outputs.events {
-                        let line = event_line(other, unix_s, time_s);
+                        let line = EventLine {
+                            unix_s,
+                            time_s: *time_s,
+                            event,
+                            from: states.map(|[from, _]| from),
+                            to: states.map(|[_, to]| to),
+                            reason,
+                        };
                         serde_json::to_writer(&mut *out, &line)?;
                         writeln!(out)?;
                     }
@@ -245,44 +287,5 @@ impl Recorder {
             }
         }
         Ok(())
-    }
-}
-
-fn time_of(record: &Record) -> f64 {
-    match record {
-        Record::Frame { time_s, .. }
-        | Record::Refused { time_s, .. }
-        | Record::Bus { time_s, .. }
-        | Record::Restart { time_s, .. }
-        | Record::Drive { time_s, .. }
-        | Record::Unsent { time_s, .. }
-        | Record::Transition(Transition { time_s, .. })
-        | Record::Cycle(CycleRow { time_s, .. }) => *time_s,
-    }
-}
-
-fn event_line(record: &Record, unix_s: f64, time_s: f64) -> EventLine<'_> {
-    let (mut from, mut to) = (None, None);
-    let (event, reason) = match record {
-        Record::Transition(transition) => {
-            (from, to) = (Some(transition.from), Some(transition.to));
-            ("state", transition.reason.to_string())
-        }
-        Record::Refused { frame, fault, .. } => ("refused", format!("{frame}: {fault}")),
-        Record::Bus { state, .. } => ("bus", format!("{state:?}")),
-        Record::Restart {
-            attempt, answer, ..
-        } => ("restart", format!("attempt {attempt}: {answer:?}")),
-        Record::Drive { node, event, .. } => ("drive", format!("node {node}: {event}")),
-        Record::Unsent { fault, .. } => ("unsent", fault.to_string()),
-        Record::Frame { .. } | Record::Cycle(_) => ("", String::new()),
-    };
-    EventLine {
-        unix_s,
-        time_s,
-        event,
-        from,
-        to,
-        reason,
     }
 }

@@ -1,6 +1,6 @@
-//! The controller as the cycle sees it: in the cycle itself, or in a thread that may be late.
+//! The controller as the loop sees it: run in the loop, or in a thread that may be late.
 
-use crate::control_loop::channel::ControllerEnd;
+use super::channel::ControllerEnd;
 use crate::safety::{ControllerOutput, ControllerState};
 use sidehill_controller::controller::{Controller, Decision, Status};
 use sidehill_plant::sample::Sample;
@@ -12,10 +12,10 @@ use std::time::{Duration, Instant};
 use thread_priority::ThreadId;
 use triple_buffer::{Input, Output, triple_buffer};
 
-/// Decides in every cycle.
+/// Runs a controller once a cycle.
 pub trait ControllerRunner {
-    /// Returns the newest decision, which may be that of an earlier cycle; `engaged` says whether
-    /// commands are passed on, and `patience` how long to wait at most, where time is real.
+    /// Returns the newest decision, which may be that of an earlier cycle. `engaged` says whether
+    /// commands reach the drives, and `patience` how long to wait at most; none in simulated time.
     fn decide(
         &mut self,
         sample: &Sample,
@@ -25,11 +25,11 @@ pub trait ControllerRunner {
 }
 
 /// Returns what a decision means to the safety.
-pub fn intent(decision: &Decision) -> ControllerOutput {
+pub(super) fn controller_output(decision: &Decision) -> ControllerOutput {
     ControllerOutput {
         time_s: decision.time_s,
         command: decision.command_effective,
-        pilot: match decision.status {
+        state: match decision.status {
             Status::Waiting => ControllerState::Waiting,
             Status::Tracking | Status::Fallback { .. } => ControllerState::Driving,
             Status::Stopping(why) => ControllerState::Stopped(why),
@@ -38,28 +38,34 @@ pub fn intent(decision: &Decision) -> ControllerOutput {
     }
 }
 
-/// The controller within the cycle, for virtual time.
+/// Least time for the solve of a drive's first plan, which is made from nothing and takes longer than
+/// later ones. The loop does not wait for it, and the vehicle stands until then: the safety gives the
+/// controller the time of a handshake.
+const FIRST_PLAN_TIME: Duration = Duration::from_millis(100);
+
+/// The controller run in the loop itself, for simulated time.
 pub struct InlineRunner {
     controller: Controller,
     engaged: bool,
-    desk: Option<ControllerEnd>,
+    /// Whether there has been a plan since the controller was engaged.
+    planned: bool,
+    channel: Option<ControllerEnd>,
 }
 
 impl InlineRunner {
-    /// Returns a pilot that holds its controller until it is engaged.
-    pub fn new(mut controller: Controller) -> Self {
+    /// Returns a runner whose controller holds until it is engaged.
+    pub fn new(controller: Controller) -> Self {
+        Self::with_channel(controller, None)
+    }
+
+    fn with_channel(mut controller: Controller, channel: Option<ControllerEnd>) -> Self {
         controller.request_stop();
         Self {
             controller,
             engaged: false,
-            desk: None,
+            planned: false,
+            channel,
         }
-    }
-
-    /// Returns this pilot with a desk where it takes paths and leaves what it decides.
-    pub fn at(mut self, desk: Option<ControllerEnd>) -> Self {
-        self.desk = desk;
-        self
     }
 }
 
@@ -72,81 +78,83 @@ impl ControllerRunner for InlineRunner {
     ) -> Option<Decision> {
         if engaged != self.engaged {
             self.engaged = engaged;
+            self.planned = false;
             if engaged {
                 self.controller.rearm();
             } else {
                 self.controller.request_stop();
             }
         }
-        if let Some(desk) = &mut self.desk {
-            desk.take_path(&mut self.controller);
+        if let Some(channel) = &mut self.channel {
+            channel.apply_path(&mut self.controller);
         }
-        let deadline = patience.map(|patience| Instant::now() + patience);
+        let solve_time = patience.map(|patience| match self.planned {
+            true => patience,
+            false => patience.max(FIRST_PLAN_TIME),
+        });
+        let deadline = solve_time.map(|solve_time| Instant::now() + solve_time);
         let decision = self.controller.step(sample, deadline);
-        if let Some(desk) = &mut self.desk {
-            desk.leave(&decision, &self.controller);
+        self.planned |= self.controller.plan().is_some();
+        if let Some(channel) = &mut self.channel {
+            channel.publish(&decision, &self.controller);
         }
         Some(decision)
     }
 }
 
-/// What the cycle asks the thread.
+/// What the loop asks the controller's thread to decide on.
 #[derive(Debug, Clone, Copy)]
-struct Question {
+struct Task {
     sample: Sample,
     engaged: bool,
     patience: Option<Duration>,
 }
 
-/// The controller in a thread of its own, so that it can be late or die without the cycle.
+/// The controller in a thread of its own, `controller`: the loop goes on where it is late or dies.
 pub struct ThreadedRunner {
-    questions: Input<Option<Question>>,
-    answers: Output<Option<Decision>>,
-    stop: Arc<AtomicBool>,
+    task: Input<Option<Task>>,
+    decision: Output<Option<Decision>>,
+    end: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
 }
 
 impl ThreadedRunner {
-    /// Returns a pilot whose thread wakes the calling one when it has decided.
+    /// Starts the thread. It wakes the calling thread with each decision.
     ///
     /// # Errors
     /// The system's, where it has no thread left.
     pub fn start(
         controller: Controller,
-        desk: Option<ControllerEnd>,
+        channel: Option<ControllerEnd>,
     ) -> Result<Self, std::io::Error> {
-        let (questions, mut asked) = triple_buffer(&None::<Question>);
-        let (mut answer, answers) = triple_buffer(&None::<Decision>);
-        let stop = Arc::new(AtomicBool::new(false));
-        let (ended, cycle) = (Arc::clone(&stop), std::thread::current());
+        let (task, mut newest_task) = triple_buffer(&None::<Task>);
+        let (mut decided, decision) = triple_buffer(&None::<Decision>);
+        let end = Arc::new(AtomicBool::new(false));
+        let (ended, caller) = (Arc::clone(&end), std::thread::current());
         let thread = std::thread::Builder::new()
             .name("controller".to_owned())
             .spawn(move || {
-                let mut pilot = InlineRunner::new(controller).at(desk);
+                let mut runner = InlineRunner::with_channel(controller, channel);
                 while !ended.load(Ordering::Relaxed) {
-                    if !asked.update() {
+                    if !newest_task.update() {
                         std::thread::park_timeout(Duration::from_millis(100));
                         continue;
                     }
-                    if let Some(question) = *asked.output_buffer() {
-                        answer.write(pilot.decide(
-                            &question.sample,
-                            question.engaged,
-                            question.patience,
-                        ));
-                        cycle.unpark();
+                    if let Some(task) = *newest_task.output_buffer() {
+                        decided.write(runner.decide(&task.sample, task.engaged, task.patience));
+                        caller.unpark();
                     }
                 }
             })?;
         Ok(Self {
-            questions,
-            answers,
-            stop,
+            task,
+            decision,
+            end,
             thread: Some(thread),
         })
     }
 
-    /// Returns the system's name of the thread.
+    /// Returns the system's identifier of the thread.
     pub fn thread_id(&self) -> Option<ThreadId> {
         self.thread.as_ref().map(JoinHandleExt::as_pthread_t)
     }
@@ -159,7 +167,7 @@ impl ControllerRunner for ThreadedRunner {
         engaged: bool,
         patience: Option<Duration>,
     ) -> Option<Decision> {
-        self.questions.write(Some(Question {
+        self.task.write(Some(Task {
             sample: *sample,
             engaged,
             patience,
@@ -168,30 +176,29 @@ impl ControllerRunner for ThreadedRunner {
             thread.thread().unpark();
         }
         let deadline = Instant::now() + patience.unwrap_or_default();
-        while !self.answers.update() {
+        while !self.decision.update() {
             let now = Instant::now();
             if now >= deadline {
                 break;
             }
             std::thread::park_timeout(deadline - now);
         }
-        *self.answers.output_buffer()
+        *self.decision.output_buffer()
     }
 }
 
-/// Longest wait for the thread at the end: more than a decision, and short for a person.
-const END_PATIENCE: Duration = Duration::from_millis(500);
+/// Longest wait for the thread on drop.
+const END_WAIT_MAX: Duration = Duration::from_millis(500);
 
 impl Drop for ThreadedRunner {
+    /// Waits for the decision in progress. A controller that hangs is left behind.
     fn drop(&mut self) {
-        self.stop.store(true, Ordering::Relaxed);
+        self.end.store(true, Ordering::Relaxed);
         let Some(thread) = self.thread.take() else {
             return;
         };
         thread.thread().unpark();
-        let deadline = Instant::now() + END_PATIENCE;
-        // A controller that hangs is left to the end of the program; a panic has shown itself as a
-        // command time-out.
+        let deadline = Instant::now() + END_WAIT_MAX;
         while !thread.is_finished() && Instant::now() < deadline {
             std::thread::sleep(Duration::from_millis(5));
         }

@@ -1,4 +1,5 @@
-//! What the cycle and its helpers ask of the system to be on time; each part optional, each refusal explained.
+//! Real-time settings of the threads. Each is optional, and an error says what to do where the system
+//! refuses one.
 
 use serde::{Deserialize, Serialize};
 use sidehill_plant::vehicle::RangeError;
@@ -8,22 +9,22 @@ use thread_priority::{
     set_thread_priority_and_policy, thread_native_id,
 };
 
-/// What is asked for; nothing by default.
+/// Real-time settings; none by default.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct RealtimeConfig {
-    /// The cycle's priority under `SCHED_FIFO`, from 1 to 99.
+    /// Priority of the control loop under `SCHED_FIFO`, from 1 to 99.
     pub fifo_priority: Option<u8>,
-    /// That of the threads whose results the cycle needs in time: the controller's, and the one that
-    /// listens to the bus. Below the cycle's, or 0 for none; 10 below it where it is left out.
+    /// Priority of the threads whose results the loop needs in time: the controller, and the port's
+    /// helpers. Below the loop's, or 0 for none; 10 below it by default.
     pub helper_fifo_priority: Option<u8>,
-    /// The only CPU to run on.
+    /// The only CPU that the loop runs on.
     pub cpu: Option<usize>,
-    /// Whether all memory is kept from being paged out.
+    /// Whether all memory is locked, so that it is never paged out.
     pub lock_memory: bool,
 }
 
-/// What the system refused.
+/// A real-time setting that is out of range or that the system refused.
 #[derive(Debug, thiserror::Error)]
 pub enum RealtimeError {
     /// A setting is out of range.
@@ -34,17 +35,19 @@ pub enum RealtimeError {
         "SCHED_FIFO priority {priority} is not permitted ({reason}): give the program CAP_SYS_NICE or a limit `rtprio`, or leave out {key}"
     )]
     Priority {
-        /// What asks for it.
+        /// The setting.
         key: &'static str,
-        /// Asked for.
+        /// The requested value.
         priority: u8,
         /// The system's reason.
         reason: String,
     },
     /// Not this CPU.
-    #[error("CPU {cpu} cannot be had ({reason}): choose another for realtime.cpu, or leave it out")]
+    #[error(
+        "CPU {cpu} is not available ({reason}): choose another for realtime.cpu, or leave it out"
+    )]
     Cpu {
-        /// Asked for.
+        /// The requested value.
         cpu: usize,
         /// The system's reason.
         reason: std::io::Error,
@@ -61,7 +64,7 @@ pub enum RealtimeError {
 
 const FIFO_PRIORITY: &str = "realtime.fifo_priority";
 const HELPER_FIFO_PRIORITY: &str = "realtime.helper_fifo_priority";
-/// Distance between both priorities where only one is given: there is room for others in between.
+/// Default distance between both priorities.
 const HELPER_BELOW: u8 = 10;
 
 impl RealtimeConfig {
@@ -93,12 +96,12 @@ impl RealtimeConfig {
         Ok(())
     }
 
-    /// Applies the settings to the calling thread, which is to be the cycle's, and the memory lock to
-    /// the whole program.
+    /// Applies the settings to the calling thread, which becomes the loop's, and the memory lock to the
+    /// process.
     ///
     /// # Errors
     /// The first setting that is out of range or refused by the system, with what to do about it.
-    pub fn apply_to_cycle(&self) -> Result<(), RealtimeError> {
+    pub fn apply_to_loop(&self) -> Result<(), RealtimeError> {
         self.validate()?;
         if self.lock_memory {
             use rustix::mm::{MlockAllFlags, mlockall};
@@ -123,8 +126,8 @@ impl RealtimeConfig {
         }
     }
 
-    /// Gives a thread its priority whose results the cycle needs in time: below the cycle's, so that
-    /// a helper that does not come to an end cannot keep the cycle from stopping the vehicle.
+    /// Gives a helper thread its priority: below the loop's, so that a helper that hangs cannot keep the
+    /// loop from stopping the vehicle.
     ///
     /// # Errors
     /// Where the system refuses it, with what to do about it.
@@ -168,7 +171,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn helpers_are_always_below_the_cycle() {
+    fn helpers_are_always_below_the_loop() {
         let config = |fifo_priority, helper_fifo_priority| RealtimeConfig {
             fifo_priority,
             helper_fifo_priority,

@@ -1,5 +1,3 @@
-//! The cycle's clock: the machine's monotonic clock, a simulated one, or one that others tell.
-
 use rustix::thread::{ClockId as SleepClock, clock_nanosleep_absolute};
 use rustix::time::{ClockId, Timespec, clock_gettime};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
@@ -33,38 +31,38 @@ impl Epoch {
     }
 }
 
-/// A clock that somebody else tells, as a simulator does; its copies are the same clock.
+/// A clock that is set from outside, as by a simulator; clones are the same clock.
 #[derive(Debug, Clone, Default)]
 pub struct ExternalClock {
-    /// The time told last, s.
+    /// The time that was set last, s.
     shared: Arc<(Mutex<Option<f64>>, Condvar)>,
 }
 
 impl ExternalClock {
-    /// Longest wait for a clock that stands, real time; the cycle then looks around.
-    const PATIENCE: Duration = Duration::from_millis(500);
+    /// Longest wait for a clock that stands, in real time.
+    const WAIT_MAX: Duration = Duration::from_millis(500);
 
-    /// Tells the time, s; a number that is not finite is not believed.
-    pub fn tell(&self, now_s: f64) {
+    /// Sets the time, s. A number that is not finite is ignored.
+    pub fn set(&self, now_s: f64) {
         if now_s.is_finite() {
             *self.lock() = Some(now_s);
             self.shared.1.notify_all();
         }
     }
 
-    /// Returns the time told last, s; none before the first.
+    /// Returns the time that was set last, s; none before the first.
     pub fn now_s(&self) -> Option<f64> {
         *self.lock()
     }
 
     fn wait_until(&self, time_s: f64) {
-        let told = self.lock();
-        let early = |told: &mut Option<f64>| told.is_none_or(|now_s| now_s < time_s);
-        // A poisoned lock ends the wait, as every doubt does.
+        let time = self.lock();
+        let early = |time: &mut Option<f64>| time.is_none_or(|now_s| now_s < time_s);
+        // A poisoned lock ends the wait.
         drop(
             self.shared
                 .1
-                .wait_timeout_while(told, Self::PATIENCE, early),
+                .wait_timeout_while(time, Self::WAIT_MAX, early),
         );
     }
 
@@ -73,17 +71,17 @@ impl ExternalClock {
     }
 }
 
-/// What a cycle waits on.
+/// The clock of a control loop.
 #[derive(Debug, Clone)]
 pub enum Clock {
     /// Real time since an epoch.
     Real(Epoch),
-    /// Time that goes on only by waiting.
+    /// Simulated time that advances only by waiting.
     Virtual {
         /// Now, s.
         now_s: f64,
     },
-    /// Time that others tell.
+    /// Time that is set from outside.
     External(ExternalClock),
 }
 
@@ -97,8 +95,8 @@ impl Clock {
         }
     }
 
-    /// Waits until an absolute time, so that lateness does not add up; returns at once where it has
-    /// passed, and early where nobody tells the time any more.
+    /// Waits until an absolute time, so that lateness does not add up. Returns at once where it has
+    /// passed, and early where an external clock stands.
     pub fn wait_until(&mut self, time_s: f64) {
         match self {
             Self::Virtual { now_s } => *now_s = now_s.max(time_s),
@@ -112,7 +110,7 @@ impl Clock {
                     tv_sec: absolute_s as i64,
                     tv_nsec: ((absolute_s.fract() * 1e9) as i64).min(999_999_999),
                 };
-                // A signal ends the sleep early; then it is slept on.
+                // A signal ends the sleep early.
                 while epoch.elapsed_s() < time_s
                     && clock_nanosleep_absolute(SleepClock::Monotonic, &request).is_err()
                 {
@@ -132,33 +130,33 @@ mod tests {
     use std::time::Instant;
 
     #[test]
-    fn a_told_clock_wakes_who_waits_for_it() {
+    fn an_external_clock_wakes_a_waiting_thread() {
         let clock = ExternalClock::default();
-        let teller = clock.clone();
+        let source = clock.clone();
         let thread = std::thread::spawn(move || {
             for step in 1..=10 {
                 std::thread::sleep(Duration::from_millis(5));
-                teller.tell(f64::from(step) * 0.1);
+                source.set(f64::from(step) * 0.1);
             }
         });
         let mut waiting = Clock::External(clock);
         waiting.wait_until(0.5);
         assert!(waiting.now_s() >= 0.5);
         thread.join().unwrap();
-        // Nothing to wait for, and nothing not believed.
+        // A time that has passed is not waited for.
         waiting.wait_until(0.9);
         assert_eq!(waiting.now_s(), 1.0);
     }
 
     #[test]
-    fn a_told_clock_that_stands_is_not_waited_for_for_ever() {
+    fn the_wait_for_an_external_clock_that_stands_ends() {
         let clock = ExternalClock::default();
-        clock.tell(3.0);
-        clock.tell(f64::NAN);
+        clock.set(3.0);
+        clock.set(f64::NAN);
         let mut waiting = Clock::External(clock.clone());
         let start = Instant::now();
         waiting.wait_until(4.0);
         assert_eq!(waiting.now_s(), 3.0);
-        assert!(start.elapsed() >= ExternalClock::PATIENCE);
+        assert!(start.elapsed() >= ExternalClock::WAIT_MAX);
     }
 }

@@ -1,19 +1,20 @@
 use serde::Serialize;
 use sidehill_plant::speeds::MotorSpeeds;
 
-/// What the drives are told.
+/// A command to both drives, as the safety gives it to a port.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DriveCommand {
-    /// Effective speeds.
+    /// Effective speeds, after c_l and c_r.
     pub speeds: MotorSpeeds,
-    /// Whether the drives shall be on.
+    /// Whether the drives are to be enabled.
     pub enable: bool,
-    /// Whether drives that can be told to do so may forget a fault: only after an operator has armed.
+    /// Whether drives that support it may reset a fault. Only while an operator's arming is carried
+    /// out.
     pub fault_reset: bool,
 }
 
 impl DriveCommand {
-    /// Zero, and off.
+    /// Zero speed and disable.
     pub const OFF: Self = Self {
         speeds: MotorSpeeds::STOP,
         enable: false,
@@ -22,21 +23,21 @@ impl DriveCommand {
 }
 
 /// State of a drive.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum DriveMode {
-    /// Off, and can be switched on.
+    /// Off, and can be enabled.
     Disabled,
     /// Follows commands.
     Enabled,
-    /// Somebody pressed the button.
+    /// Its emergency stop is pressed.
     EmergencyStop,
-    /// The drive has a fault of its own.
+    /// It reports a fault of its own.
     Fault,
 }
 
 impl DriveMode {
-    /// Returns the worse of two drives' states: emergency stop before fault before off before on.
+    /// Returns the worse of two drives' states: emergency stop, then fault, then disabled.
     pub fn worse(self, other: Self) -> Self {
         [Self::EmergencyStop, Self::Fault, Self::Disabled]
             .into_iter()
@@ -45,27 +46,29 @@ impl DriveMode {
     }
 }
 
-/// What both drives say.
+/// What both drives report.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DriveFeedback {
-    /// Effective speeds reached.
+    /// Effective speeds reached, after c_l and c_r.
     pub speeds: MotorSpeeds,
-    /// SafetyState; the worse of the two drives'.
+    /// State; the worse of the two drives'.
     pub mode: DriveMode,
 }
 
-/// State of the bus as far as the port knows it.
+/// State of the link to the drives, as far as the port knows it. CAN has all of them; a port of
+/// another kind uses `Active`, `Down` and `Absent`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum LinkState {
-    /// In order.
+    /// Carries messages.
     #[default]
     Active,
-    /// Many errors.
+    /// Carries messages, with errors: CAN's error-warning.
     Warning,
-    /// Too many errors: the node only listens for them.
+    /// Carries messages, with so many errors that this side may no longer signal them: CAN's
+    /// error-passive.
     Passive,
-    /// The node has left the bus.
+    /// This side has left the link after too many errors.
     BusOff,
     /// The interface is down.
     Down,
@@ -74,16 +77,16 @@ pub enum LinkState {
 }
 
 impl LinkState {
-    /// Returns whether frames may get through.
+    /// Returns whether messages may get through.
     pub fn carries(self) -> bool {
         matches!(self, Self::Active | Self::Warning | Self::Passive)
     }
 }
 
-/// Why a frame was not sent.
+/// Why a command was not sent.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum SendError {
-    /// The interface's queue is full; the frame is dropped, since a later one is newer.
+    /// The queue of the interface is full. The command is dropped, since a later one is newer.
     #[error("the queue of the interface is full")]
     QueueFull,
     /// The interface is down.
@@ -92,7 +95,10 @@ pub enum SendError {
     /// There is no interface, or it cannot be opened.
     #[error("there is no such interface, or no permission to use it")]
     Absent,
-    /// The frame's values do not fit.
+    /// The thread that sends has ended.
+    #[error("the thread that sends commands has ended")]
+    ThreadEnded,
+    /// A value of the command does not fit its signal.
     #[error("the command does not fit its signals")]
     Values,
     /// Another error of the system.

@@ -1,15 +1,15 @@
-//! The drives' own side of the handshake, for virtual vehicles.
-
-use crate::drives::DriveMode;
-use crate::drives::MeasuredMotorSpeeds;
+use super::virtual_rover::{DriveStep, RoverDrives};
+use crate::drives::{DriveMode, MeasuredMotorSpeeds, MotorCommand};
 use serde::{Deserialize, Serialize};
+use sidehill_plant::sample::Stamped;
+use sidehill_plant::simulation::SimulationError;
 use sidehill_plant::vehicle::RangeError;
 
 /// Settings of virtual drives.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct DriveConfig {
-    /// Largest age of a command before the drives stop and switch off, s.
+    /// Largest age of a command before the drives stop and disable themselves, s.
     pub command_timeout_s: f64,
 }
 
@@ -21,28 +21,19 @@ impl Default for DriveConfig {
     }
 }
 
-/// What the drives are told now.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct DriveInput {
-    /// Instant, s.
-    pub time_s: f64,
-    /// Newest command: its instant, speeds, and whether the drives shall be on.
-    pub told: Option<(f64, MeasuredMotorSpeeds, bool)>,
-    /// Whether the emergency stop is pressed.
-    pub emergency_stop: bool,
-}
-
-/// Both drives together: off until they are told zeros, off, and then on.
+/// Both drives together: disabled until they are commanded zero speed, first disabled and then
+/// enabled.
 #[derive(Debug, Clone)]
 pub struct VirtualDrive {
     config: DriveConfig,
+    command: Option<Stamped<MotorCommand>>,
     mode: DriveMode,
-    /// Whether zeros, off, have been told since the drives went off.
+    /// Whether zero speed, disabled, has been commanded since the drives were disabled.
     ready: bool,
 }
 
 impl VirtualDrive {
-    /// Returns drives that are off.
+    /// Returns drives that are disabled.
     ///
     /// # Errors
     /// [`RangeError`] for a time-out out of range.
@@ -56,9 +47,15 @@ impl VirtualDrive {
         )?;
         Ok(Self {
             config,
+            command: None,
             mode: DriveMode::Disabled,
             ready: false,
         })
+    }
+
+    /// Sets the newest command, with the instant at which it arrived.
+    pub fn set_command(&mut self, command: Option<Stamped<MotorCommand>>) {
+        self.command = command;
     }
 
     /// Returns the state.
@@ -66,44 +63,47 @@ impl VirtualDrive {
         self.mode
     }
 
-    /// Moves on and returns the speeds that the motors head for.
-    pub fn step(&mut self, input: &DriveInput) -> MeasuredMotorSpeeds {
-        const ZERO: MeasuredMotorSpeeds = MeasuredMotorSpeeds {
-            traction_m_s: 0.0,
-            steer_m_s: 0.0,
-        };
-        let told = input
-            .told
-            .filter(|(told_s, ..)| input.time_s - told_s <= self.config.command_timeout_s);
-        if input.emergency_stop {
+    /// Advances and returns the speeds that the motors head for.
+    pub fn step(&mut self, time_s: f64, emergency_stop: bool) -> MeasuredMotorSpeeds {
+        let command = self
+            .command
+            .filter(|command| time_s - command.time_s <= self.config.command_timeout_s)
+            .map(|command| command.value);
+        if emergency_stop {
             self.mode = DriveMode::EmergencyStop;
             self.ready = false;
-            return ZERO;
+            return MeasuredMotorSpeeds::STOP;
         }
-        match (self.mode, told) {
-            (DriveMode::Enabled, Some((_, speeds, true))) => speeds,
-            (DriveMode::Enabled, _) => {
+        match (self.mode, command) {
+            (DriveMode::Enabled, Some(command)) if command.enable => return command.speeds,
+            (DriveMode::Enabled, _) | (_, None) => {
                 self.mode = DriveMode::Disabled;
                 self.ready = false;
-                ZERO
             }
-            (_, None) => {
+            (_, Some(command)) => {
                 self.mode = DriveMode::Disabled;
-                self.ready = false;
-                ZERO
-            }
-            (_, Some((_, speeds, on))) => {
-                self.mode = DriveMode::Disabled;
-                if speeds != ZERO {
+                if command.speeds != MeasuredMotorSpeeds::STOP {
                     self.ready = false;
-                } else if !on {
+                } else if !command.enable {
                     self.ready = true;
                 } else if self.ready {
                     self.mode = DriveMode::Enabled;
                 }
-                ZERO
             }
         }
+        MeasuredMotorSpeeds::STOP
+    }
+}
+
+impl RoverDrives for VirtualDrive {
+    type Error = SimulationError;
+
+    fn step(&mut self, step: &DriveStep) -> Result<MeasuredMotorSpeeds, SimulationError> {
+        Ok(self.step(step.time_s, step.emergency_stop))
+    }
+
+    fn mode(&self) -> DriveMode {
+        self.mode
     }
 }
 
@@ -111,49 +111,49 @@ impl VirtualDrive {
 mod tests {
     use super::*;
 
-    fn told(time_s: f64, speed: f64, on: bool) -> DriveInput {
-        DriveInput {
-            time_s,
-            told: Some((
+    impl VirtualDrive {
+        /// Commands and steps at the same instant; returns the traction headed for.
+        fn command(&mut self, time_s: f64, speed: f64, enable: bool) -> f64 {
+            self.set_command(Some(Stamped {
                 time_s,
-                MeasuredMotorSpeeds {
-                    traction_m_s: speed,
-                    steer_m_s: 0.0,
+                value: MotorCommand {
+                    speeds: MeasuredMotorSpeeds {
+                        traction_m_s: speed,
+                        steer_m_s: 0.0,
+                    },
+                    enable,
                 },
-                on,
-            )),
-            emergency_stop: false,
+            }));
+            self.step(time_s, false).traction_m_s
         }
     }
 
     #[test]
-    fn drives_switch_on_only_after_zeros_and_off() {
+    fn drives_are_enabled_only_after_zero_speed_disabled() {
         let mut drive = VirtualDrive::new(DriveConfig::default()).unwrap();
-        for (speed, on) in [(0.0, true), (0.5, true), (0.5, false), (0.5, true)] {
-            assert_eq!(drive.step(&told(0.0, speed, on)).traction_m_s, 0.0);
+        for (speed, enable) in [(0.0, true), (0.5, true), (0.5, false), (0.5, true)] {
+            assert_eq!(drive.command(0.0, speed, enable), 0.0);
             assert_eq!(drive.mode(), DriveMode::Disabled);
         }
-        drive.step(&told(0.1, 0.0, false));
-        drive.step(&told(0.2, 0.0, true));
+        drive.command(0.1, 0.0, false);
+        drive.command(0.2, 0.0, true);
         assert_eq!(drive.mode(), DriveMode::Enabled);
-        assert_eq!(drive.step(&told(0.3, 0.5, true)).traction_m_s, 0.5);
+        assert_eq!(drive.command(0.3, 0.5, true), 0.5);
     }
 
     #[test]
-    fn a_silent_controller_and_an_emergency_stop_switch_off_for_good() {
+    fn a_silent_controller_and_an_emergency_stop_disable_for_good() {
         for emergency_stop in [false, true] {
             let mut drive = VirtualDrive::new(DriveConfig::default()).unwrap();
-            drive.step(&told(0.0, 0.0, false));
-            drive.step(&told(0.05, 0.0, true));
-            let mut input = told(0.1, 0.5, true);
-            assert_eq!(drive.step(&input).traction_m_s, 0.5);
-            input.time_s = if emergency_stop { 0.1 } else { 0.31 };
-            input.emergency_stop = emergency_stop;
-            assert_eq!(drive.step(&input).traction_m_s, 0.0);
+            drive.command(0.0, 0.0, false);
+            drive.command(0.05, 0.0, true);
+            assert_eq!(drive.command(0.1, 0.5, true), 0.5);
+            let time_s = if emergency_stop { 0.1 } else { 0.31 };
+            assert_eq!(drive.step(time_s, emergency_stop).traction_m_s, 0.0);
             assert_ne!(drive.mode(), DriveMode::Enabled);
             for step in 0..20 {
                 let time_s = 0.4 + 0.05 * f64::from(step);
-                assert_eq!(drive.step(&told(time_s, 0.5, true)).traction_m_s, 0.0);
+                assert_eq!(drive.command(time_s, 0.5, true), 0.0);
             }
         }
     }

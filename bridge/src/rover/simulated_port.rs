@@ -1,24 +1,23 @@
-use crate::drives::MeasuredMotorSpeeds;
-use crate::drives::{DriveCommand, DriveFeedback, LinkState};
-use crate::drives::{Port, PortInputs, SendError};
-use crate::rover::{DriveConfig, DriveInput, VirtualDrive};
+use super::drive::{DriveConfig, VirtualDrive};
+use super::virtual_rover::{RoverSetup, VirtualRover};
+use crate::drives::{
+    DriveCommand, DriveFeedback, LinkState, MotorCommand, Port, PortInputs, SendError,
+};
 use sidehill_plant::sample::{Sample, Stamped};
 use sidehill_plant::simulation::{Simulation, SimulationError, TrueState};
 use sidehill_plant::vehicle::{RangeError, SpeedCorrection};
+use std::convert::Infallible;
 
-/// A simulated vehicle in the same process. It goes on to the time of each cycle, so that it runs
-/// in real time or faster as the cycle's clock does.
+/// A simulated vehicle in the same process. It advances to the time of each cycle, and so runs in
+/// real time or faster, as the loop's clock does.
 pub struct SimulatedPort {
-    simulation: Simulation,
+    rover: VirtualRover<VirtualDrive, Infallible>,
     correction: SpeedCorrection,
-    drive: VirtualDrive,
-    dt_s: f64,
-    told: Option<(f64, MeasuredMotorSpeeds, bool)>,
     error: Option<SimulationError>,
 }
 
 impl SimulatedPort {
-    /// Returns a port to `simulation`, which stands at its time 0 and steps by `dt_s`.
+    /// Returns a port to `simulation`, which is at its time 0 and steps by `dt_s`.
     ///
     /// # Errors
     /// [`RangeError`] for a setting of the drives out of range.
@@ -29,49 +28,36 @@ impl SimulatedPort {
         drive: DriveConfig,
     ) -> Result<Self, RangeError> {
         Ok(Self {
-            simulation,
+            rover: VirtualRover::new(RoverSetup {
+                simulation,
+                dt_s,
+                correction,
+                drives: VirtualDrive::new(drive)?,
+                faults: Vec::new(),
+            }),
             correction,
-            drive: VirtualDrive::new(drive)?,
-            dt_s,
-            told: None,
             error: None,
         })
     }
 
-    /// Returns what is true now.
+    /// Returns the true state.
     pub fn state(&self) -> &TrueState {
-        self.simulation.state()
+        self.rover.state()
     }
 
-    /// Returns why the simulation has ended, where it has; its feedback has then stopped too.
+    /// Returns why the simulation has ended, where it has. Its feedback has then stopped too.
     pub fn error(&self) -> Option<&SimulationError> {
         self.error.as_ref()
-    }
-
-    fn step(&mut self, time_s: f64) -> Result<(), SimulationError> {
-        let target = self.drive.step(&DriveInput {
-            time_s,
-            told: self.told,
-            emergency_stop: false,
-        });
-        self.simulation
-            .set_command(target.effective(&self.correction))?;
-        self.simulation.step().map(|_| ())
     }
 }
 
 impl Port for SimulatedPort {
     fn receive(&mut self, now_s: f64) -> PortInputs {
-        let mut time_s = self.simulation.state().time_s;
-        // Half a step of slack, so that rounding does not lose a step.
-        while self.error.is_none() && time_s + 0.5 * self.dt_s < now_s {
-            if let Err(error) = self.step(time_s) {
-                self.error = Some(error);
-            }
-            time_s = self.simulation.state().time_s;
+        if self.error.is_none() {
+            self.error = self.rover.advance(now_s, |_, _| {}).err();
         }
-        let state = *self.simulation.state();
-        let mut sample = self.simulation.sample();
+        let state = *self.rover.state();
+        let mut sample = self.rover.simulation_mut().sample();
         sample.time_s = now_s;
         if self.error.is_some() {
             sample = Sample {
@@ -87,7 +73,7 @@ impl Port for SimulatedPort {
                 time_s: state.time_s,
                 value: DriveFeedback {
                     speeds: state.motors,
-                    mode: self.drive.mode(),
+                    mode: self.rover.drives().mode(),
                 },
             }),
             link: LinkState::Active,
@@ -95,9 +81,11 @@ impl Port for SimulatedPort {
         }
     }
 
-    fn send(&mut self, now_s: f64, order: &DriveCommand) -> Result<(), SendError> {
-        let motors = MeasuredMotorSpeeds::reaching(order.speeds, &self.correction);
-        self.told = Some((now_s, motors, order.enable));
+    fn send(&mut self, now_s: f64, command: &DriveCommand) -> Result<(), SendError> {
+        self.rover.drives_mut().set_command(Some(Stamped {
+            time_s: now_s,
+            value: MotorCommand::reaching(command, &self.correction),
+        }));
         Ok(())
     }
 }

@@ -9,27 +9,27 @@ const PERIOD_S: f64 = 0.05;
 /// A drive that follows at once, and a controller that wants what it is told.
 struct Bench {
     safety: Safety,
-    seen: SafetyInputs,
+    inputs: SafetyInputs,
     steps: u32,
     events: Vec<Transition>,
-    order: DriveCommand,
+    command: DriveCommand,
 }
 
 impl Bench {
     fn new() -> Self {
         Self {
             safety: Safety::new(SafetyConfig::default()).unwrap(),
-            seen: SafetyInputs {
+            inputs: SafetyInputs {
                 time_s: 0.0,
-                intent: None,
+                controller: None,
                 feedback: None,
                 link: LinkState::Active,
                 unsent_since_s: None,
-                operator: OperatorRequests::default(),
+                requests: OperatorRequests::default(),
             },
             steps: 0,
             events: Vec::new(),
-            order: DriveCommand::OFF,
+            command: DriveCommand::OFF,
         }
     }
 
@@ -41,33 +41,33 @@ impl Bench {
     ) -> DriveCommand {
         self.steps += 1;
         let time_s = f64::from(self.steps) * PERIOD_S;
-        self.seen.time_s = time_s;
-        self.seen.intent = Some(ControllerOutput {
+        self.inputs.time_s = time_s;
+        self.inputs.controller = Some(ControllerOutput {
             time_s,
             command,
-            pilot: ControllerState::Driving,
+            state: ControllerState::Driving,
         });
-        self.seen.feedback = Some(Stamped {
+        self.inputs.feedback = Some(Stamped {
             time_s,
             value: DriveFeedback {
-                speeds: self.order.speeds,
-                mode: if self.order.enable {
+                speeds: self.command.speeds,
+                mode: if self.command.enable {
                     DriveMode::Enabled
                 } else {
                     DriveMode::Disabled
                 },
             },
         });
-        change(&mut self.seen);
-        let (order, event) = self.safety.step(&self.seen);
-        self.order = order;
+        change(&mut self.inputs);
+        let (order, event) = self.safety.step(&self.inputs);
+        self.command = order;
         self.events.extend(event);
         order
     }
 
     fn arm(&mut self) {
-        self.step(MotorSpeeds::STOP, |seen| seen.operator.arm = false);
-        self.step(MotorSpeeds::STOP, |seen| seen.operator.arm = true);
+        self.step(MotorSpeeds::STOP, |inputs| inputs.requests.arm = false);
+        self.step(MotorSpeeds::STOP, |inputs| inputs.requests.arm = true);
     }
 
     /// A bench that drives at a command.
@@ -78,7 +78,7 @@ impl Bench {
             bench.step(command, |_| {});
         }
         assert_eq!(bench.safety.state(), SafetyState::Driving);
-        assert_eq!(bench.order.speeds, command);
+        assert_eq!(bench.command.speeds, command);
         bench
     }
 
@@ -126,7 +126,7 @@ fn nothing_moves_before_zeros_standstill_and_the_drives_answer() {
 fn a_switch_that_stands_on_arm_does_not_arm() {
     let mut bench = Bench::new();
     for _ in 0..100 {
-        bench.step(speeds(0.5, 0.0), |seen| seen.operator.arm = true);
+        bench.step(speeds(0.5, 0.0), |inputs| inputs.requests.arm = true);
     }
     assert_eq!(bench.safety.state(), SafetyState::Disarmed);
 }
@@ -136,8 +136,8 @@ fn a_drive_that_never_answers_or_never_stands_ends_the_handshake() {
     let mut bench = Bench::new();
     bench.arm();
     for _ in 0..60 {
-        bench.step(speeds(0.5, 0.0), |seen| {
-            if let Some(feedback) = &mut seen.feedback {
+        bench.step(speeds(0.5, 0.0), |inputs| {
+            if let Some(feedback) = &mut inputs.feedback {
                 feedback.value.mode = DriveMode::Disabled;
             }
         });
@@ -147,8 +147,8 @@ fn a_drive_that_never_answers_or_never_stands_ends_the_handshake() {
     let mut bench = Bench::new();
     bench.arm();
     for _ in 0..60 {
-        let order = bench.step(speeds(0.5, 0.0), |seen| {
-            if let Some(feedback) = &mut seen.feedback {
+        let order = bench.step(speeds(0.5, 0.0), |inputs| {
+            if let Some(feedback) = &mut inputs.feedback {
                 feedback.value.speeds.steer_m_s = 0.05;
             }
         });
@@ -164,13 +164,13 @@ type Break = (&'static str, fn(&mut SafetyInputs), f64, bool);
 const BREAKS: [Break; 14] = [
     (
         "the emergency stop is pressed",
-        |s| s.operator.halt = Some(StopCause::EmergencyStop),
+        |s| s.requests.halt = Some(StopCause::EmergencyStop),
         0.0,
         true,
     ),
     (
         "the program ends",
-        |s| s.operator.halt = Some(StopCause::ProgramEnds),
+        |s| s.requests.halt = Some(StopCause::ProgramEnds),
         0.0,
         true,
     ),
@@ -194,7 +194,7 @@ const BREAKS: [Break; 14] = [
     ),
     (
         "the goal was cancelled",
-        |s| s.operator.stop = Some(StopCause::Cancelled),
+        |s| s.requests.stop = Some(StopCause::Cancelled),
         0.0,
         false,
     ),
@@ -243,24 +243,24 @@ const BREAKS: [Break; 14] = [
     ),
 ];
 
-fn set_mode(seen: &mut SafetyInputs, mode: DriveMode) {
-    seen.feedback.as_mut().unwrap().value.mode = mode;
+fn set_mode(inputs: &mut SafetyInputs, mode: DriveMode) {
+    inputs.feedback.as_mut().unwrap().value.mode = mode;
 }
 
-fn set_command(seen: &mut SafetyInputs, traction_m_s: f64) {
-    seen.intent.as_mut().unwrap().command.traction_m_s = traction_m_s;
+fn set_command(inputs: &mut SafetyInputs, traction_m_s: f64) {
+    inputs.controller.as_mut().unwrap().command.traction_m_s = traction_m_s;
 }
 
-fn set_feedback_time(seen: &mut SafetyInputs, time_s: f64) {
-    seen.feedback.as_mut().unwrap().time_s = time_s;
+fn set_feedback_time(inputs: &mut SafetyInputs, time_s: f64) {
+    inputs.feedback.as_mut().unwrap().time_s = time_s;
 }
 
-fn set_command_time(seen: &mut SafetyInputs, time_s: f64) {
-    seen.intent.as_mut().unwrap().time_s = time_s;
+fn set_command_time(inputs: &mut SafetyInputs, time_s: f64) {
+    inputs.controller.as_mut().unwrap().time_s = time_s;
 }
 
-fn set_speed(seen: &mut SafetyInputs, traction_m_s: f64) {
-    seen.feedback.as_mut().unwrap().value.speeds.traction_m_s = traction_m_s;
+fn set_speed(inputs: &mut SafetyInputs, traction_m_s: f64) {
+    inputs.feedback.as_mut().unwrap().value.speeds.traction_m_s = traction_m_s;
 }
 
 #[test]
@@ -280,7 +280,7 @@ fn every_fault_stops_in_time_and_stays_stopped_until_re_armed() {
             }
         }
         assert_eq!(
-            bench.order.speeds,
+            bench.command.speeds,
             MotorSpeeds::STOP,
             "{name}: {:?}",
             bench.events
@@ -294,13 +294,13 @@ fn every_fault_stops_in_time_and_stays_stopped_until_re_armed() {
         assert!(end.reason.to_string().starts_with(name), "{}", end.reason);
         // The fault is gone; the arm level still stands.
         for _ in 0..100 {
-            bench.seen.operator = OperatorRequests {
+            bench.inputs.requests = OperatorRequests {
                 arm: true,
                 stop: None,
                 halt: None,
             };
-            bench.seen.link = LinkState::Active;
-            bench.seen.unsent_since_s = None;
+            bench.inputs.link = LinkState::Active;
+            bench.inputs.unsent_since_s = None;
             assert_eq!(
                 bench.step(speeds(0.6, -0.3), |_| {}),
                 DriveCommand::OFF,
@@ -338,8 +338,8 @@ fn arming_is_refused_while_the_fault_lasts() {
 
 #[test]
 fn a_fault_may_be_forgotten_only_after_arming() {
-    let fault = |seen: &mut SafetyInputs| {
-        if let Some(feedback) = &mut seen.feedback {
+    let fault = |inputs: &mut SafetyInputs| {
+        if let Some(feedback) = &mut inputs.feedback {
             feedback.value.mode = DriveMode::Fault;
         }
     };
@@ -355,7 +355,7 @@ fn a_fault_may_be_forgotten_only_after_arming() {
         bench.step(speeds(0.5, 0.0), |_| {});
     }
     assert_eq!(bench.safety.state(), SafetyState::Driving);
-    assert!(!bench.order.fault_reset);
+    assert!(!bench.command.fault_reset);
     // One that lasts ends the handshake.
     bench.step(speeds(0.5, 0.0), fault);
     bench.arm();
@@ -369,7 +369,7 @@ fn a_fault_may_be_forgotten_only_after_arming() {
             ..
         }
     ));
-    assert_eq!(bench.order, DriveCommand::OFF);
+    assert_eq!(bench.command, DriveCommand::OFF);
 }
 
 #[test]
@@ -377,7 +377,7 @@ fn an_intent_from_before_the_drive_is_not_driven_on() {
     let mut bench = Bench::new();
     bench.arm();
     for _ in 0..40 {
-        let order = bench.step(speeds(0.5, 0.0), |seen| set_command_time(seen, 0.1));
+        let order = bench.step(speeds(0.5, 0.0), |inputs| set_command_time(inputs, 0.1));
         assert_eq!(order.speeds, MotorSpeeds::STOP);
     }
     assert!(
@@ -399,7 +399,7 @@ fn a_first_plan_may_take_long_while_the_vehicle_stands() {
     // An answer that is too old when it comes is not driven on, nor an alarm yet.
     for i in 0..10 {
         let order = bench.step(speeds(0.5, 0.0), |s| match i {
-            0..4 => s.intent = None,
+            0..4 => s.controller = None,
             _ => set_command_time(s, start_s + 0.05),
         });
         assert!(
@@ -428,8 +428,8 @@ fn a_first_plan_may_take_long_while_the_vehicle_stands() {
 #[test]
 fn a_ramp_catches_up_after_a_late_cycle() {
     let mut bench = Bench::driving(speeds(0.8, 0.0));
-    bench.step(speeds(0.8, 0.0), |seen| {
-        seen.operator.stop = Some(StopCause::Operator)
+    bench.step(speeds(0.8, 0.0), |inputs| {
+        inputs.requests.stop = Some(StopCause::Operator)
     });
     bench.steps += 5;
     let order = bench.step(speeds(0.8, 0.0), |_| {});

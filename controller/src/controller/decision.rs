@@ -49,6 +49,7 @@ pub enum StopReason {
     #[error("the pose is {age_s:.2} s old ({gated} newer ones refused as outliers)")]
     PoseStale {
         /// Its age, s.
+        #[serde(with = "crate::serde_form::age")]
         age_s: f64,
         /// Newer poses that the gate refused.
         gated: u32,
@@ -57,12 +58,14 @@ pub enum StopReason {
     #[error("the attitude is {age_s:.2} s old")]
     AttitudeStale {
         /// Its age, s.
+        #[serde(with = "crate::serde_form::age")]
         age_s: f64,
     },
     /// The newest tread speeds are too old.
     #[error("the tread speeds are {age_s:.2} s old")]
     SpeedsStale {
         /// Their age, s.
+        #[serde(with = "crate::serde_form::age")]
         age_s: f64,
     },
     /// The vehicle is too far from the path.

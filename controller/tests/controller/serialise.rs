@@ -8,13 +8,13 @@ use std::fmt::Debug;
 use std::time::Instant;
 
 fn assert_survives<T: Serialize + DeserializeOwned + PartialEq + Debug>(value: &T) {
-    let text = serde_yaml::to_string(value).unwrap();
-    let back: T = serde_yaml::from_str(&text).unwrap_or_else(|error| panic!("{error}: {text}"));
-    assert_eq!(&back, value, "{text}");
+    let json = serde_json::to_value(value).unwrap();
+    let back: T = serde_json::from_value(json.clone()).unwrap_or_else(|e| panic!("{e}: {json}"));
+    assert_eq!(&back, value, "{json}");
 }
 
 fn name(decision: &Decision) -> String {
-    serde_yaml::to_string(&decision.status).unwrap()
+    serde_json::to_string(&decision.status).unwrap()
 }
 
 #[test]
@@ -40,7 +40,7 @@ fn a_decision_of_every_status_survives() {
     }
     let mut rig = driving(KINDS[0]);
     let tracking = rig.cycle_with(None, |sample| assert_survives(sample));
-    assert!(name(&tracking).starts_with("tracking"));
+    assert!(name(&tracking) == "\"tracking\"");
     assert_survives(&tracking);
     let fallback = rig.cycle_with(Some(Instant::now()), |_| ());
     assert!(name(&fallback).contains("deadline"), "{}", name(&fallback));

@@ -1,4 +1,4 @@
-//! Whatever is seen.
+//! Whatever is inputs.
 
 use super::*;
 use proptest::prelude::*;
@@ -47,10 +47,10 @@ fn any_observation() -> impl Strategy<Value = SafetyInputs> {
                 // Times are made absolute by the test.
                 SafetyInputs {
                     time_s: dt,
-                    intent: Some(ControllerOutput {
+                    controller: Some(ControllerOutput {
                         time_s: age,
                         command: speeds(traction, steer),
-                        pilot: ControllerState::Driving,
+                        state: ControllerState::Driving,
                     }),
                     feedback: Some(Stamped {
                         time_s: old,
@@ -61,7 +61,7 @@ fn any_observation() -> impl Strategy<Value = SafetyInputs> {
                     }),
                     link: bus,
                     unsent_since_s: unsent,
-                    operator,
+                    requests: operator,
                 }
             },
         )
@@ -76,15 +76,15 @@ proptest! {
     fn whatever_is_seen_the_order_is_safe(observations in prop::collection::vec(any_observation(), 1..200)) {
         let mut safety = Safety::new(SafetyConfig::default()).unwrap();
         let (mut now_s, mut before, mut armed_before) = (0.0, DriveCommand::OFF, true);
-        for mut seen in observations {
-            let dt = seen.time_s;
+        for mut inputs in observations {
+            let dt = inputs.time_s;
             let time_s = now_s + dt;
-            seen.time_s = time_s;
-            if let Some(intent) = &mut seen.intent { intent.time_s = time_s - intent.time_s; }
-            if let Some(feedback) = &mut seen.feedback { feedback.time_s = time_s - feedback.time_s; }
-            if let Some(since) = &mut seen.unsent_since_s { *since = time_s - *since; }
+            inputs.time_s = time_s;
+            if let Some(output) = &mut inputs.controller { output.time_s = time_s - output.time_s; }
+            if let Some(feedback) = &mut inputs.feedback { feedback.time_s = time_s - feedback.time_s; }
+            if let Some(since) = &mut inputs.unsent_since_s { *since = time_s - *since; }
             let from = safety.state();
-            let (order, event) = safety.step(&seen);
+            let (order, event) = safety.step(&inputs);
             let state = safety.state();
             prop_assert_eq!(event.is_some(), state != from);
             prop_assert!(order.speeds.is_finite());
@@ -100,12 +100,12 @@ proptest! {
                 prop_assert!(order.speeds.traction_m_s.abs() <= bound + 1e-9);
             }
             if matches!(from, SafetyState::Latched | SafetyState::Disarmed) && state != from {
-                prop_assert!(state == SafetyState::Zeroing && seen.operator.arm && !armed_before);
+                prop_assert!(state == SafetyState::Zeroing && inputs.requests.arm && !armed_before);
             }
-            if seen.operator.halt.is_some() || seen.feedback.is_some_and(|f| f.value.mode == DriveMode::EmergencyStop) {
+            if inputs.requests.halt.is_some() || inputs.feedback.is_some_and(|f| f.value.mode == DriveMode::EmergencyStop) {
                 prop_assert_eq!(order.speeds, MotorSpeeds::STOP);
             }
-            armed_before = seen.operator.arm;
+            armed_before = inputs.requests.arm;
             before = order;
             if time_s.is_finite() { now_s = time_s; }
         }
