@@ -105,7 +105,7 @@ pub fn run(args: &IdentifyArgs) -> Result<()> {
 ///
 /// # Errors
 /// Why the vehicle cannot drive it, or what its logs lack.
-pub(crate) fn by_simulation(
+pub fn by_simulation(
     contact: &ContactVehicle,
     vehicle: &Vehicle,
     seed: u64,
