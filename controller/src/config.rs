@@ -1,14 +1,18 @@
 //! Settings of a controller as a configuration file gives them; every key has a default.
 
+mod contact;
 mod supervisor;
 mod weights;
 
+pub use contact::ContactMpcConfig;
 pub use supervisor::SupervisorConfig;
 pub use weights::{CautionConfig, Weights};
 
 use crate::estimator::EstimatorSettings;
 use crate::mpc::limits::{InputLimits, MotorLimits};
-use crate::mpc::{ChangeWeights, Corridor, HeadingExcess, MpcSettings, QpSettings, StageWeights};
+use crate::mpc::{
+    ChangeWeights, Corridor, HeadingExcess, MpcSettings, QpSettings, StageWeights, StepLimit,
+};
 use crate::pure_pursuit::PurePursuitSettings;
 use crate::reference::{Reference, Tracking};
 use crate::trajectory::{Ending, Motion, Trajectory};
@@ -23,6 +27,8 @@ pub enum ControllerKind {
     IcrikMpc,
     /// The same MPC that predicts with ICRHK, the model for level ground.
     IcrhkMpc,
+    /// The same MPC that predicts with the balance of wheel friction.
+    ContactMpc,
     /// The same MPC that predicts with an ideal differential drive.
     DiffdriveMpc,
     /// Regulated pure pursuit.
@@ -31,9 +37,10 @@ pub enum ControllerKind {
 
 impl ControllerKind {
     /// All kinds there are.
-    pub const ALL: [Self; 4] = [
+    pub const ALL: [Self; 5] = [
         Self::IcrikMpc,
         Self::IcrhkMpc,
+        Self::ContactMpc,
         Self::DiffdriveMpc,
         Self::PurePursuit,
     ];
@@ -43,6 +50,7 @@ impl ControllerKind {
         match self {
             Self::IcrikMpc => "icrik-mpc",
             Self::IcrhkMpc => "icrhk-mpc",
+            Self::ContactMpc => "contact-mpc",
             Self::DiffdriveMpc => "diffdrive-mpc",
             Self::PurePursuit => "pure-pursuit",
         }
@@ -72,8 +80,10 @@ pub struct ControllerConfig {
     pub period_s: f64,
     /// Stages of the horizon.
     pub stages: usize,
-    /// Duration of a stage, s.
+    /// Duration of the first stage, s.
     pub step_s: f64,
+    /// Duration of the last stage, s, where longer than the first's; those between grow geometrically.
+    pub last_step_s: f64,
     /// Stages condensed into one block of the QP.
     pub block_stages: usize,
     /// Speed within which |traction| and the turning direction are rounded off, m/s.
@@ -93,6 +103,10 @@ pub struct ControllerConfig {
     pub caution: CautionConfig,
     /// Soft corridor, none by default.
     pub corridor: Option<Corridor>,
+    /// How far a QP's solution is followed in a cycle; all the way without it.
+    pub step_limit: Option<StepLimit>,
+    /// What contact-mpc has in place of the settings above.
+    pub contact: ContactMpcConfig,
     /// Limits of both motors.
     pub limits: InputLimits,
     /// QP solver.
@@ -116,6 +130,7 @@ impl Default for ControllerConfig {
             period_s: 0.05,
             stages: 40,
             step_s: 0.15,
+            last_step_s: 0.15,
             block_stages: 5,
             smoothing_m_s: 0.02,
             command_delay_s: 0.0,
@@ -125,6 +140,8 @@ impl Default for ControllerConfig {
             weights: Weights::default(),
             caution: CautionConfig::default(),
             corridor: None,
+            step_limit: None,
+            contact: ContactMpcConfig::default(),
             limits: InputLimits {
                 traction: motor,
                 steer: motor,
@@ -152,6 +169,13 @@ impl ControllerConfig {
         Bounds::new(self.period_s, 2.0, "s")
             .with_note("at least period_s")
             .check("step_s", self.step_s)?;
+        Bounds::new(self.period_s, 10.0, "s")
+            .with_note("at least period_s")
+            .check("last_step_s", self.last_step_s)?;
+        if let Some(limit) = &self.step_limit {
+            limit.validate()?;
+        }
+        self.contact.validate()?;
         Bounds::new(1.0, 20.0, "").check("block_stages", self.block_stages as f64)?;
         Bounds::new(1e-4, 1.0, "m/s").check("smoothing_m_s", self.smoothing_m_s)?;
         Bounds::new(0.0, DELAY_MAX_S, "s")
@@ -200,7 +224,9 @@ impl ControllerConfig {
             },
             terminal_factor: self.weights.terminal_factor,
             limits: self.limits,
+            last_step_s: self.last_step_s,
             corridor: self.corridor,
+            step_limit: self.step_limit,
             qp: self.solver,
         }
     }

@@ -12,10 +12,11 @@ pub use decision::{Decision, Status, StopReason};
 
 use crate::config::{ControllerConfig, ControllerKind};
 use crate::estimator::{Estimate, Estimator};
-use crate::mpc::{Horizon, Mpc, Plan, QpFailure, Solution, StageTarget};
+use crate::mpc::{Horizon, Model, Mpc, Plan, QpFailure, Solution, StageTarget};
 use crate::pure_pursuit::PursuitView;
 use crate::reference::{Progress, Reference};
 use sidehill_plant::bounds::RangeError;
+use sidehill_plant::contact::ContactPrediction;
 use sidehill_plant::prediction::PredictionModel;
 use sidehill_plant::sample::Sample;
 use sidehill_plant::speeds::MotorSpeeds;
@@ -91,15 +92,28 @@ impl Controller {
         vehicle: &Vehicle,
     ) -> Result<Self, ControllerError> {
         config.validate()?;
+        let config = if kind == ControllerKind::ContactMpc {
+            config.for_contact()
+        } else {
+            config
+        };
         // An adapted model is estimated with as it predicts. A law that does not adapt leaves
         // dead reckoning to the best model there is.
         let adaptation = config.estimator.adaptation;
         let adapts = match kind {
             ControllerKind::IcrikMpc => adaptation.is_on(),
             ControllerKind::IcrhkMpc => adaptation.is_on() && adaptation.of_icrhk,
+            ControllerKind::ContactMpc => config.estimator.contact.is_on(),
             ControllerKind::DiffdriveMpc | ControllerKind::PurePursuit => false,
         };
-        let estimator = if kind == ControllerKind::IcrhkMpc && adapts {
+        let contact = if kind == ControllerKind::ContactMpc {
+            Some(ContactPrediction::new(&vehicle.contact_vehicle())?)
+        } else {
+            None
+        };
+        let estimator = if let Some(contact) = &contact {
+            Estimator::with_contact(config.estimator, vehicle, contact.clone())
+        } else if kind == ControllerKind::IcrhkMpc && adapts {
             let mut settings = config.estimator;
             settings.adaptation.slope_sigma = 0.0;
             Estimator::new(settings, vehicle.on_level_ground())
@@ -107,14 +121,17 @@ impl Controller {
             Estimator::new(config.estimator, vehicle.clone())
         };
         let vehicle = match kind {
-            ControllerKind::IcrikMpc => vehicle.clone(),
+            ControllerKind::IcrikMpc | ControllerKind::ContactMpc => vehicle.clone(),
             ControllerKind::IcrhkMpc | ControllerKind::PurePursuit => vehicle.on_level_ground(),
             ControllerKind::DiffdriveMpc => vehicle.as_differential_drive(),
         };
         let law = if kind == ControllerKind::PurePursuit {
             Law::PurePursuit
         } else {
-            let model = PredictionModel::new(vehicle.clone(), config.smoothing_m_s);
+            let model = match contact {
+                Some(contact) => Model::from(contact),
+                None => PredictionModel::new(vehicle.clone(), config.smoothing_m_s).into(),
+            };
             Law::Mpc(Box::new(Mpc::new(config.mpc(), model)?))
         };
         let commands = (1.0 / config.period_s).ceil() as usize + 2;
@@ -181,7 +198,7 @@ impl Controller {
             Law::PurePursuit => reference.for_pursuit(self.config.lead_max_m),
         };
         // A plan that leads elsewhere is a bad point to linearise about.
-        let horizon_s = self.config.delay_s() + self.config.step_s * self.config.stages as f64;
+        let horizon_s = self.config.delay_s() + self.config.mpc().stage_times().duration_s();
         let new = next.ahead(horizon_s).position;
         let near = self
             .reference

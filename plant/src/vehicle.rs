@@ -2,6 +2,7 @@
 
 use crate::bounds::Bounds;
 pub use crate::bounds::RangeError;
+use crate::contact::{ContactVehicle, KnownContact};
 use crate::speeds::EncoderScale;
 pub use crate::speeds::EncoderScale as SpeedCorrection;
 use serde::{Deserialize, Serialize};
@@ -44,6 +45,8 @@ pub struct Vehicle {
     pub base_half_length_m: f64,
     /// c_l and c_r of equation (11); keys `correction_left` and `correction_right` of its file.
     pub encoder_scale: EncoderScale,
+    /// What is known of it as a vehicle on wheels with friction: where `contact-mpc` starts from.
+    pub contact: Option<ContactVehicle>,
 }
 
 impl Vehicle {
@@ -68,7 +71,15 @@ impl Vehicle {
                 left: 1.004,
                 right: 1.011,
             },
+            contact: None,
         }
+    }
+
+    /// Returns the vehicle on wheels with friction: as known, or as guessed from the base rectangle.
+    pub fn contact_vehicle(&self) -> ContactVehicle {
+        self.contact.clone().unwrap_or_else(|| {
+            ContactVehicle::of_base(&self.name, self.base_half_width_m, self.base_half_length_m)
+        })
     }
 
     /// Returns the same vehicle without slide: ICRIK then equals ICRHK.
@@ -119,6 +130,8 @@ struct RawVehicle {
     base_half_length_m: f64,
     correction_left: f64,
     correction_right: f64,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    contact: Option<KnownContact>,
 }
 
 impl TryFrom<RawVehicle> for Vehicle {
@@ -129,8 +142,13 @@ impl TryFrom<RawVehicle> for Vehicle {
             Bounds::new(0.01, 20.0, "m").check("base_half_width_m", raw.base_half_width_m)?;
         let half_length =
             Bounds::new(0.01, 20.0, "m").check("base_half_length_m", raw.base_half_length_m)?;
+        let contact = raw
+            .contact
+            .map(|known| known.vehicle(&raw.name))
+            .transpose()?;
         Ok(Self {
             name: raw.name,
+            contact,
             icrs: HorizontalIcrs {
                 left_m: Bounds::new(-50.0, -half_width, "m")
                     .with_note("at most -base_half_width_m")
@@ -174,6 +192,7 @@ impl From<Vehicle> for RawVehicle {
             base_half_length_m: v.base_half_length_m,
             correction_left: v.encoder_scale.left,
             correction_right: v.encoder_scale.right,
+            contact: v.contact.as_ref().map(KnownContact::of),
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use serde::Deserialize;
 use sidehill_plant::bounds::RangeError;
-use sidehill_plant::contact::{ContactModel, ContactVehicle, FrictionField};
+use sidehill_plant::contact::{ContactModel, ContactVehicle, FrictionField, Parameter};
 use sidehill_plant::motion::{IcrMotion, MotionModel};
 use sidehill_plant::speeds::EncoderScale;
 use sidehill_plant::vehicle::Vehicle;
@@ -116,7 +116,8 @@ impl GroundFriction {
     }
 }
 
-/// Factors on the parameters that controllers believe in, which so are wrong; all 1 by default.
+/// Factors on the parameters that controllers believe in, which so are wrong, all 1 by default, and what is
+/// added to some, 0 by default.
 #[derive(Debug, Clone, Copy, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub(super) struct ModelError {
@@ -127,6 +128,18 @@ pub(super) struct ModelError {
     lambda_2: f64,
     correction_left: f64,
     correction_right: f64,
+    friction: f64,
+    lateral_share: f64,
+    slip_scale: f64,
+    rolling_resistance: f64,
+    /// Added, m.
+    centre_of_mass_right_m: f64,
+    /// Added, m.
+    centre_of_mass_forward_m: f64,
+    /// Added, m.
+    centre_of_mass_height_m: f64,
+    /// Added.
+    inner_load_share: f64,
 }
 
 impl Default for ModelError {
@@ -139,6 +152,14 @@ impl Default for ModelError {
             lambda_2: 1.0,
             correction_left: 1.0,
             correction_right: 1.0,
+            friction: 1.0,
+            lateral_share: 1.0,
+            slip_scale: 1.0,
+            rolling_resistance: 1.0,
+            centre_of_mass_right_m: 0.0,
+            centre_of_mass_forward_m: 0.0,
+            centre_of_mass_height_m: 0.0,
+            inner_load_share: 0.0,
         }
     }
 }
@@ -153,7 +174,32 @@ impl ModelError {
         vehicle.slide.aggravated_s_per_rad *= self.lambda_2;
         vehicle.encoder_scale.left *= self.correction_left;
         vehicle.encoder_scale.right *= self.correction_right;
+        if let Some(contact) = &vehicle.contact {
+            vehicle.contact = Some(self.apply_to_contact(contact)?);
+        }
         vehicle.validated()
+    }
+
+    fn apply_to_contact(&self, contact: &ContactVehicle) -> Result<ContactVehicle, RangeError> {
+        let mut parameters = contact.parameters();
+        for (parameter, factor) in [
+            (Parameter::Friction, self.friction),
+            (Parameter::LateralShare, self.lateral_share),
+            (Parameter::SlipScale, self.slip_scale),
+            (Parameter::RollingResistance, self.rolling_resistance),
+        ] {
+            let entry = &mut parameters[parameter.index()];
+            *entry = parameter.entry(factor * parameter.value(*entry));
+        }
+        for (parameter, offset) in [
+            (Parameter::CentreRight, self.centre_of_mass_right_m),
+            (Parameter::CentreForward, self.centre_of_mass_forward_m),
+            (Parameter::CentreHeight, self.centre_of_mass_height_m),
+            (Parameter::InnerShare, self.inner_load_share),
+        ] {
+            parameters[parameter.index()] += offset;
+        }
+        contact.with_parameters(&parameters).validated()
     }
 }
 

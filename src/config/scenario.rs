@@ -333,11 +333,16 @@ impl Scenario {
                         .map_err(|error| self.file.error(format!("friction.{error}")))?;
                     vehicle.friction.field = friction.field(seed);
                 }
+                let mut identified: Vehicle = identified.parse()?;
+                // Geometry is known of any vehicle.
+                identified
+                    .contact
+                    .get_or_insert_with(|| vehicle.geometry_alone());
                 let plant = Plant::Contact {
                     vehicle,
                     encoder_scale: own.encoder_scale,
                 };
-                Ok((plant, identified.parse()?))
+                Ok((plant, identified))
             }
         }
     }

@@ -3,7 +3,7 @@
 use super::{Controller, Law};
 use crate::config::AttitudePreview;
 use crate::estimator::Estimate;
-use crate::mpc::StageTarget;
+use crate::mpc::{Model, StageTarget};
 use crate::reference::Progress;
 use sidehill_plant::frames::PlanarPose;
 use sidehill_plant::speeds::MotorSpeeds;
@@ -19,8 +19,17 @@ impl Controller {
         };
         let mut caution = 0.0;
         if self.adapts {
-            mpc.model_mut()
-                .set_slip_gains(&estimate.bounded_gains(half_track_m, progress.cross_track_m));
+            match mpc.model_mut() {
+                Model::Icr(model) => {
+                    let gains = estimate.bounded_gains(half_track_m, progress.cross_track_m);
+                    model.set_slip_gains(&gains);
+                }
+                Model::Contact(model) => {
+                    if let Some(learned) = &estimate.contact {
+                        model.set_parameters(&learned.parameters);
+                    }
+                }
+            }
             let error = estimate.model_error_m_s / self.config.caution.error_m_s;
             caution = error.powi(2).min(1.0);
         }
@@ -34,16 +43,17 @@ impl Controller {
     /// Puts the reference over the horizon into its targets.
     fn fill_targets(&mut self, estimate: &Estimate, half_track_m: f64, caution: f64) {
         self.horizon.targets.clear();
-        let Some(reference) = &self.reference else {
+        let (Some(reference), Law::Mpc(mpc)) = (&self.reference, &self.law) else {
             return;
         };
+        let ends_s = mpc.stage_times().ends_s();
         let config = &self.config;
         let map = self
             .terrain
             .as_ref()
             .filter(|_| config.attitude_preview == AttitudePreview::Terrain);
-        for k in 1..=config.stages {
-            let point = reference.ahead(config.delay_s() + config.step_s * k as f64);
+        for end_s in ends_s {
+            let point = reference.ahead(config.delay_s() + end_s);
             // Beyond the map's edge the plane the vehicle stands on is the best guess there is.
             let normal_in_world = map
                 .and_then(|map| map.surface(point.position.x_m, point.position.y_m).ok())
@@ -63,9 +73,9 @@ impl Controller {
 
     /// Returns where the vehicle will be when a command given now acts: the estimate moved on
     /// through the commands in flight.
-    fn roll_forward(&self, estimate: &Estimate) -> PlanarPose {
+    fn roll_forward(&mut self, estimate: &Estimate) -> PlanarPose {
         let mut pose = estimate.pose;
-        let Law::Mpc(mpc) = &self.law else {
+        let Law::Mpc(mpc) = &mut self.law else {
             return pose;
         };
         let begin_s = estimate.time_s - self.config.delay_s();
@@ -76,7 +86,7 @@ impl Controller {
                 .map_or(estimate.time_s, |next| next.time_s);
             let time_s = until_s - issued.time_s.max(begin_s);
             if time_s > 0.0 {
-                let step = mpc.model().step_on_plane(
+                let step = mpc.model_mut().step_on_plane(
                     &estimate.normal_in_world,
                     pose.yaw_rad,
                     issued.command,

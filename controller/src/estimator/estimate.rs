@@ -1,5 +1,6 @@
 //! What the estimator says: the state, what of it is driven by, and what was wrong with the readings.
 
+use super::ContactEstimate;
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 use sidehill_plant::frames::{Attitude, PlanarPose};
@@ -41,9 +42,13 @@ pub struct Estimate {
     pub normal_in_world: Vector3<f64>,
     /// Effective tread speeds, after (11).
     pub treads: TreadSpeeds,
-    /// Learned slip gains, see [`sidehill_plant::slip_gains`]; rows v_x, v_y, omega_z.
+    /// Learned slip gains, see [`sidehill_plant::slip_gains`]; rows v_x, v_y, omega_z. Zero where they
+    /// are not what is learned.
     #[serde(with = "crate::serde_form::rows")]
     pub slip_gains: SlipGains,
+    /// Learned contact vehicle, where that is what is learned.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub contact: Option<ContactEstimate>,
     /// Root mean square of the error of the predicted velocity over the last seconds, m/s.
     pub model_error_m_s: f64,
     /// Age of the newest believed pose, s.

@@ -1,10 +1,8 @@
 //! Settings of the estimator and of what it learns.
 
-use super::GainCovariance;
-use nalgebra::SVector;
+use super::ContactLearningSettings;
 use serde::{Deserialize, Serialize};
 use sidehill_plant::bounds::{Bounds, RangeError};
-use sidehill_plant::slip_gains::TERMS;
 
 /// Settings of the estimator.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -22,8 +20,10 @@ pub struct EstimatorSettings {
     pub gate: f64,
     /// Time over which the error of the model's velocity is averaged, s.
     pub error_averaging_s: f64,
-    /// Learning of the correction.
+    /// Learning of the correction of ICRIK.
     pub adaptation: AdaptationSettings,
+    /// Learning of a contact vehicle, in place of the correction.
+    pub contact: ContactLearningSettings,
     /// Time constant of the smoothing of the ground's normal in the world frame, s; 0 for none.
     pub normal_filter_s: f64,
 }
@@ -38,6 +38,7 @@ impl Default for EstimatorSettings {
             gate: 30.0,
             error_averaging_s: 3.0,
             adaptation: AdaptationSettings::default(),
+            contact: ContactLearningSettings::default(),
             normal_filter_s: 0.0,
         }
     }
@@ -75,17 +76,6 @@ impl AdaptationSettings {
     pub fn is_on(&self) -> bool {
         self.shift_sigma > 0.0 || self.slope_sigma > 0.0
     }
-
-    pub(super) fn prior(&self) -> GainCovariance {
-        GainCovariance::from_diagonal(&SVector::from_fn(|i, _| {
-            let sigma = if i % TERMS == 0 {
-                self.shift_sigma
-            } else {
-                self.slope_sigma
-            };
-            sigma * sigma
-        }))
-    }
 }
 
 impl EstimatorSettings {
@@ -120,6 +110,7 @@ impl EstimatorSettings {
             "estimator.adaptation.forgetting_per_m",
             self.adaptation.forgetting_per_m,
         )?;
+        self.contact.validate()?;
         Bounds::new(0.0, 60.0, "s").check("estimator.normal_filter_s", self.normal_filter_s)?;
         Ok(())
     }

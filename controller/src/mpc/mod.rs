@@ -1,4 +1,4 @@
-//! The model-predictive controller: ICRIK linearised about the previous plan, one QP a cycle.
+//! The model-predictive controller: a model linearised about the previous plan, one QP a cycle.
 //!
 //! ```text
 //! mpc.linearise(&horizon).condense().solve(deadline)
@@ -7,24 +7,30 @@
 
 mod condensing;
 pub mod limits;
+mod model;
 mod problem;
 mod qp;
 mod settings;
+mod stage_times;
+mod step_limit;
 mod structure;
 
 pub use condensing::StageWeights;
+pub use model::Model;
 pub use problem::Residuals;
 pub use qp::QpFailure;
 pub use settings::{ChangeWeights, Corridor, HeadingExcess, MpcSettings, QpMode, QpSettings};
+pub use stage_times::StageTimes;
+pub use step_limit::StepLimit;
 
 use condensing::{Condenser, Stage};
 use nalgebra::Vector3;
 use qp::QpSolver;
 use serde::{Deserialize, Serialize};
 use sidehill_plant::frames::{PlanarPose, wrap_angle};
-use sidehill_plant::prediction::PredictionModel;
 use sidehill_plant::speeds::MotorSpeeds;
 use std::time::Instant;
+use step_limit::{HALVINGS, TrustRegion};
 
 /// Factor on all costs: brings the QP's numbers near 1, where the solver's tolerances are meant.
 const COST_SCALE: f64 = 10.0;
@@ -121,11 +127,14 @@ pub struct SolveReport {
 /// The controller's plan and the workspace to renew it.
 pub struct Mpc {
     settings: MpcSettings,
-    model: PredictionModel,
+    model: Model,
     plan: Plan,
     /// Whether the plan is the solution of an earlier cycle.
     planned: bool,
+    /// Workspace of the plan's size: the shifted plan, the plan before a step.
     shifted: Plan,
+    times: StageTimes,
+    region: Option<TrustRegion>,
     stages: Vec<Stage>,
     condenser: Condenser,
     solver: QpSolver,
@@ -138,7 +147,7 @@ impl Mpc {
     ///
     /// # Errors
     /// [`QpFailure`] where the solver does not take the problem.
-    pub fn new(settings: MpcSettings, model: PredictionModel) -> Result<Self, QpFailure> {
+    pub fn new(settings: MpcSettings, model: impl Into<Model>) -> Result<Self, QpFailure> {
         let (condenser, data) = Condenser::new(
             settings.stages,
             settings.block_stages,
@@ -155,11 +164,13 @@ impl Mpc {
             shifted: plan.clone(),
             plan,
             planned: false,
+            times: settings.stage_times(),
+            region: settings.step_limit.map(TrustRegion::new),
             stages: Vec::new(),
             condenser,
             solver,
             corrected_m_s: 0.0,
-            model,
+            model: model.into(),
             settings,
         };
         mpc.stages.reserve_exact(mpc.settings.stages);
@@ -178,13 +189,13 @@ impl Mpc {
     }
 
     /// Returns the prediction model, to be adapted.
-    pub fn model_mut(&mut self) -> &mut PredictionModel {
+    pub fn model_mut(&mut self) -> &mut Model {
         &mut self.model
     }
 
-    /// Returns the prediction model.
-    pub fn model(&self) -> &PredictionModel {
-        &self.model
+    /// Returns the times of the stages.
+    pub fn stage_times(&self) -> &StageTimes {
+        &self.times
     }
 
     /// Linearises `horizon` about the shifted plan or, where there is none, about the targets with
@@ -229,9 +240,10 @@ impl Mpc {
     /// Shifts the plan by `elapsed_s`, less than a stage: states are interpolated, inputs averaged
     /// over the new stages, the end follows from the model with the last input kept.
     fn shift(&mut self, elapsed_s: f64, normal_at_end: &Vector3<f64>) {
-        let ratio = (elapsed_s / self.settings.step_s).clamp(0.0, 1.0);
+        let elapsed_s = elapsed_s.clamp(0.0, self.times.step_s(0));
         let last = self.settings.stages - 1;
         for k in 0..=last {
+            let ratio = elapsed_s / self.times.step_s(k);
             self.shifted.states[k] =
                 (1.0 - ratio) * self.plan.states[k] + ratio * self.plan.states[k + 1];
             let (now, next) = (self.plan.inputs[k], self.plan.inputs[(k + 1).min(last)]);
@@ -241,12 +253,9 @@ impl Mpc {
             };
         }
         let end = &self.plan.states[last + 1];
-        let step = self.model.step_on_plane(
-            normal_at_end,
-            end.z,
-            self.plan.inputs[last],
-            ratio * self.settings.step_s,
-        );
+        let step =
+            self.model
+                .step_on_plane(normal_at_end, end.z, self.plan.inputs[last], elapsed_s);
         self.shifted.states[last + 1] = end + step.increment;
         std::mem::swap(&mut self.plan, &mut self.shifted);
     }
@@ -267,14 +276,15 @@ impl Mpc {
                 &self.plan.states[k + 1],
                 self.plan.inputs[k],
             );
-            let step =
-                self.model
-                    .step_on_plane(&target.normal_in_world, state.z, input, settings.step_s);
+            let step_s = self.times.step_s(k);
+            let step = self
+                .model
+                .step_on_plane(&target.normal_in_world, state.z, input, step_s);
             let (sin, cos) = target.along_heading_rad.sin_cos();
             let time_s = if k == 0 {
                 settings.period_s
             } else {
-                settings.step_s
+                self.times.step_s(k - 1)
             };
             let error = Vector3::new(
                 next.x - target.pose.x_m,
@@ -285,11 +295,14 @@ impl Mpc {
             if !guessed {
                 weights.heading_per_rad2 += settings.heading_excess.weight(error.z);
             }
+            // The cost is that of even stages, each of them a sample of an integral.
+            let mut factor = step_s / settings.step_s;
             if k + 1 == horizon.targets.len() {
-                weights.along_per_m2 *= settings.terminal_factor;
-                weights.cross_per_m2 *= settings.terminal_factor;
-                weights.heading_per_rad2 *= settings.terminal_factor;
+                factor *= settings.terminal_factor;
             }
+            weights.along_per_m2 *= factor;
+            weights.cross_per_m2 *= factor;
+            weights.heading_per_rad2 *= factor;
             self.stages.push(Stage {
                 step,
                 defect: state + step.increment - next,
@@ -298,8 +311,8 @@ impl Mpc {
                 weights,
                 input,
                 change_weights: ChangeWeights {
-                    traction: horizon.change_weights.traction / settings.step_s,
-                    steer: horizon.change_weights.steer / settings.step_s,
+                    traction: horizon.change_weights.traction / step_s,
+                    steer: horizon.change_weights.steer / step_s,
                 },
                 traction_change: settings.limits.traction.change(before.traction_m_s, time_s),
                 steer_change: settings.limits.steer.change(before.steer_m_s, time_s),
@@ -317,7 +330,12 @@ impl Mpc {
 
     /// Solves the condensed QP and moves the plan to its solution; a failure leaves the plan as it
     /// was before it was linearised about.
-    fn solve(&mut self, about: About, deadline: Option<Instant>) -> Result<SolveReport, QpFailure> {
+    fn solve(
+        &mut self,
+        horizon: &Horizon,
+        about: About,
+        deadline: Option<Instant>,
+    ) -> Result<SolveReport, QpFailure> {
         let begin = Instant::now();
         let residuals = self
             .solver
@@ -328,7 +346,10 @@ impl Mpc {
             residuals,
             solve_time_s: begin.elapsed().as_secs_f64(),
         };
-        self.apply();
+        match self.region {
+            None => self.apply(1.0),
+            Some(region) => self.apply_within(region, horizon),
+        }
         Ok(report)
     }
 
@@ -339,14 +360,14 @@ impl Mpc {
         about: About,
         deadline: Option<Instant>,
     ) -> Result<SolveReport, QpFailure> {
-        let mut report = self.solve(about, deadline)?;
+        let mut report = self.solve(horizon, about, deadline)?;
         for _ in 1..START_ITERATIONS {
             if self.corrected_m_s < START_CORRECTION_M_S {
                 break;
             }
             let about = self.linearise_about_plan(horizon, true);
             self.condense(horizon);
-            match self.solve(about, deadline) {
+            match self.solve(horizon, about, deadline) {
                 Ok(better) => report = better,
                 Err(_) => break,
             }
@@ -354,8 +375,8 @@ impl Mpc {
         Ok(report)
     }
 
-    /// Moves the plan by the QP's solution, states along the linearised dynamics.
-    fn apply(&mut self) {
+    /// Moves the plan by a share of the QP's solution, states along the linearised dynamics.
+    fn apply(&mut self, share: f64) {
         let mut deviation = Vector3::zeros();
         self.corrected_m_s = 0.0;
         let corrections = self.condenser.input_corrections(self.solver.primal());
@@ -369,13 +390,92 @@ impl Mpc {
                 .corrected_m_s
                 .max(correction.traction_m_s.abs())
                 .max(correction.steer_m_s.abs());
-            self.plan.states[k + 1] += deviation;
+            self.plan.states[k + 1] += share * deviation;
             self.plan.inputs[k] = MotorSpeeds {
-                traction_m_s: stage.input.traction_m_s + correction.traction_m_s,
-                steer_m_s: stage.input.steer_m_s + correction.steer_m_s,
+                traction_m_s: stage.input.traction_m_s + share * correction.traction_m_s,
+                steer_m_s: stage.input.steer_m_s + share * correction.steer_m_s,
             };
         }
     }
+
+    /// Moves the plan as far as the linearisation tells the truth, see [`step_limit`].
+    fn apply_within(&mut self, mut region: TrustRegion, horizon: &Horizon) {
+        let corrections = self.condenser.input_corrections(self.solver.primal());
+        let largest_m_s = corrections
+            .map(|correction| correction.steer_m_s.abs())
+            .fold(0.0, f64::max);
+        let mut share = region.first_share(largest_m_s);
+        self.shifted.states.copy_from_slice(&self.plan.states);
+        self.shifted.inputs.copy_from_slice(&self.plan.inputs);
+        let before = self.rolled_out_cost(horizon);
+        for halvings in 0..=HALVINGS {
+            self.apply(share);
+            let promised = self.planned_cost(horizon);
+            let actual = self.rolled_out_cost(horizon);
+            if halvings == HALVINGS || region.takes(before, promised, actual) {
+                region.learn(before, promised, actual, share * largest_m_s, halvings == 0);
+                break;
+            }
+            share *= 0.5;
+            self.plan.states.copy_from_slice(&self.shifted.states);
+        }
+        self.region = Some(region);
+    }
+
+    /// Returns the cost of the plan as its states have it.
+    fn planned_cost(&self, horizon: &Horizon) -> f64 {
+        let mut cost = 0.0;
+        let mut before = self.settings.limits.within_bounds(horizon.previous);
+        for (k, stage) in self.stages.iter().enumerate() {
+            let input = self.plan.inputs[k];
+            cost += stage_cost(
+                stage,
+                &horizon.targets[k],
+                &self.plan.states[k + 1],
+                input,
+                before,
+            );
+            before = input;
+        }
+        cost
+    }
+
+    /// Returns the cost of the plan's inputs, run through the model from the plan's first state.
+    fn rolled_out_cost(&mut self, horizon: &Horizon) -> f64 {
+        let mut cost = 0.0;
+        let mut before = self.settings.limits.within_bounds(horizon.previous);
+        let mut state = self.plan.states[0];
+        for (k, stage) in self.stages.iter().enumerate() {
+            let (input, target) = (self.plan.inputs[k], &horizon.targets[k]);
+            let step_s = self.times.step_s(k);
+            let step = self
+                .model
+                .step_on_plane(&target.normal_in_world, state.z, input, step_s);
+            state += step.increment;
+            cost += stage_cost(stage, target, &state, input, before);
+            before = input;
+        }
+        cost
+    }
+}
+
+/// Returns what a stage costs that ends at `state`.
+fn stage_cost(
+    stage: &Stage,
+    target: &StageTarget,
+    state: &Vector3<f64>,
+    input: MotorSpeeds,
+    before: MotorSpeeds,
+) -> f64 {
+    let (dx, dy) = (state.x - target.pose.x_m, state.y - target.pose.y_m);
+    let heading = wrap_angle(state.z - target.pose.yaw_rad);
+    let along = stage.along.0 * dx + stage.along.1 * dy;
+    let cross = stage.along.0 * dy - stage.along.1 * dx;
+    stage.weights.along_per_m2 * along * along
+        + stage.weights.cross_per_m2 * cross * cross
+        + stage.weights.heading_per_rad2 * heading * heading
+        + stage.change_weights.traction * (input.traction_m_s - before.traction_m_s).powi(2)
+        + stage.change_weights.steer * (input.steer_m_s - before.steer_m_s).powi(2)
 }
 
 impl<'a> Linearised<'a> {
@@ -412,7 +512,7 @@ impl CondensedQp<'_> {
                 .set_max_iterations(mpc.settings.qp.max_iterations);
             report?
         } else {
-            mpc.solve(about, deadline)?
+            mpc.solve(horizon, about, deadline)?
         };
         mpc.planned = true;
         Ok(Solution {

@@ -1,6 +1,8 @@
 //! What an MPC is set up with besides its model.
 
+use super::StageTimes;
 use super::limits::InputLimits;
+use super::step_limit::StepLimit;
 use serde::{Deserialize, Serialize};
 use sidehill_plant::bounds::{Bounds, RangeError};
 
@@ -9,8 +11,10 @@ use sidehill_plant::bounds::{Bounds, RangeError};
 pub struct MpcSettings {
     /// Number of stages N.
     pub stages: usize,
-    /// Duration of a stage, s.
+    /// Duration of the first stage, s.
     pub step_s: f64,
+    /// Duration of the last stage, s; those between grow geometrically.
+    pub last_step_s: f64,
     /// Control period, s: the first change of the inputs has this time, the later ones a stage's.
     pub period_s: f64,
     /// Stages condensed into one block.
@@ -23,8 +27,17 @@ pub struct MpcSettings {
     pub limits: InputLimits,
     /// Soft bound on the cross-track error.
     pub corridor: Option<Corridor>,
+    /// How far a QP's solution is followed; all the way without it.
+    pub step_limit: Option<StepLimit>,
     /// Solver settings.
     pub qp: QpSettings,
+}
+
+impl MpcSettings {
+    /// Returns the times of the stages.
+    pub fn stage_times(&self) -> StageTimes {
+        StageTimes::new(self.stages, self.step_s, self.last_step_s)
+    }
 }
 
 /// Weights of changes of the inputs, divided by a stage's duration where they are applied.

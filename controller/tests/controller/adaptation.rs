@@ -19,6 +19,7 @@ fn estimate(gains: SlipGains) -> Estimate {
         normal_in_world: Vector3::new(0.0, -slope_rad.sin(), slope_rad.cos()),
         treads: TreadSpeeds::default(),
         slip_gains: gains,
+        contact: None,
         model_error_m_s: 0.0,
         pose_age_s: 0.0,
         attitude_age_s: 0.0,

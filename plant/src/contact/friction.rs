@@ -52,6 +52,16 @@ impl FrictionField {
         }
     }
 
+    /// Returns the middle of the range of coefficients.
+    pub fn middle(&self) -> f64 {
+        match *self {
+            Self::Uniform { coefficient } => coefficient,
+            Self::Patches {
+                minimum, maximum, ..
+            } => 0.5 * (minimum + maximum),
+        }
+    }
+
     /// Returns the coefficient of friction at a place of the world.
     pub fn coefficient_at(&self, x_m: f64, y_m: f64) -> f64 {
         match *self {

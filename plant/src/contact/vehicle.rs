@@ -55,10 +55,62 @@ pub(super) struct Wheel {
 }
 
 impl ContactVehicle {
+    /// Returns the vehicle if all its parameters are in range.
+    ///
+    /// # Errors
+    /// Names the key, its value and its range.
+    pub fn validated(self) -> Result<Self, RangeError> {
+        Self::try_from(RawContactVehicle::from(self))
+    }
+
     /// Returns the distance of the outermost wheel contacts from the origin along the body, m.
     pub fn half_length_m(&self) -> f64 {
         let lengths = self.axles.iter().map(|axle| axle.forward_m.abs());
         lengths.fold(0.0, f64::max)
+    }
+
+    /// Returns whether an axle is an inner one: neither the first nor the last along the body.
+    pub(super) fn is_inner(&self, axle: &Axle) -> bool {
+        let positions = || self.axles.iter().map(|axle| axle.forward_m);
+        let first = positions().fold(f64::NEG_INFINITY, f64::max);
+        let last = positions().fold(f64::INFINITY, f64::min);
+        axle.forward_m > last && axle.forward_m < first
+    }
+
+    /// Returns the share of the weight on the inner axles, 0 without any.
+    pub fn inner_share(&self) -> f64 {
+        let inner = self.axles.iter().filter(|axle| self.is_inner(axle));
+        inner.map(|axle| axle.load_share).sum()
+    }
+
+    /// Moves weight between inner and outer axles, each keeping its part of its group; without inner
+    /// axles nothing changes.
+    pub(super) fn set_inner_share(&mut self, share: f64) {
+        let before = self.inner_share();
+        if !self.axles.iter().any(|axle| self.is_inner(axle)) {
+            return;
+        }
+        let inner: Vec<bool> = self.axles.iter().map(|axle| self.is_inner(axle)).collect();
+        for group in [true, false] {
+            let (target, carried) = if group {
+                (share, before)
+            } else {
+                (1.0 - share, 1.0 - before)
+            };
+            let count = inner.iter().filter(|is| **is == group).count() as f64;
+            for (axle, _) in self
+                .axles
+                .iter_mut()
+                .zip(&inner)
+                .filter(|(_, is)| **is == group)
+            {
+                axle.load_share = if carried > 1e-6 {
+                    axle.load_share * target / carried
+                } else {
+                    target / count
+                };
+            }
+        }
     }
 
     /// Returns the wheels, the left ones first.

@@ -94,6 +94,8 @@ fn settings(stages: usize, block_stages: usize) -> MpcSettings {
     MpcSettings {
         stages,
         step_s: 0.15,
+        last_step_s: 0.15,
+        step_limit: None,
         period_s: 0.05,
         block_stages,
         heading_excess: HeadingExcess {
@@ -310,8 +312,8 @@ fn shifting_interpolates_and_runs_on_with_the_last_input() {
         assert!((mpc.plan().unwrap().inputs[k].steer_m_s - steer).abs() < 1e-12);
     }
     let run_on = |from: &Vector3<f64>, time_s| {
-        from + mpc
-            .model()
+        let model = PredictionModel::new(Vehicle::j8(), 0.02);
+        from + model
             .step_on_plane(&normal, from.z, plan.inputs[11], time_s)
             .increment
     };

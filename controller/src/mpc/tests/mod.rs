@@ -11,7 +11,7 @@ use super::limits::{Change, InputLimits, MotorLimits};
 use super::qp::QpSolver;
 use super::*;
 use proptest::prelude::*;
-use sidehill_plant::prediction::LinearisedStep;
+use sidehill_plant::prediction::{LinearisedStep, PredictionModel};
 use sidehill_plant::vehicle::Vehicle;
 
 fn motors(traction_m_s: f64, steer_m_s: f64) -> MotorSpeeds {
