@@ -1,8 +1,8 @@
 //! Python values that come in; what is wrong with one is a `ValueError` with the argument's name.
 
 use crate::errors::{failed, invalid};
-use pyo3::prelude::*;
 use pyo3::PyClass;
+use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use sidehill::config::ConfigFile;
 use sidehill_controller::config::ControllerKind;

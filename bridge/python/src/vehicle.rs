@@ -124,6 +124,13 @@ impl Vehicle {
         self.0.encoder_scale.right
     }
 
+    /// What is known of it as a vehicle on wheels, from which contact-mpc starts: a dict, or None.
+    #[getter]
+    fn contact<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        let keys = serde_json::to_value(&self.0).map_err(failed)?;
+        from_json(py, &keys["contact"].to_string())
+    }
+
     fn __repr__(&self, py: Python<'_>) -> PyResult<String> {
         Ok(format!("Vehicle.from_dict({})", self.to_dict(py)?.repr()?))
     }

@@ -27,6 +27,7 @@ YAML = {
 def test_attributes_and_dict_are_the_keys_of_the_yaml(j8):
     assert j8.to_dict() == YAML
     assert {key: getattr(j8, key) for key in YAML} == YAML
+    assert j8.contact is None
     with pytest.raises(AttributeError):
         j8.name = "other"
 

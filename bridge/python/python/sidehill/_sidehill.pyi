@@ -66,6 +66,9 @@ class Vehicle:
     @property
     def correction_right(self) -> float:
         """c_r, from measured to effective speed of the right tread, equation (11)."""
+    @property
+    def contact(self) -> dict[str, Any] | None:
+        """What is known of it as a vehicle on wheels, from which contact-mpc starts."""
     def __eq__(self, value: object, /) -> bool: ...
 
 @final
