@@ -1,10 +1,12 @@
 //! A controller driving the simulated vehicle of a scenario.
 
 use crate::config::Prepared;
+use crate::qp_recording::QpRecording;
 use crate::record::{Quantiles, Row, Run, Summary};
 use anyhow::Result;
 use sidehill_controller::closed_loop::{ClosedLoop, Cycle, RunEnd, TrackingFigures};
 use sidehill_controller::config::ControllerKind;
+use sidehill_controller::mpc::SolvePath;
 use sidehill_controller::trajectory::Ending;
 use sidehill_plant::simulation::Plant;
 
@@ -15,7 +17,7 @@ const GOAL_TOLERANCE_M: f64 = 0.25;
 const PROGRESS_CYCLES: usize = 20;
 
 /// Returns the run of one controller; `progress` hears the share done, 0 to 1, once a second of
-/// simulated time.
+/// simulated time, and `qps` takes each cycle's QP.
 ///
 /// # Errors
 /// What keeps the run from starting: settings, or no ground under the start.
@@ -34,15 +36,27 @@ pub fn run_plant<P: Plant>(
     plant: P,
     name: &str,
     mut progress: impl FnMut(f64),
+    mut qps: Option<&mut QpRecording>,
 ) -> Result<Run> {
     let mut closed_loop = ClosedLoop::new(plant, prepared.controller(kind)?)?;
     let mut rows = Vec::new();
-    let outcome = closed_loop.run(|cycle| {
-        rows.push(row(cycle, prepared));
+    let outcome = loop {
+        let cycle = closed_loop.decide();
+        rows.push(row(&cycle, prepared));
+        let mpc = closed_loop.controller().mpc();
+        if let (Some(qps), Some(mpc), Some(report)) = (&mut qps, mpc, &cycle.decision.solve) {
+            qps.push(cycle.state.time_s, mpc.qp(), report);
+        }
         if rows.len() % PROGRESS_CYCLES == 0 {
             progress(cycle.progress);
         }
-    });
+        if let Some(end) = cycle.ending {
+            break Ok(end);
+        }
+        if let Err(error) = closed_loop.advance() {
+            break Err(error);
+        }
+    };
     progress(1.0);
     let figures = closed_loop.figures();
     let ended_by = match outcome {
@@ -51,6 +65,7 @@ pub fn run_plant<P: Plant>(
         Err(error) => Some(error.to_string()),
     };
     let solves = rows.iter().filter(|row| row.qp_iterations > 0);
+    let solved = |path| rows.iter().filter(|row| row.qp_path == Some(path)).count() as u32;
     let iterations: u64 = solves.clone().map(|row| u64::from(row.qp_iterations)).sum();
     let summary = Summary {
         controller: kind.name().to_owned(),
@@ -70,6 +85,9 @@ pub fn run_plant<P: Plant>(
         fallbacks: figures.fallbacks,
         deadline_misses: figures.deadline_misses,
         qp_iterations_mean: iterations as f64 / solves.clone().count().max(1) as f64,
+        qp_working_set: solved(SolvePath::WorkingSet),
+        qp_interior_point: solved(SolvePath::InteriorPoint),
+        qp_cut_short: solved(SolvePath::CutShort),
         solve_us: Quantiles::of(solves.map(|row| row.solve_us).collect()),
         cycle_us: Quantiles::of(rows.iter().map(|row| row.cycle_us).collect()),
     };
@@ -103,6 +121,7 @@ fn row(cycle: &Cycle, prepared: &Prepared) -> Row {
         icrs: prepared.vehicle.icrik(state.attitude, state.treads),
         status: decision.status,
         qp_iterations: decision.solve.map_or(0, |s| s.iterations),
+        qp_path: decision.solve.map(|s| s.path),
         solve_us: decision.solve.map_or(0.0, |s| 1e6 * s.solve_time_s),
         cycle_us: 1e6 * cycle.duration.as_secs_f64(),
     }

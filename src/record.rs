@@ -2,6 +2,7 @@
 
 use serde::Serialize;
 use sidehill_controller::controller::Status;
+use sidehill_controller::mpc::SolvePath;
 use sidehill_plant::frames::{Attitude, PlanarPose, Pose};
 use sidehill_plant::icr::TreadIcrs;
 use sidehill_plant::speeds::MotorSpeeds;
@@ -34,8 +35,10 @@ pub struct Row {
     pub icrs: TreadIcrs,
     /// What the command is worth.
     pub status: Status,
-    /// Interior-point iterations; 0 without a QP.
+    /// Linear systems factorised and interior-point iterations; 0 without a QP.
     pub qp_iterations: u32,
+    /// How the QP was solved; none without one.
+    pub qp_path: Option<SolvePath>,
     /// Time within the QP solver, us; 0 without a QP.
     pub solve_us: f64,
     /// Time from estimate to command, us.
@@ -108,6 +111,12 @@ pub struct Summary {
     pub deadline_misses: u32,
     /// Mean of the QP's iterations.
     pub qp_iterations_mean: f64,
+    /// Cycles whose QP was solved by the rows that bind.
+    pub qp_working_set: u32,
+    /// Cycles whose QP needed the interior-point method.
+    pub qp_interior_point: u32,
+    /// Cycles whose solve was cut short, with a plan that keeps the limits.
+    pub qp_cut_short: u32,
     /// Time within the QP solver, us.
     pub solve_us: Quantiles,
     /// Time from estimate to command, us.

@@ -183,6 +183,14 @@ impl Controller {
         }
     }
 
+    /// Returns the law's model-predictive controller, where it is one.
+    pub fn mpc(&self) -> Option<&Mpc> {
+        match &self.law {
+            Law::Mpc(mpc) => Some(mpc),
+            Law::PurePursuit => None,
+        }
+    }
+
     /// Returns the targets of the horizon of the last cycle; none of a law without a horizon.
     pub fn targets(&self) -> &[StageTarget] {
         &self.horizon.targets

@@ -5,27 +5,30 @@
 //!     Horizon -> Linearised -> CondensedQp -> Solution
 //! ```
 
+mod clarabel_qp;
 mod condensing;
+mod dual_active_set;
 pub mod limits;
 mod model;
 mod problem;
 mod qp;
+mod rows;
 mod settings;
 mod stage_times;
 mod step_limit;
 mod structure;
+mod working_set;
 
 pub use condensing::StageWeights;
 pub use model::Model;
-pub use problem::Residuals;
-pub use qp::QpFailure;
+pub use problem::{CscMatrix, Point, QpData, Residuals};
+pub use qp::{QpFailure, QpSolver, SolvePath};
 pub use settings::{ChangeWeights, Corridor, HeadingExcess, MpcSettings, QpMode, QpSettings};
 pub use stage_times::StageTimes;
 pub use step_limit::StepLimit;
 
 use condensing::{Condenser, Stage};
 use nalgebra::Vector3;
-use qp::QpSolver;
 use serde::{Deserialize, Serialize};
 use sidehill_plant::frames::{PlanarPose, wrap_angle};
 use sidehill_plant::speeds::MotorSpeeds;
@@ -116,8 +119,10 @@ pub struct Solution {
 /// What a solved cycle reports besides its plan.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct SolveReport {
-    /// Interior-point iterations.
+    /// Linear systems factorised and interior-point iterations.
     pub iterations: u32,
+    /// How the solution was found.
+    pub path: SolvePath,
     /// KKT residuals.
     pub residuals: Residuals,
     /// Time within the solver, s.
@@ -186,6 +191,11 @@ impl Mpc {
     /// Makes the next plan from nothing, as after a change of the path.
     pub fn discard_plan(&mut self) {
         self.planned = false;
+    }
+
+    /// Returns the QP of the last cycle and the point that its solver ended with.
+    pub fn qp(&self) -> (&QpData, &Point) {
+        (self.solver.data(), self.solver.point())
     }
 
     /// Returns the prediction model, to be adapted.
@@ -329,7 +339,8 @@ impl Mpc {
     }
 
     /// Solves the condensed QP and moves the plan to its solution; a failure leaves the plan as it
-    /// was before it was linearised about.
+    /// was before it was linearised about. A solve that is cut short ends with a point that meets all
+    /// limits, where one is found that is better than to change nothing.
     fn solve(
         &mut self,
         horizon: &Horizon,
@@ -340,9 +351,16 @@ impl Mpc {
         let residuals = self
             .solver
             .solve(deadline)
+            .or_else(|failure| {
+                let (condenser, stages) = (&self.condenser, &self.stages);
+                self.solver.salvage(failure, |data, primal| {
+                    condenser.make_feasible(stages, data, primal);
+                })
+            })
             .inspect_err(|_| self.plan.states[0] = about.first)?;
         let report = SolveReport {
             iterations: self.solver.iterations(),
+            path: self.solver.path(),
             residuals,
             solve_time_s: begin.elapsed().as_secs_f64(),
         };

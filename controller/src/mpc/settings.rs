@@ -98,12 +98,15 @@ pub const ITERATIONS_MAX: u32 = 100;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum QpMode {
-    /// As `InPlace`, but the QP without its inequalities first, unless one of them bound in the solve
-    /// before; where its minimiser meets them all it is the solution.
-    RelaxedFirst,
-    /// One solver made at start, updated in place, set up for small well-scaled QPs.
+    /// By the rows that bind, beginning with those of the cycle before, and by the interior-point
+    /// method where they are not found.
+    #[serde(alias = "relaxed_first")]
+    WorkingSet,
+    /// By the interior-point method, with one solver made at start, updated in place, set up for small
+    /// well-scaled QPs.
     InPlace,
-    /// A solver with clarabel's defaults made new in each cycle: what benches compare with.
+    /// By the interior-point method, with a solver of clarabel's defaults made new in each cycle: what
+    /// tests and benches compare with.
     FreshDefaults,
 }
 
@@ -114,7 +117,7 @@ pub struct QpSettings {
     /// How the solver is used.
     pub mode: QpMode,
     /// Largest number of interior-point iterations: what ends a solve that gets nowhere; the deadline is
-    /// what keeps the cycle's time. Where limits bind, 6 to 38 were seen.
+    /// what keeps the cycle's time.
     pub max_iterations: u32,
     /// Feasibility and gap tolerance of the solver.
     pub tolerance: f64,
@@ -129,7 +132,7 @@ pub struct QpSettings {
 impl Default for QpSettings {
     fn default() -> Self {
         Self {
-            mode: QpMode::RelaxedFirst,
+            mode: QpMode::WorkingSet,
             max_iterations: 60,
             tolerance: 1e-6,
             accepted_residual: 1e-3,

@@ -4,6 +4,7 @@ mod closed_loop;
 mod condensed;
 mod limits;
 mod qp;
+mod same_optimum;
 mod stagewise;
 
 use super::condensing::{Condenser, Stage};
