@@ -21,9 +21,14 @@ const PROGRESS_CYCLES: usize = 20;
 ///
 /// # Errors
 /// What keeps the run from starting: settings, or no ground under the start.
-pub fn run(prepared: &Prepared, kind: ControllerKind, progress: impl FnMut(f64)) -> Result<Run> {
+pub fn run(
+    prepared: &Prepared,
+    kind: ControllerKind,
+    progress: impl FnMut(f64),
+    qps: Option<&mut QpRecording>,
+) -> Result<Run> {
     let name = prepared.plant.kind().name();
-    run_plant(prepared, kind, prepared.simulation()?, name, progress)
+    run_plant(prepared, kind, prepared.simulation()?, name, progress, qps)
 }
 
 /// Returns the run of one controller with another plant, of that name, than the scenario's own.

@@ -49,7 +49,7 @@ pub fn simulate<'py>(
         py.check_signals()?;
         let run = match object {
             None => guarded(py, || {
-                closed_loop::run(&prepared, kind, |_| {}).map_err(failed)
+                closed_loop::run(&prepared, kind, |_| {}, None).map_err(failed)
             }),
             Some(object) => run_object(&prepared, kind, object),
         };
@@ -84,7 +84,7 @@ fn run_object(
     let failure = plant.failure();
     let name = object.get_type().name()?.to_string();
     let run = guarded(py, || {
-        closed_loop::run_plant(prepared, kind, plant, &name, |_| {}).map_err(failed)
+        closed_loop::run_plant(prepared, kind, plant, &name, |_| {}, None).map_err(failed)
     })?;
     match failure.take() {
         Some(error) => Err(error),
