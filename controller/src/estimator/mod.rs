@@ -11,14 +11,15 @@
 //! ahead and without poses nothing is learned and nothing winds up.
 
 mod contact;
+mod contact_settings;
 mod estimate;
 mod filter;
 mod learned;
 mod settings;
 mod slip;
 
-pub use contact::{ContactEstimate, ContactLearningSettings};
-pub use estimate::{Estimate, Innovation, Refused};
+pub use contact_settings::ContactLearningSettings;
+pub use estimate::{ContactEstimate, Estimate, Innovation, Refused};
 pub use settings::{AdaptationSettings, EstimatorSettings};
 
 use contact::LearnedContact;
