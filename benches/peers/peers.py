@@ -11,8 +11,10 @@ and warm, and lets Sidehill's own solver do so too (`examples/solve_qps.rs`), al
 """
 
 import argparse
+import concurrent.futures
 import gc
 import json
+import multiprocessing
 import os
 import pathlib
 import platform
@@ -69,8 +71,10 @@ def own_solver(path):
             yield f"sidehill {mode}", data[f"{mode}_us"], data[f"{mode}_x"]
 
 
-def peer(recording, qps, kind, warm, patience_s):
+def peer(path, kind, warm, patience_s):
     """Returns times in us and points of a peer; None for the point of a failure."""
+    recording = Recording(path)
+    qps = (recording[i] for i in range(len(recording)))
     solver = kind(recording, warm)
     times, points = [], []
     prepared = (solver.prepare(qp) for qp in qps)
@@ -90,6 +94,13 @@ def peer(recording, qps, kind, warm, patience_s):
             break
     gc.enable()
     return np.array(times), points
+
+
+def in_own_process(*arguments):
+    """Returns what `peer` does, in a process of its own: what one library breaks is not another's."""
+    context = multiprocessing.get_context("spawn")
+    with concurrent.futures.ProcessPoolExecutor(1, mp_context=context) as pool:
+        return pool.submit(peer, *arguments).result()
 
 
 def judge(qps, reference, times, points):
@@ -137,9 +148,12 @@ def run_set(name, patience_s):
         for warm in (False, True) if kind.can_warm else (False,):
             label = f"{kind.name} {'warm' if warm else 'cold'}"
             try:
-                times, points = peer(recording, qps, kind, warm, patience_s)
+                times, points = in_own_process(path, kind, warm, patience_s)
             except (ImportError, OSError) as error:
                 print(f"  {label}: not there ({error})")
+                continue
+            except concurrent.futures.process.BrokenProcessPool:
+                print(f"  {label}: crashed")
                 continue
             add(label, times, points)
     return rows, times_of
