@@ -106,6 +106,7 @@ fn row(cycle: &Cycle, prepared: &Prepared) -> Row {
         heading_error_rad: cycle.errors.heading_error_rad,
         command: decision.command_effective,
         motors: state.motors,
+        tread_speeds: prepared.plant.encoder_scale().invert(state.treads),
         icrs: prepared.vehicle.icrik(state.attitude, state.treads),
         status: decision.status,
         qp_iterations: decision.solve.map_or(0, |s| s.iterations),

@@ -1,4 +1,7 @@
 //! `sidehill icr`: tread ICRs and body velocities of a vehicle for attitudes and tread speeds.
+//!
+//! The tread speeds are effective ones, V_l and V_r of equation (11): the vehicle's c_l and c_r are not
+//! applied to them. Multiply what encoders read by c_l and c_r first.
 
 use crate::config::ConfigFile;
 use anyhow::{Context, Result, anyhow};

@@ -39,9 +39,10 @@ pub struct OdometryArgs {
 }
 
 /// The models compared, with their names in tables and in JSON.
-const MODELS: [(KinematicModel, &str); 3] = [
+const MODELS: [(KinematicModel, &str); 4] = [
     (KinematicModel::Icrhk, "icrhk"),
     (KinematicModel::Icrik, "icrik"),
+    (KinematicModel::Extended, "extended"),
     (KinematicModel::DifferentialDrive, "diff_drive"),
 ];
 
@@ -176,11 +177,12 @@ mod tests {
 
     #[test]
     fn json_has_the_contracts_fields() {
-        let text = json(&[off_by(2.0), off_by(0.5), off_by(3.0)]).unwrap();
+        let text = json(&[off_by(2.0), off_by(0.5), off_by(0.25), off_by(3.0)]).unwrap();
         let value: serde_json::Value = serde_json::from_str(&text).unwrap();
         assert_eq!(value["samples"], 1);
         assert_eq!(value["icrhk"]["mse_x"], 4.0);
         assert_eq!(value["icrik"]["j_over_n"], 0.25);
+        assert_eq!(value["extended"]["mse_x"], 0.0625);
         for key in ["mse_x", "mse_y", "mse_z", "mse_yaw", "j_over_n"] {
             assert!(value["diff_drive"][key].is_f64(), "{key}");
         }

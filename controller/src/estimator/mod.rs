@@ -14,6 +14,7 @@ mod contact;
 mod contact_settings;
 mod estimate;
 mod filter;
+mod gate;
 mod learned;
 mod settings;
 mod slip;

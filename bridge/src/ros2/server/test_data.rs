@@ -34,6 +34,7 @@ pub(crate) fn estimate(time_s: f64, x_m: f64, yaw_rad: f64) -> Estimate {
         attitude_age_s: 0.0,
         speeds_age_s: 0.0,
         poses_gated: 0,
+        poses_doubted_s: None,
     }
 }
 
