@@ -115,11 +115,7 @@ pub fn run(args: &IdentifyArgs) -> Result<()> {
 ///
 /// # Errors
 /// Why the vehicle cannot drive it, or what its logs lack.
-pub(crate) fn by_simulation(
-    contact: &ContactVehicle,
-    vehicle: &Vehicle,
-    seed: u64,
-) -> Result<Vehicle> {
+pub fn by_simulation(contact: &ContactVehicle, vehicle: &Vehicle, seed: u64) -> Result<Vehicle> {
     let settings = IdentificationSettings {
         segmentation: Segmentation::of_length(8.0)?,
         attitude_smoothing_s: 0.2,
