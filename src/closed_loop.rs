@@ -8,6 +8,7 @@ use sidehill_controller::closed_loop::{ClosedLoop, Cycle, RunEnd, TrackingFigure
 use sidehill_controller::config::ControllerKind;
 use sidehill_controller::mpc::SolvePath;
 use sidehill_controller::trajectory::Ending;
+use sidehill_plant::simulation::Plant;
 
 /// Farthest from the end of its path, or from a closed path, at which a run counts as completed, m;
 /// Nav2's default.
@@ -23,10 +24,26 @@ const PROGRESS_CYCLES: usize = 20;
 pub fn run(
     prepared: &Prepared,
     kind: ControllerKind,
+    progress: impl FnMut(f64),
+    qps: Option<&mut QpRecording>,
+) -> Result<Run> {
+    let name = prepared.plant.kind().name();
+    run_plant(prepared, kind, prepared.simulation()?, name, progress, qps)
+}
+
+/// Returns the run of one controller with another plant, of that name, than the scenario's own.
+///
+/// # Errors
+/// As [`run`].
+pub fn run_plant<P: Plant>(
+    prepared: &Prepared,
+    kind: ControllerKind,
+    plant: P,
+    name: &str,
     mut progress: impl FnMut(f64),
     mut qps: Option<&mut QpRecording>,
 ) -> Result<Run> {
-    let mut closed_loop = ClosedLoop::new(prepared.simulation()?, prepared.controller(kind)?)?;
+    let mut closed_loop = ClosedLoop::new(plant, prepared.controller(kind)?)?;
     let mut rows = Vec::new();
     let outcome = loop {
         let cycle = closed_loop.decide();
@@ -57,7 +74,7 @@ pub fn run(
     let iterations: u64 = solves.clone().map(|row| u64::from(row.qp_iterations)).sum();
     let summary = Summary {
         controller: kind.name().to_owned(),
-        plant: prepared.plant.kind().name().to_owned(),
+        plant: name.to_owned(),
         scenario: prepared.name.clone(),
         seed: prepared.seed,
         completed: ended_by.is_none(),
@@ -106,6 +123,7 @@ fn row(cycle: &Cycle, prepared: &Prepared) -> Row {
         heading_error_rad: cycle.errors.heading_error_rad,
         command: decision.command_effective,
         motors: state.motors,
+        tread_speeds: prepared.plant.encoder_scale().invert(state.treads),
         icrs: prepared.vehicle.icrik(state.attitude, state.treads),
         status: decision.status,
         qp_iterations: decision.solve.map_or(0, |s| s.iterations),

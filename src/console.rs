@@ -5,7 +5,11 @@
 
 use std::fmt::Display;
 use std::io::Write;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::mpsc::{SyncSender, sync_channel};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
 
 static DROPPED: AtomicU64 = AtomicU64::new(0);
 
@@ -27,6 +31,108 @@ pub fn complain(text: impl Display) {
 /// Returns how many texts could not be written.
 pub fn dropped() -> u64 {
     DROPPED.load(Ordering::Relaxed)
+}
+
+/// Lines that wait at most for a reader that is slow.
+const WAITING_MAX: usize = 256;
+
+enum Line {
+    Output(Vec<u8>),
+    Error(Vec<u8>),
+}
+
+/// Prints from a thread of its own, so that a reader that is slow, stands still or goes delays nothing:
+/// lines that do not fit are dropped and counted.
+pub struct Printer {
+    lines: SyncSender<Line>,
+    dropped: Arc<AtomicU64>,
+    thread: JoinHandle<()>,
+}
+
+impl Printer {
+    /// Starts the thread.
+    ///
+    /// # Errors
+    /// What the system says.
+    pub fn start() -> std::io::Result<Self> {
+        let (lines, waiting) = sync_channel(WAITING_MAX);
+        let dropped = Arc::new(AtomicU64::new(0));
+        let lost = Arc::clone(&dropped);
+        let thread = std::thread::Builder::new()
+            .name("printer".to_owned())
+            .spawn(move || {
+                for line in waiting {
+                    let written = match line {
+                        Line::Output(text) => std::io::stdout().write_all(&text),
+                        Line::Error(text) => std::io::stderr().write_all(&text),
+                    };
+                    if written.is_err() {
+                        lost.fetch_add(1, Ordering::Relaxed);
+                    }
+                }
+            })?;
+        Ok(Self {
+            lines,
+            dropped,
+            thread,
+        })
+    }
+
+    /// Prints `text` and a line's end to standard output.
+    pub fn line(&self, text: impl Display) {
+        self.send(Line::Output(format!("{text}\n").into_bytes()));
+    }
+
+    /// Returns a writer to standard error that never fails; it prints whole lines.
+    pub fn errors(&self) -> ErrorLines<'_> {
+        ErrorLines {
+            printer: self,
+            line: Vec::new(),
+        }
+    }
+
+    /// Returns how many lines nobody could be given.
+    pub fn dropped(&self) -> u64 {
+        self.dropped.load(Ordering::Relaxed)
+    }
+
+    /// Waits until all is printed, but no longer than `longest`.
+    pub fn finish(self, longest: Duration) {
+        drop(self.lines);
+        let begun = Instant::now();
+        while !self.thread.is_finished() && begun.elapsed() < longest {
+            std::thread::sleep(Duration::from_millis(5));
+        }
+    }
+
+    fn send(&self, line: Line) {
+        if self.lines.try_send(line).is_err() {
+            self.dropped.fetch_add(1, Ordering::Relaxed);
+        }
+    }
+}
+
+/// Collects lines for standard error.
+pub struct ErrorLines<'a> {
+    printer: &'a Printer,
+    line: Vec<u8>,
+}
+
+impl Write for ErrorLines<'_> {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        for &byte in bytes {
+            self.line.push(byte);
+            if byte == b'\n' {
+                let line = std::mem::take(&mut self.line);
+                self.printer.send(Line::Error(line));
+            }
+        }
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        Ok(())
+    }
 }
 
 fn count(written: std::io::Result<()>) {

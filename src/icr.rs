@@ -1,4 +1,7 @@
 //! `sidehill icr`: tread ICRs and body velocities of a vehicle for attitudes and tread speeds.
+//!
+//! The tread speeds are effective ones, V_l and V_r of equation (11): the vehicle's c_l and c_r are not
+//! applied to them. Multiply what encoders read by c_l and c_r first.
 
 use crate::config::ConfigFile;
 use anyhow::{Context, Result, anyhow};
@@ -27,31 +30,33 @@ struct Line {
     v_right_m_s: String,
 }
 
-/// A line of input.
-#[derive(Debug)]
-struct Input {
-    roll_rad: f64,
-    pitch_rad: f64,
-    v_left_m_s: f64,
-    v_right_m_s: f64,
+/// What the models are evaluated for.
+#[derive(Debug, Clone, Copy)]
+pub struct Input {
+    /// Roll, rad.
+    pub roll_rad: f64,
+    /// Pitch, rad.
+    pub pitch_rad: f64,
+    /// Effective speed of the left tread V_l, m/s.
+    pub v_left_m_s: f64,
+    /// Effective speed of the right tread V_r, m/s.
+    pub v_right_m_s: f64,
 }
 
 impl Line {
-    /// Returns the numbers, each within its range.
+    /// Returns the numbers.
     fn input(&self) -> Result<Input> {
         // By hand, as the csv crate names neither column nor text.
         let number = |key: &str, text: &str| -> Result<f64> {
             text.parse()
                 .map_err(|_| anyhow!("{key}: `{text}` is not a number"))
         };
-        let input = Input {
+        Ok(Input {
             roll_rad: number("roll_rad", &self.roll_rad)?,
             pitch_rad: number("pitch_rad", &self.pitch_rad)?,
             v_left_m_s: number("v_left_m_s", &self.v_left_m_s)?,
             v_right_m_s: number("v_right_m_s", &self.v_right_m_s)?,
-        };
-        check(&input)?;
-        Ok(input)
+        })
     }
 }
 
@@ -87,14 +92,7 @@ pub fn run(args: &IcrArgs, input: impl Read, output: impl Write) -> Result<()> {
         let place = || format!("standard input, line {line_number}");
         let line: Line = line.with_context(place)?;
         let input = line.input().with_context(place)?;
-        let attitude = Attitude {
-            roll_rad: input.roll_rad,
-            pitch_rad: input.pitch_rad,
-        };
-        let treads = TreadSpeeds {
-            left_m_s: input.v_left_m_s,
-            right_m_s: input.v_right_m_s,
-        };
+        let (attitude, treads) = input.checked().with_context(place)?;
         let icrs = vehicle.icrik(attitude, treads);
         let velocity = icrs.body_velocity(treads);
         writer.serialize(Output {
@@ -115,13 +113,23 @@ pub fn run(args: &IcrArgs, input: impl Read, output: impl Write) -> Result<()> {
     Ok(())
 }
 
-fn check(input: &Input) -> Result<(), RangeError> {
-    const QUARTER_TURN: f64 = std::f64::consts::FRAC_PI_2;
-    let angle = |key, value| Bounds::new(-QUARTER_TURN, QUARTER_TURN, "rad").check(key, value);
-    let speed = |key, value| Bounds::new(-100.0, 100.0, "m/s").check(key, value);
-    angle("roll_rad", input.roll_rad)?;
-    angle("pitch_rad", input.pitch_rad)?;
-    speed("v_left_m_s", input.v_left_m_s)?;
-    speed("v_right_m_s", input.v_right_m_s)?;
-    Ok(())
+impl Input {
+    /// Returns attitude and effective tread speeds, each within its range.
+    ///
+    /// # Errors
+    /// Names the value and its range.
+    pub fn checked(&self) -> Result<(Attitude, TreadSpeeds), RangeError> {
+        const QUARTER_TURN: f64 = std::f64::consts::FRAC_PI_2;
+        let angle = |key, value| Bounds::new(-QUARTER_TURN, QUARTER_TURN, "rad").check(key, value);
+        let speed = |key, value| Bounds::new(-100.0, 100.0, "m/s").check(key, value);
+        let attitude = Attitude {
+            roll_rad: angle("roll_rad", self.roll_rad)?,
+            pitch_rad: angle("pitch_rad", self.pitch_rad)?,
+        };
+        let treads = TreadSpeeds {
+            left_m_s: speed("v_left_m_s", self.v_left_m_s)?,
+            right_m_s: speed("v_right_m_s", self.v_right_m_s)?,
+        };
+        Ok((attitude, treads))
+    }
 }

@@ -7,8 +7,8 @@ use crate::output;
 use anyhow::{Context, Result, bail};
 use sidehill_plant::contact::{ContactModel, ContactVehicle};
 use sidehill_plant::identification::{
-    Drive, IdentificationSettings, Leg, LogNoise, Procedure, SegmentErrors, Segmentation,
-    StageReport, drive, identify_level, identify_slope,
+    Drive, ExtensionReport, IdentificationSettings, Leg, LogNoise, Procedure, SegmentErrors,
+    Segmentation, StageReport, Verdict, drive, identify_extension, identify_level, identify_slope,
 };
 use sidehill_plant::log::DriveLog;
 use sidehill_plant::speeds::EncoderScale;
@@ -91,6 +91,16 @@ pub fn run(args: &IdentifyArgs) -> Result<()> {
         console::text(stage_table("slope", "ICRHK", &report));
         vehicle = fitted;
     }
+    let slope: Vec<DriveLog> = logs.slope.into_iter().chain(logs.across).collect();
+    match identify_extension(&logs.level, &slope, &vehicle, &settings) {
+        Ok((extension, report)) => {
+            console::text(extension_table(&report));
+            vehicle.extension = extension;
+            vehicle = vehicle.validated().context("the extended model")?;
+        }
+        // What the two stages found holds without it.
+        Err(error) => console::text(format!("extension: not tried: {error}\n")),
+    }
     if let Some(name) = &args.name {
         vehicle.name.clone_from(name);
     }
@@ -105,11 +115,7 @@ pub fn run(args: &IdentifyArgs) -> Result<()> {
 ///
 /// # Errors
 /// Why the vehicle cannot drive it, or what its logs lack.
-pub(crate) fn by_simulation(
-    contact: &ContactVehicle,
-    vehicle: &Vehicle,
-    seed: u64,
-) -> Result<Vehicle> {
+pub fn by_simulation(contact: &ContactVehicle, vehicle: &Vehicle, seed: u64) -> Result<Vehicle> {
     let settings = IdentificationSettings {
         segmentation: Segmentation::of_length(8.0)?,
         attitude_smoothing_s: 0.2,
@@ -124,6 +130,8 @@ pub(crate) fn by_simulation(
 struct Logs {
     level: Vec<DriveLog>,
     slope: Vec<DriveLog>,
+    /// Further ones on the slope, for the terms beyond ICRIK.
+    across: Vec<DriveLog>,
 }
 
 fn recorded(args: &IdentifyArgs) -> Result<Logs> {
@@ -134,6 +142,7 @@ fn recorded(args: &IdentifyArgs) -> Result<Logs> {
     Ok(Logs {
         level: read(&args.level)?,
         slope: read(&args.slope)?,
+        across: Vec::new(),
     })
 }
 
@@ -153,6 +162,11 @@ fn simulated(contact: &ContactVehicle, vehicle: &Vehicle, seed: u64) -> Result<L
     Ok(Logs {
         level: vec![log(Terrain::Level, &procedure.level, seed)?],
         slope: vec![log(procedure.slope_terrain()?, &procedure.slope, seed + 1)?],
+        across: vec![log(
+            procedure.slope_terrain()?,
+            &procedure.across,
+            seed + 2,
+        )?],
     })
 }
 
@@ -191,6 +205,45 @@ fn stage_table(stage: &str, baseline: &str, report: &StageReport) -> String {
     out
 }
 
+fn extension_table(report: &ExtensionReport) -> String {
+    let mut out = format!("extension: {} segments\n", report.segments);
+    for term in &report.terms {
+        let verdict = match term.verdict {
+            Verdict::Supported { value, half_width } => {
+                let interval =
+                    half_width.map_or_else(String::new, |width| format!(" +- {width:.4} (95 %)"));
+                format!("{value:>9.4}{interval}, supported")
+            }
+            Verdict::NotToldApart { instead } => {
+                format!("not told apart from {}, which says more", instead.key())
+            }
+            Verdict::Negative { value } => format!("not supported: it would be {value:.4}"),
+            Verdict::NotSupported => "not supported".to_owned(),
+        };
+        let _ = writeln!(
+            out,
+            "  {:20} {verdict}; held-out misfit {:+.1} +- {:.1} %",
+            term.term.key(),
+            -100.0 * term.improvement,
+            100.0 * term.improvement_half_width,
+        );
+    }
+    let mut held_out = |name: &str, errors: &SegmentErrors| {
+        let _ = writeln!(
+            out,
+            "  held-out segments, {name}: position {:.3} m, yaw {:.3} rad RMS",
+            errors.lateral_m.hypot(errors.longitudinal_m),
+            errors.yaw_rad
+        );
+    };
+    held_out("ICRHK", &report.icrhk);
+    if let Some(icrik) = &report.icrik {
+        held_out("ICRIK", icrik);
+    }
+    held_out("extended", &report.extended);
+    out
+}
+
 /// Returns the vehicle as YAML with where it comes from.
 fn commented(vehicle: &Vehicle, args: &IdentifyArgs) -> Result<String> {
     let list = |paths: &[PathBuf]| {
@@ -212,7 +265,8 @@ fn commented(vehicle: &Vehicle, args: &IdentifyArgs) -> Result<String> {
     Ok(format!(
         "# Identified by: sidehill identify {source} --vehicle {} --segment-s {} --smoothing-s {}\n\
          # Keys and units as in config/vehicles/j8.yaml: ICRs in m from the body's origin, slide gains\n\
-         # in s/rad, largest speed in m/s, base in m; base and largest speed from the --vehicle file.\n{yaml}",
+         # in s/rad, largest speed in m/s, base in m; base and largest speed from the --vehicle file.\n\
+         # extension: terms beyond ICRIK and the parameters found with them, see docs/identification.md.\n{yaml}",
         args.vehicle.display(),
         args.segment_s,
         args.smoothing_s
@@ -243,6 +297,10 @@ mod tests {
         }
     }
 
+    fn creep(vehicle: &Vehicle) -> f64 {
+        vehicle.extension_gains().creep_m_s_per_rad
+    }
+
     #[test]
     fn the_identified_contact_vehicle_is_what_its_command_makes() {
         let out = std::env::temp_dir().join(format!("sidehill-{}.yaml", std::process::id()));
@@ -263,6 +321,7 @@ mod tests {
             ),
             (made.encoder_scale.left, kept.encoder_scale.left),
             (made.encoder_scale.right, kept.encoder_scale.right),
+            (creep(&made), creep(&kept)),
         ] {
             assert!((made - kept).abs() < 1e-3 * kept.abs(), "{made} {kept}");
         }

@@ -22,7 +22,8 @@ enum Command {
     Simulate(simulate::SimulateArgs),
     /// Runs many seeded simulations on all cores and compares controllers over them.
     Campaign(campaign::CampaignArgs),
-    /// Evaluates ICRIK: CSV with roll_rad, pitch_rad, v_left_m_s, v_right_m_s on standard input.
+    /// Evaluates ICRIK: CSV with roll_rad, pitch_rad, v_left_m_s, v_right_m_s on standard input. The
+    /// speeds are effective ones: c_l and c_r of the vehicle are not applied.
     Icr(icr::IcrArgs),
     /// Judges odometry of a log by its poses: ICRHK, ICRIK and ideal differential drive.
     Odometry(odometry::OdometryArgs),

@@ -8,6 +8,7 @@ use crate::output;
 use crate::simulate::Format;
 use anyhow::{Context, Result};
 use serde::Serialize;
+use serde_json::Value;
 use sidehill_plant::log::{ColumnMap, DriveLog};
 use sidehill_plant::odometry::{Comparison, KinematicModel, MeanSquaredErrors, compare};
 use sidehill_plant::vehicle::Vehicle;
@@ -39,9 +40,10 @@ pub struct OdometryArgs {
 }
 
 /// The models compared, with their names in tables and in JSON.
-const MODELS: [(KinematicModel, &str); 3] = [
+const MODELS: [(KinematicModel, &str); 4] = [
     (KinematicModel::Icrhk, "icrhk"),
     (KinematicModel::Icrik, "icrik"),
+    (KinematicModel::Extended, "extended"),
     (KinematicModel::DifferentialDrive, "diff_drive"),
 ];
 
@@ -77,14 +79,11 @@ pub fn run(args: &OdometryArgs) -> Result<()> {
     }
     let vehicle: Vehicle = ConfigFile::read(&args.vehicle)?.parse()?;
     let log = read_log(&args.log, &column_map(args.columns.as_deref())?)?;
-    let comparisons = MODELS
-        .iter()
-        .map(|(model, _)| compare(&log, &vehicle, *model))
-        .collect::<Result<Vec<_>, _>>()
-        .with_context(|| args.log.display().to_string())?;
+    let comparisons =
+        comparisons(&log, &vehicle).with_context(|| args.log.display().to_string())?;
     match args.format {
         Format::Table => console::text(table(&comparisons)),
-        Format::Json => console::line(json(&comparisons)?),
+        Format::Json => console::line(serde_json::to_string(&json(&comparisons)?)?),
     }
     if let Some(path) = &args.plot {
         let paths: Vec<_> = MODELS
@@ -96,6 +95,20 @@ pub fn run(args: &OdometryArgs) -> Result<()> {
         output::write(path, drawing.as_bytes(), args.force)?;
     }
     Ok(())
+}
+
+/// Returns what `odometry --format json` prints.
+///
+/// # Errors
+/// What the log lacks.
+pub fn figures(log: &DriveLog, vehicle: &Vehicle) -> Result<serde_json::Map<String, Value>> {
+    json(&comparisons(log, vehicle)?)
+}
+
+/// Returns the poses of each model against those of the log.
+fn comparisons(log: &DriveLog, vehicle: &Vehicle) -> Result<Vec<Vec<Comparison>>> {
+    let comparisons = MODELS.map(|(model, _)| compare(log, vehicle, model));
+    Ok(comparisons.into_iter().collect::<Result<_, _>>()?)
 }
 
 /// Returns the column map of a file, or the contract's without one.
@@ -147,7 +160,7 @@ fn table(comparisons: &[Vec<Comparison>]) -> String {
     out
 }
 
-fn json(comparisons: &[Vec<Comparison>]) -> Result<String> {
+fn json(comparisons: &[Vec<Comparison>]) -> Result<serde_json::Map<String, Value>> {
     let mut object = serde_json::Map::new();
     let samples = comparisons.first().map_or(0, Vec::len);
     object.insert("samples".into(), samples.into());
@@ -155,7 +168,7 @@ fn json(comparisons: &[Vec<Comparison>]) -> Result<String> {
         let figures = Figures::from(MeanSquaredErrors::of(comparisons));
         object.insert((*name).into(), serde_json::to_value(figures)?);
     }
-    Ok(serde_json::to_string(&object)?)
+    Ok(object)
 }
 
 #[cfg(test)]
@@ -176,11 +189,11 @@ mod tests {
 
     #[test]
     fn json_has_the_contracts_fields() {
-        let text = json(&[off_by(2.0), off_by(0.5), off_by(3.0)]).unwrap();
-        let value: serde_json::Value = serde_json::from_str(&text).unwrap();
+        let value = json(&[off_by(2.0), off_by(0.5), off_by(0.25), off_by(3.0)]).unwrap();
         assert_eq!(value["samples"], 1);
         assert_eq!(value["icrhk"]["mse_x"], 4.0);
         assert_eq!(value["icrik"]["j_over_n"], 0.25);
+        assert_eq!(value["extended"]["mse_x"], 0.0625);
         for key in ["mse_x", "mse_y", "mse_z", "mse_yaw", "j_over_n"] {
             assert!(value["diff_drive"][key].is_f64(), "{key}");
         }

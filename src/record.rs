@@ -5,7 +5,7 @@ use sidehill_controller::controller::Status;
 use sidehill_controller::mpc::SolvePath;
 use sidehill_plant::frames::{Attitude, PlanarPose, Pose};
 use sidehill_plant::icr::TreadIcrs;
-use sidehill_plant::speeds::MotorSpeeds;
+use sidehill_plant::speeds::{MeasuredTreadSpeeds, MotorSpeeds};
 use sidehill_plant::statistics::quantile;
 
 /// One control cycle, with the truth at its beginning.
@@ -31,6 +31,8 @@ pub struct Row {
     pub command: MotorSpeeds,
     /// True motor speeds.
     pub motors: MotorSpeeds,
+    /// Tread speeds as perfect encoders count them, before c_l and c_r.
+    pub tread_speeds: MeasuredTreadSpeeds,
     /// Tread ICRs of ICRIK at the true attitude and speeds.
     pub icrs: TreadIcrs,
     /// What the command is worth.

@@ -1,8 +1,8 @@
 //! `sidehill run`: the controller in real time on a CAN bus or on ROS 2.
-#![allow(clippy::print_stdout, clippy::print_stderr)]
 
 use crate::config::ros2::{environment, parameters};
 use crate::config::{ConfigFile, RunConfig, RunPort};
+use crate::console::Printer;
 use anyhow::{Context, Result, anyhow, ensure};
 use serde::Serialize;
 use sidehill_bridge::can::CanPort;
@@ -49,11 +49,27 @@ struct StatusLine<'a> {
     #[serde(flatten)]
     cycle: &'a CycleRow,
     records_lost: u64,
+    /// Lines of text that nobody took; absent while there are none.
+    #[serde(skip_serializing_if = "is_zero")]
+    lines_dropped: u64,
+    /// Batches of records that could not be written to --out; absent while there are none.
+    #[serde(skip_serializing_if = "is_zero")]
+    batches_unwritten: u64,
 }
 
+fn is_zero(count: &u64) -> bool {
+    *count == 0
+}
+
+/// Longest wait for a reader of the output at the end.
+const PRINT_TIMEOUT: Duration = Duration::from_millis(500);
+
 /// Runs the control loop of a configuration until its course is finished, its time is over, or a
-/// signal comes. SIGUSR1 arms; SIGUSR2 stops on the ramp; SIGINT and SIGTERM send zero speed, disable
-/// the drives and end the program, as SIGCONT does over ROS 2.
+/// signal comes. SIGUSR1 arms; SIGUSR2 stops on the ramp; SIGINT, SIGTERM and SIGHUP (a connection that
+/// drops) send zero speed, disable the drives and end the program, as SIGCONT does over ROS 2.
+///
+/// Text that nobody reads and records that the disk does not take are dropped and counted: the vehicle
+/// drives on.
 ///
 /// The exit status is that of the [`Ending`](sidehill_bridge::control_loop::Ending).
 ///
@@ -117,12 +133,24 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
         },
         signals,
     };
+    let printer = Printer::start()?;
     let control_loop = setup.start()?;
 
     let mut reported_s = 0.0;
+    let mut batches_unwritten = 0;
+    let mut record = |recorder: &mut Recorder| {
+        if let Err(error) = write(recorder, files.as_mut(), &printer) {
+            if batches_unwritten == 0 {
+                let line = serde_json::json!({ "event": "records not written", "reason": format!("{error:#}") });
+                let _ = writeln!(printer.errors(), "{line}");
+            }
+            batches_unwritten += 1;
+        }
+        batches_unwritten
+    };
     while !control_loop.is_finished() {
         std::thread::sleep(Duration::from_millis(50));
-        write(&mut recorder, files.as_mut())?;
+        let batches_unwritten = record(&mut recorder);
         let now_s = epoch.elapsed_s();
         if now_s >= reported_s + 1.0 {
             reported_s = now_s;
@@ -131,24 +159,32 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
                     unix_s: epoch.unix_s(cycle.time_s),
                     cycle,
                     records_lost: recorder.lost(),
+                    lines_dropped: printer.dropped(),
+                    batches_unwritten,
                 };
-                println!("{}", serde_json::to_string(&line)?);
+                if let Ok(line) = serde_json::to_string(&line) {
+                    printer.line(line);
+                }
             }
         }
     }
     let report = control_loop.join();
-    write(&mut recorder, files.as_mut())?;
+    record(&mut recorder);
+    if let Ok(line) = report.as_ref().map(serde_json::to_string) {
+        printer.line(line?);
+    }
+    printer.finish(PRINT_TIMEOUT);
     let report = report.with_context(|| file.name())?;
-    println!("{}", serde_json::to_string(&report)?);
     Ok(ExitCode::from(report.ended.exit_code()))
 }
 
 fn register_signals() -> Result<Signals> {
-    use signal_hook::consts::{SIGCONT, SIGINT, SIGTERM, SIGUSR1, SIGUSR2};
+    use signal_hook::consts::{SIGCONT, SIGHUP, SIGINT, SIGTERM, SIGUSR1, SIGUSR2};
     use signal_hook::flag::register;
     let signals = Signals::default();
-    register(SIGINT, Arc::clone(&signals.end))?;
-    register(SIGTERM, Arc::clone(&signals.end))?;
+    for end in [SIGINT, SIGTERM, SIGHUP] {
+        register(end, Arc::clone(&signals.end))?;
+    }
     register(SIGUSR1, Arc::clone(&signals.arm))?;
     register(SIGUSR2, Arc::clone(&signals.stop))?;
     register(SIGCONT, Arc::clone(&signals.resumed))?;
@@ -245,10 +281,10 @@ impl Files {
 }
 
 /// Writes what the threads have left: to the files, else events to standard error.
-fn write(recorder: &mut Recorder, files: Option<&mut Files>) -> Result<()> {
+fn write(recorder: &mut Recorder, files: Option<&mut Files>, printer: &Printer) -> Result<()> {
     let Some(files) = files else {
         recorder.drain(&mut Outputs {
-            events: Some(&mut std::io::stderr()),
+            events: Some(&mut printer.errors()),
             ..Outputs::default()
         })?;
         return Ok(());

@@ -192,3 +192,54 @@ fn a_bus_is_not_driven_in_simulated_time() {
         }
     }
 }
+
+#[test]
+fn it_drives_on_when_nobody_reads_and_stops_when_the_connection_drops() {
+    let changes = [
+        ("port: can", "port: simulated"),
+        ("command_timeout_s: 0.15", "command_timeout_s: 1.0"),
+        ("feedback_timeout_s: 0.2", "feedback_timeout_s: 1.0"),
+        ("handshake_timeout_s: 1.0", "handshake_timeout_s: 10.0"),
+    ]
+    .map(|(old, new)| ("run_vcan0.yaml", old, new));
+    let file = configuration("nobody_reads", &changes);
+    let out = file.parent().unwrap().join("out");
+    let mut child = Command::new(env!("CARGO_BIN_EXE_sidehill"))
+        .args(["run", file.to_str().unwrap(), "--arm", "--out"])
+        .arg(&out)
+        .stdout(std::process::Stdio::piped())
+        .stderr(std::process::Stdio::piped())
+        .spawn()
+        .unwrap();
+    // Both ends of its text are gone before it says anything.
+    drop(child.stdout.take());
+    drop(child.stderr.take());
+    let states = || -> Vec<String> {
+        let cycles = std::fs::read_to_string(out.join("cycles.csv")).unwrap_or_default();
+        let mut lines = cycles.lines();
+        let header = lines.next().unwrap_or_default();
+        let column = header.split(',').position(|name| name == "state");
+        // The last line may be half written.
+        let whole: Vec<&str> = lines.collect();
+        whole[..whole.len().saturating_sub(1)]
+            .iter()
+            .filter_map(|line| Some(line.split(',').nth(column?)?.to_owned()))
+            .collect()
+    };
+    let driving = || states().iter().filter(|state| *state == "driving").count();
+    let begun = std::time::Instant::now();
+    while driving() < 60 {
+        assert!(child.try_wait().unwrap().is_none(), "{:?}", states().last());
+        assert!(begun.elapsed().as_secs() < 60, "{:?}", states().last());
+        std::thread::sleep(std::time::Duration::from_millis(100));
+    }
+    let id = rustix::process::Pid::from_raw(i32::try_from(child.id()).unwrap()).unwrap();
+    rustix::process::kill_process(id, rustix::process::Signal::HUP).unwrap();
+    let status = child.wait().unwrap();
+    assert_eq!(
+        status.code(),
+        Some(1),
+        "ended by a signal, not killed by it"
+    );
+    assert_ne!(states().last().unwrap(), "driving");
+}

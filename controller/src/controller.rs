@@ -7,8 +7,9 @@
 mod decision;
 mod horizon;
 mod supervision;
+mod watchdog;
 
-pub use decision::{Decision, Status, StopReason};
+pub use decision::{Decision, Stall, Status, StopReason};
 
 use crate::config::{ControllerConfig, ControllerKind};
 use crate::estimator::{Estimate, Estimator};
@@ -23,6 +24,7 @@ use sidehill_plant::speeds::MotorSpeeds;
 use sidehill_plant::terrain::Terrain;
 use sidehill_plant::vehicle::Vehicle;
 use std::time::Instant;
+use watchdog::Watchdog;
 
 /// Why a controller cannot be made.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -75,6 +77,7 @@ pub struct Controller {
     adapts: bool,
     horizon: Horizon,
     phase: Phase,
+    watchdog: Watchdog,
     /// Commands of the last second, the newest last: those in flight are among them.
     issued: Vec<Issued>,
     last_time_s: Option<f64>,
@@ -118,10 +121,11 @@ impl Controller {
             settings.adaptation.slope_sigma = 0.0;
             Estimator::new(settings, vehicle.on_level_ground())
         } else {
-            Estimator::new(config.estimator, vehicle.clone())
+            Estimator::new(config.estimator, vehicle.extended())
         };
         let vehicle = match kind {
-            ControllerKind::IcrikMpc | ControllerKind::ContactMpc => vehicle.clone(),
+            ControllerKind::IcrikMpc => vehicle.extended(),
+            ControllerKind::ContactMpc => vehicle.clone(),
             ControllerKind::IcrhkMpc | ControllerKind::PurePursuit => vehicle.on_level_ground(),
             ControllerKind::DiffdriveMpc => vehicle.as_differential_drive(),
         };
@@ -146,6 +150,12 @@ impl Controller {
                 targets: Vec::with_capacity(config.stages),
             },
             issued: Vec::with_capacity(commands + 1),
+            watchdog: Watchdog::new(
+                &config.supervisor,
+                config.limits,
+                0.5 * (vehicle.icrs.right_m - vehicle.icrs.left_m),
+                config.period_s,
+            ),
             phase: Phase::Driving { fallback_cycles: 0 },
             last_time_s: None,
             adapts,
@@ -219,6 +229,7 @@ impl Controller {
             self.phase = Phase::Driving { fallback_cycles: 0 };
         }
         self.reference = Some(next);
+        self.watchdog.reset();
     }
 
     /// Has nothing to follow from the next cycle on: a vehicle that drives is stopped.
@@ -262,7 +273,8 @@ impl Controller {
             }
             _ => None,
         };
-        let (status, command_effective) = self.conclude(solved);
+        let slowed = slowed_share(estimate.as_ref());
+        let (status, command_effective) = self.conclude(solved, slowed);
         self.remember(sample.time_s, command_effective);
         Decision {
             time_s: sample.time_s,
@@ -309,9 +321,13 @@ impl Controller {
         }
     }
 
-    /// Returns what the cycle comes to: the solution's command within bounds and rates, that of the
-    /// previous plan where there is no solution, or the next step of a stop.
-    fn conclude(&mut self, solved: Option<Result<Solution, QpFailure>>) -> (Status, MotorSpeeds) {
+    /// Returns what the cycle comes to: the solution's command, `slowed` down, within bounds and rates,
+    /// that of the previous plan where there is no solution, or the next step of a stop.
+    fn conclude(
+        &mut self,
+        solved: Option<Result<Solution, QpFailure>>,
+        slowed: f64,
+    ) -> (Status, MotorSpeeds) {
         let previous = self.last_command();
         let (status, wanted) = match solved {
             None => (Status::Waiting, MotorSpeeds::STOP),
@@ -323,7 +339,14 @@ impl Controller {
         };
         let (limits, period_s) = (&self.config.limits, self.config.period_s);
         match self.phase {
-            Phase::Driving { .. } => (status, limits.project(wanted, previous, period_s)),
+            Phase::Driving { .. } => {
+                // Both motors alike, so that the curve stays.
+                let wanted = MotorSpeeds {
+                    traction_m_s: slowed * wanted.traction_m_s,
+                    steer_m_s: slowed * wanted.steer_m_s,
+                };
+                (status, limits.project(wanted, previous, period_s))
+            }
             Phase::Stopped(reason) => (
                 Status::Stopping(reason),
                 limits.stop_step(previous, period_s),
@@ -349,5 +372,19 @@ impl Controller {
         if let Law::Mpc(mpc) = &mut self.law {
             mpc.discard_plan();
         }
+    }
+}
+
+/// Share of the speed with which a vehicle drives whose poses are refused.
+const DOUBTED_SHARE: f64 = 0.5;
+/// Time that refused poses agree before the vehicle is slowed down, s.
+const DOUBTED_MIN_S: f64 = 0.25;
+
+/// Returns the share of the wanted speeds that is driven with.
+fn slowed_share(estimate: Option<&Estimate>) -> f64 {
+    let doubted = estimate.and_then(|estimate| estimate.poses_doubted_s);
+    match doubted {
+        Some((doubted_s, _)) if doubted_s >= DOUBTED_MIN_S => DOUBTED_SHARE,
+        _ => 1.0,
     }
 }

@@ -23,6 +23,7 @@ pub mod bounds;
 pub mod contact;
 pub mod dead_reckoning;
 pub mod drive_train;
+pub mod extension;
 pub mod frames;
 pub mod icr;
 pub mod identification;

@@ -72,7 +72,8 @@ pub trait MotionModel {
 pub struct IcrMotion {
     /// The vehicle whose ICRs move it.
     pub vehicle: Vehicle,
-    /// Whether the ICRs move with the attitude (ICRIK) or stay as on level ground (ICRHK).
+    /// Whether the ICRs move with the attitude (ICRIK), with the terms of the vehicle's extension where
+    /// it has one, or stay as on level ground (ICRHK).
     pub inclined: bool,
 }
 
@@ -84,7 +85,7 @@ impl MotionModel for IcrMotion {
         _dt_s: f64,
     ) -> Result<BodyVelocity, MotionError> {
         Ok(if self.inclined {
-            self.vehicle.body_velocity(ground.attitude, treads)
+            self.vehicle.extended_velocity(ground.attitude, treads)
         } else {
             self.vehicle.icrhk().body_velocity(treads)
         })

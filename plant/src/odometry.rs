@@ -1,16 +1,20 @@
-//! Odometry of a log by three kinematic models, and its errors against the log's poses (Table II).
+//! Odometry of a log by four kinematic models, and its errors against the log's poses (Table II).
 
 use crate::dead_reckoning::{Motion, advance_between};
 use crate::frames::{Attitude, BodyVelocity, Pose, wrap_angle};
 use crate::log::{DriveLog, GAP_MAX_S, LogRow};
 use crate::speeds::MeasuredTreadSpeeds;
 use crate::vehicle::Vehicle;
+use std::borrow::Cow;
 
 /// What turns measured tread speeds and attitude into a body velocity.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum KinematicModel {
     /// ICRs that move with the attitude: equations (4)-(11).
     Icrik,
+    /// ICRIK and the terms of the vehicle's extension, with the parameters identified with them; ICRIK
+    /// where it has none.
+    Extended,
     /// ICRs on level ground: equations (4) and (11).
     Icrhk,
     /// Ideal differential drive: wheels on the base's sides that do not slip, speeds as measured.
@@ -25,8 +29,26 @@ impl KinematicModel {
         attitude: Attitude,
         measured: MeasuredTreadSpeeds,
     ) -> BodyVelocity {
+        self.velocity_with(&self.parameters(vehicle), attitude, measured)
+    }
+
+    /// Returns the vehicle with the parameters that hold for this model.
+    fn parameters(self, vehicle: &Vehicle) -> Cow<'_, Vehicle> {
+        match self {
+            Self::Extended => Cow::Owned(vehicle.extended()),
+            Self::Icrik | Self::Icrhk | Self::DifferentialDrive => Cow::Borrowed(vehicle),
+        }
+    }
+
+    fn velocity_with(
+        self,
+        vehicle: &Vehicle,
+        attitude: Attitude,
+        measured: MeasuredTreadSpeeds,
+    ) -> BodyVelocity {
         let treads = vehicle.encoder_scale.apply(measured);
         match self {
+            Self::Extended => vehicle.extended_velocity(attitude, treads),
             Self::Icrik => vehicle.body_velocity(attitude, treads),
             Self::Icrhk => vehicle.icrhk().body_velocity(treads),
             Self::DifferentialDrive => BodyVelocity {
@@ -38,13 +60,6 @@ impl KinematicModel {
         }
     }
 
-    fn motion(self, vehicle: &Vehicle, row: &LogRow) -> Motion {
-        Motion {
-            velocity: self.body_velocity(vehicle, row.attitude, row.speeds),
-            attitude: row.attitude,
-        }
-    }
-
     /// Returns the pose at every row, from `start` at the first: equation (12), between rows with
     /// evenly changing velocity and attitude.
     pub fn dead_reckon<'a>(
@@ -53,10 +68,14 @@ impl KinematicModel {
         rows: &'a [LogRow],
         start: Pose,
     ) -> impl Iterator<Item = Pose> + 'a {
+        let parameters = self.parameters(vehicle);
         let mut before: Option<(f64, Motion)> = None;
         let mut pose = start;
         rows.iter().map(move |row| {
-            let motion = self.motion(vehicle, row);
+            let motion = Motion {
+                velocity: self.velocity_with(&parameters, row.attitude, row.speeds),
+                attitude: row.attitude,
+            };
             if let Some((time_s, from)) = before {
                 pose = advance_between(&pose, row.time_s - time_s, &from, &motion);
             }
@@ -199,7 +218,10 @@ mod tests {
                 attitude: Attitude::from_slope(3.6_f64.to_radians(), pose.yaw_rad),
                 pose: (i % 20 == 0).then_some(pose),
             };
-            let motion = KinematicModel::Icrik.motion(&vehicle, &row);
+            let motion = Motion {
+                velocity: KinematicModel::Icrik.body_velocity(&vehicle, row.attitude, speeds),
+                attitude: row.attitude,
+            };
             pose = crate::dead_reckoning::advance(&pose, 0.005, |_, yaw_rad| Motion {
                 attitude: Attitude::from_slope(3.6_f64.to_radians(), yaw_rad),
                 ..motion

@@ -19,6 +19,7 @@
 //! limit holds an ICR, its derivative is that of the limit. The kinks in attitude (|alpha| = |phi|
 //! and the limits) stay; there the one-sided derivative of the branch in force is used.
 
+use crate::extension::ExtensionGains;
 use crate::frames::{Attitude, BodyVelocity};
 use crate::slip_gains::{SlipGains, Terms};
 use crate::speeds::MotorSpeeds;
@@ -67,11 +68,13 @@ pub struct LinearisedStep {
     pub by_steer: Vector3<f64>,
 }
 
-/// ICRIK made differentiable, with learned slip gains; with both slide gains zero, ICRHK.
+/// ICRIK made differentiable, with the terms of the vehicle's extension and learned slip gains; with
+/// both slide gains zero, ICRHK.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PredictionModel {
     vehicle: Vehicle,
     smoothing_m_s: f64,
+    extension: ExtensionGains,
     slip_gains: SlipGains,
 }
 
@@ -117,6 +120,7 @@ impl PredictionModel {
     /// and the turning direction are rounded off, m/s, positive.
     pub fn new(vehicle: Vehicle, smoothing_m_s: f64) -> Self {
         Self {
+            extension: vehicle.extension_gains(),
             vehicle,
             smoothing_m_s: smoothing_m_s.max(1e-9),
             slip_gains: SlipGains::zeros(),
@@ -170,26 +174,36 @@ impl PredictionModel {
         };
         let by_gain = total(distance.by_gain, middle.by_gain, forward.by_gain);
         let omega_by_sigma = 2.0 / distance.value;
+        let by_direction = total(distance_by_sigma, middle_by_sigma, forward_by_sigma);
+        let by_turn = Vector3::new(
+            forward.value * omega_by_sigma,
+            -middle.value * omega_by_sigma,
+            omega_by_sigma,
+        );
+        let icrik = Linearised {
+            velocity: BodyVelocity {
+                right_m_s: forward.value * omega,
+                forward_m_s: tau - middle.value * omega,
+                yaw_rate_rad_s: omega,
+            },
+            by_roll: total(distance.by_roll, middle.by_roll, forward.by_roll),
+            by_pitch: total(distance.by_pitch, middle.by_pitch, forward.by_pitch),
+            by_traction: by_gain * g_by_tau + Vector3::new(0.0, 1.0, 0.0),
+            by_steer: by_direction + by_turn,
+        };
+        let added = self.extension.added(&icrik, attitude, motors, eps);
         let terms = Terms::at(attitude, sigma, eps);
         let learned = self.slip_gains * terms.value;
         Linearised {
             velocity: BodyVelocity {
-                right_m_s: forward.value * omega + learned.x,
-                forward_m_s: tau - middle.value * omega + learned.y,
+                right_m_s: icrik.velocity.right_m_s + learned.x + added.velocity.right_m_s,
+                forward_m_s: icrik.velocity.forward_m_s + learned.y + added.velocity.forward_m_s,
                 yaw_rate_rad_s: omega + learned.z,
             },
-            by_roll: total(distance.by_roll, middle.by_roll, forward.by_roll)
-                + self.slip_gains * terms.by_roll,
-            by_pitch: total(distance.by_pitch, middle.by_pitch, forward.by_pitch)
-                + self.slip_gains * terms.by_pitch,
-            by_traction: by_gain * g_by_tau + Vector3::new(0.0, 1.0, 0.0),
-            by_steer: self.slip_gains * terms.by_steer
-                + total(distance_by_sigma, middle_by_sigma, forward_by_sigma)
-                + Vector3::new(
-                    forward.value * omega_by_sigma,
-                    -middle.value * omega_by_sigma,
-                    omega_by_sigma,
-                ),
+            by_roll: icrik.by_roll + self.slip_gains * terms.by_roll + added.by_roll,
+            by_pitch: icrik.by_pitch + self.slip_gains * terms.by_pitch + added.by_pitch,
+            by_traction: icrik.by_traction + added.by_traction,
+            by_steer: self.slip_gains * terms.by_steer + by_direction + by_turn + added.by_steer,
         }
     }
 

@@ -3,6 +3,7 @@
 use crate::bounds::Bounds;
 pub use crate::bounds::RangeError;
 use crate::contact::{ContactVehicle, KnownContact};
+use crate::extension::{Extension, RawExtension};
 use crate::speeds::EncoderScale;
 pub use crate::speeds::EncoderScale as SpeedCorrection;
 use serde::{Deserialize, Serialize};
@@ -45,6 +46,8 @@ pub struct Vehicle {
     pub base_half_length_m: f64,
     /// c_l and c_r of equation (11); keys `correction_left` and `correction_right` of its file.
     pub encoder_scale: EncoderScale,
+    /// Terms beyond ICRIK and the parameters identified with them; none is ICRIK alone.
+    pub extension: Option<Extension>,
     /// What is known of it as a vehicle on wheels with friction: where `contact-mpc` starts from.
     pub contact: Option<ContactVehicle>,
 }
@@ -71,6 +74,7 @@ impl Vehicle {
                 left: 1.004,
                 right: 1.011,
             },
+            extension: None,
             contact: None,
         }
     }
@@ -82,9 +86,10 @@ impl Vehicle {
         })
     }
 
-    /// Returns the same vehicle without slide: ICRIK then equals ICRHK.
+    /// Returns the same vehicle without slide and without an extension: ICRIK then equals ICRHK.
     pub fn on_level_ground(&self) -> Self {
         Self {
+            extension: None,
             slide: SlideGains {
                 shift_s_per_rad: 0.0,
                 aggravated_s_per_rad: 0.0,
@@ -131,6 +136,8 @@ struct RawVehicle {
     correction_left: f64,
     correction_right: f64,
     #[serde(default, skip_serializing_if = "Option::is_none")]
+    extension: Option<RawExtension>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     contact: Option<KnownContact>,
 }
 
@@ -146,7 +153,7 @@ impl TryFrom<RawVehicle> for Vehicle {
             .contact
             .map(|known| known.vehicle(&raw.name))
             .transpose()?;
-        Ok(Self {
+        let mut vehicle = Self {
             name: raw.name,
             contact,
             icrs: HorizontalIcrs {
@@ -174,7 +181,11 @@ impl TryFrom<RawVehicle> for Vehicle {
                 left: Bounds::new(0.5, 2.0, "").check("correction_left", raw.correction_left)?,
                 right: Bounds::new(0.5, 2.0, "").check("correction_right", raw.correction_right)?,
             },
-        })
+            extension: None,
+        };
+        let extension = raw.extension.map(|raw| raw.checked(&vehicle)).transpose()?;
+        vehicle.extension = extension;
+        Ok(vehicle)
     }
 }
 
@@ -192,6 +203,7 @@ impl From<Vehicle> for RawVehicle {
             base_half_length_m: v.base_half_length_m,
             correction_left: v.encoder_scale.left,
             correction_right: v.encoder_scale.right,
+            extension: v.extension.map(RawExtension::from),
             contact: v.contact.as_ref().map(KnownContact::of),
         }
     }

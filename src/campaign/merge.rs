@@ -1,12 +1,11 @@
 //! Results of parts of a campaign, put together into the file that one machine would have written.
 
 use super::table::{AFTER, BEFORE, line};
-use crate::console;
+use crate::{console, output};
 use anyhow::{Context, Result, bail};
 use csv::StringRecord;
 use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
-use std::fs::File;
 use std::io::Write;
 use std::path::Path;
 
@@ -119,7 +118,7 @@ pub fn run(files: &[impl AsRef<Path>], out: Option<&Path>) -> Result<()> {
     }
     let csv = merged.csv()?;
     match out {
-        Some(out) => replace(out, &csv),
+        Some(out) => output::write(out, &csv, true),
         None => Ok(std::io::stdout().write_all(&csv)?),
     }
 }
@@ -128,23 +127,4 @@ pub fn run(files: &[impl AsRef<Path>], out: Option<&Path>) -> Result<()> {
 pub fn whole_lines(bytes: &[u8]) -> &[u8] {
     let end = bytes.iter().rposition(|&byte| byte == b'\n');
     &bytes[..end.map_or(0, |last| last + 1)]
-}
-
-/// Puts `bytes` in the place of a file: after a kill at any time, the old file is there or the new.
-///
-/// # Errors
-/// What the disk says, with the file's name.
-pub fn replace(path: &Path, bytes: &[u8]) -> Result<()> {
-    let name = || path.display().to_string();
-    // A link stays one.
-    let path = path.canonicalize().unwrap_or_else(|_| path.to_owned());
-    let mut beside = path.clone().into_os_string();
-    beside.push(".part");
-    let write = || -> std::io::Result<()> {
-        let mut file = File::create(&beside)?;
-        file.write_all(bytes)?;
-        file.sync_all()?;
-        std::fs::rename(&beside, &path)
-    };
-    write().with_context(name)
 }

@@ -7,6 +7,7 @@
 use super::merge::{self, Merged};
 use super::table::{Outcome, Table};
 use crate::config::Campaign;
+use crate::output;
 use anyhow::{Context, Result, bail};
 use sidehill_controller::config::ControllerKind;
 use std::collections::HashSet;
@@ -108,7 +109,9 @@ impl Results {
         merged.add(&bytes).with_context(name)?;
         let sorted = merged.csv()?;
         if sorted != bytes {
-            merge::replace(&self.path, &sorted)?;
+            // A link stays one.
+            let path = self.path.canonicalize().with_context(name)?;
+            output::write(&path, &sorted, true)?;
         }
         Ok(sorted)
     }

@@ -94,7 +94,15 @@ impl RunConfig {
     /// # Errors
     /// [`ConfigError`] with the file at fault, key, value and range.
     pub fn load_vehicle(&self, file: &ConfigFile) -> Result<Vehicle, ConfigError> {
-        file.sibling(&self.vehicle)?.parse()
+        let vehicle: Vehicle = file.sibling(&self.vehicle)?.parse()?;
+        // The port converts speeds by the factors of the model that the controller steers by.
+        Ok(match self.controller {
+            ControllerKind::IcrikMpc => vehicle.extended(),
+            ControllerKind::IcrhkMpc
+            | ControllerKind::ContactMpc
+            | ControllerKind::DiffdriveMpc
+            | ControllerKind::PurePursuit => vehicle,
+        })
     }
 
     /// Returns the controller with what it follows; without a path where paths come over ROS 2.

@@ -1,13 +1,14 @@
 //! A campaign: one scenario, and what is drawn anew for each of its runs.
 
-use super::{Conditions, ConfigError, ConfigFile, Overrides, Scenario};
+use super::{Bundle, Conditions, ConfigError, ConfigFile, Overrides, Scenario, to_yaml};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use serde_yaml::{Mapping, Value};
 use sidehill_controller::config::ControllerKind;
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
+use std::sync::PoisonError;
 
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -25,7 +26,7 @@ struct RawCampaign {
 }
 
 /// What one key of the scenario is drawn from.
-#[derive(Debug, Clone, Deserialize)]
+#[derive(Debug, Clone, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 struct Draw {
     /// The key, with dots between nested ones.
@@ -51,6 +52,19 @@ pub struct Campaign {
     draws: Vec<Draw>,
     /// The scenario with conditions and fixed keys in it.
     scenario: ConfigFile,
+}
+
+/// A campaign and the text of all files that its runs read.
+#[derive(Deserialize, Serialize)]
+struct Bundled {
+    name: String,
+    runs: u32,
+    controllers: Vec<ControllerKind>,
+    seed: u64,
+    draws: Vec<Draw>,
+    scenario: PathBuf,
+    scenario_text: String,
+    files: BTreeMap<PathBuf, String>,
 }
 
 /// What was drawn for one run, and the scenario that it makes.
@@ -161,6 +175,64 @@ impl Campaign {
         let names = self.controllers.iter().map(|kind| kind.name());
         put(&mut keys, "controllers", &names.collect());
         serde_yaml::to_string(&keys).map_err(|error| scenario.error(error))
+    }
+
+    /// Returns the campaign and the files that it names as one text, for [`Campaign::from_bundle`] on
+    /// another machine.
+    ///
+    /// # Errors
+    /// [`ConfigError::Content`] where the campaign has no form in YAML.
+    pub fn bundle(&self) -> Result<String, ConfigError> {
+        let files = Bundle::default();
+        let scenario = self.scenario.clone().with_bundle(files.clone());
+        let prepare = |keys: &Mapping| {
+            // A run that cannot be prepared is a row that says so.
+            let _ = scenario
+                .with_keys(keys)
+                .and_then(Scenario::read)
+                .and_then(|scenario| scenario.prepare(&Overrides::default()).map(drop));
+        };
+        let keys: Mapping = scenario.parse()?;
+        prepare(&keys);
+        for draw in &self.draws {
+            for value in draw.one_of.iter().flatten() {
+                let mut keys = keys.clone();
+                put(&mut keys, &draw.key, value);
+                prepare(&keys);
+            }
+        }
+        let files = files.lock().unwrap_or_else(PoisonError::into_inner);
+        to_yaml(&Bundled {
+            name: self.name.clone(),
+            runs: self.runs,
+            controllers: self.controllers.clone(),
+            seed: self.seed,
+            draws: self.draws.clone(),
+            scenario: self.scenario.path().to_owned(),
+            scenario_text: self.scenario.text().to_owned(),
+            files: files.clone(),
+        })
+        .map_err(|error| self.scenario.error(error))
+    }
+
+    /// Returns the campaign of a text that [`Campaign::bundle`] has made: the same results, and the same
+    /// fingerprint.
+    ///
+    /// # Errors
+    /// [`ConfigError::Content`] where the text is none.
+    pub fn from_bundle(text: &str) -> Result<Self, ConfigError> {
+        let file = ConfigFile::with_text(Path::new("bundle"), text.to_owned());
+        let bundled: Bundled = file.parse()?;
+        let files = Bundle::new(bundled.files.into());
+        let scenario = ConfigFile::with_text(&bundled.scenario, bundled.scenario_text);
+        Ok(Self {
+            name: bundled.name,
+            runs: bundled.runs,
+            controllers: bundled.controllers,
+            seed: bundled.seed,
+            draws: bundled.draws,
+            scenario: scenario.with_bundle(files),
+        })
     }
 
     /// Returns a number that is another where seed, draws, scenario or vehicles are others: results

@@ -1,7 +1,10 @@
 use super::keys::Keys;
 use super::overlay::overlay;
+use serde::Serialize;
 use serde::de::DeserializeOwned;
+use std::collections::BTreeMap;
 use std::path::{Component, Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// What is wrong with a file, with its name.
 #[derive(Debug, thiserror::Error)]
@@ -66,9 +69,21 @@ pub const CONTACT_IDENTIFIED: &str = "config/vehicles/j8_contact_identified.yaml
 #[derive(Debug, Clone)]
 pub struct ConfigFile {
     path: PathBuf,
-    built_in: bool,
+    origin: Origin,
     text: String,
 }
+
+/// Where the files come from that a file names.
+#[derive(Debug, Clone)]
+enum Origin {
+    Disk,
+    BuiltIn,
+    Bundle(Bundle),
+}
+
+/// Files by their paths, which are read from the disk where they are not in it yet. What was read with a
+/// bundle on one machine can be read with it on another.
+pub(crate) type Bundle = Arc<Mutex<BTreeMap<PathBuf, String>>>;
 
 impl ConfigFile {
     /// Reads a file from the disk.
@@ -88,7 +103,7 @@ impl ConfigFile {
     pub fn with_text(path: &Path, text: String) -> Self {
         Self {
             path: path.to_owned(),
-            built_in: false,
+            origin: Origin::Disk,
             text: match text.strip_prefix('\u{feff}') {
                 Some(rest) => rest.to_owned(),
                 None => text,
@@ -106,7 +121,7 @@ impl ConfigFile {
             .find(|(built_in, _)| *built_in == name)
             .map(|(name, text)| Self {
                 path: PathBuf::from(name),
-                built_in: true,
+                origin: Origin::BuiltIn,
                 text: (*text).to_owned(),
             })
             .ok_or_else(|| ConfigError::Read {
@@ -123,10 +138,10 @@ impl ConfigFile {
     pub fn sibling(&self, name: &Path) -> Result<Self, ConfigError> {
         let folder = self.path.parent().unwrap_or(Path::new(""));
         let path = normalised(&folder.join(name));
-        let found = if self.built_in {
-            Self::built_in(&path.to_string_lossy())
-        } else {
-            Self::read(&path)
+        let found = match &self.origin {
+            Origin::Disk => Self::read(&path),
+            Origin::BuiltIn => Self::built_in(&path.to_string_lossy()),
+            Origin::Bundle(files) => Self::bundled(&path, files),
         };
         found.map_err(|error| match error {
             ConfigError::Read { file, reason, .. } => ConfigError::Read {
@@ -138,9 +153,27 @@ impl ConfigFile {
         })
     }
 
+    fn bundled(path: &Path, files: &Bundle) -> Result<Self, ConfigError> {
+        let mut held = files.lock().unwrap_or_else(PoisonError::into_inner);
+        let text = match held.get(path) {
+            Some(text) => text.clone(),
+            None => Self::read(path)?.text,
+        };
+        held.insert(path.to_owned(), text.clone());
+        Ok(Self::with_text(path, text).with_bundle(files.clone()))
+    }
+
+    /// Returns this file with what it names taken from, and put into, a bundle.
+    pub(crate) fn with_bundle(self, files: Bundle) -> Self {
+        Self {
+            origin: Origin::Bundle(files),
+            ..self
+        }
+    }
+
     /// Returns the name for messages.
     pub fn name(&self) -> String {
-        if self.built_in {
+        if matches!(self.origin, Origin::BuiltIn) {
             format!("{} (built in)", self.path.display())
         } else {
             self.path.display().to_string()
@@ -252,6 +285,14 @@ fn keys_named(message: &str) -> Vec<&str> {
         .and_then(|(_, rest)| rest.split('`').next());
     keys.extend(unknown);
     keys
+}
+
+/// Returns a value as YAML.
+///
+/// # Errors
+/// Why it has no form in YAML.
+pub fn to_yaml(value: &impl Serialize) -> Result<String, serde_yaml::Error> {
+    serde_yaml::to_string(value)
 }
 
 /// Returns a path without `.` and with each `..` resolved against the folder before it.

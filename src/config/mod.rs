@@ -17,7 +17,10 @@ mod scenario;
 pub use bridge::{RunConfig, RunPort, VehicleConfig, VehiclePort, load_layout};
 pub use campaign::{Campaign, Drawn};
 pub use conditions::Conditions;
-pub use file::{CONTACT_IDENTIFIED, CONTACT_VEHICLE, ConfigError, ConfigFile, DEFAULT_SCENARIO};
+pub(crate) use file::Bundle;
+pub use file::{
+    CONTACT_IDENTIFIED, CONTACT_VEHICLE, ConfigError, ConfigFile, DEFAULT_SCENARIO, to_yaml,
+};
 pub use plant::{Plant, PlantKind};
 pub use reference::read_route;
 pub use scenario::{Overrides, Prepared, Scenario};

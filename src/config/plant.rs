@@ -5,7 +5,7 @@ use sidehill_plant::bounds::RangeError;
 use sidehill_plant::contact::{ContactModel, ContactVehicle, FrictionField, Parameter};
 use sidehill_plant::motion::{IcrMotion, MotionModel};
 use sidehill_plant::speeds::EncoderScale;
-use sidehill_plant::vehicle::Vehicle;
+use sidehill_plant::vehicle::{HorizontalIcrs, SlideGains, Vehicle};
 use std::path::PathBuf;
 
 /// What moves the simulated vehicle.
@@ -167,17 +167,37 @@ impl Default for ModelError {
 impl ModelError {
     /// Returns what controllers believe instead of `vehicle`.
     pub(super) fn apply(&self, mut vehicle: Vehicle) -> Result<Vehicle, RangeError> {
-        vehicle.icrs.left_m *= self.x_icr_left;
-        vehicle.icrs.right_m *= self.x_icr_right;
-        vehicle.icrs.forward_m *= self.y_icr;
-        vehicle.slide.shift_s_per_rad *= self.lambda_1;
-        vehicle.slide.aggravated_s_per_rad *= self.lambda_2;
-        vehicle.encoder_scale.left *= self.correction_left;
-        vehicle.encoder_scale.right *= self.correction_right;
+        self.scale(
+            &mut vehicle.icrs,
+            &mut vehicle.slide,
+            &mut vehicle.encoder_scale,
+        );
+        if let Some(extension) = &mut vehicle.extension {
+            self.scale(
+                &mut extension.icrs,
+                &mut extension.slide,
+                &mut extension.encoder_scale,
+            );
+        }
         if let Some(contact) = &vehicle.contact {
             vehicle.contact = Some(self.apply_to_contact(contact)?);
         }
         vehicle.validated()
+    }
+
+    fn scale(
+        &self,
+        icrs: &mut HorizontalIcrs,
+        slide: &mut SlideGains,
+        encoder_scale: &mut EncoderScale,
+    ) {
+        icrs.left_m *= self.x_icr_left;
+        icrs.right_m *= self.x_icr_right;
+        icrs.forward_m *= self.y_icr;
+        slide.shift_s_per_rad *= self.lambda_1;
+        slide.aggravated_s_per_rad *= self.lambda_2;
+        encoder_scale.left *= self.correction_left;
+        encoder_scale.right *= self.correction_right;
     }
 
     fn apply_to_contact(&self, contact: &ContactVehicle) -> Result<ContactVehicle, RangeError> {

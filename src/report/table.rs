@@ -13,6 +13,9 @@ use std::io::Write;
 /// `finished`, and `reason` says why for the two that need one. Floats are the shortest that read back
 /// as the same bits; what is not finite is `NaN`, `inf` or `-inf`.
 ///
+/// Among the columns are those of a log (true pose and attitude, `v_left_m_s` and `v_right_m_s` as
+/// encoders count them), so that `identify` and `odometry` read the file as it is.
+///
 /// # Errors
 /// What `out` reports.
 pub fn write_csv(run: &Run, out: impl Write) -> csv::Result<()> {
@@ -29,7 +32,7 @@ pub fn write_csv(run: &Run, out: impl Write) -> csv::Result<()> {
 }
 
 /// Names of the columns: the fields of [`Record`].
-const COLUMNS: [&str; 28] = [
+const COLUMNS: [&str; 30] = [
     "time_s",
     "x_m",
     "y_m",
@@ -58,6 +61,8 @@ const COLUMNS: [&str; 28] = [
     "qp_iterations",
     "solve_us",
     "cycle_us",
+    "v_left_m_s",
+    "v_right_m_s",
 ];
 
 #[derive(Serialize)]
@@ -90,6 +95,8 @@ struct Record {
     qp_iterations: u32,
     solve_us: f64,
     cycle_us: f64,
+    v_left_m_s: f64,
+    v_right_m_s: f64,
 }
 
 impl From<&Row> for Record {
@@ -130,6 +137,8 @@ impl From<&Row> for Record {
             qp_iterations: row.qp_iterations,
             solve_us: row.solve_us,
             cycle_us: row.cycle_us,
+            v_left_m_s: row.tread_speeds.left_m_s,
+            v_right_m_s: row.tread_speeds.right_m_s,
         }
     }
 }

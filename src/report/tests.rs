@@ -2,10 +2,11 @@ use super::*;
 use crate::record::{Quantiles, Summary};
 use roxmltree::{Document, ParsingOptions};
 use sidehill_controller::config::ControllerConfig;
+use sidehill_controller::config::ControllerKind;
 use sidehill_controller::controller::{Status, StopReason};
 use sidehill_plant::frames::{Attitude, PlanarPose, Pose};
 use sidehill_plant::icr::TreadIcrs;
-use sidehill_plant::speeds::MotorSpeeds;
+use sidehill_plant::speeds::{EncoderScale, MotorSpeeds};
 use sidehill_plant::terrain::{PlaneTerrain, RoutePoint, RouteSmoothing, RouteTerrain, Terrain};
 
 /// A cycle on a circle of 3 m radius.
@@ -39,6 +40,11 @@ fn row(index: usize) -> Row {
         heading_error_rad: -0.2,
         command: motors,
         motors,
+        tread_speeds: EncoderScale {
+            left: 1.0,
+            right: 1.0,
+        }
+        .invert(motors.into()),
         icrs: TreadIcrs {
             left_m: -1.0,
             right_m: 1.1,
@@ -282,7 +288,11 @@ fn runs_have_colours_of_their_own_that_stay_with_their_controllers() {
     let names = ["pure-pursuit", "icrik-mpc", "mine", "icrik-mpc"];
     let runs = names.map(|name| run(name, Vec::new()));
     let colours: Vec<_> = styles(&runs).iter().map(|style| style.colour).collect();
-    assert_eq!(colours[..2], [COLOURS[3], COLOURS[0]]);
+    let own = |name: &str| {
+        let mut kinds = ControllerKind::ALL.iter();
+        COLOURS[kinds.position(|kind| kind.name() == name).unwrap()]
+    };
+    assert_eq!(colours[..2], [own("pure-pursuit"), own("icrik-mpc")]);
     let distinct: std::collections::BTreeSet<_> = colours.iter().collect();
     assert_eq!(distinct.len(), names.len());
 }

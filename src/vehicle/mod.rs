@@ -6,6 +6,7 @@ mod ros2;
 mod rover;
 
 use crate::config::{ConfigFile, VehicleConfig, VehiclePort};
+use crate::console;
 use anyhow::{Context, Result, ensure};
 use can::BusRover;
 use ros2::RosRover;
@@ -97,7 +98,8 @@ struct Pace {
 impl Pace {
     fn drive(&self, mut rover: impl Rover, mut truth: Option<Truth>) -> Result<ExitCode> {
         let ended = Arc::new(AtomicBool::new(false));
-        for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
+        use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+        for signal in [SIGINT, SIGTERM, SIGHUP] {
             signal_hook::flag::register(signal, Arc::clone(&ended))?;
         }
         let mut clock = Clock::Real(self.epoch);
@@ -123,10 +125,10 @@ impl Pace {
             }
         }
         let state = rover.state();
-        println!(
+        console::line(format_args!(
             "{{\"time_s\":{:.3},\"x_m\":{:.4},\"y_m\":{:.4}}}",
             state.time_s, state.pose.x_m, state.pose.y_m
-        );
+        ));
         Ok(ExitCode::SUCCESS)
     }
 }

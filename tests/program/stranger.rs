@@ -292,3 +292,29 @@ fn init_writes_sets_that_are_valid_and_drive() {
     );
     assert_says(&said, &["can.yaml: layout of a CAN bus"]);
 }
+
+#[test]
+fn what_simulate_writes_is_a_log() {
+    let course = Course::new("");
+    let folder = course.path("out");
+    succeed(course.simulate().arg("--out").arg(&folder));
+    let log = folder.join("icrik-mpc.csv");
+    let valid = succeed(sidehill().arg("check").arg(&log));
+    assert_says(&valid, &["valid log"]);
+    let figures = succeed(
+        sidehill()
+            .arg("odometry")
+            .arg(&log)
+            .arg("--vehicle")
+            .arg(repository("config/vehicles/j8.yaml"))
+            .args(["--format", "json"]),
+    );
+    let figures: serde_json::Value = serde_json::from_str(&figures).unwrap();
+    // 2 m on a slope of 8 degrees: the model that drove finds the slide, the flat one does not.
+    let error = |model: &str, key: &str| figures[model][key].as_f64().unwrap();
+    assert!(error("icrik", "j_over_n") < 1e-3, "{figures}");
+    assert!(
+        error("icrik", "mse_x") < 0.05 * error("icrhk", "mse_x"),
+        "{figures}"
+    );
+}

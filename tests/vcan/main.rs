@@ -69,7 +69,7 @@ fn assert_off(name: &str, took_s: Option<f64>, limit_s: f64) {
     assert!(took_s <= limit_s + TOLERANCE_S, "{name}: {took_s} s");
 }
 
-/// Asserts that re-arming, once, drives again.
+/// Asserts that re-arming, once, drives again, and waits until the vehicle has driven for a second.
 fn assert_rearms(name: &str, run: &Program, observer: &Observer) {
     let before = observer.seen().len();
     run.signal(Signal::USR1);
@@ -80,6 +80,7 @@ fn assert_rearms(name: &str, run: &Program, observer: &Observer) {
         assert!(waited, "{name}: did not re-arm\n{}", run.output());
         sleep_s(0.02);
     }
+    observer.wait_for_driving(1.0);
 }
 
 #[test]

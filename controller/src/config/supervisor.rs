@@ -19,6 +19,12 @@ pub struct SupervisorConfig {
     pub fallback_cycles: u32,
     /// Time after the reference's end within which the vehicle may still move, s.
     pub settle_time_s: f64,
+    /// Time after which a vehicle is stopped that does not move as it should, s: steer or traction at
+    /// its limit without turn or way, or no progress along the path.
+    pub stall_time_s: f64,
+    /// Share of the motion that steer or traction at its limit should give, and of the way that the
+    /// reference asks for, below which the vehicle does not move as it should.
+    pub stall_share: f64,
 }
 
 impl Default for SupervisorConfig {
@@ -31,6 +37,8 @@ impl Default for SupervisorConfig {
             heading_error_max_rad: 2.0,
             fallback_cycles: 10,
             settle_time_s: 3.0,
+            stall_time_s: 3.0,
+            stall_share: 0.1,
         }
     }
 }
@@ -55,6 +63,8 @@ impl SupervisorConfig {
             self.heading_error_max_rad,
         )?;
         Bounds::new(0.0, 60.0, "s").check("supervisor.settle_time_s", self.settle_time_s)?;
+        Bounds::new(0.5, 60.0, "s").check("supervisor.stall_time_s", self.stall_time_s)?;
+        Bounds::new(0.0, 0.9, "").check("supervisor.stall_share", self.stall_share)?;
         // A plan is good for no longer than its horizon.
         let cycles = f64::from(self.fallback_cycles);
         Bounds::new(0.0, 100.0, "").check("supervisor.fallback_cycles", cycles)?;

@@ -96,12 +96,42 @@ pub enum StopReason {
         /// Time of this cycle, s.
         now_s: f64,
     },
+    /// The vehicle does not move as it should.
+    #[error("{stall} for {time_s:.1} s")]
+    Stalled {
+        /// What does not move it.
+        stall: Stall,
+        /// For how long, s.
+        time_s: f64,
+    },
     /// There is nothing to follow.
     #[error("there is no path")]
     NoPath,
     /// It is kept from driving by [`Controller::request_stop`](super::Controller::request_stop).
     #[error("it is held")]
     Requested,
+}
+
+/// What does not move a vehicle that should move.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Stall {
+    /// Steer is at its limit and the vehicle does not turn.
+    Steer,
+    /// Traction is at its limit and the vehicle does not move along its heading.
+    Traction,
+    /// The reference asks for speed and the vehicle stays where it is.
+    Path,
+}
+
+impl std::fmt::Display for Stall {
+    fn fmt(&self, out: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        out.write_str(match self {
+            Self::Steer => "steer is at its limit and the vehicle does not turn",
+            Self::Traction => "traction is at its limit and the vehicle does not move",
+            Self::Path => "no progress along the path",
+        })
+    }
 }
 
 /// What a cycle decides, and what it is based on.

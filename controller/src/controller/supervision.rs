@@ -1,5 +1,6 @@
 //! What stops a controller: its clock, its readings, where it is on its path, and no solution.
 
+use super::watchdog::Observation;
 use super::{Controller, Phase, Status, StopReason};
 use crate::estimator::Estimate;
 use crate::mpc::QpFailure;
@@ -51,6 +52,7 @@ impl Controller {
         };
         self.supervise_readings(estimate);
         self.supervise_path(estimate, progress);
+        self.supervise_motion(estimate, progress);
         let stands = self.last_command() == MotorSpeeds::STOP;
         let stopped = matches!(self.phase, Phase::Stopped(_));
         if stopped && stands && estimate.poses_gated >= CARRIED_POSES {
@@ -86,7 +88,12 @@ impl Controller {
     /// Stops on stale readings.
     fn supervise_readings(&mut self, estimate: &Estimate) {
         let limits = self.config.supervisor;
-        if !within(estimate.pose_age_s, limits.pose_timeout_s) {
+        // Poses that agree with each other will be believed, or the next contradicts them.
+        let pose_age_s = estimate
+            .poses_doubted_s
+            .filter(|(doubted_s, _)| *doubted_s > 0.0)
+            .map_or(estimate.pose_age_s, |(_, newest_s)| newest_s);
+        if !within(pose_age_s, limits.pose_timeout_s) {
             self.stop(StopReason::PoseStale {
                 age_s: estimate.pose_age_s,
                 gated: estimate.poses_gated,
@@ -127,6 +134,26 @@ impl Controller {
             if periodic || standing || late {
                 self.phase = Phase::Finished;
             }
+        }
+    }
+}
+
+impl Controller {
+    /// Stops a vehicle that does not move as it should.
+    fn supervise_motion(&mut self, estimate: &Estimate, progress: Option<&Progress>) {
+        let (Phase::Driving { .. }, Some(progress)) = (self.phase, progress) else {
+            self.watchdog.reset();
+            return;
+        };
+        let observation = Observation {
+            time_s: estimate.time_s,
+            pose: estimate.pose,
+            command: self.last_command(),
+            progress,
+        };
+        if let Some(stall) = self.watchdog.observe(&observation) {
+            let time_s = self.config.supervisor.stall_time_s;
+            self.stop(StopReason::Stalled { stall, time_s });
         }
     }
 }

@@ -62,6 +62,9 @@ pub struct Estimate {
     pub speeds_age_s: f64,
     /// Poses refused by the gate since the last that was believed.
     pub poses_gated: u32,
+    /// For how long poses have been refused that agree with each other, and the age of the newest of
+    /// them, s; none where the newest pose was believed.
+    pub poses_doubted_s: Option<(f64, f64)>,
 }
 
 /// Largest share of the model's own yaw rate that a learned correction may take or add: a vehicle

@@ -3,6 +3,7 @@
 //! Readings are kept in the order of their stamps for a while; a late one is put in its place and all
 //! after it replayed.
 
+use super::gate::{PoseGate, PoseSigmas, RefusedPose};
 use super::learned::{Drift, LearnedModel, Prior};
 use super::{Estimate, EstimatorSettings, Innovation, Refused};
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
@@ -27,6 +28,8 @@ enum Reading {
 struct Event<const N: usize> {
     time_s: f64,
     reading: Reading,
+    /// Covariance added to the prediction's before a pose that is believed against it.
+    inflation: Option<Matrix3<f64>>,
     belief: Belief<N>,
 }
 
@@ -58,6 +61,7 @@ pub(super) struct Filter<M, const N: usize> {
     attitude_time_s: f64,
     speeds_time_s: f64,
     poses_gated: u32,
+    gate: PoseGate,
     innovation: Option<Innovation>,
     model_error: ModelError,
 }
@@ -99,6 +103,7 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
             attitude_time_s: f64::NEG_INFINITY,
             speeds_time_s: f64::NEG_INFINITY,
             poses_gated: 0,
+            gate: PoseGate::new(settings.believed_after_s),
             innovation: None,
             model_error: ModelError {
                 pose_time_s: f64::NEG_INFINITY,
@@ -186,6 +191,7 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
             self.events.push_back(Event {
                 time_s: pose.time_s,
                 reading: Reading::Attitude(attitude),
+                inflation: None,
                 belief: Belief {
                     mean: vector(&pose.value),
                     covariance: Matrix3::from_diagonal(&Vector3::new(
@@ -216,6 +222,7 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
             Event {
                 time_s,
                 reading,
+                inflation: None,
                 belief,
             },
         );
@@ -237,7 +244,15 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
             if let Some(treads) = self.next_treads(i) {
                 before.treads = treads;
             }
-            let belief = self.propagate(&before, event.time_s - self.events[i - 1].time_s);
+            let mut belief = self.propagate(&before, event.time_s - self.events[i - 1].time_s);
+            if i == after
+                && let Reading::Pose(pose) = event.reading
+            {
+                self.events[i].inflation = self.judge(&belief, event.time_s, &pose);
+            }
+            if let Some(inflation) = &self.events[i].inflation {
+                belief.covariance += inflation;
+            }
             self.events[i].belief = self.absorb(belief, &event, i == after);
         }
         if self.events.len() > HISTORY {
@@ -251,6 +266,36 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
             Reading::Speeds(treads) => Some(treads),
             _ => None,
         })
+    }
+
+    /// Returns what makes a new pose pass that is believed against the prediction.
+    fn judge(
+        &mut self,
+        predicted: &Belief<N>,
+        time_s: f64,
+        pose: &PlanarPose,
+    ) -> Option<Matrix3<f64>> {
+        let s = &self.settings;
+        let (position, heading) = (s.pose_sigma_m.powi(2), s.pose_sigma_rad.powi(2));
+        let noise = Matrix3::from_diagonal(&Vector3::new(position, position, heading));
+        let mut difference = vector(pose) - predicted.mean;
+        difference.z = wrap_angle(difference.z);
+        let inverse = (predicted.covariance + noise).try_inverse()?;
+        let normalised = (difference.transpose() * inverse * difference).x;
+        if normalised <= s.gate {
+            self.gate.passed(time_s, normalised / s.gate);
+            return None;
+        }
+        let refused = RefusedPose {
+            time_s,
+            pose: vector(pose),
+            predicted: predicted.mean,
+        };
+        let sigmas = PoseSigmas {
+            position_m: s.pose_sigma_m,
+            heading_rad: s.pose_sigma_rad,
+        };
+        self.gate.refused(refused, &sigmas)
     }
 
     /// Returns the belief after a reading; `new` tells a reading from a replayed one.
@@ -322,7 +367,7 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
         let (slide, turn) = self.model.process_noise(&self.settings);
         let moving = belief.treads.left_m_s != 0.0 || belief.treads.right_m_s != 0.0;
         // A vehicle that stands does not slide; a tenth keeps the filter open to poses.
-        let share = if moving { 1.0 } else { 0.01 };
+        let share = if moving { 1.0 } else { 0.01 } * self.gate.noise_factor();
         let noise = Matrix3::from_diagonal(&Vector3::new(
             share * time_s * slide.powi(2),
             share * time_s * slide.powi(2),
@@ -378,6 +423,10 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
             attitude_age_s: time_s - self.attitude_time_s,
             speeds_age_s: time_s - self.speeds_time_s,
             poses_gated: self.poses_gated,
+            poses_doubted_s: self
+                .gate
+                .doubted()
+                .map(|(doubted_s, newest_s)| (doubted_s, time_s - newest_s)),
         })
     }
 }

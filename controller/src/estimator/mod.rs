@@ -13,6 +13,7 @@
 mod contact;
 mod estimate;
 mod filter;
+mod gate;
 mod learned;
 mod settings;
 mod slip;

@@ -18,6 +18,9 @@ pub struct EstimatorSettings {
     pub yaw_sigma_rad_per_sqrt_s: f64,
     /// Largest normalised innovation squared (3 degrees of freedom) of a pose that is believed.
     pub gate: f64,
+    /// Time after which refused poses are believed that agree with each other, s; until then the vehicle
+    /// is slowed down.
+    pub believed_after_s: f64,
     /// Time over which the error of the model's velocity is averaged, s.
     pub error_averaging_s: f64,
     /// Learning of the correction of ICRIK.
@@ -36,6 +39,7 @@ impl Default for EstimatorSettings {
             slide_sigma_m_per_sqrt_s: 0.02,
             yaw_sigma_rad_per_sqrt_s: 0.02,
             gate: 30.0,
+            believed_after_s: 1.0,
             error_averaging_s: 3.0,
             adaptation: AdaptationSettings::default(),
             contact: ContactLearningSettings::default(),
@@ -96,6 +100,7 @@ impl EstimatorSettings {
             self.yaw_sigma_rad_per_sqrt_s,
         )?;
         Bounds::new(1.0, 1e6, "").check("estimator.gate", self.gate)?;
+        Bounds::new(0.0, 60.0, "s").check("estimator.believed_after_s", self.believed_after_s)?;
         positive("estimator.error_averaging_s", self.error_averaging_s)?;
         let gain = |key, value| Bounds::new(0.0, 10.0, "").check(key, value);
         gain(

@@ -56,7 +56,7 @@ impl LearnedModel<GAINS> for SlipModel {
         let motors = MotorSpeeds::from(treads);
         let terms = Terms::at(attitude, motors.steer_m_s, SMOOTHING_M_S).value;
         let learned = self.slip_gains(parameters) * terms;
-        let mut velocity = self.vehicle.body_velocity(attitude, treads);
+        let mut velocity = self.vehicle.extended_velocity(attitude, treads);
         velocity.right_m_s += learned.x;
         velocity.forward_m_s += learned.y;
         velocity.yaw_rate_rad_s += learned.z;

@@ -25,6 +25,7 @@ fn estimate(gains: SlipGains) -> Estimate {
         attitude_age_s: 0.0,
         speeds_age_s: 0.0,
         poses_gated: 0,
+        poses_doubted_s: None,
     }
 }
 

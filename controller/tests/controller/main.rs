@@ -8,6 +8,7 @@ mod allocation;
 mod endurance;
 mod following;
 mod path;
+mod poses;
 mod rig;
 mod routes;
 mod serialise;

@@ -118,6 +118,7 @@ impl Balance<'_> {
         let Friction {
             lateral_share,
             slip_scale_m_s,
+            slip_share,
             rolling_resistance,
             patch_radius_m,
             ..
@@ -136,7 +137,13 @@ impl Balance<'_> {
             let (s_x, s_y) = (v_x - omega * y, rolling - contact.tread_m_s);
             // d s_x / du = (1, 0, -y) and d s_y / du = (0, 1, x).
             let spin = patch_squared * omega;
-            let q = (lateral_squared * s_x * s_x + s_y * s_y + spin * omega + scale_squared).sqrt();
+            let give = slip_share * contact.tread_m_s;
+            let q = (lateral_squared * s_x * s_x
+                + s_y * s_y
+                + spin * omega
+                + scale_squared
+                + give * give)
+                .sqrt();
             let limit = contact.friction * contact.load_n;
             let (f_x, f_y) = (lateral_squared * s_x / q, s_y / q);
             let mut weight_yy = limit / q;
@@ -211,6 +218,7 @@ mod tests {
         field: FrictionField::Uniform { coefficient: 0.9 },
         lateral_share: 0.8,
         slip_scale_m_s: 0.02,
+        slip_share: 0.1,
         rolling_resistance: 0.03,
         patch_radius_m: 0.1,
     };

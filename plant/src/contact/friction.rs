@@ -94,11 +94,21 @@ pub struct Friction {
     pub lateral_share: f64,
     /// Slip scale eps, m/s: at this slip the force is 71 % of its limit.
     pub slip_scale_m_s: f64,
+    /// Share k of a wheel's rolling speed by which its slip scale grows, without unit: the carcass of a
+    /// rolling tyre gives way, so its force follows from slip over speed. 0 is a rigid wheel.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub slip_share: f64,
     /// Rolling resistance c of the ground, force over load, without unit.
     pub rolling_resistance: f64,
     /// Radius of gyration r of a contact patch about its middle, m: its slip grows by r omega where
     /// the vehicle turns, so that a wheel resists turning on the spot; 0 is a point.
     pub patch_radius_m: f64,
+}
+
+/// Returns whether a key with the default 0 may be left out.
+#[allow(clippy::trivially_copy_pass_by_ref)]
+fn is_zero(value: &f64) -> bool {
+    *value == 0.0
 }
 
 fn smooth_step(share: f64) -> f64 {

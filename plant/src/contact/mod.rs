@@ -4,12 +4,14 @@
 //! `s = (v_x - omega y, v_y + omega x - V)` and gets the regularised Coulomb force
 //!
 //! ```text
-//! F = -mu N (a^2 s_x, s_y) / q,    q = sqrt(a^2 s_x^2 + s_y^2 + r^2 omega^2 + eps^2)
+//! F = -mu N (a^2 s_x, s_y) / q,    q = sqrt(a^2 s_x^2 + s_y^2 + r^2 omega^2 + eps^2 + k^2 V^2)
 //! ```
 //!
 //! and the moment `-mu N r^2 omega / q` about its middle, with N its normal load, mu the friction where
 //! it stands, `a` the share of mu that acts sideways, r the radius of gyration of its contact patch
-//! (whose mean squared slip is that of its middle and r^2 omega^2) and eps the slip scale. Without
+//! (whose mean squared slip is that of its middle and r^2 omega^2), eps the slip scale and k the share of
+//! the speed by which a rolling tyre's slip scale grows (H. B. Pacejka, "Tire and Vehicle Dynamics": its
+//! force follows from slip over speed). Without
 //! inertia, wheel forces and the weight's pull along the ground balance in both directions and in
 //! moment: three equations for v_x, v_y and omega. They are the stationarity of the dissipation
 //! potential
@@ -23,10 +25,11 @@
 //! solution and a Newton method, which falls back on a majorising parabola where its step does not
 //! lower P, reaches it from anywhere; it has none where the ground is steeper than friction holds,
 //! which is reported. With a yaw inertia given, the kinetic term of an implicit Euler step is added to
-//! P, which keeps it convex and the step stable at any length.
+//! P, which keeps it convex and the step stable at any length; a turn at speed then pushes the vehicle
+//! outward.
 //!
-//! What this leaves out: inertial load transfer, suspension travel, slip that grows with a tyre's
-//! speed, and the drive train, which imposes the tread speeds whatever the forces.
+//! What this leaves out: inertial load transfer, suspension travel, the length over which a tyre's force
+//! builds up, and the drive train, which imposes the tread speeds whatever the forces.
 //!
 //! Friction forces of sliding wheels in skid-steer turns follow O. Chuy et al., "Power modeling of a
 //! skid steered wheeled robotic ground vehicle", ICRA 2009, and J. L. Martinez et al., "Approximating

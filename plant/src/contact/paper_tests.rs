@@ -350,3 +350,110 @@ fn keys_out_of_range_are_named() {
         j8()
     );
 }
+
+/// A vehicle of the Warthog's size (two axles 0.91 m apart, treads 1.08 m) with planar inertia.
+fn warthog() -> ContactVehicle {
+    let mut vehicle = j8();
+    vehicle.mass_kg = 350.0;
+    vehicle.half_width_m = 0.54;
+    vehicle.axles = vec![
+        Axle {
+            forward_m: 0.455,
+            load_share: 0.5,
+        },
+        Axle {
+            forward_m: -0.455,
+            load_share: 0.5,
+        },
+    ];
+    vehicle.centre_of_mass = CentreOfMass {
+        right_m: 0.0,
+        forward_m: 0.0,
+        height_m: 0.3,
+    };
+    vehicle.friction.field = FrictionField::Uniform { coefficient: 0.7 };
+    vehicle.yaw_inertia_kg_m2 = Some(350.0 * (1.2 * 1.2 + 1.1 * 1.1) / 12.0);
+    vehicle
+}
+
+/// Velocity of a steady turn on level ground, the vehicle's own inertia included.
+fn steady_turn(vehicle: &ContactVehicle, traction_m_s: f64, steer_m_s: f64) -> BodyVelocity {
+    let mut model = ContactModel::new(vehicle.clone());
+    let treads = TreadSpeeds::from(MotorSpeeds {
+        traction_m_s,
+        steer_m_s,
+    });
+    let mut velocity = BodyVelocity::default();
+    for _ in 0..1000 {
+        velocity = model
+            .body_velocity(&GroundState::default(), treads, 0.01)
+            .unwrap();
+    }
+    velocity
+}
+
+/// kappa and b of the extended model that a steady turn shows, see [`crate::extension`].
+fn outward_slip_and_loss(
+    vehicle: &ContactVehicle,
+    traction_m_s: f64,
+    steer_m_s: f64,
+) -> (f64, f64) {
+    let turn = steady_turn(vehicle, traction_m_s, steer_m_s);
+    (
+        turn.right_m_s / (turn.yaw_rate_rad_s * turn.forward_m_s),
+        (traction_m_s / turn.forward_m_s - 1.0) / turn.yaw_rate_rad_s,
+    )
+}
+
+#[test]
+fn a_turn_at_speed_slips_outward_by_inertia_and_not_by_tyres() {
+    let heavy = warthog();
+    let mut soft = warthog();
+    soft.yaw_inertia_kg_m2 = None;
+    soft.friction.slip_share = 0.3;
+    for traction_m_s in [0.4, 0.8, 1.2] {
+        let (slow, _) = outward_slip_and_loss(&heavy, traction_m_s, 0.5);
+        let (fast, _) = outward_slip_and_loss(&heavy, traction_m_s, 1.2);
+        // Logs of real vehicles say 0.2 to 0.4 s, at 0.5 to 2 rad/s.
+        assert!((0.08..0.13).contains(&slow), "{slow}");
+        assert!((0.2..0.3).contains(&fast), "{fast}");
+        let (without_inertia, _) = outward_slip_and_loss(&soft, traction_m_s, 1.2);
+        assert!(without_inertia.abs() < 1e-6, "{without_inertia}");
+    }
+}
+
+#[test]
+fn turning_takes_forward_speed_where_tyres_give_way_or_roll_hard() {
+    let rigid = outward_slip_and_loss(&warthog(), 0.8, 0.5).1;
+    let mut soft = warthog();
+    soft.friction.slip_share = 0.3;
+    let mut resisting = warthog();
+    resisting.friction.rolling_resistance = 0.1;
+    assert!((0.0..0.06).contains(&rigid), "{rigid}");
+    for vehicle in [soft, resisting] {
+        let loss = outward_slip_and_loss(&vehicle, 0.8, 0.5).1;
+        // Logs of real vehicles say 0.2 (Warthog) and 0.9 s/rad (Husky).
+        assert!((0.15..0.35).contains(&loss), "{loss}");
+    }
+}
+
+#[test]
+fn a_rolling_tyre_creeps_across_a_slope_in_proportion_to_its_speed() {
+    let mut vehicle = j8();
+    vehicle.friction.slip_share = 0.1;
+    let creep = |traction_m_s| {
+        let drive = Drive {
+            slope_deg: 10.0,
+            heading_from_uphill_deg: 90.0,
+            traction_m_s,
+            ..Drive::default()
+        };
+        drive.velocity(&vehicle).right_m_s.abs()
+    };
+    // k V tan(beta) / sqrt(mu^2 - tan(beta)^2) where it is large against eps.
+    let share = (10.0_f64.to_radians().tan() / 0.9).asin().tan();
+    for speed in [0.5, 1.0] {
+        let expected = share * (0.02_f64.hypot(0.1 * speed));
+        assert!((creep(speed) / expected - 1.0).abs() < 0.05, "{speed}");
+    }
+}

@@ -159,6 +159,7 @@ impl TryFrom<RawContactVehicle> for ContactVehicle {
         raw.friction.field.check()?;
         Bounds::new(0.1, 2.0, "").check("lateral_share", raw.friction.lateral_share)?;
         Bounds::new(1e-4, 1.0, "m/s").check("slip_scale_m_s", raw.friction.slip_scale_m_s)?;
+        Bounds::new(0.0, 1.0, "").check("slip_share", raw.friction.slip_share)?;
         Bounds::new(0.0, 0.5, "").check("rolling_resistance", raw.friction.rolling_resistance)?;
         Bounds::new(0.0, 1.0, "m").check("patch_radius_m", raw.friction.patch_radius_m)?;
         let yaw_inertia_kg_m2 = raw

@@ -12,6 +12,7 @@
 //! - Every parameter gets a standard deviation from the scatter between segments (the "sandwich" of
 //!   clustered residuals), since errors within a segment are correlated.
 //! - What the data cannot tell apart is named, from the eigenvalues of the scaled normal matrix.
+//! - Beyond both stages, [`identify_extension`] says which terms of the extended model the logs support.
 //! - Each stage is fitted again without a fifth of its segments and judged on that fifth.
 
 mod least_squares;
@@ -20,6 +21,7 @@ mod procedure;
 mod segments;
 mod stages;
 mod statistics;
+mod terms;
 #[cfg(test)]
 mod tests;
 
@@ -29,3 +31,4 @@ pub use stages::{
     CrossValidation, Estimate, IdentificationError, IdentificationSettings, StageReport, Warning,
     identify_level, identify_slope,
 };
+pub use terms::{ExtensionReport, Term, TermReport, Verdict, identify_extension};

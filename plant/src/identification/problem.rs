@@ -26,8 +26,8 @@ pub(super) struct Problem<'a> {
 pub(super) struct Pull<'a> {
     /// Where the search starts.
     pub(super) start: &'a [f64],
-    /// Residual for each unit of a parameter away from there, m.
-    pub(super) strength_m: f64,
+    /// Residual for each unit of each parameter away from there, m.
+    pub(super) strengths_m: &'a [f64],
 }
 
 impl<'a> Problem<'a> {
@@ -78,7 +78,8 @@ impl Residuals for Problem<'_> {
         let pulls = parameters
             .iter()
             .zip(self.pull.start)
-            .map(|(parameter, start)| self.pull.strength_m * (parameter - start));
+            .zip(self.pull.strengths_m)
+            .map(|((parameter, start), strength_m)| strength_m * (parameter - start));
         self.unweighted(parameters)
             .iter()
             .zip(&self.weights)

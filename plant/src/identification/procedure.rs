@@ -30,6 +30,9 @@ pub struct Procedure {
     pub level: Vec<Leg>,
     /// On the slope.
     pub slope: Vec<Leg>,
+    /// On the slope for the terms beyond ICRIK: straight lines at several headings and speeds. It is no
+    /// part of the paper's procedure, and its two stages do not use it.
+    pub across: Vec<Leg>,
     /// The slope, degrees.
     pub slope_deg: f64,
 }
@@ -37,7 +40,7 @@ pub struct Procedure {
 impl Procedure {
     /// Returns the paper's procedure: on level ground straight lines, curves of several radii and
     /// speeds both ways and turns on the spot, in all four minutes; on 4 degrees of slope a minute of
-    /// turning on the spot at 0.33 m/s each way.
+    /// turning on the spot at 0.33 m/s each way. Added are straight lines on the slope.
     pub fn of_the_paper() -> Self {
         let leg = |duration_s, traction_m_s, steer_m_s| Leg {
             duration_s,
@@ -61,8 +64,20 @@ impl Procedure {
             level.push(leg(12.0, 0.6, -sense * 0.4));
             level.push(leg(12.0, 0.0, -sense * 0.25));
         }
+        let mut across = Vec::new();
+        for (index, speed_m_s) in [0.3, 0.6, 0.3, 0.6, 0.3, 0.6, 0.3, 0.6]
+            .into_iter()
+            .enumerate()
+        {
+            across.push(leg(16.0, speed_m_s, 0.0));
+            across.push(leg(16.0, -speed_m_s, 0.0));
+            // About an eighth of a turn for the J8, one way and then the other.
+            let sense = if index < 4 { 1.0 } else { -1.0 };
+            across.push(leg(2.5, 0.0, sense * 0.33));
+        }
         Self {
             level,
+            across,
             slope: vec![leg(60.0, 0.0, 0.33), leg(60.0, 0.0, -0.33)],
             slope_deg: 4.0,
         }

@@ -74,6 +74,21 @@ impl Segment<'_> {
             .any(|row| row.speeds.left_m_s.abs().max(row.speeds.right_m_s.abs()) >= standstill_m_s)
     }
 
+    /// Returns how far dead reckoning from the first pose ends from the last: to the side (m), along the
+    /// heading (m) and in heading (rad), in the axes of the measured last pose.
+    pub(super) fn end_error(&self, vehicle: &Vehicle, model: KinematicModel) -> Option<[f64; 3]> {
+        let ends = self.rows.first().zip(self.rows.last());
+        let (start, end) = ends.and_then(|(first, last)| first.pose.zip(last.pose))?;
+        let estimated = model.dead_reckon(vehicle, self.rows, start).last()?;
+        let (x_m, y_m) = (estimated.x_m - end.x_m, estimated.y_m - end.y_m);
+        let (sin, cos) = end.yaw_rad.sin_cos();
+        Some([
+            cos * x_m + sin * y_m,
+            -sin * x_m + cos * y_m,
+            wrap_angle(estimated.yaw_rad - end.yaw_rad),
+        ])
+    }
+
     fn poses(&self) -> impl Iterator<Item = &LogRow> {
         self.rows.iter().filter(|row| row.pose.is_some())
     }
@@ -118,31 +133,25 @@ impl SegmentErrors {
 
     /// Returns a model's errors over these segments; zeros for none.
     pub fn of(segments: &[Segment], vehicle: &Vehicle, model: KinematicModel) -> Self {
+        let errors: Vec<[f64; 3]> = segments
+            .iter()
+            .filter_map(|segment| segment.end_error(vehicle, model))
+            .collect();
+        Self::of_errors(&errors)
+    }
+
+    /// Returns the root mean squares of [`Segment::end_error`]s; zeros for none.
+    pub(super) fn of_errors(errors: &[[f64; 3]]) -> Self {
         let mut sums = [0.0; 3];
-        for segment in segments {
-            let ends = segment.rows.first().zip(segment.rows.last());
-            let Some((start, end)) = ends.and_then(|(first, last)| first.pose.zip(last.pose))
-            else {
-                continue;
-            };
-            let Some(estimated) = model.dead_reckon(vehicle, segment.rows, start).last() else {
-                continue;
-            };
-            let (x_m, y_m) = (estimated.x_m - end.x_m, estimated.y_m - end.y_m);
-            let (sin, cos) = end.yaw_rad.sin_cos();
-            let errors = [
-                cos * x_m + sin * y_m,
-                -sin * x_m + cos * y_m,
-                wrap_angle(estimated.yaw_rad - end.yaw_rad),
-            ];
-            for (sum, error) in sums.iter_mut().zip(errors) {
+        for segment in errors {
+            for (sum, error) in sums.iter_mut().zip(segment) {
                 *sum += error * error;
             }
         }
         let [lateral_m, longitudinal_m, yaw_rad] =
-            sums.map(|sum: f64| (sum / segments.len().max(1) as f64).sqrt());
+            sums.map(|sum: f64| (sum / errors.len().max(1) as f64).sqrt());
         Self {
-            segments: segments.len(),
+            segments: errors.len(),
             lateral_m,
             longitudinal_m,
             yaw_rad,

@@ -154,7 +154,7 @@ pub fn identify_level(
             }
             vehicle
         },
-        pull_m: 0.1,
+        pull_m: &[PULL_ICRS_M; 5],
     };
     let start = [
         vehicle.encoder_scale.left,
@@ -193,7 +193,7 @@ pub fn identify_slope(
         model: KinematicModel::Icrik,
         baseline: KinematicModel::Icrhk,
         vehicle_with,
-        pull_m: 0.002,
+        pull_m: &[PULL_SLIDE_M; 2],
     };
     let both = |p: &[f64]| slide_with(p[0], p[1]);
     let start = [
@@ -223,26 +223,31 @@ pub fn identify_slope(
     checked(fitted, report)
 }
 
-fn smoothed(logs: &[DriveLog], settings: &IdentificationSettings) -> Vec<DriveLog> {
+pub(super) fn smoothed(logs: &[DriveLog], settings: &IdentificationSettings) -> Vec<DriveLog> {
     logs.iter()
         .map(|log| log.with_smooth_attitude(settings.attitude_smoothing_s))
         .collect()
 }
 
-fn cut<'a>(logs: &'a [DriveLog], settings: &IdentificationSettings) -> Vec<Segment<'a>> {
+pub(super) fn cut<'a>(logs: &'a [DriveLog], settings: &IdentificationSettings) -> Vec<Segment<'a>> {
     logs.iter()
         .flat_map(|log| segments(log, &settings.segmentation))
         .collect()
 }
 
+/// Pull of correction factors and ICRs back to the start, m for each unit.
+pub(super) const PULL_ICRS_M: f64 = 0.1;
+/// The same of slide gains, m for each s/rad.
+pub(super) const PULL_SLIDE_M: f64 = 0.002;
+
 /// Which parameters are fitted with which model.
-struct Stage<'a> {
-    names: &'a [&'static str],
-    model: KinematicModel,
-    baseline: KinematicModel,
-    vehicle_with: &'a dyn Fn(&[f64]) -> Vehicle,
-    /// Pull back to the start for each unit of a parameter, m.
-    pull_m: f64,
+pub(super) struct Stage<'a> {
+    pub(super) names: &'a [&'static str],
+    pub(super) model: KinematicModel,
+    pub(super) baseline: KinematicModel,
+    pub(super) vehicle_with: &'a dyn Fn(&[f64]) -> Vehicle,
+    /// Pull back to the start for each unit of each parameter, m.
+    pub(super) pull_m: &'a [f64],
 }
 
 /// Every fifth segment is left out in turn for cross-validation.
@@ -304,14 +309,14 @@ impl Stage<'_> {
 
     /// Fits with Cauchy's loss: weights 1 / (1 + (|r| / 3 median|r|)^2) of the residuals before, until
     /// the parameters stay.
-    fn fit(&self, segments: &[Segment], start: &[f64]) -> Fit {
+    pub(super) fn fit(&self, segments: &[Segment], start: &[f64]) -> Fit {
         let mut problem = Problem::new(
             segments,
             self.model,
             self.vehicle_with,
             Pull {
                 start,
-                strength_m: self.pull_m,
+                strengths_m: self.pull_m,
             },
         );
         let mut parameters = start.to_vec();
@@ -373,17 +378,17 @@ impl Stage<'_> {
 /// Reweightings at most; a few are enough where outliers are few.
 const ROUNDS: usize = 20;
 
-struct Fit {
-    parameters: Vec<f64>,
+pub(super) struct Fit {
+    pub(super) parameters: Vec<f64>,
     /// Weighted residuals' derivatives, a column for each parameter.
     jacobian: Vec<Vec<f64>>,
     residuals: Vec<[f64; PER_POSE]>,
     weights: Vec<f64>,
-    settled: bool,
+    pub(super) settled: bool,
 }
 
 impl Fit {
-    fn clusters(&self, segments: &[Segment]) -> Vec<Cluster> {
+    pub(super) fn clusters(&self, segments: &[Segment]) -> Vec<Cluster> {
         let mut first = 0;
         segments
             .iter()

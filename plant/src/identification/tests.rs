@@ -190,3 +190,64 @@ fn the_contact_vehicle_is_identified_near_table_one_on_the_level() {
     }
     assert!((1.0..2.0).contains(&vehicle.slide.shift_s_per_rad));
 }
+
+/// Level, slope and across logs of the procedure with a contact vehicle.
+fn contact_logs(contact: &ContactVehicle, seed: u64) -> [DriveLog; 3] {
+    let procedure = Procedure::of_the_paper();
+    let slope = || procedure.slope_terrain().unwrap();
+    [
+        (Terrain::Level, &procedure.level, seed),
+        (slope(), &procedure.slope, seed + 1),
+        (slope(), &procedure.across, seed + 2),
+    ]
+    .map(|(terrain, legs, seed)| {
+        let setup = Drive {
+            motion: Box::new(ContactModel::new(contact.clone())),
+            encoder_scale: Vehicle::j8().encoder_scale,
+            terrain,
+            legs,
+        };
+        drive(setup, &LogNoise::usual(), seed).unwrap()
+    })
+}
+
+#[test]
+fn logs_of_icrik_support_nothing_beyond_it() {
+    let noise = LogNoise::usual();
+    let procedure = Procedure::of_the_paper();
+    for seed in 0..3 {
+        let slope = [
+            slope_log(seed, &noise),
+            driven(
+                procedure.slope_terrain().unwrap(),
+                &procedure.across,
+                &noise,
+                seed,
+            ),
+        ];
+        let level = [level_log(seed, &noise)];
+        let (extension, report) =
+            identify_extension(&level, &slope, &Vehicle::j8(), &settings(LENGTH_S)).unwrap();
+        assert_eq!(extension, None, "{report:?}");
+    }
+}
+
+#[test]
+fn straight_lines_on_a_slope_tell_the_creep_of_friction_from_the_slide() {
+    let contact: ContactVehicle =
+        serde_yaml::from_str(include_str!("../../../config/vehicles/j8_contact.yaml")).unwrap();
+    let [level, slope, across] = contact_logs(&contact, 1);
+    let (extension, report) = identify_extension(
+        &[level],
+        &[slope, across],
+        &Vehicle::j8(),
+        &settings(LENGTH_S),
+    )
+    .unwrap();
+    let extension = extension.unwrap();
+    // Slip scale over coefficient of friction: 0.02 / 0.9 = 0.022 m/s/rad, and a little more where the
+    // vehicle gathers speed.
+    let creep = extension.gains.creep_m_s_per_rad;
+    assert!((0.015..0.04).contains(&creep), "{report:?}");
+    assert!((1.0..1.6).contains(&extension.slide.shift_s_per_rad));
+}

@@ -107,7 +107,7 @@ impl Default for FollowPathConfig {
 pub struct Tolerances {
     /// Distance from the goal, m.
     pub goal_xy_m: f64,
-    /// Heading error at the goal, rad.
+    /// Heading error at the goal, rad; from pi on any heading will do.
     pub goal_yaw_rad: f64,
     /// Movement that counts as progress, m.
     pub progress_m: f64,
@@ -151,13 +151,13 @@ impl Ros2Config {
             "ros2.tolerances.goal_yaw_rad",
             t.goal_yaw_rad,
             0.02,
-            3.2,
-            "from 0.02 to 3.2 rad",
+            7.0,
+            "from 0.02 to 7 rad",
         )?;
         check(
             "ros2.tolerances.progress_m",
             t.progress_m,
-            0.02,
+            0.01,
             100.0,
             "from 0.01 to 100 m",
         )?;

@@ -115,7 +115,7 @@ impl ControllerServer {
             at_goal: config.follow_path.turn_at_goal,
         };
         Ok(Self {
-            handler: GoalHandler::new(route, pivots, &config.frames.odometry),
+            handler: GoalHandler::new(route, pivots, &config.frames.odometry, vehicle),
             emergency_stop_topic: format!("rt{emergency_stop}"),
             result_topic: format!("rr{action_name}/_action/get_resultReply"),
             logger: node.inner().logging_handle(),

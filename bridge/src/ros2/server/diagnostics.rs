@@ -7,6 +7,7 @@ use crate::safety::{Reason, SafetyState, StopCause};
 use sidehill_controller::controller::{Decision, Status};
 use sidehill_controller::estimator::Estimate;
 use sidehill_controller::mpc::QpFailure;
+use sidehill_plant::statistics::quantile;
 use sidehill_plant::vehicle::Vehicle;
 use std::collections::VecDeque;
 use std::fmt::Display;
@@ -70,13 +71,7 @@ impl SolveStats {
     fn quantiles_us(&self) -> [f64; 3] {
         let mut sorted: Vec<f64> = self.solves_us.iter().copied().collect();
         sorted.sort_by(f64::total_cmp);
-        [0.5, 0.99, 1.0].map(|share: f64| {
-            let rank = (share * sorted.len() as f64).ceil() as usize;
-            sorted
-                .get(rank.saturating_sub(1))
-                .copied()
-                .unwrap_or(f64::NAN)
-        })
+        [0.5, 0.99, 1.0].map(|share| quantile(&sorted, share).unwrap_or(f64::NAN))
     }
 }
 

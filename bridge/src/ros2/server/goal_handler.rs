@@ -12,6 +12,7 @@ use crate::ros2::node::peers::Participant;
 use crate::safety::StopCause;
 use ros2_client::action::GoalId;
 use sidehill_controller::controller::Decision;
+use sidehill_plant::vehicle::Vehicle;
 
 /// Slowest speed that a limit asks for, m/s.
 const SPEED_MIN_M_S: f64 = 0.01;
@@ -28,13 +29,19 @@ pub(crate) struct GoalHandler {
 
 impl GoalHandler {
     /// Returns a handler without a session; paths are tracked in the frame `odometry_frame`.
-    pub(crate) fn new(route: RouteSettings, pivots: PivotSettings, odometry_frame: &str) -> Self {
+    pub(crate) fn new(
+        route: RouteSettings,
+        pivots: PivotSettings,
+        odometry_frame: &str,
+        vehicle: &Vehicle,
+    ) -> Self {
         Self {
             desired_speed_m_s: route.limits.speed_max_m_s,
             settings: SessionSettings {
                 route,
                 pivots,
                 odometry_frame: odometry_frame.to_owned(),
+                vehicle: vehicle.clone(),
             },
             limit: SpeedLimit::default(),
             session: None,

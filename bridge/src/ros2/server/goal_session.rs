@@ -29,6 +29,7 @@ use crate::ros2::node::message::action::code;
 use crate::safety::StopCause;
 use sidehill_controller::controller::Decision;
 use sidehill_plant::frames::{PlanarPose, wrap_angle};
+use sidehill_plant::vehicle::Vehicle;
 use std::sync::Arc;
 use std::sync::mpsc::Receiver;
 
@@ -54,6 +55,8 @@ pub(crate) struct SessionSettings {
     pub(crate) route: RouteSettings,
     pub(crate) pivots: PivotSettings,
     pub(crate) odometry_frame: String,
+    /// Model by which the slide of a pivot is predicted.
+    pub(crate) vehicle: Vehicle,
 }
 
 /// A route and the frame of its path in that of the odometry, as the controller has them.
@@ -332,7 +335,7 @@ impl GoalSession {
                     let target = (Following::StartPivot, angle_rad);
                     self.pivot(target, &pose, context, settings, requests);
                 }
-                AfterStop::CheckGoal => self.check_goal(&pose, context, settings, requests),
+                AfterStop::CheckGoal => self.check_goal(&estimate, context, settings, requests),
             }
         } else if now_s - since_s > STOPPING_S {
             let termination = Termination::abort(code::UNKNOWN, StopCause::NotArmed);

@@ -18,6 +18,7 @@ pub mod goal_session;
 pub mod outcome;
 pub mod parameters;
 mod path_frame;
+mod pivot_slide;
 pub mod requested_path;
 pub mod route;
 mod start;

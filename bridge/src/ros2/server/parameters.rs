@@ -3,6 +3,7 @@
 use super::config::{FollowPathConfig, Ros2Config, Tolerances};
 use crate::ros2::node::parameters::Parameters;
 use ros2_client::parameters::{Parameter, ParameterValue};
+use std::f64::consts::PI;
 
 /// The names of the parameters that belong to a controller or a checker.
 #[derive(Debug, Clone, PartialEq)]
@@ -13,6 +14,9 @@ pub(crate) struct ServerParameters {
     progress_time: String,
     speed: String,
 }
+
+/// Nav2's goal checker that does not ask for a heading.
+const POSITION_GOAL_CHECKER: &str = "PositionGoalChecker";
 
 const TRANSFORM_TOLERANCE: &str = "transform_tolerance";
 const FAILURE_TOLERANCE: &str = "failure_tolerance";
@@ -71,8 +75,8 @@ impl ServerParameters {
             (
                 &self.goal_yaw,
                 t.goal_yaw_rad,
-                0.02..=3.2,
-                "rad, heading error at the end of the path",
+                0.02..=7.0,
+                "rad, heading error at the end of the path; from pi on any heading will do",
             ),
             (
                 &self.progress_radius,
@@ -206,6 +210,11 @@ pub fn override_config(
             _ => {}
         }
     }
+    let plugin = format!("{}.plugin", config.follow_path.goal_checker_id);
+    let position_only = given.iter().any(|parameter| {
+        parameter.name == plugin
+            && matches!(&parameter.value, ParameterValue::String(kind) if kind.ends_with(POSITION_GOAL_CHECKER))
+    });
     // The ids are known now, and with them the names of their parameters.
     let names = ServerParameters::new(&config.follow_path);
     let mut parameters = names.declare(config, period_s, *speed_m_s);
@@ -220,6 +229,9 @@ pub fn override_config(
         }
     }
     config.tolerances = names.tolerances(&parameters);
+    if position_only {
+        config.tolerances.goal_yaw_rad = PI;
+    }
     *speed_m_s = names.speed_m_s(&parameters);
     Ok(())
 }

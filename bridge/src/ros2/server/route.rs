@@ -106,16 +106,20 @@ pub fn pivot(
     angle_rad: f64,
     limits: &SpeedLimits,
 ) -> Result<Trajectory, Outcome> {
-    let fastest_rad_s = 2.0 * limits.steer_max_m_s / limits.track_width_m;
     let course = Course::Pivot(Pivot {
         angle_deg: angle_rad.to_degrees(),
-        yaw_rate_rad_s: PIVOT_RAD_S.min(fastest_rad_s),
+        yaw_rate_rad_s: pivot_rate_rad_s(limits),
         centre_forward_m: 0.0,
     });
     course
         .trajectory(limits)
         .map(|trajectory| trajectory.seen_from(from))
         .map_err(|error| Outcome::new(code::UNKNOWN, error.to_string()))
+}
+
+/// Returns the yaw rate of a pivot within the limits, rad/s.
+pub fn pivot_rate_rad_s(limits: &SpeedLimits) -> f64 {
+    PIVOT_RAD_S.min(2.0 * limits.steer_max_m_s / limits.track_width_m)
 }
 
 fn profile(path: &Path, speed_m_s: f64, limits: &SpeedLimits) -> Result<Trajectory, Outcome> {

@@ -73,6 +73,7 @@ pub(crate) fn ended_by_safety(context: &GoalContext<'_>) -> Outcome {
 fn controller_stopped(why: &StopReason) -> Outcome {
     let code = match why {
         StopReason::PoseStale { .. } | StopReason::ClockJump { .. } => code::TF_ERROR,
+        StopReason::Stalled { .. } => code::FAILED_TO_MAKE_PROGRESS,
         StopReason::Requested => code::UNKNOWN,
         _ => code::NO_VALID_CONTROL,
     };

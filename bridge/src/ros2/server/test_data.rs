@@ -13,6 +13,7 @@ use sidehill_controller::path::Smoothing;
 use sidehill_controller::speed_profile::SpeedLimits;
 use sidehill_plant::frames::PlanarPose;
 use sidehill_plant::speeds::MotorSpeeds;
+use sidehill_plant::vehicle::Vehicle;
 
 /// An estimate on level ground.
 pub(crate) fn estimate(time_s: f64, x_m: f64, yaw_rad: f64) -> Estimate {
@@ -34,6 +35,7 @@ pub(crate) fn estimate(time_s: f64, x_m: f64, yaw_rad: f64) -> Estimate {
         attitude_age_s: 0.0,
         speeds_age_s: 0.0,
         poses_gated: 0,
+        poses_doubted_s: None,
     }
 }
 
@@ -107,4 +109,9 @@ pub(crate) fn route_settings() -> RouteSettings {
         },
         use_orientations: false,
     }
+}
+
+/// The J8.
+pub(crate) fn j8() -> Vehicle {
+    serde_yaml::from_str(include_str!("../../../../config/vehicles/j8.yaml")).unwrap()
 }

@@ -1,6 +1,6 @@
 use super::*;
 use crate::control_loop::channel::LoopStatus;
-use crate::ros2::server::test_data::{decision, loop_status};
+use crate::ros2::server::test_data::{decision, j8, loop_status};
 use sidehill_controller::mpc::{Residuals, SolvePath, SolveReport};
 
 const SERVER: ServerStatus<'_> = ServerStatus {
@@ -11,10 +11,6 @@ const SERVER: ServerStatus<'_> = ServerStatus {
     goals: 2,
     last_end: Some((GoalEnd::Succeeded, "")),
 };
-
-fn j8() -> Vehicle {
-    serde_yaml::from_str(include_str!("../../../../../config/vehicles/j8.yaml")).unwrap()
-}
 
 fn report(status: &LoopStatus, decision: &Decision, server: &ServerStatus<'_>) -> DiagnosticStatus {
     let solves = SolveStats::default();

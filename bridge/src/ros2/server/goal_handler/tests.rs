@@ -3,14 +3,14 @@ use crate::ros2::node::goals::GoalEnd;
 use crate::ros2::node::transforms::Transforms;
 use crate::ros2::server::config::Tolerances;
 use crate::ros2::server::goal_context::GoalContext;
-use crate::ros2::server::test_data::{decision, route_settings};
+use crate::ros2::server::test_data::{decision, j8, route_settings};
 use crate::safety::{Reason, SafetyState};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion};
 use sidehill_controller::controller::{Status, StopReason};
 use sidehill_controller::mpc::QpFailure;
 use sidehill_controller::reference::Progress;
 use sidehill_controller::trajectory::Trajectory;
-use sidehill_plant::frames::{PlanarPose, wrap_angle};
+use sidehill_plant::frames::{Attitude, PlanarPose, wrap_angle};
 use std::f64::consts::FRAC_PI_2;
 use std::time::Duration;
 
@@ -35,6 +35,7 @@ struct World {
     trajectory: Option<Trajectory>,
     x_m: f64,
     yaw_rad: f64,
+    attitude: Attitude,
     emergency_stop: Option<StopCause>,
     estop_unknown: bool,
     clock_jumped: bool,
@@ -52,7 +53,7 @@ impl World {
         let mut transforms = Transforms::default();
         transforms.take("map", "odom", 0.0, Isometry3::identity(), true);
         Self {
-            handler: GoalHandler::new(route_settings(), pivots, "odom"),
+            handler: GoalHandler::new(route_settings(), pivots, "odom", &j8()),
             transforms,
             now_s: 1.0,
             state: SafetyState::Disarmed,
@@ -64,6 +65,7 @@ impl World {
             trajectory: None,
             x_m: 0.0,
             yaw_rad: ALONG_X,
+            attitude: Attitude::LEVEL,
             emergency_stop: None,
             estop_unknown: false,
             clock_jumped: false,
@@ -77,6 +79,9 @@ impl World {
     fn look(&mut self) {
         let mut decision = decision(self.now_s, self.x_m, self.yaw_rad);
         (decision.status, decision.reference) = (self.status, self.reference);
+        if let Some(estimate) = &mut decision.estimate {
+            estimate.attitude = self.attitude;
+        }
         decision.progress =
             self.trajectory
                 .as_ref()

@@ -7,10 +7,12 @@ use crate::ros2::node::message::action::code;
 use crate::ros2::server::checkers::GoalError;
 use crate::ros2::server::goal_context::{GoalContext, Request, Requests};
 use crate::ros2::server::outcome::Outcome;
-use crate::ros2::server::route::pivot;
+use crate::ros2::server::pivot_slide::pivot_slide_m;
+use crate::ros2::server::route::{pivot, pivot_rate_rad_s};
 use crate::ros2::server::termination::{Termination, abort_cause, ended_by_safety};
 use crate::safety::{Reason, SafetyState, StopCause};
 use sidehill_controller::controller::{Decision, Status};
+use sidehill_controller::estimator::Estimate;
 use sidehill_plant::frames::PlanarPose;
 
 impl GoalSession {
@@ -109,7 +111,7 @@ impl GoalSession {
                 return;
             }
             Some(estimate) => {
-                return self.check_goal(&estimate.pose, context, settings, requests);
+                return self.check_goal(&estimate, context, settings, requests);
             }
             None => {}
         }
@@ -118,42 +120,44 @@ impl GoalSession {
         self.terminate(context.now_s, termination, requests);
     }
 
-    /// The vehicle stands at the end of the path: succeeds, pivots to the heading of the goal, or aborts.
+    /// The vehicle stands at the end of the path: succeeds, pivots to the heading of the goal, or aborts. A
+    /// pivot during which the slope would take the vehicle off the goal is not begun.
     pub(super) fn check_goal(
         &mut self,
-        pose: &PlanarPose,
+        estimate: &Estimate,
         context: &GoalContext<'_>,
         settings: &SessionSettings,
         requests: &mut Requests,
     ) {
         let tolerances = context.tolerances;
-        let error = GoalError::of(pose, &self.goal);
-        let pivoted = matches!(self.following, Following::GoalPivot);
-        let reached = error.within(tolerances.goal_xy_m, tolerances.goal_yaw_rad);
-        let pivots =
-            settings.pivots.at_goal && !pivoted && error.distance_m <= tolerances.goal_xy_m;
-        if !reached && pivots {
-            let target = (Following::GoalPivot, -error.heading_rad);
-            return self.pivot(target, pose, context, settings, requests);
-        }
-        let (end, outcome) = if reached {
-            (GoalEnd::Succeeded, Outcome::default())
-        } else {
-            let message = format!(
-                "the path has ended {:.2} m and {:.2} rad off the goal",
-                error.distance_m, error.heading_rad
-            );
-            (
-                GoalEnd::Aborted,
-                Outcome::new(code::NO_VALID_CONTROL, message),
-            )
-        };
-        let termination = Termination {
-            end,
+        let error = GoalError::of(&estimate.pose, &self.goal);
+        let succeeded = Termination {
+            end: GoalEnd::Succeeded,
             cause: StopCause::DriveEnded,
-            outcome,
+            outcome: Outcome::default(),
         };
-        self.terminate(context.now_s, termination, requests);
+        if error.within(tolerances.goal_xy_m, tolerances.goal_yaw_rad) {
+            return self.terminate(context.now_s, succeeded, requests);
+        }
+        let mut message = format!(
+            "the path has ended {:.2} m and {:.2} rad off the goal",
+            error.distance_m, error.heading_rad
+        );
+        let pivoted = matches!(self.following, Following::GoalPivot);
+        if settings.pivots.at_goal && !pivoted && error.distance_m <= tolerances.goal_xy_m {
+            let (attitude, yaw_rad) = (estimate.attitude, estimate.pose.yaw_rad);
+            let rate_rad_s = pivot_rate_rad_s(&settings.route.limits);
+            let (vehicle, angle_rad) = (&settings.vehicle, -error.heading_rad);
+            let slide_m = pivot_slide_m(vehicle, attitude, yaw_rad, angle_rad, rate_rad_s);
+            if error.distance_m + slide_m <= tolerances.goal_xy_m {
+                let target = (Following::GoalPivot, angle_rad);
+                return self.pivot(target, &estimate.pose, context, settings, requests);
+            }
+            message += &format!("; a pivot would slide {slide_m:.2} m on this slope");
+        }
+        let outcome = Outcome::new(code::NO_VALID_CONTROL, message);
+        let missed = Termination::abort_with(StopCause::DriveEnded, outcome);
+        self.terminate(context.now_s, missed, requests);
     }
 
     /// Arms for a pivot of a vehicle that stands.

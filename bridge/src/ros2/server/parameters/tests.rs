@@ -83,3 +83,29 @@ fn a_file_of_nav2_is_understood_where_it_is_ours() {
     let error = override_config(&mut config, &mut speed_m_s, 0.05, &wrong).unwrap_err();
     assert!(error.contains("failure_tolerance: -1"), "{error}");
 }
+
+#[test]
+fn a_goal_checker_of_positions_asks_for_no_heading() {
+    let text = |name: &str, value: &str| given(name, ParameterValue::String(value.to_owned()));
+    let yaw_rad = |plugin: &str| {
+        let mut config = Ros2Config::default();
+        let file = [
+            text("general_goal_checker.plugin", plugin),
+            given("general_goal_checker.yaw_goal_tolerance", Double(0.1)),
+        ];
+        override_config(&mut config, &mut 0.5, 0.05, &file).unwrap();
+        config.validate().unwrap();
+        config.tolerances.goal_yaw_rad
+    };
+    assert_eq!(yaw_rad("nav2_controller::SimpleGoalChecker"), 0.1);
+    assert_eq!(yaw_rad("nav2_controller::PositionGoalChecker"), PI);
+}
+
+#[test]
+fn a_heading_tolerance_of_nav2_that_allows_all_is_understood() {
+    let mut config = Ros2Config::default();
+    let name = "general_goal_checker.yaw_goal_tolerance";
+    override_config(&mut config, &mut 0.5, 0.05, &[given(name, Double(6.28))]).unwrap();
+    config.validate().unwrap();
+    assert_eq!(config.tolerances.goal_yaw_rad, 6.28);
+}

@@ -269,3 +269,25 @@ fn a_goal_that_a_pivot_misses_is_aborted() {
     world.finish();
     world.assert_finished(client, GoalEnd::Aborted, code::NO_VALID_CONTROL);
 }
+
+#[test]
+fn a_pivot_that_slides_off_the_goal_is_not_begun() {
+    for (slope_deg, angle_rad, pivots) in [(3.0, 3.0, true), (12.0, 3.0, false), (12.0, 1.0, true)]
+    {
+        let mut world = World::with(AT_GOAL);
+        world.attitude = Attitude::from_slope(f64::to_radians(slope_deg), 0.0);
+        let client = world.begin(path_to(ALONG_X + angle_rad));
+        world.build();
+        world.cycles(10);
+        world.x_m = 10.0;
+        world.cycle();
+        world.finish();
+        world.cycles(5);
+        assert_eq!(world.state == SafetyState::Driving, pivots, "{slope_deg}");
+        if !pivots {
+            world.assert_finished(client, GoalEnd::Aborted, code::NO_VALID_CONTROL);
+            let message = &world.finished[0].2.message;
+            assert!(message.contains("a pivot would slide 0.40 m"), "{message}");
+        }
+    }
+}

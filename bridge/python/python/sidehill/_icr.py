@@ -1,0 +1,61 @@
+"""Instantaneous centres of rotation of arrays of states."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from . import _sidehill
+from ._sidehill import Vehicle
+
+
+def icr(
+    vehicle: Vehicle,
+    roll_rad: npt.ArrayLike,
+    pitch_rad: npt.ArrayLike,
+    v_left_m_s: npt.ArrayLike,
+    v_right_m_s: npt.ArrayLike,
+) -> dict[str, npt.NDArray[np.float64]]:
+    """Returns ICRs and body velocity by ICRIK, equations (5)-(10) and (4) of the paper, and by ICRHK.
+
+    Arguments are numbers or arrays of any shapes that numpy broadcasts: roll and pitch in rad (right side down, nose
+    up positive, within +-pi/2), effective tread speeds V_l and V_r in m/s (after c_l and c_r, within +-100).
+
+    The result has arrays of the broadcast shape: `x_icr_left_m`, `x_icr_right_m`, `y_icr_m` in the body frame (x
+    right, y forward), `v_x_m_s`, `v_y_m_s`, `omega_z_rad_s`; and the same with `icrhk_` before the name, by the
+    model for level ground.
+
+    Raises ValueError with the argument's name where it is no number, not finite, out of range or of a shape that
+    does not fit.
+    """
+    named = {
+        "roll_rad": roll_rad,
+        "pitch_rad": pitch_rad,
+        "v_left_m_s": v_left_m_s,
+        "v_right_m_s": v_right_m_s,
+    }
+    arrays = {name: _array(name, value) for name, value in named.items()}
+    shape: tuple[int, ...] = ()
+    for name, array in arrays.items():
+        try:
+            shape = np.broadcast_shapes(shape, array.shape)
+        except ValueError:
+            raise ValueError(f"{name}: shape {array.shape} does not fit {shape}, that of those before") from None
+    flat = [np.broadcast_to(array, shape).ravel() for array in arrays.values()]
+    columns = _sidehill.icr(vehicle, *(np.ascontiguousarray(array) for array in flat))
+    return {name: column.reshape(shape) for name, column in columns.items()}
+
+
+def _array(name: str, value: Any) -> npt.NDArray[np.float64]:
+    try:
+        array = np.asarray(value)
+        if array.dtype.kind not in "fiub":
+            raise TypeError
+        array = array.astype(np.float64)
+    except (TypeError, ValueError):
+        raise ValueError(f"{name}: numbers are needed, not {value!r}") from None
+    if not np.isfinite(array).all():
+        raise ValueError(f"{name}: {array[~np.isfinite(array)].flat[0]} is not finite")
+    return array

@@ -1,0 +1,165 @@
+//! Identification and odometry from logs.
+
+use crate::arguments::{file, from_json, number, object};
+use crate::errors::{failed, guarded, invalid};
+use crate::vehicle::Vehicle;
+use pyo3::prelude::*;
+use serde_json::{Value, json};
+use sidehill::odometry::figures;
+use sidehill_plant::bounds::Bounds;
+use sidehill_plant::identification::{
+    IdentificationSettings, SegmentErrors, Segmentation, StageReport, identify_level,
+    identify_slope,
+};
+use sidehill_plant::log::{ColumnMap, DriveLog};
+
+/// Name for messages, and the log as CSV; `sidehill._logs` makes them of paths, dicts and DataFrames.
+type Text = (String, Vec<u8>);
+
+fn read((name, csv): &Text, columns: &ColumnMap) -> PyResult<DriveLog> {
+    DriveLog::read(csv.as_slice(), columns).map_err(|error| invalid(format!("{name}: {error}")))
+}
+
+fn column_map(columns: Option<&Bound<'_, PyAny>>) -> PyResult<ColumnMap> {
+    columns.map_or_else(
+        || Ok(ColumnMap::default()),
+        |path| file("columns", path)?.parse().map_err(failed),
+    )
+}
+
+/// Identifies from logs as text; `sidehill.identify` is the function for users.
+#[pyfunction]
+pub fn identify(
+    py: Python<'_>,
+    level: Vec<Text>,
+    slope: Vec<Text>,
+    vehicle: &Bound<'_, PyAny>,
+    segment_s: &Bound<'_, PyAny>,
+    smoothing_s: &Bound<'_, PyAny>,
+    columns: Option<&Bound<'_, PyAny>>,
+) -> PyResult<Py<Identification>> {
+    let mut vehicle = object::<Vehicle>("vehicle", vehicle)?.get().0.clone();
+    let segment_s = number("segment_s", segment_s)?;
+    let settings = IdentificationSettings {
+        segmentation: Segmentation::of_length(segment_s).map_err(failed)?,
+        attitude_smoothing_s: Bounds::new(0.0, 10.0, "s")
+            .check("smoothing_s", number("smoothing_s", smoothing_s)?)
+            .map_err(invalid)?,
+    };
+    let columns = column_map(columns)?;
+    let (vehicle, reports) = guarded(py, || {
+        let logs = |texts: &[Text]| -> PyResult<Vec<DriveLog>> {
+            texts.iter().map(|text| read(text, &columns)).collect()
+        };
+        let (level, slope) = (logs(&level)?, logs(&slope)?);
+        let mut reports = [None, None];
+        if !level.is_empty() {
+            let (fitted, report) = identify_level(&level, &vehicle, &settings)
+                .map_err(|error| invalid(format!("level: {error}")))?;
+            (vehicle, reports[0]) = (fitted, Some(summary(&report)));
+        }
+        if !slope.is_empty() {
+            let (fitted, report) = identify_slope(&slope, &vehicle, &settings)
+                .map_err(|error| invalid(format!("slope: {error}")))?;
+            (vehicle, reports[1]) = (fitted, Some(summary(&report)));
+        }
+        Ok((vehicle, reports))
+    })?;
+    let [level, slope] = reports;
+    let identification = Identification { level, slope };
+    let made = PyClassInitializer::from(Vehicle(vehicle)).add_subclass(identification);
+    Py::new(py, made)
+}
+
+/// Returns what a stage found and how far to trust it.
+fn summary(report: &StageReport) -> Value {
+    let errors = |errors: &SegmentErrors| {
+        json!({
+            "segments": errors.segments,
+            "lateral_m": errors.lateral_m,
+            "longitudinal_m": errors.longitudinal_m,
+            "yaw_rad": errors.yaw_rad,
+        })
+    };
+    let estimates: serde_json::Map<_, _> = report
+        .estimates
+        .iter()
+        .map(|estimate| {
+            let value = json!({
+                "value": estimate.value,
+                "std": estimate.std,
+                "half_width_95": estimate.half_width,
+            });
+            (estimate.name.to_owned(), value)
+        })
+        .collect();
+    let warnings = report.warnings.iter().map(ToString::to_string);
+    json!({
+        "estimates": estimates,
+        "segments": report.segments,
+        "poses": report.poses,
+        "j_over_n": report.fitness,
+        "outlier_share": report.outlier_share,
+        "held_out": {
+            "fitted": errors(&report.cross_validation.fitted),
+            "baseline": errors(&report.cross_validation.baseline),
+        },
+        "warnings": warnings.collect::<Vec<_>>(),
+    })
+}
+
+/// An identified vehicle, with what each stage says of it.
+#[pyclass(frozen, extends = Vehicle, module = "sidehill")]
+pub struct Identification {
+    level: Option<Value>,
+    slope: Option<Value>,
+}
+
+impl Identification {
+    fn report<'py>(py: Python<'py>, report: Option<&Value>) -> PyResult<Option<Bound<'py, PyAny>>> {
+        report
+            .map(|report| from_json(py, &report.to_string()))
+            .transpose()
+    }
+}
+
+#[pymethods]
+impl Identification {
+    /// Report of the level stage (ICRs, c_l, c_r), None without level logs: dict with `estimates` (by key:
+    /// value, std, half_width_95 in the key's unit, None where the logs do not tell), `segments`, `poses`,
+    /// `j_over_n` (13), `outlier_share`, `held_out` (RMS errors of segments left out, of the fit and of the
+    /// model without its parameters, m and rad) and `warnings`.
+    #[getter]
+    fn level<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyAny>>> {
+        Self::report(py, self.level.as_ref())
+    }
+
+    /// Report of the slope stage (lambda_1, lambda_2), None without slope logs; as `level`.
+    #[getter]
+    fn slope<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyAny>>> {
+        Self::report(py, self.slope.as_ref())
+    }
+
+    /// The vehicle without the reports.
+    #[getter]
+    fn vehicle(slf: &Bound<'_, Self>) -> Vehicle {
+        slf.as_super().get().clone()
+    }
+}
+
+/// Judges odometry of a log as text; `sidehill.odometry` is the function for users.
+#[pyfunction]
+pub fn odometry<'py>(
+    py: Python<'py>,
+    log: Text,
+    vehicle: &Bound<'py, PyAny>,
+    columns: Option<&Bound<'py, PyAny>>,
+) -> PyResult<Bound<'py, PyAny>> {
+    let vehicle = &object::<Vehicle>("vehicle", vehicle)?.get().0;
+    let columns = column_map(columns)?;
+    let found = guarded(py, || {
+        let drive = read(&log, &columns)?;
+        figures(&drive, vehicle).map_err(|error| invalid(format!("{}: {error:#}", log.0)))
+    })?;
+    from_json(py, &Value::Object(found).to_string())
+}

@@ -1,0 +1,232 @@
+"""Simulations: the program's figures, and other simulators as the vehicle."""
+
+import csv
+import json
+import math
+
+import numpy as np
+import pytest
+import sidehill
+from conftest import repository
+
+TIMES = {"solve_us", "cycle_us", "deadline_misses"}
+
+
+def figures(run):
+    return {key: value for key, value in run.items() if key not in TIMES}
+
+
+@pytest.mark.parametrize("plant", ["icrik", "contact"])
+def test_figures_and_log_are_those_of_the_program_bit_by_bit(run, tmp_path, eight, plant):
+    arguments = ["--plant", plant, "--seed", "3", "--controller", "icrik-mpc", "--controller", "pure-pursuit"]
+    scenario = repository("config/scenarios/figure_eight.yaml")
+    printed = json.loads(run("simulate", scenario, *arguments, "--format", "json", "--out", tmp_path / "out"))
+    result = sidehill.simulate(eight, controllers=["icrik-mpc", "pure-pursuit"], plant=plant, seed=3)
+    assert result.metrics.keys() == printed.keys() == {"runs"}
+    assert [figures(each) for each in result.metrics["runs"]] == [figures(each) for each in printed["runs"]]
+    assert result.metrics["runs"][0]["cross_track_rms_m"] > 0
+    for each in result.runs:
+        assert each.metrics in result.metrics["runs"]
+        with open(tmp_path / "out" / f"{each.controller}.csv") as file:
+            rows = list(csv.DictReader(file))
+        log = each.log
+        assert list(log) == list(rows[0])
+        for name in set(log) - TIMES:
+            values = [row[name] for row in rows]
+            if name in ("status", "reason"):
+                assert log[name] == values
+            else:
+                assert log[name].dtype == np.float64
+                expected = np.array([float(value) if value else math.nan for value in values])
+                np.testing.assert_array_equal(log[name], expected)
+
+
+def test_conditions_with_sensors_and_noise_are_those_of_the_program(run, tmp_path, short):
+    changed = short.with_(
+        sensors={"pose": {"timing": {"period_s": 0.1, "delay_s": 0.1}, "errors": {"noise_std_m": 0.01}}},
+        seed=11,
+    )
+    (tmp_path / "scenario.yaml").write_text(
+        json.dumps(changed.to_dict() | {"vehicle": str(repository("config/vehicles/j8.yaml"))})
+    )
+    printed = json.loads(run("simulate", tmp_path / "scenario.yaml", "--format", "json"))
+    assert [figures(each) for each in sidehill.simulate(changed).metrics["runs"]] == [
+        figures(each) for each in printed["runs"]
+    ]
+    other = sidehill.simulate(changed, seed=12).metrics["runs"][0]
+    assert other["cross_track_rms_m"] != printed["runs"][0]["cross_track_rms_m"] and other["seed"] == 12
+
+
+def test_scenarios_from_dicts_name_what_is_wrong(short, tmp_path):
+    keys = short.to_dict() | {"vehicle": str(repository("config/vehicles/j8.yaml"))}
+    again = sidehill.Scenario.from_dict(keys)
+    assert again.name == "short" and again.controllers == ["icrik-mpc", "pure-pursuit"]
+    assert figures(sidehill.simulate(again).metrics["runs"][0]) == figures(sidehill.simulate(short).metrics["runs"][0])
+    for change, part in [
+        ({"step_s": math.nan}, "step_s"),
+        ({"step_s": None}, "step_s"),
+        ({"step_s": 5}, "step_s"),
+        ({"step_ms": 5}, "step_ms"),
+        ({"terrain": {"kind": "plane", "slope_rad": 0.1, "uphill_heading_deg": 0}}, "slope"),
+        ({"controller": {"motor_lag_ms": 1}}, "motor_lag_ms"),
+        ({"controllers": ["mpc"]}, "mpc"),
+        ({"seed": object()}, "object"),
+    ]:
+        with pytest.raises(ValueError) as error:
+            sidehill.Scenario.from_dict(keys | change)
+        assert part in str(error.value), error.value
+        with pytest.raises(ValueError) as error:
+            short.with_(**change)
+        assert part in str(error.value), error.value
+    with pytest.raises(FileNotFoundError, match="no.yaml"):
+        short.with_(vehicle="no.yaml")
+    with pytest.raises(FileNotFoundError, match="no.yaml"):
+        sidehill.Scenario.load(tmp_path / "no.yaml")
+
+
+def test_with_replaces_only_what_is_given_of_the_controller(eight):
+    changed = eight.with_(controller={"estimator": {"gate": 50.0}}, seed=4)
+    controller = changed.to_dict()["controller"]
+    assert controller["estimator"]["gate"] == 50 and controller["estimator"]["pose_sigma_m"] == 0.0001
+    assert (changed.seed, eight.seed) == (4, 1)
+    assert changed.vehicle == eight.vehicle and changed.name == eight.name
+
+
+class Rover:
+    """The ICRIK model on a plane that rises towards +Y_g, as a simulator of one's own."""
+
+    def __init__(self, vehicle, slope_deg=5.3):
+        self.vehicle, self.slope = vehicle, math.radians(slope_deg)
+        self.calls = []
+
+    def reset(self, pose, attitude):
+        self.pose, self.attitude_rad, self.tread_speeds_m_s = pose, attitude, (0.0, 0.0)
+        self.calls.append(("reset", pose, attitude))
+
+    def step(self, v_left_m_s, v_right_m_s, dt_s):
+        x, y, z, yaw = self.pose
+        left, right = self.vehicle.correction_left * v_left_m_s, self.vehicle.correction_right * v_right_m_s
+        body = sidehill.icr(self.vehicle, *self.attitude_rad, left, right)
+        sin, cos = math.sin(yaw), math.cos(yaw)
+        x += dt_s * float(cos * body["v_x_m_s"] - sin * body["v_y_m_s"])
+        y += dt_s * float(sin * body["v_x_m_s"] + cos * body["v_y_m_s"])
+        yaw += dt_s * float(body["omega_z_rad_s"])
+        self.pose = (x, y, y * math.tan(self.slope), yaw)
+        # The normal (0, -sin, cos) of the plane, seen from the body.
+        n = (-math.sin(yaw) * math.sin(self.slope), -math.cos(yaw) * math.sin(self.slope), math.cos(self.slope))
+        self.attitude_rad = (math.atan2(n[0], n[2]), -math.asin(n[1]))
+        self.tread_speeds_m_s = (v_left_m_s, v_right_m_s)
+        self.calls.append(dt_s)
+
+
+def test_an_object_is_the_vehicle(eight, j8):
+    rover = Rover(j8)
+    scenario = eight.with_(
+        course={"shape": "circle", "radius_m": 1.5, "speed_m_s": 0.5, "turns": 1}, step_s=0.025
+    )
+    result = sidehill.simulate(scenario, controllers=["icrik-mpc", "icrhk-mpc"], plant=rover)
+    own, level = result.metrics["runs"]
+    assert own["plant"] == "Rover" and own["completed"] and level["completed"]
+    # The model that knows the slope is right here.
+    assert own["cross_track_rms_m"] < 0.005 < level["cross_track_rms_m"]
+    starts = [call for call in rover.calls if isinstance(call, tuple)]
+    assert starts == [("reset", scenario.start_pose, scenario.start_attitude_rad)] * 2
+    assert set(rover.calls[1:10]) == {0.025}
+    np.testing.assert_array_equal(result.runs[1].log["x_m"][-1], rover.pose[0])
+
+
+@pytest.mark.parametrize("form", ["tuple", "dict", "methods"])
+def test_a_plant_may_return_what_it_measures(short, j8, form):
+    class Other(Rover):
+        def step(self, *arguments):
+            super().step(*arguments)
+            if form == "tuple":
+                return self.pose, self.attitude_rad, np.array(self.tread_speeds_m_s)
+            if form == "dict":
+                return {"pose": self.pose, "attitude": self.attitude_rad, "tread_speeds": self.tread_speeds_m_s}
+            return None
+
+    plant = Other(j8, 8)
+    if form == "methods":
+
+        class Methods:
+            def __init__(self):
+                self.reset, self.step = plant.reset, plant.step
+
+            def pose(self):
+                return plant.pose
+
+            def attitude(self):
+                return plant.attitude_rad
+
+            def tread_speeds(self):
+                return plant.tread_speeds_m_s
+
+        plant_given = Methods()
+    else:
+        plant_given = plant
+    scenario = short.with_(terrain={"kind": "plane", "slope_deg": 8, "uphill_heading_deg": 0})
+    metrics = sidehill.simulate(scenario, controllers="icrik-mpc", plant=plant_given).metrics["runs"][0]
+    assert metrics["completed"] and metrics["cross_track_rms_m"] < 0.01
+
+
+class Broken(Exception):
+    pass
+
+
+def test_a_failing_plant_raises_its_own_exception(short, j8):
+    class Failing(Rover):
+        def step(self, *arguments):
+            super().step(*arguments)
+            if len(self.calls) > 40:
+                raise Broken("axle")
+
+    with pytest.raises(Broken, match="axle") as error:
+        sidehill.simulate(short, plant=Failing(j8))
+    assert error.traceback[-1].name == "step"
+
+    class NoStart(Rover):
+        def reset(self, pose, attitude):
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        sidehill.simulate(short, plant=NoStart(j8))
+
+
+@pytest.mark.parametrize(
+    ("given", "part"),
+    [
+        (((0, 0, 0), (0, 0), (0, 0)), "pose after step must be finite numbers (x_m, y_m, z_m, yaw_rad)"),
+        (((0, 0, 0, math.nan), (0, 0), (0, 0)), "pose after step"),
+        (((0, 0, 0, 0), None, (0, 0)), "attitude_rad after step"),
+        (((0, 0, 0, 0), (0, 0), "fast"), "tread_speeds_m_s after step"),
+        ({"pose": (0, 0, 0, 0)}, "attitude_rad is missing after step"),
+        (3.0, "pose is missing after step"),
+    ],
+)
+def test_what_a_plant_gives_wrongly_is_named(short, j8, given, part):
+    class Wrong(Rover):
+        def step(self, *arguments):
+            return given
+
+    with pytest.raises(ValueError) as error:
+        sidehill.simulate(short, plant=Wrong(j8))
+    assert part in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("keywords", "part"),
+    [
+        ({"plant": "mud"}, "plant: 'mud' is neither"),
+        ({"plant": object()}, "has no method reset"),
+        ({"controllers": "mpc"}, "controllers: 'mpc' is not a controller"),
+        ({"controllers": ["icrik-mpc", None]}, "controllers: None is not a controller"),
+        ({"controllers": 3}, "controllers: a list of names is needed"),
+        ({"seed": None, "scenario": "x"}, "scenario: a sidehill.Scenario is needed"),
+        ({"seed": "1"}, "seed: '1'"),
+    ],
+)
+def test_simulate_names_the_argument(short, keywords, part):
+    with pytest.raises(ValueError) as error:
+        sidehill.simulate(**({"scenario": short} | keywords))
+    assert part in str(error.value)

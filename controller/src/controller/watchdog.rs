@@ -1,0 +1,166 @@
+//! Whether the vehicle moves as its commands and its reference should make it move.
+
+use super::decision::Stall;
+use crate::config::SupervisorConfig;
+use crate::mpc::limits::InputLimits;
+use crate::reference::Progress;
+use crate::trajectory::Motion;
+use sidehill_plant::frames::{PlanarPose, wrap_angle};
+use sidehill_plant::speeds::MotorSpeeds;
+use std::collections::VecDeque;
+
+/// Share of its limit from which a motor speed counts as at its limit.
+const AT_LIMIT: f64 = 0.95;
+/// Least way that the reference must have asked for, m, before the way along the path is judged.
+const ASKED_MIN_M: f64 = 0.3;
+/// A vehicle that has turned this much does not stand, rad.
+const TURNED_MIN_RAD: f64 = 0.2;
+
+/// One cycle of a vehicle that drives.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Observation<'a> {
+    pub(super) time_s: f64,
+    pub(super) pose: PlanarPose,
+    /// Command of the cycle before.
+    pub(super) command: MotorSpeeds,
+    pub(super) progress: &'a Progress,
+}
+
+/// Sums since the watch began, so that those of a window are differences.
+#[derive(Debug, Clone, Copy, Default)]
+struct Sums {
+    time_s: f64,
+    /// Time at the steer's limit, less that at its other limit, s; so too of traction.
+    steer_at_limit_s: f64,
+    traction_at_limit_s: f64,
+    /// Turn and way that the commands should give without slip, and those of the estimate.
+    commanded_turn_rad: f64,
+    commanded_way_m: f64,
+    turn_rad: f64,
+    way_m: f64,
+    /// Way along the path that the reference's speed asks for.
+    asked_m: f64,
+    /// Where it is, no sum.
+    x_m: f64,
+    y_m: f64,
+}
+
+/// The cycles of the last `stall_time_s`; nothing is allocated after [`Watchdog::new`].
+#[derive(Debug)]
+pub(super) struct Watchdog {
+    window_s: f64,
+    share: f64,
+    limits: InputLimits,
+    half_track_m: f64,
+    history: VecDeque<Sums>,
+    before: Option<PlanarPose>,
+}
+
+impl Watchdog {
+    pub(super) fn new(
+        config: &SupervisorConfig,
+        limits: InputLimits,
+        half_track_m: f64,
+        period_s: f64,
+    ) -> Self {
+        // Twice the cycles of the window leave room for ones that come early.
+        let cycles = (2.0 * config.stall_time_s / period_s).ceil() as usize + 2;
+        Self {
+            window_s: config.stall_time_s,
+            share: config.stall_share,
+            limits,
+            half_track_m,
+            history: VecDeque::with_capacity(cycles),
+            before: None,
+        }
+    }
+
+    /// Begins anew, as with another path or after a stop.
+    pub(super) fn reset(&mut self) {
+        self.history.clear();
+        self.before = None;
+    }
+
+    /// Takes a cycle in; returns what has stalled for the whole window.
+    pub(super) fn observe(&mut self, now: &Observation) -> Option<Stall> {
+        let sums = self.next(now);
+        while self
+            .history
+            .get(1)
+            .is_some_and(|second| sums.time_s - second.time_s >= self.window_s)
+            || self.history.len() == self.history.capacity()
+        {
+            self.history.pop_front();
+        }
+        self.history.push_back(sums);
+        let start = self.history.front()?;
+        (sums.time_s - start.time_s >= self.window_s)
+            .then(|| self.judge(start, &sums))
+            .flatten()
+    }
+
+    fn next(&mut self, now: &Observation) -> Sums {
+        let mut sums = self.history.back().copied().unwrap_or_default();
+        let point = &now.progress.point;
+        let elapsed_s = now.time_s - sums.time_s;
+        if let Some(before) = self.before.replace(now.pose) {
+            let MotorSpeeds {
+                traction_m_s,
+                steer_m_s,
+            } = now.command;
+            let at_limit = |speed: f64, limit: f64| {
+                if speed.abs() >= AT_LIMIT * limit {
+                    speed.signum()
+                } else {
+                    0.0
+                }
+            };
+            sums.steer_at_limit_s += elapsed_s * at_limit(steer_m_s, self.limits.steer.speed_m_s);
+            sums.traction_at_limit_s +=
+                elapsed_s * at_limit(traction_m_s, self.limits.traction.speed_m_s);
+            sums.commanded_turn_rad += elapsed_s * steer_m_s / self.half_track_m;
+            sums.commanded_way_m += elapsed_s * traction_m_s;
+            sums.turn_rad += wrap_angle(now.pose.yaw_rad - before.yaw_rad);
+            let (sin, cos) = now.pose.yaw_rad.sin_cos();
+            sums.way_m += -sin * (now.pose.x_m - before.x_m) + cos * (now.pose.y_m - before.y_m);
+            if point.motion == Motion::Drive && !now.progress.ended {
+                sums.asked_m += elapsed_s * point.speed_m_s.abs();
+            }
+        }
+        sums.time_s = now.time_s;
+        (sums.x_m, sums.y_m) = (now.pose.x_m, now.pose.y_m);
+        sums
+    }
+
+    fn judge(&self, start: &Sums, end: &Sums) -> Option<Stall> {
+        let window_s = end.time_s - start.time_s;
+        // Whether a motor stood at one limit without its share of the motion that it should give.
+        let stalls = |at_limit_s: f64, moved: f64, commanded: f64| {
+            let sense = at_limit_s.signum();
+            at_limit_s.abs() >= AT_LIMIT * window_s
+                && sense * moved < self.share * sense * commanded
+        };
+        if stalls(
+            end.steer_at_limit_s - start.steer_at_limit_s,
+            end.turn_rad - start.turn_rad,
+            end.commanded_turn_rad - start.commanded_turn_rad,
+        ) {
+            return Some(Stall::Steer);
+        }
+        if stalls(
+            end.traction_at_limit_s - start.traction_at_limit_s,
+            end.way_m - start.way_m,
+            end.commanded_way_m - start.commanded_way_m,
+        ) {
+            return Some(Stall::Traction);
+        }
+        // Back from a cusp a vehicle is where it was; so no place of the window may be far from its start.
+        let asked_m = end.asked_m - start.asked_m;
+        let turned_rad = (end.turn_rad - start.turn_rad).abs();
+        let near = |place: &Sums| {
+            (place.x_m - start.x_m).hypot(place.y_m - start.y_m) < self.share * asked_m
+        };
+        let stands = turned_rad < TURNED_MIN_RAD && self.history.iter().all(near);
+        (asked_m >= ASKED_MIN_M && stands).then_some(Stall::Path)
+    }
+}

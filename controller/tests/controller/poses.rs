@@ -1,0 +1,168 @@
+//! Poses that do not fit the prediction: which are believed, when, and what the vehicle does meanwhile; and
+//! a vehicle that does not move.
+
+use crate::rig::{Rig, driving};
+use sidehill_controller::config::ControllerKind;
+use sidehill_controller::controller::{Stall, Status, StopReason};
+use sidehill_plant::sample::Sample;
+
+/// Cycles a second of the rig.
+const CYCLES_PER_S: u32 = 20;
+
+fn rig() -> Rig {
+    driving(ControllerKind::IcrikMpc)
+}
+
+fn shift(sample: &mut Sample, x_m: f64) {
+    if let Some(pose) = &mut sample.pose {
+        pose.value.x_m += x_m;
+    }
+}
+
+/// Returns the reason for which the vehicle is stopped, and after how many cycles, with samples that are
+/// disturbed by `disturb`, which knows the cycle.
+fn stop_within(
+    rig: &mut Rig,
+    cycles: u32,
+    mut disturb: impl FnMut(u32, &mut Sample),
+) -> Option<(u32, StopReason)> {
+    (0..cycles).find_map(|cycle| {
+        let decision = rig.cycle_with(None, |sample| disturb(cycle, sample));
+        match decision.status {
+            Status::Stopping(reason) => Some((cycle, reason)),
+            _ => None,
+        }
+    })
+}
+
+fn cross_track_m(rig: &mut Rig) -> f64 {
+    rig.cycle().progress.unwrap().cross_track_m.abs()
+}
+
+#[test]
+fn single_outliers_are_driven_over() {
+    let mut rig = rig();
+    let stopped = stop_within(&mut rig, 20 * CYCLES_PER_S, |cycle, sample| {
+        if cycle % 7 == 0 {
+            shift(sample, if cycle % 2 == 0 { 1.0 } else { -2.0 });
+        }
+    });
+    assert_eq!(stopped, None);
+    assert!(cross_track_m(&mut rig) < 0.05);
+}
+
+#[test]
+fn poses_that_jump_for_half_a_second_slow_the_vehicle_down_and_are_not_followed() {
+    let mut rig = rig();
+    let before = rig.command.traction_m_s;
+    let half_a_second = CYCLES_PER_S / 2;
+    assert_eq!(
+        stop_within(&mut rig, half_a_second, |_, sample| shift(sample, 1.0)),
+        None
+    );
+    assert!(
+        rig.command.traction_m_s < 0.7 * before,
+        "{}",
+        rig.command.traction_m_s
+    );
+    assert!(cross_track_m(&mut rig) < 0.05);
+    assert_eq!(stop_within(&mut rig, 5 * CYCLES_PER_S, |_, _| ()), None);
+    assert!(rig.command.traction_m_s > 0.8 * before);
+    assert!(cross_track_m(&mut rig) < 0.05);
+}
+
+#[test]
+fn poses_that_stay_elsewhere_are_believed_after_a_second() {
+    let mut rig = rig();
+    let mut far_after = None;
+    for cycle in 0..3 * CYCLES_PER_S {
+        let decision = rig.cycle_with(None, |sample| shift(sample, 0.8));
+        assert_eq!(decision.status, Status::Tracking);
+        let off_m = decision.estimate.unwrap().pose.x_m - rig.simulation.state().pose.x_m;
+        if off_m > 0.4 && far_after.is_none() {
+            far_after = Some(cycle);
+        }
+    }
+    // A second after the first of them, and a cycle for rounding.
+    let believed = far_after.unwrap();
+    assert!(
+        (CYCLES_PER_S - 1..=CYCLES_PER_S + 1).contains(&believed),
+        "{believed}"
+    );
+}
+
+#[test]
+fn a_vehicle_carried_away_from_its_path_is_stopped_there() {
+    let mut rig = rig();
+    let stopped = stop_within(&mut rig, 2 * CYCLES_PER_S, |_, sample| shift(sample, 6.0));
+    let Some((_, StopReason::OffPath { cross_track_m })) = stopped else {
+        panic!("{stopped:?}");
+    };
+    assert!(cross_track_m.abs() > 2.0);
+}
+
+#[test]
+fn poses_that_contradict_each_other_stop_the_vehicle() {
+    let mut rig = rig();
+    let stopped = stop_within(&mut rig, CYCLES_PER_S, |cycle, sample| {
+        shift(sample, if cycle % 2 == 0 { 1.0 } else { -1.0 });
+    });
+    let Some((cycle, StopReason::PoseStale { gated, .. })) = stopped else {
+        panic!("{stopped:?}");
+    };
+    assert!((9..=11).contains(&cycle), "{cycle}");
+    assert_eq!(gated, cycle + 1);
+}
+
+#[test]
+fn treads_that_slip_by_a_third_do_not_end_the_drive() {
+    for kind in ControllerKind::ALL {
+        let mut rig = driving(kind);
+        let stopped = stop_within(&mut rig, 30 * CYCLES_PER_S, |_, sample| {
+            if let Some(speeds) = &mut sample.tread_speeds {
+                speeds.value.left_m_s /= 0.7;
+                speeds.value.right_m_s /= 0.7;
+            }
+        });
+        assert_eq!(stopped, None, "{kind:?}");
+    }
+}
+
+#[test]
+fn a_vehicle_that_does_not_move_is_stopped_with_its_reason() {
+    for kind in ControllerKind::ALL {
+        let mut rig = driving(kind);
+        let mut held = None;
+        let stopped = stop_within(&mut rig, 5 * CYCLES_PER_S, |_, sample| {
+            if let Some(pose) = &mut sample.pose {
+                pose.value = *held.get_or_insert(pose.value);
+            }
+        });
+        let Some((_, StopReason::Stalled { stall, time_s })) = stopped else {
+            panic!("{kind:?} {stopped:?}");
+        };
+        assert!(matches!(
+            stall,
+            Stall::Path | Stall::Steer | Stall::Traction
+        ));
+        assert_eq!(time_s, 3.0);
+    }
+}
+
+#[test]
+fn a_vehicle_that_does_not_turn_is_stopped_with_its_reason() {
+    let mut rig = rig();
+    let mut yaw_rad = None;
+    let stopped = stop_within(&mut rig, 8 * CYCLES_PER_S, |_, sample| {
+        if let Some(pose) = &mut sample.pose {
+            pose.value.yaw_rad = *yaw_rad.get_or_insert(pose.value.yaw_rad);
+        }
+    });
+    assert!(
+        matches!(
+            stopped,
+            Some((_, StopReason::Stalled { .. } | StopReason::OffPath { .. }))
+        ),
+        "{stopped:?}"
+    );
+}
