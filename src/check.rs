@@ -2,11 +2,15 @@
 
 use crate::config::{
     Campaign, Conditions, ConfigFile, Overrides, RunConfig, RunPort, Scenario, load_layout,
+    read_route,
 };
-use crate::{run, vehicle};
+use crate::{console, run, vehicle};
 use anyhow::{Result, bail};
 use sidehill_controller::controller::Controller;
+use sidehill_controller::path::{Smoothing, smooth};
 use sidehill_plant::contact::ContactVehicle;
+use sidehill_plant::log::{ColumnMap, DriveLog};
+use sidehill_plant::terrain::GridTerrain;
 use sidehill_plant::vehicle::Vehicle;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -28,10 +32,10 @@ pub fn run(args: &CheckArgs) -> Result<ExitCode> {
     let mut valid = true;
     for path in &args.files {
         match ConfigFile::read(path).map_err(Into::into).and_then(check) {
-            Ok(kind) => println!("{}: valid {kind}", path.display()),
+            Ok(kind) => console::line(format_args!("{}: valid {kind}", path.display())),
             Err(error) => {
                 valid = false;
-                eprintln!("{error:#}");
+                console::complain(format_args!("{error:#}"));
             }
         }
     }
@@ -47,6 +51,15 @@ pub fn run(args: &CheckArgs) -> Result<ExitCode> {
 /// # Errors
 /// What is wrong, with the name of the file at fault.
 pub fn check(file: ConfigFile) -> Result<&'static str> {
+    match file.ending().as_deref() {
+        Some("gpx") => return check_route(&file),
+        Some("csv") => return check_csv(&file),
+        Some("asc") => {
+            GridTerrain::parse(file.text()).map_err(|error| file.error(error))?;
+            return Ok("elevation grid");
+        }
+        _ => {}
+    }
     let keys: serde_yaml::Mapping = file.parse()?;
     let has = |key: &str| keys.contains_key(key);
     if has("draws") {
@@ -54,6 +67,9 @@ pub fn check(file: ConfigFile) -> Result<&'static str> {
         Ok("campaign")
     } else if has("controllers") {
         let prepared = Scenario::read(file.clone())?.prepare(&Overrides::default())?;
+        for warning in &prepared.warnings {
+            console::complain(format_args!("{}: warning: {warning}", file.name()));
+        }
         for &kind in &prepared.controllers {
             Controller::new(
                 kind,
@@ -73,6 +89,9 @@ pub fn check(file: ConfigFile) -> Result<&'static str> {
     } else if has("axles") {
         file.parse::<ContactVehicle>()?;
         Ok("contact vehicle")
+    } else if has("tread_speed_left") {
+        file.parse::<ColumnMap>()?;
+        Ok("column map")
     } else if !has("scenario") && (has("sensors") || has("drive_train")) {
         Conditions::parse(&file)?;
         Ok("conditions")
@@ -88,11 +107,38 @@ pub fn check(file: ConfigFile) -> Result<&'static str> {
     } else {
         bail!(
             "{}: neither a campaign (key draws), a scenario (controllers), a vehicle (x_icr_left_m), a \
-             contact vehicle (axles), conditions (sensors or drive_train), a layout of a CAN bus \
+             contact vehicle (axles), a column map (tread_speed_left), conditions (sensors or drive_train), a layout of a CAN bus \
              (database), nor a configuration of run (controller) or vehicle (scenario)",
             file.name()
         )
     }
+}
+
+/// Checks that a route can be smoothed and driven.
+fn check_route(file: &ConfigFile) -> Result<&'static str> {
+    let route = read_route(file)?;
+    smooth(&route.points, &Smoothing::default()).map_err(|error| file.error(error))?;
+    Ok("route")
+}
+
+/// Checks a route or a log, which its columns tell apart.
+fn check_csv(file: &ConfigFile) -> Result<&'static str> {
+    let header = file.text().lines().find(|line| !line.starts_with('#'));
+    let is_log = header.is_some_and(|header| {
+        let map = ColumnMap::default();
+        header
+            .split(',')
+            .any(|name| name.trim() == map.time || name.trim() == map.tread_speed_left)
+    });
+    if !is_log {
+        return check_route(file);
+    }
+    let log = DriveLog::read(file.text().as_bytes(), &ColumnMap::default())
+        .map_err(|error| file.error(error))?;
+    for suspicion in log.suspicions() {
+        console::complain(format_args!("{}: warning: {suspicion}", file.name()));
+    }
+    Ok("log")
 }
 
 fn check_run(file: &ConfigFile) -> Result<()> {

@@ -1,7 +1,9 @@
 //! `sidehill identify`: a vehicle's parameters from logs, in the paper's two stages.
 
 use crate::config::ConfigFile;
+use crate::console;
 use crate::odometry::{column_map, read_log};
+use crate::output;
 use anyhow::{Context, Result, bail};
 use sidehill_plant::contact::{ContactModel, ContactVehicle};
 use sidehill_plant::identification::{
@@ -12,7 +14,7 @@ use sidehill_plant::log::DriveLog;
 use sidehill_plant::terrain::Terrain;
 use sidehill_plant::vehicle::{SpeedCorrection, Vehicle};
 use std::fmt::Write;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// Arguments of `sidehill identify`.
 #[derive(Debug, Clone, clap::Args)]
@@ -50,6 +52,9 @@ pub struct IdentifyArgs {
     /// Seed of the noise of simulated logs.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
+    /// Overwrite --out where it exists.
+    #[arg(long)]
+    pub force: bool,
 }
 
 /// Identifies, prints what was found and how far to trust it, and writes the vehicle.
@@ -60,34 +65,58 @@ pub fn run(args: &IdentifyArgs) -> Result<()> {
     if !(0.0..=10.0).contains(&args.smoothing_s) {
         bail!("smoothing_s: {}: must be from 0 to 10 s", args.smoothing_s);
     }
+    output::check_writable(&args.out, args.force)?;
     let settings = IdentificationSettings {
         segmentation: Segmentation::of_length(args.segment_s)?,
         attitude_smoothing_s: args.smoothing_s,
     };
     let mut vehicle: Vehicle = ConfigFile::read(&args.vehicle)?.parse()?;
     let logs = match &args.simulate {
-        Some(path) => simulated(path, &vehicle, args.seed)?,
+        Some(path) => {
+            let contact: ContactVehicle = ConfigFile::read(path)?.parse()?;
+            simulated(&contact, &vehicle, args.seed).with_context(|| path.display().to_string())?
+        }
         None => recorded(args)?,
     };
     if !logs.level.is_empty() {
         let (fitted, report) =
             identify_level(&logs.level, &vehicle, &settings).context("level logs")?;
-        print!("{}", stage_table("level", "differential drive", &report));
+        console::text(stage_table("level", "differential drive", &report));
         vehicle = fitted;
     }
     if !logs.slope.is_empty() {
         let (fitted, report) =
             identify_slope(&logs.slope, &vehicle, &settings).context("slope logs")?;
-        print!("{}", stage_table("slope", "ICRHK", &report));
+        console::text(stage_table("slope", "ICRHK", &report));
         vehicle = fitted;
     }
     if let Some(name) = &args.name {
         vehicle.name.clone_from(name);
     }
     let yaml = commented(&vehicle, args)?;
-    std::fs::write(&args.out, yaml).with_context(|| args.out.display().to_string())?;
-    println!("written: {}", args.out.display());
+    output::write(&args.out, yaml.as_bytes(), args.force)?;
+    console::line(format_args!("written: {}", args.out.display()));
     Ok(())
+}
+
+/// Returns what identification finds of `vehicle` where `contact` drives the paper's procedure in
+/// simulation.
+///
+/// # Errors
+/// Why the vehicle cannot drive it, or what its logs lack.
+pub(crate) fn by_simulation(
+    contact: &ContactVehicle,
+    vehicle: &Vehicle,
+    seed: u64,
+) -> Result<Vehicle> {
+    let settings = IdentificationSettings {
+        segmentation: Segmentation::of_length(8.0)?,
+        attitude_smoothing_s: 0.2,
+    };
+    let logs = simulated(contact, vehicle, seed)?;
+    let (level, _) = identify_level(&logs.level, vehicle, &settings).context("level logs")?;
+    let (slope, _) = identify_slope(&logs.slope, &level, &settings).context("slope logs")?;
+    Ok(slope)
 }
 
 /// Logs of both stages.
@@ -108,8 +137,7 @@ fn recorded(args: &IdentifyArgs) -> Result<Logs> {
 }
 
 /// Drives the paper's procedure with a contact vehicle whose encoders are off by `vehicle`'s factors.
-fn simulated(path: &Path, vehicle: &Vehicle, seed: u64) -> Result<Logs> {
-    let contact: ContactVehicle = ConfigFile::read(path)?.parse()?;
+fn simulated(contact: &ContactVehicle, vehicle: &Vehicle, seed: u64) -> Result<Logs> {
     let procedure = Procedure::of_the_paper();
     let correction: SpeedCorrection = vehicle.correction;
     let log = |terrain: Terrain, legs: &[Leg], seed: u64| {
@@ -119,7 +147,7 @@ fn simulated(path: &Path, vehicle: &Vehicle, seed: u64) -> Result<Logs> {
             terrain,
             legs,
         };
-        drive(setup, &LogNoise::usual(), seed).with_context(|| path.display().to_string())
+        drive(setup, &LogNoise::usual(), seed)
     };
     Ok(Logs {
         level: vec![log(Terrain::Level, &procedure.level, seed)?],
@@ -195,11 +223,12 @@ mod tests {
     use super::*;
 
     fn repository(name: &str) -> PathBuf {
-        Path::new(env!("CARGO_MANIFEST_DIR")).join(name)
+        std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join(name)
     }
 
     fn arguments(out: PathBuf) -> IdentifyArgs {
         IdentifyArgs {
+            force: false,
             level: Vec::new(),
             slope: Vec::new(),
             simulate: Some(repository("config/vehicles/j8_contact.yaml")),

@@ -5,14 +5,22 @@
 #![allow(clippy::print_stdout, clippy::print_stderr)]
 
 pub mod campaign;
+#[cfg(feature = "drive")]
 pub mod check;
 pub mod closed_loop;
 pub mod config;
+pub mod console;
 pub mod icr;
 pub mod identify;
+#[cfg(feature = "drive")]
+pub mod init;
 pub mod odometry;
+pub mod output;
+pub mod progress;
 pub mod record;
 pub mod report;
+#[cfg(feature = "drive")]
 pub mod run;
 pub mod simulate;
+#[cfg(feature = "drive")]
 pub mod vehicle;

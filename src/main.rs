@@ -3,8 +3,8 @@
 
 use anyhow::anyhow;
 use clap::{Parser, Subcommand};
-use sidehill::{campaign, check, icr, identify, odometry, run, simulate, vehicle};
-use sidehill_bridge::ros2::arguments;
+use sidehill::{campaign, check, console, icr, identify, init, odometry, run, simulate, vehicle};
+use sidehill_bridge::ros2::node::arguments;
 use std::process::ExitCode;
 
 /// Path tracking for skid-steer rovers on slopes. Without a subcommand it simulates the figure of
@@ -34,6 +34,8 @@ enum Command {
     Vehicle(vehicle::VehicleArgs),
     /// Validates configuration files.
     Check(check::CheckArgs),
+    /// Writes a commented set of configuration files for a robot.
+    Init(init::InitArgs),
 }
 
 fn main() -> ExitCode {
@@ -52,9 +54,10 @@ fn main() -> ExitCode {
         Command::Odometry(args) => odometry::run(&args).map(|()| ExitCode::SUCCESS),
         Command::Identify(args) => identify::run(&args).map(|()| ExitCode::SUCCESS),
         Command::Check(args) => check::run(&args),
+        Command::Init(args) => init::run(&args).map(|()| ExitCode::SUCCESS),
     };
     result.unwrap_or_else(|error| {
-        eprintln!("sidehill: {error:#}");
+        console::complain(format_args!("sidehill: {error:#}"));
         ExitCode::from(2)
     })
 }

@@ -3,6 +3,8 @@
 mod plot;
 
 use crate::config::ConfigFile;
+use crate::console;
+use crate::output;
 use crate::simulate::Format;
 use anyhow::{Context, Result};
 use serde::Serialize;
@@ -31,6 +33,9 @@ pub struct OdometryArgs {
     /// SVG file for a drawing of the paths.
     #[arg(long, value_name = "FILE")]
     pub plot: Option<PathBuf>,
+    /// Overwrite the drawing where it exists.
+    #[arg(long)]
+    pub force: bool,
 }
 
 /// The models compared, with their names in tables and in JSON.
@@ -67,6 +72,9 @@ impl From<MeanSquaredErrors> for Figures {
 /// # Errors
 /// Names the file, row and column at fault.
 pub fn run(args: &OdometryArgs) -> Result<()> {
+    if let Some(path) = &args.plot {
+        output::check_writable(path, args.force)?;
+    }
     let vehicle: Vehicle = ConfigFile::read(&args.vehicle)?.parse()?;
     let log = read_log(&args.log, &column_map(args.columns.as_deref())?)?;
     let comparisons = MODELS
@@ -75,8 +83,8 @@ pub fn run(args: &OdometryArgs) -> Result<()> {
         .collect::<Result<Vec<_>, _>>()
         .with_context(|| args.log.display().to_string())?;
     match args.format {
-        Format::Table => print!("{}", table(&comparisons)),
-        Format::Json => println!("{}", json(&comparisons)?),
+        Format::Table => console::text(table(&comparisons)),
+        Format::Json => console::line(json(&comparisons)?),
     }
     if let Some(path) = &args.plot {
         let paths: Vec<_> = MODELS
@@ -85,7 +93,7 @@ pub fn run(args: &OdometryArgs) -> Result<()> {
             .map(|((_, name), comparisons)| (*name, comparisons.as_slice()))
             .collect();
         let drawing = plot::paths(&paths).with_context(|| path.display().to_string())?;
-        std::fs::write(path, drawing).with_context(|| path.display().to_string())?;
+        output::write(path, drawing.as_bytes(), args.force)?;
     }
     Ok(())
 }
@@ -108,7 +116,11 @@ pub(crate) fn column_map(path: Option<&Path>) -> Result<ColumnMap> {
 pub(crate) fn read_log(path: &Path, map: &ColumnMap) -> Result<DriveLog> {
     let name = || path.display().to_string();
     let file = File::open(path).with_context(name)?;
-    DriveLog::read(std::io::BufReader::new(file), map).with_context(name)
+    let log = DriveLog::read(std::io::BufReader::new(file), map).with_context(name)?;
+    for suspicion in log.suspicions() {
+        console::complain(format_args!("{}: warning: {suspicion}", name()));
+    }
+    Ok(log)
 }
 
 fn table(comparisons: &[Vec<Comparison>]) -> String {

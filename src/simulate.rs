@@ -4,10 +4,12 @@ use crate::closed_loop;
 use crate::config::{
     Conditions, ConfigFile, DEFAULT_SCENARIO, Overrides, PlantKind, Prepared, Scenario,
 };
+use crate::console;
+use crate::output;
+use crate::progress::{self, Progress};
 use crate::record::{Run, Summary};
 use crate::report;
 use anyhow::{Context, Result};
-use indicatif::{ProgressBar, ProgressStyle};
 use sidehill_controller::config::ControllerKind;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -37,6 +39,9 @@ pub struct SimulateArgs {
     /// Folder for a CSV file of each run and a report.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
+    /// Overwrite files of --out that exist.
+    #[arg(long)]
+    pub force: bool,
     /// How the figures are printed.
     #[arg(long, value_enum, default_value_t)]
     pub format: Format,
@@ -84,18 +89,32 @@ pub fn run(args: &SimulateArgs) -> Result<ExitCode> {
         seed: args.seed,
         controllers: args.controllers.clone(),
     })?;
+    for warning in &prepared.warnings {
+        console::complain(format_args!("warning: {warning}"));
+    }
+    if let Some(folder) = &args.out {
+        // Before the work, which may take long.
+        std::fs::create_dir_all(folder)
+            .with_context(|| format!("{}: cannot be made", folder.display()))?;
+        let mut files = vec![folder.join(REPORT)];
+        let names = prepared.controllers.iter().map(|kind| kind.name());
+        files.extend(names.map(|name| csv_path(folder, name)));
+        output::check_free(&files, args.force)?;
+        output::check_writable(&folder.join(REPORT), args.force)?;
+    }
+    progress::explain_interrupt(|| "interrupted: nothing was written".to_owned())?;
     let runs = runs(&prepared)?;
     if let Some(folder) = &args.out {
-        write_out(folder, &prepared, conditions.as_deref(), &runs)
-            .with_context(|| format!("{}: cannot be written", folder.display()))?;
+        write_out(folder, args.force, &prepared, conditions.as_deref(), &runs)?;
     }
     let summaries: Vec<&Summary> = runs.iter().map(|run| &run.summary).collect();
     match args.format {
-        Format::Table => print!("{}", table(&prepared, conditions.as_deref(), &summaries)),
-        Format::Json => println!(
-            "{}",
-            serde_json::to_string(&serde_json::json!({ "runs": summaries }))?
-        ),
+        Format::Table => {
+            console::text(table(&prepared, conditions.as_deref(), &summaries));
+        }
+        Format::Json => console::line(serde_json::to_string(
+            &serde_json::json!({ "runs": summaries }),
+        )?),
     }
     let completed = summaries.iter().all(|summary| summary.completed);
     Ok(if completed {
@@ -105,17 +124,25 @@ pub fn run(args: &SimulateArgs) -> Result<ExitCode> {
     })
 }
 
+/// Name of the report.
+const REPORT: &str = "report.html";
+
+fn csv_path(folder: &Path, controller: &str) -> PathBuf {
+    folder.join(format!("{controller}.csv"))
+}
+
 /// Writes a CSV file of each run and the report of all.
 fn write_out(
     folder: &Path,
+    force: bool,
     prepared: &Prepared,
     conditions: Option<&str>,
     runs: &[Run],
 ) -> Result<()> {
-    std::fs::create_dir_all(folder)?;
     for run in runs {
-        let file = std::fs::File::create(folder.join(format!("{}.csv", run.summary.controller)))?;
-        report::write_csv(run, std::io::BufWriter::new(file))?;
+        let mut csv = Vec::new();
+        report::write_csv(run, &mut csv)?;
+        output::write(&csv_path(folder, &run.summary.controller), &csv, force)?;
     }
     let path = prepared.trajectory.path();
     let length_m = path.map_or(0.0, |path| path.length_m());
@@ -142,23 +169,29 @@ fn write_out(
         base_half_length_m: prepared.vehicle.base_half_length_m,
         period_s: prepared.controller.period_s,
     };
-    std::fs::write(folder.join("report.html"), report::html(&scene, runs))?;
-    Ok(())
+    let html = report::html(&scene, runs);
+    output::write(&folder.join(REPORT), html.as_bytes(), force)
 }
+
+/// Simulated time from which on a run is announced, s.
+const LONG_S: f64 = 1000.0;
 
 /// Runs one controller after the other: their times would disturb each other.
 fn runs(prepared: &Prepared) -> Result<Vec<Run>> {
-    let style = ProgressStyle::with_template("{prefix:14} {bar:40} {percent:>3} %  {eta} left")?;
+    let simulated_s = f64::from(prepared.laps) * prepared.trajectory.duration_s();
+    if simulated_s > LONG_S {
+        console::complain(format_args!(
+            "this simulates {simulated_s:.0} s of driving for each of {} controllers",
+            prepared.controllers.len()
+        ));
+    }
     let mut runs = Vec::new();
     for &kind in &prepared.controllers {
-        // Hidden by itself where standard error is not a terminal.
-        let bar = ProgressBar::new(1000)
-            .with_style(style.clone())
-            .with_prefix(kind.name());
+        let progress = Progress::new(kind.name(), 1000);
         let run = closed_loop::run(prepared, kind, |share| {
-            bar.set_position((1000.0 * share) as u64)
+            progress.at((1000.0 * share) as u64);
         })?;
-        bar.finish_and_clear();
+        progress.finish();
         runs.push(run);
     }
     Ok(runs)

@@ -10,15 +10,16 @@ use ros2_client::action::{
 use ros2_client::action_msgs::CancelGoalResponseEnum;
 use ros2_client::dds::rustdds::{DomainParticipantStatusEvent, GUID, StatusEvented};
 use ros2_client::{ActionClient, ActionTypeName, Message, Name, ServiceMapping};
-use sidehill_bridge::ros2::arguments::{RosArguments, RosEnvironment};
-use sidehill_bridge::ros2::convert::{to_pose, world_from_base_link};
-use sidehill_bridge::ros2::message::action::{
+use sidehill_bridge::ros2::node::RosNode;
+use sidehill_bridge::ros2::node::arguments::{RosArguments, RosEnvironment};
+use sidehill_bridge::ros2::node::conversions::to_pose;
+use sidehill_bridge::ros2::node::message::action::{
     FollowPathFeedback, FollowPathGoal, FollowPathGoalHumble, FollowPathResult,
     FollowPathResultHumble, FollowPathResultIron, code,
 };
-use sidehill_bridge::ros2::message::{Path, PoseStamped};
-use sidehill_bridge::ros2::node::RosNode;
-use sidehill_bridge::ros2::qos;
+use sidehill_bridge::ros2::node::message::{Path, PoseStamped};
+use sidehill_bridge::ros2::node::qos;
+use sidehill_bridge::ros2::port::convert::world_from_base_link;
 use sidehill_plant::frames::{Attitude, Pose};
 use std::collections::BTreeSet;
 use std::path::PathBuf;

@@ -1,21 +1,49 @@
-//! How a rover is told to drive: what is on its CAN bus, when it may move, through which port, and
-//! in which cycle.
+//! Drives a rover: over CAN, over ROS 2, or in a simulation.
+//!
+//! # Data path
 //!
 //! ```text
-//! Decision -> Safety -> Port
+//!            receive              decide                  check          send
+//! vehicle -> Port -> PortInputs -> ControllerRunner -> Decision -> Safety -> DriveCommand -> Port -> vehicle
+//!                        |                                           ^
+//!                        +---- drive feedback, state of the link ----+
 //! ```
+//!
+//! [`control_loop::ControlLoop::step`] is this line, once a period. [`drives`] is the vocabulary of
+//! both ends: [`can::CanPort`], [`ros2::port::Ros2Port`] and [`rover::SimulatedPort`] implement
+//! [`drives::Port`], and neither the loop nor the safety knows which of them it has. A CAN fault reaches
+//! the safety as [`drives::LinkState`], as [`drives::SendError`], or as feedback that grows old, and
+//! becomes a stop in [`safety::Safety::step`].
+//!
+//! # Threads
+//!
+//! | thread | priority | may wait for |
+//! |---|---|---|
+//! | `cycle`: the control loop | `realtime.fifo_priority` | the time of its next cycle; the controller, for `cycle.decision_time_s` at most |
+//! | `controller` | `realtime.helper_fifo_priority` | the next cycle; a solve ends at its deadline |
+//! | `can-listener` | `realtime.helper_fifo_priority` | a frame, for 20 ms at most |
+//! | `can-opener` | normal | the kernel, which may block while an interface disappears |
+//! | `ros2 ...`: inputs, commands, server | normal | the middleware |
+//! | the caller's | normal | files and standard output |
+//!
+//! Threads exchange values through triple buffers, rings and atomics: none holds a lock that the loop
+//! needs. The exception is simulated time, where the loop waits for the clock of the simulator.
+//!
+//! # States
+//!
+//! ```text
+//!                +--------------------- operator arms ---------------------+
+//!                v                                                         |
+//! Disarmed -> Zeroing -> Enabling -> Driving -> Stopping ---ramp ended---> Latched
+//!                |           |          |           |                        ^
+//!                +-----------+----------+-----------+---- fault or halt -----+
+//! ```
+//!
+//! See [`safety`]. Nothing re-arms by itself; over ROS 2 an accepted goal acts as the operator.
 
-pub mod bus;
 pub mod can;
-pub mod clock;
-pub mod cycle;
-pub mod drive;
-pub mod mission;
-pub mod motors;
-pub mod pilot;
-pub mod port;
-pub mod realtime;
-pub mod record;
+pub mod control_loop;
+pub mod drives;
 pub mod ros2;
+pub mod rover;
 pub mod safety;
-pub mod virtual_vehicle;

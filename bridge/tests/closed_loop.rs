@@ -1,13 +1,12 @@
 //! The whole bridge in virtual time: controller, safety, cycle and a simulated vehicle.
 #![allow(clippy::unwrap_used)]
 
-use sidehill_bridge::clock::Clock;
-use sidehill_bridge::cycle::{Cycle, CycleConfig};
-use sidehill_bridge::drive::DriveConfig;
-use sidehill_bridge::pilot::{InlinePilot, Pilot};
-use sidehill_bridge::port::SimulatedPort;
-use sidehill_bridge::record::{RecordSource, ring};
-use sidehill_bridge::safety::{Operator, SafetyConfig, State};
+use sidehill_bridge::control_loop::record::{LoopRecord, RecordSource, ring};
+use sidehill_bridge::control_loop::runner::{ControllerRunner, InlineRunner};
+use sidehill_bridge::control_loop::{ControlLoop, CycleConfig};
+use sidehill_bridge::drives::Clock;
+use sidehill_bridge::rover::{DriveConfig, SimulatedPort};
+use sidehill_bridge::safety::{OperatorRequests, SafetyConfig, SafetyState};
 use sidehill_controller::config::{ControllerConfig, ControllerKind};
 use sidehill_controller::controller::{Controller, Decision, Status};
 use sidehill_controller::course::FigureEight;
@@ -22,12 +21,12 @@ use sidehill_plant::terrain::{PlaneTerrain, Terrain};
 use sidehill_plant::vehicle::Vehicle;
 use std::time::Duration;
 
-const ARM: Operator = Operator {
+const ARM: OperatorRequests = OperatorRequests {
     arm: true,
     stop: None,
     halt: None,
 };
-const NOTHING: Operator = Operator {
+const NOTHING: OperatorRequests = OperatorRequests {
     arm: false,
     stop: None,
     halt: None,
@@ -70,13 +69,18 @@ fn port() -> SimulatedPort {
     .unwrap()
 }
 
-fn cycle<Q: Pilot>(pilot: Q) -> (Cycle<SimulatedPort, Q>, RecordSource) {
+fn cycle<Q: ControllerRunner>(
+    pilot: Q,
+) -> (ControlLoop<SimulatedPort, Q>, RecordSource<LoopRecord>) {
     cycle_of(CycleConfig::default(), pilot)
 }
 
-fn cycle_of<Q: Pilot>(config: CycleConfig, pilot: Q) -> (Cycle<SimulatedPort, Q>, RecordSource) {
+fn cycle_of<Q: ControllerRunner>(
+    config: CycleConfig,
+    pilot: Q,
+) -> (ControlLoop<SimulatedPort, Q>, RecordSource<LoopRecord>) {
     let (sink, source) = ring(64);
-    let cycle = Cycle::new(
+    let cycle = ControlLoop::new(
         config,
         SafetyConfig::default(),
         Clock::Virtual { now_s: 0.0 },
@@ -112,7 +116,7 @@ struct Constant {
     last: Option<Decision>,
 }
 
-impl Pilot for Constant {
+impl ControllerRunner for Constant {
     fn decide(&mut self, sample: &Sample, _: bool, _: Option<Duration>) -> Option<Decision> {
         if sample.time_s < self.hangs_s && sample.time_s >= self.from_s {
             self.last = Some(Decision {
@@ -143,12 +147,12 @@ fn constant(hangs_s: f64) -> Constant {
 
 /// Drives for `cycles` cycles, and returns the time in which it drove, s, the root mean square of the
 /// distance from the path after 2 s of it, m, and the state at the end.
-fn follow(period_s: f64, cycles: usize) -> (f64, f64, State) {
+fn follow(period_s: f64, cycles: usize) -> (f64, f64, SafetyState) {
     let config = CycleConfig {
         period_s,
         decision_time_s: 0.6 * period_s,
     };
-    let (mut cycle, _records) = cycle_of(config, InlinePilot::new(controller(period_s)));
+    let (mut cycle, _records) = cycle_of(config, InlineRunner::new(controller(period_s)));
     let trajectory = FigureEight::default().trajectory().unwrap();
     let path = trajectory.path().unwrap();
     let mut errors = Vec::new();
@@ -156,7 +160,7 @@ fn follow(period_s: f64, cycles: usize) -> (f64, f64, State) {
     let mut driving_s = 0.0;
     for i in 0..cycles {
         let row = cycle.step(if i > 5 { ARM } else { NOTHING });
-        if row.state != State::Driving {
+        if row.state != SafetyState::Driving {
             continue;
         }
         driving_s += period_s;
@@ -181,7 +185,7 @@ fn the_figure_of_eight_is_followed_through_the_bridge() {
     let (driving_s, rms_m, state) = follow(0.05, 1400);
     // The lap takes 60 s; then the controller has finished and the bridge latches.
     assert!((driving_s - 60.0_f64).abs() < 0.2, "{driving_s}");
-    assert_eq!(state, State::Latched);
+    assert_eq!(state, SafetyState::Latched);
     assert!(rms_m < 0.01, "{rms_m}");
 }
 
@@ -193,7 +197,7 @@ fn the_figure_of_eight_is_followed_at_100_hz() {
         1e3 * rms_m
     );
     assert!((driving_s - 60.0_f64).abs() < 0.2, "{driving_s}");
-    assert_eq!(state, State::Latched);
+    assert_eq!(state, SafetyState::Latched);
     assert!(rms_m < 0.01, "{rms_m}");
 }
 
@@ -215,7 +219,7 @@ fn time_outs_are_as_long_at_100_hz() {
     assert!(moved);
     // 0.15 s until it is noticed and 0.25 s for the ramp, each to a cycle.
     assert!((zero_s - 3.4_f64).abs() < 0.025, "{zero_s}");
-    assert_eq!(cycle.state(), State::Latched);
+    assert_eq!(cycle.state(), SafetyState::Latched);
 }
 
 #[test]
@@ -231,26 +235,24 @@ fn a_controller_that_hangs_brings_the_vehicle_to_a_stop_until_re_armed() {
         }
     }
     assert!(moved);
-    assert_eq!(cycle.state(), State::Latched);
+    assert_eq!(cycle.state(), SafetyState::Latched);
     assert_eq!(cycle.port().state().motors, MotorSpeeds::STOP);
 }
 
 #[test]
 fn the_last_word_is_zero_and_off() {
-    use sidehill_bridge::bus::SendFault;
-    use sidehill_bridge::port::{Port, Reading};
-    use sidehill_bridge::safety::Order;
+    use sidehill_bridge::drives::{DriveCommand, Port, PortInputs, SendError};
     use std::sync::{Arc, Mutex};
 
     struct Overheard {
         inner: SimulatedPort,
-        last: Arc<Mutex<Option<Order>>>,
+        last: Arc<Mutex<Option<DriveCommand>>>,
     }
     impl Port for Overheard {
-        fn receive(&mut self, now_s: f64) -> Reading {
+        fn receive(&mut self, now_s: f64) -> PortInputs {
             self.inner.receive(now_s)
         }
-        fn send(&mut self, now_s: f64, order: &Order) -> Result<(), SendFault> {
+        fn send(&mut self, now_s: f64, order: &DriveCommand) -> Result<(), SendError> {
             *self.last.lock().unwrap() = Some(*order);
             self.inner.send(now_s, order)
         }
@@ -265,7 +267,7 @@ fn the_last_word_is_zero_and_off() {
         let (sink, _source) = ring(64);
         let clock = Clock::Virtual { now_s: 0.0 };
         let (config, safety) = (CycleConfig::default(), SafetyConfig::default());
-        let mut cycle = Cycle::new(config, safety, clock, port, constant(1e9), sink).unwrap();
+        let mut cycle = ControlLoop::new(config, safety, clock, port, constant(1e9), sink).unwrap();
         for i in 0..40 {
             cycle.step(if i > 2 { ARM } else { NOTHING });
         }
@@ -274,7 +276,7 @@ fn the_last_word_is_zero_and_off() {
     })
     .join();
     assert!(panicked.is_err());
-    assert_eq!(last.lock().unwrap().unwrap(), Order::OFF);
+    assert_eq!(last.lock().unwrap().unwrap(), DriveCommand::OFF);
 }
 
 #[test]
@@ -283,7 +285,7 @@ fn a_steady_cycle_allocates_nothing() {
     for i in 0..100 {
         cycle.step(if i > 2 { ARM } else { NOTHING });
     }
-    assert_eq!(cycle.state(), State::Driving);
+    assert_eq!(cycle.state(), SafetyState::Driving);
     let counted = allocation_counter::measure(|| {
         for _ in 0..200 {
             cycle.step(ARM);
@@ -295,7 +297,7 @@ fn a_steady_cycle_allocates_nothing() {
 #[test]
 fn a_run_repeats_every_bit() {
     let run = || {
-        let (mut cycle, _records) = cycle(InlinePilot::new(controller(0.05)));
+        let (mut cycle, _records) = cycle(InlineRunner::new(controller(0.05)));
         (0..200)
             .map(|i| {
                 let row = cycle.step(if i > 5 { ARM } else { NOTHING });

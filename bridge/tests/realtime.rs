@@ -1,7 +1,7 @@
 //! What the system is asked for, as the kernel itself tells it afterwards.
 #![allow(clippy::unwrap_used)]
 
-use sidehill_bridge::realtime::{RealtimeConfig, RealtimeError};
+use sidehill_bridge::control_loop::scheduling::{RealtimeConfig, RealtimeError};
 
 /// Scheduling policy and real-time priority of the calling thread.
 fn policy_and_priority() -> (u32, u32) {
@@ -34,7 +34,7 @@ fn applied<T: Send + 'static>(
     config: RealtimeConfig,
     look: impl FnOnce() -> T + Send + 'static,
 ) -> (Result<(), RealtimeError>, T) {
-    std::thread::spawn(move || (config.apply_to_cycle(), look()))
+    std::thread::spawn(move || (config.apply_to_loop(), look()))
         .join()
         .unwrap()
 }
@@ -86,7 +86,7 @@ fn each_part_is_applied_or_refused_with_what_to_do() {
         || status("Cpus_allowed_list:"),
     );
     let error = result.unwrap_err().to_string();
-    assert!(error.contains("CPU 1023 cannot be had"), "{error}");
+    assert!(error.contains("CPU 1023 is not available"), "{error}");
     assert_eq!(seen, allowed);
 
     let (result, seen) = applied(

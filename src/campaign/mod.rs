@@ -1,84 +1,152 @@
 //! `sidehill campaign`: many seeded simulations, all cores, one row of a CSV file each.
 
+mod merge;
 mod results;
 mod summary;
+mod table;
+
+pub use results::Results;
 
 use crate::closed_loop;
 use crate::config::{Campaign, ConfigFile, Overrides, Scenario};
+use crate::console;
+use crate::output;
+use crate::progress::{self, Progress};
 use crate::record::Summary;
-use anyhow::{Context, Result};
-use indicatif::{ProgressBar, ProgressStyle};
+use anyhow::{Result, bail};
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
-use results::{Outcome, Results};
 use sidehill_controller::config::ControllerKind;
+use std::ops::Range;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
+use std::time::Instant;
+use table::{Outcome, Table};
 
 /// Arguments of `sidehill campaign`.
 #[derive(Debug, Clone, clap::Args)]
 pub struct CampaignArgs {
     /// Campaign: a scenario and what is drawn for each run.
-    pub campaign: PathBuf,
-    /// CSV file of the results. Where it exists, what it holds is not run again.
-    #[arg(long, value_name = "FILE")]
-    pub out: PathBuf,
+    #[arg(required_unless_present = "merge")]
+    pub campaign: Option<PathBuf>,
+    /// CSV file of the results. Where it exists, what it holds is not run again. Without it --merge
+    /// writes to standard output.
+    #[arg(long, value_name = "FILE", required_unless_present = "merge")]
+    pub out: Option<PathBuf>,
     /// Runs of each controller instead of the campaign's.
     #[arg(long)]
     pub runs: Option<u32>,
+    /// Only the runs from A to B - 1, for one of several machines.
+    #[arg(long, value_name = "A..B", value_parser = range, conflicts_with = "runs")]
+    pub range: Option<Range<u32>>,
     /// Simulations at a time instead of one a core.
     #[arg(long)]
     pub threads: Option<usize>,
     /// Write the scenario of one run, for `simulate`, to --out instead.
     #[arg(long, value_name = "INDEX")]
     pub write_scenario: Option<u32>,
+    /// Overwrite --out of --write-scenario where it exists; results are never overwritten.
+    #[arg(long, requires = "write_scenario")]
+    pub force: bool,
+    /// Puts results of parts of one campaign together into the file that one machine would have
+    /// written, instead of running anything.
+    #[arg(long, value_name = "FILES", num_args = 1..,
+          conflicts_with_all = ["campaign", "runs", "range", "threads", "write_scenario", "format"])]
+    pub merge: Vec<PathBuf>,
     /// How the summary is printed.
     #[arg(long, value_enum, default_value_t)]
     pub format: crate::simulate::Format,
 }
 
-/// Runs what the results do not hold yet and prints the summary of all.
+fn range(text: &str) -> Result<Range<u32>, String> {
+    let bounds = text.split_once("..").map(|(a, b)| (a.parse(), b.parse()));
+    match bounds {
+        Some((Ok(from), Ok(to))) if from < to => Ok(from..to),
+        _ => Err("two numbers of runs are needed as in 0..500, the second larger".to_owned()),
+    }
+}
+
+/// Runs what the results do not hold yet and prints the summary of all; or merges results.
 ///
 /// # Errors
 /// What is wrong with the campaign; results of another campaign; a file that cannot be read or
 /// written. A run that fails is no error but a row.
 pub fn run(args: &CampaignArgs) -> Result<()> {
-    let mut campaign = Campaign::read(&ConfigFile::read(&args.campaign)?)?;
-    let out = &args.out;
+    if !args.merge.is_empty() {
+        return merge::run(&args.merge, args.out.as_deref());
+    }
+    let (Some(file), Some(out)) = (&args.campaign, &args.out) else {
+        bail!("a campaign and --out are needed");
+    };
+    let campaign = Campaign::read(&ConfigFile::read(file)?)?;
     if let Some(index) = args.write_scenario {
         let text = campaign.scenario_text(index)?;
-        return std::fs::write(out, text)
-            .with_context(|| format!("{}: cannot be written", out.display()));
+        return output::write(out, text.as_bytes(), args.force);
     }
-    campaign.runs = args.runs.unwrap_or(campaign.runs);
+    let runs = args.range.clone();
+    let runs = runs.unwrap_or(0..args.runs.unwrap_or(campaign.runs));
     let results = Results::open(out, &campaign)?;
-    let missing: Vec<(u32, ControllerKind)> = (0..campaign.runs)
-        .flat_map(|index| campaign.controllers.iter().map(move |&kind| (index, kind)))
+    let missing: Vec<_> = jobs(&campaign, runs.clone())
         .filter(|(index, kind)| !results.holds(*index, *kind))
         .collect();
-    let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(args.threads.unwrap_or(0))
-        .build()?;
-    let style = ProgressStyle::with_template("{bar:40} {pos}/{len}  {elapsed} gone, {eta} left")?;
-    // Hidden by itself where standard error is not a terminal.
-    let bar = ProgressBar::new(missing.len() as u64).with_style(style);
-    pool.install(|| {
+    let (all, begun, name) = (missing.len(), Instant::now(), out.display().to_string());
+    if all > 0 {
+        console::complain(format_args!("{name}: {all} simulations to be done"));
+    }
+    progress::explain_interrupt(move || {
+        format!(
+            "interrupted after {:.0} s: what is done is in {name}; the same command goes on from there",
+            begun.elapsed().as_secs_f64()
+        )
+    })?;
+    let bar = Progress::new("campaign", all as u64);
+    pool(args.threads)?.install(|| {
         missing.into_par_iter().try_for_each(|(index, kind)| {
             results.append(&outcome(&campaign, index, kind))?;
-            bar.inc(1);
+            bar.step();
             anyhow::Ok(())
         })
     })?;
-    bar.finish_and_clear();
-    let rows = results::read(out, &campaign)?;
-    let figures = summary::of(&rows, &campaign);
+    bar.finish();
+    let rows = Table::of(&campaign)?.rows(&results.finish()?)?;
+    let figures = summary::of(&rows, &campaign, &runs);
     match args.format {
-        crate::simulate::Format::Table => print!("{}", summary::table(&figures, &campaign)),
-        crate::simulate::Format::Json => println!(
-            "{}",
-            serde_json::to_string(&serde_json::json!({ "controllers": figures }))?
-        ),
+        crate::simulate::Format::Table => {
+            console::text(summary::table(&figures, &campaign, &runs));
+        }
+        crate::simulate::Format::Json => console::line(serde_json::to_string(
+            &serde_json::json!({ "controllers": figures }),
+        )?),
     }
     Ok(())
+}
+
+/// Returns the results of `runs` as the text of a file, in order.
+///
+/// # Errors
+/// What keeps the campaign from being run at all. A run that fails is no error but a row.
+pub fn csv(campaign: &Campaign, runs: Range<u32>, threads: Option<usize>) -> Result<Vec<u8>> {
+    let table = Table::of(campaign)?;
+    let mut jobs: Vec<_> = jobs(campaign, runs).collect();
+    jobs.sort_by_key(|(index, kind)| (*index, kind.name()));
+    let lines = pool(threads)?.install(|| {
+        jobs.into_par_iter()
+            .map(|(index, kind)| table.line(&outcome(campaign, index, kind)))
+            .collect::<Result<Vec<_>>>()
+    })?;
+    Ok([table.header_line()?, lines.concat()].concat())
+}
+
+fn jobs(
+    campaign: &Campaign,
+    runs: Range<u32>,
+) -> impl Iterator<Item = (u32, ControllerKind)> + use<'_> {
+    let kinds = &campaign.controllers;
+    runs.flat_map(move |index| kinds.iter().map(move |&kind| (index, kind)))
+}
+
+fn pool(threads: Option<usize>) -> Result<rayon::ThreadPool> {
+    let builder = rayon::ThreadPoolBuilder::new().num_threads(threads.unwrap_or(0));
+    Ok(builder.build()?)
 }
 
 /// Drives one run with one controller; whatever goes wrong is part of the outcome.

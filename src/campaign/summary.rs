@@ -1,9 +1,10 @@
 //! What a campaign's rows say of each controller.
 
-use super::results::Row;
+use super::table::Row;
 use crate::config::Campaign;
 use serde::Serialize;
 use std::fmt::Write;
+use std::ops::Range;
 
 /// Figures of one controller over all runs. A run that was not completed counts as worse than every
 /// completed one, whatever its error was when it ended: a controller shall not look good by giving up.
@@ -29,14 +30,14 @@ pub struct Figures {
     pub not_completed: Vec<u32>,
 }
 
-/// Returns the figures of the campaign's controllers over `rows`, those beyond its runs left out.
-pub fn of(rows: &[Row], campaign: &Campaign) -> Vec<Figures> {
+/// Returns the figures of the campaign's controllers over those of `rows` that belong to `runs`.
+pub fn of(rows: &[Row], campaign: &Campaign, runs: &Range<u32>) -> Vec<Figures> {
     let names = campaign.controllers.iter().map(|kind| kind.name());
     names
         .map(|name| {
             let own = rows
                 .iter()
-                .filter(|row| row.controller == name && row.index < campaign.runs);
+                .filter(|row| row.controller == name && runs.contains(&row.index));
             figures(name, &own.collect::<Vec<_>>())
         })
         .collect()
@@ -77,12 +78,17 @@ fn figures(controller: &str, rows: &[&Row]) -> Figures {
 }
 
 /// Returns the figures as a table for people.
-pub fn table(figures: &[Figures], campaign: &Campaign) -> String {
+pub fn table(figures: &[Figures], campaign: &Campaign, runs: &Range<u32>) -> String {
     let mut out = String::new();
+    let first = match runs.start {
+        0 => String::new(),
+        start => format!(" from run {start} on"),
+    };
     let _ = writeln!(
         out,
-        "campaign {}: cross-track RMS of {} runs, cm",
-        campaign.name, campaign.runs
+        "campaign {}: cross-track RMS of {} runs{first}, cm",
+        campaign.name,
+        runs.len()
     );
     let _ = writeln!(
         out,
@@ -133,14 +139,14 @@ pub fn table(figures: &[Figures], campaign: &Campaign) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::super::results;
+    use super::super::table::Table;
     use super::*;
     use crate::config::ConfigFile;
     use std::path::Path;
 
-    fn campaign(runs: u32) -> Campaign {
+    fn campaign(seed: u64) -> Campaign {
         let text = format!(
-            "{{name: small, seed: 1, runs: {runs}, controllers: [icrik-mpc, pure-pursuit], \
+            "{{name: small, seed: {seed}, runs: 20, controllers: [icrik-mpc, pure-pursuit], \
              scenario: ../scenarios/slalom.yaml, draws: [{{key: start.right_m, uniform: [0, 1]}}]}}"
         );
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/campaigns/small.yaml");
@@ -153,23 +159,29 @@ mod tests {
 
     /// Twenty runs of icrik-mpc with errors of 1 to 20 cm, the 7th given up early; one of pure pursuit
     /// that never started.
-    fn csv() -> String {
+    fn csv(campaign: &Campaign) -> String {
+        let f = campaign.fingerprint().unwrap();
         let mut text = HEADER.replace("        ", "");
         for i in (0..20).rev() {
             let (cm, completed) = (i + 1, i != 6);
             let reason = if completed { "" } else { "\"lost, here\"" };
             text += &format!(
-                "f,{i},9,icrik-mpc,0.5,{completed},{reason},0.{cm:02},1,1,1,1,{cm},0,0,0\n"
+                "{f},{i},9,icrik-mpc,0.5,{completed},{reason},0.{cm:02},1,1,1,1,{cm},0,0,0\n"
             );
         }
-        text + "f,0,9,pure-pursuit,0.5,false,bad,,,,,,,,,\n"
+        text + &format!("{f},0,9,pure-pursuit,0.5,false,bad,,,,,,,,,\n")
+    }
+
+    fn rows(campaign: &Campaign) -> Vec<Row> {
+        let table = Table::of(campaign).unwrap();
+        table.rows(csv(campaign).as_bytes()).unwrap()
     }
 
     #[test]
     fn quantiles_count_a_run_not_completed_as_the_worst() {
-        let campaign = campaign(20);
-        let rows = results::rows(csv().as_bytes(), &campaign, "f").unwrap();
-        let [own, other] = &of(&rows, &campaign)[..] else {
+        let campaign = campaign(1);
+        let rows = rows(&campaign);
+        let [own, other] = &of(&rows, &campaign, &(0..20))[..] else {
             panic!("two controllers")
         };
         // Completed: 1 to 6 and 8 to 20 cm; the 10th of 20 is 11 cm, the 19th 20 cm.
@@ -181,7 +193,7 @@ mod tests {
         assert_eq!(own.not_completed, [6]);
         assert_eq!((other.runs, other.completed), (1, 0));
         assert_eq!((other.median_m, other.worst_index), (None, None));
-        let table = table(&[own.clone(), other.clone()], &campaign);
+        let table = table(&[own.clone(), other.clone()], &campaign, &(0..20));
         assert!(
             table.contains("95.0 %") && table.contains("runs 6"),
             "{table}"
@@ -190,14 +202,18 @@ mod tests {
 
     #[test]
     fn rows_beyond_the_runs_asked_for_do_not_count() {
-        let campaign = campaign(5);
-        let rows = results::rows(csv().as_bytes(), &campaign, "f").unwrap();
-        let own = &of(&rows, &campaign)[0];
+        let campaign = campaign(1);
+        let rows = rows(&campaign);
+        let own = &of(&rows, &campaign, &(0..5))[0];
         assert_eq!((own.runs, own.median_m), (5, Some(0.03)));
+        let own = &of(&rows, &campaign, &(5..10))[0];
+        assert_eq!((own.runs, own.worst_index), (5, Some(9)));
     }
 
     #[test]
     fn results_of_another_fingerprint_are_refused() {
-        assert!(results::rows(csv().as_bytes(), &campaign(5), "g").is_err());
+        let other = Table::of(&campaign(2)).unwrap();
+        let error = other.rows(csv(&campaign(1)).as_bytes()).unwrap_err();
+        assert!(error.to_string().contains("fingerprint"), "{error}");
     }
 }

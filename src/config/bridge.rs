@@ -6,15 +6,15 @@ use serde::Deserialize;
 use sidehill_bridge::can::config::CanConfig;
 use sidehill_bridge::can::database::Database;
 use sidehill_bridge::can::layout::Layout;
-use sidehill_bridge::cycle::CycleConfig;
-use sidehill_bridge::drive::DriveConfig;
-use sidehill_bridge::realtime::RealtimeConfig;
-use sidehill_bridge::ros2::config::Ros2Config;
-use sidehill_bridge::ros2::convert::TwistMapping;
-use sidehill_bridge::ros2::route::RouteSettings;
-use sidehill_bridge::ros2::vehicle::VehicleNodeConfig;
+use sidehill_bridge::control_loop::CycleConfig;
+use sidehill_bridge::control_loop::scheduling::RealtimeConfig;
+use sidehill_bridge::ros2::port::convert::TwistMapping;
+use sidehill_bridge::ros2::port::rover::VehicleNodeConfig;
+use sidehill_bridge::ros2::server::config::Ros2Config;
+use sidehill_bridge::ros2::server::route::RouteSettings;
+use sidehill_bridge::rover::DriveConfig;
+use sidehill_bridge::rover::{CanFault, FaultWindow};
 use sidehill_bridge::safety::SafetyConfig;
-use sidehill_bridge::virtual_vehicle::InjectedFault;
 use sidehill_controller::config::{ControllerConfig, ControllerKind};
 use sidehill_controller::controller::Controller;
 use sidehill_controller::course::Course;
@@ -250,7 +250,7 @@ pub struct VehicleConfig {
     pub report_period_s: f64,
     /// What goes wrong on purpose, of port `can`.
     #[serde(default)]
-    pub faults: Vec<InjectedFault>,
+    pub faults: Vec<FaultWindow<CanFault>>,
 }
 
 impl VehicleConfig {

@@ -153,6 +153,7 @@ impl Campaign {
                 let whole = std::path::absolute(&path).map_err(|reason| ConfigError::Read {
                     file: path.display().to_string(),
                     reason,
+                    named_by: None,
                 })?;
                 put(&mut keys, key, &Value::from(whole.display().to_string()));
             }

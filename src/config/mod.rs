@@ -1,19 +1,25 @@
 //! Configuration files: the one place that reads YAML.
 
+#[cfg(feature = "drive")]
 mod bridge;
 mod campaign;
 mod conditions;
+mod keys;
 mod plant;
 mod reference;
+#[cfg(feature = "drive")]
 pub mod ros2;
 mod scenario;
 
+#[cfg(feature = "drive")]
 pub use bridge::{RunConfig, RunPort, VehicleConfig, VehiclePort, load_layout};
 pub use campaign::{Campaign, Drawn};
 pub use conditions::Conditions;
 pub use plant::{Plant, PlantKind};
+pub use reference::read_route;
 pub use scenario::{Overrides, Prepared, Scenario};
 
+use keys::Keys;
 use serde::de::DeserializeOwned;
 use std::path::{Component, Path, PathBuf};
 
@@ -21,12 +27,14 @@ use std::path::{Component, Path, PathBuf};
 #[derive(Debug, thiserror::Error)]
 pub enum ConfigError {
     /// The file cannot be read.
-    #[error("{file}: {reason}")]
+    #[error("{file}: {reason}{}", whose_name_stands_in(.named_by.as_deref()))]
     Read {
         /// Name of the file.
         file: String,
         /// Why not.
         reason: std::io::Error,
+        /// The file that names it; none where the command line does.
+        named_by: Option<String>,
     },
     /// Its YAML does not hold what is expected; the message names key, value and range.
     #[error("{file}: {message}")]
@@ -36,6 +44,10 @@ pub enum ConfigError {
         /// Key, value and what is allowed.
         message: String,
     },
+}
+
+fn whose_name_stands_in(file: Option<&str>) -> String {
+    file.map_or_else(String::new, |file| format!(" (named by {file})"))
 }
 
 /// Files compiled into the program, by their names in its repository.
@@ -87,16 +99,20 @@ impl ConfigFile {
         let text = std::fs::read_to_string(path).map_err(|reason| ConfigError::Read {
             file: path.display().to_string(),
             reason,
+            named_by: None,
         })?;
         Ok(Self::with_text(path, text))
     }
 
-    /// Returns a file as if `text` stood in it.
+    /// Returns a file as if `text` stood in it; a byte order mark is left out.
     pub fn with_text(path: &Path, text: String) -> Self {
         Self {
             path: path.to_owned(),
             built_in: false,
-            text,
+            text: match text.strip_prefix('\u{feff}') {
+                Some(rest) => rest.to_owned(),
+                None => text,
+            },
         }
     }
 
@@ -116,6 +132,7 @@ impl ConfigFile {
             .ok_or_else(|| ConfigError::Read {
                 file: format!("{name} (built in)"),
                 reason: std::io::ErrorKind::NotFound.into(),
+                named_by: None,
             })
     }
 
@@ -126,11 +143,19 @@ impl ConfigFile {
     pub fn sibling(&self, name: &Path) -> Result<Self, ConfigError> {
         let folder = self.path.parent().unwrap_or(Path::new(""));
         let path = normalised(&folder.join(name));
-        if self.built_in {
+        let found = if self.built_in {
             Self::built_in(&path.to_string_lossy())
         } else {
             Self::read(&path)
-        }
+        };
+        found.map_err(|error| match error {
+            ConfigError::Read { file, reason, .. } => ConfigError::Read {
+                file,
+                reason,
+                named_by: Some(self.name()),
+            },
+            content => content,
+        })
     }
 
     /// Returns the name for messages.
@@ -145,6 +170,12 @@ impl ConfigFile {
     /// Returns the path as it was given.
     pub fn path(&self) -> &Path {
         &self.path
+    }
+
+    /// Returns what follows the last point of the name, in lower case.
+    pub fn ending(&self) -> Option<String> {
+        let ending = self.path.extension()?;
+        Some(ending.to_string_lossy().to_lowercase())
     }
 
     /// Returns the text.
@@ -170,18 +201,77 @@ impl ConfigFile {
     /// Reads the text as YAML.
     ///
     /// # Errors
-    /// [`ConfigError::Content`] with file, key, value and range.
+    /// [`ConfigError::Content`] with file, line, key, value and range.
     pub fn parse<T: DeserializeOwned>(&self) -> Result<T, ConfigError> {
-        serde_yaml::from_str(&self.text).map_err(|error| self.error(error))
+        serde_yaml::from_str(&self.text).map_err(|error| {
+            if let Some(twice) = Keys::of(&self.text).duplicate() {
+                let (first, second) = twice.lines;
+                return self.error(format!(
+                    "{}: the key stands twice, in lines {first} and {second}; remove one",
+                    twice.key
+                ));
+            }
+            if let Some(line) = error.location().map(|at| at.line())
+                && let Some(tab) = indented_by_tab(&self.text, line)
+            {
+                return self.error(format!(
+                    "line {tab}: begins with a tab; YAML is indented with spaces"
+                ));
+            }
+            self.error(error)
+        })
     }
 
-    /// Returns an error about this file's content.
+    /// Returns an error about this file's content; where the message names a key but no line, the
+    /// line of that key is added.
     pub fn error(&self, message: impl ToString) -> ConfigError {
+        let mut message = message.to_string();
+        if !message.contains("line ")
+            && let Some(line) = Keys::of(&self.text).line_of(&keys_named(&message))
+        {
+            message += &format!(" (line {line})");
+        }
         ConfigError::Content {
             file: self.name(),
-            message: message.to_string(),
+            message,
         }
     }
+}
+
+/// Returns the line, counted from 1, of the first tab that indents a line up to `last`.
+fn indented_by_tab(text: &str, last: usize) -> Option<usize> {
+    text.lines()
+        .take(last + 1)
+        .position(|line| line.trim_start_matches(' ').starts_with('\t'))
+        .map(|index| index + 1)
+}
+
+/// Returns the keys that a message begins with (`terrain.slope_deg: 95: must be ...`), and after them
+/// the one that it quotes as unknown (`terrain: unknown field `slope_rad`, ...`).
+fn keys_named(message: &str) -> Vec<&str> {
+    let is_key = |text: &str| {
+        !text.is_empty()
+            && text
+                .chars()
+                .all(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_')
+    };
+    let mut keys = Vec::new();
+    for part in message.split(": ") {
+        // Items of lists are written `zones[1]`.
+        let names: Vec<&str> = part
+            .split('.')
+            .map(|name| name.split('[').next().unwrap_or(name))
+            .collect();
+        if !names.iter().all(|name| is_key(name)) {
+            break;
+        }
+        keys.extend(names);
+    }
+    let unknown = message
+        .split_once("unknown field `")
+        .and_then(|(_, rest)| rest.split('`').next());
+    keys.extend(unknown);
+    keys
 }
 
 /// Returns a path without `.` and with each `..` resolved against the folder before it.

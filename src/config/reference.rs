@@ -204,10 +204,12 @@ impl Reference {
     }
 }
 
-/// Reads a route by the ending of its file's name.
-fn read_route(file: &ConfigFile) -> Result<Route, ConfigError> {
-    let ending = Path::extension(file.path()).map(|e| e.to_string_lossy().to_lowercase());
-    let route = match ending.as_deref() {
+/// Returns the points of a route, from CSV or GPX.
+///
+/// # Errors
+/// [`ConfigError`] with the file and line at fault.
+pub fn read_route(file: &ConfigFile) -> Result<Route, ConfigError> {
+    let route = match file.ending().as_deref() {
         Some("gpx") => read_gpx(file.text().as_bytes()),
         Some("csv") => read_csv(file.text().as_bytes()),
         _ => return Err(file.error("a path must be a .csv or .gpx file")),

@@ -1,9 +1,9 @@
 //! What `--ros-args` and the environment say to a node.
 
 use super::{ConfigError, ConfigFile};
-use sidehill_bridge::ros2::arguments::{ArgumentError, RosArguments, RosEnvironment};
-use sidehill_bridge::ros2::names::Names;
-use sidehill_bridge::ros2::parameter_file::{Parameter, ParameterFile, Value};
+use sidehill_bridge::ros2::node::arguments::{ArgumentError, RosArguments, RosEnvironment};
+use sidehill_bridge::ros2::node::names::Names;
+use sidehill_bridge::ros2::node::parameter_file::{Parameter, ParameterFile, Value};
 
 /// Returns the environment of ROS 2 as this process has it.
 ///

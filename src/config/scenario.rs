@@ -22,10 +22,10 @@ use std::path::PathBuf;
 
 /// The ground of a scenario.
 #[derive(Debug, Clone, Deserialize)]
-#[serde(tag = "kind", rename_all = "snake_case")]
+#[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
 enum TerrainConfig {
-    /// Level ground.
-    Level,
+    /// Level ground; braces, as a variant without them would take any key.
+    Level {},
     /// One plane.
     Plane(PlaneTerrain),
     /// Plane zones along an axis.
@@ -197,6 +197,8 @@ pub struct Prepared {
     pub controller: ControllerConfig,
     /// What was done to recorded points, in words; empty for a course.
     pub route_note: String,
+    /// What is allowed but probably not meant.
+    pub warnings: Vec<String>,
 }
 
 impl Prepared {
@@ -263,6 +265,16 @@ impl Scenario {
         )?;
         let reference = Reference::build(file, source, &limits)?;
         let terrain = self.terrain(reference.route.as_ref())?;
+        on_the_ground(&reference.trajectory, &terrain).map_err(|error| file.error(error))?;
+        let mut warnings = Vec::new();
+        let asked_m_s = raw.speed.speed_m_s;
+        if reference.route.is_some() && asked_m_s > vehicle.speed_max_m_s {
+            warnings.push(format!(
+                "speed.speed_m_s: {asked_m_s} m/s is asked for, but {} m/s is the largest speed that {} was \
+                 identified at (speed_max_m_s), and {} m/s its motors' limit",
+                vehicle.speed_max_m_s, vehicle.name, limits.traction_max_m_s
+            ));
+        }
         let start = raw.start.from(&reference.trajectory.at(0.0).pose());
         Ok(Prepared {
             name: raw.name.clone(),
@@ -280,6 +292,7 @@ impl Scenario {
             sensors: raw.sensors,
             controller: raw.controller.clone(),
             route_note: reference.note,
+            warnings,
         })
     }
 
@@ -294,10 +307,19 @@ impl Scenario {
                         self.file.sibling(&files.vehicle)?,
                         self.file.sibling(&files.identified)?,
                     ),
-                    None => (
+                    None if is_j8(&own)? => (
                         ConfigFile::built_in(CONTACT_VEHICLE)?,
                         ConfigFile::built_in(CONTACT_IDENTIFIED)?,
                     ),
+                    None => {
+                        return Err(self.file.error(format!(
+                            "contact: missing; the vehicle {} on wheels is not known. Name its file and what \
+                             identification finds of it: `contact: {{vehicle: FILE, identified: FILE}}`. \
+                             `sidehill init` writes an example of the first, `sidehill identify --simulate` \
+                             makes the second of it",
+                            own.name
+                        )));
+                    }
                 };
                 let mut vehicle: ContactVehicle = vehicle.parse()?;
                 if let Some(friction) = &self.raw.friction {
@@ -320,7 +342,7 @@ impl Scenario {
         route: Option<&(ConfigFile, Option<Vec<RoutePoint>>)>,
     ) -> Result<Terrain, ConfigError> {
         Ok(match &self.raw.terrain {
-            TerrainConfig::Level => Terrain::Level,
+            TerrainConfig::Level {} => Terrain::Level,
             TerrainConfig::Plane(plane) => Terrain::Plane(plane.clone()),
             TerrainConfig::Zones(zones) => Terrain::Zones(zones.clone()),
             TerrainConfig::Grid {
@@ -349,4 +371,33 @@ impl Scenario {
             },
         })
     }
+}
+
+/// Distance between the places of a path that are looked up on the ground, m.
+const GROUND_STEP_M: f64 = 0.5;
+
+/// Checks that there is ground under the whole path.
+fn on_the_ground(trajectory: &Trajectory, terrain: &Terrain) -> Result<(), String> {
+    let Some(path) = trajectory.path() else {
+        return Ok(());
+    };
+    let steps = (path.length_m() / GROUND_STEP_M).ceil().max(1.0) as usize;
+    for step in 0..=steps {
+        let along_m = path.length_m() * step as f64 / steps as f64;
+        let place = path.at(along_m).position;
+        terrain.surface(place.x_m, place.y_m).map_err(|error| {
+            format!("the path leaves the ground {along_m:.1} m from its start: {error}")
+        })?;
+    }
+    Ok(())
+}
+
+/// Returns whether a vehicle is the J8, whose wheels are built in; its name may be another.
+fn is_j8(vehicle: &Vehicle) -> Result<bool, ConfigError> {
+    let j8: Vehicle = ConfigFile::built_in("config/vehicles/j8.yaml")?.parse()?;
+    Ok(*vehicle
+        == Vehicle {
+            name: vehicle.name.clone(),
+            ..j8
+        })
 }

@@ -1,28 +1,29 @@
 //! A virtual rover behind a CAN bus.
 
-use super::Rover;
+use super::rover::Rover;
 use crate::config::{ConfigFile, Prepared, VehicleConfig};
 use anyhow::{Context, Result};
-use sidehill_bridge::bus::{Heard, Listener, Sender};
 use sidehill_bridge::can::frame::Frame;
-use sidehill_bridge::can::layout::{DriveMode, Layout};
-use sidehill_bridge::clock::Epoch;
-use sidehill_bridge::virtual_vehicle::{VirtualVehicle, VirtualVehicleSetup};
+use sidehill_bridge::can::layout::Layout;
+use sidehill_bridge::can::{BusEvent, BusMonitor, Sender};
+use sidehill_bridge::drives::DriveMode;
+use sidehill_bridge::drives::Epoch;
+use sidehill_bridge::rover::{CanRover, CanRoverSetup};
 use sidehill_plant::simulation::TrueState;
 use std::sync::Arc;
 
 /// Commands that wait for the simulation, at most: two cycles of a dozen messages.
 const WAITING_MAX: usize = 64;
 
-pub(super) struct CanRover {
-    vehicle: VirtualVehicle,
+pub(super) struct BusRover {
+    vehicle: CanRover,
     waiting: rtrb::Consumer<(f64, Frame)>,
     sender: Sender,
     /// Kept for its thread.
-    _listener: Listener,
+    _listener: BusMonitor,
 }
 
-impl CanRover {
+impl BusRover {
     pub fn start(
         file: &ConfigFile,
         config: &VehicleConfig,
@@ -32,12 +33,13 @@ impl CanRover {
         let (interface, layout) = config.bus(file)?;
         let vehicle = build(config, world, Arc::new(layout)).with_context(|| file.name())?;
         let (mut arrived, waiting) = rtrb::RingBuffer::new(WAITING_MAX);
-        let listener = Listener::start(interface, &vehicle.wanted(), epoch, move |heard| {
-            if let Heard::Frame { time_s, frame } = heard {
-                // A full ring loses the frame, as a slow drive would; the counter shows it.
-                let _ = arrived.push((time_s, frame));
-            }
-        })?;
+        let listener =
+            BusMonitor::start(interface, &vehicle.received_ids(), epoch, move |heard| {
+                if let BusEvent::Frame { time_s, frame } = heard {
+                    // A full ring loses the frame, as a slow drive would; the counter shows it.
+                    let _ = arrived.push((time_s, frame));
+                }
+            })?;
         Ok(Self {
             vehicle,
             waiting,
@@ -47,7 +49,7 @@ impl CanRover {
     }
 }
 
-impl Rover for CanRover {
+impl Rover for BusRover {
     fn advance(&mut self, now_s: f64) -> Result<bool> {
         while let Ok((time_s, frame)) = self.waiting.pop() {
             // Refusals are counted; the drives go on without.
@@ -80,13 +82,13 @@ pub(super) fn build(
     config: &VehicleConfig,
     world: &Prepared,
     layout: Arc<Layout>,
-) -> Result<VirtualVehicle> {
-    let setup = VirtualVehicleSetup {
+) -> Result<CanRover> {
+    let setup = CanRoverSetup {
         dt_s: world.step_s,
         correction: world.plant.correction(),
         drive: config.drive,
         report_period_s: config.report_period_s,
         faults: config.faults.clone(),
     };
-    Ok(VirtualVehicle::new(world.simulation()?, layout, setup)?)
+    Ok(CanRover::new(world.simulation()?, layout, setup)?)
 }

@@ -3,13 +3,15 @@
 
 mod can;
 mod ros2;
+mod rover;
 
 use crate::config::{ConfigFile, VehicleConfig, VehiclePort};
 use anyhow::{Context, Result, ensure};
-use can::CanRover;
+use can::BusRover;
 use ros2::RosRover;
-use sidehill_bridge::can::layout::DriveMode;
-use sidehill_bridge::clock::{Clock, Epoch};
+use rover::Rover;
+use sidehill_bridge::drives::DriveMode;
+use sidehill_bridge::drives::{Clock, Epoch};
 use sidehill_plant::simulation::TrueState;
 use std::fs::File;
 use std::io::{BufWriter, Write};
@@ -29,17 +31,6 @@ pub struct VehicleArgs {
     /// Ends after so many seconds; without it, on SIGINT or SIGTERM.
     #[arg(long)]
     pub duration_s: Option<f64>,
-}
-
-/// A virtual rover behind something.
-trait Rover {
-    /// Takes commands, simulates until `now_s`, and reports where that is due; returns whether it
-    /// was.
-    fn advance(&mut self, now_s: f64) -> Result<bool>;
-    /// What is true.
-    fn state(&self) -> &TrueState;
-    /// State of the drives.
-    fn mode(&self) -> DriveMode;
 }
 
 /// Runs a virtual vehicle until its time is over or a signal ends it; `ros` is what stood after
@@ -67,7 +58,7 @@ pub fn run(args: &VehicleArgs, ros: &[String]) -> Result<ExitCode> {
                 "--ros-args: the port of {} is can",
                 file.name()
             );
-            pace.drive(CanRover::start(&file, &config, &world, epoch)?, truth)
+            pace.drive(BusRover::start(&file, &config, &world, epoch)?, truth)
         }
         VehiclePort::Ros2 => {
             pace.factor = config.ros2.clock_factor.unwrap_or(1.0);

@@ -1,13 +1,13 @@
 //! A virtual rover on ROS 2.
 
-use super::Rover;
+use super::rover::Rover;
 use crate::config::ros2::environment;
 use crate::config::{Prepared, VehicleConfig};
 use anyhow::Result;
-use sidehill_bridge::can::layout::DriveMode;
-use sidehill_bridge::clock::Epoch;
-use sidehill_bridge::ros2::arguments::{RosArguments, RosEnvironment};
-use sidehill_bridge::ros2::vehicle::{RosVehicle, VehicleNode, VehicleSetup};
+use sidehill_bridge::drives::DriveMode;
+use sidehill_bridge::drives::Epoch;
+use sidehill_bridge::ros2::node::arguments::{RosArguments, RosEnvironment};
+use sidehill_bridge::ros2::port::rover::{RosVehicle, VehicleNode, VehicleSetup};
 use sidehill_plant::simulation::TrueState;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};

@@ -72,11 +72,18 @@ impl Short {
         std::fs::read_to_string(self.path(name)).unwrap()
     }
 
-    /// The lines of a file, sorted: threads finish in any order.
     fn rows(&self, name: &str) -> Vec<String> {
-        let mut rows: Vec<String> = self.text(name).lines().map(str::to_owned).collect();
-        rows.sort();
-        rows
+        self.text(name).lines().map(str::to_owned).collect()
+    }
+
+    fn merge(&self, parts: &[&str], out: &str) -> Command {
+        let mut command = sidehill();
+        command
+            .args(["campaign", "--merge"])
+            .args(parts.iter().map(|part| self.path(part)))
+            .arg("--out")
+            .arg(self.path(out));
+        command
     }
 
     fn records(&self, name: &str) -> Vec<std::collections::BTreeMap<String, String>> {
@@ -116,10 +123,112 @@ fn a_killed_campaign_is_resumed_without_a_row_lost_or_twice() {
     std::fs::write(short.path("killed.csv"), &text[..torn]).unwrap();
 
     succeed(&mut short.command("killed.csv", &[]));
-    assert_eq!(short.rows("killed.csv"), short.rows("whole.csv"));
+    assert_eq!(short.text("killed.csv"), short.text("whole.csv"));
     // Nothing is left to do.
     succeed(&mut short.command("killed.csv", &[]));
-    assert_eq!(short.rows("killed.csv"), short.rows("whole.csv"));
+    assert_eq!(short.text("killed.csv"), short.text("whole.csv"));
+}
+
+#[test]
+fn parts_merge_into_the_file_of_one_machine() {
+    let short = Short::new(DRAWS);
+    succeed(&mut short.command("whole.csv", &["--runs", "12"]));
+    // The first and second overlap, and the last one comes first.
+    for (name, range) in [("a.csv", "7..12"), ("b.csv", "0..4"), ("c.csv", "3..7")] {
+        let table = succeed(&mut short.command(name, &["--range", range]));
+        assert_says(&table, &["icrik-mpc", "100.0 %"]);
+    }
+    assert_eq!(short.rows("c.csv").len(), 1 + 4 * 2);
+    succeed(&mut short.merge(&["a.csv", "b.csv", "c.csv"], "merged.csv"));
+    assert_eq!(short.text("merged.csv"), short.text("whole.csv"));
+    // Without --out the same goes to standard output, and a torn last line is left out.
+    let text = short.text("b.csv");
+    short.write("torn.csv", &text[..text.len() - 7]);
+    let printed = sidehill()
+        .args(["campaign", "--merge"])
+        .args(["torn.csv", "c.csv", "a.csv"].map(|part| short.path(part)))
+        .output()
+        .unwrap();
+    assert!(printed.status.success());
+    assert_eq!(printed.stdout, short.text("whole.csv").as_bytes());
+    assert_says(&crate::stderr(&printed), &["torn.csv", "torn"]);
+    // What `--out` holds already stays.
+    succeed(&mut short.merge(&["b.csv"], "c.csv"));
+    let both = short.text("c.csv");
+    assert_eq!(both, short.text("whole.csv")[..both.len()]);
+    assert_eq!(both.lines().count(), 1 + 7 * 2);
+    // A merged file is one that `campaign` goes on with.
+    succeed(&mut short.command("c.csv", &["--runs", "12"]));
+    assert_eq!(short.text("c.csv"), short.text("whole.csv"));
+}
+
+#[test]
+fn the_slurm_array_of_the_examples_makes_the_file_of_one_machine() {
+    let short = Short::new(DRAWS);
+    succeed(&mut short.command("whole.csv", &["--runs", "6"]));
+    let program = PathBuf::from(env!("CARGO_BIN_EXE_sidehill"));
+    let path = std::env::var("PATH").unwrap();
+    let path = format!("{}:{path}", program.parent().unwrap().display());
+    for task in ["0", "1", "2"] {
+        succeed(
+            Command::new(repository("examples/campaign/array.sbatch"))
+                .args([short.path("campaign.yaml"), short.path("parts")])
+                .env("PATH", &path)
+                .env("SLURM_ARRAY_TASK_ID", task)
+                .env("SHARE", "2"),
+        );
+    }
+    let parts = [
+        "parts/part_00000.csv",
+        "parts/part_00001.csv",
+        "parts/part_00002.csv",
+    ];
+    succeed(&mut short.merge(&parts, "all.csv"));
+    assert_eq!(short.text("all.csv"), short.text("whole.csv"));
+}
+
+#[test]
+fn parts_that_do_not_belong_together_are_refused() {
+    let short = Short::new(DRAWS);
+    succeed(&mut short.command("a.csv", &["--range", "0..2"]));
+    let text = short.text("a.csv");
+
+    // The same run and controller with another figure.
+    let rms = &short.records("a.csv")[1]["cross_track_rms_m"];
+    short.write("unequal.csv", &text.replace(rms.as_str(), "0.5"));
+    let message = fail(&mut short.merge(&["a.csv", "unequal.csv"], "none.csv"));
+    assert_says(
+        &message,
+        &["unequal.csv", "line 3", "run 0", "cross_track_rms_m", "0.5"],
+    );
+
+    short.campaign(2, DRAWS);
+    succeed(&mut short.command("seed.csv", &["--range", "2..3"]));
+    let message = fail(&mut short.merge(&["a.csv", "seed.csv"], "none.csv"));
+    assert_says(&message, &["seed.csv", "line 2", "fingerprint"]);
+
+    short.campaign(1, "{key: start.right_m, uniform: [0, 0.1]}");
+    succeed(&mut short.command("draws.csv", &["--range", "2..3"]));
+    let message = fail(&mut short.merge(&["a.csv", "draws.csv"], "none.csv"));
+    assert_says(&message, &["draws.csv", "columns"]);
+
+    short.write("other.csv", "time_s,x_m\n0,1\n");
+    let message = fail(&mut short.merge(&["other.csv"], "none.csv"));
+    assert_says(&message, &["other.csv", "columns"]);
+    let message = fail(&mut short.merge(&["a.csv", "missing.csv"], "none.csv"));
+    assert_says(&message, &["missing.csv"]);
+    assert!(!short.path("none.csv").exists());
+    assert_eq!(short.text("a.csv"), text);
+
+    for range in ["3..3", "4..3", "3", "a..b", "-1..3"] {
+        let range = format!("--range={range}");
+        assert_says(
+            &fail(&mut short.command("none.csv", &[&range])),
+            &["0..500"],
+        );
+    }
+    let message = fail(&mut short.command("none.csv", &["--range", "0..2", "--runs", "2"]));
+    assert_says(&message, &["cannot be used with"]);
 }
 
 #[test]
@@ -127,11 +236,11 @@ fn one_thread_and_two_give_the_same_and_fewer_runs_are_the_first() {
     let short = Short::new(DRAWS);
     succeed(&mut short.command("one.csv", &["--threads", "1", "--runs", "6"]));
     succeed(&mut short.command("two.csv", &["--threads", "2", "--runs", "6"]));
-    assert_eq!(short.rows("one.csv"), short.rows("two.csv"));
+    assert_eq!(short.text("one.csv"), short.text("two.csv"));
     succeed(&mut short.command("one.csv", &["--runs", "8"]));
     let longer = short.rows("one.csv");
     assert_eq!(longer.len(), 1 + 8 * 2);
-    assert!(short.rows("two.csv").iter().all(|row| longer.contains(row)));
+    assert_eq!(short.rows("two.csv"), longer[..1 + 6 * 2]);
 }
 
 #[test]

@@ -10,6 +10,7 @@ mod odometry;
 mod paths;
 mod readme;
 mod simulate;
+mod stranger;
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};

@@ -275,14 +275,15 @@ fn a_bus_that_falls_silent_ends_the_goal_and_another_drives_again() {
     rig.drive();
     ip(&["link", "set", BUS, "down"]);
     rig.client
-        .assert_result(ABORTED, UNKNOWN, "the bus is Down");
+        .assert_result(ABORTED, UNKNOWN, "the link to the drives is Down");
     let last_s = rig.observer.seen().last().unwrap().unix_s;
     ensure_bus();
     rig.assert_stays_off();
     let took_s = standing_after_s(&rig.folder.truth(), last_s);
     let limit_s = DRIVES_OFF_AFTER_SILENCE_S;
     assert_off("interface down, drives stand", took_s, limit_s);
-    rig.client.assert_stopped_by("the bus is Down");
+    rig.client
+        .assert_stopped_by("the link to the drives is Down");
     rig.drive();
 }
 

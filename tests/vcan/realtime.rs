@@ -2,12 +2,12 @@
 
 use super::support::*;
 use super::{CYCLE_S, RAMP_S, assert_off, assert_rearms, print_timing};
-use sidehill_bridge::clock::{Clock, Epoch};
-use sidehill_bridge::cycle::{Cycle, CycleConfig};
-use sidehill_bridge::pilot::Pilot;
-use sidehill_bridge::port::CanPort;
-use sidehill_bridge::record::ring;
-use sidehill_bridge::safety::{Operator, SafetyConfig, State};
+use sidehill_bridge::can::CanPort;
+use sidehill_bridge::control_loop::record::ring;
+use sidehill_bridge::control_loop::runner::ControllerRunner;
+use sidehill_bridge::control_loop::{ControlLoop, CycleConfig};
+use sidehill_bridge::drives::{Clock, Epoch};
+use sidehill_bridge::safety::{OperatorRequests, SafetyConfig, SafetyState};
 use sidehill_controller::controller::{Decision, Status};
 use sidehill_plant::sample::Sample;
 use sidehill_plant::speeds::MotorSpeeds;
@@ -115,7 +115,7 @@ struct Panicking {
     panicked_s: Arc<Mutex<Option<f64>>>,
 }
 
-impl Pilot for Panicking {
+impl ControllerRunner for Panicking {
     fn decide(&mut self, sample: &Sample, engaged: bool, _: Option<Duration>) -> Option<Decision> {
         self.moving += u32::from(engaged);
         if self.moving > 30 {
@@ -153,10 +153,11 @@ fn a_panic_of_the_cycle_says_zero_and_off() {
         let vehicle: Vehicle =
             serde_yaml::from_str(include_str!("../../config/vehicles/j8.yaml")).unwrap();
         let epoch = Epoch::now();
-        let [(heard, _heard), (sent, _sent), (records, _records)] = [64; 3].map(ring);
+        let [(heard, _heard), (sent, _sent)] = [64; 2].map(ring);
+        let (records, _records) = ring(64);
         let layout = Arc::new(layout());
         let port = CanPort::new(BUS, layout, vehicle.correction, epoch, heard, sent).unwrap();
-        let mut cycle = Cycle::new(
+        let mut cycle = ControlLoop::new(
             CycleConfig::default(),
             SafetyConfig::default(),
             Clock::Real(epoch),
@@ -165,10 +166,10 @@ fn a_panic_of_the_cycle_says_zero_and_off() {
             records,
         )
         .unwrap();
-        let mut operator = Operator::default();
+        let mut operator = OperatorRequests::default();
         for _ in 0..200 {
             let row = cycle.step(operator);
-            operator.arm = row.feedback_age_s < 0.1 && row.state == State::Disarmed;
+            operator.arm = row.feedback_age_s < 0.1 && row.state == SafetyState::Disarmed;
         }
     })
     .join();
@@ -279,7 +280,7 @@ fn real_time_settings_are_applied_or_refused_with_what_to_do() {
             "SCHED_FIFO priority 50 is not permitted",
         ),
         ("{lock_memory: true}", "memory cannot be locked"),
-        ("{cpu: 63}", "CPU 63 cannot be had"),
+        ("{cpu: 63}", "CPU 63 is not available"),
     ] {
         let change =
             |text: String| with_realtime(text).replace(REALTIME, &format!("realtime: {settings}"));

@@ -3,23 +3,15 @@
 use super::cia402::{NodeReading, PowerState};
 use super::config::AttitudeConvention;
 use super::frame::Frame;
-use super::layout::{DriveMode, DriveStates, EnableValues, Layout, Profile};
+use super::layout::{DriveStates, EnableValues, Layout, Profile};
 use super::message::{Contents, CounterWatch, FrameFault, MessageCodec, Quantity};
-use crate::motors::MeasuredMotorSpeeds;
+use crate::drives::DriveMode;
+use crate::drives::MotorCommand;
 use sidehill_plant::frames::{Attitude, Pose, RosAttitude};
 use sidehill_plant::sample::Stamped;
 use std::sync::Arc;
 
-/// What the drives are told in a cycle, in the motors' own speeds.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct MotorOrder {
-    /// Speeds.
-    pub motors: MeasuredMotorSpeeds,
-    /// Whether the drives shall be on.
-    pub enable: bool,
-}
-
-/// Turns orders into frames and counts them.
+/// Turns commands into frames and counts them.
 pub struct CommandWriter {
     layout: Arc<Layout>,
     enable: EnableValues,
@@ -42,13 +34,13 @@ impl CommandWriter {
     /// A speed that does not fit its signal, or what `send` returned.
     pub fn write<E: From<FrameFault>>(
         &mut self,
-        order: &MotorOrder,
+        command: &MotorCommand,
         mut send: impl FnMut(&Frame) -> Result<(), E>,
     ) -> Result<(), E> {
         let enable = self.enable;
         let value_of = |quantity| match quantity {
-            Quantity::Command(role) => role.speed_m_s(&order.motors),
-            Quantity::CommandEnable if order.enable => enable.on,
+            Quantity::Command(role) => role.speed_m_s(&command.speeds),
+            Quantity::CommandEnable if command.enable => enable.on,
             Quantity::CommandEnable => enable.off,
             // Not in a command: refused by the codec.
             _ => f64::NAN,
@@ -63,7 +55,7 @@ impl CommandWriter {
     }
 }
 
-/// What one drive says.
+/// Feedback of one drive.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MotorReport {
     /// Speed reached, m/s, as the motor counts.
@@ -72,22 +64,12 @@ pub struct MotorReport {
     pub mode: DriveMode,
 }
 
-impl DriveMode {
-    /// Returns the worse of two drives' states: emergency stop before fault before off before on.
-    pub fn worse(self, other: Self) -> Self {
-        [Self::EmergencyStop, Self::Fault, Self::Disabled]
-            .into_iter()
-            .find(|mode| self == *mode || other == *mode)
-            .unwrap_or(Self::Enabled)
-    }
-}
-
-/// The newest of everything the vehicle has sent, each with its instant.
+/// The newest of each reading of the vehicle, with its instant.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Readings {
     /// Of the drives, in the order of the layout.
     pub drives: [Option<Stamped<MotorReport>>; 2],
-    /// What they say as nodes of CANopen, where they are.
+    /// The drives as CANopen nodes, where they are.
     pub nodes: [NodeReading; 2],
     /// Roll and pitch.
     pub attitude: Option<Stamped<Attitude>>,
@@ -146,10 +128,10 @@ impl VehicleReader {
         &self.readings
     }
 
-    /// Takes a frame that arrived at `time_s`; frames of other identifiers have no effect.
+    /// Takes a frame that arrived at `time_s`. Frames with other identifiers have no effect.
     ///
     /// # Errors
-    /// Why the frame is not believed. It then changes nothing but the count of refused frames.
+    /// Which check the frame failed. It then changes only the count of refused frames.
     pub fn take(&mut self, frame: &Frame, time_s: f64) -> Result<(), FrameFault> {
         let index = self
             .layout
@@ -162,7 +144,7 @@ impl VehicleReader {
                 let node = cia402
                     .nodes
                     .iter()
-                    .position(|node| node.heard_ids().contains(&frame.id));
+                    .position(|node| node.received_ids().contains(&frame.id));
                 let Some(i) = node else { return Ok(()) };
                 self.readings.nodes[i].take(cia402.nodes[i], frame, time_s)
             }
@@ -189,11 +171,11 @@ impl VehicleReader {
         match SOURCES[index] {
             Source::Drive(drive) => {
                 let codec = &layout.drives[drive];
-                // Before the counter is looked at, so that a frame with a bad state does not count.
-                let told = value(Quantity::DriveState);
-                let mode = codec.states.mode(told).ok_or(FrameFault::State {
+                // Before the counter is checked, so that a frame with a bad state does not count.
+                let state = value(Quantity::DriveState);
+                let mode = codec.states.mode(state).ok_or(FrameFault::State {
                     quantity: Quantity::DriveState,
-                    value: told,
+                    value: state,
                 })?;
                 self.watches[index].check(contents.counter)?;
                 r.drives[drive] = Some(Stamped {
@@ -204,7 +186,7 @@ impl VehicleReader {
                     },
                 });
                 if codec.states == DriveStates::Statusword {
-                    r.nodes[drive].power = PowerState::of(told as u16);
+                    r.nodes[drive].power = PowerState::of(state as u16);
                 }
             }
             Source::Attitude => {
@@ -245,7 +227,7 @@ impl VehicleReader {
     }
 }
 
-/// Returns the paper's roll and pitch. Neither depends on the heading: both are told by the
+/// Returns the paper's roll and pitch. Neither depends on the heading: both follow from the
 /// direction of gravity in the body.
 fn paper_attitude(convention: AttitudeConvention, roll_rad: f64, pitch_rad: f64) -> Attitude {
     let ros = |pitch_rad| {
@@ -268,8 +250,8 @@ fn paper_attitude(convention: AttitudeConvention, roll_rad: f64, pitch_rad: f64)
     }
 }
 
-/// Returns roll and pitch as a sensor of that convention tells them.
-pub(super) fn told_attitude(convention: AttitudeConvention, attitude: &Attitude) -> [f64; 2] {
+/// Returns roll and pitch in the convention of a sensor.
+pub(super) fn sensor_attitude(convention: AttitudeConvention, attitude: &Attitude) -> [f64; 2] {
     let ros = RosAttitude::from_paper(attitude, 0.0);
     match convention {
         AttitudeConvention::Paper => [attitude.roll_rad, attitude.pitch_rad],

@@ -215,7 +215,7 @@ impl Database {
     }
 }
 
-/// The parser cuts standard identifiers to 16 bits without a word; this looks at them before it.
+/// The parser silently truncates standard identifiers to 16 bits; this checks them before it.
 fn check_identifiers(text: &str) -> Result<(), DatabaseFault> {
     const EXTENDED: u64 = 1 << 31;
     for line in text.lines() {
@@ -350,7 +350,7 @@ impl Message<'_> {
             kind,
             scale: signal.factor,
             offset: signal.offset,
-            // [0|0] is how a DBC file says that there is no limit.
+            // [0|0] in a DBC file means no limit.
             range: (low < high).then_some([low, high]),
         };
         let sized = match kind {

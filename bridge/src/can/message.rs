@@ -2,7 +2,7 @@
 
 use super::frame::{Frame, FrameId};
 use super::signal::{SignalCodec, ValueFault};
-use crate::motors::MeasuredMotorSpeeds;
+use crate::drives::MeasuredMotorSpeeds;
 use crc::{Crc, Table};
 use serde::{Deserialize, Serialize};
 use sidehill_plant::speeds::MeasuredTreadSpeeds;
@@ -110,7 +110,7 @@ pub struct MessageCodec {
     pub(super) checksum: Option<ChecksumCodec>,
 }
 
-/// What a valid frame says.
+/// Contents of a valid frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Contents {
     /// The counter, where the message has one.
@@ -131,10 +131,10 @@ impl Contents {
     }
 }
 
-/// Why a frame is not believed.
+/// Which check a frame failed.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum FrameFault {
-    /// It has another length than the database says.
+    /// Its length differs from the database's.
     #[error("{found} bytes, expected {expected}")]
     Length {
         /// Found.
@@ -172,7 +172,7 @@ pub enum FrameFault {
         /// Why.
         fault: ValueFault,
     },
-    /// A state is none of those listed.
+    /// A state is not listed.
     #[error("{quantity:?}: state {value} is not known")]
     State {
         /// Which.
@@ -239,7 +239,7 @@ impl MessageCodec {
         })
     }
 
-    /// Returns what a frame of this identifier says, or `None` where it shows another page of a
+    /// Returns the contents of a frame with this identifier, or `None` if it has another page of a
     /// multiplexed message.
     ///
     /// # Errors
@@ -280,7 +280,7 @@ impl MessageCodec {
     }
 }
 
-/// Follows a message's counter and tells fresh frames from repeated ones.
+/// Follows a message's counter, and distinguishes new frames from repeated ones.
 #[derive(Debug, Clone, Copy)]
 pub struct CounterWatch {
     modulus: u32,
@@ -289,7 +289,7 @@ pub struct CounterWatch {
 }
 
 impl CounterWatch {
-    /// Returns a watch that takes the first counter as it comes.
+    /// Returns a watch that accepts any first counter.
     pub fn new(message: &MessageCodec, skip_max: u32) -> Self {
         Self {
             modulus: message.counter_modulus(),
@@ -301,8 +301,8 @@ impl CounterWatch {
     /// Takes the counter of a frame; messages without one always pass.
     ///
     /// # Errors
-    /// A repeated counter, or one that comes after more missing counts than allowed. The latter is
-    /// where counting goes on, so that its successor passes.
+    /// A repeated counter, or one after more missing counts than allowed. Counting continues from the
+    /// latter, so that its successor passes.
     pub fn check(&mut self, counter: Option<u32>) -> Result<(), FrameFault> {
         let Some(counter) = counter else {
             return Ok(());

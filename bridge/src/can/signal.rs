@@ -18,7 +18,7 @@ pub enum RawKind {
 pub enum BitOrder {
     /// Little endian: the start bit is the least significant.
     Intel,
-    /// Big endian: the start bit is the most significant, and bits go on downwards within a byte.
+    /// Big endian: the start bit is the most significant, and the bits descend within a byte.
     Motorola,
 }
 
@@ -41,7 +41,7 @@ pub struct SignalCodec {
     pub range: Option<[f64; 2]>,
 }
 
-/// Why a value cannot be put into a frame, or is not believed when it comes out of one.
+/// Why a value cannot be encoded, or fails its check when it is decoded.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum ValueFault {
     /// Infinite or not a number.

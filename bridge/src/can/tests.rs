@@ -1,13 +1,14 @@
 mod any;
 
 use super::config::CanConfig;
-use super::controller_side::{CommandWriter, MotorOrder, MotorReport, VehicleReader};
+use super::controller_side::{CommandWriter, MotorReport, VehicleReader};
 use super::database::{Database, DatabaseFault};
 use super::frame::{Frame, FrameId};
-use super::layout::{DriveMode, Layout, LayoutError, Profile};
-use super::message::FrameFault;
+use super::layout::{Layout, LayoutError, Profile};
+use super::message::{FrameFault, MessageCodec};
 use super::vehicle_side::{CommandReader, ReportWriter, VehicleReport};
-use crate::motors::MeasuredMotorSpeeds;
+use crate::drives::DriveMode;
+use crate::drives::{MeasuredMotorSpeeds, MotorCommand};
 use sidehill_plant::frames::{Attitude, Pose};
 use std::sync::Arc;
 
@@ -30,7 +31,7 @@ fn writer(layout: &Arc<Layout>) -> CommandWriter {
     CommandWriter::new(Arc::clone(layout), enable)
 }
 
-fn told_by(layout: &Arc<Layout>) -> CommandReader {
+fn command_reader(layout: &Arc<Layout>) -> CommandReader {
     let Profile::Values(enable) = layout.profile else {
         panic!("not switched by values");
     };
@@ -44,9 +45,9 @@ fn refusal(dbc: &str, yaml: &str) -> LayoutError {
         .unwrap()
 }
 
-fn order(traction_m_s: f64, steer_m_s: f64, enable: bool) -> MotorOrder {
-    MotorOrder {
-        motors: MeasuredMotorSpeeds {
+fn order(traction_m_s: f64, steer_m_s: f64, enable: bool) -> MotorCommand {
+    MotorCommand {
+        speeds: MeasuredMotorSpeeds {
             traction_m_s,
             steer_m_s,
         },
@@ -54,7 +55,7 @@ fn order(traction_m_s: f64, steer_m_s: f64, enable: bool) -> MotorOrder {
     }
 }
 
-fn frames(writer: &mut CommandWriter, order: &MotorOrder) -> Vec<Frame> {
+fn frames(writer: &mut CommandWriter, order: &MotorCommand) -> Vec<Frame> {
     let mut frames = Vec::new();
     writer
         .write::<FrameFault>(order, |frame| {
@@ -138,16 +139,16 @@ fn signals_are_coded_as_cantools_codes_them() {
 #[test]
 fn a_command_reaches_the_drives_and_a_report_the_controller() {
     let layout = layout();
-    let mut drives = told_by(&layout);
+    let mut drives = command_reader(&layout);
     let mut writer = writer(&layout);
-    assert_eq!(drives.told(), None);
+    assert_eq!(drives.command(), None);
     for frame in frames(&mut writer, &order(0.5, -0.25, true)) {
         drives.take(&frame, 7.0).unwrap();
     }
-    let told = drives.told().unwrap();
-    assert!(told.order.enable && told.time_s == 7.0);
-    assert!((told.order.motors.traction_m_s - 0.5).abs() < 1e-4);
-    assert!((told.order.motors.steer_m_s + 0.25).abs() < 1e-4);
+    let told = drives.command().unwrap();
+    assert!(told.value.enable && told.time_s == 7.0);
+    assert!((told.value.speeds.traction_m_s - 0.5).abs() < 1e-4);
+    assert!((told.value.speeds.steer_m_s + 0.25).abs() < 1e-4);
 
     let mut reader = VehicleReader::new(Arc::clone(&layout));
     for frame in reported(&mut ReportWriter::new(layout), &report(0.4), false) {

@@ -1,21 +1,13 @@
-//! The vehicle's end of the bus: frames to what the drives are told, what is true to frames.
+//! The vehicle's end of the bus: frames to commands, true values to frames.
 
-use super::controller_side::{MotorOrder, MotorReport, told_attitude};
+use super::controller_side::{MotorReport, sensor_attitude};
 use super::frame::Frame;
 use super::layout::{EnableValues, Layout};
 use super::message::{CounterWatch, DriveRole, FrameFault, MessageCodec, Quantity};
-use crate::motors::MeasuredMotorSpeeds;
+use crate::drives::{MeasuredMotorSpeeds, MotorCommand};
 use sidehill_plant::frames::{Attitude, Pose, wrap_angle};
+use sidehill_plant::sample::Stamped;
 use std::sync::Arc;
-
-/// What the drives have been told, with the instant of the oldest part.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Told {
-    /// When, s.
-    pub time_s: f64,
-    /// What.
-    pub order: MotorOrder,
-}
 
 /// Validates the controller's frames.
 pub struct CommandReader {
@@ -29,8 +21,7 @@ pub struct CommandReader {
 }
 
 impl CommandReader {
-    /// Returns a reader that has been told nothing, of a layout whose drives are switched on and off
-    /// by these values.
+    /// Returns a reader without a command, for drives that are enabled by these values.
     pub fn new(layout: Arc<Layout>, enable_values: EnableValues) -> Self {
         let watches = layout
             .command
@@ -53,13 +44,14 @@ impl CommandReader {
         self.refused
     }
 
-    /// Returns what the drives have been told, once both motors have been told something.
-    pub fn told(&self) -> Option<Told> {
+    /// Returns the newest command, with the instant of its oldest part; none before both motors have
+    /// been commanded.
+    pub fn command(&self) -> Option<Stamped<MotorCommand>> {
         let ((traction_s, traction_m_s), (steer_s, steer_m_s)) = (self.traction?, self.steer?);
-        Some(Told {
+        Some(Stamped {
             time_s: traction_s.min(steer_s),
-            order: MotorOrder {
-                motors: MeasuredMotorSpeeds {
+            value: MotorCommand {
+                speeds: MeasuredMotorSpeeds {
                     traction_m_s,
                     steer_m_s,
                 },
@@ -68,10 +60,10 @@ impl CommandReader {
         })
     }
 
-    /// Takes a frame that arrived at `time_s`; frames of other identifiers have no effect.
+    /// Takes a frame that arrived at `time_s`. Frames with other identifiers have no effect.
     ///
     /// # Errors
-    /// Why the frame is not believed. It then changes nothing.
+    /// Which check the frame failed. It then changes nothing.
     pub fn take(&mut self, frame: &Frame, time_s: f64) -> Result<(), FrameFault> {
         let found = self
             .layout
@@ -139,7 +131,7 @@ impl ReportWriter {
         }
     }
 
-    /// Passes the frames of a report to `send`; with `frozen`, no counter goes on.
+    /// Passes the frames of a report to `send`; with `frozen`, the counters stand still.
     ///
     /// # Errors
     /// A value that does not fit its signal.
@@ -161,7 +153,7 @@ impl ReportWriter {
         }
         self.feedback_counter = self.feedback_counter.wrapping_add(step);
         if let Some(attitude) = &report.attitude {
-            let [roll_rad, pitch_rad] = told_attitude(layout.attitude_convention, attitude);
+            let [roll_rad, pitch_rad] = sensor_attitude(layout.attitude_convention, attitude);
             let value_of = |quantity| match quantity {
                 Quantity::Roll => roll_rad,
                 Quantity::Pitch => pitch_rad,

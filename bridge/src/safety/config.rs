@@ -5,15 +5,15 @@ use sidehill_plant::vehicle::RangeError;
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct SafetyConfig {
-    /// Largest age of a command that is still driven on, s.
+    /// Largest age of a command that is still used, s.
     pub command_timeout_s: f64,
     /// Largest age of the drives' feedback, s.
     pub feedback_timeout_s: f64,
-    /// Longest time for which no frame can be sent, s.
+    /// Longest time for which no command can be sent, s.
     pub transmit_timeout_s: f64,
-    /// Time for which zeros are sent, disabled, before the drives are switched on, s.
+    /// Time for which zero speed is sent, disabled, before the drives are enabled, s.
     pub zeroing_time_s: f64,
-    /// Longest time for each part of the handshake, the controller's first command included, s.
+    /// Longest time for each part of the handshake, and for the controller's first command, s.
     pub handshake_timeout_s: f64,
     /// Speed below which a motor stands, m/s.
     pub standstill_m_s: f64,
@@ -21,7 +21,7 @@ pub struct SafetyConfig {
     pub speed_max_m_s: f64,
     /// Deceleration of a controlled stop, for each motor, m/s^2.
     pub deceleration_m_s2: f64,
-    /// Difference between feedback and command that is plausible, m/s.
+    /// Largest plausible difference between feedback and command, m/s.
     pub plausible_difference_m_s: f64,
     /// Time within which the drives reach a command: feedback is compared with the least and the
     /// greatest command of this time, s.

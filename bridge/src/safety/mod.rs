@@ -4,9 +4,10 @@
 //! Disarmed -> Zeroing -> Enabling -> Driving -> Stopping -> Latched -> (re-armed) Zeroing
 //! ```
 //!
-//! Only Driving passes commands on. Every doubt leads to Latched, through a ramp where the drives
-//! can be expected to follow one and at once where they cannot; only an operator leads out of it.
-//! Time is an argument; there is no clock, no bus and no thread in here.
+//! Only Driving passes the controller's commands on. Every fault leads to Latched: through Stopping, a
+//! ramp to zero, where the drives can be expected to follow, and at once where they cannot. Only an
+//! operator's arming leaves Disarmed and Latched. Time is an argument; the module has no clock, no bus
+//! and no thread.
 
 mod config;
 mod recent;
@@ -14,20 +15,20 @@ mod vocabulary;
 
 pub use config::SafetyConfig;
 pub use vocabulary::{
-    BusState, DriveFeedback, Intent, Observation, Operator, Order, PilotState, Reason, State,
+    ControllerOutput, ControllerState, OperatorRequests, Reason, SafetyInputs, SafetyState,
     StopCause, Transition,
 };
 
-use crate::can::layout::DriveMode;
+use crate::drives::{DriveCommand, DriveFeedback, DriveMode};
 use recent::RecentCommands;
 use sidehill_plant::speeds::MotorSpeeds;
 use sidehill_plant::vehicle::RangeError;
 
-/// How an alarm ends the drive.
+/// How a fault or a request ends the drive.
 enum Alarm {
     /// On the ramp: the drives can be expected to follow.
     Ramp(Reason),
-    /// At once.
+    /// Zero speed and disable at once.
     Cut(Reason),
 }
 
@@ -43,13 +44,13 @@ impl Alarm {
 #[derive(Debug, Clone)]
 pub struct Safety {
     config: SafetyConfig,
-    state: State,
+    state: SafetyState,
     since_s: f64,
     last_s: Option<f64>,
     armed_before: bool,
-    order: Order,
+    command: DriveCommand,
     recent: RecentCommands,
-    /// Whether the controller has driven since the drives were switched on.
+    /// Whether the controller has driven since the drives were enabled.
     following: bool,
     implausible_since_s: Option<f64>,
 }
@@ -63,149 +64,154 @@ impl Safety {
         config.validate()?;
         Ok(Self {
             config,
-            state: State::Disarmed,
+            state: SafetyState::Disarmed,
             since_s: 0.0,
             last_s: None,
-            // An arm level that stands from the start must fall first.
+            // A request to arm that is there from the start must fall first.
             armed_before: true,
-            order: Order::OFF,
+            command: DriveCommand::OFF,
             recent: RecentCommands::new(),
             following: false,
             implausible_since_s: None,
         })
     }
 
+    /// Returns the limits.
+    pub fn config(&self) -> &SafetyConfig {
+        &self.config
+    }
+
     /// Returns the state.
-    pub fn state(&self) -> State {
+    pub fn state(&self) -> SafetyState {
         self.state
     }
 
-    /// Returns what the drives are told now and, where the state changed, why.
+    /// Returns the command to the drives and, where the state changed, the transition.
     ///
-    /// At most one transition a step. Total: there is an order for every observation.
-    pub fn step(&mut self, seen: &Observation) -> (Order, Option<Transition>) {
-        let armed = seen.operator.arm && !self.armed_before;
-        self.armed_before = seen.operator.arm;
-        let before_s = self.last_s.unwrap_or(seen.time_s);
-        let elapsed_s = seen.time_s - before_s;
+    /// At most one transition a step. Every input has a command.
+    pub fn step(&mut self, inputs: &SafetyInputs) -> (DriveCommand, Option<Transition>) {
+        let armed = inputs.requests.arm && !self.armed_before;
+        self.armed_before = inputs.requests.arm;
+        let before_s = self.last_s.unwrap_or(inputs.time_s);
+        let elapsed_s = inputs.time_s - before_s;
         // Written so that a NaN alarms.
         let clock = if elapsed_s >= 0.0 && elapsed_s.is_finite() {
-            self.last_s = Some(seen.time_s);
+            self.last_s = Some(inputs.time_s);
             None
         } else {
-            if seen.time_s.is_finite() {
-                self.last_s = Some(seen.time_s);
+            if inputs.time_s.is_finite() {
+                self.last_s = Some(inputs.time_s);
             }
             Some(Reason::Clock {
                 before_s,
-                now_s: seen.time_s,
+                now_s: inputs.time_s,
             })
         };
         let elapsed_s = if clock.is_some() { 0.0 } else { elapsed_s };
-        let next = self.next(seen, armed, clock);
+        let next = self.next(inputs, armed, clock);
         let transition = next.map(|(to, reason)| {
             let from = self.state;
             self.state = to;
-            self.since_s = seen.time_s;
-            if to == State::Enabling {
+            self.since_s = inputs.time_s;
+            if to == SafetyState::Enabling {
                 self.recent.clear();
                 self.following = false;
                 self.implausible_since_s = None;
             }
             Transition {
-                time_s: seen.time_s,
+                time_s: inputs.time_s,
                 from,
                 to,
                 reason,
             }
         });
-        self.order = self.order_in_state(seen, elapsed_s);
-        self.recent.push(seen.time_s, self.order.speeds);
-        (self.order, transition)
+        self.command = self.command_in_state(inputs, elapsed_s);
+        self.recent.push(inputs.time_s, self.command.speeds);
+        (self.command, transition)
     }
 
     fn next(
         &mut self,
-        seen: &Observation,
+        inputs: &SafetyInputs,
         armed: bool,
         clock: Option<Reason>,
-    ) -> Option<(State, Reason)> {
+    ) -> Option<(SafetyState, Reason)> {
         match self.state {
-            State::Disarmed | State::Latched => {
-                let halted = seen.operator.halt.or(seen.operator.stop).is_some();
-                (armed && !halted).then_some((State::Zeroing, Reason::Armed))
+            SafetyState::Disarmed | SafetyState::Latched => {
+                let halted = inputs.requests.halt.or(inputs.requests.stop).is_some();
+                (armed && !halted).then_some((SafetyState::Zeroing, Reason::Armed))
             }
-            State::Zeroing => {
-                let alarm = || self.alarm(seen).map(Alarm::reason);
+            SafetyState::Zeroing => {
+                let alarm = || self.alarm(inputs).map(Alarm::reason);
                 if let Some(reason) = clock.or_else(alarm) {
-                    return Some((State::Latched, reason));
+                    return Some((SafetyState::Latched, reason));
                 }
-                let feedback = seen.feedback?.value;
-                let time_s = seen.time_s - self.since_s;
+                let feedback = inputs.feedback?.value;
+                let time_s = inputs.time_s - self.since_s;
                 let off = feedback.mode == DriveMode::Disabled && self.stands(&feedback);
                 if off && time_s >= self.config.zeroing_time_s {
-                    return Some((State::Enabling, Reason::Standing));
+                    return Some((SafetyState::Enabling, Reason::Standing));
                 }
                 self.handshake_late(time_s, self.config.zeroing_time_s, feedback.mode)
             }
-            State::Enabling => {
-                let alarm = || self.alarm(seen).map(Alarm::reason);
+            SafetyState::Enabling => {
+                let alarm = || self.alarm(inputs).map(Alarm::reason);
                 if let Some(reason) = clock.or_else(alarm) {
-                    return Some((State::Latched, reason));
+                    return Some((SafetyState::Latched, reason));
                 }
-                let feedback = seen.feedback?.value;
+                let feedback = inputs.feedback?.value;
                 if feedback.mode == DriveMode::Enabled {
-                    return Some((State::Driving, Reason::Enabled));
+                    return Some((SafetyState::Driving, Reason::Enabled));
                 }
-                self.handshake_late(seen.time_s - self.since_s, 0.0, feedback.mode)
+                self.handshake_late(inputs.time_s - self.since_s, 0.0, feedback.mode)
             }
-            State::Driving => {
-                let ramp = |reason| Some((State::Stopping, reason));
-                match self.alarm(seen) {
-                    Some(Alarm::Cut(reason)) => return Some((State::Latched, reason)),
+            SafetyState::Driving => {
+                let ramp = |reason| Some((SafetyState::Stopping, reason));
+                match self.alarm(inputs) {
+                    Some(Alarm::Cut(reason)) => return Some((SafetyState::Latched, reason)),
                     Some(Alarm::Ramp(reason)) => return ramp(reason),
                     None => {}
                 }
                 clock
-                    .or_else(|| self.intent_alarm(seen))
-                    .or_else(|| self.implausible(seen))
+                    .or_else(|| self.controller_alarm(inputs))
+                    .or_else(|| self.implausible(inputs))
                     .and_then(ramp)
             }
-            State::Stopping => {
-                if let Some(Alarm::Cut(reason)) = self.alarm(seen) {
-                    return Some((State::Latched, reason));
+            SafetyState::Stopping => {
+                if let Some(Alarm::Cut(reason)) = self.alarm(inputs) {
+                    return Some((SafetyState::Latched, reason));
                 }
-                (self.order.speeds == MotorSpeeds::STOP)
-                    .then_some((State::Latched, Reason::RampEnded))
+                (self.command.speeds == MotorSpeeds::STOP)
+                    .then_some((SafetyState::Latched, Reason::RampEnded))
             }
         }
     }
 
-    /// What forbids to drive whatever the controller says.
-    fn alarm(&self, seen: &Observation) -> Option<Alarm> {
-        if let Some(cause) = seen.operator.halt {
-            return Some(Alarm::Cut(Reason::Asked(cause)));
+    /// Returns what forbids driving, whatever the controller wants.
+    fn alarm(&self, inputs: &SafetyInputs) -> Option<Alarm> {
+        if let Some(cause) = inputs.requests.halt {
+            return Some(Alarm::Cut(Reason::Requested(cause)));
         }
-        let age_s = seen
+        let age_s = inputs
             .feedback
-            .map_or(f64::INFINITY, |feedback| seen.time_s - feedback.time_s);
+            .map_or(f64::INFINITY, |feedback| inputs.time_s - feedback.time_s);
         let stale = !(..=self.config.feedback_timeout_s).contains(&age_s);
-        if let (Some(feedback), false) = (seen.feedback, stale) {
-            let on = matches!(self.state, State::Driving | State::Stopping);
+        if let (Some(feedback), false) = (inputs.feedback, stale) {
+            let on = matches!(self.state, SafetyState::Driving | SafetyState::Stopping);
             match feedback.value.mode {
                 DriveMode::EmergencyStop => return Some(Alarm::Cut(Reason::EmergencyStop)),
-                // While zeros are sent, off, a drive may forget its fault.
-                DriveMode::Fault if self.state == State::Zeroing => {}
+                // A fault may be reset while zero speed is sent, disabled.
+                DriveMode::Fault if self.state == SafetyState::Zeroing => {}
                 DriveMode::Fault => return Some(Alarm::Cut(Reason::DriveFault)),
                 DriveMode::Disabled if on => return Some(Alarm::Cut(Reason::DriveOff)),
                 DriveMode::Disabled | DriveMode::Enabled => {}
             }
         }
-        if !seen.bus.carries() {
-            return Some(Alarm::Ramp(Reason::Bus { state: seen.bus }));
+        if !inputs.link.carries() {
+            return Some(Alarm::Ramp(Reason::Link { state: inputs.link }));
         }
-        if let Some(since_s) = seen.unsent_since_s {
-            let time_s = seen.time_s - since_s;
+        if let Some(since_s) = inputs.unsent_since_s {
+            let time_s = inputs.time_s - since_s;
             if !(..=self.config.transmit_timeout_s).contains(&time_s) {
                 return Some(Alarm::Ramp(Reason::TransmitTimeout { time_s }));
             }
@@ -213,21 +219,22 @@ impl Safety {
         if stale {
             return Some(Alarm::Ramp(Reason::FeedbackTimeout { age_s }));
         }
-        seen.operator
+        inputs
+            .requests
             .stop
-            .map(|cause| Alarm::Ramp(Reason::Asked(cause)))
+            .map(|cause| Alarm::Ramp(Reason::Requested(cause)))
     }
 
-    /// What forbids to drive because of the controller. Its first plan takes longer than those
-    /// after it: until it follows, the vehicle stands, and there is the time of a handshake.
-    fn intent_alarm(&mut self, seen: &Observation) -> Option<Reason> {
-        let intent = self.current_intent(seen);
-        let age_s = seen.time_s - intent.map_or(self.since_s, |intent| intent.time_s);
+    /// Returns what forbids driving because of the controller. Its first plan takes longer than later
+    /// ones: until it drives, the vehicle stands, and it has the time of a handshake.
+    fn controller_alarm(&mut self, inputs: &SafetyInputs) -> Option<Reason> {
+        let output = self.current_output(inputs);
+        let age_s = inputs.time_s - output.map_or(self.since_s, |output| output.time_s);
         let fresh = (..=self.config.command_timeout_s).contains(&age_s);
         if !self.following {
             self.following =
-                fresh && intent.is_some_and(|intent| intent.pilot != PilotState::Waiting);
-            let age_s = seen.time_s - self.since_s;
+                fresh && output.is_some_and(|output| output.state != ControllerState::Waiting);
+            let age_s = inputs.time_s - self.since_s;
             if !self.following {
                 let late = !(..=self.config.handshake_timeout_s).contains(&age_s);
                 return late.then_some(Reason::CommandTimeout { age_s });
@@ -236,24 +243,29 @@ impl Safety {
         if !fresh {
             return Some(Reason::CommandTimeout { age_s });
         }
-        let intent = intent?;
-        match intent.pilot {
-            PilotState::Finished => Some(Reason::Finished),
-            PilotState::Stopped(why) => Some(Reason::ControllerStopped { why }),
-            PilotState::Driving if !intent.command.is_finite() => Some(Reason::CommandNotFinite),
-            PilotState::Driving | PilotState::Waiting => None,
+        let output = output?;
+        match output.state {
+            ControllerState::Finished => Some(Reason::Finished),
+            ControllerState::Stopped(why) => Some(Reason::ControllerStopped { why }),
+            ControllerState::Driving if !output.command.is_finite() => {
+                Some(Reason::CommandNotFinite)
+            }
+            ControllerState::Driving | ControllerState::Waiting => None,
         }
     }
 
-    /// The intent, where it was made since the drive began and is not from the future.
-    fn current_intent(&self, seen: &Observation) -> Option<Intent> {
-        seen.intent
-            .filter(|intent| intent.time_s > self.since_s && intent.time_s <= seen.time_s)
+    /// Returns the controller's output if it was decided in this drive and not in the future.
+    fn current_output(&self, inputs: &SafetyInputs) -> Option<ControllerOutput> {
+        inputs
+            .controller
+            .filter(|output| output.time_s > self.since_s && output.time_s <= inputs.time_s)
     }
 
-    fn implausible(&mut self, seen: &Observation) -> Option<Reason> {
-        let speeds = seen.feedback?.value.speeds;
-        let [traction, steer] = self.recent.range(seen.time_s - self.config.response_time_s);
+    fn implausible(&mut self, inputs: &SafetyInputs) -> Option<Reason> {
+        let speeds = inputs.feedback?.value.speeds;
+        let [traction, steer] = self
+            .recent
+            .range(inputs.time_s - self.config.response_time_s);
         let (traction_m_s, steer_m_s) = (
             outside(traction, speeds.traction_m_s),
             outside(steer, speeds.steer_m_s),
@@ -263,8 +275,8 @@ impl Safety {
             self.implausible_since_s = None;
             return None;
         }
-        let since_s = *self.implausible_since_s.get_or_insert(seen.time_s);
-        let time_s = seen.time_s - since_s;
+        let since_s = *self.implausible_since_s.get_or_insert(inputs.time_s);
+        let time_s = inputs.time_s - since_s;
         (time_s >= self.config.implausible_time_s).then_some(Reason::Implausible {
             traction_m_s,
             steer_m_s,
@@ -282,32 +294,32 @@ impl Safety {
         time_s: f64,
         after_s: f64,
         mode: DriveMode,
-    ) -> Option<(State, Reason)> {
+    ) -> Option<(SafetyState, Reason)> {
         (time_s > after_s + self.config.handshake_timeout_s)
-            .then_some((State::Latched, Reason::Handshake { time_s, mode }))
+            .then_some((SafetyState::Latched, Reason::Handshake { time_s, mode }))
     }
 
-    fn order_in_state(&self, seen: &Observation, elapsed_s: f64) -> Order {
+    fn command_in_state(&self, inputs: &SafetyInputs, elapsed_s: f64) -> DriveCommand {
         match self.state {
-            State::Disarmed | State::Latched => Order::OFF,
-            State::Zeroing => Order {
+            SafetyState::Disarmed | SafetyState::Latched => DriveCommand::OFF,
+            SafetyState::Zeroing => DriveCommand {
                 fault_reset: true,
-                ..Order::OFF
+                ..DriveCommand::OFF
             },
-            State::Enabling => Order {
+            SafetyState::Enabling => DriveCommand {
                 speeds: MotorSpeeds::STOP,
                 enable: true,
                 fault_reset: false,
             },
-            State::Driving => {
+            SafetyState::Driving => {
                 let limit = self.config.speed_max_m_s;
                 let speeds = self
-                    .current_intent(seen)
+                    .current_output(inputs)
                     .filter(|_| self.following)
-                    .map(|intent| intent.command)
+                    .map(|output| output.command)
                     .filter(MotorSpeeds::is_finite)
                     .unwrap_or(MotorSpeeds::STOP);
-                Order {
+                DriveCommand {
                     speeds: MotorSpeeds {
                         traction_m_s: speeds.traction_m_s.clamp(-limit, limit),
                         steer_m_s: speeds.steer_m_s.clamp(-limit, limit),
@@ -316,12 +328,12 @@ impl Safety {
                     fault_reset: false,
                 }
             }
-            State::Stopping => {
+            SafetyState::Stopping => {
                 let step = self.config.deceleration_m_s2 * elapsed_s;
-                Order {
+                DriveCommand {
                     speeds: MotorSpeeds {
-                        traction_m_s: toward_zero(self.order.speeds.traction_m_s, step),
-                        steer_m_s: toward_zero(self.order.speeds.steer_m_s, step),
+                        traction_m_s: toward_zero(self.command.speeds.traction_m_s, step),
+                        steer_m_s: toward_zero(self.command.speeds.steer_m_s, step),
                     },
                     enable: true,
                     fault_reset: false,

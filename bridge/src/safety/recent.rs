@@ -26,8 +26,8 @@ impl RecentCommands {
         self.next = (self.next + 1) % Self::LENGTH;
     }
 
-    /// Least and greatest traction and steer since an instant, and of the command that was in force
-    /// then.
+    /// Returns the least and greatest traction and steer since an instant, with the command that was
+    /// active then.
     pub(super) fn range(&self, since_s: f64) -> [[f64; 2]; 2] {
         let mut range = [[f64::INFINITY, f64::NEG_INFINITY]; 2];
         for i in 1..=Self::LENGTH {

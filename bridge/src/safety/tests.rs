@@ -1,6 +1,7 @@
 mod any;
 
 use super::*;
+use crate::drives::LinkState;
 use sidehill_plant::sample::Stamped;
 
 const PERIOD_S: f64 = 0.05;
@@ -8,61 +9,65 @@ const PERIOD_S: f64 = 0.05;
 /// A drive that follows at once, and a controller that wants what it is told.
 struct Bench {
     safety: Safety,
-    seen: Observation,
+    inputs: SafetyInputs,
     steps: u32,
     events: Vec<Transition>,
-    order: Order,
+    command: DriveCommand,
 }
 
 impl Bench {
     fn new() -> Self {
         Self {
             safety: Safety::new(SafetyConfig::default()).unwrap(),
-            seen: Observation {
+            inputs: SafetyInputs {
                 time_s: 0.0,
-                intent: None,
+                controller: None,
                 feedback: None,
-                bus: BusState::Active,
+                link: LinkState::Active,
                 unsent_since_s: None,
-                operator: Operator::default(),
+                requests: OperatorRequests::default(),
             },
             steps: 0,
             events: Vec::new(),
-            order: Order::OFF,
+            command: DriveCommand::OFF,
         }
     }
 
     /// One healthy cycle, in which `change` may break something.
-    fn step(&mut self, command: MotorSpeeds, change: impl FnOnce(&mut Observation)) -> Order {
+    fn step(
+        &mut self,
+        command: MotorSpeeds,
+        change: impl FnOnce(&mut SafetyInputs),
+    ) -> DriveCommand {
         self.steps += 1;
         let time_s = f64::from(self.steps) * PERIOD_S;
-        self.seen.time_s = time_s;
-        self.seen.intent = Some(Intent {
+        self.inputs.time_s = time_s;
+        self.inputs.controller = Some(ControllerOutput {
             time_s,
             command,
-            pilot: PilotState::Driving,
+            state: ControllerState::Driving,
         });
-        self.seen.feedback = Some(Stamped {
+        self.inputs.feedback = Some(Stamped {
             time_s,
             value: DriveFeedback {
-                speeds: self.order.speeds,
-                mode: if self.order.enable {
+                speeds: self.command.speeds,
+                mode: if self.command.enable {
                     DriveMode::Enabled
                 } else {
                     DriveMode::Disabled
                 },
             },
         });
-        change(&mut self.seen);
-        let (order, event) = self.safety.step(&self.seen);
-        self.order = order;
+        change(&mut self.inputs);
+        let (order, event) = self.safety.step(&self.inputs);
+        self.command = order;
         self.events.extend(event);
         order
     }
 
     fn arm(&mut self) {
-        self.step(MotorSpeeds::STOP, |seen| seen.operator.arm = false);
-        self.step(MotorSpeeds::STOP, |seen| seen.operator.arm = true);
+        self.step(MotorSpeeds::STOP, |inputs| inputs.requests.arm = false);
+        self.step(MotorSpeeds::STOP, |inputs| inputs.requests.arm = true);
     }
 
     /// A bench that drives at a command.
@@ -72,8 +77,8 @@ impl Bench {
         for _ in 0..20 {
             bench.step(command, |_| {});
         }
-        assert_eq!(bench.safety.state(), State::Driving);
-        assert_eq!(bench.order.speeds, command);
+        assert_eq!(bench.safety.state(), SafetyState::Driving);
+        assert_eq!(bench.command.speeds, command);
         bench
     }
 
@@ -93,7 +98,7 @@ fn speeds(traction_m_s: f64, steer_m_s: f64) -> MotorSpeeds {
 fn nothing_moves_before_zeros_standstill_and_the_drives_answer() {
     let mut bench = Bench::new();
     for _ in 0..40 {
-        assert_eq!(bench.step(speeds(1.0, 0.5), |_| {}), Order::OFF);
+        assert_eq!(bench.step(speeds(1.0, 0.5), |_| {}), DriveCommand::OFF);
     }
     bench.arm();
     let mut orders = Vec::new();
@@ -106,17 +111,24 @@ fn nothing_moves_before_zeros_standstill_and_the_drives_answer() {
         .position(|order| order.speeds != MotorSpeeds::STOP)
         .unwrap();
     assert!(on >= 3 && moved > on, "{orders:?}");
-    let states: Vec<State> = bench.events.iter().map(|event| event.to).collect();
-    assert_eq!(states, [State::Zeroing, State::Enabling, State::Driving]);
+    let states: Vec<SafetyState> = bench.events.iter().map(|event| event.to).collect();
+    assert_eq!(
+        states,
+        [
+            SafetyState::Zeroing,
+            SafetyState::Enabling,
+            SafetyState::Driving
+        ]
+    );
 }
 
 #[test]
 fn a_switch_that_stands_on_arm_does_not_arm() {
     let mut bench = Bench::new();
     for _ in 0..100 {
-        bench.step(speeds(0.5, 0.0), |seen| seen.operator.arm = true);
+        bench.step(speeds(0.5, 0.0), |inputs| inputs.requests.arm = true);
     }
-    assert_eq!(bench.safety.state(), State::Disarmed);
+    assert_eq!(bench.safety.state(), SafetyState::Disarmed);
 }
 
 #[test]
@@ -124,19 +136,19 @@ fn a_drive_that_never_answers_or_never_stands_ends_the_handshake() {
     let mut bench = Bench::new();
     bench.arm();
     for _ in 0..60 {
-        bench.step(speeds(0.5, 0.0), |seen| {
-            if let Some(feedback) = &mut seen.feedback {
+        bench.step(speeds(0.5, 0.0), |inputs| {
+            if let Some(feedback) = &mut inputs.feedback {
                 feedback.value.mode = DriveMode::Disabled;
             }
         });
     }
     assert!(matches!(bench.last().reason, Reason::Handshake { .. }));
-    assert_eq!(bench.safety.state(), State::Latched);
+    assert_eq!(bench.safety.state(), SafetyState::Latched);
     let mut bench = Bench::new();
     bench.arm();
     for _ in 0..60 {
-        let order = bench.step(speeds(0.5, 0.0), |seen| {
-            if let Some(feedback) = &mut seen.feedback {
+        let order = bench.step(speeds(0.5, 0.0), |inputs| {
+            if let Some(feedback) = &mut inputs.feedback {
                 feedback.value.speeds.steer_m_s = 0.05;
             }
         });
@@ -147,18 +159,18 @@ fn a_drive_that_never_answers_or_never_stands_ends_the_handshake() {
 
 /// How it is told what is broken, what is, after which time-out, s, and whether it ends the drive at
 /// once.
-type Break = (&'static str, fn(&mut Observation), f64, bool);
+type Break = (&'static str, fn(&mut SafetyInputs), f64, bool);
 
 const BREAKS: [Break; 14] = [
     (
         "the emergency stop is pressed",
-        |s| s.operator.halt = Some(StopCause::EmergencyStop),
+        |s| s.requests.halt = Some(StopCause::EmergencyStop),
         0.0,
         true,
     ),
     (
         "the program ends",
-        |s| s.operator.halt = Some(StopCause::ProgramEnds),
+        |s| s.requests.halt = Some(StopCause::ProgramEnds),
         0.0,
         true,
     ),
@@ -182,17 +194,22 @@ const BREAKS: [Break; 14] = [
     ),
     (
         "the goal was cancelled",
-        |s| s.operator.stop = Some(StopCause::Cancelled),
+        |s| s.requests.stop = Some(StopCause::Cancelled),
         0.0,
         false,
     ),
     (
-        "the bus is BusOff",
-        |s| s.bus = BusState::BusOff,
+        "the link to the drives is BusOff",
+        |s| s.link = LinkState::BusOff,
         0.0,
         false,
     ),
-    ("the bus is Down", |s| s.bus = BusState::Down, 0.0, false),
+    (
+        "the link to the drives is Down",
+        |s| s.link = LinkState::Down,
+        0.0,
+        false,
+    ),
     (
         "the command is not finite",
         |s| set_command(s, f64::NAN),
@@ -226,24 +243,24 @@ const BREAKS: [Break; 14] = [
     ),
 ];
 
-fn set_mode(seen: &mut Observation, mode: DriveMode) {
-    seen.feedback.as_mut().unwrap().value.mode = mode;
+fn set_mode(inputs: &mut SafetyInputs, mode: DriveMode) {
+    inputs.feedback.as_mut().unwrap().value.mode = mode;
 }
 
-fn set_command(seen: &mut Observation, traction_m_s: f64) {
-    seen.intent.as_mut().unwrap().command.traction_m_s = traction_m_s;
+fn set_command(inputs: &mut SafetyInputs, traction_m_s: f64) {
+    inputs.controller.as_mut().unwrap().command.traction_m_s = traction_m_s;
 }
 
-fn set_feedback_time(seen: &mut Observation, time_s: f64) {
-    seen.feedback.as_mut().unwrap().time_s = time_s;
+fn set_feedback_time(inputs: &mut SafetyInputs, time_s: f64) {
+    inputs.feedback.as_mut().unwrap().time_s = time_s;
 }
 
-fn set_command_time(seen: &mut Observation, time_s: f64) {
-    seen.intent.as_mut().unwrap().time_s = time_s;
+fn set_command_time(inputs: &mut SafetyInputs, time_s: f64) {
+    inputs.controller.as_mut().unwrap().time_s = time_s;
 }
 
-fn set_speed(seen: &mut Observation, traction_m_s: f64) {
-    seen.feedback.as_mut().unwrap().value.speeds.traction_m_s = traction_m_s;
+fn set_speed(inputs: &mut SafetyInputs, traction_m_s: f64) {
+    inputs.feedback.as_mut().unwrap().value.speeds.traction_m_s = traction_m_s;
 }
 
 #[test]
@@ -259,36 +276,42 @@ fn every_fault_stops_in_time_and_stays_stopped_until_re_armed() {
             assert!(order.speeds.traction_m_s <= previous, "{name}");
             previous = order.speeds.traction_m_s;
             if at_once {
-                assert_eq!(order, Order::OFF, "{name}");
+                assert_eq!(order, DriveCommand::OFF, "{name}");
             }
         }
         assert_eq!(
-            bench.order.speeds,
+            bench.command.speeds,
             MotorSpeeds::STOP,
             "{name}: {:?}",
             bench.events
         );
         bench.step(speeds(0.6, -0.3), |_| {});
-        assert_eq!(bench.safety.state(), State::Latched, "{name}");
+        assert_eq!(bench.safety.state(), SafetyState::Latched, "{name}");
         let mut ends = bench.events.iter();
-        let end = ends.find(|event| event.from == State::Driving).unwrap();
+        let end = ends
+            .find(|event| event.from == SafetyState::Driving)
+            .unwrap();
         assert!(end.reason.to_string().starts_with(name), "{}", end.reason);
         // The fault is gone; the arm level still stands.
         for _ in 0..100 {
-            bench.seen.operator = Operator {
+            bench.inputs.requests = OperatorRequests {
                 arm: true,
                 stop: None,
                 halt: None,
             };
-            bench.seen.bus = BusState::Active;
-            bench.seen.unsent_since_s = None;
-            assert_eq!(bench.step(speeds(0.6, -0.3), |_| {}), Order::OFF, "{name}");
+            bench.inputs.link = LinkState::Active;
+            bench.inputs.unsent_since_s = None;
+            assert_eq!(
+                bench.step(speeds(0.6, -0.3), |_| {}),
+                DriveCommand::OFF,
+                "{name}"
+            );
         }
         bench.arm();
         for _ in 0..20 {
             bench.step(speeds(0.6, -0.3), |_| {});
         }
-        assert_eq!(bench.safety.state(), State::Driving, "{name}");
+        assert_eq!(bench.safety.state(), SafetyState::Driving, "{name}");
     }
 }
 
@@ -309,20 +332,20 @@ fn arming_is_refused_while_the_fault_lasts() {
             assert_eq!(order.speeds, MotorSpeeds::STOP, "{name}");
             assert!(!order.enable, "{name}");
         }
-        assert_eq!(bench.safety.state(), State::Latched, "{name}");
+        assert_eq!(bench.safety.state(), SafetyState::Latched, "{name}");
     }
 }
 
 #[test]
 fn a_fault_may_be_forgotten_only_after_arming() {
-    let fault = |seen: &mut Observation| {
-        if let Some(feedback) = &mut seen.feedback {
+    let fault = |inputs: &mut SafetyInputs| {
+        if let Some(feedback) = &mut inputs.feedback {
             feedback.value.mode = DriveMode::Fault;
         }
     };
     let mut bench = Bench::driving(speeds(0.5, 0.0));
     for _ in 0..100 {
-        assert_eq!(bench.step(speeds(0.5, 0.0), fault), Order::OFF);
+        assert_eq!(bench.step(speeds(0.5, 0.0), fault), DriveCommand::OFF);
     }
     assert_eq!(bench.last().reason, Reason::DriveFault);
     bench.arm();
@@ -331,8 +354,8 @@ fn a_fault_may_be_forgotten_only_after_arming() {
     for _ in 0..20 {
         bench.step(speeds(0.5, 0.0), |_| {});
     }
-    assert_eq!(bench.safety.state(), State::Driving);
-    assert!(!bench.order.fault_reset);
+    assert_eq!(bench.safety.state(), SafetyState::Driving);
+    assert!(!bench.command.fault_reset);
     // One that lasts ends the handshake.
     bench.step(speeds(0.5, 0.0), fault);
     bench.arm();
@@ -346,7 +369,7 @@ fn a_fault_may_be_forgotten_only_after_arming() {
             ..
         }
     ));
-    assert_eq!(bench.order, Order::OFF);
+    assert_eq!(bench.command, DriveCommand::OFF);
 }
 
 #[test]
@@ -354,7 +377,7 @@ fn an_intent_from_before_the_drive_is_not_driven_on() {
     let mut bench = Bench::new();
     bench.arm();
     for _ in 0..40 {
-        let order = bench.step(speeds(0.5, 0.0), |seen| set_command_time(seen, 0.1));
+        let order = bench.step(speeds(0.5, 0.0), |inputs| set_command_time(inputs, 0.1));
         assert_eq!(order.speeds, MotorSpeeds::STOP);
     }
     assert!(
@@ -369,14 +392,14 @@ fn an_intent_from_before_the_drive_is_not_driven_on() {
 fn a_first_plan_may_take_long_while_the_vehicle_stands() {
     let mut bench = Bench::new();
     bench.arm();
-    while bench.safety.state() != State::Driving {
+    while bench.safety.state() != SafetyState::Driving {
         bench.step(MotorSpeeds::STOP, |_| {});
     }
     let start_s = f64::from(bench.steps) * PERIOD_S;
     // An answer that is too old when it comes is not driven on, nor an alarm yet.
     for i in 0..10 {
         let order = bench.step(speeds(0.5, 0.0), |s| match i {
-            0..4 => s.intent = None,
+            0..4 => s.controller = None,
             _ => set_command_time(s, start_s + 0.05),
         });
         assert!(
@@ -399,14 +422,14 @@ fn a_first_plan_may_take_long_while_the_vehicle_stands() {
             .iter()
             .any(|event| matches!(event.reason, Reason::CommandTimeout { .. }))
     );
-    assert_eq!(bench.safety.state(), State::Latched);
+    assert_eq!(bench.safety.state(), SafetyState::Latched);
 }
 
 #[test]
 fn a_ramp_catches_up_after_a_late_cycle() {
     let mut bench = Bench::driving(speeds(0.8, 0.0));
-    bench.step(speeds(0.8, 0.0), |seen| {
-        seen.operator.stop = Some(StopCause::Operator)
+    bench.step(speeds(0.8, 0.0), |inputs| {
+        inputs.requests.stop = Some(StopCause::Operator)
     });
     bench.steps += 5;
     let order = bench.step(speeds(0.8, 0.0), |_| {});

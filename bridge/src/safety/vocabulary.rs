@@ -1,23 +1,23 @@
-use crate::can::layout::DriveMode;
+use crate::drives::{DriveFeedback, DriveMode, LinkState};
 use serde::Serialize;
 use sidehill_controller::controller::StopReason;
 use sidehill_plant::sample::Stamped;
 use sidehill_plant::speeds::MotorSpeeds;
 
-/// What the controller says in a cycle.
+/// What the controller wants in a cycle.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Intent {
+pub struct ControllerOutput {
     /// Cycle for which it was decided, s.
     pub time_s: f64,
-    /// Speeds it wants.
+    /// Effective speeds.
     pub command: MotorSpeeds,
-    /// Whether it can drive.
-    pub pilot: PilotState,
+    /// Whether the controller can drive.
+    pub state: ControllerState,
 }
 
 /// Whether the controller can drive.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum PilotState {
+pub enum ControllerState {
     /// It waits for its first readings.
     Waiting,
     /// It drives.
@@ -28,108 +28,73 @@ pub enum PilotState {
     Finished,
 }
 
-/// What both drives say.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct DriveFeedback {
-    /// Effective speeds reached.
-    pub speeds: MotorSpeeds,
-    /// State; the worse of the two drives'.
-    pub mode: DriveMode,
-}
-
-/// State of the bus as far as the port knows it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum BusState {
-    /// In order.
-    #[default]
-    Active,
-    /// Many errors.
-    Warning,
-    /// Too many errors: the node only listens for them.
-    Passive,
-    /// The node has left the bus.
-    BusOff,
-    /// The interface is down.
-    Down,
-    /// There is no interface.
-    Absent,
-}
-
-impl BusState {
-    /// Returns whether frames may get through.
-    pub fn carries(self) -> bool {
-        matches!(self, Self::Active | Self::Warning | Self::Passive)
-    }
-}
-
-/// What an operator asks for, or who acts as one; each is a level, and arming acts where it rises.
+/// Requests of an operator, or of whoever acts as one. Each is a level; arming acts on a rising edge.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Operator {
-    /// Drive.
+pub struct OperatorRequests {
+    /// Arm.
     pub arm: bool,
     /// Stop on the ramp, and why.
     pub stop: Option<StopCause>,
-    /// Zero and disable at once, and why.
+    /// Zero speed and disable at once, and why.
     pub halt: Option<StopCause>,
 }
 
-/// Why an operator, or who acts as one, wants the vehicle to stand.
+/// Why an operator, or whoever acts as one, stops the vehicle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum StopCause {
-    /// A person asked for it by a signal.
-    #[error("the operator has asked for a stop")]
+    /// A person sent a signal to stop.
+    #[error("the operator requested a stop")]
     Operator,
-    /// The program ends: by a signal, or because all has been driven.
+    /// The program ends: by a signal, or because the course is finished.
     #[error("the program ends")]
     ProgramEnds,
     /// The time of the run is over.
     #[error("the time of the run is over")]
     TimeOver,
-    /// The program was suspended and goes on.
+    /// The process was suspended and has been resumed.
     #[error("the program was suspended")]
     Suspended,
-    /// Somebody presses the emergency stop of ROS 2.
+    /// The emergency stop of ROS 2 is pressed.
     #[error("the emergency stop is pressed")]
     EmergencyStop,
-    /// Those who could press it have been silent for too long.
+    /// The publishers of the emergency stop have been silent for too long.
     #[error("the emergency stop is silent")]
     EmergencyStopSilent,
-    /// Somebody has come who may press it, and his first word is still on its way.
-    #[error("who may press the emergency stop has come and is not heard")]
+    /// A new emergency-stop publisher was discovered, and its first message has not arrived.
+    #[error("a new emergency-stop publisher has not sent anything yet")]
     EmergencyStopUnheard,
-    /// Who wanted the path has taken it back.
+    /// The client has cancelled the goal.
     #[error("the goal was cancelled")]
     Cancelled,
-    /// Who wanted the path has left.
+    /// The client has left.
     #[error("the client has left")]
     ClientLeft,
-    /// The node takes no paths any more.
+    /// The lifecycle node was deactivated.
     #[error("the node was deactivated")]
     Deactivated,
-    /// The clock that others go by was set.
+    /// The clock of the ROS graph was set.
     #[error("the clock has jumped")]
     ClockJumped,
-    /// A path has come that cannot be driven.
+    /// The newest path cannot be followed.
     #[error("the newest path cannot be driven")]
     PathRefused,
-    /// Where the path lies is no longer known.
+    /// The transform to the frame of the path is no longer known.
     #[error("the path's frame is no longer known")]
     FrameLost,
     /// The controller finds no plan.
     #[error("there was no plan for longer than tolerated")]
     NoPlan,
-    /// The vehicle does not get on.
+    /// The vehicle makes no progress along the path.
     #[error("there was no progress for longer than tolerated")]
     NoProgress,
-    /// The drives did not let themselves be armed.
+    /// The handshake with the drives failed.
     #[error("the drives could not be armed")]
     NotArmed,
-    /// The drive for the path has ended.
-    #[error("the drive for the path has ended")]
+    /// The path ended while the vehicle was still driving.
+    #[error("the path has ended")]
     DriveEnded,
     /// The vehicle was armed without a path.
-    #[error("nobody has asked for this drive")]
+    #[error("the vehicle was armed without a path")]
     NobodyAsked,
 }
 
@@ -156,7 +121,7 @@ impl StopCause {
         Self::NobodyAsked,
     ];
 
-    /// Returns whether something is wrong, other than that somebody has changed his mind.
+    /// Returns whether this is a fault, rather than a decision of an operator or a client.
     pub fn is_fault(self) -> bool {
         match self {
             Self::Suspended
@@ -181,86 +146,67 @@ impl StopCause {
     }
 }
 
-/// Everything the state machine looks at in a cycle.
+/// Everything the state machine takes into account in a cycle.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Observation {
+pub struct SafetyInputs {
     /// Instant, s.
     pub time_s: f64,
-    /// Newest intent of the controller.
-    pub intent: Option<Intent>,
-    /// Newest feedback of both drives, with the instant of the older half.
+    /// Newest output of the controller.
+    pub controller: Option<ControllerOutput>,
+    /// Newest feedback of both drives, with the older of both instants.
     pub feedback: Option<Stamped<DriveFeedback>>,
-    /// State of the bus.
-    pub bus: BusState,
-    /// Since when nothing could be sent, s; none where the last frame went out.
+    /// State of the link to the drives.
+    pub link: LinkState,
+    /// Instant of the first of the last commands that could not be sent, s; none where the last one
+    /// was.
     pub unsent_since_s: Option<f64>,
-    /// The operator.
-    pub operator: Operator,
+    /// The operator's requests.
+    pub requests: OperatorRequests,
 }
 
-/// What the drives are told.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Order {
-    /// Effective speeds.
-    pub speeds: MotorSpeeds,
-    /// Whether the drives shall be on.
-    pub enable: bool,
-    /// Whether drives that can be told to do so may forget a fault: only after an operator has armed.
-    pub fault_reset: bool,
-}
-
-impl Order {
-    /// Zero, and off.
-    pub const OFF: Self = Self {
-        speeds: MotorSpeeds::STOP,
-        enable: false,
-        fault_reset: false,
-    };
-}
-
-/// Where the state machine is.
+/// State of the state machine.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
-pub enum State {
-    /// Off since the start; waits for an operator.
+pub enum SafetyState {
+    /// Disabled since the start; waits for an operator.
     Disarmed,
-    /// Sends zeros, off, until the drives say that they stand and are off.
+    /// Sends zero speed, disabled, until the drives report standstill and disabled.
     Zeroing,
-    /// Sends zeros, on, until the drives say that they are on.
+    /// Sends zero speed, enabled, until the drives report enabled.
     Enabling,
-    /// Passes commands on.
+    /// Passes the controller's commands on.
     Driving,
-    /// Leads the speeds to zero.
+    /// Ramps the speeds to zero.
     Stopping,
-    /// Off until an operator re-arms.
+    /// Disabled until an operator re-arms.
     Latched,
 }
 
-/// Why a state changed.
+/// Why the state changed.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum Reason {
-    /// An operator armed, or who acts as one.
+    /// An operator armed.
     #[error("armed")]
     Armed,
-    /// Zeros were sent for long enough and the drives stand, off.
+    /// Zero speed was sent for long enough, and the drives report standstill and disabled.
     #[error("the drives stand and are off")]
     Standing,
-    /// The drives say that they are on.
+    /// The drives report enabled.
     #[error("the drives are on")]
     Enabled,
     /// The ramp has ended.
     #[error("the ramp has ended")]
     RampEnded,
-    /// An operator wants it, or who acts as one: on the ramp or at once.
+    /// An operator requested it, on the ramp or at once.
     #[error("{0}")]
-    Asked(StopCause),
+    Requested(StopCause),
     /// The drives report an emergency stop.
     #[error("the drives report an emergency stop")]
     EmergencyStop,
     /// A drive reports a fault.
     #[error("a drive reports a fault")]
     DriveFault,
-    /// A drive is off by itself, or because of others.
+    /// A drive has been disabled by something else than this program.
     #[error("a drive is off that was told to be on")]
     DriveOff,
     /// The controller's command is too old.
@@ -299,11 +245,11 @@ pub enum Reason {
         /// For how long, s.
         time_s: f64,
     },
-    /// The bus carries nothing.
-    #[error("the bus is {state:?}")]
-    Bus {
+    /// The link carries no messages.
+    #[error("the link to the drives is {state:?}")]
+    Link {
         /// Its state.
-        state: BusState,
+        state: LinkState,
     },
     /// Nothing could be sent.
     #[error("nothing could be sent for {time_s:.3} s")]
@@ -314,12 +260,12 @@ pub enum Reason {
     /// The drives did not answer the handshake.
     #[error("the drives did not follow within {time_s:.2} s, they are {mode:?}")]
     Handshake {
-        /// For how long was waited, s.
+        /// How long the safety waited, s.
         time_s: f64,
-        /// What the drives said last.
+        /// What the drives reported last.
         mode: DriveMode,
     },
-    /// Time went back or is no number.
+    /// The time went back or is not finite.
     #[error("the time went from {before_s} s to {now_s} s")]
     Clock {
         /// Of the step before, s.
@@ -342,9 +288,9 @@ pub struct Transition {
     /// When, s.
     pub time_s: f64,
     /// From.
-    pub from: State,
+    pub from: SafetyState,
     /// To.
-    pub to: State,
+    pub to: SafetyState,
     /// Why.
     pub reason: Reason,
 }

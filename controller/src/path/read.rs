@@ -35,7 +35,14 @@ pub fn read_csv(reader: impl Read) -> Result<Route, PathError> {
         .trim(csv::Trim::All)
         .comment(Some(b'#'))
         .from_reader(reader);
-    let columns = Columns::of(table.headers().map_err(csv_error)?)?;
+    let header: csv::StringRecord = table
+        .headers()
+        .map_err(csv_error)?
+        .iter()
+        // Some programs begin a file with a byte order mark.
+        .map(|name| name.trim_start_matches('\u{feff}'))
+        .collect();
+    let columns = Columns::of(&header)?;
     let mut points = Vec::new();
     for record in table.records() {
         points.push(columns.point(&record.map_err(csv_error)?)?);
@@ -65,6 +72,12 @@ impl Columns {
             return Err(at_line_1(format!(
                 "column `{name}` is unknown, must be one of x_m, y_m, z_m, direction"
             )));
+        }
+        let twice = allowed
+            .iter()
+            .find(|name| headers.iter().filter(|header| header == *name).count() > 1);
+        if let Some(name) = twice {
+            return Err(at_line_1(format!("column `{name}` stands twice")));
         }
         let find = |name: &str| headers.iter().position(|header| header == name);
         let need =
@@ -122,7 +135,14 @@ pub fn read_gpx(mut reader: impl Read) -> Result<Route, PathError> {
     reader
         .read_to_string(&mut text)
         .map_err(|error| PathError::Read(error.to_string()))?;
-    let document = roxmltree::Document::parse(&text).map_err(|error| PathError::Gpx {
+    let text = text.trim_start_matches('\u{feff}');
+    if !text.trim_start().starts_with('<') {
+        return Err(PathError::Gpx {
+            line: 1,
+            what: "this is not XML; a CSV file must be named .csv".to_owned(),
+        });
+    }
+    let document = roxmltree::Document::parse(text).map_err(|error| PathError::Gpx {
         line: error.pos().row,
         what: error.to_string(),
     })?;
@@ -222,6 +242,17 @@ fn finite(text: &str) -> Option<f64> {
 fn csv_error(error: csv::Error) -> PathError {
     match error.kind() {
         csv::ErrorKind::Io(io) => PathError::Read(io.to_string()),
+        csv::ErrorKind::UnequalLengths {
+            pos,
+            expected_len,
+            len,
+        } => PathError::Csv {
+            line: pos.as_ref().map_or(0, csv::Position::line),
+            what: format!(
+                "{len} fields, but the header names {expected_len}; fields are separated by commas, so \
+                 write decimals with a point (12.5, not 12,5)"
+            ),
+        },
         _ => PathError::Csv {
             line: error.position().map_or(1, csv::Position::line),
             what: error.to_string(),

@@ -62,8 +62,8 @@ pub enum AttitudeColumns {
         /// Column of its w.
         w: String,
     },
-    /// No columns: the ground was level.
-    Level,
+    /// No columns: the ground was level. Braces, as a variant without them would take any key.
+    Level {},
 }
 
 /// Columns of the pose. Paper and REP-103 share the world's axes, so positions need no conversion.

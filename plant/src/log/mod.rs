@@ -1,11 +1,13 @@
 //! Logs of drives: tread speeds and attitude, and poses where there are any.
 
 mod columns;
+mod plausibility;
 mod read;
 #[cfg(test)]
 mod tests;
 
 pub use columns::{AttitudeColumns, ColumnMap, HeadingColumns, PoseColumns};
+pub use plausibility::Suspicion;
 
 use crate::frames::{Attitude, Pose};
 use crate::speeds::MeasuredTreadSpeeds;
@@ -133,7 +135,7 @@ pub enum LogError {
         rows: usize,
     },
     /// A value is out of its range.
-    #[error("row {row_number}: {reason}")]
+    #[error("row {row_number}: {reason}{}", likely_unit(.reason))]
     OutOfRange {
         /// Data row, counted from 1.
         row_number: usize,
@@ -151,7 +153,9 @@ pub enum LogError {
         before_s: f64,
     },
     /// A column is not there.
-    #[error("no column {column}; there are: {present}")]
+    #[error(
+        "no column {column}; there are: {present}. Where the log has other names, units or frames, --columns FILE says which"
+    )]
     NoColumn {
         /// Name looked for.
         column: String,
@@ -167,6 +171,25 @@ pub enum LogError {
         column: String,
         /// What stands there.
         found: String,
+    },
+    /// Two columns have the same name, so that it is not known which one is meant.
+    #[error("two columns are named {column}: rename or remove one")]
+    DuplicateColumn {
+        /// Their name.
+        column: String,
+    },
+    /// There is no header.
+    #[error("the file is empty: its first line must name the columns")]
+    Empty,
+    /// A row has more or fewer fields than the header.
+    #[error("line {line}: {found} fields, but the header names {expected}{}", decimal_comma(*.found, *.expected))]
+    FieldCount {
+        /// Line of the file, counted from 1.
+        line: u64,
+        /// Fields in this row.
+        found: u64,
+        /// Fields in the header.
+        expected: u64,
     },
     /// A pose has some of its columns filled and others empty.
     #[error("row {row_number}: the pose is not complete")]
@@ -186,4 +209,23 @@ pub enum LogError {
         /// What the reader found.
         reason: String,
     },
+}
+
+/// Returns what may be wrong with the unit of a value that is far out of its range.
+fn likely_unit(reason: &RangeError) -> &'static str {
+    match reason.key {
+        "roll_rad" | "pitch_rad" => "; is the column in degrees? It must be in radians",
+        "v_left_m_s" | "v_right_m_s" => {
+            "; is the column in rpm or rad/s? It must be in m/s, tread_speed_scale of --columns converts"
+        }
+        _ => "",
+    }
+}
+
+fn decimal_comma(found: u64, expected: u64) -> &'static str {
+    if found > expected {
+        "; fields are separated by commas, so write decimals with a point (12.5, not 12,5)"
+    } else {
+        ""
+    }
 }

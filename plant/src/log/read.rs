@@ -18,7 +18,8 @@ impl DriveLog {
     /// Names the row and column at fault.
     pub fn read(source: impl Read, map: &ColumnMap) -> Result<Self, LogError> {
         let mut reader = ReaderBuilder::new().trim(Trim::All).from_reader(source);
-        let header = reader.headers().map_err(csv_error)?.clone();
+        let header = without_byte_order_mark(reader.headers().map_err(csv_error)?);
+        check_header(&header)?;
         let columns = Columns::find(&header, map)?;
         let mut rows: Vec<LogRow> = Vec::new();
         let mut newest: Option<Pose> = None;
@@ -41,8 +42,41 @@ impl DriveLog {
 }
 
 fn csv_error(error: csv::Error) -> LogError {
-    LogError::Csv {
-        reason: error.to_string(),
+    match error.kind() {
+        csv::ErrorKind::UnequalLengths {
+            pos,
+            expected_len,
+            len,
+        } => LogError::FieldCount {
+            line: pos.as_ref().map_or(0, csv::Position::line),
+            found: *len,
+            expected: *expected_len,
+        },
+        _ => LogError::Csv {
+            reason: error.to_string(),
+        },
+    }
+}
+
+/// Returns the header without the mark that some programs begin a file with.
+fn without_byte_order_mark(header: &StringRecord) -> StringRecord {
+    header
+        .iter()
+        .map(|name| name.trim_start_matches('\u{feff}'))
+        .collect()
+}
+
+fn check_header(header: &StringRecord) -> Result<(), LogError> {
+    if header.iter().all(str::is_empty) {
+        return Err(LogError::Empty);
+    }
+    let mut names: Vec<&str> = header.iter().filter(|name| !name.is_empty()).collect();
+    names.sort_unstable();
+    match names.windows(2).find(|pair| pair[0] == pair[1]) {
+        Some(pair) => Err(LogError::DuplicateColumn {
+            column: pair[0].to_owned(),
+        }),
+        None => Ok(()),
     }
 }
 
@@ -82,7 +116,7 @@ impl Columns {
             AttitudeColumns::Quaternion { x, y, z, w } => {
                 AttitudeSource::Quaternion([find(x)?, find(y)?, find(z)?, find(w)?])
             }
-            AttitudeColumns::Level => AttitudeSource::Level,
+            AttitudeColumns::Level {} => AttitudeSource::Level,
         };
         // In the contract a log without poses is still a log.
         let pose = map.pose.as_ref().filter(|pose| {

@@ -4,9 +4,9 @@
 use super::BUS;
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use rustix::termios::{OptionalActions, tcgetattr, tcsetattr};
-use sidehill_bridge::bus::{Heard, Listener, Sender};
 use sidehill_bridge::can::frame::{Frame, FrameId};
-use sidehill_bridge::clock::Epoch;
+use sidehill_bridge::can::{BusEvent, BusMonitor, Sender};
+use sidehill_bridge::drives::Epoch;
 use std::collections::BTreeSet;
 use std::fs::File;
 use std::io::{Read, Write};
@@ -18,7 +18,7 @@ pub struct Adapter {
     pub interface: String,
     terminal: File,
     attach: Child,
-    _listener: Listener,
+    _listener: BusMonitor,
 }
 
 impl Adapter {
@@ -67,8 +67,8 @@ impl Adapter {
         // And from the bus to the adapter.
         let mut output = terminal.try_clone().unwrap();
         let wanted = super::layout().from_vehicle().map(|message| message.id());
-        let listener = Listener::start(BUS, &wanted, epoch, move |heard| {
-            if let Heard::Frame { frame, .. } = heard {
+        let listener = BusMonitor::start(BUS, &wanted, epoch, move |heard| {
+            if let BusEvent::Frame { frame, .. } = heard {
                 let _ = output.write_all(text(&frame).as_bytes());
             }
         })

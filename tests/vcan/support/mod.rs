@@ -3,11 +3,11 @@
 pub use rustix::process::Signal;
 use serde_json::Value;
 use sidehill::config::{ConfigFile, load_layout};
-use sidehill_bridge::bus::{Heard, Listener};
 use sidehill_bridge::can::frame::{Frame, FrameId};
 use sidehill_bridge::can::layout::Layout;
 use sidehill_bridge::can::message::{DriveRole, Quantity};
-use sidehill_bridge::clock::Epoch;
+use sidehill_bridge::can::{BusEvent, BusMonitor};
+use sidehill_bridge::drives::Epoch;
 use sidehill_controller::course::FigureEight;
 use sidehill_controller::path::{Point2, Window};
 use std::fs::File;
@@ -292,7 +292,7 @@ pub struct Seen {
 /// A third party that watches the commands.
 pub struct Observer {
     seen: Arc<Mutex<Vec<Seen>>>,
-    _listener: Listener,
+    _listener: BusMonitor,
 }
 
 impl Observer {
@@ -317,8 +317,8 @@ impl Observer {
         let seen = Arc::new(Mutex::new(Vec::new()));
         let inside = Arc::clone(&seen);
         let epoch = Epoch::now();
-        let listener = Listener::start(BUS, wanted, epoch, move |heard| {
-            if let Heard::Frame { time_s, frame } = heard
+        let listener = BusMonitor::start(BUS, wanted, epoch, move |heard| {
+            if let BusEvent::Frame { time_s, frame } = heard
                 && let Some((enable, zero)) = read(&frame)
             {
                 inside.lock().unwrap().push(Seen {

@@ -1,22 +1,24 @@
 //! A virtual drive of CiA 402: a node with its objects, its states, its heartbeat and its PDOs.
 
-use super::Cia402;
-use super::node::{Emergency, NMT, NmtCommand, NmtState, NodeId, SYNC};
+use super::node::{Emergency, NMT, NmtCommand, NmtState, SYNC};
+use super::node_id::NodeId;
 use super::objects::{
     ABORT_OPTION, CONSUMER, ERROR_REGISTER, MODE, Objects, PRODUCER, QUICK_STOP_OPTION, STATUSWORD,
     TPDO_TIMER, TPDO_TYPE,
 };
 use super::power::PowerState;
+use super::settings::Cia402;
 use crate::can::frame::{Frame, FrameId};
-use crate::can::layout::{DriveMode, Layout};
+use crate::can::layout::Layout;
 use crate::can::message::{FrameFault, Quantity};
-use crate::motors::MeasuredMotorSpeeds;
+use crate::drives::DriveMode;
+use crate::drives::MeasuredMotorSpeeds;
 use std::collections::VecDeque;
 use std::sync::Arc;
 
 /// Speed below which a motor stands, m/s.
 const STANDSTILL_M_S: f64 = 1e-3;
-/// Error code of a master that has fallen silent, and its bits of the error register.
+/// Error code of a lost heartbeat, and its bits of the error register.
 const HEARTBEAT_LOST: Emergency = Emergency {
     code: 0x8130,
     register: 0x11,
@@ -46,8 +48,8 @@ impl VirtualDrives {
         }
     }
 
-    /// Returns the identifiers that the drives listen to.
-    pub fn wanted(&self) -> Vec<FrameId> {
+    /// Returns the identifiers of the frames that the drives receive.
+    pub fn received_ids(&self) -> Vec<FrameId> {
         let mut ids = vec![NMT, SYNC, self.master.heartbeat()];
         ids.extend(self.layout.command.iter().map(|message| message.id()));
         ids.extend(self.drives.iter().map(|drive| drive.node.request()));
@@ -63,7 +65,7 @@ impl VirtualDrives {
     /// Takes a frame that arrived at `time_s`; frames of other identifiers have no effect.
     ///
     /// # Errors
-    /// Why the frame is not believed. It then changes nothing.
+    /// Which check the frame failed. It then changes nothing.
     pub fn take(&mut self, frame: &Frame, time_s: f64) -> Result<(), FrameFault> {
         for (i, drive) in self.drives.iter_mut().enumerate() {
             if frame.id == drive.node.request() && frame.length == 8 {
@@ -73,7 +75,7 @@ impl VirtualDrives {
             } else if frame.id == SYNC {
                 drive.syncs += 1;
             } else if frame.id == drive.master().heartbeat() {
-                drive.heard_s = Some(time_s);
+                drive.heartbeat_received_s = Some(time_s);
             }
             let message = &self.layout.command[i];
             if frame.id == message.id()
@@ -132,8 +134,8 @@ struct Drive {
     objects: Objects,
     controlword: u16,
     target_m_s: f64,
-    /// When the master was heard last, s; none before the first time.
-    heard_s: Option<f64>,
+    /// Instant of the master's last heartbeat, s; none before the first.
+    heartbeat_received_s: Option<f64>,
     silent: bool,
     heartbeat_s: f64,
     pdo_s: f64,
@@ -150,7 +152,7 @@ impl Drive {
             objects: Objects::new(),
             controlword: 0,
             target_m_s: 0.0,
-            heard_s: None,
+            heartbeat_received_s: None,
             silent: false,
             heartbeat_s: f64::NEG_INFINITY,
             pdo_s: f64::NEG_INFINITY,
@@ -158,7 +160,7 @@ impl Drive {
         }
     }
 
-    /// Returns the node whose silence is noticed, or this one where it is none.
+    /// Returns the node whose heartbeat is monitored, or this one if there is none.
     fn master(&self) -> NodeId {
         let number = (self.objects.get(CONSUMER) >> 16) as u8;
         NodeId::new(number).unwrap_or(self.node)
@@ -218,7 +220,7 @@ impl Drive {
             self.heartbeat_s = (self.heartbeat_s + period_s).max(time_s);
             outbox.push_back(self.nmt.heartbeat(self.node));
         }
-        self.notice_silence(time_s, outbox);
+        self.detect_silence(time_s, outbox);
         if self.state == PowerState::OperationEnabled
             && (self.silent || self.nmt != NmtState::Operational)
         {
@@ -255,10 +257,12 @@ impl Drive {
         }
     }
 
-    /// Notices a master that was heard and is no more.
-    fn notice_silence(&mut self, time_s: f64, outbox: &mut VecDeque<Frame>) {
+    /// Detects the loss of the master's heartbeat.
+    fn detect_silence(&mut self, time_s: f64, outbox: &mut VecDeque<Frame>) {
         let limit_s = milliseconds(self.objects.get(CONSUMER) & 0xFFFF);
-        let silent_s = self.heard_s.map_or(0.0, |heard_s| time_s - heard_s);
+        let silent_s = self
+            .heartbeat_received_s
+            .map_or(0.0, |heartbeat_received_s| time_s - heartbeat_received_s);
         let silent = limit_s > 0.0 && silent_s > limit_s;
         if silent == self.silent {
             return;

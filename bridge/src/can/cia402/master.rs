@@ -1,11 +1,14 @@
-use super::Cia402;
-use super::node::{Emergency, NmtCommand, NmtState, NodeId, NodeReading, SYNC};
+use super::node::{Emergency, NmtCommand, NmtState, NodeReading, SYNC};
+use super::node_id::NodeId;
 use super::power::{Controlword, PowerState};
 use super::sdo::SetupFault;
-use crate::can::controller_side::{MotorOrder, MotorReport, Readings};
+use super::settings::Cia402;
+use crate::can::controller_side::{MotorReport, Readings};
 use crate::can::frame::Frame;
-use crate::can::layout::{DriveMode, Layout};
+use crate::can::layout::Layout;
 use crate::can::message::{FrameFault, Quantity};
+use crate::drives::DriveMode;
+use crate::drives::MotorCommand;
 use sidehill_plant::sample::Stamped;
 use std::fmt;
 use std::sync::Arc;
@@ -13,18 +16,18 @@ use std::sync::Arc;
 /// Pause after a setup that failed, s.
 const RETRY_S: f64 = 1.0;
 
-/// Something worth telling about a drive.
+/// News of a drive.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum DriveEvent {
     /// The node has started.
     Started,
-    /// Its objects are written, and it exchanges PDOs.
+    /// Its objects are written, and its node is operational.
     Ready,
-    /// Its objects could not be written; this is tried again.
+    /// Its objects could not be written. The setup is retried.
     SetupFailed(SetupFault),
     /// It has sent an emergency.
     Emergency(Emergency),
-    /// It was not off in time and has been stopped as a node.
+    /// It was not off in time, and its node has been stopped.
     NodeStopped,
 }
 
@@ -43,8 +46,8 @@ impl fmt::Display for DriveEvent {
     }
 }
 
-/// Sets both drives up, leads them through their states and tells them their speeds. Without a
-/// socket and a clock; what it knows is a cycle old at most.
+/// Sets both drives up, takes them through their states and commands their speeds. It has no socket and
+/// no clock.
 pub struct Master {
     layout: Arc<Layout>,
     cia402: Cia402,
@@ -80,39 +83,39 @@ impl Master {
     /// Passes the frames of one cycle to `send` until one fails, those that move first.
     ///
     /// `fault_reset` says that faults of the drives may be reset, each once until it is false again.
-    /// `tell` takes a node's number and what is worth telling about it.
+    /// `report` takes the number of a node and its news.
     ///
     /// # Errors
     /// A speed that does not fit its signal, or what `send` returned.
     pub fn write<E: From<FrameFault>>(
         &mut self,
         now_s: f64,
-        order: &MotorOrder,
+        command: &MotorCommand,
         fault_reset: bool,
         readings: &Readings,
-        mut tell: impl FnMut(u8, DriveEvent),
+        mut report: impl FnMut(u8, DriveEvent),
         mut send: impl FnMut(&Frame) -> Result<(), E>,
     ) -> Result<(), E> {
         for (i, drive) in self.drives.iter_mut().enumerate() {
             let node = drive.node.get();
             drive.notice(now_s, &readings.nodes[i], fault_reset, |event| {
-                tell(node, event)
+                report(node, event)
             });
-            let report = readings.drives[i].map(|report| report.time_s);
+            let feedback_s = readings.drives[i].map(|report| report.time_s);
             drive.follow(
                 now_s,
-                order.enable,
+                command.enable,
                 &readings.nodes[i],
-                report,
+                feedback_s,
                 &self.cia402,
             );
             let power = readings.nodes[i].power;
-            let word = drive.controlword(now_s, order.enable, fault_reset, power, &self.cia402);
+            let word = drive.controlword(now_s, command.enable, fault_reset, power, &self.cia402);
             let moves = word == Controlword::ENABLE_OPERATION
                 && power == Some(PowerState::OperationEnabled);
             let value_of = |quantity| match quantity {
                 Quantity::Controlword => f64::from(word),
-                Quantity::Command(role) if moves => role.speed_m_s(&order.motors),
+                Quantity::Command(role) if moves => role.speed_m_s(&command.speeds),
                 Quantity::Command(_) => 0.0,
                 _ => f64::NAN,
             };
@@ -129,8 +132,15 @@ impl Master {
         send(&NmtState::Operational.heartbeat(self.cia402.own))?;
         for (i, drive) in self.drives.iter_mut().enumerate() {
             let node = drive.node.get();
-            let tell = |event| tell(node, event);
-            drive.manage(now_s, i, &readings.nodes[i], &self.cia402, tell, &mut send)?;
+            let report = |event| report(node, event);
+            drive.manage(
+                now_s,
+                i,
+                &readings.nodes[i],
+                &self.cia402,
+                report,
+                &mut send,
+            )?;
         }
         Ok(())
     }
@@ -144,7 +154,7 @@ enum Stage {
     /// An object is due, or was written at this time after so many answers.
     Writing {
         object: usize,
-        asked: Option<(f64, u32)>,
+        requested: Option<(f64, u32)>,
     },
     /// It exchanges PDOs.
     Running,
@@ -154,7 +164,7 @@ enum Stage {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Reset {
     Left,
-    Told,
+    Commanded,
     Used,
 }
 
@@ -166,9 +176,9 @@ struct Drive {
     emergencies: u32,
     failed: Option<SetupFault>,
     off_since_s: Option<f64>,
-    /// Told to be on, and not seen off since.
+    /// Commanded to be on, and not reported off since.
     on: bool,
-    stop_told: bool,
+    stop_reported: bool,
     reset: Reset,
     arming: bool,
 }
@@ -185,25 +195,25 @@ impl Drive {
             failed: None,
             off_since_s: None,
             on: false,
-            stop_told: false,
+            stop_reported: false,
             reset: Reset::Left,
             arming: false,
         }
     }
 
-    /// Begins the setup of a drive that has started or, where an operator arms, of one that does not
-    /// exchange PDOs.
+    /// Begins the setup of a drive that has started or, when an operator arms, of one whose node is not
+    /// operational.
     fn notice(
         &mut self,
         now_s: f64,
         node: &NodeReading,
         fault_reset: bool,
-        mut tell: impl FnMut(DriveEvent),
+        mut report: impl FnMut(DriveEvent),
     ) {
         if node.emergencies != self.emergencies {
             self.emergencies = node.emergencies;
             if let Some(emergency) = node.emergency {
-                tell(DriveEvent::Emergency(emergency));
+                report(DriveEvent::Emergency(emergency));
             }
         }
         let armed = fault_reset && !self.arming;
@@ -215,7 +225,7 @@ impl Drive {
         let started = node.boots != self.boots;
         if started {
             self.boots = node.boots;
-            tell(DriveEvent::Started);
+            report(DriveEvent::Started);
         }
         if started || (armed && idle) {
             self.stage = Stage::Waiting { until_s: now_s };
@@ -223,7 +233,7 @@ impl Drive {
         }
     }
 
-    /// Keeps in mind whether the drive may be on, and since when it shall be off.
+    /// Tracks whether the drive may be on, and since when it is commanded off.
     fn follow(
         &mut self,
         now_s: f64,
@@ -235,7 +245,7 @@ impl Drive {
         if enable {
             self.off_since_s = None;
             self.on = true;
-            self.stop_told = false;
+            self.stop_reported = false;
             return;
         }
         self.off_since_s.get_or_insert(now_s);
@@ -262,17 +272,17 @@ impl Drive {
         let fault = power == Some(PowerState::Fault);
         self.reset = match self.reset {
             _ if !fault_reset => Reset::Left,
-            Reset::Left | Reset::Told if fault => Reset::Told,
-            Reset::Told => Reset::Used,
+            Reset::Left | Reset::Commanded if fault => Reset::Commanded,
+            Reset::Commanded => Reset::Used,
             reset => reset,
         };
         let off_s = self.off_since_s.map_or(0.0, |since_s| now_s - since_s);
-        if self.reset == Reset::Told {
+        if self.reset == Reset::Commanded {
             Controlword::FAULT_RESET
         } else if off_s <= cia402.quick_stop_time_s {
             Controlword::QUICK_STOP
         } else {
-            // Leads out of a quick stop that the drive would hold.
+            // Leaves a quick stop that the drive would hold.
             Controlword::DISABLE_VOLTAGE
         }
     }
@@ -284,7 +294,7 @@ impl Drive {
         drive: usize,
         node: &NodeReading,
         cia402: &Cia402,
-        mut tell: impl FnMut(DriveEvent),
+        mut report: impl FnMut(DriveEvent),
         send: &mut impl FnMut(&Frame) -> Result<(), E>,
     ) -> Result<(), E> {
         match self.stage {
@@ -293,19 +303,21 @@ impl Drive {
                     send(&NmtCommand::EnterPreOperational.frame(self.node))?;
                     self.stage = Stage::Writing {
                         object: 0,
-                        asked: None,
+                        requested: None,
                     };
                 }
             }
-            Stage::Writing { object, asked } => {
+            Stage::Writing { object, requested } => {
                 let setup = &cia402.setup[drive];
                 let mut next = object;
-                if let (Some((asked_s, answers)), Some((value, _))) = (asked, setup.get(object)) {
+                if let (Some((requested_s, answers)), Some((value, _))) =
+                    (requested, setup.get(object))
+                {
                     let (index, sub) = (value.object, value.sub);
                     let answer = node.answer.filter(|answer| {
                         node.answers != answers && (answer.object, answer.sub) == (index, sub)
                     });
-                    let late = !(..=cia402.answer_time_s).contains(&(now_s - asked_s));
+                    let late = !(..=cia402.answer_time_s).contains(&(now_s - requested_s));
                     let fault = match answer.map(|answer| answer.result) {
                         Some(Ok(())) => None,
                         Some(Err(code)) => Some(SetupFault::Refused {
@@ -318,7 +330,7 @@ impl Drive {
                     };
                     if let Some(fault) = fault {
                         if self.failed.replace(fault) != Some(fault) {
-                            tell(DriveEvent::SetupFailed(fault));
+                            report(DriveEvent::SetupFailed(fault));
                         }
                         self.stage = Stage::Waiting {
                             until_s: now_s + RETRY_S,
@@ -331,13 +343,13 @@ impl Drive {
                     send(frame)?;
                     self.stage = Stage::Writing {
                         object: next,
-                        asked: Some((now_s, node.answers)),
+                        requested: Some((now_s, node.answers)),
                     };
                 } else {
                     send(&NmtCommand::Start.frame(self.node))?;
                     self.stage = Stage::Running;
                     self.failed = None;
-                    tell(DriveEvent::Ready);
+                    report(DriveEvent::Ready);
                 }
             }
             Stage::Running => {
@@ -345,9 +357,9 @@ impl Drive {
                 let stopped = node.nmt.is_some_and(|nmt| nmt.value == NmtState::Stopped);
                 if self.on && !stopped && off_s > 2.0 * cia402.quick_stop_time_s {
                     send(&NmtCommand::Stop.frame(self.node))?;
-                    if !self.stop_told {
-                        self.stop_told = true;
-                        tell(DriveEvent::NodeStopped);
+                    if !self.stop_reported {
+                        self.stop_reported = true;
+                        report(DriveEvent::NodeStopped);
                     }
                 }
             }

@@ -1,61 +1,14 @@
+use super::node_id::NodeId;
 use super::power::PowerState;
 use super::sdo::{self, SdoAnswer};
 use crate::can::frame::{Frame, FrameId};
 use crate::can::message::{FrameFault, Quantity};
 use sidehill_plant::sample::Stamped;
 
-/// Function codes of the predefined connection set: what is added to a node's number.
-mod base {
-    pub(super) const EMERGENCY: u16 = 0x080;
-    pub(super) const ANSWER: u16 = 0x580;
-    pub(super) const REQUEST: u16 = 0x600;
-    pub(super) const HEARTBEAT: u16 = 0x700;
-}
-
 /// Identifier of the network management.
 pub const NMT: FrameId = FrameId::Standard(0x000);
 /// Identifier of SYNC.
 pub const SYNC: FrameId = FrameId::Standard(0x080);
-
-/// Number of a node, from 1 to 127.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct NodeId(u8);
-
-impl NodeId {
-    /// Returns a number, `None` where CANopen does not have it.
-    pub fn new(number: u8) -> Option<Self> {
-        (1..=127).contains(&number).then_some(Self(number))
-    }
-
-    /// Returns the number.
-    pub fn get(self) -> u8 {
-        self.0
-    }
-
-    /// Returns the identifier of the node's heartbeat.
-    pub fn heartbeat(self) -> FrameId {
-        self.of(base::HEARTBEAT)
-    }
-
-    /// Returns the identifier by which the node's objects are written.
-    pub fn request(self) -> FrameId {
-        self.of(base::REQUEST)
-    }
-
-    /// Returns the identifier of the node's answers to that.
-    pub fn answer(self) -> FrameId {
-        self.of(base::ANSWER)
-    }
-
-    /// Returns the identifier of the node's emergencies.
-    pub fn emergency(self) -> FrameId {
-        self.of(base::EMERGENCY)
-    }
-
-    fn of(self, base: u16) -> FrameId {
-        FrameId::Standard(base + u16::from(self.0))
-    }
-}
 
 /// What the network management asks of a node.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -75,12 +28,12 @@ impl NmtCommand {
         Frame {
             id: NMT,
             length: 2,
-            data: [self as u8, node.0, 0, 0, 0, 0, 0, 0],
+            data: [self as u8, node.get(), 0, 0, 0, 0, 0, 0],
         }
     }
 }
 
-/// State of a node as its heartbeat tells it.
+/// NMT state of a node, as its heartbeat has it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum NmtState {
     /// It has started this moment.
@@ -94,7 +47,7 @@ pub enum NmtState {
 }
 
 impl NmtState {
-    /// Returns the byte by which a heartbeat tells the state.
+    /// Returns the state's byte in a heartbeat.
     pub fn byte(self) -> u8 {
         match self {
             Self::BootUp => 0x00,
@@ -125,10 +78,10 @@ impl NmtState {
     }
 }
 
-/// A drive's own word on its fault.
+/// An emergency message of a drive.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Emergency {
-    /// Error code; 0 where the error has gone.
+    /// Error code; 0 for an error that is over.
     pub code: u16,
     /// Error register.
     pub register: u8,
@@ -146,7 +99,7 @@ impl Emergency {
     }
 }
 
-/// The newest of what a node has said apart from its PDO. What comes at any time is counted, so that
+/// The newest messages of a node other than its PDO. Those that come at any time are counted, so that
 /// none is taken twice.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct NodeReading {
@@ -170,7 +123,7 @@ impl NodeReading {
     /// Takes a frame of the node's that is no PDO.
     ///
     /// # Errors
-    /// Why it is not believed. It then changes nothing.
+    /// Which check it failed. It then changes nothing.
     pub(in crate::can) fn take(
         &mut self,
         node: NodeId,
@@ -203,7 +156,7 @@ impl NodeReading {
             });
         } else if frame.id == node.answer() {
             length(8)?;
-            // Answers to somebody else's uploads are none of ours.
+            // Answers to the uploads of another client are ignored.
             if let Some(answer) = sdo::answer(frame) {
                 self.answers = self.answers.wrapping_add(1);
                 self.answer = Some(answer);

@@ -1,7 +1,7 @@
-//! The objects of a virtual drive, and its answers to who reads and writes them.
+//! The object dictionary of a virtual drive, and its answers to SDO uploads and downloads.
 
-use super::config::ObjectType;
-use super::node::NodeId;
+use super::node_id::NodeId;
+use crate::can::config::ObjectType;
 use crate::can::frame::Frame;
 use std::collections::BTreeMap;
 
@@ -92,7 +92,7 @@ impl Objects {
         self.0.get(&address).copied().unwrap_or(0)
     }
 
-    /// Keeps what the drive itself says.
+    /// Sets an object that the drive itself changes.
     pub(super) fn set(&mut self, address: Address, bits: u32) {
         self.0.insert(address, bits);
     }

@@ -1,11 +1,11 @@
-use crate::can::layout::DriveMode;
+use crate::drives::DriveMode;
 
-/// State of a drive's power as its statusword tells it.
+/// State of a drive by its statusword: the state machine of CiA 402.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum PowerState {
     /// It starts.
     NotReadyToSwitchOn,
-    /// Off, and locked until it is told to get ready.
+    /// Off, until it is commanded to shut down (get ready).
     SwitchOnDisabled,
     /// Off, and ready.
     ReadyToSwitchOn,
@@ -22,9 +22,9 @@ pub enum PowerState {
 }
 
 impl PowerState {
-    /// Returns the state that a statusword tells, `None` for a word that CiA 402 does not have.
+    /// Returns the state of a statusword; none for a word that CiA 402 does not define.
     pub fn of(statusword: u16) -> Option<Self> {
-        // Bit 5, quick stop, tells only some of the states apart.
+        // Bit 5, quick stop, is significant in some of the states only.
         match (statusword & 0x4F, statusword & 0x6F) {
             (0x00, _) => Some(Self::NotReadyToSwitchOn),
             (0x40, _) => Some(Self::SwitchOnDisabled),
@@ -80,7 +80,7 @@ impl PowerState {
         }
     }
 
-    /// Returns what the state means to the safety. A quick stop that nobody here asked for is an
+    /// Returns what the state means to the safety. A quick stop that this program did not command is an
     /// emergency stop.
     pub fn mode(self) -> DriveMode {
         match self {

@@ -1,5 +1,5 @@
-use super::config::{ObjectType, ObjectValue};
-use super::node::NodeId;
+use super::node_id::NodeId;
+use crate::can::config::{ObjectType, ObjectValue};
 use crate::can::frame::Frame;
 
 /// A node's answer to an object that was written.

@@ -1,4 +1,4 @@
-use super::LayoutError;
+use super::error::LayoutError;
 use crate::can::config::{Checksum, ChecksumAlgorithm, Protection, ScaledSignal};
 use crate::can::database::{Database, DatabaseFault, Message, Signal};
 use crate::can::message::{ChecksumCodec, Field, MessageCodec, Quantity};

@@ -1,4 +1,4 @@
-//! Whatever is seen.
+//! Whatever is inputs.
 
 use super::*;
 use proptest::prelude::*;
@@ -12,7 +12,7 @@ fn any_number() -> impl Strategy<Value = f64> {
     ]
 }
 
-fn any_observation() -> impl Strategy<Value = Observation> {
+fn any_observation() -> impl Strategy<Value = SafetyInputs> {
     let mode = prop_oneof![
         6 => Just(DriveMode::Enabled),
         6 => Just(DriveMode::Disabled),
@@ -20,16 +20,16 @@ fn any_observation() -> impl Strategy<Value = Observation> {
         1 => Just(DriveMode::Fault),
     ];
     let bus = prop_oneof![
-        8 => Just(BusState::Active),
-        1 => Just(BusState::Passive),
-        1 => Just(BusState::BusOff),
+        8 => Just(LinkState::Active),
+        1 => Just(LinkState::Passive),
+        1 => Just(LinkState::BusOff),
     ];
     let operator = (
         any::<bool>(),
         prop::bool::weighted(0.05),
         prop::bool::weighted(0.05),
     )
-        .prop_map(|(arm, stop, halt)| Operator {
+        .prop_map(|(arm, stop, halt)| OperatorRequests {
             arm,
             stop: stop.then_some(StopCause::Operator),
             halt: halt.then_some(StopCause::ProgramEnds),
@@ -45,12 +45,12 @@ fn any_observation() -> impl Strategy<Value = Observation> {
         .prop_map(
             |(dt, (traction, steer, age), (a, b, old, mode), bus, unsent, operator)| {
                 // Times are made absolute by the test.
-                Observation {
+                SafetyInputs {
                     time_s: dt,
-                    intent: Some(Intent {
+                    controller: Some(ControllerOutput {
                         time_s: age,
                         command: speeds(traction, steer),
-                        pilot: PilotState::Driving,
+                        state: ControllerState::Driving,
                     }),
                     feedback: Some(Stamped {
                         time_s: old,
@@ -59,9 +59,9 @@ fn any_observation() -> impl Strategy<Value = Observation> {
                             mode,
                         },
                     }),
-                    bus,
+                    link: bus,
                     unsent_since_s: unsent,
-                    operator,
+                    requests: operator,
                 }
             },
         )
@@ -75,37 +75,37 @@ proptest! {
     #[test]
     fn whatever_is_seen_the_order_is_safe(observations in prop::collection::vec(any_observation(), 1..200)) {
         let mut safety = Safety::new(SafetyConfig::default()).unwrap();
-        let (mut now_s, mut before, mut armed_before) = (0.0, Order::OFF, true);
-        for mut seen in observations {
-            let dt = seen.time_s;
+        let (mut now_s, mut before, mut armed_before) = (0.0, DriveCommand::OFF, true);
+        for mut inputs in observations {
+            let dt = inputs.time_s;
             let time_s = now_s + dt;
-            seen.time_s = time_s;
-            if let Some(intent) = &mut seen.intent { intent.time_s = time_s - intent.time_s; }
-            if let Some(feedback) = &mut seen.feedback { feedback.time_s = time_s - feedback.time_s; }
-            if let Some(since) = &mut seen.unsent_since_s { *since = time_s - *since; }
+            inputs.time_s = time_s;
+            if let Some(output) = &mut inputs.controller { output.time_s = time_s - output.time_s; }
+            if let Some(feedback) = &mut inputs.feedback { feedback.time_s = time_s - feedback.time_s; }
+            if let Some(since) = &mut inputs.unsent_since_s { *since = time_s - *since; }
             let from = safety.state();
-            let (order, event) = safety.step(&seen);
+            let (order, event) = safety.step(&inputs);
             let state = safety.state();
             prop_assert_eq!(event.is_some(), state != from);
             prop_assert!(order.speeds.is_finite());
             prop_assert!(order.speeds.traction_m_s.abs() <= 1.0 && order.speeds.steer_m_s.abs() <= 1.0);
-            if !matches!(state, State::Driving | State::Stopping) {
+            if !matches!(state, SafetyState::Driving | SafetyState::Stopping) {
                 prop_assert_eq!(order.speeds, MotorSpeeds::STOP);
             }
-            prop_assert_eq!(order.enable, matches!(state, State::Enabling | State::Driving | State::Stopping));
-            prop_assert_eq!(order.fault_reset, state == State::Zeroing);
-            if state == State::Stopping {
+            prop_assert_eq!(order.enable, matches!(state, SafetyState::Enabling | SafetyState::Driving | SafetyState::Stopping));
+            prop_assert_eq!(order.fault_reset, state == SafetyState::Zeroing);
+            if state == SafetyState::Stopping {
                 let elapsed = if dt >= 0.0 { dt } else { 0.0 };
                 let bound = (before.speeds.traction_m_s.abs() - 2.0 * elapsed).max(0.0);
                 prop_assert!(order.speeds.traction_m_s.abs() <= bound + 1e-9);
             }
-            if matches!(from, State::Latched | State::Disarmed) && state != from {
-                prop_assert!(state == State::Zeroing && seen.operator.arm && !armed_before);
+            if matches!(from, SafetyState::Latched | SafetyState::Disarmed) && state != from {
+                prop_assert!(state == SafetyState::Zeroing && inputs.requests.arm && !armed_before);
             }
-            if seen.operator.halt.is_some() || seen.feedback.is_some_and(|f| f.value.mode == DriveMode::EmergencyStop) {
+            if inputs.requests.halt.is_some() || inputs.feedback.is_some_and(|f| f.value.mode == DriveMode::EmergencyStop) {
                 prop_assert_eq!(order.speeds, MotorSpeeds::STOP);
             }
-            armed_before = seen.operator.arm;
+            armed_before = inputs.requests.arm;
             before = order;
             if time_s.is_finite() { now_s = time_s; }
         }

@@ -1,9 +1,10 @@
 use super::*;
 use crate::can::cia402::Master;
 use crate::can::config::CanConfig;
-use crate::can::controller_side::{MotorOrder, VehicleReader};
+use crate::can::controller_side::VehicleReader;
 use crate::can::database::Database;
 use crate::can::layout::Profile;
+use crate::drives::MotorCommand;
 use proptest::prelude::*;
 
 const DBC: &str = include_str!("../../../../../config/bridge/cia402.dbc");
@@ -46,8 +47,8 @@ impl Bench {
 
     /// A cycle of the master, then the drives until the next.
     fn cycle(&mut self, enable: bool, traction_m_s: f64) {
-        let order = MotorOrder {
-            motors: MeasuredMotorSpeeds {
+        let order = MotorCommand {
+            speeds: MeasuredMotorSpeeds {
                 traction_m_s,
                 steer_m_s: 0.0,
             },
@@ -300,7 +301,7 @@ proptest! {
         frames in prop::collection::vec((0..8usize, 0..=8u8, any::<[u8; 8]>()), 1..200)
     ) {
         let mut bench = Bench::driving();
-        let ids = bench.drives.wanted();
+        let ids = bench.drives.received_ids();
         for (id, length, data) in frames {
             let id = ids[id % ids.len()];
             let frame = Frame::new(id, &data[..usize::from(length)]).unwrap();

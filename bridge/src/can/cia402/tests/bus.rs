@@ -137,8 +137,8 @@ impl Bus {
                 self.reader.take(&frame, self.now_s).unwrap();
             }
         }
-        let order = MotorOrder {
-            motors: MeasuredMotorSpeeds {
+        let order = MotorCommand {
+            speeds: MeasuredMotorSpeeds {
                 traction_m_s: speeds[0],
                 steer_m_s: speeds[1],
             },

@@ -3,12 +3,14 @@ mod coding;
 mod layout;
 
 use super::*;
-use crate::can::config::CanConfig;
-use crate::can::controller_side::{MotorOrder, VehicleReader};
-use crate::can::frame::Frame;
-use crate::can::layout::{DriveMode, Layout, Profile};
-use crate::can::message::FrameFault;
-use crate::motors::MeasuredMotorSpeeds;
+use crate::can::config::{CanConfig, ObjectType, ObjectValue};
+use crate::can::controller_side::VehicleReader;
+use crate::can::database::Database;
+use crate::can::frame::{Frame, FrameId};
+use crate::can::layout::{Layout, LayoutError, Profile};
+use crate::can::message::{DriveRole, FrameFault};
+use crate::drives::DriveMode;
+use crate::drives::{MeasuredMotorSpeeds, MotorCommand};
 use bus::Bus;
 use proptest::prelude::*;
 use std::sync::Arc;
@@ -292,8 +294,8 @@ proptest! {
                     prop_assert!(report.value.speed_m_s.abs() <= 3200.05 / 940.0);
                 }
             }
-            let order = MotorOrder {
-                motors: MeasuredMotorSpeeds { traction_m_s: 0.5, steer_m_s: 0.1 },
+            let order = MotorCommand {
+                speeds: MeasuredMotorSpeeds { traction_m_s: 0.5, steer_m_s: 0.1 },
                 enable,
             };
             let readings = *reader.readings();

@@ -1,0 +1,25 @@
+# Sourced by the scripts beside it: installs what a job needs on Debian or Ubuntu.
+
+# need COMMAND PACKAGE: installs the Debian package that has the command.
+need() {
+    command -v "$1" >/dev/null && return
+    if [ "$(id -u)" -eq 0 ]; then as_root=; else as_root=sudo; fi
+    $as_root apt-get update
+    $as_root apt-get install --yes --no-install-recommends "$2"
+}
+
+# need_component COMMAND COMPONENT: installs the toolchain component that has `cargo COMMAND`.
+need_component() {
+    cargo "$1" --version >/dev/null 2>&1 || rustup component add "$2"
+}
+
+# need_python MODULES PACKAGE...: installs the Python packages where one of the modules is missing.
+need_python() {
+    need python3 python3
+    modules=$1
+    shift
+    python3 -c "import $modules" 2>/dev/null && return
+    python3 -m pip --version >/dev/null 2>&1 || need pip3 python3-pip
+    # Debian and Ubuntu guard the system's packages; a CI machine has nothing to guard.
+    PIP_BREAK_SYSTEM_PACKAGES=1 python3 -m pip install --quiet "$@"
+}

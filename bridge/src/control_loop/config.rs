@@ -1,0 +1,45 @@
+use serde::{Deserialize, Serialize};
+use sidehill_plant::vehicle::RangeError;
+
+/// Settings of the control loop.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct CycleConfig {
+    /// Period, s, from 0.01 (100 Hz) to 0.2.
+    pub period_s: f64,
+    /// Longest wait for the controller in a cycle, s. A later decision is used in the next cycle.
+    pub decision_time_s: f64,
+}
+
+impl Default for CycleConfig {
+    fn default() -> Self {
+        Self {
+            period_s: 0.05,
+            decision_time_s: 0.03,
+        }
+    }
+}
+
+impl CycleConfig {
+    /// Checks the ranges.
+    ///
+    /// # Errors
+    /// [`RangeError`] with the first key out of its range.
+    pub fn validate(&self) -> Result<(), RangeError> {
+        RangeError::check(
+            "cycle.period_s",
+            self.period_s,
+            0.01,
+            0.2,
+            "from 0.01 to 0.2 s",
+        )?;
+        RangeError::check(
+            "cycle.decision_time_s",
+            self.decision_time_s,
+            0.001,
+            self.period_s,
+            "from 0.001 s to cycle.period_s",
+        )?;
+        Ok(())
+    }
+}

@@ -1,0 +1,203 @@
+use super::config::CycleConfig;
+use super::record::{CycleRow, LoopRecord, RecordSink};
+use super::runner::{ControllerRunner, controller_output};
+use super::timing::{CycleTime, LoopTiming, Schedule};
+use crate::drives::{Clock, DriveCommand, Port, PortInputs, SendError};
+use crate::safety::{
+    OperatorRequests, Reason, Safety, SafetyConfig, SafetyInputs, SafetyState, Transition,
+};
+use sidehill_controller::controller::Decision;
+use sidehill_plant::vehicle::RangeError;
+use std::time::Duration;
+
+/// The loop with its vehicle, its controller and its safety.
+///
+/// On drop, also after a panic, it sends zero speed and disable.
+pub struct ControlLoop<P: Port, R: ControllerRunner> {
+    config: CycleConfig,
+    clock: Clock,
+    schedule: Schedule,
+    port: P,
+    runner: R,
+    safety: Safety,
+    records: RecordSink<LoopRecord>,
+    /// Instant of the first of the commands that could not be sent in a row, s.
+    unsent_since_s: Option<f64>,
+    unsent: u64,
+    stopped_by: Option<Reason>,
+}
+
+impl<P: Port, R: ControllerRunner> ControlLoop<P, R> {
+    /// Returns a disarmed loop whose times count from its first cycle.
+    ///
+    /// # Errors
+    /// [`RangeError`] for a setting out of range.
+    pub fn new(
+        config: CycleConfig,
+        safety: SafetyConfig,
+        clock: Clock,
+        port: P,
+        runner: R,
+        records: RecordSink<LoopRecord>,
+    ) -> Result<Self, RangeError> {
+        config.validate()?;
+        Ok(Self {
+            config,
+            clock,
+            schedule: Schedule::new(config.period_s),
+            port,
+            runner,
+            safety: Safety::new(safety)?,
+            records,
+            unsent_since_s: None,
+            unsent: 0,
+            stopped_by: None,
+        })
+    }
+
+    /// Returns the port.
+    pub fn port(&self) -> &P {
+        &self.port
+    }
+
+    /// Returns the state of the safety.
+    pub fn state(&self) -> SafetyState {
+        self.safety.state()
+    }
+
+    /// Returns the limits of the safety.
+    pub(super) fn safety_config(&self) -> &SafetyConfig {
+        self.safety.config()
+    }
+
+    /// Returns why the last drive or handshake ended.
+    pub fn stopped_by(&self) -> Option<Reason> {
+        self.stopped_by
+    }
+
+    /// Returns how well the loop has kept its times.
+    pub fn timing(&self) -> LoopTiming {
+        self.schedule.timing(self.unsent)
+    }
+
+    /// Waits for the time of the next cycle, runs it, and returns what it did.
+    pub fn step(&mut self, requests: OperatorRequests) -> CycleRow {
+        // 1. Wait for the absolute time of this cycle.
+        let time = self.schedule.wait(&mut self.clock);
+
+        // 2. Receive: the newest of everything.
+        let inputs = self.port.receive(time.begin_s);
+
+        // 3. Decide, within the decision time. Simulated time stands meanwhile.
+        let engaged = self.safety.state() == SafetyState::Driving;
+        let patience = match self.clock {
+            Clock::Real(_) | Clock::External(_) => {
+                Some(Duration::from_secs_f64(self.config.decision_time_s))
+            }
+            Clock::Virtual { .. } => None,
+        };
+        let decision = self.runner.decide(&inputs.sample, engaged, patience);
+
+        // 4. Check: only the safety decides what is sent.
+        let (command, transition) = self.safety.step(&SafetyInputs {
+            time_s: time.begin_s,
+            controller: decision.as_ref().map(controller_output),
+            feedback: inputs.feedback,
+            link: inputs.link,
+            unsent_since_s: self.unsent_since_s,
+            requests,
+        });
+
+        // 5. Send at once, or not at all.
+        let sent = self.send(&command);
+
+        // 6. Record, and find the next cycle whose time has not passed.
+        if let Some(transition) = transition {
+            self.record_transition(transition);
+        }
+        let slack_s = self.schedule.finish(&time, self.clock.now_s());
+        let row = CycleRow {
+            slack_s,
+            state: self.safety.state(),
+            sent,
+            skipped: self.schedule.skipped(),
+            ..row(&time, &inputs, &command, decision.as_ref())
+        };
+        self.records.push(LoopRecord::Cycle(row));
+        row
+    }
+
+    fn send(&mut self, command: &DriveCommand) -> bool {
+        let now_s = self.clock.now_s();
+        let Err(error) = self.port.send(now_s, command) else {
+            self.unsent_since_s = None;
+            return true;
+        };
+        self.unsent += 1;
+        if self.unsent_since_s.is_none() {
+            self.unsent_since_s = Some(now_s);
+            self.records.push(LoopRecord::Unsent {
+                time_s: now_s,
+                error,
+            });
+        }
+        false
+    }
+
+    fn record_transition(&mut self, transition: Transition) {
+        let stops = matches!(transition.to, SafetyState::Stopping | SafetyState::Latched);
+        if stops && transition.from != SafetyState::Stopping {
+            self.stopped_by = Some(transition.reason);
+        }
+        self.records.push(LoopRecord::Transition(transition));
+    }
+}
+
+impl<P: Port, R: ControllerRunner> Drop for ControlLoop<P, R> {
+    /// Sends more than once, because a single message may be lost.
+    fn drop(&mut self) {
+        for _ in 0..3 {
+            let now_s = self.clock.now_s();
+            let _: Result<(), SendError> = self.port.send(now_s, &DriveCommand::OFF);
+        }
+    }
+}
+
+/// Returns the part of a row that does not depend on how the cycle ended.
+fn row(
+    time: &CycleTime,
+    inputs: &PortInputs,
+    command: &DriveCommand,
+    decision: Option<&Decision>,
+) -> CycleRow {
+    let speeds = inputs.feedback.map(|feedback| feedback.value.speeds);
+    let age_s = inputs
+        .feedback
+        .map(|feedback| time.begin_s - feedback.time_s);
+    let pose = decision
+        .and_then(|decision| decision.estimate)
+        .map(|estimate| estimate.pose);
+    let progress = decision.and_then(|decision| decision.progress);
+    let solve = decision.and_then(|decision| decision.solve);
+    CycleRow {
+        time_s: time.begin_s,
+        lateness_s: time.lateness_s(),
+        slack_s: f64::NAN,
+        state: SafetyState::Disarmed,
+        enable: command.enable,
+        traction_m_s: command.speeds.traction_m_s,
+        steer_m_s: command.speeds.steer_m_s,
+        sent: false,
+        feedback_traction_m_s: speeds.map_or(f64::NAN, |speeds| speeds.traction_m_s),
+        feedback_steer_m_s: speeds.map_or(f64::NAN, |speeds| speeds.steer_m_s),
+        feedback_age_s: age_s.unwrap_or(f64::INFINITY),
+        bus: inputs.link,
+        x_m: pose.map_or(f64::NAN, |pose| pose.x_m),
+        y_m: pose.map_or(f64::NAN, |pose| pose.y_m),
+        yaw_rad: pose.map_or(f64::NAN, |pose| pose.yaw_rad),
+        cross_track_m: progress.map(|progress| progress.cross_track_m),
+        solve_us: solve.map_or(f64::NAN, |solve| 1e6 * solve.solve_time_s),
+        refused: inputs.refused,
+        skipped: 0,
+    }
+}

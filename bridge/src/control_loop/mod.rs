@@ -1,0 +1,26 @@
+//! The real-time loop: each cycle receives, decides, checks, sends and records, at absolute times.
+//!
+//! ```text
+//! Port::receive -> ControllerRunner::decide -> Safety::step -> Port::send -> RecordSink
+//! ```
+//!
+//! [`LoopSetup::start`] starts the loop and the controller, each in its thread. [`ControlLoop::run`]
+//! runs until the course is finished, the time is over, or a signal comes, and returns the
+//! [`Ending`]. [`channel`] connects the loop to whoever gives it paths; [`record`] takes what is logged
+//! out of it without waiting.
+
+pub mod channel;
+mod config;
+mod cycle;
+pub mod record;
+mod run;
+pub mod runner;
+pub mod scheduling;
+mod setup;
+mod timing;
+
+pub use config::CycleConfig;
+pub use cycle::ControlLoop;
+pub use run::{Ending, RunOptions, Signals};
+pub use setup::{LoopError, LoopSetup, LoopThread, RunReport};
+pub use timing::LoopTiming;

@@ -1,0 +1,291 @@
+//! What is logged: the loop, and each port's threads, leave plain values in bounded rings without
+//! waiting; [`Recorder`], outside the real-time threads, makes text of them.
+
+use crate::drives::{Epoch, LinkState, SendError};
+use crate::safety::{SafetyState, Transition};
+use serde::Serialize;
+use std::io::{Error, Write};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+/// A plain value that is worth logging; ports have their own kinds.
+pub trait Record: Copy + Send + 'static {
+    /// Returns the instant, s.
+    fn time_s(&self) -> f64;
+
+    /// Returns what is written. May allocate: only the recorder calls it.
+    fn entry(&self) -> LogEntry;
+}
+
+/// What a record is written as.
+#[derive(Debug, Clone, PartialEq)]
+pub enum LogEntry {
+    /// A message on the link, as `candump -l` writes it after the interface.
+    Message(String),
+    /// Something that happened.
+    Event {
+        /// What, in one word.
+        event: &'static str,
+        /// The states before and after, of a transition.
+        states: Option<[SafetyState; 2]>,
+        /// Details.
+        reason: String,
+    },
+    /// A control cycle.
+    Cycle(CycleRow),
+}
+
+impl LogEntry {
+    /// Returns an event that is not a transition.
+    pub fn event(event: &'static str, reason: String) -> Self {
+        Self::Event {
+            event,
+            states: None,
+            reason,
+        }
+    }
+}
+
+/// What the control loop leaves.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum LoopRecord {
+    /// A command could not be sent, after one that could.
+    Unsent {
+        /// When, s.
+        time_s: f64,
+        /// Why.
+        error: SendError,
+    },
+    /// The safety changed its state.
+    Transition(Transition),
+    /// A cycle.
+    Cycle(CycleRow),
+}
+
+impl Record for LoopRecord {
+    fn time_s(&self) -> f64 {
+        match self {
+            Self::Unsent { time_s, .. }
+            | Self::Transition(Transition { time_s, .. })
+            | Self::Cycle(CycleRow { time_s, .. }) => *time_s,
+        }
+    }
+
+    fn entry(&self) -> LogEntry {
+        match self {
+            Self::Unsent { error, .. } => LogEntry::event("unsent", error.to_string()),
+            Self::Transition(transition) => LogEntry::Event {
+                event: "state",
+                states: Some([transition.from, transition.to]),
+                reason: transition.reason.to_string(),
+            },
+            Self::Cycle(row) => LogEntry::Cycle(*row),
+        }
+    }
+}
+
+/// One control cycle. The names of its fields are the columns of `cycles.csv`.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct CycleRow {
+    /// When the cycle began, s.
+    pub time_s: f64,
+    /// How much later than due, s.
+    pub lateness_s: f64,
+    /// What was left of the period when it ended, s.
+    pub slack_s: f64,
+    /// State of the safety.
+    pub state: SafetyState,
+    /// Whether the drives were commanded to be enabled.
+    pub enable: bool,
+    /// Commanded traction, m/s.
+    pub traction_m_s: f64,
+    /// Commanded steer, m/s.
+    pub steer_m_s: f64,
+    /// Whether the command could be sent.
+    pub sent: bool,
+    /// Traction fed back, m/s; NaN without feedback.
+    pub feedback_traction_m_s: f64,
+    /// Steer fed back, m/s; NaN without feedback.
+    pub feedback_steer_m_s: f64,
+    /// Age of the feedback, s; infinite without.
+    pub feedback_age_s: f64,
+    /// State of the link to the drives.
+    pub bus: LinkState,
+    /// Estimated X_g, m; NaN without an estimate.
+    pub x_m: f64,
+    /// Estimated Y_g, m.
+    pub y_m: f64,
+    /// Estimated heading, rad.
+    pub yaw_rad: f64,
+    /// Estimated distance from the path, m, left positive; none without a path or an estimate.
+    pub cross_track_m: Option<f64>,
+    /// Time in the QP solver, us; NaN without a solution.
+    pub solve_us: f64,
+    /// Messages refused since the start.
+    pub refused: u64,
+    /// Cycles skipped since the start because earlier ones took too long.
+    pub skipped: u64,
+}
+
+/// Where a thread leaves its records; never waits.
+pub struct RecordSink<R> {
+    ring: rtrb::Producer<R>,
+    lost: Arc<AtomicU64>,
+}
+
+impl<R> RecordSink<R> {
+    /// Leaves a record, or counts it as lost where the ring is full.
+    pub fn push(&mut self, record: R) {
+        if self.ring.push(record).is_err() {
+            self.lost.fetch_add(1, Ordering::Relaxed);
+        }
+    }
+}
+
+/// The reading end of a [`RecordSink`].
+pub struct RecordSource<R> {
+    ring: rtrb::Consumer<R>,
+    lost: Arc<AtomicU64>,
+}
+
+/// Returns both ends of a ring for `capacity` records.
+pub fn ring<R>(capacity: usize) -> (RecordSink<R>, RecordSource<R>) {
+    let (producer, consumer) = rtrb::RingBuffer::new(capacity);
+    let lost = Arc::new(AtomicU64::new(0));
+    (
+        RecordSink {
+            ring: producer,
+            lost: Arc::clone(&lost),
+        },
+        RecordSource {
+            ring: consumer,
+            lost,
+        },
+    )
+}
+
+/// A [`RecordSource`] of any kind of record.
+pub trait LogSource {
+    /// Appends everything that has been left, with its instant, s.
+    fn drain(&mut self, into: &mut Vec<(f64, LogEntry)>);
+
+    /// Returns the number of records that found their ring full.
+    fn lost(&self) -> u64;
+}
+
+impl<R: Record> LogSource for RecordSource<R> {
+    fn drain(&mut self, into: &mut Vec<(f64, LogEntry)>) {
+        while let Ok(record) = self.ring.pop() {
+            into.push((record.time_s(), record.entry()));
+        }
+    }
+
+    fn lost(&self) -> u64 {
+        self.lost.load(Ordering::Relaxed)
+    }
+}
+
+/// Writes what several threads have left.
+pub struct Recorder {
+    sources: Vec<Box<dyn LogSource>>,
+    epoch: Epoch,
+    interface: String,
+    batch: Vec<(f64, LogEntry)>,
+    latest: Option<CycleRow>,
+}
+
+/// Takes a cycle with its time of the world, s since 1970.
+pub type TakeCycle<'a> = dyn FnMut(f64, &CycleRow) -> Result<(), Error> + 'a;
+
+/// Where the recorder writes to; what is absent is not written.
+#[derive(Default)]
+pub struct Outputs<'a> {
+    /// Messages as `candump -l` logs them.
+    pub candump: Option<&'a mut dyn Write>,
+    /// One JSON object a line for each event.
+    pub events: Option<&'a mut dyn Write>,
+    /// Takes each cycle.
+    pub cycles: Option<&'a mut TakeCycle<'a>>,
+}
+
+#[derive(Serialize)]
+struct EventLine<'a> {
+    unix_s: f64,
+    time_s: f64,
+    event: &'a str,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    from: Option<SafetyState>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    to: Option<SafetyState>,
+    reason: &'a str,
+}
+
+impl Recorder {
+    /// Returns a recorder for these sources; `interface` is what the candump log names.
+    pub fn new(sources: Vec<Box<dyn LogSource>>, epoch: Epoch, interface: &str) -> Self {
+        Self {
+            sources,
+            epoch,
+            interface: interface.to_owned(),
+            batch: Vec::new(),
+            latest: None,
+        }
+    }
+
+    /// Returns the newest cycle.
+    pub fn latest(&self) -> Option<&CycleRow> {
+        self.latest.as_ref()
+    }
+
+    /// Returns the number of records that found their ring full.
+    pub fn lost(&self) -> u64 {
+        self.sources.iter().map(|source| source.lost()).sum()
+    }
+
+    /// Writes everything that has been left since the last call, in the order of time.
+    ///
+    /// # Errors
+    /// The first output that cannot be written.
+    pub fn drain(&mut self, outputs: &mut Outputs<'_>) -> Result<(), Error> {
+        self.batch.clear();
+        for source in &mut self.sources {
+            source.drain(&mut self.batch);
+        }
+        self.batch.sort_by(|(a_s, _), (b_s, _)| a_s.total_cmp(b_s));
+        for (time_s, entry) in &self.batch {
+            let unix_s = self.epoch.unix_s(*time_s);
+            match entry {
+                LogEntry::Message(text) => {
+                    if let Some(out) = &mut outputs.candump {
+                        writeln!(out, "({unix_s:.6}) {} {text}", self.interface)?;
+                    }
+                }
+                LogEntry::Cycle(row) => {
+                    self.latest = Some(*row);
+                    if let Some(take) = &mut outputs.cycles {
+                        take(unix_s, row)?;
+                    }
+                }
+                LogEntry::Event {
+                    event,
+                    states,
+                    reason,
+                } => {
+                    if let Some(out) = &mut outputs.events {
+                        let line = EventLine {
+                            unix_s,
+                            time_s: *time_s,
+                            event,
+                            from: states.map(|[from, _]| from),
+                            to: states.map(|[_, to]| to),
+                            reason,
+                        };
+                        serde_json::to_writer(&mut *out, &line)?;
+                        writeln!(out)?;
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+}

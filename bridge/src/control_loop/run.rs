@@ -1,0 +1,185 @@
+use super::channel::LoopEnd;
+use super::cycle::ControlLoop;
+use super::record::CycleRow;
+use super::runner::ControllerRunner;
+use crate::drives::Port;
+use crate::safety::{OperatorRequests, Reason, SafetyState, StopCause};
+use serde::Serialize;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// Cycles that send zero and disable after the end was decided, before the loop returns.
+const FINAL_CYCLES: u32 = 5;
+
+/// How a run of the control loop ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Ending {
+    /// The course was followed to its end.
+    Finished,
+    /// The time of the run was over while the vehicle was driving.
+    TimeOver,
+    /// The time of the run was over while the vehicle was not driving.
+    #[serde(rename = "stopped")]
+    TimeOverStopped,
+    /// A signal ended the program before the course was finished.
+    #[serde(rename = "signal")]
+    Interrupted,
+    /// A signal ended a loop that takes its paths through a command channel. Nothing else ends it.
+    #[serde(rename = "signal")]
+    ShutDown,
+    /// The process was suspended and resumed; the middleware of ROS 2 does not survive that.
+    Suspended,
+}
+
+impl Ending {
+    /// Returns the exit status of a program that ran the loop: 0 where it did what it was asked for,
+    /// else 1.
+    pub fn exit_code(self) -> u8 {
+        match self {
+            Self::Finished | Self::TimeOver | Self::ShutDown => 0,
+            Self::TimeOverStopped | Self::Interrupted | Self::Suspended => 1,
+        }
+    }
+
+    /// Returns the cause that the safety reports for halting the drives at this end.
+    fn cause(self) -> StopCause {
+        match self {
+            Self::Finished | Self::Interrupted | Self::ShutDown => StopCause::ProgramEnds,
+            Self::TimeOver | Self::TimeOverStopped => StopCause::TimeOver,
+            Self::Suspended => StopCause::Suspended,
+        }
+    }
+}
+
+/// What a run does besides following its paths.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct RunOptions {
+    /// Arms once, as soon as the drives' feedback is fresh.
+    pub arm: bool,
+    /// Ends the run at this time, s.
+    pub duration_s: Option<f64>,
+}
+
+/// Requests from signal handlers or other threads; clones share the same flags.
+#[derive(Debug, Clone, Default)]
+pub struct Signals {
+    /// Ends the run.
+    pub end: Arc<AtomicBool>,
+    /// Arms once.
+    pub arm: Arc<AtomicBool>,
+    /// Stops on the ramp, once.
+    pub stop: Arc<AtomicBool>,
+    /// The process was suspended and has been resumed.
+    pub resumed: Arc<AtomicBool>,
+}
+
+impl<P: Port, R: ControllerRunner> ControlLoop<P, R> {
+    /// Runs cycles until the run ends, then a few more that send zero and disable.
+    ///
+    /// Where paths come through `channel`, requests from there are obeyed as well, and the end of a
+    /// path does not end the run.
+    pub fn run(
+        &mut self,
+        options: &RunOptions,
+        signals: &Signals,
+        mut channel: Option<LoopEnd>,
+    ) -> Ending {
+        let mut arm_pending = options.arm;
+        let mut requests = OperatorRequests::default();
+        let ending = loop {
+            let row = self.step_with(requests, channel.as_mut());
+            if let Some(ending) = self.ending(&row, options, signals, channel.is_some()) {
+                break ending;
+            }
+            let arm_now = arm_pending && self.can_arm(&row);
+            arm_pending &= !arm_now;
+            let stop = signals.stop.swap(false, Ordering::Relaxed);
+            requests = OperatorRequests {
+                arm: signals.arm.swap(false, Ordering::Relaxed) || arm_now,
+                stop: stop.then_some(StopCause::Operator),
+                halt: None,
+            };
+        };
+        requests = OperatorRequests {
+            halt: Some(ending.cause()),
+            ..OperatorRequests::default()
+        };
+        for _ in 0..FINAL_CYCLES {
+            self.step_with(requests, channel.as_mut());
+        }
+        ending
+    }
+
+    /// Runs one cycle with the local requests and those from the channel.
+    fn step_with(&mut self, requests: OperatorRequests, channel: Option<&mut LoopEnd>) -> CycleRow {
+        let Some(channel) = channel else {
+            return self.step(requests);
+        };
+        let row = self.step(channel.merge(requests, self.state()));
+        channel.publish(row, self.stopped_by(), self.timing());
+        row
+    }
+
+    /// Returns whether a handshake that begins now finds a link that carries and fresh feedback.
+    fn can_arm(&self, row: &CycleRow) -> bool {
+        row.bus.carries() && row.feedback_age_s <= self.safety_config().feedback_timeout_s
+    }
+
+    /// Returns how the run ends now, where it does. Where several reasons coincide, the one that says
+    /// most about the course comes first.
+    fn ending(
+        &self,
+        row: &CycleRow,
+        options: &RunOptions,
+        signals: &Signals,
+        has_channel: bool,
+    ) -> Option<Ending> {
+        let finished = row.state == SafetyState::Latched
+            && self.stopped_by() == Some(Reason::Finished)
+            && !has_channel;
+        if finished {
+            return Some(Ending::Finished);
+        }
+        if options
+            .duration_s
+            .is_some_and(|duration_s| row.time_s >= duration_s)
+        {
+            return Some(match row.state {
+                SafetyState::Driving => Ending::TimeOver,
+                _ => Ending::TimeOverStopped,
+            });
+        }
+        if has_channel && signals.resumed.load(Ordering::Relaxed) {
+            return Some(Ending::Suspended);
+        }
+        signals.end.load(Ordering::Relaxed).then_some({
+            if has_channel {
+                Ending::ShutDown
+            } else {
+                Ending::Interrupted
+            }
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_a_run_that_did_what_it_was_asked_for_exits_with_0() {
+        let endings = [
+            (Ending::Finished, "finished", 0),
+            (Ending::TimeOver, "time_over", 0),
+            (Ending::TimeOverStopped, "stopped", 1),
+            (Ending::Interrupted, "signal", 1),
+            (Ending::ShutDown, "signal", 0),
+            (Ending::Suspended, "suspended", 1),
+        ];
+        for (ending, name, code) in endings {
+            let printed = serde_json::to_value(ending).unwrap();
+            assert_eq!((printed.as_str(), ending.exit_code()), (Some(name), code));
+        }
+    }
+}

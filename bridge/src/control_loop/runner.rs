@@ -1,0 +1,206 @@
+//! The controller as the loop sees it: run in the loop, or in a thread that may be late.
+
+use super::channel::ControllerEnd;
+use crate::safety::{ControllerOutput, ControllerState};
+use sidehill_controller::controller::{Controller, Decision, Status};
+use sidehill_plant::sample::Sample;
+use std::os::unix::thread::JoinHandleExt;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+use thread_priority::ThreadId;
+use triple_buffer::{Input, Output, triple_buffer};
+
+/// Runs a controller once a cycle.
+pub trait ControllerRunner {
+    /// Returns the newest decision, which may be that of an earlier cycle. `engaged` says whether
+    /// commands reach the drives, and `patience` how long to wait at most; none in simulated time.
+    fn decide(
+        &mut self,
+        sample: &Sample,
+        engaged: bool,
+        patience: Option<Duration>,
+    ) -> Option<Decision>;
+}
+
+/// Returns what a decision means to the safety.
+pub(super) fn controller_output(decision: &Decision) -> ControllerOutput {
+    ControllerOutput {
+        time_s: decision.time_s,
+        command: decision.command,
+        state: match decision.status {
+            Status::Waiting => ControllerState::Waiting,
+            Status::Tracking | Status::Fallback { .. } => ControllerState::Driving,
+            Status::Stopping(why) => ControllerState::Stopped(why),
+            Status::Finished => ControllerState::Finished,
+        },
+    }
+}
+
+/// Least time for the solve of a drive's first plan, which is made from nothing and takes longer than
+/// later ones. The loop does not wait for it, and the vehicle stands until then: the safety gives the
+/// controller the time of a handshake.
+const FIRST_PLAN_TIME: Duration = Duration::from_millis(100);
+
+/// The controller run in the loop itself, for simulated time.
+pub struct InlineRunner {
+    controller: Controller,
+    engaged: bool,
+    /// Whether there has been a plan since the controller was engaged.
+    planned: bool,
+    channel: Option<ControllerEnd>,
+}
+
+impl InlineRunner {
+    /// Returns a runner whose controller holds until it is engaged.
+    pub fn new(controller: Controller) -> Self {
+        Self::with_channel(controller, None)
+    }
+
+    fn with_channel(mut controller: Controller, channel: Option<ControllerEnd>) -> Self {
+        controller.request_stop();
+        Self {
+            controller,
+            engaged: false,
+            planned: false,
+            channel,
+        }
+    }
+}
+
+impl ControllerRunner for InlineRunner {
+    fn decide(
+        &mut self,
+        sample: &Sample,
+        engaged: bool,
+        patience: Option<Duration>,
+    ) -> Option<Decision> {
+        if engaged != self.engaged {
+            self.engaged = engaged;
+            self.planned = false;
+            if engaged {
+                self.controller.rearm();
+            } else {
+                self.controller.request_stop();
+            }
+        }
+        if let Some(channel) = &mut self.channel {
+            channel.apply_path(&mut self.controller);
+        }
+        let solve_time = patience.map(|patience| match self.planned {
+            true => patience,
+            false => patience.max(FIRST_PLAN_TIME),
+        });
+        let deadline = solve_time.map(|solve_time| Instant::now() + solve_time);
+        let decision = self.controller.step(sample, deadline);
+        self.planned |= self.controller.plan().is_some();
+        if let Some(channel) = &mut self.channel {
+            channel.publish(&decision, &self.controller);
+        }
+        Some(decision)
+    }
+}
+
+/// What the loop asks the controller's thread to decide on.
+#[derive(Debug, Clone, Copy)]
+struct Task {
+    sample: Sample,
+    engaged: bool,
+    patience: Option<Duration>,
+}
+
+/// The controller in a thread of its own, `controller`: the loop goes on where it is late or dies.
+pub struct ThreadedRunner {
+    task: Input<Option<Task>>,
+    decision: Output<Option<Decision>>,
+    end: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl ThreadedRunner {
+    /// Starts the thread. It wakes the calling thread with each decision.
+    ///
+    /// # Errors
+    /// The system's, where it has no thread left.
+    pub fn start(
+        controller: Controller,
+        channel: Option<ControllerEnd>,
+    ) -> Result<Self, std::io::Error> {
+        let (task, mut newest_task) = triple_buffer(&None::<Task>);
+        let (mut decided, decision) = triple_buffer(&None::<Decision>);
+        let end = Arc::new(AtomicBool::new(false));
+        let (ended, caller) = (Arc::clone(&end), std::thread::current());
+        let thread = std::thread::Builder::new()
+            .name("controller".to_owned())
+            .spawn(move || {
+                let mut runner = InlineRunner::with_channel(controller, channel);
+                while !ended.load(Ordering::Relaxed) {
+                    if !newest_task.update() {
+                        std::thread::park_timeout(Duration::from_millis(100));
+                        continue;
+                    }
+                    if let Some(task) = *newest_task.output_buffer() {
+                        decided.write(runner.decide(&task.sample, task.engaged, task.patience));
+                        caller.unpark();
+                    }
+                }
+            })?;
+        Ok(Self {
+            task,
+            decision,
+            end,
+            thread: Some(thread),
+        })
+    }
+
+    /// Returns the system's identifier of the thread.
+    pub fn thread_id(&self) -> Option<ThreadId> {
+        self.thread.as_ref().map(JoinHandleExt::as_pthread_t)
+    }
+}
+
+impl ControllerRunner for ThreadedRunner {
+    fn decide(
+        &mut self,
+        sample: &Sample,
+        engaged: bool,
+        patience: Option<Duration>,
+    ) -> Option<Decision> {
+        self.task.write(Some(Task {
+            sample: *sample,
+            engaged,
+            patience,
+        }));
+        if let Some(thread) = &self.thread {
+            thread.thread().unpark();
+        }
+        let deadline = Instant::now() + patience.unwrap_or_default();
+        while !self.decision.update() {
+            let now = Instant::now();
+            if now >= deadline {
+                break;
+            }
+            std::thread::park_timeout(deadline - now);
+        }
+        *self.decision.output_buffer()
+    }
+}
+
+/// Longest wait for the thread on drop.
+const END_WAIT_MAX: Duration = Duration::from_millis(500);
+
+impl Drop for ThreadedRunner {
+    /// Waits for the decision in progress. A controller that hangs is left behind.
+    fn drop(&mut self) {
+        self.end.store(true, Ordering::Relaxed);
+        let Some(thread) = self.thread.take() else {
+            return;
+        };
+        thread.thread().unpark();
+        let deadline = Instant::now() + END_WAIT_MAX;
+        while !thread.is_finished() && Instant::now() < deadline {
+            std::thread::sleep(Duration::from_millis(5));
+        }
+    }
+}

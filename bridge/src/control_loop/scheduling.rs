@@ -1,0 +1,203 @@
+//! Real-time settings of the threads. Each is optional, and an error says what to do where the system
+//! refuses one.
+
+use serde::{Deserialize, Serialize};
+use sidehill_plant::vehicle::RangeError;
+pub use thread_priority::ThreadId;
+use thread_priority::{
+    RealtimeThreadSchedulePolicy, ThreadPriority, ThreadPriorityValue, ThreadSchedulePolicy,
+    set_thread_priority_and_policy, thread_native_id,
+};
+
+/// Real-time settings; none by default.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct RealtimeConfig {
+    /// Priority of the control loop under `SCHED_FIFO`, from 1 to 99.
+    pub fifo_priority: Option<u8>,
+    /// Priority of the threads whose results the loop needs in time: the controller, and the port's
+    /// helpers. Below the loop's, or 0 for none; 10 below it by default.
+    pub helper_fifo_priority: Option<u8>,
+    /// The only CPU that the loop runs on.
+    pub cpu: Option<usize>,
+    /// Whether all memory is locked, so that it is never paged out.
+    pub lock_memory: bool,
+}
+
+/// A real-time setting that is out of range or that the system refused.
+#[derive(Debug, thiserror::Error)]
+pub enum RealtimeError {
+    /// A setting is out of range.
+    #[error(transparent)]
+    Range(#[from] RangeError),
+    /// No real-time priority.
+    #[error(
+        "SCHED_FIFO priority {priority} is not permitted ({reason}): give the program CAP_SYS_NICE or a limit `rtprio`, or leave out {key}"
+    )]
+    Priority {
+        /// The setting.
+        key: &'static str,
+        /// The requested value.
+        priority: u8,
+        /// The system's reason.
+        reason: String,
+    },
+    /// Not this CPU.
+    #[error(
+        "CPU {cpu} is not available ({reason}): choose another for realtime.cpu, or leave it out"
+    )]
+    Cpu {
+        /// The requested value.
+        cpu: usize,
+        /// The system's reason.
+        reason: std::io::Error,
+    },
+    /// No locked memory.
+    #[error(
+        "memory cannot be locked ({reason}): give the program CAP_IPC_LOCK or a limit `memlock`, or leave out realtime.lock_memory"
+    )]
+    Memory {
+        /// The system's reason.
+        reason: std::io::Error,
+    },
+}
+
+const FIFO_PRIORITY: &str = "realtime.fifo_priority";
+const HELPER_FIFO_PRIORITY: &str = "realtime.helper_fifo_priority";
+/// Default distance between both priorities.
+const HELPER_BELOW: u8 = 10;
+
+impl RealtimeConfig {
+    /// Checks the ranges.
+    ///
+    /// # Errors
+    /// [`RangeError`] with the first key out of its range.
+    pub fn validate(&self) -> Result<(), RangeError> {
+        if let Some(cpu) = self.cpu {
+            RangeError::check("realtime.cpu", cpu as f64, 0.0, 1023.0, "from 0 to 1023")?;
+        }
+        let check = |key, value: u8, low, high, range| {
+            RangeError::check(
+                key,
+                f64::from(value),
+                f64::from(low),
+                f64::from(high),
+                range,
+            )
+        };
+        if let Some(priority) = self.fifo_priority {
+            check(FIFO_PRIORITY, priority, 1, 99, "from 1 to 99")?;
+        }
+        if let Some(priority) = self.helper_fifo_priority {
+            let high = self.fifo_priority.unwrap_or(1) - 1;
+            let range = "from 0 to less than realtime.fifo_priority";
+            check(HELPER_FIFO_PRIORITY, priority, 0, high, range)?;
+        }
+        Ok(())
+    }
+
+    /// Applies the settings to the calling thread, which becomes the loop's, and the memory lock to the
+    /// process.
+    ///
+    /// # Errors
+    /// The first setting that is out of range or refused by the system, with what to do about it.
+    pub fn apply_to_loop(&self) -> Result<(), RealtimeError> {
+        self.validate()?;
+        if self.lock_memory {
+            use rustix::mm::{MlockAllFlags, mlockall};
+            mlockall(MlockAllFlags::CURRENT | MlockAllFlags::FUTURE).map_err(|errno| {
+                RealtimeError::Memory {
+                    reason: errno.into(),
+                }
+            })?;
+        }
+        if let Some(cpu) = self.cpu {
+            use rustix::thread::{CpuSet, sched_setaffinity};
+            let mut only = CpuSet::new();
+            only.set(cpu);
+            sched_setaffinity(None, &only).map_err(|errno| RealtimeError::Cpu {
+                cpu,
+                reason: errno.into(),
+            })?;
+        }
+        match self.fifo_priority {
+            Some(priority) => set_fifo(thread_native_id(), priority, FIFO_PRIORITY),
+            None => Ok(()),
+        }
+    }
+
+    /// Gives a helper thread its priority: below the loop's, so that a helper that hangs cannot keep the
+    /// loop from stopping the vehicle.
+    ///
+    /// # Errors
+    /// Where the system refuses it, with what to do about it.
+    pub fn apply_to_helper(&self, thread: ThreadId) -> Result<(), RealtimeError> {
+        match self.helper_priority() {
+            0 => Ok(()),
+            priority => set_fifo(thread, priority, HELPER_FIFO_PRIORITY),
+        }
+    }
+
+    /// Returns the priority of helpers, 0 for none.
+    fn helper_priority(&self) -> u8 {
+        let below = self.fifo_priority.unwrap_or(0).saturating_sub(HELPER_BELOW);
+        self.helper_fifo_priority.unwrap_or(below)
+    }
+}
+
+fn set_fifo(thread: ThreadId, priority: u8, key: &'static str) -> Result<(), RealtimeError> {
+    let refused = |reason: String| RealtimeError::Priority {
+        key,
+        priority,
+        reason,
+    };
+    let value =
+        ThreadPriorityValue::try_from(priority).map_err(|error| refused(error.to_owned()))?;
+    set_thread_priority_and_policy(
+        thread,
+        ThreadPriority::Crossplatform(value),
+        ThreadSchedulePolicy::Realtime(RealtimeThreadSchedulePolicy::Fifo),
+    )
+    .map_err(|error| match error {
+        thread_priority::Error::OS(errno) => {
+            refused(std::io::Error::from_raw_os_error(errno).to_string())
+        }
+        other => refused(format!("{other:?}")),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn helpers_are_always_below_the_loop() {
+        let config = |fifo_priority, helper_fifo_priority| RealtimeConfig {
+            fifo_priority,
+            helper_fifo_priority,
+            ..RealtimeConfig::default()
+        };
+        for (cycle, helper, expected) in [
+            (None, None, 0),
+            (Some(50), None, 40),
+            (Some(10), None, 0),
+            (Some(1), None, 0),
+            (Some(50), Some(49), 49),
+            (Some(50), Some(0), 0),
+            (None, Some(0), 0),
+        ] {
+            let config = config(cycle, helper);
+            assert_eq!(config.validate(), Ok(()));
+            assert_eq!(config.helper_priority(), expected);
+        }
+        for (cycle, helper, key) in [
+            (Some(0), None, FIFO_PRIORITY),
+            (Some(100), None, FIFO_PRIORITY),
+            (Some(50), Some(50), HELPER_FIFO_PRIORITY),
+            (None, Some(1), HELPER_FIFO_PRIORITY),
+        ] {
+            let error = config(cycle, helper).validate().unwrap_err();
+            assert_eq!(error.key, key);
+        }
+    }
+}

@@ -1,0 +1,15 @@
+//! What every port speaks: commands to the drives, their feedback, the state of the link to them, and
+//! the clock.
+//!
+//! A new port implements [`Port`] and needs nothing else of this crate.
+
+mod clock;
+mod motors;
+mod port;
+mod vocabulary;
+
+pub use clock::{Clock, Epoch, ExternalClock};
+pub use motors::{MeasuredMotorSpeeds, MotorCommand};
+pub(crate) use port::newer;
+pub use port::{Port, PortInputs};
+pub use vocabulary::{DriveCommand, DriveFeedback, DriveMode, LinkState, SendError};

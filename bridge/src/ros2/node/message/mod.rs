@@ -1,0 +1,49 @@
+//! ROS 2 messages as on the wire: plain structs with the fields of their `.msg` files in order.
+//!
+//! DDS has no empty structs: an empty message is one byte.
+
+pub mod action;
+pub mod diagnostic;
+pub mod geometry;
+pub mod lifecycle;
+pub mod nav;
+pub mod sensor;
+pub mod standard;
+
+pub use diagnostic::{DiagnosticArray, DiagnosticStatus, KeyValue};
+pub use geometry::{
+    Covariance6, Point, Pose, PoseStamped, PoseWithCovariance, PoseWithCovarianceStamped,
+    Quaternion, TfMessage, Transform, TransformStamped, Twist, TwistStamped, TwistWithCovariance,
+    Vector3,
+};
+pub use nav::{Odometry, Path, SpeedLimit};
+pub use sensor::{Imu, JointState};
+pub use standard::{
+    Bool, Clock, Empty, Float64, Float64MultiArray, Header, MultiArrayDimension, MultiArrayLayout,
+    Text, Time,
+};
+
+/// A message of a topic, with the name of its type.
+pub trait TopicMessage: ros2_client::Message {
+    /// Package, such as `nav_msgs`.
+    const PACKAGE: &'static str;
+    /// Type, such as `Odometry`.
+    const TYPE: &'static str;
+}
+
+/// Defines message structs; with `= "package" / "Type"` they are messages of topics.
+macro_rules! wire {
+    ($($(#[$meta:meta])* $name:ident $(= $package:literal / $type:literal)? { $($field:ident: $kind:ty),* $(,)? })+) => {$(
+        $(#[$meta])*
+        #[derive(Debug, Clone, PartialEq, Default, serde::Serialize, serde::Deserialize)]
+        pub struct $name {
+            $(#[allow(missing_docs)] pub $field: $kind),*
+        }
+        impl ros2_client::Message for $name {}
+        $(impl super::TopicMessage for $name {
+            const PACKAGE: &'static str = $package;
+            const TYPE: &'static str = $type;
+        })?
+    )+};
+}
+pub(crate) use wire;

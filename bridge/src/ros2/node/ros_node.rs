@@ -1,0 +1,146 @@
+//! A node on the ROS 2 graph, made from arguments and environment.
+
+use super::arguments::{RosArguments, RosEnvironment};
+use super::message::TopicMessage;
+use super::names::{NameError, Names};
+use ros2_client::dds::rustdds::DomainParticipantBuilder;
+use ros2_client::{
+    Context, CreateError, Message, MessageTypeName, Node, NodeCreateError, NodeOptions, Publisher,
+    QosProfile, Server, ServiceMapping, ServiceTypeName, Subscription,
+};
+use std::net::{IpAddr, Ipv4Addr};
+
+/// Why a node, topic or service cannot be created.
+#[derive(Debug, thiserror::Error)]
+pub enum NodeError {
+    /// An invalid name.
+    #[error(transparent)]
+    Name(#[from] NameError),
+    /// The middleware refused.
+    #[error("ROS 2: {0}")]
+    Create(#[from] CreateError),
+    /// The node cannot be created.
+    #[error("ROS 2 node: {0}")]
+    Node(#[from] NodeCreateError),
+    /// A thread or a poll cannot be created.
+    #[error("ROS 2: {0}")]
+    System(#[from] std::io::Error),
+}
+
+/// A node with its names. It is on the graph while it lives; dropped with all that it created, it leaves
+/// within 0.1 s.
+///
+/// No `Spinner` of `ros2-client` runs: it would offer parameter services in one service mapping only and
+/// subscribe to `/clock` with the wrong type.
+pub struct RosNode {
+    // Dropped before the context, which must be last.
+    node: Node,
+    context: Context,
+    names: Names,
+    service_mapping: ServiceMapping,
+}
+
+impl RosNode {
+    /// Returns a node called `name` unless an argument renames it.
+    ///
+    /// # Errors
+    /// [`NodeError`]: an invalid name, or a network that cannot be used.
+    pub fn start(
+        name: &str,
+        arguments: &RosArguments,
+        environment: &RosEnvironment,
+    ) -> Result<Self, NodeError> {
+        let names = Names::new(name, "/", &arguments.remaps)?;
+        let mut participant = DomainParticipantBuilder::new(environment.domain_id);
+        if environment.loopback_only {
+            participant = participant.with_only_networks([IpAddr::V4(Ipv4Addr::LOCALHOST)]);
+        }
+        let context =
+            Context::from_domain_participant(participant.build().map_err(CreateError::from)?)?;
+        let options = NodeOptions::new()
+            .start_parameter_services(false)
+            .allow_undeclared_parameters(true);
+        let node = context.new_node(names.node().clone(), options)?;
+        Ok(Self {
+            node,
+            context,
+            names,
+            service_mapping: environment.service_mapping,
+        })
+    }
+
+    /// Returns the node's names.
+    pub fn names(&self) -> &Names {
+        &self.names
+    }
+
+    /// Returns how services are mapped to topics.
+    pub fn service_mapping(&self) -> ServiceMapping {
+        self.service_mapping
+    }
+
+    /// Returns the node of the client library.
+    pub fn inner(&mut self) -> &mut Node {
+        &mut self.node
+    }
+
+    /// Returns the context of the client library. A clone that outlives the node keeps a ghost of it
+    /// on the graph.
+    pub fn context(&self) -> &Context {
+        &self.context
+    }
+
+    /// Returns a publisher on a topic, whose name is resolved.
+    ///
+    /// # Errors
+    /// [`NodeError`].
+    pub fn publisher<M: TopicMessage>(
+        &mut self,
+        topic: &str,
+        qos: &QosProfile,
+    ) -> Result<Publisher<M>, NodeError> {
+        let name = self.names.resolve(topic)?;
+        let topic = self.node.create_topic(&name, type_name::<M>(), qos)?;
+        Ok(self.node.create_publisher(&topic, Some(qos.clone()))?)
+    }
+
+    /// Returns a subscription to a topic, whose name is resolved.
+    ///
+    /// # Errors
+    /// [`NodeError`].
+    pub fn subscription<M: TopicMessage + 'static>(
+        &mut self,
+        topic: &str,
+        qos: &QosProfile,
+    ) -> Result<Subscription<M>, NodeError> {
+        let name = self.names.resolve(topic)?;
+        let topic = self.node.create_topic(&name, type_name::<M>(), qos)?;
+        Ok(self.node.create_subscription(&topic, Some(qos.clone()))?)
+    }
+
+    /// Returns the server of a service, whose name is resolved, of type `package/kind`.
+    ///
+    /// # Errors
+    /// [`NodeError`].
+    pub fn server<Q, A>(
+        &mut self,
+        service: &str,
+        package: &str,
+        kind: &str,
+    ) -> Result<Server<Q, A>, NodeError>
+    where
+        Q: Message + Clone + 'static,
+        A: Message + 'static,
+    {
+        let name = self.names.resolve(service)?;
+        let (mapping, qos) = (self.service_mapping, super::qos::SERVICE);
+        let kind = ServiceTypeName::new(package, kind);
+        Ok(self
+            .node
+            .create_server(mapping, &name, &kind, qos.clone(), qos)?)
+    }
+}
+
+fn type_name<M: TopicMessage>() -> MessageTypeName {
+    MessageTypeName::new(M::PACKAGE, M::TYPE)
+}

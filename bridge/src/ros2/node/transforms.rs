@@ -1,0 +1,237 @@
+//! Transforms between frames from `/tf` and `/tf_static`, interpolated in time.
+
+use nalgebra::Isometry3;
+use std::collections::{BTreeMap, VecDeque};
+
+/// Why there is no transform.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum TransformError {
+    /// The frames are not connected.
+    #[error("there is no transform between {target} and {origin}")]
+    Unknown {
+        /// Target frame.
+        target: String,
+        /// Origin frame.
+        origin: String,
+    },
+    /// A transform between them is too old.
+    #[error("the newest transform of {child} is {age_s:.2} s old")]
+    Old {
+        /// Its child frame.
+        child: String,
+        /// Its age, s.
+        age_s: f64,
+    },
+}
+
+/// Transforms kept of each frame, s.
+const KEPT_S: f64 = 10.0;
+/// Frames on the way to the root; more is a loop.
+const DEPTH_MAX: usize = 64;
+
+/// A frame in its parent's.
+#[derive(Debug, Clone)]
+struct Edge {
+    parent: String,
+    /// In the order of time; a single one that holds for all times where it is fixed.
+    poses: VecDeque<(f64, Isometry3<f64>)>,
+    fixed: bool,
+}
+
+/// The known frames.
+#[derive(Debug, Clone, Default)]
+pub struct Transforms {
+    edges: BTreeMap<String, Edge>,
+}
+
+impl Transforms {
+    /// Takes the pose of a frame in its parent's at `time_s`; a fixed one holds for all times.
+    pub fn take(
+        &mut self,
+        parent: &str,
+        child: &str,
+        time_s: f64,
+        pose: Isometry3<f64>,
+        fixed: bool,
+    ) {
+        let (parent, child) = (plain(parent), plain(child));
+        if parent.is_empty() || child.is_empty() || parent == child || !time_s.is_finite() {
+            return;
+        }
+        let edge = self.edges.entry(child.to_owned()).or_insert_with(|| Edge {
+            parent: parent.to_owned(),
+            poses: VecDeque::new(),
+            fixed,
+        });
+        if edge.parent != parent || edge.fixed || fixed {
+            *edge = Edge {
+                parent: parent.to_owned(),
+                poses: VecDeque::new(),
+                fixed,
+            };
+        }
+        let after = edge.poses.partition_point(|(at_s, _)| *at_s <= time_s);
+        edge.poses.insert(after, (time_s, pose));
+        let newest_s = edge.poses.back().map_or(time_s, |(at_s, _)| *at_s);
+        while edge.poses.len() > 1 && edge.poses[0].0 < newest_s - KEPT_S {
+            edge.poses.pop_front();
+        }
+    }
+
+    /// Forgets all transforms that are not fixed, as after a jump of the clock.
+    pub fn forget(&mut self) {
+        self.edges.retain(|_, edge| edge.fixed);
+    }
+
+    /// Returns the pose of `origin` in `target` at `time_s`; where that is later than the newest transform,
+    /// the newest if it is at most `tolerance_s` older.
+    ///
+    /// # Errors
+    /// [`TransformError`].
+    pub fn look_up(
+        &self,
+        target: &str,
+        origin: &str,
+        time_s: f64,
+        tolerance_s: f64,
+    ) -> Result<Isometry3<f64>, TransformError> {
+        let (target, origin) = (plain(target), plain(origin));
+        let (ups, downs) = (self.way_up(origin), self.way_up(target));
+        let unknown = || TransformError::Unknown {
+            target: target.to_owned(),
+            origin: origin.to_owned(),
+        };
+        // Up from the origin until a frame that is above the target too, then down to it.
+        let meeting = ups
+            .iter()
+            .find(|frame| downs.contains(frame))
+            .ok_or_else(unknown)?;
+        let along = |way: &[&str]| {
+            way.iter()
+                .take_while(|frame| *frame != meeting)
+                .try_fold(Isometry3::identity(), |below, frame| {
+                    Ok(self.edges[*frame].at(frame, time_s, tolerance_s)? * below)
+                })
+        };
+        Ok(along(&downs)?.inverse() * along(&ups)?)
+    }
+
+    /// Returns a frame and those above it.
+    fn way_up<'a>(&'a self, frame: &'a str) -> Vec<&'a str> {
+        let mut way = vec![frame];
+        while way.len() < DEPTH_MAX
+            && let Some(edge) = way.last().and_then(|frame| self.edges.get(*frame))
+        {
+            way.push(&edge.parent);
+        }
+        way
+    }
+}
+
+impl Edge {
+    fn at(
+        &self,
+        child: &str,
+        time_s: f64,
+        tolerance_s: f64,
+    ) -> Result<Isometry3<f64>, TransformError> {
+        let after = self.poses.partition_point(|(at_s, _)| *at_s <= time_s);
+        let (before, next) = (
+            after.checked_sub(1).and_then(|index| self.poses.get(index)),
+            self.poses.get(after),
+        );
+        match (before, next) {
+            (Some((_, pose)), _) if self.fixed => Ok(*pose),
+            (Some((before_s, a)), Some((next_s, b))) => {
+                let ratio = (time_s - before_s) / (next_s - before_s);
+                Ok(a.lerp_slerp(b, ratio))
+            }
+            // Stamps ahead of the clock are usual for a localisation.
+            (None, Some((_, pose))) => Ok(*pose),
+            (Some((before_s, pose)), None) => {
+                let age_s = time_s - before_s;
+                if (..=tolerance_s).contains(&age_s) {
+                    Ok(*pose)
+                } else {
+                    Err(TransformError::Old {
+                        child: child.to_owned(),
+                        age_s,
+                    })
+                }
+            }
+            (None, None) => Err(TransformError::Old {
+                child: child.to_owned(),
+                age_s: f64::INFINITY,
+            }),
+        }
+    }
+}
+
+fn plain(frame: &str) -> &str {
+    frame.trim_start_matches('/')
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::{Translation3, UnitQuaternion, Vector3};
+
+    fn pose(x: f64, yaw: f64) -> Isometry3<f64> {
+        Isometry3::from_parts(
+            Translation3::new(x, 0.0, 0.0),
+            UnitQuaternion::from_euler_angles(0.0, 0.0, yaw),
+        )
+    }
+
+    fn known() -> Transforms {
+        let mut known = Transforms::default();
+        known.take("map", "odom", 1.0, pose(1.0, 0.0), false);
+        known.take("map", "odom", 2.0, pose(3.0, 1.0), false);
+        known.take("odom", "base_link", 2.0, pose(5.0, 0.0), false);
+        known.take("base_link", "imu", 0.0, pose(0.2, 3.0), true);
+        known
+    }
+
+    #[test]
+    fn between_two_stamps_is_interpolated_both_ways() {
+        let known = known();
+        let between = known.look_up("map", "odom", 1.5, 0.0).unwrap();
+        assert!((between.translation.x - 2.0).abs() < 1e-12);
+        assert!((between.rotation.angle() - 0.5).abs() < 1e-12);
+        let back = known.look_up("odom", "/map", 1.5, 0.0).unwrap();
+        let there = back * between;
+        assert!(there.translation.vector.norm() < 1e-12 && there.rotation.angle() < 1e-12);
+    }
+
+    #[test]
+    fn chains_are_followed_and_fixed_frames_hold_for_all_times() {
+        let known = known();
+        let imu = known.look_up("odom", "imu", 2.0, 0.1).unwrap();
+        assert!((imu.translation.vector - Vector3::new(5.2, 0.0, 0.0)).norm() < 1e-12);
+        assert!(known.look_up("imu", "base_link", 1e6, 0.0).is_ok());
+        let same = known.look_up("nowhere", "nowhere", 0.0, 0.0).unwrap();
+        assert_eq!(same, Isometry3::identity());
+    }
+
+    #[test]
+    fn what_is_unknown_or_old_is_named() {
+        let known = known();
+        let error = known.look_up("mars", "odom", 1.5, 1.0).unwrap_err();
+        assert!(error.to_string().contains("mars"), "{error}");
+        assert!(known.look_up("map", "odom", 2.4, 0.5).is_ok());
+        let error = known.look_up("map", "odom", 3.0, 0.5).unwrap_err();
+        assert!(error.to_string().contains("odom is 1.00 s old"), "{error}");
+        let mut known = known;
+        known.forget();
+        assert!(known.look_up("map", "odom", 1.5, 1.0).is_err());
+        assert!(known.look_up("imu", "base_link", 1.5, 1.0).is_ok());
+    }
+
+    #[test]
+    fn a_loop_is_no_endless_way() {
+        let mut known = Transforms::default();
+        known.take("a", "b", 0.0, pose(1.0, 0.0), false);
+        known.take("b", "a", 0.0, pose(1.0, 0.0), false);
+        assert!(known.look_up("c", "a", 0.0, 0.0).is_err());
+    }
+}

@@ -1,0 +1,172 @@
+//! The subscriptions of the vehicle and the thread that reads them.
+
+use super::config::InputsConfig;
+use super::config::{AttitudeSource, SpeedSource};
+use super::readings::{LatestInputs, PortContext, Readings};
+use crate::control_loop::channel::HaltSwitch;
+use crate::ros2::node::message::{Bool, Clock, Imu, JointState, Odometry, TfMessage};
+use crate::ros2::node::subscription::take_all;
+use crate::ros2::node::worker::Worker;
+use crate::ros2::node::{NodeError, RosNode, qos};
+use ros2_client::Subscription;
+use ros2_client::dds::rustdds::mio1::{Events, Interest, Poll, Token};
+use std::sync::atomic::Ordering;
+use std::time::{Duration, Instant};
+use triple_buffer::{Input, Output, triple_buffer};
+
+/// Longest wait for a message before the emergency stop is checked for silence.
+const TICK: Duration = Duration::from_millis(50);
+
+/// Settings of the thread that reads the subscriptions.
+pub(crate) struct InputSubscriber {
+    pub(crate) config: InputsConfig,
+    pub(crate) context: PortContext,
+    pub(crate) halt: HaltSwitch,
+    /// Whether sensors are read, or only the emergency stop, the clock and transforms.
+    pub(crate) sensors: bool,
+}
+
+impl InputSubscriber {
+    /// Starts the thread, and returns it with the newest readings.
+    pub(crate) fn start(
+        self,
+        node: &mut RosNode,
+    ) -> Result<(Worker, Output<LatestInputs>), NodeError> {
+        let mut subscriptions = Subscriptions::new(node, &self)?;
+        let mut poll = Poll::new()?;
+        subscriptions.register(&poll)?;
+        let (slot, latest) = triple_buffer(&LatestInputs::default());
+        let worker = Worker::start("ros2 inputs", move |end| {
+            let mut reader = Reader {
+                readings: Readings::new(self.config.clone(), self.context.clone()),
+                subscriber: self,
+                subscriptions,
+                slot,
+            };
+            let mut events = Events::with_capacity(64);
+            while !end.load(Ordering::Relaxed) {
+                if poll.poll(&mut events, Some(TICK)).is_err() {
+                    // A poll that failed has not waited.
+                    std::thread::sleep(Duration::from_millis(1));
+                }
+                reader.read();
+            }
+        })?;
+        Ok((worker, latest))
+    }
+}
+
+struct Subscriptions {
+    odometry: Option<Subscription<Odometry>>,
+    imu: Option<Subscription<Imu>>,
+    joint_states: Option<Subscription<JointState>>,
+    /// Volatile and transient local: a transient-local reader does not match a volatile publisher.
+    emergency_stop: [Subscription<Bool>; 2],
+    clock: Option<Subscription<Clock>>,
+    tf: Subscription<TfMessage>,
+    tf_static: Subscription<TfMessage>,
+}
+
+impl Subscriptions {
+    fn new(node: &mut RosNode, subscriber: &InputSubscriber) -> Result<Self, NodeError> {
+        let (config, sensors) = (&subscriber.config, subscriber.sensors);
+        let imu = sensors && config.attitude == AttitudeSource::Imu;
+        let joint_states = sensors && config.speeds == SpeedSource::JointStates;
+        let clock = subscriber.context.clock.is_some();
+        Ok(Self {
+            odometry: match sensors {
+                true => Some(node.subscription(&config.odometry, &qos::NEWEST)?),
+                false => None,
+            },
+            imu: match imu {
+                true => Some(node.subscription(&config.imu, &qos::NEWEST)?),
+                false => None,
+            },
+            joint_states: match joint_states {
+                true => Some(node.subscription(&config.joint_states, &qos::NEWEST)?),
+                false => None,
+            },
+            emergency_stop: [
+                node.subscription(&config.emergency_stop, &qos::RELIABLE_10)?,
+                node.subscription(&config.emergency_stop, &qos::LATCHED)?,
+            ],
+            clock: match clock {
+                true => Some(node.subscription("/clock", &qos::NEWEST)?),
+                false => None,
+            },
+            tf: node.subscription("/tf", &qos::RELIABLE_10)?,
+            tf_static: node.subscription("/tf_static", &qos::LATCHED_ALL)?,
+        })
+    }
+
+    fn register(&mut self, poll: &Poll) -> std::io::Result<()> {
+        let (registry, token, readable) = (poll.registry(), Token(0), Interest::READABLE);
+        if let Some(odometry) = &mut self.odometry {
+            registry.register(odometry, token, readable)?;
+        }
+        if let Some(imu) = &mut self.imu {
+            registry.register(imu, token, readable)?;
+        }
+        if let Some(joint_states) = &mut self.joint_states {
+            registry.register(joint_states, token, readable)?;
+        }
+        for subscription in &mut self.emergency_stop {
+            registry.register(subscription, token, readable)?;
+        }
+        if let Some(clock) = &mut self.clock {
+            registry.register(clock, token, readable)?;
+        }
+        registry.register(&mut self.tf, token, readable)?;
+        registry.register(&mut self.tf_static, token, readable)
+    }
+}
+
+struct Reader {
+    subscriber: InputSubscriber,
+    subscriptions: Subscriptions,
+    readings: Readings,
+    slot: Input<LatestInputs>,
+}
+
+impl Reader {
+    /// Reads all messages that have arrived: the emergency stop first, then the clock, then the rest.
+    fn read(&mut self) {
+        self.read_emergency_stop();
+        let (subscriptions, readings) = (&self.subscriptions, &mut self.readings);
+        if let Some(clock) = &subscriptions.clock {
+            take_all(clock, |message, _| readings.clock(&message));
+        }
+        take_all(&subscriptions.tf, |message, _| {
+            readings.transforms(&message, false);
+        });
+        take_all(&subscriptions.tf_static, |message, _| {
+            readings.transforms(&message, true);
+        });
+        if let Some(odometry) = &subscriptions.odometry {
+            take_all(odometry, |message, _| readings.odometry(&message));
+        }
+        if let Some(imu) = &subscriptions.imu {
+            take_all(imu, |message, _| readings.imu(&message));
+        }
+        if let Some(joint_states) = &subscriptions.joint_states {
+            take_all(joint_states, |message, _| readings.joint_states(&message));
+        }
+        self.slot.write(readings.latest());
+    }
+
+    fn read_emergency_stop(&self) {
+        let shared = &self.subscriber.context.shared;
+        let mut publishers = shared.estop_publishers();
+        for subscription in &self.subscriptions.emergency_stop {
+            take_all(subscription, |Bool { data }, publisher| {
+                publishers.received(publisher, data, Instant::now());
+            });
+        }
+        publishers.process_lost(Instant::now());
+        let timeout_s = self.subscriber.config.emergency_stop_timeout_s;
+        let cause = publishers.cause(Duration::from_secs_f64(timeout_s));
+        // The halt is set before the lock is released: whoever waits for a publisher sees its effect.
+        self.subscriber.halt.set(cause);
+        shared.emergency_stop.set(cause);
+    }
+}

@@ -1,0 +1,20 @@
+//! Drives and sensors over topics.
+//!
+//! ```text
+//! topics -> inputs (thread) -> readings -> Ros2Port -> control loop
+//! control loop -> Ros2Port -> commands (thread) -> topics
+//! ```
+//!
+//! The control loop waits for neither thread.
+
+pub mod config;
+pub mod convert;
+mod drives;
+pub(crate) mod emergency_stop;
+pub(crate) mod inputs;
+pub mod joints;
+pub(crate) mod readings;
+pub mod rover;
+pub(crate) mod shared_inputs;
+
+pub use drives::Ros2Port;

@@ -1,0 +1,227 @@
+//! From messages to readings for the controller: frames, stamps and units are checked here.
+
+use super::config::{AttitudeSource, Frames, InputsConfig, SpeedSource};
+use super::convert::{TwistMapping, pose_and_attitude};
+use super::shared_inputs::SharedInputs;
+use crate::drives::{ExternalClock, MeasuredMotorSpeeds};
+use crate::ros2::node::conversions::{
+    MessageError, from_pose, from_quaternion, from_transform, nanoseconds,
+};
+use crate::ros2::node::message::{Clock, Header, Imu, JointState, Odometry, TfMessage};
+use crate::ros2::node::time::RosTime;
+use crate::ros2::node::transforms::TransformError;
+use sidehill_plant::frames::{Attitude, Pose, paper_attitude};
+use sidehill_plant::sample::Stamped;
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+
+/// How far a stamp may be ahead of the clock, s.
+const AHEAD_S: f64 = 0.1;
+/// A step of `/clock` that is a jump, s; any step back is one.
+const CLOCK_JUMP_S: f64 = 2.0;
+
+/// The newest reading of each kind.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(crate) struct LatestInputs {
+    pub(crate) pose: Option<Stamped<Pose>>,
+    pub(crate) attitude: Option<Stamped<Attitude>>,
+    pub(crate) motors: Option<Stamped<MeasuredMotorSpeeds>>,
+}
+
+/// Why a message is rejected.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub(crate) enum Rejection {
+    #[error(transparent)]
+    Message(#[from] MessageError),
+    #[error("it is in {found}, must be in {expected}")]
+    Frame { found: String, expected: String },
+    #[error("its stamp is {ahead_s:.3} s ahead of the clock")]
+    Ahead { ahead_s: f64 },
+    #[error(transparent)]
+    Transform(#[from] TransformError),
+}
+
+/// What readings and commands share.
+#[derive(Clone)]
+pub(crate) struct PortContext {
+    pub(crate) frames: Frames,
+    pub(crate) mapping: TwistMapping,
+    pub(crate) time: RosTime,
+    /// The control loop's clock, where it is that of `/clock`.
+    pub(crate) clock: Option<ExternalClock>,
+    pub(crate) shared: Arc<SharedInputs>,
+}
+
+/// Converts messages to the newest readings; what it rejects is counted and keeps its reason.
+pub(crate) struct Readings {
+    config: InputsConfig,
+    context: PortContext,
+    latest: LatestInputs,
+    clock_s: Option<f64>,
+}
+
+impl Readings {
+    /// Returns readings before the first message.
+    pub(crate) fn new(config: InputsConfig, context: PortContext) -> Self {
+        Self {
+            config,
+            context,
+            latest: LatestInputs::default(),
+            clock_s: None,
+        }
+    }
+
+    /// Returns the newest readings.
+    pub(crate) fn latest(&self) -> LatestInputs {
+        self.latest
+    }
+
+    /// Takes a time of `/clock`. A jump drops all readings and transforms.
+    pub(crate) fn clock(&mut self, message: &Clock) {
+        let (Some(clock), Ok(now_ns)) = (&self.context.clock, nanoseconds(message.clock)) else {
+            return;
+        };
+        let now_s = self.context.time.local_s(now_ns);
+        let jumped = self
+            .clock_s
+            .is_some_and(|before_s| !(0.0..=CLOCK_JUMP_S).contains(&(now_s - before_s)));
+        self.clock_s = Some(now_s);
+        clock.set(now_s);
+        if jumped {
+            let shared = &self.context.shared;
+            shared.transforms().forget();
+            shared.clock_jumps.fetch_add(1, Ordering::Relaxed);
+            self.latest = LatestInputs::default();
+        }
+    }
+
+    /// Takes transforms; fixed ones are those of `/tf_static`.
+    pub(crate) fn transforms(&mut self, message: &TfMessage, fixed: bool) {
+        if let Err(reason) = self.try_transforms(message, fixed) {
+            self.context.shared.reject("tf", &reason);
+        }
+    }
+
+    fn try_transforms(&self, message: &TfMessage, fixed: bool) -> Result<(), Rejection> {
+        let mut transforms = self.context.shared.transforms();
+        for stamped in &message.transforms {
+            let time_s = self
+                .context
+                .time
+                .local_s(nanoseconds(stamped.header.stamp)?);
+            let pose = from_transform(&stamped.transform)?;
+            let (parent, child) = (&stamped.header.frame_id, &stamped.child_frame_id);
+            transforms.take(parent, child, time_s, pose, fixed);
+        }
+        Ok(())
+    }
+
+    /// Takes a message of the odometry.
+    pub(crate) fn odometry(&mut self, message: &Odometry) {
+        if let Err(reason) = self.try_odometry(message) {
+            self.context.shared.reject(&self.config.odometry, &reason);
+        }
+    }
+
+    fn try_odometry(&mut self, message: &Odometry) -> Result<(), Rejection> {
+        check_frame(&message.header.frame_id, &self.context.frames.odometry)?;
+        check_frame(&message.child_frame_id, &self.context.frames.base)?;
+        let time_s = self.time_s(&message.header)?;
+        let (pose, attitude) = pose_and_attitude(&from_pose(&message.pose.pose)?);
+        let mut twist = message.twist.twist.clone();
+        let [speed_m_s, yaw_rate_rad_s] = self.context.shared.velocity_thresholds();
+        for (value, threshold) in [
+            (&mut twist.linear.x, speed_m_s),
+            (&mut twist.angular.z, yaw_rate_rad_s),
+        ] {
+            if value.abs() < threshold {
+                *value = 0.0;
+            }
+        }
+        let motors = self.context.mapping.motors(&twist)?;
+        self.latest.pose = Some(stamped(time_s, pose));
+        if self.config.attitude == AttitudeSource::Odometry {
+            self.latest.attitude = Some(stamped(time_s, attitude));
+        }
+        if self.config.speeds == SpeedSource::Odometry {
+            self.latest.motors = Some(stamped(time_s, motors));
+        }
+        Ok(())
+    }
+
+    /// Takes a message of the IMU.
+    pub(crate) fn imu(&mut self, message: &Imu) {
+        match self.try_imu(message) {
+            Ok(attitude) => self.latest.attitude = Some(attitude),
+            Err(reason) => self.context.shared.reject(&self.config.imu, &reason),
+        }
+    }
+
+    fn try_imu(&self, message: &Imu) -> Result<Stamped<Attitude>, Rejection> {
+        let time_s = self.time_s(&message.header)?;
+        let world_from_imu = from_quaternion(&message.orientation)?;
+        let (imu, base) = (&message.header.frame_id, &self.context.frames.base);
+        let world_from_base = match check_frame(imu, base) {
+            Ok(()) => world_from_imu,
+            Err(_) => {
+                // The mounting of the IMU.
+                let transforms = self.context.shared.transforms();
+                world_from_imu * transforms.look_up(imu, base, time_s, 0.0)?.rotation
+            }
+        };
+        Ok(stamped(time_s, paper_attitude(&world_from_base).0))
+    }
+
+    /// Takes a message of joint states.
+    pub(crate) fn joint_states(&mut self, message: &JointState) {
+        match self.try_joint_states(message) {
+            Ok(motors) => self.latest.motors = Some(motors),
+            // Joints of other parts are published on the same topic.
+            Err(Rejection::Message(MessageError::Joint { .. })) => {}
+            Err(reason) => {
+                let topic = &self.config.joint_states;
+                self.context.shared.reject(topic, &reason);
+            }
+        }
+    }
+
+    fn try_joint_states(
+        &self,
+        message: &JointState,
+    ) -> Result<Stamped<MeasuredMotorSpeeds>, Rejection> {
+        let motors = self.config.joints.treads(message)?.into();
+        Ok(stamped(self.time_s(&message.header)?, motors))
+    }
+
+    /// Returns the local time of a stamp, not later than now; a stamp of zero was not set.
+    fn time_s(&self, header: &Header) -> Result<f64, Rejection> {
+        let time = &self.context.time;
+        let (stamp_ns, now_s) = (nanoseconds(header.stamp)?, time.now_s());
+        if stamp_ns == 0 && !time.is_simulated() {
+            return Ok(now_s);
+        }
+        let time_s = time.local_s(stamp_ns);
+        let ahead_s = time_s - now_s;
+        if ahead_s > AHEAD_S {
+            return Err(Rejection::Ahead { ahead_s });
+        }
+        Ok(time_s.min(now_s))
+    }
+}
+
+fn stamped<T>(time_s: f64, value: T) -> Stamped<T> {
+    Stamped { time_s, value }
+}
+
+fn check_frame(found: &str, expected: &str) -> Result<(), Rejection> {
+    let plain = |frame: &str| frame.trim_start_matches('/').to_owned();
+    let (found, expected) = (plain(found), plain(expected));
+    if found == expected {
+        Ok(())
+    } else {
+        Err(Rejection::Frame { found, expected })
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,193 @@
+//! The status of the controller for `/diagnostics`.
+
+use crate::control_loop::channel::LoopStatus;
+use crate::ros2::node::goals::GoalEnd;
+use crate::ros2::node::message::{DiagnosticStatus, KeyValue};
+use crate::safety::{Reason, SafetyState, StopCause};
+use sidehill_controller::controller::{Decision, Status};
+use sidehill_controller::estimator::Estimate;
+use sidehill_controller::mpc::QpFailure;
+use sidehill_plant::vehicle::Vehicle;
+use std::collections::VecDeque;
+use std::fmt::Display;
+
+/// Solve times of which quantiles are taken: 20 s at 20 Hz.
+const SOLVES: usize = 400;
+
+/// Levels of diagnostic_msgs/DiagnosticStatus.
+mod level {
+    pub(super) const OK: u8 = 0;
+    pub(super) const WARN: u8 = 1;
+    pub(super) const ERROR: u8 = 2;
+    pub(super) const STALE: u8 = 3;
+}
+
+/// What the server knows besides the control loop and the controller.
+pub(crate) struct ServerStatus<'a> {
+    /// Lifecycle state.
+    pub(crate) lifecycle: &'a str,
+    /// Messages that were rejected, and topic and reason of the last.
+    pub(crate) rejected: u64,
+    pub(crate) last_rejection: &'a str,
+    /// Whether the emergency stop is pressed or silent.
+    pub(crate) emergency_stop: Option<StopCause>,
+    /// Goals that were accepted.
+    pub(crate) goals: u64,
+    /// How the last goal ended, and why.
+    pub(crate) last_end: Option<(GoalEnd, &'a str)>,
+}
+
+/// Counts and solve times of the decisions.
+#[derive(Debug, Default)]
+pub(crate) struct SolveStats {
+    newest_s: f64,
+    solves_us: VecDeque<f64>,
+    fallbacks: u64,
+    deadlines: u64,
+}
+
+impl SolveStats {
+    /// Takes a decision, and returns whether it is a new one.
+    pub(crate) fn take(&mut self, decision: &Decision) -> bool {
+        if decision.time_s == self.newest_s {
+            return false;
+        }
+        self.newest_s = decision.time_s;
+        if let Some(solve) = &decision.solve {
+            if self.solves_us.len() == SOLVES {
+                self.solves_us.pop_front();
+            }
+            self.solves_us.push_back(1e6 * solve.solve_time_s);
+        }
+        if let Status::Fallback { reason, .. } = decision.status {
+            self.fallbacks += 1;
+            self.deadlines += u64::from(matches!(reason, QpFailure::Deadline { .. }));
+        }
+        true
+    }
+
+    /// Returns the median, the 99 % quantile and the largest solve time, us; NaN without one.
+    fn quantiles_us(&self) -> [f64; 3] {
+        let mut sorted: Vec<f64> = self.solves_us.iter().copied().collect();
+        sorted.sort_by(f64::total_cmp);
+        [0.5, 0.99, 1.0].map(|share: f64| {
+            let rank = (share * sorted.len() as f64).ceil() as usize;
+            sorted
+                .get(rank.saturating_sub(1))
+                .copied()
+                .unwrap_or(f64::NAN)
+        })
+    }
+}
+
+/// Returns the status of a node for `/diagnostics`.
+pub(crate) fn diagnostic_status(
+    node: &str,
+    vehicle: &Vehicle,
+    status: &LoopStatus,
+    decision: &Decision,
+    solves: &SolveStats,
+    server: &ServerStatus<'_>,
+) -> DiagnosticStatus {
+    let (level, message) = summary(status, decision, server);
+    let [solve_p50, solve_p99, solve_max] = solves.quantiles_us();
+    let (row, timing) = (&status.row, &status.timing);
+    let estimate = decision.estimate.as_ref();
+    let number = |value: f64| format!("{value:.6}");
+    let of = |field: fn(&Estimate) -> f64| number(estimate.map_or(f64::NAN, field));
+    let slide = estimate.map(|estimate| {
+        let sliding = vehicle.body_velocity(estimate.attitude, estimate.treads);
+        let level = vehicle.icrhk().body_velocity(estimate.treads);
+        [
+            sliding.right_m_s - level.right_m_s,
+            sliding.forward_m_s - level.forward_m_s,
+        ]
+    });
+    let [slide_right, slide_forward] = slide.unwrap_or([f64::NAN; 2]);
+    let last_end = server.last_end.map_or_else(String::new, |(end, reason)| {
+        format!("{end:?}: {reason}")
+            .trim_end_matches(": ")
+            .to_owned()
+    });
+    let stopped_by = status.stopped_by.map(|reason| reason.to_string());
+    let cross_track_m = decision.progress.map(|progress| progress.cross_track_m);
+    let values = [
+        ("lifecycle", server.lifecycle.to_owned()),
+        ("safety", format!("{:?}", row.state).to_lowercase()),
+        ("stopped_by", stopped_by.unwrap_or_default()),
+        ("controller", decision.status.to_string()),
+        (
+            "emergency_stop",
+            server.emergency_stop.is_some().to_string(),
+        ),
+        ("goals", server.goals.to_string()),
+        ("last_goal", last_end),
+        ("solve_p50_us", number(solve_p50)),
+        ("solve_p99_us", number(solve_p99)),
+        ("solve_max_us", number(solve_max)),
+        ("fallbacks", solves.fallbacks.to_string()),
+        ("deadline_misses", solves.deadlines.to_string()),
+        ("cycles", timing.cycles.to_string()),
+        ("cycles_skipped", timing.skipped.to_string()),
+        ("commands_unsent", timing.unsent.to_string()),
+        ("lateness_p99_s", number(timing.lateness_p99_s)),
+        ("feedback_age_s", number(row.feedback_age_s)),
+        ("pose_age_s", of(|estimate| estimate.pose_age_s)),
+        ("attitude_age_s", of(|estimate| estimate.attitude_age_s)),
+        (
+            "poses_gated",
+            estimate.map_or(0, |e| e.poses_gated).to_string(),
+        ),
+        ("refused", server.rejected.to_string()),
+        ("last_refusal", server.last_rejection.to_owned()),
+        ("cross_track_m", number(cross_track_m.unwrap_or(f64::NAN))),
+        ("slide_right_m_s", number(slide_right)),
+        ("slide_forward_m_s", number(slide_forward)),
+        ("model_error_m_s", of(|estimate| estimate.model_error_m_s)),
+    ];
+    DiagnosticStatus {
+        level,
+        name: format!("{node}: path tracking"),
+        message,
+        hardware_id: vehicle.name.clone(),
+        values: values
+            .into_iter()
+            .map(|(key, value)| KeyValue {
+                key: key.to_owned(),
+                value,
+            })
+            .collect(),
+    }
+}
+
+/// Returns level and message.
+fn summary(status: &LoopStatus, decision: &Decision, server: &ServerStatus<'_>) -> (u8, String) {
+    let with = |level, message: &dyn Display| (level, message.to_string());
+    if let Some(cause) = server.emergency_stop {
+        return with(level::ERROR, &cause);
+    }
+    match (status.row.state, decision.status) {
+        (_, Status::Waiting) => with(level::STALE, &"there is no attitude and no pose yet"),
+        (SafetyState::Driving, Status::Fallback { reason, .. }) => with(level::WARN, &reason),
+        (SafetyState::Driving, _) => with(level::OK, &"drives"),
+        (SafetyState::Zeroing | SafetyState::Enabling, _) => with(level::OK, &"is being armed"),
+        (SafetyState::Stopping, _) => with(level::WARN, &"stops"),
+        (SafetyState::Disarmed, _) => with(level::OK, &"waits for a path"),
+        (SafetyState::Latched, _) => match status.stopped_by {
+            Some(reason) if is_fault(&reason) => with(level::ERROR, &reason),
+            _ => with(level::OK, &"waits for a path"),
+        },
+    }
+}
+
+/// Returns whether a drive has ended for a fault.
+fn is_fault(reason: &Reason) -> bool {
+    match reason {
+        Reason::Finished => false,
+        Reason::Requested(cause) => cause.is_fault(),
+        _ => true,
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,125 @@
+use super::*;
+use crate::control_loop::channel::LoopStatus;
+use crate::ros2::server::test_data::{decision, loop_status};
+use sidehill_controller::mpc::{Residuals, SolveReport};
+
+const SERVER: ServerStatus<'_> = ServerStatus {
+    lifecycle: "active",
+    rejected: 3,
+    last_rejection: "odom: it is in map, must be in odom",
+    emergency_stop: None,
+    goals: 2,
+    last_end: Some((GoalEnd::Succeeded, "")),
+};
+
+fn j8() -> Vehicle {
+    serde_yaml::from_str(include_str!("../../../../../config/vehicles/j8.yaml")).unwrap()
+}
+
+fn report(status: &LoopStatus, decision: &Decision, server: &ServerStatus<'_>) -> DiagnosticStatus {
+    let solves = SolveStats::default();
+    diagnostic_status("/server", &j8(), status, decision, &solves, server)
+}
+
+#[track_caller]
+fn value<'a>(status: &'a DiagnosticStatus, key: &str) -> &'a str {
+    let found = status.values.iter().find(|value| value.key == key);
+    &found.expect(key).value
+}
+
+#[test]
+fn the_level_says_whether_somebody_has_to_look() {
+    let tracking = decision(1.0, 0.0, 0.0);
+    let of = |state, decision: &Decision, reason| {
+        let mut status = loop_status(state);
+        status.stopped_by = reason;
+        report(&status, decision, &SERVER).level
+    };
+    assert_eq!(of(SafetyState::Driving, &tracking, None), level::OK);
+    assert_eq!(of(SafetyState::Stopping, &tracking, None), level::WARN);
+    let fallback = Decision {
+        status: Status::Fallback {
+            reason: QpFailure::Infeasible,
+            cycles: 1,
+        },
+        ..tracking
+    };
+    assert_eq!(of(SafetyState::Driving, &fallback, None), level::WARN);
+    let waiting = Decision {
+        status: Status::Waiting,
+        ..tracking
+    };
+    assert_eq!(of(SafetyState::Disarmed, &waiting, None), level::STALE);
+    for (reason, expected) in [
+        (Reason::Finished, level::OK),
+        (Reason::Requested(StopCause::Cancelled), level::OK),
+        (Reason::Requested(StopCause::FrameLost), level::ERROR),
+        (Reason::CommandTimeout { age_s: 0.2 }, level::ERROR),
+    ] {
+        let found = of(SafetyState::Latched, &tracking, Some(reason));
+        assert_eq!(found, expected, "{reason}");
+    }
+    let pressed = ServerStatus {
+        emergency_stop: Some(StopCause::EmergencyStop),
+        ..SERVER
+    };
+    let status = report(&loop_status(SafetyState::Latched), &tracking, &pressed);
+    assert_eq!(status.level, level::ERROR);
+    assert_eq!(status.message, StopCause::EmergencyStop.to_string());
+    assert_eq!(value(&status, "emergency_stop"), "true");
+}
+
+#[test]
+fn values_are_those_of_the_loop_the_controller_and_the_server() {
+    let status = report(
+        &loop_status(SafetyState::Driving),
+        &decision(1.0, 0.0, 0.0),
+        &SERVER,
+    );
+    assert_eq!(status.name, "/server: path tracking");
+    for (key, expected) in [
+        ("lifecycle", "active"),
+        ("safety", "driving"),
+        ("stopped_by", ""),
+        ("goals", "2"),
+        ("last_goal", "Succeeded"),
+        ("refused", "3"),
+        ("solve_p99_us", "NaN"),
+        ("slide_right_m_s", "0.000000"),
+    ] {
+        assert_eq!(value(&status, key), expected, "{key}");
+    }
+}
+
+#[test]
+fn solve_times_are_counted_once_and_the_oldest_are_dropped() {
+    let mut solves = SolveStats::default();
+    let mut newest = decision(0.0, 0.0, 0.0);
+    for index in 1..=SOLVES + 100 {
+        newest.time_s = index as f64;
+        newest.solve = Some(SolveReport {
+            iterations: 5,
+            residuals: Residuals {
+                primal: 0.0,
+                dual: 0.0,
+                gap: 0.0,
+            },
+            solve_time_s: 1e-6 * index as f64,
+        });
+        assert!(solves.take(&newest));
+        assert!(!solves.take(&newest), "the same decision");
+    }
+    let [p50, p99, max] = solves.quantiles_us();
+    assert!(
+        (p50 - 300.0).abs() < 1e-6 && (p99 - 496.0).abs() < 1e-6,
+        "{p50} {p99}"
+    );
+    assert!((max - 500.0).abs() < 1e-6);
+    newest.time_s += 1.0;
+    newest.status = Status::Fallback {
+        reason: QpFailure::Infeasible,
+        cycles: 1,
+    };
+    solves.take(&newest);
+    assert_eq!((solves.fallbacks, solves.deadlines), (1, 0));
+}

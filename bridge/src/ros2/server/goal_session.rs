@@ -1,0 +1,370 @@
+//! A goal from its acceptance to its result.
+//!
+//! ```text
+//! Locating -> Building -> Arming -> Driving -> Ending
+//!     |           `-> Stopping -^     |  ^
+//!     `-> Stopping                    `--' pivot
+//! ```
+//!
+//! *Locating* waits for the pose of the vehicle and the transform of the path's frame, *Building* for the
+//! smooth curve. *Stopping* brings a vehicle to a halt that is to pivot first, or is at its goal already. A
+//! path that begins behind the vehicle is preceded by a pivot and then located anew; a goal with another
+//! heading is followed by one. *Ending* waits until the vehicle has stopped; then the client is told.
+//!
+//! Time is an argument, and nothing in here touches the network. The safety stops the vehicle on its own; a
+//! session only requests stops, and gives their reasons a code.
+
+mod drive;
+mod prepare;
+
+use super::checkers::ProgressChecker;
+use super::goal_context::{Client, GoalContext, Request, Requests};
+use super::outcome::Outcome;
+use super::requested_path::RequestedPath;
+use super::route::{Route, RouteSettings};
+use super::termination::{Termination, abort_cause};
+use crate::control_loop::channel::PathCommand;
+use crate::ros2::node::goals::GoalEnd;
+use crate::ros2::node::message::action::code;
+use crate::safety::StopCause;
+use sidehill_controller::controller::Decision;
+use sidehill_plant::frames::{PlanarPose, wrap_angle};
+use std::sync::Arc;
+use std::sync::mpsc::Receiver;
+
+/// Longest time until the drives are armed, s.
+const ARMING_S: f64 = 10.0;
+/// Longest time for a stop, s; the safety's own ramp is far shorter.
+const STOPPING_S: f64 = 10.0;
+/// Longest time for building a route, s.
+const BUILDING_S: f64 = 20.0;
+
+/// When the vehicle pivots.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct PivotSettings {
+    /// Where a path begins behind it.
+    pub at_start: bool,
+    /// Where the heading of the goal is another than that at the end of the path.
+    pub at_goal: bool,
+}
+
+/// What all sessions share.
+#[derive(Debug, Clone)]
+pub(crate) struct SessionSettings {
+    pub(crate) route: RouteSettings,
+    pub(crate) pivots: PivotSettings,
+    pub(crate) odometry_frame: String,
+}
+
+/// A route and the frame of its path in that of the odometry, as the controller has them.
+struct PlacedRoute {
+    route: Route,
+    frame: PlanarPose,
+    /// The controller does not have the newest speeds or frame yet.
+    changed: bool,
+}
+
+impl PlacedRoute {
+    fn command(&self, number: u64, from_m: f64) -> PathCommand {
+        PathCommand {
+            number,
+            trajectory: self.route.trajectory.clone().seen_from(&self.frame),
+            from_m,
+        }
+    }
+}
+
+/// What the controller follows for this session.
+enum Following {
+    Nothing,
+    Route(PlacedRoute),
+    /// A pivot to the first heading of the path.
+    StartPivot,
+    /// A pivot to the heading of the goal.
+    GoalPivot,
+}
+
+#[derive(Clone, Copy)]
+enum AfterStop {
+    /// Pivot to this heading, rad; then the path follows.
+    PivotTo(f64),
+    /// The path leads nowhere else: check the goal.
+    CheckGoal,
+}
+
+enum Phase {
+    Locating {
+        since_s: f64,
+    },
+    Building {
+        since_s: f64,
+        route: Receiver<Result<Route, Outcome>>,
+    },
+    Stopping {
+        since_s: f64,
+        then: AfterStop,
+    },
+    Arming {
+        since_s: f64,
+        /// Number of the request to arm.
+        request: u64,
+    },
+    Driving {
+        /// Whether the controller has tracked what it follows.
+        tracked: bool,
+    },
+    Ending {
+        since_s: f64,
+        end: GoalEnd,
+        outcome: Outcome,
+    },
+}
+
+/// A goal with its phase, path, client and number.
+pub(crate) struct GoalSession {
+    client: Client,
+    /// Whether the client has left.
+    client_lost: bool,
+    /// Number under which the controller has the path or the pivot.
+    number: u64,
+    path: Arc<RequestedPath>,
+    phase: Phase,
+    following: Following,
+    /// The goal in the frame of the odometry; known from the end of locating on.
+    goal: PlanarPose,
+    pivoted_at_start: bool,
+    progress: ProgressChecker,
+    frame_checked_s: f64,
+    /// Why the frame of the path is unknown.
+    frame_error: Option<String>,
+    without_frame_since_s: Option<f64>,
+    without_plan_since_s: Option<f64>,
+}
+
+impl GoalSession {
+    /// Returns the session of a new path. Progress is that of the session before: a client that sends newer
+    /// paths again and again still learns that the vehicle makes none.
+    pub(crate) fn new(
+        client: Client,
+        path: RequestedPath,
+        number: u64,
+        progress: ProgressChecker,
+        now_s: f64,
+    ) -> Self {
+        Self {
+            client,
+            client_lost: false,
+            number,
+            path: Arc::new(path),
+            phase: Phase::Locating { since_s: now_s },
+            following: Following::Nothing,
+            goal: PlanarPose::default(),
+            pivoted_at_start: false,
+            progress,
+            frame_checked_s: f64::NEG_INFINITY,
+            frame_error: None,
+            without_frame_since_s: None,
+            without_plan_since_s: None,
+        }
+    }
+
+    /// Returns the client.
+    pub(crate) fn client(&self) -> Client {
+        self.client
+    }
+
+    /// Takes that the client has left.
+    pub(crate) fn lose_client(&mut self) {
+        self.client_lost = true;
+    }
+
+    /// Ends the session for a newer path, and returns how.
+    pub(crate) fn preempt(self) -> (ProgressChecker, Request) {
+        let (end, outcome) = match self.phase {
+            Phase::Ending { end, outcome, .. } => (end, outcome),
+            _ => {
+                let outcome = Outcome::new(code::UNKNOWN, "a newer path has come");
+                (GoalEnd::Aborted, outcome)
+            }
+        };
+        let client = self.client;
+        let finish = Request::Finish {
+            client,
+            end,
+            outcome,
+        };
+        (self.progress, finish)
+    }
+
+    /// Ends the session; the client is told when the vehicle has stopped.
+    pub(crate) fn terminate(
+        &mut self,
+        now_s: f64,
+        termination: Termination,
+        requests: &mut Requests,
+    ) {
+        if let Phase::Ending { .. } = self.phase {
+            return;
+        }
+        self.following = Following::Nothing;
+        self.phase = Phase::Ending {
+            since_s: now_s,
+            end: termination.end,
+            outcome: termination.outcome,
+        };
+        requests.push(Request::Arm(0));
+        requests.stop(Some(termination.cause));
+    }
+
+    /// Returns the distance left along the path, m, and the commanded speed, m/s, while the route of a goal
+    /// is followed.
+    pub(crate) fn feedback(&self, decision: &Decision) -> Option<(f64, f64)> {
+        let Following::Route(placed) = &self.following else {
+            return None;
+        };
+        let own = Some(decision).filter(|decision| decision.reference == self.number)?;
+        let left_m = placed.route.trajectory.length_m() - own.progress?.arc_length_m;
+        Some((left_m.max(0.0), own.command.traction_m_s))
+    }
+
+    /// Changes the speeds of the route that is followed to those of the settings. A route that is being
+    /// built gets them when it is finished.
+    pub(crate) fn change_speeds(&mut self, settings: &RouteSettings) {
+        let Following::Route(placed) = &mut self.following else {
+            return;
+        };
+        let route = match self.phase {
+            Phase::Driving { .. } => placed.route.on_the_way(&settings.limits),
+            _ => placed.route.from_start(&settings.limits),
+        };
+        if let Ok(route) = route {
+            placed.route = route;
+            placed.changed = true;
+        }
+    }
+
+    /// Does what is due, and returns whether the session has ended.
+    pub(crate) fn step(
+        &mut self,
+        context: &GoalContext<'_>,
+        settings: &SessionSettings,
+        requests: &mut Requests,
+    ) -> bool {
+        self.prepare(context, settings, requests);
+        self.follow_frame(context, settings);
+        self.hand_over_changes(context, requests);
+        match self.phase {
+            Phase::Locating { .. } | Phase::Building { .. } => {
+                if let Some(termination) = abort_cause(context) {
+                    self.terminate(context.now_s, termination, requests);
+                } else {
+                    withdraw_stop(context, requests);
+                }
+            }
+            Phase::Stopping { since_s, then } => {
+                self.step_stopping((since_s, then), context, settings, requests);
+            }
+            Phase::Arming { since_s, request } => {
+                self.step_arming((since_s, request), context, requests);
+            }
+            Phase::Driving { tracked } if context.is_off() => {
+                self.step_stopped(tracked, context, settings, requests);
+            }
+            Phase::Driving { .. } => self.step_driving(context, requests),
+            Phase::Ending { since_s, .. } => {
+                return self.step_ending(since_s, context, requests);
+            }
+        }
+        false
+    }
+
+    /// Tells the client when the vehicle has stopped, and returns whether it was told.
+    fn step_ending(
+        &mut self,
+        since_s: f64,
+        context: &GoalContext<'_>,
+        requests: &mut Requests,
+    ) -> bool {
+        let stopped = context.has_stopped_since(since_s);
+        if !stopped && context.now_s - since_s <= STOPPING_S {
+            return false;
+        }
+        if let Phase::Ending { end, outcome, .. } = &self.phase {
+            let (client, end, outcome) = (self.client, *end, outcome.clone());
+            requests.push(Request::Follow(None));
+            requests.stop(requests.stop_cause().filter(|_| !stopped));
+            requests.push(Request::Finish {
+                client,
+                end,
+                outcome,
+            });
+        }
+        true
+    }
+
+    fn arm(&mut self, now_s: f64, requests: &mut Requests) {
+        self.phase = Phase::Arming {
+            since_s: now_s,
+            request: self.number,
+        };
+        requests.push(Request::Arm(self.number));
+    }
+
+    fn step_stopping(
+        &mut self,
+        (since_s, then): (f64, AfterStop),
+        context: &GoalContext<'_>,
+        settings: &SessionSettings,
+        requests: &mut Requests,
+    ) {
+        let now_s = context.now_s;
+        if let Some(termination) = abort_cause(context) {
+            return self.terminate(now_s, termination, requests);
+        }
+        let estimate = context.decision.and_then(|decision| decision.estimate);
+        if let Some(estimate) = estimate.filter(|_| context.has_stopped_since(since_s)) {
+            let pose = estimate.pose;
+            requests.stop(None);
+            match then {
+                AfterStop::PivotTo(heading_rad) => {
+                    self.pivoted_at_start = true;
+                    let angle_rad = wrap_angle(heading_rad - pose.yaw_rad);
+                    let target = (Following::StartPivot, angle_rad);
+                    self.pivot(target, &pose, context, settings, requests);
+                }
+                AfterStop::CheckGoal => self.check_goal(&pose, context, settings, requests),
+            }
+        } else if now_s - since_s > STOPPING_S {
+            let termination = Termination::abort(code::UNKNOWN, StopCause::NotArmed);
+            self.terminate(now_s, termination, requests);
+        }
+    }
+
+    fn step_arming(
+        &mut self,
+        (since_s, request): (f64, u64),
+        context: &GoalContext<'_>,
+        requests: &mut Requests,
+    ) {
+        if let Some(termination) = abort_cause(context) {
+            self.terminate(context.now_s, termination, requests);
+        } else if withdraw_stop(context, requests) {
+            // The safety sees it in its next cycle.
+        } else if context.armed >= request {
+            self.phase = Phase::Driving { tracked: false };
+        } else if context.now_s - since_s > ARMING_S {
+            let termination = Termination::abort(code::UNKNOWN, StopCause::NotArmed);
+            self.terminate(context.now_s, termination, requests);
+        }
+    }
+}
+
+/// Withdraws a stop that was requested for the path before, once the vehicle has stopped; returns whether
+/// there was one.
+fn withdraw_stop(context: &GoalContext<'_>, requests: &mut Requests) -> bool {
+    let withdraws = requests.stop_cause().is_some() && context.is_off();
+    if withdraws {
+        requests.stop(None);
+    }
+    withdraws
+}

@@ -1,0 +1,257 @@
+//! From the path of a client to a smooth curve with a speed profile.
+
+use super::outcome::Outcome;
+use super::requested_path::RequestedPath;
+use crate::ros2::node::message::action::code;
+use sidehill_controller::course::{Course, Pivot};
+use sidehill_controller::path::{Direction, Path, Point2, RawPoint, Smoothing, smooth};
+use sidehill_controller::speed_profile::{SpeedLimits, speed_profile};
+use sidehill_controller::trajectory::Trajectory;
+use sidehill_plant::frames::PlanarPose;
+use std::sync::Arc;
+
+/// Yaw rate of a pivot, rad/s.
+const PIVOT_RAD_S: f64 = 0.3;
+
+/// How a path becomes a route.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RouteSettings {
+    /// How its points become a curve.
+    pub smoothing: Smoothing,
+    /// Bounds on the speed.
+    pub limits: SpeedLimits,
+    /// Whether the orientations of the poses say the direction of driving.
+    pub use_orientations: bool,
+}
+
+/// A curve with its speed profile, in the frame of its path.
+#[derive(Debug, Clone)]
+pub struct Route {
+    /// The curve.
+    path: Arc<Path>,
+    /// The curve in time.
+    pub trajectory: Trajectory,
+    /// Speed of the vehicle where it begins, m/s.
+    initial_speed_m_s: f64,
+    /// Its largest speed, m/s.
+    pub speed_max_m_s: f64,
+}
+
+impl Route {
+    /// Returns the route of a path for a vehicle at `pose`, in the path's frame, that drives at
+    /// `speed_m_s`.
+    ///
+    /// # Errors
+    /// `INVALID_PATH` with the reason.
+    pub fn build(
+        path: &RequestedPath,
+        pose: &PlanarPose,
+        speed_m_s: f64,
+        settings: &RouteSettings,
+    ) -> Result<Self, Outcome> {
+        let first = path.first_passage(pose);
+        let poses = &path.poses[first.min(path.poses.len().saturating_sub(2))..];
+        let points: Vec<RawPoint> = (0..poses.len())
+            .map(|index| RawPoint {
+                position: Point2 {
+                    x_m: poses[index].x_m,
+                    y_m: poses[index].y_m,
+                },
+                elevation_m: None,
+                direction: settings.use_orientations.then(|| direction(poses, index)),
+            })
+            .collect();
+        let smoothed = smooth(&points, &settings.smoothing).map_err(Outcome::invalid_path)?;
+        let path = Arc::new(smoothed.path);
+        Ok(Self {
+            trajectory: profile(&path, speed_m_s, &settings.limits)?,
+            path,
+            initial_speed_m_s: speed_m_s,
+            speed_max_m_s: settings.limits.speed_max_m_s,
+        })
+    }
+
+    /// Returns the same curve at other speeds, for a vehicle that is at its beginning.
+    ///
+    /// # Errors
+    /// `INVALID_PATH` with the reason.
+    pub fn from_start(&self, limits: &SpeedLimits) -> Result<Self, Outcome> {
+        self.with_speeds(self.initial_speed_m_s, limits)
+    }
+
+    /// Returns the same curve at other speeds, for a vehicle that is on its way at the largest of them.
+    ///
+    /// # Errors
+    /// `INVALID_PATH` with the reason.
+    pub fn on_the_way(&self, limits: &SpeedLimits) -> Result<Self, Outcome> {
+        self.with_speeds(limits.speed_max_m_s, limits)
+    }
+
+    fn with_speeds(&self, initial_m_s: f64, limits: &SpeedLimits) -> Result<Self, Outcome> {
+        Ok(Self {
+            path: Arc::clone(&self.path),
+            trajectory: profile(&self.path, initial_m_s, limits)?,
+            initial_speed_m_s: self.initial_speed_m_s,
+            speed_max_m_s: limits.speed_max_m_s,
+        })
+    }
+}
+
+/// Returns a pivot by an angle, rad, counter-clockwise, from a pose.
+///
+/// # Errors
+/// The reason, where the limits do not allow it.
+pub fn pivot(
+    from: &PlanarPose,
+    angle_rad: f64,
+    limits: &SpeedLimits,
+) -> Result<Trajectory, Outcome> {
+    let fastest_rad_s = 2.0 * limits.steer_max_m_s / limits.track_width_m;
+    let course = Course::Pivot(Pivot {
+        angle_deg: angle_rad.to_degrees(),
+        yaw_rate_rad_s: PIVOT_RAD_S.min(fastest_rad_s),
+        centre_forward_m: 0.0,
+    });
+    course
+        .trajectory(limits)
+        .map(|trajectory| trajectory.seen_from(from))
+        .map_err(|error| Outcome::new(code::UNKNOWN, error.to_string()))
+}
+
+fn profile(path: &Path, speed_m_s: f64, limits: &SpeedLimits) -> Result<Trajectory, Outcome> {
+    let limits = SpeedLimits {
+        initial_speed_m_s: speed_m_s.clamp(0.0, limits.speed_max_m_s),
+        ..*limits
+    };
+    speed_profile(path, &limits, |_| f64::INFINITY).map_err(Outcome::invalid_path)
+}
+
+/// Returns the direction of driving from a pose to the next, by its heading.
+fn direction(poses: &[PlanarPose], index: usize) -> Direction {
+    let from = index.min(poses.len().saturating_sub(2));
+    let Some(next) = poses.get(from + 1) else {
+        return Direction::Forward;
+    };
+    let here = &poses[from];
+    let (sin, cos) = here.yaw_rad.sin_cos();
+    if -sin * (next.x_m - here.x_m) + cos * (next.y_m - here.y_m) < 0.0 {
+        Direction::Reverse
+    } else {
+        Direction::Forward
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::ros2::server::test_data::route_settings;
+    use std::f64::consts::{FRAC_PI_2, PI};
+
+    /// Poses along X_g, which is a heading of -90 deg.
+    fn line(count: usize) -> RequestedPath {
+        let poses = (0..count).map(|i| PlanarPose {
+            x_m: 0.1 * i as f64,
+            y_m: 0.0,
+            yaw_rad: -FRAC_PI_2,
+        });
+        RequestedPath {
+            frame: "map".to_owned(),
+            poses: poses.collect(),
+        }
+    }
+
+    #[test]
+    fn a_kink_close_to_an_end_is_smoothed_within_the_deviation_or_refused() {
+        let at = |places: &[(f64, f64)]| RequestedPath {
+            frame: "map".to_owned(),
+            poses: places
+                .iter()
+                .map(|&(x_m, y_m)| PlanarPose {
+                    x_m,
+                    y_m,
+                    yaw_rad: 0.0,
+                })
+                .collect(),
+        };
+        let pose = PlanarPose::default();
+        let path = at(&[(0.0, 0.0), (0.1, 0.1), (0.1, 0.2), (0.1, 0.3)]);
+        let route = Route::build(&path, &pose, 0.0, &route_settings()).unwrap();
+        let end = route.trajectory.at(1e3).position;
+        assert!((end.x_m - 0.1).hypot(end.y_m - 0.3) < 1e-6, "{end:?}");
+        let exact = RouteSettings {
+            smoothing: Smoothing {
+                max_deviation_m: 0.02,
+                ..Smoothing::default()
+            },
+            ..route_settings()
+        };
+        let error = Route::build(&path, &pose, 0.0, &exact).unwrap_err();
+        assert_eq!(error.code, code::INVALID_PATH);
+        assert!(error.message.contains("sharp"), "{}", error.message);
+    }
+
+    #[test]
+    fn a_single_pose_is_no_path() {
+        let path = line(1);
+        let error =
+            Route::build(&path, &PlanarPose::default(), 0.0, &route_settings()).unwrap_err();
+        assert_eq!(error.code, code::INVALID_PATH);
+    }
+
+    #[test]
+    fn a_path_is_joined_where_the_vehicle_is_and_at_its_speed() {
+        let path = line(101);
+        let pose = PlanarPose {
+            x_m: 4.02,
+            y_m: 0.3,
+            yaw_rad: -FRAC_PI_2,
+        };
+        let route = Route::build(&path, &pose, 0.3, &route_settings()).unwrap();
+        let start = route.trajectory.at(0.0);
+        assert!((start.position.x_m - 4.0).abs() < 0.05, "{start:?}");
+        assert!((start.speed_m_s - 0.3).abs() < 1e-6, "{start:?}");
+        assert!((route.trajectory.length_m() - 6.0).abs() < 0.05);
+        let slow = route.on_the_way(&SpeedLimits {
+            speed_max_m_s: 0.2,
+            ..route_settings().limits
+        });
+        let slow = slow.unwrap().trajectory;
+        assert!((slow.at(slow.duration_s() / 2.0).speed_m_s - 0.2).abs() < 1e-6);
+    }
+
+    #[test]
+    fn orientations_say_where_a_path_is_driven_in_reverse() {
+        let mut path = line(41);
+        for pose in &mut path.poses {
+            pose.yaw_rad += PI;
+        }
+        let backward = RouteSettings {
+            use_orientations: true,
+            ..route_settings()
+        };
+        let route = Route::build(&path, &path.poses[0], 0.0, &backward).unwrap();
+        assert!(route.trajectory.at(2.0).speed_m_s < 0.0);
+        let forward = Route::build(&path, &path.poses[0], 0.0, &route_settings()).unwrap();
+        assert!(forward.trajectory.at(2.0).speed_m_s > 0.0);
+    }
+
+    #[test]
+    fn a_pivot_turns_by_its_angle_within_the_steer_limit() {
+        let from = PlanarPose {
+            x_m: 1.0,
+            y_m: 2.0,
+            yaw_rad: 0.5,
+        };
+        let slow = SpeedLimits {
+            steer_max_m_s: 0.1,
+            ..route_settings().limits
+        };
+        for (limits, rate_rad_s) in [(route_settings().limits, PIVOT_RAD_S), (slow, 0.1)] {
+            let pivot = pivot(&from, -2.0, &limits).unwrap();
+            assert_eq!(pivot.length_m(), 0.0);
+            assert!((pivot.at(1e3).heading_rad + 1.5).abs() < 1e-6);
+            let duration_s = pivot.duration_s();
+            assert!(duration_s >= 2.0 / rate_rad_s, "{duration_s}");
+        }
+    }
+}

@@ -1,0 +1,145 @@
+//! Starting the ROS 2 side of a run.
+
+use super::config::Ros2Config;
+use super::controller_server::{ControllerServer, ServerLinks};
+use super::route::RouteSettings;
+use crate::control_loop::channel::{ControllerEnd, LoopEnd, command_channel};
+use crate::drives::{Clock, Epoch, ExternalClock};
+use crate::ros2::node::arguments::{RosArguments, RosEnvironment};
+use crate::ros2::node::time::RosTime;
+use crate::ros2::node::worker::Worker;
+use crate::ros2::node::{NodeError, RosNode};
+use crate::ros2::port::Ros2Port;
+use crate::ros2::port::convert::TwistMapping;
+use crate::ros2::port::inputs::InputSubscriber;
+use crate::ros2::port::readings::PortContext;
+use sidehill_plant::vehicle::{RangeError, Vehicle};
+use std::sync::Arc;
+
+/// Why the ROS 2 side cannot be started.
+#[derive(Debug, thiserror::Error)]
+pub enum StartError {
+    /// No node, topic, service or thread.
+    #[error(transparent)]
+    Node(#[from] NodeError),
+    /// A setting out of range.
+    #[error(transparent)]
+    Range(#[from] RangeError),
+}
+
+/// What the ROS 2 side of a run is made of.
+pub struct Setup<'a> {
+    /// The `ros2:` section.
+    pub config: Ros2Config,
+    /// Vehicle model of the controller.
+    pub vehicle: &'a Vehicle,
+    /// How paths become routes.
+    pub route: RouteSettings,
+    /// The arguments after `--ros-args`.
+    pub arguments: &'a RosArguments,
+    /// The environment variables of ROS.
+    pub environment: &'a RosEnvironment,
+    /// Zero of the control loop's time.
+    pub epoch: Epoch,
+    /// Whether the drives are commanded over ROS 2.
+    pub drives: bool,
+    /// Stages of the controller's horizon.
+    pub stages: usize,
+    /// Period of the control loop, s.
+    pub period_s: f64,
+}
+
+/// The running server, and the ends of its channels. Dropped, it leaves the graph.
+pub struct Ros2 {
+    /// Clock of the control loop.
+    pub clock: Clock,
+    /// The control loop's end of the command channel.
+    pub loop_end: LoopEnd,
+    /// The controller's end of it.
+    pub controller_end: ControllerEnd,
+    /// The vehicle, where its drives are commanded over ROS 2.
+    pub port: Option<Ros2Port>,
+    /// The threads.
+    pub server: Ros2Server,
+}
+
+/// The threads of the server; dropped, it leaves the graph.
+pub struct Ros2Server {
+    _server: Worker,
+    _inputs: Option<Worker>,
+}
+
+/// Starts the server and, where the drives are commanded over ROS 2, their port.
+///
+/// # Errors
+/// [`StartError`] for a setting out of range, an invalid name or a network that cannot be used.
+pub fn start(setup: Setup<'_>) -> Result<Ros2, StartError> {
+    let config = setup.config;
+    config.validate()?;
+    let mapping = TwistMapping::new(config.commands.track_width_m, setup.vehicle)?;
+    let mut node = RosNode::start(&config.node, setup.arguments, setup.environment)?;
+    let epoch = setup.epoch;
+    let external = config.use_sim_time.then(ExternalClock::default);
+    let (clock, time) = match external.clone() {
+        Some(clock) => {
+            let time = clock.clone();
+            let time = RosTime::simulated(move || time.now_s().unwrap_or(0.0));
+            (Clock::External(clock), time)
+        }
+        None => (
+            Clock::Real(epoch),
+            RosTime::system(move || epoch.elapsed_s()),
+        ),
+    };
+    let (commands, loop_end, controller_end) = command_channel(setup.stages);
+    let context = PortContext {
+        frames: config.frames.clone(),
+        mapping,
+        time: time.clone(),
+        clock: external,
+        shared: Arc::default(),
+    };
+    let links = ServerLinks {
+        time,
+        inputs: Arc::clone(&context.shared),
+        commands,
+    };
+    let subscriber = InputSubscriber {
+        config: config.inputs.clone(),
+        context: context.clone(),
+        halt: links.commands.halt_switch(),
+        sensors: setup.drives,
+    };
+    let (inputs, latest) = subscriber.start(&mut node)?;
+    let (port, inputs) = if setup.drives {
+        let scale = setup.vehicle.correction;
+        let port = Ros2Port::new(
+            &mut node,
+            &config.commands,
+            scale,
+            context,
+            (inputs, latest),
+        )?;
+        (Some(port), None)
+    } else {
+        (None, Some(inputs))
+    };
+    let server = ControllerServer::new(
+        node,
+        config,
+        setup.route,
+        setup.vehicle,
+        setup.period_s,
+        links,
+    )?;
+    Ok(Ros2 {
+        clock,
+        loop_end,
+        controller_end,
+        port,
+        server: Ros2Server {
+            _server: server.start().map_err(NodeError::from)?,
+            _inputs: inputs,
+        },
+    })
+}

@@ -1,0 +1,198 @@
+//! What the controller publishes of itself: its estimate, its plan, and diagnostics.
+
+use super::diagnostics::{ServerStatus, SolveStats, diagnostic_status};
+use crate::control_loop::channel::{ControllerStatus, LoopStatus};
+use crate::ros2::node::conversions::{stamp, to_pose};
+use crate::ros2::node::message::{
+    DiagnosticArray, Header, Path, PoseStamped, PoseWithCovariance, PoseWithCovarianceStamped,
+};
+use crate::ros2::node::time::RosTime;
+use crate::ros2::node::{NodeError, RosNode, qos};
+use crate::ros2::port::convert::world_from_base_link;
+use ros2_client::Publisher;
+use sidehill_controller::estimator::Estimate;
+use sidehill_plant::frames::{Attitude, PlanarPose, Pose};
+use sidehill_plant::vehicle::Vehicle;
+
+/// Time between two predicted trajectories, s.
+const PLAN_PERIOD_S: f64 = 0.1;
+/// Time between two diagnostics, s.
+const DIAGNOSTICS_PERIOD_S: f64 = 1.0;
+
+/// The publishers of telemetry.
+pub(crate) struct Telemetry {
+    pose: Publisher<PoseWithCovarianceStamped>,
+    plan: Publisher<Path>,
+    reference: Publisher<Path>,
+    diagnostics: Publisher<DiagnosticArray>,
+    vehicle: Vehicle,
+    node: String,
+    frame: String,
+    solves: SolveStats,
+    plan_s: f64,
+    diagnostics_s: f64,
+}
+
+impl Telemetry {
+    /// Creates the publishers; poses are in `frame`.
+    pub(crate) fn new(
+        node: &mut RosNode,
+        vehicle: &Vehicle,
+        frame: &str,
+    ) -> Result<Self, NodeError> {
+        Ok(Self {
+            pose: node.publisher("~/pose", &qos::STREAM)?,
+            plan: node.publisher("optimal_trajectory", &qos::STREAM)?,
+            reference: node.publisher("transformed_global_plan", &qos::STREAM)?,
+            diagnostics: node.publisher("/diagnostics", &qos::RELIABLE_10)?,
+            vehicle: vehicle.clone(),
+            node: node.names().node().fully_qualified_name(),
+            frame: frame.to_owned(),
+            solves: SolveStats::default(),
+            plan_s: f64::NEG_INFINITY,
+            diagnostics_s: f64::NEG_INFINITY,
+        })
+    }
+
+    /// Publishes what is due. A full queue drops a message: a later one is newer.
+    pub(crate) fn publish(
+        &mut self,
+        now_s: f64,
+        time: &RosTime,
+        status: Option<&LoopStatus>,
+        controller: &ControllerStatus,
+        server: &ServerStatus<'_>,
+    ) {
+        let Some(decision) = &controller.decision else {
+            return;
+        };
+        let is_new = self.solves.take(decision);
+        let header = |time_s: f64| Header {
+            stamp: stamp(time.stamp_ns(time_s)),
+            frame_id: self.frame.clone(),
+        };
+        if let Some(estimate) = decision.estimate.filter(|_| is_new) {
+            let _ = self.pose.publish(PoseWithCovarianceStamped {
+                header: header(estimate.time_s),
+                pose: pose_with_covariance(&estimate),
+            });
+        }
+        if is_due(&mut self.plan_s, now_s, PLAN_PERIOD_S) {
+            let header = header(decision.time_s);
+            let _ = self.plan.publish(path(&header, &controller.plan));
+            let _ = self.reference.publish(path(&header, &controller.reference));
+        }
+        if let Some(status) = status
+            && is_due(&mut self.diagnostics_s, now_s, DIAGNOSTICS_PERIOD_S)
+        {
+            let (node, vehicle, solves) = (&self.node, &self.vehicle, &self.solves);
+            let status = diagnostic_status(node, vehicle, status, decision, solves, server);
+            let _ = self.diagnostics.publish(DiagnosticArray {
+                header: header(now_s),
+                status: vec![status],
+            });
+        }
+    }
+}
+
+/// Returns whether a period has passed since `last_s`, which then is now; also where the clock has jumped
+/// back.
+fn is_due(last_s: &mut f64, now_s: f64, period_s: f64) -> bool {
+    let due = !(0.0..period_s).contains(&(now_s - *last_s));
+    if due {
+        *last_s = now_s;
+    }
+    due
+}
+
+fn path(header: &Header, poses: &[PlanarPose]) -> Path {
+    let poses = poses.iter().map(|pose| PoseStamped {
+        header: header.clone(),
+        pose: to_pose(&world_from_base_link(&level(pose), &Attitude::LEVEL)),
+    });
+    Path {
+        header: header.clone(),
+        poses: poses.collect(),
+    }
+}
+
+fn level(pose: &PlanarPose) -> Pose {
+    Pose {
+        x_m: pose.x_m,
+        y_m: pose.y_m,
+        z_m: 0.0,
+        yaw_rad: pose.yaw_rad,
+    }
+}
+
+/// Returns the estimate as a message; what is not estimated has no covariance.
+fn pose_with_covariance(estimate: &Estimate) -> PoseWithCovariance {
+    let mut covariance = [[0.0; 6]; 6];
+    // x, y and the rotation about z.
+    for (i, row) in [0, 1, 5].into_iter().enumerate() {
+        for (j, column) in [0, 1, 5].into_iter().enumerate() {
+            covariance[row][column] = estimate.covariance[(i, j)];
+        }
+    }
+    let pose = world_from_base_link(&level(&estimate.pose), &estimate.attitude);
+    PoseWithCovariance {
+        pose: to_pose(&pose),
+        covariance,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::test_data::estimate;
+    use super::*;
+    use crate::ros2::node::conversions::from_pose;
+    use crate::ros2::port::convert::pose_and_attitude;
+    use std::f64::consts::FRAC_PI_2;
+
+    #[test]
+    fn a_period_passes_and_a_clock_that_jumps_back_starts_over() {
+        let mut last_s = f64::NEG_INFINITY;
+        let due: Vec<bool> = [10.0, 10.0625, 10.125, 10.1875, 3.0, 3.0625]
+            .into_iter()
+            .map(|now_s| is_due(&mut last_s, now_s, 0.125))
+            .collect();
+        assert_eq!(due, [true, false, true, false, true, false]);
+    }
+
+    #[test]
+    fn the_estimate_is_published_in_the_axes_of_ros() {
+        let mut estimate = estimate(5.0, 1.0, 0.3);
+        estimate.attitude = Attitude {
+            roll_rad: 0.2,
+            pitch_rad: -0.1,
+        };
+        estimate.covariance[(0, 0)] = 0.01;
+        estimate.covariance[(1, 2)] = 0.002;
+        let message = pose_with_covariance(&estimate);
+        let (pose, attitude) = pose_and_attitude(&from_pose(&message.pose).unwrap());
+        assert!((pose.x_m - 1.0).abs() < 1e-12 && (pose.yaw_rad - 0.3).abs() < 1e-9);
+        assert!((attitude.roll_rad - 0.2).abs() < 1e-9);
+        assert_eq!(message.covariance[0][0], 0.01);
+        assert_eq!(message.covariance[1][5], 0.002);
+    }
+
+    #[test]
+    fn a_path_has_one_header_and_level_poses() {
+        let header = Header {
+            frame_id: "odom".to_owned(),
+            ..Header::default()
+        };
+        let pose = PlanarPose {
+            x_m: 2.0,
+            y_m: -1.0,
+            yaw_rad: -FRAC_PI_2,
+        };
+        let path = path(&header, &[pose, pose]);
+        assert_eq!(path.poses.len(), 2);
+        assert_eq!(path.poses[1].header, header);
+        // A heading of -90 deg looks along x, which is no rotation in ROS.
+        let q = &path.poses[0].pose.orientation;
+        assert!((q.w.abs() - 1.0).abs() < 1e-12, "{q:?}");
+        assert_eq!(path.poses[0].pose.position.x, 2.0);
+    }
+}

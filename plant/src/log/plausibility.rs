@@ -1,0 +1,303 @@
+//! Mistakes of units, sides and frames that a log shows by itself.
+
+use super::{DriveLog, LogRow};
+use crate::frames::wrap_angle;
+
+/// A likely mistake in how a log was made or read. It is a hint, not a proof: each says what was seen.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+pub enum Suspicion {
+    /// Time runs by thousands of seconds a row.
+    #[error(
+        "rows are {step_s:.3e} s apart in the middle: is the time column in {}? It must be in seconds",
+        time_unit(*.step_s)
+    )]
+    TimeUnit {
+        /// Median distance of two rows, s.
+        step_s: f64,
+    },
+    /// The vehicle turns against its treads.
+    #[error(
+        "the poses turn against the treads (correlation of yaw rate and v_right - v_left: {correlation:.2}): \
+         are the left and right columns swapped, or does yaw count clockwise?"
+    )]
+    SidesSwapped {
+        /// Correlation of yaw rate by the poses and speed difference of the treads, from -1 to 1.
+        correlation: f64,
+    },
+    /// Treads and poses disagree on the distance driven straight ahead.
+    #[error(
+        "straight ahead the treads travel {ratio:.2} times as far as the poses: {}",
+        distance_cause(*.ratio)
+    )]
+    TreadScale {
+        /// Distance by the treads over distance by the poses.
+        ratio: f64,
+    },
+    /// The vehicle moves backwards where the treads roll forwards.
+    #[error(
+        "the poses move backwards where the treads roll forwards ({share:.0} % of the rows): \
+         does the heading point backwards, or are the speeds' signs reversed?"
+    )]
+    HeadingReversed {
+        /// Share of moving rows that go the wrong way, percent.
+        share: f64,
+    },
+    /// Heading and direction of travel are a quarter turn apart.
+    #[error(
+        "straight ahead the poses move {angle_deg:.0} deg to the left of the heading: is yaw counted from \
+         x (REP-103) rather than from y (the paper)? See `heading: {{kind: rep103}}` of --columns"
+    )]
+    HeadingTurned {
+        /// Median angle from heading to direction of travel, counter-clockwise, degrees.
+        angle_deg: f64,
+    },
+    /// Slopes that no vehicle drives on.
+    #[error(
+        "roll or pitch reaches {angle_rad:.2} rad ({:.0} deg): are the columns in degrees? They must be in \
+         radians",
+        .angle_rad.to_degrees()
+    )]
+    AttitudeUnit {
+        /// Largest absolute roll or pitch, rad.
+        angle_rad: f64,
+    },
+}
+
+fn time_unit(step_s: f64) -> &'static str {
+    match step_s {
+        s if s > 1e5 => "nanoseconds",
+        s if s > 1e3 => "microseconds",
+        _ => "milliseconds",
+    }
+}
+
+fn distance_cause(ratio: f64) -> &'static str {
+    if ratio > 4.0 {
+        "are the speeds rad/s or rpm? They must be m/s (`tread_speed_scale` of --columns converts)"
+    } else if ratio > 1.0 {
+        "is the wheel radius or `tread_speed_scale` too large (a diameter for a radius)?"
+    } else {
+        "is the wheel radius or `tread_speed_scale` too small (a radius for a diameter)?"
+    }
+}
+
+/// Rows that a verdict needs at least.
+const ROWS_MIN: usize = 20;
+/// Steepest attitude that is believed, rad: 40 deg.
+const ATTITUDE_MAX_RAD: f64 = 0.7;
+/// Treads slower than this count as standing, m/s.
+const MOVING_M_S: f64 = 0.05;
+
+/// Motion between two rows with poses.
+struct Stretch {
+    duration_s: f64,
+    /// Mean of both treads, m/s.
+    traction_m_s: f64,
+    /// Right less left tread, m/s.
+    difference_m_s: f64,
+    yaw_rate_rad_s: f64,
+    /// Displacement by the poses along and to the left of the heading half way, m.
+    forward_m: f64,
+    left_m: f64,
+}
+
+impl DriveLog {
+    /// Returns the likely mistakes that the log shows, the most basic first.
+    ///
+    /// Treads are compared with poses over stretches of about half a second; without poses only time
+    /// and attitude are judged.
+    pub fn suspicions(&self) -> Vec<Suspicion> {
+        let mut found = Vec::new();
+        let steps = self.rows().windows(2).map(|w| w[1].time_s - w[0].time_s);
+        let step_s = median(steps.collect()).unwrap_or(0.0);
+        if step_s > 10.0 {
+            found.push(Suspicion::TimeUnit { step_s });
+        }
+        let angle_rad = self
+            .rows()
+            .iter()
+            .map(|row| {
+                row.attitude
+                    .roll_rad
+                    .abs()
+                    .max(row.attitude.pitch_rad.abs())
+            })
+            .fold(0.0, f64::max);
+        if angle_rad > ATTITUDE_MAX_RAD {
+            found.push(Suspicion::AttitudeUnit { angle_rad });
+        }
+        let stretches = stretches(self.rows());
+        found.extend(sides(&stretches));
+        found.extend(distance(&stretches));
+        found
+    }
+}
+
+/// Returns whether the vehicle turns with its treads.
+fn sides(stretches: &[Stretch]) -> Option<Suspicion> {
+    let turning: Vec<&Stretch> = stretches
+        .iter()
+        .filter(|s| s.difference_m_s.abs() > MOVING_M_S)
+        .collect();
+    if turning.len() < ROWS_MIN {
+        return None;
+    }
+    let sum = |value: &dyn Fn(&Stretch) -> f64| turning.iter().map(|s| value(s)).sum::<f64>();
+    let product = sum(&|s| s.yaw_rate_rad_s * s.difference_m_s);
+    let squares = sum(&|s| s.yaw_rate_rad_s.powi(2)) * sum(&|s| s.difference_m_s.powi(2));
+    let correlation = product / squares.sqrt().max(f64::MIN_POSITIVE);
+    (correlation < -0.3).then_some(Suspicion::SidesSwapped { correlation })
+}
+
+/// Compares the way by treads and poses where the vehicle goes about straight.
+fn distance(stretches: &[Stretch]) -> Option<Suspicion> {
+    let straight: Vec<&Stretch> = stretches
+        .iter()
+        .filter(|s| s.traction_m_s.abs() > 2.0 * MOVING_M_S.max(s.difference_m_s.abs()))
+        .collect();
+    if straight.len() < ROWS_MIN {
+        return None;
+    }
+    let angles = straight.iter().map(|s| {
+        let sign = s.traction_m_s.signum();
+        (sign * s.left_m).atan2(sign * s.forward_m).to_degrees()
+    });
+    let angle_deg = median(angles.collect())?;
+    if angle_deg.abs() > 150.0 {
+        let wrong = straight
+            .iter()
+            .filter(|s| s.forward_m * s.traction_m_s < 0.0)
+            .count();
+        let share = 100.0 * wrong as f64 / straight.len() as f64;
+        return Some(Suspicion::HeadingReversed { share });
+    }
+    if angle_deg.abs() > 30.0 {
+        return Some(Suspicion::HeadingTurned { angle_deg });
+    }
+    let treads_m: f64 = straight
+        .iter()
+        .map(|s| s.traction_m_s.abs() * s.duration_s)
+        .sum();
+    let poses_m: f64 = straight.iter().map(|s| s.forward_m.hypot(s.left_m)).sum();
+    let ratio = treads_m / poses_m.max(f64::MIN_POSITIVE);
+    (!(0.6..=1.6).contains(&ratio)).then_some(Suspicion::TreadScale { ratio })
+}
+
+/// Returns the motion from each pose to one about half a second later.
+fn stretches(rows: &[LogRow]) -> Vec<Stretch> {
+    let mut out = Vec::new();
+    let mut first = 0;
+    while let Some(start) = rows.get(first) {
+        let end = rows[first + 1..]
+            .iter()
+            .position(|row| row.pose.is_some() && row.time_s - start.time_s >= 0.45)
+            .map(|offset| first + 1 + offset);
+        let Some(end) = end else { break };
+        let duration_s = rows[end].time_s - start.time_s;
+        // A gap in time is no stretch.
+        if let (Some(from), Some(to), true) = (start.pose, rows[end].pose, duration_s < 2.0) {
+            let between = &rows[first + 1..=end];
+            let mean = |value: &dyn Fn(&LogRow) -> f64| {
+                between.iter().map(value).sum::<f64>() / between.len() as f64
+            };
+            let turned = wrap_angle(to.yaw_rad - from.yaw_rad);
+            let (sin, cos) = (from.yaw_rad + 0.5 * turned).sin_cos();
+            let (dx, dy) = (to.x_m - from.x_m, to.y_m - from.y_m);
+            out.push(Stretch {
+                duration_s,
+                traction_m_s: mean(&|r| 0.5 * (r.speeds.left_m_s + r.speeds.right_m_s)),
+                difference_m_s: mean(&|r| r.speeds.right_m_s - r.speeds.left_m_s),
+                yaw_rate_rad_s: turned / duration_s,
+                forward_m: -sin * dx + cos * dy,
+                left_m: -cos * dx - sin * dy,
+            });
+        }
+        first = if rows[first].pose.is_some() {
+            end
+        } else {
+            first + 1
+        };
+    }
+    out
+}
+
+/// Returns the lower median; none of no values.
+fn median(mut values: Vec<f64>) -> Option<f64> {
+    let middle = values.len().checked_sub(1)? / 2;
+    let (_, median, _) = values.select_nth_unstable_by(middle, f64::total_cmp);
+    Some(*median)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::frames::{Attitude, Pose};
+    use crate::speeds::MeasuredTreadSpeeds;
+
+    /// A drive at 20 Hz in wide arcs and straights, made by `change` into what is to be found.
+    fn log(change: impl Fn(&mut LogRow)) -> Vec<Suspicion> {
+        let mut pose = Pose::default();
+        let rows = (0..1200).map(|i| {
+            let time_s = 0.05 * f64::from(i);
+            let difference = if i % 400 < 200 { 0.0 } else { 0.3 };
+            let (speed, rate) = (0.6, difference / 1.5);
+            let mut row = LogRow {
+                time_s,
+                speeds: MeasuredTreadSpeeds {
+                    left_m_s: speed - 0.5 * difference,
+                    right_m_s: speed + 0.5 * difference,
+                },
+                attitude: Attitude {
+                    roll_rad: 0.1,
+                    pitch_rad: -0.05,
+                },
+                pose: Some(pose),
+            };
+            pose.yaw_rad += 0.05 * rate;
+            pose.x_m -= 0.05 * speed * pose.yaw_rad.sin();
+            pose.y_m += 0.05 * speed * pose.yaw_rad.cos();
+            change(&mut row);
+            row
+        });
+        DriveLog::new(rows.collect()).unwrap().suspicions()
+    }
+
+    #[test]
+    fn a_good_log_raises_none() {
+        assert_eq!(log(|_| {}), []);
+        assert_eq!(log(|row| row.pose = None), []);
+    }
+
+    #[test]
+    fn mistakes_are_recognised() {
+        let says = |found: Vec<Suspicion>, words: &str| {
+            assert_eq!(found.len(), 1, "{found:?}");
+            assert!(found[0].to_string().contains(words), "{}", found[0]);
+        };
+        let swap = |row: &mut LogRow| {
+            let speeds = row.speeds;
+            row.speeds.left_m_s = speeds.right_m_s;
+            row.speeds.right_m_s = speeds.left_m_s;
+        };
+        says(log(swap), "swapped");
+        let scale = |factor: f64| {
+            move |row: &mut LogRow| {
+                row.speeds.left_m_s *= factor;
+                row.speeds.right_m_s *= factor;
+            }
+        };
+        says(log(scale(2.0)), "diameter for a radius");
+        says(log(scale(0.5)), "radius for a diameter");
+        says(log(scale(9.5)), "rpm");
+        says(log(scale(-1.0)).split_off(1), "backwards");
+        says(log(|row| row.time_s *= 1e9).split_off(0), "nanoseconds");
+        says(log(|row| row.time_s *= 1e3).split_off(0), "milliseconds");
+        says(log(|row| row.attitude.roll_rad = 1.2), "degrees");
+        let rep_103 = |row: &mut LogRow| {
+            if let Some(pose) = &mut row.pose {
+                pose.yaw_rad += std::f64::consts::FRAC_PI_2;
+            }
+        };
+        says(log(rep_103), "rep103");
+    }
+}

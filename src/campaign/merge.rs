@@ -1,0 +1,150 @@
+//! Results of parts of a campaign, put together into the file that one machine would have written.
+
+use super::table::{AFTER, BEFORE, line};
+use crate::console;
+use anyhow::{Context, Result, bail};
+use csv::StringRecord;
+use std::collections::BTreeMap;
+use std::collections::btree_map::Entry;
+use std::fs::File;
+use std::io::Write;
+use std::path::Path;
+
+/// Rows of one campaign, each once, in the order of runs and then of the controllers' names.
+#[derive(Default)]
+pub struct Merged {
+    header: Option<StringRecord>,
+    fingerprint: String,
+    rows: BTreeMap<(u32, String), StringRecord>,
+}
+
+impl Merged {
+    /// Takes in the rows of a file's text, which is whole lines. A row that is there already is
+    /// dropped.
+    ///
+    /// # Errors
+    /// Names the line that is no result, belongs to another campaign, or differs from the row of the
+    /// same run and controller.
+    pub fn add(&mut self, text: &[u8]) -> Result<()> {
+        let mut reader = csv::Reader::from_reader(text);
+        let header = reader.headers()?.clone();
+        let names: Vec<&str> = header.iter().collect();
+        if !(names.starts_with(&BEFORE) && names.ends_with(&AFTER)) {
+            bail!("line 1: these are not the columns of a campaign's results");
+        }
+        match &self.header {
+            None => self.header = Some(header),
+            Some(first) if *first != header => {
+                bail!("line 1: its columns are others than those of the files before");
+            }
+            Some(_) => {}
+        }
+        for record in reader.records() {
+            let record = record?;
+            let at = record.position().map_or(0, csv::Position::line);
+            self.insert(record).with_context(|| format!("line {at}"))?;
+        }
+        Ok(())
+    }
+
+    fn insert(&mut self, record: StringRecord) -> Result<()> {
+        let (fingerprint, controller) = (&record[0], &record[3]);
+        let index: u32 = record[1]
+            .parse()
+            .with_context(|| format!("index: `{}` is no number of a run", &record[1]))?;
+        if self.rows.is_empty() {
+            fingerprint.clone_into(&mut self.fingerprint);
+        } else if fingerprint != self.fingerprint {
+            bail!(
+                "made by a campaign with fingerprint {fingerprint}, the rows before by one with {}: \
+                 seed, draws, scenario, vehicles or version are others",
+                self.fingerprint
+            );
+        }
+        match self.rows.entry((index, controller.to_owned())) {
+            Entry::Vacant(entry) => {
+                entry.insert(record);
+            }
+            Entry::Occupied(entry) if *entry.get() == record => {}
+            Entry::Occupied(entry) => {
+                let header = self.header.iter().flat_map(StringRecord::iter);
+                let both = entry.get().iter().zip(&record);
+                let (name, (held, new)) = header
+                    .zip(both)
+                    .find(|(_, (held, new))| held != new)
+                    .unwrap_or_default();
+                bail!(
+                    "run {index} of {controller} is there with another {name}: {held}, here {new}"
+                );
+            }
+        }
+        Ok(())
+    }
+
+    /// Returns the file of all rows; empty where none was taken in.
+    ///
+    /// # Errors
+    /// None that can happen; those of the CSV writer.
+    pub fn csv(&self) -> Result<Vec<u8>> {
+        let mut out = Vec::new();
+        for record in self.header.iter().chain(self.rows.values()) {
+            out.extend(line(record.iter())?);
+        }
+        Ok(out)
+    }
+}
+
+/// Merges files of results into `out`, whose own rows, where it exists, are among them; without `out`
+/// onto standard output. A last line that a kill has torn is left out and told of.
+///
+/// # Errors
+/// Names the file and line that do not belong to the others; `out` is as it was.
+pub fn run(files: &[impl AsRef<Path>], out: Option<&Path>) -> Result<()> {
+    let mut merged = Merged::default();
+    let held = out.filter(|out| out.exists());
+    for path in held.into_iter().chain(files.iter().map(AsRef::as_ref)) {
+        let name = || path.display().to_string();
+        let bytes = std::fs::read(path).with_context(name)?;
+        let whole = whole_lines(&bytes);
+        if whole.len() < bytes.len() {
+            console::complain(format_args!(
+                "{}: the last line is torn and left out",
+                name()
+            ));
+        }
+        // A campaign killed before its first line was on the disk.
+        if !whole.is_empty() {
+            merged.add(whole).with_context(name)?;
+        }
+    }
+    let csv = merged.csv()?;
+    match out {
+        Some(out) => replace(out, &csv),
+        None => Ok(std::io::stdout().write_all(&csv)?),
+    }
+}
+
+/// Returns the lines that have their end.
+pub fn whole_lines(bytes: &[u8]) -> &[u8] {
+    let end = bytes.iter().rposition(|&byte| byte == b'\n');
+    &bytes[..end.map_or(0, |last| last + 1)]
+}
+
+/// Puts `bytes` in the place of a file: after a kill at any time, the old file is there or the new.
+///
+/// # Errors
+/// What the disk says, with the file's name.
+pub fn replace(path: &Path, bytes: &[u8]) -> Result<()> {
+    let name = || path.display().to_string();
+    // A link stays one.
+    let path = path.canonicalize().unwrap_or_else(|_| path.to_owned());
+    let mut beside = path.clone().into_os_string();
+    beside.push(".part");
+    let write = || -> std::io::Result<()> {
+        let mut file = File::create(&beside)?;
+        file.write_all(bytes)?;
+        file.sync_all()?;
+        std::fs::rename(&beside, &path)
+    };
+    write().with_context(name)
+}

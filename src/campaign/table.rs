@@ -1,0 +1,187 @@
+//! The columns of a campaign's results, and what stands in a row.
+
+use crate::config::Campaign;
+use crate::record::Summary;
+use anyhow::{Context, Result, bail};
+use serde_yaml::Value;
+use sidehill_controller::config::ControllerKind;
+
+/// What became of one run with one controller.
+pub struct Outcome {
+    /// Number of the run.
+    pub index: u32,
+    /// Its seed.
+    pub seed: u64,
+    /// Who drove.
+    pub kind: ControllerKind,
+    /// What was drawn, in the order of the campaign's keys; empty where drawing failed.
+    pub values: Vec<Value>,
+    /// The figures, or why there are none.
+    pub figures: Result<Summary, String>,
+}
+
+/// What the summary needs of a row.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Row {
+    /// Number of the run.
+    pub index: u32,
+    /// Controller's name.
+    pub controller: String,
+    /// Whether it came to the end.
+    pub completed: bool,
+    /// Cross-track RMS, m, where the run started.
+    pub cross_track_rms_m: Option<f64>,
+    /// Steer total variation, m/s.
+    pub steer_total_variation_m_s: Option<f64>,
+}
+
+/// Columns before what is drawn.
+pub(super) const BEFORE: [&str; 4] = ["campaign", "index", "seed", "controller"];
+/// Columns after it.
+pub(super) const AFTER: [&str; 11] = [
+    "completed",
+    "ended_by",
+    "cross_track_rms_m",
+    "cross_track_p95_m",
+    "cross_track_max_m",
+    "along_track_rms_m",
+    "heading_rms_rad",
+    "steer_total_variation_m_s",
+    "goal_error_m",
+    "constraint_violations",
+    "fallbacks",
+];
+
+/// The columns of one campaign's results.
+pub struct Table {
+    name: String,
+    fingerprint: String,
+    header: Vec<String>,
+}
+
+impl Table {
+    /// Returns the table of a campaign.
+    ///
+    /// # Errors
+    /// What keeps the campaign from having a fingerprint.
+    pub fn of(campaign: &Campaign) -> Result<Self> {
+        let header = BEFORE.into_iter().chain(campaign.keys()).chain(AFTER);
+        Ok(Self {
+            name: campaign.name.clone(),
+            fingerprint: campaign.fingerprint()?,
+            header: header.map(str::to_owned).collect(),
+        })
+    }
+
+    /// Returns the first line.
+    ///
+    /// # Errors
+    /// None that can happen; those of the CSV writer.
+    pub fn header_line(&self) -> Result<Vec<u8>> {
+        line(self.header.iter().map(String::as_str))
+    }
+
+    /// Returns the line of an outcome.
+    ///
+    /// # Errors
+    /// A drawn value that JSON has no word for.
+    pub fn line(&self, outcome: &Outcome) -> Result<Vec<u8>> {
+        let mut fields = vec![
+            self.fingerprint.clone(),
+            outcome.index.to_string(),
+            outcome.seed.to_string(),
+            outcome.kind.name().to_owned(),
+        ];
+        for column in 0..self.header.len() - BEFORE.len() - AFTER.len() {
+            fields.push(match outcome.values.get(column) {
+                None => String::new(),
+                Some(Value::Number(number)) => number.to_string(),
+                Some(value) => serde_json::to_string(value)?,
+            });
+        }
+        // A line's end within a field would look like a row's.
+        let plain = |reason: &str| reason.replace(['\n', '\r'], " ");
+        match &outcome.figures {
+            Ok(s) => fields.extend([
+                s.completed.to_string(),
+                plain(s.ended_by.as_deref().unwrap_or("")),
+                s.cross_track_rms_m.to_string(),
+                s.cross_track_p95_m.to_string(),
+                s.cross_track_max_m.to_string(),
+                s.along_track_rms_m.to_string(),
+                s.heading_rms_rad.to_string(),
+                s.steer_total_variation_m_s.to_string(),
+                s.goal_error_m.to_string(),
+                s.constraint_violations.to_string(),
+                s.fallbacks.to_string(),
+            ]),
+            Err(reason) => {
+                fields.extend(["false".to_owned(), plain(reason)]);
+                fields.resize(self.header.len(), String::new());
+            }
+        }
+        line(fields.iter().map(String::as_str))
+    }
+
+    /// Returns the rows of a file's text, which is whole lines.
+    ///
+    /// # Errors
+    /// Results of another campaign, or rows that make no sense.
+    pub fn rows(&self, text: &[u8]) -> Result<Vec<Row>> {
+        if text.is_empty() {
+            return Ok(Vec::new());
+        }
+        let mut reader = csv::Reader::from_reader(text);
+        if !reader.headers()?.iter().eq(self.header.iter()) {
+            bail!(
+                "its columns are not those of campaign {}: results of another one?",
+                self.name
+            );
+        }
+        let at = |name: &str| {
+            let position = self.header.iter().position(|column| column == name);
+            position.with_context(|| format!("there is no column {name}"))
+        };
+        let (completed, rms, steer) = (
+            at("completed")?,
+            at("cross_track_rms_m")?,
+            at("steer_total_variation_m_s")?,
+        );
+        let mut rows = Vec::new();
+        for record in reader.records() {
+            let record = record?;
+            if record[0] != self.fingerprint {
+                bail!(
+                    "made by a campaign with fingerprint {}, this one has {}: seed, draws, \
+                     scenario, vehicles or version are others",
+                    &record[0],
+                    self.fingerprint
+                );
+            }
+            let number = |column: usize| -> Result<Option<f64>> {
+                match &record[column] {
+                    "" => Ok(None),
+                    text => Ok(Some(text.parse()?)),
+                }
+            };
+            rows.push(Row {
+                index: record[1].parse()?,
+                controller: record[3].to_owned(),
+                completed: record[completed].parse()?,
+                cross_track_rms_m: number(rms)?,
+                steer_total_variation_m_s: number(steer)?,
+            });
+        }
+        Ok(rows)
+    }
+}
+
+/// Returns fields as a line of CSV.
+///
+/// # Errors
+/// None that can happen; those of the CSV writer.
+pub(super) fn line<'a>(fields: impl Iterator<Item = &'a str>) -> Result<Vec<u8>> {
+    let mut writer = csv::Writer::from_writer(Vec::new());
+    writer.write_record(fields)?;
+    Ok(writer.into_inner()?)
+}

@@ -1,0 +1,171 @@
+//! Where the keys of a YAML text are: for messages that name a line.
+//!
+//! serde_yaml knows the line of most errors, but not of those found in a part that depends on a `kind`
+//! nor of those found by a range check after reading. This index knows the line of every key.
+
+use saphyr_parser::{Event, Parser, Span, SpannedEventReceiver};
+
+/// A key of a mapping, with the keys that lead to it and its line.
+#[derive(Debug, PartialEq)]
+struct Key {
+    path: Vec<String>,
+    line: usize,
+}
+
+/// A key that stands twice in one mapping.
+#[derive(Debug, PartialEq)]
+pub(super) struct Duplicate {
+    /// The key with those that lead to it, joined by dots.
+    pub(super) key: String,
+    /// Lines of both, counted from 1.
+    pub(super) lines: (usize, usize),
+}
+
+/// All keys of a text, in their order.
+#[derive(Debug, Default)]
+pub(super) struct Keys {
+    keys: Vec<Key>,
+    duplicate: Option<Duplicate>,
+}
+
+/// Where the parser is: in a mapping that waits for a key or for a value, or in a sequence.
+enum Level {
+    Mapping {
+        first_key: usize,
+        waits_for_key: bool,
+    },
+    Sequence,
+}
+
+#[derive(Default)]
+struct Reader {
+    found: Keys,
+    levels: Vec<Level>,
+    path: Vec<String>,
+}
+
+impl Keys {
+    /// Returns the keys of `text`; of a text that is not YAML those before the fault.
+    pub(super) fn of(text: &str) -> Self {
+        let mut reader = Reader::default();
+        // A syntax error is reported by the deserialiser, with its line.
+        let _ = Parser::new_from_str(text).load(&mut reader, false);
+        reader.found
+    }
+
+    /// Returns the first key that stands twice in one mapping.
+    pub(super) fn duplicate(&self) -> Option<&Duplicate> {
+        self.duplicate.as_ref()
+    }
+
+    /// Returns the line, counted from 1, of the first key whose path ends with `path`; where there is
+    /// none, that of the nearest enclosing key that exists.
+    pub(super) fn line_of(&self, path: &[&str]) -> Option<usize> {
+        (1..=path.len()).rev().find_map(|length| {
+            let wanted = &path[..length];
+            self.keys
+                .iter()
+                .find(|key| {
+                    let tail = key.path.len().checked_sub(wanted.len());
+                    tail.is_some_and(|from| key.path[from..].iter().eq(wanted))
+                })
+                .map(|key| key.line)
+        })
+    }
+}
+
+impl Reader {
+    /// A value has ended: the mapping around it waits for its next key.
+    fn value_ended(&mut self) {
+        if let Some(Level::Mapping { waits_for_key, .. }) = self.levels.last_mut() {
+            *waits_for_key = true;
+            self.path.pop();
+        }
+    }
+
+    fn key(&mut self, name: &str, line: usize, first_key: usize) {
+        self.path.push(name.to_owned());
+        let before = self.found.keys[first_key..]
+            .iter()
+            .find(|key| key.path == self.path)
+            .map(|key| key.line);
+        if let (Some(first), None) = (before, &self.found.duplicate) {
+            self.found.duplicate = Some(Duplicate {
+                key: self.path.join("."),
+                lines: (first, line),
+            });
+        }
+        self.found.keys.push(Key {
+            path: self.path.clone(),
+            line,
+        });
+    }
+}
+
+impl<'input> SpannedEventReceiver<'input> for Reader {
+    fn on_event(&mut self, event: Event<'input>, span: Span) {
+        let key_of = match self.levels.last() {
+            Some(Level::Mapping {
+                first_key,
+                waits_for_key: true,
+            }) => Some(*first_key),
+            _ => None,
+        };
+        match event {
+            Event::Scalar(name, ..) => match key_of {
+                Some(first_key) => {
+                    self.key(&name, span.start.line(), first_key);
+                    if let Some(Level::Mapping { waits_for_key, .. }) = self.levels.last_mut() {
+                        *waits_for_key = false;
+                    }
+                }
+                None => self.value_ended(),
+            },
+            Event::Alias(_) => self.value_ended(),
+            Event::MappingStart(..) => self.levels.push(Level::Mapping {
+                first_key: self.found.keys.len(),
+                waits_for_key: true,
+            }),
+            Event::SequenceStart(..) => self.levels.push(Level::Sequence),
+            Event::MappingEnd | Event::SequenceEnd => {
+                self.levels.pop();
+                self.value_ended();
+            }
+            _ => {}
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const TEXT: &str = "name: a\nterrain:\n  kind: plane\n  slope_deg: 5\nzones:\n  - {depth_m: 1, slope_deg: 2}\n  - depth_m: 3\ncontroller: {weights: {cross: 1}}\n";
+
+    #[test]
+    fn keys_are_found_by_the_end_of_their_path() {
+        let keys = Keys::of(TEXT);
+        assert_eq!(keys.line_of(&["terrain", "slope_deg"]), Some(4));
+        assert_eq!(keys.line_of(&["slope_deg"]), Some(4));
+        assert_eq!(keys.line_of(&["zones", "slope_deg"]), Some(6));
+        assert_eq!(keys.line_of(&["weights", "cross"]), Some(8));
+        assert_eq!(keys.line_of(&["terrain", "lost"]), Some(2));
+        assert_eq!(keys.line_of(&["lost"]), None);
+        assert_eq!(keys.duplicate(), None);
+    }
+
+    #[test]
+    fn a_key_that_stands_twice_is_found_and_one_of_two_items_is_not() {
+        assert_eq!(
+            Keys::of("a: 1\nb: {c: 1}\na: 2\n")
+                .duplicate()
+                .unwrap()
+                .lines,
+            (1, 3)
+        );
+        let inner = Keys::of("a:\n  b: 1\n  b: 2\n");
+        assert_eq!(inner.duplicate().unwrap().key, "a.b");
+        assert_eq!(Keys::of("- {b: 1}\n- {b: 1}\n").duplicate(), None);
+        assert_eq!(Keys::of("x: [{b: 1}, {b: 1}]\n").duplicate(), None);
+    }
+}

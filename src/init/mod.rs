@@ -1,0 +1,72 @@
+//! `sidehill init`: a commented, checked set of configuration files for a robot.
+
+mod files;
+mod robots;
+
+pub use robots::Robot;
+
+use crate::check;
+use crate::config::ConfigFile;
+use crate::console;
+use crate::output;
+use anyhow::{Context, Result, bail};
+use std::path::PathBuf;
+
+/// Through what the drives are told.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum)]
+pub enum PortKind {
+    /// `cmd_vel`, odometry and imu topics of ROS 2.
+    #[default]
+    Ros2,
+    /// A CAN bus, with an example of a CAN database.
+    Can,
+}
+
+/// Arguments of `sidehill init`.
+#[derive(Debug, Clone, clap::Args)]
+pub struct InitArgs {
+    /// Folder for the files; it is made where it does not exist.
+    pub dir: PathBuf,
+    /// Robot whose published measures the files begin with.
+    #[arg(long, value_enum, default_value_t)]
+    pub vehicle: Robot,
+    /// Through what the drives are told.
+    #[arg(long, value_enum, default_value_t)]
+    pub port: PortKind,
+    /// Overwrite files that exist.
+    #[arg(long)]
+    pub force: bool,
+}
+
+/// Writes the files, checks each as `sidehill check` does, and prints what to do next.
+///
+/// # Errors
+/// A file that exists already (nothing is written then), or one that cannot be written.
+pub fn run(args: &InitArgs) -> Result<()> {
+    let files = files::all(args.vehicle, args.port)?;
+    let paths: Vec<PathBuf> = files.iter().map(|file| args.dir.join(file.name)).collect();
+    output::check_free(&paths, args.force)?;
+    std::fs::create_dir_all(&args.dir)
+        .with_context(|| format!("{}: cannot be made", args.dir.display()))?;
+    for (file, path) in files.iter().zip(&paths) {
+        output::write(path, file.text.as_bytes(), args.force)?;
+    }
+    for path in paths
+        .iter()
+        .filter(|path| path.extension().is_some_and(|ending| ending == "yaml"))
+    {
+        let checked = ConfigFile::read(path)
+            .map_err(Into::into)
+            .and_then(check::check);
+        match checked {
+            Ok(kind) => console::line(format_args!("{}: {kind}", path.display())),
+            // The text is ours, so this is a defect of the program.
+            Err(error) => bail!("{error:#}"),
+        }
+    }
+    console::line(format_args!(
+        "{}: what to do next",
+        args.dir.join("README.md").display()
+    ));
+    Ok(())
+}

@@ -1,0 +1,90 @@
+//! Files that the program writes: whole or not at all, and nothing that exists is lost.
+
+use anyhow::{Context, Result, bail};
+use std::io::Write;
+use std::path::Path;
+
+/// Checks, before any work is done, that files can be written where nothing is lost by it.
+///
+/// # Errors
+/// Names the file that exists and is not empty, unless `force`; or the folder that is not there or
+/// cannot be written to.
+pub fn check_free(paths: &[impl AsRef<Path>], force: bool) -> Result<()> {
+    for path in paths {
+        let path = path.as_ref();
+        if let Ok(found) = std::fs::metadata(path) {
+            if found.is_dir() {
+                bail!("{}: is a folder", path.display());
+            }
+            if found.len() > 0 && !force {
+                bail!(
+                    "{}: exists already; name another file, or overwrite it with --force",
+                    path.display()
+                );
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Checks as [`check_free`] does and that the file's folder can be written to.
+///
+/// # Errors
+/// As [`check_free`].
+pub fn check_writable(path: &Path, force: bool) -> Result<()> {
+    check_free(&[path], force)?;
+    tempfile::Builder::new()
+        .prefix(".sidehill")
+        .tempfile_in(folder(path))
+        .map(drop)
+        .with_context(|| format!("{}: cannot be written", path.display()))
+}
+
+/// Writes a file whole: beside it first, then in its place.
+///
+/// # Errors
+/// As [`check_free`], and what the disk says.
+pub fn write(path: &Path, bytes: &[u8], force: bool) -> Result<()> {
+    check_free(&[path], force)?;
+    let failed = || format!("{}: cannot be written", path.display());
+    let mut file = tempfile::Builder::new()
+        .prefix(".sidehill")
+        .permissions(permissions())
+        .tempfile_in(folder(path))
+        .with_context(failed)?;
+    file.write_all(bytes).with_context(failed)?;
+    file.as_file().sync_data().with_context(failed)?;
+    file.persist(path).with_context(failed)?;
+    Ok(())
+}
+
+fn folder(path: &Path) -> &Path {
+    match path.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent,
+        _ => Path::new("."),
+    }
+}
+
+/// Readable by all, as files usually are; temporary files are not by themselves.
+fn permissions() -> std::fs::Permissions {
+    std::os::unix::fs::PermissionsExt::from_mode(0o644)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_exists_is_kept_but_by_force() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.yaml");
+        write(&path, b"one", false).unwrap();
+        let error = write(&path, b"two", false).unwrap_err().to_string();
+        assert!(error.contains("a.yaml: exists already"), "{error}");
+        assert_eq!(std::fs::read(&path).unwrap(), b"one");
+        write(&path, b"two", true).unwrap();
+        assert_eq!(std::fs::read(&path).unwrap(), b"two");
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+        assert!(write(&folder.path().join("no/b.yaml"), b"", false).is_err());
+    }
+}

@@ -1,0 +1,90 @@
+//! What a person sees of work that takes longer than a moment: progress, and what an interrupt left.
+
+use crate::console;
+use indicatif::{ProgressBar, ProgressStyle};
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+use signal_hook::iterator::Signals;
+use std::io::IsTerminal;
+use std::sync::Mutex;
+use std::time::{Duration, Instant};
+
+/// Time between lines where standard error is no terminal, s.
+const LINE_EVERY: Duration = Duration::from_secs(10);
+
+/// Progress of one piece of work: a bar on a terminal, elsewhere a line now and then.
+pub struct Progress {
+    name: String,
+    bar: ProgressBar,
+    /// When the last line was printed; none on a terminal.
+    last_line: Option<Mutex<Instant>>,
+}
+
+impl Progress {
+    /// Begins work of `steps` steps.
+    pub fn new(name: &str, steps: u64) -> Self {
+        let style = ProgressStyle::with_template(
+            "{prefix:14} {bar:40} {percent:>3} %  {elapsed} gone, {eta} left",
+        )
+        .unwrap_or_else(|_| ProgressStyle::default_bar());
+        Self {
+            name: name.to_owned(),
+            bar: ProgressBar::new(steps)
+                .with_style(style)
+                .with_prefix(name.to_owned()),
+            last_line: (!std::io::stderr().is_terminal()).then(|| Mutex::new(Instant::now())),
+        }
+    }
+
+    /// Shows that `done` steps are behind; steps may end in any thread.
+    pub fn at(&self, done: u64) {
+        self.bar.set_position(done);
+        self.line();
+    }
+
+    /// Shows that one more step is behind.
+    pub fn step(&self) {
+        self.bar.inc(1);
+        self.line();
+    }
+
+    fn line(&self) {
+        let Some(last) = &self.last_line else { return };
+        // Another thread that holds the lock prints just now.
+        let Ok(mut last) = last.try_lock() else {
+            return;
+        };
+        if last.elapsed() >= LINE_EVERY {
+            *last = Instant::now();
+            let (done, all) = (self.bar.position(), self.bar.length().unwrap_or(1));
+            let percent = 100 * done / all.max(1);
+            let left_s = self.bar.eta().as_secs();
+            console::complain(format_args!("{}: {percent} %, {left_s} s left", self.name));
+        }
+    }
+
+    /// Ends: a bar disappears.
+    pub fn finish(&self) {
+        self.bar.finish_and_clear();
+    }
+}
+
+/// Exit status of a program that a signal ended, as shells count it.
+const INTERRUPTED: i32 = 130;
+
+/// From now on an interrupt prints `message` and ends the program at once. Only for work whose files
+/// are written whole or line by line; nothing that drives a vehicle.
+///
+/// # Errors
+/// What the system says.
+pub fn explain_interrupt(message: impl Fn() -> String + Send + 'static) -> std::io::Result<()> {
+    let mut signals = Signals::new([SIGINT, SIGTERM, SIGHUP])?;
+    std::thread::Builder::new()
+        .name("interrupt".to_owned())
+        .spawn(move || {
+            if signals.forever().next().is_some() {
+                console::complain(message());
+                std::process::exit(INTERRUPTED);
+            }
+        })?;
+    Ok(())
+}

@@ -1,0 +1,294 @@
+//! The first hour of a stranger: mistakes that are made, each with a message that tells file, place,
+//! cause and remedy, and nothing lost.
+
+use crate::{Course, assert_says, fail, repository, sidehill, stderr, succeed, text};
+use std::process::Stdio;
+
+/// A log of 20 s at 20 Hz: straight ahead, then wide turns, on a slight slope.
+fn log() -> String {
+    let mut text =
+        "time_s,v_left_m_s,v_right_m_s,roll_rad,pitch_rad,x_m,y_m,z_m,yaw_rad\n".to_owned();
+    let (mut x, mut y, mut yaw) = (0.0_f64, 0.0_f64, 0.0_f64);
+    for i in 0..800 {
+        let difference = if i % 200 < 100 { 0.0 } else { 0.3 };
+        let (left, right) = (0.6 - 0.5 * difference, 0.6 + 0.5 * difference);
+        let time = 0.05 * f64::from(i);
+        text += &format!("{time:.3},{left},{right},0.03,0.02,{x:.5},{y:.5},0,{yaw:.5}\n");
+        yaw += 0.05 * difference / 2.0;
+        x -= 0.05 * 0.6 * yaw.sin();
+        y += 0.05 * 0.6 * yaw.cos();
+    }
+    text
+}
+
+/// Returns what `check` says of a file.
+fn complaint(name: &str, text: &str) -> String {
+    let course = Course::new("");
+    let file = course.write(name, text);
+    fail(sidehill().arg("check").arg(file))
+}
+
+/// Returns what `check` says of the course's scenario with one text put in place of another.
+fn scenario_complaint(from: &str, to: &str) -> String {
+    let course = Course::new("");
+    let scenario = std::fs::read_to_string(course.path("scenario.yaml")).unwrap();
+    assert!(scenario.contains(from), "{from}");
+    let file = course.write("scenario.yaml", &scenario.replace(from, to));
+    fail(sidehill().arg("check").arg(file))
+}
+
+#[test]
+fn mistakes_in_yaml_name_the_line_and_the_cause() {
+    let plane = "terrain: {kind: plane, slope_deg: 8, uphill_heading_deg: 60}";
+    for (to, says) in [
+        (
+            "terrain: {kind: level, slope_deg: 8}",
+            &["slope_deg", "line 3"][..],
+        ),
+        (
+            "terrain: {kind: grid, file: a.asc, cell_m: 1}",
+            &["cell_m", "line 3"],
+        ),
+        (
+            "terrain: {kind: plane, slope_rad: 0.1, uphill_heading_deg: 60}",
+            &["slope_rad", "slope_deg", "line 3"],
+        ),
+        (
+            "terrain: {kind: plane, slope_deg: 95, uphill_heading_deg: 60}",
+            &["slope_deg", "95", "line 3"],
+        ),
+        ("terrain: {kind: hill}", &["hill", "plane", "line 3"]),
+        ("terrain:\n\tkind: level", &["line 4", "tab", "spaces"]),
+        (
+            "terrain: {kind: level}\nseed: 2",
+            &["seed", "twice", "lines 4 and 8"],
+        ),
+        (
+            "terrain: {kind: grid, file: lost.asc}",
+            &["lost.asc", "named by", "scenario.yaml"],
+        ),
+    ] {
+        let message = scenario_complaint(plane, to);
+        assert_says(&message, &["scenario.yaml"]);
+        assert_says(&message, says);
+    }
+    let message = scenario_complaint("vehicle: ", "vehicle: nowhere/");
+    assert_says(&message, &["nowhere/", "named by", "scenario.yaml"]);
+}
+
+#[test]
+fn a_byte_order_mark_is_no_mistake() {
+    let course = Course::new("");
+    let scenario = std::fs::read_to_string(course.path("scenario.yaml")).unwrap();
+    let file = course.write("marked.yaml", &format!("\u{feff}{scenario}"));
+    assert_says(
+        &succeed(sidehill().arg("check").arg(file)),
+        &["valid scenario"],
+    );
+    let file = course.write("marked.csv", &format!("\u{feff}{}", log()));
+    assert_says(&succeed(sidehill().arg("check").arg(file)), &["valid log"]);
+}
+
+#[test]
+fn mistakes_in_logs_name_row_cause_and_remedy() {
+    let good = log();
+    assert_eq!(complaint("empty.csv", "").lines().count(), 1);
+    for (name, text, says) in [
+        ("empty.csv", String::new(), &["empty", "column"][..]),
+        (
+            "comma.csv",
+            good.replacen("0.03,0.02,", "0,03,0.02,", 1),
+            &["line 2", "10 fields", "12.5, not 12,5"],
+        ),
+        (
+            "twice.csv",
+            good.replacen("roll_rad", "pitch_rad", 1),
+            &["two columns are named pitch_rad"],
+        ),
+        (
+            "lacks.csv",
+            good.replacen("roll_rad", "roll", 1),
+            &["no column roll_rad", "--columns"],
+        ),
+        (
+            "degrees.csv",
+            good.replace(",0.03,0.02,", ",3.0,2.0,"),
+            &["row 1", "roll_rad", "degrees"],
+        ),
+        (
+            "rpm.csv",
+            good.replace(",0.6,0.6,", ",57,57,"),
+            &["row 1", "v_left_m_s", "rpm"],
+        ),
+        (
+            "word.csv",
+            good.replacen("0.02", "flat", 1),
+            &["row 1", "pitch_rad", "flat"],
+        ),
+    ] {
+        let message = complaint(name, &text);
+        assert_says(&message, &[name]);
+        assert_says(&message, says);
+    }
+    let course = Course::new("");
+    let swapped = good.replacen("v_left_m_s,v_right_m_s", "v_right_m_s,v_left_m_s", 1);
+    let file = course.write("swapped.csv", &swapped);
+    let output = sidehill().arg("check").arg(file).output().unwrap();
+    assert!(output.status.success());
+    assert_says(&stderr(&output), &["swapped.csv", "warning", "swapped"]);
+}
+
+#[test]
+fn mistakes_in_paths_are_found_before_anything_runs() {
+    assert_says(
+        &complaint("route.csv", "x_m,y_m\n0,0\n12,5,3\n"),
+        &["route.csv", "line 3", "12.5, not 12,5"],
+    );
+    assert_says(
+        &complaint("route.gpx", "x_m,y_m\n0,0\n"),
+        &["route.gpx", "not XML", ".csv"],
+    );
+    let course = Course::new("");
+    let path = course.write("path.csv", "x_m,y_m\n0,0\n0,5\n0,10\n");
+    let said = succeed(sidehill().arg("check").arg(&path));
+    assert_eq!(said.lines().count(), 1, "{said}");
+    let grid = "ncols 3\nnrows 3\nxllcorner -3\nyllcorner -3\ncellsize 3\n0 0 0\n0 0 0\n0 0 0\n";
+    course.write("small.asc", grid);
+    let scenario = std::fs::read_to_string(course.path("scenario.yaml")).unwrap();
+    let file = course.write(
+        "scenario.yaml",
+        &scenario
+            .replace(
+                "terrain: {kind: plane, slope_deg: 8, uphill_heading_deg: 60}",
+                "terrain: {kind: grid, file: small.asc}",
+            )
+            .replace(
+                "course: {shape: straight, length_m: 2, speed_m_s: 0.5}",
+                "route: {file: path.csv}\nspeed: {speed_m_s: 5}",
+            ),
+    );
+    let message = fail(sidehill().arg("check").arg(&file));
+    assert_says(
+        &message,
+        &["scenario.yaml", "leaves the ground", "from its start"],
+    );
+    let file = course.write(
+        "fast.yaml",
+        &scenario.replace(
+            "course: {shape: straight, length_m: 2, speed_m_s: 0.5}",
+            "route: {file: path.csv}\nspeed: {speed_m_s: 5}",
+        ),
+    );
+    let output = sidehill().arg("check").arg(&file).output().unwrap();
+    assert!(output.status.success(), "{}", stderr(&output));
+    assert_says(&stderr(&output), &["speed.speed_m_s: 5", "speed_max_m_s"]);
+}
+
+#[test]
+fn another_vehicle_is_not_replaced_by_the_j8() {
+    let course = Course::new("");
+    let husky =
+        text("config/vehicles/j8.yaml").replace("x_icr_right_m: 1.073", "x_icr_right_m: 0.9");
+    course.write("husky.yaml", &husky.replace("name: j8", "name: husky"));
+    let scenario = std::fs::read_to_string(course.path("scenario.yaml")).unwrap();
+    let j8 = repository("config/vehicles/j8.yaml").display().to_string();
+    let file = course.write("scenario.yaml", &scenario.replace(&j8, "husky.yaml"));
+    for arguments in [["--plant", "contact"], ["--conditions", "realistic"]] {
+        let message = fail(sidehill().arg("simulate").arg(&file).args(arguments));
+        assert_says(
+            &message,
+            &[
+                "scenario.yaml",
+                "contact: {vehicle: FILE, identified: FILE}",
+                "husky",
+            ],
+        );
+    }
+}
+
+#[test]
+fn nothing_that_exists_is_overwritten() {
+    let course = Course::new("");
+    let vehicle = course.write("vehicle.yaml", &text("config/vehicles/j8.yaml"));
+    let before = std::fs::read(&vehicle).unwrap();
+    let message = fail(
+        sidehill()
+            .args(["identify", "--level", "nowhere.csv", "--vehicle"])
+            .arg(&vehicle)
+            .arg("--out")
+            .arg(&vehicle),
+    );
+    assert_says(&message, &["vehicle.yaml", "exists already", "--force"]);
+    assert_eq!(std::fs::read(&vehicle).unwrap(), before);
+    // Found before the work.
+    let message = fail(
+        sidehill()
+            .args(["identify", "--level", "nowhere.csv", "--vehicle"])
+            .arg(&vehicle)
+            .args(["--out", "/proc/out.yaml"]),
+    );
+    assert_says(&message, &["/proc/out.yaml", "cannot be written"]);
+    let folder = course.path("out");
+    succeed(course.simulate().arg("--out").arg(&folder));
+    let report = std::fs::read(folder.join("report.html")).unwrap();
+    assert_says(
+        &fail(course.simulate().arg("--out").arg(&folder)),
+        &["report.html", "exists already"],
+    );
+    assert_eq!(std::fs::read(folder.join("report.html")).unwrap(), report);
+    succeed(course.simulate().arg("--out").arg(&folder).arg("--force"));
+}
+
+#[test]
+fn output_that_nobody_reads_does_not_end_the_work() {
+    let course = Course::new("");
+    let folder = course.path("out");
+    let mut child = course
+        .simulate()
+        .arg("--out")
+        .arg(&folder)
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    drop(child.stdout.take());
+    drop(child.stderr.take());
+    assert!(child.wait().unwrap().success());
+    assert!(folder.join("report.html").exists());
+}
+
+#[test]
+fn init_writes_sets_that_are_valid_and_drive() {
+    for robot in ["husky", "jackal", "warthog", "j8", "tracks"] {
+        let folder = tempfile::tempdir().unwrap();
+        let set = folder.path().join(robot);
+        let said = succeed(sidehill().args(["init", "--vehicle", robot]).arg(&set));
+        assert_says(
+            &said,
+            &[
+                "scenario.yaml: scenario",
+                "run.yaml: configuration of run",
+                "README.md",
+            ],
+        );
+        let drive = succeed(
+            sidehill()
+                .arg("simulate")
+                .arg(set.join("scenario.yaml"))
+                .args(["--controller", "icrik-mpc", "--format", "json"]),
+        );
+        let figures: serde_json::Value = serde_json::from_str(&drive).unwrap();
+        let rms_m = figures["runs"][0]["cross_track_rms_m"].as_f64().unwrap();
+        assert!(rms_m < 0.02, "{robot}: {rms_m} m");
+        // A second time nothing is overwritten.
+        let message = fail(sidehill().args(["init", "--vehicle", robot]).arg(&set));
+        assert_says(&message, &["exists already", "--force"]);
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let said = succeed(
+        sidehill()
+            .args(["init", "--vehicle", "j8", "--port", "can"])
+            .arg(folder.path().join("j8")),
+    );
+    assert_says(&said, &["can.yaml: layout of a CAN bus"]);
+}
