@@ -5,6 +5,7 @@
 
 mod campaign;
 mod check;
+mod configuration;
 mod icr;
 mod odometry;
 mod paths;

@@ -1,0 +1,359 @@
+//! docs/configuration.md against the program: its keys, types, ranges and defaults.
+//!
+//! Each table follows a comment `<!-- keys: FILE PATH with KEY=JSON... -->`: a file of `config/`, the section in
+//! it, and what is put into the file so that it has the section. The program is asked by values that it must
+//! refuse: an unknown key makes it list the known ones, a map names the type, a huge number the range.
+//!
+//! With the environment variable `UPDATE_DOCS` set, types and ranges in the page are replaced by the program's; what
+//! a key means remains to be written.
+
+use crate::{repository, text};
+use serde_yaml::{Mapping, Value};
+use sidehill::check::check;
+use sidehill::config::ConfigFile;
+use sidehill_bridge::control_loop::CycleConfig;
+use sidehill_bridge::control_loop::scheduling::RealtimeConfig;
+use sidehill_bridge::ros2::server::config::Ros2Config;
+use sidehill_bridge::safety::SafetyConfig;
+use sidehill_controller::config::ControllerConfig;
+use sidehill_plant::drive_train::DriveTrainConfig;
+use sidehill_plant::log::ColumnMap;
+use sidehill_plant::sensors::SensorsConfig;
+
+const PAGE: &str = "docs/configuration.md";
+const UNKNOWN: &str = "zzz";
+
+/// A table of the page.
+struct Table {
+    file: String,
+    path: Vec<String>,
+    content: Value,
+    rows: Vec<Row>,
+}
+
+/// A row: the cells that are compared.
+struct Row {
+    line: String,
+    key: String,
+    kind: String,
+    default: String,
+    range: String,
+}
+
+/// Returns the tables of the page that name their keys' origin.
+fn tables() -> Vec<Table> {
+    let page = text(PAGE);
+    page.split("<!-- keys: ")
+        .skip(1)
+        .map(|part| {
+            let (origin, rest) = part.split_once(" -->").unwrap();
+            let mut withs = origin.split(" with ");
+            let (file, path) = withs.next().unwrap().split_once(' ').unwrap();
+            let mut content = match file {
+                "columns.yaml" => text("plant/tests/data/trento_ramps/columns.yaml"),
+                file => text(&format!("config/{file}")),
+            };
+            for with in withs {
+                let (key, value) = with.split_once('=').unwrap();
+                let value = serde_yaml::from_str(value).unwrap();
+                let whole = serde_yaml::from_str(&content).unwrap();
+                content = serde_yaml::to_string(&put(whole, &keys(key), value)).unwrap();
+            }
+            let rows = rest
+                .lines()
+                .skip_while(|line| !line.starts_with("|---"))
+                .skip(1)
+                .take_while(|line| line.starts_with('|'))
+                .map(|line| {
+                    let cells: Vec<&str> = line.split('|').map(str::trim).collect();
+                    Row {
+                        line: line.into(),
+                        key: cells[1].trim_matches('`').into(),
+                        kind: cells[2].into(),
+                        default: cells[3].into(),
+                        range: cells[5].into(),
+                    }
+                })
+                .collect();
+            Table {
+                file: file.into(),
+                path: keys(path),
+                content: serde_yaml::from_str(&content).unwrap(),
+                rows,
+            }
+        })
+        .collect()
+}
+
+fn keys(path: &str) -> Vec<String> {
+    let names = path.split('.').filter(|name| *name != "/");
+    names.map(str::to_owned).collect()
+}
+
+/// Returns the content with a value at a path; sections on the way that are missing are added.
+fn put(mut content: Value, path: &[String], value: Value) -> Value {
+    let mut at = &mut content;
+    for key in path {
+        at = match key.parse::<usize>() {
+            Ok(index) => &mut at.as_sequence_mut().unwrap()[index],
+            Err(_) => {
+                if !at.is_mapping() {
+                    *at = Value::Mapping(Mapping::new());
+                }
+                let section = at.as_mapping_mut().unwrap();
+                section.entry(key.as_str().into()).or_insert(Value::Null)
+            }
+        };
+    }
+    *at = value;
+    content
+}
+
+/// Returns the content without the key at a path, if it has it.
+fn without(mut content: Value, path: &[String]) -> Value {
+    let mut at = &mut content;
+    let (last, sections) = path.split_last().unwrap();
+    for key in sections {
+        let next = match key.parse::<usize>() {
+            Ok(index) => at.as_sequence_mut().and_then(|list| list.get_mut(index)),
+            Err(_) => at
+                .as_mapping_mut()
+                .and_then(|section| section.get_mut(key.as_str())),
+        };
+        match next {
+            Some(next) => at = next,
+            None => return content,
+        }
+    }
+    if let Some(section) = at.as_mapping_mut() {
+        section.remove(last.as_str());
+    }
+    content
+}
+
+impl Table {
+    /// Returns what the program says about the file with `value` at a key of this table, or nothing if it accepts it.
+    fn complaint(&self, key: &str, value: impl Into<Value>) -> Option<String> {
+        self.complaint_about(put(self.content.clone(), &self.at(key), value.into()))
+    }
+
+    fn complaint_about(&self, content: Value) -> Option<String> {
+        if self.file == "columns.yaml" {
+            let map = serde_yaml::to_string(&content).unwrap();
+            let map = serde_yaml::from_str::<ColumnMap>(&map);
+            return map.err().map(|error| error.to_string());
+        }
+        let path = repository("config").join(&self.file);
+        let content = serde_yaml::to_string(&content).unwrap();
+        let checked = check(ConfigFile::with_text(&path, content));
+        checked.err().map(|error| format!("{error:#}"))
+    }
+
+    fn at(&self, key: &str) -> Vec<String> {
+        let mut path = self.path.clone();
+        path.push(key.to_owned());
+        path
+    }
+
+    fn name(&self) -> String {
+        format!("{PAGE}, {} of {}", self.path.join("."), self.file)
+    }
+}
+
+/// Returns what stands in backticks after the last `expected`.
+fn expected(complaint: &str) -> Vec<String> {
+    let (_, list) = complaint.rsplit_once("expected ").unwrap();
+    let names = list.split('`').skip(1).step_by(2);
+    names.map(str::to_owned).collect()
+}
+
+/// Returns the type of a key as the page calls it, from what the program says about a map in its place.
+fn kind(table: &Table, key: &str) -> String {
+    let map = Mapping::from_iter([(UNKNOWN.into(), 1.into())]);
+    let Some(complaint) = table.complaint(key, map) else {
+        return "section".into();
+    };
+    let variants = |complaint: &str| {
+        let names: Vec<_> = expected(complaint)
+            .iter()
+            .map(|name| format!("`{name}`"))
+            .collect();
+        format!("one of {}", names.join(", "))
+    };
+    if complaint.contains("unknown variant") {
+        return variants(&complaint);
+    }
+    let Some((_, wanted)) = complaint.split_once("invalid type: map, expected ") else {
+        return "section".into();
+    };
+    let wanted = wanted.split(" at line").next().unwrap();
+    match wanted {
+        "f64" => "number".into(),
+        "a boolean" => "boolean".into(),
+        "a string" => "text".into(),
+        "path string" => "file".into(),
+        "a sequence" => "list".into(),
+        wanted if wanted.starts_with("an array") => "list".into(),
+        wanted if wanted.starts_with("a YAML tag") => {
+            variants(&table.complaint(key, UNKNOWN).unwrap())
+        }
+        _ => "integer".into(),
+    }
+}
+
+/// Returns the range of a number as the program's error words it; empty where it accepts huge ones of both signs.
+fn range(table: &Table, key: &str, kind: &str) -> String {
+    let tried: [Value; 2] = match kind {
+        "number" => [9e15.into(), (-9e15).into()],
+        "integer" if key.contains("priority") || key == "node_id" => [255.into(), 0.into()],
+        "integer" => [1_000_000_000.into(), 0.into()],
+        _ => return String::new(),
+    };
+    tried
+        .into_iter()
+        .filter_map(|value| table.complaint(key, value))
+        .filter(|complaint| complaint.contains(key))
+        .find_map(|complaint| {
+            let (_, range) = complaint.split_once("out of range, must be ")?;
+            // Where in the file it is follows.
+            Some(
+                range
+                    .split(" at line")
+                    .next()?
+                    .split(" (line")
+                    .next()?
+                    .to_owned(),
+            )
+        })
+        .unwrap_or_default()
+}
+
+#[test]
+fn every_key_has_its_row_with_type_and_range() {
+    let mut wrong = Vec::new();
+    let mut page = text(PAGE);
+    let tables = tables();
+    for table in &tables {
+        assert_eq!(
+            table.complaint_about(table.content.clone()),
+            None,
+            "{}",
+            table.name()
+        );
+        let known = expected(&table.complaint(UNKNOWN, 1).unwrap());
+        let documented: Vec<_> = table.rows.iter().map(|row| row.key.clone()).collect();
+        if known != documented {
+            wrong.push(format!(
+                "{}: keys {documented:?}, must be {known:?}",
+                table.name()
+            ));
+            continue;
+        }
+        for row in &table.rows {
+            let kind = kind(table, &row.key);
+            let range = range(table, &row.key, &kind);
+            if kind != row.kind || range != row.range {
+                wrong.push(format!(
+                    "{}: {}: {}, {}, must be {kind}, {range}",
+                    table.name(),
+                    row.key,
+                    row.kind,
+                    row.range
+                ));
+                let mut cells: Vec<String> = row.line.split('|').map(str::to_owned).collect();
+                (cells[2], cells[5]) = (format!(" {kind} "), format!(" {range} "));
+                page = page.replace(&row.line, &cells.join("|"));
+            }
+        }
+    }
+    if std::env::var_os("UPDATE_DOCS").is_some() {
+        std::fs::write(repository(PAGE), page).unwrap();
+    }
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+    assert!(tables.len() > 60, "only {} tables were found", tables.len());
+}
+
+#[test]
+fn keys_without_a_default_are_marked_required() {
+    for table in tables() {
+        for row in &table.rows {
+            let content = without(table.content.clone(), &table.at(&row.key));
+            let complaint = table.complaint_about(content).unwrap_or_default();
+            let missing = complaint.contains(&format!("missing field `{}`", row.key));
+            if missing {
+                assert_eq!(row.default, "required", "{}: {}", table.name(), row.key);
+            } else if row.default == "required" {
+                // What tells the kinds of files apart is missed before the file is parsed.
+                assert!(
+                    !complaint.is_empty(),
+                    "{}: {} is not required",
+                    table.name(),
+                    row.key
+                );
+            }
+        }
+    }
+}
+
+/// Returns the defaults of the sections whose settings can be written out.
+fn defaults(file: &str) -> Value {
+    let value = |settings: Result<Value, serde_yaml::Error>| settings.unwrap();
+    let mut sections = Mapping::new();
+    let mut section = |key: &str, settings| sections.insert(key.into(), value(settings));
+    section(
+        "controller",
+        serde_yaml::to_value(ControllerConfig::default()),
+    );
+    section(
+        "drive_train",
+        serde_yaml::to_value(DriveTrainConfig::default()),
+    );
+    section("sensors", serde_yaml::to_value(SensorsConfig::default()));
+    if file.starts_with("bridge/run") {
+        section("cycle", serde_yaml::to_value(CycleConfig::default()));
+        section("safety", serde_yaml::to_value(SafetyConfig::default()));
+        section("realtime", serde_yaml::to_value(RealtimeConfig::default()));
+        section("ros2", serde_yaml::to_value(Ros2Config::default()));
+    }
+    Value::Mapping(sections)
+}
+
+#[test]
+fn defaults_are_those_of_the_code() {
+    let mut checked = 0;
+    for table in tables() {
+        let all = defaults(&table.file);
+        let section = table
+            .path
+            .iter()
+            .try_fold(&all, |at, key| at.get(key.as_str()));
+        let Some(section) = section.filter(|_| !table.path.is_empty()) else {
+            continue;
+        };
+        for row in &table.rows {
+            let Some(value) = section.get(row.key.as_str()) else {
+                continue;
+            };
+            let documented = row.default.trim_matches('`');
+            if documented == "required" {
+                continue;
+            }
+            let same = match value {
+                Value::Number(number) => documented.parse().ok() == number.as_f64(),
+                Value::Bool(value) => documented == value.to_string(),
+                Value::String(value) if value.is_empty() => documented == "none",
+                Value::String(value) => documented == value,
+                Value::Null => documented == "none",
+                _ => continue,
+            };
+            assert!(
+                same,
+                "{}: {}: default {documented}, the code has {value:?}",
+                table.name(),
+                row.key
+            );
+            checked += 1;
+        }
+    }
+    assert!(checked >= 100, "only {checked} defaults were compared");
+}
