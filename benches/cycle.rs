@@ -7,14 +7,17 @@
 
 use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
 use nalgebra::Vector3;
+use sidehill::closed_loop;
+use sidehill::config::{Conditions, ConfigFile, Overrides, Scenario};
+use sidehill::qp_recording::QpRecording;
 use sidehill_controller::config::{ControllerConfig, ControllerKind};
 use sidehill_controller::controller::{Controller, Status};
 use sidehill_controller::course::FigureEight;
-use sidehill_controller::mpc::{Mpc, MpcSettings, QpMode, StageTarget};
-use sidehill_controller::reference::Tracking;
+use sidehill_controller::mpc::{
+    Horizon, Mpc, MpcSettings, QpData, QpMode, QpSettings, QpSolver, SolvePath, StageTarget,
+};
 use sidehill_controller::trajectory::Trajectory;
 use sidehill_plant::drive_train::DriveTrainConfig;
-use sidehill_plant::frames::PlanarPose;
 use sidehill_plant::motion::IcrMotion;
 use sidehill_plant::prediction::PredictionModel;
 use sidehill_plant::sample::Sample;
@@ -24,9 +27,10 @@ use sidehill_plant::speeds::MotorSpeeds;
 use sidehill_plant::terrain::{PlaneTerrain, Terrain};
 use sidehill_plant::vehicle::Vehicle;
 use std::hint::black_box;
+use std::path::Path;
 use std::time::{Duration, Instant};
 
-const HORIZONS: [usize; 4] = [20, 30, 40, 50];
+const HORIZONS: [usize; 5] = [20, 30, 40, 60, 80];
 const SLOPE_DEG: f64 = 10.0;
 /// One round of the course at 20 Hz.
 const CYCLES: usize = 1200;
@@ -40,16 +44,10 @@ fn trajectory() -> Trajectory {
 }
 
 fn controller(config: &ControllerConfig) -> Controller {
-    Controller::new(
-        ControllerKind::IcrikMpc,
-        config.clone(),
-        &vehicle(),
-        trajectory(),
-        Tracking::Time,
-        2,
-        None,
-    )
-    .unwrap()
+    let mut controller =
+        Controller::new(ControllerKind::IcrikMpc, config.clone(), &vehicle()).unwrap();
+    controller.follow(config.reference(trajectory()).for_laps(2));
+    controller
 }
 
 /// What the sensors read and what was commanded in a round driven with `config`.
@@ -63,7 +61,7 @@ fn drive(config: &ControllerConfig) -> Vec<(Sample, MotorSpeeds)> {
         }),
         drive_train: DriveTrainConfig::default(),
         sensors: SensorsConfig::default(),
-        correction: vehicle().correction,
+        encoder_scale: vehicle().encoder_scale,
         start: start.pose(),
         dt_s: config.period_s / 10.0,
         seed: 1,
@@ -75,11 +73,11 @@ fn drive(config: &ControllerConfig) -> Vec<(Sample, MotorSpeeds)> {
             let sample = simulation.sample();
             let decision = controller.step(&sample, None);
             assert_eq!(decision.status, Status::Tracking);
-            simulation.set_command(decision.command).unwrap();
+            simulation.set_command(decision.command_effective).unwrap();
             for _ in 0..10 {
                 simulation.step().unwrap();
             }
-            (sample, decision.command)
+            (sample, decision.command_effective)
         })
         .collect()
 }
@@ -126,21 +124,21 @@ fn cycle(criterion: &mut Criterion) {
     group.finish();
 }
 
-/// The whole cycle at 40 stages: the relaxed problem first, the whole one in each cycle, clarabel's
+/// The whole cycle at 40 stages: by the rows that bind, by the interior-point method in each cycle, clarabel's
 /// defaults made new each cycle for the same QP, and the same with plain multiple shooting, which is one
 /// stage a block.
 fn solver_modes(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("cycle_40_stages");
-    let relaxed_first = horizon(40);
-    let samples = drive(&relaxed_first);
-    let mut in_place = relaxed_first.clone();
+    let working_set = horizon(40);
+    let samples = drive(&working_set);
+    let mut in_place = working_set.clone();
     in_place.solver.mode = QpMode::InPlace;
-    let mut fresh = relaxed_first.clone();
+    let mut fresh = working_set.clone();
     fresh.solver.mode = QpMode::FreshDefaults;
     let mut multiple_shooting = fresh.clone();
     multiple_shooting.block_stages = 1;
     for (name, config) in [
-        ("relaxed_first", &relaxed_first),
+        ("working_set", &working_set),
         ("in_place", &in_place),
         ("fresh_defaults", &fresh),
         ("fresh_defaults_multiple_shooting", &multiple_shooting),
@@ -152,19 +150,12 @@ fn solver_modes(criterion: &mut Criterion) {
     group.finish();
 }
 
-/// One of the parts of [`Mpc::solve`].
+/// One of the stages from horizon to solution.
 #[derive(Clone, Copy, PartialEq)]
 enum Part {
     Linearise,
-    Assemble,
+    Condense,
     Solve,
-}
-
-/// An MPC's inputs in one cycle of a drive.
-struct Inputs {
-    pose: PlanarPose,
-    previous: MotorSpeeds,
-    targets: Vec<StageTarget>,
 }
 
 fn normal_in_world() -> Vector3<f64> {
@@ -172,11 +163,12 @@ fn normal_in_world() -> Vector3<f64> {
     Vector3::new(0.0, -slope.sin(), slope.cos())
 }
 
-fn inputs(
+/// Returns the horizons of a drive.
+fn horizons(
     config: &ControllerConfig,
     settings: &MpcSettings,
     samples: &[(Sample, MotorSpeeds)],
-) -> Vec<Inputs> {
+) -> Vec<Horizon> {
     let trajectory = trajectory();
     let mut previous = MotorSpeeds::STOP;
     samples
@@ -197,13 +189,15 @@ fn inputs(
                     }
                 })
                 .collect();
-            let inputs = Inputs {
-                pose: sample.pose.unwrap().value.planar(),
+            let horizon = Horizon {
+                elapsed_s: config.period_s,
+                start: sample.pose.unwrap().value.planar(),
                 previous,
+                change_weights: config.change_weights(0.0),
                 targets,
             };
             previous = *command;
-            inputs
+            horizon
         })
         .collect()
 }
@@ -216,37 +210,33 @@ fn replay_part(
     count: u64,
 ) -> Duration {
     let settings = config.mpc();
-    let inputs = inputs(config, &settings, samples);
+    let horizons = horizons(config, &settings, samples);
     let mut total = Duration::ZERO;
     let mut done = 0;
     while done < count {
         let model = PredictionModel::new(vehicle(), config.smoothing_m_s);
         let mut mpc = Mpc::new(settings.clone(), model).unwrap();
-        let first = &inputs[0];
-        mpc.start(&first.pose, first.previous, &first.targets, None)
-            .unwrap();
-        for cycle in &inputs[1..] {
-            mpc.shift(config.period_s, &normal_in_world());
-            let mut timed = |this: Part, run: &mut dyn FnMut(&mut Mpc)| {
-                let begin = Instant::now();
-                run(&mut mpc);
-                if this == part {
-                    total += begin.elapsed();
-                    done += 1;
-                }
+        for (i, horizon) in horizons.iter().enumerate() {
+            let start = Instant::now();
+            let linearised = mpc.linearise(black_box(horizon));
+            let linearised_at = Instant::now();
+            let condensed = linearised.condense();
+            let condensed_at = Instant::now();
+            black_box(condensed.solve(None)).unwrap();
+            let solved_at = Instant::now();
+            // The first plan is made from a guess, in several solves.
+            if i == 0 {
+                continue;
+            }
+            total += match part {
+                Part::Linearise => linearised_at - start,
+                Part::Condense => condensed_at - linearised_at,
+                Part::Solve => solved_at - condensed_at,
             };
-            timed(Part::Linearise, &mut |mpc| {
-                mpc.linearise(cycle.previous, black_box(&cycle.targets));
-            });
-            timed(Part::Assemble, &mut |mpc| mpc.assemble(cycle.previous));
-            timed(Part::Solve, &mut |mpc| {
-                black_box(mpc.solve_assembled(None)).unwrap();
-            });
+            done += 1;
             if done == count {
                 break;
             }
-            mpc.solve(&cycle.pose, cycle.previous, &cycle.targets, None)
-                .unwrap();
         }
     }
     total
@@ -256,7 +246,7 @@ fn replay_part(
 fn parts(criterion: &mut Criterion) {
     for (name, part) in [
         ("linearise", Part::Linearise),
-        ("assemble", Part::Assemble),
+        ("condense", Part::Condense),
         ("solve", Part::Solve),
     ] {
         let mut group = criterion.benchmark_group(name);
@@ -271,5 +261,86 @@ fn parts(criterion: &mut Criterion) {
     }
 }
 
-criterion_group!(benches, cycle, solver_modes, parts);
+/// Returns the QPs of a drive at the end of grip, in most of whose cycles limits bind.
+fn end_of_grip(stages: usize) -> Vec<QpData> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/scenarios");
+    let file = ConfigFile::read(&folder.join("figure_eight_15deg.yaml")).unwrap();
+    let file = Conditions::read(Path::new("realistic"))
+        .unwrap()
+        .put_into(&file)
+        .unwrap();
+    let mut prepared = Scenario::read(file)
+        .unwrap()
+        .prepare(&Overrides {
+            seed: Some(42),
+            controllers: vec![ControllerKind::IcrikMpc],
+            ..Overrides::default()
+        })
+        .unwrap();
+    prepared.controller.stages = stages;
+    let mut recording = QpRecording::default();
+    closed_loop::run(
+        &prepared,
+        ControllerKind::IcrikMpc,
+        |_| {},
+        Some(&mut recording),
+    )
+    .unwrap();
+    recording.qps()
+}
+
+/// Returns the time that a solver takes for `count` QPs of `qps`, in their order, of those that the
+/// working set solves in the way of `path`.
+fn replay_solves(qps: &[QpData], mode: QpMode, path: SolvePath, count: u64) -> Duration {
+    let settings = QpSettings {
+        mode,
+        ..QpSettings::default()
+    };
+    let mut total = Duration::ZERO;
+    let mut done = 0;
+    while done < count {
+        let mut chooser = QpSolver::new(qps[0].clone(), QpSettings::default()).unwrap();
+        let mut solver = QpSolver::new(qps[0].clone(), settings).unwrap();
+        for qp in qps {
+            chooser.data_mut().clone_from(qp);
+            black_box(chooser.solve(None)).unwrap();
+            solver.data_mut().clone_from(qp);
+            let begin = Instant::now();
+            let solved = black_box(solver.solve(None));
+            if solved.is_ok() && chooser.path() == path {
+                total += begin.elapsed();
+                done += 1;
+            }
+            if done == count {
+                break;
+            }
+        }
+    }
+    total
+}
+
+/// The QPs of a drive at the end of grip: those where nothing binds, those with binding limits by the
+/// rows that bind, and the same by the interior-point method.
+fn solves(criterion: &mut Criterion) {
+    for (name, mode, path) in [
+        ("solve_relaxed", QpMode::WorkingSet, SolvePath::Relaxed),
+        (
+            "solve_working_set",
+            QpMode::WorkingSet,
+            SolvePath::WorkingSet,
+        ),
+        ("solve_whole", QpMode::InPlace, SolvePath::WorkingSet),
+    ] {
+        let mut group = criterion.benchmark_group(name);
+        for stages in HORIZONS {
+            let qps = end_of_grip(stages);
+            group.bench_function(BenchmarkId::from_parameter(stages), |bencher| {
+                bencher.iter_custom(|count| replay_solves(&qps, mode, path, count));
+            });
+        }
+        group.finish();
+    }
+}
+
+criterion_group!(benches, cycle, solver_modes, parts, solves);
 criterion_main!(benches);

@@ -6,7 +6,6 @@ use crate::config::{
 };
 use crate::{console, run, vehicle};
 use anyhow::{Result, bail};
-use sidehill_controller::controller::Controller;
 use sidehill_controller::path::{Smoothing, smooth};
 use sidehill_plant::contact::ContactVehicle;
 use sidehill_plant::log::{ColumnMap, DriveLog};
@@ -71,16 +70,9 @@ pub fn check(file: ConfigFile) -> Result<&'static str> {
             console::complain(format_args!("{}: warning: {warning}", file.name()));
         }
         for &kind in &prepared.controllers {
-            Controller::new(
-                kind,
-                prepared.controller.clone(),
-                &prepared.vehicle,
-                prepared.trajectory.clone(),
-                prepared.tracking,
-                prepared.laps,
-                None,
-            )
-            .map_err(|error| file.error(error))?;
+            prepared
+                .controller(kind)
+                .map_err(|error| file.error(error))?;
         }
         Ok("scenario")
     } else if has("x_icr_left_m") {

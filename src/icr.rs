@@ -3,9 +3,10 @@
 use crate::config::ConfigFile;
 use anyhow::{Context, Result, anyhow};
 use serde::{Deserialize, Serialize};
+use sidehill_plant::bounds::{Bounds, RangeError};
 use sidehill_plant::frames::Attitude;
 use sidehill_plant::speeds::TreadSpeeds;
-use sidehill_plant::vehicle::{RangeError, Vehicle};
+use sidehill_plant::vehicle::Vehicle;
 use std::io::{Read, Write};
 use std::path::PathBuf;
 
@@ -116,10 +117,8 @@ pub fn run(args: &IcrArgs, input: impl Read, output: impl Write) -> Result<()> {
 
 fn check(input: &Input) -> Result<(), RangeError> {
     const QUARTER_TURN: f64 = std::f64::consts::FRAC_PI_2;
-    let angle = |key, value| {
-        RangeError::check(key, value, -QUARTER_TURN, QUARTER_TURN, "within +-pi/2 rad")
-    };
-    let speed = |key, value| RangeError::check(key, value, -100.0, 100.0, "within +-100 m/s");
+    let angle = |key, value| Bounds::new(-QUARTER_TURN, QUARTER_TURN, "rad").check(key, value);
+    let speed = |key, value| Bounds::new(-100.0, 100.0, "m/s").check(key, value);
     angle("roll_rad", input.roll_rad)?;
     angle("pitch_rad", input.pitch_rad)?;
     speed("v_left_m_s", input.v_left_m_s)?;

@@ -11,8 +11,9 @@ use sidehill_plant::identification::{
     StageReport, drive, identify_level, identify_slope,
 };
 use sidehill_plant::log::DriveLog;
+use sidehill_plant::speeds::EncoderScale;
 use sidehill_plant::terrain::Terrain;
-use sidehill_plant::vehicle::{SpeedCorrection, Vehicle};
+use sidehill_plant::vehicle::Vehicle;
 use std::fmt::Write;
 use std::path::PathBuf;
 
@@ -139,11 +140,11 @@ fn recorded(args: &IdentifyArgs) -> Result<Logs> {
 /// Drives the paper's procedure with a contact vehicle whose encoders are off by `vehicle`'s factors.
 fn simulated(contact: &ContactVehicle, vehicle: &Vehicle, seed: u64) -> Result<Logs> {
     let procedure = Procedure::of_the_paper();
-    let correction: SpeedCorrection = vehicle.correction;
+    let encoder_scale: EncoderScale = vehicle.encoder_scale;
     let log = |terrain: Terrain, legs: &[Leg], seed: u64| {
         let setup = Drive {
             motion: Box::new(ContactModel::new(contact.clone())),
-            correction,
+            encoder_scale,
             terrain,
             legs,
         };
@@ -260,8 +261,8 @@ mod tests {
                 made.slide.aggravated_s_per_rad,
                 kept.slide.aggravated_s_per_rad,
             ),
-            (made.correction.left, kept.correction.left),
-            (made.correction.right, kept.correction.right),
+            (made.encoder_scale.left, kept.encoder_scale.left),
+            (made.encoder_scale.right, kept.encoder_scale.right),
         ] {
             assert!((made - kept).abs() < 1e-3 * kept.abs(), "{made} {kept}");
         }

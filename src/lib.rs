@@ -17,6 +17,7 @@ pub mod init;
 pub mod odometry;
 pub mod output;
 pub mod progress;
+pub mod qp_recording;
 pub mod record;
 pub mod report;
 #[cfg(feature = "drive")]

@@ -2,9 +2,11 @@
 
 use serde::Serialize;
 use sidehill_controller::controller::Status;
+use sidehill_controller::mpc::SolvePath;
 use sidehill_plant::frames::{Attitude, PlanarPose, Pose};
 use sidehill_plant::icr::TreadIcrs;
 use sidehill_plant::speeds::MotorSpeeds;
+use sidehill_plant::statistics::quantile;
 
 /// One control cycle, with the truth at its beginning.
 #[derive(Debug, Clone, PartialEq)]
@@ -33,8 +35,10 @@ pub struct Row {
     pub icrs: TreadIcrs,
     /// What the command is worth.
     pub status: Status,
-    /// Interior-point iterations; 0 without a QP.
+    /// Linear systems factorised and interior-point iterations; 0 without a QP.
     pub qp_iterations: u32,
+    /// How the QP was solved; none without one.
+    pub qp_path: Option<SolvePath>,
     /// Time within the QP solver, us; 0 without a QP.
     pub solve_us: f64,
     /// Time from estimate to command, us.
@@ -58,20 +62,14 @@ impl Quantiles {
     /// Returns the quantiles of `values` by the nearest rank; zeros where there are none.
     pub fn of(mut values: Vec<f64>) -> Self {
         values.sort_by(f64::total_cmp);
-        let quantile = |share| nearest_rank(&values, share).unwrap_or(0.0);
+        let at = |share| quantile(&values, share).unwrap_or(0.0);
         Self {
-            p50: quantile(0.5),
-            p99: quantile(0.99),
-            p999: quantile(0.999),
-            max: quantile(1.0),
+            p50: at(0.5),
+            p99: at(0.99),
+            p999: at(0.999),
+            max: at(1.0),
         }
     }
-}
-
-/// Returns the quantile of ascending values by the nearest rank; none where there are no values.
-pub fn nearest_rank(ascending: &[f64], share: f64) -> Option<f64> {
-    let rank = (share * ascending.len() as f64).ceil() as usize;
-    ascending.get(rank.max(1) - 1).copied()
 }
 
 /// The figures of one run, as `simulate --format json` prints them. Errors and the steer command are
@@ -113,6 +111,12 @@ pub struct Summary {
     pub deadline_misses: u32,
     /// Mean of the QP's iterations.
     pub qp_iterations_mean: f64,
+    /// Cycles whose QP was solved by the rows that bind.
+    pub qp_working_set: u32,
+    /// Cycles whose QP needed the interior-point method.
+    pub qp_interior_point: u32,
+    /// Cycles whose solve was cut short, with a plan that keeps the limits.
+    pub qp_cut_short: u32,
     /// Time within the QP solver, us.
     pub solve_us: Quantiles,
     /// Time from estimate to command, us.

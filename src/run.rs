@@ -91,8 +91,8 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
                 Box::new(sent_log),
             ]);
             let layout = Arc::new(layout);
-            let correction = vehicle.correction;
-            let port = CanPort::new(interface, layout, correction, epoch, received, sent)?;
+            let scale = vehicle.encoder_scale;
+            let port = CanPort::new(interface, layout, scale, epoch, received, sent)?;
             (Box::new(port), interface.to_owned())
         }
         RunPort::Simulated => (Box::new(simulated(&file, &config)?), "simulated".to_owned()),
@@ -201,9 +201,9 @@ pub fn simulated(file: &ConfigFile, config: &RunConfig) -> Result<SimulatedPort>
     let (file, config) = config.simulated(file)?;
     let world = config.world(&file)?;
     let simulation = world.simulation().map_err(|error| file.error(error))?;
-    let correction = world.plant.correction();
+    let encoder_scale = world.plant.encoder_scale();
     Ok(
-        SimulatedPort::new(simulation, world.step_s, correction, config.drive)
+        SimulatedPort::new(simulation, world.step_s, encoder_scale, config.drive)
             .map_err(|error| file.error(error))?,
     )
 }

@@ -7,9 +7,10 @@ use crate::config::{
 use crate::console;
 use crate::output;
 use crate::progress::{self, Progress};
+use crate::qp_recording::QpRecording;
 use crate::record::{Run, Summary};
 use crate::report;
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use sidehill_controller::config::ControllerKind;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -39,7 +40,10 @@ pub struct SimulateArgs {
     /// Folder for a CSV file of each run and a report.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
-    /// Overwrite files of --out that exist.
+    /// Write the QPs of a run to an npz file; it takes one controller, an MPC.
+    #[arg(long, value_name = "FILE")]
+    pub record_qps: Option<PathBuf>,
+    /// Overwrite files of --out and --record-qps that exist.
     #[arg(long)]
     pub force: bool,
     /// How the figures are printed.
@@ -102,8 +106,25 @@ pub fn run(args: &SimulateArgs) -> Result<ExitCode> {
         output::check_free(&files, args.force)?;
         output::check_writable(&folder.join(REPORT), args.force)?;
     }
+    let mut qps = match (&args.record_qps, prepared.controllers.as_slice()) {
+        (None, _) => None,
+        (Some(_), [ControllerKind::PurePursuit]) => {
+            bail!("--record-qps: pure-pursuit solves no QP")
+        }
+        (Some(path), [_]) => {
+            output::check_writable(path, args.force)?;
+            Some(QpRecording::default())
+        }
+        (Some(_), several) => bail!(
+            "--record-qps takes the QPs of one controller, not of {}: choose it with --controller",
+            several.len()
+        ),
+    };
     progress::explain_interrupt(|| "interrupted: nothing was written".to_owned())?;
-    let runs = runs(&prepared)?;
+    let runs = runs(&prepared, qps.as_mut())?;
+    if let (Some(path), Some(qps)) = (&args.record_qps, &qps) {
+        output::write(path, &qps.npz()?, args.force)?;
+    }
     if let Some(folder) = &args.out {
         write_out(folder, args.force, &prepared, conditions.as_deref(), &runs)?;
     }
@@ -144,7 +165,7 @@ fn write_out(
         report::write_csv(run, &mut csv)?;
         output::write(&csv_path(folder, &run.summary.controller), &csv, force)?;
     }
-    let path = prepared.trajectory.path();
+    let path = prepared.reference.path();
     let length_m = path.map_or(0.0, |path| path.length_m());
     let points = (length_m / 0.05).ceil().clamp(2.0, 20_000.0) as usize;
     let scene = report::Scene {
@@ -177,8 +198,8 @@ fn write_out(
 const LONG_S: f64 = 1000.0;
 
 /// Runs one controller after the other: their times would disturb each other.
-fn runs(prepared: &Prepared) -> Result<Vec<Run>> {
-    let simulated_s = f64::from(prepared.laps) * prepared.trajectory.duration_s();
+fn runs(prepared: &Prepared, mut qps: Option<&mut QpRecording>) -> Result<Vec<Run>> {
+    let simulated_s = prepared.reference.end_s();
     if simulated_s > LONG_S {
         console::complain(format_args!(
             "this simulates {simulated_s:.0} s of driving for each of {} controllers",
@@ -188,9 +209,8 @@ fn runs(prepared: &Prepared) -> Result<Vec<Run>> {
     let mut runs = Vec::new();
     for &kind in &prepared.controllers {
         let progress = Progress::new(kind.name(), 1000);
-        let run = closed_loop::run(prepared, kind, |share| {
-            progress.at((1000.0 * share) as u64);
-        })?;
+        let hear = |share| progress.at((1000.0 * share) as u64);
+        let run = closed_loop::run(prepared, kind, hear, qps.as_deref_mut())?;
         progress.finish();
         runs.push(run);
     }

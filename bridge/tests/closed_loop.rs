@@ -11,7 +11,6 @@ use sidehill_controller::config::{ControllerConfig, ControllerKind};
 use sidehill_controller::controller::{Controller, Decision, Status};
 use sidehill_controller::course::FigureEight;
 use sidehill_controller::path::{Point2, Window};
-use sidehill_controller::reference::Tracking;
 use sidehill_plant::frames::PlanarPose;
 use sidehill_plant::motion::IcrMotion;
 use sidehill_plant::sample::Sample;
@@ -41,7 +40,7 @@ fn port() -> SimulatedPort {
     let start = FigureEight::default().trajectory().unwrap().at(0.0);
     let setup = SimulationSetup {
         terrain: Terrain::Plane(PlaneTerrain::new(5.3, 0.0).unwrap()),
-        correction: vehicle.correction,
+        encoder_scale: vehicle.encoder_scale,
         motion: Box::new(IcrMotion {
             vehicle: vehicle.clone(),
             inclined: true,
@@ -63,7 +62,7 @@ fn port() -> SimulatedPort {
     SimulatedPort::new(
         simulation,
         0.005,
-        vehicle.correction,
+        vehicle.encoder_scale,
         DriveConfig::default(),
     )
     .unwrap()
@@ -97,16 +96,11 @@ fn controller(period_s: f64) -> Controller {
         period_s,
         ..ControllerConfig::default()
     };
-    Controller::new(
-        ControllerKind::IcrikMpc,
-        config,
-        &j8(),
-        FigureEight::default().trajectory().unwrap(),
-        Tracking::Time,
-        1,
-        None,
-    )
-    .unwrap()
+    let trajectory = FigureEight::default().trajectory().unwrap();
+    let reference = config.reference(trajectory);
+    let mut controller = Controller::new(ControllerKind::IcrikMpc, config, &j8()).unwrap();
+    controller.follow(reference);
+    controller
 }
 
 /// Wants a constant speed, until it hangs.
@@ -121,7 +115,7 @@ impl ControllerRunner for Constant {
         if sample.time_s < self.hangs_s && sample.time_s >= self.from_s {
             self.last = Some(Decision {
                 time_s: sample.time_s,
-                command: MotorSpeeds {
+                command_effective: MotorSpeeds {
                     traction_m_s: 0.5,
                     steer_m_s: 0.1,
                 },
@@ -169,7 +163,14 @@ fn follow(period_s: f64, cycles: usize) -> (f64, f64, SafetyState) {
             x_m: pose.x_m,
             y_m: pose.y_m,
         };
-        let found = path.nearest_within(&position, reached_m, &Window::symmetric(1.0));
+        let found = path.nearest_within(
+            &position,
+            reached_m,
+            &Window {
+                behind_m: 1.0,
+                ahead_m: 1.0,
+            },
+        );
         reached_m = found.point.arc_length_m;
         if driving_s > 2.0 {
             errors.push(found.cross_track_m);

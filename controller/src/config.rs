@@ -1,19 +1,23 @@
 //! Settings of a controller as a configuration file gives them; every key has a default.
 
+mod contact;
 mod supervisor;
 mod weights;
 
+pub use contact::ContactMpcConfig;
 pub use supervisor::SupervisorConfig;
 pub use weights::{CautionConfig, Weights};
 
 use crate::estimator::EstimatorSettings;
 use crate::mpc::limits::{InputLimits, MotorLimits};
-use crate::mpc::{ChangeWeights, Corridor, MpcSettings, QpSettings, StageWeights};
+use crate::mpc::{
+    ChangeWeights, Corridor, HeadingExcess, MpcSettings, QpSettings, StageWeights, StepLimit,
+};
 use crate::pure_pursuit::PurePursuitSettings;
-use crate::reference::Tracking;
-use crate::trajectory::Motion;
+use crate::reference::{Reference, Tracking};
+use crate::trajectory::{Ending, Motion, Trajectory};
 use serde::{Deserialize, Serialize};
-use sidehill_plant::vehicle::RangeError;
+use sidehill_plant::bounds::{Bounds, RangeError};
 
 /// Which law turns estimate and reference into commands.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -23,6 +27,8 @@ pub enum ControllerKind {
     IcrikMpc,
     /// The same MPC that predicts with ICRHK, the model for level ground.
     IcrhkMpc,
+    /// The same MPC that predicts with the balance of wheel friction.
+    ContactMpc,
     /// The same MPC that predicts with an ideal differential drive.
     DiffdriveMpc,
     /// Regulated pure pursuit.
@@ -31,9 +37,10 @@ pub enum ControllerKind {
 
 impl ControllerKind {
     /// All kinds there are.
-    pub const ALL: [Self; 4] = [
+    pub const ALL: [Self; 5] = [
         Self::IcrikMpc,
         Self::IcrhkMpc,
+        Self::ContactMpc,
         Self::DiffdriveMpc,
         Self::PurePursuit,
     ];
@@ -43,6 +50,7 @@ impl ControllerKind {
         match self {
             Self::IcrikMpc => "icrik-mpc",
             Self::IcrhkMpc => "icrhk-mpc",
+            Self::ContactMpc => "contact-mpc",
             Self::DiffdriveMpc => "diffdrive-mpc",
             Self::PurePursuit => "pure-pursuit",
         }
@@ -72,8 +80,10 @@ pub struct ControllerConfig {
     pub period_s: f64,
     /// Stages of the horizon.
     pub stages: usize,
-    /// Duration of a stage, s.
+    /// Duration of the first stage, s.
     pub step_s: f64,
+    /// Duration of the last stage, s, where longer than the first's; those between grow geometrically.
+    pub last_step_s: f64,
     /// Stages condensed into one block of the QP.
     pub block_stages: usize,
     /// Speed within which |traction| and the turning direction are rounded off, m/s.
@@ -93,6 +103,10 @@ pub struct ControllerConfig {
     pub caution: CautionConfig,
     /// Soft corridor, none by default.
     pub corridor: Option<Corridor>,
+    /// How far a QP's solution is followed in a cycle; all the way without it.
+    pub step_limit: Option<StepLimit>,
+    /// What contact-mpc has in place of the settings above.
+    pub contact: ContactMpcConfig,
     /// Limits of both motors.
     pub limits: InputLimits,
     /// QP solver.
@@ -116,6 +130,7 @@ impl Default for ControllerConfig {
             period_s: 0.05,
             stages: 40,
             step_s: 0.15,
+            last_step_s: 0.15,
             block_stages: 5,
             smoothing_m_s: 0.02,
             command_delay_s: 0.0,
@@ -125,6 +140,8 @@ impl Default for ControllerConfig {
             weights: Weights::default(),
             caution: CautionConfig::default(),
             corridor: None,
+            step_limit: None,
+            contact: ContactMpcConfig::default(),
             limits: InputLimits {
                 traction: motor,
                 steer: motor,
@@ -147,51 +164,24 @@ impl ControllerConfig {
     /// # Errors
     /// [`RangeError`] with the first key out of its range.
     pub fn validate(&self) -> Result<(), RangeError> {
-        let check = RangeError::check;
-        check("period_s", self.period_s, 0.005, 1.0, "from 0.005 to 1 s")?;
-        check("stages", self.stages as f64, 2.0, 200.0, "from 2 to 200")?;
-        check(
-            "step_s",
-            self.step_s,
-            self.period_s,
-            2.0,
-            "from period_s to 2 s",
-        )?;
-        check(
-            "block_stages",
-            self.block_stages as f64,
-            1.0,
-            20.0,
-            "from 1 to 20",
-        )?;
-        check(
-            "smoothing_m_s",
-            self.smoothing_m_s,
-            1e-4,
-            1.0,
-            "from 0.0001 to 1 m/s",
-        )?;
-        check(
-            "command_delay_s + motor_lag_s",
-            self.delay_s(),
-            0.0,
-            DELAY_MAX_S,
-            "from 0 to 1 s",
-        )?;
-        check(
-            "command_delay_s",
-            self.command_delay_s,
-            0.0,
-            DELAY_MAX_S,
-            "from 0 to 1 s",
-        )?;
-        check(
-            "lead_max_m",
-            self.lead_max_m,
-            0.01,
-            10.0,
-            "from 0.01 to 10 m",
-        )?;
+        Bounds::new(0.005, 1.0, "s").check("period_s", self.period_s)?;
+        Bounds::new(2.0, 200.0, "").check("stages", self.stages as f64)?;
+        Bounds::new(self.period_s, 2.0, "s")
+            .with_note("at least period_s")
+            .check("step_s", self.step_s)?;
+        Bounds::new(self.period_s, 10.0, "s")
+            .with_note("at least period_s")
+            .check("last_step_s", self.last_step_s)?;
+        if let Some(limit) = &self.step_limit {
+            limit.validate()?;
+        }
+        self.contact.validate()?;
+        Bounds::new(1.0, 20.0, "").check("block_stages", self.block_stages as f64)?;
+        Bounds::new(1e-4, 1.0, "m/s").check("smoothing_m_s", self.smoothing_m_s)?;
+        Bounds::new(0.0, DELAY_MAX_S, "s")
+            .check("command_delay_s + motor_lag_s", self.delay_s())?;
+        Bounds::new(0.0, DELAY_MAX_S, "s").check("command_delay_s", self.command_delay_s)?;
+        Bounds::new(0.01, 10.0, "m").check("lead_max_m", self.lead_max_m)?;
         self.weights.validate()?;
         self.caution.validate()?;
         if let Some(corridor) = &self.corridor {
@@ -204,18 +194,16 @@ impl ControllerConfig {
         self.pure_pursuit.validate()
     }
 
-    /// Returns the tracking of a path whose reference waits for the vehicle.
-    pub fn along_path(&self) -> Tracking {
-        Tracking::Path {
-            lead_max_m: self.lead_max_m,
-        }
-    }
-
-    /// Returns the tracking of a path for a law that looks at one point of it.
-    pub fn along_path_by_cusps(&self) -> Tracking {
-        Tracking::PathByCusps {
-            lead_max_m: self.lead_max_m,
-        }
+    /// Returns the reference that follows `trajectory` for one lap: with the clock where it is
+    /// periodic, else waiting for the vehicle within `lead_max_m`.
+    pub fn reference(&self, trajectory: Trajectory) -> Reference {
+        let tracking = match trajectory.ending() {
+            Ending::Periodic => Tracking::Time,
+            Ending::Stop => Tracking::Path {
+                lead_max_m: self.lead_max_m,
+            },
+        };
+        Reference::new(trajectory, tracking)
     }
 
     /// Returns the time after which a command acts: delay and, as a further delay, the motors' lag.
@@ -230,33 +218,29 @@ impl ControllerConfig {
             step_s: self.step_s,
             period_s: self.period_s,
             block_stages: self.block_stages,
-            change_weights: ChangeWeights {
-                traction: self.weights.traction_change_s3_per_m2,
-                steer: self.weights.steer_change_s3_per_m2,
+            heading_excess: HeadingExcess {
+                free_rad: self.weights.heading_free_rad,
+                per_rad2: self.weights.heading_excess_per_rad2,
             },
             terminal_factor: self.weights.terminal_factor,
             limits: self.limits,
+            last_step_s: self.last_step_s,
             corridor: self.corridor,
+            step_limit: self.step_limit,
             qp: self.solver,
         }
     }
 
-    /// Returns the weight of a change of steer at a caution from 0 to 1.
-    pub(crate) fn steer_change_weight(&self, caution: f64) -> f64 {
+    /// Returns the weights of changes of the inputs at a caution from 0 to 1.
+    pub fn change_weights(&self, caution: f64) -> ChangeWeights {
         let (own, full) = (
             self.weights.steer_change_s3_per_m2,
             self.caution.steer_change_s3_per_m2,
         );
-        own + caution * (full - own).max(0.0)
-    }
-
-    /// Returns what a planned heading error adds to a stage's weight of the heading.
-    pub(crate) fn heading_excess_weight(&self, error_rad: f64) -> f64 {
-        /// Where the weight stops growing, in `heading_free_rad` beyond it.
-        const LARGEST: f64 = 2.0;
-        let free_rad = self.weights.heading_free_rad;
-        let excess = ((error_rad.abs() - free_rad) / free_rad).clamp(0.0, LARGEST);
-        self.weights.heading_excess_per_rad2 * excess * excess
+        ChangeWeights {
+            traction: self.weights.traction_change_s3_per_m2,
+            steer: own + caution * (full - own).max(0.0),
+        }
     }
 
     /// Returns the weights of a stage at a caution from 0 to 1: at the end an error across the path is

@@ -10,7 +10,7 @@ use crate::path::PathError;
 use crate::speed_profile::SpeedLimits;
 use crate::trajectory::Trajectory;
 use serde::{Deserialize, Serialize};
-use sidehill_plant::vehicle::RangeError;
+use sidehill_plant::bounds::RangeError;
 
 /// A course with its parameters; each has a default.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]

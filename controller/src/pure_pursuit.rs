@@ -8,9 +8,10 @@
 use crate::path::Path;
 use crate::trajectory::{Motion, ReferencePoint};
 use serde::{Deserialize, Serialize};
+use sidehill_plant::bounds::{Bounds, RangeError};
 use sidehill_plant::frames::{PlanarPose, wrap_angle};
 use sidehill_plant::speeds::MotorSpeeds;
-use sidehill_plant::vehicle::{HorizontalIcrs, RangeError};
+use sidehill_plant::vehicle::HorizontalIcrs;
 
 /// Settings of regulated pure pursuit.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -69,15 +70,11 @@ impl PurePursuitSettings {
             ("pure_pursuit.pivot_gain_per_s", self.pivot_gain_per_s),
             ("pure_pursuit.rotate_bearing_rad", self.rotate_bearing_rad),
         ] {
-            RangeError::check(key, value, 0.01, 100.0, "from 0.01 to 100")?;
+            Bounds::new(0.01, 100.0, "").check(key, value)?;
         }
-        RangeError::check(
-            "pure_pursuit.lookahead_max_m",
-            self.lookahead_max_m,
-            self.lookahead_min_m,
-            100.0,
-            "at least lookahead_min_m",
-        )?;
+        Bounds::new(self.lookahead_min_m, 100.0, "m")
+            .with_note("at least lookahead_min_m")
+            .check("pure_pursuit.lookahead_max_m", self.lookahead_max_m)?;
         Ok(())
     }
 }

@@ -2,6 +2,7 @@
 
 use crate::path::{Path, Point2, Window};
 use crate::trajectory::{Ending, Motion, ReferencePoint, Trajectory};
+use serde::{Deserialize, Serialize};
 use sidehill_plant::frames::PlanarPose;
 
 /// How the reference moves on.
@@ -24,16 +25,18 @@ pub enum Tracking {
 }
 
 /// A trajectory and how far it has been followed.
+#[derive(Debug, Clone, PartialEq)]
 pub struct Reference {
     trajectory: Trajectory,
     tracking: Tracking,
     laps: u32,
+    number: u64,
     time_s: f64,
     cusps_m: Vec<f64>,
 }
 
 /// Where the vehicle stands against the reference.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Progress {
     /// The reference of this cycle.
     pub point: ReferencePoint,
@@ -58,17 +61,38 @@ pub const PROJECTION_WINDOW: Window = Window {
 const TIMED_LEAD_MAX_M: f64 = 0.6;
 
 impl Reference {
-    /// Returns a reference at the start of `trajectory`; `laps` counts rounds of a periodic one.
-    pub fn new(trajectory: Trajectory, tracking: Tracking, laps: u32) -> Self {
+    /// Returns a reference at the start of `trajectory`, for one lap; see
+    /// [`ControllerConfig::reference`](crate::config::ControllerConfig::reference) for the tracking
+    /// that suits a trajectory.
+    pub fn new(trajectory: Trajectory, tracking: Tracking) -> Self {
         let cusps_m = trajectory
             .path()
             .map_or_else(Vec::new, |path| path.cusps_m().collect());
         Self {
             trajectory,
             tracking,
-            laps,
+            laps: 1,
+            number: 0,
             time_s: 0.0,
             cusps_m,
+        }
+    }
+
+    /// Returns this reference for `laps` rounds of a periodic trajectory.
+    pub fn for_laps(self, laps: u32) -> Self {
+        Self { laps, ..self }
+    }
+
+    /// Returns this reference under a number of the caller's, by which decisions name it.
+    pub fn numbered(self, number: u64) -> Self {
+        Self { number, ..self }
+    }
+
+    /// Returns this reference tracked for a law that looks at one point of it and knows no time.
+    pub(crate) fn for_pursuit(self, lead_max_m: f64) -> Self {
+        Self {
+            tracking: Tracking::PathByCusps { lead_max_m },
+            ..self
         }
     }
 
@@ -76,6 +100,11 @@ impl Reference {
     pub fn starting_at(mut self, arc_length_m: f64) -> Self {
         self.time_s = self.trajectory.time_at(arc_length_m);
         self
+    }
+
+    /// Returns the caller's number; 0 where none was given.
+    pub fn number(&self) -> u64 {
+        self.number
     }
 
     /// Returns the trajectory.

@@ -1,8 +1,11 @@
 //! Speeds along a path that the motors can follow.
 
+use crate::mpc::limits::InputLimits;
 use crate::path::{Path, PathError, PathPoint, SAMPLE_STEP_M};
 use crate::trajectory::{Ending, Motion, NODE_STEP_S, Node, Trajectory};
-use sidehill_plant::vehicle::RangeError;
+use serde::{Deserialize, Serialize};
+use sidehill_plant::bounds::{Bounds, RangeError};
+use sidehill_plant::vehicle::Vehicle;
 
 /// What bounds the speed along a path.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -29,15 +32,69 @@ pub struct SpeedLimits {
     pub initial_speed_m_s: f64,
 }
 
+/// How fast a path is driven whose course is not given in time, as a configuration file says it.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct SpeedConfig {
+    /// Speed on the open stretch, m/s.
+    pub speed_m_s: f64,
+    /// Share of the motors' limits that the profile uses; the rest is left to feedback and slope.
+    pub motor_share: f64,
+    /// Largest |curvature| speed^2, m/s^2.
+    pub lateral_acceleration_m_s2: f64,
+}
+
+impl Default for SpeedConfig {
+    fn default() -> Self {
+        Self {
+            speed_m_s: 0.8,
+            motor_share: 0.5,
+            lateral_acceleration_m_s2: 1.0,
+        }
+    }
+}
+
+impl SpeedConfig {
+    /// Checks the ranges.
+    ///
+    /// # Errors
+    /// [`RangeError`] with the first key out of its range.
+    pub fn validate(&self) -> Result<(), RangeError> {
+        Bounds::new(0.01, 20.0, "m/s").check("speed.speed_m_s", self.speed_m_s)?;
+        Bounds::new(0.05, 1.0, "").check("speed.motor_share", self.motor_share)?;
+        Bounds::new(0.01, 100.0, "m/s^2").check(
+            "speed.lateral_acceleration_m_s2",
+            self.lateral_acceleration_m_s2,
+        )?;
+        Ok(())
+    }
+
+    /// Returns the bounds on the speed of `vehicle` with motors of `limits`, from a standing start.
+    pub fn limits(&self, limits: &InputLimits, vehicle: &Vehicle) -> SpeedLimits {
+        let share = self.motor_share;
+        SpeedLimits {
+            speed_max_m_s: self.speed_m_s,
+            traction_max_m_s: limits.traction.speed_m_s,
+            steer_max_m_s: share * limits.steer.speed_m_s,
+            tread_max_m_s: limits.tread_speed_m_s,
+            acceleration_m_s2: share * limits.traction.acceleration_m_s2,
+            deceleration_m_s2: share * limits.traction.deceleration_m_s2,
+            steer_acceleration_m_s2: share * limits.steer.acceleration_m_s2,
+            lateral_acceleration_m_s2: self.lateral_acceleration_m_s2,
+            track_width_m: vehicle.icrs.right_m - vehicle.icrs.left_m,
+            initial_speed_m_s: 0.0,
+        }
+    }
+}
+
 impl SpeedLimits {
     fn check(&self) -> Result<(), RangeError> {
+        // Infinity is no limit.
         let positive = |key, value: f64| {
-            if value > 0.0 {
-                Ok(())
-            } else {
-                let range = "above 0";
-                Err(RangeError { key, value, range })
+            if value == f64::INFINITY {
+                return Ok(value);
             }
+            Bounds::positive("").check(key, value)
         };
         positive("speed_max_m_s", self.speed_max_m_s)?;
         positive("traction_max_m_s", self.traction_max_m_s)?;
@@ -47,28 +104,9 @@ impl SpeedLimits {
         positive("deceleration_m_s2", self.deceleration_m_s2)?;
         positive("steer_acceleration_m_s2", self.steer_acceleration_m_s2)?;
         positive("lateral_acceleration_m_s2", self.lateral_acceleration_m_s2)?;
-        let check = RangeError::check;
-        check(
-            "speed_max_m_s",
-            self.speed_max_m_s,
-            1e-3,
-            50.0,
-            "from 0.001 to 50 m/s",
-        )?;
-        check(
-            "track_width_m",
-            self.track_width_m,
-            1e-3,
-            100.0,
-            "from 0.001 to 100 m",
-        )?;
-        check(
-            "initial_speed_m_s",
-            self.initial_speed_m_s,
-            0.0,
-            50.0,
-            "from 0 to 50 m/s",
-        )?;
+        Bounds::new(1e-3, 50.0, "m/s").check("speed_max_m_s", self.speed_max_m_s)?;
+        Bounds::new(1e-3, 100.0, "m").check("track_width_m", self.track_width_m)?;
+        Bounds::new(0.0, 50.0, "m/s").check("initial_speed_m_s", self.initial_speed_m_s)?;
         Ok(())
     }
 
@@ -155,7 +193,7 @@ impl<'a> Stretch<'a> {
                 return Err(PathError::Range(RangeError {
                     key: "speed_cap_m_s",
                     value: cap,
-                    range: "above 0",
+                    bounds: Bounds::positive("m/s"),
                 }));
             }
             curvatures.push(point.curvature_per_m);

@@ -1,13 +1,15 @@
 //! Time-parametrised references.
 
 use crate::path::{Hermite, Path, PathError, Point2};
+use serde::{Deserialize, Serialize};
 use sidehill_plant::frames::PlanarPose;
 
 /// Largest distance in time between the nodes of a trajectory, s.
 pub(crate) const NODE_STEP_S: f64 = 0.05;
 
 /// What the vehicle does at a point of a trajectory.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Motion {
     /// It drives along a path.
     Drive,
@@ -27,7 +29,7 @@ pub enum Ending {
 }
 
 /// Where the vehicle should be at a time, and how it should move there.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct ReferencePoint {
     /// Time since the start of the trajectory, s, as asked for.
     pub time_s: f64,

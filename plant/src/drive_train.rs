@@ -1,7 +1,7 @@
 //! From commanded to actual motor speeds: transport delay, limits and lag of the two motors.
 
+use crate::bounds::{Bounds, RangeError};
 use crate::speeds::MotorSpeeds;
-use crate::vehicle::RangeError;
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 
@@ -158,9 +158,9 @@ impl TryFrom<RawDriveTrain> for DriveTrainConfig {
     type Error = RangeError;
 
     fn try_from(raw: RawDriveTrain) -> Result<Self, RangeError> {
-        let speed = |key, value| check_optional(key, value, 1e-3, 100.0, "from 0.001 to 100 m/s");
-        let rate = |key, value| check_optional(key, value, 1e-3, 1e3, "from 0.001 to 1000 m/s^2");
-        let lag = |key, value| check_optional(key, value, 1e-3, 60.0, "from 0.001 to 60 s");
+        let speed = |key, value| check_optional(Bounds::new(1e-3, 100.0, "m/s"), key, value);
+        let rate = |key, value| check_optional(Bounds::new(1e-3, 1e3, "m/s^2"), key, value);
+        let lag = |key, value| check_optional(Bounds::new(1e-3, 60.0, "s"), key, value);
         speed("traction.speed_max_m_s", raw.traction.speed_max_m_s)?;
         speed("steer.speed_max_m_s", raw.steer.speed_max_m_s)?;
         speed("tread_speed_max_m_s", raw.tread_speed_max_m_s)?;
@@ -182,7 +182,7 @@ impl TryFrom<RawDriveTrain> for DriveTrainConfig {
         )?;
         lag("traction.time_constant_s", raw.traction.time_constant_s)?;
         lag("steer.time_constant_s", raw.steer.time_constant_s)?;
-        RangeError::check("delay_s", raw.delay_s, 0.0, 10.0, "from 0 to 10 s")?;
+        Bounds::new(0.0, 10.0, "s").check("delay_s", raw.delay_s)?;
         Ok(Self {
             traction: raw.traction,
             steer: raw.steer,
@@ -192,17 +192,8 @@ impl TryFrom<RawDriveTrain> for DriveTrainConfig {
     }
 }
 
-fn check_optional(
-    key: &'static str,
-    value: Option<f64>,
-    low: f64,
-    high: f64,
-    range: &'static str,
-) -> Result<(), RangeError> {
-    match value {
-        Some(value) => RangeError::check(key, value, low, high, range).map(drop),
-        None => Ok(()),
-    }
+fn check_optional(bounds: Bounds, key: &'static str, value: Option<f64>) -> Result<(), RangeError> {
+    value.map_or(Ok(()), |value| bounds.check(key, value).map(drop))
 }
 
 #[cfg(test)]

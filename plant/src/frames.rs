@@ -10,10 +10,11 @@
 //! rotation.
 
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
+use serde::{Deserialize, Serialize};
 use std::f64::consts::{PI, TAU};
 
 /// Roll and pitch of the body against the horizontal, in the paper's order `Ry(roll) Rx(pitch)`.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct Attitude {
     /// Roll alpha about the body's forward axis, rad, right side down positive.
     pub roll_rad: f64,
@@ -72,7 +73,7 @@ impl Attitude {
 }
 
 /// Velocity of the body's origin and its yaw rate, in body axes.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct BodyVelocity {
     /// Lateral velocity v_x, m/s, to the right.
     pub right_m_s: f64,
@@ -83,7 +84,7 @@ pub struct BodyVelocity {
 }
 
 /// Position of the body's origin and heading in the horizontal plane of the world.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct PlanarPose {
     /// X_g, m.
     pub x_m: f64,
@@ -94,7 +95,7 @@ pub struct PlanarPose {
 }
 
 /// Position of the body's origin in the world, and heading.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct Pose {
     /// X_g, m.
     pub x_m: f64,
@@ -113,6 +114,18 @@ impl Pose {
             x_m: self.x_m,
             y_m: self.y_m,
             yaw_rad: self.yaw_rad,
+        }
+    }
+}
+
+impl From<PlanarPose> for Pose {
+    /// At height 0.
+    fn from(planar: PlanarPose) -> Self {
+        Self {
+            x_m: planar.x_m,
+            y_m: planar.y_m,
+            z_m: 0.0,
+            yaw_rad: planar.yaw_rad,
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use crate::dead_reckoning::{Motion, advance_between};
 use crate::frames::{Attitude, BodyVelocity, Pose, wrap_angle};
-use crate::log::{DriveLog, LogRow};
+use crate::log::{DriveLog, GAP_MAX_S, LogRow};
 use crate::speeds::MeasuredTreadSpeeds;
 use crate::vehicle::Vehicle;
 
@@ -25,7 +25,7 @@ impl KinematicModel {
         attitude: Attitude,
         measured: MeasuredTreadSpeeds,
     ) -> BodyVelocity {
-        let treads = vehicle.correction.apply(measured);
+        let treads = vehicle.encoder_scale.apply(measured);
         match self {
             Self::Icrik => vehicle.body_velocity(attitude, treads),
             Self::Icrhk => vehicle.icrhk().body_velocity(treads),
@@ -130,45 +130,48 @@ impl MeanSquaredErrors {
     }
 }
 
-/// Returns the model's pose beside each of the log's poses after the first, from which it starts.
+/// Returns the model's pose beside each of the log's poses but those from which it starts: the first,
+/// and the first after each gap of more than [`GAP_MAX_S`], over which nothing is known of the motion.
 ///
 /// # Errors
-/// Says so when the log has fewer than two poses.
+/// Says so when no two poses are without a gap between them.
 pub fn compare(
     log: &DriveLog,
     vehicle: &Vehicle,
     model: KinematicModel,
 ) -> Result<Vec<Comparison>, OdometryError> {
-    let rows = log.rows();
-    let poses = log.pose_count();
-    let start = rows.iter().position(|row| row.pose.is_some());
-    let Some((first, start)) = start.and_then(|first| Some((first, rows[first].pose?))) else {
-        return Err(OdometryError::TooFewPoses { poses });
-    };
-    if poses < 2 {
-        return Err(OdometryError::TooFewPoses { poses });
-    }
-    let rows = &rows[first..];
-    let estimates = model.dead_reckon(vehicle, rows, start);
-    Ok(rows
-        .iter()
-        .zip(estimates)
-        .skip(1)
-        .filter_map(|(row, estimated)| {
+    let mut comparisons = Vec::new();
+    for rows in log.pieces(GAP_MAX_S) {
+        let start = rows.iter().position(|row| row.pose.is_some());
+        let Some((first, start)) = start.and_then(|first| Some((first, rows[first].pose?))) else {
+            continue;
+        };
+        let rows = &rows[first..];
+        let estimates = model.dead_reckon(vehicle, rows, start);
+        let compared = rows.iter().zip(estimates).skip(1);
+        comparisons.extend(compared.filter_map(|(row, estimated)| {
             Some(Comparison {
                 time_s: row.time_s,
                 measured: row.pose?,
                 estimated,
             })
-        })
-        .collect())
+        }));
+    }
+    if comparisons.is_empty() {
+        return Err(OdometryError::TooFewPoses {
+            poses: log.pose_count(),
+        });
+    }
+    Ok(comparisons)
 }
 
 /// Why odometry cannot be judged.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum OdometryError {
     /// There is nothing to compare with.
-    #[error("{poses} poses in the log, at least 2 are needed")]
+    #[error(
+        "{poses} poses in the log, at least 2 without a gap of more than {GAP_MAX_S} s between them are needed"
+    )]
     TooFewPoses {
         /// Poses found.
         poses: usize,
@@ -179,12 +182,12 @@ pub enum OdometryError {
 mod tests {
     use super::*;
     use crate::speeds::TreadSpeeds;
-    use crate::vehicle::j8;
+    use crate::vehicle::Vehicle;
 
     /// The paper's first validation: V_l = -V_r = 0.3 m/s on 3.6 deg for 47.7 s, poses by ICRIK.
     fn turn_on_the_spot() -> DriveLog {
-        let vehicle = j8();
-        let speeds = vehicle.correction.invert(TreadSpeeds {
+        let vehicle = Vehicle::j8();
+        let speeds = vehicle.encoder_scale.invert(TreadSpeeds {
             left_m_s: 0.3,
             right_m_s: -0.3,
         });
@@ -208,7 +211,7 @@ mod tests {
 
     #[test]
     fn icrhk_misses_the_slide_of_the_first_experiment_as_in_table_two() {
-        let (log, vehicle) = (turn_on_the_spot(), j8());
+        let (log, vehicle) = (turn_on_the_spot(), Vehicle::j8());
         let errors = |model| MeanSquaredErrors::of(&compare(&log, &vehicle, model).unwrap());
         let icrik = errors(KinematicModel::Icrik);
         assert_eq!(icrik.samples, 477);
@@ -225,8 +228,39 @@ mod tests {
         rows[20].pose = None;
         let log = DriveLog::new(rows).unwrap();
         assert_eq!(
-            compare(&log, &j8(), KinematicModel::Icrik),
+            compare(&log, &Vehicle::j8(), KinematicModel::Icrik),
             Err(OdometryError::TooFewPoses { poses: 1 })
+        );
+    }
+
+    #[test]
+    fn it_starts_anew_after_a_gap() {
+        let (whole, vehicle) = (turn_on_the_spot(), Vehicle::j8());
+        // 10 s are missing in which the vehicle turns and slides on.
+        let rows = whole.rows().iter().copied();
+        let log = DriveLog::new(
+            rows.filter(|row| row.time_s < 5.0 || row.time_s > 15.0)
+                .collect(),
+        )
+        .unwrap();
+        let comparisons = compare(&log, &vehicle, KinematicModel::Icrik).unwrap();
+        // A pose every 0.1 s; the first of each piece is where the model starts.
+        let late = comparisons.iter().find(|c| c.time_s > 5.0).unwrap();
+        assert!((late.time_s - 15.2).abs() < 1e-9, "{}", late.time_s);
+        let errors = MeanSquaredErrors::of(&comparisons);
+        assert_eq!(errors.samples, 49 + 326);
+        assert!(errors.fitness() < 1e-4, "{errors:?}");
+        // Two poses with nothing but the gap between them are not compared.
+        let mut rows = log.rows()[980..1020].to_vec();
+        for row in &mut rows {
+            row.pose = row
+                .pose
+                .filter(|_| [4.9, 15.1].iter().any(|s| (row.time_s - s).abs() < 1e-9));
+        }
+        let log = DriveLog::new(rows).unwrap();
+        assert_eq!(
+            compare(&log, &vehicle, KinematicModel::Icrik),
+            Err(OdometryError::TooFewPoses { poses: 2 })
         );
     }
 

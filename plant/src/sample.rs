@@ -2,9 +2,10 @@
 
 use crate::frames::{Attitude, Pose};
 use crate::speeds::MeasuredTreadSpeeds;
+use serde::{Deserialize, Serialize};
 
 /// A reading with the instant at which it was true, which is earlier than when it arrived.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Stamped<T> {
     /// Instant of the reading on the cycle's clock, s.
     pub time_s: f64,
@@ -15,7 +16,7 @@ pub struct Stamped<T> {
 /// Everything that reached the controller since its previous cycle.
 ///
 /// A field is `None` where no new reading arrived; an old reading is not repeated.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Sample {
     /// Instant of this cycle, s.
     pub time_s: f64,

@@ -1,39 +1,11 @@
 //! Parameters of a vehicle, validated once when they are read.
 
-use crate::speeds::{MeasuredTreadSpeeds, TreadSpeeds};
+use crate::bounds::Bounds;
+pub use crate::bounds::RangeError;
+use crate::contact::{ContactVehicle, KnownContact};
+use crate::speeds::EncoderScale;
+pub use crate::speeds::EncoderScale as SpeedCorrection;
 use serde::{Deserialize, Serialize};
-
-/// A parameter that is outside its range.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-#[error("{key}: {value} is out of range, must be {range}")]
-pub struct RangeError {
-    /// Key as the configuration file spells it.
-    pub key: &'static str,
-    /// The value found.
-    pub value: f64,
-    /// The values allowed, in words.
-    pub range: &'static str,
-}
-
-impl RangeError {
-    /// Checks that `value` is finite and within `[low, high]`.
-    ///
-    /// # Errors
-    /// Returns the key, the value and `range` where it is not.
-    pub fn check(
-        key: &'static str,
-        value: f64,
-        low: f64,
-        high: f64,
-        range: &'static str,
-    ) -> Result<f64, Self> {
-        if value.is_finite() && (low..=high).contains(&value) {
-            Ok(value)
-        } else {
-            Err(Self { key, value, range })
-        }
-    }
-}
 
 /// Positions of the tread ICRs on level ground (ICRHK), in the body frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -71,11 +43,45 @@ pub struct Vehicle {
     pub base_half_width_m: f64,
     /// y_m, m: half length of the base rectangle.
     pub base_half_length_m: f64,
-    /// c_l and c_r of equation (11).
-    pub correction: SpeedCorrection,
+    /// c_l and c_r of equation (11); keys `correction_left` and `correction_right` of its file.
+    pub encoder_scale: EncoderScale,
+    /// What is known of it as a vehicle on wheels with friction: where `contact-mpc` starts from.
+    pub contact: Option<ContactVehicle>,
 }
 
 impl Vehicle {
+    /// Returns the Argo J8 of the paper's Table I, a rover of about one tonne with eight wheels, on
+    /// smooth concrete.
+    pub fn j8() -> Self {
+        Self {
+            name: "j8".to_owned(),
+            icrs: HorizontalIcrs {
+                left_m: -0.980,
+                right_m: 1.073,
+                forward_m: 0.206,
+            },
+            slide: SlideGains {
+                shift_s_per_rad: 1.222,
+                aggravated_s_per_rad: 4.965,
+            },
+            speed_max_m_s: 1.0,
+            base_half_width_m: 0.6,
+            base_half_length_m: 1.06,
+            encoder_scale: EncoderScale {
+                left: 1.004,
+                right: 1.011,
+            },
+            contact: None,
+        }
+    }
+
+    /// Returns the vehicle on wheels with friction: as known, or as guessed from the base rectangle.
+    pub fn contact_vehicle(&self) -> ContactVehicle {
+        self.contact.clone().unwrap_or_else(|| {
+            ContactVehicle::of_base(&self.name, self.base_half_width_m, self.base_half_length_m)
+        })
+    }
+
     /// Returns the same vehicle without slide: ICRIK then equals ICRHK.
     pub fn on_level_ground(&self) -> Self {
         Self {
@@ -110,33 +116,6 @@ impl Vehicle {
     }
 }
 
-/// Correction factors of equation (11), from measured to effective tread speeds.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct SpeedCorrection {
-    /// c_l of the left tread.
-    pub left: f64,
-    /// c_r of the right tread.
-    pub right: f64,
-}
-
-impl SpeedCorrection {
-    /// Returns V_l = c_l v_l, V_r = c_r v_r: equation (11).
-    pub fn apply(&self, measured: MeasuredTreadSpeeds) -> TreadSpeeds {
-        TreadSpeeds {
-            left_m_s: self.left * measured.left_m_s,
-            right_m_s: self.right * measured.right_m_s,
-        }
-    }
-
-    /// Returns what an encoder reads when the treads move at `treads`: equation (11) solved for v.
-    pub fn invert(&self, treads: TreadSpeeds) -> MeasuredTreadSpeeds {
-        MeasuredTreadSpeeds {
-            left_m_s: treads.left_m_s / self.left,
-            right_m_s: treads.right_m_s / self.right,
-        }
-    }
-}
-
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct RawVehicle {
@@ -151,92 +130,49 @@ struct RawVehicle {
     base_half_length_m: f64,
     correction_left: f64,
     correction_right: f64,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    contact: Option<KnownContact>,
 }
 
 impl TryFrom<RawVehicle> for Vehicle {
     type Error = RangeError;
 
     fn try_from(raw: RawVehicle) -> Result<Self, RangeError> {
-        let check = RangeError::check;
-        let half_width = check(
-            "base_half_width_m",
-            raw.base_half_width_m,
-            0.01,
-            20.0,
-            "from 0.01 to 20 m",
-        )?;
-        let half_length = check(
-            "base_half_length_m",
-            raw.base_half_length_m,
-            0.01,
-            20.0,
-            "from 0.01 to 20 m",
-        )?;
+        let half_width =
+            Bounds::new(0.01, 20.0, "m").check("base_half_width_m", raw.base_half_width_m)?;
+        let half_length =
+            Bounds::new(0.01, 20.0, "m").check("base_half_length_m", raw.base_half_length_m)?;
+        let contact = raw
+            .contact
+            .map(|known| known.vehicle(&raw.name))
+            .transpose()?;
         Ok(Self {
             name: raw.name,
+            contact,
             icrs: HorizontalIcrs {
-                left_m: check(
-                    "x_icr_left_m",
-                    raw.x_icr_left_m,
-                    -50.0,
-                    -half_width,
-                    "at most -base_half_width_m, and at least -50 m",
-                )?,
-                right_m: check(
-                    "x_icr_right_m",
-                    raw.x_icr_right_m,
-                    half_width,
-                    50.0,
-                    "at least base_half_width_m, and at most 50 m",
-                )?,
-                forward_m: check(
-                    "y_icr_m",
-                    raw.y_icr_m,
-                    -half_length,
-                    half_length,
-                    "within +-base_half_length_m",
-                )?,
+                left_m: Bounds::new(-50.0, -half_width, "m")
+                    .with_note("at most -base_half_width_m")
+                    .check("x_icr_left_m", raw.x_icr_left_m)?,
+                right_m: Bounds::new(half_width, 50.0, "m")
+                    .with_note("at least base_half_width_m")
+                    .check("x_icr_right_m", raw.x_icr_right_m)?,
+                forward_m: Bounds::new(-half_length, half_length, "m")
+                    .with_note("within base_half_length_m")
+                    .check("y_icr_m", raw.y_icr_m)?,
             },
             slide: SlideGains {
-                shift_s_per_rad: check(
-                    "lambda_1_s_per_rad",
-                    raw.lambda_1_s_per_rad,
-                    0.0,
-                    100.0,
-                    "from 0 to 100 s/rad",
-                )?,
-                aggravated_s_per_rad: check(
-                    "lambda_2_s_per_rad",
-                    raw.lambda_2_s_per_rad,
-                    0.0,
-                    100.0,
-                    "from 0 to 100 s/rad",
-                )?,
+                shift_s_per_rad: Bounds::new(0.0, 100.0, "s/rad")
+                    .check("lambda_1_s_per_rad", raw.lambda_1_s_per_rad)?,
+                aggravated_s_per_rad: Bounds::new(0.0, 100.0, "s/rad")
+                    .check("lambda_2_s_per_rad", raw.lambda_2_s_per_rad)?,
             },
-            speed_max_m_s: check(
-                "speed_max_m_s",
-                raw.speed_max_m_s,
-                0.01,
-                20.0,
-                "from 0.01 to 20 m/s",
-            )?,
+            speed_max_m_s: Bounds::new(0.01, 20.0, "m/s")
+                .check("speed_max_m_s", raw.speed_max_m_s)?,
             base_half_width_m: half_width,
             base_half_length_m: half_length,
-            correction: SpeedCorrection {
-                left: check(
-                    "correction_left",
-                    raw.correction_left,
-                    0.5,
-                    2.0,
-                    "from 0.5 to 2",
-                )?,
-                right: check(
-                    "correction_right",
-                    raw.correction_right,
-                    0.5,
-                    2.0,
-                    "from 0.5 to 2",
-                )?,
+            encoder_scale: EncoderScale {
+                left: Bounds::new(0.5, 2.0, "").check("correction_left", raw.correction_left)?,
+                right: Bounds::new(0.5, 2.0, "").check("correction_right", raw.correction_right)?,
             },
         })
     }
@@ -254,14 +190,23 @@ impl From<Vehicle> for RawVehicle {
             speed_max_m_s: v.speed_max_m_s,
             base_half_width_m: v.base_half_width_m,
             base_half_length_m: v.base_half_length_m,
-            correction_left: v.correction.left,
-            correction_right: v.correction.right,
+            correction_left: v.encoder_scale.left,
+            correction_right: v.encoder_scale.right,
+            contact: v.contact.as_ref().map(KnownContact::of),
         }
     }
 }
 
-/// Returns the J8 of the paper.
 #[cfg(test)]
-pub(crate) fn j8() -> Vehicle {
-    serde_yaml::from_str(include_str!("../../config/vehicles/j8.yaml")).unwrap()
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_j8_of_the_file_is_that_of_the_paper() {
+        let file = include_str!("../../config/vehicles/j8.yaml");
+        assert_eq!(
+            serde_yaml::from_str::<Vehicle>(file).unwrap(),
+            Vehicle::j8()
+        );
+    }
 }

@@ -173,5 +173,5 @@ fn drive(scenario: ConfigFile, kind: ControllerKind) -> Result<Summary> {
         controllers: vec![kind],
         ..Overrides::default()
     })?;
-    Ok(closed_loop::run(&prepared, kind, |_| {})?.summary)
+    Ok(closed_loop::run(&prepared, kind, |_| {}, None)?.summary)
 }

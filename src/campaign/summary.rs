@@ -3,6 +3,7 @@
 use super::table::Row;
 use crate::config::Campaign;
 use serde::Serialize;
+use sidehill_plant::statistics::quantile;
 use std::fmt::Write;
 use std::ops::Range;
 
@@ -59,20 +60,19 @@ fn figures(controller: &str, rows: &[&Row]) -> Figures {
         .map(|row| row.index)
         .collect();
     not_completed.sort_unstable();
-    // By the nearest rank among all runs; ranks beyond the completed ones have no value.
-    let quantile = |share: f64| {
-        let rank = (share * rows.len() as f64).ceil().max(1.0) as usize;
-        errors.get(rank - 1).map(|(error, _)| *error)
-    };
+    // Of all runs: one that was not completed is worse than any that was.
+    let mut ascending: Vec<f64> = errors.iter().map(|(error, _)| *error).collect();
+    ascending.resize(rows.len(), f64::INFINITY);
+    let of_all = |share| quantile(&ascending, share).filter(|error| error.is_finite());
     Figures {
         controller: controller.to_owned(),
         runs: rows.len(),
         completed: done().count(),
-        median_m: quantile(0.5),
-        p95_m: quantile(0.95),
+        median_m: of_all(0.5),
+        p95_m: of_all(0.95),
         worst_m: errors.last().map(|(error, _)| *error),
         worst_index: errors.last().map(|(_, index)| *index),
-        steer_total_variation_m_s: steers.get(steers.len() / 2).copied(),
+        steer_total_variation_m_s: quantile(&steers, 0.5),
         not_completed,
     }
 }

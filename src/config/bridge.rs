@@ -1,6 +1,6 @@
 //! Configuration of `run` and `vehicle`.
 
-use super::reference::{Reference, RouteConfig, Source, SpeedConfig};
+use super::reference::{LoadedReference, RouteConfig, Source};
 use super::{ConfigError, ConfigFile, Overrides, PlantKind, Prepared, Scenario};
 use serde::Deserialize;
 use sidehill_bridge::can::config::CanConfig;
@@ -18,9 +18,11 @@ use sidehill_bridge::safety::SafetyConfig;
 use sidehill_controller::config::{ControllerConfig, ControllerKind};
 use sidehill_controller::controller::Controller;
 use sidehill_controller::course::Course;
+use sidehill_controller::speed_profile::SpeedConfig;
+use sidehill_plant::bounds::Bounds;
 use sidehill_plant::drive_train::DriveTrainConfig;
 use sidehill_plant::sensors::SensorsConfig;
-use sidehill_plant::vehicle::{RangeError, Vehicle};
+use sidehill_plant::vehicle::Vehicle;
 use std::path::{Path, PathBuf};
 
 /// Through what `run` tells the drives.
@@ -111,33 +113,24 @@ impl RunConfig {
                 settings.period_s, self.cycle.period_s
             )));
         }
-        RangeError::check("laps", f64::from(self.laps), 1.0, 1e6, "from 1 to 1000000")
+        Bounds::new(1.0, 1e6, "")
+            .check("laps", f64::from(self.laps))
             .and_then(|_| self.speed.validate())
             .map_err(|error| file.error(error))?;
         settings
             .validate()
             .map_err(|error| file.error(format!("settings.{error}")))?;
-        let made = if self.over_ros2() {
-            if self.course.is_some() || self.route.is_some() {
-                return Err(file.error("course and route: paths come over ROS 2, not from here"));
-            }
-            Controller::without_path(self.controller, settings.clone(), vehicle, None)
-        } else {
+        let mut controller = Controller::new(self.controller, settings.clone(), vehicle)
+            .map_err(|error| file.error(error))?;
+        if !self.over_ros2() {
             let source = Source::of(file, self.course.as_ref(), self.route.as_ref(), None)?;
             let limits = self.speed.limits(&settings.limits, vehicle);
-            let reference = Reference::build(file, source, &limits)?;
-            let tracking = reference.tracking(settings.lead_max_m);
-            Controller::new(
-                self.controller,
-                settings.clone(),
-                vehicle,
-                reference.trajectory,
-                tracking,
-                self.laps,
-                None,
-            )
-        };
-        made.map_err(|error| file.error(error))
+            let loaded = LoadedReference::build(file, source, &limits)?;
+            controller.follow(settings.reference(loaded.trajectory).for_laps(self.laps));
+        } else if self.course.is_some() || self.route.is_some() {
+            return Err(file.error("course and route: paths come over ROS 2, not from here"));
+        }
+        Ok(controller)
     }
 
     /// Returns whether paths come over ROS 2.

@@ -3,7 +3,7 @@
 use super::plant::{GroundFriction, PlantKind};
 use super::{ConfigError, ConfigFile};
 use serde::Deserialize;
-use serde_yaml::{Mapping, Value};
+use serde_yaml::Mapping;
 use sidehill_controller::config::ControllerConfig;
 use sidehill_plant::drive_train::DriveTrainConfig;
 use sidehill_plant::sensors::SensorsConfig;
@@ -90,31 +90,5 @@ impl Conditions {
     /// [`ConfigError::Content`] where the scenario is no YAML mapping.
     pub fn put_into(&self, scenario: &ConfigFile) -> Result<ConfigFile, ConfigError> {
         scenario.with_keys(&self.keys)
-    }
-}
-
-/// Puts `keys` into `into`, in place of those of the same name; of `controller` only what is named.
-pub(super) fn overlay(into: &mut Mapping, keys: &Mapping) {
-    for (key, value) in keys {
-        match (into.get_mut(key), value) {
-            (Some(Value::Mapping(old)), Value::Mapping(new)) if key == "controller" => {
-                merge(old, new);
-            }
-            _ => {
-                into.insert(key.clone(), value.clone());
-            }
-        }
-    }
-}
-
-/// Puts `new` into `old`, key by key down to single values.
-fn merge(old: &mut Mapping, new: &Mapping) {
-    for (key, value) in new {
-        match (old.get_mut(key), value) {
-            (Some(Value::Mapping(old)), Value::Mapping(new)) => merge(old, new),
-            _ => {
-                old.insert(key.clone(), value.clone());
-            }
-        }
     }
 }

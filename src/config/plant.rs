@@ -1,9 +1,11 @@
 //! What moves the simulated vehicle, the friction under it, and what controllers wrongly believe of it.
 
 use serde::Deserialize;
-use sidehill_plant::contact::{ContactModel, ContactVehicle, FrictionField};
+use sidehill_plant::bounds::RangeError;
+use sidehill_plant::contact::{ContactModel, ContactVehicle, FrictionField, Parameter};
 use sidehill_plant::motion::{IcrMotion, MotionModel};
-use sidehill_plant::vehicle::{RangeError, SpeedCorrection, Vehicle};
+use sidehill_plant::speeds::EncoderScale;
+use sidehill_plant::vehicle::Vehicle;
 use std::path::PathBuf;
 
 /// What moves the simulated vehicle.
@@ -36,7 +38,7 @@ pub enum Plant {
         /// The vehicle on wheels.
         vehicle: ContactVehicle,
         /// Its true c_l and c_r: those of the scenario's vehicle.
-        correction: SpeedCorrection,
+        encoder_scale: EncoderScale,
     },
 }
 
@@ -50,10 +52,10 @@ impl Plant {
     }
 
     /// Returns its true c_l and c_r.
-    pub fn correction(&self) -> SpeedCorrection {
+    pub fn encoder_scale(&self) -> EncoderScale {
         match self {
-            Self::Icrik(vehicle) => vehicle.correction,
-            Self::Contact { correction, .. } => *correction,
+            Self::Icrik(vehicle) => vehicle.encoder_scale,
+            Self::Contact { encoder_scale, .. } => *encoder_scale,
         }
     }
 
@@ -114,7 +116,8 @@ impl GroundFriction {
     }
 }
 
-/// Factors on the parameters that controllers believe in, which so are wrong; all 1 by default.
+/// Factors on the parameters that controllers believe in, which so are wrong, all 1 by default, and what is
+/// added to some, 0 by default.
 #[derive(Debug, Clone, Copy, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub(super) struct ModelError {
@@ -125,6 +128,18 @@ pub(super) struct ModelError {
     lambda_2: f64,
     correction_left: f64,
     correction_right: f64,
+    friction: f64,
+    lateral_share: f64,
+    slip_scale: f64,
+    rolling_resistance: f64,
+    /// Added, m.
+    centre_of_mass_right_m: f64,
+    /// Added, m.
+    centre_of_mass_forward_m: f64,
+    /// Added, m.
+    centre_of_mass_height_m: f64,
+    /// Added.
+    inner_load_share: f64,
 }
 
 impl Default for ModelError {
@@ -137,6 +152,14 @@ impl Default for ModelError {
             lambda_2: 1.0,
             correction_left: 1.0,
             correction_right: 1.0,
+            friction: 1.0,
+            lateral_share: 1.0,
+            slip_scale: 1.0,
+            rolling_resistance: 1.0,
+            centre_of_mass_right_m: 0.0,
+            centre_of_mass_forward_m: 0.0,
+            centre_of_mass_height_m: 0.0,
+            inner_load_share: 0.0,
         }
     }
 }
@@ -149,9 +172,34 @@ impl ModelError {
         vehicle.icrs.forward_m *= self.y_icr;
         vehicle.slide.shift_s_per_rad *= self.lambda_1;
         vehicle.slide.aggravated_s_per_rad *= self.lambda_2;
-        vehicle.correction.left *= self.correction_left;
-        vehicle.correction.right *= self.correction_right;
+        vehicle.encoder_scale.left *= self.correction_left;
+        vehicle.encoder_scale.right *= self.correction_right;
+        if let Some(contact) = &vehicle.contact {
+            vehicle.contact = Some(self.apply_to_contact(contact)?);
+        }
         vehicle.validated()
+    }
+
+    fn apply_to_contact(&self, contact: &ContactVehicle) -> Result<ContactVehicle, RangeError> {
+        let mut parameters = contact.parameters();
+        for (parameter, factor) in [
+            (Parameter::Friction, self.friction),
+            (Parameter::LateralShare, self.lateral_share),
+            (Parameter::SlipScale, self.slip_scale),
+            (Parameter::RollingResistance, self.rolling_resistance),
+        ] {
+            let entry = &mut parameters[parameter.index()];
+            *entry = parameter.entry(factor * parameter.value(*entry));
+        }
+        for (parameter, offset) in [
+            (Parameter::CentreRight, self.centre_of_mass_right_m),
+            (Parameter::CentreForward, self.centre_of_mass_forward_m),
+            (Parameter::CentreHeight, self.centre_of_mass_height_m),
+            (Parameter::InnerShare, self.inner_load_share),
+        ] {
+            parameters[parameter.index()] += offset;
+        }
+        contact.with_parameters(&parameters).validated()
     }
 }
 

@@ -3,13 +3,10 @@
 use super::{ConfigError, ConfigFile};
 use serde::Deserialize;
 use sidehill_controller::course::Course;
-use sidehill_controller::mpc::limits::InputLimits;
 use sidehill_controller::path::{Route, Smoothing, read_csv, read_gpx, smooth};
-use sidehill_controller::reference::Tracking;
 use sidehill_controller::speed_profile::{SpeedLimits, speed_profile};
-use sidehill_controller::trajectory::{Ending, Trajectory};
+use sidehill_controller::trajectory::Trajectory;
 use sidehill_plant::terrain::RoutePoint;
-use sidehill_plant::vehicle::{RangeError, Vehicle};
 use std::path::{Path, PathBuf};
 
 /// A recorded route as reference.
@@ -21,80 +18,6 @@ pub struct RouteConfig {
     /// How its points become a path.
     #[serde(default)]
     pub smoothing: Smoothing,
-}
-
-/// What bounds the speed where the reference is not given in time.
-#[derive(Debug, Clone, Copy, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct SpeedConfig {
-    /// Speed on the open stretch, m/s.
-    pub speed_m_s: f64,
-    /// Share of the motors' limits that the profile uses; the rest is left to feedback and slope.
-    pub motor_share: f64,
-    /// Largest |curvature| speed^2, m/s^2.
-    pub lateral_acceleration_m_s2: f64,
-}
-
-impl Default for SpeedConfig {
-    fn default() -> Self {
-        Self {
-            speed_m_s: 0.8,
-            motor_share: 0.5,
-            lateral_acceleration_m_s2: 1.0,
-        }
-    }
-}
-
-impl SpeedConfig {
-    /// Checks the ranges.
-    ///
-    /// # Errors
-    /// [`RangeError`] with the first key out of its range.
-    pub fn validate(&self) -> Result<(), RangeError> {
-        for (key, value, low, high, range) in [
-            (
-                "speed.speed_m_s",
-                self.speed_m_s,
-                0.01,
-                20.0,
-                "from 0.01 to 20 m/s",
-            ),
-            (
-                "speed.motor_share",
-                self.motor_share,
-                0.05,
-                1.0,
-                "from 0.05 to 1",
-            ),
-            (
-                "speed.lateral_acceleration_m_s2",
-                self.lateral_acceleration_m_s2,
-                0.01,
-                100.0,
-                "from 0.01 to 100 m/s^2",
-            ),
-        ] {
-            RangeError::check(key, value, low, high, range)?;
-        }
-        Ok(())
-    }
-
-    /// Returns what the speed of `vehicle` is bounded by, from a standing start.
-    pub fn limits(&self, limits: &InputLimits, vehicle: &Vehicle) -> SpeedLimits {
-        let share = self.motor_share;
-        SpeedLimits {
-            speed_max_m_s: self.speed_m_s,
-            traction_max_m_s: limits.traction.speed_m_s,
-            steer_max_m_s: share * limits.steer.speed_m_s,
-            tread_max_m_s: limits.tread_speed_m_s,
-            acceleration_m_s2: share * limits.traction.acceleration_m_s2,
-            deceleration_m_s2: share * limits.traction.deceleration_m_s2,
-            steer_acceleration_m_s2: share * limits.steer.acceleration_m_s2,
-            lateral_acceleration_m_s2: self.lateral_acceleration_m_s2,
-            track_width_m: vehicle.icrs.right_m - vehicle.icrs.left_m,
-            initial_speed_m_s: 0.0,
-        }
-    }
 }
 
 /// What is followed, as a configuration file names it.
@@ -131,7 +54,7 @@ impl<'a> Source<'a> {
 }
 
 /// A reference with what it was made of.
-pub struct Reference {
+pub struct LoadedReference {
     /// What is followed.
     pub trajectory: Trajectory,
     /// Where it is a route: its file, and its points with their elevations if all have one.
@@ -140,7 +63,7 @@ pub struct Reference {
     pub note: String,
 }
 
-impl Reference {
+impl LoadedReference {
     /// Builds the reference that `file` asks for.
     ///
     /// # Errors
@@ -193,14 +116,6 @@ impl Reference {
             route: Some((route, elevations)),
             note,
         })
-    }
-
-    /// Returns how the reference moves on: in time where it is periodic, else with the vehicle.
-    pub fn tracking(&self, lead_max_m: f64) -> Tracking {
-        match self.trajectory.ending() {
-            Ending::Periodic => Tracking::Time,
-            Ending::Stop => Tracking::Path { lead_max_m },
-        }
     }
 }
 

@@ -1,14 +1,17 @@
 //! A scenario: vehicle, ground, reference, plant, sensors and controllers of a simulation.
 
 use super::plant::{ContactFiles, GroundFriction, ModelError, Plant, PlantKind};
-use super::reference::{Reference, RouteConfig, Source, SpeedConfig};
+use super::reference::{LoadedReference, RouteConfig, Source};
 use super::{CONTACT_IDENTIFIED, CONTACT_VEHICLE, ConfigError, ConfigFile};
 use serde::Deserialize;
 use sidehill_controller::config::{ControllerConfig, ControllerKind};
+use sidehill_controller::controller::{Controller, ControllerError};
 use sidehill_controller::course::Course;
 use sidehill_controller::path::Point2;
-use sidehill_controller::reference::Tracking;
+use sidehill_controller::reference::Reference;
+use sidehill_controller::speed_profile::SpeedConfig;
 use sidehill_controller::trajectory::Trajectory;
+use sidehill_plant::bounds::{Bounds, RangeError};
 use sidehill_plant::contact::ContactVehicle;
 use sidehill_plant::drive_train::DriveTrainConfig;
 use sidehill_plant::frames::PlanarPose;
@@ -17,7 +20,7 @@ use sidehill_plant::simulation::{Simulation, SimulationError, SimulationSetup};
 use sidehill_plant::terrain::{
     GridTerrain, PlaneTerrain, RoutePoint, RouteSmoothing, RouteTerrain, Terrain, ZonedTerrain,
 };
-use sidehill_plant::vehicle::{RangeError, Vehicle};
+use sidehill_plant::vehicle::Vehicle;
 use std::path::PathBuf;
 
 /// The ground of a scenario.
@@ -56,17 +59,12 @@ struct StartOffset {
 
 impl StartOffset {
     fn validate(&self) -> Result<(), RangeError> {
-        let within = |key, value, most: f64, range| {
-            RangeError::check(key, value, -most, most, range).map(drop)
-        };
-        within("start.right_m", self.right_m, 100.0, "within +-100 m")?;
-        within("start.forward_m", self.forward_m, 100.0, "within +-100 m")?;
-        within(
-            "start.heading_deg",
-            self.heading_deg,
-            180.0,
-            "within +-180 deg",
-        )
+        let offset = Bounds::new(-100.0, 100.0, "m");
+        offset.check("start.right_m", self.right_m)?;
+        offset.check("start.forward_m", self.forward_m)?;
+        Bounds::new(-180.0, 180.0, "deg")
+            .check("start.heading_deg", self.heading_deg)
+            .map(drop)
     }
 
     fn from(&self, reference: &PlanarPose) -> PlanarPose {
@@ -121,19 +119,18 @@ impl RawScenario {
     /// Checks the numbers of the scenario's own file.
     fn validate(&self, file: &ConfigFile) -> Result<(), ConfigError> {
         let ranges = || -> Result<(), RangeError> {
-            RangeError::check("laps", f64::from(self.laps), 1.0, 1e6, "from 1 to 1000000")?;
-            RangeError::check("step_s", self.step_s, 1e-4, 0.05, "from 0.0001 to 0.05 s")?;
+            Bounds::new(1.0, 1e6, "").check("laps", f64::from(self.laps))?;
+            Bounds::new(1e-4, 0.05, "s").check("step_s", self.step_s)?;
             self.speed.validate()?;
             self.start.validate()?;
             let steps = self.controller.period_s / self.step_s;
-            RangeError::check(
-                "controller.period_s / step_s, its distance from a whole number",
-                (steps - steps.round()).abs(),
-                0.0,
-                1e-6,
-                "0: the period must be a whole number of steps",
-            )
-            .map(drop)
+            Bounds::new(0.0, 1e-6, "")
+                .with_note("the period is a whole number of steps")
+                .check(
+                    "controller.period_s / step_s, its distance from a whole number",
+                    (steps - steps.round()).abs(),
+                )
+                .map(drop)
         };
         ranges().map_err(|error| file.error(error))?;
         self.controller
@@ -175,12 +172,8 @@ pub struct Prepared {
     pub vehicle: Vehicle,
     /// The ground.
     pub terrain: Terrain,
-    /// The reference.
-    pub trajectory: Trajectory,
-    /// How the reference moves on.
-    pub tracking: Tracking,
-    /// Rounds of a periodic reference.
-    pub laps: u32,
+    /// What is followed, from its start.
+    pub reference: Reference,
     /// Where the vehicle starts.
     pub start: PlanarPose,
     /// Controllers to run.
@@ -212,11 +205,22 @@ impl Prepared {
             motion: self.plant.motion(),
             drive_train: self.drive_train,
             sensors: self.sensors,
-            correction: self.plant.correction(),
+            encoder_scale: self.plant.encoder_scale(),
             start: self.start,
             dt_s: self.step_s,
             seed: self.seed,
         })
+    }
+
+    /// Returns a controller of one kind at the start of the reference.
+    ///
+    /// # Errors
+    /// [`ControllerError`] for settings out of range.
+    pub fn controller(&self, kind: ControllerKind) -> Result<Controller, ControllerError> {
+        let mut controller = Controller::new(kind, self.controller.clone(), &self.vehicle)?
+            .with_terrain(self.terrain.clone());
+        controller.follow(self.reference.clone());
+        Ok(controller)
     }
 }
 
@@ -263,27 +267,28 @@ impl Scenario {
             raw.route.as_ref(),
             overrides.path.as_deref(),
         )?;
-        let reference = Reference::build(file, source, &limits)?;
-        let terrain = self.terrain(reference.route.as_ref())?;
-        on_the_ground(&reference.trajectory, &terrain).map_err(|error| file.error(error))?;
+        let loaded = LoadedReference::build(file, source, &limits)?;
+        let terrain = self.terrain(loaded.route.as_ref())?;
+        on_the_ground(&loaded.trajectory, &terrain).map_err(|error| file.error(error))?;
         let mut warnings = Vec::new();
         let asked_m_s = raw.speed.speed_m_s;
-        if reference.route.is_some() && asked_m_s > vehicle.speed_max_m_s {
+        if loaded.route.is_some() && asked_m_s > vehicle.speed_max_m_s {
             warnings.push(format!(
                 "speed.speed_m_s: {asked_m_s} m/s is asked for, but {} m/s is the largest speed that {} was \
                  identified at (speed_max_m_s), and {} m/s its motors' limit",
                 vehicle.speed_max_m_s, vehicle.name, limits.traction_max_m_s
             ));
         }
-        let start = raw.start.from(&reference.trajectory.at(0.0).pose());
+        let start = raw.start.from(&loaded.trajectory.at(0.0).pose());
         Ok(Prepared {
             name: raw.name.clone(),
             plant,
             vehicle,
             terrain,
-            tracking: reference.tracking(raw.controller.lead_max_m),
-            trajectory: reference.trajectory,
-            laps: raw.laps,
+            reference: raw
+                .controller
+                .reference(loaded.trajectory)
+                .for_laps(raw.laps),
             start,
             controllers: controllers.clone(),
             seed,
@@ -291,7 +296,7 @@ impl Scenario {
             drive_train: raw.drive_train,
             sensors: raw.sensors,
             controller: raw.controller.clone(),
-            route_note: reference.note,
+            route_note: loaded.note,
             warnings,
         })
     }
@@ -328,11 +333,16 @@ impl Scenario {
                         .map_err(|error| self.file.error(format!("friction.{error}")))?;
                     vehicle.friction.field = friction.field(seed);
                 }
+                let mut identified: Vehicle = identified.parse()?;
+                // Geometry is known of any vehicle.
+                identified
+                    .contact
+                    .get_or_insert_with(|| vehicle.geometry_alone());
                 let plant = Plant::Contact {
                     vehicle,
-                    correction: own.correction,
+                    encoder_scale: own.encoder_scale,
                 };
-                Ok((plant, identified.parse()?))
+                Ok((plant, identified))
             }
         }
     }

@@ -1,6 +1,6 @@
 //! The texts of the files.
 
-use super::PortKind;
+use super::port::PortKind;
 use super::robots::{Measures, Robot};
 use crate::config::{CONTACT_IDENTIFIED, CONTACT_VEHICLE, ConfigFile};
 use crate::identify;

@@ -1,8 +1,10 @@
 //! `sidehill init`: a commented, checked set of configuration files for a robot.
 
 mod files;
+mod port;
 mod robots;
 
+pub use port::PortKind;
 pub use robots::Robot;
 
 use crate::check;
@@ -11,16 +13,6 @@ use crate::console;
 use crate::output;
 use anyhow::{Context, Result, bail};
 use std::path::PathBuf;
-
-/// Through what the drives are told.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum)]
-pub enum PortKind {
-    /// `cmd_vel`, odometry and imu topics of ROS 2.
-    #[default]
-    Ros2,
-    /// A CAN bus, with an example of a CAN database.
-    Can,
-}
 
 /// Arguments of `sidehill init`.
 #[derive(Debug, Clone, clap::Args)]

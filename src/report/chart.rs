@@ -1,7 +1,7 @@
 //! Quantities over time, one above the other.
 
 use super::frame::{Frame, px, range, ticks};
-use super::{DRAWING_WIDTH_PX, Style};
+use super::scene::{DRAWING_WIDTH_PX, Style};
 use crate::record::{Row, Run};
 use maud::{Markup, html};
 

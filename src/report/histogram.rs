@@ -1,7 +1,7 @@
 //! How long the solver took, run by run over one logarithmic axis.
 
 use super::frame::{Frame, Tick, px, ticks};
-use super::{DRAWING_WIDTH_PX, Style};
+use super::scene::{DRAWING_WIDTH_PX, Style};
 use crate::record::Run;
 use maud::{Markup, html};
 

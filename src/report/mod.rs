@@ -5,50 +5,23 @@
 mod chart;
 mod contours;
 mod frame;
+mod ground;
 mod histogram;
 mod map;
 mod relief;
+mod scene;
 mod summary;
 mod table;
 
+pub use scene::Scene;
 pub use table::write_csv;
 
 use crate::record::{Row, Run};
 use chart::{Panel, time_chart};
 use maud::{DOCTYPE, Markup, PreEscaped, html};
+use scene::{Style, swatch};
 use sidehill_controller::config::ControllerKind;
 use sidehill_controller::mpc::limits::InputLimits;
-use sidehill_plant::terrain::Terrain;
-
-/// What all runs of a report have in common.
-#[derive(Debug, Clone)]
-pub struct Scene<'a> {
-    /// Heading of the page.
-    pub title: String,
-    /// Line below it.
-    pub subtitle: String,
-    /// Path to follow, X_g and Y_g, m.
-    pub path: Vec<[f64; 2]>,
-    /// Ground.
-    pub terrain: &'a Terrain,
-    /// Limits of the commands.
-    pub limits: &'a InputLimits,
-    /// Half width of the rectangle of the wheels' contact points, m.
-    pub base_half_width_m: f64,
-    /// Half length of it, m.
-    pub base_half_length_m: f64,
-    /// Control period, s.
-    pub period_s: f64,
-}
-
-/// How a run appears wherever it does.
-struct Style {
-    name: String,
-    colour: &'static str,
-}
-
-/// Width of every drawing; the page scales them.
-const DRAWING_WIDTH_PX: f64 = 960.0;
 
 /// Steer speed below which a vehicle counts as going straight.
 const TURNING_M_S: f64 = 0.005;
@@ -284,10 +257,6 @@ fn legend(styles: &[Style], path: bool) -> Markup {
             }
         }
     }
-}
-
-fn swatch(style: &Style) -> Markup {
-    html! { span.swatch style={ "background:" (style.colour) } {} }
 }
 
 /// Boxes to tick, by which the style sheet alone hides and shows runs.

@@ -1,9 +1,9 @@
 //! The slope on the map: contour lines with their heights, arrows uphill, scale.
 
-use super::Scene;
 use super::contours::{Heights, Segment};
 use super::frame::{Frame, multiples, nice_step, px, range, rounded};
-use super::map::Ground;
+use super::ground::Ground;
+use super::scene::Scene;
 use maud::{Markup, html};
 use std::fmt::Write;
 

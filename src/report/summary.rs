@@ -1,6 +1,6 @@
 //! The figures of all runs, and what they say in one sentence.
 
-use super::{Style, swatch};
+use super::scene::{Style, swatch};
 use crate::record::{Run, Summary};
 use maud::{Markup, PreEscaped, html};
 

@@ -6,7 +6,7 @@ use sidehill_controller::controller::{Status, StopReason};
 use sidehill_plant::frames::{Attitude, PlanarPose, Pose};
 use sidehill_plant::icr::TreadIcrs;
 use sidehill_plant::speeds::MotorSpeeds;
-use sidehill_plant::terrain::{PlaneTerrain, RoutePoint, RouteSmoothing, RouteTerrain};
+use sidehill_plant::terrain::{PlaneTerrain, RoutePoint, RouteSmoothing, RouteTerrain, Terrain};
 
 /// A cycle on a circle of 3 m radius.
 fn row(index: usize) -> Row {
@@ -46,6 +46,7 @@ fn row(index: usize) -> Row {
         },
         status: Status::Tracking,
         qp_iterations: 6,
+        qp_path: None,
         solve_us: 200.0 + index as f64 % 90.0,
         cycle_us: 230.0,
     }
@@ -72,6 +73,9 @@ fn run(controller: &str, rows: Vec<Row>) -> Run {
             fallbacks: 3,
             deadline_misses: 0,
             qp_iterations_mean: 6.0,
+            qp_working_set: 0,
+            qp_interior_point: 0,
+            qp_cut_short: 0,
             solve_us,
             cycle_us: solve_us,
         },

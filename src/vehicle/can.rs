@@ -85,7 +85,7 @@ pub(super) fn build(
 ) -> Result<CanRover> {
     let setup = CanRoverSetup {
         dt_s: world.step_s,
-        correction: world.plant.correction(),
+        correction: world.plant.encoder_scale(),
         drive: config.drive,
         report_period_s: config.report_period_s,
         faults: config.faults.clone(),

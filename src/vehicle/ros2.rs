@@ -91,7 +91,7 @@ pub(super) fn build(
 ) -> Result<RosVehicle> {
     let setup = VehicleSetup {
         dt_s: world.step_s,
-        correction: world.plant.correction(),
+        correction: world.plant.encoder_scale(),
         vehicle: &world.vehicle,
         drive: config.drive,
         report_period_s: config.report_period_s,

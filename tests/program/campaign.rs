@@ -288,7 +288,7 @@ fn a_run_that_cannot_start_is_a_row_with_its_reason() {
     assert_eq!(rows.len(), 6);
     for row in rows {
         assert_eq!(row["completed"], "false");
-        assert_says(&row["ended_by"], &["start.right_m", "within +-100 m"]);
+        assert_says(&row["ended_by"], &["start.right_m", "from -100 to 100 m"]);
         assert_eq!(row["cross_track_rms_m"], "");
     }
 }

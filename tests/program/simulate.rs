@@ -12,7 +12,7 @@ const NOISY: &str = "sensors:
 ";
 
 /// Fields of a run, design of the program's contract.
-const FIELDS: [&str; 18] = [
+const FIELDS: [&str; 21] = [
     "controller",
     "plant",
     "scenario",
@@ -29,6 +29,9 @@ const FIELDS: [&str; 18] = [
     "fallbacks",
     "deadline_misses",
     "qp_iterations_mean",
+    "qp_working_set",
+    "qp_interior_point",
+    "qp_cut_short",
     "solve_us",
     "cycle_us",
 ];
@@ -266,4 +269,39 @@ fn arguments_that_mean_nothing_are_refused() {
     assert_says(&message, &["no_such_scenario.yaml"]);
     let message = fail(course.simulate().args(["--path", "no_such_path.csv"]));
     assert_says(&message, &["no_such_path.csv"]);
+}
+
+#[test]
+fn the_qps_of_a_run_are_recorded_for_other_solvers() {
+    let course = Course::new("");
+    let file = course.path("qps.npz");
+    let record = |controllers: &[&str]| {
+        let mut command = course.simulate();
+        for name in controllers {
+            command.args(["--controller", name]);
+        }
+        command.arg("--record-qps").arg(&file);
+        command
+    };
+    let text = fail(&mut record(&["icrik-mpc", "icrhk-mpc"]));
+    assert_says(&text, &["--record-qps", "2", "--controller"]);
+    let text = fail(&mut record(&["pure-pursuit"]));
+    assert_says(&text, &["--record-qps", "pure-pursuit"]);
+    assert!(!file.exists());
+    succeed(&mut record(&["icrik-mpc"]));
+    let qps = sidehill::qp_recording::read(&file).unwrap();
+    let first = &qps[0];
+    assert!(qps.len() > 20, "{}", qps.len());
+    for qp in &qps {
+        assert_eq!(
+            (&qp.p.rowval, &qp.a.colptr),
+            (&first.p.rowval, &first.a.colptr)
+        );
+        assert!(qp.is_finite());
+    }
+    let text = fail(&mut record(&["icrik-mpc"]));
+    assert_says(&text, &["qps.npz", "--force"]);
+    let spoiled = course.write("spoiled.npz", "no archive");
+    let error = sidehill::qp_recording::read(&spoiled).unwrap_err();
+    assert!(format!("{error:#}").contains("spoiled.npz"), "{error:#}");
 }

@@ -124,7 +124,7 @@ impl ControllerRunner for Panicking {
         }
         Some(Decision {
             time_s: sample.time_s,
-            command: MotorSpeeds {
+            command_effective: MotorSpeeds {
                 traction_m_s: 0.1 * f64::from(self.moving.min(5)),
                 steer_m_s: 0.0,
             },
@@ -156,7 +156,7 @@ fn a_panic_of_the_cycle_says_zero_and_off() {
         let [(heard, _heard), (sent, _sent)] = [64; 2].map(ring);
         let (records, _records) = ring(64);
         let layout = Arc::new(layout());
-        let port = CanPort::new(BUS, layout, vehicle.correction, epoch, heard, sent).unwrap();
+        let port = CanPort::new(BUS, layout, vehicle.encoder_scale, epoch, heard, sent).unwrap();
         let mut cycle = ControlLoop::new(
             CycleConfig::default(),
             SafetyConfig::default(),

@@ -215,7 +215,14 @@ impl ControllerEnd {
             return;
         }
         match self.path.output_buffer_mut().take() {
-            Some(path) => controller.follow(path.number, path.trajectory, path.from_m),
+            Some(path) => {
+                let reference = controller
+                    .config()
+                    .reference(path.trajectory)
+                    .starting_at(path.from_m)
+                    .numbered(path.number);
+                controller.follow(reference);
+            }
             None => controller.forget_path(),
         }
     }

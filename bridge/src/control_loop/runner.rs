@@ -28,7 +28,7 @@ pub trait ControllerRunner {
 pub(super) fn controller_output(decision: &Decision) -> ControllerOutput {
     ControllerOutput {
         time_s: decision.time_s,
-        command: decision.command,
+        command: decision.command_effective,
         state: match decision.status {
             Status::Waiting => ControllerState::Waiting,
             Status::Tracking | Status::Fallback { .. } => ControllerState::Driving,

@@ -9,6 +9,8 @@
 //! operator's arming leaves Disarmed and Latched. Time is an argument; the module has no clock, no bus
 //! and no thread.
 
+mod alarm;
+mod checks;
 mod config;
 mod recent;
 mod vocabulary;
@@ -20,25 +22,10 @@ pub use vocabulary::{
 };
 
 use crate::drives::{DriveCommand, DriveFeedback, DriveMode};
+use alarm::Alarm;
 use recent::RecentCommands;
 use sidehill_plant::speeds::MotorSpeeds;
 use sidehill_plant::vehicle::RangeError;
-
-/// How a fault or a request ends the drive.
-enum Alarm {
-    /// On the ramp: the drives can be expected to follow.
-    Ramp(Reason),
-    /// Zero speed and disable at once.
-    Cut(Reason),
-}
-
-impl Alarm {
-    fn reason(self) -> Reason {
-        match self {
-            Self::Ramp(reason) | Self::Cut(reason) => reason,
-        }
-    }
-}
 
 /// The state machine.
 #[derive(Debug, Clone)]
@@ -187,103 +174,6 @@ impl Safety {
         }
     }
 
-    /// Returns what forbids driving, whatever the controller wants.
-    fn alarm(&self, inputs: &SafetyInputs) -> Option<Alarm> {
-        if let Some(cause) = inputs.requests.halt {
-            return Some(Alarm::Cut(Reason::Requested(cause)));
-        }
-        let age_s = inputs
-            .feedback
-            .map_or(f64::INFINITY, |feedback| inputs.time_s - feedback.time_s);
-        let stale = !(..=self.config.feedback_timeout_s).contains(&age_s);
-        if let (Some(feedback), false) = (inputs.feedback, stale) {
-            let on = matches!(self.state, SafetyState::Driving | SafetyState::Stopping);
-            match feedback.value.mode {
-                DriveMode::EmergencyStop => return Some(Alarm::Cut(Reason::EmergencyStop)),
-                // A fault may be reset while zero speed is sent, disabled.
-                DriveMode::Fault if self.state == SafetyState::Zeroing => {}
-                DriveMode::Fault => return Some(Alarm::Cut(Reason::DriveFault)),
-                DriveMode::Disabled if on => return Some(Alarm::Cut(Reason::DriveOff)),
-                DriveMode::Disabled | DriveMode::Enabled => {}
-            }
-        }
-        if !inputs.link.carries() {
-            return Some(Alarm::Ramp(Reason::Link { state: inputs.link }));
-        }
-        if let Some(since_s) = inputs.unsent_since_s {
-            let time_s = inputs.time_s - since_s;
-            if !(..=self.config.transmit_timeout_s).contains(&time_s) {
-                return Some(Alarm::Ramp(Reason::TransmitTimeout { time_s }));
-            }
-        }
-        if stale {
-            return Some(Alarm::Ramp(Reason::FeedbackTimeout { age_s }));
-        }
-        inputs
-            .requests
-            .stop
-            .map(|cause| Alarm::Ramp(Reason::Requested(cause)))
-    }
-
-    /// Returns what forbids driving because of the controller. Its first plan takes longer than later
-    /// ones: until it drives, the vehicle stands, and it has the time of a handshake.
-    fn controller_alarm(&mut self, inputs: &SafetyInputs) -> Option<Reason> {
-        let output = self.current_output(inputs);
-        let age_s = inputs.time_s - output.map_or(self.since_s, |output| output.time_s);
-        let fresh = (..=self.config.command_timeout_s).contains(&age_s);
-        if !self.following {
-            self.following =
-                fresh && output.is_some_and(|output| output.state != ControllerState::Waiting);
-            let age_s = inputs.time_s - self.since_s;
-            if !self.following {
-                let late = !(..=self.config.handshake_timeout_s).contains(&age_s);
-                return late.then_some(Reason::CommandTimeout { age_s });
-            }
-        }
-        if !fresh {
-            return Some(Reason::CommandTimeout { age_s });
-        }
-        let output = output?;
-        match output.state {
-            ControllerState::Finished => Some(Reason::Finished),
-            ControllerState::Stopped(why) => Some(Reason::ControllerStopped { why }),
-            ControllerState::Driving if !output.command.is_finite() => {
-                Some(Reason::CommandNotFinite)
-            }
-            ControllerState::Driving | ControllerState::Waiting => None,
-        }
-    }
-
-    /// Returns the controller's output if it was decided in this drive and not in the future.
-    fn current_output(&self, inputs: &SafetyInputs) -> Option<ControllerOutput> {
-        inputs
-            .controller
-            .filter(|output| output.time_s > self.since_s && output.time_s <= inputs.time_s)
-    }
-
-    fn implausible(&mut self, inputs: &SafetyInputs) -> Option<Reason> {
-        let speeds = inputs.feedback?.value.speeds;
-        let [traction, steer] = self
-            .recent
-            .range(inputs.time_s - self.config.response_time_s);
-        let (traction_m_s, steer_m_s) = (
-            outside(traction, speeds.traction_m_s),
-            outside(steer, speeds.steer_m_s),
-        );
-        let limit = self.config.plausible_difference_m_s;
-        if traction_m_s <= limit && steer_m_s <= limit {
-            self.implausible_since_s = None;
-            return None;
-        }
-        let since_s = *self.implausible_since_s.get_or_insert(inputs.time_s);
-        let time_s = inputs.time_s - since_s;
-        (time_s >= self.config.implausible_time_s).then_some(Reason::Implausible {
-            traction_m_s,
-            steer_m_s,
-            time_s,
-        })
-    }
-
     fn stands(&self, feedback: &DriveFeedback) -> bool {
         let limit = self.config.standstill_m_s;
         feedback.speeds.traction_m_s.abs() <= limit && feedback.speeds.steer_m_s.abs() <= limit
@@ -346,14 +236,6 @@ impl Safety {
 fn toward_zero(speed_m_s: f64, step_m_s: f64) -> f64 {
     // Adding 0 makes a negative zero positive.
     (speed_m_s.abs() - step_m_s).max(0.0).copysign(speed_m_s) + 0.0
-}
-
-/// Distance of a value from a range; NaN counts as far away.
-fn outside([low, high]: [f64; 2], value: f64) -> f64 {
-    if value.is_nan() {
-        return f64::INFINITY;
-    }
-    (low - value).max(value - high).max(0.0)
 }
 
 #[cfg(test)]

@@ -1,5 +1,5 @@
 use serde::{Deserialize, Serialize};
-use sidehill_plant::vehicle::RangeError;
+use sidehill_plant::bounds::{Bounds, RangeError};
 
 /// When the controller gives up and stops the vehicle.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -41,44 +41,23 @@ impl SupervisorConfig {
     /// # Errors
     /// [`RangeError`] with the first key out of its range.
     pub(super) fn validate(&self) -> Result<(), RangeError> {
-        let check = RangeError::check;
         for (key, value) in [
             ("supervisor.pose_timeout_s", self.pose_timeout_s),
             ("supervisor.attitude_timeout_s", self.attitude_timeout_s),
             ("supervisor.speeds_timeout_s", self.speeds_timeout_s),
         ] {
-            check(key, value, 0.01, 10.0, "from 0.01 to 10 s")?;
+            Bounds::new(0.01, 10.0, "s").check(key, value)?;
         }
-        check(
-            "supervisor.cross_track_max_m",
-            self.cross_track_max_m,
-            0.01,
-            100.0,
-            "from 0.01 to 100 m",
-        )?;
-        check(
+        Bounds::new(0.01, 100.0, "m")
+            .check("supervisor.cross_track_max_m", self.cross_track_max_m)?;
+        Bounds::new(0.1, 3.2, "rad").check(
             "supervisor.heading_error_max_rad",
             self.heading_error_max_rad,
-            0.1,
-            3.2,
-            "from 0.1 to 3.2 rad",
         )?;
-        check(
-            "supervisor.settle_time_s",
-            self.settle_time_s,
-            0.0,
-            60.0,
-            "from 0 to 60 s",
-        )?;
+        Bounds::new(0.0, 60.0, "s").check("supervisor.settle_time_s", self.settle_time_s)?;
         // A plan is good for no longer than its horizon.
         let cycles = f64::from(self.fallback_cycles);
-        check(
-            "supervisor.fallback_cycles",
-            cycles,
-            0.0,
-            100.0,
-            "from 0 to 100",
-        )?;
+        Bounds::new(0.0, 100.0, "").check("supervisor.fallback_cycles", cycles)?;
         Ok(())
     }
 }

@@ -1,5 +1,5 @@
 use serde::{Deserialize, Serialize};
-use sidehill_plant::vehicle::RangeError;
+use sidehill_plant::bounds::{Bounds, RangeError};
 
 /// Weights of the MPC's errors.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -76,7 +76,6 @@ impl Weights {
     /// # Errors
     /// [`RangeError`] with the first key out of its range.
     pub(super) fn validate(&self) -> Result<(), RangeError> {
-        let check = RangeError::check;
         for (key, value) in [
             ("weights.along_per_m2", self.along_per_m2),
             ("weights.cross_per_m2", self.cross_per_m2),
@@ -92,15 +91,9 @@ impl Weights {
             ),
             ("weights.terminal_factor", self.terminal_factor),
         ] {
-            check(key, value, 0.0, 1e6, "from 0 to 1e6")?;
+            Bounds::new(0.0, 1e6, "").check(key, value)?;
         }
-        check(
-            "weights.heading_free_rad",
-            self.heading_free_rad,
-            0.01,
-            3.2,
-            "from 0.01 to 3.2 rad",
-        )?;
+        Bounds::new(0.01, 3.2, "rad").check("weights.heading_free_rad", self.heading_free_rad)?;
         // Without a price on changes the QP would not be strictly convex.
         for (key, value) in [
             (
@@ -112,7 +105,7 @@ impl Weights {
                 self.steer_change_s3_per_m2,
             ),
         ] {
-            check(key, value, 1e-6, 1e6, "from 1e-6 to 1e6")?;
+            Bounds::new(1e-6, 1e6, "").check(key, value)?;
         }
         Ok(())
     }
@@ -124,7 +117,6 @@ impl CautionConfig {
     /// # Errors
     /// [`RangeError`] with the first key out of its range.
     pub(super) fn validate(&self) -> Result<(), RangeError> {
-        let check = RangeError::check;
         for (key, value) in [
             ("caution.error_m_s", self.error_m_s),
             (
@@ -133,7 +125,7 @@ impl CautionConfig {
             ),
             ("caution.heading_per_rad2", self.heading_per_rad2),
         ] {
-            check(key, value, 1e-6, 1e6, "from 1e-6 to 1e6")?;
+            Bounds::new(1e-6, 1e6, "").check(key, value)?;
         }
         Ok(())
     }

@@ -3,10 +3,13 @@
 use crate::estimator::{Estimate, Refused};
 use crate::mpc::{QpFailure, SolveReport};
 use crate::reference::Progress;
-use sidehill_plant::speeds::MotorSpeeds;
+use serde::{Deserialize, Serialize};
+use sidehill_plant::speeds::{MeasuredMotorSpeeds, MotorSpeeds};
+use sidehill_plant::vehicle::Vehicle;
 
 /// What a command is worth.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Status {
     /// No attitude and pose yet: the vehicle is kept standing.
     Waiting,
@@ -39,12 +42,14 @@ impl std::fmt::Display for Status {
 }
 
 /// Why the vehicle is stopped.
-#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum StopReason {
     /// The newest believed pose is too old.
     #[error("the pose is {age_s:.2} s old ({gated} newer ones refused as outliers)")]
     PoseStale {
         /// Its age, s.
+        #[serde(with = "crate::serde_form::age")]
         age_s: f64,
         /// Newer poses that the gate refused.
         gated: u32,
@@ -53,12 +58,14 @@ pub enum StopReason {
     #[error("the attitude is {age_s:.2} s old")]
     AttitudeStale {
         /// Its age, s.
+        #[serde(with = "crate::serde_form::age")]
         age_s: f64,
     },
     /// The newest tread speeds are too old.
     #[error("the tread speeds are {age_s:.2} s old")]
     SpeedsStale {
         /// Their age, s.
+        #[serde(with = "crate::serde_form::age")]
         age_s: f64,
     },
     /// The vehicle is too far from the path.
@@ -98,12 +105,13 @@ pub enum StopReason {
 }
 
 /// What a cycle decides, and what it is based on.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Decision {
     /// Instant of the cycle, s.
     pub time_s: f64,
-    /// Speeds for the motors until the next cycle, within bounds and rates.
-    pub command: MotorSpeeds,
+    /// Effective motor speeds until the next cycle, within bounds and rates: what the treads shall do
+    /// on the ground. [`Decision::command_for_drives`] is what the drives must be told for it.
+    pub command_effective: MotorSpeeds,
     /// What the command is worth.
     pub status: Status,
     /// The state it is based on.
@@ -115,6 +123,14 @@ pub struct Decision {
     /// Readings left out because they were not finite.
     pub refused: Refused,
     /// Number of the reference that is followed, see
-    /// [`Controller::follow`](super::Controller::follow); 0 for the first and for none.
+    /// [`Reference::numbered`](crate::reference::Reference::numbered); 0 for none.
     pub reference: u64,
+}
+
+impl Decision {
+    /// Returns what the drives of `vehicle` must be told so that its treads do the effective command:
+    /// equation (11) solved for the speeds that the drives' own encoders count.
+    pub fn command_for_drives(&self, vehicle: &Vehicle) -> MeasuredMotorSpeeds {
+        MeasuredMotorSpeeds::reaching(self.command_effective, &vehicle.encoder_scale)
+    }
 }

@@ -1,10 +1,16 @@
-//! What stops a controller: its clock, its readings, and where it is on its path.
+//! What stops a controller: its clock, its readings, where it is on its path, and no solution.
 
-use super::{Controller, Phase, StopReason};
+use super::{Controller, Phase, Status, StopReason};
 use crate::estimator::Estimate;
+use crate::mpc::QpFailure;
 use crate::reference::Progress;
 use crate::trajectory::Ending;
 use sidehill_plant::frames::wrap_angle;
+use sidehill_plant::speeds::MotorSpeeds;
+
+/// Poses in a row that the gate may refuse while the vehicle stands, before it is taken to have been
+/// carried to where they say.
+const CARRIED_POSES: u32 = 10;
 
 impl Controller {
     /// Returns the time since the cycle before; a clock that stands, jumps or is no number stops.
@@ -15,6 +21,10 @@ impl Controller {
             }
             return 0.0;
         };
+        if now_s < before_s {
+            // What was read before the clock was put back is not older than what comes now.
+            self.estimator.restart();
+        }
         let elapsed_s = now_s - before_s;
         if elapsed_s > 0.0 && elapsed_s <= self.config.supervisor.pose_timeout_s {
             self.last_time_s = Some(now_s);
@@ -27,14 +37,54 @@ impl Controller {
         0.0
     }
 
-    pub(super) fn stop(&mut self, reason: StopReason) {
+    fn stop(&mut self, reason: StopReason) {
         if matches!(self.phase, Phase::Driving { .. }) {
             self.phase = Phase::Stopped(reason);
         }
     }
 
+    /// Stops on stale readings and on leaving the path; forgets a pose from which a standing vehicle
+    /// has been carried away.
+    pub(super) fn supervise(&mut self, estimate: Option<&Estimate>, progress: Option<&Progress>) {
+        let Some(estimate) = estimate else {
+            return;
+        };
+        self.supervise_readings(estimate);
+        self.supervise_path(estimate, progress);
+        let stands = self.last_command() == MotorSpeeds::STOP;
+        let stopped = matches!(self.phase, Phase::Stopped(_));
+        if stopped && stands && estimate.poses_gated >= CARRIED_POSES {
+            self.estimator.restart();
+        }
+    }
+
+    /// Counts a cycle without a solution: returns the command of the previous plan, or the next step
+    /// of a stop where there is none, and stops after too many.
+    pub(super) fn fall_back(&mut self, reason: QpFailure) -> (Status, MotorSpeeds) {
+        let before = match self.phase {
+            Phase::Driving { fallback_cycles } => fallback_cycles,
+            Phase::Stopped(_) | Phase::Finished => 0,
+        };
+        let cycles = before + 1;
+        if cycles > self.config.supervisor.fallback_cycles {
+            self.stop(StopReason::NoSolution { cycles, reason });
+        } else {
+            self.phase = Phase::Driving {
+                fallback_cycles: cycles,
+            };
+        }
+        let command = match self.plan() {
+            Some(plan) => plan.inputs[0],
+            None => {
+                let limits = &self.config.limits;
+                limits.stop_step(self.last_command(), self.config.period_s)
+            }
+        };
+        (Status::Fallback { reason, cycles }, command)
+    }
+
     /// Stops on stale readings.
-    pub(super) fn supervise_readings(&mut self, estimate: &Estimate) {
+    fn supervise_readings(&mut self, estimate: &Estimate) {
         let limits = self.config.supervisor;
         if !within(estimate.pose_age_s, limits.pose_timeout_s) {
             self.stop(StopReason::PoseStale {
@@ -53,7 +103,7 @@ impl Controller {
     }
 
     /// Stops without a path, on leaving it, and at its end.
-    pub(super) fn supervise_path(&mut self, estimate: &Estimate, progress: Option<&Progress>) {
+    fn supervise_path(&mut self, estimate: &Estimate, progress: Option<&Progress>) {
         let (Some(reference), Some(progress)) = (&self.reference, progress) else {
             self.stop(StopReason::NoPath);
             return;

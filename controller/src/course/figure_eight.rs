@@ -1,7 +1,7 @@
 use crate::path::{ArcLength, CurvePoint, Direction, Path, PathError, Point2};
 use crate::trajectory::{Ending, Motion, NODE_STEP_S, Node, Trajectory};
 use serde::{Deserialize, Serialize};
-use sidehill_plant::vehicle::RangeError;
+use sidehill_plant::bounds::{Bounds, RangeError};
 use std::f64::consts::TAU;
 
 /// An 8 lying across Y_g, driven as x = a sin(2 w t), y = b sin(w t), w = 2 pi/period.
@@ -60,10 +60,10 @@ impl FigureEight {
     }
 
     pub(super) fn check(&self) -> Result<(), RangeError> {
-        let extent = |key, value| RangeError::check(key, value, 0.1, 1e3, "from 0.1 to 1000 m");
+        let extent = |key, value| Bounds::new(0.1, 1e3, "m").check(key, value);
         extent("half_width_m", self.half_width_m)?;
         extent("half_length_m", self.half_length_m)?;
-        RangeError::check("period_s", self.period_s, 1.0, 1e5, "from 1 to 100000 s")?;
+        Bounds::new(1.0, 1e5, "s").check("period_s", self.period_s)?;
         Ok(())
     }
 

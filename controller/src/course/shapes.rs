@@ -2,7 +2,7 @@ use crate::path::{ArcLength, CurvePoint, Direction, Path, PathError, Point2};
 use crate::speed_profile::{SpeedLimits, speed_profile};
 use crate::trajectory::{Ending, Motion, NODE_STEP_S, Node, Trajectory};
 use serde::{Deserialize, Serialize};
-use sidehill_plant::vehicle::RangeError;
+use sidehill_plant::bounds::{Bounds, RangeError};
 use std::f64::consts::TAU;
 
 /// Which way a curve turns.
@@ -54,7 +54,7 @@ impl Circle {
     pub(super) fn check(&self) -> Result<(), RangeError> {
         length("radius_m", self.radius_m)?;
         speed(self.speed_m_s)?;
-        RangeError::check("turns", self.turns, 0.01, 1e3, "from 0.01 to 1000")?;
+        Bounds::new(0.01, 1e3, "").check("turns", self.turns)?;
         Ok(())
     }
 
@@ -124,13 +124,7 @@ impl Straight {
         length("length_m", self.length_m)?;
         speed(self.speed_m_s)?;
         let heading = self.heading_deg;
-        RangeError::check(
-            "heading_deg",
-            heading,
-            -360.0,
-            360.0,
-            "from -360 to 360 deg",
-        )?;
+        Bounds::new(-360.0, 360.0, "deg").check("heading_deg", heading)?;
         Ok(())
     }
 
@@ -176,13 +170,7 @@ impl Default for Slalom {
 impl Slalom {
     pub(super) fn check(&self) -> Result<(), RangeError> {
         length("length_m", self.length_m)?;
-        RangeError::check(
-            "amplitude_m",
-            self.amplitude_m,
-            0.0,
-            100.0,
-            "from 0 to 100 m",
-        )?;
+        Bounds::new(0.0, 100.0, "m").check("amplitude_m", self.amplitude_m)?;
         length("wavelength_m", self.wavelength_m)?;
         speed(self.speed_m_s)
     }
@@ -229,17 +217,15 @@ impl Default for Pivot {
 impl Pivot {
     pub(super) fn check(&self) -> Result<(), RangeError> {
         let magnitude = self.angle_deg.abs();
-        let range = "from 1 to 36000 deg either way";
-        RangeError::check("angle_deg", magnitude, 1.0, 36e3, range).map_err(|error| {
-            RangeError {
+        let bounds = Bounds::new(1.0, 36e3, "deg").with_note("either way");
+        bounds
+            .check("angle_deg", magnitude)
+            .map_err(|error| RangeError {
                 value: self.angle_deg,
                 ..error
-            }
-        })?;
-        let range = "from 0.001 to 10 rad/s";
-        RangeError::check("yaw_rate_rad_s", self.yaw_rate_rad_s, 1e-3, 10.0, range)?;
-        let (forward_m, range) = (self.centre_forward_m, "from -10 to 10 m");
-        RangeError::check("centre_forward_m", forward_m, -10.0, 10.0, range)?;
+            })?;
+        Bounds::new(1e-3, 10.0, "rad/s").check("yaw_rate_rad_s", self.yaw_rate_rad_s)?;
+        Bounds::new(-10.0, 10.0, "m").check("centre_forward_m", self.centre_forward_m)?;
         Ok(())
     }
 
@@ -301,7 +287,7 @@ impl Cusp {
     pub(super) fn check(&self) -> Result<(), RangeError> {
         length("radius_m", self.radius_m)?;
         let angle = self.angle_deg;
-        RangeError::check("angle_deg", angle, 1.0, 360.0, "from 1 to 360 deg")?;
+        Bounds::new(1.0, 360.0, "deg").check("angle_deg", angle)?;
         speed(self.speed_m_s)
     }
 
@@ -386,9 +372,11 @@ fn profiled<const N: usize>(
 }
 
 fn length(key: &'static str, value: f64) -> Result<(), RangeError> {
-    RangeError::check(key, value, 0.1, 1e4, "from 0.1 to 10000 m").map(|_| ())
+    Bounds::new(0.1, 1e4, "m").check(key, value).map(|_| ())
 }
 
 fn speed(value: f64) -> Result<(), RangeError> {
-    RangeError::check("speed_m_s", value, 0.01, 20.0, "from 0.01 to 20 m/s").map(|_| ())
+    Bounds::new(0.01, 20.0, "m/s")
+        .check("speed_m_s", value)
+        .map(|_| ())
 }

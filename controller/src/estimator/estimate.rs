@@ -1,12 +1,14 @@
 //! What the estimator says: the state, what of it is driven by, and what was wrong with the readings.
 
+use super::ContactEstimate;
 use nalgebra::{Matrix3, Vector3};
-use sidehill_plant::correction::Gains;
+use serde::{Deserialize, Serialize};
 use sidehill_plant::frames::{Attitude, PlanarPose};
+use sidehill_plant::slip_gains::SlipGains;
 use sidehill_plant::speeds::TreadSpeeds;
 
 /// Which readings of a sample were not finite and so were not used.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct Refused {
     /// The tread speeds.
     pub tread_speeds: bool,
@@ -24,29 +26,39 @@ impl Refused {
 }
 
 /// State of the vehicle at the time of a cycle.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Estimate {
     /// Instant it holds for, s.
     pub time_s: f64,
     /// Position and heading.
     pub pose: PlanarPose,
     /// Covariance of (x, y, yaw), m^2, m rad and rad^2.
+    #[serde(with = "crate::serde_form::rows")]
     pub covariance: Matrix3<f64>,
     /// Roll and pitch.
     pub attitude: Attitude,
     /// Upward unit normal of the ground under the vehicle, world frame.
+    #[serde(with = "crate::serde_form::entries")]
     pub normal_in_world: Vector3<f64>,
     /// Effective tread speeds, after (11).
     pub treads: TreadSpeeds,
-    /// Learned correction of the model.
-    pub gains: Gains,
+    /// Learned slip gains, see [`sidehill_plant::slip_gains`]; rows v_x, v_y, omega_z. Zero where they
+    /// are not what is learned.
+    #[serde(with = "crate::serde_form::rows")]
+    pub slip_gains: SlipGains,
+    /// Learned contact vehicle, where that is what is learned.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub contact: Option<ContactEstimate>,
     /// Root mean square of the error of the predicted velocity over the last seconds, m/s.
     pub model_error_m_s: f64,
     /// Age of the newest believed pose, s.
+    #[serde(with = "crate::serde_form::age")]
     pub pose_age_s: f64,
     /// Age of the newest attitude, s.
+    #[serde(with = "crate::serde_form::age")]
     pub attitude_age_s: f64,
     /// Age of the newest tread speeds, s.
+    #[serde(with = "crate::serde_form::age")]
     pub speeds_age_s: f64,
     /// Poses refused by the gate since the last that was believed.
     pub poses_gated: u32,
@@ -66,10 +78,10 @@ impl Estimate {
     /// rate made smaller, all by one factor, where on this slope they could change the yaw rate of a
     /// vehicle of half effective track `half_track_m` by more than 60 % at some heading; those of the
     /// slide as they are up to 0.1 m from the path, and less beyond, to nothing at 0.5 m.
-    pub fn bounded_gains(&self, half_track_m: f64, off_path_m: f64) -> Gains {
+    pub fn bounded_gains(&self, half_track_m: f64, off_path_m: f64) -> SlipGains {
         let normal = &self.normal_in_world;
         let slope_rad = normal.x.hypot(normal.y).atan2(normal.z);
-        let mut gains = self.gains;
+        let mut gains = self.slip_gains;
         let mut yaw = gains.row_mut(2);
         let largest_per_m =
             yaw[0].abs() + slope_rad * (yaw[1].hypot(yaw[2]) + yaw[3].hypot(yaw[4]));

@@ -1,424 +1,84 @@
-//! Where the vehicle is now: an extended Kalman filter over ICRIK dead reckoning and late poses.
+//! Where the vehicle is now: an extended Kalman filter over dead reckoning and late poses.
 //!
-//! The state is (x, y, yaw) in the world and the gains of a correction of the model. Tread speeds and
-//! attitude drive it by equation (12) with the vehicle's own model and the correction; a pose corrects
-//! it *at the time it was taken*: readings are kept in the order of their stamps for a while, and a
-//! late one is put in its place and all after it replayed.
+//! The state is (x, y, yaw) in the world and the parameters of the model that are learned: the gains of
+//! a correction of ICRIK, or the physical parameters of a contact vehicle. Tread speeds and attitude
+//! drive it by equation (12) with the velocity of the model; a pose corrects it *at the time it was
+//! taken*: readings are kept in the order of their stamps for a while, and a late one is put in its
+//! place and all after it replayed.
 //!
-//! The gains are constants that the filter does not know: what a pose says about them follows from
-//! their covariance with it, which grows only where their terms are excited. At standstill, straight
+//! The parameters are constants that the filter does not know: what a pose says about them follows from
+//! their covariance with it, which grows only where they are excited. At standstill, straight
 //! ahead and without poses nothing is learned and nothing winds up.
 
+mod contact;
 mod estimate;
+mod filter;
+mod learned;
 mod settings;
+mod slip;
 
+pub use contact::{ContactEstimate, ContactLearningSettings};
 pub use estimate::{Estimate, Innovation, Refused};
 pub use settings::{AdaptationSettings, EstimatorSettings};
 
-use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
-use sidehill_plant::correction::{Gains, TERMS, Terms};
-use sidehill_plant::frames::{Attitude, PlanarPose, pose_rate, wrap_angle};
-use sidehill_plant::sample::{Sample, Stamped};
-use sidehill_plant::speeds::{MotorSpeeds, TreadSpeeds};
+use contact::LearnedContact;
+use filter::Filter;
+use sidehill_plant::contact::{ContactPrediction, PARAMETERS};
+use sidehill_plant::sample::Sample;
 use sidehill_plant::vehicle::Vehicle;
-use std::collections::VecDeque;
+use slip::{GAINS, SlipModel};
 
-/// Readings kept: with 20 Hz speeds, 20 Hz attitude and 10 Hz poses, about 1 s.
-const HISTORY: usize = 50;
+/// The filter with the model it learns.
+pub struct Estimator(Kind);
 
-/// Gains of the correction.
-const GAINS: usize = 3 * TERMS;
-
-type PoseByGains = SMatrix<f64, 3, GAINS>;
-type GainCovariance = SMatrix<f64, GAINS, GAINS>;
-
-/// What an event brings.
-#[derive(Debug, Clone, Copy)]
-enum Reading {
-    Speeds(TreadSpeeds),
-    Attitude(Attitude),
-    Pose(PlanarPose),
-}
-
-/// A reading at its time, and the filter's state after it.
-#[derive(Debug, Clone, Copy)]
-struct Event {
-    time_s: f64,
-    reading: Reading,
-    belief: Belief,
-}
-
-/// Mean and covariance of pose and gains, in blocks, and the inputs in force.
-#[derive(Debug, Clone, Copy)]
-struct Belief {
-    mean: Vector3<f64>,
-    covariance: Matrix3<f64>,
-    /// Row by row of the matrix of gains.
-    gains: SVector<f64, GAINS>,
-    /// Of the pose with the gains.
-    cross: PoseByGains,
-    gain_covariance: GainCovariance,
-    treads: TreadSpeeds,
-    attitude: Attitude,
-}
-
-/// The filter and its recent readings.
-pub struct Estimator {
-    settings: EstimatorSettings,
-    vehicle: Vehicle,
-    /// Newest last; never longer than [`HISTORY`].
-    events: VecDeque<Event>,
-    started: bool,
-    /// Newest readings, with which the filter starts.
-    newest_attitude: Option<Attitude>,
-    newest_treads: TreadSpeeds,
-    normal_in_world: Option<(f64, Vector3<f64>)>,
-    pose_time_s: f64,
-    attitude_time_s: f64,
-    speeds_time_s: f64,
-    poses_gated: u32,
-    innovation: Option<Innovation>,
-    model_error: ModelError,
-}
-
-/// Mean square of the error of the predicted velocity, as poses show it.
-#[derive(Debug, Clone, Copy)]
-struct ModelError {
-    pose_time_s: f64,
-    mean_square_m2_s2: f64,
-}
-
-impl ModelError {
-    /// Takes an innovation in; `noise_m2` is the pose's own share of its square, which is no error
-    /// of the model.
-    fn absorb(&mut self, innovation: &Innovation, noise_m2: f64, averaging_s: f64) {
-        let time_s = innovation.time_s - self.pose_time_s;
-        self.pose_time_s = innovation.time_s;
-        if time_s > 0.0 && time_s <= averaging_s {
-            let square = innovation.difference.xy().norm_squared() - noise_m2;
-            let share = time_s / averaging_s;
-            let found = (square / (time_s * time_s)).max(0.0);
-            self.mean_square_m2_s2 += share * (found - self.mean_square_m2_s2);
-        }
-    }
+enum Kind {
+    Slip(Box<Filter<SlipModel, GAINS>>),
+    Contact(Box<Filter<LearnedContact, PARAMETERS>>),
 }
 
 impl Estimator {
-    /// Returns an estimator that knows nothing yet; `vehicle` gives its dead reckoning.
+    /// Returns an estimator that knows nothing yet; `vehicle` gives its dead reckoning by ICRIK, whose
+    /// correction it learns.
     pub fn new(settings: EstimatorSettings, vehicle: Vehicle) -> Self {
-        Self {
-            settings,
-            vehicle,
-            events: VecDeque::with_capacity(HISTORY + 1),
-            started: false,
-            newest_attitude: None,
-            newest_treads: TreadSpeeds::default(),
-            normal_in_world: None,
-            pose_time_s: f64::NEG_INFINITY,
-            attitude_time_s: f64::NEG_INFINITY,
-            speeds_time_s: f64::NEG_INFINITY,
-            poses_gated: 0,
-            innovation: None,
-            model_error: ModelError {
-                pose_time_s: f64::NEG_INFINITY,
-                mean_square_m2_s2: 0.0,
-            },
-        }
+        let model = SlipModel::new(vehicle, settings.adaptation);
+        Self(Kind::Slip(Box::new(Filter::new(settings, model))))
     }
 
-    /// Replaces the vehicle's parameters, as online adaptation does.
-    pub fn set_vehicle(&mut self, vehicle: &Vehicle) {
-        self.vehicle.clone_from(vehicle);
+    /// Returns an estimator that knows nothing yet, with dead reckoning by the balance of wheel friction,
+    /// whose parameters it learns. Base and factors of the encoders are `vehicle`'s.
+    pub fn with_contact(
+        settings: EstimatorSettings,
+        vehicle: &Vehicle,
+        contact: ContactPrediction,
+    ) -> Self {
+        let model = LearnedContact::new(vehicle, contact, settings.contact);
+        Self(Kind::Contact(Box::new(Filter::new(settings, model))))
     }
 
     /// Forgets everything: the next attitude and pose are believed as the first ones were.
     pub fn restart(&mut self) {
-        *self = Self::new(self.settings, self.vehicle.clone());
+        match &mut self.0 {
+            Kind::Slip(filter) => filter.restart(),
+            Kind::Contact(filter) => filter.restart(),
+        }
     }
 
     /// Returns the innovation of the newest pose of the last update, believed or not.
     pub fn innovation(&self) -> Option<Innovation> {
-        self.innovation
+        match &self.0 {
+            Kind::Slip(filter) => filter.innovation(),
+            Kind::Contact(filter) => filter.innovation(),
+        }
     }
 
     /// Takes a cycle's readings and returns the state at the cycle's time, or `None` until a first
     /// attitude and a first pose have come. Readings that are not finite are left out and named.
     pub fn update(&mut self, sample: &Sample) -> (Option<Estimate>, Refused) {
-        self.innovation = None;
-        let mut refused = Refused::default();
-        if let Some(speeds) = sample.tread_speeds {
-            if speeds.time_s.is_finite()
-                && speeds.value.left_m_s.is_finite()
-                && speeds.value.right_m_s.is_finite()
-            {
-                self.speeds_time_s = self.speeds_time_s.max(speeds.time_s);
-                let treads = self.vehicle.correction.apply(speeds.value);
-                self.newest_treads = treads;
-                self.insert(speeds.time_s, Reading::Speeds(treads));
-            } else {
-                refused.tread_speeds = true;
-            }
-        }
-        if let Some(attitude) = sample.attitude {
-            if attitude.time_s.is_finite() && attitude.value.is_finite() {
-                self.attitude_time_s = self.attitude_time_s.max(attitude.time_s);
-                self.newest_attitude = Some(attitude.value);
-                self.insert(attitude.time_s, Reading::Attitude(attitude.value));
-            } else {
-                refused.attitude = true;
-            }
-        }
-        if let Some(pose) = sample.pose {
-            let planar = pose.value.planar();
-            if pose.time_s.is_finite()
-                && planar.x_m.is_finite()
-                && planar.y_m.is_finite()
-                && planar.yaw_rad.is_finite()
-            {
-                self.take_pose(Stamped {
-                    time_s: pose.time_s,
-                    value: planar,
-                });
-            } else {
-                refused.pose = true;
-            }
-        }
-        (self.estimate(sample.time_s), refused)
-    }
-
-    fn take_pose(&mut self, pose: Stamped<PlanarPose>) {
-        if self.started {
-            self.insert(pose.time_s, Reading::Pose(pose.value));
-        } else if let Some(attitude) = self.newest_attitude {
-            let (position, heading) = (self.settings.pose_sigma_m, self.settings.pose_sigma_rad);
-            self.started = true;
-            self.pose_time_s = pose.time_s;
-            self.events.clear();
-            self.events.push_back(Event {
-                time_s: pose.time_s,
-                reading: Reading::Attitude(attitude),
-                belief: Belief {
-                    mean: vector(&pose.value),
-                    covariance: Matrix3::from_diagonal(&Vector3::new(
-                        position * position,
-                        position * position,
-                        heading * heading,
-                    )),
-                    gains: SVector::zeros(),
-                    cross: PoseByGains::zeros(),
-                    gain_covariance: self.settings.adaptation.prior(),
-                    treads: self.newest_treads,
-                    attitude,
-                },
-            });
+        match &mut self.0 {
+            Kind::Slip(filter) => filter.update(sample),
+            Kind::Contact(filter) => filter.update(sample),
         }
     }
-
-    /// Puts a reading in its place in time and replays what comes after it. A reading older than all
-    /// that is kept has no effect.
-    fn insert(&mut self, time_s: f64, reading: Reading) {
-        let after = self.events.partition_point(|event| event.time_s <= time_s);
-        if after == 0 {
-            return;
-        }
-        let belief = self.events[after - 1].belief;
-        self.events.insert(
-            after,
-            Event {
-                time_s,
-                reading,
-                belief,
-            },
-        );
-        // New speeds also hold for the intervals since the speeds before them.
-        let first = match reading {
-            Reading::Speeds(_) => self
-                .events
-                .iter()
-                .take(after)
-                .rposition(|event| matches!(event.reading, Reading::Speeds(_)))
-                .map_or(1, |speeds| speeds + 1),
-            _ => after,
-        };
-        for i in first..self.events.len() {
-            let mut before = self.events[i - 1].belief;
-            let event = self.events[i];
-            // Between two readings of the speeds the later one holds: it shows what the command of the
-            // interval has made of them.
-            if let Some(treads) = self.next_treads(i) {
-                before.treads = treads;
-            }
-            let belief = self.propagate(&before, event.time_s - self.events[i - 1].time_s);
-            self.events[i].belief = self.absorb(belief, &event, i == after);
-        }
-        if self.events.len() > HISTORY {
-            self.events.pop_front();
-        }
-    }
-
-    /// Returns the first tread speeds read at event `from` or later.
-    fn next_treads(&self, from: usize) -> Option<TreadSpeeds> {
-        self.events.iter().skip(from).find_map(|e| match e.reading {
-            Reading::Speeds(treads) => Some(treads),
-            _ => None,
-        })
-    }
-
-    /// Returns the belief after a reading; `new` tells a reading from a replayed one.
-    fn absorb(&mut self, mut belief: Belief, event: &Event, new: bool) -> Belief {
-        match event.reading {
-            Reading::Speeds(treads) => belief.treads = treads,
-            Reading::Attitude(attitude) => belief.attitude = attitude,
-            Reading::Pose(pose) => {
-                let s = &self.settings;
-                let noise = Matrix3::from_diagonal(&Vector3::new(
-                    s.pose_sigma_m.powi(2),
-                    s.pose_sigma_m.powi(2),
-                    s.pose_sigma_rad.powi(2),
-                ));
-                let mut difference = vector(&pose) - belief.mean;
-                difference.z = wrap_angle(difference.z);
-                let Some(inverse) = (belief.covariance + noise).try_inverse() else {
-                    return belief;
-                };
-                let normalised = (difference.transpose() * inverse * difference).x;
-                let believed = normalised <= s.gate;
-                if new {
-                    self.innovation = Some(Innovation {
-                        time_s: event.time_s,
-                        difference,
-                        normalised,
-                    });
-                    if let Some(innovation) = &self.innovation {
-                        let noise_m2 = 2.0 * s.pose_sigma_m * s.pose_sigma_m;
-                        self.model_error
-                            .absorb(innovation, noise_m2, s.error_averaging_s);
-                    }
-                    if believed {
-                        self.pose_time_s = self.pose_time_s.max(event.time_s);
-                        self.poses_gated = 0;
-                    } else {
-                        self.poses_gated += 1;
-                    }
-                }
-                if believed {
-                    let gain = belief.covariance * inverse;
-                    let gain_of_gains = belief.cross.transpose() * inverse;
-                    belief.mean += gain * difference;
-                    belief.gains += gain_of_gains * difference;
-                    // Joseph's form keeps the covariance symmetric and positive.
-                    let rest = Matrix3::identity() - gain;
-                    belief.gain_covariance -= gain_of_gains * belief.cross;
-                    belief.cross = rest * belief.cross;
-                    belief.covariance = rest * belief.covariance * rest.transpose()
-                        + gain * noise * gain.transpose();
-                }
-            }
-        }
-        belief
-    }
-
-    /// Returns the belief `time_s` later: equation (12) by the midpoint rule, and its covariance.
-    fn propagate(&self, belief: &Belief, time_s: f64) -> Belief {
-        if time_s <= 0.0 {
-            return *belief;
-        }
-        let motors = MotorSpeeds::from(belief.treads);
-        let terms = Terms::at(belief.attitude, motors.steer_m_s, SMOOTHING_M_S).value;
-        let gains = matrix(&belief.gains);
-        let learned = gains * terms;
-        let mut velocity = self.vehicle.body_velocity(belief.attitude, belief.treads);
-        velocity.right_m_s += learned.x;
-        velocity.forward_m_s += learned.y;
-        velocity.yaw_rate_rad_s += learned.z;
-        let yaw = belief.mean.z;
-        let start = pose_rate(&velocity, &belief.attitude, yaw);
-        let half_way = yaw + 0.5 * time_s * start.yaw_rad_s;
-        let middle = pose_rate(&velocity, &belief.attitude, half_way);
-        let mut next = *belief;
-        next.mean += time_s * Vector3::new(middle.x_m_s, middle.y_m_s, middle.yaw_rad_s);
-        let mut by_state = Matrix3::identity();
-        by_state[(0, 2)] = -time_s * middle.y_m_s;
-        by_state[(1, 2)] = time_s * middle.x_m_s;
-        let (sin, cos) = half_way.sin_cos();
-        let mut by_gains = PoseByGains::zeros();
-        for (k, term) in terms.iter().enumerate() {
-            let share = time_s * term;
-            by_gains[(0, k)] = cos * share;
-            by_gains[(1, k)] = sin * share;
-            by_gains[(0, TERMS + k)] = -sin * share;
-            by_gains[(1, TERMS + k)] = cos * share;
-            by_gains[(2, 2 * TERMS + k)] = share;
-        }
-        let s = &self.settings;
-        let moving = belief.treads.left_m_s != 0.0 || belief.treads.right_m_s != 0.0;
-        // A vehicle that stands does not slide; a tenth keeps the filter open to poses.
-        let share = if moving { 1.0 } else { 0.01 };
-        let noise = Matrix3::from_diagonal(&Vector3::new(
-            share * time_s * s.slide_sigma_m_per_sqrt_s.powi(2),
-            share * time_s * s.slide_sigma_m_per_sqrt_s.powi(2),
-            share * time_s * s.yaw_sigma_rad_per_sqrt_s.powi(2),
-        ));
-        let through_gains = by_gains * belief.gain_covariance;
-        let crossed = by_state * belief.cross * by_gains.transpose();
-        next.covariance = by_state * belief.covariance * by_state.transpose()
-            + crossed
-            + crossed.transpose()
-            + through_gains * by_gains.transpose()
-            + noise;
-        next.cross = by_state * belief.cross + through_gains;
-        let forget = (time_s * terms[0].abs() * s.adaptation.forgetting_per_m).min(0.1);
-        next.gain_covariance += forget * s.adaptation.prior();
-        next
-    }
-
-    fn estimate(&mut self, time_s: f64) -> Option<Estimate> {
-        if !self.started {
-            return None;
-        }
-        let last = self.events.back()?;
-        let belief = self.propagate(&last.belief, time_s - last.time_s);
-        let yaw_rad = belief.mean.z;
-        let measured = belief.attitude.plane_normal(yaw_rad);
-        let normal_in_world = match self.normal_in_world {
-            Some((before_s, before)) if self.settings.normal_filter_s > 0.0 => {
-                let share =
-                    1.0 - (-(time_s - before_s).max(0.0) / self.settings.normal_filter_s).exp();
-                (before + share * (measured - before)).normalize()
-            }
-            _ => measured,
-        };
-        self.normal_in_world = Some((time_s, normal_in_world));
-        Some(Estimate {
-            time_s,
-            pose: PlanarPose {
-                x_m: belief.mean.x,
-                y_m: belief.mean.y,
-                yaw_rad,
-            },
-            covariance: belief.covariance,
-            attitude: belief.attitude,
-            normal_in_world,
-            treads: belief.treads,
-            gains: matrix(&belief.gains),
-            model_error_m_s: self.model_error.mean_square_m2_s2.sqrt(),
-            pose_age_s: time_s - self.pose_time_s,
-            attitude_age_s: time_s - self.attitude_time_s,
-            speeds_age_s: time_s - self.speeds_time_s,
-            poses_gated: self.poses_gated,
-        })
-    }
-}
-
-/// Speed within which |steer| is rounded off in the terms, m/s.
-const SMOOTHING_M_S: f64 = 0.02;
-
-fn matrix(gains: &SVector<f64, GAINS>) -> Gains {
-    Gains::from_row_slice(gains.as_slice())
-}
-
-fn vector(pose: &PlanarPose) -> Vector3<f64> {
-    Vector3::new(pose.x_m, pose.y_m, pose.yaw_rad)
 }
 
 #[cfg(test)]

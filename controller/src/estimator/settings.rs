@@ -1,10 +1,8 @@
 //! Settings of the estimator and of what it learns.
 
-use super::GainCovariance;
-use nalgebra::SVector;
+use super::ContactLearningSettings;
 use serde::{Deserialize, Serialize};
-use sidehill_plant::correction::TERMS;
-use sidehill_plant::vehicle::RangeError;
+use sidehill_plant::bounds::{Bounds, RangeError};
 
 /// Settings of the estimator.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -22,8 +20,10 @@ pub struct EstimatorSettings {
     pub gate: f64,
     /// Time over which the error of the model's velocity is averaged, s.
     pub error_averaging_s: f64,
-    /// Learning of the correction.
+    /// Learning of the correction of ICRIK.
     pub adaptation: AdaptationSettings,
+    /// Learning of a contact vehicle, in place of the correction.
+    pub contact: ContactLearningSettings,
     /// Time constant of the smoothing of the ground's normal in the world frame, s; 0 for none.
     pub normal_filter_s: f64,
 }
@@ -38,6 +38,7 @@ impl Default for EstimatorSettings {
             gate: 30.0,
             error_averaging_s: 3.0,
             adaptation: AdaptationSettings::default(),
+            contact: ContactLearningSettings::default(),
             normal_filter_s: 0.0,
         }
     }
@@ -75,17 +76,6 @@ impl AdaptationSettings {
     pub fn is_on(&self) -> bool {
         self.shift_sigma > 0.0 || self.slope_sigma > 0.0
     }
-
-    pub(super) fn prior(&self) -> GainCovariance {
-        GainCovariance::from_diagonal(&SVector::from_fn(|i, _| {
-            let sigma = if i % TERMS == 0 {
-                self.shift_sigma
-            } else {
-                self.slope_sigma
-            };
-            sigma * sigma
-        }))
-    }
 }
 
 impl EstimatorSettings {
@@ -94,7 +84,7 @@ impl EstimatorSettings {
     /// # Errors
     /// [`RangeError`] with the first key out of its range.
     pub fn validate(&self) -> Result<(), RangeError> {
-        let positive = |key, value| RangeError::check(key, value, 1e-6, 10.0, "from 1e-6 to 10");
+        let positive = |key, value| Bounds::new(1e-6, 10.0, "").check(key, value);
         positive("estimator.pose_sigma_m", self.pose_sigma_m)?;
         positive("estimator.pose_sigma_rad", self.pose_sigma_rad)?;
         positive(
@@ -105,9 +95,9 @@ impl EstimatorSettings {
             "estimator.yaw_sigma_rad_per_sqrt_s",
             self.yaw_sigma_rad_per_sqrt_s,
         )?;
-        RangeError::check("estimator.gate", self.gate, 1.0, 1e6, "from 1 to 1e6")?;
+        Bounds::new(1.0, 1e6, "").check("estimator.gate", self.gate)?;
         positive("estimator.error_averaging_s", self.error_averaging_s)?;
-        let gain = |key, value| RangeError::check(key, value, 0.0, 10.0, "from 0 to 10");
+        let gain = |key, value| Bounds::new(0.0, 10.0, "").check(key, value);
         gain(
             "estimator.adaptation.shift_sigma",
             self.adaptation.shift_sigma,
@@ -120,13 +110,8 @@ impl EstimatorSettings {
             "estimator.adaptation.forgetting_per_m",
             self.adaptation.forgetting_per_m,
         )?;
-        RangeError::check(
-            "estimator.normal_filter_s",
-            self.normal_filter_s,
-            0.0,
-            60.0,
-            "from 0 to 60 s",
-        )?;
+        self.contact.validate()?;
+        Bounds::new(0.0, 60.0, "s").check("estimator.normal_filter_s", self.normal_filter_s)?;
         Ok(())
     }
 }

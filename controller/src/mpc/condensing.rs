@@ -12,6 +12,8 @@
 //! inputs); between blocks they stay variables tied by equalities. That keeps the Hessian's blocks
 //! small and dense, where an interior-point method spends the least time on 20 to 50 stages.
 
+mod feasible;
+
 use super::limits::{Change, InputLimits};
 use super::problem::QpData;
 use super::settings::{ChangeWeights, Corridor};
@@ -63,6 +65,8 @@ pub struct Condenser {
     tread_rows: bool,
     first_inequality: usize,
     cost_scale: f64,
+    /// The input in force, of the last QP.
+    previous: MotorSpeeds,
     /// Rows of d(x, y, yaw)/d(block's variables), then the constant, reused by every block.
     jacobian: [Vec<f64>; 3],
     along: Vec<f64>,
@@ -91,6 +95,7 @@ impl Condenser {
             tread_rows,
             first_inequality: data.equalities,
             cost_scale,
+            previous: MotorSpeeds::STOP,
             jacobian: std::array::from_fn(|_| vec![0.0; widest + 1]),
             along: vec![0.0; widest + 1],
             cross: vec![0.0; widest + 1],
@@ -105,6 +110,7 @@ impl Condenser {
     /// `stages` must have the horizon's length; no memory is allocated.
     pub fn assemble(&mut self, stages: &[Stage], previous: MotorSpeeds, data: &mut QpData) {
         debug_assert_eq!(stages.len(), self.stages);
+        self.previous = previous;
         data.q.fill(0.0);
         for i in 0..self.blocks.len() {
             self.condense_block(i, stages, data);

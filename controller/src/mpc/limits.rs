@@ -1,8 +1,8 @@
 //! Bounds on the two motor speeds and on how fast they may change.
 
 use serde::{Deserialize, Serialize};
+use sidehill_plant::bounds::{Bounds, RangeError};
 use sidehill_plant::speeds::MotorSpeeds;
-use sidehill_plant::vehicle::RangeError;
 
 /// Limits of one motor.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -77,9 +77,7 @@ impl InputLimits {
     /// # Errors
     /// [`RangeError`] with the key of the first limit that is not.
     pub fn validate(&self) -> Result<(), RangeError> {
-        let check = |key, value| {
-            RangeError::check(key, value, 1e-3, 100.0, "from 0.001 to 100").map(|_| ())
-        };
+        let check = |key, value| Bounds::new(1e-3, 100.0, "").check(key, value).map(|_| ());
         check("limits.traction.speed_m_s", self.traction.speed_m_s)?;
         check(
             "limits.traction.acceleration_m_s2",

@@ -1,24 +1,39 @@
-//! The model-predictive controller: ICRIK linearised about the previous plan, one QP a cycle.
+//! The model-predictive controller: a model linearised about the previous plan, one QP a cycle.
+//!
+//! ```text
+//! mpc.linearise(&horizon).condense().solve(deadline)
+//!     Horizon -> Linearised -> CondensedQp -> Solution
+//! ```
 
+mod clarabel_qp;
 mod condensing;
+mod dual_active_set;
 pub mod limits;
+mod model;
 mod problem;
 mod qp;
+mod rows;
 mod settings;
+mod stage_times;
+mod step_limit;
 mod structure;
+mod working_set;
 
 pub use condensing::StageWeights;
-pub use problem::Residuals;
-pub use qp::QpFailure;
-pub use settings::{ChangeWeights, Corridor, MpcSettings, QpMode, QpSettings};
+pub use model::Model;
+pub use problem::{CscMatrix, Point, QpData, Residuals};
+pub use qp::{QpFailure, QpSolver, SolvePath};
+pub use settings::{ChangeWeights, Corridor, HeadingExcess, MpcSettings, QpMode, QpSettings};
+pub use stage_times::StageTimes;
+pub use step_limit::StepLimit;
 
 use condensing::{Condenser, Stage};
 use nalgebra::Vector3;
-use qp::QpSolver;
+use serde::{Deserialize, Serialize};
 use sidehill_plant::frames::{PlanarPose, wrap_angle};
-use sidehill_plant::prediction::PredictionModel;
 use sidehill_plant::speeds::MotorSpeeds;
 use std::time::Instant;
+use step_limit::{HALVINGS, TrustRegion};
 
 /// Factor on all costs: brings the QP's numbers near 1, where the solver's tolerances are meant.
 const COST_SCALE: f64 = 10.0;
@@ -52,11 +67,62 @@ pub struct Plan {
     pub inputs: Vec<MotorSpeeds>,
 }
 
-/// What a solved cycle reports besides its plan.
+/// The optimisation problem of one cycle: where the vehicle will be when its command acts, and where
+/// it should go from there.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Horizon {
+    /// Time since the horizon of the cycle before, s, less than a stage.
+    pub elapsed_s: f64,
+    /// Pose when a command given now begins to act.
+    pub start: PlanarPose,
+    /// Effective command in force. Of it only what is within the bounds counts: from there the QP
+    /// always has a feasible point, that of no change.
+    pub previous: MotorSpeeds,
+    /// Weights of changes of the inputs.
+    pub change_weights: ChangeWeights,
+    /// One target for each stage.
+    pub targets: Vec<StageTarget>,
+}
+
+/// A horizon linearised about the plan: dynamics, errors and limits of each stage.
+pub struct Linearised<'a> {
+    mpc: &'a mut Mpc,
+    horizon: &'a Horizon,
+    about: About,
+}
+
+/// A linearised horizon condensed into the data of its QP.
+pub struct CondensedQp<'a> {
+    mpc: &'a mut Mpc,
+    horizon: &'a Horizon,
+    about: About,
+}
+
+/// What the plan is linearised about.
+#[derive(Clone, Copy)]
+struct About {
+    /// First state of the plan before it was put to where the vehicle is.
+    first: Vector3<f64>,
+    /// Whether the plan is a first guess and no solution of an earlier cycle.
+    guessed: bool,
+}
+
+/// What the law wants of a cycle.
 #[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Solution {
+    /// Effective command: the plan's first input.
+    pub command: MotorSpeeds,
+    /// The solver's account; none of a law without a solver.
+    pub report: Option<SolveReport>,
+}
+
+/// What a solved cycle reports besides its plan.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct SolveReport {
-    /// Interior-point iterations.
+    /// Linear systems factorised and interior-point iterations.
     pub iterations: u32,
+    /// How the solution was found.
+    pub path: SolvePath,
     /// KKT residuals.
     pub residuals: Residuals,
     /// Time within the solver, s.
@@ -66,9 +132,14 @@ pub struct SolveReport {
 /// The controller's plan and the workspace to renew it.
 pub struct Mpc {
     settings: MpcSettings,
-    model: PredictionModel,
+    model: Model,
     plan: Plan,
+    /// Whether the plan is the solution of an earlier cycle.
+    planned: bool,
+    /// Workspace of the plan's size: the shifted plan, the plan before a step.
     shifted: Plan,
+    times: StageTimes,
+    region: Option<TrustRegion>,
     stages: Vec<Stage>,
     condenser: Condenser,
     solver: QpSolver,
@@ -81,7 +152,7 @@ impl Mpc {
     ///
     /// # Errors
     /// [`QpFailure`] where the solver does not take the problem.
-    pub fn new(settings: MpcSettings, model: PredictionModel) -> Result<Self, QpFailure> {
+    pub fn new(settings: MpcSettings, model: impl Into<Model>) -> Result<Self, QpFailure> {
         let (condenser, data) = Condenser::new(
             settings.stages,
             settings.block_stages,
@@ -97,85 +168,92 @@ impl Mpc {
         let mut mpc = Self {
             shifted: plan.clone(),
             plan,
+            planned: false,
+            times: settings.stage_times(),
+            region: settings.step_limit.map(TrustRegion::new),
             stages: Vec::new(),
             condenser,
             solver,
             corrected_m_s: 0.0,
-            model,
+            model: model.into(),
             settings,
         };
         mpc.stages.reserve_exact(mpc.settings.stages);
         Ok(mpc)
     }
 
-    /// Returns the plan in force.
-    pub fn plan(&self) -> &Plan {
-        &self.plan
+    /// Returns the plan in force; none before the first solution, and after
+    /// [`Mpc::discard_plan`].
+    pub fn plan(&self) -> Option<&Plan> {
+        self.planned.then_some(&self.plan)
+    }
+
+    /// Makes the next plan from nothing, as after a change of the path.
+    pub fn discard_plan(&mut self) {
+        self.planned = false;
+    }
+
+    /// Returns the QP of the last cycle and the point that its solver ended with.
+    pub fn qp(&self) -> (&QpData, &Point) {
+        (self.solver.data(), self.solver.point())
     }
 
     /// Returns the prediction model, to be adapted.
-    pub fn model_mut(&mut self) -> &mut PredictionModel {
+    pub fn model_mut(&mut self) -> &mut Model {
         &mut self.model
     }
 
-    /// Returns the prediction model.
-    pub fn model(&self) -> &PredictionModel {
-        &self.model
+    /// Returns the times of the stages.
+    pub fn stage_times(&self) -> &StageTimes {
+        &self.times
     }
 
-    /// Sets the weight of a change of steer, s/(m/s)^2, which must be positive.
-    pub fn set_steer_change_weight(&mut self, weight: f64) {
-        self.settings.change_weights.steer = weight;
+    /// Linearises `horizon` about the shifted plan or, where there is none, about the targets with
+    /// their feed-forward as inputs. Allocates nothing.
+    pub fn linearise<'a>(&'a mut self, horizon: &'a Horizon) -> Linearised<'a> {
+        let guessed = !self.planned;
+        if guessed {
+            self.guess(horizon);
+        } else {
+            let normal_at_end = horizon
+                .targets
+                .last()
+                .map_or(Vector3::z(), |target| target.normal_in_world);
+            self.shift(horizon.elapsed_s, &normal_at_end);
+        }
+        let about = self.linearise_about_plan(horizon, guessed);
+        Linearised {
+            mpc: self,
+            horizon,
+            about,
+        }
     }
 
-    /// Makes a plan from nothing: the targets as states, their feed-forward as inputs, then QPs until
-    /// they correct it little or `deadline` is over.
-    ///
-    /// # Errors
-    /// The [`QpFailure`] of the first QP; a later one leaves the plan of those before it.
-    pub fn start(
-        &mut self,
-        state: &PlanarPose,
-        previous: MotorSpeeds,
-        targets: &[StageTarget],
-        deadline: Option<Instant>,
-    ) -> Result<SolveReport, QpFailure> {
+    /// Puts the targets as states and their feed-forward as inputs into the plan.
+    fn guess(&mut self, horizon: &Horizon) {
+        let state = &horizon.start;
         self.plan.states[0] = vector(state);
-        for (k, target) in targets.iter().enumerate() {
+        for (k, target) in horizon.targets.iter().enumerate() {
             let mut next = vector(&target.pose);
             next.z = state.yaw_rad + wrap_angle(next.z - state.yaw_rad);
             self.plan.states[k + 1] = next;
             self.plan.inputs[k] = target.feedforward;
         }
         // Unwrap, so that the plan's heading runs on where the targets' does.
-        for k in 1..=targets.len() {
+        for k in 1..=horizon.targets.len() {
             let before = self.plan.states[k - 1].z;
             let yaw = &mut self.plan.states[k].z;
             *yaw = before + wrap_angle(*yaw - before);
         }
-        // Far from a good plan the limits bind and a QP takes longer.
-        self.solver.set_max_iterations(settings::ITERATIONS_MAX);
-        let mut report = self.solve(state, previous, targets, deadline);
-        for _ in 1..START_ITERATIONS {
-            if report.is_err() || self.corrected_m_s < START_CORRECTION_M_S {
-                break;
-            }
-            match self.solve(state, previous, targets, deadline) {
-                Ok(better) => report = Ok(better),
-                Err(_) => break,
-            }
-        }
-        self.solver
-            .set_max_iterations(self.settings.qp.max_iterations);
-        report
     }
 
     /// Shifts the plan by `elapsed_s`, less than a stage: states are interpolated, inputs averaged
     /// over the new stages, the end follows from the model with the last input kept.
-    pub fn shift(&mut self, elapsed_s: f64, normal_at_end: &Vector3<f64>) {
-        let ratio = (elapsed_s / self.settings.step_s).clamp(0.0, 1.0);
+    fn shift(&mut self, elapsed_s: f64, normal_at_end: &Vector3<f64>) {
+        let elapsed_s = elapsed_s.clamp(0.0, self.times.step_s(0));
         let last = self.settings.stages - 1;
         for k in 0..=last {
+            let ratio = elapsed_s / self.times.step_s(k);
             self.shifted.states[k] =
                 (1.0 - ratio) * self.plan.states[k] + ratio * self.plan.states[k + 1];
             let (now, next) = (self.plan.inputs[k], self.plan.inputs[(k + 1).min(last)]);
@@ -185,119 +263,138 @@ impl Mpc {
             };
         }
         let end = &self.plan.states[last + 1];
-        let step = self.model.step_on_plane(
-            normal_at_end,
-            end.z,
-            self.plan.inputs[last],
-            ratio * self.settings.step_s,
-        );
+        let step =
+            self.model
+                .step_on_plane(normal_at_end, end.z, self.plan.inputs[last], elapsed_s);
         self.shifted.states[last + 1] = end + step.increment;
         std::mem::swap(&mut self.plan, &mut self.shifted);
     }
 
-    /// Linearises about the plan, solves one QP and moves the plan to its solution.
-    ///
-    /// `previous` is the input in force, `targets` one for each stage. Of `previous` only what is
-    /// within the bounds counts: from there the QP always has a feasible point, that of no change.
-    /// Allocates nothing but what the solver does.
-    ///
-    /// # Errors
-    /// Every [`QpFailure`]; the plan is then as it was.
-    pub fn solve(
-        &mut self,
-        state: &PlanarPose,
-        previous: MotorSpeeds,
-        targets: &[StageTarget],
-        deadline: Option<Instant>,
-    ) -> Result<SolveReport, QpFailure> {
-        let now = {
-            let mut now = vector(state);
-            // The plan's heading is not wrapped; the state's turn count is taken from it.
-            now.z = self.plan.states[0].z + wrap_angle(now.z - self.plan.states[0].z);
-            now
-        };
-        let before = std::mem::replace(&mut self.plan.states[0], now);
-        self.linearise(previous, targets);
-        self.assemble(previous);
-        let report = self
-            .solve_assembled(deadline)
-            .inspect_err(|_| self.plan.states[0] = before)?;
-        self.apply();
-        Ok(report)
-    }
-
-    /// First part of [`Mpc::solve`]: dynamics, errors and limits of each stage about the plan.
-    pub fn linearise(&mut self, previous: MotorSpeeds, targets: &[StageTarget]) {
-        let previous = self.settings.limits.within_bounds(previous);
-        self.stages.clear();
+    /// Dynamics, errors and limits of each stage about the plan, whose first state becomes the
+    /// horizon's start.
+    fn linearise_about_plan(&mut self, horizon: &Horizon, guessed: bool) -> About {
+        let mut start = vector(&horizon.start);
+        // The plan's heading is not wrapped; the state's turn count is taken from it.
+        start.z = self.plan.states[0].z + wrap_angle(start.z - self.plan.states[0].z);
+        let first = std::mem::replace(&mut self.plan.states[0], start);
         let settings = &self.settings;
-        let mut before = previous;
-        for (k, target) in targets.iter().enumerate() {
+        let mut before = settings.limits.within_bounds(horizon.previous);
+        self.stages.clear();
+        for (k, target) in horizon.targets.iter().enumerate() {
             let (state, next, input) = (
                 &self.plan.states[k],
                 &self.plan.states[k + 1],
                 self.plan.inputs[k],
             );
-            let step =
-                self.model
-                    .step_on_plane(&target.normal_in_world, state.z, input, settings.step_s);
+            let step_s = self.times.step_s(k);
+            let step = self
+                .model
+                .step_on_plane(&target.normal_in_world, state.z, input, step_s);
             let (sin, cos) = target.along_heading_rad.sin_cos();
             let time_s = if k == 0 {
                 settings.period_s
             } else {
-                settings.step_s
+                self.times.step_s(k - 1)
             };
+            let error = Vector3::new(
+                next.x - target.pose.x_m,
+                next.y - target.pose.y_m,
+                wrap_angle(next.z - target.pose.yaw_rad),
+            );
             let mut weights = target.weights;
-            if k + 1 == targets.len() {
-                weights.along_per_m2 *= settings.terminal_factor;
-                weights.cross_per_m2 *= settings.terminal_factor;
-                weights.heading_per_rad2 *= settings.terminal_factor;
+            if !guessed {
+                weights.heading_per_rad2 += settings.heading_excess.weight(error.z);
             }
+            // The cost is that of even stages, each of them a sample of an integral.
+            let mut factor = step_s / settings.step_s;
+            if k + 1 == horizon.targets.len() {
+                factor *= settings.terminal_factor;
+            }
+            weights.along_per_m2 *= factor;
+            weights.cross_per_m2 *= factor;
+            weights.heading_per_rad2 *= factor;
             self.stages.push(Stage {
                 step,
                 defect: state + step.increment - next,
-                error: Vector3::new(
-                    next.x - target.pose.x_m,
-                    next.y - target.pose.y_m,
-                    wrap_angle(next.z - target.pose.yaw_rad),
-                ),
+                error,
                 along: (-sin, cos),
                 weights,
                 input,
                 change_weights: ChangeWeights {
-                    traction: settings.change_weights.traction / settings.step_s,
-                    steer: settings.change_weights.steer / settings.step_s,
+                    traction: horizon.change_weights.traction / step_s,
+                    steer: horizon.change_weights.steer / step_s,
                 },
                 traction_change: settings.limits.traction.change(before.traction_m_s, time_s),
                 steer_change: settings.limits.steer.change(before.steer_m_s, time_s),
             });
             before = input;
         }
+        About { first, guessed }
     }
 
-    /// Second part of [`Mpc::solve`]: condenses the linearised stages into the QP.
-    pub fn assemble(&mut self, previous: MotorSpeeds) {
-        let previous = self.settings.limits.within_bounds(previous);
+    fn condense(&mut self, horizon: &Horizon) {
+        let previous = self.settings.limits.within_bounds(horizon.previous);
         self.condenser
             .assemble(&self.stages, previous, self.solver.data_mut());
     }
 
-    /// Third part of [`Mpc::solve`]: solves the QP as assembled; the plan stays as it is.
-    ///
-    /// # Errors
-    /// Every [`QpFailure`].
-    pub fn solve_assembled(&mut self, deadline: Option<Instant>) -> Result<SolveReport, QpFailure> {
+    /// Solves the condensed QP and moves the plan to its solution; a failure leaves the plan as it
+    /// was before it was linearised about. A solve that is cut short ends with a point that meets all
+    /// limits, where one is found that is better than to change nothing.
+    fn solve(
+        &mut self,
+        horizon: &Horizon,
+        about: About,
+        deadline: Option<Instant>,
+    ) -> Result<SolveReport, QpFailure> {
         let begin = Instant::now();
-        let residuals = self.solver.solve(deadline)?;
-        Ok(SolveReport {
+        let residuals = self
+            .solver
+            .solve(deadline)
+            .or_else(|failure| {
+                let (condenser, stages) = (&self.condenser, &self.stages);
+                self.solver.salvage(failure, |data, primal| {
+                    condenser.make_feasible(stages, data, primal);
+                })
+            })
+            .inspect_err(|_| self.plan.states[0] = about.first)?;
+        let report = SolveReport {
             iterations: self.solver.iterations(),
+            path: self.solver.path(),
             residuals,
             solve_time_s: begin.elapsed().as_secs_f64(),
-        })
+        };
+        match self.region {
+            None => self.apply(1.0),
+            Some(region) => self.apply_within(region, horizon),
+        }
+        Ok(report)
     }
 
-    /// Moves the plan by the QP's solution, states along the linearised dynamics.
-    fn apply(&mut self) {
+    /// Goes on from a guess: QPs until they correct it little or `deadline` is over.
+    fn solve_from_guess(
+        &mut self,
+        horizon: &Horizon,
+        about: About,
+        deadline: Option<Instant>,
+    ) -> Result<SolveReport, QpFailure> {
+        let mut report = self.solve(horizon, about, deadline)?;
+        for _ in 1..START_ITERATIONS {
+            if self.corrected_m_s < START_CORRECTION_M_S {
+                break;
+            }
+            let about = self.linearise_about_plan(horizon, true);
+            self.condense(horizon);
+            match self.solve(horizon, about, deadline) {
+                Ok(better) => report = better,
+                Err(_) => break,
+            }
+        }
+        Ok(report)
+    }
+
+    /// Moves the plan by a share of the QP's solution, states along the linearised dynamics.
+    fn apply(&mut self, share: f64) {
         let mut deviation = Vector3::zeros();
         self.corrected_m_s = 0.0;
         let corrections = self.condenser.input_corrections(self.solver.primal());
@@ -311,12 +408,135 @@ impl Mpc {
                 .corrected_m_s
                 .max(correction.traction_m_s.abs())
                 .max(correction.steer_m_s.abs());
-            self.plan.states[k + 1] += deviation;
+            self.plan.states[k + 1] += share * deviation;
             self.plan.inputs[k] = MotorSpeeds {
-                traction_m_s: stage.input.traction_m_s + correction.traction_m_s,
-                steer_m_s: stage.input.steer_m_s + correction.steer_m_s,
+                traction_m_s: stage.input.traction_m_s + share * correction.traction_m_s,
+                steer_m_s: stage.input.steer_m_s + share * correction.steer_m_s,
             };
         }
+    }
+
+    /// Moves the plan as far as the linearisation tells the truth, see [`step_limit`].
+    fn apply_within(&mut self, mut region: TrustRegion, horizon: &Horizon) {
+        let corrections = self.condenser.input_corrections(self.solver.primal());
+        let largest_m_s = corrections
+            .map(|correction| correction.steer_m_s.abs())
+            .fold(0.0, f64::max);
+        let mut share = region.first_share(largest_m_s);
+        self.shifted.states.copy_from_slice(&self.plan.states);
+        self.shifted.inputs.copy_from_slice(&self.plan.inputs);
+        let before = self.rolled_out_cost(horizon);
+        for halvings in 0..=HALVINGS {
+            self.apply(share);
+            let promised = self.planned_cost(horizon);
+            let actual = self.rolled_out_cost(horizon);
+            if halvings == HALVINGS || region.takes(before, promised, actual) {
+                region.learn(before, promised, actual, share * largest_m_s, halvings == 0);
+                break;
+            }
+            share *= 0.5;
+            self.plan.states.copy_from_slice(&self.shifted.states);
+        }
+        self.region = Some(region);
+    }
+
+    /// Returns the cost of the plan as its states have it.
+    fn planned_cost(&self, horizon: &Horizon) -> f64 {
+        let mut cost = 0.0;
+        let mut before = self.settings.limits.within_bounds(horizon.previous);
+        for (k, stage) in self.stages.iter().enumerate() {
+            let input = self.plan.inputs[k];
+            cost += stage_cost(
+                stage,
+                &horizon.targets[k],
+                &self.plan.states[k + 1],
+                input,
+                before,
+            );
+            before = input;
+        }
+        cost
+    }
+
+    /// Returns the cost of the plan's inputs, run through the model from the plan's first state.
+    fn rolled_out_cost(&mut self, horizon: &Horizon) -> f64 {
+        let mut cost = 0.0;
+        let mut before = self.settings.limits.within_bounds(horizon.previous);
+        let mut state = self.plan.states[0];
+        for (k, stage) in self.stages.iter().enumerate() {
+            let (input, target) = (self.plan.inputs[k], &horizon.targets[k]);
+            let step_s = self.times.step_s(k);
+            let step = self
+                .model
+                .step_on_plane(&target.normal_in_world, state.z, input, step_s);
+            state += step.increment;
+            cost += stage_cost(stage, target, &state, input, before);
+            before = input;
+        }
+        cost
+    }
+}
+
+/// Returns what a stage costs that ends at `state`.
+fn stage_cost(
+    stage: &Stage,
+    target: &StageTarget,
+    state: &Vector3<f64>,
+    input: MotorSpeeds,
+    before: MotorSpeeds,
+) -> f64 {
+    let (dx, dy) = (state.x - target.pose.x_m, state.y - target.pose.y_m);
+    let heading = wrap_angle(state.z - target.pose.yaw_rad);
+    let along = stage.along.0 * dx + stage.along.1 * dy;
+    let cross = stage.along.0 * dy - stage.along.1 * dx;
+    stage.weights.along_per_m2 * along * along
+        + stage.weights.cross_per_m2 * cross * cross
+        + stage.weights.heading_per_rad2 * heading * heading
+        + stage.change_weights.traction * (input.traction_m_s - before.traction_m_s).powi(2)
+        + stage.change_weights.steer * (input.steer_m_s - before.steer_m_s).powi(2)
+}
+
+impl<'a> Linearised<'a> {
+    /// Condenses the stages into the QP's data. Allocates nothing.
+    pub fn condense(self) -> CondensedQp<'a> {
+        self.mpc.condense(self.horizon);
+        CondensedQp {
+            mpc: self.mpc,
+            horizon: self.horizon,
+            about: self.about,
+        }
+    }
+}
+
+impl CondensedQp<'_> {
+    /// Solves the QP, moves the plan to its solution and returns its first input; `deadline` ends the
+    /// solve. About a guess it linearises and solves again until a QP corrects the plan little.
+    /// Allocates nothing but what the solver does.
+    ///
+    /// # Errors
+    /// Every [`QpFailure`]; the plan is then the shifted one. Once a guess has been solved, a failure
+    /// of a later QP leaves the plan of those before it.
+    pub fn solve(self, deadline: Option<Instant>) -> Result<Solution, QpFailure> {
+        let Self {
+            mpc,
+            horizon,
+            about,
+        } = self;
+        let report = if about.guessed {
+            // Far from a good plan the limits bind and a QP takes longer.
+            mpc.solver.set_max_iterations(settings::ITERATIONS_MAX);
+            let report = mpc.solve_from_guess(horizon, about, deadline);
+            mpc.solver
+                .set_max_iterations(mpc.settings.qp.max_iterations);
+            report?
+        } else {
+            mpc.solve(horizon, about, deadline)?
+        };
+        mpc.planned = true;
+        Ok(Solution {
+            command: mpc.plan.inputs[0],
+            report: Some(report),
+        })
     }
 }
 

@@ -4,10 +4,11 @@
 //! minimise 1/2 z' P z + q' z   subject to   A z + s = b,  s = 0 (equalities), s >= 0 (the rest)
 //! ```
 
-pub use super::qp::CscMatrix;
+pub use super::clarabel_qp::CscMatrix;
+use serde::{Deserialize, Serialize};
 
 /// Optimality of a point, computed from the data and not from the solver's own account.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Residuals {
     /// Largest entry of |A z + s - b|, and how far s or the multipliers leave their cone.
     pub primal: f64,
@@ -15,6 +16,13 @@ pub struct Residuals {
     pub dual: f64,
     /// |z' P z + q' z + b' y|.
     pub gap: f64,
+}
+
+impl Residuals {
+    /// Returns whether all are at most `limit`; one that is not a number is not.
+    pub fn within(&self, limit: f64) -> bool {
+        self.primal <= limit && self.dual <= limit && self.gap <= limit
+    }
 }
 
 /// A QP's data with the pattern it was made with; values may be overwritten between solves.
@@ -69,6 +77,19 @@ impl QpData {
             .all(|values| values.iter().all(|value| value.is_finite()))
     }
 
+    /// Returns the cost of a primal point.
+    pub fn cost(&self, primal: &[f64]) -> f64 {
+        let mut quadratic = 0.0;
+        for (column, x) in primal.iter().enumerate() {
+            for (row, value) in entries(&self.p, column) {
+                // Half of what stands on the diagonal, all of what stands for two entries.
+                let share = if row == column { 0.5 } else { 1.0 };
+                quadratic += share * value * primal[row] * x;
+            }
+        }
+        quadratic + dot(&self.q, primal)
+    }
+
     /// Returns A's values in the rows of the equalities, in the order they are stored.
     pub fn equality_values(&self) -> impl Iterator<Item = f64> + '_ {
         let rows = self.a.rowval.iter().zip(&self.a.nzval);
@@ -100,8 +121,8 @@ impl QpData {
     pub fn slacken(&self, point: &mut Point) -> f64 {
         point.slack.copy_from_slice(&self.b);
         for (column, z) in point.primal.iter().enumerate() {
-            for k in self.a.colptr[column]..self.a.colptr[column + 1] {
-                point.slack[self.a.rowval[k]] -= self.a.nzval[k] * z;
+            for (row, value) in entries(&self.a, column) {
+                point.slack[row] -= value * z;
             }
         }
         let (equalities, inequalities) = point.slack.split_at_mut(self.equalities);
@@ -114,28 +135,34 @@ impl QpData {
     pub fn residuals(&self, point: &Point, work: &mut Point) -> Residuals {
         let (z, y, s) = (&point.primal, &point.dual, &point.slack);
         let (gradient, rows) = (&mut work.primal, &mut work.slack);
-        gradient.copy_from_slice(&self.q);
-        let mut quadratic = 0.0;
-        for column in 0..self.p.n {
-            for k in self.p.colptr[column]..self.p.colptr[column + 1] {
-                let (row, value) = (self.p.rowval[k], self.p.nzval[k]);
-                gradient[row] += value * z[column];
-                quadratic += value * z[row] * z[column];
-                if row != column {
-                    gradient[column] += value * z[row];
-                    quadratic += value * z[row] * z[column];
+        gradient.fill(0.0);
+        for (column, &x) in z.iter().enumerate() {
+            // The upper triangle stands for both: each entry but the diagonal's counts twice.
+            let mut across = 0.0;
+            for (row, value) in entries(&self.p, column) {
+                if row == column {
+                    across += value * x;
+                } else {
+                    gradient[row] += value * x;
+                    across += value * z[row];
                 }
             }
+            gradient[column] += across;
+        }
+        let quadratic = dot(gradient, z);
+        for (total, q) in gradient.iter_mut().zip(&self.q) {
+            *total += q;
         }
         for ((residual, s), b) in rows.iter_mut().zip(s).zip(&self.b) {
             *residual = s - b;
         }
-        for (column, (z, residual)) in z.iter().zip(&mut *gradient).enumerate() {
-            for k in self.a.colptr[column]..self.a.colptr[column + 1] {
-                let (row, value) = (self.a.rowval[k], self.a.nzval[k]);
-                rows[row] += value * z;
-                *residual += value * y[row];
+        for (column, (&x, total)) in z.iter().zip(&mut *gradient).enumerate() {
+            let mut force = 0.0;
+            for (row, value) in entries(&self.a, column) {
+                rows[row] += value * x;
+                force += value * y[row];
             }
+            *total += force;
         }
         let largest = |values: &[f64]| values.iter().fold(0.0_f64, |m, v| nan_max(m, v.abs()));
         let outside = s[self.equalities..]
@@ -152,13 +179,18 @@ impl QpData {
     }
 }
 
+/// Returns the entries of a matrix's column, each with its row.
+fn entries(matrix: &CscMatrix<f64>, column: usize) -> impl Iterator<Item = (usize, f64)> + '_ {
+    let stored = matrix.colptr[column]..matrix.colptr[column + 1];
+    let values = &matrix.nzval[stored.clone()];
+    let rows = matrix.rowval[stored].iter().copied();
+    rows.zip(values.iter().copied())
+}
+
 /// Returns the larger of two values, or NaN where one is: a NaN must not hide behind a maximum.
 fn nan_max(a: f64, b: f64) -> f64 {
-    if a.is_nan() || b.is_nan() {
-        f64::NAN
-    } else {
-        a.max(b)
-    }
+    // No comparison with a NaN is true.
+    if a >= b || a.is_nan() { a } else { b }
 }
 
 fn dot(a: &[f64], b: &[f64]) -> f64 {

@@ -1,39 +1,72 @@
 //! What an MPC is set up with besides its model.
 
+use super::StageTimes;
 use super::limits::InputLimits;
+use super::step_limit::StepLimit;
 use serde::{Deserialize, Serialize};
-use sidehill_plant::vehicle::RangeError;
+use sidehill_plant::bounds::{Bounds, RangeError};
 
 /// Settings of the controller.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MpcSettings {
     /// Number of stages N.
     pub stages: usize,
-    /// Duration of a stage, s.
+    /// Duration of the first stage, s.
     pub step_s: f64,
+    /// Duration of the last stage, s; those between grow geometrically.
+    pub last_step_s: f64,
     /// Control period, s: the first change of the inputs has this time, the later ones a stage's.
     pub period_s: f64,
     /// Stages condensed into one block.
     pub block_stages: usize,
-    /// Weights of changes of the inputs, divided by the stage's duration, s/(m/s)^2.
-    pub change_weights: ChangeWeights,
+    /// Weight of headings far from the path's tangent.
+    pub heading_excess: HeadingExcess,
     /// Factor on the weights of the last stage.
     pub terminal_factor: f64,
     /// Limits of the inputs.
     pub limits: InputLimits,
     /// Soft bound on the cross-track error.
     pub corridor: Option<Corridor>,
+    /// How far a QP's solution is followed; all the way without it.
+    pub step_limit: Option<StepLimit>,
     /// Solver settings.
     pub qp: QpSettings,
 }
 
-/// Weights of changes of the inputs.
+impl MpcSettings {
+    /// Returns the times of the stages.
+    pub fn stage_times(&self) -> StageTimes {
+        StageTimes::new(self.stages, self.step_s, self.last_step_s)
+    }
+}
+
+/// Weights of changes of the inputs, divided by a stage's duration where they are applied.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ChangeWeights {
-    /// Of traction.
+    /// Of traction, s/(m/s)^2.
     pub traction: f64,
-    /// Of steer.
+    /// Of steer, s/(m/s)^2.
     pub steer: f64,
+}
+
+/// Weight of headings that no slide asks for: they are where a wrong model leads.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct HeadingExcess {
+    /// Heading error up to which nothing is added, rad, positive.
+    pub free_rad: f64,
+    /// What is added at twice that error, 1/rad^2.
+    pub per_rad2: f64,
+}
+
+impl HeadingExcess {
+    /// Returns what a planned heading error adds to a stage's weight of the heading, 1/rad^2: it
+    /// grows with the square of what is beyond `free_rad`, up to three times `free_rad`.
+    pub fn weight(&self, error_rad: f64) -> f64 {
+        /// Where the weight stops growing, in `free_rad` beyond it.
+        const LARGEST: f64 = 2.0;
+        let excess = ((error_rad.abs() - self.free_rad) / self.free_rad).clamp(0.0, LARGEST);
+        self.per_rad2 * excess * excess
+    }
 }
 
 /// A soft bound on the cross-track error.
@@ -52,22 +85,8 @@ impl Corridor {
     /// # Errors
     /// [`RangeError`] with the first key out of its range.
     pub fn validate(&self) -> Result<(), RangeError> {
-        for (key, value, high, range) in [
-            (
-                "corridor.half_width_m",
-                self.half_width_m,
-                100.0,
-                "from 0.001 to 100 m",
-            ),
-            (
-                "corridor.weight_per_m2",
-                self.weight_per_m2,
-                1e6,
-                "from 0.001 to 1e6",
-            ),
-        ] {
-            RangeError::check(key, value, 1e-3, high, range)?;
-        }
+        Bounds::new(1e-3, 100.0, "m").check("corridor.half_width_m", self.half_width_m)?;
+        Bounds::new(1e-3, 1e6, "1/m^2").check("corridor.weight_per_m2", self.weight_per_m2)?;
         Ok(())
     }
 }
@@ -79,12 +98,15 @@ pub const ITERATIONS_MAX: u32 = 100;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum QpMode {
-    /// As `InPlace`, but the QP without its inequalities first, unless one of them bound in the solve
-    /// before; where its minimiser meets them all it is the solution.
-    RelaxedFirst,
-    /// One solver made at start, updated in place, set up for small well-scaled QPs.
+    /// By the rows that bind, beginning with those of the cycle before, and by the interior-point
+    /// method where they are not found.
+    #[serde(alias = "relaxed_first")]
+    WorkingSet,
+    /// By the interior-point method, with one solver made at start, updated in place, set up for small
+    /// well-scaled QPs.
     InPlace,
-    /// A solver with clarabel's defaults made new in each cycle: what benches compare with.
+    /// By the interior-point method, with a solver of clarabel's defaults made new in each cycle: what
+    /// tests and benches compare with.
     FreshDefaults,
 }
 
@@ -95,7 +117,7 @@ pub struct QpSettings {
     /// How the solver is used.
     pub mode: QpMode,
     /// Largest number of interior-point iterations: what ends a solve that gets nowhere; the deadline is
-    /// what keeps the cycle's time. Where limits bind, 6 to 38 were seen.
+    /// what keeps the cycle's time.
     pub max_iterations: u32,
     /// Feasibility and gap tolerance of the solver.
     pub tolerance: f64,
@@ -110,7 +132,7 @@ pub struct QpSettings {
 impl Default for QpSettings {
     fn default() -> Self {
         Self {
-            mode: QpMode::RelaxedFirst,
+            mode: QpMode::WorkingSet,
             max_iterations: 60,
             tolerance: 1e-6,
             accepted_residual: 1e-3,
@@ -125,35 +147,11 @@ impl QpSettings {
     /// # Errors
     /// [`RangeError`] with the first key out of its range.
     pub fn validate(&self) -> Result<(), RangeError> {
-        let check = RangeError::check;
-        check(
-            "solver.max_iterations",
-            f64::from(self.max_iterations),
-            1.0,
-            f64::from(ITERATIONS_MAX),
-            "from 1 to 100",
-        )?;
-        check(
-            "solver.tolerance",
-            self.tolerance,
-            1e-12,
-            1e-2,
-            "from 1e-12 to 0.01",
-        )?;
-        check(
-            "solver.accepted_residual",
-            self.accepted_residual,
-            1e-9,
-            1.0,
-            "from 1e-9 to 1",
-        )?;
-        check(
-            "solver.accepted_gap",
-            self.accepted_gap,
-            1e-9,
-            1.0,
-            "from 1e-9 to 1",
-        )?;
+        Bounds::new(1.0, f64::from(ITERATIONS_MAX), "")
+            .check("solver.max_iterations", f64::from(self.max_iterations))?;
+        Bounds::new(1e-12, 1e-2, "").check("solver.tolerance", self.tolerance)?;
+        Bounds::new(1e-9, 1.0, "").check("solver.accepted_residual", self.accepted_residual)?;
+        Bounds::new(1e-9, 1.0, "").check("solver.accepted_gap", self.accepted_gap)?;
         Ok(())
     }
 }

@@ -1,5 +1,5 @@
 use super::Point2;
-use sidehill_plant::vehicle::RangeError;
+use sidehill_plant::bounds::RangeError;
 
 /// Why there is no path or no trajectory along it.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]

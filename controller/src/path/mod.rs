@@ -18,6 +18,7 @@ pub use smoothing::{Smoothed, Smoothing, smooth};
 
 pub(crate) use curve::{ArcLength, CurvePoint};
 
+use serde::{Deserialize, Serialize};
 use sidehill_plant::frames::PlanarPose;
 use std::f64::consts::PI;
 
@@ -25,7 +26,7 @@ use std::f64::consts::PI;
 pub(crate) const SAMPLE_STEP_M: f64 = 0.05;
 
 /// A position in the horizontal plane of the world.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct Point2 {
     /// X_g, m.
     pub x_m: f64,

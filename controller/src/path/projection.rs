@@ -20,19 +20,11 @@ pub struct Window {
     pub ahead_m: f64,
 }
 
-impl Window {
-    /// Returns a window that reaches equally far both ways.
-    pub fn symmetric(reach_m: f64) -> Self {
-        Self {
-            behind_m: reach_m,
-            ahead_m: reach_m,
-        }
-    }
-}
-
 /// Weight of the distance from the expected arc length where branches are about equally near.
 const BRANCH_WEIGHT: f64 = 1e-2;
 const NEWTON_STEPS: usize = 12;
+/// More distance between two points than path there cannot be, but for the interpolation's error.
+const STRETCH: f64 = 1.05;
 
 impl Path {
     /// Returns the nearest point within `window` of `around_m`.
@@ -46,13 +38,10 @@ impl Path {
             low_m = low_m.clamp(0.0, self.length_m);
             high_m = high_m.clamp(0.0, self.length_m);
         }
-        let cost = |point: &PathPoint| {
-            let off_m = point.arc_length_m - around_m;
-            squared_distance(&point.position, position) + BRANCH_WEIGHT * off_m * off_m
-        };
+        let cost = |point: &PathPoint| branch_cost(point, position, around_m);
         let mut nearest = self.refine(
             position,
-            self.best_sample(low_m, high_m, cost),
+            self.best_sample(position, around_m, (low_m, high_m)),
             (low_m, high_m),
         );
         // The ways to and from a cusp lie on each other: both are refined before they are compared.
@@ -61,7 +50,7 @@ impl Path {
                 continue;
             }
             for bounds in [(low_m, cusp_m.next_down()), (cusp_m, high_m)] {
-                let coarse_m = self.best_sample(bounds.0, bounds.1, cost);
+                let coarse_m = self.best_sample(position, around_m, bounds);
                 let other = self.refine(position, coarse_m, bounds);
                 if cost(&other.point) < cost(&nearest.point) {
                     nearest = other;
@@ -74,16 +63,27 @@ impl Path {
     }
 
     /// Returns the arc length, of a set no sparser than the samples, with the least cost.
-    fn best_sample(&self, low_m: f64, high_m: f64, cost: impl Fn(&PathPoint) -> f64) -> f64 {
+    ///
+    /// Between two points there is at most as much distance as path: far from the path the samples
+    /// that cannot have less than the least known are passed over.
+    fn best_sample(&self, position: &Point2, around_m: f64, (low_m, high_m): (f64, f64)) -> f64 {
         let intervals = ((high_m - low_m) / super::SAMPLE_STEP_M).ceil().max(1.0);
         let step_m = (high_m - low_m) / intervals;
+        let sample = |i: usize| self.at(low_m + i as f64 * step_m);
+        let last = intervals as usize;
+        let expected = (((around_m - low_m) / step_m).round() as usize).min(last);
+        let mut least = branch_cost(&sample(expected), position, around_m);
         let mut best = (f64::INFINITY, low_m);
-        for i in 0..=intervals as usize {
-            let arc_length_m = low_m + i as f64 * step_m;
-            let found = cost(&self.at(arc_length_m));
+        let mut i = 0;
+        while i <= last {
+            let point = sample(i);
+            let found = branch_cost(&point, position, around_m);
             if found < best.0 {
-                best = (found, arc_length_m);
+                best = (found, low_m + i as f64 * step_m);
+                least = least.min(found);
             }
+            let spare_m = point.position.distance_m(position) - least.sqrt();
+            i += ((spare_m / (STRETCH * step_m)) as usize).max(1);
         }
         best.1
     }
@@ -119,6 +119,12 @@ impl Path {
             point,
         }
     }
+}
+
+/// Returns the squared distance of a point, and a little for its distance from `around_m` along the path.
+fn branch_cost(point: &PathPoint, position: &Point2, around_m: f64) -> f64 {
+    let off_m = point.arc_length_m - around_m;
+    squared_distance(&point.position, position) + BRANCH_WEIGHT * off_m * off_m
 }
 
 fn squared_distance(a: &Point2, b: &Point2) -> f64 {

@@ -4,7 +4,7 @@ use super::raw::{RawPiece, split};
 use super::spline::{Spline, smooth_nodes};
 use super::{ArcLength, Path, PathError, Point2, RawPoint, Sample, Window};
 use serde::{Deserialize, Serialize};
-use sidehill_plant::vehicle::RangeError;
+use sidehill_plant::bounds::{Bounds, RangeError};
 use std::f64::consts::PI;
 
 /// How raw points become a path.
@@ -336,23 +336,12 @@ impl TryFrom<RawSmoothing> for Smoothing {
     type Error = RangeError;
 
     fn try_from(raw: RawSmoothing) -> Result<Self, RangeError> {
-        let check = RangeError::check;
         Ok(Self {
-            max_curvature_per_m: check(
-                "max_curvature_per_m",
-                raw.max_curvature_per_m,
-                0.01,
-                10.0,
-                "from 0.01 to 10 1/m",
-            )?,
-            max_deviation_m: check(
-                "max_deviation_m",
-                raw.max_deviation_m,
-                1e-3,
-                100.0,
-                "from 0.001 to 100 m",
-            )?,
-            spacing_m: check("spacing_m", raw.spacing_m, 0.01, 1.0, "from 0.01 to 1 m")?,
+            max_curvature_per_m: Bounds::new(0.01, 10.0, "1/m")
+                .check("max_curvature_per_m", raw.max_curvature_per_m)?,
+            max_deviation_m: Bounds::new(1e-3, 100.0, "m")
+                .check("max_deviation_m", raw.max_deviation_m)?,
+            spacing_m: Bounds::new(0.01, 1.0, "m").check("spacing_m", raw.spacing_m)?,
         })
     }
 }

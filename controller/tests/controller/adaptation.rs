@@ -2,14 +2,14 @@
 
 use nalgebra::{Matrix3, Vector3};
 use sidehill_controller::estimator::Estimate;
-use sidehill_plant::correction::{Gains, Terms};
 use sidehill_plant::frames::{Attitude, PlanarPose};
+use sidehill_plant::slip_gains::{SlipGains, Terms};
 use sidehill_plant::speeds::TreadSpeeds;
 
 const HALF_TRACK_M: f64 = 1.0;
 
 /// On a slope of 0.25 rad.
-fn estimate(gains: Gains) -> Estimate {
+fn estimate(gains: SlipGains) -> Estimate {
     let slope_rad = 0.25_f64;
     Estimate {
         time_s: 0.0,
@@ -18,7 +18,8 @@ fn estimate(gains: Gains) -> Estimate {
         attitude: Attitude::default(),
         normal_in_world: Vector3::new(0.0, -slope_rad.sin(), slope_rad.cos()),
         treads: TreadSpeeds::default(),
-        gains,
+        slip_gains: gains,
+        contact: None,
         model_error_m_s: 0.0,
         pose_age_s: 0.0,
         attitude_age_s: 0.0,
@@ -27,8 +28,8 @@ fn estimate(gains: Gains) -> Estimate {
     }
 }
 
-fn small() -> Gains {
-    Gains::from_fn(|i, j| 0.01 * (i + j) as f64)
+fn small() -> SlipGains {
+    SlipGains::from_fn(|i, j| 0.01 * (i + j) as f64)
 }
 
 #[test]

@@ -52,7 +52,7 @@ fn two_runs_are_equal_in_every_bit() {
                 if let Some(solve) = &mut decision.solve {
                     solve.solve_time_s = 0.0;
                 }
-                let command = decision.command;
+                let command = decision.command_effective;
                 let bits = [command.traction_m_s.to_bits(), command.steer_m_s.to_bits()];
                 (decision, bits)
             })

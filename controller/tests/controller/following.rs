@@ -10,7 +10,7 @@ use sidehill_plant::speeds::MotorSpeeds;
 #[test]
 fn a_timed_reference_waits_for_a_vehicle_that_stands_and_goes_on_with_it() {
     let trajectory = course("{shape: circle, radius_m: 4, speed_m_s: 0.4}");
-    let mut reference = Reference::new(trajectory, Tracking::Time, 1);
+    let mut reference = Reference::new(trajectory, Tracking::Time);
     let start = reference.ahead(0.0);
     let standing = start.pose();
     for _ in 0..200 {
@@ -36,7 +36,7 @@ fn at_a_cusp_only_the_geometric_laws_reference_waits_for_the_vehicle() {
         (Tracking::Path { lead_max_m: 0.3 }, true),
         (Tracking::PathByCusps { lead_max_m: 0.3 }, false),
     ] {
-        let mut reference = Reference::new(course(cusp), tracking, 1);
+        let mut reference = Reference::new(course(cusp), tracking);
         let path = reference.path().unwrap().clone();
         let cusp_m = path.cusps_m().next().unwrap();
         // The vehicle drives on the path and stops 0.2 m short of the cusp.
@@ -130,7 +130,7 @@ fn a_straight_drive_ends_standing_at_its_end() {
         for _ in 0..100 {
             let decision = rig.cycle();
             assert_eq!(decision.status, Status::Finished);
-            assert_eq!(decision.command, MotorSpeeds::STOP);
+            assert_eq!(decision.command_effective, MotorSpeeds::STOP);
         }
         let end = rig.controller.reference().unwrap().ahead(0.0).position;
         let pose = rig.simulation.state().pose;
@@ -147,12 +147,12 @@ fn another_path_is_taken_up_while_driving() {
         let pose = before.estimate.unwrap().pose;
         // A straight path that begins under the vehicle, given in a frame of its own.
         let ahead = course("{shape: straight, length_m: 4, heading_deg: 0}").seen_from(&pose);
-        rig.controller.follow(7, ahead, 0.0);
+        rig.follow(7, ahead, 0.0);
         let after = rig.cycle();
         assert_eq!((before.reference, after.reference), (0, 7));
         assert_eq!(after.status, Status::Tracking);
         // Neither the estimate nor the command begins anew.
-        let drop_m_s = before.command.traction_m_s - after.command.traction_m_s;
+        let drop_m_s = before.command_effective.traction_m_s - after.command_effective.traction_m_s;
         assert!(drop_m_s.abs() < 0.11, "{drop_m_s}");
         let until = (0..400).find(|_| rig.cycle().status == Status::Finished);
         assert!(until.is_some());
@@ -163,7 +163,7 @@ fn another_path_is_taken_up_while_driving() {
         assert!(miss_m < 0.25, "{kind:?}: {miss_m} m");
         // One that has finished drives again, and begins where it is told to.
         let back = course("{shape: straight, length_m: 9, heading_deg: 0}").seen_from(&pose);
-        rig.controller.follow(8, back, 4.0);
+        rig.follow(8, back, 4.0);
         let decision = rig.cycle();
         assert_eq!(decision.status, Status::Tracking);
         let progress_m = decision.progress.unwrap().arc_length_m;

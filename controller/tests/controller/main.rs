@@ -10,5 +10,6 @@ mod following;
 mod path;
 mod rig;
 mod routes;
+mod serialise;
 mod speed_profile;
 mod supervision;

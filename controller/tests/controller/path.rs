@@ -78,7 +78,10 @@ fn the_length_of_the_eight_is_that_of_its_polygon() {
 #[test]
 fn a_crossing_does_not_switch_the_branch() {
     let path = eight();
-    let window = Window::symmetric(0.5);
+    let window = Window {
+        behind_m: 0.5,
+        ahead_m: 0.5,
+    };
     for offset_m in [-0.1, 0.0, 0.1] {
         let mut reached_m = 1.0;
         let mut travelled_m = 1.0;
@@ -165,7 +168,14 @@ fn a_way_back_is_driven_in_reverse() {
     let mut travelled_m = cusp_m - 1.0;
     while travelled_m < path.length_m() {
         let position = path.at(travelled_m).position;
-        let found = path.nearest_within(&position, reached_m, &Window::symmetric(0.3));
+        let found = path.nearest_within(
+            &position,
+            reached_m,
+            &Window {
+                behind_m: 0.3,
+                ahead_m: 0.3,
+            },
+        );
         reached_m = found.point.arc_length_m;
         assert!(
             (reached_m - travelled_m).abs() < 0.02,
@@ -234,7 +244,7 @@ proptest! {
                                                         guess_m in -0.4..0.4f64) {
         let path = slalom();
         let found = path.nearest_within(&beside(&path, at_m, left_m), at_m + guess_m,
-                                        &Window::symmetric(0.5));
+                                        &Window { behind_m: 0.5, ahead_m: 0.5 });
         prop_assert!((found.cross_track_m - left_m).abs() < 1e-7);
         prop_assert!((found.point.arc_length_m - at_m).abs() < 1e-4);
     }

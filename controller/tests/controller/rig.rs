@@ -3,7 +3,7 @@
 use sidehill_controller::config::{ControllerConfig, ControllerKind};
 use sidehill_controller::controller::{Controller, Decision, Status};
 use sidehill_controller::course::Course;
-use sidehill_controller::reference::Tracking;
+use sidehill_controller::reference::{Reference, Tracking};
 use sidehill_controller::speed_profile::SpeedLimits;
 use sidehill_controller::trajectory::Trajectory;
 use sidehill_plant::drive_train::DriveTrainConfig;
@@ -24,10 +24,6 @@ pub const KINDS: [ControllerKind; 2] = [ControllerKind::IcrikMpc, ControllerKind
 
 /// Cycles until a command of 0.4 m/s is 0 at 2 m/s^2, and one for rounding.
 pub const STOPPING_CYCLES: u32 = 5;
-
-pub fn j8() -> Vehicle {
-    serde_yaml::from_str(include_str!("../../../config/vehicles/j8.yaml")).unwrap()
-}
 
 pub fn plane(slope_deg: f64) -> Terrain {
     Terrain::Plane(PlaneTerrain::new(slope_deg, 0.0).unwrap())
@@ -86,7 +82,7 @@ impl Setup {
     }
 
     pub fn build(self) -> Rig {
-        let vehicle = j8();
+        let vehicle = Vehicle::j8();
         let simulation = Simulation::new(SimulationSetup {
             terrain: self.terrain,
             motion: Box::new(IcrMotion {
@@ -95,22 +91,17 @@ impl Setup {
             }),
             drive_train: self.drive_train,
             sensors: self.sensors,
-            correction: vehicle.correction,
+            encoder_scale: vehicle.encoder_scale,
             start: self.start,
             dt_s: self.config.period_s / f64::from(self.steps_per_cycle),
             seed: 7,
         })
         .unwrap();
-        let controller = Controller::new(
-            self.kind,
-            self.config,
-            &vehicle,
-            self.trajectory,
-            self.tracking,
-            self.laps,
-            self.map,
-        )
-        .unwrap();
+        let mut controller = Controller::new(self.kind, self.config, &vehicle).unwrap();
+        if let Some(map) = self.map {
+            controller = controller.with_terrain(map);
+        }
+        controller.follow(Reference::new(self.trajectory, self.tracking).for_laps(self.laps));
         Rig {
             simulation,
             controller,
@@ -128,6 +119,13 @@ pub struct Rig {
 }
 
 impl Rig {
+    /// Follows another trajectory along its path, under a number, from an arc length on.
+    pub fn follow(&mut self, number: u64, trajectory: Trajectory, from_m: f64) {
+        let reference = self.controller.config().reference(trajectory);
+        self.controller
+            .follow(reference.starting_at(from_m).numbered(number));
+    }
+
     /// One cycle with the sensors as they are.
     pub fn cycle(&mut self) -> Decision {
         self.cycle_with(None, |_| ())
@@ -142,9 +140,11 @@ impl Rig {
         let mut sample = self.simulation.sample();
         disturb(&mut sample);
         let decision = self.controller.step(&sample, deadline);
-        self.check(decision.command);
-        self.command = decision.command;
-        self.simulation.set_command(decision.command).unwrap();
+        self.check(decision.command_effective);
+        self.command = decision.command_effective;
+        self.simulation
+            .set_command(decision.command_effective)
+            .unwrap();
         for _ in 0..self.steps_per_cycle {
             self.simulation.step().unwrap();
         }
@@ -155,7 +155,7 @@ impl Rig {
     pub fn until_standing(&mut self, limit: u32) -> (u32, Decision) {
         for count in 1..=limit {
             let decision = self.cycle();
-            if decision.command == MotorSpeeds::STOP {
+            if decision.command_effective == MotorSpeeds::STOP {
                 return (count, decision);
             }
         }

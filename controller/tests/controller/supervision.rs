@@ -7,6 +7,7 @@ use sidehill_controller::estimator::Refused;
 use sidehill_controller::mpc::QpFailure;
 use sidehill_plant::sample::Sample;
 use sidehill_plant::speeds::MotorSpeeds;
+use sidehill_plant::vehicle::Vehicle;
 use std::f64::consts::PI;
 use std::time::Instant;
 
@@ -21,7 +22,7 @@ fn assert_stays_stopped(rig: &mut Rig, reason: impl Fn(&StopReason) -> bool) {
     for _ in 0..100 {
         let decision = rig.cycle();
         assert!(is_expected(&decision), "{:?}", decision.status);
-        assert_eq!(decision.command, MotorSpeeds::STOP);
+        assert_eq!(decision.command_effective, MotorSpeeds::STOP);
     }
     assert_eq!(rig.simulation.state().pose, stands_at);
     rig.controller.rearm();
@@ -45,7 +46,7 @@ fn nothing_moves_before_an_attitude_and_a_pose() {
             for _ in 0..20 {
                 let decision = rig.cycle_with(None, lose);
                 assert_eq!(decision.status, Status::Waiting);
-                assert_eq!(decision.command, MotorSpeeds::STOP);
+                assert_eq!(decision.command_effective, MotorSpeeds::STOP);
                 assert_eq!(decision.estimate, None);
             }
             let decision = rig.cycle();
@@ -214,7 +215,7 @@ fn a_path_behind_the_vehicle_is_not_turned_to() {
                 panic!("{:?}", decision.status);
             };
             assert!((error_rad - (PI - 0.2)).abs() < 1e-6);
-            assert_eq!(decision.command, MotorSpeeds::STOP);
+            assert_eq!(decision.command_effective, MotorSpeeds::STOP);
         }
     }
 }
@@ -234,7 +235,7 @@ fn a_vehicle_off_the_path_stays_where_it_is() {
                 panic!("{:?}", decision.status);
             };
             assert!((cross_track_m + 2.5).abs() < 0.01, "{cross_track_m}");
-            assert_eq!(decision.command, MotorSpeeds::STOP);
+            assert_eq!(decision.command_effective, MotorSpeeds::STOP);
         }
     }
 }
@@ -243,15 +244,7 @@ fn a_vehicle_off_the_path_stays_where_it_is() {
 fn settings_out_of_range_make_no_controller() {
     let mut setup = Setup::new(course(CIRCLE));
     setup.config.supervisor.pose_timeout_s = f64::NAN;
-    let failure = Controller::new(
-        setup.kind,
-        setup.config,
-        &crate::rig::j8(),
-        setup.trajectory,
-        setup.tracking,
-        1,
-        None,
-    );
+    let failure = Controller::new(setup.kind, setup.config, &Vehicle::j8());
     let Err(ControllerError::Range(error)) = failure.map(|_| ()) else {
         panic!("accepted");
     };
@@ -275,8 +268,8 @@ fn missed_deadlines_drive_on_the_shifted_plan_then_stop() {
         let blend = |now: f64, next: f64| (2.0 * now + next) / 3.0;
         let traction = blend(plan[0].traction_m_s, plan[1].traction_m_s);
         let steer = blend(plan[0].steer_m_s, plan[1].steer_m_s);
-        assert!((decision.command.traction_m_s - traction).abs() < 1e-9);
-        assert!((decision.command.steer_m_s - steer).abs() < 1e-9);
+        assert!((decision.command_effective.traction_m_s - traction).abs() < 1e-9);
+        assert!((decision.command_effective.steer_m_s - steer).abs() < 1e-9);
     }
     assert!(rig.command.traction_m_s > 0.3);
     let decision = rig.cycle_with(Some(Instant::now()), |_| ());
@@ -315,7 +308,7 @@ fn a_stop_that_is_asked_for_holds_until_rearmed() {
         let decision = rig.cycle();
         assert_eq!(decision.status, Status::Stopping(StopReason::Requested));
         let slower = before.traction_m_s - 2.0 * 0.05;
-        assert!((decision.command.traction_m_s - slower).abs() < 1e-9);
+        assert!((decision.command_effective.traction_m_s - slower).abs() < 1e-9);
         assert_stays_stopped(&mut rig, |reason| *reason == StopReason::Requested);
     }
 }
@@ -341,11 +334,11 @@ fn another_path_does_not_move_a_stopped_vehicle() {
     rig.until_standing(STOPPING_CYCLES);
     let pose = rig.cycle().estimate.unwrap().pose;
     let ahead = course("{shape: straight, length_m: 4, heading_deg: 0}").seen_from(&pose);
-    rig.controller.follow(1, ahead, 0.0);
+    rig.follow(1, ahead, 0.0);
     for _ in 0..20 {
         let decision = rig.cycle();
         assert_eq!(decision.status, Status::Stopping(StopReason::Requested));
-        assert_eq!(decision.command, MotorSpeeds::STOP);
+        assert_eq!(decision.command_effective, MotorSpeeds::STOP);
     }
 }
 
@@ -381,12 +374,12 @@ fn without_a_path_there_is_an_estimate_and_no_progress_and_nothing_moves() {
             let decision = rig.cycle();
             assert!(decision.estimate.is_some() && decision.progress.is_none());
             assert_eq!(decision.status, Status::Stopping(StopReason::NoPath));
-            assert_eq!(decision.command, MotorSpeeds::STOP);
+            assert_eq!(decision.command_effective, MotorSpeeds::STOP);
         }
         // One that comes is driven where the controller is let.
         let pose = rig.cycle().estimate.unwrap().pose;
         let ahead = course("{shape: straight, length_m: 4, heading_deg: 0}").seen_from(&pose);
-        rig.controller.follow(1, ahead, 0.0);
+        rig.follow(1, ahead, 0.0);
         assert!(matches!(rig.cycle().status, Status::Stopping(_)));
         rig.controller.rearm();
         let decision = (0..5).map(|_| rig.cycle()).last().unwrap();

@@ -1,6 +1,6 @@
 //! Friction of the ground, even or in patches.
 
-use crate::vehicle::RangeError;
+use crate::bounds::{Bounds, RangeError};
 use serde::{Deserialize, Serialize};
 
 /// Coefficient of friction over the ground.
@@ -31,7 +31,7 @@ impl FrictionField {
     /// # Errors
     /// Returns the key, value and range that is wrong.
     pub fn check(&self) -> Result<(), RangeError> {
-        let coefficient = |key, value| RangeError::check(key, value, 0.05, 2.0, "from 0.05 to 2");
+        let coefficient = |key, value| Bounds::new(0.05, 2.0, "").check(key, value);
         match *self {
             Self::Uniform { coefficient: mu } => coefficient("coefficient", mu).map(drop),
             Self::Patches {
@@ -42,22 +42,23 @@ impl FrictionField {
             } => {
                 coefficient("minimum", minimum)?;
                 coefficient("maximum", maximum)?;
-                RangeError::check(
-                    "maximum",
-                    maximum,
-                    minimum,
-                    2.0,
-                    "at least minimum, and at most 2",
-                )?;
-                RangeError::check(
-                    "cell_size_m",
-                    cell_size_m,
-                    0.1,
-                    1000.0,
-                    "from 0.1 to 1000 m",
-                )
-                .map(drop)
+                Bounds::new(minimum, 2.0, "")
+                    .with_note("at least minimum")
+                    .check("maximum", maximum)?;
+                Bounds::new(0.1, 1000.0, "m")
+                    .check("cell_size_m", cell_size_m)
+                    .map(drop)
             }
+        }
+    }
+
+    /// Returns the middle of the range of coefficients.
+    pub fn middle(&self) -> f64 {
+        match *self {
+            Self::Uniform { coefficient } => coefficient,
+            Self::Patches {
+                minimum, maximum, ..
+            } => 0.5 * (minimum + maximum),
         }
     }
 

@@ -36,12 +36,18 @@
 
 mod balance;
 mod friction;
+mod known;
 mod loads;
 mod model;
+mod parameters;
+mod prediction;
 mod vehicle;
 
 pub use friction::{Friction, FrictionField};
+pub(crate) use known::KnownContact;
 pub use model::ContactModel;
+pub use parameters::{PARAMETERS, Parameter, ParameterVector};
+pub use prediction::{ContactPrediction, Predicted};
 pub use vehicle::{Axle, CentreOfMass, ContactVehicle};
 
 #[cfg(test)]

@@ -1,7 +1,7 @@
 //! A vehicle as wheel-ground contact knows it.
 
 use super::friction::Friction;
-use crate::vehicle::RangeError;
+use crate::bounds::{Bounds, RangeError};
 use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
 
@@ -55,10 +55,62 @@ pub(super) struct Wheel {
 }
 
 impl ContactVehicle {
+    /// Returns the vehicle if all its parameters are in range.
+    ///
+    /// # Errors
+    /// Names the key, its value and its range.
+    pub fn validated(self) -> Result<Self, RangeError> {
+        Self::try_from(RawContactVehicle::from(self))
+    }
+
     /// Returns the distance of the outermost wheel contacts from the origin along the body, m.
     pub fn half_length_m(&self) -> f64 {
         let lengths = self.axles.iter().map(|axle| axle.forward_m.abs());
         lengths.fold(0.0, f64::max)
+    }
+
+    /// Returns whether an axle is an inner one: neither the first nor the last along the body.
+    pub(super) fn is_inner(&self, axle: &Axle) -> bool {
+        let positions = || self.axles.iter().map(|axle| axle.forward_m);
+        let first = positions().fold(f64::NEG_INFINITY, f64::max);
+        let last = positions().fold(f64::INFINITY, f64::min);
+        axle.forward_m > last && axle.forward_m < first
+    }
+
+    /// Returns the share of the weight on the inner axles, 0 without any.
+    pub fn inner_share(&self) -> f64 {
+        let inner = self.axles.iter().filter(|axle| self.is_inner(axle));
+        inner.map(|axle| axle.load_share).sum()
+    }
+
+    /// Moves weight between inner and outer axles, each keeping its part of its group; without inner
+    /// axles nothing changes.
+    pub(super) fn set_inner_share(&mut self, share: f64) {
+        let before = self.inner_share();
+        if !self.axles.iter().any(|axle| self.is_inner(axle)) {
+            return;
+        }
+        let inner: Vec<bool> = self.axles.iter().map(|axle| self.is_inner(axle)).collect();
+        for group in [true, false] {
+            let (target, carried) = if group {
+                (share, before)
+            } else {
+                (1.0 - share, 1.0 - before)
+            };
+            let count = inner.iter().filter(|is| **is == group).count() as f64;
+            for (axle, _) in self
+                .axles
+                .iter_mut()
+                .zip(&inner)
+                .filter(|(_, is)| **is == group)
+            {
+                axle.load_share = if carried > 1e-6 {
+                    axle.load_share * target / carried
+                } else {
+                    target / count
+                };
+            }
+        }
     }
 
     /// Returns the wheels, the left ones first.
@@ -94,83 +146,35 @@ impl TryFrom<RawContactVehicle> for ContactVehicle {
     type Error = RangeError;
 
     fn try_from(raw: RawContactVehicle) -> Result<Self, RangeError> {
-        let check = RangeError::check;
-        let length = |key, value| check(key, value, -10.0, 10.0, "from -10 to 10 m");
-        check("axles", raw.axles.len() as f64, 2.0, 16.0, "2 to 16 axles")?;
+        let length = |key, value| Bounds::new(-10.0, 10.0, "m").check(key, value);
+        Bounds::new(2.0, 16.0, "axles").check("axles", raw.axles.len() as f64)?;
         for axle in &raw.axles {
             length("forward_m", axle.forward_m)?;
-            check("load_share", axle.load_share, 0.0, 1.0, "from 0 to 1")?;
+            Bounds::new(0.0, 1.0, "").check("load_share", axle.load_share)?;
         }
         let shares: f64 = raw.axles.iter().map(|axle| axle.load_share).sum();
-        check(
-            "load_share",
-            shares,
-            0.999,
-            1.001,
-            "such that all axles together carry 1",
-        )?;
+        Bounds::new(0.999, 1.001, "")
+            .with_note("all axles together carry 1")
+            .check("load_share", shares)?;
         raw.friction.field.check()?;
-        check(
-            "lateral_share",
-            raw.friction.lateral_share,
-            0.1,
-            2.0,
-            "from 0.1 to 2",
-        )?;
-        check(
-            "slip_scale_m_s",
-            raw.friction.slip_scale_m_s,
-            1e-4,
-            1.0,
-            "from 0.0001 to 1 m/s",
-        )?;
-        check(
-            "rolling_resistance",
-            raw.friction.rolling_resistance,
-            0.0,
-            0.5,
-            "from 0 to 0.5",
-        )?;
-        check(
-            "patch_radius_m",
-            raw.friction.patch_radius_m,
-            0.0,
-            1.0,
-            "from 0 to 1 m",
-        )?;
+        Bounds::new(0.1, 2.0, "").check("lateral_share", raw.friction.lateral_share)?;
+        Bounds::new(1e-4, 1.0, "m/s").check("slip_scale_m_s", raw.friction.slip_scale_m_s)?;
+        Bounds::new(0.0, 0.5, "").check("rolling_resistance", raw.friction.rolling_resistance)?;
+        Bounds::new(0.0, 1.0, "m").check("patch_radius_m", raw.friction.patch_radius_m)?;
         let yaw_inertia_kg_m2 = raw
             .yaw_inertia_kg_m2
-            .map(|value| {
-                check(
-                    "yaw_inertia_kg_m2",
-                    value,
-                    1e-3,
-                    1e6,
-                    "from 0.001 to 1000000 kg m^2",
-                )
-            })
+            .map(|value| Bounds::new(1e-3, 1e6, "kg m^2").check("yaw_inertia_kg_m2", value))
             .transpose()?;
         Ok(Self {
             name: raw.name,
-            mass_kg: check("mass_kg", raw.mass_kg, 0.1, 1e5, "from 0.1 to 100000 kg")?,
+            mass_kg: Bounds::new(0.1, 1e5, "kg").check("mass_kg", raw.mass_kg)?,
             centre_of_mass: CentreOfMass {
                 right_m: length("centre_of_mass_right_m", raw.centre_of_mass_right_m)?,
                 forward_m: length("centre_of_mass_forward_m", raw.centre_of_mass_forward_m)?,
-                height_m: check(
-                    "centre_of_mass_height_m",
-                    raw.centre_of_mass_height_m,
-                    0.0,
-                    10.0,
-                    "from 0 to 10 m",
-                )?,
+                height_m: Bounds::new(0.0, 10.0, "m")
+                    .check("centre_of_mass_height_m", raw.centre_of_mass_height_m)?,
             },
-            half_width_m: check(
-                "half_width_m",
-                raw.half_width_m,
-                0.01,
-                20.0,
-                "from 0.01 to 20 m",
-            )?,
+            half_width_m: Bounds::new(0.01, 20.0, "m").check("half_width_m", raw.half_width_m)?,
             axles: raw.axles,
             friction: raw.friction,
             yaw_inertia_kg_m2,

@@ -1,14 +1,15 @@
 //! Logs of the paper's identification procedure, driven by a motion model in simulation.
 
+use crate::bounds::RangeError;
 use crate::drive_train::DriveTrainConfig;
 use crate::frames::{Attitude, PlanarPose, Pose};
 use crate::log::{DriveLog, LogError, LogRow};
 use crate::motion::MotionModel;
 use crate::sensors::SensorsConfig;
 use crate::simulation::{Simulation, SimulationError, SimulationSetup, TrueState};
+use crate::speeds::EncoderScale;
 use crate::speeds::{MeasuredTreadSpeeds, MotorSpeeds};
 use crate::terrain::{PlaneTerrain, Terrain};
-use crate::vehicle::{RangeError, SpeedCorrection};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
@@ -106,7 +107,7 @@ pub struct Drive<'a> {
     /// What moves the vehicle.
     pub motion: Box<dyn MotionModel + Send>,
     /// The true c_l and c_r.
-    pub correction: SpeedCorrection,
+    pub encoder_scale: EncoderScale,
     /// The ground.
     pub terrain: Terrain,
     /// What is driven.
@@ -126,13 +127,13 @@ const DRIVER_LAG_S: f64 = 0.4;
 /// # Errors
 /// Says when and why the vehicle could not go on.
 pub fn drive(drive: Drive, noise: &LogNoise, seed: u64) -> Result<DriveLog, ProcedureError> {
-    let correction = drive.correction;
+    let encoder_scale = drive.encoder_scale;
     let mut simulation = Simulation::new(SimulationSetup {
         terrain: drive.terrain,
         motion: drive.motion,
         drive_train: DriveTrainConfig::default(),
         sensors: SensorsConfig::default(),
-        correction,
+        encoder_scale,
         start: PlanarPose::default(),
         dt_s: DT_S,
         seed,
@@ -140,7 +141,7 @@ pub fn drive(drive: Drive, noise: &LogNoise, seed: u64) -> Result<DriveLog, Proc
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let mut rows = vec![noisy_row(
         simulation.state(),
-        &correction,
+        &encoder_scale,
         noise,
         &mut random,
     )];
@@ -153,7 +154,7 @@ pub fn drive(drive: Drive, noise: &LogNoise, seed: u64) -> Result<DriveLog, Proc
             simulation.set_command(command)?;
             let state = simulation.step()?;
             if state.step_index.is_multiple_of(ROW_STEPS) {
-                rows.push(noisy_row(state, &correction, noise, &mut random));
+                rows.push(noisy_row(state, &encoder_scale, noise, &mut random));
             }
         }
     }
@@ -162,12 +163,12 @@ pub fn drive(drive: Drive, noise: &LogNoise, seed: u64) -> Result<DriveLog, Proc
 
 fn noisy_row(
     state: &TrueState,
-    correction: &SpeedCorrection,
+    encoder_scale: &EncoderScale,
     noise: &LogNoise,
     random: &mut ChaCha8Rng,
 ) -> LogRow {
     let mut gaussian = || -> f64 { StandardNormal.sample(random) };
-    let measured = correction.invert(state.treads);
+    let measured = encoder_scale.invert(state.treads);
     LogRow {
         time_s: state.time_s,
         speeds: MeasuredTreadSpeeds {

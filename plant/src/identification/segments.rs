@@ -1,9 +1,10 @@
 //! Pieces of logs over which a model is judged.
 
+use crate::bounds::{Bounds, RangeError};
 use crate::frames::wrap_angle;
-use crate::log::{DriveLog, LogRow};
+use crate::log::{DriveLog, GAP_MAX_S, LogRow};
 use crate::odometry::KinematicModel;
-use crate::vehicle::{RangeError, Vehicle};
+use crate::vehicle::Vehicle;
 
 /// How logs are cut.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -24,9 +25,9 @@ impl Segmentation {
     /// Says so when the length is not from 0.1 to 1000 s.
     pub fn of_length(length_s: f64) -> Result<Self, RangeError> {
         Ok(Self {
-            length_s: RangeError::check("segment_s", length_s, 0.1, 1000.0, "from 0.1 to 1000 s")?,
+            length_s: Bounds::new(0.1, 1000.0, "s").check("segment_s", length_s)?,
             standstill_m_s: 0.02,
-            gap_max_s: 0.5,
+            gap_max_s: GAP_MAX_S,
         })
     }
 }
@@ -40,29 +41,27 @@ pub struct Segment<'a> {
 
 /// Returns the segments of a log, one after the other, each starting where the one before ended.
 pub fn segments<'a>(log: &'a DriveLog, cut: &Segmentation) -> Vec<Segment<'a>> {
-    let rows = log.rows();
     let mut found = Vec::new();
-    let mut start: Option<usize> = None;
-    for (index, row) in rows.iter().enumerate() {
-        if index > 0 && row.time_s - rows[index - 1].time_s > cut.gap_max_s {
-            start = None;
-        }
-        if row.pose.is_none() {
-            continue;
-        }
-        let Some(first) = start else {
-            start = Some(index);
-            continue;
-        };
-        // Rounding of the times must not make a segment a pose longer.
-        if row.time_s - rows[first].time_s >= cut.length_s - 1e-6 {
-            let segment = Segment {
-                rows: &rows[first..=index],
-            };
-            if segment.moves(cut.standstill_m_s) && segment.poses().count() > 2 {
-                found.push(segment);
+    for rows in log.pieces(cut.gap_max_s) {
+        let mut start: Option<usize> = None;
+        for (index, row) in rows.iter().enumerate() {
+            if row.pose.is_none() {
+                continue;
             }
-            start = Some(index);
+            let Some(first) = start else {
+                start = Some(index);
+                continue;
+            };
+            // Rounding of the times must not make a segment a pose longer.
+            if row.time_s - rows[first].time_s >= cut.length_s - 1e-6 {
+                let segment = Segment {
+                    rows: &rows[first..=index],
+                };
+                if segment.moves(cut.standstill_m_s) && segment.poses().count() > 2 {
+                    found.push(segment);
+                }
+                start = Some(index);
+            }
         }
     }
     found

@@ -4,9 +4,10 @@ use super::least_squares::{jacobian_columns, minimise};
 use super::problem::{PER_POSE, Problem, Pull, pose_count};
 use super::segments::{Segment, SegmentErrors, Segmentation, segments};
 use super::statistics::{Cluster, confidence_factor, covariance, median, weak_direction};
+use crate::bounds::RangeError;
 use crate::log::DriveLog;
 use crate::odometry::KinematicModel;
-use crate::vehicle::{RangeError, Vehicle};
+use crate::vehicle::Vehicle;
 use nalgebra::{DMatrix, DVector};
 
 /// How parameters are identified.
@@ -145,8 +146,8 @@ pub fn identify_level(
         vehicle_with: &|parameters| {
             let mut vehicle = vehicle.clone();
             if let [left, right, icr_left, icr_right, icr_forward] = *parameters {
-                vehicle.correction.left = left;
-                vehicle.correction.right = right;
+                vehicle.encoder_scale.left = left;
+                vehicle.encoder_scale.right = right;
                 vehicle.icrs.left_m = icr_left;
                 vehicle.icrs.right_m = icr_right;
                 vehicle.icrs.forward_m = icr_forward;
@@ -156,8 +157,8 @@ pub fn identify_level(
         pull_m: 0.1,
     };
     let start = [
-        vehicle.correction.left,
-        vehicle.correction.right,
+        vehicle.encoder_scale.left,
+        vehicle.encoder_scale.right,
         vehicle.icrs.left_m,
         vehicle.icrs.right_m,
         vehicle.icrs.forward_m,

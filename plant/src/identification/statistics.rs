@@ -1,5 +1,6 @@
 //! What the scatter of segments says about fitted parameters.
 
+use crate::statistics::quantile;
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 
 /// Weighted Jacobian and residuals of one segment.
@@ -78,11 +79,8 @@ pub(super) fn confidence_factor(free: usize) -> f64 {
 
 /// Returns the median; 0 for no values.
 pub(super) fn median(mut values: Vec<f64>) -> f64 {
-    if values.is_empty() {
-        return 0.0;
-    }
-    let middle = values.len() / 2;
-    *values.select_nth_unstable_by(middle, f64::total_cmp).1
+    values.sort_unstable_by(f64::total_cmp);
+    quantile(&values, 0.5).unwrap_or(0.0)
 }
 
 #[cfg(test)]

@@ -3,13 +3,13 @@ use crate::contact::{ContactModel, ContactVehicle};
 use crate::log::DriveLog;
 use crate::motion::IcrMotion;
 use crate::terrain::Terrain;
-use crate::vehicle::{Vehicle, j8};
+use crate::vehicle::Vehicle;
 
 /// What somebody knows beforehand who has measured the vehicle's base only.
 fn before() -> Vehicle {
-    let mut vehicle = j8();
-    vehicle.correction.left = 1.0;
-    vehicle.correction.right = 1.0;
+    let mut vehicle = Vehicle::j8();
+    vehicle.encoder_scale.left = 1.0;
+    vehicle.encoder_scale.right = 1.0;
     vehicle.icrs.left_m = -0.7;
     vehicle.icrs.right_m = 0.7;
     vehicle.icrs.forward_m = 0.0;
@@ -43,10 +43,10 @@ fn slope_log(seed: u64, noise: &LogNoise) -> DriveLog {
 fn driven(terrain: Terrain, legs: &[Leg], noise: &LogNoise, seed: u64) -> DriveLog {
     let by_icrik = Drive {
         motion: Box::new(IcrMotion {
-            vehicle: j8(),
+            vehicle: Vehicle::j8(),
             inclined: true,
         }),
-        correction: j8().correction,
+        encoder_scale: Vehicle::j8().encoder_scale,
         terrain,
         legs,
     };
@@ -118,10 +118,10 @@ fn turning_on_the_spot_alone_cannot_tell_speeds_from_icrs() {
     let turning = Procedure::of_the_paper().slope;
     let on_level = Drive {
         motion: Box::new(IcrMotion {
-            vehicle: j8(),
+            vehicle: Vehicle::j8(),
             inclined: true,
         }),
-        correction: j8().correction,
+        encoder_scale: Vehicle::j8().encoder_scale,
         terrain: Terrain::Level,
         legs: &turning,
     };
@@ -174,7 +174,7 @@ fn the_contact_vehicle_is_identified_near_table_one_on_the_level() {
     let log = |terrain, legs| {
         let setup = Drive {
             motion: Box::new(ContactModel::new(contact.clone())),
-            correction: j8().correction,
+            encoder_scale: Vehicle::j8().encoder_scale,
             terrain,
             legs,
         };

@@ -9,9 +9,12 @@ mod tests;
 pub use columns::{AttitudeColumns, ColumnMap, HeadingColumns, PoseColumns};
 pub use plausibility::Suspicion;
 
+use crate::bounds::{Bounds, RangeError};
 use crate::frames::{Attitude, Pose};
 use crate::speeds::MeasuredTreadSpeeds;
-use crate::vehicle::RangeError;
+
+/// Rows further apart than this, s, are not connected: nothing is known of the motion between them.
+pub const GAP_MAX_S: f64 = 0.5;
 
 /// One row of a log.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -61,6 +64,12 @@ impl DriveLog {
         &self.rows
     }
 
+    /// Returns the rows between gaps: pieces in which no two rows are further apart than `gap_max_s`.
+    pub fn pieces(&self, gap_max_s: f64) -> impl Iterator<Item = &[LogRow]> {
+        self.rows
+            .chunk_by(move |row, next| next.time_s - row.time_s <= gap_max_s)
+    }
+
     /// Returns how many rows have a pose.
     pub fn pose_count(&self) -> usize {
         self.rows.iter().filter(|row| row.pose.is_some()).count()
@@ -108,9 +117,9 @@ impl DriveLog {
 }
 
 fn check_row(row: &LogRow) -> Result<(), RangeError> {
-    let angle = |key, value| RangeError::check(key, value, -1.5, 1.5, "from -1.5 to 1.5 rad");
-    let speed = |key, value| RangeError::check(key, value, -50.0, 50.0, "from -50 to 50 m/s");
-    let finite = |key, value| RangeError::check(key, value, -1e12, 1e12, "a finite number");
+    let angle = |key, value| Bounds::new(-1.5, 1.5, "rad").check(key, value);
+    let speed = |key, value| Bounds::new(-50.0, 50.0, "m/s").check(key, value);
+    let finite = |key, value| Bounds::new(-1e12, 1e12, "").check(key, value);
     finite("time_s", row.time_s)?;
     speed("v_left_m_s", row.speeds.left_m_s)?;
     speed("v_right_m_s", row.speeds.right_m_s)?;

@@ -1,5 +1,5 @@
 use super::*;
-use crate::vehicle::j8;
+use crate::vehicle::Vehicle;
 use proptest::prelude::*;
 
 fn vector(v: BodyVelocity) -> Vector3<f64> {
@@ -32,9 +32,9 @@ proptest! {
         roll in -0.6..0.6f64, pitch in -0.6..0.6f64, tau in -1.2..1.2f64, sigma in 0.01..1.0f64,
         left in proptest::bool::ANY) {
         let sigma = if left { sigma } else { -sigma };
-        let model = PredictionModel::new(j8(), 1e-7);
+        let model = PredictionModel::new(Vehicle::j8(), 1e-7);
         let smooth = model.body_velocity(attitude(roll, pitch), motors(tau, sigma)).velocity;
-        let exact = j8().body_velocity(attitude(roll, pitch), motors(tau, sigma).into());
+        let exact = Vehicle::j8().body_velocity(attitude(roll, pitch), motors(tau, sigma).into());
         prop_assert!((vector(smooth) - vector(exact)).norm() < 1e-5);
     }
 
@@ -43,7 +43,7 @@ proptest! {
         roll in -0.3..0.3f64, pitch in -0.3..0.3f64, tau in -0.9..0.9f64, sigma in -0.9..0.9f64) {
         prop_assume!((roll.abs() - pitch.abs()).abs() > 1e-3 && roll.abs() > 1e-3 && pitch.abs() > 1e-3);
         // Wide base limits would put kinks everywhere; this vehicle keeps clear of them.
-        let mut vehicle = j8();
+        let mut vehicle = Vehicle::j8();
         vehicle.base_half_width_m = 0.3;
         vehicle.icrs.left_m = -2.0;
         vehicle.icrs.right_m = 2.1;
@@ -65,7 +65,7 @@ proptest! {
         nx in -0.25..0.25f64, ny in -0.25..0.25f64, yaw in -3.0..3.0f64,
         tau in -0.9..0.9f64, sigma in -0.9..0.9f64) {
         let normal = Vector3::new(nx, ny, 1.0).normalize();
-        let model = PredictionModel::new(j8(), 0.05);
+        let model = PredictionModel::new(Vehicle::j8(), 0.05);
         let h_s = 0.15;
         // Away from the kinks in attitude at both evaluations of the midpoint rule.
         for psi in [yaw, yaw + 0.5 * h_s * model.rate_on_plane(&normal, yaw, motors(tau, sigma)).rate.z] {
@@ -73,8 +73,8 @@ proptest! {
             prop_assume!((a.roll_rad.abs() - a.pitch_rad.abs()).abs() > 1e-4);
             prop_assume!(a.roll_rad.abs() > 1e-4 && a.pitch_rad.abs() > 1e-4);
             for side in [1.0, -1.0] {
-                let x_l = j8().icrik(a, motors(tau, side).into()).left_m;
-                let x_r = j8().icrik(a, motors(tau, side).into()).right_m;
+                let x_l = Vehicle::j8().icrik(a, motors(tau, side).into()).left_m;
+                let x_r = Vehicle::j8().icrik(a, motors(tau, side).into()).right_m;
                 prop_assume!(x_l < -0.62 && x_r > 0.62);
             }
         }
@@ -93,7 +93,7 @@ proptest! {
     fn rate_on_plane_is_equation_twelve(
         nx in -0.3..0.3f64, ny in -0.3..0.3f64, yaw in -3.0..3.0f64, tau in -0.9..0.9f64, sigma in -0.9..0.9f64) {
         let normal = Vector3::new(nx, ny, 1.0).normalize();
-        let model = PredictionModel::new(j8(), 0.05);
+        let model = PredictionModel::new(Vehicle::j8(), 0.05);
         let a = Attitude::on_plane(&normal, yaw);
         let v = model.body_velocity(a, motors(tau, sigma)).velocity;
         let expected = crate::frames::pose_rate(&v, &a, yaw);
@@ -104,7 +104,7 @@ proptest! {
 
 #[test]
 fn standing_or_straight_ahead_nothing_slides() {
-    let model = PredictionModel::new(j8(), 0.05);
+    let model = PredictionModel::new(Vehicle::j8(), 0.05);
     for tau in [0.0, 0.5] {
         let v = model
             .body_velocity(attitude(0.2, 0.1), motors(tau, 0.0))

@@ -1,6 +1,6 @@
 //! Configuration of the sensors; everything left out is perfect.
 
-use crate::vehicle::RangeError;
+use crate::bounds::{Bounds, RangeError};
 use serde::{Deserialize, Serialize};
 
 /// When each of the three sensors reads and how wrong it is; `{}` is perfect sensors.
@@ -83,18 +83,11 @@ struct TimingKeys {
 
 impl Timing {
     fn check(&self, keys: &TimingKeys) -> Result<(), RangeError> {
-        let check = RangeError::check;
         if let Some(rate_hz) = self.rate_hz {
-            check(keys.rate, rate_hz, 1e-3, 1e5, "from 0.001 to 100000 Hz")?;
+            Bounds::new(1e-3, 1e5, "Hz").check(keys.rate, rate_hz)?;
         }
-        check(keys.delay, self.delay_s, 0.0, 10.0, "from 0 to 10 s")?;
-        check(
-            keys.dropout,
-            self.dropout_probability,
-            0.0,
-            1.0,
-            "from 0 to 1",
-        )?;
+        Bounds::new(0.0, 10.0, "s").check(keys.delay, self.delay_s)?;
+        Bounds::new(0.0, 1.0, "").check(keys.dropout, self.dropout_probability)?;
         Ok(())
     }
 }
@@ -142,7 +135,7 @@ impl TryFrom<RawSensors> for SensorsConfig {
                 pose.quantisation_yaw_deg,
             ),
         ] {
-            RangeError::check(key, value, 0.0, 100.0, "from 0 to 100")?;
+            Bounds::new(0.0, 100.0, "").check(key, value)?;
         }
         for (key, value) in [
             ("tread_speeds.errors.bias_left_m_s", treads.bias_left_m_s),
@@ -154,7 +147,7 @@ impl TryFrom<RawSensors> for SensorsConfig {
             ("pose.errors.bias_z_m", pose.bias_z_m),
             ("pose.errors.bias_yaw_deg", pose.bias_yaw_deg),
         ] {
-            RangeError::check(key, value, -100.0, 100.0, "from -100 to 100")?;
+            Bounds::new(-100.0, 100.0, "").check(key, value)?;
         }
         Ok(Self {
             tread_speeds: raw.tread_speeds,

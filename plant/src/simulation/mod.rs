@@ -1,13 +1,15 @@
 //! The vehicle in its world, advanced in fixed steps: drive train, motion, terrain and sensors.
 
+use crate::bounds::{Bounds, RangeError};
 use crate::drive_train::{DriveTrain, DriveTrainConfig};
 use crate::frames::{Attitude, BodyVelocity, PlanarPose, Pose, PoseRate, pose_rate};
 use crate::motion::{GroundState, MotionError, MotionModel};
-use crate::sample::Sample;
+use crate::sample::{Sample, Stamped};
 use crate::sensors::{Sensors, SensorsConfig, Truth};
+use crate::speeds::EncoderScale;
 use crate::speeds::{MotorSpeeds, TreadSpeeds};
 use crate::terrain::{Terrain, TerrainError};
-use crate::vehicle::{RangeError, SpeedCorrection};
+use serde::{Deserialize, Serialize};
 
 /// What a simulation is made of.
 pub struct SimulationSetup {
@@ -20,7 +22,7 @@ pub struct SimulationSetup {
     /// Between truth and controller.
     pub sensors: SensorsConfig,
     /// The true c_l and c_r, by which encoders read less than the effective tread speeds.
-    pub correction: SpeedCorrection,
+    pub encoder_scale: EncoderScale,
     /// Where the vehicle stands at time 0.
     pub start: PlanarPose,
     /// Step, s, from 1e-5 to 1.
@@ -30,7 +32,7 @@ pub struct SimulationSetup {
 }
 
 /// Everything that is true at the end of a step.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct TrueState {
     /// Steps since the start.
     pub step_index: u64,
@@ -48,13 +50,63 @@ pub struct TrueState {
     pub velocity: BodyVelocity,
 }
 
+impl TrueState {
+    /// Returns what ideal sensors read now, with encoders that need `scale`.
+    pub fn sample(&self, scale: &EncoderScale) -> Sample {
+        let time_s = self.time_s;
+        Sample {
+            time_s,
+            tread_speeds: Some(Stamped {
+                time_s,
+                value: scale.invert(self.treads),
+            }),
+            attitude: Some(Stamped {
+                time_s,
+                value: self.attitude,
+            }),
+            pose: Some(Stamped {
+                time_s,
+                value: self.pose,
+            }),
+        }
+    }
+}
+
+/// A vehicle in its world as a closed loop sees it: readings out, commands in.
+///
+/// [`Simulation`] is one. Whatever else has sensors and obeys commands can be another: a model of the
+/// user's own, another physics engine, or a recorded drive that is replayed.
+pub trait Plant {
+    /// Why it cannot go on.
+    type Error: std::error::Error;
+
+    /// Returns what is true now; what a plant does not know stays at its default.
+    fn state(&self) -> TrueState;
+
+    /// Returns the readings that have arrived since the last call.
+    fn sample(&mut self) -> Sample;
+
+    /// Returns the duration of a step, s.
+    fn step_s(&self) -> f64;
+
+    /// Moves on by one step under an effective command and returns what is true then.
+    ///
+    /// A plant with drives of its own is told [`MeasuredMotorSpeeds::reaching`] the command.
+    ///
+    /// # Errors
+    /// Why there is no next step; the plant's run is then over.
+    ///
+    /// [`MeasuredMotorSpeeds::reaching`]: crate::speeds::MeasuredMotorSpeeds::reaching
+    fn step(&mut self, command_effective: MotorSpeeds) -> Result<TrueState, Self::Error>;
+}
+
 /// A vehicle in its world; deterministic for a setup and its commands.
 pub struct Simulation {
     terrain: Terrain,
     motion: Box<dyn MotionModel + Send>,
     drive_train: DriveTrain,
     sensors: Sensors,
-    correction: SpeedCorrection,
+    encoder_scale: EncoderScale,
     dt_s: f64,
     command: MotorSpeeds,
     state: TrueState,
@@ -67,15 +119,9 @@ impl Simulation {
     /// Names the step or start coordinate that is out of range, or says why there is no ground at
     /// the start.
     pub fn new(setup: SimulationSetup) -> Result<Self, SimulationError> {
-        let dt_s = RangeError::check("dt_s", setup.dt_s, 1e-5, 1.0, "from 1e-5 to 1 s")?;
+        let dt_s = Bounds::new(1e-5, 1.0, "s").check("dt_s", setup.dt_s)?;
         let start = setup.start;
-        RangeError::check(
-            "start yaw_rad",
-            start.yaw_rad,
-            -1e6,
-            1e6,
-            "from -1e6 to 1e6 rad",
-        )?;
+        Bounds::new(-1e6, 1e6, "rad").check("start yaw_rad", start.yaw_rad)?;
         let (pose, attitude) =
             stand(&setup.terrain, start).map_err(|reason| SimulationError::Terrain {
                 time_s: 0.0,
@@ -86,7 +132,7 @@ impl Simulation {
             motion: setup.motion,
             drive_train: DriveTrain::new(&setup.drive_train, dt_s),
             sensors: Sensors::new(&setup.sensors, setup.seed, dt_s),
-            correction: setup.correction,
+            encoder_scale: setup.encoder_scale,
             dt_s,
             command: MotorSpeeds::STOP,
             state: TrueState {
@@ -104,7 +150,7 @@ impl Simulation {
         &self.state
     }
 
-    /// Takes the command that holds from the next step on, until another.
+    /// Takes the effective command that holds from the next step on, until another.
     ///
     /// # Errors
     /// Returns the command if one of its speeds is not finite; the command before it stays.
@@ -177,11 +223,32 @@ impl Simulation {
 
     fn observe(&mut self) {
         let truth = Truth {
-            tread_speeds: self.correction.invert(self.state.treads),
+            tread_speeds: self.encoder_scale.invert(self.state.treads),
             attitude: self.state.attitude,
             pose: self.state.pose,
         };
         self.sensors.observe(self.state.step_index, &truth);
+    }
+}
+
+impl Plant for Simulation {
+    type Error = SimulationError;
+
+    fn state(&self) -> TrueState {
+        self.state
+    }
+
+    fn sample(&mut self) -> Sample {
+        Self::sample(self)
+    }
+
+    fn step_s(&self) -> f64 {
+        self.dt_s
+    }
+
+    fn step(&mut self, command_effective: MotorSpeeds) -> Result<TrueState, SimulationError> {
+        self.set_command(command_effective)?;
+        Self::step(self).copied()
     }
 }
 

@@ -2,12 +2,12 @@ use super::*;
 use crate::dead_reckoning::{Motion, advance};
 use crate::motion::IcrMotion;
 use crate::terrain::PlaneTerrain;
-use crate::vehicle::{Vehicle, j8};
+use crate::vehicle::Vehicle;
 use proptest::prelude::*;
 
 /// The J8 without its small asymmetry from left to right.
 fn symmetric_j8() -> Vehicle {
-    let mut vehicle = j8();
+    let mut vehicle = Vehicle::j8();
     vehicle.icrs.left_m = -vehicle.icrs.right_m;
     vehicle
 }
@@ -19,7 +19,7 @@ fn plane(slope_deg: f64) -> Terrain {
 fn setup(vehicle: Vehicle, terrain: Terrain) -> SimulationSetup {
     SimulationSetup {
         terrain,
-        correction: vehicle.correction,
+        encoder_scale: vehicle.encoder_scale,
         motion: Box::new(IcrMotion {
             vehicle,
             inclined: true,
@@ -50,7 +50,7 @@ fn drive(simulation: &mut Simulation, command: MotorSpeeds, steps: u32) -> TrueS
 #[test]
 fn a_seed_repeats_every_bit_and_another_does_not() {
     let run = |seed| {
-        let mut setup = setup(j8(), plane(10.0));
+        let mut setup = setup(Vehicle::j8(), plane(10.0));
         setup.seed = seed;
         setup.sensors = serde_yaml::from_str(
             "{tread_speeds: {timing: {rate_hz: 20}, errors: {noise_std_m_s: 0.02}},
@@ -85,7 +85,7 @@ fn a_seed_repeats_every_bit_and_another_does_not() {
 
 #[test]
 fn the_clock_does_not_drift_in_a_million_steps() {
-    let mut setup = setup(j8(), Terrain::Level);
+    let mut setup = setup(Vehicle::j8(), Terrain::Level);
     setup.dt_s = 0.003;
     let mut simulation = Simulation::new(setup).unwrap();
     for _ in 0..1_000_000 {
@@ -98,7 +98,7 @@ fn the_clock_does_not_drift_in_a_million_steps() {
 
 #[test]
 fn motion_on_a_plane_is_the_dead_reckoning_of_equation_12() {
-    let vehicle = j8();
+    let vehicle = Vehicle::j8();
     let mut simulation = Simulation::new(setup(vehicle.clone(), plane(10.0))).unwrap();
     let state = drive(&mut simulation, motors(0.3, 0.3), 4000);
     let normal = plane(10.0).surface(0.0, 0.0).unwrap().normal_in_world;
@@ -156,7 +156,7 @@ fn turning_on_a_slope_slides_downhill_under_icrik_only() {
 
 #[test]
 fn perfect_sensors_give_the_truth_as_an_encoder_sees_it() {
-    let mut simulation = Simulation::new(setup(j8(), plane(5.3))).unwrap();
+    let mut simulation = Simulation::new(setup(Vehicle::j8(), plane(5.3))).unwrap();
     let state = drive(&mut simulation, motors(0.4, 0.2), 10);
     let sample = simulation.sample();
     assert_eq!(sample.time_s, state.time_s);
@@ -172,7 +172,7 @@ fn perfect_sensors_give_the_truth_as_an_encoder_sees_it() {
 fn leaving_the_ground_is_an_error_with_time_and_place() {
     let text = "ncols 3\nnrows 3\nxllcenter -1\nyllcenter -1\ncellsize 1\n0 0 0\n0 0 0\n0 0 0\n";
     let grid = crate::terrain::GridTerrain::parse(text).unwrap();
-    let mut simulation = Simulation::new(setup(j8(), Terrain::Grid(grid))).unwrap();
+    let mut simulation = Simulation::new(setup(Vehicle::j8(), Terrain::Grid(grid))).unwrap();
     simulation.set_command(motors(1.0, 0.0)).unwrap();
     let error = (0..400).find_map(|_| simulation.step().err()).unwrap();
     let text = error.to_string();
@@ -185,13 +185,13 @@ fn leaving_the_ground_is_an_error_with_time_and_place() {
 
 #[test]
 fn bad_commands_steps_and_starts_are_refused() {
-    let mut simulation = Simulation::new(setup(j8(), Terrain::Level)).unwrap();
+    let mut simulation = Simulation::new(setup(Vehicle::j8(), Terrain::Level)).unwrap();
     let error = simulation.set_command(motors(f64::NAN, 0.0)).unwrap_err();
     assert!(error.to_string().contains("traction NaN"), "{error}");
-    let mut no_step = setup(j8(), Terrain::Level);
+    let mut no_step = setup(Vehicle::j8(), Terrain::Level);
     no_step.dt_s = 0.0;
     assert!(Simulation::new(no_step).is_err());
-    let mut nowhere = setup(j8(), Terrain::Level);
+    let mut nowhere = setup(Vehicle::j8(), Terrain::Level);
     nowhere.start.x_m = f64::INFINITY;
     assert!(matches!(
         Simulation::new(nowhere),

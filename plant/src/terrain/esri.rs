@@ -1,7 +1,7 @@
 //! The text of an ESRI ASCII grid.
 
 use super::TerrainError;
-use crate::vehicle::RangeError;
+use crate::bounds::{Bounds, RangeError};
 use std::iter::Peekable;
 
 /// What the text holds; heights row by row from the north, NaN where there is no data.
@@ -28,13 +28,7 @@ pub(super) fn parse(text: &str) -> Result<Grid, TerrainError> {
     };
     let header = words.header()?;
     let (columns, rows) = header.size()?;
-    let cell_m = RangeError::check(
-        "cellsize",
-        header.cell_m,
-        1e-3,
-        1e4,
-        "from 0.001 to 10000 m",
-    )?;
+    let cell_m = Bounds::new(1e-3, 1e4, "m").check("cellsize", header.cell_m)?;
     let count = columns * rows;
     // A height takes two characters at least, so that a false header cannot reserve memory.
     let mut heights_m = Vec::with_capacity(count.min(text.len() / 2 + 1));
@@ -69,7 +63,9 @@ impl Edge {
             Self::Corner(place_m) => (place_m, 0.5 * cell_m),
             Self::Centre(place_m) => (place_m, 0.0),
         };
-        RangeError::check(key, place_m, -1e9, 1e9, "from -1e9 to 1e9 m").map(|m| m + to_centre_m)
+        Bounds::new(-1e9, 1e9, "m")
+            .check(key, place_m)
+            .map(|m| m + to_centre_m)
     }
 }
 
@@ -84,22 +80,17 @@ struct Header {
 
 impl Header {
     fn size(&self) -> Result<(usize, usize), RangeError> {
+        const SIDE: Bounds = Bounds::new(2.0, 20_000.0, "cells");
         let side = |key, value: f64| {
-            RangeError::check(key, value, 2.0, 20_000.0, "from 2 to 20000")?;
+            SIDE.check(key, value)?;
             if value.fract() != 0.0 {
-                let range = "a whole number";
-                return Err(RangeError { key, value, range });
+                let bounds = SIDE.with_note("a whole number");
+                return Err(RangeError { key, value, bounds });
             }
             Ok(value)
         };
         let (columns, rows) = (side("ncols", self.columns)?, side("nrows", self.rows)?);
-        RangeError::check(
-            "ncols times nrows",
-            columns * rows,
-            4.0,
-            16e6,
-            "at most 16 million cells",
-        )?;
+        Bounds::new(4.0, 16e6, "cells").check("ncols times nrows", columns * rows)?;
         Ok((columns as usize, rows as usize))
     }
 }

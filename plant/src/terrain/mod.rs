@@ -12,8 +12,8 @@ pub use plane::PlaneTerrain;
 pub use route::{RoutePoint, RouteSmoothing, RouteTerrain};
 pub use zones::ZonedTerrain;
 
+use crate::bounds::RangeError;
 use crate::frames::Attitude;
-use crate::vehicle::RangeError;
 use nalgebra::Vector3;
 
 /// Ground of one of the known kinds; cheap to clone, queries do not allocate.

@@ -1,7 +1,7 @@
 //! One inclined plane through the world's origin.
 
 use super::Surface;
-use crate::vehicle::RangeError;
+use crate::bounds::{Bounds, RangeError};
 use serde::Deserialize;
 
 /// A plane of one slope through the world's origin, unbounded.
@@ -42,15 +42,9 @@ impl TryFrom<RawPlane> for PlaneTerrain {
     type Error = RangeError;
 
     fn try_from(raw: RawPlane) -> Result<Self, RangeError> {
-        let slope_deg =
-            RangeError::check("slope_deg", raw.slope_deg, 0.0, 45.0, "from 0 to 45 deg")?;
-        let heading_deg = RangeError::check(
-            "uphill_heading_deg",
-            raw.uphill_heading_deg,
-            -360.0,
-            360.0,
-            "from -360 to 360 deg",
-        )?;
+        let slope_deg = Bounds::new(0.0, 45.0, "deg").check("slope_deg", raw.slope_deg)?;
+        let heading_deg = Bounds::new(-360.0, 360.0, "deg")
+            .check("uphill_heading_deg", raw.uphill_heading_deg)?;
         let rise = slope_deg.to_radians().tan();
         let (sin, cos) = heading_deg.to_radians().sin_cos();
         Ok(Self {

@@ -2,7 +2,7 @@
 
 use super::nodes::{Cells, Placed};
 use super::{Surface, TerrainError};
-use crate::vehicle::RangeError;
+use crate::bounds::{Bounds, RangeError};
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
@@ -53,22 +53,10 @@ impl RouteSmoothing {
     /// # Errors
     /// Names the value that is out of range: length from 0.5 to 500 m, distance from 0.5 to 100 m.
     pub fn new(smoothing_length_m: f64, distance_max_m: f64) -> Result<Self, RangeError> {
-        let check = RangeError::check;
         Ok(Self {
-            smoothing_length_m: check(
-                "smoothing_length_m",
-                smoothing_length_m,
-                0.5,
-                500.0,
-                "from 0.5 to 500 m",
-            )?,
-            distance_max_m: check(
-                "distance_max_m",
-                distance_max_m,
-                0.5,
-                100.0,
-                "from 0.5 to 100 m",
-            )?,
+            smoothing_length_m: Bounds::new(0.5, 500.0, "m")
+                .check("smoothing_length_m", smoothing_length_m)?,
+            distance_max_m: Bounds::new(0.5, 100.0, "m").check("distance_max_m", distance_max_m)?,
         })
     }
 

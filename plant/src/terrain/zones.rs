@@ -1,7 +1,7 @@
 //! Plane zones of different slope along one axis, joined by smooth transitions.
 
 use super::Surface;
-use crate::vehicle::RangeError;
+use crate::bounds::{Bounds, RangeError};
 use serde::Deserialize;
 use std::sync::Arc;
 
@@ -107,59 +107,21 @@ impl TryFrom<RawZones> for ZonedTerrain {
     type Error = RangeError;
 
     fn try_from(raw: RawZones) -> Result<Self, RangeError> {
-        let check = RangeError::check;
-        let heading_deg = check(
-            "axis_heading_deg",
-            raw.axis_heading_deg,
-            -360.0,
-            360.0,
-            "from -360 to 360 deg",
-        )?;
-        let cross_deg = check(
-            "cross_slope_deg",
-            raw.cross_slope_deg,
-            -30.0,
-            30.0,
-            "from -30 to 30 deg",
-        )?;
-        let transition_m = check(
-            "transition_m",
-            raw.transition_m,
-            0.01,
-            1000.0,
-            "from 0.01 to 1000 m",
-        )?;
-        check(
-            "number of zones",
-            raw.zones.len() as f64,
-            1.0,
-            ZONES_MAX as f64,
-            "from 1 to 1000",
-        )?;
+        let heading_deg =
+            Bounds::new(-360.0, 360.0, "deg").check("axis_heading_deg", raw.axis_heading_deg)?;
+        let cross_deg =
+            Bounds::new(-30.0, 30.0, "deg").check("cross_slope_deg", raw.cross_slope_deg)?;
+        let transition_m =
+            Bounds::new(0.01, 1000.0, "m").check("transition_m", raw.transition_m)?;
+        Bounds::new(1.0, ZONES_MAX as f64, "").check("number of zones", raw.zones.len() as f64)?;
         for zone in &raw.zones {
-            check(
-                "zones.slope_deg",
-                zone.slope_deg,
-                -30.0,
-                30.0,
-                "from -30 to 30 deg",
-            )?;
-            check(
-                "zones.start_m",
-                zone.start_m,
-                -1e6,
-                1e6,
-                "from -1e6 to 1e6 m",
-            )?;
+            Bounds::new(-30.0, 30.0, "deg").check("zones.slope_deg", zone.slope_deg)?;
+            Bounds::new(-1e6, 1e6, "m").check("zones.start_m", zone.start_m)?;
         }
         for pair in raw.zones.windows(2) {
-            check(
-                "zones.start_m",
-                pair[1].start_m,
-                pair[0].start_m + transition_m,
-                1e6,
-                "at least transition_m after the zone before it",
-            )?;
+            Bounds::new(pair[0].start_m + transition_m, 1e6, "m")
+                .with_note("at least transition_m after the zone before it")
+                .check("zones.start_m", pair[1].start_m)?;
         }
         let rise = |zone: &Zone| zone.slope_deg.to_radians().tan();
         let first_rise = raw.zones.first().map_or(0.0, rise);

@@ -114,7 +114,14 @@ pub fn cross_track_rms_m(truth: &[Truth], rows_min: usize) -> f64 {
                 x_m: row.x_m,
                 y_m: row.y_m,
             };
-            let found = path.nearest_within(&position, reached_m, &Window::symmetric(1.0));
+            let found = path.nearest_within(
+                &position,
+                reached_m,
+                &Window {
+                    behind_m: 1.0,
+                    ahead_m: 1.0,
+                },
+            );
             reached_m = found.point.arc_length_m;
             found.cross_track_m * found.cross_track_m
         })

@@ -1,4 +1,5 @@
-use super::node::{Emergency, NmtCommand, NmtState, NodeReading, SYNC};
+use super::event::DriveEvent;
+use super::node::{NmtCommand, NmtState, NodeReading, SYNC};
 use super::node_id::NodeId;
 use super::power::{Controlword, PowerState};
 use super::sdo::SetupFault;
@@ -10,41 +11,10 @@ use crate::can::message::{FrameFault, Quantity};
 use crate::drives::DriveMode;
 use crate::drives::MotorCommand;
 use sidehill_plant::sample::Stamped;
-use std::fmt;
 use std::sync::Arc;
 
 /// Pause after a setup that failed, s.
 const RETRY_S: f64 = 1.0;
-
-/// News of a drive.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum DriveEvent {
-    /// The node has started.
-    Started,
-    /// Its objects are written, and its node is operational.
-    Ready,
-    /// Its objects could not be written. The setup is retried.
-    SetupFailed(SetupFault),
-    /// It has sent an emergency.
-    Emergency(Emergency),
-    /// It was not off in time, and its node has been stopped.
-    NodeStopped,
-}
-
-impl fmt::Display for DriveEvent {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Started => write!(f, "it has started"),
-            Self::Ready => write!(f, "set up and operational"),
-            Self::SetupFailed(fault) => write!(f, "not set up: {fault}"),
-            Self::Emergency(Emergency { code: 0, .. }) => write!(f, "its error has gone"),
-            Self::Emergency(Emergency { code, register }) => {
-                write!(f, "emergency {code:#06X}, error register {register:#04X}")
-            }
-            Self::NodeStopped => write!(f, "not off in time, stopped as a node"),
-        }
-    }
-}
 
 /// Sets both drives up, takes them through their states and commands their speeds. It has no socket and
 /// no clock.

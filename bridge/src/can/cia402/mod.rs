@@ -5,6 +5,7 @@
 //! is four kinds of frames.
 
 mod drive;
+mod event;
 mod master;
 mod node;
 mod node_id;
@@ -14,7 +15,8 @@ mod sdo;
 mod settings;
 
 pub use drive::VirtualDrives;
-pub use master::{DriveEvent, Master};
+pub use event::DriveEvent;
+pub use master::Master;
 pub use node::{Emergency, NmtCommand, NmtState, NodeReading};
 pub use node_id::NodeId;
 pub use power::{Controlword, PowerState};

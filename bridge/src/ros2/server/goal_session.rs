@@ -224,7 +224,7 @@ impl GoalSession {
         };
         let own = Some(decision).filter(|decision| decision.reference == self.number)?;
         let left_m = placed.route.trajectory.length_m() - own.progress?.arc_length_m;
-        Some((left_m.max(0.0), own.command.traction_m_s))
+        Some((left_m.max(0.0), own.command_effective.traction_m_s))
     }
 
     /// Changes the speeds of the route that is followed to those of the settings. A route that is being

@@ -112,7 +112,7 @@ pub fn start(setup: Setup<'_>) -> Result<Ros2, StartError> {
     };
     let (inputs, latest) = subscriber.start(&mut node)?;
     let (port, inputs) = if setup.drives {
-        let scale = setup.vehicle.correction;
+        let scale = setup.vehicle.encoder_scale;
         let port = Ros2Port::new(
             &mut node,
             &config.commands,

@@ -27,7 +27,8 @@ pub(crate) fn estimate(time_s: f64, x_m: f64, yaw_rad: f64) -> Estimate {
         attitude: sidehill_plant::frames::Attitude::LEVEL,
         normal_in_world: Vector3::z(),
         treads: sidehill_plant::speeds::TreadSpeeds::default(),
-        gains: sidehill_plant::correction::Gains::default(),
+        slip_gains: sidehill_plant::slip_gains::SlipGains::default(),
+        contact: None,
         model_error_m_s: 0.0,
         pose_age_s: 0.0,
         attitude_age_s: 0.0,
@@ -40,7 +41,7 @@ pub(crate) fn estimate(time_s: f64, x_m: f64, yaw_rad: f64) -> Estimate {
 pub(crate) fn decision(time_s: f64, x_m: f64, yaw_rad: f64) -> Decision {
     Decision {
         time_s,
-        command: MotorSpeeds::STOP,
+        command_effective: MotorSpeeds::STOP,
         status: Status::Tracking,
         estimate: Some(estimate(time_s, x_m, yaw_rad)),
         progress: None,

@@ -7,16 +7,16 @@ use crate::trajectory::Trajectory;
 use sidehill_plant::frames::{Attitude, pose_rate};
 
 /// The 8 on a plane of 10 deg, with the MPC at its start.
-struct Course {
+pub struct Course {
     trajectory: Trajectory,
     normal_in_world: Vector3<f64>,
-    pose: PlanarPose,
+    pub pose: PlanarPose,
     command: MotorSpeeds,
     cycle: u32,
 }
 
 impl Course {
-    fn new() -> Self {
+    pub fn new() -> Self {
         let trajectory = FigureEight::default().trajectory().unwrap();
         let start = trajectory.at(0.0);
         let slope = 10.0_f64.to_radians();
@@ -29,8 +29,9 @@ impl Course {
         }
     }
 
-    fn targets(&self, settings: &MpcSettings) -> Vec<StageTarget> {
-        (1..=settings.stages)
+    /// The horizon of the next cycle, a control period after the one before.
+    fn horizon(&self, settings: &MpcSettings) -> Horizon {
+        let targets = (1..=settings.stages)
             .map(|k| {
                 let time_s = 0.05 * f64::from(self.cycle) + settings.step_s * k as f64;
                 let point = self.trajectory.at(time_s);
@@ -46,24 +47,28 @@ impl Course {
                     },
                 }
             })
-            .collect()
-    }
-
-    /// Solves a cycle: the first from nothing, later ones on the shifted plan.
-    fn solve(&self, mpc: &mut Mpc) -> Result<SolveReport, QpFailure> {
-        let targets = self.targets(&mpc.settings);
-        if self.cycle == 0 {
-            mpc.start(&self.pose, self.command, &targets, None)
-        } else {
-            mpc.shift(0.05, &self.normal_in_world);
-            mpc.solve(&self.pose, self.command, &targets, None)
+            .collect();
+        Horizon {
+            elapsed_s: 0.05,
+            start: self.pose,
+            previous: self.command,
+            change_weights: ChangeWeights {
+                traction: 0.05,
+                steer: 0.05,
+            },
+            targets,
         }
     }
 
+    /// Solves a cycle: the first from a guess, later ones about the shifted plan.
+    pub fn solve(&self, mpc: &mut Mpc) -> Result<SolveReport, QpFailure> {
+        solve(mpc, &self.horizon(&mpc.settings), None)
+    }
+
     /// Drives for a control period with the plan's first input.
-    fn drive(&mut self, mpc: &Mpc) {
-        self.command = mpc.plan().inputs[0];
-        let vehicle = j8();
+    pub fn drive(&mut self, mpc: &Mpc) {
+        self.command = mpc.plan().unwrap().inputs[0];
+        let vehicle = Vehicle::j8();
         for _ in 0..10 {
             let attitude = Attitude::on_plane(&self.normal_in_world, self.pose.yaw_rad);
             let velocity = vehicle.body_velocity(attitude, self.command.into());
@@ -76,15 +81,26 @@ impl Course {
     }
 }
 
-fn settings(stages: usize, block_stages: usize) -> MpcSettings {
+fn solve(
+    mpc: &mut Mpc,
+    horizon: &Horizon,
+    deadline: Option<Instant>,
+) -> Result<SolveReport, QpFailure> {
+    let solution = mpc.linearise(horizon).condense().solve(deadline)?;
+    Ok(solution.report.unwrap())
+}
+
+pub fn settings(stages: usize, block_stages: usize) -> MpcSettings {
     MpcSettings {
         stages,
         step_s: 0.15,
+        last_step_s: 0.15,
+        step_limit: None,
         period_s: 0.05,
         block_stages,
-        change_weights: ChangeWeights {
-            traction: 0.05,
-            steer: 0.05,
+        heading_excess: HeadingExcess {
+            free_rad: 0.5,
+            per_rad2: 0.0,
         },
         terminal_factor: 1.0,
         limits: input_limits(2.0),
@@ -94,13 +110,13 @@ fn settings(stages: usize, block_stages: usize) -> MpcSettings {
             max_iterations: 10,
             accepted_residual: 1e-3,
             accepted_gap: 0.2,
-            mode: QpMode::RelaxedFirst,
+            mode: QpMode::WorkingSet,
         },
     }
 }
 
 fn mpc(settings: MpcSettings) -> Mpc {
-    Mpc::new(settings, PredictionModel::new(j8(), 0.02)).unwrap()
+    Mpc::new(settings, PredictionModel::new(Vehicle::j8(), 0.02)).unwrap()
 }
 
 #[test]
@@ -116,7 +132,7 @@ fn every_qp_of_a_run_meets_its_optimality_conditions() {
         assert_eq!(mpc.solver.residuals(), report.residuals);
         assert!(mpc.solver.data().b.iter().all(|b| b.is_finite()));
         let mut before = course.command;
-        for (k, input) in mpc.plan().inputs.iter().enumerate() {
+        for (k, input) in mpc.plan().unwrap().inputs.iter().enumerate() {
             let bounded = mpc.settings.limits.within_bounds(*input);
             assert!(
                 (bounded.traction_m_s - input.traction_m_s).abs() < 1e-4,
@@ -183,12 +199,12 @@ fn block_sizes_and_solver_modes_give_one_plan() {
             course.solve(&mut mpc).unwrap();
             course.drive(&mpc);
         }
-        mpc.plan().clone()
+        mpc.plan().unwrap().clone()
     };
     let reference = plan(5, QpMode::InPlace);
     for (block_stages, mode) in [
-        (5, QpMode::RelaxedFirst),
-        (1, QpMode::RelaxedFirst),
+        (5, QpMode::WorkingSet),
+        (1, QpMode::WorkingSet),
         (1, QpMode::InPlace),
         (7, QpMode::InPlace),
         (20, QpMode::InPlace),
@@ -217,37 +233,90 @@ fn a_failed_cycle_leaves_the_plan_and_the_next_one_is_right() {
         course.solve(&mut twin).unwrap();
         course.drive(&twin);
     }
-    let targets = course.targets(&twin.settings);
-    let (pose, command) = (course.pose, course.command);
-    let plan = spoiled.plan().clone();
-
-    let mut nan = targets.clone();
-    nan[7].pose.x_m = f64::NAN;
-    let failure = spoiled.solve(&pose, command, &nan, None);
-    assert_eq!(failure, Err(QpFailure::NotFinite));
-    assert_eq!(spoiled.plan(), &plan);
-
-    let lost = PlanarPose {
-        yaw_rad: f64::NAN,
-        ..pose
+    // At the same instant as the cycle before: the plan is not shifted.
+    let horizon = Horizon {
+        elapsed_s: 0.0,
+        ..course.horizon(&twin.settings)
     };
-    let failure = spoiled.solve(&lost, command, &targets, None);
+    let plan = spoiled.plan().unwrap().clone();
+
+    let mut nan = horizon.clone();
+    nan.targets[7].pose.x_m = f64::NAN;
+    let failure = solve(&mut spoiled, &nan, None);
     assert_eq!(failure, Err(QpFailure::NotFinite));
-    assert_eq!(spoiled.plan(), &plan);
+    assert_eq!(spoiled.plan().unwrap(), &plan);
 
-    let failure = spoiled.solve(&pose, command, &targets, Some(Instant::now()));
+    let mut lost = horizon.clone();
+    lost.start.yaw_rad = f64::NAN;
+    let failure = solve(&mut spoiled, &lost, None);
+    assert_eq!(failure, Err(QpFailure::NotFinite));
+    assert_eq!(spoiled.plan().unwrap(), &plan);
+
+    let failure = solve(&mut spoiled, &horizon, Some(Instant::now()));
     assert_eq!(failure, Err(QpFailure::Deadline { iterations: 0 }));
-    assert_eq!(spoiled.plan(), &plan);
+    assert_eq!(spoiled.plan().unwrap(), &plan);
 
-    spoiled.solver.set_max_iterations(1);
-    let failure = spoiled.solve(&pose, command, &targets, None);
-    assert_eq!(failure, Err(QpFailure::MaxIterations { iterations: 1 }));
-    assert_eq!(spoiled.plan(), &plan);
-    spoiled.solver.set_max_iterations(10);
+    solve(&mut spoiled, &horizon, None).unwrap();
+    solve(&mut twin, &horizon, None).unwrap();
+    assert_eq!(spoiled.plan().unwrap(), twin.plan().unwrap());
+}
 
-    spoiled.solve(&pose, command, &targets, None).unwrap();
-    twin.solve(&pose, command, &targets, None).unwrap();
-    assert_eq!(spoiled.plan(), twin.plan());
+#[test]
+fn a_solve_cut_short_keeps_the_limits_and_is_better_than_no_change() {
+    let mut course = Course::new();
+    let whole = QpSettings {
+        mode: QpMode::InPlace,
+        ..settings(40, 5).qp
+    };
+    let narrow = MpcSettings {
+        limits: input_limits(1.1),
+        corridor: Some(Corridor {
+            half_width_m: 0.02,
+            weight_per_m2: 200.0,
+        }),
+        qp: whole,
+        ..settings(40, 5)
+    };
+    let mut mpc = mpc(narrow);
+    let mut cut_short = 0;
+    for cycle in 0..60 {
+        // Pushed about, so that limits bind.
+        course.pose.x_m += 0.1 * (f64::from(cycle) * 1.3).sin();
+        course.pose.yaw_rad += 0.2 * (f64::from(cycle) * 0.7).cos();
+        mpc.solver
+            .set_max_iterations(if cycle < 10 { 100 } else { 4 });
+        let report = course.solve(&mut mpc).unwrap();
+        cut_short += u32::from(report.path == SolvePath::CutShort);
+        if report.path == SolvePath::CutShort {
+            let point = mpc.solver.point();
+            assert!(report.residuals.primal < 1e-12, "{:?}", report.residuals);
+            assert!(mpc.solver.data().cost(&point.primal).is_finite());
+            let mut before = course.command;
+            for (k, input) in mpc.plan().unwrap().inputs.iter().enumerate() {
+                let bounded = mpc.settings.limits.within_bounds(*input);
+                assert!(
+                    (bounded.traction_m_s - input.traction_m_s).abs() < 1e-9,
+                    "stage {k}"
+                );
+                assert!(
+                    (bounded.steer_m_s - input.steer_m_s).abs() < 1e-9,
+                    "stage {k}"
+                );
+                let (traction, steer) =
+                    (&mpc.stages[k].traction_change, &mpc.stages[k].steer_change);
+                for (now, then, change) in [
+                    (input.traction_m_s, before.traction_m_s, traction),
+                    (input.steer_m_s, before.steer_m_s, steer),
+                ] {
+                    assert!(now - then <= change.rise + 1e-9, "stage {k}");
+                    assert!(then - now <= change.fall + 1e-9, "stage {k}");
+                }
+                before = *input;
+            }
+        }
+        course.drive(&mpc);
+    }
+    assert!(cut_short >= 20, "{cut_short}");
 }
 
 #[test]
@@ -256,15 +325,18 @@ fn a_previous_input_out_of_bounds_does_not_make_the_qp_infeasible() {
         let course = Course::new();
         let mut settings = settings(20, 5);
         settings.limits = input_limits(1.2);
-        let targets = course.targets(&settings);
+        let horizon = Horizon {
+            previous,
+            ..course.horizon(&settings)
+        };
         let mut mpc = mpc(settings);
-        mpc.start(&course.pose, previous, &targets, None).unwrap();
+        solve(&mut mpc, &horizon, None).unwrap();
         let bounded = mpc.settings.limits.within_bounds(previous);
         let reached = mpc
             .settings
             .limits
-            .project(mpc.plan().inputs[0], bounded, 0.05);
-        let first = mpc.plan().inputs[0];
+            .project(mpc.plan().unwrap().inputs[0], bounded, 0.05);
+        let first = mpc.plan().unwrap().inputs[0];
         assert!((reached.traction_m_s - first.traction_m_s).abs() < 1e-3);
         assert!((reached.steer_m_s - first.steer_m_s).abs() < 1e-3);
     }
@@ -278,30 +350,30 @@ fn shifting_interpolates_and_runs_on_with_the_last_input() {
         course.solve(&mut mpc).unwrap();
         course.drive(&mpc);
     }
-    let plan = mpc.plan().clone();
+    let plan = mpc.plan().unwrap().clone();
     let normal = course.normal_in_world;
     mpc.shift(0.0, &normal);
-    assert_eq!(mpc.plan(), &plan);
+    assert_eq!(mpc.plan().unwrap(), &plan);
 
     mpc.shift(0.05, &normal);
     for k in 0..12 {
         let expected = plan.states[k] * (2.0 / 3.0) + plan.states[k + 1] / 3.0;
-        assert!((mpc.plan().states[k] - expected).norm() < 1e-12);
+        assert!((mpc.plan().unwrap().states[k] - expected).norm() < 1e-12);
         let next = plan.inputs[(k + 1).min(11)];
         let steer = plan.inputs[k].steer_m_s * (2.0 / 3.0) + next.steer_m_s / 3.0;
-        assert!((mpc.plan().inputs[k].steer_m_s - steer).abs() < 1e-12);
+        assert!((mpc.plan().unwrap().inputs[k].steer_m_s - steer).abs() < 1e-12);
     }
     let run_on = |from: &Vector3<f64>, time_s| {
-        from + mpc
-            .model()
+        let model = PredictionModel::new(Vehicle::j8(), 0.02);
+        from + model
             .step_on_plane(&normal, from.z, plan.inputs[11], time_s)
             .increment
     };
-    assert!((mpc.plan().states[12] - run_on(&plan.states[12], 0.05)).norm() < 1e-12);
+    assert!((mpc.plan().unwrap().states[12] - run_on(&plan.states[12], 0.05)).norm() < 1e-12);
 
     mpc.plan = plan.clone();
     mpc.shift(0.15, &normal);
-    assert_eq!(mpc.plan().states[..12], plan.states[1..]);
-    assert_eq!(mpc.plan().inputs[..11], plan.inputs[1..]);
-    assert_eq!(mpc.plan().inputs[11], plan.inputs[11]);
+    assert_eq!(mpc.plan().unwrap().states[..12], plan.states[1..]);
+    assert_eq!(mpc.plan().unwrap().inputs[..11], plan.inputs[1..]);
+    assert_eq!(mpc.plan().unwrap().inputs[11], plan.inputs[11]);
 }

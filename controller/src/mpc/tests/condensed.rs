@@ -4,7 +4,7 @@ use super::stagewise::optimal_corrections;
 use super::*;
 
 /// A stage of no vehicle in particular.
-fn stage() -> impl Strategy<Value = Stage> {
+pub fn stage() -> impl Strategy<Value = Stage> {
     prop::array::uniform28(0.0..1.0_f64).prop_map(|u| {
         let mut next = u.into_iter();
         let mut within = |low: f64, high: f64| low + (high - low) * next.next().unwrap();

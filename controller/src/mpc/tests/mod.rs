@@ -4,6 +4,7 @@ mod closed_loop;
 mod condensed;
 mod limits;
 mod qp;
+mod same_optimum;
 mod stagewise;
 
 use super::condensing::{Condenser, Stage};
@@ -11,12 +12,8 @@ use super::limits::{Change, InputLimits, MotorLimits};
 use super::qp::QpSolver;
 use super::*;
 use proptest::prelude::*;
-use sidehill_plant::prediction::LinearisedStep;
+use sidehill_plant::prediction::{LinearisedStep, PredictionModel};
 use sidehill_plant::vehicle::Vehicle;
-
-fn j8() -> Vehicle {
-    serde_yaml::from_str(include_str!("../../../../config/vehicles/j8.yaml")).unwrap()
-}
 
 fn motors(traction_m_s: f64, steer_m_s: f64) -> MotorSpeeds {
     MotorSpeeds {

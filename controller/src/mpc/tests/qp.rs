@@ -51,30 +51,23 @@ fn known_optima_are_found_and_their_residuals_vanish() {
 }
 
 #[test]
-fn where_nothing_binds_the_relaxed_problem_is_enough_and_else_it_is_not_believed() {
-    let settings = QpSettings {
-        mode: QpMode::RelaxedFirst,
-        ..exact()
+fn the_rows_that_bind_are_found_and_kept_for_the_next_solve() {
+    let mut solver = QpSolver::new(small(3.0, 10.0, [0.0, 0.0]), QpSettings::default()).unwrap();
+    let mut solve = |data: QpData, expected: [f64; 2]| {
+        *solver.data_mut() = data;
+        solver.solve(None).unwrap();
+        assert_near(solver.primal(), expected);
+        (solver.path(), solver.iterations())
     };
-    let mut solver = QpSolver::new(small(3.0, 10.0, [0.0, 0.0]), settings).unwrap();
-    solver.solve(None).unwrap();
-    assert_near(solver.primal(), [2.0, 1.0]);
-    assert_eq!(solver.iterations(), 1);
-    // Without its bound x would be 2: the whole problem is solved besides, and then at once.
-    *solver.data_mut() = small(3.0, 0.5, [0.0, 0.0]);
-    solver.solve(None).unwrap();
-    assert_near(solver.primal(), [0.5, 2.5]);
-    let with_relaxed = solver.iterations();
-    solver.solve(None).unwrap();
-    assert_near(solver.primal(), [0.5, 2.5]);
-    assert_eq!(solver.iterations() + 1, with_relaxed);
-    // One more whole solve finds that nothing binds any longer.
-    *solver.data_mut() = small(3.0, 10.0, [0.0, 0.0]);
-    solver.solve(None).unwrap();
-    assert!(solver.iterations() > 1);
-    solver.solve(None).unwrap();
-    assert_near(solver.primal(), [2.0, 1.0]);
-    assert_eq!(solver.iterations(), 1);
+    let bound = || small(3.0, 0.5, [0.0, 0.0]);
+    let free = || small(3.0, 10.0, [0.0, 0.0]);
+    assert_eq!(solve(free(), [2.0, 1.0]), (SolvePath::Relaxed, 1));
+    // One system finds that the bound is violated, the next has it; then it is known.
+    assert_eq!(solve(bound(), [0.5, 2.5]), (SolvePath::WorkingSet, 2));
+    assert_eq!(solve(bound(), [0.5, 2.5]), (SolvePath::WorkingSet, 1));
+    // x at its bound of 10 drives y to its own, which comes in and goes again.
+    assert_eq!(solve(free(), [2.0, 1.0]), (SolvePath::Relaxed, 3));
+    assert_eq!(solve(free(), [2.0, 1.0]), (SolvePath::Relaxed, 1));
 }
 
 #[test]
@@ -148,14 +141,16 @@ fn contradictions_are_infeasible() {
 
 #[test]
 fn a_deadline_in_the_past_ends_the_solve_and_the_next_one_is_whole() {
-    let mut solver = solver(small(3.0, 10.0, [0.0, 0.0]));
-    let failure = solver.solve(Some(Instant::now())).unwrap_err();
-    assert_eq!(failure, QpFailure::Deadline { iterations: 0 });
-    let far = Instant::now() + Duration::from_secs(3600);
-    solver.solve(Some(far)).unwrap();
-    assert_near(solver.primal(), [2.0, 1.0]);
-    solver.solve(None).unwrap();
-    assert_near(solver.primal(), [2.0, 1.0]);
+    for settings in [exact(), QpSettings::default()] {
+        let mut solver = QpSolver::new(small(3.0, 10.0, [0.0, 0.0]), settings).unwrap();
+        let failure = solver.solve(Some(Instant::now())).unwrap_err();
+        assert_eq!(failure, QpFailure::Deadline { iterations: 0 });
+        let far = Instant::now() + Duration::from_secs(3600);
+        solver.solve(Some(far)).unwrap();
+        assert_near(solver.primal(), [2.0, 1.0]);
+        solver.solve(None).unwrap();
+        assert_near(solver.primal(), [2.0, 1.0]);
+    }
 }
 
 #[test]
@@ -171,9 +166,11 @@ fn too_few_iterations_are_told_from_other_failures() {
 
 #[test]
 fn data_of_another_size_is_rejected() {
-    let mut solver = solver(small(3.0, 10.0, [0.0, 0.0]));
-    solver.data_mut().q.push(0.0);
-    assert_eq!(solver.solve(None), Err(QpFailure::Rejected));
+    for settings in [exact(), QpSettings::default()] {
+        let mut solver = QpSolver::new(small(3.0, 10.0, [0.0, 0.0]), settings).unwrap();
+        solver.data_mut().q.push(0.0);
+        assert_eq!(solver.solve(None), Err(QpFailure::Rejected));
+    }
 }
 
 proptest! {
@@ -187,8 +184,8 @@ proptest! {
         ),
     ) {
         let mut updated = solver(small(3.0, 10.0, [0.0, 0.0]));
-        let settings = QpSettings { mode: QpMode::RelaxedFirst, ..exact() };
-        let mut relaxed_first = QpSolver::new(small(3.0, 10.0, [0.0, 0.0]), settings).unwrap();
+        let settings = QpSettings { mode: QpMode::WorkingSet, ..exact() };
+        let mut working_set = QpSolver::new(small(3.0, 10.0, [0.0, 0.0]), settings).unwrap();
         for ([p_x, p_y, q_x, q_y, sum, x_max], slope) in problems {
             let mut data = small(sum, x_max, [q_x, q_y]);
             data.p.nzval.copy_from_slice(&[p_x, p_y]);
@@ -199,9 +196,9 @@ proptest! {
             prop_assert_eq!(updated.solve(None), expected);
             prop_assert_eq!(updated.primal(), fresh.primal());
             prop_assert!(expected.is_ok(), "{:?}", expected);
-            *relaxed_first.data_mut() = data;
-            prop_assert!(relaxed_first.solve(None).is_ok());
-            for (found, expected) in relaxed_first.primal().iter().zip(fresh.primal()) {
+            *working_set.data_mut() = data;
+            prop_assert!(working_set.solve(None).is_ok());
+            for (found, expected) in working_set.primal().iter().zip(fresh.primal()) {
                 prop_assert!((found - expected).abs() < 1e-5, "{} {}", found, expected);
             }
         }

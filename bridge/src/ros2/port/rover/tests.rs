@@ -25,7 +25,7 @@ fn vehicle(config: VehicleNodeConfig) -> RosVehicle {
         }),
         drive_train: DriveTrainConfig::default(),
         sensors: SensorsConfig::default(),
-        correction: j8.correction,
+        encoder_scale: j8.encoder_scale,
         start: PlanarPose::default(),
         dt_s: DT_S,
         seed: 1,
@@ -33,7 +33,7 @@ fn vehicle(config: VehicleNodeConfig) -> RosVehicle {
     .unwrap();
     let setup = VehicleSetup {
         dt_s: DT_S,
-        correction: j8.correction,
+        correction: j8.encoder_scale,
         vehicle: &j8,
         drive: DriveConfig::default(),
         report_period_s: 0.02,

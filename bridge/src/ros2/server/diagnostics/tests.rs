@@ -1,7 +1,7 @@
 use super::*;
 use crate::control_loop::channel::LoopStatus;
 use crate::ros2::server::test_data::{decision, loop_status};
-use sidehill_controller::mpc::{Residuals, SolveReport};
+use sidehill_controller::mpc::{Residuals, SolvePath, SolveReport};
 
 const SERVER: ServerStatus<'_> = ServerStatus {
     lifecycle: "active",
@@ -99,6 +99,7 @@ fn solve_times_are_counted_once_and_the_oldest_are_dropped() {
         newest.time_s = index as f64;
         newest.solve = Some(SolveReport {
             iterations: 5,
+            path: SolvePath::WorkingSet,
             residuals: Residuals {
                 primal: 0.0,
                 dual: 0.0,

@@ -212,7 +212,7 @@ fn whereabouts(context: &GoalContext<'_>) -> Option<(PlanarPose, f64)> {
     let estimate = decision.estimate.as_ref()?;
     let age_s = context.now_s - estimate.time_s + estimate.pose_age_s;
     let speed_m_s = match context.state {
-        SafetyState::Driving => decision.command.traction_m_s.abs(),
+        SafetyState::Driving => decision.command_effective.traction_m_s.abs(),
         _ => 0.0,
     };
     (age_s <= context.tolerances.transform_s).then_some((estimate.pose, speed_m_s))

@@ -241,7 +241,7 @@ fn feedback_is_that_of_the_own_route() {
     let mut world = World::new();
     world.driving();
     let mut own = decision(1.0, 0.0, ALONG_X);
-    own.command.traction_m_s = 0.4;
+    own.command_effective.traction_m_s = 0.4;
     own.progress = Some(Progress {
         point: world.trajectory.as_ref().unwrap().at(0.0),
         arc_length_m: 4.0,

@@ -1,5 +1,9 @@
 //! The CAN database: messages and signals by name, from the text of a DBC file.
 
+mod error;
+
+pub use error::{DatabaseError, DatabaseFault};
+
 use super::frame::{EXTENDED_ID_MAX, FrameId, STANDARD_ID_MAX};
 use super::signal::{BitOrder, RawKind, SignalCodec};
 use can_dbc::{
@@ -11,112 +15,6 @@ use can_dbc::{
 pub struct Database {
     file: String,
     dbc: Dbc,
-}
-
-/// Why a database cannot be used.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-#[error("{file}: {fault}")]
-pub struct DatabaseError {
-    /// File the database came from.
-    pub file: String,
-    /// What is wrong with it.
-    pub fault: DatabaseFault,
-}
-
-/// What is wrong with a database.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum DatabaseFault {
-    /// It is no DBC text.
-    #[error("not a DBC file: {0}")]
-    Syntax(String),
-    /// A message of this name or identifier is there more than once.
-    #[error("message {message} is defined more than once, or shares its identifier")]
-    DuplicateMessage {
-        /// Name.
-        message: String,
-    },
-    /// No message has this name.
-    #[error("message {message} is not defined")]
-    NoMessage {
-        /// Name.
-        message: String,
-    },
-    /// An identifier has too many bits.
-    #[error("message {message}: identifier {id} has more bits than CAN allows")]
-    Identifier {
-        /// Message.
-        message: String,
-        /// Identifier.
-        id: u64,
-    },
-    /// A message is longer than a classical CAN frame.
-    #[error("message {message}: {bytes} bytes, a classical CAN frame has 1 to 8")]
-    Length {
-        /// Message.
-        message: String,
-        /// Its length.
-        bytes: u64,
-    },
-    /// The message has no such signal.
-    #[error("message {message} has no signal {signal}")]
-    NoSignal {
-        /// Message.
-        message: String,
-        /// Signal.
-        signal: String,
-    },
-    /// The message has the signal twice.
-    #[error("message {message} has signal {signal} more than once")]
-    DuplicateSignal {
-        /// Message.
-        message: String,
-        /// Signal.
-        signal: String,
-    },
-    /// The signal's bits do not lie in the frame, or its type has another size.
-    #[error("message {message}, signal {signal}: {bits} bits from bit {start_bit} do not fit")]
-    Bits {
-        /// Message.
-        message: String,
-        /// Signal.
-        signal: String,
-        /// First bit.
-        start_bit: u64,
-        /// Number of bits.
-        bits: u64,
-    },
-    /// Scale, offset or limits are no usable numbers.
-    #[error("message {message}, signal {signal}: {what} {value} is not usable")]
-    Number {
-        /// Message.
-        message: String,
-        /// Signal.
-        signal: String,
-        /// Which number.
-        what: &'static str,
-        /// Its value.
-        value: f64,
-    },
-    /// The signal is multiplexed in a way that is not known here.
-    #[error(
-        "message {message}, signal {signal}: only one multiplexor that all multiplexed signals share is supported"
-    )]
-    Multiplexing {
-        /// Message.
-        message: String,
-        /// Signal.
-        signal: String,
-    },
-    /// Two signals that are used take the same bits.
-    #[error("message {message}: signals {signal} and {other} overlap")]
-    Overlap {
-        /// Message.
-        message: String,
-        /// One signal.
-        signal: String,
-        /// The other.
-        other: String,
-    },
 }
 
 /// A signal and, where it is multiplexed, the switch that must show its page.

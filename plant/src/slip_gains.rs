@@ -18,7 +18,7 @@ use nalgebra::{SMatrix, SVector};
 pub const TERMS: usize = 5;
 
 /// Gains of the terms (columns) in v_x, v_y and omega_z (rows); SI units with rad.
-pub type Gains = SMatrix<f64, 3, TERMS>;
+pub type SlipGains = SMatrix<f64, 3, TERMS>;
 
 /// The terms at an attitude and steer speed, and their derivatives.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -1,0 +1,33 @@
+use super::node::Emergency;
+use super::sdo::SetupFault;
+use std::fmt;
+
+/// News of a drive.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum DriveEvent {
+    /// The node has started.
+    Started,
+    /// Its objects are written, and its node is operational.
+    Ready,
+    /// Its objects could not be written. The setup is retried.
+    SetupFailed(SetupFault),
+    /// It has sent an emergency.
+    Emergency(Emergency),
+    /// It was not off in time, and its node has been stopped.
+    NodeStopped,
+}
+
+impl fmt::Display for DriveEvent {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Started => write!(f, "it has started"),
+            Self::Ready => write!(f, "set up and operational"),
+            Self::SetupFailed(fault) => write!(f, "not set up: {fault}"),
+            Self::Emergency(Emergency { code: 0, .. }) => write!(f, "its error has gone"),
+            Self::Emergency(Emergency { code, register }) => {
+                write!(f, "emergency {code:#06X}, error register {register:#04X}")
+            }
+            Self::NodeStopped => write!(f, "not off in time, stopped as a node"),
+        }
+    }
+}

@@ -1,0 +1,183 @@
+//! A controller that drives a plant, cycle by cycle, and how well it does.
+
+mod figures;
+
+pub use figures::{TrackingErrors, TrackingFigures};
+
+use crate::controller::{Controller, Decision, Status, StopReason};
+use crate::reference::Reference;
+use crate::trajectory::ReferencePoint;
+use figures::Account;
+use sidehill_plant::simulation::{Plant, TrueState};
+use sidehill_plant::speeds::MotorSpeeds;
+use std::time::{Duration, Instant};
+
+/// A controller and the plant it drives.
+pub struct ClosedLoop<P> {
+    plant: P,
+    controller: Controller,
+    steps_per_cycle: u32,
+    give_up_s: f64,
+    /// Where the reference is in this cycle.
+    reference: ReferencePoint,
+    command: MotorSpeeds,
+    account: Account,
+}
+
+/// One control cycle.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Cycle {
+    /// What was true when the sensors were read.
+    pub state: TrueState,
+    /// Where the vehicle should have been.
+    pub reference: ReferencePoint,
+    /// How far it was from there.
+    pub errors: TrackingErrors,
+    /// What the controller decided.
+    pub decision: Decision,
+    /// Time the controller took.
+    pub duration: Duration,
+    /// Share of the reference that has been followed, 0 to 1.
+    pub progress: f64,
+    /// Why this cycle is the last; the plant no longer moves.
+    pub ending: Option<RunEnd>,
+}
+
+/// Why a closed loop ended.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+pub enum RunEnd {
+    /// The reference has been followed to its end.
+    #[error("finished")]
+    Finished,
+    /// The controller has stopped the vehicle.
+    #[error("{0}")]
+    Stopped(StopReason),
+    /// The reference takes far longer than it should.
+    #[error("not at the end after {after_s:.0} s")]
+    TimedOut {
+        /// Time allowed, s.
+        after_s: f64,
+    },
+}
+
+/// Why a controller and a plant make no loop.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+pub enum ClosedLoopError {
+    /// The controller has nothing to follow.
+    #[error("there is nothing to follow")]
+    NoReference,
+    /// The control period is not a whole number of the plant's steps.
+    #[error("the control period of {period_s} s is not a whole number of steps of {step_s} s")]
+    Steps {
+        /// Control period, s.
+        period_s: f64,
+        /// The plant's step, s.
+        step_s: f64,
+    },
+}
+
+impl<P: Plant> ClosedLoop<P> {
+    /// Returns the loop of a plant and a controller that has something to follow.
+    ///
+    /// # Errors
+    /// [`ClosedLoopError`] where they do not fit.
+    pub fn new(plant: P, controller: Controller) -> Result<Self, ClosedLoopError> {
+        let reference = controller.reference().ok_or(ClosedLoopError::NoReference)?;
+        let (period_s, step_s) = (controller.config().period_s, plant.step_s());
+        let steps = period_s / step_s;
+        if !(steps.round() >= 1.0 && (steps - steps.round()).abs() <= 1e-6) {
+            return Err(ClosedLoopError::Steps { period_s, step_s });
+        }
+        Ok(Self {
+            account: Account::new(reference, controller.config()),
+            give_up_s: 1.5 * reference.end_s() + 30.0,
+            reference: reference.ahead(0.0),
+            command: MotorSpeeds::STOP,
+            steps_per_cycle: steps.round() as u32,
+            plant,
+            controller,
+        })
+    }
+
+    /// Runs until the controller has finished or stopped; `each` sees every cycle.
+    ///
+    /// # Errors
+    /// The plant's, where it cannot go on.
+    pub fn run(&mut self, mut each: impl FnMut(&Cycle)) -> Result<RunEnd, P::Error> {
+        loop {
+            let cycle = self.decide();
+            each(&cycle);
+            if let Some(ending) = cycle.ending {
+                return Ok(ending);
+            }
+            self.advance()?;
+        }
+    }
+
+    /// Reads the sensors and decides on the command until the next cycle.
+    pub fn decide(&mut self) -> Cycle {
+        let state = self.plant.state();
+        let sample = self.plant.sample();
+        let begin = Instant::now();
+        let decision = self.controller.step(&sample, None);
+        let duration = begin.elapsed();
+        let mut progress = 0.0;
+        if let Some(reference) = self.controller.reference() {
+            self.reference = reference.ahead(0.0);
+            progress = (reference.time_s() / reference.end_s()).min(1.0);
+        }
+        self.command = decision.command_effective;
+        let path = self.controller.reference().and_then(Reference::path);
+        let errors = self
+            .account
+            .cycle(path, &state, &self.reference, &decision, duration);
+        let ending = match decision.status {
+            Status::Finished => Some(RunEnd::Finished),
+            Status::Stopping(reason) if self.command == MotorSpeeds::STOP => {
+                Some(RunEnd::Stopped(reason))
+            }
+            _ if state.time_s > self.give_up_s => Some(RunEnd::TimedOut {
+                after_s: self.give_up_s,
+            }),
+            _ => None,
+        };
+        Cycle {
+            state,
+            reference: self.reference,
+            errors,
+            decision,
+            duration,
+            progress,
+            ending,
+        }
+    }
+
+    /// Moves the plant on to the next cycle under the last command.
+    ///
+    /// # Errors
+    /// The plant's, where it cannot go on.
+    pub fn advance(&mut self) -> Result<(), P::Error> {
+        let path = self.controller.reference().and_then(Reference::path);
+        for _ in 0..self.steps_per_cycle {
+            let state = self.plant.step(self.command)?;
+            self.account.step(path, &state, &self.reference);
+        }
+        Ok(())
+    }
+
+    /// Returns how well the reference has been followed so far.
+    pub fn figures(&self) -> TrackingFigures {
+        self.account
+            .figures(self.controller.reference(), &self.reference)
+    }
+
+    /// Returns the plant.
+    pub fn plant(&self) -> &P {
+        &self.plant
+    }
+
+    /// Returns the controller.
+    pub fn controller(&self) -> &Controller {
+        &self.controller
+    }
+}

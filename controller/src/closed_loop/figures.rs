@@ -1,0 +1,209 @@
+//! Errors of a run against its path, and their sums.
+
+use crate::config::ControllerConfig;
+use crate::controller::{Decision, Status};
+use crate::mpc::limits::{InputLimits, MotorLimits};
+use crate::path::{Path, Point2};
+use crate::reference::{PROJECTION_WINDOW, Reference};
+use crate::trajectory::{Ending, ReferencePoint};
+use serde::{Deserialize, Serialize};
+use sidehill_plant::frames::wrap_angle;
+use sidehill_plant::simulation::TrueState;
+use sidehill_plant::speeds::MotorSpeeds;
+use sidehill_plant::statistics::quantile;
+use std::time::Duration;
+
+/// Time at the start that does not count in the figures: the vehicle has to get under way, s.
+const SETTLING_S: f64 = 2.0;
+
+/// How far a vehicle is from its reference.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct TrackingErrors {
+    /// Distance from the path, m, left of travel positive; from the reference's position, positive,
+    /// where there is no path.
+    pub cross_track_m: f64,
+    /// Distance by which the vehicle is ahead of the reference along the path, m.
+    pub along_track_m: f64,
+    /// Heading less that of the reference, rad.
+    pub heading_error_rad: f64,
+}
+
+/// How well a reference has been followed. Errors and the steer command are counted after the first
+/// 2 s, in which the vehicle gets under way; errors are those of the true state, at the plant's rate.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct TrackingFigures {
+    /// Root mean square of the distance from the path, m.
+    pub cross_track_rms_m: f64,
+    /// 95 % quantile of its absolute value, m.
+    pub cross_track_p95_m: f64,
+    /// Largest absolute value, m.
+    pub cross_track_max_m: f64,
+    /// Root mean square of the error along the path, m.
+    pub along_track_rms_m: f64,
+    /// Root mean square of the difference from the path's heading, rad.
+    pub heading_rms_rad: f64,
+    /// Sum of the absolute changes of the steer command, m/s.
+    pub steer_total_variation_m_s: f64,
+    /// Distance from the end of the path now, m.
+    pub goal_error_m: f64,
+    /// Distance now from where a finished run has to be, m: the end of the path; the path itself
+    /// where it is periodic, for it has no place to stop at, and who is late has driven it.
+    pub miss_m: f64,
+    /// Commands outside bounds or rates.
+    pub constraint_violations: u32,
+    /// Cycles that drove on the previous plan.
+    pub fallbacks: u32,
+    /// Cycles that took longer than the control period.
+    pub deadline_misses: u32,
+}
+
+/// Sums and extremes of a run under way.
+pub(super) struct Account {
+    limits: InputLimits,
+    period_s: f64,
+    errors: TrackingErrors,
+    cross_tracks_m: Vec<f64>,
+    along_squares: f64,
+    heading_squares: f64,
+    last_command: MotorSpeeds,
+    steer_variation_m_s: f64,
+    violations: u32,
+    fallbacks: u32,
+    deadline_misses: u32,
+    position: Point2,
+}
+
+impl Account {
+    pub(super) fn new(reference: &Reference, config: &ControllerConfig) -> Self {
+        Self {
+            limits: config.limits,
+            period_s: config.period_s,
+            errors: TrackingErrors::default(),
+            cross_tracks_m: Vec::new(),
+            along_squares: 0.0,
+            heading_squares: 0.0,
+            last_command: MotorSpeeds::STOP,
+            steer_variation_m_s: 0.0,
+            violations: 0,
+            fallbacks: 0,
+            deadline_misses: 0,
+            position: reference.ahead(0.0).position,
+        }
+    }
+
+    /// Measures the true state against the path and `reference`.
+    fn measure(&mut self, path: Option<&Path>, state: &TrueState, reference: &ReferencePoint) {
+        self.position = Point2 {
+            x_m: state.pose.x_m,
+            y_m: state.pose.y_m,
+        };
+        let (cross_track_m, along_track_m) = match path {
+            Some(path) => {
+                let nearest =
+                    path.nearest_within(&self.position, reference.arc_length_m, &PROJECTION_WINDOW);
+                (
+                    nearest.cross_track_m,
+                    nearest.point.arc_length_m - reference.arc_length_m,
+                )
+            }
+            None => (reference.position.distance_m(&self.position), 0.0),
+        };
+        self.errors = TrackingErrors {
+            cross_track_m,
+            along_track_m,
+            heading_error_rad: wrap_angle(state.pose.yaw_rad - reference.heading_rad),
+        };
+    }
+
+    /// Counts one step of the plant.
+    pub(super) fn step(
+        &mut self,
+        path: Option<&Path>,
+        state: &TrueState,
+        reference: &ReferencePoint,
+    ) {
+        self.measure(path, state, reference);
+        if state.time_s > SETTLING_S {
+            self.cross_tracks_m.push(self.errors.cross_track_m);
+            self.along_squares += self.errors.along_track_m.powi(2);
+            self.heading_squares += self.errors.heading_error_rad.powi(2);
+        }
+    }
+
+    /// Counts one control cycle and returns the errors in which it began.
+    pub(super) fn cycle(
+        &mut self,
+        path: Option<&Path>,
+        state: &TrueState,
+        reference: &ReferencePoint,
+        decision: &Decision,
+        duration: Duration,
+    ) -> TrackingErrors {
+        self.measure(path, state, reference);
+        let command = decision.command_effective;
+        if state.time_s > SETTLING_S {
+            self.steer_variation_m_s += (command.steer_m_s - self.last_command.steer_m_s).abs();
+        }
+        if !self.permitted(command) {
+            self.violations += 1;
+        }
+        self.last_command = command;
+        self.fallbacks += u32::from(matches!(decision.status, Status::Fallback { .. }));
+        self.deadline_misses += u32::from(duration.as_secs_f64() > self.period_s);
+        self.errors
+    }
+
+    /// Returns whether a command keeps bounds and rates, independently of the controller's own
+    /// projection but for the limits' definition.
+    fn permitted(&self, command: MotorSpeeds) -> bool {
+        const ROUNDING: f64 = 1e-9;
+        let one = |now: f64, before: f64, motor: &MotorLimits| {
+            let change = motor.change(before, self.period_s);
+            now.abs() <= motor.speed_m_s + ROUNDING
+                && now - before <= change.rise + ROUNDING
+                && before - now <= change.fall + ROUNDING
+        };
+        let (now, before) = (command, self.last_command);
+        command.is_finite()
+            && one(now.traction_m_s, before.traction_m_s, &self.limits.traction)
+            && one(now.steer_m_s, before.steer_m_s, &self.limits.steer)
+            && now.traction_m_s.abs() + now.steer_m_s.abs()
+                <= self.limits.tread_speed_m_s + ROUNDING
+    }
+
+    pub(super) fn figures(
+        &self,
+        reference: Option<&Reference>,
+        point: &ReferencePoint,
+    ) -> TrackingFigures {
+        let trajectory = reference.map(Reference::trajectory);
+        let periodic = trajectory.is_some_and(|t| t.ending() == Ending::Periodic);
+        let goal = match trajectory {
+            Some(trajectory) if !periodic => trajectory.at(trajectory.duration_s()).position,
+            _ => point.position,
+        };
+        let goal_error_m = goal.distance_m(&self.position);
+        let count = self.cross_tracks_m.len().max(1) as f64;
+        let root_mean = |squares: f64| (squares / count).sqrt();
+        let squares = self.cross_tracks_m.iter().map(|e| e * e).sum();
+        let mut absolute: Vec<f64> = self.cross_tracks_m.iter().map(|e| e.abs()).collect();
+        absolute.sort_by(f64::total_cmp);
+        TrackingFigures {
+            cross_track_rms_m: root_mean(squares),
+            cross_track_p95_m: quantile(&absolute, 0.95).unwrap_or(0.0),
+            cross_track_max_m: absolute.last().copied().unwrap_or(0.0),
+            along_track_rms_m: root_mean(self.along_squares),
+            heading_rms_rad: root_mean(self.heading_squares),
+            steer_total_variation_m_s: self.steer_variation_m_s,
+            goal_error_m,
+            miss_m: if periodic {
+                self.errors.cross_track_m.abs()
+            } else {
+                goal_error_m
+            },
+            constraint_violations: self.violations,
+            fallbacks: self.fallbacks,
+            deadline_misses: self.deadline_misses,
+        }
+    }
+}

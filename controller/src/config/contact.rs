@@ -1,0 +1,49 @@
+use super::ControllerConfig;
+use crate::mpc::StepLimit;
+use serde::{Deserialize, Serialize};
+use sidehill_plant::bounds::{Bounds, RangeError};
+
+/// Settings of contact-mpc where they differ from those of the other MPCs.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct ContactMpcConfig {
+    /// Duration of the horizon's last stage, s.
+    pub last_step_s: f64,
+    /// Position error along the path, 1/m^2. Less than across it: where the ground yields no faster turn, the
+    /// vehicle falls behind its reference and keeps the path.
+    pub along_per_m2: f64,
+    /// How far a QP's solution is followed in a cycle; all the way without it.
+    pub step_limit: Option<StepLimit>,
+}
+
+impl Default for ContactMpcConfig {
+    fn default() -> Self {
+        Self {
+            last_step_s: 0.15,
+            along_per_m2: 5.0,
+            step_limit: Some(StepLimit::default()),
+        }
+    }
+}
+
+impl ContactMpcConfig {
+    /// Checks the ranges.
+    ///
+    /// # Errors
+    /// [`RangeError`] with the first key out of its range.
+    pub(super) fn validate(&self) -> Result<(), RangeError> {
+        Bounds::new(0.005, 10.0, "s").check("contact.last_step_s", self.last_step_s)?;
+        Bounds::new(0.0, 1e6, "").check("contact.along_per_m2", self.along_per_m2)?;
+        self.step_limit.map_or(Ok(()), |limit| limit.validate())
+    }
+}
+
+impl ControllerConfig {
+    /// Returns the settings with those of contact-mpc in their places.
+    pub(crate) fn for_contact(mut self) -> Self {
+        self.last_step_s = self.contact.last_step_s;
+        self.weights.along_per_m2 = self.contact.along_per_m2;
+        self.step_limit = self.contact.step_limit;
+        self
+    }
+}

@@ -1,0 +1,67 @@
+//! What the filter asks of a model whose parameters it learns.
+
+use super::{ContactEstimate, EstimatorSettings};
+use nalgebra::{SMatrix, SVector};
+use sidehill_plant::frames::{Attitude, BodyVelocity};
+use sidehill_plant::slip_gains::SlipGains;
+use sidehill_plant::speeds::{EncoderScale, TreadSpeeds};
+
+/// Parameters before anything is known, independent of each other.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Prior<const N: usize> {
+    pub(super) mean: SVector<f64, N>,
+    /// Standard deviations.
+    pub(super) sigma: SVector<f64, N>,
+}
+
+impl<const N: usize> Prior<N> {
+    pub(super) fn covariance(&self) -> SMatrix<f64, N, N> {
+        SMatrix::from_diagonal(&self.sigma.component_mul(&self.sigma))
+    }
+}
+
+/// How parameters change by themselves over an interval: each keeps a share of its distance from its prior
+/// and gains variance.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Drift<const N: usize> {
+    pub(super) keep: SVector<f64, N>,
+    pub(super) variance: SVector<f64, N>,
+}
+
+/// A model of the body velocity with N parameters that poses tell about.
+pub(super) trait LearnedModel<const N: usize>: Clone {
+    /// Returns what is believed of the parameters before the first pose.
+    fn prior(&self) -> Prior<N>;
+
+    /// Returns the velocity and its derivative by the parameters. The same arguments give the same
+    /// numbers: late readings are replayed.
+    fn velocity(
+        &self,
+        attitude: Attitude,
+        treads: TreadSpeeds,
+        parameters: &SVector<f64, N>,
+    ) -> (BodyVelocity, SMatrix<f64, 3, N>);
+
+    /// Returns the factors of the encoders.
+    fn encoder_scale(&self) -> EncoderScale;
+
+    /// Returns the growth of the uncertainty of dead reckoning besides that of the parameters: m/sqrt(s),
+    /// rad/sqrt(s).
+    fn process_noise(&self, settings: &EstimatorSettings) -> (f64, f64);
+
+    /// Returns how the parameters change by themselves while the treads move for `time_s`.
+    fn drift(&self, treads: TreadSpeeds, time_s: f64) -> Drift<N>;
+
+    /// Puts parameters within their ranges.
+    fn bound(&self, parameters: &mut SVector<f64, N>);
+
+    /// Returns the learned slip gains; zero where that is not what is learned.
+    fn slip_gains(&self, parameters: &SVector<f64, N>) -> SlipGains;
+
+    /// Returns the learned parameters of a contact vehicle, where these are learned.
+    fn contact(
+        &self,
+        parameters: &SVector<f64, N>,
+        covariance: &SMatrix<f64, N, N>,
+    ) -> Option<ContactEstimate>;
+}

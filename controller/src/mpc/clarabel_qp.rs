@@ -1,0 +1,242 @@
+//! The one file that names clarabel: a whole QP by its interior-point method, and a QP that has
+//! equalities alone by its linear system, which is the method's first and then only one.
+
+pub use clarabel::algebra::CscMatrix;
+
+use super::problem::{Point, QpData};
+use super::qp::QpFailure;
+use super::settings::{ITERATIONS_MAX, QpMode, QpSettings};
+use clarabel::solver::traits::KKTSystem;
+use clarabel::solver::{
+    DefaultInfo, DefaultSettings, DefaultSolver, IPSolver, SolverStatus, SupportedConeT,
+};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
+use std::time::{Duration, Instant};
+
+/// Share of the way to the cone's boundary that a step may take. On a well-scaled QP few of whose
+/// rows bind, each step reduces the gap by about 1 less this: clarabel's 0.99 costs an iteration more.
+const STEP_FRACTION: f64 = 0.999;
+
+/// What is added to the diagonal of a linear system of its own. Clarabel's 1e-8 is for the
+/// ill-conditioned systems at the end of an interior-point solve; here it would cost a step of
+/// refinement in each cycle.
+const REGULARISATION: f64 = 1e-11;
+
+/// When a solve ends whether or not it has found the solution.
+#[derive(Debug)]
+pub struct SolveLimits {
+    epoch: Instant,
+    /// Nanoseconds after `epoch`.
+    deadline_ns: AtomicU64,
+    iterations: AtomicU32,
+}
+
+impl SolveLimits {
+    /// Returns limits without a deadline.
+    pub fn new(iterations: u32) -> Self {
+        Self {
+            epoch: Instant::now(),
+            deadline_ns: AtomicU64::new(u64::MAX),
+            iterations: AtomicU32::new(iterations),
+        }
+    }
+
+    /// Sets when the solves to come end.
+    pub fn set_deadline(&self, deadline: Option<Instant>) {
+        let after = |instant: Instant| instant.saturating_duration_since(self.epoch).as_nanos();
+        let limit = deadline.map_or(u64::MAX, |instant| {
+            u64::try_from(after(instant)).unwrap_or(u64::MAX)
+        });
+        self.deadline_ns.store(limit, Ordering::Relaxed);
+    }
+
+    /// Sets the largest number of interior-point iterations of the solves to come.
+    pub fn set_iterations(&self, iterations: u32) {
+        self.iterations.store(iterations, Ordering::Relaxed);
+    }
+
+    /// Returns the largest number of interior-point iterations.
+    pub fn iterations(&self) -> u32 {
+        self.iterations.load(Ordering::Relaxed)
+    }
+
+    /// Returns whether the deadline is over.
+    pub fn passed(&self) -> bool {
+        let deadline = Duration::from_nanos(self.deadline_ns.load(Ordering::Relaxed));
+        self.epoch.elapsed() >= deadline
+    }
+}
+
+/// How an interior-point solve ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Ending {
+    /// At the solution, as far as the solver can tell.
+    Solved,
+    /// With the iterations allowed, or with no more progress.
+    Iterations,
+    /// At the deadline.
+    Deadline,
+    /// With the certificate that no point meets the constraints.
+    Infeasible,
+    /// With a factorisation that broke down: the solver holds values that are not finite.
+    Broken,
+}
+
+/// A solver of whole QPs of one pattern.
+pub struct InteriorPoint {
+    solver: DefaultSolver<f64>,
+}
+
+impl InteriorPoint {
+    /// Returns a solver for problems with the pattern of `data`.
+    ///
+    /// # Errors
+    /// [`QpFailure::Rejected`] when clarabel does not take the data.
+    pub fn new(
+        data: &QpData,
+        settings: &QpSettings,
+        limits: &Arc<SolveLimits>,
+    ) -> Result<Self, QpFailure> {
+        let mut solver = build(data, clarabel_settings(settings))?;
+        let limits = Arc::clone(limits);
+        solver.set_termination_callback(move |info: &DefaultInfo<f64>| {
+            info.iterations >= limits.iterations() || limits.passed()
+        });
+        Ok(Self { solver })
+    }
+
+    /// Puts the values of `data` in place of those before.
+    ///
+    /// # Errors
+    /// [`QpFailure::Rejected`] for data of another size.
+    pub fn update(&mut self, data: &QpData) -> Result<(), QpFailure> {
+        let solver = &mut self.solver;
+        solver
+            .update_P(&data.p.nzval)
+            .and_then(|()| solver.update_q(&data.q))
+            .and_then(|()| solver.update_A(&data.a.nzval))
+            .and_then(|()| solver.update_b(&data.b))
+            .map_err(|_| QpFailure::Rejected)
+    }
+
+    /// Solves the QP from nothing, copies the point it ends in to `point`, and returns how and after
+    /// how many iterations it ended.
+    pub fn solve(&mut self, point: &mut Point, limits: &SolveLimits) -> (Ending, u32) {
+        self.solver.solve();
+        let iterations = self.solver.info.iterations;
+        let found = &self.solver.solution;
+        point.primal.copy_from_slice(&found.x);
+        point.dual.copy_from_slice(&found.z);
+        point.slack.copy_from_slice(&found.s);
+        let ending = match found.status {
+            SolverStatus::Solved | SolverStatus::AlmostSolved => Ending::Solved,
+            SolverStatus::MaxIterations | SolverStatus::InsufficientProgress => Ending::Iterations,
+            SolverStatus::CallbackTerminated if iterations >= limits.iterations() => {
+                Ending::Iterations
+            }
+            SolverStatus::CallbackTerminated | SolverStatus::MaxTime => Ending::Deadline,
+            SolverStatus::PrimalInfeasible
+            | SolverStatus::DualInfeasible
+            | SolverStatus::AlmostPrimalInfeasible
+            | SolverStatus::AlmostDualInfeasible => Ending::Infeasible,
+            SolverStatus::NumericalError | SolverStatus::Unsolved => Ending::Broken,
+        };
+        (ending, iterations)
+    }
+}
+
+/// The linear system of a QP that has equalities alone,
+///
+/// ```text
+/// [ P  E' ] [ x ]   [ -q ]
+/// [ E  0  ] [ y ] = [  e ]
+/// ```
+///
+/// factorised once for any number of right-hand sides.
+///
+/// Clarabel regularises the diagonal: a solution is to be refined by its residuals.
+pub struct LinearSystem {
+    solver: DefaultSolver<f64>,
+    settings: DefaultSettings<f64>,
+}
+
+impl LinearSystem {
+    /// Returns the system of problems with the pattern of `data`, which has no inequalities.
+    ///
+    /// # Errors
+    /// [`QpFailure::Rejected`] when clarabel does not take the data.
+    pub fn new(data: &QpData) -> Result<Self, QpFailure> {
+        let mut settings = clarabel_settings(&QpSettings::default());
+        settings.static_regularization_constant = REGULARISATION;
+        let solver = build(data, settings.clone())?;
+        Ok(Self { solver, settings })
+    }
+
+    /// Factorises the system of the values of P and of the equalities' rows of A; returns whether that
+    /// went well.
+    ///
+    /// # Errors
+    /// [`QpFailure::Rejected`] for values of another number.
+    pub fn factorise(&mut self, p: &Vec<f64>, equalities: &Vec<f64>) -> Result<bool, QpFailure> {
+        let solver = &mut self.solver;
+        solver
+            .update_P(p)
+            .and_then(|()| solver.update_A(equalities))
+            .map_err(|_| QpFailure::Rejected)?;
+        let data = &solver.data;
+        Ok(solver.kktsystem.update(data, &solver.cones, &self.settings))
+    }
+
+    /// Solves the system for q and e; returns whether the solution is finite.
+    pub fn solve(&mut self, q: &[f64], e: &[f64]) -> bool {
+        let solver = &mut self.solver;
+        solver.data.q.copy_from_slice(q);
+        solver.data.b.copy_from_slice(e);
+        let (x, data) = (&mut solver.variables, &solver.data);
+        solver
+            .kktsystem
+            .solve_initial_point(x, data, &self.settings)
+    }
+
+    /// Returns x of the last solution.
+    pub fn primal(&self) -> &[f64] {
+        &self.solver.variables.x
+    }
+
+    /// Returns y of the last solution.
+    pub fn multipliers(&self) -> &[f64] {
+        &self.solver.variables.z
+    }
+}
+
+fn clarabel_settings(settings: &QpSettings) -> DefaultSettings<f64> {
+    let mut clarabel = DefaultSettings::<f64> {
+        verbose: false,
+        ..DefaultSettings::default()
+    };
+    if settings.mode != QpMode::FreshDefaults {
+        // Updates in place need the data as given; the QP is scaled by its maker, so neither
+        // equilibration nor iterative refinement earns its time.
+        clarabel.presolve_enable = false;
+        clarabel.equilibrate_enable = false;
+        clarabel.iterative_refinement_enable = false;
+        clarabel.direct_solve_method = "qdldl".into();
+        clarabel.max_iter = ITERATIONS_MAX;
+        clarabel.max_step_fraction = STEP_FRACTION;
+        clarabel.tol_gap_abs = settings.tolerance;
+        clarabel.tol_gap_rel = settings.tolerance;
+        clarabel.tol_feas = settings.tolerance;
+    }
+    clarabel
+}
+
+fn build(data: &QpData, settings: DefaultSettings<f64>) -> Result<DefaultSolver<f64>, QpFailure> {
+    let cones = [
+        SupportedConeT::ZeroConeT(data.equalities),
+        SupportedConeT::NonnegativeConeT(data.b.len() - data.equalities),
+    ];
+    let cones = &cones[..if data.b.len() > data.equalities { 2 } else { 1 }];
+    DefaultSolver::new(&data.p, &data.q, &data.a, &data.b, cones, settings)
+        .map_err(|_| QpFailure::Rejected)
+}

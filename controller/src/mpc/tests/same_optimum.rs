@@ -1,0 +1,214 @@
+//! Whatever way a QP is solved, its solution is that of clarabel with its defaults.
+//!
+//! 10,000 QPs take about a minute: `SIDEHILL_QP_CASES=10000 cargo test -p sidehill-controller
+//! same_optimum`, as `.ci/test` has it. Without the variable it is a few hundred.
+
+use super::closed_loop::{Course, settings};
+use super::condensed::stage;
+use super::*;
+use proptest::strategy::ValueTree;
+use proptest::test_runner::TestRunner;
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::{Rng, SeedableRng};
+
+/// Distance of costs, relative to 1 + |cost|: clarabel's defaults leave 1e-8, the solver's tolerance 1e-6
+/// of the terms that the cost sums.
+const SAME_COST: f64 = 1e-5;
+
+fn cases() -> usize {
+    let wanted = std::env::var("SIDEHILL_QP_CASES").ok();
+    wanted.map_or(400, |count| count.parse().unwrap())
+}
+
+/// Evenly distributed from `low` to `high`.
+fn within(random: &mut ChaCha8Rng, low: f64, high: f64) -> f64 {
+    low + (high - low) * (random.next_u64() as f64 / u64::MAX as f64)
+}
+
+/// What the solves came to.
+#[derive(Debug, Default)]
+struct Counts {
+    relaxed: usize,
+    working_set: usize,
+    interior_point: usize,
+    failed_in_both: usize,
+    /// Clarabel's defaults found nothing, where the residuals prove an optimum.
+    only_here: usize,
+}
+
+/// Solves a QP with both; the one that keeps its rows from QP to QP is `solver`.
+fn compare(solver: &mut QpSolver, data: &QpData, counts: &mut Counts, what: &str) {
+    solver.data_mut().clone_from(data);
+    let found = solver.solve(None);
+    let defaults = QpSettings {
+        mode: QpMode::FreshDefaults,
+        accepted_residual: 1e-6,
+        accepted_gap: 1e-6,
+        ..QpSettings::default()
+    };
+    let mut reference = QpSolver::new(data.clone(), defaults).unwrap();
+    reference.set_max_iterations(settings::ITERATIONS_MAX);
+    let expected = reference.solve(None);
+    match (found, expected) {
+        (Ok(residuals), Ok(_)) => {
+            let cost = data.cost(solver.primal());
+            let least = data.cost(reference.primal());
+            // What the violation of rows that is let pass can be worth.
+            let largest = data.b.iter().fold(1.0_f64, |m, b| m.max(b.abs()));
+            let price: f64 = reference.point().dual.iter().map(|y| y.abs()).sum();
+            let worth = 2.0 * residuals.primal * largest * price;
+            assert!(
+                (cost - least).abs() <= SAME_COST * (1.0 + least.abs()) + worth,
+                "{what}: {cost}, expected {least} ({residuals:?}, {:?})",
+                solver.path()
+            );
+        }
+        (Ok(residuals), Err(_)) => {
+            // The KKT residuals prove it.
+            assert!(
+                residuals.within(1e-5),
+                "{what}: {residuals:?}, {expected:?}"
+            );
+            counts.only_here += 1;
+        }
+        (Err(failure), Ok(expected)) => panic!("{what}: {failure}, but {expected:?}"),
+        (Err(_), Err(_)) => counts.failed_in_both += 1,
+    }
+    match solver.path() {
+        SolvePath::Relaxed => counts.relaxed += 1,
+        SolvePath::WorkingSet => counts.working_set += 1,
+        SolvePath::InteriorPoint => counts.interior_point += 1,
+        SolvePath::CutShort => panic!("{what}: nothing cuts it short"),
+    }
+}
+
+/// Rows that bind without a force: right-hand sides at which a point's slack is 0.
+fn degenerate(data: &mut QpData, point: &[f64], random: &mut ChaCha8Rng) {
+    let mut at = Point::zeros(data);
+    at.primal.copy_from_slice(point);
+    data.slacken(&mut at);
+    for row in data.equalities..data.b.len() {
+        if within(random, 0.0, 1.0) < 0.2 {
+            data.b[row] -= at.slack[row];
+        }
+    }
+}
+
+/// Opposite rows with next to no room between them.
+fn nearly_infeasible(data: &mut QpData, random: &mut ChaCha8Rng) {
+    let first = data.equalities;
+    let stages = (data.b.len() - first) / 8;
+    for stage in 0..stages {
+        // Of a motor: bound, change, opposite bound, opposite change.
+        let row = first + 8 * stage + 4 * usize::from(within(random, 0.0, 1.0) < 0.5);
+        if within(random, 0.0, 1.0) < 0.3 {
+            data.b[row + 3] = -data.b[row + 1] + 1e-9;
+        }
+    }
+}
+
+/// Cost and rows in other units.
+fn wildly_scaled(data: &mut QpData, random: &mut ChaCha8Rng) {
+    let cost = 10.0_f64.powf(within(random, -4.0, 4.0));
+    data.p.nzval.iter_mut().for_each(|value| *value *= cost);
+    data.q.iter_mut().for_each(|value| *value *= cost);
+    let rows: Vec<f64> = (0..data.b.len())
+        .map(|_| 10.0_f64.powf(within(random, -2.0, 2.0)))
+        .collect();
+    for (row, value) in data.a.rowval.iter().zip(&mut data.a.nzval) {
+        *value *= rows[*row];
+    }
+    for (b, scale) in data.b.iter_mut().zip(&rows) {
+        *b *= scale;
+    }
+}
+
+/// A QP and what becomes of it when it is spoiled, one after the other in one solver.
+fn compare_with_variants(data: &QpData, random: &mut ChaCha8Rng, counts: &mut Counts, what: &str) {
+    let mut solver = QpSolver::new(data.clone(), QpSettings::default()).unwrap();
+    solver.set_max_iterations(settings::ITERATIONS_MAX);
+    compare(&mut solver, data, counts, what);
+    let solution = solver.primal().to_vec();
+    let mut spoiled = data.clone();
+    degenerate(&mut spoiled, &solution, random);
+    compare(
+        &mut solver,
+        &spoiled,
+        counts,
+        &format!("{what}, degenerate"),
+    );
+    let mut spoiled = data.clone();
+    nearly_infeasible(&mut spoiled, random);
+    compare(
+        &mut solver,
+        &spoiled,
+        counts,
+        &format!("{what}, nearly infeasible"),
+    );
+    let mut spoiled = data.clone();
+    wildly_scaled(&mut spoiled, random);
+    compare(
+        &mut solver,
+        &spoiled,
+        counts,
+        &format!("{what}, wildly scaled"),
+    );
+}
+
+#[test]
+fn random_qps_have_the_same_optimum() {
+    let mut runner = TestRunner::deterministic();
+    let mut random = ChaCha8Rng::seed_from_u64(1);
+    let mut counts = Counts::default();
+    for case in 0..cases() * 7 / 80 {
+        let stages = prop::collection::vec(stage(), 2..22)
+            .new_tree(&mut runner)
+            .unwrap()
+            .current();
+        let mut draw = |low, high| within(&mut random, low, high);
+        let limits = input_limits(if draw(0.0, 1.0) < 0.5 {
+            2.0
+        } else {
+            draw(1.1, 1.7)
+        });
+        let corridor = (draw(0.0, 1.0) < 0.5).then(|| Corridor {
+            half_width_m: draw(0.02, 0.6),
+            weight_per_m2: 200.0,
+        });
+        let previous = motors(draw(-0.6, 0.6), draw(-0.5, 0.5));
+        let block_stages = draw(1.0, 8.99) as usize;
+        let (mut condenser, mut data) =
+            Condenser::new(stages.len(), block_stages, limits, corridor, COST_SCALE);
+        condenser.assemble(&stages, previous, &mut data);
+        compare_with_variants(&data, &mut random, &mut counts, &format!("case {case}"));
+    }
+    println!("{counts:?}");
+    // Where a row hardly binds or hardly does not, both methods have to work it out.
+    assert!(counts.working_set > counts.interior_point, "{counts:?}");
+}
+
+#[test]
+fn qps_of_a_drive_have_the_same_optimum() {
+    let mut random = ChaCha8Rng::seed_from_u64(2);
+    let mut counts = Counts::default();
+    let mut course = Course::new();
+    let mut mpc = Mpc::new(settings(40, 5), PredictionModel::new(Vehicle::j8(), 0.02)).unwrap();
+    let mut replayed: Option<QpSolver> = None;
+    for cycle in 0..cases() * 13 / 20 {
+        // Readings that jump make limits bind.
+        let size = if cycle % 200 < 100 { 0.02 } else { 0.2 };
+        course.pose.x_m += within(&mut random, -size, size);
+        course.pose.y_m += within(&mut random, -size, size);
+        course.pose.yaw_rad += within(&mut random, -size, size);
+        course.solve(&mut mpc).unwrap();
+        course.drive(&mpc);
+        let data = mpc.solver.data().clone();
+        let solver = replayed
+            .get_or_insert_with(|| QpSolver::new(data.clone(), QpSettings::default()).unwrap());
+        compare(solver, &data, &mut counts, &format!("cycle {cycle}"));
+    }
+    println!("{counts:?}");
+    assert!(counts.working_set > 0, "{counts:?}");
+    assert_eq!(counts.failed_in_both + counts.only_here, 0, "{counts:?}");
+    assert!(100 * counts.interior_point <= cases(), "{counts:?}");
+}

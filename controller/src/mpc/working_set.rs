@@ -1,0 +1,385 @@
+//! A QP solved by finding the rows that bind.
+//!
+//! With the binding rows W known, the QP is a linear system, the one of its equalities with W among
+//! them. A guess of W is solved for, and each row whose sign is wrong changes sides: out of W where
+//! its multiplier is negative, into W where it is violated. From the rows that bound in the cycle
+//! before this primal-dual active-set method (Hintermueller, Ito and Kunisch, SIAM J. Optim. 13,
+//! 2002) mostly ends after one to three systems. It may cycle: where the number of wrong signs does
+//! not fall, [`DualActiveSet`] goes on, which cannot, a row at a time.
+//!
+//! So that all systems have one pattern, W enters as a penalty rho/2 (a' x - b)^2 on each of its rows
+//! a, whose products are in P's pattern or are added to it. Its multiplier is rho (a' x - b), and
+//! iterative refinement on the KKT residuals of the QP itself takes the penalty's error away:
+//!
+//! ```text
+//! (P + rho A_W' A_W) dx + E' dy_E = -(P x + q + A' y) - rho A_W' (A_W x - b_W)
+//! E dx                            = e - E x
+//! dy_W = rho (A_W (x + dx) - b_W)
+//! ```
+
+use super::clarabel_qp::{LinearSystem, SolveLimits};
+use super::dual_active_set::DualActiveSet;
+use super::problem::{Point, QpData, Residuals, pattern};
+use super::qp::QpFailure;
+use super::rows::Rows;
+
+/// A penalty's curvature along its row, relative to P's own.
+const STIFFNESS: f64 = 1e6;
+/// Systems at most before a row at a time is changed.
+const CORRECTIONS: u32 = 6;
+/// Share to which the wrong signs must fall from one system to the next.
+const PROGRESS: f64 = 0.7;
+/// Steps of iterative refinement at most.
+const REFINEMENTS: u32 = 3;
+/// Share of the solver's tolerance to which signs hold and residuals are refined.
+const SHARPER: f64 = 0.1;
+
+/// Finds the rows that bind, beginning with those of the last solve.
+pub struct WorkingSet {
+    rows: Rows,
+    system: LinearSystem,
+    dual: DualActiveSet,
+    places: Places,
+    /// Values of P with the penalties.
+    p: Vec<f64>,
+    /// Values of A in the equalities' rows.
+    equalities: Vec<f64>,
+    /// P's own diagonal.
+    diagonal: Vec<f64>,
+    q: Vec<f64>,
+    e: Vec<f64>,
+    /// Whether each row is in W, as begun with, as it stands, and as the signs want it next.
+    guess: Vec<bool>,
+    members: Vec<bool>,
+    next: Vec<bool>,
+    /// rho of the rows in W.
+    stiffness: Vec<f64>,
+    factorisations: u32,
+}
+
+/// Where values stand in the penalised P and in A.
+struct Places {
+    /// Of P's values.
+    p: Vec<usize>,
+    /// Of P's diagonal.
+    diagonal: Vec<usize>,
+    /// Of each product of two entries of a row, row by row: (0, 0), (0, 1), (1, 1), (0, 2), ...
+    products: Vec<usize>,
+    /// First product of each row.
+    product_starts: Vec<usize>,
+    /// Of A's values in the equalities' rows.
+    equalities: Vec<usize>,
+}
+
+impl WorkingSet {
+    /// Returns a solver for problems with the pattern of `data`, with no row to begin with.
+    ///
+    /// # Errors
+    /// [`QpFailure::Rejected`] when clarabel does not take the data.
+    pub fn new(data: &QpData) -> Result<Self, QpFailure> {
+        let rows = Rows::new(data);
+        let (penalised, places) = penalised(data, &rows);
+        let count = rows.count();
+        Ok(Self {
+            system: LinearSystem::new(&penalised)?,
+            dual: DualActiveSet::new(data),
+            p: penalised.p.nzval,
+            equalities: penalised.a.nzval,
+            diagonal: vec![0.0; data.q.len()],
+            q: vec![0.0; data.q.len()],
+            e: vec![0.0; data.equalities],
+            guess: vec![false; count],
+            members: vec![false; count],
+            next: vec![false; count],
+            stiffness: vec![0.0; count],
+            factorisations: 0,
+            places,
+            rows,
+        })
+    }
+
+    /// Returns the linear systems factorised in the last solve.
+    pub fn factorisations(&self) -> u32 {
+        self.factorisations
+    }
+
+    /// Returns whether an inequality binds in what was found last.
+    pub fn binds(&self) -> bool {
+        self.members.contains(&true)
+    }
+
+    /// Begins the next solve with the rows that bind at `point`.
+    pub fn begin_with(&mut self, point: &Point, data: &QpData) {
+        let first = data.equalities;
+        let rows = point.dual[first..].iter().zip(&point.slack[first..]);
+        for (member, (dual, slack)) in self.members.iter_mut().zip(rows) {
+            *member = dual > slack;
+        }
+    }
+
+    /// Leads `point` to the QP's solution and returns its residuals, at most `tolerance`; none where
+    /// that does not succeed. `work` has the lengths of the point's.
+    ///
+    /// # Errors
+    /// [`QpFailure::Deadline`], with the last iterate in `point` where there was one, and
+    /// [`QpFailure::Rejected`] for data of another size.
+    pub fn solve(
+        &mut self,
+        data: &QpData,
+        point: &mut Point,
+        work: &mut Point,
+        tolerance: f64,
+        limits: &SolveLimits,
+    ) -> Result<Option<Residuals>, QpFailure> {
+        self.factorisations = 0;
+        if !self.rows.fit(data) || data.p.nzval.len() != self.places.p.len() {
+            return Err(QpFailure::Rejected);
+        }
+        for (value, place) in self.equalities.iter_mut().zip(&self.places.equalities) {
+            *value = data.a.nzval[*place];
+        }
+        self.guess.copy_from_slice(&self.members);
+        if let Some(residuals) = self.correct(data, point, work, tolerance, limits)? {
+            return Ok(Some(residuals));
+        }
+        // From the guess, which was near, and not from where the corrections have led.
+        self.members.fill(false);
+        if !self.factorise(data, limits)? {
+            return Ok(None);
+        }
+        let (rows, guess) = (&self.rows, &self.guess);
+        let found = self
+            .dual
+            .solve(&mut self.system, data, rows, guess, point, limits)
+            .map_err(|()| self.late())?;
+        if !found {
+            return Ok(None);
+        }
+        for row in self.dual.active() {
+            self.members[*row] = true;
+        }
+        self.finish(data, point, work, tolerance, limits)
+    }
+
+    /// Exchanges all rows of wrong sign at a time, until there is none or they do not grow fewer.
+    fn correct(
+        &mut self,
+        data: &QpData,
+        point: &mut Point,
+        work: &mut Point,
+        tolerance: f64,
+        limits: &SolveLimits,
+    ) -> Result<Option<Residuals>, QpFailure> {
+        let mut before = usize::MAX;
+        for _ in 0..CORRECTIONS {
+            if !self.factorise(data, limits)? || !self.first_point(data, point) {
+                return Ok(None);
+            }
+            let mut wrong = self.judge(data, point, tolerance);
+            for _ in 0..=REFINEMENTS {
+                if wrong > 0 {
+                    break;
+                }
+                let residuals = data.residuals(point, work);
+                if residuals.within(SHARPER * tolerance) {
+                    return Ok(Some(residuals));
+                }
+                if !self.refine(data, point, work) {
+                    return Ok(None);
+                }
+                wrong = self.judge(data, point, tolerance);
+            }
+            if wrong == 0 || wrong as f64 > PROGRESS * before as f64 {
+                return Ok(None);
+            }
+            before = wrong;
+            std::mem::swap(&mut self.members, &mut self.next);
+        }
+        Ok(None)
+    }
+
+    /// Refines the point of the rows as they are.
+    fn finish(
+        &mut self,
+        data: &QpData,
+        point: &mut Point,
+        work: &mut Point,
+        tolerance: f64,
+        limits: &SolveLimits,
+    ) -> Result<Option<Residuals>, QpFailure> {
+        if !self.factorise(data, limits)? || !self.first_point(data, point) {
+            return Ok(None);
+        }
+        for _ in 0..REFINEMENTS {
+            let residuals = data.residuals(point, work);
+            if residuals.within(SHARPER * tolerance) {
+                return Ok(Some(residuals));
+            }
+            if !self.refine(data, point, work) {
+                return Ok(None);
+            }
+        }
+        Ok(Some(data.residuals(point, work)).filter(|residuals| residuals.within(tolerance)))
+    }
+
+    /// Factorises the system of the rows in W; returns whether that went well.
+    fn factorise(&mut self, data: &QpData, limits: &SolveLimits) -> Result<bool, QpFailure> {
+        if limits.passed() {
+            return Err(self.late());
+        }
+        self.factorisations += 1;
+        self.p.fill(0.0);
+        for (place, value) in self.places.p.iter().zip(&data.p.nzval) {
+            self.p[*place] = *value;
+        }
+        for (own, place) in self.diagonal.iter_mut().zip(&self.places.diagonal) {
+            *own = self.p[*place];
+        }
+        self.q.copy_from_slice(&data.q);
+        for row in (0..self.members.len()).filter(|row| self.members[*row]) {
+            let entries = self.rows.entries(data, row);
+            let (mut size, mut curvature) = (0.0, 0.0);
+            for (column, value) in entries.clone() {
+                size += value * value;
+                curvature += value * value * self.diagonal[column];
+            }
+            // A row of zeros binds nothing.
+            let size = size.max(f64::MIN_POSITIVE);
+            let rho = STIFFNESS * (curvature / size).max(1.0) / size;
+            self.stiffness[row] = rho;
+            let mut products = self.places.products[self.places.product_starts[row]..].iter();
+            for (i, (column, value)) in entries.clone().enumerate() {
+                self.q[column] -= rho * value * data.b[data.equalities + row];
+                let upper = entries.clone().take(i + 1);
+                for ((_, other), place) in upper.zip(products.by_ref()) {
+                    self.p[*place] += rho * value * other;
+                }
+            }
+        }
+        self.system.factorise(&self.p, &self.equalities)
+    }
+
+    /// Sets `point` to the solution of the penalised problem; returns whether there is one.
+    fn first_point(&mut self, data: &QpData, point: &mut Point) -> bool {
+        let first = data.equalities;
+        if !self.system.solve(&self.q, &data.b[..first]) {
+            return false;
+        }
+        point.primal.copy_from_slice(self.system.primal());
+        point.dual[..first].copy_from_slice(self.system.multipliers());
+        point.dual[first..].fill(0.0);
+        self.multiply(data, point);
+        true
+    }
+
+    /// Adds a step of iterative refinement; `work` holds the residuals of `point`.
+    fn refine(&mut self, data: &QpData, point: &mut Point, work: &Point) -> bool {
+        let first = data.equalities;
+        self.q.copy_from_slice(&work.primal);
+        for row in (0..self.members.len()).filter(|row| self.members[*row]) {
+            let force = self.stiffness[row] * work.slack[first + row];
+            for (column, value) in self.rows.entries(data, row) {
+                self.q[column] += force * value;
+            }
+        }
+        for (e, residual) in self.e.iter_mut().zip(&work.slack) {
+            *e = -residual;
+        }
+        if !self.system.solve(&self.q, &self.e) {
+            return false;
+        }
+        for (x, step) in point.primal.iter_mut().zip(self.system.primal()) {
+            *x += step;
+        }
+        for (y, step) in point.dual.iter_mut().zip(self.system.multipliers()) {
+            *y += step;
+        }
+        self.multiply(data, point);
+        true
+    }
+
+    /// Adds rho (a' x - b) to the multipliers of the rows in W and sets all slacks.
+    fn multiply(&self, data: &QpData, point: &mut Point) {
+        data.slacken(point);
+        let first = data.equalities;
+        for row in (0..self.members.len()).filter(|row| self.members[*row]) {
+            point.dual[first + row] -= self.stiffness[row] * point.slack[first + row];
+            point.slack[first + row] = 0.0;
+        }
+    }
+
+    /// Fills in which rows should be in W by their signs; returns for how many that is news.
+    fn judge(&mut self, data: &QpData, point: &Point, tolerance: f64) -> usize {
+        let first = data.equalities;
+        let least = |values: &[f64]| {
+            let largest = values.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
+            -SHARPER * tolerance * (1.0 + largest)
+        };
+        let (least_slack, least_dual) = (least(&data.b), least(&data.q));
+        let rows = point.dual[first..].iter().zip(&point.slack[first..]);
+        let mut wrong = 0;
+        for ((member, next), (dual, slack)) in self.members.iter().zip(&mut self.next).zip(rows) {
+            *next = if *member {
+                *dual >= least_dual
+            } else {
+                *slack < least_slack
+            };
+            wrong += usize::from(next != member);
+        }
+        wrong
+    }
+
+    fn late(&self) -> QpFailure {
+        QpFailure::Deadline {
+            iterations: self.factorisations,
+        }
+    }
+}
+
+/// Returns the problem with its equalities alone whose P has room for the penalties of all rows, and
+/// where values stand in it.
+fn penalised(data: &QpData, rows: &Rows) -> (QpData, Places) {
+    let size = data.q.len();
+    let mut entries: Vec<(usize, usize)> = (0..size).map(|i| (i, i)).collect();
+    let own: Vec<_> = (0..size)
+        .flat_map(|column| {
+            let stored = data.p.colptr[column]..data.p.colptr[column + 1];
+            stored.map(move |place| (data.p.rowval[place], column))
+        })
+        .collect();
+    entries.extend(&own);
+    let mut products = Vec::new();
+    let mut product_starts = vec![0];
+    for row in 0..rows.count() {
+        let columns = rows.columns(row);
+        for (i, column) in columns.iter().enumerate() {
+            products.extend(columns[..=i].iter().map(|other| (*other, *column)));
+        }
+        product_starts.push(products.len());
+    }
+    entries.extend(&products);
+    entries.sort_unstable();
+    entries.dedup();
+    let (p, positions) = pattern(size, size, &entries);
+    let places = |list: &[(usize, usize)]| -> Vec<usize> {
+        list.iter()
+            .filter_map(|entry| entries.binary_search(entry).ok())
+            .map(|i| positions[i])
+            .collect()
+    };
+    let diagonal: Vec<_> = (0..size).map(|i| (i, i)).collect();
+    let equalities = data.a.rowval.iter().enumerate();
+    let places = Places {
+        p: places(&own),
+        diagonal: places(&diagonal),
+        products: places(&products),
+        product_starts,
+        equalities: equalities
+            .filter(|(_, row)| **row < data.equalities)
+            .map(|(place, _)| place)
+            .collect(),
+    };
+    let mut problem = data.without_inequalities();
+    problem.p = p;
+    (problem, places)
+}

@@ -1,0 +1,186 @@
+//! A contact vehicle as it is known before it has driven: measured geometry, the rest known or guessed.
+
+use super::friction::{Friction, FrictionField};
+use super::vehicle::{Axle, CentreOfMass, ContactVehicle};
+use crate::bounds::RangeError;
+use serde::{Deserialize, Serialize};
+
+/// Guesses for what no tape measures: tyres on firm ground, the mass low and in the middle.
+mod guess {
+    pub(super) const FRICTION: f64 = 0.7;
+    pub(super) const LATERAL_SHARE: f64 = 1.0;
+    pub(super) const SLIP_SCALE_M_S: f64 = 0.02;
+    pub(super) const ROLLING_RESISTANCE: f64 = 0.02;
+    /// Height of the centre of mass over the half width.
+    pub(super) const HEIGHT_SHARE: f64 = 0.6;
+    /// Radius of gyration of a contact patch over the half width.
+    pub(super) const PATCH_SHARE: f64 = 0.15;
+    /// Load of an inner axle over that of an outer one.
+    pub(super) const INNER_FACTOR: f64 = 1.5;
+    /// Half length over half width from which on four axles are guessed where none are given, else two.
+    pub(super) const FOUR_AXLES: f64 = 1.4;
+}
+
+/// A contact vehicle of which only geometry need be given.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct KnownContact {
+    half_width_m: f64,
+    axles: Vec<KnownAxle>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    mass_kg: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    centre_of_mass_right_m: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    centre_of_mass_forward_m: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    centre_of_mass_height_m: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    friction: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    lateral_share: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    slip_scale_m_s: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    rolling_resistance: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    patch_radius_m: Option<f64>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct KnownAxle {
+    forward_m: f64,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    load_share: Option<f64>,
+}
+
+impl KnownContact {
+    /// Returns the vehicle with guesses for what is not given.
+    ///
+    /// # Errors
+    /// Names the key, its value and its range.
+    pub(crate) fn vehicle(&self, name: &str) -> Result<ContactVehicle, RangeError> {
+        let positions: Vec<f64> = self.axles.iter().map(|axle| axle.forward_m).collect();
+        let mut vehicle = ContactVehicle::of_geometry(name, self.half_width_m, &positions);
+        if let Some(shares) = self
+            .axles
+            .iter()
+            .map(|axle| axle.load_share)
+            .collect::<Option<Vec<_>>>()
+        {
+            for (axle, share) in vehicle.axles.iter_mut().zip(shares) {
+                axle.load_share = share;
+            }
+        }
+        let put = |to: &mut f64, known: Option<f64>| *to = known.unwrap_or(*to);
+        put(&mut vehicle.mass_kg, self.mass_kg);
+        let centre = &mut vehicle.centre_of_mass;
+        put(&mut centre.right_m, self.centre_of_mass_right_m);
+        put(&mut centre.forward_m, self.centre_of_mass_forward_m);
+        put(&mut centre.height_m, self.centre_of_mass_height_m);
+        let friction = &mut vehicle.friction;
+        if let Some(coefficient) = self.friction {
+            friction.field = FrictionField::Uniform { coefficient };
+        }
+        put(&mut friction.lateral_share, self.lateral_share);
+        put(&mut friction.slip_scale_m_s, self.slip_scale_m_s);
+        put(&mut friction.rolling_resistance, self.rolling_resistance);
+        put(&mut friction.patch_radius_m, self.patch_radius_m);
+        vehicle.validated()
+    }
+
+    /// Returns everything of a vehicle as known.
+    pub(crate) fn of(vehicle: &ContactVehicle) -> Self {
+        let centre = &vehicle.centre_of_mass;
+        let friction = &vehicle.friction;
+        Self {
+            half_width_m: vehicle.half_width_m,
+            axles: vehicle
+                .axles
+                .iter()
+                .map(|axle| KnownAxle {
+                    forward_m: axle.forward_m,
+                    load_share: Some(axle.load_share),
+                })
+                .collect(),
+            mass_kg: Some(vehicle.mass_kg),
+            centre_of_mass_right_m: Some(centre.right_m),
+            centre_of_mass_forward_m: Some(centre.forward_m),
+            centre_of_mass_height_m: Some(centre.height_m),
+            friction: Some(friction.field.middle()),
+            lateral_share: Some(friction.lateral_share),
+            slip_scale_m_s: Some(friction.slip_scale_m_s),
+            rolling_resistance: Some(friction.rolling_resistance),
+            patch_radius_m: Some(friction.patch_radius_m),
+        }
+    }
+}
+
+impl ContactVehicle {
+    /// Returns a vehicle of which only geometry is known: the rest is a guess to start learning from. The mass
+    /// is 1 kg, since a motion without inertia does not depend on it.
+    pub fn of_geometry(name: &str, half_width_m: f64, axles_forward_m: &[f64]) -> Self {
+        let (first, last) = axles_forward_m
+            .iter()
+            .fold((f64::MIN, f64::MAX), |(first, last), y| {
+                (first.max(*y), last.min(*y))
+            });
+        let load = |y: f64| {
+            if y > last && y < first {
+                guess::INNER_FACTOR
+            } else {
+                1.0
+            }
+        };
+        let total: f64 = axles_forward_m.iter().map(|y| load(*y)).sum();
+        Self {
+            name: name.to_owned(),
+            mass_kg: 1.0,
+            centre_of_mass: CentreOfMass {
+                right_m: 0.0,
+                forward_m: 0.0,
+                height_m: guess::HEIGHT_SHARE * half_width_m,
+            },
+            half_width_m,
+            axles: axles_forward_m
+                .iter()
+                .map(|&forward_m| Axle {
+                    forward_m,
+                    load_share: load(forward_m) / total,
+                })
+                .collect(),
+            friction: Friction {
+                field: FrictionField::Uniform {
+                    coefficient: guess::FRICTION,
+                },
+                lateral_share: guess::LATERAL_SHARE,
+                slip_scale_m_s: guess::SLIP_SCALE_M_S,
+                rolling_resistance: guess::ROLLING_RESISTANCE,
+                patch_radius_m: guess::PATCH_SHARE * half_width_m,
+            },
+            yaw_inertia_kg_m2: None,
+        }
+    }
+
+    /// Returns what a tape measures of this vehicle, the rest as a guess.
+    #[must_use]
+    pub fn geometry_alone(&self) -> Self {
+        let positions: Vec<f64> = self.axles.iter().map(|axle| axle.forward_m).collect();
+        Self {
+            mass_kg: self.mass_kg,
+            ..Self::of_geometry(&self.name, self.half_width_m, &positions)
+        }
+    }
+
+    /// Returns a vehicle on a base rectangle: two axles at its ends, or four evenly spaced where it is
+    /// long.
+    pub fn of_base(name: &str, half_width_m: f64, half_length_m: f64) -> Self {
+        let y = half_length_m;
+        if half_length_m >= guess::FOUR_AXLES * half_width_m {
+            Self::of_geometry(name, half_width_m, &[y, y / 3.0, -y / 3.0, -y])
+        } else {
+            Self::of_geometry(name, half_width_m, &[y, -y])
+        }
+    }
+}

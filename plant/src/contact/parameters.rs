@@ -1,0 +1,146 @@
+//! What a contact vehicle's motion depends on besides its geometry, as a vector that can be learned.
+
+use super::vehicle::ContactVehicle;
+use super::{Friction, FrictionField};
+use nalgebra::SVector;
+use serde::Serialize;
+
+/// Number of the parameters.
+pub const PARAMETERS: usize = 8;
+
+/// The parameters in the order of [`Parameter::ALL`]; factors as natural logarithms.
+pub type ParameterVector = SVector<f64, PARAMETERS>;
+
+/// One parameter of a contact vehicle.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Parameter {
+    /// Coefficient of friction mu.
+    Friction,
+    /// Centre of mass to the right of the origin, m.
+    CentreRight,
+    /// Centre of mass ahead of the origin, m.
+    CentreForward,
+    /// Centre of mass above the ground, m.
+    CentreHeight,
+    /// Share of the weight on the inner axles, those between the first and the last.
+    InnerShare,
+    /// Share `a` of mu that acts sideways.
+    LateralShare,
+    /// Slip scale eps, m/s.
+    SlipScale,
+    /// Rolling resistance c.
+    RollingResistance,
+}
+
+impl Parameter {
+    /// All parameters, in the order of a [`ParameterVector`].
+    pub const ALL: [Self; PARAMETERS] = [
+        Self::Friction,
+        Self::CentreRight,
+        Self::CentreForward,
+        Self::CentreHeight,
+        Self::InnerShare,
+        Self::LateralShare,
+        Self::SlipScale,
+        Self::RollingResistance,
+    ];
+
+    /// Returns its key in records, diagnostics and reports.
+    pub fn key(self) -> &'static str {
+        match self {
+            Self::Friction => "friction",
+            Self::CentreRight => "centre_of_mass_right_m",
+            Self::CentreForward => "centre_of_mass_forward_m",
+            Self::CentreHeight => "centre_of_mass_height_m",
+            Self::InnerShare => "inner_load_share",
+            Self::LateralShare => "lateral_share",
+            Self::SlipScale => "slip_scale_m_s",
+            Self::RollingResistance => "rolling_resistance",
+        }
+    }
+
+    /// Returns its place in a [`ParameterVector`].
+    pub fn index(self) -> usize {
+        self as usize
+    }
+
+    /// Returns whether a [`ParameterVector`] holds its natural logarithm: a positive factor.
+    pub fn is_logarithm(self) -> bool {
+        matches!(self, Self::Friction | Self::LateralShare | Self::SlipScale)
+    }
+
+    /// Returns the value, in its own unit, of an entry of a [`ParameterVector`].
+    pub fn value(self, entry: f64) -> f64 {
+        if self.is_logarithm() {
+            entry.exp()
+        } else {
+            entry
+        }
+    }
+
+    /// Returns the entry of a [`ParameterVector`] for a value in the parameter's own unit.
+    pub fn entry(self, value: f64) -> f64 {
+        if self.is_logarithm() {
+            value.ln()
+        } else {
+            value
+        }
+    }
+
+    /// Returns the range of values that a vehicle of half width `half_width_m` and half length
+    /// `half_length_m` may have.
+    pub fn range(self, half_width_m: f64, half_length_m: f64) -> (f64, f64) {
+        match self {
+            Self::Friction => (0.1, 2.0),
+            Self::CentreRight => (-0.5 * half_width_m, 0.5 * half_width_m),
+            Self::CentreForward => (-0.7 * half_length_m, 0.7 * half_length_m),
+            Self::CentreHeight => (0.0, 2.5 * half_width_m),
+            Self::InnerShare => (0.02, 0.98),
+            Self::LateralShare => (0.3, 2.0),
+            Self::SlipScale => (0.002, 0.2),
+            Self::RollingResistance => (0.0, 0.3),
+        }
+    }
+}
+
+impl ContactVehicle {
+    /// Returns the vehicle's parameters; friction in patches counts with the middle of its range.
+    pub fn parameters(&self) -> ParameterVector {
+        let value = |parameter| match parameter {
+            Parameter::Friction => self.friction.field.middle(),
+            Parameter::CentreRight => self.centre_of_mass.right_m,
+            Parameter::CentreForward => self.centre_of_mass.forward_m,
+            Parameter::CentreHeight => self.centre_of_mass.height_m,
+            Parameter::InnerShare => self.inner_share(),
+            Parameter::LateralShare => self.friction.lateral_share,
+            Parameter::SlipScale => self.friction.slip_scale_m_s,
+            Parameter::RollingResistance => self.friction.rolling_resistance,
+        };
+        ParameterVector::from_fn(|i, _| {
+            let parameter = Parameter::ALL[i];
+            parameter.entry(value(parameter))
+        })
+    }
+
+    /// Returns the same vehicle with other parameters, on ground of even friction.
+    #[must_use]
+    pub fn with_parameters(&self, parameters: &ParameterVector) -> Self {
+        let value = |parameter: Parameter| parameter.value(parameters[parameter.index()]);
+        let mut vehicle = self.clone();
+        vehicle.centre_of_mass.right_m = value(Parameter::CentreRight);
+        vehicle.centre_of_mass.forward_m = value(Parameter::CentreForward);
+        vehicle.centre_of_mass.height_m = value(Parameter::CentreHeight);
+        vehicle.friction = Friction {
+            field: FrictionField::Uniform {
+                coefficient: value(Parameter::Friction),
+            },
+            lateral_share: value(Parameter::LateralShare),
+            slip_scale_m_s: value(Parameter::SlipScale),
+            rolling_resistance: value(Parameter::RollingResistance),
+            ..self.friction
+        };
+        vehicle.set_inner_share(value(Parameter::InnerShare));
+        vehicle
+    }
+}

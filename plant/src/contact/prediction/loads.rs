@@ -1,0 +1,114 @@
+//! Normal loads over the weight, linear in what they carry.
+
+use super::{Geometry, Ground, WHEELS_MAX};
+use crate::frames::Attitude;
+use nalgebra::{Matrix3, Vector3};
+
+/// Weight in body axes over m g at an attitude, and its derivatives.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Stance {
+    pub(super) weight: Vector3<f64>,
+    pub(super) by_roll: Vector3<f64>,
+    pub(super) by_pitch: Vector3<f64>,
+}
+
+impl Stance {
+    pub(super) fn at(attitude: &Attitude) -> Self {
+        let (s_alpha, c_alpha) = attitude.roll_rad.sin_cos();
+        let (s_phi, c_phi) = attitude.pitch_rad.sin_cos();
+        Self {
+            weight: Vector3::new(s_alpha, -s_phi * c_alpha, -c_phi * c_alpha),
+            by_roll: Vector3::new(c_alpha, s_phi * s_alpha, c_phi * s_alpha),
+            by_pitch: Vector3::new(0.0, -c_phi * c_alpha, s_phi * c_alpha),
+        }
+    }
+
+    /// Returns force to the right and forward and moment about the origin of the weight, which acts at
+    /// `centre`.
+    pub(super) fn pull(&self, centre: &Vector3<f64>) -> Vector3<f64> {
+        pull_of(&self.weight, centre)
+    }
+}
+
+/// Returns force and moment along the ground of `weight` at `centre`.
+pub(super) fn pull_of(weight: &Vector3<f64>, centre: &Vector3<f64>) -> Vector3<f64> {
+    Vector3::new(
+        weight.x,
+        weight.y,
+        centre.x * weight.y - centre.y * weight.x,
+    )
+}
+
+/// Returns what the wheels have to carry together: sum N, sum N x, sum N y.
+pub(super) fn demand_of(weight: &Vector3<f64>, centre: &Vector3<f64>) -> Vector3<f64> {
+    let pressing = -weight.z;
+    Vector3::new(
+        pressing,
+        pressing * centre.x + weight.x * centre.z,
+        pressing * centre.y + weight.y * centre.z,
+    )
+}
+
+/// Loads of all wheels, the left ones first, over the weight.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Loads {
+    pub(super) of_wheel: [f64; WHEELS_MAX],
+    /// d(constants)/d(demand): inverse of the stiffness of the wheels on the ground; 0 where the loads
+    /// do not follow the demand.
+    pub(super) inverse_stiffness: Matrix3<f64>,
+    pub(super) stands: bool,
+}
+
+impl Loads {
+    /// Returns the loads as of [`write_wheel_loads`](super::super::loads::write_wheel_loads); those
+    /// of level ground where the vehicle does not stand.
+    pub(super) fn of(geometry: &Geometry, ground: &Ground, stance: &Stance) -> Self {
+        let demand = demand_of(&stance.weight, &ground.centre);
+        let wheels = 2 * geometry.axles;
+        let mut lifted = [false; WHEELS_MAX];
+        let mut of_wheel = [0.0; WHEELS_MAX];
+        let mut inverse = Some(geometry.inverse_stiffness);
+        // Each pass lifts at least one more wheel or ends.
+        for _ in 0..wheels {
+            let Some(inverse_stiffness) = inverse else {
+                break;
+            };
+            let mut missing = demand;
+            for i in (0..wheels).filter(|&i| !lifted[i]) {
+                missing -= geometry.arm(i) * ground.wheel_share[i % geometry.axles];
+            }
+            let constants = inverse_stiffness * missing;
+            let mut again = false;
+            for i in 0..wheels {
+                if lifted[i] {
+                    continue;
+                }
+                let load = ground.wheel_share[i % geometry.axles] + constants.dot(&geometry.arm(i));
+                of_wheel[i] = load.max(0.0);
+                lifted[i] = load <= 0.0;
+                again |= lifted[i];
+            }
+            if !again {
+                return Self {
+                    of_wheel,
+                    inverse_stiffness,
+                    stands: true,
+                };
+            }
+            let mut stiffness = Matrix3::zeros();
+            for i in (0..wheels).filter(|&i| !lifted[i]) {
+                let arm = geometry.arm(i);
+                stiffness += arm * arm.transpose();
+            }
+            inverse = stiffness.try_inverse();
+        }
+        for (i, load) in of_wheel.iter_mut().enumerate().take(wheels) {
+            *load = demand.x.max(0.1) * ground.wheel_share[i % geometry.axles];
+        }
+        Self {
+            of_wheel,
+            inverse_stiffness: Matrix3::zeros(),
+            stands: false,
+        }
+    }
+}

@@ -1,0 +1,306 @@
+//! Sums over the wheels: the potential, its derivatives by the velocity, and those of its gradient.
+
+use super::loads::{Loads, Stance, demand_of, pull_of};
+use super::{ByParameters, Geometry, Ground};
+use crate::frames::Attitude;
+use crate::speeds::TreadSpeeds;
+use nalgebra::{Matrix3, SMatrix, Vector3};
+
+/// What the sums are over, and the tread speeds.
+pub(super) struct Sums<'a> {
+    pub(super) geometry: &'a Geometry,
+    pub(super) ground: &'a Ground,
+    pub(super) treads: TreadSpeeds,
+}
+
+/// Value, gradient and Hessian of the potential over the weight.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Expansion {
+    pub(super) value: f64,
+    pub(super) gradient: Vector3<f64>,
+    pub(super) hessian: Matrix3<f64>,
+}
+
+/// A side's wheels: what they have in common.
+#[derive(Clone, Copy)]
+struct Side {
+    /// Lateral position x, m.
+    x: f64,
+    /// First of its wheels.
+    first: usize,
+    /// Speed along the ground v_y + omega x, m/s.
+    rolling: f64,
+    /// Slip along the ground, m/s.
+    slip: f64,
+    /// Part of q^2 that all its wheels have.
+    common: f64,
+    /// sqrt(rolling^2 + eps^2), m/s.
+    rolling_root: f64,
+}
+
+/// One wheel's unit friction force, q and their ingredients.
+#[derive(Clone, Copy)]
+struct Wheel {
+    y: f64,
+    load: f64,
+    /// a^2 s_x^2.
+    lateral: f64,
+    q: f64,
+    /// Unit force: along x, along y, and the patch's own moment.
+    force: Vector3<f64>,
+}
+
+impl Wheel {
+    /// Returns force in the plane and moment about the origin of a force and a moment at the wheel.
+    fn about_origin(&self, x: f64, force: &Vector3<f64>) -> Vector3<f64> {
+        Vector3::new(force.x, force.y, force.z + x * force.y - self.y * force.x)
+    }
+}
+
+impl Sums<'_> {
+    fn sides(&self, velocity: &Vector3<f64>) -> [Side; 2] {
+        let turning = self.geometry.patch_squared_m2 * velocity.z * velocity.z;
+        [(-1.0, self.treads.left_m_s), (1.0, self.treads.right_m_s)].map(|(sign, tread)| {
+            let x = sign * self.geometry.half_width_m;
+            let rolling = velocity.y + velocity.z * x;
+            let slip = rolling - tread;
+            Side {
+                x,
+                first: if sign < 0.0 { 0 } else { self.geometry.axles },
+                rolling,
+                slip,
+                common: slip * slip + turning + self.ground.slip_squared,
+                rolling_root: (rolling * rolling + self.ground.slip_squared).sqrt(),
+            }
+        })
+    }
+
+    #[inline]
+    fn wheel(&self, side: &Side, axle: usize, velocity: &Vector3<f64>, loads: &Loads) -> Wheel {
+        let y = self.geometry.forward_m[axle];
+        let s_x = velocity.x - velocity.z * y;
+        let across = self.ground.lateral_squared * s_x;
+        let lateral = across * s_x;
+        let q = (side.common + lateral).sqrt();
+        let inverse = 1.0 / q;
+        Wheel {
+            y,
+            load: loads.of_wheel[side.first + axle],
+            lateral,
+            q,
+            force: Vector3::new(
+                across * inverse,
+                side.slip * inverse,
+                self.geometry.patch_squared_m2 * velocity.z * inverse,
+            ),
+        }
+    }
+
+    /// Returns the potential with its derivatives; `pull` is force and moment of the weight.
+    pub(super) fn expand(
+        &self,
+        velocity: &Vector3<f64>,
+        loads: &Loads,
+        pull: &Vector3<f64>,
+    ) -> Expansion {
+        let (a2, r2) = (self.ground.lateral_squared, self.geometry.patch_squared_m2);
+        let mu = self.ground.friction;
+        let (mut value, mut gradient) = (-pull.dot(velocity), -pull);
+        let (mut h_xx, mut h_xy, mut h_xz) = (0.0, 0.0, 0.0);
+        let (mut h_yy, mut h_yz, mut h_zz) = (0.0, 0.0, 0.0);
+        for side in self.sides(velocity) {
+            let x = side.x;
+            let mut load = 0.0;
+            let mut along = 0.0;
+            let mut curve_along = 0.0;
+            for axle in 0..self.geometry.axles {
+                let wheel = self.wheel(&side, axle, velocity, loads);
+                let (limit, y) = (mu * wheel.load, wheel.y);
+                let f = &wheel.force;
+                let stiff = limit / wheel.q;
+                load += wheel.load;
+                value += limit * wheel.q;
+                gradient.x += limit * f.x;
+                along += limit * f.y;
+                gradient.z += limit * (f.z - y * f.x);
+                let xx = stiff * (a2 - f.x * f.x);
+                let xy = -stiff * f.x * f.y;
+                let xz = -stiff * f.x * f.z;
+                let yz = -stiff * f.y * f.z;
+                let zz = stiff * (r2 - f.z * f.z);
+                let yy = stiff * (1.0 - f.y * f.y);
+                curve_along += yy;
+                h_xx += xx;
+                h_xy += xy;
+                h_xz += xz - y * xx;
+                // The side's terms in x are added below, with those of rolling.
+                h_xz += x * xy;
+                h_yz += yz - y * xy;
+                h_zz += zz + y * y * xx - 2.0 * y * xz + 2.0 * x * (yz - y * xy);
+            }
+            let resistance = self.ground.rolling_resistance * load;
+            let root = side.rolling_root;
+            value += resistance * root;
+            along += resistance * side.rolling / root;
+            curve_along += resistance * self.ground.slip_squared / (root * root * root);
+            gradient.y += along;
+            gradient.z += x * along;
+            h_yy += curve_along;
+            h_yz += x * curve_along;
+            h_zz += x * x * curve_along;
+        }
+        Expansion {
+            value,
+            gradient,
+            hessian: Matrix3::new(h_xx, h_xy, h_xz, h_xy, h_yy, h_yz, h_xz, h_yz, h_zz),
+        }
+    }
+
+    /// Returns the curvature of a parabola that touches the potential at `velocity` and lies above it elsewhere.
+    pub(super) fn majorant(&self, velocity: &Vector3<f64>, loads: &Loads) -> Matrix3<f64> {
+        let (a2, r2) = (self.ground.lateral_squared, self.geometry.patch_squared_m2);
+        let mut sum = Matrix3::zeros();
+        for side in self.sides(velocity) {
+            let x = side.x;
+            for axle in 0..self.geometry.axles {
+                let wheel = self.wheel(&side, axle, velocity, loads);
+                let y = wheel.y;
+                let weight = self.ground.friction * wheel.load / wheel.q;
+                let along =
+                    weight + self.ground.rolling_resistance * wheel.load / side.rolling_root;
+                let (across, turning) = (a2 * weight, r2 * weight);
+                sum += Matrix3::new(
+                    across,
+                    0.0,
+                    -y * across,
+                    0.0,
+                    along,
+                    x * along,
+                    -y * across,
+                    x * along,
+                    y * y * across + x * x * along + turning,
+                );
+            }
+        }
+        sum
+    }
+
+    /// Returns sum over the wheels on the ground of (force for each unit of load) arm', which leads from
+    /// loads to the gradient, and the same of the inner axles' share.
+    fn gradient_by_loads(
+        &self,
+        velocity: &Vector3<f64>,
+        loads: &Loads,
+    ) -> (Matrix3<f64>, Vector3<f64>, Vector3<f64>) {
+        let mut by_constants = Matrix3::zeros();
+        let mut by_share = Vector3::zeros();
+        let mut shared_arms = Vector3::zeros();
+        for side in self.sides(velocity) {
+            let rolling = self.ground.rolling_resistance * side.rolling / side.rolling_root;
+            for axle in 0..self.geometry.axles {
+                let wheel = self.wheel(&side, axle, velocity, loads);
+                if wheel.load <= 0.0 {
+                    continue;
+                }
+                let mut force = self.ground.friction * wheel.force;
+                force.y += rolling;
+                let unit = wheel.about_origin(side.x, &force);
+                let arm = Vector3::new(1.0, side.x, wheel.y);
+                by_constants += unit * arm.transpose();
+                let share = self.geometry.share_by_inner(axle, self.ground.has_inner);
+                by_share += share * unit;
+                shared_arms += share * arm;
+            }
+        }
+        (by_constants, by_share, shared_arms)
+    }
+
+    /// Returns dg/d(roll, pitch, left tread, right tread).
+    pub(super) fn gradient_by_inputs(
+        &self,
+        velocity: &Vector3<f64>,
+        loads: &Loads,
+        attitude: &Attitude,
+        pull_share: f64,
+    ) -> SMatrix<f64, 3, 4> {
+        let stance = Stance::at(attitude);
+        let centre = &self.ground.centre;
+        let (by_constants, _, _) = self.gradient_by_loads(velocity, loads);
+        let by_demand = by_constants * loads.inverse_stiffness;
+        let by = |weight: &Vector3<f64>| {
+            by_demand * demand_of(weight, centre) - pull_share * pull_of(weight, centre)
+        };
+        let mut by_tread = [Vector3::zeros(); 2];
+        for (side, sum) in self.sides(velocity).iter().zip(&mut by_tread) {
+            for axle in 0..self.geometry.axles {
+                let wheel = self.wheel(side, axle, velocity, loads);
+                let f = &wheel.force;
+                let curve = Vector3::new(-f.x * f.y, 1.0 - f.y * f.y, -f.y * f.z);
+                let stiff = self.ground.friction * wheel.load / wheel.q;
+                *sum -= stiff * wheel.about_origin(side.x, &curve);
+            }
+        }
+        SMatrix::from_columns(&[
+            by(&stance.by_roll),
+            by(&stance.by_pitch),
+            by_tread[0],
+            by_tread[1],
+        ])
+    }
+
+    /// Returns dg/d(entries of the parameter vector).
+    pub(super) fn gradient_by_parameters(
+        &self,
+        velocity: &Vector3<f64>,
+        loads: &Loads,
+        attitude: &Attitude,
+        pull_share: f64,
+    ) -> ByParameters {
+        let weight = Stance::at(attitude).weight;
+        let (by_constants, by_share, shared_arms) = self.gradient_by_loads(velocity, loads);
+        let by_demand = by_constants * loads.inverse_stiffness;
+        let (mut by_friction, mut by_lateral) = (Vector3::zeros(), Vector3::zeros());
+        let (mut by_slip, mut by_rolling) = (Vector3::zeros(), Vector3::zeros());
+        let e2 = self.ground.slip_squared;
+        for side in self.sides(velocity) {
+            let root = side.rolling_root;
+            let mut load = 0.0;
+            for axle in 0..self.geometry.axles {
+                let wheel = self.wheel(&side, axle, velocity, loads);
+                load += wheel.load;
+                let limit = self.ground.friction * wheel.load;
+                let force = limit * wheel.about_origin(side.x, &wheel.force);
+                let inverse = 1.0 / (wheel.q * wheel.q);
+                by_friction += force;
+                by_slip -= e2 * inverse * force;
+                let across = Vector3::new(2.0 * limit * wheel.force.x, 0.0, 0.0);
+                by_lateral += wheel.about_origin(side.x, &across) - wheel.lateral * inverse * force;
+            }
+            let resisting = load * side.rolling / root;
+            by_rolling += Vector3::new(0.0, resisting, side.x * resisting);
+            let slower = -self.ground.rolling_resistance * resisting * e2 / (root * root);
+            by_slip += Vector3::new(0.0, slower, side.x * slower);
+        }
+        let pressing = -weight.z;
+        let centre_right = by_demand * Vector3::new(0.0, pressing, 0.0)
+            - pull_share * Vector3::new(0.0, 0.0, weight.y);
+        let centre_forward = by_demand * Vector3::new(0.0, 0.0, pressing)
+            + pull_share * Vector3::new(0.0, 0.0, weight.x);
+        let centre_height = by_demand * Vector3::new(0.0, weight.x, weight.y);
+        let inner = if loads.stands {
+            by_share - by_demand * shared_arms
+        } else {
+            pressing.max(0.1) * by_share
+        };
+        ByParameters::from_columns(&[
+            by_friction,
+            centre_right,
+            centre_forward,
+            centre_height,
+            inner,
+            by_lateral,
+            by_slip,
+            by_rolling,
+        ])
+    }
+}

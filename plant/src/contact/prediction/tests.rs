@@ -1,0 +1,174 @@
+#![allow(clippy::unwrap_used)]
+
+use super::super::paper_tests::j8;
+use super::super::{Axle, ContactModel, PARAMETERS};
+use super::*;
+use crate::frames::PlanarPose;
+use crate::motion::{GroundState, MotionModel};
+use proptest::prelude::*;
+
+fn vector(v: BodyVelocity) -> Vector3<f64> {
+    Vector3::new(v.right_m_s, v.forward_m_s, v.yaw_rate_rad_s)
+}
+
+fn attitude(roll_rad: f64, pitch_rad: f64) -> Attitude {
+    Attitude {
+        roll_rad,
+        pitch_rad,
+    }
+}
+
+fn motors(traction_m_s: f64, steer_m_s: f64) -> MotorSpeeds {
+    MotorSpeeds {
+        traction_m_s,
+        steer_m_s,
+    }
+}
+
+/// A vehicle of `axles` axles whose parameters are off the J8's by shares of their usual doubt.
+fn vehicle(axles: usize, off: &[f64; PARAMETERS]) -> ContactVehicle {
+    let mut vehicle = j8();
+    let count = axles as f64;
+    vehicle.axles = (0..axles)
+        .map(|k| Axle {
+            forward_m: 1.06 - 2.12 * k as f64 / (count - 1.0),
+            load_share: 1.0 / count,
+        })
+        .collect();
+    let doubt = [0.3, 0.1, 0.15, 0.1, 0.15, 0.2, 0.5, 0.02];
+    let mut parameters = vehicle.parameters();
+    for i in 0..PARAMETERS {
+        parameters[i] += off[i] * doubt[i];
+    }
+    vehicle.with_parameters(&parameters)
+}
+
+fn offsets() -> impl Strategy<Value = [f64; PARAMETERS]> {
+    prop::array::uniform8(-0.9..0.9f64)
+}
+
+/// Checks a Jacobian: every column against the central difference of `f` along it.
+fn check_jacobian<const N: usize>(
+    name: &str,
+    columns: [Vector3<f64>; N],
+    f: impl Fn([f64; N]) -> Vector3<f64>,
+) -> Result<(), TestCaseError> {
+    let h = 1e-6;
+    for (i, column) in columns.iter().enumerate() {
+        let at = |offset: f64| {
+            let mut z = [0.0; N];
+            z[i] = offset;
+            f(z)
+        };
+        let difference = (at(h) - at(-h)) / (2.0 * h);
+        prop_assert!(
+            (difference - column).norm() < 2e-4 * (1.0 + column.norm()),
+            "{name}, {i}: {column} is not {difference}"
+        );
+    }
+    Ok(())
+}
+
+proptest! {
+    #[test]
+    fn it_is_the_plants_balance(axles in 2..9_usize, off in offsets(),
+            roll in -0.25..0.25f64, pitch in -0.25..0.25f64, tau in -0.8..0.8f64, sigma in -0.8..0.8f64) {
+        let vehicle = vehicle(axles, &off);
+        let mut model = ContactPrediction::new(&vehicle).unwrap();
+        let found = model.predict(attitude(roll, pitch), motors(tau, sigma));
+        let ground = GroundState { position: PlanarPose::default(), attitude: attitude(roll, pitch) };
+        match ContactModel::new(vehicle).body_velocity(&ground, motors(tau, sigma).into(), 0.0) {
+            Ok(exact) => {
+                prop_assert!(found.holds);
+                let off = vector(found.linearised.velocity) - vector(exact);
+                prop_assert!(off.norm() < 1e-8, "{off}");
+            }
+            Err(_) => prop_assert!(!found.holds),
+        }
+    }
+
+    #[test]
+    fn jacobians_are_central_differences(axles in 2..9_usize, off in offsets(),
+            roll in -0.2..0.2f64, pitch in -0.2..0.2f64, tau in -0.8..0.8f64, sigma in -0.8..0.8f64) {
+        let vehicle = vehicle(axles, &off);
+        let model = ContactPrediction::new(&vehicle).unwrap();
+        let found = model.clone().predict(attitude(roll, pitch), motors(tau, sigma));
+        prop_assume!(found.holds);
+        // A wheel that lifts or lands between the points of a difference has two derivatives.
+        let loads = Loads::of(&model.geometry, &model.ground, &Stance::at(&attitude(roll, pitch)));
+        prop_assume!(loads.of_wheel[..2 * axles].iter().all(|load| *load > 1e-4));
+        let by = &found.linearised;
+        check_jacobian("input", [by.by_roll, by.by_pitch, by.by_traction, by.by_steer], |[a, p, t, s]| {
+            let found = model.clone().body_velocity(attitude(roll + a, pitch + p), motors(tau + t, sigma + s));
+            vector(found.velocity)
+        })?;
+        let columns: [Vector3<f64>; PARAMETERS] = std::array::from_fn(|i| found.by_parameters.column(i).into());
+        check_jacobian("parameter", columns, |offset| {
+            let mut moved = model.clone();
+            moved.set_parameters(&(model.parameters + ParameterVector::from(offset)));
+            vector(moved.body_velocity(attitude(roll, pitch), motors(tau, sigma)).velocity)
+        })?;
+    }
+
+    #[test]
+    fn the_start_of_the_search_is_nothing_to_its_end(off in offsets(), roll in -0.3..0.3f64, pitch in -0.3..0.3f64,
+            tau in -0.8..0.8f64, sigma in -0.8..0.8f64, before in prop::array::uniform4(-1.0..1.0f64)) {
+        let vehicle = vehicle(4, &off);
+        let mut fresh = ContactPrediction::new(&vehicle).unwrap();
+        let mut used = fresh.clone();
+        used.body_velocity(attitude(0.3 * before[0], 0.3 * before[1]), motors(before[2], before[3]));
+        let a = fresh.predict(attitude(roll, pitch), motors(tau, sigma));
+        let b = used.predict(attitude(roll, pitch), motors(tau, sigma));
+        let off = vector(a.linearised.velocity) - vector(b.linearised.velocity);
+        prop_assert!(off.norm() < 1e-7, "{off}");
+        prop_assert_eq!(a.holds, b.holds);
+    }
+
+    #[test]
+    fn everything_has_a_finite_answer(axles in 2..17_usize, off in prop::array::uniform8(-40.0..40.0f64),
+            roll in -1.5..1.5f64, pitch in -1.5..1.5f64, tau in -2.0..2.0f64, sigma in -2.0..2.0f64) {
+        let vehicle = vehicle(axles, &[0.0; PARAMETERS]);
+        let mut model = ContactPrediction::new(&vehicle).unwrap();
+        model.set_parameters(&(model.parameters + ParameterVector::from(off)));
+        let found = model.predict(attitude(roll, pitch), motors(tau, sigma));
+        let l = &found.linearised;
+        prop_assert!(vector(l.velocity).norm() <= SPEED_MAX);
+        let all = [l.by_roll, l.by_pitch, l.by_traction, l.by_steer];
+        prop_assert!(all.iter().flatten().chain(&found.by_parameters).all(|d| d.is_finite()), "{found:?}");
+    }
+}
+
+#[test]
+fn ground_that_does_not_hold_is_told_and_slid_on_downhill() {
+    let mut vehicle = j8();
+    vehicle.centre_of_mass.height_m = 0.1;
+    let mut model = ContactPrediction::new(&vehicle).unwrap();
+    for slope in [0.7_f64, 0.9] {
+        // Across the slope, right side down.
+        let found = model.predict(attitude(slope, 0.0), motors(0.4, 0.1));
+        assert_eq!(found.holds, slope.tan() < 0.9);
+        assert!(found.linearised.velocity.right_m_s > 0.0, "{found:?}");
+    }
+}
+
+#[test]
+fn parameters_come_back_from_a_vehicle() {
+    let vehicle = vehicle(4, &[0.5, 0.2, -0.3, 0.4, 0.6, -0.7, 0.8, 0.9]);
+    let again = j8().with_parameters(&vehicle.parameters());
+    assert!((again.parameters() - vehicle.parameters()).norm() < 1e-12);
+    let shares: f64 = again.axles.iter().map(|axle| axle.load_share).sum();
+    assert!((shares - 1.0).abs() < 1e-12);
+}
+
+#[test]
+fn nothing_is_left_to_the_inner_axles_where_there_are_none() {
+    let mut model = ContactPrediction::new(&vehicle(2, &[0.0; PARAMETERS])).unwrap();
+    let found = model.predict(attitude(0.1, 0.1), motors(0.3, 0.3));
+    assert_eq!(
+        found
+            .by_parameters
+            .column(Parameter::InnerShare.index())
+            .norm(),
+        0.0
+    );
+}

@@ -1,0 +1,272 @@
+use super::keys::Keys;
+use super::overlay::overlay;
+use serde::de::DeserializeOwned;
+use std::path::{Component, Path, PathBuf};
+
+/// What is wrong with a file, with its name.
+#[derive(Debug, thiserror::Error)]
+pub enum ConfigError {
+    /// The file cannot be read.
+    #[error("{file}: {reason}{}", whose_name_stands_in(.named_by.as_deref()))]
+    Read {
+        /// Name of the file.
+        file: String,
+        /// Why not.
+        reason: std::io::Error,
+        /// The file that names it; none where the command line does.
+        named_by: Option<String>,
+    },
+    /// Its YAML does not hold what is expected; the message names key, value and range.
+    #[error("{file}: {message}")]
+    Content {
+        /// Name of the file.
+        file: String,
+        /// Key, value and what is allowed.
+        message: String,
+    },
+}
+
+fn whose_name_stands_in(file: Option<&str>) -> String {
+    file.map_or_else(String::new, |file| format!(" (named by {file})"))
+}
+
+/// Files compiled into the program, by their names in its repository.
+const BUILT_IN: [(&str, &str); 5] = [
+    (
+        "config/conditions/realistic.yaml",
+        include_str!("../../config/conditions/realistic.yaml"),
+    ),
+    (
+        "config/scenarios/figure_eight.yaml",
+        include_str!("../../config/scenarios/figure_eight.yaml"),
+    ),
+    (
+        "config/vehicles/j8.yaml",
+        include_str!("../../config/vehicles/j8.yaml"),
+    ),
+    (
+        CONTACT_VEHICLE,
+        include_str!("../../config/vehicles/j8_contact.yaml"),
+    ),
+    (
+        CONTACT_IDENTIFIED,
+        include_str!("../../config/vehicles/j8_contact_identified.yaml"),
+    ),
+];
+
+/// The scenario that runs when none is named.
+pub const DEFAULT_SCENARIO: &str = "config/scenarios/figure_eight.yaml";
+
+/// The vehicle on wheels that `--plant contact` drives where the scenario names none.
+pub const CONTACT_VEHICLE: &str = "config/vehicles/j8_contact.yaml";
+/// What identification found of it: the parameters controllers have then.
+pub const CONTACT_IDENTIFIED: &str = "config/vehicles/j8_contact_identified.yaml";
+
+/// A file's name and text; names inside it are relative to it.
+#[derive(Debug, Clone)]
+pub struct ConfigFile {
+    path: PathBuf,
+    built_in: bool,
+    text: String,
+}
+
+impl ConfigFile {
+    /// Reads a file from the disk.
+    ///
+    /// # Errors
+    /// [`ConfigError::Read`] with its name.
+    pub fn read(path: &Path) -> Result<Self, ConfigError> {
+        let text = std::fs::read_to_string(path).map_err(|reason| ConfigError::Read {
+            file: path.display().to_string(),
+            reason,
+            named_by: None,
+        })?;
+        Ok(Self::with_text(path, text))
+    }
+
+    /// Returns a file as if `text` stood in it; a byte order mark is left out.
+    pub fn with_text(path: &Path, text: String) -> Self {
+        Self {
+            path: path.to_owned(),
+            built_in: false,
+            text: match text.strip_prefix('\u{feff}') {
+                Some(rest) => rest.to_owned(),
+                None => text,
+            },
+        }
+    }
+
+    /// Returns the file of that name that is compiled into the program.
+    ///
+    /// # Errors
+    /// [`ConfigError::Read`] where there is none.
+    pub fn built_in(name: &str) -> Result<Self, ConfigError> {
+        BUILT_IN
+            .iter()
+            .find(|(built_in, _)| *built_in == name)
+            .map(|(name, text)| Self {
+                path: PathBuf::from(name),
+                built_in: true,
+                text: (*text).to_owned(),
+            })
+            .ok_or_else(|| ConfigError::Read {
+                file: format!("{name} (built in)"),
+                reason: std::io::ErrorKind::NotFound.into(),
+                named_by: None,
+            })
+    }
+
+    /// Returns the file that this one names, relative to itself.
+    ///
+    /// # Errors
+    /// [`ConfigError::Read`] with the whole name.
+    pub fn sibling(&self, name: &Path) -> Result<Self, ConfigError> {
+        let folder = self.path.parent().unwrap_or(Path::new(""));
+        let path = normalised(&folder.join(name));
+        let found = if self.built_in {
+            Self::built_in(&path.to_string_lossy())
+        } else {
+            Self::read(&path)
+        };
+        found.map_err(|error| match error {
+            ConfigError::Read { file, reason, .. } => ConfigError::Read {
+                file,
+                reason,
+                named_by: Some(self.name()),
+            },
+            content => content,
+        })
+    }
+
+    /// Returns the name for messages.
+    pub fn name(&self) -> String {
+        if self.built_in {
+            format!("{} (built in)", self.path.display())
+        } else {
+            self.path.display().to_string()
+        }
+    }
+
+    /// Returns the path as it was given.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Returns what follows the last point of the name, in lower case.
+    pub fn ending(&self) -> Option<String> {
+        let ending = self.path.extension()?;
+        Some(ending.to_string_lossy().to_lowercase())
+    }
+
+    /// Returns the text.
+    pub fn text(&self) -> &str {
+        &self.text
+    }
+
+    /// Returns this file with `keys` in place of its own of the same name; of `controller` only what
+    /// is named there is replaced.
+    ///
+    /// # Errors
+    /// [`ConfigError::Content`] where the text is no YAML mapping.
+    pub fn with_keys(&self, keys: &serde_yaml::Mapping) -> Result<Self, ConfigError> {
+        let mut all: serde_yaml::Mapping = self.parse()?;
+        overlay(&mut all, keys);
+        let text = serde_yaml::to_string(&all).map_err(|error| self.error(error))?;
+        Ok(Self {
+            text,
+            ..self.clone()
+        })
+    }
+
+    /// Reads the text as YAML.
+    ///
+    /// # Errors
+    /// [`ConfigError::Content`] with file, line, key, value and range.
+    pub fn parse<T: DeserializeOwned>(&self) -> Result<T, ConfigError> {
+        serde_yaml::from_str(&self.text).map_err(|error| {
+            if let Some(twice) = Keys::of(&self.text).duplicate() {
+                let (first, second) = twice.lines;
+                return self.error(format!(
+                    "{}: the key stands twice, in lines {first} and {second}; remove one",
+                    twice.key
+                ));
+            }
+            if let Some(line) = error.location().map(|at| at.line())
+                && let Some(tab) = indented_by_tab(&self.text, line)
+            {
+                return self.error(format!(
+                    "line {tab}: begins with a tab; YAML is indented with spaces"
+                ));
+            }
+            self.error(error)
+        })
+    }
+
+    /// Returns an error about this file's content; where the message names a key but no line, the
+    /// line of that key is added.
+    pub fn error(&self, message: impl ToString) -> ConfigError {
+        let mut message = message.to_string();
+        if !message.contains("line ")
+            && let Some(line) = Keys::of(&self.text).line_of(&keys_named(&message))
+        {
+            message += &format!(" (line {line})");
+        }
+        ConfigError::Content {
+            file: self.name(),
+            message,
+        }
+    }
+}
+
+/// Returns the line, counted from 1, of the first tab that indents a line up to `last`.
+fn indented_by_tab(text: &str, last: usize) -> Option<usize> {
+    text.lines()
+        .take(last + 1)
+        .position(|line| line.trim_start_matches(' ').starts_with('\t'))
+        .map(|index| index + 1)
+}
+
+/// Returns the keys that a message begins with (`terrain.slope_deg: 95: must be ...`), and after them
+/// the one that it quotes as unknown (`terrain: unknown field `slope_rad`, ...`).
+fn keys_named(message: &str) -> Vec<&str> {
+    let is_key = |text: &str| {
+        !text.is_empty()
+            && text
+                .chars()
+                .all(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_')
+    };
+    let mut keys = Vec::new();
+    for part in message.split(": ") {
+        // Items of lists are written `zones[1]`.
+        let names: Vec<&str> = part
+            .split('.')
+            .map(|name| name.split('[').next().unwrap_or(name))
+            .collect();
+        if !names.iter().all(|name| is_key(name)) {
+            break;
+        }
+        keys.extend(names);
+    }
+    let unknown = message
+        .split_once("unknown field `")
+        .and_then(|(_, rest)| rest.split('`').next());
+    keys.extend(unknown);
+    keys
+}
+
+/// Returns a path without `.` and with each `..` resolved against the folder before it.
+fn normalised(path: &Path) -> PathBuf {
+    let mut out = PathBuf::new();
+    for component in path.components() {
+        match component {
+            Component::CurDir => {}
+            Component::ParentDir
+                if matches!(out.components().next_back(), Some(Component::Normal(_))) =>
+            {
+                out.pop();
+            }
+            other => out.push(other),
+        }
+    }
+    out
+}
