@@ -1,10 +1,10 @@
 //! Nonlinear least squares: the one file that knows the solver and its matrices.
 //!
 //! The `levenberg-marquardt` crate is a tested port of MINPACK and copes with rank-deficient
-//! Jacobians. It lags one version of nalgebra behind, hence the second nalgebra here.
+//! Jacobians.
 
 use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt};
-use nalgebra_of_levenberg_marquardt::{DMatrix, DVector, Dyn, Owned};
+use nalgebra::{DMatrix, DVector, Dyn, Owned};
 
 /// A function whose sum of squares is to be minimised.
 pub(super) trait Residuals {
