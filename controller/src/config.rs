@@ -211,6 +211,14 @@ impl ControllerConfig {
         self.command_delay_s + self.motor_lag_s
     }
 
+    /// Returns the settings with those of contact-mpc in their places.
+    pub(crate) fn for_contact(mut self) -> Self {
+        self.last_step_s = self.contact.last_step_s;
+        self.weights.along_per_m2 = self.contact.along_per_m2;
+        self.step_limit = self.contact.step_limit;
+        self
+    }
+
     /// Returns the settings of the MPC.
     pub fn mpc(&self) -> MpcSettings {
         MpcSettings {

@@ -107,24 +107,6 @@ pub struct RangeError {
     pub bounds: Bounds,
 }
 
-impl RangeError {
-    /// Checks a range given with its text: what `bridge` calls until it says [`Bounds`] too.
-    ///
-    /// # Errors
-    /// [`RangeError`] where the value is out of range.
-    pub fn check(
-        key: &'static str,
-        value: f64,
-        low: f64,
-        high: f64,
-        text: &'static str,
-    ) -> Result<f64, Self> {
-        let last = text.rsplit(' ').next().unwrap_or_default();
-        let is_unit = last.parse::<f64>().is_err() && !last.contains(['.', '_']);
-        Bounds::new(low, high, if is_unit { last } else { "" }).check(key, value)
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;

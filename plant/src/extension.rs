@@ -29,7 +29,7 @@ use crate::bounds::{Bounds, RangeError};
 use crate::frames::{Attitude, BodyVelocity};
 use crate::prediction::Linearised;
 use crate::speeds::{EncoderScale, MotorSpeeds, TreadSpeeds};
-use crate::vehicle::{HorizontalIcrs, SlideGains, Vehicle};
+use crate::vehicle::{HorizontalIcrs, SlideGains};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
@@ -139,36 +139,6 @@ impl ExtensionGains {
     }
 }
 
-impl Vehicle {
-    /// Returns the vehicle with the parameters of its extended model in place of its own, the terms
-    /// among them; a vehicle without an extension as it is.
-    pub fn extended(&self) -> Self {
-        let mut vehicle = self.clone();
-        if let Some(extension) = &self.extension {
-            vehicle.icrs = extension.icrs;
-            vehicle.slide = extension.slide;
-            vehicle.encoder_scale = extension.encoder_scale;
-        }
-        vehicle
-    }
-
-    /// Returns the gains of the terms beyond ICRIK; zeros without an extension.
-    pub fn extension_gains(&self) -> ExtensionGains {
-        self.extension
-            .map_or_else(ExtensionGains::default, |e| e.gains)
-    }
-
-    /// Returns the body velocity of ICRIK with this vehicle's own parameters, and of the terms of its
-    /// extension. For the extended model call it on [`Vehicle::extended`].
-    pub fn extended_velocity(&self, attitude: Attitude, treads: TreadSpeeds) -> BodyVelocity {
-        let icrik = self.body_velocity(attitude, treads);
-        match &self.extension {
-            Some(extension) => extension.gains.extend(icrik, attitude, treads),
-            None => icrik,
-        }
-    }
-}
-
 /// Key `extension` of a vehicle's YAML.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -198,10 +168,15 @@ pub(crate) struct RawExtension {
 }
 
 impl RawExtension {
-    /// Returns the extension of a `vehicle` whose own parameters are in range.
-    pub(crate) fn checked(&self, vehicle: &Vehicle) -> Result<Extension, RangeError> {
-        let icrs = &vehicle.icrs;
-        let (half_width, half_length) = (vehicle.base_half_width_m, vehicle.base_half_length_m);
+    /// Returns the extension of a vehicle with `own` parameters, which are in range, and a base of half
+    /// width and half length `half_base_m`.
+    pub(crate) fn checked(
+        &self,
+        own: &Extension,
+        half_base_m: (f64, f64),
+    ) -> Result<Extension, RangeError> {
+        let icrs = &own.icrs;
+        let (half_width, half_length) = half_base_m;
         let slide = Bounds::new(0.0, 100.0, "s/rad");
         let scale = Bounds::new(0.5, 2.0, "");
         Ok(Extension {
@@ -235,23 +210,22 @@ impl RawExtension {
             slide: SlideGains {
                 shift_s_per_rad: slide.check(
                     "extension.lambda_1_s_per_rad",
-                    self.lambda_1_s_per_rad
-                        .unwrap_or(vehicle.slide.shift_s_per_rad),
+                    self.lambda_1_s_per_rad.unwrap_or(own.slide.shift_s_per_rad),
                 )?,
                 aggravated_s_per_rad: slide.check(
                     "extension.lambda_2_s_per_rad",
                     self.lambda_2_s_per_rad
-                        .unwrap_or(vehicle.slide.aggravated_s_per_rad),
+                        .unwrap_or(own.slide.aggravated_s_per_rad),
                 )?,
             },
             encoder_scale: EncoderScale {
                 left: scale.check(
                     "extension.correction_left",
-                    self.correction_left.unwrap_or(vehicle.encoder_scale.left),
+                    self.correction_left.unwrap_or(own.encoder_scale.left),
                 )?,
                 right: scale.check(
                     "extension.correction_right",
-                    self.correction_right.unwrap_or(vehicle.encoder_scale.right),
+                    self.correction_right.unwrap_or(own.encoder_scale.right),
                 )?,
             },
         })

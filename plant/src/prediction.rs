@@ -24,49 +24,9 @@ use crate::frames::{Attitude, BodyVelocity};
 use crate::slip_gains::{SlipGains, Terms};
 use crate::speeds::MotorSpeeds;
 use crate::vehicle::Vehicle;
+pub use linearised::{Linearised, LinearisedRate, LinearisedStep};
 use nalgebra::Vector3;
 pub use plane::{rate_on_plane, step_on_plane};
-
-/// Body velocity of the smoothed model with its derivatives.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Linearised {
-    /// The velocity itself.
-    pub velocity: BodyVelocity,
-    /// Derivative of (v_x, v_y, omega_z) by roll, per rad.
-    pub by_roll: Vector3<f64>,
-    /// Derivative of (v_x, v_y, omega_z) by pitch, per rad.
-    pub by_pitch: Vector3<f64>,
-    /// Derivative of (v_x, v_y, omega_z) by traction, per m/s.
-    pub by_traction: Vector3<f64>,
-    /// Derivative of (v_x, v_y, omega_z) by steer, per m/s.
-    pub by_steer: Vector3<f64>,
-}
-
-/// Rate of (x, y, yaw) in the world on a local plane, with its derivatives.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct LinearisedRate {
-    /// (dx/dt, dy/dt, dyaw/dt) in the world frame, m/s and rad/s.
-    pub rate: Vector3<f64>,
-    /// Its derivative by yaw: through the direction of travel and through the attitude.
-    pub by_yaw: Vector3<f64>,
-    /// Its derivative by traction.
-    pub by_traction: Vector3<f64>,
-    /// Its derivative by steer.
-    pub by_steer: Vector3<f64>,
-}
-
-/// One step of (x, y, yaw) with its sensitivities: x+ = x + a, A = d x+/d x, B = d x+/d (tau, sigma).
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct LinearisedStep {
-    /// Increment of (x, y, yaw), m and rad.
-    pub increment: Vector3<f64>,
-    /// Third column of A without its identity; the first two columns of A are those of the identity.
-    pub by_yaw: Vector3<f64>,
-    /// First column of B.
-    pub by_traction: Vector3<f64>,
-    /// Second column of B.
-    pub by_steer: Vector3<f64>,
-}
 
 /// ICRIK made differentiable, with the terms of the vehicle's extension and learned slip gains; with
 /// both slide gains zero, ICRHK.
@@ -283,6 +243,7 @@ impl PredictionModel {
     }
 }
 
+mod linearised;
 mod plane;
 #[cfg(test)]
 mod tests;

@@ -1,32 +1,17 @@
 //! Parameters of a vehicle, validated once when they are read.
 
+mod parameters;
+
+pub use parameters::{HorizontalIcrs, SlideGains};
+
 use crate::bounds::Bounds;
 pub use crate::bounds::RangeError;
 use crate::contact::{ContactVehicle, KnownContact};
-use crate::extension::{Extension, RawExtension};
-use crate::speeds::EncoderScale;
+use crate::extension::{Extension, ExtensionGains, RawExtension};
+use crate::frames::{Attitude, BodyVelocity};
 pub use crate::speeds::EncoderScale as SpeedCorrection;
+use crate::speeds::{EncoderScale, TreadSpeeds};
 use serde::{Deserialize, Serialize};
-
-/// Positions of the tread ICRs on level ground (ICRHK), in the body frame.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct HorizontalIcrs {
-    /// Left tread's ICR to the right of the origin, m; negative.
-    pub left_m: f64,
-    /// Right tread's ICR to the right of the origin, m; positive.
-    pub right_m: f64,
-    /// Both treads' ICR ahead of the origin, m.
-    pub forward_m: f64,
-}
-
-/// Parameters of ICRIK: how far the tread ICRs move on a slope.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct SlideGains {
-    /// lambda_1, s/rad: shift of all ICRs with roll and pitch.
-    pub shift_s_per_rad: f64,
-    /// lambda_2, s/rad: extra shift of one tread when pointing mostly up or down.
-    pub aggravated_s_per_rad: f64,
-}
 
 /// A skid-steer vehicle as the ICR models know it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -50,6 +35,46 @@ pub struct Vehicle {
     pub extension: Option<Extension>,
     /// What is known of it as a vehicle on wheels with friction: where `contact-mpc` starts from.
     pub contact: Option<ContactVehicle>,
+}
+
+impl Vehicle {
+    /// Returns the vehicle with the parameters of its extended model in place of its own, the terms
+    /// among them; a vehicle without an extension as it is.
+    pub fn extended(&self) -> Self {
+        let mut vehicle = self.clone();
+        if let Some(extension) = &self.extension {
+            vehicle.icrs = extension.icrs;
+            vehicle.slide = extension.slide;
+            vehicle.encoder_scale = extension.encoder_scale;
+        }
+        vehicle
+    }
+
+    /// Returns the gains of the terms beyond ICRIK; zeros without an extension.
+    pub fn extension_gains(&self) -> ExtensionGains {
+        self.extension
+            .map_or_else(ExtensionGains::default, |e| e.gains)
+    }
+
+    /// Returns the body velocity of ICRIK with this vehicle's own parameters, and of the terms of its
+    /// extension. For the extended model call it on [`Vehicle::extended`].
+    pub fn extended_velocity(&self, attitude: Attitude, treads: TreadSpeeds) -> BodyVelocity {
+        let icrik = self.body_velocity(attitude, treads);
+        match &self.extension {
+            Some(extension) => extension.gains.extend(icrik, attitude, treads),
+            None => icrik,
+        }
+    }
+
+    /// Returns the parameters of the paper's models as those of an extension without terms.
+    fn own_parameters(&self) -> Extension {
+        Extension {
+            gains: ExtensionGains::default(),
+            icrs: self.icrs,
+            slide: self.slide,
+            encoder_scale: self.encoder_scale,
+        }
+    }
 }
 
 impl Vehicle {
@@ -183,7 +208,11 @@ impl TryFrom<RawVehicle> for Vehicle {
             },
             extension: None,
         };
-        let extension = raw.extension.map(|raw| raw.checked(&vehicle)).transpose()?;
+        let half_base_m = (vehicle.base_half_width_m, vehicle.base_half_length_m);
+        let extension = raw
+            .extension
+            .map(|raw| raw.checked(&vehicle.own_parameters(), half_base_m))
+            .transpose()?;
         vehicle.extension = extension;
         Ok(vehicle)
     }

@@ -72,7 +72,13 @@ fn without_arguments_it_compares_controllers_on_the_figure_of_eight_from_any_fol
     };
     assert!(rms_cm("icrik-mpc") <= 0.10, "{table}");
     assert!(rms_cm("icrik-mpc") <= 0.1 * rms_cm("icrhk-mpc"), "{table}");
-    assert!(rms_cm("diffdrive-mpc") > 0.0 && rms_cm("pure-pursuit") > 0.0);
+    // The model for level ground reached 1.28 cm in the prototype that this was designed from.
+    assert!((rms_cm("icrhk-mpc") - 1.28).abs() < 0.1, "{table}");
+    // What knows neither the ICRs nor the slope is worse, but keeps to the path.
+    for controller in ["diffdrive-mpc", "pure-pursuit"] {
+        let cm = rms_cm(controller);
+        assert!(cm > 2.0 * rms_cm("icrhk-mpc") && cm < 25.0, "{table}");
+    }
     assert_eq!(
         elsewhere.path().read_dir().unwrap().count(),
         0,

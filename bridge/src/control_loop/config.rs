@@ -1,4 +1,5 @@
 use serde::{Deserialize, Serialize};
+use sidehill_plant::bounds::Bounds;
 use sidehill_plant::vehicle::RangeError;
 
 /// Settings of the control loop.
@@ -26,20 +27,10 @@ impl CycleConfig {
     /// # Errors
     /// [`RangeError`] with the first key out of its range.
     pub fn validate(&self) -> Result<(), RangeError> {
-        RangeError::check(
-            "cycle.period_s",
-            self.period_s,
-            0.01,
-            0.2,
-            "from 0.01 to 0.2 s",
-        )?;
-        RangeError::check(
-            "cycle.decision_time_s",
-            self.decision_time_s,
-            0.001,
-            self.period_s,
-            "from 0.001 s to cycle.period_s",
-        )?;
+        Bounds::new(0.01, 0.2, "s").check("cycle.period_s", self.period_s)?;
+        Bounds::new(0.001, self.period_s, "s")
+            .with_note("at most cycle.period_s")
+            .check("cycle.decision_time_s", self.decision_time_s)?;
         Ok(())
     }
 }

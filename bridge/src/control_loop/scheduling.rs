@@ -2,6 +2,7 @@
 //! refuses one.
 
 use serde::{Deserialize, Serialize};
+use sidehill_plant::bounds::Bounds;
 use sidehill_plant::vehicle::RangeError;
 pub use thread_priority::ThreadId;
 use thread_priority::{
@@ -74,24 +75,16 @@ impl RealtimeConfig {
     /// [`RangeError`] with the first key out of its range.
     pub fn validate(&self) -> Result<(), RangeError> {
         if let Some(cpu) = self.cpu {
-            RangeError::check("realtime.cpu", cpu as f64, 0.0, 1023.0, "from 0 to 1023")?;
+            Bounds::new(0.0, 1023.0, "").check("realtime.cpu", cpu as f64)?;
         }
-        let check = |key, value: u8, low, high, range| {
-            RangeError::check(
-                key,
-                f64::from(value),
-                f64::from(low),
-                f64::from(high),
-                range,
-            )
-        };
         if let Some(priority) = self.fifo_priority {
-            check(FIFO_PRIORITY, priority, 1, 99, "from 1 to 99")?;
+            Bounds::new(1.0, 99.0, "").check(FIFO_PRIORITY, f64::from(priority))?;
         }
         if let Some(priority) = self.helper_fifo_priority {
             let high = self.fifo_priority.unwrap_or(1) - 1;
-            let range = "from 0 to less than realtime.fifo_priority";
-            check(HELPER_FIFO_PRIORITY, priority, 0, high, range)?;
+            Bounds::new(0.0, f64::from(high), "")
+                .with_note("below realtime.fifo_priority")
+                .check(HELPER_FIFO_PRIORITY, f64::from(priority))?;
         }
         Ok(())
     }

@@ -1,6 +1,7 @@
 use super::virtual_rover::{DriveStep, RoverDrives};
 use crate::drives::{DriveMode, MeasuredMotorSpeeds, MotorCommand};
 use serde::{Deserialize, Serialize};
+use sidehill_plant::bounds::Bounds;
 use sidehill_plant::sample::Stamped;
 use sidehill_plant::simulation::SimulationError;
 use sidehill_plant::vehicle::RangeError;
@@ -38,13 +39,7 @@ impl VirtualDrive {
     /// # Errors
     /// [`RangeError`] for a time-out out of range.
     pub fn new(config: DriveConfig) -> Result<Self, RangeError> {
-        RangeError::check(
-            "drive.command_timeout_s",
-            config.command_timeout_s,
-            0.01,
-            5.0,
-            "from 0.01 to 5 s",
-        )?;
+        Bounds::new(0.01, 5.0, "s").check("drive.command_timeout_s", config.command_timeout_s)?;
         Ok(Self {
             config,
             command: None,

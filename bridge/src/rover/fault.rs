@@ -1,4 +1,5 @@
 use serde::{Deserialize, Serialize};
+use sidehill_plant::bounds::Bounds;
 use sidehill_plant::vehicle::RangeError;
 
 /// A kind of fault that can be injected into a virtual rover.
@@ -42,9 +43,9 @@ impl<F: Fault> FaultWindow<F> {
     pub fn validate(&self, keys: [&'static str; 3]) -> Result<(), RangeError> {
         let [after, duration, delay] = keys;
         for (key, value) in [(after, self.after_enabled_s), (duration, self.for_s)] {
-            RangeError::check(key, value, 0.0, 1e6, "from 0 to 1e6 s")?;
+            Bounds::new(0.0, 1e6, "s").check(key, value)?;
         }
-        RangeError::check(delay, self.fault.delay_s(), 0.0, 10.0, "from 0 to 10 s")?;
+        Bounds::new(0.0, 10.0, "s").check(delay, self.fault.delay_s())?;
         Ok(())
     }
 

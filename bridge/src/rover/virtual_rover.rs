@@ -1,5 +1,6 @@
 use super::fault::{Fault, FaultWindow};
 use crate::drives::{DriveMode, MeasuredMotorSpeeds};
+use sidehill_plant::bounds::Bounds;
 use sidehill_plant::simulation::{Simulation, SimulationError, TrueState};
 use sidehill_plant::vehicle::{RangeError, SpeedCorrection};
 
@@ -164,9 +165,8 @@ impl ReportTimer {
     /// # Errors
     /// [`RangeError`] for a period, s, outside of 0.005 to 1.
     pub fn new(period_s: f64) -> Result<Self, RangeError> {
-        let range = "from 0.005 to 1 s";
         Ok(Self {
-            period_s: RangeError::check("report_period_s", period_s, 0.005, 1.0, range)?,
+            period_s: Bounds::new(0.005, 1.0, "s").check("report_period_s", period_s)?,
             reported: 0,
         })
     }

@@ -1,4 +1,5 @@
 use serde::{Deserialize, Serialize};
+use sidehill_plant::bounds::Bounds;
 use sidehill_plant::vehicle::RangeError;
 
 /// Limits of the state machine.
@@ -54,86 +55,64 @@ impl SafetyConfig {
     /// # Errors
     /// [`RangeError`] with the first key out of its range.
     pub fn validate(&self) -> Result<(), RangeError> {
-        for (key, value, low, high, range) in [
+        for (key, value, bounds) in [
             (
                 "safety.command_timeout_s",
                 self.command_timeout_s,
-                0.01,
-                1.0,
-                "from 0.01 to 1 s",
+                Bounds::new(0.01, 1.0, "s"),
             ),
             (
                 "safety.feedback_timeout_s",
                 self.feedback_timeout_s,
-                0.01,
-                1.0,
-                "from 0.01 to 1 s",
+                Bounds::new(0.01, 1.0, "s"),
             ),
             (
                 "safety.transmit_timeout_s",
                 self.transmit_timeout_s,
-                0.01,
-                1.0,
-                "from 0.01 to 1 s",
+                Bounds::new(0.01, 1.0, "s"),
             ),
             (
                 "safety.zeroing_time_s",
                 self.zeroing_time_s,
-                0.05,
-                10.0,
-                "from 0.05 to 10 s",
+                Bounds::new(0.05, 10.0, "s"),
             ),
             (
                 "safety.handshake_timeout_s",
                 self.handshake_timeout_s,
-                0.1,
-                10.0,
-                "from 0.1 to 10 s",
+                Bounds::new(0.1, 10.0, "s"),
             ),
             (
                 "safety.standstill_m_s",
                 self.standstill_m_s,
-                0.001,
-                0.2,
-                "from 0.001 to 0.2 m/s",
+                Bounds::new(0.001, 0.2, "m/s"),
             ),
             (
                 "safety.speed_max_m_s",
                 self.speed_max_m_s,
-                0.01,
-                20.0,
-                "from 0.01 to 20 m/s",
+                Bounds::new(0.01, 20.0, "m/s"),
             ),
             (
                 "safety.deceleration_m_s2",
                 self.deceleration_m_s2,
-                0.1,
-                20.0,
-                "from 0.1 to 20 m/s^2",
+                Bounds::new(0.1, 20.0, "m/s^2"),
             ),
             (
                 "safety.plausible_difference_m_s",
                 self.plausible_difference_m_s,
-                0.01,
-                5.0,
-                "from 0.01 to 5 m/s",
+                Bounds::new(0.01, 5.0, "m/s"),
             ),
             (
                 "safety.response_time_s",
                 self.response_time_s,
-                0.0,
-                1.0,
-                "from 0 to 1 s",
+                Bounds::new(0.0, 1.0, "s"),
             ),
             (
                 "safety.implausible_time_s",
                 self.implausible_time_s,
-                0.0,
-                5.0,
-                "from 0 to 5 s",
+                Bounds::new(0.0, 5.0, "s"),
             ),
         ] {
-            RangeError::check(key, value, low, high, range)?;
+            bounds.check(key, value)?;
         }
         Ok(())
     }

@@ -1,4 +1,3 @@
-use super::ControllerConfig;
 use crate::mpc::StepLimit;
 use serde::{Deserialize, Serialize};
 use sidehill_plant::bounds::{Bounds, RangeError};
@@ -35,15 +34,5 @@ impl ContactMpcConfig {
         Bounds::new(0.005, 10.0, "s").check("contact.last_step_s", self.last_step_s)?;
         Bounds::new(0.0, 1e6, "").check("contact.along_per_m2", self.along_per_m2)?;
         self.step_limit.map_or(Ok(()), |limit| limit.validate())
-    }
-}
-
-impl ControllerConfig {
-    /// Returns the settings with those of contact-mpc in their places.
-    pub(crate) fn for_contact(mut self) -> Self {
-        self.last_step_s = self.contact.last_step_s;
-        self.weights.along_per_m2 = self.contact.along_per_m2;
-        self.step_limit = self.contact.step_limit;
-        self
     }
 }

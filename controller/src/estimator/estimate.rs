@@ -1,8 +1,8 @@
 //! What the estimator says: the state, what of it is driven by, and what was wrong with the readings.
 
-use super::ContactEstimate;
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
+use sidehill_plant::contact::{Parameter, ParameterVector};
 use sidehill_plant::frames::{Attitude, PlanarPose};
 use sidehill_plant::slip_gains::SlipGains;
 use sidehill_plant::speeds::TreadSpeeds;
@@ -105,4 +105,33 @@ pub struct Innovation {
     pub difference: Vector3<f64>,
     /// Normalised innovation squared.
     pub normalised: f64,
+}
+
+/// What has been learned of a contact vehicle.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct ContactEstimate {
+    /// Its parameters.
+    #[serde(with = "crate::serde_form::rows")]
+    pub parameters: ParameterVector,
+    /// Their standard deviations.
+    #[serde(with = "crate::serde_form::rows")]
+    pub sigma: ParameterVector,
+    /// Their standard deviations before anything was learned: what stays there was not excited.
+    #[serde(with = "crate::serde_form::rows")]
+    pub prior_sigma: ParameterVector,
+}
+
+impl ContactEstimate {
+    /// Returns value and 95 % interval of a parameter in its own unit.
+    pub fn interval(&self, parameter: Parameter) -> (f64, (f64, f64)) {
+        /// Standard deviations on either side.
+        const WIDTH: f64 = 1.96;
+        let i = parameter.index();
+        let at = |entry: f64| parameter.value(entry);
+        let half = WIDTH * self.sigma[i];
+        (
+            at(self.parameters[i]),
+            (at(self.parameters[i] - half), at(self.parameters[i] + half)),
+        )
+    }
 }

@@ -11,6 +11,7 @@
 //! ahead and without poses nothing is learned and nothing winds up.
 
 mod contact;
+mod contact_settings;
 mod estimate;
 mod filter;
 mod gate;
@@ -18,8 +19,8 @@ mod learned;
 mod settings;
 mod slip;
 
-pub use contact::{ContactEstimate, ContactLearningSettings};
-pub use estimate::{Estimate, Innovation, Refused};
+pub use contact_settings::ContactLearningSettings;
+pub use estimate::{ContactEstimate, Estimate, Innovation, Refused};
 pub use settings::{AdaptationSettings, EstimatorSettings};
 
 use contact::LearnedContact;

@@ -3,8 +3,8 @@
 
 pub use clarabel::algebra::CscMatrix;
 
+use super::failure::QpFailure;
 use super::problem::{Point, QpData};
-use super::qp::QpFailure;
 use super::settings::{ITERATIONS_MAX, QpMode, QpSettings};
 use clarabel::solver::traits::KKTSystem;
 use clarabel::solver::{

@@ -8,6 +8,7 @@
 mod clarabel_qp;
 mod condensing;
 mod dual_active_set;
+mod failure;
 pub mod limits;
 mod model;
 mod problem;
@@ -20,9 +21,10 @@ mod structure;
 mod working_set;
 
 pub use condensing::StageWeights;
+pub use failure::QpFailure;
 pub use model::Model;
 pub use problem::{CscMatrix, Point, QpData, Residuals};
-pub use qp::{QpFailure, QpSolver, SolvePath};
+pub use qp::{QpSolver, SolvePath};
 pub use settings::{ChangeWeights, Corridor, HeadingExcess, MpcSettings, QpMode, QpSettings};
 pub use stage_times::StageTimes;
 pub use step_limit::StepLimit;

@@ -19,8 +19,8 @@
 
 use super::clarabel_qp::{LinearSystem, SolveLimits};
 use super::dual_active_set::DualActiveSet;
+use super::failure::QpFailure;
 use super::problem::{Point, QpData, Residuals, pattern};
-use super::qp::QpFailure;
 use super::rows::Rows;
 
 /// A penalty's curvature along its row, relative to P's own.

@@ -4,6 +4,7 @@
 
 mod curve;
 mod error;
+mod point;
 mod projection;
 mod raw;
 mod read;
@@ -11,6 +12,7 @@ mod smoothing;
 mod spline;
 
 pub use error::PathError;
+pub use point::{Direction, PathPoint, Point2};
 pub use projection::{Projected, Window};
 pub use raw::RawPoint;
 pub use read::{GeodeticOrigin, Route, read_csv, read_gpx};
@@ -18,96 +20,11 @@ pub use smoothing::{Smoothed, Smoothing, smooth};
 
 pub(crate) use curve::{ArcLength, CurvePoint};
 
-use serde::{Deserialize, Serialize};
 use sidehill_plant::frames::PlanarPose;
 use std::f64::consts::PI;
 
 /// Distance between the samples a path is stored at, m.
 pub(crate) const SAMPLE_STEP_M: f64 = 0.05;
-
-/// A position in the horizontal plane of the world.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
-pub struct Point2 {
-    /// X_g, m.
-    pub x_m: f64,
-    /// Y_g, m.
-    pub y_m: f64,
-}
-
-impl Point2 {
-    /// Returns the distance to `other`, m.
-    pub fn distance_m(&self, other: &Self) -> f64 {
-        (self.x_m - other.x_m).hypot(self.y_m - other.y_m)
-    }
-
-    /// Returns this point as seen from a frame in which the origin of its own is at `frame`.
-    pub fn seen_from(&self, frame: &PlanarPose) -> Self {
-        let (sin, cos) = frame.yaw_rad.sin_cos();
-        Self {
-            x_m: frame.x_m + cos * self.x_m - sin * self.y_m,
-            y_m: frame.y_m + sin * self.x_m + cos * self.y_m,
-        }
-    }
-
-    /// Returns whether both coordinates are finite.
-    pub fn is_finite(&self) -> bool {
-        self.x_m.is_finite() && self.y_m.is_finite()
-    }
-}
-
-/// Which way the vehicle drives along a path.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Direction {
-    /// The vehicle's forward axis points along the direction of travel.
-    #[default]
-    Forward,
-    /// The vehicle's forward axis points against the direction of travel.
-    Reverse,
-}
-
-impl Direction {
-    /// Returns 1 for forward and -1 for reverse: the sign of the longitudinal speed.
-    pub fn sign(self) -> f64 {
-        match self {
-            Self::Forward => 1.0,
-            Self::Reverse => -1.0,
-        }
-    }
-
-    /// Returns the other direction.
-    pub fn reversed(self) -> Self {
-        match self {
-            Self::Forward => Self::Reverse,
-            Self::Reverse => Self::Forward,
-        }
-    }
-}
-
-/// A point of a [`Path`].
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct PathPoint {
-    /// Distance travelled from the start of the path, m.
-    pub arc_length_m: f64,
-    /// Position in the world.
-    pub position: Point2,
-    /// Heading psi of the vehicle, rad, unwrapped; against the direction of travel in reverse.
-    pub heading_rad: f64,
-    /// Curvature d(heading)/d(arc length), 1/m, positive where the heading turns
-    /// counter-clockwise.
-    pub curvature_per_m: f64,
-    /// Which way the vehicle drives here.
-    pub direction: Direction,
-}
-
-impl PathPoint {
-    /// Returns the heading of the direction of travel, rad.
-    pub fn travel_heading_rad(&self) -> f64 {
-        match self.direction {
-            Direction::Forward => self.heading_rad,
-            Direction::Reverse => self.heading_rad + PI,
-        }
-    }
-}
 
 /// A planar curve parametrised by arc length, in pieces of one driving direction each.
 ///

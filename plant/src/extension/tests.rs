@@ -1,5 +1,6 @@
 use super::*;
 use crate::prediction::PredictionModel;
+use crate::vehicle::Vehicle;
 use proptest::prelude::*;
 
 const GAINS: ExtensionGains = ExtensionGains {

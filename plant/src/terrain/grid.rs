@@ -1,7 +1,6 @@
 //! Heights on a regular grid, interpolated with a continuous normal.
 
-use super::{Surface, TerrainError, esri};
-use std::fmt;
+use super::{GridExtent, Surface, TerrainError, esri};
 use std::sync::Arc;
 
 /// Heights at the cell centres of a regular grid, joined by bicubic Hermite patches, so that height
@@ -19,29 +18,6 @@ pub struct GridTerrain {
     south_m: f64,
     /// Row by row from the north as in the file; NaN is NODATA.
     heights_m: Arc<[f64]>,
-}
-
-/// What a grid spans, in the world.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct GridExtent {
-    /// Smallest X_g, m.
-    pub west_m: f64,
-    /// Largest X_g, m.
-    pub east_m: f64,
-    /// Smallest Y_g, m.
-    pub south_m: f64,
-    /// Largest Y_g, m.
-    pub north_m: f64,
-}
-
-impl fmt::Display for GridExtent {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(
-            f,
-            "x {} to {} m, y {} to {} m",
-            self.west_m, self.east_m, self.south_m, self.north_m
-        )
-    }
 }
 
 /// Height at a node and its derivatives by column and northward row, in cells.

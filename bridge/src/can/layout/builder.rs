@@ -4,7 +4,7 @@ use crate::can::database::{Database, DatabaseFault, Message, Signal};
 use crate::can::message::{ChecksumCodec, Field, MessageCodec, Quantity};
 use crate::can::signal::{RawKind, SignalCodec};
 use crc::{Algorithm, Crc, Table};
-use sidehill_plant::vehicle::RangeError;
+use sidehill_plant::bounds::Bounds;
 
 /// Collects the signals of one message and checks that they go together.
 pub(in crate::can) struct Builder<'a> {
@@ -53,17 +53,13 @@ impl<'a> Builder<'a> {
         signal: &ScaledSignal,
     ) -> Result<Self, LayoutError> {
         let codec = self.find(&signal.signal)?;
-        let size = RangeError::check(
-            "per_unit",
-            signal.per_unit.abs(),
-            1e-6,
-            1e9,
-            "from 1e-6 to 1e9, or its negative",
-        )
-        .map_err(|error| LayoutError::Range {
-            message: self.name.clone(),
-            error,
-        })?;
+        let bounds = Bounds::new(1e-6, 1e9, "").with_note("or its negative");
+        let size = bounds
+            .check("per_unit", signal.per_unit.abs())
+            .map_err(|error| LayoutError::Range {
+                message: self.name.clone(),
+                error,
+            })?;
         self.fields.push(Field {
             quantity,
             codec,

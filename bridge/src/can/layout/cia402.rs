@@ -5,7 +5,7 @@ use crate::can::cia402::{Cia402, NodeId};
 use crate::can::config::{Cia402Config, Cia402Drive, Protection};
 use crate::can::database::Database;
 use crate::can::message::{DriveRole, MessageCodec, Quantity};
-use sidehill_plant::vehicle::RangeError;
+use sidehill_plant::bounds::Bounds;
 
 /// Returns the command messages, the feedback and the settings of two CiA 402 drives.
 pub(super) fn layout(
@@ -25,8 +25,9 @@ pub(super) fn layout(
         numbers.push(node);
     }
     let id = |node| NodeId::new(node).ok_or(LayoutError::Node { node });
-    let range = |key, value, low, range| {
-        RangeError::check(key, value, low, 10.0, range).map_err(LayoutError::Cia402)
+    let time_s = |key, value_s| {
+        let checked = Bounds::new(0.05, 10.0, "s").check(key, value_s);
+        checked.map_err(LayoutError::Cia402)
     };
     let setup = |drive: &Cia402Drive| {
         let node = id(drive.node_id)?;
@@ -43,18 +44,8 @@ pub(super) fn layout(
     let cia402 = Cia402 {
         own: id(config.node_id)?,
         sync: config.sync,
-        quick_stop_time_s: range(
-            "quick_stop_time_s",
-            config.quick_stop_time_s,
-            0.05,
-            "from 0.05 to 10 s",
-        )?,
-        answer_time_s: range(
-            "answer_time_s",
-            config.answer_time_s,
-            0.05,
-            "from 0.05 to 10 s",
-        )?,
+        quick_stop_time_s: time_s("quick_stop_time_s", config.quick_stop_time_s)?,
+        answer_time_s: time_s("answer_time_s", config.answer_time_s)?,
         nodes: [id(first.node_id)?, id(second.node_id)?],
         setup: [setup(first)?, setup(second)?],
     };

@@ -16,8 +16,8 @@ use super::database::Database;
 use super::frame::FrameId;
 use super::message::{DriveRole, MessageCodec, Quantity};
 use crate::drives::{DriveMode, MeasuredMotorSpeeds};
+use sidehill_plant::bounds::Bounds;
 use sidehill_plant::speeds::MeasuredTreadSpeeds;
-use sidehill_plant::vehicle::RangeError;
 
 /// Everything that encodes and decodes the frames of a vehicle.
 #[derive(Clone)]
@@ -180,12 +180,12 @@ impl Layout {
 }
 
 fn latency(message: &str, latency_s: f64) -> Result<f64, LayoutError> {
-    RangeError::check("latency_s", latency_s, 0.0, 1.0, "from 0 to 1 s").map_err(|error| {
-        LayoutError::Range {
+    Bounds::new(0.0, 1.0, "s")
+        .check("latency_s", latency_s)
+        .map_err(|error| LayoutError::Range {
             message: message.to_owned(),
             error,
-        }
-    })
+        })
 }
 
 fn command(

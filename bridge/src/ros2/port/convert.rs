@@ -7,6 +7,7 @@ use crate::drives::MeasuredMotorSpeeds;
 use crate::ros2::node::conversions::MessageError;
 use crate::ros2::node::message::{self, Twist};
 use nalgebra::{Isometry3, Translation3};
+use sidehill_plant::bounds::Bounds;
 use sidehill_plant::frames::{Attitude, BodyVelocity, Pose, paper_attitude, ros_quaternion};
 use sidehill_plant::vehicle::{RangeError, Vehicle};
 
@@ -87,8 +88,7 @@ impl TwistMapping {
     pub fn new(track_width_m: Option<f64>, vehicle: &Vehicle) -> Result<Self, RangeError> {
         let icr_distance_m = vehicle.icrs.right_m - vehicle.icrs.left_m;
         let value = track_width_m.unwrap_or(icr_distance_m);
-        let track_width_m =
-            RangeError::check("track_width_m", value, 0.05, 20.0, "from 0.05 to 20 m")?;
+        let track_width_m = Bounds::new(0.05, 20.0, "m").check("track_width_m", value)?;
         Ok(Self { track_width_m })
     }
 

@@ -3,6 +3,7 @@
 use crate::ros2::node::conversions::MessageError;
 use crate::ros2::node::message::{Float64MultiArray, Header, JointState};
 use serde::{Deserialize, Serialize};
+use sidehill_plant::bounds::Bounds;
 use sidehill_plant::speeds::MeasuredTreadSpeeds;
 use sidehill_plant::vehicle::RangeError;
 
@@ -36,7 +37,7 @@ impl TreadJoints {
     /// [`RangeError`].
     pub fn validate(&self) -> Result<(), RangeError> {
         let (key, value) = ("joints.radius_m", self.radius_m);
-        RangeError::check(key, value, 0.01, 10.0, "from 0.01 to 10 m").map(|_| ())
+        Bounds::new(0.01, 10.0, "m").check(key, value).map(drop)
     }
 
     /// Returns the tread speeds of a message; the order of its joints does not matter.

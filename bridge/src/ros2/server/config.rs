@@ -3,6 +3,7 @@
 use crate::ros2::port::config::{CommandsConfig, Frames, InputsConfig};
 use serde::{Deserialize, Serialize};
 use sidehill_controller::path::Smoothing;
+use sidehill_plant::bounds::Bounds;
 use sidehill_plant::vehicle::RangeError;
 
 /// The `ros2:` section of a run.
@@ -138,58 +139,15 @@ impl Ros2Config {
     /// # Errors
     /// [`RangeError`] with the first key out of its range.
     pub fn validate(&self) -> Result<(), RangeError> {
-        let check = RangeError::check;
         let t = &self.tolerances;
-        check(
-            "ros2.tolerances.goal_xy_m",
-            t.goal_xy_m,
-            0.01,
-            100.0,
-            "from 0.01 to 100 m",
-        )?;
-        check(
-            "ros2.tolerances.goal_yaw_rad",
-            t.goal_yaw_rad,
-            0.02,
-            7.0,
-            "from 0.02 to 7 rad",
-        )?;
-        check(
-            "ros2.tolerances.progress_m",
-            t.progress_m,
-            0.01,
-            100.0,
-            "from 0.01 to 100 m",
-        )?;
-        check(
-            "ros2.tolerances.progress_time_s",
-            t.progress_time_s,
-            0.1,
-            1e4,
-            "from 0.1 to 10000 s",
-        )?;
-        check(
-            "ros2.tolerances.transform_s",
-            t.transform_s,
-            0.0,
-            10.0,
-            "from 0 to 10 s",
-        )?;
-        check(
-            "ros2.tolerances.failure_s",
-            t.failure_s,
-            0.0,
-            60.0,
-            "from 0 to 60 s",
-        )?;
+        Bounds::new(0.01, 100.0, "m").check("ros2.tolerances.goal_xy_m", t.goal_xy_m)?;
+        Bounds::new(0.02, 7.0, "rad").check("ros2.tolerances.goal_yaw_rad", t.goal_yaw_rad)?;
+        Bounds::new(0.01, 100.0, "m").check("ros2.tolerances.progress_m", t.progress_m)?;
+        Bounds::new(0.1, 1e4, "s").check("ros2.tolerances.progress_time_s", t.progress_time_s)?;
+        Bounds::new(0.0, 10.0, "s").check("ros2.tolerances.transform_s", t.transform_s)?;
+        Bounds::new(0.0, 60.0, "s").check("ros2.tolerances.failure_s", t.failure_s)?;
         let timeout_s = self.inputs.emergency_stop_timeout_s;
-        check(
-            "ros2.inputs.emergency_stop_timeout_s",
-            timeout_s,
-            0.0,
-            10.0,
-            "from 0 to 10 s",
-        )?;
+        Bounds::new(0.0, 10.0, "s").check("ros2.inputs.emergency_stop_timeout_s", timeout_s)?;
         self.inputs.joints.validate()?;
         if let Some(treads) = &self.commands.treads {
             treads.joints.validate()?;

@@ -1,6 +1,6 @@
 //! Normal loads over the weight, linear in what they carry.
 
-use super::{Geometry, Ground, WHEELS_MAX};
+use super::geometry::{Geometry, Ground, WHEELS_MAX};
 use crate::frames::Attitude;
 use nalgebra::{Matrix3, Vector3};
 

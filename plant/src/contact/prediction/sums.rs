@@ -1,7 +1,7 @@
 //! Sums over the wheels: the potential, its derivatives by the velocity, and those of its gradient.
 
+use super::geometry::{ByParameters, Geometry, Ground};
 use super::loads::{Loads, Stance, demand_of, pull_of};
-use super::{ByParameters, Geometry, Ground};
 use crate::frames::Attitude;
 use crate::speeds::TreadSpeeds;
 use nalgebra::{Matrix3, SMatrix, Vector3};

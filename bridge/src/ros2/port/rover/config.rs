@@ -3,6 +3,7 @@
 use crate::ros2::port::joints::TreadJoints;
 use crate::rover::{Fault, FaultWindow};
 use serde::{Deserialize, Serialize};
+use sidehill_plant::bounds::Bounds;
 use sidehill_plant::vehicle::RangeError;
 
 /// The `ros2:` section of a vehicle.
@@ -53,7 +54,7 @@ impl VehicleNodeConfig {
         self.joints.validate()?;
         if let Some(factor) = self.clock_factor {
             let key = "ros2.clock_factor";
-            RangeError::check(key, factor, 0.1, 20.0, "from 0.1 to 20")?;
+            Bounds::new(0.1, 20.0, "").check(key, factor)?;
         }
         let offset = &self.map_from_odom;
         for (key, value) in [
@@ -61,7 +62,7 @@ impl VehicleNodeConfig {
             ("ros2.map_from_odom.y_m", offset.y_m),
             ("ros2.map_from_odom.yaw_deg", offset.yaw_deg),
         ] {
-            RangeError::check(key, value, -1e6, 1e6, "from -1e6 to 1e6")?;
+            Bounds::new(-1e6, 1e6, "").check(key, value)?;
         }
         self.faults.iter().try_for_each(check_fault)
     }
@@ -182,7 +183,7 @@ fn check_fault(fault: &VehicleFault) -> Result<(), RangeError> {
     ])?;
     if let VehicleFaultKind::ClockJumpS(jump_s) = fault.fault {
         let key = "ros2.faults.clock_jump_s";
-        RangeError::check(key, jump_s, -1e5, 1e5, "from -1e5 to 1e5 s")?;
+        Bounds::new(-1e5, 1e5, "s").check(key, jump_s)?;
     }
     Ok(())
 }

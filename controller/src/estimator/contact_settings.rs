@@ -1,0 +1,124 @@
+//! How far a contact vehicle may be from what is known of it.
+
+use serde::{Deserialize, Serialize};
+use sidehill_plant::bounds::{Bounds, RangeError};
+use sidehill_plant::contact::{Parameter, ParameterVector};
+
+/// How far a contact vehicle may be from what is known of it, and how fast what was learned is given up.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct ContactLearningSettings {
+    /// Growth of the position's uncertainty while moving, m/sqrt(s), besides that of the parameters.
+    pub slide_sigma_m_per_sqrt_s: f64,
+    /// Growth of the heading's uncertainty while moving, rad/sqrt(s), besides that of the parameters.
+    pub yaw_sigma_rad_per_sqrt_s: f64,
+    /// Factor on all standard deviations below; 0 switches learning off.
+    pub prior_factor: f64,
+    /// Standard deviation of the logarithm of friction.
+    pub friction_sigma: f64,
+    /// Standard deviation of the centre of mass sideways and upwards, over the half width.
+    pub centre_right_sigma: f64,
+    /// Standard deviation of the centre of mass lengthways, over the half length.
+    pub centre_forward_sigma: f64,
+    /// Standard deviation of the centre of mass upwards, over the half width.
+    pub centre_height_sigma: f64,
+    /// Standard deviation of the inner axles' share of the weight.
+    pub inner_share_sigma: f64,
+    /// Standard deviation of the logarithm of the lateral share of friction.
+    pub lateral_share_sigma: f64,
+    /// Standard deviation of the logarithm of the slip scale.
+    pub slip_scale_sigma: f64,
+    /// Standard deviation of the rolling resistance.
+    pub rolling_resistance_sigma: f64,
+    /// Share of a prior variance that comes back for each metre of steering, 1/m.
+    pub forgetting_per_m: f64,
+}
+
+impl Default for ContactLearningSettings {
+    fn default() -> Self {
+        Self {
+            slide_sigma_m_per_sqrt_s: 0.005,
+            yaw_sigma_rad_per_sqrt_s: 0.005,
+            prior_factor: 1.0,
+            friction_sigma: 0.3,
+            centre_right_sigma: 0.17,
+            centre_forward_sigma: 0.14,
+            centre_height_sigma: 0.17,
+            inner_share_sigma: 0.15,
+            lateral_share_sigma: 0.2,
+            slip_scale_sigma: 0.5,
+            rolling_resistance_sigma: 0.02,
+            forgetting_per_m: 0.01,
+        }
+    }
+}
+
+impl ContactLearningSettings {
+    /// Returns whether anything is learned.
+    pub fn is_on(&self) -> bool {
+        self.prior_factor > 0.0
+    }
+
+    /// Checks the ranges.
+    ///
+    /// # Errors
+    /// [`RangeError`] with the first key out of its range.
+    pub fn validate(&self) -> Result<(), RangeError> {
+        let noise = Bounds::new(1e-6, 10.0, "");
+        noise.check(
+            "estimator.contact.slide_sigma_m_per_sqrt_s",
+            self.slide_sigma_m_per_sqrt_s,
+        )?;
+        noise.check(
+            "estimator.contact.yaw_sigma_rad_per_sqrt_s",
+            self.yaw_sigma_rad_per_sqrt_s,
+        )?;
+        for (key, value) in [
+            ("estimator.contact.prior_factor", self.prior_factor),
+            ("estimator.contact.friction_sigma", self.friction_sigma),
+            (
+                "estimator.contact.centre_right_sigma",
+                self.centre_right_sigma,
+            ),
+            (
+                "estimator.contact.centre_forward_sigma",
+                self.centre_forward_sigma,
+            ),
+            (
+                "estimator.contact.centre_height_sigma",
+                self.centre_height_sigma,
+            ),
+            (
+                "estimator.contact.inner_share_sigma",
+                self.inner_share_sigma,
+            ),
+            (
+                "estimator.contact.lateral_share_sigma",
+                self.lateral_share_sigma,
+            ),
+            ("estimator.contact.slip_scale_sigma", self.slip_scale_sigma),
+            (
+                "estimator.contact.rolling_resistance_sigma",
+                self.rolling_resistance_sigma,
+            ),
+            ("estimator.contact.forgetting_per_m", self.forgetting_per_m),
+        ] {
+            Bounds::new(0.0, 10.0, "").check(key, value)?;
+        }
+        Ok(())
+    }
+
+    pub(super) fn sigma(&self, half_width_m: f64, half_length_m: f64) -> ParameterVector {
+        self.prior_factor
+            * ParameterVector::from_fn(|i, _| match Parameter::ALL[i] {
+                Parameter::Friction => self.friction_sigma,
+                Parameter::CentreRight => self.centre_right_sigma * half_width_m,
+                Parameter::CentreForward => self.centre_forward_sigma * half_length_m,
+                Parameter::CentreHeight => self.centre_height_sigma * half_width_m,
+                Parameter::InnerShare => self.inner_share_sigma,
+                Parameter::LateralShare => self.lateral_share_sigma,
+                Parameter::SlipScale => self.slip_scale_sigma,
+                Parameter::RollingResistance => self.rolling_resistance_sigma,
+            })
+    }
+}
