@@ -8,6 +8,15 @@ need() {
     $as_root apt-get install --yes --no-install-recommends "$2"
 }
 
+# need_library LIBRARY PACKAGE...: installs the Debian packages that have the shared library.
+need_library() {
+    ldconfig -p | grep -q "$1" && return
+    shift
+    if [ "$(id -u)" -eq 0 ]; then as_root=; else as_root=sudo; fi
+    $as_root apt-get update
+    $as_root apt-get install --yes --no-install-recommends "$@"
+}
+
 # need_component COMMAND COMPONENT: installs the toolchain component that has `cargo COMMAND`.
 need_component() {
     cargo "$1" --version >/dev/null 2>&1 || rustup component add "$2"

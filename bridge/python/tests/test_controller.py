@@ -155,7 +155,7 @@ def resident_kib() -> int:
 
 
 def test_memory_does_not_grow(short):
-    """SIDEHILL_STEPS sets the number of steps; the README's figure is for a million."""
+    """SIDEHILL_STEPS sets the number of steps."""
     steps = int(os.environ.get("SIDEHILL_STEPS", "30000"))
     controller = sidehill.Controller(short)
     pose = short.start_pose
