@@ -18,8 +18,8 @@ pub struct ContactMpcConfig {
 impl Default for ContactMpcConfig {
     fn default() -> Self {
         Self {
-            last_step_s: 0.15,
-            along_per_m2: 5.0,
+            last_step_s: 0.22,
+            along_per_m2: 1.0,
             step_limit: Some(StepLimit::default()),
         }
     }

@@ -29,7 +29,7 @@ pub struct StepLimit {
 impl Default for StepLimit {
     fn default() -> Self {
         Self {
-            steer_min_m_s: 0.05,
+            steer_min_m_s: 0.5,
             steer_max_m_s: 0.5,
             accepted_share: 0.1,
         }
