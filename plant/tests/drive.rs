@@ -52,9 +52,7 @@ fn asphalt() -> (DriveLog, Vehicle) {
 
 fn identify((log, vehicle): &(DriveLog, Vehicle)) -> (Option<Extension>, ExtensionReport) {
     let logs = std::slice::from_ref(log);
-    let found = identify_extension(logs, logs, vehicle, &settings()).unwrap();
-    println!("{found:?}");
-    found
+    identify_extension(logs, logs, vehicle, &settings()).unwrap()
 }
 
 fn position(errors: SegmentErrors) -> f64 {

@@ -37,7 +37,7 @@ impl Default for SupervisorConfig {
             heading_error_max_rad: 2.0,
             fallback_cycles: 10,
             settle_time_s: 3.0,
-            stall_time_s: 3.0,
+            stall_time_s: 4.5,
             stall_share: 0.1,
         }
     }

@@ -102,7 +102,7 @@ impl QpSolver {
     }
 
     /// Sets the largest number of interior-point iterations of the solves to come, at most
-    /// [`ITERATIONS_MAX`](super::settings::ITERATIONS_MAX).
+    /// `ITERATIONS_MAX`.
     pub fn set_max_iterations(&mut self, iterations: u32) {
         self.limits.set_iterations(iterations);
     }

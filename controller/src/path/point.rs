@@ -62,7 +62,7 @@ impl Direction {
     }
 }
 
-/// A point of a [`Path`].
+/// A point of a [`Path`](super::Path).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PathPoint {
     /// Distance travelled from the start of the path, m.

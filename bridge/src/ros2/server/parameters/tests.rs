@@ -105,7 +105,7 @@ fn a_goal_checker_of_positions_asks_for_no_heading() {
 fn a_heading_tolerance_of_nav2_that_allows_all_is_understood() {
     let mut config = Ros2Config::default();
     let name = "general_goal_checker.yaw_goal_tolerance";
-    override_config(&mut config, &mut 0.5, 0.05, &[given(name, Double(6.28))]).unwrap();
+    override_config(&mut config, &mut 0.5, 0.05, &[given(name, Double(6.25))]).unwrap();
     config.validate().unwrap();
-    assert_eq!(config.tolerances.goal_yaw_rad, 6.28);
+    assert_eq!(config.tolerances.goal_yaw_rad, 6.25);
 }
