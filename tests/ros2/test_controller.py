@@ -99,6 +99,34 @@ def test_figure_eight_with_a_goal_is_within_3_cm(rig):
     assert max(message.speed for message in feedback) > 0.3
 
 
+def reversed_at_its_end(path):
+    """The same path with its last pose looking back."""
+    last = path.poses[-1].pose
+    half = math.atan2(last.orientation.z, last.orientation.w) + math.pi / 2
+    last.orientation = wire.Quaternion(z=math.sin(half), w=math.cos(half))
+    return path
+
+
+def test_a_turn_at_the_goal_that_slides_off_it_is_not_begun(rig):
+    r = rig(of_vehicle={r"figure_eight\.yaml": "figure_eight_15deg.yaml"})
+    start = r.vehicle.now()["yaw_rad"]
+    goal = r.sent_off(reversed_at_its_end(r.ahead(3.0)))
+    answer = goal.result(timeout_s=60)
+    assert (answer.status, answer.result.error_code) == (FollowPath.ABORTED, NO_VALID_CONTROL)
+    assert "would slide" in answer.result.error_msg
+    r.stands()
+    assert abs(r.vehicle.now()["yaw_rad"] - start) < 0.3
+
+
+def test_a_goal_checker_of_positions_asks_for_no_heading(rig):
+    r = rig(ros=["-p", "general_goal_checker.plugin:=nav2_controller::PositionGoalChecker"])
+    start = r.vehicle.now()["yaw_rad"]
+    goal = r.sent_off(reversed_at_its_end(r.ahead(3.0)))
+    answer = goal.result(timeout_s=60)
+    assert (answer.status, answer.result.error_code) == (FollowPath.SUCCEEDED, NONE)
+    assert abs(r.vehicle.now()["yaw_rad"] - start) < 0.3
+
+
 def test_results_can_be_asked_for_again_and_before_the_end(rig):
     r = rig()
     goal = r.sent_off(r.ahead(3.0))
