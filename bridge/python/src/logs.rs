@@ -8,8 +8,8 @@ use serde_json::{Value, json};
 use sidehill::odometry::figures;
 use sidehill_plant::bounds::Bounds;
 use sidehill_plant::identification::{
-    IdentificationSettings, SegmentErrors, Segmentation, StageReport, identify_level,
-    identify_slope,
+    IdentificationSettings, SegmentErrors, Segmentation, StageReport, identify_extension,
+    identify_level, identify_slope,
 };
 use sidehill_plant::log::{ColumnMap, DriveLog};
 
@@ -62,6 +62,11 @@ pub fn identify(
             let (fitted, report) = identify_slope(&slope, &vehicle, &settings)
                 .map_err(|error| invalid(format!("slope: {error}")))?;
             (vehicle, reports[1]) = (fitted, Some(summary(&report)));
+        }
+        // As in the program: what the two stages found holds where the terms cannot be tried.
+        if let Ok((extension, _)) = identify_extension(&level, &slope, &vehicle, &settings) {
+            vehicle.extension = extension;
+            vehicle = vehicle.validated().map_err(invalid)?;
         }
         Ok((vehicle, reports))
     })?;

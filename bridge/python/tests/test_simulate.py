@@ -43,7 +43,7 @@ def test_figures_and_log_are_those_of_the_program_bit_by_bit(run, tmp_path, eigh
 
 def test_conditions_with_sensors_and_noise_are_those_of_the_program(run, tmp_path, short):
     changed = short.with_(
-        sensors={"pose": {"timing": {"period_s": 0.1, "delay_s": 0.1}, "errors": {"noise_std_m": 0.01}}},
+        sensors={"pose": {"timing": {"rate_hz": 10, "delay_s": 0.1}, "errors": {"noise_std_m": 0.01}}},
         seed=11,
     )
     (tmp_path / "scenario.yaml").write_text(

@@ -88,11 +88,13 @@ def run(
     pending: dict[Any, tuple[range, int]] = {}
     tasks = lost = 0
     lasting = (WorkerCrashedError, NodeDiedError, ObjectLostError, OwnerDiedError, OutOfMemoryError)
+    resources: Any = ray.cluster_resources  # Ray has no type for it.
+    workers = int(resources().get("CPU", 1))
     with _progress(len(missing)) as progress:
         while waiting or pending:
             # Enough that no worker waits for the driver, few enough that the driver's memory does not grow with the
             # campaign.
-            while waiting and len(pending) < 2 * int(ray.cluster_resources().get("CPU", 1)) + 8:
+            while waiting and len(pending) < 2 * workers + 8:
                 part, losses = waiting.popleft()
                 pending[task.remote(bundle, part.start, part.stop)] = (part, losses)
             done, _ = ray.wait(list(pending), num_returns=1, timeout=_REPORT_S)
