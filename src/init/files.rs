@@ -227,7 +227,7 @@ fn scenario(name: &str, identified: &str, scale: f64) -> String {
          course: {{shape: figure_eight, half_width_m: {width:.2}, half_length_m: {length:.2}, period_s: 60}}\n\
          \n\
          # Controllers, run one after the other.\n\
-         controllers: [icrik-mpc, icrhk-mpc, diffdrive-mpc, pure-pursuit]\n\
+         controllers: [contact-mpc, icrik-mpc, icrhk-mpc, pure-pursuit]\n\
          \n\
          # What moves the vehicle: icrik (the model itself) or contact (wheels with friction).\n\
          plant: contact\n\

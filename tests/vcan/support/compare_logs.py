@@ -50,7 +50,8 @@ else:
 sent = [row for row in csv.DictReader(open(sys.argv[3])) if row["sent"] == "true"]
 # Three more frames of zeros end the program after its last cycle.
 assert 0 <= len(commands) - len(sent) <= 3, (len(commands), len(sent))
-assert len(sent) > 200, len(sent)
+# A comparison of a few frames would show nothing; a drive sends about 20 a second for 10 s.
+assert len(sent) > 150, len(sent)
 worst, least, most = 0.0, [0.0, 0.0], [0.0, 0.0]
 for i, (row, command) in enumerate(zip(sent, commands)):
     traction, steer = float(row["traction_m_s"]), float(row["steer_m_s"])
