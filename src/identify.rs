@@ -7,8 +7,9 @@ use crate::output;
 use anyhow::{Context, Result, bail};
 use sidehill_plant::contact::{ContactModel, ContactVehicle};
 use sidehill_plant::identification::{
-    Drive, ExtensionReport, IdentificationSettings, Leg, LogNoise, Procedure, SegmentErrors,
-    Segmentation, StageReport, Verdict, drive, identify_extension, identify_level, identify_slope,
+    Drive, Estimate, ExtensionReport, IdentificationSettings, Leg, LogNoise, Procedure,
+    SegmentErrors, Segmentation, StageReport, Verdict, drive, identify_extension, identify_level,
+    identify_slope,
 };
 use sidehill_plant::log::DriveLog;
 use sidehill_plant::speeds::EncoderScale;
@@ -79,6 +80,7 @@ pub fn run(args: &IdentifyArgs) -> Result<()> {
         }
         None => recorded(args)?,
     };
+    let mut undetermined = Vec::new();
     if !logs.level.is_empty() {
         let (fitted, report) =
             identify_level(&logs.level, &vehicle, &settings).context("level logs")?;
@@ -89,6 +91,19 @@ pub fn run(args: &IdentifyArgs) -> Result<()> {
         let (fitted, report) =
             identify_slope(&logs.slope, &vehicle, &settings).context("slope logs")?;
         console::text(stage_table("slope", "ICRHK", &report));
+        undetermined = report
+            .estimates
+            .iter()
+            .filter(|estimate| !is_determined(estimate))
+            .map(|estimate| estimate.name)
+            .collect();
+        if !undetermined.is_empty() {
+            console::line(format_args!(
+                "  not determined by these logs: {}. Log more turning with the nose up, down and across, on a \
+                 steeper slope, before you rely on it",
+                undetermined.join(", ")
+            ));
+        }
         vehicle = fitted;
     }
     let slope: Vec<DriveLog> = logs.slope.into_iter().chain(logs.across).collect();
@@ -104,7 +119,7 @@ pub fn run(args: &IdentifyArgs) -> Result<()> {
     if let Some(name) = &args.name {
         vehicle.name.clone_from(name);
     }
-    let yaml = commented(&vehicle, args)?;
+    let yaml = commented(&vehicle, args, &undetermined)?;
     output::write(&args.out, yaml.as_bytes(), args.force)?;
     console::line(format_args!("written: {}", args.out.display()));
     Ok(())
@@ -244,8 +259,19 @@ fn extension_table(report: &ExtensionReport) -> String {
     out
 }
 
+/// Returns whether the data tell a slide gain from none at all.
+fn is_determined(estimate: &Estimate) -> bool {
+    estimate
+        .half_width
+        .is_some_and(|half_width| half_width < estimate.value.abs())
+}
+
 /// Returns the vehicle as YAML with where it comes from.
-fn commented(vehicle: &Vehicle, args: &IdentifyArgs) -> Result<String> {
+fn commented(
+    vehicle: &Vehicle,
+    args: &IdentifyArgs,
+    undetermined: &[&'static str],
+) -> Result<String> {
     let list = |paths: &[PathBuf]| {
         let names: Vec<_> = paths
             .iter()
@@ -261,7 +287,12 @@ fn commented(vehicle: &Vehicle, args: &IdentifyArgs) -> Result<String> {
             list(&args.slope)
         ),
     };
-    let yaml = serde_yaml::to_string(vehicle)?;
+    let mut yaml = serde_yaml::to_string(vehicle)?;
+    for name in undetermined {
+        let key = format!("\n{name}:");
+        let warning = format!("\n# NOT DETERMINED by these logs: its 95 % interval holds 0.{key}");
+        yaml = yaml.replacen(&key, &warning, 1);
+    }
     Ok(format!(
         "# Identified by: sidehill identify {source} --vehicle {} --segment-s {} --smoothing-s {}\n\
          # Keys and units as in config/vehicles/j8.yaml: ICRs in m from the body's origin, slide gains\n\

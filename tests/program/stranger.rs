@@ -318,3 +318,32 @@ fn what_simulate_writes_is_a_log() {
         "{figures}"
     );
 }
+
+#[test]
+fn a_gain_that_the_logs_do_not_determine_is_said_to_be_so() {
+    let course = Course::new("");
+    let logs = repository("plant/tests/data/trento_ramps");
+    let out = course.path("identified.yaml");
+    // A log of level ground, given as one of a slope.
+    let said = succeed(
+        sidehill()
+            .arg("identify")
+            .arg("--slope")
+            .arg(logs.join("flat_left_5.48.csv"))
+            .args(["--segment-s", "4", "--columns"])
+            .arg(logs.join("columns.yaml"))
+            .arg("--vehicle")
+            .arg(logs.join("vehicle.yaml"))
+            .arg("--out")
+            .arg(&out),
+    );
+    assert_says(
+        &said,
+        &["not determined by these logs", "lambda_1_s_per_rad"],
+    );
+    let yaml = std::fs::read_to_string(out).unwrap();
+    assert_says(
+        &yaml,
+        &["# NOT DETERMINED by these logs", "lambda_1_s_per_rad"],
+    );
+}
