@@ -204,6 +204,8 @@ fn it_drives_on_when_nobody_reads_and_stops_when_the_connection_drops() {
     .map(|(old, new)| ("run_vcan0.yaml", old, new));
     let file = configuration("nobody_reads", &changes);
     let out = file.parent().unwrap().join("out");
+    // What an earlier test left would look like a drive.
+    let _ = std::fs::remove_dir_all(&out);
     let mut child = Command::new(env!("CARGO_BIN_EXE_sidehill"))
         .args(["run", file.to_str().unwrap(), "--arm", "--out"])
         .arg(&out)
