@@ -145,7 +145,7 @@ fn a_vehicle_that_does_not_move_is_stopped_with_its_reason() {
             stall,
             Stall::Path | Stall::Steer | Stall::Traction
         ));
-        assert_eq!(time_s, 3.0);
+        assert_eq!(time_s, 4.5);
     }
 }
 
