@@ -8,6 +8,7 @@ use crate::controller::{Controller, Decision, Status, StopReason};
 use crate::reference::Reference;
 use crate::trajectory::ReferencePoint;
 use figures::Account;
+use sidehill_plant::sample::Sample;
 use sidehill_plant::simulation::{Plant, TrueState};
 use sidehill_plant::speeds::MotorSpeeds;
 use std::time::{Duration, Instant};
@@ -29,6 +30,8 @@ pub struct ClosedLoop<P> {
 pub struct Cycle {
     /// What was true when the sensors were read.
     pub state: TrueState,
+    /// What they read.
+    pub sample: Sample,
     /// Where the vehicle should have been.
     pub reference: ReferencePoint,
     /// How far it was from there.
@@ -143,6 +146,7 @@ impl<P: Plant> ClosedLoop<P> {
         };
         Cycle {
             state,
+            sample,
             reference: self.reference,
             errors,
             decision,

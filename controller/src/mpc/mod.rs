@@ -373,6 +373,17 @@ impl Mpc {
         Ok(report)
     }
 
+    /// Begins a cycle. With `cut_at` the look of that number at the deadline, counted from 0, ends its
+    /// solves and the clock does not: so a recorded cycle is solved again exactly.
+    pub(crate) fn begin_cycle(&mut self, cut_at: Option<u32>) {
+        self.solver.begin_cycle(cut_at);
+    }
+
+    /// Returns the look at the deadline that ended a solve of this cycle; none where none did.
+    pub(crate) fn was_cut_at(&self) -> Option<u32> {
+        self.solver.was_cut_at()
+    }
+
     /// Goes on from a guess: QPs until they correct it little or `deadline` is over.
     fn solve_from_guess(
         &mut self,

@@ -107,6 +107,16 @@ impl QpSolver {
         self.limits.set_iterations(iterations);
     }
 
+    /// Begins a cycle, see [`Mpc::begin_cycle`](super::Mpc::begin_cycle).
+    pub(super) fn begin_cycle(&self, cut_at: Option<u32>) {
+        self.limits.begin_cycle(cut_at);
+    }
+
+    /// Returns the look at the deadline that ended a solve of this cycle.
+    pub(super) fn was_cut_at(&self) -> Option<u32> {
+        self.limits.was_cut_at()
+    }
+
     /// Solves the problem as its data stands, until `deadline` at the latest.
     ///
     /// # Errors

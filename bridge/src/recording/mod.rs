@@ -1,0 +1,32 @@
+//! Drives as ROS 2 messages: recorded to MCAP files, and shown live.
+//!
+//! ```text
+//! controller, loop -> rings -> DriveMessages -> MessageSink: McapRecording, a live view
+//! ```
+//!
+//! The control loop and the controller leave plain values in rings ([`tap`], [`crate::control_loop::record`]);
+//! a thread without priority makes messages of them. Messages are CDR with ros2msg schemas, so that any
+//! reader of ROS 2 bags decodes them. [`ControllerCycle`] and [`PathCommand`] hold what a replay needs,
+//! bit by bit.
+
+mod drive_messages;
+mod mcap_file;
+mod messages;
+mod reader;
+mod schema;
+mod tap;
+
+pub use drive_messages::{DriveMessages, GeneralState, unix_ns};
+pub use mcap_file::{Header, McapRecording, RecordLimits, RecordingStatus};
+pub use messages::{ControllerCycle, LogLine, LoopCycle, PathCommand, Topic};
+pub use reader::{Recording, RecordingError};
+pub use schema::schema;
+pub use tap::{ControllerLog, ControllerTap, PathLog, PathRecord, PlanView, RecordedPath, StepRecord, tap};
+
+use crate::ros2::node::message::TopicMessage;
+
+/// Takes encoded messages.
+pub trait MessageSink {
+    /// Takes a CDR message of a topic with its time, ns since 1970 or since the start of simulated time.
+    fn put(&mut self, topic: Topic, time_ns: u64, message: &[u8]);
+}
