@@ -87,7 +87,10 @@ mod tests {
     fn bytes_that_are_no_message_are_refused_and_nothing_panics() {
         let bytes = to_cdr(&joint_state()).unwrap();
         for length in 0..bytes.len() - 8 {
-            assert!(from_cdr::<JointState>(&bytes[..length]).is_err(), "{length}");
+            assert!(
+                from_cdr::<JointState>(&bytes[..length]).is_err(),
+                "{length}"
+            );
         }
         let mut other = bytes.clone();
         other[1] = 3;
