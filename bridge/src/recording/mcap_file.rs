@@ -394,7 +394,9 @@ impl Seek for WholeFile {
             .and_then(|position| position.checked_sub(self.kept))
             .and_then(|at| usize::try_from(at).ok())
             .filter(|at| *at <= self.pending.len())
-            .ok_or_else(|| Error::new(ErrorKind::InvalidInput, "that part of the file is written"))?;
+            .ok_or_else(|| {
+                Error::new(ErrorKind::InvalidInput, "that part of the file is written")
+            })?;
         self.at = at;
         Ok(self.kept + at as u64)
     }

@@ -1,7 +1,7 @@
 //! The topics of a recording, and the messages that ROS 2 has no type for.
 
 use super::schema;
-use crate::ros2::node::message::{Time, TopicMessage, wire};
+use crate::ros2::node::message::{Time, wire};
 
 /// What is recorded and shown live.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -180,6 +180,13 @@ wire! {
         function: String,
         line: u32,
     }
+}
+
+impl LogLine {
+    /// Level of what is worth knowing.
+    pub const INFO: u8 = 20;
+    /// Level of what somebody should look at.
+    pub const WARN: u8 = 30;
 }
 
 /// Definition of [`ControllerCycle`].

@@ -13,6 +13,7 @@ mod drive_messages;
 mod mcap_file;
 mod messages;
 mod reader;
+mod scene;
 mod schema;
 mod tap;
 
@@ -20,8 +21,11 @@ pub use drive_messages::{DriveMessages, GeneralState, unix_ns};
 pub use mcap_file::{Header, McapRecording, RecordLimits, RecordingStatus};
 pub use messages::{ControllerCycle, LogLine, LoopCycle, PathCommand, Topic};
 pub use reader::{Recording, RecordingError};
+pub use scene::{Marker, ground};
 pub use schema::schema;
-pub use tap::{ControllerLog, ControllerTap, PathLog, PathRecord, PlanView, RecordedPath, StepRecord, tap};
+pub use tap::{
+    ControllerLog, ControllerTap, PathLog, PathRecord, PlanView, RecordedPath, StepRecord, tap,
+};
 
 use crate::ros2::node::message::TopicMessage;
 

@@ -9,14 +9,8 @@ const DEFINITIONS: [(&str, &str); 26] = [
         "std_msgs/Header",
         "builtin_interfaces/Time stamp\nstring frame_id\n",
     ),
-    (
-        "geometry_msgs/Point",
-        "float64 x\nfloat64 y\nfloat64 z\n",
-    ),
-    (
-        "geometry_msgs/Vector3",
-        "float64 x\nfloat64 y\nfloat64 z\n",
-    ),
+    ("geometry_msgs/Point", "float64 x\nfloat64 y\nfloat64 z\n"),
+    ("geometry_msgs/Vector3", "float64 x\nfloat64 y\nfloat64 z\n"),
     (
         "geometry_msgs/Quaternion",
         "float64 x\nfloat64 y\nfloat64 z\nfloat64 w\n",
@@ -45,10 +39,7 @@ const DEFINITIONS: [(&str, &str); 26] = [
         "nav_msgs/Path",
         "std_msgs/Header header\ngeometry_msgs/PoseStamped[] poses\n",
     ),
-    (
-        "diagnostic_msgs/KeyValue",
-        "string key\nstring value\n",
-    ),
+    ("diagnostic_msgs/KeyValue", "string key\nstring value\n"),
     (
         "diagnostic_msgs/DiagnosticStatus",
         "byte OK=0\nbyte WARN=1\nbyte ERROR=2\nbyte STALE=3\nbyte level\nstring name\nstring message\n\
@@ -68,10 +59,7 @@ const DEFINITIONS: [(&str, &str); 26] = [
         "float32 r\nfloat32 g\nfloat32 b\nfloat32 a\n",
     ),
     ("builtin_interfaces/Duration", "int32 sec\nuint32 nanosec\n"),
-    (
-        "visualization_msgs/UVCoordinate",
-        "float32 u\nfloat32 v\n",
-    ),
+    ("visualization_msgs/UVCoordinate", "float32 u\nfloat32 v\n"),
     (
         "sensor_msgs/CompressedImage",
         "std_msgs/Header header\nstring format\nuint8[] data\n",
