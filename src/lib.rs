@@ -19,6 +19,10 @@ pub mod output;
 pub mod progress;
 pub mod qp_recording;
 pub mod record;
+#[cfg(feature = "drive")]
+pub mod recording;
+#[cfg(feature = "drive")]
+pub mod replay;
 pub mod report;
 #[cfg(feature = "drive")]
 pub mod run;

@@ -3,7 +3,9 @@
 
 use anyhow::anyhow;
 use clap::{Parser, Subcommand};
-use sidehill::{campaign, check, console, icr, identify, init, odometry, run, simulate, vehicle};
+use sidehill::{
+    campaign, check, console, icr, identify, init, odometry, replay, run, simulate, vehicle,
+};
 use sidehill_bridge::ros2::node::arguments;
 use std::process::ExitCode;
 
@@ -33,6 +35,8 @@ enum Command {
     Run(run::RunArgs),
     /// Is a virtual rover in real time on a CAN bus or on ROS 2, there with --ros-args.
     Vehicle(vehicle::VehicleArgs),
+    /// Replays a recording: the recorded samples through the controller again, or through another.
+    Replay(replay::ReplayArgs),
     /// Validates configuration files.
     Check(check::CheckArgs),
     /// Writes a commented set of configuration files for a robot.
@@ -54,6 +58,7 @@ fn main() -> ExitCode {
             .map(|()| ExitCode::SUCCESS),
         Command::Odometry(args) => odometry::run(&args).map(|()| ExitCode::SUCCESS),
         Command::Identify(args) => identify::run(&args).map(|()| ExitCode::SUCCESS),
+        Command::Replay(args) => replay::run(&args),
         Command::Check(args) => check::run(&args),
         Command::Init(args) => init::run(&args).map(|()| ExitCode::SUCCESS),
     };

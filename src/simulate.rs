@@ -1,16 +1,20 @@
 //! `sidehill simulate`: a scenario with its controllers, side by side.
 
-use crate::closed_loop;
+use crate::closed_loop::{self, Observer};
 use crate::config::{
-    Conditions, ConfigFile, DEFAULT_SCENARIO, Overrides, PlantKind, Prepared, Scenario,
+    Bundle, Conditions, ConfigFile, DEFAULT_SCENARIO, Overrides, PlantKind, Prepared, Scenario,
 };
 use crate::console;
 use crate::output;
 use crate::progress::{self, Progress};
 use crate::qp_recording::QpRecording;
 use crate::record::{Run, Summary};
+#[cfg(feature = "drive")]
+use crate::recording::{self, SimulationRecording, fact};
 use crate::report;
 use anyhow::{Context, Result, bail};
+#[cfg(feature = "drive")]
+use sidehill_bridge::recording::RecordLimits;
 use sidehill_controller::config::ControllerKind;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -43,7 +47,11 @@ pub struct SimulateArgs {
     /// Write the QPs of a run to an npz file; it takes one controller, an MPC.
     #[arg(long, value_name = "FILE")]
     pub record_qps: Option<PathBuf>,
-    /// Overwrite files of --out and --record-qps that exist.
+    /// Record the run to an MCAP file, which `sidehill replay` and Foxglove read; it takes one controller.
+    #[cfg(feature = "drive")]
+    #[arg(long, value_name = "FILE.mcap")]
+    pub record: Option<PathBuf>,
+    /// Overwrite files of --out, --record and --record-qps that exist.
     #[arg(long)]
     pub force: bool,
     /// How the figures are printed.
@@ -61,7 +69,7 @@ pub enum Format {
     Json,
 }
 
-fn controller(name: &str) -> Result<ControllerKind, String> {
+pub(crate) fn controller(name: &str) -> Result<ControllerKind, String> {
     ControllerKind::from_name(name).ok_or_else(|| {
         let names: Vec<_> = ControllerKind::ALL.iter().map(|kind| kind.name()).collect();
         format!("controllers are {}", names.join(", "))
@@ -73,10 +81,12 @@ fn controller(name: &str) -> Result<ControllerKind, String> {
 /// # Errors
 /// What is wrong with a file, with its name, key, value and range; or what cannot be written.
 pub fn run(args: &SimulateArgs) -> Result<ExitCode> {
+    let bundle = Bundle::default();
     let file = match &args.scenario {
         Some(path) => ConfigFile::read(path)?,
         None => ConfigFile::built_in(DEFAULT_SCENARIO)?,
-    };
+    }
+    .with_bundle(bundle.clone());
     let conditions = args
         .conditions
         .as_deref()
@@ -87,7 +97,7 @@ pub fn run(args: &SimulateArgs) -> Result<ExitCode> {
         None => file,
     };
     let conditions = conditions.map(|conditions| conditions.name);
-    let prepared = Scenario::read(file)?.prepare(&Overrides {
+    let prepared = Scenario::read(file.clone())?.prepare(&Overrides {
         path: args.path.clone(),
         plant: args.plant,
         seed: args.seed,
@@ -121,7 +131,22 @@ pub fn run(args: &SimulateArgs) -> Result<ExitCode> {
         ),
     };
     progress::explain_interrupt(|| "interrupted: nothing was written".to_owned())?;
-    let runs = runs(&prepared, qps.as_mut())?;
+    #[cfg(feature = "drive")]
+    let mut recording = match &args.record {
+        Some(path) => Some(record(args, path, &prepared, &file, &bundle)?),
+        None => None,
+    };
+    let observer = qps.as_mut().map(|qps| qps as &mut dyn Observer);
+    #[cfg(feature = "drive")]
+    let observer = match &mut recording {
+        Some(recording) => Some(recording as &mut dyn Observer),
+        None => observer,
+    };
+    let runs = runs(&prepared, observer)?;
+    #[cfg(feature = "drive")]
+    if let Some(reason) = recording.and_then(|recording| recording.finish().ended) {
+        bail!("--record: {reason}");
+    }
     if let (Some(path), Some(qps)) = (&args.record_qps, &qps) {
         output::write(path, &qps.npz()?, args.force)?;
     }
@@ -143,6 +168,41 @@ pub fn run(args: &SimulateArgs) -> Result<ExitCode> {
     } else {
         ExitCode::FAILURE
     })
+}
+
+/// Begins the recording of the one controller.
+#[cfg(feature = "drive")]
+fn record(
+    args: &SimulateArgs,
+    path: &Path,
+    prepared: &Prepared,
+    file: &ConfigFile,
+    bundle: &Bundle,
+) -> Result<SimulationRecording> {
+    let [kind] = prepared.controllers[..] else {
+        bail!(
+            "--record takes one controller, not {}: choose it with --controller",
+            prepared.controllers.len()
+        );
+    };
+    if args.record_qps.is_some() {
+        bail!("--record and --record-qps: only one of them at a time");
+    }
+    let facts = [
+        (fact::PLANT, args.plant.map(|plant| plant.name().to_owned())),
+        (fact::SEED, args.seed.map(|seed| seed.to_string())),
+        (
+            fact::PATH,
+            args.path.as_ref().map(|path| path.display().to_string()),
+        ),
+    ];
+    let header = recording::header("simulate", Some(kind), file, bundle, &facts);
+    let file = recording::create(path, header, RecordLimits::default(), args.force)?;
+    Ok(SimulationRecording::new(
+        file,
+        &prepared.vehicle,
+        &prepared.terrain,
+    ))
 }
 
 /// Name of the report.
@@ -198,7 +258,7 @@ fn write_out(
 const LONG_S: f64 = 1000.0;
 
 /// Runs one controller after the other: their times would disturb each other.
-fn runs(prepared: &Prepared, mut qps: Option<&mut QpRecording>) -> Result<Vec<Run>> {
+fn runs(prepared: &Prepared, mut observer: Option<&mut dyn Observer>) -> Result<Vec<Run>> {
     let simulated_s = prepared.reference.end_s();
     if simulated_s > LONG_S {
         console::complain(format_args!(
@@ -210,7 +270,10 @@ fn runs(prepared: &Prepared, mut qps: Option<&mut QpRecording>) -> Result<Vec<Ru
     for &kind in &prepared.controllers {
         let progress = Progress::new(kind.name(), 1000);
         let hear = |share| progress.at((1000.0 * share) as u64);
-        let run = closed_loop::run(prepared, kind, hear, qps.as_deref_mut())?;
+        let run = match &mut observer {
+            Some(observer) => closed_loop::run(prepared, kind, hear, Some(&mut **observer))?,
+            None => closed_loop::run(prepared, kind, hear, None)?,
+        };
         progress.finish();
         runs.push(run);
     }

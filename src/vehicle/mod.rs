@@ -5,8 +5,9 @@ mod can;
 mod ros2;
 mod rover;
 
-use crate::config::{ConfigFile, VehicleConfig, VehiclePort};
+use crate::config::{Bundle, ConfigFile, VehicleConfig, VehiclePort};
 use crate::console;
+use crate::recording::{self, VehicleRecording};
 use anyhow::{Context, Result, ensure};
 use can::BusRover;
 use ros2::RosRover;
@@ -29,6 +30,12 @@ pub struct VehicleArgs {
     /// File for the truth: CSV with one row a step of the reports.
     #[arg(long)]
     pub truth: Option<PathBuf>,
+    /// Record the vehicle to an MCAP file, instead of record.file of the configuration.
+    #[arg(long, value_name = "FILE.mcap")]
+    pub record: Option<PathBuf>,
+    /// Overwrite a recording that exists.
+    #[arg(long)]
+    pub force: bool,
     /// Ends after so many seconds; without it, on SIGINT or SIGTERM.
     #[arg(long)]
     pub duration_s: Option<f64>,
@@ -41,11 +48,20 @@ pub struct VehicleArgs {
 /// A file that cannot be read, a setting that is out of range, or a simulation that has left its
 /// ground.
 pub fn run(args: &VehicleArgs, ros: &[String]) -> Result<ExitCode> {
-    let file = ConfigFile::read(&args.config)?;
+    let bundle = Bundle::default();
+    let file = ConfigFile::read(&args.config)?.with_bundle(bundle.clone());
     let config: VehicleConfig = file.parse()?;
     let world = config.world(&file)?;
     let truth = args.truth.as_deref().map(Truth::create).transpose()?;
     let epoch = Epoch::now();
+    let recording = match config.recording(&file, args.record.as_deref())? {
+        Some((path, limits)) => {
+            let header = recording::header("vehicle", None, &file, &bundle, &[]);
+            let mcap = recording::create(&path, header, limits, args.force)?;
+            Some(VehicleRecording::new(mcap, &world, epoch))
+        }
+        None => None,
+    };
     let mut pace = Pace {
         epoch,
         dt_s: world.step_s,
@@ -59,12 +75,16 @@ pub fn run(args: &VehicleArgs, ros: &[String]) -> Result<ExitCode> {
                 "--ros-args: the port of {} is can",
                 file.name()
             );
-            pace.drive(BusRover::start(&file, &config, &world, epoch)?, truth)
+            pace.drive(
+                BusRover::start(&file, &config, &world, epoch)?,
+                truth,
+                recording,
+            )
         }
         VehiclePort::Ros2 => {
             pace.factor = config.ros2.clock_factor.unwrap_or(1.0);
             let rover = RosRover::start(&config, &world, ros, epoch);
-            pace.drive(rover.with_context(|| file.name())?, truth)
+            pace.drive(rover.with_context(|| file.name())?, truth, recording)
         }
     }
 }
@@ -96,7 +116,12 @@ struct Pace {
 }
 
 impl Pace {
-    fn drive(&self, mut rover: impl Rover, mut truth: Option<Truth>) -> Result<ExitCode> {
+    fn drive(
+        &self,
+        mut rover: impl Rover,
+        mut truth: Option<Truth>,
+        mut recording: Option<VehicleRecording>,
+    ) -> Result<ExitCode> {
         let ended = Arc::new(AtomicBool::new(false));
         use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
         for signal in [SIGINT, SIGTERM, SIGHUP] {
@@ -116,13 +141,18 @@ impl Pace {
             }
             // What a late wake-up has missed is simulated now.
             step = step.max((now_s / self.dt_s) as u64);
-            if rover.advance(now_s)?
-                && let Some(truth) = &mut truth
-            {
+            let reported = rover.advance(now_s)?;
+            if let Some(recording) = recording.as_mut().filter(|_| reported) {
+                recording.take(rover.state());
+            }
+            if reported && let Some(truth) = &mut truth {
                 let state = rover.state();
                 let unix_s = self.epoch.unix_s(state.time_s / self.factor);
                 truth.write(unix_s, state, rover.mode())?;
             }
+        }
+        if let Some(reason) = recording.and_then(|recording| recording.finish().ended) {
+            console::complain(format_args!("--record: {reason}"));
         }
         let state = rover.state();
         console::line(format_args!(

@@ -1,7 +1,7 @@
 //! From the values of a drive to messages.
 
 use super::messages::{ControllerCycle, LogLine, LoopCycle, PathCommand, Topic};
-use super::scene::{Marker, SceneParts};
+use super::scene::{BASE, Marker, SceneParts, WORLD};
 use super::tap::{PathRecord, PlanView, StepRecord};
 use super::{MessageSink, RecordingStatus};
 use crate::control_loop::record::CycleRow;
@@ -19,10 +19,6 @@ use sidehill_plant::frames::{Attitude, PlanarPose, Pose};
 use sidehill_plant::simulation::TrueState;
 use sidehill_plant::vehicle::Vehicle;
 
-/// Frame of the world.
-pub(super) const WORLD: &str = "world";
-/// Frame of the vehicle, with the axes of REP-103.
-pub(super) const BASE: &str = "base_link";
 /// Time between two plans, s: they are most of what is written.
 const PLAN_PERIOD_S: f64 = 0.5;
 /// Time between two pictures of slide and ICRs, s.

@@ -41,6 +41,10 @@ wire! {
     MarkerArray = "visualization_msgs" / "MarkerArray" { markers: Vec<Marker> }
 }
 
+/// Frame of the world.
+pub(super) const WORLD: &str = "world";
+/// Frame of the vehicle, with the axes of REP-103.
+pub(super) const BASE: &str = "base_link";
 const ARROW: i32 = 0;
 const CUBE: i32 = 1;
 const SPHERE: i32 = 2;
@@ -98,7 +102,7 @@ impl SceneParts {
             }
         }
         for marker in &mut markers {
-            marker.header.frame_id = super::drive_messages::BASE.to_owned();
+            marker.header.frame_id = BASE.to_owned();
             marker.frame_locked = true;
         }
         markers

@@ -1,7 +1,5 @@
 //! Definitions of the messages that are recorded, as ROS 2 writes them in `.msg` files.
 
-use super::messages::{CONTROLLER_CYCLE, LOOP_CYCLE, PATH_COMMAND};
-
 /// Definitions by type; fields are in the order of the structs in [`crate::ros2::node::message`].
 const DEFINITIONS: [(&str, &str); 26] = [
     ("builtin_interfaces/Time", "int32 sec\nuint32 nanosec\n"),
@@ -95,6 +93,78 @@ const DEFINITIONS: [(&str, &str); 26] = [
     ("sidehill_msgs/LoopCycle", LOOP_CYCLE),
     ("sidehill_msgs/PathCommand", PATH_COMMAND),
 ];
+
+/// Definition of `ControllerCycle`.
+const CONTROLLER_CYCLE: &str = "\
+# One step of the controller. Frames: x_m is X_g, y_m is Y_g, yaw counter-clockwise from Y_g.
+uint64 index  # counted from 0; a gap is a lost record
+float64 time_s  # time of the cycle
+bool engaged  # whether commands reached the drives
+uint64 path  # serial of the path command that was applied before this step; 0 for none
+bool cut  # whether the deadline ended a solve
+uint32 cut_at  # which look at the deadline ended it
+bool has_tread_speeds
+float64 tread_speeds_time_s
+float64 left_m_s  # as measured, before c_l and c_r
+float64 right_m_s
+bool has_attitude
+float64 attitude_time_s
+float64 roll_rad
+float64 pitch_rad
+bool has_pose
+float64 pose_time_s
+float64 x_m
+float64 y_m
+float64 z_m
+float64 yaw_rad
+float64 traction_m_s  # decided: effective traction
+float64 steer_m_s  # decided: effective steer
+string status
+uint64 reference  # number of the path
+float64 estimated_x_m
+float64 estimated_y_m
+float64 estimated_yaw_rad
+float64 estimated_roll_rad
+float64 estimated_pitch_rad
+float64 model_error_m_s
+float64 pose_age_s
+float64 cross_track_m
+float64 arc_length_m
+uint32 solver_iterations
+string solver_path
+float64 solve_us
+";
+
+/// Definition of `LoopCycle`.
+const LOOP_CYCLE: &str = "\
+# One cycle of the control loop.
+float64 time_s
+float64 lateness_s
+float64 slack_s
+string state
+bool enable
+float64 traction_m_s
+float64 steer_m_s
+bool sent
+float64 feedback_traction_m_s
+float64 feedback_steer_m_s
+float64 feedback_age_s
+string link
+uint64 refused
+uint64 skipped
+";
+
+/// Definition of `PathCommand`.
+const PATH_COMMAND: &str = "\
+# A path for the controller, for replay; to look at it use the topic of nav_msgs/Path.
+uint64 serial
+bool present  # false: the path was taken away
+uint64 number
+uint32 laps
+bool joined  # whether the vehicle joins the path at from_m, else at its start
+float64 from_m
+uint8[] trajectory
+";
 
 /// Returns the definition of a type and of all types in it, in the encoding `ros2msg`; empty for a type
 /// that is not known.

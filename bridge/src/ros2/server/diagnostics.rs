@@ -36,6 +36,19 @@ pub(crate) struct ServerStatus<'a> {
     pub(crate) goals: u64,
     /// How the last goal ended, and why.
     pub(crate) last_end: Option<(GoalEnd, &'a str)>,
+    /// Whether the drive is recorded.
+    pub(crate) recording: RecordingState<'a>,
+}
+
+/// Whether a drive is recorded.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum RecordingState<'a> {
+    /// Nobody has asked for it.
+    Off,
+    /// It is.
+    On,
+    /// It no longer is.
+    Ended(&'a str),
 }
 
 /// Counts and solve times of the decisions.
@@ -135,6 +148,14 @@ pub(crate) fn diagnostic_status(
         ),
         ("refused", server.rejected.to_string()),
         ("last_refusal", server.last_rejection.to_owned()),
+        (
+            "recording",
+            match server.recording {
+                RecordingState::Off => "off".to_owned(),
+                RecordingState::On => "on".to_owned(),
+                RecordingState::Ended(reason) => format!("ended: {reason}"),
+            },
+        ),
         ("cross_track_m", number(cross_track_m.unwrap_or(f64::NAN))),
         ("slide_right_m_s", number(slide_right)),
         ("slide_forward_m_s", number(slide_forward)),
@@ -160,6 +181,14 @@ fn summary(status: &LoopStatus, decision: &Decision, server: &ServerStatus<'_>) 
     let with = |level, message: &dyn Display| (level, message.to_string());
     if let Some(cause) = server.emergency_stop {
         return with(level::ERROR, &cause);
+    }
+    if let (RecordingState::Ended(reason), SafetyState::Driving) =
+        (server.recording, status.row.state)
+    {
+        return with(
+            level::WARN,
+            &format!("drives, but is not recorded: {reason}"),
+        );
     }
     match (status.row.state, decision.status) {
         (_, Status::Waiting) => with(level::STALE, &"there is no attitude and no pose yet"),

@@ -5,6 +5,7 @@ use super::controller_server::{ControllerServer, ServerLinks};
 use super::route::RouteSettings;
 use crate::control_loop::channel::{ControllerEnd, LoopEnd, command_channel};
 use crate::drives::{Clock, Epoch, ExternalClock};
+use crate::recording::PathLog;
 use crate::ros2::node::arguments::{RosArguments, RosEnvironment};
 use crate::ros2::node::time::RosTime;
 use crate::ros2::node::worker::Worker;
@@ -14,7 +15,7 @@ use crate::ros2::port::convert::TwistMapping;
 use crate::ros2::port::inputs::InputSubscriber;
 use crate::ros2::port::readings::PortContext;
 use sidehill_plant::vehicle::{RangeError, Vehicle};
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 /// Why the ROS 2 side cannot be started.
 #[derive(Debug, thiserror::Error)]
@@ -47,6 +48,8 @@ pub struct Setup<'a> {
     pub stages: usize,
     /// Period of the control loop, s.
     pub period_s: f64,
+    /// Takes the paths where the drive is recorded, and says why nothing is recorded any more.
+    pub recording: Option<(PathLog, Arc<OnceLock<String>>)>,
 }
 
 /// The running server, and the ends of its channels. Dropped, it leaves the graph.
@@ -91,7 +94,11 @@ pub fn start(setup: Setup<'_>) -> Result<Ros2, StartError> {
             RosTime::system(move || epoch.elapsed_s()),
         ),
     };
-    let (commands, loop_end, controller_end) = command_channel(setup.stages);
+    let (mut commands, loop_end, controller_end) = command_channel(setup.stages);
+    let recording = setup.recording.map(|(paths, ended)| {
+        commands.log_paths(paths);
+        ended
+    });
     let context = PortContext {
         frames: config.frames.clone(),
         mapping,
@@ -103,6 +110,7 @@ pub fn start(setup: Setup<'_>) -> Result<Ros2, StartError> {
         time,
         inputs: Arc::clone(&context.shared),
         commands,
+        recording,
     };
     let subscriber = InputSubscriber {
         config: config.inputs.clone(),
