@@ -4,7 +4,7 @@ use crate::config::ros2::{environment, parameters};
 use crate::config::{Bundle, ConfigFile, RunConfig, RunPort};
 use crate::console::Printer;
 use crate::output;
-use crate::recording::{self, DriveRecording};
+use crate::recording::{self, DriveRecording, LIVE};
 use anyhow::{Context, Result, anyhow, ensure};
 use serde::Serialize;
 use sidehill_bridge::can::CanPort;
@@ -13,7 +13,7 @@ use sidehill_bridge::control_loop::record::{
 };
 use sidehill_bridge::control_loop::{LoopSetup, RunOptions, Signals};
 use sidehill_bridge::drives::{Clock, Epoch, Port};
-use sidehill_bridge::recording::{PathLog, PathRecord, RecordingStatus, tap};
+use sidehill_bridge::recording::{PathLog, PathRecord, RecordingStatus, Sinks, tap};
 use sidehill_bridge::ros2::node::arguments::RosArguments;
 use sidehill_bridge::ros2::node::names::Names;
 use sidehill_bridge::ros2::server::parameters::override_config;
@@ -22,6 +22,7 @@ use sidehill_bridge::rover::SimulatedPort;
 use sidehill_plant::vehicle::Vehicle;
 use std::fs::File;
 use std::io::{BufWriter, Write};
+use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::{Arc, OnceLock};
@@ -43,6 +44,10 @@ pub struct RunArgs {
     /// record.file of the configuration.
     #[arg(long, value_name = "FILE.mcap")]
     pub record: Option<PathBuf>,
+    /// Show the drive live: a Foxglove WebSocket, to which Foxglove and Lichtblick connect. Without an
+    /// address, to this machine alone: 127.0.0.1:8765.
+    #[arg(long, value_name = "ADDRESS", num_args = 0..=1, default_missing_value = LIVE)]
+    pub live: Option<SocketAddr>,
     /// Overwrite a recording that exists.
     #[arg(long)]
     pub force: bool,
@@ -111,9 +116,10 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
     if let Some((path, _)) = &recorded {
         output::check_writable(path, args.force)?;
     }
-    let watch = recorded
-        .is_some()
-        .then(|| (path_log, Arc::clone(&recording_ended)));
+    let live = recording::live(args.live, Some(&config.settings))?;
+    let watch =
+        (recorded.is_some() || live.is_some()).then(|| (path_log, Arc::clone(&recording_ended)));
+    let watched = watch.is_some();
     let ros2 = start_ros2(&file, &config, &vehicle, ros_arguments, epoch, watch)?;
     let (clock, channel, ros2_port, _server) = match ros2 {
         Some(ros2) => (
@@ -146,22 +152,21 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
             (Box::new(port), "ros2".to_owned())
         }
     };
-    let mut recording = match recorded {
+    let file_of_record = match recorded {
         Some((path, limits)) => {
             let header = recording::header("run", Some(config.controller), &file, &bundle, &[]);
-            let mcap = recording::create(&path, header, limits, args.force)?;
-            let (initial, ended) = (initial.as_ref(), recording_ended);
-            Some(DriveRecording::new(
-                mcap,
-                controller_log,
-                &vehicle,
-                epoch,
-                initial,
-                ended,
-            ))
+            Some(recording::create(&path, header, limits, args.force)?)
         }
         None => None,
     };
+    let sinks = Sinks {
+        file: file_of_record,
+        live,
+    };
+    let mut recording = watched.then(|| {
+        let (initial, ended) = (initial.as_ref(), recording_ended);
+        DriveRecording::new(sinks, controller_log, &vehicle, epoch, initial, ended)
+    });
     let mut recorder = Recorder::new(logs, epoch, &interface);
     let setup = LoopSetup {
         cycle: config.cycle,
@@ -224,7 +229,6 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
     let report = control_loop.join();
     record(&mut recorder, &mut recording);
     if let Some(reason) = recording
-        .as_mut()
         .and_then(DriveRecording::finish)
         .and_then(|status| status.ended)
     {

@@ -10,13 +10,15 @@ use crate::progress::{self, Progress};
 use crate::qp_recording::QpRecording;
 use crate::record::{Run, Summary};
 #[cfg(feature = "drive")]
-use crate::recording::{self, SimulationRecording, fact};
+use crate::recording::{self, LIVE, SimulationRecording, fact};
 use crate::report;
 use anyhow::{Context, Result, bail};
 #[cfg(feature = "drive")]
-use sidehill_bridge::recording::RecordLimits;
+use sidehill_bridge::recording::{RecordLimits, Sinks};
 use sidehill_controller::config::ControllerKind;
 use std::fmt::Write;
+#[cfg(feature = "drive")]
+use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -51,6 +53,15 @@ pub struct SimulateArgs {
     #[cfg(feature = "drive")]
     #[arg(long, value_name = "FILE.mcap")]
     pub record: Option<PathBuf>,
+    /// Show the run live: a Foxglove WebSocket, to which Foxglove and Lichtblick connect. Without an
+    /// address, to this machine alone: 127.0.0.1:8765. It takes one controller.
+    #[cfg(feature = "drive")]
+    #[arg(long, value_name = "ADDRESS", num_args = 0..=1, default_missing_value = LIVE)]
+    pub live: Option<SocketAddr>,
+    /// Simulate no faster than real time, to look at it with --live.
+    #[cfg(feature = "drive")]
+    #[arg(long)]
+    pub realtime: bool,
     /// Overwrite files of --out, --record and --record-qps that exist.
     #[arg(long)]
     pub force: bool,
@@ -132,9 +143,10 @@ pub fn run(args: &SimulateArgs) -> Result<ExitCode> {
     };
     progress::explain_interrupt(|| "interrupted: nothing was written".to_owned())?;
     #[cfg(feature = "drive")]
-    let mut recording = match &args.record {
-        Some(path) => Some(record(args, path, &prepared, &file, &bundle)?),
-        None => None,
+    let mut recording = if args.record.is_some() || args.live.is_some() || args.realtime {
+        Some(record(args, &prepared, &file, &bundle)?)
+    } else {
+        None
     };
     let observer = qps.as_mut().map(|qps| qps as &mut dyn Observer);
     #[cfg(feature = "drive")]
@@ -144,7 +156,10 @@ pub fn run(args: &SimulateArgs) -> Result<ExitCode> {
     };
     let runs = runs(&prepared, observer)?;
     #[cfg(feature = "drive")]
-    if let Some(reason) = recording.and_then(|recording| recording.finish().ended) {
+    if let Some(reason) = recording
+        .and_then(SimulationRecording::finish)
+        .and_then(|status| status.ended)
+    {
         bail!("--record: {reason}");
     }
     if let (Some(path), Some(qps)) = (&args.record_qps, &qps) {
@@ -174,19 +189,18 @@ pub fn run(args: &SimulateArgs) -> Result<ExitCode> {
 #[cfg(feature = "drive")]
 fn record(
     args: &SimulateArgs,
-    path: &Path,
     prepared: &Prepared,
     file: &ConfigFile,
     bundle: &Bundle,
 ) -> Result<SimulationRecording> {
     let [kind] = prepared.controllers[..] else {
         bail!(
-            "--record takes one controller, not {}: choose it with --controller",
+            "--record, --live and --realtime take one controller, not {}: choose it with --controller",
             prepared.controllers.len()
         );
     };
     if args.record_qps.is_some() {
-        bail!("--record and --record-qps: only one of them at a time");
+        bail!("--record-qps goes without --record, --live and --realtime");
     }
     let facts = [
         (fact::PLANT, args.plant.map(|plant| plant.name().to_owned())),
@@ -197,11 +211,22 @@ fn record(
         ),
     ];
     let header = recording::header("simulate", Some(kind), file, bundle, &facts);
-    let file = recording::create(path, header, RecordLimits::default(), args.force)?;
+    let mcap = match &args.record {
+        Some(path) => {
+            let limits = RecordLimits::default();
+            Some(recording::create(path, header, limits, args.force)?)
+        }
+        None => None,
+    };
+    let sinks = Sinks {
+        file: mcap,
+        live: recording::live(args.live, Some(&prepared.controller))?,
+    };
     Ok(SimulationRecording::new(
-        file,
+        sinks,
         &prepared.vehicle,
         &prepared.terrain,
+        args.realtime,
     ))
 }
 

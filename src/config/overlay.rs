@@ -1,12 +1,10 @@
 use serde_yaml::{Mapping, Value};
 
-/// Puts `keys` into `into`, in place of those of the same name; of `controller` and `settings` only what is named.
+/// Puts `keys` into `into`, in place of those of the same name; of `controller` only what is named.
 pub(super) fn overlay(into: &mut Mapping, keys: &Mapping) {
     for (key, value) in keys {
         match (into.get_mut(key), value) {
-            (Some(Value::Mapping(old)), Value::Mapping(new))
-                if key == "controller" || key == "settings" =>
-            {
+            (Some(Value::Mapping(old)), Value::Mapping(new)) if key == "controller" => {
                 merge(old, new);
             }
             _ => {

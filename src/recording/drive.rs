@@ -2,15 +2,15 @@ use super::DIAGNOSTICS_PERIOD_S;
 use sidehill_bridge::control_loop::record::{CycleRow, LogEntry};
 use sidehill_bridge::drives::Epoch;
 use sidehill_bridge::recording::{
-    ControllerLog, DriveMessages, GeneralState, LogLine, McapRecording, PathRecord,
-    RecordingStatus, StepRecord,
+    ControllerLog, DriveMessages, GeneralState, LogLine, PathRecord, RecordingStatus, Sinks,
+    StepRecord,
 };
 use sidehill_plant::vehicle::Vehicle;
 use std::sync::{Arc, OnceLock};
 
-/// Records a real-time drive, from a thread that may wait for the disk.
+/// Records a real-time drive, or shows it, from a thread that may wait for the disk.
 pub(crate) struct DriveRecording {
-    file: Option<McapRecording>,
+    sinks: Sinks,
     log: ControllerLog,
     messages: DriveMessages,
     batch: Vec<(f64, Item)>,
@@ -28,7 +28,7 @@ enum Item {
 
 impl DriveRecording {
     pub(crate) fn new(
-        file: McapRecording,
+        mut sinks: Sinks,
         log: ControllerLog,
         vehicle: &Vehicle,
         epoch: Epoch,
@@ -36,13 +36,12 @@ impl DriveRecording {
         ended: Arc<OnceLock<String>>,
     ) -> Self {
         let messages = DriveMessages::new(vehicle, epoch.unix_s(0.0));
-        let mut file = file;
-        messages.begin(0.0, &[], &mut file);
+        messages.begin(0.0, &[], &mut sinks);
         if let Some(path) = initial {
-            messages.path(0.0, path, &mut file);
+            messages.path(0.0, path, &mut sinks);
         }
         Self {
-            file: Some(file),
+            sinks,
             log,
             messages,
             batch: Vec::new(),
@@ -74,55 +73,53 @@ impl DriveRecording {
 
     /// Writes everything that has been left, in the order of time.
     pub(crate) fn write(&mut self) {
-        let Some(file) = &mut self.file else {
-            return;
-        };
+        let sinks = &mut self.sinks;
         // Steps first: a path is left before the step that follows it.
         while let Some(step) = self.log.steps.pop() {
             self.batch
                 .push((step.sample.time_s, Item::Step(Box::new(step))));
         }
         while let Some(path) = self.log.next_path() {
-            self.messages.path(self.newest_s, &path, file);
+            self.messages.path(self.newest_s, &path, sinks);
         }
         self.batch.sort_by(|(a_s, _), (b_s, _)| a_s.total_cmp(b_s));
         for (time_s, item) in self.batch.drain(..) {
             self.newest_s = self.newest_s.max(time_s);
             match item {
-                Item::Step(step) => self.messages.step(&step, file),
-                Item::Cycle(row) => self.messages.loop_cycle(&row, file),
+                Item::Step(step) => self.messages.step(&step, sinks),
+                Item::Cycle(row) => self.messages.loop_cycle(&row, sinks),
                 Item::Event { name, text } => {
                     self.messages
-                        .event(time_s, LogLine::INFO, name, &text, file);
+                        .event(time_s, LogLine::INFO, name, &text, sinks);
                 }
             }
         }
         if let Some(plan) = self.log.new_plan() {
-            self.messages.plan(plan, file);
+            self.messages.plan(plan, sinks);
         }
         if self.newest_s >= self.diagnostics_s + DIAGNOSTICS_PERIOD_S {
             self.diagnostics_s = self.newest_s;
-            let status = file.status().clone();
+            let status = sinks.status().cloned();
             let general = GeneralState {
-                recording: Some(&status),
+                recording: status.as_ref(),
                 lost: self.log.lost(),
             };
-            self.messages.diagnostics(self.newest_s, &general, file);
+            self.messages.diagnostics(self.newest_s, &general, sinks);
         }
-        file.flush_when_due();
-        if let Some(reason) = &file.status().ended {
+        sinks.flush_when_due();
+        if let Some(reason) = sinks.status().and_then(|status| status.ended.as_ref()) {
             let _ = self.ended.set(reason.clone());
         }
     }
 
     /// Returns how the recording fares, and the steps that found no place.
     pub(crate) fn status(&self) -> Option<(&RecordingStatus, u64)> {
-        Some((self.file.as_ref()?.status(), self.log.lost()))
+        Some((self.sinks.status()?, self.log.lost()))
     }
 
     /// Writes what is left and closes the file.
-    pub(crate) fn finish(&mut self) -> Option<RecordingStatus> {
+    pub(crate) fn finish(mut self) -> Option<RecordingStatus> {
         self.write();
-        Some(self.file.take()?.finish())
+        self.sinks.finish()
     }
 }

@@ -9,12 +9,17 @@ pub use simulation::SimulationRecording;
 pub(crate) use vehicle::VehicleRecording;
 
 use crate::config::{Bundle, ConfigFile};
+use crate::console;
 use crate::output;
 use anyhow::{Context, Result};
+use serde_json::Value;
+use sidehill_bridge::recording::live::LiveView;
 use sidehill_bridge::recording::{Header, Marker, McapRecording, RecordLimits, ground};
-use sidehill_controller::config::ControllerKind;
+use sidehill_controller::config::{ControllerConfig, ControllerKind};
 use sidehill_controller::path::Path as Curve;
 use sidehill_plant::terrain::Terrain;
+use std::collections::BTreeMap;
+use std::net::SocketAddr;
 use std::path::Path;
 use std::sync::PoisonError;
 use std::time::{SystemTime, UNIX_EPOCH};
@@ -99,6 +104,50 @@ pub(crate) fn create(
     output::check_free(&[path], force)?;
     McapRecording::create(path, header, limits)
         .with_context(|| format!("{}: cannot be written", path.display()))
+}
+
+/// Where the live view is served without an address: to this machine alone.
+pub(crate) const LIVE: &str = "127.0.0.1:8765";
+
+/// Starts the live view where it is asked for, and says where it is.
+///
+/// # Errors
+/// An address that cannot be listened to.
+pub(crate) fn live(
+    address: Option<SocketAddr>,
+    config: Option<&ControllerConfig>,
+) -> Result<Option<LiveView>> {
+    let Some(address) = address else {
+        return Ok(None);
+    };
+    let mut parameters = BTreeMap::new();
+    if let Some(config) = config {
+        flatten("", &serde_json::to_value(config)?, &mut parameters);
+    }
+    let view = LiveView::start(address, parameters)
+        .with_context(|| format!("--live: {address} cannot be listened to"))?;
+    console::complain(format_args!("live view: ws://{}", view.address()));
+    Ok(Some(view))
+}
+
+/// Puts the values of a tree under their names, with points between keys.
+fn flatten(name: &str, value: &Value, into: &mut BTreeMap<String, Value>) {
+    match value {
+        Value::Object(fields) => {
+            for (key, value) in fields {
+                let name = if name.is_empty() {
+                    key.clone()
+                } else {
+                    format!("{name}.{key}")
+                };
+                flatten(&name, value, into);
+            }
+        }
+        Value::Null => {}
+        value => {
+            into.insert(name.to_owned(), value.clone());
+        }
+    }
 }
 
 /// How far the ground is shown around a path, m.

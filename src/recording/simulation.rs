@@ -2,38 +2,42 @@ use super::{DIAGNOSTICS_PERIOD_S, ground_around};
 use crate::closed_loop::Observer;
 use anyhow::Result;
 use sidehill_bridge::recording::{
-    DriveMessages, GeneralState, McapRecording, PathRecord, PlanView, RecordingStatus, StepRecord,
+    DriveMessages, GeneralState, PathRecord, PlanView, RecordingStatus, Sinks, StepRecord,
 };
 use sidehill_controller::closed_loop::Cycle;
 use sidehill_controller::controller::Controller;
 use sidehill_plant::terrain::Terrain;
 use sidehill_plant::vehicle::Vehicle;
+use std::time::{Duration, Instant};
 
-/// Records a simulation, whose time counts from 0.
+/// Records a simulation, whose time counts from 0, or shows it.
 pub struct SimulationRecording {
-    file: McapRecording,
+    sinks: Sinks,
     messages: DriveMessages,
     terrain: Terrain,
     steps: u64,
     plan: PlanView,
     diagnostics_s: f64,
+    /// When a simulation that keeps to real time began.
+    begin: Option<Instant>,
 }
 
 impl SimulationRecording {
-    pub(crate) fn new(file: McapRecording, vehicle: &Vehicle, terrain: &Terrain) -> Self {
+    pub(crate) fn new(sinks: Sinks, vehicle: &Vehicle, terrain: &Terrain, realtime: bool) -> Self {
         Self {
-            file,
+            sinks,
             messages: DriveMessages::new(vehicle, 0.0),
             terrain: terrain.clone(),
             steps: 0,
             plan: PlanView::default(),
             diagnostics_s: f64::NEG_INFINITY,
+            begin: realtime.then(Instant::now),
         }
     }
 
-    /// Closes the file, and returns how the recording fared.
-    pub fn finish(self) -> RecordingStatus {
-        self.file.finish()
+    /// Closes the file, and returns how the recording fared; none without one.
+    pub fn finish(self) -> Option<RecordingStatus> {
+        self.sinks.finish()
     }
 }
 
@@ -44,14 +48,19 @@ impl Observer for SimulationRecording {
             .reference()
             .and_then(|reference| reference.path());
         let ground = ground_around(&self.terrain, curve);
-        self.messages.begin(0.0, &[ground], &mut self.file);
+        self.messages.begin(0.0, &[ground], &mut self.sinks);
         if let Some(path) = path {
-            self.messages.path(0.0, &path, &mut self.file);
+            self.messages.path(0.0, &path, &mut self.sinks);
         }
         Ok(())
     }
 
     fn cycle(&mut self, cycle: &Cycle, controller: &Controller) -> Result<()> {
+        let time_s = cycle.state.time_s;
+        if let Some(begin) = self.begin {
+            let due = begin + Duration::from_secs_f64(time_s);
+            std::thread::sleep(due.saturating_duration_since(Instant::now()));
+        }
         let step = StepRecord {
             index: self.steps,
             sample: cycle.sample,
@@ -61,22 +70,22 @@ impl Observer for SimulationRecording {
             decision: cycle.decision,
         };
         self.steps += 1;
-        self.messages.truth(&cycle.state, &mut self.file);
-        self.messages.step(&step, &mut self.file);
-        let time_s = cycle.state.time_s;
+        self.messages.truth(&cycle.state, &mut self.sinks);
+        self.messages.step(&step, &mut self.sinks);
         self.plan
             .set(time_s, controller, controller.config().stages);
-        self.messages.plan(&self.plan, &mut self.file);
+        self.messages.plan(&self.plan, &mut self.sinks);
         if time_s >= self.diagnostics_s + DIAGNOSTICS_PERIOD_S {
             self.diagnostics_s = time_s;
-            let status = self.file.status().clone();
+            let status = self.sinks.status().cloned();
             let general = GeneralState {
-                recording: Some(&status),
+                recording: status.as_ref(),
                 lost: 0,
             };
-            self.messages.diagnostics(time_s, &general, &mut self.file);
+            self.messages.diagnostics(time_s, &general, &mut self.sinks);
         }
-        if let Some(reason) = &self.file.status().ended {
+        self.sinks.flush_when_due();
+        if let Some(reason) = self.sinks.status().and_then(|status| status.ended.as_ref()) {
             anyhow::bail!("--record: {reason}");
         }
         Ok(())

@@ -1,6 +1,7 @@
 //! `sidehill replay`: recorded samples through the controller again.
 
 mod compare;
+mod play;
 mod rebuild;
 mod repeat;
 mod report;
@@ -8,7 +9,7 @@ mod report;
 use crate::config::PlantKind;
 use crate::console;
 use crate::output;
-use crate::recording::{fact, target};
+use crate::recording::{self, LIVE, fact, target};
 use crate::simulate::{Format, controller};
 use anyhow::{Context, Result, bail, ensure};
 use compare::Comparison;
@@ -16,6 +17,7 @@ use rebuild::{Changes, Rebuilt};
 use serde::Serialize;
 use sidehill_bridge::recording::Recording;
 use sidehill_controller::config::ControllerKind;
+use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -50,6 +52,10 @@ pub struct ReplayArgs {
     /// Folder for a test case: the recording and the command that replays it.
     #[arg(long, value_name = "DIR")]
     pub write_case: Option<PathBuf>,
+    /// Show the recording live, at the pace at which it was recorded: a Foxglove WebSocket, to which
+    /// Foxglove and Lichtblick connect. Without an address, to this machine alone: 127.0.0.1:8765.
+    #[arg(long, value_name = "ADDRESS", num_args = 0..=1, default_missing_value = LIVE)]
+    pub live: Option<SocketAddr>,
     /// Overwrite files that exist.
     #[arg(long)]
     pub force: bool,
@@ -150,6 +156,9 @@ pub fn run(args: &ReplayArgs) -> Result<ExitCode> {
     match args.format {
         Format::Json => console::line(serde_json::to_string(&outcome)?),
         Format::Table => console::text(table(&outcome)),
+    }
+    if let Some(mut live) = recording::live(args.live, Some(&rebuilt.config))? {
+        play::play(&recording, &mut live)?;
     }
     let may_differ = (changes.changed() || args.closed_loop) && args.tolerance.is_none();
     let failed = lost > 0 || comparison.different > 0 && !may_differ;

@@ -5,7 +5,6 @@ use crate::closed_loop::{Observer, run as drive};
 use crate::config::{ConfigFile, Overrides, PlantKind, Prepared, RunConfig, RunPort, Scenario};
 use crate::recording::fact;
 use anyhow::{Context, Result, anyhow, ensure};
-use serde_yaml::{Mapping, Value};
 use sidehill_bridge::recording::{RecordedPath, Recording};
 use sidehill_controller::closed_loop::Cycle;
 use sidehill_controller::config::{ControllerConfig, ControllerKind};
@@ -32,42 +31,27 @@ impl Changes {
         self.controller.is_some() || self.vehicle.is_some() || !self.settings.is_empty()
     }
 
-    /// Returns the settings as keys of a file, below `key`.
-    fn keys(&self, key: &str) -> Result<Mapping> {
-        let mut keys = Mapping::new();
+    /// Returns the settings with these changes.
+    fn settings(&self, config: ControllerConfig) -> Result<ControllerConfig> {
+        let mut all = serde_yaml::to_value(config)?;
         for setting in &self.settings {
+            let named = || format!("--set {setting}");
             let (name, value) = setting
                 .split_once('=')
                 .with_context(|| format!("--set {setting}: must be KEY=VALUE"))?;
-            let mut value: Value =
-                serde_yaml::from_str(value).with_context(|| format!("--set {setting}"))?;
-            for part in name.split('.').rev() {
-                value = Value::Mapping([(Value::from(part), value)].into_iter().collect());
+            let mut place = &mut all;
+            for key in name.split('.') {
+                place = place
+                    .get_mut(key)
+                    .with_context(|| format!("--set {setting}: there is no setting {key}"))?;
             }
-            let Value::Mapping(tree) = value else {
-                continue;
-            };
-            merge(
-                keys.entry(Value::from(key))
-                    .or_insert_with(|| Value::Mapping(Mapping::new())),
-                tree,
-            );
+            *place = serde_yaml::from_str(value).with_context(named)?;
+            // Each by itself, so that the error names the one at fault.
+            let changed: ControllerConfig =
+                serde_yaml::from_value(all.clone()).with_context(named)?;
+            changed.validate().with_context(named)?;
         }
-        Ok(keys)
-    }
-}
-
-fn merge(into: &mut Value, tree: Mapping) {
-    let Value::Mapping(into) = into else {
-        return;
-    };
-    for (key, value) in tree {
-        match (into.get_mut(&key), value) {
-            (Some(old @ Value::Mapping(_)), Value::Mapping(new)) => merge(old, new),
-            (_, value) => {
-                into.insert(key, value);
-            }
-        }
+        Ok(serde_yaml::from_value(all)?)
     }
 }
 
@@ -117,7 +101,6 @@ impl Rebuilt {
             .transpose()?;
         match get(fact::COMMAND)? {
             "simulate" => {
-                let file = file.with_keys(&changes.keys("controller")?)?;
                 let plant = facts.get(fact::PLANT).map(|name| {
                     <PlantKind as clap::ValueEnum>::from_str(name, false)
                         .map_err(|_| anyhow!("{name}: no such plant"))
@@ -133,7 +116,7 @@ impl Rebuilt {
                 }
                 Ok(Self {
                     kind,
-                    config: world.controller.clone(),
+                    config: changes.settings(world.controller.clone())?,
                     vehicle: world.vehicle.clone(),
                     held: false,
                     terrain: Some(world.terrain.clone()),
@@ -141,7 +124,6 @@ impl Rebuilt {
                 })
             }
             "run" => {
-                let file = file.with_keys(&changes.keys("settings")?)?;
                 let mut config: RunConfig = file.parse()?;
                 config.controller = kind;
                 let vehicle = match vehicle {
@@ -157,7 +139,7 @@ impl Rebuilt {
                 };
                 Ok(Self {
                     kind,
-                    config: config.settings.clone(),
+                    config: changes.settings(config.settings.clone())?,
                     vehicle,
                     held: true,
                     terrain: None,

@@ -7,16 +7,18 @@ mod rover;
 
 use crate::config::{Bundle, ConfigFile, VehicleConfig, VehiclePort};
 use crate::console;
-use crate::recording::{self, VehicleRecording};
+use crate::recording::{self, LIVE, VehicleRecording};
 use anyhow::{Context, Result, ensure};
 use can::BusRover;
 use ros2::RosRover;
 use rover::Rover;
 use sidehill_bridge::drives::DriveMode;
 use sidehill_bridge::drives::{Clock, Epoch};
+use sidehill_bridge::recording::Sinks;
 use sidehill_plant::simulation::TrueState;
 use std::fs::File;
 use std::io::{BufWriter, Write};
+use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -33,6 +35,10 @@ pub struct VehicleArgs {
     /// Record the vehicle to an MCAP file, instead of record.file of the configuration.
     #[arg(long, value_name = "FILE.mcap")]
     pub record: Option<PathBuf>,
+    /// Show the drive live: a Foxglove WebSocket, to which Foxglove and Lichtblick connect. Without an
+    /// address, to this machine alone: 127.0.0.1:8765.
+    #[arg(long, value_name = "ADDRESS", num_args = 0..=1, default_missing_value = LIVE)]
+    pub live: Option<SocketAddr>,
     /// Overwrite a recording that exists.
     #[arg(long)]
     pub force: bool,
@@ -54,14 +60,20 @@ pub fn run(args: &VehicleArgs, ros: &[String]) -> Result<ExitCode> {
     let world = config.world(&file)?;
     let truth = args.truth.as_deref().map(Truth::create).transpose()?;
     let epoch = Epoch::now();
-    let recording = match config.recording(&file, args.record.as_deref())? {
+    let live = recording::live(args.live, None)?;
+    let file_of_record = match config.recording(&file, args.record.as_deref())? {
         Some((path, limits)) => {
             let header = recording::header("vehicle", None, &file, &bundle, &[]);
-            let mcap = recording::create(&path, header, limits, args.force)?;
-            Some(VehicleRecording::new(mcap, &world, epoch))
+            Some(recording::create(&path, header, limits, args.force)?)
         }
         None => None,
     };
+    let watched = file_of_record.is_some() || live.is_some();
+    let sinks = Sinks {
+        file: file_of_record,
+        live,
+    };
+    let recording = watched.then(|| VehicleRecording::new(sinks, &world, epoch));
     let mut pace = Pace {
         epoch,
         dt_s: world.step_s,
@@ -151,7 +163,10 @@ impl Pace {
                 truth.write(unix_s, state, rover.mode())?;
             }
         }
-        if let Some(reason) = recording.and_then(|recording| recording.finish().ended) {
+        if let Some(reason) = recording
+            .and_then(VehicleRecording::finish)
+            .and_then(|status| status.ended)
+        {
             console::complain(format_args!("--record: {reason}"));
         }
         let state = rover.state();

@@ -10,6 +10,7 @@ mod icr;
 mod odometry;
 mod paths;
 mod readme;
+mod replay;
 mod simulate;
 mod stranger;
 

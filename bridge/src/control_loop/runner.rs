@@ -70,6 +70,11 @@ impl InlineRunner {
         Self::with_channel(controller, None, None)
     }
 
+    /// Returns a runner whose steps are recorded.
+    pub fn recorded(controller: Controller, tap: ControllerTap) -> Self {
+        Self::with_channel(controller, None, Some(tap))
+    }
+
     fn with_channel(
         mut controller: Controller,
         channel: Option<ControllerEnd>,

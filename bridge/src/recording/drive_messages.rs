@@ -19,7 +19,7 @@ use sidehill_plant::frames::{Attitude, PlanarPose, Pose};
 use sidehill_plant::simulation::TrueState;
 use sidehill_plant::vehicle::Vehicle;
 
-/// Time between two plans, s: they are most of what is written.
+/// Time between two plans, s: they would be most of what is written.
 const PLAN_PERIOD_S: f64 = 0.5;
 /// Time between two pictures of slide and ICRs, s.
 const SCENE_PERIOD_S: f64 = 0.2;

@@ -102,71 +102,11 @@ impl Recording {
     }
 
     fn add(&mut self, path: &Path) -> Result<(), RecordingError> {
-        let bytes = std::fs::read(path).map_err(|reason| RecordingError::Read {
-            file: path.to_owned(),
-            reason,
-        })?;
-        let mut channels: BTreeMap<u16, Topic> = BTreeMap::new();
-        let mut ours = false;
-        let mut reader = LinearReader::new_with_options(
-            LinearReaderOptions::default()
-                .with_skip_end_magic(true)
-                .with_record_length_limit(bytes.len()),
-        );
-        let mut rest = bytes.as_slice();
-        let mut ended = false;
-        while let Some(event) = reader.next_event() {
-            match event {
-                Ok(LinearReadEvent::ReadRequest(wanted)) => {
-                    let count = wanted.min(rest.len());
-                    if count == 0 && ended {
-                        break;
-                    }
-                    ended = count == 0;
-                    reader.insert(count).copy_from_slice(&rest[..count]);
-                    reader.notify_read(count);
-                    rest = &rest[count..];
-                }
-                Ok(LinearReadEvent::Record { data, opcode }) => {
-                    match mcap::parse_record(opcode, data) {
-                        Ok(Record::Metadata(metadata)) if metadata.name == METADATA => {
-                            ours = true;
-                            self.header.facts = metadata.metadata;
-                        }
-                        Ok(Record::Attachment { header, data, .. }) => {
-                            let text = String::from_utf8_lossy(&data).into_owned();
-                            self.header.files.insert(header.name.into(), text);
-                        }
-                        Ok(Record::Channel(channel)) => {
-                            let topic = Topic::ALL
-                                .into_iter()
-                                .find(|topic| topic.name() == channel.topic);
-                            channels.extend(topic.map(|topic| (channel.id, topic)));
-                        }
-                        Ok(Record::Message { header, data }) => {
-                            if let Some(&topic) = channels.get(&header.channel_id) {
-                                self.take(path, topic, &data)?;
-                            }
-                        }
-                        Ok(_) => {}
-                        Err(error) => {
-                            self.damaged = Some(error.to_string());
-                            break;
-                        }
-                    }
-                }
-                Err(error) => {
-                    self.damaged = Some(error.to_string());
-                    break;
-                }
-            }
-        }
-        if !ours {
-            return Err(RecordingError::NotOurs {
-                file: path.to_owned(),
-                reason: "not a recording of sidehill: it has no metadata `sidehill`".to_owned(),
-            });
-        }
+        let mut header = Header::default();
+        let mut visit = |topic, _: u64, message: &[u8]| self.take(path, topic, message);
+        let damaged = scan_with(path, &mut header, &mut visit)?;
+        self.header = header;
+        self.damaged = damaged;
         self.files.push(path.to_owned());
         Ok(())
     }
@@ -200,6 +140,88 @@ impl Recording {
         }
         Ok(())
     }
+}
+
+/// Takes a message of a recording: topic, time in ns and CDR.
+type Visit<'a> = dyn FnMut(Topic, u64, &[u8]) -> Result<(), RecordingError> + 'a;
+
+/// Gives every message of one file of a recording to `visit`, and returns why reading ended before the
+/// end of the file, where it did.
+///
+/// # Errors
+/// A file that cannot be read, or the first error of `visit`.
+pub fn scan(path: &Path, visit: &mut Visit<'_>) -> Result<Option<String>, RecordingError> {
+    scan_with(path, &mut Header::default(), visit)
+}
+
+fn scan_with(
+    path: &Path,
+    header: &mut Header,
+    visit: &mut Visit<'_>,
+) -> Result<Option<String>, RecordingError> {
+    let bytes = std::fs::read(path).map_err(|reason| RecordingError::Read {
+        file: path.to_owned(),
+        reason,
+    })?;
+    let mut channels: BTreeMap<u16, Topic> = BTreeMap::new();
+    let mut ours = false;
+    let mut damaged = None;
+    let mut reader = LinearReader::new_with_options(
+        LinearReaderOptions::default()
+            .with_skip_end_magic(true)
+            .with_record_length_limit(bytes.len()),
+    );
+    let mut rest = bytes.as_slice();
+    while let Some(event) = reader.next_event() {
+        let record = match event {
+            Ok(LinearReadEvent::ReadRequest(wanted)) => {
+                let count = wanted.min(rest.len());
+                reader.insert(count).copy_from_slice(&rest[..count]);
+                reader.notify_read(count);
+                rest = &rest[count..];
+                continue;
+            }
+            Ok(LinearReadEvent::Record { data, opcode }) => mcap::parse_record(opcode, data),
+            Err(error) => Err(error),
+        };
+        match record {
+            Ok(Record::Metadata(metadata)) if metadata.name == METADATA => {
+                ours = true;
+                header.facts = metadata.metadata;
+            }
+            Ok(Record::Attachment {
+                header: named,
+                data,
+                ..
+            }) => {
+                let text = String::from_utf8_lossy(&data).into_owned();
+                header.files.insert(named.name.into(), text);
+            }
+            Ok(Record::Channel(channel)) => {
+                let topic = Topic::ALL
+                    .into_iter()
+                    .find(|topic| topic.name() == channel.topic);
+                channels.extend(topic.map(|topic| (channel.id, topic)));
+            }
+            Ok(Record::Message { header, data }) => {
+                if let Some(&topic) = channels.get(&header.channel_id) {
+                    visit(topic, header.publish_time, &data)?;
+                }
+            }
+            Ok(_) => {}
+            Err(error) => {
+                damaged = Some(error.to_string());
+                break;
+            }
+        }
+    }
+    if !ours {
+        return Err(RecordingError::NotOurs {
+            file: path.to_owned(),
+            reason: "not a recording of sidehill: it has no metadata `sidehill`".to_owned(),
+        });
+    }
+    Ok(damaged)
 }
 
 impl ControllerCycle {
