@@ -1,6 +1,6 @@
 //! How replayed commands differ from recorded ones.
 
-use super::repeat::Step;
+use super::step::Step;
 use serde::Serialize;
 use sidehill_bridge::recording::ControllerCycle;
 
@@ -49,7 +49,7 @@ impl Comparison {
             all.steer_rms_m_s += steer.powi(2);
             let differs = |a: f64, b: f64| {
                 if tolerance_m_s > 0.0 {
-                    !(difference(a, b) <= tolerance_m_s)
+                    difference(a, b) > tolerance_m_s
                 } else {
                     a.to_bits() != b.to_bits()
                 }

@@ -5,6 +5,7 @@ mod play;
 mod rebuild;
 mod repeat;
 mod report;
+mod step;
 
 use crate::config::PlantKind;
 use crate::console;

@@ -1,6 +1,6 @@
 //! From what a recording begins with to the controller that was recorded, or a changed one.
 
-use super::repeat::Step;
+use super::step::Step;
 use crate::closed_loop::{Observer, run as drive};
 use crate::config::{ConfigFile, Overrides, PlantKind, Prepared, RunConfig, RunPort, Scenario};
 use crate::recording::fact;

@@ -2,7 +2,7 @@
 
 use super::compare::{Comparison, cross_track_rms_m};
 use super::rebuild::Rebuilt;
-use super::repeat::Step;
+use super::step::Step;
 use crate::record::{Quantiles, Row, Run, Summary};
 use crate::report::{self, Scene};
 use sidehill_bridge::recording::{ControllerCycle, Recording};

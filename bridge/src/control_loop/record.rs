@@ -209,6 +209,9 @@ pub struct Recorder {
 /// Takes a cycle with its time of the world, s since 1970.
 pub type TakeCycle<'a> = dyn FnMut(f64, &CycleRow) -> Result<(), Error> + 'a;
 
+/// Takes an entry with its instant, s.
+pub type TakeEntry<'a> = dyn FnMut(f64, &LogEntry) + 'a;
+
 /// Where the recorder writes to; what is absent is not written.
 #[derive(Default)]
 pub struct Outputs<'a> {
@@ -219,7 +222,7 @@ pub struct Outputs<'a> {
     /// Takes each cycle.
     pub cycles: Option<&'a mut TakeCycle<'a>>,
     /// Takes every entry, with its instant, s.
-    pub all: Option<&'a mut dyn FnMut(f64, &LogEntry)>,
+    pub all: Option<&'a mut TakeEntry<'a>>,
 }
 
 #[derive(Serialize)]

@@ -1,9 +1,10 @@
 //! From the values of a drive to messages.
 
+use super::mcap_file::RecordingStatus;
 use super::messages::{ControllerCycle, LogLine, LoopCycle, PathCommand, Topic};
 use super::scene::{BASE, Marker, SceneParts, WORLD};
+use super::sink::MessageSink;
 use super::tap::{PathRecord, PlanView, StepRecord};
-use super::{MessageSink, RecordingStatus};
 use crate::control_loop::record::CycleRow;
 use crate::drives::LinkState;
 use crate::ros2::node::conversions::{stamp, to_pose, to_transform};

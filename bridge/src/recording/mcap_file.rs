@@ -3,7 +3,8 @@
 //! After each flush the file ends as a finished one does, without a summary; the next flush begins where
 //! that end stood. So a program that is killed leaves a file that any reader opens.
 
-use super::{MessageSink, Topic};
+use super::messages::Topic;
+use super::sink::MessageSink;
 use mcap::records::{MessageHeader, Metadata};
 use mcap::{Attachment, McapError, WriteOptions, Writer};
 use serde::{Deserialize, Serialize};

@@ -16,6 +16,8 @@ mod messages;
 mod reader;
 mod scene;
 mod schema;
+mod sink;
+mod sinks;
 mod tap;
 
 pub use drive_messages::{DriveMessages, GeneralState, unix_ns};
@@ -24,55 +26,14 @@ pub use messages::{ControllerCycle, LogLine, LoopCycle, PathCommand, Topic};
 pub use reader::{Recording, RecordingError, scan};
 pub use scene::{Marker, ground};
 pub use schema::schema;
+pub use sink::MessageSink;
+pub use sinks::Sinks;
 pub use tap::{
     ControllerLog, ControllerTap, PathLog, PathRecord, PlanView, RecordedPath, StepRecord, tap,
 };
 
+// Messages of this module are topics as those of ROS 2 are.
 use crate::ros2::node::message::TopicMessage;
+
 #[cfg(test)]
 mod tests;
-
-/// A file, a live view, both or neither.
-#[derive(Default)]
-pub struct Sinks {
-    /// The file.
-    pub file: Option<McapRecording>,
-    /// The live view.
-    pub live: Option<live::LiveView>,
-}
-
-impl Sinks {
-    /// Gives what has waited long enough to the disk.
-    pub fn flush_when_due(&mut self) {
-        if let Some(file) = &mut self.file {
-            file.flush_when_due();
-        }
-    }
-
-    /// Returns how the recording fares; none without one.
-    pub fn status(&self) -> Option<&RecordingStatus> {
-        self.file.as_ref().map(McapRecording::status)
-    }
-
-    /// Closes the file and ends the view.
-    pub fn finish(self) -> Option<RecordingStatus> {
-        self.file.map(McapRecording::finish)
-    }
-}
-
-impl MessageSink for Sinks {
-    fn put(&mut self, topic: Topic, time_ns: u64, message: &[u8]) {
-        if let Some(file) = &mut self.file {
-            file.put(topic, time_ns, message);
-        }
-        if let Some(live) = &mut self.live {
-            live.put(topic, time_ns, message);
-        }
-    }
-}
-
-/// Takes encoded messages.
-pub trait MessageSink {
-    /// Takes a CDR message of a topic with its time, ns since 1970 or since the start of simulated time.
-    fn put(&mut self, topic: Topic, time_ns: u64, message: &[u8]);
-}

@@ -1,9 +1,8 @@
 //! Reading recordings of this program, also those that were cut off.
 
-use super::mcap_file::{METADATA, McapRecording};
+use super::mcap_file::{Header, METADATA, McapRecording};
 use super::messages::{ControllerCycle, PathCommand, Topic};
-use super::tap::RecordedPath;
-use super::{Header, PathRecord};
+use super::tap::{PathRecord, RecordedPath};
 use crate::ros2::node::message::cdr::{CdrError, from_cdr};
 use mcap::records::Record;
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};

@@ -1,8 +1,8 @@
 //! One client of the live view, in a thread of its own.
 
 use super::protocol::{self, NAMES, Request, Subscription};
-use super::{Outgoing, Shared};
-use crate::recording::Topic;
+use super::shared::{Outgoing, Shared};
+use crate::recording::messages::Topic;
 use std::collections::BTreeMap;
 use std::io::ErrorKind;
 use std::net::TcpStream;

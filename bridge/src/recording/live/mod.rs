@@ -6,13 +6,16 @@
 
 mod client;
 mod protocol;
+mod shared;
 
-use super::{MessageSink, Topic};
+use super::messages::Topic;
+use super::sink::MessageSink;
 use client::{Client, serve};
+use shared::{Outgoing, Registered, Shared};
 use std::collections::BTreeMap;
 use std::net::{SocketAddr, TcpListener};
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, AtomicUsize, Ordering};
-use std::sync::mpsc::{SyncSender, sync_channel};
+use std::sync::mpsc::sync_channel;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
@@ -22,40 +25,6 @@ const CLIENTS_MAX: usize = 16;
 const QUEUE: usize = 1024;
 /// Longest wait for a client that comes.
 const ACCEPT_WAIT: Duration = Duration::from_millis(50);
-
-/// A message on its way to clients.
-#[derive(Debug, Clone)]
-pub(super) struct Outgoing {
-    pub(super) topic: Topic,
-    pub(super) time_ns: u64,
-    pub(super) message: Arc<[u8]>,
-}
-
-/// What the threads of the view share.
-pub(super) struct Shared {
-    clients: Mutex<Vec<Registered>>,
-    /// Messages that a client gets when it subscribes: the newest path, and the scene that stays.
-    latched: Mutex<BTreeMap<Topic, Outgoing>>,
-    /// What is shown as parameters.
-    parameters: BTreeMap<String, serde_json::Value>,
-    connections: AtomicUsize,
-    dropped: AtomicU64,
-    end: AtomicBool,
-}
-
-/// A client as the view knows it.
-struct Registered {
-    queue: SyncSender<Outgoing>,
-    /// One bit for each topic that it wants.
-    wanted: Arc<AtomicU32>,
-}
-
-impl Shared {
-    fn latched(&self, topic: Topic) -> Option<Outgoing> {
-        let latched = self.latched.lock().unwrap_or_else(PoisonError::into_inner);
-        latched.get(&topic).cloned()
-    }
-}
 
 /// Serves the live view until it is dropped.
 pub struct LiveView {
@@ -167,11 +136,14 @@ fn accept(listener: &TcpListener, shared: &Arc<Shared>) {
             wanted: Arc::clone(&wanted),
             shared: Arc::clone(shared),
         };
-        shared
+        let mut clients = shared
             .clients
             .lock()
-            .unwrap_or_else(PoisonError::into_inner)
-            .push(Registered { queue, wanted });
+            .unwrap_or_else(PoisonError::into_inner);
+        // The other owner is the client's thread: without it the client has gone.
+        clients.retain(|client| Arc::strong_count(&client.wanted) > 1);
+        clients.push(Registered { queue, wanted });
+        drop(clients);
         let counted = Arc::clone(shared);
         let thread = std::thread::Builder::new()
             .name("live-client".to_owned())

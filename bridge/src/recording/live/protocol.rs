@@ -1,7 +1,7 @@
 //! The Foxglove WebSocket protocol, as far as a server that only shows needs it.
 
-use super::Shared;
-use crate::recording::Topic;
+use super::shared::Shared;
+use crate::recording::messages::Topic;
 use serde::Deserialize;
 use serde_json::{Value, json};
 
