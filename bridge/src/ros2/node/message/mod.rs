@@ -16,7 +16,10 @@ pub use geometry::{
     Quaternion, TfMessage, Transform, TransformStamped, Twist, TwistStamped, TwistWithCovariance,
     Vector3,
 };
-pub use nav::{Odometry, Path, SpeedLimit};
+pub use nav::{
+    Costmap, CostmapMetaData, CostmapUpdate, MapMetaData, OccupancyGrid, OccupancyGridUpdate,
+    Odometry, Path, SpeedLimit,
+};
 pub use sensor::{Imu, JointState};
 pub use standard::{
     Bool, Clock, Empty, Float64, Float64MultiArray, Header, MultiArrayDimension, MultiArrayLayout,
