@@ -11,9 +11,13 @@ pub mod closed_loop;
 pub mod config;
 pub mod console;
 pub mod icr;
+#[cfg(feature = "package")]
+pub mod documents;
 pub mod identify;
 #[cfg(feature = "drive")]
 pub mod init;
+#[cfg(feature = "drive")]
+pub mod live_odometry;
 pub mod odometry;
 pub mod output;
 pub mod progress;

@@ -32,6 +32,8 @@ pub(crate) struct ServerStatus<'a> {
     pub(crate) last_rejection: &'a str,
     /// Whether the emergency stop is pressed or silent.
     pub(crate) emergency_stop: Option<StopCause>,
+    /// What keeps the vehicle from driving on; none where nothing does.
+    pub(crate) blocked_by: Option<&'a str>,
     /// Goals that were accepted.
     pub(crate) goals: u64,
     /// How the last goal ended, and why.
@@ -115,6 +117,10 @@ pub(crate) fn diagnostic_status(
             "emergency_stop",
             server.emergency_stop.is_some().to_string(),
         ),
+        (
+            "blocked_by",
+            server.blocked_by.unwrap_or_default().to_owned(),
+        ),
         ("goals", server.goals.to_string()),
         ("last_goal", last_end),
         ("solve_p50_us", number(solve_p50)),
@@ -160,6 +166,9 @@ fn summary(status: &LoopStatus, decision: &Decision, server: &ServerStatus<'_>) 
     let with = |level, message: &dyn Display| (level, message.to_string());
     if let Some(cause) = server.emergency_stop {
         return with(level::ERROR, &cause);
+    }
+    if let Some(reason) = server.blocked_by {
+        return with(level::WARN, &reason);
     }
     match (status.row.state, decision.status) {
         (_, Status::Waiting) => with(level::STALE, &"there is no attitude and no pose yet"),

@@ -118,6 +118,11 @@ impl GoalHandler {
         self.session.as_ref()?.feedback(decision)
     }
 
+    /// Returns what keeps the vehicle of the session from driving; none where nothing does.
+    pub(crate) fn blocked_by(&self) -> Option<&str> {
+        self.session.as_ref()?.blocked_by()
+    }
+
     /// Takes a speed limit; one that is negative or not finite is ignored.
     pub(crate) fn limit_speed(&mut self, limit: SpeedLimit) {
         if limit.speed_limit.is_finite() && limit.speed_limit >= 0.0 {

@@ -3,20 +3,24 @@
 //! ```text
 //! Locating -> Building -> Arming -> Driving -> Ending
 //!     |           `-> Stopping -^     |  ^
-//!     `-> Stopping                    `--' pivot
+//!     `-> Stopping           ^        |--' pivot
+//!                            |        v
+//!                            `---- Blocked
 //! ```
 //!
 //! *Locating* waits for the pose of the vehicle and the transform of the path's frame, *Building* for the
 //! smooth curve. *Stopping* brings a vehicle to a halt that is to pivot first, or is at its goal already. A
 //! path that begins behind the vehicle is preceded by a pivot and then located anew; a goal with another
-//! heading is followed by one. *Ending* waits until the vehicle has stopped; then the client is told.
+//! heading is followed by one. *Blocked* waits for an obstacle to leave the way. *Ending* waits until the vehicle has stopped; then the client is told.
 //!
 //! Time is an argument, and nothing in here touches the network. The safety stops the vehicle on its own; a
 //! session only requests stops, and gives their reasons a code.
 
 mod drive;
+mod obstacles;
 mod prepare;
 
+use self::obstacles::Blocked;
 use super::checkers::ProgressChecker;
 use super::goal_context::{Client, GoalContext, Request, Requests};
 use super::outcome::Outcome;
@@ -81,10 +85,10 @@ impl PlacedRoute {
 enum Following {
     Nothing,
     Route(PlacedRoute),
-    /// A pivot to the first heading of the path.
-    StartPivot,
-    /// A pivot to the heading of the goal.
-    GoalPivot,
+    /// A pivot to the first heading of the path, rad.
+    StartPivot(f64),
+    /// A pivot to the heading of the goal, rad.
+    GoalPivot(f64),
 }
 
 #[derive(Clone, Copy)]
@@ -116,6 +120,7 @@ enum Phase {
         /// Whether the controller has tracked what it follows.
         tracked: bool,
     },
+    Blocked(Blocked),
     Ending {
         since_s: f64,
         end: GoalEnd,
@@ -138,6 +143,10 @@ pub(crate) struct GoalSession {
     pivoted_at_start: bool,
     progress: ProgressChecker,
     frame_checked_s: f64,
+    /// Time of the newest check for obstacles, s.
+    obstacles_checked_s: f64,
+    /// Arc length that the vehicle has reached on the route, m.
+    reached_m: f64,
     /// Why the frame of the path is unknown.
     frame_error: Option<String>,
     without_frame_since_s: Option<f64>,
@@ -165,6 +174,8 @@ impl GoalSession {
             pivoted_at_start: false,
             progress,
             frame_checked_s: f64::NEG_INFINITY,
+            obstacles_checked_s: f64::NEG_INFINITY,
+            reached_m: 0.0,
             frame_error: None,
             without_frame_since_s: None,
             without_plan_since_s: None,
@@ -256,6 +267,7 @@ impl GoalSession {
         self.prepare(context, settings, requests);
         self.follow_frame(context, settings);
         self.hand_over_changes(context, requests);
+        self.watch_obstacles(context, settings, requests);
         match self.phase {
             Phase::Locating { .. } | Phase::Building { .. } => {
                 if let Some(termination) = abort_cause(context) {
@@ -274,6 +286,7 @@ impl GoalSession {
                 self.step_stopped(tracked, context, settings, requests);
             }
             Phase::Driving { .. } => self.step_driving(context, requests),
+            Phase::Blocked(_) => self.step_blocked(context, settings, requests),
             Phase::Ending { since_s, .. } => {
                 return self.step_ending(since_s, context, requests);
             }
@@ -332,7 +345,7 @@ impl GoalSession {
                 AfterStop::PivotTo(heading_rad) => {
                     self.pivoted_at_start = true;
                     let angle_rad = wrap_angle(heading_rad - pose.yaw_rad);
-                    let target = (Following::StartPivot, angle_rad);
+                    let target = (Following::StartPivot(heading_rad), angle_rad);
                     self.pivot(target, &pose, context, settings, requests);
                 }
                 AfterStop::CheckGoal => self.check_goal(&estimate, context, settings, requests),

@@ -20,6 +20,11 @@ pub struct StoppingSettings {
     pub reaction_s: f64,
 }
 
+impl StoppingSettings {
+    /// Longest time between two checks of the costmap, s, with the wait for the thread that checks it.
+    pub const CHECK_S: f64 = 0.08;
+}
+
 /// The deceleration that the slope leaves, and the time until it begins.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Braking {
@@ -44,7 +49,9 @@ impl Braking {
         // Weight over mass along the vehicle's right, forward and down axes, in units of g.
         let (across, ahead, normal) = (roll_sin, -pitch_sin * roll_cos, pitch_cos * roll_cos);
         let downhill = if reverse { -ahead } else { ahead };
-        let grip = ((friction * normal).powi(2) - across.powi(2)).max(0.0).sqrt();
+        let grip = ((friction * normal).powi(2) - across.powi(2))
+            .max(0.0)
+            .sqrt();
         let left_m_s2 = GRAVITY_M_S2 * (grip - downhill);
         let deceleration_m_s2 = settings.deceleration_m_s2.min(left_m_s2);
         Self {
@@ -108,7 +115,8 @@ mod tests {
     #[test]
     fn downhill_takes_longer_and_uphill_does_not() {
         let stop_m = |pitch_deg, roll_deg, reverse| {
-            Braking::on_slope(&SETTINGS, 0.4, &attitude(roll_deg, pitch_deg), reverse).distance_m(0.8)
+            Braking::on_slope(&SETTINGS, 0.4, &attitude(roll_deg, pitch_deg), reverse)
+                .distance_m(0.8)
         };
         let level_m = stop_m(0.0, 0.0, false);
         assert!((level_m - (0.16 + 0.16)).abs() < 1e-12, "{level_m}");

@@ -149,7 +149,13 @@ impl Costmap {
         [width, height]: [usize; 2],
         costs: Vec<i8>,
     ) -> Result<(), CostmapError> {
-        let fits = |at: usize, size: usize, whole| at.checked_add(size).is_some_and(|end| end <= whole);
+        let stamp_ns = nanoseconds(header.stamp)?;
+        // Maps and updates come on topics of their own: this one is in the map already.
+        if stamp_ns < self.stamp_ns {
+            return Ok(());
+        }
+        let fits =
+            |at: usize, size: usize, whole| at.checked_add(size).is_some_and(|end| end <= whole);
         if header.frame_id.trim_start_matches('/') != self.frame
             || !fits(x, width, self.width)
             || !fits(y, height, self.height)
@@ -157,7 +163,7 @@ impl Costmap {
         {
             return Err(CostmapError::Update);
         }
-        self.stamp_ns = nanoseconds(header.stamp)?;
+        self.stamp_ns = stamp_ns;
         if width > 0 {
             for (row, costs) in costs.chunks_exact(width).enumerate() {
                 let from = (y + row) * self.width + x;

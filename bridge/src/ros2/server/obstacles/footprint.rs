@@ -38,9 +38,7 @@ impl Footprint {
     /// Returns whether the padded polygon covers any of the disc of `radius_m` around a point.
     pub(crate) fn covers(&self, point: [f64; 2], radius_m: f64) -> bool {
         let near_m = self.padding_m + radius_m;
-        self.edges()
-            .any(|(a, b)| distance_m(point, a, b) <= near_m)
-            || self.contains(point)
+        self.edges().any(|(a, b)| distance_m(point, a, b) <= near_m) || self.contains(point)
     }
 
     /// Returns the corners, right and forward of the body's origin, m, without padding.
@@ -84,7 +82,13 @@ mod tests {
         assert!(base.covers([0.59, 1.05], 0.0) && !base.covers([0.61, 0.0], 0.0));
         assert!(base.covers([0.61, 0.0], 0.02) && base.covers([0.0, 0.0], 0.0));
         // 1 m ahead and 0.2 m to the left, with a notch.
-        let corners = [[1.0, 0.2], [0.5, 0.0], [1.0, -0.2], [-0.3, -0.2], [-0.3, 0.2]];
+        let corners = [
+            [1.0, 0.2],
+            [0.5, 0.0],
+            [1.0, -0.2],
+            [-0.3, -0.2],
+            [-0.3, 0.2],
+        ];
         let notched = Footprint::new(&corners, 0.0, &j8());
         assert!(notched.covers([-0.19, 0.9], 0.0), "left is negative");
         assert!(!notched.covers([0.0, 0.9], 0.0) && notched.covers([0.0, 0.4], 0.0));

@@ -18,15 +18,16 @@ mod reader;
 
 pub use braking::StoppingSettings;
 pub(crate) use braking::{ApproachSpeed, Braking};
-pub(crate) use costmap::Blockage;
+pub(crate) use costmap::{Blockage, Costmap};
 pub(crate) use look_ahead::{Ahead, Clearance};
 pub(crate) use reader::CostmapReader;
 
 use crate::ros2::node::transforms::Transforms;
 use config::CostmapConfig;
-use costmap::{CellRule, Costmap, level};
+use costmap::{CellRule, level};
 use footprint::Footprint;
 use nalgebra::Isometry2;
+use sidehill_plant::frames::Attitude;
 use sidehill_plant::vehicle::Vehicle;
 
 /// What of the vehicle and the configuration the check depends on.
@@ -39,13 +40,22 @@ pub(crate) struct ObstacleSettings {
 
 impl ObstacleSettings {
     /// Returns the settings of a vehicle.
-    pub(crate) fn new(config: CostmapConfig, stopping: StoppingSettings, vehicle: &Vehicle) -> Self {
+    pub(crate) fn new(
+        config: CostmapConfig,
+        stopping: StoppingSettings,
+        vehicle: &Vehicle,
+    ) -> Self {
         let footprint = Footprint::new(&config.footprint, config.footprint_padding_m, vehicle);
         Self {
             config,
             footprint,
             stopping,
         }
+    }
+
+    /// Returns how the vehicle brakes at an attitude.
+    pub(crate) fn braking(&self, attitude: &Attitude, reverse: bool) -> Braking {
+        Braking::on_slope(&self.stopping, self.config.friction, attitude, reverse)
     }
 }
 
@@ -76,7 +86,7 @@ impl<'a> Surroundings<'a> {
     ///
     /// The map is placed by the transform of its stamp: a map that moves with the vehicle is seen where
     /// the vehicle was then.
-    fn new(
+    pub(crate) fn new(
         costmap: &'a Costmap,
         (stamp_s, now_s): (f64, f64),
         (transforms, odometry, tolerance_s): (&Transforms, &str, f64),
