@@ -10,9 +10,9 @@ pub mod check;
 pub mod closed_loop;
 pub mod config;
 pub mod console;
-pub mod icr;
 #[cfg(feature = "package")]
 pub mod documents;
+pub mod icr;
 pub mod identify;
 #[cfg(feature = "drive")]
 pub mod init;

@@ -3,6 +3,7 @@
 //! DDS has no empty structs: an empty message is one byte.
 
 pub mod action;
+pub mod cdr;
 pub mod diagnostic;
 pub mod geometry;
 pub mod lifecycle;
@@ -20,7 +21,7 @@ pub use nav::{
     Costmap, CostmapMetaData, CostmapUpdate, MapMetaData, OccupancyGrid, OccupancyGridUpdate,
     Odometry, Path, SpeedLimit,
 };
-pub use sensor::{Imu, JointState};
+pub use sensor::{Imu, JointState, NavSatFix, NavSatStatus};
 pub use standard::{
     Bool, Clock, Empty, Float64, Float64MultiArray, Header, MultiArrayDimension, MultiArrayLayout,
     Text, Time,
