@@ -27,6 +27,8 @@ pub struct Ros2Config {
     pub tolerances: Tolerances,
     /// Obstacles; without it no costmap is subscribed to and nothing is checked.
     pub costmap: Option<CostmapConfig>,
+    /// Whether nav2_msgs/TrackingFeedback is published, which Nav2 has after jazzy.
+    pub tracking_feedback: bool,
     /// Whether the estimate is published as the transform from `frames.odometry` to `frames.base`.
     pub publish_transform: bool,
     /// Whether time is that of `/clock`.
@@ -50,6 +52,7 @@ impl Default for Ros2Config {
             },
             tolerances: Tolerances::default(),
             costmap: None,
+            tracking_feedback: false,
             publish_transform: false,
             use_sim_time: false,
             autostart: true,

@@ -346,12 +346,18 @@ impl ControllerServer {
         let inputs = &self.links.inputs;
         let lifecycle = self.services.lifecycle.state();
         let last_rejection = inputs.last_rejection();
+        let controller = self.links.commands.controller_status();
+        let tracking = controller
+            .decision
+            .as_ref()
+            .and_then(|decision| self.handler.tracking(decision));
         let server = ServerStatus {
             lifecycle: &lifecycle.label,
             rejected: inputs.rejected(),
             last_rejection: &last_rejection,
             emergency_stop: inputs.emergency_stop.get(),
             blocked_by: self.handler.blocked_by(),
+            tracking,
             goals: self.accepted_goals,
             last_end: self
                 .last_end
@@ -359,7 +365,6 @@ impl ControllerServer {
                 .map(|(end, reason)| (*end, reason.as_str())),
         };
         let time = &self.links.time;
-        let controller = self.links.commands.controller_status();
         self.telemetry
             .publish(now_s, time, status, controller, &server);
     }

@@ -24,6 +24,7 @@ use self::obstacles::Blocked;
 use super::checkers::ProgressChecker;
 use super::goal_context::{Client, GoalContext, Request, Requests};
 use super::outcome::Outcome;
+use super::path_frame::{inverse, pose_in};
 use super::requested_path::RequestedPath;
 use super::route::{Route, RouteSettings};
 use super::termination::{Termination, abort_cause};
@@ -34,6 +35,7 @@ use crate::safety::StopCause;
 use sidehill_controller::controller::Decision;
 use sidehill_plant::frames::{PlanarPose, wrap_angle};
 use sidehill_plant::vehicle::Vehicle;
+use std::cell::Cell;
 use std::sync::Arc;
 use std::sync::mpsc::Receiver;
 
@@ -128,6 +130,23 @@ enum Phase {
     },
 }
 
+/// Where the vehicle is on the route of a goal.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct TrackingState {
+    /// Distance from the path, m, positive to the left of travel.
+    pub(crate) cross_track_m: f64,
+    /// Heading less that of the reference, rad.
+    pub(crate) heading_error_rad: f64,
+    /// Straight distance to the goal, m.
+    pub(crate) distance_to_goal_m: f64,
+    /// Distance left along the path, m.
+    pub(crate) left_m: f64,
+    /// Commanded speed, m/s.
+    pub(crate) speed_m_s: f64,
+    /// Index of the pose of the client's path that the vehicle is at.
+    pub(crate) path_index: usize,
+}
+
 /// A goal with its phase, path, client and number.
 pub(crate) struct GoalSession {
     client: Client,
@@ -145,6 +164,8 @@ pub(crate) struct GoalSession {
     frame_checked_s: f64,
     /// Time of the newest check for obstacles, s.
     obstacles_checked_s: f64,
+    /// Index of the newest pose of the path that the vehicle was at.
+    passed_index: Cell<usize>,
     /// Arc length that the vehicle has reached on the route, m.
     reached_m: f64,
     /// Why the frame of the path is unknown.
@@ -175,6 +196,7 @@ impl GoalSession {
             progress,
             frame_checked_s: f64::NEG_INFINITY,
             obstacles_checked_s: f64::NEG_INFINITY,
+            passed_index: Cell::new(0),
             reached_m: 0.0,
             frame_error: None,
             without_frame_since_s: None,
@@ -239,6 +261,26 @@ impl GoalSession {
         let own = Some(decision).filter(|decision| decision.reference == self.number)?;
         let left_m = placed.route.trajectory.length_m() - own.progress?.arc_length_m;
         Some((left_m.max(0.0), own.command_effective.traction_m_s))
+    }
+
+    /// Returns where the vehicle is on the route of a goal that is followed.
+    pub(crate) fn tracking(&self, decision: &Decision) -> Option<TrackingState> {
+        let (left_m, speed_m_s) = self.feedback(decision)?;
+        let (progress, estimate) = (decision.progress?, decision.estimate?);
+        let Following::Route(placed) = &self.following else {
+            return None;
+        };
+        let (pose, goal) = (&estimate.pose, &self.goal);
+        let in_path = pose_in(pose, &inverse(&placed.frame));
+        Some(TrackingState {
+            cross_track_m: progress.cross_track_m,
+            heading_error_rad: wrap_angle(pose.yaw_rad - progress.point.heading_rad),
+            distance_to_goal_m: (pose.x_m - goal.x_m).hypot(pose.y_m - goal.y_m),
+            left_m,
+            speed_m_s,
+            path_index: self.path.nearest_from(self.passed_index.get(), &in_path),
+        })
+        .inspect(|tracking| self.passed_index.set(tracking.path_index))
     }
 
     /// Changes the speeds of the route that is followed to those of the settings. A route that is being

@@ -2,11 +2,12 @@
 
 use super::config::Ros2Config;
 use super::diagnostics::{ServerStatus, SolveStats, diagnostic_status};
+use super::goal_session::TrackingState;
 use crate::control_loop::channel::{ControllerStatus, LoopStatus};
 use crate::ros2::node::conversions::{stamp, to_pose};
 use crate::ros2::node::message::{
     DiagnosticArray, Header, Odometry, Path, PoseStamped, PoseWithCovariance,
-    PoseWithCovarianceStamped, TfMessage,
+    PoseWithCovarianceStamped, TfMessage, TrackingFeedback,
 };
 use crate::ros2::node::time::RosTime;
 use crate::ros2::node::{NodeError, RosNode, qos};
@@ -29,6 +30,7 @@ pub(crate) struct Telemetry {
     pose: Publisher<PoseWithCovarianceStamped>,
     odometry: Publisher<Odometry>,
     transforms: Option<Publisher<TfMessage>>,
+    tracking: Option<Publisher<TrackingFeedback>>,
     plan: Publisher<Path>,
     reference: Publisher<Path>,
     diagnostics: Publisher<DiagnosticArray>,
@@ -53,6 +55,10 @@ impl Telemetry {
             odometry: node.publisher("~/odometry", &qos::STREAM)?,
             transforms: match config.publish_transform {
                 true => Some(node.publisher("/tf", &qos::STREAM)?),
+                false => None,
+            },
+            tracking: match config.tracking_feedback {
+                true => Some(node.publisher("tracking_feedback", &qos::STREAM)?),
                 false => None,
             },
             plan: node.publisher("optimal_trajectory", &qos::STREAM)?,
@@ -96,6 +102,13 @@ impl Telemetry {
                 let _ = transforms.publish(TfMessage {
                     transforms: vec![transform],
                 });
+            }
+            if let (Some(topic), Some(tracking)) = (&self.tracking, &server.tracking) {
+                let _ = topic.publish(tracking_feedback(
+                    tracking,
+                    &header(estimate.time_s),
+                    &state,
+                ));
             }
             let message = odometry_message(&state, header(estimate.time_s), &self.base);
             let _ = self.odometry.publish(message);
@@ -145,6 +158,27 @@ fn level(pose: &PlanarPose) -> Pose {
         y_m: pose.y_m,
         z_m: 0.0,
         yaw_rad: pose.yaw_rad,
+    }
+}
+
+/// Returns the feedback of Nav2 on a path; what is left and right of it is signed as there.
+fn tracking_feedback(
+    tracking: &TrackingState,
+    header: &Header,
+    state: &OdometryState,
+) -> TrackingFeedback {
+    TrackingFeedback {
+        header: header.clone(),
+        position_tracking_error: tracking.cross_track_m as f32,
+        heading_tracking_error: tracking.heading_error_rad as f32,
+        current_path_index: u32::try_from(tracking.path_index).unwrap_or(u32::MAX),
+        robot_pose: PoseStamped {
+            header: header.clone(),
+            pose: to_pose(&world_from_base_link(&state.pose, &state.attitude)),
+        },
+        distance_to_goal: tracking.distance_to_goal_m as f32,
+        speed: tracking.speed_m_s as f32,
+        remaining_path_length: tracking.left_m as f32,
     }
 }
 

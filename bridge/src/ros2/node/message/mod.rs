@@ -19,7 +19,7 @@ pub use geometry::{
 };
 pub use nav::{
     Costmap, CostmapMetaData, CostmapUpdate, MapMetaData, OccupancyGrid, OccupancyGridUpdate,
-    Odometry, Path, SpeedLimit,
+    Odometry, Path, SpeedLimit, TrackingFeedback,
 };
 pub use sensor::{Imu, JointState, NavSatFix, NavSatStatus};
 pub use standard::{

@@ -16,6 +16,17 @@ wire! {
     Path = "nav_msgs" / "Path" { header: Header, poses: Vec<PoseStamped> }
     /// Largest speed, m/s or per cent of the largest; 0 is no limit.
     SpeedLimit = "nav2_msgs" / "SpeedLimit" { header: Header, percentage: bool, speed_limit: f64 }
+    /// Where the vehicle is on its path; positive errors are to the left.
+    TrackingFeedback = "nav2_msgs" / "TrackingFeedback" {
+        header: Header,
+        position_tracking_error: f32,
+        heading_tracking_error: f32,
+        current_path_index: u32,
+        robot_pose: PoseStamped,
+        distance_to_goal: f32,
+        speed: f32,
+        remaining_path_length: f32,
+    }
     /// Size and place of an [`OccupancyGrid`].
     MapMetaData {
         map_load_time: Time,
