@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 
+import pytest
 import rclpy
 from action_msgs.msg import GoalStatus
 from diagnostic_msgs.msg import DiagnosticArray
@@ -223,6 +224,29 @@ def test_topics_reach_nodes_of_ros_and_theirs_reach_the_controller(driven):
     assert odometry[-1].header.frame_id == "odom" and odometry[-1].child_frame_id == "base_link"
     d.ros.result(goal.cancel_goal_async(), "answer to a cancel")
     assert d.ended(goal)[0] == GoalStatus.STATUS_CANCELED
+
+
+@pytest.mark.parametrize("told", [False, True])
+def test_a_node_that_slows_the_drives_down_is_no_fault_where_the_controller_hears_it(driven, told):
+    """As Nav2's collision monitor, between the controller and the drives."""
+    twist = "twist: {topic: cmd_vel_nav, stamped: false}"
+    forwarded = "\n    forwarded: {topic: cmd_vel, stamped: false}" if told else ""
+    d = driven({r"^    twist: \{.*$": f"    {twist}{forwarded}"})
+    to_drives = d.ros.node.create_publisher(Twist, "/cmd_vel", 10)
+
+    def slow_down(message):
+        message.linear.x *= 0.4
+        message.angular.z *= 0.4
+        to_drives.publish(message)
+
+    d.ros.node.create_subscription(Twist, "/cmd_vel_nav", slow_down, 10)
+    d.ros.wait_for(to_drives.get_subscription_count, "the drives")
+    status, result = d.ended(d.send(ahead(2.0)), timeout_s=60)
+    if told:
+        assert status == GoalStatus.STATUS_SUCCEEDED, result
+    else:
+        assert (status, result.error_code) == (GoalStatus.STATUS_ABORTED, 100)
+        assert "differs" in result.error_msg
 
 
 def test_first_calls_of_fresh_nodes_are_answered(driven, domain):
