@@ -41,7 +41,8 @@
 //!                +-----------+----------+-----------+---- fault or halt -----+
 //! ```
 //!
-//! See [`safety`]. Nothing re-arms by itself; over ROS 2 an accepted goal acts as the operator.
+//! See [`safety`]. Nothing re-arms by itself; over ROS 2 an accepted goal acts as the operator,
+//! also when it goes on after an obstacle.
 
 pub mod can;
 pub mod control_loop;

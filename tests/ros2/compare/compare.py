@@ -35,7 +35,6 @@ sys.path[:0] = [str(HERE.parent), str(HERE.parent / "jazzy")]
 from geometry_msgs.msg import TransformStamped, Twist
 from nodes import Driven, Node, path_of
 from programs import REPOSITORY, SIDEHILL, Vehicle, adapted, cross_track_m, figure_eight
-from tf2_msgs.msg import TFMessage
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
 END_M, START_S = 0.8, 2.0
@@ -88,13 +87,16 @@ def peer_params(args, folder):
 
 def steered_point(node, args):
     """Publishes the level frame that a peer steers."""
+    # Where Nav2 is, tf2 is too; Sidehill alone needs neither.
+    from tf2_msgs.msg import TFMessage
+
     latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     publisher = node.node.create_publisher(TFMessage, "/tf_static", latched)
     ahead = TransformStamped()
     ahead.header.frame_id, ahead.child_frame_id = "base_footprint", "steered_point"
     ahead.transform.translation.x, ahead.transform.rotation.w = args.point_m, 1.0
+    # The node keeps its publisher, and latches what it has sent.
     publisher.publish(TFMessage(transforms=[ahead]))
-    return publisher
 
 
 def used(pid):
@@ -142,8 +144,8 @@ def main():
     programs = [start(SIDEHILL, "vehicle", rover, "--truth", truth)]
     ros = Node(domain)
     try:
-        keep = steered_point(ros, args)
         if args.params:
+            steered_point(ros, args)
             controller = start(args.server, "--ros-args", "--params-file", peer_params(args, folder))
         else:
             controller = start(SIDEHILL, "run", sidehill_config(args, folder))
