@@ -20,7 +20,6 @@ mod drive;
 mod obstacles;
 mod prepare;
 
-use self::obstacles::Blocked;
 use super::checkers::ProgressChecker;
 use super::goal_context::{Client, GoalContext, Request, Requests};
 use super::outcome::Outcome;
@@ -128,6 +127,17 @@ enum Phase {
         end: GoalEnd,
         outcome: Outcome,
     },
+}
+
+/// A vehicle that waits for its way to become free.
+struct Blocked {
+    since_s: f64,
+    /// Since when the way is free.
+    free_since_s: Option<f64>,
+    /// Whether the drives were on, or about to be, and the safety ends that.
+    was_driving: bool,
+    cause: StopCause,
+    outcome: Outcome,
 }
 
 /// Where the vehicle is on the route of a goal.

@@ -1,6 +1,6 @@
 //! Obstacles on the way of a session: slower ahead of them, a stop in time, and on when the way is free.
 
-use super::{Following, GoalSession, Phase, SessionSettings};
+use super::{Blocked, Following, GoalSession, Phase, SessionSettings};
 use crate::ros2::node::message::action::code;
 use crate::ros2::server::goal_context::{GoalContext, ObstacleContext, Request, Requests};
 use crate::ros2::server::obstacles::{
@@ -27,17 +27,6 @@ const RESUME_M: f64 = 0.1;
 const MOVED_M: f64 = 0.02;
 /// Distance between the poses of the reference that are looked up, m.
 const REFERENCE_STEP_M: f64 = 0.1;
-
-/// A vehicle that waits for its way to become free.
-pub(super) struct Blocked {
-    since_s: f64,
-    /// Since when the way is free.
-    free_since_s: Option<f64>,
-    /// Whether the drives were on, or about to be, and the safety ends that.
-    was_driving: bool,
-    cause: StopCause,
-    outcome: Outcome,
-}
 
 /// What a check finds.
 enum Finding {
