@@ -292,6 +292,8 @@ fn start_ros2(
         stages: config.settings.stages,
         period_s,
         recording: watch,
+        realtime: config.realtime,
+        stopping: config.stopping(),
     });
     Ok(Some(started.map_err(|error| file.error(error))?))
 }

@@ -107,6 +107,7 @@ pub fn run(args: &VehicleArgs, ros: &[String]) -> Result<ExitCode> {
 /// As [`run`], without a bus or a graph.
 pub fn check(file: &ConfigFile) -> Result<()> {
     let config: VehicleConfig = file.parse()?;
+    config.recording(file, None)?;
     let world = config.world(file)?;
     match config.port {
         VehiclePort::Can => {

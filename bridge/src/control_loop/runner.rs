@@ -75,7 +75,7 @@ impl InlineRunner {
         Self::with_channel(controller, None, Some(tap))
     }
 
-    fn with_channel(
+    pub(crate) fn with_channel(
         mut controller: Controller,
         channel: Option<ControllerEnd>,
         tap: Option<ControllerTap>,
