@@ -228,7 +228,7 @@ impl Rebuilt {
         let world = Scenario::read(default)?.prepare(&Overrides::default())?;
         Ok(Prepared {
             name: "recorded".to_owned(),
-            plant: crate::config::Plant::Icrik(self.vehicle.extended()),
+            plant: crate::config::Plant::Icrik(Box::new(self.vehicle.extended())),
             vehicle: self.vehicle.clone(),
             reference,
             start,

@@ -134,6 +134,7 @@ fn row(rebuilt: &Rebuilt, cycle: &ControllerCycle, step: &Step) -> Row {
             0.0
         },
         cycle_us: 0.0,
+        contact: None,
     }
 }
 
