@@ -21,6 +21,9 @@ fn configuration(test: &str, changes: &[(&str, &str, &str)]) -> PathBuf {
         std::fs::create_dir_all(to.join(folder)).unwrap();
         for file in std::fs::read_dir(from.join(folder)).unwrap() {
             let file = file.unwrap();
+            if file.path().is_dir() {
+                continue;
+            }
             let mut text = std::fs::read_to_string(file.path()).unwrap();
             for (name, old, new) in changes {
                 if file.file_name() == *name {
