@@ -21,7 +21,9 @@ pub struct Row {
     pub estimate: Option<PlanarPose>,
     /// Reference position and heading.
     pub reference: PlanarPose,
-    /// True distance from the path, m, left positive.
+    /// True position of the tracked point, X_g and Y_g, m, where that is not the origin.
+    pub tracked: Option<[f64; 2]>,
+    /// True distance of the tracked point from the path, m, left positive.
     pub cross_track_m: f64,
     /// True distance by which the vehicle is ahead of the reference along the path, m.
     pub along_track_m: f64,
@@ -97,6 +99,9 @@ pub struct Summary {
     pub cross_track_p95_m: f64,
     /// Largest absolute value, m.
     pub cross_track_max_m: f64,
+    /// Root mean square of the origin's distance from the path, m, where another point is tracked.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub origin_cross_track_rms_m: Option<f64>,
     /// Root mean square of the error along the path, m.
     pub along_track_rms_m: f64,
     /// Root mean square of the difference from the path's heading, rad.

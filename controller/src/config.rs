@@ -15,6 +15,7 @@ use crate::mpc::{
 };
 use crate::pure_pursuit::PurePursuitSettings;
 use crate::reference::{Reference, Tracking};
+use crate::tracked_point::TrackedPoint;
 use crate::trajectory::{Ending, Motion, Trajectory};
 use serde::{Deserialize, Serialize};
 use sidehill_plant::bounds::{Bounds, RangeError};
@@ -97,6 +98,8 @@ pub struct ControllerConfig {
     pub lead_max_m: f64,
     /// Where the attitude along the horizon comes from.
     pub attitude_preview: AttitudePreview,
+    /// Point of the vehicle that follows the path; the origin unless it is set.
+    pub tracked_point: TrackedPoint,
     /// Weights of the MPC.
     pub weights: Weights,
     /// Calm where the model errs.
@@ -137,6 +140,7 @@ impl Default for ControllerConfig {
             motor_lag_s: 0.0,
             lead_max_m: 0.3,
             attitude_preview: AttitudePreview::Measured,
+            tracked_point: TrackedPoint::ORIGIN,
             weights: Weights::default(),
             caution: CautionConfig::default(),
             corridor: None,
@@ -182,6 +186,7 @@ impl ControllerConfig {
             .check("command_delay_s + motor_lag_s", self.delay_s())?;
         Bounds::new(0.0, DELAY_MAX_S, "s").check("command_delay_s", self.command_delay_s)?;
         Bounds::new(0.01, 10.0, "m").check("lead_max_m", self.lead_max_m)?;
+        self.tracked_point.validate()?;
         self.weights.validate()?;
         self.caution.validate()?;
         if let Some(corridor) = &self.corridor {

@@ -16,6 +16,7 @@ use crate::estimator::{Estimate, Estimator};
 use crate::mpc::{Horizon, Model, Mpc, Plan, QpFailure, Solution, StageTarget};
 use crate::pure_pursuit::PursuitView;
 use crate::reference::{Progress, Reference};
+use crate::tracked_point::TrackedPoint;
 use sidehill_plant::bounds::RangeError;
 use sidehill_plant::contact::ContactPrediction;
 use sidehill_plant::prediction::PredictionModel;
@@ -201,6 +202,15 @@ impl Controller {
         }
     }
 
+    /// Returns the point of the vehicle that follows the reference: the one configured, on a turn on the
+    /// spot the origin.
+    pub fn tracked_point(&self) -> TrackedPoint {
+        match self.reference.as_ref().and_then(Reference::path) {
+            Some(_) => self.config.tracked_point,
+            None => TrackedPoint::ORIGIN,
+        }
+    }
+
     /// Returns the targets of the horizon of the last cycle; none of a law without a horizon.
     pub fn targets(&self) -> &[StageTarget] {
         &self.horizon.targets
@@ -299,7 +309,8 @@ impl Controller {
             Phase::Driving { .. } | Phase::Finished => elapsed_s,
         };
         let pose = &estimate?.pose;
-        Some(self.reference.as_mut()?.advance(elapsed_s, pose))
+        let point = self.tracked_point().of(pose, &estimate?.normal_in_world);
+        Some(self.reference.as_mut()?.advance(elapsed_s, &point))
     }
 
     /// Returns what pure pursuit wants.
@@ -307,7 +318,9 @@ impl Controller {
         let reference = self.reference.as_ref();
         let command = self.config.pure_pursuit.command(
             &PursuitView {
-                pose: &estimate.pose,
+                pose: &self
+                    .tracked_point()
+                    .of(&estimate.pose, &estimate.normal_in_world),
                 reference: &progress.point,
                 path: reference.and_then(Reference::path),
                 arc_length_m: progress.arc_length_m,

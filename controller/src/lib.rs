@@ -29,4 +29,5 @@ pub mod pure_pursuit;
 pub mod reference;
 mod serde_form;
 pub mod speed_profile;
+pub mod tracked_point;
 pub mod trajectory;

@@ -164,6 +164,7 @@ impl RunConfig {
         let route = RouteSettings {
             smoothing: config.smoothing,
             limits: self.speed.limits(&self.settings.limits, vehicle),
+            tracked_point: self.settings.tracked_point,
             use_orientations: config.follow_path.use_orientations,
         };
         Ok((config, route))

@@ -10,6 +10,7 @@ use sidehill_controller::course::Course;
 use sidehill_controller::path::Point2;
 use sidehill_controller::reference::Reference;
 use sidehill_controller::speed_profile::SpeedConfig;
+use sidehill_controller::tracked_point::TrackedPoint;
 use sidehill_controller::trajectory::Trajectory;
 use sidehill_plant::bounds::{Bounds, RangeError};
 use sidehill_plant::contact::ContactVehicle;
@@ -280,6 +281,10 @@ impl Scenario {
             ));
         }
         let start = raw.start.from(&loaded.trajectory.at(0.0).pose());
+        let start = match loaded.trajectory.path() {
+            Some(_) => with_point_at(&raw.controller.tracked_point, &start, &terrain),
+            None => start,
+        };
         Ok(Prepared {
             name: raw.name.clone(),
             plant,
@@ -381,6 +386,18 @@ impl Scenario {
             },
         })
     }
+}
+
+/// Returns where the origin stands of a vehicle whose tracked point is at `start`.
+fn with_point_at(point: &TrackedPoint, start: &PlanarPose, terrain: &Terrain) -> PlanarPose {
+    if point.is_origin() {
+        return *start;
+    }
+    terrain
+        .surface(start.x_m, start.y_m)
+        .map_or(*start, |ground| {
+            point.origin_of(start, &ground.normal_in_world)
+        })
 }
 
 /// Distance between the places of a path that are looked up on the ground, m.

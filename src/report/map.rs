@@ -67,7 +67,10 @@ pub(super) fn map(scene: &Scene, runs: &[Run], styles: &[Style]) -> Markup {
 }
 
 fn track(run: &Run) -> Vec<[f64; 2]> {
-    let poses = run.rows.iter().map(|row| [row.pose.x_m, row.pose.y_m]);
+    let poses = run
+        .rows
+        .iter()
+        .map(|row| row.tracked.unwrap_or([row.pose.x_m, row.pose.y_m]));
     poses
         .filter(|p| p[0].is_finite() && p[1].is_finite())
         .collect()

@@ -11,7 +11,8 @@ use std::io::Write;
 /// counter-clockwise from Y_g; ICRs in the body, to the right and ahead of its origin. `estimate_*`
 /// are empty where there is none. `status` is `waiting`, `tracking`, `fallback`, `stopping` or
 /// `finished`, and `reason` says why for the two that need one. Floats are the shortest that read back
-/// as the same bits; what is not finite is `NaN`, `inf` or `-inf`.
+/// as the same bits; what is not finite is `NaN`, `inf` or `-inf`. Where another point than the origin is
+/// tracked, `tracked_x_m` and `tracked_y_m` follow.
 ///
 /// Among the columns are those of a log (true pose and attitude, `v_left_m_s` and `v_right_m_s` as
 /// encoders count them), so that `identify` and `odometry` read the file as it is.
@@ -23,9 +24,12 @@ pub fn write_csv(run: &Run, out: impl Write) -> csv::Result<()> {
         .has_headers(false)
         .from_writer(out);
     // Written here, so that a run without rows has its header, too.
-    table.write_record(COLUMNS)?;
+    let extra: Vec<&Extra> = EXTRAS.iter().filter(|extra| extra.is_in(run)).collect();
+    let names = extra.iter().map(|extra| extra.name);
+    table.write_record(COLUMNS.into_iter().chain(names))?;
     for row in &run.rows {
-        table.serialize(Record::from(row))?;
+        let extra: Vec<Option<f64>> = extra.iter().map(|extra| (extra.value)(row)).collect();
+        table.serialize((Record::from(row), extra))?;
     }
     table.flush()?;
     Ok(())
@@ -63,6 +67,29 @@ const COLUMNS: [&str; 30] = [
     "cycle_us",
     "v_left_m_s",
     "v_right_m_s",
+];
+
+/// A column that only some runs have, after the others.
+struct Extra {
+    name: &'static str,
+    value: fn(&Row) -> Option<f64>,
+}
+
+impl Extra {
+    fn is_in(&self, run: &Run) -> bool {
+        run.rows.iter().any(|row| (self.value)(row).is_some())
+    }
+}
+
+const EXTRAS: [Extra; 2] = [
+    Extra {
+        name: "tracked_x_m",
+        value: |row| row.tracked.map(|point| point[0]),
+    },
+    Extra {
+        name: "tracked_y_m",
+        value: |row| row.tracked.map(|point| point[1]),
+    },
 ];
 
 #[derive(Serialize)]

@@ -35,6 +35,7 @@ fn row(index: usize) -> Row {
             y_m: 3.0 * sin,
             yaw_rad: 0.1 * time_s,
         },
+        tracked: None,
         cross_track_m: 0.01 * (7.3 * time_s).sin(),
         along_track_m: 1e-3,
         heading_error_rad: -0.2,
