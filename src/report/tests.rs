@@ -72,6 +72,7 @@ fn run(controller: &str, rows: Vec<Row>) -> Run {
             cross_track_rms_m: 0.004,
             cross_track_p95_m: 0.009,
             cross_track_max_m: 0.012_345,
+            origin_cross_track_rms_m: None,
             along_track_rms_m: 0.001,
             heading_rms_rad: 0.2,
             steer_total_variation_m_s: 3.5,
