@@ -10,6 +10,7 @@ pub mod check;
 pub mod closed_loop;
 pub mod config;
 pub mod console;
+mod guard_watch;
 pub mod icr;
 pub mod identify;
 #[cfg(feature = "drive")]

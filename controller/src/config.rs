@@ -9,6 +9,7 @@ pub use supervisor::SupervisorConfig;
 pub use weights::{CautionConfig, Weights};
 
 use crate::estimator::EstimatorSettings;
+use crate::guard::GuardConfig;
 use crate::mpc::limits::{InputLimits, MotorLimits};
 use crate::mpc::{
     ChangeWeights, Corridor, HeadingExcess, MpcSettings, QpSettings, StageWeights, StepLimit,
@@ -118,6 +119,8 @@ pub struct ControllerConfig {
     pub estimator: EstimatorSettings,
     /// Supervision.
     pub supervisor: SupervisorConfig,
+    /// Steepness guard, none by default.
+    pub guard: Option<GuardConfig>,
     /// Pure pursuit.
     pub pure_pursuit: PurePursuitSettings,
 }
@@ -154,6 +157,7 @@ impl Default for ControllerConfig {
             solver: QpSettings::default(),
             estimator: EstimatorSettings::default(),
             supervisor: SupervisorConfig::default(),
+            guard: None,
             pure_pursuit: PurePursuitSettings::default(),
         }
     }
@@ -195,6 +199,9 @@ impl ControllerConfig {
         self.limits.validate()?;
         self.solver.validate()?;
         self.supervisor.validate()?;
+        if let Some(guard) = &self.guard {
+            guard.validate()?;
+        }
         self.estimator.validate()?;
         self.pure_pursuit.validate()
     }

@@ -23,6 +23,7 @@ pub mod config;
 pub mod controller;
 pub mod course;
 pub mod estimator;
+pub mod guard;
 pub mod mpc;
 pub mod path;
 pub mod pure_pursuit;

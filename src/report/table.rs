@@ -12,7 +12,8 @@ use std::io::Write;
 /// are empty where there is none. `status` is `waiting`, `tracking`, `fallback`, `stopping` or
 /// `finished`, and `reason` says why for the two that need one. Floats are the shortest that read back
 /// as the same bits; what is not finite is `NaN`, `inf` or `-inf`. Where another point than the origin is
-/// tracked, `tracked_x_m` and `tracked_y_m` follow.
+/// tracked, `tracked_x_m` and `tracked_y_m` follow; with the steepness guard on, `rollover_margin`,
+/// `friction_use` and `speed_share`.
 ///
 /// Among the columns are those of a log (true pose and attitude, `v_left_m_s` and `v_right_m_s` as
 /// encoders count them), so that `identify` and `odometry` read the file as it is.
@@ -81,7 +82,19 @@ impl Extra {
     }
 }
 
-const EXTRAS: [Extra; 2] = [
+const EXTRAS: [Extra; 5] = [
+    Extra {
+        name: "rollover_margin",
+        value: |row| row.slope.map(|slope| slope.margins.rollover),
+    },
+    Extra {
+        name: "friction_use",
+        value: |row| row.slope.map(|slope| slope.margins.friction_use),
+    },
+    Extra {
+        name: "speed_share",
+        value: |row| row.slope.map(|slope| slope.speed_share),
+    },
     Extra {
         name: "tracked_x_m",
         value: |row| row.tracked.map(|point| point[0]),

@@ -35,6 +35,7 @@ fn row(index: usize) -> Row {
             y_m: 3.0 * sin,
             yaw_rad: 0.1 * time_s,
         },
+        slope: None,
         tracked: None,
         cross_track_m: 0.01 * (7.3 * time_s).sin(),
         along_track_m: 1e-3,
@@ -72,6 +73,7 @@ fn run(controller: &str, rows: Vec<Row>) -> Run {
             cross_track_rms_m: 0.004,
             cross_track_p95_m: 0.009,
             cross_track_max_m: 0.012_345,
+            guard: None,
             origin_cross_track_rms_m: None,
             along_track_rms_m: 0.001,
             heading_rms_rad: 0.2,
@@ -101,6 +103,7 @@ fn page(terrain: &Terrain, runs: &[Run]) -> String {
             .map(|(s, c)| [3.0 * c, 3.0 * s])
             .collect(),
         terrain,
+        guard: None,
         limits: &ControllerConfig::default().limits,
         base_half_width_m: 0.6,
         base_half_length_m: 1.06,

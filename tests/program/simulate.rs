@@ -401,3 +401,54 @@ fn a_point_ahead_of_the_origin_follows_the_path_as_well_as_the_origin() {
     assert!(outside < 0.03, "{outside}");
     assert!(rms(&point, "origin_cross_track_rms_m") > 5.0 * of_point);
 }
+
+#[test]
+fn the_guard_stops_before_steep_ground_or_refuses_the_route() {
+    let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR"));
+    let steep = std::fs::read_to_string(root.join("config/scenarios/steep_ground.yaml")).unwrap();
+    let vehicles = root.join("config/vehicles/");
+    let steep = steep.replace("../vehicles/", vehicles.to_str().unwrap());
+    let folder = tempfile::tempdir().unwrap();
+    let drive = |name: &str, text: &str| {
+        let (file, out) = (folder.path().join(name), folder.path().join(format!("{name}.out")));
+        std::fs::write(&file, text).unwrap();
+        let output = sidehill()
+            .arg("simulate")
+            .arg(&file)
+            .args(["--format", "json", "--out"])
+            .arg(&out)
+            .output()
+            .unwrap();
+        assert_eq!(output.status.code(), Some(1));
+        let run = runs(&String::from_utf8(output.stdout).unwrap()).remove(0);
+        (run, std::fs::read_to_string(out.join("report.html")).unwrap())
+    };
+    let (stopped, report) = drive("stops.yaml", &steep);
+    let guard = &stopped["guard"];
+    assert!(stopped["ended_by"].as_str().unwrap().starts_with("too steep"));
+    assert!(guard["warned_s"].as_f64().unwrap() >= 1.0, "{guard}");
+    let limit = guard["stopped_before"]["limit"].as_f64().unwrap();
+    assert!(guard["rollover_margin_min"].as_f64().unwrap() > 0.25);
+    assert!(guard["friction_use_max"].as_f64().unwrap() < 0.8);
+    let named = format!("limit {limit}");
+    assert_says(&report, &["Margins along the path", &named]);
+    let refuses = steep.replace("refuse_route: false", "refuse_route: true");
+    let (refused, report) = drive("refused.yaml", &refuses);
+    assert!(refused["ended_by"].as_str().unwrap().starts_with("refused, too steep"));
+    assert_eq!(refused["cross_track_max_m"], 0.0);
+    assert_says(&report, &[&named]);
+    // Gentle ground is driven as without a guard.
+    let gentle = |guard: &str| {
+        let text = steep.replace("slope_deg: 28", "slope_deg: 14");
+        let (head, _) = text.split_once("  guard:").unwrap();
+        let file = folder.path().join("gentle.yaml");
+        std::fs::write(&file, format!("{head}{guard}")).unwrap();
+        let json = succeed(sidehill().arg("simulate").arg(&file).args(["--format", "json"]));
+        runs(&json).remove(0)
+    };
+    let (with, without) = (gentle("  guard: {friction: 0.6}\n"), gentle(""));
+    assert!(without.get("guard").is_none());
+    for figure in ["cross_track_rms_m", "steer_total_variation_m_s", "goal_error_m"] {
+        assert_eq!(with[figure], without[figure], "{figure}");
+    }
+}

@@ -6,7 +6,6 @@ use crate::estimator::Estimate;
 use crate::mpc::{Model, StageTarget};
 use crate::reference::Progress;
 use crate::tracked_point::{TrackedPoint, heading_difference_after};
-use crate::trajectory::Motion;
 use sidehill_plant::frames::{PlanarPose, wrap_angle};
 use sidehill_plant::speeds::MotorSpeeds;
 
@@ -58,8 +57,17 @@ impl Controller {
             .terrain
             .as_ref()
             .filter(|_| config.attitude_preview == AttitudePreview::Terrain);
-        for end_s in ends_s {
-            let point = reference.ahead(config.delay_s() + end_s);
+        let guard = self.guard.as_ref().filter(|guard| guard.slows());
+        let mut slowed_s = guard.map_or(0.0, |guard| guard.after_s(0.0, config.delay_s()));
+        for (k, end_s) in ends_s.iter().enumerate() {
+            let (ahead_s, share) = match guard {
+                Some(guard) => {
+                    slowed_s = guard.after_s(slowed_s, mpc.stage_times().step_s(k));
+                    (slowed_s, guard.share_at(slowed_s))
+                }
+                None => (config.delay_s() + end_s, 1.0),
+            };
+            let point = reference.ahead(ahead_s);
             // Beyond the map's edge the plane the vehicle stands on is the best guess there is.
             let normal_in_world = map
                 .and_then(|map| map.surface(point.position.x_m, point.position.y_m).ok())
@@ -70,8 +78,8 @@ impl Controller {
                 along_heading_rad: point.heading_rad,
                 normal_in_world,
                 feedforward: MotorSpeeds {
-                    traction_m_s: point.speed_m_s,
-                    steer_m_s: half_track_m * point.yaw_rate_rad_s,
+                    traction_m_s: share * point.speed_m_s,
+                    steer_m_s: share * half_track_m * point.yaw_rate_rad_s,
                 },
                 weights: config.stage_weights(point.motion, caution),
             });
@@ -129,7 +137,7 @@ impl Controller {
         }
         let mut before_rad = self.horizon.start.yaw_rad;
         for (k, target) in targets.iter_mut().enumerate() {
-            if reference.ahead(begin_s + times.ends_s()[k]).motion != Motion::Drive {
+            if target.feedforward.traction_m_s == 0.0 {
                 continue;
             }
             let yaw_rate_rad_s = wrap_angle(target.pose.yaw_rad - before_rad) / times.step_s(k);
