@@ -172,11 +172,15 @@ fn a_route_over_steep_ground_is_refused_with_place_and_figure() {
         command
     };
     let said = fail(&mut judged(route("steep.csv", 0.8)));
-    assert_says(&said, &["steep.csv", "refused, too steep", "m along the path at ("]);
+    assert_says(
+        &said,
+        &["steep.csv", "refused, too steep", "m along the path at ("],
+    );
     let said = succeed(&mut judged(route("gentle.csv", 0.1)));
     assert_says(&said, &["valid scenario"]);
     let mut off = sidehill();
-    off.arg("check").arg(repository("config/scenarios/slalom.yaml"));
+    off.arg("check")
+        .arg(repository("config/scenarios/slalom.yaml"));
     off.arg("--route").arg(route("other.csv", 0.1));
     assert_says(&fail(&mut off), &["slalom.yaml", "guard is off"]);
 }

@@ -410,7 +410,10 @@ fn the_guard_stops_before_steep_ground_or_refuses_the_route() {
     let steep = steep.replace("../vehicles/", vehicles.to_str().unwrap());
     let folder = tempfile::tempdir().unwrap();
     let drive = |name: &str, text: &str| {
-        let (file, out) = (folder.path().join(name), folder.path().join(format!("{name}.out")));
+        let (file, out) = (
+            folder.path().join(name),
+            folder.path().join(format!("{name}.out")),
+        );
         std::fs::write(&file, text).unwrap();
         let output = sidehill()
             .arg("simulate")
@@ -421,11 +424,19 @@ fn the_guard_stops_before_steep_ground_or_refuses_the_route() {
             .unwrap();
         assert_eq!(output.status.code(), Some(1));
         let run = runs(&String::from_utf8(output.stdout).unwrap()).remove(0);
-        (run, std::fs::read_to_string(out.join("report.html")).unwrap())
+        (
+            run,
+            std::fs::read_to_string(out.join("report.html")).unwrap(),
+        )
     };
     let (stopped, report) = drive("stops.yaml", &steep);
     let guard = &stopped["guard"];
-    assert!(stopped["ended_by"].as_str().unwrap().starts_with("too steep"));
+    assert!(
+        stopped["ended_by"]
+            .as_str()
+            .unwrap()
+            .starts_with("too steep")
+    );
     assert!(guard["warned_s"].as_f64().unwrap() >= 1.0, "{guard}");
     let limit = guard["stopped_before"]["limit"].as_f64().unwrap();
     assert!(guard["rollover_margin_min"].as_f64().unwrap() > 0.25);
@@ -434,7 +445,12 @@ fn the_guard_stops_before_steep_ground_or_refuses_the_route() {
     assert_says(&report, &["Margins along the path", &named]);
     let refuses = steep.replace("refuse_route: false", "refuse_route: true");
     let (refused, report) = drive("refused.yaml", &refuses);
-    assert!(refused["ended_by"].as_str().unwrap().starts_with("refused, too steep"));
+    assert!(
+        refused["ended_by"]
+            .as_str()
+            .unwrap()
+            .starts_with("refused, too steep")
+    );
     assert_eq!(refused["cross_track_max_m"], 0.0);
     assert_says(&report, &[&named]);
     // Gentle ground is driven as without a guard.
@@ -443,12 +459,47 @@ fn the_guard_stops_before_steep_ground_or_refuses_the_route() {
         let (head, _) = text.split_once("  guard:").unwrap();
         let file = folder.path().join("gentle.yaml");
         std::fs::write(&file, format!("{head}{guard}")).unwrap();
-        let json = succeed(sidehill().arg("simulate").arg(&file).args(["--format", "json"]));
+        let json = succeed(
+            sidehill()
+                .arg("simulate")
+                .arg(&file)
+                .args(["--format", "json"]),
+        );
         runs(&json).remove(0)
     };
     let (with, without) = (gentle("  guard: {friction: 0.6}\n"), gentle(""));
     assert!(without.get("guard").is_none());
-    for figure in ["cross_track_rms_m", "steer_total_variation_m_s", "goal_error_m"] {
+    for figure in [
+        "cross_track_rms_m",
+        "steer_total_variation_m_s",
+        "goal_error_m",
+    ] {
         assert_eq!(with[figure], without[figure], "{figure}");
+    }
+}
+
+/// Runs that earlier versions lost without need at the end of grip: a plan and its linearisation that led to one
+/// another for ever, and a slow turn with one tread spinning that was taken for a stall.
+#[test]
+fn at_the_end_of_grip_plans_settle_and_a_slow_turn_goes_on() {
+    let folder = tempfile::tempdir().unwrap();
+    let text = std::fs::read_to_string(crate::repository("config/campaigns/default.yaml")).unwrap();
+    let scenario = crate::repository("config/scenarios/slalom.yaml");
+    let campaign = folder.path().join("campaign.yaml");
+    let text = text
+        .replace("seed: 1", "seed: 777")
+        .replace("../scenarios/slalom.yaml", &scenario.display().to_string());
+    std::fs::write(&campaign, text).unwrap();
+    for index in ["249", "564"] {
+        let out = folder.path().join(format!("{index}.yaml"));
+        let mut write = sidehill();
+        write.arg("campaign").arg(&campaign);
+        succeed(write.args(["--write-scenario", index, "--out"]).arg(&out));
+        let mut simulate = sidehill();
+        simulate.arg("simulate").arg(&out);
+        let text = succeed(simulate.args(["--controller", "icrik-mpc", "--format", "json"]));
+        let run = &runs(&text)[0];
+        assert_eq!(run["completed"], true, "{run}");
+        assert!(run["cross_track_max_m"].as_f64().unwrap() < 0.6, "{run}");
     }
 }
