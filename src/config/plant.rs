@@ -32,7 +32,7 @@ impl PlantKind {
 #[derive(Debug, Clone)]
 pub enum Plant {
     /// The exact ICRIK model of a vehicle.
-    Icrik(Vehicle),
+    Icrik(Box<Vehicle>),
     /// Wheels with friction on the ground.
     Contact {
         /// The vehicle on wheels.
@@ -70,7 +70,7 @@ impl Plant {
     pub(super) fn motion(&self) -> Box<dyn MotionModel + Send> {
         match self {
             Self::Icrik(vehicle) => Box::new(IcrMotion {
-                vehicle: vehicle.clone(),
+                vehicle: vehicle.as_ref().clone(),
                 inclined: true,
             }),
             Self::Contact { vehicle, .. } => Box::new(ContactModel::new(vehicle.clone())),

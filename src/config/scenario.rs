@@ -336,7 +336,7 @@ impl Scenario {
     fn plant(&self, kind: PlantKind, seed: u64) -> Result<(Plant, Vehicle), ConfigError> {
         let own: Vehicle = self.file.sibling(&self.raw.vehicle)?.parse()?;
         match kind {
-            PlantKind::Icrik => Ok((Plant::Icrik(own.extended()), own)),
+            PlantKind::Icrik => Ok((Plant::Icrik(Box::new(own.extended())), own)),
             PlantKind::Contact => {
                 let (vehicle, identified) = match &self.raw.contact {
                     Some(files) => (

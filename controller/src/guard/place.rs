@@ -170,8 +170,7 @@ impl Judge<'_> {
     pub(super) fn tilt(&self, attitude: &Attitude) -> Option<Excess> {
         let beyond = |measure, angle_rad: f64, limit: f64| {
             let value = angle_rad.to_degrees();
-            // A NaN is beyond.
-            (!(value.abs() <= limit)).then_some(Excess {
+            exceeds(value.abs(), limit).then_some(Excess {
                 measure,
                 value,
                 limit,
@@ -192,15 +191,20 @@ impl Judge<'_> {
     }
 }
 
+/// Returns whether a value is beyond its limit; a NaN is.
+fn exceeds(value: f64, limit: f64) -> bool {
+    value.is_nan() || value > limit
+}
+
 fn excess(margins: &Margins, rollover: f64, friction_use: f64) -> Option<Excess> {
-    if !(margins.rollover >= rollover) {
+    if exceeds(-margins.rollover, -rollover) {
         return Some(Excess {
             measure: SteepMeasure::RolloverMargin,
             value: margins.rollover,
             limit: rollover,
         });
     }
-    (!(margins.friction_use <= friction_use)).then_some(Excess {
+    exceeds(margins.friction_use, friction_use).then_some(Excess {
         measure: SteepMeasure::FrictionUse,
         value: margins.friction_use,
         limit: friction_use,
