@@ -1,5 +1,6 @@
 //! What moves the simulated vehicle, the friction under it, and what controllers wrongly believe of it.
 
+use super::variation::VehicleVariation;
 use serde::Deserialize;
 use sidehill_plant::bounds::RangeError;
 use sidehill_plant::contact::{ContactModel, ContactVehicle, FrictionField, Parameter};
@@ -70,7 +71,7 @@ impl Plant {
     pub(super) fn motion(&self) -> Box<dyn MotionModel + Send> {
         match self {
             Self::Icrik(vehicle) => Box::new(IcrMotion {
-                vehicle: vehicle.as_ref().clone(),
+                vehicle: (**vehicle).clone(),
                 inclined: true,
             }),
             Self::Contact { vehicle, .. } => Box::new(ContactModel::new(vehicle.clone())),
@@ -187,6 +188,10 @@ impl ModelError {
                 &mut extension.encoder_scale,
             );
         }
+        if let Some(scale) = &mut vehicle.contact_encoder_scale {
+            scale.left *= self.correction_left;
+            scale.right *= self.correction_right;
+        }
         if let Some(contact) = &vehicle.contact {
             vehicle.contact = Some(self.apply_to_contact(contact)?);
         }
@@ -239,4 +244,7 @@ pub(super) struct ContactFiles {
     pub(super) vehicle: PathBuf,
     /// What identification found of it.
     pub(super) identified: PathBuf,
+    /// How the vehicle differs from its file.
+    #[serde(default)]
+    pub(super) variation: VehicleVariation,
 }
