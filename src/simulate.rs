@@ -61,7 +61,8 @@ pub enum Format {
     Json,
 }
 
-fn controller(name: &str) -> Result<ControllerKind, String> {
+/// Returns the controller of that name, for command lines.
+pub(crate) fn controller(name: &str) -> Result<ControllerKind, String> {
     ControllerKind::from_name(name).ok_or_else(|| {
         let names: Vec<_> = ControllerKind::ALL.iter().map(|kind| kind.name()).collect();
         format!("controllers are {}", names.join(", "))

@@ -37,3 +37,14 @@ def test_a_rover_in_mujoco_keeps_its_path(tmp_path):
     # A friction that is not the model's, on another slope than the rover was identified on.
     assert own["cross_track_rms_m"] < 0.025 and own["cross_track_rms_m"] < level["cross_track_rms_m"]
     assert (tmp_path / "mujoco_rover.png").stat().st_size > 50_000
+
+
+@pytest.mark.filterwarnings("default")
+def test_the_gymnasium_baselines_keep_their_paths():
+    pytest.importorskip("gymnasium")
+    found = importlib.import_module("gym_baseline").main(episodes=2)
+    for kind, episodes in found.items():
+        assert all(finished for _, _, finished in episodes), kind
+    # What predicts the slide of an unknown slope earns more than what does not.
+    for slope, level, pursuit in zip(found["icrik-mpc"], found["icrhk-mpc"], found["pure-pursuit"], strict=True):
+        assert slope[0] > level[0] > pursuit[0] and slope[1] < 0.05 and slope[1] < level[1]
