@@ -12,6 +12,7 @@ mod paths;
 mod readme;
 mod simulate;
 mod stranger;
+mod tune;
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};

@@ -1,10 +1,13 @@
 """The examples run, and what they show is so."""
 
+import base64
 import importlib
+import os
 import sys
 from pathlib import Path
 
 import pytest
+import sidehill
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 
@@ -16,6 +19,19 @@ def found(monkeypatch):
 
 def test_the_loop_of_ones_own():
     assert 0 < importlib.import_module("closed_loop").main() < 0.03
+
+
+def test_the_two_commands_of_the_readmes_are_those_that_ci_runs():
+    repository = EXAMPLES.parents[2]
+    commands = ["pip install ./bridge/python", "python bridge/python/examples/closed_loop.py"]
+    for page in ("README.md", "bridge/python/README.md", "docs/python.md"):
+        lines = [line.strip() for line in (repository / page).read_text().splitlines() if line.startswith("    ")]
+        at = lines.index(commands[0])
+        assert lines[at : at + 2] == commands, page
+    script = (repository / ".ci/python").read_text().replace('"$python" -m pip', "pip").replace('"$python"', "python")
+    lines = script.replace("--quiet ", "").splitlines()
+    at = lines.index(commands[0])
+    assert lines[at : at + 2] == commands
 
 
 @pytest.mark.filterwarnings("default")
@@ -48,3 +64,24 @@ def test_the_gymnasium_baselines_keep_their_paths():
     # What predicts the slide of an unknown slope earns more than what does not.
     for slope, level, pursuit in zip(found["icrik-mpc"], found["icrhk-mpc"], found["pure-pursuit"], strict=True):
         assert slope[0] > level[0] > pursuit[0] and slope[1] < 0.05 and slope[1] < level[1]
+
+
+def test_the_notebook_leads_from_logs_to_a_tuned_scenario(tmp_path, monkeypatch):
+    nbformat, nbclient = pytest.importorskip("nbformat"), pytest.importorskip("nbclient")
+    monkeypatch.setenv("SIDEHILL_REPOSITORY", str(EXAMPLES.parents[2]))
+    monkeypatch.setenv("SIDEHILL_QUICK", "1")
+    notebook = nbformat.read(EXAMPLES / "identify_and_tune.ipynb", as_version=4)
+    assert not any(cell.get("outputs") for cell in notebook.cells), "commit it without outputs"
+    nbclient.NotebookClient(notebook, timeout=300, resources={"metadata": {"path": str(tmp_path)}}).execute()
+    outputs = [output for cell in notebook.cells for output in cell.get("outputs", [])]
+    printed = "".join(output.get("text", "") for output in outputs)
+    assert "lambda_1_s_per_rad" in printed and "mean cost of held-out runs" in printed
+    images = [output["data"]["image/png"] for output in outputs if "image/png" in output.get("data", {})]
+    assert len(images) == 2
+    if kept := os.environ.get("SIDEHILL_PICTURES"):
+        for number, image in enumerate(images):
+            (Path(kept) / f"notebook_{number}.png").write_bytes(base64.b64decode(image))
+    tuned = sidehill.Scenario.load(tmp_path / "tuned" / "tuned.yaml")
+    assert tuned.vehicle.name == "trento-tracks"
+    # The ICRs of the identified tracks are outside of the guess.
+    assert tuned.vehicle.x_icr_right_m > 0.36
