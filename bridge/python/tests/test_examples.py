@@ -83,5 +83,5 @@ def test_the_notebook_leads_from_logs_to_a_tuned_scenario(tmp_path, monkeypatch)
             (Path(kept) / f"notebook_{number}.png").write_bytes(base64.b64decode(image))
     tuned = sidehill.Scenario.load(tmp_path / "tuned" / "tuned.yaml")
     assert tuned.vehicle.name == "trento-tracks"
-    # The ICRs of the identified tracks are outside of the guess.
-    assert tuned.vehicle.x_icr_right_m > 0.36
+    # Identified, and not the guess of 1 and 0.2 s/rad.
+    assert tuned.vehicle.correction_left != 1 and tuned.vehicle.lambda_1_s_per_rad != 0.2
