@@ -1,6 +1,7 @@
 //! What tuning has found, for people and for `simulate --conditions`.
 
-use super::{Comparison, Outcome};
+use super::objective::{Comparison, Figures};
+use super::outcome::Outcome;
 use crate::report::{Scatter, page, progress_chart, scatter_chart};
 use anyhow::Result;
 use maud::html;
@@ -111,7 +112,7 @@ pub fn table(outcome: &Outcome) -> String {
     text
 }
 
-fn rows(outcome: &Outcome) -> Vec<(String, super::Figures, String)> {
+fn rows(outcome: &Outcome) -> Vec<(String, Figures, String)> {
     let both = |name: &str, comparison: &Comparison| {
         let runs = format!("{}..{}", comparison.runs.start, comparison.runs.end);
         let cost = format!("{:.3}", comparison.cost);

@@ -1,6 +1,6 @@
 //! The search: Powell's COBYLA, which needs no derivatives and keeps bounds.
 
-use super::Options;
+use super::options::Options;
 use anyhow::Result;
 use cobyla::{Func, RhoBeg, StopTols, minimize};
 use std::cell::RefCell;
