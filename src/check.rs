@@ -77,6 +77,10 @@ pub fn check(file: ConfigFile) -> Result<&'static str> {
     }
     let keys: serde_yaml::Mapping = file.parse()?;
     let has = |key: &str| keys.contains_key(key);
+    // A run's controller is a name.
+    let settings = keys
+        .get("controller")
+        .is_some_and(|value| value.is_mapping());
     if has("draws") {
         Campaign::read(&file)?;
         Ok("campaign")
@@ -100,7 +104,7 @@ pub fn check(file: ConfigFile) -> Result<&'static str> {
     } else if has("tread_speed_left") {
         file.parse::<ColumnMap>()?;
         Ok("column map")
-    } else if !has("scenario") && (has("sensors") || has("drive_train")) {
+    } else if !has("scenario") && (has("sensors") || has("drive_train") || settings) {
         Conditions::parse(&file)?;
         Ok("conditions")
     } else if has("database") {

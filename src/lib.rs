@@ -32,5 +32,6 @@ pub mod report;
 #[cfg(feature = "drive")]
 pub mod run;
 pub mod simulate;
+pub mod tune;
 #[cfg(feature = "drive")]
 pub mod vehicle;

@@ -13,6 +13,7 @@ mod readme;
 mod replay;
 mod simulate;
 mod stranger;
+mod tune;
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
