@@ -4,12 +4,15 @@
 //! Kept as a library so that tests and benches reach it; it promises no stable interface.
 #![allow(clippy::print_stdout, clippy::print_stderr)]
 
+#[cfg(feature = "drive")]
+pub mod bag;
 pub mod campaign;
 #[cfg(feature = "drive")]
 pub mod check;
 pub mod closed_loop;
 pub mod config;
 pub mod console;
+pub mod drive_log;
 pub mod icr;
 pub mod identify;
 #[cfg(feature = "drive")]
