@@ -6,7 +6,7 @@ mod choice;
 mod rows;
 #[cfg(feature = "drive")]
 mod series;
-#[cfg(all(test, feature = "drive"))]
+#[cfg(test)]
 mod tests;
 mod topics;
 #[cfg(feature = "drive")]

@@ -1,3 +1,5 @@
+#![cfg(feature = "drive")]
+
 use super::*;
 use crate::bag::tests::{Recorded, bag};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
