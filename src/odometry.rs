@@ -7,7 +7,7 @@ use crate::console;
 use crate::drive_log::{LogArgs, LogReader};
 use crate::output;
 use crate::simulate::Format;
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use serde::Serialize;
 use serde_json::Value;
 use sidehill_plant::log::DriveLog;
@@ -19,11 +19,17 @@ use std::path::PathBuf;
 /// Arguments of `sidehill odometry`.
 #[derive(Debug, Clone, clap::Args)]
 pub struct OdometryArgs {
-    /// Log with tread speeds, attitude and poses: CSV or a bag of ROS 2.
-    pub log: PathBuf,
+    /// Log with tread speeds, attitude and poses, CSV or a bag of ROS 2; with --live the configuration of
+    /// the node.
+    #[arg(required_unless_present = "live")]
+    pub log: Option<PathBuf>,
     /// Vehicle that drove.
-    #[arg(long, value_name = "FILE")]
-    pub vehicle: PathBuf,
+    #[arg(long, value_name = "FILE", required_unless_present = "live")]
+    pub vehicle: Option<PathBuf>,
+    /// Be a node of ROS 2 instead: odometry from tread speeds and attitude, published until a signal
+    /// comes.
+    #[arg(long)]
+    pub live: bool,
     /// What the columns or topics of the log mean.
     #[command(flatten)]
     pub maps: LogArgs,
@@ -76,10 +82,12 @@ pub fn run(args: &OdometryArgs) -> Result<()> {
     if let Some(path) = &args.plot {
         output::check_writable(path, args.force)?;
     }
-    let vehicle: Vehicle = ConfigFile::read(&args.vehicle)?.parse()?;
-    let log = LogReader::new(&args.maps)?.read(&args.log)?;
-    let comparisons =
-        comparisons(&log, &vehicle).with_context(|| args.log.display().to_string())?;
+    let (Some(path), Some(vehicle)) = (&args.log, &args.vehicle) else {
+        bail!("a log and --vehicle FILE are needed");
+    };
+    let vehicle: Vehicle = ConfigFile::read(vehicle)?.parse()?;
+    let log = LogReader::new(&args.maps)?.read(path)?;
+    let comparisons = comparisons(&log, &vehicle).with_context(|| path.display().to_string())?;
     match args.format {
         Format::Table => console::text(table(&comparisons)),
         Format::Json => console::line(serde_json::to_string(&json(&comparisons)?)?),

@@ -1,6 +1,8 @@
 //! Which files a bag has, and how each is stored.
 
-use super::{BagError, Outcome, Visit, compression, mcap, sqlite};
+use super::error::BagError;
+use super::message::{Message, Outcome, Visit};
+use super::{compression, mcap, sqlite};
 use crate::config::ConfigFile;
 use serde::Deserialize;
 use std::fs::File;
@@ -62,7 +64,7 @@ impl BagFile {
 
     /// Calls `visit` for each message.
     pub(super) fn read(&self, visit: Visit<'_>) -> Result<Outcome, BagError> {
-        let mut decompress = |message: super::Message<'_>| {
+        let mut decompress = |message: Message<'_>| {
             let (data, cut_off) = compression::zstd(message.data);
             if let Some(reason) = cut_off {
                 return Err(BagError::Content {
@@ -70,7 +72,7 @@ impl BagFile {
                     reason: format!("a message of {}: {reason}", message.topic.name),
                 });
             }
-            visit(super::Message {
+            visit(Message {
                 data: &data,
                 ..message
             })

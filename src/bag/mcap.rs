@@ -3,7 +3,9 @@
 //! `mcap` parses the records. Its readers give up a chunk whose recorder was killed before it wrote the chunk's
 //! length, so records are framed here.
 
-use super::{BagError, Message, Outcome, Topic, Visit, compression};
+use super::compression;
+use super::error::BagError;
+use super::message::{Message, Outcome, Topic, Visit};
 use ::mcap::records::{ChunkHeader, Record, op};
 use ::mcap::{MAGIC, parse_record};
 use crc::{CRC_32_ISO_HDLC, Crc};

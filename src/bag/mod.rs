@@ -7,37 +7,17 @@ mod compression;
 mod error;
 mod files;
 mod mcap;
+mod message;
 mod sqlite;
 #[cfg(test)]
 pub(crate) mod tests;
 
 pub use error::BagError;
+pub use message::{Message, Topic};
 
 use files::{BagFile, Storage};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-
-/// A topic of a bag with messages of one type.
-#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
-pub struct Topic {
-    /// Its name, such as `/odom`.
-    pub name: String,
-    /// Type of its messages, such as `nav_msgs/msg/Odometry`.
-    pub message_type: String,
-    /// Encoding of its messages; of ROS 2, `cdr`.
-    pub encoding: String,
-}
-
-/// One message as recorded.
-#[derive(Debug, Clone, Copy)]
-pub struct Message<'a> {
-    /// Its topic.
-    pub topic: &'a Topic,
-    /// When it was recorded, ns since 1970 or since the start of a simulation.
-    pub received_ns: i64,
-    /// Its bytes in the topic's encoding.
-    pub data: &'a [u8],
-}
 
 /// A bag whose topics are known.
 #[derive(Debug)]
@@ -46,18 +26,6 @@ pub struct Bag {
     files: Vec<BagFile>,
     topics: BTreeMap<Topic, usize>,
     notes: Vec<String>,
-}
-
-/// What a reader of one file calls for each message; it may end the reading with an error.
-type Visit<'a> = &'a mut dyn FnMut(Message<'_>) -> Result<(), BagError>;
-
-/// What reading one file found besides its messages.
-#[derive(Debug, Default)]
-struct Outcome {
-    /// Topics, those without a message too.
-    topics: Vec<Topic>,
-    /// Why the file ends before its end; none where it is whole.
-    cut_off: Option<String>,
 }
 
 /// Returns whether a file or folder is to be read as a bag, by its name.

@@ -1,6 +1,7 @@
 //! SQLite files of rosbag2: tables `topics` and `messages`.
 
-use super::{BagError, Message, Outcome, Topic, Visit};
+use super::error::BagError;
+use super::message::{Message, Outcome, Topic, Visit};
 use rusqlite::{Connection, OpenFlags};
 use std::collections::BTreeMap;
 use std::path::Path;

@@ -3,6 +3,8 @@
 #[cfg(feature = "drive")]
 mod choice;
 #[cfg(feature = "drive")]
+mod interpolation;
+#[cfg(feature = "drive")]
 mod rows;
 #[cfg(feature = "drive")]
 mod series;
@@ -26,7 +28,7 @@ use std::fs::File;
 use std::path::{Path, PathBuf};
 
 /// Arguments of every command that reads logs: what their columns or topics mean.
-#[derive(Debug, Clone, Default, clap::Args)]
+#[derive(Debug, Clone, Default, PartialEq, Eq, clap::Args)]
 pub struct LogArgs {
     /// Columns of CSV logs, in YAML, where they are not time_s, v_left_m_s, v_right_m_s, roll_rad,
     /// pitch_rad, x_m, y_m, z_m, yaw_rad.

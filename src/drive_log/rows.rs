@@ -1,6 +1,7 @@
 //! Rows of a log from sources that each have their own times.
 
 use super::Chosen;
+use super::interpolation::at;
 use super::series::{self, Series};
 use crate::bag::Bag;
 use anyhow::{Context, Result, bail};
@@ -75,23 +76,6 @@ fn merge(series: &Series) -> (Vec<LogRow>, usize) {
     }
     let left_out = times.len() - rows.len();
     (rows, left_out)
-}
-
-/// Returns the value at a time, between its neighbours where they are at most [`GAP_MAX_S`] apart.
-pub(super) fn at<T: Copy>(
-    values: &[(i64, T)],
-    time_ns: i64,
-    between: impl Fn(&T, &T, f64) -> T,
-) -> Option<T> {
-    let after = values.partition_point(|(at, _)| *at < time_ns);
-    let (next_ns, next) = values.get(after)?;
-    if *next_ns == time_ns {
-        return Some(*next);
-    }
-    let (before_ns, before) = values.get(after.checked_sub(1)?)?;
-    let (part, whole) = (time_ns - before_ns, next_ns - before_ns);
-    let near = whole as f64 * 1e-9 <= GAP_MAX_S;
-    near.then(|| between(before, next, part as f64 / whole as f64))
 }
 
 fn between_speeds(

@@ -4,6 +4,7 @@ use super::choice::{
     Attitudes, Chosen, IMU, JOINT_STATE, NAV_SAT_FIX, ODOMETRY, Poses, Search, TF_MESSAGE,
     TreadSpeeds,
 };
+use super::interpolation::at;
 use super::topics::StampSource;
 use super::transform_poses::TransformPoses;
 use crate::bag::{Bag, BagError, Message};
@@ -491,7 +492,7 @@ impl<'a> Collected<'a> {
             return Vec::new();
         };
         let pose = |(time_ns, fix): &(i64, Fix)| {
-            let rotation = super::rows::at(rotations, *time_ns, |a, b, share| a.slerp(b, share))?;
+            let rotation = at(rotations, *time_ns, |a, b, share| a.slerp(b, share))?;
             let lever = rotation * Vector3::from(*antenna_m);
             let [x_m, y_m, z_m] = fix.position(&origin)?;
             let (_, yaw_rad) = paper_attitude(&rotation);

@@ -8,6 +8,8 @@ const SERVER: ServerStatus<'_> = ServerStatus {
     rejected: 3,
     last_rejection: "odom: it is in map, must be in odom",
     emergency_stop: None,
+    blocked_by: None,
+    tracking: None,
     goals: 2,
     last_end: Some((GoalEnd::Succeeded, "")),
 };
