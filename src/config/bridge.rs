@@ -99,8 +99,8 @@ impl RunConfig {
         // The port converts speeds by the factors of the model that the controller steers by.
         Ok(match self.controller {
             ControllerKind::IcrikMpc => vehicle.extended(),
+            ControllerKind::ContactMpc => vehicle.on_wheels(),
             ControllerKind::IcrhkMpc
-            | ControllerKind::ContactMpc
             | ControllerKind::DiffdriveMpc
             | ControllerKind::PurePursuit => vehicle,
         })

@@ -6,8 +6,9 @@ use crate::ros2::node::goals::GoalEnd;
 use crate::ros2::node::message::{DiagnosticStatus, KeyValue};
 use crate::safety::{Reason, SafetyState, StopCause};
 use sidehill_controller::controller::{Decision, Status};
-use sidehill_controller::estimator::Estimate;
+use sidehill_controller::estimator::{ContactEstimate, Estimate};
 use sidehill_controller::mpc::QpFailure;
+use sidehill_plant::contact::Parameter;
 use sidehill_plant::statistics::quantile;
 use sidehill_plant::vehicle::Vehicle;
 use std::collections::VecDeque;
@@ -165,8 +166,31 @@ pub(crate) fn diagnostic_status(
                 key: key.to_owned(),
                 value,
             })
+            .chain(
+                estimate
+                    .and_then(|e| e.contact.as_ref())
+                    .into_iter()
+                    .flat_map(learned),
+            )
             .collect(),
     }
+}
+
+/// Returns the learned parameters of a contact vehicle with their 95 % intervals, and which of them the drive
+/// has not excited.
+fn learned(contact: &ContactEstimate) -> impl Iterator<Item = KeyValue> + '_ {
+    Parameter::ALL.into_iter().map(|parameter| {
+        let (value, (low, high)) = contact.interval(parameter);
+        let prior = if contact.observed(parameter) {
+            ""
+        } else {
+            ", not excited: prior"
+        };
+        KeyValue {
+            key: format!("learned_{}", parameter.key()),
+            value: format!("{value:.4} ({low:.4} to {high:.4}{prior})"),
+        }
+    })
 }
 
 /// Returns level and message.
