@@ -4,6 +4,7 @@ use crate::config::{
     Campaign, Conditions, ConfigFile, LoadedReference, Overrides, RunConfig, RunPort, Scenario,
     Source, load_layout, read_route,
 };
+use crate::drive_log::TopicMap;
 use crate::live_odometry::LiveOdometryConfig;
 use crate::{console, run, vehicle};
 use anyhow::{Result, bail};
@@ -104,6 +105,9 @@ pub fn check(file: ConfigFile) -> Result<&'static str> {
     } else if has("tread_speed_left") {
         file.parse::<ColumnMap>()?;
         Ok("column map")
+    } else if has("tread_speeds") {
+        TopicMap::read(&file)?;
+        Ok("topic map")
     } else if !has("scenario") && (has("sensors") || has("drive_train") || settings) {
         Conditions::parse(&file)?;
         Ok("conditions")
@@ -123,8 +127,9 @@ pub fn check(file: ConfigFile) -> Result<&'static str> {
     } else {
         bail!(
             "{}: neither a campaign (key draws), a scenario (controllers), a vehicle (x_icr_left_m), a \
-             contact vehicle (axles), a column map (tread_speed_left), conditions (sensors or drive_train), a layout of a CAN bus \
-             (database), nor a configuration of run (controller), vehicle (scenario) or odometry --live (vehicle)",
+             contact vehicle (axles), a column map (tread_speed_left), a topic map (tread_speeds), conditions (sensors or \
+             drive_train), a layout of a CAN bus (database), nor a configuration of run (controller), vehicle (scenario) or \
+             odometry --live (vehicle)",
             file.name()
         )
     }

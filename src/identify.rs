@@ -2,7 +2,7 @@
 
 use crate::config::ConfigFile;
 use crate::console;
-use crate::odometry::{column_map, read_log};
+use crate::drive_log::{LogArgs, LogReader};
 use crate::output;
 use anyhow::{Context, Result, bail};
 use sidehill_plant::contact::{ContactModel, ContactVehicle};
@@ -21,15 +21,15 @@ use std::path::PathBuf;
 /// Arguments of `sidehill identify`.
 #[derive(Debug, Clone, clap::Args)]
 pub struct IdentifyArgs {
-    /// Log of varied driving on level ground, in CSV; may be given several times.
+    /// Log of varied driving on level ground, CSV or a bag of ROS 2; may be given several times.
     #[arg(long, value_name = "LOG", num_args = 1..)]
     pub level: Vec<PathBuf>,
-    /// Log of turning on a slope, in CSV; may be given several times. Without one, the slide gains
-    /// stay.
+    /// Log of turning on a slope, CSV or a bag of ROS 2; may be given several times. Without one, the
+    /// slide gains stay.
     #[arg(long, value_name = "LOG", num_args = 1..)]
     pub slope: Vec<PathBuf>,
     /// Drives the paper's procedure with this contact vehicle in simulation, instead of reading logs.
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["level", "slope", "columns"],
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["level", "slope", "columns", "topics"],
           required_unless_present_any = ["level", "slope"])]
     pub simulate: Option<PathBuf>,
     /// Vehicle to start from; its base and largest speed are kept.
@@ -43,10 +43,9 @@ pub struct IdentifyArgs {
     /// the --vehicle file, or its base.
     #[arg(long)]
     pub contact: bool,
-    /// Columns of the logs, in YAML, where they are not time_s, v_left_m_s, v_right_m_s, roll_rad,
-    /// pitch_rad, x_m, y_m, z_m, yaw_rad.
-    #[arg(long, value_name = "FILE")]
-    pub columns: Option<PathBuf>,
+    /// What the columns or topics of the logs mean.
+    #[command(flatten)]
+    pub maps: LogArgs,
     /// Length of the dead-reckoned segments, s.
     #[arg(long, value_name = "SECONDS", default_value_t = 8.0)]
     pub segment_s: f64,
@@ -173,9 +172,9 @@ struct Logs {
 }
 
 fn recorded(args: &IdentifyArgs) -> Result<Logs> {
-    let map = column_map(args.columns.as_deref())?;
+    let reader = LogReader::new(&args.maps)?;
     let read = |paths: &[PathBuf]| -> Result<Vec<DriveLog>> {
-        paths.iter().map(|path| read_log(path, &map)).collect()
+        paths.iter().map(|path| reader.read(path)).collect()
     };
     Ok(Logs {
         level: read(&args.level)?,
@@ -397,7 +396,7 @@ mod tests {
             simulate: Some(repository("config/vehicles/j8_contact.yaml")),
             vehicle: repository("config/vehicles/j8.yaml"),
             out,
-            columns: None,
+            maps: LogArgs::default(),
             segment_s: 8.0,
             smoothing_s: 0.2,
             name: Some("j8-contact-identified".into()),

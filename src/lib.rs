@@ -4,6 +4,8 @@
 //! Kept as a library so that tests and benches reach it; it promises no stable interface.
 #![allow(clippy::print_stdout, clippy::print_stderr)]
 
+#[cfg(feature = "drive")]
+pub mod bag;
 pub mod campaign;
 #[cfg(feature = "drive")]
 pub mod check;
@@ -13,6 +15,7 @@ pub mod console;
 #[cfg(feature = "package")]
 pub mod documents;
 mod guard_watch;
+pub mod drive_log;
 pub mod icr;
 pub mod identify;
 #[cfg(feature = "drive")]
