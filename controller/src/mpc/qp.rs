@@ -103,8 +103,16 @@ impl QpSolver {
 
     /// Sets the largest number of interior-point iterations of the solves to come, at most
     /// `ITERATIONS_MAX`.
+    #[cfg(test)]
     pub fn set_max_iterations(&mut self, iterations: u32) {
         self.limits.set_iterations(iterations);
+    }
+
+    /// Ends the next solve when it looks at the deadline after `checks` times.
+    #[cfg(test)]
+    pub fn end_after(&mut self, checks: u32) {
+        let ordering = std::sync::atomic::Ordering::Relaxed;
+        self.limits.checks.store(checks, ordering);
     }
 
     /// Solves the problem as its data stands, until `deadline` at the latest.
