@@ -346,7 +346,12 @@ fn a_solve_cut_short_keeps_the_limits_and_is_better_than_no_change() {
         if cycle == 10 {
             pushed.mpc.solver.set_max_iterations(4);
         }
-        pushed.cycle(cycle).unwrap();
+        // The plan shifted may be better than what four iterations found.
+        let solved = pushed.cycle(cycle);
+        assert!(matches!(
+            solved,
+            Ok(_) | Err(QpFailure::MaxIterations { iterations: 4 })
+        ));
     }
     assert!(pushed.cut_short >= 20, "{}", pushed.cut_short);
 }
