@@ -79,6 +79,7 @@ impl SolveLimits {
     }
 
     /// Sets the largest number of interior-point iterations of the solves to come.
+    #[cfg(test)]
     pub fn set_iterations(&self, iterations: u32) {
         self.iterations.store(iterations, Ordering::Relaxed);
     }

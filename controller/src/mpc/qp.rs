@@ -103,6 +103,7 @@ impl QpSolver {
 
     /// Sets the largest number of interior-point iterations of the solves to come, at most
     /// `ITERATIONS_MAX`.
+    #[cfg(test)]
     pub fn set_max_iterations(&mut self, iterations: u32) {
         self.limits.set_iterations(iterations);
     }
