@@ -62,8 +62,10 @@ pub(super) struct Rebuilt {
     pub(super) vehicle: Vehicle,
     /// Whether a control loop held the controller until it drove.
     pub(super) held: bool,
-    /// The ground, where the controller knew it.
+    /// The ground of the scenario.
     pub(super) terrain: Option<Terrain>,
+    /// What `run` made the controller of; none of a simulation.
+    run: Option<(RunConfig, ConfigFile)>,
     /// The simulated world; none where the vehicle was real or elsewhere.
     world: Option<Prepared>,
 }
@@ -114,10 +116,12 @@ impl Rebuilt {
                 if let Some(vehicle) = vehicle {
                     world.vehicle = vehicle;
                 }
+                world.controller = changes.settings(world.controller)?;
                 Ok(Self {
                     kind,
-                    config: changes.settings(world.controller.clone())?,
+                    config: world.controller.clone(),
                     vehicle: world.vehicle.clone(),
+                    run: None,
                     held: false,
                     terrain: Some(world.terrain.clone()),
                     world: Some(world),
@@ -126,6 +130,7 @@ impl Rebuilt {
             "run" => {
                 let mut config: RunConfig = file.parse()?;
                 config.controller = kind;
+                config.settings = changes.settings(config.settings)?;
                 let vehicle = match vehicle {
                     Some(vehicle) if kind == ControllerKind::IcrikMpc => vehicle.extended(),
                     Some(vehicle) => vehicle,
@@ -139,8 +144,9 @@ impl Rebuilt {
                 };
                 Ok(Self {
                     kind,
-                    config: changes.settings(config.settings.clone())?,
+                    config: config.settings.clone(),
                     vehicle,
+                    run: Some((config, file)),
                     held: true,
                     terrain: None,
                     world,
@@ -154,11 +160,13 @@ impl Rebuilt {
 
     /// Returns the controller before its first step, without a path.
     pub(super) fn controller(&self) -> Result<Controller> {
-        let controller = Controller::new(self.kind, self.config.clone(), &self.vehicle)?;
-        Ok(match &self.terrain {
-            Some(terrain) => controller.with_terrain(terrain.clone()),
-            None => controller,
-        })
+        let mut controller = match (&self.run, &self.world) {
+            (Some((config, file)), _) => config.controller(file, &self.vehicle)?,
+            (None, Some(world)) => world.controller(self.kind)?,
+            (None, None) => Controller::new(self.kind, self.config.clone(), &self.vehicle)?,
+        };
+        controller.forget_path();
+        Ok(controller)
     }
 
     /// Returns a recorded path as the controller follows it.

@@ -57,6 +57,7 @@ pub(super) fn html(
         base_half_width_m: rebuilt.vehicle.base_half_width_m,
         base_half_length_m: rebuilt.vehicle.base_half_length_m,
         period_s: rebuilt.config.period_s,
+        guard: None,
     };
     let name = rebuilt.kind.name();
     let runs = [
@@ -135,6 +136,8 @@ fn row(rebuilt: &Rebuilt, cycle: &ControllerCycle, step: &Step) -> Row {
         },
         cycle_us: 0.0,
         contact: None,
+        slope: None,
+        tracked: None,
     }
 }
 
@@ -159,6 +162,8 @@ fn run(name: &str, rows: Vec<Row>) -> Run {
         seed: 0,
         completed: true,
         ended_by: None,
+        origin_cross_track_rms_m: None,
+        guard: None,
         cross_track_rms_m: cross_track_rms_m(errors_m()),
         cross_track_p95_m: sidehill_plant::statistics::quantile(&sorted_m, 0.95)
             .unwrap_or(f64::NAN),
