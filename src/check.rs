@@ -108,7 +108,7 @@ pub fn check(file: ConfigFile) -> Result<&'static str> {
     } else {
         bail!(
             "{}: neither a campaign (key draws), a scenario (controllers), a vehicle (x_icr_left_m), a \
-             contact vehicle (axles), a column map (tread_speed_left), conditions (sensors or drive_train), a layout of a CAN bus \
+             contact vehicle (axles), a column map (tread_speed_left), conditions (name, with sensors, drive_train or controller), a layout of a CAN bus \
              (database), nor a configuration of run (controller), vehicle (scenario) or odometry --live (vehicle)",
             file.name()
         )
