@@ -78,10 +78,8 @@ pub fn check(file: ConfigFile) -> Result<&'static str> {
     }
     let keys: serde_yaml::Mapping = file.parse()?;
     let has = |key: &str| keys.contains_key(key);
-    // A run's controller is a name.
-    let settings = keys
-        .get("controller")
-        .is_some_and(|value| value.is_mapping());
+    // What `tune` writes; a run has no name.
+    let settings = has("name") && has("controller");
     if has("draws") {
         Campaign::read(&file)?;
         Ok("campaign")
@@ -127,9 +125,9 @@ pub fn check(file: ConfigFile) -> Result<&'static str> {
     } else {
         bail!(
             "{}: neither a campaign (key draws), a scenario (controllers), a vehicle (x_icr_left_m), a \
-             contact vehicle (axles), a column map (tread_speed_left), a topic map (tread_speeds), conditions (sensors or \
-             drive_train), a layout of a CAN bus (database), nor a configuration of run (controller), vehicle (scenario) or \
-             odometry --live (vehicle)",
+             contact vehicle (axles), a column map (tread_speed_left), a topic map (tread_speeds), conditions (name, \
+             with sensors, drive_train or controller), a layout of a CAN bus (database), nor a configuration of run \
+             (controller), vehicle (scenario) or odometry --live (vehicle)",
             file.name()
         )
     }
