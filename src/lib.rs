@@ -14,8 +14,8 @@ pub mod config;
 pub mod console;
 #[cfg(feature = "package")]
 pub mod documents;
-mod guard_watch;
 pub mod drive_log;
+mod guard_watch;
 pub mod icr;
 pub mod identify;
 #[cfg(feature = "drive")]

@@ -8,8 +8,8 @@ use clap::{Parser, Subcommand};
 #[cfg(feature = "package")]
 use sidehill::documents;
 use sidehill::{
-    campaign, check, console, icr, identify, init, live_odometry, odometry, replay, run, simulate, tune,
-    vehicle,
+    campaign, check, console, icr, identify, init, live_odometry, odometry, replay, run, simulate,
+    tune, vehicle,
 };
 use sidehill_bridge::ros2::node::arguments;
 use std::process::ExitCode;
