@@ -58,6 +58,7 @@ fn a_simulated_vehicle_is_driven_in_real_time() {
         "6",
         "--record",
         recording,
+        "--force",
     ]);
     let text = String::from_utf8(output.stdout).unwrap();
     let events = String::from_utf8(output.stderr).unwrap();
