@@ -7,9 +7,9 @@ use crate::output;
 use anyhow::{Context, Result, bail};
 use sidehill_plant::contact::{ContactModel, ContactVehicle};
 use sidehill_plant::identification::{
-    Drive, Estimate, ExtensionReport, IdentificationSettings, Leg, LogNoise, Procedure,
-    SegmentErrors, Segmentation, StageReport, Verdict, drive, identify_extension, identify_level,
-    identify_slope,
+    ContactReport, Drive, Estimate, ExtensionReport, IdentificationSettings, Leg, LogNoise,
+    Procedure, SegmentErrors, Segmentation, StageReport, Verdict, drive, identify_contact,
+    identify_extension, identify_level, identify_slope,
 };
 use sidehill_plant::log::DriveLog;
 use sidehill_plant::speeds::EncoderScale;
@@ -38,6 +38,11 @@ pub struct IdentifyArgs {
     /// Where the identified vehicle is written, in YAML.
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
+    /// Identifies the vehicle on wheels with friction, too, from all logs: friction, centre of mass, load
+    /// shares and more, from which contact-mpc starts. Geometry, at least, is known: section `contact` of
+    /// the --vehicle file, or its base.
+    #[arg(long)]
+    pub contact: bool,
     /// Columns of the logs, in YAML, where they are not time_s, v_left_m_s, v_right_m_s, roll_rad,
     /// pitch_rad, x_m, y_m, z_m, yaw_rad.
     #[arg(long, value_name = "FILE")]
@@ -80,7 +85,12 @@ pub fn run(args: &IdentifyArgs) -> Result<()> {
         }
         None => recorded(args)?,
     };
+    if let (true, Some(path)) = (args.contact, &args.simulate) {
+        let contact: ContactVehicle = ConfigFile::read(path)?.parse()?;
+        vehicle.contact = Some(contact.geometry_alone());
+    }
     let mut undetermined = Vec::new();
+    let mut guessed = Vec::new();
     if !logs.level.is_empty() {
         let (fitted, report) =
             identify_level(&logs.level, &vehicle, &settings).context("level logs")?;
@@ -116,10 +126,23 @@ pub fn run(args: &IdentifyArgs) -> Result<()> {
         // What the two stages found holds without it.
         Err(error) => console::text(format!("extension: not tried: {error}\n")),
     }
+    if args.contact {
+        let all: Vec<DriveLog> = slope
+            .iter()
+            .chain(logs.level.iter().filter(|log| !slope.contains(log)))
+            .cloned()
+            .collect();
+        let (fitted, report) =
+            identify_contact(&all, &vehicle, &settings).context("contact vehicle")?;
+        console::text(contact_table(&report));
+        let unknown = report.estimates.iter().filter(|e| !e.determined);
+        guessed = unknown.map(|estimate| estimate.name).collect();
+        vehicle = fitted;
+    }
     if let Some(name) = &args.name {
         vehicle.name.clone_from(name);
     }
-    let yaml = commented(&vehicle, args, &undetermined)?;
+    let yaml = commented(&vehicle, args, &undetermined, &guessed)?;
     output::write(&args.out, yaml.as_bytes(), args.force)?;
     console::line(format_args!("written: {}", args.out.display()));
     Ok(())
@@ -259,6 +282,44 @@ fn extension_table(report: &ExtensionReport) -> String {
     out
 }
 
+fn contact_table(report: &ContactReport) -> String {
+    let mut out = format!("contact vehicle: {} segments\n", report.segments);
+    for estimate in &report.estimates {
+        let (low, high) = estimate.interval;
+        let source = if estimate.determined {
+            ""
+        } else {
+            ", not determined by these logs: the guess and its interval"
+        };
+        let _ = writeln!(
+            out,
+            "  {:26} {:>9.4}, {low:.4} to {high:.4} (95 %){source}",
+            estimate.name, estimate.value
+        );
+    }
+    for (one, other, correlation) in &report.not_told_apart {
+        let _ = writeln!(
+            out,
+            "  warning: the logs cannot tell apart {one} and {other} (correlation {correlation:.2})"
+        );
+    }
+    for (name, errors) in [
+        ("all segments, guess", &report.guess),
+        ("held-out segments, fitted", &report.held_out),
+    ] {
+        let _ = writeln!(
+            out,
+            "  {name}: position {:.3} m, yaw {:.3} rad RMS",
+            errors.lateral_m.hypot(errors.longitudinal_m),
+            errors.yaw_rad
+        );
+    }
+    if !report.settled {
+        out += "  warning: the search for the parameters did not settle\n";
+    }
+    out
+}
+
 /// Returns whether the data tell a slide gain from none at all.
 fn is_determined(estimate: &Estimate) -> bool {
     estimate
@@ -271,6 +332,7 @@ fn commented(
     vehicle: &Vehicle,
     args: &IdentifyArgs,
     undetermined: &[&'static str],
+    guessed: &[&'static str],
 ) -> Result<String> {
     let list = |paths: &[PathBuf]| {
         let names: Vec<_> = paths
@@ -293,8 +355,22 @@ fn commented(
         let warning = format!("\n# NOT DETERMINED by these logs: its 95 % interval holds 0.{key}");
         yaml = yaml.replacen(&key, &warning, 1);
     }
+    if let Some((before, contact)) = yaml.split_once("\ncontact:") {
+        let mut contact = contact.to_owned();
+        for name in guessed {
+            let place = match *name {
+                "inner_load_share" => "axles",
+                name => name,
+            };
+            let key = format!("\n  {place}:");
+            let warning = format!("\n  # NOT DETERMINED by these logs, still a guess: {name}{key}");
+            contact = contact.replacen(&key, &warning, 1);
+        }
+        yaml = format!("{before}\ncontact:{contact}");
+    }
+    let contact = if args.contact { " --contact" } else { "" };
     Ok(format!(
-        "# Identified by: sidehill identify {source} --vehicle {} --segment-s {} --smoothing-s {}\n\
+        "# Identified by: sidehill identify {source}{contact} --vehicle {} --segment-s {} --smoothing-s {}\n\
          # Keys and units as in config/vehicles/j8.yaml: ICRs in m from the body's origin, slide gains\n\
          # in s/rad, largest speed in m/s, base in m; base and largest speed from the --vehicle file.\n\
          # extension: terms beyond ICRIK and the parameters found with them, see docs/identification.md.\n{yaml}",
@@ -315,6 +391,7 @@ mod tests {
     fn arguments(out: PathBuf) -> IdentifyArgs {
         IdentifyArgs {
             force: false,
+            contact: false,
             level: Vec::new(),
             slope: Vec::new(),
             simulate: Some(repository("config/vehicles/j8_contact.yaml")),

@@ -235,6 +235,14 @@ impl Campaign {
         })
     }
 
+    /// Returns whether the steepness guard is on in its scenario.
+    ///
+    /// # Errors
+    /// [`ConfigError`] where the scenario cannot be prepared.
+    pub fn has_guard(&self) -> Result<bool, ConfigError> {
+        Ok(Scenario::read(self.scenario.clone())?.has_guard())
+    }
+
     /// Returns a number that is another where seed, draws, scenario or vehicles are others: results
     /// under different numbers do not belong together. More runs or controllers change nothing.
     ///
@@ -242,14 +250,15 @@ impl Campaign {
     /// [`ConfigError`] where what the scenario names cannot be read.
     pub fn fingerprint(&self) -> Result<String, ConfigError> {
         let world = Scenario::read(self.scenario.clone())?.prepare(&Overrides::default())?;
+        // A vehicle without it has the number that it had before there was this field.
+        let vehicle = format!("{:?}", world.vehicle).replace(", contact_encoder_scale: None", "");
         let all = format!(
-            "{} {} {:?} {} {:?} {:?}",
+            "{} {} {:?} {} {:?} {vehicle}",
             env!("CARGO_PKG_VERSION"),
             self.seed,
             self.draws,
             self.scenario.text(),
-            world.plant,
-            world.vehicle
+            world.plant
         );
         Ok(format!("{:016x}", fnv_1a(all.as_bytes())))
     }

@@ -4,6 +4,8 @@ use roxmltree::{Document, ParsingOptions};
 use sidehill_controller::config::ControllerConfig;
 use sidehill_controller::config::ControllerKind;
 use sidehill_controller::controller::{Status, StopReason};
+use sidehill_controller::estimator::ContactEstimate;
+use sidehill_plant::contact::ParameterVector;
 use sidehill_plant::frames::{Attitude, PlanarPose, Pose};
 use sidehill_plant::icr::TreadIcrs;
 use sidehill_plant::speeds::{EncoderScale, MotorSpeeds};
@@ -35,6 +37,8 @@ fn row(index: usize) -> Row {
             y_m: 3.0 * sin,
             yaw_rad: 0.1 * time_s,
         },
+        slope: None,
+        tracked: None,
         cross_track_m: 0.01 * (7.3 * time_s).sin(),
         along_track_m: 1e-3,
         heading_error_rad: -0.2,
@@ -50,6 +54,7 @@ fn row(index: usize) -> Row {
             right_m: 1.1,
             forward_m: 0.2,
         },
+        contact: None,
         status: Status::Tracking,
         qp_iterations: 6,
         qp_path: None,
@@ -71,6 +76,8 @@ fn run(controller: &str, rows: Vec<Row>) -> Run {
             cross_track_rms_m: 0.004,
             cross_track_p95_m: 0.009,
             cross_track_max_m: 0.012_345,
+            guard: None,
+            origin_cross_track_rms_m: None,
             along_track_rms_m: 0.001,
             heading_rms_rad: 0.2,
             steer_total_variation_m_s: 3.5,
@@ -99,6 +106,7 @@ fn page(terrain: &Terrain, runs: &[Run]) -> String {
             .map(|(s, c)| [3.0 * c, 3.0 * s])
             .collect(),
         terrain,
+        guard: None,
         limits: &ControllerConfig::default().limits,
         base_half_width_m: 0.6,
         base_half_length_m: 1.06,
@@ -324,6 +332,35 @@ fn a_csv_reads_back_bit_for_bit() {
     assert_eq!(&records[3][column("status")], "tracking");
     assert_eq!(&records[4][column("status")], "stopping");
     assert!(records[4][column("reason")].contains("2.50 m off the path"));
+}
+
+#[test]
+fn learned_parameters_are_in_csv_and_report_with_their_intervals() {
+    let mut run = run("contact-mpc", rows(20));
+    let learned = |friction: f64| ContactEstimate {
+        parameters: ParameterVector::repeat(friction.ln()),
+        sigma: ParameterVector::repeat(0.1),
+        prior_sigma: ParameterVector::from_fn(|i, _| if i == 0 { 1.0 } else { 0.1 }),
+    };
+    for row in &mut run.rows[5..] {
+        row.contact = Some(learned(0.8));
+    }
+    let mut bytes = Vec::new();
+    write_csv(&run, &mut bytes).unwrap();
+    let mut reader = csv::Reader::from_reader(bytes.as_slice());
+    let headers = reader.headers().unwrap().clone();
+    let column = |name: &str| headers.iter().position(|header| header == name).unwrap();
+    let records: Vec<_> = reader.records().map(Result::unwrap).collect();
+    assert_eq!(&records[4][column("learned_friction")], "");
+    let number = |name: &str| records[9][column(name)].parse::<f64>().unwrap();
+    assert!((number("learned_friction") - 0.8).abs() < 1e-12);
+    assert!((number("learned_friction_low") - 0.8 * (-0.196_f64).exp()).abs() < 1e-12);
+    assert!((number("learned_friction_high") - 0.8 * 0.196_f64.exp()).abs() < 1e-12);
+    let unobserved = &records[9][column("learned_unobserved")];
+    assert!(!unobserved.contains("friction"), "{unobserved}");
+    assert!(unobserved.contains("slip_scale_m_s"), "{unobserved}");
+    let page = page(&plane(), &[run]);
+    assert!(page.contains("slip_scale_m_s") && page.contains("not excited"));
 }
 
 #[test]
