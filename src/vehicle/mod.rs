@@ -7,6 +7,7 @@ mod rover;
 
 use crate::config::{ConfigFile, VehicleConfig, VehiclePort};
 use crate::console;
+use crate::output;
 use anyhow::{Context, Result, ensure};
 use can::BusRover;
 use ros2::RosRover;
@@ -29,6 +30,9 @@ pub struct VehicleArgs {
     /// File for the truth: CSV with one row a step of the reports.
     #[arg(long)]
     pub truth: Option<PathBuf>,
+    /// Overwrite --truth where it exists.
+    #[arg(long, requires = "truth")]
+    pub force: bool,
     /// Ends after so many seconds; without it, on SIGINT or SIGTERM.
     #[arg(long)]
     pub duration_s: Option<f64>,
@@ -44,7 +48,13 @@ pub fn run(args: &VehicleArgs, ros: &[String]) -> Result<ExitCode> {
     let file = ConfigFile::read(&args.config)?;
     let config: VehicleConfig = file.parse()?;
     let world = config.world(&file)?;
-    let truth = args.truth.as_deref().map(Truth::create).transpose()?;
+    let truth = match &args.truth {
+        Some(path) => {
+            output::check_free(&[path], args.force)?;
+            Some(Truth::create(path)?)
+        }
+        None => None,
+    };
     let epoch = Epoch::now();
     let mut pace = Pace {
         epoch,

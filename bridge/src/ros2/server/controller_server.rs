@@ -319,10 +319,12 @@ impl ControllerServer {
         let inputs = &self.links.inputs;
         let lifecycle = self.services.lifecycle.state();
         let last_rejection = inputs.last_rejection();
+        let topics = inputs.graph().inputs();
         let server = ServerStatus {
             lifecycle: &lifecycle.label,
             rejected: inputs.rejected(),
             last_rejection: &last_rejection,
+            inputs: &topics,
             emergency_stop: inputs.emergency_stop.get(),
             goals: self.accepted_goals,
             last_end: self
@@ -340,6 +342,7 @@ impl ControllerServer {
     fn discover_peers(&mut self) {
         while let Some(event) = self.discovery.try_recv_status() {
             let inputs = &self.links.inputs;
+            inputs.graph().discovered(&event);
             match &event {
                 Event::WriterDetected { writer }
                     if writer.topic_name == self.emergency_stop_topic =>

@@ -1,0 +1,151 @@
+//! Which messages of the vehicle arrive, for a person who looks for the cause of a vehicle that stands.
+
+use super::cia402::NmtState;
+use super::layout::{Layout, Profile};
+use super::message::{DriveRole, FrameFault};
+use crate::drives::{Input, InputStatus, LinkState, MISSING_AFTER_S};
+use sidehill_plant::sample::Stamped;
+use std::sync::Arc;
+use triple_buffer::Output;
+
+/// What the bus monitor has seen.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Arrivals {
+    pub(super) bus: LinkState,
+    /// When the newest frame of each of [`Layout::from_vehicle`] came, s, and why it was refused.
+    pub(super) messages: [Option<(f64, Option<FrameFault>)>; 5],
+    /// Whether a position and a heading have fitted together.
+    pub(super) has_pose: bool,
+    /// Heartbeats of the drives, where they are CANopen nodes.
+    pub(super) nodes: [Option<Stamped<NmtState>>; 2],
+}
+
+impl Default for Arrivals {
+    fn default() -> Self {
+        Self {
+            bus: LinkState::Absent,
+            messages: [None; 5],
+            has_pose: false,
+            nodes: [None; 2],
+        }
+    }
+}
+
+/// The messages that a [`CanPort`](super::CanPort) waits for.
+pub struct CanInputs {
+    interface: String,
+    layout: Arc<Layout>,
+    newest: Output<Arrivals>,
+}
+
+/// What the messages of [`Layout::from_vehicle`] carry, after those of the drives.
+const SENSORS: [&str; 3] = ["attitude", "position", "heading"];
+
+impl CanInputs {
+    pub(super) fn new(interface: &str, layout: Arc<Layout>, newest: Output<Arrivals>) -> Self {
+        Self {
+            interface: interface.to_owned(),
+            layout,
+            newest,
+        }
+    }
+
+    fn of(&self, arrivals: &Arrivals, now_s: f64) -> Vec<Input> {
+        let mut inputs = vec![Input {
+            input: "bus".to_owned(),
+            source: self.interface.clone(),
+            missing: bus_fault(arrivals.bus, &self.interface),
+        }];
+        // Without a bus nothing else can arrive: one cause, one line.
+        let bus_is_up = arrivals.bus.carries();
+        for (index, message) in self.layout.from_vehicle().into_iter().enumerate() {
+            let missing = self.message_fault(arrivals, index, now_s);
+            inputs.push(Input {
+                input: match self.layout.drives.get(index) {
+                    Some(drive) => format!("{} drive", role(drive.role)),
+                    None => SENSORS[index - 2].to_owned(),
+                },
+                source: format!("{} (message {})", message.id(), message.name),
+                missing: missing.filter(|_| bus_is_up),
+            });
+        }
+        inputs
+    }
+
+    fn message_fault(&self, arrivals: &Arrivals, index: usize, now_s: f64) -> Option<String> {
+        if let (Profile::Cia402(cia402), true) = (&self.layout.profile, index < 2)
+            && let Some(fault) = node_fault(
+                cia402.nodes[index].get(),
+                arrivals.nodes[index],
+                arrivals.messages[index].is_some(),
+                now_s,
+            )
+        {
+            return Some(fault);
+        }
+        match arrivals.messages[index] {
+            None => Some("no frame has arrived".to_owned()),
+            Some((_, Some(fault))) => Some(format!("its frames are refused: {fault}")),
+            Some((time_s, None)) if now_s - time_s > MISSING_AFTER_S => {
+                Some(format!("no frame for {:.0} s", now_s - time_s))
+            }
+            // The last of the two messages of a pose.
+            Some(_) if index == 4 && !arrivals.has_pose => {
+                Some("no position with the same counter has arrived".to_owned())
+            }
+            Some(_) => None,
+        }
+    }
+}
+
+impl InputStatus for CanInputs {
+    fn inputs(&mut self, now_s: f64) -> Vec<Input> {
+        let arrivals = *self.newest.read();
+        self.of(&arrivals, now_s)
+    }
+}
+
+fn bus_fault(bus: LinkState, interface: &str) -> Option<String> {
+    match bus {
+        LinkState::Active | LinkState::Warning | LinkState::Passive => None,
+        LinkState::BusOff => Some(
+            "bus-off after too many errors: check the bit rate, the termination and the wiring"
+                .to_owned(),
+        ),
+        LinkState::Down => Some(format!(
+            "the interface is down: ip link set {interface} up"
+        )),
+        LinkState::Absent => Some("there is no such interface: ip link lists them".to_owned()),
+    }
+}
+
+/// Returns why a CANopen node is no drive yet.
+fn node_fault(
+    node: u8,
+    nmt: Option<Stamped<NmtState>>,
+    pdo_arrived: bool,
+    now_s: f64,
+) -> Option<String> {
+    let Some(nmt) = nmt else {
+        let hint = match pdo_arrived {
+            true => "its PDO arrives, but no heartbeat (object 1017)",
+            false => "nothing answers: check node number, power and bit rate",
+        };
+        return Some(format!("node {node}: {hint}"));
+    };
+    let age_s = now_s - nmt.time_s;
+    if age_s > MISSING_AFTER_S {
+        return Some(format!("node {node}: no heartbeat for {age_s:.0} s"));
+    }
+    (nmt.value != NmtState::Operational && !pdo_arrived)
+        .then(|| format!("node {node}: it is {:?}, its setup is not done", nmt.value))
+}
+
+fn role(role: DriveRole) -> &'static str {
+    match role {
+        DriveRole::Traction => "traction",
+        DriveRole::Steer => "steer",
+        DriveRole::Left => "left",
+        DriveRole::Right => "right",
+    }
+}

@@ -1,0 +1,61 @@
+//! The files of `run --out`.
+
+use crate::output;
+use anyhow::{Context, Result};
+use serde::Serialize;
+use sidehill_bridge::control_loop::record::{Outputs, Recorder, TakeEvent};
+use std::fs::File;
+use std::io::{BufWriter, Write};
+use std::path::Path;
+
+/// The files of `--out`.
+pub(super) struct Files {
+    candump: BufWriter<File>,
+    events: BufWriter<File>,
+    cycles: csv::Writer<File>,
+}
+
+/// First column of `cycles.csv`.
+#[derive(Serialize)]
+struct UnixTime {
+    unix_s: f64,
+}
+
+impl Files {
+    /// Creates the folder and the files in it.
+    ///
+    /// # Errors
+    /// Names a file that exists already, unless `force`, or cannot be written.
+    pub(super) fn create(folder: &Path, force: bool) -> Result<Self> {
+        let paths = ["candump.log", "events.jsonl", "cycles.csv"].map(|name| folder.join(name));
+        output::check_free(&paths, force)?;
+        let named = |file: &Path| format!("cannot write {}", file.display());
+        std::fs::create_dir_all(folder).with_context(|| named(folder))?;
+        let open = |file: &Path| File::create(file).with_context(|| named(file));
+        let [candump, events, cycles] = paths;
+        Ok(Self {
+            candump: BufWriter::new(open(&candump)?),
+            events: BufWriter::new(open(&events)?),
+            cycles: csv::Writer::from_writer(open(&cycles)?),
+        })
+    }
+
+    /// Writes what the threads have left and passes each event to `seen`.
+    ///
+    /// # Errors
+    /// What the disk says.
+    pub(super) fn write(&mut self, recorder: &mut Recorder, seen: &mut TakeEvent<'_>) -> Result<()> {
+        let cycles = &mut self.cycles;
+        recorder.drain(&mut Outputs {
+            candump: Some(&mut self.candump),
+            events: Some(&mut self.events),
+            seen: Some(seen),
+            cycles: Some(&mut |unix_s, row| Ok(cycles.serialize((UnixTime { unix_s }, row))?)),
+        })?;
+        // Through to the file, so that little is missing where the program is killed.
+        self.candump.flush()?;
+        self.events.flush()?;
+        self.cycles.flush()?;
+        Ok(())
+    }
+}
