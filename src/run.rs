@@ -33,12 +33,10 @@ pub struct RunArgs {
     /// arms.
     #[arg(long)]
     pub arm: bool,
-    /// Folder for candump.log, cycles.csv and events.jsonl; created if it does not exist.
+    /// Folder for candump.log, cycles.csv and events.jsonl; created if it does not exist. Files of an
+    /// earlier run are kept beside them as candump.log.1 and so on.
     #[arg(long)]
     pub out: Option<PathBuf>,
-    /// Overwrite the files of --out where they exist.
-    #[arg(long, requires = "out")]
-    pub force: bool,
     /// text: for a person, a line that says what it listens to, then its state and what it waits for;
     /// json: a line of JSON a second, and events on standard error. Without it, text on a terminal and
     /// json elsewhere.
@@ -72,11 +70,7 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
     let config: RunConfig = file.parse()?;
     let vehicle = config.load_vehicle(&file)?;
     let controller = config.controller(&file, &vehicle)?;
-    let mut files = args
-        .out
-        .as_deref()
-        .map(|folder| Files::create(folder, args.force))
-        .transpose()?;
+    let mut files = args.out.as_deref().map(Files::create).transpose()?;
     let signals = register_signals()?;
 
     let epoch = Epoch::now();
@@ -162,13 +156,22 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
             let missing: Vec<&Input> = inputs.iter().filter(|i| i.missing.is_some()).collect();
             let said = screen::waits_for(&missing);
             // An age that grows is no news.
-            if !said.chars().filter(|c| !c.is_ascii_digit()).eq(waits_for
+            if !said
                 .chars()
-                .filter(|c| !c.is_ascii_digit()))
+                .filter(|c| !c.is_ascii_digit())
+                .eq(waits_for.chars().filter(|c| !c.is_ascii_digit()))
             {
-                let event = if said.is_empty() { "inputs" } else { "waits_for" };
+                let event = if said.is_empty() {
+                    "inputs"
+                } else {
+                    "waits_for"
+                };
                 let all_there = "all inputs arrive".to_owned();
-                let reason = if said.is_empty() { all_there } else { said.clone() };
+                let reason = if said.is_empty() {
+                    all_there
+                } else {
+                    said.clone()
+                };
                 recorder.note(now_s, event, reason);
                 waits_for = said;
             }

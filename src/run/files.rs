@@ -22,15 +22,15 @@ struct UnixTime {
 }
 
 impl Files {
-    /// Creates the folder and the files in it.
+    /// Creates the folder and the files in it; those of an earlier run are kept beside them.
     ///
     /// # Errors
-    /// Names a file that exists already, unless `force`, or cannot be written.
-    pub(super) fn create(folder: &Path, force: bool) -> Result<Self> {
+    /// Names a file that cannot be written.
+    pub(super) fn create(folder: &Path) -> Result<Self> {
         let paths = ["candump.log", "events.jsonl", "cycles.csv"].map(|name| folder.join(name));
-        output::check_free(&paths, force)?;
         let named = |file: &Path| format!("cannot write {}", file.display());
         std::fs::create_dir_all(folder).with_context(|| named(folder))?;
+        output::keep_earlier(&paths)?;
         let open = |file: &Path| File::create(file).with_context(|| named(file));
         let [candump, events, cycles] = paths;
         Ok(Self {
@@ -44,7 +44,11 @@ impl Files {
     ///
     /// # Errors
     /// What the disk says.
-    pub(super) fn write(&mut self, recorder: &mut Recorder, seen: &mut TakeEvent<'_>) -> Result<()> {
+    pub(super) fn write(
+        &mut self,
+        recorder: &mut Recorder,
+        seen: &mut TakeEvent<'_>,
+    ) -> Result<()> {
         let cycles = &mut self.cycles;
         recorder.drain(&mut Outputs {
             candump: Some(&mut self.candump),

@@ -269,7 +269,10 @@ fn name(state: SafetyState) -> String {
 
 /// Returns what a run waits for when nothing is missing and no goals come from ROS 2.
 pub(super) fn ready_to_arm(arm: bool) -> String {
-    let how = format!("waits for SIGUSR1 to arm (kill -USR1 {})", std::process::id());
+    let how = format!(
+        "waits for SIGUSR1 to arm (kill -USR1 {})",
+        std::process::id()
+    );
     if arm {
         return format!("arms once by itself, then {how}");
     }

@@ -27,12 +27,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 pub struct VehicleArgs {
     /// Configuration of the virtual vehicle.
     pub config: PathBuf,
-    /// File for the truth: CSV with one row a step of the reports.
+    /// File for the truth: CSV with one row a step of the reports. An earlier one is kept beside it.
     #[arg(long)]
     pub truth: Option<PathBuf>,
-    /// Overwrite --truth where it exists.
-    #[arg(long, requires = "truth")]
-    pub force: bool,
     /// Ends after so many seconds; without it, on SIGINT or SIGTERM.
     #[arg(long)]
     pub duration_s: Option<f64>,
@@ -50,7 +47,7 @@ pub fn run(args: &VehicleArgs, ros: &[String]) -> Result<ExitCode> {
     let world = config.world(&file)?;
     let truth = match &args.truth {
         Some(path) => {
-            output::check_free(&[path], args.force)?;
+            output::keep_earlier(&[path])?;
             Some(Truth::create(path)?)
         }
         None => None,

@@ -112,9 +112,7 @@ fn bus_fault(bus: LinkState, interface: &str) -> Option<String> {
             "bus-off after too many errors: check the bit rate, the termination and the wiring"
                 .to_owned(),
         ),
-        LinkState::Down => Some(format!(
-            "the interface is down: ip link set {interface} up"
-        )),
+        LinkState::Down => Some(format!("the interface is down: ip link set {interface} up")),
         LinkState::Absent => Some("there is no such interface: ip link lists them".to_owned()),
     }
 }
@@ -147,5 +145,81 @@ fn role(role: DriveRole) -> &'static str {
         DriveRole::Steer => "steer",
         DriveRole::Left => "left",
         DriveRole::Right => "right",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::can::config::CanConfig;
+    use crate::can::database::Database;
+    use triple_buffer::triple_buffer;
+
+    fn of(yaml: &str, dbc: &str) -> CanInputs {
+        let config: CanConfig = serde_yaml::from_str(yaml).unwrap();
+        let layout = Layout::new(&config, &Database::parse("dbc", dbc).unwrap()).unwrap();
+        let (_, newest) = triple_buffer(&Arrivals::default());
+        CanInputs::new("can0", Arc::new(layout), newest)
+    }
+
+    fn missing(inputs: &CanInputs, arrivals: &Arrivals, now_s: f64) -> Vec<String> {
+        let inputs = inputs.of(arrivals, now_s);
+        let missing = inputs.iter().filter(|input| input.missing.is_some());
+        missing.map(Input::to_string).collect()
+    }
+
+    #[test]
+    fn a_message_that_does_not_come_is_named_with_its_identifier() {
+        let inputs = of(
+            include_str!("../../../config/bridge/can.yaml"),
+            include_str!("../../../config/bridge/j8.dbc"),
+        );
+        let mut arrivals = Arrivals::default();
+        let absent = missing(&inputs, &arrivals, 5.0);
+        assert_eq!(absent.len(), 1, "one cause, one line: {absent:?}");
+        assert!(absent[0].contains("bus on can0: there is no such interface"));
+        arrivals.bus = LinkState::Active;
+        assert_eq!(missing(&inputs, &arrivals, 5.0).len(), 5);
+        arrivals.messages = [Some((5.0, None)); 5];
+        arrivals.has_pose = true;
+        assert_eq!(missing(&inputs, &arrivals, 5.1), [""; 0]);
+        let fault = FrameFault::Length {
+            found: 4,
+            expected: 8,
+        };
+        arrivals.messages[2] = Some((5.0, Some(fault)));
+        let refused = missing(&inputs, &arrivals, 5.1);
+        assert!(refused[0].starts_with("attitude on "), "{refused:?}");
+        assert!(refused[0].contains("refused: 4 bytes, expected 8"));
+        arrivals.messages[2] = Some((1.0, None));
+        assert!(missing(&inputs, &arrivals, 5.0)[0].ends_with("no frame for 4 s"));
+    }
+
+    #[test]
+    fn a_node_that_does_not_answer_is_named_with_its_number() {
+        let inputs = of(
+            include_str!("../../../config/bridge/cia402.yaml"),
+            include_str!("../../../config/bridge/cia402.dbc"),
+        );
+        let mut arrivals = Arrivals {
+            bus: LinkState::Active,
+            messages: [None, Some((5.0, None)), None, None, None],
+            ..Arrivals::default()
+        };
+        let silent = missing(&inputs, &arrivals, 5.0);
+        assert!(silent[0].contains("node 1: nothing answers"), "{silent:?}");
+        assert!(silent[1].contains("node 2: its PDO arrives, but no heartbeat"));
+        let heartbeat = |time_s, value| Some(Stamped { time_s, value });
+        arrivals.nodes = [
+            heartbeat(5.0, NmtState::PreOperational),
+            heartbeat(5.0, NmtState::Operational),
+        ];
+        let early = missing(&inputs, &arrivals, 5.0);
+        assert!(
+            early[0].contains("node 1: it is PreOperational"),
+            "{early:?}"
+        );
+        assert!(!early.iter().any(|line| line.contains("node 2")));
+        assert!(missing(&inputs, &arrivals, 9.0)[0].contains("node 1: no heartbeat for 4 s"));
     }
 }
