@@ -1,22 +1,27 @@
 //! `sidehill identify`: a vehicle's parameters from logs, in the paper's two stages.
 
+mod report;
+mod verdict;
+
 use crate::config::ConfigFile;
 use crate::console;
 use crate::odometry::{column_map, read_log};
 use crate::output;
+use crate::simulate::Format;
 use anyhow::{Context, Result, bail};
+use report::{extension_table, stage_json, stage_table};
 use sidehill_plant::contact::{ContactModel, ContactVehicle};
 use sidehill_plant::identification::{
-    Drive, Estimate, ExtensionReport, IdentificationSettings, Leg, LogNoise, Procedure,
-    SegmentErrors, Segmentation, StageReport, Verdict, drive, identify_extension, identify_level,
-    identify_slope,
+    Drive, Estimate, IdentificationSettings, Leg, LogNoise, Procedure, Segmentation, StageReport,
+    drive, identify_extension, identify_level, identify_level_determined, identify_slope,
+    identify_slope_determined,
 };
 use sidehill_plant::log::DriveLog;
 use sidehill_plant::speeds::EncoderScale;
 use sidehill_plant::terrain::Terrain;
 use sidehill_plant::vehicle::Vehicle;
-use std::fmt::Write;
 use std::path::PathBuf;
+use verdict::Verdict;
 
 /// Arguments of `sidehill identify`.
 #[derive(Debug, Clone, clap::Args)]
@@ -57,6 +62,9 @@ pub struct IdentifyArgs {
     /// Overwrite --out where it exists.
     #[arg(long)]
     pub force: bool,
+    /// How the result is printed.
+    #[arg(long, value_enum, default_value_t)]
+    pub format: Format,
 }
 
 /// Identifies, prints what was found and how far to trust it, and writes the vehicle.
@@ -80,49 +88,107 @@ pub fn run(args: &IdentifyArgs) -> Result<()> {
         }
         None => recorded(args)?,
     };
-    let mut undetermined = Vec::new();
+    let mut found = Found::default();
+    let mut text = String::new();
     if !logs.level.is_empty() {
-        let (fitted, report) =
-            identify_level(&logs.level, &vehicle, &settings).context("level logs")?;
-        console::text(stage_table("level", "differential drive", &report));
+        let (fitted, report, undetermined) =
+            identify_level_determined(&logs.level, &vehicle, &settings).context("level logs")?;
+        let stage = Stage::new(report, undetermined, &vehicle)?;
+        text += &stage_table(
+            "level",
+            "differential drive",
+            &stage.report,
+            &stage.undetermined,
+        );
+        found.level = Some(stage);
         vehicle = fitted;
     }
     if !logs.slope.is_empty() {
-        let (fitted, report) =
-            identify_slope(&logs.slope, &vehicle, &settings).context("slope logs")?;
-        console::text(stage_table("slope", "ICRHK", &report));
-        undetermined = report
-            .estimates
-            .iter()
-            .filter(|estimate| !is_determined(estimate))
-            .map(|estimate| estimate.name)
-            .collect();
-        if !undetermined.is_empty() {
-            console::line(format_args!(
-                "  not determined by these logs: {}. Log more turning with the nose up, down and across, on a \
-                 steeper slope, before you rely on it",
-                undetermined.join(", ")
-            ));
-        }
+        let (fitted, report, undetermined) =
+            identify_slope_determined(&logs.slope, &vehicle, &settings).context("slope logs")?;
+        let stage = Stage::new(report, undetermined, &vehicle)?;
+        text += &stage_table("slope", "ICRHK", &stage.report, &stage.undetermined);
+        found.slope = Some(stage);
         vehicle = fitted;
     }
+    let verdict = Verdict::of(&found, &vehicle, &logs);
     let slope: Vec<DriveLog> = logs.slope.into_iter().chain(logs.across).collect();
     match identify_extension(&logs.level, &slope, &vehicle, &settings) {
         Ok((extension, report)) => {
-            console::text(extension_table(&report));
+            text += &extension_table(&report);
             vehicle.extension = extension;
             vehicle = vehicle.validated().context("the extended model")?;
         }
         // What the two stages found holds without it.
-        Err(error) => console::text(format!("extension: not tried: {error}\n")),
+        Err(error) => text += &format!("extension: not tried: {error}\n"),
     }
     if let Some(name) = &args.name {
         vehicle.name.clone_from(name);
     }
-    let yaml = commented(&vehicle, args, &undetermined)?;
+    let yaml = commented(&vehicle, args, &found)?;
     output::write(&args.out, yaml.as_bytes(), args.force)?;
-    console::line(format_args!("written: {}", args.out.display()));
+    match args.format {
+        Format::Table => {
+            console::text(format_args!("{text}{verdict}"));
+            console::line(format_args!("written: {}", args.out.display()));
+        }
+        Format::Json => {
+            let stage = |stage: &Option<Stage>| {
+                let stage = stage.as_ref();
+                stage.map(|stage| stage_json(&stage.report, &stage.undetermined))
+            };
+            console::line(serde_json::json!({
+                "vehicle": vehicle,
+                "level": stage(&found.level),
+                "slope": stage(&found.slope),
+                "verdict": verdict,
+                "written": args.out,
+            }));
+        }
+    }
     Ok(())
+}
+
+/// What a stage found.
+struct Stage {
+    report: StageReport,
+    undetermined: Vec<Undetermined>,
+}
+
+/// A parameter that the logs do not determine, and the start value that it keeps.
+struct Undetermined {
+    estimate: Estimate,
+    kept: f64,
+}
+
+/// What both stages found, where there were logs for them.
+#[derive(Default)]
+struct Found {
+    level: Option<Stage>,
+    slope: Option<Stage>,
+}
+
+impl Stage {
+    /// `start` is the vehicle that the stage began with.
+    fn new(report: StageReport, undetermined: Vec<Estimate>, start: &Vehicle) -> Result<Self> {
+        let start = serde_json::to_value(start)?;
+        let kept = |estimate: Estimate| Undetermined {
+            estimate,
+            kept: start[estimate.name].as_f64().unwrap_or(f64::NAN),
+        };
+        Ok(Self {
+            report,
+            undetermined: undetermined.into_iter().map(kept).collect(),
+        })
+    }
+}
+
+impl Found {
+    /// Returns the parameters of both stages that the logs do not determine.
+    fn undetermined(&self) -> impl Iterator<Item = &Undetermined> {
+        let stages = self.level.iter().chain(&self.slope);
+        stages.flat_map(|stage| &stage.undetermined)
+    }
 }
 
 /// Returns what identification finds of `vehicle` where `contact` drives the paper's procedure in
@@ -185,93 +251,8 @@ fn simulated(contact: &ContactVehicle, vehicle: &Vehicle, seed: u64) -> Result<L
     })
 }
 
-fn stage_table(stage: &str, baseline: &str, report: &StageReport) -> String {
-    let mut out = String::new();
-    let _ = writeln!(
-        out,
-        "{stage}: {} segments, {} poses, J/N {:.3e}, {:.1} % of the poses far off",
-        report.segments,
-        report.poses,
-        report.fitness,
-        100.0 * report.outlier_share
-    );
-    for estimate in &report.estimates {
-        let interval = estimate.half_width.map_or_else(
-            || "not determined".to_owned(),
-            |half_width| format!("+- {half_width:.4} (95 %)"),
-        );
-        let _ = writeln!(
-            out,
-            "  {:20} {:>9.4} {interval}",
-            estimate.name, estimate.value
-        );
-    }
-    let held_out = |name: &str, errors: &SegmentErrors| {
-        format!(
-            "  held-out segments, {name}: lateral {:.3} m, longitudinal {:.3} m, yaw {:.3} rad RMS\n",
-            errors.lateral_m, errors.longitudinal_m, errors.yaw_rad
-        )
-    };
-    out += &held_out("fitted", &report.cross_validation.fitted);
-    out += &held_out(baseline, &report.cross_validation.baseline);
-    for warning in &report.warnings {
-        let _ = writeln!(out, "  warning: {warning}");
-    }
-    out
-}
-
-fn extension_table(report: &ExtensionReport) -> String {
-    let mut out = format!("extension: {} segments\n", report.segments);
-    for term in &report.terms {
-        let verdict = match term.verdict {
-            Verdict::Supported { value, half_width } => {
-                let interval =
-                    half_width.map_or_else(String::new, |width| format!(" +- {width:.4} (95 %)"));
-                format!("{value:>9.4}{interval}, supported")
-            }
-            Verdict::NotToldApart { instead } => {
-                format!("not told apart from {}, which says more", instead.key())
-            }
-            Verdict::Negative { value } => format!("not supported: it would be {value:.4}"),
-            Verdict::NotSupported => "not supported".to_owned(),
-        };
-        let _ = writeln!(
-            out,
-            "  {:20} {verdict}; held-out misfit {:+.1} +- {:.1} %",
-            term.term.key(),
-            -100.0 * term.improvement,
-            100.0 * term.improvement_half_width,
-        );
-    }
-    let mut held_out = |name: &str, errors: &SegmentErrors| {
-        let _ = writeln!(
-            out,
-            "  held-out segments, {name}: position {:.3} m, yaw {:.3} rad RMS",
-            errors.lateral_m.hypot(errors.longitudinal_m),
-            errors.yaw_rad
-        );
-    };
-    held_out("ICRHK", &report.icrhk);
-    if let Some(icrik) = &report.icrik {
-        held_out("ICRIK", icrik);
-    }
-    held_out("extended", &report.extended);
-    out
-}
-
-/// Returns whether the data tell a slide gain from none at all.
-fn is_determined(estimate: &Estimate) -> bool {
-    estimate
-        .half_width
-        .is_some_and(|half_width| half_width < estimate.value.abs())
-}
-
 /// Returns the vehicle as YAML with where it comes from.
-fn commented(
-    vehicle: &Vehicle,
-    args: &IdentifyArgs,
-    undetermined: &[&'static str],
-) -> Result<String> {
+fn commented(vehicle: &Vehicle, args: &IdentifyArgs, found: &Found) -> Result<String> {
     let list = |paths: &[PathBuf]| {
         let names: Vec<_> = paths
             .iter()
@@ -288,9 +269,15 @@ fn commented(
         ),
     };
     let mut yaml = serde_yaml::to_string(vehicle)?;
-    for name in undetermined {
-        let key = format!("\n{name}:");
-        let warning = format!("\n# NOT DETERMINED by these logs: its 95 % interval holds 0.{key}");
+    for Undetermined { estimate, .. } in found.undetermined() {
+        let key = format!("\n{}:", estimate.name);
+        let interval = estimate.half_width.map_or_else(
+            || "any value fits them".to_owned(),
+            |half_width| format!("they say {:.4} +- {half_width:.4}", estimate.value),
+        );
+        let warning = format!(
+            "\n# NOT DETERMINED by these logs ({interval}): kept from the --vehicle file.{key}"
+        );
         yaml = yaml.replacen(&key, &warning, 1);
     }
     Ok(format!(
@@ -315,6 +302,7 @@ mod tests {
     fn arguments(out: PathBuf) -> IdentifyArgs {
         IdentifyArgs {
             force: false,
+            format: Format::Table,
             level: Vec::new(),
             slope: Vec::new(),
             simulate: Some(repository("config/vehicles/j8_contact.yaml")),

@@ -38,8 +38,9 @@ pub fn run(args: &InitArgs) -> Result<()> {
     let files = files::all(args.vehicle, args.port)?;
     let paths: Vec<PathBuf> = files.iter().map(|file| args.dir.join(file.name)).collect();
     output::check_free(&paths, args.force)?;
-    std::fs::create_dir_all(&args.dir)
-        .with_context(|| format!("{}: cannot be made", args.dir.display()))?;
+    let schemas = args.dir.join(files::SCHEMAS);
+    std::fs::create_dir_all(&schemas)
+        .with_context(|| format!("{}: cannot be made", schemas.display()))?;
     for (file, path) in files.iter().zip(&paths) {
         output::write(path, file.text.as_bytes(), args.force)?;
     }

@@ -10,6 +10,7 @@ mod icr;
 mod odometry;
 mod paths;
 mod readme;
+mod schema;
 mod simulate;
 mod stranger;
 

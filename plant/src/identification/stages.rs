@@ -1,5 +1,6 @@
 //! The two stages.
 
+use super::determined::{Found, allowed_level, allowed_slide};
 use super::least_squares::{jacobian_columns, minimise};
 use super::problem::{PER_POSE, Problem, Pull, pose_count};
 use super::segments::{Segment, SegmentErrors, Segmentation, segments};
@@ -112,13 +113,13 @@ pub enum IdentificationError {
 /// Returns the vehicle with its report if all its parameters are in range.
 fn checked(
     vehicle: Vehicle,
-    report: StageReport,
-) -> Result<(Vehicle, StageReport), IdentificationError> {
+    found: Found,
+) -> Result<(Vehicle, StageReport, Vec<Estimate>), IdentificationError> {
     match vehicle.validated() {
-        Ok(vehicle) => Ok((vehicle, report)),
+        Ok(vehicle) => Ok((vehicle, found.report, found.undetermined)),
         Err(reason) => Err(IdentificationError::NotAVehicle {
             reason,
-            warnings: report.warnings,
+            warnings: found.report.warnings,
         }),
     }
 }
@@ -133,6 +134,37 @@ pub fn identify_level(
     vehicle: &Vehicle,
     settings: &IdentificationSettings,
 ) -> Result<(Vehicle, StageReport), IdentificationError> {
+    level(logs, vehicle, settings, &|stage, segments, start| {
+        stage.run_all(segments, start)
+    })
+    .map(|(vehicle, report, _)| (vehicle, report))
+}
+
+/// Returns what [`identify_level`] does, but parameters that the logs do not determine keep the values of
+/// `vehicle` and are returned last, as they were estimated: c_l and c_r with a 95 % interval of more than
+/// +- 0.1, ICRs with more than +- 30 % of half their distance.
+///
+/// # Errors
+/// As [`identify_level`].
+pub fn identify_level_determined(
+    logs: &[DriveLog],
+    vehicle: &Vehicle,
+    settings: &IdentificationSettings,
+) -> Result<(Vehicle, StageReport, Vec<Estimate>), IdentificationError> {
+    level(logs, vehicle, settings, &|stage, segments, start| {
+        stage.run_determined(segments, start, &allowed_level)
+    })
+}
+
+/// Fits a stage to segments from start values.
+type Run<'a> = &'a dyn Fn(&Stage<'_>, &[Segment<'_>], &[f64]) -> Result<Found, IdentificationError>;
+
+fn level(
+    logs: &[DriveLog],
+    vehicle: &Vehicle,
+    settings: &IdentificationSettings,
+    run: Run<'_>,
+) -> Result<(Vehicle, StageReport, Vec<Estimate>), IdentificationError> {
     let stage = Stage {
         names: &[
             "correction_left",
@@ -164,8 +196,8 @@ pub fn identify_level(
         vehicle.icrs.forward_m,
     ];
     let logs = smoothed(logs, settings);
-    let (parameters, report) = stage.run(&cut(&logs, settings), &start)?;
-    checked((stage.vehicle_with)(&parameters), report)
+    let found = run(&stage, &cut(&logs, settings), &start)?;
+    checked((stage.vehicle_with)(&found.parameters), found)
 }
 
 /// Returns the vehicle with lambda_1 and lambda_2 fitted to logs of turning on a slope: the second
@@ -178,6 +210,34 @@ pub fn identify_slope(
     vehicle: &Vehicle,
     settings: &IdentificationSettings,
 ) -> Result<(Vehicle, StageReport), IdentificationError> {
+    slope(logs, vehicle, settings, &|stage, segments, start| {
+        stage.run_all(segments, start)
+    })
+    .map(|(vehicle, report, _)| (vehicle, report))
+}
+
+/// Returns what [`identify_slope`] does, but a gain that the logs do not determine keeps the value of
+/// `vehicle` and is returned last, as it was estimated: one with a 95 % interval of more than +- 75 % of
+/// its value (so that it holds 0, or nearly) and +- 0.1 s/rad.
+///
+/// # Errors
+/// As [`identify_slope`].
+pub fn identify_slope_determined(
+    logs: &[DriveLog],
+    vehicle: &Vehicle,
+    settings: &IdentificationSettings,
+) -> Result<(Vehicle, StageReport, Vec<Estimate>), IdentificationError> {
+    slope(logs, vehicle, settings, &|stage, segments, start| {
+        stage.run_determined(segments, start, &allowed_slide)
+    })
+}
+
+fn slope(
+    logs: &[DriveLog],
+    vehicle: &Vehicle,
+    settings: &IdentificationSettings,
+    run: Run<'_>,
+) -> Result<(Vehicle, StageReport, Vec<Estimate>), IdentificationError> {
     const SHIFT: &str = "lambda_1_s_per_rad";
     const AGGRAVATED: &str = "lambda_2_s_per_rad";
     let slide_with = |shift: f64, aggravated: f64| {
@@ -200,27 +260,28 @@ pub fn identify_slope(
         vehicle.slide.shift_s_per_rad,
         vehicle.slide.aggravated_s_per_rad,
     ];
-    let (parameters, report) = stage(&[SHIFT, AGGRAVATED], &both).run(&segments, &start)?;
-    let (fitted, report) = if parameters[0] < 0.0 {
-        let only = |p: &[f64]| slide_with(0.0, p[0].max(0.0));
-        let (rest, mut report) = stage(&[AGGRAVATED], &only).run(&segments, &start[1..])?;
-        report.warnings.push(Warning::NegativeSlide {
-            name: SHIFT,
-            value: parameters[0],
-        });
-        (only(&rest), report)
-    } else if parameters[1] < 0.0 {
-        let only = |p: &[f64]| slide_with(p[0].max(0.0), 0.0);
-        let (rest, mut report) = stage(&[SHIFT], &only).run(&segments, &start[..1])?;
-        report.warnings.push(Warning::NegativeSlide {
-            name: AGGRAVATED,
-            value: parameters[1],
-        });
-        (only(&rest), report)
-    } else {
-        (both(&parameters), report)
+    let found = run(&stage(&[SHIFT, AGGRAVATED], &both), &segments, &start)?;
+    let negative = |mut rest: Found, name, value| {
+        rest.report
+            .warnings
+            .push(Warning::NegativeSlide { name, value });
+        rest
     };
-    checked(fitted, report)
+    let [shift, aggravated] = [found.parameters[0], found.parameters[1]];
+    if shift < 0.0 {
+        let only = |p: &[f64]| slide_with(0.0, p[0].max(0.0));
+        let rest = run(&stage(&[AGGRAVATED], &only), &segments, &start[1..])?;
+        checked(only(&rest.parameters), negative(rest, SHIFT, shift))
+    } else if aggravated < 0.0 {
+        let only = |p: &[f64]| slide_with(p[0].max(0.0), 0.0);
+        let rest = run(&stage(&[SHIFT], &only), &segments, &start[..1])?;
+        checked(
+            only(&rest.parameters),
+            negative(rest, AGGRAVATED, aggravated),
+        )
+    } else {
+        checked(both(&found.parameters), found)
+    }
 }
 
 pub(super) fn smoothed(logs: &[DriveLog], settings: &IdentificationSettings) -> Vec<DriveLog> {
@@ -256,7 +317,17 @@ const FOLDS: usize = 5;
 const STRENGTH_MIN: f64 = 0.03;
 
 impl Stage<'_> {
-    fn run(
+    /// Fits all parameters.
+    fn run_all(&self, segments: &[Segment], start: &[f64]) -> Result<Found, IdentificationError> {
+        let (parameters, report) = self.run(segments, start)?;
+        Ok(Found {
+            parameters,
+            report,
+            undetermined: Vec::new(),
+        })
+    }
+
+    pub(super) fn run(
         &self,
         segments: &[Segment],
         start: &[f64],
