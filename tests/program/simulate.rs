@@ -311,3 +311,29 @@ fn the_qps_of_a_run_are_recorded_for_other_solvers() {
     let error = sidehill::qp_recording::read(&spoiled).unwrap_err();
     assert!(format!("{error:#}").contains("spoiled.npz"), "{error:#}");
 }
+
+/// Runs that earlier versions lost without need at the end of grip: a plan and its linearisation that led to one
+/// another for ever, and a slow turn with one tread spinning that was taken for a stall.
+#[test]
+fn at_the_end_of_grip_plans_settle_and_a_slow_turn_goes_on() {
+    let folder = tempfile::tempdir().unwrap();
+    let text = std::fs::read_to_string(crate::repository("config/campaigns/default.yaml")).unwrap();
+    let scenario = crate::repository("config/scenarios/slalom.yaml");
+    let campaign = folder.path().join("campaign.yaml");
+    let text = text
+        .replace("seed: 1", "seed: 777")
+        .replace("../scenarios/slalom.yaml", &scenario.display().to_string());
+    std::fs::write(&campaign, text).unwrap();
+    for index in ["249", "564"] {
+        let out = folder.path().join(format!("{index}.yaml"));
+        let mut write = sidehill();
+        write.arg("campaign").arg(&campaign);
+        succeed(write.args(["--write-scenario", index, "--out"]).arg(&out));
+        let mut simulate = sidehill();
+        simulate.arg("simulate").arg(&out);
+        let text = succeed(simulate.args(["--controller", "icrik-mpc", "--format", "json"]));
+        let run = &runs(&text)[0];
+        assert_eq!(run["completed"], true, "{run}");
+        assert!(run["cross_track_max_m"].as_f64().unwrap() < 0.6, "{run}");
+    }
+}

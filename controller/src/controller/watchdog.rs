@@ -134,6 +134,13 @@ impl Watchdog {
 
     fn judge(&self, start: &Sums, end: &Sums) -> Option<Stall> {
         let window_s = end.time_s - start.time_s;
+        let turned_rad = end.turn_rad - start.turn_rad;
+        let commanded_turn_rad = end.commanded_turn_rad - start.commanded_turn_rad;
+        // At the end of grip a vehicle turns slowly with one tread spinning: as long as it turns as it is told
+        // to, it recovers.
+        if commanded_turn_rad.signum() * turned_rad >= TURNED_MIN_RAD {
+            return None;
+        }
         // Whether a motor stood at one limit without its share of the motion that it should give.
         let stalls = |at_limit_s: f64, moved: f64, commanded: f64| {
             let sense = at_limit_s.signum();
@@ -142,8 +149,8 @@ impl Watchdog {
         };
         if stalls(
             end.steer_at_limit_s - start.steer_at_limit_s,
-            end.turn_rad - start.turn_rad,
-            end.commanded_turn_rad - start.commanded_turn_rad,
+            turned_rad,
+            commanded_turn_rad,
         ) {
             return Some(Stall::Steer);
         }
@@ -156,11 +163,10 @@ impl Watchdog {
         }
         // Back from a cusp a vehicle is where it was; so no place of the window may be far from its start.
         let asked_m = end.asked_m - start.asked_m;
-        let turned_rad = (end.turn_rad - start.turn_rad).abs();
         let near = |place: &Sums| {
             (place.x_m - start.x_m).hypot(place.y_m - start.y_m) < self.share * asked_m
         };
-        let stands = turned_rad < TURNED_MIN_RAD && self.history.iter().all(near);
+        let stands = turned_rad.abs() < TURNED_MIN_RAD && self.history.iter().all(near);
         (asked_m >= ASKED_MIN_M && stands).then_some(Stall::Path)
     }
 }

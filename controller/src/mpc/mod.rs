@@ -45,6 +45,10 @@ const START_ITERATIONS: usize = 10;
 /// Largest correction of an input, m/s, at which such a plan is good enough.
 const START_CORRECTION_M_S: f64 = 1e-3;
 
+/// Correction of planned steer, m/s, from which a plan without a step limit is run through the model
+/// before it is taken.
+const CHECKED_STEER_M_S: f64 = 0.3;
+
 /// What the horizon asks for at the end of one stage.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StageTarget {
@@ -367,8 +371,12 @@ impl Mpc {
             solve_time_s: begin.elapsed().as_secs_f64(),
         };
         match self.region {
+            Some(region) => self.region = Some(self.apply_within(region, horizon)),
+            // At the end of grip two plans can lead to one another for ever, each good about the other only.
+            None if !about.guessed && self.largest_steer_correction_m_s() > CHECKED_STEER_M_S => {
+                self.apply_within(TrustRegion::new(StepLimit::WHOLE_STEP), horizon);
+            }
             None => self.apply(1.0),
-            Some(region) => self.apply_within(region, horizon),
         }
         Ok(report)
     }
@@ -418,12 +426,18 @@ impl Mpc {
         }
     }
 
-    /// Moves the plan as far as the linearisation tells the truth, see [`step_limit`].
-    fn apply_within(&mut self, mut region: TrustRegion, horizon: &Horizon) {
-        let corrections = self.condenser.input_corrections(self.solver.primal());
-        let largest_m_s = corrections
+    /// Returns the largest correction of planned steer that the QP's solution asks for, m/s.
+    fn largest_steer_correction_m_s(&self) -> f64 {
+        self.condenser
+            .input_corrections(self.solver.primal())
             .map(|correction| correction.steer_m_s.abs())
-            .fold(0.0, f64::max);
+            .fold(0.0, f64::max)
+    }
+
+    /// Moves the plan as far as the linearisation tells the truth, see [`step_limit`]; returns the region
+    /// of the next cycle.
+    fn apply_within(&mut self, mut region: TrustRegion, horizon: &Horizon) -> TrustRegion {
+        let largest_m_s = self.largest_steer_correction_m_s();
         let mut share = region.first_share(largest_m_s);
         self.shifted.states.copy_from_slice(&self.plan.states);
         self.shifted.inputs.copy_from_slice(&self.plan.inputs);
@@ -439,7 +453,7 @@ impl Mpc {
             share *= 0.5;
             self.plan.states.copy_from_slice(&self.shifted.states);
         }
-        self.region = Some(region);
+        region
     }
 
     /// Returns the cost of the plan as its states have it.

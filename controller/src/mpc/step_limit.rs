@@ -37,6 +37,13 @@ impl Default for StepLimit {
 }
 
 impl StepLimit {
+    /// Whole steps, halved only where too little of the promise comes true.
+    pub(super) const WHOLE_STEP: Self = Self {
+        steer_min_m_s: 100.0,
+        steer_max_m_s: 100.0,
+        accepted_share: 0.1,
+    };
+
     /// Checks the ranges.
     ///
     /// # Errors

@@ -150,10 +150,10 @@ fn a_vehicle_that_does_not_move_is_stopped_with_its_reason() {
 }
 
 #[test]
-fn a_vehicle_that_does_not_turn_is_stopped_with_its_reason() {
+fn a_heading_that_stands_still_while_the_vehicle_turns_ends_in_a_stop() {
     let mut rig = rig();
     let mut yaw_rad = None;
-    let stopped = stop_within(&mut rig, 8 * CYCLES_PER_S, |_, sample| {
+    let stopped = stop_within(&mut rig, 15 * CYCLES_PER_S, |_, sample| {
         if let Some(pose) = &mut sample.pose {
             pose.value.yaw_rad = *yaw_rad.get_or_insert(pose.value.yaw_rad);
         }

@@ -48,7 +48,7 @@ pub(super) fn write_wheel_loads(
                 missing -= arm * (wheel.load_share * level_weight_n);
             }
         }
-        let Some(inverse) = stiffness.try_inverse() else {
+        let Some(inverse) = inverse_of(&stiffness) else {
             return false;
         };
         let constants = inverse * missing;
@@ -65,6 +65,16 @@ pub(super) fn write_wheel_loads(
         }
     }
     false
+}
+
+/// Returns the inverse of a stiffness; none where the wheels on the ground stand in one line, but for
+/// rounding.
+pub(super) fn inverse_of(stiffness: &Matrix3<f64>) -> Option<Matrix3<f64>> {
+    const DETERMINANT_MIN: f64 = 1e-9;
+    let diagonal: f64 = stiffness.diagonal().iter().product();
+    (stiffness.determinant() > DETERMINANT_MIN * diagonal)
+        .then(|| stiffness.try_inverse())
+        .flatten()
 }
 
 #[cfg(test)]

@@ -1,6 +1,7 @@
 //! Normal loads over the weight, linear in what they carry.
 
 use super::geometry::{Geometry, Ground, WHEELS_MAX};
+use crate::contact::loads::inverse_of;
 use crate::frames::Attitude;
 use nalgebra::{Matrix3, Vector3};
 
@@ -100,7 +101,7 @@ impl Loads {
                 let arm = geometry.arm(i);
                 stiffness += arm * arm.transpose();
             }
-            inverse = stiffness.try_inverse();
+            inverse = inverse_of(&stiffness);
         }
         for (i, load) in of_wheel.iter_mut().enumerate().take(wheels) {
             *load = demand.x.max(0.1) * ground.wheel_share[i % geometry.axles];

@@ -36,17 +36,25 @@ use loads::{Loads, Stance};
 use nalgebra::{Matrix3, Vector3};
 use sums::{Expansion, Sums};
 
-/// Force left over, as a share of the weight, at which the balance counts as solved: a velocity error
-/// below 1e-9 m/s.
+/// Force left over, as a share of the weight, below which the balance counts as solved ...
 const TOLERANCE: f64 = 1e-9;
-/// Newton steps at most; from where the previous solution leads two or three do.
-const ITERATIONS_MAX: usize = 60;
+/// ... if Newton's step is shorter than this, too, m/s or rad/s.
+const STEP_TOLERANCE: f64 = 1e-9;
+/// Rounding of the potential over the weight, m/s.
+const ROUNDING: f64 = 1e-14;
+/// Steps of a search at most; from where the previous solution leads two or three do, and from far away
+/// at the end of grip about forty.
+const ITERATIONS_MAX: usize = 150;
+/// Damping of a search's step after the first that did not descend, and factor for each further one.
+const DAMPING: (f64, f64) = (1e-3, 10.0);
 /// Attempts with less and less of the pull along the ground where friction does not hold all of it.
 const ATTEMPTS: usize = 6;
 /// Share of the friction limit that the first of these attempts pulls with.
 const HELD_SHARE: f64 = 0.9;
-/// A speed beyond which a search has lost its hold, m/s or rad/s.
+/// Largest speed at which a vehicle counts as held, m/s or rad/s.
 const SPEED_MAX: f64 = 20.0;
+/// Speed up to which a search may pass on its way, m/s or rad/s.
+const SEARCHED_MAX: f64 = 100.0;
 
 /// A velocity in balance with its derivatives.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -267,7 +275,13 @@ impl Sums<'_> {
         }
     }
 
-    /// Searches the balance by a safeguarded Newton method; none where it does not settle.
+    /// Searches the balance; none where there is none within [`SPEED_MAX`].
+    ///
+    /// Each step goes to the minimum of a parabola of curvature H + d M, with H the Hessian and M the
+    /// [majorant](Self::majorant). With d = 0 it is Newton's step, which ends the search within a few
+    /// steps but leads anywhere where wheels slip by much more than the slip scale. With d = 1 it
+    /// descends from everywhere, but slowly near the end of grip. d grows where a step does not descend
+    /// and shrinks where it does (Levenberg-Marquardt), so that the minimum is found from any start.
     fn search(
         &self,
         start: Vector3<f64>,
@@ -276,43 +290,55 @@ impl Sums<'_> {
     ) -> Option<(Vector3<f64>, Matrix3<f64>)> {
         let mut velocity = start;
         let mut here = self.expand(&velocity, loads, pull);
+        let mut damping = 0.0;
         for _ in 0..ITERATIONS_MAX {
-            if here.gradient.norm() < TOLERANCE {
-                break;
+            let Some(inverse) = self
+                .curvature(&velocity, &here, loads, damping)
+                .try_inverse()
+            else {
+                damping = more(damping)?;
+                continue;
+            };
+            let step = -inverse * here.gradient;
+            if damping == 0.0 && here.gradient.norm() < TOLERANCE && step.norm() < STEP_TOLERANCE {
+                velocity += step;
+                return (velocity.norm() <= SPEED_MAX).then_some((velocity, inverse));
             }
-            (velocity, here) = self.improve(&velocity, &here, loads, pull)?;
-            if velocity.norm().is_nan() || velocity.norm() > SPEED_MAX {
-                return None;
+            let candidate = velocity + step;
+            if candidate.norm() > SEARCHED_MAX {
+                damping = more(damping)?;
+                continue;
+            }
+            let there = self.expand(&candidate, loads, pull);
+            let descends = there.value < here.value + 1e-4 * here.gradient.dot(&step);
+            // Near the minimum, rounding hides the descent of the potential, not of its gradient.
+            let flattens = there.value < here.value + ROUNDING
+                && there.gradient.norm() < 0.7 * here.gradient.norm();
+            if descends || flattens {
+                (velocity, here) = (candidate, there);
+                damping = less(damping);
+            } else if damping == 0.0 && here.gradient.norm() < TOLERANCE {
+                // Rounding ends the search where the balance is so flat that it hides the step.
+                return (velocity.norm() <= SPEED_MAX).then_some((velocity, inverse));
+            } else {
+                damping = more(damping)?;
             }
         }
-        if here.gradient.norm() < TOLERANCE {
-            Some((velocity, here.hessian.try_inverse()?))
-        } else {
-            None
-        }
+        None
     }
 
-    fn improve(
+    fn curvature(
         &self,
         velocity: &Vector3<f64>,
         here: &Expansion,
         loads: &Loads,
-        pull: &Vector3<f64>,
-    ) -> Option<(Vector3<f64>, Expansion)> {
-        let inverse = here.hessian.try_inverse()?;
-        let step = -inverse * here.gradient;
-        let candidate = velocity + step;
-        let there = self.expand(&candidate, loads, pull);
-        let descends = there.value < here.value + 1e-4 * here.gradient.dot(&step);
-        // Near the minimum, rounding hides the descent of the potential, not of its gradient.
-        let flattens = there.gradient.norm() < 0.7 * here.gradient.norm();
-        if descends || flattens {
-            return Some((candidate, there));
+        damping: f64,
+    ) -> Matrix3<f64> {
+        if damping > 0.0 {
+            here.hessian + damping * self.majorant(velocity, loads)
+        } else {
+            here.hessian
         }
-        let majorant = self.majorant(velocity, loads).try_inverse()?;
-        let candidate = velocity - majorant * here.gradient;
-        let there = self.expand(&candidate, loads, pull);
-        Some((candidate, there))
     }
 
     fn mean_tread_m_s(&self) -> f64 {
@@ -321,5 +347,26 @@ impl Sums<'_> {
             right_m_s,
         } = self.treads;
         0.5 * (left_m_s + right_m_s)
+    }
+}
+
+/// Returns the next larger damping; none beyond the one that always descends, so that there is no balance
+/// or its potential is not finite.
+fn more(damping: f64) -> Option<f64> {
+    let (first, factor) = DAMPING;
+    let next = if damping > 0.0 {
+        factor * damping
+    } else {
+        first
+    };
+    (next < 2.0 * factor).then_some(next)
+}
+
+fn less(damping: f64) -> f64 {
+    let (first, factor) = DAMPING;
+    if damping > first {
+        damping / factor
+    } else {
+        0.0
     }
 }

@@ -111,19 +111,19 @@ proptest! {
     }
 
     #[test]
-    fn the_start_of_the_search_is_nothing_to_its_end(off in offsets(), roll in -0.3..0.3f64, pitch in -0.3..0.3f64,
+    fn the_start_of_the_search_is_nothing_to_its_end(axles in 2..9_usize, off in prop::array::uniform8(-3.0..3.0f64), roll in -0.3..0.3f64, pitch in -0.3..0.3f64,
             tau in -0.8..0.8f64, sigma in -0.8..0.8f64, before in prop::array::uniform4(-1.0..1.0f64)) {
-        let vehicle = vehicle(4, &off);
-        let mut fresh = ContactPrediction::new(&vehicle).unwrap();
+        let mut fresh = ContactPrediction::new(&vehicle(axles, &[0.0; PARAMETERS])).unwrap();
+        fresh.set_parameters(&(fresh.parameters + ParameterVector::from(off.map(|o| 0.3 * o))));
         let mut used = fresh.clone();
         used.body_velocity(attitude(0.3 * before[0], 0.3 * before[1]), motors(before[2], before[3]));
         let a = fresh.predict(attitude(roll, pitch), motors(tau, sigma));
         let b = used.predict(attitude(roll, pitch), motors(tau, sigma));
-        // At the end of grip the balance is so flat that the search can give up from one start and not
-        // from another: see docs/roadmap.md.
-        prop_assume!(a.holds && b.holds);
+        prop_assert_eq!(a.holds, b.holds);
         let off = vector(a.linearised.velocity) - vector(b.linearised.velocity);
-        prop_assert!(off.norm() < 1e-7, "{off}");
+        // Where friction hardly holds, what rounding does to the forces moves the balance.
+        let (_, solution) = fresh.balance(attitude(roll, pitch), motors(tau, sigma));
+        prop_assert!(off.norm() < 1e-8 + 1e-14 * solution.inverse_hessian.norm(), "{off}");
     }
 
     #[test]
@@ -173,4 +173,24 @@ fn nothing_is_left_to_the_inner_axles_where_there_are_none() {
             .norm(),
         0.0
     );
+}
+
+/// A vehicle whose search for the balance went round in circles, and one that overturns until the wheels
+/// left on the ground stand in a line.
+#[test]
+fn no_search_goes_round_in_circles_and_no_load_is_that_of_rounding() {
+    let standard = ContactPrediction::new(&vehicle(4, &[0.0; PARAMETERS])).unwrap();
+    let mut circling = standard.clone();
+    let off = [0.24, 0.46, -0.82, 0.2, -0.59, -0.22, -0.77, 0.19];
+    circling.set_parameters(&(standard.parameters + ParameterVector::from(off)));
+    circling.body_velocity(Attitude::default(), MotorSpeeds::default());
+    let found = circling.predict(attitude(-0.1156, 0.0166), motors(-0.2275, -0.761));
+    assert!(found.holds, "{found:?}");
+    let mut overturning = standard.clone();
+    let parameters = [-0.6226, 0.3, -0.0836, 1.0667, 0.02, -0.462, -3.276, 0.3];
+    overturning.set_parameters(&parameters.into());
+    let stance = Stance::at(&attitude(0.296, -0.1613));
+    let loads = Loads::of(&overturning.geometry, &overturning.ground, &stance);
+    assert!(!loads.stands);
+    assert!(loads.of_wheel.iter().sum::<f64>() <= 1.0, "{loads:?}");
 }

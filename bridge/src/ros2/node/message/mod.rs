@@ -3,6 +3,7 @@
 //! DDS has no empty structs: an empty message is one byte.
 
 pub mod action;
+pub mod cdr;
 pub mod diagnostic;
 pub mod geometry;
 pub mod lifecycle;
@@ -17,7 +18,7 @@ pub use geometry::{
     Vector3,
 };
 pub use nav::{Odometry, Path, SpeedLimit};
-pub use sensor::{Imu, JointState};
+pub use sensor::{Imu, JointState, NavSatFix, NavSatStatus};
 pub use standard::{
     Bool, Clock, Empty, Float64, Float64MultiArray, Header, MultiArrayDimension, MultiArrayLayout,
     Text, Time,

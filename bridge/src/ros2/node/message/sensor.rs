@@ -23,4 +23,16 @@ wire! {
         velocity: Vec<f64>,
         effort: Vec<f64>,
     }
+    /// Kind of a fix: `status` is -1 without one.
+    NavSatStatus { status: i8, service: u16 }
+    /// Latitude and longitude on WGS 84, deg, and height above its ellipsoid, m.
+    NavSatFix = "sensor_msgs" / "NavSatFix" {
+        header: Header,
+        status: NavSatStatus,
+        latitude: f64,
+        longitude: f64,
+        altitude: f64,
+        position_covariance: [f64; 9],
+        position_covariance_type: u8,
+    }
 }
