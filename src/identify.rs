@@ -7,6 +7,7 @@ use crate::config::ConfigFile;
 use crate::console;
 use crate::odometry::{column_map, read_log};
 use crate::output;
+use crate::progress::{self, Notice};
 use crate::simulate::Format;
 use anyhow::{Context, Result, bail};
 use report::{extension_table, stage_json, stage_table};
@@ -76,11 +77,19 @@ pub fn run(args: &IdentifyArgs) -> Result<()> {
         bail!("smoothing_s: {}: must be from 0 to 10 s", args.smoothing_s);
     }
     output::check_writable(&args.out, args.force)?;
+    progress::explain_interrupt(|| "interrupted: nothing was written".to_owned())?;
     let settings = IdentificationSettings {
         segmentation: Segmentation::of_length(args.segment_s)?,
         attitude_smoothing_s: args.smoothing_s,
     };
     let mut vehicle: Vehicle = ConfigFile::read(&args.vehicle)?.parse()?;
+    let notice = Notice::begin(format!(
+        "identify: {}, then fits and cross-validates",
+        match &args.simulate {
+            Some(_) => "drives the procedure in simulation".to_owned(),
+            None => format!("reads {} logs", args.level.len() + args.slope.len()),
+        }
+    ));
     let logs = match &args.simulate {
         Some(path) => {
             let contact: ContactVehicle = ConfigFile::read(path)?.parse()?;
@@ -125,6 +134,7 @@ pub fn run(args: &IdentifyArgs) -> Result<()> {
     if let Some(name) = &args.name {
         vehicle.name.clone_from(name);
     }
+    drop(notice);
     let yaml = commented(&vehicle, args, &found)?;
     output::write(&args.out, yaml.as_bytes(), args.force)?;
     match args.format {
@@ -218,7 +228,18 @@ struct Logs {
 fn recorded(args: &IdentifyArgs) -> Result<Logs> {
     let map = column_map(args.columns.as_deref())?;
     let read = |paths: &[PathBuf]| -> Result<Vec<DriveLog>> {
-        paths.iter().map(|path| read_log(path, &map)).collect()
+        let read = |path: &PathBuf| {
+            let log = read_log(path, &map)?;
+            if log.pose_count() == 0 {
+                bail!(
+                    "{}: the log has no poses, which identification needs: x_m, y_m, z_m and yaw_rad, or `pose` of \
+                     --columns",
+                    path.display()
+                );
+            }
+            Ok(log)
+        };
+        paths.iter().map(read).collect()
     };
     Ok(Logs {
         level: read(&args.level)?,

@@ -2,18 +2,17 @@
 
 mod plot;
 
-use crate::config::ConfigFile;
+use crate::config::{ConfigFile, no_text};
 use crate::console;
 use crate::output;
 use crate::simulate::Format;
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use serde::Serialize;
 use serde_json::Value;
 use sidehill_plant::log::{ColumnMap, DriveLog};
 use sidehill_plant::odometry::{Comparison, KinematicModel, MeanSquaredErrors, compare};
 use sidehill_plant::vehicle::Vehicle;
 use std::fmt::Write;
-use std::fs::File;
 use std::path::{Path, PathBuf};
 
 /// Arguments of `sidehill odometry`.
@@ -128,8 +127,11 @@ pub(crate) fn column_map(path: Option<&Path>) -> Result<ColumnMap> {
 /// Names the file, row and column at fault.
 pub(crate) fn read_log(path: &Path, map: &ColumnMap) -> Result<DriveLog> {
     let name = || path.display().to_string();
-    let file = File::open(path).with_context(name)?;
-    let log = DriveLog::read(std::io::BufReader::new(file), map).with_context(name)?;
+    let bytes = std::fs::read(path).with_context(name)?;
+    if let Some(reason) = no_text(&bytes) {
+        bail!("{}: {reason}", name());
+    }
+    let log = DriveLog::read(bytes.as_slice(), map).with_context(name)?;
     for suspicion in log.suspicions() {
         console::complain(format_args!("{}: warning: {suspicion}", name()));
     }

@@ -33,6 +33,13 @@ pub fn check_free(paths: &[impl AsRef<Path>], force: bool) -> Result<()> {
 /// As [`check_free`].
 pub fn check_writable(path: &Path, force: bool) -> Result<()> {
     check_free(&[path], force)?;
+    if !folder(path).is_dir() {
+        bail!(
+            "{}: cannot be written: there is no folder {}; make it first",
+            path.display(),
+            folder(path).display()
+        );
+    }
     tempfile::Builder::new()
         .prefix(".sidehill")
         .tempfile_in(folder(path))

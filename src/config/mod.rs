@@ -17,7 +17,7 @@ mod scenario;
 pub use bridge::{RunConfig, RunPort, VehicleConfig, VehiclePort, load_layout};
 pub use campaign::{Campaign, Drawn};
 pub use conditions::Conditions;
-pub(crate) use file::Bundle;
+pub(crate) use file::{Bundle, no_text};
 pub use file::{
     CONTACT_IDENTIFIED, CONTACT_VEHICLE, ConfigError, ConfigFile, DEFAULT_SCENARIO, to_yaml,
 };

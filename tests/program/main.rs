@@ -7,6 +7,7 @@ mod campaign;
 mod check;
 mod configuration;
 mod icr;
+mod mistakes;
 mod odometry;
 mod paths;
 mod readme;

@@ -93,7 +93,9 @@ pub struct StageReport {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum IdentificationError {
     /// The logs hold too little motion with poses.
-    #[error("{found} segments with motion and poses, at least {needed} are needed")]
+    #[error(
+        "{found} segments with motion and poses, at least {needed} are needed: log longer, or cut shorter segments"
+    )]
     TooFewSegments {
         /// Segments found.
         found: usize,
