@@ -4,6 +4,7 @@ use crate::config::{
     Campaign, Conditions, ConfigFile, Overrides, RunConfig, RunPort, Scenario, load_layout,
     read_route,
 };
+use crate::live_odometry::LiveOdometryConfig;
 use crate::progress::Notice;
 use crate::{console, run, vehicle};
 use anyhow::{Result, bail};
@@ -97,11 +98,15 @@ pub fn check(file: ConfigFile) -> Result<&'static str> {
     } else if has("scenario") {
         vehicle::check(&file)?;
         Ok("configuration of vehicle")
+    } else if has("vehicle") {
+        let config: LiveOdometryConfig = file.parse()?;
+        config.checked(&file)?;
+        Ok("configuration of odometry --live")
     } else {
         bail!(
             "{}: neither a campaign (key draws), a scenario (controllers), a vehicle (x_icr_left_m), a \
              contact vehicle (axles), a column map (tread_speed_left), conditions (sensors or drive_train), a layout of a CAN bus \
-             (database), nor a configuration of run (controller) or vehicle (scenario)",
+             (database), nor a configuration of run (controller), vehicle (scenario) or odometry --live (vehicle)",
             file.name()
         )
     }

@@ -125,6 +125,7 @@ fn row(cycle: &Cycle, prepared: &Prepared) -> Row {
         motors: state.motors,
         tread_speeds: prepared.plant.encoder_scale().invert(state.treads),
         icrs: prepared.vehicle.icrik(state.attitude, state.treads),
+        contact: decision.estimate.and_then(|estimate| estimate.contact),
         status: decision.status,
         qp_iterations: decision.solve.map_or(0, |s| s.iterations),
         qp_path: decision.solve.map(|s| s.path),

@@ -10,12 +10,12 @@ use crate::output;
 use crate::progress::{self, Notice};
 use crate::simulate::Format;
 use anyhow::{Context, Result, bail};
-use report::{extension_table, stage_json, stage_table};
+use report::{contact_json, contact_table, extension_table, stage_json, stage_table};
 use sidehill_plant::contact::{ContactModel, ContactVehicle};
 use sidehill_plant::identification::{
     Drive, Estimate, IdentificationSettings, Leg, LogNoise, Procedure, Segmentation, StageReport,
-    drive, identify_extension, identify_level, identify_level_determined, identify_slope,
-    identify_slope_determined,
+    drive, identify_contact, identify_extension, identify_level, identify_level_determined,
+    identify_slope, identify_slope_determined,
 };
 use sidehill_plant::log::DriveLog;
 use sidehill_plant::speeds::EncoderScale;
@@ -44,6 +44,11 @@ pub struct IdentifyArgs {
     /// Where the identified vehicle is written, in YAML.
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
+    /// Identifies the vehicle on wheels with friction, too, from all logs: friction, centre of mass, load
+    /// shares and more, from which contact-mpc starts. Geometry, at least, is known: section `contact` of
+    /// the --vehicle file, or its base.
+    #[arg(long)]
+    pub contact: bool,
     /// Columns of the logs, in YAML, where they are not time_s, v_left_m_s, v_right_m_s, roll_rad,
     /// pitch_rad, x_m, y_m, z_m, yaw_rad.
     #[arg(long, value_name = "FILE")]
@@ -97,8 +102,14 @@ pub fn run(args: &IdentifyArgs) -> Result<()> {
         }
         None => recorded(args)?,
     };
+    if let (true, Some(path)) = (args.contact, &args.simulate) {
+        let contact: ContactVehicle = ConfigFile::read(path)?.parse()?;
+        vehicle.contact = Some(contact.geometry_alone());
+    }
     let mut found = Found::default();
     let mut text = String::new();
+    let mut guessed = Vec::new();
+    let mut contact = serde_json::Value::Null;
     if !logs.level.is_empty() {
         let (fitted, report, undetermined) =
             identify_level_determined(&logs.level, &vehicle, &settings).context("level logs")?;
@@ -131,11 +142,25 @@ pub fn run(args: &IdentifyArgs) -> Result<()> {
         // What the two stages found holds without it.
         Err(error) => text += &format!("extension: not tried: {error}\n"),
     }
+    if args.contact {
+        let all: Vec<DriveLog> = slope
+            .iter()
+            .chain(logs.level.iter().filter(|log| !slope.contains(log)))
+            .cloned()
+            .collect();
+        let (fitted, report) =
+            identify_contact(&all, &vehicle, &settings).context("contact vehicle")?;
+        text += &contact_table(&report);
+        contact = contact_json(&report);
+        let unknown = report.estimates.iter().filter(|e| !e.determined);
+        guessed = unknown.map(|estimate| estimate.name).collect();
+        vehicle = fitted;
+    }
     if let Some(name) = &args.name {
         vehicle.name.clone_from(name);
     }
     drop(notice);
-    let yaml = commented(&vehicle, args, &found)?;
+    let yaml = commented(&vehicle, args, &found, &guessed)?;
     output::write(&args.out, yaml.as_bytes(), args.force)?;
     match args.format {
         Format::Table => {
@@ -151,6 +176,7 @@ pub fn run(args: &IdentifyArgs) -> Result<()> {
                 "vehicle": vehicle,
                 "level": stage(&found.level),
                 "slope": stage(&found.slope),
+                "contact": contact,
                 "verdict": verdict,
                 "written": args.out,
             }));
@@ -273,7 +299,12 @@ fn simulated(contact: &ContactVehicle, vehicle: &Vehicle, seed: u64) -> Result<L
 }
 
 /// Returns the vehicle as YAML with where it comes from.
-fn commented(vehicle: &Vehicle, args: &IdentifyArgs, found: &Found) -> Result<String> {
+fn commented(
+    vehicle: &Vehicle,
+    args: &IdentifyArgs,
+    found: &Found,
+    guessed: &[&'static str],
+) -> Result<String> {
     let list = |paths: &[PathBuf]| {
         let names: Vec<_> = paths
             .iter()
@@ -301,8 +332,22 @@ fn commented(vehicle: &Vehicle, args: &IdentifyArgs, found: &Found) -> Result<St
         );
         yaml = yaml.replacen(&key, &warning, 1);
     }
+    if let Some((before, contact)) = yaml.split_once("\ncontact:") {
+        let mut contact = contact.to_owned();
+        for name in guessed {
+            let place = match *name {
+                "inner_load_share" => "axles",
+                name => name,
+            };
+            let key = format!("\n  {place}:");
+            let warning = format!("\n  # NOT DETERMINED by these logs, still a guess: {name}{key}");
+            contact = contact.replacen(&key, &warning, 1);
+        }
+        yaml = format!("{before}\ncontact:{contact}");
+    }
+    let contact = if args.contact { " --contact" } else { "" };
     Ok(format!(
-        "# Identified by: sidehill identify {source} --vehicle {} --segment-s {} --smoothing-s {}\n\
+        "# Identified by: sidehill identify {source}{contact} --vehicle {} --segment-s {} --smoothing-s {}\n\
          # Keys and units as in config/vehicles/j8.yaml: ICRs in m from the body's origin, slide gains\n\
          # in s/rad, largest speed in m/s, base in m; base and largest speed from the --vehicle file.\n\
          # extension: terms beyond ICRIK and the parameters found with them, see docs/identification.md.\n{yaml}",
@@ -324,6 +369,7 @@ mod tests {
         IdentifyArgs {
             force: false,
             format: Format::Table,
+            contact: false,
             level: Vec::new(),
             slope: Vec::new(),
             simulate: Some(repository("config/vehicles/j8_contact.yaml")),

@@ -10,10 +10,14 @@ pub mod check;
 pub mod closed_loop;
 pub mod config;
 pub mod console;
+#[cfg(feature = "package")]
+pub mod documents;
 pub mod icr;
 pub mod identify;
 #[cfg(feature = "drive")]
 pub mod init;
+#[cfg(feature = "drive")]
+pub mod live_odometry;
 pub mod odometry;
 pub mod output;
 pub mod progress;

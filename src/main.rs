@@ -2,8 +2,14 @@
 #![allow(clippy::print_stderr)]
 
 use anyhow::anyhow;
+#[cfg(feature = "package")]
+use clap::CommandFactory;
 use clap::{Parser, Subcommand};
-use sidehill::{campaign, check, console, icr, identify, init, odometry, run, simulate, vehicle};
+#[cfg(feature = "package")]
+use sidehill::documents;
+use sidehill::{
+    campaign, check, console, icr, identify, init, live_odometry, odometry, run, simulate, vehicle,
+};
 use sidehill_bridge::ros2::node::arguments;
 use std::process::ExitCode;
 
@@ -25,7 +31,8 @@ enum Command {
     /// Evaluates ICRIK: CSV with roll_rad, pitch_rad, v_left_m_s, v_right_m_s on standard input. The
     /// speeds are effective ones: c_l and c_r of the vehicle are not applied.
     Icr(icr::IcrArgs),
-    /// Judges odometry of a log by its poses: ICRHK, ICRIK and ideal differential drive.
+    /// Judges odometry of a log by its poses: ICRHK, ICRIK and ideal differential drive. With --live it is a
+    /// node of ROS 2 that publishes slope-corrected odometry.
     Odometry(odometry::OdometryArgs),
     /// Identifies a vehicle's parameters from logs of level and sloping ground.
     Identify(identify::IdentifyArgs),
@@ -37,6 +44,10 @@ enum Command {
     Check(check::CheckArgs),
     /// Writes a commented set of configuration files for a robot.
     Init(init::InitArgs),
+    /// Writes man pages and shell completions, for packages.
+    #[cfg(feature = "package")]
+    #[command(hide = true)]
+    Documents(documents::DocumentsArgs),
 }
 
 fn main() -> ExitCode {
@@ -47,6 +58,7 @@ fn main() -> ExitCode {
     let result = match command {
         Command::Run(args) => run::run(&args, &ros),
         Command::Vehicle(args) => vehicle::run(&args, &ros),
+        Command::Odometry(args) if args.live => live_odometry::run(&args, &ros),
         _ if !ros.is_empty() => Err(anyhow!("--ros-args: this command is no node of ROS 2")),
         Command::Simulate(args) => simulate::run(&args),
         Command::Campaign(args) => campaign::run(&args).map(|()| ExitCode::SUCCESS),
@@ -56,6 +68,10 @@ fn main() -> ExitCode {
         Command::Identify(args) => identify::run(&args).map(|()| ExitCode::SUCCESS),
         Command::Check(args) => check::run(&args),
         Command::Init(args) => init::run(&args).map(|()| ExitCode::SUCCESS),
+        #[cfg(feature = "package")]
+        Command::Documents(args) => {
+            documents::run(&args, &mut Cli::command()).map(|()| ExitCode::SUCCESS)
+        }
     };
     result.unwrap_or_else(|error| {
         console::complain(format_args!("sidehill: {error:#}"));

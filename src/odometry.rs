@@ -18,11 +18,16 @@ use std::path::{Path, PathBuf};
 /// Arguments of `sidehill odometry`.
 #[derive(Debug, Clone, clap::Args)]
 pub struct OdometryArgs {
-    /// Log with tread speeds, attitude and poses, in CSV.
-    pub log: PathBuf,
+    /// Log with tread speeds, attitude and poses, in CSV; with --live the configuration of the node.
+    #[arg(required_unless_present = "live")]
+    pub log: Option<PathBuf>,
     /// Vehicle that drove.
-    #[arg(long, value_name = "FILE")]
-    pub vehicle: PathBuf,
+    #[arg(long, value_name = "FILE", required_unless_present = "live")]
+    pub vehicle: Option<PathBuf>,
+    /// Be a node of ROS 2 instead: odometry from tread speeds and attitude, published until a signal
+    /// comes.
+    #[arg(long)]
+    pub live: bool,
     /// Columns of the log, in YAML, where they are not time_s, v_left_m_s, v_right_m_s, roll_rad,
     /// pitch_rad, x_m, y_m, z_m, yaw_rad.
     #[arg(long, value_name = "FILE")]
@@ -76,10 +81,12 @@ pub fn run(args: &OdometryArgs) -> Result<()> {
     if let Some(path) = &args.plot {
         output::check_writable(path, args.force)?;
     }
-    let vehicle: Vehicle = ConfigFile::read(&args.vehicle)?.parse()?;
-    let log = read_log(&args.log, &column_map(args.columns.as_deref())?)?;
-    let comparisons =
-        comparisons(&log, &vehicle).with_context(|| args.log.display().to_string())?;
+    let (Some(path), Some(vehicle)) = (&args.log, &args.vehicle) else {
+        bail!("a log and --vehicle FILE are needed");
+    };
+    let vehicle: Vehicle = ConfigFile::read(vehicle)?.parse()?;
+    let log = read_log(path, &column_map(args.columns.as_deref())?)?;
+    let comparisons = comparisons(&log, &vehicle).with_context(|| path.display().to_string())?;
     match args.format {
         Format::Table => console::text(table(&comparisons)),
         Format::Json => console::line(serde_json::to_string(&json(&comparisons)?)?),

@@ -2,6 +2,7 @@
 
 use serde::Serialize;
 use sidehill_controller::controller::Status;
+use sidehill_controller::estimator::ContactEstimate;
 use sidehill_controller::mpc::SolvePath;
 use sidehill_plant::frames::{Attitude, PlanarPose, Pose};
 use sidehill_plant::icr::TreadIcrs;
@@ -35,6 +36,8 @@ pub struct Row {
     pub tread_speeds: MeasuredTreadSpeeds,
     /// Tread ICRs of ICRIK at the true attitude and speeds.
     pub icrs: TreadIcrs,
+    /// What has been learned of a contact vehicle; none by controllers that learn something else.
+    pub contact: Option<ContactEstimate>,
     /// What the command is worth.
     pub status: Status,
     /// Linear systems factorised and interior-point iterations; 0 without a QP.

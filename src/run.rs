@@ -240,6 +240,8 @@ fn start_ros2(
         drives: config.port == RunPort::Ros2,
         stages: config.settings.stages,
         period_s,
+        realtime: config.realtime,
+        stopping: config.stopping(),
     });
     Ok(Some(started.map_err(|error| file.error(error))?))
 }

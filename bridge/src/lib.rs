@@ -23,7 +23,9 @@
 //! | `controller` | `realtime.helper_fifo_priority` | the next cycle; a solve ends at its deadline |
 //! | `can-listener` | `realtime.helper_fifo_priority` | a frame, for 20 ms at most |
 //! | `can-opener` | normal | the kernel, which may block while an interface disappears |
-//! | `ros2 ...`: inputs, commands, server | normal | the middleware |
+//! | `ros2 inputs`, `ros2 commands` | `realtime.helper_fifo_priority` | a message or a command, for 50 ms at most; the middleware |
+//! | the middleware's own, with `port: ros2` | `realtime.helper_fifo_priority` | the network |
+//! | `ros2 server`, `ros2 path` | normal | the middleware |
 //! | the caller's | normal | files and standard output |
 //!
 //! Threads exchange values through triple buffers, rings and atomics: none holds a lock that the loop
@@ -39,7 +41,8 @@
 //!                +-----------+----------+-----------+---- fault or halt -----+
 //! ```
 //!
-//! See [`safety`]. Nothing re-arms by itself; over ROS 2 an accepted goal acts as the operator.
+//! See [`safety`]. Nothing re-arms by itself; over ROS 2 an accepted goal acts as the operator,
+//! also when it goes on after an obstacle.
 
 pub mod can;
 pub mod control_loop;

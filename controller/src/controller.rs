@@ -115,7 +115,7 @@ impl Controller {
             None
         };
         let estimator = if let Some(contact) = &contact {
-            Estimator::with_contact(config.estimator, vehicle, contact.clone())
+            Estimator::with_contact(config.estimator, &vehicle.on_wheels(), contact.clone())
         } else if kind == ControllerKind::IcrhkMpc && adapts {
             let mut settings = config.estimator;
             settings.adaptation.slope_sigma = 0.0;
@@ -125,7 +125,7 @@ impl Controller {
         };
         let vehicle = match kind {
             ControllerKind::IcrikMpc => vehicle.extended(),
-            ControllerKind::ContactMpc => vehicle.clone(),
+            ControllerKind::ContactMpc => vehicle.on_wheels(),
             ControllerKind::IcrhkMpc | ControllerKind::PurePursuit => vehicle.on_level_ground(),
             ControllerKind::DiffdriveMpc => vehicle.as_differential_drive(),
         };

@@ -1,9 +1,10 @@
 //! Odometry of a log by four kinematic models, and its errors against the log's poses (Table II).
 
+use crate::contact::ContactPrediction;
 use crate::dead_reckoning::{Motion, advance_between};
 use crate::frames::{Attitude, BodyVelocity, Pose, wrap_angle};
 use crate::log::{DriveLog, GAP_MAX_S, LogRow};
-use crate::speeds::MeasuredTreadSpeeds;
+use crate::speeds::{MeasuredTreadSpeeds, MotorSpeeds};
 use crate::vehicle::Vehicle;
 use std::borrow::Cow;
 
@@ -15,6 +16,8 @@ pub enum KinematicModel {
     /// ICRIK and the terms of the vehicle's extension, with the parameters identified with them; ICRIK
     /// where it has none.
     Extended,
+    /// The balance of wheel friction with what is known of the vehicle's wheels.
+    Contact,
     /// ICRs on level ground: equations (4) and (11).
     Icrhk,
     /// Ideal differential drive: wheels on the base's sides that do not slip, speeds as measured.
@@ -29,13 +32,27 @@ impl KinematicModel {
         attitude: Attitude,
         measured: MeasuredTreadSpeeds,
     ) -> BodyVelocity {
-        self.velocity_with(&self.parameters(vehicle), attitude, measured)
+        let parameters = self.parameters(vehicle);
+        self.velocity_with(
+            &parameters,
+            &mut self.contact(&parameters),
+            attitude,
+            measured,
+        )
+    }
+
+    /// Returns the balance of wheel friction where this model is it.
+    fn contact(self, vehicle: &Vehicle) -> Option<ContactPrediction> {
+        (self == Self::Contact)
+            .then(|| ContactPrediction::new(&vehicle.contact_vehicle()).ok())
+            .flatten()
     }
 
     /// Returns the vehicle with the parameters that hold for this model.
     fn parameters(self, vehicle: &Vehicle) -> Cow<'_, Vehicle> {
         match self {
             Self::Extended => Cow::Owned(vehicle.extended()),
+            Self::Contact => Cow::Owned(vehicle.on_wheels()),
             Self::Icrik | Self::Icrhk | Self::DifferentialDrive => Cow::Borrowed(vehicle),
         }
     }
@@ -43,15 +60,22 @@ impl KinematicModel {
     fn velocity_with(
         self,
         vehicle: &Vehicle,
+        contact: &mut Option<ContactPrediction>,
         attitude: Attitude,
         measured: MeasuredTreadSpeeds,
     ) -> BodyVelocity {
         let treads = vehicle.encoder_scale.apply(measured);
+        if let Some(contact) = contact {
+            return contact
+                .body_velocity(attitude, MotorSpeeds::from(treads))
+                .velocity;
+        }
         match self {
             Self::Extended => vehicle.extended_velocity(attitude, treads),
             Self::Icrik => vehicle.body_velocity(attitude, treads),
             Self::Icrhk => vehicle.icrhk().body_velocity(treads),
-            Self::DifferentialDrive => BodyVelocity {
+            // Wheels that cannot be a contact vehicle are taken as ones that do not slip.
+            Self::Contact | Self::DifferentialDrive => BodyVelocity {
                 right_m_s: 0.0,
                 forward_m_s: 0.5 * (measured.right_m_s + measured.left_m_s),
                 yaw_rate_rad_s: 0.5 * (measured.right_m_s - measured.left_m_s)
@@ -69,11 +93,12 @@ impl KinematicModel {
         start: Pose,
     ) -> impl Iterator<Item = Pose> + 'a {
         let parameters = self.parameters(vehicle);
+        let mut contact = self.contact(&parameters);
         let mut before: Option<(f64, Motion)> = None;
         let mut pose = start;
         rows.iter().map(move |row| {
             let motion = Motion {
-                velocity: self.velocity_with(&parameters, row.attitude, row.speeds),
+                velocity: self.velocity_with(&parameters, &mut contact, row.attitude, row.speeds),
                 attitude: row.attitude,
             };
             if let Some((time_s, from)) = before {

@@ -35,6 +35,8 @@ pub struct Vehicle {
     pub extension: Option<Extension>,
     /// What is known of it as a vehicle on wheels with friction: where `contact-mpc` starts from.
     pub contact: Option<ContactVehicle>,
+    /// c_l and c_r identified with `contact`; without them those above hold for it.
+    pub contact_encoder_scale: Option<EncoderScale>,
 }
 
 impl Vehicle {
@@ -48,6 +50,14 @@ impl Vehicle {
             vehicle.encoder_scale = extension.encoder_scale;
         }
         vehicle
+    }
+
+    /// Returns the vehicle with the factors of the encoders that hold for it as a vehicle on wheels.
+    pub fn on_wheels(&self) -> Self {
+        Self {
+            encoder_scale: self.contact_encoder_scale.unwrap_or(self.encoder_scale),
+            ..self.clone()
+        }
     }
 
     /// Returns the gains of the terms beyond ICRIK; zeros without an extension.
@@ -101,6 +111,7 @@ impl Vehicle {
             },
             extension: None,
             contact: None,
+            contact_encoder_scale: None,
         }
     }
 
@@ -174,13 +185,19 @@ impl TryFrom<RawVehicle> for Vehicle {
             Bounds::new(0.01, 20.0, "m").check("base_half_width_m", raw.base_half_width_m)?;
         let half_length =
             Bounds::new(0.01, 20.0, "m").check("base_half_length_m", raw.base_half_length_m)?;
-        let contact = raw
-            .contact
-            .map(|known| known.vehicle(&raw.name))
+        let own_scale = EncoderScale {
+            left: Bounds::new(0.5, 2.0, "").check("correction_left", raw.correction_left)?,
+            right: Bounds::new(0.5, 2.0, "").check("correction_right", raw.correction_right)?,
+        };
+        let known = raw.contact.as_ref();
+        let contact = known.map(|known| known.vehicle(&raw.name)).transpose()?;
+        let contact_encoder_scale = known
+            .and_then(|known| known.encoder_scale(&own_scale).transpose())
             .transpose()?;
         let mut vehicle = Self {
             name: raw.name,
             contact,
+            contact_encoder_scale,
             icrs: HorizontalIcrs {
                 left_m: Bounds::new(-50.0, -half_width, "m")
                     .with_note("at most -base_half_width_m")
@@ -202,10 +219,7 @@ impl TryFrom<RawVehicle> for Vehicle {
                 .check("speed_max_m_s", raw.speed_max_m_s)?,
             base_half_width_m: half_width,
             base_half_length_m: half_length,
-            encoder_scale: EncoderScale {
-                left: Bounds::new(0.5, 2.0, "").check("correction_left", raw.correction_left)?,
-                right: Bounds::new(0.5, 2.0, "").check("correction_right", raw.correction_right)?,
-            },
+            encoder_scale: own_scale,
             extension: None,
         };
         let half_base_m = (vehicle.base_half_width_m, vehicle.base_half_length_m);
@@ -233,7 +247,10 @@ impl From<Vehicle> for RawVehicle {
             correction_left: v.encoder_scale.left,
             correction_right: v.encoder_scale.right,
             extension: v.extension.map(RawExtension::from),
-            contact: v.contact.as_ref().map(KnownContact::of),
+            contact: v
+                .contact
+                .as_ref()
+                .map(|contact| KnownContact::of(contact, v.contact_encoder_scale)),
         }
     }
 }

@@ -11,6 +11,7 @@ use sidehill_bridge::control_loop::scheduling::RealtimeConfig;
 use sidehill_bridge::ros2::port::convert::TwistMapping;
 use sidehill_bridge::ros2::port::rover::VehicleNodeConfig;
 use sidehill_bridge::ros2::server::config::Ros2Config;
+use sidehill_bridge::ros2::server::obstacles::StoppingSettings;
 use sidehill_bridge::ros2::server::route::RouteSettings;
 use sidehill_bridge::rover::DriveConfig;
 use sidehill_bridge::rover::{CanFault, FaultWindow};
@@ -98,8 +99,8 @@ impl RunConfig {
         // The port converts speeds by the factors of the model that the controller steers by.
         Ok(match self.controller {
             ControllerKind::IcrikMpc => vehicle.extended(),
+            ControllerKind::ContactMpc => vehicle.on_wheels(),
             ControllerKind::IcrhkMpc
-            | ControllerKind::ContactMpc
             | ControllerKind::DiffdriveMpc
             | ControllerKind::PurePursuit => vehicle,
         })
@@ -167,6 +168,17 @@ impl RunConfig {
             use_orientations: config.follow_path.use_orientations,
         };
         Ok((config, route))
+    }
+
+    /// Returns how the vehicle stops ahead of an obstacle.
+    ///
+    /// From a check of the costmap until the treads obey pass the time until the next check, a cycle, and the
+    /// delay of a command.
+    pub fn stopping(&self) -> StoppingSettings {
+        StoppingSettings {
+            deceleration_m_s2: self.safety.deceleration_m_s2,
+            reaction_s: StoppingSettings::CHECK_S + self.cycle.period_s + self.settings.delay_s(),
+        }
     }
 
     /// Checks that the cycle goes by a clock by which the port's readings can be dated.

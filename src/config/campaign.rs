@@ -242,14 +242,15 @@ impl Campaign {
     /// [`ConfigError`] where what the scenario names cannot be read.
     pub fn fingerprint(&self) -> Result<String, ConfigError> {
         let world = Scenario::read(self.scenario.clone())?.prepare(&Overrides::default())?;
+        // A vehicle without it has the number that it had before there was this field.
+        let vehicle = format!("{:?}", world.vehicle).replace(", contact_encoder_scale: None", "");
         let all = format!(
-            "{} {} {:?} {} {:?} {:?}",
+            "{} {} {:?} {} {:?} {vehicle}",
             env!("CARGO_PKG_VERSION"),
             self.seed,
             self.draws,
             self.scenario.text(),
-            world.plant,
-            world.vehicle
+            world.plant
         );
         Ok(format!("{:016x}", fnv_1a(all.as_bytes())))
     }

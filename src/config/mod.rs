@@ -12,6 +12,7 @@ mod reference;
 #[cfg(feature = "drive")]
 pub mod ros2;
 mod scenario;
+mod variation;
 
 #[cfg(feature = "drive")]
 pub use bridge::{RunConfig, RunPort, VehicleConfig, VehiclePort, load_layout};

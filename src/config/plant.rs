@@ -1,5 +1,6 @@
 //! What moves the simulated vehicle, the friction under it, and what controllers wrongly believe of it.
 
+use super::variation::VehicleVariation;
 use serde::Deserialize;
 use sidehill_plant::bounds::RangeError;
 use sidehill_plant::contact::{ContactModel, ContactVehicle, FrictionField, Parameter};
@@ -32,7 +33,7 @@ impl PlantKind {
 #[derive(Debug, Clone)]
 pub enum Plant {
     /// The exact ICRIK model of a vehicle.
-    Icrik(Vehicle),
+    Icrik(Box<Vehicle>),
     /// Wheels with friction on the ground.
     Contact {
         /// The vehicle on wheels.
@@ -62,7 +63,7 @@ impl Plant {
     pub(super) fn motion(&self) -> Box<dyn MotionModel + Send> {
         match self {
             Self::Icrik(vehicle) => Box::new(IcrMotion {
-                vehicle: vehicle.clone(),
+                vehicle: (**vehicle).clone(),
                 inclined: true,
             }),
             Self::Contact { vehicle, .. } => Box::new(ContactModel::new(vehicle.clone())),
@@ -179,6 +180,10 @@ impl ModelError {
                 &mut extension.encoder_scale,
             );
         }
+        if let Some(scale) = &mut vehicle.contact_encoder_scale {
+            scale.left *= self.correction_left;
+            scale.right *= self.correction_right;
+        }
         if let Some(contact) = &vehicle.contact {
             vehicle.contact = Some(self.apply_to_contact(contact)?);
         }
@@ -231,4 +236,7 @@ pub(super) struct ContactFiles {
     pub(super) vehicle: PathBuf,
     /// What identification found of it.
     pub(super) identified: PathBuf,
+    /// How the vehicle differs from its file.
+    #[serde(default)]
+    pub(super) variation: VehicleVariation,
 }

@@ -305,7 +305,7 @@ impl Scenario {
     fn plant(&self, kind: PlantKind, seed: u64) -> Result<(Plant, Vehicle), ConfigError> {
         let own: Vehicle = self.file.sibling(&self.raw.vehicle)?.parse()?;
         match kind {
-            PlantKind::Icrik => Ok((Plant::Icrik(own.extended()), own)),
+            PlantKind::Icrik => Ok((Plant::Icrik(Box::new(own.extended())), own)),
             PlantKind::Contact => {
                 let (vehicle, identified) = match &self.raw.contact {
                     Some(files) => (
@@ -327,13 +327,21 @@ impl Scenario {
                     }
                 };
                 let mut vehicle: ContactVehicle = vehicle.parse()?;
+                let mut identified: Vehicle = identified.parse()?;
+                if let Some(files) = &self.raw.contact {
+                    let vary = || -> Result<_, RangeError> {
+                        let varied = files.variation.of_truth(&vehicle)?;
+                        Ok((varied, files.variation.of_identified(identified)?))
+                    };
+                    (vehicle, identified) = vary()
+                        .map_err(|error| self.file.error(format!("contact.variation: {error}")))?;
+                }
                 if let Some(friction) = &self.raw.friction {
                     friction
                         .check()
                         .map_err(|error| self.file.error(format!("friction.{error}")))?;
                     vehicle.friction.field = friction.field(seed);
                 }
-                let mut identified: Vehicle = identified.parse()?;
                 // Geometry is known of any vehicle.
                 identified
                     .contact

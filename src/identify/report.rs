@@ -3,7 +3,7 @@
 use super::Undetermined;
 use serde_json::{Value, json};
 use sidehill_plant::identification::{
-    Estimate, ExtensionReport, SegmentErrors, StageReport, Verdict,
+    ContactReport, Estimate, ExtensionReport, SegmentErrors, StageReport, Verdict,
 };
 use std::fmt::Write;
 
@@ -94,6 +94,62 @@ pub(super) fn extension_table(report: &ExtensionReport) -> String {
     }
     held_out("extended", &report.extended);
     out
+}
+
+/// Returns the physical parameters that were found, as text.
+pub(super) fn contact_table(report: &ContactReport) -> String {
+    let mut out = format!("contact vehicle: {} segments\n", report.segments);
+    for estimate in &report.estimates {
+        let (low, high) = estimate.interval;
+        let source = if estimate.determined {
+            ""
+        } else {
+            ", not determined by these logs: the guess and its interval"
+        };
+        let _ = writeln!(
+            out,
+            "  {:26} {:>9.4}, {low:.4} to {high:.4} (95 %){source}",
+            estimate.name, estimate.value
+        );
+    }
+    for (one, other, correlation) in &report.not_told_apart {
+        let _ = writeln!(
+            out,
+            "  warning: the logs cannot tell apart {one} and {other} (correlation {correlation:.2})"
+        );
+    }
+    for (name, errors) in [
+        ("all segments, guess", &report.guess),
+        ("held-out segments, fitted", &report.held_out),
+    ] {
+        let _ = writeln!(
+            out,
+            "  {name}: position {:.3} m, yaw {:.3} rad RMS",
+            errors.lateral_m.hypot(errors.longitudinal_m),
+            errors.yaw_rad
+        );
+    }
+    if !report.settled {
+        out += "  warning: the search for the parameters did not settle\n";
+    }
+    out
+}
+
+/// Returns the physical parameters that were found, as JSON.
+pub(super) fn contact_json(report: &ContactReport) -> Value {
+    let estimates: serde_json::Map<_, _> = report
+        .estimates
+        .iter()
+        .map(|estimate| {
+            let value = json!({
+                "value": estimate.value,
+                "interval_95": estimate.interval,
+                "determined": estimate.determined,
+            });
+            (estimate.name.to_owned(), value)
+        })
+        .collect();
+    json!({ "estimates": estimates, "segments": report.segments, "settled": report.settled })
 }
 
 /// Returns what a stage found as JSON.

@@ -21,7 +21,9 @@ use chart::{Panel, time_chart};
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 use scene::{Style, swatch};
 use sidehill_controller::config::ControllerKind;
+use sidehill_controller::estimator::ContactEstimate;
 use sidehill_controller::mpc::limits::InputLimits;
+use sidehill_plant::contact::Parameter;
 
 /// Steer speed below which a vehicle counts as going straight.
 const TURNING_M_S: f64 = 0.005;
@@ -112,6 +114,9 @@ fn sections(scene: &Scene, runs: &[Run], styles: &[Style]) -> Markup {
              none to show while the vehicle goes straight or stands.",
             &chart("icrs", &icr_panels(scene), 130.0), false,
         ))
+        @for (run, learned) in runs.iter().filter_map(|run| Some((run, learned_at_end(run)?))) {
+            (learned_table(&run.summary.controller, &learned))
+        }
         (figure(
             "Solve time",
             &format!(
@@ -121,6 +126,29 @@ fn sections(scene: &Scene, runs: &[Run], styles: &[Style]) -> Markup {
             ),
             &histogram::solve_times(runs, styles), false,
         ))
+    }
+}
+
+fn learned_at_end(run: &Run) -> Option<ContactEstimate> {
+    run.rows.iter().rev().find_map(|row| row.contact)
+}
+
+/// Returns what a controller has learned of the contact vehicle at the end of its run.
+fn learned_table(controller: &str, learned: &ContactEstimate) -> Markup {
+    html! {
+        h2 { "Learned by " (controller) }
+        table {
+            tr { th { "parameter" } th { "value" } th { "95 % interval" } th {} }
+            @for parameter in Parameter::ALL {
+                @let (value, (low, high)) = learned.interval(parameter);
+                tr {
+                    td { (parameter.key()) }
+                    td { (format!("{value:.4}")) }
+                    td { (format!("{low:.4} to {high:.4}")) }
+                    td { @if !learned.observed(parameter) { "not excited by this drive: prior" } }
+                }
+            }
+        }
     }
 }
 

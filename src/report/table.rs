@@ -3,6 +3,7 @@
 use crate::record::{Row, Run};
 use serde::Serialize;
 use sidehill_controller::controller::Status;
+use sidehill_plant::contact::Parameter;
 use std::io::Write;
 
 /// Writes `run` as CSV with a header, one row a control cycle.
@@ -16,6 +17,10 @@ use std::io::Write;
 /// Among the columns are those of a log (true pose and attitude, `v_left_m_s` and `v_right_m_s` as
 /// encoders count them), so that `identify` and `odometry` read the file as it is.
 ///
+/// The CSV of a controller that learns a contact vehicle has more columns: of each parameter `learned_KEY` with
+/// the ends of its 95 % interval, `learned_KEY_low` and `learned_KEY_high`, and `learned_unobserved`, the
+/// keys, with spaces between, that the drive has not excited so far, so that they are still at their priors.
+///
 /// # Errors
 /// What `out` reports.
 pub fn write_csv(run: &Run, out: impl Write) -> csv::Result<()> {
@@ -23,12 +28,44 @@ pub fn write_csv(run: &Run, out: impl Write) -> csv::Result<()> {
         .has_headers(false)
         .from_writer(out);
     // Written here, so that a run without rows has its header, too.
-    table.write_record(COLUMNS)?;
+    let learns = run.rows.iter().any(|row| row.contact.is_some());
+    let own = COLUMNS.iter().map(|name| (*name).to_owned());
+    let learned = learned_columns().filter(|_| learns);
+    table.write_record(own.chain(learned))?;
     for row in &run.rows {
-        table.serialize(Record::from(row))?;
+        if learns {
+            table.serialize((Record::from(row), learned_values(row)))?;
+        } else {
+            table.serialize(Record::from(row))?;
+        }
     }
     table.flush()?;
     Ok(())
+}
+
+fn learned_columns() -> impl Iterator<Item = String> {
+    Parameter::ALL
+        .into_iter()
+        .flat_map(|parameter| {
+            ["", "_low", "_high"].map(|end| format!("learned_{}{end}", parameter.key()))
+        })
+        .chain(["learned_unobserved".to_owned()])
+}
+
+fn learned_values(row: &Row) -> (Vec<Option<f64>>, String) {
+    let values = Parameter::ALL.into_iter().flat_map(|parameter| {
+        row.contact.map_or([None; 3], |contact| {
+            let (value, (low, high)) = contact.interval(parameter);
+            [Some(value), Some(low), Some(high)]
+        })
+    });
+    let unobserved = row.contact.map_or_else(Vec::new, |contact| {
+        let all = Parameter::ALL.into_iter();
+        all.filter(|p| !contact.observed(*p))
+            .map(Parameter::key)
+            .collect()
+    });
+    (values.collect(), unobserved.join(" "))
 }
 
 /// Names of the columns: the fields of [`Record`].

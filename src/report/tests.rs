@@ -4,6 +4,8 @@ use roxmltree::{Document, ParsingOptions};
 use sidehill_controller::config::ControllerConfig;
 use sidehill_controller::config::ControllerKind;
 use sidehill_controller::controller::{Status, StopReason};
+use sidehill_controller::estimator::ContactEstimate;
+use sidehill_plant::contact::ParameterVector;
 use sidehill_plant::frames::{Attitude, PlanarPose, Pose};
 use sidehill_plant::icr::TreadIcrs;
 use sidehill_plant::speeds::{EncoderScale, MotorSpeeds};
@@ -50,6 +52,7 @@ fn row(index: usize) -> Row {
             right_m: 1.1,
             forward_m: 0.2,
         },
+        contact: None,
         status: Status::Tracking,
         qp_iterations: 6,
         qp_path: None,
@@ -324,6 +327,35 @@ fn a_csv_reads_back_bit_for_bit() {
     assert_eq!(&records[3][column("status")], "tracking");
     assert_eq!(&records[4][column("status")], "stopping");
     assert!(records[4][column("reason")].contains("2.50 m off the path"));
+}
+
+#[test]
+fn learned_parameters_are_in_csv_and_report_with_their_intervals() {
+    let mut run = run("contact-mpc", rows(20));
+    let learned = |friction: f64| ContactEstimate {
+        parameters: ParameterVector::repeat(friction.ln()),
+        sigma: ParameterVector::repeat(0.1),
+        prior_sigma: ParameterVector::from_fn(|i, _| if i == 0 { 1.0 } else { 0.1 }),
+    };
+    for row in &mut run.rows[5..] {
+        row.contact = Some(learned(0.8));
+    }
+    let mut bytes = Vec::new();
+    write_csv(&run, &mut bytes).unwrap();
+    let mut reader = csv::Reader::from_reader(bytes.as_slice());
+    let headers = reader.headers().unwrap().clone();
+    let column = |name: &str| headers.iter().position(|header| header == name).unwrap();
+    let records: Vec<_> = reader.records().map(Result::unwrap).collect();
+    assert_eq!(&records[4][column("learned_friction")], "");
+    let number = |name: &str| records[9][column(name)].parse::<f64>().unwrap();
+    assert!((number("learned_friction") - 0.8).abs() < 1e-12);
+    assert!((number("learned_friction_low") - 0.8 * (-0.196_f64).exp()).abs() < 1e-12);
+    assert!((number("learned_friction_high") - 0.8 * 0.196_f64.exp()).abs() < 1e-12);
+    let unobserved = &records[9][column("learned_unobserved")];
+    assert!(!unobserved.contains("friction"), "{unobserved}");
+    assert!(unobserved.contains("slip_scale_m_s"), "{unobserved}");
+    let page = page(&plane(), &[run]);
+    assert!(page.contains("slip_scale_m_s") && page.contains("not excited"));
 }
 
 #[test]

@@ -45,7 +45,10 @@ const KINDS: [(&str, &str, &[&str]); 9] = [
         "conditions",
         &["config/conditions/realistic.yaml"],
     ),
-    ("campaign", "campaign", &["config/campaigns/default.yaml"]),
+    ("campaign", "campaign", &[
+            "config/campaigns/default.yaml",
+            "config/campaigns/vehicles.yaml",
+        ]),
     ("columns", "column-map", &[]),
     (
         "run",

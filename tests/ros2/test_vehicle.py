@@ -49,6 +49,7 @@ def test_odometry_transforms_imu_and_joints_tell_the_same_story(vehicle, peer):
     assert (offset.header.frame_id, offset.child_frame_id) == ("map", "odom")
     assert len(odom.all) > 100
     transforms = {seconds(m.transforms[0].header.stamp): m.transforms[0] for m in tf.all}
+    footprints = {seconds(m.transforms[1].header.stamp): m.transforms[1] for m in tf.all}
     orientations = {seconds(m.header.stamp): m.orientation for m in imu.all}
     velocities = {seconds(m.header.stamp): m for m in joints.all}
     truth = {row["time_s"]: row for row in rover.truth()}
@@ -62,6 +63,13 @@ def test_odometry_transforms_imu_and_joints_tell_the_same_story(vehicle, peer):
         moved = transforms[at].transform
         assert moved.translation.x == pose.position.x and moved.translation.y == pose.position.y
         assert moved.rotation == pose.orientation
+        level = footprints[at]
+        assert level.header.frame_id == "base_link"
+        # Turned back by the tilt of the vehicle, and not moved.
+        at_base, back = level.transform.translation, level.transform.rotation
+        assert (at_base.x, at_base.y, at_base.z) == (0.0, 0.0, 0.0)
+        tilt = math.hypot(moved.rotation.x, moved.rotation.y)
+        assert tilt > 0.01 and math.isclose(tilt, math.hypot(back.x, back.y), abs_tol=1e-9)
         # The compass of the AHRS is the map's, and odom is turned against it.
         turned = yaw(orientations[at]) - yaw(pose.orientation) - math.radians(30)
         assert abs(math.remainder(turned, 2 * math.pi)) < 0.01

@@ -188,6 +188,7 @@ impl Port for CanPort {
                     mode: motors.value.1,
                 },
             }),
+            forwarded: None,
             link: bus,
             refused: readings.refused,
         }

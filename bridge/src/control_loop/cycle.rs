@@ -103,6 +103,7 @@ impl<P: Port, R: ControllerRunner> ControlLoop<P, R> {
             time_s: time.begin_s,
             controller: decision.as_ref().map(controller_output),
             feedback: inputs.feedback,
+            forwarded: inputs.forwarded,
             link: inputs.link,
             unsent_since_s: self.unsent_since_s,
             requests,

@@ -112,7 +112,11 @@ impl<P: Port, R: ControllerRunner> ControlLoop<P, R> {
     }
 
     /// Runs one cycle with the local requests and those from the channel.
-    fn step_with(&mut self, requests: OperatorRequests, channel: Option<&mut LoopEnd>) -> CycleRow {
+    pub(crate) fn step_with(
+        &mut self,
+        requests: OperatorRequests,
+        channel: Option<&mut LoopEnd>,
+    ) -> CycleRow {
         let Some(channel) = channel else {
             return self.step(requests);
         };

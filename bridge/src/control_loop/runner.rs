@@ -58,7 +58,7 @@ impl InlineRunner {
         Self::with_channel(controller, None)
     }
 
-    fn with_channel(mut controller: Controller, channel: Option<ControllerEnd>) -> Self {
+    pub(crate) fn with_channel(mut controller: Controller, channel: Option<ControllerEnd>) -> Self {
         controller.request_stop();
         Self {
             controller,

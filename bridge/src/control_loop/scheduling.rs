@@ -6,8 +6,8 @@ use sidehill_plant::bounds::Bounds;
 use sidehill_plant::vehicle::RangeError;
 pub use thread_priority::ThreadId;
 use thread_priority::{
-    RealtimeThreadSchedulePolicy, ThreadPriority, ThreadPriorityValue, ThreadSchedulePolicy,
-    set_thread_priority_and_policy, thread_native_id,
+    NormalThreadSchedulePolicy, RealtimeThreadSchedulePolicy, ThreadPriority, ThreadPriorityValue,
+    ThreadSchedulePolicy, set_thread_priority_and_policy, thread_native_id,
 };
 
 /// Real-time settings; none by default.
@@ -129,6 +129,30 @@ impl RealtimeConfig {
             0 => Ok(()),
             priority => set_fifo(thread, priority, HELPER_FIFO_PRIORITY),
         }
+    }
+
+    /// Runs `create` with the calling thread at the priority of helpers: the threads that it creates have
+    /// that priority too, those of a library among them, which are out of reach otherwise.
+    ///
+    /// # Errors
+    /// Where the system refuses it, with what to do about it.
+    pub fn create_helpers<T>(&self, create: impl FnOnce() -> T) -> Result<T, RealtimeError> {
+        if self.helper_priority() == 0 {
+            return Ok(create());
+        }
+        self.validate()?;
+        self.apply_to_helper(thread_native_id())?;
+        let created = create();
+        let normal = ThreadSchedulePolicy::Normal(NormalThreadSchedulePolicy::Other);
+        let (min, key) = (ThreadPriority::Min, HELPER_FIFO_PRIORITY);
+        set_thread_priority_and_policy(thread_native_id(), min, normal).map_err(|error| {
+            RealtimeError::Priority {
+                key,
+                priority: 0,
+                reason: format!("{error:?}"),
+            }
+        })?;
+        Ok(created)
     }
 
     /// Returns the priority of helpers, 0 for none.

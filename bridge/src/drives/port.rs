@@ -1,5 +1,6 @@
 use super::vocabulary::{DriveCommand, DriveFeedback, LinkState, SendError};
 use sidehill_plant::sample::{Sample, Stamped};
+use sidehill_plant::speeds::MotorSpeeds;
 use thread_priority::ThreadId;
 
 /// What a port has received when a cycle begins.
@@ -9,6 +10,9 @@ pub struct PortInputs {
     pub sample: Sample,
     /// Newest feedback of both drives, new or not.
     pub feedback: Option<Stamped<DriveFeedback>>,
+    /// The newest command that reached the drives, where a node between the loop and them may slow it
+    /// down; none where there is no such node, or it is not listened to.
+    pub forwarded: Option<Stamped<MotorSpeeds>>,
     /// State of the link to the drives.
     pub link: LinkState,
     /// Messages that failed a check, since the start.

@@ -3,6 +3,7 @@
 //!
 //! ```text
 //! server   FollowPath: goals, parameters, telemetry
+//! odometry slope-corrected odometry without a controller
 //! port     drives and sensors over topics
 //! node     what rclcpp would give: names, arguments, QoS, parameters, lifecycle, time, transforms
 //! ```
@@ -10,5 +11,6 @@
 //! Each part uses those below it only.
 
 pub mod node;
+pub mod odometry;
 pub mod port;
 pub mod server;

@@ -76,6 +76,7 @@ impl Port for SimulatedPort {
                     mode: self.rover.drives().mode(),
                 },
             }),
+            forwarded: None,
             link: LinkState::Active,
             refused: 0,
         }

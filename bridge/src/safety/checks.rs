@@ -2,6 +2,7 @@ use super::Safety;
 use super::alarm::Alarm;
 use super::vocabulary::{ControllerOutput, ControllerState, Reason, SafetyInputs, SafetyState};
 use crate::drives::DriveMode;
+use sidehill_plant::speeds::MotorSpeeds;
 
 /// What forbids driving.
 impl Safety {
@@ -77,6 +78,31 @@ impl Safety {
         inputs
             .controller
             .filter(|output| output.time_s > self.since_s && output.time_s <= inputs.time_s)
+    }
+
+    /// Returns the speeds that the drives should reach: those commanded, or what a node on the way to the
+    /// drives has made of them.
+    ///
+    /// Such a node may slow the vehicle down, and no more: what it forwards counts only between zero and the
+    /// commands it can have had. One that has been silent for longer than a response is not believed.
+    pub(super) fn expected_speeds(&self, inputs: &SafetyInputs) -> MotorSpeeds {
+        let command = self.command.speeds;
+        let response_s = self.config.response_time_s;
+        let forwarded = inputs.forwarded.filter(|forwarded| {
+            let age_s = inputs.time_s - forwarded.time_s;
+            (..=response_s).contains(&age_s) && forwarded.value.is_finite()
+        });
+        let Some(forwarded) = forwarded else {
+            return command;
+        };
+        let [traction, steer] = self.commanded.range(inputs.time_s - response_s);
+        let within = |[low, high]: [f64; 2], command: f64, value: f64| {
+            value.clamp(low.min(command).min(0.0), high.max(command).max(0.0))
+        };
+        MotorSpeeds {
+            traction_m_s: within(traction, command.traction_m_s, forwarded.value.traction_m_s),
+            steer_m_s: within(steer, command.steer_m_s, forwarded.value.steer_m_s),
+        }
     }
 
     pub(super) fn implausible(&mut self, inputs: &SafetyInputs) -> Option<Reason> {

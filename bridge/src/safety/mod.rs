@@ -36,7 +36,10 @@ pub struct Safety {
     last_s: Option<f64>,
     armed_before: bool,
     command: DriveCommand,
+    /// Speeds that the drives should have reached.
     recent: RecentCommands,
+    /// Speeds that were commanded.
+    commanded: RecentCommands,
     /// Whether the controller has driven since the drives were enabled.
     following: bool,
     implausible_since_s: Option<f64>,
@@ -58,6 +61,7 @@ impl Safety {
             armed_before: true,
             command: DriveCommand::OFF,
             recent: RecentCommands::new(),
+            commanded: RecentCommands::new(),
             following: false,
             implausible_since_s: None,
         })
@@ -102,6 +106,7 @@ impl Safety {
             self.since_s = inputs.time_s;
             if to == SafetyState::Enabling {
                 self.recent.clear();
+                self.commanded.clear();
                 self.following = false;
                 self.implausible_since_s = None;
             }
@@ -113,7 +118,9 @@ impl Safety {
             }
         });
         self.command = self.command_in_state(inputs, elapsed_s);
-        self.recent.push(inputs.time_s, self.command.speeds);
+        self.recent
+            .push(inputs.time_s, self.expected_speeds(inputs));
+        self.commanded.push(inputs.time_s, self.command.speeds);
         (self.command, transition)
     }
 

@@ -23,6 +23,7 @@ impl Bench {
                 time_s: 0.0,
                 controller: None,
                 feedback: None,
+                forwarded: None,
                 link: LinkState::Active,
                 unsent_since_s: None,
                 requests: OperatorRequests::default(),
@@ -445,4 +446,33 @@ fn settings_out_of_range_are_named() {
     })
     .unwrap_err();
     assert_eq!(error.key, "safety.deceleration_m_s2");
+}
+
+#[test]
+fn a_node_on_the_way_to_the_drives_may_slow_them_down_but_not_speed_them_up() {
+    let slow = |factor: f64, heard: bool| {
+        let mut bench = Bench::driving(speeds(0.0, 0.0));
+        for _ in 0..40 {
+            let before = bench.command.speeds;
+            let made = speeds(factor * before.traction_m_s, factor * before.steer_m_s);
+            bench.step(speeds(0.8, 0.0), |inputs| {
+                let time_s = inputs.time_s;
+                inputs.forwarded = heard.then_some(Stamped {
+                    time_s,
+                    value: made,
+                });
+                if let Some(feedback) = &mut inputs.feedback {
+                    feedback.value.speeds = made;
+                }
+            });
+        }
+        bench.safety.state()
+    };
+    assert_eq!(slow(0.3, true), SafetyState::Driving);
+    assert_eq!(slow(0.3, false), SafetyState::Latched, "nothing says why");
+    assert_eq!(
+        slow(1.5, true),
+        SafetyState::Latched,
+        "faster than commanded"
+    );
 }

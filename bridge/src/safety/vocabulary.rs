@@ -93,6 +93,12 @@ pub enum StopCause {
     /// The path ended while the vehicle was still driving.
     #[error("the path has ended")]
     DriveEnded,
+    /// An obstacle is in the way.
+    #[error("an obstacle is in the way")]
+    Obstacle,
+    /// The costmap is missing, too old, or its place is unknown.
+    #[error("there is no costmap to go by")]
+    CostmapUnknown,
     /// The vehicle was armed without a path.
     #[error("the vehicle was armed without a path")]
     NobodyAsked,
@@ -100,7 +106,7 @@ pub enum StopCause {
 
 impl StopCause {
     /// All of them.
-    pub const ALL: [Self; 18] = [
+    pub const ALL: [Self; 20] = [
         Self::Operator,
         Self::ProgramEnds,
         Self::TimeOver,
@@ -118,6 +124,8 @@ impl StopCause {
         Self::NoProgress,
         Self::NotArmed,
         Self::DriveEnded,
+        Self::Obstacle,
+        Self::CostmapUnknown,
         Self::NobodyAsked,
     ];
 
@@ -132,6 +140,7 @@ impl StopCause {
             | Self::FrameLost
             | Self::NoPlan
             | Self::NoProgress
+            | Self::CostmapUnknown
             | Self::NotArmed => true,
             Self::Operator
             | Self::ProgramEnds
@@ -141,6 +150,7 @@ impl StopCause {
             | Self::Deactivated
             | Self::PathRefused
             | Self::DriveEnded
+            | Self::Obstacle
             | Self::NobodyAsked => false,
         }
     }
@@ -155,6 +165,8 @@ pub struct SafetyInputs {
     pub controller: Option<ControllerOutput>,
     /// Newest feedback of both drives, with the older of both instants.
     pub feedback: Option<Stamped<DriveFeedback>>,
+    /// The newest command that reached the drives, where a node in between may slow it down.
+    pub forwarded: Option<Stamped<MotorSpeeds>>,
     /// State of the link to the drives.
     pub link: LinkState,
     /// Instant of the first of the last commands that could not be sent, s; none where the last one

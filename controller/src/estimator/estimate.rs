@@ -122,6 +122,13 @@ pub struct ContactEstimate {
 }
 
 impl ContactEstimate {
+    /// Returns whether poses have told anything of a parameter: its interval is narrower than its prior's
+    /// by a tenth at least. What the drive has not excited is not observed, and stays near its prior.
+    pub fn observed(&self, parameter: Parameter) -> bool {
+        let i = parameter.index();
+        self.sigma[i] < 0.9 * self.prior_sigma[i]
+    }
+
     /// Returns value and 95 % interval of a parameter in its own unit.
     pub fn interval(&self, parameter: Parameter) -> (f64, (f64, f64)) {
         /// Standard deviations on either side.

@@ -2,7 +2,8 @@
 
 use super::friction::{Friction, FrictionField};
 use super::vehicle::{Axle, CentreOfMass, ContactVehicle};
-use crate::bounds::RangeError;
+use crate::bounds::{Bounds, RangeError};
+use crate::speeds::EncoderScale;
 use serde::{Deserialize, Serialize};
 
 /// Guesses for what no tape measures: tyres on firm ground, the mass low and in the middle.
@@ -45,6 +46,10 @@ pub(crate) struct KnownContact {
     rolling_resistance: Option<f64>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     patch_radius_m: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    correction_left: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    correction_right: Option<f64>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -90,8 +95,28 @@ impl KnownContact {
         vehicle.validated()
     }
 
+    /// Returns the factors of the encoders, where any was identified with this; the other is then `own`'s.
+    ///
+    /// # Errors
+    /// Names the key, its value and its range.
+    pub(crate) fn encoder_scale(
+        &self,
+        own: &EncoderScale,
+    ) -> Result<Option<EncoderScale>, RangeError> {
+        if self.correction_left.is_none() && self.correction_right.is_none() {
+            return Ok(None);
+        }
+        let check = |key, value: Option<f64>, own| {
+            Bounds::new(0.5, 2.0, "").check(key, value.unwrap_or(own))
+        };
+        Ok(Some(EncoderScale {
+            left: check("contact.correction_left", self.correction_left, own.left)?,
+            right: check("contact.correction_right", self.correction_right, own.right)?,
+        }))
+    }
+
     /// Returns everything of a vehicle as known.
-    pub(crate) fn of(vehicle: &ContactVehicle) -> Self {
+    pub(crate) fn of(vehicle: &ContactVehicle, encoder_scale: Option<EncoderScale>) -> Self {
         let centre = &vehicle.centre_of_mass;
         let friction = &vehicle.friction;
         Self {
@@ -113,6 +138,8 @@ impl KnownContact {
             slip_scale_m_s: Some(friction.slip_scale_m_s),
             rolling_resistance: Some(friction.rolling_resistance),
             patch_radius_m: Some(friction.patch_radius_m),
+            correction_left: encoder_scale.map(|scale| scale.left),
+            correction_right: encoder_scale.map(|scale| scale.right),
         }
     }
 }

@@ -88,6 +88,21 @@ impl Parameter {
         }
     }
 
+    /// Returns the standard deviation, in entries of a [`ParameterVector`], of a guess for a vehicle of half
+    /// width `half_width_m` and half length `half_length_m` of which only geometry is known.
+    pub(crate) fn guess_sigma(self, half_width_m: f64, half_length_m: f64) -> f64 {
+        match self {
+            Self::Friction => 0.3,
+            Self::CentreRight => 0.17 * half_width_m,
+            Self::CentreForward => 0.14 * half_length_m,
+            Self::CentreHeight => 0.3 * half_width_m,
+            Self::InnerShare => 0.15,
+            Self::LateralShare => 0.2,
+            Self::SlipScale => 0.7,
+            Self::RollingResistance => 0.02,
+        }
+    }
+
     /// Returns the range of values that a vehicle of half width `half_width_m` and half length
     /// `half_length_m` may have.
     pub fn range(self, half_width_m: f64, half_length_m: f64) -> (f64, f64) {

@@ -77,6 +77,11 @@ impl ContactVehicle {
         axle.forward_m > last && axle.forward_m < first
     }
 
+    /// Returns whether it has inner axles, whose share of the weight can vary.
+    pub(crate) fn has_inner_axles(&self) -> bool {
+        self.axles.iter().any(|axle| self.is_inner(axle))
+    }
+
     /// Returns the share of the weight on the inner axles, 0 without any.
     pub fn inner_share(&self) -> f64 {
         let inner = self.axles.iter().filter(|axle| self.is_inner(axle));
@@ -87,7 +92,7 @@ impl ContactVehicle {
     /// axles nothing changes.
     pub(super) fn set_inner_share(&mut self, share: f64) {
         let before = self.inner_share();
-        if !self.axles.iter().any(|axle| self.is_inner(axle)) {
+        if !self.has_inner_axles() {
             return;
         }
         let inner: Vec<bool> = self.axles.iter().map(|axle| self.is_inner(axle)).collect();

@@ -15,8 +15,12 @@
 //!   interval is wide.
 //! - What the data cannot tell apart is named, from the eigenvalues of the scaled normal matrix.
 //! - Beyond both stages, [`identify_extension`] says which terms of the extended model the logs support.
+//! - [`identify_contact`] fits the physical parameters of a vehicle on wheels with friction.
 //! - Each stage is fitted again without a fifth of its segments and judged on that fifth.
 
+mod contact;
+#[cfg(test)]
+mod contact_tests;
 mod determined;
 mod least_squares;
 mod problem;
@@ -28,6 +32,7 @@ mod terms;
 #[cfg(test)]
 mod tests;
 
+pub use contact::{ContactParameterEstimate, ContactReport, identify_contact};
 pub use procedure::{Drive, Leg, LogNoise, Procedure, ProcedureError, drive};
 pub use segments::{Segment, SegmentErrors, Segmentation, segments};
 pub use stages::{

@@ -383,6 +383,11 @@ impl Stage<'_> {
     /// Fits with Cauchy's loss: weights 1 / (1 + (|r| / 3 median|r|)^2) of the residuals before, until
     /// the parameters stay.
     pub(super) fn fit(&self, segments: &[Segment], start: &[f64]) -> Fit {
+        self.fit_from(segments, start, start)
+    }
+
+    /// The same with a search that begins elsewhere than where the parameters are pulled to.
+    pub(super) fn fit_from(&self, segments: &[Segment], start: &[f64], begin: &[f64]) -> Fit {
         let mut problem = Problem::new(
             segments,
             self.model,
@@ -392,7 +397,7 @@ impl Stage<'_> {
                 strengths_m: self.pull_m,
             },
         );
-        let mut parameters = start.to_vec();
+        let mut parameters = begin.to_vec();
         let mut settled = false;
         for _ in 0..ROUNDS {
             let (found, ended) = minimise(&problem, &parameters);

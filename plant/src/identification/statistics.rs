@@ -4,6 +4,7 @@ use crate::statistics::quantile;
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 
 /// Weighted Jacobian and residuals of one segment.
+#[derive(Debug, Clone)]
 pub(super) struct Cluster {
     /// Rows as residuals, columns as parameters.
     pub(super) jacobian: DMatrix<f64>,

@@ -192,7 +192,7 @@ fn the_contact_vehicle_is_identified_near_table_one_on_the_level() {
 }
 
 /// Level, slope and across logs of the procedure with a contact vehicle.
-fn contact_logs(contact: &ContactVehicle, seed: u64) -> [DriveLog; 3] {
+pub(super) fn contact_logs(contact: &ContactVehicle, seed: u64) -> [DriveLog; 3] {
     let procedure = Procedure::of_the_paper();
     let slope = || procedure.slope_terrain().unwrap();
     [

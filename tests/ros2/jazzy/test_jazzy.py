@@ -2,7 +2,6 @@
 in wheels, and Nav2's action made by rosidl from nav2_msgs/."""
 
 import math
-import random
 import subprocess
 import sys
 import time
@@ -11,133 +10,20 @@ import pytest
 import rclpy
 from action_msgs.msg import GoalStatus
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import PoseStamped, Twist
+from geometry_msgs.msg import Twist
 from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from nav2_msgs.action import FollowPath
 from nav2_msgs.msg import SpeedLimit
 from nav_msgs.msg import Odometry
-from programs import adapted, cross_track_m, figure_eight, straight, wait_for
+from nodes import SERVER, Node, ahead
+from programs import cross_track_m, figure_eight
 from rcl_interfaces.msg import ParameterType
-from rclpy.action import ActionClient, get_action_names_and_types
-from rclpy.executors import SingleThreadedExecutor
+from rclpy.action import get_action_names_and_types
 from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
 from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
 from std_msgs.msg import Bool
-
-SERVER = "/controller_server"
-START_YAW_RAD = math.radians(90 - 50.906)
-
-
-@pytest.fixture
-def middleware():
-    assert rclpy.get_rmw_implementation_identifier() == "rmw_fastrtps_cpp"
-    return "rmw_fastrtps_cpp"
-
-
-class Node:
-    """A node of rclpy that is spun while something is waited for."""
-
-    def __init__(self, domain):
-        self.context = rclpy.Context()
-        rclpy.init(context=self.context, domain_id=domain)
-        self.node = rclpy.create_node(f"peer_{random.randrange(10**6)}", context=self.context)
-        self.executor = SingleThreadedExecutor(context=self.context)
-        self.executor.add_node(self.node)
-
-    def wait_for(self, condition, what, **limit):
-        def spun():
-            self.executor.spin_once(timeout_sec=0.01)
-            return condition()
-
-        return wait_for(spun, what, **limit)
-
-    def result(self, future, what, **limit):
-        self.wait_for(future.done, what, **limit)
-        return future.result()
-
-    def call(self, kind, name, request):
-        client = self.node.create_client(kind, f"{SERVER}/{name}")
-        self.wait_for(client.service_is_ready, name)
-        return self.result(client.call_async(request), name)
-
-    def messages(self, kind, topic, qos=10):
-        """A list that grows with what comes."""
-        came = []
-        self.node.create_subscription(kind, topic, came.append, qos)
-        return came
-
-    def close(self):
-        self.executor.shutdown()
-        self.node.destroy_node()
-        rclpy.shutdown(context=self.context)
-
-
-class Driven:
-    """A vehicle and its controller, with a client of the action."""
-
-    def __init__(self, vehicle, ros):
-        self.vehicle, self.ros = vehicle, ros
-        self.action = ActionClient(ros.node, FollowPath, "/follow_path")
-        self.ros.wait_for(self.action.server_is_ready, "action server", timeout_s=20.0)
-        self.feedback = []
-
-    def send(self, points):
-        goal = FollowPath.Goal(path=path_of(points, self.ros.node))
-        came = lambda message: self.feedback.append(message.feedback)
-        return self.ros.result(self.action.send_goal_async(goal, feedback_callback=came), "answer to a goal")
-
-    def sent_off(self, points):
-        """A goal that was accepted and is being driven."""
-        goal = self.send(points)
-        assert goal.accepted
-        self.ros.wait_for(lambda: abs(self.vehicle.now()["traction_m_s"]) > 0.2, "driving")
-        return goal
-
-    def ended(self, goal, **limit):
-        """Status and result of a goal."""
-        answer = self.ros.result(goal.get_result_async(), "result", **limit)
-        return answer.status, answer.result
-
-    def stands(self):
-        self.ros.wait_for(self.vehicle.stands, "standing")
-
-
-@pytest.fixture
-def ros(domain):
-    node = Node(domain)
-    yield node
-    node.close()
-
-
-@pytest.fixture
-def driven(vehicle, start, ros, tmp_path):
-    def driven(of_controller={}):
-        rover = vehicle()
-        start("run", adapted("run_ros2.yaml", of_controller, tmp_path))
-        return Driven(rover, ros)
-
-    return driven
-
-
-def path_of(points, node):
-    """A nav_msgs/Path in the map."""
-    path = FollowPath.Goal().path
-    path.header.frame_id = "map"
-    path.header.stamp = node.get_clock().now().to_msg()
-    for index, (x, y) in enumerate(points):
-        ahead, behind = points[min(index + 1, len(points) - 1)], points[max(index - 1, 0)]
-        half_rad = 0.5 * math.atan2(ahead[1] - behind[1], ahead[0] - behind[0])
-        pose = PoseStamped(header=path.header)
-        pose.pose.position.x, pose.pose.position.y = x, y
-        pose.pose.orientation.z, pose.pose.orientation.w = math.sin(half_rad), math.cos(half_rad)
-        path.poses.append(pose)
-    return path
-
-
-def ahead(length_m=15.0):
-    return straight(length_m, yaw_rad=START_YAW_RAD)
 
 
 def test_a_goal_is_driven_with_feedback_to_success(driven):
@@ -338,6 +224,29 @@ def test_topics_reach_nodes_of_ros_and_theirs_reach_the_controller(driven):
     assert odometry[-1].header.frame_id == "odom" and odometry[-1].child_frame_id == "base_link"
     d.ros.result(goal.cancel_goal_async(), "answer to a cancel")
     assert d.ended(goal)[0] == GoalStatus.STATUS_CANCELED
+
+
+@pytest.mark.parametrize("told", [False, True])
+def test_a_node_that_slows_the_drives_down_is_no_fault_where_the_controller_hears_it(driven, told):
+    """As Nav2's collision monitor, between the controller and the drives."""
+    twist = "twist: {topic: cmd_vel_nav, stamped: false}"
+    forwarded = "\n    forwarded: {topic: cmd_vel, stamped: false}" if told else ""
+    d = driven({r"^    twist: \{.*$": f"    {twist}{forwarded}"})
+    to_drives = d.ros.node.create_publisher(Twist, "/cmd_vel", 10)
+
+    def slow_down(message):
+        message.linear.x *= 0.4
+        message.angular.z *= 0.4
+        to_drives.publish(message)
+
+    d.ros.node.create_subscription(Twist, "/cmd_vel_nav", slow_down, 10)
+    d.ros.wait_for(to_drives.get_subscription_count, "the drives")
+    status, result = d.ended(d.send(ahead(2.0)), timeout_s=60)
+    if told:
+        assert status == GoalStatus.STATUS_SUCCEEDED, result
+    else:
+        assert (status, result.error_code) == (GoalStatus.STATUS_ABORTED, 100)
+        assert "differs" in result.error_msg
 
 
 def test_first_calls_of_fresh_nodes_are_answered(driven, domain):

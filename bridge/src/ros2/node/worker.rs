@@ -1,8 +1,10 @@
 //! A thread that ends when its handle is dropped.
 
+use std::os::unix::thread::JoinHandleExt;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::{JoinHandle, Thread};
+use thread_priority::ThreadId;
 
 /// A thread; when dropped, it is told to end and joined.
 pub struct Worker {
@@ -34,6 +36,12 @@ impl Worker {
     pub fn thread(&self) -> Option<&Thread> {
         let working = self.thread.as_ref().filter(|thread| !thread.is_finished());
         working.map(JoinHandle::thread)
+    }
+
+    /// Returns the identity of the thread for its priority, while it runs.
+    pub fn thread_id(&self) -> Option<ThreadId> {
+        let working = self.thread.as_ref().filter(|thread| !thread.is_finished());
+        working.map(JoinHandleExt::as_pthread_t)
     }
 }
 

@@ -98,6 +98,9 @@ pub struct CommandsConfig {
     pub treads: Option<TreadsConfig>,
     /// As the speeds of two motors.
     pub motors: Option<MotorsConfig>,
+    /// The command that reaches the drives, where a collision monitor or a smoother may change that of
+    /// `twist` on its way: feedback is compared with it. Listened to, not published.
+    pub forwarded: Option<TwistConfig>,
     /// Track width with which the vehicle's base converts between a twist and tread speeds, m; the distance
     /// of the vehicle's tread ICRs where it is not given.
     pub track_width_m: Option<f64>,
@@ -109,6 +112,7 @@ impl Default for CommandsConfig {
             twist: Some(TwistConfig::default()),
             treads: None,
             motors: None,
+            forwarded: None,
             track_width_m: None,
         }
     }

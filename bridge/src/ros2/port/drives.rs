@@ -20,6 +20,7 @@ use sidehill_plant::vehicle::SpeedCorrection;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
+use thread_priority::ThreadId;
 use triple_buffer::{Input, Output, triple_buffer};
 
 /// Zeros that are published after the drives were disabled; then the topics are free for other publishers.
@@ -45,8 +46,7 @@ pub struct Ros2Port {
     delivered_s: [f64; 3],
     command: Input<TimedCommand>,
     publisher: Worker,
-    /// Kept for its thread.
-    _inputs: Worker,
+    inputs: Worker,
 }
 
 impl Ros2Port {
@@ -114,12 +114,17 @@ impl Ros2Port {
             delivered_s: [f64::NEG_INFINITY; 3],
             command,
             publisher,
-            _inputs: inputs,
+            inputs,
         })
     }
 }
 
 impl Port for Ros2Port {
+    fn helper_threads(&self) -> Vec<ThreadId> {
+        let workers = [&self.inputs, &self.publisher];
+        workers.into_iter().filter_map(Worker::thread_id).collect()
+    }
+
     fn receive(&mut self, now_s: f64) -> PortInputs {
         let latest = *self.latest.read();
         if now_s < self.last_s {
@@ -145,6 +150,10 @@ impl Port for Ros2Port {
                     speeds: motors.value.effective(&self.correction),
                     mode: self.mode,
                 },
+            }),
+            forwarded: latest.forwarded.map(|forwarded| Stamped {
+                time_s: forwarded.time_s,
+                value: forwarded.value.effective(&self.correction),
             }),
             link: LinkState::Active,
             refused: self.shared.rejected(),

@@ -1,11 +1,13 @@
 //! The subscriptions of the vehicle and the thread that reads them.
 
-use super::config::InputsConfig;
 use super::config::{AttitudeSource, SpeedSource};
+use super::config::{InputsConfig, TwistConfig};
 use super::readings::{LatestInputs, PortContext, Readings};
 use crate::control_loop::channel::HaltSwitch;
 use crate::ros2::node::message::TopicMessage;
-use crate::ros2::node::message::{Bool, Clock, Imu, JointState, Odometry, TfMessage};
+use crate::ros2::node::message::{
+    Bool, Clock, Imu, JointState, Odometry, TfMessage, Twist, TwistStamped,
+};
 use crate::ros2::node::names::NameError;
 use crate::ros2::node::subscription::take_all;
 use crate::ros2::node::worker::Worker;
@@ -25,6 +27,8 @@ pub(crate) struct InputSubscriber {
     pub(crate) config: InputsConfig,
     pub(crate) context: PortContext,
     pub(crate) halt: HaltSwitch,
+    /// The command that reaches the drives, where another node sends it.
+    pub(crate) forwarded: Option<TwistConfig>,
     /// Whether sensors are read, or only the emergency stop, the clock and transforms.
     pub(crate) sensors: bool,
 }
@@ -59,6 +63,12 @@ impl InputSubscriber {
     }
 }
 
+/// A command that another node sends to the drives.
+enum Forwarded {
+    Plain(Subscription<Twist>),
+    Stamped(Subscription<TwistStamped>),
+}
+
 struct Subscriptions {
     odometry: Option<Subscription<Odometry>>,
     imu: Option<Subscription<Imu>>,
@@ -66,6 +76,7 @@ struct Subscriptions {
     /// Volatile and transient local: a transient-local reader does not match a volatile publisher.
     emergency_stop: [Subscription<Bool>; 2],
     clock: Option<Subscription<Clock>>,
+    forwarded: Option<Forwarded>,
     tf: Subscription<TfMessage>,
     tf_static: Subscription<TfMessage>,
 }
@@ -112,6 +123,15 @@ impl Subscriptions {
                 true => Some(node.subscription(CLOCK, &qos::NEWEST)?),
                 false => None,
             },
+            forwarded: match &subscriber.forwarded {
+                Some(twist) if twist.stamped => Some(Forwarded::Stamped(
+                    node.subscription(&twist.topic, &qos::NEWEST)?,
+                )),
+                Some(twist) => Some(Forwarded::Plain(
+                    node.subscription(&twist.topic, &qos::NEWEST)?,
+                )),
+                None => None,
+            },
             tf: node.subscription("/tf", &qos::RELIABLE_10)?,
             tf_static: node.subscription("/tf_static", &qos::LATCHED_ALL)?,
         })
@@ -133,6 +153,11 @@ impl Subscriptions {
         }
         if let Some(clock) = &mut self.clock {
             registry.register(clock, token, readable)?;
+        }
+        match &mut self.forwarded {
+            Some(Forwarded::Plain(twist)) => registry.register(twist, token, readable)?,
+            Some(Forwarded::Stamped(twist)) => registry.register(twist, token, readable)?,
+            None => {}
         }
         registry.register(&mut self.tf, token, readable)?;
         registry.register(&mut self.tf_static, token, readable)
@@ -186,6 +211,19 @@ impl Reader {
         }
         if let Some(imu) = &subscriptions.imu {
             take_all(imu, |message, _| readings.imu(&message));
+        }
+        if let Some(TwistConfig { topic, .. }) = &self.subscriber.forwarded {
+            match &subscriptions.forwarded {
+                Some(Forwarded::Plain(twist)) => {
+                    take_all(twist, |message, _| readings.forwarded(topic, &message));
+                }
+                Some(Forwarded::Stamped(twist)) => {
+                    take_all(twist, |message, _| {
+                        readings.forwarded(topic, &message.twist)
+                    });
+                }
+                None => {}
+            }
         }
         if let Some(joint_states) = &subscriptions.joint_states {
             take_all(joint_states, |message, _| readings.joint_states(&message));

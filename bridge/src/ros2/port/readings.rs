@@ -7,7 +7,7 @@ use crate::drives::{ExternalClock, MeasuredMotorSpeeds};
 use crate::ros2::node::conversions::{
     MessageError, from_pose, from_quaternion, from_transform, nanoseconds,
 };
-use crate::ros2::node::message::{Clock, Header, Imu, JointState, Odometry, TfMessage};
+use crate::ros2::node::message::{Clock, Header, Imu, JointState, Odometry, TfMessage, Twist};
 use crate::ros2::node::time::RosTime;
 use crate::ros2::node::transforms::TransformError;
 use sidehill_plant::frames::{Attitude, Pose, paper_attitude};
@@ -28,6 +28,8 @@ pub(crate) struct LatestInputs {
     pub(crate) pose: Option<Stamped<Pose>>,
     pub(crate) attitude: Option<Stamped<Attitude>>,
     pub(crate) motors: Option<Stamped<MeasuredMotorSpeeds>>,
+    /// The command that reaches the drives, at the instant it came.
+    pub(crate) forwarded: Option<Stamped<MeasuredMotorSpeeds>>,
 }
 
 /// Why a message is rejected.
@@ -179,6 +181,15 @@ impl Readings {
             }
         };
         Ok(stamped(time_s, paper_attitude(&world_from_base).0))
+    }
+
+    /// Takes a command that another node has sent to the drives.
+    pub(crate) fn forwarded(&mut self, topic: &str, twist: &Twist) {
+        let now_s = self.context.time.now_s();
+        match self.context.mapping.motors(twist) {
+            Ok(motors) => self.latest.forwarded = Some(stamped(now_s, motors)),
+            Err(reason) => self.context.shared.reject(topic, &Rejection::from(reason)),
+        }
     }
 
     /// Takes a message of joint states.

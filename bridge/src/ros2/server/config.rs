@@ -1,5 +1,6 @@
 //! Settings of the controller server: the `ros2:` section of a run.
 
+use super::obstacles::config::CostmapConfig;
 use crate::ros2::node::names::Names;
 use crate::ros2::port::config::{CommandsConfig, Frames, InputsConfig};
 use serde::{Deserialize, Serialize};
@@ -25,6 +26,12 @@ pub struct Ros2Config {
     pub smoothing: Smoothing,
     /// Tolerances of goals, transforms and failures.
     pub tolerances: Tolerances,
+    /// Obstacles; without it no costmap is subscribed to and nothing is checked.
+    pub costmap: Option<CostmapConfig>,
+    /// Whether nav2_msgs/TrackingFeedback is published, which Nav2 has after jazzy.
+    pub tracking_feedback: bool,
+    /// Whether the estimate is published as the transform from `frames.odometry` to `frames.base`.
+    pub publish_transform: bool,
     /// Whether time is that of `/clock`.
     pub use_sim_time: bool,
     /// Whether the node is active from the start, without a lifecycle manager.
@@ -45,6 +52,9 @@ impl Default for Ros2Config {
                 ..Smoothing::default()
             },
             tolerances: Tolerances::default(),
+            costmap: None,
+            tracking_feedback: false,
+            publish_transform: false,
             use_sim_time: false,
             autostart: true,
         }
@@ -150,6 +160,9 @@ impl Ros2Config {
         let timeout_s = self.inputs.emergency_stop_timeout_s;
         Bounds::new(0.0, 10.0, "s").check("ros2.inputs.emergency_stop_timeout_s", timeout_s)?;
         self.inputs.joints.validate()?;
+        if let Some(costmap) = &self.costmap {
+            costmap.validate()?;
+        }
         if let Some(treads) = &self.commands.treads {
             treads.joints.validate()?;
         }

@@ -3,9 +3,10 @@
 use super::config::Ros2Config;
 use super::diagnostics::ServerStatus;
 use super::follow_path::{FollowPathRequest, FollowPathServer, action_server};
-use super::goal_context::{Client, GoalContext, Request};
+use super::goal_context::{Client, GoalContext, ObstacleContext, Request};
 use super::goal_handler::GoalHandler;
 use super::goal_session::PivotSettings;
+use super::obstacles::{CostmapReader, ObstacleSettings, StoppingSettings};
 use super::outcome::Outcome;
 use super::parameters::ServerParameters;
 use super::requested_path::RequestedPath;
@@ -57,6 +58,7 @@ pub(crate) struct ControllerServer {
     action: Box<dyn FollowPathServer>,
     path: Option<Subscription<Path>>,
     speed_limit: Subscription<SpeedLimit>,
+    costmap: Option<CostmapReader>,
     services: NodeServices,
     telemetry: Telemetry,
     handler: GoalHandler,
@@ -87,7 +89,7 @@ impl ControllerServer {
         config: Ros2Config,
         route: RouteSettings,
         vehicle: &Vehicle,
-        period_s: f64,
+        (period_s, stopping): (f64, StoppingSettings),
         links: ServerLinks,
     ) -> Result<Self, NodeError> {
         let poll = Poll::new()?;
@@ -102,12 +104,19 @@ impl ControllerServer {
         }
         let mut speed_limit = node.subscription(&config.inputs.speed_limit, &qos::RELIABLE_10)?;
         registry.register(&mut speed_limit, token, Interest::READABLE)?;
+        let costmap = match config.costmap.clone() {
+            Some(costmap) => {
+                let settings = ObstacleSettings::new(costmap, stopping, vehicle);
+                Some(CostmapReader::new(&mut node, settings, (registry, token))?)
+            }
+            None => None,
+        };
         let mut discovery = node.context().domain_participant().status_listener();
         registry.register(&mut discovery, token, Interest::READABLE)?;
         let parameters = ServerParameters::new(&config.follow_path);
         let declared = parameters.declare(&config, period_s, route.limits.speed_max_m_s);
         let services = NodeServices::new(&mut node, (registry, token), declared, config.autostart)?;
-        let telemetry = Telemetry::new(&mut node, vehicle, &config.frames.odometry)?;
+        let telemetry = Telemetry::new(&mut node, vehicle, &config)?;
         let action_name = node.names().resolve(&config.follow_path.action)?;
         let emergency_stop = node.names().resolve(&config.inputs.emergency_stop)?;
         let pivots = PivotSettings {
@@ -125,6 +134,7 @@ impl ControllerServer {
             action,
             path,
             speed_limit,
+            costmap,
             services,
             telemetry,
             discovery,
@@ -165,9 +175,10 @@ impl ControllerServer {
         if let Some(limit) = take_newest(&self.speed_limit) {
             self.handler.limit_speed(limit);
         }
+        self.read_costmap();
         let status = self.links.commands.loop_status();
+        self.step_session(now_s, status.as_ref(), clock_jumped);
         let decision = self.links.commands.controller_status().decision;
-        self.step_session(now_s, status.as_ref(), decision.as_ref(), clock_jumped);
         for request in self.handler.take_requests() {
             self.carry_out(request, now_s);
         }
@@ -237,24 +248,32 @@ impl ControllerServer {
         }
     }
 
-    fn step_session(
-        &mut self,
-        now_s: f64,
-        status: Option<&LoopStatus>,
-        decision: Option<&Decision>,
-        clock_jumped: bool,
-    ) {
-        let inputs = &self.links.inputs;
+    fn step_session(&mut self, now_s: f64, status: Option<&LoopStatus>, clock_jumped: bool) {
         let (estop_unknown, estop_unknown_driving) =
             (self.estop_unknown(false), self.estop_unknown(true));
+        let inputs = &self.links.inputs;
+        let controller = self.links.commands.controller_status();
         let transforms = inputs.transforms();
+        let time = &self.links.time;
+        let tolerance_s = self.config.tolerances.transform_s;
+        let frames = (
+            &*transforms,
+            self.config.frames.odometry.as_str(),
+            tolerance_s,
+        );
+        let obstacles = self.costmap.as_ref().map(|costmap| ObstacleContext {
+            settings: costmap.settings(),
+            seen: costmap.surroundings(now_s, time, frames),
+        });
         self.handler.step(&GoalContext {
             now_s,
             cycle_s: status.map_or(f64::NEG_INFINITY, |status| status.row.time_s),
             state: status.map_or(SafetyState::Disarmed, |status| status.row.state),
             armed: status.map_or(0, |status| status.armed),
             stopped_by: status.and_then(|status| status.stopped_by),
-            decision,
+            decision: controller.decision.as_ref(),
+            plan: &controller.plan,
+            obstacles,
             transforms: &transforms,
             tolerances: &self.config.tolerances,
             emergency_stop: inputs.emergency_stop.get(),
@@ -262,6 +281,13 @@ impl ControllerServer {
             estop_unknown_driving,
             clock_jumped,
         });
+    }
+
+    fn read_costmap(&mut self) {
+        let inputs = &self.links.inputs;
+        if let Some(costmap) = &mut self.costmap {
+            costmap.read(|topic, error| inputs.reject(topic, error));
+        }
     }
 
     fn estop_unknown(&self, driving: bool) -> bool {
@@ -275,6 +301,7 @@ impl ControllerServer {
             Request::Follow(path) => commands.set_path(path),
             Request::Arm(number) => commands.arm(number),
             Request::Stop(cause) => commands.stop(cause),
+            Request::Warn(message) => self.log(LogLevel::Warn, &message),
             Request::Finish {
                 client,
                 end,
@@ -320,12 +347,19 @@ impl ControllerServer {
         let lifecycle = self.services.lifecycle.state();
         let last_rejection = inputs.last_rejection();
         let topics = inputs.graph().inputs();
+        let controller = self.links.commands.controller_status();
+        let tracking = controller
+            .decision
+            .as_ref()
+            .and_then(|decision| self.handler.tracking(decision));
         let server = ServerStatus {
             lifecycle: &lifecycle.label,
             rejected: inputs.rejected(),
             last_rejection: &last_rejection,
             inputs: &topics,
             emergency_stop: inputs.emergency_stop.get(),
+            blocked_by: self.handler.blocked_by(),
+            tracking,
             goals: self.accepted_goals,
             last_end: self
                 .last_end
@@ -333,7 +367,6 @@ impl ControllerServer {
                 .map(|(end, reason)| (*end, reason.as_str())),
         };
         let time = &self.links.time;
-        let controller = self.links.commands.controller_status();
         self.telemetry
             .publish(now_s, time, status, controller, &server);
     }

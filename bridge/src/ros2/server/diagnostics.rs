@@ -1,13 +1,15 @@
 //! The status of the controller for `/diagnostics`.
 
+use super::goal_session::TrackingState;
 use crate::control_loop::channel::LoopStatus;
 use crate::drives::Input;
 use crate::ros2::node::goals::GoalEnd;
 use crate::ros2::node::message::{DiagnosticStatus, KeyValue};
 use crate::safety::{Reason, SafetyState, StopCause};
 use sidehill_controller::controller::{Decision, Status};
-use sidehill_controller::estimator::Estimate;
+use sidehill_controller::estimator::{ContactEstimate, Estimate};
 use sidehill_controller::mpc::QpFailure;
+use sidehill_plant::contact::Parameter;
 use sidehill_plant::statistics::quantile;
 use sidehill_plant::vehicle::Vehicle;
 use std::collections::VecDeque;
@@ -35,6 +37,10 @@ pub(crate) struct ServerStatus<'a> {
     pub(crate) inputs: &'a [Input],
     /// Whether the emergency stop is pressed or silent.
     pub(crate) emergency_stop: Option<StopCause>,
+    /// What keeps the vehicle from driving on; none where nothing does.
+    pub(crate) blocked_by: Option<&'a str>,
+    /// Where the vehicle is on its path; none without a route.
+    pub(crate) tracking: Option<TrackingState>,
     /// Goals that were accepted.
     pub(crate) goals: u64,
     /// How the last goal ended, and why.
@@ -108,6 +114,8 @@ pub(crate) fn diagnostic_status(
             .to_owned()
     });
     let stopped_by = status.stopped_by.map(|reason| reason.to_string());
+    let on_path =
+        |field: fn(&TrackingState) -> f64| number(server.tracking.as_ref().map_or(f64::NAN, field));
     let cross_track_m = decision.progress.map(|progress| progress.cross_track_m);
     let values = [
         ("lifecycle", server.lifecycle.to_owned()),
@@ -117,6 +125,10 @@ pub(crate) fn diagnostic_status(
         (
             "emergency_stop",
             server.emergency_stop.is_some().to_string(),
+        ),
+        (
+            "blocked_by",
+            server.blocked_by.unwrap_or_default().to_owned(),
         ),
         ("goals", server.goals.to_string()),
         ("last_goal", last_end),
@@ -140,6 +152,9 @@ pub(crate) fn diagnostic_status(
         ("last_refusal", server.last_rejection.to_owned()),
         ("waits_for", waits_for(server.inputs)),
         ("cross_track_m", number(cross_track_m.unwrap_or(f64::NAN))),
+        ("heading_error_rad", on_path(|at| at.heading_error_rad)),
+        ("distance_to_goal_m", on_path(|at| at.distance_to_goal_m)),
+        ("remaining_path_length_m", on_path(|at| at.left_m)),
         ("slide_right_m_s", number(slide_right)),
         ("slide_forward_m_s", number(slide_forward)),
         ("model_error_m_s", of(|estimate| estimate.model_error_m_s)),
@@ -155,8 +170,31 @@ pub(crate) fn diagnostic_status(
                 key: key.to_owned(),
                 value,
             })
+            .chain(
+                estimate
+                    .and_then(|e| e.contact.as_ref())
+                    .into_iter()
+                    .flat_map(learned),
+            )
             .collect(),
     }
+}
+
+/// Returns the learned parameters of a contact vehicle with their 95 % intervals, and which of them the drive
+/// has not excited.
+fn learned(contact: &ContactEstimate) -> impl Iterator<Item = KeyValue> + '_ {
+    Parameter::ALL.into_iter().map(|parameter| {
+        let (value, (low, high)) = contact.interval(parameter);
+        let prior = if contact.observed(parameter) {
+            ""
+        } else {
+            ", not excited: prior"
+        };
+        KeyValue {
+            key: format!("learned_{}", parameter.key()),
+            value: format!("{value:.4} ({low:.4} to {high:.4}{prior})"),
+        }
+    })
 }
 
 /// Returns level and message.
@@ -164,6 +202,9 @@ fn summary(status: &LoopStatus, decision: &Decision, server: &ServerStatus<'_>) 
     let with = |level, message: &dyn Display| (level, message.to_string());
     if let Some(cause) = server.emergency_stop {
         return with(level::ERROR, &cause);
+    }
+    if let Some(reason) = server.blocked_by {
+        return with(level::WARN, &reason);
     }
     match (status.row.state, decision.status) {
         (_, Status::Waiting) => {

@@ -1,6 +1,7 @@
 //! What a goal session sees in one step, and what it requests.
 
 use super::config::Tolerances;
+use super::obstacles::{Doubt, ObstacleSettings, Surroundings};
 use super::outcome::Outcome;
 use crate::control_loop::channel::PathCommand;
 use crate::ros2::node::goals::GoalEnd;
@@ -9,6 +10,7 @@ use crate::ros2::node::transforms::Transforms;
 use crate::safety::{Reason, SafetyState, StopCause};
 use ros2_client::action::GoalId;
 use sidehill_controller::controller::Decision;
+use sidehill_plant::frames::PlanarPose;
 
 /// Who has sent a path.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -24,8 +26,17 @@ pub(crate) enum Client {
     Topic,
 }
 
+/// What a session knows of obstacles.
+#[derive(Clone)]
+pub(crate) struct ObstacleContext<'a> {
+    /// Settings of the check.
+    pub(crate) settings: &'a ObstacleSettings,
+    /// The costmap where it is, or why it is not used.
+    pub(crate) seen: Result<Surroundings<'a>, Doubt>,
+}
+
 /// What a session sees: the newest state of the control loop and of the inputs.
-#[derive(Clone, Copy)]
+#[derive(Clone)]
 pub(crate) struct GoalContext<'a> {
     /// Now, s.
     pub(crate) now_s: f64,
@@ -39,6 +50,10 @@ pub(crate) struct GoalContext<'a> {
     pub(crate) stopped_by: Option<Reason>,
     /// The newest decision of the controller.
     pub(crate) decision: Option<&'a Decision>,
+    /// Predicted poses of that decision, the present first; empty without a plan.
+    pub(crate) plan: &'a [PlanarPose],
+    /// The check for obstacles; none where no costmap is configured.
+    pub(crate) obstacles: Option<ObstacleContext<'a>>,
     /// The known transforms.
     pub(crate) transforms: &'a Transforms,
     /// The tolerances.
@@ -82,6 +97,8 @@ pub(crate) enum Request {
     Arm(u64),
     /// Stop for this cause and stay stopped, or no longer.
     Stop(Option<StopCause>),
+    /// Write a warning to the log.
+    Warn(String),
     /// Tell a client how its goal has ended.
     Finish {
         /// The client.

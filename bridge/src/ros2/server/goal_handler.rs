@@ -1,7 +1,7 @@
 //! One session at a time, and the speed that is asked of it.
 
 use super::goal_context::{Client, GoalContext, Request, Requests};
-use super::goal_session::{GoalSession, PivotSettings, SessionSettings};
+use super::goal_session::{GoalSession, PivotSettings, SessionSettings, TrackingState};
 use super::outcome::Outcome;
 use super::requested_path::RequestedPath;
 use super::route::RouteSettings;
@@ -116,6 +116,16 @@ impl GoalHandler {
     /// is followed.
     pub(crate) fn feedback(&self, decision: &Decision) -> Option<(f64, f64)> {
         self.session.as_ref()?.feedback(decision)
+    }
+
+    /// Returns where the vehicle is on the route of a goal that is followed.
+    pub(crate) fn tracking(&self, decision: &Decision) -> Option<TrackingState> {
+        self.session.as_ref()?.tracking(decision)
+    }
+
+    /// Returns what keeps the vehicle of the session from driving; none where nothing does.
+    pub(crate) fn blocked_by(&self) -> Option<&str> {
+        self.session.as_ref()?.blocked_by()
     }
 
     /// Takes a speed limit; one that is negative or not finite is ignored.

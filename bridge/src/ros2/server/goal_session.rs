@@ -3,23 +3,27 @@
 //! ```text
 //! Locating -> Building -> Arming -> Driving -> Ending
 //!     |           `-> Stopping -^     |  ^
-//!     `-> Stopping                    `--' pivot
+//!     `-> Stopping           ^        |--' pivot
+//!                            |        v
+//!                            `---- Blocked
 //! ```
 //!
 //! *Locating* waits for the pose of the vehicle and the transform of the path's frame, *Building* for the
 //! smooth curve. *Stopping* brings a vehicle to a halt that is to pivot first, or is at its goal already. A
 //! path that begins behind the vehicle is preceded by a pivot and then located anew; a goal with another
-//! heading is followed by one. *Ending* waits until the vehicle has stopped; then the client is told.
+//! heading is followed by one. *Blocked* waits for an obstacle to leave the way. *Ending* waits until the vehicle has stopped; then the client is told.
 //!
 //! Time is an argument, and nothing in here touches the network. The safety stops the vehicle on its own; a
 //! session only requests stops, and gives their reasons a code.
 
 mod drive;
+mod obstacles;
 mod prepare;
 
 use super::checkers::ProgressChecker;
 use super::goal_context::{Client, GoalContext, Request, Requests};
 use super::outcome::Outcome;
+use super::path_frame::{inverse, pose_in};
 use super::requested_path::RequestedPath;
 use super::route::{Route, RouteSettings};
 use super::termination::{Termination, abort_cause};
@@ -30,6 +34,7 @@ use crate::safety::StopCause;
 use sidehill_controller::controller::Decision;
 use sidehill_plant::frames::{PlanarPose, wrap_angle};
 use sidehill_plant::vehicle::Vehicle;
+use std::cell::Cell;
 use std::sync::Arc;
 use std::sync::mpsc::Receiver;
 
@@ -81,10 +86,10 @@ impl PlacedRoute {
 enum Following {
     Nothing,
     Route(PlacedRoute),
-    /// A pivot to the first heading of the path.
-    StartPivot,
-    /// A pivot to the heading of the goal.
-    GoalPivot,
+    /// A pivot to the first heading of the path, rad.
+    StartPivot(f64),
+    /// A pivot to the heading of the goal, rad.
+    GoalPivot(f64),
 }
 
 #[derive(Clone, Copy)]
@@ -116,11 +121,40 @@ enum Phase {
         /// Whether the controller has tracked what it follows.
         tracked: bool,
     },
+    Blocked(Blocked),
     Ending {
         since_s: f64,
         end: GoalEnd,
         outcome: Outcome,
     },
+}
+
+/// A vehicle that waits for its way to become free.
+struct Blocked {
+    since_s: f64,
+    /// Since when the way is free.
+    free_since_s: Option<f64>,
+    /// Whether the drives were on, or about to be, and the safety ends that.
+    was_driving: bool,
+    cause: StopCause,
+    outcome: Outcome,
+}
+
+/// Where the vehicle is on the route of a goal.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct TrackingState {
+    /// Distance from the path, m, positive to the left of travel.
+    pub(crate) cross_track_m: f64,
+    /// Heading less that of the reference, rad.
+    pub(crate) heading_error_rad: f64,
+    /// Straight distance to the goal, m.
+    pub(crate) distance_to_goal_m: f64,
+    /// Distance left along the path, m.
+    pub(crate) left_m: f64,
+    /// Commanded speed, m/s.
+    pub(crate) speed_m_s: f64,
+    /// Index of the pose of the client's path that the vehicle is at.
+    pub(crate) path_index: usize,
 }
 
 /// A goal with its phase, path, client and number.
@@ -138,6 +172,12 @@ pub(crate) struct GoalSession {
     pivoted_at_start: bool,
     progress: ProgressChecker,
     frame_checked_s: f64,
+    /// Time of the newest check for obstacles, s.
+    obstacles_checked_s: f64,
+    /// Index of the newest pose of the path that the vehicle was at.
+    passed_index: Cell<usize>,
+    /// Arc length that the vehicle has reached on the route, m.
+    reached_m: f64,
     /// Why the frame of the path is unknown.
     frame_error: Option<String>,
     without_frame_since_s: Option<f64>,
@@ -165,6 +205,9 @@ impl GoalSession {
             pivoted_at_start: false,
             progress,
             frame_checked_s: f64::NEG_INFINITY,
+            obstacles_checked_s: f64::NEG_INFINITY,
+            passed_index: Cell::new(0),
+            reached_m: 0.0,
             frame_error: None,
             without_frame_since_s: None,
             without_plan_since_s: None,
@@ -230,6 +273,26 @@ impl GoalSession {
         Some((left_m.max(0.0), own.command_effective.traction_m_s))
     }
 
+    /// Returns where the vehicle is on the route of a goal that is followed.
+    pub(crate) fn tracking(&self, decision: &Decision) -> Option<TrackingState> {
+        let (left_m, speed_m_s) = self.feedback(decision)?;
+        let (progress, estimate) = (decision.progress?, decision.estimate?);
+        let Following::Route(placed) = &self.following else {
+            return None;
+        };
+        let (pose, goal) = (&estimate.pose, &self.goal);
+        let in_path = pose_in(pose, &inverse(&placed.frame));
+        Some(TrackingState {
+            cross_track_m: progress.cross_track_m,
+            heading_error_rad: wrap_angle(pose.yaw_rad - progress.point.heading_rad),
+            distance_to_goal_m: (pose.x_m - goal.x_m).hypot(pose.y_m - goal.y_m),
+            left_m,
+            speed_m_s,
+            path_index: self.path.nearest_from(self.passed_index.get(), &in_path),
+        })
+        .inspect(|tracking| self.passed_index.set(tracking.path_index))
+    }
+
     /// Changes the speeds of the route that is followed to those of the settings. A route that is being
     /// built gets them when it is finished.
     pub(crate) fn change_speeds(&mut self, settings: &RouteSettings) {
@@ -256,6 +319,7 @@ impl GoalSession {
         self.prepare(context, settings, requests);
         self.follow_frame(context, settings);
         self.hand_over_changes(context, requests);
+        self.watch_obstacles(context, settings, requests);
         match self.phase {
             Phase::Locating { .. } | Phase::Building { .. } => {
                 if let Some(termination) = abort_cause(context) {
@@ -274,6 +338,7 @@ impl GoalSession {
                 self.step_stopped(tracked, context, settings, requests);
             }
             Phase::Driving { .. } => self.step_driving(context, requests),
+            Phase::Blocked(_) => self.step_blocked(context, settings, requests),
             Phase::Ending { since_s, .. } => {
                 return self.step_ending(since_s, context, requests);
             }
@@ -332,7 +397,7 @@ impl GoalSession {
                 AfterStop::PivotTo(heading_rad) => {
                     self.pivoted_at_start = true;
                     let angle_rad = wrap_angle(heading_rad - pose.yaw_rad);
-                    let target = (Following::StartPivot, angle_rad);
+                    let target = (Following::StartPivot(heading_rad), angle_rad);
                     self.pivot(target, &pose, context, settings, requests);
                 }
                 AfterStop::CheckGoal => self.check_goal(&estimate, context, settings, requests),

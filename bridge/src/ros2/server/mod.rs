@@ -15,6 +15,7 @@ mod follow_path;
 mod goal_context;
 mod goal_handler;
 pub mod goal_session;
+pub mod obstacles;
 pub mod outcome;
 pub mod parameters;
 mod path_frame;
@@ -25,6 +26,6 @@ mod start;
 mod telemetry;
 mod termination;
 #[cfg(test)]
-mod test_data;
+pub(crate) mod test_data;
 
 pub use start::{Ros2, Ros2Inputs, Ros2Server, Setup, StartError, start};

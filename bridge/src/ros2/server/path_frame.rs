@@ -32,6 +32,16 @@ pub(crate) fn pose_in(pose: &PlanarPose, frame: &PlanarPose) -> PlanarPose {
     }
 }
 
+/// Returns the parent of a frame as seen from the frame.
+pub(crate) fn inverse(frame: &PlanarPose) -> PlanarPose {
+    let (sin, cos) = frame.yaw_rad.sin_cos();
+    PlanarPose {
+        x_m: -cos * frame.x_m - sin * frame.y_m,
+        y_m: sin * frame.x_m - cos * frame.y_m,
+        yaw_rad: -frame.yaw_rad,
+    }
+}
+
 /// Returns whether a frame has moved from `before` to `now`, as seen at a pose in its parent.
 pub(crate) fn has_moved(before: &PlanarPose, now: &PlanarPose, at: &PlanarPose) -> bool {
     let turned_rad = wrap_angle(now.yaw_rad - before.yaw_rad);
@@ -52,6 +62,23 @@ mod tests {
         y_m: 0.0,
         yaw_rad: 0.0,
     };
+
+    #[test]
+    fn the_inverse_of_a_frame_takes_back() {
+        let frame = PlanarPose {
+            x_m: 1.0,
+            y_m: -2.0,
+            yaw_rad: 0.7,
+        };
+        let pose = PlanarPose {
+            x_m: 0.3,
+            y_m: 0.4,
+            yaw_rad: -0.2,
+        };
+        let back = pose_in(&pose_in(&pose, &frame), &inverse(&frame));
+        assert!((back.x_m - pose.x_m).abs() < 1e-12 && (back.y_m - pose.y_m).abs() < 1e-12);
+        assert!((back.yaw_rad - pose.yaw_rad).abs() < 1e-12);
+    }
 
     #[test]
     fn motion_counts_where_the_vehicle_is() {

@@ -90,6 +90,21 @@ impl RequestedPath {
         best.map_or(0, |(index, _)| index)
     }
 
+    /// Returns the index of the pose nearest to the vehicle, from an index on until the path has led away.
+    pub fn nearest_from(&self, from: usize, pose: &PlanarPose) -> usize {
+        let ahead = self.poses.get(from..).unwrap_or_default();
+        let mut best = (from, f64::INFINITY);
+        for (index, at) in ahead.iter().enumerate() {
+            let here_m = (at.x_m - pose.x_m).hypot(at.y_m - pose.y_m);
+            if here_m < best.1 {
+                best = (from + index, here_m);
+            } else if here_m > best.1 + PASSAGE_M {
+                break;
+            }
+        }
+        best.0
+    }
+
     /// Returns whether the rest of the path for a vehicle at `pose` is within `radius_m` of the vehicle.
     pub fn stays_within(&self, pose: &PlanarPose, radius_m: f64) -> bool {
         self.poses[self.first_passage(pose)..]

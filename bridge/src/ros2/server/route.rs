@@ -1,10 +1,11 @@
 //! From the path of a client to a smooth curve with a speed profile.
 
+use super::obstacles::ApproachSpeed;
 use super::outcome::Outcome;
 use super::requested_path::RequestedPath;
 use crate::ros2::node::message::action::code;
 use sidehill_controller::course::{Course, Pivot};
-use sidehill_controller::path::{Direction, Path, Point2, RawPoint, Smoothing, smooth};
+use sidehill_controller::path::{Direction, Path, PathPoint, Point2, RawPoint, Smoothing, smooth};
 use sidehill_controller::speed_profile::{SpeedLimits, speed_profile};
 use sidehill_controller::trajectory::Trajectory;
 use sidehill_plant::frames::PlanarPose;
@@ -24,6 +25,15 @@ pub struct RouteSettings {
     pub use_orientations: bool,
 }
 
+/// A place on a route at which the vehicle may have to stop.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Approach {
+    /// Arc length of the stop, m.
+    pub(crate) stop_at_m: f64,
+    /// The speed towards it, and the slowest beyond it.
+    pub(crate) speed: ApproachSpeed,
+}
+
 /// A curve with its speed profile, in the frame of its path.
 #[derive(Debug, Clone)]
 pub struct Route {
@@ -35,6 +45,8 @@ pub struct Route {
     initial_speed_m_s: f64,
     /// Its largest speed, m/s.
     pub speed_max_m_s: f64,
+    /// Where it slows down for an obstacle.
+    approach: Option<Approach>,
 }
 
 impl Route {
@@ -64,10 +76,11 @@ impl Route {
         let smoothed = smooth(&points, &settings.smoothing).map_err(Outcome::invalid_path)?;
         let path = Arc::new(smoothed.path);
         Ok(Self {
-            trajectory: profile(&path, speed_m_s, &settings.limits)?,
+            trajectory: profile(&path, speed_m_s, &settings.limits, None)?,
             path,
             initial_speed_m_s: speed_m_s,
             speed_max_m_s: settings.limits.speed_max_m_s,
+            approach: None,
         })
     }
 
@@ -87,12 +100,32 @@ impl Route {
         self.with_speeds(limits.speed_max_m_s, limits)
     }
 
+    /// Returns the same curve for a vehicle on its way that slows down towards a place, or no longer.
+    ///
+    /// # Errors
+    /// `INVALID_PATH` with the reason.
+    pub(crate) fn approaching(
+        mut self,
+        approach: Option<Approach>,
+        limits: &SpeedLimits,
+    ) -> Result<Self, Outcome> {
+        self.approach = approach;
+        self.on_the_way(limits)
+    }
+
+    /// Returns where it slows down for an obstacle.
+    pub(crate) fn approach(&self) -> Option<&Approach> {
+        self.approach.as_ref()
+    }
+
     fn with_speeds(&self, initial_m_s: f64, limits: &SpeedLimits) -> Result<Self, Outcome> {
+        let approach = self.approach;
         Ok(Self {
             path: Arc::clone(&self.path),
-            trajectory: profile(&self.path, initial_m_s, limits)?,
+            trajectory: profile(&self.path, initial_m_s, limits, approach)?,
             initial_speed_m_s: self.initial_speed_m_s,
             speed_max_m_s: limits.speed_max_m_s,
+            approach,
         })
     }
 }
@@ -122,12 +155,21 @@ pub fn pivot_rate_rad_s(limits: &SpeedLimits) -> f64 {
     PIVOT_RAD_S.min(2.0 * limits.steer_max_m_s / limits.track_width_m)
 }
 
-fn profile(path: &Path, speed_m_s: f64, limits: &SpeedLimits) -> Result<Trajectory, Outcome> {
+fn profile(
+    path: &Path,
+    speed_m_s: f64,
+    limits: &SpeedLimits,
+    approach: Option<Approach>,
+) -> Result<Trajectory, Outcome> {
     let limits = SpeedLimits {
         initial_speed_m_s: speed_m_s.clamp(0.0, limits.speed_max_m_s),
         ..*limits
     };
-    speed_profile(path, &limits, |_| f64::INFINITY).map_err(Outcome::invalid_path)
+    let cap_m_s = |point: &PathPoint| match &approach {
+        Some(approach) => approach.speed.at(approach.stop_at_m - point.arc_length_m),
+        None => f64::INFINITY,
+    };
+    speed_profile(path, &limits, cap_m_s).map_err(Outcome::invalid_path)
 }
 
 /// Returns the direction of driving from a pose to the next, by its heading.

@@ -2,8 +2,10 @@
 
 use super::config::Ros2Config;
 use super::controller_server::{ControllerServer, ServerLinks};
+use super::obstacles::StoppingSettings;
 use super::route::RouteSettings;
 use crate::control_loop::channel::{ControllerEnd, LoopEnd, command_channel};
+use crate::control_loop::scheduling::{RealtimeConfig, RealtimeError};
 use crate::drives::{Clock, Epoch, ExternalClock, Input, InputStatus};
 use crate::ros2::node::arguments::{RosArguments, RosEnvironment};
 use crate::ros2::node::time::RosTime;
@@ -27,6 +29,9 @@ pub enum StartError {
     /// A setting out of range.
     #[error(transparent)]
     Range(#[from] RangeError),
+    /// A priority that the system refuses.
+    #[error(transparent)]
+    Realtime(#[from] RealtimeError),
 }
 
 /// What the ROS 2 side of a run is made of.
@@ -49,6 +54,10 @@ pub struct Setup<'a> {
     pub stages: usize,
     /// Period of the control loop, s.
     pub period_s: f64,
+    /// Priorities of the threads.
+    pub realtime: RealtimeConfig,
+    /// How the vehicle stops ahead of an obstacle.
+    pub stopping: StoppingSettings,
 }
 
 /// The running server, and the ends of its channels. Dropped, it leaves the graph.
@@ -92,7 +101,12 @@ pub fn start(setup: Setup<'_>) -> Result<Ros2, StartError> {
     let config = setup.config;
     config.validate()?;
     let mapping = TwistMapping::new(config.commands.track_width_m, setup.vehicle)?;
-    let mut node = RosNode::start(&config.node, setup.arguments, setup.environment)?;
+    // The middleware makes its threads with the node.
+    let start = || RosNode::start(&config.node, setup.arguments, setup.environment);
+    let mut node = match setup.drives {
+        true => setup.realtime.create_helpers(start)??,
+        false => start()?,
+    };
     let epoch = setup.epoch;
     let external = config.use_sim_time.then(ExternalClock::default);
     let (clock, time) = match external.clone() {
@@ -130,6 +144,7 @@ pub fn start(setup: Setup<'_>) -> Result<Ros2, StartError> {
         config: config.inputs.clone(),
         context: context.clone(),
         halt: links.commands.halt_switch(),
+        forwarded: config.commands.forwarded.clone().filter(|_| setup.drives),
         sensors: setup.drives,
     };
     let (inputs, latest) = subscriber.start(&mut node)?;
@@ -151,7 +166,7 @@ pub fn start(setup: Setup<'_>) -> Result<Ros2, StartError> {
         config,
         setup.route,
         setup.vehicle,
-        setup.period_s,
+        (setup.period_s, setup.stopping),
         links,
     )?;
     Ok(Ros2 {

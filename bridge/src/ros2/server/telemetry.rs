@@ -1,13 +1,17 @@
 //! What the controller publishes of itself: its estimate, its plan, and diagnostics.
 
+use super::config::Ros2Config;
 use super::diagnostics::{ServerStatus, SolveStats, diagnostic_status};
+use super::goal_session::TrackingState;
 use crate::control_loop::channel::{ControllerStatus, LoopStatus};
 use crate::ros2::node::conversions::{stamp, to_pose};
 use crate::ros2::node::message::{
-    DiagnosticArray, Header, Path, PoseStamped, PoseWithCovariance, PoseWithCovarianceStamped,
+    DiagnosticArray, Header, Odometry, Path, PoseStamped, PoseWithCovariance,
+    PoseWithCovarianceStamped, TfMessage, TrackingFeedback,
 };
 use crate::ros2::node::time::RosTime;
 use crate::ros2::node::{NodeError, RosNode, qos};
+use crate::ros2::odometry::{OdometryState, odometry_message, transform_message};
 use crate::ros2::port::convert::world_from_base_link;
 use ros2_client::Publisher;
 use sidehill_controller::estimator::Estimate;
@@ -16,38 +20,54 @@ use sidehill_plant::vehicle::Vehicle;
 
 /// Time between two predicted trajectories, s.
 const PLAN_PERIOD_S: f64 = 0.1;
+/// Least standard deviation of a velocity, m/s: that of the encoders.
+const VELOCITY_STD_MIN_M_S: f64 = 0.01;
 /// Time between two diagnostics, s.
 const DIAGNOSTICS_PERIOD_S: f64 = 1.0;
 
 /// The publishers of telemetry.
 pub(crate) struct Telemetry {
     pose: Publisher<PoseWithCovarianceStamped>,
+    odometry: Publisher<Odometry>,
+    transforms: Option<Publisher<TfMessage>>,
+    tracking: Option<Publisher<TrackingFeedback>>,
     plan: Publisher<Path>,
     reference: Publisher<Path>,
     diagnostics: Publisher<DiagnosticArray>,
     vehicle: Vehicle,
     node: String,
     frame: String,
+    base: String,
     solves: SolveStats,
     plan_s: f64,
     diagnostics_s: f64,
 }
 
 impl Telemetry {
-    /// Creates the publishers; poses are in `frame`.
+    /// Creates the publishers; poses are in the frame of the odometry.
     pub(crate) fn new(
         node: &mut RosNode,
         vehicle: &Vehicle,
-        frame: &str,
+        config: &Ros2Config,
     ) -> Result<Self, NodeError> {
         Ok(Self {
             pose: node.publisher("~/pose", &qos::STREAM)?,
+            odometry: node.publisher("~/odometry", &qos::STREAM)?,
+            transforms: match config.publish_transform {
+                true => Some(node.publisher("/tf", &qos::STREAM)?),
+                false => None,
+            },
+            tracking: match config.tracking_feedback {
+                true => Some(node.publisher("tracking_feedback", &qos::STREAM)?),
+                false => None,
+            },
             plan: node.publisher("optimal_trajectory", &qos::STREAM)?,
             reference: node.publisher("transformed_global_plan", &qos::STREAM)?,
             diagnostics: node.publisher("/diagnostics", &qos::RELIABLE_10)?,
             vehicle: vehicle.clone(),
             node: node.names().node().fully_qualified_name(),
-            frame: frame.to_owned(),
+            frame: config.frames.odometry.clone(),
+            base: config.frames.base.clone(),
             solves: SolveStats::default(),
             plan_s: f64::NEG_INFINITY,
             diagnostics_s: f64::NEG_INFINITY,
@@ -76,6 +96,22 @@ impl Telemetry {
                 header: header(estimate.time_s),
                 pose: pose_with_covariance(&estimate),
             });
+            let state = odometry_state(&estimate, &self.vehicle);
+            if let Some(transforms) = &self.transforms {
+                let transform = transform_message(&state, header(estimate.time_s), &self.base);
+                let _ = transforms.publish(TfMessage {
+                    transforms: vec![transform],
+                });
+            }
+            if let (Some(topic), Some(tracking)) = (&self.tracking, &server.tracking) {
+                let _ = topic.publish(tracking_feedback(
+                    tracking,
+                    &header(estimate.time_s),
+                    &state,
+                ));
+            }
+            let message = odometry_message(&state, header(estimate.time_s), &self.base);
+            let _ = self.odometry.publish(message);
         }
         if is_due(&mut self.plan_s, now_s, PLAN_PERIOD_S) {
             let header = header(decision.time_s);
@@ -122,6 +158,43 @@ fn level(pose: &PlanarPose) -> Pose {
         y_m: pose.y_m,
         z_m: 0.0,
         yaw_rad: pose.yaw_rad,
+    }
+}
+
+/// Returns the feedback of Nav2 on a path; what is left and right of it is signed as there.
+fn tracking_feedback(
+    tracking: &TrackingState,
+    header: &Header,
+    state: &OdometryState,
+) -> TrackingFeedback {
+    TrackingFeedback {
+        header: header.clone(),
+        position_tracking_error: tracking.cross_track_m as f32,
+        heading_tracking_error: tracking.heading_error_rad as f32,
+        current_path_index: u32::try_from(tracking.path_index).unwrap_or(u32::MAX),
+        robot_pose: PoseStamped {
+            header: header.clone(),
+            pose: to_pose(&world_from_base_link(&state.pose, &state.attitude)),
+        },
+        distance_to_goal: tracking.distance_to_goal_m as f32,
+        speed: tracking.speed_m_s as f32,
+        remaining_path_length: tracking.left_m as f32,
+    }
+}
+
+/// Returns pose and velocity of an estimate. The velocity is that of the vehicle's model; how far off it was
+/// in the last seconds is its standard deviation.
+fn odometry_state(estimate: &Estimate, vehicle: &Vehicle) -> OdometryState {
+    let std_m_s = estimate.model_error_m_s.max(VELOCITY_STD_MIN_M_S);
+    let half_track_m = 0.5 * (vehicle.icrs.right_m - vehicle.icrs.left_m);
+    OdometryState {
+        time_s: estimate.time_s,
+        pose: level(&estimate.pose),
+        attitude: estimate.attitude,
+        velocity: vehicle.extended_velocity(estimate.attitude, estimate.treads),
+        covariance: estimate.covariance,
+        velocity_std_m_s: std_m_s,
+        yaw_rate_std_rad_s: std_m_s / half_track_m,
     }
 }
 

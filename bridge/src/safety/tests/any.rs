@@ -59,6 +59,7 @@ fn any_observation() -> impl Strategy<Value = SafetyInputs> {
                             mode,
                         },
                     }),
+                    forwarded: None,
                     link: bus,
                     unsent_since_s: unsent,
                     requests: operator,

@@ -17,7 +17,10 @@ pub use geometry::{
     Quaternion, TfMessage, Transform, TransformStamped, Twist, TwistStamped, TwistWithCovariance,
     Vector3,
 };
-pub use nav::{Odometry, Path, SpeedLimit};
+pub use nav::{
+    Costmap, CostmapMetaData, CostmapUpdate, MapMetaData, OccupancyGrid, OccupancyGridUpdate,
+    Odometry, Path, SpeedLimit, TrackingFeedback,
+};
 pub use sensor::{Imu, JointState, NavSatFix, NavSatStatus};
 pub use standard::{
     Bool, Clock, Empty, Float64, Float64MultiArray, Header, MultiArrayDimension, MultiArrayLayout,

@@ -69,7 +69,11 @@ fn odometry_gives_pose_and_speeds_and_attitude_where_configured() {
             pose,
             attitude,
             motors,
-        } = readings.latest();
+            forwarded: None,
+        } = readings.latest()
+        else {
+            panic!("nobody forwards commands");
+        };
         let pose = pose.unwrap();
         assert!((pose.time_s - 9.9).abs() < 1e-9);
         assert!((pose.value.x_m - 1.0).abs() < 1e-9 && (pose.value.yaw_rad - 0.3).abs() < 1e-9);

@@ -93,6 +93,8 @@ pub struct VehicleFrames {
     pub odom: String,
     /// The vehicle's own.
     pub base: String,
+    /// A level frame at the vehicle, for nodes that know only a plane (REP-120); none where empty.
+    pub footprint: String,
 }
 
 impl Default for VehicleFrames {
@@ -101,6 +103,7 @@ impl Default for VehicleFrames {
             map: "map".to_owned(),
             odom: "odom".to_owned(),
             base: "base_link".to_owned(),
+            footprint: "base_footprint".to_owned(),
         }
     }
 }

@@ -176,11 +176,22 @@ impl Reporter {
                 },
             }),
             transforms: pose.map(|pose| TfMessage {
-                transforms: vec![TransformStamped {
-                    header: header(self, pose.time_s, &frames.odom),
-                    child_frame_id: frames.base.clone(),
-                    transform: conversions::to_transform(&odom_from_base),
-                }],
+                transforms: [
+                    (&frames.odom, &frames.base, odom_from_base),
+                    (
+                        &frames.base,
+                        &frames.footprint,
+                        level_in_base(&self.attitude),
+                    ),
+                ]
+                .into_iter()
+                .filter(|(_, child, _)| !child.is_empty())
+                .map(|(parent, child, transform)| TransformStamped {
+                    header: header(self, pose.time_s, parent),
+                    child_frame_id: child.clone(),
+                    transform: conversions::to_transform(&transform),
+                })
+                .collect(),
             }),
             imu: attitude.map(|attitude| Imu {
                 header: header(self, attitude.time_s, &frames.base),
@@ -215,6 +226,13 @@ impl Reporter {
             .map_or(time_s, |frozen_s| time_s.min(frozen_s));
         conversions::stamp(self.origin_ns + ((time_s + jump_s) * 1e9).round() as i64)
     }
+}
+
+/// Returns the level frame of a vehicle in the vehicle's own: at the same place, with the same heading.
+fn level_in_base(attitude: &Attitude) -> Isometry3<f64> {
+    let here = Pose::default();
+    convert::world_from_base_link(&here, attitude).inverse()
+        * convert::world_from_base_link(&here, &Attitude::LEVEL)
 }
 
 /// Returns where the odometry's frame stands in the map.

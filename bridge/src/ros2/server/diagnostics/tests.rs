@@ -2,6 +2,7 @@ use super::*;
 use crate::control_loop::channel::LoopStatus;
 use crate::ros2::server::test_data::{decision, j8, loop_status};
 use sidehill_controller::mpc::{Residuals, SolvePath, SolveReport};
+use sidehill_plant::contact::ParameterVector;
 
 const SERVER: ServerStatus<'_> = ServerStatus {
     lifecycle: "active",
@@ -9,6 +10,8 @@ const SERVER: ServerStatus<'_> = ServerStatus {
     last_rejection: "odom: it is in map, must be in odom",
     inputs: &[],
     emergency_stop: None,
+    blocked_by: None,
+    tracking: None,
     goals: 2,
     last_end: Some((GoalEnd::Succeeded, "")),
 };
@@ -117,6 +120,34 @@ fn values_are_those_of_the_loop_the_controller_and_the_server() {
     ] {
         assert_eq!(value(&status, key), expected, "{key}");
     }
+}
+
+#[test]
+fn learned_parameters_come_with_their_intervals_and_what_is_not_excited() {
+    let mut decision = decision(1.0, 0.0, 0.0);
+    let without = report(&loop_status(SafetyState::Driving), &decision, &SERVER);
+    assert!(
+        without
+            .values
+            .iter()
+            .all(|v| !v.key.starts_with("learned_"))
+    );
+    let mut sigma = ParameterVector::repeat(0.01);
+    sigma[Parameter::SlipScale.index()] = 0.1;
+    let mut parameters = ParameterVector::repeat(0.2);
+    parameters[Parameter::Friction.index()] = 0.5_f64.ln();
+    let contact = ContactEstimate {
+        parameters,
+        sigma,
+        prior_sigma: ParameterVector::repeat(0.1),
+    };
+    decision.estimate.as_mut().unwrap().contact = Some(contact);
+    let status = report(&loop_status(SafetyState::Driving), &decision, &SERVER);
+    assert_eq!(
+        value(&status, "learned_friction"),
+        "0.5000 (0.4903 to 0.5099)"
+    );
+    assert!(value(&status, "learned_slip_scale_m_s").ends_with("not excited: prior)"));
 }
 
 #[test]

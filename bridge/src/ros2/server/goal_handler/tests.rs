@@ -15,6 +15,8 @@ use std::f64::consts::FRAC_PI_2;
 use std::time::Duration;
 
 mod ends;
+mod obstacle_runs;
+mod obstacles;
 mod paths;
 
 /// Heading along x.
@@ -42,6 +44,9 @@ struct World {
     finished: Vec<(Client, GoalEnd, Outcome)>,
     arm: u64,
     stop: Option<StopCause>,
+    /// The check for obstacles, where it is on.
+    obstacles: Option<obstacles::Costmaps>,
+    warnings: Vec<String>,
 }
 
 impl World {
@@ -72,6 +77,8 @@ impl World {
             finished: Vec::new(),
             arm: 0,
             stop: None,
+            obstacles: None,
+            warnings: Vec::new(),
         }
     }
 
@@ -100,6 +107,11 @@ impl World {
             armed: self.armed,
             stopped_by: self.stopped_by,
             decision: Some(&decision),
+            plan: &[],
+            obstacles: self
+                .obstacles
+                .as_ref()
+                .map(|obstacles| obstacles.context(self.now_s, &self.transforms)),
             transforms: &self.transforms,
             tolerances: &tolerances,
             emergency_stop: self.emergency_stop,
@@ -111,6 +123,7 @@ impl World {
             match request {
                 Request::Arm(number) => self.arm = number,
                 Request::Stop(cause) => self.stop = cause,
+                Request::Warn(message) => self.warnings.push(message),
                 Request::Finish {
                     client,
                     end,

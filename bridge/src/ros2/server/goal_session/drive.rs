@@ -102,7 +102,7 @@ impl GoalSession {
             _ if context.stopped_by != Some(Reason::Finished) => {}
             // The drive before ended as this path came.
             _ if !tracked => return self.arm(context.now_s, requests),
-            _ if matches!(self.following, Following::StartPivot) => {
+            _ if matches!(self.following, Following::StartPivot(_)) => {
                 self.following = Following::Nothing;
                 self.number = requests.next_number();
                 self.phase = Phase::Locating {
@@ -143,14 +143,14 @@ impl GoalSession {
             "the path has ended {:.2} m and {:.2} rad off the goal",
             error.distance_m, error.heading_rad
         );
-        let pivoted = matches!(self.following, Following::GoalPivot);
+        let pivoted = matches!(self.following, Following::GoalPivot(_));
         if settings.pivots.at_goal && !pivoted && error.distance_m <= tolerances.goal_xy_m {
             let (attitude, yaw_rad) = (estimate.attitude, estimate.pose.yaw_rad);
             let rate_rad_s = pivot_rate_rad_s(&settings.route.limits);
             let (vehicle, angle_rad) = (&settings.vehicle, -error.heading_rad);
             let slide_m = pivot_slide_m(vehicle, attitude, yaw_rad, angle_rad, rate_rad_s);
             if error.distance_m + slide_m <= tolerances.goal_xy_m {
-                let target = (Following::GoalPivot, angle_rad);
+                let target = (Following::GoalPivot(self.goal.yaw_rad), angle_rad);
                 return self.pivot(target, &estimate.pose, context, settings, requests);
             }
             message += &format!("; a pivot would slide {slide_m:.2} m on this slope");

@@ -1,0 +1,85 @@
+//! Settings of the obstacle check.
+
+use serde::{Deserialize, Serialize};
+use sidehill_plant::bounds::Bounds;
+use sidehill_plant::vehicle::RangeError;
+
+/// Message type of a costmap.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum CostmapKind {
+    /// nav_msgs/OccupancyGrid, with updates as map_msgs/OccupancyGridUpdate.
+    #[default]
+    OccupancyGrid,
+    /// nav2_msgs/Costmap, with updates as nav2_msgs/CostmapUpdate.
+    Costmap,
+}
+
+/// The `costmap:` part of `ros2:`: which cells stop the vehicle, and where.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct CostmapConfig {
+    /// Topic of the costmap; updates come on the same name with `_updates`.
+    pub topic: String,
+    /// Type of its messages.
+    pub kind: CostmapKind,
+    /// Corners of the vehicle in the frame `frames.base`, x forward and y left, m; the base rectangle of the
+    /// vehicle where empty.
+    pub footprint: Vec<[f64; 2]>,
+    /// Added to the footprint on all sides, m.
+    pub footprint_padding_m: f64,
+    /// Gap to the obstacle at which the vehicle stands, along the path, m.
+    pub margin_m: f64,
+    /// Least cost of a cell that counts as an obstacle, on the scale of OccupancyGrid.
+    pub lethal_cost: i8,
+    /// Whether cells without information count as obstacles.
+    pub unknown_is_lethal: bool,
+    /// Friction coefficient of the ground that braking relies on.
+    pub friction: f64,
+    /// Oldest costmap with which the vehicle drives, s.
+    pub timeout_s: f64,
+    /// Longest time for which a goal waits for a free path, s.
+    pub patience_s: f64,
+}
+
+impl Default for CostmapConfig {
+    fn default() -> Self {
+        Self {
+            topic: "local_costmap/costmap".to_owned(),
+            kind: CostmapKind::default(),
+            footprint: Vec::new(),
+            footprint_padding_m: 0.1,
+            margin_m: 0.3,
+            lethal_cost: 100,
+            unknown_is_lethal: false,
+            friction: 0.5,
+            timeout_s: 1.0,
+            patience_s: 10.0,
+        }
+    }
+}
+
+impl CostmapConfig {
+    /// Checks the ranges.
+    ///
+    /// # Errors
+    /// [`RangeError`] with the first key out of its range.
+    pub fn validate(&self) -> Result<(), RangeError> {
+        if !self.footprint.is_empty() {
+            let corners = self.footprint.len() as f64;
+            Bounds::new(3.0, 64.0, "corners").check("ros2.costmap.footprint", corners)?;
+        }
+        for corner in self.footprint.iter().flatten() {
+            Bounds::new(-20.0, 20.0, "m").check("ros2.costmap.footprint", *corner)?;
+        }
+        let padding_m = self.footprint_padding_m;
+        Bounds::new(0.0, 2.0, "m").check("ros2.costmap.footprint_padding_m", padding_m)?;
+        Bounds::new(0.05, 5.0, "m").check("ros2.costmap.margin_m", self.margin_m)?;
+        let lethal = f64::from(self.lethal_cost);
+        Bounds::new(1.0, 100.0, "").check("ros2.costmap.lethal_cost", lethal)?;
+        Bounds::new(0.1, 2.0, "").check("ros2.costmap.friction", self.friction)?;
+        Bounds::new(0.1, 10.0, "s").check("ros2.costmap.timeout_s", self.timeout_s)?;
+        Bounds::new(0.0, 3600.0, "s").check("ros2.costmap.patience_s", self.patience_s)?;
+        Ok(())
+    }
+}

@@ -1,0 +1,185 @@
+//! How a vehicle on wheels differs from the file that it is drawn after.
+
+use serde::Deserialize;
+use sidehill_plant::bounds::{Bounds, RangeError};
+use sidehill_plant::contact::{ContactVehicle, FrictionField, Parameter};
+use sidehill_plant::vehicle::Vehicle;
+
+/// What replaces values of a contact vehicle's file: a family of vehicles out of one. Shares are of the half
+/// width (right, height) or the half length (forward) after `size`. Controllers are told `size` alone.
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub(super) struct VehicleVariation {
+    /// Factor on all lengths.
+    size: f64,
+    /// Factor on the mass, besides the cube of `size`.
+    density: f64,
+    /// From 0, all axles carry the same, to 1, the inner ones carry 90 %.
+    inner_load: Option<f64>,
+    centre_of_mass_right_share: Option<f64>,
+    centre_of_mass_forward_share: Option<f64>,
+    centre_of_mass_height_share: Option<f64>,
+    lateral_share: Option<f64>,
+    slip_scale_m_s: Option<f64>,
+    slip_share: Option<f64>,
+    rolling_resistance: Option<f64>,
+    /// Yaw inertia over that of a homogeneous box on the wheels; 0 moves without inertia.
+    inertia: Option<f64>,
+}
+
+impl Default for VehicleVariation {
+    fn default() -> Self {
+        Self {
+            size: 1.0,
+            density: 1.0,
+            inner_load: None,
+            centre_of_mass_right_share: None,
+            centre_of_mass_forward_share: None,
+            centre_of_mass_height_share: None,
+            lateral_share: None,
+            slip_scale_m_s: None,
+            slip_share: None,
+            rolling_resistance: None,
+            inertia: None,
+        }
+    }
+}
+
+/// Load of the inner axles at `inner_load` 1.
+const INNER_LOAD_MAX: f64 = 0.9;
+
+impl VehicleVariation {
+    /// Returns the vehicle that moves.
+    pub(super) fn of_truth(&self, file: &ContactVehicle) -> Result<ContactVehicle, RangeError> {
+        Bounds::new(0.1, 10.0, "").check("size", self.size)?;
+        Bounds::new(0.01, 100.0, "").check("density", self.density)?;
+        let mut vehicle = file.clone();
+        let size = self.size;
+        vehicle.half_width_m *= size;
+        for axle in &mut vehicle.axles {
+            axle.forward_m *= size;
+        }
+        let centre = &mut vehicle.centre_of_mass;
+        centre.right_m *= size;
+        centre.forward_m *= size;
+        centre.height_m *= size;
+        vehicle.friction.patch_radius_m *= size;
+        vehicle.mass_kg *= self.density * size.powi(3);
+        let (half_width_m, half_length_m) = (vehicle.half_width_m, vehicle.half_length_m());
+        let mut parameters = vehicle.parameters();
+        for (parameter, value) in [
+            (
+                Parameter::CentreRight,
+                scaled(self.centre_of_mass_right_share, half_width_m),
+            ),
+            (
+                Parameter::CentreForward,
+                scaled(self.centre_of_mass_forward_share, half_length_m),
+            ),
+            (
+                Parameter::CentreHeight,
+                scaled(self.centre_of_mass_height_share, half_width_m),
+            ),
+            (Parameter::InnerShare, self.inner_share(&vehicle)?),
+            (Parameter::LateralShare, self.lateral_share),
+            (Parameter::SlipScale, self.slip_scale_m_s),
+            (Parameter::RollingResistance, self.rolling_resistance),
+        ] {
+            if let Some(value) = value {
+                parameters[parameter.index()] = parameter.entry(value);
+            }
+        }
+        let field: FrictionField = vehicle.friction.field;
+        vehicle = vehicle.with_parameters(&parameters);
+        vehicle.friction.field = field;
+        if let Some(share) = self.slip_share {
+            vehicle.friction.slip_share = share;
+        }
+        if let Some(factor) = self.inertia {
+            Bounds::new(0.0, 10.0, "").check("inertia", factor)?;
+            let square_m2 = half_width_m.powi(2) + half_length_m.powi(2);
+            vehicle.yaw_inertia_kg_m2 =
+                (factor > 0.0).then(|| factor * vehicle.mass_kg * square_m2 / 3.0);
+        }
+        vehicle.validated()
+    }
+
+    /// Returns what controllers know: the same of a vehicle that is larger by `size`. Slip of wheels and
+    /// slide grow with it.
+    pub(super) fn of_identified(&self, mut vehicle: Vehicle) -> Result<Vehicle, RangeError> {
+        let size = self.size;
+        if size == 1.0 {
+            return Ok(vehicle);
+        }
+        // Terms and wheels of the file are those of another vehicle.
+        vehicle.extension = None;
+        vehicle.contact = None;
+        vehicle.contact_encoder_scale = None;
+        vehicle.icrs.left_m *= size;
+        vehicle.icrs.right_m *= size;
+        vehicle.icrs.forward_m *= size;
+        vehicle.base_half_width_m *= size;
+        vehicle.base_half_length_m *= size;
+        vehicle.slide.shift_s_per_rad *= size;
+        vehicle.slide.aggravated_s_per_rad *= size;
+        vehicle.validated()
+    }
+
+    fn inner_share(&self, vehicle: &ContactVehicle) -> Result<Option<f64>, RangeError> {
+        let Some(share) = self.inner_load else {
+            return Ok(None);
+        };
+        Bounds::new(0.0, 1.0, "").check("inner_load", share)?;
+        let axles = vehicle.axles.len() as f64;
+        let equal = (axles - 2.0) / axles;
+        Ok(Some(equal + share * (INNER_LOAD_MAX - equal)))
+    }
+}
+
+fn scaled(share: Option<f64>, length_m: f64) -> Option<f64> {
+    share.map(|share| share * length_m)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn j8() -> ContactVehicle {
+        serde_yaml::from_str(include_str!("../../config/vehicles/j8_contact.yaml")).unwrap()
+    }
+
+    fn varied(yaml: &str) -> Result<ContactVehicle, RangeError> {
+        let variation: VehicleVariation = serde_yaml::from_str(yaml).unwrap();
+        variation.of_truth(&j8())
+    }
+
+    #[test]
+    fn nothing_varied_is_the_file() {
+        let same = varied("{}").unwrap();
+        assert!((same.parameters() - j8().parameters()).norm() < 1e-12);
+        assert_eq!(same.half_width_m, j8().half_width_m);
+    }
+
+    #[test]
+    fn loads_go_from_equal_to_nine_tenths_inside() {
+        for (inner_load, outer) in [(0.0, 0.25), (1.0, 0.05)] {
+            let vehicle = varied(&format!("{{inner_load: {inner_load}}}")).unwrap();
+            assert!((vehicle.axles[0].load_share - outer).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn a_vehicle_of_half_the_size_has_an_eighth_of_the_mass_and_its_inertia() {
+        let vehicle = varied("{size: 0.5, inertia: 1, centre_of_mass_right_share: 0.1}").unwrap();
+        assert!((vehicle.mass_kg - j8().mass_kg / 8.0).abs() < 1e-9);
+        assert!((vehicle.centre_of_mass.right_m - 0.03).abs() < 1e-12);
+        let box_inertia = vehicle.mass_kg * (0.3_f64.powi(2) + 0.53_f64.powi(2)) / 3.0;
+        assert!((vehicle.yaw_inertia_kg_m2.unwrap() - box_inertia).abs() < 1e-9);
+    }
+
+    #[test]
+    fn what_is_out_of_range_is_named() {
+        let error = varied("{inner_load: 1.5}").unwrap_err();
+        assert!(error.to_string().contains("inner_load"), "{error}");
+    }
+}

@@ -1,0 +1,50 @@
+//! `sidehill documents`: the man pages and shell completions of a package.
+
+use crate::output;
+use anyhow::Result;
+use clap_complete::{Shell, generate};
+use std::path::PathBuf;
+
+/// Arguments of `sidehill documents`.
+#[derive(Debug, clap::Args)]
+pub struct DocumentsArgs {
+    /// Folder for the files; created if it does not exist.
+    pub folder: PathBuf,
+    /// Overwrite files that exist.
+    #[arg(long)]
+    pub force: bool,
+}
+
+/// Writes a man page for the program and each subcommand, and completions for bash, zsh and fish.
+///
+/// # Errors
+/// A file that cannot be written.
+pub fn run(args: &DocumentsArgs, command: &mut clap::Command) -> Result<()> {
+    std::fs::create_dir_all(&args.folder)?;
+    // Names of subcommands that help shows, with the program's before them.
+    command.build();
+    let shown: Vec<_> = command
+        .get_subcommands()
+        .filter(|part| !part.is_hide_set() && part.get_name() != "help")
+        .cloned()
+        .collect();
+    for part in std::iter::once(&*command).chain(&shown) {
+        let name = match part.get_name() {
+            "sidehill" => "sidehill".to_owned(),
+            name => format!("sidehill-{name}"),
+        };
+        let mut page = Vec::new();
+        clap_mangen::Man::new(part.clone().name(name.clone())).render(&mut page)?;
+        output::write(&args.folder.join(format!("{name}.1")), &page, args.force)?;
+    }
+    for (shell, file) in [
+        (Shell::Bash, "sidehill.bash"),
+        (Shell::Zsh, "_sidehill"),
+        (Shell::Fish, "sidehill.fish"),
+    ] {
+        let mut script = Vec::new();
+        generate(shell, command, "sidehill", &mut script);
+        output::write(&args.folder.join(file), &script, args.force)?;
+    }
+    Ok(())
+}

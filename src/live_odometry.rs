@@ -1,0 +1,127 @@
+//! `sidehill odometry --live`: slope-corrected odometry as a node of ROS 2.
+
+use crate::config::ros2::environment;
+use crate::config::{ConfigError, ConfigFile};
+use crate::console;
+use crate::odometry::OdometryArgs;
+use anyhow::{Context, Result, ensure};
+use serde::Deserialize;
+use sidehill_bridge::drives::Epoch;
+use sidehill_bridge::ros2::node::arguments::RosArguments;
+use sidehill_bridge::ros2::odometry::{OdometryConfig, OdometryNode, OdometrySetup};
+use sidehill_bridge::ros2::port::convert::TwistMapping;
+use sidehill_plant::vehicle::Vehicle;
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+/// Time between two looks for new readings.
+const PERIOD: Duration = Duration::from_millis(2);
+/// Time after the start until missing readings are named.
+const PATIENCE: Duration = Duration::from_secs(5);
+
+/// What `sidehill odometry --live` reads.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LiveOdometryConfig {
+    /// Vehicle that drives, relative to this file.
+    pub vehicle: PathBuf,
+    /// Topics, frames and times.
+    #[serde(default)]
+    pub ros2: OdometryConfig,
+}
+
+impl LiveOdometryConfig {
+    /// Returns the vehicle of a configuration whose values are all in range.
+    ///
+    /// # Errors
+    /// [`ConfigError`] with the file at fault, key, value and range.
+    pub fn checked(&self, file: &ConfigFile) -> Result<Vehicle, ConfigError> {
+        let vehicle: Vehicle = file.sibling(&self.vehicle)?.parse()?;
+        self.ros2
+            .validate()
+            .and_then(|()| TwistMapping::new(self.ros2.track_width_m, &vehicle).map(drop))
+            .map_err(|error| file.error(error))?;
+        Ok(vehicle)
+    }
+}
+
+/// Publishes odometry until a signal comes.
+///
+/// # Errors
+/// A file that cannot be read, a setting out of range, or a network that cannot be used.
+pub fn run(args: &OdometryArgs, ros_arguments: &[String]) -> Result<ExitCode> {
+    ensure!(
+        args.columns.is_none() && args.plot.is_none(),
+        "--live: --columns and --plot are for logs"
+    );
+    let (config, vehicle) = configuration(args)?;
+    let arguments = RosArguments::parse(ros_arguments)?;
+    let ended = Arc::new(AtomicBool::new(false));
+    let resumed = Arc::new(AtomicBool::new(false));
+    use signal_hook::consts::{SIGCONT, SIGHUP, SIGINT, SIGTERM};
+    for signal in [SIGINT, SIGTERM, SIGHUP] {
+        signal_hook::flag::register(signal, Arc::clone(&ended))?;
+    }
+    signal_hook::flag::register(SIGCONT, Arc::clone(&resumed))?;
+    let mut node = OdometryNode::start(OdometrySetup {
+        config,
+        vehicle: &vehicle,
+        arguments: &arguments,
+        environment: &environment()?,
+        epoch: Epoch::now(),
+    })?;
+    let started = Instant::now();
+    let mut warned = false;
+    while !ended.load(Ordering::Relaxed) {
+        // The middleware does not survive that its wait is interrupted.
+        ensure!(
+            !resumed.load(Ordering::Relaxed),
+            "the program was suspended"
+        );
+        node.step();
+        if !warned && node.published() == 0 && started.elapsed() > PATIENCE {
+            warned = true;
+            let (rejected, reason) = node.rejected();
+            let rejected = match rejected {
+                0 => "no message has come".to_owned(),
+                count => format!("{count} messages were rejected, the last: {reason}"),
+            };
+            console::complain(format_args!(
+                "odometry waits for tread speeds and attitude: {rejected}"
+            ));
+        }
+        std::thread::sleep(PERIOD);
+    }
+    let (rejected, reason) = node.rejected();
+    console::line(serde_json::json!({
+        "published": node.published(),
+        "gaps": node.gaps(),
+        "rejected": rejected,
+        "last_rejection": reason,
+    }));
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Returns the configuration of the node: that of a file, or the defaults for a vehicle.
+fn configuration(args: &OdometryArgs) -> Result<(OdometryConfig, Vehicle)> {
+    match (&args.log, &args.vehicle) {
+        (Some(path), vehicle) => {
+            ensure!(
+                vehicle.is_none(),
+                "--vehicle: the configuration of --live names the vehicle"
+            );
+            let file = ConfigFile::read(path)?;
+            let config: LiveOdometryConfig = file.parse()?;
+            let vehicle = config.checked(&file)?;
+            Ok((config.ros2, vehicle))
+        }
+        (None, Some(vehicle)) => {
+            let vehicle = ConfigFile::read(vehicle)?.parse()?;
+            Ok((OdometryConfig::default(), vehicle))
+        }
+        (None, None) => None.context("--live needs a configuration or --vehicle FILE"),
+    }
+}

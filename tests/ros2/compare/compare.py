@@ -1,0 +1,187 @@
+"""Drives one controller, Sidehill or a controller server of Nav2, over a course on the virtual rover, and prints
+its figures as JSON. Nothing is asserted.
+
+    python3 tests/ros2/compare/compare.py --slope-deg 10                                  # Sidehill
+    python3 tests/ros2/compare/compare.py --slope-deg 10 --params rpp.yaml --server PATH  # a peer
+
+PATH is Nav2's `controller_server`, which is not part of this repository: `nav2_controller/lib/.../controller_server`
+of a ROS 2 Jazzy installation. The script itself needs rclpy and the action FollowPath; the environment that
+`.ci/ros2` makes has them:
+
+    AMENT_PREFIX_PATH=$PWD/target/jazzy target/jazzy/bin/python3 tests/ros2/compare/compare.py ...
+
+Both controllers get the same goal at 20 Hz and obey nothing else; sensors are perfect, time is real. A peer takes
+the level frame `base_footprint` for the vehicle's, moved ahead by --point-m, since Nav2's controllers take level
+paths into that frame in 3D; 0.206 m is the place of the J8's tread ICRs, the point that such controllers steer best.
+Figures are those of `base_link`, and with --point-m also of that point, by the truth, after the first 2 s and without
+the last 0.8 m. Run it where nothing else runs: a peer that gets no CPU tracks worse.
+"""
+
+import argparse
+import json
+import math
+import os
+import pathlib
+import random
+import re
+import subprocess
+import sys
+import tempfile
+import time
+
+HERE = pathlib.Path(__file__).resolve().parent
+sys.path[:0] = [str(HERE.parent), str(HERE.parent / "jazzy")]
+
+from geometry_msgs.msg import TransformStamped, Twist
+from nodes import Driven, Node, path_of
+from programs import REPOSITORY, SIDEHILL, Vehicle, adapted, cross_track_m, figure_eight
+from rclpy.qos import DurabilityPolicy, QoSProfile
+
+END_M, START_S = 0.8, 2.0
+
+
+def arguments():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--slope-deg", type=float, default=10.0)
+    parser.add_argument("--plant", choices=["icrik", "contact"], default="contact")
+    parser.add_argument("--speed", type=float, default=0.6, help="m/s")
+    parser.add_argument("--laps", type=int, default=1, help="of the figure of eight")
+    parser.add_argument("--controller", default="icrik-mpc", help="Sidehill's, without --params")
+    parser.add_argument("--params", help="parameters of a peer, beside this file or a path")
+    parser.add_argument("--server", help="program of the peer")
+    parser.add_argument("--point-m", type=float, default=0.0, help="steered point ahead of base_link")
+    return parser.parse_args()
+
+
+def scenario(args, folder):
+    """The figure of eight on a plane of the slope."""
+    text = pathlib.Path(REPOSITORY, "config/scenarios/figure_eight_10deg.yaml").read_text()
+    text = text.replace("../", f"{REPOSITORY}/config/").replace("slope_deg: 10", f"slope_deg: {args.slope_deg}")
+    path = folder / "scenario.yaml"
+    path.write_text(text)
+    return path
+
+
+def sidehill_config(args, folder):
+    replaced = {
+        r"^speed: \{speed_m_s: 0\.5\}.*$": f"speed: {{speed_m_s: {args.speed}}}",
+        r"^controller: icrik-mpc.*$": f"controller: {args.controller}",
+        r'^    path: plan.*$': '    path: ""',
+    }
+    if args.plant == "contact":
+        vehicle = f"{REPOSITORY}/config/vehicles/j8_contact_identified.yaml"
+        replaced[r"^vehicle: .*$"] = f"vehicle: {vehicle}"
+    return adapted("run_ros2.yaml", replaced, folder)
+
+
+def peer_params(args, folder):
+    """The peer's parameters with the speed of this run and the frame of the vehicle."""
+    path = pathlib.Path(args.params)
+    text = (path if path.exists() else HERE / path).read_text()
+    text = re.sub(r"desired_linear_vel: [0-9.]+", f"desired_linear_vel: {args.speed}", text)
+    text = re.sub(r"robot_base_frame: \S+", "robot_base_frame: steered_point", text)
+    made = folder / "params.yaml"
+    made.write_text(text)
+    return made
+
+
+def steered_point(node, args):
+    """Publishes the level frame that a peer steers."""
+    # Where Nav2 is, tf2 is too; Sidehill alone needs neither.
+    from tf2_msgs.msg import TFMessage
+
+    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    publisher = node.node.create_publisher(TFMessage, "/tf_static", latched)
+    ahead = TransformStamped()
+    ahead.header.frame_id, ahead.child_frame_id = "base_footprint", "steered_point"
+    ahead.transform.translation.x, ahead.transform.rotation.w = args.point_m, 1.0
+    # The node keeps its publisher, and latches what it has sent.
+    publisher.publish(TFMessage(transforms=[ahead]))
+
+
+def used(pid):
+    """CPU time of a process, s, and its memory, MB."""
+    fields = pathlib.Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
+    ticks = int(fields[11]) + int(fields[12])
+    return ticks / os.sysconf("SC_CLK_TCK"), int(fields[21]) * os.sysconf("SC_PAGE_SIZE") / 1e6
+
+
+def moved(rows, ahead_m):
+    """The rows of a point ahead of base_link; yaw is that of the body's forward axis from Y_g."""
+    at = lambda row: {
+        **row,
+        "x_m": row["x_m"] - ahead_m * math.sin(row["yaw_rad"]),
+        "y_m": row["y_m"] + ahead_m * math.cos(row["yaw_rad"]),
+    }
+    return [at(row) for row in rows]
+
+
+def figures(rows, points):
+    distances = sorted(abs(d) for d in cross_track_m(rows, points))
+    rms = math.sqrt(sum(d * d for d in distances) / len(distances))
+    of = {"rms": rms, "p95": distances[int(0.95 * len(distances))], "max": distances[-1]}
+    return {f"{name}_cm": round(100 * value, 2) for name, value in of.items()}
+
+
+def total_variation(values):
+    return sum(abs(b - a) for a, b in zip(values, values[1:]))
+
+
+def main():
+    args = arguments()
+    folder = pathlib.Path(tempfile.mkdtemp(prefix="compare_"))
+    domain = random.randint(1, 101)
+    environment = {**os.environ, "ROS_DOMAIN_ID": str(domain), "RMW_IMPLEMENTATION": "rmw_fastrtps_cpp"}
+    points = figure_eight(1000)
+    goal_points = points * args.laps
+    truth = folder / "truth.csv"
+    rover = adapted("vehicle_ros2.yaml", {
+        r"^scenario: .*$": f"scenario: {scenario(args, folder)}",
+        r"^# plant: .*$": f"plant: {args.plant}",
+    }, folder)
+    start = lambda *command: subprocess.Popen([str(part) for part in command], env=environment,
+                                              stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    programs = [start(SIDEHILL, "vehicle", rover, "--truth", truth)]
+    ros = Node(domain)
+    try:
+        if args.params:
+            steered_point(ros, args)
+            controller = start(args.server, "--ros-args", "--params-file", peer_params(args, folder))
+        else:
+            controller = start(SIDEHILL, "run", sidehill_config(args, folder))
+        programs.append(controller)
+        commands = ros.messages(Twist, "/cmd_vel", 100)
+        driven = Driven(Vehicle(programs[0], truth), ros)
+        time.sleep(3.0)
+        cpu_s, began = used(controller.pid)[0], time.monotonic()
+        status, result = driven.ended(driven.send(goal_points), timeout_s=600)
+        took_s = time.monotonic() - began
+        cpu_s, memory_mb = used(controller.pid)[0] - cpu_s, used(controller.pid)[1]
+        rows = [row for row in driven.vehicle.truth() if row["time_s"] > 0.0]
+    finally:
+        for program in reversed(programs):
+            program.terminate()
+            program.wait(timeout=10)
+        ros.close()
+    moving = next(row["time_s"] for row in rows if abs(row["traction_m_s"]) > 1e-3)
+    rows = [row for row in rows if row["time_s"] > moving + START_S]
+    last = goal_points[-1]
+    far = [i for i, row in enumerate(rows) if math.hypot(row["x_m"] - last[0], row["y_m"] - last[1]) > END_M]
+    rows = rows[: far[-1] + 1]
+    way_m = sum(math.hypot(b["x_m"] - a["x_m"], b["y_m"] - a["y_m"]) for a, b in zip(rows, rows[1:]))
+    print(json.dumps({
+        "controller": pathlib.Path(args.params).stem if args.params else args.controller,
+        "plant": args.plant, "slope_deg": args.slope_deg, "speed_m_s": args.speed,
+        "status": status, "error_code": result.error_code,
+        "base_link": figures(rows, points),
+        "point": figures(moved(rows, args.point_m), points) if args.point_m else None,
+        "steer_tv_m_s": round(total_variation([row["steer_m_s"] for row in rows]), 2),
+        "traction_tv_m_s": round(total_variation([row["traction_m_s"] for row in rows]), 2),
+        "mean_speed_m_s": round(way_m / (rows[-1]["time_s"] - rows[0]["time_s"]), 3),
+        "cpu_percent": round(100 * cpu_s / took_s, 1), "memory_mb": round(memory_mb, 1),
+        "commands": len(commands),
+    }))
+
+
+if __name__ == "__main__":
+    main()
