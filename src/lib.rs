@@ -12,6 +12,7 @@ pub mod config;
 pub mod console;
 #[cfg(feature = "package")]
 pub mod documents;
+mod guard_watch;
 pub mod icr;
 pub mod identify;
 #[cfg(feature = "drive")]

@@ -24,6 +24,12 @@ const BELOW_PX: f64 = 44.0;
 /// Stretches of time of which a long run keeps the extremes.
 const COLUMNS: usize = 700;
 
+/// What panels are drawn over.
+struct Axis {
+    title: &'static str,
+    value: fn(&Row) -> f64,
+}
+
 /// Draws the panels over one axis of time; `name` is unique in the page.
 pub(super) fn time_chart(
     name: &str,
@@ -32,14 +38,44 @@ pub(super) fn time_chart(
     runs: &[Run],
     styles: &[Style],
 ) -> Markup {
-    let times = || runs.iter().flat_map(|run| &run.rows).map(|row| row.time_s);
-    let time_s = range(times(), 0.0);
+    let axis = Axis {
+        title: "time (s)",
+        value: |row| row.time_s,
+    };
+    chart(&axis, name, panels, height_px, runs, styles)
+}
+
+/// Draws the panels over the way along the path; `name` is unique in the page.
+pub(super) fn path_chart(
+    name: &str,
+    panels: &[Panel],
+    height_px: f64,
+    runs: &[Run],
+    styles: &[Style],
+) -> Markup {
+    let axis = Axis {
+        title: "way along the path (m)",
+        value: |row| row.slope.map_or(f64::NAN, |slope| slope.arc_length_m),
+    };
+    chart(&axis, name, panels, height_px, runs, styles)
+}
+
+fn chart(
+    axis: &Axis,
+    name: &str,
+    panels: &[Panel],
+    height_px: f64,
+    runs: &[Run],
+    styles: &[Style],
+) -> Markup {
+    let places = || runs.iter().flat_map(|run| &run.rows).map(axis.value);
+    let time_s = range(places(), 0.0);
     let below = panels.len().saturating_sub(1);
     let total_px = 8.0 + panels.len() as f64 * (height_px + GAP_PX) - GAP_PX + BELOW_PX;
     html! {
         svg viewBox={ "0 0 " (DRAWING_WIDTH_PX) " " (total_px) } role="img" aria-label=(name) {
             @for (index, panel) in panels.iter().enumerate() {
-                @let lines: Vec<_> = runs.iter().map(|run| thinned(run, panel.value)).collect();
+                @let lines: Vec<_> = runs.iter().map(|run| thinned(run, axis.value, panel.value)).collect();
                 @let frame = Frame {
                     left: LEFT_PX,
                     top: 8.0 + index as f64 * (height_px + GAP_PX),
@@ -48,7 +84,7 @@ pub(super) fn time_chart(
                     x: time_s,
                     y: panel.range(&lines),
                 };
-                (frame.axis_below(&ticks(time_s, 10.0), "time (s)", index == below))
+                (frame.axis_below(&ticks(time_s, 10.0), axis.title, index == below))
                 (frame.axis_left(&ticks(frame.y, height_px / 28.0), panel.title))
                 @for (value, text) in &panel.limits {
                     (limit(&frame, *value, text))
@@ -84,11 +120,11 @@ fn limit(frame: &Frame, value: f64, text: &str) -> Markup {
     }
 }
 
-/// Returns a quantity over time, of long runs only the extremes of each of equal stretches.
+/// Returns a quantity over its axis, of long runs only the extremes of each of equal stretches.
 ///
 /// A stretch without any finite value breaks the line.
-fn thinned(run: &Run, value: impl Fn(&Row) -> f64) -> Vec<[f64; 2]> {
-    let point = |row: &Row| [row.time_s, value(row)];
+fn thinned(run: &Run, place: fn(&Row) -> f64, value: impl Fn(&Row) -> f64) -> Vec<[f64; 2]> {
+    let point = |row: &Row| [place(row), value(row)];
     if run.rows.len() <= 2 * COLUMNS {
         return run.rows.iter().map(point).collect();
     }
@@ -101,7 +137,7 @@ fn extremes(rows: &[Row], point: impl Fn(&Row) -> [f64; 2]) -> Vec<[f64; 2]> {
     let least = finite().min_by(|a, b| a[1].total_cmp(&b[1]));
     let most = finite().max_by(|a, b| a[1].total_cmp(&b[1]));
     let (Some(least), Some(most)) = (least, most) else {
-        return vec![[rows[0].time_s, f64::NAN]];
+        return vec![[point(&rows[0])[0], f64::NAN]];
     };
     if least[0] <= most[0] {
         vec![least, most]

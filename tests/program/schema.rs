@@ -22,7 +22,10 @@ const KINDS: [(&str, &str, &[&str]); 9] = [
     (
         "contact_vehicle",
         "contact-vehicle",
-        &["config/vehicles/j8_contact.yaml"],
+        &[
+            "config/vehicles/j8_contact.yaml",
+            "config/vehicles/j8_loaded_contact.yaml",
+        ],
     ),
     (
         "scenario",
@@ -38,6 +41,7 @@ const KINDS: [(&str, &str, &[&str]); 9] = [
             "config/scenarios/reverse_cusp.yaml",
             "config/scenarios/slalom.yaml",
             "config/scenarios/start_off_path.yaml",
+            "config/scenarios/steep_ground.yaml",
         ],
     ),
     (
@@ -45,10 +49,15 @@ const KINDS: [(&str, &str, &[&str]); 9] = [
         "conditions",
         &["config/conditions/realistic.yaml"],
     ),
-    ("campaign", "campaign", &[
+    (
+        "campaign",
+        "campaign",
+        &[
             "config/campaigns/default.yaml",
+            "config/campaigns/guard.yaml",
             "config/campaigns/vehicles.yaml",
-        ]),
+        ],
+    ),
     ("columns", "column-map", &[]),
     (
         "run",
