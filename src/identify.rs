@@ -1,5 +1,6 @@
 //! `sidehill identify`: a vehicle's parameters from logs, in the paper's two stages.
 
+mod found;
 mod report;
 mod verdict;
 
@@ -10,12 +11,13 @@ use crate::output;
 use crate::progress::{self, Notice};
 use crate::simulate::Format;
 use anyhow::{Context, Result, bail};
+use found::{Found, Logs, Stage, Undetermined};
 use report::{contact_json, contact_table, extension_table, stage_json, stage_table};
 use sidehill_plant::contact::{ContactModel, ContactVehicle};
 use sidehill_plant::identification::{
-    Drive, Estimate, IdentificationSettings, Leg, LogNoise, Procedure, Segmentation, StageReport,
-    drive, identify_contact, identify_extension, identify_level, identify_level_determined,
-    identify_slope, identify_slope_determined,
+    Drive, IdentificationSettings, Leg, LogNoise, Procedure, Segmentation, drive, identify_contact,
+    identify_extension, identify_level, identify_level_determined, identify_slope,
+    identify_slope_determined,
 };
 use sidehill_plant::log::DriveLog;
 use sidehill_plant::speeds::EncoderScale;
@@ -185,48 +187,6 @@ pub fn run(args: &IdentifyArgs) -> Result<()> {
     Ok(())
 }
 
-/// What a stage found.
-struct Stage {
-    report: StageReport,
-    undetermined: Vec<Undetermined>,
-}
-
-/// A parameter that the logs do not determine, and the start value that it keeps.
-struct Undetermined {
-    estimate: Estimate,
-    kept: f64,
-}
-
-/// What both stages found, where there were logs for them.
-#[derive(Default)]
-struct Found {
-    level: Option<Stage>,
-    slope: Option<Stage>,
-}
-
-impl Stage {
-    /// `start` is the vehicle that the stage began with.
-    fn new(report: StageReport, undetermined: Vec<Estimate>, start: &Vehicle) -> Result<Self> {
-        let start = serde_json::to_value(start)?;
-        let kept = |estimate: Estimate| Undetermined {
-            estimate,
-            kept: start[estimate.name].as_f64().unwrap_or(f64::NAN),
-        };
-        Ok(Self {
-            report,
-            undetermined: undetermined.into_iter().map(kept).collect(),
-        })
-    }
-}
-
-impl Found {
-    /// Returns the parameters of both stages that the logs do not determine.
-    fn undetermined(&self) -> impl Iterator<Item = &Undetermined> {
-        let stages = self.level.iter().chain(&self.slope);
-        stages.flat_map(|stage| &stage.undetermined)
-    }
-}
-
 /// Returns what identification finds of `vehicle` where `contact` drives the paper's procedure in
 /// simulation.
 ///
@@ -241,14 +201,6 @@ pub fn by_simulation(contact: &ContactVehicle, vehicle: &Vehicle, seed: u64) -> 
     let (level, _) = identify_level(&logs.level, vehicle, &settings).context("level logs")?;
     let (slope, _) = identify_slope(&logs.slope, &level, &settings).context("slope logs")?;
     Ok(slope)
-}
-
-/// Logs of both stages.
-struct Logs {
-    level: Vec<DriveLog>,
-    slope: Vec<DriveLog>,
-    /// Further ones on the slope, for the terms beyond ICRIK.
-    across: Vec<DriveLog>,
 }
 
 fn recorded(args: &IdentifyArgs) -> Result<Logs> {

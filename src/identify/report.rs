@@ -1,6 +1,6 @@
 //! What identification found, as text and as JSON.
 
-use super::Undetermined;
+use super::found::Undetermined;
 use serde_json::{Value, json};
 use sidehill_plant::identification::{
     ContactReport, Estimate, ExtensionReport, SegmentErrors, StageReport, Verdict,

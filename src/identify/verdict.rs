@@ -1,6 +1,6 @@
 //! How far an identification is to be trusted: up to which slope the vehicle can be driven with it.
 
-use super::{Found, Logs, Stage};
+use super::found::{Found, Logs, Stage};
 use serde::Serialize;
 use sidehill_plant::vehicle::Vehicle;
 use std::fmt;

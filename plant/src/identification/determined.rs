@@ -1,7 +1,7 @@
 //! Which parameters the logs determine; those that they do not keep their start values.
 
+use super::fit::{CrossValidation, Estimate, IdentificationError, Stage, StageReport};
 use super::segments::{Segment, SegmentErrors};
-use super::stages::{CrossValidation, Estimate, IdentificationError, Stage, StageReport};
 use crate::vehicle::Vehicle;
 
 /// What a stage found, in the order of its parameters.
@@ -41,6 +41,20 @@ pub(super) fn allowed_slide(gains: &[f64]) -> Vec<f64> {
 }
 
 impl Stage<'_> {
+    /// Fits all parameters.
+    pub(super) fn run_all(
+        &self,
+        segments: &[Segment],
+        start: &[f64],
+    ) -> Result<Found, IdentificationError> {
+        let (parameters, report) = self.run(segments, start)?;
+        Ok(Found {
+            parameters,
+            report,
+            undetermined: Vec::new(),
+        })
+    }
+
     /// Fits as [`Stage::run`]. While there are parameters with wider intervals than allowed, the one that is
     /// widest goes back to its start value and the others are fitted again: a combination that is known well,
     /// such as the ratio of a factor and an ICR, stays known.

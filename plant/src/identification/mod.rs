@@ -22,6 +22,7 @@ mod contact;
 #[cfg(test)]
 mod contact_tests;
 mod determined;
+mod fit;
 mod least_squares;
 mod problem;
 mod procedure;
@@ -33,10 +34,12 @@ mod terms;
 mod tests;
 
 pub use contact::{ContactParameterEstimate, ContactReport, identify_contact};
+pub use fit::{
+    CrossValidation, Estimate, IdentificationError, IdentificationSettings, StageReport, Warning,
+};
 pub use procedure::{Drive, Leg, LogNoise, Procedure, ProcedureError, drive};
 pub use segments::{Segment, SegmentErrors, Segmentation, segments};
 pub use stages::{
-    CrossValidation, Estimate, IdentificationError, IdentificationSettings, StageReport, Warning,
     identify_level, identify_level_determined, identify_slope, identify_slope_determined,
 };
 pub use terms::{ExtensionReport, Term, TermReport, Verdict, identify_extension};
