@@ -6,7 +6,7 @@ mod verdict;
 
 use crate::config::ConfigFile;
 use crate::console;
-use crate::odometry::{column_map, read_log};
+use crate::drive_log::{LogArgs, LogReader};
 use crate::output;
 use crate::progress::{self, Notice};
 use crate::simulate::Format;
@@ -29,15 +29,15 @@ use verdict::Verdict;
 /// Arguments of `sidehill identify`.
 #[derive(Debug, Clone, clap::Args)]
 pub struct IdentifyArgs {
-    /// Log of varied driving on level ground, in CSV; may be given several times.
+    /// Log of varied driving on level ground, CSV or a bag of ROS 2; may be given several times.
     #[arg(long, value_name = "LOG", num_args = 1..)]
     pub level: Vec<PathBuf>,
-    /// Log of turning on a slope, in CSV; may be given several times. Without one, the slide gains
-    /// stay.
+    /// Log of turning on a slope, CSV or a bag of ROS 2; may be given several times. Without one, the
+    /// slide gains stay.
     #[arg(long, value_name = "LOG", num_args = 1..)]
     pub slope: Vec<PathBuf>,
     /// Drives the paper's procedure with this contact vehicle in simulation, instead of reading logs.
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["level", "slope", "columns"],
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["level", "slope", "columns", "topics"],
           required_unless_present_any = ["level", "slope"])]
     pub simulate: Option<PathBuf>,
     /// Vehicle to start from; its base and largest speed are kept.
@@ -51,10 +51,9 @@ pub struct IdentifyArgs {
     /// the --vehicle file, or its base.
     #[arg(long)]
     pub contact: bool,
-    /// Columns of the logs, in YAML, where they are not time_s, v_left_m_s, v_right_m_s, roll_rad,
-    /// pitch_rad, x_m, y_m, z_m, yaw_rad.
-    #[arg(long, value_name = "FILE")]
-    pub columns: Option<PathBuf>,
+    /// What the columns or topics of the logs mean.
+    #[command(flatten)]
+    pub maps: LogArgs,
     /// Length of the dead-reckoned segments, s.
     #[arg(long, value_name = "SECONDS", default_value_t = 8.0)]
     pub segment_s: f64,
@@ -204,10 +203,10 @@ pub fn by_simulation(contact: &ContactVehicle, vehicle: &Vehicle, seed: u64) -> 
 }
 
 fn recorded(args: &IdentifyArgs) -> Result<Logs> {
-    let map = column_map(args.columns.as_deref())?;
+    let reader = LogReader::new(&args.maps)?;
     let read = |paths: &[PathBuf]| -> Result<Vec<DriveLog>> {
         let read = |path: &PathBuf| {
-            let log = read_log(path, &map)?;
+            let log = reader.read(path)?;
             if log.pose_count() == 0 {
                 bail!(
                     "{}: the log has no poses, which identification needs: x_m, y_m, z_m and yaw_rad, or `pose` of \
@@ -327,7 +326,7 @@ mod tests {
             simulate: Some(repository("config/vehicles/j8_contact.yaml")),
             vehicle: repository("config/vehicles/j8.yaml"),
             out,
-            columns: None,
+            maps: LogArgs::default(),
             segment_s: 8.0,
             smoothing_s: 0.2,
             name: Some("j8-contact-identified".into()),

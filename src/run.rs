@@ -4,8 +4,10 @@ mod files;
 mod screen;
 
 use crate::config::ros2::{environment, parameters};
-use crate::config::{ConfigFile, RunConfig, RunPort};
+use crate::config::{Bundle, ConfigFile, RunConfig, RunPort};
 use crate::console::Printer;
+use crate::output;
+use crate::recording::{self, DriveRecording, LIVE};
 use anyhow::{Context, Result, anyhow, ensure};
 use files::Files;
 use screen::{RunFormat, Screen};
@@ -13,15 +15,17 @@ use sidehill_bridge::can::CanPort;
 use sidehill_bridge::control_loop::record::{LogSource, Recorder, ring};
 use sidehill_bridge::control_loop::{LoopSetup, RunOptions, Signals};
 use sidehill_bridge::drives::{Clock, Epoch, Input, InputStatus, Port};
+use sidehill_bridge::recording::{PathLog, PathRecord, Sinks, tap};
 use sidehill_bridge::ros2::node::arguments::RosArguments;
 use sidehill_bridge::ros2::node::names::Names;
 use sidehill_bridge::ros2::server::parameters::override_config;
 use sidehill_bridge::ros2::server::{self, Ros2};
 use sidehill_bridge::rover::SimulatedPort;
 use sidehill_plant::vehicle::Vehicle;
+use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::process::ExitCode;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
 /// Arguments of `sidehill run`.
@@ -42,6 +46,17 @@ pub struct RunArgs {
     /// json elsewhere.
     #[arg(long, value_enum)]
     pub format: Option<RunFormat>,
+    /// Record the drive to an MCAP file, which `sidehill replay` and Foxglove read; instead of
+    /// record.file of the configuration.
+    #[arg(long, value_name = "FILE.mcap")]
+    pub record: Option<PathBuf>,
+    /// Show the drive live: a Foxglove WebSocket, to which Foxglove and Lichtblick connect. Without an
+    /// address, to this machine alone: 127.0.0.1:8765.
+    #[arg(long, value_name = "ADDRESS", num_args = 0..=1, default_missing_value = LIVE)]
+    pub live: Option<SocketAddr>,
+    /// Overwrite a recording that exists.
+    #[arg(long)]
+    pub force: bool,
     /// Duration of the run, s. Without it, the run ends with the course or on a signal.
     #[arg(long)]
     pub duration_s: Option<f64>,
@@ -66,7 +81,8 @@ const PRINT_TIMEOUT: Duration = Duration::from_millis(500);
 /// A file that cannot be read, a setting out of range, a name that the CAN database does not have, or
 /// a real-time setting that the system does not permit.
 pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
-    let file = ConfigFile::read(&args.config)?;
+    let bundle = Bundle::default();
+    let file = ConfigFile::read(&args.config)?.with_bundle(bundle.clone());
     let config: RunConfig = file.parse()?;
     let vehicle = config.load_vehicle(&file)?;
     let controller = config.controller(&file, &vehicle)?;
@@ -74,9 +90,20 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
     let signals = register_signals()?;
 
     let epoch = Epoch::now();
-    let ros2 = start_ros2(&file, &config, &vehicle, ros_arguments, epoch)?;
     let mut inputs: Vec<Box<dyn InputStatus>> = Vec::new();
     let mut ready = screen::ready_to_arm(args.arm);
+    let initial = PathRecord::initial(&controller);
+    let (controller_tap, path_log, controller_log) = tap(config.settings.stages);
+    let recording_ended = Arc::new(OnceLock::new());
+    let recorded = config.recording(&file, args.record.as_deref())?;
+    if let Some((path, _)) = &recorded {
+        output::check_writable(path, args.force)?;
+    }
+    let live = recording::live(args.live, Some(&config.settings))?;
+    let watch =
+        (recorded.is_some() || live.is_some()).then(|| (path_log, Arc::clone(&recording_ended)));
+    let watched = watch.is_some();
+    let ros2 = start_ros2(&file, &config, &vehicle, ros_arguments, epoch, watch)?;
     let (clock, channel, ros2_port, _server) = match ros2 {
         Some(ros2) => {
             inputs.push(Box::new(ros2.inputs));
@@ -115,6 +142,21 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
             (Box::new(port), "ros2".to_owned())
         }
     };
+    let file_of_record = match recorded {
+        Some((path, limits)) => {
+            let header = recording::header("run", Some(config.controller), &file, &bundle, &[]);
+            Some(recording::create(&path, header, limits, args.force)?)
+        }
+        None => None,
+    };
+    let sinks = Sinks {
+        file: file_of_record,
+        live,
+    };
+    let mut recording = watched.then(|| {
+        let (initial, ended) = (initial.as_ref(), recording_ended);
+        DriveRecording::new(sinks, controller_log, &vehicle, epoch, initial, ended)
+    });
     let mut recorder = Recorder::new(logs, epoch, &interface);
     let period_s = config.cycle.period_s;
     let start = format!(
@@ -132,6 +174,7 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
         port,
         controller,
         channel,
+        tap: recording.is_some().then_some(controller_tap),
         records,
         options: RunOptions {
             arm: args.arm,
@@ -148,7 +191,7 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
     let mut waits_for = String::new();
     while !control_loop.is_finished() {
         std::thread::sleep(Duration::from_millis(50));
-        screen.record(&mut recorder, files.as_mut());
+        screen.record(&mut recorder, files.as_mut(), recording.as_mut());
         let now_s = epoch.elapsed_s();
         if now_s >= reported_s + 1.0 {
             reported_s = now_s;
@@ -175,12 +218,17 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
                 recorder.note(now_s, event, reason);
                 waits_for = said;
             }
-            screen.record(&mut recorder, files.as_mut());
-            screen.status(now_s, &recorder, &missing, epoch);
+            screen.record(&mut recorder, files.as_mut(), recording.as_mut());
+            let state = recording.as_ref().and_then(DriveRecording::status);
+            screen.status(now_s, &recorder, &missing, state, epoch);
         }
     }
     let report = control_loop.join();
-    screen.record(&mut recorder, files.as_mut());
+    screen.record(&mut recorder, files.as_mut(), recording.as_mut());
+    let status = recording.and_then(DriveRecording::finish);
+    if let Some(reason) = status.and_then(|status| status.ended) {
+        screen.warn("recording ended early", &reason.to_string());
+    }
     screen.end(report.as_ref().ok());
     printer.finish(PRINT_TIMEOUT);
     let report = report.with_context(|| file.name())?;
@@ -213,6 +261,7 @@ fn start_ros2(
     vehicle: &Vehicle,
     arguments: &[String],
     epoch: Epoch,
+    watch: Option<(PathLog, Arc<OnceLock<String>>)>,
 ) -> Result<Option<Ros2>> {
     if !config.over_ros2() {
         ensure!(
@@ -240,6 +289,7 @@ fn start_ros2(
         drives: config.port == RunPort::Ros2,
         stages: config.settings.stages,
         period_s,
+        recording: watch,
         realtime: config.realtime,
         stopping: config.stopping(),
     });

@@ -3,7 +3,7 @@
 use crate::output;
 use anyhow::{Context, Result};
 use serde::Serialize;
-use sidehill_bridge::control_loop::record::{Outputs, Recorder, TakeEvent};
+use sidehill_bridge::control_loop::record::{Outputs, Recorder, TakeEntry, TakeEvent};
 use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::Path;
@@ -40,7 +40,7 @@ impl Files {
         })
     }
 
-    /// Writes what the threads have left and passes each event to `seen`.
+    /// Writes what the threads have left, and passes each event to `seen` and every entry to `all`.
     ///
     /// # Errors
     /// What the disk says.
@@ -48,6 +48,7 @@ impl Files {
         &mut self,
         recorder: &mut Recorder,
         seen: &mut TakeEvent<'_>,
+        all: Option<&mut TakeEntry<'_>>,
     ) -> Result<()> {
         let cycles = &mut self.cycles;
         recorder.drain(&mut Outputs {
@@ -55,6 +56,7 @@ impl Files {
             events: Some(&mut self.events),
             seen: Some(seen),
             cycles: Some(&mut |unix_s, row| Ok(cycles.serialize((UnixTime { unix_s }, row))?)),
+            all,
         })?;
         // Through to the file, so that little is missing where the program is killed.
         self.candump.flush()?;

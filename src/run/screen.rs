@@ -2,10 +2,12 @@
 
 use super::files::Files;
 use crate::console::Printer;
+use crate::recording::DriveRecording;
 use serde::Serialize;
 use sidehill_bridge::control_loop::RunReport;
-use sidehill_bridge::control_loop::record::{CycleRow, EventLine, Outputs, Recorder};
+use sidehill_bridge::control_loop::record::{CycleRow, EventLine, LogEntry, Outputs, Recorder};
 use sidehill_bridge::drives::{Epoch, Input};
+use sidehill_bridge::recording::RecordingStatus;
 use sidehill_bridge::safety::SafetyState;
 use std::fmt::Write as _;
 use std::io::{IsTerminal, Write as _};
@@ -40,6 +42,12 @@ struct StatusLine<'a> {
     /// Batches of records that could not be written to --out; absent while there are none.
     #[serde(skip_serializing_if = "is_zero")]
     batches_unwritten: u64,
+    /// How the recording fares; absent without one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    recording: Option<&'a RecordingStatus>,
+    /// Steps of the controller that are missing in it; absent while there are none.
+    #[serde(skip_serializing_if = "is_zero")]
+    steps_lost: u64,
 }
 
 fn is_zero(count: &u64) -> bool {
@@ -89,9 +97,14 @@ impl<'a> Screen<'a> {
         }
     }
 
-    /// Writes what the threads have left, to the files if there are some. What cannot be written is
-    /// counted.
-    pub(super) fn record(&mut self, recorder: &mut Recorder, files: Option<&mut Files>) {
+    /// Writes what the threads have left, to the files and the recording if there are some. What cannot be
+    /// written is counted.
+    pub(super) fn record(
+        &mut self,
+        recorder: &mut Recorder,
+        files: Option<&mut Files>,
+        mut recording: Option<&mut DriveRecording>,
+    ) {
         let printer = self.printer;
         let text = self.format == RunFormat::Text;
         let json_to_error = self.events_to_error && !text;
@@ -100,29 +113,42 @@ impl<'a> Screen<'a> {
                 self.event(event);
             }
         };
+        let mut all = |time_s: f64, entry: &LogEntry| {
+            if let Some(recording) = recording.as_deref_mut() {
+                recording.entry(time_s, entry);
+            }
+        };
         let written = match files {
-            Some(files) => files.write(recorder, &mut seen),
+            Some(files) => files.write(recorder, &mut seen, Some(&mut all)),
             None => {
                 let mut errors = printer.errors();
                 let outputs = &mut Outputs {
                     events: json_to_error.then_some(&mut errors as &mut dyn std::io::Write),
                     seen: Some(&mut seen),
+                    all: Some(&mut all),
                     ..Outputs::default()
                 };
                 recorder.drain(outputs).map_err(anyhow::Error::from)
             }
         };
+        if let Some(recording) = recording {
+            recording.write();
+        }
         if let Err(error) = written {
             if self.batches_unwritten == 0 {
-                let (event, reason) = ("records not written", format!("{error:#}"));
-                if text {
-                    self.line(&format!("{event}: {reason}"));
-                } else {
-                    let line = serde_json::json!({ "event": event, "reason": reason });
-                    let _ = writeln!(printer.errors(), "{line}");
-                }
+                self.warn("records not written", &format!("{error:#}"));
             }
             self.batches_unwritten += 1;
+        }
+    }
+
+    /// Prints an event that the files do not have.
+    pub(super) fn warn(&self, event: &str, reason: &str) {
+        if self.format == RunFormat::Text {
+            self.line(&format!("{event}: {reason}"));
+        } else {
+            let line = serde_json::json!({ "event": event, "reason": reason });
+            let _ = writeln!(self.printer.errors(), "{line}");
         }
     }
 
@@ -162,6 +188,7 @@ impl<'a> Screen<'a> {
         now_s: f64,
         recorder: &Recorder,
         missing: &[&Input],
+        recording: Option<(&RecordingStatus, u64)>,
         epoch: Epoch,
     ) {
         let cycle = recorder.latest();
@@ -174,6 +201,8 @@ impl<'a> Screen<'a> {
                 waits_for: missing,
                 lines_dropped: self.printer.dropped(),
                 batches_unwritten: self.batches_unwritten,
+                recording: recording.map(|(status, _)| status),
+                steps_lost: recording.map_or(0, |(_, lost)| lost),
             };
             if let Ok(line) = serde_json::to_string(&line) {
                 self.printer.line(line);
@@ -192,6 +221,9 @@ impl<'a> Screen<'a> {
         let mut line = format!("{now_s:7.1} s  {}", self.state(cycle, missing));
         if self.batches_unwritten > 0 {
             let _ = write!(line, "; records not written: {}", self.batches_unwritten);
+        }
+        if let Some(reason) = recording.and_then(|(status, _)| status.ended.as_ref()) {
+            let _ = write!(line, "; not recorded: {reason}");
         }
         match self.terminal {
             true => self.printer.renew(line),

@@ -11,9 +11,11 @@ mod mistakes;
 mod odometry;
 mod paths;
 mod readme;
+mod replay;
 mod schema;
 mod simulate;
 mod stranger;
+mod tune;
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};

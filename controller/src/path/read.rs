@@ -14,6 +14,43 @@ pub struct GeodeticOrigin {
     pub elevation_m: f64,
 }
 
+impl GeodeticOrigin {
+    /// Returns where a place of the ellipsoid is in the plane: x east, y north, m.
+    ///
+    /// Heights do not count: a few metres would scale the plane by less than 1e-6.
+    pub fn project(&self, latitude_deg: f64, longitude_deg: f64) -> Point2 {
+        let (x_m, y_m, _) = map_3d::geodetic2enu(
+            latitude_deg.to_radians(),
+            longitude_deg.to_radians(),
+            0.0,
+            self.latitude_deg.to_radians(),
+            self.longitude_deg.to_radians(),
+            0.0,
+            map_3d::Ellipsoid::WGS84,
+        );
+        Point2 { x_m, y_m }
+    }
+
+    /// Returns latitude and longitude, deg, of a point of the plane: the inverse of [`Self::project`].
+    pub fn unproject(&self, point: Point2) -> (f64, f64) {
+        let place = |up_m: f64| {
+            map_3d::enu2geodetic(
+                point.x_m,
+                point.y_m,
+                up_m,
+                self.latitude_deg.to_radians(),
+                self.longitude_deg.to_radians(),
+                0.0,
+                map_3d::Ellipsoid::WGS84,
+            )
+        };
+        // The ellipsoid falls away below the plane by the height found there.
+        let (_, _, above_m) = place(0.0);
+        let (latitude_rad, longitude_rad, _) = place(-above_m);
+        (latitude_rad.to_degrees(), longitude_rad.to_degrees())
+    }
+}
+
 /// The points of a route in the world: X_g east, Y_g north, Z_g up.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Route {
@@ -205,18 +242,8 @@ struct GpxPoint {
 
 impl GpxPoint {
     fn in_plane(&self, origin: &GeodeticOrigin) -> RawPoint {
-        // On the ellipsoid: a few metres of height would scale the plane by less than 1e-6.
-        let (x_m, y_m, _) = map_3d::geodetic2enu(
-            self.latitude_deg.to_radians(),
-            self.longitude_deg.to_radians(),
-            0.0,
-            origin.latitude_deg.to_radians(),
-            origin.longitude_deg.to_radians(),
-            0.0,
-            map_3d::Ellipsoid::WGS84,
-        );
         RawPoint {
-            position: Point2 { x_m, y_m },
+            position: origin.project(self.latitude_deg, self.longitude_deg),
             elevation_m: self.elevation_m.map(|z_m| z_m - origin.elevation_m),
             direction: None,
         }
