@@ -3,7 +3,9 @@
 use crate::output;
 use anyhow::{Context, Result};
 use serde::Serialize;
-use sidehill_bridge::control_loop::record::{Outputs, Recorder, TakeEntry, TakeEvent};
+use sidehill_bridge::control_loop::record::{
+    EventLine, LogEntry, Outputs, Recorder, TakeEntry, TakeEvent,
+};
 use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::Path;
@@ -48,15 +50,15 @@ impl Files {
         &mut self,
         recorder: &mut Recorder,
         seen: &mut TakeEvent<'_>,
-        all: Option<&mut TakeEntry<'_>>,
+        all: &mut TakeEntry<'_>,
     ) -> Result<()> {
         let cycles = &mut self.cycles;
         recorder.drain(&mut Outputs {
             candump: Some(&mut self.candump),
             events: Some(&mut self.events),
-            seen: Some(seen),
+            seen: Some(&mut |event: &EventLine<'_>| seen(event)),
             cycles: Some(&mut |unix_s, row| Ok(cycles.serialize((UnixTime { unix_s }, row))?)),
-            all,
+            all: Some(&mut |time_s: f64, entry: &LogEntry| all(time_s, entry)),
         })?;
         // Through to the file, so that little is missing where the program is killed.
         self.candump.flush()?;

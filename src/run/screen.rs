@@ -119,7 +119,7 @@ impl<'a> Screen<'a> {
             }
         };
         let written = match files {
-            Some(files) => files.write(recorder, &mut seen, Some(&mut all)),
+            Some(files) => files.write(recorder, &mut seen, &mut all),
             None => {
                 let mut errors = printer.errors();
                 let outputs = &mut Outputs {
