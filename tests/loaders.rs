@@ -153,10 +153,9 @@ fn use_it(kind: &str, file: &ConfigFile) {
         "configuration of vehicle" => {
             no_nan(format!("{:?}", file.parse::<VehicleConfig>().unwrap()))
         }
-        "configuration of odometry --live" => no_nan(format!(
-            "{:?}",
-            file.parse::<LiveOdometryConfig>().unwrap()
-        )),
+        "configuration of odometry --live" => {
+            no_nan(format!("{:?}", file.parse::<LiveOdometryConfig>().unwrap()))
+        }
         "topic map" => no_nan(format!("{:?}", TopicMap::read(file).unwrap())),
         other => panic!("unknown kind: {other}"),
     }
