@@ -80,6 +80,7 @@ pub enum Format {
     Json,
 }
 
+/// Returns the controller of that name, for command lines.
 pub(crate) fn controller(name: &str) -> Result<ControllerKind, String> {
     ControllerKind::from_name(name).ok_or_else(|| {
         let names: Vec<_> = ControllerKind::ALL.iter().map(|kind| kind.name()).collect();

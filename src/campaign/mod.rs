@@ -157,7 +157,8 @@ fn jobs(
     runs.flat_map(move |index| kinds.iter().map(move |&kind| (index, kind)))
 }
 
-fn pool(threads: Option<usize>) -> Result<rayon::ThreadPool> {
+/// Returns a pool of so many threads, one a core by default.
+pub(crate) fn pool(threads: Option<usize>) -> Result<rayon::ThreadPool> {
     let builder = rayon::ThreadPoolBuilder::new().num_threads(threads.unwrap_or(0));
     Ok(builder.build()?)
 }
@@ -181,7 +182,11 @@ fn outcome(campaign: &Campaign, index: u32, kind: ControllerKind) -> Outcome {
     }
 }
 
-fn drive(scenario: ConfigFile, kind: ControllerKind) -> Result<Summary> {
+/// Returns the figures of one run with one controller.
+///
+/// # Errors
+/// What keeps the run from starting.
+pub(crate) fn drive(scenario: ConfigFile, kind: ControllerKind) -> Result<Summary> {
     let prepared = Scenario::read(scenario)?.prepare(&Overrides {
         controllers: vec![kind],
         ..Overrides::default()

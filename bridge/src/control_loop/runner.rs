@@ -39,17 +39,10 @@ pub(super) fn controller_output(decision: &Decision) -> ControllerOutput {
     }
 }
 
-/// Least time for the solve of a drive's first plan, which is made from nothing and takes longer than
-/// later ones. The loop does not wait for it, and the vehicle stands until then: the safety gives the
-/// controller the time of a handshake.
-const FIRST_PLAN_TIME: Duration = Duration::from_millis(100);
-
 /// The controller run in the loop itself, for simulated time.
 pub struct InlineRunner {
     controller: Controller,
     engaged: bool,
-    /// Whether there has been a plan since the controller was engaged.
-    planned: bool,
     channel: Option<ControllerEnd>,
     tap: Option<ControllerTap>,
 }
@@ -84,7 +77,6 @@ impl InlineRunner {
         Self {
             controller,
             engaged: false,
-            planned: false,
             channel,
             tap,
         }
@@ -100,20 +92,14 @@ impl ControllerRunner for InlineRunner {
     ) -> Option<Decision> {
         if engaged != self.engaged {
             self.engaged = engaged;
-            self.planned = false;
             engage(&mut self.controller, engaged);
         }
         let path = match &mut self.channel {
             Some(channel) => channel.apply_path(&mut self.controller),
             None => 0,
         };
-        let solve_time = patience.map(|patience| match self.planned {
-            true => patience,
-            false => patience.max(FIRST_PLAN_TIME),
-        });
-        let deadline = solve_time.map(|solve_time| Instant::now() + solve_time);
+        let deadline = patience.map(|patience| Instant::now() + patience);
         let decision = self.controller.step(sample, deadline);
-        self.planned |= self.controller.plan().is_some();
         if let Some(channel) = &mut self.channel {
             channel.publish(&decision, &self.controller);
         }
