@@ -1,5 +1,8 @@
 //! `sidehill identify`: a vehicle's parameters from logs, in the paper's two stages.
 
+mod report;
+mod verdict;
+
 use crate::config::ConfigFile;
 use crate::console;
 use crate::drive_log::{LogArgs, LogReader};
@@ -7,9 +10,9 @@ use crate::output;
 use anyhow::{Context, Result, bail};
 use sidehill_plant::contact::{ContactModel, ContactVehicle};
 use sidehill_plant::identification::{
-    ContactReport, Drive, Estimate, ExtensionReport, IdentificationSettings, Leg, LogNoise,
-    Procedure, SegmentErrors, Segmentation, StageReport, Verdict, drive, identify_contact,
-    identify_extension, identify_level, identify_slope,
+    ContactReport, Drive, ExtensionReport, IdentificationSettings, Leg, LogNoise, Procedure,
+    SegmentErrors, Segmentation, StageReport, Verdict, drive, identify_contact, identify_extension,
+    identify_level, identify_slope,
 };
 use sidehill_plant::log::DriveLog;
 use sidehill_plant::speeds::EncoderScale;
@@ -58,7 +61,10 @@ pub struct IdentifyArgs {
     /// Seed of the noise of simulated logs.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
-    /// Overwrite --out where it exists.
+    /// HTML file for a report with plots and what to conclude.
+    #[arg(long, value_name = "FILE")]
+    pub report: Option<PathBuf>,
+    /// Overwrite --out and --report where they exist.
     #[arg(long)]
     pub force: bool,
 }
@@ -71,7 +77,9 @@ pub fn run(args: &IdentifyArgs) -> Result<()> {
     if !(0.0..=10.0).contains(&args.smoothing_s) {
         bail!("smoothing_s: {}: must be from 0 to 10 s", args.smoothing_s);
     }
-    output::check_writable(&args.out, args.force)?;
+    for path in std::iter::once(&args.out).chain(&args.report) {
+        output::check_writable(path, args.force)?;
+    }
     let settings = IdentificationSettings {
         segmentation: Segmentation::of_length(args.segment_s)?,
         attitude_smoothing_s: args.smoothing_s,
@@ -90,10 +98,12 @@ pub fn run(args: &IdentifyArgs) -> Result<()> {
     }
     let mut undetermined = Vec::new();
     let mut guessed = Vec::new();
+    let mut stages: Vec<report::Stage> = Vec::new();
     if !logs.level.is_empty() {
         let (fitted, report) =
             identify_level(&logs.level, &vehicle, &settings).context("level logs")?;
         console::text(stage_table("level", "differential drive", &report));
+        stages.push(("level", "differential drive", report));
         vehicle = fitted;
     }
     if !logs.slope.is_empty() {
@@ -103,7 +113,7 @@ pub fn run(args: &IdentifyArgs) -> Result<()> {
         undetermined = report
             .estimates
             .iter()
-            .filter(|estimate| !is_determined(estimate))
+            .filter(|estimate| !verdict::is_determined(estimate))
             .map(|estimate| estimate.name)
             .collect();
         if !undetermined.is_empty() {
@@ -113,9 +123,10 @@ pub fn run(args: &IdentifyArgs) -> Result<()> {
                 undetermined.join(", ")
             ));
         }
+        stages.push(("slope", "ICRHK", report));
         vehicle = fitted;
     }
-    let slope: Vec<DriveLog> = logs.slope.into_iter().chain(logs.across).collect();
+    let slope: Vec<DriveLog> = logs.slope.iter().chain(&logs.across).cloned().collect();
     match identify_extension(&logs.level, &slope, &vehicle, &settings) {
         Ok((extension, report)) => {
             console::text(extension_table(&report));
@@ -141,9 +152,24 @@ pub fn run(args: &IdentifyArgs) -> Result<()> {
     if let Some(name) = &args.name {
         vehicle.name.clone_from(name);
     }
+    let conclusions: Vec<String> = stages
+        .iter()
+        .flat_map(|(stage, baseline, report)| verdict::of(stage, baseline, report))
+        .collect();
+    for conclusion in &conclusions {
+        console::line(format_args!("verdict: {conclusion}"));
+    }
     let yaml = commented(&vehicle, args, &undetermined, &guessed)?;
     output::write(&args.out, yaml.as_bytes(), args.force)?;
     console::line(format_args!("written: {}", args.out.display()));
+    if let Some(path) = &args.report {
+        let named = logs.level.iter().map(|log| ("level", log));
+        let named: Vec<_> = named
+            .chain(logs.slope.iter().map(|log| ("slope", log)))
+            .collect();
+        let page = report::html(&vehicle.name, &stages, &conclusions, &named);
+        output::write(path, page.as_bytes(), args.force)?;
+    }
     Ok(())
 }
 
@@ -319,13 +345,6 @@ fn contact_table(report: &ContactReport) -> String {
     out
 }
 
-/// Returns whether the data tell a slide gain from none at all.
-fn is_determined(estimate: &Estimate) -> bool {
-    estimate
-        .half_width
-        .is_some_and(|half_width| half_width < estimate.value.abs())
-}
-
 /// Returns the vehicle as YAML with where it comes from.
 fn commented(
     vehicle: &Vehicle,
@@ -390,6 +409,7 @@ mod tests {
     fn arguments(out: PathBuf) -> IdentifyArgs {
         IdentifyArgs {
             force: false,
+            report: None,
             contact: false,
             level: Vec::new(),
             slope: Vec::new(),

@@ -28,6 +28,8 @@ pub mod qp_recording;
 pub mod record;
 pub mod report;
 #[cfg(feature = "drive")]
+pub mod route;
+#[cfg(feature = "drive")]
 pub mod run;
 pub mod simulate;
 #[cfg(feature = "drive")]

@@ -1,9 +1,8 @@
-//! Quantities over time, one above the other.
+//! Quantities of runs over time.
 
-use super::frame::{Frame, px, range, ticks};
-use super::scene::{DRAWING_WIDTH_PX, Style};
+use super::plot::{Line, Plot};
+use super::scene::Style;
 use crate::record::{Row, Run};
-use maud::{Markup, html};
 
 /// A quantity of all runs over time.
 pub(super) struct Panel<'a> {
@@ -17,95 +16,25 @@ pub(super) struct Panel<'a> {
     pub(super) value: &'a dyn Fn(&Row) -> f64,
 }
 
-const LEFT_PX: f64 = 80.0;
-const RIGHT_PX: f64 = 110.0;
-const GAP_PX: f64 = 16.0;
-const BELOW_PX: f64 = 44.0;
-/// Stretches of time of which a long run keeps the extremes.
-const COLUMNS: usize = 700;
-
-/// Draws the panels over one axis of time; `name` is unique in the page.
-pub(super) fn time_chart(
-    name: &str,
-    panels: &[Panel],
-    height_px: f64,
-    runs: &[Run],
-    styles: &[Style],
-) -> Markup {
-    let times = || runs.iter().flat_map(|run| &run.rows).map(|row| row.time_s);
-    let time_s = range(times(), 0.0);
-    let below = panels.len().saturating_sub(1);
-    let total_px = 8.0 + panels.len() as f64 * (height_px + GAP_PX) - GAP_PX + BELOW_PX;
-    html! {
-        svg viewBox={ "0 0 " (DRAWING_WIDTH_PX) " " (total_px) } role="img" aria-label=(name) {
-            @for (index, panel) in panels.iter().enumerate() {
-                @let lines: Vec<_> = runs.iter().map(|run| thinned(run, panel.value)).collect();
-                @let frame = Frame {
-                    left: LEFT_PX,
-                    top: 8.0 + index as f64 * (height_px + GAP_PX),
-                    width: DRAWING_WIDTH_PX - LEFT_PX - RIGHT_PX,
-                    height: height_px,
-                    x: time_s,
-                    y: panel.range(&lines),
-                };
-                (frame.axis_below(&ticks(time_s, 10.0), "time (s)", index == below))
-                (frame.axis_left(&ticks(frame.y, height_px / 28.0), panel.title))
-                @for (value, text) in &panel.limits {
-                    (limit(&frame, *value, text))
-                }
-                (frame.clipped(&format!("{name}-{index}"), &html! {
-                    // The first run is drawn last: it lies on top.
-                    @for (run, line) in lines.iter().enumerate().rev() {
-                        path.curve.{ "run" (run) } d=(frame.line(line.iter().copied()))
-                            stroke=(styles[run].colour) {}
-                    }
-                }))
-                (frame.border())
-            }
-        }
-    }
-}
-
 impl Panel<'_> {
-    fn range(&self, lines: &[Vec<[f64; 2]>]) -> [f64; 2] {
-        if let Some(most) = self.magnified_to {
-            return [-most, most];
+    /// Returns the plot of all runs.
+    pub(super) fn plot(&self, height_px: f64, runs: &[Run], styles: &[Style]) -> Plot {
+        let line = |(run, (record, style)): (usize, (&Run, &Style))| {
+            let points: Vec<[f64; 2]> = record
+                .rows
+                .iter()
+                .map(|row| [row.time_s, (self.value)(row)])
+                .collect();
+            Line::through(&style.name, style.colour, Some(run), &points)
+        };
+        Plot {
+            limits: self.limits.clone(),
+            magnified_to: self.magnified_to,
+            ..Plot::over_time(
+                self.title,
+                height_px,
+                runs.iter().zip(styles).enumerate().map(line).collect(),
+            )
         }
-        let values = lines.iter().flatten().map(|point| point[1]);
-        range(values.chain(self.limits.iter().map(|limit| limit.0)), 0.08)
-    }
-}
-
-fn limit(frame: &Frame, value: f64, text: &str) -> Markup {
-    let y = frame.place([0.0, value])[1];
-    html! {
-        line.limit x1=(px(frame.left)) x2=(px(frame.right())) y1=(px(y)) y2=(px(y)) {}
-        text.note x=(px(frame.right() + 6.0)) y=(px(y + 4.0)) { (text) }
-    }
-}
-
-/// Returns a quantity over time, of long runs only the extremes of each of equal stretches.
-///
-/// A stretch without any finite value breaks the line.
-fn thinned(run: &Run, value: impl Fn(&Row) -> f64) -> Vec<[f64; 2]> {
-    let point = |row: &Row| [row.time_s, value(row)];
-    if run.rows.len() <= 2 * COLUMNS {
-        return run.rows.iter().map(point).collect();
-    }
-    let stretches = run.rows.chunks(run.rows.len().div_ceil(COLUMNS));
-    stretches.flat_map(|rows| extremes(rows, point)).collect()
-}
-
-fn extremes(rows: &[Row], point: impl Fn(&Row) -> [f64; 2]) -> Vec<[f64; 2]> {
-    let finite = || rows.iter().map(&point).filter(|p| p[1].is_finite());
-    let least = finite().min_by(|a, b| a[1].total_cmp(&b[1]));
-    let most = finite().max_by(|a, b| a[1].total_cmp(&b[1]));
-    let (Some(least), Some(most)) = (least, most) else {
-        return vec![[rows[0].time_s, f64::NAN]];
-    };
-    if least[0] <= most[0] {
-        vec![least, most]
-    } else {
-        vec![most, least]
     }
 }
