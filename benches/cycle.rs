@@ -16,6 +16,7 @@ use sidehill_controller::course::FigureEight;
 use sidehill_controller::mpc::{
     Horizon, Mpc, MpcSettings, QpData, QpMode, QpSettings, QpSolver, SolvePath, StageTarget,
 };
+use sidehill_controller::tracked_point::TrackedPoint;
 use sidehill_controller::trajectory::Trajectory;
 use sidehill_plant::drive_train::DriveTrainConfig;
 use sidehill_plant::motion::IcrMotion;
@@ -178,6 +179,7 @@ fn horizons(
                 .map(|k| {
                     let point = trajectory.at(sample.time_s + settings.step_s * k as f64);
                     StageTarget {
+                        tracked_point: TrackedPoint::ORIGIN,
                         pose: point.pose(),
                         along_heading_rad: point.heading_rad,
                         normal_in_world: normal_in_world(),

@@ -1,19 +1,22 @@
 //! `sidehill check`: validates configuration files.
 
 use crate::config::{
-    Campaign, Conditions, ConfigFile, Overrides, RunConfig, RunPort, Scenario, load_layout,
-    read_route,
+    Campaign, Conditions, ConfigFile, LoadedReference, Overrides, RunConfig, RunPort, Scenario,
+    Source, load_layout, read_route,
 };
 use crate::drive_log::TopicMap;
 use crate::live_odometry::LiveOdometryConfig;
 use crate::{console, run, vehicle};
 use anyhow::{Result, bail};
+use sidehill_controller::controller::ControllerError;
+use sidehill_controller::guard::{Stance, first_steep_place};
 use sidehill_controller::path::{Smoothing, smooth};
+use sidehill_controller::speed_profile::SpeedLimits;
 use sidehill_plant::contact::ContactVehicle;
 use sidehill_plant::log::{ColumnMap, DriveLog};
 use sidehill_plant::terrain::GridTerrain;
 use sidehill_plant::vehicle::Vehicle;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 /// Arguments of `sidehill check`.
@@ -22,6 +25,9 @@ pub struct CheckArgs {
     /// Files to validate; what they are is told from their keys.
     #[arg(required = true)]
     pub files: Vec<PathBuf>,
+    /// Route to judge with the steepness guard of the scenario or configuration of run given: CSV or GPX.
+    #[arg(long, value_name = "FILE")]
+    pub route: Option<PathBuf>,
 }
 
 /// Validates each file with all it names, prints a line for each, and returns success only if all
@@ -32,7 +38,16 @@ pub struct CheckArgs {
 pub fn run(args: &CheckArgs) -> Result<ExitCode> {
     let mut valid = true;
     for path in &args.files {
-        match ConfigFile::read(path).map_err(Into::into).and_then(check) {
+        let checked = ConfigFile::read(path)
+            .map_err(anyhow::Error::from)
+            .and_then(|file| {
+                let kind = check(file.clone())?;
+                if let Some(route) = &args.route {
+                    judge_route(&file, route)?;
+                }
+                Ok(kind)
+            });
+        match checked {
             Ok(kind) => console::line(format_args!("{}: valid {kind}", path.display())),
             Err(error) => {
                 valid = false;
@@ -114,6 +129,57 @@ pub fn check(file: ConfigFile) -> Result<&'static str> {
             file.name()
         )
     }
+}
+
+/// Checks that the steepness guard of a file drives the whole of a route over its elevations or, of a
+/// scenario whose route has none, over its ground.
+fn judge_route(file: &ConfigFile, route: &Path) -> Result<()> {
+    let keys: serde_yaml::Mapping = file.parse()?;
+    let (guard, vehicle, loaded, ground) = if keys.contains_key("controllers") {
+        let prepared = Scenario::read(file.clone())?.prepare(&Overrides {
+            path: Some(route.to_owned()),
+            ..Overrides::default()
+        })?;
+        let limits = prepared.speed_limits;
+        let loaded = load(file, route, &limits)?;
+        let ground = Some(prepared.terrain);
+        (prepared.controller.guard, prepared.vehicle, loaded, ground)
+    } else {
+        let config: RunConfig = file.parse()?;
+        let vehicle = config.load_vehicle(file)?;
+        let limits = config.speed.limits(&config.settings.limits, &vehicle);
+        (
+            config.settings.guard,
+            vehicle,
+            load(file, route, &limits)?,
+            None,
+        )
+    };
+    let Some(guard) = guard else {
+        bail!(
+            "{}: --route: the steepness guard is off; switch it on with `guard: {{}}`",
+            file.name()
+        );
+    };
+    let Some(stance) = Stance::of(&vehicle) else {
+        bail!("{}: {}", file.name(), ControllerError::CentreOfMass);
+    };
+    let own = loaded.ground()?;
+    let Some(ground) = own.or(ground) else {
+        bail!(
+            "{}: not every point has an elevation, so its ground is not known",
+            route.display()
+        );
+    };
+    match first_steep_place(&guard, &stance, &loaded.trajectory, &ground) {
+        Some(place) => bail!("{}: refused, too steep: {place}", route.display()),
+        None => Ok(()),
+    }
+}
+
+fn load(file: &ConfigFile, route: &Path, limits: &SpeedLimits) -> Result<LoadedReference> {
+    let source = Source::of(file, None, None, Some(route))?;
+    Ok(LoadedReference::build(file, source, limits)?)
 }
 
 /// Checks that a route can be smoothed and driven.

@@ -1,11 +1,13 @@
 //! A controller driving the simulated vehicle of a scenario.
 
 use crate::config::Prepared;
+use crate::guard_watch::GuardWatch;
 use crate::qp_recording::QpRecording;
 use crate::record::{Quantiles, Row, Run, Summary};
 use anyhow::Result;
 use sidehill_controller::closed_loop::{ClosedLoop, Cycle, RunEnd, TrackingFigures};
 use sidehill_controller::config::ControllerKind;
+use sidehill_controller::controller::StopReason;
 use sidehill_controller::mpc::SolvePath;
 use sidehill_controller::trajectory::Ending;
 use sidehill_plant::simulation::Plant;
@@ -44,10 +46,21 @@ pub fn run_plant<P: Plant>(
     mut qps: Option<&mut QpRecording>,
 ) -> Result<Run> {
     let mut closed_loop = ClosedLoop::new(plant, prepared.controller(kind)?)?;
+    let mut guard = prepared
+        .stance()
+        .map(|stance| GuardWatch::new(stance, prepared));
+    let refused = prepared.refused_place();
     let mut rows = Vec::new();
     let outcome = loop {
+        if let Some(place) = refused {
+            break Ok(RunEnd::Stopped(StopReason::TooSteep { place }));
+        }
         let cycle = closed_loop.decide();
-        rows.push(row(&cycle, prepared));
+        let slope = guard.as_mut().and_then(|guard| guard.watch(&cycle));
+        rows.push(Row {
+            slope,
+            ..row(&cycle, prepared)
+        });
         let mpc = closed_loop.controller().mpc();
         if let (Some(qps), Some(mpc), Some(report)) = (&mut qps, mpc, &cycle.decision.solve) {
             qps.push(cycle.state.time_s, mpc.qp(), report);
@@ -66,6 +79,7 @@ pub fn run_plant<P: Plant>(
     let figures = closed_loop.figures();
     let ended_by = match outcome {
         Ok(RunEnd::Finished) => missed(prepared, &figures),
+        Ok(end) if refused.is_some() => Some(format!("refused, {end}")),
         Ok(end) => Some(end.to_string()),
         Err(error) => Some(error.to_string()),
     };
@@ -82,7 +96,9 @@ pub fn run_plant<P: Plant>(
         cross_track_rms_m: figures.cross_track_rms_m,
         cross_track_p95_m: figures.cross_track_p95_m,
         cross_track_max_m: figures.cross_track_max_m,
+        origin_cross_track_rms_m: figures.origin_cross_track_rms_m,
         along_track_rms_m: figures.along_track_rms_m,
+        guard: guard.map(|guard| guard.summary(refused)),
         heading_rms_rad: figures.heading_rms_rad,
         steer_total_variation_m_s: figures.steer_total_variation_m_s,
         goal_error_m: figures.goal_error_m,
@@ -117,7 +133,9 @@ fn row(cycle: &Cycle, prepared: &Prepared) -> Row {
         pose: state.pose,
         attitude: state.attitude,
         estimate: decision.estimate.map(|estimate| estimate.pose),
+        slope: None,
         reference: cycle.reference.pose(),
+        tracked: cycle.tracked.map(|point| [point.x_m, point.y_m]),
         cross_track_m: cycle.errors.cross_track_m,
         along_track_m: cycle.errors.along_track_m,
         heading_error_rad: cycle.errors.heading_error_rad,

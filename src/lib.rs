@@ -15,6 +15,7 @@ pub mod console;
 #[cfg(feature = "package")]
 pub mod documents;
 pub mod drive_log;
+mod guard_watch;
 pub mod icr;
 pub mod identify;
 #[cfg(feature = "drive")]

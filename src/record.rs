@@ -3,6 +3,7 @@
 use serde::Serialize;
 use sidehill_controller::controller::Status;
 use sidehill_controller::estimator::ContactEstimate;
+use sidehill_controller::guard::{Margins, SteepPlace};
 use sidehill_controller::mpc::SolvePath;
 use sidehill_plant::frames::{Attitude, PlanarPose, Pose};
 use sidehill_plant::icr::TreadIcrs;
@@ -22,12 +23,16 @@ pub struct Row {
     pub estimate: Option<PlanarPose>,
     /// Reference position and heading.
     pub reference: PlanarPose,
-    /// True distance from the path, m, left positive.
+    /// True position of the tracked point, X_g and Y_g, m, where that is not the origin.
+    pub tracked: Option<[f64; 2]>,
+    /// True distance of the tracked point from the path, m, left positive.
     pub cross_track_m: f64,
     /// True distance by which the vehicle is ahead of the reference along the path, m.
     pub along_track_m: f64,
     /// True heading less that of the reference, rad.
     pub heading_error_rad: f64,
+    /// What the steepness guard measures, where it is on.
+    pub slope: Option<SlopeRow>,
     /// Command given in this cycle.
     pub command: MotorSpeeds,
     /// True motor speeds.
@@ -100,8 +105,14 @@ pub struct Summary {
     pub cross_track_p95_m: f64,
     /// Largest absolute value, m.
     pub cross_track_max_m: f64,
+    /// Root mean square of the origin's distance from the path, m, where another point is tracked.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub origin_cross_track_rms_m: Option<f64>,
     /// Root mean square of the error along the path, m.
     pub along_track_rms_m: f64,
+    /// What the steepness guard did, where it is on.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub guard: Option<GuardSummary>,
     /// Root mean square of the difference from the path's heading, rad.
     pub heading_rms_rad: f64,
     /// Sum of the absolute changes of the steer command, m/s.
@@ -126,6 +137,34 @@ pub struct Summary {
     pub solve_us: Quantiles,
     /// Time from estimate to command, us.
     pub cycle_us: Quantiles,
+}
+
+/// What the steepness guard measures in a cycle.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SlopeRow {
+    /// True tip-over margin and use of friction.
+    pub margins: Margins,
+    /// Share of the reference's speed that is driven.
+    pub speed_share: f64,
+    /// Distance along the path, m.
+    pub arc_length_m: f64,
+}
+
+/// What the steepness guard did in a run; margins are those of the true attitude and motion.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct GuardSummary {
+    /// Least tip-over margin.
+    pub rollover_margin_min: f64,
+    /// Largest use of friction.
+    pub friction_use_max: f64,
+    /// Largest angle between the vehicle's up axis and the vertical, deg.
+    pub tilt_max_deg: f64,
+    /// Least share of the reference's speed.
+    pub speed_share_min: f64,
+    /// Time from the first announcement of the place before which it stopped to the stop, s.
+    pub warned_s: Option<f64>,
+    /// Place before which the vehicle stopped, or for which the route was refused.
+    pub stopped_before: Option<SteepPlace>,
 }
 
 /// A whole run of one controller.

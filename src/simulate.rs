@@ -185,6 +185,7 @@ fn write_out(
                 .collect()
         }),
         terrain: &prepared.terrain,
+        guard: prepared.controller.guard.as_ref(),
         limits: &prepared.controller.limits,
         base_half_width_m: prepared.vehicle.base_half_width_m,
         base_half_length_m: prepared.vehicle.base_half_length_m,

@@ -123,6 +123,7 @@ impl ControllerRunner for Constant {
                 estimate: None,
                 progress: None,
                 solve: None,
+                guard: None,
                 refused: Default::default(),
                 reference: 0,
             });

@@ -5,6 +5,7 @@ mod figures;
 pub use figures::{TrackingErrors, TrackingFigures};
 
 use crate::controller::{Controller, Decision, Status, StopReason};
+use crate::path::Point2;
 use crate::reference::Reference;
 use crate::trajectory::ReferencePoint;
 use figures::Account;
@@ -31,6 +32,8 @@ pub struct Cycle {
     pub state: TrueState,
     /// Where the vehicle should have been.
     pub reference: ReferencePoint,
+    /// Where its tracked point was, where that is not the origin.
+    pub tracked: Option<Point2>,
     /// How far it was from there.
     pub errors: TrackingErrors,
     /// What the controller decided.
@@ -131,6 +134,8 @@ impl<P: Plant> ClosedLoop<P> {
         let errors = self
             .account
             .cycle(path, &state, &self.reference, &decision, duration);
+        let point = self.controller.tracked_point();
+        let tracked = (!point.is_origin()).then(|| figures::tracked_position(&point, &state));
         let ending = match decision.status {
             Status::Finished => Some(RunEnd::Finished),
             Status::Stopping(reason) if self.command == MotorSpeeds::STOP => {
@@ -144,6 +149,7 @@ impl<P: Plant> ClosedLoop<P> {
         Cycle {
             state,
             reference: self.reference,
+            tracked,
             errors,
             decision,
             duration,

@@ -9,12 +9,14 @@ pub use supervisor::SupervisorConfig;
 pub use weights::{CautionConfig, Weights};
 
 use crate::estimator::EstimatorSettings;
+use crate::guard::GuardConfig;
 use crate::mpc::limits::{InputLimits, MotorLimits};
 use crate::mpc::{
     ChangeWeights, Corridor, HeadingExcess, MpcSettings, QpSettings, StageWeights, StepLimit,
 };
 use crate::pure_pursuit::PurePursuitSettings;
 use crate::reference::{Reference, Tracking};
+use crate::tracked_point::TrackedPoint;
 use crate::trajectory::{Ending, Motion, Trajectory};
 use serde::{Deserialize, Serialize};
 use sidehill_plant::bounds::{Bounds, RangeError};
@@ -97,6 +99,8 @@ pub struct ControllerConfig {
     pub lead_max_m: f64,
     /// Where the attitude along the horizon comes from.
     pub attitude_preview: AttitudePreview,
+    /// Point of the vehicle that follows the path; the origin unless it is set.
+    pub tracked_point: TrackedPoint,
     /// Weights of the MPC.
     pub weights: Weights,
     /// Calm where the model errs.
@@ -115,6 +119,8 @@ pub struct ControllerConfig {
     pub estimator: EstimatorSettings,
     /// Supervision.
     pub supervisor: SupervisorConfig,
+    /// Steepness guard, none by default.
+    pub guard: Option<GuardConfig>,
     /// Pure pursuit.
     pub pure_pursuit: PurePursuitSettings,
 }
@@ -137,6 +143,7 @@ impl Default for ControllerConfig {
             motor_lag_s: 0.0,
             lead_max_m: 0.3,
             attitude_preview: AttitudePreview::Measured,
+            tracked_point: TrackedPoint::ORIGIN,
             weights: Weights::default(),
             caution: CautionConfig::default(),
             corridor: None,
@@ -150,6 +157,7 @@ impl Default for ControllerConfig {
             solver: QpSettings::default(),
             estimator: EstimatorSettings::default(),
             supervisor: SupervisorConfig::default(),
+            guard: None,
             pure_pursuit: PurePursuitSettings::default(),
         }
     }
@@ -182,6 +190,7 @@ impl ControllerConfig {
             .check("command_delay_s + motor_lag_s", self.delay_s())?;
         Bounds::new(0.0, DELAY_MAX_S, "s").check("command_delay_s", self.command_delay_s)?;
         Bounds::new(0.01, 10.0, "m").check("lead_max_m", self.lead_max_m)?;
+        self.tracked_point.validate()?;
         self.weights.validate()?;
         self.caution.validate()?;
         if let Some(corridor) = &self.corridor {
@@ -190,6 +199,9 @@ impl ControllerConfig {
         self.limits.validate()?;
         self.solver.validate()?;
         self.supervisor.validate()?;
+        if let Some(guard) = &self.guard {
+            guard.validate()?;
+        }
         self.estimator.validate()?;
         self.pure_pursuit.validate()
     }

@@ -11,11 +11,13 @@ mod watchdog;
 
 pub use decision::{Decision, Stall, Status, StopReason};
 
-use crate::config::{ControllerConfig, ControllerKind};
+use crate::config::{AttitudePreview, ControllerConfig, ControllerKind};
 use crate::estimator::{Estimate, Estimator};
+use crate::guard::{Guard, Stance, Surroundings};
 use crate::mpc::{Horizon, Model, Mpc, Plan, QpFailure, Solution, StageTarget};
 use crate::pure_pursuit::PursuitView;
 use crate::reference::{Progress, Reference};
+use crate::tracked_point::TrackedPoint;
 use sidehill_plant::bounds::RangeError;
 use sidehill_plant::contact::ContactPrediction;
 use sidehill_plant::prediction::PredictionModel;
@@ -32,6 +34,14 @@ pub enum ControllerError {
     /// A setting is out of its range.
     #[error("controller setting {0}")]
     Range(#[from] RangeError),
+    /// The steepness guard needs to know where the mass is.
+    #[error(
+        "guard: the vehicle file has no centre_of_mass, and none in contact; the guard needs its height"
+    )]
+    CentreOfMass,
+    /// The centre of mass is not above the wheels.
+    #[error("guard: centre_of_mass is beside the wheels, so the vehicle tips over on level ground")]
+    TipsOver,
     /// The solver does not take the problem.
     #[error("the MPC cannot be set up: {0}")]
     Solver(#[from] QpFailure),
@@ -62,6 +72,9 @@ struct Issued {
 /// the first is taken up for the second, m.
 const PLAN_REUSE_M: f64 = 0.5;
 
+/// Share of the motors' deceleration with which the guard brakes before a steep place.
+const BRAKING_SHARE: f64 = 0.25;
+
 /// Follows a reference; one [`Controller::step`] a control period.
 pub struct Controller {
     config: ControllerConfig,
@@ -78,6 +91,7 @@ pub struct Controller {
     horizon: Horizon,
     phase: Phase,
     watchdog: Watchdog,
+    guard: Option<Guard>,
     /// Commands of the last second, the newest last: those in flight are among them.
     issued: Vec<Issued>,
     last_time_s: Option<f64>,
@@ -123,6 +137,17 @@ impl Controller {
         } else {
             Estimator::new(config.estimator, vehicle.extended())
         };
+        let guard = match config.guard {
+            Some(settings) => {
+                let stance = Stance::of(vehicle).ok_or(ControllerError::CentreOfMass)?;
+                if !stance.stands() {
+                    return Err(ControllerError::TipsOver);
+                }
+                let braking_m_s2 = BRAKING_SHARE * config.limits.traction.deceleration_m_s2;
+                Some(Guard::new(settings, stance, braking_m_s2))
+            }
+            None => None,
+        };
         let vehicle = match kind {
             ControllerKind::IcrikMpc => vehicle.extended(),
             ControllerKind::ContactMpc => vehicle.on_wheels(),
@@ -159,6 +184,7 @@ impl Controller {
             phase: Phase::Driving { fallback_cycles: 0 },
             last_time_s: None,
             adapts,
+            guard,
             law,
             terrain: None,
             vehicle,
@@ -198,6 +224,15 @@ impl Controller {
         match &self.law {
             Law::Mpc(mpc) => Some(mpc),
             Law::PurePursuit => None,
+        }
+    }
+
+    /// Returns the point of the vehicle that follows the reference: the one configured, on a turn on the
+    /// spot the origin.
+    pub fn tracked_point(&self) -> TrackedPoint {
+        match self.reference.as_ref().and_then(Reference::path) {
+            Some(_) => self.config.tracked_point,
+            None => TrackedPoint::ORIGIN,
         }
     }
 
@@ -250,6 +285,9 @@ impl Controller {
     /// may have been missing for so long that the filter would refuse the poses that come now.
     pub fn rearm(&mut self) {
         self.estimator.restart();
+        if let Some(guard) = &mut self.guard {
+            guard.reset();
+        }
         self.phase = Phase::Driving { fallback_cycles: 0 };
         self.last_time_s = None;
         self.discard_plan();
@@ -262,6 +300,7 @@ impl Controller {
         let elapsed_s = self.elapsed(sample.time_s);
         let (estimate, refused) = self.estimator.update(sample);
         let progress = self.advance_reference(estimate.as_ref(), elapsed_s);
+        self.watch_slope(estimate.as_ref(), elapsed_s);
         self.supervise(estimate.as_ref(), progress.as_ref());
         let solved = match (self.phase, &estimate, &progress) {
             (Phase::Driving { .. }, Some(estimate), Some(progress)) => {
@@ -273,7 +312,10 @@ impl Controller {
             }
             _ => None,
         };
-        let slowed = slowed_share(estimate.as_ref());
+        let mut slowed = slowed_share(estimate.as_ref());
+        if let (Law::PurePursuit, Some(guard)) = (&self.law, &self.guard) {
+            slowed *= guard.share();
+        }
         let (status, command_effective) = self.conclude(solved, slowed);
         self.remember(sample.time_s, command_effective);
         Decision {
@@ -283,6 +325,7 @@ impl Controller {
             estimate,
             progress,
             solve: solved.and_then(|solved| solved.ok()?.report),
+            guard: self.guard.as_ref().and_then(Guard::view),
             refused,
             reference: self.reference.as_ref().map_or(0, Reference::number),
         }
@@ -296,10 +339,40 @@ impl Controller {
     ) -> Option<Progress> {
         let elapsed_s = match self.phase {
             Phase::Stopped(_) => 0.0,
-            Phase::Driving { .. } | Phase::Finished => elapsed_s,
+            Phase::Driving { .. } | Phase::Finished => match &self.guard {
+                Some(guard) => elapsed_s * guard.share(),
+                None => elapsed_s,
+            },
         };
         let pose = &estimate?.pose;
-        Some(self.reference.as_mut()?.advance(elapsed_s, pose))
+        let point = self.tracked_point().of(pose, &estimate?.normal_in_world);
+        Some(self.reference.as_mut()?.advance(elapsed_s, &point))
+    }
+
+    /// Lets the guard look at the ground here and ahead.
+    fn watch_slope(&mut self, estimate: Option<&Estimate>, elapsed_s: f64) {
+        let half_track_m = 0.5 * (self.vehicle.icrs.right_m - self.vehicle.icrs.left_m);
+        let command = self.last_command();
+        let (Some(guard), Some(estimate), Some(reference)) =
+            (&mut self.guard, estimate, &self.reference)
+        else {
+            return;
+        };
+        let map = self
+            .terrain
+            .as_ref()
+            .filter(|_| self.config.attitude_preview == AttitudePreview::Terrain);
+        let stop = guard.look(&Surroundings {
+            estimate,
+            reference,
+            map,
+            half_track_m,
+            elapsed_s,
+            command,
+        });
+        if let Some(reason) = stop {
+            self.stop(reason);
+        }
     }
 
     /// Returns what pure pursuit wants.
@@ -307,7 +380,9 @@ impl Controller {
         let reference = self.reference.as_ref();
         let command = self.config.pure_pursuit.command(
             &PursuitView {
-                pose: &estimate.pose,
+                pose: &self
+                    .tracked_point()
+                    .of(&estimate.pose, &estimate.normal_in_world),
                 reference: &progress.point,
                 path: reference.and_then(Reference::path),
                 arc_length_m: progress.arc_length_m,

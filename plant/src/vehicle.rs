@@ -6,7 +6,7 @@ pub use parameters::{HorizontalIcrs, SlideGains};
 
 use crate::bounds::Bounds;
 pub use crate::bounds::RangeError;
-use crate::contact::{ContactVehicle, KnownContact};
+use crate::contact::{CentreOfMass, ContactVehicle, KnownContact};
 use crate::extension::{Extension, ExtensionGains, RawExtension};
 use crate::frames::{Attitude, BodyVelocity};
 pub use crate::speeds::EncoderScale as SpeedCorrection;
@@ -33,6 +33,8 @@ pub struct Vehicle {
     pub encoder_scale: EncoderScale,
     /// Terms beyond ICRIK and the parameters identified with them; none is ICRIK alone.
     pub extension: Option<Extension>,
+    /// Where its mass is with what it carries, as the steepness guard knows it; none is that of `contact`.
+    pub centre_of_mass: Option<CentreOfMass>,
     /// What is known of it as a vehicle on wheels with friction: where `contact-mpc` starts from.
     pub contact: Option<ContactVehicle>,
     /// c_l and c_r identified with `contact`; without them those above hold for it.
@@ -110,6 +112,7 @@ impl Vehicle {
                 right: 1.011,
             },
             extension: None,
+            centre_of_mass: None,
             contact: None,
             contact_encoder_scale: None,
         }
@@ -174,6 +177,8 @@ struct RawVehicle {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     extension: Option<RawExtension>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
+    centre_of_mass: Option<CentreOfMass>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     contact: Option<KnownContact>,
 }
 
@@ -194,8 +199,12 @@ impl TryFrom<RawVehicle> for Vehicle {
         let contact_encoder_scale = known
             .and_then(|known| known.encoder_scale(&own_scale).transpose())
             .transpose()?;
+        if let Some(centre) = &raw.centre_of_mass {
+            centre.validate()?;
+        }
         let mut vehicle = Self {
             name: raw.name,
+            centre_of_mass: raw.centre_of_mass,
             contact,
             contact_encoder_scale,
             icrs: HorizontalIcrs {
@@ -247,6 +256,7 @@ impl From<Vehicle> for RawVehicle {
             correction_left: v.encoder_scale.left,
             correction_right: v.encoder_scale.right,
             extension: v.extension.map(RawExtension::from),
+            centre_of_mass: v.centre_of_mass,
             contact: v
                 .contact
                 .as_ref()

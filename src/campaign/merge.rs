@@ -1,6 +1,6 @@
 //! Results of parts of a campaign, put together into the file that one machine would have written.
 
-use super::table::{AFTER, BEFORE, line};
+use super::table::{AFTER, BEFORE, GUARD, line};
 use crate::{console, output};
 use anyhow::{Context, Result, bail};
 use csv::StringRecord;
@@ -28,7 +28,8 @@ impl Merged {
         let mut reader = csv::Reader::from_reader(text);
         let header = reader.headers()?.clone();
         let names: Vec<&str> = header.iter().collect();
-        if !(names.starts_with(&BEFORE) && names.ends_with(&AFTER)) {
+        let own = names.strip_suffix(&GUARD).unwrap_or(&names);
+        if !(own.starts_with(&BEFORE) && own.ends_with(&AFTER)) {
             bail!("line 1: these are not the columns of a campaign's results");
         }
         match &self.header {

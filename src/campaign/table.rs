@@ -1,7 +1,7 @@
 //! The columns of a campaign's results, and what stands in a row.
 
 use crate::config::Campaign;
-use crate::record::Summary;
+use crate::record::{GuardSummary, Summary};
 use anyhow::{Context, Result, bail};
 use serde_yaml::Value;
 use sidehill_controller::config::ControllerKind;
@@ -52,11 +52,22 @@ pub(super) const AFTER: [&str; 11] = [
     "fallbacks",
 ];
 
+/// Columns after those where the steepness guard is on.
+pub(super) const GUARD: [&str; 5] = [
+    "rollover_margin_min",
+    "friction_use_max",
+    "tilt_max_deg",
+    "speed_share_min",
+    "warned_s",
+];
+
 /// The columns of one campaign's results.
 pub struct Table {
     name: String,
     fingerprint: String,
     header: Vec<String>,
+    /// Whether the columns of the guard are among them.
+    guard: bool,
 }
 
 impl Table {
@@ -65,11 +76,14 @@ impl Table {
     /// # Errors
     /// What keeps the campaign from having a fingerprint.
     pub fn of(campaign: &Campaign) -> Result<Self> {
-        let header = BEFORE.into_iter().chain(campaign.keys()).chain(AFTER);
+        let guard = campaign.has_guard()?;
+        let after = AFTER.into_iter().chain(GUARD.into_iter().filter(|_| guard));
+        let header = BEFORE.into_iter().chain(campaign.keys()).chain(after);
         Ok(Self {
             name: campaign.name.clone(),
             fingerprint: campaign.fingerprint()?,
             header: header.map(str::to_owned).collect(),
+            guard,
         })
     }
 
@@ -92,7 +106,8 @@ impl Table {
             outcome.seed.to_string(),
             outcome.kind.name().to_owned(),
         ];
-        for column in 0..self.header.len() - BEFORE.len() - AFTER.len() {
+        let after = AFTER.len() + if self.guard { GUARD.len() } else { 0 };
+        for column in 0..self.header.len() - BEFORE.len() - after {
             fields.push(match outcome.values.get(column) {
                 None => String::new(),
                 Some(Value::Number(number)) => number.to_string(),
@@ -102,19 +117,24 @@ impl Table {
         // A line's end within a field would look like a row's.
         let plain = |reason: &str| reason.replace(['\n', '\r'], " ");
         match &outcome.figures {
-            Ok(s) => fields.extend([
-                s.completed.to_string(),
-                plain(s.ended_by.as_deref().unwrap_or("")),
-                s.cross_track_rms_m.to_string(),
-                s.cross_track_p95_m.to_string(),
-                s.cross_track_max_m.to_string(),
-                s.along_track_rms_m.to_string(),
-                s.heading_rms_rad.to_string(),
-                s.steer_total_variation_m_s.to_string(),
-                s.goal_error_m.to_string(),
-                s.constraint_violations.to_string(),
-                s.fallbacks.to_string(),
-            ]),
+            Ok(s) => {
+                fields.extend([
+                    s.completed.to_string(),
+                    plain(s.ended_by.as_deref().unwrap_or("")),
+                    s.cross_track_rms_m.to_string(),
+                    s.cross_track_p95_m.to_string(),
+                    s.cross_track_max_m.to_string(),
+                    s.along_track_rms_m.to_string(),
+                    s.heading_rms_rad.to_string(),
+                    s.steer_total_variation_m_s.to_string(),
+                    s.goal_error_m.to_string(),
+                    s.constraint_violations.to_string(),
+                    s.fallbacks.to_string(),
+                ]);
+                if self.guard {
+                    fields.extend(guard_fields(s.guard.as_ref()));
+                }
+            }
             Err(reason) => {
                 fields.extend(["false".to_owned(), plain(reason)]);
                 fields.resize(self.header.len(), String::new());
@@ -174,6 +194,19 @@ impl Table {
         }
         Ok(rows)
     }
+}
+
+fn guard_fields(guard: Option<&GuardSummary>) -> [String; GUARD.len()] {
+    let Some(g) = guard else {
+        return Default::default();
+    };
+    [
+        g.rollover_margin_min.to_string(),
+        g.friction_use_max.to_string(),
+        g.tilt_max_deg.to_string(),
+        g.speed_share_min.to_string(),
+        g.warned_s.map_or_else(String::new, |s| s.to_string()),
+    ]
 }
 
 /// Returns fields as a line of CSV.

@@ -16,9 +16,10 @@ use sidehill_bridge::ros2::server::route::RouteSettings;
 use sidehill_bridge::rover::DriveConfig;
 use sidehill_bridge::rover::{CanFault, FaultWindow};
 use sidehill_bridge::safety::SafetyConfig;
-use sidehill_controller::config::{ControllerConfig, ControllerKind};
+use sidehill_controller::config::{AttitudePreview, ControllerConfig, ControllerKind};
 use sidehill_controller::controller::Controller;
 use sidehill_controller::course::Course;
+use sidehill_controller::guard::{Stance, first_steep_place};
 use sidehill_controller::speed_profile::SpeedConfig;
 use sidehill_plant::bounds::Bounds;
 use sidehill_plant::drive_train::DriveTrainConfig;
@@ -135,6 +136,18 @@ impl RunConfig {
             let source = Source::of(file, self.course.as_ref(), self.route.as_ref(), None)?;
             let limits = self.speed.limits(&settings.limits, vehicle);
             let loaded = LoadedReference::build(file, source, &limits)?;
+            if settings.attitude_preview == AttitudePreview::Terrain
+                && let Some(ground) = loaded.ground()?
+            {
+                let refuses = settings.guard.filter(|guard| guard.refuse_route);
+                if let (Some(guard), Some(stance)) = (refuses, Stance::of(vehicle))
+                    && let Some(place) =
+                        first_steep_place(&guard, &stance, &loaded.trajectory, &ground)
+                {
+                    return Err(file.error(format!("route: refused, too steep: {place}")));
+                }
+                controller = controller.with_terrain(ground);
+            }
             controller.follow(settings.reference(loaded.trajectory).for_laps(self.laps));
         } else if self.course.is_some() || self.route.is_some() {
             return Err(file.error("course and route: paths come over ROS 2, not from here"));
@@ -165,6 +178,7 @@ impl RunConfig {
         let route = RouteSettings {
             smoothing: config.smoothing,
             limits: self.speed.limits(&self.settings.limits, vehicle),
+            tracked_point: self.settings.tracked_point,
             use_orientations: config.follow_path.use_orientations,
         };
         Ok((config, route))

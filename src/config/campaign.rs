@@ -235,6 +235,14 @@ impl Campaign {
         })
     }
 
+    /// Returns whether the steepness guard is on in its scenario.
+    ///
+    /// # Errors
+    /// [`ConfigError`] where the scenario cannot be prepared.
+    pub fn has_guard(&self) -> Result<bool, ConfigError> {
+        Ok(Scenario::read(self.scenario.clone())?.has_guard())
+    }
+
     /// Returns a number that is another where seed, draws, scenario or vehicles are others: results
     /// under different numbers do not belong together. More runs or controllers change nothing.
     ///

@@ -23,5 +23,5 @@ pub use file::{
     CONTACT_IDENTIFIED, CONTACT_VEHICLE, ConfigError, ConfigFile, DEFAULT_SCENARIO, to_yaml,
 };
 pub use plant::{Plant, PlantKind};
-pub use reference::read_route;
+pub use reference::{LoadedReference, Source, read_route};
 pub use scenario::{Overrides, Prepared, Scenario};

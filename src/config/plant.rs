@@ -60,6 +60,14 @@ impl Plant {
         }
     }
 
+    /// Returns the mean coefficient of friction of the ground, where the plant has one.
+    pub fn friction(&self) -> Option<f64> {
+        match self {
+            Self::Icrik(_) => None,
+            Self::Contact { vehicle, .. } => Some(vehicle.friction.field.middle()),
+        }
+    }
+
     pub(super) fn motion(&self) -> Box<dyn MotionModel + Send> {
         match self {
             Self::Icrik(vehicle) => Box::new(IcrMotion {

@@ -6,7 +6,7 @@ use sidehill_controller::course::Course;
 use sidehill_controller::path::{Route, Smoothing, read_csv, read_gpx, smooth};
 use sidehill_controller::speed_profile::{SpeedLimits, speed_profile};
 use sidehill_controller::trajectory::Trajectory;
-use sidehill_plant::terrain::RoutePoint;
+use sidehill_plant::terrain::{RoutePoint, RouteSmoothing, RouteTerrain, Terrain};
 use std::path::{Path, PathBuf};
 
 /// A recorded route as reference.
@@ -53,6 +53,11 @@ impl<'a> Source<'a> {
     }
 }
 
+/// Length over which the elevations of a route are smoothed where it is the only ground known, m.
+const SMOOTHING_M: f64 = 8.0;
+/// Distance to the side of a route to which its elevations count there, m.
+const ASIDE_M: f64 = 4.0;
+
 /// A reference with what it was made of.
 pub struct LoadedReference {
     /// What is followed.
@@ -64,6 +69,23 @@ pub struct LoadedReference {
 }
 
 impl LoadedReference {
+    /// Returns the ground along the route, where every point has an elevation.
+    ///
+    /// # Errors
+    /// [`ConfigError`] where the elevations make no ground.
+    pub fn ground(&self) -> Result<Option<Terrain>, ConfigError> {
+        let Some((file, Some(points))) = &self.route else {
+            return Ok(None);
+        };
+        let smoothing = RouteSmoothing::new(SMOOTHING_M, ASIDE_M);
+        let ground = smoothing
+            .map_err(|error| file.error(error))
+            .and_then(|smoothing| {
+                RouteTerrain::new(points, smoothing).map_err(|error| file.error(error))
+            })?;
+        Ok(Some(Terrain::Route(ground)))
+    }
+
     /// Builds the reference that `file` asks for.
     ///
     /// # Errors

@@ -4,12 +4,14 @@ use super::plant::{ContactFiles, GroundFriction, ModelError, Plant, PlantKind};
 use super::reference::{LoadedReference, RouteConfig, Source};
 use super::{CONTACT_IDENTIFIED, CONTACT_VEHICLE, ConfigError, ConfigFile};
 use serde::Deserialize;
-use sidehill_controller::config::{ControllerConfig, ControllerKind};
+use sidehill_controller::config::{AttitudePreview, ControllerConfig, ControllerKind};
 use sidehill_controller::controller::{Controller, ControllerError};
 use sidehill_controller::course::Course;
+use sidehill_controller::guard::{Stance, SteepPlace, first_steep_place};
 use sidehill_controller::path::Point2;
 use sidehill_controller::reference::Reference;
-use sidehill_controller::speed_profile::SpeedConfig;
+use sidehill_controller::speed_profile::{SpeedConfig, SpeedLimits};
+use sidehill_controller::tracked_point::TrackedPoint;
 use sidehill_controller::trajectory::Trajectory;
 use sidehill_plant::bounds::{Bounds, RangeError};
 use sidehill_plant::contact::ContactVehicle;
@@ -190,6 +192,8 @@ pub struct Prepared {
     pub controller: ControllerConfig,
     /// What was done to recorded points, in words; empty for a course.
     pub route_note: String,
+    /// Bounds on the speed along a path.
+    pub speed_limits: SpeedLimits,
     /// What is allowed but probably not meant.
     pub warnings: Vec<String>,
 }
@@ -212,6 +216,23 @@ impl Prepared {
         })
     }
 
+    /// Returns the vehicle's stance, where the steepness guard is on and the mass is known.
+    pub fn stance(&self) -> Option<Stance> {
+        self.controller.guard?;
+        Stance::of(&self.vehicle)
+    }
+
+    /// Returns the first place of the reference before which the guard would stop, where it is on, knows the
+    /// ground, and refuses such routes.
+    pub fn refused_place(&self) -> Option<SteepPlace> {
+        let guard = self.controller.guard.filter(|guard| guard.refuse_route)?;
+        if self.controller.attitude_preview != AttitudePreview::Terrain {
+            return None;
+        }
+        let trajectory = self.reference.trajectory();
+        first_steep_place(&guard, &self.stance()?, trajectory, &self.terrain)
+    }
+
     /// Returns a controller of one kind at the start of the reference.
     ///
     /// # Errors
@@ -232,6 +253,11 @@ impl Scenario {
     pub fn read(file: ConfigFile) -> Result<Self, ConfigError> {
         let raw: RawScenario = file.parse()?;
         Ok(Self { file, raw })
+    }
+
+    /// Returns whether the steepness guard is on.
+    pub fn has_guard(&self) -> bool {
+        self.raw.controller.guard.is_some()
     }
 
     /// Returns the scenario's name.
@@ -280,6 +306,10 @@ impl Scenario {
             ));
         }
         let start = raw.start.from(&loaded.trajectory.at(0.0).pose());
+        let start = match loaded.trajectory.path() {
+            Some(_) => with_point_at(&raw.controller.tracked_point, &start, &terrain),
+            None => start,
+        };
         Ok(Prepared {
             name: raw.name.clone(),
             plant,
@@ -297,6 +327,7 @@ impl Scenario {
             sensors: raw.sensors,
             controller: raw.controller.clone(),
             route_note: loaded.note,
+            speed_limits: limits,
             warnings,
         })
     }
@@ -346,6 +377,10 @@ impl Scenario {
                 identified
                     .contact
                     .get_or_insert_with(|| vehicle.geometry_alone());
+                // The guard judges by the mass that truly is there.
+                identified
+                    .centre_of_mass
+                    .get_or_insert(own.centre_of_mass.unwrap_or(vehicle.centre_of_mass));
                 let plant = Plant::Contact {
                     vehicle,
                     encoder_scale: own.encoder_scale,
@@ -391,6 +426,18 @@ impl Scenario {
     }
 }
 
+/// Returns where the origin stands of a vehicle whose tracked point is at `start`.
+fn with_point_at(point: &TrackedPoint, start: &PlanarPose, terrain: &Terrain) -> PlanarPose {
+    if point.is_origin() {
+        return *start;
+    }
+    terrain
+        .surface(start.x_m, start.y_m)
+        .map_or(*start, |ground| {
+            point.origin_of(start, &ground.normal_in_world)
+        })
+}
+
 /// Distance between the places of a path that are looked up on the ground, m.
 const GROUND_STEP_M: f64 = 0.5;
 
@@ -416,6 +463,7 @@ fn is_j8(vehicle: &Vehicle) -> Result<bool, ConfigError> {
     Ok(*vehicle
         == Vehicle {
             name: vehicle.name.clone(),
+            centre_of_mass: vehicle.centre_of_mass,
             ..j8
         })
 }

@@ -1,10 +1,10 @@
-//! Quantities of runs over time.
+//! Quantities of runs over time or along the path.
 
 use super::plot::{Line, Plot};
 use super::scene::Style;
 use crate::record::{Row, Run};
 
-/// A quantity of all runs over time.
+/// A quantity of all runs.
 pub(super) struct Panel<'a> {
     /// Title of its axis, with unit.
     pub(super) title: &'a str,
@@ -17,17 +17,32 @@ pub(super) struct Panel<'a> {
 }
 
 impl Panel<'_> {
-    /// Returns the plot of all runs.
+    /// Returns the plot of all runs over time.
     pub(super) fn plot(&self, height_px: f64, runs: &[Run], styles: &[Style]) -> Plot {
+        self.over("time (s)", |row| row.time_s, height_px, runs, styles)
+    }
+
+    /// Returns the plot of all runs over the way along the path.
+    pub(super) fn along_path(&self, height_px: f64, runs: &[Run], styles: &[Style]) -> Plot {
+        let place = |row: &Row| row.slope.map_or(f64::NAN, |slope| slope.arc_length_m);
+        self.over("way along the path (m)", place, height_px, runs, styles)
+    }
+
+    fn over(
+        &self,
+        x_title: &str,
+        place: impl Fn(&Row) -> f64,
+        height_px: f64,
+        runs: &[Run],
+        styles: &[Style],
+    ) -> Plot {
         let line = |(run, (record, style)): (usize, (&Run, &Style))| {
-            let points: Vec<[f64; 2]> = record
-                .rows
-                .iter()
-                .map(|row| [row.time_s, (self.value)(row)])
-                .collect();
+            let rows = record.rows.iter();
+            let points: Vec<[f64; 2]> = rows.map(|row| [place(row), (self.value)(row)]).collect();
             Line::through(&style.name, style.colour, Some(run), &points)
         };
         Plot {
+            x_title: x_title.to_owned(),
             limits: self.limits.clone(),
             magnified_to: self.magnified_to,
             ..Plot::over_time(

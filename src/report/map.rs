@@ -6,6 +6,7 @@ use super::relief::{self, Labels};
 use super::scene::{DRAWING_WIDTH_PX, Scene, Style};
 use crate::record::Run;
 use maud::{Markup, html};
+use sidehill_controller::guard::SteepPlace;
 use sidehill_plant::frames::PlanarPose;
 
 const LEFT_PX: f64 = 80.0;
@@ -55,6 +56,11 @@ pub(super) fn map(scene: &Scene, runs: &[Run], styles: &[Style]) -> Markup {
                     (relief::arrows(&frame, scene))
                 }
                 @for contour in &contours { (contour.label()) }
+                @for (run, refused) in runs.iter().enumerate() {
+                    @if let Some(place) = refused.summary.guard.and_then(|guard| guard.stopped_before) {
+                        g.{ "run" (run) } { (steep(&frame, &place)) }
+                    }
+                }
                 @if let Some(row) = start {
                     (vehicle(&frame, scene, &row.pose.planar()))
                 }
@@ -67,7 +73,10 @@ pub(super) fn map(scene: &Scene, runs: &[Run], styles: &[Style]) -> Markup {
 }
 
 fn track(run: &Run) -> Vec<[f64; 2]> {
-    let poses = run.rows.iter().map(|row| [row.pose.x_m, row.pose.y_m]);
+    let poses = run
+        .rows
+        .iter()
+        .map(|row| row.tracked.unwrap_or([row.pose.x_m, row.pose.y_m]));
     poses
         .filter(|p| p[0].is_finite() && p[1].is_finite())
         .collect()
@@ -97,6 +106,24 @@ fn frame(scene: &Scene, tracks: &[Vec<[f64; 2]>]) -> Frame {
         height,
         x: widened(x, width),
         y: widened(y, height),
+    }
+}
+
+/// Draws a cross at a place before which the guard stops, with what is beyond its limit there.
+fn steep(frame: &Frame, place: &SteepPlace) -> Markup {
+    let [x, y] = frame.place([place.x_m, place.y_m]);
+    let line = |dx: f64, dy: f64| {
+        html! {
+            line.steep x1=(px(x - dx)) y1=(px(y - dy)) x2=(px(x + dx)) y2=(px(y + dy)) {}
+        }
+    };
+    let text = format!(
+        "{} {:.2}, limit {}",
+        place.measure, place.value, place.limit
+    );
+    html! {
+        (line(7.0, 7.0)) (line(7.0, -7.0))
+        text.halo.strong x=(px(x + 12.0)) y=(px(y - 10.0)) { (text) }
     }
 }
 

@@ -25,6 +25,7 @@ use page::{COLOURS, Page};
 use scene::{Style, swatch};
 use sidehill_controller::config::ControllerKind;
 use sidehill_controller::estimator::ContactEstimate;
+use sidehill_controller::guard::GuardConfig;
 use sidehill_controller::mpc::limits::InputLimits;
 use sidehill_plant::contact::Parameter;
 
@@ -55,6 +56,11 @@ fn sections(scene: &Scene, runs: &[Run], styles: &[Style]) -> Markup {
         let plots = panels.iter();
         let mut plots = plots.map(|panel| panel.plot(height_px, runs, styles));
         html! { @for plot in plots.by_ref() { (plot.markup("time")) } }
+    };
+    let along_path = |panels: &[Panel], height_px: f64| {
+        let plots = panels.iter();
+        let mut plots = plots.map(|panel| panel.along_path(height_px, runs, styles));
+        html! { @for plot in plots.by_ref() { (plot.markup("path")) } }
     };
     let figure = |title: &str, caption: &str, drawing: &Markup, path: bool| {
         html! {
@@ -91,6 +97,15 @@ fn sections(scene: &Scene, runs: &[Run], styles: &[Style]) -> Markup {
              a nervous controller.",
             &chart(&command_panels(scene.limits), 160.0), false,
         ))
+        @if let Some(guard) = scene.guard.filter(|_| runs.iter().any(|run| run.rows.iter().any(|row| row.slope.is_some()))) {
+            (figure(
+                "Margins along the path",
+                "What the ground left: a tip-over margin of 1 stands level and one of 0 tips over; the use of \
+                 friction is what slope and turn ask for over what the ground gives. The vehicle drives slower \
+                 and stops before the dashed limits.",
+                &along_path(&margin_panels(guard), 140.0), false,
+            ))
+        }
         (figure(
             "Attitude",
             "How the slope tilted the vehicle: roll is positive with the right side down, pitch with \
@@ -180,6 +195,38 @@ fn command_panels(limits: &InputLimits) -> [Panel<'static>; 2] {
             limits: both(limits.steer.speed_m_s),
             magnified_to: None,
             value: &|row| row.command.steer_m_s,
+        },
+    ]
+}
+
+fn margin_panels(guard: &GuardConfig) -> [Panel<'static>; 3] {
+    let limits = |slow: f64, stop: f64| {
+        vec![
+            (slow, format!("slower {slow}")),
+            (stop, format!("stop {stop}")),
+        ]
+    };
+    [
+        Panel {
+            title: "tip-over margin",
+            limits: limits(guard.rollover_margin_slow, guard.rollover_margin_min),
+            magnified_to: None,
+            value: &|row| row.slope.map_or(f64::NAN, |slope| slope.margins.rollover),
+        },
+        Panel {
+            title: "use of friction",
+            limits: limits(guard.friction_use_slow, guard.friction_use_max),
+            magnified_to: None,
+            value: &|row| {
+                row.slope
+                    .map_or(f64::NAN, |slope| slope.margins.friction_use)
+            },
+        },
+        Panel {
+            title: "share of speed",
+            limits: vec![(1.0, "full speed".to_owned())],
+            magnified_to: None,
+            value: &|row| row.slope.map_or(f64::NAN, |slope| slope.speed_share),
         },
     ]
 }

@@ -38,14 +38,23 @@ pub(crate) struct Line {
 
 impl Line {
     /// Returns a line through points, of a long one only the extremes of each of equal stretches; values that are
-    /// not finite leave gaps.
+    /// not finite leave gaps. Points whose x does not rise are left out.
     pub(crate) fn through(
         name: &str,
         colour: &str,
         run: Option<usize>,
         points: &[[f64; 2]],
     ) -> Self {
-        let points = thinned(points);
+        // Where a place is not known or was passed before, there is nothing to draw.
+        let mut furthest = f64::NEG_INFINITY;
+        let ahead = points.iter().copied().filter(|point| {
+            let further = point[0] > furthest;
+            if further {
+                furthest = point[0];
+            }
+            further
+        });
+        let points = thinned(&ahead.collect::<Vec<_>>());
         // Seven digits are more than a screen shows.
         let finite = |value: f64| value.is_finite().then(|| rounded(value));
         Self {

@@ -1,4 +1,5 @@
 use maud::{Markup, html};
+use sidehill_controller::guard::GuardConfig;
 use sidehill_controller::mpc::limits::InputLimits;
 use sidehill_plant::terrain::Terrain;
 
@@ -13,6 +14,8 @@ pub struct Scene<'a> {
     pub path: Vec<[f64; 2]>,
     /// Ground.
     pub terrain: &'a Terrain,
+    /// Steepness guard, where it is on.
+    pub guard: Option<&'a GuardConfig>,
     /// Limits of the commands.
     pub limits: &'a InputLimits,
     /// Half width of the rectangle of the wheels' contact points, m.

@@ -12,7 +12,9 @@ use std::io::Write;
 /// counter-clockwise from Y_g; ICRs in the body, to the right and ahead of its origin. `estimate_*`
 /// are empty where there is none. `status` is `waiting`, `tracking`, `fallback`, `stopping` or
 /// `finished`, and `reason` says why for the two that need one. Floats are the shortest that read back
-/// as the same bits; what is not finite is `NaN`, `inf` or `-inf`.
+/// as the same bits; what is not finite is `NaN`, `inf` or `-inf`. Where another point than the origin is
+/// tracked, `tracked_x_m` and `tracked_y_m` follow; with the steepness guard on, `rollover_margin`,
+/// `friction_use` and `speed_share`.
 ///
 /// Among the columns are those of a log (true pose and attitude, `v_left_m_s` and `v_right_m_s` as
 /// encoders count them), so that `identify` and `odometry` read the file as it is.
@@ -29,14 +31,17 @@ pub fn write_csv(run: &Run, out: impl Write) -> csv::Result<()> {
         .from_writer(out);
     // Written here, so that a run without rows has its header, too.
     let learns = run.rows.iter().any(|row| row.contact.is_some());
+    let extra: Vec<&Extra> = EXTRAS.iter().filter(|extra| extra.is_in(run)).collect();
     let own = COLUMNS.iter().map(|name| (*name).to_owned());
     let learned = learned_columns().filter(|_| learns);
-    table.write_record(own.chain(learned))?;
+    let names = extra.iter().map(|extra| extra.name.to_owned());
+    table.write_record(own.chain(learned).chain(names))?;
     for row in &run.rows {
+        let extra: Vec<Option<f64>> = extra.iter().map(|extra| (extra.value)(row)).collect();
         if learns {
-            table.serialize((Record::from(row), learned_values(row)))?;
+            table.serialize((Record::from(row), learned_values(row), extra))?;
         } else {
-            table.serialize(Record::from(row))?;
+            table.serialize((Record::from(row), extra))?;
         }
     }
     table.flush()?;
@@ -100,6 +105,41 @@ const COLUMNS: [&str; 30] = [
     "cycle_us",
     "v_left_m_s",
     "v_right_m_s",
+];
+
+/// A column that only some runs have, after the others.
+struct Extra {
+    name: &'static str,
+    value: fn(&Row) -> Option<f64>,
+}
+
+impl Extra {
+    fn is_in(&self, run: &Run) -> bool {
+        run.rows.iter().any(|row| (self.value)(row).is_some())
+    }
+}
+
+const EXTRAS: [Extra; 5] = [
+    Extra {
+        name: "rollover_margin",
+        value: |row| row.slope.map(|slope| slope.margins.rollover),
+    },
+    Extra {
+        name: "friction_use",
+        value: |row| row.slope.map(|slope| slope.margins.friction_use),
+    },
+    Extra {
+        name: "speed_share",
+        value: |row| row.slope.map(|slope| slope.speed_share),
+    },
+    Extra {
+        name: "tracked_x_m",
+        value: |row| row.tracked.map(|point| point[0]),
+    },
+    Extra {
+        name: "tracked_y_m",
+        value: |row| row.tracked.map(|point| point[1]),
+    },
 ];
 
 #[derive(Serialize)]

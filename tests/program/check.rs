@@ -152,3 +152,35 @@ fn one_broken_file_fails_the_lot_and_the_others_are_still_judged() {
     assert!(!output.status.success());
     assert_says(&crate::stdout(&output), &["lazaro.yaml: valid vehicle"]);
 }
+
+#[test]
+fn a_route_over_steep_ground_is_refused_with_place_and_figure() {
+    let scenario = repository("config/scenarios/steep_ground.yaml");
+    let course = Course::new("");
+    let route = |name: &str, rise: f64| {
+        let rows: Vec<String> = (0..30)
+            .map(|i| {
+                let x_m = f64::from(i);
+                format!("{x_m},0,{}", (rise * (x_m - 15.0)).max(0.0))
+            })
+            .collect();
+        course.write(name, &format!("x_m,y_m,z_m\n{}\n", rows.join("\n")))
+    };
+    let judged = |file: PathBuf| {
+        let mut command = sidehill();
+        command.arg("check").arg(&scenario).arg("--route").arg(file);
+        command
+    };
+    let said = fail(&mut judged(route("steep.csv", 0.8)));
+    assert_says(
+        &said,
+        &["steep.csv", "refused, too steep", "m along the path at ("],
+    );
+    let said = succeed(&mut judged(route("gentle.csv", 0.1)));
+    assert_says(&said, &["valid scenario"]);
+    let mut off = sidehill();
+    off.arg("check")
+        .arg(repository("config/scenarios/slalom.yaml"));
+    off.arg("--route").arg(route("other.csv", 0.1));
+    assert_says(&fail(&mut off), &["slalom.yaml", "guard is off"]);
+}

@@ -312,6 +312,172 @@ fn the_qps_of_a_run_are_recorded_for_other_solvers() {
     assert!(format!("{error:#}").contains("spoiled.npz"), "{error:#}");
 }
 
+/// Returns a column of a CSV file of a run after the first 2 s.
+fn column(csv: &str, name: &str) -> Vec<f64> {
+    let mut lines = csv.lines().map(|line| line.split(',').collect::<Vec<_>>());
+    let header = lines.next().unwrap();
+    let at = |name: &str| header.iter().position(|column| *column == name).unwrap();
+    let (time, wanted) = (at("time_s"), at(name));
+    lines
+        .map(|line| [line[time], line[wanted]].map(|text| text.parse::<f64>().unwrap()))
+        .filter(|[time_s, _]| *time_s > 2.0)
+        .map(|[_, value]| value)
+        .collect()
+}
+
+/// Returns the RMS distance from the reference's track, in m, of a point 1 m ahead of the origin.
+fn rms_of_a_point_ahead(csv: &str) -> f64 {
+    let of = |name| column(csv, name);
+    let track: Vec<(f64, f64)> = std::iter::zip(of("reference_x_m"), of("reference_y_m")).collect();
+    let (x, y, yaw) = (of("x_m"), of("y_m"), of("yaw_rad"));
+    let end = *track.last().unwrap();
+    let mut squares = Vec::new();
+    for i in 0..x.len() {
+        let (px, py) = (x[i] - yaw[i].sin(), y[i] + yaw[i].cos());
+        // Past the end of the path there is nothing to be beside of.
+        if (px - end.0).hypot(py - end.1) > 1.2 {
+            let distances = track.iter().map(|(x, y)| (px - x).hypot(py - y));
+            squares.push(distances.fold(f64::INFINITY, f64::min).powi(2));
+        }
+    }
+    (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()
+}
+
+#[test]
+fn a_point_ahead_of_the_origin_follows_the_path_as_well_as_the_origin() {
+    let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR"));
+    let slalom = std::fs::read_to_string(root.join("config/scenarios/slalom.yaml")).unwrap();
+    let vehicles = root.join("config/vehicles/");
+    let slalom = slalom.replace("../vehicles/", vehicles.to_str().unwrap());
+    let folder = tempfile::tempdir().unwrap();
+    let drive = |name: &str, text: &str| {
+        let (file, out) = (
+            folder.path().join(name),
+            folder.path().join(format!("{name}.out")),
+        );
+        std::fs::write(&file, text).unwrap();
+        let json = succeed(
+            sidehill()
+                .arg("simulate")
+                .arg(&file)
+                .args([
+                    "--controller",
+                    "icrik-mpc",
+                    "--plant",
+                    "contact",
+                    "--format",
+                    "json",
+                ])
+                .arg("--out")
+                .arg(&out),
+        );
+        let csv = std::fs::read_to_string(out.join("icrik-mpc.csv")).unwrap();
+        (runs(&json).remove(0), csv)
+    };
+    let (origin, origin_csv) = drive("origin.yaml", &slalom);
+    let point = "\ncontroller:\n  tracked_point: {right_m: 0.0, forward_m: 1.0}\n";
+    let (point, point_csv) = drive("point.yaml", &slalom.replace("\ncontroller:\n", point));
+    assert!(origin.get("origin_cross_track_rms_m").is_none());
+    assert!(!origin_csv.contains("tracked_x_m"));
+    let rms = |run: &Value, key: &str| run[key].as_f64().unwrap();
+    let (of_origin, of_point) = (
+        rms(&origin, "cross_track_rms_m"),
+        rms(&point, "cross_track_rms_m"),
+    );
+    assert!(of_point <= 1.5 * of_origin, "{of_point} {of_origin}");
+    let untracked = rms_of_a_point_ahead(&origin_csv);
+    assert!(of_point <= 0.5 * untracked, "{of_point} {untracked}");
+    // The same from the outside: the columns hold where the point was.
+    let (x, y) = (column(&point_csv, "x_m"), column(&point_csv, "y_m"));
+    let (px, py) = (
+        column(&point_csv, "tracked_x_m"),
+        column(&point_csv, "tracked_y_m"),
+    );
+    for i in 0..x.len() {
+        let lever_m = (px[i] - x[i]).hypot(py[i] - y[i]);
+        assert!((0.98..=1.0 + 1e-9).contains(&lever_m), "{lever_m}");
+    }
+    let outside = rms_of_a_point_ahead(&point_csv);
+    assert!(outside < 0.03, "{outside}");
+    assert!(rms(&point, "origin_cross_track_rms_m") > 5.0 * of_point);
+}
+
+#[test]
+fn the_guard_stops_before_steep_ground_or_refuses_the_route() {
+    let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR"));
+    let steep = std::fs::read_to_string(root.join("config/scenarios/steep_ground.yaml")).unwrap();
+    let vehicles = root.join("config/vehicles/");
+    let steep = steep.replace("../vehicles/", vehicles.to_str().unwrap());
+    let folder = tempfile::tempdir().unwrap();
+    let drive = |name: &str, text: &str| {
+        let (file, out) = (
+            folder.path().join(name),
+            folder.path().join(format!("{name}.out")),
+        );
+        std::fs::write(&file, text).unwrap();
+        let output = sidehill()
+            .arg("simulate")
+            .arg(&file)
+            .args(["--format", "json", "--out"])
+            .arg(&out)
+            .output()
+            .unwrap();
+        assert_eq!(output.status.code(), Some(1));
+        let run = runs(&String::from_utf8(output.stdout).unwrap()).remove(0);
+        (
+            run,
+            std::fs::read_to_string(out.join("report.html")).unwrap(),
+        )
+    };
+    let (stopped, report) = drive("stops.yaml", &steep);
+    let guard = &stopped["guard"];
+    assert!(
+        stopped["ended_by"]
+            .as_str()
+            .unwrap()
+            .starts_with("too steep")
+    );
+    assert!(guard["warned_s"].as_f64().unwrap() >= 1.0, "{guard}");
+    let limit = guard["stopped_before"]["limit"].as_f64().unwrap();
+    assert!(guard["rollover_margin_min"].as_f64().unwrap() > 0.25);
+    assert!(guard["friction_use_max"].as_f64().unwrap() < 0.8);
+    let named = format!("limit {limit}");
+    assert_says(&report, &["Margins along the path", &named]);
+    let refuses = steep.replace("refuse_route: false", "refuse_route: true");
+    let (refused, report) = drive("refused.yaml", &refuses);
+    assert!(
+        refused["ended_by"]
+            .as_str()
+            .unwrap()
+            .starts_with("refused, too steep")
+    );
+    assert_eq!(refused["cross_track_max_m"], 0.0);
+    assert_says(&report, &[&named]);
+    // Gentle ground is driven as without a guard.
+    let gentle = |guard: &str| {
+        let text = steep.replace("slope_deg: 28", "slope_deg: 14");
+        let (head, _) = text.split_once("  guard:").unwrap();
+        let file = folder.path().join("gentle.yaml");
+        std::fs::write(&file, format!("{head}{guard}")).unwrap();
+        let json = succeed(
+            sidehill()
+                .arg("simulate")
+                .arg(&file)
+                .args(["--format", "json"]),
+        );
+        runs(&json).remove(0)
+    };
+    let (with, without) = (gentle("  guard: {friction: 0.6}\n"), gentle(""));
+    assert!(without.get("guard").is_none());
+    for figure in [
+        "cross_track_rms_m",
+        "steer_total_variation_m_s",
+        "goal_error_m",
+    ] {
+        assert_eq!(with[figure], without[figure], "{figure}");
+    }
+}
+
 /// Runs that earlier versions lost without need at the end of grip: a plan and its linearisation that led to one
 /// another for ever, and a slow turn with one tread spinning that was taken for a stall.
 #[test]

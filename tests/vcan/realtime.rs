@@ -132,6 +132,7 @@ impl ControllerRunner for Panicking {
             estimate: None,
             progress: None,
             solve: None,
+            guard: None,
             refused: Default::default(),
             reference: 0,
         })

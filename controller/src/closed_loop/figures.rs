@@ -5,6 +5,7 @@ use crate::controller::{Decision, Status};
 use crate::mpc::limits::{InputLimits, MotorLimits};
 use crate::path::{Path, Point2};
 use crate::reference::{PROJECTION_WINDOW, Reference};
+use crate::tracked_point::TrackedPoint;
 use crate::trajectory::{Ending, ReferencePoint};
 use serde::{Deserialize, Serialize};
 use sidehill_plant::frames::wrap_angle;
@@ -38,6 +39,8 @@ pub struct TrackingFigures {
     pub cross_track_p95_m: f64,
     /// Largest absolute value, m.
     pub cross_track_max_m: f64,
+    /// Root mean square of the origin's distance from the path, m, where another point is tracked.
+    pub origin_cross_track_rms_m: Option<f64>,
     /// Root mean square of the error along the path, m.
     pub along_track_rms_m: f64,
     /// Root mean square of the difference from the path's heading, rad.
@@ -71,6 +74,8 @@ pub(super) struct Account {
     fallbacks: u32,
     deadline_misses: u32,
     position: Point2,
+    tracked_point: TrackedPoint,
+    origin_squares: f64,
 }
 
 impl Account {
@@ -88,15 +93,17 @@ impl Account {
             fallbacks: 0,
             deadline_misses: 0,
             position: reference.ahead(0.0).position,
+            tracked_point: match reference.path() {
+                Some(_) => config.tracked_point,
+                None => TrackedPoint::ORIGIN,
+            },
+            origin_squares: 0.0,
         }
     }
 
     /// Measures the true state against the path and `reference`.
     fn measure(&mut self, path: Option<&Path>, state: &TrueState, reference: &ReferencePoint) {
-        self.position = Point2 {
-            x_m: state.pose.x_m,
-            y_m: state.pose.y_m,
-        };
+        self.position = tracked_position(&self.tracked_point, state);
         let (cross_track_m, along_track_m) = match path {
             Some(path) => {
                 let nearest =
@@ -126,6 +133,15 @@ impl Account {
         if state.time_s > SETTLING_S {
             self.cross_tracks_m.push(self.errors.cross_track_m);
             self.along_squares += self.errors.along_track_m.powi(2);
+            if let (Some(path), false) = (path, self.tracked_point.is_origin()) {
+                let origin = Point2 {
+                    x_m: state.pose.x_m,
+                    y_m: state.pose.y_m,
+                };
+                let nearest =
+                    path.nearest_within(&origin, reference.arc_length_m, &PROJECTION_WINDOW);
+                self.origin_squares += nearest.cross_track_m.powi(2);
+            }
             self.heading_squares += self.errors.heading_error_rad.powi(2);
         }
     }
@@ -192,6 +208,8 @@ impl Account {
             cross_track_rms_m: root_mean(squares),
             cross_track_p95_m: quantile(&absolute, 0.95).unwrap_or(0.0),
             cross_track_max_m: absolute.last().copied().unwrap_or(0.0),
+            origin_cross_track_rms_m: (!self.tracked_point.is_origin())
+                .then(|| root_mean(self.origin_squares)),
             along_track_rms_m: root_mean(self.along_squares),
             heading_rms_rad: root_mean(self.heading_squares),
             steer_total_variation_m_s: self.steer_variation_m_s,
@@ -205,5 +223,15 @@ impl Account {
             fallbacks: self.fallbacks,
             deadline_misses: self.deadline_misses,
         }
+    }
+}
+
+/// Returns where the tracked point truly is.
+pub(super) fn tracked_position(point: &TrackedPoint, state: &TrueState) -> Point2 {
+    let normal = state.attitude.plane_normal(state.pose.yaw_rad);
+    let pose = point.of(&state.pose.planar(), &normal);
+    Point2 {
+        x_m: pose.x_m,
+        y_m: pose.y_m,
     }
 }

@@ -1,6 +1,7 @@
 //! What a cycle decides, and what it has to say of it.
 
 use crate::estimator::{Estimate, Refused};
+use crate::guard::{GuardView, SteepMeasure, SteepPlace};
 use crate::mpc::{QpFailure, SolveReport};
 use crate::reference::Progress;
 use serde::{Deserialize, Serialize};
@@ -104,6 +105,22 @@ pub enum StopReason {
         /// For how long, s.
         time_s: f64,
     },
+    /// The ground ahead is steeper than the guard allows.
+    #[error("too steep: {place}")]
+    TooSteep {
+        /// Where, and what is beyond its limit there.
+        place: SteepPlace,
+    },
+    /// The vehicle is tilted further than the guard allows.
+    #[error("tilted: {measure} {value_deg:.1} deg, beyond {limit_deg} deg")]
+    Tilted {
+        /// Roll or pitch.
+        measure: SteepMeasure,
+        /// The angle, deg.
+        value_deg: f64,
+        /// Its limit, deg.
+        limit_deg: f64,
+    },
     /// There is nothing to follow.
     #[error("there is no path")]
     NoPath,
@@ -150,6 +167,9 @@ pub struct Decision {
     pub progress: Option<Progress>,
     /// The solver's account, where a QP was solved.
     pub solve: Option<SolveReport>,
+    /// What the steepness guard says, where it is on.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub guard: Option<GuardView>,
     /// Readings left out because they were not finite.
     pub refused: Refused,
     /// Number of the reference that is followed, see

@@ -5,8 +5,12 @@ use crate::config::AttitudePreview;
 use crate::estimator::Estimate;
 use crate::mpc::{Model, StageTarget};
 use crate::reference::Progress;
-use sidehill_plant::frames::PlanarPose;
+use crate::tracked_point::{TrackedPoint, heading_difference_after};
+use sidehill_plant::frames::{PlanarPose, wrap_angle};
 use sidehill_plant::speeds::MotorSpeeds;
+
+/// Largest difference between the headings of body and path that a target has, rad.
+const MOST_RAD: f64 = 1.2;
 
 impl Controller {
     /// Makes the horizon of this cycle: the reference from the instant at which a command given now
@@ -48,26 +52,102 @@ impl Controller {
         };
         let ends_s = mpc.stage_times().ends_s();
         let config = &self.config;
+        let tracked_point = self.tracked_point();
         let map = self
             .terrain
             .as_ref()
             .filter(|_| config.attitude_preview == AttitudePreview::Terrain);
-        for end_s in ends_s {
-            let point = reference.ahead(config.delay_s() + end_s);
+        let guard = self.guard.as_ref().filter(|guard| guard.slows());
+        let mut slowed_s = guard.map_or(0.0, |guard| guard.after_s(0.0, config.delay_s()));
+        for (k, end_s) in ends_s.iter().enumerate() {
+            let (ahead_s, share) = match guard {
+                Some(guard) => {
+                    slowed_s = guard.after_s(slowed_s, mpc.stage_times().step_s(k));
+                    (slowed_s, guard.share_at(slowed_s))
+                }
+                None => (config.delay_s() + end_s, 1.0),
+            };
+            let point = reference.ahead(ahead_s);
             // Beyond the map's edge the plane the vehicle stands on is the best guess there is.
             let normal_in_world = map
                 .and_then(|map| map.surface(point.position.x_m, point.position.y_m).ok())
                 .map_or(estimate.normal_in_world, |surface| surface.normal_in_world);
             self.horizon.targets.push(StageTarget {
                 pose: point.pose(),
+                tracked_point,
                 along_heading_rad: point.heading_rad,
                 normal_in_world,
                 feedforward: MotorSpeeds {
-                    traction_m_s: point.speed_m_s,
-                    steer_m_s: half_track_m * point.yaw_rate_rad_s,
+                    traction_m_s: share * point.speed_m_s,
+                    steer_m_s: share * half_track_m * point.yaw_rate_rad_s,
                 },
                 weights: config.stage_weights(point.motion, caution),
             });
+        }
+        if !tracked_point.is_origin() {
+            self.turn_targets(tracked_point, half_track_m);
+        }
+    }
+
+    /// Turns the targets' headings from those of the path to those of a vehicle whose tracked point
+    /// follows it on level ground, and their inputs to those of its origin.
+    ///
+    /// A point ahead of the line through the ICRs swings the body into its direction, from the heading
+    /// that the vehicle has; one behind it, or one ahead in reverse, must be led there by headings that
+    /// follow from those at the end of the horizon.
+    fn turn_targets(&mut self, point: TrackedPoint, half_track_m: f64) {
+        let (Some(reference), Law::Mpc(mpc)) = (&self.reference, &self.law) else {
+            return;
+        };
+        let ahead_m = point.forward_m - self.vehicle.icrs.forward_m;
+        let times = mpc.stage_times();
+        let targets = &mut self.horizon.targets;
+        let begin_s = self.config.delay_s();
+        let first = reference.ahead(begin_s);
+        let mut before_rad = first.heading_rad;
+        let mut difference_rad =
+            wrap_angle(self.horizon.start.yaw_rad - before_rad).clamp(-MOST_RAD, MOST_RAD);
+        for (k, target) in targets.iter_mut().enumerate() {
+            let way_m = target.feedforward.traction_m_s * times.step_s(k);
+            let path_rad = target.along_heading_rad;
+            difference_rad -= path_rad - before_rad;
+            difference_rad = if way_m * ahead_m < 0.0 {
+                0.0
+            } else {
+                difference_after(difference_rad, way_m, ahead_m)
+            };
+            target.pose.yaw_rad = path_rad + difference_rad;
+            before_rad = path_rad;
+        }
+        let mut difference_rad = 0.0;
+        for k in (0..targets.len()).rev() {
+            let path_rad = targets[k].along_heading_rad;
+            let way_m = targets[k].feedforward.traction_m_s * times.step_s(k);
+            if way_m * ahead_m < 0.0 {
+                targets[k].pose.yaw_rad = path_rad + difference_rad;
+                let before_rad = match k {
+                    0 => first.heading_rad,
+                    _ => targets[k - 1].along_heading_rad,
+                };
+                difference_rad += path_rad - before_rad;
+                difference_rad = difference_after(difference_rad, -way_m, ahead_m);
+            } else {
+                difference_rad = targets[k].pose.yaw_rad - path_rad;
+            }
+        }
+        let mut before_rad = self.horizon.start.yaw_rad;
+        for (k, target) in targets.iter_mut().enumerate() {
+            if target.feedforward.traction_m_s == 0.0 {
+                continue;
+            }
+            let yaw_rate_rad_s = wrap_angle(target.pose.yaw_rad - before_rad) / times.step_s(k);
+            before_rad = target.pose.yaw_rad;
+            let difference_rad = target.pose.yaw_rad - target.along_heading_rad;
+            let forward_m_s = target.feedforward.traction_m_s * difference_rad.cos();
+            target.feedforward = MotorSpeeds {
+                traction_m_s: forward_m_s - point.right_m * yaw_rate_rad_s,
+                steer_m_s: half_track_m * yaw_rate_rad_s,
+            };
         }
     }
 
@@ -99,4 +179,13 @@ impl Controller {
         }
         pose
     }
+}
+
+/// Returns the difference between the headings of body and path after a way along it, within bounds.
+fn difference_after(difference_rad: f64, way_m: f64, ahead_m: f64) -> f64 {
+    let within = difference_rad.clamp(-MOST_RAD, MOST_RAD);
+    if ahead_m == 0.0 {
+        return 0.0;
+    }
+    heading_difference_after(within, way_m, ahead_m)
 }

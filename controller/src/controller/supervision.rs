@@ -38,7 +38,7 @@ impl Controller {
         0.0
     }
 
-    fn stop(&mut self, reason: StopReason) {
+    pub(super) fn stop(&mut self, reason: StopReason) {
         if matches!(self.phase, Phase::Driving { .. }) {
             self.phase = Phase::Stopped(reason);
         }

@@ -7,7 +7,8 @@
 //! cost = sum_k  w_along a_k^2 + w_cross n_k^2 + w_heading h_k^2  +  sum_k  r |u_k - u_{k-1}|^2
 //! ```
 //!
-//! with a, n, h the errors along and across the reference and in heading at the end of stage k.
+//! with a, n, h the errors of the tracked point along and across the reference and of the heading at the end
+//! of stage k.
 //! Inside a block the deviations are eliminated (they are linear in the block's first one and its
 //! inputs); between blocks they stay variables tied by equalities. That keeps the Hessian's blocks
 //! small and dense, where an interior-point method spends the least time on 20 to 50 stages.
@@ -29,8 +30,10 @@ pub struct Stage {
     pub step: LinearisedStep,
     /// c_k: where the step ends, less the plan's next state.
     pub defect: Vector3<f64>,
-    /// Plan's next state less the reference there: x and y in m, heading in rad.
+    /// Plan's next tracked point and heading less the reference there: x and y in m, heading in rad.
     pub error: Vector3<f64>,
+    /// Derivative of the tracked point's (x, y) by the heading, m/rad; zero of the origin.
+    pub point_by_yaw_m: (f64, f64),
     /// Unit vector along the reference, (x, y).
     pub along: (f64, f64),
     /// Weights at the end of this stage.
@@ -155,9 +158,14 @@ impl Condenser {
             let used = used + 2;
 
             let (along_x, along_y) = stage.along;
+            let (point_x, point_y) = stage.point_by_yaw_m;
+            let along_by_yaw = along_x * point_x + along_y * point_y;
+            let cross_by_yaw = along_x * point_y - along_y * point_x;
             for column in (0..used).chain(width..=width) {
-                self.along[column] = along_x * x[column] + along_y * y[column];
-                self.cross[column] = along_x * y[column] - along_y * x[column];
+                self.along[column] =
+                    along_x * x[column] + along_y * y[column] + along_by_yaw * yaw[column];
+                self.cross[column] =
+                    along_x * y[column] - along_y * x[column] + cross_by_yaw * yaw[column];
             }
             let error_along = self.along[width] + along_x * stage.error.x + along_y * stage.error.y;
             let error_cross = self.cross[width] + along_x * stage.error.y - along_y * stage.error.x;

@@ -29,6 +29,7 @@ pub use settings::{ChangeWeights, Corridor, HeadingExcess, MpcSettings, QpMode, 
 pub use stage_times::StageTimes;
 pub use step_limit::StepLimit;
 
+use crate::tracked_point::TrackedPoint;
 use condensing::{Condenser, Stage};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
@@ -52,8 +53,10 @@ const CHECKED_STEER_M_S: f64 = 0.3;
 /// What the horizon asks for at the end of one stage.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StageTarget {
-    /// Where to be, world frame, heading included.
+    /// Where the tracked point is to be and the vehicle's heading there, world frame.
     pub pose: PlanarPose,
+    /// Point of the vehicle that is to be there.
+    pub tracked_point: TrackedPoint,
     /// Heading of travel, which separates errors along the path from errors across it, rad.
     pub along_heading_rad: f64,
     /// Upward unit normal of the ground during the stage, world frame.
@@ -240,7 +243,11 @@ impl Mpc {
         let state = &horizon.start;
         self.plan.states[0] = vector(state);
         for (k, target) in horizon.targets.iter().enumerate() {
-            let mut next = vector(&target.pose);
+            let mut next = vector(
+                &target
+                    .tracked_point
+                    .origin_of(&target.pose, &target.normal_in_world),
+            );
             next.z = state.yaw_rad + wrap_angle(next.z - state.yaw_rad);
             self.plan.states[k + 1] = next;
             self.plan.inputs[k] = target.feedforward;
@@ -302,9 +309,10 @@ impl Mpc {
             } else {
                 self.times.step_s(k - 1)
             };
+            let lever = target.tracked_point.lever(&target.normal_in_world, next.z);
             let error = Vector3::new(
-                next.x - target.pose.x_m,
-                next.y - target.pose.y_m,
+                next.x + lever.offset_m.0 - target.pose.x_m,
+                next.y + lever.offset_m.1 - target.pose.y_m,
                 wrap_angle(next.z - target.pose.yaw_rad),
             );
             let mut weights = target.weights;
@@ -323,6 +331,7 @@ impl Mpc {
                 step,
                 defect: state + step.increment - next,
                 error,
+                point_by_yaw_m: lever.by_yaw_m,
                 along: (-sin, cos),
                 weights,
                 input,
@@ -501,7 +510,9 @@ fn stage_cost(
     input: MotorSpeeds,
     before: MotorSpeeds,
 ) -> f64 {
-    let (dx, dy) = (state.x - target.pose.x_m, state.y - target.pose.y_m);
+    let lever = target.tracked_point.lever(&target.normal_in_world, state.z);
+    let dx = state.x + lever.offset_m.0 - target.pose.x_m;
+    let dy = state.y + lever.offset_m.1 - target.pose.y_m;
     let heading = wrap_angle(state.z - target.pose.yaw_rad);
     let along = stage.along.0 * dx + stage.along.1 * dy;
     let cross = stage.along.0 * dy - stage.along.1 * dx;

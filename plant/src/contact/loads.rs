@@ -5,7 +5,7 @@ use crate::frames::Attitude;
 use nalgebra::{Matrix3, Vector3};
 
 /// Standard gravity, m/s^2.
-pub(super) const GRAVITY_M_S2: f64 = 9.806_65;
+pub const GRAVITY_M_S2: f64 = 9.806_65;
 
 /// Returns the weight in body axes at an attitude, N: the bottom row of `world_from_body`, negative.
 pub(super) fn weight_in_body(mass_kg: f64, attitude: &Attitude) -> Vector3<f64> {

@@ -48,6 +48,7 @@ mod vehicle;
 
 pub use friction::{Friction, FrictionField};
 pub(crate) use known::KnownContact;
+pub use loads::GRAVITY_M_S2;
 pub use model::ContactModel;
 pub use parameters::{PARAMETERS, Parameter, ParameterVector};
 pub use prediction::{ContactPrediction, Predicted};

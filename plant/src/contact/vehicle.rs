@@ -17,7 +17,8 @@ pub struct Axle {
 }
 
 /// Where the mass is, in the body frame.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct CentreOfMass {
     /// To the right of the origin, m.
     pub right_m: f64,
@@ -25,6 +26,20 @@ pub struct CentreOfMass {
     pub forward_m: f64,
     /// Above the ground, m.
     pub height_m: f64,
+}
+
+impl CentreOfMass {
+    /// Checks the ranges.
+    ///
+    /// # Errors
+    /// [`RangeError`] with the first key out of its range.
+    pub(crate) fn validate(&self) -> Result<(), RangeError> {
+        let length = Bounds::new(-10.0, 10.0, "m");
+        length.check("centre_of_mass.right_m", self.right_m)?;
+        length.check("centre_of_mass.forward_m", self.forward_m)?;
+        Bounds::new(0.0, 10.0, "m").check("centre_of_mass.height_m", self.height_m)?;
+        Ok(())
+    }
 }
 
 /// A skid-steer vehicle for [`ContactModel`](super::ContactModel).

@@ -114,7 +114,7 @@ pub(crate) fn diagnostic_status(
     let on_path =
         |field: fn(&TrackingState) -> f64| number(server.tracking.as_ref().map_or(f64::NAN, field));
     let cross_track_m = decision.progress.map(|progress| progress.cross_track_m);
-    let values = [
+    let mut values = vec![
         ("lifecycle", server.lifecycle.to_owned()),
         ("safety", format!("{:?}", row.state).to_lowercase()),
         ("stopped_by", stopped_by.unwrap_or_default()),
@@ -155,6 +155,18 @@ pub(crate) fn diagnostic_status(
         ("slide_forward_m_s", number(slide_forward)),
         ("model_error_m_s", of(|estimate| estimate.model_error_m_s)),
     ];
+    if let Some(guard) = &decision.guard {
+        let ahead = guard
+            .ahead
+            .map_or_else(String::new, |place| place.to_string());
+        values.extend([
+            ("rollover_margin", number(guard.rollover_margin)),
+            ("friction_use", number(guard.friction_use)),
+            ("friction", number(guard.friction)),
+            ("speed_share", number(guard.speed_share)),
+            ("steep_ahead", ahead),
+        ]);
+    }
     DiagnosticStatus {
         level,
         name: format!("{node}: path tracking"),
@@ -205,7 +217,10 @@ fn summary(status: &LoopStatus, decision: &Decision, server: &ServerStatus<'_>) 
     match (status.row.state, decision.status) {
         (_, Status::Waiting) => with(level::STALE, &"there is no attitude and no pose yet"),
         (SafetyState::Driving, Status::Fallback { reason, .. }) => with(level::WARN, &reason),
-        (SafetyState::Driving, _) => with(level::OK, &"drives"),
+        (SafetyState::Driving, _) => match decision.guard.and_then(|guard| guard.ahead) {
+            Some(place) => with(level::WARN, &place),
+            None => with(level::OK, &"drives"),
+        },
         (SafetyState::Zeroing | SafetyState::Enabling, _) => with(level::OK, &"is being armed"),
         (SafetyState::Stopping, _) => with(level::WARN, &"stops"),
         (SafetyState::Disarmed, _) => with(level::OK, &"waits for a path"),

@@ -7,6 +7,7 @@ use crate::ros2::node::message::action::code;
 use sidehill_controller::course::{Course, Pivot};
 use sidehill_controller::path::{Direction, Path, PathPoint, Point2, RawPoint, Smoothing, smooth};
 use sidehill_controller::speed_profile::{SpeedLimits, speed_profile};
+use sidehill_controller::tracked_point::TrackedPoint;
 use sidehill_controller::trajectory::Trajectory;
 use sidehill_plant::frames::PlanarPose;
 use std::sync::Arc;
@@ -21,6 +22,8 @@ pub struct RouteSettings {
     pub smoothing: Smoothing,
     /// Bounds on the speed.
     pub limits: SpeedLimits,
+    /// Point of the vehicle that follows paths.
+    pub tracked_point: TrackedPoint,
     /// Whether the orientations of the poses say the direction of driving.
     pub use_orientations: bool,
 }

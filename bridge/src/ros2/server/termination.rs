@@ -74,6 +74,7 @@ fn controller_stopped(why: &StopReason) -> Outcome {
     let code = match why {
         StopReason::PoseStale { .. } | StopReason::ClockJump { .. } => code::TF_ERROR,
         StopReason::Stalled { .. } => code::FAILED_TO_MAKE_PROGRESS,
+        StopReason::TooSteep { .. } => code::INVALID_PATH,
         StopReason::Requested => code::UNKNOWN,
         _ => code::NO_VALID_CONTROL,
     };

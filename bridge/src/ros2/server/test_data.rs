@@ -11,6 +11,7 @@ use sidehill_controller::controller::{Decision, Status};
 use sidehill_controller::estimator::{Estimate, Refused};
 use sidehill_controller::path::Smoothing;
 use sidehill_controller::speed_profile::SpeedLimits;
+use sidehill_controller::tracked_point::TrackedPoint;
 use sidehill_plant::frames::PlanarPose;
 use sidehill_plant::speeds::MotorSpeeds;
 use sidehill_plant::vehicle::Vehicle;
@@ -48,6 +49,7 @@ pub(crate) fn decision(time_s: f64, x_m: f64, yaw_rad: f64) -> Decision {
         estimate: Some(estimate(time_s, x_m, yaw_rad)),
         progress: None,
         solve: None,
+        guard: None,
         refused: Refused::default(),
         reference: 0,
     }
@@ -94,6 +96,7 @@ pub(crate) fn loop_status(state: SafetyState) -> LoopStatus {
 /// Settings of a vehicle that drives 0.5 m/s at most.
 pub(crate) fn route_settings() -> RouteSettings {
     RouteSettings {
+        tracked_point: TrackedPoint::ORIGIN,
         smoothing: Smoothing::default(),
         limits: SpeedLimits {
             speed_max_m_s: 0.5,

@@ -3,6 +3,7 @@
 use super::condensed::assert_same_optimum;
 use super::*;
 use crate::course::FigureEight;
+use crate::tracked_point::TrackedPoint;
 use crate::trajectory::Trajectory;
 use sidehill_plant::frames::{Attitude, pose_rate};
 
@@ -36,6 +37,7 @@ impl Course {
                 let time_s = 0.05 * f64::from(self.cycle) + settings.step_s * k as f64;
                 let point = self.trajectory.at(time_s);
                 StageTarget {
+                    tracked_point: TrackedPoint::ORIGIN,
                     pose: point.pose(),
                     along_heading_rad: point.heading_rad,
                     normal_in_world: self.normal_in_world,

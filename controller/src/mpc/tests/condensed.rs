@@ -24,6 +24,7 @@ pub fn stage() -> impl Strategy<Value = Stage> {
         let (defect, error) = (vector(0.02), vector(0.3));
         let heading = within(-4.0, 4.0);
         Stage {
+            point_by_yaw_m: (0.0, 0.0),
             step,
             defect,
             error,

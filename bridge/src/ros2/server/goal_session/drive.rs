@@ -130,7 +130,9 @@ impl GoalSession {
         requests: &mut Requests,
     ) {
         let tolerances = context.tolerances;
-        let error = GoalError::of(&estimate.pose, &self.goal);
+        let point = settings.route.tracked_point;
+        let tracked = point.of(&estimate.pose, &estimate.normal_in_world);
+        let error = GoalError::of(&tracked, &self.goal);
         let succeeded = Termination {
             end: GoalEnd::Succeeded,
             cause: StopCause::DriveEnded,
@@ -148,7 +150,10 @@ impl GoalSession {
             let (attitude, yaw_rad) = (estimate.attitude, estimate.pose.yaw_rad);
             let rate_rad_s = pivot_rate_rad_s(&settings.route.limits);
             let (vehicle, angle_rad) = (&settings.vehicle, -error.heading_rad);
-            let slide_m = pivot_slide_m(vehicle, attitude, yaw_rad, angle_rad, rate_rad_s);
+            let swing_m =
+                2.0 * point.right_m.hypot(point.forward_m) * (0.5 * angle_rad).sin().abs();
+            let slide_m =
+                swing_m + pivot_slide_m(vehicle, attitude, yaw_rad, angle_rad, rate_rad_s);
             if error.distance_m + slide_m <= tolerances.goal_xy_m {
                 let target = (Following::GoalPivot(self.goal.yaw_rad), angle_rad);
                 return self.pivot(target, &estimate.pose, context, settings, requests);

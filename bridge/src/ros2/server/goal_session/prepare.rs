@@ -9,7 +9,7 @@ use crate::ros2::server::requested_path::RequestedPath;
 use crate::ros2::server::route::Route;
 use crate::ros2::server::termination::Termination;
 use crate::safety::{SafetyState, StopCause};
-use nalgebra::{Isometry3, Point3};
+use nalgebra::{Isometry3, Point3, Vector3};
 use sidehill_plant::frames::{PlanarPose, wrap_angle};
 use std::f64::consts::FRAC_PI_2;
 use std::sync::Arc;
@@ -69,7 +69,12 @@ impl GoalSession {
         let frame = path_frame(&self.path, context, settings)?;
         let no_pose = || Outcome::new(code::TF_ERROR, "there is no fresh pose of the vehicle");
         let (pose, speed_m_s) = whereabouts(context).ok_or_else(no_pose)?;
-        let at = frame.inverse() * Point3::new(pose.x_m, pose.y_m, 0.0);
+        let normal = context
+            .decision
+            .and_then(|decision| decision.estimate)
+            .map_or(Vector3::z(), |estimate| estimate.normal_in_world);
+        let point = settings.route.tracked_point.of(&pose, &normal);
+        let at = frame.inverse() * Point3::new(point.x_m, point.y_m, 0.0);
         let pose = PlanarPose {
             x_m: at.x,
             y_m: at.y,
