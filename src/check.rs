@@ -78,6 +78,8 @@ pub fn check(file: ConfigFile) -> Result<&'static str> {
     }
     let keys: serde_yaml::Mapping = file.parse()?;
     let has = |key: &str| keys.contains_key(key);
+    // What `tune` writes; a run has no name.
+    let settings = has("name") && has("controller");
     if has("draws") {
         Campaign::read(&file)?;
         Ok("campaign")
@@ -104,7 +106,7 @@ pub fn check(file: ConfigFile) -> Result<&'static str> {
     } else if has("tread_speeds") {
         TopicMap::read(&file)?;
         Ok("topic map")
-    } else if !has("scenario") && (has("sensors") || has("drive_train")) {
+    } else if !has("scenario") && (has("sensors") || has("drive_train") || settings) {
         Conditions::parse(&file)?;
         Ok("conditions")
     } else if has("database") {
@@ -123,9 +125,9 @@ pub fn check(file: ConfigFile) -> Result<&'static str> {
     } else {
         bail!(
             "{}: neither a campaign (key draws), a scenario (controllers), a vehicle (x_icr_left_m), a \
-             contact vehicle (axles), a column map (tread_speed_left), a topic map (tread_speeds), conditions (sensors or \
-             drive_train), a layout of a CAN bus (database), nor a configuration of run (controller), vehicle (scenario) or \
-             odometry --live (vehicle)",
+             contact vehicle (axles), a column map (tread_speed_left), a topic map (tread_speeds), conditions (name, \
+             with sensors, drive_train or controller), a layout of a CAN bus (database), nor a configuration of run \
+             (controller), vehicle (scenario) or odometry --live (vehicle)",
             file.name()
         )
     }
@@ -213,6 +215,7 @@ fn check_run(file: &ConfigFile) -> Result<()> {
     let config: RunConfig = file.parse()?;
     let vehicle = config.load_vehicle(file)?;
     config.controller(file, &vehicle)?;
+    config.recording(file, None)?;
     config
         .cycle
         .validate()

@@ -27,11 +27,16 @@ pub mod output;
 pub mod progress;
 pub mod qp_recording;
 pub mod record;
+#[cfg(feature = "drive")]
+pub mod recording;
+#[cfg(feature = "drive")]
+pub mod replay;
 pub mod report;
 #[cfg(feature = "drive")]
 pub mod route;
 #[cfg(feature = "drive")]
 pub mod run;
 pub mod simulate;
+pub mod tune;
 #[cfg(feature = "drive")]
 pub mod vehicle;

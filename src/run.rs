@@ -1,14 +1,19 @@
 //! `sidehill run`: the controller in real time on a CAN bus or on ROS 2.
 
 use crate::config::ros2::{environment, parameters};
-use crate::config::{ConfigFile, RunConfig, RunPort};
+use crate::config::{Bundle, ConfigFile, RunConfig, RunPort};
 use crate::console::Printer;
+use crate::output;
+use crate::recording::{self, DriveRecording, LIVE};
 use anyhow::{Context, Result, anyhow, ensure};
 use serde::Serialize;
 use sidehill_bridge::can::CanPort;
-use sidehill_bridge::control_loop::record::{CycleRow, LogSource, Outputs, Recorder, ring};
+use sidehill_bridge::control_loop::record::{
+    CycleRow, LogEntry, LogSource, Outputs, Recorder, ring,
+};
 use sidehill_bridge::control_loop::{LoopSetup, RunOptions, Signals};
 use sidehill_bridge::drives::{Clock, Epoch, Port};
+use sidehill_bridge::recording::{PathLog, PathRecord, RecordingStatus, Sinks, tap};
 use sidehill_bridge::ros2::node::arguments::RosArguments;
 use sidehill_bridge::ros2::node::names::Names;
 use sidehill_bridge::ros2::server::parameters::override_config;
@@ -17,9 +22,10 @@ use sidehill_bridge::rover::SimulatedPort;
 use sidehill_plant::vehicle::Vehicle;
 use std::fs::File;
 use std::io::{BufWriter, Write};
+use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
 /// Arguments of `sidehill run`.
@@ -34,6 +40,17 @@ pub struct RunArgs {
     /// Folder for candump.log, cycles.csv and events.jsonl; created if it does not exist.
     #[arg(long)]
     pub out: Option<PathBuf>,
+    /// Record the drive to an MCAP file, which `sidehill replay` and Foxglove read; instead of
+    /// record.file of the configuration.
+    #[arg(long, value_name = "FILE.mcap")]
+    pub record: Option<PathBuf>,
+    /// Show the drive live: a Foxglove WebSocket, to which Foxglove and Lichtblick connect. Without an
+    /// address, to this machine alone: 127.0.0.1:8765.
+    #[arg(long, value_name = "ADDRESS", num_args = 0..=1, default_missing_value = LIVE)]
+    pub live: Option<SocketAddr>,
+    /// Overwrite a recording that exists.
+    #[arg(long)]
+    pub force: bool,
     /// Duration of the run, s. Without it, the run ends with the course or on a signal.
     #[arg(long)]
     pub duration_s: Option<f64>,
@@ -55,6 +72,12 @@ struct StatusLine<'a> {
     /// Batches of records that could not be written to --out; absent while there are none.
     #[serde(skip_serializing_if = "is_zero")]
     batches_unwritten: u64,
+    /// How the recording fares; absent without one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    recording: Option<&'a RecordingStatus>,
+    /// Steps of the controller that are missing in it; absent while there are none.
+    #[serde(skip_serializing_if = "is_zero")]
+    steps_lost: u64,
 }
 
 fn is_zero(count: &u64) -> bool {
@@ -77,7 +100,8 @@ const PRINT_TIMEOUT: Duration = Duration::from_millis(500);
 /// A file that cannot be read, a setting out of range, a name that the CAN database does not have, or
 /// a real-time setting that the system does not permit.
 pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
-    let file = ConfigFile::read(&args.config)?;
+    let bundle = Bundle::default();
+    let file = ConfigFile::read(&args.config)?.with_bundle(bundle.clone());
     let config: RunConfig = file.parse()?;
     let vehicle = config.load_vehicle(&file)?;
     let controller = config.controller(&file, &vehicle)?;
@@ -85,7 +109,18 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
     let signals = register_signals()?;
 
     let epoch = Epoch::now();
-    let ros2 = start_ros2(&file, &config, &vehicle, ros_arguments, epoch)?;
+    let initial = PathRecord::initial(&controller);
+    let (controller_tap, path_log, controller_log) = tap(config.settings.stages);
+    let recording_ended = Arc::new(OnceLock::new());
+    let recorded = config.recording(&file, args.record.as_deref())?;
+    if let Some((path, _)) = &recorded {
+        output::check_writable(path, args.force)?;
+    }
+    let live = recording::live(args.live, Some(&config.settings))?;
+    let watch =
+        (recorded.is_some() || live.is_some()).then(|| (path_log, Arc::clone(&recording_ended)));
+    let watched = watch.is_some();
+    let ros2 = start_ros2(&file, &config, &vehicle, ros_arguments, epoch, watch)?;
     let (clock, channel, ros2_port, _server) = match ros2 {
         Some(ros2) => (
             ros2.clock,
@@ -117,6 +152,21 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
             (Box::new(port), "ros2".to_owned())
         }
     };
+    let file_of_record = match recorded {
+        Some((path, limits)) => {
+            let header = recording::header("run", Some(config.controller), &file, &bundle, &[]);
+            Some(recording::create(&path, header, limits, args.force)?)
+        }
+        None => None,
+    };
+    let sinks = Sinks {
+        file: file_of_record,
+        live,
+    };
+    let mut recording = watched.then(|| {
+        let (initial, ended) = (initial.as_ref(), recording_ended);
+        DriveRecording::new(sinks, controller_log, &vehicle, epoch, initial, ended)
+    });
     let mut recorder = Recorder::new(logs, epoch, &interface);
     let setup = LoopSetup {
         cycle: config.cycle,
@@ -126,6 +176,7 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
         port,
         controller,
         channel,
+        tap: recording.is_some().then_some(controller_tap),
         records,
         options: RunOptions {
             arm: args.arm,
@@ -138,8 +189,12 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
 
     let mut reported_s = 0.0;
     let mut batches_unwritten = 0;
-    let mut record = |recorder: &mut Recorder| {
-        if let Err(error) = write(recorder, files.as_mut(), &printer) {
+    let mut record = |recorder: &mut Recorder, recording: &mut Option<DriveRecording>| {
+        let written = write(recorder, files.as_mut(), recording.as_mut(), &printer);
+        if let Some(recording) = recording {
+            recording.write();
+        }
+        if let Err(error) = written {
             if batches_unwritten == 0 {
                 let line = serde_json::json!({ "event": "records not written", "reason": format!("{error:#}") });
                 let _ = writeln!(printer.errors(), "{line}");
@@ -150,10 +205,11 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
     };
     while !control_loop.is_finished() {
         std::thread::sleep(Duration::from_millis(50));
-        let batches_unwritten = record(&mut recorder);
+        let batches_unwritten = record(&mut recorder, &mut recording);
         let now_s = epoch.elapsed_s();
         if now_s >= reported_s + 1.0 {
             reported_s = now_s;
+            let state = recording.as_ref().and_then(DriveRecording::status);
             if let Some(cycle) = recorder.latest() {
                 let line = StatusLine {
                     unix_s: epoch.unix_s(cycle.time_s),
@@ -161,6 +217,8 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
                     records_lost: recorder.lost(),
                     lines_dropped: printer.dropped(),
                     batches_unwritten,
+                    recording: state.map(|(status, _)| status),
+                    steps_lost: state.map_or(0, |(_, lost)| lost),
                 };
                 if let Ok(line) = serde_json::to_string(&line) {
                     printer.line(line);
@@ -169,7 +227,14 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
         }
     }
     let report = control_loop.join();
-    record(&mut recorder);
+    record(&mut recorder, &mut recording);
+    if let Some(reason) = recording
+        .and_then(DriveRecording::finish)
+        .and_then(|status| status.ended)
+    {
+        let line = serde_json::json!({ "event": "recording ended early", "reason": reason });
+        let _ = writeln!(printer.errors(), "{line}");
+    }
     if let Ok(line) = report.as_ref().map(serde_json::to_string) {
         printer.line(line?);
     }
@@ -198,6 +263,7 @@ fn start_ros2(
     vehicle: &Vehicle,
     arguments: &[String],
     epoch: Epoch,
+    watch: Option<(PathLog, Arc<OnceLock<String>>)>,
 ) -> Result<Option<Ros2>> {
     if !config.over_ros2() {
         ensure!(
@@ -225,6 +291,7 @@ fn start_ros2(
         drives: config.port == RunPort::Ros2,
         stages: config.settings.stages,
         period_s,
+        recording: watch,
         realtime: config.realtime,
         stopping: config.stopping(),
     });
@@ -283,10 +350,21 @@ impl Files {
 }
 
 /// Writes what the threads have left: to the files, else events to standard error.
-fn write(recorder: &mut Recorder, files: Option<&mut Files>, printer: &Printer) -> Result<()> {
+fn write(
+    recorder: &mut Recorder,
+    files: Option<&mut Files>,
+    recording: Option<&mut DriveRecording>,
+    printer: &Printer,
+) -> Result<()> {
+    let mut take =
+        recording.map(|recording| |time_s: f64, entry: &LogEntry| recording.entry(time_s, entry));
+    let all = take
+        .as_mut()
+        .map(|take| take as &mut dyn FnMut(f64, &LogEntry));
     let Some(files) = files else {
         recorder.drain(&mut Outputs {
             events: Some(&mut printer.errors()),
+            all,
             ..Outputs::default()
         })?;
         return Ok(());
@@ -296,6 +374,7 @@ fn write(recorder: &mut Recorder, files: Option<&mut Files>, printer: &Printer) 
         candump: Some(&mut files.candump),
         events: Some(&mut files.events),
         cycles: Some(&mut |unix_s, row| Ok(cycles.serialize((UnixTime { unix_s }, row))?)),
+        all,
     })?;
     // Through to the file, so that little is missing where the program is killed.
     files.flush()

@@ -21,6 +21,9 @@ fn configuration(test: &str, changes: &[(&str, &str, &str)]) -> PathBuf {
         std::fs::create_dir_all(to.join(folder)).unwrap();
         for file in std::fs::read_dir(from.join(folder)).unwrap() {
             let file = file.unwrap();
+            if file.path().is_dir() {
+                continue;
+            }
             let mut text = std::fs::read_to_string(file.path()).unwrap();
             for (name, old, new) in changes {
                 if file.file_name() == *name {
@@ -45,7 +48,17 @@ fn a_simulated_vehicle_is_driven_in_real_time() {
     ]
     .map(|(old, new)| ("run_vcan0.yaml", old, new));
     let file = configuration("simulated", &changes);
-    let output = sidehill(&["run", file.to_str().unwrap(), "--arm", "--duration-s", "6"]);
+    let recording = file.with_file_name("drive.mcap");
+    let recording = recording.to_str().unwrap();
+    let output = sidehill(&[
+        "run",
+        file.to_str().unwrap(),
+        "--arm",
+        "--duration-s",
+        "6",
+        "--record",
+        recording,
+    ]);
     let text = String::from_utf8(output.stdout).unwrap();
     let events = String::from_utf8(output.stderr).unwrap();
     let lines: Vec<serde_json::Value> = text
@@ -64,6 +77,12 @@ fn a_simulated_vehicle_is_driven_in_real_time() {
     let driven_m = f64::hypot(last[0] - first[0], last[1] - first[1]);
     // The course begins at 0.5 m/s, and at least 3 s of the 6 s are driven.
     assert!(driven_m > 0.5, "{driven_m} m\n{text}\n{events}");
+    // Standing, arming and driving are replayed as they were.
+    let output = sidehill(&["replay", recording, "--format", "json"]);
+    let replayed: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(replayed["different"], 0, "{replayed}");
+    assert!(replayed["cycles"].as_u64().unwrap() > 100, "{replayed}");
+    assert_eq!(output.status.code(), Some(0));
 }
 
 #[test]

@@ -78,7 +78,11 @@ pub struct ConfigFile {
 enum Origin {
     Disk,
     BuiltIn,
-    Bundle(Bundle),
+    Bundle {
+        files: Bundle,
+        /// Whether what is not in it is compiled into the program rather than on the disk.
+        built_in: bool,
+    },
 }
 
 /// Files by their paths, which are read from the disk where they are not in it yet. What was read with a
@@ -141,7 +145,7 @@ impl ConfigFile {
         let found = match &self.origin {
             Origin::Disk => Self::read(&path),
             Origin::BuiltIn => Self::built_in(&path.to_string_lossy()),
-            Origin::Bundle(files) => Self::bundled(&path, files),
+            Origin::Bundle { files, built_in } => Self::bundled(&path, files, *built_in),
         };
         found.map_err(|error| match error {
             ConfigError::Read { file, reason, .. } => ConfigError::Read {
@@ -153,21 +157,41 @@ impl ConfigFile {
         })
     }
 
-    fn bundled(path: &Path, files: &Bundle) -> Result<Self, ConfigError> {
+    fn bundled(path: &Path, files: &Bundle, built_in: bool) -> Result<Self, ConfigError> {
         let mut held = files.lock().unwrap_or_else(PoisonError::into_inner);
         let text = match held.get(path) {
             Some(text) => text.clone(),
+            None if built_in => Self::built_in(&path.to_string_lossy())?.text,
             None => Self::read(path)?.text,
         };
         held.insert(path.to_owned(), text.clone());
-        Ok(Self::with_text(path, text).with_bundle(files.clone()))
+        Ok(Self {
+            path: path.to_owned(),
+            origin: Origin::Bundle {
+                files: files.clone(),
+                built_in,
+            },
+            text,
+        })
     }
 
     /// Returns this file with what it names taken from, and put into, a bundle.
     pub(crate) fn with_bundle(self, files: Bundle) -> Self {
+        let built_in = matches!(self.origin, Origin::BuiltIn);
         Self {
-            origin: Origin::Bundle(files),
+            origin: Origin::Bundle { files, built_in },
             ..self
+        }
+    }
+
+    /// Returns another file that the command line names.
+    ///
+    /// # Errors
+    /// [`ConfigError::Read`] with its name.
+    pub fn beside(&self, path: &Path) -> Result<Self, ConfigError> {
+        match &self.origin {
+            Origin::Bundle { files, .. } => Self::bundled(path, files, false),
+            Origin::Disk | Origin::BuiltIn => Self::read(path),
         }
     }
 

@@ -17,6 +17,7 @@ mod variation;
 #[cfg(feature = "drive")]
 pub use bridge::{RunConfig, RunPort, VehicleConfig, VehiclePort, load_layout};
 pub use campaign::{Campaign, Drawn};
+pub(crate) use campaign::{find, put};
 pub use conditions::Conditions;
 pub(crate) use file::Bundle;
 pub use file::{

@@ -42,7 +42,7 @@ impl<'a> Source<'a> {
     ) -> Result<Self, ConfigError> {
         let smoothing = route.map_or_else(Smoothing::default, |route| route.smoothing);
         match (path, course, route) {
-            (Some(path), _, _) => Ok(Self::Route(ConfigFile::read(path)?, smoothing)),
+            (Some(path), _, _) => Ok(Self::Route(file.beside(path)?, smoothing)),
             (None, None, Some(route)) => Ok(Self::Route(file.sibling(&route.file)?, smoothing)),
             (None, Some(course), None) => Ok(Self::Course(course)),
             (None, Some(_), Some(_)) => {

@@ -10,8 +10,10 @@ mod icr;
 mod odometry;
 mod paths;
 mod readme;
+mod replay;
 mod simulate;
 mod stranger;
+mod tune;
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};

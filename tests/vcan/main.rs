@@ -21,11 +21,18 @@ use support::*;
 fn a_vehicle_and_a_controller_follow_the_figure_of_eight() {
     let folder = Folder::new("figure_eight");
     let vehicle = Program::vehicle(&folder, "");
-    let run = Program::run(&folder, &["--arm"]);
+    let recording = folder.0.join("drive.mcap").display().to_string();
+    let run = Program::run(&folder, &["--arm", "--record", &recording]);
     let ending = run.wait(Duration::from_secs(90));
     drop(vehicle);
     println!("{ending}");
     assert_eq!(ending["ended"], "finished");
+    let replayed = std::process::Command::new(env!("CARGO_BIN_EXE_sidehill"))
+        .args(["replay", &recording, "--format", "json"])
+        .output()
+        .unwrap();
+    println!("{}", String::from_utf8_lossy(&replayed.stdout));
+    assert!(replayed.status.success(), "the replay differs");
 
     let rms_m = cross_track_rms_m(&folder.truth(), 1100);
     println!("cross-track RMS {:.4} m", rms_m);

@@ -148,6 +148,18 @@ pub struct RecordSource<R> {
     lost: Arc<AtomicU64>,
 }
 
+impl<R> RecordSource<R> {
+    /// Returns the oldest record that has been left.
+    pub fn pop(&mut self) -> Option<R> {
+        self.ring.pop().ok()
+    }
+
+    /// Returns the number of records that found the ring full.
+    pub fn lost(&self) -> u64 {
+        self.lost.load(Ordering::Relaxed)
+    }
+}
+
 /// Returns both ends of a ring for `capacity` records.
 pub fn ring<R>(capacity: usize) -> (RecordSink<R>, RecordSource<R>) {
     let (producer, consumer) = rtrb::RingBuffer::new(capacity);
@@ -181,7 +193,7 @@ impl<R: Record> LogSource for RecordSource<R> {
     }
 
     fn lost(&self) -> u64 {
-        self.lost.load(Ordering::Relaxed)
+        Self::lost(self)
     }
 }
 
@@ -197,6 +209,9 @@ pub struct Recorder {
 /// Takes a cycle with its time of the world, s since 1970.
 pub type TakeCycle<'a> = dyn FnMut(f64, &CycleRow) -> Result<(), Error> + 'a;
 
+/// Takes an entry with its instant, s.
+pub type TakeEntry<'a> = dyn FnMut(f64, &LogEntry) + 'a;
+
 /// Where the recorder writes to; what is absent is not written.
 #[derive(Default)]
 pub struct Outputs<'a> {
@@ -206,6 +221,8 @@ pub struct Outputs<'a> {
     pub events: Option<&'a mut dyn Write>,
     /// Takes each cycle.
     pub cycles: Option<&'a mut TakeCycle<'a>>,
+    /// Takes every entry, with its instant, s.
+    pub all: Option<&'a mut TakeEntry<'a>>,
 }
 
 #[derive(Serialize)]
@@ -254,6 +271,9 @@ impl Recorder {
         self.batch.sort_by(|(a_s, _), (b_s, _)| a_s.total_cmp(b_s));
         for (time_s, entry) in &self.batch {
             let unix_s = self.epoch.unix_s(*time_s);
+            if let Some(all) = &mut outputs.all {
+                all(*time_s, entry);
+            }
             match entry {
                 LogEntry::Message(text) => {
                     if let Some(out) = &mut outputs.candump {

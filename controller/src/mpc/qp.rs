@@ -103,8 +103,19 @@ impl QpSolver {
 
     /// Sets the largest number of interior-point iterations of the solves to come, at most
     /// `ITERATIONS_MAX`.
+    #[cfg(test)]
     pub fn set_max_iterations(&mut self, iterations: u32) {
         self.limits.set_iterations(iterations);
+    }
+
+    /// Begins a cycle, see [`Mpc::begin_cycle`](super::Mpc::begin_cycle).
+    pub(super) fn begin_cycle(&self, cut_at: Option<u32>) {
+        self.limits.begin_cycle(cut_at);
+    }
+
+    /// Returns the look at the deadline that ended a solve of this cycle.
+    pub(super) fn was_cut_at(&self) -> Option<u32> {
+        self.limits.was_cut_at()
     }
 
     /// Solves the problem as its data stands, until `deadline` at the latest.

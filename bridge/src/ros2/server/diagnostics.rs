@@ -42,6 +42,19 @@ pub(crate) struct ServerStatus<'a> {
     pub(crate) goals: u64,
     /// How the last goal ended, and why.
     pub(crate) last_end: Option<(GoalEnd, &'a str)>,
+    /// Whether the drive is recorded.
+    pub(crate) recording: RecordingState<'a>,
+}
+
+/// Whether a drive is recorded.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum RecordingState<'a> {
+    /// Nobody has asked for it.
+    Off,
+    /// It is.
+    On,
+    /// It no longer is.
+    Ended(&'a str),
 }
 
 /// Counts and solve times of the decisions.
@@ -147,6 +160,14 @@ pub(crate) fn diagnostic_status(
         ),
         ("refused", server.rejected.to_string()),
         ("last_refusal", server.last_rejection.to_owned()),
+        (
+            "recording",
+            match server.recording {
+                RecordingState::Off => "off".to_owned(),
+                RecordingState::On => "on".to_owned(),
+                RecordingState::Ended(reason) => format!("ended: {reason}"),
+            },
+        ),
         ("cross_track_m", number(cross_track_m.unwrap_or(f64::NAN))),
         ("heading_error_rad", on_path(|at| at.heading_error_rad)),
         ("distance_to_goal_m", on_path(|at| at.distance_to_goal_m)),
@@ -213,6 +234,14 @@ fn summary(status: &LoopStatus, decision: &Decision, server: &ServerStatus<'_>) 
     }
     if let Some(reason) = server.blocked_by {
         return with(level::WARN, &reason);
+    }
+    if let (RecordingState::Ended(reason), SafetyState::Driving) =
+        (server.recording, status.row.state)
+    {
+        return with(
+            level::WARN,
+            &format!("drives, but is not recorded: {reason}"),
+        );
     }
     match (status.row.state, decision.status) {
         (_, Status::Waiting) => with(level::STALE, &"there is no attitude and no pose yet"),

@@ -7,6 +7,7 @@ use super::route::RouteSettings;
 use crate::control_loop::channel::{ControllerEnd, LoopEnd, command_channel};
 use crate::control_loop::scheduling::{RealtimeConfig, RealtimeError};
 use crate::drives::{Clock, Epoch, ExternalClock};
+use crate::recording::PathLog;
 use crate::ros2::node::arguments::{RosArguments, RosEnvironment};
 use crate::ros2::node::time::RosTime;
 use crate::ros2::node::worker::Worker;
@@ -16,7 +17,7 @@ use crate::ros2::port::convert::TwistMapping;
 use crate::ros2::port::inputs::InputSubscriber;
 use crate::ros2::port::readings::PortContext;
 use sidehill_plant::vehicle::{RangeError, Vehicle};
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 /// Why the ROS 2 side cannot be started.
 #[derive(Debug, thiserror::Error)]
@@ -52,6 +53,8 @@ pub struct Setup<'a> {
     pub stages: usize,
     /// Period of the control loop, s.
     pub period_s: f64,
+    /// Takes the paths where the drive is recorded, and says why nothing is recorded any more.
+    pub recording: Option<(PathLog, Arc<OnceLock<String>>)>,
     /// Priorities of the threads.
     pub realtime: RealtimeConfig,
     /// How the vehicle stops ahead of an obstacle.
@@ -105,7 +108,11 @@ pub fn start(setup: Setup<'_>) -> Result<Ros2, StartError> {
             RosTime::system(move || epoch.elapsed_s()),
         ),
     };
-    let (commands, loop_end, controller_end) = command_channel(setup.stages);
+    let (mut commands, loop_end, controller_end) = command_channel(setup.stages);
+    let recording = setup.recording.map(|(paths, ended)| {
+        commands.log_paths(paths);
+        ended
+    });
     let context = PortContext {
         frames: config.frames.clone(),
         mapping,
@@ -117,6 +124,7 @@ pub fn start(setup: Setup<'_>) -> Result<Ros2, StartError> {
         time,
         inputs: Arc::clone(&context.shared),
         commands,
+        recording,
     };
     let subscriber = InputSubscriber {
         config: config.inputs.clone(),

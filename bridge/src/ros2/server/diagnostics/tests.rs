@@ -13,6 +13,7 @@ const SERVER: ServerStatus<'_> = ServerStatus {
     tracking: None,
     goals: 2,
     last_end: Some((GoalEnd::Succeeded, "")),
+    recording: RecordingState::On,
 };
 
 fn report(status: &LoopStatus, decision: &Decision, server: &ServerStatus<'_>) -> DiagnosticStatus {
