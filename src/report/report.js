@@ -28,7 +28,8 @@
   function range(plot) {
     return (chart, low, high) => {
       if (plot.magnified_to !== null) return [-plot.magnified_to, plot.magnified_to];
-      if (low === null) return [0, 1];
+      // No line is shown.
+      if (low === null) return plot.logarithmic ? [0.1, 10] : [0, 1];
       if (plot.logarithmic) return uPlot.rangeLog(low, high, 10, true);
       for (const [value] of plot.limits) {
         low = Math.min(low, value);
@@ -116,6 +117,8 @@
   }
   const fit = () =>
     each(({ chart, plot, element }) => chart.setSize({ width: element.clientWidth, height: plot.height_px }));
+  // The page's scroll bar may have come while the plots were drawn.
+  fit();
   addEventListener("resize", fit);
   addEventListener("beforeprint", fit);
   document.body.dataset.plots = Object.values(groups).flat().length;
