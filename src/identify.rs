@@ -1,5 +1,7 @@
 //! `sidehill identify`: a vehicle's parameters from logs, in the paper's two stages.
 
+mod found;
+mod page;
 mod report;
 mod verdict;
 
@@ -7,19 +9,23 @@ use crate::config::ConfigFile;
 use crate::console;
 use crate::drive_log::{LogArgs, LogReader};
 use crate::output;
+use crate::progress::{self, Notice};
+use crate::simulate::Format;
 use anyhow::{Context, Result, bail};
+use found::{Found, Logs, Stage, Undetermined};
+use report::{contact_json, contact_table, extension_table, stage_json, stage_table};
 use sidehill_plant::contact::{ContactModel, ContactVehicle};
 use sidehill_plant::identification::{
-    ContactReport, Drive, ExtensionReport, IdentificationSettings, Leg, LogNoise, Procedure,
-    SegmentErrors, Segmentation, StageReport, Verdict, drive, identify_contact, identify_extension,
-    identify_level, identify_slope,
+    Drive, IdentificationSettings, Leg, LogNoise, Procedure, Segmentation, drive, identify_contact,
+    identify_extension, identify_level, identify_level_determined, identify_slope,
+    identify_slope_determined,
 };
 use sidehill_plant::log::DriveLog;
 use sidehill_plant::speeds::EncoderScale;
 use sidehill_plant::terrain::Terrain;
 use sidehill_plant::vehicle::Vehicle;
-use std::fmt::Write;
 use std::path::PathBuf;
+use verdict::Verdict;
 
 /// Arguments of `sidehill identify`.
 #[derive(Debug, Clone, clap::Args)]
@@ -67,6 +73,9 @@ pub struct IdentifyArgs {
     /// Overwrite --out and --report where they exist.
     #[arg(long)]
     pub force: bool,
+    /// How the result is printed.
+    #[arg(long, value_enum, default_value_t)]
+    pub format: Format,
 }
 
 /// Identifies, prints what was found and how far to trust it, and writes the vehicle.
@@ -80,11 +89,19 @@ pub fn run(args: &IdentifyArgs) -> Result<()> {
     for path in std::iter::once(&args.out).chain(&args.report) {
         output::check_writable(path, args.force)?;
     }
+    progress::explain_interrupt(|| "interrupted: nothing was written".to_owned())?;
     let settings = IdentificationSettings {
         segmentation: Segmentation::of_length(args.segment_s)?,
         attitude_smoothing_s: args.smoothing_s,
     };
     let mut vehicle: Vehicle = ConfigFile::read(&args.vehicle)?.parse()?;
+    let notice = Notice::begin(format!(
+        "identify: {}, then fits and cross-validates",
+        match &args.simulate {
+            Some(_) => "drives the procedure in simulation".to_owned(),
+            None => format!("reads {} logs", args.level.len() + args.slope.len()),
+        }
+    ));
     let logs = match &args.simulate {
         Some(path) => {
             let contact: ContactVehicle = ConfigFile::read(path)?.parse()?;
@@ -96,45 +113,41 @@ pub fn run(args: &IdentifyArgs) -> Result<()> {
         let contact: ContactVehicle = ConfigFile::read(path)?.parse()?;
         vehicle.contact = Some(contact.geometry_alone());
     }
-    let mut undetermined = Vec::new();
+    let mut found = Found::default();
+    let mut text = String::new();
     let mut guessed = Vec::new();
-    let mut stages: Vec<report::Stage> = Vec::new();
+    let mut contact = serde_json::Value::Null;
     if !logs.level.is_empty() {
-        let (fitted, report) =
-            identify_level(&logs.level, &vehicle, &settings).context("level logs")?;
-        console::text(stage_table("level", "differential drive", &report));
-        stages.push(("level", "differential drive", report));
+        let (fitted, report, undetermined) =
+            identify_level_determined(&logs.level, &vehicle, &settings).context("level logs")?;
+        let stage = Stage::new(report, undetermined, &vehicle)?;
+        text += &stage_table(
+            "level",
+            "differential drive",
+            &stage.report,
+            &stage.undetermined,
+        );
+        found.level = Some(stage);
         vehicle = fitted;
     }
     if !logs.slope.is_empty() {
-        let (fitted, report) =
-            identify_slope(&logs.slope, &vehicle, &settings).context("slope logs")?;
-        console::text(stage_table("slope", "ICRHK", &report));
-        undetermined = report
-            .estimates
-            .iter()
-            .filter(|estimate| !verdict::is_determined(estimate))
-            .map(|estimate| estimate.name)
-            .collect();
-        if !undetermined.is_empty() {
-            console::line(format_args!(
-                "  not determined by these logs: {}. Log more turning with the nose up, down and across, on a \
-                 steeper slope, before you rely on it",
-                undetermined.join(", ")
-            ));
-        }
-        stages.push(("slope", "ICRHK", report));
+        let (fitted, report, undetermined) =
+            identify_slope_determined(&logs.slope, &vehicle, &settings).context("slope logs")?;
+        let stage = Stage::new(report, undetermined, &vehicle)?;
+        text += &stage_table("slope", "ICRHK", &stage.report, &stage.undetermined);
+        found.slope = Some(stage);
         vehicle = fitted;
     }
+    let verdict = Verdict::of(&found, &vehicle, &logs);
     let slope: Vec<DriveLog> = logs.slope.iter().chain(&logs.across).cloned().collect();
     match identify_extension(&logs.level, &slope, &vehicle, &settings) {
         Ok((extension, report)) => {
-            console::text(extension_table(&report));
+            text += &extension_table(&report);
             vehicle.extension = extension;
             vehicle = vehicle.validated().context("the extended model")?;
         }
         // What the two stages found holds without it.
-        Err(error) => console::text(format!("extension: not tried: {error}\n")),
+        Err(error) => text += &format!("extension: not tried: {error}\n"),
     }
     if args.contact {
         let all: Vec<DriveLog> = slope
@@ -144,7 +157,8 @@ pub fn run(args: &IdentifyArgs) -> Result<()> {
             .collect();
         let (fitted, report) =
             identify_contact(&all, &vehicle, &settings).context("contact vehicle")?;
-        console::text(contact_table(&report));
+        text += &contact_table(&report);
+        contact = contact_json(&report);
         let unknown = report.estimates.iter().filter(|e| !e.determined);
         guessed = unknown.map(|estimate| estimate.name).collect();
         vehicle = fitted;
@@ -152,23 +166,42 @@ pub fn run(args: &IdentifyArgs) -> Result<()> {
     if let Some(name) = &args.name {
         vehicle.name.clone_from(name);
     }
-    let conclusions: Vec<String> = stages
-        .iter()
-        .flat_map(|(stage, baseline, report)| verdict::of(stage, baseline, report))
-        .collect();
-    for conclusion in &conclusions {
-        console::line(format_args!("verdict: {conclusion}"));
-    }
-    let yaml = commented(&vehicle, args, &undetermined, &guessed)?;
+    drop(notice);
+    let yaml = commented(&vehicle, args, &found, &guessed)?;
     output::write(&args.out, yaml.as_bytes(), args.force)?;
-    console::line(format_args!("written: {}", args.out.display()));
     if let Some(path) = &args.report {
-        let named = logs.level.iter().map(|log| ("level", log));
-        let named: Vec<_> = named
+        let level = found.level.iter();
+        let level = level.map(|stage| ("level", "differential drive", &stage.report));
+        let slope = found.slope.iter();
+        let slope = slope.map(|stage| ("slope", "ICRHK", &stage.report));
+        let stages: Vec<page::NamedStage> = level.chain(slope).collect();
+        let level = logs.level.iter().map(|log| ("level", log));
+        let read: Vec<_> = level
             .chain(logs.slope.iter().map(|log| ("slope", log)))
             .collect();
-        let page = report::html(&vehicle.name, &stages, &conclusions, &named);
+        let conclusions: Vec<String> = verdict.to_string().lines().map(str::to_owned).collect();
+        let page = page::html(&vehicle.name, &stages, &conclusions, &read);
         output::write(path, page.as_bytes(), args.force)?;
+    }
+    match args.format {
+        Format::Table => {
+            console::text(format_args!("{text}{verdict}"));
+            console::line(format_args!("written: {}", args.out.display()));
+        }
+        Format::Json => {
+            let stage = |stage: &Option<Stage>| {
+                let stage = stage.as_ref();
+                stage.map(|stage| stage_json(&stage.report, &stage.undetermined))
+            };
+            console::line(serde_json::json!({
+                "vehicle": vehicle,
+                "level": stage(&found.level),
+                "slope": stage(&found.slope),
+                "contact": contact,
+                "verdict": verdict,
+                "written": args.out,
+            }));
+        }
     }
     Ok(())
 }
@@ -189,18 +222,21 @@ pub fn by_simulation(contact: &ContactVehicle, vehicle: &Vehicle, seed: u64) -> 
     Ok(slope)
 }
 
-/// Logs of both stages.
-struct Logs {
-    level: Vec<DriveLog>,
-    slope: Vec<DriveLog>,
-    /// Further ones on the slope, for the terms beyond ICRIK.
-    across: Vec<DriveLog>,
-}
-
 fn recorded(args: &IdentifyArgs) -> Result<Logs> {
     let reader = LogReader::new(&args.maps)?;
     let read = |paths: &[PathBuf]| -> Result<Vec<DriveLog>> {
-        paths.iter().map(|path| reader.read(path)).collect()
+        let read = |path: &PathBuf| {
+            let log = reader.read(path)?;
+            if log.pose_count() == 0 {
+                bail!(
+                    "{}: the log has no poses, which identification needs: x_m, y_m, z_m and yaw_rad, or `pose` of \
+                     --columns",
+                    path.display()
+                );
+            }
+            Ok(log)
+        };
+        paths.iter().map(read).collect()
     };
     Ok(Logs {
         level: read(&args.level)?,
@@ -233,123 +269,11 @@ fn simulated(contact: &ContactVehicle, vehicle: &Vehicle, seed: u64) -> Result<L
     })
 }
 
-fn stage_table(stage: &str, baseline: &str, report: &StageReport) -> String {
-    let mut out = String::new();
-    let _ = writeln!(
-        out,
-        "{stage}: {} segments, {} poses, J/N {:.3e}, {:.1} % of the poses far off",
-        report.segments,
-        report.poses,
-        report.fitness,
-        100.0 * report.outlier_share
-    );
-    for estimate in &report.estimates {
-        let interval = estimate.half_width.map_or_else(
-            || "not determined".to_owned(),
-            |half_width| format!("+- {half_width:.4} (95 %)"),
-        );
-        let _ = writeln!(
-            out,
-            "  {:20} {:>9.4} {interval}",
-            estimate.name, estimate.value
-        );
-    }
-    let held_out = |name: &str, errors: &SegmentErrors| {
-        format!(
-            "  held-out segments, {name}: lateral {:.3} m, longitudinal {:.3} m, yaw {:.3} rad RMS\n",
-            errors.lateral_m, errors.longitudinal_m, errors.yaw_rad
-        )
-    };
-    out += &held_out("fitted", &report.cross_validation.fitted);
-    out += &held_out(baseline, &report.cross_validation.baseline);
-    for warning in &report.warnings {
-        let _ = writeln!(out, "  warning: {warning}");
-    }
-    out
-}
-
-fn extension_table(report: &ExtensionReport) -> String {
-    let mut out = format!("extension: {} segments\n", report.segments);
-    for term in &report.terms {
-        let verdict = match term.verdict {
-            Verdict::Supported { value, half_width } => {
-                let interval =
-                    half_width.map_or_else(String::new, |width| format!(" +- {width:.4} (95 %)"));
-                format!("{value:>9.4}{interval}, supported")
-            }
-            Verdict::NotToldApart { instead } => {
-                format!("not told apart from {}, which says more", instead.key())
-            }
-            Verdict::Negative { value } => format!("not supported: it would be {value:.4}"),
-            Verdict::NotSupported => "not supported".to_owned(),
-        };
-        let _ = writeln!(
-            out,
-            "  {:20} {verdict}; held-out misfit {:+.1} +- {:.1} %",
-            term.term.key(),
-            -100.0 * term.improvement,
-            100.0 * term.improvement_half_width,
-        );
-    }
-    let mut held_out = |name: &str, errors: &SegmentErrors| {
-        let _ = writeln!(
-            out,
-            "  held-out segments, {name}: position {:.3} m, yaw {:.3} rad RMS",
-            errors.lateral_m.hypot(errors.longitudinal_m),
-            errors.yaw_rad
-        );
-    };
-    held_out("ICRHK", &report.icrhk);
-    if let Some(icrik) = &report.icrik {
-        held_out("ICRIK", icrik);
-    }
-    held_out("extended", &report.extended);
-    out
-}
-
-fn contact_table(report: &ContactReport) -> String {
-    let mut out = format!("contact vehicle: {} segments\n", report.segments);
-    for estimate in &report.estimates {
-        let (low, high) = estimate.interval;
-        let source = if estimate.determined {
-            ""
-        } else {
-            ", not determined by these logs: the guess and its interval"
-        };
-        let _ = writeln!(
-            out,
-            "  {:26} {:>9.4}, {low:.4} to {high:.4} (95 %){source}",
-            estimate.name, estimate.value
-        );
-    }
-    for (one, other, correlation) in &report.not_told_apart {
-        let _ = writeln!(
-            out,
-            "  warning: the logs cannot tell apart {one} and {other} (correlation {correlation:.2})"
-        );
-    }
-    for (name, errors) in [
-        ("all segments, guess", &report.guess),
-        ("held-out segments, fitted", &report.held_out),
-    ] {
-        let _ = writeln!(
-            out,
-            "  {name}: position {:.3} m, yaw {:.3} rad RMS",
-            errors.lateral_m.hypot(errors.longitudinal_m),
-            errors.yaw_rad
-        );
-    }
-    if !report.settled {
-        out += "  warning: the search for the parameters did not settle\n";
-    }
-    out
-}
-
 /// Returns the vehicle as YAML with where it comes from.
 fn commented(
     vehicle: &Vehicle,
     args: &IdentifyArgs,
-    undetermined: &[&'static str],
+    found: &Found,
     guessed: &[&'static str],
 ) -> Result<String> {
     let list = |paths: &[PathBuf]| {
@@ -368,9 +292,15 @@ fn commented(
         ),
     };
     let mut yaml = serde_yaml::to_string(vehicle)?;
-    for name in undetermined {
-        let key = format!("\n{name}:");
-        let warning = format!("\n# NOT DETERMINED by these logs: its 95 % interval holds 0.{key}");
+    for Undetermined { estimate, .. } in found.undetermined() {
+        let key = format!("\n{}:", estimate.name);
+        let interval = estimate.half_width.map_or_else(
+            || "any value fits them".to_owned(),
+            |half_width| format!("they say {:.4} +- {half_width:.4}", estimate.value),
+        );
+        let warning = format!(
+            "\n# NOT DETERMINED by these logs ({interval}): kept from the --vehicle file.{key}"
+        );
         yaml = yaml.replacen(&key, &warning, 1);
     }
     if let Some((before, contact)) = yaml.split_once("\ncontact:") {
@@ -409,6 +339,7 @@ mod tests {
     fn arguments(out: PathBuf) -> IdentifyArgs {
         IdentifyArgs {
             force: false,
+            format: Format::Table,
             report: None,
             contact: false,
             level: Vec::new(),

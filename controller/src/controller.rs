@@ -395,7 +395,7 @@ impl Controller {
             command,
         });
         if let Some(reason) = stop {
-            self.stop(reason);
+            self.stop(reason.into());
         }
     }
 

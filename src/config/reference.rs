@@ -1,6 +1,7 @@
 //! What is followed: a named course or a recorded route, and how fast.
 
 use super::{ConfigError, ConfigFile};
+use crate::progress::Notice;
 use serde::Deserialize;
 use sidehill_controller::course::Course;
 use sidehill_controller::path::{Route, Smoothing, read_csv, read_gpx, smooth};
@@ -109,7 +110,13 @@ impl LoadedReference {
             Source::Route(route, smoothing) => (route, smoothing),
         };
         let points = read_route(&route)?;
+        let notice = Notice::begin(format!(
+            "{}: smooths {} points",
+            route.name(),
+            points.points.len()
+        ));
         let smoothed = smooth(&points.points, &smoothing).map_err(|error| route.error(error))?;
+        drop(notice);
         let trajectory = speed_profile(&smoothed.path, limits, |_| f64::INFINITY)
             .map_err(|error| route.error(error))?;
         let note = format!(

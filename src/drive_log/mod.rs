@@ -20,11 +20,10 @@ pub use choice::Chosen;
 pub use series::{Positions, positions};
 pub use topics::{AttitudeTopic, PoseTopic, StampSource, TopicMap, TreadSpeedTopic};
 
-use crate::config::ConfigFile;
+use crate::config::{ConfigFile, no_text};
 use crate::console;
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use sidehill_plant::log::{ColumnMap, DriveLog};
-use std::fs::File;
 use std::path::{Path, PathBuf};
 
 /// Arguments of every command that reads logs: what their columns or topics mean.
@@ -103,7 +102,10 @@ impl LogReader {
 
     fn read_csv(&self, path: &Path) -> Result<DriveLog> {
         let name = || path.display().to_string();
-        let file = File::open(path).with_context(name)?;
-        DriveLog::read(std::io::BufReader::new(file), &self.columns).with_context(name)
+        let bytes = std::fs::read(path).with_context(name)?;
+        if let Some(reason) = no_text(&bytes) {
+            bail!("{}: {reason}", name());
+        }
+        DriveLog::read(bytes.as_slice(), &self.columns).with_context(name)
     }
 }

@@ -54,18 +54,14 @@ pub fn cost(now: &Driven, before: &Driven, calmness: f64) -> f64 {
         (false, false) => 0.0,
         (false, true) => RUN_COST_MAX,
         (true, false) => -RUN_COST_MAX,
+        // A figure that is none is no improvement.
+        (true, true) if now.error_m.is_nan() || now.steer_m_s.is_nan() => RUN_COST_MAX,
         (true, true) => {
             let ratio =
                 |now: f64, before: f64, floor: f64| (now.max(floor) / before.max(floor)).ln();
             let error = ratio(now.error_m, before.error_m, ERROR_FLOOR_M);
             let steer = ratio(now.steer_m_s, before.steer_m_s, STEER_FLOOR_M_S);
-            let sum = error + calmness * steer;
-            // A figure that is none is no improvement.
-            if sum.is_nan() {
-                RUN_COST_MAX
-            } else {
-                sum.clamp(-RUN_COST_MAX, RUN_COST_MAX)
-            }
+            (error + calmness * steer).clamp(-RUN_COST_MAX, RUN_COST_MAX)
         }
     }
 }

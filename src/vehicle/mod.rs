@@ -7,6 +7,7 @@ mod rover;
 
 use crate::config::{Bundle, ConfigFile, VehicleConfig, VehiclePort};
 use crate::console;
+use crate::output;
 use crate::recording::{self, LIVE, VehicleRecording};
 use anyhow::{Context, Result, ensure};
 use can::BusRover;
@@ -29,7 +30,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 pub struct VehicleArgs {
     /// Configuration of the virtual vehicle.
     pub config: PathBuf,
-    /// File for the truth: CSV with one row a step of the reports.
+    /// File for the truth: CSV with one row a step of the reports. An earlier one is kept beside it.
     #[arg(long)]
     pub truth: Option<PathBuf>,
     /// Record the vehicle to an MCAP file, instead of record.file of the configuration.
@@ -58,7 +59,13 @@ pub fn run(args: &VehicleArgs, ros: &[String]) -> Result<ExitCode> {
     let file = ConfigFile::read(&args.config)?.with_bundle(bundle.clone());
     let config: VehicleConfig = file.parse()?;
     let world = config.world(&file)?;
-    let truth = args.truth.as_deref().map(Truth::create).transpose()?;
+    let truth = match &args.truth {
+        Some(path) => {
+            output::keep_earlier(&[path])?;
+            Some(Truth::create(path)?)
+        }
+        None => None,
+    };
     let epoch = Epoch::now();
     let live = recording::live(args.live, None)?;
     let file_of_record = match config.recording(&file, args.record.as_deref())? {

@@ -92,6 +92,54 @@ fn assert_rearms(name: &str, run: &Program, observer: &Observer) {
 
 #[test]
 #[ignore = "needs a CAN bus: run .ci/vcan"]
+fn a_controller_drives_on_while_its_output_is_closed_100_times() {
+    let folder = Folder::new("closings");
+    let pipe = folder.0.join("pipe");
+    command("mkfifo", &[pipe.to_str().unwrap()]);
+    let vehicle = Program::vehicle(&folder, "");
+    let observer = Observer::start();
+    // Opening one end waits for the other.
+    let reader = || std::fs::File::open(&pipe).unwrap();
+    let first = {
+        let pipe = pipe.clone();
+        std::thread::spawn(move || std::fs::File::open(pipe).unwrap())
+    };
+    let output = std::fs::File::options().write(true).open(&pipe).unwrap();
+    let config = configuration(&folder, "run_vcan0.yaml", |text| text);
+    let mut run = std::process::Command::new(env!("CARGO_BIN_EXE_sidehill"))
+        .args(["run", &config, "--arm", "--out"])
+        .arg(folder.0.join("run"))
+        .stderr(output.try_clone().unwrap())
+        .stdout(output)
+        .spawn()
+        .unwrap();
+    observer.wait_for_driving(2.0);
+    drop(first.join().unwrap());
+    for _ in 0..100 {
+        drop(reader());
+        sleep_s(0.1);
+    }
+    let mut line = String::new();
+    let mut lines = BufReader::new(reader());
+    while !line.contains("lines_dropped") {
+        line.clear();
+        assert!(lines.read_line(&mut line).unwrap() > 0, "it has ended");
+    }
+    println!("{line}");
+    assert!(line.contains("\"state\":\"driving\""), "{line}");
+    run.kill().unwrap();
+    run.wait().unwrap();
+    drop(vehicle);
+    // From the first movement on, until it was killed, it has not stood.
+    let truth = folder.truth();
+    let moving = truth.iter().skip_while(|row| row.off());
+    let driven = moving.take_while(|row| row.mode == "Enabled").count();
+    println!("driving for {driven} reports");
+    assert!(driven > 200, "{driven}");
+}
+
+#[test]
+#[ignore = "needs a CAN bus: run .ci/vcan"]
 fn a_controller_that_is_killed_leaves_drives_that_stop_by_themselves() {
     let folder = Folder::new("kill_run");
     let observer = Observer::start();

@@ -204,7 +204,12 @@ pub struct Recorder {
     interface: String,
     batch: Vec<(f64, LogEntry)>,
     latest: Option<CycleRow>,
+    /// Events that no thread has left.
+    notes: Vec<(f64, LogEntry)>,
 }
+
+/// Takes an event.
+pub type TakeEvent<'a> = dyn FnMut(&EventLine<'_>) + 'a;
 
 /// Takes a cycle with its time of the world, s since 1970.
 pub type TakeCycle<'a> = dyn FnMut(f64, &CycleRow) -> Result<(), Error> + 'a;
@@ -219,22 +224,31 @@ pub struct Outputs<'a> {
     pub candump: Option<&'a mut dyn Write>,
     /// One JSON object a line for each event.
     pub events: Option<&'a mut dyn Write>,
+    /// Takes each event.
+    pub seen: Option<&'a mut TakeEvent<'a>>,
     /// Takes each cycle.
     pub cycles: Option<&'a mut TakeCycle<'a>>,
     /// Takes every entry, with its instant, s.
     pub all: Option<&'a mut TakeEntry<'a>>,
 }
 
-#[derive(Serialize)]
-struct EventLine<'a> {
-    unix_s: f64,
-    time_s: f64,
-    event: &'a str,
+/// An event. The names of its fields are those of `events.jsonl`.
+#[derive(Debug, Clone, Copy, Serialize)]
+pub struct EventLine<'a> {
+    /// When, s since 1970.
+    pub unix_s: f64,
+    /// When, s since the start.
+    pub time_s: f64,
+    /// What, in one word.
+    pub event: &'a str,
+    /// The state before, of a transition.
     #[serde(skip_serializing_if = "Option::is_none")]
-    from: Option<SafetyState>,
+    pub from: Option<SafetyState>,
+    /// The state after.
     #[serde(skip_serializing_if = "Option::is_none")]
-    to: Option<SafetyState>,
-    reason: &'a str,
+    pub to: Option<SafetyState>,
+    /// Details.
+    pub reason: &'a str,
 }
 
 impl Recorder {
@@ -246,7 +260,13 @@ impl Recorder {
             interface: interface.to_owned(),
             batch: Vec::new(),
             latest: None,
+            notes: Vec::new(),
         }
+    }
+
+    /// Adds an event at `time_s` of the loop's time; the next [`Self::drain`] writes it.
+    pub fn note(&mut self, time_s: f64, event: &'static str, reason: String) {
+        self.notes.push((time_s, LogEntry::event(event, reason)));
     }
 
     /// Returns the newest cycle.
@@ -265,6 +285,7 @@ impl Recorder {
     /// The first output that cannot be written.
     pub fn drain(&mut self, outputs: &mut Outputs<'_>) -> Result<(), Error> {
         self.batch.clear();
+        self.batch.append(&mut self.notes);
         for source in &mut self.sources {
             source.drain(&mut self.batch);
         }
@@ -291,15 +312,18 @@ impl Recorder {
                     states,
                     reason,
                 } => {
+                    let line = EventLine {
+                        unix_s,
+                        time_s: *time_s,
+                        event,
+                        from: states.map(|[from, _]| from),
+                        to: states.map(|[_, to]| to),
+                        reason,
+                    };
+                    if let Some(take) = &mut outputs.seen {
+                        take(&line);
+                    }
                     if let Some(out) = &mut outputs.events {
-                        let line = EventLine {
-                            unix_s,
-                            time_s: *time_s,
-                            event,
-                            from: states.map(|[from, _]| from),
-                            to: states.map(|[_, to]| to),
-                            reason,
-                        };
                         serde_json::to_writer(&mut *out, &line)?;
                         writeln!(out)?;
                     }

@@ -1,5 +1,5 @@
-//! The one file that names clarabel: a whole QP by its interior-point method, and a QP that has
-//! equalities alone by its linear system, which is the method's first and then only one.
+//! The only file that uses clarabel: its interior-point method for a whole QP, and its KKT system for
+//! a QP with equalities alone.
 
 pub use clarabel::algebra::CscMatrix;
 
@@ -14,16 +14,15 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
-/// Share of the way to the cone's boundary that a step may take. On a well-scaled QP few of whose
-/// rows bind, each step reduces the gap by about 1 less this: clarabel's 0.99 costs an iteration more.
+/// Largest step, relative to the distance to the cone's boundary. On a well-scaled QP with few active
+/// rows each step multiplies the gap by about 1 minus this; clarabel's 0.99 costs one more iteration.
 const STEP_FRACTION: f64 = 0.999;
 
-/// What is added to the diagonal of a linear system of its own. Clarabel's 1e-8 is for the
-/// ill-conditioned systems at the end of an interior-point solve; here it would cost a step of
-/// refinement in each cycle.
+/// Static regularisation of a [`LinearSystem`]. Clarabel's 1e-8 suits the ill-conditioned systems at
+/// the end of an interior-point solve; here it would cost a refinement step in each cycle.
 const REGULARISATION: f64 = 1e-11;
 
-/// When a solve ends whether or not it has found the solution.
+/// Deadline and iteration limit of a solve.
 #[derive(Debug)]
 pub struct SolveLimits {
     epoch: Instant,

@@ -93,6 +93,20 @@ pub fn read_csv(reader: impl Read) -> Result<Route, PathError> {
     })
 }
 
+/// Returns what may be wrong with a table whose header has such a column.
+fn likely_cause(name: &str) -> &'static str {
+    let name = name.to_lowercase();
+    if name.contains(';') || name.contains('\t') {
+        "; separate fields by commas and write decimals with a point"
+    } else if name.parse::<f64>().is_ok() {
+        "; the first line must name the columns"
+    } else if name.starts_with("lat") || name.starts_with("lon") {
+        "; give latitude and longitude as GPX"
+    } else {
+        ""
+    }
+}
+
 /// Where in a record of the table each column is.
 struct Columns {
     x: usize,
@@ -107,7 +121,8 @@ impl Columns {
         let allowed = ["x_m", "y_m", "z_m", "direction"];
         if let Some(name) = headers.iter().find(|name| !allowed.contains(name)) {
             return Err(at_line_1(format!(
-                "column `{name}` is unknown, must be one of x_m, y_m, z_m, direction"
+                "column `{name}` is unknown, must be one of x_m, y_m, z_m, direction{}",
+                likely_cause(name)
             )));
         }
         let twice = allowed
@@ -165,8 +180,8 @@ impl Columns {
 /// tangent plane's, so that the ground does not fall away with the curvature of the earth.
 ///
 /// # Errors
-/// [`PathError::Gpx`] with the line for text that is not GPX, [`PathError::Empty`] where there is
-/// no point, [`PathError::Read`] where reading fails.
+/// [`PathError::Gpx`] with the line for text that is not GPX or has no point, [`PathError::Read`] where
+/// reading fails.
 pub fn read_gpx(mut reader: impl Read) -> Result<Route, PathError> {
     let mut text = String::new();
     reader
@@ -203,7 +218,11 @@ pub fn read_gpx(mut reader: impl Read) -> Result<Route, PathError> {
     if found.is_empty() {
         found = places("rtept")?;
     }
-    let first = found.first().ok_or(PathError::Empty)?;
+    let first = found.first().ok_or_else(|| PathError::Gpx {
+        line: 1,
+        what: "there is no point of a track (trkpt) or of a route (rtept); waypoints are no path"
+            .to_owned(),
+    })?;
     let origin = GeodeticOrigin {
         latitude_deg: first.latitude_deg,
         longitude_deg: first.longitude_deg,

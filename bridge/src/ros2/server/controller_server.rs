@@ -348,6 +348,7 @@ impl ControllerServer {
         let inputs = &self.links.inputs;
         let lifecycle = self.services.lifecycle.state();
         let last_rejection = inputs.last_rejection();
+        let topics = inputs.graph().inputs();
         let controller = self.links.commands.controller_status();
         let tracking = controller
             .decision
@@ -357,6 +358,7 @@ impl ControllerServer {
             lifecycle: &lifecycle.label,
             rejected: inputs.rejected(),
             last_rejection: &last_rejection,
+            inputs: &topics,
             emergency_stop: inputs.emergency_stop.get(),
             blocked_by: self.handler.blocked_by(),
             tracking,
@@ -381,6 +383,7 @@ impl ControllerServer {
     fn discover_peers(&mut self) {
         while let Some(event) = self.discovery.try_recv_status() {
             let inputs = &self.links.inputs;
+            inputs.graph().discovered(&event);
             match &event {
                 Event::WriterDetected { writer }
                     if writer.topic_name == self.emergency_stop_topic =>

@@ -2,6 +2,7 @@
 
 use super::goal_session::TrackingState;
 use crate::control_loop::channel::LoopStatus;
+use crate::drives::Input;
 use crate::ros2::node::goals::GoalEnd;
 use crate::ros2::node::message::{DiagnosticStatus, KeyValue};
 use crate::safety::{Reason, SafetyState, StopCause};
@@ -32,6 +33,8 @@ pub(crate) struct ServerStatus<'a> {
     /// Messages that were rejected, and topic and reason of the last.
     pub(crate) rejected: u64,
     pub(crate) last_rejection: &'a str,
+    /// The topics that are waited for.
+    pub(crate) inputs: &'a [Input],
     /// Whether the emergency stop is pressed or silent.
     pub(crate) emergency_stop: Option<StopCause>,
     /// What keeps the vehicle from driving on; none where nothing does.
@@ -160,6 +163,7 @@ pub(crate) fn diagnostic_status(
         ),
         ("refused", server.rejected.to_string()),
         ("last_refusal", server.last_rejection.to_owned()),
+        ("waits_for", waits_for(server.inputs)),
         (
             "recording",
             match server.recording {
@@ -244,7 +248,12 @@ fn summary(status: &LoopStatus, decision: &Decision, server: &ServerStatus<'_>) 
         );
     }
     match (status.row.state, decision.status) {
-        (_, Status::Waiting) => with(level::STALE, &"there is no attitude and no pose yet"),
+        (_, Status::Waiting) => {
+            let waits_for = waits_for(server.inputs);
+            let colon = if waits_for.is_empty() { "" } else { ": " };
+            let message = format!("there is no attitude and no pose yet{colon}{waits_for}");
+            (level::STALE, message)
+        }
         (SafetyState::Driving, Status::Fallback { reason, .. }) => with(level::WARN, &reason),
         (SafetyState::Driving, _) => match decision.guard.and_then(|guard| guard.ahead) {
             Some(place) => with(level::WARN, &place),
@@ -252,12 +261,26 @@ fn summary(status: &LoopStatus, decision: &Decision, server: &ServerStatus<'_>) 
         },
         (SafetyState::Zeroing | SafetyState::Enabling, _) => with(level::OK, &"is being armed"),
         (SafetyState::Stopping, _) => with(level::WARN, &"stops"),
-        (SafetyState::Disarmed, _) => with(level::OK, &"waits for a path"),
-        (SafetyState::Latched, _) => match status.stopped_by {
-            Some(reason) if is_fault(&reason) => with(level::ERROR, &reason),
-            _ => with(level::OK, &"waits for a path"),
-        },
+        (SafetyState::Disarmed | SafetyState::Latched, _) => {
+            match status.stopped_by.filter(is_fault) {
+                Some(reason) if status.row.state == SafetyState::Latched => {
+                    with(level::ERROR, &reason)
+                }
+                _ if server.inputs.iter().any(|input| input.missing.is_some()) => {
+                    let message = format!("waits for {}", waits_for(server.inputs));
+                    (level::WARN, message)
+                }
+                _ => with(level::OK, &"waits for a path"),
+            }
+        }
     }
+}
+
+/// Returns which inputs are missing, and why.
+fn waits_for(inputs: &[Input]) -> String {
+    let missing = inputs.iter().filter(|input| input.missing.is_some());
+    let missing: Vec<String> = missing.map(Input::to_string).collect();
+    missing.join("; ")
 }
 
 /// Returns whether a drive has ended for a fault.

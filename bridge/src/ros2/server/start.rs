@@ -6,7 +6,7 @@ use super::obstacles::StoppingSettings;
 use super::route::RouteSettings;
 use crate::control_loop::channel::{ControllerEnd, LoopEnd, command_channel};
 use crate::control_loop::scheduling::{RealtimeConfig, RealtimeError};
-use crate::drives::{Clock, Epoch, ExternalClock};
+use crate::drives::{Clock, Epoch, ExternalClock, Input, InputStatus};
 use crate::recording::PathLog;
 use crate::ros2::node::arguments::{RosArguments, RosEnvironment};
 use crate::ros2::node::time::RosTime;
@@ -16,6 +16,8 @@ use crate::ros2::port::Ros2Port;
 use crate::ros2::port::convert::TwistMapping;
 use crate::ros2::port::inputs::InputSubscriber;
 use crate::ros2::port::readings::PortContext;
+use crate::ros2::port::shared_inputs::SharedInputs;
+use ros2_client::dds::rustdds::RTPSEntity;
 use sidehill_plant::vehicle::{RangeError, Vehicle};
 use std::sync::{Arc, OnceLock};
 
@@ -71,8 +73,21 @@ pub struct Ros2 {
     pub controller_end: ControllerEnd,
     /// The vehicle, where its drives are commanded over ROS 2.
     pub port: Option<Ros2Port>,
+    /// What it listens to.
+    pub inputs: Ros2Inputs,
+    /// Resolved name of the action that takes goals.
+    pub action: String,
     /// The threads.
     pub server: Ros2Server,
+}
+
+/// The topics that the ROS 2 side listens to.
+pub struct Ros2Inputs(Arc<SharedInputs>);
+
+impl InputStatus for Ros2Inputs {
+    fn inputs(&mut self, _now_s: f64) -> Vec<Input> {
+        self.0.graph().inputs()
+    }
 }
 
 /// The threads of the server; dropped, it leaves the graph.
@@ -120,6 +135,13 @@ pub fn start(setup: Setup<'_>) -> Result<Ros2, StartError> {
         clock: external,
         shared: Arc::default(),
     };
+    let own = node.context().domain_participant().guid();
+    let shared = Arc::clone(&context.shared);
+    shared.graph().begin(setup.environment.domain_id, own);
+    let action = node
+        .names()
+        .resolve(&config.follow_path.action)
+        .map_err(NodeError::from)?;
     let links = ServerLinks {
         time,
         inputs: Arc::clone(&context.shared),
@@ -160,6 +182,8 @@ pub fn start(setup: Setup<'_>) -> Result<Ros2, StartError> {
         loop_end,
         controller_end,
         port,
+        inputs: Ros2Inputs(shared),
+        action: action.to_string(),
         server: Ros2Server {
             _server: server.start().map_err(NodeError::from)?,
             _inputs: inputs,

@@ -384,7 +384,7 @@ fn a_deadline_anywhere_in_a_solve_leaves_a_point_that_keeps_the_limits() {
         }
         let cut_short = pushed.cut_short;
         assert!(cut_short >= 20, "{mode:?}: {cut_short}");
-        assert!(late >= 20 && late < 200, "{mode:?}: {late}");
+        assert!((20..200).contains(&late), "{mode:?}: {late}");
     }
 }
 
