@@ -106,7 +106,7 @@ def main(folder):
         compare("odometry", model, table[model], expected)
 
     table = rows(opened(folder / "identify.html", failed), "level-parameters")
-    vehicle = (folder / "identified.yaml").read_text().split("extension:")[0]
+    vehicle = (folder / "identified.yaml").read_text().split("\nextension:")[0]
     vehicle = dict(line.split(": ", 1) for line in vehicle.splitlines() if ": " in line and line[0] != "#")
     # What the logs do not determine is not in the table.
     names = [name for name in table if name in vehicle]
