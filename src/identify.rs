@@ -1,6 +1,7 @@
 //! `sidehill identify`: a vehicle's parameters from logs, in the paper's two stages.
 
 mod found;
+mod page;
 mod report;
 mod verdict;
 
@@ -66,7 +67,10 @@ pub struct IdentifyArgs {
     /// Seed of the noise of simulated logs.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
-    /// Overwrite --out where it exists.
+    /// HTML file for a report with plots and what to conclude.
+    #[arg(long, value_name = "FILE")]
+    pub report: Option<PathBuf>,
+    /// Overwrite --out and --report where they exist.
     #[arg(long)]
     pub force: bool,
     /// How the result is printed.
@@ -82,7 +86,9 @@ pub fn run(args: &IdentifyArgs) -> Result<()> {
     if !(0.0..=10.0).contains(&args.smoothing_s) {
         bail!("smoothing_s: {}: must be from 0 to 10 s", args.smoothing_s);
     }
-    output::check_writable(&args.out, args.force)?;
+    for path in std::iter::once(&args.out).chain(&args.report) {
+        output::check_writable(path, args.force)?;
+    }
     progress::explain_interrupt(|| "interrupted: nothing was written".to_owned())?;
     let settings = IdentificationSettings {
         segmentation: Segmentation::of_length(args.segment_s)?,
@@ -133,7 +139,7 @@ pub fn run(args: &IdentifyArgs) -> Result<()> {
         vehicle = fitted;
     }
     let verdict = Verdict::of(&found, &vehicle, &logs);
-    let slope: Vec<DriveLog> = logs.slope.into_iter().chain(logs.across).collect();
+    let slope: Vec<DriveLog> = logs.slope.iter().chain(&logs.across).cloned().collect();
     match identify_extension(&logs.level, &slope, &vehicle, &settings) {
         Ok((extension, report)) => {
             text += &extension_table(&report);
@@ -163,6 +169,20 @@ pub fn run(args: &IdentifyArgs) -> Result<()> {
     drop(notice);
     let yaml = commented(&vehicle, args, &found, &guessed)?;
     output::write(&args.out, yaml.as_bytes(), args.force)?;
+    if let Some(path) = &args.report {
+        let level = found.level.iter();
+        let level = level.map(|stage| ("level", "differential drive", &stage.report));
+        let slope = found.slope.iter();
+        let slope = slope.map(|stage| ("slope", "ICRHK", &stage.report));
+        let stages: Vec<page::NamedStage> = level.chain(slope).collect();
+        let level = logs.level.iter().map(|log| ("level", log));
+        let read: Vec<_> = level
+            .chain(logs.slope.iter().map(|log| ("slope", log)))
+            .collect();
+        let conclusions: Vec<String> = verdict.to_string().lines().map(str::to_owned).collect();
+        let page = page::html(&vehicle.name, &stages, &conclusions, &read);
+        output::write(path, page.as_bytes(), args.force)?;
+    }
     match args.format {
         Format::Table => {
             console::text(format_args!("{text}{verdict}"));
@@ -320,6 +340,7 @@ mod tests {
         IdentifyArgs {
             force: false,
             format: Format::Table,
+            report: None,
             contact: false,
             level: Vec::new(),
             slope: Vec::new(),

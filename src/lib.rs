@@ -33,6 +33,8 @@ pub mod recording;
 pub mod replay;
 pub mod report;
 #[cfg(feature = "drive")]
+pub mod route;
+#[cfg(feature = "drive")]
 pub mod run;
 pub mod simulate;
 pub mod tune;

@@ -8,8 +8,8 @@ use clap::{Parser, Subcommand};
 #[cfg(feature = "package")]
 use sidehill::documents;
 use sidehill::{
-    campaign, check, console, icr, identify, init, live_odometry, odometry, replay, run, simulate,
-    tune, vehicle,
+    campaign, check, console, icr, identify, init, live_odometry, odometry, replay, route, run,
+    simulate, tune, vehicle,
 };
 use sidehill_bridge::ros2::node::arguments;
 use std::process::ExitCode;
@@ -40,6 +40,8 @@ enum Command {
     Odometry(odometry::OdometryArgs),
     /// Identifies a vehicle's parameters from logs of level and sloping ground.
     Identify(identify::IdentifyArgs),
+    /// Writes the path of a recorded drive, smoothed and thinned, as GPX or CSV.
+    Route(route::RouteArgs),
     /// Drives a course in real time on a CAN bus or on ROS 2.
     Run(run::RunArgs),
     /// Is a virtual rover in real time on a CAN bus or on ROS 2, there with --ros-args.
@@ -73,6 +75,7 @@ fn main() -> ExitCode {
             .map(|()| ExitCode::SUCCESS),
         Command::Odometry(args) => odometry::run(&args).map(|()| ExitCode::SUCCESS),
         Command::Identify(args) => identify::run(&args).map(|()| ExitCode::SUCCESS),
+        Command::Route(args) => route::run(&args).map(|()| ExitCode::SUCCESS),
         Command::Replay(args) => replay::run(&args),
         Command::Check(args) => check::run(&args),
         Command::Init(args) => init::run(&args).map(|()| ExitCode::SUCCESS),

@@ -1,6 +1,7 @@
 //! `sidehill odometry`: Table II for a log.
 
 mod plot;
+mod report;
 
 use crate::config::ConfigFile;
 use crate::console;
@@ -39,7 +40,10 @@ pub struct OdometryArgs {
     /// SVG file for a drawing of the paths.
     #[arg(long, value_name = "FILE")]
     pub plot: Option<PathBuf>,
-    /// Overwrite the drawing where it exists.
+    /// HTML file for a report with plots and what to conclude.
+    #[arg(long, value_name = "FILE")]
+    pub report: Option<PathBuf>,
+    /// Overwrite --plot and --report where they exist.
     #[arg(long)]
     pub force: bool,
 }
@@ -79,7 +83,7 @@ impl From<MeanSquaredErrors> for Figures {
 /// # Errors
 /// Names the file, row and column at fault.
 pub fn run(args: &OdometryArgs) -> Result<()> {
-    if let Some(path) = &args.plot {
+    for path in args.plot.iter().chain(&args.report) {
         output::check_writable(path, args.force)?;
     }
     let (Some(path), Some(vehicle)) = (&args.log, &args.vehicle) else {
@@ -87,7 +91,8 @@ pub fn run(args: &OdometryArgs) -> Result<()> {
     };
     let vehicle: Vehicle = ConfigFile::read(vehicle)?.parse()?;
     let log = LogReader::new(&args.maps)?.read(path)?;
-    let comparisons = comparisons(&log, &vehicle).with_context(|| path.display().to_string())?;
+    let log_name = path.display().to_string();
+    let comparisons = comparisons(&log, &vehicle).with_context(|| log_name.clone())?;
     match args.format {
         Format::Table => console::text(table(&comparisons)),
         Format::Json => console::line(serde_json::to_string(&json(&comparisons)?)?),
@@ -100,6 +105,15 @@ pub fn run(args: &OdometryArgs) -> Result<()> {
             .collect();
         let drawing = plot::paths(&paths).with_context(|| path.display().to_string())?;
         output::write(path, drawing.as_bytes(), args.force)?;
+    }
+    if let Some(path) = &args.report {
+        let page = report::html(
+            &log_name,
+            &vehicle.name,
+            &MODELS.map(|(_, name)| name),
+            &comparisons,
+        )?;
+        output::write(path, page.as_bytes(), args.force)?;
     }
     Ok(())
 }

@@ -1,6 +1,7 @@
 //! `sidehill campaign`: many seeded simulations, all cores, one row of a CSV file each.
 
 mod merge;
+mod report;
 mod results;
 mod summary;
 mod table;
@@ -51,8 +52,11 @@ pub struct CampaignArgs {
     /// Write the scenario of one run, for `simulate`, to --out instead.
     #[arg(long, value_name = "INDEX")]
     pub write_scenario: Option<u32>,
-    /// Overwrite --out of --write-scenario where it exists; results are never overwritten.
-    #[arg(long, requires = "write_scenario")]
+    /// HTML file for a report with plots and what to conclude.
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["merge", "write_scenario"])]
+    pub report: Option<PathBuf>,
+    /// Overwrite --report, or --out of --write-scenario, where it exists; results are never overwritten.
+    #[arg(long)]
     pub force: bool,
     /// Puts results of parts of one campaign together into the file that one machine would have
     /// written, instead of running anything.
@@ -89,6 +93,9 @@ pub fn run(args: &CampaignArgs) -> Result<()> {
         let text = campaign.scenario_text(index)?;
         return output::write(out, text.as_bytes(), args.force);
     }
+    if let Some(path) = &args.report {
+        output::check_writable(path, args.force)?;
+    }
     let runs = args.range.clone();
     let runs = runs.unwrap_or(0..args.runs.unwrap_or(campaign.runs));
     let results = Results::open(out, &campaign)?;
@@ -122,6 +129,14 @@ pub fn run(args: &CampaignArgs) -> Result<()> {
         }
     }
     let figures = summary::of(&rows, &campaign, &runs);
+    if let Some(path) = &args.report {
+        let own: Vec<_> = rows
+            .iter()
+            .filter(|row| runs.contains(&row.index))
+            .collect();
+        let page = report::html(&campaign.name, &figures, &own);
+        output::write(path, page.as_bytes(), args.force)?;
+    }
     match args.format {
         crate::simulate::Format::Table => {
             console::text(summary::table(&figures, &campaign, &runs));

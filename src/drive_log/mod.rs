@@ -96,6 +96,7 @@ impl LogReader {
 
     #[cfg(not(feature = "drive"))]
     fn read_rows(&self, path: &Path) -> Result<DriveLog> {
+        anyhow::ensure!(self.topics.is_none(), "--topics: this build reads no bags");
         self.read_csv(path)
     }
 

@@ -1,6 +1,6 @@
 //! What `simulate --out` writes: a CSV of each run, and one HTML page about all of them.
 //!
-//! The page is one file without scripts and loads nothing.
+//! Every report of the program is one file that loads nothing ([`page`]).
 
 mod chart;
 mod contours;
@@ -8,6 +8,8 @@ mod frame;
 mod ground;
 mod histogram;
 mod map;
+pub(crate) mod page;
+pub(crate) mod plot;
 mod relief;
 mod scene;
 mod summary;
@@ -19,8 +21,9 @@ pub use table::write_csv;
 pub(crate) use tuning::{Scatter, page, progress_chart, scatter_chart};
 
 use crate::record::{Row, Run};
-use chart::{Panel, time_chart};
-use maud::{DOCTYPE, Markup, PreEscaped, html};
+use chart::Panel;
+use maud::{Markup, PreEscaped, html};
+use page::{COLOURS, Page};
 use scene::{Style, swatch};
 use sidehill_controller::config::ControllerKind;
 use sidehill_controller::estimator::ContactEstimate;
@@ -31,42 +34,35 @@ use sidehill_plant::contact::Parameter;
 /// Steer speed below which a vehicle counts as going straight.
 const TURNING_M_S: f64 = 0.005;
 
-/// Colours that stay apart for colour-blind eyes and in print: the set of Okabe and Ito without its
-/// yellow. The first four belong to the kinds of controllers, in their order.
-const COLOURS: [&str; 7] = [
-    "#0072b2", "#d55e00", "#aa4499", "#009e73", "#e69f00", "#56b4e9", "#000000",
-];
-
 /// Returns the page: summary, map, errors, commands, attitude, ICRs and solve times of all runs.
 ///
-/// It is XHTML that browsers read as HTML. Long runs are thinned so that no extreme is lost; a
-/// value that is not finite leaves a gap.
+/// Long runs are thinned so that no extreme is lost; a value that is not finite leaves a gap.
 pub fn html(scene: &Scene, runs: &[Run]) -> String {
     let styles = styles(runs);
-    let page = html! {
-        (DOCTYPE)
-        html xmlns="http://www.w3.org/1999/xhtml" lang="en" {
-            head {
-                (PreEscaped("<meta charset=\"utf-8\"/>"))
-                (PreEscaped("<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\"/>"))
-                title { (scene.title) }
-                style { (PreEscaped(include_str!("style.css"))) (switches(runs.len())) }
-            }
-            body {
-                h1 { (scene.title) }
-                p.subtitle { (scene.subtitle) }
-                (summary::summary(runs, &styles))
-                (toggles(&styles))
-                (sections(scene, runs, &styles))
-            }
-        }
+    let page = Page {
+        title: &scene.title,
+        subtitle: &scene.subtitle,
+        conclusions: &[],
+        body: html! {
+            (summary::summary(runs, &styles))
+            (toggles(&styles))
+            (sections(scene, runs, &styles))
+        },
+        style: &switches(runs.len()),
     };
-    page.into_string()
+    page.html()
 }
 
 fn sections(scene: &Scene, runs: &[Run], styles: &[Style]) -> Markup {
-    let chart = |name: &str, panels: &[Panel], height_px: f64| {
-        time_chart(name, panels, height_px, runs, styles)
+    let chart = |panels: &[Panel], height_px: f64| {
+        let plots = panels.iter();
+        let mut plots = plots.map(|panel| panel.plot(height_px, runs, styles));
+        html! { @for plot in plots.by_ref() { (plot.markup("time")) } }
+    };
+    let along_path = |panels: &[Panel], height_px: f64| {
+        let plots = panels.iter();
+        let mut plots = plots.map(|panel| panel.along_path(height_px, runs, styles));
+        html! { @for plot in plots.by_ref() { (plot.markup("path")) } }
     };
     let figure = |title: &str, caption: &str, drawing: &Markup, path: bool| {
         html! {
@@ -94,14 +90,14 @@ fn sections(scene: &Scene, runs: &[Run], styles: &[Style]) -> Markup {
                  below{}; a flat line at zero is perfect.",
                 if errors.len() > 1 { ", the same again with the axis magnified" } else { "" },
             ),
-            &chart("cross-track", &errors, 210.0), false,
+            &chart(&errors, 210.0), false,
         ))
         (figure(
             "Commands",
             "What each controller asked of the motors: traction drives forward above zero, steer \
              turns to the left above zero; nothing may pass the dashed limits, and a jagged line is \
              a nervous controller.",
-            &chart("commands", &command_panels(scene.limits), 160.0), false,
+            &chart(&command_panels(scene.limits), 160.0), false,
         ))
         @if let Some(guard) = scene.guard.filter(|_| runs.iter().any(|run| run.rows.iter().any(|row| row.slope.is_some()))) {
             (figure(
@@ -109,14 +105,14 @@ fn sections(scene: &Scene, runs: &[Run], styles: &[Style]) -> Markup {
                 "What the ground left: a tip-over margin of 1 stands level and one of 0 tips over; the use of \
                  friction is what slope and turn ask for over what the ground gives. The vehicle drives slower \
                  and stops before the dashed limits.",
-                &chart::path_chart("margins", &margin_panels(guard), 140.0, runs, styles), false,
+                &along_path(&margin_panels(guard), 140.0), false,
             ))
         }
         (figure(
             "Attitude",
             "How the slope tilted the vehicle: roll is positive with the right side down, pitch with \
              the nose up; on an even slope one turns into the other as the vehicle turns.",
-            &chart("attitude", &attitude_panels(), 140.0), false,
+            &chart(&attitude_panels(), 140.0), false,
         ))
         (figure(
             "Tread ICRs",
@@ -124,7 +120,7 @@ fn sections(scene: &Scene, runs: &[Run], styles: &[Style]) -> Markup {
              right of the body's origin and ahead of it: the slope moves them, the rectangle of the \
              wheels (dashed) limits them, they jump where the turn changes its side, and there are \
              none to show while the vehicle goes straight or stands.",
-            &chart("icrs", &icr_panels(scene), 130.0), false,
+            &chart(&icr_panels(scene), 130.0), false,
         ))
         @for (run, learned) in runs.iter().filter_map(|run| Some((run, learned_at_end(run)?))) {
             (learned_table(&run.summary.controller, &learned))
@@ -336,7 +332,7 @@ fn toggles(styles: &[Style]) -> Markup {
     html! {
         @if styles.len() > 1 {
             div.toggles {
-                span { "Show in all plots:" }
+                span { "Show in all plots (drag across one to zoom all, double click for everything):" }
                 @for (run, style) in styles.iter().enumerate() {
                     label {
                         (PreEscaped(format!("<input type=\"checkbox\" id=\"show{run}\" checked=\"checked\"/> ")))
@@ -348,10 +344,10 @@ fn toggles(styles: &[Style]) -> Markup {
     }
 }
 
-fn switches(runs: usize) -> PreEscaped<String> {
+fn switches(runs: usize) -> String {
     let switch =
         |run| format!("body:has(#show{run}:not(:checked)) .run{run} {{ display: none; }}\n");
-    PreEscaped((0..runs).map(switch).collect())
+    (0..runs).map(switch).collect()
 }
 
 #[cfg(test)]

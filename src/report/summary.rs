@@ -9,7 +9,7 @@ pub(super) fn summary(runs: &[Run], styles: &[Style]) -> Markup {
     html! {
         p.finding { (finding(runs, styles)) }
         div.scroll {
-            table {
+            table id="figures" {
                 thead {
                     tr {
                         th.name rowspan="2" { "Controller" }

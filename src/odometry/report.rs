@@ -1,0 +1,136 @@
+//! The report of odometry: what each model makes of the log's drive.
+
+use super::plot::paths;
+use crate::report::page::{COLOURS, Page, legend_of, section, table};
+use crate::report::plot::{Line, Plot};
+use anyhow::Result;
+use maud::{PreEscaped, html};
+use sidehill_plant::frames::wrap_angle;
+use sidehill_plant::odometry::{Comparison, MeanSquaredErrors};
+
+/// Returns the page: errors as a table and over time, and the paths.
+///
+/// # Errors
+/// Passes on what drawing the paths reports.
+pub(super) fn html(
+    log: &str,
+    vehicle: &str,
+    models: &[&str],
+    comparisons: &[Vec<Comparison>],
+) -> Result<String> {
+    let names: Vec<(&str, &str)> = models
+        .iter()
+        .zip(COLOURS)
+        .map(|(name, colour)| (*name, colour))
+        .collect();
+    let errors: Vec<MeanSquaredErrors> = comparisons
+        .iter()
+        .map(|comparisons| MeanSquaredErrors::of(comparisons))
+        .collect();
+    let rows: Vec<Vec<String>> = names
+        .iter()
+        .zip(&errors)
+        .map(|((name, _), errors)| {
+            let values = [
+                errors.x_m2,
+                errors.y_m2,
+                errors.z_m2,
+                errors.yaw_rad2,
+                errors.fitness(),
+            ];
+            let mut row = vec![(*name).to_owned()];
+            row.extend(values.map(|value| format!("{value:.4}")));
+            row
+        })
+        .collect();
+    let over_time = |title: &str, value: &dyn Fn(&Comparison) -> f64| {
+        let line = |(comparisons, (name, colour)): (&Vec<Comparison>, &(&str, &str))| {
+            let points: Vec<[f64; 2]> = comparisons
+                .iter()
+                .map(|comparison| [comparison.time_s, value(comparison)])
+                .collect();
+            Line::through(name, colour, None, &points)
+        };
+        let lines = comparisons.iter().zip(&names).map(line).collect();
+        Plot::over_time(title, 180.0, lines)
+    };
+    let plots = [
+        over_time("position error (m)", &|comparison| {
+            let (measured, estimated) = (comparison.measured, comparison.estimated);
+            (estimated.x_m - measured.x_m).hypot(estimated.y_m - measured.y_m)
+        }),
+        over_time("yaw error (\u{b0})", &|comparison| {
+            let error = comparison.estimated.yaw_rad - comparison.measured.yaw_rad;
+            wrap_angle(error).to_degrees()
+        }),
+    ];
+    let tracks: Vec<_> = names
+        .iter()
+        .zip(comparisons)
+        .map(|((name, _), comparisons)| (*name, comparisons.as_slice()))
+        .collect();
+    let page = Page {
+        title: "Odometry",
+        subtitle: &format!("Log {log}, vehicle {vehicle}"),
+        conclusions: &conclusions(&names, &errors, comparisons.first().map_or(0, Vec::len)),
+        body: html! {
+            (table("figures", &["mean squared errors", "x (m\u{b2})", "y (m\u{b2})", "z (m\u{b2})",
+                "yaw (rad\u{b2})", "J/N"], &rows))
+            (section("Errors over time",
+                "How far each model's dead reckoning is from the log's pose: it starts at a measured pose and drifts \
+                 until it starts again after a gap of the log.",
+                &legend_of(&names), &plots))
+            h2 { "Paths" }
+            figure {
+                figcaption { "Seen from above: the log's poses in black." }
+                (PreEscaped(paths(&tracks)?))
+            }
+        },
+        style: "",
+    };
+    Ok(page.html())
+}
+
+/// Returns what the figures say.
+fn conclusions(
+    names: &[(&str, &str)],
+    errors: &[MeanSquaredErrors],
+    samples: usize,
+) -> Vec<String> {
+    let fitness = |name: &str| {
+        let index = names.iter().position(|(other, _)| *other == name);
+        index
+            .and_then(|index| errors.get(index))
+            .map_or(f64::NAN, MeanSquaredErrors::fitness)
+    };
+    let best = names
+        .iter()
+        .map(|(name, _)| (*name, fitness(name)))
+        .filter(|(_, fitness)| fitness.is_finite())
+        .min_by(|a, b| a.1.total_cmp(&b.1));
+    let Some((best, least)) = best else {
+        return vec!["The log has no poses to compare with.".to_owned()];
+    };
+    let share = |name: &str, of: &str| 100.0 * (fitness(name) / fitness(of) - 1.0);
+    let mut sentences = vec![format!(
+        "Over {samples} poses {best} is nearest to the log (J/N {least:.4}); ideal differential drive has {:.4}.",
+        fitness("diff_drive")
+    )];
+    let slope = share("icrik", "icrhk");
+    sentences.push(if slope.abs() < 0.5 {
+        "The slope terms (icrik against icrhk) make no difference here: the ground is level, or the vehicle's slide \
+         gains are 0 or not identified."
+            .to_owned()
+    } else if slope < 0.0 {
+        format!("The slope terms help: icrik's J/N is {:.0} % below icrhk's.", -slope)
+    } else {
+        format!(
+            "The slope terms do not help here: icrik's J/N is {slope:.0} % above icrhk's. Identify the slide gains on \
+             this ground, or set them to 0."
+        )
+    });
+    sentences.push(
+        "One log shows what happened once: judge a vehicle by logs that it was not identified from.".to_owned(),
+    );
+    sentences
+}

@@ -1,0 +1,127 @@
+//! Plots that a person can zoom, with a cursor that all plots of a page share. `report.js` draws them.
+
+use maud::{Markup, PreEscaped, html};
+use serde::Serialize;
+
+/// Stretches of which a long line keeps the extremes.
+const COLUMNS: usize = 700;
+
+/// Lines over a common quantity, mostly time.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub(crate) struct Plot {
+    /// Title of the vertical axis, with unit.
+    pub(crate) y_title: String,
+    /// Title of the horizontal axis, with unit.
+    pub(crate) x_title: String,
+    /// Height, px.
+    pub(crate) height_px: f64,
+    /// Largest absolute value shown, where the lines do not decide on it.
+    pub(crate) magnified_to: Option<f64>,
+    /// Whether the vertical axis is logarithmic.
+    pub(crate) logarithmic: bool,
+    /// Values that are not to be passed, each with what it is called.
+    pub(crate) limits: Vec<(f64, String)>,
+    pub(crate) lines: Vec<Line>,
+}
+
+/// One line of a plot.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub(crate) struct Line {
+    pub(crate) name: String,
+    pub(crate) colour: String,
+    /// Number of the run that the page's boxes hide and show; none for a line that always shows.
+    pub(crate) run: Option<usize>,
+    pub(crate) x: Vec<f64>,
+    /// None leaves a gap.
+    pub(crate) y: Vec<Option<f64>>,
+}
+
+impl Line {
+    /// Returns a line through points, of a long one only the extremes of each of equal stretches; values that are
+    /// not finite leave gaps. Points whose x does not rise are left out.
+    pub(crate) fn through(
+        name: &str,
+        colour: &str,
+        run: Option<usize>,
+        points: &[[f64; 2]],
+    ) -> Self {
+        // Where a place is not known or was passed before, there is nothing to draw.
+        let mut furthest = f64::NEG_INFINITY;
+        let ahead = points.iter().copied().filter(|point| {
+            let further = point[0] > furthest;
+            if further {
+                furthest = point[0];
+            }
+            further
+        });
+        let points = thinned(&ahead.collect::<Vec<_>>());
+        // Seven digits are more than a screen shows.
+        let finite = |value: f64| value.is_finite().then(|| rounded(value));
+        Self {
+            name: name.to_owned(),
+            colour: colour.to_owned(),
+            run,
+            x: points.iter().map(|point| rounded(point[0])).collect(),
+            y: points.iter().map(|point| finite(point[1])).collect(),
+        }
+    }
+}
+
+impl Plot {
+    /// Returns a plot over time, s.
+    pub(crate) fn over_time(y_title: impl Into<String>, height_px: f64, lines: Vec<Line>) -> Self {
+        Self {
+            y_title: y_title.into(),
+            x_title: "time (s)".to_owned(),
+            height_px,
+            magnified_to: None,
+            logarithmic: false,
+            limits: Vec::new(),
+            lines,
+        }
+    }
+
+    /// Returns the place of the plot in a page, with its data; plots of one `group` share cursor and zoom.
+    pub(crate) fn markup(&self, group: &str) -> Markup {
+        // JSON may hold what begins a tag or an entity only within its strings.
+        let json = serde_json::to_string(self).unwrap_or_else(|_| "{}".to_owned());
+        let json = json
+            .replace('<', "\\u003c")
+            .replace('>', "\\u003e")
+            .replace('&', "\\u0026");
+        html! {
+            div.plot data-group=(group) role="img" aria-label=(self.y_title) {
+                script type="application/json" { (PreEscaped(json)) }
+            }
+        }
+    }
+}
+
+fn rounded(value: f64) -> f64 {
+    format!("{value:.6e}").parse().unwrap_or(value)
+}
+
+fn thinned(points: &[[f64; 2]]) -> Vec<[f64; 2]> {
+    if points.len() <= 2 * COLUMNS {
+        return points.to_vec();
+    }
+    let stretches = points.chunks(points.len().div_ceil(COLUMNS));
+    stretches.flat_map(extremes).collect()
+}
+
+/// Returns the least and the greatest point in their order; without any finite one, a gap.
+fn extremes(points: &[[f64; 2]]) -> Vec<[f64; 2]> {
+    let finite = || points.iter().filter(|p| p[1].is_finite());
+    let least = finite().min_by(|a, b| a[1].total_cmp(&b[1]));
+    let most = finite().max_by(|a, b| a[1].total_cmp(&b[1]));
+    let (Some(least), Some(most)) = (least, most) else {
+        return vec![[points[0][0], f64::NAN]];
+    };
+    if least[0] < most[0] {
+        vec![*least, *most]
+    } else if least[0] > most[0] {
+        vec![*most, *least]
+    } else {
+        vec![*least]
+    }
+}

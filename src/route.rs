@@ -1,0 +1,164 @@
+//! `sidehill route`: a path out of a recorded drive.
+
+mod thinning;
+
+use crate::bag::{Bag, is_bag};
+use crate::console;
+use crate::drive_log::{LogArgs, LogReader, positions};
+use crate::output;
+use anyhow::{Context, Result, bail};
+use sidehill_controller::path::{GeodeticOrigin, Point2};
+use sidehill_plant::bounds::Bounds;
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
+use thinning::Settings;
+
+/// Arguments of `sidehill route`.
+#[derive(Debug, Clone, clap::Args)]
+pub struct RouteArgs {
+    /// Recorded drive: a bag of ROS 2, or a log in CSV.
+    pub from: PathBuf,
+    /// Where the path is written: .gpx, from fixes of a satellite receiver, or .csv.
+    #[arg(long, value_name = "FILE")]
+    pub out: PathBuf,
+    /// Topic of the positions, sensor_msgs/NavSatFix or nav_msgs/Odometry, where a bag has several.
+    #[arg(long, value_name = "NAME")]
+    pub topic: Option<String>,
+    /// Columns of a CSV log, in YAML.
+    #[arg(long, value_name = "FILE")]
+    pub columns: Option<PathBuf>,
+    /// Standard deviation of the Gaussian along the path that smooths it, m; 0 for none.
+    #[arg(long, value_name = "M", default_value_t = 0.3)]
+    pub smoothing_m: f64,
+    /// Points nearer than this to the line between their neighbours are left out, m.
+    #[arg(long, value_name = "M", default_value_t = 0.02)]
+    pub tolerance_m: f64,
+    /// Overwrite --out where it exists.
+    #[arg(long)]
+    pub force: bool,
+}
+
+/// Writes the path and prints how far it is from what was recorded.
+///
+/// # Errors
+/// What the recording lacks; a file that cannot be read or written.
+pub fn run(args: &RouteArgs) -> Result<()> {
+    Bounds::new(0.0, 10.0, "m").check("--smoothing-m", args.smoothing_m)?;
+    Bounds::new(0.0, 1.0, "m").check("--tolerance-m", args.tolerance_m)?;
+    output::check_writable(&args.out, args.force)?;
+    let name = || args.from.display().to_string();
+    let (recorded, origin) = recorded(args)?;
+    let settings = Settings {
+        smoothing_m: args.smoothing_m,
+        tolerance_m: args.tolerance_m,
+    };
+    let path = thinning::path(&recorded, &settings).with_context(name)?;
+    let ending = args
+        .out
+        .extension()
+        .map(|ending| ending.to_ascii_lowercase());
+    let text = match (ending.as_deref().and_then(|ending| ending.to_str()), origin) {
+        (Some("gpx"), Some(origin)) => gpx(&path.points_m, &origin),
+        (Some("gpx"), None) => bail!(
+            "{}: GPX has latitude and longitude, and {} has none: write a .csv",
+            args.out.display(),
+            name()
+        ),
+        (Some("csv"), _) => csv(&path.points_m),
+        _ => bail!("{}: must end with .gpx or .csv", args.out.display()),
+    };
+    output::write(&args.out, text.as_bytes(), args.force)?;
+    console::line(format_args!(
+        "{}: {} points over {:.1} m, from {} positions; largest distance between recorded and written path {:.3} m",
+        args.out.display(),
+        path.points_m.len(),
+        path.length_m,
+        recorded.len(),
+        path.deviation_m
+    ));
+    Ok(())
+}
+
+/// Returns the positions of a recording, m, and the origin of those in latitude and longitude.
+fn recorded(args: &RouteArgs) -> Result<(Vec<[f64; 3]>, Option<GeodeticOrigin>)> {
+    if is_bag(&args.from) {
+        if let Some(columns) = &args.columns {
+            bail!(
+                "{}: a bag has no columns, leave --columns out",
+                columns.display()
+            );
+        }
+        let bag = Bag::open(&args.from)?;
+        let found = positions(&bag, args.topic.as_deref())?;
+        for note in bag.notes().iter().chain(&found.notes) {
+            console::complain(format_args!("{}: note: {note}", args.from.display()));
+        }
+        return Ok((found.points_m, found.origin));
+    }
+    let reader = LogReader::new(&LogArgs {
+        columns: args.columns.clone(),
+        topics: None,
+    })?;
+    let log = reader.read(Path::new(&args.from))?;
+    let poses = log.rows().iter().filter_map(|row| row.pose);
+    let points = poses.map(|pose| [pose.x_m, pose.y_m, pose.z_m]).collect();
+    Ok((points, None))
+}
+
+fn csv(points_m: &[[f64; 3]]) -> String {
+    let mut out = "x_m,y_m,z_m\n".to_owned();
+    for [x_m, y_m, z_m] in points_m {
+        let _ = writeln!(out, "{x_m:.4},{y_m:.4},{z_m:.4}");
+    }
+    out
+}
+
+fn gpx(points_m: &[[f64; 3]], origin: &GeodeticOrigin) -> String {
+    let mut out = "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n\
+        <gpx version=\"1.1\" creator=\"sidehill\" xmlns=\"http://www.topografix.com/GPX/1/1\">\n<trk><trkseg>\n"
+        .to_owned();
+    for [x_m, y_m, z_m] in points_m {
+        let (latitude_deg, longitude_deg) = origin.unproject(Point2 {
+            x_m: *x_m,
+            y_m: *y_m,
+        });
+        let elevation_m = z_m + origin.elevation_m;
+        // Nine decimals of a degree are 0.1 mm.
+        let _ = writeln!(
+            out,
+            "<trkpt lat=\"{latitude_deg:.9}\" lon=\"{longitude_deg:.9}\"><ele>{elevation_m:.3}</ele></trkpt>"
+        );
+    }
+    out + "</trkseg></trk>\n</gpx>\n"
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use sidehill_controller::path::read_gpx;
+
+    #[test]
+    fn gpx_reads_back_where_it_was() {
+        let origin = GeodeticOrigin {
+            latitude_deg: 36.717,
+            longitude_deg: -4.489,
+            elevation_m: 60.0,
+        };
+        let points = [
+            [0.0, 0.0, 0.0],
+            [300.0, -400.0, 2.0],
+            [-900.0, 1200.0, -3.5],
+        ];
+        let route = read_gpx(gpx(&points, &origin).as_bytes()).unwrap();
+        for (point, expected) in route.points.iter().zip(points) {
+            let found = [
+                point.position.x_m,
+                point.position.y_m,
+                point.elevation_m.unwrap(),
+            ];
+            for (found, expected) in found.into_iter().zip(expected) {
+                assert!((found - expected).abs() < 1e-3, "{found} {expected}");
+            }
+        }
+    }
+}
