@@ -224,7 +224,7 @@ fn table(outcome: &Outcome<'_>) -> String {
 /// Name of the recording of a test case, and of the file with its arguments.
 const CASE: [&str; 2] = ["drive.mcap", "arguments"];
 
-/// Writes a test case: `tests/program/replay.rs` replays each folder of `tests/cases`.
+/// Writes a test case: the recording, and a file whose lines are the arguments that follow its name.
 fn write_case(args: &ReplayArgs, folder: &Path) -> Result<()> {
     std::fs::create_dir_all(folder)
         .with_context(|| format!("{}: cannot be made", folder.display()))?;

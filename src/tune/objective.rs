@@ -109,7 +109,7 @@ pub struct Comparison {
     pub before: Figures,
     /// Under the settings found.
     pub after: Figures,
-    /// Mean cost of a run, see [`cost`].
+    /// Mean cost of a run.
     pub cost: f64,
     /// Standard error of that mean.
     pub cost_standard_error: f64,

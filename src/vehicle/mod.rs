@@ -80,7 +80,10 @@ pub fn run(args: &VehicleArgs, ros: &[String]) -> Result<ExitCode> {
         file: file_of_record,
         live,
     };
-    let recording = watched.then(|| VehicleRecording::new(sinks, &world, epoch));
+    let recording = match watched {
+        true => Some(VehicleRecording::start(sinks, &world, epoch)?),
+        false => None,
+    };
     let mut pace = Pace {
         epoch,
         dt_s: world.step_s,
@@ -140,7 +143,7 @@ impl Pace {
         &self,
         mut rover: impl Rover,
         mut truth: Option<Truth>,
-        mut recording: Option<VehicleRecording>,
+        recording: Option<VehicleRecording>,
     ) -> Result<ExitCode> {
         let ended = Arc::new(AtomicBool::new(false));
         use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
@@ -162,7 +165,7 @@ impl Pace {
             // What a late wake-up has missed is simulated now.
             step = step.max((now_s / self.dt_s) as u64);
             let reported = rover.advance(now_s)?;
-            if let Some(recording) = recording.as_mut().filter(|_| reported) {
+            if let Some(recording) = recording.as_ref().filter(|_| reported) {
                 recording.take(rover.state());
             }
             if reported && let Some(truth) = &mut truth {

@@ -95,7 +95,7 @@ struct Place {
     square: f64,
 }
 
-/// The guard; nothing is allocated after [`Guard::new`].
+/// The guard; nothing is allocated after it is made.
 #[derive(Debug)]
 pub struct Guard {
     config: GuardConfig,
