@@ -95,7 +95,7 @@ impl World {
                 .filter(|_| self.has_progress)
                 .map(|trajectory| Progress {
                     point: trajectory.at(0.0),
-                    arc_length_m: self.x_m,
+                    arc_length_m: self.x_m + self.handler.settings.route.tracked_point.forward_m,
                     cross_track_m: 0.0,
                     ended: false,
                 });

@@ -235,6 +235,8 @@ impl GoalSession {
                     .settings
                     .braking(&estimate.attitude, here.speed_m_s < 0.0);
                 let approach = braking.approach();
+                // The path is that of the tracked point, the footprint is around the origin.
+                let point = settings.route.tracked_point;
                 let look_m = approach.distance_m(settings.route.limits.speed_max_m_s)
                     + config.margin_m
                     + REFERENCE_STEP_M;
@@ -247,8 +249,9 @@ impl GoalSession {
                     .map(|index| (index as f64 * REFERENCE_STEP_M).min(left_m))
                     .map(|distance_m| {
                         let time_s = trajectory.time_at(self.reached_m + distance_m);
+                        let tracked = pose_in(&trajectory.at(time_s).pose(), &placed.frame);
                         Ahead {
-                            pose: pose_in(&trajectory.at(time_s).pose(), &placed.frame),
+                            pose: point.origin_of(&tracked, &estimate.normal_in_world),
                             distance_m,
                         }
                     });
