@@ -6,7 +6,7 @@ use crate::config::{
 };
 use crate::drive_log::TopicMap;
 use crate::live_odometry::LiveOdometryConfig;
-use crate::progress::Notice;
+use crate::progress::{self, Notice};
 use crate::{console, run, vehicle};
 use anyhow::{Result, bail};
 use sidehill_controller::controller::ControllerError;
@@ -37,6 +37,9 @@ pub struct CheckArgs {
 /// # Errors
 /// None of its own: what is wrong with a file is printed.
 pub fn run(args: &CheckArgs) -> Result<ExitCode> {
+    progress::explain_interrupt(|| {
+        "interrupted: files that are not listed above were not checked".to_owned()
+    })?;
     let mut valid = true;
     for path in &args.files {
         let checked = ConfigFile::read(path)

@@ -44,7 +44,12 @@ pub fn check_writable(path: &Path, force: bool) -> Result<()> {
         .prefix(".sidehill")
         .tempfile_in(folder(path))
         .map(drop)
-        .with_context(|| format!("{}: cannot be written", path.display()))
+        .with_context(|| {
+            format!(
+                "{}: cannot be written; name a file in a folder that you may write to",
+                path.display()
+            )
+        })
 }
 
 /// Writes a file whole: beside it first, then in its place.

@@ -11,7 +11,7 @@ use crate::check;
 use crate::config::ConfigFile;
 use crate::console;
 use crate::output;
-use crate::progress::Notice;
+use crate::progress::{self, Notice};
 use anyhow::{Context, Result, bail};
 use std::path::PathBuf;
 
@@ -36,6 +36,7 @@ pub struct InitArgs {
 /// # Errors
 /// A file that exists already (nothing is written then), or one that cannot be written.
 pub fn run(args: &InitArgs) -> Result<()> {
+    progress::explain_interrupt(|| "interrupted: the set is not complete".to_owned())?;
     let notice = Notice::begin("init: drives the robot in simulation for first guesses".to_owned());
     let files = files::all(args.vehicle, args.port)?;
     drop(notice);

@@ -152,7 +152,9 @@ pub enum LogError {
         reason: RangeError,
     },
     /// Time stands or goes back.
-    #[error("row {row_number}: time {time_s} s does not rise from {before_s} s")]
+    #[error(
+        "row {row_number}: time {time_s} s does not rise from {before_s} s; sort the rows by time"
+    )]
     TimeNotRising {
         /// Data row, counted from 1.
         row_number: usize,

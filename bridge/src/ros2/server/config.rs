@@ -200,7 +200,7 @@ impl Ros2Config {
         for (key, topic) in topics {
             names
                 .resolve(topic)
-                .map_err(|error| format!("{key}: {error}"))?;
+                .map_err(|error| format!("{key}: {error}; names have letters, digits, _ and /"))?;
         }
         Ok(())
     }
