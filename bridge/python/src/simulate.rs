@@ -33,10 +33,8 @@ pub fn simulate<'py>(
     let scenario = object::<Scenario>("scenario", scenario)?.get();
     let (plant, object) = match plant {
         None => (None, None),
-        Some(plant) => match plant.extract::<String>() {
-            Ok(name) => (Some(plant_kind(&name, plant)?), None),
-            Err(_) => (None, Some(plant)),
-        },
+        Some(plant) if plant.extract::<String>().is_ok() => (Some(plant_kind(plant)?), None),
+        Some(plant) => (None, Some(plant)),
     };
     let overrides = Overrides {
         path: None,
@@ -60,10 +58,12 @@ pub fn simulate<'py>(
     })
 }
 
-fn plant_kind(name: &str, value: &Bound<'_, PyAny>) -> PyResult<PlantKind> {
+/// Returns the plant of that name.
+pub fn plant_kind(value: &Bound<'_, PyAny>) -> PyResult<PlantKind> {
+    let name: Option<String> = value.extract().ok();
     [PlantKind::Icrik, PlantKind::Contact]
         .into_iter()
-        .find(|kind| kind.name() == name)
+        .find(|kind| name.as_deref() == Some(kind.name()))
         .ok_or_else(|| {
             invalid(format!(
                 "plant: {} is neither icrik, contact nor an object with reset and step",
@@ -137,14 +137,15 @@ impl Run {
     }
 
     /// A row a control cycle: dict of numpy arrays of one length, with the columns of the CSV files that
-    /// `sidehill simulate --out` writes; status and reason are lists of strings. NaN where there is no
+    /// `sidehill simulate --out` writes; status, reason and learned_unobserved are lists of strings. NaN where there is no
     /// estimate. Made anew at each access.
     #[getter]
     fn log<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         let mut csv = Vec::new();
         write_csv(&self.0, &mut csv).map_err(failed)?;
         let columns = py.import("sidehill._table")?.getattr("columns")?;
-        columns.call1((PyBytes::new(py, &csv), ("status", "reason")))
+        let words = ("status", "reason", "learned_unobserved");
+        columns.call1((PyBytes::new(py, &csv), words))
     }
 
     fn __repr__(&self) -> String {

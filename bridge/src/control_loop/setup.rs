@@ -7,6 +7,7 @@ use super::runner::ThreadedRunner;
 use super::scheduling::{RealtimeConfig, RealtimeError};
 use super::timing::LoopTiming;
 use crate::drives::{Clock, Port};
+use crate::recording::ControllerTap;
 use crate::safety::{SafetyConfig, SafetyState};
 use serde::Serialize;
 use sidehill_controller::controller::Controller;
@@ -31,6 +32,8 @@ pub struct LoopSetup {
     pub controller: Controller,
     /// Where paths and requests come from, unless the controller has its course.
     pub channel: Option<(LoopEnd, ControllerEnd)>,
+    /// Takes the controller's steps, where they are recorded.
+    pub tap: Option<ControllerTap>,
     /// Takes transitions and cycles.
     pub records: RecordSink<LoopRecord>,
     /// When to arm and to end.
@@ -92,7 +95,7 @@ impl LoopSetup {
         }
         let (loop_end, controller_end) = self.channel.unzip();
         // The controller's thread starts first: it would inherit this thread's CPU and priority.
-        let runner = ThreadedRunner::start(self.controller, controller_end)?;
+        let runner = ThreadedRunner::start(self.controller, controller_end, self.tap)?;
         self.realtime.apply_to_loop()?;
         let helpers = self.port.helper_threads().into_iter();
         for helper in helpers.chain(runner.thread_id()) {

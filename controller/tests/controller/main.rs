@@ -9,6 +9,7 @@ mod endurance;
 mod following;
 mod path;
 mod poses;
+mod repeat;
 mod rig;
 mod routes;
 mod serialise;
