@@ -160,9 +160,10 @@ fn a_path_of_a_point_ahead_is_checked_with_the_footprint_behind_it() {
         right_m: 0.0,
         forward_m: 2.0,
     };
+    // The point is at the beginning of the path.
+    world.x_m = -2.0;
     world.see(None);
     world.follow();
-    world.x_m = -2.0;
     world.see_for(None, 0.5);
     // 0.25 m before the front of a footprint around the point, and 2.25 m before that of the vehicle.
     world.see_for(Some(FRONT_M + 0.35), 0.2);
