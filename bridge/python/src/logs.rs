@@ -8,8 +8,8 @@ use serde_json::{Value, json};
 use sidehill::odometry::figures;
 use sidehill_plant::bounds::Bounds;
 use sidehill_plant::identification::{
-    IdentificationSettings, SegmentErrors, Segmentation, StageReport, identify_extension,
-    identify_level, identify_slope,
+    Estimate, IdentificationSettings, SegmentErrors, Segmentation, StageReport, identify_extension,
+    identify_level_determined, identify_slope_determined,
 };
 use sidehill_plant::log::{ColumnMap, DriveLog};
 
@@ -54,14 +54,14 @@ pub fn identify(
         let (level, slope) = (logs(&level)?, logs(&slope)?);
         let mut reports = [None, None];
         if !level.is_empty() {
-            let (fitted, report) = identify_level(&level, &vehicle, &settings)
+            let (fitted, report, unknown) = identify_level_determined(&level, &vehicle, &settings)
                 .map_err(|error| invalid(format!("level: {error}")))?;
-            (vehicle, reports[0]) = (fitted, Some(summary(&report)));
+            (vehicle, reports[0]) = (fitted, Some(summary(&report, &unknown)));
         }
         if !slope.is_empty() {
-            let (fitted, report) = identify_slope(&slope, &vehicle, &settings)
+            let (fitted, report, unknown) = identify_slope_determined(&slope, &vehicle, &settings)
                 .map_err(|error| invalid(format!("slope: {error}")))?;
-            (vehicle, reports[1]) = (fitted, Some(summary(&report)));
+            (vehicle, reports[1]) = (fitted, Some(summary(&report, &unknown)));
         }
         // As in the program: what the two stages found holds where the terms cannot be tried.
         if let Ok((extension, _)) = identify_extension(&level, &slope, &vehicle, &settings) {
@@ -76,8 +76,8 @@ pub fn identify(
     Py::new(py, made)
 }
 
-/// Returns what a stage found and how far to trust it.
-fn summary(report: &StageReport) -> Value {
+/// Returns what a stage found and how far to trust it; what the logs do not determine stays as it was.
+fn summary(report: &StageReport, undetermined: &[Estimate]) -> Value {
     let errors = |errors: &SegmentErrors| {
         json!({
             "segments": errors.segments,
@@ -110,6 +110,7 @@ fn summary(report: &StageReport) -> Value {
             "baseline": errors(&report.cross_validation.baseline),
         },
         "warnings": warnings.collect::<Vec<_>>(),
+        "undetermined": undetermined.iter().map(|estimate| estimate.name).collect::<Vec<_>>(),
     })
 }
 
@@ -133,7 +134,8 @@ impl Identification {
     /// Report of the level stage (ICRs, c_l, c_r), None without level logs: dict with `estimates` (by key:
     /// value, std, half_width_95 in the key's unit, None where the logs do not tell), `segments`, `poses`,
     /// `j_over_n` (13), `outlier_share`, `held_out` (RMS errors of segments left out, of the fit and of the
-    /// model without its parameters, m and rad) and `warnings`.
+    /// model without its parameters, m and rad), `warnings`, and `undetermined`, the keys that the logs do not
+    /// determine and that stay as they were.
     #[getter]
     fn level<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyAny>>> {
         Self::report(py, self.level.as_ref())

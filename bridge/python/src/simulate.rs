@@ -137,14 +137,15 @@ impl Run {
     }
 
     /// A row a control cycle: dict of numpy arrays of one length, with the columns of the CSV files that
-    /// `sidehill simulate --out` writes; status and reason are lists of strings. NaN where there is no
+    /// `sidehill simulate --out` writes; status, reason and learned_unobserved are lists of strings. NaN where there is no
     /// estimate. Made anew at each access.
     #[getter]
     fn log<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         let mut csv = Vec::new();
         write_csv(&self.0, &mut csv).map_err(failed)?;
         let columns = py.import("sidehill._table")?.getattr("columns")?;
-        columns.call1((PyBytes::new(py, &csv), ("status", "reason")))
+        let words = ("status", "reason", "learned_unobserved");
+        columns.call1((PyBytes::new(py, &csv), words))
     }
 
     fn __repr__(&self) -> String {

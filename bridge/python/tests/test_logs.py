@@ -46,6 +46,7 @@ def test_identification_is_that_of_the_program_bit_by_bit(tracked, tmp_path, run
         "--vehicle", LOGS / "vehicle.yaml", "--out", out)  # fmt: skip
     found = sidehill.identify(level=LEVEL, slope=map(str, SLOPE), vehicle=tracked, segment_s=4, columns=COLUMNS)
     assert found.vehicle == sidehill.Vehicle.load(out) != tracked
+    assert found.slope["undetermined"] == ["lambda_2_s_per_rad"] and found.level["undetermined"] == []
     assert isinstance(found, sidehill.Vehicle) and found.x_icr_left_m == found.vehicle.x_icr_left_m
     assert found.level["estimates"]["x_icr_left_m"]["value"] == found.x_icr_left_m
     assert found.level["held_out"]["fitted"]["yaw_rad"] < found.level["held_out"]["baseline"]["yaw_rad"]

@@ -39,7 +39,7 @@ def same_as_the_program(run, tmp_path, scenario, controllers, plant, seed):
         assert list(log) == list(rows[0])
         for name in set(log) - TIMES:
             values = [row[name] for row in rows]
-            if name in ("status", "reason"):
+            if name in ("status", "reason", "learned_unobserved"):
                 assert log[name] == values
             else:
                 assert log[name].dtype == np.float64

@@ -80,7 +80,7 @@ class Identification(Vehicle):
         """Report of the level stage (ICRs, c_l, c_r), None without level logs.
 
         `estimates` (by key: value, std, half_width_95 in the key's unit, None where the logs do not tell), `segments`,
-        `poses`, `j_over_n` (13), `outlier_share`, `held_out` (RMS errors of segments left out, m and rad), `warnings`.
+        `poses`, `j_over_n` (13), `outlier_share`, `held_out` (RMS errors of segments left out, m and rad), `warnings`, `undetermined` (keys that stay as they were).
         """
     @property
     def slope(self) -> dict[str, Any] | None:
