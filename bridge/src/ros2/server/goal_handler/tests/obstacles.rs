@@ -5,6 +5,7 @@ use crate::ros2::server::obstacles::config::CostmapConfig;
 use crate::ros2::server::obstacles::{
     Costmap, Doubt, ObstacleSettings, StoppingSettings, Surroundings,
 };
+use sidehill_controller::tracked_point::TrackedPoint;
 
 /// Costmaps as a reader of them has them.
 pub(super) struct Costmaps {
@@ -150,6 +151,23 @@ fn a_near_obstacle_stops_the_vehicle_which_goes_on_when_the_way_is_free() {
     world.see_for(None, 0.1);
     world.finish();
     world.assert_finished(client, GoalEnd::Succeeded, code::NONE);
+}
+
+#[test]
+fn a_path_of_a_point_ahead_is_checked_with_the_footprint_behind_it() {
+    let mut world = World::with_costmap();
+    world.handler.settings.route.tracked_point = TrackedPoint {
+        right_m: 0.0,
+        forward_m: 2.0,
+    };
+    // The point is at the beginning of the path.
+    world.x_m = -2.0;
+    world.see(None);
+    world.follow();
+    world.see_for(None, 0.5);
+    // 0.25 m before the front of a footprint around the point, and 2.25 m before that of the vehicle.
+    world.see_for(Some(FRONT_M + 0.35), 0.2);
+    assert_eq!((world.state, world.stop), (SafetyState::Driving, None));
 }
 
 #[test]
