@@ -1,6 +1,6 @@
 //! What `simulate --out` writes: a CSV of each run, and one HTML page about all of them.
 //!
-//! Every report of the program is one file that loads nothing ([`page`]).
+//! Every report of the program is one file that loads nothing.
 
 mod chart;
 mod contours;
