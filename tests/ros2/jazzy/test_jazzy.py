@@ -17,7 +17,7 @@ from nav2_msgs.action import FollowPath
 from nav2_msgs.msg import SpeedLimit
 from nav_msgs.msg import Odometry
 from nodes import SERVER, Node, ahead
-from programs import cross_track_m, figure_eight
+from programs import cross_track_m, figure_eight, wait_for
 from rcl_interfaces.msg import ParameterType
 from rclpy.action import get_action_names_and_types
 from rclpy.parameter import Parameter
