@@ -39,17 +39,30 @@ fn configuration(test: &str, changes: &[(&str, &str, &str)]) -> PathBuf {
     to.join("bridge/run_vcan0.yaml")
 }
 
+/// Changes for the simulated bus of a machine whose cores are busy.
+const SIMULATED: [(&str, &str, &str); 4] = [
+    ("run_vcan0.yaml", "port: can", "port: simulated"),
+    (
+        "run_vcan0.yaml",
+        "command_timeout_s: 0.15",
+        "command_timeout_s: 1.0",
+    ),
+    (
+        "run_vcan0.yaml",
+        "feedback_timeout_s: 0.2",
+        "feedback_timeout_s: 1.0",
+    ),
+    (
+        "run_vcan0.yaml",
+        "handshake_timeout_s: 1.0",
+        "handshake_timeout_s: 10.0",
+    ),
+];
+
 #[test]
 fn a_simulated_vehicle_is_driven_in_real_time() {
     // The longest time-outs there are, since other tests may keep the machine busy.
-    let changes = [
-        ("port: can", "port: simulated"),
-        ("command_timeout_s: 0.15", "command_timeout_s: 1.0"),
-        ("feedback_timeout_s: 0.2", "feedback_timeout_s: 1.0"),
-        ("handshake_timeout_s: 1.0", "handshake_timeout_s: 10.0"),
-    ]
-    .map(|(old, new)| ("run_vcan0.yaml", old, new));
-    let file = configuration("simulated", &changes);
+    let file = configuration("simulated", &SIMULATED);
     let recording = file.with_file_name("drive.mcap");
     let recording = recording.to_str().unwrap();
     let output = sidehill(&[
@@ -265,14 +278,7 @@ fn what_an_earlier_run_recorded_is_kept() {
 
 #[test]
 fn it_survives_100_closings_of_its_output_while_it_drives() {
-    let changes = [
-        ("port: can", "port: simulated"),
-        ("command_timeout_s: 0.15", "command_timeout_s: 1.0"),
-        ("feedback_timeout_s: 0.2", "feedback_timeout_s: 1.0"),
-        ("handshake_timeout_s: 1.0", "handshake_timeout_s: 10.0"),
-    ]
-    .map(|(old, new)| ("run_vcan0.yaml", old, new));
-    let file = configuration("closings", &changes);
+    let file = configuration("closings", &SIMULATED);
     let pipe = file.with_file_name("pipe");
     let _ = std::fs::remove_file(&pipe);
     assert!(
@@ -321,14 +327,7 @@ fn it_survives_100_closings_of_its_output_while_it_drives() {
 
 #[test]
 fn it_drives_on_when_nobody_reads_and_stops_when_the_connection_drops() {
-    let changes = [
-        ("port: can", "port: simulated"),
-        ("command_timeout_s: 0.15", "command_timeout_s: 1.0"),
-        ("feedback_timeout_s: 0.2", "feedback_timeout_s: 1.0"),
-        ("handshake_timeout_s: 1.0", "handshake_timeout_s: 10.0"),
-    ]
-    .map(|(old, new)| ("run_vcan0.yaml", old, new));
-    let file = configuration("nobody_reads", &changes);
+    let file = configuration("nobody_reads", &SIMULATED);
     let out = file.parent().unwrap().join("out");
     // What an earlier test left would look like a drive.
     let _ = std::fs::remove_dir_all(&out);

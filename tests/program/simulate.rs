@@ -343,12 +343,18 @@ fn rms_of_a_point_ahead(csv: &str) -> f64 {
     (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()
 }
 
+/// Returns the text of a scenario whose vehicles are found from any folder.
+fn scenario_anywhere(name: &str) -> String {
+    let text = crate::repository(&format!("config/scenarios/{name}.yaml"));
+    let vehicles = crate::repository("config/vehicles/");
+    std::fs::read_to_string(text)
+        .unwrap()
+        .replace("../vehicles/", vehicles.to_str().unwrap())
+}
+
 #[test]
 fn a_point_ahead_of_the_origin_follows_the_path_as_well_as_the_origin() {
-    let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR"));
-    let slalom = std::fs::read_to_string(root.join("config/scenarios/slalom.yaml")).unwrap();
-    let vehicles = root.join("config/vehicles/");
-    let slalom = slalom.replace("../vehicles/", vehicles.to_str().unwrap());
+    let slalom = scenario_anywhere("slalom");
     let folder = tempfile::tempdir().unwrap();
     let drive = |name: &str, text: &str| {
         let (file, out) = (
@@ -404,10 +410,7 @@ fn a_point_ahead_of_the_origin_follows_the_path_as_well_as_the_origin() {
 
 #[test]
 fn the_guard_stops_before_steep_ground_or_refuses_the_route() {
-    let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR"));
-    let steep = std::fs::read_to_string(root.join("config/scenarios/steep_ground.yaml")).unwrap();
-    let vehicles = root.join("config/vehicles/");
-    let steep = steep.replace("../vehicles/", vehicles.to_str().unwrap());
+    let steep = scenario_anywhere("steep_ground");
     let folder = tempfile::tempdir().unwrap();
     let drive = |name: &str, text: &str| {
         let (file, out) = (

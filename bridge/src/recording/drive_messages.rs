@@ -18,6 +18,7 @@ use crate::safety::SafetyState;
 use sidehill_controller::controller::{Decision, Status};
 use sidehill_plant::frames::{Attitude, PlanarPose, Pose};
 use sidehill_plant::simulation::TrueState;
+use sidehill_plant::speeds::TreadSpeeds;
 use sidehill_plant::vehicle::Vehicle;
 
 /// Time between two plans, s: they would be most of what is written.
@@ -109,16 +110,7 @@ impl DriveMessages {
                 &estimate.attitude,
                 sink,
             );
-            if is_due(&mut self.scene_s, time_s, SCENE_PERIOD_S) {
-                let markers = self.scene.motion(estimate.attitude, estimate.treads);
-                let header = self.header(time_s, BASE);
-                self.put(
-                    Topic::Scene,
-                    time_s,
-                    &self.scene.stamped(markers, &header),
-                    sink,
-                );
-            }
+            self.motion(time_s, estimate.attitude, estimate.treads, sink);
         }
         if let Some(progress) = &decision.progress {
             let pose = self.stamped_pose(
@@ -138,6 +130,26 @@ impl DriveMessages {
             self.event(time_s, level, "controller", &text, sink);
         }
         self.newest = Some((*decision, time_s));
+    }
+
+    /// Gives how the vehicle moves to the scene, where that is due.
+    fn motion(
+        &mut self,
+        time_s: f64,
+        attitude: Attitude,
+        treads: TreadSpeeds,
+        sink: &mut impl MessageSink,
+    ) {
+        if is_due(&mut self.scene_s, time_s, SCENE_PERIOD_S) {
+            let markers = self.scene.motion(attitude, treads);
+            let header = self.header(time_s, BASE);
+            self.put(
+                Topic::Scene,
+                time_s,
+                &self.scene.stamped(markers, &header),
+                sink,
+            );
+        }
     }
 
     /// Gives what is true in a simulation.
@@ -163,16 +175,7 @@ impl DriveMessages {
             ],
         );
         self.put(Topic::Treads, time_s, &message, sink);
-        if is_due(&mut self.scene_s, time_s, SCENE_PERIOD_S) {
-            let markers = self.scene.motion(state.attitude, state.treads);
-            let header = self.header(time_s, BASE);
-            self.put(
-                Topic::Scene,
-                time_s,
-                &self.scene.stamped(markers, &header),
-                sink,
-            );
-        }
+        self.motion(time_s, state.attitude, state.treads, sink);
     }
 
     /// Gives the newest plan, at most twice a second.

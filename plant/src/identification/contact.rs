@@ -9,7 +9,7 @@
 
 use super::fit::{Fit, IdentificationError, IdentificationSettings, Stage, cut, smoothed};
 use super::segments::{Segment, SegmentErrors};
-use super::statistics::{Cluster, confidence_factor, covariance};
+use super::statistics::{Cluster, confidence_factor, covariance, parameters_without};
 use crate::contact::{ContactPrediction, ContactVehicle, Parameter, ParameterVector};
 use crate::log::DriveLog;
 use crate::odometry::KinematicModel;
@@ -252,20 +252,8 @@ impl<'a> Search<'a> {
             let held_out: Vec<usize> = (0..segments.len())
                 .filter(|segment| segment / RUN % FOLDS == fold)
                 .collect();
-            // The sum of all gradients is 0 at the minimum, so the rest's is the fold's, negative.
-            let (mut rest, mut gradient) = (normal.clone(), DVector::zeros(size));
-            for index in &held_out {
-                let cluster = &clusters[*index];
-                rest -= cluster.jacobian.tr_mul(&cluster.jacobian);
-                gradient -= cluster.jacobian.tr_mul(&cluster.residuals);
-            }
-            let step = rest.cholesky().map(|c| c.solve(&gradient));
-            let parameters: Vec<f64> = fit
-                .parameters
-                .iter()
-                .enumerate()
-                .map(|(i, value)| value - step.as_ref().map_or(0.0, |step| step[i]))
-                .collect();
+            let left_out = held_out.iter().map(|index| &clusters[*index]);
+            let parameters = parameters_without(&fit.parameters, &normal, left_out);
             let out: Vec<Segment> = held_out.iter().map(|index| segments[*index]).collect();
             SegmentErrors::of(
                 &out,

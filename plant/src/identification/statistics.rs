@@ -11,6 +11,28 @@ pub(super) struct Cluster {
     pub(super) residuals: DVector<f64>,
 }
 
+/// Returns the parameters that follow from all clusters but `left_out`, by one Gauss-Newton step from the
+/// fit to all, whose normal matrix is `normal`; the fit's own where the others do not determine them.
+pub fn parameters_without<'a>(
+    parameters: &[f64],
+    normal: &DMatrix<f64>,
+    left_out: impl Iterator<Item = &'a Cluster>,
+) -> Vec<f64> {
+    // The sum of all gradients is 0 at the minimum, so the rest's is that of those left out, negative.
+    let (mut rest, mut gradient) = (normal.clone(), DVector::zeros(parameters.len()));
+    for cluster in left_out {
+        rest -= cluster.jacobian.tr_mul(&cluster.jacobian);
+        gradient -= cluster.jacobian.tr_mul(&cluster.residuals);
+    }
+    let step = rest.cholesky().map(|c| c.solve(&gradient));
+    let steps = (0..parameters.len()).map(|i| step.as_ref().map_or(0.0, |step| step[i]));
+    parameters
+        .iter()
+        .zip(steps)
+        .map(|(value, step)| value - step)
+        .collect()
+}
+
 /// Returns the covariance of the parameters, if the Jacobian determines them.
 ///
 /// With B = (sum J'J)^-1 and a segment's gradient g = J'r it is `B (sum g g') B K/(K - p)`, for K

@@ -14,7 +14,7 @@ use super::fit::{
 };
 use super::problem::{Problem, Pull};
 use super::segments::{Segment, SegmentErrors};
-use super::statistics::{confidence_factor, covariance};
+use super::statistics::{confidence_factor, covariance, parameters_without};
 use crate::extension::{Extension, ExtensionGains};
 use crate::log::DriveLog;
 use crate::odometry::KinematicModel;
@@ -366,20 +366,8 @@ impl Search<'_> {
         let mut misfits_m = vec![0.0; self.segments.len()];
         for fold in 0..FOLDS {
             let held_out = || (0..self.segments.len()).filter(|i| fold_of(*i) == fold);
-            // The sum of all gradients is 0 at the minimum, so the rest's is the fold's, negative.
-            let (mut rest, mut gradient) = (normal.clone(), DVector::zeros(size));
-            for index in held_out() {
-                let cluster = &clusters[index];
-                rest -= cluster.jacobian.tr_mul(&cluster.jacobian);
-                gradient -= cluster.jacobian.tr_mul(&cluster.residuals);
-            }
-            let step = rest.cholesky().map(|c| c.solve(&gradient));
-            let parameters: Vec<f64> = fit
-                .parameters
-                .iter()
-                .enumerate()
-                .map(|(i, value)| value - step.as_ref().map_or(0.0, |step| step[i]))
-                .collect();
+            let left_out = held_out().map(|index| &clusters[index]);
+            let parameters = parameters_without(&fit.parameters, &normal, left_out);
             let vehicle = vehicle_with(&parameters);
             for index in held_out() {
                 let segment = &self.segments[index];
