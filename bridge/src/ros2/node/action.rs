@@ -149,12 +149,15 @@ where
         }
     }
 
-    /// Ends a goal.
+    /// Ends a goal. Its state is published before its result is sent, so that who waits for the result
+    /// does not read an earlier state for longer than the middleware takes.
     pub fn end(&mut self, id: &GoalId, now_s: f64, end: GoalEnd, result: R) {
-        for response in self.goals.end(id, now_s, end, result) {
+        let responses = self.goals.end(id, now_s, end, result);
+        self.status_changed = true;
+        self.publish_status(now_s);
+        for response in responses {
             self.send_result(response);
         }
-        self.status_changed = true;
     }
 
     /// Returns whether a goal is being executed: neither ended nor being cancelled.
