@@ -4,8 +4,10 @@ use super::{Controller, Law};
 use crate::config::AttitudePreview;
 use crate::estimator::Estimate;
 use crate::mpc::{Model, StageTarget};
-use crate::reference::Progress;
+use crate::path::Point2;
+use crate::reference::{PROJECTION_WINDOW, Progress, Reference};
 use crate::tracked_point::{TrackedPoint, heading_difference_after};
+use crate::trajectory::{Motion, ReferencePoint};
 use sidehill_plant::frames::{PlanarPose, wrap_angle};
 use sidehill_plant::speeds::MotorSpeeds;
 
@@ -41,11 +43,17 @@ impl Controller {
         self.horizon.start = self.roll_forward(estimate);
         self.horizon.previous = previous;
         self.horizon.change_weights = self.config.change_weights(caution);
-        self.fill_targets(estimate, half_track_m, caution);
+        self.fill_targets(estimate, progress, half_track_m, caution);
     }
 
     /// Puts the reference over the horizon into its targets.
-    fn fill_targets(&mut self, estimate: &Estimate, half_track_m: f64, caution: f64) {
+    fn fill_targets(
+        &mut self,
+        estimate: &Estimate,
+        progress: &Progress,
+        half_track_m: f64,
+        caution: f64,
+    ) {
         self.horizon.targets.clear();
         let (Some(reference), Law::Mpc(mpc)) = (&self.reference, &self.law) else {
             return;
@@ -59,6 +67,12 @@ impl Controller {
             .filter(|_| config.attitude_preview == AttitudePreview::Terrain);
         let guard = self.guard.as_ref().filter(|guard| guard.slows());
         let mut slowed_s = guard.map_or(0.0, |guard| guard.after_s(0.0, config.delay_s()));
+        let weights = &config.weights;
+        let mut unrolling = (weights.along_per_m2 != weights.cross_per_m2).then(|| Unrolling {
+            reference,
+            nearest_m: progress.arc_length_m,
+            before_m: progress.point.arc_length_m,
+        });
         for (k, end_s) in ends_s.iter().enumerate() {
             let (ahead_s, share) = match guard {
                 Some(guard) => {
@@ -72,10 +86,22 @@ impl Controller {
             let normal_in_world = map
                 .and_then(|map| map.surface(point.position.x_m, point.position.y_m).ok())
                 .map_or(estimate.normal_in_world, |surface| surface.normal_in_world);
+            let planned = mpc.planned_state(k, self.horizon.elapsed_s);
+            let pose = match (&mut unrolling, planned) {
+                (Some(unrolling), Some(planned)) => {
+                    let lever = tracked_point.lever(&normal_in_world, planned.z);
+                    let place = Point2 {
+                        x_m: planned.x + lever.offset_m.0,
+                        y_m: planned.y + lever.offset_m.1,
+                    };
+                    unrolling.target(&point, &place)
+                }
+                _ => point.pose(),
+            };
             self.horizon.targets.push(StageTarget {
-                pose: point.pose(),
+                pose,
                 tracked_point,
-                along_heading_rad: point.heading_rad,
+                along_heading_rad: pose.yaw_rad,
                 normal_in_world,
                 feedforward: MotorSpeeds {
                     traction_m_s: share * point.speed_m_s,
@@ -178,6 +204,42 @@ impl Controller {
             }
         }
         pose
+    }
+}
+
+/// Targets for a vehicle that may lag behind its reference, stage by stage.
+///
+/// Where errors along the path weigh less than those across it, the plan may be far behind the reference.
+/// The distance from the tangent of the reference is then not that from the path: beside a bend the vehicle
+/// stands well on the tangent of a point that it never reaches. So the path is rolled out straight, along its tangent
+/// at the point nearest to where the plan has the vehicle: across that is the distance from the path, along
+/// it the arc length by which the vehicle is behind.
+struct Unrolling<'a> {
+    reference: &'a Reference,
+    /// Arc length nearest to the plan at the stage before, m.
+    nearest_m: f64,
+    /// Arc length of the reference at the stage before, m.
+    before_m: f64,
+}
+
+impl Unrolling<'_> {
+    /// Returns the pose that `point` has on the path rolled out for a vehicle at `place`.
+    fn target(&mut self, point: &ReferencePoint, place: &Point2) -> PlanarPose {
+        let guess_m = self.nearest_m + point.arc_length_m - self.before_m;
+        self.before_m = point.arc_length_m;
+        self.nearest_m = guess_m;
+        let (Some(path), Motion::Drive) = (self.reference.path(), point.motion) else {
+            return point.pose();
+        };
+        let nearest = path.nearest_from(place, guess_m, point.arc_length_m, &PROJECTION_WINDOW);
+        self.nearest_m = nearest.arc_length_m;
+        let ahead_m = nearest.direction.sign() * (point.arc_length_m - nearest.arc_length_m);
+        let (sin, cos) = nearest.heading_rad.sin_cos();
+        PlanarPose {
+            x_m: nearest.position.x_m - sin * ahead_m,
+            y_m: nearest.position.y_m + cos * ahead_m,
+            yaw_rad: point.heading_rad + wrap_angle(nearest.heading_rad - point.heading_rad),
+        }
     }
 }
 

@@ -184,6 +184,16 @@ impl Mpc {
         self.planned.then_some(&self.plan)
     }
 
+    /// Returns (x, y, yaw) that the plan in force has for the end of a stage of the next horizon, which is
+    /// `elapsed_s` later than its own; none where there is no plan.
+    pub fn planned_state(&self, stage: usize, elapsed_s: f64) -> Option<Vector3<f64>> {
+        let states = &self.plan()?.states;
+        let state = states.get(stage + 1)?;
+        let next = states.get(stage + 2).unwrap_or(state);
+        let ratio = (elapsed_s / self.times.step_s(stage)).clamp(0.0, 1.0);
+        Some((1.0 - ratio) * state + ratio * next)
+    }
+
     /// Makes the next plan from nothing, as after a change of the path.
     pub fn discard_plan(&mut self) {
         self.planned = false;
