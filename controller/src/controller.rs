@@ -7,6 +7,7 @@
 mod decision;
 mod horizon;
 mod supervision;
+mod unrolling;
 mod watchdog;
 
 pub use decision::{Decision, Stall, Status, StopReason};

@@ -1,13 +1,13 @@
 //! From the estimate to the horizon that the MPC is asked for.
 
+use super::unrolling::Unrolling;
 use super::{Controller, Law};
 use crate::config::AttitudePreview;
 use crate::estimator::Estimate;
 use crate::mpc::{Model, StageTarget};
 use crate::path::Point2;
-use crate::reference::{PROJECTION_WINDOW, Progress, Reference};
+use crate::reference::Progress;
 use crate::tracked_point::{TrackedPoint, heading_difference_after};
-use crate::trajectory::{Motion, ReferencePoint};
 use sidehill_plant::frames::{PlanarPose, wrap_angle};
 use sidehill_plant::speeds::MotorSpeeds;
 
@@ -68,11 +68,8 @@ impl Controller {
         let guard = self.guard.as_ref().filter(|guard| guard.slows());
         let mut slowed_s = guard.map_or(0.0, |guard| guard.after_s(0.0, config.delay_s()));
         let weights = &config.weights;
-        let mut unrolling = (weights.along_per_m2 != weights.cross_per_m2).then(|| Unrolling {
-            reference,
-            nearest_m: progress.arc_length_m,
-            before_m: progress.point.arc_length_m,
-        });
+        let mut unrolling = (weights.along_per_m2 != weights.cross_per_m2)
+            .then(|| Unrolling::new(reference, progress));
         for (k, end_s) in ends_s.iter().enumerate() {
             let (ahead_s, share) = match guard {
                 Some(guard) => {
@@ -204,42 +201,6 @@ impl Controller {
             }
         }
         pose
-    }
-}
-
-/// Targets for a vehicle that may lag behind its reference, stage by stage.
-///
-/// Where errors along the path weigh less than those across it, the plan may be far behind the reference.
-/// The distance from the tangent of the reference is then not that from the path: beside a bend the vehicle
-/// stands well on the tangent of a point that it never reaches. So the path is rolled out straight, along its tangent
-/// at the point nearest to where the plan has the vehicle: across that is the distance from the path, along
-/// it the arc length by which the vehicle is behind.
-struct Unrolling<'a> {
-    reference: &'a Reference,
-    /// Arc length nearest to the plan at the stage before, m.
-    nearest_m: f64,
-    /// Arc length of the reference at the stage before, m.
-    before_m: f64,
-}
-
-impl Unrolling<'_> {
-    /// Returns the pose that `point` has on the path rolled out for a vehicle at `place`.
-    fn target(&mut self, point: &ReferencePoint, place: &Point2) -> PlanarPose {
-        let guess_m = self.nearest_m + point.arc_length_m - self.before_m;
-        self.before_m = point.arc_length_m;
-        self.nearest_m = guess_m;
-        let (Some(path), Motion::Drive) = (self.reference.path(), point.motion) else {
-            return point.pose();
-        };
-        let nearest = path.nearest_from(place, guess_m, point.arc_length_m, &PROJECTION_WINDOW);
-        self.nearest_m = nearest.arc_length_m;
-        let ahead_m = nearest.direction.sign() * (point.arc_length_m - nearest.arc_length_m);
-        let (sin, cos) = nearest.heading_rad.sin_cos();
-        PlanarPose {
-            x_m: nearest.position.x_m - sin * ahead_m,
-            y_m: nearest.position.y_m + cos * ahead_m,
-            yaw_rad: point.heading_rad + wrap_angle(nearest.heading_rad - point.heading_rad),
-        }
     }
 }
 

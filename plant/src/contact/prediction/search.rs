@@ -8,7 +8,7 @@ use nalgebra::{Matrix3, Vector3};
 /// A search ends where less than this is left over, force as a share of the weight, and Newton's step is
 /// shorter than this, m/s or rad/s. That step is still taken: what is left then is about its square over
 /// the slip scale.
-pub(super) const TOLERANCE: f64 = 3e-7;
+pub(super) const TOLERANCE: f64 = 3e-8;
 /// The same for a velocity that is summed up over a roll-out.
 pub(super) const TOLERANCE_OF_ROLL_OUT: f64 = 3e-5;
 /// Rounding of the potential over the weight, m/s.
@@ -23,7 +23,7 @@ const ATTEMPTS: usize = 6;
 /// Share of the friction limit that the first of these attempts pulls with.
 const HELD_SHARE: f64 = 0.9;
 /// Largest speed at which a vehicle counts as held, m/s or rad/s.
-const SPEED_MAX: f64 = 20.0;
+pub(super) const SPEED_MAX: f64 = 20.0;
 /// Speed up to which a search may pass on its way, m/s or rad/s.
 const SEARCHED_MAX: f64 = 100.0;
 
