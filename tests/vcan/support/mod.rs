@@ -1,5 +1,7 @@
 //! Folders, programs, an observer of the bus, and faults of the bus, for the tests on a real one.
 
+use crate::program::{repository, sidehill};
+use crate::running::Running;
 pub use rustix::process::Signal;
 use serde_json::Value;
 use sidehill::config::{ConfigFile, load_layout};
@@ -12,7 +14,7 @@ use sidehill_controller::course::FigureEight;
 use sidehill_controller::path::{Point2, Window};
 use std::fs::File;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
+use std::process::{Command, Stdio};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
@@ -147,7 +149,7 @@ pub fn cross_track_rms_m(truth: &[Truth], rows_min: usize) -> f64 {
 
 /// A running `sidehill`; killed where it is dropped.
 pub struct Program {
-    child: Child,
+    process: Running,
     output: PathBuf,
 }
 
@@ -223,20 +225,20 @@ impl Program {
     ) -> Self {
         let output = folder.0.join(output);
         let file = File::create(&output).unwrap();
-        let child = Command::new(env!("CARGO_BIN_EXE_sidehill"))
-            .args(arguments)
-            .envs(environment.iter().copied())
-            .stdin(Stdio::null())
-            .stderr(file.try_clone().unwrap())
-            .stdout(file)
-            .spawn()
-            .unwrap();
-        Self { child, output }
+        let process = Running::start(
+            sidehill()
+                .args(arguments)
+                .envs(environment.iter().copied())
+                .stdin(Stdio::null())
+                .stderr(file.try_clone().unwrap())
+                .stdout(file),
+        );
+        Self { process, output }
     }
 
     /// Sends a signal.
     pub fn signal(&self, signal: Signal) {
-        let id = rustix::process::Pid::from_raw(self.child.id() as i32).unwrap();
+        let id = rustix::process::Pid::from_raw(self.process.0.id() as i32).unwrap();
         rustix::process::kill_process(id, signal).unwrap();
     }
 
@@ -247,7 +249,7 @@ impl Program {
 
     /// Process number.
     pub fn id(&self) -> u32 {
-        self.child.id()
+        self.process.0.id()
     }
 
     /// Number of the thread of this name.
@@ -269,7 +271,7 @@ impl Program {
     /// Waits for the end and returns the last line of the output.
     pub fn wait(mut self, at_most: Duration) -> Value {
         let start = Instant::now();
-        while self.child.try_wait().unwrap().is_none() {
+        while self.process.0.try_wait().unwrap().is_none() {
             let text = || std::fs::read_to_string(&self.output).unwrap();
             assert!(start.elapsed() < at_most, "did not end:\n{}", text());
             std::thread::sleep(Duration::from_millis(50));
@@ -280,23 +282,11 @@ impl Program {
     }
 }
 
-impl Drop for Program {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-    }
-}
-
 /// Writes a configuration of the repository into the folder, with absolute names and changes.
 pub fn configuration(folder: &Folder, name: &str, change: impl Fn(String) -> String) -> String {
-    let config = Path::new(env!("CARGO_MANIFEST_DIR")).join("config");
-    let text = std::fs::read_to_string(config.join("bridge").join(name)).unwrap();
-    let text = text
-        .replace(
-            "can: can.yaml",
-            &format!("can: {}", config.join("bridge/can.yaml").display()),
-        )
-        .replace("../", &format!("{}/", config.display()));
+    let text = crate::configuration::configuration(&format!("bridge/{name}"));
+    let layout = repository("config/bridge/can.yaml");
+    let text = text.replace("can: can.yaml", &format!("can: {}", layout.display()));
     let file = folder.0.join(name);
     std::fs::write(&file, change(text)).unwrap();
     file.display().to_string()
@@ -402,7 +392,7 @@ pub fn standing_after_s(truth: &[Truth], unix_s: f64) -> Option<f64> {
 
 /// The layout of the repository.
 pub fn layout() -> Layout {
-    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/bridge/can.yaml");
+    let file = repository("config/bridge/can.yaml");
     load_layout(&ConfigFile::read(&file).unwrap()).unwrap()
 }
 
@@ -430,19 +420,17 @@ pub fn sleep_s(seconds: f64) {
 
 /// Runs a script of this folder.
 pub fn python(script: &str, arguments: &[&str]) -> Command {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let mut command = Command::new("python3");
     command
         .env("PYTHONDONTWRITEBYTECODE", "1")
-        .arg(root.join("tests/vcan/support").join(script))
+        .arg(repository("tests/vcan/support").join(script))
         .args(arguments);
     command
 }
 
 /// Returns a database of the repository.
 pub fn database(name: &str) -> String {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/bridge");
-    folder.join(name).display().to_string()
+    repository("config/bridge").join(name).display().to_string()
 }
 
 /// Lets cantools decode the log of the bus by a database and compare it with the program's own log.
