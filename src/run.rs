@@ -15,6 +15,7 @@ use sidehill_bridge::can::CanPort;
 use sidehill_bridge::control_loop::record::{LogSource, Recorder, ring};
 use sidehill_bridge::control_loop::{LoopSetup, RunOptions, Signals};
 use sidehill_bridge::drives::{Clock, Epoch, Input, InputStatus, Port};
+use sidehill_bridge::recording::live::{LiveView, ParameterOwner};
 use sidehill_bridge::recording::{PathLog, PathRecord, Sinks, tap};
 use sidehill_bridge::ros2::node::arguments::RosArguments;
 use sidehill_bridge::ros2::node::names::Names;
@@ -103,7 +104,16 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
     let watch =
         (recorded.is_some() || live.is_some()).then(|| (path_log, Arc::clone(&recording_ended)));
     let watched = watch.is_some();
-    let ros2 = start_ros2(&file, &config, &vehicle, ros_arguments, epoch, watch)?;
+    let settable = live.as_ref().filter(|_| config.over_ros2());
+    let owner = settable.map(LiveView::parameter_owner);
+    let ros2 = start_ros2(
+        &file,
+        &config,
+        &vehicle,
+        ros_arguments,
+        epoch,
+        (watch, owner),
+    )?;
     let (clock, channel, ros2_port, _server) = match ros2 {
         Some(ros2) => {
             inputs.push(Box::new(ros2.inputs));
@@ -261,7 +271,10 @@ fn start_ros2(
     vehicle: &Vehicle,
     arguments: &[String],
     epoch: Epoch,
-    watch: Option<(PathLog, Arc<OnceLock<String>>)>,
+    (watch, live): (
+        Option<(PathLog, Arc<OnceLock<String>>)>,
+        Option<ParameterOwner>,
+    ),
 ) -> Result<Option<Ros2>> {
     if !config.over_ros2() {
         ensure!(
@@ -290,6 +303,7 @@ fn start_ros2(
         stages: config.settings.stages,
         period_s,
         recording: watch,
+        live,
         realtime: config.realtime,
         stopping: config.stopping(),
     });
