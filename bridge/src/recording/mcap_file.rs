@@ -1,46 +1,22 @@
-//! MCAP files that are whole at every moment.
-//!
-//! After each flush the file ends as a finished one does, without a summary; the next flush begins where
-//! that end stood. So a program that is killed leaves a file that any reader opens.
+//! Recordings as MCAP files, split by size.
 
 use super::messages::Topic;
 use super::sink::MessageSink;
+use super::whole_file::{PENDING_MAX, WholeFile};
 use mcap::records::{MessageHeader, Metadata};
 use mcap::{Attachment, McapError, WriteOptions, Writer};
 use serde::{Deserialize, Serialize};
 use sidehill_plant::bounds::{Bounds, RangeError};
 use std::borrow::Cow;
 use std::collections::BTreeMap;
-use std::fs::{File, OpenOptions};
-use std::io::{Error, ErrorKind, Seek, SeekFrom, Write};
-use std::os::unix::fs::FileExt;
+use std::fs::OpenOptions;
+use std::io::Error;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 /// Longest time that messages wait for the disk.
 const FLUSH_PERIOD: Duration = Duration::from_millis(500);
-/// Bytes that wait for the disk at most.
-const PENDING_MAX: usize = 1 << 20;
 const MEGABYTE: u64 = 1_000_000;
-/// The end of a file without a summary: data end, footer, magic.
-const END: [u8; 50] = end();
-
-const fn end() -> [u8; 50] {
-    const MAGIC: [u8; 8] = [0x89, b'M', b'C', b'A', b'P', b'0', b'\r', b'\n'];
-    let mut end = [0; 50];
-    // Data end: its checksum is 0 for none.
-    end[0] = 0x0F;
-    end[1] = 4;
-    // Footer: no summary, no offsets, no checksum.
-    end[13] = 0x02;
-    end[14] = 20;
-    let mut i = 0;
-    while i < MAGIC.len() {
-        end[42 + i] = MAGIC[i];
-        i += 1;
-    }
-    end
-}
 
 /// How large a recording may become.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -326,79 +302,5 @@ fn io_error(error: McapError) -> Error {
     match error {
         McapError::Io(error) => error,
         other => Error::other(other),
-    }
-}
-
-/// A file that takes what was written when it is flushed, in one piece with a new end.
-struct WholeFile {
-    file: File,
-    /// Bytes of the file that stay.
-    kept: u64,
-    pending: Vec<u8>,
-    /// Where the next byte goes, in `pending`.
-    at: usize,
-}
-
-impl WholeFile {
-    fn new(file: File) -> Self {
-        Self {
-            file,
-            kept: 0,
-            pending: Vec::with_capacity(2 * PENDING_MAX),
-            at: 0,
-        }
-    }
-
-    /// Writes what is left, which has an end of its own, and returns the size of the file.
-    fn finish(mut self) -> Result<u64, Error> {
-        self.file.write_all_at(&self.pending, self.kept)?;
-        self.kept += self.pending.len() as u64;
-        self.file.set_len(self.kept)?;
-        Ok(self.kept)
-    }
-}
-
-impl Write for WholeFile {
-    fn write(&mut self, bytes: &[u8]) -> Result<usize, Error> {
-        let within = bytes.len().min(self.pending.len() - self.at);
-        self.pending[self.at..self.at + within].copy_from_slice(&bytes[..within]);
-        self.pending.extend_from_slice(&bytes[within..]);
-        self.at += bytes.len();
-        Ok(bytes.len())
-    }
-
-    fn flush(&mut self) -> Result<(), Error> {
-        let length = self.pending.len();
-        self.pending.extend_from_slice(&END);
-        if let Err(error) = self.file.write_all_at(&self.pending, self.kept) {
-            // The file stays as whole as it was.
-            let end = self.kept + END.len() as u64;
-            let _ = self.file.write_all_at(&END, self.kept);
-            let _ = self.file.set_len(end);
-            return Err(error);
-        }
-        self.kept += length as u64;
-        self.pending.clear();
-        self.at = 0;
-        Ok(())
-    }
-}
-
-impl Seek for WholeFile {
-    fn seek(&mut self, to: SeekFrom) -> Result<u64, Error> {
-        let position = match to {
-            SeekFrom::Start(position) => Some(position),
-            SeekFrom::Current(by) => (self.kept + self.at as u64).checked_add_signed(by),
-            SeekFrom::End(by) => (self.kept + self.pending.len() as u64).checked_add_signed(by),
-        };
-        let at = position
-            .and_then(|position| position.checked_sub(self.kept))
-            .and_then(|at| usize::try_from(at).ok())
-            .filter(|at| *at <= self.pending.len())
-            .ok_or_else(|| {
-                Error::new(ErrorKind::InvalidInput, "that part of the file is written")
-            })?;
-        self.at = at;
-        Ok(self.kept + at as u64)
     }
 }
