@@ -51,6 +51,7 @@ impl Client {
             .max_message_size(Some(REQUEST_MAX))
             .max_frame_size(Some(REQUEST_MAX));
         let mut own_page = false;
+        #[allow(clippy::result_large_err)]
         let choose = |request: &Upgrade, response| {
             own_page = is_own_page(request);
             choose_protocol(request, response)
