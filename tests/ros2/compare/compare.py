@@ -33,7 +33,7 @@ HERE = pathlib.Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE.parent), str(HERE.parent / "jazzy")]
 
 from geometry_msgs.msg import TransformStamped, Twist
-from nodes import Driven, Node, path_of
+from nodes import Driven, Node
 from programs import REPOSITORY, SIDEHILL, Vehicle, adapted, cross_track_m, figure_eight
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
