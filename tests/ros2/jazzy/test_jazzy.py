@@ -12,12 +12,13 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Twist
 from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState, GetState
+from nav2_msgs.action import FollowPath
 from nav2_msgs.msg import SpeedLimit
 from nav_msgs.msg import Odometry
 from nodes import SERVER, Node, ahead
 from programs import cross_track_m, figure_eight, wait_for
 from rcl_interfaces.msg import ParameterType
-from rclpy.action import get_action_names_and_types
+from rclpy.action import ActionClient, get_action_names_and_types
 from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
 from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
@@ -243,6 +244,20 @@ def test_a_node_that_slows_the_drives_down_is_no_fault_where_the_controller_hear
     else:
         assert (status, result.error_code) == (GoalStatus.STATUS_ABORTED, 100)
         assert "differs" in result.error_msg
+
+
+def test_a_goal_ends_with_its_own_client_and_not_with_another_of_the_same_node(driven, ros):
+    d = driven()
+    other = ActionClient(ros.node, FollowPath, "/follow_path")
+    ros.wait_for(other.server_is_ready, "action server")
+    goal = d.sent_off(ahead())
+    result = goal.get_result_async()
+    other.destroy()
+    began = time.monotonic()
+    ros.wait_for(lambda: result.done() or time.monotonic() > began + 2.0, "two seconds of driving")
+    assert not result.done() and d.vehicle.now()["traction_m_s"] > 0.2
+    d.action.destroy()
+    d.stands()
 
 
 def test_first_calls_of_fresh_nodes_are_answered(driven, domain):
