@@ -3,6 +3,7 @@
 use crate::config::ros2::{environment, parameters};
 use crate::config::{ConfigFile, RunConfig, RunPort};
 use crate::console::Printer;
+use crate::learned::Keeper;
 use anyhow::{Context, Result, anyhow, ensure};
 use serde::Serialize;
 use sidehill_bridge::can::CanPort;
@@ -80,7 +81,11 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
     let file = ConfigFile::read(&args.config)?;
     let config: RunConfig = file.parse()?;
     let vehicle = config.load_vehicle(&file)?;
-    let controller = config.controller(&file, &vehicle)?;
+    let mut controller = config.controller(&file, &vehicle)?;
+    let keeper = config
+        .learned_file(&file)?
+        .map(|(path, days_max)| Keeper::start(path, days_max, &mut controller))
+        .transpose()?;
     let mut files = args.out.as_deref().map(Files::create).transpose()?;
     let signals = register_signals()?;
 
@@ -126,6 +131,7 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
         port,
         controller,
         channel,
+        learned: keeper.as_ref().map(Keeper::sender),
         records,
         options: RunOptions {
             arm: args.arm,
@@ -174,6 +180,9 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
         printer.line(line?);
     }
     printer.finish(PRINT_TIMEOUT);
+    if let Some(keeper) = keeper {
+        keeper.finish();
+    }
     let report = report.with_context(|| file.name())?;
     Ok(ExitCode::from(report.ended.exit_code()))
 }

@@ -441,7 +441,7 @@ fn the_guard_stops_before_steep_ground_or_refuses_the_route() {
     let limit = guard["stopped_before"]["limit"].as_f64().unwrap();
     assert!(guard["rollover_margin_min"].as_f64().unwrap() > 0.25);
     assert!(guard["friction_use_max"].as_f64().unwrap() < 0.8);
-    let named = format!("limit {limit}");
+    let named = format!("limit {limit:.2}");
     assert_says(&report, &["Margins along the path", &named]);
     let refuses = steep.replace("refuse_route: false", "refuse_route: true");
     let (refused, report) = drive("refused.yaml", &refuses);

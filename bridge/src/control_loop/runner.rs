@@ -3,10 +3,12 @@
 use super::channel::ControllerEnd;
 use crate::safety::{ControllerOutput, ControllerState};
 use sidehill_controller::controller::{Controller, Decision, Status};
+use sidehill_controller::memory::Learned;
 use sidehill_plant::sample::Sample;
 use std::os::unix::thread::JoinHandleExt;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::SyncSender;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 use thread_priority::ThreadId;
@@ -50,21 +52,37 @@ pub struct InlineRunner {
     /// Whether there has been a plan since the controller was engaged.
     planned: bool,
     channel: Option<ControllerEnd>,
+    learned: Option<SyncSender<Learned>>,
 }
 
 impl InlineRunner {
     /// Returns a runner whose controller holds until it is engaged.
     pub fn new(controller: Controller) -> Self {
-        Self::with_channel(controller, None)
+        Self::with_channel(controller, None, None)
     }
 
-    pub(crate) fn with_channel(mut controller: Controller, channel: Option<ControllerEnd>) -> Self {
+    pub(crate) fn with_channel(
+        mut controller: Controller,
+        channel: Option<ControllerEnd>,
+        learned: Option<SyncSender<Learned>>,
+    ) -> Self {
         controller.request_stop();
         Self {
             controller,
             engaged: false,
             planned: false,
             channel,
+            learned,
+        }
+    }
+}
+
+impl InlineRunner {
+    /// Gives away what was learned, without waiting: the vehicle stands, or is being stopped by the safety.
+    fn hand_over_learned(&self) {
+        if let (Some(sender), Some(learned)) = (&self.learned, self.controller.learned()) {
+            // Who is still busy with what came before gets the next one.
+            let _ = sender.try_send(learned);
         }
     }
 }
@@ -83,6 +101,7 @@ impl ControllerRunner for InlineRunner {
                 self.controller.rearm();
             } else {
                 self.controller.request_stop();
+                self.hand_over_learned();
             }
         }
         if let Some(channel) = &mut self.channel {
@@ -126,6 +145,7 @@ impl ThreadedRunner {
     pub fn start(
         controller: Controller,
         channel: Option<ControllerEnd>,
+        learned: Option<SyncSender<Learned>>,
     ) -> Result<Self, std::io::Error> {
         let (task, mut newest_task) = triple_buffer(&None::<Task>);
         let (mut decided, decision) = triple_buffer(&None::<Decision>);
@@ -134,7 +154,7 @@ impl ThreadedRunner {
         let thread = std::thread::Builder::new()
             .name("controller".to_owned())
             .spawn(move || {
-                let mut runner = InlineRunner::with_channel(controller, channel);
+                let mut runner = InlineRunner::with_channel(controller, channel, learned);
                 while !ended.load(Ordering::Relaxed) {
                     if !newest_task.update() {
                         std::thread::park_timeout(Duration::from_millis(100));

@@ -143,7 +143,8 @@ impl PlaceMap {
                     let middle = |cell: i32| (f64::from(cell) + 0.5) * edge;
                     let away = (middle(key.x) - place.x_m).hypot(middle(key.y) - place.y_m) / edge;
                     let heading = (f64::from(key.sector) + 0.5) * TAU / f64::from(SECTORS);
-                    let turned = wrap_angle(place.yaw_rad - heading).abs() * f64::from(SECTORS) / TAU;
+                    let turned =
+                        wrap_angle(place.yaw_rad - heading).abs() * f64::from(SECTORS) / TAU;
                     let weight = (1.0 - (away / 2.0).powi(2)).max(0.0)
                         * (1.5 - turned).clamp(0.0, 1.0)
                         * f64::from(slot.count.min(5).max(1));

@@ -143,7 +143,7 @@ impl Loop {
             SafetyConfig::default(),
             Clock::Virtual { now_s: 0.0 },
             SimulatedPort::new(simulation, 0.005, encoder_scale, DriveConfig::default()).unwrap(),
-            InlineRunner::with_channel(controller, Some(controller_end)),
+            InlineRunner::with_channel(controller, Some(controller_end), None),
             records,
         )
         .unwrap();
