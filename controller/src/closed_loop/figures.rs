@@ -90,6 +90,8 @@ pub(super) struct Account {
     tracked_point: TrackedPoint,
     origin_squares: f64,
     lap_m: f64,
+    /// Number of the last lap, from 0.
+    last_lap: f64,
     laps: Vec<LapFigures>,
 }
 
@@ -114,6 +116,12 @@ impl Account {
             },
             origin_squares: 0.0,
             lap_m: reference.trajectory().length_m(),
+            last_lap: match reference.trajectory().ending() {
+                Ending::Periodic => {
+                    (reference.end_s() / reference.trajectory().duration_s()).round() - 1.0
+                }
+                Ending::Stop => 0.0,
+            },
             laps: Vec::new(),
         }
     }
@@ -167,7 +175,7 @@ impl Account {
     /// Adds the error to the lap in which the reference is.
     fn count_lap(&mut self, arc_length_m: f64) {
         let error_m = self.errors.cross_track_m.abs();
-        let lap = (arc_length_m / self.lap_m).max(0.0) as usize;
+        let lap = (arc_length_m / self.lap_m).clamp(0.0, self.last_lap) as usize;
         if lap == self.laps.len() {
             self.laps.push(LapFigures::default());
         }

@@ -147,7 +147,7 @@ impl PlaceMap {
                         wrap_angle(place.yaw_rad - heading).abs() * f64::from(SECTORS) / TAU;
                     let weight = (1.0 - (away / 2.0).powi(2)).max(0.0)
                         * (1.5 - turned).clamp(0.0, 1.0)
-                        * f64::from(slot.count.min(5).max(1));
+                        * f64::from(slot.count.clamp(1, 5));
                     sum += weight * Vector3::from(slot.cell.residual);
                     total += weight;
                 }
