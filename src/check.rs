@@ -4,7 +4,9 @@ use crate::config::{
     Campaign, Conditions, ConfigFile, LoadedReference, Overrides, RunConfig, RunPort, Scenario,
     Source, load_layout, read_route,
 };
+use crate::drive_log::TopicMap;
 use crate::live_odometry::LiveOdometryConfig;
+use crate::progress::Notice;
 use crate::{console, run, vehicle};
 use anyhow::{Result, bail};
 use sidehill_controller::controller::ControllerError;
@@ -77,6 +79,8 @@ pub fn check(file: ConfigFile) -> Result<&'static str> {
     }
     let keys: serde_yaml::Mapping = file.parse()?;
     let has = |key: &str| keys.contains_key(key);
+    // What `tune` writes; a run has no name.
+    let settings = has("name") && has("controller");
     if has("draws") {
         Campaign::read(&file)?;
         Ok("campaign")
@@ -100,7 +104,10 @@ pub fn check(file: ConfigFile) -> Result<&'static str> {
     } else if has("tread_speed_left") {
         file.parse::<ColumnMap>()?;
         Ok("column map")
-    } else if !has("scenario") && (has("sensors") || has("drive_train")) {
+    } else if has("tread_speeds") {
+        TopicMap::read(&file)?;
+        Ok("topic map")
+    } else if !has("scenario") && (has("sensors") || has("drive_train") || settings) {
         Conditions::parse(&file)?;
         Ok("conditions")
     } else if has("database") {
@@ -119,8 +126,9 @@ pub fn check(file: ConfigFile) -> Result<&'static str> {
     } else {
         bail!(
             "{}: neither a campaign (key draws), a scenario (controllers), a vehicle (x_icr_left_m), a \
-             contact vehicle (axles), a column map (tread_speed_left), conditions (sensors or drive_train), a layout of a CAN bus \
-             (database), nor a configuration of run (controller), vehicle (scenario) or odometry --live (vehicle)",
+             contact vehicle (axles), a column map (tread_speed_left), a topic map (tread_speeds), conditions (name, \
+             with sensors, drive_train or controller), a layout of a CAN bus (database), nor a configuration of run \
+             (controller), vehicle (scenario) or odometry --live (vehicle)",
             file.name()
         )
     }
@@ -177,20 +185,44 @@ fn load(file: &ConfigFile, route: &Path, limits: &SpeedLimits) -> Result<LoadedR
     Ok(LoadedReference::build(file, source, limits)?)
 }
 
+/// A path that is shorter is no path for a rover, m.
+const SHORT_M: f64 = 0.05;
+
 /// Checks that a route can be smoothed and driven.
 fn check_route(file: &ConfigFile) -> Result<&'static str> {
     let route = read_route(file)?;
-    smooth(&route.points, &Smoothing::default()).map_err(|error| file.error(error))?;
+    let notice = Notice::begin(format!(
+        "{}: smooths {} points",
+        file.name(),
+        route.points.len()
+    ));
+    let smoothed =
+        smooth(&route.points, &Smoothing::default()).map_err(|error| file.error(error))?;
+    drop(notice);
+    let length_m = smoothed.path.length_m();
+    if length_m < SHORT_M {
+        console::complain(format_args!(
+            "{}: warning: the path is {length_m:.5} m long: are its points in degrees? They must be in m; a GPX \
+             file is converted",
+            file.name()
+        ));
+    }
     Ok("route")
 }
 
 /// Checks a route or a log, which its columns tell apart.
 fn check_csv(file: &ConfigFile) -> Result<&'static str> {
+    if file.text().trim().is_empty() {
+        bail!(
+            "{}: is empty: the first line must name the columns, x_m,y_m of a path or time_s,v_left_m_s,... of a log",
+            file.name()
+        );
+    }
     let header = file.text().lines().find(|line| !line.starts_with('#'));
     let is_log = header.is_some_and(|header| {
         let map = ColumnMap::default();
         header
-            .split(',')
+            .split([',', ';', '\t'])
             .any(|name| name.trim() == map.time || name.trim() == map.tread_speed_left)
     });
     if !is_log {
@@ -208,6 +240,7 @@ fn check_run(file: &ConfigFile) -> Result<()> {
     let config: RunConfig = file.parse()?;
     let vehicle = config.load_vehicle(file)?;
     config.controller(file, &vehicle)?;
+    config.recording(file, None)?;
     config
         .cycle
         .validate()
@@ -220,7 +253,9 @@ fn check_run(file: &ConfigFile) -> Result<()> {
         RunPort::Ros2 => {}
     }
     if config.over_ros2() {
-        config.ros2(file, &vehicle)?;
+        let (ros2, _) = config.ros2(file, &vehicle)?;
+        ros2.check_names()
+            .map_err(|error| file.error(format!("ros2.{error}")))?;
     }
     Ok(())
 }

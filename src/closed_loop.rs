@@ -2,12 +2,11 @@
 
 use crate::config::Prepared;
 use crate::guard_watch::GuardWatch;
-use crate::qp_recording::QpRecording;
 use crate::record::{Quantiles, Row, Run, Summary};
 use anyhow::Result;
 use sidehill_controller::closed_loop::{ClosedLoop, Cycle, RunEnd, TrackingFigures};
 use sidehill_controller::config::ControllerKind;
-use sidehill_controller::controller::StopReason;
+use sidehill_controller::controller::{Controller, StopReason};
 use sidehill_controller::mpc::SolvePath;
 use sidehill_controller::trajectory::Ending;
 use sidehill_plant::simulation::Plant;
@@ -18,8 +17,23 @@ const GOAL_TOLERANCE_M: f64 = 0.25;
 /// Cycles between two reports of the progress.
 const PROGRESS_CYCLES: usize = 20;
 
+/// Sees a run from within.
+pub trait Observer {
+    /// Sees the controller before its first cycle.
+    ///
+    /// # Errors
+    /// What ends the run.
+    fn begin(&mut self, controller: &Controller) -> Result<()>;
+
+    /// Sees a cycle.
+    ///
+    /// # Errors
+    /// What ends the run.
+    fn cycle(&mut self, cycle: &Cycle, controller: &Controller) -> Result<()>;
+}
+
 /// Returns the run of one controller; `progress` hears the share done, 0 to 1, once a second of
-/// simulated time, and `qps` takes each cycle's QP.
+/// simulated time, and `observer` sees each cycle.
 ///
 /// # Errors
 /// What keeps the run from starting: settings, or no ground under the start.
@@ -27,10 +41,17 @@ pub fn run(
     prepared: &Prepared,
     kind: ControllerKind,
     progress: impl FnMut(f64),
-    qps: Option<&mut QpRecording>,
+    observer: Option<&mut dyn Observer>,
 ) -> Result<Run> {
     let name = prepared.plant.kind().name();
-    run_plant(prepared, kind, prepared.simulation()?, name, progress, qps)
+    run_plant(
+        prepared,
+        kind,
+        prepared.simulation()?,
+        name,
+        progress,
+        observer,
+    )
 }
 
 /// Returns the run of one controller with another plant, of that name, than the scenario's own.
@@ -43,7 +64,7 @@ pub fn run_plant<P: Plant>(
     plant: P,
     name: &str,
     mut progress: impl FnMut(f64),
-    mut qps: Option<&mut QpRecording>,
+    mut observer: Option<&mut dyn Observer>,
 ) -> Result<Run> {
     let mut closed_loop = ClosedLoop::new(plant, prepared.controller(kind)?)?;
     let mut guard = prepared
@@ -51,6 +72,9 @@ pub fn run_plant<P: Plant>(
         .map(|stance| GuardWatch::new(stance, prepared));
     let refused = prepared.refused_place();
     let mut rows = Vec::new();
+    if let Some(observer) = &mut observer {
+        observer.begin(closed_loop.controller())?;
+    }
     let outcome = loop {
         if let Some(place) = refused {
             break Ok(RunEnd::Stopped(StopReason::TooSteep { place }));
@@ -61,9 +85,8 @@ pub fn run_plant<P: Plant>(
             slope,
             ..row(&cycle, prepared)
         });
-        let mpc = closed_loop.controller().mpc();
-        if let (Some(qps), Some(mpc), Some(report)) = (&mut qps, mpc, &cycle.decision.solve) {
-            qps.push(cycle.state.time_s, mpc.qp(), report);
+        if let Some(observer) = &mut observer {
+            observer.cycle(&cycle, closed_loop.controller())?;
         }
         if rows.len() % PROGRESS_CYCLES == 0 {
             progress(cycle.progress);

@@ -63,7 +63,10 @@ impl Printer {
             .spawn(move || {
                 for line in waiting {
                     let written = match line {
-                        Line::Output(text) => std::io::stdout().write_all(&text),
+                        Line::Output(text) => {
+                            let mut output = std::io::stdout().lock();
+                            output.write_all(&text).and_then(|()| output.flush())
+                        }
                         Line::Error(text) => std::io::stderr().write_all(&text),
                     };
                     if written.is_err() {
@@ -81,6 +84,18 @@ impl Printer {
     /// Prints `text` and a line's end to standard output.
     pub fn line(&self, text: impl Display) {
         self.send(Line::Output(format!("{text}\n").into_bytes()));
+    }
+
+    /// Prints `text` in place of the line that it printed last, on a terminal; what is wider is cut off.
+    pub fn renew(&self, text: impl Display) {
+        self.send(Line::Output(
+            format!("\r\x1b[2K\x1b[?7l{text}\x1b[?7h").into_bytes(),
+        ));
+    }
+
+    /// Prints a line that stays, above the one that is renewed.
+    pub fn above(&self, text: impl Display) {
+        self.send(Line::Output(format!("\r\x1b[2K{text}\n").into_bytes()));
     }
 
     /// Returns a writer to standard error that never fails; it prints whole lines.

@@ -21,7 +21,6 @@ pub struct DocumentsArgs {
 /// A file that cannot be written.
 pub fn run(args: &DocumentsArgs, command: &mut clap::Command) -> Result<()> {
     std::fs::create_dir_all(&args.folder)?;
-    // Names of subcommands that help shows, with the program's before them.
     command.build();
     let shown: Vec<_> = command
         .get_subcommands()
@@ -29,12 +28,13 @@ pub fn run(args: &DocumentsArgs, command: &mut clap::Command) -> Result<()> {
         .cloned()
         .collect();
     for part in std::iter::once(&*command).chain(&shown) {
-        let name = match part.get_name() {
-            "sidehill" => "sidehill".to_owned(),
-            name => format!("sidehill-{name}"),
-        };
+        // Of a subcommand it is "sidehill-run", as `build` has made it.
+        let name = part
+            .get_display_name()
+            .unwrap_or(part.get_name())
+            .to_owned();
         let mut page = Vec::new();
-        clap_mangen::Man::new(part.clone().name(name.clone())).render(&mut page)?;
+        clap_mangen::Man::new(part.clone()).render(&mut page)?;
         output::write(&args.folder.join(format!("{name}.1")), &page, args.force)?;
     }
     for (shell, file) in [

@@ -1,35 +1,43 @@
 //! `sidehill identify`: a vehicle's parameters from logs, in the paper's two stages.
 
+mod found;
+mod report;
+mod verdict;
+
 use crate::config::ConfigFile;
 use crate::console;
-use crate::odometry::{column_map, read_log};
+use crate::drive_log::{LogArgs, LogReader};
 use crate::output;
+use crate::progress::{self, Notice};
+use crate::simulate::Format;
 use anyhow::{Context, Result, bail};
+use found::{Found, Logs, Stage, Undetermined};
+use report::{contact_json, contact_table, extension_table, stage_json, stage_table};
 use sidehill_plant::contact::{ContactModel, ContactVehicle};
 use sidehill_plant::identification::{
-    ContactReport, Drive, Estimate, ExtensionReport, IdentificationSettings, Leg, LogNoise,
-    Procedure, SegmentErrors, Segmentation, StageReport, Verdict, drive, identify_contact,
-    identify_extension, identify_level, identify_slope,
+    Drive, IdentificationSettings, Leg, LogNoise, Procedure, Segmentation, drive, identify_contact,
+    identify_extension, identify_level, identify_level_determined, identify_slope,
+    identify_slope_determined,
 };
 use sidehill_plant::log::DriveLog;
 use sidehill_plant::speeds::EncoderScale;
 use sidehill_plant::terrain::Terrain;
 use sidehill_plant::vehicle::Vehicle;
-use std::fmt::Write;
 use std::path::PathBuf;
+use verdict::Verdict;
 
 /// Arguments of `sidehill identify`.
 #[derive(Debug, Clone, clap::Args)]
 pub struct IdentifyArgs {
-    /// Log of varied driving on level ground, in CSV; may be given several times.
+    /// Log of varied driving on level ground, CSV or a bag of ROS 2; may be given several times.
     #[arg(long, value_name = "LOG", num_args = 1..)]
     pub level: Vec<PathBuf>,
-    /// Log of turning on a slope, in CSV; may be given several times. Without one, the slide gains
-    /// stay.
+    /// Log of turning on a slope, CSV or a bag of ROS 2; may be given several times. Without one, the
+    /// slide gains stay.
     #[arg(long, value_name = "LOG", num_args = 1..)]
     pub slope: Vec<PathBuf>,
     /// Drives the paper's procedure with this contact vehicle in simulation, instead of reading logs.
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["level", "slope", "columns"],
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["level", "slope", "columns", "topics"],
           required_unless_present_any = ["level", "slope"])]
     pub simulate: Option<PathBuf>,
     /// Vehicle to start from; its base and largest speed are kept.
@@ -43,10 +51,9 @@ pub struct IdentifyArgs {
     /// the --vehicle file, or its base.
     #[arg(long)]
     pub contact: bool,
-    /// Columns of the logs, in YAML, where they are not time_s, v_left_m_s, v_right_m_s, roll_rad,
-    /// pitch_rad, x_m, y_m, z_m, yaw_rad.
-    #[arg(long, value_name = "FILE")]
-    pub columns: Option<PathBuf>,
+    /// What the columns or topics of the logs mean.
+    #[command(flatten)]
+    pub maps: LogArgs,
     /// Length of the dead-reckoned segments, s.
     #[arg(long, value_name = "SECONDS", default_value_t = 8.0)]
     pub segment_s: f64,
@@ -62,6 +69,9 @@ pub struct IdentifyArgs {
     /// Overwrite --out where it exists.
     #[arg(long)]
     pub force: bool,
+    /// How the result is printed.
+    #[arg(long, value_enum, default_value_t)]
+    pub format: Format,
 }
 
 /// Identifies, prints what was found and how far to trust it, and writes the vehicle.
@@ -73,11 +83,19 @@ pub fn run(args: &IdentifyArgs) -> Result<()> {
         bail!("smoothing_s: {}: must be from 0 to 10 s", args.smoothing_s);
     }
     output::check_writable(&args.out, args.force)?;
+    progress::explain_interrupt(|| "interrupted: nothing was written".to_owned())?;
     let settings = IdentificationSettings {
         segmentation: Segmentation::of_length(args.segment_s)?,
         attitude_smoothing_s: args.smoothing_s,
     };
     let mut vehicle: Vehicle = ConfigFile::read(&args.vehicle)?.parse()?;
+    let notice = Notice::begin(format!(
+        "identify: {}, then fits and cross-validates",
+        match &args.simulate {
+            Some(_) => "drives the procedure in simulation".to_owned(),
+            None => format!("reads {} logs", args.level.len() + args.slope.len()),
+        }
+    ));
     let logs = match &args.simulate {
         Some(path) => {
             let contact: ContactVehicle = ConfigFile::read(path)?.parse()?;
@@ -89,42 +107,41 @@ pub fn run(args: &IdentifyArgs) -> Result<()> {
         let contact: ContactVehicle = ConfigFile::read(path)?.parse()?;
         vehicle.contact = Some(contact.geometry_alone());
     }
-    let mut undetermined = Vec::new();
+    let mut found = Found::default();
+    let mut text = String::new();
     let mut guessed = Vec::new();
+    let mut contact = serde_json::Value::Null;
     if !logs.level.is_empty() {
-        let (fitted, report) =
-            identify_level(&logs.level, &vehicle, &settings).context("level logs")?;
-        console::text(stage_table("level", "differential drive", &report));
+        let (fitted, report, undetermined) =
+            identify_level_determined(&logs.level, &vehicle, &settings).context("level logs")?;
+        let stage = Stage::new(report, undetermined, &vehicle)?;
+        text += &stage_table(
+            "level",
+            "differential drive",
+            &stage.report,
+            &stage.undetermined,
+        );
+        found.level = Some(stage);
         vehicle = fitted;
     }
     if !logs.slope.is_empty() {
-        let (fitted, report) =
-            identify_slope(&logs.slope, &vehicle, &settings).context("slope logs")?;
-        console::text(stage_table("slope", "ICRHK", &report));
-        undetermined = report
-            .estimates
-            .iter()
-            .filter(|estimate| !is_determined(estimate))
-            .map(|estimate| estimate.name)
-            .collect();
-        if !undetermined.is_empty() {
-            console::line(format_args!(
-                "  not determined by these logs: {}. Log more turning with the nose up, down and across, on a \
-                 steeper slope, before you rely on it",
-                undetermined.join(", ")
-            ));
-        }
+        let (fitted, report, undetermined) =
+            identify_slope_determined(&logs.slope, &vehicle, &settings).context("slope logs")?;
+        let stage = Stage::new(report, undetermined, &vehicle)?;
+        text += &stage_table("slope", "ICRHK", &stage.report, &stage.undetermined);
+        found.slope = Some(stage);
         vehicle = fitted;
     }
+    let verdict = Verdict::of(&found, &vehicle, &logs);
     let slope: Vec<DriveLog> = logs.slope.into_iter().chain(logs.across).collect();
     match identify_extension(&logs.level, &slope, &vehicle, &settings) {
         Ok((extension, report)) => {
-            console::text(extension_table(&report));
+            text += &extension_table(&report);
             vehicle.extension = extension;
             vehicle = vehicle.validated().context("the extended model")?;
         }
         // What the two stages found holds without it.
-        Err(error) => console::text(format!("extension: not tried: {error}\n")),
+        Err(error) => text += &format!("extension: not tried: {error}\n"),
     }
     if args.contact {
         let all: Vec<DriveLog> = slope
@@ -134,7 +151,8 @@ pub fn run(args: &IdentifyArgs) -> Result<()> {
             .collect();
         let (fitted, report) =
             identify_contact(&all, &vehicle, &settings).context("contact vehicle")?;
-        console::text(contact_table(&report));
+        text += &contact_table(&report);
+        contact = contact_json(&report);
         let unknown = report.estimates.iter().filter(|e| !e.determined);
         guessed = unknown.map(|estimate| estimate.name).collect();
         vehicle = fitted;
@@ -142,9 +160,29 @@ pub fn run(args: &IdentifyArgs) -> Result<()> {
     if let Some(name) = &args.name {
         vehicle.name.clone_from(name);
     }
-    let yaml = commented(&vehicle, args, &undetermined, &guessed)?;
+    drop(notice);
+    let yaml = commented(&vehicle, args, &found, &guessed)?;
     output::write(&args.out, yaml.as_bytes(), args.force)?;
-    console::line(format_args!("written: {}", args.out.display()));
+    match args.format {
+        Format::Table => {
+            console::text(format_args!("{text}{verdict}"));
+            console::line(format_args!("written: {}", args.out.display()));
+        }
+        Format::Json => {
+            let stage = |stage: &Option<Stage>| {
+                let stage = stage.as_ref();
+                stage.map(|stage| stage_json(&stage.report, &stage.undetermined))
+            };
+            console::line(serde_json::json!({
+                "vehicle": vehicle,
+                "level": stage(&found.level),
+                "slope": stage(&found.slope),
+                "contact": contact,
+                "verdict": verdict,
+                "written": args.out,
+            }));
+        }
+    }
     Ok(())
 }
 
@@ -164,18 +202,21 @@ pub fn by_simulation(contact: &ContactVehicle, vehicle: &Vehicle, seed: u64) -> 
     Ok(slope)
 }
 
-/// Logs of both stages.
-struct Logs {
-    level: Vec<DriveLog>,
-    slope: Vec<DriveLog>,
-    /// Further ones on the slope, for the terms beyond ICRIK.
-    across: Vec<DriveLog>,
-}
-
 fn recorded(args: &IdentifyArgs) -> Result<Logs> {
-    let map = column_map(args.columns.as_deref())?;
+    let reader = LogReader::new(&args.maps)?;
     let read = |paths: &[PathBuf]| -> Result<Vec<DriveLog>> {
-        paths.iter().map(|path| read_log(path, &map)).collect()
+        let read = |path: &PathBuf| {
+            let log = reader.read(path)?;
+            if log.pose_count() == 0 {
+                bail!(
+                    "{}: the log has no poses, which identification needs: x_m, y_m, z_m and yaw_rad, or `pose` of \
+                     --columns",
+                    path.display()
+                );
+            }
+            Ok(log)
+        };
+        paths.iter().map(read).collect()
     };
     Ok(Logs {
         level: read(&args.level)?,
@@ -208,130 +249,11 @@ fn simulated(contact: &ContactVehicle, vehicle: &Vehicle, seed: u64) -> Result<L
     })
 }
 
-fn stage_table(stage: &str, baseline: &str, report: &StageReport) -> String {
-    let mut out = String::new();
-    let _ = writeln!(
-        out,
-        "{stage}: {} segments, {} poses, J/N {:.3e}, {:.1} % of the poses far off",
-        report.segments,
-        report.poses,
-        report.fitness,
-        100.0 * report.outlier_share
-    );
-    for estimate in &report.estimates {
-        let interval = estimate.half_width.map_or_else(
-            || "not determined".to_owned(),
-            |half_width| format!("+- {half_width:.4} (95 %)"),
-        );
-        let _ = writeln!(
-            out,
-            "  {:20} {:>9.4} {interval}",
-            estimate.name, estimate.value
-        );
-    }
-    let held_out = |name: &str, errors: &SegmentErrors| {
-        format!(
-            "  held-out segments, {name}: lateral {:.3} m, longitudinal {:.3} m, yaw {:.3} rad RMS\n",
-            errors.lateral_m, errors.longitudinal_m, errors.yaw_rad
-        )
-    };
-    out += &held_out("fitted", &report.cross_validation.fitted);
-    out += &held_out(baseline, &report.cross_validation.baseline);
-    for warning in &report.warnings {
-        let _ = writeln!(out, "  warning: {warning}");
-    }
-    out
-}
-
-fn extension_table(report: &ExtensionReport) -> String {
-    let mut out = format!("extension: {} segments\n", report.segments);
-    for term in &report.terms {
-        let verdict = match term.verdict {
-            Verdict::Supported { value, half_width } => {
-                let interval =
-                    half_width.map_or_else(String::new, |width| format!(" +- {width:.4} (95 %)"));
-                format!("{value:>9.4}{interval}, supported")
-            }
-            Verdict::NotToldApart { instead } => {
-                format!("not told apart from {}, which says more", instead.key())
-            }
-            Verdict::Negative { value } => format!("not supported: it would be {value:.4}"),
-            Verdict::NotSupported => "not supported".to_owned(),
-        };
-        let _ = writeln!(
-            out,
-            "  {:20} {verdict}; held-out misfit {:+.1} +- {:.1} %",
-            term.term.key(),
-            -100.0 * term.improvement,
-            100.0 * term.improvement_half_width,
-        );
-    }
-    let mut held_out = |name: &str, errors: &SegmentErrors| {
-        let _ = writeln!(
-            out,
-            "  held-out segments, {name}: position {:.3} m, yaw {:.3} rad RMS",
-            errors.lateral_m.hypot(errors.longitudinal_m),
-            errors.yaw_rad
-        );
-    };
-    held_out("ICRHK", &report.icrhk);
-    if let Some(icrik) = &report.icrik {
-        held_out("ICRIK", icrik);
-    }
-    held_out("extended", &report.extended);
-    out
-}
-
-fn contact_table(report: &ContactReport) -> String {
-    let mut out = format!("contact vehicle: {} segments\n", report.segments);
-    for estimate in &report.estimates {
-        let (low, high) = estimate.interval;
-        let source = if estimate.determined {
-            ""
-        } else {
-            ", not determined by these logs: the guess and its interval"
-        };
-        let _ = writeln!(
-            out,
-            "  {:26} {:>9.4}, {low:.4} to {high:.4} (95 %){source}",
-            estimate.name, estimate.value
-        );
-    }
-    for (one, other, correlation) in &report.not_told_apart {
-        let _ = writeln!(
-            out,
-            "  warning: the logs cannot tell apart {one} and {other} (correlation {correlation:.2})"
-        );
-    }
-    for (name, errors) in [
-        ("all segments, guess", &report.guess),
-        ("held-out segments, fitted", &report.held_out),
-    ] {
-        let _ = writeln!(
-            out,
-            "  {name}: position {:.3} m, yaw {:.3} rad RMS",
-            errors.lateral_m.hypot(errors.longitudinal_m),
-            errors.yaw_rad
-        );
-    }
-    if !report.settled {
-        out += "  warning: the search for the parameters did not settle\n";
-    }
-    out
-}
-
-/// Returns whether the data tell a slide gain from none at all.
-fn is_determined(estimate: &Estimate) -> bool {
-    estimate
-        .half_width
-        .is_some_and(|half_width| half_width < estimate.value.abs())
-}
-
 /// Returns the vehicle as YAML with where it comes from.
 fn commented(
     vehicle: &Vehicle,
     args: &IdentifyArgs,
-    undetermined: &[&'static str],
+    found: &Found,
     guessed: &[&'static str],
 ) -> Result<String> {
     let list = |paths: &[PathBuf]| {
@@ -350,9 +272,15 @@ fn commented(
         ),
     };
     let mut yaml = serde_yaml::to_string(vehicle)?;
-    for name in undetermined {
-        let key = format!("\n{name}:");
-        let warning = format!("\n# NOT DETERMINED by these logs: its 95 % interval holds 0.{key}");
+    for Undetermined { estimate, .. } in found.undetermined() {
+        let key = format!("\n{}:", estimate.name);
+        let interval = estimate.half_width.map_or_else(
+            || "any value fits them".to_owned(),
+            |half_width| format!("they say {:.4} +- {half_width:.4}", estimate.value),
+        );
+        let warning = format!(
+            "\n# NOT DETERMINED by these logs ({interval}): kept from the --vehicle file.{key}"
+        );
         yaml = yaml.replacen(&key, &warning, 1);
     }
     if let Some((before, contact)) = yaml.split_once("\ncontact:") {
@@ -391,13 +319,14 @@ mod tests {
     fn arguments(out: PathBuf) -> IdentifyArgs {
         IdentifyArgs {
             force: false,
+            format: Format::Table,
             contact: false,
             level: Vec::new(),
             slope: Vec::new(),
             simulate: Some(repository("config/vehicles/j8_contact.yaml")),
             vehicle: repository("config/vehicles/j8.yaml"),
             out,
-            columns: None,
+            maps: LogArgs::default(),
             segment_s: 8.0,
             smoothing_s: 0.2,
             name: Some("j8-contact-identified".into()),

@@ -4,6 +4,8 @@
 //! Kept as a library so that tests and benches reach it; it promises no stable interface.
 #![allow(clippy::print_stdout, clippy::print_stderr)]
 
+#[cfg(feature = "drive")]
+pub mod bag;
 pub mod campaign;
 #[cfg(feature = "drive")]
 pub mod check;
@@ -12,6 +14,7 @@ pub mod config;
 pub mod console;
 #[cfg(feature = "package")]
 pub mod documents;
+pub mod drive_log;
 mod guard_watch;
 pub mod icr;
 pub mod identify;
@@ -25,9 +28,14 @@ pub mod output;
 pub mod progress;
 pub mod qp_recording;
 pub mod record;
+#[cfg(feature = "drive")]
+pub mod recording;
+#[cfg(feature = "drive")]
+pub mod replay;
 pub mod report;
 #[cfg(feature = "drive")]
 pub mod run;
 pub mod simulate;
+pub mod tune;
 #[cfg(feature = "drive")]
 pub mod vehicle;

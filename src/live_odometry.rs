@@ -3,6 +3,7 @@
 use crate::config::ros2::environment;
 use crate::config::{ConfigError, ConfigFile};
 use crate::console;
+use crate::drive_log::LogArgs;
 use crate::odometry::OdometryArgs;
 use anyhow::{Context, Result, ensure};
 use serde::Deserialize;
@@ -54,8 +55,8 @@ impl LiveOdometryConfig {
 /// A file that cannot be read, a setting out of range, or a network that cannot be used.
 pub fn run(args: &OdometryArgs, ros_arguments: &[String]) -> Result<ExitCode> {
     ensure!(
-        args.columns.is_none() && args.plot.is_none(),
-        "--live: --columns and --plot are for logs"
+        args.maps == LogArgs::default() && args.plot.is_none(),
+        "--live: --columns, --topics and --plot are for logs"
     );
     let (config, vehicle) = configuration(args)?;
     let arguments = RosArguments::parse(ros_arguments)?;

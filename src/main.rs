@@ -8,7 +8,8 @@ use clap::{Parser, Subcommand};
 #[cfg(feature = "package")]
 use sidehill::documents;
 use sidehill::{
-    campaign, check, console, icr, identify, init, live_odometry, odometry, run, simulate, vehicle,
+    campaign, check, console, icr, identify, init, live_odometry, odometry, replay, run, simulate,
+    tune, vehicle,
 };
 use sidehill_bridge::ros2::node::arguments;
 use std::process::ExitCode;
@@ -28,6 +29,9 @@ enum Command {
     Simulate(simulate::SimulateArgs),
     /// Runs many seeded simulations on all cores and compares controllers over them.
     Campaign(campaign::CampaignArgs),
+    /// Searches settings of a controller that drive better than the present ones, and keeps them only if
+    /// they also do in runs that the search has not seen.
+    Tune(tune::TuneArgs),
     /// Evaluates ICRIK: CSV with roll_rad, pitch_rad, v_left_m_s, v_right_m_s on standard input. The
     /// speeds are effective ones: c_l and c_r of the vehicle are not applied.
     Icr(icr::IcrArgs),
@@ -40,6 +44,8 @@ enum Command {
     Run(run::RunArgs),
     /// Is a virtual rover in real time on a CAN bus or on ROS 2, there with --ros-args.
     Vehicle(vehicle::VehicleArgs),
+    /// Replays a recording: the recorded samples through the controller again, or through another.
+    Replay(replay::ReplayArgs),
     /// Validates configuration files.
     Check(check::CheckArgs),
     /// Writes a commented set of configuration files for a robot.
@@ -62,10 +68,12 @@ fn main() -> ExitCode {
         _ if !ros.is_empty() => Err(anyhow!("--ros-args: this command is no node of ROS 2")),
         Command::Simulate(args) => simulate::run(&args),
         Command::Campaign(args) => campaign::run(&args).map(|()| ExitCode::SUCCESS),
+        Command::Tune(args) => tune::run(&args),
         Command::Icr(args) => icr::run(&args, std::io::stdin().lock(), std::io::stdout().lock())
             .map(|()| ExitCode::SUCCESS),
         Command::Odometry(args) => odometry::run(&args).map(|()| ExitCode::SUCCESS),
         Command::Identify(args) => identify::run(&args).map(|()| ExitCode::SUCCESS),
+        Command::Replay(args) => replay::run(&args),
         Command::Check(args) => check::run(&args),
         Command::Init(args) => init::run(&args).map(|()| ExitCode::SUCCESS),
         #[cfg(feature = "package")]

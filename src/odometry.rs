@@ -4,22 +4,23 @@ mod plot;
 
 use crate::config::ConfigFile;
 use crate::console;
+use crate::drive_log::{LogArgs, LogReader};
 use crate::output;
 use crate::simulate::Format;
 use anyhow::{Context, Result, bail};
 use serde::Serialize;
 use serde_json::Value;
-use sidehill_plant::log::{ColumnMap, DriveLog};
+use sidehill_plant::log::DriveLog;
 use sidehill_plant::odometry::{Comparison, KinematicModel, MeanSquaredErrors, compare};
 use sidehill_plant::vehicle::Vehicle;
 use std::fmt::Write;
-use std::fs::File;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// Arguments of `sidehill odometry`.
 #[derive(Debug, Clone, clap::Args)]
 pub struct OdometryArgs {
-    /// Log with tread speeds, attitude and poses, in CSV; with --live the configuration of the node.
+    /// Log with tread speeds, attitude and poses, CSV or a bag of ROS 2; with --live the configuration of
+    /// the node.
     #[arg(required_unless_present = "live")]
     pub log: Option<PathBuf>,
     /// Vehicle that drove.
@@ -29,10 +30,9 @@ pub struct OdometryArgs {
     /// comes.
     #[arg(long)]
     pub live: bool,
-    /// Columns of the log, in YAML, where they are not time_s, v_left_m_s, v_right_m_s, roll_rad,
-    /// pitch_rad, x_m, y_m, z_m, yaw_rad.
-    #[arg(long, value_name = "FILE")]
-    pub columns: Option<PathBuf>,
+    /// What the columns or topics of the log mean.
+    #[command(flatten)]
+    pub maps: LogArgs,
     /// How the errors are printed.
     #[arg(long, value_enum, default_value_t)]
     pub format: Format,
@@ -86,7 +86,7 @@ pub fn run(args: &OdometryArgs) -> Result<()> {
         bail!("a log and --vehicle FILE are needed");
     };
     let vehicle: Vehicle = ConfigFile::read(vehicle)?.parse()?;
-    let log = read_log(path, &column_map(args.columns.as_deref())?)?;
+    let log = LogReader::new(&args.maps)?.read(path)?;
     let comparisons = comparisons(&log, &vehicle).with_context(|| path.display().to_string())?;
     match args.format {
         Format::Table => console::text(table(&comparisons)),
@@ -116,31 +116,6 @@ pub fn figures(log: &DriveLog, vehicle: &Vehicle) -> Result<serde_json::Map<Stri
 fn comparisons(log: &DriveLog, vehicle: &Vehicle) -> Result<Vec<Vec<Comparison>>> {
     let comparisons = MODELS.map(|(model, _)| compare(log, vehicle, model));
     Ok(comparisons.into_iter().collect::<Result<_, _>>()?)
-}
-
-/// Returns the column map of a file, or the contract's without one.
-///
-/// # Errors
-/// Names the file and key at fault.
-pub(crate) fn column_map(path: Option<&Path>) -> Result<ColumnMap> {
-    path.map_or_else(
-        || Ok(ColumnMap::default()),
-        |path| Ok(ConfigFile::read(path)?.parse()?),
-    )
-}
-
-/// Returns the log of a file.
-///
-/// # Errors
-/// Names the file, row and column at fault.
-pub(crate) fn read_log(path: &Path, map: &ColumnMap) -> Result<DriveLog> {
-    let name = || path.display().to_string();
-    let file = File::open(path).with_context(name)?;
-    let log = DriveLog::read(std::io::BufReader::new(file), map).with_context(name)?;
-    for suspicion in log.suspicions() {
-        console::complain(format_args!("{}: warning: {suspicion}", name()));
-    }
-    Ok(log)
 }
 
 fn table(comparisons: &[Vec<Comparison>]) -> String {

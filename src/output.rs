@@ -2,7 +2,7 @@
 
 use anyhow::{Context, Result, bail};
 use std::io::Write;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Checks, before any work is done, that files can be written where nothing is lost by it.
 ///
@@ -33,6 +33,13 @@ pub fn check_free(paths: &[impl AsRef<Path>], force: bool) -> Result<()> {
 /// As [`check_free`].
 pub fn check_writable(path: &Path, force: bool) -> Result<()> {
     check_free(&[path], force)?;
+    if !folder(path).is_dir() {
+        bail!(
+            "{}: cannot be written: there is no folder {}; make it first",
+            path.display(),
+            folder(path).display()
+        );
+    }
     tempfile::Builder::new()
         .prefix(".sidehill")
         .tempfile_in(folder(path))
@@ -58,6 +65,40 @@ pub fn write(path: &Path, bytes: &[u8], force: bool) -> Result<()> {
     Ok(())
 }
 
+/// Renames files of an earlier run that are in the way: `a.csv` becomes `a.csv.1`, all of `paths` with the
+/// same number. For programs that drive a vehicle: started again with the same command, they must come up.
+///
+/// # Errors
+/// Names the file that cannot be renamed.
+pub fn keep_earlier(paths: &[impl AsRef<Path>]) -> Result<()> {
+    let numbered = |path: &Path, number: u32| {
+        let mut name = path.as_os_str().to_owned();
+        name.push(format!(".{number}"));
+        PathBuf::from(name)
+    };
+    let in_the_way =
+        |path: &Path| std::fs::metadata(path).is_ok_and(|found| found.is_file() && found.len() > 0);
+    let earlier: Vec<&Path> = paths
+        .iter()
+        .map(AsRef::as_ref)
+        .filter(|path| in_the_way(path))
+        .collect();
+    let is_free = |number: &u32| {
+        paths
+            .iter()
+            .all(|path| !numbered(path.as_ref(), *number).exists())
+    };
+    let Some(number) = (1..u32::MAX).find(is_free) else {
+        bail!("there are too many earlier files");
+    };
+    for path in earlier {
+        let kept = numbered(path, number);
+        std::fs::rename(path, &kept)
+            .with_context(|| format!("{}: cannot be kept as {}", path.display(), kept.display()))?;
+    }
+    Ok(())
+}
+
 fn folder(path: &Path) -> &Path {
     match path.parent() {
         Some(parent) if !parent.as_os_str().is_empty() => parent,
@@ -73,6 +114,23 @@ fn permissions() -> std::fs::Permissions {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn files_of_earlier_runs_are_kept_with_one_number() {
+        let folder = tempfile::tempdir().unwrap();
+        let paths = ["a.log", "b.log"].map(|name| folder.path().join(name));
+        for run in 0..3 {
+            keep_earlier(&paths).unwrap();
+            for path in &paths[usize::from(run == 1)..] {
+                std::fs::write(path, format!("run {run}")).unwrap();
+            }
+        }
+        let text = |name: &str| std::fs::read_to_string(folder.path().join(name)).ok();
+        assert_eq!(text("a.log.1").as_deref(), Some("run 0"));
+        assert_eq!(text("b.log.2").as_deref(), Some("run 1"));
+        assert_eq!(text("a.log.2"), None);
+        assert_eq!(text("a.log").as_deref(), Some("run 2"));
+    }
 
     #[test]
     fn what_exists_is_kept_but_by_force() {

@@ -68,6 +68,43 @@ impl Progress {
     }
 }
 
+/// Says what is being done once it takes longer than two seconds, and again from time to time; ends where it
+/// is dropped.
+pub struct Notice {
+    ended: Option<std::sync::mpsc::Sender<()>>,
+}
+
+/// Time before the first word of a [`Notice`].
+const PATIENCE: Duration = Duration::from_secs(2);
+
+impl Notice {
+    /// Begins work that `doing` describes.
+    pub fn begin(doing: String) -> Self {
+        let (ended, wait) = std::sync::mpsc::channel();
+        let begun = Instant::now();
+        let say = move || {
+            let mut patience = PATIENCE;
+            while wait.recv_timeout(patience) == Err(std::sync::mpsc::RecvTimeoutError::Timeout) {
+                let gone_s = begun.elapsed().as_secs();
+                console::complain(format_args!("{doing} ({gone_s} s)"));
+                patience = LINE_EVERY;
+            }
+        };
+        // Without a thread there is no word, but the work is done all the same.
+        let thread = std::thread::Builder::new().name("notice".to_owned());
+        let started = thread.spawn(say).is_ok();
+        Self {
+            ended: started.then_some(ended),
+        }
+    }
+}
+
+impl Drop for Notice {
+    fn drop(&mut self) {
+        self.ended.take();
+    }
+}
+
 /// Exit status of a program that a signal ended, as shells count it.
 const INTERRUPTED: i32 = 130;
 

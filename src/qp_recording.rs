@@ -9,9 +9,12 @@
 //! number of rows with s = 0. Of each QP, a row an array, it holds `P_data`, `q`, `A_data`, `b`, the
 //! solution `x` with the multipliers `y`, and `time_s`, `iterations`, `solve_us`.
 
+use crate::closed_loop::Observer;
 use anyhow::{Context, Result, ensure};
 use ndarray::{Array0, Array1, Array2, ArrayView, ArrayView2, Ix1, arr0};
 use ndarray_npy::{NpzReader, NpzWriter};
+use sidehill_controller::closed_loop::Cycle;
+use sidehill_controller::controller::Controller;
 use sidehill_controller::mpc::{CscMatrix, Point, QpData, SolveReport};
 use std::fs::File;
 use std::io::Cursor;
@@ -31,6 +34,19 @@ pub struct QpRecording {
     times_s: Vec<f64>,
     iterations: Vec<i64>,
     solve_us: Vec<f64>,
+}
+
+impl Observer for QpRecording {
+    fn begin(&mut self, _: &Controller) -> Result<()> {
+        Ok(())
+    }
+
+    fn cycle(&mut self, cycle: &Cycle, controller: &Controller) -> Result<()> {
+        if let (Some(mpc), Some(report)) = (controller.mpc(), &cycle.decision.solve) {
+            self.push(cycle.state.time_s, mpc.qp(), report);
+        }
+        Ok(())
+    }
 }
 
 impl QpRecording {

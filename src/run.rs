@@ -1,26 +1,32 @@
 //! `sidehill run`: the controller in real time on a CAN bus or on ROS 2.
 
+mod files;
+mod screen;
+
 use crate::config::ros2::{environment, parameters};
-use crate::config::{ConfigFile, RunConfig, RunPort};
+use crate::config::{Bundle, ConfigFile, RunConfig, RunPort};
 use crate::console::Printer;
 use crate::learned::Keeper;
+use crate::output;
+use crate::recording::{self, DriveRecording, LIVE};
 use anyhow::{Context, Result, anyhow, ensure};
-use serde::Serialize;
+use files::Files;
+use screen::{RunFormat, Screen};
 use sidehill_bridge::can::CanPort;
-use sidehill_bridge::control_loop::record::{CycleRow, LogSource, Outputs, Recorder, ring};
+use sidehill_bridge::control_loop::record::{LogSource, Recorder, ring};
 use sidehill_bridge::control_loop::{LoopSetup, RunOptions, Signals};
-use sidehill_bridge::drives::{Clock, Epoch, Port};
+use sidehill_bridge::drives::{Clock, Epoch, Input, InputStatus, Port};
+use sidehill_bridge::recording::{PathLog, PathRecord, Sinks, tap};
 use sidehill_bridge::ros2::node::arguments::RosArguments;
 use sidehill_bridge::ros2::node::names::Names;
 use sidehill_bridge::ros2::server::parameters::override_config;
 use sidehill_bridge::ros2::server::{self, Ros2};
 use sidehill_bridge::rover::SimulatedPort;
 use sidehill_plant::vehicle::Vehicle;
-use std::fs::File;
-use std::io::{BufWriter, Write};
-use std::path::{Path, PathBuf};
+use std::net::SocketAddr;
+use std::path::PathBuf;
 use std::process::ExitCode;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
 /// Arguments of `sidehill run`.
@@ -32,9 +38,26 @@ pub struct RunArgs {
     /// arms.
     #[arg(long)]
     pub arm: bool,
-    /// Folder for candump.log, cycles.csv and events.jsonl; created if it does not exist.
+    /// Folder for candump.log, cycles.csv and events.jsonl; created if it does not exist. Files of an
+    /// earlier run are kept beside them as candump.log.1 and so on.
     #[arg(long)]
     pub out: Option<PathBuf>,
+    /// text: for a person, a line that says what it listens to, then its state and what it waits for;
+    /// json: a line of JSON a second, and events on standard error. Without it, text on a terminal and
+    /// json elsewhere.
+    #[arg(long, value_enum)]
+    pub format: Option<RunFormat>,
+    /// Record the drive to an MCAP file, which `sidehill replay` and Foxglove read; instead of
+    /// record.file of the configuration.
+    #[arg(long, value_name = "FILE.mcap")]
+    pub record: Option<PathBuf>,
+    /// Show the drive live: a Foxglove WebSocket, to which Foxglove and Lichtblick connect. Without an
+    /// address, to this machine alone: 127.0.0.1:8765.
+    #[arg(long, value_name = "ADDRESS", num_args = 0..=1, default_missing_value = LIVE)]
+    pub live: Option<SocketAddr>,
+    /// Overwrite a recording that exists.
+    #[arg(long)]
+    pub force: bool,
     /// Duration of the run, s. Without it, the run ends with the course or on a signal.
     #[arg(long)]
     pub duration_s: Option<f64>,
@@ -42,25 +65,6 @@ pub struct RunArgs {
 
 /// Records that a ring holds: seconds of a busy bus.
 const RING: usize = 8192;
-
-/// One line a second on standard output.
-#[derive(Serialize)]
-struct StatusLine<'a> {
-    unix_s: f64,
-    #[serde(flatten)]
-    cycle: &'a CycleRow,
-    records_lost: u64,
-    /// Lines of text that nobody took; absent while there are none.
-    #[serde(skip_serializing_if = "is_zero")]
-    lines_dropped: u64,
-    /// Batches of records that could not be written to --out; absent while there are none.
-    #[serde(skip_serializing_if = "is_zero")]
-    batches_unwritten: u64,
-}
-
-fn is_zero(count: &u64) -> bool {
-    *count == 0
-}
 
 /// Longest wait for a reader of the output at the end.
 const PRINT_TIMEOUT: Duration = Duration::from_millis(500);
@@ -78,7 +82,8 @@ const PRINT_TIMEOUT: Duration = Duration::from_millis(500);
 /// A file that cannot be read, a setting out of range, a name that the CAN database does not have, or
 /// a real-time setting that the system does not permit.
 pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
-    let file = ConfigFile::read(&args.config)?;
+    let bundle = Bundle::default();
+    let file = ConfigFile::read(&args.config)?.with_bundle(bundle.clone());
     let config: RunConfig = file.parse()?;
     let vehicle = config.load_vehicle(&file)?;
     let mut controller = config.controller(&file, &vehicle)?;
@@ -90,14 +95,31 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
     let signals = register_signals()?;
 
     let epoch = Epoch::now();
-    let ros2 = start_ros2(&file, &config, &vehicle, ros_arguments, epoch)?;
+    let mut inputs: Vec<Box<dyn InputStatus>> = Vec::new();
+    let mut ready = screen::ready_to_arm(args.arm);
+    let initial = PathRecord::initial(&controller);
+    let (controller_tap, path_log, controller_log) = tap(config.settings.stages);
+    let recording_ended = Arc::new(OnceLock::new());
+    let recorded = config.recording(&file, args.record.as_deref())?;
+    if let Some((path, _)) = &recorded {
+        output::check_writable(path, args.force)?;
+    }
+    let live = recording::live(args.live, Some(&config.settings))?;
+    let watch =
+        (recorded.is_some() || live.is_some()).then(|| (path_log, Arc::clone(&recording_ended)));
+    let watched = watch.is_some();
+    let ros2 = start_ros2(&file, &config, &vehicle, ros_arguments, epoch, watch)?;
     let (clock, channel, ros2_port, _server) = match ros2 {
-        Some(ros2) => (
-            ros2.clock,
-            Some((ros2.loop_end, ros2.controller_end)),
-            ros2.port,
-            Some(ros2.server),
-        ),
+        Some(ros2) => {
+            inputs.push(Box::new(ros2.inputs));
+            ready = format!("waits for a goal on {}", ros2.action);
+            (
+                ros2.clock,
+                Some((ros2.loop_end, ros2.controller_end)),
+                ros2.port,
+                Some(ros2.server),
+            )
+        }
         None => (Clock::Real(epoch), None, None, None),
     };
     let (records, loop_log) = ring(RING);
@@ -113,7 +135,10 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
             ]);
             let layout = Arc::new(layout);
             let scale = vehicle.encoder_scale;
-            let port = CanPort::new(interface, layout, scale, epoch, received, sent)?;
+            let mut port = CanPort::new(interface, layout, scale, epoch, received, sent)?;
+            if let Some(messages) = port.take_inputs() {
+                inputs.push(Box::new(messages));
+            }
             (Box::new(port), interface.to_owned())
         }
         RunPort::Simulated => (Box::new(simulated(&file, &config)?), "simulated".to_owned()),
@@ -122,7 +147,30 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
             (Box::new(port), "ros2".to_owned())
         }
     };
+    let file_of_record = match recorded {
+        Some((path, limits)) => {
+            let header = recording::header("run", Some(config.controller), &file, &bundle, &[]);
+            Some(recording::create(&path, header, limits, args.force)?)
+        }
+        None => None,
+    };
+    let sinks = Sinks {
+        file: file_of_record,
+        live,
+    };
+    let mut recording = watched.then(|| {
+        let (initial, ended) = (initial.as_ref(), recording_ended);
+        DriveRecording::new(sinks, controller_log, &vehicle, epoch, initial, ended)
+    });
     let mut recorder = Recorder::new(logs, epoch, &interface);
+    let period_s = config.cycle.period_s;
+    let start = format!(
+        "{} steers {} at {:.0} Hz over {interface}{}",
+        config.controller.name(),
+        vehicle.name,
+        1.0 / period_s,
+        screen::listens_to(&all(&mut inputs, epoch.elapsed_s())),
+    );
     let setup = LoopSetup {
         cycle: config.cycle,
         safety: config.safety,
@@ -131,6 +179,7 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
         port,
         controller,
         channel,
+        tap: recording.is_some().then_some(controller_tap),
         learned: keeper.as_ref().map(Keeper::sender),
         records,
         options: RunOptions {
@@ -140,51 +189,65 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
         signals,
     };
     let printer = Printer::start()?;
+    recorder.note(0.0, "start", start);
+    let mut screen = Screen::new(args.format, &printer, files.is_none(), ready);
     let control_loop = setup.start()?;
 
     let mut reported_s = 0.0;
-    let mut batches_unwritten = 0;
-    let mut record = |recorder: &mut Recorder| {
-        if let Err(error) = write(recorder, files.as_mut(), &printer) {
-            if batches_unwritten == 0 {
-                let line = serde_json::json!({ "event": "records not written", "reason": format!("{error:#}") });
-                let _ = writeln!(printer.errors(), "{line}");
-            }
-            batches_unwritten += 1;
-        }
-        batches_unwritten
-    };
+    let mut waits_for = String::new();
     while !control_loop.is_finished() {
         std::thread::sleep(Duration::from_millis(50));
-        let batches_unwritten = record(&mut recorder);
+        screen.record(&mut recorder, files.as_mut(), recording.as_mut());
         let now_s = epoch.elapsed_s();
         if now_s >= reported_s + 1.0 {
             reported_s = now_s;
-            if let Some(cycle) = recorder.latest() {
-                let line = StatusLine {
-                    unix_s: epoch.unix_s(cycle.time_s),
-                    cycle,
-                    records_lost: recorder.lost(),
-                    lines_dropped: printer.dropped(),
-                    batches_unwritten,
+            let inputs = all(&mut inputs, now_s);
+            let missing: Vec<&Input> = inputs.iter().filter(|i| i.missing.is_some()).collect();
+            let said = screen::waits_for(&missing);
+            // An age that grows is no news.
+            if !said
+                .chars()
+                .filter(|c| !c.is_ascii_digit())
+                .eq(waits_for.chars().filter(|c| !c.is_ascii_digit()))
+            {
+                let event = if said.is_empty() {
+                    "inputs"
+                } else {
+                    "waits_for"
                 };
-                if let Ok(line) = serde_json::to_string(&line) {
-                    printer.line(line);
-                }
+                let all_there = "all inputs arrive".to_owned();
+                let reason = if said.is_empty() {
+                    all_there
+                } else {
+                    said.clone()
+                };
+                recorder.note(now_s, event, reason);
+                waits_for = said;
             }
+            screen.record(&mut recorder, files.as_mut(), recording.as_mut());
+            let state = recording.as_ref().and_then(DriveRecording::status);
+            screen.status(now_s, &recorder, &missing, state, epoch);
         }
     }
     let report = control_loop.join();
-    record(&mut recorder);
-    if let Ok(line) = report.as_ref().map(serde_json::to_string) {
-        printer.line(line?);
+    screen.record(&mut recorder, files.as_mut(), recording.as_mut());
+    let status = recording.and_then(DriveRecording::finish);
+    if let Some(reason) = status.and_then(|status| status.ended) {
+        screen.warn("recording ended early", &reason.to_string());
     }
+    screen.end(report.as_ref().ok());
     printer.finish(PRINT_TIMEOUT);
     if let Some(keeper) = keeper {
         keeper.finish();
     }
     let report = report.with_context(|| file.name())?;
     Ok(ExitCode::from(report.ended.exit_code()))
+}
+
+/// Returns the inputs of all ports.
+fn all(ports: &mut [Box<dyn InputStatus>], now_s: f64) -> Vec<Input> {
+    let ports = ports.iter_mut();
+    ports.flat_map(|port| port.inputs(now_s)).collect()
 }
 
 fn register_signals() -> Result<Signals> {
@@ -207,6 +270,7 @@ fn start_ros2(
     vehicle: &Vehicle,
     arguments: &[String],
     epoch: Epoch,
+    watch: Option<(PathLog, Arc<OnceLock<String>>)>,
 ) -> Result<Option<Ros2>> {
     if !config.over_ros2() {
         ensure!(
@@ -234,6 +298,7 @@ fn start_ros2(
         drives: config.port == RunPort::Ros2,
         stages: config.settings.stages,
         period_s,
+        recording: watch,
         realtime: config.realtime,
         stopping: config.stopping(),
     });
@@ -253,59 +318,4 @@ pub fn simulated(file: &ConfigFile, config: &RunConfig) -> Result<SimulatedPort>
         SimulatedPort::new(simulation, world.step_s, encoder_scale, config.drive)
             .map_err(|error| file.error(error))?,
     )
-}
-
-/// The files of `--out`.
-struct Files {
-    candump: BufWriter<File>,
-    events: BufWriter<File>,
-    cycles: csv::Writer<File>,
-}
-
-/// First column of `cycles.csv`.
-#[derive(Serialize)]
-struct UnixTime {
-    unix_s: f64,
-}
-
-impl Files {
-    fn create(folder: &Path) -> Result<Self> {
-        let named = |file: &Path| format!("cannot write {}", file.display());
-        std::fs::create_dir_all(folder).with_context(|| named(folder))?;
-        let open = |name: &str| {
-            let file = folder.join(name);
-            File::create(&file).with_context(|| named(&file))
-        };
-        Ok(Self {
-            candump: BufWriter::new(open("candump.log")?),
-            events: BufWriter::new(open("events.jsonl")?),
-            cycles: csv::Writer::from_writer(open("cycles.csv")?),
-        })
-    }
-
-    fn flush(&mut self) -> Result<()> {
-        self.candump.flush()?;
-        self.events.flush()?;
-        self.cycles.flush()?;
-        Ok(())
-    }
-}
-
-/// Writes what the threads have left: to the files, else events to standard error.
-fn write(recorder: &mut Recorder, files: Option<&mut Files>, printer: &Printer) -> Result<()> {
-    let Some(files) = files else {
-        recorder.drain(&mut Outputs {
-            events: Some(&mut printer.errors()),
-            ..Outputs::default()
-        })?;
-        return Ok(());
-    };
-    let cycles = &mut files.cycles;
-    recorder.drain(&mut Outputs {
-        candump: Some(&mut files.candump),
-        events: Some(&mut files.events),
-        cycles: Some(&mut |unix_s, row| Ok(cycles.serialize((UnixTime { unix_s }, row))?)),
-    })?;
-    // Through to the file, so that little is missing where the program is killed.
-    files.flush()
 }

@@ -1,8 +1,8 @@
 //! `sidehill simulate`: a scenario with its controllers, side by side.
 
-use crate::closed_loop;
+use crate::closed_loop::{self, Observer};
 use crate::config::{
-    Conditions, ConfigFile, DEFAULT_SCENARIO, Overrides, PlantKind, Prepared, Scenario,
+    Bundle, Conditions, ConfigFile, DEFAULT_SCENARIO, Overrides, PlantKind, Prepared, Scenario,
 };
 use crate::console;
 use crate::learned;
@@ -10,10 +10,16 @@ use crate::output;
 use crate::progress::{self, Progress};
 use crate::qp_recording::QpRecording;
 use crate::record::{Run, Summary};
+#[cfg(feature = "drive")]
+use crate::recording::{self, LIVE, SimulationRecording, fact};
 use crate::report;
 use anyhow::{Context, Result, bail};
+#[cfg(feature = "drive")]
+use sidehill_bridge::recording::{RecordLimits, Sinks};
 use sidehill_controller::config::ControllerKind;
 use std::fmt::Write;
+#[cfg(feature = "drive")]
+use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -50,7 +56,20 @@ pub struct SimulateArgs {
     /// Write the QPs of a run to an npz file; it takes one controller, an MPC.
     #[arg(long, value_name = "FILE")]
     pub record_qps: Option<PathBuf>,
-    /// Overwrite files of --out and --record-qps that exist.
+    /// Record the run to an MCAP file, which `sidehill replay` and Foxglove read; it takes one controller.
+    #[cfg(feature = "drive")]
+    #[arg(long, value_name = "FILE.mcap")]
+    pub record: Option<PathBuf>,
+    /// Show the run live: a Foxglove WebSocket, to which Foxglove and Lichtblick connect. Without an
+    /// address, to this machine alone: 127.0.0.1:8765. It takes one controller.
+    #[cfg(feature = "drive")]
+    #[arg(long, value_name = "ADDRESS", num_args = 0..=1, default_missing_value = LIVE)]
+    pub live: Option<SocketAddr>,
+    /// Simulate no faster than real time, to look at it with --live.
+    #[cfg(feature = "drive")]
+    #[arg(long)]
+    pub realtime: bool,
+    /// Overwrite files of --out, --record and --record-qps that exist.
     #[arg(long)]
     pub force: bool,
     /// How the figures are printed.
@@ -68,7 +87,8 @@ pub enum Format {
     Json,
 }
 
-fn controller(name: &str) -> Result<ControllerKind, String> {
+/// Returns the controller of that name, for command lines.
+pub(crate) fn controller(name: &str) -> Result<ControllerKind, String> {
     ControllerKind::from_name(name).ok_or_else(|| {
         let names: Vec<_> = ControllerKind::ALL.iter().map(|kind| kind.name()).collect();
         format!("controllers are {}", names.join(", "))
@@ -80,10 +100,12 @@ fn controller(name: &str) -> Result<ControllerKind, String> {
 /// # Errors
 /// What is wrong with a file, with its name, key, value and range; or what cannot be written.
 pub fn run(args: &SimulateArgs) -> Result<ExitCode> {
+    let bundle = Bundle::default();
     let file = match &args.scenario {
         Some(path) => ConfigFile::read(path)?,
         None => ConfigFile::built_in(DEFAULT_SCENARIO)?,
-    };
+    }
+    .with_bundle(bundle.clone());
     let conditions = args
         .conditions
         .as_deref()
@@ -94,7 +116,7 @@ pub fn run(args: &SimulateArgs) -> Result<ExitCode> {
         None => file,
     };
     let conditions = conditions.map(|conditions| conditions.name);
-    let prepared = Scenario::read(file)?.prepare(&Overrides {
+    let prepared = Scenario::read(file.clone())?.prepare(&Overrides {
         path: args.path.clone(),
         plant: args.plant,
         seed: args.seed,
@@ -138,7 +160,26 @@ pub fn run(args: &SimulateArgs) -> Result<ExitCode> {
         ),
     };
     progress::explain_interrupt(|| "interrupted: nothing was written".to_owned())?;
-    let runs = runs(&prepared, qps.as_mut())?;
+    #[cfg(feature = "drive")]
+    let mut recording = if args.record.is_some() || args.live.is_some() || args.realtime {
+        Some(record(args, &prepared, &file, &bundle)?)
+    } else {
+        None
+    };
+    let observer = qps.as_mut().map(|qps| qps as &mut dyn Observer);
+    #[cfg(feature = "drive")]
+    let observer = match &mut recording {
+        Some(recording) => Some(recording as &mut dyn Observer),
+        None => observer,
+    };
+    let runs = runs(&prepared, observer)?;
+    #[cfg(feature = "drive")]
+    if let Some(reason) = recording
+        .and_then(SimulationRecording::finish)
+        .and_then(|status| status.ended)
+    {
+        bail!("--record: {reason}");
+    }
     if let (Some(path), Some(qps)) = (&args.record_qps, &qps) {
         output::write(path, &qps.npz()?, args.force)?;
     }
@@ -172,6 +213,51 @@ pub fn run(args: &SimulateArgs) -> Result<ExitCode> {
     } else {
         ExitCode::FAILURE
     })
+}
+
+/// Begins the recording of the one controller.
+#[cfg(feature = "drive")]
+fn record(
+    args: &SimulateArgs,
+    prepared: &Prepared,
+    file: &ConfigFile,
+    bundle: &Bundle,
+) -> Result<SimulationRecording> {
+    let [kind] = prepared.controllers[..] else {
+        bail!(
+            "--record, --live and --realtime take one controller, not {}: choose it with --controller",
+            prepared.controllers.len()
+        );
+    };
+    if args.record_qps.is_some() {
+        bail!("--record-qps goes without --record, --live and --realtime");
+    }
+    let facts = [
+        (fact::PLANT, args.plant.map(|plant| plant.name().to_owned())),
+        (fact::SEED, args.seed.map(|seed| seed.to_string())),
+        (
+            fact::PATH,
+            args.path.as_ref().map(|path| path.display().to_string()),
+        ),
+    ];
+    let header = recording::header("simulate", Some(kind), file, bundle, &facts);
+    let mcap = match &args.record {
+        Some(path) => {
+            let limits = RecordLimits::default();
+            Some(recording::create(path, header, limits, args.force)?)
+        }
+        None => None,
+    };
+    let sinks = Sinks {
+        file: mcap,
+        live: recording::live(args.live, Some(&prepared.controller))?,
+    };
+    Ok(SimulationRecording::new(
+        sinks,
+        &prepared.vehicle,
+        &prepared.terrain,
+        args.realtime,
+    ))
 }
 
 /// Name of the report.
@@ -228,7 +314,7 @@ fn write_out(
 const LONG_S: f64 = 1000.0;
 
 /// Runs one controller after the other: their times would disturb each other.
-fn runs(prepared: &Prepared, mut qps: Option<&mut QpRecording>) -> Result<Vec<Run>> {
+fn runs(prepared: &Prepared, mut observer: Option<&mut dyn Observer>) -> Result<Vec<Run>> {
     let simulated_s = prepared.reference.end_s();
     if simulated_s > LONG_S {
         console::complain(format_args!(
@@ -240,7 +326,10 @@ fn runs(prepared: &Prepared, mut qps: Option<&mut QpRecording>) -> Result<Vec<Ru
     for &kind in &prepared.controllers {
         let progress = Progress::new(kind.name(), 1000);
         let hear = |share| progress.at((1000.0 * share) as u64);
-        let run = closed_loop::run(prepared, kind, hear, qps.as_deref_mut())?;
+        let run = match &mut observer {
+            Some(observer) => closed_loop::run(prepared, kind, hear, Some(&mut **observer))?,
+            None => closed_loop::run(prepared, kind, hear, None)?,
+        };
         progress.finish();
         runs.push(run);
     }

@@ -1,6 +1,8 @@
 //! `run` and `vehicle` without a bus.
 #![allow(clippy::unwrap_used)]
 
+use std::fs::File;
+use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
@@ -21,6 +23,9 @@ fn configuration(test: &str, changes: &[(&str, &str, &str)]) -> PathBuf {
         std::fs::create_dir_all(to.join(folder)).unwrap();
         for file in std::fs::read_dir(from.join(folder)).unwrap() {
             let file = file.unwrap();
+            if file.path().is_dir() {
+                continue;
+            }
             let mut text = std::fs::read_to_string(file.path()).unwrap();
             for (name, old, new) in changes {
                 if file.file_name() == *name {
@@ -45,7 +50,18 @@ fn a_simulated_vehicle_is_driven_in_real_time() {
     ]
     .map(|(old, new)| ("run_vcan0.yaml", old, new));
     let file = configuration("simulated", &changes);
-    let output = sidehill(&["run", file.to_str().unwrap(), "--arm", "--duration-s", "6"]);
+    let recording = file.with_file_name("drive.mcap");
+    let recording = recording.to_str().unwrap();
+    let output = sidehill(&[
+        "run",
+        file.to_str().unwrap(),
+        "--arm",
+        "--duration-s",
+        "6",
+        "--record",
+        recording,
+        "--force",
+    ]);
     let text = String::from_utf8(output.stdout).unwrap();
     let events = String::from_utf8(output.stderr).unwrap();
     let lines: Vec<serde_json::Value> = text
@@ -64,6 +80,12 @@ fn a_simulated_vehicle_is_driven_in_real_time() {
     let driven_m = f64::hypot(last[0] - first[0], last[1] - first[1]);
     // The course begins at 0.5 m/s, and at least 3 s of the 6 s are driven.
     assert!(driven_m > 0.5, "{driven_m} m\n{text}\n{events}");
+    // Standing, arming and driving are replayed as they were.
+    let output = sidehill(&["replay", recording, "--format", "json"]);
+    let replayed: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(replayed["different"], 0, "{replayed}");
+    assert!(replayed["cycles"].as_u64().unwrap() > 100, "{replayed}");
+    assert_eq!(output.status.code(), Some(0));
 }
 
 #[test]
@@ -191,6 +213,110 @@ fn a_bus_is_not_driven_in_simulated_time() {
             assert!(complaint.contains(part), "{complaint}");
         }
     }
+}
+
+#[test]
+fn a_bus_that_is_not_there_is_named_on_the_screen_and_in_json() {
+    let file = configuration("no_bus", &[("run_vcan0.yaml", "vcan0", "nocan7")]);
+    let run = ["run", file.to_str().unwrap(), "--duration-s", "2.5"];
+    let text = sidehill(&[&run[..], &["--format", "text"]].concat());
+    let text = String::from_utf8(text.stdout).unwrap();
+    for part in [
+        "listens to bus nocan7",
+        "traction drive",
+        "waits for bus on nocan7: there is no such interface",
+        "ended: stopped",
+    ] {
+        assert!(text.contains(part), "no `{part}` in {text}");
+    }
+    let json = String::from_utf8(sidehill(&run).stdout).unwrap();
+    let first: serde_json::Value = serde_json::from_str(json.lines().next().unwrap()).unwrap();
+    assert_eq!(first["waits_for"][0]["input"], "bus", "{json}");
+    assert_eq!(first["state"], "disarmed");
+}
+
+#[test]
+fn what_an_earlier_run_recorded_is_kept() {
+    let file = configuration("kept", &[("run_vcan0.yaml", "vcan0", "nocan7")]);
+    let out = file.with_file_name("records");
+    let _ = std::fs::remove_dir_all(&out);
+    let names = || {
+        let files = std::fs::read_dir(&out).unwrap();
+        let mut names: Vec<_> = files.map(|file| file.unwrap().file_name()).collect();
+        names.sort();
+        names
+    };
+    for run in 0..2 {
+        let arguments = [
+            "run",
+            file.to_str().unwrap(),
+            "--duration-s",
+            "0.3",
+            "--out",
+        ];
+        sidehill(&[&arguments[..], &[out.to_str().unwrap()]].concat());
+        let kept = names()
+            .iter()
+            .filter(|name| *name == "cycles.csv.1")
+            .count();
+        assert_eq!(kept, run, "{:?}", names());
+    }
+}
+
+#[test]
+fn it_survives_100_closings_of_its_output_while_it_drives() {
+    let changes = [
+        ("port: can", "port: simulated"),
+        ("command_timeout_s: 0.15", "command_timeout_s: 1.0"),
+        ("feedback_timeout_s: 0.2", "feedback_timeout_s: 1.0"),
+        ("handshake_timeout_s: 1.0", "handshake_timeout_s: 10.0"),
+    ]
+    .map(|(old, new)| ("run_vcan0.yaml", old, new));
+    let file = configuration("closings", &changes);
+    let pipe = file.with_file_name("pipe");
+    let _ = std::fs::remove_file(&pipe);
+    assert!(
+        Command::new("mkfifo")
+            .arg(&pipe)
+            .status()
+            .unwrap()
+            .success()
+    );
+    let reader = || BufReader::new(File::open(&pipe).unwrap());
+    let opens = {
+        let pipe = pipe.clone();
+        std::thread::spawn(move || File::options().write(true).open(pipe).unwrap())
+    };
+    let mut lines = reader();
+    let output = opens.join().unwrap();
+    let mut child = Command::new(env!("CARGO_BIN_EXE_sidehill"))
+        .args(["run", file.to_str().unwrap(), "--arm"])
+        .stderr(output.try_clone().unwrap())
+        .stdout(output)
+        .spawn()
+        .unwrap();
+    let drives = |lines: &mut BufReader<File>| {
+        let mut line = String::new();
+        while lines.read_line(&mut line).unwrap() > 0 {
+            let said: serde_json::Value = serde_json::from_str(&line).unwrap_or_default();
+            if said["state"] == "driving" {
+                return Some(said);
+            }
+            line.clear();
+        }
+        None
+    };
+    drives(&mut lines).expect("it drives");
+    drop(lines);
+    for _ in 0..100 {
+        drop(reader());
+        std::thread::sleep(std::time::Duration::from_millis(60));
+    }
+    // Whoever comes back sees that it drives on, and how many lines nobody has read.
+    let said = drives(&mut reader()).expect("it still drives");
+    assert!(said["lines_dropped"].as_u64() > Some(2), "{said}");
+    child.kill().unwrap();
+    child.wait().unwrap();
 }
 
 #[test]

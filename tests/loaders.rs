@@ -4,6 +4,8 @@
 use proptest::prelude::*;
 use sidehill::check::check;
 use sidehill::config::{ConfigFile, Overrides, RunConfig, Scenario, VehicleConfig, load_layout};
+use sidehill::drive_log::TopicMap;
+use sidehill::live_odometry::LiveOdometryConfig;
 use sidehill_plant::contact::ContactVehicle;
 use sidehill_plant::vehicle::Vehicle;
 use std::cell::RefCell;
@@ -151,6 +153,10 @@ fn use_it(kind: &str, file: &ConfigFile) {
         "configuration of vehicle" => {
             no_nan(format!("{:?}", file.parse::<VehicleConfig>().unwrap()))
         }
+        "configuration of odometry --live" => {
+            no_nan(format!("{:?}", file.parse::<LiveOdometryConfig>().unwrap()))
+        }
+        "topic map" => no_nan(format!("{:?}", TopicMap::read(file).unwrap())),
         other => panic!("unknown kind: {other}"),
     }
 }

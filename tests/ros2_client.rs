@@ -22,6 +22,7 @@ use sidehill_bridge::ros2::node::qos;
 use sidehill_bridge::ros2::port::convert::world_from_base_link;
 use sidehill_plant::frames::{Attitude, Pose};
 use std::collections::BTreeSet;
+use std::io::{BufRead, BufReader};
 use std::path::PathBuf;
 use std::process::{Child, Command, Stdio};
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -42,6 +43,14 @@ struct Program(Child);
 
 impl Program {
     fn start(subcommand: &str, config: &std::path::Path, domain_id: u16) -> Self {
+        Self(
+            Self::command(subcommand, config, domain_id)
+                .spawn()
+                .unwrap(),
+        )
+    }
+
+    fn command(subcommand: &str, config: &std::path::Path, domain_id: u16) -> Command {
         let mut command = Command::new(env!("CARGO_BIN_EXE_sidehill"));
         command
             .arg(subcommand)
@@ -51,7 +60,7 @@ impl Program {
             .env("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
             .stdout(Stdio::null())
             .stderr(Stdio::null());
-        Self(command.spawn().unwrap())
+        command
     }
 }
 
@@ -189,6 +198,65 @@ fn goal(path: Path) -> FollowPathGoal {
     FollowPathGoal {
         path,
         ..FollowPathGoal::default()
+    }
+}
+
+#[test]
+fn a_wrong_topic_frame_or_type_is_found_from_the_screen_alone() {
+    for (from, to, says) in [
+        (
+            "    odometry: odom # nav",
+            "    odometry: wheels/odom # nav",
+            &[
+                "odometry on /wheels/odom (nav_msgs/msg/Odometry)",
+                "no publisher",
+                "this type is on /odom",
+            ][..],
+        ),
+        (
+            "    imu: imu #",
+            "    imu: odom #",
+            &[
+                "imu on /odom (sensor_msgs/msg/Imu)",
+                "published as nav_msgs/msg/Odometry",
+            ],
+        ),
+        (
+            "    odometry: odom # frame",
+            "    odometry: map # frame",
+            &[
+                "odometry on /odom",
+                "rejected",
+                "it is in odom, must be in map",
+            ],
+        ),
+    ] {
+        let domain_id = domain_id();
+        let _vehicle = Program::start("vehicle", &config("vehicle_ros2.yaml"), domain_id);
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("run.yaml");
+        let text = std::fs::read_to_string(config("run_ros2.yaml")).unwrap();
+        assert!(text.contains(from), "{from}");
+        let vehicles = format!("{}/config/vehicles", env!("CARGO_MANIFEST_DIR"));
+        let text = text.replace("../vehicles", &vehicles).replace(from, to);
+        std::fs::write(&file, text).unwrap();
+        let mut run = Program::command("run", &file, domain_id)
+            .args(["--format", "text"])
+            .stdout(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let lines = BufReader::new(run.stdout.take().unwrap()).lines();
+        let run = Program(run);
+        let mut seen = Vec::new();
+        // Discovery takes its time: the first reason may be that nobody is there yet.
+        let found = lines.map_while(Result::ok).take(20).any(|line| {
+            let found = says.iter().all(|part| line.contains(part));
+            seen.push(line);
+            found
+        });
+        assert!(found, "{says:?} in {seen:#?}");
+        assert!(seen[0].contains("listens to odometry /"), "{}", seen[0]);
+        drop(run);
     }
 }
 

@@ -47,6 +47,7 @@
 pub mod can;
 pub mod control_loop;
 pub mod drives;
+pub mod recording;
 pub mod ros2;
 pub mod rover;
 pub mod safety;

@@ -297,6 +297,31 @@ fn a_steady_cycle_allocates_nothing() {
 }
 
 #[test]
+fn a_steady_cycle_that_is_recorded_allocates_nothing() {
+    let (tap, _paths, mut log) = sidehill_bridge::recording::tap(60);
+    let (mut cycle, _records) = cycle(InlineRunner::recorded(controller(0.05), tap));
+    for i in 0..100 {
+        cycle.step(if i > 2 { ARM } else { NOTHING });
+    }
+    assert_eq!(cycle.state(), SafetyState::Driving);
+    let counted = allocation_counter::measure(|| {
+        for _ in 0..100 {
+            cycle.step(ARM);
+        }
+    });
+    assert_eq!(counted.count_total, 0, "{counted:?}");
+    let steps: Vec<_> = std::iter::from_fn(|| log.steps.pop()).collect();
+    assert_eq!((steps.len(), log.lost()), (200, 0));
+    assert!(
+        steps
+            .iter()
+            .enumerate()
+            .all(|(i, step)| step.index == i as u64)
+    );
+    assert!(log.new_plan().is_some_and(|view| view.plan.len() > 1));
+}
+
+#[test]
 fn a_run_repeats_every_bit() {
     let run = || {
         let (mut cycle, _records) = cycle(InlineRunner::new(controller(0.05)));

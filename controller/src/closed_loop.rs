@@ -9,6 +9,7 @@ use crate::path::Point2;
 use crate::reference::Reference;
 use crate::trajectory::ReferencePoint;
 use figures::Account;
+use sidehill_plant::sample::Sample;
 use sidehill_plant::simulation::{Plant, TrueState};
 use sidehill_plant::speeds::MotorSpeeds;
 use std::time::{Duration, Instant};
@@ -30,6 +31,8 @@ pub struct ClosedLoop<P> {
 pub struct Cycle {
     /// What was true when the sensors were read.
     pub state: TrueState,
+    /// What they read.
+    pub sample: Sample,
     /// Where the vehicle should have been.
     pub reference: ReferencePoint,
     /// Where its tracked point was, where that is not the origin.
@@ -148,6 +151,7 @@ impl<P: Plant> ClosedLoop<P> {
         };
         Cycle {
             state,
+            sample,
             reference: self.reference,
             tracked,
             errors,

@@ -315,6 +315,30 @@ impl Controller {
     ///
     /// Total: every doubt ends in a controlled stop and a [`Status`] that says why.
     pub fn step(&mut self, sample: &Sample, deadline: Option<Instant>) -> Decision {
+        self.step_within(sample, deadline, None)
+    }
+
+    /// Repeats a recorded [`Controller::step`] exactly: its solves end where the deadline ended those
+    /// of the original, which [`Controller::was_cut_at`] returned after it.
+    pub fn repeat_step(&mut self, sample: &Sample, cut_at: Option<u32>) -> Decision {
+        self.step_within(sample, None, cut_at)
+    }
+
+    /// Returns which look at the deadline, counted from 0, ended a solve of the last cycle; none where
+    /// the deadline ended none.
+    pub fn was_cut_at(&self) -> Option<u32> {
+        self.mpc().and_then(Mpc::was_cut_at)
+    }
+
+    fn step_within(
+        &mut self,
+        sample: &Sample,
+        deadline: Option<Instant>,
+        cut_at: Option<u32>,
+    ) -> Decision {
+        if let Law::Mpc(mpc) = &mut self.law {
+            mpc.begin_cycle(cut_at);
+        }
         let elapsed_s = self.elapsed(sample.time_s);
         let (estimate, refused) = self.estimator.update(sample);
         let progress = self.advance_reference(estimate.as_ref(), elapsed_s);
@@ -440,7 +464,7 @@ impl Controller {
             command,
         });
         if let Some(reason) = stop {
-            self.stop(reason);
+            self.stop(reason.into());
         }
     }
 

@@ -83,6 +83,11 @@ impl Reference {
         Self { laps, ..self }
     }
 
+    /// Returns the rounds of a periodic trajectory.
+    pub fn laps(&self) -> u32 {
+        self.laps
+    }
+
     /// Returns this reference under a number of the caller's, by which decisions name it.
     pub fn numbered(self, number: u64) -> Self {
         Self { number, ..self }

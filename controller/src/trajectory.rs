@@ -20,7 +20,8 @@ pub enum Motion {
 }
 
 /// What a trajectory does after its end.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Ending {
     /// It begins again where it ended; heading and arc length go on counting.
     Periodic,
@@ -59,7 +60,8 @@ impl ReferencePoint {
 }
 
 /// A time-parametrised reference, stored on a uniform grid of time.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "RawTrajectory")]
 pub struct Trajectory {
     nodes: Vec<Node>,
     step_s: f64,
@@ -67,8 +69,24 @@ pub struct Trajectory {
     ending: Ending,
 }
 
+#[derive(Deserialize)]
+struct RawTrajectory {
+    nodes: Vec<Node>,
+    step_s: f64,
+    path: Option<Path>,
+    ending: Ending,
+}
+
+impl TryFrom<RawTrajectory> for Trajectory {
+    type Error = PathError;
+
+    fn try_from(raw: RawTrajectory) -> Result<Self, PathError> {
+        Self::from_nodes(raw.nodes, raw.step_s, raw.path, raw.ending)
+    }
+}
+
 /// The state of a trajectory at a time of its grid.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Node {
     pub(crate) arc_length_m: f64,
     pub(crate) position: Point2,

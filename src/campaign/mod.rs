@@ -4,6 +4,8 @@ mod merge;
 mod results;
 mod summary;
 mod table;
+#[cfg(feature = "drive")]
+mod worst;
 
 pub use results::Results;
 
@@ -41,6 +43,11 @@ pub struct CampaignArgs {
     /// Simulations at a time instead of one a core.
     #[arg(long)]
     pub threads: Option<usize>,
+    /// Record the N worst runs, those that did not complete first, into the folder of the results with
+    /// the ending .worst: `sidehill replay` reads them.
+    #[cfg(feature = "drive")]
+    #[arg(long, value_name = "N")]
+    pub keep_worst: Option<usize>,
     /// Write the scenario of one run, for `simulate`, to --out instead.
     #[arg(long, value_name = "INDEX")]
     pub write_scenario: Option<u32>,
@@ -108,6 +115,12 @@ pub fn run(args: &CampaignArgs) -> Result<()> {
     })?;
     bar.finish();
     let rows = Table::of(&campaign)?.rows(&results.finish()?)?;
+    #[cfg(feature = "drive")]
+    if let Some(count) = args.keep_worst {
+        for file in worst::keep(&campaign, &rows, count, out)? {
+            console::complain(format_args!("recorded {}", file.display()));
+        }
+    }
     let figures = summary::of(&rows, &campaign, &runs);
     match args.format {
         crate::simulate::Format::Table => {
@@ -144,7 +157,8 @@ fn jobs(
     runs.flat_map(move |index| kinds.iter().map(move |&kind| (index, kind)))
 }
 
-fn pool(threads: Option<usize>) -> Result<rayon::ThreadPool> {
+/// Returns a pool of so many threads, one a core by default.
+pub(crate) fn pool(threads: Option<usize>) -> Result<rayon::ThreadPool> {
     let builder = rayon::ThreadPoolBuilder::new().num_threads(threads.unwrap_or(0));
     Ok(builder.build()?)
 }
@@ -168,7 +182,11 @@ fn outcome(campaign: &Campaign, index: u32, kind: ControllerKind) -> Outcome {
     }
 }
 
-fn drive(scenario: ConfigFile, kind: ControllerKind) -> Result<Summary> {
+/// Returns the figures of one run with one controller.
+///
+/// # Errors
+/// What keeps the run from starting.
+pub(crate) fn drive(scenario: ConfigFile, kind: ControllerKind) -> Result<Summary> {
     let prepared = Scenario::read(scenario)?.prepare(&Overrides {
         controllers: vec![kind],
         ..Overrides::default()

@@ -8,6 +8,7 @@ use sidehill_bridge::can::database::Database;
 use sidehill_bridge::can::layout::Layout;
 use sidehill_bridge::control_loop::CycleConfig;
 use sidehill_bridge::control_loop::scheduling::RealtimeConfig;
+use sidehill_bridge::recording::RecordLimits;
 use sidehill_bridge::ros2::port::convert::TwistMapping;
 use sidehill_bridge::ros2::port::rover::VehicleNodeConfig;
 use sidehill_bridge::ros2::server::config::Ros2Config;
@@ -91,6 +92,59 @@ pub struct RunConfig {
     /// drives are told.
     #[serde(default)]
     pub ros2: Option<Ros2Config>,
+    /// What is recorded.
+    #[serde(default)]
+    pub record: Option<RecordConfig>,
+}
+
+/// Where a drive is recorded, and how large the recording may become.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RecordConfig {
+    /// MCAP file, relative to this file; none records only what the command line asks for.
+    #[serde(default)]
+    pub file: Option<PathBuf>,
+    /// Largest size of a file, MB.
+    #[serde(default = "record_size")]
+    pub max_size: f64,
+    /// Whether a file that is full is followed by another.
+    #[serde(default = "yes")]
+    pub split: bool,
+    /// Newest files that are kept, with `split`; 0 keeps all.
+    #[serde(default)]
+    pub keep: u32,
+}
+
+fn record_size() -> f64 {
+    RecordLimits::default().max_size
+}
+
+fn yes() -> bool {
+    true
+}
+
+/// Returns the file of a recording and its limits, as the command line or else the configuration says;
+/// none where nothing is recorded.
+///
+/// # Errors
+/// [`ConfigError`] with the file, key, value and range.
+fn recording(
+    file: &ConfigFile,
+    config: Option<&RecordConfig>,
+    given: Option<&Path>,
+) -> Result<Option<(PathBuf, RecordLimits)>, ConfigError> {
+    let limits = config.map_or_else(RecordLimits::default, |config| RecordLimits {
+        max_size: config.max_size,
+        split: config.split,
+        keep: config.keep,
+    });
+    limits
+        .validate()
+        .map_err(|error| file.error(format!("record.{error}")))?;
+    let own = config
+        .and_then(|config| config.file.as_deref())
+        .map(|name| file.path().parent().unwrap_or(Path::new("")).join(name));
+    Ok(given.map(Path::to_owned).or(own).map(|path| (path, limits)))
 }
 
 /// Where what was learned is kept.
@@ -243,6 +297,19 @@ impl RunConfig {
         Ok(())
     }
 
+    /// Returns where the drive is recorded, and how large that may become; none where it is not.
+    /// `given` is the file of the command line.
+    ///
+    /// # Errors
+    /// [`ConfigError`] with the file, key, value and range.
+    pub fn recording(
+        &self,
+        file: &ConfigFile,
+        given: Option<&Path>,
+    ) -> Result<Option<(PathBuf, RecordLimits)>, ConfigError> {
+        recording(file, self.record.as_ref(), given)
+    }
+
     /// Returns interface and layout of the bus.
     ///
     /// # Errors
@@ -314,9 +381,24 @@ pub struct VehicleConfig {
     /// What goes wrong on purpose, of port `can`.
     #[serde(default)]
     pub faults: Vec<FaultWindow<CanFault>>,
+    /// What is recorded.
+    #[serde(default)]
+    pub record: Option<RecordConfig>,
 }
 
 impl VehicleConfig {
+    /// Returns where the drive is recorded, as [`RunConfig::recording`] does.
+    ///
+    /// # Errors
+    /// [`ConfigError`] with the file, key, value and range.
+    pub fn recording(
+        &self,
+        file: &ConfigFile,
+        given: Option<&Path>,
+    ) -> Result<Option<(PathBuf, RecordLimits)>, ConfigError> {
+        recording(file, self.record.as_ref(), given)
+    }
+
     /// Returns the scenario with what replaces its own.
     ///
     /// # Errors

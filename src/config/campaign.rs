@@ -5,7 +5,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 use serde::{Deserialize, Serialize};
 use serde_yaml::{Mapping, Value};
-use sidehill_controller::config::ControllerKind;
+use sidehill_controller::config::{ControllerConfig, ControllerKind};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::PoisonError;
@@ -111,6 +111,51 @@ impl Campaign {
         Scenario::read(first.scenario)
             .map_err(|error| file.error(format!("run 0 makes no scenario: {error}")))?;
         Ok(campaign)
+    }
+
+    /// Returns the campaign of a file that is one, or of a scenario, whose runs then differ by their
+    /// seeds only.
+    ///
+    /// # Errors
+    /// [`ConfigError`] with file, key, value and range.
+    pub fn read_any(file: &ConfigFile) -> Result<Self, ConfigError> {
+        let keys: Mapping = file.parse()?;
+        if keys.contains_key("draws") {
+            return Self::read(file);
+        }
+        let scenario = Scenario::read(file.clone())?;
+        let prepared = scenario.prepare(&Overrides::default())?;
+        Ok(Self {
+            name: prepared.name,
+            runs: u32::MAX,
+            controllers: prepared.controllers,
+            seed: prepared.seed,
+            draws: Vec::new(),
+            scenario: file.clone(),
+        })
+    }
+
+    /// Returns the campaign with these keys in its scenario, in place of those of the same name; of
+    /// `controller` only what is named there is replaced.
+    ///
+    /// # Errors
+    /// [`ConfigError`] where they make no scenario.
+    pub fn with_keys(&self, keys: &Mapping) -> Result<Self, ConfigError> {
+        let scenario = self.scenario.with_keys(keys)?;
+        Scenario::read(scenario.clone())?.prepare(&Overrides::default())?;
+        Ok(Self {
+            scenario,
+            ..self.clone()
+        })
+    }
+
+    /// Returns the settings of the controllers before anything is drawn, defaults included.
+    ///
+    /// # Errors
+    /// [`ConfigError`] with file, key, value and range.
+    pub fn controller_settings(&self) -> Result<ControllerConfig, ConfigError> {
+        let scenario = Scenario::read(self.scenario.clone())?;
+        Ok(scenario.prepare(&Overrides::default())?.controller)
     }
 
     /// Returns the keys that are drawn.
@@ -291,7 +336,7 @@ impl Draw {
 }
 
 /// Puts a value under a key with dots, making what is missing on the way.
-fn put(keys: &mut Mapping, key: &str, value: &Value) {
+pub(crate) fn put(keys: &mut Mapping, key: &str, value: &Value) {
     let Some((first, rest)) = key.split_once('.') else {
         keys.insert(Value::from(key), value.clone());
         return;
@@ -307,7 +352,8 @@ fn put(keys: &mut Mapping, key: &str, value: &Value) {
     }
 }
 
-fn find<'a>(keys: &'a Mapping, key: &str) -> Option<&'a Value> {
+/// Returns the value under a key with dots.
+pub(crate) fn find<'a>(keys: &'a Mapping, key: &str) -> Option<&'a Value> {
     match key.split_once('.') {
         None => keys.get(key),
         Some((first, rest)) => find(keys.get(first)?.as_mapping()?, rest),

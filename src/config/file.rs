@@ -78,7 +78,11 @@ pub struct ConfigFile {
 enum Origin {
     Disk,
     BuiltIn,
-    Bundle(Bundle),
+    Bundle {
+        files: Bundle,
+        /// Whether what is not in it is compiled into the program rather than on the disk.
+        built_in: bool,
+    },
 }
 
 /// Files by their paths, which are read from the disk where they are not in it yet. What was read with a
@@ -91,10 +95,27 @@ impl ConfigFile {
     /// # Errors
     /// [`ConfigError::Read`] with its name.
     pub fn read(path: &Path) -> Result<Self, ConfigError> {
-        let text = std::fs::read_to_string(path).map_err(|reason| ConfigError::Read {
+        let failed = |reason| ConfigError::Read {
             file: path.display().to_string(),
             reason,
             named_by: None,
+        };
+        if path.is_dir() {
+            return Err(ConfigError::Content {
+                file: path.display().to_string(),
+                message: "is a folder; name the files in it, as in FOLDER/*.yaml".to_owned(),
+            });
+        }
+        let bytes = std::fs::read(path).map_err(failed)?;
+        if let Some(reason) = no_text(&bytes) {
+            return Err(ConfigError::Content {
+                file: path.display().to_string(),
+                message: reason.to_owned(),
+            });
+        }
+        let text = String::from_utf8(bytes).map_err(|error| ConfigError::Content {
+            file: path.display().to_string(),
+            message: format!("is no text in UTF-8: {}", error.utf8_error()),
         })?;
         Ok(Self::with_text(path, text))
     }
@@ -141,7 +162,7 @@ impl ConfigFile {
         let found = match &self.origin {
             Origin::Disk => Self::read(&path),
             Origin::BuiltIn => Self::built_in(&path.to_string_lossy()),
-            Origin::Bundle(files) => Self::bundled(&path, files),
+            Origin::Bundle { files, built_in } => Self::bundled(&path, files, *built_in),
         };
         found.map_err(|error| match error {
             ConfigError::Read { file, reason, .. } => ConfigError::Read {
@@ -153,21 +174,41 @@ impl ConfigFile {
         })
     }
 
-    fn bundled(path: &Path, files: &Bundle) -> Result<Self, ConfigError> {
+    fn bundled(path: &Path, files: &Bundle, built_in: bool) -> Result<Self, ConfigError> {
         let mut held = files.lock().unwrap_or_else(PoisonError::into_inner);
         let text = match held.get(path) {
             Some(text) => text.clone(),
+            None if built_in => Self::built_in(&path.to_string_lossy())?.text,
             None => Self::read(path)?.text,
         };
         held.insert(path.to_owned(), text.clone());
-        Ok(Self::with_text(path, text).with_bundle(files.clone()))
+        Ok(Self {
+            path: path.to_owned(),
+            origin: Origin::Bundle {
+                files: files.clone(),
+                built_in,
+            },
+            text,
+        })
     }
 
     /// Returns this file with what it names taken from, and put into, a bundle.
     pub(crate) fn with_bundle(self, files: Bundle) -> Self {
+        let built_in = matches!(self.origin, Origin::BuiltIn);
         Self {
-            origin: Origin::Bundle(files),
+            origin: Origin::Bundle { files, built_in },
             ..self
+        }
+    }
+
+    /// Returns another file that the command line names.
+    ///
+    /// # Errors
+    /// [`ConfigError::Read`] with its name.
+    pub fn beside(&self, path: &Path) -> Result<Self, ConfigError> {
+        match &self.origin {
+            Origin::Bundle { files, .. } => Self::bundled(path, files, false),
+            Origin::Disk | Origin::BuiltIn => Self::read(path),
         }
     }
 
@@ -231,8 +272,24 @@ impl ConfigFile {
                     "line {tab}: begins with a tab; YAML is indented with spaces"
                 ));
             }
-            self.error(error)
+            let message = error.to_string();
+            let hint = syntax_hint(&message).or_else(|| self.other_kind(&message));
+            self.error(format!("{message}{}", hint.unwrap_or_default()))
         })
+    }
+
+    /// Returns that this looks like another kind of file, where the key that tells it is not one of those that
+    /// a message expects.
+    fn other_kind(&self, message: &str) -> Option<String> {
+        let (_, expected) = message.split_once("expected ")?;
+        let keys: serde_yaml::Mapping = serde_yaml::from_str(&self.text).ok()?;
+        let (_, kind) = KINDS
+            .iter()
+            .find(|(key, _)| keys.contains_key(*key) && !expected.contains(&format!("`{key}`")))?;
+        // Otherwise a key of a section within it is meant.
+        let unknown = message.split('`').nth(1)?;
+        keys.contains_key(unknown)
+            .then(|| format!("; the file looks like {kind}"))
     }
 
     /// Returns an error about this file's content; where the message names a key but no line, the
@@ -249,6 +306,46 @@ impl ConfigFile {
             message,
         }
     }
+}
+
+/// Keys that tell what a file is.
+const KINDS: [(&str, &str); 8] = [
+    ("draws", "a campaign"),
+    ("controllers", "a scenario"),
+    ("x_icr_left_m", "a vehicle"),
+    ("axles", "a contact vehicle"),
+    ("tread_speed_left", "a column map"),
+    ("database", "the layout of a CAN bus"),
+    ("controller", "a configuration of run"),
+    ("scenario", "a configuration of vehicle"),
+];
+
+/// Returns why bytes are no text that can be read, where their beginning tells.
+pub(crate) fn no_text(bytes: &[u8]) -> Option<&'static str> {
+    match bytes {
+        [0xFF, 0xFE, ..] | [0xFE, 0xFF, ..] => {
+            Some("is UTF-16 (\"Unicode\" in some programs); save it as UTF-8")
+        }
+        [0x1F, 0x8B, ..] => Some("is compressed by gzip; unpack it first"),
+        [b'P', b'K', 3, 4, ..] => {
+            Some("is a ZIP archive or a spreadsheet; unpack it, or save it as CSV")
+        }
+        _ => None,
+    }
+}
+
+/// Returns what is likely wrong where YAML's own message says little.
+fn syntax_hint(message: &str) -> Option<String> {
+    let hint = if message.contains("mapping values are not allowed") {
+        "; is the line indented too far, or does a text with a colon need quotes?"
+    } else if message.contains("could not find expected ':'") {
+        "; is there a space after the colon of its key?"
+    } else if message.contains("there are no fields") {
+        ": this kind has no further keys"
+    } else {
+        return None;
+    };
+    Some(hint.to_owned())
 }
 
 /// Returns the line, counted from 1, of the first tab that indents a line up to `last`.

@@ -17,8 +17,9 @@ mod variation;
 #[cfg(feature = "drive")]
 pub use bridge::{RunConfig, RunPort, VehicleConfig, VehiclePort, load_layout};
 pub use campaign::{Campaign, Drawn};
+pub(crate) use campaign::{find, put};
 pub use conditions::Conditions;
-pub(crate) use file::Bundle;
+pub(crate) use file::{Bundle, no_text};
 pub use file::{
     CONTACT_IDENTIFIED, CONTACT_VEHICLE, ConfigError, ConfigFile, DEFAULT_SCENARIO, to_yaml,
 };

@@ -1,6 +1,7 @@
 //! What is followed: a named course or a recorded route, and how fast.
 
 use super::{ConfigError, ConfigFile};
+use crate::progress::Notice;
 use serde::Deserialize;
 use sidehill_controller::course::Course;
 use sidehill_controller::path::{Route, Smoothing, read_csv, read_gpx, smooth};
@@ -42,7 +43,7 @@ impl<'a> Source<'a> {
     ) -> Result<Self, ConfigError> {
         let smoothing = route.map_or_else(Smoothing::default, |route| route.smoothing);
         match (path, course, route) {
-            (Some(path), _, _) => Ok(Self::Route(ConfigFile::read(path)?, smoothing)),
+            (Some(path), _, _) => Ok(Self::Route(file.beside(path)?, smoothing)),
             (None, None, Some(route)) => Ok(Self::Route(file.sibling(&route.file)?, smoothing)),
             (None, Some(course), None) => Ok(Self::Course(course)),
             (None, Some(_), Some(_)) => {
@@ -109,7 +110,13 @@ impl LoadedReference {
             Source::Route(route, smoothing) => (route, smoothing),
         };
         let points = read_route(&route)?;
+        let notice = Notice::begin(format!(
+            "{}: smooths {} points",
+            route.name(),
+            points.points.len()
+        ));
         let smoothed = smooth(&points.points, &smoothing).map_err(|error| route.error(error))?;
+        drop(notice);
         let trajectory = speed_profile(&smoothed.path, limits, |_| f64::INFINITY)
             .map_err(|error| route.error(error))?;
         let note = format!(

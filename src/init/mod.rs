@@ -11,6 +11,7 @@ use crate::check;
 use crate::config::ConfigFile;
 use crate::console;
 use crate::output;
+use crate::progress::Notice;
 use anyhow::{Context, Result, bail};
 use std::path::PathBuf;
 
@@ -35,11 +36,14 @@ pub struct InitArgs {
 /// # Errors
 /// A file that exists already (nothing is written then), or one that cannot be written.
 pub fn run(args: &InitArgs) -> Result<()> {
+    let notice = Notice::begin("init: drives the robot in simulation for first guesses".to_owned());
     let files = files::all(args.vehicle, args.port)?;
+    drop(notice);
     let paths: Vec<PathBuf> = files.iter().map(|file| args.dir.join(file.name)).collect();
     output::check_free(&paths, args.force)?;
-    std::fs::create_dir_all(&args.dir)
-        .with_context(|| format!("{}: cannot be made", args.dir.display()))?;
+    let schemas = args.dir.join(files::SCHEMAS);
+    std::fs::create_dir_all(&schemas)
+        .with_context(|| format!("{}: cannot be made", schemas.display()))?;
     for (file, path) in files.iter().zip(&paths) {
         output::write(path, file.text.as_bytes(), args.force)?;
     }

@@ -12,9 +12,11 @@ mod relief;
 mod scene;
 mod summary;
 mod table;
+mod tuning;
 
 pub use scene::Scene;
 pub use table::write_csv;
+pub(crate) use tuning::{Scatter, page, progress_chart, scatter_chart};
 
 use crate::record::{Row, Run};
 use chart::{Panel, time_chart};

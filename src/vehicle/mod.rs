@@ -5,17 +5,21 @@ mod can;
 mod ros2;
 mod rover;
 
-use crate::config::{ConfigFile, VehicleConfig, VehiclePort};
+use crate::config::{Bundle, ConfigFile, VehicleConfig, VehiclePort};
 use crate::console;
+use crate::output;
+use crate::recording::{self, LIVE, VehicleRecording};
 use anyhow::{Context, Result, ensure};
 use can::BusRover;
 use ros2::RosRover;
 use rover::Rover;
 use sidehill_bridge::drives::DriveMode;
 use sidehill_bridge::drives::{Clock, Epoch};
+use sidehill_bridge::recording::Sinks;
 use sidehill_plant::simulation::TrueState;
 use std::fs::File;
 use std::io::{BufWriter, Write};
+use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -26,9 +30,19 @@ use std::sync::atomic::{AtomicBool, Ordering};
 pub struct VehicleArgs {
     /// Configuration of the virtual vehicle.
     pub config: PathBuf,
-    /// File for the truth: CSV with one row a step of the reports.
+    /// File for the truth: CSV with one row a step of the reports. An earlier one is kept beside it.
     #[arg(long)]
     pub truth: Option<PathBuf>,
+    /// Record the vehicle to an MCAP file, instead of record.file of the configuration.
+    #[arg(long, value_name = "FILE.mcap")]
+    pub record: Option<PathBuf>,
+    /// Show the drive live: a Foxglove WebSocket, to which Foxglove and Lichtblick connect. Without an
+    /// address, to this machine alone: 127.0.0.1:8765.
+    #[arg(long, value_name = "ADDRESS", num_args = 0..=1, default_missing_value = LIVE)]
+    pub live: Option<SocketAddr>,
+    /// Overwrite a recording that exists.
+    #[arg(long)]
+    pub force: bool,
     /// Ends after so many seconds; without it, on SIGINT or SIGTERM.
     #[arg(long)]
     pub duration_s: Option<f64>,
@@ -41,11 +55,32 @@ pub struct VehicleArgs {
 /// A file that cannot be read, a setting that is out of range, or a simulation that has left its
 /// ground.
 pub fn run(args: &VehicleArgs, ros: &[String]) -> Result<ExitCode> {
-    let file = ConfigFile::read(&args.config)?;
+    let bundle = Bundle::default();
+    let file = ConfigFile::read(&args.config)?.with_bundle(bundle.clone());
     let config: VehicleConfig = file.parse()?;
     let world = config.world(&file)?;
-    let truth = args.truth.as_deref().map(Truth::create).transpose()?;
+    let truth = match &args.truth {
+        Some(path) => {
+            output::keep_earlier(&[path])?;
+            Some(Truth::create(path)?)
+        }
+        None => None,
+    };
     let epoch = Epoch::now();
+    let live = recording::live(args.live, None)?;
+    let file_of_record = match config.recording(&file, args.record.as_deref())? {
+        Some((path, limits)) => {
+            let header = recording::header("vehicle", None, &file, &bundle, &[]);
+            Some(recording::create(&path, header, limits, args.force)?)
+        }
+        None => None,
+    };
+    let watched = file_of_record.is_some() || live.is_some();
+    let sinks = Sinks {
+        file: file_of_record,
+        live,
+    };
+    let recording = watched.then(|| VehicleRecording::new(sinks, &world, epoch));
     let mut pace = Pace {
         epoch,
         dt_s: world.step_s,
@@ -59,12 +94,16 @@ pub fn run(args: &VehicleArgs, ros: &[String]) -> Result<ExitCode> {
                 "--ros-args: the port of {} is can",
                 file.name()
             );
-            pace.drive(BusRover::start(&file, &config, &world, epoch)?, truth)
+            pace.drive(
+                BusRover::start(&file, &config, &world, epoch)?,
+                truth,
+                recording,
+            )
         }
         VehiclePort::Ros2 => {
             pace.factor = config.ros2.clock_factor.unwrap_or(1.0);
             let rover = RosRover::start(&config, &world, ros, epoch);
-            pace.drive(rover.with_context(|| file.name())?, truth)
+            pace.drive(rover.with_context(|| file.name())?, truth, recording)
         }
     }
 }
@@ -75,6 +114,7 @@ pub fn run(args: &VehicleArgs, ros: &[String]) -> Result<ExitCode> {
 /// As [`run`], without a bus or a graph.
 pub fn check(file: &ConfigFile) -> Result<()> {
     let config: VehicleConfig = file.parse()?;
+    config.recording(file, None)?;
     let world = config.world(file)?;
     match config.port {
         VehiclePort::Can => {
@@ -96,7 +136,12 @@ struct Pace {
 }
 
 impl Pace {
-    fn drive(&self, mut rover: impl Rover, mut truth: Option<Truth>) -> Result<ExitCode> {
+    fn drive(
+        &self,
+        mut rover: impl Rover,
+        mut truth: Option<Truth>,
+        mut recording: Option<VehicleRecording>,
+    ) -> Result<ExitCode> {
         let ended = Arc::new(AtomicBool::new(false));
         use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
         for signal in [SIGINT, SIGTERM, SIGHUP] {
@@ -116,13 +161,21 @@ impl Pace {
             }
             // What a late wake-up has missed is simulated now.
             step = step.max((now_s / self.dt_s) as u64);
-            if rover.advance(now_s)?
-                && let Some(truth) = &mut truth
-            {
+            let reported = rover.advance(now_s)?;
+            if let Some(recording) = recording.as_mut().filter(|_| reported) {
+                recording.take(rover.state());
+            }
+            if reported && let Some(truth) = &mut truth {
                 let state = rover.state();
                 let unix_s = self.epoch.unix_s(state.time_s / self.factor);
                 truth.write(unix_s, state, rover.mode())?;
             }
+        }
+        if let Some(reason) = recording
+            .and_then(VehicleRecording::finish)
+            .and_then(|status| status.ended)
+        {
+            console::complain(format_args!("--record: {reason}"));
         }
         let state = rover.state();
         console::line(format_args!(

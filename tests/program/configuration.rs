@@ -51,6 +51,7 @@ fn tables() -> Vec<Table> {
             let (file, path) = withs.next().unwrap().split_once(' ').unwrap();
             let mut content = match file {
                 "columns.yaml" => text("plant/tests/data/trento_ramps/columns.yaml"),
+                "topics.yaml" => text("tests/data/bags/topics.yaml"),
                 file => text(&format!("config/{file}")),
             };
             for with in withs {

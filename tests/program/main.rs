@@ -7,11 +7,15 @@ mod campaign;
 mod check;
 mod configuration;
 mod icr;
+mod mistakes;
 mod odometry;
 mod paths;
 mod readme;
+mod replay;
+mod schema;
 mod simulate;
 mod stranger;
+mod tune;
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};

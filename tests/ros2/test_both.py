@@ -1,13 +1,15 @@
 """Drives told through one port while paths come over ROS 2; frames that move; headings at the goal."""
 
+import json
 import math
 import os
+import subprocess
 import time
 
 import pytest
 import wire
 from peer import FollowPath, now, path_of
-from programs import REPOSITORY, adapted, straight, wait_for
+from programs import REPOSITORY, SIDEHILL, adapted, straight, wait_for
 
 START_YAW_RAD = math.radians(90 - 50.906)
 
@@ -23,6 +25,27 @@ def simulated(start, peer, tmp_path):
 
 def ahead(length_m, frame, turned_rad=0.0):
     return path_of(straight(length_m, yaw_rad=START_YAW_RAD + turned_rad), frame)
+
+
+def test_a_drive_over_ros_is_recorded_and_replayed_bit_by_bit(start, vehicle, peer, tmp_path):
+    vehicle()
+    recording = tmp_path / "drive.mcap"
+    config = os.path.join(REPOSITORY, "config", "bridge", "run_ros2.yaml")
+    run = start("run", config, "--record", recording)
+    client = FollowPath(peer).wait()
+    length_m = float(os.environ.get("SIDEHILL_DRIVE_M", "2"))
+    goal = client.send(ahead(length_m, "odom"))
+    assert goal.reply.accepted
+    assert goal.result(60 + 4 * length_m).status == FollowPath.SUCCEEDED
+    assert values(peer.reader("/diagnostics", wire.DiagnosticArray))["recording"] == "on"
+    assert run.end() == 0, run.output()
+    output = subprocess.run(
+        [SIDEHILL, "replay", recording, "--format", "json"], capture_output=True, text=True
+    )
+    figures = json.loads(output.stdout)
+    print(figures)
+    assert figures["different"] == 0 and figures["lost"] == 0, figures
+    assert figures["cycles"] > 100 and output.returncode == 0
 
 
 def values(diagnostics):

@@ -1,7 +1,9 @@
 """Controller and virtual vehicle as two processes, over ROS 2 alone, with a goal of an independent
 client."""
 
+import json
 import math
+import os
 import signal
 import subprocess
 import sys
@@ -12,7 +14,7 @@ import pytest
 
 import wire
 from peer import FollowPath, Peer, now, path_of, seconds
-from programs import REPOSITORY, adapted, cross_track_m, figure_eight, straight, wait_for
+from programs import REPOSITORY, Program, adapted, cross_track_m, figure_eight, straight, wait_for
 
 # Codes of nav2_msgs/FollowPath.
 NONE, UNKNOWN, INVALID_CONTROLLER, TF_ERROR, INVALID_PATH = 0, 100, 101, 102, 103
@@ -65,6 +67,29 @@ def rig(vehicle, start, peer, tmp_path):
         return Rig(rover, start(*arguments), peer, definition)
 
     return rig
+
+
+def test_it_drives_on_while_its_output_is_closed_100_times(vehicle, peer, domain, tmp_path):
+    rover = vehicle()
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    # Open for reading without waiting for a writer; then the writer does not wait either.
+    reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
+    config = adapted("run_ros2.yaml", {}, tmp_path)
+    run = Program(["run", config], domain, pipe)
+    os.close(reader)
+    rig = Rig(rover, run, peer, "jazzy")
+    try:
+        goal = rig.sent_off(path_of(figure_eight(1000)))
+        for _ in range(100):
+            os.close(os.open(pipe, os.O_RDONLY))
+            time.sleep(0.1)
+        with open(pipe) as lines:
+            said = next(json.loads(line) for line in lines if "lines_dropped" in line)
+        assert said["state"] == "driving" and said["lines_dropped"] > 5, said
+        assert goal.status() == FollowPath.EXECUTING
+    finally:
+        run.kill()
 
 
 def test_figure_eight_with_a_goal_is_within_3_cm(rig):

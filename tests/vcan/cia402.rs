@@ -113,6 +113,21 @@ fn drives_of_canopen_are_set_up_enabled_and_driven_forward_and_back() {
 
 #[test]
 #[ignore = "needs a CAN bus: run .ci/vcan"]
+fn a_node_that_does_not_answer_is_found_from_the_screen_alone() {
+    let folder = Folder::new("cia402_silent");
+    let run = run(&folder, &["--format", "text"], FIGURE_EIGHT);
+    let start = Instant::now();
+    let says = ["node 1: nothing answers", "node 2: nothing answers"];
+    while !says.iter().all(|part| run.output().contains(part)) {
+        let waited = start.elapsed() < Duration::from_secs(20);
+        assert!(waited, "{}", run.output());
+        sleep_s(0.1);
+    }
+    println!("{}", run.output());
+}
+
+#[test]
+#[ignore = "needs a CAN bus: run .ci/vcan"]
 fn faults_of_canopen_drives_stop_both_until_re_armed() {
     let folder = Folder::new("cia402_faults");
     let observer = observer();

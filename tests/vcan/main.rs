@@ -21,11 +21,18 @@ use support::*;
 fn a_vehicle_and_a_controller_follow_the_figure_of_eight() {
     let folder = Folder::new("figure_eight");
     let vehicle = Program::vehicle(&folder, "");
-    let run = Program::run(&folder, &["--arm"]);
+    let recording = folder.0.join("drive.mcap").display().to_string();
+    let run = Program::run(&folder, &["--arm", "--record", &recording]);
     let ending = run.wait(Duration::from_secs(90));
     drop(vehicle);
     println!("{ending}");
     assert_eq!(ending["ended"], "finished");
+    let replayed = std::process::Command::new(env!("CARGO_BIN_EXE_sidehill"))
+        .args(["replay", &recording, "--format", "json"])
+        .output()
+        .unwrap();
+    println!("{}", String::from_utf8_lossy(&replayed.stdout));
+    assert!(replayed.status.success(), "the replay differs");
 
     let rms_m = cross_track_rms_m(&folder.truth(), 1100);
     println!("cross-track RMS {:.4} m", rms_m);
@@ -81,6 +88,54 @@ fn assert_rearms(name: &str, run: &Program, observer: &Observer) {
         sleep_s(0.02);
     }
     observer.wait_for_driving(1.0);
+}
+
+#[test]
+#[ignore = "needs a CAN bus: run .ci/vcan"]
+fn a_controller_drives_on_while_its_output_is_closed_100_times() {
+    let folder = Folder::new("closings");
+    let pipe = folder.0.join("pipe");
+    command("mkfifo", &[pipe.to_str().unwrap()]);
+    let vehicle = Program::vehicle(&folder, "");
+    let observer = Observer::start();
+    // Opening one end waits for the other.
+    let reader = || std::fs::File::open(&pipe).unwrap();
+    let first = {
+        let pipe = pipe.clone();
+        std::thread::spawn(move || std::fs::File::open(pipe).unwrap())
+    };
+    let output = std::fs::File::options().write(true).open(&pipe).unwrap();
+    let config = configuration(&folder, "run_vcan0.yaml", |text| text);
+    let mut run = std::process::Command::new(env!("CARGO_BIN_EXE_sidehill"))
+        .args(["run", &config, "--arm", "--out"])
+        .arg(folder.0.join("run"))
+        .stderr(output.try_clone().unwrap())
+        .stdout(output)
+        .spawn()
+        .unwrap();
+    observer.wait_for_driving(2.0);
+    drop(first.join().unwrap());
+    for _ in 0..100 {
+        drop(reader());
+        sleep_s(0.1);
+    }
+    let mut line = String::new();
+    let mut lines = BufReader::new(reader());
+    while !line.contains("lines_dropped") {
+        line.clear();
+        assert!(lines.read_line(&mut line).unwrap() > 0, "it has ended");
+    }
+    println!("{line}");
+    assert!(line.contains("\"state\":\"driving\""), "{line}");
+    run.kill().unwrap();
+    run.wait().unwrap();
+    drop(vehicle);
+    // From the first movement on, until it was killed, it has not stood.
+    let truth = folder.truth();
+    let moving = truth.iter().skip_while(|row| row.off());
+    let driven = moving.take_while(|row| row.mode == "Enabled").count();
+    println!("driving for {driven} reports");
+    assert!(driven > 200, "{driven}");
 }
 
 #[test]

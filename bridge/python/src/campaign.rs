@@ -6,8 +6,20 @@ use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 use sidehill::campaign;
-use sidehill::config;
+use sidehill::config::{self, ConfigFile};
 use std::sync::Mutex;
+
+/// Returns the file of a path, or of a dict with the YAML's keys.
+pub fn campaign_file(campaign: &Bound<'_, PyAny>) -> PyResult<ConfigFile> {
+    match mapping("campaign", campaign) {
+        Ok(file) => Ok(file),
+        Err(_) if path("campaign", campaign).is_ok() => file("campaign", campaign),
+        Err(_) => Err(invalid(format!(
+            "campaign: a path or a dict is needed, not {}",
+            shown(campaign)
+        ))),
+    }
+}
 
 /// A campaign, checked with the scenario it names.
 #[pyclass(frozen, module = "sidehill._sidehill")]
@@ -19,16 +31,7 @@ impl Campaign {
     /// the working folder. Raises OSError, or ValueError with file, key, value and range.
     #[staticmethod]
     fn read(py: Python<'_>, campaign: &Bound<'_, PyAny>) -> PyResult<Self> {
-        let file = match mapping("campaign", campaign) {
-            Ok(file) => file,
-            Err(_) if path("campaign", campaign).is_ok() => file("campaign", campaign)?,
-            Err(_) => {
-                return Err(invalid(format!(
-                    "campaign: a path or a dict is needed, not {}",
-                    shown(campaign)
-                )));
-            }
-        };
+        let file = campaign_file(campaign)?;
         guarded(py, || {
             config::Campaign::read(&file).map(Self).map_err(failed)
         })

@@ -12,6 +12,8 @@ mod logs;
 mod plant;
 mod scenario;
 mod simulate;
+mod simulation;
+mod tune;
 mod vehicle;
 
 use pyo3::prelude::*;
@@ -27,11 +29,13 @@ fn _sidehill(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<logs::Identification>()?;
     module.add_class::<simulate::Run>()?;
     module.add_class::<simulate::SimulationResult>()?;
+    module.add_class::<simulation::Simulation>()?;
     module.add_class::<campaign::Campaign>()?;
     module.add_class::<campaign::Results>()?;
     module.add_function(wrap_pyfunction!(vehicle::icr, module)?)?;
     module.add_function(wrap_pyfunction!(simulate::simulate, module)?)?;
     module.add_function(wrap_pyfunction!(logs::identify, module)?)?;
     module.add_function(wrap_pyfunction!(logs::odometry, module)?)?;
+    module.add_function(wrap_pyfunction!(tune::tune, module)?)?;
     Ok(())
 }

@@ -7,6 +7,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use sidehill::config::{ConfigFile, Overrides, Prepared};
 use sidehill_controller::config::ControllerKind;
+use std::path::Path;
 
 /// A scenario, checked with all that it names; immutable.
 ///
@@ -24,6 +25,11 @@ impl Scenario {
             let prepared = prepare(&file, &Overrides::default())?;
             Ok(Self { file, prepared })
         })
+    }
+
+    /// Returns the file.
+    pub fn file(&self) -> &ConfigFile {
+        &self.file
     }
 
     /// Returns the scenario with everything read and built.
@@ -146,6 +152,18 @@ impl Scenario {
         let simulation = self.prepared.simulation().map_err(failed)?;
         let attitude = simulation.state().attitude;
         Ok((attitude.roll_rad, attitude.pitch_rad))
+    }
+
+    /// Pickles name and text of the file: another process of this machine reads what it names.
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, (String, String))> {
+        let make = py.get_type::<Self>().getattr("_of_text")?;
+        let path = self.file.path().display().to_string();
+        Ok((make, (path, self.file.text().to_owned())))
+    }
+
+    #[staticmethod]
+    fn _of_text(py: Python<'_>, path: &str, text: String) -> PyResult<Self> {
+        Self::checked(py, ConfigFile::with_text(Path::new(path), text))
     }
 
     fn __repr__(&self) -> String {

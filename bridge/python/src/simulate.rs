@@ -33,10 +33,8 @@ pub fn simulate<'py>(
     let scenario = object::<Scenario>("scenario", scenario)?.get();
     let (plant, object) = match plant {
         None => (None, None),
-        Some(plant) => match plant.extract::<String>() {
-            Ok(name) => (Some(plant_kind(&name, plant)?), None),
-            Err(_) => (None, Some(plant)),
-        },
+        Some(plant) if plant.extract::<String>().is_ok() => (Some(plant_kind(plant)?), None),
+        Some(plant) => (None, Some(plant)),
     };
     let overrides = Overrides {
         path: None,
@@ -60,10 +58,12 @@ pub fn simulate<'py>(
     })
 }
 
-fn plant_kind(name: &str, value: &Bound<'_, PyAny>) -> PyResult<PlantKind> {
+/// Returns the plant of that name.
+pub fn plant_kind(value: &Bound<'_, PyAny>) -> PyResult<PlantKind> {
+    let name: Option<String> = value.extract().ok();
     [PlantKind::Icrik, PlantKind::Contact]
         .into_iter()
-        .find(|kind| kind.name() == name)
+        .find(|kind| name.as_deref() == Some(kind.name()))
         .ok_or_else(|| {
             invalid(format!(
                 "plant: {} is neither icrik, contact nor an object with reset and step",

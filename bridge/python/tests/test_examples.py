@@ -1,10 +1,13 @@
 """The examples run, and what they show is so."""
 
+import base64
 import importlib
+import os
 import sys
 from pathlib import Path
 
 import pytest
+import sidehill
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 
@@ -16,6 +19,19 @@ def found(monkeypatch):
 
 def test_the_loop_of_ones_own():
     assert 0 < importlib.import_module("closed_loop").main() < 0.03
+
+
+def test_the_two_commands_of_the_readmes_are_those_that_ci_runs():
+    repository = EXAMPLES.parents[2]
+    commands = ["pip install ./bridge/python", "python bridge/python/examples/closed_loop.py"]
+    for page in ("README.md", "bridge/python/README.md", "docs/python.md"):
+        lines = [line.strip() for line in (repository / page).read_text().splitlines() if line.startswith("    ")]
+        at = lines.index(commands[0])
+        assert lines[at : at + 2] == commands, page
+    script = (repository / ".ci/python").read_text().replace('"$python" -m pip', "pip").replace('"$python"', "python")
+    lines = script.replace("--quiet ", "").splitlines()
+    at = lines.index(commands[0])
+    assert lines[at : at + 2] == commands
 
 
 @pytest.mark.filterwarnings("default")
@@ -37,3 +53,35 @@ def test_a_rover_in_mujoco_keeps_its_path(tmp_path):
     # A friction that is not the model's, on another slope than the rover was identified on.
     assert own["cross_track_rms_m"] < 0.025 and own["cross_track_rms_m"] < level["cross_track_rms_m"]
     assert (tmp_path / "mujoco_rover.png").stat().st_size > 50_000
+
+
+@pytest.mark.filterwarnings("default")
+def test_the_gymnasium_baselines_keep_their_paths():
+    pytest.importorskip("gymnasium")
+    found = importlib.import_module("gym_baseline").main(episodes=2)
+    for kind, episodes in found.items():
+        assert all(finished for _, _, finished in episodes), kind
+    # What predicts the slide of an unknown slope earns more than what does not.
+    for slope, level, pursuit in zip(found["icrik-mpc"], found["icrhk-mpc"], found["pure-pursuit"], strict=True):
+        assert slope[0] > level[0] > pursuit[0] and slope[1] < 0.05 and slope[1] < level[1]
+
+
+def test_the_notebook_leads_from_logs_to_a_tuned_scenario(tmp_path, monkeypatch):
+    nbformat, nbclient = pytest.importorskip("nbformat"), pytest.importorskip("nbclient")
+    monkeypatch.setenv("SIDEHILL_REPOSITORY", str(EXAMPLES.parents[2]))
+    monkeypatch.setenv("SIDEHILL_QUICK", "1")
+    notebook = nbformat.read(EXAMPLES / "identify_and_tune.ipynb", as_version=4)
+    assert not any(cell.get("outputs") for cell in notebook.cells), "commit it without outputs"
+    nbclient.NotebookClient(notebook, timeout=300, resources={"metadata": {"path": str(tmp_path)}}).execute()
+    outputs = [output for cell in notebook.cells for output in cell.get("outputs", [])]
+    printed = "".join(output.get("text", "") for output in outputs)
+    assert "lambda_1_s_per_rad" in printed and "mean cost of held-out runs" in printed
+    images = [output["data"]["image/png"] for output in outputs if "image/png" in output.get("data", {})]
+    assert len(images) == 2
+    if kept := os.environ.get("SIDEHILL_PICTURES"):
+        for number, image in enumerate(images):
+            (Path(kept) / f"notebook_{number}.png").write_bytes(base64.b64decode(image))
+    tuned = sidehill.Scenario.load(tmp_path / "tuned" / "tuned.yaml")
+    assert tuned.vehicle.name == "trento-tracks"
+    # Identified, and not the guess of 1 and 0.2 s/rad.
+    assert tuned.vehicle.correction_left != 1 and tuned.vehicle.lambda_1_s_per_rad != 0.2

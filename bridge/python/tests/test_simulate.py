@@ -1,8 +1,10 @@
 """Simulations: the program's figures, and other simulators as the vehicle."""
 
+import copy
 import csv
 import json
 import math
+import pickle
 
 import numpy as np
 import pytest
@@ -16,14 +18,18 @@ def figures(run):
     return {key: value for key, value in run.items() if key not in TIMES}
 
 
-@pytest.mark.parametrize("plant", ["icrik", "contact"])
-def test_figures_and_log_are_those_of_the_program_bit_by_bit(run, tmp_path, eight, plant):
-    arguments = ["--plant", plant, "--seed", "3", "--controller", "icrik-mpc", "--controller", "pure-pursuit"]
-    scenario = repository("config/scenarios/figure_eight.yaml")
-    printed = json.loads(run("simulate", scenario, *arguments, "--format", "json", "--out", tmp_path / "out"))
-    result = sidehill.simulate(eight, controllers=["icrik-mpc", "pure-pursuit"], plant=plant, seed=3)
+KINDS = ["icrik-mpc", "icrhk-mpc", "contact-mpc", "diffdrive-mpc", "pure-pursuit"]
+
+
+def same_as_the_program(run, tmp_path, scenario, controllers, plant, seed):
+    """The wheel's figures and logs of a scenario's file are the program's, bit by bit."""
+    named = [argument for kind in controllers for argument in ("--controller", kind)]
+    arguments = ["--plant", plant, "--seed", seed, *named, "--format", "json", "--out", tmp_path / "out"]
+    printed = json.loads(run("simulate", scenario, *arguments))
+    result = sidehill.simulate(sidehill.Scenario.load(scenario), controllers=controllers, plant=plant, seed=seed)
     assert result.metrics.keys() == printed.keys() == {"runs"}
     assert [figures(each) for each in result.metrics["runs"]] == [figures(each) for each in printed["runs"]]
+    assert [each["controller"] for each in printed["runs"]] == controllers
     assert result.metrics["runs"][0]["cross_track_rms_m"] > 0
     for each in result.runs:
         assert each.metrics in result.metrics["runs"]
@@ -39,6 +45,24 @@ def test_figures_and_log_are_those_of_the_program_bit_by_bit(run, tmp_path, eigh
                 assert log[name].dtype == np.float64
                 expected = np.array([float(value) if value else math.nan for value in values])
                 np.testing.assert_array_equal(log[name], expected)
+
+
+@pytest.mark.parametrize(
+    ("name", "plant", "controllers"),
+    [
+        ("figure_eight", "icrik", KINDS),
+        ("figure_eight_15deg", "contact", ["contact-mpc", "icrik-mpc"]),
+        ("slalom", "icrik", ["icrik-mpc", "pure-pursuit"]),
+        ("j8_route", "contact", ["icrik-mpc"]),
+    ],
+)
+def test_figures_and_logs_are_those_of_the_program_bit_by_bit(run, tmp_path, name, plant, controllers):
+    same_as_the_program(run, tmp_path, repository(f"config/scenarios/{name}.yaml"), controllers, plant, 3)
+
+
+def test_a_campaigns_run_with_all_its_draws_is_that_of_the_program_bit_by_bit(run, tmp_path):
+    run("campaign", repository("config/campaigns/default.yaml"), "--write-scenario", 17, "--out", tmp_path / "run.yaml")
+    same_as_the_program(run, tmp_path, tmp_path / "run.yaml", KINDS, "contact", 8)
 
 
 def test_conditions_with_sensors_and_noise_are_those_of_the_program(run, tmp_path, short):
@@ -92,6 +116,13 @@ def test_with_replaces_only_what_is_given_of_the_controller(eight):
     assert changed.vehicle == eight.vehicle and changed.name == eight.name
 
 
+def test_scenarios_and_vehicles_are_copied_and_pickled(eight, j8):
+    changed = eight.with_(seed=4)
+    for again in (pickle.loads(pickle.dumps(changed)), copy.deepcopy(changed)):
+        assert again.to_dict() == changed.to_dict() and again.vehicle == j8
+    assert pickle.loads(pickle.dumps(j8)) == j8
+
+
 class Rover:
     """The ICRIK model on a plane that rises towards +Y_g, as a simulator of one's own."""
 
@@ -117,6 +148,55 @@ class Rover:
         self.attitude_rad = (math.atan2(n[0], n[2]), -math.asin(n[1]))
         self.tread_speeds_m_s = (v_left_m_s, v_right_m_s)
         self.calls.append(dt_s)
+
+
+def test_a_simulation_step_by_step_is_that_of_simulate(eight):
+    scenario = eight.with_(course={"shape": "circle", "radius_m": 1.5, "speed_m_s": 0.5, "turns": 1})
+    for plant in ("icrik", "contact"):
+        log = sidehill.simulate(scenario, controllers="icrik-mpc", plant=plant).runs[0].log
+        simulation = sidehill.Simulation(scenario, plant)
+        controller = sidehill.Controller(scenario, vehicle=simulation.vehicle)
+        for row in range(len(log["time_s"])):
+            x_m, y_m, _, yaw_rad = simulation.pose
+            np.testing.assert_allclose([x_m, y_m, yaw_rad], [log[key][row] for key in ("x_m", "y_m", "yaw_rad")], atol=1e-9)
+            np.testing.assert_allclose(simulation.errors[0], log["cross_track_m"][row], atol=1e-9)
+            time_s = simulation.time_s
+            decision = controller.step(
+                time_s,
+                tread_speeds_m_s=simulation.tread_speeds_m_s,
+                attitude_rad=simulation.attitude_rad,
+                pose=(time_s, *simulation.pose),
+            )
+            if decision.finished:
+                break
+            left = decision.drive_traction_m_s - decision.drive_steer_m_s
+            right = decision.drive_traction_m_s + decision.drive_steer_m_s
+            simulation.step(left, right, scenario.period_s)
+        assert decision.finished and row == len(log["time_s"]) - 1
+        assert simulation.reference(0.0)[:2] == pytest.approx(decision.reference_pose[:2], abs=0.05)
+
+
+def test_a_simulation_names_the_argument(short):
+    simulation = sidehill.Simulation(short)
+    for arguments, part in [
+        ((None, 0.1, 0.05), "v_left_m_s: None"),
+        ((0.1, math.nan, 0.05), "v_right_m_s: NaN"),
+        ((0.1, 0.1, 0.0), "dt_s: 0 s is not a whole number of steps of 0.005 s"),
+        ((0.1, 0.1, 0.0521), "dt_s: 0.0521"),
+        ((0.1, 0.1, -0.05), "dt_s: -0.05"),
+    ]:
+        with pytest.raises(ValueError) as error:
+            simulation.step(*arguments)
+        assert part in str(error.value), error.value
+    assert simulation.time_s == 0 and not simulation.finished
+    for ahead_s in (None, -1, math.inf):
+        with pytest.raises(ValueError, match="ahead_s: "):
+            simulation.reference(ahead_s)
+    for keywords in ({"plant": "mud"}, {"plant": object()}, {"seed": -1}):
+        with pytest.raises(ValueError, match=f"{next(iter(keywords))}: "):
+            sidehill.Simulation(short, **keywords)
+    with pytest.raises(ValueError, match="scenario: "):
+        sidehill.Simulation(None)
 
 
 def test_an_object_is_the_vehicle(eight, j8):

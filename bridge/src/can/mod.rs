@@ -6,6 +6,7 @@ pub mod config;
 pub mod controller_side;
 pub mod database;
 pub mod frame;
+mod inputs;
 pub mod layout;
 pub mod message;
 mod port;
@@ -16,6 +17,7 @@ mod system;
 pub mod vehicle_side;
 
 pub use bus_monitor::{BusEvent, BusMonitor, RestartAnswer};
+pub use inputs::CanInputs;
 pub use port::CanPort;
 pub use record::CanRecord;
 pub use sender::Sender;

@@ -1,4 +1,5 @@
 use super::bus_monitor::{BusEvent, BusMonitor};
+use super::inputs::{Arrivals, CanInputs};
 use super::record::CanRecord;
 use crate::can::cia402::Master;
 use crate::can::controller_side::{CommandWriter, Readings, VehicleReader};
@@ -44,6 +45,8 @@ pub struct CanPort {
     /// Instants of the tread speeds, attitude and pose delivered last, s.
     delivered_s: [f64; 3],
     records: RecordSink<CanRecord>,
+    /// Until it is handed out.
+    inputs: Option<CanInputs>,
     listener: BusMonitor,
 }
 
@@ -66,6 +69,10 @@ impl CanPort {
             readings: Readings::default(),
             bus: LinkState::Absent,
         });
+        let mut arrivals = Arrivals::default();
+        let (mut arrived, arrivals_seen) = triple_buffer(&arrivals);
+        let inputs = CanInputs::new(interface, Arc::clone(&layout), arrivals_seen);
+        let from_vehicle = layout.from_vehicle().map(|message| message.id());
         let wanted = layout.received_ids();
         let mut reader = VehicleReader::new(Arc::clone(&layout));
         let mut bus = LinkState::Absent;
@@ -73,7 +80,11 @@ impl CanPort {
             match event {
                 BusEvent::Frame { time_s, frame } => {
                     received_records.push(CanRecord::Frame { time_s, frame });
-                    if let Err(fault) = reader.take(&frame, time_s) {
+                    let taken = reader.take(&frame, time_s);
+                    if let Some(index) = from_vehicle.iter().position(|id| *id == frame.id) {
+                        arrivals.messages[index] = Some((time_s, taken.err()));
+                    }
+                    if let Err(fault) = taken {
                         received_records.push(CanRecord::Refused {
                             time_s,
                             frame,
@@ -99,6 +110,10 @@ impl CanPort {
                 readings: *reader.readings(),
                 bus,
             });
+            arrivals.bus = bus;
+            arrivals.has_pose = reader.readings().pose.is_some();
+            arrivals.nodes = reader.readings().nodes.map(|node| node.nmt);
+            arrived.write(arrivals);
         })?;
         let writer = match &layout.profile {
             Profile::Values(enable) => {
@@ -117,8 +132,16 @@ impl CanPort {
             correction,
             delivered_s: [f64::NEG_INFINITY; 3],
             records: sent_records,
+            inputs: Some(inputs),
             listener,
         })
+    }
+}
+
+impl CanPort {
+    /// Returns what is known of the messages that the port waits for; once.
+    pub fn take_inputs(&mut self) -> Option<CanInputs> {
+        self.inputs.take()
     }
 }
 

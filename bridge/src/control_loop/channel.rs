@@ -10,6 +10,7 @@
 
 use super::record::CycleRow;
 use super::timing::LoopTiming;
+use crate::recording::{PathLog, PathRecord, RecordedPath};
 use crate::safety::{OperatorRequests, Reason, SafetyState, StopCause};
 use sidehill_controller::controller::{Controller, Decision};
 use sidehill_controller::trajectory::Trajectory;
@@ -91,6 +92,8 @@ pub fn command_channel(stages: usize) -> (CommandClient, LoopEnd, ControllerEnd)
         CommandClient {
             requests: Arc::clone(&requests),
             path: path_input,
+            serial: 0,
+            log: None,
             loop_status,
             controller_status,
         },
@@ -111,7 +114,10 @@ pub fn command_channel(stages: usize) -> (CommandClient, LoopEnd, ControllerEnd)
 /// The end of whoever gives paths and requests.
 pub struct CommandClient {
     requests: Arc<Requests>,
-    path: Input<Option<PathCommand>>,
+    path: Input<(u64, Option<PathCommand>)>,
+    /// Paths given so far.
+    serial: u64,
+    log: Option<PathLog>,
     loop_status: Output<Option<LoopStatus>>,
     controller_status: Output<ControllerStatus>,
 }
@@ -128,9 +134,26 @@ impl HaltSwitch {
 }
 
 impl CommandClient {
+    /// Leaves a copy of each path for a recording.
+    pub fn log_paths(&mut self, log: PathLog) {
+        self.log = Some(log);
+    }
+
     /// Replaces the controller's path, or takes it away.
     pub fn set_path(&mut self, path: Option<PathCommand>) {
-        self.path.write(path);
+        self.serial += 1;
+        if let Some(log) = &self.log {
+            log.push(PathRecord {
+                serial: self.serial,
+                path: path.as_ref().map(|path| RecordedPath {
+                    trajectory: path.trajectory.clone(),
+                    number: path.number,
+                    laps: 1,
+                    from_m: Some(path.from_m),
+                }),
+            });
+        }
+        self.path.write((self.serial, path));
     }
 
     /// Requests to arm as soon as the safety accepts it. [`LoopStatus::armed`] then has this number.
@@ -203,18 +226,20 @@ impl LoopEnd {
 
 /// The controller's end.
 pub struct ControllerEnd {
-    path: Output<Option<PathCommand>>,
+    path: Output<(u64, Option<PathCommand>)>,
     status: Input<ControllerStatus>,
     stages: usize,
 }
 
 impl ControllerEnd {
-    /// Gives the controller the newest path, where one has come, or takes away the one it has.
-    pub fn apply_path(&mut self, controller: &mut Controller) {
+    /// Gives the controller the newest path, where one has come, or takes away the one it has, and
+    /// returns its serial; 0 where none has come.
+    pub fn apply_path(&mut self, controller: &mut Controller) -> u64 {
         if !self.path.update() {
-            return;
+            return 0;
         }
-        match self.path.output_buffer_mut().take() {
+        let (serial, path) = self.path.output_buffer_mut();
+        match path.take() {
             Some(path) => {
                 let reference = controller
                     .config()
@@ -225,6 +250,7 @@ impl ControllerEnd {
             }
             None => controller.forget_path(),
         }
+        *serial
     }
 
     /// Publishes the status after a decision.

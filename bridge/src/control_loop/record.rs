@@ -148,6 +148,18 @@ pub struct RecordSource<R> {
     lost: Arc<AtomicU64>,
 }
 
+impl<R> RecordSource<R> {
+    /// Returns the oldest record that has been left.
+    pub fn pop(&mut self) -> Option<R> {
+        self.ring.pop().ok()
+    }
+
+    /// Returns the number of records that found the ring full.
+    pub fn lost(&self) -> u64 {
+        self.lost.load(Ordering::Relaxed)
+    }
+}
+
 /// Returns both ends of a ring for `capacity` records.
 pub fn ring<R>(capacity: usize) -> (RecordSink<R>, RecordSource<R>) {
     let (producer, consumer) = rtrb::RingBuffer::new(capacity);
@@ -181,7 +193,7 @@ impl<R: Record> LogSource for RecordSource<R> {
     }
 
     fn lost(&self) -> u64 {
-        self.lost.load(Ordering::Relaxed)
+        Self::lost(self)
     }
 }
 
@@ -192,10 +204,18 @@ pub struct Recorder {
     interface: String,
     batch: Vec<(f64, LogEntry)>,
     latest: Option<CycleRow>,
+    /// Events that no thread has left.
+    notes: Vec<(f64, LogEntry)>,
 }
+
+/// Takes an event.
+pub type TakeEvent<'a> = dyn FnMut(&EventLine<'_>) + 'a;
 
 /// Takes a cycle with its time of the world, s since 1970.
 pub type TakeCycle<'a> = dyn FnMut(f64, &CycleRow) -> Result<(), Error> + 'a;
+
+/// Takes an entry with its instant, s.
+pub type TakeEntry<'a> = dyn FnMut(f64, &LogEntry) + 'a;
 
 /// Where the recorder writes to; what is absent is not written.
 #[derive(Default)]
@@ -204,20 +224,31 @@ pub struct Outputs<'a> {
     pub candump: Option<&'a mut dyn Write>,
     /// One JSON object a line for each event.
     pub events: Option<&'a mut dyn Write>,
+    /// Takes each event.
+    pub seen: Option<&'a mut TakeEvent<'a>>,
     /// Takes each cycle.
     pub cycles: Option<&'a mut TakeCycle<'a>>,
+    /// Takes every entry, with its instant, s.
+    pub all: Option<&'a mut TakeEntry<'a>>,
 }
 
-#[derive(Serialize)]
-struct EventLine<'a> {
-    unix_s: f64,
-    time_s: f64,
-    event: &'a str,
+/// An event. The names of its fields are those of `events.jsonl`.
+#[derive(Debug, Clone, Copy, Serialize)]
+pub struct EventLine<'a> {
+    /// When, s since 1970.
+    pub unix_s: f64,
+    /// When, s since the start.
+    pub time_s: f64,
+    /// What, in one word.
+    pub event: &'a str,
+    /// The state before, of a transition.
     #[serde(skip_serializing_if = "Option::is_none")]
-    from: Option<SafetyState>,
+    pub from: Option<SafetyState>,
+    /// The state after.
     #[serde(skip_serializing_if = "Option::is_none")]
-    to: Option<SafetyState>,
-    reason: &'a str,
+    pub to: Option<SafetyState>,
+    /// Details.
+    pub reason: &'a str,
 }
 
 impl Recorder {
@@ -229,7 +260,13 @@ impl Recorder {
             interface: interface.to_owned(),
             batch: Vec::new(),
             latest: None,
+            notes: Vec::new(),
         }
+    }
+
+    /// Adds an event at `time_s` of the loop's time; the next [`Self::drain`] writes it.
+    pub fn note(&mut self, time_s: f64, event: &'static str, reason: String) {
+        self.notes.push((time_s, LogEntry::event(event, reason)));
     }
 
     /// Returns the newest cycle.
@@ -248,12 +285,16 @@ impl Recorder {
     /// The first output that cannot be written.
     pub fn drain(&mut self, outputs: &mut Outputs<'_>) -> Result<(), Error> {
         self.batch.clear();
+        self.batch.append(&mut self.notes);
         for source in &mut self.sources {
             source.drain(&mut self.batch);
         }
         self.batch.sort_by(|(a_s, _), (b_s, _)| a_s.total_cmp(b_s));
         for (time_s, entry) in &self.batch {
             let unix_s = self.epoch.unix_s(*time_s);
+            if let Some(all) = &mut outputs.all {
+                all(*time_s, entry);
+            }
             match entry {
                 LogEntry::Message(text) => {
                     if let Some(out) = &mut outputs.candump {
@@ -271,15 +312,18 @@ impl Recorder {
                     states,
                     reason,
                 } => {
+                    let line = EventLine {
+                        unix_s,
+                        time_s: *time_s,
+                        event,
+                        from: states.map(|[from, _]| from),
+                        to: states.map(|[_, to]| to),
+                        reason,
+                    };
+                    if let Some(take) = &mut outputs.seen {
+                        take(&line);
+                    }
                     if let Some(out) = &mut outputs.events {
-                        let line = EventLine {
-                            unix_s,
-                            time_s: *time_s,
-                            event,
-                            from: states.map(|[from, _]| from),
-                            to: states.map(|[_, to]| to),
-                            reason,
-                        };
                         serde_json::to_writer(&mut *out, &line)?;
                         writeln!(out)?;
                     }

@@ -1,6 +1,7 @@
 //! The controller as the loop sees it: run in the loop, or in a thread that may be late.
 
 use super::channel::ControllerEnd;
+use crate::recording::ControllerTap;
 use crate::safety::{ControllerOutput, ControllerState};
 use sidehill_controller::controller::{Controller, Decision, Status};
 use sidehill_controller::memory::Learned;
@@ -40,19 +41,23 @@ pub(super) fn controller_output(decision: &Decision) -> ControllerOutput {
     }
 }
 
-/// Least time for the solve of a drive's first plan, which is made from nothing and takes longer than
-/// later ones. The loop does not wait for it, and the vehicle stands until then: the safety gives the
-/// controller the time of a handshake.
-const FIRST_PLAN_TIME: Duration = Duration::from_millis(100);
-
 /// The controller run in the loop itself, for simulated time.
 pub struct InlineRunner {
     controller: Controller,
     engaged: bool,
-    /// Whether there has been a plan since the controller was engaged.
-    planned: bool,
     channel: Option<ControllerEnd>,
+    tap: Option<ControllerTap>,
     learned: Option<SyncSender<Learned>>,
+}
+
+/// Lets the controller drive from nothing where it becomes `engaged`, and holds it where it no longer
+/// is.
+pub fn engage(controller: &mut Controller, engaged: bool) {
+    if engaged {
+        controller.rearm();
+    } else {
+        controller.request_stop();
+    }
 }
 
 impl InlineRunner {
@@ -61,23 +66,26 @@ impl InlineRunner {
         Self::with_channel(controller, None, None)
     }
 
+    /// Returns a runner whose steps are recorded.
+    pub fn recorded(controller: Controller, tap: ControllerTap) -> Self {
+        Self::with_channel(controller, None, Some(tap))
+    }
+
     pub(crate) fn with_channel(
         mut controller: Controller,
         channel: Option<ControllerEnd>,
-        learned: Option<SyncSender<Learned>>,
+        tap: Option<ControllerTap>,
     ) -> Self {
         controller.request_stop();
         Self {
             controller,
             engaged: false,
-            planned: false,
             channel,
-            learned,
+            tap,
+            learned: None,
         }
     }
-}
 
-impl InlineRunner {
     /// Gives away what was learned, without waiting: the vehicle stands, or is being stopped by the safety.
     fn hand_over_learned(&self) {
         if let (Some(sender), Some(learned)) = (&self.learned, self.controller.learned()) {
@@ -96,26 +104,22 @@ impl ControllerRunner for InlineRunner {
     ) -> Option<Decision> {
         if engaged != self.engaged {
             self.engaged = engaged;
-            self.planned = false;
-            if engaged {
-                self.controller.rearm();
-            } else {
-                self.controller.request_stop();
+            engage(&mut self.controller, engaged);
+            if !engaged {
                 self.hand_over_learned();
             }
         }
-        if let Some(channel) = &mut self.channel {
-            channel.apply_path(&mut self.controller);
-        }
-        let solve_time = patience.map(|patience| match self.planned {
-            true => patience,
-            false => patience.max(FIRST_PLAN_TIME),
-        });
-        let deadline = solve_time.map(|solve_time| Instant::now() + solve_time);
+        let path = match &mut self.channel {
+            Some(channel) => channel.apply_path(&mut self.controller),
+            None => 0,
+        };
+        let deadline = patience.map(|patience| Instant::now() + patience);
         let decision = self.controller.step(sample, deadline);
-        self.planned |= self.controller.plan().is_some();
         if let Some(channel) = &mut self.channel {
             channel.publish(&decision, &self.controller);
+        }
+        if let Some(tap) = &mut self.tap {
+            tap.take(sample, engaged, path, &decision, &self.controller);
         }
         Some(decision)
     }
@@ -145,6 +149,7 @@ impl ThreadedRunner {
     pub fn start(
         controller: Controller,
         channel: Option<ControllerEnd>,
+        tap: Option<ControllerTap>,
         learned: Option<SyncSender<Learned>>,
     ) -> Result<Self, std::io::Error> {
         let (task, mut newest_task) = triple_buffer(&None::<Task>);
@@ -154,7 +159,8 @@ impl ThreadedRunner {
         let thread = std::thread::Builder::new()
             .name("controller".to_owned())
             .spawn(move || {
-                let mut runner = InlineRunner::with_channel(controller, channel, learned);
+                let mut runner = InlineRunner::with_channel(controller, channel, tap);
+                runner.learned = learned;
                 while !ended.load(Ordering::Relaxed) {
                     if !newest_task.update() {
                         std::thread::park_timeout(Duration::from_millis(100));

@@ -7,6 +7,7 @@ use super::runner::ThreadedRunner;
 use super::scheduling::{RealtimeConfig, RealtimeError};
 use super::timing::LoopTiming;
 use crate::drives::{Clock, Port};
+use crate::recording::ControllerTap;
 use crate::safety::{SafetyConfig, SafetyState};
 use serde::Serialize;
 use sidehill_controller::controller::Controller;
@@ -33,6 +34,8 @@ pub struct LoopSetup {
     pub controller: Controller,
     /// Where paths and requests come from, unless the controller has its course.
     pub channel: Option<(LoopEnd, ControllerEnd)>,
+    /// Takes the controller's steps, where they are recorded.
+    pub tap: Option<ControllerTap>,
     /// Takes what the controller has learned whenever it is disarmed; who does not listen misses it.
     pub learned: Option<SyncSender<Learned>>,
     /// Takes transitions and cycles.
@@ -96,7 +99,8 @@ impl LoopSetup {
         }
         let (loop_end, controller_end) = self.channel.unzip();
         // The controller's thread starts first: it would inherit this thread's CPU and priority.
-        let runner = ThreadedRunner::start(self.controller, controller_end, self.learned)?;
+        let runner =
+            ThreadedRunner::start(self.controller, controller_end, self.tap, self.learned)?;
         self.realtime.apply_to_loop()?;
         let helpers = self.port.helper_threads().into_iter();
         for helper in helpers.chain(runner.thread_id()) {

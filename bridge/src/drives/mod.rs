@@ -4,11 +4,14 @@
 //! A new port implements [`Port`] and needs nothing else of this crate.
 
 mod clock;
+mod inputs;
 mod motors;
 mod port;
 mod vocabulary;
 
 pub use clock::{Clock, Epoch, ExternalClock};
+pub(crate) use inputs::MISSING_AFTER_S;
+pub use inputs::{Input, InputStatus};
 pub use motors::{MeasuredMotorSpeeds, MotorCommand};
 pub(crate) use port::newer;
 pub use port::{Port, PortInputs};

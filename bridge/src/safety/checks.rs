@@ -44,8 +44,8 @@ impl Safety {
             .map(|cause| Alarm::Ramp(Reason::Requested(cause)))
     }
 
-    /// Returns what forbids driving because of the controller. Its first plan takes longer than later
-    /// ones: until it drives, the vehicle stands, and it has the time of a handshake.
+    /// Returns what forbids driving because of the controller. Until its first plan the vehicle
+    /// stands, and the controller has the time of a handshake.
     pub(super) fn controller_alarm(&mut self, inputs: &SafetyInputs) -> Option<Reason> {
         let output = self.current_output(inputs);
         let age_s = inputs.time_s - output.map_or(self.since_s, |output| output.time_s);

@@ -1,7 +1,7 @@
 //! What a cycle decides, and what it has to say of it.
 
 use crate::estimator::{Estimate, Refused};
-use crate::guard::{GuardView, SteepMeasure, SteepPlace};
+use crate::guard::{GuardStop, GuardView, SteepMeasure, SteepPlace};
 use crate::mpc::{QpFailure, SolveReport};
 use crate::reference::Progress;
 use serde::{Deserialize, Serialize};
@@ -127,6 +127,23 @@ pub enum StopReason {
     /// It is kept from driving by [`Controller::request_stop`](super::Controller::request_stop).
     #[error("it is held")]
     Requested,
+}
+
+impl From<GuardStop> for StopReason {
+    fn from(stop: GuardStop) -> Self {
+        match stop {
+            GuardStop::TooSteep(place) => Self::TooSteep { place },
+            GuardStop::Tilted {
+                measure,
+                value_deg,
+                limit_deg,
+            } => Self::Tilted {
+                measure,
+                value_deg,
+                limit_deg,
+            },
+        }
+    }
 }
 
 /// What does not move a vehicle that should move.

@@ -20,7 +20,6 @@ pub use place::{SteepMeasure, SteepPlace};
 pub use settings::GuardConfig;
 pub use stance::{Margins, Stance, Turning};
 
-use crate::controller::StopReason;
 use crate::estimator::Estimate;
 use crate::reference::Reference;
 use crate::trajectory::{Motion, Trajectory};
@@ -30,6 +29,22 @@ use serde::{Deserialize, Serialize};
 use sidehill_plant::contact::Parameter;
 use sidehill_plant::speeds::MotorSpeeds;
 use sidehill_plant::terrain::Terrain;
+
+/// Why the guard stops the vehicle now.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum GuardStop {
+    /// The place ahead that crosses a limit is reached.
+    TooSteep(SteepPlace),
+    /// The attitude under the vehicle crosses its limit.
+    Tilted {
+        /// What crosses it.
+        measure: SteepMeasure,
+        /// Its value, deg.
+        value_deg: f64,
+        /// Its limit, deg.
+        limit_deg: f64,
+    },
+}
 
 /// Time between the places that are judged, at the reference's full speed, s.
 const STEP_S: f64 = 0.15;
@@ -123,7 +138,7 @@ impl Guard {
     }
 
     /// Judges where the vehicle is and what is ahead; returns why it must be stopped now.
-    pub(crate) fn look(&mut self, around: &Surroundings<'_>) -> Option<StopReason> {
+    pub(crate) fn look(&mut self, around: &Surroundings<'_>) -> Option<GuardStop> {
         let estimate = around.estimate;
         let normal = self.smooth(&estimate.normal_in_world, around.elapsed_s);
         let friction = self.friction(estimate);
@@ -186,14 +201,14 @@ impl Guard {
         view.speed_share = self.share_at(0.0);
         self.view = Some(view);
         if let Some(tilt) = tilt {
-            return Some(StopReason::Tilted {
+            return Some(GuardStop::Tilted {
                 measure: tilt.measure,
                 value_deg: tilt.value,
                 limit_deg: tilt.limit,
             });
         }
         let place = view.ahead?;
-        (stop_m? <= ARRIVED_M).then_some(StopReason::TooSteep { place })
+        (stop_m? <= ARRIVED_M).then_some(GuardStop::TooSteep(place))
     }
 
     /// Returns whether any place ahead is driven slower than the reference has it.

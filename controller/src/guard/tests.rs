@@ -98,7 +98,7 @@ fn estimate(time_s: f64, y_m: f64, terrain: &Terrain) -> Estimate {
 /// What came of a drive along the straight: where it stopped and why, the first announcement, s before
 /// the stop, and the lowest share of speed.
 struct Drive {
-    stopped: Option<(f64, StopReason)>,
+    stopped: Option<(f64, GuardStop)>,
     announced_s: Option<f64>,
     lowest: f64,
 }
@@ -155,8 +155,8 @@ fn a_steep_place_on_the_map_is_announced_and_stopped_before() {
     let config = GuardConfig::default();
     let drive = drive(config, &ramp(28.0), true);
     let (y_m, reason) = drive.stopped.unwrap();
-    let StopReason::TooSteep { place } = reason else {
-        panic!("{reason}");
+    let GuardStop::TooSteep(place) = reason else {
+        panic!("{reason:?}");
     };
     assert_eq!(place.measure, SteepMeasure::RolloverMargin);
     assert!(place.stops && (9.0..11.0).contains(&place.y_m), "{place}");
@@ -183,7 +183,7 @@ fn a_place_of_little_margin_is_driven_over_slower() {
 fn ground_without_a_map_stops_where_its_own_slope_is_too_steep() {
     let drive = drive(GuardConfig::default(), &ramp(28.0), false);
     let (y_m, reason) = drive.stopped.unwrap();
-    assert!(matches!(reason, StopReason::TooSteep { .. }), "{reason}");
+    assert!(matches!(reason, GuardStop::TooSteep(_)), "{reason:?}");
     assert!((9.0..11.0).contains(&y_m), "{y_m}");
 }
 
@@ -210,10 +210,13 @@ fn an_attitude_beyond_its_limit_stops_at_once() {
     };
     assert_eq!(look(&mut guard, &estimate(0.0, 5.0, &ground)), None);
     let reason = look(&mut guard, &estimate(0.05, 15.0, &ground)).unwrap();
-    assert!(reason.to_string().contains("roll"), "{reason}");
-    let StopReason::Tilted { value_deg, .. } = reason else {
-        panic!("{reason}");
+    let GuardStop::Tilted {
+        measure, value_deg, ..
+    } = reason
+    else {
+        panic!("{reason:?}");
     };
+    assert!(measure.to_string().contains("roll"), "{measure}");
     assert!((value_deg.abs() - 14.0).abs() < 1.0, "{value_deg}");
 }
 

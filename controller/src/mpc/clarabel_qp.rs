@@ -1,5 +1,5 @@
-//! The one file that names clarabel: a whole QP by its interior-point method, and a QP that has
-//! equalities alone by its linear system, which is the method's first and then only one.
+//! The only file that uses clarabel: its interior-point method for a whole QP, and its KKT system for
+//! a QP with equalities alone.
 
 pub use clarabel::algebra::CscMatrix;
 
@@ -14,23 +14,31 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
-/// Share of the way to the cone's boundary that a step may take. On a well-scaled QP few of whose
-/// rows bind, each step reduces the gap by about 1 less this: clarabel's 0.99 costs an iteration more.
+/// Largest step, relative to the distance to the cone's boundary. On a well-scaled QP with few active
+/// rows each step multiplies the gap by about 1 minus this; clarabel's 0.99 costs one more iteration.
 const STEP_FRACTION: f64 = 0.999;
 
-/// What is added to the diagonal of a linear system of its own. Clarabel's 1e-8 is for the
-/// ill-conditioned systems at the end of an interior-point solve; here it would cost a step of
-/// refinement in each cycle.
+/// Static regularisation of a [`LinearSystem`]. Clarabel's 1e-8 suits the ill-conditioned systems at
+/// the end of an interior-point solve; here it would cost a refinement step in each cycle.
 const REGULARISATION: f64 = 1e-11;
 
-/// When a solve ends whether or not it has found the solution.
+/// Deadline and iteration limit of a solve.
 #[derive(Debug)]
 pub struct SolveLimits {
     epoch: Instant,
     /// Nanoseconds after `epoch`.
     deadline_ns: AtomicU64,
     iterations: AtomicU32,
+    /// Looks at the deadline since [`SolveLimits::begin_cycle`].
+    looks: AtomicU32,
+    /// The look that ends the solves, instead of the clock; `NEVER` for none.
+    cut_at: AtomicU32,
+    /// The first look that ended a solve; `NEVER` for none.
+    was_cut_at: AtomicU32,
 }
+
+/// No look at the deadline.
+const NEVER: u32 = u32::MAX;
 
 impl SolveLimits {
     /// Returns limits without a deadline.
@@ -39,7 +47,25 @@ impl SolveLimits {
             epoch: Instant::now(),
             deadline_ns: AtomicU64::new(u64::MAX),
             iterations: AtomicU32::new(iterations),
+            looks: AtomicU32::new(0),
+            cut_at: AtomicU32::new(NEVER),
+            was_cut_at: AtomicU32::new(NEVER),
         }
+    }
+
+    /// Begins a cycle, whose solves look at the deadline in turn. With `cut_at` the look of that number
+    /// ends them and no clock does, so that a recorded cycle is solved again exactly.
+    pub fn begin_cycle(&self, cut_at: Option<u32>) {
+        self.looks.store(0, Ordering::Relaxed);
+        self.cut_at
+            .store(cut_at.unwrap_or(NEVER), Ordering::Relaxed);
+        self.was_cut_at.store(NEVER, Ordering::Relaxed);
+    }
+
+    /// Returns the look at the deadline that ended a solve of this cycle, counted from 0; none where
+    /// none did.
+    pub fn was_cut_at(&self) -> Option<u32> {
+        Some(self.was_cut_at.load(Ordering::Relaxed)).filter(|look| *look != NEVER)
     }
 
     /// Sets when the solves to come end.
@@ -52,6 +78,7 @@ impl SolveLimits {
     }
 
     /// Sets the largest number of interior-point iterations of the solves to come.
+    #[cfg(test)]
     pub fn set_iterations(&self, iterations: u32) {
         self.iterations.store(iterations, Ordering::Relaxed);
     }
@@ -63,8 +90,18 @@ impl SolveLimits {
 
     /// Returns whether the deadline is over.
     pub fn passed(&self) -> bool {
-        let deadline = Duration::from_nanos(self.deadline_ns.load(Ordering::Relaxed));
-        self.epoch.elapsed() >= deadline
+        let look = self.looks.fetch_add(1, Ordering::Relaxed);
+        let cut_at = self.cut_at.load(Ordering::Relaxed);
+        let passed = if cut_at == NEVER {
+            let deadline = Duration::from_nanos(self.deadline_ns.load(Ordering::Relaxed));
+            self.epoch.elapsed() >= deadline
+        } else {
+            look >= cut_at
+        };
+        if passed {
+            self.was_cut_at.fetch_min(look, Ordering::Relaxed);
+        }
+        passed
     }
 }
 

@@ -1,15 +1,15 @@
 //! The dual active-set method of Goldfarb and Idnani (Math. Programming 27, 1983).
 //!
-//! From a point that is optimal for some of the rows it takes in violated ones, the most violated
-//! first, and lets go those whose multiplier would turn negative. The dual cost grows with each
-//! step, so that no set of rows comes twice. With K^-1 the linear system of the equalities,
-//! w_i = K^-1 a_i and S = A_W K^-1 A_W' = L L', taking in row p changes the point by
+//! Starts at the optimum for a subset of the rows. Each step adds the most violated row and drops the
+//! rows whose multiplier would become negative. The dual cost grows with each step, so no active set
+//! occurs twice. With K^-1 the solution operator of the equality-constrained QP, w_i = K^-1 a_i and
+//! S = A_W K^-1 A_W' = L L', adding row p changes the point by
 //!
 //! ```text
 //! dx = -t (w_p - sum_j r_j w_j),   dy_W = -t r,   dy_p = t,   S r = A_W w_p
 //! ```
 //!
-//! A row costs one solution of a system that is factorised; S is as large as there are binding rows.
+//! A row costs one back substitution; S has the size of the active set.
 
 use super::clarabel_qp::{LinearSystem, SolveLimits};
 use super::problem::{Point, QpData};
@@ -22,18 +22,18 @@ const DEPENDENT: f64 = 1e-9;
 
 /// Workspace of the method.
 pub struct DualActiveSet {
-    /// The binding rows in the order they came, with their multipliers and where their w stands.
+    /// The active rows in the order they were added, their multipliers, and the slots of their w.
     active: Vec<usize>,
     multipliers: Vec<f64>,
     slots: Vec<usize>,
     free_slots: Vec<usize>,
-    /// w of a row a slot.
+    /// w of one row per slot.
     columns: Vec<f64>,
     size: usize,
     /// L by rows of the length `capacity`.
     factor: Vec<f64>,
     capacity: usize,
-    /// L^-1 A_W w of the row looked at, and r.
+    /// L^-1 A_W w of the candidate row, and r.
     half: Vec<f64>,
     ratios: Vec<f64>,
     q: Vec<f64>,
@@ -62,14 +62,14 @@ impl DualActiveSet {
         }
     }
 
-    /// Returns the rows that bind in what was found last.
+    /// Returns the active rows of the last solution.
     pub fn active(&self) -> &[usize] {
         &self.active
     }
 
-    /// Finds the rows that bind, beginning with those of `guess`; `system` holds the factors of the QP
-    /// without its inequalities. Returns whether they were found; `point` then has the primal solution
-    /// to within the system's accuracy.
+    /// Finds the active rows, starting from `guess`; `system` holds the factors of the QP without its
+    /// inequalities. Returns whether they were found; `point` then has the primal solution to within the
+    /// system's accuracy.
     ///
     /// # Errors
     /// The deadline has passed.
@@ -113,7 +113,7 @@ impl DualActiveSet {
         }
         let largest = data.b.iter().fold(0.0_f64, |m, b| m.max(b.abs()));
         let least = -VIOLATION * (1.0 + largest);
-        // Each step takes in a row or lets one go, and cannot come back to the same rows.
+        // Each step adds or drops a row; no active set occurs twice.
         for _ in 0..8 * self.capacity {
             data.slacken(point);
             let violated = self.most_violated(&point.slack[first..], least);
@@ -130,7 +130,7 @@ impl DualActiveSet {
         Ok(false)
     }
 
-    /// Takes in a violated row and lets go those in its way; returns whether that was possible.
+    /// Adds a violated row and drops the rows that block it; returns whether that was possible.
     fn satisfy(
         &mut self,
         system: &mut LinearSystem,
@@ -144,7 +144,7 @@ impl DualActiveSet {
             return false;
         };
         let mut multiplier = 0.0;
-        // One row less each time.
+        // Each pass drops a row.
         for _ in 0..=self.active.len() {
             let own = self.project(data, rows, row, slot);
             self.solve_ratios();
@@ -253,8 +253,8 @@ impl DualActiveSet {
         }
     }
 
-    /// Sets the multipliers of the rows taken in so far, whose slacks without them are given, and lets
-    /// go of those that are negative.
+    /// Computes the multipliers of the rows added so far from their slacks without them, and drops rows
+    /// with negative ones.
     fn let_go_of_negative(&mut self, slacks: &[f64]) {
         loop {
             for j in 0..self.active.len() {

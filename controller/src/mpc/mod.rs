@@ -41,11 +41,6 @@ use step_limit::{HALVINGS, TrustRegion};
 /// Factor on all costs: brings the QP's numbers near 1, where the solver's tolerances are meant.
 const COST_SCALE: f64 = 10.0;
 
-/// Linearisations and QPs at most when a plan is made from nothing.
-const START_ITERATIONS: usize = 10;
-/// Largest correction of an input, m/s, at which such a plan is good enough.
-const START_CORRECTION_M_S: f64 = 1e-3;
-
 /// Correction of planned steer, m/s, from which a plan without a step limit is run through the model
 /// before it is taken.
 const CHECKED_STEER_M_S: f64 = 0.3;
@@ -99,23 +94,16 @@ pub struct Horizon {
 pub struct Linearised<'a> {
     mpc: &'a mut Mpc,
     horizon: &'a Horizon,
-    about: About,
+    /// First state of the plan before it was put to where the vehicle is.
+    first: Vector3<f64>,
 }
 
 /// A linearised horizon condensed into the data of its QP.
 pub struct CondensedQp<'a> {
     mpc: &'a mut Mpc,
     horizon: &'a Horizon,
-    about: About,
-}
-
-/// What the plan is linearised about.
-#[derive(Clone, Copy)]
-struct About {
     /// First state of the plan before it was put to where the vehicle is.
     first: Vector3<f64>,
-    /// Whether the plan is a first guess and no solution of an earlier cycle.
-    guessed: bool,
 }
 
 /// What the law wants of a cycle.
@@ -154,8 +142,6 @@ pub struct Mpc {
     stages: Vec<Stage>,
     condenser: Condenser,
     solver: QpSolver,
-    /// Largest correction of an input by the last QP, m/s.
-    corrected_m_s: f64,
 }
 
 impl Mpc {
@@ -185,7 +171,6 @@ impl Mpc {
             stages: Vec::new(),
             condenser,
             solver,
-            corrected_m_s: 0.0,
             model: model.into(),
             settings,
         };
@@ -219,8 +204,9 @@ impl Mpc {
         &self.times
     }
 
-    /// Linearises `horizon` about the shifted plan or, where there is none, about the targets with
-    /// their feed-forward as inputs. Allocates nothing.
+    /// Linearises `horizon` about the shifted plan or, where there is none, about a guess: the targets
+    /// as states, with their feed-forward as inputs. The plan then converges over the cycles to come,
+    /// with one QP each. Allocates nothing.
     pub fn linearise<'a>(&'a mut self, horizon: &'a Horizon) -> Linearised<'a> {
         let guessed = !self.planned;
         if guessed {
@@ -232,11 +218,11 @@ impl Mpc {
                 .map_or(Vector3::z(), |target| target.normal_in_world);
             self.shift(horizon.elapsed_s, &normal_at_end);
         }
-        let about = self.linearise_about_plan(horizon, guessed);
+        let first = self.linearise_about_plan(horizon, guessed);
         Linearised {
             mpc: self,
             horizon,
-            about,
+            first,
         }
     }
 
@@ -286,8 +272,8 @@ impl Mpc {
     }
 
     /// Dynamics, errors and limits of each stage about the plan, whose first state becomes the
-    /// horizon's start.
-    fn linearise_about_plan(&mut self, horizon: &Horizon, guessed: bool) -> About {
+    /// horizon's start; returns the one it had.
+    fn linearise_about_plan(&mut self, horizon: &Horizon, guessed: bool) -> Vector3<f64> {
         let mut start = vector(&horizon.start);
         // The plan's heading is not wrapped; the state's turn count is taken from it.
         start.z = self.plan.states[0].z + wrap_angle(start.z - self.plan.states[0].z);
@@ -347,7 +333,7 @@ impl Mpc {
             });
             before = input;
         }
-        About { first, guessed }
+        first
     }
 
     fn condense(&mut self, horizon: &Horizon) {
@@ -362,7 +348,7 @@ impl Mpc {
     fn solve(
         &mut self,
         horizon: &Horizon,
-        about: About,
+        first: Vector3<f64>,
         deadline: Option<Instant>,
     ) -> Result<SolveReport, QpFailure> {
         let begin = Instant::now();
@@ -375,7 +361,7 @@ impl Mpc {
                     condenser.make_feasible(stages, data, primal);
                 })
             })
-            .inspect_err(|_| self.plan.states[0] = about.first)?;
+            .inspect_err(|_| self.plan.states[0] = first)?;
         let report = SolveReport {
             iterations: self.solver.iterations(),
             path: self.solver.path(),
@@ -385,7 +371,8 @@ impl Mpc {
         match self.region {
             Some(region) => self.region = Some(self.apply_within(region, horizon)),
             // At the end of grip two plans can lead to one another for ever, each good about the other only.
-            None if !about.guessed && self.largest_steer_correction_m_s() > CHECKED_STEER_M_S => {
+            // The guess for a first plan does not keep the limits: part of a step from it would not either.
+            None if self.planned && self.largest_steer_correction_m_s() > CHECKED_STEER_M_S => {
                 self.apply_within(TrustRegion::new(StepLimit::WHOLE_STEP), horizon);
             }
             None => self.apply(1.0),
@@ -393,32 +380,20 @@ impl Mpc {
         Ok(report)
     }
 
-    /// Goes on from a guess: QPs until they correct it little or `deadline` is over.
-    fn solve_from_guess(
-        &mut self,
-        horizon: &Horizon,
-        about: About,
-        deadline: Option<Instant>,
-    ) -> Result<SolveReport, QpFailure> {
-        let mut report = self.solve(horizon, about, deadline)?;
-        for _ in 1..START_ITERATIONS {
-            if self.corrected_m_s < START_CORRECTION_M_S {
-                break;
-            }
-            let about = self.linearise_about_plan(horizon, true);
-            self.condense(horizon);
-            match self.solve(horizon, about, deadline) {
-                Ok(better) => report = better,
-                Err(_) => break,
-            }
-        }
-        Ok(report)
+    /// Begins a cycle. With `cut_at` the look of that number at the deadline, counted from 0, ends its
+    /// solves and the clock does not: so a recorded cycle is solved again exactly.
+    pub(crate) fn begin_cycle(&mut self, cut_at: Option<u32>) {
+        self.solver.begin_cycle(cut_at);
+    }
+
+    /// Returns the look at the deadline that ended a solve of this cycle; none where none did.
+    pub(crate) fn was_cut_at(&self) -> Option<u32> {
+        self.solver.was_cut_at()
     }
 
     /// Moves the plan by a share of the QP's solution, states along the linearised dynamics.
     fn apply(&mut self, share: f64) {
         let mut deviation = Vector3::zeros();
-        self.corrected_m_s = 0.0;
         let corrections = self.condenser.input_corrections(self.solver.primal());
         for ((k, stage), correction) in self.stages.iter().enumerate().zip(corrections) {
             let step = &stage.step;
@@ -426,10 +401,6 @@ impl Mpc {
                 + step.by_traction * correction.traction_m_s
                 + step.by_steer * correction.steer_m_s
                 + stage.defect;
-            self.corrected_m_s = self
-                .corrected_m_s
-                .max(correction.traction_m_s.abs())
-                .max(correction.steer_m_s.abs());
             self.plan.states[k + 1] += share * deviation;
             self.plan.inputs[k] = MotorSpeeds {
                 traction_m_s: stage.input.traction_m_s + share * correction.traction_m_s,
@@ -533,35 +504,24 @@ impl<'a> Linearised<'a> {
         CondensedQp {
             mpc: self.mpc,
             horizon: self.horizon,
-            about: self.about,
+            first: self.first,
         }
     }
 }
 
 impl CondensedQp<'_> {
     /// Solves the QP, moves the plan to its solution and returns its first input; `deadline` ends the
-    /// solve. About a guess it linearises and solves again until a QP corrects the plan little.
-    /// Allocates nothing but what the solver does.
+    /// solve. Allocates nothing but what the solver does.
     ///
     /// # Errors
-    /// Every [`QpFailure`]; the plan is then the shifted one. Once a guess has been solved, a failure
-    /// of a later QP leaves the plan of those before it.
+    /// Every [`QpFailure`]; the plan is then the shifted one.
     pub fn solve(self, deadline: Option<Instant>) -> Result<Solution, QpFailure> {
         let Self {
             mpc,
             horizon,
-            about,
+            first,
         } = self;
-        let report = if about.guessed {
-            // Far from a good plan the limits bind and a QP takes longer.
-            mpc.solver.set_max_iterations(settings::ITERATIONS_MAX);
-            let report = mpc.solve_from_guess(horizon, about, deadline);
-            mpc.solver
-                .set_max_iterations(mpc.settings.qp.max_iterations);
-            report?
-        } else {
-            mpc.solve(horizon, about, deadline)?
-        };
+        let report = mpc.solve(horizon, first, deadline)?;
         mpc.planned = true;
         Ok(Solution {
             command: mpc.plan.inputs[0],

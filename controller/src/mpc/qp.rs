@@ -1,9 +1,8 @@
-//! A convex QP of fixed sparsity, solved again and again.
+//! A convex QP of fixed sparsity that is solved once per cycle.
 //!
-//! Where nothing binds, the minimiser under the equalities is the solution and one linear system
-//! finds it; where something does, mostly what bound before. So the solver begins with the rows that
-//! bound in the last solve ([`WorkingSet`]), and takes the interior-point method, which begins from
-//! nothing, where that does not succeed.
+//! Without active inequalities, one linear system gives the solution. Otherwise the active rows are
+//! mostly those of the cycle before, so the solver starts from them ([`WorkingSet`]). Only where that
+//! fails does it call the interior-point method, which cannot be warm-started.
 
 use super::clarabel_qp::{Ending, InteriorPoint, SolveLimits};
 use super::failure::QpFailure;
@@ -18,18 +17,18 @@ use std::time::Instant;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum SolvePath {
-    /// No inequality binds: one linear system.
+    /// No inequality is active: one linear system.
     Relaxed,
-    /// By the rows that bind.
+    /// By an active-set method.
     WorkingSet,
     /// By the interior-point method.
     InteriorPoint,
-    /// The solve was cut short: a point that meets the constraints and costs less than to change
-    /// nothing, not the optimum.
+    /// Cut short by the deadline or the iteration limit: a feasible point that costs less than no
+    /// change, but not the optimum.
     CutShort,
 }
 
-/// A solver with the problem it solves.
+/// A solver and the data of its problem.
 pub struct QpSolver {
     data: QpData,
     settings: QpSettings,
@@ -47,7 +46,7 @@ impl QpSolver {
     /// Returns a solver for problems with the pattern of `data`.
     ///
     /// # Errors
-    /// [`QpFailure::Rejected`] when clarabel does not take the data.
+    /// [`QpFailure::Rejected`] when clarabel does not accept the data.
     pub fn new(data: QpData, settings: QpSettings) -> Result<Self, QpFailure> {
         let limits = Arc::new(SolveLimits::new(settings.max_iterations));
         Ok(Self {
@@ -74,8 +73,8 @@ impl QpSolver {
         &self.data
     }
 
-    /// Returns the iterations of the last solve: linear systems factorised to find the rows that bind,
-    /// and interior-point iterations.
+    /// Returns the iterations of the last solve: linear systems factorised to find the active rows,
+    /// plus interior-point iterations.
     pub fn iterations(&self) -> u32 {
         self.iterations
     }
@@ -85,7 +84,7 @@ impl QpSolver {
         self.path
     }
 
-    /// Returns how often the solver was made new after a numerical error.
+    /// Returns how often the solver was rebuilt after a numerical error.
     #[cfg(test)]
     pub fn rebuilds(&self) -> u32 {
         self.rebuilds
@@ -103,14 +102,25 @@ impl QpSolver {
 
     /// Sets the largest number of interior-point iterations of the solves to come, at most
     /// `ITERATIONS_MAX`.
+    #[cfg(test)]
     pub fn set_max_iterations(&mut self, iterations: u32) {
         self.limits.set_iterations(iterations);
+    }
+
+    /// Begins a cycle, see [`Mpc::begin_cycle`](super::Mpc::begin_cycle).
+    pub(super) fn begin_cycle(&self, cut_at: Option<u32>) {
+        self.limits.begin_cycle(cut_at);
+    }
+
+    /// Returns the look at the deadline that ended a solve of this cycle.
+    pub(super) fn was_cut_at(&self) -> Option<u32> {
+        self.limits.was_cut_at()
     }
 
     /// Solves the problem as its data stands, until `deadline` at the latest.
     ///
     /// # Errors
-    /// Every [`QpFailure`]; the last solution is then not to be used.
+    /// Every [`QpFailure`]; do not use the point then.
     pub fn solve(&mut self, deadline: Option<Instant>) -> Result<Residuals, QpFailure> {
         self.iterations = 0;
         if !self.data.is_finite() {
@@ -153,7 +163,7 @@ impl QpSolver {
         self.iterations = before + iterations;
         match ending {
             Ending::Solved => self.check(),
-            // The last iterate may well do; the residuals tell.
+            // The last iterate may be good enough: check its residuals.
             Ending::Iterations => self
                 .check()
                 .map_err(|_| QpFailure::MaxIterations { iterations }),
@@ -162,7 +172,7 @@ impl QpSolver {
             }),
             Ending::Infeasible => Err(QpFailure::Infeasible),
             Ending::Broken => {
-                // A NaN inside it would stay there for good.
+                // A NaN inside the solver would never go away.
                 self.rebuild()?;
                 self.rebuilds += 1;
                 Err(QpFailure::Numerical { iterations })
@@ -182,17 +192,17 @@ impl QpSolver {
         if primal <= limit && dual <= limit && gap <= self.settings.accepted_gap {
             Ok(residuals)
         } else {
-            // A comparison with NaN is false, so a NaN ends here too.
+            // Comparisons with NaN are false, so NaN fails too.
             Err(QpFailure::Residual { primal, dual, gap })
         }
     }
 
-    /// Makes the best of the last iterate of a solve that was cut short: of the points between those
-    /// that `make_feasible` leads the origin and the iterate to, the one of least cost. All of them are
-    /// feasible.
+    /// Returns a feasible point from the last iterate of a solve that was cut short. `make_feasible`
+    /// projects the origin and the iterate on the constraints; the cheapest point between the two
+    /// projections is taken.
     ///
     /// # Errors
-    /// `failure` itself, where there is no iterate, or none of these is better than the origin's.
+    /// `failure` itself, where there is no iterate, or no such point is cheaper than the projected origin.
     pub fn salvage(
         &mut self,
         failure: QpFailure,
@@ -208,7 +218,7 @@ impl QpSolver {
         from.fill(0.0);
         make_feasible(&self.data, from);
         make_feasible(&self.data, to);
-        // The cost along the way is a parabola: three of its values tell its least.
+        // The cost along the line is a parabola: three values give its minimum.
         let (begin, end) = (self.data.cost(from), self.data.cost(to));
         for (to, from) in to.iter_mut().zip(&*from) {
             *to = 0.5 * (*to + from);
@@ -217,7 +227,7 @@ impl QpSolver {
         let curvature = 2.0 * (begin + end - 2.0 * middle);
         let slope = end - begin - curvature;
         let share = (-slope / (2.0 * curvature)).clamp(0.0, 1.0);
-        // A comparison with NaN is false.
+        // Comparisons with NaN are false, so NaN fails too.
         if !(slope < 0.0 && share > 0.0) {
             return Err(failure);
         }

@@ -1,15 +1,15 @@
-//! A QP solved by finding the rows that bind.
+//! A primal-dual active-set method, warm-started from the last solve.
 //!
-//! With the binding rows W known, the QP is a linear system, the one of its equalities with W among
-//! them. A guess of W is solved for, and each row whose sign is wrong changes sides: out of W where
-//! its multiplier is negative, into W where it is violated. From the rows that bound in the cycle
-//! before this primal-dual active-set method (Hintermueller, Ito and Kunisch, SIAM J. Optim. 13,
-//! 2002) mostly ends after one to three systems. It may cycle: where the number of wrong signs does
-//! not fall, [`DualActiveSet`] goes on, which cannot, a row at a time.
+//! With the active rows W known, the QP is one linear system. Each iteration solves that system for the
+//! current W, removes the rows with negative multipliers and adds the violated ones (Hintermueller, Ito
+//! and Kunisch, SIAM J. Optim. 13, 2002). Started from the active rows of the cycle before, it mostly
+//! ends after one to three systems. The method can cycle: where the number of wrong signs does not
+//! fall, [`DualActiveSet`] takes over. It changes one row at a time and cannot cycle.
 //!
-//! So that all systems have one pattern, W enters as a penalty rho/2 (a' x - b)^2 on each of its rows
-//! a, whose products are in P's pattern or are added to it. Its multiplier is rho (a' x - b), and
-//! iterative refinement on the KKT residuals of the QP itself takes the penalty's error away:
+//! W enters as a penalty rho/2 (a' x - b)^2 on each of its rows a, so that all systems have one
+//! sparsity pattern: P's, with room for the products of each row. The multiplier of a row is
+//! rho (a' x - b). Iterative refinement on the KKT residuals of the QP itself removes the penalty's
+//! error:
 //!
 //! ```text
 //! (P + rho A_W' A_W) dx + E' dy_E = -(P x + q + A' y) - rho A_W' (A_W x - b_W)
@@ -25,16 +25,16 @@ use super::rows::Rows;
 
 /// A penalty's curvature along its row, relative to P's own.
 const STIFFNESS: f64 = 1e6;
-/// Systems at most before a row at a time is changed.
+/// Largest number of systems before [`DualActiveSet`] takes over.
 const CORRECTIONS: u32 = 6;
-/// Share to which the wrong signs must fall from one system to the next.
+/// Factor by which the number of wrong signs must fall from one system to the next.
 const PROGRESS: f64 = 0.7;
-/// Steps of iterative refinement at most.
+/// Largest number of steps of iterative refinement.
 const REFINEMENTS: u32 = 3;
-/// Share of the solver's tolerance to which signs hold and residuals are refined.
+/// Tolerance of signs and refined residuals, relative to the solver's.
 const SHARPER: f64 = 0.1;
 
-/// Finds the rows that bind, beginning with those of the last solve.
+/// Finds the active rows, starting from those of the last solve.
 pub struct WorkingSet {
     rows: Rows,
     system: LinearSystem,
@@ -48,7 +48,7 @@ pub struct WorkingSet {
     diagonal: Vec<f64>,
     q: Vec<f64>,
     e: Vec<f64>,
-    /// Whether each row is in W, as begun with, as it stands, and as the signs want it next.
+    /// Whether each row is in W: at the start, now, and next according to the signs.
     guess: Vec<bool>,
     members: Vec<bool>,
     next: Vec<bool>,
@@ -72,10 +72,10 @@ struct Places {
 }
 
 impl WorkingSet {
-    /// Returns a solver for problems with the pattern of `data`, with no row to begin with.
+    /// Returns a solver for problems with the pattern of `data`, with an empty working set.
     ///
     /// # Errors
-    /// [`QpFailure::Rejected`] when clarabel does not take the data.
+    /// [`QpFailure::Rejected`] when clarabel does not accept the data.
     pub fn new(data: &QpData) -> Result<Self, QpFailure> {
         let rows = Rows::new(data);
         let (penalised, places) = penalised(data, &rows);
@@ -103,12 +103,12 @@ impl WorkingSet {
         self.factorisations
     }
 
-    /// Returns whether an inequality binds in what was found last.
+    /// Returns whether an inequality is active in the last solution.
     pub fn binds(&self) -> bool {
         self.members.contains(&true)
     }
 
-    /// Begins the next solve with the rows that bind at `point`.
+    /// Starts the next solve from the rows that are active at `point`.
     pub fn begin_with(&mut self, point: &Point, data: &QpData) {
         let first = data.equalities;
         let rows = point.dual[first..].iter().zip(&point.slack[first..]);
@@ -117,8 +117,8 @@ impl WorkingSet {
         }
     }
 
-    /// Leads `point` to the QP's solution and returns its residuals, at most `tolerance`; none where
-    /// that does not succeed. `work` has the lengths of the point's.
+    /// Sets `point` to the QP's solution and returns its residuals, at most `tolerance`; none where
+    /// the method fails. `work` is workspace of the same lengths as `point`.
     ///
     /// # Errors
     /// [`QpFailure::Deadline`], with the last iterate in `point` where there was one, and
@@ -142,7 +142,7 @@ impl WorkingSet {
         if let Some(residuals) = self.correct(data, point, work, tolerance, limits)? {
             return Ok(Some(residuals));
         }
-        // From the guess, which was near, and not from where the corrections have led.
+        // From the initial guess, which was near; the corrections may have led away.
         self.members.fill(false);
         if !self.factorise(data, limits)? {
             return Ok(None);
@@ -161,7 +161,7 @@ impl WorkingSet {
         self.finish(data, point, work, tolerance, limits)
     }
 
-    /// Exchanges all rows of wrong sign at a time, until there is none or they do not grow fewer.
+    /// Exchanges all rows of wrong sign at once, until none is left or their number does not fall.
     fn correct(
         &mut self,
         data: &QpData,
@@ -198,7 +198,7 @@ impl WorkingSet {
         Ok(None)
     }
 
-    /// Refines the point of the rows as they are.
+    /// Solves for the current rows and refines the point.
     fn finish(
         &mut self,
         data: &QpData,
@@ -243,7 +243,7 @@ impl WorkingSet {
                 size += value * value;
                 curvature += value * value * self.diagonal[column];
             }
-            // A row of zeros binds nothing.
+            // A row of zeros constrains nothing.
             let size = size.max(f64::MIN_POSITIVE);
             let rho = STIFFNESS * (curvature / size).max(1.0) / size;
             self.stiffness[row] = rho;
@@ -308,7 +308,7 @@ impl WorkingSet {
         }
     }
 
-    /// Fills in which rows should be in W by their signs; returns for how many that is news.
+    /// Marks the rows that should be in W by their signs; returns how many change.
     fn judge(&mut self, data: &QpData, point: &Point, tolerance: f64) -> usize {
         let first = data.equalities;
         let least = |values: &[f64]| {
@@ -336,8 +336,8 @@ impl WorkingSet {
     }
 }
 
-/// Returns the problem with its equalities alone whose P has room for the penalties of all rows, and
-/// where values stand in it.
+/// Returns the problem without its inequalities, whose P has room for the penalties of all rows, and
+/// the positions of the values in it.
 fn penalised(data: &QpData, rows: &Rows) -> (QpData, Places) {
     let size = data.q.len();
     let mut entries: Vec<(usize, usize)> = (0..size).map(|i| (i, i)).collect();

@@ -20,6 +20,7 @@ pub use smoothing::{Smoothed, Smoothing, smooth};
 
 pub(crate) use curve::{ArcLength, CurvePoint};
 
+use serde::{Deserialize, Serialize};
 use sidehill_plant::frames::PlanarPose;
 use std::f64::consts::PI;
 
@@ -30,15 +31,44 @@ pub(crate) const SAMPLE_STEP_M: f64 = 0.05;
 ///
 /// Consecutive pieces meet at a cusp, where position and vehicle heading are continuous and the
 /// direction of travel is reversed.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "RawPath")]
 pub struct Path {
     pieces: Vec<Piece>,
     closed: bool,
     length_m: f64,
 }
 
+#[derive(Deserialize)]
+struct RawPath {
+    pieces: Vec<Piece>,
+    closed: bool,
+    length_m: f64,
+}
+
+impl TryFrom<RawPath> for Path {
+    type Error = PathError;
+
+    fn try_from(raw: RawPath) -> Result<Self, PathError> {
+        let RawPath {
+            pieces,
+            closed,
+            length_m,
+        } = raw;
+        let drivable = |piece: &Piece| piece.samples.len() >= 2 && piece.length_m > 0.0;
+        if pieces.is_empty() || !pieces.iter().all(drivable) || length_m.is_nan() {
+            return Err(PathError::ZeroLength);
+        }
+        Ok(Self {
+            pieces,
+            closed,
+            length_m,
+        })
+    }
+}
+
 /// A part of a path driven one way, sampled uniformly in arc length.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Piece {
     pub(crate) start_m: f64,
     pub(crate) length_m: f64,
@@ -47,7 +77,7 @@ pub(crate) struct Piece {
 }
 
 /// What is stored at a sample; the heading is the vehicle's.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Sample {
     pub(crate) position: Point2,
     pub(crate) heading_rad: f64,

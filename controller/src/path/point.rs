@@ -35,7 +35,8 @@ impl Point2 {
 }
 
 /// Which way the vehicle drives along a path.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Direction {
     /// The vehicle's forward axis points along the direction of travel.
     #[default]

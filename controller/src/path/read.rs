@@ -14,6 +14,43 @@ pub struct GeodeticOrigin {
     pub elevation_m: f64,
 }
 
+impl GeodeticOrigin {
+    /// Returns where a place of the ellipsoid is in the plane: x east, y north, m.
+    ///
+    /// Heights do not count: a few metres would scale the plane by less than 1e-6.
+    pub fn project(&self, latitude_deg: f64, longitude_deg: f64) -> Point2 {
+        let (x_m, y_m, _) = map_3d::geodetic2enu(
+            latitude_deg.to_radians(),
+            longitude_deg.to_radians(),
+            0.0,
+            self.latitude_deg.to_radians(),
+            self.longitude_deg.to_radians(),
+            0.0,
+            map_3d::Ellipsoid::WGS84,
+        );
+        Point2 { x_m, y_m }
+    }
+
+    /// Returns latitude and longitude, deg, of a point of the plane: the inverse of [`Self::project`].
+    pub fn unproject(&self, point: Point2) -> (f64, f64) {
+        let place = |up_m: f64| {
+            map_3d::enu2geodetic(
+                point.x_m,
+                point.y_m,
+                up_m,
+                self.latitude_deg.to_radians(),
+                self.longitude_deg.to_radians(),
+                0.0,
+                map_3d::Ellipsoid::WGS84,
+            )
+        };
+        // The ellipsoid falls away below the plane by the height found there.
+        let (_, _, above_m) = place(0.0);
+        let (latitude_rad, longitude_rad, _) = place(-above_m);
+        (latitude_rad.to_degrees(), longitude_rad.to_degrees())
+    }
+}
+
 /// The points of a route in the world: X_g east, Y_g north, Z_g up.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Route {
@@ -56,6 +93,20 @@ pub fn read_csv(reader: impl Read) -> Result<Route, PathError> {
     })
 }
 
+/// Returns what may be wrong with a table whose header has such a column.
+fn likely_cause(name: &str) -> &'static str {
+    let name = name.to_lowercase();
+    if name.contains(';') || name.contains('\t') {
+        "; separate fields by commas and write decimals with a point"
+    } else if name.parse::<f64>().is_ok() {
+        "; the first line must name the columns"
+    } else if name.starts_with("lat") || name.starts_with("lon") {
+        "; give latitude and longitude as GPX"
+    } else {
+        ""
+    }
+}
+
 /// Where in a record of the table each column is.
 struct Columns {
     x: usize,
@@ -70,7 +121,8 @@ impl Columns {
         let allowed = ["x_m", "y_m", "z_m", "direction"];
         if let Some(name) = headers.iter().find(|name| !allowed.contains(name)) {
             return Err(at_line_1(format!(
-                "column `{name}` is unknown, must be one of x_m, y_m, z_m, direction"
+                "column `{name}` is unknown, must be one of x_m, y_m, z_m, direction{}",
+                likely_cause(name)
             )));
         }
         let twice = allowed
@@ -128,8 +180,8 @@ impl Columns {
 /// tangent plane's, so that the ground does not fall away with the curvature of the earth.
 ///
 /// # Errors
-/// [`PathError::Gpx`] with the line for text that is not GPX, [`PathError::Empty`] where there is
-/// no point, [`PathError::Read`] where reading fails.
+/// [`PathError::Gpx`] with the line for text that is not GPX or has no point, [`PathError::Read`] where
+/// reading fails.
 pub fn read_gpx(mut reader: impl Read) -> Result<Route, PathError> {
     let mut text = String::new();
     reader
@@ -166,7 +218,11 @@ pub fn read_gpx(mut reader: impl Read) -> Result<Route, PathError> {
     if found.is_empty() {
         found = places("rtept")?;
     }
-    let first = found.first().ok_or(PathError::Empty)?;
+    let first = found.first().ok_or_else(|| PathError::Gpx {
+        line: 1,
+        what: "there is no point of a track (trkpt) or of a route (rtept); waypoints are no path"
+            .to_owned(),
+    })?;
     let origin = GeodeticOrigin {
         latitude_deg: first.latitude_deg,
         longitude_deg: first.longitude_deg,
@@ -186,18 +242,8 @@ struct GpxPoint {
 
 impl GpxPoint {
     fn in_plane(&self, origin: &GeodeticOrigin) -> RawPoint {
-        // On the ellipsoid: a few metres of height would scale the plane by less than 1e-6.
-        let (x_m, y_m, _) = map_3d::geodetic2enu(
-            self.latitude_deg.to_radians(),
-            self.longitude_deg.to_radians(),
-            0.0,
-            origin.latitude_deg.to_radians(),
-            origin.longitude_deg.to_radians(),
-            0.0,
-            map_3d::Ellipsoid::WGS84,
-        );
         RawPoint {
-            position: Point2 { x_m, y_m },
+            position: origin.project(self.latitude_deg, self.longitude_deg),
             elevation_m: self.elevation_m.map(|z_m| z_m - origin.elevation_m),
             direction: None,
         }

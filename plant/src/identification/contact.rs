@@ -7,8 +7,8 @@
 //! residual of 1 cm. So what the logs determine is theirs, and what they do not stays at its guess, with
 //! the guess's interval.
 
+use super::fit::{Fit, IdentificationError, IdentificationSettings, Stage, cut, smoothed};
 use super::segments::{Segment, SegmentErrors};
-use super::stages::{Fit, IdentificationError, IdentificationSettings, Stage, cut, smoothed};
 use super::statistics::{Cluster, confidence_factor, covariance};
 use crate::contact::{ContactPrediction, ContactVehicle, Parameter, ParameterVector};
 use crate::log::DriveLog;

@@ -11,6 +11,8 @@
 //! - Segments without motion, or across a gap in the log, are left out.
 //! - Every parameter gets a standard deviation from the scatter between segments (the "sandwich" of
 //!   clustered residuals), since errors within a segment are correlated.
+//! - [`identify_level_determined`] and [`identify_slope_determined`] keep the start values of parameters whose
+//!   interval is wide.
 //! - What the data cannot tell apart is named, from the eigenvalues of the scaled normal matrix.
 //! - Beyond both stages, [`identify_extension`] says which terms of the extended model the logs support.
 //! - [`identify_contact`] fits the physical parameters of a vehicle on wheels with friction.
@@ -19,6 +21,8 @@
 mod contact;
 #[cfg(test)]
 mod contact_tests;
+mod determined;
+mod fit;
 mod least_squares;
 mod problem;
 mod procedure;
@@ -30,10 +34,12 @@ mod terms;
 mod tests;
 
 pub use contact::{ContactParameterEstimate, ContactReport, identify_contact};
+pub use fit::{
+    CrossValidation, Estimate, IdentificationError, IdentificationSettings, StageReport, Warning,
+};
 pub use procedure::{Drive, Leg, LogNoise, Procedure, ProcedureError, drive};
 pub use segments::{Segment, SegmentErrors, Segmentation, segments};
 pub use stages::{
-    CrossValidation, Estimate, IdentificationError, IdentificationSettings, StageReport, Warning,
-    identify_level, identify_slope,
+    identify_level, identify_level_determined, identify_slope, identify_slope_determined,
 };
 pub use terms::{ExtensionReport, Term, TermReport, Verdict, identify_extension};

@@ -9,11 +9,11 @@
 //! interval of the gain over the segments is above 0. The misfit of a segment is the root mean square distance of its poses from those dead-reckoned from the best start.
 //! Creep is tried when nothing else is left. All parameters are fitted again with each set of terms.
 
-use super::problem::{Problem, Pull};
-use super::segments::{Segment, SegmentErrors};
-use super::stages::{
+use super::fit::{
     IdentificationError, IdentificationSettings, PULL_ICRS_M, PULL_SLIDE_M, Stage, cut, smoothed,
 };
+use super::problem::{Problem, Pull};
+use super::segments::{Segment, SegmentErrors};
 use super::statistics::{confidence_factor, covariance};
 use crate::extension::{Extension, ExtensionGains};
 use crate::log::DriveLog;

@@ -163,7 +163,7 @@ pub enum LogError {
     },
     /// A column is not there.
     #[error(
-        "no column {column}; there are: {present}. Where the log has other names, units or frames, --columns FILE says which"
+        "no column {column}; there are: {present}: {}", likely_separator(.present)
     )]
     NoColumn {
         /// Name looked for.
@@ -190,6 +190,9 @@ pub enum LogError {
     /// There is no header.
     #[error("the file is empty: its first line must name the columns")]
     Empty,
+    /// The first line holds numbers.
+    #[error("line 1: holds numbers; the first line must name the columns")]
+    NoHeader,
     /// A row has more or fewer fields than the header.
     #[error("line {line}: {found} fields, but the header names {expected}{}", decimal_comma(*.found, *.expected))]
     FieldCount {
@@ -222,12 +225,25 @@ pub enum LogError {
 
 /// Returns what may be wrong with the unit of a value that is far out of its range.
 fn likely_unit(reason: &RangeError) -> &'static str {
+    if reason.value.is_nan() {
+        return "; leave out rows without a value";
+    }
     match reason.key {
+        "time_s" => "; is the column in nanoseconds or microseconds? It must be in seconds",
         "roll_rad" | "pitch_rad" => "; is the column in degrees? It must be in radians",
         "v_left_m_s" | "v_right_m_s" => {
             "; is the column in rpm or rad/s? It must be in m/s, tread_speed_scale of --columns converts"
         }
         _ => "",
+    }
+}
+
+/// Returns what may be wrong with a file that lacks a column.
+fn likely_separator(present: &str) -> &'static str {
+    if present.contains(';') || present.contains('\t') {
+        "the fields are separated by semicolons or tabs; separate them by commas and write decimals with a point"
+    } else {
+        "where the log has other names, units or frames, --columns FILE says which"
     }
 }
 

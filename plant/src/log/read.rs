@@ -71,6 +71,9 @@ fn check_header(header: &StringRecord) -> Result<(), LogError> {
         return Err(LogError::Empty);
     }
     let mut names: Vec<&str> = header.iter().filter(|name| !name.is_empty()).collect();
+    if names.iter().all(|name| name.parse::<f64>().is_ok()) {
+        return Err(LogError::NoHeader);
+    }
     names.sort_unstable();
     match names.windows(2).find(|pair| pair[0] == pair[1]) {
         Some(pair) => Err(LogError::DuplicateColumn {

@@ -17,11 +17,13 @@ from ._sidehill import (
     Identification,
     Run,
     Scenario,
+    Simulation,
     SimulationResult,
     Vehicle,
     __version__,
     simulate,
 )
+from ._tune import tune
 
 __all__ = [
     "Controller",
@@ -32,6 +34,7 @@ __all__ = [
     "Plant",
     "Run",
     "Scenario",
+    "Simulation",
     "SimulationResult",
     "Vehicle",
     "__version__",
@@ -40,4 +43,5 @@ __all__ = [
     "identify",
     "odometry",
     "simulate",
+    "tune",
 ]

@@ -103,6 +103,8 @@ class Scenario:
     @staticmethod
     def from_dict(keys: dict[str, Any]) -> Scenario:
         """Returns the scenario of a dict with the YAML's keys. Raises ValueError, or OSError of files it names."""
+    @staticmethod
+    def _of_text(path: str, text: str) -> Scenario: ...
     def to_dict(self) -> dict[str, Any]:
         """Returns a dict with the YAML's keys, as they are given: what is left out has its default."""
     def with_(self, **keys: Any) -> Scenario:
@@ -310,6 +312,57 @@ class SimulationResult:
     def metrics(self) -> dict[str, Any]:
         """The figures of all runs, {"runs": [...]}, as `sidehill simulate --format json` prints them."""
 
+@final
+class Simulation:
+    """The simulated vehicle of a scenario with the reference that it should follow, for a loop of one's own.
+
+    The drive train is the scenario's; what is read is the truth, without its sensors.
+    """
+
+    def __new__(
+        cls,
+        scenario: Scenario,
+        plant: Literal["icrik", "contact"] | None = None,
+        seed: int | None = None,
+    ) -> Simulation:
+        """Puts the vehicle, at rest, to the scenario's start.
+
+        plant, seed: instead of the scenario's. Raises ValueError naming the argument or setting.
+        """
+    def step(self, v_left_m_s: float, v_right_m_s: float, dt_s: float) -> None:
+        """Moves on by dt_s, a whole number of the scenario's steps, with these speeds told to the drives, m/s before
+        `vehicle`'s c_l and c_r. The reference moves on with the vehicle, and waits where it is left behind.
+
+        Raises ValueError naming the argument, or where the vehicle leaves the ground that is known.
+        """
+    @property
+    def vehicle(self) -> Vehicle:
+        """The vehicle, as controllers know it with this plant."""
+    @property
+    def time_s(self) -> float:
+        """Time since the start, s."""
+    @property
+    def pose(self) -> tuple[float, float, float, float]:
+        """True pose (x_m, y_m, z_m, yaw_rad)."""
+    @property
+    def attitude_rad(self) -> tuple[float, float]:
+        """True (roll, pitch), rad."""
+    @property
+    def tread_speeds_m_s(self) -> tuple[float, float]:
+        """(left, right) as perfect encoders count them, m/s."""
+    @property
+    def errors(self) -> tuple[float, float, float]:
+        """(cross_track_m, along_track_m, heading_error_rad): distance from the path, left of travel positive; by how
+        much the vehicle is ahead of the reference along it; heading less that of the reference."""
+    def reference(self, ahead_s: float) -> tuple[float, float, float, float]:
+        """Returns the reference (x_m, y_m, yaw_rad, speed_m_s) in so many seconds; speed negative in reverse."""
+    @property
+    def reference_end_s(self) -> float:
+        """Time that following the reference from its start to its end takes, s."""
+    @property
+    def finished(self) -> bool:
+        """Whether the reference has come to its end."""
+
 def simulate(
     scenario: Scenario,
     controllers: list[str] | tuple[str, ...] | str | None = None,
@@ -330,6 +383,20 @@ def simulate(
 def icr(
     vehicle: Vehicle, roll_rad: _Floats, pitch_rad: _Floats, v_left_m_s: _Floats, v_right_m_s: _Floats
 ) -> dict[str, _Floats]: ...
+def tune(
+    campaign: _Path | dict[str, Any] | Scenario,
+    controller: str,
+    keys: list[str] | None,
+    factor: float,
+    calmness: float,
+    training: int,
+    held_out: int,
+    tries: int,
+    minutes: float,
+    threads: int | None,
+) -> dict[str, Any]:
+    """Searches settings; `sidehill.tune` documents it."""
+
 def identify(
     level: list[_Text],
     slope: list[_Text],

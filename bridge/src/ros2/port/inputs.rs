@@ -4,12 +4,15 @@ use super::config::{AttitudeSource, SpeedSource};
 use super::config::{InputsConfig, TwistConfig};
 use super::readings::{LatestInputs, PortContext, Readings};
 use crate::control_loop::channel::HaltSwitch;
+use crate::ros2::node::message::TopicMessage;
 use crate::ros2::node::message::{
     Bool, Clock, Imu, JointState, Odometry, TfMessage, Twist, TwistStamped,
 };
+use crate::ros2::node::names::NameError;
 use crate::ros2::node::subscription::take_all;
 use crate::ros2::node::worker::Worker;
 use crate::ros2::node::{NodeError, RosNode, qos};
+use crate::ros2::port::readings::CLOCK;
 use ros2_client::Subscription;
 use ros2_client::dds::rustdds::mio1::{Events, Interest, Poll, Token};
 use std::sync::atomic::Ordering;
@@ -84,6 +87,21 @@ impl Subscriptions {
         let imu = sensors && config.attitude == AttitudeSource::Imu;
         let joint_states = sensors && config.speeds == SpeedSource::JointStates;
         let clock = subscriber.context.clock.is_some();
+        let wait = Waits { node, subscriber };
+        if clock {
+            wait.for_topic::<Clock>("clock", CLOCK, true)?;
+        }
+        if sensors {
+            wait.for_topic::<Odometry>("odometry", &config.odometry, true)?;
+        }
+        if imu {
+            wait.for_topic::<Imu>("imu", &config.imu, true)?;
+        }
+        if joint_states {
+            wait.for_topic::<JointState>("joint states", &config.joint_states, true)?;
+        }
+        let repeated = config.emergency_stop_timeout_s > 0.0;
+        wait.for_topic::<Bool>("emergency stop", &config.emergency_stop, repeated)?;
         Ok(Self {
             odometry: match sensors {
                 true => Some(node.subscription(&config.odometry, &qos::NEWEST)?),
@@ -102,7 +120,7 @@ impl Subscriptions {
                 node.subscription(&config.emergency_stop, &qos::LATCHED)?,
             ],
             clock: match clock {
-                true => Some(node.subscription("/clock", &qos::NEWEST)?),
+                true => Some(node.subscription(CLOCK, &qos::NEWEST)?),
                 false => None,
             },
             forwarded: match &subscriber.forwarded {
@@ -143,6 +161,27 @@ impl Subscriptions {
         }
         registry.register(&mut self.tf, token, readable)?;
         registry.register(&mut self.tf_static, token, readable)
+    }
+}
+
+/// Where topics are entered that are waited for.
+struct Waits<'a> {
+    node: &'a RosNode,
+    subscriber: &'a InputSubscriber,
+}
+
+impl Waits<'_> {
+    fn for_topic<M: TopicMessage>(
+        &self,
+        input: &'static str,
+        topic: &str,
+        needed: bool,
+    ) -> Result<(), NameError> {
+        let name = self.node.names().resolve(topic)?.to_string();
+        let kind = format!("{}/msg/{}", M::PACKAGE, M::TYPE);
+        let mut graph = self.subscriber.context.shared.graph();
+        graph.wait_for(input, (topic, name), kind, needed);
+        Ok(())
     }
 }
 
@@ -198,6 +237,9 @@ impl Reader {
         for subscription in &self.subscriptions.emergency_stop {
             take_all(subscription, |Bool { data }, publisher| {
                 publishers.received(publisher, data, Instant::now());
+                shared
+                    .graph()
+                    .accepted(&self.subscriber.config.emergency_stop);
             });
         }
         publishers.process_lost(Instant::now());

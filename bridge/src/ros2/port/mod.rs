@@ -11,6 +11,7 @@ pub mod config;
 pub mod convert;
 mod drives;
 pub(crate) mod emergency_stop;
+pub(crate) mod graph_monitor;
 pub(crate) mod inputs;
 pub mod joints;
 pub(crate) mod readings;

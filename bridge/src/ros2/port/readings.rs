@@ -15,6 +15,8 @@ use sidehill_plant::sample::Stamped;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
+/// The topic of simulated time.
+pub(crate) const CLOCK: &str = "/clock";
 /// How far a stamp may be ahead of the clock, s.
 const AHEAD_S: f64 = 0.1;
 /// A step of `/clock` that is a jump, s; any step back is one.
@@ -89,6 +91,7 @@ impl Readings {
             .is_some_and(|before_s| !(0.0..=CLOCK_JUMP_S).contains(&(now_s - before_s)));
         self.clock_s = Some(now_s);
         clock.set(now_s);
+        self.context.shared.graph().accepted(CLOCK);
         if jumped {
             let shared = &self.context.shared;
             shared.transforms().forget();
@@ -120,8 +123,11 @@ impl Readings {
 
     /// Takes a message of the odometry.
     pub(crate) fn odometry(&mut self, message: &Odometry) {
-        if let Err(reason) = self.try_odometry(message) {
-            self.context.shared.reject(&self.config.odometry, &reason);
+        let result = self.try_odometry(message);
+        let (shared, topic) = (&self.context.shared, &self.config.odometry);
+        match result {
+            Ok(()) => shared.graph().accepted(topic),
+            Err(reason) => shared.reject(topic, &reason),
         }
     }
 
@@ -154,7 +160,10 @@ impl Readings {
     /// Takes a message of the IMU.
     pub(crate) fn imu(&mut self, message: &Imu) {
         match self.try_imu(message) {
-            Ok(attitude) => self.latest.attitude = Some(attitude),
+            Ok(attitude) => {
+                self.latest.attitude = Some(attitude);
+                self.context.shared.graph().accepted(&self.config.imu);
+            }
             Err(reason) => self.context.shared.reject(&self.config.imu, &reason),
         }
     }
@@ -186,7 +195,11 @@ impl Readings {
     /// Takes a message of joint states.
     pub(crate) fn joint_states(&mut self, message: &JointState) {
         match self.try_joint_states(message) {
-            Ok(motors) => self.latest.motors = Some(motors),
+            Ok(motors) => {
+                self.latest.motors = Some(motors);
+                let topic = &self.config.joint_states;
+                self.context.shared.graph().accepted(topic);
+            }
             // Joints of other parts are published on the same topic.
             Err(Rejection::Message(MessageError::Joint { .. })) => {}
             Err(reason) => {

@@ -1,6 +1,7 @@
 //! What the threads of the ROS 2 side share: transforms, the emergency stop, and counts.
 
 use super::emergency_stop::EmergencyStopMonitor;
+use super::graph_monitor::GraphMonitor;
 use crate::control_loop::channel::SharedCause;
 use crate::ros2::node::transforms::Transforms;
 use std::fmt::Display;
@@ -13,6 +14,7 @@ pub(crate) struct SharedInputs {
     transforms: Mutex<Transforms>,
     last_rejection: Mutex<String>,
     rejected: AtomicU64,
+    graph: Mutex<GraphMonitor>,
     estop_publishers: Mutex<EmergencyStopMonitor>,
     /// Why the emergency stop halts the drives, if it does.
     pub(crate) emergency_stop: SharedCause,
@@ -36,7 +38,14 @@ impl SharedInputs {
     /// Counts a message that was rejected, and keeps the reason.
     pub(crate) fn reject(&self, topic: &str, reason: &dyn Display) {
         self.rejected.fetch_add(1, Ordering::Relaxed);
+        let reason = reason.to_string();
+        self.graph().rejected(topic, &reason);
         *locked(&self.last_rejection) = format!("{topic}: {reason}");
+    }
+
+    /// Returns the topics that are waited for and their publishers.
+    pub(crate) fn graph(&self) -> MutexGuard<'_, GraphMonitor> {
+        locked(&self.graph)
     }
 
     /// Returns how many messages were rejected.

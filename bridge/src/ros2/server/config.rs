@@ -1,6 +1,7 @@
 //! Settings of the controller server: the `ros2:` section of a run.
 
 use super::obstacles::config::CostmapConfig;
+use crate::ros2::node::names::Names;
 use crate::ros2::port::config::{CommandsConfig, Frames, InputsConfig};
 use serde::{Deserialize, Serialize};
 use sidehill_controller::path::Smoothing;
@@ -164,6 +165,42 @@ impl Ros2Config {
         }
         if let Some(treads) = &self.commands.treads {
             treads.joints.validate()?;
+        }
+        Ok(())
+    }
+
+    /// Checks that all names of topics and of the action are names of ROS.
+    ///
+    /// # Errors
+    /// The key of the first that is none, and why.
+    pub fn check_names(&self) -> Result<(), String> {
+        let names = Names::new(&self.node, "/", &[]).map_err(|error| format!("node: {error}"))?;
+        let (inputs, commands) = (&self.inputs, &self.commands);
+        let mut topics = vec![
+            ("inputs.odometry", &inputs.odometry),
+            ("inputs.imu", &inputs.imu),
+            ("inputs.joint_states", &inputs.joint_states),
+            ("inputs.emergency_stop", &inputs.emergency_stop),
+            ("inputs.speed_limit", &inputs.speed_limit),
+            ("follow_path.action", &self.follow_path.action),
+        ];
+        if !inputs.path.is_empty() {
+            topics.push(("inputs.path", &inputs.path));
+        }
+        if let Some(twist) = &commands.twist {
+            topics.push(("commands.twist.topic", &twist.topic));
+        }
+        if let Some(treads) = &commands.treads {
+            topics.push(("commands.treads.topic", &treads.topic));
+        }
+        if let Some(motors) = &commands.motors {
+            topics.push(("commands.motors.traction", &motors.traction));
+            topics.push(("commands.motors.steer", &motors.steer));
+        }
+        for (key, topic) in topics {
+            names
+                .resolve(topic)
+                .map_err(|error| format!("{key}: {error}"))?;
         }
         Ok(())
     }

@@ -1,7 +1,7 @@
 //! The thread that serves FollowPath, parameters and lifecycle, and publishes telemetry.
 
 use super::config::Ros2Config;
-use super::diagnostics::ServerStatus;
+use super::diagnostics::{RecordingState, ServerStatus};
 use super::follow_path::{FollowPathRequest, FollowPathServer, action_server};
 use super::goal_context::{Client, GoalContext, ObstacleContext, Request};
 use super::goal_handler::GoalHandler;
@@ -33,8 +33,8 @@ use ros2_client::log::LogLevel;
 use ros2_client::{NodeLoggingHandle, RosoutRaw, Subscription};
 use sidehill_controller::controller::Decision;
 use sidehill_plant::vehicle::Vehicle;
-use std::sync::Arc;
 use std::sync::atomic::Ordering;
+use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
 /// Longest wait for an event.
@@ -49,6 +49,8 @@ pub(crate) struct ServerLinks {
     pub(crate) commands: CommandClient,
     pub(crate) time: RosTime,
     pub(crate) inputs: Arc<SharedInputs>,
+    /// Why nothing is recorded any more, once that is so; none where nothing is to be recorded.
+    pub(crate) recording: Option<Arc<OnceLock<String>>>,
 }
 
 pub(crate) struct ControllerServer {
@@ -346,6 +348,7 @@ impl ControllerServer {
         let inputs = &self.links.inputs;
         let lifecycle = self.services.lifecycle.state();
         let last_rejection = inputs.last_rejection();
+        let topics = inputs.graph().inputs();
         let controller = self.links.commands.controller_status();
         let tracking = controller
             .decision
@@ -355,6 +358,7 @@ impl ControllerServer {
             lifecycle: &lifecycle.label,
             rejected: inputs.rejected(),
             last_rejection: &last_rejection,
+            inputs: &topics,
             emergency_stop: inputs.emergency_stop.get(),
             blocked_by: self.handler.blocked_by(),
             tracking,
@@ -363,6 +367,12 @@ impl ControllerServer {
                 .last_end
                 .as_ref()
                 .map(|(end, reason)| (*end, reason.as_str())),
+            recording: match &self.links.recording {
+                None => RecordingState::Off,
+                Some(ended) => ended
+                    .get()
+                    .map_or(RecordingState::On, |reason| RecordingState::Ended(reason)),
+            },
         };
         let time = &self.links.time;
         self.telemetry
@@ -373,6 +383,7 @@ impl ControllerServer {
     fn discover_peers(&mut self) {
         while let Some(event) = self.discovery.try_recv_status() {
             let inputs = &self.links.inputs;
+            inputs.graph().discovered(&event);
             match &event {
                 Event::WriterDetected { writer }
                     if writer.topic_name == self.emergency_stop_topic =>

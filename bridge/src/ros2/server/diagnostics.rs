@@ -2,6 +2,7 @@
 
 use super::goal_session::TrackingState;
 use crate::control_loop::channel::LoopStatus;
+use crate::drives::Input;
 use crate::ros2::node::goals::GoalEnd;
 use crate::ros2::node::message::{DiagnosticStatus, KeyValue};
 use crate::safety::{Reason, SafetyState, StopCause};
@@ -32,6 +33,8 @@ pub(crate) struct ServerStatus<'a> {
     /// Messages that were rejected, and topic and reason of the last.
     pub(crate) rejected: u64,
     pub(crate) last_rejection: &'a str,
+    /// The topics that are waited for.
+    pub(crate) inputs: &'a [Input],
     /// Whether the emergency stop is pressed or silent.
     pub(crate) emergency_stop: Option<StopCause>,
     /// What keeps the vehicle from driving on; none where nothing does.
@@ -42,6 +45,19 @@ pub(crate) struct ServerStatus<'a> {
     pub(crate) goals: u64,
     /// How the last goal ended, and why.
     pub(crate) last_end: Option<(GoalEnd, &'a str)>,
+    /// Whether the drive is recorded.
+    pub(crate) recording: RecordingState<'a>,
+}
+
+/// Whether a drive is recorded.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum RecordingState<'a> {
+    /// Nobody has asked for it.
+    Off,
+    /// It is.
+    On,
+    /// It no longer is.
+    Ended(&'a str),
 }
 
 /// Counts and solve times of the decisions.
@@ -147,6 +163,15 @@ pub(crate) fn diagnostic_status(
         ),
         ("refused", server.rejected.to_string()),
         ("last_refusal", server.last_rejection.to_owned()),
+        ("waits_for", waits_for(server.inputs)),
+        (
+            "recording",
+            match server.recording {
+                RecordingState::Off => "off".to_owned(),
+                RecordingState::On => "on".to_owned(),
+                RecordingState::Ended(reason) => format!("ended: {reason}"),
+            },
+        ),
         ("cross_track_m", number(cross_track_m.unwrap_or(f64::NAN))),
         ("heading_error_rad", on_path(|at| at.heading_error_rad)),
         ("distance_to_goal_m", on_path(|at| at.distance_to_goal_m)),
@@ -214,8 +239,21 @@ fn summary(status: &LoopStatus, decision: &Decision, server: &ServerStatus<'_>) 
     if let Some(reason) = server.blocked_by {
         return with(level::WARN, &reason);
     }
+    if let (RecordingState::Ended(reason), SafetyState::Driving) =
+        (server.recording, status.row.state)
+    {
+        return with(
+            level::WARN,
+            &format!("drives, but is not recorded: {reason}"),
+        );
+    }
     match (status.row.state, decision.status) {
-        (_, Status::Waiting) => with(level::STALE, &"there is no attitude and no pose yet"),
+        (_, Status::Waiting) => {
+            let waits_for = waits_for(server.inputs);
+            let colon = if waits_for.is_empty() { "" } else { ": " };
+            let message = format!("there is no attitude and no pose yet{colon}{waits_for}");
+            (level::STALE, message)
+        }
         (SafetyState::Driving, Status::Fallback { reason, .. }) => with(level::WARN, &reason),
         (SafetyState::Driving, _) => match decision.guard.and_then(|guard| guard.ahead) {
             Some(place) => with(level::WARN, &place),
@@ -223,12 +261,26 @@ fn summary(status: &LoopStatus, decision: &Decision, server: &ServerStatus<'_>) 
         },
         (SafetyState::Zeroing | SafetyState::Enabling, _) => with(level::OK, &"is being armed"),
         (SafetyState::Stopping, _) => with(level::WARN, &"stops"),
-        (SafetyState::Disarmed, _) => with(level::OK, &"waits for a path"),
-        (SafetyState::Latched, _) => match status.stopped_by {
-            Some(reason) if is_fault(&reason) => with(level::ERROR, &reason),
-            _ => with(level::OK, &"waits for a path"),
-        },
+        (SafetyState::Disarmed | SafetyState::Latched, _) => {
+            match status.stopped_by.filter(is_fault) {
+                Some(reason) if status.row.state == SafetyState::Latched => {
+                    with(level::ERROR, &reason)
+                }
+                _ if server.inputs.iter().any(|input| input.missing.is_some()) => {
+                    let message = format!("waits for {}", waits_for(server.inputs));
+                    (level::WARN, message)
+                }
+                _ => with(level::OK, &"waits for a path"),
+            }
+        }
     }
+}
+
+/// Returns which inputs are missing, and why.
+fn waits_for(inputs: &[Input]) -> String {
+    let missing = inputs.iter().filter(|input| input.missing.is_some());
+    let missing: Vec<String> = missing.map(Input::to_string).collect();
+    missing.join("; ")
 }
 
 /// Returns whether a drive has ended for a fault.

@@ -6,7 +6,8 @@ use super::obstacles::StoppingSettings;
 use super::route::RouteSettings;
 use crate::control_loop::channel::{ControllerEnd, LoopEnd, command_channel};
 use crate::control_loop::scheduling::{RealtimeConfig, RealtimeError};
-use crate::drives::{Clock, Epoch, ExternalClock};
+use crate::drives::{Clock, Epoch, ExternalClock, Input, InputStatus};
+use crate::recording::PathLog;
 use crate::ros2::node::arguments::{RosArguments, RosEnvironment};
 use crate::ros2::node::time::RosTime;
 use crate::ros2::node::worker::Worker;
@@ -15,8 +16,10 @@ use crate::ros2::port::Ros2Port;
 use crate::ros2::port::convert::TwistMapping;
 use crate::ros2::port::inputs::InputSubscriber;
 use crate::ros2::port::readings::PortContext;
+use crate::ros2::port::shared_inputs::SharedInputs;
+use ros2_client::dds::rustdds::RTPSEntity;
 use sidehill_plant::vehicle::{RangeError, Vehicle};
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 /// Why the ROS 2 side cannot be started.
 #[derive(Debug, thiserror::Error)]
@@ -52,6 +55,8 @@ pub struct Setup<'a> {
     pub stages: usize,
     /// Period of the control loop, s.
     pub period_s: f64,
+    /// Takes the paths where the drive is recorded, and says why nothing is recorded any more.
+    pub recording: Option<(PathLog, Arc<OnceLock<String>>)>,
     /// Priorities of the threads.
     pub realtime: RealtimeConfig,
     /// How the vehicle stops ahead of an obstacle.
@@ -68,8 +73,21 @@ pub struct Ros2 {
     pub controller_end: ControllerEnd,
     /// The vehicle, where its drives are commanded over ROS 2.
     pub port: Option<Ros2Port>,
+    /// What it listens to.
+    pub inputs: Ros2Inputs,
+    /// Resolved name of the action that takes goals.
+    pub action: String,
     /// The threads.
     pub server: Ros2Server,
+}
+
+/// The topics that the ROS 2 side listens to.
+pub struct Ros2Inputs(Arc<SharedInputs>);
+
+impl InputStatus for Ros2Inputs {
+    fn inputs(&mut self, _now_s: f64) -> Vec<Input> {
+        self.0.graph().inputs()
+    }
 }
 
 /// The threads of the server; dropped, it leaves the graph.
@@ -105,7 +123,11 @@ pub fn start(setup: Setup<'_>) -> Result<Ros2, StartError> {
             RosTime::system(move || epoch.elapsed_s()),
         ),
     };
-    let (commands, loop_end, controller_end) = command_channel(setup.stages);
+    let (mut commands, loop_end, controller_end) = command_channel(setup.stages);
+    let recording = setup.recording.map(|(paths, ended)| {
+        commands.log_paths(paths);
+        ended
+    });
     let context = PortContext {
         frames: config.frames.clone(),
         mapping,
@@ -113,10 +135,18 @@ pub fn start(setup: Setup<'_>) -> Result<Ros2, StartError> {
         clock: external,
         shared: Arc::default(),
     };
+    let own = node.context().domain_participant().guid();
+    let shared = Arc::clone(&context.shared);
+    shared.graph().begin(setup.environment.domain_id, own);
+    let action = node
+        .names()
+        .resolve(&config.follow_path.action)
+        .map_err(NodeError::from)?;
     let links = ServerLinks {
         time,
         inputs: Arc::clone(&context.shared),
         commands,
+        recording,
     };
     let subscriber = InputSubscriber {
         config: config.inputs.clone(),
@@ -152,6 +182,8 @@ pub fn start(setup: Setup<'_>) -> Result<Ros2, StartError> {
         loop_end,
         controller_end,
         port,
+        inputs: Ros2Inputs(shared),
+        action: action.to_string(),
         server: Ros2Server {
             _server: server.start().map_err(NodeError::from)?,
             _inputs: inputs,

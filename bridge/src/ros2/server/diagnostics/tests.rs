@@ -8,11 +8,13 @@ const SERVER: ServerStatus<'_> = ServerStatus {
     lifecycle: "active",
     rejected: 3,
     last_rejection: "odom: it is in map, must be in odom",
+    inputs: &[],
     emergency_stop: None,
     blocked_by: None,
     tracking: None,
     goals: 2,
     last_end: Some((GoalEnd::Succeeded, "")),
+    recording: RecordingState::On,
 };
 
 fn report(status: &LoopStatus, decision: &Decision, server: &ServerStatus<'_>) -> DiagnosticStatus {
@@ -66,6 +68,37 @@ fn the_level_says_whether_somebody_has_to_look() {
     assert_eq!(status.level, level::ERROR);
     assert_eq!(status.message, StopCause::EmergencyStop.to_string());
     assert_eq!(value(&status, "emergency_stop"), "true");
+}
+
+#[test]
+fn a_missing_input_is_named_while_the_vehicle_stands() {
+    let missing = [Input {
+        input: "odometry".to_owned(),
+        source: "/odom (nav_msgs/msg/Odometry)".to_owned(),
+        missing: Some("no publisher; this type is on /wheels/odom".to_owned()),
+    }];
+    let server = ServerStatus {
+        inputs: &missing,
+        ..SERVER
+    };
+    let waiting = Decision {
+        status: Status::Waiting,
+        ..decision(1.0, 0.0, 0.0)
+    };
+    for (decision, expected) in [
+        (waiting, level::STALE),
+        (decision(1.0, 0.0, 0.0), level::WARN),
+    ] {
+        let status = report(&loop_status(SafetyState::Disarmed), &decision, &server);
+        assert_eq!(status.level, expected);
+        let whole = missing[0].to_string();
+        assert!(status.message.contains(&whole), "{}", status.message);
+        assert_eq!(value(&status, "waits_for"), whole);
+    }
+    let mut stopped = loop_status(SafetyState::Latched);
+    stopped.stopped_by = Some(Reason::CommandTimeout { age_s: 0.2 });
+    let status = report(&stopped, &decision(1.0, 0.0, 0.0), &server);
+    assert_eq!(status.level, level::ERROR);
 }
 
 #[test]

@@ -1,0 +1,41 @@
+//! What the threads of the live view share.
+
+use crate::recording::messages::Topic;
+use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, AtomicUsize};
+use std::sync::mpsc::SyncSender;
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// A message on its way to clients.
+#[derive(Debug, Clone)]
+pub(super) struct Outgoing {
+    pub(super) topic: Topic,
+    pub(super) time_ns: u64,
+    pub(super) message: Arc<[u8]>,
+}
+
+/// What the threads of the view share.
+pub(super) struct Shared {
+    pub(super) clients: Mutex<Vec<Registered>>,
+    /// Messages that a client gets when it subscribes: the newest path, and the scene that stays.
+    pub(super) latched: Mutex<BTreeMap<Topic, Outgoing>>,
+    /// What is shown as parameters.
+    pub(super) parameters: BTreeMap<String, serde_json::Value>,
+    pub(super) connections: AtomicUsize,
+    pub(super) dropped: AtomicU64,
+    pub(super) end: AtomicBool,
+}
+
+/// A client as the view knows it.
+pub(super) struct Registered {
+    pub(super) queue: SyncSender<Outgoing>,
+    /// One bit for each topic that it wants.
+    pub(super) wanted: Arc<AtomicU32>,
+}
+
+impl Shared {
+    pub(super) fn latched(&self, topic: Topic) -> Option<Outgoing> {
+        let latched = self.latched.lock().unwrap_or_else(PoisonError::into_inner);
+        latched.get(&topic).cloned()
+    }
+}

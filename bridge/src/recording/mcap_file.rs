@@ -1,0 +1,404 @@
+//! MCAP files that are whole at every moment.
+//!
+//! After each flush the file ends as a finished one does, without a summary; the next flush begins where
+//! that end stood. So a program that is killed leaves a file that any reader opens.
+
+use super::messages::Topic;
+use super::sink::MessageSink;
+use mcap::records::{MessageHeader, Metadata};
+use mcap::{Attachment, McapError, WriteOptions, Writer};
+use serde::{Deserialize, Serialize};
+use sidehill_plant::bounds::{Bounds, RangeError};
+use std::borrow::Cow;
+use std::collections::BTreeMap;
+use std::fs::{File, OpenOptions};
+use std::io::{Error, ErrorKind, Seek, SeekFrom, Write};
+use std::os::unix::fs::FileExt;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+/// Longest time that messages wait for the disk.
+const FLUSH_PERIOD: Duration = Duration::from_millis(500);
+/// Bytes that wait for the disk at most.
+const PENDING_MAX: usize = 1 << 20;
+const MEGABYTE: u64 = 1_000_000;
+/// The end of a file without a summary: data end, footer, magic.
+const END: [u8; 50] = end();
+
+const fn end() -> [u8; 50] {
+    const MAGIC: [u8; 8] = [0x89, b'M', b'C', b'A', b'P', b'0', b'\r', b'\n'];
+    let mut end = [0; 50];
+    // Data end: its checksum is 0 for none.
+    end[0] = 0x0F;
+    end[1] = 4;
+    // Footer: no summary, no offsets, no checksum.
+    end[13] = 0x02;
+    end[14] = 20;
+    let mut i = 0;
+    while i < MAGIC.len() {
+        end[42 + i] = MAGIC[i];
+        i += 1;
+    }
+    end
+}
+
+/// How large a recording may become.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct RecordLimits {
+    /// Largest size of a file, MB.
+    pub max_size: f64,
+    /// Whether a file that is full is followed by another. Otherwise the recording ends.
+    pub split: bool,
+    /// Newest files that are kept, with `split`; 0 keeps all.
+    pub keep: u32,
+}
+
+impl Default for RecordLimits {
+    fn default() -> Self {
+        Self {
+            max_size: 2000.0,
+            split: true,
+            keep: 0,
+        }
+    }
+}
+
+impl RecordLimits {
+    /// Checks every range.
+    ///
+    /// # Errors
+    /// [`RangeError`] with the first key out of its range.
+    pub fn validate(&self) -> Result<(), RangeError> {
+        Bounds::new(1.0, 1e6, "MB").check("max_size", self.max_size)?;
+        Bounds::new(0.0, 1e6, "")
+            .check("keep", f64::from(self.keep))
+            .map(drop)
+    }
+}
+
+/// What every file of a recording begins with.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Header {
+    /// Facts by name.
+    pub facts: BTreeMap<String, String>,
+    /// Configuration files by the names under which they were read.
+    pub files: BTreeMap<PathBuf, String>,
+}
+
+/// How a recording fares.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct RecordingStatus {
+    /// The file that is written.
+    pub file: PathBuf,
+    /// Bytes on the disk, in all files.
+    pub bytes: u64,
+    /// Why nothing is recorded any more.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub ended: Option<String>,
+}
+
+/// Name of the metadata that a recording of this program has.
+pub(super) const METADATA: &str = "sidehill";
+
+/// Records messages to MCAP files. Never fails after it was created: what the disk refuses ends the
+/// recording, and [`McapRecording::status`] says so.
+pub struct McapRecording {
+    path: PathBuf,
+    header: Header,
+    limits: RecordLimits,
+    part: u32,
+    parts: Vec<PathBuf>,
+    open: Option<Part>,
+    /// Bytes of the files before this one.
+    earlier: u64,
+    status: RecordingStatus,
+    flushed: Instant,
+    /// Whether messages wait for the disk.
+    waiting: bool,
+    /// Log times never go back: readers without an index rely on it.
+    newest_ns: u64,
+}
+
+struct Part {
+    writer: Writer<WholeFile>,
+    channels: BTreeMap<Topic, (u16, u32)>,
+    /// Bytes given to the writer.
+    bytes: u64,
+}
+
+impl McapRecording {
+    /// Creates the first file; it replaces what is there.
+    ///
+    /// # Errors
+    /// The disk's.
+    pub fn create(path: &Path, header: Header, limits: RecordLimits) -> Result<Self, Error> {
+        let mut recording = Self {
+            path: path.to_owned(),
+            header,
+            limits,
+            part: 0,
+            parts: Vec::new(),
+            open: None,
+            earlier: 0,
+            status: RecordingStatus::default(),
+            flushed: Instant::now(),
+            waiting: false,
+            newest_ns: 0,
+        };
+        recording.begin_part()?;
+        Ok(recording)
+    }
+
+    /// Returns how the recording fares.
+    pub fn status(&self) -> &RecordingStatus {
+        &self.status
+    }
+
+    /// Returns the name of a file of the recording at `path`; the first has that name itself.
+    pub fn part_name(path: &Path, part: u32) -> PathBuf {
+        if part == 0 {
+            return path.to_owned();
+        }
+        let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+        let ending = path.extension().unwrap_or_default().to_string_lossy();
+        path.with_file_name(format!("{stem}_{part}.{ending}"))
+    }
+
+    /// Gives what has waited long enough to the disk. To be called about as often as messages come.
+    pub fn flush_when_due(&mut self) {
+        if self.waiting && self.flushed.elapsed() >= FLUSH_PERIOD {
+            self.attempt(Self::flush);
+        }
+    }
+
+    /// Writes the index and closes the file.
+    pub fn finish(mut self) -> RecordingStatus {
+        self.attempt(Self::end_part);
+        self.status
+    }
+
+    /// Does something with the file; a failure ends the recording.
+    fn attempt(&mut self, what: impl FnOnce(&mut Self) -> Result<(), Error>) {
+        if self.open.is_some()
+            && let Err(error) = what(self)
+        {
+            self.open = None;
+            self.status.ended = Some(format!("{}: {error}", self.status.file.display()));
+        }
+    }
+
+    fn begin_part(&mut self) -> Result<(), Error> {
+        let name = Self::part_name(&self.path, self.part);
+        let file = OpenOptions::new()
+            .write(true)
+            .create(true)
+            .truncate(true)
+            .open(&name)?;
+        let mut writer = WriteOptions::new()
+            .profile("ros2")
+            .library(format!("sidehill {}", env!("CARGO_PKG_VERSION")))
+            .compression(None)
+            .calculate_data_section_crc(false)
+            .create(WholeFile::new(file))
+            .map_err(io_error)?;
+        let mut facts = self.header.facts.clone();
+        facts.insert("part".to_owned(), self.part.to_string());
+        let mut bytes = 0;
+        writer
+            .write_metadata(&Metadata {
+                name: METADATA.to_owned(),
+                metadata: facts,
+            })
+            .map_err(io_error)?;
+        for (name, text) in &self.header.files {
+            bytes += text.len() as u64;
+            writer
+                .attach(&Attachment {
+                    log_time: self.newest_ns,
+                    create_time: 0,
+                    name: name.to_string_lossy().into_owned(),
+                    media_type: "text/plain".to_owned(),
+                    data: Cow::Borrowed(text.as_bytes()),
+                })
+                .map_err(io_error)?;
+        }
+        let mut channels = BTreeMap::new();
+        for topic in Topic::ALL {
+            let schema = topic.schema();
+            let id = writer
+                .add_schema(&topic.type_name(), "ros2msg", schema.as_bytes())
+                .and_then(|schema| writer.add_channel(schema, topic.name(), "cdr", &qos()))
+                .map_err(io_error)?;
+            channels.insert(topic, (id, 0));
+        }
+        self.status.file = name.clone();
+        self.parts.push(name);
+        self.open = Some(Part {
+            writer,
+            channels,
+            bytes: bytes + 1,
+        });
+        self.flush()
+    }
+
+    fn flush(&mut self) -> Result<(), Error> {
+        self.flushed = Instant::now();
+        self.waiting = false;
+        if let Some(part) = &mut self.open {
+            part.writer.flush().map_err(io_error)?;
+            self.status.bytes = self.earlier + part.bytes;
+        }
+        Ok(())
+    }
+
+    fn end_part(&mut self) -> Result<(), Error> {
+        if let Some(mut part) = self.open.take() {
+            part.writer.flush().map_err(io_error)?;
+            part.writer.finish().map_err(io_error)?;
+            let size = part.writer.into_inner().finish()?;
+            self.earlier += size;
+            self.status.bytes = self.earlier;
+        }
+        Ok(())
+    }
+
+    fn append(&mut self, topic: Topic, time_ns: u64, message: &[u8]) -> Result<(), Error> {
+        let Some(part) = &mut self.open else {
+            return Ok(());
+        };
+        let Some((channel, sequence)) = part.channels.get_mut(&topic) else {
+            return Ok(());
+        };
+        *sequence += 1;
+        self.waiting = true;
+        self.newest_ns = self.newest_ns.max(time_ns);
+        part.writer
+            .write_to_known_channel(
+                &MessageHeader {
+                    channel_id: *channel,
+                    sequence: *sequence,
+                    log_time: self.newest_ns,
+                    publish_time: time_ns,
+                },
+                message,
+            )
+            .map_err(io_error)?;
+        let before = part.bytes / PENDING_MAX as u64;
+        // Header and index of a message have 47 bytes.
+        part.bytes += message.len() as u64 + 47;
+        if part.bytes >= (self.limits.max_size * MEGABYTE as f64) as u64 {
+            return self.next_part();
+        }
+        if part.bytes / PENDING_MAX as u64 != before {
+            self.flush()?;
+        }
+        Ok(())
+    }
+
+    fn next_part(&mut self) -> Result<(), Error> {
+        self.end_part()?;
+        if !self.limits.split {
+            self.status.ended = Some("the file has reached record.max_size".to_owned());
+            return Ok(());
+        }
+        self.part += 1;
+        let keep = self.limits.keep as usize;
+        while keep > 0 && self.parts.len() >= keep {
+            std::fs::remove_file(self.parts.remove(0))?;
+        }
+        self.begin_part()
+    }
+}
+
+impl MessageSink for McapRecording {
+    fn put(&mut self, topic: Topic, time_ns: u64, message: &[u8]) {
+        self.attempt(|this| this.append(topic, time_ns, message));
+    }
+}
+
+/// What rosbag2 stores of a topic's quality of service.
+fn qos() -> BTreeMap<String, String> {
+    BTreeMap::from([("offered_qos_profiles".to_owned(), String::new())])
+}
+
+fn io_error(error: McapError) -> Error {
+    match error {
+        McapError::Io(error) => error,
+        other => Error::other(other),
+    }
+}
+
+/// A file that takes what was written when it is flushed, in one piece with a new end.
+struct WholeFile {
+    file: File,
+    /// Bytes of the file that stay.
+    kept: u64,
+    pending: Vec<u8>,
+    /// Where the next byte goes, in `pending`.
+    at: usize,
+}
+
+impl WholeFile {
+    fn new(file: File) -> Self {
+        Self {
+            file,
+            kept: 0,
+            pending: Vec::with_capacity(2 * PENDING_MAX),
+            at: 0,
+        }
+    }
+
+    /// Writes what is left, which has an end of its own, and returns the size of the file.
+    fn finish(mut self) -> Result<u64, Error> {
+        self.file.write_all_at(&self.pending, self.kept)?;
+        self.kept += self.pending.len() as u64;
+        self.file.set_len(self.kept)?;
+        Ok(self.kept)
+    }
+}
+
+impl Write for WholeFile {
+    fn write(&mut self, bytes: &[u8]) -> Result<usize, Error> {
+        let within = bytes.len().min(self.pending.len() - self.at);
+        self.pending[self.at..self.at + within].copy_from_slice(&bytes[..within]);
+        self.pending.extend_from_slice(&bytes[within..]);
+        self.at += bytes.len();
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> Result<(), Error> {
+        let length = self.pending.len();
+        self.pending.extend_from_slice(&END);
+        if let Err(error) = self.file.write_all_at(&self.pending, self.kept) {
+            // The file stays as whole as it was.
+            let end = self.kept + END.len() as u64;
+            let _ = self.file.write_all_at(&END, self.kept);
+            let _ = self.file.set_len(end);
+            return Err(error);
+        }
+        self.kept += length as u64;
+        self.pending.clear();
+        self.at = 0;
+        Ok(())
+    }
+}
+
+impl Seek for WholeFile {
+    fn seek(&mut self, to: SeekFrom) -> Result<u64, Error> {
+        let position = match to {
+            SeekFrom::Start(position) => Some(position),
+            SeekFrom::Current(by) => (self.kept + self.at as u64).checked_add_signed(by),
+            SeekFrom::End(by) => (self.kept + self.pending.len() as u64).checked_add_signed(by),
+        };
+        let at = position
+            .and_then(|position| position.checked_sub(self.kept))
+            .and_then(|at| usize::try_from(at).ok())
+            .filter(|at| *at <= self.pending.len())
+            .ok_or_else(|| {
+                Error::new(ErrorKind::InvalidInput, "that part of the file is written")
+            })?;
+        self.at = at;
+        Ok(self.kept + at as u64)
+    }
+}

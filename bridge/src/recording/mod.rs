@@ -1,0 +1,39 @@
+//! Drives as ROS 2 messages: recorded to MCAP files, and shown live.
+//!
+//! ```text
+//! controller, loop -> rings -> DriveMessages -> MessageSink: McapRecording, a live view
+//! ```
+//!
+//! The control loop and the controller leave plain values in rings ([`tap`], [`crate::control_loop::record`]);
+//! a thread without priority makes messages of them. Messages are CDR with ros2msg schemas, so that any
+//! reader of ROS 2 bags decodes them. [`ControllerCycle`] and [`PathCommand`] hold what a replay needs,
+//! bit by bit.
+
+mod drive_messages;
+pub mod live;
+mod mcap_file;
+mod messages;
+mod reader;
+mod scene;
+mod schema;
+mod sink;
+mod sinks;
+mod tap;
+
+pub use drive_messages::{DriveMessages, GeneralState, unix_ns};
+pub use mcap_file::{Header, McapRecording, RecordLimits, RecordingStatus};
+pub use messages::{ControllerCycle, LogLine, LoopCycle, PathCommand, Topic};
+pub use reader::{Recording, RecordingError, scan};
+pub use scene::{Marker, ground};
+pub use schema::schema;
+pub use sink::MessageSink;
+pub use sinks::Sinks;
+pub use tap::{
+    ControllerLog, ControllerTap, PathLog, PathRecord, PlanView, RecordedPath, StepRecord, tap,
+};
+
+// Messages of this module are topics as those of ROS 2 are.
+use crate::ros2::node::message::TopicMessage;
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,261 @@
+//! Reading recordings of this program, also those that were cut off.
+
+use super::mcap_file::{Header, METADATA, McapRecording};
+use super::messages::{ControllerCycle, PathCommand, Topic};
+use super::tap::{PathRecord, RecordedPath};
+use crate::ros2::node::message::cdr::{CdrError, from_cdr};
+use mcap::records::Record;
+use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
+use sidehill_plant::frames::{Attitude, Pose};
+use sidehill_plant::sample::{Sample, Stamped};
+use sidehill_plant::speeds::MeasuredTreadSpeeds;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+/// Why a recording cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum RecordingError {
+    /// The file cannot be read.
+    #[error("{}: {reason}", file.display())]
+    Read {
+        /// The file.
+        file: PathBuf,
+        /// Why not.
+        reason: std::io::Error,
+    },
+    /// It is no recording of this program.
+    #[error("{}: {reason}", file.display())]
+    NotOurs {
+        /// The file.
+        file: PathBuf,
+        /// What is missing.
+        reason: String,
+    },
+    /// A message does not hold what its schema says.
+    #[error("{}: a message of {topic} is damaged: {reason}", file.display())]
+    Message {
+        /// The file.
+        file: PathBuf,
+        /// Its topic.
+        topic: &'static str,
+        /// What is wrong.
+        reason: CdrError,
+    },
+}
+
+/// A recording, read as far as it goes.
+#[derive(Debug, Clone, Default)]
+pub struct Recording {
+    /// What it begins with.
+    pub header: Header,
+    /// Steps of the controller, in order.
+    pub cycles: Vec<ControllerCycle>,
+    /// Paths by their serials.
+    pub paths: BTreeMap<u64, PathRecord>,
+    /// Why reading ended before the end of the file; none where it did not.
+    pub damaged: Option<String>,
+    /// Files read.
+    pub files: Vec<PathBuf>,
+}
+
+impl Recording {
+    /// Reads a recording and the files that continue it.
+    ///
+    /// # Errors
+    /// [`RecordingError`]; not for a file that was cut off.
+    pub fn read(path: &Path) -> Result<Self, RecordingError> {
+        let mut recording = Self::default();
+        recording.add(path)?;
+        let part = recording
+            .header
+            .facts
+            .get("part")
+            .cloned()
+            .unwrap_or_default();
+        if part != "0" {
+            return Err(RecordingError::NotOurs {
+                file: path.to_owned(),
+                reason: format!(
+                    "part {part} of a recording; name its first file, from whose start it can be replayed"
+                ),
+            });
+        }
+        let mut next = 1;
+        loop {
+            let name = McapRecording::part_name(path, next);
+            let mut more = Self::default();
+            if !name.exists() || more.add(&name).is_err() {
+                break;
+            }
+            let same = |fact: &str| more.header.facts.get(fact) == recording.header.facts.get(fact);
+            if !same("recording") || more.header.facts.get("part") != Some(&next.to_string()) {
+                break;
+            }
+            recording.cycles.append(&mut more.cycles);
+            recording.paths.append(&mut more.paths);
+            recording.files.append(&mut more.files);
+            recording.damaged = recording.damaged.or(more.damaged);
+            next += 1;
+        }
+        Ok(recording)
+    }
+
+    fn add(&mut self, path: &Path) -> Result<(), RecordingError> {
+        let mut header = Header::default();
+        let mut visit = |topic, _: u64, message: &[u8]| self.take(path, topic, message);
+        let damaged = scan_with(path, &mut header, &mut visit)?;
+        self.header = header;
+        self.damaged = damaged;
+        self.files.push(path.to_owned());
+        Ok(())
+    }
+
+    fn take(&mut self, file: &Path, topic: Topic, message: &[u8]) -> Result<(), RecordingError> {
+        let damaged = |reason| RecordingError::Message {
+            file: file.to_owned(),
+            topic: topic.name(),
+            reason,
+        };
+        match topic {
+            Topic::ControllerCycle => self.cycles.push(from_cdr(message).map_err(damaged)?),
+            Topic::PathCommand => {
+                let command: PathCommand = from_cdr(message).map_err(damaged)?;
+                let path = command
+                    .present
+                    .then(|| -> Result<_, CdrError> {
+                        Ok(RecordedPath {
+                            trajectory: from_cdr(&command.trajectory)?,
+                            number: command.number,
+                            laps: command.laps,
+                            from_m: command.joined.then_some(command.from_m),
+                        })
+                    })
+                    .transpose()
+                    .map_err(damaged)?;
+                let serial = command.serial;
+                self.paths.insert(serial, PathRecord { serial, path });
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+}
+
+/// Takes a message of a recording: topic, time in ns and CDR.
+type Visit<'a> = dyn FnMut(Topic, u64, &[u8]) -> Result<(), RecordingError> + 'a;
+
+/// Gives every message of one file of a recording to `visit`, and returns why reading ended before the
+/// end of the file, where it did.
+///
+/// # Errors
+/// A file that cannot be read, or the first error of `visit`.
+pub fn scan(path: &Path, visit: &mut Visit<'_>) -> Result<Option<String>, RecordingError> {
+    scan_with(path, &mut Header::default(), visit)
+}
+
+fn scan_with(
+    path: &Path,
+    header: &mut Header,
+    visit: &mut Visit<'_>,
+) -> Result<Option<String>, RecordingError> {
+    let bytes = std::fs::read(path).map_err(|reason| RecordingError::Read {
+        file: path.to_owned(),
+        reason,
+    })?;
+    let mut channels: BTreeMap<u16, Topic> = BTreeMap::new();
+    let mut ours = false;
+    let mut damaged = None;
+    let mut reader = LinearReader::new_with_options(
+        LinearReaderOptions::default()
+            .with_skip_end_magic(true)
+            .with_record_length_limit(bytes.len()),
+    );
+    let mut rest = bytes.as_slice();
+    while let Some(event) = reader.next_event() {
+        let record = match event {
+            Ok(LinearReadEvent::ReadRequest(wanted)) => {
+                let count = wanted.min(rest.len());
+                reader.insert(count).copy_from_slice(&rest[..count]);
+                reader.notify_read(count);
+                rest = &rest[count..];
+                continue;
+            }
+            Ok(LinearReadEvent::Record { data, opcode }) => mcap::parse_record(opcode, data),
+            Err(error) => Err(error),
+        };
+        match record {
+            Ok(Record::Metadata(metadata)) if metadata.name == METADATA => {
+                ours = true;
+                header.facts = metadata.metadata;
+            }
+            Ok(Record::Attachment {
+                header: named,
+                data,
+                ..
+            }) => {
+                let text = String::from_utf8_lossy(&data).into_owned();
+                header.files.insert(named.name.into(), text);
+            }
+            Ok(Record::Channel(channel)) => {
+                let topic = Topic::ALL
+                    .into_iter()
+                    .find(|topic| topic.name() == channel.topic);
+                channels.extend(topic.map(|topic| (channel.id, topic)));
+            }
+            Ok(Record::Message { header, data }) => {
+                if let Some(&topic) = channels.get(&header.channel_id) {
+                    visit(topic, header.publish_time, &data)?;
+                }
+            }
+            Ok(_) => {}
+            Err(error) => {
+                damaged = Some(error.to_string());
+                break;
+            }
+        }
+    }
+    if !ours {
+        return Err(RecordingError::NotOurs {
+            file: path.to_owned(),
+            reason: "not a recording of sidehill: it has no metadata `sidehill`".to_owned(),
+        });
+    }
+    Ok(damaged)
+}
+
+impl ControllerCycle {
+    /// Returns what the controller got.
+    pub fn sample(&self) -> Sample {
+        Sample {
+            time_s: self.time_s,
+            tread_speeds: self.has_tread_speeds.then_some(Stamped {
+                time_s: self.tread_speeds_time_s,
+                value: MeasuredTreadSpeeds {
+                    left_m_s: self.left_m_s,
+                    right_m_s: self.right_m_s,
+                },
+            }),
+            attitude: self.has_attitude.then_some(Stamped {
+                time_s: self.attitude_time_s,
+                value: Attitude {
+                    roll_rad: self.roll_rad,
+                    pitch_rad: self.pitch_rad,
+                },
+            }),
+            pose: self.has_pose.then_some(Stamped {
+                time_s: self.pose_time_s,
+                value: Pose {
+                    x_m: self.x_m,
+                    y_m: self.y_m,
+                    z_m: self.z_m,
+                    yaw_rad: self.yaw_rad,
+                },
+            }),
+        }
+    }
+
+    /// Returns which look at the deadline ended a solve.
+    pub fn cut_at(&self) -> Option<u32> {
+        self.cut.then_some(self.cut_at)
+    }
+}

@@ -1,0 +1,206 @@
+//! Which files a bag has, and how each is stored.
+
+use super::error::BagError;
+use super::message::{Message, Outcome, Visit};
+use super::{compression, mcap, sqlite};
+use crate::config::ConfigFile;
+use serde::Deserialize;
+use std::fs::File;
+use std::io::{BufReader, Write};
+use std::path::{Path, PathBuf};
+use tempfile::NamedTempFile;
+
+/// How messages are stored in a file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Storage {
+    Mcap,
+    Sqlite,
+}
+
+impl Storage {
+    /// Returns what a file of this name is: `.mcap`, `.db3`, or either with `.zstd` behind it.
+    pub(super) fn of_name(path: &Path) -> Option<Self> {
+        let name = path.file_name()?.to_string_lossy().to_lowercase();
+        let plain = name.strip_suffix(".zstd").unwrap_or(&name);
+        match plain.rsplit_once('.')?.1 {
+            "mcap" => Some(Self::Mcap),
+            "db3" => Some(Self::Sqlite),
+            _ => None,
+        }
+    }
+}
+
+/// One file of a bag.
+#[derive(Debug)]
+pub(super) struct BagFile {
+    /// The file as named.
+    pub(super) path: PathBuf,
+    storage: Storage,
+    /// The file decompressed, where it was compressed as a whole.
+    plain: Option<NamedTempFile>,
+    /// Whether each message is compressed by zstd.
+    compressed_messages: bool,
+}
+
+impl BagFile {
+    fn new(path: PathBuf, compressed_messages: bool) -> Result<Self, BagError> {
+        let content = |reason: &str| BagError::Content {
+            file: path.clone(),
+            reason: reason.to_owned(),
+        };
+        let storage = Storage::of_name(&path)
+            .ok_or_else(|| content("not a file of a bag, which ends with .mcap or .db3"))?;
+        let plain = match path.extension() {
+            Some(ending) if ending.eq_ignore_ascii_case("zstd") => Some(decompressed(&path)?),
+            _ => None,
+        };
+        Ok(Self {
+            path,
+            storage,
+            plain,
+            compressed_messages,
+        })
+    }
+
+    /// Calls `visit` for each message.
+    pub(super) fn read(&self, visit: Visit<'_>) -> Result<Outcome, BagError> {
+        let mut decompress = |message: Message<'_>| {
+            let (data, cut_off) = compression::zstd(message.data);
+            if let Some(reason) = cut_off {
+                return Err(BagError::Content {
+                    file: self.path.clone(),
+                    reason: format!("a message of {}: {reason}", message.topic.name),
+                });
+            }
+            visit(Message {
+                data: &data,
+                ..message
+            })
+        };
+        let visit: Visit<'_> = if self.compressed_messages {
+            &mut decompress
+        } else {
+            visit
+        };
+        let at = self
+            .plain
+            .as_ref()
+            .map_or(self.path.as_path(), NamedTempFile::path);
+        match self.storage {
+            Storage::Mcap => {
+                let file = File::open(at).map_err(|reason| self.unreadable(reason))?;
+                mcap::read(BufReader::new(file), &self.path, visit)
+            }
+            Storage::Sqlite => sqlite::read(at, &self.path, visit),
+        }
+    }
+
+    fn unreadable(&self, reason: std::io::Error) -> BagError {
+        BagError::Read {
+            file: self.path.clone(),
+            reason,
+        }
+    }
+}
+
+fn decompressed(path: &Path) -> Result<NamedTempFile, BagError> {
+    let read = |reason| BagError::Read {
+        file: path.to_owned(),
+        reason,
+    };
+    let (bytes, cut_off) = compression::zstd(&std::fs::read(path).map_err(read)?);
+    if let Some(reason) = cut_off {
+        return Err(BagError::Content {
+            file: path.to_owned(),
+            reason,
+        });
+    }
+    let mut plain = NamedTempFile::new().map_err(read)?;
+    plain.write_all(&bytes).map_err(read)?;
+    plain.flush().map_err(read)?;
+    Ok(plain)
+}
+
+/// What is needed of `metadata.yaml`; the rest stands in the files themselves, too.
+#[derive(Debug, Deserialize)]
+struct Metadata {
+    rosbag2_bagfile_information: Information,
+}
+
+#[derive(Debug, Deserialize)]
+struct Information {
+    relative_file_paths: Vec<PathBuf>,
+    #[serde(default)]
+    compression_format: String,
+    #[serde(default)]
+    compression_mode: String,
+}
+
+/// Returns the files of a bag in the order of recording: a file, or those of a folder.
+pub(super) fn find(path: &Path) -> Result<Vec<BagFile>, BagError> {
+    let read = |reason| BagError::Read {
+        file: path.to_owned(),
+        reason,
+    };
+    if !std::fs::metadata(path).map_err(read)?.is_dir() {
+        return Ok(vec![BagFile::new(path.to_owned(), false)?]);
+    }
+    let metadata = path.join("metadata.yaml");
+    if !metadata.exists() {
+        return by_name(path);
+    }
+    let content = |reason: String| BagError::Content {
+        file: metadata.clone(),
+        reason,
+    };
+    let found: Metadata = ConfigFile::read(&metadata)?.parse()?;
+    let information = found.rosbag2_bagfile_information;
+    if information.relative_file_paths.is_empty() {
+        return Err(content("relative_file_paths names no file".to_owned()));
+    }
+    let by_message = information.compression_mode.eq_ignore_ascii_case("message");
+    let format = information.compression_format.as_str();
+    if !information.compression_mode.is_empty()
+        && !information.compression_mode.eq_ignore_ascii_case("none")
+        && format != "zstd"
+    {
+        return Err(content(format!(
+            "compression_format: {format:?} is not read, only zstd"
+        )));
+    }
+    let files = information.relative_file_paths.into_iter();
+    files
+        .map(|file| BagFile::new(path.join(file), by_message))
+        .collect()
+}
+
+/// Returns the files of a folder whose recorder was killed before it wrote `metadata.yaml`.
+fn by_name(folder: &Path) -> Result<Vec<BagFile>, BagError> {
+    let read = |reason| BagError::Read {
+        file: folder.to_owned(),
+        reason,
+    };
+    let mut paths = Vec::new();
+    for entry in std::fs::read_dir(folder).map_err(read)? {
+        let path = entry.map_err(read)?.path();
+        if Storage::of_name(&path).is_some() {
+            paths.push(path);
+        }
+    }
+    if paths.is_empty() {
+        return Err(BagError::NoFiles {
+            folder: folder.to_owned(),
+        });
+    }
+    // bag_2 before bag_10: by the number behind the last underscore, where there is one.
+    let number = |path: &PathBuf| -> Option<u64> {
+        let stem = path.file_name()?.to_string_lossy().into_owned();
+        let stem = stem.split('.').next()?;
+        stem.rsplit_once('_')?.1.parse().ok()
+    };
+    paths.sort_by_key(|path| (number(path), path.clone()));
+    paths
+        .into_iter()
+        .map(|path| BagFile::new(path, false))
+        .collect()
+}

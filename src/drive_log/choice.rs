@@ -1,0 +1,279 @@
+//! Which topics of a bag are used: those of the map, and where it names none, the only one of a type.
+
+use super::topics::{AttitudeTopic, PoseTopic, StampSource, TopicMap, TreadSpeedTopic};
+use crate::bag::{Bag, Topic};
+use anyhow::{Result, bail};
+
+pub(super) const JOINT_STATE: &str = "sensor_msgs/msg/JointState";
+pub(super) const IMU: &str = "sensor_msgs/msg/Imu";
+pub(super) const ODOMETRY: &str = "nav_msgs/msg/Odometry";
+pub(super) const NAV_SAT_FIX: &str = "sensor_msgs/msg/NavSatFix";
+pub(super) const TF_MESSAGE: &str = "tf2_msgs/msg/TFMessage";
+
+/// Joints of the vehicles that Sidehill simulates: their velocity is the tread's speed.
+const OWN_JOINTS: [&str; 2] = ["left_tread_joint", "right_tread_joint"];
+
+/// The topics of a bag that make a log, with all names known but those of joints.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Chosen {
+    pub(super) tread_speeds: TreadSpeeds,
+    pub(super) attitude: Attitudes,
+    pub(super) pose: Poses,
+    pub(super) time: StampSource,
+    pub(super) base_frame: String,
+    /// What was chosen without being asked for.
+    pub(super) notes: Vec<String>,
+}
+
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum TreadSpeeds {
+    JointStates {
+        topic: String,
+        left: Vec<String>,
+        right: Vec<String>,
+        /// None: only for the joints of Sidehill's own vehicles, whose radius is 1 m.
+        radius_m: Option<f64>,
+    },
+    Odometry {
+        topic: String,
+        track_width_m: f64,
+    },
+}
+
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum Attitudes {
+    Imu(String),
+    Odometry(String),
+    Level,
+}
+
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum Poses {
+    Odometry(String),
+    Tf {
+        frame: String,
+    },
+    Navsat {
+        topic: String,
+        heading_topic: String,
+        /// Forward, left, up, m.
+        antenna_m: [f64; 3],
+    },
+    None,
+}
+
+impl Chosen {
+    /// Chooses by `map`, which stands in the file of that name.
+    ///
+    /// # Errors
+    /// Lists the topics of the bag and says which key of the map decides.
+    pub fn of(bag: &Bag, map: Option<&(String, TopicMap)>) -> Result<Self> {
+        let mut search = Search {
+            bag,
+            map_name: map.map(|(name, _)| name.as_str()),
+            notes: Vec::new(),
+        };
+        let map = map.map(|(_, map)| map);
+        let tread_speeds = search.tread_speeds(map.map(|map| &map.tread_speeds))?;
+        let attitude = search.attitude(map.and_then(|map| map.attitude.as_ref()))?;
+        let pose = search.pose(map.and_then(|map| map.pose.as_ref()))?;
+        Ok(Self {
+            tread_speeds,
+            attitude,
+            pose,
+            time: map.map_or_else(StampSource::default, |map| map.time),
+            base_frame: map.map_or_else(|| "base_link".to_owned(), |map| map.base_frame.clone()),
+            notes: search.notes,
+        })
+    }
+}
+
+/// Searches a bag for topics and keeps what it decided.
+pub(super) struct Search<'a> {
+    pub(super) bag: &'a Bag,
+    pub(super) map_name: Option<&'a str>,
+    pub(super) notes: Vec<String>,
+}
+
+impl Search<'_> {
+    fn tread_speeds(&mut self, asked: Option<&TreadSpeedTopic>) -> Result<TreadSpeeds> {
+        let key = "tread_speeds";
+        Ok(match asked {
+            Some(TreadSpeedTopic::JointStates {
+                topic,
+                left,
+                right,
+                radius_m,
+            }) => TreadSpeeds::JointStates {
+                topic: self.topic(topic.as_deref(), JOINT_STATE, key)?,
+                left: left.clone(),
+                right: right.clone(),
+                radius_m: Some(*radius_m),
+            },
+            Some(TreadSpeedTopic::Odometry {
+                topic,
+                track_width_m,
+            }) => TreadSpeeds::Odometry {
+                topic: self.topic(topic.as_deref(), ODOMETRY, key)?,
+                track_width_m: *track_width_m,
+            },
+            None => TreadSpeeds::JointStates {
+                topic: self.topic(None, JOINT_STATE, key)?,
+                left: vec![OWN_JOINTS[0].to_owned()],
+                right: vec![OWN_JOINTS[1].to_owned()],
+                radius_m: None,
+            },
+        })
+    }
+
+    fn attitude(&mut self, asked: Option<&AttitudeTopic>) -> Result<Attitudes> {
+        let key = "attitude";
+        Ok(match asked {
+            Some(AttitudeTopic::Odometry { topic }) => {
+                Attitudes::Odometry(self.topic(topic.as_deref(), ODOMETRY, key)?)
+            }
+            Some(AttitudeTopic::Level {}) => Attitudes::Level,
+            Some(AttitudeTopic::Imu { topic }) => {
+                Attitudes::Imu(self.topic(topic.as_deref(), IMU, key)?)
+            }
+            None => Attitudes::Imu(self.topic(None, IMU, key)?),
+        })
+    }
+
+    fn pose(&mut self, asked: Option<&PoseTopic>) -> Result<Poses> {
+        let key = "pose";
+        Ok(match asked {
+            Some(PoseTopic::Odometry { topic }) => {
+                Poses::Odometry(self.topic(topic.as_deref(), ODOMETRY, key)?)
+            }
+            Some(PoseTopic::Tf { frame }) => {
+                if self.of_type(TF_MESSAGE).is_empty() {
+                    bail!(self.complaint(format_args!("no topic has the type {TF_MESSAGE}"), key));
+                }
+                Poses::Tf {
+                    frame: frame.clone(),
+                }
+            }
+            Some(PoseTopic::Navsat {
+                topic,
+                heading_topic,
+                antenna_forward_m,
+                antenna_left_m,
+                antenna_up_m,
+            }) => Poses::Navsat {
+                topic: self.topic(topic.as_deref(), NAV_SAT_FIX, key)?,
+                heading_topic: self.topic(heading_topic.as_deref(), IMU, key)?,
+                antenna_m: [*antenna_forward_m, *antenna_left_m, *antenna_up_m],
+            },
+            Some(PoseTopic::None {}) => Poses::None,
+            None if !self.of_type(ODOMETRY).is_empty() => {
+                let topic = self.topic(None, ODOMETRY, key)?;
+                self.notes.push(format!(
+                    "{topic} must not be odometry of the wheels, which cannot judge them"
+                ));
+                Poses::Odometry(topic)
+            }
+            None if !self.of_type(NAV_SAT_FIX).is_empty() => Poses::Navsat {
+                topic: self.topic(None, NAV_SAT_FIX, key)?,
+                heading_topic: self.topic(None, IMU, key)?,
+                antenna_m: [0.0; 3],
+            },
+            None => {
+                self.notes.push(format!(
+                    "no poses: no topic has the type {ODOMETRY} or {NAV_SAT_FIX}; for poses of /tf write \
+                     `pose: {{kind: tf, frame: map}}` in a topic map (--topics)"
+                ));
+                Poses::None
+            }
+        })
+    }
+
+    pub(super) fn of_type(&self, message_type: &str) -> Vec<&Topic> {
+        let topics = self.bag.topics();
+        topics
+            .filter(|(topic, count)| topic.message_type == message_type && *count > 0)
+            .map(|(topic, _)| topic)
+            .collect()
+    }
+
+    /// Returns the topic of that name, or the only one of the type.
+    pub(super) fn topic(
+        &mut self,
+        name: Option<&str>,
+        message_type: &str,
+        key: &str,
+    ) -> Result<String> {
+        let Some(name) = name else {
+            return self.only_one(message_type, key);
+        };
+        let mut same_name = self.bag.topics().filter(|(topic, _)| topic.name == name);
+        let Some((topic, count)) = same_name.next() else {
+            bail!(self.complaint(format_args!("there is no topic {name}"), key));
+        };
+        if topic.message_type != message_type {
+            let found = &topic.message_type;
+            bail!(self.complaint(
+                format_args!("topic {name} has the type {found}, must be {message_type}"),
+                key
+            ));
+        }
+        if same_name.next().is_some() {
+            bail!(self.complaint(format_args!("topic {name} has several types"), key));
+        }
+        if topic.encoding != "cdr" {
+            let encoding = &topic.encoding;
+            bail!(self.complaint(
+                format_args!("topic {name} has the encoding {encoding:?}, must be cdr"),
+                key
+            ));
+        }
+        if count == 0 {
+            bail!(self.complaint(format_args!("topic {name} is empty"), key));
+        }
+        Ok(name.to_owned())
+    }
+
+    fn only_one(&mut self, message_type: &str, key: &str) -> Result<String> {
+        let found = self.of_type(message_type);
+        let complaint = match found.as_slice() {
+            [topic] => {
+                let name = topic.name.clone();
+                let name = self.topic(Some(&name), message_type, key)?;
+                self.notes
+                    .push(format!("{key}: {name}, the only {message_type}"));
+                return Ok(name);
+            }
+            [] => format!("no topic with messages has the type {message_type}"),
+            _ => format!("several topics have the type {message_type}"),
+        };
+        bail!(self.complaint(format_args!("{complaint}"), key))
+    }
+
+    /// Returns the complaint with the topics there are and the key that decides.
+    fn complaint(&self, what: std::fmt::Arguments<'_>, key: &str) -> String {
+        let example = match key {
+            "tread_speeds" => {
+                "{kind: joint_states, topic: NAME, left: [JOINT], right: [JOINT], radius_m: RADIUS} or \
+                 {kind: odometry, topic: NAME, track_width_m: WIDTH}"
+            }
+            "attitude" => {
+                "{kind: imu, topic: NAME}, {kind: odometry, topic: NAME} or, on level ground, {kind: level}"
+            }
+            "pose" => {
+                "{kind: odometry, topic: NAME}, {kind: navsat, topic: NAME, heading_topic: NAME}, {kind: tf, \
+                 frame: map} or {kind: none}"
+            }
+            _ => "NAME",
+        };
+        let place = match (key, self.map_name) {
+            ("--topic", _) => "name one with --topic".to_owned(),
+            (_, Some(file)) => format!("correct the key `{key}` in {file}: `{key}: {example}`"),
+            (_, None) => format!("write a topic map (--topics FILE) with `{key}: {example}`"),
+        };
+        format!(
+            "{}: {what}; {place}. The bag's topics:{}",
+            self.bag.path().display(),
+            self.bag.topic_list()
+        )
+    }
+}

@@ -1,0 +1,176 @@
+//! Which topics of a bag mean what.
+
+use crate::config::{ConfigError, ConfigFile};
+use serde::{Deserialize, Serialize};
+use sidehill_plant::bounds::{Bounds, RangeError};
+
+/// Where a bag has tread speeds, attitude and poses. A source or topic that is left out is found by its type,
+/// where there is exactly one.
+///
+/// ```yaml
+/// tread_speeds: { kind: joint_states, topic: /joint_states, left: [front_left], right: [front_right], radius_m: 0.165 }
+/// attitude: { kind: imu, topic: /imu/data }
+/// pose: { kind: odometry, topic: /lidar/odometry }
+/// time: stamp
+/// base_frame: base_link
+/// ```
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TopicMap {
+    /// Source of the tread speeds.
+    pub tread_speeds: TreadSpeedTopic,
+    /// Source of roll and pitch.
+    #[serde(default)]
+    pub attitude: Option<AttitudeTopic>,
+    /// Source of the poses.
+    #[serde(default)]
+    pub pose: Option<PoseTopic>,
+    /// Which time of a message counts.
+    #[serde(default)]
+    pub time: StampSource,
+    /// Frame of the vehicle, of REP-105.
+    #[serde(default = "base_link")]
+    pub base_frame: String,
+}
+
+/// Which time of a message counts.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum StampSource {
+    /// That of its header.
+    #[default]
+    Stamp,
+    /// When the recorder got it.
+    Received,
+}
+
+/// Source of the tread speeds.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
+pub enum TreadSpeedTopic {
+    /// Velocities of wheel joints, sensor_msgs/JointState.
+    JointStates {
+        /// Topic.
+        #[serde(default)]
+        topic: Option<String>,
+        /// Joints of the left side, whose mean counts; empty: those with `left` in their names.
+        #[serde(default)]
+        left: Vec<String>,
+        /// Joints of the right side; empty: those with `right` in their names.
+        #[serde(default)]
+        right: Vec<String>,
+        /// Tread speed over joint velocity, m: the radius of a wheel.
+        radius_m: f64,
+    },
+    /// Twist of wheel odometry, nav_msgs/Odometry.
+    Odometry {
+        /// Topic.
+        #[serde(default)]
+        topic: Option<String>,
+        /// Track width by which the base turns wheel speeds into a twist, m.
+        track_width_m: f64,
+    },
+}
+
+/// Source of roll and pitch.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
+pub enum AttitudeTopic {
+    /// Orientation of sensor_msgs/Imu.
+    Imu {
+        /// Topic.
+        #[serde(default)]
+        topic: Option<String>,
+    },
+    /// Orientation of nav_msgs/Odometry.
+    Odometry {
+        /// Topic.
+        #[serde(default)]
+        topic: Option<String>,
+    },
+    /// No topic: the ground was level. Braces, as a variant without them would take any key.
+    Level {},
+}
+
+/// Source of the poses.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
+pub enum PoseTopic {
+    /// Pose of nav_msgs/Odometry.
+    Odometry {
+        /// Topic.
+        #[serde(default)]
+        topic: Option<String>,
+    },
+    /// The vehicle's frame on `/tf` and `/tf_static`.
+    Tf {
+        /// Frame in which the poses are, such as `map`.
+        frame: String,
+    },
+    /// Positions of sensor_msgs/NavSatFix, projected to the plane that touches WGS 84 at the first fix, with the
+    /// heading of an Imu.
+    Navsat {
+        /// Topic of the fixes.
+        #[serde(default)]
+        topic: Option<String>,
+        /// Topic of the Imu, whose yaw is 0 towards east (REP-103).
+        #[serde(default)]
+        heading_topic: Option<String>,
+        /// The antenna forward of the vehicle's origin, m.
+        #[serde(default)]
+        antenna_forward_m: f64,
+        /// The antenna to the left of it, m.
+        #[serde(default)]
+        antenna_left_m: f64,
+        /// The antenna above it, m.
+        #[serde(default)]
+        antenna_up_m: f64,
+    },
+    /// None.
+    None {},
+}
+
+fn base_link() -> String {
+    "base_link".to_owned()
+}
+
+impl TopicMap {
+    /// Reads a map.
+    ///
+    /// # Errors
+    /// Names the file, key and range.
+    pub fn read(file: &ConfigFile) -> Result<Self, ConfigError> {
+        let map: Self = file.parse()?;
+        map.validate().map_err(|error| file.error(error))?;
+        Ok(map)
+    }
+
+    fn validate(&self) -> Result<(), RangeError> {
+        match self.tread_speeds {
+            TreadSpeedTopic::JointStates { radius_m, .. } => {
+                let key = "tread_speeds.radius_m";
+                Bounds::new(0.01, 10.0, "m").check(key, radius_m)?;
+            }
+            TreadSpeedTopic::Odometry { track_width_m, .. } => {
+                let key = "tread_speeds.track_width_m";
+                Bounds::new(0.05, 20.0, "m").check(key, track_width_m)?;
+            }
+        }
+        if let Some(PoseTopic::Navsat {
+            antenna_forward_m,
+            antenna_left_m,
+            antenna_up_m,
+            ..
+        }) = self.pose
+        {
+            for (key, value) in [
+                ("pose.antenna_forward_m", antenna_forward_m),
+                ("pose.antenna_left_m", antenna_left_m),
+                ("pose.antenna_up_m", antenna_up_m),
+            ] {
+                Bounds::new(-20.0, 20.0, "m").check(key, value)?;
+            }
+        }
+        Ok(())
+    }
+}

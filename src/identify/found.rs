@@ -1,0 +1,60 @@
+//! The logs of an identification, and what its stages found in them.
+
+use anyhow::Result;
+use sidehill_plant::identification::{Estimate, StageReport};
+use sidehill_plant::log::DriveLog;
+use sidehill_plant::vehicle::Vehicle;
+
+/// Logs of both stages.
+pub(super) struct Logs {
+    pub(super) level: Vec<DriveLog>,
+    pub(super) slope: Vec<DriveLog>,
+    /// Further ones on the slope, for the terms beyond ICRIK.
+    pub(super) across: Vec<DriveLog>,
+}
+
+/// What a stage found.
+pub(super) struct Stage {
+    pub(super) report: StageReport,
+    pub(super) undetermined: Vec<Undetermined>,
+}
+
+/// A parameter that the logs do not determine, and the start value that it keeps.
+pub(super) struct Undetermined {
+    pub(super) estimate: Estimate,
+    pub(super) kept: f64,
+}
+
+/// What both stages found, where there were logs for them.
+#[derive(Default)]
+pub(super) struct Found {
+    pub(super) level: Option<Stage>,
+    pub(super) slope: Option<Stage>,
+}
+
+impl Stage {
+    /// `start` is the vehicle that the stage began with.
+    pub(super) fn new(
+        report: StageReport,
+        undetermined: Vec<Estimate>,
+        start: &Vehicle,
+    ) -> Result<Self> {
+        let start = serde_json::to_value(start)?;
+        let kept = |estimate: Estimate| Undetermined {
+            estimate,
+            kept: start[estimate.name].as_f64().unwrap_or(f64::NAN),
+        };
+        Ok(Self {
+            report,
+            undetermined: undetermined.into_iter().map(kept).collect(),
+        })
+    }
+}
+
+impl Found {
+    /// Returns the parameters of both stages that the logs do not determine.
+    pub(super) fn undetermined(&self) -> impl Iterator<Item = &Undetermined> {
+        let stages = self.level.iter().chain(&self.slope);
+        stages.flat_map(|stage| &stage.undetermined)
+    }
+}

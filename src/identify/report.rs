@@ -1,0 +1,198 @@
+//! What identification found, as text and as JSON.
+
+use super::found::Undetermined;
+use serde_json::{Value, json};
+use sidehill_plant::identification::{
+    ContactReport, Estimate, ExtensionReport, SegmentErrors, StageReport, Verdict,
+};
+use std::fmt::Write;
+
+fn value(estimate: &Estimate) -> String {
+    let interval = estimate.half_width.map_or_else(
+        || "(any value)".to_owned(),
+        |half_width| format!("+- {half_width:.4} (95 %)"),
+    );
+    format!("{:>9.4} {interval}", estimate.value)
+}
+
+/// Returns what a stage found as text.
+pub(super) fn stage_table(
+    stage: &str,
+    baseline: &str,
+    report: &StageReport,
+    undetermined: &[Undetermined],
+) -> String {
+    let mut out = String::new();
+    let _ = writeln!(
+        out,
+        "{stage}: {} segments, {} poses, J/N {:.3e}, {:.1} % of the poses far off",
+        report.segments,
+        report.poses,
+        report.fitness,
+        100.0 * report.outlier_share
+    );
+    for estimate in &report.estimates {
+        let _ = writeln!(out, "  {:20} {}", estimate.name, value(estimate));
+    }
+    for Undetermined { estimate, kept } in undetermined {
+        let _ = writeln!(
+            out,
+            "  {:20} {}: not determined by these logs, stays at {kept} of the --vehicle file",
+            estimate.name,
+            value(estimate)
+        );
+    }
+    let held_out = |name: &str, errors: &SegmentErrors| {
+        format!(
+            "  held-out segments, {name}: lateral {:.3} m, longitudinal {:.3} m, yaw {:.3} rad RMS\n",
+            errors.lateral_m, errors.longitudinal_m, errors.yaw_rad
+        )
+    };
+    out += &held_out("fitted", &report.cross_validation.fitted);
+    out += &held_out(baseline, &report.cross_validation.baseline);
+    for warning in &report.warnings {
+        let _ = writeln!(out, "  warning: {warning}");
+    }
+    out
+}
+
+/// Returns which terms beyond ICRIK the logs support, as text.
+pub(super) fn extension_table(report: &ExtensionReport) -> String {
+    let mut out = format!("extension: {} segments\n", report.segments);
+    for term in &report.terms {
+        let verdict = match term.verdict {
+            Verdict::Supported { value, half_width } => {
+                let interval =
+                    half_width.map_or_else(String::new, |width| format!(" +- {width:.4} (95 %)"));
+                format!("{value:>9.4}{interval}, supported")
+            }
+            Verdict::NotToldApart { instead } => {
+                format!("not told apart from {}, which says more", instead.key())
+            }
+            Verdict::Negative { value } => format!("not supported: it would be {value:.4}"),
+            Verdict::NotSupported => "not supported".to_owned(),
+        };
+        let _ = writeln!(
+            out,
+            "  {:20} {verdict}; held-out misfit {:+.1} +- {:.1} %",
+            term.term.key(),
+            -100.0 * term.improvement,
+            100.0 * term.improvement_half_width,
+        );
+    }
+    let mut held_out = |name: &str, errors: &SegmentErrors| {
+        let _ = writeln!(
+            out,
+            "  held-out segments, {name}: position {:.3} m, yaw {:.3} rad RMS",
+            errors.lateral_m.hypot(errors.longitudinal_m),
+            errors.yaw_rad
+        );
+    };
+    held_out("ICRHK", &report.icrhk);
+    if let Some(icrik) = &report.icrik {
+        held_out("ICRIK", icrik);
+    }
+    held_out("extended", &report.extended);
+    out
+}
+
+/// Returns the physical parameters that were found, as text.
+pub(super) fn contact_table(report: &ContactReport) -> String {
+    let mut out = format!("contact vehicle: {} segments\n", report.segments);
+    for estimate in &report.estimates {
+        let (low, high) = estimate.interval;
+        let source = if estimate.determined {
+            ""
+        } else {
+            ", not determined by these logs: the guess and its interval"
+        };
+        let _ = writeln!(
+            out,
+            "  {:26} {:>9.4}, {low:.4} to {high:.4} (95 %){source}",
+            estimate.name, estimate.value
+        );
+    }
+    for (one, other, correlation) in &report.not_told_apart {
+        let _ = writeln!(
+            out,
+            "  warning: the logs cannot tell apart {one} and {other} (correlation {correlation:.2})"
+        );
+    }
+    for (name, errors) in [
+        ("all segments, guess", &report.guess),
+        ("held-out segments, fitted", &report.held_out),
+    ] {
+        let _ = writeln!(
+            out,
+            "  {name}: position {:.3} m, yaw {:.3} rad RMS",
+            errors.lateral_m.hypot(errors.longitudinal_m),
+            errors.yaw_rad
+        );
+    }
+    if !report.settled {
+        out += "  warning: the search for the parameters did not settle\n";
+    }
+    out
+}
+
+/// Returns the physical parameters that were found, as JSON.
+pub(super) fn contact_json(report: &ContactReport) -> Value {
+    let estimates: serde_json::Map<_, _> = report
+        .estimates
+        .iter()
+        .map(|estimate| {
+            let value = json!({
+                "value": estimate.value,
+                "interval_95": estimate.interval,
+                "determined": estimate.determined,
+            });
+            (estimate.name.to_owned(), value)
+        })
+        .collect();
+    json!({ "estimates": estimates, "segments": report.segments, "settled": report.settled })
+}
+
+/// Returns what a stage found as JSON.
+pub(super) fn stage_json(report: &StageReport, undetermined: &[Undetermined]) -> Value {
+    let errors = |errors: &SegmentErrors| {
+        json!({
+            "segments": errors.segments,
+            "lateral_m": errors.lateral_m,
+            "longitudinal_m": errors.longitudinal_m,
+            "yaw_rad": errors.yaw_rad,
+        })
+    };
+    let estimate = |estimate: &Estimate| {
+        json!({
+            "value": estimate.value,
+            "std": estimate.std,
+            "half_width_95": estimate.half_width,
+        })
+    };
+    let found = report.estimates.iter();
+    let estimates: serde_json::Map<_, _> = found
+        .map(|found| (found.name.to_owned(), estimate(found)))
+        .collect();
+    let undetermined: serde_json::Map<_, _> = undetermined
+        .iter()
+        .map(|undetermined| {
+            let mut value = estimate(&undetermined.estimate);
+            value["kept"] = json!(undetermined.kept);
+            (undetermined.estimate.name.to_owned(), value)
+        })
+        .collect();
+    let warnings = report.warnings.iter().map(ToString::to_string);
+    json!({
+        "estimates": estimates,
+        "undetermined": undetermined,
+        "segments": report.segments,
+        "poses": report.poses,
+        "j_over_n": report.fitness,
+        "outlier_share": report.outlier_share,
+        "held_out": {
+            "fitted": errors(&report.cross_validation.fitted),
+            "baseline": errors(&report.cross_validation.baseline),
+        },
+        "warnings": warnings.collect::<Vec<_>>(),
+    })
+}

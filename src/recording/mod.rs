@@ -1,0 +1,178 @@
+//! `--record`: what the subcommands put into a recording, and the recording of a simulation.
+
+mod drive;
+mod simulation;
+mod vehicle;
+
+pub(crate) use drive::DriveRecording;
+pub use simulation::SimulationRecording;
+pub(crate) use vehicle::VehicleRecording;
+
+use crate::config::{Bundle, ConfigFile};
+use crate::console;
+use crate::output;
+use anyhow::{Context, Result};
+use serde_json::Value;
+use sidehill_bridge::recording::live::LiveView;
+use sidehill_bridge::recording::{Header, Marker, McapRecording, RecordLimits, ground};
+use sidehill_controller::config::{ControllerConfig, ControllerKind};
+use sidehill_controller::path::Path as Curve;
+use sidehill_plant::terrain::Terrain;
+use std::collections::BTreeMap;
+use std::net::SocketAddr;
+use std::path::Path;
+use std::sync::PoisonError;
+use std::time::{SystemTime, UNIX_EPOCH};
+
+/// Names of the facts at the beginning of a recording.
+pub(crate) mod fact {
+    /// Version of the program.
+    pub(crate) const VERSION: &str = "version";
+    /// Machine it was built for.
+    pub(crate) const TARGET: &str = "target";
+    /// Subcommand.
+    pub(crate) const COMMAND: &str = "command";
+    /// Name of its configuration file.
+    pub(crate) const CONFIG: &str = "config";
+    /// Name of the controller.
+    pub(crate) const CONTROLLER: &str = "controller";
+    /// Number that all files of a recording have in common.
+    pub(crate) const RECORDING: &str = "recording";
+    /// What replaced the scenario's plant.
+    pub(crate) const PLANT: &str = "plant";
+    /// What replaced its seed.
+    pub(crate) const SEED: &str = "seed";
+    /// What replaced its path.
+    pub(crate) const PATH: &str = "path";
+}
+
+/// Returns the machine that this program was built for.
+pub(crate) fn target() -> String {
+    format!("{}-{}", std::env::consts::ARCH, std::env::consts::OS)
+}
+
+/// Returns what a recording begins with: the configuration `file` as it is used, everything that was read
+/// with it into `bundle`, and what the command line says.
+pub(crate) fn header(
+    command: &str,
+    kind: Option<ControllerKind>,
+    file: &ConfigFile,
+    bundle: &Bundle,
+    facts: &[(&str, Option<String>)],
+) -> Header {
+    let now = SystemTime::now().duration_since(UNIX_EPOCH);
+    let id = now.map_or(0, |now| now.as_nanos());
+    let mut header = Header {
+        files: bundle
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .clone(),
+        ..Header::default()
+    };
+    header
+        .files
+        .insert(file.path().to_owned(), file.text().to_owned());
+    let all = [
+        (fact::VERSION, Some(env!("CARGO_PKG_VERSION").to_owned())),
+        (fact::TARGET, Some(target())),
+        (fact::COMMAND, Some(command.to_owned())),
+        (fact::CONFIG, Some(file.path().display().to_string())),
+        (fact::CONTROLLER, kind.map(|kind| kind.name().to_owned())),
+        (
+            fact::RECORDING,
+            Some(format!("{id}-{}", std::process::id())),
+        ),
+    ];
+    for (name, value) in all.iter().chain(facts) {
+        if let Some(value) = value {
+            header.facts.insert((*name).to_owned(), value.clone());
+        }
+    }
+    header
+}
+
+/// Creates the first file of a recording.
+///
+/// # Errors
+/// A file that exists and is not to be overwritten, or the disk's.
+pub(crate) fn create(
+    path: &Path,
+    header: Header,
+    limits: RecordLimits,
+    force: bool,
+) -> Result<McapRecording> {
+    output::check_free(&[path], force)?;
+    McapRecording::create(path, header, limits)
+        .with_context(|| format!("{}: cannot be written", path.display()))
+}
+
+/// Where the live view is served without an address: to this machine alone.
+pub(crate) const LIVE: &str = "127.0.0.1:8765";
+
+/// Starts the live view where it is asked for, and says where it is.
+///
+/// # Errors
+/// An address that cannot be listened to.
+pub(crate) fn live(
+    address: Option<SocketAddr>,
+    config: Option<&ControllerConfig>,
+) -> Result<Option<LiveView>> {
+    let Some(address) = address else {
+        return Ok(None);
+    };
+    let mut parameters = BTreeMap::new();
+    if let Some(config) = config {
+        flatten("", &serde_json::to_value(config)?, &mut parameters);
+    }
+    let view = LiveView::start(address, parameters)
+        .with_context(|| format!("--live: {address} cannot be listened to"))?;
+    console::complain(format_args!("live view: ws://{}", view.address()));
+    Ok(Some(view))
+}
+
+/// Puts the values of a tree under their names, with points between keys.
+fn flatten(name: &str, value: &Value, into: &mut BTreeMap<String, Value>) {
+    match value {
+        Value::Object(fields) => {
+            for (key, value) in fields {
+                let name = if name.is_empty() {
+                    key.clone()
+                } else {
+                    format!("{name}.{key}")
+                };
+                flatten(&name, value, into);
+            }
+        }
+        Value::Null => {}
+        value => {
+            into.insert(name.to_owned(), value.clone());
+        }
+    }
+}
+
+/// How far the ground is shown around a path, m.
+const GROUND_MARGIN_M: f64 = 5.0;
+
+/// Returns the ground around a path.
+pub(crate) fn ground_around(terrain: &Terrain, path: Option<&Curve>) -> Marker {
+    let mut low = [f64::INFINITY; 2];
+    let mut high = [f64::NEG_INFINITY; 2];
+    if let Some(path) = path {
+        for i in 0..=200 {
+            let at = path.at(path.length_m() * f64::from(i) / 200.0).position;
+            for (axis, value) in [at.x_m, at.y_m].into_iter().enumerate() {
+                low[axis] = low[axis].min(value);
+                high[axis] = high[axis].max(value);
+            }
+        }
+    }
+    let bound = |value: f64, margin_m: f64| if value.is_finite() { value } else { 0.0 } + margin_m;
+    ground(
+        terrain,
+        low.map(|value| bound(value, -GROUND_MARGIN_M)),
+        high.map(|value| bound(value, GROUND_MARGIN_M)),
+    )
+}
+
+/// Time between two messages of the states, s.
+pub(crate) const DIAGNOSTICS_PERIOD_S: f64 = 1.0;

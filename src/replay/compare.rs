@@ -1,0 +1,134 @@
+//! How replayed commands differ from recorded ones.
+
+use super::step::Step;
+use serde::Serialize;
+use sidehill_bridge::recording::ControllerCycle;
+
+/// The first cycle that differs.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub(super) struct First {
+    /// Its number, from 0.
+    pub(super) cycle: u64,
+    /// Its time, s.
+    pub(super) time_s: f64,
+    /// What differs.
+    pub(super) what: String,
+}
+
+/// How replayed commands differ from recorded ones.
+#[derive(Debug, Clone, PartialEq, Default, Serialize)]
+pub(super) struct Comparison {
+    /// Cycles compared.
+    pub(super) cycles: u64,
+    /// Cycles whose command, status or estimate differs.
+    pub(super) different: u64,
+    /// Largest difference of traction or steer, m/s.
+    pub(super) largest_difference_m_s: f64,
+    /// Root mean square of the differences of traction, m/s.
+    pub(super) traction_rms_m_s: f64,
+    /// Root mean square of the differences of steer, m/s.
+    pub(super) steer_rms_m_s: f64,
+    /// The first that differs.
+    #[serde(skip_serializing_if = "Option::is_none", rename = "first_difference")]
+    pub(super) first: Option<First>,
+}
+
+impl Comparison {
+    /// Compares cycle by cycle. Without a tolerance every bit counts, also of the estimate.
+    pub(super) fn of(recorded: &[ControllerCycle], replayed: &[Step], tolerance_m_s: f64) -> Self {
+        let mut all = Self::default();
+        for (cycle, step) in recorded.iter().zip(replayed) {
+            all.cycles += 1;
+            let pairs = [
+                ("traction", cycle.traction_m_s, step.command.traction_m_s),
+                ("steer", cycle.steer_m_s, step.command.steer_m_s),
+            ];
+            let [traction, steer] = pairs.map(|(_, a, b)| difference(a, b));
+            all.largest_difference_m_s = all.largest_difference_m_s.max(traction).max(steer);
+            all.traction_rms_m_s += traction.powi(2);
+            all.steer_rms_m_s += steer.powi(2);
+            let differs = |a: f64, b: f64| {
+                if tolerance_m_s > 0.0 {
+                    difference(a, b) > tolerance_m_s
+                } else {
+                    a.to_bits() != b.to_bits()
+                }
+            };
+            let mut what = pairs
+                .iter()
+                .find(|(_, a, b)| differs(*a, *b))
+                .map(|(name, a, b)| format!("{name} {a} m/s recorded, {b} m/s replayed"));
+            if what.is_none() && tolerance_m_s == 0.0 {
+                what = other(cycle, step);
+            }
+            if let Some(what) = what {
+                all.different += 1;
+                all.first.get_or_insert(First {
+                    cycle: cycle.index,
+                    time_s: cycle.time_s,
+                    what,
+                });
+            }
+        }
+        let count = all.cycles.max(1) as f64;
+        all.traction_rms_m_s = (all.traction_rms_m_s / count).sqrt();
+        all.steer_rms_m_s = (all.steer_rms_m_s / count).sqrt();
+        all
+    }
+}
+
+/// Returns what differs besides the command.
+fn other(cycle: &ControllerCycle, step: &Step) -> Option<String> {
+    if cycle.status != step.status {
+        return Some(format!(
+            "{} recorded, {} replayed",
+            cycle.status, step.status
+        ));
+    }
+    let nan = f64::NAN;
+    let pose = step.estimate.map(|(pose, _)| pose);
+    let pairs = [
+        (
+            "estimated x",
+            cycle.estimated_x_m,
+            pose.map_or(nan, |pose| pose.x_m),
+        ),
+        (
+            "estimated y",
+            cycle.estimated_y_m,
+            pose.map_or(nan, |pose| pose.y_m),
+        ),
+        (
+            "estimated yaw",
+            cycle.estimated_yaw_rad,
+            pose.map_or(nan, |pose| pose.yaw_rad),
+        ),
+    ];
+    pairs
+        .iter()
+        .find(|(_, a, b)| a.to_bits() != b.to_bits() && !(a.is_nan() && b.is_nan()))
+        .map(|(name, a, b)| format!("{name} {a} recorded, {b} replayed"))
+}
+
+/// Returns |a - b|; 0 of equal bits, infinite where only one is a number.
+fn difference(a: f64, b: f64) -> f64 {
+    if a.to_bits() == b.to_bits() {
+        return 0.0;
+    }
+    let difference = (a - b).abs();
+    if difference.is_nan() {
+        f64::INFINITY
+    } else {
+        difference
+    }
+}
+
+/// Returns the root mean square of what is finite; NaN where nothing is.
+pub(super) fn cross_track_rms_m(values_m: impl Iterator<Item = f64>) -> f64 {
+    let (mut sum, mut count) = (0.0, 0.0);
+    for value_m in values_m.filter(|value| value.is_finite()) {
+        sum += value_m * value_m;
+        count += 1.0;
+    }
+    f64::sqrt(sum / count)
+}

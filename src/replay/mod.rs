@@ -1,0 +1,253 @@
+//! `sidehill replay`: recorded samples through the controller again.
+
+mod compare;
+mod play;
+mod rebuild;
+mod repeat;
+mod report;
+mod step;
+
+use crate::config::PlantKind;
+use crate::console;
+use crate::output;
+use crate::recording::{self, LIVE, fact, target};
+use crate::simulate::{Format, controller};
+use anyhow::{Context, Result, bail, ensure};
+use compare::Comparison;
+use rebuild::{Changes, Rebuilt};
+use serde::Serialize;
+use sidehill_bridge::recording::Recording;
+use sidehill_controller::config::ControllerKind;
+use std::net::SocketAddr;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+/// Arguments of `sidehill replay`.
+#[derive(Debug, clap::Args)]
+pub struct ReplayArgs {
+    /// Recording; files that continue it (FILE_1.mcap, ...) are read with it.
+    pub recording: PathBuf,
+    /// Controller instead of the recorded one.
+    #[arg(long, value_name = "NAME", value_parser = controller)]
+    pub controller: Option<ControllerKind>,
+    /// Vehicle file that the controller steers by instead of the recorded one.
+    #[arg(long, value_name = "FILE")]
+    pub vehicle: Option<PathBuf>,
+    /// Setting of the controller instead of the recorded one, as in weights.heading_per_rad2=0.1; may be
+    /// given several times.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub settings: Vec<String>,
+    /// Drive a simulated vehicle along the recorded path instead of listening to the recorded samples.
+    #[arg(long)]
+    pub closed_loop: bool,
+    /// What moves the vehicle of --closed-loop, instead of what the recording says.
+    #[arg(long, requires = "closed_loop")]
+    pub plant: Option<PlantKind>,
+    /// Largest difference of a command that does not count, m/s. Without it every bit counts, and
+    /// with another controller, vehicle or setting no difference is a failure.
+    #[arg(long, value_name = "M_S")]
+    pub tolerance: Option<f64>,
+    /// Report with plots of the recorded and the replayed commands.
+    #[arg(long, value_name = "FILE.html")]
+    pub report: Option<PathBuf>,
+    /// Folder for a test case: the recording and the command that replays it.
+    #[arg(long, value_name = "DIR")]
+    pub write_case: Option<PathBuf>,
+    /// Show the recording live, at the pace at which it was recorded: a Foxglove WebSocket, to which
+    /// Foxglove and Lichtblick connect. Without an address, to this machine alone: 127.0.0.1:8765.
+    #[arg(long, value_name = "ADDRESS", num_args = 0..=1, default_missing_value = LIVE)]
+    pub live: Option<SocketAddr>,
+    /// Overwrite files that exist.
+    #[arg(long)]
+    pub force: bool,
+    /// How the differences are printed.
+    #[arg(long, value_enum, default_value_t)]
+    pub format: Format,
+}
+
+/// What is printed.
+#[derive(Serialize)]
+struct Outcome<'a> {
+    recording: &'a Path,
+    controller: &'a str,
+    /// Versions of the recording and of this program.
+    versions: [String; 2],
+    closed_loop: bool,
+    changed: bool,
+    /// Steps that the recording has lost.
+    lost: u64,
+    /// Why the recording could not be read to its end.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    damaged: Option<&'a str>,
+    /// Cross-track error of the recorded and of the replayed drive, m.
+    cross_track_rms_m: [f64; 2],
+    #[serde(flatten)]
+    comparison: &'a Comparison,
+}
+
+/// Replays a recording, prints how the commands differ, and returns success where they do not, or
+/// where they were to differ.
+///
+/// # Errors
+/// A recording that cannot be read or does not begin at its start, or a setting that is wrong.
+pub fn run(args: &ReplayArgs) -> Result<ExitCode> {
+    let recording = Recording::read(&args.recording)?;
+    let named = || args.recording.display().to_string();
+    ensure!(
+        !recording.cycles.is_empty(),
+        "{}: there is no step of a controller in it",
+        named()
+    );
+    if let Some(report) = &args.report {
+        output::check_writable(report, args.force)?;
+    }
+    let lost = lost(&recording);
+    if recording.cycles[0].index != 0 {
+        bail!(
+            "{}: its beginning is missing, so it cannot be replayed",
+            named()
+        );
+    }
+    let changes = Changes {
+        controller: args.controller,
+        vehicle: args.vehicle.clone(),
+        settings: args.settings.clone(),
+        plant: args.plant,
+    };
+    let rebuilt = Rebuilt::of(&recording, &changes).with_context(named)?;
+    let replayed = if args.closed_loop {
+        rebuilt.drive(&recording)?
+    } else {
+        repeat::repeat(&recording, &rebuilt, changes.changed())?
+    };
+    let tolerance_m_s = args.tolerance.unwrap_or(0.0);
+    let comparison = Comparison::of(&recording.cycles, &replayed, tolerance_m_s);
+    let version = |name| {
+        recording
+            .header
+            .facts
+            .get(name)
+            .cloned()
+            .unwrap_or_default()
+    };
+    let outcome = Outcome {
+        recording: &args.recording,
+        controller: rebuilt.kind.name(),
+        versions: [
+            format!("{} {}", version(fact::VERSION), version(fact::TARGET)),
+            format!("{} {}", env!("CARGO_PKG_VERSION"), target()),
+        ],
+        closed_loop: args.closed_loop,
+        changed: changes.changed(),
+        lost,
+        damaged: recording.damaged.as_deref(),
+        cross_track_rms_m: [
+            compare::cross_track_rms_m(recording.cycles.iter().map(|cycle| cycle.cross_track_m)),
+            compare::cross_track_rms_m(replayed.iter().map(|step| step.cross_track_m)),
+        ],
+        comparison: &comparison,
+    };
+    if let Some(file) = &args.report {
+        let page = report::html(&recording, &rebuilt, &replayed, &comparison);
+        output::write(file, page.as_bytes(), args.force)?;
+    }
+    if let Some(folder) = &args.write_case {
+        write_case(args, folder)?;
+    }
+    match args.format {
+        Format::Json => console::line(serde_json::to_string(&outcome)?),
+        Format::Table => console::text(table(&outcome)),
+    }
+    if let Some(mut live) = recording::live(args.live, Some(&rebuilt.config))? {
+        play::play(&recording, &mut live)?;
+    }
+    let may_differ = (changes.changed() || args.closed_loop) && args.tolerance.is_none();
+    let failed = lost > 0 || comparison.different > 0 && !may_differ;
+    Ok(ExitCode::from(u8::from(failed)))
+}
+
+/// Returns the steps that are missing between those that are there.
+fn lost(recording: &Recording) -> u64 {
+    let cycles = &recording.cycles;
+    let (Some(first), Some(last)) = (cycles.first(), cycles.last()) else {
+        return 0;
+    };
+    (last.index - first.index + 1).saturating_sub(cycles.len() as u64)
+}
+
+fn table(outcome: &Outcome<'_>) -> String {
+    let comparison = outcome.comparison;
+    let mut out = format!(
+        "recording {}\ncontroller {}{}\n",
+        outcome.recording.display(),
+        outcome.controller,
+        match (outcome.closed_loop, outcome.changed) {
+            (true, _) => ", driving a simulated vehicle",
+            (false, true) => ", changed",
+            (false, false) => "",
+        }
+    );
+    let mut add = |name: &str, value: String| out.push_str(&format!("{name:24} {value}\n"));
+    if outcome.versions[0] != outcome.versions[1] {
+        add("recorded by", outcome.versions[0].clone());
+        add("replayed by", outcome.versions[1].clone());
+    }
+    if let Some(reason) = outcome.damaged {
+        add("read up to", reason.to_owned());
+    }
+    if outcome.lost > 0 {
+        add("steps lost", outcome.lost.to_string());
+    }
+    add("cycles", comparison.cycles.to_string());
+    add("different", comparison.different.to_string());
+    if let Some(first) = &comparison.first {
+        add(
+            "first difference",
+            format!(
+                "cycle {} at {:.3} s: {}",
+                first.cycle, first.time_s, first.what
+            ),
+        );
+    }
+    let m_s = |value: f64| format!("{value:.6} m/s");
+    add("largest difference", m_s(comparison.largest_difference_m_s));
+    add("  traction, RMS", m_s(comparison.traction_rms_m_s));
+    add("  steer, RMS", m_s(comparison.steer_rms_m_s));
+    let [recorded, replayed] = outcome.cross_track_rms_m.map(|rms_m| 100.0 * rms_m);
+    add(
+        "cross-track RMS",
+        format!("{recorded:.3} cm recorded, {replayed:.3} cm replayed"),
+    );
+    out
+}
+
+/// Name of the recording of a test case, and of the file with its arguments.
+const CASE: [&str; 2] = ["drive.mcap", "arguments"];
+
+/// Writes a test case: `tests/program/replay.rs` replays each folder of `tests/cases`.
+fn write_case(args: &ReplayArgs, folder: &Path) -> Result<()> {
+    std::fs::create_dir_all(folder)
+        .with_context(|| format!("{}: cannot be made", folder.display()))?;
+    let bytes = std::fs::read(&args.recording)?;
+    ensure!(
+        !sidehill_bridge::recording::McapRecording::part_name(&args.recording, 1).exists(),
+        "--write-case takes a recording of one file"
+    );
+    output::write(&folder.join(CASE[0]), &bytes, args.force)?;
+    let mut lines: Vec<String> = Vec::new();
+    for setting in &args.settings {
+        lines.extend(["--set".to_owned(), setting.clone()]);
+    }
+    if let Some(kind) = args.controller {
+        lines.extend(["--controller".to_owned(), kind.name().to_owned()]);
+    }
+    if args.closed_loop {
+        lines.push("--closed-loop".to_owned());
+    }
+    lines.extend([
+        "--tolerance".to_owned(),
+        args.tolerance.unwrap_or(1e-6).to_string(),
+    ]);
+    let text = lines.join("\n") + "\n";
+    output::write(&folder.join(CASE[1]), text.as_bytes(), args.force)
+}

@@ -1,0 +1,295 @@
+//! From what a recording begins with to the controller that was recorded, or a changed one.
+
+use super::step::Step;
+use crate::closed_loop::{Observer, run as drive};
+use crate::config::{ConfigFile, Overrides, PlantKind, Prepared, RunConfig, RunPort, Scenario};
+use crate::recording::fact;
+use anyhow::{Context, Result, anyhow, ensure};
+use sidehill_bridge::recording::{RecordedPath, Recording};
+use sidehill_controller::closed_loop::Cycle;
+use sidehill_controller::config::{ControllerConfig, ControllerKind};
+use sidehill_controller::controller::Controller;
+use sidehill_controller::reference::Reference;
+use sidehill_plant::frames::PlanarPose;
+use sidehill_plant::terrain::{PlaneTerrain, Terrain};
+use sidehill_plant::vehicle::Vehicle;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex};
+
+/// What is to differ from the recording.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Changes {
+    pub(super) controller: Option<ControllerKind>,
+    pub(super) vehicle: Option<PathBuf>,
+    pub(super) settings: Vec<String>,
+    pub(super) plant: Option<PlantKind>,
+}
+
+impl Changes {
+    /// Returns whether other commands are to be expected.
+    pub(super) fn changed(&self) -> bool {
+        self.controller.is_some() || self.vehicle.is_some() || !self.settings.is_empty()
+    }
+
+    /// Returns the settings with these changes.
+    fn settings(&self, config: ControllerConfig) -> Result<ControllerConfig> {
+        let mut all = serde_yaml::to_value(config)?;
+        for setting in &self.settings {
+            let named = || format!("--set {setting}");
+            let (name, value) = setting
+                .split_once('=')
+                .with_context(|| format!("--set {setting}: must be KEY=VALUE"))?;
+            let mut place = &mut all;
+            for key in name.split('.') {
+                place = place
+                    .get_mut(key)
+                    .with_context(|| format!("--set {setting}: there is no setting {key}"))?;
+            }
+            *place = serde_yaml::from_str(value).with_context(named)?;
+            // Each by itself, so that the error names the one at fault.
+            let changed: ControllerConfig =
+                serde_yaml::from_value(all.clone()).with_context(named)?;
+            changed.validate().with_context(named)?;
+        }
+        Ok(serde_yaml::from_value(all)?)
+    }
+}
+
+/// A controller made of a recording.
+pub(super) struct Rebuilt {
+    pub(super) kind: ControllerKind,
+    pub(super) config: ControllerConfig,
+    pub(super) vehicle: Vehicle,
+    /// Whether a control loop held the controller until it drove.
+    pub(super) held: bool,
+    /// The ground of the scenario.
+    pub(super) terrain: Option<Terrain>,
+    /// What `run` made the controller of; none of a simulation.
+    run: Option<(RunConfig, ConfigFile)>,
+    /// The simulated world; none where the vehicle was real or elsewhere.
+    world: Option<Prepared>,
+}
+
+impl Rebuilt {
+    /// Rebuilds the controller with changes.
+    ///
+    /// # Errors
+    /// What is missing in the recording, or wrong with a change.
+    pub(super) fn of(recording: &Recording, changes: &Changes) -> Result<Self> {
+        let facts = &recording.header.facts;
+        let get = |name: &str| {
+            facts
+                .get(name)
+                .map(String::as_str)
+                .with_context(|| format!("the recording has no `{name}` in its metadata"))
+        };
+        let bundle = Arc::new(Mutex::new(recording.header.files.clone()));
+        let name = Path::new(get(fact::CONFIG)?);
+        let text = recording
+            .header
+            .files
+            .get(name)
+            .with_context(|| format!("the recording has no file {}", name.display()))?;
+        let file = ConfigFile::with_text(name, text.clone()).with_bundle(bundle);
+        let recorded = get(fact::CONTROLLER)?;
+        let kind = changes
+            .controller
+            .or_else(|| ControllerKind::from_name(recorded))
+            .with_context(|| format!("{recorded}: no such controller"))?;
+        let vehicle = changes
+            .vehicle
+            .as_deref()
+            .map(|path| -> Result<Vehicle> { Ok(ConfigFile::read(path)?.parse()?) })
+            .transpose()?;
+        match get(fact::COMMAND)? {
+            "simulate" => {
+                let plant = facts.get(fact::PLANT).map(|name| {
+                    <PlantKind as clap::ValueEnum>::from_str(name, false)
+                        .map_err(|_| anyhow!("{name}: no such plant"))
+                });
+                let mut world = Scenario::read(file)?.prepare(&Overrides {
+                    path: facts.get(fact::PATH).map(PathBuf::from),
+                    plant: changes.plant.or(plant.transpose()?),
+                    seed: facts.get(fact::SEED).map(|seed| seed.parse()).transpose()?,
+                    controllers: vec![kind],
+                })?;
+                if let Some(vehicle) = vehicle {
+                    world.vehicle = vehicle;
+                }
+                world.controller = changes.settings(world.controller)?;
+                Ok(Self {
+                    kind,
+                    config: world.controller.clone(),
+                    vehicle: world.vehicle.clone(),
+                    run: None,
+                    held: false,
+                    terrain: Some(world.terrain.clone()),
+                    world: Some(world),
+                })
+            }
+            "run" => {
+                let mut config: RunConfig = file.parse()?;
+                config.controller = kind;
+                config.settings = changes.settings(config.settings)?;
+                let vehicle = match vehicle {
+                    Some(vehicle) if kind == ControllerKind::IcrikMpc => vehicle.extended(),
+                    Some(vehicle) => vehicle,
+                    None => config.load_vehicle(&file)?,
+                };
+                let world = if config.port == RunPort::Simulated {
+                    let (file, simulated) = config.simulated(&file)?;
+                    Some(simulated.world(&file)?)
+                } else {
+                    None
+                };
+                Ok(Self {
+                    kind,
+                    config: config.settings.clone(),
+                    vehicle,
+                    run: Some((config, file)),
+                    held: true,
+                    terrain: None,
+                    world,
+                })
+            }
+            command => Err(anyhow!(
+                "a recording of `{command}` has no controller in it to be replayed"
+            )),
+        }
+    }
+
+    /// Returns the controller before its first step, without a path.
+    pub(super) fn controller(&self) -> Result<Controller> {
+        let mut controller = match (&self.run, &self.world) {
+            (Some((config, file)), _) => config.controller(file, &self.vehicle)?,
+            (None, Some(world)) => world.controller(self.kind)?,
+            (None, None) => Controller::new(self.kind, self.config.clone(), &self.vehicle)?,
+        };
+        controller.forget_path();
+        Ok(controller)
+    }
+
+    /// Returns a recorded path as the controller follows it.
+    pub(super) fn reference(&self, path: &RecordedPath) -> Reference {
+        let reference = self
+            .config
+            .reference(path.trajectory.clone())
+            .for_laps(path.laps);
+        let reference = match path.from_m {
+            Some(from_m) => reference.starting_at(from_m),
+            None => reference,
+        };
+        reference.numbered(path.number)
+    }
+
+    /// Returns the steps of a drive along the first recorded path on a simulated vehicle: that of the
+    /// recording, or one that moves as ICRIK says on the slope that the recording shows.
+    ///
+    /// # Errors
+    /// A recording without a path, or what keeps the simulation from going on.
+    pub(super) fn drive(&self, recording: &Recording) -> Result<Vec<Step>> {
+        let path = recording
+            .paths
+            .values()
+            .find_map(|record| record.path.as_ref())
+            .context("the recording has no path to drive along")?;
+        let reference = self.reference(path);
+        let start = recording
+            .cycles
+            .iter()
+            .find(|cycle| cycle.has_pose)
+            .map(|cycle| PlanarPose {
+                x_m: cycle.x_m,
+                y_m: cycle.y_m,
+                yaw_rad: cycle.yaw_rad,
+            });
+        let world = match &self.world {
+            Some(world) => Prepared {
+                name: world.name.clone(),
+                plant: world.plant.clone(),
+                terrain: world.terrain.clone(),
+                start: if self.held {
+                    start.unwrap_or(world.start)
+                } else {
+                    world.start
+                },
+                seed: world.seed,
+                step_s: world.step_s,
+                drive_train: world.drive_train,
+                sensors: world.sensors,
+                ..self.assumed(reference, world.start)?
+            },
+            None => Prepared {
+                terrain: slope(recording)?,
+                ..self.assumed(reference, start.unwrap_or_default())?
+            },
+        };
+        let mut steps = Steps::default();
+        drive(&world, self.kind, |_| {}, Some(&mut steps))?;
+        ensure!(!steps.0.is_empty(), "the simulation has no cycle");
+        Ok(steps.0)
+    }
+
+    /// Returns a world in which nothing is known but the vehicle.
+    fn assumed(&self, reference: Reference, start: PlanarPose) -> Result<Prepared> {
+        let default = ConfigFile::built_in(crate::config::DEFAULT_SCENARIO)?;
+        let world = Scenario::read(default)?.prepare(&Overrides::default())?;
+        Ok(Prepared {
+            name: "recorded".to_owned(),
+            plant: crate::config::Plant::Icrik(Box::new(self.vehicle.extended())),
+            vehicle: self.vehicle.clone(),
+            reference,
+            start,
+            controllers: vec![self.kind],
+            controller: self.config.clone(),
+            route_note: String::new(),
+            warnings: Vec::new(),
+            ..world
+        })
+    }
+}
+
+/// Returns the plane on which the vehicle stood on average.
+fn slope(recording: &Recording) -> Result<Terrain> {
+    use sidehill_plant::frames::Attitude;
+    let mut normal = [0.0; 3];
+    for cycle in recording
+        .cycles
+        .iter()
+        .filter(|cycle| cycle.estimated_roll_rad.is_finite())
+    {
+        let attitude = Attitude {
+            roll_rad: cycle.estimated_roll_rad,
+            pitch_rad: cycle.estimated_pitch_rad,
+        };
+        let here = attitude.plane_normal(cycle.estimated_yaw_rad);
+        for axis in 0..3 {
+            normal[axis] += here[axis];
+        }
+    }
+    let [x, y, z] = normal;
+    if z <= 0.0 || (x == 0.0 && y == 0.0) {
+        return Ok(Terrain::Level);
+    }
+    let slope_deg = x.hypot(y).atan2(z).to_degrees();
+    // Uphill is against the normal's horizontal part; headings count from Y_g.
+    let uphill_deg = x.atan2(-y).to_degrees();
+    Ok(Terrain::Plane(PlaneTerrain::new(slope_deg, uphill_deg)?))
+}
+
+#[derive(Default)]
+struct Steps(Vec<Step>);
+
+impl Observer for Steps {
+    fn begin(&mut self, _: &Controller) -> Result<()> {
+        Ok(())
+    }
+
+    fn cycle(&mut self, cycle: &Cycle, _: &Controller) -> Result<()> {
+        self.0.push(Step {
+            cross_track_m: cycle.errors.cross_track_m,
+            ..Step::of(&cycle.decision)
+        });
+        Ok(())
+    }
+}

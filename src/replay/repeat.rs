@@ -1,0 +1,51 @@
+//! Recorded samples through a controller.
+
+use super::rebuild::Rebuilt;
+use super::step::Step;
+use anyhow::{Context, Result};
+use sidehill_bridge::control_loop::runner::engage;
+use sidehill_bridge::recording::{PathRecord, Recording};
+use sidehill_controller::controller::Controller;
+
+/// Returns the decisions of a controller that gets what the recorded one got, in the same order. One
+/// that was `changed` is not cut short where the recorded one was.
+///
+/// # Errors
+/// A path that the recording has lost.
+pub(super) fn repeat(recording: &Recording, rebuilt: &Rebuilt, changed: bool) -> Result<Vec<Step>> {
+    let mut controller = rebuilt.controller()?;
+    if let Some(initial) = recording.paths.get(&0) {
+        apply(&mut controller, rebuilt, initial);
+    }
+    let mut engaged = !rebuilt.held;
+    if rebuilt.held {
+        controller.request_stop();
+    }
+    let mut steps = Vec::with_capacity(recording.cycles.len());
+    for cycle in &recording.cycles {
+        if cycle.engaged != engaged {
+            engaged = cycle.engaged;
+            engage(&mut controller, engaged);
+        }
+        if cycle.path != 0 {
+            let record = recording.paths.get(&cycle.path).with_context(|| {
+                format!(
+                    "path {} of cycle {} was not recorded",
+                    cycle.path, cycle.index
+                )
+            })?;
+            apply(&mut controller, rebuilt, record);
+        }
+        let cut_at = cycle.cut_at().filter(|_| !changed);
+        let decision = controller.repeat_step(&cycle.sample(), cut_at);
+        steps.push(Step::of(&decision));
+    }
+    Ok(steps)
+}
+
+fn apply(controller: &mut Controller, rebuilt: &Rebuilt, record: &PathRecord) {
+    match &record.path {
+        Some(path) => controller.follow(rebuilt.reference(path)),
+        None => controller.forget_path(),
+    }
+}

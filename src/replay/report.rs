@@ -1,0 +1,186 @@
+//! The report of a replay: the recorded and the replayed drive, as `simulate` shows runs.
+
+use super::compare::{Comparison, cross_track_rms_m};
+use super::rebuild::Rebuilt;
+use super::step::Step;
+use crate::record::{Quantiles, Row, Run, Summary};
+use crate::report::{self, Scene};
+use sidehill_bridge::recording::{ControllerCycle, Recording};
+use sidehill_controller::controller::Status;
+use sidehill_plant::frames::{Attitude, PlanarPose, Pose};
+use sidehill_plant::speeds::{MeasuredTreadSpeeds, MotorSpeeds};
+use sidehill_plant::terrain::Terrain;
+
+/// Returns the page.
+pub(super) fn html(
+    recording: &Recording,
+    rebuilt: &Rebuilt,
+    replayed: &[Step],
+    comparison: &Comparison,
+) -> String {
+    let recorded: Vec<Row> = recording
+        .cycles
+        .iter()
+        .map(|cycle| row(rebuilt, cycle, &recorded_step(cycle)))
+        .collect();
+    let again: Vec<Row> = recording
+        .cycles
+        .iter()
+        .zip(replayed)
+        .map(|(cycle, step)| row(rebuilt, cycle, step))
+        .collect();
+    let path = recording
+        .paths
+        .values()
+        .find_map(|record| record.path.as_ref()?.trajectory.path());
+    let level = Terrain::Level;
+    let scene = Scene {
+        title: "Replay".to_owned(),
+        subtitle: format!(
+            "{}: {} of {} cycles differ, by at most {:.6} m/s. Positions are the controller's estimates.",
+            recording
+                .files
+                .first()
+                .map_or_else(String::new, |file| file.display().to_string()),
+            comparison.different,
+            comparison.cycles,
+            comparison.largest_difference_m_s
+        ),
+        path: path.map_or_else(Vec::new, |path| {
+            (0..=2000)
+                .map(|i| path.at(path.length_m() * f64::from(i) / 2000.0).position)
+                .map(|position| [position.x_m, position.y_m])
+                .collect()
+        }),
+        terrain: rebuilt.terrain.as_ref().unwrap_or(&level),
+        limits: &rebuilt.config.limits,
+        base_half_width_m: rebuilt.vehicle.base_half_width_m,
+        base_half_length_m: rebuilt.vehicle.base_half_length_m,
+        period_s: rebuilt.config.period_s,
+        guard: None,
+    };
+    let name = rebuilt.kind.name();
+    let runs = [
+        run("recorded", recorded),
+        run(&format!("{name}, replayed"), again),
+    ];
+    report::html(&scene, &runs)
+}
+
+fn recorded_step(cycle: &ControllerCycle) -> Step {
+    Step {
+        time_s: cycle.time_s,
+        command: MotorSpeeds {
+            traction_m_s: cycle.traction_m_s,
+            steer_m_s: cycle.steer_m_s,
+        },
+        status: cycle.status.clone(),
+        estimate: cycle.estimated_x_m.is_finite().then_some((
+            PlanarPose {
+                x_m: cycle.estimated_x_m,
+                y_m: cycle.estimated_y_m,
+                yaw_rad: cycle.estimated_yaw_rad,
+            },
+            Attitude {
+                roll_rad: cycle.estimated_roll_rad,
+                pitch_rad: cycle.estimated_pitch_rad,
+            },
+        )),
+        cross_track_m: cycle.cross_track_m,
+        solve_us: cycle.solve_us,
+    }
+}
+
+fn row(rebuilt: &Rebuilt, cycle: &ControllerCycle, step: &Step) -> Row {
+    let nan = f64::NAN;
+    let nowhere = PlanarPose {
+        x_m: nan,
+        y_m: nan,
+        yaw_rad: nan,
+    };
+    let unknown = Attitude {
+        roll_rad: nan,
+        pitch_rad: nan,
+    };
+    let (pose, attitude) = step.estimate.unwrap_or((nowhere, unknown));
+    let measured = MeasuredTreadSpeeds {
+        left_m_s: cycle.left_m_s,
+        right_m_s: cycle.right_m_s,
+    };
+    let treads = rebuilt.vehicle.encoder_scale.apply(measured);
+    Row {
+        time_s: step.time_s,
+        pose: Pose {
+            x_m: pose.x_m,
+            y_m: pose.y_m,
+            z_m: cycle.z_m,
+            yaw_rad: pose.yaw_rad,
+        },
+        attitude,
+        estimate: step.estimate.map(|(pose, _)| pose),
+        reference: pose,
+        cross_track_m: step.cross_track_m,
+        along_track_m: nan,
+        heading_error_rad: nan,
+        command: step.command,
+        motors: step.command,
+        tread_speeds: measured,
+        icrs: rebuilt.vehicle.icrik(attitude, treads),
+        status: Status::Tracking,
+        qp_iterations: 0,
+        qp_path: None,
+        solve_us: if step.solve_us.is_finite() {
+            step.solve_us
+        } else {
+            0.0
+        },
+        cycle_us: 0.0,
+        contact: None,
+        slope: None,
+        tracked: None,
+    }
+}
+
+fn run(name: &str, rows: Vec<Row>) -> Run {
+    let errors_m = || rows.iter().map(|row| row.cross_track_m);
+    let finite_m = || {
+        errors_m()
+            .filter(|error_m| error_m.is_finite())
+            .map(f64::abs)
+    };
+    let mut sorted_m: Vec<f64> = finite_m().collect();
+    sorted_m.sort_by(f64::total_cmp);
+    let steers = rows.windows(2).map(|pair| {
+        let [a, b] = [&pair[0], &pair[1]].map(|row| row.command.steer_m_s);
+        (b - a).abs()
+    });
+    let solves = rows.iter().map(|row| row.solve_us).filter(|us| *us > 0.0);
+    let summary = Summary {
+        controller: name.to_owned(),
+        plant: "recorded".to_owned(),
+        scenario: String::new(),
+        seed: 0,
+        completed: true,
+        ended_by: None,
+        origin_cross_track_rms_m: None,
+        guard: None,
+        cross_track_rms_m: cross_track_rms_m(errors_m()),
+        cross_track_p95_m: sidehill_plant::statistics::quantile(&sorted_m, 0.95)
+            .unwrap_or(f64::NAN),
+        cross_track_max_m: sorted_m.last().copied().unwrap_or(f64::NAN),
+        along_track_rms_m: f64::NAN,
+        heading_rms_rad: f64::NAN,
+        steer_total_variation_m_s: steers.sum(),
+        goal_error_m: f64::NAN,
+        constraint_violations: 0,
+        fallbacks: 0,
+        deadline_misses: 0,
+        qp_iterations_mean: f64::NAN,
+        qp_working_set: 0,
+        qp_interior_point: 0,
+        qp_cut_short: 0,
+        solve_us: Quantiles::of(solves.collect()),
+        cycle_us: Quantiles::default(),
+    };
+    Run { summary, rows }
+}

@@ -1,0 +1,75 @@
+//! What is searched, and how.
+
+use super::settings::DEFAULT_KEYS;
+use anyhow::{Result, bail};
+use sidehill_controller::config::ControllerKind;
+use std::ops::Range;
+
+/// What is searched, and how.
+#[derive(Debug, Clone, clap::Args)]
+pub struct Options {
+    /// Controller.
+    #[arg(long, value_name = "NAME", value_parser = crate::simulate::controller, default_value = "icrik-mpc")]
+    pub controller: ControllerKind,
+    /// Setting of the controller to search, with dots between nested keys, as in
+    /// `weights.cross_per_m2`; may be given several times. Its present value must be positive.
+    #[arg(long = "key", value_name = "KEY", default_values_t = DEFAULT_KEYS.map(str::to_owned))]
+    pub keys: Vec<String>,
+    /// Factor by which a setting may be larger or smaller than now.
+    #[arg(long, default_value_t = 8.0)]
+    pub factor: f64,
+    /// Weight of calmness: a steer total variation twice as large counts like an error 2^W times as large.
+    #[arg(long, value_name = "W", default_value_t = 0.2)]
+    pub calmness: f64,
+    /// Runs that the search sees, the first of the campaign.
+    #[arg(long, value_name = "RUNS", default_value_t = 60)]
+    pub training: u32,
+    /// Runs that decide, those after them.
+    #[arg(long, value_name = "RUNS", default_value_t = 120)]
+    pub held_out: u32,
+    /// Choices of settings that are tried at most.
+    #[arg(long, default_value_t = 120)]
+    pub tries: u32,
+    /// Time for everything, min; the search ends early enough for the held-out runs.
+    #[arg(long, default_value_t = 10.0)]
+    pub minutes: f64,
+    /// Simulations at a time instead of one a core.
+    #[arg(long)]
+    pub threads: Option<usize>,
+}
+
+impl Options {
+    /// Checks what the command line cannot.
+    ///
+    /// # Errors
+    /// Names the option, its value and its range.
+    pub fn check(&self) -> Result<()> {
+        let checks = [
+            ("factor", self.factor, 1.01, 1e4),
+            ("calmness", self.calmness, 0.0, 100.0),
+            ("training", f64::from(self.training), 2.0, 1e6),
+            ("held-out", f64::from(self.held_out), 2.0, 1e6),
+            ("tries", f64::from(self.tries), 1.0, 1e6),
+            ("minutes", self.minutes, 1e-3, 1e6),
+        ];
+        for (name, value, low, high) in checks {
+            if !(low..=high).contains(&value) {
+                bail!("--{name}: {value} is out of range, must be from {low} to {high}");
+            }
+        }
+        if self.threads == Some(0) {
+            bail!("--threads: 0 is out of range, must be at least 1");
+        }
+        Ok(())
+    }
+
+    /// Returns the runs that the search sees.
+    pub fn training_runs(&self) -> Range<u32> {
+        0..self.training
+    }
+
+    /// Returns the runs that decide.
+    pub fn held_out_runs(&self) -> Range<u32> {
+        self.training..self.training + self.held_out
+    }
+}

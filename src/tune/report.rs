@@ -1,0 +1,218 @@
+//! What tuning has found, for people and for `simulate --conditions`.
+
+use super::objective::{Comparison, Figures};
+use super::outcome::Outcome;
+use crate::report::{Scatter, page, progress_chart, scatter_chart};
+use anyhow::Result;
+use maud::html;
+use serde_yaml::{Mapping, Value};
+use std::fmt::Write;
+
+/// Returns the settings as conditions, with their evidence as a comment.
+///
+/// # Errors
+/// None that can happen; those of the YAML writer.
+pub fn yaml(outcome: &Outcome) -> Result<String> {
+    let mut keys = Mapping::new();
+    keys.insert(
+        "name".into(),
+        Value::from(format!("{}_tuned", outcome.name)),
+    );
+    for setting in &outcome.settings {
+        let key = format!("controller.{}", setting.key);
+        crate::config::put(&mut keys, &key, &Value::from(setting.after));
+    }
+    let evidence: String = table(outcome)
+        .lines()
+        .map(|line| format!("# {line}\n"))
+        .collect();
+    Ok(format!(
+        "# Settings of {} found by `sidehill tune`: a file for `simulate --conditions` and for `conditions` of\n\
+         # campaigns; or copy `controller` into a scenario, and its content into `settings` of a run.\n#\n\
+         {evidence}\n{}",
+        outcome.controller,
+        serde_yaml::to_string(&keys)?
+    ))
+}
+
+/// Returns what was found in a sentence.
+fn finding(outcome: &Outcome) -> String {
+    let held_out = &outcome.held_out;
+    let change = |cost: f64| {
+        let percent = 100.0 * (cost.exp() - 1.0);
+        format!(
+            "{:.1} % {}",
+            percent.abs(),
+            if percent <= 0.0 { "less" } else { "more" }
+        )
+    };
+    let (low, high) = (
+        held_out.cost - 1.96 * held_out.cost_standard_error,
+        held_out.cost + 1.96 * held_out.cost_standard_error,
+    );
+    format!(
+        "{}: in {} runs that the search has not seen, the mean cost is {} than with the present settings \
+         (95 % interval: {} to {}), and the error is smaller in {:.0} % of them.",
+        if outcome.improved {
+            "Better"
+        } else {
+            "Not shown to be better"
+        },
+        held_out.before.runs,
+        change(held_out.cost),
+        change(low),
+        change(high),
+        100.0 * held_out.better,
+    )
+}
+
+/// What the cost is, in a sentence.
+fn objective(outcome: &Outcome) -> String {
+    format!(
+        "Cost of a run: ln(cross-track RMS / RMS before) + {} ln(steer total variation / before), at most \
+         ln 10 either way; + ln 10 where it is no longer completed, - ln 10 where it now is.",
+        outcome.calmness
+    )
+}
+
+/// Returns the result as a table for people.
+pub fn table(outcome: &Outcome) -> String {
+    let mut text = format!(
+        "{}: {}\n{}\n",
+        outcome.name,
+        outcome.controller,
+        finding(outcome)
+    );
+    // Writing to a string does not fail.
+    let _ = writeln!(text, "{}\n", objective(outcome));
+    let _ = writeln!(
+        text,
+        "{:<28} {:>9} {:>9} {:>9} {:>12} {:>9}",
+        "", "completed", "median cm", "p95 cm", "steer m/s", "cost"
+    );
+    for (name, figures, cost) in rows(outcome) {
+        let _ = writeln!(
+            text,
+            "{name:<28} {:>9} {:>9.2} {:>9.2} {:>12.2} {cost:>9}",
+            format!("{}/{}", figures.completed, figures.runs),
+            100.0 * figures.median_m,
+            100.0 * figures.p95_m,
+            figures.steer_total_variation_m_s,
+        );
+    }
+    let _ = writeln!(text, "\n{:<42} {:>12} {:>12}", "setting", "before", "after");
+    for setting in &outcome.settings {
+        let _ = writeln!(
+            text,
+            "{:<42} {:>12} {:>12}",
+            setting.key, setting.before, setting.after
+        );
+    }
+    let _ = writeln!(text, "\n{} choices tried", outcome.tried.len());
+    text
+}
+
+fn rows(outcome: &Outcome) -> Vec<(String, Figures, String)> {
+    let both = |name: &str, comparison: &Comparison| {
+        let runs = format!("{}..{}", comparison.runs.start, comparison.runs.end);
+        let cost = format!("{:.3}", comparison.cost);
+        [
+            (
+                format!("{name} {runs} before"),
+                comparison.before,
+                String::new(),
+            ),
+            (format!("{name} {runs} after"), comparison.after, cost),
+        ]
+    };
+    let training = both("training", &outcome.training);
+    training
+        .into_iter()
+        .chain(both("held out", &outcome.held_out))
+        .collect()
+}
+
+/// Returns the page.
+pub fn html(outcome: &Outcome) -> String {
+    let title = format!("Tuning of {} on {}", outcome.controller, outcome.name);
+    let centimetres = |comparison: &Comparison| -> Vec<[f64; 2]> {
+        let pairs = comparison.errors_m.iter();
+        pairs
+            .map(|pair| pair.map(|error_m| 100.0 * error_m))
+            .collect()
+    };
+    let (training, held_out) = (
+        centimetres(&outcome.training),
+        centimetres(&outcome.held_out),
+    );
+    let scatter = scatter_chart(
+        "before-after",
+        "cross-track RMS before (cm)",
+        "after (cm)",
+        &[
+            Scatter {
+                name: "training",
+                colour: "#9a9a9a",
+                points: &training,
+            },
+            Scatter {
+                name: "held out",
+                colour: "#0072b2",
+                points: &held_out,
+            },
+        ],
+    );
+    let body = html! {
+        h1 { (title) }
+        p.subtitle { (objective(outcome)) }
+        p.finding { (finding(outcome)) }
+        div.scroll {
+            table {
+                thead { tr {
+                    th.name { "Runs" } th { "Completed" } th { "Median RMS (cm)" } th { "p95 RMS (cm)" }
+                    th { "Steer total variation (m/s)" } th { "Mean cost" }
+                } }
+                tbody {
+                    @for (name, figures, cost) in rows(outcome) {
+                        tr {
+                            th.name scope="row" { (name) }
+                            td { (figures.completed) " of " (figures.runs) }
+                            td { (format!("{:.2}", 100.0 * figures.median_m)) }
+                            td { (format!("{:.2}", 100.0 * figures.p95_m)) }
+                            td { (format!("{:.2}", figures.steer_total_variation_m_s)) }
+                            td { (cost) }
+                        }
+                    }
+                }
+            }
+        }
+        h2 { "Settings" }
+        div.scroll {
+            table {
+                thead { tr { th.name { "Key of controller" } th { "Before" } th { "After" } th { "Factor" } } }
+                tbody {
+                    @for setting in &outcome.settings {
+                        tr {
+                            th.name scope="row" { (setting.key) }
+                            td { (setting.before) } td { (setting.after) }
+                            td { (format!("{:.2}", setting.after / setting.before)) }
+                        }
+                    }
+                }
+            }
+        }
+        h2 { "Error of each run" }
+        figure {
+            figcaption {
+                "Each dot is a run that is completed before and after; below the diagonal its error has become smaller."
+            }
+            (scatter)
+        }
+        h2 { "Search" }
+        figure {
+            figcaption { "Mean cost of the training runs for each choice tried (dots), and the least so far (line)." }
+            (progress_chart("search", &outcome.tried))
+        }
+    };
+    page(&title, &body)
+}

@@ -1,0 +1,100 @@
+//! Settings of a controller that are searched.
+
+use crate::config::{Campaign, find, put};
+use anyhow::{Context, Result, bail};
+use serde::Serialize;
+use serde_yaml::{Mapping, Value};
+
+/// What is searched unless the command line says otherwise: how hard the MPC pulls to the path, how calmly it
+/// steers, with and without trust in its model, and how fast its estimate follows the poses.
+pub const DEFAULT_KEYS: [&str; 7] = [
+    "weights.cross_per_m2",
+    "weights.along_per_m2",
+    "weights.steer_change_s3_per_m2",
+    "caution.steer_change_s3_per_m2",
+    "caution.heading_per_rad2",
+    "estimator.slide_sigma_m_per_sqrt_s",
+    "estimator.yaw_sigma_rad_per_sqrt_s",
+];
+
+/// A setting with its value before and after.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Setting {
+    /// Key within the section `controller`, with dots.
+    pub key: String,
+    /// Present value.
+    pub before: f64,
+    /// Value found.
+    pub after: f64,
+}
+
+impl Setting {
+    /// Returns the settings of these keys with their present values, defaults of keys that the
+    /// scenario does not have included.
+    ///
+    /// # Errors
+    /// Names the key that is none, is no positive number, is drawn by the campaign, or stands twice.
+    pub fn all(campaign: &Campaign, keys: &[String]) -> Result<Vec<Self>> {
+        let Value::Mapping(present) = serde_yaml::to_value(campaign.controller_settings()?)? else {
+            bail!("the settings of the controllers are no mapping");
+        };
+        keys.iter()
+            .enumerate()
+            .map(|(index, key)| {
+                let value = find(&present, key)
+                    .with_context(|| format!("--key {key}: there is no such setting"))?;
+                let before = value.as_f64().filter(|value| *value > 0.0).with_context(|| {
+                    let shown = serde_json::to_string(value).unwrap_or_default();
+                    format!("--key {key}: {shown} is no positive number")
+                })?;
+                if value.is_u64() || value.is_i64() {
+                    bail!("--key {key}: {before} is a whole number; only continuous settings are searched");
+                }
+                let whole = format!("controller.{key}");
+                if campaign.keys().any(|drawn| drawn == whole) {
+                    bail!("--key {key}: the campaign draws controller.{key}");
+                }
+                if keys[..index].contains(key) {
+                    bail!("--key {key}: given twice");
+                }
+                Ok(Self {
+                    key: key.clone(),
+                    before,
+                    after: before,
+                })
+            })
+            .collect()
+    }
+
+    /// Returns the setting changed by a factor, rounded to four digits.
+    pub fn times(&self, factor: f64) -> Self {
+        Self {
+            after: rounded(self.before * factor),
+            ..self.clone()
+        }
+    }
+}
+
+/// Four digits: what a person can read and write down gives the same figures.
+fn rounded(value: f64) -> f64 {
+    format!("{value:.3e}").parse().unwrap_or(value)
+}
+
+/// Returns the keys of a scenario with these settings, each times its factor; as they are where that is 1.
+pub fn mapping(settings: &[Setting], factors: &[f64]) -> Mapping {
+    let mut keys = Mapping::new();
+    for (setting, factor) in settings.iter().zip(factors) {
+        let changed = setting.times(*factor);
+        let value = if *factor == 1.0 {
+            setting.before
+        } else {
+            changed.after
+        };
+        put(
+            &mut keys,
+            &format!("controller.{}", setting.key),
+            &Value::from(value),
+        );
+    }
+    keys
+}

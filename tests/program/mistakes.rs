@@ -1,0 +1,250 @@
+//! Mistakes beyond those of `stranger.rs`, each with a message that tells file, place, cause and remedy.
+
+use crate::{Course, assert_says, fail, repository, sidehill, stderr, text};
+use std::path::PathBuf;
+
+/// Returns what `check` says of a file with these bytes.
+fn complaint(name: &str, bytes: &[u8]) -> String {
+    let course = Course::new("");
+    let file = course.path(name);
+    std::fs::write(&file, bytes).unwrap();
+    fail(sidehill().arg("check").arg(file))
+}
+
+const HEADER: &str = "time_s,v_left_m_s,v_right_m_s,roll_rad,pitch_rad,x_m,y_m,z_m,yaw_rad";
+
+/// A log of 5 s straight ahead.
+fn log() -> String {
+    let rows = (0..100).map(|i| {
+        let time_s = 0.05 * f64::from(i);
+        format!("{time_s:.2},0.6,0.6,0.03,0.02,0,{:.3},0,0\n", 0.6 * time_s)
+    });
+    format!("{HEADER}\n{}", rows.collect::<String>())
+}
+
+/// Returns a text as Windows programs save it as "Unicode".
+fn utf_16(text: &str) -> Vec<u8> {
+    let units = std::iter::once(0xFEFF).chain(text.encode_utf16());
+    units.flat_map(u16::to_le_bytes).collect()
+}
+
+#[test]
+fn files_of_another_format_are_recognised() {
+    for (name, bytes, says) in [
+        ("u16.csv", utf_16(&log()), "is UTF-16"),
+        ("u16.yaml", utf_16("name: a\n"), "save it as UTF-8"),
+        (
+            "packed.csv",
+            vec![0x1F, 0x8B, 8, 0, 0],
+            "is compressed by gzip; unpack it",
+        ),
+        ("sheet.csv", b"PK\x03\x04rest".to_vec(), "a spreadsheet"),
+        (
+            "empty.csv",
+            Vec::new(),
+            "is empty: the first line must name the columns",
+        ),
+        (
+            "semicolons.csv",
+            log().replace(',', ";").into_bytes(),
+            "separated by semicolons or tabs; separate them by commas",
+        ),
+        (
+            "semicolons_path.csv",
+            b"x_m;y_m\n0;0\n1;0\n".to_vec(),
+            "separate fields by commas",
+        ),
+        (
+            "numbers.csv",
+            b"0.0,0.0\n1.0,0.0\n".to_vec(),
+            "the first line must name the columns",
+        ),
+        (
+            "degrees.csv",
+            b"lat,lon\n45.1,7.6\n45.2,7.6\n".to_vec(),
+            "give latitude and longitude as GPX",
+        ),
+        (
+            "waypoints.gpx",
+            b"<gpx version=\"1.1\"><wpt lat=\"45\" lon=\"7\"/></gpx>".to_vec(),
+            "waypoints are no path",
+        ),
+    ] {
+        let message = complaint(name, &bytes);
+        assert_says(&message, &[name, says]);
+    }
+    let folder = repository("config/vehicles");
+    let message = fail(sidehill().arg("check").arg(&folder));
+    assert_says(&message, &["config/vehicles", "is a folder", "*.yaml"]);
+}
+
+#[test]
+fn mistakes_in_logs_name_the_likely_unit() {
+    let nanoseconds: String = log()
+        .lines()
+        .skip(1)
+        .enumerate()
+        .map(|(i, line)| {
+            let (_, rest) = line.split_once(',').unwrap();
+            format!(
+                "{},{rest}\n",
+                1_700_000_000_000_000_000_i64 + 50_000_000 * i as i64
+            )
+        })
+        .collect();
+    for (name, text, says) in [
+        (
+            "nan.csv",
+            log().replacen("0.02,", "nan,", 1),
+            &["row 1", "pitch_rad", "leave out rows without a value"][..],
+        ),
+        (
+            "nanoseconds.csv",
+            format!("{HEADER}\n{nanoseconds}"),
+            &["row 1", "time_s", "nanoseconds"],
+        ),
+        (
+            "backwards.csv",
+            log().replacen("\n0.50,", "\n0.10,", 1),
+            &["row 11", "time 0.1 s does not rise from 0.45 s"],
+        ),
+        (
+            "header.csv",
+            format!("{HEADER}\n"),
+            &["0 rows, at least 2 are needed"],
+        ),
+    ] {
+        assert_says(&complaint(name, text.as_bytes()), &[name]);
+        assert_says(&complaint(name, text.as_bytes()), says);
+    }
+}
+
+#[test]
+fn a_file_of_another_kind_is_named() {
+    let course = Course::new("");
+    let vehicle = repository("config/vehicles/j8.yaml");
+    let contact = repository("config/vehicles/j8_contact.yaml");
+    let log = course.write("log.csv", &log());
+    let scenario = course.path("scenario.yaml");
+    let say = |arguments: &[&str], files: &[&PathBuf]| {
+        let mut command = sidehill();
+        let mut files = files.iter();
+        for argument in arguments {
+            match *argument {
+                "FILE" => command.arg(files.next().unwrap()),
+                argument => command.arg(argument),
+            };
+        }
+        fail(&mut command)
+    };
+    for (message, says) in [
+        (
+            say(&["simulate", "FILE"], &[&vehicle]),
+            "the file looks like a vehicle",
+        ),
+        (
+            say(&["run", "FILE"], &[&scenario]),
+            "the file looks like a scenario",
+        ),
+        (
+            say(
+                &["odometry", "FILE", "--vehicle", "FILE"],
+                &[&log, &scenario],
+            ),
+            "the file looks like a scenario",
+        ),
+        (
+            say(
+                &["odometry", "FILE", "--vehicle", "FILE"],
+                &[&log, &contact],
+            ),
+            "the file looks like a contact vehicle",
+        ),
+    ] {
+        assert_says(&message, &[".yaml", says]);
+    }
+}
+
+#[test]
+fn mistakes_in_yaml_say_what_to_look_for() {
+    let course = Course::new("");
+    let scenario = std::fs::read_to_string(course.path("scenario.yaml")).unwrap();
+    for (from, to, says) in [
+        ("seed: 1", "  seed: 1", &["line 7", "indented too far"][..]),
+        ("seed: 1", "seed:1", &["line 7", "a space after the colon"]),
+        (
+            "shape: straight",
+            "kind: straight",
+            &["course", "missing field `shape`", "line 4"],
+        ),
+        (
+            "controllers: [icrik-mpc",
+            "controllers: [icrik",
+            &["controllers[0]", "`icrik-mpc`", "line 5"],
+        ),
+        (
+            "terrain: {kind: plane, slope_deg: 8, uphill_heading_deg: 60}",
+            "terrain: {kind: level, slope_deg: 8}",
+            &["slope_deg", "this kind has no further keys", "line 3"],
+        ),
+    ] {
+        assert!(scenario.contains(from), "{from}");
+        let message = complaint("changed.yaml", scenario.replace(from, to).as_bytes());
+        assert_says(&message, &["changed.yaml"]);
+        assert_says(&message, says);
+    }
+    let ros2 = text("config/bridge/run_ros2.yaml")
+        .replace("../", &format!("{}/", repository("config").display()));
+    let wrong = ros2.replace("odometry: odom # nav", "odometry: my odom # nav");
+    assert_ne!(wrong, ros2);
+    let message = complaint("run.yaml", wrong.as_bytes());
+    assert_says(&message, &["run.yaml", "ros2.inputs.odometry", "my odom"]);
+}
+
+#[test]
+fn what_identification_lacks_is_said() {
+    let course = Course::new("");
+    let identify = |text: &str, out: &str| {
+        let file = course.write("log.csv", text);
+        fail(
+            sidehill()
+                .args(["identify", "--level"])
+                .arg(file)
+                .arg("--vehicle")
+                .arg(repository("config/vehicles/j8.yaml"))
+                .arg("--out")
+                .arg(course.path(out)),
+        )
+    };
+    let without_poses: String = log()
+        .lines()
+        .map(|line| line.split(',').take(5).collect::<Vec<_>>().join(",") + "\n")
+        .collect();
+    assert_says(
+        &identify(&without_poses, "out.yaml"),
+        &["log.csv", "the log has no poses", "yaw_rad"],
+    );
+    assert_says(
+        &identify(&log(), "out.yaml"),
+        &["at least 10 are needed", "log longer"],
+    );
+    assert_says(
+        &identify(&log(), "lost/out.yaml"),
+        &[
+            "out.yaml: cannot be written",
+            "there is no folder",
+            "make it first",
+        ],
+    );
+}
+
+#[test]
+fn a_path_in_degrees_is_warned_of() {
+    let course = Course::new("");
+    let file = course.write(
+        "path.csv",
+        "x_m,y_m\n45.10001,7.60001\n45.10002,7.60002\n45.10003,7.60002\n",
+    );
+    let output = sidehill().arg("check").arg(file).output().unwrap();
+    assert_says(&stderr(&output), &["path.csv", "warning", "degrees", "GPX"]);
+}

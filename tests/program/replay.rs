@@ -1,0 +1,172 @@
+//! `--record` and `sidehill replay`.
+
+use crate::{Course, assert_says, fail, repository, sidehill, stdout, succeed};
+use serde_json::Value;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+fn replay(file: &Path, arguments: &[&str]) -> Command {
+    let mut command = sidehill();
+    command.arg("replay").arg(file).args(arguments);
+    command
+}
+
+fn json(command: &mut Command) -> (Value, bool) {
+    let output = command.args(["--format", "json"]).output().unwrap();
+    let text = stdout(&output);
+    let value = serde_json::from_str(&text).unwrap_or_else(|e| panic!("{e}: {text}"));
+    (value, output.status.success())
+}
+
+/// Records a course with one controller.
+fn record(course: &Course, controller: &str, name: &str) -> PathBuf {
+    let file = course.path(name);
+    let mut command = course.simulate();
+    command.args(["--controller", controller, "--seed", "3", "--record"]);
+    succeed(command.arg(&file));
+    file
+}
+
+#[test]
+fn a_recording_is_replayed_bit_by_bit_wherever_it_is() {
+    let course = Course::new("");
+    for controller in ["icrik-mpc", "contact-mpc", "pure-pursuit"] {
+        let file = record(&course, controller, &format!("{controller}.mcap"));
+        let elsewhere = tempfile::tempdir().unwrap();
+        let moved = elsewhere.path().join("drive.mcap");
+        std::fs::rename(&file, &moved).unwrap();
+        let (figures, success) = json(&mut replay(&moved, &[]));
+        assert!(success, "{figures}");
+        assert!(figures["cycles"].as_u64().unwrap() > 80, "{figures}");
+        assert_eq!(figures["different"], 0, "{figures}");
+        assert_eq!(figures["largest_difference_m_s"], 0.0, "{figures}");
+    }
+}
+
+#[test]
+fn a_changed_controller_commands_something_else() {
+    let course = Course::new("");
+    let file = record(&course, "icrik-mpc", "drive.mcap");
+    let lazaro = repository("config/vehicles/lazaro.yaml");
+    for change in [
+        ["--controller", "icrhk-mpc"],
+        ["--set", "weights.cross_per_m2=5"],
+        ["--vehicle", lazaro.to_str().unwrap()],
+    ] {
+        let (figures, success) = json(&mut replay(&file, &change));
+        assert!(figures["different"].as_u64().unwrap() > 0, "{figures}");
+        assert!(figures["largest_difference_m_s"].as_f64().unwrap() > 0.0);
+        assert!(success, "a change is expected to differ");
+        let (_, success) = json(replay(&file, &change).args(["--tolerance", "1e-9"]));
+        assert!(!success);
+        let (_, success) = json(replay(&file, &change).args(["--tolerance", "10"]));
+        assert!(success);
+    }
+    // The same vehicle in the same world does the same.
+    let (figures, success) = json(&mut replay(&file, &["--closed-loop"]));
+    assert!(success && figures["different"] == 0, "{figures}");
+    let report = course.path("report.html");
+    let arguments = ["--closed-loop", "--plant", "contact", "--report"];
+    succeed(replay(&file, &arguments).arg(&report));
+    let page = std::fs::read_to_string(report).unwrap();
+    assert_says(&page, &["recorded", "icrik-mpc, replayed", "cycles differ"]);
+}
+
+#[test]
+fn what_is_wrong_is_named() {
+    let course = Course::new("");
+    let file = record(&course, "icrik-mpc", "drive.mcap");
+    let mut again = course.simulate();
+    let again = again
+        .args(["--controller", "icrik-mpc", "--record"])
+        .arg(&file);
+    assert_says(&fail(again), &["drive.mcap: exists already", "--force"]);
+    succeed(again.arg("--force"));
+    let mut both = course.simulate();
+    let both = both.arg("--record").arg(course.path("both.mcap"));
+    assert_says(&fail(both), &["--record", "one controller", "--controller"]);
+    for (setting, parts) in [
+        (
+            "weights.nothing=1",
+            ["weights.nothing", "no setting nothing"],
+        ),
+        ("weights", ["--set weights", "KEY=VALUE"]),
+        ("stages=0.5", ["--set stages=0.5", "invalid type"]),
+        ("stages=1", ["--set stages=1", "must be from 2 to 200"]),
+    ] {
+        assert_says(&fail(&mut replay(&file, &["--set", setting])), &parts);
+    }
+    let other = course.write("other.mcap", "not a recording");
+    assert_says(&fail(&mut replay(&other, &[])), &["other.mcap"]);
+}
+
+#[test]
+fn a_recording_that_was_cut_off_is_replayed_as_far_as_it_goes() {
+    let course = Course::new("");
+    let file = record(&course, "icrik-mpc", "drive.mcap");
+    let bytes = std::fs::read(&file).unwrap();
+    let mut most = 0;
+    for share in [0.5, 0.7, 0.9, 0.999] {
+        let cut = course.path("cut.mcap");
+        std::fs::write(&cut, &bytes[..(share * bytes.len() as f64) as usize]).unwrap();
+        let output = replay(&cut, &["--format", "json"]).output().unwrap();
+        let Ok(figures) = serde_json::from_slice::<Value>(&output.stdout) else {
+            // No step is left.
+            assert!(!output.status.success());
+            continue;
+        };
+        assert_eq!(figures["different"], 0, "{figures}");
+        most = most.max(figures["cycles"].as_u64().unwrap());
+    }
+    assert!(most > 50, "{most}");
+}
+
+#[test]
+fn a_drive_becomes_a_test_case() {
+    let course = Course::new("");
+    let file = record(&course, "icrik-mpc", "drive.mcap");
+    let folder = course.path("case");
+    succeed(replay(&file, &["--write-case"]).arg(&folder));
+    assert!(passes(&folder));
+    let text = "--set\nweights.cross_per_m2=5\n--tolerance\n1e-6\n";
+    std::fs::write(folder.join("arguments"), text).unwrap();
+    assert!(!passes(&folder));
+}
+
+/// Returns whether a test case passes: the recording replayed with the case's arguments.
+fn passes(folder: &Path) -> bool {
+    let arguments = std::fs::read_to_string(folder.join("arguments")).unwrap();
+    let arguments: Vec<&str> = arguments.lines().collect();
+    let output = replay(&folder.join("drive.mcap"), &arguments).output();
+    output.unwrap().status.success()
+}
+
+#[test]
+fn the_worst_runs_of_a_campaign_are_kept() {
+    let course = Course::new("");
+    let campaign = course.write(
+        "campaign.yaml",
+        "name: short\nscenario: scenario.yaml\ncontrollers: [icrik-mpc, pure-pursuit]\nruns: 2\n\
+         seed: 1\ndraws:\n  - {key: terrain.slope_deg, uniform: [2, 12]}\n",
+    );
+    let out = course.path("results.csv");
+    let mut command = sidehill();
+    let command = command
+        .arg("campaign")
+        .arg(&campaign)
+        .arg("--out")
+        .arg(&out);
+    let output = command.args(["--keep-worst", "1"]).output().unwrap();
+    assert!(output.status.success(), "{}", crate::stderr(&output));
+    let kept: Vec<PathBuf> = std::fs::read_dir(course.path("results.worst"))
+        .unwrap()
+        .map(|entry| entry.unwrap().path())
+        .collect();
+    let [file] = &kept[..] else {
+        panic!("{kept:?}");
+    };
+    let (figures, success) = json(&mut replay(file, &[]));
+    assert!(success && figures["different"] == 0, "{figures}");
+    // Pure pursuit is the worse of the two on a slope.
+    assert_eq!(figures["controller"], "pure-pursuit");
+}

@@ -1,0 +1,182 @@
+//! `sidehill tune`: better settings or none, and nothing lost by a kill.
+
+use crate::{assert_says, fail, repository, sidehill, succeed};
+use serde_json::Value;
+use std::path::PathBuf;
+use std::process::Command;
+
+/// A folder with a campaign whose controller hardly heeds its path.
+struct Bad {
+    folder: tempfile::TempDir,
+}
+
+impl Bad {
+    fn new() -> Self {
+        let bad = Self {
+            folder: tempfile::tempdir().unwrap(),
+        };
+        let text = format!(
+            "name: bad\n\
+             seed: 3\n\
+             runs: 100\n\
+             controllers: [icrik-mpc]\n\
+             scenario: {}\n\
+             with:\n\
+             \x20 course: {{shape: slalom, length_m: 3, amplitude_m: 0.3, wavelength_m: 3, speed_m_s: 0.5}}\n\
+             \x20 controller: {{weights: {{cross_per_m2: 1, along_per_m2: 1}}}}\n\
+             draws:\n\
+             \x20 - {{key: start.right_m, uniform: [-0.3, 0.3]}}\n",
+            repository("config/scenarios/slalom.yaml").display()
+        );
+        std::fs::write(bad.path("bad.yaml"), text).unwrap();
+        bad
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    fn text(&self, name: &str) -> String {
+        std::fs::read_to_string(self.path(name)).unwrap()
+    }
+
+    /// Returns a search of one weight with a small budget.
+    fn command(&self, out: &str, arguments: &[&str]) -> Command {
+        let mut command = self.plain(out);
+        command
+            .args("--training 4 --held-out 8 --tries 6 --key weights.cross_per_m2".split(' '))
+            .args(arguments);
+        command
+    }
+
+    fn plain(&self, out: &str) -> Command {
+        let mut command = sidehill();
+        command.arg("tune").arg(self.path("bad.yaml"));
+        command.arg("--out").arg(self.path(out));
+        command
+    }
+}
+
+#[test]
+fn better_settings_are_conditions_with_their_evidence() {
+    let bad = Bad::new();
+    let report = bad.path("report.html");
+    let mut command = bad.command("tuned.yaml", &["--format", "json", "--report"]);
+    let printed: Value = serde_json::from_str(&succeed(command.arg(&report))).unwrap();
+    assert_eq!(printed["improved"], true);
+    let setting = &printed["settings"][0];
+    let after = setting["after"].as_f64().unwrap();
+    assert!(setting["key"] == "weights.cross_per_m2" && setting["before"] == 1.0 && after > 1.2);
+    let (before_m, after_m) = (
+        printed["held_out"]["before"]["median_m"].as_f64().unwrap(),
+        printed["held_out"]["after"]["median_m"].as_f64().unwrap(),
+    );
+    assert!(after_m < before_m);
+
+    let tuned = bad.text("tuned.yaml");
+    assert_says(
+        &tuned,
+        &[
+            "# Better: in 8 runs that the search has not seen",
+            "# weights.cross_per_m2",
+            &format!("cross_per_m2: {after}"),
+        ],
+    );
+    // The file is conditions, and a whole page says the same.
+    succeed(sidehill().arg("check").arg(bad.path("tuned.yaml")));
+    let page = bad.text("report.html");
+    roxmltree::Document::parse_with_options(
+        &page,
+        roxmltree::ParsingOptions {
+            allow_dtd: true,
+            ..Default::default()
+        },
+    )
+    .unwrap();
+    assert_says(
+        &page,
+        &["Better: in 8 runs", &format!("{:.2}", 100.0 * after_m)],
+    );
+
+    // What exists is kept.
+    let refused = fail(&mut bad.command("tuned.yaml", &[]));
+    assert_says(&refused, &["tuned.yaml: exists already"]);
+}
+
+#[test]
+fn a_search_goes_on_where_it_was_killed() {
+    let bad = Bad::new();
+    let whole = succeed(&mut bad.command("whole.yaml", &["--format", "json"]));
+    let lines = bad.text("whole.tried.csv");
+    let kept: Vec<&str> = lines.split_inclusive('\n').collect();
+    assert!(kept.len() >= 2 + 4, "{lines}");
+    // Two tries are there, and a third is torn.
+    let torn = format!("{}{}", kept[..4].concat(), &kept[4][..5]);
+    std::fs::write(bad.path("killed.tried.csv"), torn).unwrap();
+    let again = succeed(&mut bad.command("killed.yaml", &["--format", "json", "--threads", "1"]));
+    assert_eq!(again, whole);
+    assert_eq!(bad.text("killed.tried.csv"), lines);
+    assert_eq!(bad.text("killed.yaml"), bad.text("whole.yaml"));
+
+    // Tries of another search are not taken for those of this one.
+    let refused = fail(&mut bad.command("killed.yaml", &["--force", "--calmness", "0.5"]));
+    assert_says(&refused, &["killed.tried.csv: made by another search"]);
+    let changed = lines.replacen(kept[3], &kept[3].replacen("1.", "1.0001", 1), 1);
+    std::fs::write(bad.path("whole.tried.csv"), changed).unwrap();
+    let refused = fail(&mut bad.command("whole.yaml", &["--force"]));
+    assert_says(&refused, &["whole.tried.csv: try 2 is another"]);
+}
+
+#[test]
+fn without_proof_nothing_is_written() {
+    let bad = Bad::new();
+    // Time for no try: the present settings are all there is.
+    let output = bad
+        .command("tuned.yaml", &["--minutes", "0.001"])
+        .output()
+        .unwrap();
+    assert_eq!(output.status.code(), Some(1));
+    let printed = String::from_utf8_lossy(&output.stdout);
+    assert_says(&printed, &["Not shown to be better"]);
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_says(
+        &said,
+        &["tuned.yaml: not written, the present settings stay"],
+    );
+    assert!(!bad.path("tuned.yaml").exists());
+}
+
+#[test]
+fn what_is_wrong_is_named_before_anything_runs() {
+    let bad = Bad::new();
+    for (arguments, part) in [
+        (
+            "--factor 1",
+            "--factor: 1 is out of range, must be from 1.01",
+        ),
+        ("--training 1", "--training: 1 is out of range"),
+        ("--held-out 0", "--held-out: 0 is out of range"),
+        ("--tries 0", "--tries: 0 is out of range"),
+        ("--minutes NaN", "--minutes: NaN is out of range"),
+        ("--threads 0", "--threads: 0 is out of range"),
+        (
+            "--key weights.cross",
+            "weights.cross: there is no such setting",
+        ),
+        ("--key stages", "stages: 40 is a whole number"),
+        (
+            "--key weights.cross_per_m2 --key weights.cross_per_m2",
+            "weights.cross_per_m2: given twice",
+        ),
+        ("--key corridor", "corridor: null is no positive number"),
+        ("--controller mpc", "mpc"),
+        (
+            "--report /none/report.html",
+            "/none/report.html: cannot be written",
+        ),
+    ] {
+        let said = fail(bad.plain("tuned.yaml").args(arguments.split(' ')));
+        assert_says(&said, &[part]);
+    }
+    assert!(!bad.path("tuned.yaml").exists());
+}
