@@ -450,10 +450,6 @@ fn needed<T>(file: &ConfigFile, key: &str, value: Option<T>) -> Result<T, Config
     value.ok_or_else(|| file.error(format!("{key}: is missing, which this port needs")))
 }
 
-fn yes() -> bool {
-    true
-}
-
 fn days_max() -> f64 {
     crate::learned::DAYS_MAX
 }
