@@ -14,6 +14,7 @@ pub use decision::{Decision, Stall, Status, StopReason};
 use crate::config::{AttitudePreview, ControllerConfig, ControllerKind};
 use crate::estimator::{Estimate, Estimator};
 use crate::guard::{Guard, Stance, Surroundings};
+use crate::memory::{Learned, Memory, RecallError};
 use crate::mpc::{Horizon, Model, Mpc, Plan, QpFailure, Solution, StageTarget};
 use crate::pure_pursuit::PursuitView;
 use crate::reference::{Progress, Reference};
@@ -34,6 +35,9 @@ pub enum ControllerError {
     /// A setting is out of its range.
     #[error("controller setting {0}")]
     Range(#[from] RangeError),
+    /// What was learned before is not that of this vehicle, or makes no sense.
+    #[error("what was learned is refused: {0}")]
+    Recall(#[from] RecallError),
     /// The steepness guard needs to know where the mass is.
     #[error(
         "guard: the vehicle file has no centre_of_mass, and none in contact; the guard needs its height"
@@ -92,6 +96,9 @@ pub struct Controller {
     phase: Phase,
     watchdog: Watchdog,
     guard: Option<Guard>,
+    memory: Option<Memory>,
+    /// Name and number of vehicle and kind, by which what was learned is known again.
+    owner: String,
     /// Commands of the last second, the newest last: those in flight are among them.
     issued: Vec<Issued>,
     last_time_s: Option<f64>,
@@ -148,6 +155,12 @@ impl Controller {
             }
             None => None,
         };
+        let memory = config
+            .memory
+            .map(|memory| Memory::new(memory, config.period_s));
+        let mut estimator = estimator;
+        estimator.keep_learned(config.memory.is_some_and(|memory| memory.keep_gains));
+        let owner = owner(vehicle, kind);
         let vehicle = match kind {
             ControllerKind::IcrikMpc => vehicle.extended(),
             ControllerKind::ContactMpc => vehicle.on_wheels(),
@@ -185,6 +198,8 @@ impl Controller {
             last_time_s: None,
             adapts,
             guard,
+            memory,
+            owner,
             law,
             terrain: None,
             vehicle,
@@ -288,6 +303,9 @@ impl Controller {
         if let Some(guard) = &mut self.guard {
             guard.reset();
         }
+        if let Some(memory) = &mut self.memory {
+            memory.reset();
+        }
         self.phase = Phase::Driving { fallback_cycles: 0 };
         self.last_time_s = None;
         self.discard_plan();
@@ -328,6 +346,7 @@ impl Controller {
         self.supervise(estimate.as_ref(), progress.as_ref());
         let solved = match (self.phase, &estimate, &progress) {
             (Phase::Driving { .. }, Some(estimate), Some(progress)) => {
+                self.learn_place(estimate, elapsed_s);
                 self.look_ahead(estimate, progress, elapsed_s);
                 Some(match &mut self.law {
                     Law::Mpc(mpc) => mpc.linearise(&self.horizon).condense().solve(deadline),
@@ -371,6 +390,56 @@ impl Controller {
         let pose = &estimate?.pose;
         let point = self.tracked_point().of(pose, &estimate?.normal_in_world);
         Some(self.reference.as_mut()?.advance(elapsed_s, &point))
+    }
+
+    /// Returns everything that was learned, to be kept; none where memory is off.
+    pub fn learned(&self) -> Option<Learned> {
+        let memory = self.memory.as_ref()?;
+        Some(Learned {
+            owner: self.owner.clone(),
+            gains: self.estimator.learned().filter(|_| self.adapts),
+            cell_m: memory.config.cell_m,
+            cells: memory.cells(),
+        })
+    }
+
+    /// Begins with what was learned before, by this vehicle under this controller.
+    ///
+    /// # Errors
+    /// [`RecallError`] for what belongs to another one or makes no sense; nothing is then taken over.
+    pub fn recall(&mut self, learned: &Learned) -> Result<(), RecallError> {
+        let memory = self.memory.as_mut().ok_or(RecallError::Off)?;
+        if learned.owner != self.owner {
+            return Err(RecallError::Foreign {
+                found: learned.owner.clone(),
+                expected: self.owner.clone(),
+            });
+        }
+        if learned.cell_m != memory.config.cell_m {
+            return Err(RecallError::Wrong("cells have another size"));
+        }
+        if let Some(gains) = &learned.gains {
+            self.estimator.recall(gains).map_err(RecallError::Wrong)?;
+        }
+        memory.recall(&learned.cells);
+        Ok(())
+    }
+
+    /// Measures the residual slip of the cycle that is over.
+    fn learn_place(&mut self, estimate: &Estimate, elapsed_s: f64) {
+        let (Some(memory), Law::Mpc(mpc)) = (&mut self.memory, &mut self.law) else {
+            return;
+        };
+        if estimate.poses_gated > 0 {
+            return memory.reset();
+        }
+        let step = mpc.model_mut().step_on_plane(
+            &estimate.normal_in_world,
+            estimate.pose.yaw_rad,
+            estimate.treads.into(),
+            elapsed_s,
+        );
+        memory.observe(estimate.time_s, &estimate.pose, &step.increment);
     }
 
     /// Lets the guard look at the ground here and ahead.
@@ -472,6 +541,16 @@ impl Controller {
             mpc.discard_plan();
         }
     }
+}
+
+/// Returns the name of a vehicle under a kind of controller, with a number that is another where any of its
+/// parameters is.
+fn owner(vehicle: &Vehicle, kind: ControllerKind) -> String {
+    let text = format!("{vehicle:?}");
+    let number = text.bytes().fold(0xCBF2_9CE4_8422_2325_u64, |hash, byte| {
+        (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01B3)
+    });
+    format!("{} {number:016x} {}", vehicle.name, kind.name())
 }
 
 /// Share of the speed with which a vehicle drives whose poses are refused.

@@ -58,10 +58,10 @@ impl std::fmt::Display for SteepPlace {
         let Self { value, limit, .. } = self;
         match self.measure {
             SteepMeasure::RolloverMargin => {
-                write!(out, "tip-over margin {value:.2}, less than {limit}")?;
+                write!(out, "tip-over margin {value:.2}, less than {limit:.2}")?;
             }
             SteepMeasure::FrictionUse => {
-                write!(out, "use of friction {value:.2}, more than {limit}")?;
+                write!(out, "use of friction {value:.2}, more than {limit:.2}")?;
             }
             SteepMeasure::Roll => write!(out, "roll {value:.1} deg, beyond {limit} deg")?,
             SteepMeasure::Pitch => write!(out, "pitch {value:.1} deg, beyond {limit} deg")?,
@@ -108,6 +108,10 @@ pub(super) struct Judgement {
     pub(super) share: f64,
 }
 
+/// How far before a limit of margin or friction a place is stopped before: the vehicle is somewhat beside its
+/// path and its heading, and its sensors are noisy.
+const RESERVE: f64 = 0.02;
+
 /// A vehicle and its limits on ground of a coefficient of friction.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Judge<'a> {
@@ -141,7 +145,13 @@ impl Judge<'_> {
         };
         let tilted = attitudes.iter().find_map(|attitude| self.tilt(attitude));
         let blocked = tilted.or_else(|| {
-            worst(slowest).and_then(|m| excess(&m, c.rollover_margin_min, c.friction_use_max))
+            worst(slowest).and_then(|m| {
+                excess(
+                    &m,
+                    c.rollover_margin_min + RESERVE,
+                    c.friction_use_max - RESERVE,
+                )
+            })
         });
         let (mut share, mut slow) = (1.0, None);
         if let Some(m) = worst(1.0) {
