@@ -8,10 +8,13 @@ mod running;
 
 use program::{repository, sidehill};
 use running::Running;
+use sidehill_bridge::recording::{
+    McapRecording, MessageSink, RecordLimits, Recording, Topic, scan,
+};
 use std::fs::File;
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::process::{Command, Output, Stdio};
 
 fn run_to_end(arguments: &[&str]) -> Output {
     sidehill().args(arguments).output().unwrap()
@@ -103,6 +106,60 @@ fn a_simulated_vehicle_is_driven_in_real_time() {
     assert_eq!(replayed["different"], 0, "{replayed}");
     assert!(replayed["cycles"].as_u64().unwrap() > 100, "{replayed}");
     assert_eq!(output.status.code(), Some(0));
+}
+
+#[test]
+fn a_recording_without_its_first_file_is_replayed_from_where_it_was_armed() {
+    let file = configuration("first_file_deleted", &SIMULATED);
+    let whole = file.with_file_name("drive.mcap");
+    let mut run = Running::start(
+        sidehill()
+            .arg("run")
+            .arg(&file)
+            .args(["--duration-s", "8", "--force", "--record"])
+            .arg(&whole)
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null()),
+    );
+    let mut lines = BufReader::new(run.0.stdout.take().unwrap()).lines();
+    let waits = lines.by_ref().map_while(Result::ok).take(3).count();
+    assert_eq!(waits, 3);
+    let id = rustix::process::Pid::from_child(&run.0);
+    rustix::process::kill_process(id, rustix::process::Signal::USR1).unwrap();
+    assert!(lines.all(|line| line.is_ok()));
+    run.0.wait().unwrap();
+    // The same messages, with a new file after the first half second, and only the newest file kept.
+    let header = Recording::read(&whole).unwrap().header;
+    let cut = file.with_file_name("cut.mcap");
+    let limits = RecordLimits {
+        max_size: 1.0,
+        split: true,
+        keep: 1,
+    };
+    let mut recording = McapRecording::create(&cut, header, limits).unwrap();
+    let mut begin_ns = None;
+    let mut padding = vec![0; 2_000_000];
+    scan(&whole, &mut |topic, time_ns, message| {
+        let begin_ns = *begin_ns.get_or_insert(time_ns);
+        if time_ns > begin_ns + 500_000_000 && !padding.is_empty() {
+            recording.put(Topic::Diagnostics, time_ns, &std::mem::take(&mut padding));
+        }
+        recording.put(topic, time_ns, message);
+        Ok(())
+    })
+    .unwrap();
+    recording.finish();
+    assert!(!cut.exists());
+    let left = file.with_file_name("cut_1.mcap");
+    let output = run_to_end(&["replay", left.to_str().unwrap(), "--format", "json"]);
+    let replayed: serde_json::Value = serde_json::from_slice(&output.stdout)
+        .unwrap_or_else(|_| panic!("{}", String::from_utf8_lossy(&output.stderr)));
+    assert!(
+        replayed["begins"]["cycle"].as_u64().unwrap() > 20,
+        "{replayed}"
+    );
+    assert_eq!(replayed["different"], 0, "{replayed}");
+    assert!(replayed["cycles"].as_u64().unwrap() > 40, "{replayed}");
 }
 
 #[test]
@@ -337,8 +394,8 @@ fn it_drives_on_when_nobody_reads_and_stops_when_the_connection_drops() {
         sidehill()
             .args(["run", file.to_str().unwrap(), "--arm", "--out"])
             .arg(&out)
-            .stdout(std::process::Stdio::piped())
-            .stderr(std::process::Stdio::piped()),
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped()),
     );
     // Both ends of its text are gone before it says anything.
     drop(run.0.stdout.take());

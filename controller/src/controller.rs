@@ -7,6 +7,7 @@
 mod decision;
 mod horizon;
 mod issued;
+mod learning;
 mod parts;
 mod supervision;
 mod watchdog;
@@ -17,6 +18,7 @@ pub use parts::ControllerError;
 use crate::config::{ControllerConfig, ControllerKind};
 use crate::estimator::{Estimate, Estimator};
 use crate::guard::Guard;
+use crate::memory::Memory;
 use crate::mpc::{Horizon, Mpc, Plan, QpFailure, Solution, StageTarget};
 use crate::pure_pursuit::PursuitView;
 use crate::reference::{Progress, Reference};
@@ -59,6 +61,9 @@ pub struct Controller {
     phase: Phase,
     watchdog: Watchdog,
     guard: Option<Guard>,
+    memory: Option<Memory>,
+    /// Name and number of vehicle and kind, by which what was learned is known again.
+    owner: String,
     issued: IssuedCommands,
     last_time_s: Option<f64>,
 }
@@ -80,12 +85,17 @@ impl Controller {
             _ => config,
         };
         let guard = guard(&config, vehicle)?;
+        let memory = config
+            .memory
+            .map(|memory| Memory::new(memory, config.period_s));
+        let owner = learning::owner(vehicle, kind);
         let Parts {
             vehicle,
-            estimator,
+            mut estimator,
             law,
             adapts,
         } = Parts::of(kind, &config, vehicle)?;
+        estimator.keep_learned(config.memory.is_some_and(|memory| memory.keep_gains));
         Ok(Self {
             estimator,
             reference: None,
@@ -107,6 +117,8 @@ impl Controller {
             last_time_s: None,
             adapts,
             guard,
+            memory,
+            owner,
             law,
             terrain: None,
             vehicle,
@@ -210,6 +222,9 @@ impl Controller {
         if let Some(guard) = &mut self.guard {
             guard.reset();
         }
+        if let Some(memory) = &mut self.memory {
+            memory.reset();
+        }
         self.phase = Phase::Driving { fallback_cycles: 0 };
         self.last_time_s = None;
         self.discard_plan();
@@ -250,6 +265,7 @@ impl Controller {
         self.supervise(estimate.as_ref(), progress.as_ref());
         let solved = match (self.phase, &estimate, &progress) {
             (Phase::Driving { .. }, Some(estimate), Some(progress)) => {
+                self.learn_place(estimate, elapsed_s);
                 self.look_ahead(estimate, progress, elapsed_s);
                 Some(match &mut self.law {
                     Law::Mpc(mpc) => mpc.linearise(&self.horizon).condense().solve(deadline),

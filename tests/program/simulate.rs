@@ -233,7 +233,7 @@ fn the_guard_stops_before_steep_ground_or_refuses_the_route() {
     let limit = guard["stopped_before"]["limit"].as_f64().unwrap();
     assert!(guard["rollover_margin_min"].as_f64().unwrap() > 0.25);
     assert!(guard["friction_use_max"].as_f64().unwrap() < 0.8);
-    let named = format!("limit {limit}");
+    let named = format!("limit {limit:.2}");
     assert_says(&report, &["Margins along the path", &named]);
     let refuses = steep.replace("refuse_route: false", "refuse_route: true");
     let (refused, report) = drive("refused.yaml", &refuses);
@@ -284,4 +284,74 @@ fn at_the_end_of_grip_plans_settle_and_a_slow_turn_goes_on() {
         assert_eq!(run["completed"], true, "{run}");
         assert!(run["cross_track_max_m"].as_f64().unwrap() < 0.6, "{run}");
     }
+}
+
+#[test]
+fn what_was_learned_is_kept_in_a_file_that_is_refused_where_it_is_wrong() {
+    let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR"));
+    let eight = std::fs::read_to_string(root.join("config/scenarios/figure_eight_10deg.yaml"));
+    let vehicles = root.join("config/vehicles/");
+    let eight = eight
+        .unwrap()
+        .replace("../vehicles/", vehicles.to_str().unwrap())
+        .replace(
+            "\ncontroller:\n",
+            "\nlaps: 2\nfriction: {kind: patches, minimum: 0.6, maximum: 0.9, cell_size_m: 2}\n\
+             controller:\n  memory: {}\n",
+        );
+    let folder = tempfile::tempdir().unwrap();
+    let file = |name: &str, text: &str| {
+        let file = folder.path().join(name);
+        std::fs::write(&file, text).unwrap();
+        file
+    };
+    let kept = folder.path().join("j8.learned");
+    let simulate = |scenario: &std::path::Path, arguments: &[&std::ffi::OsStr]| {
+        let mut command = sidehill();
+        command.arg("simulate").arg(scenario);
+        command.args([
+            "--controller",
+            "icrik-mpc",
+            "--plant",
+            "contact",
+            "--format",
+            "json",
+        ]);
+        command.args(arguments);
+        command
+    };
+    let (two, one) = (
+        file("two.yaml", &eight),
+        file("one.yaml", &eight.replace("laps: 2", "laps: 1")),
+    );
+    let (write, read) = ("--learned-out".as_ref(), "--learned".as_ref());
+    let rms = |run: &Value| run["cross_track_rms_m"].as_f64().unwrap();
+    let run = runs(&succeed(&mut simulate(&two, &[write, kept.as_os_str()]))).remove(0);
+    let laps = run["laps"].as_array().unwrap();
+    assert_eq!(laps.len(), 2, "{run}");
+    let (first, second) = (rms(&laps[0]), rms(&laps[1]));
+    assert!(second < first, "{first} {second}");
+    let fresh = runs(&succeed(&mut simulate(&one, &[]))).remove(0);
+    assert!(fresh.get("laps").is_none());
+    let restarted = simulate(&one, &[read, kept.as_os_str()]).output().unwrap();
+    let restarted = runs(&String::from_utf8(restarted.stdout).unwrap()).remove(0);
+    assert!(rms(&restarted) < rms(&fresh), "{restarted} {fresh}");
+    // Another vehicle, a damaged file, a cut one, none at all, and memory off.
+    let other = eight.replace("\nlaps: 2", "\nmodel_error: {y_icr: 1.1}\nlaps: 1");
+    let other = file("other.yaml", &other);
+    let why = fail(&mut simulate(&other, &[read, kept.as_os_str()]));
+    assert_says(&why, &["refused", "it was learned by j8"]);
+    let whole = std::fs::read_to_string(&kept).unwrap();
+    for (damaged, says) in [
+        (whole.replacen("residual", "residuel", 1), "damaged"),
+        (whole[..whole.len() / 2].to_owned(), "cut short"),
+        ("gains: 1\n".to_owned(), "no file of what was learned"),
+    ] {
+        let damaged = file("damaged.learned", &damaged);
+        let why = fail(&mut simulate(&one, &[read, damaged.as_os_str()]));
+        assert_says(&why, &["damaged.learned", "refused", says]);
+    }
+    let off = file("off.yaml", &eight.replace("memory: {}", "memory: null"));
+    let why = fail(&mut simulate(&off, &[write, kept.as_os_str()]));
+    assert_says(&why, &["--learned-out", "memory"]);
 }

@@ -2,7 +2,7 @@
 
 use super::diagnostics::{GeneralState, controller_status, recording_status, safety_status};
 use super::messages::{LogLine, Topic};
-use super::records::{controller_cycle, loop_cycle, path_command, path_poses};
+use super::records::{controller_cycle, guard_state, loop_cycle, path_command, path_poses};
 use super::scene::{BASE, Marker, SceneParts, WORLD};
 use super::sink::MessageSink;
 use super::tap::{PathRecord, PlanView, StepRecord};
@@ -16,6 +16,7 @@ use crate::ros2::node::message::{
 use crate::ros2::port::convert::world_from_base_link;
 use crate::safety::SafetyState;
 use sidehill_controller::controller::{Decision, Status};
+use sidehill_controller::guard::GuardView;
 use sidehill_plant::frames::{Attitude, PlanarPose, Pose};
 use sidehill_plant::simulation::TrueState;
 use sidehill_plant::speeds::TreadSpeeds;
@@ -23,8 +24,9 @@ use sidehill_plant::vehicle::Vehicle;
 
 /// Time between two plans, s: they would be most of what is written.
 const PLAN_PERIOD_S: f64 = 0.5;
-/// Time between two pictures of slide and ICRs, s.
+/// Time between two pictures of slide, ICRs and margins, s.
 const SCENE_PERIOD_S: f64 = 0.2;
+
 /// Returns a time, s, as ns; 0 for one before.
 pub fn unix_ns(time_s: f64) -> u64 {
     (time_s * 1e9).round().max(0.0) as u64
@@ -96,7 +98,12 @@ impl DriveMessages {
                 &estimate.attitude,
                 sink,
             );
-            self.motion(time_s, estimate.attitude, estimate.treads, sink);
+            let (attitude, treads) = (estimate.attitude, estimate.treads);
+            self.motion(time_s, attitude, treads, decision.guard.as_ref(), sink);
+        }
+        if let Some(guard) = &decision.guard {
+            let message = guard_state(time_s, guard);
+            self.put(Topic::Guard, time_s, &message, sink);
         }
         if let Some(progress) = &decision.progress {
             let pose = self.stamped_pose(
@@ -124,10 +131,16 @@ impl DriveMessages {
         time_s: f64,
         attitude: Attitude,
         treads: TreadSpeeds,
+        guard: Option<&GuardView>,
         sink: &mut impl MessageSink,
     ) {
         if is_due(&mut self.scene_s, time_s, SCENE_PERIOD_S) {
-            let markers = self.scene.motion(attitude, treads);
+            let mut markers = self.scene.motion(attitude, treads);
+            markers.extend(
+                guard
+                    .into_iter()
+                    .flat_map(|guard| self.scene.margins(guard)),
+            );
             let header = self.header(time_s, BASE);
             self.put(
                 Topic::Scene,
@@ -161,7 +174,7 @@ impl DriveMessages {
             ],
         );
         self.put(Topic::Treads, time_s, &message, sink);
-        self.motion(time_s, state.attitude, state.treads, sink);
+        self.motion(time_s, state.attitude, state.treads, None, sink);
     }
 
     /// Gives the newest plan, at most twice a second.

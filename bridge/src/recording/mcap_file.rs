@@ -92,6 +92,9 @@ pub struct McapRecording {
     flushed: Instant,
     /// Whether messages wait for the disk.
     waiting: bool,
+    /// What every file repeats, so that it can be replayed and looked at without those before it: the newest
+    /// path, and the scene that stays.
+    latched: BTreeMap<Topic, (u64, Vec<u8>)>,
     /// Log times never go back: readers without an index rely on it.
     newest_ns: u64,
 }
@@ -121,6 +124,7 @@ impl McapRecording {
             flushed: Instant::now(),
             waiting: false,
             newest_ns: 0,
+            latched: BTreeMap::new(),
         };
         recording.begin_part()?;
         Ok(recording)
@@ -139,6 +143,16 @@ impl McapRecording {
         let stem = path.file_stem().unwrap_or_default().to_string_lossy();
         let ending = path.extension().unwrap_or_default().to_string_lossy();
         path.with_file_name(format!("{stem}_{part}.{ending}"))
+    }
+
+    /// Returns the name of the first file of the recording whose file `part` is at `path`.
+    pub(super) fn first_name(path: &Path, part: u32) -> PathBuf {
+        let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+        let ending = path.extension().unwrap_or_default().to_string_lossy();
+        match stem.strip_suffix(&format!("_{part}")) {
+            Some(first) if part > 0 => path.with_file_name(format!("{first}.{ending}")),
+            _ => path.to_owned(),
+        }
     }
 
     /// Gives what has waited long enough to the disk. To be called about as often as messages come.
@@ -240,6 +254,32 @@ impl McapRecording {
     }
 
     fn append(&mut self, topic: Topic, time_ns: u64, message: &[u8]) -> Result<(), Error> {
+        match topic {
+            Topic::PathCommand | Topic::Path => {
+                self.latched.insert(topic, (time_ns, message.to_vec()));
+            }
+            Topic::Scene => {
+                self.latched
+                    .entry(topic)
+                    .or_insert_with(|| (time_ns, message.to_vec()));
+            }
+            _ => {}
+        }
+        let before = self.open.as_ref().map_or(0, |part| part.bytes);
+        self.write(topic, time_ns, message)?;
+        let Some(bytes) = self.open.as_ref().map(|part| part.bytes) else {
+            return Ok(());
+        };
+        if bytes >= (self.limits.max_size * MEGABYTE as f64) as u64 {
+            return self.next_part();
+        }
+        if bytes / PENDING_MAX as u64 != before / PENDING_MAX as u64 {
+            self.flush()?;
+        }
+        Ok(())
+    }
+
+    fn write(&mut self, topic: Topic, time_ns: u64, message: &[u8]) -> Result<(), Error> {
         let Some(part) = &mut self.open else {
             return Ok(());
         };
@@ -260,15 +300,8 @@ impl McapRecording {
                 message,
             )
             .map_err(io_error)?;
-        let before = part.bytes / PENDING_MAX as u64;
         // Header and index of a message have 47 bytes.
         part.bytes += message.len() as u64 + 47;
-        if part.bytes >= (self.limits.max_size * MEGABYTE as f64) as u64 {
-            return self.next_part();
-        }
-        if part.bytes / PENDING_MAX as u64 != before {
-            self.flush()?;
-        }
         Ok(())
     }
 
@@ -283,7 +316,12 @@ impl McapRecording {
         while keep > 0 && self.parts.len() >= keep {
             std::fs::remove_file(self.parts.remove(0))?;
         }
-        self.begin_part()
+        self.begin_part()?;
+        for (topic, (time_ns, message)) in std::mem::take(&mut self.latched) {
+            self.write(topic, time_ns, &message)?;
+            self.latched.insert(topic, (time_ns, message));
+        }
+        Ok(())
     }
 }
 

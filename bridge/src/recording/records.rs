@@ -1,9 +1,10 @@
 //! Records of the control loop and the controller as the messages that a replay reads.
 
-use super::messages::{ControllerCycle, LoopCycle, PathCommand};
+use super::messages::{ControllerCycle, GuardState, LoopCycle, PathCommand};
 use super::tap::{PathRecord, StepRecord};
 use crate::control_loop::record::CycleRow;
 use crate::ros2::node::message::cdr::to_cdr;
+use sidehill_controller::guard::GuardView;
 use sidehill_plant::frames::PlanarPose;
 
 /// Distance between the points of a path that is shown, m.
@@ -28,6 +29,19 @@ pub(super) fn loop_cycle(row: &CycleRow) -> LoopCycle {
         link: format!("{:?}", row.bus).to_lowercase(),
         refused: row.refused,
         skipped: row.skipped,
+    }
+}
+
+/// Returns what the steepness guard finds.
+pub(super) fn guard_state(time_s: f64, view: &GuardView) -> GuardState {
+    GuardState {
+        time_s,
+        rollover_margin: view.rollover_margin,
+        friction_use: view.friction_use,
+        friction: view.friction,
+        speed_share: view.speed_share,
+        place_ahead: view.ahead.is_some(),
+        place_in_s: view.ahead.map_or(f64::NAN, |place| place.in_s),
     }
 }
 

@@ -6,6 +6,7 @@ use crate::estimator::Estimate;
 use crate::mpc::{Model, StageTarget};
 use crate::reference::Progress;
 use crate::tracked_point::{TrackedPoint, heading_difference_after};
+use nalgebra::Vector3;
 use sidehill_plant::frames::{PlanarPose, wrap_angle};
 use sidehill_plant::speeds::MotorSpeeds;
 
@@ -93,6 +94,9 @@ impl Controller {
             self.horizon.targets.push(StageTarget {
                 pose: point.pose(),
                 tracked_point,
+                residual_in_world: self.memory.as_ref().map_or_else(Vector3::zeros, |memory| {
+                    memory.residual_in_world(&point.pose())
+                }),
                 along_heading_rad: point.heading_rad,
                 normal_in_world,
                 feedforward: MotorSpeeds {
@@ -184,9 +188,13 @@ impl Controller {
                 command,
                 time_s,
             );
-            pose.x_m += step.increment.x;
-            pose.y_m += step.increment.y;
-            pose.yaw_rad += step.increment.z;
+            let mut increment = step.increment;
+            if let Some(memory) = &self.memory {
+                increment += time_s * memory.residual_in_world(&pose);
+            }
+            pose.x_m += increment.x;
+            pose.y_m += increment.y;
+            pose.yaw_rad += increment.z;
         }
         pose
     }

@@ -3,6 +3,7 @@
 use crate::config::{ControllerConfig, ControllerKind};
 use crate::estimator::Estimator;
 use crate::guard::{Guard, Stance};
+use crate::memory::RecallError;
 use crate::mpc::{Model, Mpc, QpFailure};
 use sidehill_plant::bounds::RangeError;
 use sidehill_plant::contact::ContactPrediction;
@@ -15,6 +16,9 @@ pub enum ControllerError {
     /// A setting is out of its range.
     #[error("controller setting {0}")]
     Range(#[from] RangeError),
+    /// What was learned before is not that of this vehicle, or makes no sense.
+    #[error("what was learned is refused: {0}")]
+    Recall(#[from] RecallError),
     /// The steepness guard needs to know where the mass is.
     #[error(
         "guard: the vehicle file has no centre_of_mass, and none in contact; the guard needs its height"
