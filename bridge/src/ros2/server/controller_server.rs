@@ -6,6 +6,7 @@ use super::follow_path::{FollowPathRequest, FollowPathServer, action_server};
 use super::goal_context::{Client, GoalContext, ObstacleContext, Request};
 use super::goal_handler::GoalHandler;
 use super::goal_session::PivotSettings;
+use super::live_parameters;
 use super::obstacles::{CostmapReader, ObstacleSettings, StoppingSettings};
 use super::outcome::Outcome;
 use super::parameters::ServerParameters;
@@ -13,6 +14,7 @@ use super::requested_path::RequestedPath;
 use super::route::RouteSettings;
 use super::telemetry::Telemetry;
 use crate::control_loop::channel::{CommandClient, LoopStatus};
+use crate::recording::live::ParameterOwner;
 use crate::ros2::node::goals::GoalEnd;
 use crate::ros2::node::message::action::FollowPathFeedback;
 use crate::ros2::node::message::{Path, SpeedLimit};
@@ -51,6 +53,8 @@ pub(crate) struct ServerLinks {
     pub(crate) inputs: Arc<SharedInputs>,
     /// Why nothing is recorded any more, once that is so; none where nothing is to be recorded.
     pub(crate) recording: Option<Arc<OnceLock<String>>>,
+    /// Where live clients see and set the parameters; none without a live view.
+    pub(crate) live: Option<ParameterOwner>,
 }
 
 pub(crate) struct ControllerServer {
@@ -118,6 +122,9 @@ impl ControllerServer {
         let parameters = ServerParameters::new(&config.follow_path);
         let declared = parameters.declare(&config, period_s, route.limits.speed_max_m_s);
         let services = NodeServices::new(&mut node, (registry, token), declared, config.autostart)?;
+        if let Some(owner) = &links.live {
+            owner.publish(live_parameters::values(&services.parameters));
+        }
         let telemetry = Telemetry::new(&mut node, vehicle, &config)?;
         let action_name = node.names().resolve(&config.follow_path.action)?;
         let emergency_stop = node.names().resolve(&config.inputs.emergency_stop)?;
@@ -237,7 +244,11 @@ impl ControllerServer {
 
     /// Answers the services of parameters and lifecycle.
     fn serve_node(&mut self, now_s: f64) {
-        let changes = self.services.answer(&mut self.node, &self.peers);
+        let mut changes = self.services.answer(&mut self.node, &self.peers);
+        if let Some(owner) = &self.links.live {
+            let (services, node) = (&mut self.services, &mut self.node);
+            changes.parameters |= live_parameters::serve(owner, services, node, changes.parameters);
+        }
         if changes.parameters {
             let (names, values) = (&self.parameters, &self.services.parameters);
             self.config.tolerances = names.tolerances(values);
