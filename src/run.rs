@@ -6,6 +6,7 @@ mod screen;
 use crate::config::ros2::{environment, parameters};
 use crate::config::{Bundle, ConfigFile, RunConfig, RunPort};
 use crate::console::Printer;
+use crate::learned::Keeper;
 use crate::output;
 use crate::recording::{self, DriveRecording, LIVE};
 use anyhow::{Context, Result, anyhow, ensure};
@@ -86,7 +87,11 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
     let file = ConfigFile::read(&args.config)?.with_bundle(bundle.clone());
     let config: RunConfig = file.parse()?;
     let vehicle = config.load_vehicle(&file)?;
-    let controller = config.controller(&file, &vehicle)?;
+    let mut controller = config.controller(&file, &vehicle)?;
+    let keeper = config
+        .learned_file(&file)?
+        .map(|(path, days_max)| Keeper::start(path, days_max, &mut controller))
+        .transpose()?;
     let mut files = args.out.as_deref().map(Files::create).transpose()?;
     let signals = register_signals()?;
 
@@ -179,6 +184,7 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
         controller,
         channel,
         tap: recording.is_some().then_some(controller_tap),
+        learned: keeper.as_ref().map(Keeper::sender),
         records,
         options: RunOptions {
             arm: args.arm,
@@ -235,6 +241,9 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
     }
     screen.end(report.as_ref().ok());
     printer.finish(PRINT_TIMEOUT);
+    if let Some(keeper) = keeper {
+        keeper.finish();
+    }
     let report = report.with_context(|| file.name())?;
     Ok(ExitCode::from(report.ended.exit_code()))
 }

@@ -18,7 +18,7 @@ use crate::recording::live::ParameterOwner;
 use crate::ros2::node::goals::GoalEnd;
 use crate::ros2::node::message::action::FollowPathFeedback;
 use crate::ros2::node::message::{Path, SpeedLimit};
-use crate::ros2::node::peers::{Peers, participant};
+use crate::ros2::node::peers::Peers;
 use crate::ros2::node::services::NodeServices;
 use crate::ros2::node::subscription::take_newest;
 use crate::ros2::node::time::RosTime;
@@ -234,7 +234,7 @@ impl ControllerServer {
         self.accepted_goals += 1;
         let client = Client::Goal {
             id: goal.id,
-            participant: participant(&goal.request),
+            client: self.peers.client(&goal.request),
         };
         let path = goal
             .check_ids(&self.config.follow_path)
@@ -413,10 +413,10 @@ impl ControllerServer {
                 }
                 _ => {}
             }
-            if let Some((left, topic)) = self.peers.take(event)
-                && topic.is_none_or(|topic| topic == self.result_topic)
-            {
-                self.handler.client_left(left);
+            if let Some(left) = self.peers.take(event) {
+                let topic = &self.result_topic;
+                self.handler
+                    .clients_left(|client| client.has_left(&left, topic));
             }
         }
     }
