@@ -1,10 +1,13 @@
 //! `run` and `vehicle` without a bus.
 #![allow(clippy::unwrap_used)]
 
+use sidehill_bridge::recording::{
+    McapRecording, MessageSink, RecordLimits, Recording, Topic, scan,
+};
 use std::fs::File;
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::process::{Command, Output, Stdio};
 
 fn sidehill(arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_sidehill"))
@@ -99,6 +102,60 @@ fn a_simulated_vehicle_is_driven_in_real_time() {
     assert_eq!(replayed["different"], 0, "{replayed}");
     assert!(replayed["cycles"].as_u64().unwrap() > 100, "{replayed}");
     assert_eq!(output.status.code(), Some(0));
+}
+
+#[test]
+fn a_recording_without_its_first_file_is_replayed_from_where_it_was_armed() {
+    let file = configuration("first_file_deleted", &SIMULATED);
+    let whole = file.with_file_name("drive.mcap");
+    let mut run = Command::new(env!("CARGO_BIN_EXE_sidehill"))
+        .arg("run")
+        .arg(&file)
+        .args(["--duration-s", "8", "--force", "--record"])
+        .arg(&whole)
+        .stdout(Stdio::piped())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    let mut lines = BufReader::new(run.stdout.take().unwrap()).lines();
+    let waits = lines.by_ref().map_while(Result::ok).take(3).count();
+    assert_eq!(waits, 3);
+    let id = rustix::process::Pid::from_child(&run);
+    rustix::process::kill_process(id, rustix::process::Signal::USR1).unwrap();
+    assert!(lines.all(|line| line.is_ok()));
+    run.wait().unwrap();
+    // The same messages, with a new file after the first half second, and only the newest file kept.
+    let header = Recording::read(&whole).unwrap().header;
+    let cut = file.with_file_name("cut.mcap");
+    let limits = RecordLimits {
+        max_size: 1.0,
+        split: true,
+        keep: 1,
+    };
+    let mut recording = McapRecording::create(&cut, header, limits).unwrap();
+    let mut begin_ns = None;
+    let mut padding = vec![0; 2_000_000];
+    scan(&whole, &mut |topic, time_ns, message| {
+        let begin_ns = *begin_ns.get_or_insert(time_ns);
+        if time_ns > begin_ns + 500_000_000 && !padding.is_empty() {
+            recording.put(Topic::Diagnostics, time_ns, &std::mem::take(&mut padding));
+        }
+        recording.put(topic, time_ns, message);
+        Ok(())
+    })
+    .unwrap();
+    recording.finish();
+    assert!(!cut.exists());
+    let left = file.with_file_name("cut_1.mcap");
+    let output = sidehill(&["replay", left.to_str().unwrap(), "--format", "json"]);
+    let replayed: serde_json::Value = serde_json::from_slice(&output.stdout)
+        .unwrap_or_else(|_| panic!("{}", String::from_utf8_lossy(&output.stderr)));
+    assert!(
+        replayed["begins"]["cycle"].as_u64().unwrap() > 20,
+        "{replayed}"
+    );
+    assert_eq!(replayed["different"], 0, "{replayed}");
+    assert!(replayed["cycles"].as_u64().unwrap() > 40, "{replayed}");
 }
 
 #[test]

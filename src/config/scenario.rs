@@ -8,6 +8,7 @@ use sidehill_controller::config::{AttitudePreview, ControllerConfig, ControllerK
 use sidehill_controller::controller::{Controller, ControllerError};
 use sidehill_controller::course::Course;
 use sidehill_controller::guard::{Stance, SteepPlace, first_steep_place};
+use sidehill_controller::memory::Learned;
 use sidehill_controller::path::Point2;
 use sidehill_controller::reference::Reference;
 use sidehill_controller::speed_profile::{SpeedConfig, SpeedLimits};
@@ -194,6 +195,8 @@ pub struct Prepared {
     pub route_note: String,
     /// Bounds on the speed along a path.
     pub speed_limits: SpeedLimits,
+    /// What was learned before, with which controllers begin.
+    pub learned: Option<Learned>,
     /// What is allowed but probably not meant.
     pub warnings: Vec<String>,
 }
@@ -240,6 +243,9 @@ impl Prepared {
     pub fn controller(&self, kind: ControllerKind) -> Result<Controller, ControllerError> {
         let mut controller = Controller::new(kind, self.controller.clone(), &self.vehicle)?
             .with_terrain(self.terrain.clone());
+        if let Some(learned) = &self.learned {
+            controller.recall(learned)?;
+        }
         controller.follow(self.reference.clone());
         Ok(controller)
     }
@@ -328,6 +334,7 @@ impl Scenario {
             controller: raw.controller.clone(),
             route_note: loaded.note,
             speed_limits: limits,
+            learned: None,
             warnings,
         })
     }

@@ -14,9 +14,12 @@ mod readme;
 mod replay;
 mod schema;
 mod simulate;
+mod simulate_output;
 mod stranger;
 mod tune;
 
+use serde_json::Value;
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
@@ -68,6 +71,31 @@ fn assert_says(message: &str, parts: &[&str]) {
     for part in parts {
         assert!(message.contains(part), "no `{part}` in: {message}");
     }
+}
+
+fn keys(value: &Value) -> BTreeSet<&str> {
+    value
+        .as_object()
+        .unwrap()
+        .keys()
+        .map(String::as_str)
+        .collect()
+}
+
+/// Returns the runs of what `--format json` printed.
+fn runs(text: &str) -> Vec<Value> {
+    let value: Value = serde_json::from_str(text).unwrap();
+    assert_eq!(keys(&value), BTreeSet::from(["runs"]));
+    value["runs"].as_array().unwrap().clone()
+}
+
+/// Returns the text of a scenario whose vehicles are found from any folder.
+fn scenario_anywhere(name: &str) -> String {
+    let text = crate::repository(&format!("config/scenarios/{name}.yaml"));
+    let vehicles = crate::repository("config/vehicles/");
+    std::fs::read_to_string(text)
+        .unwrap()
+        .replace("../vehicles/", vehicles.to_str().unwrap())
 }
 
 /// A folder with a scenario in it that takes little time: 2 m across a slope of 8 degrees.

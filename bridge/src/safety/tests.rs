@@ -427,6 +427,32 @@ fn a_first_plan_may_take_long_while_the_vehicle_stands() {
 }
 
 #[test]
+fn a_first_plan_that_comes_late_leaves_the_second_its_time() {
+    let mut bench = Bench::new();
+    bench.arm();
+    while bench.safety.state() != SafetyState::Driving {
+        bench.step(MotorSpeeds::STOP, |_| {});
+    }
+    let start_s = f64::from(bench.steps) * PERIOD_S;
+    // The first decision reaches the loop 0.09 s after its sample, and the second takes three cycles.
+    for decided_s in [0.05, 0.05, 0.05, 0.2] {
+        let order = bench.step(speeds(0.5, 0.0), |s| {
+            s.time_s += 0.09;
+            if let Some(feedback) = &mut s.feedback {
+                feedback.time_s = s.time_s;
+            }
+            set_command_time(s, start_s + decided_s);
+        });
+        assert_eq!(order.speeds, MotorSpeeds::STOP);
+        assert_eq!(bench.safety.state(), SafetyState::Driving, "{decided_s}");
+    }
+    // The machine has caught up.
+    bench.steps += 2;
+    let order = bench.step(speeds(0.5, 0.0), |_| {});
+    assert_eq!(order.speeds, speeds(0.5, 0.0));
+}
+
+#[test]
 fn a_ramp_catches_up_after_a_late_cycle() {
     let mut bench = Bench::driving(speeds(0.8, 0.0));
     bench.step(speeds(0.8, 0.0), |inputs| {

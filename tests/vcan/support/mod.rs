@@ -59,6 +59,20 @@ impl Folder {
     }
 }
 
+impl Drop for Folder {
+    /// Shows what the programs said where the test has failed.
+    fn drop(&mut self) {
+        if !std::thread::panicking() {
+            return;
+        }
+        for name in ["run/events.jsonl", "run.out", "vehicle.out"] {
+            if let Ok(text) = std::fs::read_to_string(self.0.join(name)) {
+                println!("{name} of {}:\n{text}", self.0.display());
+            }
+        }
+    }
+}
+
 /// Makes the bus if it is gone, and switches it on.
 pub fn ensure_bus() {
     if !Path::new("/sys/class/net").join(BUS).exists() {
