@@ -121,6 +121,10 @@ pub fn run_plant<P: Plant>(
         cross_track_max_m: figures.cross_track_max_m,
         origin_cross_track_rms_m: figures.origin_cross_track_rms_m,
         along_track_rms_m: figures.along_track_rms_m,
+        laps: match closed_loop.laps() {
+            [_, _, ..] => closed_loop.laps().to_vec(),
+            _ => Vec::new(),
+        },
         guard: guard.map(|guard| guard.summary(refused)),
         heading_rms_rad: figures.heading_rms_rad,
         steer_total_variation_m_s: figures.steer_total_variation_m_s,
@@ -135,7 +139,11 @@ pub fn run_plant<P: Plant>(
         solve_us: Quantiles::of(solves.map(|row| row.solve_us).collect()),
         cycle_us: Quantiles::of(rows.iter().map(|row| row.cycle_us).collect()),
     };
-    Ok(Run { summary, rows })
+    Ok(Run {
+        learned: closed_loop.controller().learned(),
+        summary,
+        rows,
+    })
 }
 
 /// Returns why a run that has finished does not count as completed.

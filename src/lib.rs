@@ -20,6 +20,7 @@ pub mod icr;
 pub mod identify;
 #[cfg(feature = "drive")]
 pub mod init;
+pub mod learned;
 #[cfg(feature = "drive")]
 pub mod live_odometry;
 pub mod odometry;

@@ -1,9 +1,11 @@
 //! What a run leaves behind: one row a control cycle, and the figures of the whole.
 
 use serde::Serialize;
+use sidehill_controller::closed_loop::LapFigures;
 use sidehill_controller::controller::Status;
 use sidehill_controller::estimator::ContactEstimate;
 use sidehill_controller::guard::{Margins, SteepPlace};
+use sidehill_controller::memory::Learned;
 use sidehill_controller::mpc::SolvePath;
 use sidehill_plant::frames::{Attitude, PlanarPose, Pose};
 use sidehill_plant::icr::TreadIcrs;
@@ -110,6 +112,9 @@ pub struct Summary {
     pub origin_cross_track_rms_m: Option<f64>,
     /// Root mean square of the error along the path, m.
     pub along_track_rms_m: f64,
+    /// Figures of each lap, where there are several.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub laps: Vec<LapFigures>,
     /// What the steepness guard did, where it is on.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub guard: Option<GuardSummary>,
@@ -174,4 +179,6 @@ pub struct Run {
     pub summary: Summary,
     /// Its cycles.
     pub rows: Vec<Row>,
+    /// What was learned, where it is kept.
+    pub learned: Option<Learned>,
 }

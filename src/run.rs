@@ -6,6 +6,7 @@ mod screen;
 use crate::config::ros2::{environment, parameters};
 use crate::config::{Bundle, ConfigFile, RunConfig, RunPort};
 use crate::console::Printer;
+use crate::learned::Keeper;
 use crate::output;
 use crate::recording::{self, DriveRecording, LIVE};
 use anyhow::{Context, Result, anyhow, ensure};
@@ -15,6 +16,7 @@ use sidehill_bridge::can::CanPort;
 use sidehill_bridge::control_loop::record::{LogSource, Recorder, ring};
 use sidehill_bridge::control_loop::{LoopSetup, RunOptions, Signals};
 use sidehill_bridge::drives::{Clock, Epoch, Input, InputStatus, Port};
+use sidehill_bridge::recording::live::{LiveView, ParameterOwner};
 use sidehill_bridge::recording::{PathLog, PathRecord, Sinks, tap};
 use sidehill_bridge::ros2::node::arguments::RosArguments;
 use sidehill_bridge::ros2::node::names::Names;
@@ -85,7 +87,11 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
     let file = ConfigFile::read(&args.config)?.with_bundle(bundle.clone());
     let config: RunConfig = file.parse()?;
     let vehicle = config.load_vehicle(&file)?;
-    let controller = config.controller(&file, &vehicle)?;
+    let mut controller = config.controller(&file, &vehicle)?;
+    let keeper = config
+        .learned_file(&file)?
+        .map(|(path, days_max)| Keeper::start(path, days_max, &mut controller))
+        .transpose()?;
     let mut files = args.out.as_deref().map(Files::create).transpose()?;
     let signals = register_signals()?;
 
@@ -100,9 +106,12 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
         output::check_writable(path, args.force)?;
     }
     let live = recording::live(args.live, Some(&config.settings))?;
-    let watch =
-        (recorded.is_some() || live.is_some()).then(|| (path_log, Arc::clone(&recording_ended)));
-    let watched = watch.is_some();
+    let watched = recorded.is_some() || live.is_some();
+    let settable = live.as_ref().filter(|_| config.over_ros2());
+    let watch = Watch {
+        recording: watched.then(|| (path_log, Arc::clone(&recording_ended))),
+        parameters: settable.map(LiveView::parameter_owner),
+    };
     let ros2 = start_ros2(&file, &config, &vehicle, ros_arguments, epoch, watch)?;
     let (clock, channel, ros2_port, _server) = match ros2 {
         Some(ros2) => {
@@ -175,6 +184,7 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
         controller,
         channel,
         tap: recording.is_some().then_some(controller_tap),
+        learned: keeper.as_ref().map(Keeper::sender),
         records,
         options: RunOptions {
             arm: args.arm,
@@ -231,6 +241,9 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
     }
     screen.end(report.as_ref().ok());
     printer.finish(PRINT_TIMEOUT);
+    if let Some(keeper) = keeper {
+        keeper.finish();
+    }
     let report = report.with_context(|| file.name())?;
     Ok(ExitCode::from(report.ended.exit_code()))
 }
@@ -254,6 +267,14 @@ fn register_signals() -> Result<Signals> {
     Ok(signals)
 }
 
+/// What the ROS 2 server has to do with recording and live view.
+struct Watch {
+    /// Takes the paths, and says why nothing is recorded any more.
+    recording: Option<(PathLog, Arc<OnceLock<String>>)>,
+    /// Where live clients see and set parameters.
+    parameters: Option<ParameterOwner>,
+}
+
 /// Starts the ROS 2 server, where the configuration has one.
 fn start_ros2(
     file: &ConfigFile,
@@ -261,7 +282,7 @@ fn start_ros2(
     vehicle: &Vehicle,
     arguments: &[String],
     epoch: Epoch,
-    watch: Option<(PathLog, Arc<OnceLock<String>>)>,
+    watch: Watch,
 ) -> Result<Option<Ros2>> {
     if !config.over_ros2() {
         ensure!(
@@ -289,7 +310,8 @@ fn start_ros2(
         drives: config.port == RunPort::Ros2,
         stages: config.settings.stages,
         period_s,
-        recording: watch,
+        recording: watch.recording,
+        live: watch.parameters,
         realtime: config.realtime,
         stopping: config.stopping(),
     });

@@ -5,6 +5,7 @@ use crate::config::{
     Bundle, Conditions, ConfigFile, DEFAULT_SCENARIO, Overrides, PlantKind, Prepared, Scenario,
 };
 use crate::console;
+use crate::learned;
 use crate::output;
 use crate::progress::{self, Progress};
 use crate::qp_recording::QpRecording;
@@ -46,6 +47,12 @@ pub struct SimulateArgs {
     /// Folder for a CSV file of each run and a report.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
+    /// Begin with what was learned before; the controller's settings must have `memory`.
+    #[arg(long, value_name = "FILE")]
+    pub learned: Option<PathBuf>,
+    /// Write what was learned at the end, for --learned or `run`; it takes one controller.
+    #[arg(long, value_name = "FILE")]
+    pub learned_out: Option<PathBuf>,
     /// Write the QPs of a run to an npz file; it takes one controller, an MPC.
     #[arg(long, value_name = "FILE")]
     pub record_qps: Option<PathBuf>,
@@ -115,6 +122,16 @@ pub fn run(args: &SimulateArgs) -> Result<ExitCode> {
         seed: args.seed,
         controllers: args.controllers.clone(),
     })?;
+    let mut prepared = prepared;
+    if let Some(path) = &args.learned {
+        prepared.learned = Some(learned::load(path, learned::DAYS_MAX)?);
+    }
+    if let Some(path) = &args.learned_out {
+        if prepared.controllers.len() != 1 || prepared.controller.memory.is_none() {
+            bail!("--learned-out takes one controller, with `memory` in its settings");
+        }
+        output::check_writable(path, true)?;
+    }
     for warning in &prepared.warnings {
         console::complain(format_args!("warning: {warning}"));
     }
@@ -165,6 +182,18 @@ pub fn run(args: &SimulateArgs) -> Result<ExitCode> {
     }
     if let (Some(path), Some(qps)) = (&args.record_qps, &qps) {
         output::write(path, &qps.npz()?, args.force)?;
+    }
+    if let (
+        Some(path),
+        [
+            Run {
+                learned: Some(found),
+                ..
+            },
+        ],
+    ) = (&args.learned_out, runs.as_slice())
+    {
+        learned::save(path, found)?;
     }
     if let Some(folder) = &args.out {
         write_out(folder, args.force, &prepared, conditions.as_deref(), &runs)?;

@@ -2,7 +2,7 @@
 
 mod figures;
 
-pub use figures::{TrackingErrors, TrackingFigures};
+pub use figures::{LapFigures, TrackingErrors, TrackingFigures};
 
 use crate::controller::{Controller, Decision, Status, StopReason};
 use crate::path::Point2;
@@ -179,6 +179,11 @@ impl<P: Plant> ClosedLoop<P> {
     pub fn figures(&self) -> TrackingFigures {
         self.account
             .figures(self.controller.reference(), &self.reference)
+    }
+
+    /// Returns how well each lap of a periodic course has been driven so far.
+    pub fn laps(&self) -> &[LapFigures] {
+        self.account.laps()
     }
 
     /// Returns the plant.

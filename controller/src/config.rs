@@ -10,6 +10,7 @@ pub use weights::{CautionConfig, Weights};
 
 use crate::estimator::EstimatorSettings;
 use crate::guard::GuardConfig;
+use crate::memory::MemoryConfig;
 use crate::mpc::limits::{InputLimits, MotorLimits};
 use crate::mpc::{
     ChangeWeights, Corridor, HeadingExcess, MpcSettings, QpSettings, StageWeights, StepLimit,
@@ -121,6 +122,8 @@ pub struct ControllerConfig {
     pub supervisor: SupervisorConfig,
     /// Steepness guard, none by default.
     pub guard: Option<GuardConfig>,
+    /// What is kept of what was learned; nothing by default.
+    pub memory: Option<MemoryConfig>,
     /// Pure pursuit.
     pub pure_pursuit: PurePursuitSettings,
 }
@@ -158,6 +161,7 @@ impl Default for ControllerConfig {
             estimator: EstimatorSettings::default(),
             supervisor: SupervisorConfig::default(),
             guard: None,
+            memory: None,
             pure_pursuit: PurePursuitSettings::default(),
         }
     }
@@ -201,6 +205,9 @@ impl ControllerConfig {
         self.supervisor.validate()?;
         if let Some(guard) = &self.guard {
             guard.validate()?;
+        }
+        if let Some(memory) = &self.memory {
+            memory.validate()?;
         }
         self.estimator.validate()?;
         self.pure_pursuit.validate()

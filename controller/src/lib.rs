@@ -24,6 +24,7 @@ pub mod controller;
 pub mod course;
 pub mod estimator;
 pub mod guard;
+pub mod memory;
 pub mod mpc;
 pub mod path;
 pub mod pure_pursuit;

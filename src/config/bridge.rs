@@ -64,6 +64,9 @@ pub struct RunConfig {
     /// Its settings.
     #[serde(default)]
     pub settings: ControllerConfig,
+    /// File in which what was learned is kept over a restart.
+    #[serde(default)]
+    pub learned: Option<LearnedConfig>,
     /// What is driven, unless it is a route.
     #[serde(default)]
     pub course: Option<Course>,
@@ -144,7 +147,36 @@ fn recording(
     Ok(given.map(Path::to_owned).or(own).map(|path| (path, limits)))
 }
 
+/// Where what was learned is kept.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LearnedConfig {
+    /// File of this vehicle, relative to the configuration.
+    pub file: PathBuf,
+    /// Whether the file is read and written.
+    #[serde(default = "yes")]
+    pub keep: bool,
+    /// Age beyond which the file is refused, days.
+    #[serde(default = "days_max")]
+    pub days_max: f64,
+}
+
 impl RunConfig {
+    /// Returns the file in which what was learned is kept and its largest age in days, where it is kept.
+    ///
+    /// # Errors
+    /// [`ConfigError`] with file, key, value and range.
+    pub fn learned_file(&self, file: &ConfigFile) -> Result<Option<(PathBuf, f64)>, ConfigError> {
+        let Some(learned) = self.learned.as_ref().filter(|learned| learned.keep) else {
+            return Ok(None);
+        };
+        Bounds::new(0.01, 10_000.0, "days")
+            .check("learned.days_max", learned.days_max)
+            .map_err(|error| file.error(error))?;
+        let folder = file.path().parent().unwrap_or(Path::new("."));
+        Ok(Some((folder.join(&learned.file), learned.days_max)))
+    }
+
     /// Returns the vehicle that the controller steers by.
     ///
     /// # Errors
@@ -170,7 +202,11 @@ impl RunConfig {
         file: &ConfigFile,
         vehicle: &Vehicle,
     ) -> Result<Controller, ConfigError> {
-        let settings = &self.settings;
+        let mut settings = self.settings.clone();
+        if self.learned_file(file)?.is_some() {
+            settings.memory.get_or_insert_default();
+        }
+        let settings = &settings;
         if settings.period_s != self.cycle.period_s {
             return Err(file.error(format!(
                 "settings.period_s: {} must be the same as cycle.period_s: {}",
@@ -412,6 +448,10 @@ fn bus<'a>(
 
 fn needed<T>(file: &ConfigFile, key: &str, value: Option<T>) -> Result<T, ConfigError> {
     value.ok_or_else(|| file.error(format!("{key}: is missing, which this port needs")))
+}
+
+fn days_max() -> f64 {
+    crate::learned::DAYS_MAX
 }
 
 fn one() -> u32 {

@@ -156,6 +156,7 @@ fn run(name: &str, rows: Vec<Row>) -> Run {
     });
     let solves = rows.iter().map(|row| row.solve_us).filter(|us| *us > 0.0);
     let summary = Summary {
+        laps: Vec::new(),
         controller: name.to_owned(),
         plant: "recorded".to_owned(),
         scenario: String::new(),
@@ -182,5 +183,9 @@ fn run(name: &str, rows: Vec<Row>) -> Run {
         solve_us: Quantiles::of(solves.collect()),
         cycle_us: Quantiles::default(),
     };
-    Run { summary, rows }
+    Run {
+        summary,
+        rows,
+        learned: None,
+    }
 }

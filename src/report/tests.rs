@@ -76,6 +76,7 @@ fn run(controller: &str, rows: Vec<Row>) -> Run {
             cross_track_rms_m: 0.004,
             cross_track_p95_m: 0.009,
             cross_track_max_m: 0.012_345,
+            laps: Vec::new(),
             guard: None,
             origin_cross_track_rms_m: None,
             along_track_rms_m: 0.001,
@@ -93,6 +94,7 @@ fn run(controller: &str, rows: Vec<Row>) -> Run {
             cycle_us: solve_us,
         },
         rows,
+        learned: None,
     }
 }
 

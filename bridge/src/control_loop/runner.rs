@@ -4,10 +4,12 @@ use super::channel::ControllerEnd;
 use crate::recording::ControllerTap;
 use crate::safety::{ControllerOutput, ControllerState};
 use sidehill_controller::controller::{Controller, Decision, Status};
+use sidehill_controller::memory::Learned;
 use sidehill_plant::sample::Sample;
 use std::os::unix::thread::JoinHandleExt;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::SyncSender;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 use thread_priority::ThreadId;
@@ -45,6 +47,7 @@ pub struct InlineRunner {
     engaged: bool,
     channel: Option<ControllerEnd>,
     tap: Option<ControllerTap>,
+    learned: Option<SyncSender<Learned>>,
 }
 
 /// Lets the controller drive from nothing where it becomes `engaged`, and holds it where it no longer
@@ -79,6 +82,15 @@ impl InlineRunner {
             engaged: false,
             channel,
             tap,
+            learned: None,
+        }
+    }
+
+    /// Gives away what was learned, without waiting: the vehicle stands, or is being stopped by the safety.
+    fn hand_over_learned(&self) {
+        if let (Some(sender), Some(learned)) = (&self.learned, self.controller.learned()) {
+            // Who is still busy with what came before gets the next one.
+            let _ = sender.try_send(learned);
         }
     }
 }
@@ -93,6 +105,9 @@ impl ControllerRunner for InlineRunner {
         if engaged != self.engaged {
             self.engaged = engaged;
             engage(&mut self.controller, engaged);
+            if !engaged {
+                self.hand_over_learned();
+            }
         }
         let path = match &mut self.channel {
             Some(channel) => channel.apply_path(&mut self.controller),
@@ -135,6 +150,7 @@ impl ThreadedRunner {
         controller: Controller,
         channel: Option<ControllerEnd>,
         tap: Option<ControllerTap>,
+        learned: Option<SyncSender<Learned>>,
     ) -> Result<Self, std::io::Error> {
         let (task, mut newest_task) = triple_buffer(&None::<Task>);
         let (mut decided, decision) = triple_buffer(&None::<Decision>);
@@ -144,6 +160,7 @@ impl ThreadedRunner {
             .name("controller".to_owned())
             .spawn(move || {
                 let mut runner = InlineRunner::with_channel(controller, channel, tap);
+                runner.learned = learned;
                 while !ended.load(Ordering::Relaxed) {
                     if !newest_task.update() {
                         std::thread::park_timeout(Duration::from_millis(100));

@@ -11,8 +11,10 @@ use crate::recording::ControllerTap;
 use crate::safety::{SafetyConfig, SafetyState};
 use serde::Serialize;
 use sidehill_controller::controller::Controller;
+use sidehill_controller::memory::Learned;
 use sidehill_plant::vehicle::RangeError;
 use std::sync::atomic::Ordering;
+use std::sync::mpsc::SyncSender;
 use std::thread::JoinHandle;
 use std::time::Duration;
 
@@ -34,6 +36,8 @@ pub struct LoopSetup {
     pub channel: Option<(LoopEnd, ControllerEnd)>,
     /// Takes the controller's steps, where they are recorded.
     pub tap: Option<ControllerTap>,
+    /// Takes what the controller has learned whenever it is disarmed; who does not listen misses it.
+    pub learned: Option<SyncSender<Learned>>,
     /// Takes transitions and cycles.
     pub records: RecordSink<LoopRecord>,
     /// When to arm and to end.
@@ -95,7 +99,8 @@ impl LoopSetup {
         }
         let (loop_end, controller_end) = self.channel.unzip();
         // The controller's thread starts first: it would inherit this thread's CPU and priority.
-        let runner = ThreadedRunner::start(self.controller, controller_end, self.tap)?;
+        let runner =
+            ThreadedRunner::start(self.controller, controller_end, self.tap, self.learned)?;
         self.realtime.apply_to_loop()?;
         let helpers = self.port.helper_threads().into_iter();
         for helper in helpers.chain(runner.thread_id()) {

@@ -60,6 +60,19 @@ pub struct TrackingFigures {
     pub deadline_misses: u32,
 }
 
+/// How well a lap was driven.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+pub struct LapFigures {
+    /// Root mean square of the distance from the path, m.
+    pub cross_track_rms_m: f64,
+    /// Largest absolute value, m.
+    pub cross_track_max_m: f64,
+    #[serde(skip)]
+    squares: f64,
+    #[serde(skip)]
+    count: u32,
+}
+
 /// Sums and extremes of a run under way.
 pub(super) struct Account {
     limits: InputLimits,
@@ -76,6 +89,10 @@ pub(super) struct Account {
     position: Point2,
     tracked_point: TrackedPoint,
     origin_squares: f64,
+    lap_m: f64,
+    /// Number of the last lap, from 0.
+    last_lap: f64,
+    laps: Vec<LapFigures>,
 }
 
 impl Account {
@@ -98,6 +115,14 @@ impl Account {
                 None => TrackedPoint::ORIGIN,
             },
             origin_squares: 0.0,
+            lap_m: reference.trajectory().length_m(),
+            last_lap: match reference.trajectory().ending() {
+                Ending::Periodic => {
+                    (reference.end_s() / reference.trajectory().duration_s()).round() - 1.0
+                }
+                Ending::Stop => 0.0,
+            },
+            laps: Vec::new(),
         }
     }
 
@@ -132,6 +157,7 @@ impl Account {
         self.measure(path, state, reference);
         if state.time_s > SETTLING_S {
             self.cross_tracks_m.push(self.errors.cross_track_m);
+            self.count_lap(reference.arc_length_m);
             self.along_squares += self.errors.along_track_m.powi(2);
             if let (Some(path), false) = (path, self.tracked_point.is_origin()) {
                 let origin = Point2 {
@@ -144,6 +170,26 @@ impl Account {
             }
             self.heading_squares += self.errors.heading_error_rad.powi(2);
         }
+    }
+
+    /// Adds the error to the lap in which the reference is.
+    fn count_lap(&mut self, arc_length_m: f64) {
+        let error_m = self.errors.cross_track_m.abs();
+        let lap = (arc_length_m / self.lap_m).clamp(0.0, self.last_lap) as usize;
+        if lap == self.laps.len() {
+            self.laps.push(LapFigures::default());
+        }
+        if let Some(lap) = self.laps.last_mut() {
+            lap.count += 1;
+            lap.squares += error_m * error_m;
+            lap.cross_track_rms_m = (lap.squares / f64::from(lap.count)).sqrt();
+            lap.cross_track_max_m = lap.cross_track_max_m.max(error_m);
+        }
+    }
+
+    /// Returns how well each lap so far has been driven.
+    pub(super) fn laps(&self) -> &[LapFigures] {
+        &self.laps
     }
 
     /// Counts one control cycle and returns the errors in which it began.

@@ -3,6 +3,7 @@
 //! Readings are kept in the order of their stamps for a while; a late one is put in its place and all
 //! after it replayed.
 
+use super::gains::{Kept, LearnedGains};
 use super::gate::{PoseGate, PoseSigmas, RefusedPose};
 use super::learned::{Drift, LearnedModel, Prior};
 use super::{Estimate, EstimatorSettings, Innovation, Refused};
@@ -64,6 +65,8 @@ pub(super) struct Filter<M, const N: usize> {
     gate: PoseGate,
     innovation: Option<Innovation>,
     model_error: ModelError,
+    keeps: bool,
+    kept: Option<Kept<N>>,
 }
 
 /// Mean square of the error of the predicted velocity, as poses show it.
@@ -109,12 +112,49 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
                 pose_time_s: f64::NEG_INFINITY,
                 mean_square_m2_s2: 0.0,
             },
+            keeps: false,
+            kept: None,
         }
     }
 
-    /// Forgets everything: the next attitude and pose are believed as the first ones were.
+    /// Forgets everything but, where that is kept, what was learned: the next attitude and pose are believed
+    /// as the first ones were.
     pub(super) fn restart(&mut self) {
-        *self = Self::new(self.settings, self.model.clone());
+        let (keeps, kept) = (self.keeps, self.kept());
+        *self = Self {
+            keeps,
+            kept: kept.filter(|_| keeps),
+            ..Self::new(self.settings, self.model.clone())
+        };
+    }
+
+    pub(super) fn keep_learned(&mut self, keep: bool) {
+        self.keeps = keep;
+    }
+
+    pub(super) fn learned(&self) -> Option<LearnedGains> {
+        let kept = self.kept()?;
+        Some(LearnedGains::of(&kept, &self.model.prior()))
+    }
+
+    pub(super) fn recall(&mut self, learned: &LearnedGains) -> Result<(), &'static str> {
+        let mut kept = learned.kept(&self.model.prior())?;
+        self.model.bound(&mut kept.mean);
+        self.kept = Some(kept);
+        Ok(())
+    }
+
+    /// Returns what is known of the parameters to begin with after a break.
+    fn kept(&self) -> Option<Kept<N>> {
+        let learned = self.events.back().map(|event| {
+            let belief = &event.belief;
+            let kept = Kept {
+                mean: belief.parameters,
+                covariance: belief.parameter_covariance,
+            };
+            kept.over_a_break(&self.model.prior())
+        });
+        learned.or(self.kept)
     }
 
     /// Returns how many readings are kept.
@@ -185,6 +225,10 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
         } else if let Some(attitude) = self.newest_attitude {
             let (position, heading) = (self.settings.pose_sigma_m, self.settings.pose_sigma_rad);
             let prior = self.model.prior();
+            let kept = self.kept.unwrap_or(Kept {
+                mean: prior.mean,
+                covariance: prior.covariance(),
+            });
             self.started = true;
             self.pose_time_s = pose.time_s;
             self.events.clear();
@@ -199,9 +243,9 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
                         position * position,
                         heading * heading,
                     )),
-                    parameters: prior.mean,
+                    parameters: kept.mean,
                     cross: SMatrix::zeros(),
-                    parameter_covariance: prior.covariance(),
+                    parameter_covariance: kept.covariance,
                     treads: self.newest_treads,
                     attitude,
                 },

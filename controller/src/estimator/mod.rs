@@ -14,6 +14,7 @@ mod contact;
 mod contact_settings;
 mod estimate;
 mod filter;
+mod gains;
 mod gate;
 mod learned;
 mod settings;
@@ -21,6 +22,7 @@ mod slip;
 
 pub use contact_settings::ContactLearningSettings;
 pub use estimate::{ContactEstimate, Estimate, Innovation, Refused};
+pub use gains::LearnedGains;
 pub use settings::{AdaptationSettings, EstimatorSettings};
 
 use contact::LearnedContact;
@@ -57,7 +59,35 @@ impl Estimator {
         Self(Kind::Contact(Box::new(Filter::new(settings, model))))
     }
 
-    /// Forgets everything: the next attitude and pose are believed as the first ones were.
+    /// Keeps what is learned over [`Estimator::restart`].
+    pub fn keep_learned(&mut self, keep: bool) {
+        match &mut self.0 {
+            Kind::Slip(filter) => filter.keep_learned(keep),
+            Kind::Contact(filter) => filter.keep_learned(keep),
+        }
+    }
+
+    /// Returns what has been learned, where anything has.
+    pub fn learned(&self) -> Option<LearnedGains> {
+        match &self.0 {
+            Kind::Slip(filter) => filter.learned(),
+            Kind::Contact(filter) => filter.learned(),
+        }
+    }
+
+    /// Begins with what was learned before.
+    ///
+    /// # Errors
+    /// What of it makes no sense.
+    pub fn recall(&mut self, learned: &LearnedGains) -> Result<(), &'static str> {
+        match &mut self.0 {
+            Kind::Slip(filter) => filter.recall(learned),
+            Kind::Contact(filter) => filter.recall(learned),
+        }
+    }
+
+    /// Forgets where the vehicle is, and what was learned unless it is kept: the next attitude and pose are
+    /// believed as the first ones were.
     pub fn restart(&mut self) {
         match &mut self.0 {
             Kind::Slip(filter) => filter.restart(),

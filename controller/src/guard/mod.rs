@@ -2,7 +2,8 @@
 //! sliding off, a stop before a place that leaves too little, and a stop at once beyond a limit of attitude.
 //!
 //! Each cycle it walks along the reference, takes the ground there from the map where there is one, else the
-//! plane under the vehicle, and judges the attitude that the vehicle will have with [`Stance`]. Speeds
+//! plane under the vehicle, and judges the attitude that the vehicle will have with [`Stance`]: on the
+//! path, and as far beside it and off its heading as the vehicle is now. Speeds
 //! that a place allows are met by braking before it: with w = v^2 over the way s,
 //! w(s) <= w(place) + 2 a (place - s). The reference's clock runs slower by that share, so the MPC sees a
 //! slower reference over its whole horizon. Announcing an overturn from the ground ahead of a rover follows
@@ -21,10 +22,11 @@ pub use settings::GuardConfig;
 pub use stance::{Margins, Stance, Turning};
 
 use crate::estimator::Estimate;
+use crate::path::Point2;
 use crate::reference::Reference;
 use crate::trajectory::{Motion, Trajectory};
 use nalgebra::Vector3;
-use place::Judge;
+use place::{Beside, Judge};
 use serde::{Deserialize, Serialize};
 use sidehill_plant::contact::Parameter;
 use sidehill_plant::speeds::MotorSpeeds;
@@ -160,6 +162,7 @@ impl Guard {
             ahead: None,
         };
         let tilt = judge.tilt(&estimate.attitude);
+        let beside = Beside::of(&estimate.pose, &around.reference.ahead(0.0));
         let count = self.places.capacity();
         self.places.clear();
         let (mut way_m, mut before_m, mut blocked_m) = (0.0, 0.0, None);
@@ -170,11 +173,15 @@ impl Guard {
                 way_m += (point.arc_length_m - before_m).abs();
             }
             before_m = point.arc_length_m;
-            let ground = around
-                .map
-                .and_then(|map| map.surface(point.position.x_m, point.position.y_m).ok())
-                .map_or(normal, |surface| surface.normal_in_world);
-            let judged = judge.judge(&point, &ground);
+            let ground = |place: Point2| {
+                around
+                    .map
+                    .and_then(|map| map.surface(place.x_m, place.y_m).ok())
+                    .map_or(normal, |surface| surface.normal_in_world)
+            };
+            let on_path = judge.judge(&point, 0.0, &ground(point.position));
+            let as_now = judge.judge(&point, beside.turned_rad, &ground(beside.place(&point)));
+            let judged = on_path.and(as_now);
             let speed_m_s = point.speed_m_s.abs();
             let mut square = f64::INFINITY;
             if let Some(excess) = judged.blocked {
@@ -317,7 +324,7 @@ pub fn first_steep_place(
         let surface = terrain
             .surface(point.position.x_m, point.position.y_m)
             .ok()?;
-        let judged = judge.judge(&point, &surface.normal_in_world);
+        let judged = judge.judge(&point, 0.0, &surface.normal_in_world);
         Some(judged.blocked?.at(&point, time_s, true))
     })
 }

@@ -2,10 +2,11 @@
 
 use super::settings::GuardConfig;
 use super::stance::{Margins, Stance, Turning};
+use crate::path::Point2;
 use crate::trajectory::ReferencePoint;
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
-use sidehill_plant::frames::Attitude;
+use sidehill_plant::frames::{Attitude, PlanarPose, wrap_angle};
 
 /// What is beyond its limit at a place.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -58,10 +59,10 @@ impl std::fmt::Display for SteepPlace {
         let Self { value, limit, .. } = self;
         match self.measure {
             SteepMeasure::RolloverMargin => {
-                write!(out, "tip-over margin {value:.2}, less than {limit}")?;
+                write!(out, "tip-over margin {value:.2}, less than {limit:.2}")?;
             }
             SteepMeasure::FrictionUse => {
-                write!(out, "use of friction {value:.2}, more than {limit}")?;
+                write!(out, "use of friction {value:.2}, more than {limit:.2}")?;
             }
             SteepMeasure::Roll => write!(out, "roll {value:.1} deg, beyond {limit} deg")?,
             SteepMeasure::Pitch => write!(out, "pitch {value:.1} deg, beyond {limit} deg")?,
@@ -108,6 +109,52 @@ pub(super) struct Judgement {
     pub(super) share: f64,
 }
 
+impl Judgement {
+    /// Returns what both allow.
+    pub(super) fn and(self, other: Self) -> Self {
+        Self {
+            blocked: self.blocked.or(other.blocked),
+            slow: self.slow.or(other.slow),
+            share: self.share.min(other.share),
+        }
+    }
+}
+
+/// Where a vehicle is, seen from its reference.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Beside {
+    right_m: f64,
+    forward_m: f64,
+    /// Its heading less that of the reference, rad.
+    pub(super) turned_rad: f64,
+}
+
+impl Beside {
+    pub(super) fn of(pose: &PlanarPose, reference: &ReferencePoint) -> Self {
+        let (sin, cos) = reference.heading_rad.sin_cos();
+        let x_m = pose.x_m - reference.position.x_m;
+        let y_m = pose.y_m - reference.position.y_m;
+        Self {
+            right_m: cos * x_m + sin * y_m,
+            forward_m: -sin * x_m + cos * y_m,
+            turned_rad: wrap_angle(pose.yaw_rad - reference.heading_rad),
+        }
+    }
+
+    /// Returns where a vehicle is that is as far beside the reference when that is at `point`.
+    pub(super) fn place(&self, point: &ReferencePoint) -> Point2 {
+        let (sin, cos) = point.heading_rad.sin_cos();
+        Point2 {
+            x_m: point.position.x_m + cos * self.right_m - sin * self.forward_m,
+            y_m: point.position.y_m + sin * self.right_m + cos * self.forward_m,
+        }
+    }
+}
+
+/// How far before a limit of margin or friction a place is stopped before: the vehicle is somewhat beside its
+/// path and its heading, and its sensors are noisy.
+const RESERVE: f64 = 0.02;
+
 /// A vehicle and its limits on ground of a coefficient of friction.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Judge<'a> {
@@ -117,12 +164,17 @@ pub(super) struct Judge<'a> {
 }
 
 impl Judge<'_> {
-    /// Returns what the ground under a point of the reference allows, by the worst of the headings within
-    /// the spread.
-    pub(super) fn judge(&self, point: &ReferencePoint, normal: &Vector3<f64>) -> Judgement {
+    /// Returns what the ground at a point of the reference allows to a vehicle that is `turned_rad` off the
+    /// reference's heading, by the worst of the headings within the spread.
+    pub(super) fn judge(
+        &self,
+        point: &ReferencePoint,
+        turned_rad: f64,
+        normal: &Vector3<f64>,
+    ) -> Judgement {
         let spread_rad = self.config.heading_spread_deg.to_radians();
         let attitudes = [0.0, spread_rad, -spread_rad]
-            .map(|turn| Attitude::on_plane(normal, point.heading_rad + turn));
+            .map(|turn| Attitude::on_plane(normal, point.heading_rad + turned_rad + turn));
         let (c, slowest) = (self.config, self.config.speed_share_min);
         let worst = |share: f64| {
             let turning = Turning {
@@ -141,7 +193,13 @@ impl Judge<'_> {
         };
         let tilted = attitudes.iter().find_map(|attitude| self.tilt(attitude));
         let blocked = tilted.or_else(|| {
-            worst(slowest).and_then(|m| excess(&m, c.rollover_margin_min, c.friction_use_max))
+            worst(slowest).and_then(|m| {
+                excess(
+                    &m,
+                    c.rollover_margin_min + RESERVE,
+                    c.friction_use_max - RESERVE,
+                )
+            })
         });
         let (mut share, mut slow) = (1.0, None);
         if let Some(m) = worst(1.0) {

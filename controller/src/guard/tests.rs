@@ -180,6 +180,40 @@ fn a_place_of_little_margin_is_driven_over_slower() {
 }
 
 #[test]
+fn a_vehicle_beside_its_path_is_stopped_before_ground_too_steep_there() {
+    // Ground whose slope to the right grows from left to right: 0.1 for each metre.
+    let mut grid = String::from("ncols 9\nnrows 41\nxllcorner -4.5\nyllcorner -10.5\ncellsize 1\n");
+    let heights: Vec<String> = (0..9)
+        .map(|column| (-0.05 * (f64::from(column) - 1.0).max(0.0).powi(2)).to_string())
+        .collect();
+    for _ in 0..41 {
+        grid += &heights.join(" ");
+        grid.push('\n');
+    }
+    let terrain = Terrain::Grid(sidehill_plant::terrain::GridTerrain::parse(&grid).unwrap());
+    let reference = Reference::new(straight(), Tracking::Path { lead_max_m: 0.3 });
+    let look = |x_m: f64, turned_rad: f64| {
+        let mut guard = Guard::new(GuardConfig::default(), stance(), 0.5);
+        let mut estimate = estimate(0.0, 5.0, &Terrain::Level);
+        estimate.pose.x_m = x_m;
+        estimate.pose.yaw_rad = turned_rad;
+        guard.look(&Surroundings {
+            estimate: &estimate,
+            reference: &reference,
+            map: Some(&terrain),
+            half_track_m: 1.0,
+            elapsed_s: 0.05,
+            command: MotorSpeeds::STOP,
+        });
+        guard.view().unwrap()
+    };
+    assert!(look(0.0, 0.0).ahead.is_none_or(|place| !place.stops));
+    assert!(look(-1.0, 0.0).ahead.is_none_or(|place| !place.stops));
+    let beside = look(2.0, 0.0).ahead.unwrap();
+    assert!(beside.stops && beside.value < 0.3, "{beside}");
+}
+
+#[test]
 fn ground_without_a_map_stops_where_its_own_slope_is_too_steep() {
     let drive = drive(GuardConfig::default(), &ramp(28.0), false);
     let (y_m, reason) = drive.stopped.unwrap();
