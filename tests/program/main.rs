@@ -6,6 +6,9 @@
 mod campaign;
 mod check;
 mod configuration;
+mod guide;
+#[path = "../guide_blocks.rs"]
+mod guide_blocks;
 mod icr;
 mod mistakes;
 mod odometry;

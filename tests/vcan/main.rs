@@ -8,6 +8,9 @@
 
 mod both;
 mod cia402;
+mod guide;
+#[path = "../guide_blocks.rs"]
+mod guide_blocks;
 mod realtime;
 mod support;
 
