@@ -16,11 +16,13 @@ use crate::estimator::{Estimate, Estimator};
 use crate::guard::{Guard, Stance, Surroundings};
 use crate::memory::{Learned, Memory, RecallError};
 use crate::mpc::{Horizon, Model, Mpc, Plan, QpFailure, Solution, StageTarget};
+use crate::path::Point2;
 use crate::pure_pursuit::PursuitView;
-use crate::reference::{Progress, Reference};
+use crate::reference::{PROJECTION_WINDOW, Progress, Reference};
 use crate::tracked_point::TrackedPoint;
 use sidehill_plant::bounds::RangeError;
 use sidehill_plant::contact::ContactPrediction;
+use sidehill_plant::frames::PlanarPose;
 use sidehill_plant::prediction::PredictionModel;
 use sidehill_plant::sample::Sample;
 use sidehill_plant::speeds::MotorSpeeds;
@@ -155,9 +157,7 @@ impl Controller {
             }
             None => None,
         };
-        let memory = config
-            .memory
-            .map(|memory| Memory::new(memory, config.period_s));
+        let memory = config.memory.map(Memory::new);
         let mut estimator = estimator;
         estimator.keep_learned(config.memory.is_some_and(|memory| memory.keep_gains));
         let owner = owner(vehicle, kind);
@@ -346,7 +346,7 @@ impl Controller {
         self.supervise(estimate.as_ref(), progress.as_ref());
         let solved = match (self.phase, &estimate, &progress) {
             (Phase::Driving { .. }, Some(estimate), Some(progress)) => {
-                self.learn_place(estimate, elapsed_s);
+                self.learn_error(estimate, sample);
                 self.look_ahead(estimate, progress, elapsed_s);
                 Some(match &mut self.law {
                     Law::Mpc(mpc) => mpc.linearise(&self.horizon).condense().solve(deadline),
@@ -425,21 +425,35 @@ impl Controller {
         Ok(())
     }
 
-    /// Measures the residual slip of the cycle that is over.
-    fn learn_place(&mut self, estimate: &Estimate, elapsed_s: f64) {
-        let (Some(memory), Law::Mpc(mpc)) = (&mut self.memory, &mut self.law) else {
+    /// Measures how far beside its path the vehicle was where its newest pose was taken.
+    fn learn_error(&mut self, estimate: &Estimate, sample: &Sample) {
+        let point = self.tracked_point();
+        let (Some(memory), Some(reference), Some(pose)) =
+            (&mut self.memory, &self.reference, &sample.pose)
+        else {
             return;
         };
-        if estimate.poses_gated > 0 {
-            return memory.reset();
+        let moving = estimate.treads.left_m_s != 0.0 || estimate.treads.right_m_s != 0.0;
+        let (Some(path), true) = (reference.path(), moving && estimate.poses_gated == 0) else {
+            return;
+        };
+        let pose = point.of(&pose.value.planar(), &estimate.normal_in_world);
+        let seen = Point2 {
+            x_m: pose.x_m,
+            y_m: pose.y_m,
+        };
+        if seen.x_m.is_finite() && seen.y_m.is_finite() {
+            let around_m = reference.ahead(0.0).arc_length_m;
+            let nearest = path
+                .nearest_within(&seen, around_m, &PROJECTION_WINDOW)
+                .point;
+            let place = PlanarPose {
+                x_m: nearest.position.x_m,
+                y_m: nearest.position.y_m,
+                yaw_rad: nearest.heading_rad,
+            };
+            memory.observe(sample.time_s, &seen, &place);
         }
-        let step = mpc.model_mut().step_on_plane(
-            &estimate.normal_in_world,
-            estimate.pose.yaw_rad,
-            estimate.treads.into(),
-            elapsed_s,
-        );
-        memory.observe(estimate.time_s, &estimate.pose, &step.increment);
     }
 
     /// Lets the guard look at the ground here and ahead.

@@ -3,12 +3,12 @@
 use super::plant::{ContactFiles, GroundFriction, ModelError, Plant, PlantKind};
 use super::reference::{LoadedReference, RouteConfig, Source};
 use super::{CONTACT_IDENTIFIED, CONTACT_VEHICLE, ConfigError, ConfigFile};
+use crate::learned::LearnedFile;
 use serde::Deserialize;
 use sidehill_controller::config::{AttitudePreview, ControllerConfig, ControllerKind};
 use sidehill_controller::controller::{Controller, ControllerError};
 use sidehill_controller::course::Course;
 use sidehill_controller::guard::{Stance, SteepPlace, first_steep_place};
-use sidehill_controller::memory::Learned;
 use sidehill_controller::path::Point2;
 use sidehill_controller::reference::Reference;
 use sidehill_controller::speed_profile::{SpeedConfig, SpeedLimits};
@@ -25,6 +25,7 @@ use sidehill_plant::terrain::{
 };
 use sidehill_plant::vehicle::Vehicle;
 use std::path::PathBuf;
+use std::sync::Arc;
 
 /// The ground of a scenario.
 #[derive(Debug, Clone, Deserialize)]
@@ -196,7 +197,7 @@ pub struct Prepared {
     /// Bounds on the speed along a path.
     pub speed_limits: SpeedLimits,
     /// What was learned before, with which controllers begin.
-    pub learned: Option<Learned>,
+    pub learned: Option<Arc<LearnedFile>>,
     /// What is allowed but probably not meant.
     pub warnings: Vec<String>,
 }
@@ -244,7 +245,7 @@ impl Prepared {
         let mut controller = Controller::new(kind, self.controller.clone(), &self.vehicle)?
             .with_terrain(self.terrain.clone());
         if let Some(learned) = &self.learned {
-            controller.recall(learned)?;
+            controller.recall(&learned.learned)?;
         }
         controller.follow(self.reference.clone());
         Ok(controller)

@@ -6,7 +6,6 @@ use crate::estimator::Estimate;
 use crate::mpc::{Model, StageTarget};
 use crate::reference::Progress;
 use crate::tracked_point::{TrackedPoint, heading_difference_after};
-use nalgebra::Vector3;
 use sidehill_plant::frames::{PlanarPose, wrap_angle};
 use sidehill_plant::speeds::MotorSpeeds;
 
@@ -73,12 +72,13 @@ impl Controller {
             let normal_in_world = map
                 .and_then(|map| map.surface(point.position.x_m, point.position.y_m).ok())
                 .map_or(estimate.normal_in_world, |surface| surface.normal_in_world);
+            let pose = match &self.memory {
+                Some(memory) => memory.aim(&point.pose(), estimate.time_s),
+                None => point.pose(),
+            };
             self.horizon.targets.push(StageTarget {
-                pose: point.pose(),
+                pose,
                 tracked_point,
-                residual_in_world: self.memory.as_ref().map_or_else(Vector3::zeros, |memory| {
-                    memory.residual_in_world(&point.pose())
-                }),
                 along_heading_rad: point.heading_rad,
                 normal_in_world,
                 feedforward: MotorSpeeds {
@@ -176,13 +176,9 @@ impl Controller {
                     issued.command,
                     time_s,
                 );
-                let mut increment = step.increment;
-                if let Some(memory) = &self.memory {
-                    increment += time_s * memory.residual_in_world(&pose);
-                }
-                pose.x_m += increment.x;
-                pose.y_m += increment.y;
-                pose.yaw_rad += increment.z;
+                pose.x_m += step.increment.x;
+                pose.y_m += step.increment.y;
+                pose.yaw_rad += step.increment.z;
             }
         }
         pose

@@ -52,8 +52,6 @@ pub struct StageTarget {
     pub pose: PlanarPose,
     /// Point of the vehicle that is to be there.
     pub tracked_point: TrackedPoint,
-    /// Velocity that the model does not have, world frame: m/s, m/s, rad/s.
-    pub residual_in_world: Vector3<f64>,
     /// Heading of travel, which separates errors along the path from errors across it, rad.
     pub along_heading_rad: f64,
     /// Upward unit normal of the ground during the stage, world frame.
@@ -291,7 +289,6 @@ impl Mpc {
             let step = self
                 .model
                 .step_on_plane(&target.normal_in_world, state.z, input, step_s);
-            let residual = step_s * target.residual_in_world;
             let (sin, cos) = target.along_heading_rad.sin_cos();
             let time_s = if k == 0 {
                 settings.period_s
@@ -318,7 +315,7 @@ impl Mpc {
             weights.heading_per_rad2 *= factor;
             self.stages.push(Stage {
                 step,
-                defect: state + step.increment + residual - next,
+                defect: state + step.increment - next,
                 error,
                 point_by_yaw_m: lever.by_yaw_m,
                 along: (-sin, cos),
@@ -468,7 +465,7 @@ impl Mpc {
             let step = self
                 .model
                 .step_on_plane(&target.normal_in_world, state.z, input, step_s);
-            state += step.increment + step_s * target.residual_in_world;
+            state += step.increment;
             cost += stage_cost(stage, target, &state, input, before);
             before = input;
         }
