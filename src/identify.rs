@@ -5,6 +5,8 @@ mod page;
 mod report;
 mod verdict;
 
+pub use report::stage_fields;
+
 use crate::config::ConfigFile;
 use crate::console;
 use crate::drive_log::{LogArgs, LogReader};

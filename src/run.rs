@@ -16,6 +16,7 @@ use sidehill_bridge::can::CanPort;
 use sidehill_bridge::control_loop::record::{LogSource, Recorder, ring};
 use sidehill_bridge::control_loop::{LoopSetup, RunOptions, Signals};
 use sidehill_bridge::drives::{Clock, Epoch, Input, InputStatus, Port};
+use sidehill_bridge::recording::live::{LiveView, ParameterOwner};
 use sidehill_bridge::recording::{PathLog, PathRecord, Sinks, tap};
 use sidehill_bridge::ros2::node::arguments::RosArguments;
 use sidehill_bridge::ros2::node::names::Names;
@@ -108,9 +109,12 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
         output::check_writable(path, args.force)?;
     }
     let live = recording::live(args.live, Some(&config.settings))?;
-    let watch =
-        (recorded.is_some() || live.is_some()).then(|| (path_log, Arc::clone(&recording_ended)));
-    let watched = watch.is_some();
+    let watched = recorded.is_some() || live.is_some();
+    let settable = live.as_ref().filter(|_| config.over_ros2());
+    let watch = Watch {
+        recording: watched.then(|| (path_log, Arc::clone(&recording_ended))),
+        parameters: settable.map(LiveView::parameter_owner),
+    };
     let ros2 = start_ros2(&file, &config, &vehicle, ros_arguments, epoch, watch)?;
     let (clock, channel, ros2_port, _server) = match ros2 {
         Some(ros2) => {
@@ -267,6 +271,14 @@ fn register_signals() -> Result<Signals> {
     Ok(signals)
 }
 
+/// What the ROS 2 server has to do with recording and live view.
+struct Watch {
+    /// Takes the paths, and says why nothing is recorded any more.
+    recording: Option<(PathLog, Arc<OnceLock<String>>)>,
+    /// Where live clients see and set parameters.
+    parameters: Option<ParameterOwner>,
+}
+
 /// Starts the ROS 2 server, where the configuration has one.
 fn start_ros2(
     file: &ConfigFile,
@@ -274,7 +286,7 @@ fn start_ros2(
     vehicle: &Vehicle,
     arguments: &[String],
     epoch: Epoch,
-    watch: Option<(PathLog, Arc<OnceLock<String>>)>,
+    watch: Watch,
 ) -> Result<Option<Ros2>> {
     if !config.over_ros2() {
         ensure!(
@@ -302,7 +314,8 @@ fn start_ros2(
         drives: config.port == RunPort::Ros2,
         stages: config.settings.stages,
         period_s,
-        recording: watch,
+        recording: watch.recording,
+        live: watch.parameters,
         realtime: config.realtime,
         stopping: config.stopping(),
     });

@@ -6,58 +6,31 @@
 
 mod decision;
 mod horizon;
+mod issued;
+mod learning;
+mod parts;
 mod supervision;
 mod watchdog;
 
 pub use decision::{Decision, Stall, Status, StopReason};
+pub use parts::ControllerError;
 
-use crate::config::{AttitudePreview, ControllerConfig, ControllerKind};
+use crate::config::{ControllerConfig, ControllerKind};
 use crate::estimator::{Estimate, Estimator};
-use crate::guard::{Guard, Stance, Surroundings};
-use crate::memory::{Learned, Memory, RecallError};
-use crate::mpc::{Horizon, Model, Mpc, Plan, QpFailure, Solution, StageTarget};
-use crate::path::Point2;
+use crate::guard::Guard;
+use crate::memory::Memory;
+use crate::mpc::{Horizon, Mpc, Plan, QpFailure, Solution, StageTarget};
 use crate::pure_pursuit::PursuitView;
-use crate::reference::{PROJECTION_WINDOW, Progress, Reference};
+use crate::reference::{Progress, Reference};
 use crate::tracked_point::TrackedPoint;
-use sidehill_plant::bounds::RangeError;
-use sidehill_plant::contact::ContactPrediction;
-use sidehill_plant::frames::PlanarPose;
-use sidehill_plant::prediction::PredictionModel;
+use issued::IssuedCommands;
+use parts::{Law, Parts, guard, owner};
 use sidehill_plant::sample::Sample;
 use sidehill_plant::speeds::MotorSpeeds;
 use sidehill_plant::terrain::Terrain;
 use sidehill_plant::vehicle::Vehicle;
 use std::time::Instant;
 use watchdog::Watchdog;
-
-/// Why a controller cannot be made.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum ControllerError {
-    /// A setting is out of its range.
-    #[error("controller setting {0}")]
-    Range(#[from] RangeError),
-    /// What was learned before is not that of this vehicle, or makes no sense.
-    #[error("what was learned is refused: {0}")]
-    Recall(#[from] RecallError),
-    /// The steepness guard needs to know where the mass is.
-    #[error(
-        "guard: the vehicle file has no centre_of_mass, and none in contact; the guard needs its height"
-    )]
-    CentreOfMass,
-    /// The centre of mass is not above the wheels.
-    #[error("guard: centre_of_mass is beside the wheels, so the vehicle tips over on level ground")]
-    TipsOver,
-    /// The solver does not take the problem.
-    #[error("the MPC cannot be set up: {0}")]
-    Solver(#[from] QpFailure),
-}
-
-/// What turns estimate and reference into a command.
-enum Law {
-    Mpc(Box<Mpc>),
-    PurePursuit,
-}
 
 /// What the cycle before left behind.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -67,19 +40,9 @@ enum Phase {
     Finished,
 }
 
-/// A command and the instant from which it was given.
-#[derive(Debug, Clone, Copy)]
-struct Issued {
-    time_s: f64,
-    command: MotorSpeeds,
-}
-
 /// Largest distance between the ends of the horizons of two references for which the plan made for
 /// the first is taken up for the second, m.
 const PLAN_REUSE_M: f64 = 0.5;
-
-/// Share of the motors' deceleration with which the guard brakes before a steep place.
-const BRAKING_SHARE: f64 = 0.25;
 
 /// Follows a reference; one [`Controller::step`] a control period.
 pub struct Controller {
@@ -101,8 +64,7 @@ pub struct Controller {
     memory: Option<Memory>,
     /// Name and number of vehicle and kind, by which what was learned is known again.
     owner: String,
-    /// Commands of the last second, the newest last: those in flight are among them.
-    issued: Vec<Issued>,
+    issued: IssuedCommands,
     last_time_s: Option<f64>,
 }
 
@@ -118,65 +80,20 @@ impl Controller {
         vehicle: &Vehicle,
     ) -> Result<Self, ControllerError> {
         config.validate()?;
-        let config = if kind == ControllerKind::ContactMpc {
-            config.for_contact()
-        } else {
-            config
+        let config = match kind {
+            ControllerKind::ContactMpc => config.for_contact(),
+            _ => config,
         };
-        // An adapted model is estimated with as it predicts. A law that does not adapt leaves
-        // dead reckoning to the best model there is.
-        let adaptation = config.estimator.adaptation;
-        let adapts = match kind {
-            ControllerKind::IcrikMpc => adaptation.is_on(),
-            ControllerKind::IcrhkMpc => adaptation.is_on() && adaptation.of_icrhk,
-            ControllerKind::ContactMpc => config.estimator.contact.is_on(),
-            ControllerKind::DiffdriveMpc | ControllerKind::PurePursuit => false,
-        };
-        let contact = if kind == ControllerKind::ContactMpc {
-            Some(ContactPrediction::new(&vehicle.contact_vehicle())?)
-        } else {
-            None
-        };
-        let estimator = if let Some(contact) = &contact {
-            Estimator::with_contact(config.estimator, &vehicle.on_wheels(), contact.clone())
-        } else if kind == ControllerKind::IcrhkMpc && adapts {
-            let mut settings = config.estimator;
-            settings.adaptation.slope_sigma = 0.0;
-            Estimator::new(settings, vehicle.on_level_ground())
-        } else {
-            Estimator::new(config.estimator, vehicle.extended())
-        };
-        let guard = match config.guard {
-            Some(settings) => {
-                let stance = Stance::of(vehicle).ok_or(ControllerError::CentreOfMass)?;
-                if !stance.stands() {
-                    return Err(ControllerError::TipsOver);
-                }
-                let braking_m_s2 = BRAKING_SHARE * config.limits.traction.deceleration_m_s2;
-                Some(Guard::new(settings, stance, braking_m_s2))
-            }
-            None => None,
-        };
+        let guard = guard(&config, vehicle)?;
         let memory = config.memory.map(Memory::new);
-        let mut estimator = estimator;
-        estimator.keep_learned(config.memory.is_some_and(|memory| memory.keep_gains));
         let owner = owner(vehicle, kind);
-        let vehicle = match kind {
-            ControllerKind::IcrikMpc => vehicle.extended(),
-            ControllerKind::ContactMpc => vehicle.on_wheels(),
-            ControllerKind::IcrhkMpc | ControllerKind::PurePursuit => vehicle.on_level_ground(),
-            ControllerKind::DiffdriveMpc => vehicle.as_differential_drive(),
-        };
-        let law = if kind == ControllerKind::PurePursuit {
-            Law::PurePursuit
-        } else {
-            let model = match contact {
-                Some(contact) => Model::from(contact),
-                None => PredictionModel::new(vehicle.clone(), config.smoothing_m_s).into(),
-            };
-            Law::Mpc(Box::new(Mpc::new(config.mpc(), model)?))
-        };
-        let commands = (1.0 / config.period_s).ceil() as usize + 2;
+        let Parts {
+            vehicle,
+            mut estimator,
+            law,
+            adapts,
+        } = Parts::of(kind, &config, vehicle)?;
+        estimator.keep_learned(config.memory.is_some_and(|memory| memory.keep_gains));
         Ok(Self {
             estimator,
             reference: None,
@@ -187,7 +104,7 @@ impl Controller {
                 change_weights: config.change_weights(0.0),
                 targets: Vec::with_capacity(config.stages),
             },
-            issued: Vec::with_capacity(commands + 1),
+            issued: IssuedCommands::new(config.period_s),
             watchdog: Watchdog::new(
                 &config.supervisor,
                 config.limits,
@@ -355,12 +272,9 @@ impl Controller {
             }
             _ => None,
         };
-        let mut slowed = slowed_share(estimate.as_ref());
-        if let (Law::PurePursuit, Some(guard)) = (&self.law, &self.guard) {
-            slowed *= guard.share();
-        }
+        let slowed = self.slowed_share(estimate.as_ref());
         let (status, command_effective) = self.conclude(solved, slowed);
-        self.remember(sample.time_s, command_effective);
+        self.issued.push(sample.time_s, command_effective);
         Decision {
             time_s: sample.time_s,
             command_effective,
@@ -371,114 +285,6 @@ impl Controller {
             guard: self.guard.as_ref().and_then(Guard::view),
             refused,
             reference: self.reference.as_ref().map_or(0, Reference::number),
-        }
-    }
-
-    /// Moves the reference on; it waits for a vehicle that has been stopped.
-    fn advance_reference(
-        &mut self,
-        estimate: Option<&Estimate>,
-        elapsed_s: f64,
-    ) -> Option<Progress> {
-        let elapsed_s = match self.phase {
-            Phase::Stopped(_) => 0.0,
-            Phase::Driving { .. } | Phase::Finished => match &self.guard {
-                Some(guard) => elapsed_s * guard.share(),
-                None => elapsed_s,
-            },
-        };
-        let pose = &estimate?.pose;
-        let point = self.tracked_point().of(pose, &estimate?.normal_in_world);
-        Some(self.reference.as_mut()?.advance(elapsed_s, &point))
-    }
-
-    /// Returns everything that was learned, to be kept; none where memory is off.
-    pub fn learned(&self) -> Option<Learned> {
-        let memory = self.memory.as_ref()?;
-        Some(Learned {
-            owner: self.owner.clone(),
-            gains: self.estimator.learned().filter(|_| self.adapts),
-            cell_m: memory.config.cell_m,
-            cells: memory.cells(),
-        })
-    }
-
-    /// Begins with what was learned before, by this vehicle under this controller.
-    ///
-    /// # Errors
-    /// [`RecallError`] for what belongs to another one or makes no sense; nothing is then taken over.
-    pub fn recall(&mut self, learned: &Learned) -> Result<(), RecallError> {
-        let memory = self.memory.as_mut().ok_or(RecallError::Off)?;
-        if learned.owner != self.owner {
-            return Err(RecallError::Foreign {
-                found: learned.owner.clone(),
-                expected: self.owner.clone(),
-            });
-        }
-        if learned.cell_m != memory.config.cell_m {
-            return Err(RecallError::Wrong("cells have another size"));
-        }
-        if let Some(gains) = &learned.gains {
-            self.estimator.recall(gains).map_err(RecallError::Wrong)?;
-        }
-        memory.recall(&learned.cells);
-        Ok(())
-    }
-
-    /// Measures how far beside its path the vehicle was where its newest pose was taken.
-    fn learn_error(&mut self, estimate: &Estimate, sample: &Sample) {
-        let point = self.tracked_point();
-        let (Some(memory), Some(reference), Some(pose)) =
-            (&mut self.memory, &self.reference, &sample.pose)
-        else {
-            return;
-        };
-        let moving = estimate.treads.left_m_s != 0.0 || estimate.treads.right_m_s != 0.0;
-        let (Some(path), true) = (reference.path(), moving && estimate.poses_gated == 0) else {
-            return;
-        };
-        let pose = point.of(&pose.value.planar(), &estimate.normal_in_world);
-        let seen = Point2 {
-            x_m: pose.x_m,
-            y_m: pose.y_m,
-        };
-        if seen.x_m.is_finite() && seen.y_m.is_finite() {
-            let around_m = reference.ahead(0.0).arc_length_m;
-            let nearest = path
-                .nearest_within(&seen, around_m, &PROJECTION_WINDOW)
-                .point;
-            let place = PlanarPose {
-                x_m: nearest.position.x_m,
-                y_m: nearest.position.y_m,
-                yaw_rad: nearest.heading_rad,
-            };
-            memory.observe(sample.time_s, &seen, &place);
-        }
-    }
-
-    /// Lets the guard look at the ground here and ahead.
-    fn watch_slope(&mut self, estimate: Option<&Estimate>, elapsed_s: f64) {
-        let half_track_m = 0.5 * (self.vehicle.icrs.right_m - self.vehicle.icrs.left_m);
-        let command = self.last_command();
-        let (Some(guard), Some(estimate), Some(reference)) =
-            (&mut self.guard, estimate, &self.reference)
-        else {
-            return;
-        };
-        let map = self
-            .terrain
-            .as_ref()
-            .filter(|_| self.config.attitude_preview == AttitudePreview::Terrain);
-        let stop = guard.look(&Surroundings {
-            estimate,
-            reference,
-            map,
-            half_track_m,
-            elapsed_s,
-            command,
-        });
-        if let Some(reason) = stop {
-            self.stop(reason.into());
         }
     }
 
@@ -510,7 +316,7 @@ impl Controller {
         solved: Option<Result<Solution, QpFailure>>,
         slowed: f64,
     ) -> (Status, MotorSpeeds) {
-        let previous = self.last_command();
+        let previous = self.issued.last();
         let (status, wanted) = match solved {
             None => (Status::Waiting, MotorSpeeds::STOP),
             Some(Ok(solution)) => {
@@ -537,46 +343,9 @@ impl Controller {
         }
     }
 
-    fn remember(&mut self, time_s: f64, command: MotorSpeeds) {
-        if self.issued.len() + 1 > self.issued.capacity() {
-            self.issued.remove(0);
-        }
-        self.issued.push(Issued { time_s, command });
-    }
-
-    fn last_command(&self) -> MotorSpeeds {
-        self.issued
-            .last()
-            .map_or(MotorSpeeds::STOP, |issued| issued.command)
-    }
-
     fn discard_plan(&mut self) {
         if let Law::Mpc(mpc) = &mut self.law {
             mpc.discard_plan();
         }
-    }
-}
-
-/// Returns the name of a vehicle under a kind of controller, with a number that is another where any of its
-/// parameters is.
-fn owner(vehicle: &Vehicle, kind: ControllerKind) -> String {
-    let text = format!("{vehicle:?}");
-    let number = text.bytes().fold(0xCBF2_9CE4_8422_2325_u64, |hash, byte| {
-        (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01B3)
-    });
-    format!("{} {number:016x} {}", vehicle.name, kind.name())
-}
-
-/// Share of the speed with which a vehicle drives whose poses are refused.
-const DOUBTED_SHARE: f64 = 0.5;
-/// Time that refused poses agree before the vehicle is slowed down, s.
-const DOUBTED_MIN_S: f64 = 0.25;
-
-/// Returns the share of the wanted speeds that is driven with.
-fn slowed_share(estimate: Option<&Estimate>) -> f64 {
-    let doubted = estimate.and_then(|estimate| estimate.poses_doubted_s);
-    match doubted {
-        Some((doubted_s, _)) if doubted_s >= DOUBTED_MIN_S => DOUBTED_SHARE,
-        _ => 1.0,
     }
 }

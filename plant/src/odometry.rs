@@ -41,6 +41,16 @@ impl KinematicModel {
         )
     }
 
+    /// Returns the model that predicts a vehicle's motion best by what its file knows: the balance of wheel
+    /// friction where its wheels are known, the extended model otherwise.
+    pub fn best_for(vehicle: &Vehicle) -> Self {
+        if vehicle.contact.is_some() {
+            Self::Contact
+        } else {
+            Self::Extended
+        }
+    }
+
     /// Returns the balance of wheel friction where this model is it.
     fn contact(self, vehicle: &Vehicle) -> Option<ContactPrediction> {
         (self == Self::Contact)
@@ -107,6 +117,38 @@ impl KinematicModel {
             before = Some((row.time_s, motion));
             pose
         })
+    }
+}
+
+/// The velocities of a vehicle by one model, for samples that come one after the other: the balance of wheel
+/// friction begins where that of the sample before has ended.
+#[derive(Debug, Clone)]
+pub struct VelocityModel {
+    model: KinematicModel,
+    parameters: Vehicle,
+    contact: Option<ContactPrediction>,
+}
+
+impl VelocityModel {
+    /// Returns a model of a vehicle.
+    pub fn new(model: KinematicModel, vehicle: &Vehicle) -> Self {
+        let parameters = model.parameters(vehicle).into_owned();
+        Self {
+            contact: model.contact(&parameters),
+            parameters,
+            model,
+        }
+    }
+
+    /// Returns the body velocity for tread speeds as measured, before c_l and c_r.
+    pub fn body_velocity(
+        &mut self,
+        attitude: Attitude,
+        measured: MeasuredTreadSpeeds,
+    ) -> BodyVelocity {
+        let contact = &mut self.contact;
+        self.model
+            .velocity_with(&self.parameters, contact, attitude, measured)
     }
 }
 

@@ -2,6 +2,9 @@
 
 use sidehill_plant::log::GAP_MAX_S;
 
+/// Values by their times, ns.
+pub(super) type Timed<T> = Vec<(i64, T)>;
+
 /// Returns the value at a time, between its neighbours where they are at most [`GAP_MAX_S`] apart.
 pub(super) fn at<T: Copy>(
     values: &[(i64, T)],

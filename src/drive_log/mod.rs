@@ -3,7 +3,13 @@
 #[cfg(feature = "drive")]
 mod choice;
 #[cfg(feature = "drive")]
+mod fixes;
+#[cfg(feature = "drive")]
 mod interpolation;
+#[cfg(feature = "drive")]
+mod joints;
+#[cfg(feature = "drive")]
+mod positions;
 #[cfg(feature = "drive")]
 mod rows;
 #[cfg(feature = "drive")]
@@ -17,7 +23,7 @@ mod transform_poses;
 #[cfg(feature = "drive")]
 pub use choice::Chosen;
 #[cfg(feature = "drive")]
-pub use series::{Positions, positions};
+pub use positions::{Positions, positions};
 pub use topics::{AttitudeTopic, PoseTopic, StampSource, TopicMap, TreadSpeedTopic};
 
 use crate::config::{ConfigFile, no_text};

@@ -1,7 +1,7 @@
 //! What identification found, as text and as JSON.
 
 use super::found::Undetermined;
-use serde_json::{Value, json};
+use serde_json::{Map, Value, json};
 use sidehill_plant::identification::{
     ContactReport, Estimate, ExtensionReport, SegmentErrors, StageReport, Verdict,
 };
@@ -137,7 +137,7 @@ pub(super) fn contact_table(report: &ContactReport) -> String {
 
 /// Returns the physical parameters that were found, as JSON.
 pub(super) fn contact_json(report: &ContactReport) -> Value {
-    let estimates: serde_json::Map<_, _> = report
+    let estimates: Map<_, _> = report
         .estimates
         .iter()
         .map(|estimate| {
@@ -152,8 +152,25 @@ pub(super) fn contact_json(report: &ContactReport) -> Value {
     json!({ "estimates": estimates, "segments": report.segments, "settled": report.settled })
 }
 
-/// Returns what a stage found as JSON.
+/// Returns what a stage found as JSON, in full.
 pub(super) fn stage_json(report: &StageReport, undetermined: &[Undetermined]) -> Value {
+    let undetermined: Map<_, _> = undetermined
+        .iter()
+        .map(|undetermined| {
+            let mut value = estimate_json(&undetermined.estimate);
+            value["kept"] = json!(undetermined.kept);
+            (undetermined.estimate.name.to_owned(), value)
+        })
+        .collect();
+    let mut fields = stage_fields(report);
+    fields.insert("undetermined".to_owned(), Value::Object(undetermined));
+    Value::Object(fields)
+}
+
+/// Returns what a stage found and how far to trust it, as the fields of JSON that are the same wherever it is
+/// reported: `estimates` (by key: `value`, `std`, `half_width_95` in the key's unit), `segments`, `poses`,
+/// `j_over_n` (13), `outlier_share`, `held_out` (RMS errors of segments left out, m and rad), `warnings`.
+pub fn stage_fields(report: &StageReport) -> Map<String, Value> {
     let errors = |errors: &SegmentErrors| {
         json!({
             "segments": errors.segments,
@@ -162,37 +179,32 @@ pub(super) fn stage_json(report: &StageReport, undetermined: &[Undetermined]) ->
             "yaw_rad": errors.yaw_rad,
         })
     };
-    let estimate = |estimate: &Estimate| {
-        json!({
-            "value": estimate.value,
-            "std": estimate.std,
-            "half_width_95": estimate.half_width,
-        })
-    };
     let found = report.estimates.iter();
-    let estimates: serde_json::Map<_, _> = found
-        .map(|found| (found.name.to_owned(), estimate(found)))
-        .collect();
-    let undetermined: serde_json::Map<_, _> = undetermined
-        .iter()
-        .map(|undetermined| {
-            let mut value = estimate(&undetermined.estimate);
-            value["kept"] = json!(undetermined.kept);
-            (undetermined.estimate.name.to_owned(), value)
-        })
-        .collect();
+    let estimates = found.map(|found| (found.name.to_owned(), estimate_json(found)));
     let warnings = report.warnings.iter().map(ToString::to_string);
+    let fields = [
+        ("estimates", Value::Object(estimates.collect())),
+        ("segments", json!(report.segments)),
+        ("poses", json!(report.poses)),
+        ("j_over_n", json!(report.fitness)),
+        ("outlier_share", json!(report.outlier_share)),
+        (
+            "held_out",
+            json!({
+                "fitted": errors(&report.cross_validation.fitted),
+                "baseline": errors(&report.cross_validation.baseline),
+            }),
+        ),
+        ("warnings", warnings.collect()),
+    ];
+    let fields = fields.map(|(key, value)| (key.to_owned(), value));
+    fields.into_iter().collect()
+}
+
+fn estimate_json(estimate: &Estimate) -> Value {
     json!({
-        "estimates": estimates,
-        "undetermined": undetermined,
-        "segments": report.segments,
-        "poses": report.poses,
-        "j_over_n": report.fitness,
-        "outlier_share": report.outlier_share,
-        "held_out": {
-            "fitted": errors(&report.cross_validation.fitted),
-            "baseline": errors(&report.cross_validation.baseline),
-        },
-        "warnings": warnings.collect::<Vec<_>>(),
+        "value": estimate.value,
+        "std": estimate.std,
+        "half_width_95": estimate.half_width,
     })
 }

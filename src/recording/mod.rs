@@ -13,12 +13,11 @@ use crate::console;
 use crate::output;
 use anyhow::{Context, Result};
 use serde_json::Value;
-use sidehill_bridge::recording::live::LiveView;
+use sidehill_bridge::recording::live::{LiveView, PlaybackControl, Values};
 use sidehill_bridge::recording::{Header, Marker, McapRecording, RecordLimits, ground};
 use sidehill_controller::config::{ControllerConfig, ControllerKind};
 use sidehill_controller::path::Path as Curve;
 use sidehill_plant::terrain::Terrain;
-use std::collections::BTreeMap;
 use std::net::SocketAddr;
 use std::path::Path;
 use std::sync::PoisonError;
@@ -122,18 +121,46 @@ pub(crate) fn live(
     let Some(address) = address else {
         return Ok(None);
     };
-    let mut parameters = BTreeMap::new();
-    if let Some(config) = config {
-        flatten("", &serde_json::to_value(config)?, &mut parameters);
-    }
-    let view = LiveView::start(address, parameters)
-        .with_context(|| format!("--live: {address} cannot be listened to"))?;
-    console::complain(format_args!("live view: ws://{}", view.address()));
+    let view = LiveView::start(address, settings(config)?);
+    let view = view.with_context(|| cannot_listen(address))?;
+    announce(&view);
     Ok(Some(view))
 }
 
+/// Starts the live view of a recording whose first and last times, ns, are given.
+///
+/// # Errors
+/// An address that cannot be listened to.
+pub(crate) fn playback(
+    address: SocketAddr,
+    config: &ControllerConfig,
+    range_ns: [u64; 2],
+) -> Result<(LiveView, PlaybackControl)> {
+    let (view, control) = LiveView::start_playback(address, settings(Some(config))?, range_ns)
+        .with_context(|| cannot_listen(address))?;
+    announce(&view);
+    Ok((view, control))
+}
+
+/// Returns the controller's settings as parameters.
+fn settings(config: Option<&ControllerConfig>) -> Result<Values> {
+    let mut settings = Values::new();
+    if let Some(config) = config {
+        flatten("", &serde_json::to_value(config)?, &mut settings);
+    }
+    Ok(settings)
+}
+
+fn cannot_listen(address: SocketAddr) -> String {
+    format!("--live: {address} cannot be listened to")
+}
+
+fn announce(view: &LiveView) {
+    console::complain(format_args!("live view: ws://{}", view.address()));
+}
+
 /// Puts the values of a tree under their names, with points between keys.
-fn flatten(name: &str, value: &Value, into: &mut BTreeMap<String, Value>) {
+fn flatten(name: &str, value: &Value, into: &mut Values) {
     match value {
         Value::Object(fields) => {
             for (key, value) in fields {

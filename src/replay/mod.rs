@@ -1,5 +1,6 @@
 //! `sidehill replay`: recorded samples through the controller again.
 
+mod begin;
 mod compare;
 mod play;
 mod rebuild;
@@ -12,9 +13,10 @@ use crate::console;
 use crate::output;
 use crate::recording::{self, LIVE, fact, target};
 use crate::simulate::{Format, controller};
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, ensure};
+use begin::Begin;
 use compare::Comparison;
-use rebuild::{Changes, Rebuilt};
+pub(crate) use rebuild::{Changes, Rebuilt};
 use serde::Serialize;
 use sidehill_bridge::recording::Recording;
 use sidehill_controller::config::ControllerKind;
@@ -74,6 +76,9 @@ struct Outcome<'a> {
     versions: [String; 2],
     closed_loop: bool,
     changed: bool,
+    /// Where the comparison begins; none for the recording's start.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    begins: Option<Begin>,
     /// Steps that the recording has lost.
     lost: u64,
     /// Why the recording could not be read to its end.
@@ -91,7 +96,7 @@ struct Outcome<'a> {
 /// # Errors
 /// A recording that cannot be read or does not begin at its start, or a setting that is wrong.
 pub fn run(args: &ReplayArgs) -> Result<ExitCode> {
-    let recording = Recording::read(&args.recording)?;
+    let mut recording = Recording::read(&args.recording)?;
     let named = || args.recording.display().to_string();
     ensure!(
         !recording.cycles.is_empty(),
@@ -102,12 +107,6 @@ pub fn run(args: &ReplayArgs) -> Result<ExitCode> {
         output::check_writable(report, args.force)?;
     }
     let lost = lost(&recording);
-    if recording.cycles[0].index != 0 {
-        bail!(
-            "{}: its beginning is missing, so it cannot be replayed",
-            named()
-        );
-    }
     let changes = Changes {
         controller: args.controller,
         vehicle: args.vehicle.clone(),
@@ -115,10 +114,20 @@ pub fn run(args: &ReplayArgs) -> Result<ExitCode> {
         plant: args.plant,
     };
     let rebuilt = Rebuilt::of(&recording, &changes).with_context(named)?;
+    let begin = match Begin::of(&recording) {
+        _ if args.closed_loop => Begin::default(),
+        Err(error) if args.live.is_some() => {
+            console::complain(format_args!("{}: {error:#}", named()));
+            return show(args, &recording, &rebuilt).map(|()| ExitCode::SUCCESS);
+        }
+        begin => begin.with_context(named)?,
+    };
     let replayed = if args.closed_loop {
         rebuilt.drive(&recording)?
     } else {
-        repeat::repeat(&recording, &rebuilt, changes.changed())?
+        let replayed = repeat::repeat(&recording, &rebuilt, &begin, changes.changed())?;
+        recording.cycles.drain(..begin.place);
+        replayed
     };
     let tolerance_m_s = args.tolerance.unwrap_or(0.0);
     let comparison = Comparison::of(&recording.cycles, &replayed, tolerance_m_s);
@@ -139,6 +148,7 @@ pub fn run(args: &ReplayArgs) -> Result<ExitCode> {
         ],
         closed_loop: args.closed_loop,
         changed: changes.changed(),
+        begins: (begin.place > 0).then_some(begin),
         lost,
         damaged: recording.damaged.as_deref(),
         cross_track_rms_m: [
@@ -158,12 +168,20 @@ pub fn run(args: &ReplayArgs) -> Result<ExitCode> {
         Format::Json => console::line(serde_json::to_string(&outcome)?),
         Format::Table => console::text(table(&outcome)),
     }
-    if let Some(mut live) = recording::live(args.live, Some(&rebuilt.config))? {
-        play::play(&recording, &mut live)?;
-    }
+    show(args, &recording, &rebuilt)?;
     let may_differ = (changes.changed() || args.closed_loop) && args.tolerance.is_none();
     let failed = lost > 0 || comparison.different > 0 && !may_differ;
     Ok(ExitCode::from(u8::from(failed)))
+}
+
+/// Plays the recording live, where that is asked for.
+fn show(args: &ReplayArgs, recording: &Recording, rebuilt: &Rebuilt) -> Result<()> {
+    let Some(address) = args.live else {
+        return Ok(());
+    };
+    let range_ns = play::range_ns(recording)?;
+    let (live, control) = recording::playback(address, &rebuilt.config, range_ns)?;
+    play::play(recording, range_ns[0], (live, &control))
 }
 
 /// Returns the steps that are missing between those that are there.
@@ -194,6 +212,18 @@ fn table(outcome: &Outcome<'_>) -> String {
     }
     if let Some(reason) = outcome.damaged {
         add("read up to", reason.to_owned());
+    }
+    if let Some(begin) = &outcome.begins {
+        let on = begin.from_m.map_or_else(String::new, |from_m| {
+            format!(", {from_m:.2} m along a path given before")
+        });
+        add(
+            "begins where armed",
+            format!(
+                "cycle {} at {:.3} s{on}: earlier files were deleted",
+                begin.cycle, begin.time_s
+            ),
+        );
     }
     if outcome.lost > 0 {
         add("steps lost", outcome.lost.to_string());

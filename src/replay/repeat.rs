@@ -1,5 +1,6 @@
 //! Recorded samples through a controller.
 
+use super::begin::Begin;
 use super::rebuild::Rebuilt;
 use super::step::Step;
 use anyhow::{Context, Result};
@@ -7,27 +8,39 @@ use sidehill_bridge::control_loop::runner::engage;
 use sidehill_bridge::recording::{PathRecord, Recording};
 use sidehill_controller::controller::Controller;
 
-/// Returns the decisions of a controller that gets what the recorded one got, in the same order. One
-/// that was `changed` is not cut short where the recorded one was.
+/// Returns the decisions, from `begin` on, of a controller that gets what the recorded one got, in the same
+/// order. One that was `changed` is not cut short where the recorded one was.
 ///
 /// # Errors
 /// A path that the recording has lost.
-pub(super) fn repeat(recording: &Recording, rebuilt: &Rebuilt, changed: bool) -> Result<Vec<Step>> {
+pub(super) fn repeat(
+    recording: &Recording,
+    rebuilt: &Rebuilt,
+    begin: &Begin,
+    changed: bool,
+) -> Result<Vec<Step>> {
     let mut controller = rebuilt.controller()?;
-    if let Some(initial) = recording.paths.get(&0) {
-        apply(&mut controller, rebuilt, initial);
+    let initial = begin.earlier_path.unwrap_or(0);
+    if let Some(initial) = recording.paths.get(&initial) {
+        let mut initial = initial.clone();
+        if let (Some(path), Some(from_m)) = (&mut initial.path, begin.from_m) {
+            path.from_m = Some(from_m);
+        }
+        apply(&mut controller, rebuilt, &initial);
     }
     let mut engaged = !rebuilt.held;
     if rebuilt.held {
         controller.request_stop();
     }
     let mut steps = Vec::with_capacity(recording.cycles.len());
-    for cycle in &recording.cycles {
+    for (i, cycle) in recording.cycles.iter().enumerate() {
         if cycle.engaged != engaged {
             engaged = cycle.engaged;
             engage(&mut controller, engaged);
         }
-        if cycle.path != 0 {
+        let given =
+            cycle.path != 0 && (i >= begin.place || recording.paths.contains_key(&cycle.path));
+        if given {
             let record = recording.paths.get(&cycle.path).with_context(|| {
                 format!(
                     "path {} of cycle {} was not recorded",
@@ -38,7 +51,9 @@ pub(super) fn repeat(recording: &Recording, rebuilt: &Rebuilt, changed: bool) ->
         }
         let cut_at = cycle.cut_at().filter(|_| !changed);
         let decision = controller.repeat_step(&cycle.sample(), cut_at);
-        steps.push(Step::of(&decision));
+        if i >= begin.place {
+            steps.push(Step::of(&decision));
+        }
     }
     Ok(steps)
 }

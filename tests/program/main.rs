@@ -3,6 +3,11 @@
 // The lints except tests only, not what helps them in these files.
 #![allow(clippy::unwrap_used, clippy::panic)]
 
+#[path = "../support/configuration.rs"]
+mod configured;
+#[path = "../support/program.rs"]
+mod program;
+
 mod campaign;
 mod check;
 mod configuration;
@@ -14,21 +19,15 @@ mod readme;
 mod replay;
 mod schema;
 mod simulate;
+mod simulate_output;
 mod stranger;
 mod tune;
 
-use std::path::{Path, PathBuf};
+use program::{repository, sidehill};
+use serde_json::Value;
+use std::collections::BTreeSet;
+use std::path::PathBuf;
 use std::process::{Command, Output};
-
-/// Returns the program, ready for arguments.
-fn sidehill() -> Command {
-    Command::new(env!("CARGO_BIN_EXE_sidehill"))
-}
-
-/// Returns where a file of the repository is.
-fn repository(name: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join(name)
-}
 
 /// Returns the text of a file of the repository.
 fn text(name: &str) -> String {
@@ -68,6 +67,22 @@ fn assert_says(message: &str, parts: &[&str]) {
     for part in parts {
         assert!(message.contains(part), "no `{part}` in: {message}");
     }
+}
+
+fn keys(value: &Value) -> BTreeSet<&str> {
+    value
+        .as_object()
+        .unwrap()
+        .keys()
+        .map(String::as_str)
+        .collect()
+}
+
+/// Returns the runs of what `--format json` printed.
+fn runs(text: &str) -> Vec<Value> {
+    let value: Value = serde_json::from_str(text).unwrap();
+    assert_eq!(keys(&value), BTreeSet::from(["runs"]));
+    value["runs"].as_array().unwrap().clone()
 }
 
 /// A folder with a scenario in it that takes little time: 2 m across a slope of 8 degrees.

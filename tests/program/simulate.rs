@@ -1,8 +1,10 @@
-//! `sidehill simulate` and the run without arguments.
+//! The figures of `sidehill simulate`, and the run without arguments.
 
-use crate::{Course, assert_says, fail, sidehill, stdout, succeed};
+use crate::configured::configuration;
+use crate::{Course, assert_says, fail, runs, sidehill, stdout, succeed};
 use serde_json::Value;
-use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+use std::process::Command;
 
 /// Sensors with every seeded error, so that a seed has something to decide.
 const NOISY: &str = "sensors:
@@ -10,47 +12,6 @@ const NOISY: &str = "sensors:
   attitude: {timing: {rate_hz: 20}, errors: {noise_std_deg: 0.2}}
   pose: {timing: {rate_hz: 10, dropout_probability: 0.2}, errors: {noise_std_m: 0.01, noise_std_yaw_deg: 0.3}}
 ";
-
-/// Fields of a run, design of the program's contract.
-const FIELDS: [&str; 21] = [
-    "controller",
-    "plant",
-    "scenario",
-    "seed",
-    "completed",
-    "cross_track_rms_m",
-    "cross_track_p95_m",
-    "cross_track_max_m",
-    "along_track_rms_m",
-    "heading_rms_rad",
-    "steer_total_variation_m_s",
-    "goal_error_m",
-    "constraint_violations",
-    "fallbacks",
-    "deadline_misses",
-    "qp_iterations_mean",
-    "qp_working_set",
-    "qp_interior_point",
-    "qp_cut_short",
-    "solve_us",
-    "cycle_us",
-];
-
-fn keys(value: &Value) -> BTreeSet<&str> {
-    value
-        .as_object()
-        .unwrap()
-        .keys()
-        .map(String::as_str)
-        .collect()
-}
-
-/// Returns the runs of what `--format json` printed.
-fn runs(text: &str) -> Vec<Value> {
-    let value: Value = serde_json::from_str(text).unwrap();
-    assert_eq!(keys(&value), BTreeSet::from(["runs"]));
-    value["runs"].as_array().unwrap().clone()
-}
 
 #[test]
 fn without_arguments_it_compares_controllers_on_the_figure_of_eight_from_any_folder() {
@@ -84,33 +45,6 @@ fn without_arguments_it_compares_controllers_on_the_figure_of_eight_from_any_fol
         0,
         "it left files"
     );
-}
-
-#[test]
-fn json_has_the_fields_of_the_contract_and_no_others() {
-    let course = Course::new("");
-    let runs = runs(&succeed(course.simulate().args(["--format", "json"])));
-    let controllers: Vec<_> = runs.iter().map(|run| &run["controller"]).collect();
-    assert_eq!(controllers, ["icrik-mpc", "icrhk-mpc"]);
-    for run in &runs {
-        assert_eq!(keys(run), BTreeSet::from(FIELDS));
-        for times in ["solve_us", "cycle_us"] {
-            assert_eq!(
-                keys(&run[times]),
-                BTreeSet::from(["p50", "p99", "p999", "max"])
-            );
-        }
-        assert_eq!(run["completed"], true);
-        assert_eq!(run["scenario"], "short");
-        assert_eq!(run["plant"], "icrik");
-        assert_eq!(run["seed"], 1);
-        for count in ["constraint_violations", "fallbacks", "deadline_misses"] {
-            assert!(run[count].is_u64(), "{count}");
-        }
-        for figure in ["cross_track_rms_m", "goal_error_m", "heading_rms_rad"] {
-            assert!(run[figure].as_f64().unwrap().is_finite(), "{figure}");
-        }
-    }
 }
 
 #[test]
@@ -181,28 +115,6 @@ fn conditions_replace_plant_drive_train_sensors_and_what_controllers_know() {
 }
 
 #[test]
-fn what_is_wrong_with_conditions_is_named_by_their_file() {
-    let course = Course::new("");
-    for (text, parts) in [
-        (
-            "friction: {kind: uniform, coefficient: 9}\n",
-            ["coefficient: 9", "from 0.05 to 2"],
-        ),
-        ("controller: {stage: 40}\n", ["controller", "stage"]),
-        (
-            "controller: {weights: {cross_per_m2: -5}}\n",
-            ["cross_per_m2", "-5"],
-        ),
-        ("terrain: {kind: level}\n", ["terrain", "unknown field"]),
-    ] {
-        let file = course.write("bad.yaml", &format!("name: bad\n{text}"));
-        let message = fail(course.simulate().arg("--conditions").arg(&file));
-        assert_says(&message, &["bad.yaml"]);
-        assert_says(&message, &parts);
-    }
-}
-
-#[test]
 fn factors_make_the_controllers_vehicle_wrong_and_not_the_plants() {
     let right = Course::new("start: {right_m: 0.2}\n");
     let wrong =
@@ -215,101 +127,6 @@ fn factors_make_the_controllers_vehicle_wrong_and_not_the_plants() {
     let absurd = Course::new("model_error: {y_icr: 1000}\n");
     let message = fail(&mut absurd.simulate());
     assert_says(&message, &["scenario.yaml", "model_error", "y_icr"]);
-}
-
-#[test]
-fn out_gets_a_table_for_each_run_and_a_report() {
-    let course = Course::new("");
-    let out = course.path("made/results");
-    succeed(course.simulate().arg("--out").arg(&out));
-    let names: BTreeSet<_> = out
-        .read_dir()
-        .unwrap()
-        .map(|entry| entry.unwrap().file_name().into_string().unwrap())
-        .collect();
-    let names: Vec<&str> = names.iter().map(String::as_str).collect();
-    assert_eq!(names, ["icrhk-mpc.csv", "icrik-mpc.csv", "report.html"]);
-    let mut table = csv::Reader::from_path(out.join("icrik-mpc.csv")).unwrap();
-    let columns = table.headers().unwrap().clone();
-    let at = |name: &str| columns.iter().position(|column| column == name).unwrap();
-    let (time, y, cross_track) = (at("time_s"), at("y_m"), at("cross_track_m"));
-    let rows: Vec<csv::StringRecord> = table.records().map(Result::unwrap).collect();
-    let number = |row: &csv::StringRecord, column: usize| row[column].parse::<f64>().unwrap();
-    for (index, row) in rows.iter().enumerate() {
-        assert!(
-            (number(row, time) - 0.05 * index as f64).abs() < 1e-9,
-            "{row:?}"
-        );
-        assert!(number(row, cross_track).abs() < 0.05, "{row:?}");
-    }
-    let end = rows.last().unwrap();
-    assert!((number(end, y) - 2.0).abs() < 0.05, "{end:?}");
-    let report = std::fs::read_to_string(out.join("report.html")).unwrap();
-    assert_says(&report, &["<svg", "icrik-mpc", "icrhk-mpc", "short"]);
-}
-
-#[test]
-fn a_run_that_does_not_complete_says_why_and_ends_with_another_status() {
-    let course = Course::new("start: {right_m: 20}\n");
-    let output = course.simulate().output().unwrap();
-    assert_eq!(output.status.code(), Some(1));
-    assert_says(&stdout(&output), &["icrik-mpc did not complete:"]);
-    let output = course
-        .simulate()
-        .args(["--format", "json"])
-        .output()
-        .unwrap();
-    assert_eq!(output.status.code(), Some(1));
-    for run in runs(&stdout(&output)) {
-        assert_eq!(run["completed"], false);
-        assert!(!run["ended_by"].as_str().unwrap().is_empty());
-    }
-}
-
-#[test]
-fn arguments_that_mean_nothing_are_refused() {
-    let course = Course::new("");
-    let message = fail(course.simulate().args(["--controller", "magic"]));
-    assert_says(&message, &["magic", "icrik-mpc", "pure-pursuit"]);
-    let message = fail(sidehill().args(["simulate", "no_such_scenario.yaml"]));
-    assert_says(&message, &["no_such_scenario.yaml"]);
-    let message = fail(course.simulate().args(["--path", "no_such_path.csv"]));
-    assert_says(&message, &["no_such_path.csv"]);
-}
-
-#[test]
-fn the_qps_of_a_run_are_recorded_for_other_solvers() {
-    let course = Course::new("");
-    let file = course.path("qps.npz");
-    let record = |controllers: &[&str]| {
-        let mut command = course.simulate();
-        for name in controllers {
-            command.args(["--controller", name]);
-        }
-        command.arg("--record-qps").arg(&file);
-        command
-    };
-    let text = fail(&mut record(&["icrik-mpc", "icrhk-mpc"]));
-    assert_says(&text, &["--record-qps", "2", "--controller"]);
-    let text = fail(&mut record(&["pure-pursuit"]));
-    assert_says(&text, &["--record-qps", "pure-pursuit"]);
-    assert!(!file.exists());
-    succeed(&mut record(&["icrik-mpc"]));
-    let qps = sidehill::qp_recording::read(&file).unwrap();
-    let first = &qps[0];
-    assert!(qps.len() > 20, "{}", qps.len());
-    for qp in &qps {
-        assert_eq!(
-            (&qp.p.rowval, &qp.a.colptr),
-            (&first.p.rowval, &first.a.colptr)
-        );
-        assert!(qp.is_finite());
-    }
-    let text = fail(&mut record(&["icrik-mpc"]));
-    assert_says(&text, &["qps.npz", "--force"]);
-    let spoiled = course.write("spoiled.npz", "no archive");
-    let error = sidehill::qp_recording::read(&spoiled).unwrap_err();
-    assert!(format!("{error:#}").contains("spoiled.npz"), "{error:#}");
 }
 
 /// Returns a column of a CSV file of a run after the first 2 s.
@@ -343,40 +160,23 @@ fn rms_of_a_point_ahead(csv: &str) -> f64 {
     (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()
 }
 
-/// Returns the text of a scenario whose vehicles are found from any folder.
-fn scenario_anywhere(name: &str) -> String {
-    let text = crate::repository(&format!("config/scenarios/{name}.yaml"));
-    let vehicles = crate::repository("config/vehicles/");
-    std::fs::read_to_string(text)
-        .unwrap()
-        .replace("../vehicles/", vehicles.to_str().unwrap())
+/// Returns `sidehill simulate` of a scenario that is written to a folder, and where it puts its tables and report.
+fn simulate_in(folder: &Path, name: &str, scenario: &str) -> (Command, PathBuf) {
+    let (file, out) = (folder.join(name), folder.join(format!("{name}.out")));
+    std::fs::write(&file, scenario).unwrap();
+    let mut command = sidehill();
+    command.arg("simulate").arg(&file);
+    command.args(["--format", "json", "--out"]).arg(&out);
+    (command, out)
 }
 
 #[test]
 fn a_point_ahead_of_the_origin_follows_the_path_as_well_as_the_origin() {
-    let slalom = scenario_anywhere("slalom");
+    let slalom = configuration("scenarios/slalom.yaml");
     let folder = tempfile::tempdir().unwrap();
     let drive = |name: &str, text: &str| {
-        let (file, out) = (
-            folder.path().join(name),
-            folder.path().join(format!("{name}.out")),
-        );
-        std::fs::write(&file, text).unwrap();
-        let json = succeed(
-            sidehill()
-                .arg("simulate")
-                .arg(&file)
-                .args([
-                    "--controller",
-                    "icrik-mpc",
-                    "--plant",
-                    "contact",
-                    "--format",
-                    "json",
-                ])
-                .arg("--out")
-                .arg(&out),
-        );
+        let (mut simulate, out) = simulate_in(folder.path(), name, text);
+        let json = succeed(simulate.args(["--controller", "icrik-mpc", "--plant", "contact"]));
         let csv = std::fs::read_to_string(out.join("icrik-mpc.csv")).unwrap();
         (runs(&json).remove(0), csv)
     };
@@ -410,25 +210,14 @@ fn a_point_ahead_of_the_origin_follows_the_path_as_well_as_the_origin() {
 
 #[test]
 fn the_guard_stops_before_steep_ground_or_refuses_the_route() {
-    let steep = scenario_anywhere("steep_ground");
+    let steep = configuration("scenarios/steep_ground.yaml");
     let folder = tempfile::tempdir().unwrap();
     let drive = |name: &str, text: &str| {
-        let (file, out) = (
-            folder.path().join(name),
-            folder.path().join(format!("{name}.out")),
-        );
-        std::fs::write(&file, text).unwrap();
-        let output = sidehill()
-            .arg("simulate")
-            .arg(&file)
-            .args(["--format", "json", "--out"])
-            .arg(&out)
-            .output()
-            .unwrap();
+        let (mut simulate, out) = simulate_in(folder.path(), name, text);
+        let output = simulate.output().unwrap();
         assert_eq!(output.status.code(), Some(1));
-        let run = runs(&String::from_utf8(output.stdout).unwrap()).remove(0);
         (
-            run,
+            runs(&stdout(&output)).remove(0),
             std::fs::read_to_string(out.join("report.html")).unwrap(),
         )
     };
@@ -460,15 +249,9 @@ fn the_guard_stops_before_steep_ground_or_refuses_the_route() {
     let gentle = |guard: &str| {
         let text = steep.replace("slope_deg: 28", "slope_deg: 14");
         let (head, _) = text.split_once("  guard:").unwrap();
-        let file = folder.path().join("gentle.yaml");
-        std::fs::write(&file, format!("{head}{guard}")).unwrap();
-        let json = succeed(
-            sidehill()
-                .arg("simulate")
-                .arg(&file)
-                .args(["--format", "json"]),
-        );
-        runs(&json).remove(0)
+        let name = if guard.is_empty() { "alone" } else { "guarded" };
+        let (mut simulate, _) = simulate_in(folder.path(), name, &format!("{head}{guard}"));
+        runs(&succeed(&mut simulate)).remove(0)
     };
     let (with, without) = (gentle("  guard: {friction: 0.6}\n"), gentle(""));
     assert!(without.get("guard").is_none());
@@ -486,12 +269,8 @@ fn the_guard_stops_before_steep_ground_or_refuses_the_route() {
 #[test]
 fn at_the_end_of_grip_plans_settle_and_a_slow_turn_goes_on() {
     let folder = tempfile::tempdir().unwrap();
-    let text = std::fs::read_to_string(crate::repository("config/campaigns/default.yaml")).unwrap();
-    let scenario = crate::repository("config/scenarios/slalom.yaml");
     let campaign = folder.path().join("campaign.yaml");
-    let text = text
-        .replace("seed: 1", "seed: 777")
-        .replace("../scenarios/slalom.yaml", &scenario.display().to_string());
+    let text = configuration("campaigns/default.yaml").replace("seed: 1", "seed: 777");
     std::fs::write(&campaign, text).unwrap();
     for index in ["249", "564"] {
         let out = folder.path().join(format!("{index}.yaml"));

@@ -161,7 +161,7 @@ class Peer:
     def __init__(self, domain):
         self.participant = DomainParticipant(domain)
 
-    def raw_reader(self, topic, kind, latched=False, depth=1000):
+    def raw_reader(self, topic, kind, latched=False, depth=100_000):
         topic = Topic(self.participant, topic, kind)
         return DataReader(self.participant, topic, qos=_qos(latched, depth))
 

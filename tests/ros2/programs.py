@@ -1,10 +1,12 @@
 """`sidehill` as a process, the virtual vehicle with its truth, and paths to drive; nothing of ROS."""
 
+import contextlib
 import math
 import os
 import re
 import signal
 import subprocess
+import threading
 import time
 
 REPOSITORY = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
@@ -23,6 +25,25 @@ def wait_for(condition, what, timeout_s=PATIENCE_S, step_s=0.005):
             return value
         assert time.monotonic() < until, f"{what}: not within {timeout_s} s"
         time.sleep(step_s)
+
+
+@contextlib.contextmanager
+def repeating(action, period_s=0.05):
+    """Calls `action` again and again, in a thread of its own, while the block runs."""
+    ended = threading.Event()
+
+    def repeat():
+        while not ended.is_set():
+            action()
+            ended.wait(period_s)
+
+    thread = threading.Thread(target=repeat, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()
 
 
 class Program:
@@ -90,17 +111,33 @@ class Vehicle:
 
     def __init__(self, program, truth):
         self.program, self.truth_file = program, truth
+        self.names, self.rows, self.bytes_read = None, [], 0
 
-    def truth(self):
-        """Rows of the truth as dictionaries, numbers as numbers."""
-        with open(self.truth_file) as file:
-            names = file.readline().strip().split(",")
-            rows = [line.strip().split(",") for line in file if line.endswith("\n")]
-        number = lambda text: float(text) if re.match(r"^-?[0-9.]", text) else text
-        return [dict(zip(names, map(number, row))) for row in rows]
+    def _read(self):
+        """Reads the rows that were written since the last call, and returns all so far."""
+        if os.path.exists(self.truth_file):
+            with open(self.truth_file) as file:
+                file.seek(self.bytes_read)
+                text = file.read()
+            whole = text[: text.rfind("\n") + 1]
+            self.bytes_read += len(whole)
+            number = lambda text: float(text) if re.match(r"^-?[0-9.]", text) else text
+            for line in whole.splitlines():
+                if self.names is None:
+                    self.names = line.split(",")
+                else:
+                    self.rows.append(dict(zip(self.names, map(number, line.split(",")))))
+        return self.rows
+
+    def truth(self, until_unix_s=0.0):
+        """Rows of the truth as dictionaries, numbers as numbers; there are some, the last no earlier than asked."""
+        wait_for(lambda: self._read() and self.rows[-1]["unix_s"] >= until_unix_s, "the vehicle's truth")
+        return list(self.rows)
 
     def now(self):
-        return self.truth()[-1]
+        if not self._read():
+            self.truth()
+        return self.rows[-1]
 
     def stands(self):
         row = self.now()

@@ -4,12 +4,11 @@ import json
 import math
 import os
 import subprocess
-import time
 
 import pytest
 import wire
 from peer import FollowPath, now, path_of
-from programs import REPOSITORY, SIDEHILL, adapted, straight, wait_for
+from programs import REPOSITORY, SIDEHILL, adapted, repeating, straight, wait_for
 
 START_YAW_RAD = math.radians(90 - 50.906)
 
@@ -67,31 +66,29 @@ def test_a_path_moves_with_its_frame_and_is_given_up_where_that_is_lost(simulate
     tf = peer.writer("/tf", wire.TFMessage)
     diagnostics = peer.reader("/diagnostics", wire.DiagnosticArray)
     wait_for(tf.get_matched_subscriptions, "transforms")
+    odom_x_m = 0.0
 
-    def say(x, for_s):
-        """Where odom is in the map, ten times a second."""
-        for _ in range(round(10 * for_s)):
-            transform = wire.Transform(
-                translation=wire.Vector3(x=x, y=0.0, z=0.0),
-                rotation=wire.Quaternion(x=0.0, y=0.0, z=0.0, w=1.0),
-            )
-            header = wire.Header(stamp=now(), frame_id="map")
-            stamped = wire.TransformStamped(
-                header=header, child_frame_id="odom", transform=transform
-            )
-            tf.write(wire.TFMessage(transforms=[stamped]))
-            time.sleep(0.1)
+    def say():
+        """Where odom is in the map."""
+        transform = wire.Transform(
+            translation=wire.Vector3(x=odom_x_m, y=0.0, z=0.0),
+            rotation=wire.Quaternion(x=0.0, y=0.0, z=0.0, w=1.0),
+        )
+        header = wire.Header(stamp=now(), frame_id="map")
+        stamped = wire.TransformStamped(header=header, child_frame_id="odom", transform=transform)
+        tf.write(wire.TFMessage(transforms=[stamped]))
 
-    say(0.0, 0.5)
-    goal = simulated.send(ahead(20.0, "map"))
-    say(0.0, 3.0)
-    assert abs(float(values(diagnostics)["cross_track_m"])) < 0.05
-    # The path is elsewhere for the vehicle now, 0.19 m across; it swings out and drives there.
-    say(0.3, 0.3)
-    far = float(values(diagnostics)["cross_track_m"])
-    assert 0.05 < abs(far) < 0.3, far
-    say(0.3, 6.0)
-    assert abs(float(values(diagnostics)["cross_track_m"])) < 0.05
+    def off_path_m():
+        return abs(float(values(diagnostics)["cross_track_m"]))
+
+    with repeating(say, 0.1):
+        goal = simulated.send(ahead(20.0, "map"))
+        wait_for(lambda: float(values(diagnostics)["distance_to_goal_m"]) < 19.0, "driving")
+        assert off_path_m() < 0.05
+        # The path is elsewhere for the vehicle now, 0.19 m across; it swings out and drives there.
+        odom_x_m = 0.3
+        wait_for(lambda: 0.05 < off_path_m() < 0.3, "a path that has moved")
+        wait_for(lambda: off_path_m() < 0.05, "the vehicle on the path again")
     answer = goal.result(30)
     assert (answer.status, answer.result.error_code) == (FollowPath.ABORTED, 102)
     assert "odom" in answer.result.error_msg

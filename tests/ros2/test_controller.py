@@ -14,7 +14,7 @@ import pytest
 
 import wire
 from peer import FollowPath, Peer, now, path_of, seconds
-from programs import REPOSITORY, Program, adapted, cross_track_m, figure_eight, straight, wait_for
+from programs import REPOSITORY, Program, adapted, cross_track_m, figure_eight, repeating, straight, wait_for
 
 # Codes of nav2_msgs/FollowPath.
 NONE, UNKNOWN, INVALID_CONTROLLER, TF_ERROR, INVALID_PATH = 0, 100, 101, 102, 103
@@ -47,9 +47,9 @@ class Rig:
         return goal
 
     def commands_zero(self):
-        """Whether the newest command is zero, or none has come for half a second."""
+        """Whether the newest command is zero."""
         message = self.commands.last()
-        return message.linear.x == 0.0 and message.angular.z == 0.0
+        return message is not None and message.linear.x == 0.0 and message.angular.z == 0.0
 
     def stands(self):
         wait_for(self.vehicle.stands, "standing")
@@ -285,18 +285,11 @@ def test_a_localisation_that_falls_silent_ends_the_goal(rig, peer):
         )
         tf.write(wire.TFMessage(transforms=[still]))
 
-    until = time.monotonic() + 1.0
-    while time.monotonic() < until:
-        localise()
-        time.sleep(0.05)
-    goal = r.action.send(r.ahead())
-    number = r.action.get_result.send(goal_id=goal.id)
-    until = time.monotonic() + 4.0
-    while time.monotonic() < until:
-        localise()
-        time.sleep(0.05)
-    assert r.drives()
-    answer = wait_for(lambda: r.action.get_result.reply(number), "the result")
+    with repeating(localise):
+        goal = r.sent_off()
+        time.sleep(2.0)
+        assert goal.status() == FollowPath.EXECUTING
+    answer = goal.result()
     assert (answer.status, answer.result.error_code) == (FollowPath.ABORTED, TF_ERROR)
     r.stands()
 
@@ -345,7 +338,7 @@ def test_a_client_that_leaves_ends_its_goal(rig, domain, ending, tmp_path):
 
     def aborted():
         message = r.action.status.last()
-        return message and message.status_list[-1].status == FollowPath.ABORTED
+        return message and message.status_list and message.status_list[-1].status == FollowPath.ABORTED
 
     wait_for(aborted, "the status of the goal")
 
@@ -387,7 +380,7 @@ def test_ending_the_controller_sends_zero_and_leaves_the_graph(rig, peer):
     r.controller.signal(signal.SIGINT)
     r.stands()
     r.controller.process.wait(timeout=10)
-    wait_for(lambda: "/controller_server" not in names(), "the node gone from the graph", 3.0)
+    wait_for(lambda: "/controller_server" not in names(), "the node gone from the graph")
 
 
 def test_a_latched_path_is_followed(rig, peer):
@@ -408,7 +401,7 @@ def test_a_speed_limit_is_kept_and_lifted(rig, peer):
     r.sent_off()
     time.sleep(1.5)
     limit.write(wire.SpeedLimit(percentage=False, speed_limit=0.2))
-    wait_for(lambda: r.vehicle.now()["traction_m_s"] < 0.23, "slow driving")
+    wait_for(lambda: r.vehicle.now()["traction_m_s"] < 0.22, "slow driving")
     time.sleep(1.0)
     assert 0.1 < r.vehicle.now()["traction_m_s"] < 0.23
     limit.write(wire.SpeedLimit(percentage=True, speed_limit=0.0))
@@ -496,7 +489,7 @@ def test_diagnostics_and_plans_are_published(rig, peer):
     reference = peer.reader("/transformed_global_plan", wire.Path)
     pose = peer.reader("/controller_server/pose", wire.PoseWithCovarianceStamped)
     r.sent_off()
-    wait_for(lambda: (diagnostics.last() or diagnostics).__class__ is wire.DiagnosticArray, "/diagnostics")
+    wait_for(diagnostics.last, "/diagnostics")
     keys = {value.key for status in diagnostics.last().status for value in status.values}
     assert len(keys) >= 6, keys
     predicted = plan.next("/optimal_trajectory")
@@ -504,10 +497,9 @@ def test_diagnostics_and_plans_are_published(rig, peer):
     ahead = reference.next("/transformed_global_plan")
     assert len(ahead.poses) > 1
     estimate = pose.next("/controller_server/pose")
-    row = r.vehicle.now()
-    at = estimate.pose.pose.position
-    assert math.dist((at.x, at.y), (row["x_m"], row["y_m"])) < 0.3
-    assert abs(seconds(estimate.header.stamp) - time.time()) < 5.0
+    at, at_s = estimate.pose.pose.position, seconds(estimate.header.stamp)
+    row = min(r.vehicle.truth(at_s), key=lambda row: abs(row["unix_s"] - at_s))
+    assert math.dist((at.x, at.y), (row["x_m"], row["y_m"])) < 0.05
 
 
 def test_a_second_participant_sees_action_and_services(rig, domain):

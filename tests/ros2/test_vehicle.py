@@ -9,7 +9,7 @@ import pytest
 
 import wire
 from peer import Peer, rotate, seconds, yaw
-from programs import REPOSITORY, SIDEHILL, wait_for
+from programs import REPOSITORY, SIDEHILL, repeating, wait_for
 
 # Distance of the J8's tread ICRs, m: the width by which its drives read a twist.
 TRACK_WIDTH_M = 1.073 + 0.980
@@ -19,12 +19,15 @@ def twist(forward_m_s, yaw_rate_rad_s):
     return wire.Twist(linear=wire.Vector3(x=forward_m_s), angular=wire.Vector3(z=yaw_rate_rad_s))
 
 
+def commanded(writer, message):
+    """Sends a command at 20 Hz while a block runs."""
+    return repeating(lambda: writer.write(message))
+
+
 def drive(writer, message, for_s):
-    """Sends a command at 20 Hz."""
-    until = time.monotonic() + for_s
-    while time.monotonic() < until:
-        writer.write(message)
-        time.sleep(0.05)
+    """Sends a command at 20 Hz for a time."""
+    with commanded(writer, message):
+        time.sleep(for_s)
 
 
 def matched(writer):
@@ -34,7 +37,10 @@ def matched(writer):
 
 
 def test_odometry_transforms_imu_and_joints_tell_the_same_story(vehicle, peer):
-    rover = vehicle({r"^  map_from_odom: .*$": "  map_from_odom: {x_m: 3, y_m: -2, yaw_deg: 30}"})
+    offset = "  map_from_odom: {x_m: 3, y_m: -2, yaw_deg: 30}"
+    # Longer than a loaded machine may hold up this process.
+    patient = "drive: {command_timeout_s: 2.0}"
+    rover = vehicle({r"^  map_from_odom: .*$": offset, r"^drive: .*$": patient})
     odom, tf = peer.reader("/odom", wire.Odometry), peer.reader("/tf", wire.TFMessage)
     imu, joints = peer.reader("/imu", wire.Imu), peer.reader("/joint_states", wire.JointState)
     fixed = peer.reader("/tf_static", wire.TFMessage, latched=True)
@@ -52,7 +58,8 @@ def test_odometry_transforms_imu_and_joints_tell_the_same_story(vehicle, peer):
     footprints = {seconds(m.transforms[1].header.stamp): m.transforms[1] for m in tf.all}
     orientations = {seconds(m.header.stamp): m.orientation for m in imu.all}
     velocities = {seconds(m.header.stamp): m for m in joints.all}
-    truth = {row["time_s"]: row for row in rover.truth()}
+    newest_s = max([*orientations, seconds(odom.all[-1].header.stamp)])
+    truth = {row["time_s"]: row for row in rover.truth(newest_s)}
     compared = 0
     for message in odom.all:
         assert message.header.frame_id == "odom" and message.child_frame_id == "base_link"
@@ -119,43 +126,49 @@ def test_other_commands_drive_as_a_twist_does(vehicle, peer, kind):
     joints = peer.reader("/joint_states", wire.JointState)
     for writer, _ in sends:
         matched(writer)
-    for _ in range(30):
-        for writer, message in sends:
-            writer.write(message)
-        time.sleep(0.05)
-        joints.take()
-    assert rover.now()["mode"] == "Enabled"
-    # As the drives count, before c_l and c_r of the truth.
-    left, right = (0.25 * velocity for velocity in joints.last().velocity)
-    assert math.isclose((left + right) / 2, 0.4, abs_tol=1e-6)
-    assert math.isclose(right - left, 0.2 * TRACK_WIDTH_M, abs_tol=1e-6)
+
+    def reached():
+        # As the drives count, before c_l and c_r of the truth.
+        left, right = (0.25 * velocity for velocity in joints.next("/joint_states").velocity)
+        traction = math.isclose((left + right) / 2, 0.4, abs_tol=1e-6)
+        return traction and math.isclose(right - left, 0.2 * TRACK_WIDTH_M, abs_tol=1e-6)
+
+    with repeating(lambda: [writer.write(message) for writer, message in sends]):
+        wait_for(reached, "the commanded speeds")
+        wait_for(lambda: rover.now()["mode"] == "Enabled", "drives that are on")
 
 
 def test_it_stops_when_commands_cease_or_are_no_numbers(vehicle, peer):
     rover = vehicle()
     command = matched(peer.writer("/cmd_vel", wire.Twist))
-    drive(command, twist(0.6, 0.0), 2.0)
-    assert rover.now()["traction_m_s"] > 0.5
-    wait_for(rover.stands, "standing after silence")
-    assert rover.now()["mode"] == "Disabled"
-    drive(command, twist(0.6, 0.0), 1.5)
-    assert rover.now()["traction_m_s"] > 0.5
-    drive(command, twist(math.nan, 0.0), 1.5)
-    assert rover.stands() and rover.now()["mode"] == "Disabled"
+    stands_off = lambda: rover.stands() and rover.now()["mode"] == "Disabled"
+    for _ in range(2):
+        with commanded(command, twist(0.6, 0.0)):
+            wait_for(lambda: rover.now()["traction_m_s"] > 0.5, "driving")
+        wait_for(stands_off, "standing after silence")
+    with commanded(command, twist(0.6, 0.0)):
+        wait_for(lambda: rover.now()["traction_m_s"] > 0.5, "driving")
+    with commanded(command, twist(math.nan, 0.0)):
+        wait_for(stands_off, "standing while commands are no numbers")
 
 
 def test_an_emergency_stop_is_told_and_holds_until_zero_is_commanded(vehicle, peer):
     rover = vehicle(faults=["{after_enabled_s: 1, for_s: 0.5, fault: emergency_stop}"])
     pressed = peer.reader("/emergency_stop", wire.Bool, latched=True)
     command = matched(peer.writer("/cmd_vel", wire.Twist))
-    drive(command, twist(0.5, 0.0), 3.0)
-    pressed.take()
-    told = [message.data for message in pressed.all]
-    assert told[0] is False and told[-1] is False and True in told
-    assert rover.stands()
-    drive(command, twist(0.0, 0.0), 0.2)
-    drive(command, twist(0.5, 0.0), 1.5)
-    assert rover.now()["traction_m_s"] > 0.4
+
+    def told():
+        pressed.take()
+        return [message.data for message in pressed.all]
+
+    with commanded(command, twist(0.5, 0.0)):
+        wait_for(lambda: told() == [False, True, False], "a stop that is pressed and released")
+        wait_for(rover.stands, "standing")
+        time.sleep(0.5)
+        assert rover.stands()
+    drive(command, twist(0.0, 0.0), 0.5)
+    with commanded(command, twist(0.5, 0.0)):
+        wait_for(lambda: rover.now()["traction_m_s"] > 0.4, "driving again")
 
 
 def test_a_clock_of_its_own_runs_faster_and_all_stamps_follow_it(vehicle, peer):
@@ -167,7 +180,8 @@ def test_a_clock_of_its_own_runs_faster_and_all_stamps_follow_it(vehicle, peer):
     last, took = seconds(clock.next("/clock").clock), time.monotonic() - began
     # Late on a loaded machine it catches up, so the ratio is near in the end.
     assert 3.0 < (last - first) / took < 5.0
-    assert abs(seconds(odom.next("/odom").header.stamp) - last) < 2.0
+    stamp_s = seconds(odom.next("/odom").header.stamp)
+    assert last - 2.0 < stamp_s < seconds(clock.next("/clock").clock) + 2.0
 
 
 def test_streams_can_fail_one_at_a_time(vehicle, peer):
@@ -196,7 +210,7 @@ def test_ros_args_name_node_and_topics_and_it_leaves_the_graph(vehicle, peer, do
     peer.reader("/j8/imu", wire.Imu).next("imu in the namespace")
     peer.reader("/tf", wire.TFMessage).next("/tf, which is no relative name")
     assert rover.program.end() == 0
-    wait_for(lambda: "/j8/front" not in names(), "the node gone from the graph", 3.0)
+    wait_for(lambda: "/j8/front" not in names(), "the node gone from the graph")
 
 
 def test_a_vehicle_that_was_suspended_speaks_again(vehicle, peer):
@@ -209,8 +223,8 @@ def test_a_vehicle_that_was_suspended_speaks_again(vehicle, peer):
     fresh = lambda: any(time.time() - seconds(message.header.stamp) < 0.5 for message in odom.take())
     wait_for(fresh, "fresh odometry")
     command = matched(peer.writer("/cmd_vel", wire.Twist))
-    drive(command, twist(0.5, 0.0), 1.5)
-    assert rover.now()["traction_m_s"] > 0.4
+    with commanded(command, twist(0.5, 0.0)):
+        wait_for(lambda: rover.now()["traction_m_s"] > 0.4, "driving")
     assert rover.program.end() == 0
 
 

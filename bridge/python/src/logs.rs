@@ -4,11 +4,12 @@ use crate::arguments::{file, from_json, number, object};
 use crate::errors::{failed, guarded, invalid};
 use crate::vehicle::Vehicle;
 use pyo3::prelude::*;
-use serde_json::{Value, json};
+use serde_json::Value;
+use sidehill::identify::stage_fields;
 use sidehill::odometry::figures;
 use sidehill_plant::bounds::Bounds;
 use sidehill_plant::identification::{
-    Estimate, IdentificationSettings, SegmentErrors, Segmentation, StageReport, identify_extension,
+    Estimate, IdentificationSettings, Segmentation, StageReport, identify_extension,
     identify_level_determined, identify_slope_determined,
 };
 use sidehill_plant::log::{ColumnMap, DriveLog};
@@ -76,42 +77,12 @@ pub fn identify(
     Py::new(py, made)
 }
 
-/// Returns what a stage found and how far to trust it; what the logs do not determine stays as it was.
+/// Returns what a stage found, with the names of what the logs do not determine, which stays as it was.
 fn summary(report: &StageReport, undetermined: &[Estimate]) -> Value {
-    let errors = |errors: &SegmentErrors| {
-        json!({
-            "segments": errors.segments,
-            "lateral_m": errors.lateral_m,
-            "longitudinal_m": errors.longitudinal_m,
-            "yaw_rad": errors.yaw_rad,
-        })
-    };
-    let estimates: serde_json::Map<_, _> = report
-        .estimates
-        .iter()
-        .map(|estimate| {
-            let value = json!({
-                "value": estimate.value,
-                "std": estimate.std,
-                "half_width_95": estimate.half_width,
-            });
-            (estimate.name.to_owned(), value)
-        })
-        .collect();
-    let warnings = report.warnings.iter().map(ToString::to_string);
-    json!({
-        "estimates": estimates,
-        "segments": report.segments,
-        "poses": report.poses,
-        "j_over_n": report.fitness,
-        "outlier_share": report.outlier_share,
-        "held_out": {
-            "fitted": errors(&report.cross_validation.fitted),
-            "baseline": errors(&report.cross_validation.baseline),
-        },
-        "warnings": warnings.collect::<Vec<_>>(),
-        "undetermined": undetermined.iter().map(|estimate| estimate.name).collect::<Vec<_>>(),
-    })
+    let mut fields = stage_fields(report);
+    let names = undetermined.iter().map(|estimate| estimate.name);
+    fields.insert("undetermined".to_owned(), names.collect());
+    Value::Object(fields)
 }
 
 /// An identified vehicle, with what each stage says of it.

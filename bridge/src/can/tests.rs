@@ -314,3 +314,28 @@ fn names_that_are_unknown_or_unusable_are_named_with_their_file() {
         "{error}"
     );
 }
+
+#[test]
+fn what_the_database_holds_wrongly_is_named_with_its_file() {
+    for (from, to, says) in [
+        (
+            "SG_ Mode : 32|2@1+ (1,0)",
+            "SG_ Mode : 32|2@1+ (11,0)",
+            "j8.dbc: message DriveCommand, signal Mode: cannot hold 1",
+        ),
+        (
+            "SG_ AliveCounter : 35|4@0+",
+            "SG_ AliveCounter : 35|4@0-",
+            "j8.dbc: message AhrsAttitude: counter AliveCounter must be unsigned",
+        ),
+        (
+            "SG_ Checksum : 47|8@0+",
+            "SG_ Checksum : 47|7@0+",
+            "j8.dbc: message AhrsAttitude: checksum Checksum must fill one byte",
+        ),
+    ] {
+        assert!(DBC.contains(from), "{from}");
+        let error = refusal(&DBC.replace(from, to), YAML);
+        assert!(error.to_string().starts_with(says), "{error}");
+    }
+}

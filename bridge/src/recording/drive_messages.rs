@@ -1,7 +1,8 @@
 //! From the values of a drive to messages.
 
-use super::mcap_file::RecordingStatus;
-use super::messages::{ControllerCycle, LogLine, LoopCycle, PathCommand, Topic};
+use super::diagnostics::{GeneralState, controller_status, recording_status, safety_status};
+use super::messages::{LogLine, Topic};
+use super::records::{controller_cycle, guard_state, loop_cycle, path_command, path_poses};
 use super::scene::{BASE, Marker, SceneParts, WORLD};
 use super::sink::MessageSink;
 use super::tap::{PathRecord, PlanView, StepRecord};
@@ -10,12 +11,12 @@ use crate::drives::LinkState;
 use crate::ros2::node::conversions::{stamp, to_pose, to_transform};
 use crate::ros2::node::message::cdr::to_cdr;
 use crate::ros2::node::message::{
-    DiagnosticArray, DiagnosticStatus, Header, JointState, KeyValue, Path, PoseStamped, TfMessage,
-    Time, TransformStamped,
+    DiagnosticArray, Header, JointState, Path, PoseStamped, TfMessage, Time, TransformStamped,
 };
 use crate::ros2::port::convert::world_from_base_link;
 use crate::safety::SafetyState;
 use sidehill_controller::controller::{Decision, Status};
+use sidehill_controller::guard::GuardView;
 use sidehill_plant::frames::{Attitude, PlanarPose, Pose};
 use sidehill_plant::simulation::TrueState;
 use sidehill_plant::speeds::TreadSpeeds;
@@ -23,25 +24,12 @@ use sidehill_plant::vehicle::Vehicle;
 
 /// Time between two plans, s: they would be most of what is written.
 const PLAN_PERIOD_S: f64 = 0.5;
-/// Time between two pictures of slide and ICRs, s.
+/// Time between two pictures of slide, ICRs and margins, s.
 const SCENE_PERIOD_S: f64 = 0.2;
-/// Distance between the points of a path that is shown, m.
-const PATH_STEP_M: f64 = 0.1;
-/// Points of a path that is shown, at most.
-const PATH_POINTS: f64 = 5000.0;
 
 /// Returns a time, s, as ns; 0 for one before.
 pub fn unix_ns(time_s: f64) -> u64 {
     (time_s * 1e9).round().max(0.0) as u64
-}
-
-/// What is known besides the cycles.
-#[derive(Debug, Clone, Default)]
-pub struct GeneralState<'a> {
-    /// How the recording fares; none without one.
-    pub recording: Option<&'a RecordingStatus>,
-    /// Records that found no place in their rings.
-    pub lost: u64,
 }
 
 /// Makes messages of what happens in a drive and gives them to a sink. Times are s on the clock of the
@@ -53,7 +41,7 @@ pub struct DriveMessages {
     height_m: f64,
     plan_s: f64,
     scene_s: f64,
-    newest: Option<(Decision, f64)>,
+    newest: Option<Decision>,
     state: Option<(SafetyState, LinkState)>,
 }
 
@@ -110,7 +98,12 @@ impl DriveMessages {
                 &estimate.attitude,
                 sink,
             );
-            self.motion(time_s, estimate.attitude, estimate.treads, sink);
+            let (attitude, treads) = (estimate.attitude, estimate.treads);
+            self.motion(time_s, attitude, treads, decision.guard.as_ref(), sink);
+        }
+        if let Some(guard) = &decision.guard {
+            let message = guard_state(time_s, guard);
+            self.put(Topic::Guard, time_s, &message, sink);
         }
         if let Some(progress) = &decision.progress {
             let pose = self.stamped_pose(
@@ -120,7 +113,7 @@ impl DriveMessages {
             );
             self.put(Topic::ReferencePose, time_s, &pose, sink);
         }
-        let before = self.newest.map(|(decision, _)| decision.status);
+        let before = self.newest.map(|decision| decision.status);
         if before.map(name) != Some(name(decision.status)) {
             let text = format!("controller: {}", decision.status);
             let level = match decision.status {
@@ -129,7 +122,7 @@ impl DriveMessages {
             };
             self.event(time_s, level, "controller", &text, sink);
         }
-        self.newest = Some((*decision, time_s));
+        self.newest = Some(*decision);
     }
 
     /// Gives how the vehicle moves to the scene, where that is due.
@@ -138,10 +131,16 @@ impl DriveMessages {
         time_s: f64,
         attitude: Attitude,
         treads: TreadSpeeds,
+        guard: Option<&GuardView>,
         sink: &mut impl MessageSink,
     ) {
         if is_due(&mut self.scene_s, time_s, SCENE_PERIOD_S) {
-            let markers = self.scene.motion(attitude, treads);
+            let mut markers = self.scene.motion(attitude, treads);
+            markers.extend(
+                guard
+                    .into_iter()
+                    .flat_map(|guard| self.scene.margins(guard)),
+            );
             let header = self.header(time_s, BASE);
             self.put(
                 Topic::Scene,
@@ -175,7 +174,7 @@ impl DriveMessages {
             ],
         );
         self.put(Topic::Treads, time_s, &message, sink);
-        self.motion(time_s, state.attitude, state.treads, sink);
+        self.motion(time_s, state.attitude, state.treads, None, sink);
     }
 
     /// Gives the newest plan, at most twice a second.
@@ -194,57 +193,15 @@ impl DriveMessages {
 
     /// Gives a path as the controller got it, and as it is looked at.
     pub fn path(&self, time_s: f64, record: &PathRecord, sink: &mut impl MessageSink) {
-        let mut message = PathCommand {
-            serial: record.serial,
-            ..PathCommand::default()
-        };
-        if let Some(path) = &record.path {
-            message.present = true;
-            message.number = path.number;
-            message.laps = path.laps;
-            message.joined = path.from_m.is_some();
-            message.from_m = path.from_m.unwrap_or(0.0);
-            message.trajectory = to_cdr(&path.trajectory).unwrap_or_default();
-        }
-        self.put(Topic::PathCommand, time_s, &message, sink);
-        let path = record.path.as_ref().and_then(|path| path.trajectory.path());
-        let poses = path.map_or_else(Vec::new, |path| {
-            let count = (path.length_m() / PATH_STEP_M)
-                .ceil()
-                .clamp(1.0, PATH_POINTS);
-            (0..=count as usize)
-                .map(|i| path.at(path.length_m() * i as f64 / count))
-                .map(|point| PlanarPose {
-                    x_m: point.position.x_m,
-                    y_m: point.position.y_m,
-                    yaw_rad: point.heading_rad,
-                })
-                .collect()
-        });
-        let message = self.path_message(time_s, poses.into_iter());
+        self.put(Topic::PathCommand, time_s, &path_command(record), sink);
+        let message = self.path_message(time_s, path_poses(record).into_iter());
         self.put(Topic::Path, time_s, &message, sink);
     }
 
     /// Gives a cycle of the control loop.
     pub fn loop_cycle(&mut self, row: &CycleRow, sink: &mut impl MessageSink) {
         self.state = Some((row.state, row.bus));
-        let message = LoopCycle {
-            time_s: row.time_s,
-            lateness_s: row.lateness_s,
-            slack_s: row.slack_s,
-            state: format!("{:?}", row.state).to_lowercase(),
-            enable: row.enable,
-            traction_m_s: row.traction_m_s,
-            steer_m_s: row.steer_m_s,
-            sent: row.sent,
-            feedback_traction_m_s: row.feedback_traction_m_s,
-            feedback_steer_m_s: row.feedback_steer_m_s,
-            feedback_age_s: row.feedback_age_s,
-            link: format!("{:?}", row.bus).to_lowercase(),
-            refused: row.refused,
-            skipped: row.skipped,
-        };
-        self.put(Topic::LoopCycle, row.time_s, &message, sink);
+        self.put(Topic::LoopCycle, row.time_s, &loop_cycle(row), sink);
     }
 
     /// Gives something that happened.
@@ -273,61 +230,19 @@ impl DriveMessages {
         general: &GeneralState<'_>,
         sink: &mut impl MessageSink,
     ) {
-        let mut status = Vec::new();
-        if let Some((decision, _)) = &self.newest {
-            let level = match decision.status {
-                Status::Tracking | Status::Finished => 0,
-                Status::Fallback { .. } | Status::Stopping(_) => 1,
-                Status::Waiting => 3,
-            };
-            let estimate = decision.estimate.as_ref();
-            let values = [
-                (
-                    "model_error_m_s",
-                    estimate.map(|estimate| estimate.model_error_m_s),
-                ),
-                ("pose_age_s", estimate.map(|estimate| estimate.pose_age_s)),
-                (
-                    "cross_track_m",
-                    decision.progress.map(|progress| progress.cross_track_m),
-                ),
-                (
-                    "solve_us",
-                    decision.solve.map(|solve| 1e6 * solve.solve_time_s),
-                ),
-            ]
-            .map(|(key, value)| (key, value.unwrap_or(f64::NAN).to_string()));
-            status.push(part(
-                level,
-                "controller",
-                &decision.status.to_string(),
-                &values,
-            ));
-        }
-        if let Some((state, link)) = self.state {
-            let values = [("link", format!("{link:?}").to_lowercase())];
-            let text = format!("{state:?}").to_lowercase();
-            status.push(part(u8::from(!link.carries()), "safety", &text, &values));
-        }
-        if let Some(recording) = general.recording {
-            let text = recording.ended.as_deref().unwrap_or("records");
-            let level = if recording.ended.is_some() {
-                2
-            } else {
-                u8::from(general.lost > 0)
-            };
-            let values = [
-                ("file", recording.file.display().to_string()),
-                ("bytes", recording.bytes.to_string()),
-                ("lost", general.lost.to_string()),
-            ];
-            status.push(part(level, "recording", text, &values));
-        }
+        let status = [
+            self.newest.as_ref().map(controller_status),
+            self.state.map(|(state, link)| safety_status(state, link)),
+            recording_status(general),
+        ];
         let header = self.header(time_s, "");
         self.put(
             Topic::Diagnostics,
             time_s,
-            &DiagnosticArray { header, status },
+            &DiagnosticArray {
+                header,
+                status: status.into_iter().flatten().collect(),
+            },
             sink,
         );
     }
@@ -419,20 +334,6 @@ impl DriveMessages {
     }
 }
 
-fn part(level: u8, name: &str, message: &str, values: &[(&str, String)]) -> DiagnosticStatus {
-    let values = values.iter().map(|(key, value)| KeyValue {
-        key: (*key).to_owned(),
-        value: value.clone(),
-    });
-    DiagnosticStatus {
-        level,
-        name: format!("sidehill: {name}"),
-        message: message.to_owned(),
-        hardware_id: String::new(),
-        values: values.collect(),
-    }
-}
-
 /// Returns whether a period has passed since `last_s`, which then is now; also where time has gone back.
 fn is_due(last_s: &mut f64, now_s: f64, period_s: f64) -> bool {
     let due = !(0.0..period_s).contains(&(now_s - *last_s));
@@ -444,51 +345,4 @@ fn is_due(last_s: &mut f64, now_s: f64, period_s: f64) -> bool {
 
 fn name(status: Status) -> std::mem::Discriminant<Status> {
     std::mem::discriminant(&status)
-}
-
-fn controller_cycle(step: &StepRecord) -> ControllerCycle {
-    let (sample, decision) = (&step.sample, &step.decision);
-    let (speeds, attitude, pose) = (&sample.tread_speeds, &sample.attitude, &sample.pose);
-    let estimate = decision.estimate.as_ref();
-    let progress = decision.progress.as_ref();
-    let solve = decision.solve.as_ref();
-    let nan = f64::NAN;
-    ControllerCycle {
-        index: step.index,
-        time_s: sample.time_s,
-        engaged: step.engaged,
-        path: step.path,
-        cut: step.cut_at.is_some(),
-        cut_at: step.cut_at.unwrap_or(0),
-        has_tread_speeds: speeds.is_some(),
-        tread_speeds_time_s: speeds.map_or(nan, |speeds| speeds.time_s),
-        left_m_s: speeds.map_or(nan, |speeds| speeds.value.left_m_s),
-        right_m_s: speeds.map_or(nan, |speeds| speeds.value.right_m_s),
-        has_attitude: attitude.is_some(),
-        attitude_time_s: attitude.map_or(nan, |attitude| attitude.time_s),
-        roll_rad: attitude.map_or(nan, |attitude| attitude.value.roll_rad),
-        pitch_rad: attitude.map_or(nan, |attitude| attitude.value.pitch_rad),
-        has_pose: pose.is_some(),
-        pose_time_s: pose.map_or(nan, |pose| pose.time_s),
-        x_m: pose.map_or(nan, |pose| pose.value.x_m),
-        y_m: pose.map_or(nan, |pose| pose.value.y_m),
-        z_m: pose.map_or(nan, |pose| pose.value.z_m),
-        yaw_rad: pose.map_or(nan, |pose| pose.value.yaw_rad),
-        traction_m_s: decision.command_effective.traction_m_s,
-        steer_m_s: decision.command_effective.steer_m_s,
-        status: decision.status.to_string(),
-        reference: decision.reference,
-        estimated_x_m: estimate.map_or(nan, |estimate| estimate.pose.x_m),
-        estimated_y_m: estimate.map_or(nan, |estimate| estimate.pose.y_m),
-        estimated_yaw_rad: estimate.map_or(nan, |estimate| estimate.pose.yaw_rad),
-        estimated_roll_rad: estimate.map_or(nan, |estimate| estimate.attitude.roll_rad),
-        estimated_pitch_rad: estimate.map_or(nan, |estimate| estimate.attitude.pitch_rad),
-        model_error_m_s: estimate.map_or(nan, |estimate| estimate.model_error_m_s),
-        pose_age_s: estimate.map_or(nan, |estimate| estimate.pose_age_s),
-        cross_track_m: progress.map_or(nan, |progress| progress.cross_track_m),
-        arc_length_m: progress.map_or(nan, |progress| progress.arc_length_m),
-        solver_iterations: solve.map_or(0, |solve| solve.iterations),
-        solver_path: solve.map_or_else(String::new, |solve| format!("{:?}", solve.path)),
-        solve_us: solve.map_or(nan, |solve| 1e6 * solve.solve_time_s),
-    }
 }

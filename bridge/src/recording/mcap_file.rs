@@ -1,46 +1,22 @@
-//! MCAP files that are whole at every moment.
-//!
-//! After each flush the file ends as a finished one does, without a summary; the next flush begins where
-//! that end stood. So a program that is killed leaves a file that any reader opens.
+//! Recordings as MCAP files, split by size.
 
 use super::messages::Topic;
 use super::sink::MessageSink;
+use super::whole_file::{PENDING_MAX, WholeFile};
 use mcap::records::{MessageHeader, Metadata};
 use mcap::{Attachment, McapError, WriteOptions, Writer};
 use serde::{Deserialize, Serialize};
 use sidehill_plant::bounds::{Bounds, RangeError};
 use std::borrow::Cow;
 use std::collections::BTreeMap;
-use std::fs::{File, OpenOptions};
-use std::io::{Error, ErrorKind, Seek, SeekFrom, Write};
-use std::os::unix::fs::FileExt;
+use std::fs::OpenOptions;
+use std::io::Error;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 /// Longest time that messages wait for the disk.
 const FLUSH_PERIOD: Duration = Duration::from_millis(500);
-/// Bytes that wait for the disk at most.
-const PENDING_MAX: usize = 1 << 20;
 const MEGABYTE: u64 = 1_000_000;
-/// The end of a file without a summary: data end, footer, magic.
-const END: [u8; 50] = end();
-
-const fn end() -> [u8; 50] {
-    const MAGIC: [u8; 8] = [0x89, b'M', b'C', b'A', b'P', b'0', b'\r', b'\n'];
-    let mut end = [0; 50];
-    // Data end: its checksum is 0 for none.
-    end[0] = 0x0F;
-    end[1] = 4;
-    // Footer: no summary, no offsets, no checksum.
-    end[13] = 0x02;
-    end[14] = 20;
-    let mut i = 0;
-    while i < MAGIC.len() {
-        end[42 + i] = MAGIC[i];
-        i += 1;
-    }
-    end
-}
 
 /// How large a recording may become.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -116,6 +92,9 @@ pub struct McapRecording {
     flushed: Instant,
     /// Whether messages wait for the disk.
     waiting: bool,
+    /// What every file repeats, so that it can be replayed and looked at without those before it: the newest
+    /// path, and the scene that stays.
+    latched: BTreeMap<Topic, (u64, Vec<u8>)>,
     /// Log times never go back: readers without an index rely on it.
     newest_ns: u64,
 }
@@ -145,6 +124,7 @@ impl McapRecording {
             flushed: Instant::now(),
             waiting: false,
             newest_ns: 0,
+            latched: BTreeMap::new(),
         };
         recording.begin_part()?;
         Ok(recording)
@@ -163,6 +143,16 @@ impl McapRecording {
         let stem = path.file_stem().unwrap_or_default().to_string_lossy();
         let ending = path.extension().unwrap_or_default().to_string_lossy();
         path.with_file_name(format!("{stem}_{part}.{ending}"))
+    }
+
+    /// Returns the name of the first file of the recording whose file `part` is at `path`.
+    pub(super) fn first_name(path: &Path, part: u32) -> PathBuf {
+        let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+        let ending = path.extension().unwrap_or_default().to_string_lossy();
+        match stem.strip_suffix(&format!("_{part}")) {
+            Some(first) if part > 0 => path.with_file_name(format!("{first}.{ending}")),
+            _ => path.to_owned(),
+        }
     }
 
     /// Gives what has waited long enough to the disk. To be called about as often as messages come.
@@ -264,6 +254,32 @@ impl McapRecording {
     }
 
     fn append(&mut self, topic: Topic, time_ns: u64, message: &[u8]) -> Result<(), Error> {
+        match topic {
+            Topic::PathCommand | Topic::Path => {
+                self.latched.insert(topic, (time_ns, message.to_vec()));
+            }
+            Topic::Scene => {
+                self.latched
+                    .entry(topic)
+                    .or_insert_with(|| (time_ns, message.to_vec()));
+            }
+            _ => {}
+        }
+        let before = self.open.as_ref().map_or(0, |part| part.bytes);
+        self.write(topic, time_ns, message)?;
+        let Some(bytes) = self.open.as_ref().map(|part| part.bytes) else {
+            return Ok(());
+        };
+        if bytes >= (self.limits.max_size * MEGABYTE as f64) as u64 {
+            return self.next_part();
+        }
+        if bytes / PENDING_MAX as u64 != before / PENDING_MAX as u64 {
+            self.flush()?;
+        }
+        Ok(())
+    }
+
+    fn write(&mut self, topic: Topic, time_ns: u64, message: &[u8]) -> Result<(), Error> {
         let Some(part) = &mut self.open else {
             return Ok(());
         };
@@ -284,15 +300,8 @@ impl McapRecording {
                 message,
             )
             .map_err(io_error)?;
-        let before = part.bytes / PENDING_MAX as u64;
         // Header and index of a message have 47 bytes.
         part.bytes += message.len() as u64 + 47;
-        if part.bytes >= (self.limits.max_size * MEGABYTE as f64) as u64 {
-            return self.next_part();
-        }
-        if part.bytes / PENDING_MAX as u64 != before {
-            self.flush()?;
-        }
         Ok(())
     }
 
@@ -307,7 +316,12 @@ impl McapRecording {
         while keep > 0 && self.parts.len() >= keep {
             std::fs::remove_file(self.parts.remove(0))?;
         }
-        self.begin_part()
+        self.begin_part()?;
+        for (topic, (time_ns, message)) in std::mem::take(&mut self.latched) {
+            self.write(topic, time_ns, &message)?;
+            self.latched.insert(topic, (time_ns, message));
+        }
+        Ok(())
     }
 }
 
@@ -326,79 +340,5 @@ fn io_error(error: McapError) -> Error {
     match error {
         McapError::Io(error) => error,
         other => Error::other(other),
-    }
-}
-
-/// A file that takes what was written when it is flushed, in one piece with a new end.
-struct WholeFile {
-    file: File,
-    /// Bytes of the file that stay.
-    kept: u64,
-    pending: Vec<u8>,
-    /// Where the next byte goes, in `pending`.
-    at: usize,
-}
-
-impl WholeFile {
-    fn new(file: File) -> Self {
-        Self {
-            file,
-            kept: 0,
-            pending: Vec::with_capacity(2 * PENDING_MAX),
-            at: 0,
-        }
-    }
-
-    /// Writes what is left, which has an end of its own, and returns the size of the file.
-    fn finish(mut self) -> Result<u64, Error> {
-        self.file.write_all_at(&self.pending, self.kept)?;
-        self.kept += self.pending.len() as u64;
-        self.file.set_len(self.kept)?;
-        Ok(self.kept)
-    }
-}
-
-impl Write for WholeFile {
-    fn write(&mut self, bytes: &[u8]) -> Result<usize, Error> {
-        let within = bytes.len().min(self.pending.len() - self.at);
-        self.pending[self.at..self.at + within].copy_from_slice(&bytes[..within]);
-        self.pending.extend_from_slice(&bytes[within..]);
-        self.at += bytes.len();
-        Ok(bytes.len())
-    }
-
-    fn flush(&mut self) -> Result<(), Error> {
-        let length = self.pending.len();
-        self.pending.extend_from_slice(&END);
-        if let Err(error) = self.file.write_all_at(&self.pending, self.kept) {
-            // The file stays as whole as it was.
-            let end = self.kept + END.len() as u64;
-            let _ = self.file.write_all_at(&END, self.kept);
-            let _ = self.file.set_len(end);
-            return Err(error);
-        }
-        self.kept += length as u64;
-        self.pending.clear();
-        self.at = 0;
-        Ok(())
-    }
-}
-
-impl Seek for WholeFile {
-    fn seek(&mut self, to: SeekFrom) -> Result<u64, Error> {
-        let position = match to {
-            SeekFrom::Start(position) => Some(position),
-            SeekFrom::Current(by) => (self.kept + self.at as u64).checked_add_signed(by),
-            SeekFrom::End(by) => (self.kept + self.pending.len() as u64).checked_add_signed(by),
-        };
-        let at = position
-            .and_then(|position| position.checked_sub(self.kept))
-            .and_then(|at| usize::try_from(at).ok())
-            .filter(|at| *at <= self.pending.len())
-            .ok_or_else(|| {
-                Error::new(ErrorKind::InvalidInput, "that part of the file is written")
-            })?;
-        self.at = at;
-        Ok(self.kept + at as u64)
     }
 }

@@ -28,6 +28,8 @@ pub enum Topic {
     ReferencePath,
     /// Speeds of treads and motors.
     Treads,
+    /// Margins against tipping over and sliding off, where the steepness guard is on.
+    Guard,
     /// Ground, path, vehicle, slide and ICRs, to be looked at.
     Scene,
     /// States of controller, safety and recording.
@@ -38,7 +40,7 @@ pub enum Topic {
 
 impl Topic {
     /// All of them.
-    pub const ALL: [Self; 14] = [
+    pub const ALL: [Self; 15] = [
         Self::ControllerCycle,
         Self::LoopCycle,
         Self::PathCommand,
@@ -50,6 +52,7 @@ impl Topic {
         Self::PredictedPath,
         Self::ReferencePath,
         Self::Treads,
+        Self::Guard,
         Self::Scene,
         Self::Diagnostics,
         Self::Events,
@@ -69,6 +72,7 @@ impl Topic {
             Self::PredictedPath => "/sidehill/predicted_path",
             Self::ReferencePath => "/sidehill/reference_path",
             Self::Treads => "/sidehill/treads",
+            Self::Guard => "/sidehill/guard",
             Self::Scene => "/sidehill/scene",
             Self::Diagnostics => "/diagnostics",
             Self::Events => "/rosout",
@@ -85,6 +89,7 @@ impl Topic {
             Self::Transforms => "tf2_msgs/TFMessage",
             Self::Path | Self::PredictedPath | Self::ReferencePath => "nav_msgs/Path",
             Self::Treads => "sensor_msgs/JointState",
+            Self::Guard => "sidehill_msgs/GuardState",
             Self::Scene => "visualization_msgs/MarkerArray",
             Self::Diagnostics => "diagnostic_msgs/DiagnosticArray",
             Self::Events => "rcl_interfaces/Log",
@@ -159,6 +164,16 @@ wire! {
         link: String,
         refused: u64,
         skipped: u64,
+    }
+    /// What the steepness guard finds in a cycle.
+    GuardState = "sidehill_msgs" / "GuardState" {
+        time_s: f64,
+        rollover_margin: f64,
+        friction_use: f64,
+        friction: f64,
+        speed_share: f64,
+        place_ahead: bool,
+        place_in_s: f64,
     }
     /// A path for the controller. `trajectory` is CDR of this version of the program.
     PathCommand = "sidehill_msgs" / "PathCommand" {

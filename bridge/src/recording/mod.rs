@@ -9,20 +9,24 @@
 //! reader of ROS 2 bags decodes them. [`ControllerCycle`] and [`PathCommand`] hold what a replay needs,
 //! bit by bit.
 
+mod diagnostics;
 mod drive_messages;
 pub mod live;
 mod mcap_file;
 mod messages;
 mod reader;
+mod records;
 mod scene;
 mod schema;
 mod sink;
 mod sinks;
 mod tap;
+mod whole_file;
 
-pub use drive_messages::{DriveMessages, GeneralState, unix_ns};
+pub use diagnostics::GeneralState;
+pub use drive_messages::{DriveMessages, unix_ns};
 pub use mcap_file::{Header, McapRecording, RecordLimits, RecordingStatus};
-pub use messages::{ControllerCycle, LogLine, LoopCycle, PathCommand, Topic};
+pub use messages::{ControllerCycle, GuardState, LogLine, LoopCycle, PathCommand, Topic};
 pub use reader::{Recording, RecordingError, scan};
 pub use scene::{Marker, ground};
 pub use schema::schema;

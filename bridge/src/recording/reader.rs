@@ -59,45 +59,57 @@ pub struct Recording {
 }
 
 impl Recording {
-    /// Reads a recording and the files that continue it.
+    /// Reads a recording from any of its files: those before it that are left, and those that continue it.
     ///
     /// # Errors
     /// [`RecordingError`]; not for a file that was cut off.
     pub fn read(path: &Path) -> Result<Self, RecordingError> {
+        let mut named = Self::default();
+        named.add(path)?;
+        let part = named.part().unwrap_or(0);
+        let first = McapRecording::first_name(path, part);
         let mut recording = Self::default();
-        recording.add(path)?;
-        let part = recording
-            .header
-            .facts
-            .get("part")
-            .cloned()
-            .unwrap_or_default();
-        if part != "0" {
-            return Err(RecordingError::NotOurs {
-                file: path.to_owned(),
-                reason: format!(
-                    "part {part} of a recording; name its first file, from whose start it can be replayed"
-                ),
-            });
+        // Back to the first file that is left.
+        let earlier = (0..part).rev().map_while(|part| {
+            let name = McapRecording::part_name(&first, part);
+            named.neighbour(&name, part)
+        });
+        let earlier: Vec<Self> = earlier.collect();
+        for file in earlier.into_iter().rev() {
+            recording.append(file);
         }
-        let mut next = 1;
-        loop {
-            let name = McapRecording::part_name(path, next);
-            let mut more = Self::default();
-            if !name.exists() || more.add(&name).is_err() {
+        recording.append(named.clone());
+        for part in part + 1.. {
+            let name = McapRecording::part_name(&first, part);
+            let Some(file) = named.neighbour(&name, part) else {
                 break;
-            }
-            let same = |fact: &str| more.header.facts.get(fact) == recording.header.facts.get(fact);
-            if !same("recording") || more.header.facts.get("part") != Some(&next.to_string()) {
-                break;
-            }
-            recording.cycles.append(&mut more.cycles);
-            recording.paths.append(&mut more.paths);
-            recording.files.append(&mut more.files);
-            recording.damaged = recording.damaged.or(more.damaged);
-            next += 1;
+            };
+            recording.append(file);
         }
+        recording.header = named.header;
         Ok(recording)
+    }
+
+    /// Returns the number of this file in its recording.
+    fn part(&self) -> Option<u32> {
+        self.header.facts.get("part")?.parse().ok()
+    }
+
+    /// Returns another file of the same recording, where it is there.
+    fn neighbour(&self, name: &Path, part: u32) -> Option<Self> {
+        let mut other = Self::default();
+        if !name.exists() || other.add(name).is_err() {
+            return None;
+        }
+        let id = |of: &Self| of.header.facts.get("recording").cloned();
+        (id(&other) == id(self) && other.part() == Some(part)).then_some(other)
+    }
+
+    fn append(&mut self, mut file: Self) {
+        self.cycles.append(&mut file.cycles);
+        self.paths.append(&mut file.paths);
+        self.files.append(&mut file.files);
+        self.damaged = self.damaged.take().or(file.damaged);
     }
 
     fn add(&mut self, path: &Path) -> Result<(), RecordingError> {

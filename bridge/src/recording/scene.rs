@@ -1,6 +1,7 @@
 //! The scene that is shown live, as markers of visualization_msgs.
 
 use crate::ros2::node::message::{Header, Point, Pose, Quaternion, Time, Vector3, wire};
+use sidehill_controller::guard::GuardView;
 use sidehill_plant::frames::Attitude;
 use sidehill_plant::speeds::TreadSpeeds;
 use sidehill_plant::terrain::Terrain;
@@ -49,9 +50,16 @@ const ARROW: i32 = 0;
 const CUBE: i32 = 1;
 const SPHERE: i32 = 2;
 const CYLINDER: i32 = 3;
+const TEXT: i32 = 9;
 const TRIANGLES: i32 = 11;
 /// Points along a side of the ground that is shown.
 const GROUND_POINTS: usize = 40;
+/// Height of the bars of margins above the ground, in lengths of the vehicle.
+const BARS_HEIGHT: f64 = 0.8;
+/// Thickness of these bars, m.
+const BAR_M: f64 = 0.08;
+/// Height of their letters, m.
+const TEXT_M: f64 = 0.2;
 /// How long a slide of 1 m/s is drawn, m.
 const SLIDE_SCALE_S: f64 = 10.0;
 
@@ -137,6 +145,47 @@ impl SceneParts {
             },
             icr(0, icrs.left_m),
             icr(1, icrs.right_m),
+        ];
+        for marker in &mut markers {
+            marker.frame_locked = true;
+        }
+        markers
+    }
+
+    /// Returns the margins against tipping over and sliding off, in the vehicle's frame: two bars above it that
+    /// are as long as the vehicle at a margin of 1, green to red, and their figures.
+    pub(super) fn margins(&self, guard: &GuardView) -> Vec<Marker> {
+        let length_m = 2.0 * self.vehicle.base_half_length_m;
+        let height_m = BARS_HEIGHT * length_m;
+        let bar = |id: i32, margin: f64| {
+            let left = margin.clamp(0.0, 1.0);
+            let shown_m = (left * length_m).max(0.01);
+            let colour = [1.0 - left as f32, 0.8 * left as f32, 0.1, 0.9];
+            Marker {
+                pose: at(
+                    0.5 * (shown_m - length_m),
+                    0.0,
+                    height_m + BAR_M * 2.0 * f64::from(id),
+                ),
+                scale: vector(shown_m, BAR_M, BAR_M),
+                ..marker("margins", id, CUBE, colour)
+            }
+        };
+        let text = Marker {
+            pose: at(0.0, 0.0, height_m + 6.0 * BAR_M),
+            scale: vector(0.0, 0.0, TEXT_M),
+            text: format!(
+                "tip-over margin {:.2}\nfriction used {:.2}\nspeed {:.0} %",
+                guard.rollover_margin,
+                guard.friction_use,
+                100.0 * guard.speed_share
+            ),
+            ..marker("margins", 2, TEXT, [0.9, 0.9, 0.9, 1.0])
+        };
+        let mut markers = vec![
+            bar(0, guard.rollover_margin),
+            bar(1, 1.0 - guard.friction_use),
+            text,
         ];
         for marker in &mut markers {
             marker.frame_locked = true;

@@ -1,7 +1,7 @@
 //! Definitions of the messages that are recorded, as ROS 2 writes them in `.msg` files.
 
 /// Definitions by type; fields are in the order of the structs in [`crate::ros2::node::message`].
-const DEFINITIONS: [(&str, &str); 26] = [
+const DEFINITIONS: [(&str, &str); 27] = [
     ("builtin_interfaces/Time", "int32 sec\nuint32 nanosec\n"),
     (
         "std_msgs/Header",
@@ -92,6 +92,7 @@ const DEFINITIONS: [(&str, &str); 26] = [
     ("sidehill_msgs/ControllerCycle", CONTROLLER_CYCLE),
     ("sidehill_msgs/LoopCycle", LOOP_CYCLE),
     ("sidehill_msgs/PathCommand", PATH_COMMAND),
+    ("sidehill_msgs/GuardState", GUARD_STATE),
 ];
 
 /// Definition of `ControllerCycle`.
@@ -164,6 +165,18 @@ uint32 laps
 bool joined  # whether the vehicle joins the path at from_m, else at its start
 float64 from_m
 uint8[] trajectory
+";
+
+/// Definition of `GuardState`.
+const GUARD_STATE: &str = "\
+# What the steepness guard finds in a cycle.
+float64 time_s
+float64 rollover_margin  # 1 at standstill on level ground, 0 where the vehicle tips over
+float64 friction_use  # friction needed over friction available
+float64 friction  # coefficient of friction that is reckoned with
+float64 speed_share  # share of the reference's speed that is driven
+bool place_ahead  # whether a place ahead is driven slower or not at all
+float64 place_in_s  # time along the reference to that place
 ";
 
 /// Returns the definition of a type and of all types in it, in the encoding `ros2msg`; empty for a type

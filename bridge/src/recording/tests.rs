@@ -59,12 +59,14 @@ fn a_recording_goes_on_in_new_files_and_is_read_as_one() {
             .enumerate()
             .all(|(i, cycle)| cycle.index == i as u64)
     );
-    // A later file says where the first is.
-    let error = Recording::read(&McapRecording::part_name(&path, 1)).unwrap_err();
-    assert!(
-        error.to_string().contains("part 1 of a recording"),
-        "{error}"
-    );
+    // Whichever is named, all are read; without the first, those that are left.
+    let third = McapRecording::part_name(&path, 2);
+    let read = Recording::read(&third).unwrap();
+    assert_eq!((read.cycles.len(), read.files.len()), (3500, 4));
+    std::fs::remove_file(&path).unwrap();
+    let read = Recording::read(&third).unwrap();
+    assert_eq!(read.files.len(), 3);
+    assert!(read.cycles[0].index > 900);
 }
 
 #[test]
@@ -139,4 +141,49 @@ fn a_file_that_was_not_closed_is_whole() {
         }
     }
     assert!(sizes.len() >= 3, "{sizes:?}");
+}
+
+/// Kinds of panels of Lichtblick, `packages/suite-base/src/panels/index.ts`.
+const PANELS: [&str; 5] = ["3D", "Plot", "DiagnosticSummary", "RosOut", "Parameters"];
+
+/// Returns the names of the panels of a layout's tree.
+fn panels(tree: &serde_json::Value) -> Vec<String> {
+    match tree.as_str() {
+        Some(name) => vec![name.to_owned()],
+        None => [panels(&tree["first"]), panels(&tree["second"])].concat(),
+    }
+}
+
+#[test]
+fn the_layout_shows_topics_and_fields_that_there_are() {
+    let layout = include_str!("../../../config/foxglove_layout.json");
+    let layout: serde_json::Value = serde_json::from_str(layout).unwrap();
+    let configured = layout["configById"].as_object().unwrap();
+    let mut shown = panels(&layout["layout"]);
+    shown.sort();
+    assert_eq!(shown, configured.keys().cloned().collect::<Vec<_>>());
+    let topic = |name: &str| {
+        let topic = Topic::ALL.into_iter().find(|topic| topic.name() == name);
+        topic.unwrap_or_else(|| panic!("no topic {name}"))
+    };
+    for (panel, config) in configured {
+        let (kind, _) = panel.split_once('!').unwrap();
+        assert!(PANELS.contains(&kind), "{panel}");
+        for name in config["topics"]
+            .as_object()
+            .into_iter()
+            .flat_map(|all| all.keys())
+        {
+            topic(name);
+        }
+        if let Some(name) = config["topicToRender"].as_str() {
+            topic(name);
+        }
+        for path in config["paths"].as_array().into_iter().flatten() {
+            let (name, field) = path["value"].as_str().unwrap().split_once('.').unwrap();
+            let schema = topic(name).schema();
+            let is_field = |line: &str| line.split_whitespace().nth(1) == Some(field);
+            assert!(schema.lines().any(is_field), "{name}.{field}");
+        }
+    }
 }

@@ -51,8 +51,10 @@ impl Safety {
         let age_s = inputs.time_s - output.map_or(self.since_s, |output| output.time_s);
         let fresh = (..=self.config.command_timeout_s).contains(&age_s);
         if !self.following {
+            // One that is nearly too old would leave the next no time to follow it in.
+            let prompt = (..=0.5 * self.config.command_timeout_s).contains(&age_s);
             self.following =
-                fresh && output.is_some_and(|output| output.state != ControllerState::Waiting);
+                prompt && output.is_some_and(|output| output.state != ControllerState::Waiting);
             let age_s = inputs.time_s - self.since_s;
             if !self.following {
                 let late = !(..=self.config.handshake_timeout_s).contains(&age_s);

@@ -1,6 +1,6 @@
-//! From the estimate to the horizon that the MPC is asked for.
+//! From the estimate to the reference ahead: the horizon that the MPC is asked for.
 
-use super::{Controller, Law};
+use super::{Controller, Law, Phase};
 use crate::config::AttitudePreview;
 use crate::estimator::Estimate;
 use crate::mpc::{Model, StageTarget};
@@ -13,11 +13,29 @@ use sidehill_plant::speeds::MotorSpeeds;
 const MOST_RAD: f64 = 1.2;
 
 impl Controller {
+    /// Moves the reference on; it waits for a vehicle that has been stopped.
+    pub(super) fn advance_reference(
+        &mut self,
+        estimate: Option<&Estimate>,
+        elapsed_s: f64,
+    ) -> Option<Progress> {
+        let elapsed_s = match self.phase {
+            Phase::Stopped(_) => 0.0,
+            Phase::Driving { .. } | Phase::Finished => match &self.guard {
+                Some(guard) => elapsed_s * guard.share(),
+                None => elapsed_s,
+            },
+        };
+        let pose = &estimate?.pose;
+        let point = self.tracked_point().of(pose, &estimate?.normal_in_world);
+        Some(self.reference.as_mut()?.advance(elapsed_s, &point))
+    }
+
     /// Makes the horizon of this cycle: the reference from the instant at which a command given now
     /// acts, seen from where the vehicle will then be. A law that does not predict has none.
     pub(super) fn look_ahead(&mut self, estimate: &Estimate, progress: &Progress, elapsed_s: f64) {
         let half_track_m = 0.5 * (self.vehicle.icrs.right_m - self.vehicle.icrs.left_m);
-        let previous = self.last_command();
+        let previous = self.issued.last();
         let Law::Mpc(mpc) = &mut self.law else {
             return;
         };
@@ -163,23 +181,16 @@ impl Controller {
             return pose;
         };
         let begin_s = estimate.time_s - self.config.delay_s();
-        for (i, issued) in self.issued.iter().enumerate() {
-            let until_s = self
-                .issued
-                .get(i + 1)
-                .map_or(estimate.time_s, |next| next.time_s);
-            let time_s = until_s - issued.time_s.max(begin_s);
-            if time_s > 0.0 {
-                let step = mpc.model_mut().step_on_plane(
-                    &estimate.normal_in_world,
-                    pose.yaw_rad,
-                    issued.command,
-                    time_s,
-                );
-                pose.x_m += step.increment.x;
-                pose.y_m += step.increment.y;
-                pose.yaw_rad += step.increment.z;
-            }
+        for (command, time_s) in self.issued.between(begin_s, estimate.time_s) {
+            let step = mpc.model_mut().step_on_plane(
+                &estimate.normal_in_world,
+                pose.yaw_rad,
+                command,
+                time_s,
+            );
+            pose.x_m += step.increment.x;
+            pose.y_m += step.increment.y;
+            pose.yaw_rad += step.increment.z;
         }
         pose
     }

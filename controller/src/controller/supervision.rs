@@ -1,8 +1,11 @@
 //! What stops a controller: its clock, its readings, where it is on its path, and no solution.
 
+use super::parts::Law;
 use super::watchdog::Observation;
 use super::{Controller, Phase, Status, StopReason};
+use crate::config::AttitudePreview;
 use crate::estimator::Estimate;
+use crate::guard::Surroundings;
 use crate::mpc::QpFailure;
 use crate::reference::Progress;
 use crate::trajectory::Ending;
@@ -12,6 +15,11 @@ use sidehill_plant::speeds::MotorSpeeds;
 /// Poses in a row that the gate may refuse while the vehicle stands, before it is taken to have been
 /// carried to where they say.
 const CARRIED_POSES: u32 = 10;
+
+/// Share of the speed with which a vehicle drives whose poses are refused.
+const DOUBTED_SHARE: f64 = 0.5;
+/// Time that refused poses agree before the vehicle is slowed down, s.
+const DOUBTED_MIN_S: f64 = 0.25;
 
 impl Controller {
     /// Returns the time since the cycle before; a clock that stands, jumps or is no number stops.
@@ -53,7 +61,7 @@ impl Controller {
         self.supervise_readings(estimate);
         self.supervise_path(estimate, progress);
         self.supervise_motion(estimate, progress);
-        let stands = self.last_command() == MotorSpeeds::STOP;
+        let stands = self.issued.last() == MotorSpeeds::STOP;
         let stopped = matches!(self.phase, Phase::Stopped(_));
         if stopped && stands && estimate.poses_gated >= CARRIED_POSES {
             self.estimator.restart();
@@ -79,7 +87,7 @@ impl Controller {
             Some(plan) => plan.inputs[0],
             None => {
                 let limits = &self.config.limits;
-                limits.stop_step(self.last_command(), self.config.period_s)
+                limits.stop_step(self.issued.last(), self.config.period_s)
             }
         };
         (Status::Fallback { reason, cycles }, command)
@@ -129,11 +137,51 @@ impl Controller {
             });
         }
         if progress.ended && matches!(self.phase, Phase::Driving { .. }) {
-            let last = self.last_command();
+            let last = self.issued.last();
             let standing = last.traction_m_s.abs() < 0.01 && last.steer_m_s.abs() < 0.01;
             if periodic || standing || late {
                 self.phase = Phase::Finished;
             }
+        }
+    }
+
+    /// Lets the guard look at the ground here and ahead.
+    pub(super) fn watch_slope(&mut self, estimate: Option<&Estimate>, elapsed_s: f64) {
+        let half_track_m = 0.5 * (self.vehicle.icrs.right_m - self.vehicle.icrs.left_m);
+        let command = self.issued.last();
+        let (Some(guard), Some(estimate), Some(reference)) =
+            (&mut self.guard, estimate, &self.reference)
+        else {
+            return;
+        };
+        let map = self
+            .terrain
+            .as_ref()
+            .filter(|_| self.config.attitude_preview == AttitudePreview::Terrain);
+        let stop = guard.look(&Surroundings {
+            estimate,
+            reference,
+            map,
+            half_track_m,
+            elapsed_s,
+            command,
+        });
+        if let Some(reason) = stop {
+            self.stop(reason.into());
+        }
+    }
+
+    /// Returns the share of the wanted speeds that is driven with. An MPC follows a reference that the
+    /// guard slows down; pure pursuit, which knows no time, is slowed down here.
+    pub(super) fn slowed_share(&self, estimate: Option<&Estimate>) -> f64 {
+        let doubted = estimate.and_then(|estimate| estimate.poses_doubted_s);
+        let share = match doubted {
+            Some((doubted_s, _)) if doubted_s >= DOUBTED_MIN_S => DOUBTED_SHARE,
+            _ => 1.0,
+        };
+        match (&self.law, &self.guard) {
+            (Law::PurePursuit, Some(guard)) => share * guard.share(),
+            _ => share,
         }
     }
 }
@@ -148,7 +196,7 @@ impl Controller {
         let observation = Observation {
             time_s: estimate.time_s,
             pose: estimate.pose,
-            command: self.last_command(),
+            command: self.issued.last(),
             progress,
         };
         if let Some(stall) = self.watchdog.observe(&observation) {

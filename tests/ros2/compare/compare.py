@@ -2,6 +2,7 @@
 its figures as JSON. Nothing is asserted.
 
     python3 tests/ros2/compare/compare.py --slope-deg 10                                  # Sidehill
+    python3 tests/ros2/compare/compare.py --course piece --speed 0.8                      # 44 m of a recorded route
     python3 tests/ros2/compare/compare.py --slope-deg 10 --params rpp.yaml --server PATH  # a peer
 
 PATH is Nav2's `controller_server`, which is not part of this repository: `nav2_controller/lib/.../controller_server`
@@ -18,6 +19,7 @@ the last 0.8 m. Run it where nothing else runs: a peer that gets no CPU tracks w
 """
 
 import argparse
+import csv
 import json
 import math
 import os
@@ -33,16 +35,19 @@ HERE = pathlib.Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE.parent), str(HERE.parent / "jazzy")]
 
 from geometry_msgs.msg import TransformStamped, Twist
-from nodes import Driven, Node, path_of
+from nodes import Driven, Node
 from programs import REPOSITORY, SIDEHILL, Vehicle, adapted, cross_track_m, figure_eight
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
 END_M, START_S = 0.8, 2.0
+# The stretch of the recorded route with the most bends on a slope, m along it.
+PIECE_M = (156.0, 200.0)
 
 
 def arguments():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--slope-deg", type=float, default=10.0)
+    parser.add_argument("--course", choices=["eight", "piece"], default="eight")
+    parser.add_argument("--slope-deg", type=float, default=10.0, help="of the figure of eight")
     parser.add_argument("--plant", choices=["icrik", "contact"], default="contact")
     parser.add_argument("--speed", type=float, default=0.6, help="m/s")
     parser.add_argument("--laps", type=int, default=1, help="of the figure of eight")
@@ -53,7 +58,45 @@ def arguments():
     return parser.parse_args()
 
 
-def scenario(args, folder):
+def course(args, folder):
+    """The scenario of the course, and its points."""
+    if args.course == "piece":
+        return piece(folder)
+    return eight(args, folder), figure_eight(1000)
+
+
+def piece(folder):
+    """A stretch of the recorded route, on the elevation recorded with it."""
+    route = pathlib.Path(REPOSITORY, "config/routes/path_1_june_26.gpx").read_text()
+    found = re.compile(r"<trkpt lat=\"(\S+?)\" lon=\"(\S+?)\">.*?</trkpt>", re.DOTALL)
+    kept, along_m, before = [], 0.0, None
+    for point in found.finditer(route):
+        latitude, longitude = (math.radians(float(value)) for value in point.groups())
+        if before is not None:
+            north, east = latitude - before[0], (longitude - before[1]) * math.cos(latitude)
+            along_m += 6_371_000 * math.hypot(north, east)
+        before = latitude, longitude
+        if PIECE_M[0] <= along_m <= PIECE_M[1]:
+            kept.append(point.group())
+    first, last = list(found.finditer(route))[:: len(found.findall(route)) - 1]
+    (folder / "piece.gpx").write_text(route[: first.start()] + "\n".join(kept) + route[last.end() :])
+    text = pathlib.Path(REPOSITORY, "config/scenarios/j8_route.yaml").read_text()
+    text = text.replace("../vehicles", f"{REPOSITORY}/config/vehicles")
+    path = folder / "scenario.yaml"
+    path.write_text(re.sub(r"file: \S+", f"file: {folder}/piece.gpx", text))
+    # The points of the path of bounded curvature that `simulate` makes of it.
+    drive = [SIDEHILL, "simulate", path, "--controller", "icrik-mpc", "--out", folder / "reference"]
+    subprocess.run([str(part) for part in drive], check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    points = []
+    with open(folder / "reference" / "icrik-mpc.csv") as file:
+        for row in csv.DictReader(file):
+            point = float(row["reference_x_m"]), float(row["reference_y_m"])
+            if not points or math.dist(point, points[-1]) > 0.03:
+                points.append(point)
+    return path, points
+
+
+def eight(args, folder):
     """The figure of eight on a plane of the slope."""
     text = pathlib.Path(REPOSITORY, "config/scenarios/figure_eight_10deg.yaml").read_text()
     text = text.replace("../", f"{REPOSITORY}/config/").replace("slope_deg: 10", f"slope_deg: {args.slope_deg}")
@@ -64,13 +107,16 @@ def scenario(args, folder):
 
 def sidehill_config(args, folder):
     replaced = {
-        r"^speed: \{speed_m_s: 0\.5\}.*$": f"speed: {{speed_m_s: {args.speed}}}",
+        r"\bspeed_m_s: 0\.5\b": f"speed_m_s: {args.speed}",
         r"^controller: icrik-mpc.*$": f"controller: {args.controller}",
         r'^    path: plan.*$': '    path: ""',
     }
     if args.plant == "contact":
-        vehicle = f"{REPOSITORY}/config/vehicles/j8_contact_identified.yaml"
+        identified = "j8_wheels" if args.controller == "contact-mpc" else "j8_contact"
+        vehicle = f"{REPOSITORY}/config/vehicles/{identified}_identified.yaml"
         replaced[r"^vehicle: .*$"] = f"vehicle: {vehicle}"
+        # That of the rover's base, whose vehicle is another.
+        replaced[r"^    # track_width_m: .*$"] = "    track_width_m: 2.053"
     return adapted("run_ros2.yaml", replaced, folder)
 
 
@@ -132,11 +178,11 @@ def main():
     folder = pathlib.Path(tempfile.mkdtemp(prefix="compare_"))
     domain = random.randint(1, 101)
     environment = {**os.environ, "ROS_DOMAIN_ID": str(domain), "RMW_IMPLEMENTATION": "rmw_fastrtps_cpp"}
-    points = figure_eight(1000)
+    path, points = course(args, folder)
     goal_points = points * args.laps
     truth = folder / "truth.csv"
     rover = adapted("vehicle_ros2.yaml", {
-        r"^scenario: .*$": f"scenario: {scenario(args, folder)}",
+        r"^scenario: .*$": f"scenario: {path}",
         r"^# plant: .*$": f"plant: {args.plant}",
     }, folder)
     start = lambda *command: subprocess.Popen([str(part) for part in command], env=environment,
@@ -171,7 +217,8 @@ def main():
     way_m = sum(math.hypot(b["x_m"] - a["x_m"], b["y_m"] - a["y_m"]) for a, b in zip(rows, rows[1:]))
     print(json.dumps({
         "controller": pathlib.Path(args.params).stem if args.params else args.controller,
-        "plant": args.plant, "slope_deg": args.slope_deg, "speed_m_s": args.speed,
+        "plant": args.plant, "course": args.course, "slope_deg": args.slope_deg if args.course == "eight" else None,
+        "speed_m_s": args.speed,
         "status": status, "error_code": result.error_code,
         "base_link": figures(rows, points),
         "point": figures(moved(rows, args.point_m), points) if args.point_m else None,

@@ -4,6 +4,7 @@ import math
 import random
 
 import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
 from nav2_msgs.action import FollowPath
 from programs import straight, wait_for
@@ -29,7 +30,8 @@ class Node:
             self.executor.spin_once(timeout_sec=0.01)
             return condition()
 
-        return wait_for(spun, what, **limit)
+        # Without a pause, since each turn takes one message and there may be many.
+        return wait_for(spun, what, step_s=0.0, **limit)
 
     def result(self, future, what, **limit):
         self.wait_for(future.done, what, **limit)
@@ -66,17 +68,27 @@ class Driven:
         came = lambda message: self.feedback.append(message.feedback)
         return self.ros.result(self.action.send_goal_async(goal, feedback_callback=came), "answer to a goal")
 
-    def sent_off(self, points):
+    def sent_off(self, points, **limit):
         """A goal that was accepted and is being driven."""
         goal = self.send(points)
         assert goal.accepted
-        self.ros.wait_for(lambda: abs(self.vehicle.now()["traction_m_s"]) > 0.2, "driving")
+        self.ros.wait_for(lambda: abs(self.vehicle.now()["traction_m_s"]) > 0.2, "driving", **limit)
         return goal
 
     def ended(self, goal, **limit):
         """Status and result of a goal."""
         answer = self.ros.result(goal.get_result_async(), "result", **limit)
         return answer.status, answer.result
+
+    def emergency_stop_is(self, pressed):
+        """Waits until the controller says whether the emergency stop is pressed."""
+        messages = self.ros.messages(DiagnosticArray, "/diagnostics")
+
+        def said():
+            values = [value for message in messages[-1:] for value in message.status[0].values]
+            return ("emergency_stop", str(pressed).lower()) in [(value.key, value.value) for value in values]
+
+        self.ros.wait_for(said, "the state of the emergency stop")
 
     def stands(self):
         self.ros.wait_for(self.vehicle.stands, "standing")

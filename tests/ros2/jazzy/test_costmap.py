@@ -90,16 +90,16 @@ def test_the_vehicle_waits_for_a_moving_obstacle_and_goes_on(driven, ros):
     # It crosses from the left at 0.2 m/s, and is in the way from about 7 s to 15 s.
     disc = lambda: (*on_path(4.5, 2.2 - 0.2 * (time.monotonic() - began)), 0.2)
     costmaps.obstacles = lambda: [disc()]
-    gaps = []
+    gaps, stood = [], []
 
-    def watched():
+    def ended():
         gaps.append(gap_m(d.vehicle.now(), disc()))
+        stood.append(d.vehicle.stands())
         return result.done()
 
     goal = d.send(ahead(8.0))
     result = goal.get_result_async()
-    stood = []
-    d.ros.wait_for(lambda: watched() or stood.append(d.vehicle.stands()), "the end", timeout_s=60, step_s=0.05)
+    d.ros.wait_for(ended, "the end", timeout_s=60)
     assert result.result().status == GoalStatus.STATUS_SUCCEEDED, result.result().result
     moving = stood.index(False)
     assert any(stood[moving:]), "it never waited"
@@ -109,7 +109,7 @@ def test_the_vehicle_waits_for_a_moving_obstacle_and_goes_on(driven, ros):
 
 def test_a_stale_costmap_stops_a_fresh_one_goes_on_and_a_silent_one_aborts(driven, ros):
     costmaps = Costmaps(ros)
-    d = driven(with_costmap("patience_s: 3"))
+    d = driven(with_costmap("patience_s: 5"))
     goal = d.sent_off(ahead())
     costmaps.silent = True
     blocked(d)

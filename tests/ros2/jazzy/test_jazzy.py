@@ -7,19 +7,18 @@ import sys
 import time
 
 import pytest
-import rclpy
 from action_msgs.msg import GoalStatus
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Twist
 from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from nav2_msgs.action import FollowPath
-from nav2_msgs.msg import SpeedLimit
+from nav2_msgs.msg import SpeedLimit, TrackingFeedback
 from nav_msgs.msg import Odometry
-from nodes import SERVER, Node, ahead
-from programs import cross_track_m, figure_eight, wait_for
+from nodes import SERVER, START_YAW_RAD, Node, ahead
+from programs import cross_track_m, figure_eight, straight, wait_for
 from rcl_interfaces.msg import ParameterType
-from rclpy.action import get_action_names_and_types
+from rclpy.action import ActionClient, get_action_names_and_types
 from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
 from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
@@ -72,15 +71,14 @@ def test_an_emergency_stop_that_was_pressed_before_the_start_lets_nothing_drive(
     button = ros.node.create_publisher(Bool, "/emergency_stop", latched)
     button.publish(Bool(data=True))
     d = driven()
-    # What a latched writer of Fast DDS said earlier takes some 3 s to be heard, and so does the first call of a
-    # client that calls at once.
-    time.sleep(1.0)
+    # What a latched writer of Fast DDS said earlier takes some 3 s to be heard. A goal waits for it.
     for _ in range(2):
         status, result = d.ended(d.send(ahead()))
         assert (status, result.error_code) == (GoalStatus.STATUS_ABORTED, 100)
         assert "the emergency stop is pressed" in result.error_msg
     assert all(row["traction_m_s"] == 0.0 and row["steer_m_s"] == 0.0 for row in d.vehicle.truth())
     button.publish(Bool(data=False))
+    d.emergency_stop_is(False)
     time.sleep(1.0)
     assert d.vehicle.stands()
     d.sent_off(ahead())
@@ -104,7 +102,7 @@ def test_an_emergency_stop_by_who_comes_for_it_and_leaves_is_not_lost(driven, ro
     for _ in range(4):
         goal = d.sent_off(ahead())
         subprocess.run([sys.executable, "-c", PASSER_BY, str(domain)], check=True)
-        status, result = d.ended(goal, timeout_s=3.0)
+        status, result = d.ended(goal)
         assert (status, result.error_code) == (GoalStatus.STATUS_ABORTED, 100)
         assert "emergency stop" in result.error_msg
         print(result.error_msg)
@@ -113,9 +111,8 @@ def test_an_emergency_stop_by_who_comes_for_it_and_leaves_is_not_lost(driven, ro
         wait_for(lambda: d.ended(d.send(ahead()))[1].error_msg == "the emergency stop is pressed", "a stop that holds")
         release = ros.node.create_publisher(Bool, "/emergency_stop", 1)
         ros.wait_for(release.get_subscription_count, "who listens to the emergency stop")
-        time.sleep(4.0)
         release.publish(Bool(data=False))
-        time.sleep(0.2)
+        d.emergency_stop_is(False)
         ros.node.destroy_publisher(release)
 
 
@@ -127,8 +124,8 @@ def test_a_newcomer_who_may_press_the_emergency_stop_and_is_not_heard_ends_a_dri
     assert (status, result.error_code) == (GoalStatus.STATUS_ABORTED, 100)
     assert "has not sent anything yet" in result.error_msg
     d.stands()
-    # A goal waits for its word, but not for ever.
-    d.sent_off(ahead())
+    # A goal waits 6 s for its word, but not for ever.
+    d.sent_off(ahead(), timeout_s=20.0)
 
 
 def test_a_path_that_cannot_be_driven_is_aborted_with_its_code(driven):
@@ -219,11 +216,40 @@ def test_topics_reach_nodes_of_ros_and_theirs_reach_the_controller(driven):
     limit.publish(SpeedLimit(percentage=True, speed_limit=40.0))
     slow = lambda: 0.15 < d.vehicle.now()["traction_m_s"] < 0.22
     d.ros.wait_for(slow, "40 % of 0.5 m/s")
-    d.ros.wait_for(lambda: diagnostics, "diagnostics")
+    d.ros.wait_for(lambda: diagnostics and odometry, "diagnostics and odometry")
     assert any("controller_server" in status.name for status in diagnostics[-1].status)
     assert odometry[-1].header.frame_id == "odom" and odometry[-1].child_frame_id == "base_link"
     d.ros.result(goal.cancel_goal_async(), "answer to a cancel")
     assert d.ended(goal)[0] == GoalStatus.STATUS_CANCELED
+
+
+def test_tracking_feedback_is_signed_as_nav2s(driven, ros):
+    d = driven({r"^  use_sim_time: false.*$": "  tracking_feedback: true\n  use_sim_time: false"})
+    feedback = d.ros.messages(TrackingFeedback, "/tracking_feedback", 100)
+    # The path leads off 0.1 rad to the left of where the vehicle looks, and begins 0.1 m to its right.
+    beside = START_YAW_RAD - math.pi / 2
+    begin = (0.1 * math.cos(beside), 0.1 * math.sin(beside))
+    points = straight(6.0, begin, START_YAW_RAD + 0.1)
+    goal = d.sent_off(points)
+    d.ros.wait_for(lambda: feedback, "tracking feedback")
+    first = feedback[0]
+    assert first.header.frame_id == first.robot_pose.header.frame_id == "odom"
+    # To the left of the path is positive; a heading to the right of the path's is positive too.
+    assert 0.02 < first.position_tracking_error < 0.12, first
+    assert 0.02 < first.heading_tracking_error < 0.12, first
+    assert first.current_path_index < 10 and abs(first.remaining_path_length - 6.0) < 0.5
+    status, result = d.ended(goal, timeout_s=60)
+    assert status == GoalStatus.STATUS_SUCCEEDED, result
+    indices = [message.current_path_index for message in feedback]
+    assert indices == sorted(indices) and indices[-1] > 100
+    last = feedback[-1]
+    assert last.remaining_path_length < 0.5 and last.distance_to_goal < 0.5
+    assert abs(last.position_tracking_error) < 0.03
+    assert 0.4 < max(message.speed for message in feedback) < 0.6
+    at_s = last.header.stamp.sec + 1e-9 * last.header.stamp.nanosec
+    row = min(d.vehicle.truth(at_s), key=lambda row: abs(row["unix_s"] - at_s))
+    at = last.robot_pose.pose.position
+    assert math.hypot(at.x - row["x_m"], at.y - row["y_m"]) < 0.05
 
 
 @pytest.mark.parametrize("told", [False, True])
@@ -247,6 +273,20 @@ def test_a_node_that_slows_the_drives_down_is_no_fault_where_the_controller_hear
     else:
         assert (status, result.error_code) == (GoalStatus.STATUS_ABORTED, 100)
         assert "differs" in result.error_msg
+
+
+def test_a_goal_ends_with_its_own_client_and_not_with_another_of_the_same_node(driven, ros):
+    d = driven()
+    other = ActionClient(ros.node, FollowPath, "/follow_path")
+    ros.wait_for(other.server_is_ready, "action server")
+    goal = d.sent_off(ahead())
+    result = goal.get_result_async()
+    other.destroy()
+    began = time.monotonic()
+    ros.wait_for(lambda: result.done() or time.monotonic() > began + 2.0, "two seconds of driving")
+    assert not result.done() and d.vehicle.now()["traction_m_s"] > 0.2
+    d.action.destroy()
+    d.stands()
 
 
 def test_first_calls_of_fresh_nodes_are_answered(driven, domain):

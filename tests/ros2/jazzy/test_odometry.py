@@ -6,7 +6,6 @@ import os
 from nav_msgs.msg import Odometry
 from nodes import ahead
 from programs import REPOSITORY, figure_eight
-from rclpy.qos import qos_profile_sensor_data
 
 SCENARIO = os.path.join(REPOSITORY, "config", "scenarios", "figure_eight_10deg.yaml")
 
@@ -57,7 +56,7 @@ def test_the_odometry_node_drifts_less_than_half_of_what_wheels_do(driven, start
     d = driven(of_vehicle=rover)
     start("odometry", "--live", os.path.join(REPOSITORY, "config", "bridge", "odometry_ros2.yaml"))
     corrected = ros.messages(Odometry, "/slope_odometry/odometry", 100)
-    wheel = ros.messages(Odometry, "/odom", qos_profile_sensor_data)
+    wheel = ros.messages(Odometry, "/odom", 100)
     ros.wait_for(lambda: corrected and wheel, "odometry")
     status, result = d.ended(d.send(figure_eight(1000)), timeout_s=120)
     assert result.error_code == 0, (status, result)
@@ -82,7 +81,8 @@ def test_the_controller_publishes_its_estimate_as_odometry(driven, ros):
     moves = lambda: estimates and estimates[-1].twist.twist.linear.x > 0.2
     ros.wait_for(moves, "odometry of the controller that moves")
     estimate = estimates[-1]
-    row = min(d.vehicle.truth(), key=lambda row: abs(row["unix_s"] - seconds(estimate.header.stamp)))
+    at_s = seconds(estimate.header.stamp)
+    row = min(d.vehicle.truth(at_s), key=lambda row: abs(row["unix_s"] - at_s))
     at = estimate.pose.pose.position
     assert math.hypot(at.x - row["x_m"], at.y - row["y_m"]) < 0.05
     assert 0.2 < estimate.twist.twist.linear.x < 0.6

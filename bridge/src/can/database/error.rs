@@ -1,3 +1,5 @@
+use crate::can::frame::FrameId;
+
 /// Why a database cannot be used.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error("{file}: {fault}")]
@@ -101,5 +103,57 @@ pub enum DatabaseFault {
         signal: String,
         /// The other.
         other: String,
+    },
+    /// A counter is no unsigned integer of 1 to 16 bits.
+    #[error(
+        "message {message}: counter {signal} must be unsigned with 1 to 16 bits, it has {bits}"
+    )]
+    Counter {
+        /// Message.
+        message: String,
+        /// Signal.
+        signal: String,
+        /// Its bits.
+        bits: usize,
+    },
+    /// A checksum does not fill one byte.
+    #[error("message {message}: checksum {signal} must fill one byte")]
+    Checksum {
+        /// Message.
+        message: String,
+        /// Signal.
+        signal: String,
+    },
+    /// Signals of one message are on different pages of a multiplexor.
+    #[error("message {message}: the signals used are not on one page")]
+    Pages {
+        /// Message.
+        message: String,
+    },
+    /// A controlword or statusword is not as CiA 402 has it.
+    #[error("message {message}: {signal} must be unsigned with 16 bits, scale 1 and offset 0")]
+    Word {
+        /// Message.
+        message: String,
+        /// Signal.
+        signal: String,
+    },
+    /// A signal has no raw value for a state.
+    #[error("message {message}, signal {signal}: cannot hold {value}")]
+    State {
+        /// Message.
+        message: String,
+        /// Signal.
+        signal: String,
+        /// Value of the state.
+        value: f64,
+    },
+    /// A message has an identifier that CANopen uses otherwise.
+    #[error("message {message}: identifier {id} belongs to a service of CANopen")]
+    ServiceId {
+        /// Message.
+        message: String,
+        /// Its identifier.
+        id: FrameId,
     },
 }

@@ -26,6 +26,10 @@ impl<'a> Builder<'a> {
         })
     }
 
+    fn unusable(&self, fault: DatabaseFault) -> LayoutError {
+        self.database.fail(fault).into()
+    }
+
     fn find(&mut self, name: &str) -> Result<SignalCodec, LayoutError> {
         let signal = self.message.signal(name)?;
         let bits = signal.codec.footprint();
@@ -34,14 +38,11 @@ impl<'a> Builder<'a> {
             .iter()
             .find(|(_, used)| used.codec.footprint() & bits != 0)
         {
-            return Err(self
-                .database
-                .fail(DatabaseFault::Overlap {
-                    message: self.name.clone(),
-                    signal: name.to_owned(),
-                    other: other.clone(),
-                })
-                .into());
+            return Err(self.unusable(DatabaseFault::Overlap {
+                message: self.name.clone(),
+                signal: name.to_owned(),
+                other: other.clone(),
+            }));
         }
         self.used.push((name.to_owned(), signal));
         Ok(signal.codec)
@@ -91,10 +92,10 @@ impl<'a> Builder<'a> {
         let codec = self.find(signal)?;
         let plain = codec.kind == RawKind::Unsigned && codec.scale == 1.0 && codec.offset == 0.0;
         if codec.bits != 16 || !plain {
-            return Err(LayoutError::Word {
-                message: self.name,
+            return Err(self.unusable(DatabaseFault::Word {
+                message: self.name.clone(),
                 signal: signal.to_owned(),
-            });
+            }));
         }
         self.fields.push(Field {
             quantity,
@@ -114,11 +115,11 @@ impl<'a> Builder<'a> {
                     .decode(&data)
                     .is_ok_and(|back| (back - value).abs() < 1e-9);
             if !held {
-                return Err(LayoutError::States {
+                return Err(self.unusable(DatabaseFault::State {
                     message: self.name.clone(),
                     signal: signal.to_owned(),
-                    what: format!("the signal cannot hold {value}"),
-                });
+                    value: *value,
+                }));
             }
         }
         Ok(())
@@ -133,11 +134,11 @@ impl<'a> Builder<'a> {
             Some(name) => {
                 let codec = self.find(name)?;
                 if codec.kind != RawKind::Unsigned || codec.bits > 16 {
-                    return Err(LayoutError::Counter {
-                        message: self.name,
+                    return Err(self.unusable(DatabaseFault::Counter {
+                        message: self.name.clone(),
                         signal: name.clone(),
                         bits: codec.bits,
-                    });
+                    }));
                 }
                 Some(codec)
             }
@@ -162,10 +163,10 @@ impl<'a> Builder<'a> {
         let footprint = codec.footprint();
         let byte = footprint.trailing_zeros() as usize / 8;
         if footprint != 0xFF << (8 * byte) || codec.kind != RawKind::Unsigned {
-            return Err(LayoutError::Checksum {
+            return Err(self.unusable(DatabaseFault::Checksum {
                 message: self.name.clone(),
                 signal: checksum.signal.clone(),
-            });
+            }));
         }
         Ok(ChecksumCodec {
             byte,
@@ -183,9 +184,9 @@ impl<'a> Builder<'a> {
         let overlaps =
             |(_, used): &(String, Signal)| used.codec.footprint() & page.0.footprint() != 0;
         if pages.any(|other| other != page) || self.used.iter().any(overlaps) {
-            return Err(LayoutError::Pages {
+            return Err(self.unusable(DatabaseFault::Pages {
                 message: self.name.clone(),
-            });
+            }));
         }
         Ok(Some(page))
     }

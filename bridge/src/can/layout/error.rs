@@ -1,11 +1,10 @@
 use crate::can::database::DatabaseError;
-use crate::can::frame::FrameId;
 use sidehill_plant::vehicle::RangeError;
 
 /// Why a layout cannot be used.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum LayoutError {
-    /// A name is not in the database, or what it names cannot be used.
+    /// A name is not in the database, or what it names there cannot be used.
     #[error(transparent)]
     Database(#[from] DatabaseError),
     /// A number of `can.yaml` is out of range.
@@ -16,35 +15,9 @@ pub enum LayoutError {
         /// Key, value and range.
         error: RangeError,
     },
-    /// A counter is no unsigned integer of 1 to 16 bits.
-    #[error(
-        "message {message}: counter {signal} must be unsigned with 1 to 16 bits, it has {bits}"
-    )]
-    Counter {
-        /// Message.
-        message: String,
-        /// Signal.
-        signal: String,
-        /// Its bits.
-        bits: usize,
-    },
-    /// A checksum does not fill one byte.
-    #[error("message {message}: checksum {signal} must fill one byte")]
-    Checksum {
-        /// Message.
-        message: String,
-        /// Signal.
-        signal: String,
-    },
     /// The message needs a counter.
     #[error("message {message} needs a counter, by which its pair is found")]
     NoCounter {
-        /// Message.
-        message: String,
-    },
-    /// Signals of one message are on different pages of a multiplexor.
-    #[error("message {message}: the signals used are not on one page")]
-    Pages {
         /// Message.
         message: String,
     },
@@ -58,7 +31,7 @@ pub enum LayoutError {
         /// How often it must be.
         expected: &'static str,
     },
-    /// A list of states is empty, or a value is in two of them or none of the signal's.
+    /// A list of states is empty, or a value is in two of them.
     #[error("message {message}, signal {signal}: states: {what}")]
     States {
         /// Message.
@@ -84,27 +57,11 @@ pub enum LayoutError {
         "cia402.drives: the roles must be traction and steer, or left and right, in this order"
     )]
     Roles,
-    /// A controlword or statusword is not as CiA 402 has it.
-    #[error("message {message}: {signal} must be unsigned with 16 bits, scale 1 and offset 0")]
-    Word {
-        /// Message.
-        message: String,
-        /// Signal.
-        signal: String,
-    },
     /// A node has the number of another, or one that CANopen does not have.
     #[error("cia402: node_id {node} is out of range (from 1 to 127) or given twice")]
     Node {
         /// The number.
         node: u8,
-    },
-    /// A message has an identifier that CANopen uses otherwise.
-    #[error("message {message}: identifier {id} belongs to a service of CANopen")]
-    ServiceId {
-        /// Message.
-        message: String,
-        /// Its identifier.
-        id: FrameId,
     },
     /// A value does not fit its object.
     #[error("cia402: object {object:#06X}:{sub:02X}: {value} does not fit")]

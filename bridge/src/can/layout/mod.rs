@@ -12,7 +12,7 @@ use builder::Builder;
 
 use super::cia402::Cia402;
 use super::config::{AttitudeConvention, CanConfig, DriveMessage, EnableSignal};
-use super::database::Database;
+use super::database::{Database, DatabaseFault};
 use super::frame::FrameId;
 use super::message::{DriveRole, MessageCodec, Quantity};
 use crate::drives::{DriveMode, MeasuredMotorSpeeds};
@@ -109,7 +109,7 @@ impl Layout {
         };
         layout.check_messages_differ()?;
         if let Profile::Cia402(cia402) = &layout.profile {
-            layout.check_no_service(cia402)?;
+            layout.check_no_service(cia402, database)?;
         }
         Ok(layout)
     }
@@ -149,7 +149,7 @@ impl Layout {
         ids
     }
 
-    fn check_no_service(&self, cia402: &Cia402) -> Result<(), LayoutError> {
+    fn check_no_service(&self, cia402: &Cia402, database: &Database) -> Result<(), LayoutError> {
         let services = cia402.service_ids();
         match self
             .command
@@ -158,10 +158,12 @@ impl Layout {
             .find(|message| services.contains(&message.id))
         {
             None => Ok(()),
-            Some(message) => Err(LayoutError::ServiceId {
-                message: message.name.clone(),
-                id: message.id,
-            }),
+            Some(message) => Err(database
+                .fail(DatabaseFault::ServiceId {
+                    message: message.name.clone(),
+                    id: message.id,
+                })
+                .into()),
         }
     }
 

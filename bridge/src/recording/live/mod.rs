@@ -2,17 +2,23 @@
 //!
 //! Whoever calls [`LiveView::put`] never waits: each client has a bounded queue and a thread of its own, and
 //! what does not fit into a queue is dropped. Clients can look, but have no command over the vehicle: the
-//! protocol's messages that would publish or call something are refused.
+//! protocol's messages that would publish or call something are refused. Clients on this machine can set the
+//! parameters of a [`ParameterOwner`], who checks them.
 
 mod client;
+mod parameters;
+mod playback;
 mod protocol;
 mod shared;
 
 use super::messages::Topic;
 use super::sink::MessageSink;
 use client::{Client, serve};
-use shared::{Outgoing, Registered, Shared};
-use std::collections::BTreeMap;
+use parameters::LiveParameters;
+pub use parameters::{ParameterOwner, SetRequest, Values};
+use playback::Playback;
+pub use playback::{PlaybackControl, PlaybackRequest, PlaybackState, PlaybackStatus};
+use shared::{Outgoing, Registered, Shared, TopicMessage};
 use std::net::{SocketAddr, TcpListener};
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, AtomicUsize, Ordering};
 use std::sync::mpsc::sync_channel;
@@ -33,14 +39,32 @@ pub struct LiveView {
 }
 
 impl LiveView {
-    /// Listens on an address and starts the thread that accepts clients; `parameters` are shown as they
-    /// are and cannot be set.
+    /// Listens on an address and starts the thread that accepts clients; `fixed` are parameters that are shown
+    /// and cannot be set.
     ///
     /// # Errors
     /// The system's, where the address cannot be listened to or no thread is left.
-    pub fn start(
+    pub fn start(address: SocketAddr, fixed: Values) -> Result<Self, std::io::Error> {
+        Self::serve(address, fixed, None)
+    }
+
+    /// As [`LiveView::start`], for a recording with these first and last times, ns, whose playing clients control.
+    ///
+    /// # Errors
+    /// As [`LiveView::start`].
+    pub fn start_playback(
         address: SocketAddr,
-        parameters: BTreeMap<String, serde_json::Value>,
+        fixed: Values,
+        range_ns: [u64; 2],
+    ) -> Result<(Self, PlaybackControl), std::io::Error> {
+        let (playback, control) = Playback::new(range_ns);
+        Ok((Self::serve(address, fixed, Some(playback))?, control))
+    }
+
+    fn serve(
+        address: SocketAddr,
+        fixed: Values,
+        playback: Option<Playback>,
     ) -> Result<Self, std::io::Error> {
         let listener = TcpListener::bind(address)?;
         listener.set_nonblocking(true)?;
@@ -48,7 +72,8 @@ impl LiveView {
         let shared = Arc::new(Shared {
             clients: Mutex::default(),
             latched: Mutex::default(),
-            parameters,
+            parameters: Arc::new(LiveParameters::new(fixed)),
+            playback,
             connections: AtomicUsize::new(0),
             dropped: AtomicU64::new(0),
             end: AtomicBool::new(false),
@@ -65,40 +90,33 @@ impl LiveView {
         self.address
     }
 
-    /// Returns the messages that found the queue of a client full.
-    pub fn dropped(&self) -> u64 {
-        self.shared.dropped.load(Ordering::Relaxed)
+    /// Returns the end of whoever has parameters that clients can set.
+    pub fn parameter_owner(&self) -> ParameterOwner {
+        self.shared.parameters.owner()
     }
-}
 
-impl MessageSink for LiveView {
-    fn put(&mut self, topic: Topic, time_ns: u64, message: &[u8]) {
-        let shared = &self.shared;
-        let outgoing = Outgoing {
-            topic,
-            time_ns,
-            message: message.into(),
-        };
-        let mut latched = shared
-            .latched
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner);
-        match topic {
-            Topic::Path => {
-                latched.insert(topic, outgoing.clone());
-            }
-            Topic::Scene => {
-                latched.entry(topic).or_insert_with(|| outgoing.clone());
-            }
-            _ => {}
+    /// Tells every client what the player does. Only where there is playback control.
+    pub fn tell(&self, state: &PlaybackState) {
+        if let Some(playback) = &self.shared.playback {
+            let bytes = playback.set_state(state);
+            self.send(&Outgoing::ToAll(bytes), |_| true);
         }
-        drop(latched);
+    }
+
+    /// Returns the clients that are connected.
+    pub fn clients(&self) -> usize {
+        self.shared.connections.load(Ordering::Relaxed)
+    }
+
+    /// Puts something into the queues of the clients that are to have it.
+    fn send(&self, outgoing: &Outgoing, to: impl Fn(&Registered) -> bool) {
+        let shared = &self.shared;
         let mut clients = shared
             .clients
             .lock()
             .unwrap_or_else(PoisonError::into_inner);
         clients.retain(|client| {
-            if client.wanted.load(Ordering::Relaxed) & protocol::bit(topic) == 0 {
+            if !to(client) {
                 return true;
             }
             match client.queue.try_send(outgoing.clone()) {
@@ -111,6 +129,39 @@ impl MessageSink for LiveView {
             }
         });
     }
+
+    /// Returns the messages that found the queue of a client full.
+    pub fn dropped(&self) -> u64 {
+        self.shared.dropped.load(Ordering::Relaxed)
+    }
+}
+
+impl MessageSink for LiveView {
+    fn put(&mut self, topic: Topic, time_ns: u64, message: &[u8]) {
+        let shared = &self.shared;
+        let message = TopicMessage {
+            topic,
+            time_ns,
+            message: message.into(),
+        };
+        let mut latched = shared
+            .latched
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner);
+        match topic {
+            Topic::Path => {
+                latched.insert(topic, message.clone());
+            }
+            Topic::Scene => {
+                latched.entry(topic).or_insert_with(|| message.clone());
+            }
+            _ => {}
+        }
+        drop(latched);
+        self.send(&Outgoing::Message(message), |client| {
+            client.wanted.load(Ordering::Relaxed) & protocol::bit(topic) != 0
+        });
+    }
 }
 
 impl Drop for LiveView {
@@ -121,7 +172,7 @@ impl Drop for LiveView {
 
 fn accept(listener: &TcpListener, shared: &Arc<Shared>) {
     while !shared.end.load(Ordering::Relaxed) {
-        let Ok((stream, _)) = listener.accept() else {
+        let Ok((stream, peer)) = listener.accept() else {
             std::thread::sleep(ACCEPT_WAIT);
             continue;
         };
@@ -135,6 +186,7 @@ fn accept(listener: &TcpListener, shared: &Arc<Shared>) {
             messages,
             wanted: Arc::clone(&wanted),
             shared: Arc::clone(shared),
+            is_local: peer.ip().is_loopback(),
         };
         let mut clients = shared
             .clients

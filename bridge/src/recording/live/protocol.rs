@@ -1,6 +1,6 @@
 //! The Foxglove WebSocket protocol, as far as a server that only shows needs it.
 
-use super::shared::Shared;
+use super::parameters::{LiveParameters, Values, listed};
 use crate::recording::messages::Topic;
 use serde::Deserialize;
 use serde_json::{Value, json};
@@ -27,11 +27,18 @@ pub(super) enum Request {
         id: Option<String>,
     },
     SetParameters {
+        parameters: Vec<Parameter>,
         #[serde(default)]
         id: Option<String>,
     },
-    SubscribeParameterUpdates {},
-    UnsubscribeParameterUpdates {},
+    #[serde(rename_all = "camelCase")]
+    SubscribeParameterUpdates {
+        parameter_names: Vec<String>,
+    },
+    #[serde(rename_all = "camelCase")]
+    UnsubscribeParameterUpdates {
+        parameter_names: Vec<String>,
+    },
 }
 
 #[derive(Debug, Clone, Copy, Deserialize)]
@@ -39,6 +46,14 @@ pub(super) enum Request {
 pub(super) struct Subscription {
     pub(super) id: u32,
     pub(super) channel_id: u32,
+}
+
+/// A parameter that is to be set; without a value it is to be removed, which none can be.
+#[derive(Debug, Clone, Deserialize)]
+pub(super) struct Parameter {
+    pub(super) name: String,
+    #[serde(default)]
+    pub(super) value: Value,
 }
 
 /// Returns the bit of a topic in a set of topics.
@@ -58,16 +73,23 @@ pub(super) fn topic(channel_id: u32) -> Option<Topic> {
     Topic::ALL.get(usize::try_from(channel_id).ok()?).copied()
 }
 
-/// Returns what a client is told first.
-pub(super) fn greeting() -> [String; 2] {
-    let info = json!({
+/// Returns what a client is told first; `range_ns` are the first and last times of a recording that is played.
+pub(super) fn greeting(range_ns: Option<[u64; 2]>) -> [String; 2] {
+    let mut info = json!({
         "op": "serverInfo",
         "name": format!("sidehill {}", env!("CARGO_PKG_VERSION")),
-        "capabilities": ["parameters"],
+        "capabilities": ["parameters", "parametersSubscribe"],
         "supportedEncodings": [],
         "metadata": {},
         "sessionId": std::process::id().to_string(),
     });
+    if let (Some([from_ns, to_ns]), Some(capabilities)) =
+        (range_ns, info["capabilities"].as_array_mut())
+    {
+        capabilities.push(json!("playbackControl"));
+        info["dataStartTime"] = instant(from_ns);
+        info["dataEndTime"] = instant(to_ns);
+    }
     let channels: Vec<Value> = Topic::ALL
         .into_iter()
         .map(|topic| {
@@ -85,14 +107,19 @@ pub(super) fn greeting() -> [String; 2] {
     [info.to_string(), advertise.to_string()]
 }
 
+fn instant(time_ns: u64) -> Value {
+    const SECOND_NS: u64 = 1_000_000_000;
+    json!({ "sec": time_ns / SECOND_NS, "nsec": time_ns % SECOND_NS })
+}
+
 /// Returns the parameters of these names, or all.
-pub(super) fn parameters(shared: &Shared, names: &[String], id: Option<String>) -> String {
-    let all = shared.parameters.iter();
-    let chosen: Vec<Value> = all
-        .filter(|(name, _)| names.is_empty() || names.contains(name))
-        .map(|(name, value)| json!({ "name": name, "value": value }))
-        .collect();
-    let mut values = json!({ "op": "parameterValues", "parameters": chosen });
+pub(super) fn parameters(all: &LiveParameters, names: &[String], id: Option<String>) -> String {
+    parameter_values(&all.values(names), id)
+}
+
+/// Returns what a client is told of these values.
+pub(super) fn parameter_values(values: &Values, id: Option<String>) -> String {
+    let mut values = json!({ "op": "parameterValues", "parameters": listed(values) });
     if let Some(id) = id {
         values["id"] = Value::String(id);
     }

@@ -1,14 +1,25 @@
 //! What the threads of the live view share.
 
+use super::parameters::LiveParameters;
+use super::playback::Playback;
 use crate::recording::messages::Topic;
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, AtomicUsize};
 use std::sync::mpsc::SyncSender;
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// A message on its way to clients.
+/// What is on its way to a client.
 #[derive(Debug, Clone)]
-pub(super) struct Outgoing {
+pub(super) enum Outgoing {
+    /// To those who subscribe to its topic.
+    Message(TopicMessage),
+    /// To every client, as it is.
+    ToAll(Arc<[u8]>),
+}
+
+/// A message of a topic.
+#[derive(Debug, Clone)]
+pub(super) struct TopicMessage {
     pub(super) topic: Topic,
     pub(super) time_ns: u64,
     pub(super) message: Arc<[u8]>,
@@ -18,9 +29,10 @@ pub(super) struct Outgoing {
 pub(super) struct Shared {
     pub(super) clients: Mutex<Vec<Registered>>,
     /// Messages that a client gets when it subscribes: the newest path, and the scene that stays.
-    pub(super) latched: Mutex<BTreeMap<Topic, Outgoing>>,
-    /// What is shown as parameters.
-    pub(super) parameters: BTreeMap<String, serde_json::Value>,
+    pub(super) latched: Mutex<BTreeMap<Topic, TopicMessage>>,
+    pub(super) parameters: Arc<LiveParameters>,
+    /// Control over what is played; none where nothing is.
+    pub(super) playback: Option<Playback>,
     pub(super) connections: AtomicUsize,
     pub(super) dropped: AtomicU64,
     pub(super) end: AtomicBool,
@@ -34,7 +46,7 @@ pub(super) struct Registered {
 }
 
 impl Shared {
-    pub(super) fn latched(&self, topic: Topic) -> Option<Outgoing> {
+    pub(super) fn latched(&self, topic: Topic) -> Option<TopicMessage> {
         let latched = self.latched.lock().unwrap_or_else(PoisonError::into_inner);
         latched.get(&topic).cloned()
     }

@@ -19,8 +19,48 @@ const HELD: Duration = Duration::from_secs(1);
 /// Messages that cannot be read and are skipped in one call.
 const UNREADABLE_MAX: usize = 100;
 
+/// Who has sent a request.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ClientId {
+    participant: Participant,
+    /// The reader of the replies, by which Fast DDS names a client. Cyclone names it by a number of its own.
+    reply_reader: Option<GUID>,
+}
+
+/// Who has left the graph.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Left {
+    /// A reader of a topic.
+    Reader(GUID, String),
+    /// All that begins with this.
+    Participant([u8; 12]),
+}
+
+impl ClientId {
+    /// Returns a client of which only the participant is known.
+    pub const fn of_participant(participant: Participant) -> Self {
+        Self {
+            participant,
+            reply_reader: None,
+        }
+    }
+
+    /// Returns whether the client is among those that have left. Where it is not known by its own reader, it
+    /// is when its participant loses a reader of `topic`, which every client has.
+    pub fn has_left(&self, left: &Left, topic: &str) -> bool {
+        match (left, self.reply_reader) {
+            (Left::Reader(guid, _), Some(own)) => *guid == own,
+            (Left::Reader(guid, lost), None) => {
+                participant_of(guid) == self.participant && lost == topic
+            }
+            (Left::Participant(prefix), Some(own)) => own.to_bytes().starts_with(prefix),
+            (Left::Participant(prefix), None) => prefix.starts_with(&self.participant),
+        }
+    }
+}
+
 /// Returns the participant that has sent a request.
-pub fn participant(request: &RmwRequestId) -> Participant {
+fn participant(request: &RmwRequestId) -> Participant {
     let bytes = request.writer_gid.to_bytes16();
     std::array::from_fn(|index| bytes[index])
 }
@@ -39,9 +79,8 @@ pub struct Peers {
 }
 
 impl Peers {
-    /// Takes a discovery event, and returns who has left, if anybody: a reader with its topic, or a whole
-    /// participant without one.
-    pub fn take(&mut self, event: Event) -> Option<(Participant, Option<String>)> {
+    /// Takes a discovery event, and returns who has left, if anybody.
+    pub fn take(&mut self, event: Event) -> Option<Left> {
         match event {
             Event::ReaderDetected { reader } => {
                 self.readers.insert(reader.guid, reader.topic_name);
@@ -54,16 +93,26 @@ impl Peers {
             Event::ReaderLost { guid, .. } => {
                 self.matched.remove(&guid);
                 let topic = self.readers.remove(&guid)?;
-                Some((participant_of(&guid), Some(topic)))
+                Some(Left::Reader(guid, topic))
             }
             Event::ParticipantLost { id, .. } => {
                 let left = |guid: &GUID| guid.prefix == id;
                 self.matched.retain(|guid| !left(guid));
                 self.readers.retain(|guid, _| !left(guid));
                 let bytes: &[u8] = id.as_ref();
-                Some((std::array::from_fn(|index| bytes[index]), None))
+                let prefix = std::array::from_fn(|index| bytes[index]);
+                Some(Left::Participant(prefix))
             }
             _ => None,
+        }
+    }
+
+    /// Returns who has sent a request.
+    pub fn client(&self, request: &RmwRequestId) -> ClientId {
+        let named = GUID::from(request.writer_gid);
+        ClientId {
+            participant: participant(request),
+            reply_reader: self.readers.contains_key(&named).then_some(named),
         }
     }
 
@@ -174,10 +223,37 @@ mod tests {
             guid: guid(5, 7),
             reason: reason.clone(),
         });
-        assert_eq!(left, Some(([5; 8], Some("rr/addReply".to_owned()))));
+        assert_eq!(
+            left,
+            Some(Left::Reader(guid(5, 7), "rr/addReply".to_owned()))
+        );
         assert!(!peers.matches([5; 8], "rr/addReply"));
         let id = guid(6, 0).prefix;
         let left = peers.take(Event::ParticipantLost { id, reason });
-        assert_eq!(left, Some(([6; 8], None)));
+        assert_eq!(left, Some(Left::Participant([6; 12])));
+    }
+
+    #[test]
+    fn a_client_is_told_from_another_of_its_participant_by_its_reader() {
+        let mut peers = Peers::default();
+        matched(&mut peers, 5, "rr/addReply");
+        let named_by = |entity| RmwRequestId {
+            writer_gid: Gid::from(guid(5, entity)),
+            sequence_number: 1,
+        };
+        // Fast DDS names the reader, Cyclone does not.
+        let (by_reader, by_number) = (peers.client(&named_by(7)), peers.client(&named_by(3)));
+        let other = Left::Reader(guid(5, 8), "rr/addReply".to_owned());
+        assert!(!by_reader.has_left(&other, "rr/addReply"));
+        assert!(by_number.has_left(&other, "rr/addReply"));
+        assert!(!by_number.has_left(&other, "rr/otherReply"));
+        let own = Left::Reader(guid(5, 7), "rr/addReply".to_owned());
+        assert!(by_reader.has_left(&own, "rr/otherReply"));
+        let mut prefix = [5; 12];
+        assert!(by_reader.has_left(&Left::Participant(prefix), ""));
+        // Another participant of the same process begins alike.
+        prefix[11] = 6;
+        assert!(!by_reader.has_left(&Left::Participant(prefix), ""));
+        assert!(by_number.has_left(&Left::Participant(prefix), ""));
     }
 }

@@ -196,13 +196,10 @@ impl NodeServices {
                     .map(|name| parameters.describe(name))
                     .collect(),
             });
-        let mut set = |given: Vec<Parameter>| -> SetParametersResult {
-            parameters.set_all(given.clone())?;
-            for Parameter { name, value } in given {
-                announce(node, &name, value);
-            }
-            changes.parameters = true;
-            Ok(())
+        let mut set = |given| {
+            let result = set_all(parameters, node, given);
+            changes.parameters |= result.is_ok();
+            result
         };
         self.set
             .answer(peers, |request| rcl::SetParametersResponse {
@@ -218,6 +215,14 @@ impl NodeServices {
             });
         self.answer_lifecycle(peers, &mut changes);
         changes
+    }
+
+    /// Sets parameters, all or none, as the services do.
+    ///
+    /// # Errors
+    /// Why the first of those that may not be set cannot be.
+    pub fn set(&mut self, node: &mut RosNode, given: Vec<Parameter>) -> SetParametersResult {
+        set_all(&mut self.parameters, node, given)
     }
 
     fn answer_lifecycle(&mut self, peers: &Peers, changes: &mut Changes) {
@@ -254,6 +259,18 @@ impl NodeServices {
                 available_transitions: Lifecycle::graph(),
             });
     }
+}
+
+fn set_all(
+    parameters: &mut Parameters,
+    node: &mut RosNode,
+    given: Vec<Parameter>,
+) -> SetParametersResult {
+    parameters.set_all(given.clone())?;
+    for Parameter { name, value } in given {
+        announce(node, &name, value);
+    }
+    Ok(())
 }
 
 /// Publishes a value on `/parameter_events`. The client library has a store of its own without ranges and

@@ -95,7 +95,7 @@ impl OdometryNode {
         Ok(Self {
             odometry: node.publisher(&config.topic, &qos::STREAM)?,
             transforms,
-            reckoning: DeadReckoning::new(vehicle.clone(), config.timeout_s),
+            reckoning: DeadReckoning::new(vehicle, config.timeout_s),
             frames: config.frames,
             timeout_s: config.timeout_s,
             latest,

@@ -6,6 +6,7 @@ use super::follow_path::{FollowPathRequest, FollowPathServer, action_server};
 use super::goal_context::{Client, GoalContext, ObstacleContext, Request};
 use super::goal_handler::GoalHandler;
 use super::goal_session::PivotSettings;
+use super::live_parameters;
 use super::obstacles::{CostmapReader, ObstacleSettings, StoppingSettings};
 use super::outcome::Outcome;
 use super::parameters::ServerParameters;
@@ -13,10 +14,11 @@ use super::requested_path::RequestedPath;
 use super::route::RouteSettings;
 use super::telemetry::Telemetry;
 use crate::control_loop::channel::{CommandClient, LoopStatus};
+use crate::recording::live::ParameterOwner;
 use crate::ros2::node::goals::GoalEnd;
 use crate::ros2::node::message::action::FollowPathFeedback;
 use crate::ros2::node::message::{Path, SpeedLimit};
-use crate::ros2::node::peers::{Peers, participant};
+use crate::ros2::node::peers::Peers;
 use crate::ros2::node::services::NodeServices;
 use crate::ros2::node::subscription::take_newest;
 use crate::ros2::node::time::RosTime;
@@ -51,6 +53,8 @@ pub(crate) struct ServerLinks {
     pub(crate) inputs: Arc<SharedInputs>,
     /// Why nothing is recorded any more, once that is so; none where nothing is to be recorded.
     pub(crate) recording: Option<Arc<OnceLock<String>>>,
+    /// Where live clients see and set the parameters; none without a live view.
+    pub(crate) live: Option<ParameterOwner>,
 }
 
 pub(crate) struct ControllerServer {
@@ -118,6 +122,9 @@ impl ControllerServer {
         let parameters = ServerParameters::new(&config.follow_path);
         let declared = parameters.declare(&config, period_s, route.limits.speed_max_m_s);
         let services = NodeServices::new(&mut node, (registry, token), declared, config.autostart)?;
+        if let Some(owner) = &links.live {
+            owner.publish(live_parameters::values(&services.parameters));
+        }
         let telemetry = Telemetry::new(&mut node, vehicle, &config)?;
         let action_name = node.names().resolve(&config.follow_path.action)?;
         let emergency_stop = node.names().resolve(&config.inputs.emergency_stop)?;
@@ -227,7 +234,7 @@ impl ControllerServer {
         self.accepted_goals += 1;
         let client = Client::Goal {
             id: goal.id,
-            participant: participant(&goal.request),
+            client: self.peers.client(&goal.request),
         };
         let path = goal
             .check_ids(&self.config.follow_path)
@@ -237,7 +244,11 @@ impl ControllerServer {
 
     /// Answers the services of parameters and lifecycle.
     fn serve_node(&mut self, now_s: f64) {
-        let changes = self.services.answer(&mut self.node, &self.peers);
+        let mut changes = self.services.answer(&mut self.node, &self.peers);
+        if let Some(owner) = &self.links.live {
+            let (services, node) = (&mut self.services, &mut self.node);
+            changes.parameters |= live_parameters::serve(owner, services, node, changes.parameters);
+        }
         if changes.parameters {
             let (names, values) = (&self.parameters, &self.services.parameters);
             self.config.tolerances = names.tolerances(values);
@@ -402,10 +413,10 @@ impl ControllerServer {
                 }
                 _ => {}
             }
-            if let Some((left, topic)) = self.peers.take(event)
-                && topic.is_none_or(|topic| topic == self.result_topic)
-            {
-                self.handler.client_left(left);
+            if let Some(left) = self.peers.take(event) {
+                let topic = &self.result_topic;
+                self.handler
+                    .clients_left(|client| client.has_left(&left, topic));
             }
         }
     }

@@ -5,7 +5,7 @@ use super::obstacles::{Doubt, ObstacleSettings, Surroundings};
 use super::outcome::Outcome;
 use crate::control_loop::channel::PathCommand;
 use crate::ros2::node::goals::GoalEnd;
-use crate::ros2::node::peers::Participant;
+use crate::ros2::node::peers::ClientId;
 use crate::ros2::node::transforms::Transforms;
 use crate::safety::{Reason, SafetyState, StopCause};
 use ros2_client::action::GoalId;
@@ -19,8 +19,8 @@ pub(crate) enum Client {
     Goal {
         /// The goal.
         id: GoalId,
-        /// The client.
-        participant: Participant,
+        /// Who has sent it.
+        client: ClientId,
     },
     /// The path topic.
     Topic,

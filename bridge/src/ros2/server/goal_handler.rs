@@ -8,7 +8,7 @@ use super::route::RouteSettings;
 use super::termination::Termination;
 use crate::ros2::node::message::SpeedLimit;
 use crate::ros2::node::message::action::code;
-use crate::ros2::node::peers::Participant;
+use crate::ros2::node::peers::ClientId;
 use crate::safety::StopCause;
 use ros2_client::action::GoalId;
 use sidehill_controller::controller::Decision;
@@ -94,11 +94,11 @@ impl GoalHandler {
         }
     }
 
-    /// Takes that a client has left.
-    pub(crate) fn client_left(&mut self, left: Participant) {
+    /// Takes that clients have left.
+    pub(crate) fn clients_left(&mut self, has_left: impl Fn(&ClientId) -> bool) {
         if let Some(session) = &mut self.session
-            && let Client::Goal { participant, .. } = session.client()
-            && participant == left
+            && let Client::Goal { client, .. } = session.client()
+            && has_left(&client)
         {
             session.lose_client();
         }

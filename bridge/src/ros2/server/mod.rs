@@ -15,6 +15,7 @@ mod follow_path;
 mod goal_context;
 mod goal_handler;
 pub mod goal_session;
+mod live_parameters;
 pub mod obstacles;
 pub mod outcome;
 pub mod parameters;

@@ -8,6 +8,7 @@ use crate::control_loop::channel::{ControllerEnd, LoopEnd, command_channel};
 use crate::control_loop::scheduling::{RealtimeConfig, RealtimeError};
 use crate::drives::{Clock, Epoch, ExternalClock, Input, InputStatus};
 use crate::recording::PathLog;
+use crate::recording::live::ParameterOwner;
 use crate::ros2::node::arguments::{RosArguments, RosEnvironment};
 use crate::ros2::node::time::RosTime;
 use crate::ros2::node::worker::Worker;
@@ -57,6 +58,8 @@ pub struct Setup<'a> {
     pub period_s: f64,
     /// Takes the paths where the drive is recorded, and says why nothing is recorded any more.
     pub recording: Option<(PathLog, Arc<OnceLock<String>>)>,
+    /// Where live clients see and set the parameters of the node; none without a live view.
+    pub live: Option<ParameterOwner>,
     /// Priorities of the threads.
     pub realtime: RealtimeConfig,
     /// How the vehicle stops ahead of an obstacle.
@@ -147,6 +150,7 @@ pub fn start(setup: Setup<'_>) -> Result<Ros2, StartError> {
         inputs: Arc::clone(&context.shared),
         commands,
         recording,
+        live: setup.live,
     };
     let subscriber = InputSubscriber {
         config: config.inputs.clone(),

@@ -21,7 +21,7 @@ mod paths;
 
 /// Heading along x.
 const ALONG_X: f64 = -FRAC_PI_2;
-const CLIENT: Participant = [7; 8];
+const CLIENT: ClientId = ClientId::of_participant([7; 8]);
 
 /// A vehicle as a session sees it: the state of its safety, and a controller that tracks what it is given.
 struct World {
@@ -174,7 +174,7 @@ impl World {
     fn begin(&mut self, path: RequestedPath) -> Client {
         let client = Client::Goal {
             id: GoalId::new_random(),
-            participant: CLIENT,
+            client: CLIENT,
         };
         self.handler.begin(client, Ok(path), self.now_s);
         client

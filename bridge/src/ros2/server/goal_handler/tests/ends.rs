@@ -136,7 +136,7 @@ fn every_fault_ends_with_its_code() {
             requested(StopCause::ClockJumped),
         ),
         (
-            |world| world.handler.client_left(CLIENT),
+            |world| world.handler.clients_left(|client| *client == CLIENT),
             code::UNKNOWN,
             requested(StopCause::ClientLeft),
         ),
@@ -195,7 +195,7 @@ fn every_fault_ends_with_its_code() {
 fn another_client_that_leaves_ends_nothing() {
     let mut world = World::new();
     world.driving();
-    world.handler.client_left([8; 8]);
+    world.handler.clients_left(|client| *client != CLIENT);
     world.cycles(3);
     assert_eq!(world.state, SafetyState::Driving);
 }

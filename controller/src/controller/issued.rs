@@ -1,0 +1,55 @@
+//! The commands of the last second.
+
+use sidehill_plant::speeds::MotorSpeeds;
+
+/// A command and the instant from which it was given.
+#[derive(Debug, Clone, Copy)]
+struct Issued {
+    time_s: f64,
+    command: MotorSpeeds,
+}
+
+/// Commands of the last second, the newest last: those that the drives have yet to follow are among them.
+pub(super) struct IssuedCommands {
+    commands: Vec<Issued>,
+}
+
+impl IssuedCommands {
+    /// Returns room for the commands of a second at one per period.
+    pub(super) fn new(period_s: f64) -> Self {
+        let commands = (1.0 / period_s).ceil() as usize + 2;
+        Self {
+            commands: Vec::with_capacity(commands + 1),
+        }
+    }
+
+    /// Adds a command; the oldest makes room.
+    pub(super) fn push(&mut self, time_s: f64, command: MotorSpeeds) {
+        if self.commands.len() + 1 > self.commands.capacity() {
+            self.commands.remove(0);
+        }
+        self.commands.push(Issued { time_s, command });
+    }
+
+    /// Returns the newest command; before the first the vehicle stands.
+    pub(super) fn last(&self) -> MotorSpeeds {
+        self.commands
+            .last()
+            .map_or(MotorSpeeds::STOP, |issued| issued.command)
+    }
+
+    /// Returns the commands between two times with how long each was in force, s, the oldest first.
+    pub(super) fn between(
+        &self,
+        begin_s: f64,
+        end_s: f64,
+    ) -> impl Iterator<Item = (MotorSpeeds, f64)> {
+        let in_force = move |(i, issued): (usize, &Issued)| {
+            let next = self.commands.get(i + 1);
+            let until_s = next.map_or(end_s, |next| next.time_s);
+            (issued.command, until_s - issued.time_s.max(begin_s))
+        };
+        let commands = self.commands.iter().enumerate().map(in_force);
+        commands.filter(|(_, time_s)| *time_s > 0.0)
+    }
+}

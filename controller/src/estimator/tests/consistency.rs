@@ -1,0 +1,248 @@
+//! Whether the covariance is that of the errors: normalised estimation error squared (NEES) over many runs.
+
+use super::super::learned::LearnedModel;
+use super::*;
+use nalgebra::{DMatrix, DVector, SVector};
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::SeedableRng;
+use rand_distr::{Distribution, StandardNormal};
+use sidehill_plant::frames::wrap_angle;
+
+/// Normalised squared errors (3 degrees of freedom) of runs in which everything is as the filter
+/// believes: the vehicle slides at random by `slide` times what it expects, poses are noisy and
+/// come 0.1 s late.
+fn normalised_errors(seed: u64, slide: f64) -> Vec<f64> {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let mut gaussian = move |deviation: f64| -> f64 {
+        let draw: f64 = StandardNormal.sample(&mut random);
+        deviation * draw
+    };
+    let settings = EstimatorSettings::default();
+    let mut truth = Truth::new(8.0);
+    let mut estimator = estimator();
+    let mut in_flight = Vec::new();
+    let mut errors = Vec::new();
+    for cycle in 0..80 {
+        let time_s = 0.05 * f64::from(cycle);
+        let mut sample = truth.sample(time_s);
+        let noisy = sample.pose.as_mut().unwrap();
+        noisy.value.x_m += gaussian(settings.pose_sigma_m);
+        noisy.value.y_m += gaussian(settings.pose_sigma_m);
+        noisy.value.yaw_rad += gaussian(settings.pose_sigma_rad);
+        if cycle > 0 {
+            in_flight.push(*noisy);
+            let arrived = in_flight[0].time_s + 0.1 <= time_s + 1e-9;
+            sample.pose = (arrived && cycle % 2 == 0).then(|| in_flight[0]);
+            if arrived {
+                in_flight.remove(0);
+            }
+        }
+        let estimate = estimator.update(&sample).0.unwrap();
+        let error = Vector3::new(
+            estimate.pose.x_m - truth.pose.x_m,
+            estimate.pose.y_m - truth.pose.y_m,
+            wrap_angle(estimate.pose.yaw_rad - truth.pose.yaw_rad),
+        );
+        let inverse = estimate.covariance.try_inverse().unwrap();
+        errors.push((error.transpose() * inverse * error).x);
+        truth.drive(0.05);
+        let root = slide * 0.05_f64.sqrt();
+        truth.pose.x_m += gaussian(root * settings.slide_sigma_m_per_sqrt_s);
+        truth.pose.y_m += gaussian(root * settings.slide_sigma_m_per_sqrt_s);
+        truth.pose.yaw_rad += gaussian(root * settings.yaw_sigma_rad_per_sqrt_s);
+    }
+    errors
+}
+
+#[test]
+fn the_covariance_is_that_of_the_errors() {
+    const RUNS: u64 = 200;
+    let mean_of = |slide: f64| -> Vec<f64> {
+        let runs: Vec<_> = (0..RUNS)
+            .map(|seed| normalised_errors(seed, slide))
+            .collect();
+        (0..runs[0].len())
+            .map(|cycle| runs.iter().map(|run| run[cycle]).sum::<f64>() / RUNS as f64)
+            .collect()
+    };
+    // The sum over runs is chi-square distributed with 3 RUNS degrees of freedom: mean 3 and
+    // standard deviation sqrt(6/RUNS) of the average. Bounds at 3.3 of them, 0.1 %.
+    let bound = 3.3 * (6.0 / RUNS as f64).sqrt();
+    let mean_as_believed = mean_of(1.0);
+    for cycle in [0, 1, 10, 39, 79] {
+        let mean = mean_as_believed[cycle];
+        assert!((mean - 3.0).abs() < bound, "cycle {cycle}: {mean}");
+    }
+    let surprised = mean_of(3.0)[79];
+    assert!(surprised > 3.0 + bound, "{surprised}");
+}
+
+/// Normalised squared errors of pose and parameters together at the end of runs in which everything is
+/// as the filter believes, parameters drawn from their prior and drifting included.
+fn normalised_errors_of_all<M: LearnedModel<N>, const N: usize>(model: &M, seed: u64) -> f64 {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let mut gaussian = move |deviation: f64| -> f64 {
+        let draw: f64 = StandardNormal.sample(&mut random);
+        deviation * draw
+    };
+    const DT_S: f64 = 0.05;
+    let settings = EstimatorSettings::default();
+    let prior = model.prior();
+    let slope = 8.0_f64.to_radians();
+    let normal = Vector3::new(0.0, -slope.sin(), slope.cos());
+    let mut filter = Filter::new(settings, model.clone());
+    let mut parameters: SVector<f64, N> =
+        SVector::from_fn(|i, _| prior.mean[i] + gaussian(prior.sigma[i]));
+    let mut pose = Vector3::new(1.0, 2.0, gaussian(1.0));
+    let cycles = 200;
+    for cycle in 0..=cycles {
+        let time_s = DT_S * f64::from(cycle);
+        let phase = 0.9 * time_s;
+        let treads = TreadSpeeds {
+            left_m_s: 0.3 - 0.3 * phase.sin(),
+            right_m_s: 0.3 + 0.3 * phase.sin(),
+        };
+        let attitude_before = Attitude::on_plane(&normal, pose.z);
+        if cycle > 0 {
+            let drift = model.drift(treads, DT_S);
+            let (velocity, _) = model.velocity(attitude_before, treads, &parameters);
+            let start = pose_rate(&velocity, &attitude_before, pose.z);
+            let middle = pose_rate(
+                &velocity,
+                &attitude_before,
+                pose.z + 0.5 * DT_S * start.yaw_rad_s,
+            );
+            let (slide, turn) = model.process_noise(&settings);
+            let root = DT_S.sqrt();
+            pose += DT_S * Vector3::new(middle.x_m_s, middle.y_m_s, middle.yaw_rad_s)
+                + Vector3::new(
+                    gaussian(root * slide),
+                    gaussian(root * slide),
+                    gaussian(root * turn),
+                );
+            for i in 0..N {
+                parameters[i] = prior.mean[i]
+                    + drift.keep[i] * (parameters[i] - prior.mean[i])
+                    + gaussian(drift.variance[i].sqrt());
+            }
+        }
+        let noisy = PlanarPose {
+            x_m: pose.x + gaussian(settings.pose_sigma_m),
+            y_m: pose.y + gaussian(settings.pose_sigma_m),
+            yaw_rad: pose.z + gaussian(settings.pose_sigma_rad),
+        };
+        let sample = Sample {
+            time_s,
+            tread_speeds: stamped(time_s, model.encoder_scale().invert(treads)),
+            attitude: stamped(time_s, Attitude::on_plane(&normal, pose.z)),
+            pose: stamped(time_s, pose_at(&noisy)),
+        };
+        filter.update(&sample);
+    }
+    let belief = filter.newest().unwrap();
+    let mut error = DVector::zeros(3 + N);
+    let mut covariance = DMatrix::zeros(3 + N, 3 + N);
+    for i in 0..3 {
+        error[i] = pose[i] - belief.mean[i];
+    }
+    error[2] = wrap_angle(error[2]);
+    for i in 0..N {
+        error[3 + i] = parameters[i] - belief.parameters[i];
+    }
+    covariance
+        .view_mut((0, 0), (3, 3))
+        .copy_from(&belief.covariance);
+    covariance.view_mut((0, 3), (3, N)).copy_from(&belief.cross);
+    covariance
+        .view_mut((3, 0), (N, 3))
+        .copy_from(&belief.cross.transpose());
+    covariance
+        .view_mut((3, 3), (N, N))
+        .copy_from(&belief.parameter_covariance);
+    let solved = covariance.cholesky().unwrap().solve(&error);
+    error.dot(&solved)
+}
+
+/// Checks the mean over 200 runs: chi-square distributed with 3 + N degrees of freedom each. Bounds at 3.3
+/// standard deviations, and `nonlinear` for what a linearised filter may be off.
+fn check_whole_state<M: LearnedModel<N>, const N: usize>(model: &M, nonlinear: f64) {
+    const RUNS: u64 = 200;
+    let freedom = (3 + N) as f64;
+    let total: f64 = (0..RUNS)
+        .map(|seed| normalised_errors_of_all(model, seed))
+        .sum();
+    let mean = total / RUNS as f64;
+    let bound = 3.3 * (2.0 * freedom / RUNS as f64).sqrt() + nonlinear * freedom;
+    assert!(
+        (mean - freedom).abs() < bound,
+        "{mean}, not {freedom} +- {bound}"
+    );
+}
+
+#[test]
+fn the_covariance_of_pose_and_gains_is_that_of_the_errors() {
+    let adaptation = AdaptationSettings {
+        forgetting_per_m: 0.01,
+        ..AdaptationSettings::default()
+    };
+    check_whole_state(&SlipModel::new(Vehicle::j8(), adaptation), 0.03);
+}
+
+fn learned_contact(settings: ContactLearningSettings) -> LearnedContact {
+    let vehicle = Vehicle::j8();
+    let contact = ContactPrediction::new(&vehicle.contact_vehicle()).unwrap();
+    LearnedContact::new(&vehicle, contact, settings)
+}
+
+#[test]
+fn the_covariance_of_pose_and_contact_parameters_is_that_of_the_errors() {
+    // Small enough for a linearisation to hold, and for the ranges to be nothing.
+    let settings = ContactLearningSettings {
+        prior_factor: 0.2,
+        ..ContactLearningSettings::default()
+    };
+    check_whole_state(&learned_contact(settings), 0.05);
+}
+
+#[test]
+fn what_is_not_excited_stays_at_its_prior_and_says_so() {
+    let settings = EstimatorSettings::default();
+    let mut filter = Filter::new(settings, learned_contact(settings.contact));
+    let straight = TreadSpeeds {
+        left_m_s: 0.4,
+        right_m_s: 0.4,
+    };
+    let mut estimate = None;
+    for cycle in 0..400 {
+        let time_s = 0.05 * f64::from(cycle);
+        let pose = PlanarPose {
+            y_m: 0.4 * time_s,
+            ..PlanarPose::default()
+        };
+        estimate = filter
+            .update(&Sample {
+                time_s,
+                tread_speeds: stamped(time_s, Vehicle::j8().encoder_scale.invert(straight)),
+                attitude: stamped(time_s, Attitude::LEVEL),
+                pose: stamped(time_s, pose_at(&pose)),
+            })
+            .0;
+    }
+    let learned = estimate.unwrap().contact.unwrap();
+    // On level ground, straight ahead, a height or a share of friction moves nothing.
+    for parameter in [
+        sidehill_plant::contact::Parameter::CentreHeight,
+        sidehill_plant::contact::Parameter::LateralShare,
+        sidehill_plant::contact::Parameter::InnerShare,
+    ] {
+        let i = parameter.index();
+        assert!(
+            learned.sigma[i] > 0.99 * learned.prior_sigma[i],
+            "{parameter:?}"
+        );
+        assert!(
+            learned.sigma[i] <= 1.000_001 * learned.prior_sigma[i],
+            "{parameter:?}"
+        );
+    }
+}
