@@ -103,17 +103,17 @@ impl Memory {
         }
     }
 
-    /// Returns where to aim for a place of the path.
-    pub(crate) fn aim(&self, place: &PlanarPose, time_s: f64) -> PlanarPose {
+    /// Returns a target moved aside by what is known of `place` of the path.
+    pub(crate) fn aim(&self, target: &PlanarPose, place: &PlanarPose, time_s: f64) -> PlanarPose {
         if !self.config.by_place {
-            return *place;
+            return *target;
         }
         let right_m = self.map.aim_right_m(place, time_s);
-        let (sin, cos) = place.yaw_rad.sin_cos();
+        let (sin, cos) = target.yaw_rad.sin_cos();
         PlanarPose {
-            x_m: place.x_m + cos * right_m,
-            y_m: place.y_m + sin * right_m,
-            ..*place
+            x_m: target.x_m + cos * right_m,
+            y_m: target.y_m + sin * right_m,
+            ..*target
         }
     }
 
