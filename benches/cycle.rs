@@ -180,10 +180,10 @@ fn horizons(
                     let point = trajectory.at(sample.time_s + settings.step_s * k as f64);
                     StageTarget {
                         tracked_point: TrackedPoint::ORIGIN,
-                        residual_in_world: nalgebra::Vector3::zeros(),
                         pose: point.pose(),
                         along_heading_rad: point.heading_rad,
                         normal_in_world: normal_in_world(),
+                        residual_in_world: Vector3::zeros(),
                         feedforward: MotorSpeeds {
                             traction_m_s: point.speed_m_s,
                             steer_m_s: point.yaw_rate_rad_s,
