@@ -183,7 +183,6 @@ fn horizons(
                         pose: point.pose(),
                         along_heading_rad: point.heading_rad,
                         normal_in_world: normal_in_world(),
-                        residual_in_world: Vector3::zeros(),
                         feedforward: MotorSpeeds {
                             traction_m_s: point.speed_m_s,
                             steer_m_s: point.yaw_rate_rad_s,
