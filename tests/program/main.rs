@@ -12,6 +12,7 @@ mod campaign;
 mod check;
 mod configuration;
 mod icr;
+mod identify;
 mod mistakes;
 mod odometry;
 mod paths;
