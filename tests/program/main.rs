@@ -11,6 +11,9 @@ mod program;
 mod campaign;
 mod check;
 mod configuration;
+mod guide;
+#[path = "../guide_blocks.rs"]
+mod guide_blocks;
 mod icr;
 mod identify;
 mod mistakes;

@@ -4,7 +4,7 @@ use super::super::fit::{PULL_ICRS_M, PULL_SLIDE_M, Stage};
 use super::super::problem::{Problem, Pull};
 use super::super::segments::{Segment, SegmentErrors};
 use super::super::statistics::{confidence_factor, covariance, parameters_without};
-use super::{Term, TermReport, Verdict};
+use super::term::{Term, TermReport, Verdict};
 use crate::extension::{Extension, ExtensionGains};
 use crate::odometry::KinematicModel;
 use crate::vehicle::Vehicle;
