@@ -10,6 +10,7 @@ mod issued;
 mod learning;
 mod parts;
 mod supervision;
+mod unrolling;
 mod watchdog;
 
 pub use decision::{Decision, Stall, Status, StopReason};

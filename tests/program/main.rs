@@ -11,6 +11,9 @@ mod program;
 mod campaign;
 mod check;
 mod configuration;
+mod guide;
+#[path = "../support/guide_blocks.rs"]
+mod guide_blocks;
 mod icr;
 mod mistakes;
 mod odometry;

@@ -15,6 +15,9 @@ mod running;
 
 mod both;
 mod cia402;
+mod guide;
+#[path = "../support/guide_blocks.rs"]
+mod guide_blocks;
 mod realtime;
 mod support;
 
