@@ -10,6 +10,7 @@ mod issued;
 mod learning;
 mod parts;
 mod supervision;
+mod unrolling;
 mod watchdog;
 
 pub use decision::{Decision, Stall, Status, StopReason};
@@ -24,7 +25,7 @@ use crate::pure_pursuit::PursuitView;
 use crate::reference::{Progress, Reference};
 use crate::tracked_point::TrackedPoint;
 use issued::IssuedCommands;
-use parts::{Law, Parts, guard};
+use parts::{Law, Parts, guard, owner};
 use sidehill_plant::sample::Sample;
 use sidehill_plant::speeds::MotorSpeeds;
 use sidehill_plant::terrain::Terrain;
@@ -85,10 +86,8 @@ impl Controller {
             _ => config,
         };
         let guard = guard(&config, vehicle)?;
-        let memory = config
-            .memory
-            .map(|memory| Memory::new(memory, config.period_s));
-        let owner = learning::owner(vehicle, kind);
+        let memory = config.memory.map(Memory::new);
+        let owner = owner(vehicle, kind);
         let Parts {
             vehicle,
             mut estimator,
@@ -265,7 +264,7 @@ impl Controller {
         self.supervise(estimate.as_ref(), progress.as_ref());
         let solved = match (self.phase, &estimate, &progress) {
             (Phase::Driving { .. }, Some(estimate), Some(progress)) => {
-                self.learn_place(estimate, elapsed_s);
+                self.learn_error(estimate, sample);
                 self.look_ahead(estimate, progress, elapsed_s);
                 Some(match &mut self.law {
                     Law::Mpc(mpc) => mpc.linearise(&self.horizon).condense().solve(deadline),

@@ -9,12 +9,14 @@ mod recorded;
 mod report;
 mod search;
 mod settings;
+mod subject;
 mod tried;
 
 pub use objective::{Comparison, Figures};
 pub use options::Options;
 pub use outcome::Outcome;
 pub use settings::{DEFAULT_KEYS, Setting};
+pub use subject::SubjectKind;
 
 use crate::campaign;
 use crate::config::{Campaign, ConfigFile};
@@ -23,13 +25,13 @@ use crate::output;
 use crate::progress::{self, Progress};
 use anyhow::{Result, bail};
 use objective::Driven;
-use serde::Serialize;
 use serde_yaml::Value;
 use sidehill_controller::config::ControllerKind;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
+use subject::Subject;
 use tried::Tried;
 
 /// Arguments of `sidehill tune`.
@@ -54,33 +56,6 @@ pub struct TuneArgs {
     /// How the result is printed.
     #[arg(long, value_enum, default_value_t)]
     pub format: crate::simulate::Format,
-}
-
-/// What a search judges settings by.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum SubjectKind {
-    /// Runs of a campaign, or of a scenario with other seeds.
-    Campaign,
-    /// Stretches of a recording, predicted without poses.
-    Recording,
-}
-
-/// Drives runs under settings that are so many times the present ones.
-type Drive<'a> = dyn Fn(&[f64], Range<u32>) -> Result<Vec<Driven>> + 'a;
-
-/// What settings are tried on.
-struct Subject<'a> {
-    kind: SubjectKind,
-    name: String,
-    /// What makes it the same.
-    fingerprint: String,
-    controller: ControllerKind,
-    settings: Vec<Setting>,
-    /// Runs that the search sees, and those that decide.
-    training: Range<u32>,
-    held_out: Range<u32>,
-    drive: Box<Drive<'a>>,
 }
 
 /// Searches and judges; `report` hears of each choice tried, with its number and mean cost, in the

@@ -1,8 +1,8 @@
 //! What tuning has found.
 
-use super::SubjectKind;
 use super::objective::Comparison;
 use super::settings::Setting;
+use super::subject::SubjectKind;
 use serde::Serialize;
 
 /// What tuning has found.

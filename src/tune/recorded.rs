@@ -4,7 +4,7 @@
 use super::objective::Driven;
 use super::options::Options;
 use super::settings::{DEFAULT_KEYS, Setting};
-use super::{Subject, SubjectKind};
+use super::subject::{Subject, SubjectKind};
 use crate::config::find;
 use crate::replay::{Changes, Rebuilt};
 use anyhow::{Context, Result, bail, ensure};

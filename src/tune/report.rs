@@ -1,8 +1,8 @@
 //! What tuning has found, for people and for `simulate --conditions`.
 
-use super::SubjectKind;
 use super::objective::{Comparison, Figures};
 use super::outcome::Outcome;
+use super::subject::SubjectKind;
 use crate::report::page::{COLOURS, Page, legend_of, section};
 use crate::report::{Scatter, progress_plot, scatter_chart};
 use anyhow::Result;

@@ -112,7 +112,8 @@ def sidehill_config(args, folder):
         r'^    path: plan.*$': '    path: ""',
     }
     if args.plant == "contact":
-        vehicle = f"{REPOSITORY}/config/vehicles/j8_contact_identified.yaml"
+        identified = "j8_wheels" if args.controller == "contact-mpc" else "j8_contact"
+        vehicle = f"{REPOSITORY}/config/vehicles/{identified}_identified.yaml"
         replaced[r"^vehicle: .*$"] = f"vehicle: {vehicle}"
         # That of the rover's base, whose vehicle is another.
         replaced[r"^    # track_width_m: .*$"] = "    track_width_m: 2.053"

@@ -13,10 +13,10 @@ from geometry_msgs.msg import Twist
 from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from nav2_msgs.action import FollowPath
-from nav2_msgs.msg import SpeedLimit
+from nav2_msgs.msg import SpeedLimit, TrackingFeedback
 from nav_msgs.msg import Odometry
-from nodes import SERVER, Node, ahead
-from programs import cross_track_m, figure_eight, wait_for
+from nodes import SERVER, START_YAW_RAD, Node, ahead
+from programs import cross_track_m, figure_eight, straight, wait_for
 from rcl_interfaces.msg import ParameterType
 from rclpy.action import ActionClient, get_action_names_and_types
 from rclpy.parameter import Parameter
@@ -221,6 +221,35 @@ def test_topics_reach_nodes_of_ros_and_theirs_reach_the_controller(driven):
     assert odometry[-1].header.frame_id == "odom" and odometry[-1].child_frame_id == "base_link"
     d.ros.result(goal.cancel_goal_async(), "answer to a cancel")
     assert d.ended(goal)[0] == GoalStatus.STATUS_CANCELED
+
+
+def test_tracking_feedback_is_signed_as_nav2s(driven, ros):
+    d = driven({r"^  use_sim_time: false.*$": "  tracking_feedback: true\n  use_sim_time: false"})
+    feedback = d.ros.messages(TrackingFeedback, "/tracking_feedback", 100)
+    # The path leads off 0.1 rad to the left of where the vehicle looks, and begins 0.1 m to its right.
+    beside = START_YAW_RAD - math.pi / 2
+    begin = (0.1 * math.cos(beside), 0.1 * math.sin(beside))
+    points = straight(6.0, begin, START_YAW_RAD + 0.1)
+    goal = d.sent_off(points)
+    d.ros.wait_for(lambda: feedback, "tracking feedback")
+    first = feedback[0]
+    assert first.header.frame_id == first.robot_pose.header.frame_id == "odom"
+    # To the left of the path is positive; a heading to the right of the path's is positive too.
+    assert 0.02 < first.position_tracking_error < 0.12, first
+    assert 0.02 < first.heading_tracking_error < 0.12, first
+    assert first.current_path_index < 10 and abs(first.remaining_path_length - 6.0) < 0.5
+    status, result = d.ended(goal, timeout_s=60)
+    assert status == GoalStatus.STATUS_SUCCEEDED, result
+    indices = [message.current_path_index for message in feedback]
+    assert indices == sorted(indices) and indices[-1] > 100
+    last = feedback[-1]
+    assert last.remaining_path_length < 0.5 and last.distance_to_goal < 0.5
+    assert abs(last.position_tracking_error) < 0.03
+    assert 0.4 < max(message.speed for message in feedback) < 0.6
+    at_s = last.header.stamp.sec + 1e-9 * last.header.stamp.nanosec
+    row = min(d.vehicle.truth(at_s), key=lambda row: abs(row["unix_s"] - at_s))
+    at = last.robot_pose.pose.position
+    assert math.hypot(at.x - row["x_m"], at.y - row["y_m"]) < 0.05
 
 
 @pytest.mark.parametrize("told", [False, True])

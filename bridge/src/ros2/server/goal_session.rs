@@ -151,8 +151,6 @@ pub(crate) struct TrackingState {
     pub(crate) distance_to_goal_m: f64,
     /// Distance left along the path, m.
     pub(crate) left_m: f64,
-    /// Commanded speed, m/s.
-    pub(crate) speed_m_s: f64,
     /// Index of the pose of the client's path that the vehicle is at.
     pub(crate) path_index: usize,
 }
@@ -275,7 +273,7 @@ impl GoalSession {
 
     /// Returns where the vehicle is on the route of a goal that is followed.
     pub(crate) fn tracking(&self, decision: &Decision) -> Option<TrackingState> {
-        let (left_m, speed_m_s) = self.feedback(decision)?;
+        let (left_m, _) = self.feedback(decision)?;
         let (progress, estimate) = (decision.progress?, decision.estimate?);
         let Following::Route(placed) = &self.following else {
             return None;
@@ -287,7 +285,6 @@ impl GoalSession {
             heading_error_rad: wrap_angle(pose.yaw_rad - progress.point.heading_rad),
             distance_to_goal_m: (pose.x_m - goal.x_m).hypot(pose.y_m - goal.y_m),
             left_m,
-            speed_m_s,
             path_index: self.path.nearest_from(self.passed_index.get(), &in_path),
         })
         .inspect(|tracking| self.passed_index.set(tracking.path_index))

@@ -161,7 +161,8 @@ fn level(pose: &PlanarPose) -> Pose {
     }
 }
 
-/// Returns the feedback of Nav2 on a path; what is left and right of it is signed as there.
+/// Returns the feedback of Nav2 on a path, signed as there: positive where the vehicle is to the left of the
+/// path, and where its heading is turned to the right of the path's.
 fn tracking_feedback(
     tracking: &TrackingState,
     header: &Header,
@@ -170,14 +171,14 @@ fn tracking_feedback(
     TrackingFeedback {
         header: header.clone(),
         position_tracking_error: tracking.cross_track_m as f32,
-        heading_tracking_error: tracking.heading_error_rad as f32,
+        heading_tracking_error: -tracking.heading_error_rad as f32,
         current_path_index: u32::try_from(tracking.path_index).unwrap_or(u32::MAX),
         robot_pose: PoseStamped {
             header: header.clone(),
             pose: to_pose(&world_from_base_link(&state.pose, &state.attitude)),
         },
         distance_to_goal: tracking.distance_to_goal_m as f32,
-        speed: tracking.speed_m_s as f32,
+        speed: state.velocity.forward_m_s.hypot(state.velocity.right_m_s) as f32,
         remaining_path_length: tracking.left_m as f32,
     }
 }
