@@ -1,6 +1,13 @@
 //! `run` and `vehicle` without a bus.
 #![allow(clippy::unwrap_used)]
 
+#[path = "support/program.rs"]
+mod program;
+#[path = "support/running.rs"]
+mod running;
+
+use program::{repository, sidehill};
+use running::Running;
 use sidehill_bridge::recording::{
     McapRecording, MessageSink, RecordLimits, Recording, Topic, scan,
 };
@@ -9,17 +16,14 @@ use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 
-fn sidehill(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_sidehill"))
-        .args(arguments)
-        .output()
-        .unwrap()
+fn run_to_end(arguments: &[&str]) -> Output {
+    sidehill().args(arguments).output().unwrap()
 }
 
 /// Copies the bridge's configuration beside the vehicles and changes it.
 fn configuration(test: &str, changes: &[(&str, &str, &str)]) -> PathBuf {
     let (from, to) = (
-        Path::new(env!("CARGO_MANIFEST_DIR")).join("config"),
+        repository("config"),
         Path::new(env!("CARGO_TARGET_TMPDIR")).join(test),
     );
     for folder in ["bridge", "vehicles", "scenarios"] {
@@ -68,7 +72,7 @@ fn a_simulated_vehicle_is_driven_in_real_time() {
     let file = configuration("simulated", &SIMULATED);
     let recording = file.with_file_name("drive.mcap");
     let recording = recording.to_str().unwrap();
-    let output = sidehill(&[
+    let output = run_to_end(&[
         "run",
         file.to_str().unwrap(),
         "--arm",
@@ -97,7 +101,7 @@ fn a_simulated_vehicle_is_driven_in_real_time() {
     // The course begins at 0.5 m/s, and at least 3 s of the 6 s are driven.
     assert!(driven_m > 0.5, "{driven_m} m\n{text}\n{events}");
     // Standing, arming and driving are replayed as they were.
-    let output = sidehill(&["replay", recording, "--format", "json"]);
+    let output = run_to_end(&["replay", recording, "--format", "json"]);
     let replayed: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!(replayed["different"], 0, "{replayed}");
     assert!(replayed["cycles"].as_u64().unwrap() > 100, "{replayed}");
@@ -108,22 +112,22 @@ fn a_simulated_vehicle_is_driven_in_real_time() {
 fn a_recording_without_its_first_file_is_replayed_from_where_it_was_armed() {
     let file = configuration("first_file_deleted", &SIMULATED);
     let whole = file.with_file_name("drive.mcap");
-    let mut run = Command::new(env!("CARGO_BIN_EXE_sidehill"))
-        .arg("run")
-        .arg(&file)
-        .args(["--duration-s", "8", "--force", "--record"])
-        .arg(&whole)
-        .stdout(Stdio::piped())
-        .stderr(Stdio::null())
-        .spawn()
-        .unwrap();
-    let mut lines = BufReader::new(run.stdout.take().unwrap()).lines();
+    let mut run = Running::start(
+        sidehill()
+            .arg("run")
+            .arg(&file)
+            .args(["--duration-s", "8", "--force", "--record"])
+            .arg(&whole)
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null()),
+    );
+    let mut lines = BufReader::new(run.0.stdout.take().unwrap()).lines();
     let waits = lines.by_ref().map_while(Result::ok).take(3).count();
     assert_eq!(waits, 3);
-    let id = rustix::process::Pid::from_child(&run);
+    let id = rustix::process::Pid::from_child(&run.0);
     rustix::process::kill_process(id, rustix::process::Signal::USR1).unwrap();
     assert!(lines.all(|line| line.is_ok()));
-    run.wait().unwrap();
+    run.0.wait().unwrap();
     // The same messages, with a new file after the first half second, and only the newest file kept.
     let header = Recording::read(&whole).unwrap().header;
     let cut = file.with_file_name("cut.mcap");
@@ -147,7 +151,7 @@ fn a_recording_without_its_first_file_is_replayed_from_where_it_was_armed() {
     recording.finish();
     assert!(!cut.exists());
     let left = file.with_file_name("cut_1.mcap");
-    let output = sidehill(&["replay", left.to_str().unwrap(), "--format", "json"]);
+    let output = run_to_end(&["replay", left.to_str().unwrap(), "--format", "json"]);
     let replayed: serde_json::Value = serde_json::from_slice(&output.stdout)
         .unwrap_or_else(|_| panic!("{}", String::from_utf8_lossy(&output.stderr)));
     assert!(
@@ -160,7 +164,7 @@ fn a_recording_without_its_first_file_is_replayed_from_where_it_was_armed() {
 
 #[test]
 fn the_bridges_files_are_valid() {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/bridge");
+    let folder = repository("config/bridge");
     for name in [
         "can.yaml",
         "cia402.yaml",
@@ -170,7 +174,7 @@ fn the_bridges_files_are_valid() {
         "vehicle_ros2.yaml",
         "vehicle_vcan0.yaml",
     ] {
-        let output = sidehill(&["check", folder.join(name).to_str().unwrap()]);
+        let output = run_to_end(&["check", folder.join(name).to_str().unwrap()]);
         let text = String::from_utf8(output.stdout).unwrap();
         assert!(
             output.status.success() && text.contains("valid"),
@@ -207,7 +211,7 @@ fn a_route_is_driven_on_wheels() {
         route,
     )
     .unwrap();
-    let output = sidehill(&["run", file.to_str().unwrap(), "--arm", "--duration-s", "30"]);
+    let output = run_to_end(&["run", file.to_str().unwrap(), "--arm", "--duration-s", "30"]);
     let text = String::from_utf8(output.stdout).unwrap();
     let events = String::from_utf8(output.stderr).unwrap();
     let ending = text.lines().last().unwrap();
@@ -254,7 +258,7 @@ fn what_is_wrong_is_named_with_its_file() {
     ] {
         let folder = format!("wrong_{}", new.replace(|c: char| !c.is_alphanumeric(), ""));
         let config = configuration(&folder, &[(file, old, new)]);
-        let output = sidehill(&["run", config.to_str().unwrap()]);
+        let output = run_to_end(&["run", config.to_str().unwrap()]);
         let text = String::from_utf8(output.stderr).unwrap();
         assert_eq!(output.status.code(), Some(2), "{text}");
         assert!(text.contains(expected), "{text}");
@@ -268,7 +272,7 @@ fn a_bus_is_not_driven_in_simulated_time() {
     let file = file.with_file_name("run_can_ros2.yaml");
     let name = file.to_str().unwrap();
     let parameter = ["--ros-args", "-p", "use_sim_time:=true"];
-    let by_parameter = sidehill(&[&["run", name][..], &parameter].concat());
+    let by_parameter = run_to_end(&[&["run", name][..], &parameter].concat());
     let text = std::fs::read_to_string(&file).unwrap();
     let simulated = text.replace(
         "  autostart: true",
@@ -276,7 +280,7 @@ fn a_bus_is_not_driven_in_simulated_time() {
     );
     assert_ne!(simulated, text);
     std::fs::write(&file, simulated).unwrap();
-    for output in [by_parameter, sidehill(&["check", name])] {
+    for output in [by_parameter, run_to_end(&["check", name])] {
         let complaint = String::from_utf8(output.stderr).unwrap();
         assert!(!output.status.success(), "{complaint}");
         for part in ["run_can_ros2.yaml", "ros2.use_sim_time"] {
@@ -289,7 +293,7 @@ fn a_bus_is_not_driven_in_simulated_time() {
 fn a_bus_that_is_not_there_is_named_on_the_screen_and_in_json() {
     let file = configuration("no_bus", &[("run_vcan0.yaml", "vcan0", "nocan7")]);
     let run = ["run", file.to_str().unwrap(), "--duration-s", "2.5"];
-    let text = sidehill(&[&run[..], &["--format", "text"]].concat());
+    let text = run_to_end(&[&run[..], &["--format", "text"]].concat());
     let text = String::from_utf8(text.stdout).unwrap();
     for part in [
         "listens to bus nocan7",
@@ -299,7 +303,7 @@ fn a_bus_that_is_not_there_is_named_on_the_screen_and_in_json() {
     ] {
         assert!(text.contains(part), "no `{part}` in {text}");
     }
-    let json = String::from_utf8(sidehill(&run).stdout).unwrap();
+    let json = String::from_utf8(run_to_end(&run).stdout).unwrap();
     let first: serde_json::Value = serde_json::from_str(json.lines().next().unwrap()).unwrap();
     assert_eq!(first["waits_for"][0]["input"], "bus", "{json}");
     assert_eq!(first["state"], "disarmed");
@@ -324,7 +328,7 @@ fn what_an_earlier_run_recorded_is_kept() {
             "0.3",
             "--out",
         ];
-        sidehill(&[&arguments[..], &[out.to_str().unwrap()]].concat());
+        run_to_end(&[&arguments[..], &[out.to_str().unwrap()]].concat());
         let kept = names()
             .iter()
             .filter(|name| *name == "cycles.csv.1")
@@ -352,12 +356,12 @@ fn it_survives_100_closings_of_its_output_while_it_drives() {
     };
     let mut lines = reader();
     let output = opens.join().unwrap();
-    let mut child = Command::new(env!("CARGO_BIN_EXE_sidehill"))
-        .args(["run", file.to_str().unwrap(), "--arm"])
-        .stderr(output.try_clone().unwrap())
-        .stdout(output)
-        .spawn()
-        .unwrap();
+    let _run = Running::start(
+        sidehill()
+            .args(["run", file.to_str().unwrap(), "--arm"])
+            .stderr(output.try_clone().unwrap())
+            .stdout(output),
+    );
     let drives = |lines: &mut BufReader<File>| {
         let mut line = String::new();
         while lines.read_line(&mut line).unwrap() > 0 {
@@ -378,8 +382,6 @@ fn it_survives_100_closings_of_its_output_while_it_drives() {
     // Whoever comes back sees that it drives on, and how many lines nobody has read.
     let said = drives(&mut reader()).expect("it still drives");
     assert!(said["lines_dropped"].as_u64() > Some(2), "{said}");
-    child.kill().unwrap();
-    child.wait().unwrap();
 }
 
 #[test]
@@ -388,16 +390,16 @@ fn it_drives_on_when_nobody_reads_and_stops_when_the_connection_drops() {
     let out = file.parent().unwrap().join("out");
     // What an earlier test left would look like a drive.
     let _ = std::fs::remove_dir_all(&out);
-    let mut child = Command::new(env!("CARGO_BIN_EXE_sidehill"))
-        .args(["run", file.to_str().unwrap(), "--arm", "--out"])
-        .arg(&out)
-        .stdout(std::process::Stdio::piped())
-        .stderr(std::process::Stdio::piped())
-        .spawn()
-        .unwrap();
+    let mut run = Running::start(
+        sidehill()
+            .args(["run", file.to_str().unwrap(), "--arm", "--out"])
+            .arg(&out)
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped()),
+    );
     // Both ends of its text are gone before it says anything.
-    drop(child.stdout.take());
-    drop(child.stderr.take());
+    drop(run.0.stdout.take());
+    drop(run.0.stderr.take());
     let states = || -> Vec<String> {
         let cycles = std::fs::read_to_string(out.join("cycles.csv")).unwrap_or_default();
         let mut lines = cycles.lines();
@@ -413,13 +415,13 @@ fn it_drives_on_when_nobody_reads_and_stops_when_the_connection_drops() {
     let driving = || states().iter().filter(|state| *state == "driving").count();
     let begun = std::time::Instant::now();
     while driving() < 60 {
-        assert!(child.try_wait().unwrap().is_none(), "{:?}", states().last());
+        assert!(run.0.try_wait().unwrap().is_none(), "{:?}", states().last());
         assert!(begun.elapsed().as_secs() < 60, "{:?}", states().last());
         std::thread::sleep(std::time::Duration::from_millis(100));
     }
-    let id = rustix::process::Pid::from_raw(i32::try_from(child.id()).unwrap()).unwrap();
+    let id = rustix::process::Pid::from_raw(i32::try_from(run.0.id()).unwrap()).unwrap();
     rustix::process::kill_process(id, rustix::process::Signal::HUP).unwrap();
-    let status = child.wait().unwrap();
+    let status = run.0.wait().unwrap();
     assert_eq!(
         status.code(),
         Some(1),

@@ -4,6 +4,17 @@
 // The lints' exceptions for tests do not reach helper functions.
 #![allow(clippy::unwrap_used, clippy::panic)]
 
+#[path = "support/configuration.rs"]
+mod configured;
+#[path = "support/program.rs"]
+mod program;
+#[path = "support/running.rs"]
+mod running;
+
+use configured::configuration;
+use program::{repository, sidehill};
+use running::Running;
+
 use ros2_client::action::{
     ActionClientQosPolicies, CancelGoalResponse, GoalId, GoalStatusEnum, SendGoalResponse,
 };
@@ -23,8 +34,7 @@ use sidehill_bridge::ros2::port::convert::world_from_base_link;
 use sidehill_plant::frames::{Attitude, Pose};
 use std::collections::BTreeSet;
 use std::io::{BufRead, BufReader};
-use std::path::PathBuf;
-use std::process::{Child, Command, Stdio};
+use std::process::{Command, Stdio};
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
 
@@ -38,44 +48,24 @@ fn domain_id() -> u16 {
     1 + ((7 * std::process::id() + test) % 200) as u16
 }
 
-/// A process that ends with the test.
-struct Program(Child);
-
-impl Program {
-    fn start(subcommand: &str, config: &std::path::Path, domain_id: u16) -> Self {
-        Self(
-            Self::command(subcommand, config, domain_id)
-                .spawn()
-                .unwrap(),
-        )
-    }
-
-    fn command(subcommand: &str, config: &std::path::Path, domain_id: u16) -> Command {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_sidehill"));
-        command
-            .arg(subcommand)
-            .arg(config)
-            .env("ROS_DOMAIN_ID", domain_id.to_string())
-            .env("RMW_IMPLEMENTATION", "rmw_fastrtps_cpp")
-            .env("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-            .stdout(Stdio::null())
-            .stderr(Stdio::null());
-        command
-    }
+/// Returns a subcommand in a domain, as peers of Fast DDS are started.
+fn command(subcommand: &str, config: &std::path::Path, domain_id: u16) -> Command {
+    let mut command = sidehill();
+    command
+        .arg(subcommand)
+        .arg(config)
+        .env("ROS_DOMAIN_ID", domain_id.to_string())
+        .env("RMW_IMPLEMENTATION", "rmw_fastrtps_cpp")
+        .env("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+        .stdout(Stdio::null())
+        .stderr(Stdio::null());
+    command
 }
 
-impl Drop for Program {
-    fn drop(&mut self) {
-        self.0.kill().unwrap();
-        self.0.wait().unwrap();
-    }
-}
-
-/// Returns a file of the folder config/bridge.
-fn config(name: &str) -> PathBuf {
-    [env!("CARGO_MANIFEST_DIR"), "config", "bridge", name]
-        .iter()
-        .collect()
+/// Starts a subcommand with a file of `config/bridge/`.
+fn start(subcommand: &str, name: &str, domain_id: u16) -> Running {
+    let config = repository("config/bridge").join(name);
+    Running::start(&mut command(subcommand, &config, domain_id))
 }
 
 /// A client of the action, by the types of one definition.
@@ -232,21 +222,18 @@ fn a_wrong_topic_frame_or_type_is_found_from_the_screen_alone() {
         ),
     ] {
         let domain_id = domain_id();
-        let _vehicle = Program::start("vehicle", &config("vehicle_ros2.yaml"), domain_id);
+        let _vehicle = start("vehicle", "vehicle_ros2.yaml", domain_id);
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("run.yaml");
-        let text = std::fs::read_to_string(config("run_ros2.yaml")).unwrap();
+        let text = configuration("bridge/run_ros2.yaml");
         assert!(text.contains(from), "{from}");
-        let vehicles = format!("{}/config/vehicles", env!("CARGO_MANIFEST_DIR"));
-        let text = text.replace("../vehicles", &vehicles).replace(from, to);
-        std::fs::write(&file, text).unwrap();
-        let mut run = Program::command("run", &file, domain_id)
-            .args(["--format", "text"])
-            .stdout(Stdio::piped())
-            .spawn()
-            .unwrap();
-        let lines = BufReader::new(run.stdout.take().unwrap()).lines();
-        let run = Program(run);
+        std::fs::write(&file, text.replace(from, to)).unwrap();
+        let mut run = Running::start(
+            command("run", &file, domain_id)
+                .args(["--format", "text"])
+                .stdout(Stdio::piped()),
+        );
+        let lines = BufReader::new(run.0.stdout.take().unwrap()).lines();
         let mut seen = Vec::new();
         // Discovery takes its time: the first reason may be that nobody is there yet.
         let found = lines.map_while(Result::ok).take(20).any(|line| {
@@ -263,8 +250,8 @@ fn a_wrong_topic_frame_or_type_is_found_from_the_screen_alone() {
 #[test]
 fn a_client_of_fast_dds_drives_cancels_and_asks_twice() {
     let domain_id = domain_id();
-    let _vehicle = Program::start("vehicle", &config("vehicle_ros2.yaml"), domain_id);
-    let _run = Program::start("run", &config("run_ros2.yaml"), domain_id);
+    let _vehicle = start("vehicle", "vehicle_ros2.yaml", domain_id);
+    let _run = start("run", "run_ros2.yaml", domain_id);
     let client = Client::<FollowPathGoal, FollowPathResult>::find(domain_id);
 
     let (id, answer) = client.send(goal(straight(0.0, 2.0)));
@@ -309,15 +296,15 @@ fn a_client_of_fast_dds_drives_cancels_and_asks_twice() {
 }
 
 /// A controller that speaks the action as `definition` has it, without a vehicle.
-fn run_with(definition: &str, domain_id: u16) -> (Program, tempfile::TempDir) {
+fn run_with(definition: &str, domain_id: u16) -> (Running, tempfile::TempDir) {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("run.yaml");
-    let vehicles = format!("{}/config/vehicles", env!("CARGO_MANIFEST_DIR"));
-    let text = std::fs::read_to_string(config("run_ros2.yaml")).unwrap();
-    assert!(text.contains("definition: jazzy") && text.contains("../vehicles"));
+    let text = configuration("bridge/run_ros2.yaml");
+    assert!(text.contains("definition: jazzy"));
     let text = text.replace("definition: jazzy", &format!("definition: {definition}"));
-    std::fs::write(&file, text.replace("../vehicles", &vehicles)).unwrap();
-    (Program::start("run", &file, domain_id), folder)
+    std::fs::write(&file, text).unwrap();
+    let run = Running::start(&mut command("run", &file, domain_id));
+    (run, folder)
 }
 
 #[test]

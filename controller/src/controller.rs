@@ -10,6 +10,7 @@ mod issued;
 mod learning;
 mod parts;
 mod supervision;
+mod unrolling;
 mod watchdog;
 
 pub use decision::{Decision, Stall, Status, StopReason};
@@ -24,7 +25,7 @@ use crate::pure_pursuit::PursuitView;
 use crate::reference::{Progress, Reference};
 use crate::tracked_point::TrackedPoint;
 use issued::IssuedCommands;
-use parts::{Law, Parts, guard};
+use parts::{Law, Parts, guard, owner};
 use sidehill_plant::sample::Sample;
 use sidehill_plant::speeds::MotorSpeeds;
 use sidehill_plant::terrain::Terrain;
@@ -88,7 +89,7 @@ impl Controller {
         let memory = config
             .memory
             .map(|memory| Memory::new(memory, config.period_s));
-        let owner = learning::owner(vehicle, kind);
+        let owner = owner(vehicle, kind);
         let Parts {
             vehicle,
             mut estimator,

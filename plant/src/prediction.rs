@@ -26,7 +26,7 @@ use crate::speeds::MotorSpeeds;
 use crate::vehicle::Vehicle;
 pub use linearised::{Linearised, LinearisedRate, LinearisedStep};
 use nalgebra::Vector3;
-pub use plane::{rate_on_plane, step_on_plane};
+pub use plane::{increment_on_plane, rate_on_plane, step_on_plane};
 
 /// ICRIK made differentiable, with the terms of the vehicle's extension and learned slip gains; with
 /// both slide gains zero, ICRHK.
@@ -98,6 +98,8 @@ impl PredictionModel {
     }
 
     /// Returns body velocity and derivatives at an attitude and motor speeds.
+    // Inlined, so that who wants the velocity alone does not pay for its derivatives.
+    #[inline(always)]
     pub fn body_velocity(&self, attitude: Attitude, motors: MotorSpeeds) -> Linearised {
         let (tau, sigma, eps) = (motors.traction_m_s, motors.steer_m_s, self.smoothing_m_s);
         let tau_root = (tau * tau + eps * eps).sqrt();
@@ -168,6 +170,7 @@ impl PredictionModel {
     }
 
     /// Returns the ICRs of one turning direction: (5)-(7), (9), (10) and the limits.
+    #[inline(always)]
     fn side(&self, sign: f64, attitude: Attitude, g: f64) -> Side {
         let (alpha, phi) = (attitude.roll_rad, attitude.pitch_rad);
         let v = &self.vehicle;
@@ -239,6 +242,19 @@ impl PredictionModel {
     ) -> LinearisedStep {
         step_on_plane(normal_in_world, yaw_rad, step_s, |attitude| {
             self.body_velocity(attitude, motors)
+        })
+    }
+
+    /// Returns the increment of such a step alone, see [`increment_on_plane`].
+    pub fn increment_on_plane(
+        &self,
+        normal_in_world: &Vector3<f64>,
+        yaw_rad: f64,
+        motors: MotorSpeeds,
+        step_s: f64,
+    ) -> Vector3<f64> {
+        increment_on_plane(normal_in_world, yaw_rad, step_s, |attitude| {
+            self.body_velocity(attitude, motors).velocity
         })
     }
 }

@@ -8,6 +8,7 @@ mod file;
 mod keys;
 mod overlay;
 mod plant;
+mod prepared;
 mod reference;
 #[cfg(feature = "drive")]
 pub mod ros2;
@@ -24,5 +25,6 @@ pub use file::{
     CONTACT_IDENTIFIED, CONTACT_VEHICLE, ConfigError, ConfigFile, DEFAULT_SCENARIO, to_yaml,
 };
 pub use plant::{Plant, PlantKind};
+pub use prepared::Prepared;
 pub use reference::{LoadedReference, Source, read_route};
-pub use scenario::{Overrides, Prepared, Scenario};
+pub use scenario::{Overrides, Scenario};

@@ -23,6 +23,8 @@ pub(super) struct VehicleVariation {
     slip_scale_m_s: Option<f64>,
     slip_share: Option<f64>,
     rolling_resistance: Option<f64>,
+    /// Relaxation length of the tyres over the half width; only with inertia.
+    relaxation_length_share: Option<f64>,
     /// Yaw inertia over that of a homogeneous box on the wheels; 0 moves without inertia.
     inertia: Option<f64>,
 }
@@ -40,6 +42,7 @@ impl Default for VehicleVariation {
             slip_scale_m_s: None,
             slip_share: None,
             rolling_resistance: None,
+            relaxation_length_share: None,
             inertia: None,
         }
     }
@@ -100,6 +103,13 @@ impl VehicleVariation {
             let square_m2 = half_width_m.powi(2) + half_length_m.powi(2);
             vehicle.yaw_inertia_kg_m2 =
                 (factor > 0.0).then(|| factor * vehicle.mass_kg * square_m2 / 3.0);
+        }
+        if let Some(share) = self.relaxation_length_share {
+            Bounds::new(0.0, 5.0, "").check("relaxation_length_share", share)?;
+            vehicle.friction.relaxation_length_m = share * half_width_m;
+        }
+        if vehicle.yaw_inertia_kg_m2.is_none() {
+            vehicle.friction.relaxation_length_m = 0.0;
         }
         vehicle.validated()
     }
@@ -175,6 +185,15 @@ mod tests {
         assert!((vehicle.centre_of_mass.right_m - 0.03).abs() < 1e-12);
         let box_inertia = vehicle.mass_kg * (0.3_f64.powi(2) + 0.53_f64.powi(2)) / 3.0;
         assert!((vehicle.yaw_inertia_kg_m2.unwrap() - box_inertia).abs() < 1e-9);
+    }
+
+    #[test]
+    fn tyres_relax_over_a_share_of_the_half_width_where_there_is_inertia() {
+        let length_m = |yaml| varied(yaml).unwrap().friction.relaxation_length_m;
+        assert_eq!(length_m("{inertia: 1}"), 0.0);
+        let with = length_m("{inertia: 1, size: 2, relaxation_length_share: 0.5}");
+        assert!((with - 0.6).abs() < 1e-12, "{with}");
+        assert_eq!(length_m("{inertia: 0, relaxation_length_share: 0.5}"), 0.0);
     }
 
     #[test]

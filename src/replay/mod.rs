@@ -16,7 +16,7 @@ use crate::simulate::{Format, controller};
 use anyhow::{Context, Result, ensure};
 use begin::Begin;
 use compare::Comparison;
-use rebuild::{Changes, Rebuilt};
+pub(crate) use rebuild::{Changes, Rebuilt};
 use serde::Serialize;
 use sidehill_bridge::recording::Recording;
 use sidehill_controller::config::ControllerKind;

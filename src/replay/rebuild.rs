@@ -18,11 +18,11 @@ use std::sync::{Arc, Mutex};
 
 /// What is to differ from the recording.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Changes {
-    pub(super) controller: Option<ControllerKind>,
-    pub(super) vehicle: Option<PathBuf>,
-    pub(super) settings: Vec<String>,
-    pub(super) plant: Option<PlantKind>,
+pub(crate) struct Changes {
+    pub(crate) controller: Option<ControllerKind>,
+    pub(crate) vehicle: Option<PathBuf>,
+    pub(crate) settings: Vec<String>,
+    pub(crate) plant: Option<PlantKind>,
 }
 
 impl Changes {
@@ -56,10 +56,10 @@ impl Changes {
 }
 
 /// A controller made of a recording.
-pub(super) struct Rebuilt {
-    pub(super) kind: ControllerKind,
-    pub(super) config: ControllerConfig,
-    pub(super) vehicle: Vehicle,
+pub(crate) struct Rebuilt {
+    pub(crate) kind: ControllerKind,
+    pub(crate) config: ControllerConfig,
+    pub(crate) vehicle: Vehicle,
     /// Whether a control loop held the controller until it drove.
     pub(super) held: bool,
     /// The ground of the scenario.
@@ -75,7 +75,7 @@ impl Rebuilt {
     ///
     /// # Errors
     /// What is missing in the recording, or wrong with a change.
-    pub(super) fn of(recording: &Recording, changes: &Changes) -> Result<Self> {
+    pub(crate) fn of(recording: &Recording, changes: &Changes) -> Result<Self> {
         let facts = &recording.header.facts;
         let get = |name: &str| {
             facts

@@ -18,7 +18,7 @@ mod tuning;
 
 pub use scene::Scene;
 pub use table::write_csv;
-pub(crate) use tuning::{Scatter, page, progress_chart, scatter_chart};
+pub(crate) use tuning::{Scatter, progress_plot, scatter_chart};
 
 use crate::record::{Row, Run};
 use chart::Panel;

@@ -1,8 +1,10 @@
 //! Plots of a search: pairs of errors, and costs in the order of the tries.
 
-use super::frame::{Frame, Tick, px, range, ticks};
+use super::frame::{Frame, Tick, px, range};
+use super::page::COLOURS;
+use super::plot::{Line, Plot};
 use super::scene::DRAWING_WIDTH_PX;
-use maud::{DOCTYPE, Markup, PreEscaped, html};
+use maud::{Markup, html};
 
 /// Points of one kind.
 pub(crate) struct Scatter<'a> {
@@ -12,23 +14,6 @@ pub(crate) struct Scatter<'a> {
     pub(crate) colour: &'a str,
     /// Positive coordinates.
     pub(crate) points: &'a [[f64; 2]],
-}
-
-/// Returns a page in the style of the reports.
-pub(crate) fn page(title: &str, body: &Markup) -> String {
-    let page = html! {
-        (DOCTYPE)
-        html xmlns="http://www.w3.org/1999/xhtml" lang="en" {
-            head {
-                (PreEscaped("<meta charset=\"utf-8\"/>"))
-                (PreEscaped("<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\"/>"))
-                title { (title) }
-                style { (PreEscaped(include_str!("style.css"))) }
-            }
-            body { (body) }
-        }
-    };
-    page.into_string()
 }
 
 /// Draws points over two logarithmic axes of one range with their diagonal; `name` is unique in the page.
@@ -72,38 +57,26 @@ pub(crate) fn scatter_chart(name: &str, below: &str, left: &str, kinds: &[Scatte
     }
 }
 
-/// Draws costs in their order, and the least so far; `name` is unique in the page.
-pub(crate) fn progress_chart(name: &str, costs: &[f64]) -> Markup {
-    let least: Vec<[f64; 2]> = costs
-        .iter()
-        .enumerate()
-        .scan(f64::INFINITY, |least, (index, cost)| {
-            *least = least.min(*cost);
-            Some([index as f64 + 1.0, *least])
-        })
-        .collect();
-    // The first choice is the present settings, at 0.
-    let frame = Frame {
-        left: 80.0,
-        top: 8.0,
-        width: DRAWING_WIDTH_PX - 110.0,
-        height: 220.0,
-        x: [0.0, costs.len().max(1) as f64 + 1.0],
-        y: range(costs.iter().copied().filter(|cost| *cost < 0.5), 0.08),
-    };
-    html! {
-        svg viewBox={ "0 0 " (DRAWING_WIDTH_PX) " 276" } role="img" aria-label=(name) {
-            (frame.axis_below(&ticks(frame.x, 10.0), "choice", true))
-            (frame.axis_left(&ticks(frame.y, 6.0), "mean cost"))
-            (frame.clipped(name, &html! {
-                @for (index, cost) in costs.iter().enumerate() {
-                    @let [x, y] = frame.place([index as f64 + 1.0, *cost]);
-                    @if y.is_finite() { circle cx=(px(x)) cy=(px(y)) r="3" fill="#0072b2" {} }
-                }
-                path.curve d=(frame.line(least)) stroke="#d55e00" {}
-            }))
-            (frame.border())
-        }
+/// Returns costs in their order, and the least so far.
+pub(crate) fn progress_plot(costs: &[f64]) -> Plot {
+    let mut least = f64::INFINITY;
+    let (mut tried, mut best) = (Vec::new(), Vec::new());
+    for (index, cost) in costs.iter().enumerate() {
+        least = least.min(*cost);
+        let number = index as f64 + 1.0;
+        tried.push([number, *cost]);
+        best.push([number, least]);
+    }
+    Plot {
+        x_title: "choice".to_owned(),
+        ..Plot::over_time(
+            "mean cost",
+            220.0,
+            vec![
+                Line::through("choice", COLOURS[5], None, &tried),
+                Line::through("least so far", COLOURS[1], None, &best),
+            ],
+        )
     }
 }
 

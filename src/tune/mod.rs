@@ -1,18 +1,22 @@
-//! `sidehill tune`: settings of a controller that drive a campaign better, judged by runs that the
-//! search has not seen.
+//! `sidehill tune`: settings of a controller that drive a campaign better, or predict a recorded drive better,
+//! judged by runs that the search has not seen.
 
 mod objective;
 mod options;
 mod outcome;
+#[cfg(feature = "drive")]
+mod recorded;
 mod report;
 mod search;
 mod settings;
+mod subject;
 mod tried;
 
 pub use objective::{Comparison, Figures};
 pub use options::Options;
 pub use outcome::Outcome;
 pub use settings::{DEFAULT_KEYS, Setting};
+pub use subject::SubjectKind;
 
 use crate::campaign;
 use crate::config::{Campaign, ConfigFile};
@@ -21,16 +25,20 @@ use crate::output;
 use crate::progress::{self, Progress};
 use anyhow::{Result, bail};
 use objective::Driven;
+use serde_yaml::Value;
+use sidehill_controller::config::ControllerKind;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
+use subject::Subject;
 use tried::Tried;
 
 /// Arguments of `sidehill tune`.
 #[derive(Debug, Clone, clap::Args)]
 pub struct TuneArgs {
-    /// Campaign; or scenario, whose runs then differ by their seeds only.
+    /// Campaign; scenario, whose runs then differ by their seeds only; or recording (.mcap) of a drive, which
+    /// judges settings of the estimator.
     pub input: PathBuf,
     /// YAML file of the settings found, which `simulate --conditions` takes. Beside it a CSV file holds
     /// what was tried; where that exists, the search goes on from it.
@@ -60,28 +68,52 @@ pub fn tune(
     campaign: &Campaign,
     options: &Options,
     tried: Option<&Path>,
-    mut report: impl FnMut(u32, f64) -> Result<()>,
+    report: impl FnMut(u32, f64) -> Result<()>,
 ) -> Result<Outcome> {
     options.check()?;
-    let settings = Setting::all(campaign, &options.keys)?;
-    let mut tried = Tried::open(
-        tried,
-        &search_name(campaign, options, &settings)?,
-        &options.keys,
-    )?;
-    let pool = campaign::pool(options.threads)?;
-    let drive = |factors: &[f64], runs: Range<u32>| -> Result<Vec<Driven>> {
-        let changed = campaign.with_keys(&settings::mapping(&settings, factors))?;
-        pool.install(|| objective::drive(&changed, options.controller, runs))
+    let controller = options.controller.unwrap_or(ControllerKind::IcrikMpc);
+    let Value::Mapping(present) = serde_yaml::to_value(campaign.controller_settings()?)? else {
+        bail!("the settings of the controllers are no mapping");
     };
+    let drawn = |key: &str| campaign.keys().any(|drawn| drawn == key);
+    let settings = Setting::all(&present, &options.keys, drawn)?;
+    let pool = campaign::pool(options.threads)?;
+    let searched = settings.clone();
+    let subject = Subject {
+        kind: SubjectKind::Campaign,
+        name: campaign.name.clone(),
+        fingerprint: format!("campaign {}", campaign.fingerprint()?),
+        controller,
+        settings,
+        training: options.training_runs(),
+        held_out: options.held_out_runs(),
+        drive: Box::new(move |factors, runs| {
+            let changed = campaign.with_keys(&settings::mapping(&searched, factors))?;
+            pool.install(|| objective::drive(&changed, controller, runs))
+        }),
+    };
+    search_on(&subject, options, tried, report)
+}
+
+fn search_on(
+    subject: &Subject<'_>,
+    options: &Options,
+    tried: Option<&Path>,
+    mut report: impl FnMut(u32, f64) -> Result<()>,
+) -> Result<Outcome> {
+    let (settings, drive) = (&subject.settings, &subject.drive);
+    let keys: Vec<String> = settings.iter().map(|setting| setting.key.clone()).collect();
+    let mut tried = Tried::open(tried, &search_name(subject, options), &keys)?;
     let begin = Instant::now();
     let present = vec![1.0; settings.len()];
-    let before = drive(&present, options.training_runs())?;
+    let runs = || subject.training.clone();
+    let before = drive(&present, runs())?;
     if !before.iter().any(|run| run.completed) {
         bail!("no run is completed under the present settings; there is nothing to compare with");
     }
     // The runs held out are driven twice, by present and by found settings.
-    let share = 2.0 * f64::from(options.held_out) / f64::from(options.training);
+    let count = |runs: &Range<u32>| f64::from(runs.end - runs.start);
+    let share = 2.0 * count(&subject.held_out) / count(&subject.training);
     let all = Duration::from_secs_f64(60.0 * options.minutes);
     let deadline = begin + all.saturating_sub(begin.elapsed().mul_f64(share));
     search::search(settings.len(), options, |number, factors| {
@@ -89,9 +121,8 @@ pub fn tune(
             Some(cost) => cost,
             None if Instant::now() >= deadline => return Ok(None),
             None => {
-                let now = drive(factors, options.training_runs())?;
-                let runs = options.training_runs();
-                let cost = Comparison::of(runs, &now, &before, options.calmness).cost;
+                let now = drive(factors, runs())?;
+                let cost = Comparison::of(runs(), &now, &before, options.calmness).cost;
                 tried.add(factors, cost)?;
                 cost
             }
@@ -104,13 +135,14 @@ pub fn tune(
         let now = drive(&best, runs.clone())?;
         Ok(Comparison::of(runs, &now, before, options.calmness))
     };
-    let held_out = options.held_out_runs();
-    let training = compare(options.training_runs(), &before)?;
+    let training = compare(runs(), &before)?;
+    let held_out = subject.held_out.clone();
     let held_out = compare(held_out.clone(), &drive(&present, held_out)?)?;
     let found = settings.iter().zip(&best);
     Ok(Outcome {
-        name: campaign.name.clone(),
-        controller: options.controller.name(),
+        name: subject.name.clone(),
+        subject: subject.kind,
+        controller: subject.controller.name(),
         improved: held_out.improved(),
         settings: found
             .map(|(setting, factor)| setting.times(*factor))
@@ -123,20 +155,26 @@ pub fn tune(
 }
 
 /// Returns what makes a search the same: tries under another name do not belong to it.
-fn search_name(campaign: &Campaign, options: &Options, settings: &[Setting]) -> Result<String> {
-    let before: Vec<_> = settings
+fn search_name(subject: &Subject<'_>, options: &Options) -> String {
+    let before: Vec<_> = subject
+        .settings
         .iter()
         .map(|setting| setting.before.to_string())
         .collect();
-    Ok(format!(
-        "campaign {} controller {} factor {} calmness {} training {} before {}",
-        campaign.fingerprint()?,
-        options.controller.name(),
+    format!(
+        "{} controller {} factor {} calmness {} training {} before {}",
+        subject.fingerprint,
+        subject.controller.name(),
         options.factor,
         options.calmness,
-        options.training,
+        subject.training.end,
         before.join(" "),
-    ))
+    )
+}
+
+/// Returns whether a file is a recording rather than a campaign or scenario.
+fn is_recording(path: &Path) -> bool {
+    path.extension().is_some_and(|ending| ending == "mcap")
 }
 
 /// Tunes, writes what was found, and prints it.
@@ -151,17 +189,22 @@ pub fn run(args: &TuneArgs) -> Result<ExitCode> {
     if let Some(report) = &args.report {
         output::check_writable(report, args.force)?;
     }
-    let campaign = Campaign::read_any(&ConfigFile::read(&args.input)?)?;
     let tried = args.out.with_extension("tried.csv");
     let name = tried.display().to_string();
     progress::explain_interrupt(move || {
         format!("interrupted: what was tried is in {name}; the same command goes on from there")
     })?;
     let bar = Progress::new("tune", u64::from(args.options.tries));
-    let outcome = tune(&campaign, &args.options, Some(&tried), |number, _| {
+    let heard = |number, _| {
         bar.at(u64::from(number));
         Ok(())
-    })?;
+    };
+    let outcome = if is_recording(&args.input) {
+        of_recording(&args.input, &args.options, &tried, heard)?
+    } else {
+        let campaign = Campaign::read_any(&ConfigFile::read(&args.input)?)?;
+        tune(&campaign, &args.options, Some(&tried), heard)?
+    };
     bar.finish();
     if let Some(file) = &args.report {
         output::write(file, report::html(&outcome).as_bytes(), args.force)?;
@@ -182,4 +225,26 @@ pub fn run(args: &TuneArgs) -> Result<ExitCode> {
         ));
         ExitCode::from(1)
     })
+}
+
+#[cfg(feature = "drive")]
+fn of_recording(
+    recording: &Path,
+    options: &Options,
+    tried: &Path,
+    report: impl FnMut(u32, f64) -> Result<()>,
+) -> Result<Outcome> {
+    options.check()?;
+    let subject = recorded::subject(recording, options)?;
+    search_on(&subject, options, Some(tried), report)
+}
+
+#[cfg(not(feature = "drive"))]
+fn of_recording(
+    recording: &Path,
+    _: &Options,
+    _: &Path,
+    _: impl FnMut(u32, f64) -> Result<()>,
+) -> Result<Outcome> {
+    bail!("{}: this build reads no recordings", recording.display())
 }

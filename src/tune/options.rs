@@ -8,9 +8,9 @@ use std::ops::Range;
 /// What is searched, and how.
 #[derive(Debug, Clone, clap::Args)]
 pub struct Options {
-    /// Controller.
-    #[arg(long, value_name = "NAME", value_parser = crate::simulate::controller, default_value = "icrik-mpc")]
-    pub controller: ControllerKind,
+    /// Controller; without it icrik-mpc, or that of the recording.
+    #[arg(long, value_name = "NAME", value_parser = crate::simulate::controller)]
+    pub controller: Option<ControllerKind>,
     /// Setting of the controller to search, with dots between nested keys, as in
     /// `weights.cross_per_m2`; may be given several times. Its present value must be positive.
     #[arg(long = "key", value_name = "KEY", default_values_t = DEFAULT_KEYS.map(str::to_owned))]
@@ -21,7 +21,8 @@ pub struct Options {
     /// Weight of calmness: a steer total variation twice as large counts like an error 2^W times as large.
     #[arg(long, value_name = "W", default_value_t = 0.2)]
     pub calmness: f64,
-    /// Runs that the search sees, the first of the campaign.
+    /// Runs that the search sees, the first of the campaign. Of a recording, --training and --held-out give the
+    /// ratio only.
     #[arg(long, value_name = "RUNS", default_value_t = 60)]
     pub training: u32,
     /// Runs that decide, those after them.

@@ -2,13 +2,16 @@
 
 use super::objective::Comparison;
 use super::settings::Setting;
+use super::subject::SubjectKind;
 use serde::Serialize;
 
 /// What tuning has found.
 #[derive(Debug, Clone, Serialize)]
 pub struct Outcome {
-    /// Campaign or scenario.
+    /// Campaign, scenario or recording.
     pub name: String,
+    /// What the settings were tried on.
+    pub subject: SubjectKind,
     /// Controller.
     pub controller: &'static str,
     /// Whether the held-out runs show an improvement; only then are the settings worth having.

@@ -2,7 +2,9 @@
 
 use super::objective::{Comparison, Figures};
 use super::outcome::Outcome;
-use crate::report::{Scatter, page, progress_chart, scatter_chart};
+use super::subject::SubjectKind;
+use crate::report::page::{COLOURS, Page, legend_of, section};
+use crate::report::{Scatter, progress_plot, scatter_chart};
 use anyhow::Result;
 use maud::html;
 use serde_yaml::{Mapping, Value};
@@ -66,8 +68,28 @@ fn finding(outcome: &Outcome) -> String {
     )
 }
 
+/// What to do with it, in a sentence.
+fn advice(outcome: &Outcome) -> String {
+    match (outcome.improved, outcome.subject) {
+        (false, _) => "Keep the present settings.",
+        (true, SubjectKind::Campaign) => {
+            "Take the settings found if the campaign has the courses, slopes and errors to come, and look at the steer \
+             total variation: if it has grown, search again with a larger --calmness."
+        }
+        (true, SubjectKind::Recording) => {
+            "Take the settings found for this vehicle and its sensors, and judge them by another recording."
+        }
+    }
+    .to_owned()
+}
+
 /// What the cost is, in a sentence.
 fn objective(outcome: &Outcome) -> String {
+    if outcome.subject == SubjectKind::Recording {
+        return "Cost of a run, 2 s of the recording from which the poses are \
+                withheld: ln(error / error before), with the RMS distance between the withheld poses and the estimates."
+            .to_owned();
+    }
     format!(
         "Cost of a run: ln(cross-track RMS / RMS before) + {} ln(steer total variation / before), at most \
          ln 10 either way; + ln 10 where it is no longer completed, - ln 10 where it now is.",
@@ -93,11 +115,11 @@ pub fn table(outcome: &Outcome) -> String {
     for (name, figures, cost) in rows(outcome) {
         let _ = writeln!(
             text,
-            "{name:<28} {:>9} {:>9.2} {:>9.2} {:>12.2} {cost:>9}",
+            "{name:<28} {:>9} {:>9.2} {:>9.2} {:>12} {cost:>9}",
             format!("{}/{}", figures.completed, figures.runs),
             100.0 * figures.median_m,
             100.0 * figures.p95_m,
-            figures.steer_total_variation_m_s,
+            steer(outcome, figures),
         );
     }
     let _ = writeln!(text, "\n{:<42} {:>12} {:>12}", "setting", "before", "after");
@@ -110,6 +132,14 @@ pub fn table(outcome: &Outcome) -> String {
     }
     let _ = writeln!(text, "\n{} choices tried", outcome.tried.len());
     text
+}
+
+/// Returns the steer's total variation, which a recorded drive has whatever is tried.
+fn steer(outcome: &Outcome, figures: Figures) -> String {
+    match outcome.subject {
+        SubjectKind::Campaign => format!("{:.2}", figures.steer_total_variation_m_s),
+        SubjectKind::Recording => "-".to_owned(),
+    }
 }
 
 fn rows(outcome: &Outcome) -> Vec<(String, Figures, String)> {
@@ -163,9 +193,6 @@ pub fn html(outcome: &Outcome) -> String {
         ],
     );
     let body = html! {
-        h1 { (title) }
-        p.subtitle { (objective(outcome)) }
-        p.finding { (finding(outcome)) }
         div.scroll {
             table {
                 thead { tr {
@@ -179,7 +206,7 @@ pub fn html(outcome: &Outcome) -> String {
                             td { (figures.completed) " of " (figures.runs) }
                             td { (format!("{:.2}", 100.0 * figures.median_m)) }
                             td { (format!("{:.2}", 100.0 * figures.p95_m)) }
-                            td { (format!("{:.2}", figures.steer_total_variation_m_s)) }
+                            td { (steer(outcome, figures)) }
                             td { (cost) }
                         }
                     }
@@ -208,11 +235,19 @@ pub fn html(outcome: &Outcome) -> String {
             }
             (scatter)
         }
-        h2 { "Search" }
-        figure {
-            figcaption { "Mean cost of the training runs for each choice tried (dots), and the least so far (line)." }
-            (progress_chart("search", &outcome.tried))
-        }
+        (section(
+            "Search",
+            "Mean cost of the training runs for each choice tried, in their order, and the least so far. Drag to zoom.",
+            &legend_of(&[("choice", COLOURS[5]), ("least so far", COLOURS[1])]),
+            &[progress_plot(&outcome.tried)],
+        ))
     };
-    page(&title, &body)
+    Page {
+        title: &title,
+        subtitle: &objective(outcome),
+        conclusions: &[finding(outcome), advice(outcome)],
+        body,
+        style: "",
+    }
+    .html()
 }

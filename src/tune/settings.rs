@@ -1,6 +1,6 @@
 //! Settings of a controller that are searched.
 
-use crate::config::{Campaign, find, put};
+use crate::config::{find, put};
 use anyhow::{Context, Result, bail};
 use serde::Serialize;
 use serde_yaml::{Mapping, Value};
@@ -29,19 +29,20 @@ pub struct Setting {
 }
 
 impl Setting {
-    /// Returns the settings of these keys with their present values, defaults of keys that the
-    /// scenario does not have included.
+    /// Returns the settings of these keys with the values that they have in `present`, all settings of the
+    /// controllers. `is_drawn` says whether a campaign draws a key.
     ///
     /// # Errors
     /// Names the key that is none, is no positive number, is drawn by the campaign, or stands twice.
-    pub fn all(campaign: &Campaign, keys: &[String]) -> Result<Vec<Self>> {
-        let Value::Mapping(present) = serde_yaml::to_value(campaign.controller_settings()?)? else {
-            bail!("the settings of the controllers are no mapping");
-        };
+    pub fn all(
+        present: &Mapping,
+        keys: &[String],
+        is_drawn: impl Fn(&str) -> bool,
+    ) -> Result<Vec<Self>> {
         keys.iter()
             .enumerate()
             .map(|(index, key)| {
-                let value = find(&present, key)
+                let value = find(present, key)
                     .with_context(|| format!("--key {key}: there is no such setting"))?;
                 let before = value.as_f64().filter(|value| *value > 0.0).with_context(|| {
                     let shown = serde_json::to_string(value).unwrap_or_default();
@@ -51,7 +52,7 @@ impl Setting {
                     bail!("--key {key}: {before} is a whole number; only continuous settings are searched");
                 }
                 let whole = format!("controller.{key}");
-                if campaign.keys().any(|drawn| drawn == whole) {
+                if is_drawn(&whole) {
                     bail!("--key {key}: the campaign draws controller.{key}");
                 }
                 if keys[..index].contains(key) {
@@ -64,6 +65,15 @@ impl Setting {
                 })
             })
             .collect()
+    }
+
+    /// Returns the value times a factor; as it is where that is 1.
+    pub fn at(&self, factor: f64) -> f64 {
+        if factor == 1.0 {
+            self.before
+        } else {
+            self.times(factor).after
+        }
     }
 
     /// Returns the setting changed by a factor, rounded to four digits.
@@ -84,17 +94,8 @@ fn rounded(value: f64) -> f64 {
 pub fn mapping(settings: &[Setting], factors: &[f64]) -> Mapping {
     let mut keys = Mapping::new();
     for (setting, factor) in settings.iter().zip(factors) {
-        let changed = setting.times(*factor);
-        let value = if *factor == 1.0 {
-            setting.before
-        } else {
-            changed.after
-        };
-        put(
-            &mut keys,
-            &format!("controller.{}", setting.key),
-            &Value::from(value),
-        );
+        let key = format!("controller.{}", setting.key);
+        put(&mut keys, &key, &Value::from(setting.at(*factor)));
     }
     keys
 }

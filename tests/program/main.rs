@@ -3,9 +3,17 @@
 // The lints except tests only, not what helps them in these files.
 #![allow(clippy::unwrap_used, clippy::panic)]
 
+#[path = "../support/configuration.rs"]
+mod configured;
+#[path = "../support/program.rs"]
+mod program;
+
 mod campaign;
 mod check;
 mod configuration;
+mod guide;
+#[path = "../support/guide_blocks.rs"]
+mod guide_blocks;
 mod icr;
 mod mistakes;
 mod odometry;
@@ -18,20 +26,11 @@ mod simulate_output;
 mod stranger;
 mod tune;
 
+use program::{repository, sidehill};
 use serde_json::Value;
 use std::collections::BTreeSet;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::{Command, Output};
-
-/// Returns the program, ready for arguments.
-fn sidehill() -> Command {
-    Command::new(env!("CARGO_BIN_EXE_sidehill"))
-}
-
-/// Returns where a file of the repository is.
-fn repository(name: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join(name)
-}
 
 /// Returns the text of a file of the repository.
 fn text(name: &str) -> String {
@@ -87,15 +86,6 @@ fn runs(text: &str) -> Vec<Value> {
     let value: Value = serde_json::from_str(text).unwrap();
     assert_eq!(keys(&value), BTreeSet::from(["runs"]));
     value["runs"].as_array().unwrap().clone()
-}
-
-/// Returns the text of a scenario whose vehicles are found from any folder.
-fn scenario_anywhere(name: &str) -> String {
-    let text = crate::repository(&format!("config/scenarios/{name}.yaml"));
-    let vehicles = crate::repository("config/vehicles/");
-    std::fs::read_to_string(text)
-        .unwrap()
-        .replace("../vehicles/", vehicles.to_str().unwrap())
 }
 
 /// A folder with a scenario in it that takes little time: 2 m across a slope of 8 degrees.

@@ -15,6 +15,7 @@ fn pages() -> Vec<String> {
     };
     let mut pages = markdown("");
     pages.extend(markdown("docs"));
+    pages.extend(markdown("docs/guide"));
     pages.push("bridge/nav2/README.md".into());
     pages.push("tests/ros2/README.md".into());
     pages

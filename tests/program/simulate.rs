@@ -1,6 +1,7 @@
 //! The figures of `sidehill simulate`, and the run without arguments.
 
-use crate::{Course, assert_says, fail, runs, scenario_anywhere, sidehill, stdout, succeed};
+use crate::configured::configuration;
+use crate::{Course, assert_says, fail, runs, sidehill, stdout, succeed};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -171,7 +172,7 @@ fn simulate_in(folder: &Path, name: &str, scenario: &str) -> (Command, PathBuf) 
 
 #[test]
 fn a_point_ahead_of_the_origin_follows_the_path_as_well_as_the_origin() {
-    let slalom = scenario_anywhere("slalom");
+    let slalom = configuration("scenarios/slalom.yaml");
     let folder = tempfile::tempdir().unwrap();
     let drive = |name: &str, text: &str| {
         let (mut simulate, out) = simulate_in(folder.path(), name, text);
@@ -209,7 +210,7 @@ fn a_point_ahead_of_the_origin_follows_the_path_as_well_as_the_origin() {
 
 #[test]
 fn the_guard_stops_before_steep_ground_or_refuses_the_route() {
-    let steep = scenario_anywhere("steep_ground");
+    let steep = configuration("scenarios/steep_ground.yaml");
     let folder = tempfile::tempdir().unwrap();
     let drive = |name: &str, text: &str| {
         let (mut simulate, out) = simulate_in(folder.path(), name, text);
@@ -268,12 +269,8 @@ fn the_guard_stops_before_steep_ground_or_refuses_the_route() {
 #[test]
 fn at_the_end_of_grip_plans_settle_and_a_slow_turn_goes_on() {
     let folder = tempfile::tempdir().unwrap();
-    let text = std::fs::read_to_string(crate::repository("config/campaigns/default.yaml")).unwrap();
-    let scenario = crate::repository("config/scenarios/slalom.yaml");
     let campaign = folder.path().join("campaign.yaml");
-    let text = text
-        .replace("seed: 1", "seed: 777")
-        .replace("../scenarios/slalom.yaml", &scenario.display().to_string());
+    let text = configuration("campaigns/default.yaml").replace("seed: 1", "seed: 777");
     std::fs::write(&campaign, text).unwrap();
     for index in ["249", "564"] {
         let out = folder.path().join(format!("{index}.yaml"));

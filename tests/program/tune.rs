@@ -104,6 +104,81 @@ fn better_settings_are_conditions_with_their_evidence() {
 }
 
 #[test]
+fn a_recording_judges_settings_of_the_estimator() {
+    let bad = Bad::new();
+    let scenario = bad.path("drive.yaml");
+    let text = format!(
+        "name: drive\n\
+         vehicle: {}\n\
+         terrain: {{kind: plane, slope_deg: 8, uphill_heading_deg: 60}}\n\
+         course: {{shape: figure_eight, half_width_m: 2.4, half_length_m: 3.9, period_s: 40}}\n\
+         laps: 3\n\
+         controllers: [icrik-mpc]\n\
+         plant: contact\n\
+         seed: 1\n\
+         step_s: 0.005\n",
+        repository("config/vehicles/j8.yaml").display()
+    );
+    std::fs::write(&scenario, text).unwrap();
+    // Noise as in reality, and an estimate that learns next to nothing.
+    let realistic =
+        std::fs::read_to_string(repository("config/conditions/realistic.yaml")).unwrap();
+    let conditions = bad.path("conditions.yaml");
+    let deaf = realistic.replace("slope_sigma: 0.4", "slope_sigma: 0.001, shift_sigma: 0.001");
+    assert_ne!(deaf, realistic);
+    std::fs::write(&conditions, deaf).unwrap();
+    let drive = bad.path("drive.mcap");
+    let mut simulate = sidehill();
+    simulate.arg("simulate").arg(&scenario);
+    simulate
+        .arg("--conditions")
+        .arg(&conditions)
+        .arg("--record");
+    // The drive may end early; the recording is there.
+    simulate.arg(&drive).output().unwrap();
+    let tune = |arguments: &[&str]| {
+        let mut command = sidehill();
+        command.arg("tune").arg(&drive).arg("--out");
+        command.arg(bad.path("found.yaml")).args(arguments);
+        command
+    };
+    let key = "estimator.adaptation.slope_sigma";
+    let report = bad.path("report.html");
+    let mut arguments = vec!["--key", key, "--factor", "1000", "--tries", "12"];
+    arguments.extend(["--format", "json"]);
+    let printed = succeed(tune(&arguments).arg("--report").arg(&report));
+    let printed: Value = serde_json::from_str(&printed).unwrap();
+    assert_eq!(
+        (&printed["improved"], &printed["subject"]),
+        (&true.into(), &"recording".into())
+    );
+    let after = printed["settings"][0]["after"].as_f64().unwrap();
+    assert!(after > 0.05, "{printed}");
+    let held_out = &printed["held_out"];
+    assert!(held_out["runs"]["start"] == printed["training"]["runs"]["end"]);
+    let median_m = |which: &str| held_out[which]["median_m"].as_f64().unwrap();
+    assert!(median_m("after") < 0.6 * median_m("before"), "{printed}");
+    assert_says(&bad.text("found.yaml"), &[&format!("slope_sigma: {after}")]);
+    assert_says(
+        &bad.text("report.html"),
+        &["judge them by another recording", "uPlot"],
+    );
+    let refused = fail(&mut tune(&["--force", "--key", "weights.cross_per_m2"]));
+    assert_says(
+        &refused,
+        &["--key weights.cross_per_m2", "scenario or campaign"],
+    );
+    let refused = fail(&mut tune(&[
+        "--force",
+        "--training",
+        "2",
+        "--held-out",
+        "120",
+    ]));
+    assert_says(&refused, &["drive.mcap", "at least 8"]);
+}
+
+#[test]
 fn a_search_goes_on_where_it_was_killed() {
     let bad = Bad::new();
     let whole = succeed(&mut bad.command("whole.yaml", &["--format", "json"]));

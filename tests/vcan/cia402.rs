@@ -1,11 +1,12 @@
 //! Drives of CiA 402, played by canopen (PyPI).
 
+use super::running::Running;
 use super::support::*;
 use super::{COMMANDS_OFF_AFTER_SILENCE_S, CYCLE_S, RAMP_S, assert_off, assert_rearms};
 use sidehill_bridge::can::frame::FrameId;
 use std::io::Write;
 use std::path::Path;
-use std::process::{Child, ChildStdin, Command, Stdio};
+use std::process::{ChildStdin, Command, Stdio};
 use std::time::{Duration, Instant};
 
 /// From the drives' setup: the silence of this program that they bear, s, and their time to stop.
@@ -16,7 +17,7 @@ const HEARTBEAT_S: f64 = 0.05;
 
 /// The vehicle.
 struct Peer {
-    child: Child,
+    process: Running,
     input: ChildStdin,
 }
 
@@ -25,19 +26,17 @@ impl Peer {
         let truth = folder.0.join("truth.csv").display().to_string();
         let heading = heading_deg.to_string();
         let database = database("cia402.dbc");
-        let mut child = python("cia402_vehicle.py", &[&database, BUS, &heading, &truth])
-            .stdin(Stdio::piped())
-            .spawn()
-            .unwrap();
-        let input = child.stdin.take().unwrap();
-        // From here on it is killed where it is dropped, and with it where the wait fails.
-        let mut peer = Self { child, input };
+        let mut process = Running::start(
+            python("cia402_vehicle.py", &[&database, BUS, &heading, &truth]).stdin(Stdio::piped()),
+        );
+        let input = process.0.stdin.take().unwrap();
+        let mut peer = Self { process, input };
         let start = Instant::now();
         while !Path::new(&truth).exists() {
             // Its modules take long to load on a machine that others keep busy.
             assert!(start.elapsed() < Duration::from_secs(60), "no peer");
             assert!(
-                peer.child.try_wait().unwrap().is_none(),
+                peer.process.0.try_wait().unwrap().is_none(),
                 "the peer has ended"
             );
             sleep_s(0.05);
@@ -47,13 +46,6 @@ impl Peer {
 
     fn tell(&mut self, words: &str) {
         writeln!(self.input, "{words}").unwrap();
-    }
-}
-
-impl Drop for Peer {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
     }
 }
 

@@ -6,11 +6,23 @@
     clippy::print_stdout
 )]
 
+#[path = "../support/configuration.rs"]
+mod configuration;
+#[path = "../support/program.rs"]
+mod program;
+#[path = "../support/running.rs"]
+mod running;
+
 mod both;
 mod cia402;
+mod guide;
+#[path = "../support/guide_blocks.rs"]
+mod guide_blocks;
 mod realtime;
 mod support;
 
+use program::sidehill;
+use running::Running;
 use std::io::{BufRead, BufReader, Read};
 use std::process::Stdio;
 use std::time::{Duration, Instant};
@@ -27,7 +39,7 @@ fn a_vehicle_and_a_controller_follow_the_figure_of_eight() {
     drop(vehicle);
     println!("{ending}");
     assert_eq!(ending["ended"], "finished");
-    let replayed = std::process::Command::new(env!("CARGO_BIN_EXE_sidehill"))
+    let replayed = sidehill()
         .args(["replay", &recording, "--format", "json"])
         .output()
         .unwrap();
@@ -106,13 +118,13 @@ fn a_controller_drives_on_while_its_output_is_closed_100_times() {
     };
     let output = std::fs::File::options().write(true).open(&pipe).unwrap();
     let config = configuration(&folder, "run_vcan0.yaml", |text| text);
-    let mut run = std::process::Command::new(env!("CARGO_BIN_EXE_sidehill"))
-        .args(["run", &config, "--arm", "--out"])
-        .arg(folder.0.join("run"))
-        .stderr(output.try_clone().unwrap())
-        .stdout(output)
-        .spawn()
-        .unwrap();
+    let run = Running::start(
+        sidehill()
+            .args(["run", &config, "--arm", "--out"])
+            .arg(folder.0.join("run"))
+            .stderr(output.try_clone().unwrap())
+            .stdout(output),
+    );
     observer.wait_for_driving(2.0);
     drop(first.join().unwrap());
     for _ in 0..100 {
@@ -127,8 +139,7 @@ fn a_controller_drives_on_while_its_output_is_closed_100_times() {
     }
     println!("{line}");
     assert!(line.contains("\"state\":\"driving\""), "{line}");
-    run.kill().unwrap();
-    run.wait().unwrap();
+    drop(run);
     drop(vehicle);
     // From the first movement on, until it was killed, it has not stood.
     let truth = folder.truth();

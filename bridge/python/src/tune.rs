@@ -37,7 +37,7 @@ pub fn tune<'py>(
         )));
     }
     let options = Options {
-        controller: kind("controller", controller)?,
+        controller: Some(kind("controller", controller)?),
         keys,
         factor,
         calmness,

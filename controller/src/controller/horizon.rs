@@ -1,9 +1,11 @@
 //! From the estimate to the reference ahead: the horizon that the MPC is asked for.
 
+use super::unrolling::Unrolling;
 use super::{Controller, Law, Phase};
 use crate::config::AttitudePreview;
 use crate::estimator::Estimate;
 use crate::mpc::{Model, StageTarget};
+use crate::path::Point2;
 use crate::reference::Progress;
 use crate::tracked_point::{TrackedPoint, heading_difference_after};
 use nalgebra::Vector3;
@@ -60,11 +62,17 @@ impl Controller {
         self.horizon.start = self.roll_forward(estimate);
         self.horizon.previous = previous;
         self.horizon.change_weights = self.config.change_weights(caution);
-        self.fill_targets(estimate, half_track_m, caution);
+        self.fill_targets(estimate, progress, half_track_m, caution);
     }
 
     /// Puts the reference over the horizon into its targets.
-    fn fill_targets(&mut self, estimate: &Estimate, half_track_m: f64, caution: f64) {
+    fn fill_targets(
+        &mut self,
+        estimate: &Estimate,
+        progress: &Progress,
+        half_track_m: f64,
+        caution: f64,
+    ) {
         self.horizon.targets.clear();
         let (Some(reference), Law::Mpc(mpc)) = (&self.reference, &self.law) else {
             return;
@@ -78,6 +86,9 @@ impl Controller {
             .filter(|_| config.attitude_preview == AttitudePreview::Terrain);
         let guard = self.guard.as_ref().filter(|guard| guard.slows());
         let mut slowed_s = guard.map_or(0.0, |guard| guard.after_s(0.0, config.delay_s()));
+        let weights = &config.weights;
+        let mut unrolling = (weights.along_per_m2 != weights.cross_per_m2)
+            .then(|| Unrolling::new(reference, progress));
         for (k, end_s) in ends_s.iter().enumerate() {
             let (ahead_s, share) = match guard {
                 Some(guard) => {
@@ -91,13 +102,25 @@ impl Controller {
             let normal_in_world = map
                 .and_then(|map| map.surface(point.position.x_m, point.position.y_m).ok())
                 .map_or(estimate.normal_in_world, |surface| surface.normal_in_world);
+            let planned = mpc.planned_state(k, self.horizon.elapsed_s);
+            let pose = match (&mut unrolling, planned) {
+                (Some(unrolling), Some(planned)) => {
+                    let lever = tracked_point.lever(&normal_in_world, planned.z);
+                    let place = Point2 {
+                        x_m: planned.x + lever.offset_m.0,
+                        y_m: planned.y + lever.offset_m.1,
+                    };
+                    unrolling.target(&point, &place)
+                }
+                _ => point.pose(),
+            };
             self.horizon.targets.push(StageTarget {
-                pose: point.pose(),
+                pose,
                 tracked_point,
                 residual_in_world: self.memory.as_ref().map_or_else(Vector3::zeros, |memory| {
                     memory.residual_in_world(&point.pose())
                 }),
-                along_heading_rad: point.heading_rad,
+                along_heading_rad: pose.yaw_rad,
                 normal_in_world,
                 feedforward: MotorSpeeds {
                     traction_m_s: share * point.speed_m_s,

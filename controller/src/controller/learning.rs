@@ -2,10 +2,8 @@
 
 use super::Controller;
 use super::parts::Law;
-use crate::config::ControllerKind;
 use crate::estimator::Estimate;
 use crate::memory::{Learned, RecallError};
-use sidehill_plant::vehicle::Vehicle;
 
 impl Controller {
     /// Returns everything that was learned, to be kept; none where memory is off.
@@ -57,14 +55,4 @@ impl Controller {
         );
         memory.observe(estimate.time_s, &estimate.pose, &step.increment);
     }
-}
-
-/// Returns the name of a vehicle under a kind of controller, with a number that is another where any of its
-/// parameters is.
-pub(super) fn owner(vehicle: &Vehicle, kind: ControllerKind) -> String {
-    let text = format!("{vehicle:?}");
-    let number = text.bytes().fold(0xCBF2_9CE4_8422_2325_u64, |hash, byte| {
-        (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01B3)
-    });
-    format!("{} {number:016x} {}", vehicle.name, kind.name())
 }

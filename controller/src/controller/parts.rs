@@ -126,3 +126,13 @@ pub(super) fn guard(
     let braking_m_s2 = BRAKING_SHARE * config.limits.traction.deceleration_m_s2;
     Ok(Some(Guard::new(settings, stance, braking_m_s2)))
 }
+
+/// Returns the name of a vehicle under a kind of controller, with a number that is another where any of its
+/// parameters is.
+pub(super) fn owner(vehicle: &Vehicle, kind: ControllerKind) -> String {
+    let text = format!("{vehicle:?}");
+    let number = text.bytes().fold(0xCBF2_9CE4_8422_2325_u64, |hash, byte| {
+        (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01B3)
+    });
+    format!("{} {number:016x} {}", vehicle.name, kind.name())
+}

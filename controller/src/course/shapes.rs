@@ -58,7 +58,7 @@ impl Circle {
         Ok(())
     }
 
-    pub(super) fn trajectory(&self) -> Result<Trajectory, PathError> {
+    pub(crate) fn trajectory(&self) -> Result<Trajectory, PathError> {
         let whole = self.turns.fract() == 0.0;
         let arc = Arc {
             start: Point2::default(),

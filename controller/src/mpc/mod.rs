@@ -9,7 +9,9 @@ mod clarabel_qp;
 mod condensing;
 mod dual_active_set;
 mod failure;
+mod following;
 pub mod limits;
+mod linearising;
 mod model;
 mod problem;
 mod qp;
@@ -23,6 +25,7 @@ mod working_set;
 pub use condensing::StageWeights;
 pub use failure::QpFailure;
 pub use model::Model;
+use model::StepStart;
 pub use problem::{CscMatrix, Point, QpData, Residuals};
 pub use qp::{QpSolver, SolvePath};
 pub use settings::{ChangeWeights, Corridor, HeadingExcess, MpcSettings, QpMode, QpSettings};
@@ -33,17 +36,13 @@ use crate::tracked_point::TrackedPoint;
 use condensing::{Condenser, Stage};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
-use sidehill_plant::frames::{PlanarPose, wrap_angle};
+use sidehill_plant::frames::PlanarPose;
 use sidehill_plant::speeds::MotorSpeeds;
 use std::time::Instant;
-use step_limit::{HALVINGS, TrustRegion};
+use step_limit::TrustRegion;
 
 /// Factor on all costs: brings the QP's numbers near 1, where the solver's tolerances are meant.
 const COST_SCALE: f64 = 10.0;
-
-/// Correction of planned steer, m/s, from which a plan without a step limit is run through the model
-/// before it is taken.
-const CHECKED_STEER_M_S: f64 = 0.3;
 
 /// What the horizon asks for at the end of one stage.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -140,6 +139,8 @@ pub struct Mpc {
     times: StageTimes,
     region: Option<TrustRegion>,
     stages: Vec<Stage>,
+    /// Where the model's searches of the stages' steps begin.
+    starts: Vec<StepStart>,
     condenser: Condenser,
     solver: QpSolver,
 }
@@ -169,6 +170,7 @@ impl Mpc {
             times: settings.stage_times(),
             region: settings.step_limit.map(TrustRegion::new),
             stages: Vec::new(),
+            starts: vec![StepStart::default(); settings.stages],
             condenser,
             solver,
             model: model.into(),
@@ -182,6 +184,16 @@ impl Mpc {
     /// [`Mpc::discard_plan`].
     pub fn plan(&self) -> Option<&Plan> {
         self.planned.then_some(&self.plan)
+    }
+
+    /// Returns (x, y, yaw) that the plan in force has for the end of a stage of the next horizon, which is
+    /// `elapsed_s` later than its own; none where there is no plan.
+    pub fn planned_state(&self, stage: usize, elapsed_s: f64) -> Option<Vector3<f64>> {
+        let states = &self.plan()?.states;
+        let state = states.get(stage + 1)?;
+        let next = states.get(stage + 2).unwrap_or(state);
+        let ratio = (elapsed_s / self.times.step_s(stage)).clamp(0.0, 1.0);
+        Some((1.0 - ratio) * state + ratio * next)
     }
 
     /// Makes the next plan from nothing, as after a change of the path.
@@ -226,116 +238,6 @@ impl Mpc {
         }
     }
 
-    /// Puts the targets as states and their feed-forward as inputs into the plan.
-    fn guess(&mut self, horizon: &Horizon) {
-        let state = &horizon.start;
-        self.plan.states[0] = vector(state);
-        for (k, target) in horizon.targets.iter().enumerate() {
-            let mut next = vector(
-                &target
-                    .tracked_point
-                    .origin_of(&target.pose, &target.normal_in_world),
-            );
-            next.z = state.yaw_rad + wrap_angle(next.z - state.yaw_rad);
-            self.plan.states[k + 1] = next;
-            self.plan.inputs[k] = target.feedforward;
-        }
-        // Unwrap, so that the plan's heading runs on where the targets' does.
-        for k in 1..=horizon.targets.len() {
-            let before = self.plan.states[k - 1].z;
-            let yaw = &mut self.plan.states[k].z;
-            *yaw = before + wrap_angle(*yaw - before);
-        }
-    }
-
-    /// Shifts the plan by `elapsed_s`, less than a stage: states are interpolated, inputs averaged
-    /// over the new stages, the end follows from the model with the last input kept.
-    fn shift(&mut self, elapsed_s: f64, normal_at_end: &Vector3<f64>) {
-        let elapsed_s = elapsed_s.clamp(0.0, self.times.step_s(0));
-        let last = self.settings.stages - 1;
-        for k in 0..=last {
-            let ratio = elapsed_s / self.times.step_s(k);
-            self.shifted.states[k] =
-                (1.0 - ratio) * self.plan.states[k] + ratio * self.plan.states[k + 1];
-            let (now, next) = (self.plan.inputs[k], self.plan.inputs[(k + 1).min(last)]);
-            self.shifted.inputs[k] = MotorSpeeds {
-                traction_m_s: (1.0 - ratio) * now.traction_m_s + ratio * next.traction_m_s,
-                steer_m_s: (1.0 - ratio) * now.steer_m_s + ratio * next.steer_m_s,
-            };
-        }
-        let end = &self.plan.states[last + 1];
-        let step =
-            self.model
-                .step_on_plane(normal_at_end, end.z, self.plan.inputs[last], elapsed_s);
-        self.shifted.states[last + 1] = end + step.increment;
-        std::mem::swap(&mut self.plan, &mut self.shifted);
-    }
-
-    /// Dynamics, errors and limits of each stage about the plan, whose first state becomes the
-    /// horizon's start; returns the one it had.
-    fn linearise_about_plan(&mut self, horizon: &Horizon, guessed: bool) -> Vector3<f64> {
-        let mut start = vector(&horizon.start);
-        // The plan's heading is not wrapped; the state's turn count is taken from it.
-        start.z = self.plan.states[0].z + wrap_angle(start.z - self.plan.states[0].z);
-        let first = std::mem::replace(&mut self.plan.states[0], start);
-        let settings = &self.settings;
-        let mut before = settings.limits.within_bounds(horizon.previous);
-        self.stages.clear();
-        for (k, target) in horizon.targets.iter().enumerate() {
-            let (state, next, input) = (
-                &self.plan.states[k],
-                &self.plan.states[k + 1],
-                self.plan.inputs[k],
-            );
-            let step_s = self.times.step_s(k);
-            let step = self
-                .model
-                .step_on_plane(&target.normal_in_world, state.z, input, step_s);
-            let residual = step_s * target.residual_in_world;
-            let (sin, cos) = target.along_heading_rad.sin_cos();
-            let time_s = if k == 0 {
-                settings.period_s
-            } else {
-                self.times.step_s(k - 1)
-            };
-            let lever = target.tracked_point.lever(&target.normal_in_world, next.z);
-            let error = Vector3::new(
-                next.x + lever.offset_m.0 - target.pose.x_m,
-                next.y + lever.offset_m.1 - target.pose.y_m,
-                wrap_angle(next.z - target.pose.yaw_rad),
-            );
-            let mut weights = target.weights;
-            if !guessed {
-                weights.heading_per_rad2 += settings.heading_excess.weight(error.z);
-            }
-            // The cost is that of even stages, each of them a sample of an integral.
-            let mut factor = step_s / settings.step_s;
-            if k + 1 == horizon.targets.len() {
-                factor *= settings.terminal_factor;
-            }
-            weights.along_per_m2 *= factor;
-            weights.cross_per_m2 *= factor;
-            weights.heading_per_rad2 *= factor;
-            self.stages.push(Stage {
-                step,
-                defect: state + step.increment + residual - next,
-                error,
-                point_by_yaw_m: lever.by_yaw_m,
-                along: (-sin, cos),
-                weights,
-                input,
-                change_weights: ChangeWeights {
-                    traction: horizon.change_weights.traction / step_s,
-                    steer: horizon.change_weights.steer / step_s,
-                },
-                traction_change: settings.limits.traction.change(before.traction_m_s, time_s),
-                steer_change: settings.limits.steer.change(before.steer_m_s, time_s),
-            });
-            before = input;
-        }
-        first
-    }
-
     fn condense(&mut self, horizon: &Horizon) {
         let previous = self.settings.limits.within_bounds(horizon.previous);
         self.condenser
@@ -368,15 +270,7 @@ impl Mpc {
             residuals,
             solve_time_s: begin.elapsed().as_secs_f64(),
         };
-        match self.region {
-            Some(region) => self.region = Some(self.apply_within(region, horizon)),
-            // At the end of grip two plans can lead to one another for ever, each good about the other only.
-            // The guess for a first plan does not keep the limits: part of a step from it would not either.
-            None if self.planned && self.largest_steer_correction_m_s() > CHECKED_STEER_M_S => {
-                self.apply_within(TrustRegion::new(StepLimit::WHOLE_STEP), horizon);
-            }
-            None => self.apply(1.0),
-        }
+        self.follow(horizon);
         Ok(report)
     }
 
@@ -390,111 +284,6 @@ impl Mpc {
     pub(crate) fn was_cut_at(&self) -> Option<u32> {
         self.solver.was_cut_at()
     }
-
-    /// Moves the plan by a share of the QP's solution, states along the linearised dynamics.
-    fn apply(&mut self, share: f64) {
-        let mut deviation = Vector3::zeros();
-        let corrections = self.condenser.input_corrections(self.solver.primal());
-        for ((k, stage), correction) in self.stages.iter().enumerate().zip(corrections) {
-            let step = &stage.step;
-            deviation += step.by_yaw * deviation.z
-                + step.by_traction * correction.traction_m_s
-                + step.by_steer * correction.steer_m_s
-                + stage.defect;
-            self.plan.states[k + 1] += share * deviation;
-            self.plan.inputs[k] = MotorSpeeds {
-                traction_m_s: stage.input.traction_m_s + share * correction.traction_m_s,
-                steer_m_s: stage.input.steer_m_s + share * correction.steer_m_s,
-            };
-        }
-    }
-
-    /// Returns the largest correction of planned steer that the QP's solution asks for, m/s.
-    fn largest_steer_correction_m_s(&self) -> f64 {
-        self.condenser
-            .input_corrections(self.solver.primal())
-            .map(|correction| correction.steer_m_s.abs())
-            .fold(0.0, f64::max)
-    }
-
-    /// Moves the plan as far as the linearisation tells the truth, see [`step_limit`]; returns the region
-    /// of the next cycle.
-    fn apply_within(&mut self, mut region: TrustRegion, horizon: &Horizon) -> TrustRegion {
-        let largest_m_s = self.largest_steer_correction_m_s();
-        let mut share = region.first_share(largest_m_s);
-        self.shifted.states.copy_from_slice(&self.plan.states);
-        self.shifted.inputs.copy_from_slice(&self.plan.inputs);
-        let before = self.rolled_out_cost(horizon);
-        for halvings in 0..=HALVINGS {
-            self.apply(share);
-            let promised = self.planned_cost(horizon);
-            let actual = self.rolled_out_cost(horizon);
-            if halvings == HALVINGS || region.takes(before, promised, actual) {
-                region.learn(before, promised, actual, share * largest_m_s, halvings == 0);
-                break;
-            }
-            share *= 0.5;
-            self.plan.states.copy_from_slice(&self.shifted.states);
-        }
-        region
-    }
-
-    /// Returns the cost of the plan as its states have it.
-    fn planned_cost(&self, horizon: &Horizon) -> f64 {
-        let mut cost = 0.0;
-        let mut before = self.settings.limits.within_bounds(horizon.previous);
-        for (k, stage) in self.stages.iter().enumerate() {
-            let input = self.plan.inputs[k];
-            cost += stage_cost(
-                stage,
-                &horizon.targets[k],
-                &self.plan.states[k + 1],
-                input,
-                before,
-            );
-            before = input;
-        }
-        cost
-    }
-
-    /// Returns the cost of the plan's inputs, run through the model from the plan's first state.
-    fn rolled_out_cost(&mut self, horizon: &Horizon) -> f64 {
-        let mut cost = 0.0;
-        let mut before = self.settings.limits.within_bounds(horizon.previous);
-        let mut state = self.plan.states[0];
-        for (k, stage) in self.stages.iter().enumerate() {
-            let (input, target) = (self.plan.inputs[k], &horizon.targets[k]);
-            let step_s = self.times.step_s(k);
-            let step = self
-                .model
-                .step_on_plane(&target.normal_in_world, state.z, input, step_s);
-            state += step.increment + step_s * target.residual_in_world;
-            cost += stage_cost(stage, target, &state, input, before);
-            before = input;
-        }
-        cost
-    }
-}
-
-/// Returns what a stage costs that ends at `state`.
-fn stage_cost(
-    stage: &Stage,
-    target: &StageTarget,
-    state: &Vector3<f64>,
-    input: MotorSpeeds,
-    before: MotorSpeeds,
-) -> f64 {
-    let lever = target.tracked_point.lever(&target.normal_in_world, state.z);
-    let dx = state.x + lever.offset_m.0 - target.pose.x_m;
-    let dy = state.y + lever.offset_m.1 - target.pose.y_m;
-    let heading = wrap_angle(state.z - target.pose.yaw_rad);
-    let along = stage.along.0 * dx + stage.along.1 * dy;
-    let cross = stage.along.0 * dy - stage.along.1 * dx;
-    stage.weights.along_per_m2 * along * along
-        + stage.weights.cross_per_m2 * cross * cross
-        + stage.weights.heading_per_rad2 * heading * heading
-        + stage.change_weights.traction * (input.traction_m_s - before.traction_m_s).powi(2)
-        + stage.change_weights.steer * (input.steer_m_s - before.steer_m_s).powi(2)
 }
 
 impl<'a> Linearised<'a> {

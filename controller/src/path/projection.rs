@@ -23,6 +23,8 @@ pub struct Window {
 /// Weight of the distance from the expected arc length where branches are about equally near.
 const BRANCH_WEIGHT: f64 = 1e-2;
 const NEWTON_STEPS: usize = 12;
+/// Step of Newton's method that ends it, m.
+const TOLERANCE_M: f64 = 1e-12;
 /// More distance between two points than path there cannot be, but for the interpolation's error.
 const STRETCH: f64 = 1.05;
 
@@ -43,6 +45,7 @@ impl Path {
             position,
             self.best_sample(position, around_m, (low_m, high_m)),
             (low_m, high_m),
+            TOLERANCE_M,
         );
         // The ways to and from a cusp lie on each other: both are refined before they are compared.
         for cusp_m in self.cusps_m() {
@@ -51,7 +54,7 @@ impl Path {
             }
             for bounds in [(low_m, cusp_m.next_down()), (cusp_m, high_m)] {
                 let coarse_m = self.best_sample(position, around_m, bounds);
-                let other = self.refine(position, coarse_m, bounds);
+                let other = self.refine(position, coarse_m, bounds, TOLERANCE_M);
                 if cost(&other.point) < cost(&nearest.point) {
                     nearest = other;
                 }
@@ -60,6 +63,31 @@ impl Path {
         nearest.point.arc_length_m += laps * self.length_m;
         nearest.point.heading_rad += laps * self.turn_per_lap_rad();
         nearest
+    }
+
+    /// Returns the point near `from_m` that is nearest to `position`, to a few mm, on the piece of the
+    /// path on which `around_m` lies and within `window` of that.
+    ///
+    /// Newton's method from there: quick where `from_m` is a good guess. `position` must be finite.
+    pub fn nearest_from(
+        &self,
+        position: &Point2,
+        from_m: f64,
+        around_m: f64,
+        window: &Window,
+    ) -> PathPoint {
+        /// The point moves on the path by the square of this, over the radius of a bend.
+        const TOLERANCE_M: f64 = 1e-2;
+        let (mut low_m, mut high_m) = (around_m - window.behind_m, around_m + window.ahead_m);
+        if !self.closed {
+            let within_m = around_m.clamp(0.0, self.length_m);
+            let piece = &self.pieces[self.piece_index(within_m)];
+            low_m = low_m.max(piece.start_m);
+            high_m = high_m.min(piece.end_m().next_down());
+        }
+        let from_m = from_m.clamp(low_m, high_m.max(low_m));
+        self.refine(position, from_m, (low_m, high_m), TOLERANCE_M)
+            .point
     }
 
     /// Returns the arc length, of a set no sparser than the samples, with the least cost.
@@ -90,7 +118,13 @@ impl Path {
 
     /// Solves (position - p(s)) . t(s) = 0 for s by Newton's method within the bounds and the
     /// piece on which the search starts.
-    fn refine(&self, position: &Point2, from_m: f64, bounds_m: (f64, f64)) -> Projected {
+    fn refine(
+        &self,
+        position: &Point2,
+        from_m: f64,
+        bounds_m: (f64, f64),
+        tolerance_m: f64,
+    ) -> Projected {
         let (mut low_m, mut high_m) = bounds_m;
         if !self.closed {
             let piece = &self.pieces[self.piece_index(from_m)];
@@ -108,7 +142,7 @@ impl Path {
             let step_m = (next_m - arc_length_m).abs();
             arc_length_m = next_m;
             point = self.at(arc_length_m);
-            if step_m < 1e-12 {
+            if step_m < tolerance_m {
                 break;
             }
         }

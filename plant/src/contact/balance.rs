@@ -19,6 +19,52 @@ pub(super) struct Contact {
     pub(super) friction: f64,
 }
 
+/// Slip of a wheel, and the root q over which friction distributes its limit.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Slip {
+    /// To the right, m/s.
+    pub(super) x: f64,
+    /// Forward, m/s.
+    pub(super) y: f64,
+    /// r^2 omega of the contact patch, m^2/s.
+    pub(super) spin: f64,
+    /// q of the module's documentation, m/s.
+    pub(super) q: f64,
+}
+
+impl Contact {
+    /// Returns the slip at a body velocity.
+    pub(super) fn slip(&self, friction: &Friction, velocity: &Velocity) -> Slip {
+        let (v_x, v_y, omega) = (velocity.x, velocity.y, velocity.z);
+        let (x, y) = (self.position.x, self.position.y);
+        let (s_x, s_y) = (v_x - omega * y, v_y + omega * x - self.tread_m_s);
+        let lateral_squared = friction.lateral_share * friction.lateral_share;
+        let spin = friction.patch_radius_m * friction.patch_radius_m * omega;
+        let give = friction.slip_share * self.tread_m_s;
+        let q = (lateral_squared * s_x * s_x
+            + s_y * s_y
+            + spin * omega
+            + friction.slip_scale_m_s * friction.slip_scale_m_s
+            + give * give)
+            .sqrt();
+        Slip {
+            x: s_x,
+            y: s_y,
+            spin,
+            q,
+        }
+    }
+
+    /// Returns the force of friction, N to the right and forward, and its moment about the wheel's own
+    /// middle, N m.
+    pub(super) fn friction_force(&self, friction: &Friction, velocity: &Velocity) -> Vector3<f64> {
+        let slip = self.slip(friction, velocity);
+        let lateral_squared = friction.lateral_share * friction.lateral_share;
+        -self.friction * self.load_n / slip.q
+            * Vector3::new(lateral_squared * slip.x, slip.y, slip.spin)
+    }
+}
+
 /// Inertia of an implicit Euler step: kinetic term `(u - u_0)' M (u - u_0) / 2`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct InertiaStep {
@@ -118,7 +164,6 @@ impl Balance<'_> {
         let Friction {
             lateral_share,
             slip_scale_m_s,
-            slip_share,
             rolling_resistance,
             patch_radius_m,
             ..
@@ -126,7 +171,7 @@ impl Balance<'_> {
         let patch_squared = patch_radius_m * patch_radius_m;
         let scale_squared = slip_scale_m_s * slip_scale_m_s;
         let lateral_squared = lateral_share * lateral_share;
-        let (v_x, v_y, omega) = (velocity.x, velocity.y, velocity.z);
+        let (v_y, omega) = (velocity.y, velocity.z);
         let mut value = -self.drive.dot(velocity);
         let mut gradient = -self.drive;
         let mut hessian = Matrix3::zeros();
@@ -134,16 +179,9 @@ impl Balance<'_> {
         for contact in self.contacts {
             let (x, y) = (contact.position.x, contact.position.y);
             let rolling = v_y + omega * x;
-            let (s_x, s_y) = (v_x - omega * y, rolling - contact.tread_m_s);
             // d s_x / du = (1, 0, -y) and d s_y / du = (0, 1, x).
-            let spin = patch_squared * omega;
-            let give = slip_share * contact.tread_m_s;
-            let q = (lateral_squared * s_x * s_x
-                + s_y * s_y
-                + spin * omega
-                + scale_squared
-                + give * give)
-                .sqrt();
+            let slip = contact.slip(self.friction, velocity);
+            let (s_x, s_y, spin, q) = (slip.x, slip.y, slip.spin, slip.q);
             let limit = contact.friction * contact.load_n;
             let (f_x, f_y) = (lateral_squared * s_x / q, s_y / q);
             let mut weight_yy = limit / q;
@@ -219,6 +257,7 @@ mod tests {
         lateral_share: 0.8,
         slip_scale_m_s: 0.02,
         slip_share: 0.1,
+        relaxation_length_m: 0.0,
         rolling_resistance: 0.03,
         patch_radius_m: 0.1,
     };

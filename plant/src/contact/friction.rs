@@ -98,6 +98,10 @@ pub struct Friction {
     /// rolling tyre gives way, so its force follows from slip over speed. 0 is a rigid wheel.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub slip_share: f64,
+    /// Distance over which a wheel's force builds up, m: the relaxation length of a tyre. 0 is at once. It needs
+    /// a vehicle with inertia.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub relaxation_length_m: f64,
     /// Rolling resistance c of the ground, force over load, without unit.
     pub rolling_resistance: f64,
     /// Radius of gyration r of a contact patch about its middle, m: its slip grows by r omega where

@@ -184,6 +184,7 @@ impl ContactVehicle {
                 lateral_share: guess::LATERAL_SHARE,
                 slip_scale_m_s: guess::SLIP_SCALE_M_S,
                 slip_share: 0.0,
+                relaxation_length_m: 0.0,
                 rolling_resistance: guess::ROLLING_RESISTANCE,
                 patch_radius_m: guess::PATCH_SHARE * half_width_m,
             },

@@ -28,8 +28,20 @@
 //! P, which keeps it convex and the step stable at any length; a turn at speed then pushes the vehicle
 //! outward.
 //!
-//! What this leaves out: inertial load transfer, suspension travel, the length over which a tyre's force
-//! builds up, and the drive train, which imposes the tread speeds whatever the forces.
+//! A vehicle with inertia may have tyres whose force F builds up over the relaxation length L:
+//!
+//! ```text
+//! L dF/dt = w (F_s - F),    w = sqrt(V^2 + s_x^2 + s_y^2)
+//! ```
+//!
+//! with F_s the force above (Pacejka, chapter 7, at constant load). The ground passes at the speed V of a wheel
+//! that rolls; one that stands and is dragged has the slip instead, as J. E. Bernard and C. L. Clover let it in
+//! "Tire modeling for low-speed and high-speed calculations" (SAE 950311). So at standstill a tyre is a spring
+//! of the stiffness mu N / L that gives way at mu N, which is P. R. Dahl's model of friction (1968). A fiftieth
+//! of F_s acts at once and damps it.
+//!
+//! What this leaves out: inertial load transfer, suspension travel, and the drive train, which imposes the
+//! tread speeds whatever the forces.
 //!
 //! Friction forces of sliding wheels in skid-steer turns follow O. Chuy et al., "Power modeling of a
 //! skid steered wheeled robotic ground vehicle", ICRA 2009, and J. L. Martinez et al., "Approximating
@@ -44,6 +56,9 @@ mod loads;
 mod model;
 mod parameters;
 mod prediction;
+mod relaxation;
+#[cfg(test)]
+mod relaxation_tests;
 mod vehicle;
 
 pub use friction::{Friction, FrictionField};
@@ -51,7 +66,7 @@ pub(crate) use known::KnownContact;
 pub use loads::GRAVITY_M_S2;
 pub use model::ContactModel;
 pub use parameters::{PARAMETERS, Parameter, ParameterVector};
-pub use prediction::{ContactPrediction, Predicted};
+pub use prediction::{ContactPrediction, FoundBalance, Predicted};
 pub use vehicle::{Axle, CentreOfMass, ContactVehicle};
 
 #[cfg(test)]

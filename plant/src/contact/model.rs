@@ -2,6 +2,7 @@
 
 use super::balance::{Balance, Contact, InertiaStep, Velocity};
 use super::loads::{weight_in_body, write_wheel_loads};
+use super::relaxation::Relaxation;
 use super::vehicle::{ContactVehicle, Wheel};
 use crate::frames::BodyVelocity;
 use crate::motion::{GroundState, MotionError, MotionModel};
@@ -9,7 +10,8 @@ use crate::speeds::TreadSpeeds;
 use nalgebra::{Matrix3, Rotation2, Vector2, Vector3};
 
 /// Motion of a [`ContactVehicle`], with the previous velocity as the start of the next search and,
-/// for a vehicle with inertia, as its state.
+/// for a vehicle with inertia, as its state; the forces of its tyres are part of that where they build up over a
+/// length.
 #[derive(Debug, Clone)]
 pub struct ContactModel {
     vehicle: ContactVehicle,
@@ -17,6 +19,7 @@ pub struct ContactModel {
     loads_n: Vec<f64>,
     contacts: Vec<Contact>,
     velocity: Velocity,
+    relaxation: Option<Relaxation>,
 }
 
 impl ContactModel {
@@ -27,6 +30,9 @@ impl ContactModel {
             loads_n: vec![0.0; wheels.len()],
             contacts: Vec::with_capacity(wheels.len()),
             velocity: Vector3::zeros(),
+            relaxation: vehicle
+                .yaw_inertia_kg_m2
+                .and_then(|_| Relaxation::of(&vehicle.friction)),
             vehicle,
             wheels,
         }
@@ -129,15 +135,26 @@ impl MotionModel for ContactModel {
             return Err(MotionError::Overturned { x_m, y_m });
         }
         let centre = &self.vehicle.centre_of_mass;
+        let mut drive = Vector3::new(
+            weight.x,
+            weight.y,
+            centre.right_m * weight.y - centre.forward_m * weight.x,
+        );
+        let inertia = self.inertia_step(dt_s);
+        if let Some(relaxation) = &mut self.relaxation {
+            drive += relaxation.begin(
+                &self.vehicle.friction,
+                &mut self.contacts,
+                &self.velocity,
+                drive,
+                dt_s,
+            );
+        }
         let balance = Balance {
             contacts: &self.contacts,
             friction: &self.vehicle.friction,
-            drive: Vector3::new(
-                weight.x,
-                weight.y,
-                centre.right_m * weight.y - centre.forward_m * weight.x,
-            ),
-            inertia: self.inertia_step(dt_s),
+            drive,
+            inertia,
         };
         let velocity =
             balance
@@ -149,6 +166,9 @@ impl MotionModel for ContactModel {
                     y_m,
                 })?;
         self.velocity = velocity;
+        if let Some(relaxation) = &mut self.relaxation {
+            relaxation.end(&self.vehicle.friction, &self.contacts, &velocity);
+        }
         Ok(body_velocity(&velocity))
     }
 }

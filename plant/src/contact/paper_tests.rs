@@ -352,7 +352,7 @@ fn keys_out_of_range_are_named() {
 }
 
 /// A vehicle of the Warthog's size (two axles 0.91 m apart, treads 1.08 m) with planar inertia.
-fn warthog() -> ContactVehicle {
+pub(super) fn warthog() -> ContactVehicle {
     let mut vehicle = j8();
     vehicle.mass_kg = 350.0;
     vehicle.half_width_m = 0.54;
@@ -377,7 +377,11 @@ fn warthog() -> ContactVehicle {
 }
 
 /// Velocity of a steady turn on level ground, the vehicle's own inertia included.
-fn steady_turn(vehicle: &ContactVehicle, traction_m_s: f64, steer_m_s: f64) -> BodyVelocity {
+pub(super) fn steady_turn(
+    vehicle: &ContactVehicle,
+    traction_m_s: f64,
+    steer_m_s: f64,
+) -> BodyVelocity {
     let mut model = ContactModel::new(vehicle.clone());
     let treads = TreadSpeeds::from(MotorSpeeds {
         traction_m_s,
@@ -393,7 +397,7 @@ fn steady_turn(vehicle: &ContactVehicle, traction_m_s: f64, steer_m_s: f64) -> B
 }
 
 /// kappa and b of the extended model that a steady turn shows, see [`crate::extension`].
-fn outward_slip_and_loss(
+pub(super) fn outward_slip_and_loss(
     vehicle: &ContactVehicle,
     traction_m_s: f64,
     steer_m_s: f64,

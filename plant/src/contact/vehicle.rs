@@ -186,6 +186,12 @@ impl TryFrom<RawContactVehicle> for ContactVehicle {
             .yaw_inertia_kg_m2
             .map(|value| Bounds::new(1e-3, 1e6, "kg m^2").check("yaw_inertia_kg_m2", value))
             .transpose()?;
+        let relaxation = if yaw_inertia_kg_m2.is_some() {
+            Bounds::new(0.0, 5.0, "m")
+        } else {
+            Bounds::new(0.0, 0.0, "m").with_note("without yaw_inertia_kg_m2")
+        };
+        relaxation.check("relaxation_length_m", raw.friction.relaxation_length_m)?;
         Ok(Self {
             name: raw.name,
             mass_kg: Bounds::new(0.1, 1e5, "kg").check("mass_kg", raw.mass_kg)?,

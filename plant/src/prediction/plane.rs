@@ -1,8 +1,64 @@
 //! Motion on a plane by a model of the body velocity: equation (12) with its derivatives.
 
 use super::{Linearised, LinearisedRate, LinearisedStep};
-use crate::frames::Attitude;
+use crate::frames::{Attitude, BodyVelocity};
 use nalgebra::{Matrix3, Vector3};
+
+/// The axes of a body on a plane at a heading.
+struct Placed {
+    attitude: Attitude,
+    /// Sine and cosine of heading, roll and pitch.
+    psi: (f64, f64),
+    alpha: (f64, f64),
+    phi: (f64, f64),
+    /// Upward normal along the body's horizontal axes: to the right and forward.
+    right: f64,
+    forward: f64,
+    /// From body velocity to the rate of (x, y, yaw): equation (12).
+    axes: Matrix3<f64>,
+}
+
+impl Placed {
+    fn at(normal_in_world: &Vector3<f64>, yaw_rad: f64) -> Self {
+        let (s_psi, c_psi) = yaw_rad.sin_cos();
+        let n = normal_in_world;
+        let right = c_psi * n.x + s_psi * n.y;
+        let forward = -s_psi * n.x + c_psi * n.y;
+        let c_phi = (1.0 - forward * forward).max(1e-12).sqrt();
+        let (s_phi, s_alpha, c_alpha) = (-forward, right / c_phi, n.z / c_phi);
+        Self {
+            attitude: Attitude {
+                roll_rad: right.atan2(n.z),
+                pitch_rad: s_phi.atan2(c_phi),
+            },
+            psi: (s_psi, c_psi),
+            alpha: (s_alpha, c_alpha),
+            phi: (s_phi, c_phi),
+            right,
+            forward,
+            axes: Matrix3::new(
+                c_psi * c_alpha,
+                c_psi * s_phi * s_alpha - c_phi * s_psi,
+                0.0,
+                s_psi * c_alpha,
+                c_psi * c_phi + s_phi * s_psi * s_alpha,
+                0.0,
+                0.0,
+                0.0,
+                c_phi / c_alpha,
+            ),
+        }
+    }
+
+    fn rate(&self, velocity: &BodyVelocity) -> Vector3<f64> {
+        self.axes
+            * Vector3::new(
+                velocity.right_m_s,
+                velocity.forward_m_s,
+                velocity.yaw_rate_rad_s,
+            )
+    }
+}
 
 /// Returns the rate of (x, y, yaw) at heading `yaw_rad` on a plane with upward unit normal
 /// `normal_in_world`: `body_velocity` in equation (12), with the attitude that this heading has there.
@@ -11,33 +67,15 @@ pub fn rate_on_plane(
     yaw_rad: f64,
     body_velocity: impl FnOnce(Attitude) -> Linearised,
 ) -> LinearisedRate {
-    let (s_psi, c_psi) = yaw_rad.sin_cos();
-    let n = normal_in_world;
-    let right = c_psi * n.x + s_psi * n.y;
-    let forward = -s_psi * n.x + c_psi * n.y;
-    let c_phi = (1.0 - forward * forward).max(1e-12).sqrt();
-    let (s_phi, s_alpha, c_alpha) = (-forward, right / c_phi, n.z / c_phi);
-    let attitude = Attitude {
-        roll_rad: right.atan2(n.z),
-        pitch_rad: s_phi.atan2(c_phi),
-    };
+    let placed = Placed::at(normal_in_world, yaw_rad);
+    let ((s_psi, c_psi), (s_alpha, c_alpha), (s_phi, c_phi)) =
+        (placed.psi, placed.alpha, placed.phi);
     // n' turns with the heading: d right = forward d psi, d forward = -right d psi.
-    let roll_by_yaw = n.z * forward / (c_phi * c_phi);
-    let pitch_by_yaw = right / c_phi;
+    let roll_by_yaw = normal_in_world.z * placed.forward / (c_phi * c_phi);
+    let pitch_by_yaw = placed.right / c_phi;
 
-    let body = body_velocity(attitude);
-    let yaw_factor = c_phi / c_alpha;
-    let axes = Matrix3::new(
-        c_psi * c_alpha,
-        c_psi * s_phi * s_alpha - c_phi * s_psi,
-        0.0,
-        s_psi * c_alpha,
-        c_psi * c_phi + s_phi * s_psi * s_alpha,
-        0.0,
-        0.0,
-        0.0,
-        yaw_factor,
-    );
+    let body = body_velocity(placed.attitude);
+    let (axes, yaw_factor) = (placed.axes, c_phi / c_alpha);
     let (v_x, v_y, omega) = (
         body.velocity.right_m_s,
         body.velocity.forward_m_s,
@@ -59,7 +97,7 @@ pub fn rate_on_plane(
         -s_phi / c_alpha * omega,
     );
     LinearisedRate {
-        rate: axes * Vector3::new(v_x, v_y, omega),
+        rate: placed.rate(&body.velocity),
         by_yaw: by_heading
             + roll_by_yaw * (by_alpha + axes * body.by_roll)
             + pitch_by_yaw * (by_phi + axes * body.by_pitch),
@@ -92,4 +130,17 @@ pub fn step_on_plane(
         by_traction: step_s * (middle.by_traction + half * start.by_traction.z * middle.by_yaw),
         by_steer: step_s * (middle.by_steer + half * start.by_steer.z * middle.by_yaw),
     }
+}
+
+/// Returns the increment of (x, y, yaw) of [`step_on_plane`] alone.
+pub fn increment_on_plane(
+    normal_in_world: &Vector3<f64>,
+    yaw_rad: f64,
+    step_s: f64,
+    mut body_velocity: impl FnMut(Attitude) -> BodyVelocity,
+) -> Vector3<f64> {
+    let start = Placed::at(normal_in_world, yaw_rad);
+    let yaw_rate_rad_s = start.rate(&body_velocity(start.attitude)).z;
+    let middle = Placed::at(normal_in_world, yaw_rad + 0.5 * step_s * yaw_rate_rad_s);
+    step_s * middle.rate(&body_velocity(middle.attitude))
 }

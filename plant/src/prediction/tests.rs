@@ -80,6 +80,8 @@ proptest! {
         }
         let f = |psi: f64, m| model.step_on_plane(&normal, psi, m, h_s).increment;
         let at = model.step_on_plane(&normal, yaw, motors(tau, sigma), h_s);
+        let alone = model.increment_on_plane(&normal, yaw, motors(tau, sigma), h_s);
+        prop_assert!((alone - at.increment).norm() < 1e-15);
         for (analytic, numeric) in [
             (at.by_yaw, slope(|h| f(yaw + h, motors(tau, sigma)))),
             (at.by_traction, slope(|h| f(yaw, motors(tau + h, sigma)))),

@@ -14,7 +14,7 @@ use std::path::PathBuf;
 use validate::misfit;
 
 /// Schemas with the anchor of their section in the page, and the files of the repository that they are for.
-const KINDS: [(&str, &str, &[&str]); 9] = [
+const KINDS: [(&str, &str, &[&str]); 11] = [
     (
         "vehicle",
         "vehicle",
@@ -64,6 +64,12 @@ const KINDS: [(&str, &str, &[&str]); 9] = [
         ],
     ),
     ("columns", "column-map", &[]),
+    ("topics", "topic-map", &["tests/data/bags/topics.yaml"]),
+    (
+        "odometry_node",
+        "odometry-node",
+        &["config/bridge/odometry_ros2.yaml"],
+    ),
     (
         "run",
         "run",

@@ -1,26 +1,25 @@
 //! Folders, programs, an observer of the bus, and faults of the bus, for the tests on a real one.
 
+use crate::program::{repository, sidehill};
+use crate::running::Running;
 pub use rustix::process::Signal;
 use serde_json::Value;
 use sidehill::config::{ConfigFile, load_layout};
-use sidehill_bridge::can::frame::{Frame, FrameId};
 use sidehill_bridge::can::layout::Layout;
-use sidehill_bridge::can::message::{DriveRole, Quantity};
-use sidehill_bridge::can::{BusEvent, BusMonitor};
-use sidehill_bridge::drives::Epoch;
 use sidehill_controller::course::FigureEight;
 use sidehill_controller::path::{Point2, Window};
 use std::fs::File;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
-use std::sync::{Arc, Mutex};
+use std::process::{Command, Stdio};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 /// The interface of all tests.
 pub const BUS: &str = "vcan0";
 
 mod adapter;
+mod observer;
 pub use adapter::Adapter;
+pub use observer::{Observer, Seen};
 
 /// What a scheduler of 100 Hz and a shared machine may add to a documented limit, s.
 pub const TOLERANCE_S: f64 = 0.06;
@@ -147,7 +146,7 @@ pub fn cross_track_rms_m(truth: &[Truth], rows_min: usize) -> f64 {
 
 /// A running `sidehill`; killed where it is dropped.
 pub struct Program {
-    child: Child,
+    process: Running,
     output: PathBuf,
 }
 
@@ -223,20 +222,20 @@ impl Program {
     ) -> Self {
         let output = folder.0.join(output);
         let file = File::create(&output).unwrap();
-        let child = Command::new(env!("CARGO_BIN_EXE_sidehill"))
-            .args(arguments)
-            .envs(environment.iter().copied())
-            .stdin(Stdio::null())
-            .stderr(file.try_clone().unwrap())
-            .stdout(file)
-            .spawn()
-            .unwrap();
-        Self { child, output }
+        let process = Running::start(
+            sidehill()
+                .args(arguments)
+                .envs(environment.iter().copied())
+                .stdin(Stdio::null())
+                .stderr(file.try_clone().unwrap())
+                .stdout(file),
+        );
+        Self { process, output }
     }
 
     /// Sends a signal.
     pub fn signal(&self, signal: Signal) {
-        let id = rustix::process::Pid::from_raw(self.child.id() as i32).unwrap();
+        let id = rustix::process::Pid::from_raw(self.process.0.id() as i32).unwrap();
         rustix::process::kill_process(id, signal).unwrap();
     }
 
@@ -247,7 +246,7 @@ impl Program {
 
     /// Process number.
     pub fn id(&self) -> u32 {
-        self.child.id()
+        self.process.0.id()
     }
 
     /// Number of the thread of this name.
@@ -269,7 +268,7 @@ impl Program {
     /// Waits for the end and returns the last line of the output.
     pub fn wait(mut self, at_most: Duration) -> Value {
         let start = Instant::now();
-        while self.child.try_wait().unwrap().is_none() {
+        while self.process.0.try_wait().unwrap().is_none() {
             let text = || std::fs::read_to_string(&self.output).unwrap();
             assert!(start.elapsed() < at_most, "did not end:\n{}", text());
             std::thread::sleep(Duration::from_millis(50));
@@ -280,117 +279,14 @@ impl Program {
     }
 }
 
-impl Drop for Program {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-    }
-}
-
 /// Writes a configuration of the repository into the folder, with absolute names and changes.
 pub fn configuration(folder: &Folder, name: &str, change: impl Fn(String) -> String) -> String {
-    let config = Path::new(env!("CARGO_MANIFEST_DIR")).join("config");
-    let text = std::fs::read_to_string(config.join("bridge").join(name)).unwrap();
-    let text = text
-        .replace(
-            "can: can.yaml",
-            &format!("can: {}", config.join("bridge/can.yaml").display()),
-        )
-        .replace("../", &format!("{}/", config.display()));
+    let text = crate::configuration::configuration(&format!("bridge/{name}"));
+    let layout = repository("config/bridge/can.yaml");
+    let text = text.replace("can: can.yaml", &format!("can: {}", layout.display()));
     let file = folder.0.join(name);
     std::fs::write(&file, change(text)).unwrap();
     file.display().to_string()
-}
-
-/// A command as a third party on the bus saw it.
-#[derive(Debug, Clone, Copy)]
-pub struct Seen {
-    pub unix_s: f64,
-    pub enable: bool,
-    pub zero: bool,
-}
-
-/// A third party that watches the commands.
-pub struct Observer {
-    seen: Arc<Mutex<Vec<Seen>>>,
-    _listener: BusMonitor,
-}
-
-impl Observer {
-    /// Starts to watch the commands of `can.yaml`.
-    pub fn start() -> Self {
-        let message = layout().command[0].clone();
-        Self::watch(&[message.id()], move |frame| {
-            let contents = message.decode(frame).ok()??;
-            let is_zero = |role| contents.get(Quantity::Command(role)).unwrap().abs() < 1e-9;
-            Some((
-                contents.get(Quantity::CommandEnable).unwrap() == 1.0,
-                is_zero(DriveRole::Traction) && is_zero(DriveRole::Steer),
-            ))
-        })
-    }
-
-    /// Starts to watch frames of which `read` tells whether they enable and whether they are zero.
-    pub fn watch(
-        wanted: &[FrameId],
-        mut read: impl FnMut(&Frame) -> Option<(bool, bool)> + Send + 'static,
-    ) -> Self {
-        let seen = Arc::new(Mutex::new(Vec::new()));
-        let inside = Arc::clone(&seen);
-        let epoch = Epoch::now();
-        let listener = BusMonitor::start(BUS, wanted, epoch, move |heard| {
-            if let BusEvent::Frame { time_s, frame } = heard
-                && let Some((enable, zero)) = read(&frame)
-            {
-                inside.lock().unwrap().push(Seen {
-                    unix_s: epoch.unix_s(time_s),
-                    enable,
-                    zero,
-                });
-            }
-        })
-        .unwrap();
-        Self {
-            seen,
-            _listener: listener,
-        }
-    }
-
-    /// What was seen.
-    pub fn seen(&self) -> Vec<Seen> {
-        self.seen.lock().unwrap().clone()
-    }
-
-    /// Waits until the vehicle has been told to move for `for_s`.
-    pub fn wait_for_driving(&self, for_s: f64) {
-        let start = Instant::now();
-        loop {
-            let since = self.seen().into_iter().rev().take_while(|s| !s.zero).last();
-            if since.is_some_and(|first| unix_now_s() - first.unix_s > for_s) {
-                return;
-            }
-            assert!(start.elapsed() < Duration::from_secs(20), "nothing drives");
-            std::thread::sleep(Duration::from_millis(20));
-        }
-    }
-
-    /// When the last command came before the first silence of half a second.
-    pub fn silent_since_s(&self) -> f64 {
-        let seen = self.seen();
-        let silence = seen
-            .windows(2)
-            .find(|pair| pair[1].unix_s - pair[0].unix_s > 0.5);
-        silence.expect("there was no silence")[0].unix_s
-    }
-
-    /// Time from `unix_s` to the first command from which on all are zero and off, s; none where
-    /// commands still move or enable.
-    pub fn off_after_s(&self, unix_s: f64) -> Option<f64> {
-        let seen = self.seen();
-        let last_on = seen.iter().rposition(|s| s.enable || !s.zero);
-        let first_off = last_on.map_or(0, |last| last + 1);
-        seen.get(first_off).map(|s| s.unix_s - unix_s)
-    }
 }
 
 /// Time from `unix_s` to the first row of the truth from which on the drives are off and stand, s.
@@ -402,7 +298,7 @@ pub fn standing_after_s(truth: &[Truth], unix_s: f64) -> Option<f64> {
 
 /// The layout of the repository.
 pub fn layout() -> Layout {
-    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/bridge/can.yaml");
+    let file = repository("config/bridge/can.yaml");
     load_layout(&ConfigFile::read(&file).unwrap()).unwrap()
 }
 
@@ -430,19 +326,17 @@ pub fn sleep_s(seconds: f64) {
 
 /// Runs a script of this folder.
 pub fn python(script: &str, arguments: &[&str]) -> Command {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let mut command = Command::new("python3");
     command
         .env("PYTHONDONTWRITEBYTECODE", "1")
-        .arg(root.join("tests/vcan/support").join(script))
+        .arg(repository("tests/vcan/support").join(script))
         .args(arguments);
     command
 }
 
 /// Returns a database of the repository.
 pub fn database(name: &str) -> String {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/bridge");
-    folder.join(name).display().to_string()
+    repository("config/bridge").join(name).display().to_string()
 }
 
 /// Lets cantools decode the log of the bus by a database and compare it with the program's own log.

@@ -38,6 +38,8 @@ pub(in crate::contact) struct Ground {
     pub(in crate::contact) centre: Vector3<f64>,
     /// Share of the weight on each wheel of an axle.
     pub(in crate::contact) wheel_share: [f64; AXLES_MAX],
+    /// Sum over all wheels of arm times share.
+    pub(in crate::contact) carried: Vector3<f64>,
     pub(in crate::contact) has_inner: bool,
 }
 
@@ -122,6 +124,17 @@ impl Ground {
         } else {
             0.0
         };
+        let wheel_share: [f64; AXLES_MAX] = std::array::from_fn(|k| {
+            let group = if geometry.inner[k] {
+                inner
+            } else {
+                1.0 - inner
+            };
+            0.5 * geometry.part[k] * group
+        });
+        let carried = (0..2 * geometry.axles)
+            .map(|i| geometry.arm(i) * wheel_share[i % geometry.axles])
+            .sum();
         Self {
             friction: value(Parameter::Friction),
             lateral_squared: value(Parameter::LateralShare).powi(2),
@@ -132,14 +145,8 @@ impl Ground {
                 value(Parameter::CentreForward),
                 value(Parameter::CentreHeight),
             ),
-            wheel_share: std::array::from_fn(|k| {
-                let group = if geometry.inner[k] {
-                    inner
-                } else {
-                    1.0 - inner
-                };
-                0.5 * geometry.part[k] * group
-            }),
+            wheel_share,
+            carried,
             has_inner,
         }
     }

@@ -69,15 +69,12 @@ impl Loads {
         let mut lifted = [false; WHEELS_MAX];
         let mut of_wheel = [0.0; WHEELS_MAX];
         let mut inverse = Some(geometry.inverse_stiffness);
+        let mut missing = demand - ground.carried;
         // Each pass lifts at least one more wheel or ends.
         for _ in 0..wheels {
             let Some(inverse_stiffness) = inverse else {
                 break;
             };
-            let mut missing = demand;
-            for i in (0..wheels).filter(|&i| !lifted[i]) {
-                missing -= geometry.arm(i) * ground.wheel_share[i % geometry.axles];
-            }
             let constants = inverse_stiffness * missing;
             let mut again = false;
             for i in 0..wheels {
@@ -97,8 +94,10 @@ impl Loads {
                 };
             }
             let mut stiffness = Matrix3::zeros();
+            missing = demand;
             for i in (0..wheels).filter(|&i| !lifted[i]) {
                 let arm = geometry.arm(i);
+                missing -= arm * ground.wheel_share[i % geometry.axles];
                 stiffness += arm * arm.transpose();
             }
             inverse = inverse_of(&stiffness);

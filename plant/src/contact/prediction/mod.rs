@@ -10,8 +10,8 @@
 //! ```
 //!
 //! for z any of tread speeds, roll, pitch and the [`Parameter`](super::Parameter)s; H is there from
-//! Newton's method. The search starts at the previous solution moved along its own derivatives, so that one
-//! or two Newton steps do from stage to stage of a horizon.
+//! Newton's method. The search starts at a solution nearby moved along its own derivatives, so that one or two
+//! Newton steps do from stage to stage of a horizon, or from cycle to cycle.
 //!
 //! Everything has an answer. Where the vehicle would overturn, its wheels carry what they carry on level
 //! ground; where friction does not hold it, so much of the weight's pull along the ground is left
@@ -19,6 +19,7 @@
 
 mod geometry;
 mod loads;
+mod search;
 mod sums;
 #[cfg(test)]
 mod tests;
@@ -28,33 +29,14 @@ use super::vehicle::ContactVehicle;
 use crate::bounds::RangeError;
 use crate::frames::{Attitude, BodyVelocity};
 use crate::prediction::Linearised;
-use crate::speeds::{MotorSpeeds, TreadSpeeds};
+use crate::speeds::MotorSpeeds;
 
 pub use geometry::ByParameters;
 use geometry::{Geometry, Ground};
 use loads::{Loads, Stance};
-use nalgebra::{Matrix3, Vector3};
-use sums::{Expansion, Sums};
-
-/// Force left over, as a share of the weight, below which the balance counts as solved ...
-const TOLERANCE: f64 = 1e-9;
-/// ... if Newton's step is shorter than this, too, m/s or rad/s.
-const STEP_TOLERANCE: f64 = 1e-9;
-/// Rounding of the potential over the weight, m/s.
-const ROUNDING: f64 = 1e-14;
-/// Steps of a search at most; from where the previous solution leads two or three do, and from far away
-/// at the end of grip about forty.
-const ITERATIONS_MAX: usize = 150;
-/// Damping of a search's step after the first that did not descend, and factor for each further one.
-const DAMPING: (f64, f64) = (1e-3, 10.0);
-/// Attempts with less and less of the pull along the ground where friction does not hold all of it.
-const ATTEMPTS: usize = 6;
-/// Share of the friction limit that the first of these attempts pulls with.
-const HELD_SHARE: f64 = 0.9;
-/// Largest speed at which a vehicle counts as held, m/s or rad/s.
-const SPEED_MAX: f64 = 20.0;
-/// Speed up to which a search may pass on its way, m/s or rad/s.
-const SEARCHED_MAX: f64 = 100.0;
+use nalgebra::Vector3;
+use search::{Solution, TOLERANCE, TOLERANCE_OF_ROLL_OUT};
+use sums::{GradientParts, Sums};
 
 /// A velocity in balance with its derivatives.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -73,24 +55,15 @@ pub struct ContactPrediction {
     geometry: Geometry,
     parameters: ParameterVector,
     ground: Ground,
-    previous: Option<Previous>,
+    last: Option<FoundBalance>,
 }
 
-/// Where the last search ended.
+/// A balance that was found, near which another search may begin.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Previous {
+pub struct FoundBalance {
     attitude: Attitude,
     motors: MotorSpeeds,
     linearised: Linearised,
-}
-
-/// A search's end.
-struct Solution {
-    velocity: Vector3<f64>,
-    inverse_hessian: Matrix3<f64>,
-    loads: Loads,
-    pull_share: f64,
-    holds: bool,
 }
 
 impl ContactPrediction {
@@ -105,7 +78,7 @@ impl ContactPrediction {
             ground: Ground::new(&geometry, &parameters),
             geometry,
             parameters,
-            previous: None,
+            last: None,
         })
     }
 
@@ -140,51 +113,105 @@ impl ContactPrediction {
 
     /// Returns the velocity at an attitude and motor speeds with its derivatives by these.
     pub fn body_velocity(&mut self, attitude: Attitude, motors: MotorSpeeds) -> Linearised {
-        self.balance(attitude, motors).0
+        let start = self.start(None, attitude, motors);
+        self.balance(start, attitude, motors).0.linearised
+    }
+
+    /// Returns the same; the search begins at `near`, where that was found closer by than what this model
+    /// found last, and what is found becomes the new `near`.
+    pub fn body_velocity_near(
+        &mut self,
+        near: &mut Option<FoundBalance>,
+        attitude: Attitude,
+        motors: MotorSpeeds,
+    ) -> Linearised {
+        let start = self.start(near.as_ref(), attitude, motors);
+        let found = self.balance(start, attitude, motors).0;
+        *near = Some(found);
+        found.linearised
+    }
+
+    /// Returns the velocity alone, to 1e-6 m/s and rad/s, by a search that begins at `near`.
+    pub fn velocity_near(
+        &self,
+        near: Option<&FoundBalance>,
+        attitude: Attitude,
+        motors: MotorSpeeds,
+    ) -> BodyVelocity {
+        let start = self.start(near, attitude, motors);
+        let stance = Stance::at(&attitude);
+        let loads = Loads::of(&self.geometry, &self.ground, &stance);
+        let sums = self.sums(motors);
+        let velocity = sums
+            .settle(start, loads, &stance, TOLERANCE_OF_ROLL_OUT)
+            .velocity;
+        BodyVelocity {
+            right_m_s: velocity.x,
+            forward_m_s: velocity.y,
+            yaw_rate_rad_s: velocity.z,
+        }
     }
 
     /// Returns the velocity at an attitude and motor speeds with all its derivatives.
     pub fn predict(&mut self, attitude: Attitude, motors: MotorSpeeds) -> Predicted {
-        let (linearised, solution) = self.balance(attitude, motors);
-        let sums = Sums {
-            geometry: &self.geometry,
-            ground: &self.ground,
-            treads: motors.into(),
-        };
+        let start = self.start(None, attitude, motors);
+        let (found, solution, parts) = self.balance(start, attitude, motors);
         let by_parameters = -solution.inverse_hessian
-            * sums.gradient_by_parameters(
+            * self.sums(motors).gradient_by_parameters(
+                &parts,
                 &solution.velocity,
                 &solution.loads,
-                &attitude,
+                &Stance::at(&attitude),
                 solution.pull_share,
             );
         Predicted {
-            linearised,
+            linearised: found.linearised,
             by_parameters,
             holds: solution.holds,
         }
     }
 
-    fn balance(&mut self, attitude: Attitude, motors: MotorSpeeds) -> (Linearised, Solution) {
-        let sums = Sums {
+    fn sums(&self, motors: MotorSpeeds) -> Sums<'_> {
+        Sums {
             geometry: &self.geometry,
             ground: &self.ground,
             treads: motors.into(),
+        }
+    }
+
+    /// Returns where a search begins: where the nearer of `near` and of what was found last leads.
+    fn start(
+        &self,
+        near: Option<&FoundBalance>,
+        attitude: Attitude,
+        motors: MotorSpeeds,
+    ) -> Vector3<f64> {
+        let nearer = match (near, &self.last) {
+            (Some(near), Some(last)) => {
+                let further = near.distance(attitude, motors) > last.distance(attitude, motors);
+                Some(if further { last } else { near })
+            }
+            (near, last) => near.or(last.as_ref()),
         };
+        nearer.map_or_else(
+            || Vector3::new(0.0, motors.traction_m_s, 0.0),
+            |found| found.leads_to(attitude, motors),
+        )
+    }
+
+    fn balance(
+        &mut self,
+        start: Vector3<f64>,
+        attitude: Attitude,
+        motors: MotorSpeeds,
+    ) -> (FoundBalance, Solution, GradientParts) {
         let stance = Stance::at(&attitude);
         let loads = Loads::of(&self.geometry, &self.ground, &stance);
-        let start = self.previous.map_or_else(
-            || Vector3::new(0.0, motors.traction_m_s, 0.0),
-            |previous| previous.leads_to(attitude, motors),
-        );
-        let solution = sums.settle(start, loads, &stance);
+        let sums = self.sums(motors);
+        let solution = sums.settle(start, loads, &stance, TOLERANCE);
+        let parts = sums.gradient_parts(&solution.velocity, &solution.loads);
         let by = -solution.inverse_hessian
-            * sums.gradient_by_inputs(
-                &solution.velocity,
-                &solution.loads,
-                &attitude,
-                solution.pull_share,
-            );
+            * sums.gradient_by_inputs(&parts, &solution.loads, &stance, solution.pull_share);
         let (left, right) = (by.column(2), by.column(3));
         let velocity = &solution.velocity;
         let linearised = Linearised {
@@ -198,16 +225,25 @@ impl ContactPrediction {
             by_traction: left + right,
             by_steer: right - left,
         };
-        self.previous = Some(Previous {
+        let found = FoundBalance {
             attitude,
             motors,
             linearised,
-        });
-        (linearised, solution)
+        };
+        self.last = Some(found);
+        (found, solution, parts)
     }
 }
 
-impl Previous {
+impl FoundBalance {
+    /// Returns how far it was found from an attitude and input; only comparable with others.
+    fn distance(&self, attitude: Attitude, motors: MotorSpeeds) -> f64 {
+        (attitude.roll_rad - self.attitude.roll_rad).powi(2)
+            + (attitude.pitch_rad - self.attitude.pitch_rad).powi(2)
+            + (motors.traction_m_s - self.motors.traction_m_s).powi(2)
+            + (motors.steer_m_s - self.motors.steer_m_s).powi(2)
+    }
+
     /// Returns the velocity that its derivatives lead to at another attitude and input.
     fn leads_to(&self, attitude: Attitude, motors: MotorSpeeds) -> Vector3<f64> {
         let before = &self.linearised;
@@ -221,152 +257,5 @@ impl Previous {
             + before.by_pitch * (attitude.pitch_rad - self.attitude.pitch_rad)
             + before.by_traction * (motors.traction_m_s - self.motors.traction_m_s)
             + before.by_steer * (motors.steer_m_s - self.motors.steer_m_s)
-    }
-}
-
-impl Sums<'_> {
-    /// Returns the balance nearest to what is asked for: with all of the pull along the ground where
-    /// friction holds it, otherwise with less.
-    fn settle(&self, start: Vector3<f64>, loads: Loads, stance: &Stance) -> Solution {
-        let pull = stance.pull(&self.ground.centre);
-        let along = stance.weight.xy().norm();
-        // Friction forces of all wheels together never exceed this.
-        let lateral = self.ground.lateral_squared.sqrt().max(1.0);
-        let limit = self.ground.friction * lateral * -stance.weight.z;
-        let mut pull_share = 1.0;
-        if along > limit {
-            pull_share = HELD_SHARE * limit / along;
-        }
-        let mut begin = if start.norm() < SPEED_MAX {
-            start
-        } else {
-            Vector3::zeros()
-        };
-        for attempt in 0..=ATTEMPTS {
-            if attempt > 0 {
-                let held = self.ground.friction * self.ground.lateral_squared.sqrt().min(1.0);
-                let less = HELD_SHARE * held * -stance.weight.z / along.max(1e-9);
-                pull_share = if attempt == 1 {
-                    less.min(HELD_SHARE * pull_share)
-                } else {
-                    0.5 * pull_share
-                };
-                begin = Vector3::new(0.0, self.mean_tread_m_s(), 0.0);
-            }
-            if let Some((velocity, inverse_hessian)) =
-                self.search(begin, &loads, &(pull_share * pull))
-            {
-                return Solution {
-                    velocity,
-                    inverse_hessian,
-                    holds: pull_share >= 1.0 && loads.stands,
-                    loads,
-                    pull_share,
-                };
-            }
-        }
-        // Not reached but by values that are not finite: stand still, insensitive to everything.
-        Solution {
-            velocity: Vector3::zeros(),
-            inverse_hessian: Matrix3::zeros(),
-            loads,
-            pull_share: 0.0,
-            holds: false,
-        }
-    }
-
-    /// Searches the balance; none where there is none within [`SPEED_MAX`].
-    ///
-    /// Each step goes to the minimum of a parabola of curvature H + d M, with H the Hessian and M the
-    /// [majorant](Self::majorant). With d = 0 it is Newton's step, which ends the search within a few
-    /// steps but leads anywhere where wheels slip by much more than the slip scale. With d = 1 it
-    /// descends from everywhere, but slowly near the end of grip. d grows where a step does not descend
-    /// and shrinks where it does (Levenberg-Marquardt), so that the minimum is found from any start.
-    fn search(
-        &self,
-        start: Vector3<f64>,
-        loads: &Loads,
-        pull: &Vector3<f64>,
-    ) -> Option<(Vector3<f64>, Matrix3<f64>)> {
-        let mut velocity = start;
-        let mut here = self.expand(&velocity, loads, pull);
-        let mut damping = 0.0;
-        for _ in 0..ITERATIONS_MAX {
-            let Some(inverse) = self
-                .curvature(&velocity, &here, loads, damping)
-                .try_inverse()
-            else {
-                damping = more(damping)?;
-                continue;
-            };
-            let step = -inverse * here.gradient;
-            if damping == 0.0 && here.gradient.norm() < TOLERANCE && step.norm() < STEP_TOLERANCE {
-                velocity += step;
-                return (velocity.norm() <= SPEED_MAX).then_some((velocity, inverse));
-            }
-            let candidate = velocity + step;
-            if candidate.norm() > SEARCHED_MAX {
-                damping = more(damping)?;
-                continue;
-            }
-            let there = self.expand(&candidate, loads, pull);
-            let descends = there.value < here.value + 1e-4 * here.gradient.dot(&step);
-            // Near the minimum, rounding hides the descent of the potential, not of its gradient.
-            let flattens = there.value < here.value + ROUNDING
-                && there.gradient.norm() < 0.7 * here.gradient.norm();
-            if descends || flattens {
-                (velocity, here) = (candidate, there);
-                damping = less(damping);
-            } else if damping == 0.0 && here.gradient.norm() < TOLERANCE {
-                // Rounding ends the search where the balance is so flat that it hides the step.
-                return (velocity.norm() <= SPEED_MAX).then_some((velocity, inverse));
-            } else {
-                damping = more(damping)?;
-            }
-        }
-        None
-    }
-
-    fn curvature(
-        &self,
-        velocity: &Vector3<f64>,
-        here: &Expansion,
-        loads: &Loads,
-        damping: f64,
-    ) -> Matrix3<f64> {
-        if damping > 0.0 {
-            here.hessian + damping * self.majorant(velocity, loads)
-        } else {
-            here.hessian
-        }
-    }
-
-    fn mean_tread_m_s(&self) -> f64 {
-        let TreadSpeeds {
-            left_m_s,
-            right_m_s,
-        } = self.treads;
-        0.5 * (left_m_s + right_m_s)
-    }
-}
-
-/// Returns the next larger damping; none beyond the one that always descends, so that there is no balance
-/// or its potential is not finite.
-fn more(damping: f64) -> Option<f64> {
-    let (first, factor) = DAMPING;
-    let next = if damping > 0.0 {
-        factor * damping
-    } else {
-        first
-    };
-    (next < 2.0 * factor).then_some(next)
-}
-
-fn less(damping: f64) -> f64 {
-    let (first, factor) = DAMPING;
-    if damping > first {
-        damping / factor
-    } else {
-        0.0
     }
 }

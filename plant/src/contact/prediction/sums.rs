@@ -2,7 +2,6 @@
 
 use super::geometry::{ByParameters, Geometry, Ground};
 use super::loads::{Loads, Stance, demand_of, pull_of};
-use crate::frames::Attitude;
 use crate::speeds::TreadSpeeds;
 use nalgebra::{Matrix3, SMatrix, Vector3};
 
@@ -19,6 +18,19 @@ pub(super) struct Expansion {
     pub(super) value: f64,
     pub(super) gradient: Vector3<f64>,
     pub(super) hessian: Matrix3<f64>,
+}
+
+/// Sums over the wheels on the ground that lead from loads and tread speeds to the gradient.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct GradientParts {
+    /// Of (force for each unit of load) arm'.
+    by_constants: Matrix3<f64>,
+    /// Of (force for each unit of load) times the change of a wheel's share with the inner axles' share.
+    by_share: Vector3<f64>,
+    /// Of these changes times the arms.
+    shared_arms: Vector3<f64>,
+    /// Derivative of the gradient by the left and the right tread speed.
+    by_tread: [Vector3<f64>; 2],
 }
 
 /// A side's wheels: what they have in common.
@@ -46,6 +58,8 @@ struct Wheel {
     /// a^2 s_x^2.
     lateral: f64,
     q: f64,
+    /// 1 / q.
+    inverse: f64,
     /// Unit force: along x, along y, and the patch's own moment.
     force: Vector3<f64>,
 }
@@ -88,6 +102,7 @@ impl Sums<'_> {
             load: loads.of_wheel[side.first + axle],
             lateral,
             q,
+            inverse,
             force: Vector3::new(
                 across * inverse,
                 side.slip * inverse,
@@ -117,7 +132,7 @@ impl Sums<'_> {
                 let wheel = self.wheel(&side, axle, velocity, loads);
                 let (limit, y) = (mu * wheel.load, wheel.y);
                 let f = &wheel.force;
-                let stiff = limit / wheel.q;
+                let stiff = limit * wheel.inverse;
                 load += wheel.load;
                 value += limit * wheel.q;
                 gradient.x += limit * f.x;
@@ -165,7 +180,7 @@ impl Sums<'_> {
             for axle in 0..self.geometry.axles {
                 let wheel = self.wheel(&side, axle, velocity, loads);
                 let y = wheel.y;
-                let weight = self.ground.friction * wheel.load / wheel.q;
+                let weight = self.ground.friction * wheel.load * wheel.inverse;
                 let along =
                     weight + self.ground.rolling_resistance * wheel.load / side.rolling_root;
                 let (across, turning) = (a2 * weight, r2 * weight);
@@ -185,80 +200,68 @@ impl Sums<'_> {
         sum
     }
 
-    /// Returns sum over the wheels on the ground of (force for each unit of load) arm', which leads from
-    /// loads to the gradient, and the same of the inner axles' share.
-    fn gradient_by_loads(
-        &self,
-        velocity: &Vector3<f64>,
-        loads: &Loads,
-    ) -> (Matrix3<f64>, Vector3<f64>, Vector3<f64>) {
-        let mut by_constants = Matrix3::zeros();
-        let mut by_share = Vector3::zeros();
-        let mut shared_arms = Vector3::zeros();
-        for side in self.sides(velocity) {
+    /// Returns what the derivatives of the gradient by loads and treads are made of.
+    pub(super) fn gradient_parts(&self, velocity: &Vector3<f64>, loads: &Loads) -> GradientParts {
+        let mut parts = GradientParts::default();
+        let mu = self.ground.friction;
+        for (side, by_tread) in self.sides(velocity).iter().zip(&mut parts.by_tread) {
             let rolling = self.ground.rolling_resistance * side.rolling / side.rolling_root;
+            let (mut units, mut units_by_forward) = (Vector3::zeros(), Vector3::zeros());
             for axle in 0..self.geometry.axles {
-                let wheel = self.wheel(&side, axle, velocity, loads);
+                let wheel = self.wheel(side, axle, velocity, loads);
                 if wheel.load <= 0.0 {
                     continue;
                 }
-                let mut force = self.ground.friction * wheel.force;
+                let f = &wheel.force;
+                let stiff = mu * wheel.load * wheel.inverse;
+                let curve = Vector3::new(-f.x * f.y, 1.0 - f.y * f.y, -f.y * f.z);
+                *by_tread -= stiff * wheel.about_origin(side.x, &curve);
+                let mut force = mu * f;
                 force.y += rolling;
                 let unit = wheel.about_origin(side.x, &force);
-                let arm = Vector3::new(1.0, side.x, wheel.y);
-                by_constants += unit * arm.transpose();
+                units += unit;
+                units_by_forward += wheel.y * unit;
                 let share = self.geometry.share_by_inner(axle, self.ground.has_inner);
-                by_share += share * unit;
-                shared_arms += share * arm;
+                parts.by_share += share * unit;
+                parts.shared_arms += share * Vector3::new(1.0, side.x, wheel.y);
             }
+            parts.by_constants += Matrix3::from_columns(&[units, side.x * units, units_by_forward]);
         }
-        (by_constants, by_share, shared_arms)
+        parts
     }
 
     /// Returns dg/d(roll, pitch, left tread, right tread).
     pub(super) fn gradient_by_inputs(
         &self,
-        velocity: &Vector3<f64>,
+        parts: &GradientParts,
         loads: &Loads,
-        attitude: &Attitude,
+        stance: &Stance,
         pull_share: f64,
     ) -> SMatrix<f64, 3, 4> {
-        let stance = Stance::at(attitude);
         let centre = &self.ground.centre;
-        let (by_constants, _, _) = self.gradient_by_loads(velocity, loads);
-        let by_demand = by_constants * loads.inverse_stiffness;
+        let by_demand = parts.by_constants * loads.inverse_stiffness;
         let by = |weight: &Vector3<f64>| {
             by_demand * demand_of(weight, centre) - pull_share * pull_of(weight, centre)
         };
-        let mut by_tread = [Vector3::zeros(); 2];
-        for (side, sum) in self.sides(velocity).iter().zip(&mut by_tread) {
-            for axle in 0..self.geometry.axles {
-                let wheel = self.wheel(side, axle, velocity, loads);
-                let f = &wheel.force;
-                let curve = Vector3::new(-f.x * f.y, 1.0 - f.y * f.y, -f.y * f.z);
-                let stiff = self.ground.friction * wheel.load / wheel.q;
-                *sum -= stiff * wheel.about_origin(side.x, &curve);
-            }
-        }
         SMatrix::from_columns(&[
             by(&stance.by_roll),
             by(&stance.by_pitch),
-            by_tread[0],
-            by_tread[1],
+            parts.by_tread[0],
+            parts.by_tread[1],
         ])
     }
 
     /// Returns dg/d(entries of the parameter vector).
     pub(super) fn gradient_by_parameters(
         &self,
+        parts: &GradientParts,
         velocity: &Vector3<f64>,
         loads: &Loads,
-        attitude: &Attitude,
+        stance: &Stance,
         pull_share: f64,
     ) -> ByParameters {
-        let weight = Stance::at(attitude).weight;
-        let (by_constants, by_share, shared_arms) = self.gradient_by_loads(velocity, loads);
-        let by_demand = by_constants * loads.inverse_stiffness;
+        let weight = stance.weight;
+        let by_demand = parts.by_constants * loads.inverse_stiffness;
         let (mut by_friction, mut by_lateral) = (Vector3::zeros(), Vector3::zeros());
         let (mut by_slip, mut by_rolling) = (Vector3::zeros(), Vector3::zeros());
         let e2 = self.ground.slip_squared;
@@ -270,7 +273,7 @@ impl Sums<'_> {
                 load += wheel.load;
                 let limit = self.ground.friction * wheel.load;
                 let force = limit * wheel.about_origin(side.x, &wheel.force);
-                let inverse = 1.0 / (wheel.q * wheel.q);
+                let inverse = wheel.inverse * wheel.inverse;
                 by_friction += force;
                 by_slip -= e2 * inverse * force;
                 let across = Vector3::new(2.0 * limit * wheel.force.x, 0.0, 0.0);
@@ -288,9 +291,9 @@ impl Sums<'_> {
             + pull_share * Vector3::new(0.0, 0.0, weight.x);
         let centre_height = by_demand * Vector3::new(0.0, weight.x, weight.y);
         let inner = if loads.stands {
-            by_share - by_demand * shared_arms
+            parts.by_share - by_demand * parts.shared_arms
         } else {
-            pressing.max(0.1) * by_share
+            pressing.max(0.1) * parts.by_share
         };
         ByParameters::from_columns(&[
             by_friction,

@@ -2,6 +2,7 @@
 
 use super::super::paper_tests::j8;
 use super::super::{Axle, ContactModel, PARAMETERS};
+use super::search::SPEED_MAX;
 use super::*;
 use crate::frames::PlanarPose;
 use crate::motion::{GroundState, MotionModel};
@@ -122,8 +123,15 @@ proptest! {
         prop_assert_eq!(a.holds, b.holds);
         let off = vector(a.linearised.velocity) - vector(b.linearised.velocity);
         // Where friction hardly holds, what rounding does to the forces moves the balance.
-        let (_, solution) = fresh.balance(attitude(roll, pitch), motors(tau, sigma));
+        let found = vector(a.linearised.velocity);
+        let (_, solution, _) = fresh.balance(found, attitude(roll, pitch), motors(tau, sigma));
         prop_assert!(off.norm() < 1e-8 + 1e-14 * solution.inverse_hessian.norm(), "{off}");
+        // So it is for a roll-out, but for what it needs no more.
+        let mut near = None;
+        used.body_velocity_near(&mut near, attitude(roll + 0.01, pitch), motors(tau, sigma + 0.02));
+        let alone = fresh.velocity_near(near.as_ref(), attitude(roll, pitch), motors(tau, sigma));
+        let off = vector(alone) - found;
+        prop_assert!(off.norm() < 1e-6 * (1.0 + solution.inverse_hessian.norm()), "{off}");
     }
 
     #[test]

@@ -1,0 +1,136 @@
+//! The plan moved to a QP's solution, as far as the model itself confirms it.
+
+use super::condensing::Stage;
+use super::step_limit::{HALVINGS, StepLimit, TrustRegion};
+use super::{Horizon, Mpc, StageTarget};
+use nalgebra::Vector3;
+use sidehill_plant::frames::wrap_angle;
+use sidehill_plant::speeds::MotorSpeeds;
+
+/// Correction of planned steer, m/s, from which a plan without a step limit is run through the model
+/// before it is taken.
+const CHECKED_STEER_M_S: f64 = 0.3;
+
+impl Mpc {
+    /// Moves the plan to the QP's solution, or as far as the model confirms it.
+    pub(super) fn follow(&mut self, horizon: &Horizon) {
+        match self.region {
+            Some(region) => self.region = Some(self.apply_within(region, horizon)),
+            // At the end of grip two plans can lead to one another for ever, each good about the other only.
+            // The guess for a first plan does not keep the limits: part of a step from it would not either.
+            None if self.planned && self.largest_steer_correction_m_s() > CHECKED_STEER_M_S => {
+                self.apply_within(TrustRegion::new(StepLimit::WHOLE_STEP), horizon);
+            }
+            None => self.apply(1.0),
+        }
+    }
+
+    /// Moves the plan by a share of the QP's solution, states along the linearised dynamics.
+    fn apply(&mut self, share: f64) {
+        let mut deviation = Vector3::zeros();
+        let corrections = self.condenser.input_corrections(self.solver.primal());
+        for ((k, stage), correction) in self.stages.iter().enumerate().zip(corrections) {
+            let step = &stage.step;
+            deviation += step.by_yaw * deviation.z
+                + step.by_traction * correction.traction_m_s
+                + step.by_steer * correction.steer_m_s
+                + stage.defect;
+            self.plan.states[k + 1] += share * deviation;
+            self.plan.inputs[k] = MotorSpeeds {
+                traction_m_s: stage.input.traction_m_s + share * correction.traction_m_s,
+                steer_m_s: stage.input.steer_m_s + share * correction.steer_m_s,
+            };
+        }
+    }
+
+    /// Returns the largest correction of planned steer that the QP's solution asks for, m/s.
+    fn largest_steer_correction_m_s(&self) -> f64 {
+        self.condenser
+            .input_corrections(self.solver.primal())
+            .map(|correction| correction.steer_m_s.abs())
+            .fold(0.0, f64::max)
+    }
+
+    /// Moves the plan as far as the linearisation tells the truth, see [`step_limit`]; returns the region
+    /// of the next cycle.
+    fn apply_within(&mut self, mut region: TrustRegion, horizon: &Horizon) -> TrustRegion {
+        let largest_m_s = self.largest_steer_correction_m_s();
+        let mut share = region.first_share(largest_m_s);
+        self.shifted.states.copy_from_slice(&self.plan.states);
+        self.shifted.inputs.copy_from_slice(&self.plan.inputs);
+        let before = self.rolled_out_cost(horizon);
+        for halvings in 0..=HALVINGS {
+            self.apply(share);
+            let promised = self.planned_cost(horizon);
+            let actual = self.rolled_out_cost(horizon);
+            if halvings == HALVINGS || region.takes(before, promised, actual) {
+                region.learn(before, promised, actual, share * largest_m_s, halvings == 0);
+                break;
+            }
+            share *= 0.5;
+            self.plan.states.copy_from_slice(&self.shifted.states);
+        }
+        region
+    }
+
+    /// Returns the cost of the plan as its states have it.
+    fn planned_cost(&self, horizon: &Horizon) -> f64 {
+        let mut cost = 0.0;
+        let mut before = self.settings.limits.within_bounds(horizon.previous);
+        for (k, stage) in self.stages.iter().enumerate() {
+            let input = self.plan.inputs[k];
+            cost += stage_cost(
+                stage,
+                &horizon.targets[k],
+                &self.plan.states[k + 1],
+                input,
+                before,
+            );
+            before = input;
+        }
+        cost
+    }
+
+    /// Returns the cost of the plan's inputs, run through the model from the plan's first state.
+    fn rolled_out_cost(&self, horizon: &Horizon) -> f64 {
+        let mut cost = 0.0;
+        let mut before = self.settings.limits.within_bounds(horizon.previous);
+        let mut state = self.plan.states[0];
+        for (k, stage) in self.stages.iter().enumerate() {
+            let (input, target) = (self.plan.inputs[k], &horizon.targets[k]);
+            let step_s = self.times.step_s(k);
+            let increment = self.model.increment_near(
+                &self.starts[k],
+                &target.normal_in_world,
+                state.z,
+                input,
+                step_s,
+            );
+            state += increment + step_s * target.residual_in_world;
+            cost += stage_cost(stage, target, &state, input, before);
+            before = input;
+        }
+        cost
+    }
+}
+
+/// Returns what a stage costs that ends at `state`.
+fn stage_cost(
+    stage: &Stage,
+    target: &StageTarget,
+    state: &Vector3<f64>,
+    input: MotorSpeeds,
+    before: MotorSpeeds,
+) -> f64 {
+    let lever = target.tracked_point.lever(&target.normal_in_world, state.z);
+    let dx = state.x + lever.offset_m.0 - target.pose.x_m;
+    let dy = state.y + lever.offset_m.1 - target.pose.y_m;
+    let heading = wrap_angle(state.z - target.pose.yaw_rad);
+    let along = stage.along.0 * dx + stage.along.1 * dy;
+    let cross = stage.along.0 * dy - stage.along.1 * dx;
+    stage.weights.along_per_m2 * along * along
+        + stage.weights.cross_per_m2 * cross * cross
+        + stage.weights.heading_per_rad2 * heading * heading
+        + stage.change_weights.traction * (input.traction_m_s - before.traction_m_s).powi(2)
+        + stage.change_weights.steer * (input.steer_m_s - before.steer_m_s).powi(2)
+}

@@ -1,0 +1,129 @@
+//! The plan of the cycle before, moved on, and the stages linearised about it.
+
+use super::condensing::Stage;
+use super::model::StepStart;
+use super::{ChangeWeights, Horizon, Mpc, vector};
+use nalgebra::Vector3;
+use sidehill_plant::frames::wrap_angle;
+use sidehill_plant::speeds::MotorSpeeds;
+
+impl Mpc {
+    /// Puts the targets as states and their feed-forward as inputs into the plan.
+    pub(super) fn guess(&mut self, horizon: &Horizon) {
+        self.starts.fill(StepStart::default());
+        let state = &horizon.start;
+        self.plan.states[0] = vector(state);
+        for (k, target) in horizon.targets.iter().enumerate() {
+            let mut next = vector(
+                &target
+                    .tracked_point
+                    .origin_of(&target.pose, &target.normal_in_world),
+            );
+            next.z = state.yaw_rad + wrap_angle(next.z - state.yaw_rad);
+            self.plan.states[k + 1] = next;
+            self.plan.inputs[k] = target.feedforward;
+        }
+        // Unwrap, so that the plan's heading runs on where the targets' does.
+        for k in 1..=horizon.targets.len() {
+            let before = self.plan.states[k - 1].z;
+            let yaw = &mut self.plan.states[k].z;
+            *yaw = before + wrap_angle(*yaw - before);
+        }
+    }
+
+    /// Shifts the plan by `elapsed_s`, less than a stage: states are interpolated, inputs averaged
+    /// over the new stages, the end follows from the model with the last input kept.
+    pub(super) fn shift(&mut self, elapsed_s: f64, normal_at_end: &Vector3<f64>) {
+        let elapsed_s = elapsed_s.clamp(0.0, self.times.step_s(0));
+        let last = self.settings.stages - 1;
+        for k in 0..=last {
+            let ratio = elapsed_s / self.times.step_s(k);
+            self.shifted.states[k] =
+                (1.0 - ratio) * self.plan.states[k] + ratio * self.plan.states[k + 1];
+            let (now, next) = (self.plan.inputs[k], self.plan.inputs[(k + 1).min(last)]);
+            self.shifted.inputs[k] = MotorSpeeds {
+                traction_m_s: (1.0 - ratio) * now.traction_m_s + ratio * next.traction_m_s,
+                steer_m_s: (1.0 - ratio) * now.steer_m_s + ratio * next.steer_m_s,
+            };
+        }
+        let end = &self.plan.states[last + 1];
+        let step =
+            self.model
+                .step_on_plane(normal_at_end, end.z, self.plan.inputs[last], elapsed_s);
+        self.shifted.states[last + 1] = end + step.increment;
+        std::mem::swap(&mut self.plan, &mut self.shifted);
+    }
+
+    /// Dynamics, errors and limits of each stage about the plan, whose first state becomes the
+    /// horizon's start; returns the one it had.
+    pub(super) fn linearise_about_plan(
+        &mut self,
+        horizon: &Horizon,
+        guessed: bool,
+    ) -> Vector3<f64> {
+        let mut start = vector(&horizon.start);
+        // The plan's heading is not wrapped; the state's turn count is taken from it.
+        start.z = self.plan.states[0].z + wrap_angle(start.z - self.plan.states[0].z);
+        let first = std::mem::replace(&mut self.plan.states[0], start);
+        let settings = &self.settings;
+        let mut before = settings.limits.within_bounds(horizon.previous);
+        self.stages.clear();
+        for (k, target) in horizon.targets.iter().enumerate() {
+            let (state, next, input) = (
+                &self.plan.states[k],
+                &self.plan.states[k + 1],
+                self.plan.inputs[k],
+            );
+            let step_s = self.times.step_s(k);
+            let step = self.model.step_near(
+                &mut self.starts[k],
+                &target.normal_in_world,
+                state.z,
+                input,
+                step_s,
+            );
+            let residual = step_s * target.residual_in_world;
+            let (sin, cos) = target.along_heading_rad.sin_cos();
+            let time_s = if k == 0 {
+                settings.period_s
+            } else {
+                self.times.step_s(k - 1)
+            };
+            let lever = target.tracked_point.lever(&target.normal_in_world, next.z);
+            let error = Vector3::new(
+                next.x + lever.offset_m.0 - target.pose.x_m,
+                next.y + lever.offset_m.1 - target.pose.y_m,
+                wrap_angle(next.z - target.pose.yaw_rad),
+            );
+            let mut weights = target.weights;
+            if !guessed {
+                weights.heading_per_rad2 += settings.heading_excess.weight(error.z);
+            }
+            // The cost is that of even stages, each of them a sample of an integral.
+            let mut factor = step_s / settings.step_s;
+            if k + 1 == horizon.targets.len() {
+                factor *= settings.terminal_factor;
+            }
+            weights.along_per_m2 *= factor;
+            weights.cross_per_m2 *= factor;
+            weights.heading_per_rad2 *= factor;
+            self.stages.push(Stage {
+                step,
+                defect: state + step.increment + residual - next,
+                error,
+                point_by_yaw_m: lever.by_yaw_m,
+                along: (-sin, cos),
+                weights,
+                input,
+                change_weights: ChangeWeights {
+                    traction: horizon.change_weights.traction / step_s,
+                    steer: horizon.change_weights.steer / step_s,
+                },
+                traction_change: settings.limits.traction.change(before.traction_m_s, time_s),
+                steer_change: settings.limits.steer.change(before.steer_m_s, time_s),
+            });
+            before = input;
+        }
+        first
+    }
+}
