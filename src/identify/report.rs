@@ -149,7 +149,19 @@ pub(super) fn contact_json(report: &ContactReport) -> Value {
             (estimate.name.to_owned(), value)
         })
         .collect();
-    json!({ "estimates": estimates, "segments": report.segments, "settled": report.settled })
+    let not_told_apart: Vec<_> = report
+        .not_told_apart
+        .iter()
+        .map(|(one, other, correlation)| {
+            json!({ "parameters": [one, other], "correlation": correlation })
+        })
+        .collect();
+    json!({
+        "estimates": estimates,
+        "not_told_apart": not_told_apart,
+        "segments": report.segments,
+        "settled": report.settled,
+    })
 }
 
 /// Returns what a stage found as JSON, in full.

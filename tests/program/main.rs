@@ -15,6 +15,7 @@ mod guide;
 #[path = "../support/guide_blocks.rs"]
 mod guide_blocks;
 mod icr;
+mod identify;
 mod mistakes;
 mod odometry;
 mod paths;

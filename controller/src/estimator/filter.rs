@@ -330,10 +330,15 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
             self.gate.passed(time_s, normalised / s.gate);
             return None;
         }
+        let prior = self.model.prior().mean;
+        let (unlearned, _) = self
+            .model
+            .velocity(predicted.attitude, predicted.treads, &prior);
         let refused = RefusedPose {
             time_s,
             pose: vector(pose),
             predicted: predicted.mean,
+            unlearned,
         };
         let sigmas = PoseSigmas {
             position_m: s.pose_sigma_m,

@@ -7,7 +7,7 @@
 //! From then on dead reckoning is trusted less, until innovations are small again for a while.
 
 use nalgebra::{Matrix3, Vector3};
-use sidehill_plant::frames::wrap_angle;
+use sidehill_plant::frames::{BodyVelocity, wrap_angle};
 
 /// Factor on the variance of dead reckoning once a run has been believed.
 const NOISE_FACTOR: f64 = 100.0;
@@ -27,6 +27,8 @@ pub(super) struct RefusedPose {
     pub(super) time_s: f64,
     pub(super) pose: Vector3<f64>,
     pub(super) predicted: Vector3<f64>,
+    /// What the treads give without what was learned, which may be what is wrong.
+    pub(super) unlearned: BodyVelocity,
 }
 
 /// Refused poses that agree with each other.
@@ -122,7 +124,7 @@ impl PoseGate {
 }
 
 /// Returns whether a vehicle can have moved from one pose to the other: by anything from nothing to twice
-/// what its treads say, and by a slide.
+/// what its treads say, with or without what was learned, and by a slide.
 fn agree(before: &RefusedPose, after: &RefusedPose, sigmas: &PoseSigmas) -> bool {
     let time_s = after.time_s - before.time_s;
     if time_s <= 0.0 {
@@ -132,9 +134,14 @@ fn agree(before: &RefusedPose, after: &RefusedPose, sigmas: &PoseSigmas) -> bool
     let reckoned = after.predicted - before.predicted;
     let off_m = (seen - reckoned).xy().norm();
     let off_rad = wrap_angle(seen.z - reckoned.z).abs();
-    let reckoned_rad = wrap_angle(reckoned.z).abs();
-    off_m <= reckoned.xy().norm() + SLIDE_M_S * time_s + NOISE_SIGMAS * sigmas.position_m
-        && off_rad <= reckoned_rad + SLIDE_RAD_S * time_s + NOISE_SIGMAS * sigmas.heading_rad
+    let unlearned = &after.unlearned;
+    let speed_m_s = unlearned.right_m_s.hypot(unlearned.forward_m_s);
+    let moved_m = reckoned.xy().norm().max(speed_m_s * time_s);
+    let turned_rad = wrap_angle(reckoned.z)
+        .abs()
+        .max(unlearned.yaw_rate_rad_s.abs() * time_s);
+    off_m <= moved_m + SLIDE_M_S * time_s + NOISE_SIGMAS * sigmas.position_m
+        && off_rad <= turned_rad + SLIDE_RAD_S * time_s + NOISE_SIGMAS * sigmas.heading_rad
 }
 
 #[cfg(test)]
@@ -151,7 +158,23 @@ mod tests {
             time_s,
             pose: Vector3::new(x_m, 0.0, 0.0),
             predicted: Vector3::new(predicted_x_m, 0.0, 0.0),
+            unlearned: BodyVelocity::default(),
         }
+    }
+
+    #[test]
+    fn poses_agree_where_what_was_learned_says_that_the_vehicle_stands() {
+        let run_s = |forward_m_s| {
+            let mut gate = PoseGate::new(1.0);
+            for i in 0..8 {
+                let mut pose = refused(0.1 * f64::from(i), 0.12 * f64::from(i), 0.0);
+                pose.unlearned.forward_m_s = forward_m_s;
+                assert_eq!(gate.refused(pose, &SIGMAS), None);
+            }
+            gate.doubted().unwrap().0
+        };
+        assert_eq!(run_s(0.0), 0.0);
+        assert!((run_s(0.8) - 0.7).abs() < 1e-12);
     }
 
     #[test]
