@@ -180,7 +180,6 @@ fn horizons(
                     let point = trajectory.at(sample.time_s + settings.step_s * k as f64);
                     StageTarget {
                         tracked_point: TrackedPoint::ORIGIN,
-                        residual_in_world: nalgebra::Vector3::zeros(),
                         pose: point.pose(),
                         along_heading_rad: point.heading_rad,
                         normal_in_world: normal_in_world(),

@@ -8,6 +8,7 @@ use anyhow::{Context, Result, bail};
 use serde::{Deserialize, Serialize};
 use sidehill_controller::controller::Controller;
 use sidehill_controller::memory::Learned;
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{SyncSender, sync_channel};
 use std::thread::JoinHandle;
@@ -29,7 +30,8 @@ struct Contents {
     learned: Learned,
 }
 
-/// Writes what was learned, in place of what the file held.
+/// Writes what was learned, in place of what the file held: to a file beside it first, so that there is always
+/// a whole one, whenever the program is killed or the power fails.
 ///
 /// # Errors
 /// What the disk says; the file is then as it was.
@@ -41,7 +43,42 @@ pub fn save(path: &Path, learned: &Learned) -> Result<()> {
     };
     let body = serde_json::to_string(&contents)?;
     let text = format!("{FORMAT} {:016x}\n{body}\n", checksum(&body));
-    output::write(path, text.as_bytes(), true)
+    replace(path, text.as_bytes())
+        .with_context(|| format!("{}: what was learned cannot be written", path.display()))
+}
+
+/// Puts bytes in the place of a file. The file beside it has one name, so that killed programs leave one at
+/// most.
+fn replace(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
+    let mut beside = path.as_os_str().to_owned();
+    beside.push(".new");
+    let mut file = std::fs::File::create(&beside)?;
+    file.write_all(bytes)?;
+    file.sync_all()?;
+    std::fs::rename(&beside, path)?;
+    let folder = path
+        .parent()
+        .filter(|folder| !folder.as_os_str().is_empty());
+    std::fs::File::open(folder.unwrap_or(Path::new(".")))?.sync_all()
+}
+
+/// What a file holds.
+pub struct LearnedFile {
+    /// Its text, which a recording keeps.
+    pub text: String,
+    /// What was learned.
+    pub learned: Learned,
+}
+
+impl LearnedFile {
+    /// Returns a file of this text, whatever its age.
+    ///
+    /// # Errors
+    /// Why it is refused.
+    pub fn of(text: String) -> Result<Self> {
+        let learned = parse(&text)?.learned;
+        Ok(Self { text, learned })
+    }
 }
 
 /// Reads what was learned.
@@ -49,13 +86,21 @@ pub fn save(path: &Path, learned: &Learned) -> Result<()> {
 /// # Errors
 /// Names the file and why it is refused: it cannot be read, is no such file, is damaged, or is older than
 /// `days_max`.
-pub fn load(path: &Path, days_max: f64) -> Result<Learned> {
+pub fn load(path: &Path, days_max: f64) -> Result<LearnedFile> {
     let name = || path.display().to_string();
-    let text = std::fs::read_to_string(path).with_context(name)?;
-    parse(&text, days_max, now_unix_s()).with_context(name)
+    let bytes = std::fs::read(path).with_context(name)?;
+    let read = |bytes| -> Result<LearnedFile> {
+        let text =
+            String::from_utf8(bytes).context("refused: the file is damaged, it is no text")?;
+        let contents = parse(&text)?;
+        check_age(&contents, days_max, now_unix_s())?;
+        let learned = contents.learned;
+        Ok(LearnedFile { text, learned })
+    };
+    read(bytes).with_context(name)
 }
 
-fn parse(text: &str, days_max: f64, now_unix_s: f64) -> Result<Learned> {
+fn parse(text: &str) -> Result<Contents> {
     let (head, body) = text.split_once('\n').unwrap_or((text, ""));
     let Some(given) = head.strip_prefix(FORMAT).map(str::trim) else {
         bail!("refused: no file of what was learned (first line must begin with {FORMAT})");
@@ -66,7 +111,10 @@ fn parse(text: &str, days_max: f64, now_unix_s: f64) -> Result<Learned> {
     if given != format!("{:016x}", checksum(body)) {
         bail!("refused: the file is damaged, its checksum does not match");
     }
-    let contents: Contents = serde_json::from_str(body).context("refused: the file is damaged")?;
+    serde_json::from_str(body).context("refused: the file is damaged")
+}
+
+fn check_age(contents: &Contents, days_max: f64, now_unix_s: f64) -> Result<()> {
     let days = (now_unix_s - contents.saved_unix_s) / 86_400.0;
     if days > days_max {
         bail!("refused: learned {days:.0} days ago, more than {days_max}");
@@ -78,7 +126,7 @@ fn parse(text: &str, days_max: f64, now_unix_s: f64) -> Result<Learned> {
             -days
         );
     }
-    Ok(contents.learned)
+    Ok(())
 }
 
 fn now_unix_s() -> f64 {
@@ -102,26 +150,41 @@ pub struct Keeper {
 const WRITE_TIMEOUT: Duration = Duration::from_secs(2);
 
 impl Keeper {
-    /// Lets `controller` begin with what a file holds, and keeps the file from then on. A file that is refused
-    /// is named with its reason on standard error and replaced by the next that is learned.
+    /// Lets `controller` begin with what a file holds, and keeps the file from then on; also returns the text
+    /// that it begins with. A file that is refused is named with its reason on standard error and kept under
+    /// another name.
     ///
     /// # Errors
-    /// The system's, where it has no thread left.
-    pub fn start(path: PathBuf, days_max: f64, controller: &mut Controller) -> Result<Self> {
+    /// The system's, where it has no thread left, or the disk's, where the file cannot be kept.
+    pub fn start(
+        path: PathBuf,
+        days_max: f64,
+        controller: &mut Controller,
+    ) -> Result<(Self, Option<String>)> {
+        let mut begun_with = None;
         if path.exists() {
-            let recalled = load(&path, days_max).and_then(|learned| {
+            let recalled = load(&path, days_max).and_then(|file| {
                 controller
-                    .recall(&learned)
-                    .with_context(|| format!("{}: refused", path.display()))
+                    .recall(&file.learned)
+                    .with_context(|| format!("{}: refused", path.display()))?;
+                Ok(file.text)
             });
             match recalled {
-                Ok(()) => console::complain(format_args!(
-                    "{}: begins with what was learned before",
-                    path.display()
-                )),
-                Err(error) => console::complain(format_args!(
-                    "warning: {error:#}; begins with nothing learned"
-                )),
+                Ok(text) => {
+                    begun_with = Some(text);
+                    console::complain(format_args!(
+                        "{}: begins with what was learned before",
+                        path.display()
+                    ));
+                }
+                Err(error) => {
+                    output::keep_earlier(&[&path])?;
+                    console::complain(format_args!(
+                        "warning: {error:#}; begins with nothing learned, and the file is kept as {}.1 \
+                         or a higher number",
+                        path.display()
+                    ));
+                }
             }
         }
         let (sender, receiver) = sync_channel(1);
@@ -134,7 +197,7 @@ impl Keeper {
                     }
                 }
             })?;
-        Ok(Self { sender, thread })
+        Ok((Self { sender, thread }, begun_with))
     }
 
     /// Returns where to send what was learned; sending never waits.
@@ -155,6 +218,7 @@ impl Keeper {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use sidehill_controller::memory::{Cell, Key};
 
     fn learned() -> Learned {
         Learned {
@@ -165,27 +229,111 @@ mod tests {
         }
     }
 
+    fn many(aim_right_m: f64) -> Learned {
+        let cell = |x| Cell {
+            key: Key { x, y: 0, sector: 0 },
+            aim_right_m,
+            visits: 1,
+        };
+        Learned {
+            cells: (0..4000).map(cell).collect(),
+            ..learned()
+        }
+    }
+
+    /// Names the file that a process of this test writes until it is killed.
+    const WRITTEN: &str = "SIDEHILL_TEST_LEARNED";
+
+    #[test]
+    #[ignore = "is started and killed by the next test"]
+    fn writes_until_it_is_killed() {
+        let Some(path) = std::env::var_os(WRITTEN).map(PathBuf::from) else {
+            return;
+        };
+        loop {
+            for aim_right_m in [0.01, 0.02] {
+                save(&path, &many(aim_right_m)).unwrap();
+            }
+        }
+    }
+
+    #[test]
+    fn a_writer_that_is_killed_leaves_a_whole_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("j8.learned");
+        save(&path, &many(0.01)).unwrap();
+        let (mut interrupted, mut contents) = (0, [0; 2]);
+        for round in 0..50 {
+            let before = std::fs::read(&path).unwrap();
+            let mut writer = std::process::Command::new(std::env::current_exe().unwrap())
+                .args(["--exact", "learned::tests::writes_until_it_is_killed"])
+                .arg("--ignored")
+                .env(WRITTEN, &path)
+                .stdout(std::process::Stdio::null())
+                .spawn()
+                .unwrap();
+            let deadline = Instant::now() + Duration::from_secs(60);
+            while std::fs::read(&path).unwrap() == before {
+                assert!(Instant::now() < deadline, "the writer writes nothing");
+                std::thread::sleep(Duration::from_millis(1));
+            }
+            let beside = folder.path().join("j8.learned.new");
+            if round % 2 == 0 {
+                while !beside.exists() {
+                    assert!(Instant::now() < deadline, "the writer writes no more");
+                }
+            } else {
+                std::thread::sleep(Duration::from_micros(137 * round));
+            }
+            writer.kill().unwrap();
+            writer.wait().unwrap();
+            let found = load(&path, DAYS_MAX).unwrap().learned;
+            let which = [0.01, 0.02].map(|aim_right_m| found == many(aim_right_m));
+            assert!(which[0] || which[1], "round {round}");
+            contents[usize::from(which[1])] += 1;
+            // The file beside it is there only while one is being written.
+            interrupted += u32::from(beside.exists());
+        }
+        let files = std::fs::read_dir(folder.path()).unwrap().count();
+        assert!(files <= 2, "{files} files");
+        assert!(interrupted > 0 && contents[0] + contents[1] == 50);
+    }
+
     #[test]
     fn what_is_saved_comes_back_and_damage_is_refused_with_its_reason() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("j8.learned");
         save(&path, &learned()).unwrap();
-        assert_eq!(load(&path, DAYS_MAX).unwrap(), learned());
-        let text = std::fs::read_to_string(&path).unwrap();
-        let now = now_unix_s();
-        let refusal =
-            |text: &str, now: f64| format!("{:#}", parse(text, DAYS_MAX, now).unwrap_err());
-        for end in 0..text.len() {
-            let why = refusal(&text[..end], now);
+        let file = load(&path, DAYS_MAX).unwrap();
+        assert_eq!(file.learned, learned());
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+        let refusal = |bytes: &[u8]| {
+            let damaged = folder.path().join("damaged.learned");
+            std::fs::write(&damaged, bytes).unwrap();
+            let refused = load(&damaged, DAYS_MAX).err().unwrap();
+            format!("{refused:#}")
+        };
+        let bytes = file.text.as_bytes();
+        for end in 0..bytes.len() {
+            let why = refusal(&bytes[..end]);
             assert!(why.contains("refused"), "{end}: {why}");
         }
-        for at in 0..text.len() {
-            let mut bytes = text.clone().into_bytes();
-            bytes[at] ^= 1;
-            let why = refusal(&String::from_utf8_lossy(&bytes), now);
-            assert!(why.contains("refused"), "{at}: {why}");
+        for at in 0..bytes.len() {
+            for bit in [1, 0x80] {
+                let mut bytes = bytes.to_vec();
+                bytes[at] ^= bit;
+                let why = refusal(&bytes);
+                assert!(why.contains("refused"), "{at}: {why}");
+            }
         }
-        assert!(refusal(&text, now + 100.0 * 86_400.0).contains("100 days ago"));
-        assert!(refusal(&text, now - 10.0 * 86_400.0).contains("clocks"));
+        let contents = parse(&file.text).unwrap();
+        let days = |days: f64| {
+            let now_s = contents.saved_unix_s + days * 86_400.0;
+            let refused = check_age(&contents, DAYS_MAX, now_s).err();
+            refused.map_or_else(String::new, |error| error.to_string())
+        };
+        assert_eq!(days(80.0), "");
+        assert!(days(100.0).contains("100 days ago"));
+        assert!(days(-10.0).contains("clocks"));
     }
 }

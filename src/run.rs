@@ -8,7 +8,7 @@ use crate::config::{Bundle, ConfigFile, RunConfig, RunPort};
 use crate::console::Printer;
 use crate::learned::Keeper;
 use crate::output;
-use crate::recording::{self, DriveRecording, LIVE};
+use crate::recording::{self, DriveRecording, LIVE, fact};
 use anyhow::{Context, Result, anyhow, ensure};
 use files::Files;
 use screen::{RunFormat, Screen};
@@ -88,10 +88,13 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
     let config: RunConfig = file.parse()?;
     let vehicle = config.load_vehicle(&file)?;
     let mut controller = config.controller(&file, &vehicle)?;
-    let keeper = config
-        .learned_file(&file)?
-        .map(|(path, days_max)| Keeper::start(path, days_max, &mut controller))
-        .transpose()?;
+    let (keeper, begun_with) = match config.learned_file(&file)? {
+        Some((path, days_max)) => {
+            let (keeper, begun_with) = Keeper::start(path, days_max, &mut controller)?;
+            (Some(keeper), begun_with)
+        }
+        None => (None, None),
+    };
     let mut files = args.out.as_deref().map(Files::create).transpose()?;
     let signals = register_signals()?;
 
@@ -153,7 +156,8 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
     };
     let file_of_record = match recorded {
         Some((path, limits)) => {
-            let header = recording::header("run", Some(config.controller), &file, &bundle, &[]);
+            let facts = [(fact::LEARNED, begun_with)];
+            let header = recording::header("run", Some(config.controller), &file, &bundle, &facts);
             Some(recording::create(&path, header, limits, args.force)?)
         }
         None => None,

@@ -22,6 +22,7 @@ use std::fmt::Write;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::sync::Arc;
 
 /// Arguments of `sidehill simulate`.
 #[derive(Debug, Clone, Default, clap::Args)]
@@ -124,7 +125,7 @@ pub fn run(args: &SimulateArgs) -> Result<ExitCode> {
     })?;
     let mut prepared = prepared;
     if let Some(path) = &args.learned {
-        prepared.learned = Some(learned::load(path, learned::DAYS_MAX)?);
+        prepared.learned = Some(Arc::new(learned::load(path, learned::DAYS_MAX)?));
     }
     if let Some(path) = &args.learned_out {
         if prepared.controllers.len() != 1 || prepared.controller.memory.is_none() {
@@ -238,6 +239,10 @@ fn record(
         (
             fact::PATH,
             args.path.as_ref().map(|path| path.display().to_string()),
+        ),
+        (
+            fact::LEARNED,
+            prepared.learned.as_ref().map(|file| file.text.clone()),
         ),
     ];
     let header = recording::header("simulate", Some(kind), file, bundle, &facts);

@@ -109,6 +109,49 @@ fn a_simulated_vehicle_is_driven_in_real_time() {
 }
 
 #[test]
+fn what_a_drive_has_learned_is_kept_over_a_restart() {
+    let mut changes = SIMULATED;
+    changes[0].2 = "port: simulated\nlearned: {file: j8.learned}";
+    let file = configuration("learned", &changes);
+    let beside = |name: &str| file.with_file_name(name);
+    for name in ["j8.learned", "j8.learned.1", "drive.mcap"] {
+        let _ = std::fs::remove_file(beside(name));
+    }
+    let (kept, recording) = (beside("j8.learned"), beside("drive.mcap"));
+    let recording = recording.to_str().unwrap();
+    let drive = |more: &[&str]| {
+        let begin = ["run", file.to_str().unwrap(), "--arm", "--duration-s", "4"];
+        let output = run_to_end(&[&begin, more].concat());
+        let events = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(0), "{events}");
+        events
+    };
+    let events = drive(&[]);
+    assert!(!events.contains("learned"), "{events}");
+    let first = std::fs::read_to_string(&kept).unwrap();
+    assert!(first.contains("\"gains\":{"), "{first}");
+    // The next drive begins with it, and a replay of that drive too, even where the file is gone.
+    let events = drive(&["--record", recording]);
+    let says = "j8.learned: begins with what was learned";
+    assert!(events.contains(says), "{events}");
+    let second = std::fs::read_to_string(&kept).unwrap();
+    assert_ne!(first, second);
+    std::fs::write(&kept, &second[..second.len() / 2]).unwrap();
+    let output = run_to_end(&["replay", recording, "--format", "json"]);
+    let replayed: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(replayed["different"], 0, "{replayed}");
+    assert!(replayed["cycles"].as_u64().unwrap() > 50, "{replayed}");
+    // A damaged file keeps nothing from driving, and is not lost.
+    let events = drive(&[]);
+    for part in ["j8.learned: refused: the file is", "nothing learned"] {
+        assert!(events.contains(part), "{part}: {events}");
+    }
+    let set_aside = std::fs::read_to_string(beside("j8.learned.1")).unwrap();
+    assert_eq!(set_aside, &second[..second.len() / 2]);
+    assert!(std::fs::read_to_string(&kept).unwrap().contains("gains"));
+}
+
+#[test]
 fn a_recording_without_its_first_file_is_replayed_from_where_it_was_armed() {
     let file = configuration("first_file_deleted", &SIMULATED);
     let whole = file.with_file_name("drive.mcap");

@@ -86,9 +86,7 @@ impl Controller {
             _ => config,
         };
         let guard = guard(&config, vehicle)?;
-        let memory = config
-            .memory
-            .map(|memory| Memory::new(memory, config.period_s));
+        let memory = config.memory.map(Memory::new);
         let owner = owner(vehicle, kind);
         let Parts {
             vehicle,
@@ -266,7 +264,7 @@ impl Controller {
         self.supervise(estimate.as_ref(), progress.as_ref());
         let solved = match (self.phase, &estimate, &progress) {
             (Phase::Driving { .. }, Some(estimate), Some(progress)) => {
-                self.learn_place(estimate, elapsed_s);
+                self.learn_error(estimate, sample);
                 self.look_ahead(estimate, progress, elapsed_s);
                 Some(match &mut self.law {
                     Law::Mpc(mpc) => mpc.linearise(&self.horizon).condense().solve(deadline),

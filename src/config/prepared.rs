@@ -1,10 +1,10 @@
 //! A scenario that is ready to run.
 
 use super::plant::Plant;
+use crate::learned::LearnedFile;
 use sidehill_controller::config::{AttitudePreview, ControllerConfig, ControllerKind};
 use sidehill_controller::controller::{Controller, ControllerError};
 use sidehill_controller::guard::{Stance, SteepPlace, first_steep_place};
-use sidehill_controller::memory::Learned;
 use sidehill_controller::reference::Reference;
 use sidehill_controller::speed_profile::SpeedLimits;
 use sidehill_plant::drive_train::DriveTrainConfig;
@@ -13,6 +13,7 @@ use sidehill_plant::sensors::SensorsConfig;
 use sidehill_plant::simulation::{Simulation, SimulationError, SimulationSetup};
 use sidehill_plant::terrain::Terrain;
 use sidehill_plant::vehicle::Vehicle;
+use std::sync::Arc;
 
 /// A scenario with everything read, checked and built; runs share it.
 pub struct Prepared {
@@ -45,7 +46,7 @@ pub struct Prepared {
     /// Bounds on the speed along a path.
     pub speed_limits: SpeedLimits,
     /// What was learned before, with which controllers begin.
-    pub learned: Option<Learned>,
+    pub learned: Option<Arc<LearnedFile>>,
     /// What is allowed but probably not meant.
     pub warnings: Vec<String>,
 }
@@ -93,7 +94,7 @@ impl Prepared {
         let mut controller = Controller::new(kind, self.controller.clone(), &self.vehicle)?
             .with_terrain(self.terrain.clone());
         if let Some(learned) = &self.learned {
-            controller.recall(learned)?;
+            controller.recall(&learned.learned)?;
         }
         controller.follow(self.reference.clone());
         Ok(controller)

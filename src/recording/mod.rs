@@ -43,6 +43,8 @@ pub(crate) mod fact {
     pub(crate) const SEED: &str = "seed";
     /// What replaced its path.
     pub(crate) const PATH: &str = "path";
+    /// Text of the file of what was learned that the controller began with.
+    pub(crate) const LEARNED: &str = "learned";
 }
 
 /// Returns the machine that this program was built for.

@@ -3,6 +3,7 @@
 use super::step::Step;
 use crate::closed_loop::{Observer, run as drive};
 use crate::config::{ConfigFile, Overrides, PlantKind, Prepared, RunConfig, RunPort, Scenario};
+use crate::learned::LearnedFile;
 use crate::recording::fact;
 use anyhow::{Context, Result, anyhow, ensure};
 use sidehill_bridge::recording::{RecordedPath, Recording};
@@ -68,6 +69,8 @@ pub(crate) struct Rebuilt {
     run: Option<(RunConfig, ConfigFile)>,
     /// The simulated world; none where the vehicle was real or elsewhere.
     world: Option<Prepared>,
+    /// What the controller began with.
+    learned: Option<Arc<LearnedFile>>,
 }
 
 impl Rebuilt {
@@ -101,6 +104,12 @@ impl Rebuilt {
             .as_deref()
             .map(|path| -> Result<Vehicle> { Ok(ConfigFile::read(path)?.parse()?) })
             .transpose()?;
+        let learned = facts
+            .get(fact::LEARNED)
+            .filter(|_| !changes.changed())
+            .map(|text| LearnedFile::of(text.clone()).map(Arc::new))
+            .transpose()
+            .context("what the recorded controller had learned")?;
         match get(fact::COMMAND)? {
             "simulate" => {
                 let plant = facts.get(fact::PLANT).map(|name| {
@@ -117,7 +126,9 @@ impl Rebuilt {
                     world.vehicle = vehicle;
                 }
                 world.controller = changes.settings(world.controller)?;
+                world.learned.clone_from(&learned);
                 Ok(Self {
+                    learned,
                     kind,
                     config: world.controller.clone(),
                     vehicle: world.vehicle.clone(),
@@ -143,6 +154,7 @@ impl Rebuilt {
                     None
                 };
                 Ok(Self {
+                    learned,
                     kind,
                     config: config.settings.clone(),
                     vehicle,
@@ -161,7 +173,13 @@ impl Rebuilt {
     /// Returns the controller before its first step, without a path.
     pub(super) fn controller(&self) -> Result<Controller> {
         let mut controller = match (&self.run, &self.world) {
-            (Some((config, file)), _) => config.controller(file, &self.vehicle)?,
+            (Some((config, file)), _) => {
+                let mut controller = config.controller(file, &self.vehicle)?;
+                if let Some(file) = &self.learned {
+                    controller.recall(&file.learned)?;
+                }
+                controller
+            }
             (None, Some(world)) => world.controller(self.kind)?,
             (None, None) => Controller::new(self.kind, self.config.clone(), &self.vehicle)?,
         };

@@ -1,7 +1,18 @@
 //! The guide: its commands are run as they stand there, in their order, in one folder.
 
-use crate::guide_blocks::blocks;
+use crate::guide_blocks::{Block, blocks_of, text_of};
 use crate::{sidehill, succeed};
+
+/// Returns the blocks of all pages in the order in which the guide's first page links them.
+fn blocks() -> Vec<Block> {
+    let first = text_of("README.md");
+    let links = first
+        .split("](")
+        .skip(1)
+        .filter_map(|rest| rest.split(')').next());
+    let pages = links.filter(|link| link.ends_with(".md") && !link.contains('/'));
+    pages.flat_map(blocks_of).collect()
+}
 
 #[test]
 fn every_command_of_the_guide_runs() {

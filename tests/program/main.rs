@@ -12,7 +12,7 @@ mod campaign;
 mod check;
 mod configuration;
 mod guide;
-#[path = "../guide_blocks.rs"]
+#[path = "../support/guide_blocks.rs"]
 mod guide_blocks;
 mod icr;
 mod identify;

@@ -336,6 +336,15 @@ fn what_was_learned_is_kept_in_a_file_that_is_refused_where_it_is_wrong() {
     let restarted = simulate(&one, &[read, kept.as_os_str()]).output().unwrap();
     let restarted = runs(&String::from_utf8(restarted.stdout).unwrap()).remove(0);
     assert!(rms(&restarted) < rms(&fresh), "{restarted} {fresh}");
+    // A recording holds what its controller began with.
+    let recording = folder.path().join("restarted.mcap");
+    let record = ["--learned".as_ref(), kept.as_os_str(), "--record".as_ref()];
+    succeed(simulate(&one, &record).arg(&recording));
+    let mut replay = sidehill();
+    let replay = replay.arg("replay").arg(&recording);
+    let replayed = succeed(replay.args(["--format", "json"]));
+    let replayed: Value = serde_json::from_str(&replayed).unwrap();
+    assert_eq!(replayed["different"], 0, "{replayed}");
     // Another vehicle, a damaged file, a cut one, none at all, and memory off.
     let other = eight.replace("\nlaps: 2", "\nmodel_error: {y_icr: 1.1}\nlaps: 1");
     let other = file("other.yaml", &other);
@@ -343,7 +352,7 @@ fn what_was_learned_is_kept_in_a_file_that_is_refused_where_it_is_wrong() {
     assert_says(&why, &["refused", "it was learned by j8"]);
     let whole = std::fs::read_to_string(&kept).unwrap();
     for (damaged, says) in [
-        (whole.replacen("residual", "residuel", 1), "damaged"),
+        (whole.replacen("aim_right_m", "aim_rigth_m", 1), "damaged"),
         (whole[..whole.len() / 2].to_owned(), "cut short"),
         ("gains: 1\n".to_owned(), "no file of what was learned"),
     ] {

@@ -16,7 +16,7 @@ mod running;
 mod both;
 mod cia402;
 mod guide;
-#[path = "../guide_blocks.rs"]
+#[path = "../support/guide_blocks.rs"]
 mod guide_blocks;
 mod realtime;
 mod support;

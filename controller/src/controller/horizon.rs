@@ -8,7 +8,6 @@ use crate::mpc::{Model, StageTarget};
 use crate::path::Point2;
 use crate::reference::Progress;
 use crate::tracked_point::{TrackedPoint, heading_difference_after};
-use nalgebra::Vector3;
 use sidehill_plant::frames::{PlanarPose, wrap_angle};
 use sidehill_plant::speeds::MotorSpeeds;
 
@@ -114,12 +113,13 @@ impl Controller {
                 }
                 _ => point.pose(),
             };
+            let pose = match &self.memory {
+                Some(memory) => memory.aim(&pose, &point.pose(), estimate.time_s),
+                None => pose,
+            };
             self.horizon.targets.push(StageTarget {
                 pose,
                 tracked_point,
-                residual_in_world: self.memory.as_ref().map_or_else(Vector3::zeros, |memory| {
-                    memory.residual_in_world(&point.pose())
-                }),
                 along_heading_rad: pose.yaw_rad,
                 normal_in_world,
                 feedforward: MotorSpeeds {
@@ -211,13 +211,9 @@ impl Controller {
                 command,
                 time_s,
             );
-            let mut increment = step.increment;
-            if let Some(memory) = &self.memory {
-                increment += time_s * memory.residual_in_world(&pose);
-            }
-            pose.x_m += increment.x;
-            pose.y_m += increment.y;
-            pose.yaw_rad += increment.z;
+            pose.x_m += step.increment.x;
+            pose.y_m += step.increment.y;
+            pose.yaw_rad += step.increment.z;
         }
         pose
     }

@@ -1,9 +1,12 @@
 //! What a controller has learned, and where it begins with what was learned before.
 
 use super::Controller;
-use super::parts::Law;
 use crate::estimator::Estimate;
 use crate::memory::{Learned, RecallError};
+use crate::path::Point2;
+use crate::reference::PROJECTION_WINDOW;
+use sidehill_plant::frames::PlanarPose;
+use sidehill_plant::sample::Sample;
 
 impl Controller {
     /// Returns everything that was learned, to be kept; none where memory is off.
@@ -39,20 +42,34 @@ impl Controller {
         Ok(())
     }
 
-    /// Measures the residual slip of the cycle that is over.
-    pub(super) fn learn_place(&mut self, estimate: &Estimate, elapsed_s: f64) {
-        let (Some(memory), Law::Mpc(mpc)) = (&mut self.memory, &mut self.law) else {
+    /// Measures how far beside its path the vehicle was where its newest pose was taken.
+    pub(super) fn learn_error(&mut self, estimate: &Estimate, sample: &Sample) {
+        let point = self.tracked_point();
+        let (Some(memory), Some(reference), Some(pose)) =
+            (&mut self.memory, &self.reference, &sample.pose)
+        else {
             return;
         };
-        if estimate.poses_gated > 0 {
-            return memory.reset();
+        let moving = estimate.treads.left_m_s != 0.0 || estimate.treads.right_m_s != 0.0;
+        let (Some(path), true) = (reference.path(), moving && estimate.poses_gated == 0) else {
+            return;
+        };
+        let pose = point.of(&pose.value.planar(), &estimate.normal_in_world);
+        let seen = Point2 {
+            x_m: pose.x_m,
+            y_m: pose.y_m,
+        };
+        if seen.x_m.is_finite() && seen.y_m.is_finite() {
+            let around_m = reference.ahead(0.0).arc_length_m;
+            let nearest = path
+                .nearest_within(&seen, around_m, &PROJECTION_WINDOW)
+                .point;
+            let place = PlanarPose {
+                x_m: nearest.position.x_m,
+                y_m: nearest.position.y_m,
+                yaw_rad: nearest.heading_rad,
+            };
+            memory.observe(sample.time_s, &seen, &place);
         }
-        let step = mpc.model_mut().step_on_plane(
-            &estimate.normal_in_world,
-            estimate.pose.yaw_rad,
-            estimate.treads.into(),
-            elapsed_s,
-        );
-        memory.observe(estimate.time_s, &estimate.pose, &step.increment);
     }
 }

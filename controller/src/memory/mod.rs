@@ -1,18 +1,18 @@
-//! What was learned is kept: gains over a disarming and, in the hands of the caller, over a restart; residual
-//! slip by place, for a route that is driven again.
+//! What was learned is kept: gains over a disarming and, in the hands of the caller, over a restart; and
+//! where to aim, by place, on a route that is driven again.
 //!
-//! The residual is what the poses show and the model, with its learned gains and treads as measured, does not:
-//! over a window of about a second
+//! What slides the same way each time leaves the same error from the path at the same place. Poses show it,
+//! e(s), m to the right of the path at arc length s, and on visit j the horizon aims at a path moved by u_j(s):
 //!
 //! ```text
-//! r = ((p(t) - p(t - T)) - integral of the model's velocity) / T
+//! u_(j+1) = Q (kept_share u_j) - error_share e_j,   |u| <= aim_max_m
 //! ```
 //!
-//! in the axes of the vehicle in the middle of the window, where it is put into a map of cells. The
-//! horizon's prediction adds what the map holds at the places ahead, so that a slide is met before it
-//! begins. Learning from one pass to the next follows C. J. Ostafew, A. P. Schoellig and T. D. Barfoot,
-//! "Robust constrained learning-based NMPC enabling reliable mobile robot path tracking", IJRR 2016, with a
-//! map of means in place of a Gaussian process.
+//! with Q a mean over neighbouring places. The MPC sees the moved path over its whole horizon, so it steers
+//! before the slide begins. This is iterative learning control of the reference (D. A. Bristow, M. Tharayil
+//! and A. G. Alleyne, "A survey of iterative learning control", IEEE Control Systems Magazine 26(3), 2006:
+//! serial architecture, with a forgetting factor), indexed by place instead of time, so that a route that
+//! joins another one uses what was learned on it.
 
 mod places;
 mod settings;
@@ -21,16 +21,10 @@ pub use places::{Cell, Key};
 pub use settings::MemoryConfig;
 
 use crate::estimator::LearnedGains;
-use nalgebra::Vector3;
+use crate::path::Point2;
 use places::PlaceMap;
 use serde::{Deserialize, Serialize};
-use sidehill_plant::frames::{PlanarPose, wrap_angle};
-use std::collections::VecDeque;
-
-/// Least share of the window that has to be covered.
-const COVERED: f64 = 0.9;
-/// Least way within the window, m: who stands learns nothing.
-const WAY_MIN_M: f64 = 0.1;
+use sidehill_plant::frames::PlanarPose;
 
 /// Everything that was learned, to be kept.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -42,7 +36,7 @@ pub struct Learned {
     pub gains: Option<LearnedGains>,
     /// Edge of a cell of the map, m.
     pub cell_m: f64,
-    /// Residual slip by place.
+    /// Where to aim, by place.
     pub cells: Vec<Cell>,
 }
 
@@ -72,97 +66,55 @@ pub enum RecallError {
     Wrong(&'static str),
 }
 
-/// A cycle within the window.
-#[derive(Debug, Clone, Copy)]
-struct Moment {
-    time_s: f64,
-    pose: PlanarPose,
-    /// Sum of the model's increments since the window began to be filled.
-    modelled: Vector3<f64>,
-}
+/// Time after a start in which nothing is learned by place: the vehicle comes to its path and the gains to
+/// their values, which is no property of the place, s.
+const SETTLING_S: f64 = 10.0;
 
-/// The map and the window by which it is filled; nothing is allocated after [`Memory::new`].
+/// The map and how it is filled; nothing is allocated after [`Memory::new`].
 #[derive(Debug)]
 pub(crate) struct Memory {
     pub(crate) config: MemoryConfig,
     map: PlaceMap,
-    window: VecDeque<Moment>,
+    /// When the drive began.
+    since_s: Option<f64>,
 }
 
 impl Memory {
-    pub(crate) fn new(config: MemoryConfig, period_s: f64) -> Self {
-        let cycles = (2.0 * config.window_s / period_s).ceil() as usize + 2;
+    pub(crate) fn new(config: MemoryConfig) -> Self {
         Self {
             config,
             map: PlaceMap::new(config),
-            window: VecDeque::with_capacity(cycles),
+            since_s: None,
         }
     }
 
-    /// Begins a new window, as after a stop.
+    /// Begins a new drive.
     pub(crate) fn reset(&mut self) {
-        self.window.clear();
+        self.since_s = None;
     }
 
-    /// Takes in the pose of a cycle and the increment (x, y, yaw) that the model has for the time since the
-    /// cycle before.
-    pub(crate) fn observe(&mut self, time_s: f64, pose: &PlanarPose, increment: &Vector3<f64>) {
-        if !self.config.by_place {
-            return;
+    /// Takes in where the vehicle was seen at `time_s`, nearest to `place` of its path.
+    pub(crate) fn observe(&mut self, time_s: f64, seen: &Point2, place: &PlanarPose) {
+        let since_s = *self.since_s.get_or_insert(time_s);
+        if self.config.by_place && time_s - since_s >= SETTLING_S {
+            let (sin, cos) = place.yaw_rad.sin_cos();
+            let right_m = cos * (seen.x_m - place.x_m) + sin * (seen.y_m - place.y_m);
+            self.map.learn(place, right_m, time_s);
         }
-        let modelled = self
-            .window
-            .back()
-            .map_or_else(Vector3::zeros, |moment| moment.modelled + increment);
-        if self.window.len() == self.window.capacity() {
-            self.window.pop_front();
-        }
-        self.window.push_back(Moment {
-            time_s,
-            pose: *pose,
-            modelled,
-        });
-        while self
-            .window
-            .get(1)
-            .is_some_and(|second| time_s - second.time_s >= self.config.window_s)
-        {
-            self.window.pop_front();
-        }
-        let (Some(first), Some(last)) = (self.window.front(), self.window.back()) else {
-            return;
-        };
-        let span_s = last.time_s - first.time_s;
-        if span_s < COVERED * self.config.window_s {
-            return;
-        }
-        let moved = Vector3::new(
-            last.pose.x_m - first.pose.x_m,
-            last.pose.y_m - first.pose.y_m,
-            wrap_angle(last.pose.yaw_rad - first.pose.yaw_rad),
-        );
-        if moved.xy().norm() < WAY_MIN_M {
-            return;
-        }
-        let residual = (moved - (last.modelled - first.modelled)) / span_s;
-        let middle = self.window[self.window.len() / 2].pose;
-        let (sin, cos) = middle.yaw_rad.sin_cos();
-        let in_body = Vector3::new(
-            cos * residual.x + sin * residual.y,
-            -sin * residual.x + cos * residual.y,
-            residual.z,
-        );
-        self.map.learn(&middle, &in_body, time_s);
     }
 
-    /// Returns the residual velocity at a place, world frame: m/s, m/s, rad/s.
-    pub(crate) fn residual_in_world(&self, place: &PlanarPose) -> Vector3<f64> {
+    /// Returns a target moved aside by what is known of `place` of the path.
+    pub(crate) fn aim(&self, target: &PlanarPose, place: &PlanarPose, time_s: f64) -> PlanarPose {
         if !self.config.by_place {
-            return Vector3::zeros();
+            return *target;
         }
-        let r = self.map.at(place);
-        let (sin, cos) = place.yaw_rad.sin_cos();
-        Vector3::new(cos * r.x - sin * r.y, sin * r.x + cos * r.y, r.z)
+        let right_m = self.map.aim_right_m(place, time_s);
+        let (sin, cos) = target.yaw_rad.sin_cos();
+        PlanarPose {
+            x_m: target.x_m + cos * right_m,
+            y_m: target.y_m + sin * right_m,
+            ..*target
+        }
     }
 
     pub(crate) fn cells(&self) -> Vec<Cell> {

@@ -1,7 +1,6 @@
-//! A map of residual slip by place and direction of travel, of bounded size.
+//! A map of where to aim, by place and heading, of bounded size.
 
 use super::settings::MemoryConfig;
-use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 use sidehill_plant::frames::{PlanarPose, wrap_angle};
 use std::f64::consts::TAU;
@@ -33,8 +32,8 @@ pub struct Key {
 pub struct Cell {
     /// Where it is.
     pub key: Key,
-    /// Residual velocity to the right and ahead, m/s, and yaw rate, rad/s.
-    pub residual: [f64; 3],
+    /// How far to the right of the path the vehicle aims there, m.
+    pub aim_right_m: f64,
     /// Visits that it comes from.
     pub visits: u32,
 }
@@ -42,13 +41,19 @@ pub struct Cell {
 #[derive(Debug, Clone, Copy)]
 struct Slot {
     cell: Cell,
-    /// What earlier visits left.
-    before: Vector3<f64>,
-    /// Mean and number of the measurements of this visit.
-    mean: Vector3<f64>,
-    count: u32,
+    /// Aim when this visit began, which holds until it is over, m to the right.
+    before_m: f64,
+    /// Mean error of this visit, m to the right, and the number of measurements.
+    error_m: f64,
+    errors: u32,
     /// Time of the last measurement, s.
     time_s: f64,
+}
+
+impl Slot {
+    fn visited_at(&self, time_s: f64) -> bool {
+        (0.0..VISIT_S).contains(&(time_s - self.time_s))
+    }
 }
 
 /// The map; nothing is allocated after [`PlaceMap::new`].
@@ -68,64 +73,67 @@ impl PlaceMap {
         }
     }
 
-    /// Takes in a residual velocity (right, forward, yaw rate) that was measured at a place. A full map
-    /// learns no new places.
-    pub(crate) fn learn(&mut self, place: &PlanarPose, residual: &Vector3<f64>, time_s: f64) {
-        let (slide, yaw) = (self.config.slide_max_m_s, self.config.yaw_rate_max_rad_s);
-        let bounded = Vector3::new(
-            residual.x.clamp(-slide, slide),
-            residual.y.clamp(-slide, slide),
-            residual.z.clamp(-yaw, yaw),
-        );
-        if !bounded.iter().all(|value| value.is_finite()) {
+    /// Takes in how far to the right of its path the vehicle was at a place of it. A full map learns no new
+    /// places.
+    pub(crate) fn learn(&mut self, place: &PlanarPose, right_m: f64, time_s: f64) {
+        let MemoryConfig {
+            error_share,
+            kept_share,
+            aim_max_m,
+            ..
+        } = self.config;
+        if !right_m.is_finite() {
             return;
         }
-        let Some(index) = self.slot(&self.key(place)) else {
+        let Some(slot) = self.visit(place, time_s) else {
             return;
         };
-        let new_share = self.config.new_share;
-        if self.slots[index].is_none() {
-            if self.used == CELLS {
-                return;
-            }
-            self.used += 1;
-        }
-        let key = self.key(place);
-        let slot = self.slots[index].get_or_insert(Slot {
-            cell: Cell {
-                key,
-                residual: [0.0; 3],
-                visits: 0,
-            },
-            before: Vector3::zeros(),
-            mean: Vector3::zeros(),
-            count: 0,
-            time_s: f64::NEG_INFINITY,
-        });
-        if !((0.0..VISIT_S).contains(&(time_s - slot.time_s))) {
-            slot.before = Vector3::from(slot.cell.residual);
-            slot.mean = Vector3::zeros();
-            slot.count = 0;
-            slot.cell.visits += 1;
-        }
-        slot.time_s = time_s;
-        slot.count += 1;
-        slot.mean += (bounded - slot.mean) / f64::from(slot.count);
-        let known = if slot.cell.visits == 1 {
-            slot.mean
-        } else {
-            (1.0 - new_share) * slot.before + new_share * slot.mean
-        };
-        slot.cell.residual = known.into();
+        slot.errors += 1;
+        slot.error_m += (right_m - slot.error_m) / f64::from(slot.errors);
+        let aim_m = kept_share * slot.before_m - error_share * slot.error_m;
+        slot.cell.aim_right_m = aim_m.clamp(-aim_max_m, aim_max_m);
     }
 
-    /// Returns the residual velocity at a place (right, forward, yaw rate): a weighted mean of its cell and
-    /// those around it, less where little is known.
-    pub(crate) fn at(&self, place: &PlanarPose) -> Vector3<f64> {
+    /// Returns the slot of a place that is driven over, a new one where there is room; a visit begins where
+    /// it was not measured for a while.
+    fn visit(&mut self, place: &PlanarPose, time_s: f64) -> Option<&mut Slot> {
+        let key = self.key(place);
+        let index = self.slot(&key)?;
+        let under_way = self.slots[index].is_some_and(|slot| slot.visited_at(time_s));
+        if !under_way {
+            let before_m = self.aim_right_m(place, time_s);
+            let visits = match &self.slots[index] {
+                Some(slot) => slot.cell.visits.saturating_add(1),
+                None if self.used == CELLS => return None,
+                None => {
+                    self.used += 1;
+                    1
+                }
+            };
+            self.slots[index] = Some(Slot {
+                cell: Cell {
+                    key,
+                    aim_right_m: before_m,
+                    visits,
+                },
+                before_m,
+                error_m: 0.0,
+                errors: 0,
+                time_s,
+            });
+        }
+        let slot = self.slots[index].as_mut()?;
+        slot.time_s = time_s;
+        Some(slot)
+    }
+
+    /// Returns how far to the right of a place of the path to aim, by the visits that are over, m: a weighted
+    /// mean of its cell and those around it, less where little is known.
+    pub(crate) fn aim_right_m(&self, place: &PlanarPose, time_s: f64) -> f64 {
         let edge = self.config.cell_m;
-        let (mut sum, mut total) = (Vector3::zeros(), 0.0);
+        let (mut sum_m, mut total) = (0.0, 0.0);
         if self.used == 0 {
-            return sum;
+            return 0.0;
         }
         let centre = self.key(place);
         for dx in -2..=2 {
@@ -140,20 +148,28 @@ impl PlaceMap {
                     else {
                         continue;
                     };
+                    let visited = slot.visited_at(time_s);
+                    if visited && slot.cell.visits == 1 {
+                        continue;
+                    }
+                    let aim_m = if visited {
+                        slot.before_m
+                    } else {
+                        slot.cell.aim_right_m
+                    };
                     let middle = |cell: i32| (f64::from(cell) + 0.5) * edge;
                     let away = (middle(key.x) - place.x_m).hypot(middle(key.y) - place.y_m) / edge;
                     let heading = (f64::from(key.sector) + 0.5) * TAU / f64::from(SECTORS);
                     let turned =
                         wrap_angle(place.yaw_rad - heading).abs() * f64::from(SECTORS) / TAU;
-                    let weight = (1.0 - (away / 2.0).powi(2)).max(0.0)
-                        * (1.5 - turned).clamp(0.0, 1.0)
-                        * f64::from(slot.count.clamp(1, 5));
-                    sum += weight * Vector3::from(slot.cell.residual);
+                    let weight =
+                        (1.0 - (away / 2.0).powi(2)).max(0.0) * (1.5 - turned).clamp(0.0, 1.0);
+                    sum_m += weight * aim_m;
                     total += weight;
                 }
             }
         }
-        self.config.used_share * sum / total.max(2.0)
+        sum_m / total.max(1.0)
     }
 
     /// Returns all cells.
@@ -165,7 +181,7 @@ impl PlaceMap {
     /// Takes over cells that were learned before; what does not fit or is not finite is left out.
     pub(crate) fn recall(&mut self, cells: &[Cell]) {
         for cell in cells {
-            if !cell.residual.iter().all(|value| value.is_finite()) || self.used == CELLS {
+            if !cell.aim_right_m.is_finite() || self.used == CELLS {
                 continue;
             }
             let Some(index) = self.slot(&cell.key) else {
@@ -176,9 +192,9 @@ impl PlaceMap {
             }
             self.slots[index] = Some(Slot {
                 cell: *cell,
-                before: Vector3::from(cell.residual),
-                mean: Vector3::from(cell.residual),
-                count: 5,
+                before_m: cell.aim_right_m,
+                error_m: 0.0,
+                errors: 0,
                 time_s: f64::NEG_INFINITY,
             });
         }
@@ -224,46 +240,52 @@ mod tests {
         }
     }
 
-    fn drive(map: &mut PlaceMap, start_s: f64, slide_m_s: f64) {
+    fn drive(map: &mut PlaceMap, start_s: f64, right_m: f64) {
         for i in 0..200 {
             let place = at(0.05 * f64::from(i), 0.3);
-            let time_s = start_s + 0.05 * f64::from(i);
-            map.learn(&place, &Vector3::new(slide_m_s, 0.0, 0.01), time_s);
+            map.learn(&place, right_m, start_s + 0.05 * f64::from(i));
         }
     }
 
     #[test]
-    fn what_was_measured_at_a_place_is_known_there_and_in_that_direction_only() {
+    fn the_next_visit_aims_against_the_error_there_and_in_that_heading_only() {
         let mut map = PlaceMap::new(MemoryConfig::default());
-        assert_eq!(map.at(&at(5.0, 0.3)), Vector3::zeros());
-        drive(&mut map, 0.0, 0.03);
-        assert!((map.at(&at(5.0, 0.3)).x - 0.03).abs() < 1e-3);
-        assert_eq!(map.at(&at(5.0, 0.3 + std::f64::consts::PI)).x, 0.0);
-        assert_eq!(map.at(&at(15.0, 0.3)).x, 0.0);
+        drive(&mut map, 0.0, 0.05);
+        // The visit to the last places is not over.
+        assert_eq!(map.aim_right_m(&at(9.9, 0.3), 10.0), 0.0);
+        let aim_m = |map: &PlaceMap, x_m, yaw_rad| map.aim_right_m(&at(x_m, yaw_rad), 100.0);
+        assert!((aim_m(&map, 5.0, 0.3) + 0.04).abs() < 1e-3);
+        assert_eq!(aim_m(&map, 5.0, 0.3 + std::f64::consts::PI), 0.0);
+        assert_eq!(aim_m(&map, 15.0, 0.3), 0.0);
     }
 
     #[test]
-    fn later_visits_replace_earlier_ones_and_all_is_bounded() {
-        let mut map = PlaceMap::new(MemoryConfig::default());
-        drive(&mut map, 0.0, 0.04);
-        drive(&mut map, 100.0, 0.0);
-        assert!((map.at(&at(5.0, 0.3)).x - 0.02).abs() < 1e-3);
-        drive(&mut map, 200.0, 50.0);
-        assert!(map.at(&at(5.0, 0.3)).x <= 0.1);
-        drive(&mut map, 300.0, f64::NAN);
-        assert!(map.at(&at(5.0, 0.3)).x.is_finite());
+    fn visits_add_up_within_bounds_and_are_forgotten() {
+        let config = MemoryConfig::default();
+        let mut map = PlaceMap::new(config);
+        let mut aims_m = [0.0; 40];
+        for (visit, aim_m) in aims_m.iter_mut().enumerate() {
+            let right_m = if visit < 5 { 0.06 } else { 0.0 };
+            drive(&mut map, 100.0 * visit as f64, right_m);
+            *aim_m = map.aim_right_m(&at(5.0, 0.3), 100.0 * visit as f64 + 50.0);
+        }
+        assert!(aims_m[1] < 1.5 * aims_m[0], "{aims_m:?}");
+        assert!((aims_m[4] + config.aim_max_m).abs() < 1e-3, "{aims_m:?}");
+        assert!(aims_m[39].abs() < 0.4 * config.aim_max_m, "{aims_m:?}");
+        drive(&mut map, 5000.0, f64::NAN);
+        assert!(map.aim_right_m(&at(5.0, 0.3), 5050.0).is_finite());
     }
 
     #[test]
     fn a_full_map_goes_on_with_the_places_it_knows() {
         let mut map = PlaceMap::new(MemoryConfig::default());
         for i in 0..20_000 {
-            map.learn(&at(f64::from(i), 0.3), &Vector3::new(0.01, 0.0, 0.0), 0.0);
+            map.learn(&at(f64::from(i), 0.3), 0.05, 0.0);
         }
         assert!(map.used <= CELLS && map.cells().len() == map.used);
         let mut again = PlaceMap::new(MemoryConfig::default());
         again.recall(&map.cells());
         assert_eq!(again.used, map.used);
-        assert!(again.at(&at(5.5, 0.3)).x > 0.0);
+        assert!(again.aim_right_m(&at(5.0, 0.3), 0.0) < 0.0);
     }
 }

@@ -99,14 +99,13 @@ impl Mpc {
         for (k, stage) in self.stages.iter().enumerate() {
             let (input, target) = (self.plan.inputs[k], &horizon.targets[k]);
             let step_s = self.times.step_s(k);
-            let increment = self.model.increment_near(
+            state += self.model.increment_near(
                 &self.starts[k],
                 &target.normal_in_world,
                 state.z,
                 input,
                 step_s,
             );
-            state += increment + step_s * target.residual_in_world;
             cost += stage_cost(stage, target, &state, input, before);
             before = input;
         }

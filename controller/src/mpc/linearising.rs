@@ -82,7 +82,6 @@ impl Mpc {
                 input,
                 step_s,
             );
-            let residual = step_s * target.residual_in_world;
             let (sin, cos) = target.along_heading_rad.sin_cos();
             let time_s = if k == 0 {
                 settings.period_s
@@ -109,7 +108,7 @@ impl Mpc {
             weights.heading_per_rad2 *= factor;
             self.stages.push(Stage {
                 step,
-                defect: state + step.increment + residual - next,
+                defect: state + step.increment - next,
                 error,
                 point_by_yaw_m: lever.by_yaw_m,
                 along: (-sin, cos),

@@ -51,8 +51,6 @@ pub struct StageTarget {
     pub pose: PlanarPose,
     /// Point of the vehicle that is to be there.
     pub tracked_point: TrackedPoint,
-    /// Velocity that the model does not have, world frame: m/s, m/s, rad/s.
-    pub residual_in_world: Vector3<f64>,
     /// Heading of travel, which separates errors along the path from errors across it, rad.
     pub along_heading_rad: f64,
     /// Upward unit normal of the ground during the stage, world frame.

@@ -4,6 +4,8 @@ use crate::rig::{Setup, course, plane};
 use allocation_counter::{AllocationInfo, measure};
 use sidehill_controller::config::{AttitudePreview, ControllerKind};
 use sidehill_controller::controller::Status;
+use sidehill_controller::guard::GuardConfig;
+use sidehill_controller::memory::MemoryConfig;
 use sidehill_plant::sensors::SensorsConfig;
 
 fn late_poses() -> SensorsConfig {
@@ -52,6 +54,25 @@ fn an_mpc_cycle_allocates_nothing() {
     for sensors in [SensorsConfig::default(), late_poses()] {
         for preview in [AttitudePreview::Measured, AttitudePreview::Terrain] {
             for (cycle, info) in allocations(mpc(sensors, preview)).iter().enumerate() {
+                assert_eq!(*info, AllocationInfo::default(), "cycle {cycle}");
+            }
+        }
+    }
+}
+
+#[test]
+fn guard_and_memory_allocate_nothing() {
+    for kind in [ControllerKind::IcrikMpc, ControllerKind::PurePursuit] {
+        for preview in [AttitudePreview::Measured, AttitudePreview::Terrain] {
+            let mut setup = mpc(late_poses(), preview);
+            setup.kind = kind;
+            setup.config.guard = Some(GuardConfig::default());
+            setup.config.memory = Some(MemoryConfig::default());
+            // A lap of 20 s: places are learned and driven over again.
+            setup.trajectory = course("{shape: circle, radius_m: 1, speed_m_s: 0.5}");
+            setup.start = setup.trajectory.at(0.0).pose();
+            setup.laps = 9;
+            for (cycle, info) in allocations(setup).iter().enumerate() {
                 assert_eq!(*info, AllocationInfo::default(), "cycle {cycle}");
             }
         }

@@ -6,6 +6,7 @@ use sidehill_controller::course::Course;
 use sidehill_controller::reference::{Reference, Tracking};
 use sidehill_controller::speed_profile::SpeedLimits;
 use sidehill_controller::trajectory::Trajectory;
+use sidehill_plant::contact::CentreOfMass;
 use sidehill_plant::drive_train::DriveTrainConfig;
 use sidehill_plant::frames::PlanarPose;
 use sidehill_plant::motion::IcrMotion;
@@ -82,7 +83,12 @@ impl Setup {
     }
 
     pub fn build(self) -> Rig {
-        let vehicle = Vehicle::j8();
+        let mut vehicle = Vehicle::j8();
+        vehicle.centre_of_mass = Some(CentreOfMass {
+            right_m: 0.0,
+            forward_m: 0.0,
+            height_m: 0.6,
+        });
         let simulation = Simulation::new(SimulationSetup {
             terrain: self.terrain,
             motion: Box::new(IcrMotion {

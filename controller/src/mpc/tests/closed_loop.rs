@@ -38,7 +38,6 @@ impl Course {
                 let point = self.trajectory.at(time_s);
                 StageTarget {
                     tracked_point: TrackedPoint::ORIGIN,
-                    residual_in_world: nalgebra::Vector3::zeros(),
                     pose: point.pose(),
                     along_heading_rad: point.heading_rad,
                     normal_in_world: self.normal_in_world,

@@ -1,6 +1,6 @@
 //! The commands of docs/guide/: blocks of shell in its pages.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::{Command, Output};
 
 /// A block of commands.
@@ -15,24 +15,15 @@ pub struct Block {
     pub script: String,
 }
 
-fn folder() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/guide")
-}
-
-/// Returns the blocks of all pages in the order in which the guide's first page links them.
-pub fn blocks() -> Vec<Block> {
-    let first = std::fs::read_to_string(folder().join("README.md")).unwrap();
-    let links = first
-        .split("](")
-        .skip(1)
-        .filter_map(|rest| rest.split(')').next());
-    let pages = links.filter(|link| link.ends_with(".md") && !link.contains('/'));
-    pages.flat_map(blocks_of).collect()
+/// Returns the text of a page.
+pub fn text_of(page: &str) -> String {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/guide");
+    std::fs::read_to_string(folder.join(page)).unwrap()
 }
 
 /// Returns the blocks of a page.
 pub fn blocks_of(page: &str) -> Vec<Block> {
-    let text = std::fs::read_to_string(folder().join(page)).unwrap();
+    let text = text_of(page);
     let mut found = Vec::new();
     let mut before = "";
     let mut lines = text.lines();
@@ -77,8 +68,9 @@ impl Block {
         let output = self.run(scratch);
         assert!(
             output.status.success(),
-            "{}: {:?} after\n{}\n{}\n{}",
+            "{}: {}\n{:?} after\n{}\n{}\n{}",
             self.page,
+            self.before,
             output.status,
             self.script,
             String::from_utf8_lossy(&output.stdout),
