@@ -23,10 +23,11 @@ use std::process::ExitCode;
 /// Arguments of `sidehill check`.
 #[derive(Debug, Clone, clap::Args)]
 pub struct CheckArgs {
-    /// Files to validate; what they are is told from their keys.
+    /// Files to validate; their kind is recognised by their keys.
     #[arg(required = true)]
     pub files: Vec<PathBuf>,
-    /// Route to judge with the steepness guard of the scenario or configuration of run given: CSV or GPX.
+    /// Route, CSV or GPX, to check with the steepness guard of the scenario or `run` configuration
+    /// given.
     #[arg(long, value_name = "FILE")]
     pub route: Option<PathBuf>,
 }

@@ -35,8 +35,8 @@ pub struct IdentifyArgs {
     /// Log of varied driving on level ground, CSV or a bag of ROS 2; may be given several times.
     #[arg(long, value_name = "LOG", num_args = 1..)]
     pub level: Vec<PathBuf>,
-    /// Log of turning on a slope, CSV or a bag of ROS 2; may be given several times. Without one, the
-    /// slide gains stay.
+    /// Log of turning on a slope, CSV or a bag of ROS 2; may be given several times. Without one,
+    /// the slide gains are kept.
     #[arg(long, value_name = "LOG", num_args = 1..)]
     pub slope: Vec<PathBuf>,
     /// Drives the paper's procedure with this contact vehicle in simulation, instead of reading logs.
@@ -49,9 +49,9 @@ pub struct IdentifyArgs {
     /// Where the identified vehicle is written, in YAML.
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
-    /// Identifies the vehicle on wheels with friction, too, from all logs: friction, centre of mass, load
-    /// shares and more, from which contact-mpc starts. Geometry, at least, is known: section `contact` of
-    /// the --vehicle file, or its base.
+    /// Also identifies the parameters that contact-mpc starts from (friction, centre of mass, load
+    /// shares and more), from all logs. The geometry must be known: from section `contact` of the
+    /// --vehicle file, or from its base.
     #[arg(long)]
     pub contact: bool,
     /// What the columns or topics of the logs mean.
@@ -69,7 +69,7 @@ pub struct IdentifyArgs {
     /// Seed of the noise of simulated logs.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
-    /// HTML file for a report with plots and what to conclude.
+    /// HTML file for a report with plots and conclusions.
     #[arg(long, value_name = "FILE")]
     pub report: Option<PathBuf>,
     /// Overwrite --out and --report where they exist.

@@ -29,24 +29,24 @@ enum Command {
     Simulate(simulate::SimulateArgs),
     /// Runs many seeded simulations on all cores and compares controllers over them.
     Campaign(campaign::CampaignArgs),
-    /// Searches settings of a controller that drive better than the present ones, and keeps them only if
-    /// they also do in runs that the search has not seen.
+    /// Searches for better settings of a controller, and accepts them only if held-out runs
+    /// improve, too.
     Tune(tune::TuneArgs),
-    /// Evaluates ICRIK: CSV with roll_rad, pitch_rad, v_left_m_s, v_right_m_s on standard input. The
-    /// speeds are effective ones: c_l and c_r of the vehicle are not applied.
+    /// Evaluates ICRIK: CSV with roll_rad, pitch_rad, v_left_m_s, v_right_m_s on standard input.
+    /// These are effective tread speeds: c_l and c_r of the vehicle are not applied.
     Icr(icr::IcrArgs),
-    /// Judges odometry of a log by its poses: ICRHK, ICRIK and ideal differential drive. With --live it is a
-    /// node of ROS 2 that publishes slope-corrected odometry.
+    /// Compares the odometry of ICRHK, ICRIK and ideal differential drive with the poses of a log.
+    /// With --live, runs as a ROS 2 node that publishes slope-corrected odometry.
     Odometry(odometry::OdometryArgs),
     /// Identifies a vehicle's parameters from logs of level and sloping ground.
     Identify(identify::IdentifyArgs),
-    /// Writes the path of a recorded drive, smoothed and thinned, as GPX or CSV.
+    /// Writes the path of a recorded drive, smoothed and thinned out, as GPX or CSV.
     Route(route::RouteArgs),
     /// Drives a course in real time on a CAN bus or on ROS 2.
     Run(run::RunArgs),
-    /// Is a virtual rover in real time on a CAN bus or on ROS 2, there with --ros-args.
+    /// Runs a virtual rover in real time on a CAN bus or on ROS 2, where it takes --ros-args.
     Vehicle(vehicle::VehicleArgs),
-    /// Replays a recording: the recorded samples through the controller again, or through another.
+    /// Feeds the samples of a recording to the controller again, or to another one.
     Replay(replay::ReplayArgs),
     /// Validates configuration files.
     Check(check::CheckArgs),

@@ -27,8 +27,8 @@ pub struct OdometryArgs {
     /// Vehicle that drove.
     #[arg(long, value_name = "FILE", required_unless_present = "live")]
     pub vehicle: Option<PathBuf>,
-    /// Be a node of ROS 2 instead: odometry from tread speeds and attitude, published until a signal
-    /// comes.
+    /// Run as a ROS 2 node that publishes odometry from tread speeds and attitude, until a signal
+    /// arrives.
     #[arg(long)]
     pub live: bool,
     /// What the columns or topics of the log mean.
@@ -40,7 +40,7 @@ pub struct OdometryArgs {
     /// SVG file for a drawing of the paths.
     #[arg(long, value_name = "FILE")]
     pub plot: Option<PathBuf>,
-    /// HTML file for a report with plots and what to conclude.
+    /// HTML file for a report with plots and conclusions.
     #[arg(long, value_name = "FILE")]
     pub report: Option<PathBuf>,
     /// Overwrite --plot and --report where they exist.

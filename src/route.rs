@@ -18,7 +18,7 @@ use thinning::Settings;
 pub struct RouteArgs {
     /// Recorded drive: a bag of ROS 2, or a log in CSV.
     pub from: PathBuf,
-    /// Where the path is written: .gpx, from fixes of a satellite receiver, or .csv.
+    /// File for the path: .gpx (needs fixes of a satellite receiver) or .csv.
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
     /// Topic of the positions, sensor_msgs/NavSatFix or nav_msgs/Odometry, where a bag has several.
@@ -30,7 +30,7 @@ pub struct RouteArgs {
     /// Standard deviation of the Gaussian along the path that smooths it, m; 0 for none.
     #[arg(long, value_name = "M", default_value_t = 0.3)]
     pub smoothing_m: f64,
-    /// Points nearer than this to the line between their neighbours are left out, m.
+    /// Points closer than this to the line between their neighbours are left out, m.
     #[arg(long, value_name = "M", default_value_t = 0.02)]
     pub tolerance_m: f64,
     /// Overwrite --out where it exists.

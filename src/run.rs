@@ -43,17 +43,16 @@ pub struct RunArgs {
     /// earlier run are kept beside them as candump.log.1 and so on.
     #[arg(long)]
     pub out: Option<PathBuf>,
-    /// text: for a person, a line that says what it listens to, then its state and what it waits for;
-    /// json: a line of JSON a second, and events on standard error. Without it, text on a terminal and
-    /// json elsewhere.
+    /// text: the inputs, then the state and missing inputs, for a person; json: a line of JSON a
+    /// second, and events on standard error. By default text on a terminal and json elsewhere.
     #[arg(long, value_enum)]
     pub format: Option<RunFormat>,
     /// Record the drive to an MCAP file, which `sidehill replay` and Foxglove read; instead of
     /// record.file of the configuration.
     #[arg(long, value_name = "FILE.mcap")]
     pub record: Option<PathBuf>,
-    /// Show the drive live: a Foxglove WebSocket, to which Foxglove and Lichtblick connect. Without an
-    /// address, to this machine alone: 127.0.0.1:8765.
+    /// Show the drive live: a Foxglove WebSocket, to which Foxglove and Lichtblick connect. By
+    /// default on this machine only: 127.0.0.1:8765.
     #[arg(long, value_name = "ADDRESS", num_args = 0..=1, default_missing_value = LIVE)]
     pub live: Option<SocketAddr>,
     /// Overwrite a recording that exists.

@@ -27,7 +27,7 @@ use std::sync::Arc;
 /// Arguments of `sidehill simulate`.
 #[derive(Debug, Clone, Default, clap::Args)]
 pub struct SimulateArgs {
-    /// Scenario; without one, the figure of eight on 5.3 degrees that is built in.
+    /// Scenario; by default the built-in figure of eight on 5.3 degrees.
     pub scenario: Option<PathBuf>,
     /// Controller to run instead of the scenario's; may be given several times.
     #[arg(long = "controller", value_name = "NAME", value_parser = controller)]
@@ -36,7 +36,7 @@ pub struct SimulateArgs {
     /// built in.
     #[arg(long, value_name = "FILE")]
     pub conditions: Option<PathBuf>,
-    /// What moves the vehicle, instead of what scenario or conditions say.
+    /// What moves the vehicle, instead of the plant of scenario or conditions.
     #[arg(long)]
     pub plant: Option<PlantKind>,
     /// CSV or GPX file to follow instead of the scenario's path.
@@ -48,7 +48,7 @@ pub struct SimulateArgs {
     /// Folder for a CSV file of each run and a report.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
-    /// Begin with what was learned before; the controller's settings must have `memory`.
+    /// Start with what was learned before; the controller's settings must have `memory`.
     #[arg(long, value_name = "FILE")]
     pub learned: Option<PathBuf>,
     /// Write what was learned at the end, for --learned or `run`; it takes one controller.
@@ -61,12 +61,12 @@ pub struct SimulateArgs {
     #[cfg(feature = "drive")]
     #[arg(long, value_name = "FILE.mcap")]
     pub record: Option<PathBuf>,
-    /// Show the run live: a Foxglove WebSocket, to which Foxglove and Lichtblick connect. Without an
-    /// address, to this machine alone: 127.0.0.1:8765. It takes one controller.
+    /// Show the run live: a Foxglove WebSocket, to which Foxglove and Lichtblick connect. By
+    /// default on this machine only: 127.0.0.1:8765. It takes one controller.
     #[cfg(feature = "drive")]
     #[arg(long, value_name = "ADDRESS", num_args = 0..=1, default_missing_value = LIVE)]
     pub live: Option<SocketAddr>,
-    /// Simulate no faster than real time, to look at it with --live.
+    /// Simulate no faster than real time, to watch it with --live.
     #[cfg(feature = "drive")]
     #[arg(long)]
     pub realtime: bool,

@@ -141,8 +141,8 @@ fn what_one_half_of_a_log_says_predicts_the_other_better_than_icrhk() {
     let share = mean(errors.iter().map(|e| e.1)) / mean(errors.iter().map(|e| e.0));
     let squares = mean(errors.iter().map(|e| e.1 * e.1)) / mean(errors.iter().map(|e| e.0 * e.0));
     println!("mean {share}, RMS {}", squares.sqrt());
-    // The root mean square is mostly that of one window, which no model explains.
     assert!(share < 0.55, "{share}");
+    // Half of the squares is that of one window, in which the poses move into the turn.
     assert!(squares.sqrt() < 0.62, "{squares}");
 }
 

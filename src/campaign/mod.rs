@@ -31,7 +31,7 @@ pub struct CampaignArgs {
     /// Campaign: a scenario and what is drawn for each run.
     #[arg(required_unless_present = "merge")]
     pub campaign: Option<PathBuf>,
-    /// CSV file of the results. Where it exists, what it holds is not run again. Without it --merge
+    /// CSV file of the results. Runs that it already contains are not repeated. Without it --merge
     /// writes to standard output.
     #[arg(long, value_name = "FILE", required_unless_present = "merge")]
     pub out: Option<PathBuf>,
@@ -41,7 +41,7 @@ pub struct CampaignArgs {
     /// Only the runs from A to B - 1, for one of several machines.
     #[arg(long, value_name = "A..B", value_parser = range, conflicts_with = "runs")]
     pub range: Option<Range<u32>>,
-    /// Simulations at a time instead of one a core.
+    /// Number of parallel simulations, instead of one for each core.
     #[arg(long)]
     pub threads: Option<usize>,
     /// Record the N worst runs, those that did not complete first, into the folder of the results with
@@ -52,14 +52,14 @@ pub struct CampaignArgs {
     /// Write the scenario of one run, for `simulate`, to --out instead.
     #[arg(long, value_name = "INDEX")]
     pub write_scenario: Option<u32>,
-    /// HTML file for a report with plots and what to conclude.
+    /// HTML file for a report with plots and conclusions.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["merge", "write_scenario"])]
     pub report: Option<PathBuf>,
     /// Overwrite --report, or --out of --write-scenario, where it exists; results are never overwritten.
     #[arg(long)]
     pub force: bool,
-    /// Puts results of parts of one campaign together into the file that one machine would have
-    /// written, instead of running anything.
+    /// Merges the results of parts of one campaign into the file that one machine would have
+    /// written; runs nothing.
     #[arg(long, value_name = "FILES", num_args = 1..,
           conflicts_with_all = ["campaign", "runs", "range", "threads", "write_scenario", "format"])]
     pub merge: Vec<PathBuf>,

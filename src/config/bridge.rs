@@ -45,7 +45,7 @@ pub enum RunPort {
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RunConfig {
-    /// Through what the drives are told.
+    /// How the drives are commanded.
     #[serde(default)]
     pub port: RunPort,
     /// SocketCAN interface.

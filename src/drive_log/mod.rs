@@ -35,11 +35,11 @@ use std::path::{Path, PathBuf};
 /// Arguments of every command that reads logs: what their columns or topics mean.
 #[derive(Debug, Clone, Default, PartialEq, Eq, clap::Args)]
 pub struct LogArgs {
-    /// Columns of CSV logs, in YAML, where they are not time_s, v_left_m_s, v_right_m_s, roll_rad,
-    /// pitch_rad, x_m, y_m, z_m, yaw_rad.
+    /// YAML file that names the columns of CSV logs, if they are not time_s, v_left_m_s,
+    /// v_right_m_s, roll_rad, pitch_rad, x_m, y_m, z_m, yaw_rad.
     #[arg(long, value_name = "FILE")]
     pub columns: Option<PathBuf>,
-    /// Topics of logs that are bags of ROS 2 (a folder, .mcap or .db3), in YAML.
+    /// YAML file that names the topics of logs that are ROS 2 bags (a folder, .mcap or .db3).
     #[arg(long, value_name = "FILE")]
     pub topics: Option<PathBuf>,
 }

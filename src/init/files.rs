@@ -324,17 +324,14 @@ fn bridge(port: PortKind, track_width_m: f64) -> Result<Vec<File>> {
     };
     let vehicle = ("../vehicles/j8.yaml", "vehicle.yaml".to_owned());
     let world = ("../scenarios/figure_eight.yaml", "scenario.yaml".to_owned());
-    let width = |example: &str| {
-        (
-            format!("# track_width_m: {example}"),
-            format!("track_width_m: {track_width_m:.3}"),
-        )
-    };
+    let width = (
+        "track_width_m: 2.053",
+        format!("track_width_m: {track_width_m:.3}"),
+    );
     Ok(match port {
         PortKind::Ros2 => {
             let run = include_str!("../../config/bridge/run_ros2.yaml");
             let rover = include_str!("../../config/bridge/vehicle_ros2.yaml");
-            let (run_width, rover_width) = (width("1.98"), width("2.053"));
             vec![
                 File {
                     name: "run.yaml",
@@ -343,13 +340,13 @@ fn bridge(port: PortKind, track_width_m: f64) -> Result<Vec<File>> {
                         &[
                             vehicle,
                             ("vehicle_ros2.yaml", "virtual.yaml".to_owned()),
-                            (&run_width.0, run_width.1.clone()),
+                            width.clone(),
                         ],
                     )?,
                 },
                 File {
                     name: "virtual.yaml",
-                    text: replaced(rover, &[world, (&rover_width.0, rover_width.1.clone())])?,
+                    text: replaced(rover, &[world, width])?,
                 },
             ]
         }

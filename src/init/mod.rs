@@ -18,12 +18,12 @@ use std::path::PathBuf;
 /// Arguments of `sidehill init`.
 #[derive(Debug, Clone, clap::Args)]
 pub struct InitArgs {
-    /// Folder for the files; it is made where it does not exist.
+    /// Folder for the files; created if it does not exist.
     pub dir: PathBuf,
-    /// Robot whose published measures the files begin with.
+    /// Robot whose published dimensions the files start from.
     #[arg(long, value_enum, default_value_t)]
     pub vehicle: Robot,
-    /// Through what the drives are told.
+    /// How the drives are commanded.
     #[arg(long, value_enum, default_value_t)]
     pub port: PortKind,
     /// Overwrite files that exist.

@@ -32,20 +32,20 @@ pub struct ReplayArgs {
     /// Controller instead of the recorded one.
     #[arg(long, value_name = "NAME", value_parser = controller)]
     pub controller: Option<ControllerKind>,
-    /// Vehicle file that the controller steers by instead of the recorded one.
+    /// Vehicle file for the controller instead of the recorded one.
     #[arg(long, value_name = "FILE")]
     pub vehicle: Option<PathBuf>,
-    /// Setting of the controller instead of the recorded one, as in weights.heading_per_rad2=0.1; may be
-    /// given several times.
+    /// Setting of the controller instead of the recorded one, such as weights.heading_per_rad2=0.1;
+    /// may be given several times.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub settings: Vec<String>,
-    /// Drive a simulated vehicle along the recorded path instead of listening to the recorded samples.
+    /// Drive a simulated vehicle along the recorded path instead of using the recorded samples.
     #[arg(long)]
     pub closed_loop: bool,
-    /// What moves the vehicle of --closed-loop, instead of what the recording says.
+    /// What moves the vehicle of --closed-loop, instead of the recorded plant.
     #[arg(long, requires = "closed_loop")]
     pub plant: Option<PlantKind>,
-    /// Largest difference of a command that does not count, m/s. Without it every bit counts, and
+    /// Largest accepted difference of a command, m/s. Without it the replay must agree bit by bit;
     /// with another controller, vehicle or setting no difference is a failure.
     #[arg(long, value_name = "M_S")]
     pub tolerance: Option<f64>,
@@ -55,8 +55,8 @@ pub struct ReplayArgs {
     /// Folder for a test case: the recording and the command that replays it.
     #[arg(long, value_name = "DIR")]
     pub write_case: Option<PathBuf>,
-    /// Show the recording live, at the pace at which it was recorded: a Foxglove WebSocket, to which
-    /// Foxglove and Lichtblick connect. Without an address, to this machine alone: 127.0.0.1:8765.
+    /// Show the recording live, at the pace at which it was recorded: a Foxglove WebSocket, to
+    /// which Foxglove and Lichtblick connect. By default on this machine only: 127.0.0.1:8765.
     #[arg(long, value_name = "ADDRESS", num_args = 0..=1, default_missing_value = LIVE)]
     pub live: Option<SocketAddr>,
     /// Overwrite files that exist.

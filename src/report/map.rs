@@ -35,8 +35,9 @@ pub(super) fn map(scene: &Scene, runs: &[Run], styles: &[Style]) -> Markup {
         &ground.heights,
         Labels::beside(taken, &relief::boxes(&frame)),
     );
+    let view = format!("0 0 {DRAWING_WIDTH_PX} {}", px(frame.bottom() + 44.0));
     html! {
-        svg viewBox={ "0 0 " (DRAWING_WIDTH_PX) " " (px(frame.bottom() + 44.0)) } role="img" aria-label="map" {
+        svg viewBox=(view) data-frame=(data(&frame)) role="img" aria-label="map" {
             (frame.axis_below(&x_ticks, "world X_g (m)", true))
             (frame.axis_left(&y_ticks, "world Y_g (m)"))
             (frame.clipped("map-frame", &html! {
@@ -70,6 +71,15 @@ pub(super) fn map(scene: &Scene, runs: &[Run], styles: &[Style]) -> Markup {
             (frame.border())
         }
     }
+}
+
+/// Returns where the frame is in the drawing and what it shows, for the script of the page.
+fn data(frame: &Frame) -> String {
+    let numbers = [frame.left, frame.top, frame.width, frame.height];
+    let all = numbers.into_iter().chain(frame.x).chain(frame.y);
+    all.map(|number| number.to_string())
+        .collect::<Vec<_>>()
+        .join(" ")
 }
 
 fn track(run: &Run) -> Vec<[f64; 2]> {

@@ -256,13 +256,13 @@ fn icr_panels(scene: &Scene) -> [Panel<'static>; 3] {
         |value: f64, name: &str| (value, format!("{name} {value} m").replace('-', "\u{2212}"));
     [
         Panel {
-            title: "right tread, x_r (m)",
+            title: "right, x_r (m)",
             limits: vec![edge(half_width_m, "right edge")],
             magnified_to: None,
             value: &|row| while_turning(row, row.icrs.right_m),
         },
         Panel {
-            title: "left tread, x_l (m)",
+            title: "left, x_l (m)",
             limits: vec![edge(-half_width_m, "left edge")],
             magnified_to: None,
             value: &|row| while_turning(row, row.icrs.left_m),

@@ -1,5 +1,6 @@
 "use strict";
-// Draws the plots of a report with uPlot: drag to zoom, double click for all, one cursor for the page.
+// Draws the plots of a report with uPlot: drag to zoom, double click for all, one cursor for the page. Drawings zoom by the
+// same gestures.
 (() => {
   const groups = {};
   let zooming = false;
@@ -103,6 +104,66 @@
     }
   }
   zooming = false;
+
+  // Drawings are zoomed by their view box; of a map, the place under the cursor is shown.
+  function zoomable(svg) {
+    const whole = svg.getAttribute("viewBox");
+    const { width } = svg.viewBox.baseVal;
+    const namespace = "http://www.w3.org/2000/svg";
+    const at = (event) => new DOMPoint(event.clientX, event.clientY).matrixTransform(svg.getScreenCTM().inverse());
+    const show = (box, zoom) => {
+      svg.setAttribute("viewBox", box);
+      svg.style.setProperty("--zoom", zoom);
+      svg.classList.toggle("zoomed", zoom > 1);
+    };
+    let from = null;
+    let frame = null;
+    svg.addEventListener("pointerdown", (event) => {
+      if (event.button !== 0) return;
+      from = at(event);
+      frame = svg.appendChild(document.createElementNS(namespace, "rect"));
+      frame.setAttribute("class", "zoom-box");
+      svg.setPointerCapture(event.pointerId);
+      event.preventDefault();
+    });
+    const dragged = (event) => {
+      const to = at(event);
+      const box = [Math.min(from.x, to.x), Math.min(from.y, to.y), Math.abs(to.x - from.x), Math.abs(to.y - from.y)];
+      ["x", "y", "width", "height"].forEach((name, index) => frame.setAttribute(name, box[index]));
+      return box;
+    };
+    svg.addEventListener("pointermove", (event) => {
+      if (from) dragged(event);
+    });
+    svg.addEventListener("pointerup", (event) => {
+      if (!from) return;
+      const box = dragged(event);
+      const shown = svg.viewBox.baseVal.width;
+      frame.remove();
+      from = frame = null;
+      // A click is no zoom, and beyond 200 times there is nothing to see.
+      if (Math.min(box[2], box[3]) > 0.01 * shown && box[2] > width / 200) show(box.join(" "), width / box[2]);
+    });
+    svg.addEventListener("pointercancel", () => {
+      frame?.remove();
+      from = frame = null;
+    });
+    svg.addEventListener("dblclick", () => show(whole, 1));
+    if (!svg.dataset.frame) return;
+    const [left, top, frameWidth, frameHeight, west, east, south, north] = svg.dataset.frame.split(" ").map(Number);
+    const place = svg.parentElement.appendChild(document.createElement("p"));
+    place.className = "hint";
+    const hint = "Drag to zoom, double click for all.";
+    place.textContent = hint;
+    svg.addEventListener("pointermove", (event) => {
+      const { x, y } = at(event);
+      const [right, up] = [(x - left) / frameWidth, 1 - (y - top) / frameHeight];
+      const inside = Math.min(right, up) >= 0 && Math.max(right, up) <= 1;
+      const [x_m, y_m] = [west + right * (east - west), south + up * (north - south)];
+      place.textContent = inside ? `X_g ${x_m.toFixed(2)} m, Y_g ${y_m.toFixed(2)} m` : hint;
+    });
+  }
+  document.querySelectorAll("figure svg").forEach(zoomable);
 
   const each = (act) => Object.values(groups).flat().forEach(act);
   for (const box of document.querySelectorAll("input[id^=show]")) {

@@ -40,11 +40,11 @@ pub struct TuneArgs {
     /// Campaign; scenario, whose runs then differ by their seeds only; or recording (.mcap) of a drive, which
     /// judges settings of the estimator.
     pub input: PathBuf,
-    /// YAML file of the settings found, which `simulate --conditions` takes. Beside it a CSV file holds
-    /// what was tried; where that exists, the search goes on from it.
+    /// YAML file for the settings found, for `simulate --conditions`. A CSV file beside it records
+    /// the settings tried; if it exists, the search continues from it.
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
-    /// HTML file that compares before and after.
+    /// HTML file that compares the settings before and after.
     #[arg(long, value_name = "FILE")]
     pub report: Option<PathBuf>,
     /// What is searched, and how.

@@ -8,33 +8,33 @@ use std::ops::Range;
 /// What is searched, and how.
 #[derive(Debug, Clone, clap::Args)]
 pub struct Options {
-    /// Controller; without it icrik-mpc, or that of the recording.
+    /// Controller; by default icrik-mpc, or that of the recording.
     #[arg(long, value_name = "NAME", value_parser = crate::simulate::controller)]
     pub controller: Option<ControllerKind>,
     /// Setting of the controller to search, with dots between nested keys, as in
     /// `weights.cross_per_m2`; may be given several times. Its present value must be positive.
     #[arg(long = "key", value_name = "KEY", default_values_t = DEFAULT_KEYS.map(str::to_owned))]
     pub keys: Vec<String>,
-    /// Factor by which a setting may be larger or smaller than now.
+    /// Largest factor by which a setting may change, up or down.
     #[arg(long, default_value_t = 8.0)]
     pub factor: f64,
-    /// Weight of calmness: a steer total variation twice as large counts like an error 2^W times as large.
+    /// Weight of calmness: twice the total variation of steer counts like 2^W times the error.
     #[arg(long, value_name = "W", default_value_t = 0.2)]
     pub calmness: f64,
-    /// Runs that the search sees, the first of the campaign. Of a recording, --training and --held-out give the
-    /// ratio only.
+    /// Runs used by the search, the first of the campaign. For a recording, --training and
+    /// --held-out set only the ratio.
     #[arg(long, value_name = "RUNS", default_value_t = 60)]
     pub training: u32,
-    /// Runs that decide, those after them.
+    /// Runs that decide on acceptance: those that follow.
     #[arg(long, value_name = "RUNS", default_value_t = 120)]
     pub held_out: u32,
-    /// Choices of settings that are tried at most.
+    /// Largest number of settings tried.
     #[arg(long, default_value_t = 120)]
     pub tries: u32,
-    /// Time for everything, min; the search ends early enough for the held-out runs.
+    /// Time limit including the held-out runs, min.
     #[arg(long, default_value_t = 10.0)]
     pub minutes: f64,
-    /// Simulations at a time instead of one a core.
+    /// Number of parallel simulations, instead of one for each core.
     #[arg(long)]
     pub threads: Option<usize>,
 }

@@ -30,20 +30,20 @@ use std::sync::atomic::{AtomicBool, Ordering};
 pub struct VehicleArgs {
     /// Configuration of the virtual vehicle.
     pub config: PathBuf,
-    /// File for the truth: CSV with one row a step of the reports. An earlier one is kept beside it.
+    /// CSV file for the true state, one row for each report. An earlier file is kept beside it.
     #[arg(long)]
     pub truth: Option<PathBuf>,
     /// Record the vehicle to an MCAP file, instead of record.file of the configuration.
     #[arg(long, value_name = "FILE.mcap")]
     pub record: Option<PathBuf>,
-    /// Show the drive live: a Foxglove WebSocket, to which Foxglove and Lichtblick connect. Without an
-    /// address, to this machine alone: 127.0.0.1:8765.
+    /// Show the drive live: a Foxglove WebSocket, to which Foxglove and Lichtblick connect. By
+    /// default on this machine only: 127.0.0.1:8765.
     #[arg(long, value_name = "ADDRESS", num_args = 0..=1, default_missing_value = LIVE)]
     pub live: Option<SocketAddr>,
     /// Overwrite a recording that exists.
     #[arg(long)]
     pub force: bool,
-    /// Ends after so many seconds; without it, on SIGINT or SIGTERM.
+    /// Duration, s; without it, runs until SIGINT or SIGTERM.
     #[arg(long)]
     pub duration_s: Option<f64>,
 }

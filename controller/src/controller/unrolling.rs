@@ -11,13 +11,16 @@ use sidehill_plant::frames::{PlanarPose, wrap_angle};
 /// The distance from the tangent of the reference is then not that from the path: beside a bend the vehicle
 /// stands well on the tangent of a point that it never reaches. So the path is rolled out straight, along its tangent
 /// at the point nearest to where the plan has the vehicle: across that is the distance from the path, along
-/// it the arc length by which the vehicle is behind.
+/// it the arc length by which the vehicle is behind. Beyond a cusp the targets stay where they are: the way
+/// back leads past a vehicle that is short of the cusp, which would turn back there.
 pub(super) struct Unrolling<'a> {
     reference: &'a Reference,
     /// Arc length nearest to the plan at the stage before, m.
     nearest_m: f64,
     /// Arc length of the reference at the stage before, m.
     before_m: f64,
+    /// Arc length of the next cusp or of the end, m.
+    until_m: f64,
 }
 
 impl<'a> Unrolling<'a> {
@@ -26,6 +29,7 @@ impl<'a> Unrolling<'a> {
             reference,
             nearest_m: progress.arc_length_m,
             before_m: progress.point.arc_length_m,
+            until_m: reference.stop_at_m(),
         }
     }
 
@@ -34,6 +38,9 @@ impl<'a> Unrolling<'a> {
         let guess_m = self.nearest_m + point.arc_length_m - self.before_m;
         self.before_m = point.arc_length_m;
         self.nearest_m = guess_m;
+        if point.arc_length_m >= self.until_m {
+            return point.pose();
+        }
         let (Some(path), Motion::Drive) = (self.reference.path(), point.motion) else {
             return point.pose();
         };

@@ -115,8 +115,6 @@ def sidehill_config(args, folder):
         identified = "j8_wheels" if args.controller == "contact-mpc" else "j8_contact"
         vehicle = f"{REPOSITORY}/config/vehicles/{identified}_identified.yaml"
         replaced[r"^vehicle: .*$"] = f"vehicle: {vehicle}"
-        # That of the rover's base, whose vehicle is another.
-        replaced[r"^    # track_width_m: .*$"] = "    track_width_m: 2.053"
     return adapted("run_ros2.yaml", replaced, folder)
 
 

@@ -60,7 +60,7 @@ class Driven:
     def __init__(self, vehicle, ros):
         self.vehicle, self.ros = vehicle, ros
         self.action = ActionClient(ros.node, FollowPath, "/follow_path")
-        self.ros.wait_for(self.action.server_is_ready, "action server", timeout_s=20.0)
+        self.ros.wait_for(self.action.server_is_ready, "action server", timeout_s=60.0)
         self.feedback = []
 
     def send(self, points):

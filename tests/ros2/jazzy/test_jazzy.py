@@ -104,7 +104,8 @@ def test_an_emergency_stop_by_who_comes_for_it_and_leaves_is_not_lost(driven, ro
         subprocess.run([sys.executable, "-c", PASSER_BY, str(domain)], check=True)
         status, result = d.ended(goal)
         assert (status, result.error_code) == (GoalStatus.STATUS_ABORTED, 100)
-        assert "emergency stop" in result.error_msg
+        # Whichever comes first: the press, or the doubt about a publisher that has not been heard.
+        assert result.error_msg.endswith(("the emergency stop is pressed", "has not sent anything yet"))
         print(result.error_msg)
         d.stands()
         # It is still pressed.
