@@ -144,6 +144,20 @@ def test_a_turn_at_the_goal_that_slides_off_it_is_not_begun(rig):
     assert abs(r.vehicle.now()["yaw_rad"] - start) < 0.3
 
 
+def test_ground_too_steep_is_refused_with_place_and_figure(rig):
+    # Standing on 15 degrees takes 0.89 of a friction of 0.3; the guard allows 0.8.
+    guard = {r"vehicles/j8\.yaml": "vehicles/j8_wheels_identified.yaml", "^settings:$": "settings:\n  guard: {friction: 0.3}"}
+    r = rig(of_vehicle={r"figure_eight\.yaml": "figure_eight_15deg.yaml"}, of_controller=guard)
+    begin = r.vehicle.now()
+    answer = r.action.send(r.ahead(3.0)).result(timeout_s=60)
+    assert (answer.status, answer.result.error_code) == (FollowPath.ABORTED, INVALID_PATH)
+    for part in ("too steep", "use of friction 0.8", "more than 0.78", "0.0 m along the path at ("):
+        assert part in answer.result.error_msg, answer.result.error_msg
+    r.stands()
+    end = r.vehicle.now()
+    assert math.dist((begin["x_m"], begin["y_m"]), (end["x_m"], end["y_m"])) < 0.1
+
+
 def test_a_goal_checker_of_positions_asks_for_no_heading(rig):
     r = rig(ros=["-p", "general_goal_checker.plugin:=nav2_controller::PositionGoalChecker"])
     start = r.vehicle.now()["yaw_rad"]
