@@ -126,7 +126,7 @@ impl Controller {
     }
 
     /// Returns this controller with a map of the ground, from which it takes the attitude along the
-    /// horizon where [`AttitudePreview::Terrain`] is set.
+    /// horizon where [`AttitudePreview::Terrain`](crate::config::AttitudePreview::Terrain) is set.
     pub fn with_terrain(self, terrain: Terrain) -> Self {
         Self {
             terrain: Some(terrain),
