@@ -9,6 +9,7 @@ mod horizon;
 mod issued;
 mod learning;
 mod parts;
+mod standstill;
 mod supervision;
 mod unrolling;
 mod watchdog;
@@ -30,6 +31,7 @@ use sidehill_plant::sample::Sample;
 use sidehill_plant::speeds::MotorSpeeds;
 use sidehill_plant::terrain::Terrain;
 use sidehill_plant::vehicle::Vehicle;
+use standstill::Standstill;
 use std::time::Instant;
 use watchdog::Watchdog;
 
@@ -61,6 +63,7 @@ pub struct Controller {
     horizon: Horizon,
     phase: Phase,
     watchdog: Watchdog,
+    standstill: Standstill,
     guard: Option<Guard>,
     memory: Option<Memory>,
     /// Name and number of vehicle and kind, by which what was learned is known again.
@@ -112,6 +115,7 @@ impl Controller {
                 0.5 * (vehicle.icrs.right_m - vehicle.icrs.left_m),
                 config.period_s,
             ),
+            standstill: Standstill::START,
             phase: Phase::Driving { fallback_cycles: 0 },
             last_time_s: None,
             adapts,
@@ -224,6 +228,7 @@ impl Controller {
         if let Some(memory) = &mut self.memory {
             memory.reset();
         }
+        self.standstill = Standstill::START;
         self.phase = Phase::Driving { fallback_cycles: 0 };
         self.last_time_s = None;
         self.discard_plan();

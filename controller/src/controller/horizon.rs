@@ -61,6 +61,8 @@ impl Controller {
         self.horizon.start = self.roll_forward(estimate);
         self.horizon.previous = previous;
         self.horizon.change_weights = self.config.change_weights(caution);
+        self.standstill
+            .observe(elapsed_s, progress, estimate.pose.yaw_rad);
         self.fill_targets(estimate, progress, half_track_m, caution);
     }
 
@@ -126,7 +128,9 @@ impl Controller {
                     traction_m_s: share * point.speed_m_s,
                     steer_m_s: share * half_track_m * point.yaw_rate_rad_s,
                 },
-                weights: config.stage_weights(point.motion, caution),
+                weights: self
+                    .standstill
+                    .urge(config.stage_weights(point.motion, caution)),
             });
         }
         if !tracked_point.is_origin() {
