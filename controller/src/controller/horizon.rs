@@ -1,4 +1,4 @@
-//! From the estimate to the reference ahead: the horizon that the MPC is asked for.
+//! From the estimate to the reference ahead: the horizon that the MPC solves for.
 
 use super::unrolling::Unrolling;
 use super::{Controller, Law, Phase};
