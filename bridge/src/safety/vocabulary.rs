@@ -4,7 +4,7 @@ use sidehill_controller::controller::StopReason;
 use sidehill_plant::sample::Stamped;
 use sidehill_plant::speeds::MotorSpeeds;
 
-/// What the controller wants in a cycle.
+/// Output of the controller in a cycle.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ControllerOutput {
     /// Cycle for which it was decided, s.
@@ -28,7 +28,7 @@ pub enum ControllerState {
     Finished,
 }
 
-/// Requests of an operator, or of whoever acts as one. Each is a level; arming acts on a rising edge.
+/// Requests of an operator, or of a client that acts as one. Each is a level; arming acts on a rising edge.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct OperatorRequests {
     /// Arm.
@@ -39,7 +39,7 @@ pub struct OperatorRequests {
     pub halt: Option<StopCause>,
 }
 
-/// Why an operator, or whoever acts as one, stops the vehicle.
+/// Why an operator, or a client that acts as one, stops the vehicle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum StopCause {
     /// A person sent a signal to stop.
@@ -218,7 +218,7 @@ pub enum Reason {
     /// A drive reports a fault.
     #[error("a drive reports a fault")]
     DriveFault,
-    /// A drive has been disabled by something else than this program.
+    /// A drive has been disabled by something other than this program.
     #[error("a drive is off that was told to be on")]
     DriveOff,
     /// The controller's command is too old.

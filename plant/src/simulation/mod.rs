@@ -91,10 +91,10 @@ pub trait Plant {
 
     /// Moves on by one step under an effective command and returns what is true then.
     ///
-    /// A plant with drives of its own is told [`MeasuredMotorSpeeds::reaching`] the command.
+    /// Send [`MeasuredMotorSpeeds::reaching`] the command to a plant that has drives of its own.
     ///
     /// # Errors
-    /// Why there is no next step; the plant's run is then over.
+    /// Why the next step failed; the plant's run is then over.
     ///
     /// [`MeasuredMotorSpeeds::reaching`]: crate::speeds::MeasuredMotorSpeeds::reaching
     fn step(&mut self, command_effective: MotorSpeeds) -> Result<TrueState, Self::Error>;
@@ -116,7 +116,7 @@ impl Simulation {
     /// Returns the simulation of a vehicle that stands at its start and has read its sensors there.
     ///
     /// # Errors
-    /// Names the step or start coordinate that is out of range, or says why there is no ground at
+    /// Names the step or start coordinate that is out of range, or says why ground is missing at
     /// the start.
     pub fn new(setup: SimulationSetup) -> Result<Self, SimulationError> {
         let dt_s = Bounds::new(1e-5, 1.0, "s").check("dt_s", setup.dt_s)?;
@@ -168,7 +168,7 @@ impl Simulation {
     /// by the midpoint rule, asking the motion model at the start and in the middle.
     ///
     /// # Errors
-    /// Says when and why there is no ground or no motion. The step is then not taken, and the
+    /// Says when and why ground or motion is undefined. The step is then not taken, and the
     /// simulation is over: the drive train has already moved on.
     pub fn step(&mut self) -> Result<&TrueState, SimulationError> {
         let step_index = self.state.step_index + 1;
@@ -278,7 +278,7 @@ fn stand(terrain: &Terrain, at: PlanarPose) -> Result<(Pose, Attitude), TerrainE
 /// Why a simulation cannot start or go on.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum SimulationError {
-    /// There is no ground where the vehicle has come to.
+    /// The terrain has no ground where the vehicle is.
     #[error("at {time_s} s: {reason}")]
     Terrain {
         /// Time of the step, s.

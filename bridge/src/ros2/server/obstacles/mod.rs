@@ -62,7 +62,7 @@ impl ObstacleSettings {
 /// Why nothing is known of obstacles.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub(crate) enum Doubt {
-    /// None has come, or none that can be used.
+    /// None has arrived, or none that can be used.
     #[error("there is no costmap yet")]
     NoCostmap,
     /// It is too old, or from the future.
