@@ -16,7 +16,7 @@ pub enum LayoutError {
         error: RangeError,
     },
     /// The message needs a counter.
-    #[error("message {message} needs a counter, by which its pair is found")]
+    #[error("message {message} needs a counter, which identifies its pair")]
     NoCounter {
         /// Message.
         message: String,

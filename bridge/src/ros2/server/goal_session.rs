@@ -228,7 +228,7 @@ impl GoalSession {
         let (end, outcome) = match self.phase {
             Phase::Ending { end, outcome, .. } => (end, outcome),
             _ => {
-                let outcome = Outcome::new(code::UNKNOWN, "a newer path has come");
+                let outcome = Outcome::new(code::UNKNOWN, "a newer path has arrived");
                 (GoalEnd::Aborted, outcome)
             }
         };

@@ -69,7 +69,7 @@ pub(crate) enum Doubt {
     #[error("the costmap is {age_s:.2} s old")]
     Stale { age_s: f64 },
     /// Its place is unknown.
-    #[error("the costmap has no place: {0}")]
+    #[error("the costmap cannot be located: {0}")]
     NoTransform(String),
 }
 
