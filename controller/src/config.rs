@@ -69,7 +69,7 @@ impl ControllerKind {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum AttitudePreview {
-    /// The plane the vehicle stands on now, as its attitude shows it.
+    /// The plane under the vehicle now, from its attitude.
     Measured,
     /// A map of the ground, where there is one; else as `Measured`.
     Terrain,

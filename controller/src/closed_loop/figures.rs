@@ -216,7 +216,7 @@ impl Account {
     }
 
     /// Returns whether a command keeps bounds and rates, independently of the controller's own
-    /// projection but for the limits' definition.
+    /// projection except for the definition of the limits.
     fn permitted(&self, command: MotorSpeeds) -> bool {
         const ROUNDING: f64 = 1e-9;
         let one = |now: f64, before: f64, motor: &MotorLimits| {

@@ -180,7 +180,7 @@ pub struct Decision {
     pub status: Status,
     /// The state it is based on.
     pub estimate: Option<Estimate>,
-    /// Where the vehicle stands against the reference; none without a path or an estimate.
+    /// Position of the vehicle relative to the reference; none without a path or an estimate.
     pub progress: Option<Progress>,
     /// The solver's account, where a QP was solved.
     pub solve: Option<SolveReport>,

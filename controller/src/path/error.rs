@@ -4,7 +4,7 @@ use sidehill_plant::bounds::RangeError;
 /// Why a path, or a trajectory along it, cannot be made.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum PathError {
-    /// There are no points.
+    /// The path has no points.
     #[error("the path has no points")]
     Empty,
     /// There is only one point.

@@ -23,7 +23,7 @@ pub struct SimulationSetup {
     pub sensors: SensorsConfig,
     /// The true c_l and c_r, by which encoders read less than the effective tread speeds.
     pub encoder_scale: EncoderScale,
-    /// Where the vehicle stands at time 0.
+    /// Pose of the vehicle at time 0.
     pub start: PlanarPose,
     /// Step, s, from 1e-5 to 1.
     pub dt_s: f64,
@@ -113,7 +113,7 @@ pub struct Simulation {
 }
 
 impl Simulation {
-    /// Returns the simulation of a vehicle that stands at its start and has read its sensors there.
+    /// Returns the simulation of a vehicle at its start, at standstill, with its sensors read once.
     ///
     /// # Errors
     /// Names the step or start coordinate that is out of range, or says why ground is missing at
@@ -260,7 +260,7 @@ fn moved(from: PlanarPose, rate: &PoseRate, dt_s: f64) -> PlanarPose {
     }
 }
 
-/// Pose and attitude of a vehicle that stands on the ground at a place and heading.
+/// Pose and attitude of a vehicle on the ground at a place and heading.
 fn stand(terrain: &Terrain, at: PlanarPose) -> Result<(Pose, Attitude), TerrainError> {
     let surface = terrain.surface(at.x_m, at.y_m)?;
     let pose = Pose {

@@ -53,7 +53,7 @@ impl Terrain {
         }
     }
 
-    /// Returns the attitude of a vehicle that stands at (X_g, Y_g), m, with heading `yaw_rad`, on the
+    /// Returns the attitude of a vehicle at (X_g, Y_g), m, with heading `yaw_rad`, on the
     /// ground's tangent plane.
     ///
     /// # Errors
