@@ -91,7 +91,7 @@ pub fn load(path: &Path, days_max: f64) -> Result<LearnedFile> {
     let bytes = std::fs::read(path).with_context(name)?;
     let read = |bytes| -> Result<LearnedFile> {
         let text =
-            String::from_utf8(bytes).context("refused: the file is damaged, it is no text")?;
+            String::from_utf8(bytes).context("refused: the file is damaged, it is not text")?;
         let contents = parse(&text)?;
         check_age(&contents, days_max, now_unix_s())?;
         let learned = contents.learned;

@@ -87,7 +87,7 @@ pub fn run(args: &OdometryArgs, ros_arguments: &[String]) -> Result<ExitCode> {
             warned = true;
             let (rejected, reason) = node.rejected();
             let rejected = match rejected {
-                0 => "no message has come".to_owned(),
+                0 => "no message has arrived".to_owned(),
                 count => format!("{count} messages were rejected, the last: {reason}"),
             };
             console::complain(format_args!(

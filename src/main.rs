@@ -67,7 +67,7 @@ fn main() -> ExitCode {
         Command::Run(args) => run::run(&args, &ros),
         Command::Vehicle(args) => vehicle::run(&args, &ros),
         Command::Odometry(args) if args.live => live_odometry::run(&args, &ros),
-        _ if !ros.is_empty() => Err(anyhow!("--ros-args: this command is no node of ROS 2")),
+        _ if !ros.is_empty() => Err(anyhow!("--ros-args: this command is not a ROS 2 node")),
         Command::Simulate(args) => simulate::run(&args),
         Command::Campaign(args) => campaign::run(&args).map(|()| ExitCode::SUCCESS),
         Command::Tune(args) => tune::run(&args),

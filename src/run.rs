@@ -149,7 +149,7 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
         }
         RunPort::Simulated => (Box::new(simulated(&file, &config)?), "simulated".to_owned()),
         RunPort::Ros2 => {
-            let port = ros2_port.ok_or_else(|| anyhow!("there is no port of ROS 2"))?;
+            let port = ros2_port.ok_or_else(|| anyhow!("there is no ROS 2 port"))?;
             (Box::new(port), "ros2".to_owned())
         }
     };

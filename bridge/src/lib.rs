@@ -41,8 +41,43 @@
 //!                +-----------+----------+-----------+---- fault or halt -----+
 //! ```
 //!
-//! See [`safety`]. Nothing re-arms by itself; over ROS 2 an accepted goal acts as the operator,
-//! also when it goes on after an obstacle.
+//! See [`safety`]. Nothing re-arms by itself; over ROS 2 an accepted goal also acts as the operator,
+//! even when it resumes after an obstacle.
+//!
+//! # Example
+//!
+//! An operator arms, the drives follow, and after 1 s their feedback is lost. The safety state machine
+//! ramps to zero and latches.
+//!
+//! ```
+//! use sidehill_bridge::drives::{DriveCommand, DriveFeedback, DriveMode, LinkState};
+//! use sidehill_bridge::safety::*;
+//! use sidehill_plant::{sample::Stamped, speeds::MotorSpeeds};
+//!
+//! let mut safety = Safety::new(SafetyConfig::default())?;
+//! let (mut sent, mut feedback, mut history) = (DriveCommand::OFF, None, Vec::new());
+//! for cycle in 0..60 {
+//!     let time_s = f64::from(cycle) * 0.05;
+//!     if time_s < 1.0 {
+//!         let mode = if sent.enable { DriveMode::Enabled } else { DriveMode::Disabled };
+//!         feedback = Some(Stamped { time_s, value: DriveFeedback { speeds: sent.speeds, mode } });
+//!     }
+//!     let command = MotorSpeeds { traction_m_s: 0.5, steer_m_s: 0.0 };
+//!     let controller = Some(ControllerOutput { time_s, command, state: ControllerState::Driving });
+//!     let requests = OperatorRequests { arm: cycle > 0, ..Default::default() };
+//!     let link = LinkState::Active;
+//!     let (forwarded, unsent_since_s) = (None, None);
+//!     let transition;
+//!     (sent, transition) = safety.step(&SafetyInputs {
+//!         time_s, controller, feedback, forwarded, link, unsent_since_s, requests,
+//!     });
+//!     history.extend(transition.map(|change| (change.to, change.reason)));
+//! }
+//! assert_eq!(sent, DriveCommand::OFF);
+//! assert!(matches!(history[3], (SafetyState::Stopping, Reason::FeedbackTimeout { .. })));
+//! assert_eq!(history[4], (SafetyState::Latched, Reason::RampEnded));
+//! # Ok::<(), sidehill_plant::vehicle::RangeError>(())
+//! ```
 
 pub mod can;
 pub mod control_loop;

@@ -66,7 +66,7 @@ pub enum RunEnd {
     },
 }
 
-/// Why a controller and a plant make no loop.
+/// Why a controller and a plant cannot be combined into a loop.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum ClosedLoopError {
     /// The controller has nothing to follow.

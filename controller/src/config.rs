@@ -69,7 +69,7 @@ impl ControllerKind {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum AttitudePreview {
-    /// The plane the vehicle stands on now, as its attitude shows it.
+    /// The plane under the vehicle now, from its attitude.
     Measured,
     /// A map of the ground, where there is one; else as `Measured`.
     Terrain,
@@ -271,7 +271,7 @@ impl ControllerConfig {
     }
 
     /// Returns the weights of a stage at a caution from 0 to 1: at the end an error across the path is
-    /// left as it is, for there is no way left on which to undo it.
+    /// left as it is, since no distance remains in which to correct it.
     pub fn stage_weights(&self, motion: Motion, caution: f64) -> StageWeights {
         let w = &self.weights;
         let calmer = (self.caution.heading_per_rad2 - w.heading_per_rad2).max(0.0);

@@ -50,12 +50,12 @@ const PLAN_REUSE_M: f64 = 0.5;
 /// Follows a reference; one [`Controller::step`] a control period.
 pub struct Controller {
     config: ControllerConfig,
-    /// The vehicle as the law knows it.
+    /// The vehicle as the control law models it.
     vehicle: Vehicle,
     /// Map for the preview of the attitude.
     terrain: Option<Terrain>,
     estimator: Estimator,
-    /// None: there is no path, so nothing to be off, and nothing to drive for.
+    /// None without a path: then there is no cross-track error and no reason to drive.
     reference: Option<Reference>,
     law: Law,
     /// Whether the law predicts with what the estimator learns.
@@ -66,7 +66,7 @@ pub struct Controller {
     standstill: Standstill,
     guard: Option<Guard>,
     memory: Option<Memory>,
-    /// Name and number of vehicle and kind, by which what was learned is known again.
+    /// Name and number of vehicle and kind, which identify what was learned.
     owner: String,
     issued: IssuedCommands,
     last_time_s: Option<f64>,
@@ -204,7 +204,7 @@ impl Controller {
         self.watchdog.reset();
     }
 
-    /// Has nothing to follow from the next cycle on: a vehicle that drives is stopped.
+    /// Drops the reference from the next cycle on: a moving vehicle is stopped.
     pub fn forget_path(&mut self) {
         self.reference = None;
         self.horizon.targets.clear();
@@ -218,8 +218,8 @@ impl Controller {
         }
     }
 
-    /// Lets a stopped controller drive again, with an estimate and a plan made from nothing: readings
-    /// may have been missing for so long that the filter would refuse the poses that come now.
+    /// Lets a stopped controller drive again, with a new estimate and a new plan: readings
+    /// may have been missing for so long that the filter would reject the poses that arrive now.
     pub fn rearm(&mut self) {
         self.estimator.restart();
         if let Some(guard) = &mut self.guard {
@@ -236,7 +236,7 @@ impl Controller {
 
     /// Decides on the command from this cycle's time until the next; `deadline` ends a solve.
     ///
-    /// Total: every doubt ends in a controlled stop and a [`Status`] that says why.
+    /// Total: in every case of doubt it makes a controlled stop, with a [`Status`] that says why.
     pub fn step(&mut self, sample: &Sample, deadline: Option<Instant>) -> Decision {
         self.step_within(sample, deadline, None)
     }
@@ -294,7 +294,7 @@ impl Controller {
         }
     }
 
-    /// Returns what pure pursuit wants.
+    /// Returns the command of pure pursuit.
     fn pursue(&self, estimate: &Estimate, progress: &Progress) -> Solution {
         let reference = self.reference.as_ref();
         let command = self.config.pure_pursuit.command(
@@ -315,8 +315,8 @@ impl Controller {
         }
     }
 
-    /// Returns what the cycle comes to: the solution's command, `slowed` down, within bounds and rates,
-    /// that of the previous plan where there is no solution, or the next step of a stop.
+    /// Returns the result of the cycle: the solution's command, `slowed` down, within bounds and rates,
+    /// that of the previous plan if there is no solution, or the next step of a stop.
     fn conclude(
         &mut self,
         solved: Option<Result<Solution, QpFailure>>,

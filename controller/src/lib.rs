@@ -9,7 +9,7 @@
 //! (sensors)  (state)    (targets)  (A, B, c)     (QP)        (safe command)
 //! ```
 //!
-//! On a vehicle, call [`Controller::step`](controller::Controller::step) yourself and tell the drives
+//! On a vehicle, call [`Controller::step`](controller::Controller::step) yourself and send the drives
 //! [`Decision::command_for_drives`](controller::Decision::command_for_drives). In simulation,
 //! [`ClosedLoop`](closed_loop::ClosedLoop) does both with anything that implements
 //! [`Plant`](sidehill_plant::simulation::Plant):

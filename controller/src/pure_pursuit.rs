@@ -1,7 +1,7 @@
 //! Regulated pure pursuit: the geometric baseline, as widely used with Nav2.
 //!
 //! The vehicle steers along the circle through its origin and a point a look-ahead distance ahead on
-//! the path, and slows down in sharp turns and towards the end. It believes the ground is flat.
+//! the path, and slows down in sharp turns and towards the end. It assumes flat ground.
 //! After S. Macenski, S. Singh, F. Martin, J. Gines, "Regulated pure pursuit for robot path tracking",
 //! Autonomous Robots 47 (2023).
 
@@ -31,7 +31,7 @@ pub struct PurePursuitSettings {
     pub speed_min_m_s: f64,
     /// Distance from the end at which the vehicle may stop, m.
     pub goal_tolerance_m: f64,
-    /// Yaw rate asked for per heading error while turning on the spot, 1/s.
+    /// Commanded yaw rate per heading error while turning on the spot, 1/s.
     pub pivot_gain_per_s: f64,
     /// Bearing of the look-ahead point beyond which the vehicle first turns on the spot, rad.
     pub rotate_bearing_rad: f64,

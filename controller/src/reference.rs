@@ -9,7 +9,7 @@ use sidehill_plant::frames::PlanarPose;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Tracking {
     /// With the clock: the trajectory is tracked as given. It waits only for a vehicle that cannot
-    /// follow, as without grip, since a plan for a place it has not reached is worth nothing.
+    /// follow, as without grip, since a plan for a place that the vehicle has not reached is useless.
     Time,
     /// With the clock as long as it is not too far ahead of the vehicle.
     Path {
@@ -35,7 +35,7 @@ pub struct Reference {
     cusps_m: Vec<f64>,
 }
 
-/// Where the vehicle stands against the reference.
+/// Position of the vehicle relative to the reference.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Progress {
     /// The reference of this cycle.
@@ -49,7 +49,7 @@ pub struct Progress {
     pub ended: bool,
 }
 
-/// Part of the path around the reference on which the nearest point is looked for. It moves with the
+/// Part of the path around the reference that is searched for the nearest point. It moves with the
 /// reference, so the nearest point can neither jump to another branch at a crossing nor stay behind
 /// on the way into a cusp.
 pub const PROJECTION_WINDOW: Window = Window {
@@ -88,7 +88,7 @@ impl Reference {
         self.laps
     }
 
-    /// Returns this reference under a number of the caller's, by which decisions name it.
+    /// Returns this reference with a number of the caller's choice, which decisions report.
     pub fn numbered(self, number: u64) -> Self {
         Self { number, ..self }
     }

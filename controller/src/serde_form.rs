@@ -1,4 +1,4 @@
-//! How values serialise for which serde has no form of its own.
+//! Serialised forms of types that serde does not cover.
 
 /// A matrix as its rows.
 pub(crate) mod rows {

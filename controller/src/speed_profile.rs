@@ -32,7 +32,7 @@ pub struct SpeedLimits {
     pub initial_speed_m_s: f64,
 }
 
-/// How fast a path is driven whose course is not given in time, as a configuration file says it.
+/// How fast a path without times is driven, as the configuration file gives it.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct SpeedConfig {
@@ -89,7 +89,7 @@ impl SpeedConfig {
 
 impl SpeedLimits {
     fn check(&self) -> Result<(), RangeError> {
-        // Infinity is no limit.
+        // Infinity means no limit.
         let positive = |key, value: f64| {
             if value == f64::INFINITY {
                 return Ok(value);

@@ -32,7 +32,7 @@ pub enum Ending {
 /// Where the vehicle should be at a time, and how it should move there.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct ReferencePoint {
-    /// Time since the start of the trajectory, s, as asked for.
+    /// Time since the start of the trajectory, s, as requested.
     pub time_s: f64,
     /// Distance travelled, m.
     pub arc_length_m: f64,

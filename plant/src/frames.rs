@@ -5,7 +5,7 @@
 //! Y (right side down is positive), pitch phi about X (nose up is positive), and
 //! `R = Rz(psi) Ry(alpha) Rx(phi)` (equation 12).
 //!
-//! [`RosAttitude`] speaks REP-103 (x forward, y left, `R = Rz Ry Rx`). The two triples
+//! [`RosAttitude`] follows REP-103 (x forward, y left, `R = Rz Ry Rx`). The two triples
 //! differ by more than signs once both angles are non-zero, so every conversion goes through a
 //! rotation.
 

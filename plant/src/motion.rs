@@ -4,7 +4,7 @@ use crate::frames::{Attitude, BodyVelocity, PlanarPose};
 use crate::speeds::TreadSpeeds;
 use crate::vehicle::Vehicle;
 
-/// Where the vehicle stands when its motion is asked for.
+/// Where the vehicle is when its motion is computed.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct GroundState {
     /// Position and heading in the world.
@@ -30,7 +30,7 @@ pub enum MotionError {
         /// Y_g of the vehicle, m.
         y_m: f64,
     },
-    /// The weight falls beside the wheels.
+    /// The weight acts outside the wheels' support.
     #[error("the vehicle overturns at x {x_m} m, y {y_m} m")]
     Overturned {
         /// X_g of the vehicle, m.

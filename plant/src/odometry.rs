@@ -216,7 +216,7 @@ impl MeanSquaredErrors {
     }
 }
 
-/// Returns the model's pose beside each of the log's poses but those from which it starts: the first,
+/// Returns the model's pose for each pose of the log except those from which it starts: the first,
 /// and the first after each gap of more than [`GAP_MAX_S`], over which nothing is known of the motion.
 ///
 /// # Errors

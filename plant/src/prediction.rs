@@ -98,7 +98,7 @@ impl PredictionModel {
     }
 
     /// Returns body velocity and derivatives at an attitude and motor speeds.
-    // Inlined, so that who wants the velocity alone does not pay for its derivatives.
+    // Inlined, so that a caller of the velocity alone does not pay for its derivatives.
     #[inline(always)]
     pub fn body_velocity(&self, attitude: Attitude, motors: MotorSpeeds) -> Linearised {
         let (tau, sigma, eps) = (motors.traction_m_s, motors.steer_m_s, self.smoothing_m_s);

@@ -35,7 +35,7 @@ pub struct MotorSpeeds {
 }
 
 impl MotorSpeeds {
-    /// A vehicle that stands.
+    /// A vehicle at standstill.
     pub const STOP: Self = Self {
         traction_m_s: 0.0,
         steer_m_s: 0.0,
@@ -82,7 +82,7 @@ impl MeasuredMotorSpeeds {
         steer_m_s: 0.0,
     };
 
-    /// Returns what the drives must be told to reach the effective speeds `wanted`: equation (11)
+    /// Returns the drive command that reaches the effective speeds `wanted`: equation (11)
     /// solved for v_l and v_r.
     pub fn reaching(wanted: MotorSpeeds, scale: &EncoderScale) -> Self {
         scale.invert(TreadSpeeds::from(wanted)).into()

@@ -2,7 +2,7 @@
 
 /// Returns the quantile of ascending values by the nearest rank: the `ceil(share n)`-th of `n`
 /// values, so always one of them. The median of an even number of values is the lower of the two in
-/// the middle. `None` where there are no values.
+/// the middle. `None` without values.
 ///
 /// ```
 /// use sidehill_plant::statistics::quantile;

@@ -51,7 +51,7 @@ impl Merged {
         let (fingerprint, controller) = (&record[0], &record[3]);
         let index: u32 = record[1]
             .parse()
-            .with_context(|| format!("index: `{}` is no number of a run", &record[1]))?;
+            .with_context(|| format!("index: `{}` is not the number of a run", &record[1]))?;
         if self.rows.is_empty() {
             fingerprint.clone_into(&mut self.fingerprint);
         } else if fingerprint != self.fingerprint {

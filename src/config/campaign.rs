@@ -109,7 +109,7 @@ impl Campaign {
         // A key that no scenario has would spoil every run.
         let first = campaign.draw(0)?;
         Scenario::read(first.scenario)
-            .map_err(|error| file.error(format!("run 0 makes no scenario: {error}")))?;
+            .map_err(|error| file.error(format!("run 0 is not a valid scenario: {error}")))?;
         Ok(campaign)
     }
 

@@ -115,7 +115,7 @@ impl ConfigFile {
         }
         let text = String::from_utf8(bytes).map_err(|error| ConfigError::Content {
             file: path.display().to_string(),
-            message: format!("is no text in UTF-8: {}", error.utf8_error()),
+            message: format!("is not UTF-8 text: {}", error.utf8_error()),
         })?;
         Ok(Self::with_text(path, text))
     }

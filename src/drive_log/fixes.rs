@@ -45,7 +45,7 @@ impl Fixes {
         }
         if fix.latitude.abs() > 90.0 || fix.longitude.abs() > 180.0 {
             bail!(
-                "latitude {} and longitude {} are no place on earth",
+                "latitude {} and longitude {} are out of range",
                 fix.latitude,
                 fix.longitude
             );

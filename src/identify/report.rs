@@ -67,7 +67,10 @@ pub(super) fn extension_table(report: &ExtensionReport) -> String {
                 format!("{value:>9.4}{interval}, supported")
             }
             Verdict::NotToldApart { instead } => {
-                format!("not told apart from {}, which says more", instead.key())
+                format!(
+                    "indistinguishable from {}, which explains more",
+                    instead.key()
+                )
             }
             Verdict::Negative { value } => format!("not supported: it would be {value:.4}"),
             Verdict::NotSupported => "not supported".to_owned(),

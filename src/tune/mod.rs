@@ -73,7 +73,7 @@ pub fn tune(
     options.check()?;
     let controller = options.controller.unwrap_or(ControllerKind::IcrikMpc);
     let Value::Mapping(present) = serde_yaml::to_value(campaign.controller_settings()?)? else {
-        bail!("the settings of the controllers are no mapping");
+        bail!("the settings of the controllers are not a mapping");
     };
     let drawn = |key: &str| campaign.keys().any(|drawn| drawn == key);
     let settings = Setting::all(&present, &options.keys, drawn)?;

@@ -52,7 +52,7 @@ pub(super) fn subject(path: &Path, options: &Options) -> Result<Subject<'static>
     };
     let rebuilt = Rebuilt::of(&recording, &changes).with_context(named)?;
     let Value::Mapping(present) = serde_yaml::to_value(&rebuilt.config)? else {
-        bail!("the settings of the controllers are no mapping");
+        bail!("the settings of the controllers are not a mapping");
     };
     let keys = keys(options, &present)?;
     let settings = Setting::all(&present, &keys, |_| false)?;

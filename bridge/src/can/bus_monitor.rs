@@ -70,7 +70,7 @@ impl RestartAnswer {
     }
 }
 
-/// Receives frames and watches the state of an interface in a thread of its own, until it is dropped.
+/// Receives frames and watches the state of an interface in its own thread, until it is dropped.
 pub struct BusMonitor {
     stop: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,

@@ -1,4 +1,4 @@
-//! Which messages of the vehicle arrive, for a person who looks for the cause of a vehicle that stands.
+//! Which messages of the vehicle arrive, for an operator who wants to know why a vehicle does not move.
 
 use super::cia402::NmtState;
 use super::layout::{Layout, Profile};
@@ -117,7 +117,7 @@ fn bus_fault(bus: LinkState, interface: &str) -> Option<String> {
     }
 }
 
-/// Returns why a CANopen node is no drive yet.
+/// Returns why a CANopen node is not ready as a drive yet.
 fn node_fault(
     node: u8,
     nmt: Option<Stamped<NmtState>>,

@@ -55,7 +55,7 @@ impl CanPort {
     /// and events of either direction.
     ///
     /// # Errors
-    /// The system's, where it has no thread left. An interface that does not exist is no error: the
+    /// The system's, if it cannot start a thread. An interface that does not exist is not an error: the
     /// bus is then absent.
     pub fn new(
         interface: &str,

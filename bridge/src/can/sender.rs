@@ -16,7 +16,7 @@ impl From<FrameFault> for SendError {
     }
 }
 
-/// Sends frames without waiting. A thread of its own opens and closes sockets, because the kernel blocks
+/// Sends frames without waiting. A separate thread opens and closes sockets, because the kernel blocks
 /// both while an interface disappears.
 pub struct Sender {
     socket: Option<CanSocket>,

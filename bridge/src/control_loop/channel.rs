@@ -1,4 +1,4 @@
-//! The command channel between the loop and whoever gives it paths.
+//! The command channel between the loop and the client that gives it paths.
 //!
 //! ```text
 //! CommandClient -> LoopEnd (arm, stop, halt),  ControllerEnd (paths)
@@ -111,7 +111,7 @@ pub fn command_channel(stages: usize) -> (CommandClient, LoopEnd, ControllerEnd)
     )
 }
 
-/// The end of whoever gives paths and requests.
+/// The end of the client, which gives paths and requests.
 pub struct CommandClient {
     requests: Arc<Requests>,
     path: Input<(u64, Option<PathCommand>)>,
@@ -139,7 +139,7 @@ impl CommandClient {
         self.log = Some(log);
     }
 
-    /// Replaces the controller's path, or takes it away.
+    /// Replaces the controller's path, or removes it.
     pub fn set_path(&mut self, path: Option<PathCommand>) {
         self.serial += 1;
         if let Some(log) = &self.log {
@@ -232,8 +232,8 @@ pub struct ControllerEnd {
 }
 
 impl ControllerEnd {
-    /// Gives the controller the newest path, where one has come, or takes away the one it has, and
-    /// returns its serial; 0 where none has come.
+    /// Gives the controller the newest path if one has arrived, or removes the one it has, and
+    /// returns its serial; 0 if none has arrived.
     pub fn apply_path(&mut self, controller: &mut Controller) -> u64 {
         if !self.path.update() {
             return 0;

@@ -88,7 +88,7 @@ impl<P: Port, R: ControllerRunner> ControlLoop<P, R> {
         // 2. Receive: the newest of everything.
         let inputs = self.port.receive(time.begin_s);
 
-        // 3. Decide, within the decision time. Simulated time stands meanwhile.
+        // 3. Decide, within the decision time. Simulated time stands still meanwhile.
         let engaged = self.safety.state() == SafetyState::Driving;
         let patience = match self.clock {
             Clock::Real(_) | Clock::External(_) => {

@@ -8,7 +8,7 @@ use std::io::{Error, Write};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// A plain value that is worth logging; ports have their own kinds.
+/// A plain value to log; ports have their own kinds.
 pub trait Record: Copy + Send + 'static {
     /// Returns the instant, s.
     fn time_s(&self) -> f64;

@@ -33,7 +33,7 @@ pub enum Ending {
 }
 
 impl Ending {
-    /// Returns the exit status of a program that ran the loop: 0 where it did what it was asked for,
+    /// Returns the exit status of a program that ran the loop: 0 if it did what was requested,
     /// else 1.
     pub fn exit_code(self) -> u8 {
         match self {
@@ -52,7 +52,7 @@ impl Ending {
     }
 }
 
-/// What a run does besides following its paths.
+/// Options of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct RunOptions {
     /// Arms once, as soon as the drives' feedback is fresh.

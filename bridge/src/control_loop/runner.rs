@@ -27,7 +27,7 @@ pub trait ControllerRunner {
     ) -> Option<Decision>;
 }
 
-/// Returns what a decision means to the safety.
+/// Returns what a decision means to the safety state machine.
 pub(super) fn controller_output(decision: &Decision) -> ControllerOutput {
     ControllerOutput {
         time_s: decision.time_s,
@@ -86,10 +86,11 @@ impl InlineRunner {
         }
     }
 
-    /// Gives away what was learned, without waiting: the vehicle stands, or is being stopped by the safety.
+    /// Hands over what was learned, without waiting: the vehicle stands still, or the safety state machine
+    /// is stopping it.
     fn hand_over_learned(&self) {
         if let (Some(sender), Some(learned)) = (&self.learned, self.controller.learned()) {
-            // Who is still busy with what came before gets the next one.
+            // A receiver that is still busy with the previous one gets the next.
             let _ = sender.try_send(learned);
         }
     }
@@ -133,7 +134,7 @@ struct Task {
     patience: Option<Duration>,
 }
 
-/// The controller in a thread of its own, `controller`: the loop goes on where it is late or dies.
+/// The controller in its own thread, `controller`: the loop continues if it is late or dies.
 pub struct ThreadedRunner {
     task: Input<Option<Task>>,
     decision: Output<Option<Decision>>,

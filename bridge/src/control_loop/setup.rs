@@ -36,7 +36,7 @@ pub struct LoopSetup {
     pub channel: Option<(LoopEnd, ControllerEnd)>,
     /// Takes the controller's steps, where they are recorded.
     pub tap: Option<ControllerTap>,
-    /// Takes what the controller has learned whenever it is disarmed; who does not listen misses it.
+    /// Takes what the controller has learned whenever it is disarmed; a full channel drops it.
     pub learned: Option<SyncSender<Learned>>,
     /// Takes transitions and cycles.
     pub records: RecordSink<LoopRecord>,
@@ -79,7 +79,7 @@ pub struct RunReport {
 pub struct LoopThread(JoinHandle<Result<RunReport, LoopError>>);
 
 impl LoopSetup {
-    /// Starts the loop in a thread of its own.
+    /// Starts the loop in its own thread.
     ///
     /// # Errors
     /// [`LoopError::Thread`]. What is wrong with a setting comes from [`LoopThread::join`].

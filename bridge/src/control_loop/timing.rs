@@ -63,7 +63,7 @@ impl Schedule {
         clock.wait_until(due_s);
         let begin_s = clock.now_s();
         if begin_s + self.period_s < due_s {
-            // The clock was set back, or stands: cycles count from now.
+            // The clock was set back, or stands still: cycles count from now.
             self.first_s = Some(begin_s);
             self.tick = 0;
             return CycleTime {

@@ -39,7 +39,7 @@ pub struct ExternalClock {
 }
 
 impl ExternalClock {
-    /// Longest wait for a clock that stands, in real time.
+    /// Longest wait for a clock that stands still, in real time.
     const WAIT_MAX: Duration = Duration::from_millis(500);
 
     /// Sets the time, s. A number that is not finite is ignored.
@@ -96,7 +96,7 @@ impl Clock {
     }
 
     /// Waits until an absolute time, so that lateness does not add up. Returns at once where it has
-    /// passed, and early where an external clock stands.
+    /// passed, and early if an external clock stands still.
     pub fn wait_until(&mut self, time_s: f64) {
         match self {
             Self::Virtual { now_s } => *now_s = now_s.max(time_s),

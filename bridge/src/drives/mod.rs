@@ -1,7 +1,7 @@
-//! What every port speaks: commands to the drives, their feedback, the state of the link to them, and
+//! The vocabulary of every port: commands to the drives, their feedback, the state of the link to them, and
 //! the clock.
 //!
-//! A new port implements [`Port`] and needs nothing else of this crate.
+//! A new port implements [`Port`] and needs nothing else from this crate.
 
 mod clock;
 mod inputs;

@@ -11,7 +11,7 @@ pub struct PortInputs {
     /// Newest feedback of both drives, new or not.
     pub feedback: Option<Stamped<DriveFeedback>>,
     /// The newest command that reached the drives, where a node between the loop and them may slow it
-    /// down; none where there is no such node, or it is not listened to.
+    /// down; none without such a node, or if the port does not read it.
     pub forwarded: Option<Stamped<MotorSpeeds>>,
     /// State of the link to the drives.
     pub link: LinkState,

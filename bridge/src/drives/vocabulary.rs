@@ -32,7 +32,7 @@ pub enum DriveMode {
     Enabled,
     /// Its emergency stop is pressed.
     EmergencyStop,
-    /// It reports a fault of its own.
+    /// It reports a fault.
     Fault,
 }
 
@@ -72,7 +72,7 @@ pub enum LinkState {
     BusOff,
     /// The interface is down.
     Down,
-    /// There is no interface.
+    /// The interface does not exist.
     Absent,
 }
 
@@ -92,7 +92,7 @@ pub enum SendError {
     /// The interface is down.
     #[error("the interface is down")]
     Down,
-    /// There is no interface, or it cannot be opened.
+    /// The interface does not exist, or cannot be opened.
     #[error("there is no such interface, or no permission to use it")]
     Absent,
     /// The thread that sends has ended.

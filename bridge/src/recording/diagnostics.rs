@@ -12,7 +12,7 @@ const WARN: u8 = 1;
 const ERROR: u8 = 2;
 const STALE: u8 = 3;
 
-/// What the cycles themselves do not tell.
+/// What the cycles themselves do not show.
 #[derive(Debug, Clone, Default)]
 pub struct GeneralState<'a> {
     /// State of the recording, if there is one.

@@ -125,7 +125,7 @@ impl DriveMessages {
         self.newest = Some(*decision);
     }
 
-    /// Gives how the vehicle moves to the scene, where that is due.
+    /// Adds the motion of the vehicle to the scene when an update is due.
     fn motion(
         &mut self,
         time_s: f64,
@@ -334,7 +334,7 @@ impl DriveMessages {
     }
 }
 
-/// Returns whether a period has passed since `last_s`, which then is now; also where time has gone back.
+/// Returns whether a period has passed since `last_s`, which then is now; also if time has gone back.
 fn is_due(last_s: &mut f64, now_s: f64, period_s: f64) -> bool {
     let due = !(0.0..period_s).contains(&(now_s - *last_s));
     if due {

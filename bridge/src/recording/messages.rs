@@ -12,7 +12,7 @@ pub enum Topic {
     LoopCycle,
     /// Paths as the controller got them.
     PathCommand,
-    /// Estimated pose; the true one where there is no controller.
+    /// Estimated pose; the true one without a controller.
     Pose,
     /// True pose, of a simulation.
     TruePose,
@@ -198,7 +198,7 @@ wire! {
 }
 
 impl LogLine {
-    /// Level of what is worth knowing.
+    /// Level of informational messages.
     pub const INFO: u8 = 20;
     /// Level of what somebody should look at.
     pub const WARN: u8 = 30;

@@ -23,7 +23,7 @@ pub enum RecordingError {
         /// Why not.
         reason: std::io::Error,
     },
-    /// It is no recording of this program.
+    /// It is not a recording of this program.
     #[error("{}: {reason}", file.display())]
     NotOurs {
         /// The file.

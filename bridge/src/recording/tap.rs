@@ -69,7 +69,7 @@ impl PlanView {
 pub struct PathRecord {
     /// Number under which steps name it; 0 is what the controller followed from the start.
     pub serial: u64,
-    /// What is followed; none where the path was taken away.
+    /// What is followed; none if the path was removed.
     pub path: Option<RecordedPath>,
 }
 

@@ -49,7 +49,7 @@ impl WholeFile {
         }
     }
 
-    /// Writes what is left, which has an end of its own, and returns the size of the file.
+    /// Writes what is pending, the end of the file included, and returns its size.
     pub(super) fn finish(mut self) -> Result<u64, Error> {
         self.file.write_all_at(&self.pending, self.kept)?;
         self.kept += self.pending.len() as u64;

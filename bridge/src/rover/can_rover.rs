@@ -53,7 +53,7 @@ impl Fault for CanFault {
 /// Why a rover behind a CAN bus cannot go on.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum CanRoverError {
-    /// There is no ground or no motion.
+    /// Ground or motion is undefined.
     #[error(transparent)]
     Simulation(#[from] SimulationError),
     /// A true value does not fit its signal.
@@ -119,7 +119,7 @@ pub struct CanRover {
 }
 
 impl CanRover {
-    /// Returns a rover that stands, disabled.
+    /// Returns a rover at standstill, disabled.
     ///
     /// # Errors
     /// A setting out of range.
@@ -196,7 +196,7 @@ impl CanRover {
     /// Simulates until `now_s`.
     ///
     /// # Errors
-    /// Where and why there is no ground or no motion, or a speed that does not fit its signal.
+    /// Where and why ground or motion is undefined, or a speed that does not fit its signal.
     pub fn advance(&mut self, now_s: f64) -> Result<(), CanRoverError> {
         let outbox = &mut self.outbox;
         self.rover.advance(now_s, |rover, time_s| {

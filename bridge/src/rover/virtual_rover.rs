@@ -57,7 +57,7 @@ pub struct VirtualRover<D, F> {
 }
 
 impl<D: RoverDrives, F: Fault> VirtualRover<D, F> {
-    /// Returns a rover that stands, disabled.
+    /// Returns a rover at standstill, disabled.
     pub fn new(setup: RoverSetup<D, F>) -> Self {
         Self {
             simulation: setup.simulation,
@@ -104,7 +104,7 @@ impl<D: RoverDrives, F: Fault> VirtualRover<D, F> {
     /// Simulates until `now_s`, and calls `after_step` with the instant at which each step began.
     ///
     /// # Errors
-    /// Where and why there is no ground or no motion, or why the drives cannot go on.
+    /// Where and why ground or motion is undefined, or why the drives cannot continue.
     pub fn advance(
         &mut self,
         now_s: f64,

@@ -6,7 +6,7 @@ use sidehill_plant::speeds::MotorSpeeds;
 
 /// What forbids driving.
 impl Safety {
-    /// Returns what forbids driving, whatever the controller wants.
+    /// Returns what forbids driving, regardless of the controller.
     pub(super) fn alarm(&self, inputs: &SafetyInputs) -> Option<Alarm> {
         if let Some(cause) = inputs.requests.halt {
             return Some(Alarm::Cut(Reason::Requested(cause)));
@@ -45,7 +45,7 @@ impl Safety {
     }
 
     /// Returns what forbids driving because of the controller. Until its first plan the vehicle
-    /// stands, and the controller has the time of a handshake.
+    /// stands still, and the controller has the time of a handshake.
     pub(super) fn controller_alarm(&mut self, inputs: &SafetyInputs) -> Option<Reason> {
         let output = self.current_output(inputs);
         let age_s = inputs.time_s - output.map_or(self.since_s, |output| output.time_s);
@@ -86,7 +86,7 @@ impl Safety {
     /// drives has made of them.
     ///
     /// Such a node may slow the vehicle down, and no more: what it forwards counts only between zero and the
-    /// commands it can have had. One that has been silent for longer than a response is not believed.
+    /// commands it can have had. One that has been silent for longer than a response is ignored.
     pub(super) fn expected_speeds(&self, inputs: &SafetyInputs) -> MotorSpeeds {
         let command = self.command.speeds;
         let response_s = self.config.response_time_s;

@@ -16,7 +16,7 @@ pub struct SafetyConfig {
     pub zeroing_time_s: f64,
     /// Longest time for each part of the handshake, and for the controller's first command, s.
     pub handshake_timeout_s: f64,
-    /// Speed below which a motor stands, m/s.
+    /// Speed below which a motor is at standstill, m/s.
     pub standstill_m_s: f64,
     /// Largest commanded speed of either motor, m/s.
     pub speed_max_m_s: f64,

@@ -4,7 +4,7 @@ use sidehill_controller::controller::StopReason;
 use sidehill_plant::sample::Stamped;
 use sidehill_plant::speeds::MotorSpeeds;
 
-/// What the controller wants in a cycle.
+/// Output of the controller in a cycle.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ControllerOutput {
     /// Cycle for which it was decided, s.
@@ -28,7 +28,7 @@ pub enum ControllerState {
     Finished,
 }
 
-/// Requests of an operator, or of whoever acts as one. Each is a level; arming acts on a rising edge.
+/// Requests of an operator, or of a client that acts as one. Each is a level; arming acts on a rising edge.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct OperatorRequests {
     /// Arm.
@@ -39,7 +39,7 @@ pub struct OperatorRequests {
     pub halt: Option<StopCause>,
 }
 
-/// Why an operator, or whoever acts as one, stops the vehicle.
+/// Why an operator, or a client that acts as one, stops the vehicle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum StopCause {
     /// A person sent a signal to stop.
@@ -48,8 +48,8 @@ pub enum StopCause {
     /// The program ends: by a signal, or because the course is finished.
     #[error("the program ends")]
     ProgramEnds,
-    /// The time of the run is over.
-    #[error("the time of the run is over")]
+    /// The time limit of the run is reached.
+    #[error("the time limit of the run is reached")]
     TimeOver,
     /// The process was suspended and has been resumed.
     #[error("the program was suspended")]
@@ -97,7 +97,7 @@ pub enum StopCause {
     #[error("an obstacle is in the way")]
     Obstacle,
     /// The costmap is missing, too old, or its place is unknown.
-    #[error("there is no costmap to go by")]
+    #[error("there is no usable costmap")]
     CostmapUnknown,
     /// The vehicle was armed without a path.
     #[error("the vehicle was armed without a path")]
@@ -201,7 +201,7 @@ pub enum Reason {
     #[error("armed")]
     Armed,
     /// Zero speed was sent for long enough, and the drives report standstill and disabled.
-    #[error("the drives stand and are off")]
+    #[error("the drives are at standstill and disabled")]
     Standing,
     /// The drives report enabled.
     #[error("the drives are on")]
@@ -218,7 +218,7 @@ pub enum Reason {
     /// A drive reports a fault.
     #[error("a drive reports a fault")]
     DriveFault,
-    /// A drive has been disabled by something else than this program.
+    /// A drive has been disabled by something other than this program.
     #[error("a drive is off that was told to be on")]
     DriveOff,
     /// The controller's command is too old.
@@ -270,7 +270,7 @@ pub enum Reason {
         time_s: f64,
     },
     /// The drives did not answer the handshake.
-    #[error("the drives did not follow within {time_s:.2} s, they are {mode:?}")]
+    #[error("the drives did not follow within {time_s:.2} s, they report {mode:?}")]
     Handshake {
         /// How long the safety waited, s.
         time_s: f64,

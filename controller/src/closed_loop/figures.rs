@@ -50,7 +50,7 @@ pub struct TrackingFigures {
     /// Distance from the end of the path now, m.
     pub goal_error_m: f64,
     /// Distance now from where a finished run has to be, m: the end of the path; the path itself
-    /// where it is periodic, for it has no place to stop at, and who is late has driven it.
+    /// where it is periodic, since it has no end to stop at.
     pub miss_m: f64,
     /// Commands outside bounds or rates.
     pub constraint_violations: u32,
@@ -216,7 +216,7 @@ impl Account {
     }
 
     /// Returns whether a command keeps bounds and rates, independently of the controller's own
-    /// projection but for the limits' definition.
+    /// projection except for the definition of the limits.
     fn permitted(&self, command: MotorSpeeds) -> bool {
         const ROUNDING: f64 = 1e-9;
         let one = |now: f64, before: f64, motor: &MotorLimits| {

@@ -8,8 +8,8 @@ use sidehill_plant::bounds::{Bounds, RangeError};
 pub struct ContactMpcConfig {
     /// Duration of the horizon's last stage, s.
     pub last_step_s: f64,
-    /// Position error along the path, 1/m^2. Less than across it: where the ground yields no faster turn, the
-    /// vehicle falls behind its reference and keeps the path.
+    /// Position error along the path, 1/m^2. Less than across it: where grip allows no faster turn, the
+    /// vehicle falls behind its reference but stays on the path.
     pub along_per_m2: f64,
     /// How far a QP's solution is followed in a cycle; all the way without it.
     pub step_limit: Option<StepLimit>,

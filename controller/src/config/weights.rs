@@ -13,10 +13,10 @@ pub struct Weights {
     /// tangent.
     pub heading_per_rad2: f64,
     /// Added to the heading's weight where the plan's heading is off the tangent by twice
-    /// `heading_free_rad`, in proportion to the square of what is beyond it, 1/rad^2. No slide asks for
-    /// such headings: they are where a wrong model leads.
+    /// `heading_free_rad`, in proportion to the square of what is beyond it, 1/rad^2. No slide needs
+    /// such headings: a wrong model causes them.
     pub heading_excess_per_rad2: f64,
-    /// Heading error that a slide may ask for, rad.
+    /// Heading error that a slide may need, rad.
     pub heading_free_rad: f64,
     /// Position error while turning on the spot, 1/m^2.
     pub pivot_position_per_m2: f64,
@@ -47,7 +47,7 @@ impl Default for Weights {
     }
 }
 
-/// How the MPC grows calmer where its model has been seen to err: the weights of a change of steer and
+/// How the MPC becomes more cautious where its model has shown errors: the weights of a change of steer and
 /// of the heading rise from their own values to these with the square of the model's error.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]

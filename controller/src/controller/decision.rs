@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use sidehill_plant::speeds::{MeasuredMotorSpeeds, MotorSpeeds};
 use sidehill_plant::vehicle::Vehicle;
 
-/// What a command is worth.
+/// Validity of a command.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Status {
@@ -46,7 +46,7 @@ impl std::fmt::Display for Status {
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum StopReason {
-    /// The newest believed pose is too old.
+    /// The newest accepted pose is too old.
     #[error("the pose is {age_s:.2} s old ({gated} newer ones refused as outliers)")]
     PoseStale {
         /// Its age, s.
@@ -173,14 +173,14 @@ impl std::fmt::Display for Stall {
 pub struct Decision {
     /// Instant of the cycle, s.
     pub time_s: f64,
-    /// Effective motor speeds until the next cycle, within bounds and rates: what the treads shall do
-    /// on the ground. [`Decision::command_for_drives`] is what the drives must be told for it.
+    /// Effective motor speeds until the next cycle, within bounds and rates: the motion of the treads
+    /// on the ground. [`Decision::command_for_drives`] is the command that makes the drives do this.
     pub command_effective: MotorSpeeds,
-    /// What the command is worth.
+    /// Validity of the command.
     pub status: Status,
     /// The state it is based on.
     pub estimate: Option<Estimate>,
-    /// Where the vehicle stands against the reference; none without a path or an estimate.
+    /// Position of the vehicle relative to the reference; none without a path or an estimate.
     pub progress: Option<Progress>,
     /// The solver's account, where a QP was solved.
     pub solve: Option<SolveReport>,
@@ -195,7 +195,7 @@ pub struct Decision {
 }
 
 impl Decision {
-    /// Returns what the drives of `vehicle` must be told so that its treads do the effective command:
+    /// Returns the command to the drives of `vehicle` that makes its treads follow the effective command:
     /// equation (11) solved for the speeds that the drives' own encoders count.
     pub fn command_for_drives(&self, vehicle: &Vehicle) -> MeasuredMotorSpeeds {
         MeasuredMotorSpeeds::reaching(self.command_effective, &vehicle.encoder_scale)

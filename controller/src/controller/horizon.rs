@@ -1,4 +1,4 @@
-//! From the estimate to the reference ahead: the horizon that the MPC is asked for.
+//! From the estimate to the reference ahead: the horizon that the MPC solves for.
 
 use super::unrolling::Unrolling;
 use super::{Controller, Law, Phase};
@@ -99,7 +99,7 @@ impl Controller {
                 None => (config.delay_s() + end_s, 1.0),
             };
             let point = reference.ahead(ahead_s);
-            // Beyond the map's edge the plane the vehicle stands on is the best guess there is.
+            // Beyond the map's edge the plane under the vehicle is the best available guess.
             let normal_in_world = map
                 .and_then(|map| map.surface(point.position.x_m, point.position.y_m).ok())
                 .map_or(estimate.normal_in_world, |surface| surface.normal_in_world);

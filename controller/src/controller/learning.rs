@@ -23,7 +23,7 @@ impl Controller {
     /// Begins with what was learned before, by this vehicle under this controller.
     ///
     /// # Errors
-    /// [`RecallError`] for what belongs to another one or makes no sense; nothing is then taken over.
+    /// [`RecallError`] if it belongs to another one or is not plausible; nothing is then taken over.
     pub fn recall(&mut self, learned: &Learned) -> Result<(), RecallError> {
         let memory = self.memory.as_mut().ok_or(RecallError::Off)?;
         if learned.owner != self.owner {
@@ -42,7 +42,7 @@ impl Controller {
         Ok(())
     }
 
-    /// Measures how far beside its path the vehicle was where its newest pose was taken.
+    /// Measures the vehicle's distance from its path at the time of its newest pose.
     pub(super) fn learn_error(&mut self, estimate: &Estimate, sample: &Sample) {
         let point = self.tracked_point();
         let (Some(memory), Some(reference), Some(pose)) =

@@ -16,7 +16,7 @@ pub enum ControllerError {
     /// A setting is out of its range.
     #[error("controller setting {0}")]
     Range(#[from] RangeError),
-    /// What was learned before is not that of this vehicle, or makes no sense.
+    /// What was learned before belongs to another vehicle, or its values are not plausible.
     #[error("what was learned is refused: {0}")]
     Recall(#[from] RecallError),
     /// The steepness guard needs to know where the mass is.

@@ -22,7 +22,7 @@ const DOUBTED_SHARE: f64 = 0.5;
 const DOUBTED_MIN_S: f64 = 0.25;
 
 impl Controller {
-    /// Returns the time since the cycle before; a clock that stands, jumps or is no number stops.
+    /// Returns the time since the cycle before; stops if the clock stands still, jumps or is not a number.
     pub(super) fn elapsed(&mut self, now_s: f64) -> f64 {
         let Some(before_s) = self.last_time_s else {
             if now_s.is_finite() {
@@ -52,8 +52,8 @@ impl Controller {
         }
     }
 
-    /// Stops on stale readings and on leaving the path; forgets a pose from which a standing vehicle
-    /// has been carried away.
+    /// Stops on stale readings and on leaving the path; forgets the pose of a standing vehicle
+    /// that has been carried elsewhere.
     pub(super) fn supervise(&mut self, estimate: Option<&Estimate>, progress: Option<&Progress>) {
         let Some(estimate) = estimate else {
             return;
@@ -96,7 +96,7 @@ impl Controller {
     /// Stops on stale readings.
     fn supervise_readings(&mut self, estimate: &Estimate) {
         let limits = self.config.supervisor;
-        // Poses that agree with each other will be believed, or the next contradicts them.
+        // Poses that agree with each other will be accepted, or the next contradicts them.
         let pose_age_s = estimate
             .poses_doubted_s
             .filter(|(doubted_s, _)| *doubted_s > 0.0)

@@ -8,8 +8,8 @@ use sidehill_plant::frames::{PlanarPose, wrap_angle};
 /// Targets for a vehicle that may lag behind its reference, stage by stage.
 ///
 /// Where errors along the path weigh less than those across it, the plan may be far behind the reference.
-/// The distance from the tangent of the reference is then not that from the path: beside a bend the vehicle
-/// stands well on the tangent of a point that it never reaches. So the path is rolled out straight, along its tangent
+/// The distance from the tangent of the reference is then not that from the path: near a bend the vehicle
+/// can be on the tangent of a point that it never reaches. So the path is rolled out straight, along its tangent
 /// at the point nearest to where the plan has the vehicle: across that is the distance from the path, along
 /// it the arc length by which the vehicle is behind. Beyond a cusp the targets stay where they are: the way
 /// back leads past a vehicle that is short of the cusp, which would turn back there.

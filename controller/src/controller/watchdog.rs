@@ -11,7 +11,7 @@ use std::collections::VecDeque;
 
 /// Share of its limit from which a motor speed counts as at its limit.
 const AT_LIMIT: f64 = 0.95;
-/// Least way that the reference must have asked for, m, before the way along the path is judged.
+/// Distance that the reference must have advanced, m, before progress along the path is judged.
 const ASKED_MIN_M: f64 = 0.3;
 /// A vehicle that has turned this much does not stand, rad.
 const TURNED_MIN_RAD: f64 = 0.2;
@@ -75,7 +75,7 @@ impl Watchdog {
         }
     }
 
-    /// Begins anew, as with another path or after a stop.
+    /// Starts over, as with another path or after a stop.
     pub(super) fn reset(&mut self) {
         self.history.clear();
         self.before = None;
@@ -136,8 +136,8 @@ impl Watchdog {
         let window_s = end.time_s - start.time_s;
         let turned_rad = end.turn_rad - start.turn_rad;
         let commanded_turn_rad = end.commanded_turn_rad - start.commanded_turn_rad;
-        // At the end of grip a vehicle turns slowly with one tread spinning: as long as it turns as it is told
-        // to, it recovers.
+        // At the limit of grip a vehicle turns slowly with one tread spinning: as long as it turns in the
+        // commanded direction, it recovers.
         if commanded_turn_rad.signum() * turned_rad >= TURNED_MIN_RAD {
             return None;
         }

@@ -67,8 +67,8 @@ impl LearnedModel<PARAMETERS> for LearnedContact {
         )
     }
 
-    /// Each parameter is a Gauss-Markov process of the metres steered whose spread is its prior's: what
-    /// is no longer excited returns to its prior, and no interval grows beyond it.
+    /// Each parameter is a Gauss-Markov process of the metres steered whose spread is its prior's: a
+    /// parameter that is no longer excited returns to its prior, and no interval grows beyond that.
     fn drift(&self, treads: TreadSpeeds, time_s: f64) -> Drift<PARAMETERS> {
         let steer_m_s = MotorSpeeds::from(treads).steer_m_s;
         let forget = (time_s * steer_m_s.abs() * self.settings.forgetting_per_m).min(0.1);

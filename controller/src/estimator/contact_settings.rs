@@ -1,10 +1,10 @@
-//! How far a contact vehicle may be from what is known of it.
+//! How far a contact vehicle may differ from its configuration.
 
 use serde::{Deserialize, Serialize};
 use sidehill_plant::bounds::{Bounds, RangeError};
 use sidehill_plant::contact::{Parameter, ParameterVector};
 
-/// How far a contact vehicle may be from what is known of it, and how fast what was learned is given up.
+/// How far a contact vehicle may differ from its configuration, and how fast what was learned is forgotten.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ContactLearningSettings {

@@ -1,4 +1,4 @@
-//! What the estimator says: the state, what of it is driven by, and what was wrong with the readings.
+//! Output of the estimator: the state, the gains that control uses, and what was wrong with the readings.
 
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
@@ -51,7 +51,7 @@ pub struct Estimate {
     pub contact: Option<ContactEstimate>,
     /// Root mean square of the error of the predicted velocity over the last seconds, m/s.
     pub model_error_m_s: f64,
-    /// Age of the newest believed pose, s.
+    /// Age of the newest accepted pose, s.
     #[serde(with = "crate::serde_form::age")]
     pub pose_age_s: f64,
     /// Age of the newest attitude, s.
@@ -60,10 +60,10 @@ pub struct Estimate {
     /// Age of the newest tread speeds, s.
     #[serde(with = "crate::serde_form::age")]
     pub speeds_age_s: f64,
-    /// Poses refused by the gate since the last that was believed.
+    /// Poses rejected by the gate since the last accepted one.
     pub poses_gated: u32,
-    /// For how long poses have been refused that agree with each other, and the age of the newest of
-    /// them, s; none where the newest pose was believed.
+    /// For how long poses that agree with each other have been rejected, and the age of the newest of
+    /// them, s; none if the newest pose was accepted.
     pub poses_doubted_s: Option<(f64, f64)>,
 }
 
@@ -71,13 +71,13 @@ pub struct Estimate {
 /// whose treads spin turns less than it will with grip again, but never against its treads.
 const YAW_CORRECTION_MAX: f64 = 0.6;
 
-/// Distances from the path, m, from which on what was learned of the slide is believed less, and at
-/// which it is not believed at all. Back to the path leads a turn unlike those it was learned from,
-/// and a slide that is thought too large for that turn would keep the vehicle beside the path.
+/// Distances from the path, m, beyond which the learned slide is reduced, and at which it is zero. The
+/// turn back to the path is unlike those that the slide was learned from, and a slide overestimated for
+/// that turn would keep the vehicle off the path.
 const SLIDE_DOUBTED_M: (f64, f64) = (0.1, 0.5);
 
 impl Estimate {
-    /// Returns the learned gains as they are driven by, `off_path_m` from the path: those of the yaw
+    /// Returns the learned gains as control uses them, `off_path_m` from the path: those of the yaw
     /// rate made smaller, all by one factor, where on this slope they could change the yaw rate of a
     /// vehicle of half effective track `half_track_m` by more than 60 % at some heading; those of the
     /// slide as they are up to 0.1 m from the path, and less beyond, to nothing at 0.5 m.
@@ -122,8 +122,8 @@ pub struct ContactEstimate {
 }
 
 impl ContactEstimate {
-    /// Returns whether poses have told anything of a parameter: its interval is narrower than its prior's
-    /// by a tenth at least. What the drive has not excited is not observed, and stays near its prior.
+    /// Returns whether poses have informed a parameter: its interval is narrower than its prior's
+    /// by at least a tenth. What the drive has not excited is not observed, and stays near its prior.
     pub fn observed(&self, parameter: Parameter) -> bool {
         let i = parameter.index();
         self.sigma[i] < 0.9 * self.prior_sigma[i]

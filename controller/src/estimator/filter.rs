@@ -29,7 +29,7 @@ enum Reading {
 struct Event<const N: usize> {
     time_s: f64,
     reading: Reading,
-    /// Covariance added to the prediction's before a pose that is believed against it.
+    /// Covariance added to the prediction's before a pose that is accepted although it contradicts it.
     inflation: Option<Matrix3<f64>>,
     belief: Belief<N>,
 }
@@ -77,7 +77,7 @@ struct ModelError {
 }
 
 impl ModelError {
-    /// Takes an innovation in; `noise_m2` is the pose's own share of its square, which is no error
+    /// Adds an innovation; `noise_m2` is the part of its square that is noise of the pose, not an error
     /// of the model.
     fn absorb(&mut self, innovation: &Innovation, noise_m2: f64, averaging_s: f64) {
         let time_s = innovation.time_s - self.pose_time_s;
@@ -92,7 +92,7 @@ impl ModelError {
 }
 
 impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
-    /// Returns a filter that knows nothing yet; `model` gives its dead reckoning.
+    /// Returns a filter without any reading; `model` gives its dead reckoning.
     pub(super) fn new(settings: EstimatorSettings, model: M) -> Self {
         Self {
             settings,
@@ -117,8 +117,8 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
         }
     }
 
-    /// Forgets everything but, where that is kept, what was learned: the next attitude and pose are believed
-    /// as the first ones were.
+    /// Resets the filter, except for what was learned where that is kept: the next attitude and pose are
+    /// accepted as the first ones were.
     pub(super) fn restart(&mut self) {
         let (keeps, kept) = (self.keeps, self.kept());
         *self = Self {
@@ -169,13 +169,13 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
         self.events.back().map(|event| &event.belief)
     }
 
-    /// Returns the innovation of the newest pose of the last update, believed or not.
+    /// Returns the innovation of the newest pose of the last update, accepted or not.
     pub(super) fn innovation(&self) -> Option<Innovation> {
         self.innovation
     }
 
     /// Takes a cycle's readings and returns the state at the cycle's time, or `None` until a first
-    /// attitude and a first pose have come. Readings that are not finite are left out and named.
+    /// attitude and a first pose have arrived. Readings that are not finite are left out and named.
     pub(super) fn update(&mut self, sample: &Sample) -> (Option<Estimate>, Refused) {
         self.innovation = None;
         let mut refused = Refused::default();
@@ -312,7 +312,7 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
         })
     }
 
-    /// Returns what makes a new pose pass that is believed against the prediction.
+    /// Returns the covariance with which a new pose passes that is accepted against the prediction.
     fn judge(
         &mut self,
         predicted: &Belief<N>,
@@ -347,7 +347,7 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
         self.gate.refused(refused, &sigmas)
     }
 
-    /// Returns the belief after a reading; `new` tells a reading from a replayed one.
+    /// Returns the belief after a reading; `new` is false for a replayed one.
     fn absorb(&mut self, mut belief: Belief<N>, event: &Event<N>, new: bool) -> Belief<N> {
         match event.reading {
             Reading::Speeds(treads) => belief.treads = treads,
@@ -481,7 +481,7 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
 }
 
 impl<const N: usize> Belief<N> {
-    /// Takes a pose in: `difference` is pose less mean, `inverse` that of covariance and `noise`.
+    /// Updates with a pose: `difference` is pose less mean, `inverse` that of covariance and `noise`.
     ///
     /// With H = (1 0), K = P H' S^-1, the whole of P becomes (1 - K H) P (1 - K H)' + K R K', Joseph's form,
     /// which keeps it symmetric and positive however the numbers are rounded.

@@ -1,4 +1,4 @@
-//! Learned gains as they are kept.
+//! Learned gains as they are stored.
 
 use super::learned::Prior;
 use nalgebra::{SMatrix, SVector};
@@ -18,11 +18,11 @@ pub struct LearnedGains {
 
 /// Share of the prior's variance that comes back over a break: the ground may have changed.
 const FORGOTTEN: f64 = 0.02;
-/// Standard deviations of the prior beyond which a value is no gain.
+/// Standard deviations of the prior beyond which a value is rejected.
 const SIGMAS_MAX: f64 = 6.0;
 
 impl LearnedGains {
-    /// Returns how much of the standard deviations has gone, on average, 0 to 1.
+    /// Returns by how much the standard deviations have shrunk, on average, 0 to 1.
     pub fn confidence(&self) -> f64 {
         let n = self.prior_sigma.len();
         let gone = self
@@ -45,7 +45,7 @@ impl LearnedGains {
         }
     }
 
-    /// Returns the gains where their numbers make sense, else which do not.
+    /// Returns the gains if their numbers are plausible, else which are not.
     pub(super) fn kept<const N: usize>(&self, prior: &Prior<N>) -> Result<Kept<N>, &'static str> {
         if self.mean.len() != N || self.covariance.len() != N * N {
             return Err("gains have another number than the model");

@@ -1,15 +1,15 @@
-//! Poses that the filter refuses: when they are believed all the same.
+//! Poses that the filter rejects, and when it accepts them after all.
 //!
 //! A pose far from the prediction is an outlier, or the model is wrong by more than the filter knows: treads
 //! that slip, a vehicle that was carried. Outliers contradict each other; poses of a vehicle whose model is
-//! wrong agree with each other. So refused poses between which the vehicle can have moved are a run, and a
-//! run that lasts is believed: the covariance of the predicted pose is inflated such that the pose passes.
+//! wrong agree with each other. So rejected poses between which the vehicle can have moved form a run, and a
+//! run that lasts is accepted: the covariance of the predicted pose is inflated such that the pose passes.
 //! From then on dead reckoning is trusted less, until innovations are small again for a while.
 
 use nalgebra::{Matrix3, Vector3};
 use sidehill_plant::frames::{BodyVelocity, wrap_angle};
 
-/// Factor on the variance of dead reckoning once a run has been believed.
+/// Factor on the variance of dead reckoning once a run has been accepted.
 const NOISE_FACTOR: f64 = 100.0;
 /// Time constant with which that factor decays to 1, s.
 const NOISE_DECAY_S: f64 = 10.0;
@@ -17,11 +17,11 @@ const NOISE_DECAY_S: f64 = 10.0;
 const STILL_LARGE: f64 = 0.25;
 /// Standard deviations of two poses' difference within which noise may move them.
 const NOISE_SIGMAS: f64 = 4.0 * std::f64::consts::SQRT_2;
-/// What a vehicle may slide and turn beside the motion of its treads, m/s and rad/s.
+/// How fast a vehicle may slide and turn in addition to the motion of its treads, m/s and rad/s.
 const SLIDE_M_S: f64 = 0.3;
 const SLIDE_RAD_S: f64 = 0.3;
 
-/// A refused pose with the prediction for its time, (x, y, yaw).
+/// A rejected pose with the prediction for its time, (x, y, yaw).
 #[derive(Debug, Clone, Copy)]
 pub(super) struct RefusedPose {
     pub(super) time_s: f64,
@@ -31,7 +31,7 @@ pub(super) struct RefusedPose {
     pub(super) unlearned: BodyVelocity,
 }
 
-/// Refused poses that agree with each other.
+/// Rejected poses that agree with each other.
 #[derive(Debug, Clone, Copy)]
 struct Run {
     since_s: f64,
@@ -63,13 +63,13 @@ impl PoseGate {
         }
     }
 
-    /// Factor on the variance by which dead reckoning grows; 1 but after a run was believed.
+    /// Factor on the variance by which dead reckoning grows; 1 unless a run was accepted.
     pub(super) fn noise_factor(&self) -> f64 {
         self.noise_factor
     }
 
-    /// How long refused poses have agreed with each other, s, and the time of the newest; none where the
-    /// last pose was believed.
+    /// How long rejected poses have agreed with each other, s, and the time of the newest; none where the
+    /// last pose was accepted.
     pub(super) fn doubted(&self) -> Option<(f64, f64)> {
         self.run
             .map(|run| (run.newest.time_s - run.since_s, run.newest.time_s))
@@ -91,7 +91,7 @@ impl PoseGate {
     }
 
     /// Takes a pose that did not pass; returns the covariance to add to the prediction's where the pose is
-    /// believed now.
+    /// accepted now.
     pub(super) fn refused(
         &mut self,
         refused: RefusedPose,

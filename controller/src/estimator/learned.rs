@@ -1,4 +1,4 @@
-//! What the filter asks of a model whose parameters it learns.
+//! What the filter needs from a model whose parameters it learns.
 
 use super::{ContactEstimate, EstimatorSettings};
 use nalgebra::{SMatrix, SVector};
@@ -28,9 +28,9 @@ pub(super) struct Drift<const N: usize> {
     pub(super) variance: SVector<f64, N>,
 }
 
-/// A model of the body velocity with N parameters that poses tell about.
+/// A model of the body velocity with N parameters that are observable from poses.
 pub(super) trait LearnedModel<const N: usize>: Clone {
-    /// Returns what is believed of the parameters before the first pose.
+    /// Returns the prior of the parameters, before the first pose.
     fn prior(&self) -> Prior<N>;
 
     /// Returns the velocity and its derivative by the parameters. The same arguments give the same

@@ -41,14 +41,14 @@ enum Kind {
 }
 
 impl Estimator {
-    /// Returns an estimator that knows nothing yet; `vehicle` gives its dead reckoning by ICRIK, whose
+    /// Returns an estimator without any reading; `vehicle` gives its dead reckoning by ICRIK, whose
     /// correction it learns.
     pub fn new(settings: EstimatorSettings, vehicle: Vehicle) -> Self {
         let model = SlipModel::new(vehicle, settings.adaptation);
         Self(Kind::Slip(Box::new(Filter::new(settings, model))))
     }
 
-    /// Returns an estimator that knows nothing yet, with dead reckoning by the balance of wheel friction,
+    /// Returns an estimator without any reading, with dead reckoning by the balance of wheel friction,
     /// whose parameters it learns. Base and factors of the encoders are `vehicle`'s.
     pub fn with_contact(
         settings: EstimatorSettings,
@@ -78,7 +78,7 @@ impl Estimator {
     /// Begins with what was learned before.
     ///
     /// # Errors
-    /// What of it makes no sense.
+    /// Which value is not plausible.
     pub fn recall(&mut self, learned: &LearnedGains) -> Result<(), &'static str> {
         match &mut self.0 {
             Kind::Slip(filter) => filter.recall(learned),
@@ -87,7 +87,7 @@ impl Estimator {
     }
 
     /// Forgets where the vehicle is, and what was learned unless it is kept: the next attitude and pose are
-    /// believed as the first ones were.
+    /// accepted as the first ones were.
     pub fn restart(&mut self) {
         match &mut self.0 {
             Kind::Slip(filter) => filter.restart(),
@@ -95,7 +95,7 @@ impl Estimator {
         }
     }
 
-    /// Returns the innovation of the newest pose of the last update, believed or not.
+    /// Returns the innovation of the newest pose of the last update, accepted or not.
     pub fn innovation(&self) -> Option<Innovation> {
         match &self.0 {
             Kind::Slip(filter) => filter.innovation(),
@@ -104,7 +104,7 @@ impl Estimator {
     }
 
     /// Takes a cycle's readings and returns the state at the cycle's time, or `None` until a first
-    /// attitude and a first pose have come. Readings that are not finite are left out and named.
+    /// attitude and a first pose have arrived. Readings that are not finite are left out and named.
     pub fn update(&mut self, sample: &Sample) -> (Option<Estimate>, Refused) {
         match &mut self.0 {
             Kind::Slip(filter) => filter.update(sample),

@@ -16,9 +16,9 @@ pub struct EstimatorSettings {
     pub slide_sigma_m_per_sqrt_s: f64,
     /// Growth of the heading's uncertainty while moving, rad/sqrt(s).
     pub yaw_sigma_rad_per_sqrt_s: f64,
-    /// Largest normalised innovation squared (3 degrees of freedom) of a pose that is believed.
+    /// Largest normalised innovation squared (3 degrees of freedom) of a pose that is accepted.
     pub gate: f64,
-    /// Time after which refused poses are believed that agree with each other, s; until then the vehicle
+    /// Time after which rejected poses that agree with each other are accepted, s; until then the vehicle
     /// is slowed down.
     pub believed_after_s: f64,
     /// Time over which the error of the model's velocity is averaged, s.
@@ -48,7 +48,7 @@ impl Default for EstimatorSettings {
     }
 }
 
-/// How far the correction may be from nothing.
+/// How far the correction may be from zero.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct AdaptationSettings {
@@ -58,9 +58,9 @@ pub struct AdaptationSettings {
     /// Standard deviation of the gains of slide and load shift, 1/rad and 1/m. 0 switches them off.
     pub slope_sigma: f64,
     /// Share of these variances that comes back for each metre of steering, 1/m: how fast what was
-    /// learned is given up for what is new.
+    /// learned is forgotten.
     pub forgetting_per_m: f64,
-    /// Whether icrhk-mpc too learns what its model has, the ICRs; it drives no better for it.
+    /// Whether icrhk-mpc also learns the ICRs of its model; this does not improve its tracking.
     pub of_icrhk: bool,
 }
 

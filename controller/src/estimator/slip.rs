@@ -80,7 +80,7 @@ impl LearnedModel<GAINS> for SlipModel {
         )
     }
 
-    /// Old knowledge is given up by the metre of steering; the gains themselves stay.
+    /// Uncertainty grows with each metre of steering; the gains themselves stay.
     fn drift(&self, treads: TreadSpeeds, time_s: f64) -> Drift<GAINS> {
         let steer_m_s = MotorSpeeds::from(treads).steer_m_s;
         let forget = (time_s * steer_m_s.abs() * self.forgetting_per_m).min(0.1);

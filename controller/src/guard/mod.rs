@@ -3,7 +3,7 @@
 //!
 //! Each cycle it walks along the reference, takes the ground there from the map where there is one, else the
 //! plane under the vehicle, and judges the attitude that the vehicle will have with [`Stance`]: on the
-//! path, and as far beside it and off its heading as the vehicle is now. Speeds
+//! path, and with the vehicle's present offset from the path and its heading. Speeds
 //! that a place allows are met by braking before it: with w = v^2 over the way s,
 //! w(s) <= w(place) + 2 a (place - s). The reference's clock runs slower by that share, so the MPC sees a
 //! slower reference over its whole horizon. Announcing an overturn from the ground ahead of a rover follows
@@ -11,7 +11,7 @@
 //! load transfer in presence of sliding", ICRA 2007.
 //!
 //! It is an aid, with the limits of its inputs: a map, an attitude, a centre of mass and a coefficient of
-//! friction. It is no certified safety function.
+//! friction. It is not a certified safety function.
 
 mod place;
 mod settings;
@@ -50,7 +50,7 @@ pub(crate) enum GuardStop {
 
 /// Time between the places that are judged, at the reference's full speed, s.
 const STEP_S: f64 = 0.15;
-/// Time constant of the low-pass of the ground's normal, s: a bump is no slope.
+/// Time constant of the low-pass of the ground's normal, s: a bump is not a slope.
 const NORMAL_S: f64 = 0.2;
 /// Way before the stopping place within which the vehicle is stopped, m.
 const ARRIVED_M: f64 = 0.03;
@@ -246,7 +246,7 @@ impl Guard {
         normal
     }
 
-    /// Returns the coefficient of friction: as learned, where poses have told of it, else as configured.
+    /// Returns the coefficient of friction: as learned, where poses have informed it, else as configured.
     fn friction(&self, estimate: &Estimate) -> f64 {
         let index = Parameter::Friction.index();
         estimate

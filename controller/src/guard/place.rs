@@ -141,7 +141,7 @@ impl Beside {
         }
     }
 
-    /// Returns where a vehicle is that is as far beside the reference when that is at `point`.
+    /// Returns the position of a vehicle with the same offset from the reference at `point`.
     pub(super) fn place(&self, point: &ReferencePoint) -> Point2 {
         let (sin, cos) = point.heading_rad.sin_cos();
         Point2 {
@@ -151,7 +151,7 @@ impl Beside {
     }
 }
 
-/// How far before a limit of margin or friction a place is stopped before: the vehicle is somewhat beside its
+/// Reserve to a limit of margin or friction at which the vehicle stops before a place: it is somewhat off its
 /// path and its heading, and its sensors are noisy.
 const RESERVE: f64 = 0.02;
 

@@ -41,7 +41,7 @@ pub struct Learned {
 }
 
 impl Learned {
-    /// Returns how much of the uncertainty of the gains has gone, 0 to 1.
+    /// Returns by how much the uncertainty of the gains has shrunk, 0 to 1.
     pub fn confidence(&self) -> f64 {
         self.gains.as_ref().map_or(0.0, LearnedGains::confidence)
     }
@@ -66,8 +66,8 @@ pub enum RecallError {
     Wrong(&'static str),
 }
 
-/// Time after a start in which nothing is learned by place: the vehicle comes to its path and the gains to
-/// their values, which is no property of the place, s.
+/// Time after a start in which nothing is learned by place: the vehicle converges to its path and the gains to
+/// their values, which is not a property of the place, s.
 const SETTLING_S: f64 = 10.0;
 
 /// The map and how it is filled; nothing is allocated after [`Memory::new`].

@@ -9,7 +9,7 @@ use std::f64::consts::TAU;
 const CELLS: usize = 4096;
 /// Slots of the table, so that it stays sparse.
 const SLOTS: usize = 2 * CELLS;
-/// Directions of travel that are told apart.
+/// Number of directions of travel that are distinguished.
 const SECTORS: i32 = 8;
 /// Time without a measurement after which the next belongs to a new visit, s.
 const VISIT_S: f64 = 5.0;

@@ -17,7 +17,7 @@ pub struct MemoryConfig {
     pub error_share: f64,
     /// Share of the aim that the next visit begins with; the rest is forgotten.
     pub kept_share: f64,
-    /// Largest distance beside the path that is aimed at, m.
+    /// Largest offset from the path that is aimed at, m.
     pub aim_max_m: f64,
 }
 

@@ -253,8 +253,8 @@ fn clarabel_settings(settings: &QpSettings) -> DefaultSettings<f64> {
         ..DefaultSettings::default()
     };
     if settings.mode != QpMode::FreshDefaults {
-        // Updates in place need the data as given; the QP is scaled by its maker, so neither
-        // equilibration nor iterative refinement earns its time.
+        // Updates in place need the data as given; the QP is already scaled, so neither
+        // equilibration nor iterative refinement is worth its time.
         clarabel.presolve_enable = false;
         clarabel.equilibrate_enable = false;
         clarabel.iterative_refinement_enable = false;

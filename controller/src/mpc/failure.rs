@@ -1,8 +1,8 @@
-//! Why there is no solution to use.
+//! Why a QP has no usable solution.
 
 use serde::{Deserialize, Serialize};
 
-/// Why there is no solution to use.
+/// Why a QP has no usable solution.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum QpFailure {
@@ -12,13 +12,13 @@ pub enum QpFailure {
     /// The solver did not accept the problem.
     #[error("the solver rejected the QP's data")]
     Rejected,
-    /// The time for this cycle was used up.
+    /// The deadline of this cycle passed.
     #[error("the deadline passed after {iterations} iterations")]
     Deadline {
         /// Iterations done.
         iterations: u32,
     },
-    /// The iterations allowed did not suffice.
+    /// The iteration limit was reached.
     #[error("no solution within {iterations} iterations")]
     MaxIterations {
         /// Iterations done.
@@ -27,13 +27,13 @@ pub enum QpFailure {
     /// No point meets the constraints.
     #[error("the QP is infeasible")]
     Infeasible,
-    /// The factorisation broke down; the solver is made new.
+    /// The factorisation broke down; the solver is rebuilt.
     #[error("numerical error after {iterations} iterations")]
     Numerical {
         /// Iterations done.
         iterations: u32,
     },
-    /// The solver claims success, the residuals do not.
+    /// The solver reports success, but the residuals are too large.
     #[error("residuals too large: primal {primal:e}, dual {dual:e}, gap {gap:e}")]
     Residual {
         /// Largest violation of a constraint.

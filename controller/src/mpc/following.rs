@@ -43,7 +43,7 @@ impl Mpc {
         }
     }
 
-    /// Returns the largest correction of planned steer that the QP's solution asks for, m/s.
+    /// Returns the largest correction of planned steer in the QP's solution, m/s.
     fn largest_steer_correction_m_s(&self) -> f64 {
         self.condenser
             .input_corrections(self.solver.primal())
@@ -51,8 +51,8 @@ impl Mpc {
             .fold(0.0, f64::max)
     }
 
-    /// Moves the plan as far as the linearisation tells the truth, see [`step_limit`]; returns the region
-    /// of the next cycle.
+    /// Moves the plan as far as the linearisation is accurate, see [`step_limit`]; returns the trust
+    /// region of the next cycle.
     fn apply_within(&mut self, mut region: TrustRegion, horizon: &Horizon) -> TrustRegion {
         let largest_m_s = self.largest_steer_correction_m_s();
         let mut share = region.first_share(largest_m_s);
@@ -113,7 +113,7 @@ impl Mpc {
     }
 }
 
-/// Returns what a stage costs that ends at `state`.
+/// Returns the cost of a stage that ends at `state`.
 fn stage_cost(
     stage: &Stage,
     target: &StageTarget,

@@ -122,7 +122,7 @@ impl InputLimits {
 
     /// Returns the speeds nearest to `wanted` within bounds and rates, `time_s` after `from`.
     ///
-    /// Rates come last, so that a motor is never asked for a jump. From within the bounds both hold:
+    /// Rates come last, so that no motor gets a step command. From within the bounds both hold:
     /// where a tread would be too fast because traction cannot give way so quickly, steer waits.
     pub fn project(&self, wanted: MotorSpeeds, from: MotorSpeeds, time_s: f64) -> MotorSpeeds {
         let bounded = self.within_bounds(wanted);

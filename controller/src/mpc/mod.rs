@@ -185,7 +185,7 @@ impl Mpc {
     }
 
     /// Returns (x, y, yaw) that the plan in force has for the end of a stage of the next horizon, which is
-    /// `elapsed_s` later than its own; none where there is no plan.
+    /// `elapsed_s` later than its own; none without a plan.
     pub fn planned_state(&self, stage: usize, elapsed_s: f64) -> Option<Vector3<f64>> {
         let states = &self.plan()?.states;
         let state = states.get(stage + 1)?;

@@ -1,4 +1,4 @@
-//! What an MPC predicts with.
+//! The prediction models of the MPC.
 
 use nalgebra::Vector3;
 use sidehill_plant::contact::{ContactPrediction, FoundBalance};

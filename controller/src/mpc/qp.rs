@@ -172,7 +172,7 @@ impl QpSolver {
             }),
             Ending::Infeasible => Err(QpFailure::Infeasible),
             Ending::Broken => {
-                // A NaN inside the solver would never go away.
+                // A NaN inside the solver would stay there.
                 self.rebuild()?;
                 self.rebuilds += 1;
                 Err(QpFailure::Numerical { iterations })
@@ -202,7 +202,7 @@ impl QpSolver {
     /// projections is taken.
     ///
     /// # Errors
-    /// `failure` itself, where there is no iterate, or no such point is cheaper than the projected origin.
+    /// `failure` itself if there is no iterate, or if no such point is cheaper than the projected origin.
     pub fn salvage(
         &mut self,
         failure: QpFailure,

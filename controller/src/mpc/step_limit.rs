@@ -1,14 +1,14 @@
-//! How far a QP's solution is followed: as far as its linearisation has told the truth.
+//! How far a QP's solution is followed: as far as its linearisation is accurate.
 //!
-//! A QP about the previous plan promises a cost; the model itself, run through the horizon with the new
-//! inputs, says what becomes of it. With the actual over the promised reduction of the cost
+//! A QP about the previous plan predicts a cost; the model itself, run through the horizon with the new
+//! inputs, gives the actual cost. With the actual over the predicted reduction of the cost
 //!
 //! ```text
 //! rho = (J(u) - J(u + s du)) / (J(u) - J_linear(u + s du))
 //! ```
 //!
 //! a step is taken where rho is large enough, and halved where it is not; the largest change of steer that
-//! a step may begin with (the trust region) grows after good promises and shrinks to what was taken
+//! a step may start with (the trust region) grows after good predictions and shrinks to what was taken
 //! after bad ones.
 
 use serde::{Deserialize, Serialize};
@@ -20,9 +20,9 @@ use sidehill_plant::bounds::{Bounds, RangeError};
 pub struct StepLimit {
     /// Largest correction of planned steer in a cycle that is always tried, m/s.
     pub steer_min_m_s: f64,
-    /// Largest correction of planned steer in a cycle after good promises, m/s.
+    /// Largest correction of planned steer in a cycle after good predictions, m/s.
     pub steer_max_m_s: f64,
-    /// Share of the promised reduction of the cost that must come true for a step to be taken.
+    /// Share of the predicted cost reduction that must be achieved for a step to be taken.
     pub accepted_share: f64,
 }
 
@@ -37,7 +37,7 @@ impl Default for StepLimit {
 }
 
 impl StepLimit {
-    /// Whole steps, halved only where too little of the promise comes true.
+    /// Whole steps, halved only where too little of the predicted reduction is achieved.
     pub(super) const WHOLE_STEP: Self = Self {
         steer_min_m_s: 100.0,
         steer_max_m_s: 100.0,
@@ -58,7 +58,7 @@ impl StepLimit {
     }
 }
 
-/// Share of a promise from which on the region grows.
+/// Share of the predicted reduction above which the region grows.
 const GOOD_SHARE: f64 = 0.7;
 /// Halvings of a step at most.
 pub(super) const HALVINGS: usize = 3;
@@ -88,7 +88,7 @@ impl TrustRegion {
         before - actual >= self.limit.accepted_share * (before - promised)
     }
 
-    /// Remembers how a step of at most `taken_m_s` came out; `at_once` tells a first try.
+    /// Remembers how a step of at most `taken_m_s` came out; `at_once` marks a first try.
     pub(super) fn learn(
         &mut self,
         before: f64,

@@ -151,7 +151,7 @@ impl Rows {
     }
 
     /// Lists the rows that tie each block's end to the next one's state; returns for each block
-    /// which entries are those of its own variables.
+    /// which entries belong to its own variables.
     fn continuity(&mut self, blocks: &[Block]) -> Vec<Range<usize>> {
         let mut places = Vec::new();
         for pair in blocks.windows(2) {

@@ -142,7 +142,7 @@ impl WorkingSet {
         if let Some(residuals) = self.correct(data, point, work, tolerance, limits)? {
             return Ok(Some(residuals));
         }
-        // From the initial guess, which was near; the corrections may have led away.
+        // Back to the initial guess, which was close; the corrections may have diverged.
         self.members.fill(false);
         if !self.factorise(data, limits)? {
             return Ok(None);

@@ -1,13 +1,13 @@
 use super::Point2;
 use sidehill_plant::bounds::RangeError;
 
-/// Why there is no path or no trajectory along it.
+/// Why a path, or a trajectory along it, cannot be made.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum PathError {
-    /// There are no points.
+    /// The path has no points.
     #[error("the path has no points")]
     Empty,
-    /// One point alone is no path.
+    /// There is only one point.
     #[error("the path has a single point")]
     SinglePoint,
     /// All points are in the same place.

@@ -25,7 +25,7 @@ const BRANCH_WEIGHT: f64 = 1e-2;
 const NEWTON_STEPS: usize = 12;
 /// Step of Newton's method that ends it, m.
 const TOLERANCE_M: f64 = 1e-12;
-/// More distance between two points than path there cannot be, but for the interpolation's error.
+/// Two points cannot be farther apart than the path between them, except for interpolation errors.
 const STRETCH: f64 = 1.05;
 
 impl Path {

@@ -66,7 +66,7 @@ pub struct Route {
 ///
 /// # Errors
 /// [`PathError::Csv`] with the line for text that is not such a table, [`PathError::Empty`] where
-/// there is no row, [`PathError::Read`] where reading fails.
+/// there is no row, [`PathError::Read`] if reading fails.
 pub fn read_csv(reader: impl Read) -> Result<Route, PathError> {
     let mut table = csv::ReaderBuilder::new()
         .trim(csv::Trim::All)

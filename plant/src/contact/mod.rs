@@ -41,7 +41,7 @@
 //! of F_s acts at once and damps it.
 //!
 //! What this leaves out: inertial load transfer, suspension travel, and the drive train, which imposes the
-//! tread speeds whatever the forces.
+//! tread speeds regardless of the forces.
 //!
 //! Friction forces of sliding wheels in skid-steer turns follow O. Chuy et al., "Power modeling of a
 //! skid steered wheeled robotic ground vehicle", ICRA 2009, and J. L. Martinez et al., "Approximating

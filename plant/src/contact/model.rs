@@ -111,7 +111,7 @@ impl MotionModel for ContactModel {
     /// changes it. Tread speeds hold through the step.
     ///
     /// # Errors
-    /// Returns [`MotionError::Overturned`] where the weight falls beside the wheels, and
+    /// Returns [`MotionError::Overturned`] where the weight acts outside the wheels' support, and
     /// [`MotionError::NotConverged`] where friction does not hold the vehicle on the slope.
     fn body_velocity(
         &mut self,

@@ -26,7 +26,7 @@ const PRIOR_RESIDUAL_M: f64 = 0.01;
 const FIRST_PULL: f64 = 30.0;
 /// Standard deviation of the factors of the encoders.
 const SCALE_SIGMA: f64 = 0.05;
-/// Correlation from which on two parameters are not told apart.
+/// Correlation above which two parameters are not distinguished.
 const CORRELATION_MAX: f64 = 0.95;
 /// Share of its guess's standard deviation below which a parameter counts as determined.
 const DETERMINED: f64 = 0.5;
@@ -49,7 +49,7 @@ pub struct ContactParameterEstimate {
 pub struct ContactReport {
     /// The parameters.
     pub estimates: Vec<ContactParameterEstimate>,
-    /// Pairs that the logs cannot tell apart, with their correlation.
+    /// Pairs that the logs cannot distinguish, with their correlation.
     pub not_told_apart: Vec<(&'static str, &'static str, f64)>,
     /// Segments used.
     pub segments: usize,
@@ -94,7 +94,7 @@ pub fn identify_contact(
         vehicle_with: &vehicle_with,
         pull_m,
     };
-    // What hardly shows in the logs must not run away before the rest is about right.
+    // What hardly shows in the logs must not diverge before the rest is about right.
     let strong_m: Vec<f64> = search.pull_m.iter().map(|pull| FIRST_PULL * pull).collect();
     let first = stage(&strong_m).fit(&segments, &start);
     let fit = stage(&search.pull_m).fit_from(&segments, &start, &first.parameters);

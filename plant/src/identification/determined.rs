@@ -21,7 +21,7 @@ const SCALE: f64 = 0.1;
 const ICR_SHARE: f64 = 0.3;
 /// Allowed half width of a slide gain, in its value; with more, its interval holds 0 or nearly so.
 const SLIDE_SHARE: f64 = 0.75;
-/// Half width below which a slide gain is known whatever its value, s/rad: on 15 deg, at 0.5 rad/s and 1 m/s
+/// Half width below which a slide gain counts as known whatever its value, s/rad: on 15 deg, at 0.5 rad/s and 1 m/s
 /// of margin it is 1.3 cm/s of slide.
 const SLIDE_S_PER_RAD: f64 = 0.1;
 

@@ -88,7 +88,7 @@ pub struct StageReport {
     pub warnings: Vec<Warning>,
 }
 
-/// Why there is no result.
+/// Why identification failed.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum IdentificationError {
     /// The logs hold too little motion with poses.
@@ -140,7 +140,7 @@ pub(super) struct Stage<'a> {
 
 /// Every fifth segment is left out in turn for cross-validation.
 const FOLDS: usize = 5;
-/// Below this share of the best known combination's effect, parameters are not told apart.
+/// Below this share of the best known combination's effect, parameters are not distinguished.
 const STRENGTH_MIN: f64 = 0.03;
 
 impl Stage<'_> {

@@ -6,14 +6,14 @@
 //!
 //! - Each segment's start pose is estimated with the parameters. A measured start pose would put its
 //!   noise into every later error of the segment and bias the parameters. For given parameters the
-//!   best start has a closed form but for its yaw, so it is eliminated inside the residual.
+//!   best start has a closed form except for its yaw, so it is eliminated inside the residual.
 //! - Poses far off weigh less (Cauchy's loss, by iteratively reweighted least squares).
 //! - Segments without motion, or across a gap in the log, are left out.
 //! - Every parameter gets a standard deviation from the scatter between segments (the "sandwich" of
 //!   clustered residuals), since errors within a segment are correlated.
 //! - [`identify_level_determined`] and [`identify_slope_determined`] keep the start values of parameters whose
 //!   interval is wide.
-//! - What the data cannot tell apart is named, from the eigenvalues of the scaled normal matrix.
+//! - Parameters that the data cannot distinguish are named, from the eigenvalues of the scaled normal matrix.
 //! - Beyond both stages, [`identify_extension`] says which terms of the extended model the logs support.
 //! - [`identify_contact`] fits the physical parameters of a vehicle on wheels with friction.
 //! - Each stage is fitted again without a fifth of its segments and judged on that fifth.

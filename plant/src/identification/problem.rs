@@ -21,7 +21,7 @@ pub(super) struct Problem<'a> {
 }
 
 /// A pull back to the start: nothing against the thousands of poses of logs that determine the
-/// parameters, but it keeps what they do not determine from running away.
+/// parameters, but it keeps undetermined parameters from diverging.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Pull<'a> {
     /// Where the search starts.
@@ -200,7 +200,7 @@ mod tests {
             align(&matched, &[1.0; 6], &mut residuals);
             let best: f64 = residuals.iter().flatten().map(|r| r * r).sum();
             prop_assert!(best <= sum_of_squares(&matched, &truth) + 1e-12);
-            // The start that belongs to the residuals of the first pose, and one beside it.
+            // The start that belongs to the residuals of the first pose, and one next to it.
             let start = Pose {
                 x_m: matched[0].0.x_m + residuals[0][0],
                 y_m: matched[0].0.y_m + residuals[0][1],

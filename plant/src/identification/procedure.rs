@@ -19,7 +19,7 @@ use rand_distr::{Distribution, StandardNormal};
 pub struct Leg {
     /// For how long, s.
     pub duration_s: f64,
-    /// What the driver wants.
+    /// What the driver commands.
     pub motors: MotorSpeeds,
 }
 
@@ -209,7 +209,7 @@ pub enum ProcedureError {
     /// The simulation could not go on.
     #[error(transparent)]
     Simulation(#[from] SimulationError),
-    /// What was driven is no log.
+    /// The drive does not make a valid log.
     #[error(transparent)]
     Log(#[from] LogError),
 }

@@ -37,7 +37,7 @@ pub fn parameters_without<'a>(
 ///
 /// With B = (sum J'J)^-1 and a segment's gradient g = J'r it is `B (sum g g') B K/(K - p)`, for K
 /// segments and p parameters: the covariance for errors that are independent between segments and
-/// whatever they like within one (K.-Y. Liang, S. Zeger, "Longitudinal data analysis using
+/// arbitrarily correlated within one (K.-Y. Liang, S. Zeger, "Longitudinal data analysis using
 /// generalized linear models", Biometrika 1986).
 pub(super) fn covariance(clusters: &[Cluster]) -> Option<DMatrix<f64>> {
     let parameters = clusters.first()?.jacobian.ncols();

@@ -7,10 +7,10 @@
 //! Starting from ICRHK, the term is added whose model lowers the held-out misfit most, as long as the
 //! fall is at least [`search::IMPROVEMENT_MIN`] and the gain is [`search::CLEAR`] half widths of its 95 % interval
 //! over the segments above 0. The misfit of a segment is the root mean square distance of its poses from those
-//! dead-reckoned from the best start. Creep is tried when nothing else is left. All parameters are fitted again
+//! dead-reckoned from the best start. Creep is tried last. All parameters are fitted again
 //! with each set of terms.
 //!
-//! The bound is wider than 95 % because several terms are tried. Between attitudes dealt out anew to the windows of
+//! The bound is wider than 95 % because several terms are tried. With attitudes reassigned at random to the windows of
 //! real logs, where no term of the slope is true, the slide of ICRIK passed a bound of 95 % in 4 % of 400 trials.
 //! A bound on the fall over the folds passed none, and hid a slide that is 4.7 standard deviations from 0.
 

@@ -151,7 +151,7 @@ pub enum LogError {
         /// Column, value and range.
         reason: RangeError,
     },
-    /// Time stands or goes back.
+    /// Time stands still or goes back.
     #[error(
         "row {row_number}: time {time_s} s does not rise from {before_s} s; sort the rows by time"
     )]
@@ -180,7 +180,7 @@ pub enum LogError {
         row_number: usize,
         /// Column.
         column: String,
-        /// What stands there.
+        /// The text found there.
         found: String,
     },
     /// Two columns have the same name, so that it is not known which one is meant.
@@ -189,7 +189,7 @@ pub enum LogError {
         /// Their name.
         column: String,
     },
-    /// There is no header.
+    /// The header is missing.
     #[error("the file is empty: its first line must name the columns")]
     Empty,
     /// The first line holds numbers.

@@ -1,4 +1,4 @@
-//! Mistakes of units, sides and frames that a log shows by itself.
+//! Mistakes of units, sides and frames that can be seen in a log alone.
 
 use super::{DriveLog, LogRow};
 use crate::frames::wrap_angle;
@@ -83,7 +83,7 @@ fn distance_cause(ratio: f64) -> &'static str {
 
 /// Rows that a verdict needs at least.
 const ROWS_MIN: usize = 20;
-/// Steepest attitude that is believed, rad: 40 deg.
+/// Steepest plausible attitude, rad: 40 deg.
 const ATTITUDE_MAX_RAD: f64 = 0.7;
 /// Treads slower than this count as standing, m/s.
 const MOVING_M_S: f64 = 0.05;
@@ -194,7 +194,7 @@ fn stretches(rows: &[LogRow]) -> Vec<Stretch> {
             .map(|offset| first + 1 + offset);
         let Some(end) = end else { break };
         let duration_s = rows[end].time_s - start.time_s;
-        // A gap in time is no stretch.
+        // A gap in time is not a stretch.
         if let (Some(from), Some(to), true) = (start.pose, rows[end].pose, duration_s < 2.0) {
             let between = &rows[first + 1..=end];
             let mean = |value: &dyn Fn(&LogRow) -> f64| {

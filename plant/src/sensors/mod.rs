@@ -24,7 +24,7 @@ pub struct Truth {
 
 /// The three sensors, observing the truth at every step and delivering readings on demand.
 ///
-/// Each draws from a random stream of its own, and as much for every reading whatever its
+/// Each draws from its own random stream, and equally many numbers for every reading whatever its
 /// configuration, so that a change to one sensor leaves the others' readings as they were.
 #[derive(Debug, Clone)]
 pub struct Sensors {

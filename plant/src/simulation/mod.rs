@@ -23,7 +23,7 @@ pub struct SimulationSetup {
     pub sensors: SensorsConfig,
     /// The true c_l and c_r, by which encoders read less than the effective tread speeds.
     pub encoder_scale: EncoderScale,
-    /// Where the vehicle stands at time 0.
+    /// Pose of the vehicle at time 0.
     pub start: PlanarPose,
     /// Step, s, from 1e-5 to 1.
     pub dt_s: f64,
@@ -91,10 +91,10 @@ pub trait Plant {
 
     /// Moves on by one step under an effective command and returns what is true then.
     ///
-    /// A plant with drives of its own is told [`MeasuredMotorSpeeds::reaching`] the command.
+    /// Send [`MeasuredMotorSpeeds::reaching`] the command to a plant that has drives of its own.
     ///
     /// # Errors
-    /// Why there is no next step; the plant's run is then over.
+    /// Why the next step failed; the plant's run is then over.
     ///
     /// [`MeasuredMotorSpeeds::reaching`]: crate::speeds::MeasuredMotorSpeeds::reaching
     fn step(&mut self, command_effective: MotorSpeeds) -> Result<TrueState, Self::Error>;
@@ -113,10 +113,10 @@ pub struct Simulation {
 }
 
 impl Simulation {
-    /// Returns the simulation of a vehicle that stands at its start and has read its sensors there.
+    /// Returns the simulation of a vehicle at its start, at standstill, with its sensors read once.
     ///
     /// # Errors
-    /// Names the step or start coordinate that is out of range, or says why there is no ground at
+    /// Names the step or start coordinate that is out of range, or says why ground is missing at
     /// the start.
     pub fn new(setup: SimulationSetup) -> Result<Self, SimulationError> {
         let dt_s = Bounds::new(1e-5, 1.0, "s").check("dt_s", setup.dt_s)?;
@@ -168,7 +168,7 @@ impl Simulation {
     /// by the midpoint rule, asking the motion model at the start and in the middle.
     ///
     /// # Errors
-    /// Says when and why there is no ground or no motion. The step is then not taken, and the
+    /// Says when and why ground or motion is undefined. The step is then not taken, and the
     /// simulation is over: the drive train has already moved on.
     pub fn step(&mut self) -> Result<&TrueState, SimulationError> {
         let step_index = self.state.step_index + 1;
@@ -260,7 +260,7 @@ fn moved(from: PlanarPose, rate: &PoseRate, dt_s: f64) -> PlanarPose {
     }
 }
 
-/// Pose and attitude of a vehicle that stands on the ground at a place and heading.
+/// Pose and attitude of a vehicle on the ground at a place and heading.
 fn stand(terrain: &Terrain, at: PlanarPose) -> Result<(Pose, Attitude), TerrainError> {
     let surface = terrain.surface(at.x_m, at.y_m)?;
     let pose = Pose {
@@ -278,7 +278,7 @@ fn stand(terrain: &Terrain, at: PlanarPose) -> Result<(Pose, Attitude), TerrainE
 /// Why a simulation cannot start or go on.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum SimulationError {
-    /// There is no ground where the vehicle has come to.
+    /// The terrain has no ground where the vehicle is.
     #[error("at {time_s} s: {reason}")]
     Terrain {
         /// Time of the step, s.

@@ -1,12 +1,12 @@
-//! Why there is no terrain, or no ground at a place of it.
+//! Why a terrain cannot be made, or has no ground at a place.
 
 use crate::bounds::RangeError;
 use std::fmt;
 
-/// Why there is no terrain, or no ground at a place of it.
+/// Why a terrain cannot be made, or has no ground at a place.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum TerrainError {
-    /// Ground was asked for at coordinates that are not numbers.
+    /// Ground was requested at coordinates that are not finite.
     #[error("place x {x_m} m, y {y_m} m is not finite")]
     PlaceNotFinite {
         /// X_g, m.

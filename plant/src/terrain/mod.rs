@@ -38,7 +38,7 @@ impl Terrain {
     /// height and is continuous.
     ///
     /// # Errors
-    /// Returns why there is no ground known there: the place is outside the terrain's extent, its
+    /// Returns why the ground there is unknown: the place is outside the terrain's extent, its
     /// cells hold no data, or the coordinates are not finite.
     pub fn surface(&self, x_m: f64, y_m: f64) -> Result<Surface, TerrainError> {
         if !(x_m.is_finite() && y_m.is_finite()) {
@@ -53,7 +53,7 @@ impl Terrain {
         }
     }
 
-    /// Returns the attitude of a vehicle that stands at (X_g, Y_g), m, with heading `yaw_rad`, on the
+    /// Returns the attitude of a vehicle at (X_g, Y_g), m, with heading `yaw_rad`, on the
     /// ground's tangent plane.
     ///
     /// # Errors

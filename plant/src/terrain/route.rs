@@ -20,7 +20,7 @@ use std::sync::Arc;
 /// Where the route crosses, curves or repeats itself its passes share one ground: their elevations
 /// are averaged, and a slope across the route is taken over as far as the passes spread sideways
 /// (where two cross on an even hillside, four fifths of it). So there is no jump from one pass to
-/// another, but two passes over one another (a bridge) cannot be told apart.
+/// another, but two passes over one another (a bridge) cannot be distinguished.
 #[derive(Debug, Clone)]
 pub struct RouteTerrain {
     smoothing: RouteSmoothing,
@@ -38,7 +38,7 @@ pub struct RoutePoint {
     pub z_m: f64,
 }
 
-/// How far route elevations are smoothed, and how far to the side they are believed.
+/// How far route elevations are smoothed, and how far to the side they are valid.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "RawSmoothing")]
 pub struct RouteSmoothing {

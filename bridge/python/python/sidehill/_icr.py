@@ -27,7 +27,7 @@ def icr(
     right, y forward), `v_x_m_s`, `v_y_m_s`, `omega_z_rad_s`; and the same with `icrhk_` before the name, by the
     model for level ground.
 
-    Raises ValueError with the argument's name where it is no number, not finite, out of range or of a shape that
+    Raises ValueError with the argument's name where it is not a number, not finite, out of range or of a shape that
     does not fit.
     """
     named = {

@@ -14,7 +14,7 @@ import numpy as np
 def columns(text: bytes, words: Collection[str] = (), drawn: Collection[str] = ()) -> dict[str, Any]:
     """Returns a dict of columns: lists of str for `words`, float64 arrays for the others.
 
-    An empty field of a number is NaN. A column in `drawn` that is no number in every row is a list of what its
+    An empty field of a number is NaN. A column in `drawn` that is not a number in every row is a list of what its
     fields say as JSON, with None for an empty one. Numbers are those the core has written, bit for bit.
     """
     reader = csv.reader(io.StringIO(text.decode(), newline=""))

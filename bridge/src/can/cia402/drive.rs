@@ -16,7 +16,7 @@ use crate::drives::MeasuredMotorSpeeds;
 use std::collections::VecDeque;
 use std::sync::Arc;
 
-/// Speed below which a motor stands, m/s.
+/// Speed below which a motor is at standstill, m/s.
 const STANDSTILL_M_S: f64 = 1e-3;
 /// Error code of a lost heartbeat, and its bits of the error register.
 const HEARTBEAT_LOST: Emergency = Emergency {

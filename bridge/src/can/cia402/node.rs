@@ -120,7 +120,7 @@ pub struct NodeReading {
 }
 
 impl NodeReading {
-    /// Takes a frame of the node's that is no PDO.
+    /// Takes a frame of the node that is not a PDO.
     ///
     /// # Errors
     /// Which check it failed. It then changes nothing.

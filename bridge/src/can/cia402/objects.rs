@@ -40,7 +40,7 @@ mod abort {
 }
 
 /// Type, value at the start, and whether it can be written. Speeds are in the PDOs alone, whose
-/// mapping is that of the database whatever is written here.
+/// mapping is that of the database, whatever a client writes here.
 const OBJECTS: [(Address, ObjectType, u32, bool); 28] = {
     use ObjectType::{I8, I16, U8, U16, U32};
     [

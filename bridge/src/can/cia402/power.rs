@@ -80,7 +80,7 @@ impl PowerState {
         }
     }
 
-    /// Returns what the state means to the safety. A quick stop that this program did not command is an
+    /// Returns what the state means to the safety state machine. A quick stop that this program did not command is an
     /// emergency stop.
     pub fn mode(self) -> DriveMode {
         match self {

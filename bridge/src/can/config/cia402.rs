@@ -61,7 +61,7 @@ pub struct FeedbackPdo {
     pub actual_velocity: ScaledSignal,
 }
 
-/// An object of a drive and what it shall be.
+/// An object of a drive and the value to write.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ObjectValue {

@@ -47,7 +47,7 @@ pub struct CommandMessage {
     /// Steer, in m/s.
     #[serde(default)]
     pub steer: Option<ScaledSignal>,
-    /// Whether the drives shall be on.
+    /// Whether the drives are to be on.
     #[serde(default)]
     pub enable: Option<EnableSignal>,
     /// Counter and checksum.

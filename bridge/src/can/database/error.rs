@@ -13,7 +13,7 @@ pub struct DatabaseError {
 /// What is wrong with a database.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum DatabaseFault {
-    /// It is no DBC text.
+    /// The text is not a DBC file.
     #[error("not a DBC file: {0}")]
     Syntax(String),
     /// A message of this name or identifier is there more than once.
@@ -72,7 +72,7 @@ pub enum DatabaseFault {
         /// Number of bits.
         bits: u64,
     },
-    /// Scale, offset or limits are no usable numbers.
+    /// Scale, offset or limits are not usable numbers.
     #[error("message {message}, signal {signal}: {what} {value} is not usable")]
     Number {
         /// Message.
@@ -104,7 +104,7 @@ pub enum DatabaseFault {
         /// The other.
         other: String,
     },
-    /// A counter is no unsigned integer of 1 to 16 bits.
+    /// A counter is not an unsigned integer of 1 to 16 bits.
     #[error(
         "message {message}: counter {signal} must be unsigned with 1 to 16 bits, it has {bits}"
     )]

@@ -41,7 +41,7 @@ impl Database {
     /// Returns the database in `text`; `file` is only for messages.
     ///
     /// # Errors
-    /// [`DatabaseError`] for text that is no DBC file or defines a message twice.
+    /// [`DatabaseError`] for text that is not a DBC file or defines a message twice.
     pub fn parse(file: &str, text: &str) -> Result<Self, DatabaseError> {
         let fail = |fault| DatabaseError {
             file: file.to_owned(),
@@ -69,7 +69,7 @@ impl Database {
     /// Returns the message of that name.
     ///
     /// # Errors
-    /// [`DatabaseError`] where there is none, or it is no frame of classical CAN.
+    /// [`DatabaseError`] if the message is missing, or is not a frame of classical CAN.
     pub fn message(&self, name: &str) -> Result<Message<'_>, DatabaseError> {
         let message = self
             .dbc
@@ -121,7 +121,7 @@ fn check_identifiers(text: &str) -> Result<(), DatabaseFault> {
         if words.next() != Some("BO_") {
             continue;
         }
-        // What is no number here is the parser's to refuse.
+        // The parser rejects what is not a number here.
         let Some(id) = words.next().and_then(|word| word.parse::<u64>().ok()) else {
             continue;
         };

@@ -16,7 +16,7 @@ pub enum LayoutError {
         error: RangeError,
     },
     /// The message needs a counter.
-    #[error("message {message} needs a counter, by which its pair is found")]
+    #[error("message {message} needs a counter, which identifies its pair")]
     NoCounter {
         /// Message.
         message: String,
@@ -52,7 +52,7 @@ pub enum LayoutError {
     /// Neither profile, or both.
     #[error("give either `command` and `feedback`, or `cia402`")]
     Profile,
-    /// The drives are no pair.
+    /// The two drives do not form a pair.
     #[error(
         "cia402.drives: the roles must be traction and steer, or left and right, in this order"
     )]

@@ -1,4 +1,4 @@
-//! One client of the live view, in a thread of its own.
+//! One client of the live view, in its own thread.
 
 use super::parameters::Values;
 use super::playback::PlaybackRequest;
@@ -36,7 +36,7 @@ pub(super) struct Client {
 
 /// Serves a client until it leaves, breaks the protocol or does not take what is sent.
 pub(super) fn serve(stream: TcpStream, mut client: Client) {
-    // Whatever goes wrong with a client ends it and nothing else.
+    // Any error of a client ends this client only.
     let _ = client.serve(stream);
     client.wanted.store(0, Ordering::Relaxed);
 }
@@ -88,13 +88,13 @@ impl Client {
     }
 }
 
-/// What a client has asked for so far.
+/// What a client has requested so far.
 struct Session {
     socket: WebSocket<TcpStream>,
     /// Whether it may set parameters.
     may_set: bool,
     subscriptions: BTreeMap<u32, Topic>,
-    /// Parameters whose changes it wants to know.
+    /// Parameters whose changes it subscribes to.
     watched: BTreeSet<String>,
     /// Values of these that it knows.
     told: Values,
@@ -194,7 +194,7 @@ impl Session {
         Ok(())
     }
 
-    /// Has the owner set parameters, all or none, and tells how they then are.
+    /// Has the owner set parameters, all or none, and sends their new values.
     fn set(
         &mut self,
         shared: &Shared,
@@ -262,8 +262,8 @@ impl Session {
     }
 }
 
-/// Returns whether a request is that of a program or of a page that this machine serves: a browser tells where
-/// its page comes from, and any page of the web can reach a server of the machine that shows it.
+/// Returns whether a request comes from a program or from a page that this machine serves: a browser sends the
+/// origin of its page, and any page on the web can reach a server on the machine that shows it.
 fn is_own_page(request: &Upgrade) -> bool {
     let Some(origin) = request.headers().get(ORIGIN) else {
         return true;

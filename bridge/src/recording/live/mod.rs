@@ -1,9 +1,9 @@
 //! The live view: the messages of a drive over the Foxglove WebSocket protocol.
 //!
-//! Whoever calls [`LiveView::put`] never waits: each client has a bounded queue and a thread of its own, and
+//! The caller of [`LiveView::put`] never waits: each client has a bounded queue and its own thread, and
 //! what does not fit into a queue is dropped. Clients can look, but have no command over the vehicle: the
 //! protocol's messages that would publish or call something are refused. Clients on this machine can set the
-//! parameters of a [`ParameterOwner`], who checks them.
+//! parameters of a [`ParameterOwner`], which checks them.
 
 mod client;
 mod parameters;
@@ -90,7 +90,7 @@ impl LiveView {
         self.address
     }
 
-    /// Returns the end of whoever has parameters that clients can set.
+    /// Returns the owner's end of the parameters that clients can set.
     pub fn parameter_owner(&self) -> ParameterOwner {
         self.shared.parameters.owner()
     }
@@ -192,7 +192,7 @@ fn accept(listener: &TcpListener, shared: &Arc<Shared>) {
             .clients
             .lock()
             .unwrap_or_else(PoisonError::into_inner);
-        // The other owner is the client's thread: without it the client has gone.
+        // The other owner is the client's thread: without it the client has disconnected.
         clients.retain(|client| Arc::strong_count(&client.wanted) > 1);
         clients.push(Registered { queue, wanted });
         drop(clients);

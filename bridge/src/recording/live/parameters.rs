@@ -1,7 +1,7 @@
 //! Parameters as clients of the live view see and set them.
 //!
-//! Those of the controller's configuration are fixed. Others belong to an owner, who checks each request by
-//! its own rules; a client waits for the answer, nobody else does.
+//! Those of the controller's configuration are fixed. Others belong to an owner, which checks each request by
+//! its own rules; only the client waits for the answer.
 
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
@@ -12,7 +12,7 @@ use std::time::Duration;
 
 /// Longest wait of a client for the owner.
 const ANSWER_WAIT: Duration = Duration::from_secs(1);
-/// Why nothing is set where nobody has parameters that can be.
+/// Why nothing is set if no owner has parameters that can be set.
 const NO_OWNER: &str = "the parameters of this server cannot be set";
 /// Requests that wait for the owner.
 const REQUESTS: usize = 16;
@@ -20,7 +20,7 @@ const REQUESTS: usize = 16;
 /// Values by name.
 pub type Values = BTreeMap<String, Value>;
 
-/// What a client wants to have set: all of it, or nothing.
+/// The values that a client requests: all are set, or none.
 pub struct SetRequest {
     /// Values by name.
     pub values: Values,
@@ -30,12 +30,12 @@ pub struct SetRequest {
 impl SetRequest {
     /// Tells the client whether the values are set, or why not.
     pub fn answer(self, result: Result<(), String>) {
-        // A client that has gone or no longer waits gets none.
+        // A client that has disconnected or no longer waits gets none.
         let _ = self.answer.try_send(result);
     }
 }
 
-/// The end of whoever has parameters that can be set.
+/// The owner's end of the parameters that can be set.
 pub struct ParameterOwner {
     requests: Receiver<SetRequest>,
     shared: Arc<LiveParameters>,
@@ -71,7 +71,7 @@ impl LiveParameters {
         }
     }
 
-    /// Returns the end of a new owner, who replaces an earlier one.
+    /// Returns the end of a new owner, which replaces an earlier one.
     pub(super) fn owner(self: &Arc<Self>) -> ParameterOwner {
         let (sender, requests) = sync_channel(REQUESTS);
         *lock(&self.owner) = Some(sender);
@@ -119,7 +119,7 @@ impl LiveParameters {
     }
 }
 
-/// Returns values as the protocol has them: numbers with a point are no integers, whatever they print as.
+/// Returns values as the protocol has them: floating-point numbers are not integers, even if they print as such.
 pub(super) fn listed(values: &Values) -> Vec<Value> {
     let parameters = values.iter().map(|(name, value)| {
         let mut parameter = json!({ "name": name, "value": value });

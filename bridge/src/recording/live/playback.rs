@@ -63,11 +63,11 @@ pub enum PlaybackStatus {
     Playing = 0,
     /// It waits for a request to play.
     Paused = 1,
-    /// It has come to the end.
+    /// It has reached the end.
     Ended = 3,
 }
 
-/// What the player tells its clients.
+/// What the player sends to its clients.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PlaybackState {
     /// What it does.
@@ -76,7 +76,7 @@ pub struct PlaybackState {
     pub time_ns: u64,
     /// Speed as a factor of real time.
     pub speed: f32,
-    /// Whether the time is another because a client wanted it.
+    /// Whether the time has changed because a client sought.
     pub sought: bool,
     /// Name of the request that this answers; empty where none was made.
     pub id: String,

@@ -73,7 +73,7 @@ pub(super) fn topic(channel_id: u32) -> Option<Topic> {
     Topic::ALL.get(usize::try_from(channel_id).ok()?).copied()
 }
 
-/// Returns what a client is told first; `range_ns` are the first and last times of a recording that is played.
+/// Returns the first message to a client; `range_ns` are the first and last times of a recording that is played.
 pub(super) fn greeting(range_ns: Option<[u64; 2]>) -> [String; 2] {
     let mut info = json!({
         "op": "serverInfo",
@@ -117,7 +117,7 @@ pub(super) fn parameters(all: &LiveParameters, names: &[String], id: Option<Stri
     parameter_values(&all.values(names), id)
 }
 
-/// Returns what a client is told of these values.
+/// Returns the message to a client with these values.
 pub(super) fn parameter_values(values: &Values, id: Option<String>) -> String {
     let mut values = json!({ "op": "parameterValues", "parameters": listed(values) });
     if let Some(id) = id {
@@ -126,7 +126,7 @@ pub(super) fn parameter_values(values: &Values, id: Option<String>) -> String {
     values.to_string()
 }
 
-/// Returns what a client is told that asks for what it cannot have.
+/// Returns the message to a client whose request is refused.
 pub(super) fn refusal(reason: &str) -> String {
     json!({ "op": "status", "level": 1, "message": reason }).to_string()
 }

@@ -149,7 +149,7 @@ where
         }
     }
 
-    /// Ends a goal. Its state is published before its result is sent, so that who waits for the result
+    /// Ends a goal. Its state is published before its result is sent, so that a client that waits for the result
     /// does not read an earlier state for longer than the middleware takes.
     pub fn end(&mut self, id: &GoalId, now_s: f64, end: GoalEnd, result: R) {
         let responses = self.goals.end(id, now_s, end, result);

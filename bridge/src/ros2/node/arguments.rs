@@ -51,7 +51,7 @@ pub struct Rule {
     pub to: String,
 }
 
-/// What stands after `--ros-args`.
+/// The arguments after `--ros-args`.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct RosArguments {
     /// `-r`, among them `__node` and `__ns`.
@@ -155,7 +155,7 @@ pub struct RosEnvironment {
     /// How services are mapped to topics, by `RMW_IMPLEMENTATION`; that of Fast DDS, the default of
     /// ROS 2, where there is none.
     pub service_mapping: ServiceMapping,
-    /// Whether only this machine shall be reached.
+    /// Whether to reach this machine only.
     pub loopback_only: bool,
 }
 

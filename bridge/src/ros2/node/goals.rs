@@ -1,4 +1,4 @@
-//! The goals of an action server: their states, their results, and who waits for them.
+//! The goals of an action server: their states, their results, and the clients that wait for them.
 
 use ros2_client::action::{CancelGoalResponse, GoalId, GoalInfo, GoalStatusEnum};
 use ros2_client::action_msgs::{CancelGoalResponseEnum, GoalStatus};
@@ -32,7 +32,7 @@ impl GoalEnd {
 pub struct ResultResponse<R> {
     /// The request.
     pub request: RmwRequestId,
-    /// How the goal has ended; [`GoalStatusEnum::Unknown`] where there is no such goal.
+    /// How the goal has ended; [`GoalStatusEnum::Unknown`] if the goal is unknown.
     pub status: GoalStatusEnum,
     /// The result.
     pub result: R,

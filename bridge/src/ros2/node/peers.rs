@@ -23,7 +23,7 @@ const UNREADABLE_MAX: usize = 100;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ClientId {
     participant: Participant,
-    /// The reader of the replies, by which Fast DDS names a client. Cyclone names it by a number of its own.
+    /// The reader of the replies, by which Fast DDS names a client. Cyclone identifies it by its own number.
     reply_reader: Option<GUID>,
 }
 
@@ -79,7 +79,7 @@ pub struct Peers {
 }
 
 impl Peers {
-    /// Takes a discovery event, and returns who has left, if anybody.
+    /// Takes a discovery event, and returns the peer that has left, if any.
     pub fn take(&mut self, event: Event) -> Option<Left> {
         match event {
             Event::ReaderDetected { reader } => {
@@ -107,7 +107,7 @@ impl Peers {
         }
     }
 
-    /// Returns who has sent a request.
+    /// Returns the sender of a request.
     pub fn client(&self, request: &RmwRequestId) -> ClientId {
         let named = GUID::from(request.writer_gid);
         ClientId {

@@ -1,6 +1,6 @@
 //! Quality-of-service profiles that match those of the ROS 2 tools.
 //!
-//! No publisher blocks: a reliable peer that has gone must not delay its writer.
+//! No publisher blocks: a reliable peer that has disappeared must not delay its writer.
 
 use ros2_client::QosProfile;
 use ros2_client::qos::{Durability, History, Reliability, WhenFull};
@@ -28,7 +28,7 @@ pub const LATCHED: QosProfile = QosProfile::subscription_default()
     .durability(Durability::TransientLocal)
     .history(History::KeepLast { depth: 1 });
 
-/// Subscription to `/tf_static`, where each publisher has a message of its own.
+/// Subscription to `/tf_static`, where each publisher has its own message.
 pub const LATCHED_ALL: QosProfile = QosProfile::subscription_default()
     .reliability(RELIABLE)
     .durability(Durability::TransientLocal)

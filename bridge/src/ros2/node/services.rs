@@ -273,7 +273,7 @@ fn set_all(
     Ok(())
 }
 
-/// Publishes a value on `/parameter_events`. The client library has a store of its own without ranges and
+/// Publishes a value on `/parameter_events`. The client library has its own store without ranges and
 /// reasons; it only follows.
 fn announce(node: &mut RosNode, name: &str, value: ParameterValue) {
     let _ = node.inner().set_parameter(name, value);

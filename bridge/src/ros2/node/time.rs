@@ -66,7 +66,7 @@ impl RosTime {
         }
     }
 
-    /// Maps system time anew, as after a jump of it.
+    /// Restarts the mapping of system time, as after a jump.
     pub fn resynchronize(&self) {
         if !self.simulated {
             let origin_ns = system_ns() - (self.now_s() * 1e9) as i64;

@@ -3,7 +3,7 @@
 use nalgebra::Isometry3;
 use std::collections::{BTreeMap, VecDeque};
 
-/// Why there is no transform.
+/// Why a transform is not available.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum TransformError {
     /// The frames are not connected.

@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::{JoinHandle, Thread};
 use thread_priority::ThreadId;
 
-/// A thread; when dropped, it is told to end and joined.
+/// A thread; on drop it is asked to end and joined.
 pub struct Worker {
     end: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,

@@ -44,7 +44,7 @@ impl DeadReckoning {
     }
 
     /// Takes tread speeds with the attitude that holds for them, and returns the state then; none where
-    /// they are no newer than those before.
+    /// they are not newer than those before.
     ///
     /// Over a gap longer than the timeout nothing is known of the motion: the pose stays, and the
     /// covariance grows by the way at the newest speed.

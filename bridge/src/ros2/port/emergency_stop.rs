@@ -42,7 +42,7 @@ impl EmergencyStopMonitor {
     }
 
     /// Returns whether the first message of a new publisher, which may press the stop, is still awaited. A
-    /// vehicle that drives goes on for a moment.
+    /// moving vehicle continues for a moment.
     pub(crate) fn awaits_first_message(&self, now: Instant, driving: bool) -> bool {
         let grace = if driving {
             FIRST_MESSAGE_DRIVING
@@ -174,7 +174,7 @@ mod tests {
         stop.publisher_discovered(newcomer, now);
         assert!(stop.awaits_first_message(now, false) && !stop.awaits_first_message(now, true));
         assert!(stop.awaits_first_message(now + FIRST_MESSAGE_DRIVING, true));
-        // Discovered again, it is not waited for anew.
+        // A second discovery does not restart the wait.
         stop.publisher_discovered(newcomer, now + FIRST_MESSAGE / 2);
         assert!(stop.awaits_first_message(now + FIRST_MESSAGE * 9 / 10, false));
         assert!(!stop.awaits_first_message(now + FIRST_MESSAGE, false));

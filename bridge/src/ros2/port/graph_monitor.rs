@@ -1,4 +1,4 @@
-//! Which topics are waited for, who publishes them, and why their messages do not come.
+//! Topics that the port waits for, their publishers, and why their messages do not arrive.
 
 use crate::drives::{Input, MISSING_AFTER_S};
 use ros2_client::dds::rustdds::{DomainParticipantStatusEvent as Event, GUID, QosPolicies};
@@ -51,7 +51,7 @@ pub(crate) struct GraphMonitor {
 }
 
 impl GraphMonitor {
-    /// Begins anew as the participant `own` of a domain.
+    /// Restarts as the participant `own` of a domain.
     pub(crate) fn begin(&mut self, domain: u16, own: GUID) {
         self.domain = domain;
         self.own = Some(participant(&own));

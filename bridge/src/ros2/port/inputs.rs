@@ -245,7 +245,7 @@ impl Reader {
         publishers.process_lost(Instant::now());
         let timeout_s = self.subscriber.config.emergency_stop_timeout_s;
         let cause = publishers.cause(Duration::from_secs_f64(timeout_s));
-        // The halt is set before the lock is released: whoever waits for a publisher sees its effect.
+        // The halt is set before the lock is released: a thread that waits for a publisher sees its effect.
         self.subscriber.halt.set(cause);
         shared.emergency_stop.set(cause);
     }

@@ -157,7 +157,7 @@ impl ControllerServer {
         })
     }
 
-    /// Runs the server in a thread of its own.
+    /// Runs the server in its own thread.
     ///
     /// # Errors
     /// The system's, where no thread can be created.
@@ -390,7 +390,7 @@ impl ControllerServer {
             .publish(now_s, time, status, controller, &server);
     }
 
-    /// Takes the news of discovery: publishers of the emergency stop, readers of answers, and who has left.
+    /// Takes discovery events: publishers of the emergency stop, readers of replies, and peers that left.
     fn discover_peers(&mut self) {
         while let Some(event) = self.discovery.try_recv_status() {
             let inputs = &self.links.inputs;

@@ -52,7 +52,7 @@ pub(crate) struct ServerStatus<'a> {
 /// Whether a drive is recorded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum RecordingState<'a> {
-    /// Nobody has asked for it.
+    /// Not requested.
     Off,
     /// It is.
     On,

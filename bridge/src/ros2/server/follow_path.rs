@@ -55,7 +55,7 @@ impl FollowPathRequest {
     }
 }
 
-/// The action server, whatever the definition: see [`ActionServer`].
+/// The action server for either definition: see [`ActionServer`].
 pub(crate) trait FollowPathServer: Send {
     fn next_goal(&mut self, peers: &Peers) -> Option<FollowPathRequest>;
     fn respond(&mut self, request: RmwRequestId, id: GoalId, accept: bool, now: Time) -> bool;

@@ -26,7 +26,7 @@ pub(crate) enum Client {
     Topic,
 }
 
-/// What a session knows of obstacles.
+/// What a session knows about obstacles.
 #[derive(Clone)]
 pub(crate) struct ObstacleContext<'a> {
     /// Settings of the check.

@@ -159,7 +159,7 @@ impl GoalHandler {
         }
     }
 
-    /// Does what is due. Without a session a vehicle that drives is stopped.
+    /// Runs one step. Without a session a moving vehicle is stopped.
     pub(crate) fn step(&mut self, context: &GoalContext<'_>) {
         let requests = &mut self.requests;
         if let Some(session) = &mut self.session {

@@ -10,8 +10,9 @@
 //!
 //! *Locating* waits for the pose of the vehicle and the transform of the path's frame, *Building* for the
 //! smooth curve. *Stopping* brings a vehicle to a halt that is to pivot first, or is at its goal already. A
-//! path that begins behind the vehicle is preceded by a pivot and then located anew; a goal with another
-//! heading is followed by one. *Blocked* waits for an obstacle to leave the way. *Ending* waits until the vehicle has stopped; then the client is told.
+//! path that begins behind the vehicle is preceded by a pivot and then located again; a goal with another
+//! heading is followed by one. *Blocked* waits for an obstacle to leave the way. *Ending* waits until the vehicle
+//! has stopped; then the client gets the result.
 //!
 //! Time is an argument, and nothing in here touches the network. The safety stops the vehicle on its own; a
 //! session only requests stops, and gives their reasons a code.
@@ -96,7 +97,7 @@ enum Following {
 enum AfterStop {
     /// Pivot to this heading, rad; then the path follows.
     PivotTo(f64),
-    /// The path leads nowhere else: check the goal.
+    /// Nothing follows on the path: check the goal.
     CheckGoal,
 }
 
@@ -227,7 +228,7 @@ impl GoalSession {
         let (end, outcome) = match self.phase {
             Phase::Ending { end, outcome, .. } => (end, outcome),
             _ => {
-                let outcome = Outcome::new(code::UNKNOWN, "a newer path has come");
+                let outcome = Outcome::new(code::UNKNOWN, "a newer path has arrived");
                 (GoalEnd::Aborted, outcome)
             }
         };
@@ -240,7 +241,7 @@ impl GoalSession {
         (self.progress, finish)
     }
 
-    /// Ends the session; the client is told when the vehicle has stopped.
+    /// Ends the session; the client gets the result when the vehicle has stopped.
     pub(crate) fn terminate(
         &mut self,
         now_s: f64,
@@ -306,7 +307,7 @@ impl GoalSession {
         }
     }
 
-    /// Does what is due, and returns whether the session has ended.
+    /// Runs one step, and returns whether the session has ended.
     pub(crate) fn step(
         &mut self,
         context: &GoalContext<'_>,
@@ -343,7 +344,7 @@ impl GoalSession {
         false
     }
 
-    /// Tells the client when the vehicle has stopped, and returns whether it was told.
+    /// Sends the client the result once the vehicle has stopped, and returns whether it was sent.
     fn step_ending(
         &mut self,
         since_s: f64,

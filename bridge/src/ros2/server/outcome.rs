@@ -1,8 +1,8 @@
-//! What the client of a goal is told at its end.
+//! The result of a goal that its client receives.
 
 use crate::ros2::node::message::action::code;
 
-/// What the client of a goal is told at its end.
+/// The result of a goal that its client receives.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Outcome {
     /// One of [`code`].

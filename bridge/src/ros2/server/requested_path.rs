@@ -90,7 +90,7 @@ impl RequestedPath {
         best.map_or(0, |(index, _)| index)
     }
 
-    /// Returns the index of the pose nearest to the vehicle, from an index on until the path has led away.
+    /// Returns the index of the pose nearest to the vehicle, from an index on until the path moves away from it.
     pub fn nearest_from(&self, from: usize, pose: &PlanarPose) -> usize {
         let ahead = self.poses.get(from..).unwrap_or_default();
         let mut best = (from, f64::INFINITY);

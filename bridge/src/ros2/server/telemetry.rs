@@ -264,7 +264,7 @@ mod tests {
         let path = path(&header, &[pose, pose]);
         assert_eq!(path.poses.len(), 2);
         assert_eq!(path.poses[1].header, header);
-        // A heading of -90 deg looks along x, which is no rotation in ROS.
+        // A heading of -90 deg looks along x, which is the identity rotation in ROS.
         let q = &path.poses[0].pose.orientation;
         assert!((q.w.abs() - 1.0).abs() < 1e-12, "{q:?}");
         assert_eq!(path.poses[0].pose.position.x, 2.0);

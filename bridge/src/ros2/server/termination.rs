@@ -21,7 +21,7 @@ impl Termination {
         Self::abort_with(cause, Outcome::new(code, cause.to_string()))
     }
 
-    /// Returns an abort with an outcome of its own.
+    /// Returns an abort with a given outcome.
     pub(crate) fn abort_with(cause: StopCause, outcome: Outcome) -> Self {
         Self {
             end: GoalEnd::Aborted,
@@ -50,7 +50,7 @@ pub(crate) fn abort_cause(context: &GoalContext<'_>) -> Option<Termination> {
     context.clock_jumped.then_some(jumped)
 }
 
-/// Returns what a client is told of a drive that the safety has ended.
+/// Returns the outcome of a drive that the safety state machine has ended.
 pub(crate) fn ended_by_safety(context: &GoalContext<'_>) -> Outcome {
     let Some(reason) = context.stopped_by else {
         return Outcome::new(code::UNKNOWN, "the drive has ended");
@@ -68,8 +68,8 @@ pub(crate) fn ended_by_safety(context: &GoalContext<'_>) -> Outcome {
     Outcome::new(code, reason.to_string())
 }
 
-/// Returns what a client is told of a controller that has stopped; a missing pose is what a missing
-/// transform is to Nav2.
+/// Returns the outcome after the controller has stopped; a missing pose is reported as Nav2 reports a
+/// missing transform.
 fn controller_stopped(why: &StopReason) -> Outcome {
     let code = match why {
         StopReason::PoseStale { .. } | StopReason::ClockJump { .. } => code::TF_ERROR,

@@ -13,8 +13,8 @@ pub(super) const TOLERANCE: f64 = 3e-8;
 pub(super) const TOLERANCE_OF_ROLL_OUT: f64 = 3e-5;
 /// Rounding of the potential over the weight, m/s.
 const ROUNDING: f64 = 1e-14;
-/// Steps of a search at most; from where the previous solution leads two or three do, and from far away
-/// at the end of grip about forty.
+/// Largest number of steps of a search. From the previous solution two or three suffice; from far away
+/// at the limit of grip it takes about forty.
 const ITERATIONS_MAX: usize = 150;
 /// Damping of a search's step after the first that did not descend, and factor for each further one.
 const DAMPING: (f64, f64) = (1e-3, 10.0);
@@ -37,7 +37,7 @@ pub(super) struct Solution {
 }
 
 impl Sums<'_> {
-    /// Returns the balance nearest to what is asked for: with all of the pull along the ground where
+    /// Returns the balance nearest to the request: with all of the pull along the ground where
     /// friction holds it, otherwise with less.
     pub(super) fn settle(
         &self,

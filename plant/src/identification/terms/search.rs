@@ -101,7 +101,7 @@ impl Search<'_> {
                 .collect();
             let supported =
                 |report: &TermReport| matches!(report.verdict, Verdict::Supported { .. });
-            // Who was supported before the last term was added, and is no more, says the same as it.
+            // A term that lost its support when the last one was added describes the same effect as that one.
             for (_, report) in &mut tried {
                 if let Some(last) = chosen.last()
                     && rivals.contains(&report.term)

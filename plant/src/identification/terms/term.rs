@@ -46,8 +46,8 @@ impl Term {
         !matches!(self, Self::OutwardSlip | Self::TurnLoss)
     }
 
-    /// Returns whether it is tried beside `terms`: lambda_2 aggravates the slide of lambda_1, and creep
-    /// comes last, as turns of one rate alone cannot tell it from the slide.
+    /// Returns whether it is tried together with `terms`: lambda_2 aggravates the slide of lambda_1, and creep
+    /// comes last, as turns at a single rate cannot distinguish it from the slide.
     pub(super) fn may_follow(self, terms: &[Self], creep: bool) -> bool {
         match self {
             Self::AggravatedSlide => terms.contains(&Self::Slide),

@@ -10,7 +10,7 @@ pub mod code {
     pub const NONE: u16 = 0;
     /// No other code fits.
     pub const UNKNOWN: u16 = 100;
-    /// There is no such controller, goal checker or progress checker.
+    /// The requested controller, goal checker or progress checker does not exist.
     pub const INVALID_CONTROLLER: u16 = 101;
     /// A transform is missing or stale.
     pub const TF_ERROR: u16 = 102;

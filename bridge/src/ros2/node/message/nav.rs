@@ -14,7 +14,7 @@ wire! {
     }
     /// A path.
     Path = "nav_msgs" / "Path" { header: Header, poses: Vec<PoseStamped> }
-    /// Largest speed, m/s or per cent of the largest; 0 is no limit.
+    /// Largest speed, m/s or per cent of the largest; 0 means no limit.
     SpeedLimit = "nav2_msgs" / "SpeedLimit" { header: Header, percentage: bool, speed_limit: f64 }
     /// Where the vehicle is on its path: positive to the left of it, and with a heading to the right of its.
     TrackingFeedback = "nav2_msgs" / "TrackingFeedback" {

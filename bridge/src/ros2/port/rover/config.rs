@@ -21,7 +21,7 @@ pub struct VehicleNodeConfig {
     pub joints: TreadJoints,
     /// Names of the frames.
     pub frames: VehicleFrames,
-    /// Where the odometry's frame stands in the map, whose axes are X_g, Y_g and Z_g.
+    /// Pose of the odometry's frame in the map, whose axes are X_g, Y_g and Z_g.
     pub map_from_odom: PlanarOffset,
     /// Simulated seconds in a second. With a factor the vehicle publishes /clock and stamps by it;
     /// without, its time is that of the world.
@@ -135,11 +135,11 @@ pub enum VehicleFaultKind {
     DelayS(f64),
     /// All stamps, and the clock if it is published, jump by so many seconds.
     ClockJumpS(f64),
-    /// A number of these is none.
+    /// These contain NaN.
     NotANumber(Stream),
-    /// These are said to be in a frame that nobody knows.
+    /// These name a frame that does not exist.
     WrongFrame(Stream),
-    /// Somebody presses the emergency stop.
+    /// The emergency stop is pressed.
     EmergencyStop,
     /// The motors go on as they did and no longer obey.
     IgnoreCommands,

@@ -41,8 +41,8 @@ pub struct VehicleSetup<'a> {
 
 /// The drives of a vehicle on the ROS 2 graph.
 ///
-/// A command of ROS does not enable drives. They are enabled while commands come, and disabled when
-/// none has come for their time-out; after an emergency stop they wait for a command of zero speed.
+/// A command of ROS does not enable drives. They are enabled while commands arrive, and disabled when
+/// none has arrived within their time-out; after an emergency stop they wait for a command of zero speed.
 struct TopicDrives {
     drive: VirtualDrive,
     command: Option<Stamped<MeasuredMotorSpeeds>>,
@@ -109,7 +109,7 @@ pub struct RosVehicle {
 }
 
 impl RosVehicle {
-    /// Returns a vehicle that stands, disabled.
+    /// Returns a vehicle at standstill, disabled.
     ///
     /// # Errors
     /// [`RangeError`] for a setting out of range.
@@ -181,7 +181,7 @@ impl RosVehicle {
     /// Simulates until `now_s`.
     ///
     /// # Errors
-    /// Where and why there is no ground or no motion.
+    /// Where and why ground or motion is undefined.
     pub fn advance(&mut self, now_s: f64) -> Result<(), SimulationError> {
         let (angles_rad, step_rad) = (&mut self.angles_rad, self.joint_step_rad);
         self.rover.advance(now_s, |rover, _| {

@@ -61,7 +61,7 @@ impl VehicleNode {
         let mut node = RosNode::start(&config.node, arguments, environment)?;
         let fixed_transforms = node.publisher("/tf_static", &qos::LATCHED)?;
         let frames = &config.frames;
-        // It cannot be lost: who comes later gets it then.
+        // It cannot be lost: a late subscriber gets it on joining.
         let _ = fixed_transforms.publish(TfMessage {
             transforms: vec![TransformStamped {
                 header: Header {
@@ -115,7 +115,7 @@ impl VehicleNode {
         self.unsent
     }
 
-    /// Returns the newest command that has come since the last call.
+    /// Returns the newest command that has arrived since the last call.
     pub fn command(&mut self, vehicle: &RosVehicle) -> Option<MeasuredMotorSpeeds> {
         let (twist, joints) = (vehicle.twist(), &vehicle.config().joints);
         let refused = &mut self.refused;
@@ -136,7 +136,7 @@ impl VehicleNode {
                     newest(&motors.traction, refused, finite),
                     newest(&motors.steer, refused, finite),
                 ];
-                // A command is complete when both have come.
+                // A command is complete when both have arrived.
                 for (value, came) in motors.newest.iter_mut().zip(came) {
                     *value = came.or(*value);
                 }
@@ -182,7 +182,7 @@ impl VehicleNode {
     }
 }
 
-/// Takes all that has come and returns what the newest of it says.
+/// Takes all messages that have arrived and returns the value of the newest.
 fn newest<M: DeserializeOwned + 'static, T, E>(
     topic: &Subscription<M>,
     refused: &mut u64,

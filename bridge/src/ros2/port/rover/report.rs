@@ -13,7 +13,7 @@ use sidehill_plant::speeds::MeasuredTreadSpeeds;
 
 const GRAVITY_M_S2: f64 = 9.80665;
 
-/// One report; what the sensors have not read anew is missing.
+/// One report; fields without a new sensor reading are missing.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Report {
     /// odom: the pose source's pose; the twist is what a differential drive counts from its treads.
@@ -235,7 +235,7 @@ fn level_in_base(attitude: &Attitude) -> Isometry3<f64> {
         * convert::world_from_base_link(&here, &Attitude::LEVEL)
 }
 
-/// Returns where the odometry's frame stands in the map.
+/// Returns the pose of the odometry's frame in the map.
 pub(super) fn map_from_odom(config: &VehicleNodeConfig) -> Isometry3<f64> {
     let offset = &config.map_from_odom;
     Isometry3::from_parts(

@@ -165,7 +165,7 @@ impl GoalSession {
         self.terminate(context.now_s, missed, requests);
     }
 
-    /// Arms for a pivot of a vehicle that stands.
+    /// Arms a standing vehicle for a pivot.
     pub(super) fn pivot(
         &mut self,
         (following, angle_rad): (Following, f64),

@@ -19,9 +19,9 @@ use sidehill_plant::speeds::MotorSpeeds;
 /// Least time between two checks, s; the thread that checks is late by up to the rest of
 /// [`StoppingSettings::CHECK_S`].
 const CHECK_PERIOD_S: f64 = 0.5 * StoppingSettings::CHECK_S;
-/// Time for which the way must be free before a vehicle that was stopped goes on, s.
+/// Time for which the way must be free before a stopped vehicle resumes, s.
 const FREE_S: f64 = 0.5;
-/// Way that must be free beyond the gap before it goes on, m.
+/// Distance that must be free beyond the gap before it resumes, m.
 const RESUME_M: f64 = 0.1;
 /// Change of a stop along the route from which on the speeds are changed, m.
 const MOVED_M: f64 = 0.02;
@@ -45,7 +45,7 @@ impl GoalSession {
         }
     }
 
-    /// Checks the way ahead where that is due, and slows down or stops.
+    /// Checks the way ahead when a check is due, and slows down or stops.
     pub(super) fn watch_obstacles(
         &mut self,
         context: &GoalContext<'_>,
@@ -97,7 +97,7 @@ impl GoalSession {
         }
     }
 
-    /// Waits until the way has been free for long enough, and goes on; aborts when patience is over.
+    /// Waits until the way has been free for long enough, then resumes; aborts after the longest wait.
     pub(super) fn step_blocked(
         &mut self,
         context: &GoalContext<'_>,
@@ -329,7 +329,7 @@ fn nearer(a: Clearance, b: Clearance) -> Clearance {
     }
 }
 
-/// Returns what a client is told of a way that is blocked: what Nav2's controller server says when its
+/// Returns the outcome for a blocked path: that of Nav2's controller server when its
 /// controller has seen a collision ahead for too long.
 fn way_blocked(blockage: Blockage, free_m: f64) -> Outcome {
     let message = match blockage {

@@ -90,7 +90,7 @@ impl GoalSession {
         std::thread::Builder::new()
             .name("ros2 path".to_owned())
             .spawn(move || {
-                // Nobody receives it where a newer path has come.
+                // The receiver is gone if a newer path has arrived.
                 let _ = sender.send(Route::build(&path, &pose, speed_m_s, &settings));
             })
             .map_err(|error| Outcome::new(code::UNKNOWN, error.to_string()))?;

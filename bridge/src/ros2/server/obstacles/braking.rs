@@ -1,4 +1,4 @@
-//! How far the vehicle still moves when it is told to stop.
+//! Stopping distance of the vehicle.
 
 use sidehill_plant::frames::Attitude;
 
@@ -60,7 +60,7 @@ impl Braking {
         }
     }
 
-    /// Returns the distance within which a vehicle at a speed stands, m.
+    /// Returns the distance within which a vehicle stops from a speed, m.
     pub(crate) fn distance_m(&self, speed_m_s: f64) -> f64 {
         speed_m_s * self.reaction_s + speed_m_s.powi(2) / (2.0 * self.deceleration_m_s2)
     }

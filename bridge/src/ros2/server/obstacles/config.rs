@@ -28,7 +28,7 @@ pub struct CostmapConfig {
     pub footprint: Vec<[f64; 2]>,
     /// Added to the footprint on all sides, m.
     pub footprint_padding_m: f64,
-    /// Gap to the obstacle at which the vehicle stands, along the path, m.
+    /// Gap to the obstacle at which the vehicle stops, along the path, m.
     pub margin_m: f64,
     /// Least cost of a cell that counts as an obstacle, on the scale of OccupancyGrid.
     pub lethal_cost: i8,

@@ -62,14 +62,14 @@ impl ObstacleSettings {
 /// Why nothing is known of obstacles.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub(crate) enum Doubt {
-    /// None has come, or none that can be used.
+    /// None has arrived, or none that can be used.
     #[error("there is no costmap yet")]
     NoCostmap,
     /// It is too old, or from the future.
     #[error("the costmap is {age_s:.2} s old")]
     Stale { age_s: f64 },
     /// Its place is unknown.
-    #[error("the costmap has no place: {0}")]
+    #[error("the costmap cannot be located: {0}")]
     NoTransform(String),
 }
 

@@ -38,7 +38,7 @@ where
         Ok(pair)
     }
 
-    /// Takes the newest map, then the updates that have come.
+    /// Takes the newest map, then the updates that have arrived.
     fn read(
         &self,
         costmap: &mut Option<Costmap>,
@@ -100,7 +100,7 @@ impl CostmapReader {
         &self.settings
     }
 
-    /// Takes what has come; `reject` is told of messages that cannot be used.
+    /// Takes what has arrived; `reject` gets the messages that cannot be used.
     pub(crate) fn read(&mut self, mut reject: impl FnMut(&str, &CostmapError)) {
         let topic = &self.settings.config.topic;
         let reject = |error: CostmapError| reject(topic, &error);
