@@ -40,7 +40,8 @@ enum Command {
     Odometry(odometry::OdometryArgs),
     /// Identifies a vehicle's parameters from logs of level and sloping ground.
     Identify(identify::IdentifyArgs),
-    /// Writes the path of a recorded drive, smoothed and thinned out, as GPX or CSV.
+    /// Writes the path of a drive, from a recording or live from a ROS 2 topic, smoothed and thinned
+    /// out, as GPX or CSV.
     Route(route::RouteArgs),
     /// Drives a course in real time on a CAN bus or on ROS 2.
     Run(run::RunArgs),
@@ -67,6 +68,9 @@ fn main() -> ExitCode {
         Command::Run(args) => run::run(&args, &ros),
         Command::Vehicle(args) => vehicle::run(&args, &ros),
         Command::Odometry(args) if args.live => live_odometry::run(&args, &ros),
+        Command::Route(args) if args.is_live() => {
+            route::run(&args, &ros).map(|()| ExitCode::SUCCESS)
+        }
         _ if !ros.is_empty() => Err(anyhow!("--ros-args: this command is not a ROS 2 node")),
         Command::Simulate(args) => simulate::run(&args),
         Command::Campaign(args) => campaign::run(&args).map(|()| ExitCode::SUCCESS),
@@ -75,7 +79,7 @@ fn main() -> ExitCode {
             .map(|()| ExitCode::SUCCESS),
         Command::Odometry(args) => odometry::run(&args).map(|()| ExitCode::SUCCESS),
         Command::Identify(args) => identify::run(&args).map(|()| ExitCode::SUCCESS),
-        Command::Route(args) => route::run(&args).map(|()| ExitCode::SUCCESS),
+        Command::Route(args) => route::run(&args, &[]).map(|()| ExitCode::SUCCESS),
         Command::Replay(args) => replay::run(&args),
         Command::Check(args) => check::run(&args),
         Command::Init(args) => init::run(&args).map(|()| ExitCode::SUCCESS),

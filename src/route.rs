@@ -1,22 +1,26 @@
-//! `sidehill route`: a path out of a recorded drive.
+//! `sidehill route`: a path out of a recorded drive, or of one as it is driven.
 
+mod live;
 mod thinning;
 
 use crate::bag::{Bag, is_bag};
 use crate::console;
-use crate::drive_log::{LogArgs, LogReader, positions};
+use crate::drive_log::{LogArgs, LogReader, Positions, positions};
 use crate::output;
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, bail, ensure};
+use sidehill_bridge::ros2::positions::PositionTopic;
 use sidehill_controller::path::{GeodeticOrigin, Point2};
 use sidehill_plant::bounds::Bounds;
 use std::fmt::Write;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
+use std::time::Duration;
 use thinning::Settings;
 
 /// Arguments of `sidehill route`.
 #[derive(Debug, Clone, clap::Args)]
 pub struct RouteArgs {
-    /// Recorded drive: a bag of ROS 2, or a log in CSV.
+    /// Recorded drive: a bag of ROS 2, or a log in CSV. `live` records from a running ROS 2 topic,
+    /// takes --ros-args, and writes the path at Ctrl-C or after --seconds.
     pub from: PathBuf,
     /// File for the path: .gpx (needs fixes of a satellite receiver) or .csv.
     #[arg(long, value_name = "FILE")]
@@ -24,6 +28,16 @@ pub struct RouteArgs {
     /// Topic of the positions, sensor_msgs/NavSatFix or nav_msgs/Odometry, where a bag has several.
     #[arg(long, value_name = "NAME")]
     pub topic: Option<String>,
+    /// With `live`: topic of the positions, nav_msgs/Odometry.
+    #[arg(long, value_name = "TOPIC", conflicts_with = "fix")]
+    pub odometry: Option<String>,
+    /// With `live`: topic of the positions, sensor_msgs/NavSatFix.
+    #[arg(long, value_name = "TOPIC")]
+    pub fix: Option<String>,
+    /// With `live`: time from the first position to the end of the recording, s; without it, until
+    /// Ctrl-C.
+    #[arg(long, value_name = "S")]
+    pub seconds: Option<f64>,
     /// Columns of a CSV log, in YAML.
     #[arg(long, value_name = "FILE")]
     pub columns: Option<PathBuf>,
@@ -38,34 +52,62 @@ pub struct RouteArgs {
     pub force: bool,
 }
 
+impl RouteArgs {
+    /// Returns whether positions come from a running ROS 2 topic.
+    pub fn is_live(&self) -> bool {
+        self.from.as_os_str() == "live"
+    }
+}
+
+/// What the path is written as.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Form {
+    Gpx,
+    Csv,
+}
+
 /// Writes the path and prints how far it is from what was recorded.
 ///
 /// # Errors
-/// What the recording lacks; a file that cannot be read or written.
-pub fn run(args: &RouteArgs) -> Result<()> {
+/// What the recording lacks; a topic on which no position comes; a file that cannot be read or written.
+pub fn run(args: &RouteArgs, ros_arguments: &[String]) -> Result<()> {
     Bounds::new(0.0, 10.0, "m").check("--smoothing-m", args.smoothing_m)?;
     Bounds::new(0.0, 1.0, "m").check("--tolerance-m", args.tolerance_m)?;
+    let form = form(args)?;
     output::check_writable(&args.out, args.force)?;
-    let name = || args.from.display().to_string();
-    let (recorded, origin) = recorded(args)?;
+    let (name, recorded) = if args.is_live() {
+        let topic = live_topic(args)?;
+        if matches!(topic, PositionTopic::Odometry(_)) {
+            check_origin(args, form, topic.name(), false)?;
+        }
+        let end_after = match args.seconds {
+            Some(seconds) => {
+                Bounds::new(0.1, 86_400.0, "s").check("--seconds", seconds)?;
+                Some(Duration::from_secs_f64(seconds))
+            }
+            None => None,
+        };
+        let name = topic.name().to_owned();
+        (name, live::record(topic, end_after, ros_arguments)?)
+    } else {
+        ensure!(
+            args.odometry.is_none() && args.fix.is_none() && args.seconds.is_none(),
+            "--odometry, --fix and --seconds are for `route live`; --topic chooses a topic of a bag"
+        );
+        (args.from.display().to_string(), recorded(args)?)
+    };
+    for note in &recorded.notes {
+        console::complain(format_args!("{name}: note: {note}"));
+    }
+    check_origin(args, form, &name, recorded.origin.is_some())?;
     let settings = Settings {
         smoothing_m: args.smoothing_m,
         tolerance_m: args.tolerance_m,
     };
-    let path = thinning::path(&recorded, &settings).with_context(name)?;
-    let ending = args
-        .out
-        .extension()
-        .map(|ending| ending.to_ascii_lowercase());
-    let text = match (ending.as_deref().and_then(|ending| ending.to_str()), origin) {
-        (Some("gpx"), Some(origin)) => gpx(&path.points_m, &origin),
-        (Some("gpx"), None) => bail!(
-            "{}: GPX has latitude and longitude, and {} has none: write a .csv",
-            args.out.display(),
-            name()
-        ),
-        (Some("csv"), _) => csv(&path.points_m),
-        _ => bail!("{}: must end with .gpx or .csv", args.out.display()),
+    let path = thinning::path(&recorded.points_m, &settings).with_context(|| name.clone())?;
+    let text = match (form, recorded.origin) {
+        (Form::Gpx, Some(origin)) => gpx(&path.points_m, &origin),
+        _ => csv(&path.points_m),
     };
     output::write(&args.out, text.as_bytes(), args.force)?;
     console::line(format_args!(
@@ -73,14 +115,47 @@ pub fn run(args: &RouteArgs) -> Result<()> {
         args.out.display(),
         path.points_m.len(),
         path.length_m,
-        recorded.len(),
+        recorded.points_m.len(),
         path.deviation_m
     ));
     Ok(())
 }
 
-/// Returns the positions of a recording, m, and the origin of those in latitude and longitude.
-fn recorded(args: &RouteArgs) -> Result<(Vec<[f64; 3]>, Option<GeodeticOrigin>)> {
+fn form(args: &RouteArgs) -> Result<Form> {
+    let ending = args
+        .out
+        .extension()
+        .map(|ending| ending.to_ascii_lowercase());
+    match ending.as_deref().and_then(|ending| ending.to_str()) {
+        Some("gpx") => Ok(Form::Gpx),
+        Some("csv") => Ok(Form::Csv),
+        _ => bail!("{}: must end with .gpx or .csv", args.out.display()),
+    }
+}
+
+fn check_origin(args: &RouteArgs, form: Form, name: &str, has_origin: bool) -> Result<()> {
+    ensure!(
+        form == Form::Csv || has_origin,
+        "{}: GPX has latitude and longitude, and {name} has none: write a .csv",
+        args.out.display()
+    );
+    Ok(())
+}
+
+fn live_topic(args: &RouteArgs) -> Result<PositionTopic> {
+    ensure!(
+        args.topic.is_none() && args.columns.is_none(),
+        "live: --topic and --columns are for recordings"
+    );
+    match (&args.odometry, &args.fix) {
+        (Some(name), None) => Ok(PositionTopic::Odometry(name.clone())),
+        (None, Some(name)) => Ok(PositionTopic::Fix(name.clone())),
+        _ => bail!("live: name the topic with --odometry TOPIC or --fix TOPIC"),
+    }
+}
+
+/// Returns the positions of a recording.
+fn recorded(args: &RouteArgs) -> Result<Positions> {
     if is_bag(&args.from) {
         if let Some(columns) = &args.columns {
             bail!(
@@ -89,20 +164,21 @@ fn recorded(args: &RouteArgs) -> Result<(Vec<[f64; 3]>, Option<GeodeticOrigin>)>
             );
         }
         let bag = Bag::open(&args.from)?;
-        let found = positions(&bag, args.topic.as_deref())?;
-        for note in bag.notes().iter().chain(&found.notes) {
-            console::complain(format_args!("{}: note: {note}", args.from.display()));
-        }
-        return Ok((found.points_m, found.origin));
+        let mut found = positions(&bag, args.topic.as_deref())?;
+        found.notes.splice(0..0, bag.notes().iter().cloned());
+        return Ok(found);
     }
     let reader = LogReader::new(&LogArgs {
         columns: args.columns.clone(),
         topics: None,
     })?;
-    let log = reader.read(Path::new(&args.from))?;
+    let log = reader.read(&args.from)?;
     let poses = log.rows().iter().filter_map(|row| row.pose);
-    let points = poses.map(|pose| [pose.x_m, pose.y_m, pose.z_m]).collect();
-    Ok((points, None))
+    Ok(Positions {
+        points_m: poses.map(|pose| [pose.x_m, pose.y_m, pose.z_m]).collect(),
+        origin: None,
+        notes: Vec::new(),
+    })
 }
 
 fn csv(points_m: &[[f64; 3]]) -> String {

@@ -60,6 +60,11 @@ impl Fixes {
         Ok(())
     }
 
+    /// Returns how many fixes with a position there are.
+    pub(super) fn len(&self) -> usize {
+        self.fixes.len()
+    }
+
     /// Returns the place of the first fix, the origin of the world.
     pub(super) fn origin(&self) -> Option<GeodeticOrigin> {
         let (_, first) = self.fixes.first()?;

@@ -9,6 +9,8 @@ mod interpolation;
 #[cfg(feature = "drive")]
 mod joints;
 #[cfg(feature = "drive")]
+mod live_positions;
+#[cfg(feature = "drive")]
 mod positions;
 #[cfg(feature = "drive")]
 mod rows;
@@ -22,6 +24,8 @@ mod transform_poses;
 
 #[cfg(feature = "drive")]
 pub use choice::Chosen;
+#[cfg(feature = "drive")]
+pub use live_positions::LivePositions;
 #[cfg(feature = "drive")]
 pub use positions::{Positions, positions};
 pub use topics::{AttitudeTopic, PoseTopic, StampSource, TopicMap, TreadSpeedTopic};

@@ -104,6 +104,17 @@ JointState = wire(
     velocity=sequence[float64],
     effort=sequence[float64],
 )
+NavSatStatus = wire("sensor_msgs/msg/NavSatStatus", status=int8, service=uint16)
+NavSatFix = wire(
+    "sensor_msgs/msg/NavSatFix",
+    header=Header,
+    status=NavSatStatus,
+    latitude=float64,
+    longitude=float64,
+    altitude=float64,
+    position_covariance=array[float64, 9],
+    position_covariance_type=uint8,
+)
 KeyValue = wire("diagnostic_msgs/msg/KeyValue", key=str, value=str)
 DiagnosticStatus = wire(
     "diagnostic_msgs/msg/DiagnosticStatus",

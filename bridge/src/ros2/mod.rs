@@ -4,6 +4,7 @@
 //! ```text
 //! server   FollowPath: goals, parameters, telemetry
 //! odometry slope-corrected odometry without a controller
+//! positions where the vehicle is, for recording a path
 //! port     drives and sensors over topics
 //! node     what rclcpp would give: names, arguments, QoS, parameters, lifecycle, time, transforms
 //! ```
@@ -13,4 +14,5 @@
 pub mod node;
 pub mod odometry;
 pub mod port;
+pub mod positions;
 pub mod server;
