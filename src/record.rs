@@ -57,6 +57,17 @@ pub struct Row {
     pub cycle_us: f64,
 }
 
+/// Returns `waiting`, `tracking`, `fallback`, `stopping` or `finished`, and why for the two that need a reason.
+pub(crate) fn status_words(status: Status) -> (&'static str, String) {
+    match status {
+        Status::Waiting => ("waiting", String::new()),
+        Status::Tracking => ("tracking", String::new()),
+        Status::Fallback { reason, .. } => ("fallback", reason.to_string()),
+        Status::Stopping(reason) => ("stopping", reason.to_string()),
+        Status::Finished => ("finished", String::new()),
+    }
+}
+
 /// Quantiles of a time, us.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
 pub struct Quantiles {

@@ -1,7 +1,7 @@
 //! `sidehill route`: a path out of a recorded drive, or of one as it is driven.
 
 mod live;
-mod thinning;
+pub(crate) mod thinning;
 
 use crate::bag::{Bag, is_bag};
 use crate::console;
@@ -42,10 +42,10 @@ pub struct RouteArgs {
     #[arg(long, value_name = "FILE")]
     pub columns: Option<PathBuf>,
     /// Standard deviation of the Gaussian along the path that smooths it, m; 0 for none.
-    #[arg(long, value_name = "M", default_value_t = 0.3)]
+    #[arg(long, value_name = "M", default_value_t = Settings::default().smoothing_m)]
     pub smoothing_m: f64,
     /// Points closer than this to the line between their neighbours are left out, m.
-    #[arg(long, value_name = "M", default_value_t = 0.02)]
+    #[arg(long, value_name = "M", default_value_t = Settings::default().tolerance_m)]
     pub tolerance_m: f64,
     /// Overwrite --out where it exists.
     #[arg(long)]

@@ -3,6 +3,7 @@
 use super::step::Step;
 use serde::Serialize;
 use sidehill_bridge::recording::ControllerCycle;
+use sidehill_plant::speeds::MotorSpeeds;
 
 /// The first cycle that differs.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -38,42 +39,65 @@ impl Comparison {
     pub(super) fn of(recorded: &[ControllerCycle], replayed: &[Step], tolerance_m_s: f64) -> Self {
         let mut all = Self::default();
         for (cycle, step) in recorded.iter().zip(replayed) {
-            all.cycles += 1;
-            let pairs = [
-                ("traction", cycle.traction_m_s, step.command.traction_m_s),
-                ("steer", cycle.steer_m_s, step.command.steer_m_s),
-            ];
-            let [traction, steer] = pairs.map(|(_, a, b)| difference(a, b));
-            all.largest_difference_m_s = all.largest_difference_m_s.max(traction).max(steer);
-            all.traction_rms_m_s += traction.powi(2);
-            all.steer_rms_m_s += steer.powi(2);
-            let differs = |a: f64, b: f64| {
-                if tolerance_m_s > 0.0 {
-                    difference(a, b) > tolerance_m_s
-                } else {
-                    a.to_bits() != b.to_bits()
-                }
+            let command = MotorSpeeds {
+                traction_m_s: cycle.traction_m_s,
+                steer_m_s: cycle.steer_m_s,
             };
-            let mut what = pairs
-                .iter()
-                .find(|(_, a, b)| differs(*a, *b))
-                .map(|(name, a, b)| format!("{name} {a} m/s recorded, {b} m/s replayed"));
-            if what.is_none() && tolerance_m_s == 0.0 {
-                what = other(cycle, step);
-            }
-            if let Some(what) = what {
-                all.different += 1;
-                all.first.get_or_insert(First {
-                    cycle: cycle.index,
-                    time_s: cycle.time_s,
-                    what,
-                });
-            }
+            let pair = [("recorded", command), ("replayed", step.command)];
+            let what = all.add(pair, tolerance_m_s);
+            let also = || other(cycle, step).filter(|_| tolerance_m_s == 0.0);
+            all.note(cycle.index, cycle.time_s, what.or_else(also));
         }
-        let count = all.cycles.max(1) as f64;
-        all.traction_rms_m_s = (all.traction_rms_m_s / count).sqrt();
-        all.steer_rms_m_s = (all.steer_rms_m_s / count).sqrt();
-        all
+        all.averaged()
+    }
+
+    /// Adds the motor speeds of a cycle, each with what it is called, and returns which of them differ by more than
+    /// the tolerance; without one, by any bit.
+    pub(super) fn add(
+        &mut self,
+        [(one, a), (other, b)]: [(&str, MotorSpeeds); 2],
+        tolerance_m_s: f64,
+    ) -> Option<String> {
+        self.cycles += 1;
+        let pairs = [
+            ("traction", a.traction_m_s, b.traction_m_s),
+            ("steer", a.steer_m_s, b.steer_m_s),
+        ];
+        let [traction, steer] = pairs.map(|(_, a, b)| difference(a, b));
+        self.largest_difference_m_s = self.largest_difference_m_s.max(traction).max(steer);
+        self.traction_rms_m_s += traction.powi(2);
+        self.steer_rms_m_s += steer.powi(2);
+        let differs = |a: f64, b: f64| {
+            if tolerance_m_s > 0.0 {
+                difference(a, b) > tolerance_m_s
+            } else {
+                a.to_bits() != b.to_bits()
+            }
+        };
+        pairs
+            .iter()
+            .find(|(_, a, b)| differs(*a, *b))
+            .map(|(name, a, b)| format!("{name} {a} m/s {one}, {b} m/s {other}"))
+    }
+
+    /// Notes what differs in the cycle added last.
+    pub(super) fn note(&mut self, cycle: u64, time_s: f64, what: Option<String>) {
+        if let Some(what) = what {
+            self.different += 1;
+            self.first.get_or_insert(First {
+                cycle,
+                time_s,
+                what,
+            });
+        }
+    }
+
+    /// Returns the comparison of all cycles that were added, with the sums of squares made root mean squares.
+    pub(super) fn averaged(mut self) -> Self {
+        let count = self.cycles.max(1) as f64;
+        self.traction_rms_m_s = (self.traction_rms_m_s / count).sqrt();
+        self.steer_rms_m_s = (self.steer_rms_m_s / count).sqrt();
+        self
     }
 }
 

@@ -1,71 +1,29 @@
-//! `sidehill replay`: recorded samples through the controller again.
+//! `sidehill replay`: recorded samples through the controller again, or the log of another program.
 
+mod args;
 mod begin;
 mod compare;
+mod open_loop;
 mod play;
 mod rebuild;
 mod repeat;
 mod report;
 mod step;
 
-use crate::config::PlantKind;
 use crate::console;
+use crate::drive_log::LogArgs;
 use crate::output;
-use crate::recording::{self, LIVE, fact, target};
-use crate::simulate::{Format, controller};
+use crate::recording::{self, fact, target};
+use crate::simulate::Format;
 use anyhow::{Context, Result, ensure};
+pub use args::ReplayArgs;
 use begin::Begin;
 use compare::Comparison;
 pub(crate) use rebuild::{Changes, Rebuilt};
 use serde::Serialize;
 use sidehill_bridge::recording::Recording;
-use sidehill_controller::config::ControllerKind;
-use std::net::SocketAddr;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::ExitCode;
-
-/// Arguments of `sidehill replay`.
-#[derive(Debug, clap::Args)]
-pub struct ReplayArgs {
-    /// Recording; files that continue it (FILE_1.mcap, ...) are read with it.
-    pub recording: PathBuf,
-    /// Controller instead of the recorded one.
-    #[arg(long, value_name = "NAME", value_parser = controller)]
-    pub controller: Option<ControllerKind>,
-    /// Vehicle file for the controller instead of the recorded one.
-    #[arg(long, value_name = "FILE")]
-    pub vehicle: Option<PathBuf>,
-    /// Setting of the controller instead of the recorded one, such as weights.heading_per_rad2=0.1;
-    /// may be given several times.
-    #[arg(long = "set", value_name = "KEY=VALUE")]
-    pub settings: Vec<String>,
-    /// Drive a simulated vehicle along the recorded path instead of using the recorded samples.
-    #[arg(long)]
-    pub closed_loop: bool,
-    /// What moves the vehicle of --closed-loop, instead of the recorded plant.
-    #[arg(long, requires = "closed_loop")]
-    pub plant: Option<PlantKind>,
-    /// Largest accepted difference of a command, m/s. Without it the replay must agree bit by bit;
-    /// with another controller, vehicle or setting no difference is a failure.
-    #[arg(long, value_name = "M_S")]
-    pub tolerance: Option<f64>,
-    /// Report with plots of the recorded and the replayed commands.
-    #[arg(long, value_name = "FILE.html")]
-    pub report: Option<PathBuf>,
-    /// Folder for a test case: the recording and the command that replays it.
-    #[arg(long, value_name = "DIR")]
-    pub write_case: Option<PathBuf>,
-    /// Show the recording live, at the pace at which it was recorded: a Foxglove WebSocket, to
-    /// which Foxglove and Lichtblick connect. By default on this machine only: 127.0.0.1:8765.
-    #[arg(long, value_name = "ADDRESS", num_args = 0..=1, default_missing_value = LIVE)]
-    pub live: Option<SocketAddr>,
-    /// Overwrite files that exist.
-    #[arg(long)]
-    pub force: bool,
-    /// How the differences are printed.
-    #[arg(long, value_enum, default_value_t)]
-    pub format: Format,
-}
 
 /// What is printed.
 #[derive(Serialize)]
@@ -96,6 +54,13 @@ struct Outcome<'a> {
 /// # Errors
 /// A recording that cannot be read or does not begin at its start, or a setting that is wrong.
 pub fn run(args: &ReplayArgs) -> Result<ExitCode> {
+    if let Some(scenario) = &args.open_loop {
+        return open_loop::run(args, scenario);
+    }
+    ensure!(
+        args.maps == LogArgs::default(),
+        "--columns and --topics say how logs of other programs are read: they go with --open-loop SCENARIO"
+    );
     let mut recording = Recording::read(&args.recording)?;
     let named = || args.recording.display().to_string();
     ensure!(
@@ -107,12 +72,7 @@ pub fn run(args: &ReplayArgs) -> Result<ExitCode> {
         output::check_writable(report, args.force)?;
     }
     let lost = lost(&recording);
-    let changes = Changes {
-        controller: args.controller,
-        vehicle: args.vehicle.clone(),
-        settings: args.settings.clone(),
-        plant: args.plant,
-    };
+    let changes = args.changes();
     let rebuilt = Rebuilt::of(&recording, &changes).with_context(named)?;
     let begin = match Begin::of(&recording) {
         _ if args.closed_loop => Begin::default(),

@@ -32,8 +32,14 @@ impl Changes {
         self.controller.is_some() || self.vehicle.is_some() || !self.settings.is_empty()
     }
 
+    /// Returns the other vehicle, where there is one.
+    pub(super) fn vehicle(&self) -> Result<Option<Vehicle>> {
+        let read = |path| -> Result<Vehicle> { Ok(ConfigFile::read(path)?.parse()?) };
+        self.vehicle.as_deref().map(read).transpose()
+    }
+
     /// Returns the settings with these changes.
-    fn settings(&self, config: ControllerConfig) -> Result<ControllerConfig> {
+    pub(super) fn settings(&self, config: ControllerConfig) -> Result<ControllerConfig> {
         let mut all = serde_yaml::to_value(config)?;
         for setting in &self.settings {
             let named = || format!("--set {setting}");
@@ -99,11 +105,7 @@ impl Rebuilt {
             .controller
             .or_else(|| ControllerKind::from_name(recorded))
             .with_context(|| format!("{recorded}: no such controller"))?;
-        let vehicle = changes
-            .vehicle
-            .as_deref()
-            .map(|path| -> Result<Vehicle> { Ok(ConfigFile::read(path)?.parse()?) })
-            .transpose()?;
+        let vehicle = changes.vehicle()?;
         let learned = facts
             .get(fact::LEARNED)
             .filter(|_| !changes.changed())

@@ -1,8 +1,7 @@
 //! A run as CSV.
 
-use crate::record::{Row, Run};
+use crate::record::{Row, Run, status_words};
 use serde::Serialize;
-use sidehill_controller::controller::Status;
 use sidehill_plant::contact::Parameter;
 use std::io::Write;
 
@@ -178,13 +177,7 @@ struct Record {
 
 impl From<&Row> for Record {
     fn from(row: &Row) -> Self {
-        let (status, reason) = match row.status {
-            Status::Waiting => ("waiting", String::new()),
-            Status::Tracking => ("tracking", String::new()),
-            Status::Fallback { reason, .. } => ("fallback", reason.to_string()),
-            Status::Stopping(reason) => ("stopping", reason.to_string()),
-            Status::Finished => ("finished", String::new()),
-        };
+        let (status, reason) = status_words(row.status);
         Self {
             time_s: row.time_s,
             x_m: row.pose.x_m,

@@ -13,20 +13,29 @@ const REACH: f64 = 3.0;
 
 /// How much positions may be changed.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Settings {
+pub(crate) struct Settings {
     /// Standard deviation of the Gaussian along the path, m.
-    pub(super) smoothing_m: f64,
+    pub(crate) smoothing_m: f64,
     /// Distance from the line between neighbours below which a point is left out, m.
-    pub(super) tolerance_m: f64,
+    pub(crate) tolerance_m: f64,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            smoothing_m: 0.3,
+            tolerance_m: 0.02,
+        }
+    }
 }
 
 /// A path out of positions.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Thinned {
-    pub(super) points_m: Vec<[f64; 3]>,
-    pub(super) length_m: f64,
+pub(crate) struct Thinned {
+    pub(crate) points_m: Vec<[f64; 3]>,
+    pub(crate) length_m: f64,
     /// Largest horizontal distance of a recorded position from the path, m.
-    pub(super) deviation_m: f64,
+    pub(crate) deviation_m: f64,
 }
 
 /// Returns the path: places where the vehicle stood are one point, the rest is smoothed along its length and
@@ -34,7 +43,7 @@ pub(super) struct Thinned {
 ///
 /// # Errors
 /// A position that is not finite, or a drive that goes nowhere.
-pub(super) fn path(recorded: &[[f64; 3]], settings: &Settings) -> Result<Thinned> {
+pub(crate) fn path(recorded: &[[f64; 3]], settings: &Settings) -> Result<Thinned> {
     if let Some(index) = recorded
         .iter()
         .position(|p| !p.iter().all(|value| value.is_finite()))
@@ -203,11 +212,6 @@ fn deviation(recorded: &[[f64; 3]], path: &[[f64; 3]]) -> f64 {
 mod tests {
     use super::*;
 
-    const SETTINGS: Settings = Settings {
-        smoothing_m: 0.3,
-        tolerance_m: 0.02,
-    };
-
     /// A circle of 10 m radius that climbs, at 5 cm, with noise of 2 cm to both sides in turn and a stop.
     fn circle() -> Vec<[f64; 3]> {
         let mut points = Vec::new();
@@ -227,7 +231,7 @@ mod tests {
     #[test]
     fn noise_goes_and_the_curve_and_its_height_stay() {
         let recorded = circle();
-        let path = path(&recorded, &SETTINGS).unwrap();
+        let path = path(&recorded, &Settings::default()).unwrap();
         assert!(path.points_m.len() < 120, "{}", path.points_m.len());
         for point in &path.points_m[1..path.points_m.len() - 1] {
             let radius = point[0].hypot(point[1]);
@@ -258,7 +262,8 @@ mod tests {
 
     #[test]
     fn what_is_no_drive_is_refused() {
-        let error = |points: &[[f64; 3]]| path(points, &SETTINGS).unwrap_err().to_string();
+        let error =
+            |points: &[[f64; 3]]| path(points, &Settings::default()).unwrap_err().to_string();
         assert!(error(&[]).contains("it holds no drive"));
         assert!(error(&[[1.0, 2.0, 3.0]; 50]).contains("cover 0.00 m"));
         assert!(error(&[[0.0, f64::NAN, 0.0]]).contains("position 1 is not finite"));

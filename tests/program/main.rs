@@ -21,6 +21,7 @@ mod odometry;
 mod paths;
 mod readme;
 mod replay;
+mod replay_open_loop;
 mod schema;
 mod simulate;
 mod simulate_output;

@@ -1,0 +1,73 @@
+//! Arguments of `sidehill replay`.
+
+use super::rebuild::Changes;
+use crate::config::PlantKind;
+use crate::drive_log::LogArgs;
+use crate::recording::LIVE;
+use crate::simulate::{Format, controller};
+use sidehill_controller::config::ControllerKind;
+use std::net::SocketAddr;
+use std::path::PathBuf;
+
+/// Arguments of `sidehill replay`.
+#[derive(Debug, clap::Args)]
+pub struct ReplayArgs {
+    /// Recording; files that continue it (FILE_1.mcap, ...) are read with it. With --open-loop a log of
+    /// another program: CSV or a bag of ROS 2.
+    pub recording: PathBuf,
+    /// Controller instead of the recorded one.
+    #[arg(long, value_name = "NAME", value_parser = controller)]
+    pub controller: Option<ControllerKind>,
+    /// Vehicle file for the controller instead of the recorded one.
+    #[arg(long, value_name = "FILE")]
+    pub vehicle: Option<PathBuf>,
+    /// Setting of the controller instead of the recorded one, such as weights.heading_per_rad2=0.1;
+    /// may be given several times.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub settings: Vec<String>,
+    /// Drive a simulated vehicle along the recorded path instead of using the recorded samples.
+    #[arg(long)]
+    pub closed_loop: bool,
+    /// What moves the vehicle of --closed-loop, instead of the recorded plant.
+    #[arg(long, requires = "closed_loop")]
+    pub plant: Option<PlantKind>,
+    /// Feed the readings of a log to the controller of this scenario, and compare what it commands along the
+    /// path that was driven with what the vehicle was measured to do.
+    #[arg(long, value_name = "SCENARIO", conflicts_with_all = ["closed_loop", "live", "write_case"])]
+    pub open_loop: Option<PathBuf>,
+    /// What the columns or topics of the log mean, with --open-loop.
+    #[command(flatten)]
+    pub maps: LogArgs,
+    /// Largest accepted difference of a command, m/s. Without it the replay must agree bit by bit;
+    /// with another controller, vehicle or setting, and with --open-loop, no difference is a failure.
+    #[arg(long, value_name = "M_S")]
+    pub tolerance: Option<f64>,
+    /// Report with plots of the recorded and the replayed commands.
+    #[arg(long, value_name = "FILE.html")]
+    pub report: Option<PathBuf>,
+    /// Folder for a test case: the recording and the command that replays it.
+    #[arg(long, value_name = "DIR")]
+    pub write_case: Option<PathBuf>,
+    /// Show the recording live, at the pace at which it was recorded: a Foxglove WebSocket, to
+    /// which Foxglove and Lichtblick connect. By default on this machine only: 127.0.0.1:8765.
+    #[arg(long, value_name = "ADDRESS", num_args = 0..=1, default_missing_value = LIVE)]
+    pub live: Option<SocketAddr>,
+    /// Overwrite files that exist.
+    #[arg(long)]
+    pub force: bool,
+    /// How the differences are printed.
+    #[arg(long, value_enum, default_value_t)]
+    pub format: Format,
+}
+
+impl ReplayArgs {
+    /// Returns what is to differ from the recording or scenario.
+    pub(super) fn changes(&self) -> Changes {
+        Changes {
+            controller: self.controller,
+            vehicle: self.vehicle.clone(),
+            settings: self.settings.clone(),
+            plant: self.plant,
+        }
+    }
+}
