@@ -8,6 +8,7 @@ use anyhow::{Context, Result, bail};
 use serde::{Deserialize, Serialize};
 use sidehill_controller::controller::Controller;
 use sidehill_controller::memory::Learned;
+use sidehill_plant::fingerprint::fnv_1a;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{SyncSender, sync_channel};
@@ -42,7 +43,7 @@ pub fn save(path: &Path, learned: &Learned) -> Result<()> {
         learned: learned.clone(),
     };
     let body = serde_json::to_string(&contents)?;
-    let text = format!("{FORMAT} {:016x}\n{body}\n", checksum(&body));
+    let text = format!("{FORMAT} {:016x}\n{body}\n", fnv_1a(body.as_bytes()));
     replace(path, text.as_bytes())
         .with_context(|| format!("{}: what was learned cannot be written", path.display()))
 }
@@ -108,7 +109,7 @@ fn parse(text: &str) -> Result<Contents> {
     let Some(body) = body.strip_suffix('\n') else {
         bail!("refused: the file is cut short");
     };
-    if given != format!("{:016x}", checksum(body)) {
+    if given != format!("{:016x}", fnv_1a(body.as_bytes())) {
         bail!("refused: the file is damaged, its checksum does not match");
     }
     serde_json::from_str(body).context("refused: the file is damaged")
@@ -132,12 +133,6 @@ fn check_age(contents: &Contents, days_max: f64, now_unix_s: f64) -> Result<()> 
 fn now_unix_s() -> f64 {
     let since = SystemTime::now().duration_since(UNIX_EPOCH);
     since.map_or(0.0, |since| since.as_secs_f64())
-}
-
-fn checksum(text: &str) -> u64 {
-    text.bytes().fold(0xCBF2_9CE4_8422_2325, |hash, byte| {
-        (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01B3)
-    })
 }
 
 /// A thread that writes what was learned, so that no thread of the control loop waits for the disk.

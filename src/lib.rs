@@ -20,6 +20,8 @@ pub mod icr;
 pub mod identify;
 #[cfg(feature = "drive")]
 pub mod init;
+#[cfg(feature = "drive")]
+mod interrupts;
 pub mod learned;
 #[cfg(feature = "drive")]
 pub mod live_odometry;

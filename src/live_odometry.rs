@@ -4,6 +4,7 @@ use crate::config::ros2::environment;
 use crate::config::{ConfigError, ConfigFile};
 use crate::console;
 use crate::drive_log::LogArgs;
+use crate::interrupts::Interrupts;
 use crate::odometry::OdometryArgs;
 use anyhow::{Context, Result, ensure};
 use serde::Deserialize;
@@ -14,8 +15,6 @@ use sidehill_bridge::ros2::port::convert::TwistMapping;
 use sidehill_plant::vehicle::Vehicle;
 use std::path::PathBuf;
 use std::process::ExitCode;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 /// Time between two looks for new readings.
@@ -60,13 +59,7 @@ pub fn run(args: &OdometryArgs, ros_arguments: &[String]) -> Result<ExitCode> {
     );
     let (config, vehicle) = configuration(args)?;
     let arguments = RosArguments::parse(ros_arguments)?;
-    let ended = Arc::new(AtomicBool::new(false));
-    let resumed = Arc::new(AtomicBool::new(false));
-    use signal_hook::consts::{SIGCONT, SIGHUP, SIGINT, SIGTERM};
-    for signal in [SIGINT, SIGTERM, SIGHUP] {
-        signal_hook::flag::register(signal, Arc::clone(&ended))?;
-    }
-    signal_hook::flag::register(SIGCONT, Arc::clone(&resumed))?;
+    let interrupts = Interrupts::watch()?;
     let mut node = OdometryNode::start(OdometrySetup {
         config,
         vehicle: &vehicle,
@@ -76,12 +69,8 @@ pub fn run(args: &OdometryArgs, ros_arguments: &[String]) -> Result<ExitCode> {
     })?;
     let started = Instant::now();
     let mut warned = false;
-    while !ended.load(Ordering::Relaxed) {
-        // The middleware does not survive that its wait is interrupted.
-        ensure!(
-            !resumed.load(Ordering::Relaxed),
-            "the program was suspended"
-        );
+    while !interrupts.ended() {
+        ensure!(!interrupts.resumed(), "the program was suspended");
         node.step();
         if !warned && node.published() == 0 && started.elapsed() > PATIENCE {
             warned = true;

@@ -24,6 +24,7 @@ pub mod contact;
 pub mod dead_reckoning;
 pub mod drive_train;
 pub mod extension;
+pub mod fingerprint;
 pub mod frames;
 pub mod icr;
 pub mod identification;

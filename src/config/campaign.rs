@@ -6,6 +6,7 @@ use rand_chacha::rand_core::{Rng, SeedableRng};
 use serde::{Deserialize, Serialize};
 use serde_yaml::{Mapping, Value};
 use sidehill_controller::config::{ControllerConfig, ControllerKind};
+use sidehill_plant::fingerprint::fnv_1a;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::PoisonError;
@@ -358,11 +359,4 @@ pub(crate) fn find<'a>(keys: &'a Mapping, key: &str) -> Option<&'a Value> {
         None => keys.get(key),
         Some((first, rest)) => find(keys.get(first)?.as_mapping()?, rest),
     }
-}
-
-/// The 64-bit FNV-1a hash, the same on every machine and by every compiler.
-fn fnv_1a(bytes: &[u8]) -> u64 {
-    bytes.iter().fold(0xCBF2_9CE4_8422_2325, |hash, byte| {
-        (hash ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01B3)
-    })
 }

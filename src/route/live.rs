@@ -3,11 +3,10 @@
 use crate::config::ros2::environment;
 use crate::console;
 use crate::drive_log::{LivePositions, Positions};
+use crate::interrupts::Interrupts;
 use anyhow::{Result, bail};
 use sidehill_bridge::ros2::node::arguments::RosArguments;
 use sidehill_bridge::ros2::positions::{PositionNode, PositionTopic};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 /// Time between two looks for messages.
@@ -29,13 +28,7 @@ pub(super) fn record(
     ros_arguments: &[String],
 ) -> Result<Positions> {
     let arguments = RosArguments::parse(ros_arguments)?;
-    let ended = Arc::new(AtomicBool::new(false));
-    let resumed = Arc::new(AtomicBool::new(false));
-    use signal_hook::consts::{SIGCONT, SIGHUP, SIGINT, SIGTERM};
-    for signal in [SIGINT, SIGTERM, SIGHUP] {
-        signal_hook::flag::register(signal, Arc::clone(&ended))?;
-    }
-    signal_hook::flag::register(SIGCONT, Arc::clone(&resumed))?;
+    let interrupts = Interrupts::watch()?;
     let name = topic.name().to_owned();
     let mut node = PositionNode::start("route_recorder", topic, &arguments, &environment()?)?;
     let started = Instant::now();
@@ -43,9 +36,8 @@ pub(super) fn record(
     let (mut newest, mut silent) = (started, false);
     let mut positions = LivePositions::default();
     let mut rejected: Option<(u64, String)> = None;
-    while !ended.load(Ordering::Relaxed) {
-        // The middleware does not survive that its wait is interrupted.
-        if resumed.load(Ordering::Relaxed) {
+    while !interrupts.ended() {
+        if interrupts.resumed() {
             console::complain("the program was suspended: the recording ends here");
             break;
         }

@@ -7,6 +7,7 @@ use crate::memory::RecallError;
 use crate::mpc::{Model, Mpc, QpFailure};
 use sidehill_plant::bounds::RangeError;
 use sidehill_plant::contact::ContactPrediction;
+use sidehill_plant::fingerprint::fnv_1a;
 use sidehill_plant::prediction::PredictionModel;
 use sidehill_plant::vehicle::Vehicle;
 
@@ -131,8 +132,6 @@ pub(super) fn guard(
 /// parameters is.
 pub(super) fn owner(vehicle: &Vehicle, kind: ControllerKind) -> String {
     let text = format!("{vehicle:?}");
-    let number = text.bytes().fold(0xCBF2_9CE4_8422_2325_u64, |hash, byte| {
-        (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01B3)
-    });
+    let number = fnv_1a(text.as_bytes());
     format!("{} {number:016x} {}", vehicle.name, kind.name())
 }

@@ -138,6 +138,12 @@ fn outliers_are_gated_and_persistent_ones_make_the_pose_stale() {
     assert!(estimator.innovation().unwrap().normalised < 1.0);
 }
 
+fn refused(of: impl Fn(&mut Refused)) -> Refused {
+    let mut refused = Refused::default();
+    of(&mut refused);
+    refused
+}
+
 #[test]
 fn readings_that_are_not_finite_are_named_and_left_out() {
     let truth = Truth::new(5.0);
@@ -152,13 +158,7 @@ fn readings_that_are_not_finite_are_named_and_left_out() {
                 1 => speeds.value.right_m_s = value,
                 _ => speeds.time_s = value,
             }
-            spoiled.push((
-                sample,
-                Refused {
-                    tread_speeds: true,
-                    ..Refused::default()
-                },
-            ));
+            spoiled.push((sample, refused(|refused| refused.tread_speeds = true)));
             let mut sample = good;
             let attitude = sample.attitude.as_mut().unwrap();
             match field {
@@ -166,13 +166,7 @@ fn readings_that_are_not_finite_are_named_and_left_out() {
                 1 => attitude.value.pitch_rad = value,
                 _ => attitude.time_s = value,
             }
-            spoiled.push((
-                sample,
-                Refused {
-                    attitude: true,
-                    ..Refused::default()
-                },
-            ));
+            spoiled.push((sample, refused(|refused| refused.attitude = true)));
             let mut sample = good;
             let pose = sample.pose.as_mut().unwrap();
             match field {
@@ -181,13 +175,7 @@ fn readings_that_are_not_finite_are_named_and_left_out() {
                 2 => pose.value.yaw_rad = value,
                 _ => pose.time_s = value,
             }
-            spoiled.push((
-                sample,
-                Refused {
-                    pose: true,
-                    ..Refused::default()
-                },
-            ));
+            spoiled.push((sample, refused(|refused| refused.pose = true)));
         }
         for (sample, expected) in spoiled {
             let mut with = estimator();
