@@ -1,30 +1,13 @@
 #![allow(clippy::unwrap_used)]
 
-use super::super::paper_tests::j8;
+use super::super::tests::j8;
 use super::super::{Axle, ContactModel, PARAMETERS};
 use super::search::SPEED_MAX;
 use super::*;
 use crate::frames::PlanarPose;
 use crate::motion::{GroundState, MotionModel};
+use crate::test_support::{attitude, motors, vector};
 use proptest::prelude::*;
-
-fn vector(v: BodyVelocity) -> Vector3<f64> {
-    Vector3::new(v.right_m_s, v.forward_m_s, v.yaw_rate_rad_s)
-}
-
-fn attitude(roll_rad: f64, pitch_rad: f64) -> Attitude {
-    Attitude {
-        roll_rad,
-        pitch_rad,
-    }
-}
-
-fn motors(traction_m_s: f64, steer_m_s: f64) -> MotorSpeeds {
-    MotorSpeeds {
-        traction_m_s,
-        steer_m_s,
-    }
-}
 
 /// A vehicle of `axles` axles whose parameters are off the J8's by shares of their usual doubt.
 fn vehicle(axles: usize, off: &[f64; PARAMETERS]) -> ContactVehicle {
