@@ -1,4 +1,4 @@
-//! What the steepness guard did in a simulated run, against the truth.
+//! Summary of the steepness guard in a simulated run, from the true state.
 
 use crate::config::Prepared;
 use crate::record::{GuardSummary, SlopeRow};
@@ -69,7 +69,7 @@ impl GuardWatch {
         })
     }
 
-    /// Returns what the guard did; `refused` is the place for which the route was refused.
+    /// Returns the summary; `refused` is the place for which the route was refused.
     pub(crate) fn summary(self, refused: Option<SteepPlace>) -> GuardSummary {
         GuardSummary {
             stopped_before: refused.or(self.summary.stopped_before),

@@ -1,6 +1,6 @@
-//! Files of what was learned: whole or not at all, known by vehicle, date and a checksum.
+//! Files of what was learned: written atomically, identified by vehicle, date and a checksum.
 //!
-//! The first line names the format and the checksum (FNV-1a, 64 bits) of all that follows, which is JSON.
+//! The first line contains the format and the checksum (FNV-1a, 64 bits) of the JSON that follows.
 
 use crate::console;
 use crate::output;
@@ -18,7 +18,7 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 /// First word of a file.
 const FORMAT: &str = "sidehill-learned-1";
 
-/// Days after which what was learned is too old to begin with, unless configured.
+/// Default maximum age of what was learned, days.
 pub const DAYS_MAX: f64 = 90.0;
 
 #[derive(Serialize, Deserialize)]
@@ -26,16 +26,16 @@ pub const DAYS_MAX: f64 = 90.0;
 struct Contents {
     /// When it was saved, s since 1970.
     saved_unix_s: f64,
-    /// Share of the uncertainty of the gains that has gone.
+    /// Share of the gains' uncertainty that has been removed.
     confidence: f64,
     learned: Learned,
 }
 
-/// Writes what was learned, in place of what the file held: to a file beside it first, so that there is always
-/// a whole one, whenever the program is killed or the power fails.
+/// Replaces the file atomically, through a temporary file beside it, so that a complete file exists even if the
+/// program is killed or the power fails.
 ///
 /// # Errors
-/// What the disk says; the file is then as it was.
+/// An I/O error; the file is then unchanged.
 pub fn save(path: &Path, learned: &Learned) -> Result<()> {
     let contents = Contents {
         saved_unix_s: now_unix_s(),
@@ -48,8 +48,8 @@ pub fn save(path: &Path, learned: &Learned) -> Result<()> {
         .with_context(|| format!("{}: what was learned cannot be written", path.display()))
 }
 
-/// Puts bytes in the place of a file. The file beside it has one name, so that killed programs leave one at
-/// most.
+/// Replaces the content of a file. The temporary file always has the same name, so that killed programs leave at
+/// most one.
 fn replace(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
     let mut beside = path.as_os_str().to_owned();
     beside.push(".new");
@@ -63,16 +63,16 @@ fn replace(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
     std::fs::File::open(folder.unwrap_or(Path::new(".")))?.sync_all()
 }
 
-/// What a file holds.
+/// The content of a file.
 pub struct LearnedFile {
-    /// Its text, which a recording keeps.
+    /// Its text, stored in recordings.
     pub text: String,
     /// What was learned.
     pub learned: Learned,
 }
 
 impl LearnedFile {
-    /// Returns a file of this text, whatever its age.
+    /// Returns the file with this text, whatever its age.
     ///
     /// # Errors
     /// Why it is refused.
@@ -85,7 +85,7 @@ impl LearnedFile {
 /// Reads what was learned.
 ///
 /// # Errors
-/// Names the file and why it is refused: it cannot be read, is no such file, is damaged, or is older than
+/// Names the file and why it is refused: it cannot be read, has another format, is damaged, or is older than
 /// `days_max`.
 pub fn load(path: &Path, days_max: f64) -> Result<LearnedFile> {
     let name = || path.display().to_string();
@@ -120,7 +120,7 @@ fn check_age(contents: &Contents, days_max: f64, now_unix_s: f64) -> Result<()> 
     if days > days_max {
         bail!("refused: learned {days:.0} days ago, more than {days_max}");
     }
-    // A clock that was put back a little is none to blame the file for.
+    // Accept a file slightly in the future: the clock may have been set back.
     if days < -1.0 {
         bail!(
             "refused: learned {:.0} days from now, so one of the clocks is wrong",
@@ -135,7 +135,7 @@ fn now_unix_s() -> f64 {
     since.map_or(0.0, |since| since.as_secs_f64())
 }
 
-/// A thread that writes what was learned, so that no thread of the control loop waits for the disk.
+/// A thread that writes what was learned, so that the control loop never waits for the disk.
 pub struct Keeper {
     sender: SyncSender<Learned>,
     thread: JoinHandle<()>,
@@ -145,12 +145,11 @@ pub struct Keeper {
 const WRITE_TIMEOUT: Duration = Duration::from_secs(2);
 
 impl Keeper {
-    /// Lets `controller` begin with what a file holds, and keeps the file from then on; also returns the text
-    /// that it begins with. A file that is refused is named with its reason on standard error and kept under
-    /// another name.
+    /// Restores `controller` from a file and updates the file from then on; also returns the text it starts from. A
+    /// refused file is reported on standard error with the reason and kept under another name.
     ///
     /// # Errors
-    /// The system's, where it has no thread left, or the disk's, where the file cannot be kept.
+    /// The system cannot start a thread, or the refused file cannot be renamed.
     pub fn start(
         path: PathBuf,
         days_max: f64,
@@ -195,12 +194,12 @@ impl Keeper {
         Ok((Self { sender, thread }, begun_with))
     }
 
-    /// Returns where to send what was learned; sending never waits.
+    /// Returns a sender for what was learned; sending never blocks.
     pub fn sender(&self) -> SyncSender<Learned> {
         self.sender.clone()
     }
 
-    /// Waits for the last write, but not for ever.
+    /// Waits for the last write, with a time limit.
     pub fn finish(self) {
         drop(self.sender);
         let deadline = Instant::now() + WRITE_TIMEOUT;

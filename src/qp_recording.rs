@@ -1,10 +1,10 @@
-//! The QPs of a run in a file that others can read: NumPy's npz.
+//! The QPs of a run in a portable file: NumPy's npz.
 //!
 //! ```text
 //! minimise 1/2 x' P x + q' x   subject to   A x + s = b,  s = 0 (the first rows), s >= 0 (the rest)
 //! ```
 //!
-//! All QPs of a run have one sparsity pattern. The file holds it once, in compressed columns
+//! All QPs of a run share a sparsity pattern. The file contains it once, in compressed columns
 //! (`P_indptr`, `P_indices`, `A_indptr`, `A_indices`; P is the upper triangle), with `equalities`, the
 //! number of rows with s = 0. Of each QP, a row an array, it holds `P_data`, `q`, `A_data`, `b`, the
 //! solution `x` with the multipliers `y`, and `time_s`, `iterations`, `solve_us`.
@@ -20,10 +20,10 @@ use std::fs::File;
 use std::io::Cursor;
 use std::path::Path;
 
-/// The QPs of a run, each as its cycle assembled it, and what the cycle made of it.
+/// The QPs of a run, each with its solution.
 #[derive(Debug, Clone, Default)]
 pub struct QpRecording {
-    /// The first QP, whose pattern all have.
+    /// The first QP, whose pattern all share.
     first: Option<QpData>,
     p: Vec<f64>,
     q: Vec<f64>,
@@ -50,7 +50,7 @@ impl Observer for QpRecording {
 }
 
 impl QpRecording {
-    /// Adds the QP of the cycle at `time_s` with the point that was found for it.
+    /// Adds the QP of the cycle at `time_s` with its solution.
     pub fn push(&mut self, time_s: f64, (data, point): (&QpData, &Point), report: &SolveReport) {
         self.first.get_or_insert_with(|| data.clone());
         self.p.extend_from_slice(&data.p.nzval);
@@ -122,7 +122,7 @@ impl QpRecording {
 /// Returns the QPs of a file.
 ///
 /// # Errors
-/// Names the file that cannot be read, or whose arrays do not fit each other.
+/// Names the file that cannot be read or has inconsistent arrays.
 pub fn read(path: &Path) -> Result<Vec<QpData>> {
     read_arrays(path).with_context(|| format!("{}: not a recording of QPs", path.display()))
 }

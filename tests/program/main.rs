@@ -1,12 +1,14 @@
 //! The program as a person runs it: its binary, files, standard streams and exit status.
 
 // The lints except tests only, not what helps them in these files.
-#![allow(clippy::unwrap_used, clippy::panic)]
+#![allow(clippy::unwrap_used, clippy::panic, clippy::print_stdout)]
 
 #[path = "../support/configuration.rs"]
 mod configured;
 #[path = "../support/program.rs"]
 mod program;
+#[path = "../support/running.rs"]
+mod running;
 
 mod campaign;
 mod check;
@@ -16,12 +18,15 @@ mod guide;
 mod guide_blocks;
 mod icr;
 mod identify;
+mod loaders;
 mod mistakes;
 mod odometry;
 mod paths;
 mod readme;
 mod replay;
 mod replay_open_loop;
+mod ros2_client;
+mod run;
 mod schema;
 mod simulate;
 mod simulate_output;

@@ -1,6 +1,4 @@
 //! Every file of `config/`, damaged in many ways: refused with the name of a file, or usable.
-#![allow(clippy::unwrap_used, clippy::panic, clippy::print_stdout)]
-
 use proptest::prelude::*;
 use sidehill::check::check;
 use sidehill::config::{ConfigFile, Overrides, RunConfig, Scenario, VehicleConfig, load_layout};

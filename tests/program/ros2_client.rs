@@ -1,20 +1,9 @@
 //! Action clients in the mapping of Fast DDS, against a controller and a virtual rover in processes
 //! of their own.
 
-// The lints' exceptions for tests do not reach helper functions.
-#![allow(clippy::unwrap_used, clippy::panic)]
-
-#[path = "support/configuration.rs"]
-mod configured;
-#[path = "support/program.rs"]
-mod program;
-#[path = "support/running.rs"]
-mod running;
-
-use configured::configuration;
-use program::{repository, sidehill};
-use running::Running;
-
+use crate::configured::configuration;
+use crate::running::Running;
+use crate::{repository, sidehill};
 use ros2_client::action::{
     ActionClientQosPolicies, CancelGoalResponse, GoalId, GoalStatusEnum, SendGoalResponse,
 };
