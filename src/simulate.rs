@@ -142,7 +142,7 @@ pub fn run(args: &SimulateArgs) -> Result<ExitCode> {
     if let Some(folder) = &args.out {
         // Before the work, which may take a long time.
         std::fs::create_dir_all(folder)
-            .with_context(|| format!("{}: cannot be made", folder.display()))?;
+            .with_context(|| format!("{}: cannot create the folder", folder.display()))?;
         let mut files = vec![folder.join(REPORT)];
         let names = prepared.controllers.iter().map(|kind| kind.name());
         files.extend(names.map(|name| csv_path(folder, name)));

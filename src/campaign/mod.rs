@@ -108,7 +108,7 @@ pub fn run(args: &CampaignArgs) -> Result<()> {
     }
     progress::explain_interrupt(move || {
         format!(
-            "interrupted after {:.0} s: what is done is in {name}; the same command goes on from there",
+            "interrupted after {:.0} s: the finished runs are in {name}; repeat the command to continue",
             begun.elapsed().as_secs_f64()
         )
     })?;

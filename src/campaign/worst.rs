@@ -23,7 +23,7 @@ pub(super) fn keep(
 ) -> Result<Vec<PathBuf>> {
     let folder = results.with_extension("worst");
     std::fs::create_dir_all(&folder)
-        .with_context(|| format!("{}: cannot be made", folder.display()))?;
+        .with_context(|| format!("{}: cannot create the folder", folder.display()))?;
     let mut worst: Vec<&Row> = rows.iter().collect();
     worst.sort_by(|a, b| order(a, b));
     let mut files = Vec::new();

@@ -260,7 +260,7 @@ impl ConfigFile {
             if let Some(twice) = Keys::of(&self.text).duplicate() {
                 let (first, second) = twice.lines;
                 return self.error(format!(
-                    "{}: the key stands twice, in lines {first} and {second}; remove one",
+                    "{}: the key occurs twice, in lines {first} and {second}; remove one",
                     twice.key
                 ));
             }

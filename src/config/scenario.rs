@@ -150,12 +150,12 @@ impl Scenario {
         let terrain = raw.terrain.build(file, loaded.route.as_ref())?;
         on_the_ground(&loaded.trajectory, &terrain).map_err(|error| file.error(error))?;
         let mut warnings = Vec::new();
-        let asked_m_s = raw.speed.speed_m_s;
-        if loaded.route.is_some() && asked_m_s > vehicle.speed_max_m_s {
+        let requested_m_s = raw.speed.speed_m_s;
+        if loaded.route.is_some() && requested_m_s > vehicle.speed_max_m_s {
             warnings.push(format!(
-                "speed.speed_m_s: {asked_m_s} m/s is asked for, but {} m/s is the largest speed that {} was \
-                 identified at (speed_max_m_s), and {} m/s its motors' limit",
-                vehicle.speed_max_m_s, vehicle.name, limits.traction_max_m_s
+                "speed.speed_m_s: {requested_m_s} m/s is requested, but {} was identified up to {} m/s \
+                 (speed_max_m_s), and its motors' limit is {} m/s",
+                vehicle.name, vehicle.speed_max_m_s, limits.traction_max_m_s
             ));
         }
         let start = raw.start.from(&loaded.trajectory.at(0.0).pose());

@@ -96,9 +96,9 @@ pub(super) struct Search<'a> {
 }
 
 impl Search<'_> {
-    fn tread_speeds(&mut self, asked: Option<&TreadSpeedTopic>) -> Result<TreadSpeeds> {
+    fn tread_speeds(&mut self, requested: Option<&TreadSpeedTopic>) -> Result<TreadSpeeds> {
         let key = "tread_speeds";
-        Ok(match asked {
+        Ok(match requested {
             Some(TreadSpeedTopic::JointStates {
                 topic,
                 left,
@@ -126,9 +126,9 @@ impl Search<'_> {
         })
     }
 
-    fn attitude(&mut self, asked: Option<&AttitudeTopic>) -> Result<Attitudes> {
+    fn attitude(&mut self, requested: Option<&AttitudeTopic>) -> Result<Attitudes> {
         let key = "attitude";
-        Ok(match asked {
+        Ok(match requested {
             Some(AttitudeTopic::Odometry { topic }) => {
                 Attitudes::Odometry(self.topic(topic.as_deref(), ODOMETRY, key)?)
             }
@@ -140,9 +140,9 @@ impl Search<'_> {
         })
     }
 
-    fn pose(&mut self, asked: Option<&PoseTopic>) -> Result<Poses> {
+    fn pose(&mut self, requested: Option<&PoseTopic>) -> Result<Poses> {
         let key = "pose";
-        Ok(match asked {
+        Ok(match requested {
             Some(PoseTopic::Odometry { topic }) => {
                 Poses::Odometry(self.topic(topic.as_deref(), ODOMETRY, key)?)
             }

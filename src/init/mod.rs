@@ -49,7 +49,7 @@ pub fn run(args: &InitArgs) -> Result<()> {
     output::check_free(&paths, args.force)?;
     let folder = args.dir.join(schemas::SCHEMAS);
     std::fs::create_dir_all(&folder)
-        .with_context(|| format!("{}: cannot be made", folder.display()))?;
+        .with_context(|| format!("{}: cannot create the folder", folder.display()))?;
     for (file, path) in files.iter().zip(&paths) {
         output::write(path, file.text.as_bytes(), args.force)?;
     }

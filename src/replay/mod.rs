@@ -217,7 +217,7 @@ const CASE: [&str; 2] = ["drive.mcap", "arguments"];
 /// Writes a test case: the recording, and a file whose lines are the arguments that follow its name.
 fn write_case(args: &ReplayArgs, folder: &Path) -> Result<()> {
     std::fs::create_dir_all(folder)
-        .with_context(|| format!("{}: cannot be made", folder.display()))?;
+        .with_context(|| format!("{}: cannot create the folder", folder.display()))?;
     let bytes = std::fs::read(&args.recording)?;
     ensure!(
         !sidehill_bridge::recording::McapRecording::part_name(&args.recording, 1).exists(),

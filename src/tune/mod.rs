@@ -191,7 +191,7 @@ pub fn run(args: &TuneArgs) -> Result<ExitCode> {
     let tried = args.out.with_extension("tried.csv");
     let name = tried.display().to_string();
     progress::explain_interrupt(move || {
-        format!("interrupted: what was tried is in {name}; the same command goes on from there")
+        format!("interrupted: the trials are in {name}; repeat the command to continue")
     })?;
     let bar = Progress::new("tune", u64::from(args.options.tries));
     let heard = |number, _| {

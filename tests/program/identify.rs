@@ -52,7 +52,7 @@ fn the_wheels_come_back_within_their_intervals_and_what_is_not_told_apart_is_nam
     let figure_eight = log("figure_eight", folder.path());
     let slalom = log("slalom", folder.path());
 
-    // One course at one slope: loads and lateral share do the same to it.
+    // On one course at one slope, loads and lateral share have the same effect.
     let alone = identify(&[&figure_eight], folder.path(), "table");
     assert_says(
         &alone,
@@ -79,7 +79,7 @@ fn the_wheels_come_back_within_their_intervals_and_what_is_not_told_apart_is_nam
     }
     assert!(inside >= 9, "{inside} of {}: {contact}", TRUTH.len());
 
-    // What is found is what contact-mpc starts from.
+    // contact-mpc starts from the identified parameters.
     let text = std::fs::read_to_string(folder.path().join("found.yaml")).unwrap();
     let vehicle: Value = serde_yaml::from_str(&text).unwrap();
     let found = vehicle["contact"]["friction"].as_f64().unwrap();
@@ -114,7 +114,7 @@ fn a_gain_that_the_logs_do_not_determine_is_said_to_be_so() {
             "the slope logs were made on 0.0 deg",
         ],
     );
-    // What is not known is not written as if it were: the value of the vehicle before stays.
+    // An unknown value is not written as if it were known: that of the start vehicle is kept.
     let yaml = std::fs::read_to_string(out).unwrap();
     assert_says(
         &yaml,
@@ -161,7 +161,7 @@ fn an_identification_ends_with_a_verdict_and_its_reasons() {
     assert_eq!(unknown["kept"], 0.1);
     assert_eq!(good["vehicle"]["lambda_2_s_per_rad"], 0.1);
 
-    // 20 segments of moving on grass hardly tell the ICRs from the wheels' factors.
+    // 20 segments on grass hardly distinguish the ICRs from the wheels' factors.
     let poor = identified("warthog_grass", &["train.csv"], &[], "2");
     assert_eq!(poor["verdict"]["max_slope_deg"], 0.0, "{poor}");
     let reasons = poor["verdict"]["reasons"].to_string();

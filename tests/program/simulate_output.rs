@@ -222,7 +222,7 @@ fn what_was_learned_is_kept_in_a_file_that_is_refused_where_it_is_wrong() {
     let restarted = simulate(&one, &[read, kept.as_os_str()]).output().unwrap();
     let restarted = runs(&String::from_utf8(restarted.stdout).unwrap()).remove(0);
     assert!(rms(&restarted) < rms(&fresh), "{restarted} {fresh}");
-    // A recording holds what its controller began with.
+    // A recording contains the learned parameters its controller started from.
     let recording = folder.path().join("restarted.mcap");
     let record = ["--learned".as_ref(), kept.as_os_str(), "--record".as_ref()];
     succeed(simulate(&one, &record).arg(&recording));

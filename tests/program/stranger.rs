@@ -1,5 +1,5 @@
-//! The first hour of a stranger: mistakes that are made, each with a message that tells file, place,
-//! cause and remedy, and nothing lost.
+//! A new user's first hour: common mistakes, each with a message that names file, place, cause and remedy, and
+//! without loss of data.
 
 use crate::{Course, assert_says, fail, repository, sidehill, stderr, succeed, text};
 use std::process::Stdio;
@@ -21,14 +21,14 @@ fn log() -> String {
     text
 }
 
-/// Returns what `check` says of a file.
+/// Returns the error of `check` for a file.
 fn complaint(name: &str, text: &str) -> String {
     let course = Course::new("");
     let file = course.write(name, text);
     fail(sidehill().arg("check").arg(file))
 }
 
-/// Returns what `check` says of the course's scenario with one text put in place of another.
+/// Returns the error of `check` for the course's scenario with a text replaced.
 fn scenario_complaint(from: &str, to: &str) -> String {
     let course = Course::new("");
     let scenario = std::fs::read_to_string(course.path("scenario.yaml")).unwrap();
@@ -220,7 +220,7 @@ fn nothing_that_exists_is_overwritten() {
     );
     assert_says(&message, &["vehicle.yaml", "exists already", "--force"]);
     assert_eq!(std::fs::read(&vehicle).unwrap(), before);
-    // Found before the work.
+    // Found before any work is done.
     let message = fail(
         sidehill()
             .args(["identify", "--level", "nowhere.csv", "--vehicle"])

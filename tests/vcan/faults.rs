@@ -13,7 +13,7 @@ fn faults_of_the_vehicle_end_the_commands_until_re_armed() {
         ("freeze_counter", COMMANDS_OFF_AFTER_SILENCE_S),
         ("corrupt_checksum", COMMANDS_OFF_AFTER_SILENCE_S),
         ("!delay_s 0.6", COMMANDS_OFF_AFTER_SILENCE_S),
-        // A report until it is told, a cycle until it acts.
+        // Up to a report until it is known, and a cycle until it acts.
         ("emergency_stop", 2.0 * CYCLE_S),
         // The command must leave the plausible band first; then 0.3 s, a cycle, the ramp, a cycle.
         ("ignore_commands", 3.0),
@@ -34,7 +34,7 @@ fn faults_of_the_vehicle_end_the_commands_until_re_armed() {
             .unix_s;
         let took_s = observer.off_after_s(enabled_s + 3.0);
         assert_off(fault, took_s, limit_s);
-        // A vehicle that has run away is off its path, where the controller refuses to drive.
+        // A runaway vehicle is off its path, where the controller refuses to drive.
         if fault != "ignore_commands" {
             assert_rearms(fault, &run, &observer);
         }
@@ -153,8 +153,8 @@ fn a_controller_that_has_left_the_bus_stops_until_re_armed() {
     ] {
         assert!(events.contains(event), "no {event}:\n{events}");
     }
-    // The adapter is back, the serial-line driver lets nothing through until it is switched off and
-    // on; by itself nothing is enabled before that, or after.
+    // The adapter is back, but the serial-line driver passes nothing until the interface is switched off and
+    // on. Nothing is enabled by itself, before or after that.
     let before = observer.seen().len();
     ip(&["link", "set", &adapter.interface, "down"]);
     sleep_s(0.5);

@@ -57,7 +57,7 @@ fn a_vehicle_and_a_controller_follow_the_figure_of_eight() {
     decode_with_cantools(&folder, "j8.dbc");
 }
 
-/// Prints how well a run has kept its times.
+/// Prints the timing of a run.
 fn print_timing(ending: &serde_json::Value) {
     let number = |key: &str| ending[key].as_f64().unwrap();
     println!(
@@ -111,7 +111,7 @@ fn a_controller_drives_on_while_its_output_is_closed_100_times() {
     command("mkfifo", &[pipe.to_str().unwrap()]);
     let vehicle = Program::vehicle(&folder, "");
     let observer = Observer::start();
-    // Opening one end waits for the other.
+    // Opening one end blocks until the other is open.
     let reader = || std::fs::File::open(&pipe).unwrap();
     let first = {
         let pipe = pipe.clone();
@@ -142,7 +142,7 @@ fn a_controller_drives_on_while_its_output_is_closed_100_times() {
     assert!(line.contains("\"state\":\"driving\""), "{line}");
     drop(run);
     drop(vehicle);
-    // From the first movement on, until it was killed, it has not stood.
+    // It never stood between its first movement and the kill.
     let truth = folder.truth();
     let moving = truth.iter().skip_while(|row| row.off());
     let driven = moving.take_while(|row| row.mode == "Enabled").count();

@@ -1,6 +1,6 @@
 use crate::path::{ArcLength, CurvePoint, Direction, Path, PathError, Point2};
 use crate::speed_profile::{SpeedLimits, speed_profile};
-use crate::trajectory::Trajectory;
+use crate::trajectory::{Ending, Motion, NODE_STEP_S, Node, Trajectory};
 use serde::{Deserialize, Serialize};
 use sidehill_plant::bounds::{Bounds, RangeError};
 use std::f64::consts::TAU;

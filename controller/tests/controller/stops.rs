@@ -1,15 +1,12 @@
 //! Stops: missed deadlines, stops on request, re-arming, and no path.
 
-use crate::rig::{CIRCLE, KINDS, Rig, STOPPING_CYCLES, Setup, course, driving};
+use crate::rig::{CIRCLE, KINDS, STOPPING_CYCLES, Setup, course, driving};
 use crate::supervision::{assert_stays_stopped, until_stopping};
 use sidehill_controller::config::ControllerKind;
-use sidehill_controller::controller::{Controller, ControllerError, Decision, Status, StopReason};
-use sidehill_controller::estimator::Refused;
+use sidehill_controller::controller::{Status, StopReason};
 use sidehill_controller::mpc::QpFailure;
 use sidehill_plant::sample::Sample;
 use sidehill_plant::speeds::MotorSpeeds;
-use sidehill_plant::vehicle::Vehicle;
-use std::f64::consts::PI;
 use std::time::Instant;
 
 #[test]

@@ -4,12 +4,10 @@ use crate::rig::{CIRCLE, KINDS, Rig, STOPPING_CYCLES, Setup, course, driving};
 use sidehill_controller::config::ControllerKind;
 use sidehill_controller::controller::{Controller, ControllerError, Decision, Status, StopReason};
 use sidehill_controller::estimator::Refused;
-use sidehill_controller::mpc::QpFailure;
 use sidehill_plant::sample::Sample;
 use sidehill_plant::speeds::MotorSpeeds;
 use sidehill_plant::vehicle::Vehicle;
 use std::f64::consts::PI;
-use std::time::Instant;
 
 /// Asserts that a stopping vehicle comes to stand and stays so with all in order again, until it is
 /// re-armed; then it drives.

@@ -1,10 +1,10 @@
 //! The page and the CSV of runs.
 
-mod csv;
-mod page;
+mod pages;
+mod tables;
 
 use super::*;
-use crate::record::{Quantiles, Summary};
+use crate::record::{Quantiles, Row, Summary};
 use roxmltree::{Document, ParsingOptions};
 use sidehill_controller::config::ControllerConfig;
 use sidehill_controller::config::ControllerKind;

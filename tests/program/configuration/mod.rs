@@ -17,7 +17,6 @@ use sidehill_bridge::ros2::server::config::Ros2Config;
 use sidehill_bridge::safety::SafetyConfig;
 use sidehill_controller::config::ControllerConfig;
 use sidehill_plant::drive_train::DriveTrainConfig;
-use sidehill_plant::log::ColumnMap;
 use sidehill_plant::sensors::SensorsConfig;
 use table::*;
 
@@ -55,7 +54,7 @@ fn kind(table: &Table, key: &str) -> String {
     }
 }
 
-/// Returns the range of a number as the program's error words it; empty where it accepts huge ones of both signs.
+/// Returns the range of a number as in the program's error; empty if it accepts huge numbers of both signs.
 fn range(table: &Table, key: &str, kind: &str) -> String {
     let tried: [Value; 2] = match kind {
         "number" => [9e15.into(), (-9e15).into()],
@@ -69,7 +68,7 @@ fn range(table: &Table, key: &str, kind: &str) -> String {
         .filter(|complaint| complaint.contains(key))
         .find_map(|complaint| {
             let (_, range) = complaint.split_once("out of range, must be ")?;
-            // Where in the file it is follows.
+            // The rest of the message is the place in the file.
             Some(
                 range
                     .split(" at line")
@@ -137,7 +136,7 @@ fn keys_without_a_default_are_marked_required() {
             if missing {
                 assert_eq!(row.default, "required", "{}: {}", table.name(), row.key);
             } else if row.default == "required" {
-                // What tells the kinds of files apart is missed before the file is parsed.
+                // A missing key that tells kinds of files apart is reported before the file is parsed.
                 assert!(
                     !complaint.is_empty(),
                     "{}: {} is not required",

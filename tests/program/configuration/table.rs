@@ -4,6 +4,7 @@ use crate::text;
 use serde_yaml::{Mapping, Value};
 use sidehill::check::check;
 use sidehill::config::ConfigFile;
+use sidehill_plant::log::ColumnMap;
 
 pub(super) const PAGE: &str = "docs/configuration.md";
 
@@ -77,7 +78,7 @@ pub(super) fn keys(path: &str) -> Vec<String> {
     names.map(str::to_owned).collect()
 }
 
-/// Returns the content with a value at a path; sections on the way that are missing are added.
+/// Returns the content with a value at a path; missing sections are added.
 fn put(mut content: Value, path: &[String], value: Value) -> Value {
     let mut at = &mut content;
     for key in path {
@@ -147,7 +148,7 @@ impl Table {
     }
 }
 
-/// Returns what stands in backticks after the last `expected`.
+/// Returns the words in backticks after the last `expected`.
 pub(super) fn expected(complaint: &str) -> Vec<String> {
     let (_, list) = complaint.rsplit_once("expected ").unwrap();
     let names = list.split('`').skip(1).step_by(2);

@@ -4,7 +4,7 @@ use super::{SIMULATED, configuration, run_to_end};
 
 #[test]
 fn a_simulated_vehicle_is_driven_in_real_time() {
-    // The longest time-outs there are, since other tests may keep the machine busy.
+    // The longest possible time-outs, because other tests may keep the machine busy.
     let file = configuration("simulated", &SIMULATED);
     let recording = file.with_file_name("drive.mcap");
     let recording = recording.to_str().unwrap();

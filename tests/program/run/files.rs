@@ -42,7 +42,7 @@ fn what_a_drive_has_learned_is_kept_over_a_restart() {
     let replayed: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!(replayed["different"], 0, "{replayed}");
     assert!(replayed["cycles"].as_u64().unwrap() > 50, "{replayed}");
-    // A damaged file keeps nothing from driving, and is not lost.
+    // A damaged file does not prevent driving, and is kept.
     let events = drive(&[]);
     for part in ["j8.learned: refused: the file is", "nothing learned"] {
         assert!(events.contains(part), "{part}: {events}");

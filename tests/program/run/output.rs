@@ -49,7 +49,7 @@ fn it_survives_100_closings_of_its_output_while_it_drives() {
         drop(reader());
         std::thread::sleep(std::time::Duration::from_millis(60));
     }
-    // Whoever comes back sees that it drives on, and how many lines nobody has read.
+    // A new reader sees that it is still driving, and how many lines were dropped.
     let said = drives(&mut reader()).expect("it still drives");
     assert!(said["lines_dropped"].as_u64() > Some(2), "{said}");
 }
@@ -58,7 +58,7 @@ fn it_survives_100_closings_of_its_output_while_it_drives() {
 fn it_drives_on_when_nobody_reads_and_stops_when_the_connection_drops() {
     let file = configuration("nobody_reads", &SIMULATED);
     let out = file.parent().unwrap().join("out");
-    // What an earlier test left would look like a drive.
+    // Files of an earlier test would look like a drive.
     let _ = std::fs::remove_dir_all(&out);
     let mut run = Running::start(
         sidehill()
@@ -67,7 +67,7 @@ fn it_drives_on_when_nobody_reads_and_stops_when_the_connection_drops() {
             .stdout(Stdio::piped())
             .stderr(Stdio::piped()),
     );
-    // Both ends of its text are gone before it says anything.
+    // Close both pipes before it prints anything.
     drop(run.0.stdout.take());
     drop(run.0.stderr.take());
     let states = || -> Vec<String> {

@@ -21,7 +21,7 @@ pub use adapter::Adapter;
 pub use observer::{Observer, Seen};
 pub use truth::{Truth, cross_track_rms_m, standing_after_s};
 
-/// What a scheduler of 100 Hz and a shared machine may add to a documented limit, s.
+/// Tolerance on documented limits for a 100 Hz scheduler and a shared machine, s.
 pub const TOLERANCE_S: f64 = 0.06;
 
 /// A folder for the files of one test.
@@ -43,7 +43,7 @@ impl Folder {
         Self(folder)
     }
 
-    /// What was true, as the virtual vehicle wrote it.
+    /// Returns the true states that the virtual vehicle wrote.
     pub fn truth(&self) -> Vec<Truth> {
         csv::Reader::from_path(self.0.join("truth.csv"))
             .unwrap()
@@ -52,14 +52,14 @@ impl Folder {
             .unwrap()
     }
 
-    /// The events of the controller's side.
+    /// Returns the controller's events.
     pub fn events(&self) -> String {
         std::fs::read_to_string(self.0.join("run/events.jsonl")).unwrap()
     }
 }
 
 impl Drop for Folder {
-    /// Shows what the programs said where the test has failed.
+    /// Prints the programs' output if the test has failed.
     fn drop(&mut self) {
         if !std::thread::panicking() {
             return;
@@ -186,7 +186,7 @@ impl Program {
         rustix::process::kill_process(id, signal).unwrap();
     }
 
-    /// What it has printed.
+    /// Returns its output.
     pub fn output(&self) -> String {
         std::fs::read_to_string(&self.output).unwrap()
     }

@@ -1,4 +1,4 @@
-//! What was true of the virtual vehicle.
+//! The true states of the virtual vehicle.
 
 use sidehill_controller::course::FigureEight;
 use sidehill_controller::path::{Point2, Window};
