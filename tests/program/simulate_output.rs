@@ -1,6 +1,7 @@
 //! What `sidehill simulate` prints and writes, and what it refuses.
 
 use crate::{Course, assert_says, fail, keys, runs, sidehill, stdout, succeed};
+use serde_json::Value;
 use std::collections::BTreeSet;
 
 /// Fields of a run, design of the program's contract.

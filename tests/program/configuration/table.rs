@@ -1,6 +1,6 @@
 //! The tables of docs/configuration.md, and what the program says about their keys.
 
-use crate::text;
+use crate::{repository, text};
 use serde_yaml::{Mapping, Value};
 use sidehill::check::check;
 use sidehill::config::ConfigFile;
