@@ -17,8 +17,10 @@
 //! Time is an argument, and nothing in here touches the network. The safety stops the vehicle on its own; a
 //! session only requests stops, and gives their reasons a code.
 
+mod ahead;
 mod drive;
 mod obstacles;
+mod passing;
 mod prepare;
 
 use super::checkers::ProgressChecker;
@@ -144,8 +146,10 @@ struct Blocked {
 /// Where the vehicle is on the route of a goal.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct TrackingState {
-    /// Distance from the path, m, positive to the left of travel.
+    /// Distance from the route, m, positive to the left of travel.
     pub(crate) cross_track_m: f64,
+    /// Distance of the route from the path, m, likewise: not 0 where it passes an obstacle.
+    pub(crate) aside_m: f64,
     /// Heading less that of the reference, rad.
     pub(crate) heading_error_rad: f64,
     /// Straight distance to the goal, m.
@@ -173,6 +177,8 @@ pub(crate) struct GoalSession {
     frame_checked_s: f64,
     /// Time of the newest check for obstacles, s.
     obstacles_checked_s: f64,
+    /// Time of the newest look for a course past an obstacle, s.
+    passing_tried_s: f64,
     /// Index of the newest pose of the path that the vehicle was at.
     passed_index: Cell<usize>,
     /// Arc length that the vehicle has reached on the route, m.
@@ -205,6 +211,7 @@ impl GoalSession {
             progress,
             frame_checked_s: f64::NEG_INFINITY,
             obstacles_checked_s: f64::NEG_INFINITY,
+            passing_tried_s: f64::NEG_INFINITY,
             passed_index: Cell::new(0),
             reached_m: 0.0,
             frame_error: None,
@@ -283,6 +290,7 @@ impl GoalSession {
         let in_path = pose_in(pose, &inverse(&placed.frame));
         Some(TrackingState {
             cross_track_m: progress.cross_track_m,
+            aside_m: placed.route.aside_m(progress.arc_length_m),
             heading_error_rad: wrap_angle(pose.yaw_rad - progress.point.heading_rad),
             distance_to_goal_m: (pose.x_m - goal.x_m).hypot(pose.y_m - goal.y_m),
             left_m,
