@@ -15,7 +15,7 @@ use ndarray::{Array0, Array1, Array2, ArrayView, ArrayView2, Ix1, arr0};
 use ndarray_npy::{NpzReader, NpzWriter};
 use sidehill_controller::closed_loop::Cycle;
 use sidehill_controller::controller::Controller;
-use sidehill_controller::mpc::{CscMatrix, Point, QpData, SolveReport};
+use sidehill_controller::mpc::{CscMatrix, Point, QpData, SolveReport, StageTerms};
 use std::fs::File;
 use std::io::Cursor;
 use std::path::Path;
@@ -29,6 +29,8 @@ pub struct QpRecording {
     q: Vec<f64>,
     a: Vec<f64>,
     b: Vec<f64>,
+    /// Of all QPs; not in the file.
+    stages: Vec<StageTerms>,
     x: Vec<f64>,
     y: Vec<f64>,
     times_s: Vec<f64>,
@@ -57,6 +59,7 @@ impl QpRecording {
         self.q.extend_from_slice(&data.q);
         self.a.extend_from_slice(&data.a.nzval);
         self.b.extend_from_slice(&data.b);
+        self.stages.extend_from_slice(&data.stages);
         self.x.extend_from_slice(&point.primal);
         self.y.extend_from_slice(&point.dual);
         self.times_s.push(time_s);
@@ -69,13 +72,16 @@ impl QpRecording {
         let Some(first) = &self.first else {
             return Vec::new();
         };
-        let values = |all: &[f64], size: usize, i: usize| all[i * size..(i + 1) * size].to_vec();
+        fn values<T: Clone>(all: &[T], size: usize, i: usize) -> Vec<T> {
+            all[i * size..(i + 1) * size].to_vec()
+        }
         let qp = |i| {
             let mut qp = first.clone();
             qp.p.nzval = values(&self.p, qp.p.nzval.len(), i);
             qp.q = values(&self.q, qp.q.len(), i);
             qp.a.nzval = values(&self.a, qp.a.nzval.len(), i);
             qp.b = values(&self.b, qp.b.len(), i);
+            qp.stages = values(&self.stages, qp.stages.len(), i);
             qp
         };
         (0..self.times_s.len()).map(qp).collect()
@@ -173,6 +179,7 @@ fn read_arrays(path: &Path) -> Result<Vec<QpData>> {
         a: matrix(constraints, &a_starts, &a_rows, a.row(i).to_vec()),
         b: b.row(i).to_vec(),
         equalities,
+        stages: Vec::new(),
     });
     Ok(qps.collect())
 }

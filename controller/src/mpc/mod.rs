@@ -5,11 +5,13 @@
 //!     Horizon -> Linearised -> CondensedQp -> Solution
 //! ```
 
+mod active_limits;
 mod clarabel_qp;
 mod condensing;
 mod dual_active_set;
 mod failure;
 mod following;
+mod limit_search;
 pub mod limits;
 mod linearising;
 mod model;
@@ -17,6 +19,7 @@ mod problem;
 mod qp;
 mod rows;
 mod settings;
+mod stage_terms;
 mod stage_times;
 mod step_limit;
 mod structure;
@@ -29,6 +32,7 @@ use model::StepStart;
 pub use problem::{CscMatrix, Point, QpData, Residuals};
 pub use qp::{QpSolver, SolvePath};
 pub use settings::{ChangeWeights, Corridor, HeadingExcess, MpcSettings, QpMode, QpSettings};
+pub use stage_terms::StageTerms;
 pub use stage_times::StageTimes;
 pub use step_limit::StepLimit;
 

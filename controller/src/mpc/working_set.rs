@@ -20,6 +20,7 @@
 use super::clarabel_qp::{LinearSystem, SolveLimits};
 use super::dual_active_set::DualActiveSet;
 use super::failure::QpFailure;
+use super::limit_search::LimitSearch;
 use super::problem::{Point, QpData, Residuals, pattern};
 use super::rows::Rows;
 
@@ -38,6 +39,9 @@ const SHARPER: f64 = 0.1;
 pub struct WorkingSet {
     rows: Rows,
     system: LinearSystem,
+    search: Option<LimitSearch>,
+    /// Whether the search had its turn in this solve.
+    searched: bool,
     dual: DualActiveSet,
     places: Places,
     /// Values of P with the penalties.
@@ -82,6 +86,8 @@ impl WorkingSet {
         let count = rows.count();
         Ok(Self {
             system: LinearSystem::new(&penalised)?,
+            search: LimitSearch::new(data),
+            searched: false,
             dual: DualActiveSet::new(data),
             p: penalised.p.nzval,
             equalities: penalised.a.nzval,
@@ -138,6 +144,10 @@ impl WorkingSet {
         for (value, place) in self.equalities.iter_mut().zip(&self.places.equalities) {
             *value = data.a.nzval[*place];
         }
+        self.searched = false;
+        if self.binds() {
+            self.search(data, point, limits)?;
+        }
         self.guess.copy_from_slice(&self.members);
         if let Some(residuals) = self.correct(data, point, work, tolerance, limits)? {
             return Ok(Some(residuals));
@@ -159,6 +169,26 @@ impl WorkingSet {
             self.members[*row] = true;
         }
         self.finish(data, point, work, tolerance, limits)
+    }
+
+    /// Searches the active rows stage by stage, starting from the members; where they are not found the
+    /// members stay as they are.
+    fn search(
+        &mut self,
+        data: &QpData,
+        point: &mut Point,
+        limits: &SolveLimits,
+    ) -> Result<(), QpFailure> {
+        self.searched = true;
+        let Some(search) = &mut self.search else {
+            return Ok(());
+        };
+        let found = search.find(data, &self.rows, &mut self.members, limits);
+        self.factorisations += search.systems();
+        if search.systems() > 0 {
+            search.put_inputs(&self.rows, point);
+        }
+        found.map(|_| ()).map_err(|()| self.late())
     }
 
     /// Exchanges all rows of wrong sign at once, until none is left or their number does not fall.
@@ -194,6 +224,10 @@ impl WorkingSet {
             }
             before = wrong;
             std::mem::swap(&mut self.members, &mut self.next);
+            if !self.searched {
+                self.search(data, point, limits)?;
+                self.guess.copy_from_slice(&self.members);
+            }
         }
         Ok(None)
     }
