@@ -5,8 +5,9 @@
 //! in a fixed chain would be linearly dependent and is never active.
 
 use super::problem::QpData;
+use super::recursion::Rule;
 use super::rows::Rows;
-use super::stage_terms::{MOTORS, Rule};
+use super::stage_terms::MOTORS;
 use super::structure::ROWS_PER_STAGE;
 use std::ops::RangeInclusive;
 

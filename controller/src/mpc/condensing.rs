@@ -14,11 +14,11 @@
 //! small and dense, where an interior-point method spends the least time on 20 to 50 stages.
 
 mod feasible;
+mod terms;
 
 use super::limits::{Change, InputLimits};
 use super::problem::QpData;
 use super::settings::{ChangeWeights, Corridor};
-use super::stage_terms::StageTerms;
 use super::structure::{Block, ROWS_PER_STAGE, change_scale, packed, structure};
 use nalgebra::Vector3;
 use sidehill_plant::prediction::LinearisedStep;
@@ -122,12 +122,12 @@ impl Condenser {
         self.change_cost(stages, previous, data);
         self.bounds(stages, previous, data);
         let mut before = previous;
-        for (terms, stage) in data.stages.iter_mut().zip(stages) {
+        for (own, stage) in data.stages.iter_mut().zip(stages) {
             let change = [
                 stage.input.traction_m_s - before.traction_m_s,
                 stage.input.steer_m_s - before.steer_m_s,
             ];
-            *terms = StageTerms::new(stage, change, self.cost_scale);
+            *own = stage.terms(change, self.cost_scale);
             before = stage.input;
         }
     }

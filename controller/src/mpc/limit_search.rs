@@ -11,8 +11,8 @@
 use super::active_limits::{ActiveLimits, Kind, Limit, PerLimit};
 use super::clarabel_qp::SolveLimits;
 use super::problem::{Point, QpData};
+use super::recursion::Recursion;
 use super::rows::Rows;
-use super::stage_terms::Recursion;
 use super::structure::ROWS_PER_STAGE;
 
 /// How far a limit may be exceeded, m/s, and how far below 0 a multiplier may be, relative to 1 plus the
