@@ -7,7 +7,8 @@
 //! All QPs of a run have one sparsity pattern. The file holds it once, in compressed columns
 //! (`P_indptr`, `P_indices`, `A_indptr`, `A_indices`; P is the upper triangle), with `equalities`, the
 //! number of rows with s = 0. Of each QP, a row an array, it holds `P_data`, `q`, `A_data`, `b`, the
-//! solution `x` with the multipliers `y`, and `time_s`, `iterations`, `solve_us`.
+//! solution `x` with the multipliers `y`, `time_s`, `iterations`, `solve_us`, and, where only bounds and
+//! changes of the inputs limit it, the terms of its `stages`.
 
 use crate::closed_loop::Observer;
 use anyhow::{Context, Result, ensure};
@@ -29,7 +30,7 @@ pub struct QpRecording {
     q: Vec<f64>,
     a: Vec<f64>,
     b: Vec<f64>,
-    /// Of all QPs; not in the file.
+    /// Of all QPs, one after the other.
     stages: Vec<StageTerms>,
     x: Vec<f64>,
     y: Vec<f64>,
@@ -118,6 +119,11 @@ impl QpRecording {
             let rows = ArrayView2::from_shape((count, values.len() / count), values)?;
             npz.add_array(name, &rows)?;
         }
+        if !self.stages.is_empty() {
+            let terms = self.stages.iter().flat_map(StageTerms::to_array).collect();
+            let size = first.stages.len() * StageTerms::COUNT;
+            npz.add_array("stages", &Array2::from_shape_vec((count, size), terms)?)?;
+        }
         for (name, values) in [("time_s", &self.times_s), ("solve_us", &self.solve_us)] {
             npz.add_array(name, &ArrayView::<_, Ix1>::from(values))?;
         }
@@ -150,9 +156,12 @@ fn read_arrays(path: &Path) -> Result<Vec<QpData>> {
     let mut rows =
         |name: &str| -> Result<Array2<f64>> { npz.by_name(name).with_context(|| name.to_owned()) };
     let (p, q, a, b) = (rows("P_data")?, rows("q")?, rows("A_data")?, rows("b")?);
+    // Not of QPs with other limits than bounds and changes.
+    let stages = rows("stages").unwrap_or_else(|_| Array2::zeros((q.nrows(), 0)));
     let (variables, constraints) = (q.ncols(), b.ncols());
     ensure!(
-        [p.nrows(), a.nrows(), b.nrows()] == [q.nrows(); 3] && equalities <= constraints,
+        [p.nrows(), a.nrows(), b.nrows(), stages.nrows()] == [q.nrows(); 4]
+            && equalities <= constraints,
         "the arrays differ in length"
     );
     let columns = |rows: usize, starts: &[usize], indices: &[usize], values: &Array2<f64>| {
@@ -179,7 +188,12 @@ fn read_arrays(path: &Path) -> Result<Vec<QpData>> {
         a: matrix(constraints, &a_starts, &a_rows, a.row(i).to_vec()),
         b: b.row(i).to_vec(),
         equalities,
-        stages: Vec::new(),
+        stages: stages
+            .row(i)
+            .to_vec()
+            .chunks(StageTerms::COUNT)
+            .map(StageTerms::from_numbers)
+            .collect(),
     });
     Ok(qps.collect())
 }

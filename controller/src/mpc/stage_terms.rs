@@ -28,6 +28,42 @@ pub struct StageTerms {
 }
 
 impl StageTerms {
+    /// Numbers that the terms consist of.
+    pub const COUNT: usize = 28;
+
+    /// Returns a, B by columns, c, Q, f, r, o.
+    pub fn to_array(&self) -> [f64; Self::COUNT] {
+        let mut copy = *self;
+        let mut all = [0.0; Self::COUNT];
+        for (to, from) in all.iter_mut().zip(copy.numbers()) {
+            *to = *from;
+        }
+        all
+    }
+
+    /// Returns the terms of [`Self::to_array`]'s numbers; those that are missing are 0.
+    pub fn from_numbers(numbers: &[f64]) -> Self {
+        let mut terms = Self::default();
+        for (to, from) in terms.numbers().zip(numbers) {
+            *to = *from;
+        }
+        terms
+    }
+
+    fn numbers(&mut self) -> impl Iterator<Item = &mut f64> {
+        let motion = self
+            .by_yaw
+            .iter_mut()
+            .chain(self.by_input.as_flattened_mut());
+        let error = self.weight.as_flattened_mut().iter_mut();
+        motion
+            .chain(&mut self.defect)
+            .chain(error)
+            .chain(&mut self.force)
+            .chain(&mut self.change_weight)
+            .chain(&mut self.change)
+    }
+
     /// Returns A' of a vector.
     pub(super) fn back(&self, mut vector: [f64; 3]) -> [f64; 3] {
         vector[2] += dot(&self.by_yaw, &vector);
