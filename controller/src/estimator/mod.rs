@@ -10,6 +10,7 @@
 //! their covariance with it, which grows only where they are excited. At standstill, straight
 //! ahead and without poses nothing is learned and nothing winds up.
 
+mod belief;
 mod contact;
 mod contact_settings;
 mod estimate;
@@ -17,6 +18,7 @@ mod filter;
 mod gains;
 mod gate;
 mod learned;
+mod model_error;
 mod settings;
 mod slip;
 

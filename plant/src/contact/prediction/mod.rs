@@ -29,7 +29,7 @@ use super::vehicle::ContactVehicle;
 use crate::bounds::RangeError;
 use crate::frames::{Attitude, BodyVelocity};
 use crate::prediction::Linearised;
-use crate::speeds::MotorSpeeds;
+use crate::speeds::{MotorSpeeds, TreadSpeeds};
 
 pub use geometry::ByParameters;
 use geometry::{Geometry, Ground};
@@ -172,10 +172,15 @@ impl ContactPrediction {
     }
 
     fn sums(&self, motors: MotorSpeeds) -> Sums<'_> {
+        let treads = TreadSpeeds::from(motors);
+        let [left, right] = self.ground.tread_factors;
         Sums {
             geometry: &self.geometry,
             ground: &self.ground,
-            treads: motors.into(),
+            treads: TreadSpeeds {
+                left_m_s: left * treads.left_m_s,
+                right_m_s: right * treads.right_m_s,
+            },
         }
     }
 
@@ -212,7 +217,8 @@ impl ContactPrediction {
         let parts = sums.gradient_parts(&solution.velocity, &solution.loads);
         let by = -solution.inverse_hessian
             * sums.gradient_by_inputs(&parts, &solution.loads, &stance, solution.pull_share);
-        let (left, right) = (by.column(2), by.column(3));
+        let factors = &self.ground.tread_factors;
+        let (left, right) = (factors[0] * by.column(2), factors[1] * by.column(3));
         let velocity = &solution.velocity;
         let linearised = Linearised {
             velocity: BodyVelocity {
