@@ -132,9 +132,12 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
         self.keeps = keep;
     }
 
-    pub(super) fn learned(&self) -> Option<LearnedGains> {
-        let kept = self.kept()?;
-        Some(LearnedGains::of(&kept, &self.model.prior()))
+    pub(super) fn learned_into(&self, gains: &mut LearnedGains) -> bool {
+        let kept = self.kept();
+        if let Some(kept) = &kept {
+            gains.fill(kept, &self.model.prior());
+        }
+        kept.is_some()
     }
 
     pub(super) fn recall(&mut self, learned: &LearnedGains) -> Result<(), &'static str> {

@@ -67,11 +67,11 @@ impl Estimator {
         }
     }
 
-    /// Returns what has been learned, where anything has.
-    pub fn learned(&self) -> Option<LearnedGains> {
+    /// Puts what has been learned into room for it; returns whether anything has.
+    pub fn learned_into(&self, gains: &mut LearnedGains) -> bool {
         match &self.0 {
-            Kind::Slip(filter) => filter.learned(),
-            Kind::Contact(filter) => filter.learned(),
+            Kind::Slip(filter) => filter.learned_into(gains),
+            Kind::Contact(filter) => filter.learned_into(gains),
         }
     }
 

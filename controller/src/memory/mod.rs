@@ -14,17 +14,25 @@
 //! serial architecture, with a forgetting factor), indexed by place instead of time, so that a route that
 //! joins another one uses what was learned on it.
 
+mod evidence;
 mod places;
 mod settings;
+mod trace;
 
+pub use evidence::Evidence;
+pub(crate) use places::CELLS;
 pub use places::{Cell, Key};
 pub use settings::MemoryConfig;
+pub(crate) use trace::Step;
 
 use crate::estimator::LearnedGains;
 use crate::path::Point2;
+use nalgebra::Vector3;
 use places::PlaceMap;
 use serde::{Deserialize, Serialize};
 use sidehill_plant::frames::PlanarPose;
+use sidehill_plant::slip_gains::SlipGains;
+use trace::{Excess, Trace};
 
 /// Everything that was learned, to be kept.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -66,17 +74,31 @@ pub enum RecallError {
     Wrong(&'static str),
 }
 
-/// Time after a start in which nothing is learned by place: the vehicle converges to its path and the gains to
-/// their values, which is not a property of the place, s.
-const SETTLING_S: f64 = 10.0;
+pub(crate) fn knob(name: &str, default: f64) -> f64 {
+    use std::collections::HashMap;
+    use std::sync::OnceLock;
+    static KNOBS: OnceLock<HashMap<String, f64>> = OnceLock::new();
+    let knobs = KNOBS.get_or_init(|| std::env::vars().filter_map(|(k, v)| Some((k, v.parse().ok()?))).collect());
+    knobs.get(name).copied().unwrap_or(default)
+}
+
+/// What is known of a place ahead.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Known {
+    /// How far to the right of the path to aim, m.
+    pub(crate) aim_right_m: f64,
+    /// Motion per metre that model and learned gains do not have, (x, y, yaw) in the world.
+    pub(crate) slip_per_m: Vector3<f64>,
+}
 
 /// The map and how it is filled; nothing is allocated after [`Memory::new`].
 #[derive(Debug)]
 pub(crate) struct Memory {
     pub(crate) config: MemoryConfig,
     map: PlaceMap,
-    /// When the drive began.
-    since_s: Option<f64>,
+    trace: Trace,
+    /// Gains with which the model predicts.
+    pub(crate) gains: SlipGains,
 }
 
 impl Memory {
@@ -84,40 +106,64 @@ impl Memory {
         Self {
             config,
             map: PlaceMap::new(config),
-            since_s: None,
+            trace: Trace::new(),
+            gains: SlipGains::zeros(),
         }
     }
 
     /// Begins a new drive.
     pub(crate) fn reset(&mut self) {
-        self.since_s = None;
+        self.trace.clear();
     }
 
-    /// Takes in where the vehicle was seen at `time_s`, nearest to `place` of its path.
-    pub(crate) fn observe(&mut self, time_s: f64, seen: &Point2, place: &PlanarPose) {
-        let since_s = *self.since_s.get_or_insert(time_s);
-        if self.config.by_place && time_s - since_s >= SETTLING_S {
-            let (sin, cos) = place.yaw_rad.sin_cos();
-            let right_m = cos * (seen.x_m - place.x_m) + sin * (seen.y_m - place.y_m);
-            self.map.learn(place, right_m, time_s);
+    /// Takes in a cycle of driving.
+    pub(crate) fn step(&mut self, step: &Step) {
+        self.trace.step(step);
+    }
+
+    /// Takes in a pose; returns the motion over the last second up to it by poses less by the model.
+    pub(crate) fn pose(&mut self, time_s: f64, pose: PlanarPose) -> Option<Excess> {
+        self.trace.pose(time_s, pose)
+    }
+
+    /// Takes in what was seen of a place of the path.
+    pub(crate) fn learn_slip(&mut self, excess: &Excess, place: &PlanarPose, time_s: f64) {
+        if let Some(evidence) = excess.evidence(place.yaw_rad, &self.gains) {
+            self.map.learn(place, &evidence, time_s);
         }
     }
 
-    /// Returns a target moved aside by what is known of `place` of the path.
-    pub(crate) fn aim(&self, target: &PlanarPose, place: &PlanarPose, time_s: f64) -> PlanarPose {
-        if !self.config.by_place {
-            return *target;
+    /// Takes in where the vehicle was seen, nearest to `place` of its path, after `way_m`.
+    pub(crate) fn learn_error(&mut self, time_s: f64, seen: &Point2, place: &PlanarPose, way_m: f64) {
+        let known = self.map.known(place, time_s);
+        if known.way_m <= 0.0 {
+            return;
         }
-        let right_m = self.map.aim_right_m(place, time_s);
-        let (sin, cos) = target.yaw_rad.sin_cos();
-        PlanarPose {
-            x_m: target.x_m + cos * right_m,
-            y_m: target.y_m + sin * right_m,
-            ..*target
+        let (sin, cos) = place.yaw_rad.sin_cos();
+        let right_m = cos * (seen.x_m - place.x_m) + sin * (seen.y_m - place.y_m);
+        let evidence = Evidence {
+            error_m2: known.share() * right_m * way_m,
+            ..Evidence::default()
+        };
+        self.map.learn(place, &evidence, time_s);
+    }
+
+    /// Returns what is known of a place of the path.
+    pub(crate) fn known(&self, place: &PlanarPose, time_s: f64) -> Known {
+        let known = self.map.known(place, time_s);
+        let slip = known.slip_per_m(&self.gains);
+        let (sin, cos) = place.yaw_rad.sin_cos();
+        Known {
+            aim_right_m: known.aim_right_m(),
+            slip_per_m: Vector3::new(
+                cos * slip.x - sin * slip.y,
+                sin * slip.x + cos * slip.y,
+                slip.z,
+            ),
         }
     }
 
-    pub(crate) fn cells(&self) -> Vec<Cell> {
+    pub(crate) fn cells(&self) -> impl Iterator<Item = Cell> + '_ {
         self.map.cells()
     }
 
