@@ -51,10 +51,7 @@ impl GuardWatch {
         s.tilt_max_deg = s.tilt_max_deg.max(up.clamp(-1.0, 1.0).acos().to_degrees());
         s.speed_share_min = s.speed_share_min.min(view.speed_share);
         let may_stop = view.ahead.is_some_and(|place| place.may_stop);
-        self.announced_s = self
-            .announced_s
-            .or(Some(state.time_s))
-            .filter(|_| may_stop);
+        self.announced_s = self.announced_s.or(Some(state.time_s)).filter(|_| may_stop);
         if let Status::Stopping(StopReason::TooSteep { place }) = cycle.decision.status
             && s.stopped_before.is_none()
         {

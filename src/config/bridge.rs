@@ -2,6 +2,7 @@
 
 use super::reference::{LoadedReference, RouteConfig, Source};
 use super::{ConfigError, ConfigFile, Overrides, PlantKind, Prepared, Scenario};
+use crate::learned::KeptFile;
 use serde::Deserialize;
 use sidehill_bridge::can::config::CanConfig;
 use sidehill_bridge::can::database::Database;
@@ -159,22 +160,31 @@ pub struct LearnedConfig {
     /// Age beyond which the file is refused, days.
     #[serde(default = "days_max")]
     pub days_max: f64,
+    /// Time of driving after which the file is written again, s: a program that is killed loses what it learned
+    /// since. It is written whenever the vehicle is disarmed, too.
+    #[serde(default = "every_s")]
+    pub every_s: f64,
 }
 
 impl RunConfig {
-    /// Returns the file in which what was learned is kept and its largest age in days, where it is kept.
+    /// Returns the file in which what was learned is kept, where it is kept.
     ///
     /// # Errors
     /// [`ConfigError`] with file, key, value and range.
-    pub fn learned_file(&self, file: &ConfigFile) -> Result<Option<(PathBuf, f64)>, ConfigError> {
+    pub fn learned_file(&self, file: &ConfigFile) -> Result<Option<KeptFile>, ConfigError> {
         let Some(learned) = self.learned.as_ref().filter(|learned| learned.keep) else {
             return Ok(None);
         };
         Bounds::new(0.01, 10_000.0, "days")
             .check("learned.days_max", learned.days_max)
+            .and_then(|_| Bounds::new(1.0, 3600.0, "s").check("learned.every_s", learned.every_s))
             .map_err(|error| file.error(error))?;
         let folder = file.path().parent().unwrap_or(Path::new("."));
-        Ok(Some((folder.join(&learned.file), learned.days_max)))
+        Ok(Some(KeptFile {
+            path: folder.join(&learned.file),
+            days_max: learned.days_max,
+            every_s: learned.every_s,
+        }))
     }
 
     /// Returns the vehicle that the controller steers by.
@@ -448,6 +458,10 @@ fn bus<'a>(
 
 fn needed<T>(file: &ConfigFile, key: &str, value: Option<T>) -> Result<T, ConfigError> {
     value.ok_or_else(|| file.error(format!("{key}: is missing, which this port needs")))
+}
+
+fn every_s() -> f64 {
+    30.0
 }
 
 fn days_max() -> f64 {

@@ -27,4 +27,6 @@ pub use file::{
 pub use plant::{Plant, PlantKind};
 pub use prepared::Prepared;
 pub use reference::{LoadedReference, Source, read_route};
+#[cfg(feature = "drive")]
+pub(crate) use scenario::led_point;
 pub use scenario::{Overrides, Scenario};

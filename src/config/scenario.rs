@@ -221,6 +221,7 @@ impl Scenario {
                 vehicle.speed_max_m_s, vehicle.name, limits.traction_max_m_s
             ));
         }
+        warnings.extend(led_point(&raw.controller.tracked_point, &vehicle));
         let start = raw.start.from(&loaded.trajectory.at(0.0).pose());
         let start = match loaded.trajectory.path() {
             Some(_) => with_point_at(&raw.controller.tracked_point, &start, &terrain),
@@ -341,6 +342,20 @@ impl Scenario {
             },
         })
     }
+}
+
+/// Returns what to know of a tracked point behind the line through the treads' ICRs; nothing of another.
+pub(crate) fn led_point(point: &TrackedPoint, vehicle: &Vehicle) -> Option<String> {
+    let line_m = vehicle.icrs.forward_m;
+    let behind = !point.is_origin() && point.forward_m < line_m;
+    behind.then(|| {
+        format!(
+            "tracked_point.forward_m: {} m is behind the line through the treads' ICRs ({line_m} m ahead of the \
+             origin). Driving ahead, such a point must be led like a trailer in reverse: it keeps to 2 to 5 cm, \
+             with bursts of steer, where one ahead of the line keeps to 0.2 cm",
+            point.forward_m
+        )
+    })
 }
 
 /// Returns where the origin stands of a vehicle whose tracked point is at `start`.

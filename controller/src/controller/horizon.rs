@@ -3,10 +3,10 @@
 use super::unrolling::Unrolling;
 use super::{Controller, Law, Phase};
 use crate::config::AttitudePreview;
-use crate::estimator::Estimate;
+use crate::estimator::{Estimate, slide_share};
 use crate::mpc::{Model, StageTarget};
 use crate::path::Point2;
-use crate::reference::Progress;
+use crate::reference::{Progress, Reference};
 use crate::tracked_point::{TrackedPoint, heading_difference_after};
 use nalgebra::Vector3;
 use sidehill_plant::frames::{PlanarPose, wrap_angle};
@@ -37,7 +37,13 @@ impl Controller {
 
     /// Makes the horizon of this cycle: the reference from the instant at which a command given now
     /// acts, seen from where the vehicle will then be. A law that does not predict has none.
-    pub(super) fn look_ahead(&mut self, estimate: &Estimate, progress: &Progress, elapsed_s: f64, sample: &Sample) {
+    pub(super) fn look_ahead(
+        &mut self,
+        estimate: &Estimate,
+        progress: &Progress,
+        elapsed_s: f64,
+        sample: &Sample,
+    ) {
         let half_track_m = 0.5 * (self.vehicle.icrs.right_m - self.vehicle.icrs.left_m);
         let previous = self.issued.last();
         let Law::Mpc(mpc) = &mut self.law else {
@@ -129,8 +135,7 @@ impl Controller {
                 pose.y_m += sin * known.aim_right_m;
                 let input = mpc.plan().map(|plan| plan.inputs[k].traction_m_s);
                 let speed_m_s = input.unwrap_or(share * point.speed_m_s).abs();
-                let near = ((0.5 - progress.cross_track_m.abs()) / 0.4).clamp(0.0, 1.0);
-                slip = near * speed_m_s * known.slip_per_m;
+                slip = slide_share(progress.cross_track_m) * speed_m_s * known.slip_per_m;
             }
             self.horizon.targets.push(StageTarget {
                 pose,
@@ -214,19 +219,28 @@ impl Controller {
         }
     }
 
+    /// Returns what memory knows of the slip where the vehicle is, per metre, (x, y, yaw) in the world.
+    fn slip_here(&self, estimate: &Estimate, progress: &Progress) -> Vector3<f64> {
+        let memory = self.memory.as_ref().filter(|memory| memory.config.by_place);
+        let path = self.reference.as_ref().and_then(Reference::path);
+        let (Some(memory), Some(path)) = (memory, path) else {
+            return Vector3::zeros();
+        };
+        let here = path.at(progress.arc_length_m);
+        let place = PlanarPose {
+            x_m: here.position.x_m,
+            y_m: here.position.y_m,
+            yaw_rad: here.heading_rad,
+        };
+        let known = memory.known(&place, estimate.time_s);
+        slide_share(progress.cross_track_m) * known.slip_per_m
+    }
+
     /// Returns where the vehicle will be when a command given now acts: the estimate moved on
     /// through the commands in flight.
     fn roll_forward(&mut self, estimate: &Estimate, progress: &Progress) -> PlanarPose {
         let mut pose = estimate.pose;
-        let slip_per_m = match (&self.memory, self.reference.as_ref().and_then(|r| r.path())) {
-            (Some(memory), Some(path)) if memory.config.by_place => {
-                let at = path.at(progress.arc_length_m);
-                let place = PlanarPose { x_m: at.position.x_m, y_m: at.position.y_m, yaw_rad: at.heading_rad };
-                let near = ((0.5 - progress.cross_track_m.abs()) / 0.4).clamp(0.0, 1.0);
-                near * memory.known(&place, estimate.time_s).slip_per_m
-            }
-            _ => Vector3::zeros(),
-        };
+        let slip_per_m = self.slip_here(estimate, progress);
         let Law::Mpc(mpc) = &mut self.law else {
             return pose;
         };

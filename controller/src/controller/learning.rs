@@ -1,7 +1,7 @@
 //! What a controller has learned, and where it begins with what was learned before.
 
 use super::{Controller, Law};
-use crate::estimator::{Estimate, LearnedGains};
+use crate::estimator::{Estimate, LearnedGains, SLIP_SMOOTHING_M_S};
 use crate::memory::{CELLS, Learned, RecallError, Step};
 use crate::path::Point2;
 use crate::reference::PROJECTION_WINDOW;
@@ -87,11 +87,12 @@ impl Controller {
             elapsed_s,
         );
         // The speeds are those of the time since the cycle before, when the heading was another.
-        let moved = Rotation3::from_axis_angle(&Vector3::z_axis(), -step.increment.z) * step.increment;
+        let moved =
+            Rotation3::from_axis_angle(&Vector3::z_axis(), -step.increment.z) * step.increment;
         memory.step(&Step {
             time_s: sample.time_s,
             moved,
-            terms: Terms::at(estimate.attitude, motors.steer_m_s, SMOOTHING_M_S).value,
+            terms: Terms::at(estimate.attitude, motors.steer_m_s, SLIP_SMOOTHING_M_S).value,
             speed_m_s: motors.traction_m_s,
         });
         let Some(pose) = &sample.pose else { return };
@@ -106,23 +107,29 @@ impl Controller {
         let around_m = reference.ahead(0.0).arc_length_m;
         let place = |at: &PlanarPose| {
             let at = point.of(at, &estimate.normal_in_world);
-            let seen = Point2 { x_m: at.x_m, y_m: at.y_m };
-            let nearest = path.nearest_within(&seen, around_m, &PROJECTION_WINDOW).point;
+            let seen = Point2 {
+                x_m: at.x_m,
+                y_m: at.y_m,
+            };
+            let nearest = path
+                .nearest_within(&seen, around_m, &PROJECTION_WINDOW)
+                .point;
             let place = PlanarPose {
                 x_m: nearest.position.x_m,
                 y_m: nearest.position.y_m,
                 yaw_rad: nearest.heading_rad,
             };
-            (seen, place)
+            let (sin, cos) = place.yaw_rad.sin_cos();
+            let right_m = cos * (seen.x_m - place.x_m) + sin * (seen.y_m - place.y_m);
+            (place, right_m)
         };
         let excess = memory.pose(pose.time_s, planar);
-        let (seen, here) = place(&planar);
-        memory.learn_error(sample.time_s, &seen, &here, 0.1 * motors.traction_m_s.abs());
+        let (here, right_m) = place(&planar);
+        let way_m = elapsed_s * motors.traction_m_s.abs();
+        memory.learn_error(sample.time_s, &here, right_m, way_m);
         if let Some(excess) = excess {
-            let (_, middle) = place(&excess.middle);
-            memory.learn_slip(&excess, &middle, sample.time_s);
+            let (middle, right_m) = place(&excess.middle);
+            memory.learn_slip(&excess, &middle, right_m, sample.time_s);
         }
     }
 }
-
-const SMOOTHING_M_S: f64 = 0.02;

@@ -21,9 +21,11 @@ mod settings;
 mod slip;
 
 pub use contact_settings::ContactLearningSettings;
+pub(crate) use estimate::slide_share;
 pub use estimate::{ContactEstimate, Estimate, Innovation, Refused};
 pub use gains::LearnedGains;
 pub use settings::{AdaptationSettings, EstimatorSettings};
+pub(crate) use slip::SLIP_SMOOTHING_M_S;
 
 use contact::LearnedContact;
 use filter::Filter;

@@ -196,7 +196,9 @@ impl Guard {
                 square = 0.0;
             } else if judged.share < 1.0 {
                 square = (judged.share * speed_m_s).powi(2);
-                let slow = judged.slow.map(|excess| excess.at(&point, in_s, Call::Slow));
+                let slow = judged
+                    .slow
+                    .map(|excess| excess.at(&point, in_s, Call::Slow));
                 view.ahead = view.ahead.or(slow);
             }
             self.places.push(Place {

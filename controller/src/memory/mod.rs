@@ -1,18 +1,30 @@
 //! What was learned is kept: gains over a disarming and, in the hands of the caller, over a restart; and
 //! where to aim, by place, on a route that is driven again.
 //!
-//! What slides the same way each time leaves the same error from the path at the same place. Poses show it,
-//! e(s), m to the right of the path at arc length s, and on visit j the horizon aims at a path moved by u_j(s):
+//! What slides the same way each time is seen in the poses: over the last second they show a motion that the
+//! model, driven by the same tread speeds, does not have. Per metre of way, and seen from the path's heading,
 //!
 //! ```text
-//! u_(j+1) = Q (kept_share u_j) - error_share e_j,   |u| <= aim_max_m
+//! slip(s) = (moved by poses - moved by the model without learned gains) / way,   terms(s) = integral of T dt / way
 //! ```
 //!
-//! with Q a mean over neighbouring places. The MPC sees the moved path over its whole horizon, so it steers
-//! before the slide begins. This is iterative learning control of the reference (D. A. Bristow, M. Tharayil
-//! and A. G. Alleyne, "A survey of iterative learning control", IEEE Control Systems Magazine 26(3), 2006:
-//! serial architecture, with a forgetting factor), indexed by place instead of time, so that a route that
+//! with T the terms of the learned gains G ([`sidehill_plant::slip_gains`]). On the next visit the prediction
+//! at s has (slip(s) - G terms(s)) v more: what the gains of that moment lack there, whatever they were when
+//! the place was seen. So the MPC steers before the slide begins. The fixed part of a prediction's error learned
+//! along a path driven again follows C. J. Ostafew, A. P. Schoellig, T. D. Barfoot and J. Collier,
+//! "Learning-based nonlinear model predictive control to improve vision-based mobile robot path tracking",
+//! Journal of Field Robotics 33(1), 2016; here it is indexed by place instead of path, so that a route that
 //! joins another one uses what was learned on it.
+//!
+//! What remains, e(s), m to the right of the path, moves the path that the horizon aims at by u(s):
+//!
+//! ```text
+//! u_(j+1) = kept_share u_j - error_share w e_j,   |u| <= aim_max_m
+//! ```
+//!
+//! with w the share to which the slip was known, and 1 far beside the path. This is iterative learning control
+//! of the reference (D. A. Bristow, M. Tharayil and A. G. Alleyne, "A survey of iterative learning control",
+//! IEEE Control Systems Magazine 26(3), 2006: serial architecture, with a forgetting factor).
 
 mod evidence;
 mod places;
@@ -26,7 +38,6 @@ pub use settings::MemoryConfig;
 pub(crate) use trace::Step;
 
 use crate::estimator::LearnedGains;
-use crate::path::Point2;
 use nalgebra::Vector3;
 use places::PlaceMap;
 use serde::{Deserialize, Serialize};
@@ -44,7 +55,7 @@ pub struct Learned {
     pub gains: Option<LearnedGains>,
     /// Edge of a cell of the map, m.
     pub cell_m: f64,
-    /// Where to aim, by place.
+    /// What was seen, by place.
     pub cells: Vec<Cell>,
 }
 
@@ -74,14 +85,6 @@ pub enum RecallError {
     Wrong(&'static str),
 }
 
-pub(crate) fn knob(name: &str, default: f64) -> f64 {
-    use std::collections::HashMap;
-    use std::sync::OnceLock;
-    static KNOBS: OnceLock<HashMap<String, f64>> = OnceLock::new();
-    let knobs = KNOBS.get_or_init(|| std::env::vars().filter_map(|(k, v)| Some((k, v.parse().ok()?))).collect());
-    knobs.get(name).copied().unwrap_or(default)
-}
-
 /// What is known of a place ahead.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Known {
@@ -89,6 +92,15 @@ pub(crate) struct Known {
     pub(crate) aim_right_m: f64,
     /// Motion per metre that model and learned gains do not have, (x, y, yaw) in the world.
     pub(crate) slip_per_m: Vector3<f64>,
+}
+
+/// Distances from the path, m, up to which the motion tells of the slip on it, and from which on it tells
+/// nothing: a vehicle that slid off steers unlike one that did not. There the error itself is aimed against.
+const NEAR_M: (f64, f64) = (0.05, 0.12);
+
+fn nearness(right_m: f64) -> f64 {
+    let (near_m, far_m) = NEAR_M;
+    ((far_m - right_m.abs()) / (far_m - near_m)).clamp(0.0, 1.0)
 }
 
 /// The map and how it is filled; nothing is allocated after [`Memory::new`].
@@ -126,23 +138,35 @@ impl Memory {
         self.trace.pose(time_s, pose)
     }
 
-    /// Takes in what was seen of a place of the path.
-    pub(crate) fn learn_slip(&mut self, excess: &Excess, place: &PlanarPose, time_s: f64) {
-        if let Some(evidence) = excess.evidence(place.yaw_rad, &self.gains) {
+    /// Takes in what was seen of a place of the path, `right_m` to the right of it.
+    pub(crate) fn learn_slip(
+        &mut self,
+        excess: &Excess,
+        place: &PlanarPose,
+        right_m: f64,
+        time_s: f64,
+    ) {
+        if let Some(found) = excess.evidence(place.yaw_rad, &self.gains) {
+            let mut evidence = Evidence::default();
+            evidence.add(nearness(right_m), &found);
             self.map.learn(place, &evidence, time_s);
         }
     }
 
-    /// Takes in where the vehicle was seen, nearest to `place` of its path, after `way_m`.
-    pub(crate) fn learn_error(&mut self, time_s: f64, seen: &Point2, place: &PlanarPose, way_m: f64) {
+    /// Takes in that the vehicle was seen `right_m` to the right of `place` of its path, over `way_m`.
+    pub(crate) fn learn_error(
+        &mut self,
+        time_s: f64,
+        place: &PlanarPose,
+        right_m: f64,
+        way_m: f64,
+    ) {
         let known = self.map.known(place, time_s);
-        if known.way_m <= 0.0 {
-            return;
-        }
-        let (sin, cos) = place.yaw_rad.sin_cos();
-        let right_m = cos * (seen.x_m - place.x_m) + sin * (seen.y_m - place.y_m);
+        let near = nearness(right_m);
+        let weight = near * known.share() + (1.0 - near);
         let evidence = Evidence {
-            error_m2: known.share() * right_m * way_m,
+            error_way_m: way_m,
+            error_m2: weight * right_m * way_m,
             ..Evidence::default()
         };
         self.map.learn(place, &evidence, time_s);

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use sidehill_plant::frames::PlanarPose;
 use std::f64::consts::TAU;
 
-/// Cells at most: 400 m of way in cells of 0.3 m, with the neighbours that each measurement reaches.
+/// Cells at most: 200 m of way in cells of 0.2 m, with the neighbours that each measurement reaches.
 pub(crate) const CELLS: usize = 4096;
 /// Slots of the table, so that it stays sparse.
 const SLOTS: usize = 2 * CELLS;
@@ -181,7 +181,10 @@ impl PlaceMap {
                 y: y + one(1),
                 sector: (sector + one(2)).rem_euclid(SECTORS),
             };
-            (key, part(0, x_share) * part(1, y_share) * part(2, turn_share))
+            (
+                key,
+                part(0, x_share) * part(1, y_share) * part(2, turn_share),
+            )
         })
     }
 
@@ -200,5 +203,117 @@ impl PlaceMap {
                 None => true,
                 Some(slot) => slot.cell.key == *key,
             })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::Vector3;
+    use sidehill_plant::slip_gains::SlipGains;
+
+    fn at(x_m: f64, yaw_rad: f64) -> PlanarPose {
+        PlanarPose {
+            x_m,
+            y_m: 0.1,
+            yaw_rad,
+        }
+    }
+
+    fn seen(slip_right: f64, error_m: f64) -> Evidence {
+        let way_m = 0.05;
+        Evidence {
+            way_m,
+            slip: [slip_right * way_m, 0.0, 0.0],
+            terms_m: [0.1 * way_m, 0.0, 0.0, 0.0, 0.0],
+            error_way_m: way_m,
+            error_m2: error_m * way_m,
+            ..Evidence::default()
+        }
+    }
+
+    fn drive(map: &mut PlaceMap, start_s: f64, evidence: &Evidence) {
+        for i in 0..200 {
+            let place = at(0.05 * f64::from(i), 0.3);
+            map.learn(&place, evidence, start_s + 0.05 * f64::from(i));
+        }
+    }
+
+    #[test]
+    fn the_next_visit_knows_the_slip_there_and_in_that_heading_only() {
+        let mut map = PlaceMap::new(MemoryConfig::default());
+        drive(&mut map, 0.0, &seen(0.1, 0.0));
+        let slip = |map: &PlaceMap, x_m, yaw_rad, time_s, gains: &SlipGains| {
+            map.known(&at(x_m, yaw_rad), time_s).slip_per_m(gains)
+        };
+        let none = SlipGains::zeros();
+        // The visit to the last places is not over.
+        assert_eq!(slip(&map, 9.9, 0.3, 10.0, &none), Vector3::zeros());
+        let there = slip(&map, 5.0, 0.3, 100.0, &none);
+        assert!((there.x - 0.1).abs() < 0.03 && there.y == 0.0, "{there}");
+        let opposite = 0.3 + std::f64::consts::PI;
+        assert_eq!(slip(&map, 5.0, opposite, 100.0, &none), Vector3::zeros());
+        assert_eq!(slip(&map, 15.0, 0.3, 100.0, &none), Vector3::zeros());
+        // Gains that explain it leave nothing.
+        let mut gains = none;
+        gains[(0, 0)] = 1.0;
+        assert!(slip(&map, 5.0, 0.3, 100.0, &gains).norm() < 1e-12);
+    }
+
+    #[test]
+    fn a_visit_counts_more_than_those_before_and_noise_averages_out() {
+        let mut map = PlaceMap::new(MemoryConfig::default());
+        let mut now = 0.0;
+        let mut drive = |slip: f64| {
+            drive(&mut map, 100.0 * now, &seen(slip, 0.0));
+            now += 1.0;
+            let known = map.known(&at(5.0, 0.3), 100.0 * now - 50.0);
+            known.slip_per_m(&SlipGains::zeros()).x / known.share()
+        };
+        for _ in 0..10 {
+            drive(0.1);
+        }
+        let noisy = drive(0.2);
+        assert!((0.1..0.14).contains(&noisy), "{noisy}");
+        let mut last = 0.0;
+        for _ in 0..20 {
+            last = drive(0.0);
+        }
+        assert!(last.abs() < 0.01, "{last}");
+    }
+
+    #[test]
+    fn aims_add_up_within_bounds_and_are_forgotten() {
+        let config = MemoryConfig::default();
+        let mut map = PlaceMap::new(config);
+        let mut aims_m = [0.0; 40];
+        for (visit, aim_m) in aims_m.iter_mut().enumerate() {
+            let error_m = if visit < 5 { 0.06 } else { 0.0 };
+            drive(&mut map, 100.0 * visit as f64, &seen(0.0, error_m));
+            let known = map.known(&at(5.0, 0.3), 100.0 * visit as f64 + 50.0);
+            *aim_m = known.aim_right_m();
+        }
+        assert!((-0.048..-0.03).contains(&aims_m[0]), "{aims_m:?}");
+        assert!(aims_m[1] < 1.5 * aims_m[0], "{aims_m:?}");
+        assert!(aims_m[4] < -0.85 * config.aim_max_m, "{aims_m:?}");
+        assert!(aims_m.iter().all(|aim_m| aim_m.abs() <= config.aim_max_m));
+        assert!(aims_m[39].abs() < 0.4 * config.aim_max_m, "{aims_m:?}");
+        drive(&mut map, 5000.0, &seen(f64::NAN, 0.0));
+        let known = map.known(&at(5.0, 0.3), 5050.0);
+        assert!(known.slip_per_m(&SlipGains::zeros()).x.is_finite());
+    }
+
+    #[test]
+    fn a_full_map_goes_on_with_the_places_it_knows() {
+        let mut map = PlaceMap::new(MemoryConfig::default());
+        for i in 0..20_000 {
+            map.learn(&at(f64::from(i), 0.3), &seen(0.1, 0.0), 0.0);
+        }
+        assert!(map.used <= CELLS && map.cells().count() == map.used);
+        let mut again = PlaceMap::new(MemoryConfig::default());
+        let cells: Vec<Cell> = map.cells().collect();
+        again.recall(&cells);
+        assert_eq!(again.used, map.used);
+        assert!(again.known(&at(5.0, 0.3), 0.0).way_m > 0.0);
     }
 }

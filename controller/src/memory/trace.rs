@@ -1,4 +1,4 @@
-//! How far the vehicle moved over the last second by its poses, and how far by its model.
+//! How far the vehicle has moved over a second by its poses, and how far by its model.
 
 use super::Evidence;
 use nalgebra::{SVector, Vector3};
@@ -6,10 +6,13 @@ use sidehill_plant::frames::{PlanarPose, wrap_angle};
 use sidehill_plant::slip_gains::{SlipGains, TERMS};
 use std::collections::VecDeque;
 
-/// Cycles that are kept; poses are late.
-const MARKS: usize = 80;
-/// Poses that are kept.
-const POSES: usize = 80;
+/// Time over which motions are compared, s: shorter ones are mostly noise of the poses, longer ones blur places.
+const WINDOW_S: f64 = 1.0;
+/// Longest such time, where poses are missing, s.
+const WINDOW_MAX_S: f64 = 1.5;
+/// Cycles and poses that are kept at most: those of the longest time at 50 Hz, with poses that are late.
+const MARKS: usize = 128;
+const POSES: usize = 128;
 /// Time without a cycle after which a new trace begins, s.
 const BREAK_S: f64 = 0.3;
 
@@ -104,11 +107,10 @@ impl Trace {
 
     /// Adds a pose; returns the motion over the last second up to it, where the trace reaches back so far.
     pub(crate) fn pose(&mut self, time_s: f64, pose: PlanarPose) -> Option<Excess> {
-        let window = super::knob("TAU", 1.0);
         let since_s = match self.poses.back() {
             Some((last_s, _)) if *last_s >= time_s => return None,
             Some((last_s, _)) => time_s - last_s,
-            None => window,
+            None => WINDOW_S,
         };
         self.poses.push_back((time_s, pose));
         if self.poses.len() > POSES {
@@ -120,11 +122,11 @@ impl Trace {
                 .rev()
                 .find(|(then_s, _)| time_s - then_s >= ago_s - 1e-6)
         };
-        let (first_s, first) = *back(window)?;
-        if time_s - first_s > 1.5 * window {
+        let (first_s, first) = *back(WINDOW_S)?;
+        if time_s - first_s > WINDOW_MAX_S {
             return None;
         }
-        let (_, middle) = *back(0.5 * window)?;
+        let (_, middle) = *back(0.5 * WINDOW_S)?;
         let (begin, end) = (self.at(first_s)?, self.at(time_s)?);
         let seen = Vector3::new(
             pose.x_m - first.x_m,
@@ -138,7 +140,7 @@ impl Trace {
             terms: end.terms - begin.terms,
             way_m: end.way_m - begin.way_m,
             time_s: time_s - first_s,
-            share: (since_s / window).min(1.0),
+            share: (since_s / WINDOW_S).min(1.0),
             middle,
         })
     }
@@ -174,8 +176,7 @@ impl Excess {
             way_m: self.way_m,
             slip: slip.into(),
             terms_m: self.terms.into(),
-            aim_m2: 0.0,
-            error_m2: 0.0,
+            ..Evidence::default()
         };
         evidence.add(self.share, &whole);
         Some(evidence)
