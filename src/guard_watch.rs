@@ -50,12 +50,8 @@ impl GuardWatch {
         s.friction_use_max = s.friction_use_max.max(margins.friction_use);
         s.tilt_max_deg = s.tilt_max_deg.max(up.clamp(-1.0, 1.0).acos().to_degrees());
         s.speed_share_min = s.speed_share_min.min(view.speed_share);
-        let stops = view.ahead.is_some_and(|place| place.stops);
-        self.announced_s = match self.announced_s {
-            None if stops => Some(state.time_s),
-            Some(since_s) if stops => Some(since_s),
-            _ => None,
-        };
+        let may_stop = view.ahead.is_some_and(|place| place.may_stop);
+        self.announced_s = self.announced_s.or(Some(state.time_s)).filter(|_| may_stop);
         if let Status::Stopping(StopReason::TooSteep { place }) = cycle.decision.status
             && s.stopped_before.is_none()
         {

@@ -2,21 +2,22 @@
 //!
 //! The first line contains the format and the checksum (FNV-1a, 64 bits) of the JSON that follows.
 
-use crate::console;
-use crate::output;
+#[cfg(feature = "drive")]
+mod keeper;
+
+#[cfg(feature = "drive")]
+pub use keeper::{Keeper, KeptFile};
+
 use anyhow::{Context, Result, bail};
 use serde::{Deserialize, Serialize};
-use sidehill_controller::controller::Controller;
 use sidehill_controller::memory::Learned;
 use sidehill_plant::fingerprint::fnv_1a;
 use std::io::Write;
-use std::path::{Path, PathBuf};
-use std::sync::mpsc::{SyncSender, sync_channel};
-use std::thread::JoinHandle;
-use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+use std::path::Path;
+use std::time::{SystemTime, UNIX_EPOCH};
 
 /// First word of a file.
-const FORMAT: &str = "sidehill-learned-1";
+const FORMAT: &str = "sidehill-learned-2";
 
 /// Default maximum age of what was learned, days.
 pub const DAYS_MAX: f64 = 90.0;
@@ -135,84 +136,11 @@ fn now_unix_s() -> f64 {
     since.map_or(0.0, |since| since.as_secs_f64())
 }
 
-/// A thread that writes what was learned, so that the control loop never waits for the disk.
-pub struct Keeper {
-    sender: SyncSender<Learned>,
-    thread: JoinHandle<()>,
-}
-
-/// Longest wait for the last write.
-const WRITE_TIMEOUT: Duration = Duration::from_secs(2);
-
-impl Keeper {
-    /// Restores `controller` from a file and updates the file from then on; also returns the text it starts from. A
-    /// refused file is reported on standard error with the reason and kept under another name.
-    ///
-    /// # Errors
-    /// The system cannot start a thread, or the refused file cannot be renamed.
-    pub fn start(
-        path: PathBuf,
-        days_max: f64,
-        controller: &mut Controller,
-    ) -> Result<(Self, Option<String>)> {
-        let mut begun_with = None;
-        if path.exists() {
-            let recalled = load(&path, days_max).and_then(|file| {
-                controller
-                    .recall(&file.learned)
-                    .with_context(|| format!("{}: refused", path.display()))?;
-                Ok(file.text)
-            });
-            match recalled {
-                Ok(text) => {
-                    begun_with = Some(text);
-                    console::complain(format_args!(
-                        "{}: begins with what was learned before",
-                        path.display()
-                    ));
-                }
-                Err(error) => {
-                    output::keep_earlier(&[&path])?;
-                    console::complain(format_args!(
-                        "warning: {error:#}; begins with nothing learned, and the file is kept as {}.1 \
-                         or a higher number",
-                        path.display()
-                    ));
-                }
-            }
-        }
-        let (sender, receiver) = sync_channel(1);
-        let thread = std::thread::Builder::new()
-            .name("learned".to_owned())
-            .spawn(move || {
-                while let Ok(learned) = receiver.recv() {
-                    if let Err(error) = save(&path, &learned) {
-                        console::complain(format_args!("warning: {error:#}"));
-                    }
-                }
-            })?;
-        Ok((Self { sender, thread }, begun_with))
-    }
-
-    /// Returns a sender for what was learned; sending never blocks.
-    pub fn sender(&self) -> SyncSender<Learned> {
-        self.sender.clone()
-    }
-
-    /// Waits for the last write, with a time limit.
-    pub fn finish(self) {
-        drop(self.sender);
-        let deadline = Instant::now() + WRITE_TIMEOUT;
-        while !self.thread.is_finished() && Instant::now() < deadline {
-            std::thread::sleep(Duration::from_millis(5));
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use sidehill_controller::memory::{Cell, Key};
+    use sidehill_controller::memory::{Cell, Evidence, Key};
+    use std::time::{Duration, Instant};
 
     fn learned() -> Learned {
         Learned {
@@ -226,7 +154,11 @@ mod tests {
     fn many(aim_right_m: f64) -> Learned {
         let cell = |x| Cell {
             key: Key { x, y: 0, sector: 0 },
-            aim_right_m,
+            evidence: Evidence {
+                way_m: 1.0,
+                aim_m2: aim_right_m,
+                ..Evidence::default()
+            },
             visits: 1,
         };
         Learned {

@@ -88,12 +88,12 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
     let config: RunConfig = file.parse()?;
     let vehicle = config.load_vehicle(&file)?;
     let mut controller = config.controller(&file, &vehicle)?;
-    let (keeper, begun_with) = match config.learned_file(&file)? {
-        Some((path, days_max)) => {
-            let (keeper, begun_with) = Keeper::start(path, days_max, &mut controller)?;
-            (Some(keeper), begun_with)
+    let (keeper, outlet, begun_with) = match config.learned_file(&file)? {
+        Some(kept) => {
+            let (keeper, outlet, begun_with) = Keeper::start(kept, &mut controller)?;
+            (Some(keeper), Some(outlet), begun_with)
         }
-        None => (None, None),
+        None => (None, None, None),
     };
     let mut files = args.out.as_deref().map(Files::create).transpose()?;
     let signals = register_signals()?;
@@ -188,7 +188,7 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
         controller,
         channel,
         tap: recording.is_some().then_some(controller_tap),
-        learned: keeper.as_ref().map(Keeper::sender),
+        learned: outlet,
         records,
         options: RunOptions {
             arm: args.arm,

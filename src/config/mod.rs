@@ -40,6 +40,8 @@ pub use prepared::Prepared;
 pub use reference::{LoadedReference, Source, read_route};
 #[cfg(feature = "drive")]
 pub use run::{RunConfig, RunPort};
+#[cfg(feature = "drive")]
+pub(crate) use scenario::led_point;
 pub use scenario::{Overrides, Scenario};
 #[cfg(feature = "drive")]
 pub use virtual_rover::{VehicleConfig, VehiclePort};

@@ -5,6 +5,7 @@ use super::record::{RecordConfig, recording, yes};
 use super::reference::{LoadedReference, RouteConfig, Source};
 use super::virtual_rover::VehicleConfig;
 use super::{ConfigError, ConfigFile};
+use crate::learned::KeptFile;
 use serde::Deserialize;
 use sidehill_bridge::can::layout::Layout;
 use sidehill_bridge::control_loop::CycleConfig;
@@ -93,19 +94,24 @@ pub struct RunConfig {
 }
 
 impl RunConfig {
-    /// Returns the file that keeps what was learned and its maximum age in days, if it is kept.
+    /// Returns the file that keeps what was learned, if it is kept.
     ///
     /// # Errors
     /// [`ConfigError`] with file, key, value and range.
-    pub fn learned_file(&self, file: &ConfigFile) -> Result<Option<(PathBuf, f64)>, ConfigError> {
+    pub fn learned_file(&self, file: &ConfigFile) -> Result<Option<KeptFile>, ConfigError> {
         let Some(learned) = self.learned.as_ref().filter(|learned| learned.keep) else {
             return Ok(None);
         };
         Bounds::new(0.01, 10_000.0, "days")
             .check("learned.days_max", learned.days_max)
+            .and_then(|_| Bounds::new(1.0, 3600.0, "s").check("learned.every_s", learned.every_s))
             .map_err(|error| file.error(error))?;
         let folder = file.path().parent().unwrap_or(Path::new("."));
-        Ok(Some((folder.join(&learned.file), learned.days_max)))
+        Ok(Some(KeptFile {
+            path: folder.join(&learned.file),
+            days_max: learned.days_max,
+            every_s: learned.every_s,
+        }))
     }
 
     /// Returns the vehicle model of the controller.
@@ -273,10 +279,18 @@ pub struct LearnedConfig {
     /// Maximum age of the file, days.
     #[serde(default = "days_max")]
     pub days_max: f64,
+    /// Driving time after which the file is written again, s: a program that is killed loses what it has learned
+    /// since. The file is also written whenever the vehicle is disarmed.
+    #[serde(default = "every_s")]
+    pub every_s: f64,
 }
 
 fn one() -> u32 {
     1
+}
+
+fn every_s() -> f64 {
+    30.0
 }
 
 fn days_max() -> f64 {

@@ -10,6 +10,7 @@ use serde::Deserialize;
 use sidehill_controller::config::{ControllerConfig, ControllerKind};
 use sidehill_controller::course::Course;
 use sidehill_controller::speed_profile::SpeedConfig;
+use sidehill_controller::tracked_point::TrackedPoint;
 use sidehill_plant::bounds::{Bounds, RangeError};
 use sidehill_plant::contact::ContactVehicle;
 use sidehill_plant::drive_train::DriveTrainConfig;
@@ -158,6 +159,7 @@ impl Scenario {
                 vehicle.name, vehicle.speed_max_m_s, limits.traction_max_m_s
             ));
         }
+        warnings.extend(led_point(&raw.controller.tracked_point, &vehicle));
         let start = raw.start.from(&loaded.trajectory.at(0.0).pose());
         let start = match loaded.trajectory.path() {
             Some(_) => with_point_at(&raw.controller.tracked_point, &start, &terrain),
@@ -243,6 +245,20 @@ impl Scenario {
             }
         }
     }
+}
+
+/// Returns the warning for a tracked point behind the line through the treads' ICRs, if the point is there.
+pub(crate) fn led_point(point: &TrackedPoint, vehicle: &Vehicle) -> Option<String> {
+    let line_m = vehicle.icrs.forward_m;
+    let behind = !point.is_origin() && point.forward_m < line_m;
+    behind.then(|| {
+        format!(
+            "tracked_point.forward_m: {} m is behind the line through the treads' ICRs ({line_m} m ahead of the \
+             origin). Driving ahead, such a point must be led like a trailer in reverse: it keeps to 2 to 5 cm, \
+             with bursts of steer, where one ahead of the line keeps to 0.2 cm",
+            point.forward_m
+        )
+    })
 }
 
 /// Returns whether a vehicle is the J8, whose contact vehicle is built in; its name may differ.

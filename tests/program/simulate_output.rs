@@ -239,7 +239,7 @@ fn what_was_learned_is_kept_in_a_file_that_is_refused_where_it_is_wrong() {
     assert_says(&why, &["refused", "it was learned by j8"]);
     let whole = std::fs::read_to_string(&kept).unwrap();
     for (damaged, says) in [
-        (whole.replacen("aim_right_m", "aim_rigth_m", 1), "damaged"),
+        (whole.replacen("error_way_m", "eror_way_m", 1), "damaged"),
         (whole[..whole.len() / 2].to_owned(), "cut short"),
         ("gains: 1\n".to_owned(), "no file of what was learned"),
     ] {

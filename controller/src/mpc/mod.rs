@@ -63,6 +63,8 @@ pub struct StageTarget {
     pub normal_in_world: Vector3<f64>,
     /// Input of the flat model that would follow the target; a plan made from nothing begins with it.
     pub feedforward: MotorSpeeds,
+    /// Velocity that the model does not have, (x, y, yaw) in the world.
+    pub slip: Vector3<f64>,
     /// Weights of this stage.
     pub weights: StageWeights,
 }

@@ -20,9 +20,12 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
         self.keeps = keep;
     }
 
-    pub(in crate::estimator) fn learned(&self) -> Option<LearnedGains> {
-        let kept = self.kept()?;
-        Some(LearnedGains::of(&kept, &self.model.prior()))
+    pub(in crate::estimator) fn learned_into(&self, gains: &mut LearnedGains) -> bool {
+        let kept = self.kept();
+        if let Some(kept) = &kept {
+            gains.fill(kept, &self.model.prior());
+        }
+        kept.is_some()
     }
 
     pub(in crate::estimator) fn recall(
