@@ -139,7 +139,7 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
 
     pub(super) fn recall(&mut self, learned: &LearnedGains) -> Result<(), &'static str> {
         let mut kept = learned.kept(&self.model.prior())?;
-        self.model.bound(&mut kept.mean);
+        self.model.bound(&mut kept.mean, &Attitude::LEVEL);
         self.kept = Some(kept);
         Ok(())
     }
@@ -386,7 +386,8 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
                 }
                 if believed {
                     belief.correct(&difference, &noise, &inverse);
-                    self.model.bound(&mut belief.parameters);
+                    let attitude = belief.attitude;
+                    self.model.bound(&mut belief.parameters, &attitude);
                 }
             }
         }
