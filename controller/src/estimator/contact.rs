@@ -89,8 +89,8 @@ impl LearnedModel<PARAMETERS> for LearnedContact {
         }
     }
 
-    fn bound(&self, parameters: &mut ParameterVector) {
-        *parameters = self.model.within_ranges(parameters);
+    fn bound(&self, parameters: &mut ParameterVector, attitude: &Attitude) {
+        *parameters = self.model.holding(parameters, attitude);
     }
 
     fn slip_gains(&self, _parameters: &ParameterVector) -> SlipGains {

@@ -287,7 +287,8 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
                 }
                 if believed {
                     belief.correct(&difference, &noise, &inverse);
-                    self.model.bound(&mut belief.parameters);
+                    let attitude = belief.attitude;
+                    self.model.bound(&mut belief.parameters, &attitude);
                 }
             }
         }

@@ -90,7 +90,7 @@ impl LearnedModel<GAINS> for SlipModel {
         }
     }
 
-    fn bound(&self, _parameters: &mut SVector<f64, GAINS>) {}
+    fn bound(&self, _parameters: &mut SVector<f64, GAINS>, _attitude: &Attitude) {}
 
     fn slip_gains(&self, parameters: &SVector<f64, GAINS>) -> SlipGains {
         SlipGains::from_row_slice(parameters.as_slice())

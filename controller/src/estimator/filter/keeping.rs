@@ -3,6 +3,7 @@
 use super::super::gains::{Kept, LearnedGains};
 use super::super::learned::LearnedModel;
 use super::Filter;
+use sidehill_plant::frames::Attitude;
 
 impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
     /// Resets the filter, except for what was learned where that is kept: the next attitude and pose are
@@ -33,7 +34,7 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
         learned: &LearnedGains,
     ) -> Result<(), &'static str> {
         let mut kept = learned.kept(&self.model.prior())?;
-        self.model.bound(&mut kept.mean);
+        self.model.bound(&mut kept.mean, &Attitude::LEVEL);
         self.kept = Some(kept);
         Ok(())
     }

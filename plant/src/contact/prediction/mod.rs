@@ -49,6 +49,10 @@ pub struct Predicted {
     pub holds: bool,
 }
 
+/// Least friction of a vehicle that stands on a slope, over the slope's tangent. Below 1 the ground does not hold
+/// it, and just above it slides downhill faster than any vehicle that is driven.
+const HELD: f64 = 1.25;
+
 /// Motion of a contact vehicle in balance, for prediction and dead reckoning.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ContactPrediction {
@@ -109,6 +113,18 @@ impl ContactPrediction {
                 parameters[i].clamp(low, parameter.entry(high))
             }
         })
+    }
+
+    /// Returns the parameters within their ranges, with enough friction to hold a vehicle at this attitude: at least
+    /// 1.25 times the tangent of the slope, lengthways and sideways.
+    pub fn holding(&self, parameters: &ParameterVector, attitude: &Attitude) -> ParameterVector {
+        let normal = attitude.plane_normal(0.0);
+        let slope = normal.xy().norm() / normal.z.max(f64::MIN_POSITIVE);
+        let mut held = *parameters;
+        let weaker = held[Parameter::LateralShare.index()].min(0.0);
+        let friction = &mut held[Parameter::Friction.index()];
+        *friction = friction.max(Parameter::Friction.entry(HELD * slope) - weaker);
+        self.within_ranges(&held)
     }
 
     /// Returns the velocity at an attitude and motor speeds with its derivatives by these.

@@ -149,6 +149,28 @@ fn ground_that_does_not_hold_is_told_and_slid_on_downhill() {
 }
 
 #[test]
+fn learned_friction_holds_the_vehicle_where_it_stands() {
+    let mut model = ContactPrediction::new(&vehicle(4, &[0.0; PARAMETERS])).unwrap();
+    let friction = Parameter::Friction.index();
+    for lateral_share in [0.6, 1.4] {
+        let mut parameters = *model.parameters();
+        parameters[friction] = Parameter::Friction.entry(0.2);
+        parameters[Parameter::LateralShare.index()] = Parameter::LateralShare.entry(lateral_share);
+        for (roll, pitch) in [(0.24, 0.0), (0.0, -0.24), (0.17, 0.17)] {
+            let attitude = attitude(roll, pitch);
+            model.set_parameters(&parameters);
+            assert!(lateral_share > 1.0 || !model.predict(attitude, motors(0.4, 0.0)).holds);
+            model.set_parameters(&model.holding(&parameters, &attitude));
+            assert!(model.predict(attitude, motors(0.4, 0.0)).holds);
+        }
+        // What holds is left as it is.
+        parameters[friction] = Parameter::Friction.entry(0.8);
+        let held = model.holding(&parameters, &attitude(0.24, 0.0));
+        assert_eq!(held, parameters);
+    }
+}
+
+#[test]
 fn parameters_come_back_from_a_vehicle() {
     let vehicle = vehicle(4, &[0.5, 0.2, -0.3, 0.4, 0.6, -0.7, 0.8, 0.9, 0.0, 0.0]);
     let again = j8().with_parameters(&vehicle.parameters());
