@@ -14,7 +14,8 @@ fn qp(stages: &[Stage]) -> (Condenser, QpData) {
     (condenser, data)
 }
 
-/// Asserts that the inputs found from `members` are those of the interior-point method.
+/// Asserts that the inputs found from `members` keep all limits, at the cost that the interior-point method
+/// finds.
 fn assert_found(stages: &[Stage], mut members: Vec<bool>) {
     let (condenser, data) = qp(stages);
     let rows = Rows::new(&data);
@@ -28,19 +29,20 @@ fn assert_found(stages: &[Stage], mut members: Vec<bool>) {
     assert_eq!(found, Ok(true));
     let mut point = Point::zeros(&data);
     search.put_inputs(&rows, &mut point);
-    let expected = condenser.input_corrections(solver.primal());
-    for (found, expected) in condenser.input_corrections(&point.primal).zip(expected) {
-        let traction = found.traction_m_s - expected.traction_m_s;
-        let steer = found.steer_m_s - expected.steer_m_s;
-        assert!(
-            traction.abs() < 1e-5 && steer.abs() < 1e-5,
-            "{found:?}, expected {expected:?}"
-        );
-    }
+    data.slacken(&mut point);
     for (row, member) in members.iter().enumerate() {
-        let slack = solver.point().slack[data.equalities + row];
-        assert!(!member || slack < 1e-4, "row {row} is slack by {slack}");
+        let slack = point.slack[data.equalities + row];
+        assert!(slack > -1e-7, "row {row} is violated by {slack}");
+        assert!(!member || slack < 1e-7, "row {row} is slack by {slack}");
     }
+    // Sets the states that follow from the inputs. The interior-point method's inputs are good to some
+    // 1e-5 m/s where the cost is flat; the least cost is not so vague.
+    condenser.make_feasible(stages, &data, &mut point.primal);
+    let (cost, least) = (data.cost(&point.primal), data.cost(solver.primal()));
+    assert!(
+        cost <= least + 1e-7 * (1.0 + least.abs()),
+        "{cost}, expected {least}"
+    );
 }
 
 proptest! {
