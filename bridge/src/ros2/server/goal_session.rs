@@ -41,7 +41,6 @@ use sidehill_plant::vehicle::Vehicle;
 use std::cell::Cell;
 use std::sync::Arc;
 use std::sync::mpsc::Receiver;
-use waiting::withdraw_stop;
 
 /// Longest time for building a route, s.
 const BUILDING_S: f64 = 20.0;
@@ -329,7 +328,7 @@ impl GoalSession {
                 if let Some(termination) = abort_cause(context) {
                     self.terminate(context.now_s, termination, requests);
                 } else {
-                    withdraw_stop(context, requests);
+                    Self::withdraw_stop(context, requests);
                 }
             }
             Phase::Stopping { since_s, then } => {

@@ -83,7 +83,7 @@ impl GoalSession {
     ) {
         if let Some(termination) = abort_cause(context) {
             self.terminate(context.now_s, termination, requests);
-        } else if withdraw_stop(context, requests) {
+        } else if Self::withdraw_stop(context, requests) {
             // The safety sees it in its next cycle.
         } else if context.armed >= request {
             self.phase = Phase::Driving { tracked: false };
@@ -92,14 +92,14 @@ impl GoalSession {
             self.terminate(context.now_s, termination, requests);
         }
     }
-}
 
-/// Withdraws a stop that was requested for the path before, once the vehicle has stopped; returns whether
-/// there was one.
-pub(super) fn withdraw_stop(context: &GoalContext<'_>, requests: &mut Requests) -> bool {
-    let withdraws = requests.stop_cause().is_some() && context.is_off();
-    if withdraws {
-        requests.stop(None);
+    /// Withdraws a stop that was requested for the path before, once the vehicle has stopped; returns whether
+    /// there was one.
+    pub(super) fn withdraw_stop(context: &GoalContext<'_>, requests: &mut Requests) -> bool {
+        let withdraws = requests.stop_cause().is_some() && context.is_off();
+        if withdraws {
+            requests.stop(None);
+        }
+        withdraws
     }
-    withdraws
 }
