@@ -16,7 +16,11 @@ def generate_launch_description():
     config = os.path.join(get_package_share_directory("sidehill"), "config", "bridge")
     return LaunchDescription(
         [
-            DeclareLaunchArgument("config", default_value=os.path.join(config, "run_ros2.yaml")),
+            DeclareLaunchArgument(
+                "config",
+                default_value=os.path.join(config, "run_ros2.yaml"),
+                description="configuration of `sidehill run`",
+            ),
             Node(
                 package="sidehill",
                 executable="sidehill",

@@ -16,7 +16,9 @@ def generate_launch_description():
     config = os.path.join(get_package_share_directory("sidehill"), "config", "bridge", "vehicle_ros2.yaml")
     return LaunchDescription(
         [
-            DeclareLaunchArgument("config", default_value=config),
+            DeclareLaunchArgument(
+                "config", default_value=config, description="configuration of `sidehill vehicle`"
+            ),
             Node(
                 package="sidehill",
                 executable="sidehill",
