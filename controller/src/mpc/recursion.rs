@@ -1,8 +1,8 @@
 //! The Riccati recursion over the stages of a QP.
 //!
 //! With each input free, fixed, or tied to the one before, the recursion over (xi_k, u_{k-1}) solves the QP
-//! of [`StageTerms`] in a time proportional to the number of stages, a tenth of that of the sparse linear
-//! system.
+//! of [`StageTerms`] in a time proportional to the number of stages, and a fraction of that of the sparse
+//! linear system.
 
 use super::stage_terms::{MOTORS, StageTerms, dot};
 
