@@ -140,6 +140,7 @@ fn now_unix_s() -> f64 {
 mod tests {
     use super::*;
     use sidehill_controller::memory::{Cell, Evidence, Key};
+    use std::path::PathBuf;
     use std::time::{Duration, Instant};
 
     fn learned() -> Learned {
