@@ -187,6 +187,7 @@ fn horizons(
                             traction_m_s: point.speed_m_s,
                             steer_m_s: point.yaw_rate_rad_s,
                         },
+                        slip: Vector3::zeros(),
                         weights: config.stage_weights(point.motion, 0.0),
                     }
                 })

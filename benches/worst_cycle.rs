@@ -1,8 +1,8 @@
 //! The longest control cycles of a campaign, and what they did:
 //!
-//!     cargo bench --bench worst_cycle -- [CAMPAIGN [RUNS]]
+//!     cargo bench --bench worst_cycle -- [CAMPAIGN [RUNS [CONTROLLER]]]
 //!
-//! Without arguments all runs of the default campaign, one after the other. A run computes the same in
+//! Without arguments all runs of the default campaign with its controllers, one after the other. A run computes the same in
 //! each repetition, so the runs of the longest cycles are repeated: the least time of a cycle is the
 //! controller's, what the others have more is the machine's.
 
@@ -47,7 +47,10 @@ fn main() {
     let campaign = Campaign::read(&ConfigFile::read(&file).unwrap()).unwrap();
     let runs = arguments.get(1).map(|runs| runs.parse().unwrap());
     let runs = runs.unwrap_or(campaign.runs);
-    for &kind in &campaign.controllers {
+    let named = arguments
+        .get(2)
+        .map(|name| ControllerKind::from_name(name).unwrap());
+    for kind in named.map_or(campaign.controllers.clone(), |kind| vec![kind]) {
         report(&campaign, kind, runs);
     }
 }

@@ -2,7 +2,7 @@
 
 use crate::config::{
     Campaign, Conditions, ConfigFile, LoadedReference, Overrides, RunConfig, RunPort, Scenario,
-    Source, load_layout, read_route,
+    Source, led_point, load_layout, read_route,
 };
 use crate::drive_log::TopicMap;
 use crate::live_odometry::LiveOdometryConfig;
@@ -36,7 +36,7 @@ pub struct CheckArgs {
 /// are valid.
 ///
 /// # Errors
-/// None of its own: what is wrong with a file is printed.
+/// None: errors of files are printed.
 pub fn run(args: &CheckArgs) -> Result<ExitCode> {
     progress::explain_interrupt(|| {
         "interrupted: files that are not listed above were not checked".to_owned()
@@ -70,7 +70,7 @@ pub fn run(args: &CheckArgs) -> Result<ExitCode> {
 /// Validates a file with all it names and returns what kind of file it is.
 ///
 /// # Errors
-/// What is wrong, with the name of the file at fault.
+/// Names the file at fault and what is wrong with it.
 pub fn check(file: ConfigFile) -> Result<&'static str> {
     match file.ending().as_deref() {
         Some("gpx") => return check_route(&file),
@@ -83,7 +83,7 @@ pub fn check(file: ConfigFile) -> Result<&'static str> {
     }
     let keys: serde_yaml::Mapping = file.parse()?;
     let has = |key: &str| keys.contains_key(key);
-    // What `tune` writes; a run has no name.
+    // Written by `tune`; a configuration of `run` has no name.
     let settings = has("name") && has("controller");
     if has("draws") {
         Campaign::read(&file)?;
@@ -189,7 +189,7 @@ fn load(file: &ConfigFile, route: &Path, limits: &SpeedLimits) -> Result<LoadedR
     Ok(LoadedReference::build(file, source, limits)?)
 }
 
-/// A path that is shorter is no path for a rover, m.
+/// Shortest path for a rover, m.
 const SHORT_M: f64 = 0.05;
 
 /// Checks that a route can be smoothed and driven.
@@ -214,7 +214,7 @@ fn check_route(file: &ConfigFile) -> Result<&'static str> {
     Ok("route")
 }
 
-/// Checks a route or a log, which its columns tell apart.
+/// Checks a route or a log, distinguished by its columns.
 fn check_csv(file: &ConfigFile) -> Result<&'static str> {
     if file.text().trim().is_empty() {
         bail!(
@@ -244,6 +244,9 @@ fn check_run(file: &ConfigFile) -> Result<()> {
     let config: RunConfig = file.parse()?;
     let vehicle = config.load_vehicle(file)?;
     config.controller(file, &vehicle)?;
+    if let Some(warning) = led_point(&config.settings.tracked_point, &vehicle) {
+        console::complain(format_args!("{}: warning: settings.{warning}", file.name()));
+    }
     config.recording(file, None)?;
     config
         .cycle

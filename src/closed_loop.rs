@@ -17,26 +17,26 @@ const GOAL_TOLERANCE_M: f64 = 0.25;
 /// Cycles between two reports of the progress.
 const PROGRESS_CYCLES: usize = 20;
 
-/// Sees a run from within.
+/// Observes a run.
 pub trait Observer {
-    /// Sees the controller before its first cycle.
+    /// Called with the controller before its first cycle.
     ///
     /// # Errors
     /// What ends the run.
     fn begin(&mut self, controller: &Controller) -> Result<()>;
 
-    /// Sees a cycle.
+    /// Called after each cycle.
     ///
     /// # Errors
     /// What ends the run.
     fn cycle(&mut self, cycle: &Cycle, controller: &Controller) -> Result<()>;
 }
 
-/// Returns the run of one controller; `progress` hears the share done, 0 to 1, once a second of
-/// simulated time, and `observer` sees each cycle.
+/// Returns the run of one controller. `progress` is called with the completed share, 0 to 1, once per second of
+/// simulated time, and `observer` in each cycle.
 ///
 /// # Errors
-/// What keeps the run from starting: settings, or no ground under the start.
+/// Why the run cannot start: invalid settings, or no ground under the start.
 pub fn run(
     prepared: &Prepared,
     kind: ControllerKind,
@@ -146,7 +146,7 @@ pub fn run_plant<P: Plant>(
     })
 }
 
-/// Returns why a run that has finished does not count as completed.
+/// Returns why a finished run does not count as completed.
 fn missed(prepared: &Prepared, figures: &TrackingFigures) -> Option<String> {
     let missed = match prepared.reference.trajectory().ending() {
         Ending::Periodic => "path",

@@ -1,7 +1,7 @@
 //! Text on standard output and standard error.
 //!
-//! Whoever reads it may go at any time (`| head -1`, a log collector that dies, a terminal that is
-//! closed). Text that cannot be written is dropped and counted; the program goes on.
+//! The reader may close its end at any time (`| head -1`, a log collector that crashes, a closed terminal). Text
+//! that cannot be written is dropped and counted, and the program continues.
 
 use std::fmt::Display;
 use std::io::Write;
@@ -13,17 +13,17 @@ use std::time::{Duration, Instant};
 
 static DROPPED: AtomicU64 = AtomicU64::new(0);
 
-/// Prints `text` as it is.
+/// Prints `text` without a line break.
 pub fn text(text: impl Display) {
     count(write!(std::io::stdout().lock(), "{text}"));
 }
 
-/// Prints `text` and a line's end.
+/// Prints `text` and a line break.
 pub fn line(text: impl Display) {
     count(writeln!(std::io::stdout().lock(), "{text}"));
 }
 
-/// Prints `text` and a line's end to standard error.
+/// Prints `text` and a line break to standard error.
 pub fn complain(text: impl Display) {
     count(writeln!(std::io::stderr().lock(), "{text}"));
 }
@@ -33,7 +33,7 @@ pub fn dropped() -> u64 {
     DROPPED.load(Ordering::Relaxed)
 }
 
-/// Lines that wait at most for a reader that is slow.
+/// Most lines that wait for a slow reader.
 const WAITING_MAX: usize = 256;
 
 enum Line {
@@ -41,8 +41,8 @@ enum Line {
     Error(Vec<u8>),
 }
 
-/// Prints from a thread of its own, so that a reader that is slow, stands still or goes delays nothing:
-/// lines that do not fit are dropped and counted.
+/// Prints from its own thread, so that a reader that is slow, blocked or gone delays nothing: lines beyond the queue
+/// are dropped and counted.
 pub struct Printer {
     lines: SyncSender<Line>,
     dropped: Arc<AtomicU64>,
@@ -53,7 +53,7 @@ impl Printer {
     /// Starts the thread.
     ///
     /// # Errors
-    /// What the system says.
+    /// The system cannot start a thread.
     pub fn start() -> std::io::Result<Self> {
         let (lines, waiting) = sync_channel(WAITING_MAX);
         let dropped = Arc::new(AtomicU64::new(0));
@@ -81,24 +81,24 @@ impl Printer {
         })
     }
 
-    /// Prints `text` and a line's end to standard output.
+    /// Prints `text` and a line break to standard output.
     pub fn line(&self, text: impl Display) {
         self.send(Line::Output(format!("{text}\n").into_bytes()));
     }
 
-    /// Prints `text` in place of the line that it printed last, on a terminal; what is wider is cut off.
+    /// Replaces the last line on a terminal by `text`, cut to its width.
     pub fn renew(&self, text: impl Display) {
         self.send(Line::Output(
             format!("\r\x1b[2K\x1b[?7l{text}\x1b[?7h").into_bytes(),
         ));
     }
 
-    /// Prints a line that stays, above the one that is renewed.
+    /// Prints a permanent line above the one that is replaced.
     pub fn above(&self, text: impl Display) {
         self.send(Line::Output(format!("\r\x1b[2K{text}\n").into_bytes()));
     }
 
-    /// Returns a writer to standard error that never fails; it prints whole lines.
+    /// Returns a writer to standard error that never fails and prints complete lines.
     pub fn errors(&self) -> ErrorLines<'_> {
         ErrorLines {
             printer: self,
@@ -106,12 +106,12 @@ impl Printer {
         }
     }
 
-    /// Returns how many lines nobody could be given.
+    /// Returns how many lines were dropped.
     pub fn dropped(&self) -> u64 {
         self.dropped.load(Ordering::Relaxed)
     }
 
-    /// Waits until all is printed, but no longer than `longest`.
+    /// Waits until everything is printed, at most for `longest`.
     pub fn finish(self, longest: Duration) {
         drop(self.lines);
         let begun = Instant::now();

@@ -28,7 +28,7 @@ pub fn run(args: &DocumentsArgs, command: &mut clap::Command) -> Result<()> {
         .cloned()
         .collect();
     for part in std::iter::once(&*command).chain(&shown) {
-        // Of a subcommand it is "sidehill-run", as `build` has made it.
+        // `build` has set the name of a subcommand, such as "sidehill-run".
         let name = part
             .get_display_name()
             .unwrap_or(part.get_name())

@@ -1,4 +1,4 @@
-//! What the steepness guard did in a simulated run, against the truth.
+//! Summary of the steepness guard in a simulated run, from the true state.
 
 use crate::config::Prepared;
 use crate::record::{GuardSummary, SlopeRow};
@@ -50,12 +50,8 @@ impl GuardWatch {
         s.friction_use_max = s.friction_use_max.max(margins.friction_use);
         s.tilt_max_deg = s.tilt_max_deg.max(up.clamp(-1.0, 1.0).acos().to_degrees());
         s.speed_share_min = s.speed_share_min.min(view.speed_share);
-        let stops = view.ahead.is_some_and(|place| place.stops);
-        self.announced_s = match self.announced_s {
-            None if stops => Some(state.time_s),
-            Some(since_s) if stops => Some(since_s),
-            _ => None,
-        };
+        let may_stop = view.ahead.is_some_and(|place| place.may_stop);
+        self.announced_s = self.announced_s.or(Some(state.time_s)).filter(|_| may_stop);
         if let Status::Stopping(StopReason::TooSteep { place }) = cycle.decision.status
             && s.stopped_before.is_none()
         {
@@ -69,7 +65,7 @@ impl GuardWatch {
         })
     }
 
-    /// Returns what the guard did; `refused` is the place for which the route was refused.
+    /// Returns the summary; `refused` is the place for which the route was refused.
     pub(crate) fn summary(self, refused: Option<SteepPlace>) -> GuardSummary {
         GuardSummary {
             stopped_before: refused.or(self.summary.stopped_before),

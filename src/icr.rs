@@ -21,7 +21,7 @@ pub struct IcrArgs {
     pub vehicle: PathBuf,
 }
 
-/// A line of input as it is written; other columns are left out.
+/// A line of input; other columns are ignored.
 #[derive(Debug, Deserialize)]
 struct Line {
     roll_rad: String,
@@ -30,7 +30,7 @@ struct Line {
     v_right_m_s: String,
 }
 
-/// What the models are evaluated for.
+/// Inputs of the models.
 #[derive(Debug, Clone, Copy)]
 pub struct Input {
     /// Roll, rad.
@@ -46,7 +46,7 @@ pub struct Input {
 impl Line {
     /// Returns the numbers.
     fn input(&self) -> Result<Input> {
-        // By hand, as the csv crate names neither column nor text.
+        // Parsed by hand, because the csv crate names neither the column nor the text.
         let number = |key: &str, text: &str| -> Result<f64> {
             text.parse()
                 .map_err(|_| anyhow!("{key}: `{text}` is not a number"))
@@ -76,7 +76,7 @@ struct Output<'a> {
 }
 
 /// Reads CSV from `input`, one attitude and effective tread speeds (V_l, V_r, after c_l and c_r) a
-/// line, and writes the model's answers to `output`.
+/// line, and writes the model's results to `output`.
 ///
 /// # Errors
 /// Names the vehicle's file, or the line and column at fault.

@@ -1,4 +1,4 @@
-//! The signals that end a node which only listens.
+//! The signals that end or suspend the program.
 
 use anyhow::Result;
 use signal_hook::consts::{SIGCONT, SIGHUP, SIGINT, SIGTERM};
@@ -6,33 +6,36 @@ use signal_hook::flag::register;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// What has been asked of the program since it began.
+/// Signals received since the program began.
 pub struct Interrupts {
-    ended: Arc<AtomicBool>,
-    resumed: Arc<AtomicBool>,
+    /// Set by SIGINT, SIGTERM and SIGHUP.
+    pub end: Arc<AtomicBool>,
+    /// Set when the process is resumed after it was suspended.
+    pub resumed: Arc<AtomicBool>,
 }
 
 impl Interrupts {
-    /// Begins to watch SIGINT, SIGTERM, SIGHUP and SIGCONT.
+    /// Starts watching SIGINT, SIGTERM, SIGHUP and SIGCONT.
     ///
     /// # Errors
-    /// A signal that the system does not let watch.
+    /// The system does not let the program watch a signal.
     pub fn watch() -> Result<Self> {
-        let (ended, resumed) = <(Arc<AtomicBool>, Arc<AtomicBool>)>::default();
+        let (end, resumed) = <(Arc<AtomicBool>, Arc<AtomicBool>)>::default();
         for signal in [SIGINT, SIGTERM, SIGHUP] {
-            register(signal, Arc::clone(&ended))?;
+            register(signal, Arc::clone(&end))?;
         }
         register(SIGCONT, Arc::clone(&resumed))?;
-        Ok(Self { ended, resumed })
+        Ok(Self { end, resumed })
     }
 
     /// Returns whether the program was asked to end.
     pub fn ended(&self) -> bool {
-        self.ended.load(Ordering::Relaxed)
+        self.end.load(Ordering::Relaxed)
     }
 
-    /// Returns whether the program was suspended; the middleware does not survive that its wait is interrupted.
-    pub fn resumed(&self) -> bool {
-        self.resumed.load(Ordering::Relaxed)
+    /// Returns, once per suspension, whether the process was suspended and resumed: RustDDS fails for good when
+    /// its wait is interrupted, so its nodes must be started anew.
+    pub fn take_resumed(&self) -> bool {
+        self.resumed.swap(false, Ordering::Relaxed)
     }
 }

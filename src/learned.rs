@@ -1,24 +1,25 @@
-//! Files of what was learned: whole or not at all, known by vehicle, date and a checksum.
+//! Files of what was learned: written atomically, identified by vehicle, date and a checksum.
 //!
-//! The first line names the format and the checksum (FNV-1a, 64 bits) of all that follows, which is JSON.
+//! The first line contains the format and the checksum (FNV-1a, 64 bits) of the JSON that follows.
 
-use crate::console;
-use crate::output;
+#[cfg(feature = "drive")]
+mod keeper;
+
+#[cfg(feature = "drive")]
+pub use keeper::{Keeper, KeptFile};
+
 use anyhow::{Context, Result, bail};
 use serde::{Deserialize, Serialize};
-use sidehill_controller::controller::Controller;
 use sidehill_controller::memory::Learned;
 use sidehill_plant::fingerprint::fnv_1a;
 use std::io::Write;
-use std::path::{Path, PathBuf};
-use std::sync::mpsc::{SyncSender, sync_channel};
-use std::thread::JoinHandle;
-use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+use std::path::Path;
+use std::time::{SystemTime, UNIX_EPOCH};
 
 /// First word of a file.
-const FORMAT: &str = "sidehill-learned-1";
+const FORMAT: &str = "sidehill-learned-2";
 
-/// Days after which what was learned is too old to begin with, unless configured.
+/// Default maximum age of what was learned, days.
 pub const DAYS_MAX: f64 = 90.0;
 
 #[derive(Serialize, Deserialize)]
@@ -26,16 +27,16 @@ pub const DAYS_MAX: f64 = 90.0;
 struct Contents {
     /// When it was saved, s since 1970.
     saved_unix_s: f64,
-    /// Share of the uncertainty of the gains that has gone.
+    /// Share of the gains' uncertainty that has been removed.
     confidence: f64,
     learned: Learned,
 }
 
-/// Writes what was learned, in place of what the file held: to a file beside it first, so that there is always
-/// a whole one, whenever the program is killed or the power fails.
+/// Replaces the file atomically, through a temporary file beside it, so that a complete file exists even if the
+/// program is killed or the power fails.
 ///
 /// # Errors
-/// What the disk says; the file is then as it was.
+/// An I/O error; the file is then unchanged.
 pub fn save(path: &Path, learned: &Learned) -> Result<()> {
     let contents = Contents {
         saved_unix_s: now_unix_s(),
@@ -48,8 +49,8 @@ pub fn save(path: &Path, learned: &Learned) -> Result<()> {
         .with_context(|| format!("{}: what was learned cannot be written", path.display()))
 }
 
-/// Puts bytes in the place of a file. The file beside it has one name, so that killed programs leave one at
-/// most.
+/// Replaces the content of a file. The temporary file always has the same name, so that killed programs leave at
+/// most one.
 fn replace(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
     let mut beside = path.as_os_str().to_owned();
     beside.push(".new");
@@ -63,16 +64,16 @@ fn replace(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
     std::fs::File::open(folder.unwrap_or(Path::new(".")))?.sync_all()
 }
 
-/// What a file holds.
+/// The content of a file.
 pub struct LearnedFile {
-    /// Its text, which a recording keeps.
+    /// Its text, stored in recordings.
     pub text: String,
     /// What was learned.
     pub learned: Learned,
 }
 
 impl LearnedFile {
-    /// Returns a file of this text, whatever its age.
+    /// Returns the file with this text, whatever its age.
     ///
     /// # Errors
     /// Why it is refused.
@@ -85,7 +86,7 @@ impl LearnedFile {
 /// Reads what was learned.
 ///
 /// # Errors
-/// Names the file and why it is refused: it cannot be read, is no such file, is damaged, or is older than
+/// Names the file and why it is refused: it cannot be read, has another format, is damaged, or is older than
 /// `days_max`.
 pub fn load(path: &Path, days_max: f64) -> Result<LearnedFile> {
     let name = || path.display().to_string();
@@ -120,7 +121,7 @@ fn check_age(contents: &Contents, days_max: f64, now_unix_s: f64) -> Result<()> 
     if days > days_max {
         bail!("refused: learned {days:.0} days ago, more than {days_max}");
     }
-    // A clock that was put back a little is none to blame the file for.
+    // Accept a file slightly in the future: the clock may have been set back.
     if days < -1.0 {
         bail!(
             "refused: learned {:.0} days from now, so one of the clocks is wrong",
@@ -135,85 +136,12 @@ fn now_unix_s() -> f64 {
     since.map_or(0.0, |since| since.as_secs_f64())
 }
 
-/// A thread that writes what was learned, so that no thread of the control loop waits for the disk.
-pub struct Keeper {
-    sender: SyncSender<Learned>,
-    thread: JoinHandle<()>,
-}
-
-/// Longest wait for the last write.
-const WRITE_TIMEOUT: Duration = Duration::from_secs(2);
-
-impl Keeper {
-    /// Lets `controller` begin with what a file holds, and keeps the file from then on; also returns the text
-    /// that it begins with. A file that is refused is named with its reason on standard error and kept under
-    /// another name.
-    ///
-    /// # Errors
-    /// The system's, where it has no thread left, or the disk's, where the file cannot be kept.
-    pub fn start(
-        path: PathBuf,
-        days_max: f64,
-        controller: &mut Controller,
-    ) -> Result<(Self, Option<String>)> {
-        let mut begun_with = None;
-        if path.exists() {
-            let recalled = load(&path, days_max).and_then(|file| {
-                controller
-                    .recall(&file.learned)
-                    .with_context(|| format!("{}: refused", path.display()))?;
-                Ok(file.text)
-            });
-            match recalled {
-                Ok(text) => {
-                    begun_with = Some(text);
-                    console::complain(format_args!(
-                        "{}: begins with what was learned before",
-                        path.display()
-                    ));
-                }
-                Err(error) => {
-                    output::keep_earlier(&[&path])?;
-                    console::complain(format_args!(
-                        "warning: {error:#}; begins with nothing learned, and the file is kept as {}.1 \
-                         or a higher number",
-                        path.display()
-                    ));
-                }
-            }
-        }
-        let (sender, receiver) = sync_channel(1);
-        let thread = std::thread::Builder::new()
-            .name("learned".to_owned())
-            .spawn(move || {
-                while let Ok(learned) = receiver.recv() {
-                    if let Err(error) = save(&path, &learned) {
-                        console::complain(format_args!("warning: {error:#}"));
-                    }
-                }
-            })?;
-        Ok((Self { sender, thread }, begun_with))
-    }
-
-    /// Returns where to send what was learned; sending never waits.
-    pub fn sender(&self) -> SyncSender<Learned> {
-        self.sender.clone()
-    }
-
-    /// Waits for the last write, but not for ever.
-    pub fn finish(self) {
-        drop(self.sender);
-        let deadline = Instant::now() + WRITE_TIMEOUT;
-        while !self.thread.is_finished() && Instant::now() < deadline {
-            std::thread::sleep(Duration::from_millis(5));
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use sidehill_controller::memory::{Cell, Key};
+    use sidehill_controller::memory::{Cell, Evidence, Key};
+    use std::path::PathBuf;
+    use std::time::{Duration, Instant};
 
     fn learned() -> Learned {
         Learned {
@@ -227,7 +155,11 @@ mod tests {
     fn many(aim_right_m: f64) -> Learned {
         let cell = |x| Cell {
             key: Key { x, y: 0, sector: 0 },
-            aim_right_m,
+            evidence: Evidence {
+                way_m: 1.0,
+                aim_m2: aim_right_m,
+                ..Evidence::default()
+            },
             visits: 1,
         };
         Learned {

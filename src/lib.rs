@@ -1,7 +1,6 @@
-//! What the program `sidehill` is made of besides `plant` and `controller`: configuration files,
-//! closed-loop simulation, figures and reports.
+//! The program `sidehill`: configuration files, closed-loop simulation, figures and reports.
 //!
-//! Kept as a library so that tests and benches reach it; it promises no stable interface.
+//! A library so that tests, benches and the Python module can use it; its interface is not stable.
 #![allow(clippy::print_stdout, clippy::print_stderr)]
 
 #[cfg(feature = "drive")]

@@ -17,7 +17,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
-/// Time between two looks for new readings.
+/// Interval at which new readings are polled.
 const PERIOD: Duration = Duration::from_millis(2);
 /// Time after the start until missing readings are named.
 const PATIENCE: Duration = Duration::from_secs(5);
@@ -48,7 +48,7 @@ impl LiveOdometryConfig {
     }
 }
 
-/// Publishes odometry until a signal comes.
+/// Publishes odometry until a signal arrives.
 ///
 /// # Errors
 /// A file that cannot be read, a setting out of range, or a network that cannot be used.
@@ -70,7 +70,7 @@ pub fn run(args: &OdometryArgs, ros_arguments: &[String]) -> Result<ExitCode> {
     let started = Instant::now();
     let mut warned = false;
     while !interrupts.ended() {
-        ensure!(!interrupts.resumed(), "the program was suspended");
+        ensure!(!interrupts.take_resumed(), "the program was suspended");
         node.step();
         if !warned && node.published() == 0 && started.elapsed() > PATIENCE {
             warned = true;
@@ -95,7 +95,7 @@ pub fn run(args: &OdometryArgs, ros_arguments: &[String]) -> Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// Returns the configuration of the node: that of a file, or the defaults for a vehicle.
+/// Returns the configuration of the node, from a file or with defaults for a vehicle.
 fn configuration(args: &OdometryArgs) -> Result<(OdometryConfig, Vehicle)> {
     match (&args.log, &args.vehicle) {
         (Some(path), vehicle) => {

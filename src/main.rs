@@ -30,7 +30,7 @@ enum Command {
     /// Runs many seeded simulations on all cores and compares controllers over them.
     Campaign(campaign::CampaignArgs),
     /// Searches for better settings of a controller, and accepts them only if held-out runs
-    /// improve, too.
+    /// improve as well.
     Tune(tune::TuneArgs),
     /// Evaluates ICRIK: CSV with roll_rad, pitch_rad, v_left_m_s, v_right_m_s on standard input.
     /// These are effective tread speeds: c_l and c_r of the vehicle are not applied.

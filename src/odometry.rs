@@ -56,7 +56,7 @@ const MODELS: [(KinematicModel, &str); 4] = [
     (KinematicModel::DifferentialDrive, "diff_drive"),
 ];
 
-/// One model's errors, as JSON spells them.
+/// One model's errors, as printed in JSON.
 #[derive(Debug, Serialize)]
 struct Figures {
     mse_x: f64,
@@ -121,12 +121,12 @@ pub fn run(args: &OdometryArgs) -> Result<()> {
 /// Returns what `odometry --format json` prints.
 ///
 /// # Errors
-/// What the log lacks.
+/// Names what the log lacks.
 pub fn figures(log: &DriveLog, vehicle: &Vehicle) -> Result<serde_json::Map<String, Value>> {
     json(&comparisons(log, vehicle)?)
 }
 
-/// Returns the poses of each model against those of the log.
+/// Compares the poses of each model with those of the log.
 fn comparisons(log: &DriveLog, vehicle: &Vehicle) -> Result<Vec<Vec<Comparison>>> {
     let comparisons = MODELS.map(|(model, _)| compare(log, vehicle, model));
     Ok(comparisons.into_iter().collect::<Result<_, _>>()?)

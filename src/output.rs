@@ -1,14 +1,14 @@
-//! Files that the program writes: whole or not at all, and nothing that exists is lost.
+//! Files that the program writes: atomically, and without losing existing ones.
 
 use anyhow::{Context, Result, bail};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-/// Checks, before any work is done, that files can be written where nothing is lost by it.
+/// Checks, before any work is done, that files can be written without overwriting anything.
 ///
 /// # Errors
-/// Names the file that exists and is not empty, unless `force`; or the folder that is not there or
-/// cannot be written to.
+/// Names the file that exists and is not empty, unless `force`; or the folder that does not exist or is not
+/// writable.
 pub fn check_free(paths: &[impl AsRef<Path>], force: bool) -> Result<()> {
     for path in paths {
         let path = path.as_ref();
@@ -27,7 +27,7 @@ pub fn check_free(paths: &[impl AsRef<Path>], force: bool) -> Result<()> {
     Ok(())
 }
 
-/// Checks as [`check_free`] does and that the file's folder can be written to.
+/// Checks as [`check_free`], and that the file's folder is writable.
 ///
 /// # Errors
 /// As [`check_free`].
@@ -52,10 +52,10 @@ pub fn check_writable(path: &Path, force: bool) -> Result<()> {
         })
 }
 
-/// Writes a file whole: beside it first, then in its place.
+/// Writes a file atomically: to a temporary file beside it, then renamed.
 ///
 /// # Errors
-/// As [`check_free`], and what the disk says.
+/// As [`check_free`], or an I/O error.
 pub fn write(path: &Path, bytes: &[u8], force: bool) -> Result<()> {
     check_free(&[path], force)?;
     let failed = || format!("{}: cannot be written", path.display());
@@ -70,8 +70,8 @@ pub fn write(path: &Path, bytes: &[u8], force: bool) -> Result<()> {
     Ok(())
 }
 
-/// Renames files of an earlier run that are in the way: `a.csv` becomes `a.csv.1`, all of `paths` with the
-/// same number. For programs that drive a vehicle: started again with the same command, they must come up.
+/// Renames existing files of an earlier run: `a.csv` becomes `a.csv.1`, with the same number for all of `paths`.
+/// For programs that drive a vehicle: they must start again with the same command.
 ///
 /// # Errors
 /// Names the file that cannot be renamed.
@@ -111,7 +111,7 @@ fn folder(path: &Path) -> &Path {
     }
 }
 
-/// Readable by all, as files usually are; temporary files are not by themselves.
+/// Readable by everyone, as files usually are; temporary files are not by default.
 fn permissions() -> std::fs::Permissions {
     std::os::unix::fs::PermissionsExt::from_mode(0o644)
 }

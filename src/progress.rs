@@ -1,4 +1,4 @@
-//! What a person sees of work that takes longer than a moment: progress, and what an interrupt left.
+//! Messages of long work for the user: progress, and the result of an interrupt.
 
 use crate::console;
 use indicatif::{ProgressBar, ProgressStyle};
@@ -8,10 +8,10 @@ use std::io::IsTerminal;
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
-/// Time between lines where standard error is no terminal, s.
+/// Time between lines if standard error is not a terminal, s.
 const LINE_EVERY: Duration = Duration::from_secs(10);
 
-/// Progress of one piece of work: a bar on a terminal, elsewhere a line now and then.
+/// Progress of a task: a bar on a terminal, otherwise a line from time to time.
 pub struct Progress {
     name: String,
     bar: ProgressBar,
@@ -20,7 +20,7 @@ pub struct Progress {
 }
 
 impl Progress {
-    /// Begins work of `steps` steps.
+    /// Starts a task of `steps` steps.
     pub fn new(name: &str, steps: u64) -> Self {
         let style = ProgressStyle::with_template(
             "{prefix:14} {bar:40} {percent:>3} %  {elapsed} gone, {eta} left",
@@ -35,13 +35,13 @@ impl Progress {
         }
     }
 
-    /// Shows that `done` steps are behind; steps may end in any thread.
+    /// Shows that `done` steps are completed; any thread may call it.
     pub fn at(&self, done: u64) {
         self.bar.set_position(done);
         self.line();
     }
 
-    /// Shows that one more step is behind.
+    /// Shows that one more step is completed.
     pub fn step(&self) {
         self.bar.inc(1);
         self.line();
@@ -49,7 +49,7 @@ impl Progress {
 
     fn line(&self) {
         let Some(last) = &self.last_line else { return };
-        // Another thread that holds the lock prints just now.
+        // If the lock is held, another thread is printing.
         let Ok(mut last) = last.try_lock() else {
             return;
         };
@@ -62,23 +62,23 @@ impl Progress {
         }
     }
 
-    /// Ends: a bar disappears.
+    /// Ends the task and removes the bar.
     pub fn finish(&self) {
         self.bar.finish_and_clear();
     }
 }
 
-/// Says what is being done once it takes longer than two seconds, and again from time to time; ends where it
-/// is dropped.
+/// Tells what is being done once it takes longer than two seconds, and from time to time after that, until it is
+/// dropped.
 pub struct Notice {
     ended: Option<std::sync::mpsc::Sender<()>>,
 }
 
-/// Time before the first word of a [`Notice`].
+/// Time before the first message of a [`Notice`].
 const PATIENCE: Duration = Duration::from_secs(2);
 
 impl Notice {
-    /// Begins work that `doing` describes.
+    /// Starts the task that `doing` describes.
     pub fn begin(doing: String) -> Self {
         let (ended, wait) = std::sync::mpsc::channel();
         let begun = Instant::now();
@@ -90,7 +90,7 @@ impl Notice {
                 patience = LINE_EVERY;
             }
         };
-        // Without a thread there is no word, but the work is done all the same.
+        // Without a thread there are no messages, but the work is done.
         let thread = std::thread::Builder::new().name("notice".to_owned());
         let started = thread.spawn(say).is_ok();
         Self {
@@ -105,14 +105,14 @@ impl Drop for Notice {
     }
 }
 
-/// Exit status of a program that a signal ended, as shells count it.
+/// Exit status after SIGINT, by the convention of shells.
 const INTERRUPTED: i32 = 130;
 
-/// From now on an interrupt prints `message` and ends the program at once. Only for work whose files
-/// are written whole or line by line; nothing that drives a vehicle.
+/// Makes an interrupt print `message` and end the program at once. Only for work whose files are written atomically
+/// or line by line, never while driving a vehicle.
 ///
 /// # Errors
-/// What the system says.
+/// The system cannot watch signals or start a thread.
 pub fn explain_interrupt(message: impl Fn() -> String + Send + 'static) -> std::io::Result<()> {
     let mut signals = Signals::new([SIGINT, SIGTERM, SIGHUP])?;
     std::thread::Builder::new()

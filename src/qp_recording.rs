@@ -1,13 +1,14 @@
-//! The QPs of a run in a file that others can read: NumPy's npz.
+//! The QPs of a run in a portable file: NumPy's npz.
 //!
 //! ```text
 //! minimise 1/2 x' P x + q' x   subject to   A x + s = b,  s = 0 (the first rows), s >= 0 (the rest)
 //! ```
 //!
-//! All QPs of a run have one sparsity pattern. The file holds it once, in compressed columns
+//! All QPs of a run share a sparsity pattern. The file contains it once, in compressed columns
 //! (`P_indptr`, `P_indices`, `A_indptr`, `A_indices`; P is the upper triangle), with `equalities`, the
 //! number of rows with s = 0. Of each QP, a row an array, it holds `P_data`, `q`, `A_data`, `b`, the
-//! solution `x` with the multipliers `y`, and `time_s`, `iterations`, `solve_us`.
+//! solution `x` with the multipliers `y`, `time_s`, `iterations`, `solve_us`, and, where only bounds and
+//! changes of the inputs limit it, the terms of its `stages`.
 
 use crate::closed_loop::Observer;
 use anyhow::{Context, Result, ensure};
@@ -15,20 +16,22 @@ use ndarray::{Array0, Array1, Array2, ArrayView, ArrayView2, Ix1, arr0};
 use ndarray_npy::{NpzReader, NpzWriter};
 use sidehill_controller::closed_loop::Cycle;
 use sidehill_controller::controller::Controller;
-use sidehill_controller::mpc::{CscMatrix, Point, QpData, SolveReport};
+use sidehill_controller::mpc::{CscMatrix, Point, QpData, SolveReport, StageTerms};
 use std::fs::File;
 use std::io::Cursor;
 use std::path::Path;
 
-/// The QPs of a run, each as its cycle assembled it, and what the cycle made of it.
+/// The QPs of a run, each with its solution.
 #[derive(Debug, Clone, Default)]
 pub struct QpRecording {
-    /// The first QP, whose pattern all have.
+    /// The first QP, whose pattern all share.
     first: Option<QpData>,
     p: Vec<f64>,
     q: Vec<f64>,
     a: Vec<f64>,
     b: Vec<f64>,
+    /// Of all QPs, one after the other.
+    stages: Vec<StageTerms>,
     x: Vec<f64>,
     y: Vec<f64>,
     times_s: Vec<f64>,
@@ -50,13 +53,14 @@ impl Observer for QpRecording {
 }
 
 impl QpRecording {
-    /// Adds the QP of the cycle at `time_s` with the point that was found for it.
+    /// Adds the QP of the cycle at `time_s` with its solution.
     pub fn push(&mut self, time_s: f64, (data, point): (&QpData, &Point), report: &SolveReport) {
         self.first.get_or_insert_with(|| data.clone());
         self.p.extend_from_slice(&data.p.nzval);
         self.q.extend_from_slice(&data.q);
         self.a.extend_from_slice(&data.a.nzval);
         self.b.extend_from_slice(&data.b);
+        self.stages.extend_from_slice(&data.stages);
         self.x.extend_from_slice(&point.primal);
         self.y.extend_from_slice(&point.dual);
         self.times_s.push(time_s);
@@ -69,13 +73,16 @@ impl QpRecording {
         let Some(first) = &self.first else {
             return Vec::new();
         };
-        let values = |all: &[f64], size: usize, i: usize| all[i * size..(i + 1) * size].to_vec();
+        fn values<T: Clone>(all: &[T], size: usize, i: usize) -> Vec<T> {
+            all[i * size..(i + 1) * size].to_vec()
+        }
         let qp = |i| {
             let mut qp = first.clone();
             qp.p.nzval = values(&self.p, qp.p.nzval.len(), i);
             qp.q = values(&self.q, qp.q.len(), i);
             qp.a.nzval = values(&self.a, qp.a.nzval.len(), i);
             qp.b = values(&self.b, qp.b.len(), i);
+            qp.stages = values(&self.stages, qp.stages.len(), i);
             qp
         };
         (0..self.times_s.len()).map(qp).collect()
@@ -112,6 +119,11 @@ impl QpRecording {
             let rows = ArrayView2::from_shape((count, values.len() / count), values)?;
             npz.add_array(name, &rows)?;
         }
+        if !self.stages.is_empty() {
+            let terms = self.stages.iter().flat_map(StageTerms::to_array).collect();
+            let size = first.stages.len() * StageTerms::COUNT;
+            npz.add_array("stages", &Array2::from_shape_vec((count, size), terms)?)?;
+        }
         for (name, values) in [("time_s", &self.times_s), ("solve_us", &self.solve_us)] {
             npz.add_array(name, &ArrayView::<_, Ix1>::from(values))?;
         }
@@ -122,7 +134,7 @@ impl QpRecording {
 /// Returns the QPs of a file.
 ///
 /// # Errors
-/// Names the file that cannot be read, or whose arrays do not fit each other.
+/// Names the file that cannot be read or has inconsistent arrays.
 pub fn read(path: &Path) -> Result<Vec<QpData>> {
     read_arrays(path).with_context(|| format!("{}: not a recording of QPs", path.display()))
 }
@@ -144,9 +156,12 @@ fn read_arrays(path: &Path) -> Result<Vec<QpData>> {
     let mut rows =
         |name: &str| -> Result<Array2<f64>> { npz.by_name(name).with_context(|| name.to_owned()) };
     let (p, q, a, b) = (rows("P_data")?, rows("q")?, rows("A_data")?, rows("b")?);
+    // Not of QPs with other limits than bounds and changes.
+    let stages = rows("stages").unwrap_or_else(|_| Array2::zeros((q.nrows(), 0)));
     let (variables, constraints) = (q.ncols(), b.ncols());
     ensure!(
-        [p.nrows(), a.nrows(), b.nrows()] == [q.nrows(); 3] && equalities <= constraints,
+        [p.nrows(), a.nrows(), b.nrows(), stages.nrows()] == [q.nrows(); 4]
+            && equalities <= constraints,
         "the arrays differ in length"
     );
     let columns = |rows: usize, starts: &[usize], indices: &[usize], values: &Array2<f64>| {
@@ -173,6 +188,12 @@ fn read_arrays(path: &Path) -> Result<Vec<QpData>> {
         a: matrix(constraints, &a_starts, &a_rows, a.row(i).to_vec()),
         b: b.row(i).to_vec(),
         equalities,
+        stages: stages
+            .row(i)
+            .to_vec()
+            .chunks(StageTerms::COUNT)
+            .map(StageTerms::from_numbers)
+            .collect(),
     });
     Ok(qps.collect())
 }

@@ -1,4 +1,4 @@
-//! What a run leaves behind: one row a control cycle, and the figures of the whole.
+//! The result of a run: one row per control cycle, and its figures.
 
 use serde::Serialize;
 use sidehill_controller::closed_loop::LapFigures;
@@ -21,11 +21,11 @@ pub struct Row {
     pub pose: Pose,
     /// True roll and pitch.
     pub attitude: Attitude,
-    /// Estimated position and heading; none before there is one.
+    /// Estimated position and heading; none before the first estimate.
     pub estimate: Option<PlanarPose>,
     /// Reference position and heading.
     pub reference: PlanarPose,
-    /// True position of the tracked point, X_g and Y_g, m, where that is not the origin.
+    /// True position of the tracked point, X_g and Y_g, m, if it is not the origin.
     pub tracked: Option<[f64; 2]>,
     /// True distance of the tracked point from the path, m, left positive.
     pub cross_track_m: f64,
@@ -33,7 +33,7 @@ pub struct Row {
     pub along_track_m: f64,
     /// True heading less that of the reference, rad.
     pub heading_error_rad: f64,
-    /// What the steepness guard measures, where it is on.
+    /// Measurements of the steepness guard, if it is on.
     pub slope: Option<SlopeRow>,
     /// Command given in this cycle.
     pub command: MotorSpeeds,
@@ -43,9 +43,9 @@ pub struct Row {
     pub tread_speeds: MeasuredTreadSpeeds,
     /// Tread ICRs of ICRIK at the true attitude and speeds.
     pub icrs: TreadIcrs,
-    /// What has been learned of a contact vehicle; none by controllers that learn something else.
+    /// Learned parameters of a contact vehicle; none for controllers that learn something else.
     pub contact: Option<ContactEstimate>,
-    /// What the command is worth.
+    /// Status of the command.
     pub status: Status,
     /// Linear systems factorised and interior-point iterations; 0 without a QP.
     pub qp_iterations: u32,
@@ -95,8 +95,8 @@ impl Quantiles {
     }
 }
 
-/// The figures of one run, as `simulate --format json` prints them. Errors and the steer command are
-/// counted after the first 2 s, in which the vehicle gets under way.
+/// The figures of one run, as `simulate --format json` prints them. Errors and the steer command count
+/// after the first 2 s, in which the vehicle starts moving.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Summary {
     /// Controller's name.
@@ -109,7 +109,7 @@ pub struct Summary {
     pub seed: u64,
     /// Whether the reference was followed to its end.
     pub completed: bool,
-    /// Why not, where it was not.
+    /// The reason, if it was not.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub ended_by: Option<String>,
     /// Root mean square of the distance from the path, m.
@@ -118,7 +118,7 @@ pub struct Summary {
     pub cross_track_p95_m: f64,
     /// Largest absolute value, m.
     pub cross_track_max_m: f64,
-    /// Root mean square of the origin's distance from the path, m, where another point is tracked.
+    /// Root mean square of the origin's distance from the path, m, if another point is tracked.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub origin_cross_track_rms_m: Option<f64>,
     /// Root mean square of the error along the path, m.
@@ -126,7 +126,7 @@ pub struct Summary {
     /// Figures of each lap, where there are several.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub laps: Vec<LapFigures>,
-    /// What the steepness guard did, where it is on.
+    /// Summary of the steepness guard, if it is on.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub guard: Option<GuardSummary>,
     /// Root mean square of the difference from the path's heading, rad.
@@ -143,11 +143,11 @@ pub struct Summary {
     pub deadline_misses: u32,
     /// Mean of the QP's iterations.
     pub qp_iterations_mean: f64,
-    /// Cycles whose QP was solved by the rows that bind.
+    /// Cycles whose QP was solved by the active-set method.
     pub qp_working_set: u32,
     /// Cycles whose QP needed the interior-point method.
     pub qp_interior_point: u32,
-    /// Cycles whose solve was cut short, with a plan that keeps the limits.
+    /// Cycles whose solve was cut short, with a plan that respects the limits.
     pub qp_cut_short: u32,
     /// Time within the QP solver, us.
     pub solve_us: Quantiles,
@@ -155,7 +155,7 @@ pub struct Summary {
     pub cycle_us: Quantiles,
 }
 
-/// What the steepness guard measures in a cycle.
+/// Measurements of the steepness guard in a cycle.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SlopeRow {
     /// True tip-over margin and use of friction.
@@ -166,7 +166,7 @@ pub struct SlopeRow {
     pub arc_length_m: f64,
 }
 
-/// What the steepness guard did in a run; margins are those of the true attitude and motion.
+/// Summary of the steepness guard over a run; margins are those of the true attitude and motion.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct GuardSummary {
     /// Least tip-over margin.
@@ -177,19 +177,19 @@ pub struct GuardSummary {
     pub tilt_max_deg: f64,
     /// Least share of the reference's speed.
     pub speed_share_min: f64,
-    /// Time from the first announcement of the place before which it stopped to the stop, s.
+    /// Time from the first announcement of the steep place to the stop, s.
     pub warned_s: Option<f64>,
     /// Place before which the vehicle stopped, or for which the route was refused.
     pub stopped_before: Option<SteepPlace>,
 }
 
-/// A whole run of one controller.
+/// A complete run of one controller.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Run {
     /// Its figures.
     pub summary: Summary,
     /// Its cycles.
     pub rows: Vec<Row>,
-    /// What was learned, where it is kept.
+    /// What was learned, if it is kept.
     pub learned: Option<Learned>,
 }

@@ -1,4 +1,4 @@
-//! `sidehill route`: a path out of a recorded drive, or of one as it is driven.
+//! `sidehill route`: a path from a recorded drive, or from a live one.
 
 mod live;
 pub(crate) mod thinning;
@@ -66,10 +66,10 @@ enum Form {
     Csv,
 }
 
-/// Writes the path and prints how far it is from what was recorded.
+/// Writes the path and prints its distance from the recorded positions.
 ///
 /// # Errors
-/// What the recording lacks; a topic on which no position comes; a file that cannot be read or written.
+/// Positions missing in the recording or on the topic, or a file that cannot be read or written.
 pub fn run(args: &RouteArgs, ros_arguments: &[String]) -> Result<()> {
     Bounds::new(0.0, 10.0, "m").check("--smoothing-m", args.smoothing_m)?;
     Bounds::new(0.0, 1.0, "m").check("--tolerance-m", args.tolerance_m)?;

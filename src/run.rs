@@ -6,6 +6,7 @@ mod screen;
 use crate::config::ros2::{environment, parameters};
 use crate::config::{Bundle, ConfigFile, RunConfig, RunPort};
 use crate::console::Printer;
+use crate::interrupts::Interrupts;
 use crate::learned::Keeper;
 use crate::output;
 use crate::recording::{self, DriveRecording, LIVE, fact};
@@ -66,7 +67,7 @@ pub struct RunArgs {
 /// Records that a ring holds: seconds of a busy bus.
 const RING: usize = 8192;
 
-/// Longest wait for a reader of the output at the end.
+/// Longest wait at the end for a reader of the output.
 const PRINT_TIMEOUT: Duration = Duration::from_millis(500);
 
 /// Runs the control loop of a configuration until its course is finished, its time is over, or a
@@ -87,12 +88,12 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
     let config: RunConfig = file.parse()?;
     let vehicle = config.load_vehicle(&file)?;
     let mut controller = config.controller(&file, &vehicle)?;
-    let (keeper, begun_with) = match config.learned_file(&file)? {
-        Some((path, days_max)) => {
-            let (keeper, begun_with) = Keeper::start(path, days_max, &mut controller)?;
-            (Some(keeper), begun_with)
+    let (keeper, outlet, begun_with) = match config.learned_file(&file)? {
+        Some(kept) => {
+            let (keeper, outlet, begun_with) = Keeper::start(kept, &mut controller)?;
+            (Some(keeper), Some(outlet), begun_with)
         }
-        None => (None, None),
+        None => (None, None, None),
     };
     let mut files = args.out.as_deref().map(Files::create).transpose()?;
     let signals = register_signals()?;
@@ -187,7 +188,7 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
         controller,
         channel,
         tap: recording.is_some().then_some(controller_tap),
-        learned: keeper.as_ref().map(Keeper::sender),
+        learned: outlet,
         records,
         options: RunOptions {
             arm: args.arm,
@@ -211,7 +212,7 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
             let inputs = all(&mut inputs, now_s);
             let missing: Vec<&Input> = inputs.iter().filter(|i| i.missing.is_some()).collect();
             let said = screen::waits_for(&missing);
-            // An age that grows is no news.
+            // A growing age is not a change.
             if !said
                 .chars()
                 .filter(|c| !c.is_ascii_digit())
@@ -258,27 +259,28 @@ fn all(ports: &mut [Box<dyn InputStatus>], now_s: f64) -> Vec<Input> {
 }
 
 fn register_signals() -> Result<Signals> {
-    use signal_hook::consts::{SIGCONT, SIGHUP, SIGINT, SIGTERM, SIGUSR1, SIGUSR2};
+    use signal_hook::consts::{SIGUSR1, SIGUSR2};
     use signal_hook::flag::register;
-    let signals = Signals::default();
-    for end in [SIGINT, SIGTERM, SIGHUP] {
-        register(end, Arc::clone(&signals.end))?;
-    }
+    let Interrupts { end, resumed } = Interrupts::watch()?;
+    let signals = Signals {
+        end,
+        resumed,
+        ..Signals::default()
+    };
     register(SIGUSR1, Arc::clone(&signals.arm))?;
     register(SIGUSR2, Arc::clone(&signals.stop))?;
-    register(SIGCONT, Arc::clone(&signals.resumed))?;
     Ok(signals)
 }
 
-/// What the ROS 2 server has to do with recording and live view.
+/// Links between the ROS 2 server and recording and live view.
 struct Watch {
-    /// Takes the paths, and says why nothing is recorded any more.
+    /// Takes the paths, and tells why the recording ended.
     recording: Option<(PathLog, Arc<OnceLock<String>>)>,
-    /// Where live clients see and set parameters.
+    /// Access of live clients to the parameters.
     parameters: Option<ParameterOwner>,
 }
 
-/// Starts the ROS 2 server, where the configuration has one.
+/// Starts the ROS 2 server, if the configuration has one.
 fn start_ros2(
     file: &ConfigFile,
     config: &RunConfig,

@@ -1,5 +1,8 @@
 //! `sidehill simulate`: a scenario with its controllers, side by side.
 
+mod files;
+mod table;
+
 use crate::closed_loop::{self, Observer};
 use crate::config::{
     Bundle, Conditions, ConfigFile, DEFAULT_SCENARIO, Overrides, PlantKind, Prepared, Scenario,
@@ -12,17 +15,17 @@ use crate::qp_recording::QpRecording;
 use crate::record::{Run, Summary};
 #[cfg(feature = "drive")]
 use crate::recording::{self, LIVE, SimulationRecording, fact};
-use crate::report;
 use anyhow::{Context, Result, bail};
+use files::{REPORT, csv_path, write_out};
 #[cfg(feature = "drive")]
 use sidehill_bridge::recording::{RecordLimits, Sinks};
 use sidehill_controller::config::ControllerKind;
-use std::fmt::Write;
 #[cfg(feature = "drive")]
 use std::net::SocketAddr;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::Arc;
+use table::table;
 
 /// Arguments of `sidehill simulate`.
 #[derive(Debug, Clone, Default, clap::Args)]
@@ -81,10 +84,10 @@ pub struct SimulateArgs {
 /// How figures are printed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum)]
 pub enum Format {
-    /// For people.
+    /// A text table.
     #[default]
     Table,
-    /// For programs.
+    /// JSON.
     Json,
 }
 
@@ -137,9 +140,9 @@ pub fn run(args: &SimulateArgs) -> Result<ExitCode> {
         console::complain(format_args!("warning: {warning}"));
     }
     if let Some(folder) = &args.out {
-        // Before the work, which may take long.
+        // Before the work, which may take a long time.
         std::fs::create_dir_all(folder)
-            .with_context(|| format!("{}: cannot be made", folder.display()))?;
+            .with_context(|| format!("{}: cannot create the folder", folder.display()))?;
         let mut files = vec![folder.join(REPORT)];
         let names = prepared.controllers.iter().map(|kind| kind.name());
         files.extend(names.map(|name| csv_path(folder, name)));
@@ -265,60 +268,10 @@ fn record(
     ))
 }
 
-/// Name of the report.
-const REPORT: &str = "report.html";
-
-fn csv_path(folder: &Path, controller: &str) -> PathBuf {
-    folder.join(format!("{controller}.csv"))
-}
-
-/// Writes a CSV file of each run and the report of all.
-fn write_out(
-    folder: &Path,
-    force: bool,
-    prepared: &Prepared,
-    conditions: Option<&str>,
-    runs: &[Run],
-) -> Result<()> {
-    for run in runs {
-        let mut csv = Vec::new();
-        report::write_csv(run, &mut csv)?;
-        output::write(&csv_path(folder, &run.summary.controller), &csv, force)?;
-    }
-    let path = prepared.reference.path();
-    let length_m = path.map_or(0.0, |path| path.length_m());
-    let points = (length_m / 0.05).ceil().clamp(2.0, 20_000.0) as usize;
-    let scene = report::Scene {
-        title: prepared.name.replace('_', " "),
-        subtitle: format!(
-            "Plant {}, vehicle {}, seed {}{}. {}",
-            prepared.plant.kind().name(),
-            prepared.vehicle.name,
-            prepared.seed,
-            named(conditions),
-            prepared.route_note
-        ),
-        path: path.map_or_else(Vec::new, |path| {
-            (0..=points)
-                .map(|i| path.at(length_m * i as f64 / points as f64).position)
-                .map(|position| [position.x_m, position.y_m])
-                .collect()
-        }),
-        terrain: &prepared.terrain,
-        guard: prepared.controller.guard.as_ref(),
-        limits: &prepared.controller.limits,
-        base_half_width_m: prepared.vehicle.base_half_width_m,
-        base_half_length_m: prepared.vehicle.base_half_length_m,
-        period_s: prepared.controller.period_s,
-    };
-    let html = report::html(&scene, runs);
-    output::write(&folder.join(REPORT), html.as_bytes(), force)
-}
-
-/// Simulated time from which on a run is announced, s.
+/// Simulated time above which a run is announced, s.
 const LONG_S: f64 = 1000.0;
 
-/// Runs one controller after the other: their times would disturb each other.
+/// Runs the controllers one after the other, because parallel runs would disturb the measured times.
 fn runs(prepared: &Prepared, mut observer: Option<&mut dyn Observer>) -> Result<Vec<Run>> {
     let simulated_s = prepared.reference.end_s();
     if simulated_s > LONG_S {
@@ -339,73 +292,4 @@ fn runs(prepared: &Prepared, mut observer: Option<&mut dyn Observer>) -> Result<
         runs.push(run);
     }
     Ok(runs)
-}
-
-fn named(conditions: Option<&str>) -> String {
-    conditions.map_or_else(String::new, |name| format!(", conditions {name}"))
-}
-
-/// Returns the figures as a table for people.
-fn table(prepared: &Prepared, conditions: Option<&str>, summaries: &[&Summary]) -> String {
-    let mut out = String::new();
-    let _ = writeln!(
-        out,
-        "scenario {}, plant {}, vehicle {}, seed {}{}",
-        prepared.name,
-        prepared.plant.kind().name(),
-        prepared.vehicle.name,
-        prepared.seed,
-        named(conditions)
-    );
-    if !prepared.route_note.is_empty() {
-        let _ = writeln!(out, "{}", prepared.route_note);
-    }
-    let _ = writeln!(
-        out,
-        "\n{:14} {:>9} {:>9} {:>9} {:>9} {:>9} {:>9} {:>6} {:>9} {:>9}",
-        "controller",
-        "cross RMS",
-        "cross p95",
-        "cross max",
-        "along RMS",
-        "steer TV",
-        "goal err",
-        "iters",
-        "cycle p50",
-        "cycle p99"
-    );
-    let _ = writeln!(
-        out,
-        "{:14} {:>9} {:>9} {:>9} {:>9} {:>9} {:>9} {:>6} {:>9} {:>9}",
-        "", "cm", "cm", "cm", "cm", "m/s", "cm", "", "us", "us"
-    );
-    for s in summaries {
-        let _ = writeln!(
-            out,
-            "{:14} {:>9.3} {:>9.3} {:>9.3} {:>9.3} {:>9.2} {:>9.2} {:>6.1} {:>9.0} {:>9.0}",
-            s.controller,
-            100.0 * s.cross_track_rms_m,
-            100.0 * s.cross_track_p95_m,
-            100.0 * s.cross_track_max_m,
-            100.0 * s.along_track_rms_m,
-            s.steer_total_variation_m_s,
-            100.0 * s.goal_error_m,
-            s.qp_iterations_mean,
-            s.cycle_us.p50,
-            s.cycle_us.p99
-        );
-    }
-    for s in summaries {
-        if let Some(reason) = &s.ended_by {
-            let _ = writeln!(out, "{} did not complete: {reason}", s.controller);
-        }
-        if s.fallbacks + s.deadline_misses + s.constraint_violations > 0 {
-            let _ = writeln!(
-                out,
-                "{}: {} fallbacks, {} deadline misses, {} constraint violations",
-                s.controller, s.fallbacks, s.deadline_misses, s.constraint_violations
-            );
-        }
-    }
-    out
 }

@@ -50,15 +50,16 @@ ACCEPTED = 1e-3
 PATIENCE_S = 60.0
 
 
-def cargo(*arguments):
-    subprocess.run(["cargo", "run", "--release", "--quiet", *arguments], cwd=ROOT, check=True)
+def cargo(*arguments, check=True):
+    subprocess.run(["cargo", "run", "--release", "--quiet", *arguments], cwd=ROOT, check=check)
 
 
 def record(name):
     """Returns the file of a set, recorded anew where it is missing."""
     path = OUT / f"{name}.npz"
     if not path.exists():
-        cargo("--", "simulate", *SETS[name], "--controller", "icrik-mpc", "--record-qps", str(path))
+        # A drive that is stopped ends with status 1, and its QPs are recorded.
+        cargo("--", "simulate", *SETS[name], "--controller", "icrik-mpc", "--record-qps", str(path), check=False)
     return path
 
 

@@ -269,8 +269,7 @@ impl Controller {
         self.supervise(estimate.as_ref(), progress.as_ref());
         let solved = match (self.phase, &estimate, &progress) {
             (Phase::Driving { .. }, Some(estimate), Some(progress)) => {
-                self.learn_error(estimate, sample);
-                self.look_ahead(estimate, progress, elapsed_s);
+                self.look_ahead(estimate, progress, elapsed_s, sample);
                 Some(match &mut self.law {
                     Law::Mpc(mpc) => mpc.linearise(&self.horizon).condense().solve(deadline),
                     Law::PurePursuit => Ok(self.pursue(estimate, progress)),

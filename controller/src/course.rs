@@ -1,10 +1,12 @@
 //! Named analytic courses, for scenarios and tests.
 
 mod figure_eight;
+mod pivot;
 mod shapes;
 
 pub use figure_eight::FigureEight;
-pub use shapes::{Circle, Cusp, Pivot, Slalom, Straight, Turn};
+pub use pivot::Pivot;
+pub use shapes::{Circle, Cusp, Slalom, Straight, Turn};
 
 use crate::path::PathError;
 use crate::speed_profile::SpeedLimits;

@@ -199,19 +199,13 @@ fn check_optional(bounds: Bounds, key: &'static str, value: Option<f64>) -> Resu
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::test_support::motors;
     use proptest::prelude::*;
 
     const DT_S: f64 = 0.01;
 
     fn drive_train(yaml: &str) -> DriveTrain {
         DriveTrain::new(&serde_yaml::from_str(yaml).unwrap(), DT_S)
-    }
-
-    fn motors(traction_m_s: f64, steer_m_s: f64) -> MotorSpeeds {
-        MotorSpeeds {
-            traction_m_s,
-            steer_m_s,
-        }
     }
 
     #[test]

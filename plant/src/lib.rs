@@ -39,4 +39,6 @@ pub mod slip_gains;
 pub mod speeds;
 pub mod statistics;
 pub mod terrain;
+#[cfg(test)]
+mod test_support;
 pub mod vehicle;

@@ -2,10 +2,10 @@
 
 use std::io::{self, Read};
 
-/// Largest size of what is decompressed, bytes: more is taken for damage.
+/// Largest decompressed size, bytes. Anything larger counts as damage.
 const SIZE_MAX: u64 = 4 << 30;
 
-/// Returns the decompressed bytes, and why they end early where they do.
+/// Returns the decompressed bytes and, if they are incomplete, the reason.
 pub(super) fn zstd(compressed: &[u8]) -> (Vec<u8>, Option<String>) {
     let mut rest = compressed;
     let mut out = Vec::new();
@@ -23,7 +23,7 @@ pub(super) fn zstd(compressed: &[u8]) -> (Vec<u8>, Option<String>) {
     (out, None)
 }
 
-/// Returns the decompressed bytes of an LZ4 frame, and why they end early where they do.
+/// Returns the decompressed bytes of an LZ4 frame and, if they are incomplete, the reason.
 pub(super) fn lz4(compressed: &[u8]) -> (Vec<u8>, Option<String>) {
     let mut out = Vec::new();
     let result = read_all(
@@ -35,7 +35,7 @@ pub(super) fn lz4(compressed: &[u8]) -> (Vec<u8>, Option<String>) {
 
 fn read_all(source: &mut dyn Read, out: &mut Vec<u8>) -> io::Result<()> {
     let left = SIZE_MAX.saturating_sub(out.len() as u64);
-    // What was read before an error stays.
+    // Keep what was read before the error.
     let read = source.take(left).read_to_end(out)?;
     if read as u64 == left {
         return Err(io::Error::other("larger than 4 GiB"));

@@ -12,7 +12,7 @@ pub enum BagError {
         /// Why not.
         reason: std::io::Error,
     },
-    /// A file is not what its name says, or damaged.
+    /// A file is damaged, or its content does not match its name.
     #[error("{file}: {reason}", file = .file.display())]
     Content {
         /// The file.
@@ -20,10 +20,10 @@ pub enum BagError {
         /// What is wrong with it.
         reason: String,
     },
-    /// Its `metadata.yaml` is not what it should be.
+    /// Its `metadata.yaml` is invalid.
     #[error(transparent)]
     Metadata(#[from] ConfigError),
-    /// A folder has no bag.
+    /// A folder contains no bag.
     #[error(
         "{folder}: not a bag: it has neither metadata.yaml nor a file that ends with .mcap or .db3",
         folder = .folder.display()
@@ -32,13 +32,13 @@ pub enum BagError {
         /// The folder.
         folder: PathBuf,
     },
-    /// There is nothing in it.
+    /// It is empty.
     #[error("{bag}: the bag holds no message{between}{notes}", bag = .bag.display(),
             between = if .notes.is_empty() { "" } else { "; " })]
     NoMessages {
         /// The bag.
         bag: PathBuf,
-        /// What else is known of it.
+        /// What else is known about it.
         notes: String,
     },
     /// A message is not of the type of its topic.

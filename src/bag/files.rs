@@ -18,7 +18,7 @@ pub(super) enum Storage {
 }
 
 impl Storage {
-    /// Returns what a file of this name is: `.mcap`, `.db3`, or either with `.zstd` behind it.
+    /// Returns the kind of a file by its name: `.mcap`, `.db3`, or either followed by `.zstd`.
     pub(super) fn of_name(path: &Path) -> Option<Self> {
         let name = path.file_name()?.to_string_lossy().to_lowercase();
         let plain = name.strip_suffix(".zstd").unwrap_or(&name);
@@ -33,10 +33,10 @@ impl Storage {
 /// One file of a bag.
 #[derive(Debug)]
 pub(super) struct BagFile {
-    /// The file as named.
+    /// The file as it was named.
     pub(super) path: PathBuf,
     storage: Storage,
-    /// The file decompressed, where it was compressed as a whole.
+    /// The decompressed file, if the whole file was compressed.
     plain: Option<NamedTempFile>,
     /// Whether each message is compressed by zstd.
     compressed_messages: bool,
@@ -121,7 +121,7 @@ fn decompressed(path: &Path) -> Result<NamedTempFile, BagError> {
     Ok(plain)
 }
 
-/// What is needed of `metadata.yaml`; the rest stands in the files themselves, too.
+/// The fields used of `metadata.yaml`; everything else is in the files themselves as well.
 #[derive(Debug, Deserialize)]
 struct Metadata {
     rosbag2_bagfile_information: Information,

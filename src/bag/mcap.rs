@@ -1,7 +1,7 @@
-//! MCAP files, read from the start, so that they need no end: the specification is at mcap.dev/spec.
+//! MCAP files, read from the start, so that files without an end can be read; the specification is at mcap.dev/spec.
 //!
-//! `mcap` parses the records. Its readers give up a chunk whose recorder was killed before it wrote the chunk's
-//! length, so records are framed here.
+//! `mcap` parses the records. Its readers skip a chunk whose length is missing because the recorder was killed,
+//! so this module finds the records itself.
 
 use super::compression;
 use super::error::BagError;
@@ -13,7 +13,7 @@ use std::collections::BTreeMap;
 use std::io::{self, Read};
 use std::path::Path;
 
-/// Largest record, bytes: more is a length that was never written, or damage.
+/// Largest record, bytes. A larger length was never written, or is damaged.
 const RECORD_MAX: u64 = 2 << 30;
 const CRC: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
 
@@ -53,7 +53,7 @@ pub(super) fn read(
                 break Some("its last chunk was not finished".to_owned());
             }
             Framed::CutOff { .. } => break Some("its last record was not finished".to_owned()),
-            // Only repetitions follow.
+            // What follows repeats the index only.
             Framed::Whole {
                 op: op::DATA_END | op::FOOTER,
                 ..
@@ -71,7 +71,7 @@ pub(super) fn read(
     })
 }
 
-/// A record of the file, or what there is of it.
+/// A record of the file, possibly cut off.
 enum Framed {
     Whole { op: u8, body: Vec<u8> },
     CutOff { op: u8, body: Vec<u8> },
@@ -97,7 +97,7 @@ fn next_record(source: &mut impl Read) -> io::Result<Framed> {
     })
 }
 
-/// What is known of a file while its records are read.
+/// State while a file's records are read.
 struct Reader<'a> {
     name: &'a Path,
     /// Names of the message types.
@@ -209,7 +209,7 @@ impl Reader<'_> {
     }
 }
 
-/// Returns the records of a chunk, and why they end early where they do.
+/// Returns the records of a chunk and, if they are incomplete, the reason.
 fn decompressed<'a>(
     header: &ChunkHeader,
     data: &'a [u8],

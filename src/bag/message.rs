@@ -1,4 +1,4 @@
-//! Topics and messages, whatever file they stand in.
+//! Topics and messages, independent of the file format.
 
 use super::error::BagError;
 
@@ -9,7 +9,7 @@ pub struct Topic {
     pub name: String,
     /// Type of its messages, such as `nav_msgs/msg/Odometry`.
     pub message_type: String,
-    /// Encoding of its messages; of ROS 2, `cdr`.
+    /// Encoding of its messages; `cdr` for ROS 2.
     pub encoding: String,
 }
 
@@ -24,14 +24,14 @@ pub struct Message<'a> {
     pub data: &'a [u8],
 }
 
-/// What a reader of one file calls for each message; it may end the reading with an error.
+/// Callback for each message of a file; an error ends the reading.
 pub(super) type Visit<'a> = &'a mut dyn FnMut(Message<'_>) -> Result<(), BagError>;
 
-/// What reading one file found besides its messages.
+/// What reading a file found besides its messages.
 #[derive(Debug, Default)]
 pub(super) struct Outcome {
-    /// Topics, those without a message too.
+    /// Topics, including those without messages.
     pub(super) topics: Vec<Topic>,
-    /// Why the file ends before its end; none where it is whole.
+    /// Why the file is incomplete; none if it is complete.
     pub(super) cut_off: Option<String>,
 }

@@ -1,7 +1,7 @@
 //! Bags of ROS 2 (rosbag2): MCAP and SQLite files, or a folder of them with its `metadata.yaml`.
 //!
-//! Recordings from humble to kilted are read. One that was interrupted is read to its last whole message, and
-//! says so ([`Bag::notes`]).
+//! Reads recordings of Humble to Kilted. An interrupted recording is read up to its last complete message, and
+//! [`Bag::notes`] says so.
 
 mod compression;
 mod error;
@@ -37,7 +37,7 @@ impl Bag {
     /// Finds the files of a bag and reads them once for their topics.
     ///
     /// # Errors
-    /// [`BagError`] with the file that cannot be read, is no bag, or holds no message.
+    /// [`BagError`] with the file that cannot be read, is not a bag, or contains no message.
     pub fn open(path: &Path) -> Result<Self, BagError> {
         let files = files::find(path)?;
         let mut topics: BTreeMap<Topic, usize> = BTreeMap::new();
@@ -77,7 +77,7 @@ impl Bag {
         &self.path
     }
 
-    /// Returns what a person should know of its state: files that were interrupted.
+    /// Returns notes for the user about its state: files that were interrupted.
     pub fn notes(&self) -> &[String] {
         &self.notes
     }

@@ -6,7 +6,7 @@ use rusqlite::{Connection, OpenFlags};
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// Calls `visit` for each message of the file `at`, in the order of time; `name` is what messages call it.
+/// Calls `visit` for each message of the file `at`, ordered by time; errors call the file `name`.
 pub(super) fn read(at: &Path, name: &Path, visit: Visit<'_>) -> Result<Outcome, BagError> {
     let failed = |error: rusqlite::Error| BagError::Content {
         file: name.to_owned(),

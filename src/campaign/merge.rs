@@ -1,4 +1,4 @@
-//! Results of parts of a campaign, put together into the file that one machine would have written.
+//! Merges the results of parts of a campaign into the file that one machine would have written.
 
 use super::table::{AFTER, BEFORE, GUARD, line};
 use crate::{console, output};
@@ -18,8 +18,7 @@ pub struct Merged {
 }
 
 impl Merged {
-    /// Takes in the rows of a file's text, which is whole lines. A row that is there already is
-    /// dropped.
+    /// Adds the rows of a file's text, which consists of complete lines. Duplicate rows are dropped.
     ///
     /// # Errors
     /// Names the line that is no result, belongs to another campaign, or differs from the row of the
@@ -81,7 +80,7 @@ impl Merged {
         Ok(())
     }
 
-    /// Returns the file of all rows; empty where none was taken in.
+    /// Returns the file with all rows; empty if there are none.
     ///
     /// # Errors
     /// None that can happen; those of the CSV writer.
@@ -94,11 +93,11 @@ impl Merged {
     }
 }
 
-/// Merges files of results into `out`, whose own rows, where it exists, are among them; without `out`
-/// onto standard output. A last line that a kill has torn is left out and told of.
+/// Merges result files into `out`, together with its own rows if it exists, or to standard output without `out`.
+/// An incomplete last line of a killed campaign is left out with a warning.
 ///
 /// # Errors
-/// Names the file and line that do not belong to the others; `out` is as it was.
+/// Names the file and line that do not belong to the others; `out` is unchanged.
 pub fn run(files: &[impl AsRef<Path>], out: Option<&Path>) -> Result<()> {
     let mut merged = Merged::default();
     let held = out.filter(|out| out.exists());
@@ -124,7 +123,7 @@ pub fn run(files: &[impl AsRef<Path>], out: Option<&Path>) -> Result<()> {
     }
 }
 
-/// Returns the lines that have their end.
+/// Returns the complete lines.
 pub fn whole_lines(bytes: &[u8]) -> &[u8] {
     let end = bytes.iter().rposition(|&byte| byte == b'\n');
     &bytes[..end.map_or(0, |last| last + 1)]

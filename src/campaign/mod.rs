@@ -1,4 +1,4 @@
-//! `sidehill campaign`: many seeded simulations, all cores, one row of a CSV file each.
+//! `sidehill campaign`: many seeded simulations on all cores, one CSV row each.
 
 mod merge;
 mod report;
@@ -76,11 +76,11 @@ fn range(text: &str) -> Result<Range<u32>, String> {
     }
 }
 
-/// Runs what the results do not hold yet and prints the summary of all; or merges results.
+/// Runs what the results do not contain yet and prints the summary of all runs; or merges results.
 ///
 /// # Errors
 /// What is wrong with the campaign; results of another campaign; a file that cannot be read or
-/// written. A run that fails is no error but a row.
+/// written. A run that fails is not an error but a row.
 pub fn run(args: &CampaignArgs) -> Result<()> {
     if !args.merge.is_empty() {
         return merge::run(&args.merge, args.out.as_deref());
@@ -108,7 +108,7 @@ pub fn run(args: &CampaignArgs) -> Result<()> {
     }
     progress::explain_interrupt(move || {
         format!(
-            "interrupted after {:.0} s: what is done is in {name}; the same command goes on from there",
+            "interrupted after {:.0} s: the finished runs are in {name}; repeat the command to continue",
             begun.elapsed().as_secs_f64()
         )
     })?;
@@ -151,7 +151,7 @@ pub fn run(args: &CampaignArgs) -> Result<()> {
 /// Returns the results of `runs` as the text of a file, in order.
 ///
 /// # Errors
-/// What keeps the campaign from being run at all. A run that fails is no error but a row.
+/// Why the campaign cannot run at all. A run that fails is not an error but a row.
 pub fn csv(campaign: &Campaign, runs: Range<u32>, threads: Option<usize>) -> Result<Vec<u8>> {
     let table = Table::of(campaign)?;
     let mut jobs: Vec<_> = jobs(campaign, runs).collect();
@@ -172,7 +172,7 @@ fn jobs(
     runs.flat_map(move |index| kinds.iter().map(move |&kind| (index, kind)))
 }
 
-/// Returns a pool of so many threads, one a core by default.
+/// Returns a pool of `threads` threads, by default one per core.
 pub(crate) fn pool(threads: Option<usize>) -> Result<rayon::ThreadPool> {
     let builder = rayon::ThreadPoolBuilder::new().num_threads(threads.unwrap_or(0));
     Ok(builder.build()?)
@@ -200,7 +200,7 @@ fn outcome(campaign: &Campaign, index: u32, kind: ControllerKind) -> Outcome {
 /// Returns the figures of one run with one controller.
 ///
 /// # Errors
-/// What keeps the run from starting.
+/// Why the run cannot start.
 pub(crate) fn drive(scenario: ConfigFile, kind: ControllerKind) -> Result<Summary> {
     let prepared = Scenario::read(scenario)?.prepare(&Overrides {
         controllers: vec![kind],

@@ -7,7 +7,7 @@ use crate::report::plot::{Line, Plot};
 use maud::html;
 use std::collections::BTreeMap;
 
-/// Returns the page for those of `rows` that the figures are about.
+/// Returns the page for the rows that the figures cover.
 pub(super) fn html(campaign: &str, figures: &[Figures], rows: &[&Row]) -> String {
     let names: Vec<(&str, &str)> = figures
         .iter()
@@ -22,7 +22,7 @@ pub(super) fn html(campaign: &str, figures: &[Figures], rows: &[&Row]) -> String
     let lines = lines.map(|(((name, colour), figures), errors)| {
         let mut ascending: Vec<f64> = errors.values().copied().collect();
         ascending.sort_by(f64::total_cmp);
-        // Runs that were not completed are worse than all others: the line ends before 100 %.
+        // Runs that did not complete are worse than all others: the line ends before 100 %.
         let share = |index: usize| 100.0 * (index + 1) as f64 / figures.runs.max(1) as f64;
         let points: Vec<[f64; 2]> = ascending
             .iter()
@@ -78,7 +78,7 @@ fn completed(controller: &str, rows: &[&Row]) -> BTreeMap<u32, f64> {
         .collect()
 }
 
-/// Returns what the figures say: who is best, by run and against the second best.
+/// Returns the conclusions: which controller is best, in how many runs, and by how much.
 fn conclusions(
     figures: &[Figures],
     names: &[(&str, &str)],

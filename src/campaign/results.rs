@@ -1,8 +1,8 @@
-//! The results of a campaign on the disk: CSV, a row an outcome.
+//! The results of a campaign on disk: a CSV file with one row per outcome.
 //!
-//! While a campaign runs, a row is one append, synced to the disk before the next run of its thread
-//! begins. So a kill can only leave a torn last line, which has no line's end and is cut off when the
-//! file is opened again. When all runs are done the file is replaced by its rows in order.
+//! While a campaign runs, each row is appended and synced to disk before its thread starts the next run. So a
+//! kill can leave at most one incomplete last line, which is cut off when the file is opened again. When all
+//! runs are done, the file is replaced by its sorted rows.
 
 use super::merge::{self, Merged};
 use super::table::{Outcome, Table};
@@ -16,7 +16,7 @@ use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
-/// The file of results, open for more and locked against a second campaign.
+/// The results file, open for appending and locked against a second campaign.
 pub struct Results {
     path: PathBuf,
     file: Mutex<File>,
@@ -25,10 +25,10 @@ pub struct Results {
 }
 
 impl Results {
-    /// Opens a file of results or begins one; a torn last line is cut off.
+    /// Opens or creates a results file; an incomplete last line is cut off.
     ///
     /// # Errors
-    /// Results of another campaign, rows that make no sense, or what the disk says.
+    /// Results of another campaign, invalid rows, or an I/O error.
     pub fn open(path: &Path, campaign: &Campaign) -> Result<Self> {
         let name = || path.display().to_string();
         let mut file = OpenOptions::new()
@@ -37,7 +37,7 @@ impl Results {
             .create(true)
             .open(path)
             .with_context(name)?;
-        // Two campaigns that append to one file would both run everything.
+        // Two campaigns appending to one file would both run everything.
         file.try_lock()
             .with_context(|| format!("{}: in use by another campaign", name()))?;
         if replaced(&file, path).with_context(name)? {
@@ -70,19 +70,19 @@ impl Results {
         self.held.contains(&(index, kind.name().to_owned()))
     }
 
-    /// Writes an outcome and waits until it is on the disk.
+    /// Writes an outcome and waits until it is on disk.
     ///
     /// # Errors
-    /// What the disk says.
+    /// An I/O error.
     pub fn append(&self, outcome: &Outcome) -> Result<()> {
         self.write(&self.table.line(outcome)?)
     }
 
     /// Writes the rows of `csv`, results of the same campaign with their header, and waits until they
-    /// are on the disk. Rows that the file holds already are sorted out by [`Results::finish`].
+    /// are on disk. [`Results::finish`] removes duplicates.
     ///
     /// # Errors
-    /// Results of another campaign, rows that make no sense, or what the disk says.
+    /// Results of another campaign, invalid rows, or an I/O error.
     pub fn append_csv(&self, csv: &[u8]) -> Result<()> {
         self.table.rows(csv)?;
         let header = csv.iter().position(|&byte| byte == b'\n');
@@ -97,11 +97,11 @@ impl Results {
             .with_context(name)
     }
 
-    /// Replaces the file by its rows in order, each once, and returns what it holds then. It is the
-    /// same file byte for byte, however many threads, processes or machines made the rows.
+    /// Replaces the file by its rows, sorted and without duplicates, and returns its content. The file is identical
+    /// byte for byte however many threads, processes or machines made the rows.
     ///
     /// # Errors
-    /// Rows of the same run and controller that differ, or what the disk says; the file is as it was.
+    /// Rows of the same run and controller that differ, or an I/O error; the file is unchanged.
     pub fn finish(self) -> Result<Vec<u8>> {
         let name = || self.path.display().to_string();
         let bytes = std::fs::read(&self.path).with_context(name)?;
@@ -109,7 +109,7 @@ impl Results {
         merged.add(&bytes).with_context(name)?;
         let sorted = merged.csv()?;
         if sorted != bytes {
-            // A link stays one.
+            // A symbolic link stays a link.
             let path = self.path.canonicalize().with_context(name)?;
             output::write(&path, &sorted, true)?;
         }
@@ -125,7 +125,7 @@ fn replaced(file: &File, path: &Path) -> std::io::Result<bool> {
     Ok((open.dev(), open.ino()) != (named.dev(), named.ino()))
 }
 
-/// Elsewhere an open file cannot be replaced.
+/// On other systems an open file cannot be replaced.
 #[cfg(not(unix))]
 fn replaced(_: &File, _: &Path) -> std::io::Result<bool> {
     Ok(false)

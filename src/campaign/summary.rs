@@ -1,4 +1,4 @@
-//! What a campaign's rows say of each controller.
+//! Figures of each controller over a campaign.
 
 use super::table::Row;
 use crate::config::Campaign;
@@ -7,8 +7,8 @@ use sidehill_plant::statistics::quantile;
 use std::fmt::Write;
 use std::ops::Range;
 
-/// Figures of one controller over all runs. A run that was not completed counts as worse than every
-/// completed one, whatever its error was when it ended: a controller shall not look good by giving up.
+/// Figures of one controller over all runs. A run that did not complete counts as worse than every completed
+/// one, whatever its error was until then: a controller must not look good by giving up.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Figures {
     /// Controller's name.
@@ -60,7 +60,7 @@ fn figures(controller: &str, rows: &[&Row]) -> Figures {
         .map(|row| row.index)
         .collect();
     not_completed.sort_unstable();
-    // Of all runs: one that was not completed is worse than any that was.
+    // Over all runs: one that did not complete is worse than any that did.
     let mut ascending: Vec<f64> = errors.iter().map(|(error, _)| *error).collect();
     ascending.resize(rows.len(), f64::INFINITY);
     let of_all = |share| quantile(&ascending, share).filter(|error| error.is_finite());
@@ -77,7 +77,7 @@ fn figures(controller: &str, rows: &[&Row]) -> Figures {
     }
 }
 
-/// Returns the figures as a table for people.
+/// Returns the figures as a text table.
 pub fn table(figures: &[Figures], campaign: &Campaign, runs: &Range<u32>) -> String {
     let mut out = String::new();
     let first = match runs.start {

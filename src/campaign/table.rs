@@ -1,4 +1,4 @@
-//! The columns of a campaign's results, and what stands in a row.
+//! Columns and rows of a campaign's results.
 
 use crate::config::Campaign;
 use crate::record::{GuardSummary, Summary};
@@ -6,13 +6,13 @@ use anyhow::{Context, Result, bail};
 use serde_yaml::Value;
 use sidehill_controller::config::ControllerKind;
 
-/// What became of one run with one controller.
+/// Outcome of one run with one controller.
 pub struct Outcome {
     /// Number of the run.
     pub index: u32,
     /// Its seed.
     pub seed: u64,
-    /// Who drove.
+    /// The controller.
     pub kind: ControllerKind,
     /// What was drawn, in the order of the campaign's keys; empty where drawing failed.
     pub values: Vec<Value>,
@@ -20,14 +20,14 @@ pub struct Outcome {
     pub figures: Result<Summary, String>,
 }
 
-/// What the summary needs of a row.
+/// The fields of a row that the summary needs.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Row {
     /// Number of the run.
     pub index: u32,
     /// Controller's name.
     pub controller: String,
-    /// Whether it came to the end.
+    /// Whether it completed.
     pub completed: bool,
     /// Cross-track RMS, m, where the run started.
     pub cross_track_rms_m: Option<f64>,
@@ -35,9 +35,9 @@ pub struct Row {
     pub steer_total_variation_m_s: Option<f64>,
 }
 
-/// Columns before what is drawn.
+/// Columns before the drawn values.
 pub(super) const BEFORE: [&str; 4] = ["campaign", "index", "seed", "controller"];
-/// Columns after it.
+/// Columns after the drawn values.
 pub(super) const AFTER: [&str; 11] = [
     "completed",
     "ended_by",
@@ -74,7 +74,7 @@ impl Table {
     /// Returns the table of a campaign.
     ///
     /// # Errors
-    /// What keeps the campaign from having a fingerprint.
+    /// Why the campaign has no fingerprint.
     pub fn of(campaign: &Campaign) -> Result<Self> {
         let guard = campaign.has_guard()?;
         let after = AFTER.into_iter().chain(GUARD.into_iter().filter(|_| guard));
@@ -98,7 +98,7 @@ impl Table {
     /// Returns the line of an outcome.
     ///
     /// # Errors
-    /// A drawn value that JSON has no word for.
+    /// A drawn value that cannot be written as JSON.
     pub fn line(&self, outcome: &Outcome) -> Result<Vec<u8>> {
         let mut fields = vec![
             self.fingerprint.clone(),
@@ -114,7 +114,7 @@ impl Table {
                 Some(value) => serde_json::to_string(value)?,
             });
         }
-        // A line's end within a field would look like a row's.
+        // A line break within a field would look like the end of a row.
         let plain = |reason: &str| reason.replace(['\n', '\r'], " ");
         match &outcome.figures {
             Ok(s) => {
@@ -143,10 +143,10 @@ impl Table {
         line(fields.iter().map(String::as_str))
     }
 
-    /// Returns the rows of a file's text, which is whole lines.
+    /// Returns the rows of a file's text, which consists of complete lines.
     ///
     /// # Errors
-    /// Results of another campaign, or rows that make no sense.
+    /// Results of another campaign, or invalid rows.
     pub fn rows(&self, text: &[u8]) -> Result<Vec<Row>> {
         if text.is_empty() {
             return Ok(Vec::new());
@@ -209,7 +209,7 @@ fn guard_fields(guard: Option<&GuardSummary>) -> [String; GUARD.len()] {
     ]
 }
 
-/// Returns fields as a line of CSV.
+/// Returns fields as a CSV line.
 ///
 /// # Errors
 /// None that can happen; those of the CSV writer.

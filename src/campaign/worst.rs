@@ -1,4 +1,4 @@
-//! `campaign --keep-worst`: the worst runs again, recorded.
+//! `campaign --keep-worst`: repeats and records the worst runs.
 
 use super::table::Row;
 use crate::closed_loop;
@@ -11,10 +11,10 @@ use std::cmp::Ordering;
 use std::path::{Path, PathBuf};
 
 /// Records the `count` worst runs of all controllers: those that did not complete, then those farthest
-/// off their path. Returns the files, the worst first.
+/// off their path. Returns the files, worst run first.
 ///
 /// # Errors
-/// A folder or file that cannot be written, or a run that cannot be started again.
+/// A folder or file that cannot be written, or a run that cannot be repeated.
 pub(super) fn keep(
     campaign: &Campaign,
     rows: &[Row],
@@ -23,7 +23,7 @@ pub(super) fn keep(
 ) -> Result<Vec<PathBuf>> {
     let folder = results.with_extension("worst");
     std::fs::create_dir_all(&folder)
-        .with_context(|| format!("{}: cannot be made", folder.display()))?;
+        .with_context(|| format!("{}: cannot create the folder", folder.display()))?;
     let mut worst: Vec<&Row> = rows.iter().collect();
     worst.sort_by(|a, b| order(a, b));
     let mut files = Vec::new();
@@ -39,7 +39,7 @@ pub(super) fn keep(
         })?;
         let path = folder.join(format!("run_{}_{}.mcap", row.index, row.controller));
         let header = recording::header("simulate", Some(kind), &file, &bundle, &[]);
-        // The same campaign writes the same file.
+        // The same campaign writes the same file, so it may be overwritten.
         let mcap = recording::create(&path, header, RecordLimits::default(), true)?;
         let sinks = Sinks {
             file: Some(mcap),

@@ -1,5 +1,6 @@
-//! A campaign: one scenario, and what is drawn anew for each of its runs.
+//! A campaign: one scenario, and the values drawn for each of its runs.
 
+use super::draws::{Draw, find, put};
 use super::{Bundle, Conditions, ConfigError, ConfigFile, Overrides, Scenario, to_yaml};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
@@ -26,24 +27,10 @@ struct RawCampaign {
     draws: Vec<Draw>,
 }
 
-/// What one key of the scenario is drawn from.
-#[derive(Debug, Clone, Deserialize, Serialize)]
-#[serde(deny_unknown_fields)]
-struct Draw {
-    /// The key, with dots between nested ones.
-    key: String,
-    /// Evenly distributed from the first to the second number.
-    #[serde(default)]
-    uniform: Option<[f64; 2]>,
-    /// Each as likely as the others.
-    #[serde(default)]
-    one_of: Option<Vec<Value>>,
-}
-
 /// A campaign with its scenario read.
 #[derive(Debug, Clone)]
 pub struct Campaign {
-    /// Name for files and tables.
+    /// Name in files and tables.
     pub name: String,
     /// Runs of each controller.
     pub runs: u32,
@@ -51,11 +38,11 @@ pub struct Campaign {
     pub controllers: Vec<ControllerKind>,
     seed: u64,
     draws: Vec<Draw>,
-    /// The scenario with conditions and fixed keys in it.
+    /// The scenario with conditions and fixed keys applied.
     scenario: ConfigFile,
 }
 
-/// A campaign and the text of all files that its runs read.
+/// A campaign with the texts of all files that its runs read.
 #[derive(Deserialize, Serialize)]
 struct Bundled {
     name: String,
@@ -68,7 +55,7 @@ struct Bundled {
     files: BTreeMap<PathBuf, String>,
 }
 
-/// What was drawn for one run, and the scenario that it makes.
+/// The values drawn for a run, and the resulting scenario.
 pub struct Drawn {
     /// Seed of everything random within the run.
     pub seed: u64,
@@ -107,15 +94,14 @@ impl Campaign {
             seed: raw.seed,
             draws: raw.draws,
         };
-        // A key that no scenario has would spoil every run.
+        // An unknown key would fail every run.
         let first = campaign.draw(0)?;
         Scenario::read(first.scenario)
             .map_err(|error| file.error(format!("run 0 is not a valid scenario: {error}")))?;
         Ok(campaign)
     }
 
-    /// Returns the campaign of a file that is one, or of a scenario, whose runs then differ by their
-    /// seeds only.
+    /// Returns the campaign of a campaign file, or of a scenario, whose runs then differ by their seeds only.
     ///
     /// # Errors
     /// [`ConfigError`] with file, key, value and range.
@@ -140,7 +126,7 @@ impl Campaign {
     /// `controller` only what is named there is replaced.
     ///
     /// # Errors
-    /// [`ConfigError`] where they make no scenario.
+    /// [`ConfigError`] where the result is not a valid scenario.
     pub fn with_keys(&self, keys: &Mapping) -> Result<Self, ConfigError> {
         let scenario = self.scenario.with_keys(keys)?;
         Scenario::read(scenario.clone())?.prepare(&Overrides::default())?;
@@ -164,15 +150,15 @@ impl Campaign {
         self.draws.iter().map(|draw| draw.key.as_str())
     }
 
-    /// Returns what run `index` has; it depends on nothing but the campaign's seed, its draws and the
-    /// index.
+    /// Returns the values and the scenario of run `index`. They depend only on the campaign's seed, its draws and
+    /// the index.
     ///
     /// # Errors
     /// [`ConfigError`] where a value cannot be put into the scenario.
     pub fn draw(&self, index: u32) -> Result<Drawn, ConfigError> {
         let mut random = ChaCha8Rng::seed_from_u64(self.seed);
         random.set_stream(u64::from(index));
-        // Short enough to be typed.
+        // Short enough to type.
         let seed = random.next_u64() >> 32;
         let values: Vec<Value> = self
             .draws
@@ -193,11 +179,11 @@ impl Campaign {
         })
     }
 
-    /// Returns the scenario of a run as a file that can stand anywhere: with the campaign's
-    /// controllers, and the names of other files made absolute.
+    /// Returns the scenario of a run as a file that works in any folder: with the campaign's controllers and
+    /// absolute file names.
     ///
     /// # Errors
-    /// [`ConfigError`] where a named file is not there.
+    /// [`ConfigError`] where a named file does not exist.
     pub fn scenario_text(&self, index: u32) -> Result<String, ConfigError> {
         let scenario = self.draw(index)?.scenario;
         let mut keys: Mapping = scenario.parse()?;
@@ -223,16 +209,15 @@ impl Campaign {
         serde_yaml::to_string(&keys).map_err(|error| scenario.error(error))
     }
 
-    /// Returns the campaign and the files that it names as one text, for [`Campaign::from_bundle`] on
-    /// another machine.
+    /// Returns the campaign and all files it names as one text, for [`Campaign::from_bundle`] on another machine.
     ///
     /// # Errors
-    /// [`ConfigError::Content`] where the campaign has no form in YAML.
+    /// [`ConfigError::Content`] where the campaign cannot be written as YAML.
     pub fn bundle(&self) -> Result<String, ConfigError> {
         let files = Bundle::default();
         let scenario = self.scenario.clone().with_bundle(files.clone());
         let prepare = |keys: &Mapping| {
-            // A run that cannot be prepared is a row that says so.
+            // A run that cannot be prepared becomes a row with its error.
             let _ = scenario
                 .with_keys(keys)
                 .and_then(Scenario::read)
@@ -261,11 +246,10 @@ impl Campaign {
         .map_err(|error| self.scenario.error(error))
     }
 
-    /// Returns the campaign of a text that [`Campaign::bundle`] has made: the same results, and the same
-    /// fingerprint.
+    /// Returns the campaign of a text made by [`Campaign::bundle`], with the same results and fingerprint.
     ///
     /// # Errors
-    /// [`ConfigError::Content`] where the text is none.
+    /// [`ConfigError::Content`] where the text is not a bundle.
     pub fn from_bundle(text: &str) -> Result<Self, ConfigError> {
         let file = ConfigFile::with_text(Path::new("bundle"), text.to_owned());
         let bundled: Bundled = file.parse()?;
@@ -289,14 +273,14 @@ impl Campaign {
         Ok(Scenario::read(self.scenario.clone())?.has_guard())
     }
 
-    /// Returns a number that is another where seed, draws, scenario or vehicles are others: results
-    /// under different numbers do not belong together. More runs or controllers change nothing.
+    /// Returns a hash of seed, draws, scenario and vehicles: results with different fingerprints do not belong
+    /// together. The number of runs and the controllers do not change it.
     ///
     /// # Errors
     /// [`ConfigError`] where what the scenario names cannot be read.
     pub fn fingerprint(&self) -> Result<String, ConfigError> {
         let world = Scenario::read(self.scenario.clone())?.prepare(&Overrides::default())?;
-        // A vehicle without it has the number that it had before there was this field.
+        // Vehicles without this field keep the fingerprint they had before the field was added.
         let vehicle = format!("{:?}", world.vehicle).replace(", contact_encoder_scale: None", "");
         let all = format!(
             "{} {} {:?} {} {:?} {vehicle}",
@@ -307,56 +291,5 @@ impl Campaign {
             world.plant
         );
         Ok(format!("{:016x}", fnv_1a(all.as_bytes())))
-    }
-}
-
-impl Draw {
-    fn check(&self) -> Result<(), String> {
-        let key = &self.key;
-        match (&self.uniform, &self.one_of) {
-            (Some([from, to]), None) if from.is_finite() && to.is_finite() && from <= to => Ok(()),
-            (Some([from, to]), None) => Err(format!(
-                "draws: {key}: uniform [{from}, {to}] is out of range, must be two numbers in order"
-            )),
-            (None, Some(values)) if !values.is_empty() => Ok(()),
-            _ => Err(format!(
-                "draws: {key}: either uniform or one_of is needed, with something in it"
-            )),
-        }
-    }
-
-    fn value(&self, random: &mut ChaCha8Rng) -> Value {
-        // 53 bits are what a number in [0, 1) can hold.
-        let share = (random.next_u64() >> 11) as f64 * (-53.0_f64).exp2();
-        match (&self.uniform, &self.one_of) {
-            (Some([from, to]), _) => Value::from(from + share * (to - from)),
-            (None, Some(values)) => values[(share * values.len() as f64) as usize].clone(),
-            (None, None) => Value::Null,
-        }
-    }
-}
-
-/// Puts a value under a key with dots, making what is missing on the way.
-pub(crate) fn put(keys: &mut Mapping, key: &str, value: &Value) {
-    let Some((first, rest)) = key.split_once('.') else {
-        keys.insert(Value::from(key), value.clone());
-        return;
-    };
-    let inner = keys
-        .entry(Value::from(first))
-        .or_insert_with(|| Value::Mapping(Mapping::new()));
-    if !inner.is_mapping() {
-        *inner = Value::Mapping(Mapping::new());
-    }
-    if let Value::Mapping(inner) = inner {
-        put(inner, rest, value);
-    }
-}
-
-/// Returns the value under a key with dots.
-pub(crate) fn find<'a>(keys: &'a Mapping, key: &str) -> Option<&'a Value> {
-    match key.split_once('.') {
-        None => keys.get(key),
-        Some((first, rest)) => find(keys.get(first)?.as_mapping()?, rest),
     }
 }

@@ -1,4 +1,4 @@
-//! Sensing, actuation and ground that stand in place of a scenario's own.
+//! Sensing, actuation and ground that replace a scenario's own.
 
 use super::plant::{GroundFriction, PlantKind};
 use super::{ConfigError, ConfigFile};
@@ -9,10 +9,10 @@ use sidehill_plant::drive_train::DriveTrainConfig;
 use sidehill_plant::sensors::SensorsConfig;
 use std::path::Path;
 
-/// The conditions that are built in, by the name of the command line.
+/// The built-in conditions, by their name on the command line.
 const REALISTIC: (&str, &str) = ("realistic", "config/conditions/realistic.yaml");
 
-/// Keys that conditions may have: what is wrong with one of them is found here, by its own file.
+/// Keys that conditions may have, so that errors name the conditions file.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Keys {
@@ -29,7 +29,7 @@ struct Keys {
     controller: ControllerConfig,
 }
 
-/// Keys of a scenario that a run has in place of the scenario's own.
+/// Keys that replace those of a scenario.
 pub struct Conditions {
     /// Name for tables.
     pub name: String,
@@ -87,7 +87,7 @@ impl Conditions {
     /// Returns a scenario's file with these keys in it.
     ///
     /// # Errors
-    /// [`ConfigError::Content`] where the scenario is no YAML mapping.
+    /// [`ConfigError::Content`] where the scenario is not a YAML mapping.
     pub fn put_into(&self, scenario: &ConfigFile) -> Result<ConfigFile, ConfigError> {
         scenario.with_keys(&self.keys)
     }

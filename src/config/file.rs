@@ -1,3 +1,4 @@
+use super::hints::{indented_by_tab, keys_named, no_text, other_kind, syntax_hint};
 use super::keys::Keys;
 use super::overlay::overlay;
 use serde::Serialize;
@@ -6,7 +7,7 @@ use std::collections::BTreeMap;
 use std::path::{Component, Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// What is wrong with a file, with its name.
+/// An error of a configuration file, with its name.
 #[derive(Debug, thiserror::Error)]
 pub enum ConfigError {
     /// The file cannot be read.
@@ -14,17 +15,17 @@ pub enum ConfigError {
     Read {
         /// Name of the file.
         file: String,
-        /// Why not.
+        /// Why.
         reason: std::io::Error,
-        /// The file that names it; none where the command line does.
+        /// The file that names it; none if the command line does.
         named_by: Option<String>,
     },
-    /// Its YAML does not hold what is expected; the message names key, value and range.
+    /// Its content is invalid; the message names key, value and range.
     #[error("{file}: {message}")]
     Content {
         /// Name of the file.
         file: String,
-        /// Key, value and what is allowed.
+        /// Key, value and range.
         message: String,
     },
 }
@@ -60,9 +61,9 @@ const BUILT_IN: [(&str, &str); 5] = [
 /// The scenario that runs when none is named.
 pub const DEFAULT_SCENARIO: &str = "config/scenarios/figure_eight.yaml";
 
-/// The vehicle on wheels that `--plant contact` drives where the scenario names none.
+/// The vehicle of `--plant contact` if the scenario names none.
 pub const CONTACT_VEHICLE: &str = "config/vehicles/j8_contact.yaml";
-/// What identification found of it: the parameters controllers have then.
+/// Its identified parameters, which the controllers use.
 pub const CONTACT_IDENTIFIED: &str = "config/vehicles/j8_contact_identified.yaml";
 
 /// A file's name and text; names inside it are relative to it.
@@ -73,24 +74,23 @@ pub struct ConfigFile {
     text: String,
 }
 
-/// Where the files come from that a file names.
+/// Where the files named in a file come from.
 #[derive(Debug, Clone)]
 enum Origin {
     Disk,
     BuiltIn,
     Bundle {
         files: Bundle,
-        /// Whether what is not in it is compiled into the program rather than on the disk.
+        /// Whether missing files are those compiled into the program, instead of files on disk.
         built_in: bool,
     },
 }
 
-/// Files by their paths, which are read from the disk where they are not in it yet. What was read with a
-/// bundle on one machine can be read with it on another.
+/// Files by their paths. Missing ones are read from disk and added, so that another machine can use the same files.
 pub(crate) type Bundle = Arc<Mutex<BTreeMap<PathBuf, String>>>;
 
 impl ConfigFile {
-    /// Reads a file from the disk.
+    /// Reads a file from disk.
     ///
     /// # Errors
     /// [`ConfigError::Read`] with its name.
@@ -120,7 +120,7 @@ impl ConfigFile {
         Ok(Self::with_text(path, text))
     }
 
-    /// Returns a file as if `text` stood in it; a byte order mark is left out.
+    /// Returns a file with this text; a byte order mark is removed.
     pub fn with_text(path: &Path, text: String) -> Self {
         Self {
             path: path.to_owned(),
@@ -132,10 +132,10 @@ impl ConfigFile {
         }
     }
 
-    /// Returns the file of that name that is compiled into the program.
+    /// Returns a file compiled into the program.
     ///
     /// # Errors
-    /// [`ConfigError::Read`] where there is none.
+    /// [`ConfigError::Read`] where there is no such file.
     pub fn built_in(name: &str) -> Result<Self, ConfigError> {
         BUILT_IN
             .iter()
@@ -192,7 +192,7 @@ impl ConfigFile {
         })
     }
 
-    /// Returns this file with what it names taken from, and put into, a bundle.
+    /// Returns this file, with the files it names read from, and added to, a bundle.
     pub(crate) fn with_bundle(self, files: Bundle) -> Self {
         let built_in = matches!(self.origin, Origin::BuiltIn);
         Self {
@@ -221,12 +221,12 @@ impl ConfigFile {
         }
     }
 
-    /// Returns the path as it was given.
+    /// Returns the path as given.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Returns what follows the last point of the name, in lower case.
+    /// Returns the file extension in lower case.
     pub fn ending(&self) -> Option<String> {
         let ending = self.path.extension()?;
         Some(ending.to_string_lossy().to_lowercase())
@@ -237,11 +237,10 @@ impl ConfigFile {
         &self.text
     }
 
-    /// Returns this file with `keys` in place of its own of the same name; of `controller` only what
-    /// is named there is replaced.
+    /// Returns this file with `keys` replacing its own; `controller` is merged key by key.
     ///
     /// # Errors
-    /// [`ConfigError::Content`] where the text is no YAML mapping.
+    /// [`ConfigError::Content`] where the text is not a YAML mapping.
     pub fn with_keys(&self, keys: &serde_yaml::Mapping) -> Result<Self, ConfigError> {
         let mut all: serde_yaml::Mapping = self.parse()?;
         overlay(&mut all, keys);
@@ -261,7 +260,7 @@ impl ConfigFile {
             if let Some(twice) = Keys::of(&self.text).duplicate() {
                 let (first, second) = twice.lines;
                 return self.error(format!(
-                    "{}: the key stands twice, in lines {first} and {second}; remove one",
+                    "{}: the key occurs twice, in lines {first} and {second}; remove one",
                     twice.key
                 ));
             }
@@ -273,27 +272,12 @@ impl ConfigFile {
                 ));
             }
             let message = error.to_string();
-            let hint = syntax_hint(&message).or_else(|| self.other_kind(&message));
+            let hint = syntax_hint(&message).or_else(|| other_kind(&self.text, &message));
             self.error(format!("{message}{}", hint.unwrap_or_default()))
         })
     }
 
-    /// Returns that this looks like another kind of file, where the key that tells it is not one of those that
-    /// a message expects.
-    fn other_kind(&self, message: &str) -> Option<String> {
-        let (_, expected) = message.split_once("expected ")?;
-        let keys: serde_yaml::Mapping = serde_yaml::from_str(&self.text).ok()?;
-        let (_, kind) = KINDS
-            .iter()
-            .find(|(key, _)| keys.contains_key(*key) && !expected.contains(&format!("`{key}`")))?;
-        // Otherwise a key of a section within it is meant.
-        let unknown = message.split('`').nth(1)?;
-        keys.contains_key(unknown)
-            .then(|| format!("; the file looks like {kind}"))
-    }
-
-    /// Returns an error about this file's content; where the message names a key but no line, the
-    /// line of that key is added.
+    /// Returns an error about this file's content. If the message names a key but no line, the key's line is added.
     pub fn error(&self, message: impl ToString) -> ConfigError {
         let mut message = message.to_string();
         if !message.contains("line ")
@@ -308,86 +292,10 @@ impl ConfigFile {
     }
 }
 
-/// Keys that tell what a file is.
-const KINDS: [(&str, &str); 8] = [
-    ("draws", "a campaign"),
-    ("controllers", "a scenario"),
-    ("x_icr_left_m", "a vehicle"),
-    ("axles", "a contact vehicle"),
-    ("tread_speed_left", "a column map"),
-    ("database", "the layout of a CAN bus"),
-    ("controller", "a configuration of run"),
-    ("scenario", "a configuration of vehicle"),
-];
-
-/// Returns why bytes are no text that can be read, where their beginning tells.
-pub(crate) fn no_text(bytes: &[u8]) -> Option<&'static str> {
-    match bytes {
-        [0xFF, 0xFE, ..] | [0xFE, 0xFF, ..] => {
-            Some("is UTF-16 (\"Unicode\" in some programs); save it as UTF-8")
-        }
-        [0x1F, 0x8B, ..] => Some("is compressed by gzip; unpack it first"),
-        [b'P', b'K', 3, 4, ..] => {
-            Some("is a ZIP archive or a spreadsheet; unpack it, or save it as CSV")
-        }
-        _ => None,
-    }
-}
-
-/// Returns what is likely wrong where YAML's own message says little.
-fn syntax_hint(message: &str) -> Option<String> {
-    let hint = if message.contains("mapping values are not allowed") {
-        "; is the line indented too far, or does a text with a colon need quotes?"
-    } else if message.contains("could not find expected ':'") {
-        "; is there a space after the colon of its key?"
-    } else if message.contains("there are no fields") {
-        ": this kind has no further keys"
-    } else {
-        return None;
-    };
-    Some(hint.to_owned())
-}
-
-/// Returns the line, counted from 1, of the first tab that indents a line up to `last`.
-fn indented_by_tab(text: &str, last: usize) -> Option<usize> {
-    text.lines()
-        .take(last + 1)
-        .position(|line| line.trim_start_matches(' ').starts_with('\t'))
-        .map(|index| index + 1)
-}
-
-/// Returns the keys that a message begins with (`terrain.slope_deg: 95: must be ...`), and after them
-/// the one that it quotes as unknown (`terrain: unknown field `slope_rad`, ...`).
-fn keys_named(message: &str) -> Vec<&str> {
-    let is_key = |text: &str| {
-        !text.is_empty()
-            && text
-                .chars()
-                .all(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_')
-    };
-    let mut keys = Vec::new();
-    for part in message.split(": ") {
-        // Items of lists are written `zones[1]`.
-        let names: Vec<&str> = part
-            .split('.')
-            .map(|name| name.split('[').next().unwrap_or(name))
-            .collect();
-        if !names.iter().all(|name| is_key(name)) {
-            break;
-        }
-        keys.extend(names);
-    }
-    let unknown = message
-        .split_once("unknown field `")
-        .and_then(|(_, rest)| rest.split('`').next());
-    keys.extend(unknown);
-    keys
-}
-
 /// Returns a value as YAML.
 ///
 /// # Errors
-/// Why it has no form in YAML.
+/// Why it cannot be written as YAML.
 pub fn to_yaml(value: &impl Serialize) -> Result<String, serde_yaml::Error> {
     serde_yaml::to_string(value)
 }

@@ -1,21 +1,21 @@
-//! Where the keys of a YAML text are: for messages that name a line.
+//! Lines of the keys of a YAML text, for error messages.
 //!
-//! serde_yaml knows the line of most errors, but not of those found in a part that depends on a `kind`
-//! nor of those found by a range check after reading. This index knows the line of every key.
+//! serde_yaml knows the line of most errors, but neither in a section that depends on its `kind` nor for range
+//! checks after parsing. This index knows the line of every key.
 
 use saphyr_parser::{Event, Parser, Span, SpannedEventReceiver};
 
-/// A key of a mapping, with the keys that lead to it and its line.
+/// A key of a mapping with its parent keys and line.
 #[derive(Debug, PartialEq)]
 struct Key {
     path: Vec<String>,
     line: usize,
 }
 
-/// A key that stands twice in one mapping.
+/// A key that occurs twice in one mapping.
 #[derive(Debug, PartialEq)]
 pub(super) struct Duplicate {
-    /// The key with those that lead to it, joined by dots.
+    /// The key with its parents, separated by dots.
     pub(super) key: String,
     /// Lines of both, counted from 1.
     pub(super) lines: (usize, usize),
@@ -28,7 +28,7 @@ pub(super) struct Keys {
     duplicate: Option<Duplicate>,
 }
 
-/// Where the parser is: in a mapping that waits for a key or for a value, or in a sequence.
+/// Parser state: in a mapping before a key or a value, or in a sequence.
 enum Level {
     Mapping {
         first_key: usize,
@@ -45,7 +45,7 @@ struct Reader {
 }
 
 impl Keys {
-    /// Returns the keys of `text`; of a text that is not YAML those before the fault.
+    /// Returns the keys of `text`; with a syntax error, the keys before it.
     pub(super) fn of(text: &str) -> Self {
         let mut reader = Reader::default();
         // A syntax error is reported by the deserialiser, with its line.
@@ -53,13 +53,13 @@ impl Keys {
         reader.found
     }
 
-    /// Returns the first key that stands twice in one mapping.
+    /// Returns the first key that occurs twice in one mapping.
     pub(super) fn duplicate(&self) -> Option<&Duplicate> {
         self.duplicate.as_ref()
     }
 
-    /// Returns the line, counted from 1, of the first key whose path ends with `path`; where there is
-    /// none, that of the nearest enclosing key that exists.
+    /// Returns the line, counted from 1, of the first key whose path ends with `path`, or else of its nearest
+    /// existing parent.
     pub(super) fn line_of(&self, path: &[&str]) -> Option<usize> {
         (1..=path.len()).rev().find_map(|length| {
             let wanted = &path[..length];
@@ -75,7 +75,7 @@ impl Keys {
 }
 
 impl Reader {
-    /// A value has ended: the mapping around it waits for its next key.
+    /// Ends a value: the enclosing mapping expects its next key.
     fn value_ended(&mut self) {
         if let Some(Level::Mapping { waits_for_key, .. }) = self.levels.last_mut() {
             *waits_for_key = true;

@@ -1,6 +1,6 @@
 use serde_yaml::{Mapping, Value};
 
-/// Puts `keys` into `into`, in place of those of the same name; of `controller` only what is named.
+/// Replaces keys of `into` by those of `keys`; `controller` is merged key by key.
 pub(super) fn overlay(into: &mut Mapping, keys: &Mapping) {
     for (key, value) in keys {
         match (into.get_mut(key), value) {
@@ -14,7 +14,7 @@ pub(super) fn overlay(into: &mut Mapping, keys: &Mapping) {
     }
 }
 
-/// Puts `new` into `old`, key by key down to single values.
+/// Merges `new` into `old`, key by key, down to single values.
 fn merge(old: &mut Mapping, new: &Mapping) {
     for (key, value) in new {
         match (old.get_mut(key), value) {

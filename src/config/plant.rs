@@ -1,4 +1,4 @@
-//! What moves the simulated vehicle, the friction under it, and what controllers wrongly believe of it.
+//! The plant of a simulation, friction of the ground, and errors of the controllers' model.
 
 use super::variation::VehicleVariation;
 use serde::Deserialize;
@@ -20,7 +20,7 @@ pub enum PlantKind {
 }
 
 impl PlantKind {
-    /// Returns the name of command lines and tables.
+    /// Returns the name used on command lines and in tables.
     pub fn name(self) -> &'static str {
         match self {
             Self::Icrik => "icrik",
@@ -79,7 +79,7 @@ impl Plant {
     }
 }
 
-/// Friction of the ground in place of that in the contact vehicle's file.
+/// Friction of the ground, instead of that in the contact vehicle's file.
 #[derive(Debug, Clone, Copy, Deserialize)]
 #[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
 pub enum GroundFriction {
@@ -88,13 +88,13 @@ pub enum GroundFriction {
         /// Coefficient of friction.
         coefficient: f64,
     },
-    /// Smooth patches, which the run's seed chooses.
+    /// Smooth patches, chosen by the run's seed.
     Patches {
         /// Smallest coefficient of friction.
         minimum: f64,
         /// Largest coefficient of friction.
         maximum: f64,
-        /// About the size of a patch, m.
+        /// Approximate size of a patch, m.
         cell_size_m: f64,
     },
 }
@@ -125,8 +125,7 @@ impl GroundFriction {
     }
 }
 
-/// Factors on the parameters that controllers believe in, which so are wrong, all 1 by default, and what is
-/// added to some, 0 by default.
+/// Errors of the parameters that controllers use: factors, 1 by default, and offsets, 0 by default.
 #[derive(Debug, Clone, Copy, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub(super) struct ModelError {
@@ -174,7 +173,7 @@ impl Default for ModelError {
 }
 
 impl ModelError {
-    /// Returns what controllers believe instead of `vehicle`.
+    /// Returns the vehicle that controllers assume instead of `vehicle`.
     pub(super) fn apply(&self, mut vehicle: Vehicle) -> Result<Vehicle, RangeError> {
         self.scale(
             &mut vehicle.icrs,
@@ -242,9 +241,9 @@ impl ModelError {
 pub(super) struct ContactFiles {
     /// The vehicle on wheels.
     pub(super) vehicle: PathBuf,
-    /// What identification found of it.
+    /// Its identified parameters.
     pub(super) identified: PathBuf,
-    /// How the vehicle differs from its file.
+    /// Deviations of the vehicle from its file.
     #[serde(default)]
     pub(super) variation: VehicleVariation,
 }

@@ -15,7 +15,7 @@ use sidehill_plant::terrain::Terrain;
 use sidehill_plant::vehicle::Vehicle;
 use std::sync::Arc;
 
-/// A scenario with everything read, checked and built; runs share it.
+/// A scenario with everything read, checked and built. Runs share it.
 pub struct Prepared {
     /// Name for tables.
     pub name: String,
@@ -25,7 +25,7 @@ pub struct Prepared {
     pub vehicle: Vehicle,
     /// The ground.
     pub terrain: Terrain,
-    /// What is followed, from its start.
+    /// The reference from its start.
     pub reference: Reference,
     /// Where the vehicle starts.
     pub start: PlanarPose,
@@ -41,13 +41,13 @@ pub struct Prepared {
     pub sensors: SensorsConfig,
     /// Settings of the controllers.
     pub controller: ControllerConfig,
-    /// What was done to recorded points, in words; empty for a course.
+    /// How recorded points were processed, as text; empty for a course.
     pub route_note: String,
     /// Bounds on the speed along a path.
     pub speed_limits: SpeedLimits,
-    /// What was learned before, with which controllers begin.
+    /// What was learned before; controllers start from it.
     pub learned: Option<Arc<LearnedFile>>,
-    /// What is allowed but probably not meant.
+    /// Settings that are valid but probably unintended.
     pub warnings: Vec<String>,
 }
 
@@ -55,7 +55,7 @@ impl Prepared {
     /// Returns the vehicle in its world, standing at its start.
     ///
     /// # Errors
-    /// Names the setting out of range, or says why there is no ground at the start.
+    /// Names the setting that is out of range, or why there is no ground at the start.
     pub fn simulation(&self) -> Result<Simulation, SimulationError> {
         Simulation::new(SimulationSetup {
             terrain: self.terrain.clone(),
@@ -75,8 +75,8 @@ impl Prepared {
         Stance::of(&self.vehicle)
     }
 
-    /// Returns the first place of the reference before which the guard would stop, where it is on, knows the
-    /// ground, and refuses such routes.
+    /// Returns the first place of the reference at which the guard would stop, if the guard is on, knows the ground,
+    /// and is to refuse such routes.
     pub fn refused_place(&self) -> Option<SteepPlace> {
         let guard = self.controller.guard.filter(|guard| guard.refuse_route)?;
         if self.controller.attitude_preview != AttitudePreview::Terrain {

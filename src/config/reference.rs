@@ -1,4 +1,4 @@
-//! What is followed: a named course or a recorded route, and how fast.
+//! The reference: a course or a recorded route, and its speed.
 
 use super::{ConfigError, ConfigFile};
 use crate::progress::Notice;
@@ -10,7 +10,7 @@ use sidehill_controller::trajectory::Trajectory;
 use sidehill_plant::terrain::{RoutePoint, RouteSmoothing, RouteTerrain, Terrain};
 use std::path::{Path, PathBuf};
 
-/// A recorded route as reference.
+/// A recorded route as a reference.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RouteConfig {
@@ -21,7 +21,7 @@ pub struct RouteConfig {
     pub smoothing: Smoothing,
 }
 
-/// What is followed, as a configuration file names it.
+/// The source of a reference, as a configuration file names it.
 pub enum Source<'a> {
     /// A course by its shape.
     Course(&'a Course),
@@ -30,8 +30,8 @@ pub enum Source<'a> {
 }
 
 impl<'a> Source<'a> {
-    /// Returns what `file` names in its keys `course` and `route`, of which it must have one;
-    /// `path` comes in their place.
+    /// Returns the source that `file` names by its key `course` or `route`, exactly one of which it must have;
+    /// `path` replaces both.
     ///
     /// # Errors
     /// [`ConfigError`] where neither or both are named, or a file cannot be read.
@@ -54,18 +54,18 @@ impl<'a> Source<'a> {
     }
 }
 
-/// Length over which the elevations of a route are smoothed where it is the only ground known, m.
+/// Smoothing length for the elevations of a route that is the only known ground, m.
 const SMOOTHING_M: f64 = 8.0;
-/// Distance to the side of a route to which its elevations count there, m.
+/// Lateral distance from the route within which its elevations are valid there, m.
 const ASIDE_M: f64 = 4.0;
 
-/// A reference with what it was made of.
+/// A reference and its source.
 pub struct LoadedReference {
-    /// What is followed.
+    /// The trajectory to follow.
     pub trajectory: Trajectory,
-    /// Where it is a route: its file, and its points with their elevations if all have one.
+    /// For a route: its file, and its points if all of them have elevations.
     pub route: Option<(ConfigFile, Option<Vec<RoutePoint>>)>,
-    /// What was done to recorded points, in words; empty for a course.
+    /// How recorded points were processed, as text; empty for a course.
     pub note: String,
 }
 
@@ -73,7 +73,7 @@ impl LoadedReference {
     /// Returns the ground along the route, where every point has an elevation.
     ///
     /// # Errors
-    /// [`ConfigError`] where the elevations make no ground.
+    /// [`ConfigError`] where the elevations do not define a ground.
     pub fn ground(&self) -> Result<Option<Terrain>, ConfigError> {
         let Some((file, Some(points))) = &self.route else {
             return Ok(None);
@@ -148,7 +148,7 @@ impl LoadedReference {
     }
 }
 
-/// Returns the points of a route, from CSV or GPX.
+/// Returns the points of a route file, CSV or GPX.
 ///
 /// # Errors
 /// [`ConfigError`] with the file and line at fault.

@@ -1,19 +1,19 @@
-//! What `--ros-args` and the environment say to a node.
+//! Settings of a node from `--ros-args` and the environment.
 
 use super::{ConfigError, ConfigFile};
 use sidehill_bridge::ros2::node::arguments::{ArgumentError, RosArguments, RosEnvironment};
 use sidehill_bridge::ros2::node::names::Names;
 use sidehill_bridge::ros2::node::parameter_file::{Parameter, ParameterFile, Value};
 
-/// Returns the environment of ROS 2 as this process has it.
+/// Returns the ROS 2 environment of this process.
 ///
 /// # Errors
-/// [`ArgumentError`] for a variable that cannot be used.
+/// [`ArgumentError`] for an invalid variable.
 pub fn environment() -> Result<RosEnvironment, ArgumentError> {
     RosEnvironment::from_variables(|name| std::env::var(name).ok())
 }
 
-/// Returns the parameters that files and `-p` give to a node; later ones are stronger.
+/// Returns the parameters of a node from files and `-p`; later ones take precedence.
 ///
 /// # Errors
 /// [`ConfigError`] with the file or argument that is wrong.

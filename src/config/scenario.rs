@@ -1,84 +1,22 @@
 //! A scenario: vehicle, ground, reference, plant, sensors and controllers of a simulation.
 
+use super::ground::{TerrainConfig, on_the_ground};
 use super::plant::{ContactFiles, GroundFriction, ModelError, Plant, PlantKind};
 use super::prepared::Prepared;
 use super::reference::{LoadedReference, RouteConfig, Source};
+use super::start::{StartOffset, with_point_at};
 use super::{CONTACT_IDENTIFIED, CONTACT_VEHICLE, ConfigError, ConfigFile};
 use serde::Deserialize;
 use sidehill_controller::config::{ControllerConfig, ControllerKind};
 use sidehill_controller::course::Course;
-use sidehill_controller::path::Point2;
 use sidehill_controller::speed_profile::SpeedConfig;
 use sidehill_controller::tracked_point::TrackedPoint;
-use sidehill_controller::trajectory::Trajectory;
 use sidehill_plant::bounds::{Bounds, RangeError};
 use sidehill_plant::contact::ContactVehicle;
 use sidehill_plant::drive_train::DriveTrainConfig;
-use sidehill_plant::frames::PlanarPose;
 use sidehill_plant::sensors::SensorsConfig;
-use sidehill_plant::terrain::{
-    GridTerrain, PlaneTerrain, RoutePoint, RouteSmoothing, RouteTerrain, Terrain, ZonedTerrain,
-};
 use sidehill_plant::vehicle::Vehicle;
 use std::path::PathBuf;
-
-/// The ground of a scenario.
-#[derive(Debug, Clone, Deserialize)]
-#[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
-enum TerrainConfig {
-    /// Level ground; braces, as a variant without them would take any key.
-    Level {},
-    /// One plane.
-    Plane(PlaneTerrain),
-    /// Plane zones along an axis.
-    Zones(ZonedTerrain),
-    /// An elevation grid.
-    Grid {
-        /// ESRI ASCII grid, relative to the scenario.
-        file: PathBuf,
-        /// Easting of the world's origin in the grid's coordinates, m.
-        #[serde(default)]
-        origin_east_m: f64,
-        /// Northing of the world's origin in the grid's coordinates, m.
-        #[serde(default)]
-        origin_north_m: f64,
-    },
-    /// The elevation recorded with the route.
-    Route(RouteSmoothing),
-}
-
-/// Where the vehicle starts, against the start of the reference.
-#[derive(Debug, Clone, Copy, Default, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-struct StartOffset {
-    right_m: f64,
-    forward_m: f64,
-    heading_deg: f64,
-}
-
-impl StartOffset {
-    fn validate(&self) -> Result<(), RangeError> {
-        let offset = Bounds::new(-100.0, 100.0, "m");
-        offset.check("start.right_m", self.right_m)?;
-        offset.check("start.forward_m", self.forward_m)?;
-        Bounds::new(-180.0, 180.0, "deg")
-            .check("start.heading_deg", self.heading_deg)
-            .map(drop)
-    }
-
-    fn from(&self, reference: &PlanarPose) -> PlanarPose {
-        let position = Point2 {
-            x_m: self.right_m,
-            y_m: self.forward_m,
-        }
-        .seen_from(reference);
-        PlanarPose {
-            x_m: position.x_m,
-            y_m: position.y_m,
-            yaw_rad: reference.yaw_rad + self.heading_deg.to_radians(),
-        }
-    }
-}
 
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -142,13 +80,13 @@ fn one_lap() -> u32 {
     1
 }
 
-/// A scenario as its file and the command line give it.
+/// A scenario as given by its file.
 pub struct Scenario {
     file: ConfigFile,
     raw: RawScenario,
 }
 
-/// What the command line puts in place of the scenario's own.
+/// Settings of the command line that replace the scenario's own.
 #[derive(Debug, Clone, Default)]
 pub struct Overrides {
     /// Path to follow instead of the course or route.
@@ -157,7 +95,7 @@ pub struct Overrides {
     pub plant: Option<PlantKind>,
     /// Seed.
     pub seed: Option<u64>,
-    /// Controllers; none for the scenario's.
+    /// Controllers; empty for the scenario's.
     pub controllers: Vec<ControllerKind>,
 }
 
@@ -181,7 +119,7 @@ impl Scenario {
         &self.raw.name
     }
 
-    /// Reads what the scenario names and builds vehicle, ground and reference.
+    /// Reads the files that the scenario names and builds vehicle, ground and reference.
     ///
     /// # Errors
     /// [`ConfigError`] with the file at fault, key, value and range.
@@ -210,17 +148,18 @@ impl Scenario {
             overrides.path.as_deref(),
         )?;
         let loaded = LoadedReference::build(file, source, &limits)?;
-        let terrain = self.terrain(loaded.route.as_ref())?;
+        let terrain = raw.terrain.build(file, loaded.route.as_ref())?;
         on_the_ground(&loaded.trajectory, &terrain).map_err(|error| file.error(error))?;
         let mut warnings = Vec::new();
-        let asked_m_s = raw.speed.speed_m_s;
-        if loaded.route.is_some() && asked_m_s > vehicle.speed_max_m_s {
+        let requested_m_s = raw.speed.speed_m_s;
+        if loaded.route.is_some() && requested_m_s > vehicle.speed_max_m_s {
             warnings.push(format!(
-                "speed.speed_m_s: {asked_m_s} m/s is asked for, but {} m/s is the largest speed that {} was \
-                 identified at (speed_max_m_s), and {} m/s its motors' limit",
-                vehicle.speed_max_m_s, vehicle.name, limits.traction_max_m_s
+                "speed.speed_m_s: {requested_m_s} m/s is requested, but {} was identified up to {} m/s \
+                 (speed_max_m_s), and its motors' limit is {} m/s",
+                vehicle.name, vehicle.speed_max_m_s, limits.traction_max_m_s
             ));
         }
+        warnings.extend(led_point(&raw.controller.tracked_point, &vehicle));
         let start = raw.start.from(&loaded.trajectory.at(0.0).pose());
         let start = match loaded.trajectory.path() {
             Some(_) => with_point_at(&raw.controller.tracked_point, &start, &terrain),
@@ -249,7 +188,7 @@ impl Scenario {
         })
     }
 
-    /// Returns what moves the vehicle, and the vehicle as controllers know it.
+    /// Returns the plant, and the vehicle as controllers know it.
     fn plant(&self, kind: PlantKind, seed: u64) -> Result<(Plant, Vehicle), ConfigError> {
         let own: Vehicle = self.file.sibling(&self.raw.vehicle)?.parse()?;
         match kind {
@@ -290,11 +229,11 @@ impl Scenario {
                         .map_err(|error| self.file.error(format!("friction.{error}")))?;
                     vehicle.friction.field = friction.field(seed);
                 }
-                // Geometry is known of any vehicle.
+                // The geometry of any vehicle is known.
                 identified
                     .contact
                     .get_or_insert_with(|| vehicle.geometry_alone());
-                // The guard judges by the mass that truly is there.
+                // The guard uses the true mass.
                 identified
                     .centre_of_mass
                     .get_or_insert(own.centre_of_mass.unwrap_or(vehicle.centre_of_mass));
@@ -306,75 +245,23 @@ impl Scenario {
             }
         }
     }
-
-    fn terrain(
-        &self,
-        route: Option<&(ConfigFile, Option<Vec<RoutePoint>>)>,
-    ) -> Result<Terrain, ConfigError> {
-        Ok(match &self.raw.terrain {
-            TerrainConfig::Level {} => Terrain::Level,
-            TerrainConfig::Plane(plane) => Terrain::Plane(plane.clone()),
-            TerrainConfig::Zones(zones) => Terrain::Zones(zones.clone()),
-            TerrainConfig::Grid {
-                file,
-                origin_east_m,
-                origin_north_m,
-            } => {
-                let grid = self.file.sibling(file)?;
-                let terrain = GridTerrain::parse(grid.text()).map_err(|error| grid.error(error))?;
-                Terrain::Grid(terrain.with_origin_at(*origin_east_m, *origin_north_m))
-            }
-            TerrainConfig::Route(smoothing) => match route {
-                None => {
-                    return Err(self
-                        .file
-                        .error("terrain.kind: route needs a route with elevations, not a course"));
-                }
-                Some((file, None)) => {
-                    return Err(file.error(
-                        "not every point has an elevation, which terrain.kind route needs",
-                    ));
-                }
-                Some((file, Some(points))) => Terrain::Route(
-                    RouteTerrain::new(points, *smoothing).map_err(|error| file.error(error))?,
-                ),
-            },
-        })
-    }
 }
 
-/// Returns where the origin stands of a vehicle whose tracked point is at `start`.
-fn with_point_at(point: &TrackedPoint, start: &PlanarPose, terrain: &Terrain) -> PlanarPose {
-    if point.is_origin() {
-        return *start;
-    }
-    terrain
-        .surface(start.x_m, start.y_m)
-        .map_or(*start, |ground| {
-            point.origin_of(start, &ground.normal_in_world)
-        })
+/// Returns the warning for a tracked point behind the line through the treads' ICRs, if the point is there.
+pub(crate) fn led_point(point: &TrackedPoint, vehicle: &Vehicle) -> Option<String> {
+    let line_m = vehicle.icrs.forward_m;
+    let behind = !point.is_origin() && point.forward_m < line_m;
+    behind.then(|| {
+        format!(
+            "tracked_point.forward_m: {} m is behind the line through the treads' ICRs ({line_m} m ahead of the \
+             origin). Driving ahead, such a point must be led like a trailer in reverse: it keeps to 2 to 5 cm, \
+             with bursts of steer, where one ahead of the line keeps to 0.2 cm",
+            point.forward_m
+        )
+    })
 }
 
-/// Distance between the places of a path that are looked up on the ground, m.
-const GROUND_STEP_M: f64 = 0.5;
-
-/// Checks that there is ground under the whole path.
-fn on_the_ground(trajectory: &Trajectory, terrain: &Terrain) -> Result<(), String> {
-    let Some(path) = trajectory.path() else {
-        return Ok(());
-    };
-    let steps = (path.length_m() / GROUND_STEP_M).ceil().max(1.0) as usize;
-    for step in 0..=steps {
-        let along_m = path.length_m() * step as f64 / steps as f64;
-        let place = path.at(along_m).position;
-        terrain.surface(place.x_m, place.y_m).map_err(|error| {
-            format!("the path leaves the ground {along_m:.1} m from its start: {error}")
-        })?;
-    }
-    Ok(())
-}
-
-/// Returns whether a vehicle is the J8, whose wheels are built in; its name may be another.
+/// Returns whether a vehicle is the J8, whose contact vehicle is built in; its name may differ.
 fn is_j8(vehicle: &Vehicle) -> Result<bool, ConfigError> {
     let j8: Vehicle = ConfigFile::built_in("config/vehicles/j8.yaml")?.parse()?;
     Ok(*vehicle

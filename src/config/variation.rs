@@ -1,20 +1,20 @@
-//! How a vehicle on wheels differs from the file that it is drawn after.
+//! Variations of a contact vehicle from its file.
 
 use serde::Deserialize;
 use sidehill_plant::bounds::{Bounds, RangeError};
 use sidehill_plant::contact::{ContactVehicle, FrictionField, Parameter};
 use sidehill_plant::vehicle::Vehicle;
 
-/// What replaces values of a contact vehicle's file: a family of vehicles out of one. Shares are of the half
-/// width (right, height) or the half length (forward) after `size`. Controllers are told `size` alone.
+/// Variation of a contact vehicle's file, for a family of vehicles. Shares refer to the half width (right, height)
+/// or the half length (forward), scaled by `size`. Controllers know `size` only.
 #[derive(Debug, Clone, Copy, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub(super) struct VehicleVariation {
     /// Factor on all lengths.
     size: f64,
-    /// Factor on the mass, besides the cube of `size`.
+    /// Factor on the mass, in addition to the cube of `size`.
     density: f64,
-    /// From 0, all axles carry the same, to 1, the inner ones carry 90 %.
+    /// Load of the inner axles: 0 for equal loads, 1 for 90 % on the inner axles.
     inner_load: Option<f64>,
     centre_of_mass_right_share: Option<f64>,
     centre_of_mass_forward_share: Option<f64>,
@@ -23,9 +23,9 @@ pub(super) struct VehicleVariation {
     slip_scale_m_s: Option<f64>,
     slip_share: Option<f64>,
     rolling_resistance: Option<f64>,
-    /// Relaxation length of the tyres over the half width; only with inertia.
+    /// Relaxation length of the tyres as a share of the half width; requires inertia.
     relaxation_length_share: Option<f64>,
-    /// Yaw inertia over that of a homogeneous box on the wheels; 0 moves without inertia.
+    /// Yaw inertia relative to that of a homogeneous box on the wheels; 0 for no inertia.
     inertia: Option<f64>,
 }
 
@@ -114,14 +114,13 @@ impl VehicleVariation {
         vehicle.validated()
     }
 
-    /// Returns what controllers know: the same of a vehicle that is larger by `size`. Slip of wheels and
-    /// slide grow with it.
+    /// Returns the model of the controllers, scaled by `size`; wheel slip and slide scale with it.
     pub(super) fn of_identified(&self, mut vehicle: Vehicle) -> Result<Vehicle, RangeError> {
         let size = self.size;
         if size == 1.0 {
             return Ok(vehicle);
         }
-        // Terms and wheels of the file are those of another vehicle.
+        // Extension and wheels in the file belong to another vehicle.
         vehicle.extension = None;
         vehicle.contact = None;
         vehicle.contact_encoder_scale = None;

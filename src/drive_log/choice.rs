@@ -1,4 +1,4 @@
-//! Which topics of a bag are used: those of the map, and where it names none, the only one of a type.
+//! Chooses the topics of a bag: those of the map or, if it names none, the only one of a type.
 
 use super::topics::{AttitudeTopic, PoseTopic, StampSource, TopicMap, TreadSpeedTopic};
 use crate::bag::{Bag, Topic};
@@ -10,10 +10,10 @@ pub(super) const ODOMETRY: &str = "nav_msgs/msg/Odometry";
 pub(super) const NAV_SAT_FIX: &str = "sensor_msgs/msg/NavSatFix";
 pub(super) const TF_MESSAGE: &str = "tf2_msgs/msg/TFMessage";
 
-/// Joints of the vehicles that Sidehill simulates: their velocity is the tread's speed.
+/// Joints of Sidehill's virtual vehicles: their velocity is the tread speed.
 const OWN_JOINTS: [&str; 2] = ["left_tread_joint", "right_tread_joint"];
 
-/// The topics of a bag that make a log, with all names known but those of joints.
+/// The chosen topics of a bag; only names of joints may be open.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Chosen {
     pub(super) tread_speeds: TreadSpeeds,
@@ -21,7 +21,7 @@ pub struct Chosen {
     pub(super) pose: Poses,
     pub(super) time: StampSource,
     pub(super) base_frame: String,
-    /// What was chosen without being asked for.
+    /// Notes about choices that the map did not make.
     pub(super) notes: Vec<String>,
 }
 
@@ -31,7 +31,7 @@ pub(super) enum TreadSpeeds {
         topic: String,
         left: Vec<String>,
         right: Vec<String>,
-        /// None: only for the joints of Sidehill's own vehicles, whose radius is 1 m.
+        /// None only for the joints of Sidehill's virtual vehicles, whose radius is 1 m.
         radius_m: Option<f64>,
     },
     Odometry {
@@ -66,7 +66,7 @@ impl Chosen {
     /// Chooses by `map`, which stands in the file of that name.
     ///
     /// # Errors
-    /// Lists the topics of the bag and says which key of the map decides.
+    /// Lists the topics of the bag and names the key of the map that decides.
     pub fn of(bag: &Bag, map: Option<&(String, TopicMap)>) -> Result<Self> {
         let mut search = Search {
             bag,
@@ -88,7 +88,7 @@ impl Chosen {
     }
 }
 
-/// Searches a bag for topics and keeps what it decided.
+/// Searches a bag for topics and records its choices.
 pub(super) struct Search<'a> {
     pub(super) bag: &'a Bag,
     pub(super) map_name: Option<&'a str>,
@@ -96,9 +96,9 @@ pub(super) struct Search<'a> {
 }
 
 impl Search<'_> {
-    fn tread_speeds(&mut self, asked: Option<&TreadSpeedTopic>) -> Result<TreadSpeeds> {
+    fn tread_speeds(&mut self, requested: Option<&TreadSpeedTopic>) -> Result<TreadSpeeds> {
         let key = "tread_speeds";
-        Ok(match asked {
+        Ok(match requested {
             Some(TreadSpeedTopic::JointStates {
                 topic,
                 left,
@@ -126,9 +126,9 @@ impl Search<'_> {
         })
     }
 
-    fn attitude(&mut self, asked: Option<&AttitudeTopic>) -> Result<Attitudes> {
+    fn attitude(&mut self, requested: Option<&AttitudeTopic>) -> Result<Attitudes> {
         let key = "attitude";
-        Ok(match asked {
+        Ok(match requested {
             Some(AttitudeTopic::Odometry { topic }) => {
                 Attitudes::Odometry(self.topic(topic.as_deref(), ODOMETRY, key)?)
             }
@@ -140,9 +140,9 @@ impl Search<'_> {
         })
     }
 
-    fn pose(&mut self, asked: Option<&PoseTopic>) -> Result<Poses> {
+    fn pose(&mut self, requested: Option<&PoseTopic>) -> Result<Poses> {
         let key = "pose";
-        Ok(match asked {
+        Ok(match requested {
             Some(PoseTopic::Odometry { topic }) => {
                 Poses::Odometry(self.topic(topic.as_deref(), ODOMETRY, key)?)
             }
@@ -249,7 +249,7 @@ impl Search<'_> {
         bail!(self.complaint(format_args!("{complaint}"), key))
     }
 
-    /// Returns the complaint with the topics there are and the key that decides.
+    /// Returns an error with the available topics and the key that decides.
     fn complaint(&self, what: std::fmt::Arguments<'_>, key: &str) -> String {
         let example = match key {
             "tread_speeds" => {

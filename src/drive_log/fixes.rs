@@ -23,7 +23,7 @@ pub(super) struct Fixes {
 }
 
 impl Fix {
-    /// Returns the position as a route's: on the ellipsoid, with heights as recorded from the first one.
+    /// Returns the position for a route: on the ellipsoid, with heights relative to the first one.
     fn position(&self, origin: &GeodeticOrigin) -> Option<[f64; 3]> {
         let at = origin.project(self.latitude_deg, self.longitude_deg);
         Some([at.x_m, at.y_m, self.altitude_m - origin.elevation_m])
@@ -31,10 +31,10 @@ impl Fix {
 }
 
 impl Fixes {
-    /// Takes a message; `time_ns` counts only where it has a position.
+    /// Takes a message; `time_ns` matters only if it has a position.
     ///
     /// # Errors
-    /// That of its time, or its place where that is none on earth.
+    /// The error of `time_ns`, or a position that does not exist on earth.
     pub(super) fn take(&mut self, time_ns: Result<i64>, fix: &NavSatFix) -> Result<()> {
         let fix_is_whole = [fix.latitude, fix.longitude, fix.altitude]
             .iter()
@@ -60,7 +60,7 @@ impl Fixes {
         Ok(())
     }
 
-    /// Returns how many fixes with a position there are.
+    /// Returns the number of fixes with a position.
     pub(super) fn len(&self) -> usize {
         self.fixes.len()
     }
@@ -75,7 +75,7 @@ impl Fixes {
         })
     }
 
-    /// Says how many fixes were left out.
+    /// Returns a note with the number of fixes left out.
     pub(super) fn note(&self) -> Option<String> {
         let without = self.without_position;
         (without > 0).then(|| format!("{without} fixes without a position are left out"))

@@ -5,7 +5,7 @@ use sidehill_bridge::ros2::node::message::JointState;
 use std::collections::BTreeSet;
 use std::path::Path;
 
-/// Joints of which tread speeds are means.
+/// Joints whose mean velocity is a tread speed.
 #[derive(Clone, Copy)]
 pub(super) struct WheelJoints<'a> {
     /// Topic of type JointState.

@@ -6,7 +6,7 @@ use anyhow::{Result, bail, ensure};
 use sidehill_bridge::ros2::node::conversions::{from_pose, nanoseconds};
 use sidehill_bridge::ros2::positions::PositionMessage;
 
-/// Positions as they come.
+/// Positions collected so far.
 #[derive(Default)]
 pub struct LivePositions {
     /// Frame of the first odometry.
@@ -19,7 +19,7 @@ impl LivePositions {
     /// Takes a message.
     ///
     /// # Errors
-    /// Why the message has no position that continues those before.
+    /// Why the message has no position that continues the previous ones.
     pub fn take(&mut self, message: PositionMessage<'_>) -> Result<()> {
         match message {
             PositionMessage::Odometry(odometry) => {

@@ -1,4 +1,4 @@
-//! Logs of drives from files: CSV by a column map, bags of ROS 2 by a topic map, both to the same rows.
+//! Logs of drives: CSV with a column map and ROS 2 bags with a topic map, both converted to the same rows.
 
 #[cfg(feature = "drive")]
 mod choice;
@@ -77,7 +77,7 @@ impl LogReader {
         Ok(Self { columns, topics })
     }
 
-    /// Returns the log of a file or bag, and prints what looks wrong with it.
+    /// Returns the log of a file or bag, and prints warnings about it.
     ///
     /// # Errors
     /// Names the file and row, column, topic or key at fault.

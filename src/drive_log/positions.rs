@@ -15,7 +15,7 @@ pub struct Positions {
     pub points_m: Vec<[f64; 3]>,
     /// Where the world's origin is, for fixes of a satellite receiver.
     pub origin: Option<GeodeticOrigin>,
-    /// What was chosen or left out without being asked for.
+    /// Notes about choices and positions left out.
     pub notes: Vec<String>,
 }
 

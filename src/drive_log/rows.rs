@@ -1,4 +1,4 @@
-//! Rows of a log from sources that each have their own times.
+//! Rows of a log from sources with different times.
 
 use super::Chosen;
 use super::interpolation::at;
@@ -9,7 +9,7 @@ use sidehill_plant::frames::Attitude;
 use sidehill_plant::log::{DriveLog, GAP_MAX_S, LogRow};
 use sidehill_plant::speeds::MeasuredTreadSpeeds;
 
-/// Returns the log of a bag and what was left out.
+/// Returns the log of a bag and notes about what was left out.
 ///
 /// There is a row at each time of a tread speed and of a pose; the other sources are interpolated to it. Times
 /// count from the first row, so that they keep their nanoseconds.

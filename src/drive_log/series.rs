@@ -1,4 +1,4 @@
-//! What the chosen topics of a bag say, each over its own times.
+//! The values of the chosen topics of a bag, each over its own times.
 
 use super::choice::{
     Attitudes, Chosen, IMU, JOINT_STATE, NAV_SAT_FIX, ODOMETRY, Poses, TF_MESSAGE, TreadSpeeds,
@@ -28,13 +28,13 @@ use std::collections::BTreeMap;
 #[derive(Debug, Default)]
 pub(super) struct Series {
     pub(super) tread_speeds: Timed<MeasuredTreadSpeeds>,
-    /// None: the ground was level.
+    /// None if the ground was level.
     pub(super) attitudes: Option<Timed<Attitude>>,
     pub(super) poses: Timed<Pose>,
     pub(super) notes: Vec<String>,
 }
 
-/// What one pass over the bag collects.
+/// Collects values in one pass over the bag.
 pub(super) struct Collected<'a> {
     bag: &'a Bag,
     chosen: &'a Chosen,
@@ -140,7 +140,7 @@ impl<'a> Collected<'a> {
         let scale = wheels.radius_m.unwrap_or(1.0);
         let left_rad_s = self.joints.mean_velocity(&state, wheels.left, "left")?;
         let right_rad_s = self.joints.mean_velocity(&state, wheels.right, "right")?;
-        // Joints of an arm, say, come in messages of their own.
+        // Other joints, such as an arm's, may have their own messages.
         if let (Some(left_rad_s), Some(right_rad_s)) = (left_rad_s, right_rad_s) {
             let speeds = MeasuredTreadSpeeds {
                 left_m_s: scale * left_rad_s,
@@ -161,7 +161,7 @@ impl<'a> Collected<'a> {
             return Ok(());
         }
         let imu: Imu = decode(message)?;
-        // REP-145: -1 in the first element says that there is none.
+        // REP-145: -1 in the first element means that there is no orientation.
         if imu.orientation_covariance[0] == -1.0 {
             bail!(
                 "it has no orientation (orientation_covariance[0] is -1): an AHRS's topic is needed"
@@ -322,7 +322,7 @@ fn decode<T: DeserializeOwned>(message: &Message<'_>) -> Result<T> {
     Ok(from_cdr(message.data)?)
 }
 
-/// Returns the values in the order of time; of two at one time the later in the bag stays.
+/// Returns the values ordered by time; of two at the same time, the later in the bag.
 fn in_order<T>(mut values: Timed<T>) -> Timed<T> {
     values.reverse();
     values.sort_by_key(|(time_ns, _)| *time_ns);

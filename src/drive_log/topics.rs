@@ -1,11 +1,11 @@
-//! Which topics of a bag mean what.
+//! The meaning of a bag's topics.
 
 use crate::config::{ConfigError, ConfigFile};
 use serde::{Deserialize, Serialize};
 use sidehill_plant::bounds::{Bounds, RangeError};
 
-/// Where a bag has tread speeds, attitude and poses. A source or topic that is left out is found by its type,
-/// where there is exactly one.
+/// Topics of tread speeds, attitude and poses in a bag. A source or topic that is left out is found by its type, if
+/// there is exactly one of it.
 ///
 /// ```yaml
 /// tread_speeds: { kind: joint_states, topic: /joint_states, left: [front_left], right: [front_right], radius_m: 0.165 }

@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 /// Age up to which a slower transform on the way, such as that of a localisation, holds, s.
 const TOLERANCE_S: f64 = 0.5;
 
-/// Collects transforms and tells when they give a new pose.
+/// Collects transforms and returns new poses.
 pub(super) struct TransformPoses {
     /// Frame of the poses; none where no poses are wanted.
     frame: Option<String>,

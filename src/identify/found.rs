@@ -1,4 +1,4 @@
-//! The logs of an identification, and what its stages found in them.
+//! The logs of an identification, and the results of its stages.
 
 use anyhow::Result;
 use sidehill_plant::identification::{Estimate, StageReport};
@@ -9,11 +9,11 @@ use sidehill_plant::vehicle::Vehicle;
 pub(super) struct Logs {
     pub(super) level: Vec<DriveLog>,
     pub(super) slope: Vec<DriveLog>,
-    /// Further ones on the slope, for the terms beyond ICRIK.
+    /// Further logs on the slope, for the terms beyond ICRIK.
     pub(super) across: Vec<DriveLog>,
 }
 
-/// What a stage found.
+/// Result of a stage.
 pub(super) struct Stage {
     pub(super) report: StageReport,
     pub(super) undetermined: Vec<Undetermined>,
@@ -25,7 +25,7 @@ pub(super) struct Undetermined {
     pub(super) kept: f64,
 }
 
-/// What both stages found, where there were logs for them.
+/// Results of both stages, if there were logs for them.
 #[derive(Default)]
 pub(super) struct Found {
     pub(super) level: Option<Stage>,
@@ -33,7 +33,7 @@ pub(super) struct Found {
 }
 
 impl Stage {
-    /// `start` is the vehicle that the stage began with.
+    /// `start` is the vehicle that the stage started from.
     pub(super) fn new(
         report: StageReport,
         undetermined: Vec<Estimate>,

@@ -1,4 +1,4 @@
-//! The page of an identification: what was found, how far to trust it, and the logs it is from.
+//! The page of an identification: its results, how far to trust them, and the logs.
 
 use crate::report::page::{COLOURS, Page, legend_of, table};
 use crate::report::plot::{Line, Plot};

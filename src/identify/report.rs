@@ -1,4 +1,4 @@
-//! What identification found, as text and as JSON.
+//! Results of identification as text and JSON.
 
 use super::found::Undetermined;
 use serde_json::{Map, Value, json};
@@ -15,7 +15,7 @@ fn value(estimate: &Estimate) -> String {
     format!("{:>9.4} {interval}", estimate.value)
 }
 
-/// Returns what a stage found as text.
+/// Returns the result of a stage as text.
 pub(super) fn stage_table(
     stage: &str,
     baseline: &str,
@@ -56,7 +56,7 @@ pub(super) fn stage_table(
     out
 }
 
-/// Returns which terms beyond ICRIK the logs support, as text.
+/// Returns the terms beyond ICRIK that the logs support, as text.
 pub(super) fn extension_table(report: &ExtensionReport) -> String {
     let mut out = format!("extension: {} segments\n", report.segments);
     for term in &report.terms {
@@ -99,7 +99,7 @@ pub(super) fn extension_table(report: &ExtensionReport) -> String {
     out
 }
 
-/// Returns the physical parameters that were found, as text.
+/// Returns the identified physical parameters as text.
 pub(super) fn contact_table(report: &ContactReport) -> String {
     let mut out = format!("contact vehicle: {} segments\n", report.segments);
     for estimate in &report.estimates {
@@ -138,7 +138,7 @@ pub(super) fn contact_table(report: &ContactReport) -> String {
     out
 }
 
-/// Returns the physical parameters that were found, as JSON.
+/// Returns the identified physical parameters as JSON.
 pub(super) fn contact_json(report: &ContactReport) -> Value {
     let estimates: Map<_, _> = report
         .estimates
@@ -167,7 +167,7 @@ pub(super) fn contact_json(report: &ContactReport) -> Value {
     })
 }
 
-/// Returns what a stage found as JSON, in full.
+/// Returns the full result of a stage as JSON.
 pub(super) fn stage_json(report: &StageReport, undetermined: &[Undetermined]) -> Value {
     let undetermined: Map<_, _> = undetermined
         .iter()

@@ -1,4 +1,4 @@
-//! How far an identification is to be trusted: up to which slope the vehicle can be driven with it.
+//! How far to trust an identification: the steepest slope on which to drive with it.
 
 use super::found::{Found, Logs, Stage};
 use serde::Serialize;
@@ -9,34 +9,34 @@ use std::fmt;
 const SLIDE_M_S: f64 = 0.02;
 /// Turn rate at which it is judged, rad/s: a path with a radius of 1.7 m at 0.5 m/s.
 const TURN_RAD_S: f64 = 0.3;
-/// Half width of a slide gain that no logs tell anything about, s/rad.
+/// Half width assumed for a slide gain that no logs determine, s/rad.
 const UNKNOWN_S_PER_RAD: f64 = 1.0;
-/// Steeper ground than that of the slope logs, deg.
+/// Extrapolation beyond the slope of the logs, deg.
 const STEEPER_DEG: f64 = 5.0;
-/// Slope that is still taken for level ground, deg.
+/// Largest slope that counts as level ground, deg.
 const LEVEL_DEG: f64 = 3.0;
-/// Steepest slope of any verdict, deg: what the controllers have been tried on.
+/// Steepest slope of any verdict, deg: the controllers were tested up to it.
 const SLOPE_MAX_DEG: f64 = 20.0;
-/// Largest interval of a tread ICR, in the distance of both.
+/// Largest interval of a tread ICR, as a share of the distance between both.
 const ICR_SHARE: f64 = 0.05;
 /// Largest distance of c_l and c_r from 1.
 const SCALE: f64 = 0.05;
-/// Largest held-out lateral error, in that of the model without the stage.
+/// Largest held-out lateral error, as a share of that without the stage.
 const HELD_OUT_SHARE: f64 = 0.8;
 /// Largest share of poses that are far off.
 const FAR_OFF_SHARE: f64 = 0.05;
 
-/// Up to which slope an identification is good enough to drive, and why.
+/// The steepest slope for which an identification is good enough, and why.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub(super) struct Verdict {
     /// 0 where it is not good enough to drive at all, deg.
     max_slope_deg: f64,
-    /// What limits it, and what would help.
+    /// Reasons for the limit, and remedies.
     reasons: Vec<String>,
 }
 
 impl Verdict {
-    /// Judges what was found from `logs`; `vehicle` is the result.
+    /// Judges the results from `logs`; `vehicle` is the identified vehicle.
     pub(super) fn of(found: &Found, vehicle: &Vehicle, logs: &Logs) -> Self {
         let mut verdict = Self {
             max_slope_deg: SLOPE_MAX_DEG,
@@ -62,7 +62,7 @@ impl Verdict {
         verdict
     }
 
-    /// Lowers the slope to `slope_deg` for a reason; where it is lower already the reason still counts.
+    /// Limits the slope to `slope_deg` for a reason. The reason is kept even if the limit is already lower.
     fn limit(&mut self, slope_deg: f64, reason: String) {
         self.max_slope_deg = self.max_slope_deg.min(slope_deg);
         if !self.reasons.contains(&reason) {
@@ -117,7 +117,7 @@ impl Verdict {
             let estimates = stage.report.estimates.iter();
             let all = estimates.chain(stage.undetermined.iter().map(|u| &u.estimate));
             let found = all.into_iter().find(|estimate| estimate.name == name);
-            // A gain that was set to 0 has no estimate.
+            // A gain set to 0 has no estimate.
             found.map_or(0.0, |found| found.half_width.unwrap_or(UNKNOWN_S_PER_RAD))
         };
         let (shift, aggravated) = (

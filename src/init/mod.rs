@@ -1,8 +1,13 @@
 //! `sidehill init`: a commented, checked set of configuration files for a robot.
 
+mod bridge;
+mod file;
 mod files;
 mod port;
 mod robots;
+mod schemas;
+mod texts;
+mod vehicles;
 
 pub use port::PortKind;
 pub use robots::Robot;
@@ -42,9 +47,9 @@ pub fn run(args: &InitArgs) -> Result<()> {
     drop(notice);
     let paths: Vec<PathBuf> = files.iter().map(|file| args.dir.join(file.name)).collect();
     output::check_free(&paths, args.force)?;
-    let schemas = args.dir.join(files::SCHEMAS);
-    std::fs::create_dir_all(&schemas)
-        .with_context(|| format!("{}: cannot be made", schemas.display()))?;
+    let folder = args.dir.join(schemas::SCHEMAS);
+    std::fs::create_dir_all(&folder)
+        .with_context(|| format!("{}: cannot create the folder", folder.display()))?;
     for (file, path) in files.iter().zip(&paths) {
         output::write(path, file.text.as_bytes(), args.force)?;
     }
@@ -57,7 +62,7 @@ pub fn run(args: &InitArgs) -> Result<()> {
             .and_then(check::check);
         match checked {
             Ok(kind) => console::line(format_args!("{}: {kind}", path.display())),
-            // The text is ours, so this is a defect of the program.
+            // The files are our own, so an error is a bug.
             Err(error) => bail!("{error:#}"),
         }
     }

@@ -1,4 +1,4 @@
-//! Drawing of odometry's paths beside the log's.
+//! A drawing of the paths of odometry and of the log.
 
 use anyhow::{Result, anyhow};
 use plotters::prelude::*;
@@ -16,7 +16,7 @@ const COLOURS: [RGBColor; 3] = [
 /// Returns an SVG of the log's path and each model's, seen from above, both axes to the same scale.
 ///
 /// # Errors
-/// Passes on what the drawing library reports.
+/// An error of the drawing library.
 pub(super) fn paths(models: &[(&str, &[Comparison])]) -> Result<String> {
     let measured = models
         .first()

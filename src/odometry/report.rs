@@ -1,4 +1,4 @@
-//! The report of odometry: what each model makes of the log's drive.
+//! The report of odometry: each model's reconstruction of the drive.
 
 use super::plot::paths;
 use crate::report::page::{COLOURS, Page, legend_of, section, table};
@@ -11,7 +11,7 @@ use sidehill_plant::odometry::{Comparison, MeanSquaredErrors};
 /// Returns the page: errors as a table and over time, and the paths.
 ///
 /// # Errors
-/// Passes on what drawing the paths reports.
+/// An error of the drawing library.
 pub(super) fn html(
     log: &str,
     vehicle: &str,
@@ -91,7 +91,7 @@ pub(super) fn html(
     Ok(page.html())
 }
 
-/// Returns what the figures say.
+/// Returns the conclusions.
 fn conclusions(
     names: &[(&str, &str)],
     errors: &[MeanSquaredErrors],

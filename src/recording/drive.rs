@@ -16,7 +16,7 @@ pub(crate) struct DriveRecording {
     batch: Vec<(f64, Item)>,
     newest_s: f64,
     diagnostics_s: f64,
-    /// Where the end of the recording is told.
+    /// Reports why the recording ended.
     ended: Arc<OnceLock<String>>,
 }
 
@@ -51,7 +51,7 @@ impl DriveRecording {
         }
     }
 
-    /// Takes what the loop or a port has left.
+    /// Takes the entries of the loop or a port.
     pub(crate) fn entry(&mut self, time_s: f64, entry: &LogEntry) {
         let item = match entry {
             LogEntry::Message(_) => return,
@@ -71,10 +71,10 @@ impl DriveRecording {
         self.batch.push((time_s, item));
     }
 
-    /// Writes everything that has been left, in the order of time.
+    /// Writes all waiting entries, ordered by time.
     pub(crate) fn write(&mut self) {
         let sinks = &mut self.sinks;
-        // Steps first: a path is left before the step that follows it.
+        // Read steps first: a path is queued before the step that follows it.
         while let Some(step) = self.log.steps.pop() {
             self.batch
                 .push((step.sample.time_s, Item::Step(Box::new(step))));
@@ -112,12 +112,12 @@ impl DriveRecording {
         }
     }
 
-    /// Returns how the recording fares, and the steps that found no place.
+    /// Returns the status of the recording, and the number of steps that were dropped.
     pub(crate) fn status(&self) -> Option<(&RecordingStatus, u64)> {
         Some((self.sinks.status()?, self.log.lost()))
     }
 
-    /// Writes what is left and closes the file.
+    /// Writes the remaining entries and closes the file.
     pub(crate) fn finish(mut self) -> Option<RecordingStatus> {
         self.write();
         self.sinks.finish()

@@ -1,4 +1,4 @@
-//! `--record`: what the subcommands put into a recording, and the recording of a simulation.
+//! `--record`: the header of recordings, and the recording of simulations.
 
 mod drive;
 mod simulation;
@@ -23,7 +23,7 @@ use std::path::Path;
 use std::sync::PoisonError;
 use std::time::{SystemTime, UNIX_EPOCH};
 
-/// Names of the facts at the beginning of a recording.
+/// Names of the facts in the header of a recording.
 pub(crate) mod fact {
     /// Version of the program.
     pub(crate) const VERSION: &str = "version";
@@ -35,15 +35,15 @@ pub(crate) mod fact {
     pub(crate) const CONFIG: &str = "config";
     /// Name of the controller.
     pub(crate) const CONTROLLER: &str = "controller";
-    /// Number that all files of a recording have in common.
+    /// Number shared by all files of a recording.
     pub(crate) const RECORDING: &str = "recording";
-    /// What replaced the scenario's plant.
+    /// Plant that replaced the scenario's.
     pub(crate) const PLANT: &str = "plant";
-    /// What replaced its seed.
+    /// Seed that replaced the scenario's.
     pub(crate) const SEED: &str = "seed";
-    /// What replaced its path.
+    /// Path that replaced the scenario's.
     pub(crate) const PATH: &str = "path";
-    /// Text of the file of what was learned that the controller began with.
+    /// Text of the file of learned parameters that the controller started from.
     pub(crate) const LEARNED: &str = "learned";
 }
 
@@ -52,8 +52,8 @@ pub(crate) fn target() -> String {
     format!("{}-{}", std::env::consts::ARCH, std::env::consts::OS)
 }
 
-/// Returns what a recording begins with: the configuration `file` as it is used, everything that was read
-/// with it into `bundle`, and what the command line says.
+/// Returns the header of a recording: the configuration `file` in use, all files read with it into `bundle`, and
+/// the settings of the command line.
 pub(crate) fn header(
     command: &str,
     kind: Option<ControllerKind>,
@@ -95,7 +95,7 @@ pub(crate) fn header(
 /// Creates the first file of a recording.
 ///
 /// # Errors
-/// A file that exists and is not to be overwritten, or the disk's.
+/// A file that exists and must not be overwritten, or an I/O error.
 pub(crate) fn create(
     path: &Path,
     header: Header,
@@ -107,10 +107,10 @@ pub(crate) fn create(
         .with_context(|| format!("{}: cannot be written", path.display()))
 }
 
-/// Where the live view is served without an address: to this machine alone.
+/// Default address of the live view: this machine only.
 pub(crate) const LIVE: &str = "127.0.0.1:8765";
 
-/// Starts the live view where it is asked for, and says where it is.
+/// Starts the live view if requested, and prints its address.
 ///
 /// # Errors
 /// An address that cannot be listened to.
@@ -159,7 +159,7 @@ fn announce(view: &LiveView) {
     console::complain(format_args!("live view: ws://{}", view.address()));
 }
 
-/// Puts the values of a tree under their names, with points between keys.
+/// Flattens a tree: names are keys separated by dots.
 fn flatten(name: &str, value: &Value, into: &mut Values) {
     match value {
         Value::Object(fields) => {
@@ -179,7 +179,7 @@ fn flatten(name: &str, value: &Value, into: &mut Values) {
     }
 }
 
-/// How far the ground is shown around a path, m.
+/// Margin of the ground shown around a path, m.
 const GROUND_MARGIN_M: f64 = 5.0;
 
 /// Returns the ground around a path.
@@ -203,5 +203,5 @@ pub(crate) fn ground_around(terrain: &Terrain, path: Option<&Curve>) -> Marker {
     )
 }
 
-/// Time between two messages of the states, s.
+/// Interval between state messages, s.
 pub(crate) const DIAGNOSTICS_PERIOD_S: f64 = 1.0;

@@ -10,7 +10,7 @@ use sidehill_plant::terrain::Terrain;
 use sidehill_plant::vehicle::Vehicle;
 use std::time::{Duration, Instant};
 
-/// Records a simulation, whose time counts from 0, or shows it.
+/// Records or shows a simulation, whose time starts at 0.
 pub struct SimulationRecording {
     sinks: Sinks,
     messages: DriveMessages,
@@ -35,7 +35,7 @@ impl SimulationRecording {
         }
     }
 
-    /// Closes the file, and returns how the recording fared; none without one.
+    /// Closes the file and returns the status of the recording; none without one.
     pub fn finish(self) -> Option<RecordingStatus> {
         self.sinks.finish()
     }

@@ -10,13 +10,13 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-/// States that wait for the disk: 10 s at 100 Hz.
+/// Capacity for states that wait for the disk: 10 s at 100 Hz.
 const STATES: usize = 1024;
-/// Longest wait for a state before what is there goes to the disk.
+/// Longest wait for a state before the file is flushed.
 const WAIT: Duration = Duration::from_millis(100);
 
-/// Records or shows what a virtual vehicle does, in a thread of its own: the vehicle does not wait for the
-/// disk. Its controller runs elsewhere.
+/// Records or shows a virtual vehicle from its own thread, so that the vehicle never waits for the disk. Its
+/// controller runs elsewhere.
 pub(crate) struct VehicleRecording {
     states: SyncSender<TrueState>,
     lost: Arc<AtomicU64>,
@@ -27,7 +27,7 @@ impl VehicleRecording {
     /// Starts the thread.
     ///
     /// # Errors
-    /// The system's, where it has no thread left.
+    /// The system cannot start a thread.
     pub(crate) fn start(mut sinks: Sinks, world: &Prepared, epoch: Epoch) -> Result<Self> {
         let messages = DriveMessages::new(&world.vehicle, epoch.unix_s(0.0));
         let ground = ground_around(&world.terrain, world.reference.path());
@@ -52,14 +52,14 @@ impl VehicleRecording {
         }
     }
 
-    /// Writes what is left, closes the file, and returns how the recording fared; none without one.
+    /// Writes the remaining states, closes the file, and returns the status of the recording; none without one.
     pub(crate) fn finish(self) -> Option<RecordingStatus> {
         drop(self.states);
         self.thread.join().ok()?
     }
 }
 
-/// Writes states until there are no more to come.
+/// Writes states until the sender is dropped.
 fn write(
     states: &Receiver<TrueState>,
     mut sinks: Sinks,

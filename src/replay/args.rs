@@ -61,7 +61,7 @@ pub struct ReplayArgs {
 }
 
 impl ReplayArgs {
-    /// Returns what is to differ from the recording or scenario.
+    /// Returns the requested changes to the recording or scenario.
     pub(super) fn changes(&self) -> Changes {
         Changes {
             controller: self.controller,

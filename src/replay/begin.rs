@@ -4,10 +4,10 @@ use anyhow::{Result, bail};
 use serde::Serialize;
 use sidehill_bridge::recording::{ControllerCycle, Recording};
 
-/// Time before an arming that must be recorded, s: the controller knows its commands of the last second.
+/// Time before arming that must be recorded, s: the controller uses its commands of the last second.
 const BEFORE_S: f64 = 1.0;
 
-/// The first cycle that is compared. Cycles before it are repeated, but the state before them is not known.
+/// The first compared cycle. Cycles before it are repeated, but start from an unknown state.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
 pub(super) struct Begin {
     /// Cycles before it.
@@ -17,7 +17,7 @@ pub(super) struct Begin {
     pub(super) cycle: u64,
     /// Its time, s.
     pub(super) time_s: f64,
-    /// Serial of the path that was followed before the recording begins.
+    /// Serial number of the path that was followed when the recording begins.
     #[serde(skip)]
     pub(super) earlier_path: Option<u64>,
     /// How far the vehicle had come on that path, m.
@@ -25,11 +25,11 @@ pub(super) struct Begin {
 }
 
 impl Begin {
-    /// Returns the start of a recording; where its first files were deleted, the first arming after them:
-    /// there the controller begins from nothing.
+    /// Returns the start of a recording, or, if its first files were deleted, the first arming after them, where the
+    /// controller is reset.
     ///
     /// # Errors
-    /// A recording without either.
+    /// A recording with neither.
     pub(super) fn of(recording: &Recording) -> Result<Self> {
         let cycles = &recording.cycles;
         if cycles.first().is_some_and(|first| first.index == 0) {

@@ -1,4 +1,4 @@
-//! How replayed commands differ from recorded ones.
+//! Differences between replayed and recorded commands.
 
 use super::step::Step;
 use serde::Serialize;
@@ -16,7 +16,7 @@ pub(super) struct First {
     pub(super) what: String,
 }
 
-/// How replayed commands differ from recorded ones.
+/// Differences between replayed and recorded commands.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
 pub(super) struct Comparison {
     /// Cycles compared.
@@ -29,13 +29,13 @@ pub(super) struct Comparison {
     pub(super) traction_rms_m_s: f64,
     /// Root mean square of the differences of steer, m/s.
     pub(super) steer_rms_m_s: f64,
-    /// The first that differs.
+    /// The first cycle that differs.
     #[serde(skip_serializing_if = "Option::is_none", rename = "first_difference")]
     pub(super) first: Option<First>,
 }
 
 impl Comparison {
-    /// Compares cycle by cycle. Without a tolerance every bit counts, also of the estimate.
+    /// Compares cycle by cycle. Without a tolerance, commands and estimates must agree bit by bit.
     pub(super) fn of(recorded: &[ControllerCycle], replayed: &[Step], tolerance_m_s: f64) -> Self {
         let mut all = Self::default();
         for (cycle, step) in recorded.iter().zip(replayed) {
@@ -51,8 +51,8 @@ impl Comparison {
         all.averaged()
     }
 
-    /// Adds the motor speeds of a cycle, each with what it is called, and returns which of them differ by more than
-    /// the tolerance; without one, by any bit.
+    /// Adds the named motor speeds of a cycle, and returns those that differ by more than the tolerance, or, without
+    /// one, in any bit.
     pub(super) fn add(
         &mut self,
         [(one, a), (other, b)]: [(&str, MotorSpeeds); 2],
@@ -80,7 +80,7 @@ impl Comparison {
             .map(|(name, a, b)| format!("{name} {a} m/s {one}, {b} m/s {other}"))
     }
 
-    /// Notes what differs in the cycle added last.
+    /// Records the differences of the last cycle added.
     pub(super) fn note(&mut self, cycle: u64, time_s: f64, what: Option<String>) {
         if let Some(what) = what {
             self.different += 1;
@@ -92,7 +92,7 @@ impl Comparison {
         }
     }
 
-    /// Returns the comparison of all cycles that were added, with the sums of squares made root mean squares.
+    /// Returns the comparison of all cycles, with sums of squares converted to root mean squares.
     pub(super) fn averaged(mut self) -> Self {
         let count = self.cycles.max(1) as f64;
         self.traction_rms_m_s = (self.traction_rms_m_s / count).sqrt();
@@ -134,7 +134,7 @@ fn other(cycle: &ControllerCycle, step: &Step) -> Option<String> {
         .map(|(name, a, b)| format!("{name} {a} recorded, {b} replayed"))
 }
 
-/// Returns |a - b|; 0 of equal bits, infinite where only one is a number.
+/// Returns |a - b|: 0 for equal bits, infinite if only one of them is a number.
 fn difference(a: f64, b: f64) -> f64 {
     if a.to_bits() == b.to_bits() {
         return 0.0;
@@ -147,7 +147,7 @@ fn difference(a: f64, b: f64) -> f64 {
     }
 }
 
-/// Returns the root mean square of what is finite; NaN where nothing is.
+/// Returns the root mean square of the finite values; NaN if there are none.
 pub(super) fn cross_track_rms_m(values_m: impl Iterator<Item = f64>) -> f64 {
     let (mut sum, mut count) = (0.0, 0.0);
     for value_m in values_m.filter(|value| value.is_finite()) {

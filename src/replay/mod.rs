@@ -1,4 +1,4 @@
-//! `sidehill replay`: recorded samples through the controller again, or the log of another program.
+//! `sidehill replay`: feeds recorded samples, or another program's log, to the controller.
 
 mod args;
 mod begin;
@@ -34,10 +34,10 @@ struct Outcome<'a> {
     versions: [String; 2],
     closed_loop: bool,
     changed: bool,
-    /// Where the comparison begins; none for the recording's start.
+    /// Start of the comparison; none for the start of the recording.
     #[serde(skip_serializing_if = "Option::is_none")]
     begins: Option<Begin>,
-    /// Steps that the recording has lost.
+    /// Steps missing in the recording.
     lost: u64,
     /// Why the recording could not be read to its end.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -48,11 +48,11 @@ struct Outcome<'a> {
     comparison: &'a Comparison,
 }
 
-/// Replays a recording, prints how the commands differ, and returns success where they do not, or
-/// where they were to differ.
+/// Replays a recording, prints the differences of the commands, and returns success if there are none or if
+/// changes were requested.
 ///
 /// # Errors
-/// A recording that cannot be read or does not begin at its start, or a setting that is wrong.
+/// A recording that cannot be read or lacks its start, or an invalid setting.
 pub fn run(args: &ReplayArgs) -> Result<ExitCode> {
     if let Some(scenario) = &args.open_loop {
         return open_loop::run(args, scenario);
@@ -134,7 +134,7 @@ pub fn run(args: &ReplayArgs) -> Result<ExitCode> {
     Ok(ExitCode::from(u8::from(failed)))
 }
 
-/// Plays the recording live, where that is asked for.
+/// Plays the recording live, if requested.
 fn show(args: &ReplayArgs, recording: &Recording, rebuilt: &Rebuilt) -> Result<()> {
     let Some(address) = args.live else {
         return Ok(());
@@ -144,7 +144,7 @@ fn show(args: &ReplayArgs, recording: &Recording, rebuilt: &Rebuilt) -> Result<(
     play::play(recording, range_ns[0], (live, &control))
 }
 
-/// Returns the steps that are missing between those that are there.
+/// Returns the number of steps missing between recorded ones.
 fn lost(recording: &Recording) -> u64 {
     let cycles = &recording.cycles;
     let (Some(first), Some(last)) = (cycles.first(), cycles.last()) else {
@@ -217,7 +217,7 @@ const CASE: [&str; 2] = ["drive.mcap", "arguments"];
 /// Writes a test case: the recording, and a file whose lines are the arguments that follow its name.
 fn write_case(args: &ReplayArgs, folder: &Path) -> Result<()> {
     std::fs::create_dir_all(folder)
-        .with_context(|| format!("{}: cannot be made", folder.display()))?;
+        .with_context(|| format!("{}: cannot create the folder", folder.display()))?;
     let bytes = std::fs::read(&args.recording)?;
     ensure!(
         !sidehill_bridge::recording::McapRecording::part_name(&args.recording, 1).exists(),

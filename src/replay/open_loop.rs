@@ -1,8 +1,7 @@
-//! `sidehill replay --open-loop`: what a controller would have commanded in a drive that another program recorded.
+//! `sidehill replay --open-loop`: the commands that a controller would have given in a drive recorded by another program.
 //!
-//! The path is the one that was driven, at the speeds that were driven: of the scenario come
-//! vehicle, controller and settings. So the question is whether the controller would have driven this drive much the
-//! same, and it needs no map and no common origin.
+//! The reference is the driven path at the driven speeds; vehicle, controller and settings come from the scenario.
+//! So the replay shows whether the controller would have driven much the same, without a map or a common origin.
 
 mod drives;
 mod feed;
@@ -35,7 +34,7 @@ struct Outcome<'a> {
     scenario: &'a str,
     controller: &'a str,
     vehicle: &'a str,
-    /// Stretches of driving that were fed, each to a new controller.
+    /// Stretches of driving, each fed to a new controller.
     drives: usize,
     /// Stretches of driving that were left out.
     left_out: usize,
@@ -111,7 +110,7 @@ pub(super) fn run(args: &ReplayArgs, scenario: &Path) -> Result<ExitCode> {
     );
     let mut cycles: Vec<Fed> = Vec::new();
     for drive in &drives {
-        // Without the scenario's ground, which is elsewhere: the slope is that of the attitude.
+        // Without the scenario's ground, which is another place: the slope is taken from the attitude.
         let controller = Controller::new(kind, config.clone(), &world.vehicle)?;
         cycles.extend(feed::feed(drive, controller, &world.vehicle));
     }
@@ -195,7 +194,7 @@ fn shares(cycles: &[Fed]) -> BTreeMap<&'static str, f64> {
     shares
 }
 
-/// Returns the figures with their names, for people.
+/// Returns the figures with their names, as text.
 fn figures(outcome: &Outcome<'_>) -> Vec<(&'static str, String)> {
     let comparison = &outcome.comparison;
     let m_s = |value: f64| format!("{value:.4} m/s");
@@ -263,7 +262,7 @@ fn figures(outcome: &Outcome<'_>) -> Vec<(&'static str, String)> {
     figures
 }
 
-/// Returns what a person should conclude.
+/// Returns the conclusions.
 fn conclusions(outcome: &Outcome<'_>) -> Vec<String> {
     let comparison = &outcome.comparison;
     let mut sentences = vec![format!(

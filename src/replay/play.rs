@@ -1,4 +1,4 @@
-//! A recording over the live view, at the pace at which it was recorded or that a client wants.
+//! Plays a recording in the live view, at its recorded pace or the one a client requests.
 
 use anyhow::{Context, Result};
 use sidehill_bridge::recording::live::{
@@ -7,9 +7,9 @@ use sidehill_bridge::recording::live::{
 use sidehill_bridge::recording::{MessageSink, Recording, Topic, scan};
 use std::time::{Duration, Instant};
 
-/// Longest pause between two messages that is kept, so that a gap in a recording is no wait.
+/// Longest pause between two messages; longer gaps in a recording are shortened to it.
 const PAUSE_MAX_NS: u64 = 2_000_000_000;
-/// Longest wait for a client's request before it is seen whether there still is one.
+/// Longest wait for a request before checking that a client is still connected.
 const WAIT: Duration = Duration::from_millis(200);
 
 /// Returns the first and the last time of a recording, ns.
@@ -24,8 +24,8 @@ pub(super) fn range_ns(recording: &Recording) -> Result<[u64; 2]> {
     Ok(range)
 }
 
-/// Plays a recording to whoever looks. Where a client has paused, sought or changed the speed, playing ends
-/// only when there is no client any more, else with the recording.
+/// Plays a recording to all clients. It ends with the recording or, once a client has paused, sought or changed the
+/// speed, when no client is left.
 ///
 /// # Errors
 /// A file that can no longer be read.
@@ -86,7 +86,7 @@ struct Player<'a> {
     from_ns: u64,
     /// When the newest message was to be played.
     due: Instant,
-    /// Whether playing goes on elsewhere: the rest of this pass is skipped.
+    /// Whether playback continues elsewhere: the rest of this pass is skipped.
     sought: bool,
     /// Whether a client has made a request.
     controlled: bool,
@@ -127,7 +127,7 @@ impl Player<'_> {
         self.due += Duration::from_nanos(pause_ns).div_f32(self.speed);
         loop {
             let left = self.due.saturating_duration_since(Instant::now());
-            // Nobody is left who could let it go on.
+            // No client is left that could resume.
             self.playing |= self.live.clients() == 0;
             let wait = if self.playing { left.min(WAIT) } else { WAIT };
             match self.control.next_request(wait) {
@@ -171,7 +171,7 @@ impl Player<'_> {
         });
     }
 
-    /// Tells that the end has come, and returns whether a client wants to go on: elsewhere, or from the start.
+    /// Announces the end, and returns whether a client continues: elsewhere, or from the start.
     fn wait_at_end(&mut self) -> bool {
         self.tell(PlaybackStatus::Ended, "");
         while self.controlled && self.live.clients() > 0 {

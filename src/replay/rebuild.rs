@@ -1,4 +1,4 @@
-//! From what a recording begins with to the controller that was recorded, or a changed one.
+//! Rebuilds the recorded controller, or a changed one, from the header of a recording.
 
 use super::step::Step;
 use crate::closed_loop::{Observer, run as drive};
@@ -17,7 +17,7 @@ use sidehill_plant::vehicle::Vehicle;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 
-/// What is to differ from the recording.
+/// Requested changes to the recording.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Changes {
     pub(crate) controller: Option<ControllerKind>,
@@ -27,12 +27,12 @@ pub(crate) struct Changes {
 }
 
 impl Changes {
-    /// Returns whether other commands are to be expected.
+    /// Returns whether the commands are expected to differ.
     pub(super) fn changed(&self) -> bool {
         self.controller.is_some() || self.vehicle.is_some() || !self.settings.is_empty()
     }
 
-    /// Returns the other vehicle, where there is one.
+    /// Returns the other vehicle, if one was requested.
     pub(super) fn vehicle(&self) -> Result<Option<Vehicle>> {
         let read = |path| -> Result<Vehicle> { Ok(ConfigFile::read(path)?.parse()?) };
         self.vehicle.as_deref().map(read).transpose()
@@ -53,7 +53,7 @@ impl Changes {
                     .with_context(|| format!("--set {setting}: there is no setting {key}"))?;
             }
             *place = serde_yaml::from_str(value).with_context(named)?;
-            // Each by itself, so that the error names the one at fault.
+            // One by one, so that the error names the one at fault.
             let changed: ControllerConfig =
                 serde_yaml::from_value(all.clone()).with_context(named)?;
             changed.validate().with_context(named)?;
@@ -71,11 +71,11 @@ pub(crate) struct Rebuilt {
     pub(super) held: bool,
     /// The ground of the scenario.
     pub(super) terrain: Option<Terrain>,
-    /// What `run` made the controller of; none of a simulation.
+    /// Configuration of `run`; none for a simulation.
     run: Option<(RunConfig, ConfigFile)>,
-    /// The simulated world; none where the vehicle was real or elsewhere.
+    /// The simulated world; none if the vehicle was real or in another process.
     world: Option<Prepared>,
-    /// What the controller began with.
+    /// Learned parameters that the controller started from.
     learned: Option<Arc<LearnedFile>>,
 }
 
@@ -83,7 +83,7 @@ impl Rebuilt {
     /// Rebuilds the controller with changes.
     ///
     /// # Errors
-    /// What is missing in the recording, or wrong with a change.
+    /// Names what is missing in the recording, or the invalid change.
     pub(crate) fn of(recording: &Recording, changes: &Changes) -> Result<Self> {
         let facts = &recording.header.facts;
         let get = |name: &str| {
@@ -206,7 +206,7 @@ impl Rebuilt {
     /// recording, or one that moves as ICRIK says on the slope that the recording shows.
     ///
     /// # Errors
-    /// A recording without a path, or what keeps the simulation from going on.
+    /// A recording without a path, or an error of the simulation.
     pub(super) fn drive(&self, recording: &Recording) -> Result<Vec<Step>> {
         let path = recording
             .paths
@@ -250,7 +250,7 @@ impl Rebuilt {
         Ok(steps.0)
     }
 
-    /// Returns a world in which nothing is known but the vehicle.
+    /// Returns a world of which only the vehicle is known.
     fn assumed(&self, reference: Reference, start: PlanarPose) -> Result<Prepared> {
         let default = ConfigFile::built_in(crate::config::DEFAULT_SCENARIO)?;
         let world = Scenario::read(default)?.prepare(&Overrides::default())?;

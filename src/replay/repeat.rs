@@ -1,4 +1,4 @@
-//! Recorded samples through a controller.
+//! Feeds recorded samples to a controller.
 
 use super::begin::Begin;
 use super::rebuild::Rebuilt;
@@ -8,11 +8,11 @@ use sidehill_bridge::control_loop::runner::engage;
 use sidehill_bridge::recording::{PathRecord, Recording};
 use sidehill_controller::controller::Controller;
 
-/// Returns the decisions, from `begin` on, of a controller that gets what the recorded one got, in the same
-/// order. One that was `changed` is not cut short where the recorded one was.
+/// Returns the decisions, from `begin` on, of a controller with the recorded inputs in their order. The solver of a
+/// `changed` controller is not cut short where the recorded one was.
 ///
 /// # Errors
-/// A path that the recording has lost.
+/// A path that is missing in the recording.
 pub(super) fn repeat(
     recording: &Recording,
     rebuilt: &Rebuilt,

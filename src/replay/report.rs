@@ -1,4 +1,4 @@
-//! The report of a replay: the recorded and the replayed drive, as `simulate` shows runs.
+//! The report of a replay: the recorded and the replayed drive, in the form of `simulate`.
 
 use super::compare::{Comparison, cross_track_rms_m};
 use super::rebuild::Rebuilt;

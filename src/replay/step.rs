@@ -2,7 +2,7 @@ use sidehill_controller::controller::Decision;
 use sidehill_plant::frames::{Attitude, PlanarPose};
 use sidehill_plant::speeds::MotorSpeeds;
 
-/// What a replayed cycle decided.
+/// Decision of a replayed cycle.
 #[derive(Debug, Clone)]
 pub(super) struct Step {
     pub(super) time_s: f64,

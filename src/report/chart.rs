@@ -8,9 +8,9 @@ use crate::record::{Row, Run};
 pub(super) struct Panel<'a> {
     /// Title of its axis, with unit.
     pub(super) title: &'a str,
-    /// Values that are not to be passed, each with what it is called.
+    /// Limits, each with its label.
     pub(super) limits: Vec<(f64, String)>,
-    /// Largest absolute value shown, where the runs do not decide on it.
+    /// Largest absolute value shown, unless the runs determine it.
     pub(super) magnified_to: Option<f64>,
     /// The quantity at a cycle.
     pub(super) value: &'a dyn Fn(&Row) -> f64,

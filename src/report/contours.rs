@@ -1,7 +1,7 @@
 //! Lines of equal height by marching squares.
 //!
-//! Own code because the ground may be unknown in places: the known crates close a contour along
-//! the edge of such a place, which would draw a slope that is not there.
+//! Own code, because the ground may be unknown in places: existing crates close contours along the edge of such a
+//! place, which would show a slope that is not there.
 
 /// Heights at the nodes of a regular grid.
 pub(super) struct Heights {
@@ -19,8 +19,7 @@ pub(super) struct Heights {
 pub(super) type Segment = [[f64; 2]; 2];
 
 impl Heights {
-    /// Returns the pieces of the contour at `level`, in no order; cells with a node without ground
-    /// have none.
+    /// Returns the pieces of the contour at `level`, unordered. Cells with a node without ground have none.
     pub(super) fn contour(&self, level: f64) -> Vec<Segment> {
         let rows = self.values.len() / self.columns;
         let mut segments = Vec::new();

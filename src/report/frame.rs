@@ -3,7 +3,7 @@
 use maud::{Markup, html};
 use std::fmt::Write;
 
-/// Where a plot lies in its drawing, px, and which values its edges have.
+/// Rectangle of a plot in its drawing, px, and the values at its edges.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Frame {
     pub(super) left: f64,
@@ -82,7 +82,7 @@ impl Frame {
         html! { rect.border x=(px(self.left)) y=(px(self.top)) width=(px(self.width)) height=(px(self.height)) {} }
     }
 
-    /// Draws what must not leave the frame; `id` is unique in the page.
+    /// Draws content clipped to the frame; `id` is unique in the page.
     pub(super) fn clipped(&self, id: &str, content: &Markup) -> Markup {
         html! {
             clipPath id=(id) {
@@ -99,7 +99,7 @@ impl Frame {
         for point in points {
             let [x, y] = self.place(point);
             if x.is_finite() && y.is_finite() {
-                // Far outside a number would only be long.
+                // Clamp points far outside, whose coordinates would be long.
                 let y = y.clamp(self.top - 1e4, self.bottom() + 1e4);
                 let letter = if pen_down { 'L' } else { 'M' };
                 // Writing to a string does not fail.
@@ -127,7 +127,7 @@ pub(super) fn nice_step(span: f64, count: f64) -> f64 {
     factor * power
 }
 
-/// Returns the multiples of `step` in a range; none for a range that is empty or endless.
+/// Returns the multiples of `step` in a range; none for an empty or infinite range.
 pub(super) fn multiples([low, high]: [f64; 2], step: f64) -> Vec<f64> {
     let slack = 1e-9;
     let (first, last) = ((low / step - slack).ceil(), (high / step + slack).floor());
@@ -157,7 +157,7 @@ pub(super) fn rounded(value: f64, step: f64) -> String {
     format!("{value:.decimals$}").replace('-', "\u{2212}")
 }
 
-/// Returns the range of the finite ones of `values` with a margin; around 0 where there are none.
+/// Returns the range of the finite `values` with a margin; a range around 0 if there are none.
 pub(super) fn range(values: impl IntoIterator<Item = f64>, margin: f64) -> [f64; 2] {
     let (low, high) = values
         .into_iter()

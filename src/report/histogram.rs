@@ -1,4 +1,4 @@
-//! How long the solver took, run by run over one logarithmic axis.
+//! Solve times of each run over a logarithmic axis.
 
 use super::frame::{Frame, Tick, px, ticks};
 use super::scene::{DRAWING_WIDTH_PX, Style};
@@ -25,7 +25,7 @@ pub(super) fn solve_times(runs: &[Run], styles: &[Style]) -> Markup {
     let all = || solved.iter().flat_map(|(.., times)| times.iter().copied());
     let least = all().fold(f64::INFINITY, f64::min);
     let most = all().fold(f64::NEG_INFINITY, f64::max);
-    // Room for the marks' texts, and at least the better part of a decade.
+    // Room for the labels, and at least most of a decade.
     let room = (0.12 * (most - least)).max(0.5 * (0.8 - (most - least)));
     let (low, high) = (least - room, most + room);
     let total_px = TOP_PX + solved.len() as f64 * (ROW_PX + GAP_PX) + 16.0;

@@ -92,7 +92,7 @@ fn track(run: &Run) -> Vec<[f64; 2]> {
         .collect()
 }
 
-/// Returns a frame that holds everything at one scale for both axes.
+/// Returns a frame that contains everything at one scale for both axes.
 fn frame(scene: &Scene, tracks: &[Vec<[f64; 2]>]) -> Frame {
     let points = || tracks.iter().flatten().chain(&scene.path);
     let around = 1.2 * scene.base_half_length_m.hypot(scene.base_half_width_m);
@@ -119,7 +119,7 @@ fn frame(scene: &Scene, tracks: &[Vec<[f64; 2]>]) -> Frame {
     }
 }
 
-/// Draws a cross at a place before which the guard stops, with what is beyond its limit there.
+/// Draws a cross at a place before which the guard stops, with the limit exceeded there.
 fn steep(frame: &Frame, place: &SteepPlace) -> Markup {
     let [x, y] = frame.place([place.x_m, place.y_m]);
     let line = |dx: f64, dy: f64| {

@@ -1,6 +1,6 @@
-//! What `simulate --out` writes: a CSV of each run, and one HTML page about all of them.
+//! The files of `simulate --out`: a CSV of each run, and an HTML page about all of them.
 //!
-//! Every report of the program is one file that loads nothing.
+//! Every report of the program is a single file that works without a network.
 
 mod chart;
 mod contours;
@@ -9,6 +9,7 @@ mod ground;
 mod histogram;
 mod map;
 pub(crate) mod page;
+mod panels;
 pub(crate) mod plot;
 mod relief;
 mod scene;
@@ -20,19 +21,15 @@ pub use scene::Scene;
 pub use table::write_csv;
 pub(crate) use tuning::{Scatter, progress_plot, scatter_chart};
 
-use crate::record::{Row, Run};
+use crate::record::Run;
 use chart::Panel;
 use maud::{Markup, PreEscaped, html};
 use page::{COLOURS, Page};
+use panels::{attitude_panels, command_panels, cross_track_panels, icr_panels, margin_panels};
 use scene::{Style, swatch};
 use sidehill_controller::config::ControllerKind;
 use sidehill_controller::estimator::ContactEstimate;
-use sidehill_controller::guard::GuardConfig;
-use sidehill_controller::mpc::limits::InputLimits;
 use sidehill_plant::contact::Parameter;
-
-/// Steer speed below which a vehicle counts as going straight.
-const TURNING_M_S: f64 = 0.005;
 
 /// Returns the page: summary, map, errors, commands, attitude, ICRs and solve times of all runs.
 ///
@@ -141,7 +138,7 @@ fn learned_at_end(run: &Run) -> Option<ContactEstimate> {
     run.rows.iter().rev().find_map(|row| row.contact)
 }
 
-/// Returns what a controller has learned of the contact vehicle at the end of its run.
+/// Returns a table of the contact vehicle's learned parameters at the end of a run.
 fn learned_table(controller: &str, learned: &ContactEstimate) -> Markup {
     html! {
         h2 { "Learned by " (controller) }
@@ -160,133 +157,7 @@ fn learned_table(controller: &str, learned: &ContactEstimate) -> Markup {
     }
 }
 
-fn cross_track_panels(runs: &[Run]) -> Vec<Panel<'static>> {
-    let centimetres = &|row: &Row| 100.0 * row.cross_track_m;
-    let panel = |title, magnified_to| Panel {
-        title,
-        limits: vec![(0.0, "on the path".to_owned())],
-        magnified_to,
-        value: centimetres,
-    };
-    let largest = runs.iter().map(|run| run.summary.cross_track_max_m);
-    let largest: Vec<f64> = largest.filter(|m| m.is_finite() && *m > 0.0).collect();
-    let best = largest.iter().copied().fold(f64::INFINITY, f64::min);
-    let worst = largest.iter().copied().fold(0.0, f64::max);
-    let mut panels = vec![panel("cross-track (cm)", None)];
-    if worst > 5.0 * best {
-        panels.push(panel("magnified (cm)", Some(200.0 * best)));
-    }
-    panels
-}
-
-fn command_panels(limits: &InputLimits) -> [Panel<'static>; 2] {
-    let both = |speed_m_s: f64| {
-        [("", 1.0), ("\u{2212}", -1.0)]
-            .map(|(sign, side)| (side * speed_m_s, format!("limit {sign}{speed_m_s} m/s")))
-            .into()
-    };
-    [
-        Panel {
-            title: "traction \u{3c4} (m/s)",
-            limits: both(limits.traction.speed_m_s),
-            magnified_to: None,
-            value: &|row| row.command.traction_m_s,
-        },
-        Panel {
-            title: "steer \u{3c3} (m/s)",
-            limits: both(limits.steer.speed_m_s),
-            magnified_to: None,
-            value: &|row| row.command.steer_m_s,
-        },
-    ]
-}
-
-fn margin_panels(guard: &GuardConfig) -> [Panel<'static>; 3] {
-    let limits = |slow: f64, stop: f64| {
-        vec![
-            (slow, format!("slower {slow}")),
-            (stop, format!("stop {stop}")),
-        ]
-    };
-    [
-        Panel {
-            title: "tip-over margin",
-            limits: limits(guard.rollover_margin_slow, guard.rollover_margin_min),
-            magnified_to: None,
-            value: &|row| row.slope.map_or(f64::NAN, |slope| slope.margins.rollover),
-        },
-        Panel {
-            title: "use of friction",
-            limits: limits(guard.friction_use_slow, guard.friction_use_max),
-            magnified_to: None,
-            value: &|row| {
-                row.slope
-                    .map_or(f64::NAN, |slope| slope.margins.friction_use)
-            },
-        },
-        Panel {
-            title: "share of speed",
-            limits: vec![(1.0, "full speed".to_owned())],
-            magnified_to: None,
-            value: &|row| row.slope.map_or(f64::NAN, |slope| slope.speed_share),
-        },
-    ]
-}
-
-fn attitude_panels() -> [Panel<'static>; 2] {
-    let panel = |title, value| Panel {
-        title,
-        limits: vec![(0.0, "level".to_owned())],
-        magnified_to: None,
-        value,
-    };
-    [
-        panel("roll (\u{b0})", &|row: &Row| {
-            row.attitude.roll_rad.to_degrees()
-        }),
-        panel("pitch (\u{b0})", &|row: &Row| {
-            row.attitude.pitch_rad.to_degrees()
-        }),
-    ]
-}
-
-fn icr_panels(scene: &Scene) -> [Panel<'static>; 3] {
-    let (half_width_m, half_length_m) = (scene.base_half_width_m, scene.base_half_length_m);
-    let edge =
-        |value: f64, name: &str| (value, format!("{name} {value} m").replace('-', "\u{2212}"));
-    [
-        Panel {
-            title: "right, x_r (m)",
-            limits: vec![edge(half_width_m, "right edge")],
-            magnified_to: None,
-            value: &|row| while_turning(row, row.icrs.right_m),
-        },
-        Panel {
-            title: "left, x_l (m)",
-            limits: vec![edge(-half_width_m, "left edge")],
-            magnified_to: None,
-            value: &|row| while_turning(row, row.icrs.left_m),
-        },
-        Panel {
-            title: "ahead, y (m)",
-            limits: vec![edge(half_length_m, "front"), edge(-half_length_m, "rear")],
-            magnified_to: None,
-            value: &|row| while_turning(row, row.icrs.forward_m),
-        },
-    ]
-}
-
-/// Returns a coordinate of an ICR where the vehicle turns, else a gap: the ICRs of a vehicle that
-/// goes straight follow the sign of next to nothing.
-fn while_turning(row: &Row, icr_m: f64) -> f64 {
-    if row.motors.steer_m_s.abs() > TURNING_M_S {
-        icr_m
-    } else {
-        f64::NAN
-    }
-}
-
-/// Returns a style for each run: the colour of its kind of controller where it is still free.
+/// Returns a style for each run: the colour of its kind of controller if that is still free.
 fn styles(runs: &[Run]) -> Vec<Style> {
     let several = |get: fn(&Run) -> &String| runs.windows(2).any(|w| get(&w[0]) != get(&w[1]));
     let plants_differ = several(|run| &run.summary.plant);
@@ -327,7 +198,7 @@ fn legend(styles: &[Style], path: bool) -> Markup {
     }
 }
 
-/// Boxes to tick, by which the style sheet alone hides and shows runs.
+/// Checkboxes that hide and show runs by the style sheet alone.
 fn toggles(styles: &[Style]) -> Markup {
     html! {
         @if styles.len() > 1 {

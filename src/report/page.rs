@@ -1,10 +1,10 @@
-//! What all reports have in common: one file, in one style, that works without a network.
+//! Common parts of all reports: a single file that works without a network.
 
 use super::plot::Plot;
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
-/// Colours that stay apart for colour-blind eyes and in print: the set of Okabe and Ito without its
-/// yellow. The first four belong to the kinds of controllers, in their order.
+/// Colours that are distinguishable with colour blindness and in print: the palette of Okabe and Ito without yellow.
+/// The first four belong to the kinds of controllers, in their order.
 pub(crate) const COLOURS: [&str; 7] = [
     "#0072b2", "#d55e00", "#aa4499", "#009e73", "#e69f00", "#56b4e9", "#000000",
 ];
@@ -13,7 +13,7 @@ pub(crate) const COLOURS: [&str; 7] = [
 pub(crate) struct Page<'a> {
     pub(crate) title: &'a str,
     pub(crate) subtitle: &'a str,
-    /// What a person should conclude, a sentence each.
+    /// Conclusions, one sentence each.
     pub(crate) conclusions: &'a [String],
     pub(crate) body: Markup,
     /// Further rules of style.
@@ -23,7 +23,7 @@ pub(crate) struct Page<'a> {
 impl Page<'_> {
     /// Returns the page: XHTML that browsers read as HTML.
     pub(crate) fn html(&self) -> String {
-        // In HTML a comment of the language inside, in XHTML what keeps `<` and `&` from being markup.
+        // A comment in HTML; in XHTML it keeps `<` and `&` from being markup.
         let style = |css: &str| PreEscaped(format!("/*<![CDATA[*/{css}/*]]>*/"));
         let script = |js: &str| PreEscaped(format!("//<![CDATA[\n{js}\n//]]>"));
         let page = html! {

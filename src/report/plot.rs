@@ -1,9 +1,9 @@
-//! Plots that a person can zoom, with a cursor that all plots of a page share. `report.js` draws them.
+//! Plots with zoom and a cursor shared by all plots of a page. `report.js` draws them.
 
 use maud::{Markup, PreEscaped, html};
 use serde::Serialize;
 
-/// Stretches of which a long line keeps the extremes.
+/// Intervals of a long line whose extremes are kept.
 const COLUMNS: usize = 700;
 
 /// Lines over a common quantity, mostly time.
@@ -15,11 +15,11 @@ pub(crate) struct Plot {
     pub(crate) x_title: String,
     /// Height, px.
     pub(crate) height_px: f64,
-    /// Largest absolute value shown, where the lines do not decide on it.
+    /// Largest absolute value shown, unless the lines determine it.
     pub(crate) magnified_to: Option<f64>,
     /// Whether the vertical axis is logarithmic.
     pub(crate) logarithmic: bool,
-    /// Values that are not to be passed, each with what it is called.
+    /// Limits, each with its label.
     pub(crate) limits: Vec<(f64, String)>,
     pub(crate) lines: Vec<Line>,
 }
@@ -37,15 +37,15 @@ pub(crate) struct Line {
 }
 
 impl Line {
-    /// Returns a line through points, of a long one only the extremes of each of equal stretches; values that are
-    /// not finite leave gaps. Points whose x does not rise are left out.
+    /// Returns a line through points. A long line keeps only the extremes of equal intervals. Values that are not
+    /// finite leave gaps; points whose x does not rise are left out.
     pub(crate) fn through(
         name: &str,
         colour: &str,
         run: Option<usize>,
         points: &[[f64; 2]],
     ) -> Self {
-        // Where a place is not known or was passed before, there is nothing to draw.
+        // Skip places that are unknown or already passed.
         let mut furthest = f64::NEG_INFINITY;
         let ahead = points.iter().copied().filter(|point| {
             let further = point[0] > furthest;
@@ -83,7 +83,7 @@ impl Plot {
 
     /// Returns the place of the plot in a page, with its data; plots of one `group` share cursor and zoom.
     pub(crate) fn markup(&self, group: &str) -> Markup {
-        // JSON may hold what begins a tag or an entity only within its strings.
+        // In JSON, characters that begin a tag or an entity occur only within strings.
         let json = serde_json::to_string(self).unwrap_or_else(|_| "{}".to_owned());
         let json = json
             .replace('<', "\\u003c")

@@ -14,20 +14,20 @@ type Bounds = [f64; 4];
 
 const BOX_WIDTH_PX: f64 = 128.0;
 const BOX_HEIGHT_PX: f64 = 92.0;
-/// Distance from lines beyond which a label is not better placed.
+/// Distance from lines beyond which a label's place does not improve.
 const CLEAR_PX: f64 = 22.0;
 /// Pieces of a contour below which its label may stand beside it.
 const SHORT_SEGMENTS: usize = 60;
 const ARROWS: usize = 12;
 
-/// Where labels of contour lines may stand.
+/// Free space for labels of contour lines.
 pub(super) struct Labels {
     lines: Vec<Spot>,
     taken: Vec<Bounds>,
 }
 
 impl Labels {
-    /// Returns room for labels away from points of lines and clear of boxes.
+    /// Returns the free space away from points of lines and outside boxes.
     pub(super) fn beside(lines: Vec<Spot>, boxes: &[Bounds]) -> Self {
         // A few thousand points show where the lines are.
         let stride = lines.len().div_ceil(4000).max(1);
@@ -71,7 +71,7 @@ impl Labels {
     }
 }
 
-/// Where a label can stand, and how it is turned so that it reads along its line.
+/// Place of a label, and its angle along its line.
 #[derive(Clone, Copy)]
 struct LabelSpot {
     middle: Spot,
@@ -90,7 +90,7 @@ impl Contour {
         html! { path.contour d=(self.data) {} }
     }
 
-    /// Draws its height, where there was room.
+    /// Draws its height, if there was room.
     pub(super) fn label(&self) -> Markup {
         html! {
             @if let Some(LabelSpot { middle: [x, y], tilt_deg }) = self.spot {
@@ -156,7 +156,7 @@ fn segments_data(segments: &[Segment]) -> String {
 
 /// Returns spots on the line, and beside it for a line too short to leave a corridor of ground.
 fn label_spots(segments: &[Segment], corridor: bool) -> Vec<LabelSpot> {
-    // Every place on a line is within a few pixels of one of so many.
+    // Dense enough: every place on a line is within a few pixels of a spot.
     let stride = segments.len().div_ceil(300).max(1);
     let on_line = segments.iter().step_by(stride).map(|[p, q]| {
         let tilt_deg = ((q[1] - p[1]) / (q[0] - p[0])).atan().to_degrees();

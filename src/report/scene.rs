@@ -3,7 +3,7 @@ use sidehill_controller::guard::GuardConfig;
 use sidehill_controller::mpc::limits::InputLimits;
 use sidehill_plant::terrain::Terrain;
 
-/// What all runs of a report have in common.
+/// Properties shared by all runs of a report.
 #[derive(Debug, Clone)]
 pub struct Scene<'a> {
     /// Heading of the page.
@@ -26,7 +26,7 @@ pub struct Scene<'a> {
     pub period_s: f64,
 }
 
-/// How a run appears wherever it does.
+/// Appearance of a run.
 pub(super) struct Style {
     pub(super) name: String,
     pub(super) colour: &'static str,

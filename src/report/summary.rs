@@ -1,4 +1,4 @@
-//! The figures of all runs, and what they say in one sentence.
+//! The figures of all runs, and a sentence about the best.
 
 use super::scene::{Style, swatch};
 use crate::record::{Run, Summary};
@@ -66,7 +66,7 @@ fn line(summary: &Summary, style: &Style) -> Markup {
     }
 }
 
-/// Returns a number with its decimals, a dash for what is none.
+/// Returns a number with its decimals, or a dash for NaN.
 fn number(value: f64, decimals: usize) -> String {
     if value.is_finite() {
         format!("{value:.decimals$}")

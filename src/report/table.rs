@@ -5,7 +5,7 @@ use serde::Serialize;
 use sidehill_plant::contact::Parameter;
 use std::io::Write;
 
-/// Writes `run` as CSV with a header, one row a control cycle.
+/// Writes `run` as CSV with a header and one row per control cycle.
 ///
 /// Units are in the columns' names, frames are those of [`Row`]: x, y, z and yaw in the world, yaw
 /// counter-clockwise from Y_g; ICRs in the body, to the right and ahead of its origin. `estimate_*`
@@ -23,12 +23,12 @@ use std::io::Write;
 /// keys, with spaces between, that the drive has not excited so far, so that they are still at their priors.
 ///
 /// # Errors
-/// What `out` reports.
+/// An error of `out`.
 pub fn write_csv(run: &Run, out: impl Write) -> csv::Result<()> {
     let mut table = csv::WriterBuilder::new()
         .has_headers(false)
         .from_writer(out);
-    // Written here, so that a run without rows has its header, too.
+    // Written here, so that a run without rows has a header as well.
     let learns = run.rows.iter().any(|row| row.contact.is_some());
     let extra: Vec<&Extra> = EXTRAS.iter().filter(|extra| extra.is_in(run)).collect();
     let own = COLUMNS.iter().map(|name| (*name).to_owned());

@@ -1,4 +1,4 @@
-//! Plots of a search: pairs of errors, and costs in the order of the tries.
+//! Plots of a search: pairs of errors, and costs over the trials.
 
 use super::frame::{Frame, Tick, px, range};
 use super::page::COLOURS;
@@ -57,7 +57,7 @@ pub(crate) fn scatter_chart(name: &str, below: &str, left: &str, kinds: &[Scatte
     }
 }
 
-/// Returns costs in their order, and the least so far.
+/// Returns the plot of the costs in order, with the lowest so far.
 pub(crate) fn progress_plot(costs: &[f64]) -> Plot {
     let mut least = f64::INFINITY;
     let (mut tried, mut best) = (Vec::new(), Vec::new());

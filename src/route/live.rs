@@ -1,4 +1,4 @@
-//! Positions of a running ROS 2 topic until a signal comes.
+//! Positions of a running ROS 2 topic until a signal arrives.
 
 use crate::config::ros2::environment;
 use crate::console;
@@ -9,13 +9,13 @@ use sidehill_bridge::ros2::node::arguments::RosArguments;
 use sidehill_bridge::ros2::positions::{PositionNode, PositionTopic};
 use std::time::{Duration, Instant};
 
-/// Time between two looks for messages.
+/// Interval at which messages are polled.
 const PERIOD: Duration = Duration::from_millis(5);
 /// Longest wait for the first position: discovery without multicast takes 7 s.
 const WAIT: Duration = Duration::from_secs(10);
-/// Time without a position after which that is said: some receivers send one fix a second.
+/// Time without a position until a warning: some receivers send one fix per second.
 const SILENCE: Duration = Duration::from_secs(5);
-/// Positions after which the recording ends, so that memory stays bounded: 27 hours at 50 Hz.
+/// Largest number of positions, which bounds the memory: 27 hours at 50 Hz.
 const POSITIONS_MAX: usize = 5_000_000;
 
 /// Returns the positions of a topic, from the first until SIGINT, SIGTERM or SIGHUP comes or `end_after` is over.
@@ -37,7 +37,7 @@ pub(super) fn record(
     let mut positions = LivePositions::default();
     let mut rejected: Option<(u64, String)> = None;
     while !interrupts.ended() {
-        if interrupts.resumed() {
+        if interrupts.take_resumed() {
             console::complain("the program was suspended: the recording ends here");
             break;
         }

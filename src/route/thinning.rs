@@ -1,4 +1,4 @@
-//! Recorded positions as few points that a controller can follow.
+//! Reduces recorded positions to a few points that a controller can follow.
 
 use anyhow::{Result, bail};
 
@@ -6,7 +6,7 @@ use anyhow::{Result, bail};
 const STEP_M: f64 = 0.05;
 /// Largest distance of two points of the path, m, so that heights and curves are kept.
 const SPACING_MAX_M: f64 = 1.0;
-/// Shortest path worth the name, m.
+/// Shortest path, m.
 const LENGTH_MIN_M: f64 = 0.5;
 /// Reach of the Gaussian in standard deviations.
 const REACH: f64 = 3.0;
@@ -29,7 +29,7 @@ impl Default for Settings {
     }
 }
 
-/// A path out of positions.
+/// A path from positions.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Thinned {
     pub(crate) points_m: Vec<[f64; 3]>,
@@ -104,8 +104,8 @@ fn distances(points: &[[f64; 3]]) -> Vec<f64> {
     distances
 }
 
-/// Returns each point as the weighted mean of its neighbourhood, which is as long before it as behind it, so that
-/// ends are not drawn inwards.
+/// Returns each point as the weighted mean of its neighbourhood, which is symmetric, so that ends are not pulled
+/// inwards.
 fn smoothed(points: &[[f64; 3]], distances_m: &[f64], std_m: f64) -> Vec<[f64; 3]> {
     if std_m <= 0.0 {
         return points.to_vec();
@@ -144,7 +144,7 @@ fn thin(
     tolerance_m: f64,
     kept: &mut Vec<usize>,
 ) {
-    // An own stack: a recording of an hour would be deep.
+    // An explicit stack, because recursion over an hour's recording would be deep.
     let mut open = vec![(first, last)];
     while let Some((first, last)) = open.pop() {
         let far = (first + 1..last)

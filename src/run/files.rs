@@ -42,10 +42,10 @@ impl Files {
         })
     }
 
-    /// Writes what the threads have left, and passes each event to `seen` and every entry to `all`.
+    /// Writes the entries of all threads, and passes each event to `seen` and every entry to `all`.
     ///
     /// # Errors
-    /// What the disk says.
+    /// An I/O error.
     pub(super) fn write(
         &mut self,
         recorder: &mut Recorder,
@@ -60,7 +60,7 @@ impl Files {
             cycles: Some(&mut |unix_s, row| Ok(cycles.serialize((UnixTime { unix_s }, row))?)),
             all: Some(&mut |time_s: f64, entry: &LogEntry| all(time_s, entry)),
         })?;
-        // Through to the file, so that little is missing where the program is killed.
+        // Flush, so that little is lost if the program is killed.
         self.candump.flush()?;
         self.events.flush()?;
         self.cycles.flush()?;

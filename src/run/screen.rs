@@ -1,4 +1,4 @@
-//! What a person sees of `run`: at the start what it listens to, then its state and what it waits for.
+//! The output of `run`: its inputs at the start, then its state and missing inputs.
 
 use super::files::Files;
 use crate::console::Printer;
@@ -17,16 +17,16 @@ use std::io::{IsTerminal, Write as _};
 pub enum RunFormat {
     /// For a person.
     Text,
-    /// A line of JSON a second.
+    /// A line of JSON per second.
     Json,
 }
 
-/// Time between two states in text that is no terminal's, s.
+/// Time between two states in text that is not on a terminal, s.
 const STATE_EVERY_S: f64 = 10.0;
 /// Events other than changes of state that are printed in a second, at most.
 const EVENTS_MAX: u32 = 5;
 
-/// One line a second on standard output.
+/// One line per second on standard output.
 #[derive(Serialize)]
 struct StatusLine<'a> {
     unix_s: f64,
@@ -36,13 +36,13 @@ struct StatusLine<'a> {
     /// Inputs that are missing, with the reason; absent while there are none.
     #[serde(skip_serializing_if = "<[_]>::is_empty")]
     waits_for: &'a [&'a Input],
-    /// Lines of text that nobody took; absent while there are none.
+    /// Dropped lines of text; absent while there are none.
     #[serde(skip_serializing_if = "is_zero")]
     lines_dropped: u64,
     /// Batches of records that could not be written to --out; absent while there are none.
     #[serde(skip_serializing_if = "is_zero")]
     batches_unwritten: u64,
-    /// How the recording fares; absent without one.
+    /// Status of the recording; absent without one.
     #[serde(skip_serializing_if = "Option::is_none")]
     recording: Option<&'a RecordingStatus>,
     /// Steps of the controller that are missing in it; absent while there are none.
@@ -58,9 +58,9 @@ fn is_zero(count: &u64) -> bool {
 pub(super) struct Screen<'a> {
     printer: &'a Printer,
     format: RunFormat,
-    /// Whether the line of the state renews itself.
+    /// Whether the line of the state is replaced in place.
     terminal: bool,
-    /// Whether events go to standard error, because there is no file for them.
+    /// Whether events go to standard error, because they are not written to a file.
     events_to_error: bool,
     /// What it waits for when nothing is missing.
     ready: String,
@@ -97,8 +97,7 @@ impl<'a> Screen<'a> {
         }
     }
 
-    /// Writes what the threads have left, to the files and the recording if there are some. What cannot be
-    /// written is counted.
+    /// Writes the entries of all threads to the files and the recording, if there are any. Write errors are counted.
     pub(super) fn record(
         &mut self,
         recorder: &mut Recorder,
@@ -260,7 +259,7 @@ impl<'a> Screen<'a> {
         }
     }
 
-    /// Prints how the run ended, where it did not fail.
+    /// Prints how the run ended, unless it failed.
     pub(super) fn end(&mut self, report: Option<&RunReport>) {
         match (self.format, report) {
             (RunFormat::Json, Some(report)) => {
@@ -286,7 +285,7 @@ impl<'a> Screen<'a> {
         }
     }
 
-    /// Prints a line that stays.
+    /// Prints a permanent line.
     fn line(&self, line: &str) {
         match self.terminal {
             true => self.printer.above(line),
@@ -311,7 +310,7 @@ pub(super) fn ready_to_arm(arm: bool) -> String {
     how
 }
 
-/// Returns what a run listens to; empty where it has no inputs.
+/// Returns the inputs of a run; empty if there are none.
 pub(super) fn listens_to(inputs: &[Input]) -> String {
     let names: Vec<String> = inputs
         .iter()
@@ -323,7 +322,7 @@ pub(super) fn listens_to(inputs: &[Input]) -> String {
     }
 }
 
-/// Returns the inputs that are missing with their reasons; empty where none is.
+/// Returns the missing inputs with their reasons; empty if there are none.
 pub(super) fn waits_for(missing: &[&Input]) -> String {
     let each: Vec<String> = missing
         .iter()

@@ -58,12 +58,11 @@ pub struct TuneArgs {
     pub format: crate::simulate::Format,
 }
 
-/// Searches and judges; `report` hears of each choice tried, with its number and mean cost, in the
-/// caller's thread.
+/// Searches and judges. `report` is called for each trial, with its number and mean cost, in the caller's thread.
 ///
 /// # Errors
-/// What is wrong with options or campaign; a file of tries of another search; what the disk says; and
-/// that of `report`, which ends the search.
+/// Invalid options or an invalid campaign; the trials of another search; an I/O error; or an error of `report`,
+/// which ends the search.
 pub fn tune(
     campaign: &Campaign,
     options: &Options,
@@ -111,7 +110,7 @@ fn search_on(
     if !before.iter().any(|run| run.completed) {
         bail!("no run is completed under the present settings; there is nothing to compare with");
     }
-    // The runs held out are driven twice, by present and by found settings.
+    // The held-out runs are driven twice, with present and with found settings.
     let count = |runs: &Range<u32>| f64::from(runs.end - runs.start);
     let share = 2.0 * count(&subject.held_out) / count(&subject.training);
     let all = Duration::from_secs_f64(60.0 * options.minutes);
@@ -154,7 +153,7 @@ fn search_on(
     })
 }
 
-/// Returns what makes a search the same: tries under another name do not belong to it.
+/// Returns the identity of a search: trials with another identity do not belong to it.
 fn search_name(subject: &Subject<'_>, options: &Options) -> String {
     let before: Vec<_> = subject
         .settings
@@ -192,7 +191,7 @@ pub fn run(args: &TuneArgs) -> Result<ExitCode> {
     let tried = args.out.with_extension("tried.csv");
     let name = tried.display().to_string();
     progress::explain_interrupt(move || {
-        format!("interrupted: what was tried is in {name}; the same command goes on from there")
+        format!("interrupted: the trials are in {name}; repeat the command to continue")
     })?;
     let bar = Progress::new("tune", u64::from(args.options.tries));
     let heard = |number, _| {

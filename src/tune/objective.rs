@@ -1,4 +1,4 @@
-//! What tuning makes small: how a run compares with the same run under the present settings.
+//! The objective of tuning: the cost of a run relative to the same run with the present settings.
 
 use crate::campaign;
 use crate::config::Campaign;
@@ -9,18 +9,17 @@ use sidehill_controller::config::ControllerKind;
 use sidehill_plant::statistics::quantile;
 use std::ops::Range;
 
-/// Cross-track RMS below which no run is better than another, m.
+/// Cross-track RMS below which runs count as equal, m.
 const ERROR_FLOOR_M: f64 = 0.001;
-/// Steer total variation below which no run is calmer than another, m/s.
+/// Steer total variation below which runs count as equally calm, m/s.
 const STEER_FLOOR_M_S: f64 = 0.1;
-/// Cost of a run that is not completed where it was before, and the most that any run costs or earns:
-/// ten times the error.
+/// Cost of a run that no longer completes, and the largest cost or gain of any run: that of ten times the error.
 const RUN_COST_MAX: f64 = std::f64::consts::LN_10;
 
-/// What one run came to.
+/// Outcome of a run.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Driven {
-    /// Whether it came to the end.
+    /// Whether it completed.
     pub completed: bool,
     /// Cross-track RMS, m.
     pub error_m: f64,
@@ -28,10 +27,10 @@ pub struct Driven {
     pub steer_m_s: f64,
 }
 
-/// Drives the runs of a campaign with one controller, on all threads of the present pool, in order.
+/// Drives the runs of a campaign with one controller on the current thread pool; outcomes are in order.
 ///
 /// # Errors
-/// The run that cannot start, with its reason: settings that no run can have are no candidates.
+/// The run that cannot start and why: invalid settings are not candidates.
 pub fn drive(campaign: &Campaign, kind: ControllerKind, runs: Range<u32>) -> Result<Vec<Driven>> {
     runs.into_par_iter()
         .map(|index| {
@@ -54,7 +53,7 @@ pub fn cost(now: &Driven, before: &Driven, calmness: f64) -> f64 {
         (false, false) => 0.0,
         (false, true) => RUN_COST_MAX,
         (true, false) => -RUN_COST_MAX,
-        // A figure that is none is no improvement.
+        // NaN is not an improvement.
         (true, true) if now.error_m.is_nan() || now.steer_m_s.is_nan() => RUN_COST_MAX,
         (true, true) => {
             let ratio =
@@ -66,7 +65,7 @@ pub fn cost(now: &Driven, before: &Driven, calmness: f64) -> f64 {
     }
 }
 
-/// Figures of one set of runs under one choice of settings.
+/// Figures of a set of runs with the same settings.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Figures {
     /// Runs.
@@ -100,7 +99,7 @@ impl Figures {
     }
 }
 
-/// Two choices of settings over the same runs.
+/// Two sets of settings compared over the same runs.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Comparison {
     /// First run and the one after the last.
@@ -173,7 +172,7 @@ mod tests {
         assert!((half + 2.0_f64.ln()).abs() < 1e-12);
         let nervous = cost(&driven(true, 0.02, 10.0), &before, 0.2);
         assert!((nervous - 0.2 * 2.0_f64.ln()).abs() < 1e-12);
-        // Not to come to the end is worse than any error, and to come there better.
+        // Not completing is worse than any error, and completing is better.
         assert_eq!(cost(&driven(false, 0.001, 1.0), &before, 0.2), RUN_COST_MAX);
         let lost = driven(false, 0.5, 1.0);
         assert_eq!(cost(&before, &lost, 0.2), -RUN_COST_MAX);
@@ -182,7 +181,7 @@ mod tests {
             cost(&driven(true, f64::NAN, 5.0), &before, 0.2),
             RUN_COST_MAX
         );
-        // Less than a millimetre is no difference.
+        // Less than a millimetre makes no difference.
         let tiny = driven(true, 1e-5, 5.0);
         assert_eq!(cost(&driven(true, 1e-4, 5.0), &tiny, 0.2), 0.0);
     }

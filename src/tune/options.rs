@@ -1,11 +1,12 @@
-//! What is searched, and how.
+//! Options of the search.
 
 use super::settings::DEFAULT_KEYS;
-use anyhow::{Result, bail};
+use anyhow::Result;
 use sidehill_controller::config::ControllerKind;
+use sidehill_plant::bounds::Bounds;
 use std::ops::Range;
 
-/// What is searched, and how.
+/// Options of the search.
 #[derive(Debug, Clone, clap::Args)]
 pub struct Options {
     /// Controller; by default icrik-mpc, or that of the recording.
@@ -40,36 +41,28 @@ pub struct Options {
 }
 
 impl Options {
-    /// Checks what the command line cannot.
+    /// Checks the ranges.
     ///
     /// # Errors
     /// Names the option, its value and its range.
     pub fn check(&self) -> Result<()> {
-        let checks = [
-            ("factor", self.factor, 1.01, 1e4),
-            ("calmness", self.calmness, 0.0, 100.0),
-            ("training", f64::from(self.training), 2.0, 1e6),
-            ("held-out", f64::from(self.held_out), 2.0, 1e6),
-            ("tries", f64::from(self.tries), 1.0, 1e6),
-            ("minutes", self.minutes, 1e-3, 1e6),
-        ];
-        for (name, value, low, high) in checks {
-            if !(low..=high).contains(&value) {
-                bail!("--{name}: {value} is out of range, must be from {low} to {high}");
-            }
-        }
-        if self.threads == Some(0) {
-            bail!("--threads: 0 is out of range, must be at least 1");
-        }
+        Bounds::new(1.01, 1e4, "").check("--factor", self.factor)?;
+        Bounds::new(0.0, 100.0, "").check("--calmness", self.calmness)?;
+        Bounds::new(2.0, 1e6, "").check("--training", f64::from(self.training))?;
+        Bounds::new(2.0, 1e6, "").check("--held-out", f64::from(self.held_out))?;
+        Bounds::new(1.0, 1e6, "").check("--tries", f64::from(self.tries))?;
+        Bounds::new(1e-3, 1e6, "min").check("--minutes", self.minutes)?;
+        let threads = self.threads.map_or(1.0, |threads| threads as f64);
+        Bounds::new(1.0, f64::INFINITY, "").check("--threads", threads)?;
         Ok(())
     }
 
-    /// Returns the runs that the search sees.
+    /// Returns the training runs.
     pub fn training_runs(&self) -> Range<u32> {
         0..self.training
     }
 
-    /// Returns the runs that decide.
+    /// Returns the held-out runs.
     pub fn held_out_runs(&self) -> Range<u32> {
         self.training..self.training + self.held_out
     }

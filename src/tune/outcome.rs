@@ -1,28 +1,28 @@
-//! What tuning has found.
+//! The outcome of tuning.
 
 use super::objective::Comparison;
 use super::settings::Setting;
 use super::subject::SubjectKind;
 use serde::Serialize;
 
-/// What tuning has found.
+/// The outcome of tuning.
 #[derive(Debug, Clone, Serialize)]
 pub struct Outcome {
     /// Campaign, scenario or recording.
     pub name: String,
-    /// What the settings were tried on.
+    /// Kind of data that the settings were tried on.
     pub subject: SubjectKind,
     /// Controller.
     pub controller: &'static str,
-    /// Whether the held-out runs show an improvement; only then are the settings worth having.
+    /// Whether the held-out runs show an improvement; only then use the settings.
     pub improved: bool,
     /// Settings searched, with their values before and after.
     pub settings: Vec<Setting>,
-    /// Mean costs of the training runs of all that was tried, in order; 0 is the present settings.
+    /// Mean cost over the training runs of each trial, in order; 0 is that of the present settings.
     pub tried: Vec<f64>,
-    /// Runs that the search saw.
+    /// Training runs.
     pub training: Comparison,
-    /// Runs that it did not see.
+    /// Held-out runs.
     pub held_out: Comparison,
     /// Weight of calmness.
     pub calmness: f64,

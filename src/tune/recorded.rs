@@ -1,5 +1,4 @@
-//! Tuning on a recording: how far dead reckoning from the last pose leads astray, over stretches from which
-//! the poses are withheld.
+//! Tuning on a recording: the error of dead reckoning over stretches whose poses are withheld.
 
 use super::objective::Driven;
 use super::options::Options;
@@ -17,17 +16,17 @@ use sidehill_plant::sample::Sample;
 use std::ops::Range;
 use std::path::Path;
 
-/// Way that a vehicle makes at least in a stretch that tells something, m.
+/// Shortest distance driven in a usable stretch, m.
 const MOVED_MIN_M: f64 = 0.2;
-/// Time without poses, s: as long as poses may be missing on a vehicle that still drives.
+/// Time without poses, s: as long as a vehicle drives on without poses.
 const STRETCH_S: f64 = 2.0;
 /// Time with poses before it, s.
 const BETWEEN_S: f64 = 2.0;
 /// Longest time between two samples of one stretch, s.
 const GAP_MAX_S: f64 = 0.5;
-/// Fewest stretches for the search, and as many for the decision.
+/// Fewest stretches for the search, and also for the decision.
 const STRETCHES_MIN: u32 = 8;
-/// The settings that a recording can judge.
+/// Settings that can be judged by a recording.
 const PREFIX: &str = "estimator.";
 
 /// A recording with its stretches.
@@ -38,11 +37,11 @@ struct Recorded {
     stretches: Vec<Range<usize>>,
 }
 
-/// Returns a recording as what a search judges settings of the estimator by. The first stretches are for the
-/// search, the later ones decide, in the ratio of `--training` and `--held-out`.
+/// Returns a recording by which a search judges settings of the estimator. The first stretches are for training,
+/// the later ones are held out, in the ratio of `--training` to `--held-out`.
 ///
 /// # Errors
-/// A recording that cannot be read or has too little driving in it, or a setting that it cannot judge.
+/// A recording that cannot be read or contains too little driving, or a setting that it cannot judge.
 pub(super) fn subject(path: &Path, options: &Options) -> Result<Subject<'static>> {
     let named = || path.display().to_string();
     let recording = Recording::read(path)?;
@@ -101,8 +100,7 @@ pub(super) fn subject(path: &Path, options: &Options) -> Result<Subject<'static>
     })
 }
 
-/// What is searched unless the command line says otherwise: how fast the estimate follows the poses, and how
-/// much is learned.
+/// Settings searched by default: how fast the estimate follows the poses, and how much is learned.
 const RECORDED_KEYS: [&str; 4] = [
     "estimator.slide_sigma_m_per_sqrt_s",
     "estimator.yaw_sigma_rad_per_sqrt_s",
@@ -144,7 +142,7 @@ fn stretches(samples: &[Sample]) -> Vec<Range<usize>> {
             break;
         };
         let range = begin..begin + length;
-        // A drive that began anew within, or before: the estimate did as well.
+        // The drive restarted within or before the stretch, and so did the estimate.
         let before = samples.partition_point(|sample| sample.time_s < from_s - BETWEEN_S);
         let whole = samples[before..range.end]
             .windows(2)
@@ -185,7 +183,7 @@ impl Recorded {
             return Ok(Vec::new());
         };
         let mut controller = Controller::new(self.rebuilt.kind, config, &self.rebuilt.vehicle)?;
-        // What was learned before belongs to the estimate, so all of the drive before is heard.
+        // Learning before the stretch is part of the estimate, so the whole drive before it is fed as well.
         let mut driven = Vec::with_capacity(stretches.len());
         let mut left = stretches.iter().peekable();
         let mut track: Vec<(f64, PlanarPose)> = Vec::new();

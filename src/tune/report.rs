@@ -1,4 +1,4 @@
-//! What tuning has found, for people and for `simulate --conditions`.
+//! The outcome of tuning as text, as a page, and for `simulate --conditions`.
 
 use super::objective::{Comparison, Figures};
 use super::outcome::Outcome;
@@ -37,7 +37,7 @@ pub fn yaml(outcome: &Outcome) -> Result<String> {
     ))
 }
 
-/// Returns what was found in a sentence.
+/// Returns the outcome in a sentence.
 fn finding(outcome: &Outcome) -> String {
     let held_out = &outcome.held_out;
     let change = |cost: f64| {
@@ -97,7 +97,7 @@ fn objective(outcome: &Outcome) -> String {
     )
 }
 
-/// Returns the result as a table for people.
+/// Returns the result as a text table.
 pub fn table(outcome: &Outcome) -> String {
     let mut text = format!(
         "{}: {}\n{}\n",

@@ -5,16 +5,16 @@ use anyhow::Result;
 use cobyla::{Func, RhoBeg, StopTols, minimize};
 use std::cell::RefCell;
 
-/// First change of a setting, as a logarithm: half as large again.
+/// First change of a setting, as a logarithm: a factor of 1.5.
 const FIRST_STEP: f64 = 0.405;
 /// Change below which the search ends: 2 %.
 const LAST_STEP: f64 = 0.02;
 
-/// Searches factors on so many settings, from all 1, for the least of `cost`, which gets the number of
-/// the try, from 1, and the factors. The same costs give the same search. `None` ends it.
+/// Searches for factors on the settings, starting from 1, that minimise `cost`, which gets the number of the trial,
+/// from 1, and the factors. The search is deterministic. A cost of `None` ends it.
 ///
 /// # Errors
-/// The first of `cost`.
+/// The first error of `cost`.
 pub fn search(
     settings: usize,
     options: &Options,
@@ -31,7 +31,7 @@ pub fn search(
         ended: Ok(false),
     });
     let logarithm = options.factor.ln();
-    // COBYLA cannot be stopped from within: after the end what is left of its tries is all alike.
+    // COBYLA cannot be stopped from within: after the end, all remaining trials get the same cost.
     let objective = |logarithms: &[f64], _: &mut ()| {
         let mut state = state.borrow_mut();
         if !matches!(state.ended, Ok(false)) {
@@ -56,7 +56,7 @@ pub fn search(
         }
     };
     let constraints: [&dyn Func<()>; 0] = [];
-    // What it returns is the best of the tries, or that rounding ended them: both are known.
+    // Its result is ignored: the best trial is already known.
     let _ = minimize(
         objective,
         &vec![0.0; settings],

@@ -1,12 +1,12 @@
-//! Settings of a controller that are searched.
+//! The searched settings of a controller.
 
 use crate::config::{find, put};
 use anyhow::{Context, Result, bail};
 use serde::Serialize;
 use serde_yaml::{Mapping, Value};
 
-/// What is searched unless the command line says otherwise: how hard the MPC pulls to the path, how calmly it
-/// steers, with and without trust in its model, and how fast its estimate follows the poses.
+/// Settings searched by default: how strongly the MPC corrects errors, how calmly it steers, with and without trust in
+/// its model, and how fast its estimate follows the poses.
 pub const DEFAULT_KEYS: [&str; 7] = [
     "weights.cross_per_m2",
     "weights.along_per_m2",
@@ -29,11 +29,11 @@ pub struct Setting {
 }
 
 impl Setting {
-    /// Returns the settings of these keys with the values that they have in `present`, all settings of the
-    /// controllers. `is_drawn` says whether a campaign draws a key.
+    /// Returns the settings with these keys and their values in `present`, the settings of the controller. `is_drawn`
+    /// tells whether a campaign draws a key.
     ///
     /// # Errors
-    /// Names the key that is none, is no positive number, is drawn by the campaign, or stands twice.
+    /// Names the key that is unknown, is not a positive number, is drawn by the campaign, or occurs twice.
     pub fn all(
         present: &Mapping,
         keys: &[String],
@@ -67,7 +67,7 @@ impl Setting {
             .collect()
     }
 
-    /// Returns the value times a factor; as it is where that is 1.
+    /// Returns the value times a factor; unchanged if the factor is 1.
     pub fn at(&self, factor: f64) -> f64 {
         if factor == 1.0 {
             self.before
@@ -85,12 +85,12 @@ impl Setting {
     }
 }
 
-/// Four digits: what a person can read and write down gives the same figures.
+/// Four digits, so that typing in the printed value gives the same results.
 fn rounded(value: f64) -> f64 {
     format!("{value:.3e}").parse().unwrap_or(value)
 }
 
-/// Returns the keys of a scenario with these settings, each times its factor; as they are where that is 1.
+/// Returns the keys of a scenario with these settings, each times its factor; unchanged if the factor is 1.
 pub fn mapping(settings: &[Setting], factors: &[f64]) -> Mapping {
     let mut keys = Mapping::new();
     for (setting, factor) in settings.iter().zip(factors) {

@@ -1,4 +1,4 @@
-//! What a search tries settings on.
+//! The data on which a search tries settings.
 
 use super::objective::Driven;
 use super::settings::Setting;
@@ -7,7 +7,7 @@ use serde::Serialize;
 use sidehill_controller::config::ControllerKind;
 use std::ops::Range;
 
-/// What a search judges settings by.
+/// The data by which a search judges settings.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum SubjectKind {
@@ -17,18 +17,18 @@ pub enum SubjectKind {
     Recording,
 }
 
-/// Drives runs under settings that are so many times the present ones.
+/// Evaluates runs with the present settings times the given factors.
 pub(super) type Drive<'a> = dyn Fn(&[f64], Range<u32>) -> Result<Vec<Driven>> + 'a;
 
-/// What settings are tried on.
+/// Runs or recording on which settings are tried.
 pub(super) struct Subject<'a> {
     pub(super) kind: SubjectKind,
     pub(super) name: String,
-    /// What makes it the same.
+    /// Its identity.
     pub(super) fingerprint: String,
     pub(super) controller: ControllerKind,
     pub(super) settings: Vec<Setting>,
-    /// Runs that the search sees, and those that decide.
+    /// Training runs and held-out runs.
     pub(super) training: Range<u32>,
     pub(super) held_out: Range<u32>,
     pub(super) drive: Box<Drive<'a>>,

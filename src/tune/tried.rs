@@ -1,22 +1,22 @@
-//! What was tried, on the disk: a line of CSV each, so that a search that was killed goes on.
+//! The trials of a search on disk, one CSV line each, so that a killed search can continue.
 
 use anyhow::{Context, Result, bail};
 use std::fs::{File, OpenOptions};
 use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
 
-/// Choices of settings with their costs, in the order in which they were tried.
+/// Trials in their order: settings with their costs.
 pub struct Tried {
     file: Option<(PathBuf, File)>,
     rows: Vec<(Vec<f64>, f64)>,
 }
 
 impl Tried {
-    /// Opens the file of a search or begins one; a torn last line is cut off. Without a path it is in
-    /// memory only.
+    /// Opens or creates the file of a search; an incomplete last line is cut off. Without a path, trials are kept
+    /// in memory only.
     ///
     /// # Errors
-    /// A file of another search, or what the disk says.
+    /// A file of another search, or an I/O error.
     pub fn open(path: Option<&Path>, search: &str, keys: &[String]) -> Result<Self> {
         let Some(path) = path else {
             return Ok(Self {
@@ -67,10 +67,10 @@ impl Tried {
         })
     }
 
-    /// Returns the cost of try `number`, from 1, where it is known.
+    /// Returns the cost of trial `number`, from 1, if it is known.
     ///
     /// # Errors
-    /// Where another choice was tried then: the file is of another machine or build.
+    /// The recorded trial had other settings: the file is from another machine or build.
     pub fn cost(&self, number: u32, factors: &[f64]) -> Result<Option<f64>> {
         let Some((held, cost)) = self.rows.get(number as usize - 1) else {
             return Ok(None);
@@ -85,10 +85,10 @@ impl Tried {
         Ok(Some(*cost))
     }
 
-    /// Adds a try and waits until it is on the disk.
+    /// Adds a trial and waits until it is on disk.
     ///
     /// # Errors
-    /// What the disk says.
+    /// An I/O error.
     pub fn add(&mut self, factors: &[f64], cost: f64) -> Result<()> {
         if let Some((path, file)) = &mut self.file {
             let fields = factors.iter().chain([&cost]).map(f64::to_string);
@@ -101,7 +101,7 @@ impl Tried {
         Ok(())
     }
 
-    /// Returns the choice of the least cost; the first of equal ones.
+    /// Returns the trial with the lowest cost, the first of equal ones.
     pub fn best(&self) -> Option<Vec<f64>> {
         let best = self.rows.iter().min_by(|a, b| a.1.total_cmp(&b.1))?;
         Some(best.0.clone())

@@ -12,7 +12,7 @@ use sidehill_bridge::rover::{CanRover, CanRoverSetup};
 use sidehill_plant::simulation::TrueState;
 use std::sync::Arc;
 
-/// Commands that wait for the simulation, at most: two cycles of a dozen messages.
+/// Capacity for commands that wait for the simulation: two cycles of a dozen messages.
 const WAITING_MAX: usize = 64;
 
 pub(super) struct BusRover {
@@ -52,7 +52,7 @@ impl BusRover {
 impl Rover for BusRover {
     fn advance(&mut self, now_s: f64) -> Result<bool> {
         while let Ok((time_s, frame)) = self.waiting.pop() {
-            // Refusals are counted; the drives go on without.
+            // Invalid frames are counted and ignored.
             let _ = self.vehicle.take(&frame, time_s);
         }
         self.vehicle.advance(now_s)?;
@@ -62,7 +62,7 @@ impl Rover for BusRover {
         }
         let sender = &mut self.sender;
         self.vehicle.flush(now_s, |frame| {
-            // A frame that is lost shows itself as a gap of the counter, or as silence.
+            // The controller detects a lost frame by a gap in the counter, or by silence.
             let _ = sender.send(&frame);
         });
         Ok(due)
@@ -77,7 +77,7 @@ impl Rover for BusRover {
     }
 }
 
-/// Returns the vehicle of a configuration in its world, off.
+/// Returns the vehicle of a configuration in its world, with its drives off.
 pub(super) fn build(
     config: &VehicleConfig,
     world: &Prepared,

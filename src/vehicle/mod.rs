@@ -7,6 +7,7 @@ mod rover;
 
 use crate::config::{Bundle, ConfigFile, VehicleConfig, VehiclePort};
 use crate::console;
+use crate::interrupts::Interrupts;
 use crate::output;
 use crate::recording::{self, LIVE, VehicleRecording};
 use anyhow::{Context, Result, ensure};
@@ -23,7 +24,6 @@ use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Arguments of `sidehill vehicle`.
 #[derive(Debug, clap::Args)]
@@ -48,7 +48,7 @@ pub struct VehicleArgs {
     pub duration_s: Option<f64>,
 }
 
-/// Runs a virtual vehicle until its time is over or a signal ends it; `ros` is what stood after
+/// Runs a virtual vehicle until its time is over or a signal ends it; `ros` are the arguments after
 /// `--ros-args`.
 ///
 /// # Errors
@@ -89,6 +89,7 @@ pub fn run(args: &VehicleArgs, ros: &[String]) -> Result<ExitCode> {
         dt_s: world.step_s,
         factor: 1.0,
         duration_s: args.duration_s,
+        interrupts: Interrupts::watch()?,
     };
     match config.port {
         VehiclePort::Can => {
@@ -129,13 +130,14 @@ pub fn check(file: &ConfigFile) -> Result<()> {
     .with_context(|| file.name())
 }
 
-/// How simulated time goes on.
+/// How fast simulated time runs, and when it ends.
 struct Pace {
     epoch: Epoch,
     dt_s: f64,
-    /// Simulated seconds in one of the world.
+    /// Simulated seconds per second.
     factor: f64,
     duration_s: Option<f64>,
+    interrupts: Interrupts,
 }
 
 impl Pace {
@@ -145,14 +147,9 @@ impl Pace {
         mut truth: Option<Truth>,
         recording: Option<VehicleRecording>,
     ) -> Result<ExitCode> {
-        let ended = Arc::new(AtomicBool::new(false));
-        use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
-        for signal in [SIGINT, SIGTERM, SIGHUP] {
-            signal_hook::flag::register(signal, Arc::clone(&ended))?;
-        }
         let mut clock = Clock::Real(self.epoch);
         let mut step: u64 = 0;
-        while !ended.load(Ordering::Relaxed) {
+        while !self.interrupts.ended() {
             step += 1;
             clock.wait_until(step as f64 * self.dt_s / self.factor);
             let now_s = clock.now_s() * self.factor;
@@ -162,8 +159,11 @@ impl Pace {
             {
                 break;
             }
-            // What a late wake-up has missed is simulated now.
+            // Catch up after a late wake-up.
             step = step.max((now_s / self.dt_s) as u64);
+            if self.interrupts.take_resumed() {
+                rover.resume()?;
+            }
             let reported = rover.advance(now_s)?;
             if let Some(recording) = recording.as_ref().filter(|_| reported) {
                 recording.take(rover.state());
@@ -215,7 +215,7 @@ impl Truth {
             s.motors.traction_m_s,
             s.motors.steer_m_s,
         )?;
-        // Written through, so that the rows of a vehicle that is killed are there.
+        // Flush, so that the rows survive if the process is killed.
         self.0.flush()?;
         Ok(())
     }

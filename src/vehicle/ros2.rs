@@ -9,8 +9,6 @@ use sidehill_bridge::drives::Epoch;
 use sidehill_bridge::ros2::node::arguments::{RosArguments, RosEnvironment};
 use sidehill_bridge::ros2::port::rover::{RosVehicle, VehicleNode, VehicleSetup};
 use sidehill_plant::simulation::TrueState;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 
 pub(super) struct RosRover {
     vehicle: RosVehicle,
@@ -18,8 +16,6 @@ pub(super) struct RosRover {
     origin_ns: i64,
     arguments: RosArguments,
     environment: RosEnvironment,
-    /// Whether the process has been stopped and continued.
-    continued: Arc<AtomicBool>,
 }
 
 impl RosRover {
@@ -30,7 +26,7 @@ impl RosRover {
         epoch: Epoch,
     ) -> Result<Self> {
         let arguments = RosArguments::parse(ros)?;
-        // With a clock of its own its time begins at 0, else with the world's.
+        // If it publishes a clock, its time starts at 0, otherwise at the present time.
         let origin_ns = match config.ros2.clock_factor {
             Some(_) => 0,
             None => (epoch.unix_s(0.0) * 1e9) as i64,
@@ -38,30 +34,18 @@ impl RosRover {
         let vehicle = build(config, world, origin_ns)?;
         let environment = environment()?;
         let node = VehicleNode::start(&vehicle, origin_ns, &arguments, &environment)?;
-        let continued = Arc::new(AtomicBool::new(false));
-        signal_hook::flag::register(signal_hook::consts::SIGCONT, Arc::clone(&continued))?;
         Ok(Self {
             vehicle,
             node,
             origin_ns,
             arguments,
             environment,
-            continued,
         })
     }
 }
 
 impl Rover for RosRover {
     fn advance(&mut self, now_s: f64) -> Result<bool> {
-        if self.continued.swap(false, Ordering::Relaxed) {
-            // RustDDS gives up for good when its wait is interrupted, as by every stop.
-            self.node = VehicleNode::start(
-                &self.vehicle,
-                self.origin_ns,
-                &self.arguments,
-                &self.environment,
-            )?;
-        }
         if let Some(motors) = self.node.command(&self.vehicle) {
             self.vehicle.take(motors, now_s);
         }
@@ -74,6 +58,16 @@ impl Rover for RosRover {
         Ok(due)
     }
 
+    fn resume(&mut self) -> Result<()> {
+        self.node = VehicleNode::start(
+            &self.vehicle,
+            self.origin_ns,
+            &self.arguments,
+            &self.environment,
+        )?;
+        Ok(())
+    }
+
     fn state(&self) -> &TrueState {
         self.vehicle.state()
     }
@@ -83,7 +77,7 @@ impl Rover for RosRover {
     }
 }
 
-/// Returns the vehicle of a configuration in its world, off, with the stamp of its time 0.
+/// Returns the vehicle of a configuration in its world, with its drives off; `origin_ns` is the stamp of its time 0.
 pub(super) fn build(
     config: &VehicleConfig,
     world: &Prepared,

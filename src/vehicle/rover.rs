@@ -4,10 +4,14 @@ use sidehill_plant::simulation::TrueState;
 
 /// A virtual rover with its port.
 pub(super) trait Rover {
-    /// Takes commands, simulates until `now_s`, and reports where that is due; returns whether it
-    /// was.
+    /// Takes commands, simulates until `now_s`, and sends a report if one is due; returns whether it
+    /// did.
     fn advance(&mut self, now_s: f64) -> Result<bool>;
-    /// What is true.
+    /// Recovers the port after the process was suspended.
+    fn resume(&mut self) -> Result<()> {
+        Ok(())
+    }
+    /// The true state.
     fn state(&self) -> &TrueState;
     /// State of the drives.
     fn mode(&self) -> DriveMode;

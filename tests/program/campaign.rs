@@ -117,7 +117,7 @@ fn a_killed_campaign_is_resumed_without_a_row_lost_or_twice() {
     child.wait().unwrap();
     let held = lines();
     assert!((6..61).contains(&held), "{held} lines when it was killed");
-    // What a kill in the middle of a write would have left.
+    // What a kill in the middle of a write would leave.
     let text = short.text("killed.csv");
     let torn = text.trim_end().len() - 7;
     std::fs::write(short.path("killed.csv"), &text[..torn]).unwrap();
@@ -141,7 +141,7 @@ fn parts_merge_into_the_file_of_one_machine() {
     assert_eq!(short.rows("c.csv").len(), 1 + 4 * 2);
     succeed(&mut short.merge(&["a.csv", "b.csv", "c.csv"], "merged.csv"));
     assert_eq!(short.text("merged.csv"), short.text("whole.csv"));
-    // Without --out the same goes to standard output, and a torn last line is left out.
+    // Without --out the result goes to standard output, without the incomplete last line.
     let text = short.text("b.csv");
     short.write("torn.csv", &text[..text.len() - 7]);
     let printed = sidehill()
@@ -152,12 +152,12 @@ fn parts_merge_into_the_file_of_one_machine() {
     assert!(printed.status.success());
     assert_eq!(printed.stdout, short.text("whole.csv").as_bytes());
     assert_says(&crate::stderr(&printed), &["torn.csv", "torn"]);
-    // What `--out` holds already stays.
+    // Existing rows of `--out` are kept.
     succeed(&mut short.merge(&["b.csv"], "c.csv"));
     let both = short.text("c.csv");
     assert_eq!(both, short.text("whole.csv")[..both.len()]);
     assert_eq!(both.lines().count(), 1 + 7 * 2);
-    // A merged file is one that `campaign` goes on with.
+    // `campaign` continues from a merged file.
     succeed(&mut short.command("c.csv", &["--runs", "12"]));
     assert_eq!(short.text("c.csv"), short.text("whole.csv"));
 }

@@ -31,7 +31,7 @@ fn every_vehicle_scenario_conditions_and_campaign_of_the_repository_is_valid() {
     assert_eq!(lines.lines().count(), files.len());
 }
 
-/// Returns what `check` says of a file with `text`.
+/// Returns the output of `check` for a file with `text`.
 fn complaint(name: &str, text: &str) -> String {
     let course = Course::new("");
     let file = course.write(name, text);

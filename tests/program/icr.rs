@@ -6,7 +6,7 @@ use std::process::{Output, Stdio};
 
 const INPUTS: [&str; 4] = ["roll_rad", "pitch_rad", "v_left_m_s", "v_right_m_s"];
 
-/// Returns what `sidehill icr` says to `input`.
+/// Returns the output of `sidehill icr` for `input`.
 fn icr(vehicle: &str, input: &str) -> Output {
     let mut child = sidehill()
         .args(["icr", "--vehicle"])
@@ -16,12 +16,12 @@ fn icr(vehicle: &str, input: &str) -> Output {
         .stderr(Stdio::piped())
         .spawn()
         .unwrap();
-    // In a thread of its own: both pipes hold less than all the lines.
+    // In its own thread, because the pipes cannot hold all lines.
     let mut stdin = child.stdin.take().unwrap();
     let input = input.to_owned();
     let writer = std::thread::spawn(move || stdin.write_all(input.as_bytes()));
     let output = child.wait_with_output().unwrap();
-    // A program that has ended early has closed the pipe.
+    // The pipe is closed if the program has ended early.
     let _ = writer.join().unwrap();
     output
 }

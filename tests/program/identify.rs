@@ -1,6 +1,6 @@
-//! `sidehill identify --contact` on the logs of `sidehill simulate --out`.
+//! `sidehill identify`: on logs of real vehicles, and with `--contact` on those of `simulate --out`.
 
-use crate::{assert_says, repository, sidehill, succeed};
+use crate::{Course, assert_says, repository, sidehill, succeed};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 
@@ -52,7 +52,7 @@ fn the_wheels_come_back_within_their_intervals_and_what_is_not_told_apart_is_nam
     let figure_eight = log("figure_eight", folder.path());
     let slalom = log("slalom", folder.path());
 
-    // One course at one slope: loads and lateral share do the same to it.
+    // On one course at one slope, loads and lateral share have the same effect.
     let alone = identify(&[&figure_eight], folder.path(), "table");
     assert_says(
         &alone,
@@ -79,10 +79,94 @@ fn the_wheels_come_back_within_their_intervals_and_what_is_not_told_apart_is_nam
     }
     assert!(inside >= 9, "{inside} of {}: {contact}", TRUTH.len());
 
-    // What is found is what contact-mpc starts from.
+    // contact-mpc starts from the identified parameters.
     let text = std::fs::read_to_string(folder.path().join("found.yaml")).unwrap();
     let vehicle: Value = serde_yaml::from_str(&text).unwrap();
     let found = vehicle["contact"]["friction"].as_f64().unwrap();
     let printed = contact["estimates"]["friction"]["value"].as_f64().unwrap();
     assert!((found - printed).abs() < 1e-9, "{found} {printed}");
+}
+
+#[test]
+fn a_gain_that_the_logs_do_not_determine_is_said_to_be_so() {
+    let course = Course::new("");
+    let logs = repository("plant/tests/data/trento_ramps");
+    let out = course.path("identified.yaml");
+    // A log of level ground, given as one of a slope.
+    let said = succeed(
+        sidehill()
+            .arg("identify")
+            .arg("--slope")
+            .arg(logs.join("flat_left_5.48.csv"))
+            .args(["--segment-s", "4", "--columns"])
+            .arg(logs.join("columns.yaml"))
+            .arg("--vehicle")
+            .arg(logs.join("vehicle.yaml"))
+            .arg("--out")
+            .arg(&out),
+    );
+    assert_says(
+        &said,
+        &[
+            "not determined by these logs, stays at 0.2",
+            "lambda_1_s_per_rad",
+            "verdict: good enough to drive at up to 2 deg",
+            "the slope logs were made on 0.0 deg",
+        ],
+    );
+    // An unknown value is not written as if it were known: that of the start vehicle is kept.
+    let yaml = std::fs::read_to_string(out).unwrap();
+    assert_says(
+        &yaml,
+        &[
+            "# NOT DETERMINED by these logs",
+            "\nlambda_1_s_per_rad: 0.2\n",
+        ],
+    );
+}
+
+/// Returns what `identify --format json` says of logs of real vehicles.
+fn identified(folder: &str, level: &[&str], slope: &[&str], segment_s: &str) -> serde_json::Value {
+    let course = Course::new("");
+    let logs = repository("plant/tests/data").join(folder);
+    let mut command = sidehill();
+    command.args(["identify", "--format", "json", "--segment-s", segment_s]);
+    for (option, names) in [("--level", level), ("--slope", slope)] {
+        for name in names {
+            command.arg(option).arg(logs.join(name));
+        }
+    }
+    let columns = [logs.join("columns.yaml"), logs.join("vehicle.yaml")];
+    command.arg("--columns").arg(&columns[0]);
+    command.arg("--vehicle").arg(&columns[1]);
+    command.arg("--out").arg(course.path("identified.yaml"));
+    serde_json::from_str(&succeed(&mut command)).unwrap()
+}
+
+#[test]
+fn an_identification_ends_with_a_verdict_and_its_reasons() {
+    let level = [
+        "flat_left_-5.48.csv",
+        "flat_left_5.48.csv",
+        "flat_left_10.17.csv",
+    ];
+    let slope = ["ramp_0.150_left_18.0.csv", "ramp_0.150_left_-18.0.csv"];
+    let good = identified("trento_ramps", &level, &slope, "4");
+    let max_slope_deg = good["verdict"]["max_slope_deg"].as_f64().unwrap();
+    assert!((8.0..=14.0).contains(&max_slope_deg), "{good}");
+    let gain = &good["slope"]["estimates"]["lambda_1_s_per_rad"]["value"];
+    assert_eq!(good["vehicle"]["lambda_1_s_per_rad"], *gain);
+    // On ramps lambda_2 is 0 within its interval.
+    let unknown = &good["slope"]["undetermined"]["lambda_2_s_per_rad"];
+    assert_eq!(unknown["kept"], 0.1);
+    assert_eq!(good["vehicle"]["lambda_2_s_per_rad"], 0.1);
+
+    // 20 segments on grass hardly distinguish the ICRs from the wheels' factors.
+    let poor = identified("warthog_grass", &["train.csv"], &[], "2");
+    assert_eq!(poor["verdict"]["max_slope_deg"], 0.0, "{poor}");
+    let reasons = poor["verdict"]["reasons"].to_string();
+    assert_says(&reasons, &["do not determine x_icr", "no slope logs"]);
+    assert_eq!(poor["vehicle"]["x_icr_right_m"], 0.8);
+    let shown = &poor["level"]["undetermined"]["x_icr_right_m"]["half_width_95"];
+    assert!(shown.as_f64().unwrap() > 0.3, "{poor}");
 }

@@ -1,12 +1,14 @@
 //! The program as a person runs it: its binary, files, standard streams and exit status.
 
-// The lints except tests only, not what helps them in these files.
-#![allow(clippy::unwrap_used, clippy::panic)]
+// The lints' exceptions for tests do not reach helper functions.
+#![allow(clippy::unwrap_used, clippy::panic, clippy::print_stdout)]
 
 #[path = "../support/configuration.rs"]
 mod configured;
 #[path = "../support/program.rs"]
 mod program;
+#[path = "../support/running.rs"]
+mod running;
 
 mod campaign;
 mod check;
@@ -16,12 +18,15 @@ mod guide;
 mod guide_blocks;
 mod icr;
 mod identify;
+mod loaders;
 mod mistakes;
 mod odometry;
 mod paths;
 mod readme;
 mod replay;
 mod replay_open_loop;
+mod ros2_client;
+mod run;
 mod schema;
 mod simulate;
 mod simulate_output;
@@ -47,7 +52,7 @@ fn stderr(output: &Output) -> String {
     String::from_utf8(output.stderr.clone()).unwrap()
 }
 
-/// Returns what the program printed, having ended with success.
+/// Runs a command that must succeed and returns its standard output.
 fn succeed(command: &mut Command) -> String {
     let output = command.output().unwrap();
     assert!(
@@ -60,14 +65,14 @@ fn succeed(command: &mut Command) -> String {
     stdout(&output)
 }
 
-/// Returns what the program complained about, having ended with a status other than 0.
+/// Runs a command that must fail and returns its standard error.
 fn fail(command: &mut Command) -> String {
     let output = command.output().unwrap();
     assert!(!output.status.success(), "{}", stdout(&output));
     stderr(&output)
 }
 
-/// Asserts that a message says all of `parts`.
+/// Asserts that a message contains all of `parts`.
 fn assert_says(message: &str, parts: &[&str]) {
     for part in parts {
         assert!(message.contains(part), "no `{part}` in: {message}");
@@ -90,7 +95,7 @@ fn runs(text: &str) -> Vec<Value> {
     value["runs"].as_array().unwrap().clone()
 }
 
-/// A folder with a scenario in it that takes little time: 2 m across a slope of 8 degrees.
+/// A folder with a short scenario: 2 m across a slope of 8 degrees.
 struct Course {
     folder: tempfile::TempDir,
 }

@@ -1,9 +1,9 @@
-//! Mistakes beyond those of `stranger.rs`, each with a message that tells file, place, cause and remedy.
+//! Mistakes beyond those of `stranger.rs`, each with a message that names file, place, cause and remedy.
 
 use crate::{Course, assert_says, fail, repository, sidehill, stderr, text};
 use std::path::PathBuf;
 
-/// Returns what `check` says of a file with these bytes.
+/// Returns the error of `check` for a file with these bytes.
 fn complaint(name: &str, bytes: &[u8]) -> String {
     let course = Course::new("");
     let file = course.path(name);

@@ -48,7 +48,7 @@ fn the_papers_first_validation_gives_its_errors() {
     );
     let figures: Value = serde_json::from_str(&text).unwrap();
     let error = |model: &str, key: &str| figures[model][key].as_f64().unwrap();
-    // Of 478 poses the first is where dead reckoning starts.
+    // Dead reckoning starts at the first of 478 poses.
     assert_eq!(figures["samples"], 477);
     let icrhk_y = error("icrhk", "mse_y");
     assert!((icrhk_y / 0.80 - 1.0).abs() < 0.03, "{icrhk_y} m^2");

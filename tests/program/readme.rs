@@ -45,7 +45,7 @@ fn commands(page: &str) -> Vec<Vec<String>> {
             rest[..end]
                 .split_whitespace()
                 .skip_while(|word| *word == "--")
-                // What follows is for ROS and not for the program's own parser.
+                // The rest is for ROS, not for the program's own parser.
                 .take_while(|word| *word != "--ros-args")
                 .map(str::to_owned)
                 .collect::<Vec<_>>()

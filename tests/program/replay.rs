@@ -62,7 +62,7 @@ fn a_changed_controller_commands_something_else() {
         let (_, success) = json(replay(&file, &change).args(["--tolerance", "10"]));
         assert!(success);
     }
-    // The same vehicle in the same world does the same.
+    // The same vehicle in the same world behaves identically.
     let (figures, success) = json(&mut replay(&file, &["--closed-loop"]));
     assert!(success && figures["different"] == 0, "{figures}");
     let report = course.path("report.html");
@@ -111,7 +111,7 @@ fn a_recording_that_was_cut_off_is_replayed_as_far_as_it_goes() {
         std::fs::write(&cut, &bytes[..(share * bytes.len() as f64) as usize]).unwrap();
         let output = replay(&cut, &["--format", "json"]).output().unwrap();
         let Ok(figures) = serde_json::from_slice::<Value>(&output.stdout) else {
-            // No step is left.
+            // No step remains.
             assert!(!output.status.success());
             continue;
         };
@@ -167,11 +167,11 @@ fn the_worst_runs_of_a_campaign_are_kept() {
     };
     let (figures, success) = json(&mut replay(file, &[]));
     assert!(success && figures["different"] == 0, "{figures}");
-    // Pure pursuit is the worse of the two on a slope.
+    // Pure pursuit is worse on a slope.
     assert_eq!(figures["controller"], "pure-pursuit");
 }
 
-/// How far commands of another machine may be from those of the kept recordings, m/s. 2.9e-9 was measured where the C
+/// Largest difference between commands of another machine and those of the kept recordings, m/s. 2.9e-9 was measured where the C
 /// library computes without fused multiply-add (docs/recording.md).
 const KEPT_TOLERANCE_M_S: f64 = 1e-7;
 
@@ -191,7 +191,7 @@ fn drives_recorded_on_another_machine_are_commanded_again() {
     for controller in ["icrik-mpc", "contact-mpc"] {
         let file = kept(controller, folder.path());
         let (figures, _) = json(&mut replay(&file, &[]));
-        // An infinite difference is no number of JSON.
+        // JSON cannot represent an infinite difference.
         let largest = |figures: &Value| figures["largest_difference_m_s"].as_f64();
         println!(
             "{controller}: versions {}, different {}, largest_difference_m_s {}",
@@ -205,7 +205,7 @@ fn drives_recorded_on_another_machine_are_commanded_again() {
             "{figures}\ncommands differ by more than {KEPT_TOLERANCE_M_S} m/s from those recorded; if the controller was changed \
              on purpose: tests/data/recordings/make"
         );
-        // A controller that is slightly another is told from this one.
+        // A slightly changed controller is detected.
         let (figures, _) = json(&mut replay(&file, &["--set", "weights.cross_per_m2=50.05"]));
         assert!(
             largest(&figures).is_none_or(|largest_m_s| largest_m_s > 100.0 * KEPT_TOLERANCE_M_S),

@@ -64,7 +64,7 @@ fn bags_of_another_program_give_the_figures_of_their_csv() {
             "steer_rms_m_s",
             "cross_track_rms_m",
         ] {
-            // Angles went through quaternions, which changes last digits, and the MPC carries those on.
+            // Angles went through quaternions, which changes the last digits, and the MPC propagates that.
             let difference = number(&figures, name) - number(&csv, name);
             assert!(difference.abs() < 1e-4, "{name}: {figures}\n{csv}");
         }
@@ -120,7 +120,7 @@ fn in_a_drive_of_its_own_the_controller_commands_much_the_same() {
     };
     assert_eq!(tolerance("10"), 0);
     assert_eq!(tolerance("1e-6"), 1);
-    // Motors that are slower than the drive was.
+    // Motors slower than the recorded drive.
     let (slow, _) =
         json(open_loop(&log, &scenario).args(["--set", "limits.traction.speed_m_s=0.2"]));
     assert!(
@@ -129,7 +129,7 @@ fn in_a_drive_of_its_own_the_controller_commands_much_the_same() {
     );
 }
 
-/// Returns the complaint of a command that could not do its work.
+/// Returns the error of a command that fails.
 fn refused(command: &mut Command) -> String {
     assert_eq!(command.output().unwrap().status.code(), Some(2));
     fail(command)

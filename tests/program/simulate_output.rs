@@ -1,6 +1,7 @@
 //! What `sidehill simulate` prints and writes, and what it refuses.
 
 use crate::{Course, assert_says, fail, keys, runs, sidehill, stdout, succeed};
+use serde_json::Value;
 use std::collections::BTreeSet;
 
 /// Fields of a run, design of the program's contract.
@@ -170,4 +171,83 @@ fn the_qps_of_a_run_are_recorded_for_other_solvers() {
     let spoiled = course.write("spoiled.npz", "no archive");
     let error = sidehill::qp_recording::read(&spoiled).unwrap_err();
     assert!(format!("{error:#}").contains("spoiled.npz"), "{error:#}");
+}
+
+#[test]
+fn what_was_learned_is_kept_in_a_file_that_is_refused_where_it_is_wrong() {
+    let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR"));
+    let eight = std::fs::read_to_string(root.join("config/scenarios/figure_eight_10deg.yaml"));
+    let vehicles = root.join("config/vehicles/");
+    let eight = eight
+        .unwrap()
+        .replace("../vehicles/", vehicles.to_str().unwrap())
+        .replace(
+            "\ncontroller:\n",
+            "\nlaps: 2\nfriction: {kind: patches, minimum: 0.6, maximum: 0.9, cell_size_m: 2}\n\
+             controller:\n  memory: {}\n",
+        );
+    let folder = tempfile::tempdir().unwrap();
+    let file = |name: &str, text: &str| {
+        let file = folder.path().join(name);
+        std::fs::write(&file, text).unwrap();
+        file
+    };
+    let kept = folder.path().join("j8.learned");
+    let simulate = |scenario: &std::path::Path, arguments: &[&std::ffi::OsStr]| {
+        let mut command = sidehill();
+        command.arg("simulate").arg(scenario);
+        command.args([
+            "--controller",
+            "icrik-mpc",
+            "--plant",
+            "contact",
+            "--format",
+            "json",
+        ]);
+        command.args(arguments);
+        command
+    };
+    let (two, one) = (
+        file("two.yaml", &eight),
+        file("one.yaml", &eight.replace("laps: 2", "laps: 1")),
+    );
+    let (write, read) = ("--learned-out".as_ref(), "--learned".as_ref());
+    let rms = |run: &Value| run["cross_track_rms_m"].as_f64().unwrap();
+    let run = runs(&succeed(&mut simulate(&two, &[write, kept.as_os_str()]))).remove(0);
+    let laps = run["laps"].as_array().unwrap();
+    assert_eq!(laps.len(), 2, "{run}");
+    let (first, second) = (rms(&laps[0]), rms(&laps[1]));
+    assert!(second < first, "{first} {second}");
+    let fresh = runs(&succeed(&mut simulate(&one, &[]))).remove(0);
+    assert!(fresh.get("laps").is_none());
+    let restarted = simulate(&one, &[read, kept.as_os_str()]).output().unwrap();
+    let restarted = runs(&String::from_utf8(restarted.stdout).unwrap()).remove(0);
+    assert!(rms(&restarted) < rms(&fresh), "{restarted} {fresh}");
+    // A recording contains the learned parameters its controller started from.
+    let recording = folder.path().join("restarted.mcap");
+    let record = ["--learned".as_ref(), kept.as_os_str(), "--record".as_ref()];
+    succeed(simulate(&one, &record).arg(&recording));
+    let mut replay = sidehill();
+    let replay = replay.arg("replay").arg(&recording);
+    let replayed = succeed(replay.args(["--format", "json"]));
+    let replayed: Value = serde_json::from_str(&replayed).unwrap();
+    assert_eq!(replayed["different"], 0, "{replayed}");
+    // Another vehicle, a damaged file, a cut one, none at all, and memory off.
+    let other = eight.replace("\nlaps: 2", "\nmodel_error: {y_icr: 1.1}\nlaps: 1");
+    let other = file("other.yaml", &other);
+    let why = fail(&mut simulate(&other, &[read, kept.as_os_str()]));
+    assert_says(&why, &["refused", "it was learned by j8"]);
+    let whole = std::fs::read_to_string(&kept).unwrap();
+    for (damaged, says) in [
+        (whole.replacen("error_way_m", "eror_way_m", 1), "damaged"),
+        (whole[..whole.len() / 2].to_owned(), "cut short"),
+        ("gains: 1\n".to_owned(), "no file of what was learned"),
+    ] {
+        let damaged = file("damaged.learned", &damaged);
+        let why = fail(&mut simulate(&one, &[read, damaged.as_os_str()]));
+        assert_says(&why, &["damaged.learned", "refused", says]);
+    }
+    let off = file("off.yaml", &eight.replace("memory: {}", "memory: null"));
+    let why = fail(&mut simulate(&off, &[write, kept.as_os_str()]));
+    assert_says(&why, &["--learned-out", "memory"]);
 }

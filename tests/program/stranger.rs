@@ -1,5 +1,5 @@
-//! The first hour of a stranger: mistakes that are made, each with a message that tells file, place,
-//! cause and remedy, and nothing lost.
+//! A new user's first hour: common mistakes, each with a message that names file, place, cause and remedy, and
+//! without loss of data.
 
 use crate::{Course, assert_says, fail, repository, sidehill, stderr, succeed, text};
 use std::process::Stdio;
@@ -21,14 +21,14 @@ fn log() -> String {
     text
 }
 
-/// Returns what `check` says of a file.
+/// Returns the error of `check` for a file.
 fn complaint(name: &str, text: &str) -> String {
     let course = Course::new("");
     let file = course.write(name, text);
     fail(sidehill().arg("check").arg(file))
 }
 
-/// Returns what `check` says of the course's scenario with one text put in place of another.
+/// Returns the error of `check` for the course's scenario with a text replaced.
 fn scenario_complaint(from: &str, to: &str) -> String {
     let course = Course::new("");
     let scenario = std::fs::read_to_string(course.path("scenario.yaml")).unwrap();
@@ -220,7 +220,7 @@ fn nothing_that_exists_is_overwritten() {
     );
     assert_says(&message, &["vehicle.yaml", "exists already", "--force"]);
     assert_eq!(std::fs::read(&vehicle).unwrap(), before);
-    // Found before the work.
+    // Found before any work is done.
     let message = fail(
         sidehill()
             .args(["identify", "--level", "nowhere.csv", "--vehicle"])
@@ -317,90 +317,6 @@ fn what_simulate_writes_is_a_log() {
         error("icrik", "mse_x") < 0.05 * error("icrhk", "mse_x"),
         "{figures}"
     );
-}
-
-#[test]
-fn a_gain_that_the_logs_do_not_determine_is_said_to_be_so() {
-    let course = Course::new("");
-    let logs = repository("plant/tests/data/trento_ramps");
-    let out = course.path("identified.yaml");
-    // A log of level ground, given as one of a slope.
-    let said = succeed(
-        sidehill()
-            .arg("identify")
-            .arg("--slope")
-            .arg(logs.join("flat_left_5.48.csv"))
-            .args(["--segment-s", "4", "--columns"])
-            .arg(logs.join("columns.yaml"))
-            .arg("--vehicle")
-            .arg(logs.join("vehicle.yaml"))
-            .arg("--out")
-            .arg(&out),
-    );
-    assert_says(
-        &said,
-        &[
-            "not determined by these logs, stays at 0.2",
-            "lambda_1_s_per_rad",
-            "verdict: good enough to drive at up to 2 deg",
-            "the slope logs were made on 0.0 deg",
-        ],
-    );
-    // What is not known is not written as if it were: the value of the vehicle before stays.
-    let yaml = std::fs::read_to_string(out).unwrap();
-    assert_says(
-        &yaml,
-        &[
-            "# NOT DETERMINED by these logs",
-            "\nlambda_1_s_per_rad: 0.2\n",
-        ],
-    );
-}
-
-/// Returns what `identify --format json` says of logs of real vehicles.
-fn identified(folder: &str, level: &[&str], slope: &[&str], segment_s: &str) -> serde_json::Value {
-    let course = Course::new("");
-    let logs = repository("plant/tests/data").join(folder);
-    let mut command = sidehill();
-    command.args(["identify", "--format", "json", "--segment-s", segment_s]);
-    for (option, names) in [("--level", level), ("--slope", slope)] {
-        for name in names {
-            command.arg(option).arg(logs.join(name));
-        }
-    }
-    let columns = [logs.join("columns.yaml"), logs.join("vehicle.yaml")];
-    command.arg("--columns").arg(&columns[0]);
-    command.arg("--vehicle").arg(&columns[1]);
-    command.arg("--out").arg(course.path("identified.yaml"));
-    serde_json::from_str(&succeed(&mut command)).unwrap()
-}
-
-#[test]
-fn an_identification_ends_with_a_verdict_and_its_reasons() {
-    let level = [
-        "flat_left_-5.48.csv",
-        "flat_left_5.48.csv",
-        "flat_left_10.17.csv",
-    ];
-    let slope = ["ramp_0.150_left_18.0.csv", "ramp_0.150_left_-18.0.csv"];
-    let good = identified("trento_ramps", &level, &slope, "4");
-    let max_slope_deg = good["verdict"]["max_slope_deg"].as_f64().unwrap();
-    assert!((8.0..=14.0).contains(&max_slope_deg), "{good}");
-    let gain = &good["slope"]["estimates"]["lambda_1_s_per_rad"]["value"];
-    assert_eq!(good["vehicle"]["lambda_1_s_per_rad"], *gain);
-    // On ramps lambda_2 is 0 within its interval.
-    let unknown = &good["slope"]["undetermined"]["lambda_2_s_per_rad"];
-    assert_eq!(unknown["kept"], 0.1);
-    assert_eq!(good["vehicle"]["lambda_2_s_per_rad"], 0.1);
-
-    // 20 segments of moving on grass hardly tell the ICRs from the wheels' factors.
-    let poor = identified("warthog_grass", &["train.csv"], &[], "2");
-    assert_eq!(poor["verdict"]["max_slope_deg"], 0.0, "{poor}");
-    let reasons = poor["verdict"]["reasons"].to_string();
-    assert_says(&reasons, &["do not determine x_icr", "no slope logs"]);
-    assert_eq!(poor["vehicle"]["x_icr_right_m"], 0.8);
-    let shown = &poor["level"]["undetermined"]["x_icr_right_m"]["half_width_95"];
-    assert!(shown.as_f64().unwrap() > 0.3, "{poor}");
 }
 
 #[test]

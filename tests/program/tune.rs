@@ -5,7 +5,7 @@ use serde_json::Value;
 use std::path::PathBuf;
 use std::process::Command;
 
-/// A folder with a campaign whose controller hardly heeds its path.
+/// A folder with a campaign whose controller hardly corrects errors.
 struct Bad {
     folder: tempfile::TempDir,
 }
@@ -82,7 +82,7 @@ fn better_settings_are_conditions_with_their_evidence() {
             &format!("cross_per_m2: {after}"),
         ],
     );
-    // The file is conditions, and a whole page says the same.
+    // The file contains conditions, and a complete page shows the same.
     succeed(sidehill().arg("check").arg(bad.path("tuned.yaml")));
     let page = bad.text("report.html");
     roxmltree::Document::parse_with_options(
@@ -98,7 +98,7 @@ fn better_settings_are_conditions_with_their_evidence() {
         &["Better: in 8 runs", &format!("{:.2}", 100.0 * after_m)],
     );
 
-    // What exists is kept.
+    // Existing files are kept.
     let refused = fail(&mut bad.command("tuned.yaml", &[]));
     assert_says(&refused, &["tuned.yaml: exists already"]);
 }
@@ -120,7 +120,7 @@ fn a_recording_judges_settings_of_the_estimator() {
         repository("config/vehicles/j8.yaml").display()
     );
     std::fs::write(&scenario, text).unwrap();
-    // Noise as in reality, and an estimate that learns next to nothing.
+    // Realistic noise, and an estimator that learns next to nothing.
     let realistic =
         std::fs::read_to_string(repository("config/conditions/realistic.yaml")).unwrap();
     let conditions = bad.path("conditions.yaml");
@@ -185,7 +185,7 @@ fn a_search_goes_on_where_it_was_killed() {
     let lines = bad.text("whole.tried.csv");
     let kept: Vec<&str> = lines.split_inclusive('\n').collect();
     assert!(kept.len() >= 2 + 4, "{lines}");
-    // Two tries are there, and a third is torn.
+    // Two trials, and an incomplete third.
     let torn = format!("{}{}", kept[..4].concat(), &kept[4][..5]);
     std::fs::write(bad.path("killed.tried.csv"), torn).unwrap();
     let again = succeed(&mut bad.command("killed.yaml", &["--format", "json", "--threads", "1"]));
@@ -193,7 +193,7 @@ fn a_search_goes_on_where_it_was_killed() {
     assert_eq!(bad.text("killed.tried.csv"), lines);
     assert_eq!(bad.text("killed.yaml"), bad.text("whole.yaml"));
 
-    // Tries of another search are not taken for those of this one.
+    // Trials of another search are rejected.
     let refused = fail(&mut bad.command("killed.yaml", &["--force", "--calmness", "0.5"]));
     assert_says(&refused, &["killed.tried.csv: made by another search"]);
     let changed = lines.replacen(kept[3], &kept[3].replacen("1.", "1.0001", 1), 1);
@@ -205,7 +205,7 @@ fn a_search_goes_on_where_it_was_killed() {
 #[test]
 fn without_proof_nothing_is_written() {
     let bad = Bad::new();
-    // Time for no try: the present settings are all there is.
+    // No time for a trial: only the present settings were evaluated.
     let output = bad
         .command("tuned.yaml", &["--minutes", "0.001"])
         .output()

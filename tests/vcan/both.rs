@@ -45,7 +45,7 @@ impl Client {
         client
     }
 
-    /// The client's own patience is the limit of this wait; an end without a word fails.
+    /// The client's own time limit bounds this wait; an end without output fails.
     fn line(&mut self) -> String {
         let mut line = String::new();
         self.answers.read_line(&mut line).unwrap();
@@ -89,7 +89,7 @@ impl Drop for Client {
     }
 }
 
-/// A vehicle and a controller on the bus, a client on the graph, and who watches the bus.
+/// A vehicle and a controller on the bus, a client on ROS 2, and an observer of the bus.
 struct Rig {
     folder: Folder,
     observer: Observer,
@@ -100,7 +100,7 @@ struct Rig {
 
 impl Rig {
     fn new(name: &str) -> Self {
-        // A domain for each test, so that none hears of another's programs.
+        // A separate domain for each test, so that tests do not interfere.
         static TESTS: AtomicU16 = AtomicU16::new(1);
         let domain = TESTS.fetch_add(1, Ordering::Relaxed);
         let folder = Folder::new(name);
@@ -140,7 +140,7 @@ impl Rig {
         assert!(enabling.1 - zeroing.1 >= 0.2, "{states:?}");
     }
 
-    /// Nothing moves for a while.
+    /// Asserts that nothing moves for a while.
     #[track_caller]
     fn assert_stays_off(&self) {
         let before = self.observer.seen().len();
@@ -190,13 +190,13 @@ fn a_goal_of_ros_2_is_driven_over_can() {
     assert!(rms_m <= 0.03, "{rms_m}");
     decode_with_cantools(&rig.folder, "j8.dbc");
 
-    // Without a path there is nothing to be off, before the goal and after it.
+    // Without a path there is no cross-track error: before the goal and after it.
     let file = rig.folder.0.join("run/cycles.csv");
     let mut reader = csv::Reader::from_path(file).unwrap();
     let rows: Vec<Row> = reader.deserialize().collect::<Result<_, _>>().unwrap();
     let driving: Vec<&Row> = rows.iter().filter(|row| row.state == "driving").collect();
     assert!(driving.len() > 800);
-    // A drive begins with an estimate made from nothing, for which the first readings are needed.
+    // A drive starts with a new estimate, which needs the first readings.
     for row in &driving[10..] {
         assert!(row.cross_track_m.unwrap().abs() < 0.05);
     }
@@ -223,7 +223,7 @@ fn the_emergency_stop_of_ros_2_and_a_cancel_stop_the_drives_on_the_bus() {
     assert_eq!(pressed["emergency_stop"], "true", "{pressed}");
     rig.client
         .assert_stopped_by("the emergency stop is pressed");
-    // While it is pressed nothing is driven, and its release does not drive.
+    // While it is pressed nothing moves, and releasing it does not start driving.
     rig.client.assert_accepted("straight 15", true);
     rig.client
         .assert_result(ABORTED, UNKNOWN, "the emergency stop is pressed");

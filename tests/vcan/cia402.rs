@@ -9,7 +9,7 @@ use std::path::Path;
 use std::process::{ChildStdin, Command, Stdio};
 use std::time::{Duration, Instant};
 
-/// From the drives' setup: the silence of this program that they bear, s, and their time to stop.
+/// From the drives' setup: how long this program may be silent, s, and their time to stop.
 const CONSUMER_S: f64 = 0.2;
 const QUICK_STOP_S: f64 = 0.75 / 3.0;
 /// Age of the newest heartbeat or PDO, s.
@@ -89,7 +89,7 @@ fn drives_of_canopen_are_set_up_enabled_and_driven_forward_and_back() {
     println!("{ending}\n{}", folder.events());
     assert_eq!(ending["ended"], "finished");
     decode_with_cantools(&folder, "cia402.dbc");
-    // What the drives say that they did, in their own log.
+    // The drives' own log.
     let truth = folder.truth();
     let range = |value: fn(&Truth) -> f64| {
         let values = || truth.iter().map(value);
@@ -127,7 +127,7 @@ fn faults_of_canopen_drives_stop_both_until_re_armed() {
     let run = run(&folder, &["--arm"], FIGURE_EIGHT);
     observer.wait_for_driving(1.5);
     for (fault, end, limit_s) in [
-        // A report until it is told, a cycle until it acts.
+        // Up to a report until it is known, and a cycle until it acts.
         ("fault steer", None, HEARTBEAT_S + CYCLE_S),
         ("stop traction", None, HEARTBEAT_S + CYCLE_S),
         (
@@ -140,7 +140,7 @@ fn faults_of_canopen_drives_stop_both_until_re_armed() {
     ] {
         let begin_s = unix_now_s();
         if fault == "reset" {
-            // By another network management.
+            // By another NMT master.
             let reset = Command::new("cansend").args([BUS, "000#8101"]).status();
             assert!(reset.unwrap().success());
         } else {
@@ -246,7 +246,7 @@ fn the_virtual_vehicle_plays_drives_of_cia_402() {
     let on = truth.iter().find(|row| row.mode == "Enabled").unwrap();
     sleep_s(4.0);
     let took_s = observer.off_after_s(on.unix_s + 3.0);
-    // A PDO until it is told, a cycle until it acts.
+    // Up to a PDO until it is known, and a cycle until it acts.
     assert_off("cia402: virtual emergency stop", took_s, 2.0 * CYCLE_S);
     let events = folder.events();
     for event in [

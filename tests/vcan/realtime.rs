@@ -20,8 +20,8 @@ use std::time::Duration;
 /// Documented limit of docs/can.md, s: the time-out, a cycle until it acts, the ramp, and a cycle.
 const COMMANDS_OFF_AFTER_A_HANG_S: f64 = 0.15 + CYCLE_S + RAMP_S + CYCLE_S;
 
-/// A thread of another program that does nothing, as if it hung. A signal would stop the whole
-/// program; the freezer of control groups (version 1) takes single threads.
+/// A frozen thread of another program, as if it hung. A signal would stop the whole program; the freezer of control
+/// groups (version 1) can freeze single threads.
 struct Held;
 
 const FREEZER: &str = "/run/freezer";
@@ -75,7 +75,7 @@ fn a_controller_that_hangs_stops_until_re_armed_and_does_not_hold_the_end() {
     assert!(folder.events().contains("the command is 0."));
     assert_rearms("hang", &run, &observer);
 
-    // It does not hold the end of the program either; the kernel keeps what is frozen until then.
+    // It does not delay the end of the program either; the kernel keeps the frozen thread until then.
     let held = Held::hold(run.thread("controller"));
     run.signal(Signal::TERM);
     sleep_s(2.0);
@@ -109,7 +109,7 @@ fn a_program_that_is_frozen_and_thawed_does_not_move_by_itself() {
     assert_rearms("frozen", &run, &observer);
 }
 
-/// Wants to go straight on, until it panics.
+/// Drives straight ahead until it panics.
 struct Panicking {
     moving: u32,
     panicked_s: Arc<Mutex<Option<f64>>>,
@@ -185,7 +185,7 @@ fn a_panic_of_the_cycle_says_zero_and_off() {
     assert_off("panic, drives stand", took_s, 0.25 + 2.0 * CYCLE_S);
 }
 
-/// The changes of docs/can.md that make a run one of 100 Hz.
+/// The changes for 100 Hz from docs/can.md.
 fn at_100_hz(text: String) -> String {
     assert_eq!(text.matches("period_s: 0.05").count(), 2);
     assert!(text.contains("\nsettings:\n"));
@@ -245,7 +245,7 @@ fn real_time_settings_are_applied_or_refused_with_what_to_do() {
     let run = Program::run_changed(&folder, with_realtime, &["--arm"]);
     observer.wait_for_driving(2.0);
     assert_eq!(scheduling(&run, "cycle"), [50, 1]);
-    // Below the cycle's where the file does not say; what nobody waits for has none.
+    // Below the cycle's by default; threads that nobody waits for have none.
     assert_eq!(scheduling(&run, "controller"), [40, 1]);
     assert_eq!(scheduling(&run, "can-listener"), [40, 1]);
     assert_eq!(scheduling(&run, "can-opener"), [0, 0]);
@@ -271,7 +271,7 @@ fn real_time_settings_are_applied_or_refused_with_what_to_do() {
         let settings = format!("realtime: {{fifo_priority: 50, helper_fifo_priority: {helper}}}");
         let change = |text: String| with_realtime(text).replace(REALTIME, &settings);
         let run = Program::run_changed(&folder, change, &[]);
-        // Once cycles are told of, both threads have what they asked for.
+        // Once cycles are reported, both threads have their priorities.
         wait_until("cycles", || run.output().contains("lateness_s"));
         assert_eq!(scheduling(&run, "cycle"), [50, 1]);
         for thread in ["controller", "can-listener"] {

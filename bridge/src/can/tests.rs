@@ -10,7 +10,7 @@ use super::vehicle_side::{CommandReader, ReportWriter, VehicleReport};
 use crate::drives::DriveMode;
 use crate::drives::{MeasuredMotorSpeeds, MotorCommand};
 use sidehill_plant::frames::{Attitude, Pose};
-use std::sync::Arc;
+use std::sync::{Arc, LazyLock};
 
 const DBC: &str = include_str!("../../../config/bridge/j8.dbc");
 const YAML: &str = include_str!("../../../config/bridge/can.yaml");
@@ -20,8 +20,12 @@ fn config() -> CanConfig {
 }
 
 fn layout() -> Arc<Layout> {
-    let database = Database::parse("j8.dbc", DBC).unwrap();
-    Arc::new(Layout::new(&config(), &database).unwrap())
+    // Read once: tests of any frame ask for it in each of thousands of cases.
+    static LAYOUT: LazyLock<Arc<Layout>> = LazyLock::new(|| {
+        let database = Database::parse("j8.dbc", DBC).unwrap();
+        Arc::new(Layout::new(&config(), &database).unwrap())
+    });
+    Arc::clone(&LAYOUT)
 }
 
 fn writer(layout: &Arc<Layout>) -> CommandWriter {

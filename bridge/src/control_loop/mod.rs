@@ -6,12 +6,13 @@
 //!
 //! [`LoopSetup::start`] starts the loop and the controller, each in its thread. [`ControlLoop::run`]
 //! runs until the course is finished, the time is over, or a signal comes, and returns the
-//! [`Ending`]. [`channel`] connects the loop to the client that gives it paths; [`record`] takes what is logged
-//! out of it without waiting.
+//! [`Ending`]. [`channel`] connects the loop to the client that gives it paths; [`record`] takes what is logged,
+//! [`learned`] what was learned, out of it without waiting.
 
 pub mod channel;
 mod config;
 mod cycle;
+pub mod learned;
 pub mod record;
 mod run;
 pub mod runner;

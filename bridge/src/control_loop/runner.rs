@@ -1,15 +1,14 @@
 //! The controller as the loop sees it: run in the loop, or in a thread that may be late.
 
 use super::channel::ControllerEnd;
+use super::learned::LearnedOutlet;
 use crate::recording::ControllerTap;
 use crate::safety::{ControllerOutput, ControllerState};
 use sidehill_controller::controller::{Controller, Decision, Status};
-use sidehill_controller::memory::Learned;
 use sidehill_plant::sample::Sample;
 use std::os::unix::thread::JoinHandleExt;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::SyncSender;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 use thread_priority::ThreadId;
@@ -47,7 +46,7 @@ pub struct InlineRunner {
     engaged: bool,
     channel: Option<ControllerEnd>,
     tap: Option<ControllerTap>,
-    learned: Option<SyncSender<Learned>>,
+    learned: Option<LearnedOutlet>,
 }
 
 /// Lets the controller drive from nothing where it becomes `engaged`, and holds it where it no longer
@@ -86,12 +85,10 @@ impl InlineRunner {
         }
     }
 
-    /// Hands over what was learned, without waiting: the vehicle stands still, or the safety state machine
-    /// is stopping it.
-    fn hand_over_learned(&self) {
-        if let (Some(sender), Some(learned)) = (&self.learned, self.controller.learned()) {
-            // A receiver that is still busy with the previous one gets the next.
-            let _ = sender.try_send(learned);
+    /// Leaves what was learned where it is time for it.
+    fn leave_learned(&mut self, time_s: f64) {
+        if let Some(outlet) = &mut self.learned {
+            outlet.serve(time_s, self.engaged, &self.controller);
         }
     }
 }
@@ -106,8 +103,8 @@ impl ControllerRunner for InlineRunner {
         if engaged != self.engaged {
             self.engaged = engaged;
             engage(&mut self.controller, engaged);
-            if !engaged {
-                self.hand_over_learned();
+            if let Some(outlet) = self.learned.as_mut().filter(|_| !engaged) {
+                outlet.disarmed();
             }
         }
         let path = match &mut self.channel {
@@ -151,7 +148,7 @@ impl ThreadedRunner {
         controller: Controller,
         channel: Option<ControllerEnd>,
         tap: Option<ControllerTap>,
-        learned: Option<SyncSender<Learned>>,
+        learned: Option<LearnedOutlet>,
     ) -> Result<Self, std::io::Error> {
         let (task, mut newest_task) = triple_buffer(&None::<Task>);
         let (mut decided, decision) = triple_buffer(&None::<Decision>);
@@ -170,6 +167,7 @@ impl ThreadedRunner {
                     if let Some(task) = *newest_task.output_buffer() {
                         decided.write(runner.decide(&task.sample, task.engaged, task.patience));
                         caller.unpark();
+                        runner.leave_learned(task.sample.time_s);
                     }
                 }
             })?;

@@ -1,6 +1,7 @@
 use super::channel::{ControllerEnd, LoopEnd};
 use super::config::CycleConfig;
 use super::cycle::ControlLoop;
+use super::learned::LearnedOutlet;
 use super::record::{LoopRecord, RecordSink};
 use super::run::{Ending, RunOptions, Signals};
 use super::runner::ThreadedRunner;
@@ -11,10 +12,8 @@ use crate::recording::ControllerTap;
 use crate::safety::{SafetyConfig, SafetyState};
 use serde::Serialize;
 use sidehill_controller::controller::Controller;
-use sidehill_controller::memory::Learned;
 use sidehill_plant::vehicle::RangeError;
 use std::sync::atomic::Ordering;
-use std::sync::mpsc::SyncSender;
 use std::thread::JoinHandle;
 use std::time::Duration;
 
@@ -36,8 +35,8 @@ pub struct LoopSetup {
     pub channel: Option<(LoopEnd, ControllerEnd)>,
     /// Takes the controller's steps, where they are recorded.
     pub tap: Option<ControllerTap>,
-    /// Takes what the controller has learned whenever it is disarmed; a full channel drops it.
-    pub learned: Option<SyncSender<Learned>>,
+    /// Takes what the controller has learned, from time to time and whenever it is disarmed.
+    pub learned: Option<LearnedOutlet>,
     /// Takes transitions and cycles.
     pub records: RecordSink<LoopRecord>,
     /// When to arm and to end.

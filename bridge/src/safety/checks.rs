@@ -15,14 +15,15 @@ impl Safety {
             .feedback
             .map_or(f64::INFINITY, |feedback| inputs.time_s - feedback.time_s);
         let stale = !(..=self.config.feedback_timeout_s).contains(&age_s);
-        if let (Some(feedback), false) = (inputs.feedback, stale) {
+        if let Some(feedback) = inputs.feedback {
             let on = matches!(self.state, SafetyState::Driving | SafetyState::Stopping);
+            // An emergency stop or a fault holds however old the report is: nothing newer has cleared it.
             match feedback.value.mode {
                 DriveMode::EmergencyStop => return Some(Alarm::Cut(Reason::EmergencyStop)),
                 // A fault may be reset while zero speed is sent, disabled.
                 DriveMode::Fault if self.state == SafetyState::Zeroing => {}
                 DriveMode::Fault => return Some(Alarm::Cut(Reason::DriveFault)),
-                DriveMode::Disabled if on => return Some(Alarm::Cut(Reason::DriveOff)),
+                DriveMode::Disabled if on && !stale => return Some(Alarm::Cut(Reason::DriveOff)),
                 DriveMode::Disabled | DriveMode::Enabled => {}
             }
         }

@@ -3,12 +3,14 @@
 use super::unrolling::Unrolling;
 use super::{Controller, Law, Phase};
 use crate::config::AttitudePreview;
-use crate::estimator::Estimate;
+use crate::estimator::{Estimate, slide_share};
 use crate::mpc::{Model, StageTarget};
 use crate::path::Point2;
-use crate::reference::Progress;
+use crate::reference::{Progress, Reference};
 use crate::tracked_point::{TrackedPoint, heading_difference_after};
+use nalgebra::Vector3;
 use sidehill_plant::frames::{PlanarPose, wrap_angle};
+use sidehill_plant::sample::Sample;
 use sidehill_plant::speeds::MotorSpeeds;
 
 /// Largest difference between the headings of body and path that a target has, rad.
@@ -35,7 +37,13 @@ impl Controller {
 
     /// Makes the horizon of this cycle: the reference from the instant at which a command given now
     /// acts, seen from where the vehicle will then be. A law that does not predict has none.
-    pub(super) fn look_ahead(&mut self, estimate: &Estimate, progress: &Progress, elapsed_s: f64) {
+    pub(super) fn look_ahead(
+        &mut self,
+        estimate: &Estimate,
+        progress: &Progress,
+        elapsed_s: f64,
+        sample: &Sample,
+    ) {
         let half_track_m = 0.5 * (self.vehicle.icrs.right_m - self.vehicle.icrs.left_m);
         let previous = self.issued.last();
         let Law::Mpc(mpc) = &mut self.law else {
@@ -47,6 +55,9 @@ impl Controller {
                 Model::Icr(model) => {
                     let gains = estimate.bounded_gains(half_track_m, progress.cross_track_m);
                     model.set_slip_gains(&gains);
+                    if let Some(memory) = &mut self.memory {
+                        memory.gains = gains;
+                    }
                 }
                 Model::Contact(model) => {
                     if let Some(learned) = &estimate.contact {
@@ -58,7 +69,8 @@ impl Controller {
             caution = error.powi(2).min(1.0);
         }
         self.horizon.elapsed_s = elapsed_s;
-        self.horizon.start = self.roll_forward(estimate);
+        self.learn_places(estimate, sample, elapsed_s);
+        self.horizon.start = self.roll_forward(estimate, progress);
         self.horizon.previous = previous;
         self.horizon.change_weights = self.config.change_weights(caution);
         self.standstill
@@ -115,10 +127,16 @@ impl Controller {
                 }
                 _ => point.pose(),
             };
-            let pose = match &self.memory {
-                Some(memory) => memory.aim(&pose, &point.pose(), estimate.time_s),
-                None => pose,
-            };
+            let (mut pose, mut slip) = (pose, Vector3::zeros());
+            if let Some(memory) = self.memory.as_ref().filter(|memory| memory.config.by_place) {
+                let known = memory.known(&point.pose(), estimate.time_s);
+                let (sin, cos) = pose.yaw_rad.sin_cos();
+                pose.x_m += cos * known.aim_right_m;
+                pose.y_m += sin * known.aim_right_m;
+                let input = mpc.plan().map(|plan| plan.inputs[k].traction_m_s);
+                let speed_m_s = input.unwrap_or(share * point.speed_m_s).abs();
+                slip = slide_share(progress.cross_track_m) * speed_m_s * known.slip_per_m;
+            }
             self.horizon.targets.push(StageTarget {
                 pose,
                 tracked_point,
@@ -128,6 +146,7 @@ impl Controller {
                     traction_m_s: share * point.speed_m_s,
                     steer_m_s: share * half_track_m * point.yaw_rate_rad_s,
                 },
+                slip,
                 weights: self
                     .standstill
                     .urge(config.stage_weights(point.motion, caution)),
@@ -200,10 +219,28 @@ impl Controller {
         }
     }
 
+    /// Returns what memory knows of the slip where the vehicle is, per metre, (x, y, yaw) in the world.
+    fn slip_here(&self, estimate: &Estimate, progress: &Progress) -> Vector3<f64> {
+        let memory = self.memory.as_ref().filter(|memory| memory.config.by_place);
+        let path = self.reference.as_ref().and_then(Reference::path);
+        let (Some(memory), Some(path)) = (memory, path) else {
+            return Vector3::zeros();
+        };
+        let here = path.at(progress.arc_length_m);
+        let place = PlanarPose {
+            x_m: here.position.x_m,
+            y_m: here.position.y_m,
+            yaw_rad: here.heading_rad,
+        };
+        let known = memory.known(&place, estimate.time_s);
+        slide_share(progress.cross_track_m) * known.slip_per_m
+    }
+
     /// Returns where the vehicle will be when a command given now acts: the estimate moved on
     /// through the commands in flight.
-    fn roll_forward(&mut self, estimate: &Estimate) -> PlanarPose {
+    fn roll_forward(&mut self, estimate: &Estimate, progress: &Progress) -> PlanarPose {
         let mut pose = estimate.pose;
+        let slip_per_m = self.slip_here(estimate, progress);
         let Law::Mpc(mpc) = &mut self.law else {
             return pose;
         };
@@ -215,9 +252,10 @@ impl Controller {
                 command,
                 time_s,
             );
-            pose.x_m += step.increment.x;
-            pose.y_m += step.increment.y;
-            pose.yaw_rad += step.increment.z;
+            let moved = step.increment + time_s * command.traction_m_s.abs() * slip_per_m;
+            pose.x_m += moved.x;
+            pose.y_m += moved.y;
+            pose.yaw_rad += moved.z;
         }
         pose
     }

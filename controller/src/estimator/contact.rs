@@ -4,8 +4,8 @@ use super::contact_settings::ContactLearningSettings;
 use super::estimate::ContactEstimate;
 use super::learned::{Drift, LearnedModel, Prior};
 use super::settings::EstimatorSettings;
-use nalgebra::{SMatrix, SVector};
-use sidehill_plant::contact::{ContactPrediction, PARAMETERS, ParameterVector};
+use nalgebra::SMatrix;
+use sidehill_plant::contact::{ContactPrediction, PARAMETERS, Parameter, ParameterVector};
 use sidehill_plant::frames::{Attitude, BodyVelocity};
 use sidehill_plant::slip_gains::SlipGains;
 use sidehill_plant::speeds::{EncoderScale, MotorSpeeds, TreadSpeeds};
@@ -67,19 +67,30 @@ impl LearnedModel<PARAMETERS> for LearnedContact {
         )
     }
 
-    /// Each parameter is a Gauss-Markov process of the metres steered whose spread is its prior's: a
-    /// parameter that is no longer excited returns to its prior, and no interval grows beyond that.
+    /// Each parameter is a Gauss-Markov process of the metres steered, a tread's factor of the metres driven,
+    /// whose spread is its prior's: a parameter that is no longer excited returns to its prior, and no
+    /// interval grows beyond that.
     fn drift(&self, treads: TreadSpeeds, time_s: f64) -> Drift<PARAMETERS> {
         let steer_m_s = MotorSpeeds::from(treads).steer_m_s;
-        let forget = (time_s * steer_m_s.abs() * self.settings.forgetting_per_m).min(0.1);
+        let steered_m = time_s * steer_m_s.abs();
+        let driven_m = time_s * treads.left_m_s.abs().max(treads.right_m_s.abs());
+        let forget = ParameterVector::from_fn(|i, _| {
+            let share = if Parameter::ALL[i].is_tread_factor() {
+                driven_m * self.settings.tread_forgetting_per_m
+            } else {
+                steered_m * self.settings.forgetting_per_m
+            };
+            share.min(0.1)
+        });
+        let prior_variance = self.prior.sigma.component_mul(&self.prior.sigma);
         Drift {
-            keep: SVector::repeat((1.0 - forget).sqrt()),
-            variance: forget * self.prior.sigma.component_mul(&self.prior.sigma),
+            keep: forget.map(|share| (1.0 - share).sqrt()),
+            variance: forget.component_mul(&prior_variance),
         }
     }
 
-    fn bound(&self, parameters: &mut ParameterVector) {
-        *parameters = self.model.within_ranges(parameters);
+    fn bound(&self, parameters: &mut ParameterVector, attitude: &Attitude) {
+        *parameters = self.model.holding(parameters, attitude);
     }
 
     fn slip_gains(&self, _parameters: &ParameterVector) -> SlipGains {

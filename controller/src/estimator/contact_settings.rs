@@ -30,8 +30,12 @@ pub struct ContactLearningSettings {
     pub slip_scale_sigma: f64,
     /// Standard deviation of the rolling resistance.
     pub rolling_resistance_sigma: f64,
+    /// Standard deviation of the logarithm of each tread's factor.
+    pub tread_sigma: f64,
     /// Share of a prior variance that comes back for each metre of steering, 1/m.
     pub forgetting_per_m: f64,
+    /// The same of the treads' factors for each metre driven, 1/m.
+    pub tread_forgetting_per_m: f64,
 }
 
 impl Default for ContactLearningSettings {
@@ -48,7 +52,9 @@ impl Default for ContactLearningSettings {
             lateral_share_sigma: 0.2,
             slip_scale_sigma: 0.5,
             rolling_resistance_sigma: 0.02,
+            tread_sigma: 0.2,
             forgetting_per_m: 0.01,
+            tread_forgetting_per_m: 0.002,
         }
     }
 }
@@ -101,7 +107,12 @@ impl ContactLearningSettings {
                 "estimator.contact.rolling_resistance_sigma",
                 self.rolling_resistance_sigma,
             ),
+            ("estimator.contact.tread_sigma", self.tread_sigma),
             ("estimator.contact.forgetting_per_m", self.forgetting_per_m),
+            (
+                "estimator.contact.tread_forgetting_per_m",
+                self.tread_forgetting_per_m,
+            ),
         ] {
             Bounds::new(0.0, 10.0, "").check(key, value)?;
         }
@@ -119,6 +130,7 @@ impl ContactLearningSettings {
                 Parameter::LateralShare => self.lateral_share_sigma,
                 Parameter::SlipScale => self.slip_scale_sigma,
                 Parameter::RollingResistance => self.rolling_resistance_sigma,
+                Parameter::LeftTread | Parameter::RightTread => self.tread_sigma,
             })
     }
 }

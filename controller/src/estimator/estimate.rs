@@ -89,11 +89,16 @@ impl Estimate {
         let largest_per_m =
             yaw[0].abs() + slope_rad * (yaw[1].hypot(yaw[2]) + yaw[3].hypot(yaw[4]));
         yaw *= (YAW_CORRECTION_MAX / (half_track_m * largest_per_m)).min(1.0);
-        let (near_m, far_m) = SLIDE_DOUBTED_M;
         let mut slide = gains.fixed_rows_mut::<2>(0);
-        slide *= ((far_m - off_path_m.abs()) / (far_m - near_m)).clamp(0.0, 1.0);
+        slide *= slide_share(off_path_m);
         gains
     }
+}
+
+/// Returns the share with which a learned slide counts for a vehicle `off_path_m` from the path.
+pub(crate) fn slide_share(off_path_m: f64) -> f64 {
+    let (near_m, far_m) = SLIDE_DOUBTED_M;
+    ((far_m - off_path_m.abs()) / (far_m - near_m)).clamp(0.0, 1.0)
 }
 
 /// A difference between a pose and the prediction at its time.

@@ -3,12 +3,16 @@
 //! Readings are kept in the order of their stamps for a while; a late one is put in its place and all
 //! after it replayed.
 
-use super::gains::{Kept, LearnedGains};
+mod keeping;
+
+use super::belief::{Belief, vector};
+use super::gains::Kept;
 use super::gate::{PoseGate, PoseSigmas, RefusedPose};
-use super::learned::{Drift, LearnedModel, Prior};
+use super::learned::LearnedModel;
+use super::model_error::ModelError;
 use super::{Estimate, EstimatorSettings, Innovation, Refused};
-use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
-use sidehill_plant::frames::{Attitude, PlanarPose, pose_rate, wrap_angle};
+use nalgebra::{Matrix3, Vector3};
+use sidehill_plant::frames::{Attitude, PlanarPose};
 use sidehill_plant::sample::{Sample, Stamped};
 use sidehill_plant::speeds::TreadSpeeds;
 use std::collections::VecDeque;
@@ -34,19 +38,6 @@ struct Event<const N: usize> {
     belief: Belief<N>,
 }
 
-/// Mean and covariance of pose and parameters, in blocks, and the inputs in force.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Belief<const N: usize> {
-    pub(super) mean: Vector3<f64>,
-    pub(super) covariance: Matrix3<f64>,
-    pub(super) parameters: SVector<f64, N>,
-    /// Of the pose with the parameters.
-    pub(super) cross: SMatrix<f64, 3, N>,
-    pub(super) parameter_covariance: SMatrix<f64, N, N>,
-    treads: TreadSpeeds,
-    attitude: Attitude,
-}
-
 /// The filter and its recent readings.
 pub(super) struct Filter<M, const N: usize> {
     settings: EstimatorSettings,
@@ -69,28 +60,6 @@ pub(super) struct Filter<M, const N: usize> {
     kept: Option<Kept<N>>,
 }
 
-/// Mean square of the error of the predicted velocity, as poses show it.
-#[derive(Debug, Clone, Copy)]
-struct ModelError {
-    pose_time_s: f64,
-    mean_square_m2_s2: f64,
-}
-
-impl ModelError {
-    /// Adds an innovation; `noise_m2` is the part of its square that is noise of the pose, not an error
-    /// of the model.
-    fn absorb(&mut self, innovation: &Innovation, noise_m2: f64, averaging_s: f64) {
-        let time_s = innovation.time_s - self.pose_time_s;
-        self.pose_time_s = innovation.time_s;
-        if time_s > 0.0 && time_s <= averaging_s {
-            let square = innovation.difference.xy().norm_squared() - noise_m2;
-            let share = time_s / averaging_s;
-            let found = (square / (time_s * time_s)).max(0.0);
-            self.mean_square_m2_s2 += share * (found - self.mean_square_m2_s2);
-        }
-    }
-}
-
 impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
     /// Returns a filter without any reading; `model` gives its dead reckoning.
     pub(super) fn new(settings: EstimatorSettings, model: M) -> Self {
@@ -108,53 +77,10 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
             poses_gated: 0,
             gate: PoseGate::new(settings.believed_after_s),
             innovation: None,
-            model_error: ModelError {
-                pose_time_s: f64::NEG_INFINITY,
-                mean_square_m2_s2: 0.0,
-            },
+            model_error: ModelError::default(),
             keeps: false,
             kept: None,
         }
-    }
-
-    /// Resets the filter, except for what was learned where that is kept: the next attitude and pose are
-    /// accepted as the first ones were.
-    pub(super) fn restart(&mut self) {
-        let (keeps, kept) = (self.keeps, self.kept());
-        *self = Self {
-            keeps,
-            kept: kept.filter(|_| keeps),
-            ..Self::new(self.settings, self.model.clone())
-        };
-    }
-
-    pub(super) fn keep_learned(&mut self, keep: bool) {
-        self.keeps = keep;
-    }
-
-    pub(super) fn learned(&self) -> Option<LearnedGains> {
-        let kept = self.kept()?;
-        Some(LearnedGains::of(&kept, &self.model.prior()))
-    }
-
-    pub(super) fn recall(&mut self, learned: &LearnedGains) -> Result<(), &'static str> {
-        let mut kept = learned.kept(&self.model.prior())?;
-        self.model.bound(&mut kept.mean);
-        self.kept = Some(kept);
-        Ok(())
-    }
-
-    /// Returns what is known of the parameters to begin with after a break.
-    fn kept(&self) -> Option<Kept<N>> {
-        let learned = self.events.back().map(|event| {
-            let belief = &event.belief;
-            let kept = Kept {
-                mean: belief.parameters,
-                covariance: belief.parameter_covariance,
-            };
-            kept.over_a_break(&self.model.prior())
-        });
-        learned.or(self.kept)
     }
 
     /// Returns how many readings are kept.
@@ -223,7 +149,7 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
         if self.started {
             self.insert(pose.time_s, Reading::Pose(pose.value));
         } else if let Some(attitude) = self.newest_attitude {
-            let (position, heading) = (self.settings.pose_sigma_m, self.settings.pose_sigma_rad);
+            let sigmas = PoseSigmas::of(&self.settings);
             let prior = self.model.prior();
             let kept = self.kept.unwrap_or(Kept {
                 mean: prior.mean,
@@ -236,19 +162,7 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
                 time_s: pose.time_s,
                 reading: Reading::Attitude(attitude),
                 inflation: None,
-                belief: Belief {
-                    mean: vector(&pose.value),
-                    covariance: Matrix3::from_diagonal(&Vector3::new(
-                        position * position,
-                        position * position,
-                        heading * heading,
-                    )),
-                    parameters: kept.mean,
-                    cross: SMatrix::zeros(),
-                    parameter_covariance: kept.covariance,
-                    treads: self.newest_treads,
-                    attitude,
-                },
+                belief: Belief::at(&pose.value, &sigmas, kept, self.newest_treads, attitude),
             });
         }
     }
@@ -319,15 +233,12 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
         time_s: f64,
         pose: &PlanarPose,
     ) -> Option<Matrix3<f64>> {
-        let s = &self.settings;
-        let (position, heading) = (s.pose_sigma_m.powi(2), s.pose_sigma_rad.powi(2));
-        let noise = Matrix3::from_diagonal(&Vector3::new(position, position, heading));
-        let mut difference = vector(pose) - predicted.mean;
-        difference.z = wrap_angle(difference.z);
-        let inverse = (predicted.covariance + noise).try_inverse()?;
+        let (sigmas, gate) = (PoseSigmas::of(&self.settings), self.settings.gate);
+        let difference = predicted.off(pose);
+        let inverse = (predicted.covariance + sigmas.covariance()).try_inverse()?;
         let normalised = (difference.transpose() * inverse * difference).x;
-        if normalised <= s.gate {
-            self.gate.passed(time_s, normalised / s.gate);
+        if normalised <= gate {
+            self.gate.passed(time_s, normalised / gate);
             return None;
         }
         let prior = self.model.prior().mean;
@@ -340,10 +251,6 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
             predicted: predicted.mean,
             unlearned,
         };
-        let sigmas = PoseSigmas {
-            position_m: s.pose_sigma_m,
-            heading_rad: s.pose_sigma_rad,
-        };
         self.gate.refused(refused, &sigmas)
     }
 
@@ -354,29 +261,23 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
             Reading::Attitude(attitude) => belief.attitude = attitude,
             Reading::Pose(pose) => {
                 let s = &self.settings;
-                let noise = Matrix3::from_diagonal(&Vector3::new(
-                    s.pose_sigma_m.powi(2),
-                    s.pose_sigma_m.powi(2),
-                    s.pose_sigma_rad.powi(2),
-                ));
-                let mut difference = vector(&pose) - belief.mean;
-                difference.z = wrap_angle(difference.z);
+                let noise = PoseSigmas::of(&self.settings).covariance();
+                let difference = belief.off(&pose);
                 let Some(inverse) = (belief.covariance + noise).try_inverse() else {
                     return belief;
                 };
                 let normalised = (difference.transpose() * inverse * difference).x;
                 let believed = normalised <= s.gate;
                 if new {
-                    self.innovation = Some(Innovation {
+                    let innovation = Innovation {
                         time_s: event.time_s,
                         difference,
                         normalised,
-                    });
-                    if let Some(innovation) = &self.innovation {
-                        let noise_m2 = 2.0 * s.pose_sigma_m * s.pose_sigma_m;
-                        self.model_error
-                            .absorb(innovation, noise_m2, s.error_averaging_s);
-                    }
+                    };
+                    self.innovation = Some(innovation);
+                    let noise_m2 = 2.0 * s.pose_sigma_m * s.pose_sigma_m;
+                    self.model_error
+                        .absorb(&innovation, noise_m2, s.error_averaging_s);
                     if believed {
                         self.pose_time_s = self.pose_time_s.max(event.time_s);
                         self.poses_gated = 0;
@@ -386,53 +287,17 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
                 }
                 if believed {
                     belief.correct(&difference, &noise, &inverse);
-                    self.model.bound(&mut belief.parameters);
+                    let attitude = belief.attitude;
+                    self.model.bound(&mut belief.parameters, &attitude);
                 }
             }
         }
         belief
     }
 
-    /// Returns the belief `time_s` later: equation (12) by the midpoint rule, and its covariance.
     fn propagate(&self, belief: &Belief<N>, time_s: f64) -> Belief<N> {
-        if time_s <= 0.0 {
-            return *belief;
-        }
-        let (velocity, by_parameters) =
-            self.model
-                .velocity(belief.attitude, belief.treads, &belief.parameters);
-        let yaw = belief.mean.z;
-        let start = pose_rate(&velocity, &belief.attitude, yaw);
-        let half_way = yaw + 0.5 * time_s * start.yaw_rad_s;
-        let middle = pose_rate(&velocity, &belief.attitude, half_way);
-        let mut next = *belief;
-        next.mean += time_s * Vector3::new(middle.x_m_s, middle.y_m_s, middle.yaw_rad_s);
-        let mut by_state = Matrix3::identity();
-        by_state[(0, 2)] = -time_s * middle.y_m_s;
-        by_state[(1, 2)] = time_s * middle.x_m_s;
-        let (sin, cos) = half_way.sin_cos();
-        let to_world = Matrix3::new(cos, -sin, 0.0, sin, cos, 0.0, 0.0, 0.0, 1.0);
-        let by_parameters = time_s * (to_world * by_parameters);
-        let (slide, turn) = self.model.process_noise(&self.settings);
-        let moving = belief.treads.left_m_s != 0.0 || belief.treads.right_m_s != 0.0;
-        // A vehicle that stands does not slide; a tenth keeps the filter open to poses.
-        let share = if moving { 1.0 } else { 0.01 } * self.gate.noise_factor();
-        let noise = Matrix3::from_diagonal(&Vector3::new(
-            share * time_s * slide.powi(2),
-            share * time_s * slide.powi(2),
-            share * time_s * turn.powi(2),
-        ));
-        let through = by_parameters * belief.parameter_covariance;
-        let crossed = by_state * belief.cross * by_parameters.transpose();
-        next.covariance = by_state * belief.covariance * by_state.transpose()
-            + crossed
-            + crossed.transpose()
-            + through * by_parameters.transpose()
-            + noise;
-        next.cross = by_state * belief.cross + through;
-        let drift = self.model.drift(belief.treads, time_s);
-        next.drift(&drift, &self.model.prior());
-        next
+        let noise = self.model.process_noise(&self.settings);
+        belief.propagated(&self.model, noise, self.gate.noise_factor(), time_s)
     }
 
     fn estimate(&mut self, time_s: f64) -> Option<Estimate> {
@@ -467,7 +332,7 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
             contact: self
                 .model
                 .contact(&belief.parameters, &belief.parameter_covariance),
-            model_error_m_s: self.model_error.mean_square_m2_s2.sqrt(),
+            model_error_m_s: self.model_error.root_mean_square_m_s(),
             pose_age_s: time_s - self.pose_time_s,
             attitude_age_s: time_s - self.attitude_time_s,
             speeds_age_s: time_s - self.speeds_time_s,
@@ -478,44 +343,4 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
                 .map(|(doubted_s, newest_s)| (doubted_s, time_s - newest_s)),
         })
     }
-}
-
-impl<const N: usize> Belief<N> {
-    /// Updates with a pose: `difference` is pose less mean, `inverse` that of covariance and `noise`.
-    ///
-    /// With H = (1 0), K = P H' S^-1, the whole of P becomes (1 - K H) P (1 - K H)' + K R K', Joseph's form,
-    /// which keeps it symmetric and positive however the numbers are rounded.
-    fn correct(&mut self, difference: &Vector3<f64>, noise: &Matrix3<f64>, inverse: &Matrix3<f64>) {
-        let gain = self.covariance * inverse;
-        let learning = self.cross.transpose() * inverse;
-        self.mean += gain * difference;
-        self.parameters += learning * difference;
-        let rest = Matrix3::identity() - gain;
-        let told = learning * self.cross;
-        let parameters = self.parameter_covariance - told - told.transpose()
-            + learning * (self.covariance + noise) * learning.transpose();
-        self.parameter_covariance = 0.5 * (parameters + parameters.transpose());
-        self.cross = rest * (self.cross - self.covariance * learning.transpose())
-            + gain * noise * learning.transpose();
-        self.covariance =
-            rest * self.covariance * rest.transpose() + gain * noise * gain.transpose();
-    }
-
-    /// Lets the parameters drift towards their prior and in their own right.
-    fn drift(&mut self, drift: &Drift<N>, prior: &Prior<N>) {
-        for i in 0..N {
-            let keep = drift.keep[i];
-            if keep != 1.0 {
-                self.parameters[i] = prior.mean[i] + keep * (self.parameters[i] - prior.mean[i]);
-                self.cross.column_mut(i).scale_mut(keep);
-                self.parameter_covariance.column_mut(i).scale_mut(keep);
-                self.parameter_covariance.row_mut(i).scale_mut(keep);
-            }
-            self.parameter_covariance[(i, i)] += drift.variance[i];
-        }
-    }
-}
-
-fn vector(pose: &PlanarPose) -> Vector3<f64> {
-    Vector3::new(pose.x_m, pose.y_m, pose.yaw_rad)
 }

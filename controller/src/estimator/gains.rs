@@ -37,12 +37,25 @@ impl LearnedGains {
         gone.iter().sum::<f64>() / gone.len().max(1) as f64
     }
 
-    pub(super) fn of<const N: usize>(kept: &Kept<N>, prior: &Prior<N>) -> Self {
+    /// Returns room for the gains of any model.
+    pub(crate) fn room() -> Self {
+        /// More than any model has.
+        const PARAMETERS_MAX: usize = 32;
         Self {
-            mean: kept.mean.as_slice().to_vec(),
-            covariance: kept.covariance.as_slice().to_vec(),
-            prior_sigma: prior.sigma.as_slice().to_vec(),
+            mean: Vec::with_capacity(PARAMETERS_MAX),
+            covariance: Vec::with_capacity(PARAMETERS_MAX * PARAMETERS_MAX),
+            prior_sigma: Vec::with_capacity(PARAMETERS_MAX),
         }
+    }
+
+    pub(super) fn fill<const N: usize>(&mut self, kept: &Kept<N>, prior: &Prior<N>) {
+        let put = |into: &mut Vec<f64>, values: &[f64]| {
+            into.clear();
+            into.extend_from_slice(values);
+        };
+        put(&mut self.mean, kept.mean.as_slice());
+        put(&mut self.covariance, kept.covariance.as_slice());
+        put(&mut self.prior_sigma, prior.sigma.as_slice());
     }
 
     /// Returns the gains if their numbers are plausible, else which are not.

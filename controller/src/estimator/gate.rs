@@ -6,6 +6,7 @@
 //! run that lasts is accepted: the covariance of the predicted pose is inflated such that the pose passes.
 //! From then on dead reckoning is trusted less, until innovations are small again for a while.
 
+use super::EstimatorSettings;
 use nalgebra::{Matrix3, Vector3};
 use sidehill_plant::frames::{BodyVelocity, wrap_angle};
 
@@ -43,6 +44,21 @@ struct Run {
 pub(super) struct PoseSigmas {
     pub(super) position_m: f64,
     pub(super) heading_rad: f64,
+}
+
+impl PoseSigmas {
+    pub(super) fn of(settings: &EstimatorSettings) -> Self {
+        Self {
+            position_m: settings.pose_sigma_m,
+            heading_rad: settings.pose_sigma_rad,
+        }
+    }
+
+    /// Returns the covariance of (x, y, yaw).
+    pub(super) fn covariance(&self) -> Matrix3<f64> {
+        let (position, heading) = (self.position_m.powi(2), self.heading_rad.powi(2));
+        Matrix3::from_diagonal(&Vector3::new(position, position, heading))
+    }
 }
 
 #[derive(Debug, Clone, Copy)]

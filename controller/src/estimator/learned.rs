@@ -52,8 +52,8 @@ pub(super) trait LearnedModel<const N: usize>: Clone {
     /// Returns how the parameters change by themselves while the treads move for `time_s`.
     fn drift(&self, treads: TreadSpeeds, time_s: f64) -> Drift<N>;
 
-    /// Puts parameters within their ranges.
-    fn bound(&self, parameters: &mut SVector<f64, N>);
+    /// Puts parameters within their ranges, and within those of a vehicle that stands at an attitude.
+    fn bound(&self, parameters: &mut SVector<f64, N>, attitude: &Attitude);
 
     /// Returns the learned slip gains; zero where that is not what is learned.
     fn slip_gains(&self, parameters: &SVector<f64, N>) -> SlipGains;

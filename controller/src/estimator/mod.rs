@@ -10,6 +10,7 @@
 //! their covariance with it, which grows only where they are excited. At standstill, straight
 //! ahead and without poses nothing is learned and nothing winds up.
 
+mod belief;
 mod contact;
 mod contact_settings;
 mod estimate;
@@ -17,13 +18,16 @@ mod filter;
 mod gains;
 mod gate;
 mod learned;
+mod model_error;
 mod settings;
 mod slip;
 
 pub use contact_settings::ContactLearningSettings;
+pub(crate) use estimate::slide_share;
 pub use estimate::{ContactEstimate, Estimate, Innovation, Refused};
 pub use gains::LearnedGains;
 pub use settings::{AdaptationSettings, EstimatorSettings};
+pub(crate) use slip::SLIP_SMOOTHING_M_S;
 
 use contact::LearnedContact;
 use filter::Filter;
@@ -67,11 +71,11 @@ impl Estimator {
         }
     }
 
-    /// Returns what has been learned, where anything has.
-    pub fn learned(&self) -> Option<LearnedGains> {
+    /// Puts what has been learned into room for it; returns whether anything has.
+    pub fn learned_into(&self, gains: &mut LearnedGains) -> bool {
         match &self.0 {
-            Kind::Slip(filter) => filter.learned(),
-            Kind::Contact(filter) => filter.learned(),
+            Kind::Slip(filter) => filter.learned_into(gains),
+            Kind::Contact(filter) => filter.learned_into(gains),
         }
     }
 

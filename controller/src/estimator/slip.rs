@@ -12,7 +12,7 @@ use sidehill_plant::vehicle::Vehicle;
 pub(super) const GAINS: usize = 3 * TERMS;
 
 /// Speed within which |steer| is rounded off in the terms, m/s.
-const SMOOTHING_M_S: f64 = 0.02;
+pub(crate) const SLIP_SMOOTHING_M_S: f64 = 0.02;
 
 /// ICRIK of a vehicle, and how far its correction may be from nothing.
 #[derive(Debug, Clone)]
@@ -54,7 +54,7 @@ impl LearnedModel<GAINS> for SlipModel {
         parameters: &SVector<f64, GAINS>,
     ) -> (BodyVelocity, SMatrix<f64, 3, GAINS>) {
         let motors = MotorSpeeds::from(treads);
-        let terms = Terms::at(attitude, motors.steer_m_s, SMOOTHING_M_S).value;
+        let terms = Terms::at(attitude, motors.steer_m_s, SLIP_SMOOTHING_M_S).value;
         let learned = self.slip_gains(parameters) * terms;
         let mut velocity = self.vehicle.extended_velocity(attitude, treads);
         velocity.right_m_s += learned.x;
@@ -90,7 +90,7 @@ impl LearnedModel<GAINS> for SlipModel {
         }
     }
 
-    fn bound(&self, _parameters: &mut SVector<f64, GAINS>) {}
+    fn bound(&self, _parameters: &mut SVector<f64, GAINS>, _attitude: &Attitude) {}
 
     fn slip_gains(&self, parameters: &SVector<f64, GAINS>) -> SlipGains {
         SlipGains::from_row_slice(parameters.as_slice())

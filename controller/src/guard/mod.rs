@@ -26,7 +26,7 @@ use crate::path::Point2;
 use crate::reference::Reference;
 use crate::trajectory::{Motion, Trajectory};
 use nalgebra::Vector3;
-use place::{Beside, Judge};
+use place::{Beside, Call, Judge};
 use serde::{Deserialize, Serialize};
 use sidehill_plant::contact::Parameter;
 use sidehill_plant::speeds::MotorSpeeds;
@@ -70,7 +70,8 @@ pub struct GuardView {
     pub friction: f64,
     /// Share of the reference's speed that is driven.
     pub speed_share: f64,
-    /// Nearest place ahead before which the vehicle stops, or else over which it drives slower.
+    /// Nearest place ahead before which the vehicle stops, else may have to stop, else over which it drives
+    /// slower.
     pub ahead: Option<SteepPlace>,
 }
 
@@ -184,13 +185,20 @@ impl Guard {
             let judged = on_path.and(as_now);
             let speed_m_s = point.speed_m_s.abs();
             let mut square = f64::INFINITY;
+            if let Some(excess) = judged.near_limit
+                && !view.ahead.is_some_and(|place| place.may_stop)
+            {
+                view.ahead = Some(excess.at(&point, in_s, Call::Warning));
+            }
             if let Some(excess) = judged.blocked {
-                view.ahead = Some(excess.at(&point, in_s, true));
+                view.ahead = Some(excess.at(&point, in_s, Call::Stop));
                 blocked_m = Some(way_m);
                 square = 0.0;
             } else if judged.share < 1.0 {
                 square = (judged.share * speed_m_s).powi(2);
-                let slow = judged.slow.map(|excess| excess.at(&point, in_s, false));
+                let slow = judged
+                    .slow
+                    .map(|excess| excess.at(&point, in_s, Call::Slow));
                 view.ahead = view.ahead.or(slow);
             }
             self.places.push(Place {
@@ -325,7 +333,7 @@ pub fn first_steep_place(
             .surface(point.position.x_m, point.position.y_m)
             .ok()?;
         let judged = judge.judge(&point, 0.0, &surface.normal_in_world);
-        Some(judged.blocked?.at(&point, time_s, true))
+        Some(judged.blocked?.at(&point, time_s, Call::Stop))
     })
 }
 

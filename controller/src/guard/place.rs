@@ -50,6 +50,10 @@ pub struct SteepPlace {
     pub arc_length_m: f64,
     /// Time until the reference would be there at full speed, s.
     pub in_s: f64,
+    /// Whether it is so near to its limit that the vehicle may have to stop before it, where it is off its
+    /// path then or the ground is not quite as known.
+    #[serde(default)]
+    pub may_stop: bool,
     /// Whether the vehicle stops before it; else it drives over it, slower.
     pub stops: bool,
 }
@@ -84,7 +88,8 @@ pub(super) struct Excess {
 }
 
 impl Excess {
-    pub(super) fn at(&self, point: &ReferencePoint, in_s: f64, stops: bool) -> SteepPlace {
+    /// Returns it at a point of the reference, which calls for `call`.
+    pub(super) fn at(&self, point: &ReferencePoint, in_s: f64, call: Call) -> SteepPlace {
         SteepPlace {
             measure: self.measure,
             value: self.value,
@@ -93,9 +98,21 @@ impl Excess {
             y_m: point.position.y_m,
             arc_length_m: point.arc_length_m,
             in_s,
-            stops,
+            may_stop: call != Call::Slow,
+            stops: call == Call::Stop,
         }
     }
+}
+
+/// What a place calls for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Call {
+    /// A lower speed.
+    Slow,
+    /// A warning: the vehicle may have to stop.
+    Warning,
+    /// A stop.
+    Stop,
 }
 
 /// What a place allows.
@@ -103,6 +120,8 @@ impl Excess {
 pub(super) struct Judgement {
     /// Why it must not be driven over, even slowly.
     pub(super) blocked: Option<Excess>,
+    /// Why the vehicle may yet have to stop before it.
+    pub(super) near_limit: Option<Excess>,
     /// Why it is driven over slower.
     pub(super) slow: Option<Excess>,
     /// Share of the reference's speed with which it may be driven over.
@@ -114,6 +133,7 @@ impl Judgement {
     pub(super) fn and(self, other: Self) -> Self {
         Self {
             blocked: self.blocked.or(other.blocked),
+            near_limit: self.near_limit.or(other.near_limit),
             slow: self.slow.or(other.slow),
             share: self.share.min(other.share),
         }
@@ -154,6 +174,11 @@ impl Beside {
 /// Reserve to a limit of margin or friction at which the vehicle stops before a place: it is somewhat off its
 /// path and its heading, and its sensors are noisy.
 const RESERVE: f64 = 0.02;
+/// Reserve to a limit of margin or friction within which a place is announced: where the vehicle is beside its
+/// path when it comes there, it may have to stop.
+const WARNING_RESERVE: f64 = 0.12;
+/// The same of roll and pitch, deg.
+const WARNING_RESERVE_DEG: f64 = 4.0;
 
 /// A vehicle and its limits on ground of a coefficient of friction.
 #[derive(Debug, Clone, Copy)]
@@ -191,16 +216,16 @@ impl Judge<'_> {
                     }))
                 })
         };
-        let tilted = attitudes.iter().find_map(|attitude| self.tilt(attitude));
-        let blocked = tilted.or_else(|| {
-            worst(slowest).and_then(|m| {
-                excess(
-                    &m,
-                    c.rollover_margin_min + RESERVE,
-                    c.friction_use_max - RESERVE,
-                )
+        let slowly = worst(slowest);
+        let beyond = |reserve: f64, reserve_deg: f64| {
+            let tilted = |attitude| self.tilt_beyond(attitude, reserve_deg);
+            attitudes.iter().find_map(tilted).or_else(|| {
+                let rollover = c.rollover_margin_min + reserve;
+                excess(&slowly?, rollover, c.friction_use_max - reserve)
             })
-        });
+        };
+        let blocked = beyond(RESERVE, 0.0);
+        let near_limit = blocked.or_else(|| beyond(WARNING_RESERVE, WARNING_RESERVE_DEG));
         let (mut share, mut slow) = (1.0, None);
         if let Some(m) = worst(1.0) {
             slow = excess(&m, c.rollover_margin_slow, c.friction_use_slow);
@@ -219,6 +244,7 @@ impl Judge<'_> {
         }
         Judgement {
             blocked,
+            near_limit,
             slow,
             share,
         }
@@ -226,6 +252,11 @@ impl Judge<'_> {
 
     /// Returns which limit an attitude is beyond.
     pub(super) fn tilt(&self, attitude: &Attitude) -> Option<Excess> {
+        self.tilt_beyond(attitude, 0.0)
+    }
+
+    /// Returns which limit an attitude is beyond that is lower by a reserve.
+    fn tilt_beyond(&self, attitude: &Attitude, reserve_deg: f64) -> Option<Excess> {
         let beyond = |measure, angle_rad: f64, limit: f64| {
             let value = angle_rad.to_degrees();
             exceeds(value.abs(), limit).then_some(Excess {
@@ -237,13 +268,13 @@ impl Judge<'_> {
         beyond(
             SteepMeasure::Roll,
             attitude.roll_rad,
-            self.config.roll_max_deg,
+            self.config.roll_max_deg - reserve_deg,
         )
         .or_else(|| {
             beyond(
                 SteepMeasure::Pitch,
                 attitude.pitch_rad,
-                self.config.pitch_max_deg,
+                self.config.pitch_max_deg - reserve_deg,
             )
         })
     }

@@ -1,30 +1,49 @@
 //! What was learned is kept: gains over a disarming and, in the hands of the caller, over a restart; and
 //! where to aim, by place, on a route that is driven again.
 //!
-//! What slides the same way each time leaves the same error from the path at the same place. Poses show it,
-//! e(s), m to the right of the path at arc length s, and on visit j the horizon aims at a path moved by u_j(s):
+//! What slides the same way each time is seen in the poses: over the last second they show a motion that the
+//! model, driven by the same tread speeds, does not have. Per metre of way, and seen from the path's heading,
 //!
 //! ```text
-//! u_(j+1) = Q (kept_share u_j) - error_share e_j,   |u| <= aim_max_m
+//! slip(s) = (moved by poses - moved by the model without learned gains) / way,   terms(s) = integral of T dt / way
 //! ```
 //!
-//! with Q a mean over neighbouring places. The MPC sees the moved path over its whole horizon, so it steers
-//! before the slide begins. This is iterative learning control of the reference (D. A. Bristow, M. Tharayil
-//! and A. G. Alleyne, "A survey of iterative learning control", IEEE Control Systems Magazine 26(3), 2006:
-//! serial architecture, with a forgetting factor), indexed by place instead of time, so that a route that
+//! with T the terms of the learned gains G ([`sidehill_plant::slip_gains`]). On the next visit the prediction
+//! at s has (slip(s) - G terms(s)) v more: what the gains of that moment lack there, whatever they were when
+//! the place was seen. So the MPC steers before the slide begins. The fixed part of a prediction's error learned
+//! along a path driven again follows C. J. Ostafew, A. P. Schoellig, T. D. Barfoot and J. Collier,
+//! "Learning-based nonlinear model predictive control to improve vision-based mobile robot path tracking",
+//! Journal of Field Robotics 33(1), 2016; here it is indexed by place instead of path, so that a route that
 //! joins another one uses what was learned on it.
+//!
+//! What remains, e(s), m to the right of the path, moves the path that the horizon aims at by u(s):
+//!
+//! ```text
+//! u_(j+1) = kept_share u_j - error_share w e_j,   |u| <= aim_max_m
+//! ```
+//!
+//! with w the share to which the slip was known, and 1 far beside the path. This is iterative learning control
+//! of the reference (D. A. Bristow, M. Tharayil and A. G. Alleyne, "A survey of iterative learning control",
+//! IEEE Control Systems Magazine 26(3), 2006: serial architecture, with a forgetting factor).
 
+mod evidence;
 mod places;
 mod settings;
+mod trace;
 
+pub use evidence::Evidence;
+pub(crate) use places::CELLS;
 pub use places::{Cell, Key};
 pub use settings::MemoryConfig;
+pub(crate) use trace::Step;
 
 use crate::estimator::LearnedGains;
-use crate::path::Point2;
+use nalgebra::Vector3;
 use places::PlaceMap;
 use serde::{Deserialize, Serialize};
 use sidehill_plant::frames::PlanarPose;
+use sidehill_plant::slip_gains::SlipGains;
+use trace::{Excess, Trace};
 
 /// Everything that was learned, to be kept.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -36,7 +55,7 @@ pub struct Learned {
     pub gains: Option<LearnedGains>,
     /// Edge of a cell of the map, m.
     pub cell_m: f64,
-    /// Where to aim, by place.
+    /// What was seen, by place.
     pub cells: Vec<Cell>,
 }
 
@@ -66,17 +85,32 @@ pub enum RecallError {
     Wrong(&'static str),
 }
 
-/// Time after a start in which nothing is learned by place: the vehicle converges to its path and the gains to
-/// their values, which is not a property of the place, s.
-const SETTLING_S: f64 = 10.0;
+/// What is known of a place ahead.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Known {
+    /// How far to the right of the path to aim, m.
+    pub(crate) aim_right_m: f64,
+    /// Motion per metre that model and learned gains do not have, (x, y, yaw) in the world.
+    pub(crate) slip_per_m: Vector3<f64>,
+}
+
+/// Distances from the path, m, up to which the motion tells of the slip on it, and from which on it tells
+/// nothing: a vehicle that slid off steers unlike one that did not. There the error itself is aimed against.
+const NEAR_M: (f64, f64) = (0.05, 0.12);
+
+fn nearness(right_m: f64) -> f64 {
+    let (near_m, far_m) = NEAR_M;
+    ((far_m - right_m.abs()) / (far_m - near_m)).clamp(0.0, 1.0)
+}
 
 /// The map and how it is filled; nothing is allocated after [`Memory::new`].
 #[derive(Debug)]
 pub(crate) struct Memory {
     pub(crate) config: MemoryConfig,
     map: PlaceMap,
-    /// When the drive began.
-    since_s: Option<f64>,
+    trace: Trace,
+    /// Gains with which the model predicts.
+    pub(crate) gains: SlipGains,
 }
 
 impl Memory {
@@ -84,40 +118,76 @@ impl Memory {
         Self {
             config,
             map: PlaceMap::new(config),
-            since_s: None,
+            trace: Trace::new(),
+            gains: SlipGains::zeros(),
         }
     }
 
     /// Begins a new drive.
     pub(crate) fn reset(&mut self) {
-        self.since_s = None;
+        self.trace.clear();
     }
 
-    /// Takes in where the vehicle was seen at `time_s`, nearest to `place` of its path.
-    pub(crate) fn observe(&mut self, time_s: f64, seen: &Point2, place: &PlanarPose) {
-        let since_s = *self.since_s.get_or_insert(time_s);
-        if self.config.by_place && time_s - since_s >= SETTLING_S {
-            let (sin, cos) = place.yaw_rad.sin_cos();
-            let right_m = cos * (seen.x_m - place.x_m) + sin * (seen.y_m - place.y_m);
-            self.map.learn(place, right_m, time_s);
+    /// Takes in a cycle of driving.
+    pub(crate) fn step(&mut self, step: &Step) {
+        self.trace.step(step);
+    }
+
+    /// Takes in a pose; returns the motion over the last second up to it by poses less by the model.
+    pub(crate) fn pose(&mut self, time_s: f64, pose: PlanarPose) -> Option<Excess> {
+        self.trace.pose(time_s, pose)
+    }
+
+    /// Takes in what was seen of a place of the path, `right_m` to the right of it.
+    pub(crate) fn learn_slip(
+        &mut self,
+        excess: &Excess,
+        place: &PlanarPose,
+        right_m: f64,
+        time_s: f64,
+    ) {
+        if let Some(found) = excess.evidence(place.yaw_rad, &self.gains) {
+            let mut evidence = Evidence::default();
+            evidence.add(nearness(right_m), &found);
+            self.map.learn(place, &evidence, time_s);
         }
     }
 
-    /// Returns a target moved aside by what is known of `place` of the path.
-    pub(crate) fn aim(&self, target: &PlanarPose, place: &PlanarPose, time_s: f64) -> PlanarPose {
-        if !self.config.by_place {
-            return *target;
-        }
-        let right_m = self.map.aim_right_m(place, time_s);
-        let (sin, cos) = target.yaw_rad.sin_cos();
-        PlanarPose {
-            x_m: target.x_m + cos * right_m,
-            y_m: target.y_m + sin * right_m,
-            ..*target
+    /// Takes in that the vehicle was seen `right_m` to the right of `place` of its path, over `way_m`.
+    pub(crate) fn learn_error(
+        &mut self,
+        time_s: f64,
+        place: &PlanarPose,
+        right_m: f64,
+        way_m: f64,
+    ) {
+        let known = self.map.known(place, time_s);
+        let near = nearness(right_m);
+        let weight = near * known.share() + (1.0 - near);
+        let evidence = Evidence {
+            error_way_m: way_m,
+            error_m2: weight * right_m * way_m,
+            ..Evidence::default()
+        };
+        self.map.learn(place, &evidence, time_s);
+    }
+
+    /// Returns what is known of a place of the path.
+    pub(crate) fn known(&self, place: &PlanarPose, time_s: f64) -> Known {
+        let known = self.map.known(place, time_s);
+        let slip = known.slip_per_m(&self.gains);
+        let (sin, cos) = place.yaw_rad.sin_cos();
+        Known {
+            aim_right_m: known.aim_right_m(),
+            slip_per_m: Vector3::new(
+                cos * slip.x - sin * slip.y,
+                sin * slip.x + cos * slip.y,
+                slip.z,
+            ),
         }
     }
 
-    pub(crate) fn cells(&self) -> Vec<Cell> {
+    pub(crate) fn cells(&self) -> impl Iterator<Item = Cell> + '_ {
         self.map.cells()
     }
 

@@ -1,12 +1,13 @@
-//! A map of where to aim, by place and heading, of bounded size.
+//! A map of what is known by place and heading, of bounded size.
 
+use super::Evidence;
 use super::settings::MemoryConfig;
 use serde::{Deserialize, Serialize};
-use sidehill_plant::frames::{PlanarPose, wrap_angle};
+use sidehill_plant::frames::PlanarPose;
 use std::f64::consts::TAU;
 
-/// Cells at most: 300 m of way in cells of 0.3 m, with the neighbours that noise reaches.
-const CELLS: usize = 4096;
+/// Cells at most: 200 m of way in cells of 0.2 m, with the neighbours that each measurement reaches.
+pub(crate) const CELLS: usize = 4096;
 /// Slots of the table, so that it stays sparse.
 const SLOTS: usize = 2 * CELLS;
 /// Number of directions of travel that are distinguished.
@@ -32,8 +33,8 @@ pub struct Key {
 pub struct Cell {
     /// Where it is.
     pub key: Key,
-    /// How far to the right of the path the vehicle aims there, m.
-    pub aim_right_m: f64,
+    /// What was seen there.
+    pub evidence: Evidence,
     /// Visits that it comes from.
     pub visits: u32,
 }
@@ -41,11 +42,8 @@ pub struct Cell {
 #[derive(Debug, Clone, Copy)]
 struct Slot {
     cell: Cell,
-    /// Aim when this visit began, which holds until it is over, m to the right.
-    before_m: f64,
-    /// Mean error of this visit, m to the right, and the number of measurements.
-    error_m: f64,
-    errors: u32,
+    /// What this visit has shown so far.
+    visit: Evidence,
     /// Time of the last measurement, s.
     time_s: f64,
 }
@@ -73,115 +71,80 @@ impl PlaceMap {
         }
     }
 
-    /// Takes in how far to the right of its path the vehicle was at a place of it. A full map learns no new
+    /// Takes in what was seen at a place, shared out among the cells around it. A full map learns no new
     /// places.
-    pub(crate) fn learn(&mut self, place: &PlanarPose, right_m: f64, time_s: f64) {
-        let MemoryConfig {
-            error_share,
-            kept_share,
-            aim_max_m,
-            ..
-        } = self.config;
-        if !right_m.is_finite() {
+    pub(crate) fn learn(&mut self, place: &PlanarPose, seen: &Evidence, time_s: f64) {
+        if !seen.is_finite() {
             return;
         }
-        let Some(slot) = self.visit(place, time_s) else {
-            return;
-        };
-        slot.errors += 1;
-        slot.error_m += (right_m - slot.error_m) / f64::from(slot.errors);
-        let aim_m = kept_share * slot.before_m - error_share * slot.error_m;
-        slot.cell.aim_right_m = aim_m.clamp(-aim_max_m, aim_max_m);
+        for (key, share) in self.around(place) {
+            if let Some(slot) = self.visit(&key, time_s) {
+                slot.visit.add(share, seen);
+            }
+        }
     }
 
-    /// Returns the slot of a place that is driven over, a new one where there is room; a visit begins where
+    /// Returns the slot of a cell that is driven over, a new one where there is room; a visit begins where
     /// it was not measured for a while.
-    fn visit(&mut self, place: &PlanarPose, time_s: f64) -> Option<&mut Slot> {
-        let key = self.key(place);
-        let index = self.slot(&key)?;
-        let under_way = self.slots[index].is_some_and(|slot| slot.visited_at(time_s));
-        if !under_way {
-            let before_m = self.aim_right_m(place, time_s);
-            let visits = match &self.slots[index] {
-                Some(slot) => slot.cell.visits.saturating_add(1),
-                None if self.used == CELLS => return None,
-                None => {
-                    self.used += 1;
-                    1
-                }
-            };
+    fn visit(&mut self, key: &Key, time_s: f64) -> Option<&mut Slot> {
+        let index = self.slot(key)?;
+        if self.slots[index].is_none() {
+            if self.used == CELLS {
+                return None;
+            }
+            self.used += 1;
             self.slots[index] = Some(Slot {
                 cell: Cell {
-                    key,
-                    aim_right_m: before_m,
-                    visits,
+                    key: *key,
+                    evidence: Evidence::default(),
+                    visits: 0,
                 },
-                before_m,
-                error_m: 0.0,
-                errors: 0,
-                time_s,
+                visit: Evidence::default(),
+                time_s: f64::NEG_INFINITY,
             });
         }
+        let config = self.config;
         let slot = self.slots[index].as_mut()?;
+        if !slot.visited_at(time_s) {
+            slot.cell.evidence = slot.cell.evidence.after(&slot.visit, &config);
+            slot.visit = Evidence::default();
+            slot.cell.visits = slot.cell.visits.saturating_add(1);
+        }
         slot.time_s = time_s;
         Some(slot)
     }
 
-    /// Returns how far to the right of a place of the path to aim, by the visits that are over, m: a weighted
-    /// mean of its cell and those around it, less where little is known.
-    pub(crate) fn aim_right_m(&self, place: &PlanarPose, time_s: f64) -> f64 {
-        let edge = self.config.cell_m;
-        let (mut sum_m, mut total) = (0.0, 0.0);
+    /// Returns what the visits that are over have shown of a place.
+    pub(crate) fn known(&self, place: &PlanarPose, time_s: f64) -> Evidence {
+        let mut known = Evidence::default();
         if self.used == 0 {
-            return 0.0;
+            return known;
         }
-        let centre = self.key(place);
-        for dx in -2..=2 {
-            for dy in -2..=2 {
-                for turn in -1..=1 {
-                    let key = Key {
-                        x: centre.x + dx,
-                        y: centre.y + dy,
-                        sector: (centre.sector + turn).rem_euclid(SECTORS),
-                    };
-                    let Some(slot) = self.slot(&key).and_then(|index| self.slots[index].as_ref())
-                    else {
-                        continue;
-                    };
-                    let visited = slot.visited_at(time_s);
-                    if visited && slot.cell.visits == 1 {
-                        continue;
-                    }
-                    let aim_m = if visited {
-                        slot.before_m
-                    } else {
-                        slot.cell.aim_right_m
-                    };
-                    let middle = |cell: i32| (f64::from(cell) + 0.5) * edge;
-                    let away = (middle(key.x) - place.x_m).hypot(middle(key.y) - place.y_m) / edge;
-                    let heading = (f64::from(key.sector) + 0.5) * TAU / f64::from(SECTORS);
-                    let turned =
-                        wrap_angle(place.yaw_rad - heading).abs() * f64::from(SECTORS) / TAU;
-                    let weight =
-                        (1.0 - (away / 2.0).powi(2)).max(0.0) * (1.5 - turned).clamp(0.0, 1.0);
-                    sum_m += weight * aim_m;
-                    total += weight;
-                }
+        for (key, share) in self.around(place) {
+            let slot = self.slot(&key).and_then(|index| self.slots[index].as_ref());
+            let Some(slot) = slot else { continue };
+            let cell = &slot.cell.evidence;
+            if slot.visited_at(time_s) {
+                known.add(share, cell);
+            } else {
+                known.add(share, &cell.after(&slot.visit, &self.config));
             }
         }
-        sum_m / total.max(1.0)
+        known
     }
 
     /// Returns all cells.
-    pub(crate) fn cells(&self) -> Vec<Cell> {
-        let slots = self.slots.iter().flatten();
-        slots.map(|slot| slot.cell).collect()
+    pub(crate) fn cells(&self) -> impl Iterator<Item = Cell> + '_ {
+        self.slots.iter().flatten().map(|slot| Cell {
+            evidence: slot.cell.evidence.after(&slot.visit, &self.config),
+            ..slot.cell
+        })
     }
 
     /// Takes over cells that were learned before; what does not fit or is not finite is left out.
     pub(crate) fn recall(&mut self, cells: &[Cell]) {
         for cell in cells {
-            if !cell.aim_right_m.is_finite() || self.used == CELLS {
+            if !cell.evidence.is_finite() || self.used == CELLS {
                 continue;
             }
             let Some(index) = self.slot(&cell.key) else {
@@ -192,22 +155,37 @@ impl PlaceMap {
             }
             self.slots[index] = Some(Slot {
                 cell: *cell,
-                before_m: cell.aim_right_m,
-                error_m: 0.0,
-                errors: 0,
+                visit: Evidence::default(),
                 time_s: f64::NEG_INFINITY,
             });
         }
     }
 
-    fn key(&self, place: &PlanarPose) -> Key {
-        let cell = |at_m: f64| (at_m / self.config.cell_m).floor() as i32;
+    /// Returns the eight cells whose middles are nearest to a place and its heading, and their shares of it,
+    /// linear in each.
+    fn around(&self, place: &PlanarPose) -> impl Iterator<Item = (Key, f64)> + use<> {
+        let split = |at: f64| {
+            let low = (at - 0.5).floor();
+            (low as i32, at - 0.5 - low)
+        };
+        let edge = self.config.cell_m;
+        let (x, x_share) = split(place.x_m / edge);
+        let (y, y_share) = split(place.y_m / edge);
         let turn = place.yaw_rad.rem_euclid(TAU) / TAU * f64::from(SECTORS);
-        Key {
-            x: cell(place.x_m),
-            y: cell(place.y_m),
-            sector: (turn as i32).min(SECTORS - 1),
-        }
+        let (sector, turn_share) = split(turn);
+        (0..8).map(move |corner| {
+            let one = |bit: i32| corner >> bit & 1;
+            let part = |bit: i32, share: f64| if one(bit) == 1 { share } else { 1.0 - share };
+            let key = Key {
+                x: x + one(0),
+                y: y + one(1),
+                sector: (sector + one(2)).rem_euclid(SECTORS),
+            };
+            (
+                key,
+                part(0, x_share) * part(1, y_share) * part(2, turn_share),
+            )
+        })
     }
 
     /// Returns the slot of a key: its own, or the free one where it would be; none where neither is near.
@@ -231,6 +209,8 @@ impl PlaceMap {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use nalgebra::Vector3;
+    use sidehill_plant::slip_gains::SlipGains;
 
     fn at(x_m: f64, yaw_rad: f64) -> PlanarPose {
         PlanarPose {
@@ -240,52 +220,100 @@ mod tests {
         }
     }
 
-    fn drive(map: &mut PlaceMap, start_s: f64, right_m: f64) {
+    fn seen(slip_right: f64, error_m: f64) -> Evidence {
+        let way_m = 0.05;
+        Evidence {
+            way_m,
+            slip: [slip_right * way_m, 0.0, 0.0],
+            terms_m: [0.1 * way_m, 0.0, 0.0, 0.0, 0.0],
+            error_way_m: way_m,
+            error_m2: error_m * way_m,
+            ..Evidence::default()
+        }
+    }
+
+    fn drive(map: &mut PlaceMap, start_s: f64, evidence: &Evidence) {
         for i in 0..200 {
             let place = at(0.05 * f64::from(i), 0.3);
-            map.learn(&place, right_m, start_s + 0.05 * f64::from(i));
+            map.learn(&place, evidence, start_s + 0.05 * f64::from(i));
         }
     }
 
     #[test]
-    fn the_next_visit_aims_against_the_error_there_and_in_that_heading_only() {
+    fn the_next_visit_knows_the_slip_there_and_in_that_heading_only() {
         let mut map = PlaceMap::new(MemoryConfig::default());
-        drive(&mut map, 0.0, 0.05);
+        drive(&mut map, 0.0, &seen(0.1, 0.0));
+        let slip = |map: &PlaceMap, x_m, yaw_rad, time_s, gains: &SlipGains| {
+            map.known(&at(x_m, yaw_rad), time_s).slip_per_m(gains)
+        };
+        let none = SlipGains::zeros();
         // The visit to the last places is not over.
-        assert_eq!(map.aim_right_m(&at(9.9, 0.3), 10.0), 0.0);
-        let aim_m = |map: &PlaceMap, x_m, yaw_rad| map.aim_right_m(&at(x_m, yaw_rad), 100.0);
-        assert!((aim_m(&map, 5.0, 0.3) + 0.04).abs() < 1e-3);
-        assert_eq!(aim_m(&map, 5.0, 0.3 + std::f64::consts::PI), 0.0);
-        assert_eq!(aim_m(&map, 15.0, 0.3), 0.0);
+        assert_eq!(slip(&map, 9.9, 0.3, 10.0, &none), Vector3::zeros());
+        let there = slip(&map, 5.0, 0.3, 100.0, &none);
+        assert!((there.x - 0.1).abs() < 0.03 && there.y == 0.0, "{there}");
+        let opposite = 0.3 + std::f64::consts::PI;
+        assert_eq!(slip(&map, 5.0, opposite, 100.0, &none), Vector3::zeros());
+        assert_eq!(slip(&map, 15.0, 0.3, 100.0, &none), Vector3::zeros());
+        // Gains that explain it leave nothing.
+        let mut gains = none;
+        gains[(0, 0)] = 1.0;
+        assert!(slip(&map, 5.0, 0.3, 100.0, &gains).norm() < 1e-12);
     }
 
     #[test]
-    fn visits_add_up_within_bounds_and_are_forgotten() {
+    fn a_visit_counts_more_than_those_before_and_noise_averages_out() {
+        let mut map = PlaceMap::new(MemoryConfig::default());
+        let mut now = 0.0;
+        let mut drive = |slip: f64| {
+            drive(&mut map, 100.0 * now, &seen(slip, 0.0));
+            now += 1.0;
+            let known = map.known(&at(5.0, 0.3), 100.0 * now - 50.0);
+            known.slip_per_m(&SlipGains::zeros()).x / known.share()
+        };
+        for _ in 0..10 {
+            drive(0.1);
+        }
+        let noisy = drive(0.2);
+        assert!((0.1..0.14).contains(&noisy), "{noisy}");
+        let mut last = 0.0;
+        for _ in 0..20 {
+            last = drive(0.0);
+        }
+        assert!(last.abs() < 0.01, "{last}");
+    }
+
+    #[test]
+    fn aims_add_up_within_bounds_and_are_forgotten() {
         let config = MemoryConfig::default();
         let mut map = PlaceMap::new(config);
         let mut aims_m = [0.0; 40];
         for (visit, aim_m) in aims_m.iter_mut().enumerate() {
-            let right_m = if visit < 5 { 0.06 } else { 0.0 };
-            drive(&mut map, 100.0 * visit as f64, right_m);
-            *aim_m = map.aim_right_m(&at(5.0, 0.3), 100.0 * visit as f64 + 50.0);
+            let error_m = if visit < 5 { 0.06 } else { 0.0 };
+            drive(&mut map, 100.0 * visit as f64, &seen(0.0, error_m));
+            let known = map.known(&at(5.0, 0.3), 100.0 * visit as f64 + 50.0);
+            *aim_m = known.aim_right_m();
         }
+        assert!((-0.048..-0.03).contains(&aims_m[0]), "{aims_m:?}");
         assert!(aims_m[1] < 1.5 * aims_m[0], "{aims_m:?}");
-        assert!((aims_m[4] + config.aim_max_m).abs() < 1e-3, "{aims_m:?}");
+        assert!(aims_m[4] < -0.85 * config.aim_max_m, "{aims_m:?}");
+        assert!(aims_m.iter().all(|aim_m| aim_m.abs() <= config.aim_max_m));
         assert!(aims_m[39].abs() < 0.4 * config.aim_max_m, "{aims_m:?}");
-        drive(&mut map, 5000.0, f64::NAN);
-        assert!(map.aim_right_m(&at(5.0, 0.3), 5050.0).is_finite());
+        drive(&mut map, 5000.0, &seen(f64::NAN, 0.0));
+        let known = map.known(&at(5.0, 0.3), 5050.0);
+        assert!(known.slip_per_m(&SlipGains::zeros()).x.is_finite());
     }
 
     #[test]
     fn a_full_map_goes_on_with_the_places_it_knows() {
         let mut map = PlaceMap::new(MemoryConfig::default());
         for i in 0..20_000 {
-            map.learn(&at(f64::from(i), 0.3), 0.05, 0.0);
+            map.learn(&at(f64::from(i), 0.3), &seen(0.1, 0.0), 0.0);
         }
-        assert!(map.used <= CELLS && map.cells().len() == map.used);
+        assert!(map.used <= CELLS && map.cells().count() == map.used);
         let mut again = PlaceMap::new(MemoryConfig::default());
-        again.recall(&map.cells());
+        let cells: Vec<Cell> = map.cells().collect();
+        again.recall(&cells);
         assert_eq!(again.used, map.used);
-        assert!(again.aim_right_m(&at(5.0, 0.3), 0.0) < 0.0);
+        assert!(again.known(&at(5.0, 0.3), 0.0).way_m > 0.0);
     }
 }

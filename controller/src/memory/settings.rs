@@ -9,7 +9,7 @@ use sidehill_plant::bounds::{Bounds, RangeError};
 pub struct MemoryConfig {
     /// Whether learned gains survive a disarming.
     pub keep_gains: bool,
-    /// Whether the error is learned by place, and aimed against where a place is driven over again.
+    /// Whether slip and error are learned by place, and reckoned with where a place is driven over again.
     pub by_place: bool,
     /// Edge of a cell of the map, m.
     pub cell_m: f64,

@@ -14,6 +14,7 @@
 //! small and dense, where an interior-point method spends the least time on 20 to 50 stages.
 
 mod feasible;
+mod terms;
 
 use super::limits::{Change, InputLimits};
 use super::problem::QpData;
@@ -120,6 +121,15 @@ impl Condenser {
         }
         self.change_cost(stages, previous, data);
         self.bounds(stages, previous, data);
+        let mut before = previous;
+        for (own, stage) in data.stages.iter_mut().zip(stages) {
+            let change = [
+                stage.input.traction_m_s - before.traction_m_s,
+                stage.input.steer_m_s - before.steer_m_s,
+            ];
+            *own = stage.terms(change, self.cost_scale);
+            before = stage.input;
+        }
     }
 
     /// Writes one block's Hessian, gradient, continuity and corridor.

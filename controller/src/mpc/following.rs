@@ -105,7 +105,7 @@ impl Mpc {
                 state.z,
                 input,
                 step_s,
-            );
+            ) + step_s * target.slip;
             cost += stage_cost(stage, target, &state, input, before);
             before = input;
         }

@@ -75,13 +75,14 @@ impl Mpc {
                 self.plan.inputs[k],
             );
             let step_s = self.times.step_s(k);
-            let step = self.model.step_near(
+            let mut step = self.model.step_near(
                 &mut self.starts[k],
                 &target.normal_in_world,
                 state.z,
                 input,
                 step_s,
             );
+            step.increment += step_s * target.slip;
             let (sin, cos) = target.along_heading_rad.sin_cos();
             let time_s = if k == 0 {
                 settings.period_s

@@ -5,18 +5,23 @@
 //!     Horizon -> Linearised -> CondensedQp -> Solution
 //! ```
 
+mod active_limits;
 mod clarabel_qp;
 mod condensing;
 mod dual_active_set;
 mod failure;
 mod following;
+mod limit_search;
 pub mod limits;
 mod linearising;
 mod model;
+mod penalised;
 mod problem;
 mod qp;
+mod recursion;
 mod rows;
 mod settings;
+mod stage_terms;
 mod stage_times;
 mod step_limit;
 mod structure;
@@ -29,6 +34,7 @@ use model::StepStart;
 pub use problem::{CscMatrix, Point, QpData, Residuals};
 pub use qp::{QpSolver, SolvePath};
 pub use settings::{ChangeWeights, Corridor, HeadingExcess, MpcSettings, QpMode, QpSettings};
+pub use stage_terms::StageTerms;
 pub use stage_times::StageTimes;
 pub use step_limit::StepLimit;
 
@@ -57,6 +63,8 @@ pub struct StageTarget {
     pub normal_in_world: Vector3<f64>,
     /// Input of the flat model that would follow the target; a plan made from nothing begins with it.
     pub feedforward: MotorSpeeds,
+    /// Velocity that the model does not have, (x, y, yaw) in the world.
+    pub slip: Vector3<f64>,
     /// Weights of this stage.
     pub weights: StageWeights,
 }

@@ -5,6 +5,7 @@
 //! ```
 
 pub use super::clarabel_qp::CscMatrix;
+use super::stage_terms::StageTerms;
 use serde::{Deserialize, Serialize};
 
 /// Optimality of a point, computed from the data and not from the solver's own account.
@@ -38,6 +39,9 @@ pub struct QpData {
     pub b: Vec<f64>,
     /// Number of equality rows.
     pub equalities: usize,
+    /// The same dynamics and cost stage by stage, where the inequalities are bounds and changes of the
+    /// inputs alone; else empty.
+    pub stages: Vec<StageTerms>,
 }
 
 /// A primal and dual point of a QP.
@@ -113,6 +117,7 @@ impl QpData {
             a,
             b: self.b[..self.equalities].to_vec(),
             equalities: self.equalities,
+            stages: Vec::new(),
         }
     }
 

@@ -3,6 +3,7 @@
 use super::limits::InputLimits;
 use super::problem::{CscMatrix, QpData, pattern};
 use super::settings::Corridor;
+use super::stage_terms::StageTerms;
 use std::ops::Range;
 
 /// Rows an input stage has: bounds and changes of both motors, each from both sides.
@@ -70,8 +71,8 @@ pub fn structure(
     for (block, entries) in blocks.iter_mut().zip(continuity) {
         block.continuity = positions[entries].to_vec();
     }
-    for (block, entries) in blocks.iter_mut().zip(corridor) {
-        block.corridor = positions[entries].to_vec();
+    for (block, entries) in blocks.iter_mut().zip(&corridor) {
+        block.corridor = positions[entries.clone()].to_vec();
     }
     let data = QpData {
         p,
@@ -79,6 +80,11 @@ pub fn structure(
         a,
         b: vec![0.0; rows.count],
         equalities,
+        stages: if corridor.is_empty() && !tread_rows {
+            vec![StageTerms::default(); stages]
+        } else {
+            Vec::new()
+        },
     };
     (blocks, data)
 }

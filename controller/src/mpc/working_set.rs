@@ -1,10 +1,9 @@
-//! A primal-dual active-set method, warm-started from the last solve.
+//! The QP for a set of active rows, which starts from that of the last solve.
 //!
-//! With the active rows W known, the QP is one linear system. Each iteration solves that system for the
-//! current W, removes the rows with negative multipliers and adds the violated ones (Hintermueller, Ito
-//! and Kunisch, SIAM J. Optim. 13, 2002). Started from the active rows of the cycle before, it mostly
-//! ends after one to three systems. The method can cycle: where the number of wrong signs does not
-//! fall, [`DualActiveSet`] takes over. It changes one row at a time and cannot cycle.
+//! [`LimitSearch`] mostly finds the set. With the active rows W known, the QP is one linear system. Where
+//! its solution has wrong signs, rows with negative multipliers leave W and violated ones join it
+//! (Hintermueller, Ito and Kunisch, SIAM J. Optim. 13, 2002). That can cycle: where the number of
+//! wrong signs does not fall, [`DualActiveSet`] takes over, which cannot.
 //!
 //! W enters as a penalty rho/2 (a' x - b)^2 on each of its rows a, so that all systems have one
 //! sparsity pattern: P's, with room for the products of each row. The multiplier of a row is
@@ -20,7 +19,9 @@
 use super::clarabel_qp::{LinearSystem, SolveLimits};
 use super::dual_active_set::DualActiveSet;
 use super::failure::QpFailure;
-use super::problem::{Point, QpData, Residuals, pattern};
+use super::limit_search::LimitSearch;
+use super::penalised::{Places, penalised};
+use super::problem::{Point, QpData, Residuals};
 use super::rows::Rows;
 
 /// A penalty's curvature along its row, relative to P's own.
@@ -38,6 +39,9 @@ const SHARPER: f64 = 0.1;
 pub struct WorkingSet {
     rows: Rows,
     system: LinearSystem,
+    search: Option<LimitSearch>,
+    /// Whether the search had its turn in this solve.
+    searched: bool,
     dual: DualActiveSet,
     places: Places,
     /// Values of P with the penalties.
@@ -57,20 +61,6 @@ pub struct WorkingSet {
     factorisations: u32,
 }
 
-/// Where values stand in the penalised P and in A.
-struct Places {
-    /// Of P's values.
-    p: Vec<usize>,
-    /// Of P's diagonal.
-    diagonal: Vec<usize>,
-    /// Of each product of two entries of a row, row by row: (0, 0), (0, 1), (1, 1), (0, 2), ...
-    products: Vec<usize>,
-    /// First product of each row.
-    product_starts: Vec<usize>,
-    /// Of A's values in the equalities' rows.
-    equalities: Vec<usize>,
-}
-
 impl WorkingSet {
     /// Returns a solver for problems with the pattern of `data`, with an empty working set.
     ///
@@ -82,6 +72,8 @@ impl WorkingSet {
         let count = rows.count();
         Ok(Self {
             system: LinearSystem::new(&penalised)?,
+            search: LimitSearch::new(data),
+            searched: false,
             dual: DualActiveSet::new(data),
             p: penalised.p.nzval,
             equalities: penalised.a.nzval,
@@ -138,6 +130,10 @@ impl WorkingSet {
         for (value, place) in self.equalities.iter_mut().zip(&self.places.equalities) {
             *value = data.a.nzval[*place];
         }
+        self.searched = false;
+        if self.binds() {
+            self.search(data, point, limits)?;
+        }
         self.guess.copy_from_slice(&self.members);
         if let Some(residuals) = self.correct(data, point, work, tolerance, limits)? {
             return Ok(Some(residuals));
@@ -159,6 +155,25 @@ impl WorkingSet {
             self.members[*row] = true;
         }
         self.finish(data, point, work, tolerance, limits)
+    }
+
+    /// Searches the active rows stage by stage; where they are not found the members stay as they are.
+    fn search(
+        &mut self,
+        data: &QpData,
+        point: &mut Point,
+        limits: &SolveLimits,
+    ) -> Result<(), QpFailure> {
+        self.searched = true;
+        let Some(search) = &mut self.search else {
+            return Ok(());
+        };
+        let found = search.find(data, &self.rows, &mut self.members, limits);
+        self.factorisations += search.systems();
+        if search.systems() > 0 {
+            search.put_inputs(&self.rows, point);
+        }
+        found.map(|_| ()).map_err(|()| self.late())
     }
 
     /// Exchanges all rows of wrong sign at once, until none is left or their number does not fall.
@@ -194,6 +209,10 @@ impl WorkingSet {
             }
             before = wrong;
             std::mem::swap(&mut self.members, &mut self.next);
+            if !self.searched {
+                self.search(data, point, limits)?;
+                self.guess.copy_from_slice(&self.members);
+            }
         }
         Ok(None)
     }
@@ -334,52 +353,4 @@ impl WorkingSet {
             iterations: self.factorisations,
         }
     }
-}
-
-/// Returns the problem without its inequalities, whose P has room for the penalties of all rows, and
-/// the positions of the values in it.
-fn penalised(data: &QpData, rows: &Rows) -> (QpData, Places) {
-    let size = data.q.len();
-    let mut entries: Vec<(usize, usize)> = (0..size).map(|i| (i, i)).collect();
-    let own: Vec<_> = (0..size)
-        .flat_map(|column| {
-            let stored = data.p.colptr[column]..data.p.colptr[column + 1];
-            stored.map(move |place| (data.p.rowval[place], column))
-        })
-        .collect();
-    entries.extend(&own);
-    let mut products = Vec::new();
-    let mut product_starts = vec![0];
-    for row in 0..rows.count() {
-        let columns = rows.columns(row);
-        for (i, column) in columns.iter().enumerate() {
-            products.extend(columns[..=i].iter().map(|other| (*other, *column)));
-        }
-        product_starts.push(products.len());
-    }
-    entries.extend(&products);
-    entries.sort_unstable();
-    entries.dedup();
-    let (p, positions) = pattern(size, size, &entries);
-    let places = |list: &[(usize, usize)]| -> Vec<usize> {
-        list.iter()
-            .filter_map(|entry| entries.binary_search(entry).ok())
-            .map(|i| positions[i])
-            .collect()
-    };
-    let diagonal: Vec<_> = (0..size).map(|i| (i, i)).collect();
-    let equalities = data.a.rowval.iter().enumerate();
-    let places = Places {
-        p: places(&own),
-        diagonal: places(&diagonal),
-        products: places(&products),
-        product_starts,
-        equalities: equalities
-            .filter(|(_, row)| **row < data.equalities)
-            .map(|(place, _)| place)
-            .collect(),
-    };
-    let mut problem = data.without_inequalities();
-    problem.p = p;
-    (problem, places)
 }

@@ -2,6 +2,7 @@
 //!
 //! Everything is in the world frame: X_g, Y_g horizontal, heading psi counter-clockwise from Y_g.
 
+mod aside;
 mod curve;
 mod error;
 mod point;
@@ -11,6 +12,7 @@ mod read;
 mod smoothing;
 mod spline;
 
+pub use aside::{Aside, MovedPath};
 pub use error::PathError;
 pub use point::{Direction, PathPoint, Point2};
 pub use projection::{Projected, Window};

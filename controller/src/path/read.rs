@@ -129,7 +129,7 @@ impl Columns {
             .iter()
             .find(|name| headers.iter().filter(|header| header == *name).count() > 1);
         if let Some(name) = twice {
-            return Err(at_line_1(format!("column `{name}` stands twice")));
+            return Err(at_line_1(format!("column `{name}` occurs twice")));
         }
         let find = |name: &str| headers.iter().position(|header| header == name);
         let need =

@@ -14,4 +14,5 @@ mod rig;
 mod routes;
 mod serialise;
 mod speed_profile;
+mod stops;
 mod supervision;

@@ -79,7 +79,7 @@ pub(super) fn inverse_of(stiffness: &Matrix3<f64>) -> Option<Matrix3<f64>> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::paper_tests::j8;
+    use super::super::tests::j8;
     use super::*;
     use proptest::prelude::*;
 

@@ -57,8 +57,6 @@ mod model;
 mod parameters;
 mod prediction;
 mod relaxation;
-#[cfg(test)]
-mod relaxation_tests;
 mod vehicle;
 
 pub use friction::{Friction, FrictionField};
@@ -70,4 +68,4 @@ pub use prediction::{ContactPrediction, FoundBalance, Predicted};
 pub use vehicle::{Axle, CentreOfMass, ContactVehicle};
 
 #[cfg(test)]
-mod paper_tests;
+mod tests;

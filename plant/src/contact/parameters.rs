@@ -6,7 +6,7 @@ use nalgebra::SVector;
 use serde::Serialize;
 
 /// Number of the parameters.
-pub const PARAMETERS: usize = 8;
+pub const PARAMETERS: usize = 10;
 
 /// The parameters in the order of [`Parameter::ALL`]; factors as natural logarithms.
 pub type ParameterVector = SVector<f64, PARAMETERS>;
@@ -31,6 +31,10 @@ pub enum Parameter {
     SlipScale,
     /// Rolling resistance c.
     RollingResistance,
+    /// Speed of the left tread over that which encoders and commands say, in addition to c_l.
+    LeftTread,
+    /// The same of the right tread, in addition to c_r.
+    RightTread,
 }
 
 impl Parameter {
@@ -44,6 +48,8 @@ impl Parameter {
         Self::LateralShare,
         Self::SlipScale,
         Self::RollingResistance,
+        Self::LeftTread,
+        Self::RightTread,
     ];
 
     /// Returns its key in records, diagnostics and reports.
@@ -57,6 +63,8 @@ impl Parameter {
             Self::LateralShare => "lateral_share",
             Self::SlipScale => "slip_scale_m_s",
             Self::RollingResistance => "rolling_resistance",
+            Self::LeftTread => "left_tread_factor",
+            Self::RightTread => "right_tread_factor",
         }
     }
 
@@ -67,7 +75,20 @@ impl Parameter {
 
     /// Returns whether a [`ParameterVector`] holds its natural logarithm: a positive factor.
     pub fn is_logarithm(self) -> bool {
-        matches!(self, Self::Friction | Self::LateralShare | Self::SlipScale)
+        matches!(
+            self,
+            Self::Friction
+                | Self::LateralShare
+                | Self::SlipScale
+                | Self::LeftTread
+                | Self::RightTread
+        )
+    }
+
+    /// Returns whether it is a factor of a tread. A [`ContactVehicle`] has none: its treads move as c_l and c_r
+    /// say.
+    pub fn is_tread_factor(self) -> bool {
+        matches!(self, Self::LeftTread | Self::RightTread)
     }
 
     /// Returns the value, in its own unit, of an entry of a [`ParameterVector`].
@@ -100,6 +121,7 @@ impl Parameter {
             Self::LateralShare => 0.2,
             Self::SlipScale => 0.7,
             Self::RollingResistance => 0.02,
+            Self::LeftTread | Self::RightTread => 0.2,
         }
     }
 
@@ -115,6 +137,7 @@ impl Parameter {
             Self::LateralShare => (0.3, 2.0),
             Self::SlipScale => (0.002, 0.2),
             Self::RollingResistance => (0.0, 0.3),
+            Self::LeftTread | Self::RightTread => (0.2, 2.0),
         }
     }
 }
@@ -131,6 +154,7 @@ impl ContactVehicle {
             Parameter::LateralShare => self.friction.lateral_share,
             Parameter::SlipScale => self.friction.slip_scale_m_s,
             Parameter::RollingResistance => self.friction.rolling_resistance,
+            Parameter::LeftTread | Parameter::RightTread => 1.0,
         };
         ParameterVector::from_fn(|i, _| {
             let parameter = Parameter::ALL[i];
@@ -138,7 +162,8 @@ impl ContactVehicle {
         })
     }
 
-    /// Returns the same vehicle with other parameters, on ground of even friction.
+    /// Returns the same vehicle with other parameters, on ground of even friction; factors of the treads are left
+    /// out.
     #[must_use]
     pub fn with_parameters(&self, parameters: &ParameterVector) -> Self {
         let value = |parameter: Parameter| parameter.value(parameters[parameter.index()]);

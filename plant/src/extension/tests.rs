@@ -1,5 +1,6 @@
 use super::*;
 use crate::prediction::PredictionModel;
+use crate::test_support::{attitude, motors, slope, vector};
 use crate::vehicle::Vehicle;
 use proptest::prelude::*;
 
@@ -19,30 +20,6 @@ fn with(gains: ExtensionGains) -> Vehicle {
         encoder_scale: vehicle.encoder_scale,
     });
     vehicle
-}
-
-fn attitude(roll_rad: f64, pitch_rad: f64) -> Attitude {
-    Attitude {
-        roll_rad,
-        pitch_rad,
-    }
-}
-
-fn motors(traction_m_s: f64, steer_m_s: f64) -> MotorSpeeds {
-    MotorSpeeds {
-        traction_m_s,
-        steer_m_s,
-    }
-}
-
-fn vector(v: BodyVelocity) -> Vector3<f64> {
-    Vector3::new(v.right_m_s, v.forward_m_s, v.yaw_rate_rad_s)
-}
-
-/// Central difference of `f` at 0.
-fn slope(f: impl Fn(f64) -> Vector3<f64>) -> Vector3<f64> {
-    let h = 1e-6;
-    (f(h) - f(-h)) / (2.0 * h)
 }
 
 #[test]

@@ -3,10 +3,11 @@
 use super::least_squares::{jacobian_columns, minimise};
 use super::problem::{PER_POSE, Problem, Pull, pose_count};
 use super::segments::{Segment, SegmentErrors, Segmentation, segments};
-use super::statistics::{Cluster, confidence_factor, covariance, median, weak_direction};
+use super::statistics::{Cluster, confidence_factor, covariance, weak_direction};
 use crate::bounds::RangeError;
 use crate::log::DriveLog;
 use crate::odometry::KinematicModel;
+use crate::statistics::median;
 use crate::vehicle::Vehicle;
 use nalgebra::{DMatrix, DVector};
 
@@ -231,7 +232,7 @@ impl Stage<'_> {
                 .iter()
                 .map(|r| r.iter().map(|r| r * r).sum::<f64>().sqrt())
                 .collect();
-            let scale = 3.0 * median(sizes.clone()).max(1e-9);
+            let scale = 3.0 * median(sizes.clone()).unwrap_or(0.0).max(1e-9);
             problem.weights = sizes
                 .iter()
                 .map(|size| 1.0 / (1.0 + (size / scale).powi(2)))

@@ -1,6 +1,5 @@
 //! What the scatter of segments says about fitted parameters.
 
-use crate::statistics::quantile;
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 
 /// Weighted Jacobian and residuals of one segment.
@@ -98,12 +97,6 @@ pub(super) fn weak_direction(clusters: &[Cluster], strength_min: f64) -> Option<
 pub(super) fn confidence_factor(free: usize) -> f64 {
     let inverse = 1.0 / free.max(1) as f64;
     1.960 + inverse * (2.372 + inverse * 2.823)
-}
-
-/// Returns the median; 0 for no values.
-pub(super) fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_unstable_by(f64::total_cmp);
-    quantile(&values, 0.5).unwrap_or(0.0)
 }
 
 #[cfg(test)]

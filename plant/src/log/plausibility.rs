@@ -2,6 +2,7 @@
 
 use super::{DriveLog, LogRow};
 use crate::frames::wrap_angle;
+use crate::statistics::median;
 
 /// A likely mistake in how a log was made or read. It is a hint, not a proof: each says what was seen.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
@@ -219,13 +220,6 @@ fn stretches(rows: &[LogRow]) -> Vec<Stretch> {
         };
     }
     out
-}
-
-/// Returns the lower median; none of no values.
-fn median(mut values: Vec<f64>) -> Option<f64> {
-    let middle = values.len().checked_sub(1)? / 2;
-    let (_, median, _) = values.select_nth_unstable_by(middle, f64::total_cmp);
-    Some(*median)
 }
 
 #[cfg(test)]

@@ -2,6 +2,7 @@ use super::*;
 use crate::dead_reckoning::{Motion, advance};
 use crate::motion::IcrMotion;
 use crate::terrain::PlaneTerrain;
+use crate::test_support::motors;
 use crate::vehicle::Vehicle;
 use proptest::prelude::*;
 
@@ -29,13 +30,6 @@ fn setup(vehicle: Vehicle, terrain: Terrain) -> SimulationSetup {
         start: PlanarPose::default(),
         dt_s: 0.005,
         seed: 0,
-    }
-}
-
-fn motors(traction_m_s: f64, steer_m_s: f64) -> MotorSpeeds {
-    MotorSpeeds {
-        traction_m_s,
-        steer_m_s,
     }
 }
 

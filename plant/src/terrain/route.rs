@@ -1,10 +1,12 @@
 //! Ground of which only the elevation along a route is known.
 
+mod smoothing;
+
+pub use smoothing::RouteSmoothing;
+
 use super::nodes::{Cells, Placed};
 use super::{Surface, TerrainError};
-use crate::bounds::{Bounds, RangeError};
 use nalgebra::{Matrix3, Vector3};
-use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 use std::f64::consts::PI;
 use std::sync::Arc;
@@ -36,44 +38,6 @@ pub struct RoutePoint {
     pub y_m: f64,
     /// Elevation Z_g, m.
     pub z_m: f64,
-}
-
-/// How far route elevations are smoothed, and how far to the side they are valid.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(try_from = "RawSmoothing")]
-pub struct RouteSmoothing {
-    smoothing_length_m: f64,
-    distance_max_m: f64,
-}
-
-impl RouteSmoothing {
-    /// Returns a smoothing that weighs elevations within `smoothing_length_m` (weight (1 - d^2/L^2)^3
-    /// at distance d) and gives ground within `distance_max_m` of the route.
-    ///
-    /// # Errors
-    /// Names the value that is out of range: length from 0.5 to 500 m, distance from 0.5 to 100 m.
-    pub fn new(smoothing_length_m: f64, distance_max_m: f64) -> Result<Self, RangeError> {
-        Ok(Self {
-            smoothing_length_m: Bounds::new(0.5, 500.0, "m")
-                .check("smoothing_length_m", smoothing_length_m)?,
-            distance_max_m: Bounds::new(0.5, 100.0, "m").check("distance_max_m", distance_max_m)?,
-        })
-    }
-
-    /// Spacing of the places at which the route is sampled for fitting, m.
-    fn sample_spacing_m(&self) -> f64 {
-        self.smoothing_length_m / 16.0
-    }
-
-    /// Distance at which a tangent plane stops to count, m.
-    fn blend_m(&self) -> f64 {
-        1.5 * self.distance_max_m
-    }
-
-    /// Spacing of the tangent planes along the route, m.
-    fn plane_spacing_m(&self) -> f64 {
-        self.blend_m() / 6.0
-    }
 }
 
 /// Samples on a route at most, which bounds the memory a route can take.
@@ -335,21 +299,6 @@ fn slot([x_m, y_m]: [f64; 2], direction: [f64; 2], side_m: f64) -> (i64, i64, i6
     let angle = direction[1].atan2(direction[0]).rem_euclid(PI);
     let index = |m: f64| (m / side_m).floor() as i64;
     (index(x_m), index(y_m), (angle / PI * 8.0) as i64 % 8)
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct RawSmoothing {
-    smoothing_length_m: f64,
-    distance_max_m: f64,
-}
-
-impl TryFrom<RawSmoothing> for RouteSmoothing {
-    type Error = RangeError;
-
-    fn try_from(raw: RawSmoothing) -> Result<Self, RangeError> {
-        Self::new(raw.smoothing_length_m, raw.distance_max_m)
-    }
 }
 
 #[cfg(test)]

@@ -18,7 +18,7 @@ const STAND_MAX_S: f64 = 1.0;
 const SPEED_MIN_M_S: f64 = 0.05;
 /// Speed above which a drive ends in motion, m/s.
 const ENDS_IN_MOTION_M_S: f64 = 0.1;
-/// Length at the end of a path that tells its direction, m.
+/// Length at the end of a path that defines its direction, m.
 const END_M: f64 = 0.3;
 /// Finer than a route to be driven: where the path cuts a curve, the controller steers towards it all along.
 const THINNING: Settings = Settings {
@@ -40,7 +40,7 @@ pub(super) fn measured(row: &LogRow, vehicle: &Vehicle) -> MotorSpeeds {
     vehicle.encoder_scale.apply(row.speeds).into()
 }
 
-/// Returns the drives of a log, and of stretches that give none the time of the first row and the reason.
+/// Returns the drives of a log, and for stretches without a drive the time of their first row and the reason.
 pub(super) fn drives<'a>(
     log: &'a DriveLog,
     vehicle: &Vehicle,
@@ -125,7 +125,7 @@ fn reference(
         ..Smoothing::default()
     };
     let path = smooth(&points, &smoothing)?.path;
-    // The treads tell how far the vehicle had come at each row, but for what they slip.
+    // The treads give the distance driven at each row, apart from slip.
     let mut ways_m = vec![0.0];
     let mut way_m = 0.0;
     for (rows, tractions) in rows.windows(2).zip(tractions.windows(2)) {

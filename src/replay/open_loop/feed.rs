@@ -1,4 +1,4 @@
-//! Readings of a log through a controller.
+//! Feeds the readings of a log to a controller.
 
 use super::drives::{Drive, measured};
 use crate::replay::step::Step;
@@ -7,7 +7,7 @@ use sidehill_plant::sample::{Sample, Stamped};
 use sidehill_plant::speeds::MotorSpeeds;
 use sidehill_plant::vehicle::Vehicle;
 
-/// Times that are closer than this are the same, s: sums of periods are rounded.
+/// Times closer than this count as equal, s: sums of periods are rounded.
 const SAME_TIME_S: f64 = 1e-6;
 
 /// A cycle of the controller beside what was measured.
@@ -59,7 +59,7 @@ pub(super) fn feed(drive: &Drive<'_>, mut controller: Controller, vehicle: &Vehi
             newest = measured(row, vehicle);
         }
         let decision = controller.step(&sample, None);
-        // The vehicle does not obey, so a lead or lag along the path would only add up.
+        // The vehicle does not follow the commands, so an error along the path would only accumulate.
         if let Some(at) = decision.progress {
             controller.follow(drive.reference.clone().starting_at(at.arc_length_m));
         }

@@ -5,7 +5,7 @@ use crate::report::page::{COLOURS, Page, legend_of, section, table};
 use crate::report::plot::{Line, Plot};
 use maud::html;
 
-/// Names and colours of what is compared.
+/// Names and colours of the compared quantities.
 const NAMES: [(&str, &str); 2] = [("measured", COLOURS[6]), ("commanded", COLOURS[0])];
 
 /// Returns the page: figures, and motor speeds, error and solve times over the time of the log.

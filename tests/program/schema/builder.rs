@@ -4,7 +4,7 @@ use super::page::{Row, Section, links, sections};
 use serde_json::{Map, Value, json};
 use std::collections::BTreeSet;
 
-/// Makes schemas of sections and notes which sections they refer to.
+/// Builds schemas of sections and records the sections they refer to.
 struct Builder<'a> {
     sections: &'a [Section],
     needed: BTreeSet<String>,
@@ -65,7 +65,7 @@ impl Builder<'_> {
 
     fn property(&mut self, anchor: &str, row: &Row) -> Value {
         let (anchors, meaning) = links(&row.meaning);
-        // A link that only explains does not make a section.
+        // A link in the explanation does not define a section.
         let anchors: Vec<String> = anchors
             .into_iter()
             .filter(|a| self.sections.iter().any(|s| s.anchor == *a))
@@ -96,7 +96,7 @@ impl Builder<'_> {
                 let items = section();
                 json!({ "type": "array", "items": items })
             }
-            // Some of its kinds have a value, by a tag of YAML.
+            // Some kinds have a value, given by a YAML tag.
             _ if anchor == "fault-on-ros-2" && row.key == "fault" => json!({}),
             kind => {
                 let values: Vec<&str> = kind

@@ -154,7 +154,7 @@ fn all_files_fit_their_schema_and_none_with_an_unknown_key_does() {
             for path in objects(&value, String::new()) {
                 let mut changed = value.clone();
                 changed.pointer_mut(&path).unwrap()["zzz"] = json!(1);
-                // What holds anything: keys of a scenario in a campaign.
+                // Sections without fixed keys: keys of a scenario in a campaign.
                 if path.starts_with("/with") || path.contains("/one_of") {
                     continue;
                 }

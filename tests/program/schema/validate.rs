@@ -2,7 +2,7 @@
 
 use serde_json::Value;
 
-/// Returns why a value does not fit a schema, if it does not; knows what the schemas here use.
+/// Returns why a value does not match a schema, if it does not; supports the features used here.
 pub(super) fn misfit(root: &Value, schema: &Value, value: &Value, at: &str) -> Option<String> {
     for (keyword, rule) in schema.as_object().unwrap() {
         let misfit = match keyword.as_str() {

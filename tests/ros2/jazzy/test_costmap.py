@@ -137,6 +137,38 @@ def test_the_footprint_decides_what_is_in_the_way(driven, ros, wide):
         assert status == GoalStatus.STATUS_SUCCEEDED, result
 
 
+@pytest.mark.parametrize("right_m", [0.75, 0.0])
+def test_an_obstacle_that_intrudes_is_passed_within_the_corridor(driven, ros, right_m):
+    costmaps = Costmaps(ros)
+    disc = (*on_path(5.0, -right_m), 0.15)
+    costmaps.obstacles = lambda: [disc]
+    d = driven(with_costmap("patience_s: 2", "corridor_m: 0.6"))
+    gaps, asides, stood = [], [], []
+    cos, sin = math.cos(START_YAW_RAD), math.sin(START_YAW_RAD)
+
+    def ended():
+        row = d.vehicle.now()
+        gaps.append(gap_m(row, disc))
+        asides.append(row["y_m"] * cos - row["x_m"] * sin)
+        stood.append(d.vehicle.stands())
+        return result.done()
+
+    goal = d.sent_off(ahead(10.0))
+    result = goal.get_result_async()
+    d.ros.wait_for(ended, "the end", timeout_s=90)
+    answer = result.result()
+    print(f"least gap {min(gaps):.2f} m, {max(asides):.2f} m aside")
+    assert min(gaps) > 0.1
+    if right_m:
+        assert answer.status == GoalStatus.STATUS_SUCCEEDED, answer.result
+        assert 0.15 < max(asides) < 0.6 and min(asides) > -0.1
+        assert not any(stood[: gaps.index(min(gaps))]), "it waited"
+    else:
+        # In the middle of the path it leaves no room.
+        assert (answer.status, answer.result.error_code) == (GoalStatus.STATUS_ABORTED, 104)
+        assert max(map(abs, asides)) < 0.1
+
+
 def test_downhill_the_vehicle_stops_in_time(driven, ros, tmp_path):
     folder = os.path.join(REPOSITORY, "config")
     with open(os.path.join(folder, "scenarios", "figure_eight_15deg.yaml")) as file:

@@ -13,7 +13,7 @@ use std::io::{Read, Write};
 use std::process::{Child, Command, Stdio};
 use std::time::Duration;
 
-/// The adapter and the interface the kernel has made of it.
+/// The adapter and its interface in the kernel.
 pub struct Adapter {
     pub interface: String,
     terminal: File,
@@ -82,7 +82,7 @@ impl Adapter {
         }
     }
 
-    /// Says something to the kernel.
+    /// Sends text to the kernel.
     pub fn say(&self, words: &str) {
         (&self.terminal).write_all(words.as_bytes()).unwrap();
     }

@@ -6,8 +6,6 @@ pub use rustix::process::Signal;
 use serde_json::Value;
 use sidehill::config::{ConfigFile, load_layout};
 use sidehill_bridge::can::layout::Layout;
-use sidehill_controller::course::FigureEight;
-use sidehill_controller::path::{Point2, Window};
 use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -18,10 +16,12 @@ pub const BUS: &str = "vcan0";
 
 mod adapter;
 mod observer;
+mod truth;
 pub use adapter::Adapter;
 pub use observer::{Observer, Seen};
+pub use truth::{Truth, cross_track_rms_m, standing_after_s};
 
-/// What a scheduler of 100 Hz and a shared machine may add to a documented limit, s.
+/// Tolerance on documented limits for a 100 Hz scheduler and a shared machine, s.
 pub const TOLERANCE_S: f64 = 0.06;
 
 /// A folder for the files of one test.
@@ -43,7 +43,7 @@ impl Folder {
         Self(folder)
     }
 
-    /// What was true, as the virtual vehicle wrote it.
+    /// Returns the true states that the virtual vehicle wrote.
     pub fn truth(&self) -> Vec<Truth> {
         csv::Reader::from_path(self.0.join("truth.csv"))
             .unwrap()
@@ -52,14 +52,14 @@ impl Folder {
             .unwrap()
     }
 
-    /// The events of the controller's side.
+    /// Returns the controller's events.
     pub fn events(&self) -> String {
         std::fs::read_to_string(self.0.join("run/events.jsonl")).unwrap()
     }
 }
 
 impl Drop for Folder {
-    /// Shows what the programs said where the test has failed.
+    /// Prints the programs' output if the test has failed.
     fn drop(&mut self) {
         if !std::thread::panicking() {
             return;
@@ -89,59 +89,6 @@ pub fn ip(arguments: &[&str]) {
 pub fn command(name: &str, arguments: &[&str]) {
     let status = Command::new(name).args(arguments).status().unwrap();
     assert!(status.success(), "{name} {arguments:?}: {status}");
-}
-
-/// A row of the virtual vehicle's truth.
-#[derive(Debug, Clone, serde::Deserialize)]
-pub struct Truth {
-    pub unix_s: f64,
-    pub x_m: f64,
-    pub y_m: f64,
-    pub traction_m_s: f64,
-    pub steer_m_s: f64,
-    pub mode: String,
-}
-
-impl Truth {
-    /// Whether nothing moves and the drives are off.
-    pub fn off(&self) -> bool {
-        self.mode != "Enabled" && self.traction_m_s == 0.0 && self.steer_m_s == 0.0
-    }
-}
-
-/// Root mean square of the distance from the figure of eight, 2 s after the first movement until the
-/// drives go off.
-pub fn cross_track_rms_m(truth: &[Truth], rows_min: usize) -> f64 {
-    let trajectory = FigureEight::default().trajectory().unwrap();
-    let path = trajectory.path().unwrap();
-    let mut reached_m = 0.0;
-    let moving: Vec<&Truth> = truth
-        .iter()
-        .skip_while(|row| row.traction_m_s == 0.0)
-        .take_while(|row| row.mode == "Enabled")
-        .collect();
-    let squares: Vec<f64> = moving
-        .iter()
-        .map(|row| {
-            let position = Point2 {
-                x_m: row.x_m,
-                y_m: row.y_m,
-            };
-            let found = path.nearest_within(
-                &position,
-                reached_m,
-                &Window {
-                    behind_m: 1.0,
-                    ahead_m: 1.0,
-                },
-            );
-            reached_m = found.point.arc_length_m;
-            found.cross_track_m * found.cross_track_m
-        })
-        .skip(40)
-        .collect();
-    assert!(squares.len() > rows_min, "{} rows", squares.len());
-    (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()
 }
 
 /// A running `sidehill`; killed where it is dropped.
@@ -239,7 +186,7 @@ impl Program {
         rustix::process::kill_process(id, signal).unwrap();
     }
 
-    /// What it has printed.
+    /// Returns its output.
     pub fn output(&self) -> String {
         std::fs::read_to_string(&self.output).unwrap()
     }
@@ -287,13 +234,6 @@ pub fn configuration(folder: &Folder, name: &str, change: impl Fn(String) -> Str
     let file = folder.0.join(name);
     std::fs::write(&file, change(text)).unwrap();
     file.display().to_string()
-}
-
-/// Time from `unix_s` to the first row of the truth from which on the drives are off and stand, s.
-pub fn standing_after_s(truth: &[Truth], unix_s: f64) -> Option<f64> {
-    let last_on = truth.iter().rposition(|row| !row.off());
-    let first_off = last_on.map_or(0, |last| last + 1);
-    truth.get(first_off).map(|row| row.unix_s - unix_s)
 }
 
 /// The layout of the repository.

@@ -36,7 +36,7 @@ impl Observer {
         })
     }
 
-    /// Starts to watch frames of which `read` tells whether they enable and whether they are zero.
+    /// Starts to watch frames; `read` returns whether a frame enables and whether it is zero.
     pub fn watch(
         wanted: &[FrameId],
         mut read: impl FnMut(&Frame) -> Option<(bool, bool)> + Send + 'static,
@@ -80,7 +80,7 @@ impl Observer {
         }
     }
 
-    /// When the last command came before the first silence of half a second.
+    /// Returns the time of the last command before the first silence of half a second.
     pub fn silent_since_s(&self) -> f64 {
         let seen = self.seen();
         let silence = seen

@@ -17,9 +17,12 @@
 //! Time is an argument, and nothing in here touches the network. The safety stops the vehicle on its own; a
 //! session only requests stops, and gives their reasons a code.
 
+mod ahead;
 mod drive;
 mod obstacles;
+mod passing;
 mod prepare;
+mod waiting;
 
 use super::checkers::ProgressChecker;
 use super::goal_context::{Client, GoalContext, Request, Requests};
@@ -39,10 +42,6 @@ use std::cell::Cell;
 use std::sync::Arc;
 use std::sync::mpsc::Receiver;
 
-/// Longest time until the drives are armed, s.
-const ARMING_S: f64 = 10.0;
-/// Longest time for a stop, s; the safety's own ramp is far shorter.
-const STOPPING_S: f64 = 10.0;
 /// Longest time for building a route, s.
 const BUILDING_S: f64 = 20.0;
 
@@ -144,8 +143,10 @@ struct Blocked {
 /// Where the vehicle is on the route of a goal.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct TrackingState {
-    /// Distance from the path, m, positive to the left of travel.
+    /// Distance from the route, m, positive to the left of travel.
     pub(crate) cross_track_m: f64,
+    /// Distance of the route from the path, m, likewise: not 0 where it passes an obstacle.
+    pub(crate) aside_m: f64,
     /// Heading less that of the reference, rad.
     pub(crate) heading_error_rad: f64,
     /// Straight distance to the goal, m.
@@ -173,6 +174,8 @@ pub(crate) struct GoalSession {
     frame_checked_s: f64,
     /// Time of the newest check for obstacles, s.
     obstacles_checked_s: f64,
+    /// Time of the newest look for a course past an obstacle, s.
+    passing_tried_s: f64,
     /// Index of the newest pose of the path that the vehicle was at.
     passed_index: Cell<usize>,
     /// Arc length that the vehicle has reached on the route, m.
@@ -205,6 +208,7 @@ impl GoalSession {
             progress,
             frame_checked_s: f64::NEG_INFINITY,
             obstacles_checked_s: f64::NEG_INFINITY,
+            passing_tried_s: f64::NEG_INFINITY,
             passed_index: Cell::new(0),
             reached_m: 0.0,
             frame_error: None,
@@ -283,6 +287,7 @@ impl GoalSession {
         let in_path = pose_in(pose, &inverse(&placed.frame));
         Some(TrackingState {
             cross_track_m: progress.cross_track_m,
+            aside_m: placed.route.aside_m(progress.arc_length_m),
             heading_error_rad: wrap_angle(pose.yaw_rad - progress.point.heading_rad),
             distance_to_goal_m: (pose.x_m - goal.x_m).hypot(pose.y_m - goal.y_m),
             left_m,
@@ -323,7 +328,7 @@ impl GoalSession {
                 if let Some(termination) = abort_cause(context) {
                     self.terminate(context.now_s, termination, requests);
                 } else {
-                    withdraw_stop(context, requests);
+                    Self::withdraw_stop(context, requests);
                 }
             }
             Phase::Stopping { since_s, then } => {
@@ -343,94 +348,4 @@ impl GoalSession {
         }
         false
     }
-
-    /// Sends the client the result once the vehicle has stopped, and returns whether it was sent.
-    fn step_ending(
-        &mut self,
-        since_s: f64,
-        context: &GoalContext<'_>,
-        requests: &mut Requests,
-    ) -> bool {
-        let stopped = context.has_stopped_since(since_s);
-        if !stopped && context.now_s - since_s <= STOPPING_S {
-            return false;
-        }
-        if let Phase::Ending { end, outcome, .. } = &self.phase {
-            let (client, end, outcome) = (self.client, *end, outcome.clone());
-            requests.push(Request::Follow(None));
-            requests.stop(requests.stop_cause().filter(|_| !stopped));
-            requests.push(Request::Finish {
-                client,
-                end,
-                outcome,
-            });
-        }
-        true
-    }
-
-    fn arm(&mut self, now_s: f64, requests: &mut Requests) {
-        self.phase = Phase::Arming {
-            since_s: now_s,
-            request: self.number,
-        };
-        requests.push(Request::Arm(self.number));
-    }
-
-    fn step_stopping(
-        &mut self,
-        (since_s, then): (f64, AfterStop),
-        context: &GoalContext<'_>,
-        settings: &SessionSettings,
-        requests: &mut Requests,
-    ) {
-        let now_s = context.now_s;
-        if let Some(termination) = abort_cause(context) {
-            return self.terminate(now_s, termination, requests);
-        }
-        let estimate = context.decision.and_then(|decision| decision.estimate);
-        if let Some(estimate) = estimate.filter(|_| context.has_stopped_since(since_s)) {
-            let pose = estimate.pose;
-            requests.stop(None);
-            match then {
-                AfterStop::PivotTo(heading_rad) => {
-                    self.pivoted_at_start = true;
-                    let angle_rad = wrap_angle(heading_rad - pose.yaw_rad);
-                    let target = (Following::StartPivot(heading_rad), angle_rad);
-                    self.pivot(target, &pose, context, settings, requests);
-                }
-                AfterStop::CheckGoal => self.check_goal(&estimate, context, settings, requests),
-            }
-        } else if now_s - since_s > STOPPING_S {
-            let termination = Termination::abort(code::UNKNOWN, StopCause::NotArmed);
-            self.terminate(now_s, termination, requests);
-        }
-    }
-
-    fn step_arming(
-        &mut self,
-        (since_s, request): (f64, u64),
-        context: &GoalContext<'_>,
-        requests: &mut Requests,
-    ) {
-        if let Some(termination) = abort_cause(context) {
-            self.terminate(context.now_s, termination, requests);
-        } else if withdraw_stop(context, requests) {
-            // The safety sees it in its next cycle.
-        } else if context.armed >= request {
-            self.phase = Phase::Driving { tracked: false };
-        } else if context.now_s - since_s > ARMING_S {
-            let termination = Termination::abort(code::UNKNOWN, StopCause::NotArmed);
-            self.terminate(context.now_s, termination, requests);
-        }
-    }
-}
-
-/// Withdraws a stop that was requested for the path before, once the vehicle has stopped; returns whether
-/// there was one.
-fn withdraw_stop(context: &GoalContext<'_>, requests: &mut Requests) -> bool {
-    let withdraws = requests.stop_cause().is_some() && context.is_off();
-    if withdraws {
-        requests.stop(None);
-    }
-    withdraws
 }

@@ -1,19 +1,14 @@
-//! How far a vehicle slides sideways while it pivots on a slope.
+//! Where a vehicle slides to while it pivots on a slope.
 
-use sidehill_plant::frames::Attitude;
+use sidehill_plant::frames::{Attitude, PlanarPose};
 use sidehill_plant::speeds::TreadSpeeds;
 use sidehill_plant::vehicle::Vehicle;
 
 /// Largest step of the integration, rad.
 const STEP_RAD: f64 = 0.05;
 
-/// Returns the distance by which the slope displaces a vehicle during a pivot by `angle_rad`, m, by the ICRIK
-/// model: the part of the motion across the vehicle, which no tread speed can take back.
-///
-/// With the yaw rate omega the vehicle moves sideways at y_ICR omega. On a slope y_ICR is not that of level
-/// ground, so over the pivot the vehicle is displaced by the integral of (y_ICR(attitude) - y_ICR(level))
-/// along its right axis, which turns. `attitude` is that at heading `yaw_rad` on a plane, `rate_rad_s` the
-/// yaw rate.
+/// Returns the distance by which the slope displaces a vehicle during a pivot by `angle_rad` at the yaw rate
+/// `rate_rad_s`, m: that of the last of the [`pivot_poses`] from the first.
 pub(crate) fn pivot_slide_m(
     vehicle: &Vehicle,
     attitude: Attitude,
@@ -21,7 +16,29 @@ pub(crate) fn pivot_slide_m(
     angle_rad: f64,
     rate_rad_s: f64,
 ) -> f64 {
-    let normal_in_world = attitude.plane_normal(yaw_rad);
+    let from = PlanarPose {
+        yaw_rad,
+        ..PlanarPose::default()
+    };
+    let poses = pivot_poses(vehicle, attitude, from, angle_rad, rate_rad_s);
+    poses.last().map_or(0.0, |pose| pose.x_m.hypot(pose.y_m))
+}
+
+/// Returns the poses of a vehicle during a pivot by `angle_rad` on a slope, from beginning to end, by the ICRIK
+/// model: the part of the motion across the vehicle, which no tread speed can take back.
+///
+/// With the yaw rate omega the vehicle moves sideways at y_ICR omega. On a slope y_ICR is not that of level
+/// ground, so over the pivot the vehicle is displaced by the integral of (y_ICR(attitude) - y_ICR(level))
+/// along its right axis, which turns. `attitude` is that at the first pose on a plane, `rate_rad_s` the yaw
+/// rate.
+pub(crate) fn pivot_poses(
+    vehicle: &Vehicle,
+    attitude: Attitude,
+    from: PlanarPose,
+    angle_rad: f64,
+    rate_rad_s: f64,
+) -> Vec<PlanarPose> {
+    let normal_in_world = attitude.plane_normal(from.yaw_rad);
     let level = vehicle.icrhk();
     let yaw_rate = rate_rad_s.abs().copysign(angle_rad);
     // About the origin, so that the treads alone make no forward motion.
@@ -31,16 +48,21 @@ pub(crate) fn pivot_slide_m(
     };
     let steps = (angle_rad.abs() / STEP_RAD).ceil().max(1.0);
     let step_rad = angle_rad / steps;
-    let (mut x_m, mut y_m) = (0.0, 0.0);
+    let mut poses = vec![from];
+    let mut pose = from;
     for step in 0..steps as u32 {
-        let heading_rad = yaw_rad + (f64::from(step) + 0.5) * step_rad;
+        let heading_rad = from.yaw_rad + (f64::from(step) + 0.5) * step_rad;
         let attitude = Attitude::on_plane(&normal_in_world, heading_rad);
         let sideways_m = vehicle.icrik(attitude, treads).forward_m - level.forward_m;
         let (sin, cos) = heading_rad.sin_cos();
-        x_m += cos * sideways_m * step_rad;
-        y_m += sin * sideways_m * step_rad;
+        pose = PlanarPose {
+            x_m: pose.x_m + cos * sideways_m * step_rad,
+            y_m: pose.y_m + sin * sideways_m * step_rad,
+            yaw_rad: pose.yaw_rad + step_rad,
+        };
+        poses.push(pose);
     }
-    x_m.hypot(y_m)
+    poses
 }
 
 #[cfg(test)]

@@ -1,11 +1,13 @@
 //! From the path of a client to a smooth curve with a speed profile.
 
-use super::obstacles::ApproachSpeed;
+use super::obstacles::{ApproachSpeed, Detour, Passing};
 use super::outcome::Outcome;
 use super::requested_path::RequestedPath;
 use crate::ros2::node::message::action::code;
 use sidehill_controller::course::{Course, Pivot};
-use sidehill_controller::path::{Direction, Path, PathPoint, Point2, RawPoint, Smoothing, smooth};
+use sidehill_controller::path::{
+    Direction, MovedPath, Path, PathPoint, Point2, RawPoint, Smoothing, smooth,
+};
 use sidehill_controller::speed_profile::{SpeedLimits, speed_profile};
 use sidehill_controller::tracked_point::TrackedPoint;
 use sidehill_controller::trajectory::Trajectory;
@@ -37,12 +39,21 @@ pub(crate) struct Approach {
     pub(crate) speed: ApproachSpeed,
 }
 
+/// A detour beside the curve of a route.
+#[derive(Debug)]
+struct Beside {
+    detour: Detour,
+    moved: MovedPath,
+}
+
 /// A curve with its speed profile, in the frame of its path.
 #[derive(Debug, Clone)]
 pub struct Route {
     /// The curve.
     path: Arc<Path>,
-    /// The curve in time.
+    /// The curve that is driven instead, to pass an obstacle.
+    beside: Option<Arc<Beside>>,
+    /// The curve in time, as it is driven.
     pub trajectory: Trajectory,
     /// Speed of the vehicle where it begins, m/s.
     initial_speed_m_s: f64,
@@ -81,6 +92,7 @@ impl Route {
         Ok(Self {
             trajectory: profile(&path, speed_m_s, &settings.limits, None)?,
             path,
+            beside: None,
             initial_speed_m_s: speed_m_s,
             speed_max_m_s: settings.limits.speed_max_m_s,
             approach: None,
@@ -116,6 +128,59 @@ impl Route {
         self.on_the_way(limits)
     }
 
+    /// Returns the route past an obstacle at an arc length of it, for a vehicle on its way that leaves its course
+    /// at an arc length `from_m` at the earliest; none where there is none within `corridor_m` of the curve.
+    /// `is_free` says whether a vehicle at a point of the frame of the path leaves room to all that is known.
+    ///
+    /// Until there the new route is the old one, arc lengths included.
+    pub(crate) fn passing(
+        &self,
+        (from_m, blocked_m): (f64, f64),
+        corridor_m: f64,
+        settings: &RouteSettings,
+        is_free: impl Fn(&PathPoint) -> bool,
+    ) -> Option<Self> {
+        let on_the_curve = Detour::default();
+        let passing = Passing {
+            path: &self.path,
+            detour: self
+                .beside
+                .as_ref()
+                .map_or(&on_the_curve, |beside| &beside.detour),
+            from_m: self.on_the_curve_m(from_m),
+            blocked_m: self.on_the_curve_m(blocked_m),
+            corridor_m,
+            max_curvature_per_m: max_curvature_per_m(&self.path, settings),
+        };
+        let detour = passing.detour(is_free)?;
+        let moved = self.path.moved_aside(|at_m| detour.at(at_m))?;
+        let route = Self {
+            beside: Some(Arc::new(Beside { detour, moved })),
+            approach: None,
+            ..self.clone()
+        };
+        route.on_the_way(&settings.limits).ok()
+    }
+
+    /// Returns how far ahead an obstacle has to be seen to be passed, m.
+    pub(crate) fn passing_look_m(&self, corridor_m: f64, settings: &RouteSettings) -> f64 {
+        Passing::look_m(corridor_m, max_curvature_per_m(&self.path, settings))
+    }
+
+    /// Returns how far to the left of the curve the route is at an arc length of it, m.
+    pub(crate) fn aside_m(&self, arc_length_m: f64) -> f64 {
+        self.beside.as_ref().map_or(0.0, |beside| {
+            beside.detour.at(self.on_the_curve_m(arc_length_m)).left_m
+        })
+    }
+
+    /// Returns the arc length of the curve at an arc length of the route, m.
+    fn on_the_curve_m(&self, arc_length_m: f64) -> f64 {
+        self.beside
+            .as_ref()
+            .map_or(arc_length_m, |beside| beside.moved.original_m(arc_length_m))
+    }
+
     /// Returns where it slows down for an obstacle.
     pub(crate) fn approach(&self) -> Option<&Approach> {
         self.approach.as_ref()
@@ -123,9 +188,14 @@ impl Route {
 
     fn with_speeds(&self, initial_m_s: f64, limits: &SpeedLimits) -> Result<Self, Outcome> {
         let approach = self.approach;
+        let driven = self
+            .beside
+            .as_ref()
+            .map_or(&*self.path, |beside| &beside.moved.path);
         Ok(Self {
             path: Arc::clone(&self.path),
-            trajectory: profile(&self.path, initial_m_s, limits, approach)?,
+            beside: self.beside.clone(),
+            trajectory: profile(driven, initial_m_s, limits, approach)?,
             initial_speed_m_s: self.initial_speed_m_s,
             speed_max_m_s: limits.speed_max_m_s,
             approach,
@@ -156,6 +226,14 @@ pub fn pivot(
 /// Returns the yaw rate of a pivot within the limits, rad/s.
 pub fn pivot_rate_rad_s(limits: &SpeedLimits) -> f64 {
     PIVOT_RAD_S.min(2.0 * limits.steer_max_m_s / limits.track_width_m)
+}
+
+/// Returns the largest curvature of a course beside a path, 1/m.
+fn max_curvature_per_m(path: &Path, settings: &RouteSettings) -> f64 {
+    let smoothing = &settings.smoothing;
+    smoothing
+        .max_curvature_per_m
+        .max(path.max_curvature_per_m())
 }
 
 fn profile(

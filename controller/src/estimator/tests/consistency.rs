@@ -6,6 +6,7 @@ use nalgebra::{DMatrix, DVector, SVector};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
+use sidehill_plant::contact::Parameter;
 use sidehill_plant::frames::wrap_angle;
 
 /// Normalised squared errors (3 degrees of freedom) of runs in which everything is as the filter
@@ -231,9 +232,9 @@ fn what_is_not_excited_stays_at_its_prior_and_says_so() {
     let learned = estimate.unwrap().contact.unwrap();
     // On level ground, straight ahead, a height or a share of friction moves nothing.
     for parameter in [
-        sidehill_plant::contact::Parameter::CentreHeight,
-        sidehill_plant::contact::Parameter::LateralShare,
-        sidehill_plant::contact::Parameter::InnerShare,
+        Parameter::CentreHeight,
+        Parameter::LateralShare,
+        Parameter::InnerShare,
     ] {
         let i = parameter.index();
         assert!(
@@ -245,4 +246,63 @@ fn what_is_not_excited_stays_at_its_prior_and_says_so() {
             "{parameter:?}"
         );
     }
+}
+
+/// Treads that move at 70 and 75 % of what encoders say, for 20 s on a slope of 8 deg.
+#[test]
+fn factors_of_treads_that_slip_are_learned() {
+    let settings = EstimatorSettings::default();
+    let model = learned_contact(settings.contact);
+    let mut filter = Filter::new(settings, model.clone());
+    let treads = [Parameter::LeftTread, Parameter::RightTread];
+    let truth = [0.7, 0.75];
+    let mut parameters = model.prior().mean;
+    for (parameter, factor) in treads.iter().zip(truth) {
+        parameters[parameter.index()] = parameter.entry(factor);
+    }
+    let normal = Vector3::new(0.0, -8.0_f64.to_radians().sin(), 8.0_f64.to_radians().cos());
+    let mut pose = PlanarPose::default();
+    let mut learned = None;
+    for cycle in 0..=400 {
+        let time_s = 0.05 * f64::from(cycle);
+        let steer_m_s = 0.2 * (0.9 * time_s).sin();
+        let said = TreadSpeeds {
+            left_m_s: 0.4 - steer_m_s,
+            right_m_s: 0.4 + steer_m_s,
+        };
+        let attitude = Attitude::on_plane(&normal, pose.yaw_rad);
+        let (velocity, _) = model.velocity(attitude, said, &parameters);
+        let rate = pose_rate(&velocity, &attitude, pose.yaw_rad);
+        if cycle > 0 {
+            pose.x_m += 0.05 * rate.x_m_s;
+            pose.y_m += 0.05 * rate.y_m_s;
+            pose.yaw_rad += 0.05 * rate.yaw_rad_s;
+        }
+        let sample = Sample {
+            time_s,
+            tread_speeds: stamped(time_s, model.encoder_scale().invert(said)),
+            attitude: stamped(time_s, Attitude::on_plane(&normal, pose.yaw_rad)),
+            pose: stamped(time_s, pose_at(&pose)),
+        };
+        learned = filter.update(&sample).0.and_then(|e| e.contact);
+    }
+    let learned = learned.unwrap();
+    for (parameter, factor) in treads.into_iter().zip(truth) {
+        let (found, _) = learned.interval(parameter);
+        assert!((found - factor).abs() < 0.02, "{parameter:?}: {found}");
+        assert!(learned.observed(parameter), "{parameter:?}");
+    }
+}
+
+#[test]
+fn what_was_learned_of_other_parameters_is_refused() {
+    let settings = EstimatorSettings::default();
+    let mut filter = Filter::new(settings, learned_contact(settings.contact));
+    let of_eight = LearnedGains {
+        mean: vec![0.0; 8],
+        covariance: vec![0.0; 64],
+        prior_sigma: vec![0.1; 8],
+    };
+    let refused = filter.recall(&of_eight);
+    assert_eq!(refused, Err("gains have another number than the model"));
 }

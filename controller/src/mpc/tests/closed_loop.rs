@@ -42,6 +42,7 @@ impl Course {
                     along_heading_rad: point.heading_rad,
                     normal_in_world: self.normal_in_world,
                     feedforward: motors(point.speed_m_s, point.yaw_rate_rad_s),
+                    slip: Vector3::zeros(),
                     weights: StageWeights {
                         along_per_m2: 50.0,
                         cross_per_m2: 50.0,

@@ -2,6 +2,7 @@
 
 mod closed_loop;
 mod condensed;
+mod limit_search;
 mod limits;
 mod qp;
 mod same_optimum;

@@ -16,6 +16,7 @@ fn small(sum: f64, x_max: f64, q: [f64; 2]) -> QpData {
         a,
         b: vec![sum, x_max, 0.0],
         equalities: 1,
+        stages: Vec::new(),
     }
 }
 

@@ -161,6 +161,7 @@ impl Problem {
             a,
             b: rows.iter().map(|(_, value)| *value).collect(),
             equalities: self.equalities.len(),
+            stages: Vec::new(),
         };
         let settings = QpSettings { mode, ..exact() };
         let mut solver = QpSolver::new(data, settings).unwrap();

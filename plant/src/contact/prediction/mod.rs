@@ -29,7 +29,7 @@ use super::vehicle::ContactVehicle;
 use crate::bounds::RangeError;
 use crate::frames::{Attitude, BodyVelocity};
 use crate::prediction::Linearised;
-use crate::speeds::MotorSpeeds;
+use crate::speeds::{MotorSpeeds, TreadSpeeds};
 
 pub use geometry::ByParameters;
 use geometry::{Geometry, Ground};
@@ -48,6 +48,10 @@ pub struct Predicted {
     /// Whether friction holds the vehicle there and it stands on its wheels.
     pub holds: bool,
 }
+
+/// Least friction of a vehicle that stands on a slope, over the slope's tangent. Below 1 the ground does not hold
+/// it, and just above it slides downhill faster than any vehicle that is driven.
+const HELD: f64 = 1.25;
 
 /// Motion of a contact vehicle in balance, for prediction and dead reckoning.
 #[derive(Debug, Clone, PartialEq)]
@@ -111,6 +115,18 @@ impl ContactPrediction {
         })
     }
 
+    /// Returns the parameters within their ranges, with enough friction to hold a vehicle at this attitude: at least
+    /// 1.25 times the tangent of the slope, lengthways and sideways.
+    pub fn holding(&self, parameters: &ParameterVector, attitude: &Attitude) -> ParameterVector {
+        let normal = attitude.plane_normal(0.0);
+        let slope = normal.xy().norm() / normal.z.max(f64::MIN_POSITIVE);
+        let mut held = *parameters;
+        let weaker = held[Parameter::LateralShare.index()].min(0.0);
+        let friction = &mut held[Parameter::Friction.index()];
+        *friction = friction.max(Parameter::Friction.entry(HELD * slope) - weaker);
+        self.within_ranges(&held)
+    }
+
     /// Returns the velocity at an attitude and motor speeds with its derivatives by these.
     pub fn body_velocity(&mut self, attitude: Attitude, motors: MotorSpeeds) -> Linearised {
         let start = self.start(None, attitude, motors);
@@ -172,10 +188,15 @@ impl ContactPrediction {
     }
 
     fn sums(&self, motors: MotorSpeeds) -> Sums<'_> {
+        let treads = TreadSpeeds::from(motors);
+        let [left, right] = self.ground.tread_factors;
         Sums {
             geometry: &self.geometry,
             ground: &self.ground,
-            treads: motors.into(),
+            treads: TreadSpeeds {
+                left_m_s: left * treads.left_m_s,
+                right_m_s: right * treads.right_m_s,
+            },
         }
     }
 
@@ -212,7 +233,8 @@ impl ContactPrediction {
         let parts = sums.gradient_parts(&solution.velocity, &solution.loads);
         let by = -solution.inverse_hessian
             * sums.gradient_by_inputs(&parts, &solution.loads, &stance, solution.pull_share);
-        let (left, right) = (by.column(2), by.column(3));
+        let factors = &self.ground.tread_factors;
+        let (left, right) = (factors[0] * by.column(2), factors[1] * by.column(3));
         let velocity = &solution.velocity;
         let linearised = Linearised {
             velocity: BodyVelocity {

@@ -5,7 +5,7 @@ use super::loads::{Loads, Stance, demand_of, pull_of};
 use crate::speeds::TreadSpeeds;
 use nalgebra::{Matrix3, SMatrix, Vector3};
 
-/// What the sums are over, and the tread speeds.
+/// What the sums are over, and the tread speeds, their factors included.
 pub(super) struct Sums<'a> {
     pub(super) geometry: &'a Geometry,
     pub(super) ground: &'a Ground,
@@ -304,6 +304,8 @@ impl Sums<'_> {
             by_lateral,
             by_slip,
             by_rolling,
+            self.treads.left_m_s * parts.by_tread[0],
+            self.treads.right_m_s * parts.by_tread[1],
         ])
     }
 }

@@ -1,30 +1,13 @@
 #![allow(clippy::unwrap_used)]
 
-use super::super::paper_tests::j8;
+use super::super::tests::j8;
 use super::super::{Axle, ContactModel, PARAMETERS};
 use super::search::SPEED_MAX;
 use super::*;
 use crate::frames::PlanarPose;
 use crate::motion::{GroundState, MotionModel};
+use crate::test_support::{attitude, motors, vector};
 use proptest::prelude::*;
-
-fn vector(v: BodyVelocity) -> Vector3<f64> {
-    Vector3::new(v.right_m_s, v.forward_m_s, v.yaw_rate_rad_s)
-}
-
-fn attitude(roll_rad: f64, pitch_rad: f64) -> Attitude {
-    Attitude {
-        roll_rad,
-        pitch_rad,
-    }
-}
-
-fn motors(traction_m_s: f64, steer_m_s: f64) -> MotorSpeeds {
-    MotorSpeeds {
-        traction_m_s,
-        steer_m_s,
-    }
-}
 
 /// A vehicle of `axles` axles whose parameters are off the J8's by shares of their usual doubt.
 fn vehicle(axles: usize, off: &[f64; PARAMETERS]) -> ContactVehicle {
@@ -36,7 +19,7 @@ fn vehicle(axles: usize, off: &[f64; PARAMETERS]) -> ContactVehicle {
             load_share: 1.0 / count,
         })
         .collect();
-    let doubt = [0.3, 0.1, 0.15, 0.1, 0.15, 0.2, 0.5, 0.02];
+    let doubt = [0.3, 0.1, 0.15, 0.1, 0.15, 0.2, 0.5, 0.02, 0.0, 0.0];
     let mut parameters = vehicle.parameters();
     for i in 0..PARAMETERS {
         parameters[i] += off[i] * doubt[i];
@@ -45,7 +28,7 @@ fn vehicle(axles: usize, off: &[f64; PARAMETERS]) -> ContactVehicle {
 }
 
 fn offsets() -> impl Strategy<Value = [f64; PARAMETERS]> {
-    prop::array::uniform8(-0.9..0.9f64)
+    prop::array::uniform10(-0.9..0.9f64)
 }
 
 /// Checks a Jacobian: every column against the central difference of `f` along it.
@@ -92,7 +75,11 @@ proptest! {
     fn jacobians_are_central_differences(axles in 2..9_usize, off in offsets(),
             roll in -0.2..0.2f64, pitch in -0.2..0.2f64, tau in -0.8..0.8f64, sigma in -0.8..0.8f64) {
         let vehicle = vehicle(axles, &off);
-        let model = ContactPrediction::new(&vehicle).unwrap();
+        let mut model = ContactPrediction::new(&vehicle).unwrap();
+        let mut parameters = *model.parameters();
+        parameters[Parameter::LeftTread.index()] = 0.3 * off[Parameter::LeftTread.index()];
+        parameters[Parameter::RightTread.index()] = 0.3 * off[Parameter::RightTread.index()];
+        model.set_parameters(&parameters);
         let found = model.clone().predict(attitude(roll, pitch), motors(tau, sigma));
         prop_assume!(found.holds);
         // A wheel that lifts or lands between the points of a difference has two derivatives.
@@ -112,7 +99,7 @@ proptest! {
     }
 
     #[test]
-    fn the_start_of_the_search_is_nothing_to_its_end(axles in 2..9_usize, off in prop::array::uniform8(-3.0..3.0f64), roll in -0.3..0.3f64, pitch in -0.3..0.3f64,
+    fn the_start_of_the_search_is_nothing_to_its_end(axles in 2..9_usize, off in prop::array::uniform10(-3.0..3.0f64), roll in -0.3..0.3f64, pitch in -0.3..0.3f64,
             tau in -0.8..0.8f64, sigma in -0.8..0.8f64, before in prop::array::uniform4(-1.0..1.0f64)) {
         let mut fresh = ContactPrediction::new(&vehicle(axles, &[0.0; PARAMETERS])).unwrap();
         fresh.set_parameters(&(fresh.parameters + ParameterVector::from(off.map(|o| 0.3 * o))));
@@ -135,7 +122,7 @@ proptest! {
     }
 
     #[test]
-    fn everything_has_a_finite_answer(axles in 2..17_usize, off in prop::array::uniform8(-40.0..40.0f64),
+    fn everything_has_a_finite_answer(axles in 2..17_usize, off in prop::array::uniform10(-40.0..40.0f64),
             roll in -1.5..1.5f64, pitch in -1.5..1.5f64, tau in -2.0..2.0f64, sigma in -2.0..2.0f64) {
         let vehicle = vehicle(axles, &[0.0; PARAMETERS]);
         let mut model = ContactPrediction::new(&vehicle).unwrap();
@@ -162,8 +149,30 @@ fn ground_that_does_not_hold_is_told_and_slid_on_downhill() {
 }
 
 #[test]
+fn learned_friction_holds_the_vehicle_where_it_stands() {
+    let mut model = ContactPrediction::new(&vehicle(4, &[0.0; PARAMETERS])).unwrap();
+    let friction = Parameter::Friction.index();
+    for lateral_share in [0.6, 1.4] {
+        let mut parameters = *model.parameters();
+        parameters[friction] = Parameter::Friction.entry(0.2);
+        parameters[Parameter::LateralShare.index()] = Parameter::LateralShare.entry(lateral_share);
+        for (roll, pitch) in [(0.24, 0.0), (0.0, -0.24), (0.17, 0.17)] {
+            let attitude = attitude(roll, pitch);
+            model.set_parameters(&parameters);
+            assert!(lateral_share > 1.0 || !model.predict(attitude, motors(0.4, 0.0)).holds);
+            model.set_parameters(&model.holding(&parameters, &attitude));
+            assert!(model.predict(attitude, motors(0.4, 0.0)).holds);
+        }
+        // What holds is left as it is.
+        parameters[friction] = Parameter::Friction.entry(0.8);
+        let held = model.holding(&parameters, &attitude(0.24, 0.0));
+        assert_eq!(held, parameters);
+    }
+}
+
+#[test]
 fn parameters_come_back_from_a_vehicle() {
-    let vehicle = vehicle(4, &[0.5, 0.2, -0.3, 0.4, 0.6, -0.7, 0.8, 0.9]);
+    let vehicle = vehicle(4, &[0.5, 0.2, -0.3, 0.4, 0.6, -0.7, 0.8, 0.9, 0.0, 0.0]);
     let again = j8().with_parameters(&vehicle.parameters());
     assert!((again.parameters() - vehicle.parameters()).norm() < 1e-12);
     let shares: f64 = again.axles.iter().map(|axle| axle.load_share).sum();
@@ -189,16 +198,42 @@ fn nothing_is_left_to_the_inner_axles_where_there_are_none() {
 fn no_search_goes_round_in_circles_and_no_load_is_that_of_rounding() {
     let standard = ContactPrediction::new(&vehicle(4, &[0.0; PARAMETERS])).unwrap();
     let mut circling = standard.clone();
-    let off = [0.24, 0.46, -0.82, 0.2, -0.59, -0.22, -0.77, 0.19];
+    let off = [0.24, 0.46, -0.82, 0.2, -0.59, -0.22, -0.77, 0.19, 0.0, 0.0];
     circling.set_parameters(&(standard.parameters + ParameterVector::from(off)));
     circling.body_velocity(Attitude::default(), MotorSpeeds::default());
     let found = circling.predict(attitude(-0.1156, 0.0166), motors(-0.2275, -0.761));
     assert!(found.holds, "{found:?}");
     let mut overturning = standard.clone();
-    let parameters = [-0.6226, 0.3, -0.0836, 1.0667, 0.02, -0.462, -3.276, 0.3];
+    let parameters = [
+        -0.6226, 0.3, -0.0836, 1.0667, 0.02, -0.462, -3.276, 0.3, 0.0, 0.0,
+    ];
     overturning.set_parameters(&parameters.into());
     let stance = Stance::at(&attitude(0.296, -0.1613));
     let loads = Loads::of(&overturning.geometry, &overturning.ground, &stance);
     assert!(!loads.stands);
     assert!(loads.of_wheel.iter().sum::<f64>() <= 1.0, "{loads:?}");
+}
+
+#[test]
+fn treads_that_slip_move_as_slower_treads_do() {
+    let standard = ContactPrediction::new(&vehicle(4, &[0.0; PARAMETERS])).unwrap();
+    let mut slipping = standard.clone();
+    let mut parameters = *standard.parameters();
+    parameters[Parameter::LeftTread.index()] = Parameter::LeftTread.entry(0.7);
+    parameters[Parameter::RightTread.index()] = Parameter::RightTread.entry(0.8);
+    slipping.set_parameters(&parameters);
+    let commanded = TreadSpeeds {
+        left_m_s: 0.3,
+        right_m_s: 0.5,
+    };
+    let effective = TreadSpeeds {
+        left_m_s: 0.7 * 0.3,
+        right_m_s: 0.8 * 0.5,
+    };
+    let found = slipping.predict(attitude(0.1, -0.05), commanded.into());
+    let expected = standard
+        .clone()
+        .predict(attitude(0.1, -0.05), effective.into());
+    let off = vector(found.linearised.velocity) - vector(expected.linearised.velocity);
+    assert!(off.norm() < 1e-8, "{off}");
 }

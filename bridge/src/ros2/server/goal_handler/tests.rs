@@ -17,7 +17,9 @@ use std::time::Duration;
 mod ends;
 mod obstacle_runs;
 mod obstacles;
+mod passing;
 mod paths;
+mod program;
 
 /// Heading along x.
 const ALONG_X: f64 = -FRAC_PI_2;

@@ -1,14 +1,13 @@
 //! Obstacles on the way of a session: slower ahead of them, a stop in time, and on when the way is free.
 
+use super::ahead::{Mount, REFERENCE_STEP_M, along, nearer};
 use super::{Blocked, Following, GoalSession, Phase, SessionSettings};
 use crate::ros2::node::message::action::code;
 use crate::ros2::server::goal_context::{GoalContext, ObstacleContext, Request, Requests};
-use crate::ros2::server::obstacles::{
-    Ahead, Blockage, Braking, Clearance, Doubt, StoppingSettings,
-};
+use crate::ros2::server::obstacles::{Ahead, Blockage, Braking, Doubt, StoppingSettings};
 use crate::ros2::server::outcome::Outcome;
-use crate::ros2::server::path_frame::pose_in;
-use crate::ros2::server::route::Approach;
+use crate::ros2::server::pivot_slide::pivot_poses;
+use crate::ros2::server::route::{Approach, pivot_rate_rad_s};
 use crate::ros2::server::termination::{Termination, abort_cause, ended_by_safety};
 use crate::safety::{Reason, StopCause};
 use sidehill_controller::controller::Decision;
@@ -25,8 +24,6 @@ const FREE_S: f64 = 0.5;
 const RESUME_M: f64 = 0.1;
 /// Change of a stop along the route from which on the speeds are changed, m.
 const MOVED_M: f64 = 0.02;
-/// Distance between the poses of the reference that are looked up, m.
-const REFERENCE_STEP_M: f64 = 0.1;
 
 /// What a check finds.
 enum Finding {
@@ -71,6 +68,7 @@ impl GoalSession {
             return;
         };
         self.obstacles_checked_s = now_s;
+        self.pass_obstacle(context, obstacles, settings, requests);
         let finding = self.check_way(context, obstacles, settings);
         match (&mut self.phase, finding) {
             (Phase::Blocked(blocked), Finding::Go(_)) => {
@@ -221,8 +219,9 @@ impl GoalSession {
         match &self.following {
             Following::Nothing => Finding::Go(None),
             Following::StartPivot(heading_rad) | Following::GoalPivot(heading_rad) => {
-                let clearance = surroundings.clearance(sweep(&estimate.pose, *heading_rad));
-                match clearance.blockage {
+                let sweeps = sweeps(estimate, *heading_rad, settings);
+                let [held, slid] = sweeps.map(|poses| surroundings.clearance(poses));
+                match nearer(held, slid).blockage {
                     Some(blockage) => Finding::Stop(StopCause::Obstacle, pivot_blocked(blockage)),
                     None => Finding::Go(None),
                 }
@@ -235,26 +234,18 @@ impl GoalSession {
                     .settings
                     .braking(&estimate.attitude, here.speed_m_s < 0.0);
                 let approach = braking.approach();
-                // The path is that of the tracked point, the footprint is around the origin.
-                let point = settings.route.tracked_point;
                 let look_m = approach.distance_m(settings.route.limits.speed_max_m_s)
                     + config.margin_m
                     + REFERENCE_STEP_M;
                 let own = decision.reference == self.number;
                 let plan = context.plan.iter().filter(|_| own);
                 let predicted = surroundings.clearance(along(&estimate.pose, plan));
-                let count = (look_m / REFERENCE_STEP_M).ceil() as usize;
-                let left_m = trajectory.length_m() - self.reached_m;
-                let reference = (0..=count)
-                    .map(|index| (index as f64 * REFERENCE_STEP_M).min(left_m))
-                    .map(|distance_m| {
-                        let time_s = trajectory.time_at(self.reached_m + distance_m);
-                        let tracked = pose_in(&trajectory.at(time_s).pose(), &placed.frame);
-                        Ahead {
-                            pose: point.origin_of(&tracked, &estimate.normal_in_world),
-                            distance_m,
-                        }
-                    });
+                // The path is that of the tracked point, the footprint is around the origin.
+                let mount = Mount {
+                    point: settings.route.tracked_point,
+                    normal_in_world: estimate.normal_in_world,
+                };
+                let reference = placed.poses_ahead(self.reached_m, look_m, mount);
                 let nearest = nearer(predicted, surroundings.clearance(reference));
                 let Some(blockage) = nearest.blockage else {
                     return Finding::Go(None);
@@ -286,47 +277,25 @@ fn braking_m(braking: &Braking, decision: &Decision, estimate: &Estimate, waitin
     braking.distance_m(measured_m_s.max(commanded_m_s))
 }
 
-/// Returns the pose of the vehicle and those predicted, with the way to each.
-fn along<'a>(
-    pose: &PlanarPose,
-    plan: impl Iterator<Item = &'a PlanarPose>,
-) -> impl Iterator<Item = Ahead> {
-    let start = Ahead {
-        pose: *pose,
-        distance_m: 0.0,
-    };
-    let next = plan.scan(start, |last, pose| {
-        let step_m = (pose.x_m - last.pose.x_m).hypot(pose.y_m - last.pose.y_m);
-        *last = Ahead {
-            pose: *pose,
-            distance_m: last.distance_m + step_m,
-        };
-        Some(*last)
+/// Returns the poses of a turn on the spot, from beginning to end: of a vehicle that keeps its place, and of one
+/// that slides as the slope makes it.
+fn sweeps(estimate: &Estimate, heading_rad: f64, settings: &SessionSettings) -> [Vec<Ahead>; 2] {
+    let from = estimate.pose;
+    let turn_rad = wrap_angle(heading_rad - from.yaw_rad);
+    let rate_rad_s = pivot_rate_rad_s(&settings.route.limits);
+    let attitude = estimate.attitude;
+    let slid = pivot_poses(&settings.vehicle, attitude, from, turn_rad, rate_rad_s);
+    let held = slid.iter().map(|pose| PlanarPose {
+        yaw_rad: pose.yaw_rad,
+        ..from
     });
-    std::iter::once(start).chain(next)
-}
-
-/// Returns the poses of a turn on the spot, from beginning to end.
-fn sweep(pose: &PlanarPose, heading_rad: f64) -> [Ahead; 3] {
-    let turn_rad = wrap_angle(heading_rad - pose.yaw_rad);
-    // In halves, so that no part of it is half a turn.
-    [0.0, 0.5, 1.0].map(|share| Ahead {
-        pose: PlanarPose {
-            yaw_rad: pose.yaw_rad + share * turn_rad,
-            ..*pose
-        },
-        distance_m: 0.0,
+    [held.collect(), slid].map(|poses: Vec<PlanarPose>| {
+        let here = |pose| Ahead {
+            pose,
+            distance_m: 0.0,
+        };
+        poses.into_iter().map(here).collect()
     })
-}
-
-/// Returns the clearance that ends first.
-fn nearer(a: Clearance, b: Clearance) -> Clearance {
-    match (a.blockage, b.blockage) {
-        (None, _) => b,
-        (_, None) => a,
-        _ if a.free_m <= b.free_m => a,
-        _ => b,
-    }
 }
 
 /// Returns the outcome for a blocked path: that of Nav2's controller server when its

@@ -40,6 +40,8 @@ pub struct CostmapConfig {
     pub timeout_s: f64,
     /// Longest time for which a goal waits for a free path, s.
     pub patience_s: f64,
+    /// Farthest from the path that the vehicle goes to pass an obstacle, m; 0 to stop for all.
+    pub corridor_m: f64,
 }
 
 impl Default for CostmapConfig {
@@ -55,6 +57,7 @@ impl Default for CostmapConfig {
             friction: 0.5,
             timeout_s: 1.0,
             patience_s: 10.0,
+            corridor_m: 0.0,
         }
     }
 }
@@ -80,6 +83,7 @@ impl CostmapConfig {
         Bounds::new(0.1, 2.0, "").check("ros2.costmap.friction", self.friction)?;
         Bounds::new(0.1, 10.0, "s").check("ros2.costmap.timeout_s", self.timeout_s)?;
         Bounds::new(0.0, 3600.0, "s").check("ros2.costmap.patience_s", self.patience_s)?;
+        Bounds::new(0.0, 5.0, "m").check("ros2.costmap.corridor_m", self.corridor_m)?;
         Ok(())
     }
 }

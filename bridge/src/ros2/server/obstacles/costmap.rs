@@ -185,24 +185,52 @@ impl Costmap {
         frame_from_pose: &Isometry2<f64>,
         pose: &PlanarPose,
     ) -> Option<Blockage> {
-        let cells_from_pose = self.frame_from_cells.inverse() * frame_from_pose;
-        let centre = cells_from_pose * Point2::new(pose.x_m, pose.y_m);
-        let turn_rad = cells_from_pose.rotation.angle() + pose.yaw_rad;
-        let (sin, cos) = turn_rad.sin_cos();
-        let (right, forward) = (Vector2::new(cos, sin), Vector2::new(-sin, cos));
+        let place = self.place(frame_from_pose, pose);
         let [width_m, height_m] = [self.width, self.height].map(|n| n as f64 * self.resolution_m);
         let within = footprint.corners().iter().all(|[to_right, ahead]| {
-            let corner = centre + *to_right * right + *ahead * forward;
+            let corner = place.centre + *to_right * place.right + *ahead * place.forward;
             (0.0..=width_m).contains(&corner.x) && (0.0..=height_m).contains(&corner.y)
         });
         if !within {
             return Some(Blockage::MapEnds);
         }
+        self.is_hit_at(footprint, rule, &place)
+            .then_some(Blockage::Obstacle)
+    }
+
+    /// Returns whether a footprint at a pose reaches a cell that blocks, as in [`Costmap::blockage`]; what is
+    /// beyond the map does not count.
+    pub(crate) fn is_hit(
+        &self,
+        footprint: &Footprint,
+        rule: CellRule,
+        frame_from_pose: &Isometry2<f64>,
+        pose: &PlanarPose,
+    ) -> bool {
+        self.is_hit_at(footprint, rule, &self.place(frame_from_pose, pose))
+    }
+
+    fn place(&self, frame_from_pose: &Isometry2<f64>, pose: &PlanarPose) -> Place {
+        let cells_from_pose = self.frame_from_cells.inverse() * frame_from_pose;
+        let (sin, cos) = (cells_from_pose.rotation.angle() + pose.yaw_rad).sin_cos();
+        Place {
+            centre: cells_from_pose * Point2::new(pose.x_m, pose.y_m),
+            right: Vector2::new(cos, sin),
+            forward: Vector2::new(-sin, cos),
+        }
+    }
+
+    fn is_hit_at(&self, footprint: &Footprint, rule: CellRule, place: &Place) -> bool {
+        let Place {
+            centre,
+            right,
+            forward,
+        } = *place;
         let half_diagonal_m = self.resolution_m * std::f64::consts::FRAC_1_SQRT_2;
         let reach_m = footprint.reach_m() + half_diagonal_m;
         let span = |at_m: f64, count: usize| {
             let index = |at_m: f64| (at_m / self.resolution_m).floor().max(0.0) as usize;
-            index(at_m - reach_m)..(index(at_m + reach_m) + 1).min(count)
+            index(at_m - reach_m).min(count)..(index(at_m + reach_m) + 1).min(count)
         };
         for row in span(centre.y, self.height) {
             let costs = &self.costs[row * self.width..][..self.width];
@@ -213,12 +241,19 @@ impl Costmap {
                 let at = [column, row].map(|index| (index as f64 + 0.5) * self.resolution_m);
                 let offset = Point2::from(at) - centre;
                 if footprint.covers([offset.dot(&right), offset.dot(&forward)], half_diagonal_m) {
-                    return Some(Blockage::Obstacle);
+                    return true;
                 }
             }
         }
-        None
+        false
     }
+}
+
+/// A pose in the axes of the cells, m from their corner.
+struct Place {
+    centre: Point2<f64>,
+    right: Vector2<f64>,
+    forward: Vector2<f64>,
 }
 
 /// Returns a cost of Nav2's costmaps on the scale of OccupancyGrid, as Nav2 itself publishes it: 255 is

@@ -65,6 +65,14 @@ impl Surroundings<'_> {
         }
     }
 
+    /// Returns whether a vehicle that passes at a pose leaves room to every obstacle that is known.
+    pub(crate) fn is_passable(&self, pose: &PlanarPose) -> bool {
+        let (footprint, rule) = (&self.settings.passing_footprint, self.rule());
+        !self
+            .costmap
+            .is_hit(footprint, rule, &self.map_from_odometry, pose)
+    }
+
     fn blockage(&self, pose: &PlanarPose) -> Option<Blockage> {
         let (footprint, rule) = (&self.settings.footprint, self.rule());
         self.costmap

@@ -7,19 +7,22 @@
 //! ```
 //!
 //! The check runs in the thread of the server. Its work is bounded by the look-ahead, the footprint and the
-//! resolution; neither the control loop nor the controller waits for it.
+//! resolution; neither the control loop nor the controller waits for it. With a corridor, [`Passing`] looks for
+//! a detour past the obstacle, and the route is moved aside.
 
 mod braking;
 pub mod config;
 mod costmap;
 mod footprint;
 mod look_ahead;
+mod passing;
 mod reader;
 
 pub use braking::StoppingSettings;
 pub(crate) use braking::{ApproachSpeed, Braking};
 pub(crate) use costmap::{Blockage, Costmap};
 pub(crate) use look_ahead::{Ahead, Clearance};
+pub(crate) use passing::{Detour, Passing};
 pub(crate) use reader::CostmapReader;
 
 use crate::ros2::node::transforms::Transforms;
@@ -30,11 +33,17 @@ use nalgebra::Isometry2;
 use sidehill_plant::frames::Attitude;
 use sidehill_plant::vehicle::Vehicle;
 
+/// Room that a detour past an obstacle leaves beside the padded footprint, m: for the error of tracking, and so that
+/// noise in the costmap does not change the detour.
+const PASSING_M: f64 = 0.1;
+
 /// What of the vehicle and the configuration the check depends on.
 #[derive(Debug, Clone)]
 pub(crate) struct ObstacleSettings {
     pub(crate) config: CostmapConfig,
     footprint: Footprint,
+    /// The footprint that a detour past an obstacle leaves free.
+    passing_footprint: Footprint,
     stopping: StoppingSettings,
 }
 
@@ -45,10 +54,17 @@ impl ObstacleSettings {
         stopping: StoppingSettings,
         vehicle: &Vehicle,
     ) -> Self {
-        let footprint = Footprint::new(&config.footprint, config.footprint_padding_m, vehicle);
+        let footprint = |padding_m| {
+            Footprint::new(
+                &config.footprint,
+                config.footprint_padding_m + padding_m,
+                vehicle,
+            )
+        };
         Self {
+            footprint: footprint(0.0),
+            passing_footprint: footprint(PASSING_M),
             config,
-            footprint,
             stopping,
         }
     }

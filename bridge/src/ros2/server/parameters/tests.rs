@@ -109,3 +109,52 @@ fn a_heading_tolerance_of_nav2_that_allows_all_is_understood() {
     config.validate().unwrap();
     assert_eq!(config.tolerances.goal_yaw_rad, 6.25);
 }
+
+#[test]
+fn the_page_of_parameters_has_every_one_with_type_default_and_range() {
+    let page = include_str!("../../../../../docs/ros2.md");
+    let rows: Vec<Vec<&str>> = page
+        .lines()
+        .skip_while(|line| !line.starts_with("| parameter |"))
+        .skip(2)
+        .take_while(|line| line.starts_with('|'))
+        .map(|line| line.split('|').map(str::trim).skip(1).take(4).collect())
+        .collect();
+    let config = Ros2Config::default();
+    let values = ServerParameters::new(&config.follow_path).declare(&config, 0.05, 0.5);
+    let mut found: Vec<Vec<String>> = rows
+        .iter()
+        .map(|row| row.iter().map(|cell| (*cell).to_owned()).collect())
+        .collect();
+    let mut expected: Vec<Vec<String>> = values
+        .all()
+        .into_iter()
+        .map(|Parameter { name, value }| {
+            let description = values.describe(&name);
+            let (kind, default) = match value {
+                Double(value) => {
+                    let unit = description.description.split([' ', ',']).next().unwrap();
+                    (
+                        format!("double, {}", unit.trim_end_matches(';')),
+                        format!("{value:?}"),
+                    )
+                }
+                Boolean(value) => ("bool".to_owned(), value.to_string()),
+                ParameterValue::String(value) => ("string".to_owned(), format!("`{value}`")),
+                StringArray(values) => (
+                    "string array".to_owned(),
+                    format!("`[{}]`", values.join(", ")),
+                ),
+                value => panic!("{value:?}"),
+            };
+            let range = match description.floating_point_range.first() {
+                Some(range) => format!("{} to {}", range.from_value, range.to_value),
+                None => "fixed".to_owned(),
+            };
+            vec![format!("`{name}`"), kind, default, range]
+        })
+        .collect();
+    found.sort();
+    expected.sort();
+    assert_eq!(found, expected);
+}

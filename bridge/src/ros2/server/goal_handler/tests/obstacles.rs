@@ -92,7 +92,7 @@ impl World {
         }
     }
 
-    fn speed_at_m_s(&self, x_m: f64) -> f64 {
+    pub(super) fn speed_at_m_s(&self, x_m: f64) -> f64 {
         let trajectory = self.trajectory.as_ref().unwrap();
         trajectory.at(trajectory.time_at(x_m)).speed_m_s
     }

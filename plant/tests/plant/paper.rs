@@ -1,7 +1,4 @@
-//! The paper's vehicles and experiments against an independent implementation, see `data/README.md`.
-
-// The lints except tests only, not what helps them in this file.
-#![allow(clippy::unwrap_used, clippy::panic)]
+//! The paper's vehicles and experiments against an independent implementation, see `../data/README.md`.
 
 use sidehill_plant::dead_reckoning::{Motion, advance};
 use sidehill_plant::frames::{Attitude, Pose};
@@ -12,8 +9,8 @@ use std::f64::consts::TAU;
 
 fn vehicle(name: &str) -> Vehicle {
     let text = match name {
-        "j8" => include_str!("../../config/vehicles/j8.yaml"),
-        "lazaro" => include_str!("../../config/vehicles/lazaro.yaml"),
+        "j8" => include_str!("../../../config/vehicles/j8.yaml"),
+        "lazaro" => include_str!("../../../config/vehicles/lazaro.yaml"),
         other => panic!("no vehicle {other}"),
     };
     serde_yaml::from_str(text).unwrap()
@@ -34,7 +31,7 @@ fn number(row: &HashMap<&str, &str>, column: &str) -> f64 {
 
 #[test]
 fn icrik_meets_the_reference_vectors() {
-    let rows = rows(include_str!("data/icrik_vectors.csv"));
+    let rows = rows(include_str!("../data/icrik_vectors.csv"));
     assert_eq!(rows.len(), 480);
     for row in &rows {
         let vehicle = vehicle(row["vehicle"]);
@@ -65,7 +62,7 @@ fn icrik_meets_the_reference_vectors() {
 #[test]
 fn dead_reckoning_of_experiment_one_meets_the_reference_and_the_papers_error() {
     let j8 = vehicle("j8");
-    let rows = rows(include_str!("data/dead_reckoning_exp1.csv"));
+    let rows = rows(include_str!("../data/dead_reckoning_exp1.csv"));
     assert_eq!(rows.len(), 478);
     let slope_rad = 3.6_f64.to_radians();
     let mut icrik = Pose::default();

@@ -1,12 +1,9 @@
 //! Tyres whose force builds up over a length: alone, and under a vehicle.
 
-use super::balance::Contact;
-use super::paper_tests::{outward_slip_and_loss, steady_turn, warthog};
-use super::relaxation::Relaxation;
 use super::*;
-use crate::frames::{Attitude, BodyVelocity};
-use crate::motion::{GroundState, MotionModel};
-use crate::speeds::TreadSpeeds;
+use crate::contact::balance::Contact;
+use crate::contact::relaxation::Relaxation;
+use crate::test_support::treads;
 use nalgebra::{Vector2, Vector3};
 
 const LENGTH_M: f64 = 0.3;
@@ -17,13 +14,6 @@ fn soft() -> ContactVehicle {
     vehicle.friction.relaxation_length_m = LENGTH_M;
     vehicle.friction.slip_share = 0.1;
     vehicle
-}
-
-fn treads(left_m_s: f64, right_m_s: f64) -> TreadSpeeds {
-    TreadSpeeds {
-        left_m_s,
-        right_m_s,
-    }
 }
 
 fn on_slope(slope_deg: f64, heading_from_uphill_deg: f64) -> GroundState {

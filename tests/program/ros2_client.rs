@@ -1,20 +1,9 @@
 //! Action clients in the mapping of Fast DDS, against a controller and a virtual rover in processes
 //! of their own.
 
-// The lints' exceptions for tests do not reach helper functions.
-#![allow(clippy::unwrap_used, clippy::panic)]
-
-#[path = "support/configuration.rs"]
-mod configured;
-#[path = "support/program.rs"]
-mod program;
-#[path = "support/running.rs"]
-mod running;
-
-use configured::configuration;
-use program::{repository, sidehill};
-use running::Running;
-
+use crate::configured::configuration;
+use crate::running::Running;
+use crate::{repository, sidehill};
 use ros2_client::action::{
     ActionClientQosPolicies, CancelGoalResponse, GoalId, GoalStatusEnum, SendGoalResponse,
 };
@@ -38,17 +27,17 @@ use std::process::{Command, Stdio};
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
 
-/// What an answer may take on a busy machine: a limit for liveness, not a figure.
+/// Longest wait for an answer on a busy machine: a limit for liveness, not a measurement.
 const PATIENCE: Duration = Duration::from_secs(60);
 
-/// A domain of its own for each test: those that run at the same time must not hear each other.
+/// A separate domain for each test, so that parallel tests do not interfere.
 fn domain_id() -> u16 {
     static TESTS: AtomicU32 = AtomicU32::new(0);
     let test = TESTS.fetch_add(1, Ordering::Relaxed);
     1 + ((7 * std::process::id() + test) % 200) as u16
 }
 
-/// Returns a subcommand in a domain, as peers of Fast DDS are started.
+/// Returns a subcommand in a domain, configured for Fast DDS.
 fn command(subcommand: &str, config: &std::path::Path, domain_id: u16) -> Command {
     let mut command = sidehill();
     command
@@ -102,7 +91,7 @@ impl<G: Message + Clone + 'static, R: Message + Clone + 'static> Client<G, R> {
         // Three services with a writer and a reader each, feedback and status. A request that is
         // written before its reader is known is lost.
         let (mut writers, mut readers) = (BTreeSet::new(), BTreeSet::new());
-        // Those of the middleware itself are told of too.
+        // The events include the middleware's own endpoints.
         let own = |guid: &GUID| guid.to_bytes()[15] & 0xc0 == 0;
         until(|| {
             while let Some(event) = status.try_recv_status() {
@@ -140,7 +129,7 @@ impl<G: Message + Clone + 'static, R: Message + Clone + 'static> Client<G, R> {
         until(|| self.action.receive_cancel_response(request).unwrap())
     }
 
-    /// Returns how far is left, m, as it was told since the last call.
+    /// Returns the remaining distances, m, reported since the last call.
     fn feedback(&self, id: GoalId) -> Vec<f32> {
         let mut left_m = Vec::new();
         while let Some(feedback) = self.action.receive_feedback(id).unwrap() {
@@ -235,7 +224,7 @@ fn a_wrong_topic_frame_or_type_is_found_from_the_screen_alone() {
         );
         let lines = BufReader::new(run.0.stdout.take().unwrap()).lines();
         let mut seen = Vec::new();
-        // Discovery takes its time: the first reason may be that nobody is there yet.
+        // Discovery takes time: the first reason may be that no publisher is known yet.
         let found = lines.map_while(Result::ok).take(20).any(|line| {
             let found = says.iter().all(|part| line.contains(part));
             seen.push(line);
@@ -284,7 +273,7 @@ fn a_client_of_fast_dds_drives_cancels_and_asks_twice() {
     assert_eq!(canceled.goals_canceling[0].goal_id, id);
     assert_eq!(client.result(id).0, GoalStatusEnum::Canceled);
 
-    // And one that cannot be followed is aborted, with the reason.
+    // A path that cannot be followed aborts the goal, with the reason.
     let (id, answer) = client.send(goal(Path::default()));
     assert!(answer.accepted);
     let (status, result) = client.result(id);
@@ -295,7 +284,7 @@ fn a_client_of_fast_dds_drives_cancels_and_asks_twice() {
     assert!(!result.error_msg.is_empty());
 }
 
-/// A controller that speaks the action as `definition` has it, without a vehicle.
+/// A controller with this `definition` of the action, without a vehicle.
 fn run_with(definition: &str, domain_id: u16) -> (Running, tempfile::TempDir) {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("run.yaml");

@@ -7,166 +7,18 @@
 //! With the environment variable `UPDATE_DOCS` set, types and ranges in the page are replaced by the program's; what
 //! a key means remains to be written.
 
+mod table;
+
 use crate::{repository, text};
 use serde_yaml::{Mapping, Value};
-use sidehill::check::check;
-use sidehill::config::ConfigFile;
 use sidehill_bridge::control_loop::CycleConfig;
 use sidehill_bridge::control_loop::scheduling::RealtimeConfig;
 use sidehill_bridge::ros2::server::config::Ros2Config;
 use sidehill_bridge::safety::SafetyConfig;
 use sidehill_controller::config::ControllerConfig;
 use sidehill_plant::drive_train::DriveTrainConfig;
-use sidehill_plant::log::ColumnMap;
 use sidehill_plant::sensors::SensorsConfig;
-
-const PAGE: &str = "docs/configuration.md";
-const UNKNOWN: &str = "zzz";
-
-/// A table of the page.
-struct Table {
-    file: String,
-    path: Vec<String>,
-    content: Value,
-    rows: Vec<Row>,
-}
-
-/// A row: the cells that are compared.
-struct Row {
-    line: String,
-    key: String,
-    kind: String,
-    default: String,
-    range: String,
-}
-
-/// Returns the tables of the page that name their keys' origin.
-fn tables() -> Vec<Table> {
-    let page = text(PAGE);
-    page.split("<!-- keys: ")
-        .skip(1)
-        .map(|part| {
-            let (origin, rest) = part.split_once(" -->").unwrap();
-            let mut withs = origin.split(" with ");
-            let (file, path) = withs.next().unwrap().split_once(' ').unwrap();
-            let mut content = match file {
-                "columns.yaml" => text("plant/tests/data/trento_ramps/columns.yaml"),
-                "topics.yaml" => text("tests/data/bags/topics.yaml"),
-                file => text(&format!("config/{file}")),
-            };
-            for with in withs {
-                let (key, value) = with.split_once('=').unwrap();
-                let value = serde_yaml::from_str(value).unwrap();
-                let whole = serde_yaml::from_str(&content).unwrap();
-                content = serde_yaml::to_string(&put(whole, &keys(key), value)).unwrap();
-            }
-            let rows = rest
-                .lines()
-                .skip_while(|line| !line.starts_with("|---"))
-                .skip(1)
-                .take_while(|line| line.starts_with('|'))
-                .map(|line| {
-                    let cells: Vec<&str> = line.split('|').map(str::trim).collect();
-                    Row {
-                        line: line.into(),
-                        key: cells[1].trim_matches('`').into(),
-                        kind: cells[2].into(),
-                        default: cells[3].into(),
-                        range: cells[5].into(),
-                    }
-                })
-                .collect();
-            Table {
-                file: file.into(),
-                path: keys(path),
-                content: serde_yaml::from_str(&content).unwrap(),
-                rows,
-            }
-        })
-        .collect()
-}
-
-fn keys(path: &str) -> Vec<String> {
-    let names = path.split('.').filter(|name| *name != "/");
-    names.map(str::to_owned).collect()
-}
-
-/// Returns the content with a value at a path; sections on the way that are missing are added.
-fn put(mut content: Value, path: &[String], value: Value) -> Value {
-    let mut at = &mut content;
-    for key in path {
-        at = match key.parse::<usize>() {
-            Ok(index) => &mut at.as_sequence_mut().unwrap()[index],
-            Err(_) => {
-                if !at.is_mapping() {
-                    *at = Value::Mapping(Mapping::new());
-                }
-                let section = at.as_mapping_mut().unwrap();
-                section.entry(key.as_str().into()).or_insert(Value::Null)
-            }
-        };
-    }
-    *at = value;
-    content
-}
-
-/// Returns the content without the key at a path, if it has it.
-fn without(mut content: Value, path: &[String]) -> Value {
-    let mut at = &mut content;
-    let (last, sections) = path.split_last().unwrap();
-    for key in sections {
-        let next = match key.parse::<usize>() {
-            Ok(index) => at.as_sequence_mut().and_then(|list| list.get_mut(index)),
-            Err(_) => at
-                .as_mapping_mut()
-                .and_then(|section| section.get_mut(key.as_str())),
-        };
-        match next {
-            Some(next) => at = next,
-            None => return content,
-        }
-    }
-    if let Some(section) = at.as_mapping_mut() {
-        section.remove(last.as_str());
-    }
-    content
-}
-
-impl Table {
-    /// Returns what the program says about the file with `value` at a key of this table, or nothing if it accepts it.
-    fn complaint(&self, key: &str, value: impl Into<Value>) -> Option<String> {
-        self.complaint_about(put(self.content.clone(), &self.at(key), value.into()))
-    }
-
-    fn complaint_about(&self, content: Value) -> Option<String> {
-        if self.file == "columns.yaml" {
-            let map = serde_yaml::to_string(&content).unwrap();
-            let map = serde_yaml::from_str::<ColumnMap>(&map);
-            return map.err().map(|error| error.to_string());
-        }
-        let path = repository("config").join(&self.file);
-        let content = serde_yaml::to_string(&content).unwrap();
-        let checked = check(ConfigFile::with_text(&path, content));
-        checked.err().map(|error| format!("{error:#}"))
-    }
-
-    fn at(&self, key: &str) -> Vec<String> {
-        let mut path = self.path.clone();
-        path.push(key.to_owned());
-        path
-    }
-
-    fn name(&self) -> String {
-        format!("{PAGE}, {} of {}", self.path.join("."), self.file)
-    }
-}
-
-/// Returns what stands in backticks after the last `expected`.
-fn expected(complaint: &str) -> Vec<String> {
-    let (_, list) = complaint.rsplit_once("expected ").unwrap();
-    let names = list.split('`').skip(1).step_by(2);
-    names.map(str::to_owned).collect()
-}
+use table::*;
 
 /// Returns the type of a key as the page calls it, from what the program says about a map in its place.
 fn kind(table: &Table, key: &str) -> String {
@@ -202,7 +54,7 @@ fn kind(table: &Table, key: &str) -> String {
     }
 }
 
-/// Returns the range of a number as the program's error words it; empty where it accepts huge ones of both signs.
+/// Returns the range of a number as in the program's error; empty if it accepts huge numbers of both signs.
 fn range(table: &Table, key: &str, kind: &str) -> String {
     let tried: [Value; 2] = match kind {
         "number" => [9e15.into(), (-9e15).into()],
@@ -216,7 +68,7 @@ fn range(table: &Table, key: &str, kind: &str) -> String {
         .filter(|complaint| complaint.contains(key))
         .find_map(|complaint| {
             let (_, range) = complaint.split_once("out of range, must be ")?;
-            // Where in the file it is follows.
+            // The rest of the message is the place in the file.
             Some(
                 range
                     .split(" at line")
@@ -284,7 +136,7 @@ fn keys_without_a_default_are_marked_required() {
             if missing {
                 assert_eq!(row.default, "required", "{}: {}", table.name(), row.key);
             } else if row.default == "required" {
-                // What tells the kinds of files apart is missed before the file is parsed.
+                // A missing key that tells kinds of files apart is reported before the file is parsed.
                 assert!(
                     !complaint.is_empty(),
                     "{}: {} is not required",

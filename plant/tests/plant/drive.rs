@@ -1,7 +1,4 @@
-//! Which terms beyond ICRHK logs of real vehicles support, see `data/drive/README.md`.
-
-// The lints except tests only, not what helps them in this file.
-#![allow(clippy::unwrap_used, clippy::panic)]
+//! Which terms beyond ICRHK logs of real vehicles support, see `../data/drive/README.md`.
 
 use sidehill_plant::extension::Extension;
 use sidehill_plant::identification::{
@@ -20,31 +17,31 @@ fn settings() -> IdentificationSettings {
 }
 
 fn log(csv: &str) -> DriveLog {
-    let map: ColumnMap = serde_yaml::from_str(include_str!("data/drive/columns.yaml")).unwrap();
+    let map: ColumnMap = serde_yaml::from_str(include_str!("../data/drive/columns.yaml")).unwrap();
     DriveLog::read(csv.as_bytes(), &map).unwrap()
 }
 
 fn husky() -> (DriveLog, Vehicle) {
     (
-        log(include_str!("data/drive/husky_2023/turning.csv")),
-        serde_yaml::from_str(include_str!("data/drive/husky_2023/vehicle.yaml")).unwrap(),
+        log(include_str!("../data/drive/husky_2023/turning.csv")),
+        serde_yaml::from_str(include_str!("../data/drive/husky_2023/vehicle.yaml")).unwrap(),
     )
 }
 
 fn warthog() -> (DriveLog, Vehicle) {
     (
-        log(include_str!("data/drive/warthog_2023/turning.csv")),
-        serde_yaml::from_str(include_str!("data/drive/warthog_2023/vehicle.yaml")).unwrap(),
+        log(include_str!("../data/drive/warthog_2023/turning.csv")),
+        serde_yaml::from_str(include_str!("../data/drive/warthog_2023/vehicle.yaml")).unwrap(),
     )
 }
 
 fn asphalt() -> (DriveLog, Vehicle) {
     (
         log(include_str!(
-            "data/drive/warthog_asphalt_2024_level/turning.csv"
+            "../data/drive/warthog_asphalt_2024_level/turning.csv"
         )),
         serde_yaml::from_str(include_str!(
-            "data/drive/warthog_asphalt_2024_level/vehicle.yaml"
+            "../data/drive/warthog_asphalt_2024_level/vehicle.yaml"
         ))
         .unwrap(),
     )

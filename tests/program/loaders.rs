@@ -1,6 +1,4 @@
 //! Every file of `config/`, damaged in many ways: refused with the name of a file, or usable.
-#![allow(clippy::unwrap_used, clippy::panic, clippy::print_stdout)]
-
 use proptest::prelude::*;
 use sidehill::check::check;
 use sidehill::config::{ConfigFile, Overrides, RunConfig, Scenario, VehicleConfig, load_layout};
@@ -27,10 +25,10 @@ fn files() -> Vec<PathBuf> {
     files
 }
 
-/// One thing done to a text: where, over how much, and what.
+/// An edit of a text: place, length, kind and parameters.
 type Edit = (prop::sample::Index, usize, u8, String, prop::sample::Index);
 
-/// What numbers turn into.
+/// Replacements for numbers.
 const NUMBERS: [&str; 14] = [
     "0",
     "-1",
@@ -64,7 +62,7 @@ fn apply(text: &mut String, (at, length, kind, insert, choice): &Edit) {
         return;
     }
     if *kind < 2 {
-        // A whole line goes or comes twice.
+        // Remove or duplicate a line.
         let line = at.index(lines.len());
         let mut lines = lines;
         if *kind == 0 {
@@ -76,7 +74,7 @@ fn apply(text: &mut String, (at, length, kind, insert, choice): &Edit) {
         return;
     }
     if *kind < 5 {
-        // A number turns into another.
+        // Replace a number.
         let starts: Vec<usize> = text
             .match_indices(|c: char| c.is_ascii_digit())
             .map(|(i, _)| i)
@@ -105,7 +103,7 @@ fn apply(text: &mut String, (at, length, kind, insert, choice): &Edit) {
     }
 }
 
-/// Uses what was accepted: nothing is NaN, and what is built of it works.
+/// Uses an accepted file: nothing is NaN, and what is built from it works.
 fn use_it(kind: &str, file: &ConfigFile) {
     let no_nan = |value: String| assert!(!value.contains("NaN"), "{value}");
     match kind {
@@ -213,6 +211,6 @@ fn damaged_files_are_refused_by_name_or_usable() {
         .unwrap_or_else(|error| panic!("{error}"));
     let [refused, accepted] = counts.into_inner();
     println!("{refused} refused, {accepted} accepted");
-    // Both ways are taken, else nothing is tested.
+    // Both outcomes must occur, or nothing is tested.
     assert!(refused > CASES / 10 && accepted > CASES / 10);
 }

@@ -1,21 +1,20 @@
-//! Configuration of `run` and `vehicle`.
+//! Configuration of `run`.
 
+use super::bus::{bus, needed};
+use super::record::{RecordConfig, recording, yes};
 use super::reference::{LoadedReference, RouteConfig, Source};
-use super::{ConfigError, ConfigFile, Overrides, PlantKind, Prepared, Scenario};
+use super::virtual_rover::VehicleConfig;
+use super::{ConfigError, ConfigFile};
+use crate::learned::KeptFile;
 use serde::Deserialize;
-use sidehill_bridge::can::config::CanConfig;
-use sidehill_bridge::can::database::Database;
 use sidehill_bridge::can::layout::Layout;
 use sidehill_bridge::control_loop::CycleConfig;
 use sidehill_bridge::control_loop::scheduling::RealtimeConfig;
 use sidehill_bridge::recording::RecordLimits;
 use sidehill_bridge::ros2::port::convert::TwistMapping;
-use sidehill_bridge::ros2::port::rover::VehicleNodeConfig;
 use sidehill_bridge::ros2::server::config::Ros2Config;
 use sidehill_bridge::ros2::server::obstacles::StoppingSettings;
 use sidehill_bridge::ros2::server::route::RouteSettings;
-use sidehill_bridge::rover::DriveConfig;
-use sidehill_bridge::rover::{CanFault, FaultWindow};
 use sidehill_bridge::safety::SafetyConfig;
 use sidehill_controller::config::{AttitudePreview, ControllerConfig, ControllerKind};
 use sidehill_controller::controller::Controller;
@@ -23,19 +22,17 @@ use sidehill_controller::course::Course;
 use sidehill_controller::guard::{Stance, first_steep_place};
 use sidehill_controller::speed_profile::SpeedConfig;
 use sidehill_plant::bounds::Bounds;
-use sidehill_plant::drive_train::DriveTrainConfig;
-use sidehill_plant::sensors::SensorsConfig;
 use sidehill_plant::vehicle::Vehicle;
 use std::path::{Path, PathBuf};
 
-/// Through what `run` tells the drives.
+/// How `run` commands the drives.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum RunPort {
     /// A CAN bus.
     #[default]
     Can,
-    /// A virtual vehicle within the program.
+    /// A virtual vehicle in the same process.
     Simulated,
     /// Topics of ROS 2.
     Ros2,
@@ -57,133 +54,73 @@ pub struct RunConfig {
     /// The virtual vehicle of port `simulated`, relative to this file.
     #[serde(default)]
     pub simulated: Option<PathBuf>,
-    /// Vehicle that the controller steers by, relative to this file.
+    /// Vehicle model of the controller, relative to this file.
     pub vehicle: PathBuf,
     /// Which controller.
     pub controller: ControllerKind,
     /// Its settings.
     #[serde(default)]
     pub settings: ControllerConfig,
-    /// File in which what was learned is kept over a restart.
+    /// File that keeps what was learned across restarts.
     #[serde(default)]
     pub learned: Option<LearnedConfig>,
-    /// What is driven, unless it is a route.
+    /// Course to drive, unless a route is given.
     #[serde(default)]
     pub course: Option<Course>,
-    /// What is driven, unless it is a course.
+    /// Route to drive, unless a course is given.
     #[serde(default)]
     pub route: Option<RouteConfig>,
-    /// How fast, where the course gives no times.
+    /// Speed, unless the course defines it.
     #[serde(default)]
     pub speed: SpeedConfig,
-    /// Rounds of a periodic course.
+    /// Laps of a periodic course.
     #[serde(default = "one")]
     pub laps: u32,
-    /// The cycle.
+    /// Timing of the cycle.
     #[serde(default)]
     pub cycle: CycleConfig,
-    /// The safety.
+    /// Limits and time-outs of the safety state machine.
     #[serde(default)]
     pub safety: SafetyConfig,
-    /// What is asked of the system.
+    /// Scheduling of the real-time threads.
     #[serde(default)]
     pub realtime: RealtimeConfig,
-    /// What is offered and listened to on ROS 2: paths come from there, through whatever port the
-    /// drives are told.
+    /// The ROS 2 server: with it, paths come over ROS 2, whichever port commands the drives.
     #[serde(default)]
     pub ros2: Option<Ros2Config>,
-    /// What is recorded.
+    /// Recording of the drive.
     #[serde(default)]
     pub record: Option<RecordConfig>,
 }
 
-/// Where a drive is recorded, and how large the recording may become.
-#[derive(Debug, Clone, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct RecordConfig {
-    /// MCAP file, relative to this file; none records only what the command line asks for.
-    #[serde(default)]
-    pub file: Option<PathBuf>,
-    /// Largest size of a file, MB.
-    #[serde(default = "record_size")]
-    pub max_size: f64,
-    /// Whether a file that is full is followed by another.
-    #[serde(default = "yes")]
-    pub split: bool,
-    /// Newest files that are kept, with `split`; 0 keeps all.
-    #[serde(default)]
-    pub keep: u32,
-}
-
-fn record_size() -> f64 {
-    RecordLimits::default().max_size
-}
-
-fn yes() -> bool {
-    true
-}
-
-/// Returns the file of a recording and its limits, as the command line or else the configuration says;
-/// none where nothing is recorded.
-///
-/// # Errors
-/// [`ConfigError`] with the file, key, value and range.
-fn recording(
-    file: &ConfigFile,
-    config: Option<&RecordConfig>,
-    given: Option<&Path>,
-) -> Result<Option<(PathBuf, RecordLimits)>, ConfigError> {
-    let limits = config.map_or_else(RecordLimits::default, |config| RecordLimits {
-        max_size: config.max_size,
-        split: config.split,
-        keep: config.keep,
-    });
-    limits
-        .validate()
-        .map_err(|error| file.error(format!("record.{error}")))?;
-    let own = config
-        .and_then(|config| config.file.as_deref())
-        .map(|name| file.path().parent().unwrap_or(Path::new("")).join(name));
-    Ok(given.map(Path::to_owned).or(own).map(|path| (path, limits)))
-}
-
-/// Where what was learned is kept.
-#[derive(Debug, Clone, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct LearnedConfig {
-    /// File of this vehicle, relative to the configuration.
-    pub file: PathBuf,
-    /// Whether the file is read and written.
-    #[serde(default = "yes")]
-    pub keep: bool,
-    /// Age beyond which the file is refused, days.
-    #[serde(default = "days_max")]
-    pub days_max: f64,
-}
-
 impl RunConfig {
-    /// Returns the file in which what was learned is kept and its largest age in days, where it is kept.
+    /// Returns the file that keeps what was learned, if it is kept.
     ///
     /// # Errors
     /// [`ConfigError`] with file, key, value and range.
-    pub fn learned_file(&self, file: &ConfigFile) -> Result<Option<(PathBuf, f64)>, ConfigError> {
+    pub fn learned_file(&self, file: &ConfigFile) -> Result<Option<KeptFile>, ConfigError> {
         let Some(learned) = self.learned.as_ref().filter(|learned| learned.keep) else {
             return Ok(None);
         };
         Bounds::new(0.01, 10_000.0, "days")
             .check("learned.days_max", learned.days_max)
+            .and_then(|_| Bounds::new(1.0, 3600.0, "s").check("learned.every_s", learned.every_s))
             .map_err(|error| file.error(error))?;
         let folder = file.path().parent().unwrap_or(Path::new("."));
-        Ok(Some((folder.join(&learned.file), learned.days_max)))
+        Ok(Some(KeptFile {
+            path: folder.join(&learned.file),
+            days_max: learned.days_max,
+            every_s: learned.every_s,
+        }))
     }
 
-    /// Returns the vehicle that the controller steers by.
+    /// Returns the vehicle model of the controller.
     ///
     /// # Errors
     /// [`ConfigError`] with the file at fault, key, value and range.
     pub fn load_vehicle(&self, file: &ConfigFile) -> Result<Vehicle, ConfigError> {
         let vehicle: Vehicle = file.sibling(&self.vehicle)?.parse()?;
-        // The port converts speeds by the factors of the model that the controller steers by.
+        // The port converts speeds by the factors of the controller's model.
         Ok(match self.controller {
             ControllerKind::IcrikMpc => vehicle.extended(),
             ControllerKind::ContactMpc => vehicle.on_wheels(),
@@ -193,7 +130,7 @@ impl RunConfig {
         })
     }
 
-    /// Returns the controller with what it follows; without a path where paths come over ROS 2.
+    /// Returns the controller with its reference; without one if paths come over ROS 2.
     ///
     /// # Errors
     /// [`ConfigError`] with the file at fault, key, value and range.
@@ -250,7 +187,7 @@ impl RunConfig {
         self.port == RunPort::Ros2 || self.ros2.is_some()
     }
 
-    /// Returns what is offered and listened to on ROS 2, and how its paths are driven.
+    /// Returns the configuration of the ROS 2 server, and how its paths are driven.
     ///
     /// # Errors
     /// [`ConfigError`] with the file, key, value and range.
@@ -276,8 +213,8 @@ impl RunConfig {
 
     /// Returns how the vehicle stops ahead of an obstacle.
     ///
-    /// From a check of the costmap until the treads obey pass the time until the next check, a cycle, and the
-    /// delay of a command.
+    /// The reaction time from a costmap to the treads is the time until the next check, a cycle, and the delay of a
+    /// command.
     pub fn stopping(&self) -> StoppingSettings {
         StoppingSettings {
             deceleration_m_s2: self.safety.deceleration_m_s2,
@@ -285,11 +222,11 @@ impl RunConfig {
         }
     }
 
-    /// Checks that the cycle goes by a clock by which the port's readings can be dated.
+    /// Checks that the clock of the cycle can date the port's readings.
     ///
     /// # Errors
-    /// [`ConfigError`] where a bus, whose frames come at times of the world, is to be driven in
-    /// simulated time: no silence of it would be noticed.
+    /// [`ConfigError`] for a CAN bus in simulated time: its frames come in real time, so its silence would go
+    /// unnoticed.
     pub fn check_clock(&self, file: &ConfigFile, ros2: &Ros2Config) -> Result<(), ConfigError> {
         if self.port == RunPort::Can && ros2.use_sim_time {
             return Err(file.error("ros2.use_sim_time: a CAN bus has no simulated time"));
@@ -297,8 +234,8 @@ impl RunConfig {
         Ok(())
     }
 
-    /// Returns where the drive is recorded, and how large that may become; none where it is not.
-    /// `given` is the file of the command line.
+    /// Returns the file of the recording and its limits; none if the drive is not recorded. `given` is the file from
+    /// the command line.
     ///
     /// # Errors
     /// [`ConfigError`] with the file, key, value and range.
@@ -330,134 +267,32 @@ impl RunConfig {
     }
 }
 
-/// Behind what a virtual vehicle is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum VehiclePort {
-    /// A CAN bus.
-    #[default]
-    Can,
-    /// The graph of ROS 2.
-    Ros2,
-}
-
-/// What `sidehill vehicle` reads.
+/// The file that keeps what was learned.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct VehicleConfig {
-    /// Behind what it is.
-    #[serde(default)]
-    pub port: VehiclePort,
-    /// Its topics and frames, of port `ros2`.
-    #[serde(default)]
-    pub ros2: VehicleNodeConfig,
-    /// SocketCAN interface.
-    #[serde(default)]
-    pub interface: Option<String>,
-    /// Layout of the bus, relative to this file.
-    #[serde(default)]
-    pub can: Option<PathBuf>,
-    /// The world: vehicle, ground, start, drive train and sensors of a scenario, relative to this
-    /// file.
-    pub scenario: PathBuf,
-    /// What moves the vehicle, instead of what the scenario says.
-    #[serde(default)]
-    pub plant: Option<PlantKind>,
-    /// Seed of everything random, instead of the scenario's.
-    #[serde(default)]
-    pub seed: Option<u64>,
-    /// Between command and treads, instead of the scenario's.
-    #[serde(default)]
-    pub drive_train: Option<DriveTrainConfig>,
-    /// Errors of the sensors, instead of the scenario's.
-    #[serde(default)]
-    pub sensors: Option<SensorsConfig>,
-    /// The drives' own side of the handshake.
-    #[serde(default)]
-    pub drive: DriveConfig,
-    /// Time between reports, s.
-    #[serde(default = "fifty_milliseconds")]
-    pub report_period_s: f64,
-    /// What goes wrong on purpose, of port `can`.
-    #[serde(default)]
-    pub faults: Vec<FaultWindow<CanFault>>,
-    /// What is recorded.
-    #[serde(default)]
-    pub record: Option<RecordConfig>,
-}
-
-impl VehicleConfig {
-    /// Returns where the drive is recorded, as [`RunConfig::recording`] does.
-    ///
-    /// # Errors
-    /// [`ConfigError`] with the file, key, value and range.
-    pub fn recording(
-        &self,
-        file: &ConfigFile,
-        given: Option<&Path>,
-    ) -> Result<Option<(PathBuf, RecordLimits)>, ConfigError> {
-        recording(file, self.record.as_ref(), given)
-    }
-
-    /// Returns the scenario with what replaces its own.
-    ///
-    /// # Errors
-    /// [`ConfigError`] with the file at fault, key, value and range.
-    pub fn world(&self, file: &ConfigFile) -> Result<Prepared, ConfigError> {
-        let scenario = Scenario::read(file.sibling(&self.scenario)?)?;
-        let mut world = scenario.prepare(&Overrides {
-            plant: self.plant,
-            seed: self.seed,
-            ..Overrides::default()
-        })?;
-        world.drive_train = self.drive_train.unwrap_or(world.drive_train);
-        world.sensors = self.sensors.unwrap_or(world.sensors);
-        Ok(world)
-    }
-
-    /// Returns interface and layout of the bus.
-    ///
-    /// # Errors
-    /// [`ConfigError`] where a key is missing or the layout's files are wrong.
-    pub fn bus(&self, file: &ConfigFile) -> Result<(&str, Layout), ConfigError> {
-        bus(file, self.interface.as_deref(), self.can.as_deref())
-    }
-}
-
-/// Returns the layout of the bus in a file and the database it names.
-///
-/// # Errors
-/// Names the file, the message and the signal that is wrong.
-pub fn load_layout(file: &ConfigFile) -> Result<Layout, ConfigError> {
-    let config: CanConfig = file.parse()?;
-    let database = file.sibling(Path::new(&config.database))?;
-    let database =
-        Database::parse(&database.name(), database.text()).map_err(|error| file.error(error))?;
-    Layout::new(&config, &database).map_err(|error| file.error(error))
-}
-
-fn bus<'a>(
-    file: &ConfigFile,
-    interface: Option<&'a str>,
-    layout: Option<&Path>,
-) -> Result<(&'a str, Layout), ConfigError> {
-    let interface = needed(file, "interface", interface)?;
-    let layout = needed(file, "can", layout)?;
-    Ok((interface, load_layout(&file.sibling(layout)?)?))
-}
-
-fn needed<T>(file: &ConfigFile, key: &str, value: Option<T>) -> Result<T, ConfigError> {
-    value.ok_or_else(|| file.error(format!("{key}: is missing, which this port needs")))
-}
-
-fn days_max() -> f64 {
-    crate::learned::DAYS_MAX
+pub struct LearnedConfig {
+    /// The vehicle's file, relative to the configuration.
+    pub file: PathBuf,
+    /// Whether the file is read and written.
+    #[serde(default = "yes")]
+    pub keep: bool,
+    /// Maximum age of the file, days.
+    #[serde(default = "days_max")]
+    pub days_max: f64,
+    /// Driving time after which the file is written again, s: a program that is killed loses what it has learned
+    /// since. The file is also written whenever the vehicle is disarmed.
+    #[serde(default = "every_s")]
+    pub every_s: f64,
 }
 
 fn one() -> u32 {
     1
 }
 
-fn fifty_milliseconds() -> f64 {
-    0.05
+fn every_s() -> f64 {
+    30.0
+}
+
+fn days_max() -> f64 {
+    crate::learned::DAYS_MAX
 }

@@ -1,7 +1,4 @@
-//! Identification on other groups' logs, see `data/README.md`.
-
-// The lints except tests only, not what helps them in this file.
-#![allow(clippy::unwrap_used, clippy::panic)]
+//! Identification on other groups' logs, see `../data/README.md`.
 
 use sidehill_plant::identification::{
     IdentificationSettings, SegmentErrors, Segmentation, identify_level, identify_slope, segments,
@@ -31,12 +28,12 @@ fn log(csv: &str, columns: &str) -> DriveLog {
 #[test]
 fn a_real_vehicle_on_grass_is_predicted_where_it_was_not_fitted() {
     let log = log(
-        include_str!("data/warthog_grass/train.csv"),
-        include_str!("data/warthog_grass/columns.yaml"),
+        include_str!("../data/warthog_grass/train.csv"),
+        include_str!("../data/warthog_grass/columns.yaml"),
     );
     // Three quarters of the log stand still, and poses come at a fifth of the rows' rate.
     assert_eq!((log.rows().len(), log.pose_count()), (4801, 894));
-    let before = vehicle(include_str!("data/warthog_grass/vehicle.yaml"));
+    let before = vehicle(include_str!("../data/warthog_grass/vehicle.yaml"));
     let (fitted, report) = identify_level(&[log], &before, &settings(0.2)).unwrap();
     let (held_out, ideal) = (
         report.cross_validation.fitted,
@@ -55,39 +52,39 @@ fn a_real_vehicle_on_grass_is_predicted_where_it_was_not_fitted() {
 mod trento {
     use super::*;
 
-    const COLUMNS: &str = include_str!("data/trento_ramps/columns.yaml");
+    const COLUMNS: &str = include_str!("../data/trento_ramps/columns.yaml");
 
     fn level_vehicle() -> Vehicle {
         let logs = [
             log(
-                include_str!("data/trento_ramps/flat_left_-10.17.csv"),
+                include_str!("../data/trento_ramps/flat_left_-10.17.csv"),
                 COLUMNS,
             ),
             log(
-                include_str!("data/trento_ramps/flat_left_-5.48.csv"),
+                include_str!("../data/trento_ramps/flat_left_-5.48.csv"),
                 COLUMNS,
             ),
             log(
-                include_str!("data/trento_ramps/flat_left_5.48.csv"),
+                include_str!("../data/trento_ramps/flat_left_5.48.csv"),
                 COLUMNS,
             ),
             log(
-                include_str!("data/trento_ramps/flat_left_10.17.csv"),
+                include_str!("../data/trento_ramps/flat_left_10.17.csv"),
                 COLUMNS,
             ),
         ];
-        let before = vehicle(include_str!("data/trento_ramps/vehicle.yaml"));
+        let before = vehicle(include_str!("../data/trento_ramps/vehicle.yaml"));
         identify_level(&logs, &before, &settings(0.0)).unwrap().0
     }
 
     fn gentle_ramp() -> [DriveLog; 2] {
         [
             log(
-                include_str!("data/trento_ramps/ramp_0.150_left_-18.0.csv"),
+                include_str!("../data/trento_ramps/ramp_0.150_left_-18.0.csv"),
                 COLUMNS,
             ),
             log(
-                include_str!("data/trento_ramps/ramp_0.150_left_18.0.csv"),
+                include_str!("../data/trento_ramps/ramp_0.150_left_18.0.csv"),
                 COLUMNS,
             ),
         ]
@@ -96,11 +93,11 @@ mod trento {
     fn steep_ramp() -> [DriveLog; 2] {
         [
             log(
-                include_str!("data/trento_ramps/ramp_0.300_left_-18.0.csv"),
+                include_str!("../data/trento_ramps/ramp_0.300_left_-18.0.csv"),
                 COLUMNS,
             ),
             log(
-                include_str!("data/trento_ramps/ramp_0.300_left_18.0.csv"),
+                include_str!("../data/trento_ramps/ramp_0.300_left_18.0.csv"),
                 COLUMNS,
             ),
         ]

@@ -1,0 +1,59 @@
+//! What the server watches: the peers on the graph, and the clock.
+
+use super::ControllerServer;
+use ros2_client::dds::rustdds::{DomainParticipantStatusEvent as Event, StatusEvented};
+use std::sync::atomic::Ordering;
+use std::time::Instant;
+
+/// A step of the system's clock that is a jump, s.
+const CLOCK_JUMP_S: f64 = 0.5;
+
+impl ControllerServer {
+    /// Takes discovery events: publishers of the emergency stop, readers of replies, and peers that left.
+    pub(super) fn discover_peers(&mut self) {
+        while let Some(event) = self.discovery.try_recv_status() {
+            let inputs = &self.links.inputs;
+            inputs.graph().discovered(&event);
+            match &event {
+                Event::WriterDetected { writer }
+                    if writer.topic_name == self.emergency_stop_topic =>
+                {
+                    let publisher = writer.guid.into();
+                    let mut publishers = inputs.estop_publishers();
+                    publishers.publisher_discovered(publisher, Instant::now());
+                }
+                Event::WriterLost { guid, .. } => {
+                    inputs.estop_publishers().publisher_lost((*guid).into());
+                }
+                Event::ParticipantLost { id, .. } => {
+                    let mut participant = [0; 16];
+                    participant[..12].copy_from_slice(id.as_ref());
+                    inputs.estop_publishers().publisher_lost(participant.into());
+                }
+                _ => {}
+            }
+            if let Some(left) = self.peers.take(event) {
+                let topic = &self.result_topic;
+                self.handler
+                    .clients_left(|client| client.has_left(&left, topic));
+            }
+        }
+    }
+
+    /// Returns whether the clock has jumped, that of `/clock` or the system's.
+    pub(super) fn detect_clock_jump(&mut self) -> bool {
+        let inputs = &self.links.inputs;
+        let jumps = inputs.clock_jumps.load(Ordering::Relaxed);
+        let mut jumped = jumps != self.clock_jumps;
+        self.clock_jumps = jumps;
+        if self.links.time.system_jump_s().abs() > CLOCK_JUMP_S {
+            self.links.time.resynchronize();
+            inputs.transforms().forget();
+            jumped = true;
+        }
+        if jumped {
+            self.feedback_s = f64::NEG_INFINITY;
+        }
+        jumped
+    }
+}

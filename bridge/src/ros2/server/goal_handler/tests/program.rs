@@ -1,0 +1,182 @@
+//! Goal handler, controller, safety and a simulated vehicle in virtual time: the program without the middleware.
+
+use super::obstacles::Costmaps;
+use super::*;
+use crate::control_loop::channel::{CommandClient, LoopEnd, command_channel};
+use crate::control_loop::record::{LoopRecord, RecordSource, ring};
+use crate::control_loop::runner::InlineRunner;
+use crate::control_loop::{ControlLoop, CycleConfig};
+use crate::drives::Clock;
+use crate::rover::{DriveConfig, SimulatedPort};
+use crate::safety::{OperatorRequests, SafetyConfig};
+use sidehill_controller::config::{ControllerConfig, ControllerKind};
+use sidehill_controller::controller::Controller;
+use sidehill_controller::speed_profile::SpeedConfig;
+use sidehill_plant::contact::{ContactModel, ContactVehicle};
+use sidehill_plant::motion::{IcrMotion, MotionModel};
+use sidehill_plant::simulation::{Simulation, SimulationSetup};
+use sidehill_plant::speeds::EncoderScale;
+use sidehill_plant::terrain::{PlaneTerrain, Terrain};
+
+const NOTHING: OperatorRequests = OperatorRequests {
+    arm: false,
+    stop: None,
+    halt: None,
+};
+const PERIOD_S: f64 = 0.05;
+
+/// The whole program but for the middleware.
+pub(super) struct Loop {
+    control: ControlLoop<SimulatedPort, InlineRunner>,
+    _log: RecordSource<LoopRecord>,
+    client: CommandClient,
+    loop_end: LoopEnd,
+    handler: GoalHandler,
+    transforms: Transforms,
+    pub(super) obstacles: Option<Costmaps>,
+    pub(super) finished: Option<(GoalEnd, Outcome)>,
+    pub(super) warnings: Vec<String>,
+}
+
+impl Loop {
+    pub(super) fn new(slope_deg: f64, uphill_deg: f64, speed_m_s: f64, contact: bool) -> Self {
+        let vehicle = j8();
+        let (motion, encoder_scale): (Box<dyn MotionModel + Send>, _) = if contact {
+            let file = include_str!("../../../../../../config/vehicles/j8_contact.yaml");
+            let wheels: ContactVehicle = serde_yaml::from_str(file).unwrap();
+            (
+                Box::new(ContactModel::new(wheels)),
+                EncoderScale {
+                    left: 1.0,
+                    right: 1.0,
+                },
+            )
+        } else {
+            let icr = IcrMotion {
+                vehicle: vehicle.clone(),
+                inclined: true,
+            };
+            (Box::new(icr), vehicle.encoder_scale)
+        };
+        let simulation = Simulation::new(SimulationSetup {
+            terrain: Terrain::Plane(PlaneTerrain::new(slope_deg, uphill_deg).unwrap()),
+            motion,
+            drive_train: serde_yaml::from_str(
+                "{traction: {acceleration_max_m_s2: 2, deceleration_max_m_s2: 2}, steer: {acceleration_max_m_s2: 2, deceleration_max_m_s2: 2}}",
+            )
+            .unwrap(),
+            sensors: Default::default(),
+            encoder_scale,
+            start: PlanarPose { yaw_rad: ALONG_X, ..PlanarPose::default() },
+            dt_s: 0.005,
+            seed: 1,
+        })
+        .unwrap();
+        let config = ControllerConfig {
+            period_s: PERIOD_S,
+            ..ControllerConfig::default()
+        };
+        let limits = SpeedConfig {
+            speed_m_s,
+            ..SpeedConfig::default()
+        }
+        .limits(&config.limits, &vehicle);
+        let (client, loop_end, controller_end) = command_channel(config.stages);
+        let controller = Controller::new(ControllerKind::IcrikMpc, config, &vehicle).unwrap();
+        let (records, log) = ring(64);
+        let control = ControlLoop::new(
+            CycleConfig {
+                period_s: PERIOD_S,
+                ..CycleConfig::default()
+            },
+            SafetyConfig::default(),
+            Clock::Virtual { now_s: 0.0 },
+            SimulatedPort::new(simulation, 0.005, encoder_scale, DriveConfig::default()).unwrap(),
+            InlineRunner::with_channel(controller, Some(controller_end), None),
+            records,
+        )
+        .unwrap();
+        let mut transforms = Transforms::default();
+        transforms.take("map", "odom", 0.0, Isometry3::identity(), true);
+        let route = RouteSettings {
+            limits,
+            ..route_settings()
+        };
+        Self {
+            control,
+            _log: log,
+            client,
+            loop_end,
+            handler: GoalHandler::new(route, PivotSettings::default(), "odom", &vehicle),
+            transforms,
+            obstacles: None,
+            finished: None,
+            warnings: Vec::new(),
+        }
+    }
+
+    /// A cycle, and the session's step after it.
+    pub(super) fn step(&mut self) -> f64 {
+        let row = self.control.step_with(NOTHING, Some(&mut self.loop_end));
+        let now_s = row.time_s;
+        self.look(now_s);
+        now_s
+    }
+
+    /// The session's step; returns whether it has handed over a path.
+    fn look(&mut self, now_s: f64) -> bool {
+        let status = self.client.loop_status().unwrap();
+        let controller = self.client.controller_status().clone();
+        let obstacles = self.obstacles.as_ref();
+        self.handler.step(&GoalContext {
+            now_s,
+            cycle_s: status.row.time_s,
+            state: status.row.state,
+            armed: status.armed,
+            stopped_by: status.stopped_by,
+            decision: controller.decision.as_ref(),
+            plan: &controller.plan,
+            obstacles: obstacles.map(|obstacles| obstacles.context(now_s, &self.transforms)),
+            transforms: &self.transforms,
+            tolerances: &Tolerances::default(),
+            emergency_stop: None,
+            estop_unknown: false,
+            estop_unknown_driving: false,
+            clock_jumped: false,
+        });
+        let mut handed_over = false;
+        for request in self.handler.take_requests() {
+            match request {
+                Request::Arm(number) => self.client.arm(number),
+                Request::Stop(cause) => self.client.stop(cause),
+                Request::Warn(message) => self.warnings.push(message),
+                Request::Finish { end, outcome, .. } => self.finished = Some((end, outcome)),
+                Request::Follow(path) => {
+                    handed_over = true;
+                    self.client.set_path(path);
+                }
+            }
+        }
+        handed_over
+    }
+
+    /// Gives the goal, and waits in real time until its route is built.
+    pub(super) fn begin(&mut self, path: RequestedPath) {
+        let mut now_s = 0.0;
+        for _ in 0..5 {
+            now_s = self.step();
+        }
+        self.handler.begin(Client::Topic, Ok(path), now_s);
+        for _ in 0..5000 {
+            if self.look(now_s) {
+                return;
+            }
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        panic!("no route");
+    }
+
+    pub(super) fn pose(&self) -> PlanarPose {
+        self.control.port().state().pose.planar()
+    }
+}

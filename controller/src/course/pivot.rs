@@ -1,0 +1,74 @@
+//! A turn on the spot.
+
+use crate::path::{PathError, Point2};
+use crate::trajectory::{Ending, Motion, NODE_STEP_S, Node, Trajectory};
+use serde::{Deserialize, Serialize};
+use sidehill_plant::bounds::{Bounds, RangeError};
+
+/// A turn on the spot from heading 0, beginning at the origin.
+///
+/// A skid-steer vehicle on level ground turns about a point y_ICR ahead of its origin: with that as
+/// `centre_forward_m` the reference can be followed, with 0 the origin itself is to keep its place.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Pivot {
+    /// Angle, deg, counter-clockwise positive.
+    pub angle_deg: f64,
+    /// Magnitude of the yaw rate, rad/s.
+    pub yaw_rate_rad_s: f64,
+    /// How far ahead of the vehicle's origin the point is that keeps its place, m.
+    pub centre_forward_m: f64,
+}
+
+impl Default for Pivot {
+    fn default() -> Self {
+        Self {
+            angle_deg: 360.0,
+            yaw_rate_rad_s: 0.3,
+            centre_forward_m: 0.0,
+        }
+    }
+}
+
+impl Pivot {
+    pub(super) fn check(&self) -> Result<(), RangeError> {
+        let magnitude = self.angle_deg.abs();
+        let bounds = Bounds::new(1.0, 36e3, "deg").with_note("either way");
+        bounds
+            .check("angle_deg", magnitude)
+            .map_err(|error| RangeError {
+                value: self.angle_deg,
+                ..error
+            })?;
+        Bounds::new(1e-3, 10.0, "rad/s").check("yaw_rate_rad_s", self.yaw_rate_rad_s)?;
+        Bounds::new(-10.0, 10.0, "m").check("centre_forward_m", self.centre_forward_m)?;
+        Ok(())
+    }
+
+    /// Where the vehicle's origin is at a heading: the centre less `centre_forward_m` ahead.
+    fn position(&self, heading_rad: f64) -> Point2 {
+        let (sin, cos) = heading_rad.sin_cos();
+        Point2 {
+            x_m: self.centre_forward_m * sin,
+            y_m: self.centre_forward_m * (1.0 - cos),
+        }
+    }
+
+    pub(super) fn trajectory(&self) -> Result<Trajectory, PathError> {
+        let angle_rad = self.angle_deg.to_radians();
+        let duration_s = angle_rad.abs() / self.yaw_rate_rad_s;
+        let intervals = (duration_s / NODE_STEP_S).ceil().max(1.0) as usize;
+        let nodes = (0..=intervals)
+            .map(|i| angle_rad * i as f64 / intervals as f64)
+            .map(|heading_rad| Node {
+                arc_length_m: 0.0,
+                position: self.position(heading_rad),
+                heading_rad,
+                speed_m_s: 0.0,
+                yaw_rate_rad_s: angle_rad / duration_s,
+                motion: Motion::Pivot,
+            })
+            .collect();
+        Trajectory::from_nodes(nodes, duration_s / intervals as f64, None, Ending::Stop)
+    }
+}

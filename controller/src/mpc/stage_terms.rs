@@ -1,0 +1,77 @@
+//! The QP of a horizon stage by stage, without condensing.
+//!
+//! ```text
+//! xi_{k+1} = A xi_k + B u_k + c,   A = I + a e_3',   xi_0 = 0,   u_{-1} = 0
+//! cost = sum_k  1/2 xi_{k+1}' Q xi_{k+1} + f' xi_{k+1}  +  1/2 sum_m r_m (u_k - u_{k-1} + o)_m^2
+//! ```
+
+/// Inputs of a stage: traction and steer.
+pub const MOTORS: usize = 2;
+
+/// Dynamics and cost of a stage.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct StageTerms {
+    /// a: change of the state by the yaw before.
+    pub(super) by_yaw: [f64; 3],
+    /// Columns of B, 1/(m/s).
+    pub(super) by_input: [[f64; 3]; MOTORS],
+    /// c: where the step ends, less the plan.
+    pub(super) defect: [f64; 3],
+    /// Q.
+    pub(super) weight: [[f64; 3]; 3],
+    /// f.
+    pub(super) force: [f64; 3],
+    /// r, 1/(m/s)^2.
+    pub(super) change_weight: [f64; MOTORS],
+    /// o: planned change from the stage before, m/s.
+    pub(super) change: [f64; MOTORS],
+}
+
+impl StageTerms {
+    /// Numbers that the terms consist of.
+    pub const COUNT: usize = 28;
+
+    /// Returns a, B by columns, c, Q, f, r, o.
+    pub fn to_array(&self) -> [f64; Self::COUNT] {
+        let mut copy = *self;
+        let mut all = [0.0; Self::COUNT];
+        for (to, from) in all.iter_mut().zip(copy.numbers()) {
+            *to = *from;
+        }
+        all
+    }
+
+    /// Returns the terms of [`Self::to_array`]'s numbers; those that are missing are 0.
+    pub fn from_numbers(numbers: &[f64]) -> Self {
+        let mut terms = Self::default();
+        for (to, from) in terms.numbers().zip(numbers) {
+            *to = *from;
+        }
+        terms
+    }
+
+    fn numbers(&mut self) -> impl Iterator<Item = &mut f64> {
+        let motion = self
+            .by_yaw
+            .iter_mut()
+            .chain(self.by_input.as_flattened_mut());
+        let error = self.weight.as_flattened_mut().iter_mut();
+        motion
+            .chain(&mut self.defect)
+            .chain(error)
+            .chain(&mut self.force)
+            .chain(&mut self.change_weight)
+            .chain(&mut self.change)
+    }
+
+    /// Returns A' of a vector.
+    pub(super) fn back(&self, mut vector: [f64; 3]) -> [f64; 3] {
+        vector[2] += dot(&self.by_yaw, &vector);
+        vector
+    }
+}
+
+/// Returns the product of two vectors.
+pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}

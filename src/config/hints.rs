@@ -1,0 +1,91 @@
+//! Hints about likely mistakes, where the parser's message says little.
+
+/// Keys by which a kind of file is known.
+const KINDS: [(&str, &str); 8] = [
+    ("draws", "a campaign"),
+    ("controllers", "a scenario"),
+    ("x_icr_left_m", "a vehicle"),
+    ("axles", "a contact vehicle"),
+    ("tread_speed_left", "a column map"),
+    ("database", "the layout of a CAN bus"),
+    ("controller", "a configuration of run"),
+    ("scenario", "a configuration of vehicle"),
+];
+
+/// Returns why bytes are not readable text, if their beginning shows it.
+pub(crate) fn no_text(bytes: &[u8]) -> Option<&'static str> {
+    match bytes {
+        [0xFF, 0xFE, ..] | [0xFE, 0xFF, ..] => {
+            Some("is UTF-16 (\"Unicode\" in some programs); save it as UTF-8")
+        }
+        [0x1F, 0x8B, ..] => Some("is compressed by gzip; unpack it first"),
+        [b'P', b'K', 3, 4, ..] => {
+            Some("is a ZIP archive or a spreadsheet; unpack it, or save it as CSV")
+        }
+        _ => None,
+    }
+}
+
+/// Returns what is likely wrong, for messages of the YAML parser that say little.
+pub(super) fn syntax_hint(message: &str) -> Option<String> {
+    let hint = if message.contains("mapping values are not allowed") {
+        "; is the line indented too far, or does a text with a colon need quotes?"
+    } else if message.contains("could not find expected ':'") {
+        "; is there a space after the colon of its key?"
+    } else if message.contains("there are no fields") {
+        ": this kind has no further keys"
+    } else {
+        return None;
+    };
+    Some(hint.to_owned())
+}
+
+/// Returns which other kind of file a text looks like, if it has the key by which that kind is known and the
+/// message does not expect that key.
+pub(super) fn other_kind(text: &str, message: &str) -> Option<String> {
+    let (_, expected) = message.split_once("expected ")?;
+    let keys: serde_yaml::Mapping = serde_yaml::from_str(text).ok()?;
+    let (_, kind) = KINDS
+        .iter()
+        .find(|(key, _)| keys.contains_key(*key) && !expected.contains(&format!("`{key}`")))?;
+    // An unknown key that is not at the top level is a mistake within a section.
+    let unknown = message.split('`').nth(1)?;
+    keys.contains_key(unknown)
+        .then(|| format!("; the file looks like {kind}"))
+}
+
+/// Returns the line, counted from 1, of the first tab that indents a line up to `last`.
+pub(super) fn indented_by_tab(text: &str, last: usize) -> Option<usize> {
+    text.lines()
+        .take(last + 1)
+        .position(|line| line.trim_start_matches(' ').starts_with('\t'))
+        .map(|index| index + 1)
+}
+
+/// Returns the keys at the start of a message (`terrain.slope_deg: 95: must be ...`), followed by the one that it
+/// quotes as unknown (`terrain: unknown field `slope_rad`, ...`).
+pub(super) fn keys_named(message: &str) -> Vec<&str> {
+    let is_key = |text: &str| {
+        !text.is_empty()
+            && text
+                .chars()
+                .all(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_')
+    };
+    let mut keys = Vec::new();
+    for part in message.split(": ") {
+        // Items of lists are written `zones[1]`.
+        let names: Vec<&str> = part
+            .split('.')
+            .map(|name| name.split('[').next().unwrap_or(name))
+            .collect();
+        if !names.iter().all(|name| is_key(name)) {
+            break;
+        }
+        keys.extend(names);
+    }
+    let unknown = message
+        .split_once("unknown field `")
+        .and_then(|(_, rest)| rest.split('`').next());
+    keys.extend(unknown);
+    keys
+}

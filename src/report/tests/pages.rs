@@ -1,0 +1,149 @@
+//! The HTML page.
+
+use super::*;
+
+#[test]
+fn the_page_has_every_controller_and_section() {
+    let runs = [run("icrik-mpc", rows(1200)), run("pure-pursuit", rows(900))];
+    let page = page(&plane(), &runs);
+    let document = checked(&page);
+    let headings: Vec<_> = document
+        .descendants()
+        .filter(|node| node.tag_name().name() == "h2")
+        .filter_map(|node| node.text())
+        .collect();
+    let sections = [
+        "Map",
+        "Cross-track error",
+        "Commands",
+        "Attitude",
+        "Tread ICRs",
+        "Solve time",
+    ];
+    assert_eq!(headings, sections);
+    assert_eq!(named(&document, "svg").len(), 2, "map and solve time");
+    let plots = named(&document, "div")
+        .into_iter()
+        .filter(|node| node.attribute("class") == Some("plot"));
+    assert_eq!(plots.count(), 1 + 2 + 2 + 3);
+    let text = text(&document);
+    for part in [
+        "icrik-mpc",
+        "pure-pursuit",
+        "1.23",
+        "uphill",
+        "slope 10.0\u{b0}",
+        "0.5 m",
+        "limit 1 m/s",
+        "p99 2",
+    ] {
+        assert!(text.contains(part), "{part} is missing");
+    }
+}
+
+#[test]
+fn names_are_escaped() {
+    let name = "<b onload=\"x\">&'";
+    let mut run = run(name, rows(50));
+    run.summary.completed = false;
+    run.summary.ended_by = Some("speed < 0 & more".to_owned());
+    let page = page(&plane(), &[run]);
+    let text = text(&checked(&page));
+    assert!(text.contains(name) && text.contains("speed < 0 & more"));
+    assert!(text.contains("A circle & more") && text.contains("on <a> slope"));
+}
+
+#[test]
+fn nothing_to_show_is_shown() {
+    let text_of = |runs: &[Run]| text(&checked(&page(&plane(), runs)));
+    assert!(text_of(&[]).contains("no run"));
+    assert!(text_of(&[run("icrik-mpc", Vec::new())]).contains("No run solved a QP"));
+    assert!(text_of(&[run("icrik-mpc", rows(1))]).contains("icrik-mpc"));
+}
+
+/// Returns the values of the first run in the plot of the cross-track error.
+fn cross_track(document: &Document<'_>) -> Vec<Option<f64>> {
+    let plots = named(document, "div");
+    let plot = plots
+        .iter()
+        .find(|node| node.attribute("aria-label") == Some("cross-track (cm)"))
+        .unwrap();
+    let data = plot.descendants().find_map(|node| node.text()).unwrap();
+    let data: serde_json::Value = serde_json::from_str(data).unwrap();
+    assert_eq!(data["lines"][0]["run"], 0);
+    serde_json::from_value(data["lines"][0]["y"].clone()).unwrap()
+}
+
+#[test]
+fn values_that_are_not_finite_leave_gaps() {
+    let mut run = run("icrik-mpc", rows(300));
+    for row in &mut run.rows[100..200] {
+        row.cross_track_m = f64::NAN;
+        row.pose.x_m = f64::INFINITY;
+        row.solve_us = f64::NAN;
+        row.attitude.roll_rad = f64::NEG_INFINITY;
+    }
+    run.summary.cross_track_rms_m = f64::NAN;
+    run.summary.cross_track_max_m = f64::NAN;
+    let page = page(&plane(), &[run]);
+    let document = checked(&page);
+    let values = cross_track(&document);
+    let gaps: Vec<usize> = (0..values.len()).filter(|i| values[*i].is_none()).collect();
+    assert_eq!(gaps, (100..200).collect::<Vec<_>>());
+}
+
+#[test]
+fn ground_known_along_a_route_only_has_contours_there() {
+    let point = |i: u32| RoutePoint {
+        x_m: 3.0,
+        y_m: f64::from(i) - 3.0,
+        z_m: 0.2 * f64::from(i),
+    };
+    let points: Vec<_> = (0..7).map(point).collect();
+    let smoothing = RouteSmoothing::new(2.0, 1.0).unwrap();
+    let terrain = Terrain::Route(RouteTerrain::new(&points, smoothing).unwrap());
+    let page = page(&terrain, &[run("icrik-mpc", rows(100))]);
+    let document = checked(&page);
+    let contours: Vec<_> = document
+        .descendants()
+        .filter(|node| node.attribute("class") == Some("contour"))
+        .filter_map(|node| node.attribute("d"))
+        .collect();
+    assert!(contours.len() > 3);
+    // 960 px show at least 12 m, the corridor is 2 m wide on the right of the middle.
+    for number in contours.iter().flat_map(|d| d.split(['M', 'L'])) {
+        if let Some((x, _)) = number.split_once(',') {
+            assert!(x.parse::<f64>().unwrap() > 500.0, "{x}");
+        }
+    }
+}
+
+#[test]
+fn long_runs_make_a_page_of_bounded_size_that_keeps_the_extremes() {
+    let mut long = rows(20_000);
+    for (index, row) in long.iter_mut().enumerate() {
+        row.cross_track_m = 1e-3 * (index as f64 * 0.7).sin();
+    }
+    long[12_345].cross_track_m = 0.5;
+    let names = ["icrik-mpc", "icrhk-mpc", "diffdrive-mpc", "pure-pursuit"];
+    let runs = names.map(|name| run(name, long.clone()));
+    let page = page(&plane(), &runs);
+    assert!(page.len() < 3_000_000, "{} bytes", page.len());
+    let document = checked(&page);
+    let values = cross_track(&document).into_iter().flatten();
+    assert_eq!(values.fold(0.0, f64::max), 50.0);
+}
+
+#[test]
+fn runs_have_colours_of_their_own_that_stay_with_their_controllers() {
+    let names = ["pure-pursuit", "icrik-mpc", "mine", "icrik-mpc"];
+    let runs = names.map(|name| run(name, Vec::new()));
+    let colours: Vec<_> = styles(&runs).iter().map(|style| style.colour).collect();
+    let own = |name: &str| {
+        let mut kinds = ControllerKind::ALL.iter();
+        COLOURS[kinds.position(|kind| kind.name() == name).unwrap()]
+    };
+    assert_eq!(colours[..2], [own("pure-pursuit"), own("icrik-mpc")]);
+    let distinct: std::collections::BTreeSet<_> = colours.iter().collect();
+    assert_eq!(distinct.len(), names.len());
+}

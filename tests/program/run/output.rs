@@ -1,0 +1,101 @@
+//! Standard output and error that nobody reads.
+
+use super::{SIMULATED, configuration};
+use crate::running::Running;
+use crate::sidehill;
+use std::fs::File;
+use std::io::{BufRead, BufReader};
+use std::process::{Command, Stdio};
+
+#[test]
+fn it_survives_100_closings_of_its_output_while_it_drives() {
+    let file = configuration("closings", &SIMULATED);
+    let pipe = file.with_file_name("pipe");
+    let _ = std::fs::remove_file(&pipe);
+    assert!(
+        Command::new("mkfifo")
+            .arg(&pipe)
+            .status()
+            .unwrap()
+            .success()
+    );
+    let reader = || BufReader::new(File::open(&pipe).unwrap());
+    let opens = {
+        let pipe = pipe.clone();
+        std::thread::spawn(move || File::options().write(true).open(pipe).unwrap())
+    };
+    let mut lines = reader();
+    let output = opens.join().unwrap();
+    let _run = Running::start(
+        sidehill()
+            .args(["run", file.to_str().unwrap(), "--arm"])
+            .stderr(output.try_clone().unwrap())
+            .stdout(output),
+    );
+    let drives = |lines: &mut BufReader<File>| {
+        let mut line = String::new();
+        while lines.read_line(&mut line).unwrap() > 0 {
+            let said: serde_json::Value = serde_json::from_str(&line).unwrap_or_default();
+            if said["state"] == "driving" {
+                return Some(said);
+            }
+            line.clear();
+        }
+        None
+    };
+    drives(&mut lines).expect("it drives");
+    drop(lines);
+    for _ in 0..100 {
+        drop(reader());
+        std::thread::sleep(std::time::Duration::from_millis(60));
+    }
+    // A new reader sees that it is still driving, and how many lines were dropped.
+    let said = drives(&mut reader()).expect("it still drives");
+    assert!(said["lines_dropped"].as_u64() > Some(2), "{said}");
+}
+
+#[test]
+fn it_drives_on_when_nobody_reads_and_stops_when_the_connection_drops() {
+    let file = configuration("nobody_reads", &SIMULATED);
+    let out = file.parent().unwrap().join("out");
+    // Files of an earlier test would look like a drive.
+    let _ = std::fs::remove_dir_all(&out);
+    let mut run = Running::start(
+        sidehill()
+            .args(["run", file.to_str().unwrap(), "--arm", "--out"])
+            .arg(&out)
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped()),
+    );
+    // Close both pipes before it prints anything.
+    drop(run.0.stdout.take());
+    drop(run.0.stderr.take());
+    let states = || -> Vec<String> {
+        let cycles = std::fs::read_to_string(out.join("cycles.csv")).unwrap_or_default();
+        let mut lines = cycles.lines();
+        let header = lines.next().unwrap_or_default();
+        let column = header.split(',').position(|name| name == "state");
+        // The last line may be half written.
+        let whole: Vec<&str> = lines.collect();
+        whole[..whole.len().saturating_sub(1)]
+            .iter()
+            .filter_map(|line| Some(line.split(',').nth(column?)?.to_owned()))
+            .collect()
+    };
+    let driving = || states().iter().filter(|state| *state == "driving").count();
+    let begun = std::time::Instant::now();
+    while driving() < 60 {
+        assert!(run.0.try_wait().unwrap().is_none(), "{:?}", states().last());
+        assert!(begun.elapsed().as_secs() < 60, "{:?}", states().last());
+        std::thread::sleep(std::time::Duration::from_millis(100));
+    }
+    let id = rustix::process::Pid::from_raw(i32::try_from(run.0.id()).unwrap()).unwrap();
+    rustix::process::kill_process(id, rustix::process::Signal::HUP).unwrap();
+    let status = run.0.wait().unwrap();
+    assert_eq!(
+        status.code(),
+        Some(1),
+        "ended by a signal, not killed by it"
+    );
+    assert_ne!(states().last().unwrap(), "driving");
+}
