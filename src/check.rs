@@ -2,7 +2,7 @@
 
 use crate::config::{
     Campaign, Conditions, ConfigFile, LoadedReference, Overrides, RunConfig, RunPort, Scenario,
-    Source, led_point, load_layout, read_route,
+    Source, load_layout, point_behind_icrs, read_route,
 };
 use crate::drive_log::TopicMap;
 use crate::live_odometry::LiveOdometryConfig;
@@ -244,7 +244,7 @@ fn check_run(file: &ConfigFile) -> Result<()> {
     let config: RunConfig = file.parse()?;
     let vehicle = config.load_vehicle(file)?;
     config.controller(file, &vehicle)?;
-    if let Some(warning) = led_point(&config.settings.tracked_point, &vehicle) {
+    if let Some(warning) = point_behind_icrs(&config.settings.tracked_point, &vehicle) {
         console::complain(format_args!("{}: warning: settings.{warning}", file.name()));
     }
     config.recording(file, None)?;

@@ -41,7 +41,7 @@ pub use reference::{LoadedReference, Source, read_route};
 #[cfg(feature = "drive")]
 pub use run::{RunConfig, RunPort};
 #[cfg(feature = "drive")]
-pub(crate) use scenario::led_point;
+pub(crate) use scenario::point_behind_icrs;
 pub use scenario::{Overrides, Scenario};
 #[cfg(feature = "drive")]
 pub use virtual_rover::{VehicleConfig, VehiclePort};

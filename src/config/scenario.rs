@@ -159,7 +159,7 @@ impl Scenario {
                 vehicle.name, vehicle.speed_max_m_s, limits.traction_max_m_s
             ));
         }
-        warnings.extend(led_point(&raw.controller.tracked_point, &vehicle));
+        warnings.extend(point_behind_icrs(&raw.controller.tracked_point, &vehicle));
         let start = raw.start.from(&loaded.trajectory.at(0.0).pose());
         let start = match loaded.trajectory.path() {
             Some(_) => with_point_at(&raw.controller.tracked_point, &start, &terrain),
@@ -248,14 +248,14 @@ impl Scenario {
 }
 
 /// Returns the warning for a tracked point behind the line through the treads' ICRs, if the point is there.
-pub(crate) fn led_point(point: &TrackedPoint, vehicle: &Vehicle) -> Option<String> {
+pub(crate) fn point_behind_icrs(point: &TrackedPoint, vehicle: &Vehicle) -> Option<String> {
     let line_m = vehicle.icrs.forward_m;
     let behind = !point.is_origin() && point.forward_m < line_m;
     behind.then(|| {
         format!(
             "tracked_point.forward_m: {} m is behind the line through the treads' ICRs ({line_m} m ahead of the \
-             origin). Driving ahead, such a point must be led like a trailer in reverse: it keeps to 2 to 5 cm, \
-             with bursts of steer, where one ahead of the line keeps to 0.2 cm",
+             origin). Driving forward, such a point steers like a trailer in reverse: expect errors of 2 to 5 cm and \
+             bursts of steer. A point ahead of that line is tracked to 0.2 cm",
             point.forward_m
         )
     })

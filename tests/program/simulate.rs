@@ -209,6 +209,25 @@ fn a_point_ahead_of_the_origin_follows_the_path_as_well_as_the_origin() {
 }
 
 #[test]
+fn a_tracked_point_behind_the_icrs_is_warned_of() {
+    let slalom = configuration("scenarios/slalom.yaml");
+    let folder = tempfile::tempdir().unwrap();
+    for (forward_m, warns) in [("-1.0", true), ("1.0", false)] {
+        let point =
+            format!("\ncontroller:\n  tracked_point: {{right_m: 0.0, forward_m: {forward_m}}}\n");
+        let text = slalom.replace("\ncontroller:\n", &point);
+        let (mut simulate, _) = simulate_in(folder.path(), &format!("{warns}.yaml"), &text);
+        let output = simulate
+            .args(["--controller", "icrik-mpc"])
+            .output()
+            .unwrap();
+        let said = String::from_utf8(output.stderr).unwrap();
+        let warning = "is behind the line through the treads' ICRs";
+        assert_eq!(said.contains(warning), warns, "{said}");
+    }
+}
+
+#[test]
 fn the_guard_stops_before_steep_ground_or_refuses_the_route() {
     let steep = configuration("scenarios/steep_ground.yaml");
     let folder = tempfile::tempdir().unwrap();

@@ -8,6 +8,7 @@ use sidehill_bridge::recording::{
 };
 use std::io::{BufRead, BufReader};
 use std::process::Stdio;
+use std::time::{Duration, Instant};
 
 #[test]
 fn what_a_drive_has_learned_is_kept_over_a_restart() {
@@ -50,6 +51,43 @@ fn what_a_drive_has_learned_is_kept_over_a_restart() {
     let set_aside = std::fs::read_to_string(beside("j8.learned.1")).unwrap();
     assert_eq!(set_aside, &second[..second.len() / 2]);
     assert!(std::fs::read_to_string(&kept).unwrap().contains("gains"));
+}
+
+#[test]
+fn a_killed_drive_keeps_what_it_had_learned_before() {
+    let mut changes = SIMULATED;
+    changes[0].2 = "port: simulated\nlearned: {file: j8.learned, every_s: 1}";
+    let file = configuration("killed", &changes);
+    let kept = file.with_file_name("j8.learned");
+    let _ = std::fs::remove_file(&kept);
+    let arguments = ["--arm", "--duration-s"];
+    let mut run = Running::start(
+        sidehill()
+            .arg("run")
+            .arg(&file)
+            .args(arguments)
+            .arg("60")
+            .stdout(Stdio::null())
+            .stderr(Stdio::null()),
+    );
+    let deadline = Instant::now() + Duration::from_secs(30);
+    while !kept.exists() {
+        assert!(Instant::now() < deadline, "nothing was written");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    assert!(run.0.try_wait().unwrap().is_none(), "it still drives");
+    drop(run);
+    let output = run_to_end(&[
+        "run",
+        file.to_str().unwrap(),
+        arguments[0],
+        arguments[1],
+        "2",
+    ]);
+    let events = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(0), "{events}");
+    let says = "j8.learned: begins with what was learned";
+    assert!(events.contains(says), "{events}");
 }
 
 #[test]
