@@ -7,7 +7,7 @@
 //! ```
 //!
 //! The check runs in the thread of the server. Its work is bounded by the look-ahead, the footprint and the
-//! resolution; neither the control loop nor the controller waits for it. With a corridor, [`Passing`] looks for
+//! resolution; neither the control loop nor the controller waits for it. With a corridor, `Passing` looks for
 //! a detour past the obstacle, and the route is moved aside.
 
 mod braking;
