@@ -38,3 +38,61 @@ impl<M: TopicMessage> DemandedPublisher<M> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::ros2::node::arguments::{RosArguments, RosEnvironment};
+    use crate::ros2::node::message::Bool;
+    use crate::ros2::node::qos;
+    use ros2_client::ServiceMapping;
+    use std::cell::Cell;
+    use std::time::{Duration, Instant};
+
+    /// Longest wait on a busy machine: a limit for liveness, not a measurement.
+    const PATIENCE: Duration = Duration::from_secs(60);
+
+    #[test]
+    fn messages_are_made_only_while_another_node_subscribes() {
+        let environment = RosEnvironment {
+            domain_id: 1 + (7 * std::process::id() % 200) as u16,
+            service_mapping: ServiceMapping::Enhanced,
+            loopback_only: true,
+        };
+        let arguments = RosArguments::default();
+        let start = |name| RosNode::start(name, &arguments, &environment).unwrap();
+        let (mut node, mut other) = (start("talker"), start("listener"));
+        let mut topic = DemandedPublisher::new(&mut node, "~/said", &qos::STREAM).unwrap();
+        let made = Cell::new(0);
+        let publish = |topic: &DemandedPublisher<Bool>| {
+            topic.publish(|| {
+                made.set(made.get() + 1);
+                Bool { data: true }
+            });
+        };
+        topic.look(&node.subscribed_topics());
+        publish(&topic);
+        assert_eq!(made.get(), 0);
+        let subscription = other
+            .subscription::<Bool>("/talker/said", &qos::NEWEST)
+            .unwrap();
+        let until = Instant::now() + PATIENCE;
+        let mut came = None;
+        while came.is_none() {
+            assert!(Instant::now() < until, "nothing was published");
+            topic.look(&node.subscribed_topics());
+            publish(&topic);
+            std::thread::sleep(Duration::from_millis(10));
+            came = subscription.take().unwrap();
+        }
+        drop((subscription, other));
+        while topic.demanded {
+            assert!(Instant::now() < until, "the subscription has not left");
+            topic.look(&node.subscribed_topics());
+            std::thread::sleep(Duration::from_millis(10));
+        }
+        let before = made.get();
+        publish(&topic);
+        assert_eq!(made.get(), before);
+    }
+}
