@@ -243,7 +243,6 @@ def configuration(arguments, folder):
         r"^  period_s: 0\.05 # s, the same.*$": f"  period_s: {period_s}",
         r"^  period_s: 0\.05 # s, from.*$": f"  period_s: {period_s}",
         r"^  decision_time_s: 0\.03 .*$": f"  decision_time_s: {0.6 * period_s}",
-        r"^  command_delay_s: 0\.03 .*$": f"  command_delay_s: {0.6 * period_s}",
     }
     if arguments.fifo:
         replaced[r"^cycle:$"] = "realtime: {fifo_priority: 80, lock_memory: true}\ncycle:"
