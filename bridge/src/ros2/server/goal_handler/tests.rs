@@ -20,6 +20,7 @@ mod obstacles;
 mod passing;
 mod paths;
 mod program;
+mod several_posts;
 
 /// Heading along x.
 const ALONG_X: f64 = -FRAC_PI_2;

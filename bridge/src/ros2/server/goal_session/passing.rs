@@ -1,6 +1,6 @@
 //! An obstacle ahead is passed within the corridor, where there is room.
 
-use super::ahead::{Mount, along};
+use super::ahead::{Mount, REFERENCE_STEP_M, along};
 use super::{Following, GoalSession, SessionSettings};
 use crate::ros2::server::goal_context::{GoalContext, ObstacleContext, Request, Requests};
 use crate::ros2::server::obstacles::Blockage;
@@ -37,20 +37,24 @@ impl GoalSession {
             normal_in_world: estimate.normal_in_world,
         };
         let look_m = placed.route.passing_look_m(corridor_m, &settings.route);
-        let reference = || placed.poses_ahead(self.reached_m, look_m, mount);
+        let change_m = CHANGE_S * decision.command_effective.traction_m_s.abs();
+        // What is beside the vehicle now is not passed by another course.
+        let reference = || {
+            placed
+                .poses_ahead(self.reached_m, look_m, mount)
+                .filter(|ahead| ahead.distance_m > change_m + REFERENCE_STEP_M)
+        };
         let own = decision.reference == self.number;
         let plan = context.plan.iter().filter(|_| own);
         let predicted = surroundings.clearance(along(&estimate.pose, plan));
-        let blocked = [predicted, surroundings.clearance(reference())]
-            .into_iter()
-            .any(|clearance| clearance.blockage == Some(Blockage::Obstacle));
+        let blocked = predicted.blockage == Some(Blockage::Obstacle)
+            || reference().any(|ahead| surroundings.is_tight(&ahead.pose));
         let Some(ahead_m) = reference()
             .find(|ahead| blocked && !surroundings.is_passable(&ahead.pose))
             .map(|ahead| ahead.distance_m)
         else {
             return;
         };
-        let change_m = CHANGE_S * decision.command_effective.traction_m_s.abs();
         let (from_m, blocked_m) = (self.reached_m + change_m, self.reached_m + ahead_m);
         let route =
             placed

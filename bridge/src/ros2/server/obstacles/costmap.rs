@@ -73,29 +73,63 @@ pub(crate) struct Costmap {
     height: usize,
     frame_from_cells: Isometry2<f64>,
     costs: Vec<i8>,
+    rule: CellRule,
+    blocking: BlockingCells,
+}
+
+/// The cells that block, row by row: few of all, and a check looks at them alone.
+#[derive(Debug, Clone, PartialEq, Default)]
+struct BlockingCells {
+    /// Where each row begins among the columns, and the end of the last.
+    starts: Vec<usize>,
+    columns: Vec<usize>,
+}
+
+impl BlockingCells {
+    fn find(&mut self, costs: &[i8], width: usize, rule: CellRule) {
+        self.columns.clear();
+        self.starts.clear();
+        self.starts.push(0);
+        for row in costs.chunks_exact(width) {
+            let blocking = row
+                .iter()
+                .enumerate()
+                .filter(|(_, cost)| rule.blocks(**cost));
+            self.columns.extend(blocking.map(|(column, _)| column));
+            self.starts.push(self.columns.len());
+        }
+    }
+
+    /// Returns those of a row, in order.
+    fn of_row(&self, row: usize) -> &[usize] {
+        &self.columns[self.starts[row]..self.starts[row + 1]]
+    }
 }
 
 impl Costmap {
     /// Returns the map of a nav_msgs/OccupancyGrid.
-    pub(crate) fn from_grid(grid: OccupancyGrid) -> Result<Self, CostmapError> {
+    pub(crate) fn from_grid(grid: OccupancyGrid, rule: CellRule) -> Result<Self, CostmapError> {
         let info = grid.info;
         let shape = (info.width, info.height, f64::from(info.resolution));
-        Self::new(&grid.header, shape, &info.origin, grid.data)
+        Self::new(&grid.header, shape, &info.origin, (grid.data, rule))
     }
 
     /// Returns the map of a nav2_msgs/Costmap.
-    pub(crate) fn from_costmap(map: message::Costmap) -> Result<Self, CostmapError> {
+    pub(crate) fn from_costmap(
+        map: message::Costmap,
+        rule: CellRule,
+    ) -> Result<Self, CostmapError> {
         let info = map.metadata;
         let shape = (info.size_x, info.size_y, f64::from(info.resolution));
         let costs = map.data.into_iter().map(occupancy).collect();
-        Self::new(&map.header, shape, &info.origin, costs)
+        Self::new(&map.header, shape, &info.origin, (costs, rule))
     }
 
     fn new(
         header: &Header,
         (width, height, resolution_m): (u32, u32, f64),
         origin: &Pose,
-        costs: Vec<i8>,
+        (costs, rule): (Vec<i8>, CellRule),
     ) -> Result<Self, CostmapError> {
         let cells = (width as usize).checked_mul(height as usize);
         if cells != Some(costs.len()) || costs.is_empty() || costs.len() > CELLS_MAX {
@@ -115,6 +149,8 @@ impl Costmap {
         if frame.is_empty() {
             return Err(CostmapError::NoFrame);
         }
+        let mut blocking = BlockingCells::default();
+        blocking.find(&costs, width as usize, rule);
         Ok(Self {
             frame: frame.to_owned(),
             stamp_ns: nanoseconds(header.stamp)?,
@@ -123,6 +159,8 @@ impl Costmap {
             height: height as usize,
             frame_from_cells: level(&from_pose(origin)?),
             costs,
+            rule,
+            blocking,
         })
     }
 
@@ -169,6 +207,7 @@ impl Costmap {
                 let from = (y + row) * self.width + x;
                 self.costs[from..from + width].copy_from_slice(costs);
             }
+            self.blocking.find(&self.costs, self.width, self.rule);
         }
         Ok(())
     }
@@ -181,7 +220,6 @@ impl Costmap {
     pub(crate) fn blockage(
         &self,
         footprint: &Footprint,
-        rule: CellRule,
         frame_from_pose: &Isometry2<f64>,
         pose: &PlanarPose,
     ) -> Option<Blockage> {
@@ -194,7 +232,7 @@ impl Costmap {
         if !within {
             return Some(Blockage::MapEnds);
         }
-        self.is_hit_at(footprint, rule, &place)
+        self.is_hit_at(footprint, &place)
             .then_some(Blockage::Obstacle)
     }
 
@@ -203,11 +241,10 @@ impl Costmap {
     pub(crate) fn is_hit(
         &self,
         footprint: &Footprint,
-        rule: CellRule,
         frame_from_pose: &Isometry2<f64>,
         pose: &PlanarPose,
     ) -> bool {
-        self.is_hit_at(footprint, rule, &self.place(frame_from_pose, pose))
+        self.is_hit_at(footprint, &self.place(frame_from_pose, pose))
     }
 
     fn place(&self, frame_from_pose: &Isometry2<f64>, pose: &PlanarPose) -> Place {
@@ -220,7 +257,7 @@ impl Costmap {
         }
     }
 
-    fn is_hit_at(&self, footprint: &Footprint, rule: CellRule, place: &Place) -> bool {
+    fn is_hit_at(&self, footprint: &Footprint, place: &Place) -> bool {
         let Place {
             centre,
             right,
@@ -232,12 +269,12 @@ impl Costmap {
             let index = |at_m: f64| (at_m / self.resolution_m).floor().max(0.0) as usize;
             index(at_m - reach_m).min(count)..(index(at_m + reach_m) + 1).min(count)
         };
+        let columns = span(centre.x, self.width);
         for row in span(centre.y, self.height) {
-            let costs = &self.costs[row * self.width..][..self.width];
-            for column in span(centre.x, self.width) {
-                if !rule.blocks(costs[column]) {
-                    continue;
-                }
+            let blocking = self.blocking.of_row(row);
+            let first = blocking.partition_point(|column| *column < columns.start);
+            let near = blocking[first..].iter();
+            for &column in near.take_while(|column| columns.contains(column)) {
                 let at = [column, row].map(|index| (index as f64 + 0.5) * self.resolution_m);
                 let offset = Point2::from(at) - centre;
                 if footprint.covers([offset.dot(&right), offset.dot(&forward)], half_diagonal_m) {

@@ -1,5 +1,6 @@
 //! The way ahead, pose by pose, until something is in the way.
 
+use super::footprint::Footprint;
 use super::{Blockage, Surroundings};
 use sidehill_plant::frames::{PlanarPose, wrap_angle};
 
@@ -67,16 +68,23 @@ impl Surroundings<'_> {
 
     /// Returns whether a vehicle that passes at a pose leaves room to every obstacle that is known.
     pub(crate) fn is_passable(&self, pose: &PlanarPose) -> bool {
-        let (footprint, rule) = (&self.settings.passing_footprint, self.rule());
-        !self
-            .costmap
-            .is_hit(footprint, rule, &self.map_from_odometry, pose)
+        !self.is_hit(&self.settings.passing_footprint, pose)
+    }
+
+    /// Returns whether a vehicle at a pose has so little room that tracking errors may stop it.
+    pub(crate) fn is_tight(&self, pose: &PlanarPose) -> bool {
+        self.is_hit(&self.settings.tight_footprint, pose)
+    }
+
+    fn is_hit(&self, footprint: &Footprint, pose: &PlanarPose) -> bool {
+        let costmap = self.costmap;
+        costmap.is_hit(footprint, &self.map_from_odometry, pose)
     }
 
     fn blockage(&self, pose: &PlanarPose) -> Option<Blockage> {
-        let (footprint, rule) = (&self.settings.footprint, self.rule());
+        let footprint = &self.settings.footprint;
         self.costmap
-            .blockage(footprint, rule, &self.map_from_odometry, pose)
+            .blockage(footprint, &self.map_from_odometry, pose)
     }
 }
 

@@ -37,6 +37,10 @@ use sidehill_plant::vehicle::Vehicle;
 /// noise in the costmap does not change the detour.
 const PASSING_M: f64 = 0.1;
 
+/// Room below which a route is moved aside, m. Less than a detour leaves: the map may show more of an obstacle later,
+/// and tracking errors would stop a vehicle that just fits.
+const TIGHT_M: f64 = 0.05;
+
 /// What of the vehicle and the configuration the check depends on.
 #[derive(Debug, Clone)]
 pub(crate) struct ObstacleSettings {
@@ -44,6 +48,8 @@ pub(crate) struct ObstacleSettings {
     footprint: Footprint,
     /// The footprint that a detour past an obstacle leaves free.
     passing_footprint: Footprint,
+    /// The footprint that a route leaves free which is not moved aside.
+    tight_footprint: Footprint,
     stopping: StoppingSettings,
 }
 
@@ -64,8 +70,17 @@ impl ObstacleSettings {
         Self {
             footprint: footprint(0.0),
             passing_footprint: footprint(PASSING_M),
+            tight_footprint: footprint(TIGHT_M),
             config,
             stopping,
+        }
+    }
+
+    /// Returns which cells of a costmap block.
+    pub(crate) fn rule(&self) -> CellRule {
+        CellRule {
+            lethal_cost: self.config.lethal_cost,
+            unknown_is_lethal: self.config.unknown_is_lethal,
         }
     }
 
@@ -120,12 +135,5 @@ impl<'a> Surroundings<'a> {
             map_from_odometry: level(&map_from_odometry),
             settings,
         })
-    }
-
-    fn rule(&self) -> CellRule {
-        CellRule {
-            lethal_cost: self.settings.config.lethal_cost,
-            unknown_is_lethal: self.settings.config.unknown_is_lethal,
-        }
     }
 }

@@ -42,7 +42,7 @@ where
     fn read(
         &self,
         costmap: &mut Option<Costmap>,
-        convert: fn(M) -> Result<Costmap, CostmapError>,
+        convert: impl Fn(M) -> Result<Costmap, CostmapError>,
         update: fn(&mut Costmap, U) -> Result<(), CostmapError>,
         mut reject: impl FnMut(CostmapError),
     ) {
@@ -104,13 +104,15 @@ impl CostmapReader {
     pub(crate) fn read(&mut self, mut reject: impl FnMut(&str, &CostmapError)) {
         let topic = &self.settings.config.topic;
         let reject = |error: CostmapError| reject(topic, &error);
-        let map = &mut self.costmap;
+        let (map, rule) = (&mut self.costmap, self.settings.rule());
         match &self.topics {
             Topics::Grid(pair) => {
-                pair.read(map, Costmap::from_grid, Costmap::update_grid, reject);
+                let convert = |grid| Costmap::from_grid(grid, rule);
+                pair.read(map, convert, Costmap::update_grid, reject);
             }
             Topics::Costmap(pair) => {
-                pair.read(map, Costmap::from_costmap, Costmap::update_costmap, reject);
+                let convert = |message| Costmap::from_costmap(message, rule);
+                pair.read(map, convert, Costmap::update_costmap, reject);
             }
         }
     }

@@ -1,7 +1,7 @@
 //! Random obstacles in closed loop. Costmaps are handed over as they would be received.
 
 use super::obstacles::Costmaps;
-use super::program::Loop;
+use super::program::{Loop, Slippery};
 use super::*;
 use crate::ros2::server::obstacles::config::CostmapConfig;
 
@@ -10,10 +10,10 @@ const COSTMAP_PERIOD_S: f64 = 0.2;
 const COSTMAP_LATENCY_S: f64 = 0.1;
 
 /// Uniform numbers from 0 to 1 (SplitMix64).
-struct Random(u64);
+pub(super) struct Random(pub(super) u64);
 
 impl Random {
-    fn next(&mut self) -> f64 {
+    pub(super) fn next(&mut self) -> f64 {
         self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
         let mut z = self.0;
         z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
@@ -21,16 +21,16 @@ impl Random {
         ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
     }
 
-    fn within(&mut self, low: f64, high: f64) -> f64 {
+    pub(super) fn within(&mut self, low: f64, high: f64) -> f64 {
         low + (high - low) * self.next()
     }
 }
 
 /// A post that stands from one instant to another.
-struct Post {
-    x_m: f64,
-    y_m: f64,
-    radius_m: f64,
+pub(super) struct Post {
+    pub(super) x_m: f64,
+    pub(super) y_m: f64,
+    pub(super) radius_m: f64,
     /// Where the vehicle is along the path when it appears, m, and how long it stays, s.
     appears_m: f64,
     stays_s: f64,
@@ -44,7 +44,7 @@ impl Post {
     }
 
     /// Distance from the base rectangle of the J8 at its true pose, m; negative inside.
-    fn gap_m(&self, pose: &PlanarPose) -> f64 {
+    pub(super) fn gap_m(&self, pose: &PlanarPose) -> f64 {
         let (sin, cos) = pose.yaw_rad.sin_cos();
         let (x, y) = (self.x_m - pose.x_m, self.y_m - pose.y_m);
         let beside = (x * cos + y * sin).abs() - j8().base_half_width_m;
@@ -55,13 +55,13 @@ impl Post {
     }
 }
 
-/// An arc of 12 m that begins along x.
-fn arc(curvature_per_m: f64) -> RequestedPath {
+/// An arc that begins along x, with a pose every 0.1 m.
+pub(super) fn arc(curvature_per_m: f64, length_m: f64) -> RequestedPath {
     let mut poses = vec![PlanarPose {
         yaw_rad: ALONG_X,
         ..PlanarPose::default()
     }];
-    for _ in 0..120 {
+    for _ in 0..(10.0 * length_m) as usize {
         let last = poses[poses.len() - 1];
         let yaw_rad = last.yaw_rad + 0.1 * curvature_per_m;
         poses.push(PlanarPose {
@@ -78,38 +78,43 @@ fn arc(curvature_per_m: f64) -> RequestedPath {
 
 /// What one run came to.
 #[derive(Debug)]
-struct Run {
-    least_gap_m: f64,
+pub(super) struct Run {
+    pub(super) least_gap_m: f64,
     /// Largest distance from the poses of the path, m.
-    most_aside_m: f64,
+    pub(super) most_aside_m: f64,
     /// Stops for obstacles, and changes of course for them.
-    stops: usize,
-    passed: usize,
-    end: Option<(GoalEnd, Outcome)>,
+    pub(super) stops: usize,
+    pub(super) passed: usize,
+    pub(super) end: Option<(GoalEnd, Outcome)>,
 }
 
 /// A course, a slope and a plant.
-struct Setting {
-    path: RequestedPath,
-    speed_m_s: f64,
-    slope_deg: f64,
-    uphill_deg: f64,
-    contact: bool,
+pub(super) struct Setting {
+    pub(super) path: RequestedPath,
+    pub(super) speed_m_s: f64,
+    pub(super) slope_deg: f64,
+    pub(super) uphill_deg: f64,
+    pub(super) contact: bool,
+    pub(super) slippery: Option<Slippery>,
 }
 
 impl Setting {
     fn random(random: &mut Random, curvature_max_per_m: f64, contact: bool) -> Self {
         Self {
-            path: arc(random.within(-curvature_max_per_m, curvature_max_per_m)),
+            path: arc(
+                random.within(-curvature_max_per_m, curvature_max_per_m),
+                12.0,
+            ),
             speed_m_s: random.within(0.3, 0.8),
             slope_deg: random.within(0.0, 15.0),
             uphill_deg: random.within(-180.0, 180.0),
             contact,
+            slippery: None,
         }
     }
 
     /// A post at an index of the path, at a distance to its right.
-    fn post(&self, index: usize, right_m: f64, radius_m: f64) -> Post {
+    pub(super) fn post(&self, index: usize, right_m: f64, radius_m: f64) -> Post {
         let at = self.path.poses[index];
         Post {
             x_m: at.x_m + right_m * at.yaw_rad.cos(),
@@ -124,11 +129,7 @@ impl Setting {
 
 /// Drives a goal among posts. Each appears at least 1.5 m ahead of the front of the vehicle, which is more
 /// than it needs for a stop, and some leave again.
-fn run(seed: u64) -> Run {
-    run_within(seed, 0.0)
-}
-
-fn run_within(seed: u64, corridor_m: f64) -> Run {
+fn run(seed: u64, corridor_m: f64) -> Run {
     let mut random = Random(seed);
     let setting = Setting::random(&mut random, 0.25, seed.is_multiple_of(2));
     let posts = (0..1 + (3.0 * random.next()) as usize)
@@ -156,16 +157,17 @@ fn run_within(seed: u64, corridor_m: f64) -> Run {
 }
 
 /// Drives a goal among posts that a costmap shows.
-fn drive(setting: Setting, mut posts: Vec<Post>, config: CostmapConfig) -> Run {
+pub(super) fn drive(setting: Setting, mut posts: Vec<Post>, config: CostmapConfig) -> Run {
     let Setting {
         path,
         speed_m_s,
         slope_deg,
         uphill_deg,
         contact,
+        slippery,
     } = setting;
     let places: Vec<PlanarPose> = path.poses.clone();
-    let mut drive = Loop::new(slope_deg, uphill_deg, speed_m_s, contact);
+    let mut drive = Loop::new((slope_deg, uphill_deg), speed_m_s, contact, slippery);
     drive.obstacles = Some(Costmaps::new(config));
     let mut seen: Vec<(f64, [f64; 2], Vec<[f64; 3]>)> = Vec::new();
     let (mut sensed_s, mut way_m) = (f64::NEG_INFINITY, 0.0);
@@ -224,7 +226,7 @@ fn drive(setting: Setting, mut posts: Vec<Post>, config: CostmapConfig) -> Run {
 fn drive_among_posts(seeds: std::ops::Range<u64>) {
     let (mut waited, mut reached, mut gave_up, mut least_gap_m) = (0, 0, 0, f64::INFINITY);
     for seed in seeds {
-        let run = run(seed);
+        let run = run(seed, 0.0);
         assert!(run.least_gap_m > 0.0, "seed {seed}: {run:?}");
         assert_eq!(run.passed, 0, "seed {seed}: {run:?}");
         least_gap_m = least_gap_m.min(run.least_gap_m);
@@ -246,7 +248,7 @@ fn the_footprint_stays_clear_of_random_obstacles() {
     drive_among_posts(0..8);
 }
 
-/// `cargo test -p sidehill-bridge --lib two_hundred -- --ignored --nocapture`.
+/// `cargo test --release -p sidehill-bridge --lib _runs -- --ignored --nocapture` runs these and all others.
 #[test]
 #[ignore = "takes minutes: eight of them are always run"]
 fn the_footprint_stays_clear_in_two_hundred_random_runs() {
@@ -323,7 +325,6 @@ fn a_post_is_passed_within_the_corridor_where_it_leaves_room() {
     pass_posts(0..10);
 }
 
-/// `cargo test -p sidehill-bridge --lib two_hundred -- --ignored --nocapture`.
 #[test]
 #[ignore = "takes minutes: ten of them are always run"]
 fn posts_are_passed_in_two_hundred_random_runs() {
@@ -336,7 +337,7 @@ fn posts_are_passed_in_two_hundred_random_runs() {
 fn the_footprint_stays_clear_of_many_posts_in_a_corridor() {
     let (mut reached, mut changed, mut least_gap_m) = ([0, 0], 0, f64::INFINITY);
     for seed in 1000..1200 {
-        let run = run_within(seed, 0.7);
+        let run = run(seed, 0.7);
         assert!(run.least_gap_m > 0.0, "seed {seed}: {run:?}");
         least_gap_m = least_gap_m.min(run.least_gap_m);
         changed += usize::from(run.passed > 0);

@@ -51,7 +51,7 @@ impl Costmaps {
                 if is_lethal(cell[0], cell[1]) { 100 } else { 0 }
             })
             .collect();
-        self.costmap = Some(Costmap::from_grid(grid).unwrap());
+        self.costmap = Some(Costmap::from_grid(grid, self.settings.rule()).unwrap());
         self.stamp_s = stamp_s;
     }
 
@@ -224,7 +224,8 @@ fn without_a_transform_the_costmap_has_no_place() {
     grid.header.frame_id = "lidar".to_owned();
     grid.info.resolution = 0.1;
     (grid.info.width, grid.info.height, grid.data) = (1, 1, vec![0]);
-    (costmaps.costmap, costmaps.stamp_s) = (Some(Costmap::from_grid(grid).unwrap()), 1.0);
+    let rule = costmaps.settings.rule();
+    (costmaps.costmap, costmaps.stamp_s) = (Some(Costmap::from_grid(grid, rule).unwrap()), 1.0);
     world.cycles(4);
     let reason = world.handler.blocked_by().unwrap();
     assert!(reason.contains("lidar"), "{reason}");

@@ -13,9 +13,10 @@ use sidehill_controller::config::{ControllerConfig, ControllerKind};
 use sidehill_controller::controller::Controller;
 use sidehill_controller::speed_profile::SpeedConfig;
 use sidehill_plant::contact::{ContactModel, ContactVehicle};
-use sidehill_plant::motion::{IcrMotion, MotionModel};
+use sidehill_plant::frames::BodyVelocity;
+use sidehill_plant::motion::{GroundState, IcrMotion, MotionError, MotionModel};
 use sidehill_plant::simulation::{Simulation, SimulationSetup};
-use sidehill_plant::speeds::EncoderScale;
+use sidehill_plant::speeds::{EncoderScale, TreadSpeeds};
 use sidehill_plant::terrain::{PlaneTerrain, Terrain};
 
 const NOTHING: OperatorRequests = OperatorRequests {
@@ -24,6 +25,37 @@ const NOTHING: OperatorRequests = OperatorRequests {
     halt: None,
 };
 const PERIOD_S: f64 = 0.05;
+
+/// Ground that moves a vehicle sideways without any slope, unknown to the controller.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Slippery {
+    /// Where along X_g it begins and ends, m.
+    pub(super) from_m: f64,
+    pub(super) to_m: f64,
+    /// Speed to the right, as a share of the speed forward.
+    pub(super) right_share: f64,
+}
+
+/// Motion on such ground.
+struct Sliding {
+    motion: Box<dyn MotionModel + Send>,
+    ground: Slippery,
+}
+
+impl MotionModel for Sliding {
+    fn body_velocity(
+        &mut self,
+        at: &GroundState,
+        treads: TreadSpeeds,
+        dt_s: f64,
+    ) -> Result<BodyVelocity, MotionError> {
+        let mut velocity = self.motion.body_velocity(at, treads, dt_s)?;
+        if (self.ground.from_m..self.ground.to_m).contains(&at.position.x_m) {
+            velocity.right_m_s += self.ground.right_share * velocity.forward_m_s.abs();
+        }
+        Ok(velocity)
+    }
+}
 
 /// The whole program but for the middleware.
 pub(super) struct Loop {
@@ -39,7 +71,12 @@ pub(super) struct Loop {
 }
 
 impl Loop {
-    pub(super) fn new(slope_deg: f64, uphill_deg: f64, speed_m_s: f64, contact: bool) -> Self {
+    pub(super) fn new(
+        (slope_deg, uphill_deg): (f64, f64),
+        speed_m_s: f64,
+        contact: bool,
+        slippery: Option<Slippery>,
+    ) -> Self {
         let vehicle = j8();
         let (motion, encoder_scale): (Box<dyn MotionModel + Send>, _) = if contact {
             let file = include_str!("../../../../../../config/vehicles/j8_contact.yaml");
@@ -57,6 +94,10 @@ impl Loop {
                 inclined: true,
             };
             (Box::new(icr), vehicle.encoder_scale)
+        };
+        let motion = match slippery {
+            Some(ground) => Box::new(Sliding { motion, ground }),
+            None => motion,
         };
         let simulation = Simulation::new(SimulationSetup {
             terrain: Terrain::Plane(PlaneTerrain::new(slope_deg, uphill_deg).unwrap()),

@@ -23,9 +23,9 @@ fn at(x_m: f64, y_m: f64, yaw_rad: f64) -> PlanarPose {
     PlanarPose { x_m, y_m, yaw_rad }
 }
 
-fn blockage(map: &Costmap, rule: CellRule, pose: PlanarPose) -> Option<Blockage> {
+fn blockage(map: &Costmap, pose: PlanarPose) -> Option<Blockage> {
     let footprint = Footprint::new(&[], 0.0, &j8());
-    map.blockage(&footprint, rule, &Isometry2::identity(), &pose)
+    map.blockage(&footprint, &Isometry2::identity(), &pose)
 }
 
 #[test]
@@ -33,19 +33,16 @@ fn the_footprint_turns_with_the_vehicle() {
     let mut grid = grid();
     // The cell whose corners are 1.0 and 1.1 m in x and 0 and 0.1 m in y.
     grid.data[50 * 100 + 60] = 100;
-    let map = Costmap::from_grid(grid).unwrap();
+    let map = Costmap::from_grid(grid, RULE).unwrap();
     // Half a metre wide to the right, and a metre long forward: along x it reaches the cell.
-    assert_eq!(blockage(&map, RULE, at(0.0, 0.0, 0.0)), None);
+    assert_eq!(blockage(&map, at(0.0, 0.0, 0.0)), None);
     let along_x = at(0.0, 0.0, -FRAC_PI_2);
-    assert_eq!(blockage(&map, RULE, along_x), Some(Blockage::Obstacle));
+    assert_eq!(blockage(&map, along_x), Some(Blockage::Obstacle));
     // An obstacle at any place of the cell is seen.
-    assert_eq!(
-        blockage(&map, RULE, at(0.45, 0.0, 0.0)),
-        Some(Blockage::Obstacle)
-    );
-    assert_eq!(blockage(&map, RULE, at(0.3, 0.0, 0.0)), None);
+    assert_eq!(blockage(&map, at(0.45, 0.0, 0.0)), Some(Blockage::Obstacle));
+    assert_eq!(blockage(&map, at(0.3, 0.0, 0.0)), None);
     let edge = at(4.5, 0.0, 0.0);
-    assert_eq!(blockage(&map, RULE, edge), Some(Blockage::MapEnds));
+    assert_eq!(blockage(&map, edge), Some(Blockage::MapEnds));
 }
 
 #[test]
@@ -72,8 +69,8 @@ fn what_counts_as_an_obstacle_is_configured() {
     ] {
         let mut grid = grid();
         grid.data[50 * 100 + 50] = cost;
-        let map = Costmap::from_grid(grid).unwrap();
-        let found = blockage(&map, rule, at(0.0, 0.0, 0.0));
+        let map = Costmap::from_grid(grid, rule).unwrap();
+        let found = blockage(&map, at(0.0, 0.0, 0.0));
         assert_eq!(found.is_some(), seen, "{cost}, {rule:?}");
     }
 }
@@ -89,7 +86,7 @@ fn the_costs_of_nav2_become_those_of_a_grid() {
     message.metadata.resolution = 0.05;
     (message.metadata.size_x, message.metadata.size_y) = (2, 1);
     message.data = vec![254, 255];
-    let mut map = Costmap::from_costmap(message).unwrap();
+    let mut map = Costmap::from_costmap(message, RULE).unwrap();
     assert_eq!(
         (map.costs.as_slice(), map.frame.as_str()),
         (&[100, -1][..], "odom")
@@ -104,8 +101,24 @@ fn the_costs_of_nav2_become_those_of_a_grid() {
 }
 
 #[test]
+fn an_update_puts_an_obstacle_into_the_way_and_takes_it_out() {
+    let mut map = Costmap::from_grid(grid(), RULE).unwrap();
+    let here = at(0.0, 0.0, 0.0);
+    assert_eq!(blockage(&map, here), None);
+    for (sec, cost, seen) in [(6, 100, Some(Blockage::Obstacle)), (7, 99, None)] {
+        let mut update = OccupancyGridUpdate::default();
+        update.header.frame_id = "odom".to_owned();
+        update.header.stamp.sec = sec;
+        (update.x, update.y, update.width, update.height) = (50, 50, 1, 1);
+        update.data = vec![cost];
+        map.update_grid(update).unwrap();
+        assert_eq!(blockage(&map, here), seen);
+    }
+}
+
+#[test]
 fn an_update_changes_its_part_and_an_old_one_nothing() {
-    let mut map = Costmap::from_grid(grid()).unwrap();
+    let mut map = Costmap::from_grid(grid(), RULE).unwrap();
     let mut update = OccupancyGridUpdate::default();
     update.header.frame_id = "odom".to_owned();
     update.header.stamp.sec = 6;
@@ -138,7 +151,7 @@ fn a_map_that_cannot_be_read_is_refused_with_the_reason() {
     let reason = |change: fn(&mut OccupancyGrid)| {
         let mut grid = grid();
         change(&mut grid);
-        Costmap::from_grid(grid).unwrap_err().to_string()
+        Costmap::from_grid(grid, RULE).unwrap_err().to_string()
     };
     assert!(reason(|grid| grid.info.width = 99).contains("99 x 100 cells with 10000 costs"));
     assert!(reason(|grid| grid.info.resolution = 0.0).contains("resolution is 0 m"));
