@@ -1,9 +1,9 @@
 //! The balance of wheel friction with the physical parameters of a contact vehicle.
 
-use super::belief::ProcessNoise;
 use super::contact_settings::ContactLearningSettings;
 use super::estimate::ContactEstimate;
 use super::learned::{Drift, LearnedModel, Prior};
+use super::process_noise::ProcessNoise;
 use super::settings::EstimatorSettings;
 use nalgebra::SMatrix;
 use sidehill_plant::contact::{ContactPrediction, PARAMETERS, Parameter, ParameterVector};

@@ -1,6 +1,6 @@
 //! What the filter needs from a model whose parameters it learns.
 
-use super::belief::ProcessNoise;
+use super::process_noise::ProcessNoise;
 use super::{ContactEstimate, EstimatorSettings};
 use nalgebra::{SMatrix, SVector};
 use sidehill_plant::frames::{Attitude, BodyVelocity};

@@ -1,7 +1,7 @@
 //! ICRIK with the gains of its correction.
 
-use super::belief::ProcessNoise;
 use super::learned::{Drift, LearnedModel, Prior};
+use super::process_noise::ProcessNoise;
 use super::{AdaptationSettings, ContactEstimate, EstimatorSettings};
 use nalgebra::{SMatrix, SVector};
 use sidehill_plant::frames::{Attitude, BodyVelocity};
