@@ -1,20 +1,25 @@
 # Sourced by the scripts beside it: installs what a job needs on Debian or Ubuntu.
 
+# apt_install PACKAGE...: installs Debian packages; jobs beside each other take turns.
+apt_install() {
+    if [ "$(id -u)" -eq 0 ]; then as_root=; else as_root=sudo; fi
+    (
+        flock 9
+        $as_root apt-get update
+        $as_root apt-get install --yes --no-install-recommends "$@"
+    ) 9>"${TMPDIR:-/tmp}/sidehill-ci-apt"
+}
+
 # need COMMAND PACKAGE: installs the Debian package that has the command.
 need() {
-    command -v "$1" >/dev/null && return
-    if [ "$(id -u)" -eq 0 ]; then as_root=; else as_root=sudo; fi
-    $as_root apt-get update
-    $as_root apt-get install --yes --no-install-recommends "$2"
+    command -v "$1" >/dev/null || apt_install "$2"
 }
 
 # need_library LIBRARY PACKAGE...: installs the Debian packages that have the shared library.
 need_library() {
     ldconfig -p | grep -q "$1" && return
     shift
-    if [ "$(id -u)" -eq 0 ]; then as_root=; else as_root=sudo; fi
-    $as_root apt-get update
-    $as_root apt-get install --yes --no-install-recommends "$@"
+    apt_install "$@"
 }
 
 # need_component COMMAND COMPONENT: installs the toolchain component that has `cargo COMMAND`.

@@ -1,6 +1,6 @@
 //! Dead reckoning: equation (12) integrated over a step.
 
-use crate::frames::{Attitude, BodyVelocity, Pose, PoseRate, pose_rate};
+use crate::frames::{Attitude, BodyVelocity, Pose, PoseRate, Tilt, pose_rate};
 
 /// Body velocity and attitude at one instant of a step.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -11,12 +11,6 @@ pub struct Motion {
     pub attitude: Attitude,
 }
 
-impl Motion {
-    fn pose_rate(&self, yaw_rad: f64) -> PoseRate {
-        pose_rate(&self.velocity, &self.attitude, yaw_rad)
-    }
-}
-
 /// Returns the pose after `dt_s`, by the classical fourth-order Runge-Kutta rule on equation (12).
 ///
 /// `motion` gives velocity and attitude for the share of the step that has passed (0 to 1) and the
@@ -24,13 +18,69 @@ impl Motion {
 /// or from samples, as in [`advance_between`]. The error of a step is of fifth order in `dt_s` where
 /// `motion` is smooth.
 pub fn advance(pose: &Pose, dt_s: f64, motion: impl Fn(f64, f64) -> Motion) -> Pose {
-    let rate_at = |share: f64, yaw_rad: f64| motion(share, yaw_rad).pose_rate(yaw_rad);
+    integrate(pose, dt_s, |instant, yaw_rad| {
+        let Motion { velocity, attitude } = motion(SHARES[instant], yaw_rad);
+        pose_rate(&velocity, &attitude, yaw_rad)
+    })
+}
+
+/// Returns the pose after `dt_s` with velocity and attitude changing evenly from `from` to `to`, as
+/// between two samples.
+pub fn advance_between(pose: &Pose, dt_s: f64, from: &Motion, to: &Motion) -> Pose {
+    let tilts = StepTilts::between(&from.attitude, &to.attitude);
+    tilts.advance(pose, dt_s, &from.velocity, &to.velocity)
+}
+
+/// The attitude in the course of a step between two samples, the same whatever velocity is tried.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct StepTilts([Tilt; 3]);
+
+impl StepTilts {
+    /// Returns the attitude that changes evenly.
+    pub(crate) fn between(from: &Attitude, to: &Attitude) -> Self {
+        Self(SHARES.map(|share| {
+            Tilt::of(&Attitude {
+                roll_rad: between(share, from.roll_rad, to.roll_rad),
+                pitch_rad: between(share, from.pitch_rad, to.pitch_rad),
+            })
+        }))
+    }
+
+    /// Returns the pose after `dt_s` with a velocity that changes evenly.
+    pub(crate) fn advance(
+        &self,
+        pose: &Pose,
+        dt_s: f64,
+        from: &BodyVelocity,
+        to: &BodyVelocity,
+    ) -> Pose {
+        integrate(pose, dt_s, |instant, yaw_rad| {
+            let share = SHARES[instant];
+            let velocity = BodyVelocity {
+                right_m_s: between(share, from.right_m_s, to.right_m_s),
+                forward_m_s: between(share, from.forward_m_s, to.forward_m_s),
+                yaw_rate_rad_s: between(share, from.yaw_rate_rad_s, to.yaw_rate_rad_s),
+            };
+            self.0[instant].pose_rate(&velocity, yaw_rad)
+        })
+    }
+}
+
+/// Share of a step that has passed at its beginning, in its middle and at its end.
+const SHARES: [f64; 3] = [0.0, 0.5, 1.0];
+
+fn between(share: f64, a: f64, b: f64) -> f64 {
+    a + share * (b - a)
+}
+
+/// The Runge-Kutta rule, on the rate at an instant of [`SHARES`] and a yaw, rad.
+fn integrate(pose: &Pose, dt_s: f64, rate_at: impl Fn(usize, f64) -> PoseRate) -> Pose {
     let yaw_rad = pose.yaw_rad;
     // Position does not enter (12), so only yaw is carried from stage to stage.
-    let first = rate_at(0.0, yaw_rad);
-    let second = rate_at(0.5, yaw_rad + 0.5 * dt_s * first.yaw_rad_s);
-    let third = rate_at(0.5, yaw_rad + 0.5 * dt_s * second.yaw_rad_s);
-    let fourth = rate_at(1.0, yaw_rad + dt_s * third.yaw_rad_s);
+    let first = rate_at(0, yaw_rad);
+    let second = rate_at(1, yaw_rad + 0.5 * dt_s * first.yaw_rad_s);
+    let third = rate_at(1, yaw_rad + 0.5 * dt_s * second.yaw_rad_s);
+    let fourth = rate_at(2, yaw_rad + dt_s * third.yaw_rad_s);
     let after = |start: f64, rate: fn(&PoseRate) -> f64| {
         let sum = rate(&first) + 2.0 * (rate(&second) + rate(&third)) + rate(&fourth);
         start + dt_s / 6.0 * sum
@@ -41,25 +91,6 @@ pub fn advance(pose: &Pose, dt_s: f64, motion: impl Fn(f64, f64) -> Motion) -> P
         z_m: after(pose.z_m, |rate| rate.z_m_s),
         yaw_rad: after(pose.yaw_rad, |rate| rate.yaw_rad_s),
     }
-}
-
-/// Returns the pose after `dt_s` with velocity and attitude changing evenly from `from` to `to`, as
-/// between two samples.
-pub fn advance_between(pose: &Pose, dt_s: f64, from: &Motion, to: &Motion) -> Pose {
-    advance(pose, dt_s, |share, _| {
-        let between = |a: f64, b: f64| a + share * (b - a);
-        Motion {
-            velocity: BodyVelocity {
-                right_m_s: between(from.velocity.right_m_s, to.velocity.right_m_s),
-                forward_m_s: between(from.velocity.forward_m_s, to.velocity.forward_m_s),
-                yaw_rate_rad_s: between(from.velocity.yaw_rate_rad_s, to.velocity.yaw_rate_rad_s),
-            },
-            attitude: Attitude {
-                roll_rad: between(from.attitude.roll_rad, to.attitude.roll_rad),
-                pitch_rad: between(from.attitude.pitch_rad, to.attitude.pitch_rad),
-            },
-        }
-    })
 }
 
 #[cfg(test)]

@@ -147,15 +147,47 @@ pub struct PoseRate {
 ///
 /// Singular where |alpha| = pi/2, which no vehicle that drives reaches.
 pub fn pose_rate(velocity: &BodyVelocity, attitude: &Attitude, yaw_rad: f64) -> PoseRate {
-    let (s_psi, c_psi) = yaw_rad.sin_cos();
-    let (s_alpha, c_alpha) = attitude.roll_rad.sin_cos();
-    let (s_phi, c_phi) = attitude.pitch_rad.sin_cos();
-    let (v_x, v_y) = (velocity.right_m_s, velocity.forward_m_s);
-    PoseRate {
-        x_m_s: c_psi * c_alpha * v_x + (c_psi * s_phi * s_alpha - c_phi * s_psi) * v_y,
-        y_m_s: s_psi * c_alpha * v_x + (c_psi * c_phi + s_phi * s_psi * s_alpha) * v_y,
-        z_m_s: -s_alpha * v_x + s_phi * c_alpha * v_y,
-        yaw_rad_s: c_phi / c_alpha * velocity.yaw_rate_rad_s,
+    Tilt::of(attitude).pose_rate(velocity, yaw_rad)
+}
+
+/// Sines and cosines of an attitude, to be used more than once.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Tilt {
+    s_alpha: f64,
+    c_alpha: f64,
+    s_phi: f64,
+    c_phi: f64,
+}
+
+impl Tilt {
+    /// Returns those of an attitude.
+    pub fn of(attitude: &Attitude) -> Self {
+        let (s_alpha, c_alpha) = attitude.roll_rad.sin_cos();
+        let (s_phi, c_phi) = attitude.pitch_rad.sin_cos();
+        Self {
+            s_alpha,
+            c_alpha,
+            s_phi,
+            c_phi,
+        }
+    }
+
+    /// Returns the rate of the pose, as [`pose_rate`] does.
+    pub fn pose_rate(&self, velocity: &BodyVelocity, yaw_rad: f64) -> PoseRate {
+        let Self {
+            s_alpha,
+            c_alpha,
+            s_phi,
+            c_phi,
+        } = *self;
+        let (s_psi, c_psi) = yaw_rad.sin_cos();
+        let (v_x, v_y) = (velocity.right_m_s, velocity.forward_m_s);
+        PoseRate {
+            x_m_s: c_psi * c_alpha * v_x + (c_psi * s_phi * s_alpha - c_phi * s_psi) * v_y,
+            y_m_s: s_psi * c_alpha * v_x + (c_psi * c_phi + s_phi * s_psi * s_alpha) * v_y,
+            z_m_s: -s_alpha * v_x + s_phi * c_alpha * v_y,
+            yaw_rad_s: c_phi / c_alpha * velocity.yaw_rate_rad_s,
+        }
     }
 }
 

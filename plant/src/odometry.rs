@@ -1,7 +1,7 @@
 //! Odometry of a log by four kinematic models, and its errors against the log's poses (Table II).
 
 use crate::contact::ContactPrediction;
-use crate::dead_reckoning::{Motion, advance_between};
+use crate::dead_reckoning::StepTilts;
 use crate::frames::{Attitude, BodyVelocity, Pose, wrap_angle};
 use crate::log::{DriveLog, GAP_MAX_S, LogRow};
 use crate::speeds::{MeasuredTreadSpeeds, MotorSpeeds};
@@ -102,22 +102,38 @@ impl KinematicModel {
         rows: &'a [LogRow],
         start: Pose,
     ) -> impl Iterator<Item = Pose> + 'a {
+        self.dead_reckon_tilted(vehicle, rows, tilts(rows), start)
+    }
+
+    /// Does so with the attitudes' sines and cosines between the rows, from [`tilts`].
+    pub(crate) fn dead_reckon_tilted<'a>(
+        self,
+        vehicle: &'a Vehicle,
+        rows: &'a [LogRow],
+        tilts: impl IntoIterator<Item = StepTilts, IntoIter: 'a>,
+        start: Pose,
+    ) -> impl Iterator<Item = Pose> + 'a {
         let parameters = self.parameters(vehicle);
         let mut contact = self.contact(&parameters);
-        let mut before: Option<(f64, Motion)> = None;
+        let mut tilts = tilts.into_iter();
+        let mut before: Option<(f64, BodyVelocity)> = None;
         let mut pose = start;
         rows.iter().map(move |row| {
-            let motion = Motion {
-                velocity: self.velocity_with(&parameters, &mut contact, row.attitude, row.speeds),
-                attitude: row.attitude,
-            };
-            if let Some((time_s, from)) = before {
-                pose = advance_between(&pose, row.time_s - time_s, &from, &motion);
+            let velocity = self.velocity_with(&parameters, &mut contact, row.attitude, row.speeds);
+            let step = before.and_then(|before| Some((before, tilts.next()?)));
+            if let Some(((time_s, from), tilts)) = step {
+                pose = tilts.advance(&pose, row.time_s - time_s, &from, &velocity);
             }
-            before = Some((row.time_s, motion));
+            before = Some((row.time_s, velocity));
             pose
         })
     }
+}
+
+/// Returns the attitudes between the rows, one fewer than them.
+pub(crate) fn tilts(rows: &[LogRow]) -> impl Iterator<Item = StepTilts> + '_ {
+    rows.windows(2)
+        .map(|rows| StepTilts::between(&rows[0].attitude, &rows[1].attitude))
 }
 
 /// The velocities of a vehicle by one model, for samples that come one after the other: the balance of wheel

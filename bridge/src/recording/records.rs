@@ -70,12 +70,7 @@ pub(super) fn path_poses(record: &PathRecord) -> Vec<PlanarPose> {
             .ceil()
             .clamp(1.0, PATH_POINTS);
         (0..=count as usize)
-            .map(|i| path.at(path.length_m() * i as f64 / count))
-            .map(|point| PlanarPose {
-                x_m: point.position.x_m,
-                y_m: point.position.y_m,
-                yaw_rad: point.heading_rad,
-            })
+            .map(|i| path.at(path.length_m() * i as f64 / count).pose())
             .collect()
     })
 }

@@ -226,13 +226,8 @@ impl Controller {
         let (Some(memory), Some(path)) = (memory, path) else {
             return Vector3::zeros();
         };
-        let here = path.at(progress.arc_length_m);
-        let place = PlanarPose {
-            x_m: here.position.x_m,
-            y_m: here.position.y_m,
-            yaw_rad: here.heading_rad,
-        };
-        let known = memory.known(&place, estimate.time_s);
+        let here = path.at(progress.arc_length_m).pose();
+        let known = memory.known(&here, estimate.time_s);
         slide_share(progress.cross_track_m) * known.slip_per_m
     }
 

@@ -76,9 +76,9 @@ impl Controller {
         else {
             return;
         };
-        if !memory.config.by_place {
+        let (true, Some(path)) = (memory.config.by_place, reference.path()) else {
             return;
-        }
+        };
         let motors = MotorSpeeds::from(estimate.treads);
         let step = mpc.model_mut().step_on_plane(
             &estimate.normal_in_world,
@@ -98,9 +98,9 @@ impl Controller {
         let Some(pose) = &sample.pose else { return };
         let planar = pose.value.planar();
         let moving = estimate.treads.left_m_s != 0.0 || estimate.treads.right_m_s != 0.0;
-        let (Some(path), true) = (reference.path(), moving && estimate.poses_gated == 0) else {
+        if !moving || estimate.poses_gated > 0 {
             return;
-        };
+        }
         if !(planar.x_m.is_finite() && planar.y_m.is_finite() && planar.yaw_rad.is_finite()) {
             return;
         }
@@ -111,14 +111,10 @@ impl Controller {
                 x_m: at.x_m,
                 y_m: at.y_m,
             };
-            let nearest = path
+            let place = path
                 .nearest_within(&seen, around_m, &PROJECTION_WINDOW)
-                .point;
-            let place = PlanarPose {
-                x_m: nearest.position.x_m,
-                y_m: nearest.position.y_m,
-                yaw_rad: nearest.heading_rad,
-            };
+                .point
+                .pose();
             let (sin, cos) = place.yaw_rad.sin_cos();
             let right_m = cos * (seen.x_m - place.x_m) + sin * (seen.y_m - place.y_m);
             (place, right_m)

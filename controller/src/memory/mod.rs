@@ -38,7 +38,7 @@ pub use settings::MemoryConfig;
 pub(crate) use trace::Step;
 
 use crate::estimator::LearnedGains;
-use nalgebra::Vector3;
+use nalgebra::{Rotation3, Vector3};
 use places::PlaceMap;
 use serde::{Deserialize, Serialize};
 use sidehill_plant::frames::PlanarPose;
@@ -176,14 +176,9 @@ impl Memory {
     pub(crate) fn known(&self, place: &PlanarPose, time_s: f64) -> Known {
         let known = self.map.known(place, time_s);
         let slip = known.slip_per_m(&self.gains);
-        let (sin, cos) = place.yaw_rad.sin_cos();
         Known {
             aim_right_m: known.aim_right_m(),
-            slip_per_m: Vector3::new(
-                cos * slip.x - sin * slip.y,
-                sin * slip.x + cos * slip.y,
-                slip.z,
-            ),
+            slip_per_m: Rotation3::from_axis_angle(&Vector3::z_axis(), place.yaw_rad) * slip,
         }
     }
 

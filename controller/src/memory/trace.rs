@@ -1,7 +1,7 @@
 //! How far the vehicle has moved over a second by its poses, and how far by its model.
 
 use super::Evidence;
-use nalgebra::{SVector, Vector3};
+use nalgebra::{Rotation3, SVector, Vector3};
 use sidehill_plant::frames::{PlanarPose, wrap_angle};
 use sidehill_plant::slip_gains::{SlipGains, TERMS};
 use std::collections::VecDeque;
@@ -164,12 +164,7 @@ impl Excess {
         if self.way_m < SPEED_MIN_M_S * self.time_s {
             return None;
         }
-        let (sin, cos) = heading_rad.sin_cos();
-        let beyond = Vector3::new(
-            cos * self.moved.x + sin * self.moved.y,
-            cos * self.moved.y - sin * self.moved.x,
-            self.moved.z,
-        );
+        let beyond = Rotation3::from_axis_angle(&Vector3::z_axis(), -heading_rad) * self.moved;
         let slip = beyond + gains * self.terms;
         let mut evidence = Evidence::default();
         let whole = Evidence {

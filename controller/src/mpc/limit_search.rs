@@ -3,8 +3,8 @@
 //! The dual active-set method of Goldfarb and Idnani (Math. Programming 27, 1983) on the Riccati recursion
 //! of the stages. It starts from a guess, less the limits with negative multipliers. A step takes in all
 //! exceeded limits at once and drops those whose multipliers become negative; where that does not raise
-//! the dual cost, it takes in the worst exceeded limit alone, as the method has it. The dual cost grows
-//! with each step, so no set occurs twice.
+//! the dual cost, it takes in the worst exceeded limit alone, as the method has it. A bound on the steps ends
+//! a search that rounding keeps going.
 //!
 //! What it finds is a guess for [`WorkingSet`](super::working_set::WorkingSet), which checks it.
 
@@ -36,8 +36,7 @@ pub struct LimitSearch {
     least_multiplier: f64,
     /// Of the optimum for the active limits.
     cost: f64,
-    /// Whether the recursion has solved a part of the present QP.
-    begun: bool,
+    /// Recursions of the present QP.
     systems: u32,
 }
 
@@ -55,7 +54,6 @@ impl LimitSearch {
             kept: PerLimit::new(stages, 0),
             least_multiplier: 0.0,
             cost: 0.0,
-            begun: false,
             systems: 0,
         })
     }
@@ -88,7 +86,6 @@ impl LimitSearch {
         limits: &SolveLimits,
     ) -> Result<bool, ()> {
         self.systems = 0;
-        self.begun = false;
         let largest = data.q.iter().fold(0.0_f64, |m, q| m.max(q.abs()));
         self.least_multiplier = -TOLERANCE * (1.0 + largest);
         self.active.load(data, rows, members);
@@ -102,17 +99,15 @@ impl LimitSearch {
     /// Solves for the active limits; returns whether that went well.
     fn solve(&mut self, data: &QpData, limits: &SolveLimits) -> Result<bool, ()> {
         let changed = self.active.update_rules();
-        let last = if self.begun {
-            changed
-        } else {
-            Some(data.stages.len() - 1)
+        let last = match self.systems {
+            0 => Some(data.stages.len() - 1),
+            _ => changed,
         };
         if let Some(last) = last {
             if limits.passed() {
                 return Err(());
             }
             self.systems += 1;
-            self.begun = true;
             let (stages, rules) = (&data.stages, &self.active.rules);
             let Some(cost) = self.recursion.solve(stages, rules, last) else {
                 return Ok(false);

@@ -80,6 +80,15 @@ pub struct PathPoint {
 }
 
 impl PathPoint {
+    /// Returns the pose of a vehicle that is on the path here.
+    pub fn pose(&self) -> PlanarPose {
+        PlanarPose {
+            x_m: self.position.x_m,
+            y_m: self.position.y_m,
+            yaw_rad: self.heading_rad,
+        }
+    }
+
     /// Returns the heading of the direction of travel, rad.
     pub fn travel_heading_rad(&self) -> f64 {
         match self.direction {

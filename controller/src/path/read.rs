@@ -251,18 +251,19 @@ impl GpxPoint {
 }
 
 fn place(document: &roxmltree::Document, node: roxmltree::Node) -> Result<GpxPoint, PathError> {
-    let line = document.text_pos_at(node.range().start).row;
+    // Counts the lines from the beginning, so only for an error.
+    let line = || document.text_pos_at(node.range().start).row;
     let number = |name: &str, text: &str, limit: f64| {
         finite(text)
             .filter(|value| value.abs() <= limit)
             .ok_or_else(|| PathError::Gpx {
-                line,
+                line: line(),
                 what: format!("{name}: `{text}` is not a number within +-{limit}"),
             })
     };
     let attribute = |name: &str, limit: f64| {
         let text = node.attribute(name).ok_or_else(|| PathError::Gpx {
-            line,
+            line: line(),
             what: format!("a point has no `{name}`"),
         })?;
         number(name, text, limit)

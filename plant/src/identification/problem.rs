@@ -2,8 +2,9 @@
 
 use super::least_squares::Residuals;
 use super::segments::Segment;
+use crate::dead_reckoning::StepTilts;
 use crate::frames::{Pose, wrap_angle};
-use crate::odometry::KinematicModel;
+use crate::odometry::{KinematicModel, tilts};
 use crate::vehicle::Vehicle;
 
 /// Residuals of one pose: x, y, z and yaw.
@@ -15,6 +16,8 @@ pub(super) struct Problem<'a> {
     pub(super) model: KinematicModel,
     /// Puts the free parameters into a vehicle.
     pub(super) vehicle: &'a dyn Fn(&[f64]) -> Vehicle,
+    /// The attitudes between the rows of every segment, which no parameter changes.
+    tilts: Vec<Vec<StepTilts>>,
     /// Weight of every pose of every segment in turn.
     pub(super) weights: Vec<f64>,
     pub(super) pull: Pull<'a>,
@@ -42,6 +45,10 @@ impl<'a> Problem<'a> {
             segments,
             model,
             vehicle,
+            tilts: segments
+                .iter()
+                .map(|segment| tilts(segment.rows).collect())
+                .collect(),
             weights: vec![1.0; poses],
             pull,
         }
@@ -53,10 +60,11 @@ impl<'a> Problem<'a> {
         let mut residuals = Vec::with_capacity(self.weights.len());
         let mut matched = Vec::new();
         let mut first = 0;
-        for segment in self.segments {
+        for (segment, tilts) in self.segments.iter().zip(&self.tilts) {
+            let (rows, tilts) = (segment.rows, tilts.iter().copied());
             let estimates = self
                 .model
-                .dead_reckon(&vehicle, segment.rows, Pose::default());
+                .dead_reckon_tilted(&vehicle, rows, tilts, Pose::default());
             matched.clear();
             matched.extend(
                 segment

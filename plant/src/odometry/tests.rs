@@ -1,4 +1,5 @@
 use super::*;
+use crate::dead_reckoning::Motion;
 use crate::speeds::TreadSpeeds;
 use crate::vehicle::Vehicle;
 

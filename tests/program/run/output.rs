@@ -36,10 +36,12 @@ fn it_survives_100_closings_of_its_output_while_it_drives() {
         let mut line = String::new();
         while lines.read_line(&mut line).unwrap() > 0 {
             let said: serde_json::Value = serde_json::from_str(&line).unwrap_or_default();
-            if said["state"] == "driving" {
-                return Some(said);
+            match said["state"].as_str() {
+                Some("driving") => return Some(said),
+                // Nothing arms it again.
+                Some("stopping" | "latched") => panic!("it stopped: {said}"),
+                _ => line.clear(),
             }
-            line.clear();
         }
         None
     };

@@ -250,3 +250,6 @@ impl Reader {
         shared.emergency_stop.set(cause);
     }
 }
+
+#[cfg(test)]
+mod tests;

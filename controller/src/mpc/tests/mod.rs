@@ -1,5 +1,6 @@
 #![allow(clippy::unwrap_used)]
 
+mod binding_limits;
 mod closed_loop;
 mod condensed;
 mod limit_search;

@@ -13,7 +13,7 @@ use crate::drives::DriveMode;
 use crate::drives::{MeasuredMotorSpeeds, MotorCommand};
 use bus::Bus;
 use proptest::prelude::*;
-use std::sync::Arc;
+use std::sync::{Arc, LazyLock};
 
 const DBC: &str = include_str!("../../../../../config/bridge/cia402.dbc");
 const YAML: &str = include_str!("../../../../../config/bridge/cia402.yaml");
@@ -23,8 +23,11 @@ fn layout_of(yaml: &str) -> Result<Layout, LayoutError> {
     Layout::new(&config, &Database::parse("cia402.dbc", DBC).unwrap())
 }
 
+/// Read once for the thousands of cases.
+static LAYOUT: LazyLock<Arc<Layout>> = LazyLock::new(|| Arc::new(layout_of(YAML).unwrap()));
+
 fn master() -> (Master, VehicleReader) {
-    let layout = Arc::new(layout_of(YAML).unwrap());
+    let layout = Arc::clone(&LAYOUT);
     let Profile::Cia402(cia402) = layout.profile.clone() else {
         panic!("not CiA 402");
     };

@@ -4,7 +4,6 @@ use super::ahead::{Mount, along};
 use super::{Following, GoalSession, SessionSettings};
 use crate::ros2::server::goal_context::{GoalContext, ObstacleContext, Request, Requests};
 use crate::ros2::server::obstacles::Blockage;
-use sidehill_plant::frames::PlanarPose;
 
 /// Least time between two looks for a course, s.
 const PASSING_PERIOD_S: f64 = 0.2;
@@ -57,12 +56,7 @@ impl GoalSession {
             placed
                 .route
                 .passing((from_m, blocked_m), corridor_m, &settings.route, |point| {
-                    let at = PlanarPose {
-                        x_m: point.position.x_m,
-                        y_m: point.position.y_m,
-                        yaw_rad: point.heading_rad,
-                    };
-                    surroundings.is_passable(&placed.pose(&at, mount))
+                    surroundings.is_passable(&placed.pose(&point.pose(), mount))
                 });
         if let Some(route) = route {
             let left_m = route.aside_m(blocked_m);
