@@ -7,7 +7,7 @@
 //! | [`parameters`], [`lifecycle`], [`services`] | a managed node with its parameter and lifecycle services |
 //! | [`action`], [`goals`] | an action server that keeps its results |
 //! | [`time`], [`transforms`], [`conversions`] | stamps, interpolated transforms, `nalgebra` |
-//! | [`peers`], [`subscription`], [`worker`] | discovery, non-blocking reads, threads |
+//! | [`peers`], [`subscription`], [`demanded`], [`worker`] | discovery, non-blocking reads, publishing on demand, threads |
 //!
 //! Nothing in here depends on the rest of this crate.
 //!
@@ -18,6 +18,7 @@
 pub mod action;
 pub mod arguments;
 pub mod conversions;
+pub mod demanded;
 pub mod goals;
 pub mod lifecycle;
 pub mod message;

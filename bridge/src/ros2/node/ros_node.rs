@@ -8,6 +8,7 @@ use ros2_client::{
     Context, CreateError, Message, MessageTypeName, Node, NodeCreateError, NodeOptions, Publisher,
     QosProfile, Server, ServiceMapping, ServiceTypeName, Subscription,
 };
+use std::collections::BTreeSet;
 use std::net::{IpAddr, Ipv4Addr};
 
 /// Why a node, topic or service cannot be created.
@@ -116,6 +117,16 @@ impl RosNode {
         let name = self.names.resolve(topic)?;
         let topic = self.node.create_topic(&name, type_name::<M>(), qos)?;
         Ok(self.node.create_subscription(&topic, Some(qos.clone()))?)
+    }
+
+    /// Returns the names of all topics that other nodes subscribe to, as they are known now.
+    pub fn subscribed_topics(&self) -> BTreeSet<String> {
+        let readers = self.context.domain_participant().discovered_readers();
+        let topics = readers.iter().filter_map(|reader| {
+            let name = reader.subscription_topic_data.topic_name();
+            name.strip_prefix("rt").map(str::to_owned)
+        });
+        topics.collect()
     }
 
     /// Returns the server of a service, whose name is resolved, of type `package/kind`.

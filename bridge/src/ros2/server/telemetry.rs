@@ -5,6 +5,7 @@ use super::diagnostics::{ServerStatus, SolveStats, diagnostic_status};
 use super::goal_session::TrackingState;
 use crate::control_loop::channel::{ControllerStatus, LoopStatus};
 use crate::ros2::node::conversions::{stamp, to_pose};
+use crate::ros2::node::demanded::DemandedPublisher;
 use crate::ros2::node::message::{
     DiagnosticArray, Header, Odometry, Path, PoseStamped, PoseWithCovariance,
     PoseWithCovarianceStamped, TfMessage, TrackingFeedback,
@@ -14,31 +15,36 @@ use crate::ros2::node::{NodeError, RosNode, qos};
 use crate::ros2::odometry::{OdometryState, odometry_message, transform_message};
 use crate::ros2::port::convert::world_from_base_link;
 use ros2_client::Publisher;
+use sidehill_controller::controller::Decision;
 use sidehill_controller::estimator::Estimate;
 use sidehill_plant::frames::{Attitude, PlanarPose, Pose};
 use sidehill_plant::vehicle::Vehicle;
+use std::collections::BTreeSet;
 
 /// Time between two predicted trajectories, s.
 const PLAN_PERIOD_S: f64 = 0.1;
 /// Least standard deviation of a velocity, m/s: that of the encoders.
 const VELOCITY_STD_MIN_M_S: f64 = 0.01;
+/// Time between two looks at who subscribes, s.
+const LOOK_PERIOD_S: f64 = 1.0;
 /// Time between two diagnostics, s.
 const DIAGNOSTICS_PERIOD_S: f64 = 1.0;
 
 /// The publishers of telemetry.
 pub(crate) struct Telemetry {
-    pose: Publisher<PoseWithCovarianceStamped>,
-    odometry: Publisher<Odometry>,
+    pose: DemandedPublisher<PoseWithCovarianceStamped>,
+    odometry: DemandedPublisher<Odometry>,
     transforms: Option<Publisher<TfMessage>>,
     tracking: Option<Publisher<TrackingFeedback>>,
-    plan: Publisher<Path>,
-    reference: Publisher<Path>,
+    plan: DemandedPublisher<Path>,
+    reference: DemandedPublisher<Path>,
     diagnostics: Publisher<DiagnosticArray>,
     vehicle: Vehicle,
     node: String,
     frame: String,
     base: String,
     solves: SolveStats,
+    look_s: f64,
     plan_s: f64,
     diagnostics_s: f64,
 }
@@ -51,8 +57,8 @@ impl Telemetry {
         config: &Ros2Config,
     ) -> Result<Self, NodeError> {
         Ok(Self {
-            pose: node.publisher("~/pose", &qos::STREAM)?,
-            odometry: node.publisher("~/odometry", &qos::STREAM)?,
+            pose: DemandedPublisher::new(node, "~/pose", &qos::STREAM)?,
+            odometry: DemandedPublisher::new(node, "~/odometry", &qos::STREAM)?,
             transforms: match config.publish_transform {
                 true => Some(node.publisher("/tf", &qos::STREAM)?),
                 false => None,
@@ -61,72 +67,107 @@ impl Telemetry {
                 true => Some(node.publisher("tracking_feedback", &qos::STREAM)?),
                 false => None,
             },
-            plan: node.publisher("optimal_trajectory", &qos::STREAM)?,
-            reference: node.publisher("transformed_global_plan", &qos::STREAM)?,
+            plan: DemandedPublisher::new(node, "optimal_trajectory", &qos::STREAM)?,
+            reference: DemandedPublisher::new(node, "transformed_global_plan", &qos::STREAM)?,
             diagnostics: node.publisher("/diagnostics", &qos::RELIABLE_10)?,
             vehicle: vehicle.clone(),
             node: node.names().node().fully_qualified_name(),
             frame: config.frames.odometry.clone(),
             base: config.frames.base.clone(),
             solves: SolveStats::default(),
+            look_s: f64::NEG_INFINITY,
             plan_s: f64::NEG_INFINITY,
             diagnostics_s: f64::NEG_INFINITY,
         })
     }
 
-    /// Publishes what is due. A full queue drops a message: a later one is newer.
+    /// Takes, once a second, the topics that other nodes subscribe to.
+    pub(crate) fn look(&mut self, now_s: f64, subscribed: impl FnOnce() -> BTreeSet<String>) {
+        if is_due(&mut self.look_s, now_s, LOOK_PERIOD_S) {
+            let subscribed = subscribed();
+            self.pose.look(&subscribed);
+            self.odometry.look(&subscribed);
+            self.plan.look(&subscribed);
+            self.reference.look(&subscribed);
+        }
+    }
+
+    /// Publishes the estimate of each decision, and the plan where it is due. A full queue drops a message: a
+    /// later one is newer.
     pub(crate) fn publish(
         &mut self,
         now_s: f64,
         time: &RosTime,
-        status: Option<&LoopStatus>,
         controller: &ControllerStatus,
-        server: &ServerStatus<'_>,
+        tracking: impl FnOnce(&Decision) -> Option<TrackingState>,
     ) {
         let Some(decision) = &controller.decision else {
             return;
         };
         let is_new = self.solves.take(decision);
-        let header = |time_s: f64| Header {
-            stamp: stamp(time.stamp_ns(time_s)),
-            frame_id: self.frame.clone(),
-        };
         if let Some(estimate) = decision.estimate.filter(|_| is_new) {
-            let _ = self.pose.publish(PoseWithCovarianceStamped {
-                header: header(estimate.time_s),
-                pose: pose_with_covariance(&estimate),
-            });
-            let state = odometry_state(&estimate, &self.vehicle);
-            if let Some(transforms) = &self.transforms {
-                let transform = transform_message(&state, header(estimate.time_s), &self.base);
-                let _ = transforms.publish(TfMessage {
-                    transforms: vec![transform],
-                });
-            }
-            if let (Some(topic), Some(tracking)) = (&self.tracking, &server.tracking) {
-                let _ = topic.publish(tracking_feedback(
-                    tracking,
-                    &header(estimate.time_s),
-                    &state,
-                ));
-            }
-            let message = odometry_message(&state, header(estimate.time_s), &self.base);
-            let _ = self.odometry.publish(message);
+            self.publish_estimate(&estimate, time, || tracking(decision));
         }
         if is_due(&mut self.plan_s, now_s, PLAN_PERIOD_S) {
-            let header = header(decision.time_s);
-            let _ = self.plan.publish(path(&header, &controller.plan));
-            let _ = self.reference.publish(path(&header, &controller.reference));
+            let header = self.header(time, decision.time_s);
+            self.plan.publish(|| path(&header, &controller.plan));
+            self.reference
+                .publish(|| path(&header, &controller.reference));
         }
-        if let Some(status) = status
-            && is_due(&mut self.diagnostics_s, now_s, DIAGNOSTICS_PERIOD_S)
-        {
-            let (node, vehicle, solves) = (&self.node, &self.vehicle, &self.solves);
-            let status = diagnostic_status(node, vehicle, status, decision, solves, server);
-            let _ = self.diagnostics.publish(DiagnosticArray {
-                header: header(now_s),
-                status: vec![status],
+    }
+
+    fn publish_estimate(
+        &self,
+        estimate: &Estimate,
+        time: &RosTime,
+        tracking: impl FnOnce() -> Option<TrackingState>,
+    ) {
+        let header = self.header(time, estimate.time_s);
+        self.pose.publish(|| PoseWithCovarianceStamped {
+            header: header.clone(),
+            pose: pose_with_covariance(estimate),
+        });
+        let state = odometry_state(estimate, &self.vehicle);
+        if let Some(transforms) = &self.transforms {
+            let transform = transform_message(&state, header.clone(), &self.base);
+            let _ = transforms.publish(TfMessage {
+                transforms: vec![transform],
             });
+        }
+        if let Some(topic) = &self.tracking
+            && let Some(tracking) = tracking()
+        {
+            let _ = topic.publish(tracking_feedback(&tracking, &header, &state));
+        }
+        self.odometry
+            .publish(|| odometry_message(&state, header, &self.base));
+    }
+
+    /// Returns whether diagnostics are due; then they are to be published.
+    pub(crate) fn diagnostics_are_due(&mut self, now_s: f64) -> bool {
+        is_due(&mut self.diagnostics_s, now_s, DIAGNOSTICS_PERIOD_S)
+    }
+
+    /// Publishes diagnostics.
+    pub(crate) fn publish_diagnostics(
+        &self,
+        now_s: f64,
+        time: &RosTime,
+        (status, decision): (&LoopStatus, &Decision),
+        server: &ServerStatus<'_>,
+    ) {
+        let (node, vehicle, solves) = (&self.node, &self.vehicle, &self.solves);
+        let status = diagnostic_status(node, vehicle, status, decision, solves, server);
+        let _ = self.diagnostics.publish(DiagnosticArray {
+            header: self.header(time, now_s),
+            status: vec![status],
+        });
+    }
+
+    fn header(&self, time: &RosTime, time_s: f64) -> Header {
+        Header {
+            stamp: stamp(time.stamp_ns(time_s)),
+            frame_id: self.frame.clone(),
         }
     }
 }

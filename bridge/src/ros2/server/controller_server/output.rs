@@ -64,23 +64,26 @@ impl ControllerServer {
     }
 
     pub(super) fn publish_telemetry(&mut self, now_s: f64, status: Option<&LoopStatus>) {
-        let inputs = &self.links.inputs;
-        let lifecycle = self.services.lifecycle.state();
-        let last_rejection = inputs.last_rejection();
-        let topics = inputs.graph().inputs();
+        let (node, handler, time) = (&self.node, &self.handler, &self.links.time);
+        self.telemetry.look(now_s, || node.subscribed_topics());
         let controller = self.links.commands.controller_status();
-        let tracking = controller
-            .decision
-            .as_ref()
-            .and_then(|decision| self.handler.tracking(decision));
+        let tracking = |decision: &Decision| handler.tracking(decision);
+        self.telemetry.publish(now_s, time, controller, tracking);
+        let (Some(status), Some(decision)) = (status, &controller.decision) else {
+            return;
+        };
+        if !self.telemetry.diagnostics_are_due(now_s) {
+            return;
+        }
+        let inputs = &self.links.inputs;
         let server = ServerStatus {
-            lifecycle: &lifecycle.label,
+            lifecycle: &self.services.lifecycle.state().label,
             rejected: inputs.rejected(),
-            last_rejection: &last_rejection,
-            inputs: &topics,
+            last_rejection: &inputs.last_rejection(),
+            inputs: &inputs.graph().inputs(),
             emergency_stop: inputs.emergency_stop.get(),
-            blocked_by: self.handler.blocked_by(),
-            tracking,
+            blocked_by: handler.blocked_by(),
+            tracking: tracking(decision),
             goals: self.accepted_goals,
             last_end: self
                 .last_end
@@ -93,9 +96,8 @@ impl ControllerServer {
                     .map_or(RecordingState::On, |reason| RecordingState::Ended(reason)),
             },
         };
-        let time = &self.links.time;
         self.telemetry
-            .publish(now_s, time, status, controller, &server);
+            .publish_diagnostics(now_s, time, (status, decision), &server);
     }
 
     pub(super) fn stamp(&self, now_s: f64) -> Time {
