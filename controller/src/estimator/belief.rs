@@ -3,6 +3,7 @@
 use super::gains::Kept;
 use super::gate::PoseSigmas;
 use super::learned::{Drift, LearnedModel, Prior};
+use super::process_noise::ProcessNoise;
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 use sidehill_plant::frames::{Attitude, PlanarPose, pose_rate, wrap_angle};
 use sidehill_plant::speeds::TreadSpeeds;
@@ -18,6 +19,8 @@ pub(super) struct Belief<const N: usize> {
     pub(super) parameter_covariance: SMatrix<f64, N, N>,
     pub(super) treads: TreadSpeeds,
     pub(super) attitude: Attitude,
+    /// The model's body velocity (right, forward, yaw rate) as a vehicle has it that follows it with a lag.
+    pub(super) late: Vector3<f64>,
 }
 
 impl<const N: usize> Belief<N> {
@@ -37,6 +40,7 @@ impl<const N: usize> Belief<N> {
             parameter_covariance: kept.covariance,
             treads,
             attitude,
+            late: Vector3::zeros(),
         }
     }
 
@@ -48,12 +52,11 @@ impl<const N: usize> Belief<N> {
     }
 
     /// Returns the belief `time_s` later: equation (12) by the midpoint rule, and its covariance.
-    /// `noise` is the growth of the uncertainty besides that of the parameters, m/sqrt(s) and rad/sqrt(s), and
-    /// `noise_factor` a factor on its square.
+    /// `noise_factor` is a factor on the variance by which `noise` grows in steady motion.
     pub(super) fn propagated<M: LearnedModel<N>>(
         &self,
         model: &M,
-        noise: (f64, f64),
+        noise: &ProcessNoise,
         noise_factor: f64,
         time_s: f64,
     ) -> Self {
@@ -74,15 +77,17 @@ impl<const N: usize> Belief<N> {
         let (sin, cos) = half_way.sin_cos();
         let to_world = Matrix3::new(cos, -sin, 0.0, sin, cos, 0.0, 0.0, 0.0, 1.0);
         let by_parameters = time_s * (to_world * by_parameters);
-        let (slide, turn) = noise;
         let moving = self.treads.left_m_s != 0.0 || self.treads.right_m_s != 0.0;
         // A vehicle that stands does not slide; a tenth keeps the filter open to poses.
         let share = if moving { 1.0 } else { 0.01 } * noise_factor;
-        let noise = Matrix3::from_diagonal(&Vector3::new(
-            share * time_s * slide.powi(2),
-            share * time_s * slide.powi(2),
-            share * time_s * turn.powi(2),
-        ));
+        let now = Vector3::new(
+            velocity.right_m_s,
+            velocity.forward_m_s,
+            velocity.yaw_rate_rad_s,
+        );
+        let missing = now - self.late;
+        next.late = noise.followed(&self.late, &missing, time_s);
+        let noise = noise.covariance(time_s, share, &missing, &to_world);
         let through = by_parameters * self.parameter_covariance;
         let crossed = by_state * self.cross * by_parameters.transpose();
         next.covariance = by_state * self.covariance * by_state.transpose()

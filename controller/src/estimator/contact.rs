@@ -3,6 +3,7 @@
 use super::contact_settings::ContactLearningSettings;
 use super::estimate::ContactEstimate;
 use super::learned::{Drift, LearnedModel, Prior};
+use super::process_noise::ProcessNoise;
 use super::settings::EstimatorSettings;
 use nalgebra::SMatrix;
 use sidehill_plant::contact::{ContactPrediction, PARAMETERS, Parameter, ParameterVector};
@@ -60,11 +61,12 @@ impl LearnedModel<PARAMETERS> for LearnedContact {
         self.encoder_scale
     }
 
-    fn process_noise(&self, _settings: &EstimatorSettings) -> (f64, f64) {
-        (
-            self.settings.slide_sigma_m_per_sqrt_s,
-            self.settings.yaw_sigma_rad_per_sqrt_s,
-        )
+    fn process_noise(&self, _settings: &EstimatorSettings) -> ProcessNoise {
+        ProcessNoise {
+            slide: self.settings.slide_sigma_m_per_sqrt_s,
+            turn: self.settings.yaw_sigma_rad_per_sqrt_s,
+            lag_s: self.settings.lag_s,
+        }
     }
 
     /// Each parameter is a Gauss-Markov process of the metres steered, a tread's factor of the metres driven,

@@ -12,6 +12,9 @@ pub struct ContactLearningSettings {
     pub slide_sigma_m_per_sqrt_s: f64,
     /// Growth of the heading's uncertainty while moving, rad/sqrt(s), besides that of the parameters.
     pub yaw_sigma_rad_per_sqrt_s: f64,
+    /// Lag with which the vehicle may follow a change of the model's velocity, s: inertia and tyres that build up their
+    /// force. Until it has passed poses count for more, and teach less.
+    pub lag_s: f64,
     /// Factor on all standard deviations below; 0 switches learning off.
     pub prior_factor: f64,
     /// Standard deviation of the logarithm of friction.
@@ -43,6 +46,7 @@ impl Default for ContactLearningSettings {
         Self {
             slide_sigma_m_per_sqrt_s: 0.005,
             yaw_sigma_rad_per_sqrt_s: 0.005,
+            lag_s: 0.1,
             prior_factor: 1.0,
             friction_sigma: 0.3,
             centre_right_sigma: 0.17,
@@ -79,6 +83,7 @@ impl ContactLearningSettings {
             "estimator.contact.yaw_sigma_rad_per_sqrt_s",
             self.yaw_sigma_rad_per_sqrt_s,
         )?;
+        Bounds::new(0.0, 10.0, "s").check("estimator.contact.lag_s", self.lag_s)?;
         for (key, value) in [
             ("estimator.contact.prior_factor", self.prior_factor),
             ("estimator.contact.friction_sigma", self.friction_sigma),

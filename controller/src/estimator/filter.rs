@@ -297,7 +297,7 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
 
     fn propagate(&self, belief: &Belief<N>, time_s: f64) -> Belief<N> {
         let noise = self.model.process_noise(&self.settings);
-        belief.propagated(&self.model, noise, self.gate.noise_factor(), time_s)
+        belief.propagated(&self.model, &noise, self.gate.noise_factor(), time_s)
     }
 
     fn estimate(&mut self, time_s: f64) -> Option<Estimate> {

@@ -1,5 +1,6 @@
 //! What the filter needs from a model whose parameters it learns.
 
+use super::process_noise::ProcessNoise;
 use super::{ContactEstimate, EstimatorSettings};
 use nalgebra::{SMatrix, SVector};
 use sidehill_plant::frames::{Attitude, BodyVelocity};
@@ -45,9 +46,8 @@ pub(super) trait LearnedModel<const N: usize>: Clone {
     /// Returns the factors of the encoders.
     fn encoder_scale(&self) -> EncoderScale;
 
-    /// Returns the growth of the uncertainty of dead reckoning besides that of the parameters: m/sqrt(s),
-    /// rad/sqrt(s).
-    fn process_noise(&self, settings: &EstimatorSettings) -> (f64, f64);
+    /// Returns the growth of the uncertainty of dead reckoning besides that of the parameters.
+    fn process_noise(&self, settings: &EstimatorSettings) -> ProcessNoise;
 
     /// Returns how the parameters change by themselves while the treads move for `time_s`.
     fn drift(&self, treads: TreadSpeeds, time_s: f64) -> Drift<N>;

@@ -19,6 +19,7 @@ mod gains;
 mod gate;
 mod learned;
 mod model_error;
+mod process_noise;
 mod settings;
 mod slip;
 

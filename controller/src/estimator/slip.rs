@@ -1,6 +1,7 @@
 //! ICRIK with the gains of its correction.
 
 use super::learned::{Drift, LearnedModel, Prior};
+use super::process_noise::ProcessNoise;
 use super::{AdaptationSettings, ContactEstimate, EstimatorSettings};
 use nalgebra::{SMatrix, SVector};
 use sidehill_plant::frames::{Attitude, BodyVelocity};
@@ -73,11 +74,12 @@ impl LearnedModel<GAINS> for SlipModel {
         self.vehicle.encoder_scale
     }
 
-    fn process_noise(&self, settings: &EstimatorSettings) -> (f64, f64) {
-        (
-            settings.slide_sigma_m_per_sqrt_s,
-            settings.yaw_sigma_rad_per_sqrt_s,
-        )
+    fn process_noise(&self, settings: &EstimatorSettings) -> ProcessNoise {
+        ProcessNoise {
+            slide: settings.slide_sigma_m_per_sqrt_s,
+            turn: settings.yaw_sigma_rad_per_sqrt_s,
+            lag_s: 0.0,
+        }
     }
 
     /// Uncertainty grows with each metre of steering; the gains themselves stay.

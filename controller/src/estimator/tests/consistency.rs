@@ -2,7 +2,7 @@
 
 use super::super::learned::LearnedModel;
 use super::*;
-use nalgebra::{DMatrix, DVector, SVector};
+use nalgebra::{DMatrix, DVector, Rotation3, SVector};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
@@ -95,6 +95,7 @@ fn normalised_errors_of_all<M: LearnedModel<N>, const N: usize>(model: &M, seed:
     let mut parameters: SVector<f64, N> =
         SVector::from_fn(|i, _| prior.mean[i] + gaussian(prior.sigma[i]));
     let mut pose = Vector3::new(1.0, 2.0, gaussian(1.0));
+    let mut late = Vector3::zeros();
     let cycles = 200;
     for cycle in 0..=cycles {
         let time_s = DT_S * f64::from(cycle);
@@ -113,14 +114,23 @@ fn normalised_errors_of_all<M: LearnedModel<N>, const N: usize>(model: &M, seed:
                 &attitude_before,
                 pose.z + 0.5 * DT_S * start.yaw_rad_s,
             );
-            let (slide, turn) = model.process_noise(&settings);
-            let root = DT_S.sqrt();
-            pose += DT_S * Vector3::new(middle.x_m_s, middle.y_m_s, middle.yaw_rad_s)
-                + Vector3::new(
-                    gaussian(root * slide),
-                    gaussian(root * slide),
-                    gaussian(root * turn),
-                );
+            let noise = model.process_noise(&settings);
+            let now = Vector3::new(
+                velocity.right_m_s,
+                velocity.forward_m_s,
+                velocity.yaw_rate_rad_s,
+            );
+            let missing = now - late;
+            late = noise.followed(&late, &missing, DT_S);
+            let half_way = Rotation3::from_axis_angle(
+                &Vector3::z_axis(),
+                pose.z + 0.5 * DT_S * start.yaw_rad_s,
+            );
+            let grown = noise.covariance(DT_S, 1.0, &missing, half_way.matrix());
+            let root = grown.cholesky().unwrap().l();
+            let white = Vector3::from_fn(|_, _| gaussian(1.0));
+            pose +=
+                DT_S * Vector3::new(middle.x_m_s, middle.y_m_s, middle.yaw_rad_s) + root * white;
             for i in 0..N {
                 parameters[i] = prior.mean[i]
                     + drift.keep[i] * (parameters[i] - prior.mean[i])

@@ -1,6 +1,7 @@
 #![allow(clippy::unwrap_used)]
 
 mod consistency;
+mod late;
 mod readings;
 
 use super::*;

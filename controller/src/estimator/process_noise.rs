@@ -1,0 +1,44 @@
+//! How dead reckoning becomes uncertain: slowly in steady motion, faster while the velocity changes.
+
+use nalgebra::{Matrix3, Vector3};
+
+/// Growth of the uncertainty of dead reckoning besides that of the parameters.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct ProcessNoise {
+    /// Of the position, m/sqrt(s).
+    pub(super) slide: f64,
+    /// Of the heading, rad/sqrt(s).
+    pub(super) turn: f64,
+    /// Lag with which the vehicle may follow the model's velocity, s.
+    pub(super) lag_s: f64,
+}
+
+impl ProcessNoise {
+    /// Returns the covariance that (x, y, yaw) gain in `time_s`; `factor` is one on the variance, and `to_world`
+    /// turns the body's axes into those of the world.
+    ///
+    /// A vehicle whose velocity changes may be late: its velocity u_l follows that of the model, u, with the lag
+    /// T, or at once. An error of u - u_l that lasts about T adds 2 T (u - u_l)^2 to the variances in a second.
+    pub(super) fn covariance(
+        &self,
+        time_s: f64,
+        factor: f64,
+        missing: &Vector3<f64>,
+        to_world: &Matrix3<f64>,
+    ) -> Matrix3<f64> {
+        let steady = [self.slide, self.slide, self.turn].map(|s| factor * time_s * s.powi(2));
+        let lag = 2.0 * self.lag_s * time_s * missing.component_mul(missing);
+        Matrix3::from_diagonal(&steady.into())
+            + to_world * Matrix3::from_diagonal(&lag) * to_world.transpose()
+    }
+
+    /// Returns the late velocity `time_s` on, that of the model being `missing` from it.
+    pub(super) fn followed(
+        &self,
+        late: &Vector3<f64>,
+        missing: &Vector3<f64>,
+        time_s: f64,
+    ) -> Vector3<f64> {
+        late + (1.0 - (-time_s / self.lag_s).exp()) * missing
+    }
+}
