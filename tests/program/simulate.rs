@@ -47,6 +47,32 @@ fn without_arguments_it_compares_controllers_on_the_figure_of_eight_from_any_fol
     );
 }
 
+/// With equally loaded axles a turn that points uphill is slow, and the vehicle falls behind its reference.
+#[test]
+fn contact_mpc_is_calm_where_it_falls_behind_in_bends() {
+    let folder = tempfile::tempdir().unwrap();
+    succeed(
+        sidehill()
+            .args(["init", "--vehicle", "warthog"])
+            .arg(folder.path().join("warthog")),
+    );
+    let file = folder.path().join("warthog/scenario.yaml");
+    let gentle = std::fs::read_to_string(&file).unwrap();
+    let steep = gentle.replace("slope_deg: 5,", "slope_deg: 10,");
+    assert_ne!(gentle, steep);
+    std::fs::write(&file, steep).unwrap();
+    let said = succeed(sidehill().arg("simulate").arg(&file).args([
+        "--controller",
+        "contact-mpc",
+        "--format",
+        "json",
+    ]));
+    let run = &serde_json::from_str::<Value>(&said).unwrap()["runs"][0];
+    let rms_m = run["cross_track_rms_m"].as_f64().unwrap();
+    let steer_m_s = run["steer_total_variation_m_s"].as_f64().unwrap();
+    assert!(rms_m < 0.006 && steer_m_s < 5.0, "{run}");
+}
+
 #[test]
 fn arguments_replace_what_the_scenario_says() {
     let course = Course::new("");

@@ -116,7 +116,7 @@ impl Controller {
                 .and_then(|map| map.surface(point.position.x_m, point.position.y_m).ok())
                 .map_or(estimate.normal_in_world, |surface| surface.normal_in_world);
             let planned = mpc.planned_state(k, self.horizon.elapsed_s);
-            let pose = match (&mut unrolling, planned) {
+            let (pose, along_heading_rad) = match (&mut unrolling, planned) {
                 (Some(unrolling), Some(planned)) => {
                     let lever = tracked_point.lever(&normal_in_world, planned.z);
                     let place = Point2 {
@@ -125,12 +125,12 @@ impl Controller {
                     };
                     unrolling.target(&point, &place)
                 }
-                _ => point.pose(),
+                _ => (point.pose(), point.heading_rad),
             };
             let (mut pose, mut slip) = (pose, Vector3::zeros());
             if let Some(memory) = self.memory.as_ref().filter(|memory| memory.config.by_place) {
                 let known = memory.known(&point.pose(), estimate.time_s);
-                let (sin, cos) = pose.yaw_rad.sin_cos();
+                let (sin, cos) = along_heading_rad.sin_cos();
                 pose.x_m += cos * known.aim_right_m;
                 pose.y_m += sin * known.aim_right_m;
                 let input = mpc.plan().map(|plan| plan.inputs[k].traction_m_s);
@@ -140,7 +140,7 @@ impl Controller {
             self.horizon.targets.push(StageTarget {
                 pose,
                 tracked_point,
-                along_heading_rad: pose.yaw_rad,
+                along_heading_rad,
                 normal_in_world,
                 feedforward: MotorSpeeds {
                     traction_m_s: share * point.speed_m_s,

@@ -3,7 +3,7 @@
 use crate::path::Point2;
 use crate::reference::{PROJECTION_WINDOW, Progress, Reference};
 use crate::trajectory::{Motion, ReferencePoint};
-use sidehill_plant::frames::{PlanarPose, wrap_angle};
+use sidehill_plant::frames::PlanarPose;
 
 /// Targets for a vehicle that may lag behind its reference, stage by stage.
 ///
@@ -11,7 +11,9 @@ use sidehill_plant::frames::{PlanarPose, wrap_angle};
 /// The distance from the tangent of the reference is then not that from the path: near a bend the vehicle
 /// can be on the tangent of a point that it never reaches. So the path is rolled out straight, along its tangent
 /// at the point nearest to where the plan has the vehicle: across that is the distance from the path, along
-/// it the arc length by which the vehicle is behind. Beyond a cusp the targets stay where they are: the way
+/// it the arc length by which the vehicle is behind. The heading stays that of the reference, where the vehicle
+/// has to get to: with the heading where the plan is, the QP would take a bend for a straight line and weave.
+/// Beyond a cusp the targets stay where they are: the way
 /// back leads past a vehicle that is short of the cusp, which would turn back there.
 pub(super) struct Unrolling<'a> {
     reference: &'a Reference,
@@ -33,26 +35,29 @@ impl<'a> Unrolling<'a> {
         }
     }
 
-    /// Returns the pose that `point` has on the path rolled out for a vehicle at `place`.
-    pub(super) fn target(&mut self, point: &ReferencePoint, place: &Point2) -> PlanarPose {
+    /// Returns the pose that `point` has on the path rolled out for a vehicle at `place`, and the heading of that
+    /// path, rad.
+    pub(super) fn target(&mut self, point: &ReferencePoint, place: &Point2) -> (PlanarPose, f64) {
         let guess_m = self.nearest_m + point.arc_length_m - self.before_m;
         self.before_m = point.arc_length_m;
         self.nearest_m = guess_m;
+        let as_it_is = (point.pose(), point.heading_rad);
         if point.arc_length_m >= self.until_m {
-            return point.pose();
+            return as_it_is;
         }
         let (Some(path), Motion::Drive) = (self.reference.path(), point.motion) else {
-            return point.pose();
+            return as_it_is;
         };
         let nearest = path.nearest_from(place, guess_m, point.arc_length_m, &PROJECTION_WINDOW);
         self.nearest_m = nearest.arc_length_m;
         let ahead_m = nearest.direction.sign() * (point.arc_length_m - nearest.arc_length_m);
         let (sin, cos) = nearest.heading_rad.sin_cos();
-        PlanarPose {
+        let pose = PlanarPose {
             x_m: nearest.position.x_m - sin * ahead_m,
             y_m: nearest.position.y_m + cos * ahead_m,
-            yaw_rad: point.heading_rad + wrap_angle(nearest.heading_rad - point.heading_rad),
-        }
+            yaw_rad: point.heading_rad,
+        };
+        (pose, nearest.heading_rad)
     }
 }
 
@@ -89,8 +94,9 @@ mod tests {
                 y_m: there.position.y_m + out_m * out.1 / radius_m,
             };
             let progress = reference.advance(0.0, &ahead.pose());
-            let target = Unrolling::new(&reference, &progress).target(&ahead, &place);
-            let (sin, cos) = target.yaw_rad.sin_cos();
+            let (target, along_rad) = Unrolling::new(&reference, &progress).target(&ahead, &place);
+            assert_eq!(target.yaw_rad, ahead.heading_rad);
+            let (sin, cos) = along_rad.sin_cos();
             let (dx, dy) = (place.x_m - target.x_m, place.y_m - target.y_m);
             let (across_m, along_m) = (cos * dx + sin * dy, -sin * dx + cos * dy);
             assert!(
