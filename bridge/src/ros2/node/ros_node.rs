@@ -10,6 +10,7 @@ use ros2_client::{
 };
 use std::collections::BTreeSet;
 use std::net::{IpAddr, Ipv4Addr};
+use std::time::Duration;
 
 /// Why a node, topic or service cannot be created.
 #[derive(Debug, thiserror::Error)]
@@ -28,17 +29,33 @@ pub enum NodeError {
     System(#[from] std::io::Error),
 }
 
+/// Long enough for a thread to be scheduled on a busy machine.
+const PARTING: Duration = Duration::from_millis(50);
+
 /// A node with its names. It is on the graph while it lives; dropped with all that it created, it leaves
 /// within 0.1 s.
 ///
 /// No `Spinner` of `ros2-client` runs: it would offer parameter services in one service mapping only and
 /// subscribe to `/clock` with the wrong type.
 pub struct RosNode {
-    // Dropped before the context, which must be last.
+    // Dropped in this order: the node says that it leaves, gets the time for it, and the context is last.
     node: Node,
+    _parting: Parting,
     context: Context,
     names: Names,
     service_mapping: ServiceMapping,
+}
+
+/// Time between a node's last message and the end of its participant.
+///
+/// RustDDS sends on a thread of its own, which ends with the participant and drops what it has not sent: other
+/// nodes would see the node until its lease expires.
+struct Parting;
+
+impl Drop for Parting {
+    fn drop(&mut self) {
+        std::thread::sleep(PARTING);
+    }
 }
 
 impl RosNode {
@@ -64,6 +81,7 @@ impl RosNode {
         let node = context.new_node(names.node().clone(), options)?;
         Ok(Self {
             node,
+            _parting: Parting,
             context,
             names,
             service_mapping: environment.service_mapping,
