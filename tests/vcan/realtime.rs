@@ -209,7 +209,11 @@ fn a_hundred_cycles_a_second_follow_the_path() {
     assert_eq!(ending["unsent"], 0);
     let count = |key: &str| ending[key].as_f64().unwrap();
     let (cycles, skipped) = (count("cycles"), count("skipped"));
-    assert!((cycles + skipped - 1500.0).abs() < 20.0, "{ending}");
+    // From the first cycle on: how long the program takes to start is not what is measured here.
+    let (first_s, last_s) = folder.cycle_times_s();
+    let due = (last_s - first_s) / 0.01 + 1.0;
+    assert!(first_s < 2.0 && last_s > 14.9, "{first_s} to {last_s} s");
+    assert!((cycles + skipped - due).abs() < 3.0, "{due}, {ending}");
     // A kernel of 100 Hz that others share may be a period late.
     assert!(skipped < 0.05 * cycles, "{ending}");
     let rms_m = cross_track_rms_m(&folder.truth(), 200);

@@ -52,6 +52,18 @@ impl Folder {
             .unwrap()
     }
 
+    /// Returns the times of the controller's first and last cycle, s.
+    pub fn cycle_times_s(&self) -> (f64, f64) {
+        let mut cycles = csv::Reader::from_path(self.0.join("run/cycles.csv")).unwrap();
+        let headers = cycles.headers().unwrap();
+        let column = headers.iter().position(|name| name == "time_s").unwrap();
+        let times_s: Vec<f64> = cycles
+            .records()
+            .map(|row| row.unwrap()[column].parse().unwrap())
+            .collect();
+        (times_s[0], *times_s.last().unwrap())
+    }
+
     /// Returns the controller's events.
     pub fn events(&self) -> String {
         std::fs::read_to_string(self.0.join("run/events.jsonl")).unwrap()
