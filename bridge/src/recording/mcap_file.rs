@@ -185,9 +185,9 @@ impl McapRecording {
             .create(true)
             .truncate(true)
             .open(&name)?;
-        let mut writer = WriteOptions::new()
+        let program = format!("sidehill {}", env!("CARGO_PKG_VERSION"));
+        let mut writer = WriteOptions::library(WriteOptions::new(), program)
             .profile("ros2")
-            .library(format!("sidehill {}", env!("CARGO_PKG_VERSION")))
             .compression(None)
             .calculate_data_section_crc(false)
             .create(WholeFile::new(file))

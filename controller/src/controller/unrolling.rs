@@ -3,7 +3,7 @@
 use crate::path::Point2;
 use crate::reference::{PROJECTION_WINDOW, Progress, Reference};
 use crate::trajectory::{Motion, ReferencePoint};
-use sidehill_plant::frames::PlanarPose;
+use sidehill_plant::frames::{PlanarPose, wrap_angle};
 
 /// Targets for a vehicle that may lag behind its reference, stage by stage.
 ///
@@ -57,7 +57,9 @@ impl<'a> Unrolling<'a> {
             y_m: nearest.position.y_m + cos * ahead_m,
             yaw_rad: point.heading_rad,
         };
-        (pose, nearest.heading_rad)
+        // In the lap of the reference, from whose headings others are counted on.
+        let turned_rad = wrap_angle(nearest.heading_rad - point.heading_rad);
+        (pose, point.heading_rad + turned_rad)
     }
 }
 
@@ -68,6 +70,7 @@ mod tests {
     use super::*;
     use crate::course::Circle;
     use crate::reference::Tracking;
+    use std::f64::consts::TAU;
 
     #[test]
     fn beside_a_bend_the_distance_across_is_that_from_the_path() {
@@ -96,6 +99,12 @@ mod tests {
             let progress = reference.advance(0.0, &ahead.pose());
             let (target, along_rad) = Unrolling::new(&reference, &progress).target(&ahead, &place);
             assert_eq!(target.yaw_rad, ahead.heading_rad);
+            let next_lap = ReferencePoint {
+                heading_rad: ahead.heading_rad + TAU,
+                ..ahead
+            };
+            let (_, again_rad) = Unrolling::new(&reference, &progress).target(&next_lap, &place);
+            assert!((again_rad - along_rad - TAU).abs() < 1e-9, "{again_rad}");
             let (sin, cos) = along_rad.sin_cos();
             let (dx, dy) = (place.x_m - target.x_m, place.y_m - target.y_m);
             let (across_m, along_m) = (cos * dx + sin * dy, -sin * dx + cos * dy);

@@ -39,6 +39,28 @@ impl ProcessNoise {
         missing: &Vector3<f64>,
         time_s: f64,
     ) -> Vector3<f64> {
-        late + (1.0 - (-time_s / self.lag_s).exp()) * missing
+        // Of no lag and no time as well, where a quotient would be no number.
+        let lag_s = self.lag_s.max(f64::MIN_POSITIVE);
+        late + (1.0 - (-time_s / lag_s).exp()) * missing
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn without_a_lag_the_velocity_is_followed_at_once_and_in_no_time_not_at_all() {
+        let noise = |lag_s| ProcessNoise {
+            slide: 0.01,
+            turn: 0.01,
+            lag_s,
+        };
+        let (late, missing) = (Vector3::new(0.1, 0.2, 0.3), Vector3::repeat(0.5));
+        let at_once = noise(0.0).followed(&late, &missing, 0.05);
+        assert!((at_once - late - missing).norm() < 1e-12);
+        for lag_s in [0.0, 0.1] {
+            assert_eq!(noise(lag_s).followed(&late, &missing, 0.0), late);
+        }
     }
 }
