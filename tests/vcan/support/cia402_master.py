@@ -40,7 +40,7 @@ def state():
 def wait_for(condition, what, for_s=5.0):
     until = time.monotonic() + for_s
     while not condition():
-        assert time.monotonic() < until, f"{what}: {newest}"
+        assert time.monotonic() < until, f"{what}: {heard} {newest}"
         time.sleep(0.005)
 
 
@@ -63,9 +63,12 @@ def drive(word, speed_m_s, for_s):
         time.sleep(0.05)
 
 
-# A reset by the network management is answered by a boot-up message, which this waits for.
+# A reset by the network management is answered by a boot-up message, state 0. It may arrive before
+# the call that sends the reset returns, so this listens first; wait_for_bootup() would miss it.
+heard = []  # states that heartbeats told
+node.nmt.add_heartbeat_callback(heard.append)
 node.nmt.send_command(0x81)
-node.nmt.wait_for_bootup(5.0)
+wait_for(lambda: 0 in heard, "a boot-up message")
 found["device"] = int.from_bytes(node.sdo.upload(0x1000, 0), "little")
 try:
     node.sdo.upload(0x5FFF, 0)
@@ -80,7 +83,7 @@ write(0x1800, 5, 20, 2)
 found["mode"] = node.sdo.upload(0x6061, 0)[0]
 network.subscribe(feedback.frame_id, hear)
 node.nmt.state = "OPERATIONAL"
-node.nmt.wait_for_heartbeat(5.0)
+wait_for(lambda: 5 in heard, "a heartbeat that says operational")
 found["nmt"] = node.nmt.state
 wait_for(lambda: newest, "a PDO")
 found["states"] = [state()]
