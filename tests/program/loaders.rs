@@ -160,7 +160,7 @@ fn use_it(kind: &str, file: &ConfigFile) {
 }
 
 /// Cases of [`damaged_files_are_refused_by_name_or_usable`].
-const CASES: u32 = 4000;
+const CASES: u32 = 2500;
 
 #[test]
 fn damaged_files_are_refused_by_name_or_usable() {

@@ -109,10 +109,6 @@ pub(super) fn pose_count(segment: &Segment) -> usize {
 /// difference of the yaws.
 fn align(matched: &[(Pose, Pose)], weights: &[f64], residuals: &mut Vec<[f64; PER_POSE]>) {
     let total: f64 = weights.iter().sum();
-    let mean = |value: &dyn Fn(&(Pose, Pose)) -> f64| {
-        let sum: f64 = matched.iter().zip(weights).map(|(m, w)| w * value(m)).sum();
-        sum / total
-    };
     let Some((start, _)) = matched.first() else {
         return;
     };
@@ -120,9 +116,22 @@ fn align(matched: &[(Pose, Pose)], weights: &[f64], residuals: &mut Vec<[f64; PE
     let yaw_off = |(measured, relative): &(Pose, Pose)| {
         wrap_angle(measured.yaw_rad - relative.yaw_rad - start.yaw_rad)
     };
-    let mean_yaw_off = mean(&yaw_off);
-    let measured_mean = [mean(&|m| m.0.x_m), mean(&|m| m.0.y_m), mean(&|m| m.0.z_m)];
-    let relative_mean = [mean(&|m| m.1.x_m), mean(&|m| m.1.y_m), mean(&|m| m.1.z_m)];
+    let means = weighted_sums(matched, weights, |pair| {
+        let (measured, relative) = pair;
+        [
+            yaw_off(pair),
+            measured.x_m,
+            measured.y_m,
+            measured.z_m,
+            relative.x_m,
+            relative.y_m,
+            relative.z_m,
+        ]
+    })
+    .map(|sum| sum / total);
+    let mean_yaw_off = means[0];
+    let measured_mean = [means[1], means[2], means[3]];
+    let relative_mean = [means[4], means[5], means[6]];
     let centred = |(measured, relative): &(Pose, Pose)| {
         (
             measured.x_m - measured_mean[0],
@@ -131,16 +140,10 @@ fn align(matched: &[(Pose, Pose)], weights: &[f64], residuals: &mut Vec<[f64; PE
             relative.y_m - relative_mean[1],
         )
     };
-    let parallel = total
-        * mean(&|m| {
-            let (mx, my, rx, ry) = centred(m);
-            mx * rx + my * ry
-        });
-    let crossed = total
-        * mean(&|m| {
-            let (mx, my, rx, ry) = centred(m);
-            my * rx - mx * ry
-        });
+    let [parallel, crossed] = weighted_sums(matched, weights, |pair| {
+        let (mx, my, rx, ry) = centred(pair);
+        [mx * rx + my * ry, my * rx - mx * ry]
+    });
     let mut yaw = start.yaw_rad + mean_yaw_off;
     for _ in 0..8 {
         let (sin, cos) = yaw.sin_cos();
@@ -162,6 +165,21 @@ fn align(matched: &[(Pose, Pose)], weights: &[f64], residuals: &mut Vec<[f64; PE
             yaw - start.yaw_rad - yaw_off(pair),
         ]);
     }
+}
+
+/// Returns the weighted sums of values of all pairs, in one pass.
+fn weighted_sums<const N: usize>(
+    matched: &[(Pose, Pose)],
+    weights: &[f64],
+    values: impl Fn(&(Pose, Pose)) -> [f64; N],
+) -> [f64; N] {
+    let mut sums = [0.0; N];
+    for (pair, weight) in matched.iter().zip(weights) {
+        for (sum, value) in sums.iter_mut().zip(values(pair)) {
+            *sum += weight * value;
+        }
+    }
+    sums
 }
 
 #[cfg(test)]

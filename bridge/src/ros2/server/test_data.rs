@@ -15,6 +15,7 @@ use sidehill_controller::tracked_point::TrackedPoint;
 use sidehill_plant::frames::PlanarPose;
 use sidehill_plant::speeds::MotorSpeeds;
 use sidehill_plant::vehicle::Vehicle;
+use std::sync::LazyLock;
 
 /// An estimate on level ground.
 pub(crate) fn estimate(time_s: f64, x_m: f64, yaw_rad: f64) -> Estimate {
@@ -114,7 +115,10 @@ pub(crate) fn route_settings() -> RouteSettings {
     }
 }
 
-/// The J8.
+/// The J8. Its file is read once: random runs ask for it at every distance.
 pub(crate) fn j8() -> Vehicle {
-    serde_yaml::from_str(include_str!("../../../../config/vehicles/j8.yaml")).unwrap()
+    static J8: LazyLock<Vehicle> = LazyLock::new(|| {
+        serde_yaml::from_str(include_str!("../../../../config/vehicles/j8.yaml")).unwrap()
+    });
+    J8.clone()
 }
