@@ -211,29 +211,6 @@ impl Controller {
         self.discard_plan();
     }
 
-    /// Stops the vehicle at its decelerations from the next cycle on.
-    pub fn request_stop(&mut self) {
-        if !matches!(self.phase, Phase::Stopped(_)) {
-            self.phase = Phase::Stopped(StopReason::Requested);
-        }
-    }
-
-    /// Lets a stopped controller drive again, with a new estimate and a new plan: readings
-    /// may have been missing for so long that the filter would reject the poses that arrive now.
-    pub fn rearm(&mut self) {
-        self.estimator.restart();
-        if let Some(guard) = &mut self.guard {
-            guard.reset();
-        }
-        if let Some(memory) = &mut self.memory {
-            memory.reset();
-        }
-        self.standstill = Standstill::START;
-        self.phase = Phase::Driving { fallback_cycles: 0 };
-        self.last_time_s = None;
-        self.discard_plan();
-    }
-
     /// Decides on the command from this cycle's time until the next; `deadline` ends a solve.
     ///
     /// Total: in every case of doubt it makes a controlled stop, with a [`Status`] that says why.

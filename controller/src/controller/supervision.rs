@@ -1,6 +1,7 @@
 //! What stops a controller: its clock, its readings, where it is on its path, and no solution.
 
 use super::parts::Law;
+use super::standstill::Standstill;
 use super::watchdog::Observation;
 use super::{Controller, Phase, Status, StopReason};
 use crate::config::AttitudePreview;
@@ -22,6 +23,29 @@ const DOUBTED_SHARE: f64 = 0.5;
 const DOUBTED_MIN_S: f64 = 0.25;
 
 impl Controller {
+    /// Stops the vehicle at its decelerations from the next cycle on.
+    pub fn request_stop(&mut self) {
+        if !matches!(self.phase, Phase::Stopped(_)) {
+            self.phase = Phase::Stopped(StopReason::Requested);
+        }
+    }
+
+    /// Lets a stopped controller drive again, with a new estimate and a new plan: readings
+    /// may have been missing for so long that the filter would reject the poses that arrive now.
+    pub fn rearm(&mut self) {
+        self.estimator.restart();
+        if let Some(guard) = &mut self.guard {
+            guard.reset();
+        }
+        if let Some(memory) = &mut self.memory {
+            memory.reset();
+        }
+        self.standstill = Standstill::START;
+        self.phase = Phase::Driving { fallback_cycles: 0 };
+        self.last_time_s = None;
+        self.discard_plan();
+    }
+
     /// Returns the time since the cycle before; stops if the clock stands still, jumps or is not a number.
     pub(super) fn elapsed(&mut self, now_s: f64) -> f64 {
         let Some(before_s) = self.last_time_s else {

@@ -21,9 +21,11 @@ mod ahead;
 mod drive;
 mod obstacles;
 mod passing;
+mod placed_route;
 mod prepare;
 mod waiting;
 
+use self::placed_route::PlacedRoute;
 use super::checkers::ProgressChecker;
 use super::goal_context::{Client, GoalContext, Request, Requests};
 use super::outcome::Outcome;
@@ -31,7 +33,6 @@ use super::path_frame::{inverse, pose_in};
 use super::requested_path::RequestedPath;
 use super::route::{Route, RouteSettings};
 use super::termination::{Termination, abort_cause};
-use crate::control_loop::channel::PathCommand;
 use crate::ros2::node::goals::GoalEnd;
 use crate::ros2::node::message::action::code;
 use crate::safety::StopCause;
@@ -62,24 +63,6 @@ pub(crate) struct SessionSettings {
     pub(crate) odometry_frame: String,
     /// Model by which the slide of a pivot is predicted.
     pub(crate) vehicle: Vehicle,
-}
-
-/// A route and the frame of its path in that of the odometry, as the controller has them.
-struct PlacedRoute {
-    route: Route,
-    frame: PlanarPose,
-    /// The controller does not have the newest speeds or frame yet.
-    changed: bool,
-}
-
-impl PlacedRoute {
-    fn command(&self, number: u64, from_m: f64) -> PathCommand {
-        PathCommand {
-            number,
-            trajectory: self.route.trajectory.clone().seen_from(&self.frame),
-            from_m,
-        }
-    }
 }
 
 /// What the controller follows for this session.

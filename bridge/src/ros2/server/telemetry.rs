@@ -19,6 +19,7 @@ use sidehill_controller::controller::Decision;
 use sidehill_controller::estimator::Estimate;
 use sidehill_plant::frames::{Attitude, PlanarPose, Pose};
 use sidehill_plant::vehicle::Vehicle;
+use std::cell::LazyCell;
 use std::collections::BTreeSet;
 
 /// Time between two predicted trajectories, s.
@@ -127,7 +128,7 @@ impl Telemetry {
             header: header.clone(),
             pose: pose_with_covariance(estimate),
         });
-        let state = odometry_state(estimate, &self.vehicle);
+        let state = LazyCell::new(|| odometry_state(estimate, &self.vehicle));
         if let Some(transforms) = &self.transforms {
             let transform = transform_message(&state, header.clone(), &self.base);
             let _ = transforms.publish(TfMessage {
