@@ -217,11 +217,8 @@ impl Reference {
             }
             Tracking::Time => TIMED_LEAD_MAX_M,
         };
-        let (sin, cos) = point.heading_rad.sin_cos();
-        let ahead_m =
-            -sin * (point.position.x_m - here.x_m) + cos * (point.position.y_m - here.y_m);
         match point.motion {
-            Motion::Drive => point.speed_m_s.signum() * ahead_m > lead_max_m,
+            Motion::Drive => point.ahead_of_m(here) > lead_max_m,
             Motion::Pivot | Motion::Stand => false,
         }
     }

@@ -57,6 +57,14 @@ impl ReferencePoint {
             yaw_rad: self.heading_rad,
         }
     }
+
+    /// Returns how far it is ahead of a place in its direction of travel, m.
+    pub fn ahead_of_m(&self, place: &Point2) -> f64 {
+        let (sin, cos) = self.heading_rad.sin_cos();
+        let forward_m =
+            -sin * (self.position.x_m - place.x_m) + cos * (self.position.y_m - place.y_m);
+        self.speed_m_s.signum() * forward_m
+    }
 }
 
 /// A time-parametrised reference, stored on a uniform grid of time.

@@ -73,8 +73,10 @@ impl Controller {
         self.horizon.start = self.roll_forward(estimate, progress);
         self.horizon.previous = previous;
         self.horizon.change_weights = self.config.change_weights(caution);
-        self.standstill
-            .observe(elapsed_s, progress, estimate.pose.yaw_rad);
+        let point = self
+            .tracked_point()
+            .of(&estimate.pose, &estimate.normal_in_world);
+        self.standstill.observe(elapsed_s, progress, &point);
         self.fill_targets(estimate, progress, half_track_m, caution);
     }
 

@@ -1,9 +1,10 @@
 //! A vehicle that makes no progress behind its reference.
 
 use crate::mpc::StageWeights;
+use crate::path::Point2;
 use crate::reference::Progress;
 use crate::trajectory::Motion;
-use sidehill_plant::frames::wrap_angle;
+use sidehill_plant::frames::{PlanarPose, wrap_angle};
 
 /// Way along the path that counts as progress, m.
 const WAY_M: f64 = 0.05;
@@ -41,11 +42,16 @@ impl Standstill {
         urged_s: 0.0,
     };
 
-    /// Takes where the vehicle is on its path and its heading, rad.
-    pub(super) fn observe(&mut self, elapsed_s: f64, progress: &Progress, yaw_rad: f64) {
-        let error_rad = wrap_angle(yaw_rad - progress.point.heading_rad).abs();
+    /// Takes where the vehicle is on its path and the pose that follows it.
+    pub(super) fn observe(&mut self, elapsed_s: f64, progress: &Progress, pose: &PlanarPose) {
+        let error_rad = wrap_angle(pose.yaw_rad - progress.point.heading_rad).abs();
         let arc_m = progress.arc_length_m;
-        let behind_m = progress.point.arc_length_m - arc_m;
+        let place = Point2 {
+            x_m: pose.x_m,
+            y_m: pose.y_m,
+        };
+        // Short of a cusp the nearest point of the path may lie past it, ahead of the reference.
+        let behind_m = (progress.point.arc_length_m - arc_m).max(progress.point.ahead_of_m(&place));
         self.since_s += elapsed_s;
         if progress.point.motion != Motion::Drive || arc_m >= self.farthest_m + WAY_M {
             self.farthest_m = arc_m;
@@ -79,8 +85,11 @@ mod tests {
     #![allow(clippy::unwrap_used)]
 
     use super::*;
-    use crate::course::Circle;
+    use crate::config::ControllerConfig;
+    use crate::course::{Circle, Course, Cusp};
     use crate::reference::{Reference, Tracking};
+    use crate::speed_profile::SpeedConfig;
+    use sidehill_plant::vehicle::Vehicle;
 
     const PERIOD_S: f64 = 0.05;
     const WEIGHTS: StageWeights = StageWeights {
@@ -104,7 +113,11 @@ mod tests {
             progress.arc_length_m = 1.0 + speed_m_s * at_s;
             progress.point.arc_length_m = progress.arc_length_m + behind_m;
             let error_rad = 0.5 - turn_rad_s * at_s;
-            standstill.observe(PERIOD_S, &progress, progress.point.heading_rad + error_rad);
+            let pose = PlanarPose {
+                yaw_rad: progress.point.heading_rad + error_rad,
+                ..progress.point.pose()
+            };
+            standstill.observe(PERIOD_S, &progress, &pose);
         }
         standstill.urge(WEIGHTS)
     }
@@ -118,6 +131,31 @@ mod tests {
         let back = weights_after(4.0, 0.5, -0.1, -0.1);
         assert!((back.along_per_m2 - 50.0).abs() < 1e-9, "{back:?}");
         assert_eq!(back.cross_per_m2, 50.0);
+    }
+
+    /// The nearest point of the path to a vehicle that stands beside the way back from a cusp is there, ahead of
+    /// the reference, which waits short of the cusp.
+    #[test]
+    fn a_vehicle_that_stands_short_of_a_cusp_is_urged_there() {
+        let limits =
+            SpeedConfig::default().limits(&ControllerConfig::default().limits, &Vehicle::j8());
+        let trajectory = Course::Cusp(Cusp::default()).trajectory(&limits).unwrap();
+        let cusp_m = trajectory.path().unwrap().cusps_m().next().unwrap();
+        let mut reference = Reference::new(trajectory, Tracking::Path { lead_max_m: 0.3 })
+            .starting_at(cusp_m - 0.3);
+        let back = reference.path().unwrap().at(cusp_m + 0.6);
+        let pose = PlanarPose {
+            x_m: back.position.x_m,
+            y_m: back.position.y_m,
+            yaw_rad: back.heading_rad,
+        };
+        let mut standstill = Standstill::START;
+        for _ in 0..80 {
+            let progress = reference.advance(PERIOD_S, &pose);
+            assert!(progress.arc_length_m > progress.point.arc_length_m);
+            standstill.observe(PERIOD_S, &progress, &pose);
+        }
+        assert_eq!(standstill.urge(WEIGHTS).along_per_m2, 50.0);
     }
 
     #[test]
