@@ -197,6 +197,7 @@ fn horizons(
                 start: sample.pose.unwrap().value.planar(),
                 previous,
                 change_weights: config.change_weights(0.0),
+                half_track_m: 1.0,
                 targets,
             };
             previous = *command;

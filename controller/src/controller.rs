@@ -106,6 +106,7 @@ impl Controller {
                 start: Default::default(),
                 previous: MotorSpeeds::STOP,
                 change_weights: config.change_weights(0.0),
+                half_track_m: 0.5 * (vehicle.icrs.right_m - vehicle.icrs.left_m),
                 targets: Vec::with_capacity(config.stages),
             },
             issued: IssuedCommands::new(config.period_s),

@@ -44,7 +44,7 @@ impl Controller {
         elapsed_s: f64,
         sample: &Sample,
     ) {
-        let half_track_m = 0.5 * (self.vehicle.icrs.right_m - self.vehicle.icrs.left_m);
+        let half_track_m = self.horizon.half_track_m;
         let previous = self.issued.last();
         let Law::Mpc(mpc) = &mut self.law else {
             return;

@@ -17,8 +17,7 @@ impl Mpc {
         match self.region {
             Some(region) => self.region = Some(self.apply_within(region, horizon)),
             // At the end of grip two plans can lead to one another for ever, each good about the other only.
-            // The guess for a first plan does not keep the limits: part of a step from it would not either.
-            None if self.planned && self.largest_steer_correction_m_s() > CHECKED_STEER_M_S => {
+            None if self.largest_steer_correction_m_s() > CHECKED_STEER_M_S => {
                 self.apply_within(TrustRegion::new(StepLimit::WHOLE_STEP), horizon);
             }
             None => self.apply(1.0),

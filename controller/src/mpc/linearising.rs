@@ -1,33 +1,17 @@
 //! The plan of the cycle before, moved on, and the stages linearised about it.
 
 use super::condensing::Stage;
-use super::model::StepStart;
 use super::{ChangeWeights, Horizon, Mpc, vector};
 use nalgebra::Vector3;
 use sidehill_plant::frames::wrap_angle;
 use sidehill_plant::speeds::MotorSpeeds;
 
 impl Mpc {
-    /// Puts the targets as states and their feed-forward as inputs into the plan.
-    pub(super) fn guess(&mut self, horizon: &Horizon) {
-        self.starts.fill(StepStart::default());
-        let state = &horizon.start;
-        self.plan.states[0] = vector(state);
-        for (k, target) in horizon.targets.iter().enumerate() {
-            let mut next = vector(
-                &target
-                    .tracked_point
-                    .origin_of(&target.pose, &target.normal_in_world),
-            );
-            next.z = state.yaw_rad + wrap_angle(next.z - state.yaw_rad);
-            self.plan.states[k + 1] = next;
-            self.plan.inputs[k] = target.feedforward;
-        }
-        // Unwrap, so that the plan's heading runs on where the targets' does.
-        for k in 1..=horizon.targets.len() {
-            let before = self.plan.states[k - 1].z;
-            let yaw = &mut self.plan.states[k].z;
-            *yaw = before + wrap_angle(*yaw - before);
+    /// Returns the time for a change of the inputs to those of a stage, s.
+    pub(super) fn change_time_s(&self, stage: usize) -> f64 {
+        match stage {
+            0 => self.settings.period_s,
+            _ => self.times.step_s(stage - 1),
         }
     }
 
@@ -56,11 +40,7 @@ impl Mpc {
 
     /// Dynamics, errors and limits of each stage about the plan, whose first state becomes the
     /// horizon's start; returns the one it had.
-    pub(super) fn linearise_about_plan(
-        &mut self,
-        horizon: &Horizon,
-        guessed: bool,
-    ) -> Vector3<f64> {
+    pub(super) fn linearise_about_plan(&mut self, horizon: &Horizon) -> Vector3<f64> {
         let mut start = vector(&horizon.start);
         // The plan's heading is not wrapped; the state's turn count is taken from it.
         start.z = self.plan.states[0].z + wrap_angle(start.z - self.plan.states[0].z);
@@ -84,11 +64,7 @@ impl Mpc {
             );
             step.increment += step_s * target.slip;
             let (sin, cos) = target.along_heading_rad.sin_cos();
-            let time_s = if k == 0 {
-                settings.period_s
-            } else {
-                self.times.step_s(k - 1)
-            };
+            let time_s = self.change_time_s(k);
             let lever = target.tracked_point.lever(&target.normal_in_world, next.z);
             let error = Vector3::new(
                 next.x + lever.offset_m.0 - target.pose.x_m,
@@ -96,9 +72,7 @@ impl Mpc {
                 wrap_angle(next.z - target.pose.yaw_rad),
             );
             let mut weights = target.weights;
-            if !guessed {
-                weights.heading_per_rad2 += settings.heading_excess.weight(error.z);
-            }
+            weights.heading_per_rad2 += settings.heading_excess.weight(error.z);
             // The cost is that of even stages, each of them a sample of an integral.
             let mut factor = step_s / settings.step_s;
             if k + 1 == horizon.targets.len() {

@@ -10,6 +10,7 @@ mod clarabel_qp;
 mod condensing;
 mod dual_active_set;
 mod failure;
+mod first_plan;
 mod following;
 mod limit_search;
 pub mod limits;
@@ -61,7 +62,7 @@ pub struct StageTarget {
     pub along_heading_rad: f64,
     /// Upward unit normal of the ground during the stage, world frame.
     pub normal_in_world: Vector3<f64>,
-    /// Input of the flat model that would follow the target; a plan made from nothing begins with it.
+    /// Input of the flat model that would follow the target.
     pub feedforward: MotorSpeeds,
     /// Velocity that the model does not have, (x, y, yaw) in the world.
     pub slip: Vector3<f64>,
@@ -91,6 +92,8 @@ pub struct Horizon {
     pub previous: MotorSpeeds,
     /// Weights of changes of the inputs.
     pub change_weights: ChangeWeights,
+    /// Half of the distance of the treads' ICRs on level ground, m: steer over yaw rate of the flat model.
+    pub half_track_m: f64,
     /// One target for each stage.
     pub targets: Vec<StageTarget>,
 }
@@ -222,21 +225,19 @@ impl Mpc {
         &self.times
     }
 
-    /// Linearises `horizon` about the shifted plan or, where there is none, about a guess: the targets
-    /// as states, with their feed-forward as inputs. The plan then converges over the cycles to come,
-    /// with one QP each. Allocates nothing.
+    /// Linearises `horizon` about the shifted plan or, where there is none, about a drive of the model that steers
+    /// towards the path. The plan then converges over the cycles to come, with one QP each. Allocates nothing.
     pub fn linearise<'a>(&'a mut self, horizon: &'a Horizon) -> Linearised<'a> {
-        let guessed = !self.planned;
-        if guessed {
-            self.guess(horizon);
-        } else {
+        if self.planned {
             let normal_at_end = horizon
                 .targets
                 .last()
                 .map_or(Vector3::z(), |target| target.normal_in_world);
             self.shift(horizon.elapsed_s, &normal_at_end);
+        } else {
+            self.begin_plan(horizon);
         }
-        let first = self.linearise_about_plan(horizon, guessed);
+        let first = self.linearise_about_plan(horizon);
         Linearised {
             mpc: self,
             horizon,

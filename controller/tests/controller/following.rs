@@ -6,6 +6,7 @@ use sidehill_controller::controller::Status;
 use sidehill_controller::reference::{Reference, Tracking};
 use sidehill_plant::frames::PlanarPose;
 use sidehill_plant::speeds::MotorSpeeds;
+use sidehill_plant::terrain::{PlaneTerrain, Terrain};
 
 #[test]
 fn a_timed_reference_waits_for_a_vehicle_that_stands_and_goes_on_with_it() {
@@ -169,4 +170,27 @@ fn another_path_is_taken_up_while_driving() {
         let progress_m = decision.progress.unwrap().arc_length_m;
         assert!((progress_m - 4.0).abs() < 0.2, "{progress_m}");
     }
+}
+
+/// Turned away from the path, above it and with traction limited to 0.52 m/s^2, a plan that reverses first is a
+/// local optimum, too.
+#[test]
+fn from_beside_the_path_the_vehicle_drives_on_towards_it() {
+    let mut setup = Setup::new(course("{shape: straight, length_m: 8, speed_m_s: 0.6}"));
+    setup.kind = ControllerKind::ContactMpc;
+    setup.tracking = Tracking::Path { lead_max_m: 0.6 };
+    let traction = &mut setup.config.limits.traction;
+    (traction.acceleration_m_s2, traction.deceleration_m_s2) = (0.52, 0.52);
+    setup.config.weights.steer_change_s3_per_m2 = 0.8;
+    setup.config.weights.heading_per_rad2 = 0.4;
+    setup.terrain = Terrain::Plane(PlaneTerrain::new(12.0, -75.0).unwrap());
+    setup.start.x_m -= 0.38;
+    setup.start.y_m += 0.11;
+    setup.start.yaw_rad += 0.37;
+    let mut rig = setup.build();
+    for _ in 0..16 {
+        rig.cycle();
+        assert!(rig.command.traction_m_s >= 0.0, "{:?}", rig.command);
+    }
+    assert!(rig.command.traction_m_s > 0.3, "{:?}", rig.command);
 }

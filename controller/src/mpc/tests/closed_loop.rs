@@ -59,6 +59,7 @@ impl Course {
                 traction: 0.05,
                 steer: 0.05,
             },
+            half_track_m: 1.0,
             targets,
         }
     }

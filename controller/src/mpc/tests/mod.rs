@@ -3,6 +3,7 @@
 mod binding_limits;
 mod closed_loop;
 mod condensed;
+mod first_plan;
 mod limit_search;
 mod limits;
 mod qp;

@@ -1,0 +1,77 @@
+//! The plan that a first QP is linearised about.
+
+use super::closed_loop::{mpc, settings};
+use super::*;
+use crate::tracked_point::TrackedPoint;
+use sidehill_plant::frames::wrap_angle;
+
+/// Returns a horizon along +Y_g at `speed_m_s` on 10 degrees, for a vehicle so far to the right of it, ahead of it and
+/// turned.
+fn beside(speed_m_s: f64, right_m: f64, ahead_m: f64, yaw_rad: f64) -> Horizon {
+    let slope = 10.0_f64.to_radians();
+    let target = |k: usize| StageTarget {
+        pose: PlanarPose {
+            x_m: 0.0,
+            y_m: speed_m_s * 0.15 * k as f64,
+            yaw_rad: 0.0,
+        },
+        tracked_point: TrackedPoint::ORIGIN,
+        along_heading_rad: 0.0,
+        normal_in_world: Vector3::new(slope.sin(), 0.0, slope.cos()),
+        feedforward: motors(speed_m_s, 0.0),
+        slip: Vector3::zeros(),
+        weights: StageWeights {
+            along_per_m2: 1.0,
+            cross_per_m2: 50.0,
+            heading_per_rad2: 0.02,
+        },
+    };
+    Horizon {
+        elapsed_s: 0.05,
+        start: PlanarPose {
+            x_m: right_m,
+            y_m: ahead_m,
+            yaw_rad,
+        },
+        previous: MotorSpeeds::STOP,
+        change_weights: ChangeWeights {
+            traction: 0.05,
+            steer: 0.05,
+        },
+        half_track_m: 1.0,
+        targets: (1..=40).map(target).collect(),
+    }
+}
+
+proptest! {
+    #[test]
+    fn a_first_plan_leads_to_the_path_within_the_limits(
+        speed_m_s in prop_oneof![-0.7..-0.3, 0.3..0.7],
+        right_m in -0.6..0.6,
+        ahead_m in -0.3..0.3,
+        yaw_rad in -0.6..0.6,
+    ) {
+        let horizon = beside(speed_m_s, right_m, ahead_m, yaw_rad);
+        let mut mpc = mpc(settings(40, 5));
+        mpc.begin_plan(&horizon);
+        let limits = mpc.settings.limits;
+        let mut before = horizon.previous;
+        for k in 0..40 {
+            let input = mpc.plan.inputs[k];
+            let kept = limits.project(input, before, mpc.change_time_s(k));
+            prop_assert!((kept.traction_m_s - input.traction_m_s).abs() < 1e-12, "{k}");
+            prop_assert!((kept.steer_m_s - input.steer_m_s).abs() < 1e-12, "{k}");
+            prop_assert!(input.traction_m_s * speed_m_s >= 0.0, "{k}: {input:?}");
+            let target = &horizon.targets[k];
+            let state = &mpc.plan.states[k];
+            let step = mpc.model.step_on_plane(&target.normal_in_world, state.z, input, 0.15);
+            prop_assert!((mpc.plan.states[k + 1] - state - step.increment).norm() < 1e-12, "{k}");
+            before = input;
+        }
+        let (end, target) = (&mpc.plan.states[40], &horizon.targets[39].pose);
+        // What is left beside the path makes up for the slide.
+        prop_assert!((end.x - target.x_m).abs() < 0.2, "{end}");
+        prop_assert!((end.y - target.y_m).abs() < 0.4, "{end}");
+        prop_assert!(wrap_angle(end.z - target.yaw_rad).abs() < 0.4, "{end}");
+    }
+}
