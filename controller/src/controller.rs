@@ -98,6 +98,7 @@ impl Controller {
             adapts,
         } = Parts::of(kind, &config, vehicle)?;
         estimator.keep_learned(config.memory.is_some_and(|memory| memory.keep_gains));
+        let half_track_m = 0.5 * (vehicle.icrs.right_m - vehicle.icrs.left_m);
         Ok(Self {
             estimator,
             reference: None,
@@ -106,14 +107,14 @@ impl Controller {
                 start: Default::default(),
                 previous: MotorSpeeds::STOP,
                 change_weights: config.change_weights(0.0),
-                half_track_m: 0.5 * (vehicle.icrs.right_m - vehicle.icrs.left_m),
+                half_track_m,
                 targets: Vec::with_capacity(config.stages),
             },
             issued: IssuedCommands::new(config.period_s),
             watchdog: Watchdog::new(
                 &config.supervisor,
                 config.limits,
-                0.5 * (vehicle.icrs.right_m - vehicle.icrs.left_m),
+                half_track_m,
                 config.period_s,
             ),
             standstill: Standstill::START,

@@ -77,17 +77,12 @@ impl Controller {
             .tracked_point()
             .of(&estimate.pose, &estimate.normal_in_world);
         self.standstill.observe(elapsed_s, progress, &point);
-        self.fill_targets(estimate, progress, half_track_m, caution);
+        self.fill_targets(estimate, progress, caution);
     }
 
     /// Puts the reference over the horizon into its targets.
-    fn fill_targets(
-        &mut self,
-        estimate: &Estimate,
-        progress: &Progress,
-        half_track_m: f64,
-        caution: f64,
-    ) {
+    fn fill_targets(&mut self, estimate: &Estimate, progress: &Progress, caution: f64) {
+        let half_track_m = self.horizon.half_track_m;
         self.horizon.targets.clear();
         let (Some(reference), Law::Mpc(mpc)) = (&self.reference, &self.law) else {
             return;
@@ -155,7 +150,7 @@ impl Controller {
             });
         }
         if !tracked_point.is_origin() {
-            self.turn_targets(tracked_point, half_track_m);
+            self.turn_targets(tracked_point);
         }
     }
 
@@ -165,7 +160,8 @@ impl Controller {
     /// A point ahead of the line through the ICRs swings the body into its direction, from the heading
     /// that the vehicle has; one behind it, or one ahead in reverse, must be led there by headings that
     /// follow from those at the end of the horizon.
-    fn turn_targets(&mut self, point: TrackedPoint, half_track_m: f64) {
+    fn turn_targets(&mut self, point: TrackedPoint) {
+        let half_track_m = self.horizon.half_track_m;
         let (Some(reference), Law::Mpc(mpc)) = (&self.reference, &self.law) else {
             return;
         };

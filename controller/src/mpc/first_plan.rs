@@ -27,7 +27,10 @@ impl Mpc {
         self.plan.states[0] = state;
         for (k, target) in horizon.targets.iter().enumerate() {
             let wanted = towards(target, &state, horizon.half_track_m);
-            input = limits.project(wanted, input, self.change_time_s(k));
+            // A horizon that is no number ends in the QP's failure.
+            if wanted.is_finite() {
+                input = limits.project(wanted, input, self.change_time_s(k));
+            }
             let step_s = self.times.step_s(k);
             let start = &mut self.starts[k];
             let step = self

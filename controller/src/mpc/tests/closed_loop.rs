@@ -64,7 +64,7 @@ impl Course {
         }
     }
 
-    /// Solves a cycle: the first from a guess, later ones about the shifted plan.
+    /// Solves a cycle: the first about a first plan, later ones about the shifted plan.
     pub fn solve(&self, mpc: &mut Mpc) -> Result<SolveReport, QpFailure> {
         solve(mpc, &self.horizon(&mpc.settings), None)
     }

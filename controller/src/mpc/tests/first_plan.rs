@@ -1,6 +1,6 @@
 //! The plan that a first QP is linearised about.
 
-use super::closed_loop::{mpc, settings};
+use super::closed_loop::{mpc, settings, solve};
 use super::*;
 use crate::tracked_point::TrackedPoint;
 use sidehill_plant::frames::wrap_angle;
@@ -41,6 +41,22 @@ fn beside(speed_m_s: f64, right_m: f64, ahead_m: f64, yaw_rad: f64) -> Horizon {
         half_track_m: 1.0,
         targets: (1..=40).map(target).collect(),
     }
+}
+
+#[test]
+fn a_first_plan_from_or_to_nowhere_is_a_failure_and_the_next_one_is_right() {
+    let horizon = beside(0.5, 0.3, 0.0, 0.2);
+    let mut mpc = mpc(settings(40, 5));
+    let mut lost = horizon.clone();
+    lost.start.x_m = f64::NAN;
+    let mut nowhere = horizon.clone();
+    nowhere.targets[7].pose.yaw_rad = f64::NAN;
+    for horizon in [&lost, &nowhere] {
+        let failure = solve(&mut mpc, horizon, None);
+        assert_eq!(failure, Err(QpFailure::NotFinite));
+        assert!(mpc.plan().is_none());
+    }
+    solve(&mut mpc, &horizon, None).unwrap();
 }
 
 proptest! {
