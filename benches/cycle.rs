@@ -177,7 +177,8 @@ fn horizons(
         .map(|(sample, command)| {
             let targets = (1..=settings.stages)
                 .map(|k| {
-                    let point = trajectory.at(sample.time_s + settings.step_s * k as f64);
+                    let end_s = settings.step_s * k as f64;
+                    let point = trajectory.at(sample.time_s + end_s);
                     StageTarget {
                         tracked_point: TrackedPoint::ORIGIN,
                         pose: point.pose(),
@@ -188,7 +189,7 @@ fn horizons(
                             steer_m_s: point.yaw_rate_rad_s,
                         },
                         slip: Vector3::zeros(),
-                        weights: config.stage_weights(point.motion, 0.0),
+                        weights: config.stage_weights(point.motion, 0.0, end_s),
                     }
                 })
                 .collect();

@@ -234,6 +234,7 @@ impl ControllerConfig {
     pub(crate) fn for_contact(mut self) -> Self {
         self.last_step_s = self.contact.last_step_s;
         self.weights.along_per_m2 = self.contact.along_per_m2;
+        self.weights.cross_ramp_s = self.contact.cross_ramp_s;
         self.step_limit = self.contact.step_limit;
         self
     }
@@ -270,15 +271,20 @@ impl ControllerConfig {
         }
     }
 
-    /// Returns the weights of a stage at a caution from 0 to 1: at the end an error across the path is
-    /// left as it is, since no distance remains in which to correct it.
-    pub fn stage_weights(&self, motion: Motion, caution: f64) -> StageWeights {
+    /// Returns the weights of a stage that ends `end_s` after the begin of the horizon, at a caution from 0 to 1: at
+    /// the end an error across the path is left as it is, since no distance remains in which to correct it.
+    pub fn stage_weights(&self, motion: Motion, caution: f64, end_s: f64) -> StageWeights {
         let w = &self.weights;
+        let ramp = if end_s < w.cross_ramp_s {
+            end_s / w.cross_ramp_s
+        } else {
+            1.0
+        };
         let calmer = (self.caution.heading_per_rad2 - w.heading_per_rad2).max(0.0);
         match motion {
             Motion::Drive => StageWeights {
                 along_per_m2: w.along_per_m2,
-                cross_per_m2: w.cross_per_m2,
+                cross_per_m2: ramp * w.cross_per_m2,
                 heading_per_rad2: w.heading_per_rad2 + caution * calmer,
             },
             Motion::Pivot => StageWeights {
@@ -292,5 +298,27 @@ impl ControllerConfig {
                 heading_per_rad2: w.pivot_heading_per_rad2,
             },
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_weight_across_the_path_grows_over_the_ramp_and_only_while_driving() {
+        let config = ControllerConfig::default().for_contact();
+        let ramp_s = config.contact.cross_ramp_s;
+        let cross = |motion, end_s| config.stage_weights(motion, 0.0, end_s).cross_per_m2;
+        let full = config.weights.cross_per_m2;
+        assert!((cross(Motion::Drive, ramp_s / 3.0) - full / 3.0).abs() < 1e-9);
+        assert_eq!(cross(Motion::Drive, ramp_s), full);
+        assert_eq!(cross(Motion::Drive, 7.0), full);
+        let pivot = config.weights.pivot_position_per_m2;
+        assert_eq!(cross(Motion::Pivot, ramp_s / 3.0), pivot);
+        // The other controllers weigh all errors alike.
+        let config = ControllerConfig::default();
+        let weights = config.stage_weights(Motion::Drive, 0.0, 0.15);
+        assert_eq!(weights.cross_per_m2, config.weights.cross_per_m2);
     }
 }

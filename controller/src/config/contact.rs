@@ -11,6 +11,8 @@ pub struct ContactMpcConfig {
     /// Position error along the path, 1/m^2. Less than across it: where grip allows no faster turn, the
     /// vehicle falls behind its reference but stays on the path.
     pub along_per_m2: f64,
+    /// Time over which the weight across the path grows to its full value, s, in place of that of the weights.
+    pub cross_ramp_s: f64,
     /// How far a QP's solution is followed in a cycle; all the way without it.
     pub step_limit: Option<StepLimit>,
 }
@@ -20,6 +22,7 @@ impl Default for ContactMpcConfig {
         Self {
             last_step_s: 0.22,
             along_per_m2: 1.0,
+            cross_ramp_s: 0.6,
             step_limit: Some(StepLimit::default()),
         }
     }
@@ -33,6 +36,7 @@ impl ContactMpcConfig {
     pub(super) fn validate(&self) -> Result<(), RangeError> {
         Bounds::new(0.005, 10.0, "s").check("contact.last_step_s", self.last_step_s)?;
         Bounds::new(0.0, 1e6, "").check("contact.along_per_m2", self.along_per_m2)?;
+        Bounds::new(0.0, 10.0, "s").check("contact.cross_ramp_s", self.cross_ramp_s)?;
         self.step_limit.map_or(Ok(()), |limit| limit.validate())
     }
 }

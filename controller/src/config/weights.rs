@@ -9,6 +9,9 @@ pub struct Weights {
     pub along_per_m2: f64,
     /// Position error across the path, 1/m^2.
     pub cross_per_m2: f64,
+    /// Time from the begin of the horizon over which the weight across the path grows in proportion to its full value,
+    /// s; 0 weighs all errors alike. Motors change their speeds too slowly to correct what is nearer.
+    pub cross_ramp_s: f64,
     /// Heading error while driving, 1/rad^2. Small: the heading that keeps the path is not its
     /// tangent.
     pub heading_per_rad2: f64,
@@ -35,6 +38,7 @@ impl Default for Weights {
         Self {
             along_per_m2: 50.0,
             cross_per_m2: 50.0,
+            cross_ramp_s: 0.0,
             heading_per_rad2: 0.02,
             heading_excess_per_rad2: 10.0,
             heading_free_rad: 0.5,
@@ -93,6 +97,7 @@ impl Weights {
         ] {
             Bounds::new(0.0, 1e6, "").check(key, value)?;
         }
+        Bounds::new(0.0, 10.0, "s").check("weights.cross_ramp_s", self.cross_ramp_s)?;
         Bounds::new(0.01, 3.2, "rad").check("weights.heading_free_rad", self.heading_free_rad)?;
         // Without a price on changes the QP would not be strictly convex.
         for (key, value) in [

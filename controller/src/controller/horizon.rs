@@ -146,7 +146,7 @@ impl Controller {
                 slip,
                 weights: self
                     .standstill
-                    .urge(config.stage_weights(point.motion, caution)),
+                    .urge(config.stage_weights(point.motion, caution, *end_s)),
             });
         }
         if !tracked_point.is_origin() {

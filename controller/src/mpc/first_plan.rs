@@ -47,17 +47,15 @@ impl Mpc {
 /// that catch up with it.
 fn towards(target: &StageTarget, state: &Vector3<f64>, half_track_m: f64) -> MotorSpeeds {
     let feedforward = target.feedforward;
-    let lever = target.tracked_point.lever(&target.normal_in_world, state.z);
-    let dx = state.x + lever.offset_m.0 - target.pose.x_m;
-    let dy = state.y + lever.offset_m.1 - target.pose.y_m;
-    let (sin, cos) = target.along_heading_rad.sin_cos();
-    let ahead_m = cos * dy - sin * dx;
-    let left_m = -cos * dx - sin * dy;
-    let mut heading_rad = target.pose.yaw_rad;
+    let error = target.error_of(state).state;
+    let along = target.along();
+    let ahead_m = along.0 * error.x + along.1 * error.y;
+    let left_m = along.0 * error.y - along.1 * error.x;
+    let mut turn_rad = -error.z;
     if feedforward.traction_m_s != 0.0 {
-        heading_rad -= feedforward.traction_m_s.signum() * (RETURN_PER_M * left_m).atan();
+        turn_rad -= feedforward.traction_m_s.signum() * (RETURN_PER_M * left_m).atan();
     }
-    let turn_rad = wrap_angle(heading_rad - state.z);
+    let turn_rad = wrap_angle(turn_rad);
     MotorSpeeds {
         traction_m_s: feedforward.traction_m_s - CATCH_UP_PER_S * ahead_m,
         steer_m_s: feedforward.steer_m_s + half_track_m * TURN_PER_S * turn_rad,

@@ -4,7 +4,6 @@ use super::condensing::Stage;
 use super::step_limit::{HALVINGS, StepLimit, TrustRegion};
 use super::{Horizon, Mpc, StageTarget};
 use nalgebra::Vector3;
-use sidehill_plant::frames::wrap_angle;
 use sidehill_plant::speeds::MotorSpeeds;
 
 /// Correction of planned steer, m/s, from which a plan without a step limit is run through the model
@@ -24,17 +23,19 @@ impl Mpc {
         }
     }
 
-    /// Moves the plan by a share of the QP's solution, states along the linearised dynamics.
+    /// Moves the plan's inputs by a share of the QP's solution, and its states to where the linearised dynamics take
+    /// these inputs from the vehicle's place.
     fn apply(&mut self, share: f64) {
         let mut deviation = Vector3::zeros();
         let corrections = self.condenser.input_corrections(self.solver.primal());
         for ((k, stage), correction) in self.stages.iter().enumerate().zip(corrections) {
             let step = &stage.step;
             deviation += step.by_yaw * deviation.z
-                + step.by_traction * correction.traction_m_s
-                + step.by_steer * correction.steer_m_s
+                + share
+                    * (step.by_traction * correction.traction_m_s
+                        + step.by_steer * correction.steer_m_s)
                 + stage.defect;
-            self.plan.states[k + 1] += share * deviation;
+            self.plan.states[k + 1] += deviation;
             self.plan.inputs[k] = MotorSpeeds {
                 traction_m_s: stage.input.traction_m_s + share * correction.traction_m_s,
                 steer_m_s: stage.input.steer_m_s + share * correction.steer_m_s,
@@ -51,19 +52,21 @@ impl Mpc {
     }
 
     /// Moves the plan as far as the linearisation is accurate, see [`step_limit`]; returns the trust
-    /// region of the next cycle.
+    /// region of the next cycle. The plan's states are then those of the model itself: a gap between states and
+    /// inputs would be taken for a reduction of the cost in the cycles to come.
     fn apply_within(&mut self, mut region: TrustRegion, horizon: &Horizon) -> TrustRegion {
         let largest_m_s = self.largest_steer_correction_m_s();
         let mut share = region.first_share(largest_m_s);
         self.shifted.states.copy_from_slice(&self.plan.states);
         self.shifted.inputs.copy_from_slice(&self.plan.inputs);
-        let before = self.rolled_out_cost(horizon);
+        let before = self.roll_out(horizon);
         for halvings in 0..=HALVINGS {
             self.apply(share);
             let promised = self.planned_cost(horizon);
-            let actual = self.rolled_out_cost(horizon);
+            let actual = self.roll_out(horizon);
             if halvings == HALVINGS || region.takes(before, promised, actual) {
                 region.learn(before, promised, actual, share * largest_m_s, halvings == 0);
+                std::mem::swap(&mut self.plan.states, &mut self.rolled);
                 break;
             }
             share *= 0.5;
@@ -90,11 +93,12 @@ impl Mpc {
         cost
     }
 
-    /// Returns the cost of the plan's inputs, run through the model from the plan's first state.
-    fn rolled_out_cost(&self, horizon: &Horizon) -> f64 {
+    /// Runs the plan's inputs through the model from the plan's first state into `rolled`, and returns the cost.
+    fn roll_out(&mut self, horizon: &Horizon) -> f64 {
         let mut cost = 0.0;
         let mut before = self.settings.limits.within_bounds(horizon.previous);
         let mut state = self.plan.states[0];
+        self.rolled[0] = state;
         for (k, stage) in self.stages.iter().enumerate() {
             let (input, target) = (self.plan.inputs[k], &horizon.targets[k]);
             let step_s = self.times.step_s(k);
@@ -105,6 +109,7 @@ impl Mpc {
                 input,
                 step_s,
             ) + step_s * target.slip;
+            self.rolled[k + 1] = state;
             cost += stage_cost(stage, target, &state, input, before);
             before = input;
         }
@@ -120,15 +125,12 @@ fn stage_cost(
     input: MotorSpeeds,
     before: MotorSpeeds,
 ) -> f64 {
-    let lever = target.tracked_point.lever(&target.normal_in_world, state.z);
-    let dx = state.x + lever.offset_m.0 - target.pose.x_m;
-    let dy = state.y + lever.offset_m.1 - target.pose.y_m;
-    let heading = wrap_angle(state.z - target.pose.yaw_rad);
-    let along = stage.along.0 * dx + stage.along.1 * dy;
-    let cross = stage.along.0 * dy - stage.along.1 * dx;
+    let error = target.error_of(state).state;
+    let along = stage.along.0 * error.x + stage.along.1 * error.y;
+    let cross = stage.along.0 * error.y - stage.along.1 * error.x;
     stage.weights.along_per_m2 * along * along
         + stage.weights.cross_per_m2 * cross * cross
-        + stage.weights.heading_per_rad2 * heading * heading
+        + stage.weights.heading_per_rad2 * error.z * error.z
         + stage.change_weights.traction * (input.traction_m_s - before.traction_m_s).powi(2)
         + stage.change_weights.steer * (input.steer_m_s - before.steer_m_s).powi(2)
 }

@@ -63,16 +63,10 @@ impl Mpc {
                 step_s,
             );
             step.increment += step_s * target.slip;
-            let (sin, cos) = target.along_heading_rad.sin_cos();
             let time_s = self.change_time_s(k);
-            let lever = target.tracked_point.lever(&target.normal_in_world, next.z);
-            let error = Vector3::new(
-                next.x + lever.offset_m.0 - target.pose.x_m,
-                next.y + lever.offset_m.1 - target.pose.y_m,
-                wrap_angle(next.z - target.pose.yaw_rad),
-            );
+            let error = target.error_of(next);
             let mut weights = target.weights;
-            weights.heading_per_rad2 += settings.heading_excess.weight(error.z);
+            weights.heading_per_rad2 += settings.heading_excess.weight(error.state.z);
             // The cost is that of even stages, each of them a sample of an integral.
             let mut factor = step_s / settings.step_s;
             if k + 1 == horizon.targets.len() {
@@ -84,9 +78,9 @@ impl Mpc {
             self.stages.push(Stage {
                 step,
                 defect: state + step.increment - next,
-                error,
-                point_by_yaw_m: lever.by_yaw_m,
-                along: (-sin, cos),
+                error: error.state,
+                point_by_yaw_m: error.point_by_yaw_m,
+                along: target.along(),
                 weights,
                 input,
                 change_weights: ChangeWeights {

@@ -43,7 +43,7 @@ use crate::tracked_point::TrackedPoint;
 use condensing::{Condenser, Stage};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
-use sidehill_plant::frames::PlanarPose;
+use sidehill_plant::frames::{PlanarPose, wrap_angle};
 use sidehill_plant::speeds::MotorSpeeds;
 use std::time::Instant;
 use step_limit::TrustRegion;
@@ -68,6 +68,35 @@ pub struct StageTarget {
     pub slip: Vector3<f64>,
     /// Weights of this stage.
     pub weights: StageWeights,
+}
+
+/// How far a state is from a target.
+struct TargetError {
+    /// (x, y) of the tracked point in the world less that of the target, m, and the difference of the headings, rad.
+    state: Vector3<f64>,
+    /// Derivative of (x, y) of the tracked point by the heading, m/rad.
+    point_by_yaw_m: (f64, f64),
+}
+
+impl StageTarget {
+    /// Returns how far (x, y, yaw) of a vehicle is from the target.
+    fn error_of(&self, state: &Vector3<f64>) -> TargetError {
+        let lever = self.tracked_point.lever(&self.normal_in_world, state.z);
+        TargetError {
+            state: Vector3::new(
+                state.x + lever.offset_m.0 - self.pose.x_m,
+                state.y + lever.offset_m.1 - self.pose.y_m,
+                wrap_angle(state.z - self.pose.yaw_rad),
+            ),
+            point_by_yaw_m: lever.by_yaw_m,
+        }
+    }
+
+    /// Returns the unit vector along the path, (x, y) in the world.
+    fn along(&self) -> (f64, f64) {
+        let (sin, cos) = self.along_heading_rad.sin_cos();
+        (-sin, cos)
+    }
 }
 
 /// States and inputs over the horizon.
@@ -145,6 +174,8 @@ pub struct Mpc {
     planned: bool,
     /// Workspace of the plan's size: the shifted plan, the plan before a step.
     shifted: Plan,
+    /// Workspace: the states of the plan's inputs by the model itself.
+    rolled: Vec<Vector3<f64>>,
     times: StageTimes,
     region: Option<TrustRegion>,
     stages: Vec<Stage>,
@@ -174,6 +205,7 @@ impl Mpc {
         };
         let mut mpc = Self {
             shifted: plan.clone(),
+            rolled: plan.states.clone(),
             plan,
             planned: false,
             times: settings.stage_times(),

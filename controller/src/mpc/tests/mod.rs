@@ -4,6 +4,7 @@ mod binding_limits;
 mod closed_loop;
 mod condensed;
 mod first_plan;
+mod following;
 mod limit_search;
 mod limits;
 mod qp;
