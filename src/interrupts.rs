@@ -34,8 +34,9 @@ impl Interrupts {
     }
 
     /// Returns, once per suspension, whether the process was suspended and resumed: RustDDS fails for good when
-    /// its wait is interrupted, so its nodes must be started anew.
+    /// its wait is interrupted, so its nodes must be started anew. A program that was also asked to end just ends:
+    /// systemd sends SIGTERM and SIGCONT.
     pub fn take_resumed(&self) -> bool {
-        self.resumed.swap(false, Ordering::Relaxed)
+        self.resumed.swap(false, Ordering::Relaxed) && !self.ended()
     }
 }

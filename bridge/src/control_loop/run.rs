@@ -154,16 +154,16 @@ impl<P: Port, R: ControllerRunner> ControlLoop<P, R> {
                 _ => Ending::TimeOverStopped,
             });
         }
-        if has_channel && signals.resumed.load(Ordering::Relaxed) {
-            return Some(Ending::Suspended);
-        }
-        signals.end.load(Ordering::Relaxed).then_some({
-            if has_channel {
+        // Whoever ends a program may resume it as well, as systemd does with SIGTERM and SIGCONT.
+        if signals.end.load(Ordering::Relaxed) {
+            return Some(if has_channel {
                 Ending::ShutDown
             } else {
                 Ending::Interrupted
-            }
-        })
+            });
+        }
+        let resumed = has_channel && signals.resumed.load(Ordering::Relaxed);
+        resumed.then_some(Ending::Suspended)
     }
 }
 
