@@ -1,10 +1,24 @@
 //! The signals that end or suspend the program.
 
-use anyhow::Result;
+use anyhow::{Context, Result};
+use nix::sys::signal::{SigSet, Signal};
 use signal_hook::consts::{SIGCONT, SIGHUP, SIGINT, SIGTERM};
 use signal_hook::flag::register;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread;
+
+/// Signals that a program watches.
+const WATCHED: [Signal; 6] = [
+    Signal::SIGINT,
+    Signal::SIGTERM,
+    Signal::SIGHUP,
+    Signal::SIGCONT,
+    Signal::SIGUSR1,
+    Signal::SIGUSR2,
+];
+/// Memory for the stack of the thread that takes the signals, bytes: it may be locked.
+const STACK_BYTES: usize = 64 * 1024;
 
 /// Signals received since the program began.
 pub struct Interrupts {
@@ -15,11 +29,25 @@ pub struct Interrupts {
 }
 
 impl Interrupts {
-    /// Starts watching SIGINT, SIGTERM, SIGHUP and SIGCONT.
+    /// Starts watching SIGINT, SIGTERM, SIGHUP and SIGCONT. A thread of its own takes them, and SIGUSR1 and SIGUSR2: of two signals
+    /// that come at once the system gives the second to any thread that does not block it, and one of RustDDS that is
+    /// interrupted ends for good. Call it before such threads start; they inherit what this one blocks.
     ///
     /// # Errors
     /// The system does not let the program watch a signal.
     pub fn watch() -> Result<Self> {
+        thread::Builder::new()
+            .name("signals".to_owned())
+            .stack_size(STACK_BYTES)
+            .spawn(|| {
+                loop {
+                    thread::park();
+                }
+            })
+            .context("the thread that takes signals")?;
+        SigSet::from_iter(WATCHED)
+            .thread_block()
+            .context("leaving signals to their thread")?;
         let (end, resumed) = <(Arc<AtomicBool>, Arc<AtomicBool>)>::default();
         for signal in [SIGINT, SIGTERM, SIGHUP] {
             register(signal, Arc::clone(&end))?;
