@@ -56,6 +56,17 @@ impl Interrupts {
         Ok(Self { end, resumed })
     }
 
+    /// Lets this thread, and those that it starts from now on, take signals as well, once the threads of RustDDS have
+    /// started. After a suspension the first thread that runs then knows of it, be it the cycle.
+    ///
+    /// # Errors
+    /// The system does not change the thread's signals.
+    pub fn admit() -> Result<()> {
+        SigSet::from_iter(WATCHED)
+            .thread_unblock()
+            .context("taking signals")
+    }
+
     /// Returns whether the program was asked to end.
     pub fn ended(&self) -> bool {
         self.end.load(Ordering::Relaxed)

@@ -116,6 +116,7 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
         parameters: settable.map(LiveView::parameter_owner),
     };
     let ros2 = start_ros2(&file, &config, &vehicle, ros_arguments, epoch, watch)?;
+    Interrupts::admit()?;
     let (clock, channel, ros2_port, _server) = match ros2 {
         Some(ros2) => {
             inputs.push(Box::new(ros2.inputs));
