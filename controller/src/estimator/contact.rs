@@ -69,18 +69,23 @@ impl LearnedModel<PARAMETERS> for LearnedContact {
         }
     }
 
-    /// Each parameter is a Gauss-Markov process of the metres steered, a tread's factor of the metres driven,
-    /// whose spread is its prior's: a parameter that is no longer excited returns to its prior, and no
+    /// Each parameter is a Gauss-Markov process of the metres steered, a tread's factor of the metres driven, friction of
+    /// both, whose spread is its prior's: a parameter that is no longer excited returns to its prior, and no
     /// interval grows beyond that.
     fn drift(&self, treads: TreadSpeeds, time_s: f64) -> Drift<PARAMETERS> {
         let steer_m_s = MotorSpeeds::from(treads).steer_m_s;
         let steered_m = time_s * steer_m_s.abs();
         let driven_m = time_s * treads.left_m_s.abs().max(treads.right_m_s.abs());
         let forget = ParameterVector::from_fn(|i, _| {
-            let share = if Parameter::ALL[i].is_tread_factor() {
-                driven_m * self.settings.tread_forgetting_per_m
-            } else {
-                steered_m * self.settings.forgetting_per_m
+            let share = match Parameter::ALL[i] {
+                Parameter::LeftTread | Parameter::RightTread => {
+                    driven_m * self.settings.tread_forgetting_per_m
+                }
+                Parameter::Friction => {
+                    steered_m * self.settings.forgetting_per_m
+                        + driven_m * self.settings.friction_forgetting_per_m
+                }
+                _ => steered_m * self.settings.forgetting_per_m,
             };
             share.min(0.1)
         });

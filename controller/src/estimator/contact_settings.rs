@@ -37,6 +37,8 @@ pub struct ContactLearningSettings {
     pub tread_sigma: f64,
     /// Share of a prior variance that comes back for each metre of steering, 1/m.
     pub forgetting_per_m: f64,
+    /// The same of friction for each metre driven, in addition: friction changes from place to place.
+    pub friction_forgetting_per_m: f64,
     /// The same of the treads' factors for each metre driven, 1/m.
     pub tread_forgetting_per_m: f64,
 }
@@ -58,6 +60,7 @@ impl Default for ContactLearningSettings {
             rolling_resistance_sigma: 0.02,
             tread_sigma: 0.2,
             forgetting_per_m: 0.01,
+            friction_forgetting_per_m: 0.05,
             tread_forgetting_per_m: 0.002,
         }
     }
@@ -114,6 +117,10 @@ impl ContactLearningSettings {
             ),
             ("estimator.contact.tread_sigma", self.tread_sigma),
             ("estimator.contact.forgetting_per_m", self.forgetting_per_m),
+            (
+                "estimator.contact.friction_forgetting_per_m",
+                self.friction_forgetting_per_m,
+            ),
             (
                 "estimator.contact.tread_forgetting_per_m",
                 self.tread_forgetting_per_m,

@@ -4,7 +4,7 @@
 //!
 //! ```text
 //! xi_{k+1} = A_k xi_k + B_k du_k + c_k,   c_k = F(x_k, u_k) - x_{k+1},   xi_0 = 0
-//! cost = sum_k  w_along a_k^2 + w_cross n_k^2 + w_heading h_k^2  +  sum_k  r |u_k - u_{k-1}|^2
+//! cost = sum_k  w_along a_k^2 + w_cross n_k^2 + w_heading h_k^2  +  sum_k  r |u_k - u_{k-1}|^2 + d |du_k|^2
 //! ```
 //!
 //! with a, n, h the errors of the tracked point along and across the reference and of the heading at the end
@@ -43,6 +43,8 @@ pub struct Stage {
     pub input: MotorSpeeds,
     /// Weights r of a change of traction and steer from the stage before, 1/(m/s)^2.
     pub change_weights: ChangeWeights,
+    /// Weight d of the correction of planned steer, 1/(m/s)^2.
+    pub steer_damping: f64,
     /// How far traction may change from the stage before.
     pub traction_change: Change,
     /// How far steer may change from the stage before.
@@ -119,7 +121,7 @@ impl Condenser {
         for i in 0..self.blocks.len() {
             self.condense_block(i, stages, data);
         }
-        self.change_cost(stages, previous, data);
+        self.input_cost(stages, previous, data);
         self.bounds(stages, previous, data);
         let mut before = previous;
         for (own, stage) in data.stages.iter_mut().zip(stages) {
@@ -237,8 +239,8 @@ impl Condenser {
         }
     }
 
-    /// Adds r |u_k - u_{k-1}|^2 for each stage.
-    fn change_cost(&self, stages: &[Stage], previous: MotorSpeeds, data: &mut QpData) {
+    /// Adds r |u_k - u_{k-1}|^2 + d |du_k|^2 for each stage.
+    fn input_cost(&self, stages: &[Stage], previous: MotorSpeeds, data: &mut QpData) {
         let slack = usize::from(self.corridor.is_some());
         let mut before: Option<(usize, usize)> = None;
         let mut before_input = previous;
@@ -250,6 +252,7 @@ impl Condenser {
                     self.cost_scale * stage.change_weights.traction,
                     self.cost_scale * stage.change_weights.steer,
                 ];
+                let dampings = [0.0, self.cost_scale * stage.steer_damping];
                 let offsets = [
                     stage.input.traction_m_s - before_input.traction_m_s,
                     stage.input.steer_m_s - before_input.steer_m_s,
@@ -257,7 +260,7 @@ impl Condenser {
                 for motor in 0..2 {
                     let (w, offset) = (weights[motor], offsets[motor]);
                     let column = own + motor;
-                    data.p.nzval[block.hessian[packed(column, column)]] += w;
+                    data.p.nzval[block.hessian[packed(column, column)]] += w + dampings[motor];
                     data.q[block.first + column] += w * offset;
                     let Some((before_block, before_input)) = before else {
                         continue;

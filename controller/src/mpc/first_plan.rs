@@ -1,6 +1,7 @@
 //! The plan that a first QP is linearised about.
 
 use super::model::StepStart;
+use super::step_limit::Damping;
 use super::{Horizon, Mpc, StageTarget, vector};
 use nalgebra::Vector3;
 use sidehill_plant::frames::wrap_angle;
@@ -21,6 +22,7 @@ impl Mpc {
     /// states, where a vehicle beside the path cannot be, that may be an optimum that reverses or waits first.
     pub(super) fn begin_plan(&mut self, horizon: &Horizon) {
         self.starts.fill(StepStart::default());
+        self.damping = Damping::default();
         let limits = self.settings.limits;
         let mut state = vector(&horizon.start);
         let mut input = limits.within_bounds(horizon.previous);

@@ -1,7 +1,7 @@
 //! The plan moved to a QP's solution, as far as the model itself confirms it.
 
 use super::condensing::Stage;
-use super::step_limit::{HALVINGS, StepLimit, TrustRegion};
+use super::step_limit::{HALVINGS, StepCosts, StepLimit};
 use super::{Horizon, Mpc, StageTarget};
 use nalgebra::Vector3;
 use sidehill_plant::speeds::MotorSpeeds;
@@ -13,11 +13,11 @@ const CHECKED_STEER_M_S: f64 = 0.3;
 impl Mpc {
     /// Moves the plan to the QP's solution, or as far as the model confirms it.
     pub(super) fn follow(&mut self, horizon: &Horizon) {
-        match self.region {
-            Some(region) => self.region = Some(self.apply_within(region, horizon)),
+        match &self.settings.step_limit {
+            Some(limit) => self.apply_within(*limit, horizon),
             // At the end of grip two plans can lead to one another for ever, each good about the other only.
             None if self.largest_steer_correction_m_s() > CHECKED_STEER_M_S => {
-                self.apply_within(TrustRegion::new(StepLimit::WHOLE_STEP), horizon);
+                self.apply_within(StepLimit::WHOLE_STEP, horizon);
             }
             None => self.apply(1.0),
         }
@@ -51,28 +51,31 @@ impl Mpc {
             .fold(0.0, f64::max)
     }
 
-    /// Moves the plan as far as the linearisation is accurate, see [`step_limit`]; returns the trust
-    /// region of the next cycle. The plan's states are then those of the model itself: a gap between states and
-    /// inputs would be taken for a reduction of the cost in the cycles to come.
-    fn apply_within(&mut self, mut region: TrustRegion, horizon: &Horizon) -> TrustRegion {
-        let largest_m_s = self.largest_steer_correction_m_s();
-        let mut share = region.first_share(largest_m_s);
+    /// Moves the plan as far as the linearisation is accurate, see [`step_limit`](super::step_limit). The plan's states
+    /// are then those of the model itself: a gap between states and inputs would be taken for a reduction of the cost
+    /// in the cycles to come.
+    fn apply_within(&mut self, limit: StepLimit, horizon: &Horizon) {
+        let mut share = limit.first_share(self.largest_steer_correction_m_s());
         self.shifted.states.copy_from_slice(&self.plan.states);
         self.shifted.inputs.copy_from_slice(&self.plan.inputs);
         let before = self.roll_out(horizon);
         for halvings in 0..=HALVINGS {
             self.apply(share);
-            let promised = self.planned_cost(horizon);
-            let actual = self.roll_out(horizon);
-            if halvings == HALVINGS || region.takes(before, promised, actual) {
-                region.learn(before, promised, actual, share * largest_m_s, halvings == 0);
+            let costs = StepCosts {
+                before,
+                predicted: self.planned_cost(horizon),
+                actual: self.roll_out(horizon),
+            };
+            if halvings == 0 {
+                self.damping.learn(&costs, &limit);
+            }
+            if halvings == HALVINGS || costs.achieve(limit.accepted_share) {
                 std::mem::swap(&mut self.plan.states, &mut self.rolled);
                 break;
             }
             share *= 0.5;
             self.plan.states.copy_from_slice(&self.shifted.states);
         }
-        region
     }
 
     /// Returns the cost of the plan as its states have it.

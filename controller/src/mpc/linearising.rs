@@ -87,6 +87,7 @@ impl Mpc {
                     traction: horizon.change_weights.traction / step_s,
                     steer: horizon.change_weights.steer / step_s,
                 },
+                steer_damping: self.damping.s2_per_m2 * step_s / settings.step_s,
                 traction_change: settings.limits.traction.change(before.traction_m_s, time_s),
                 steer_change: settings.limits.steer.change(before.steer_m_s, time_s),
             });

@@ -46,7 +46,7 @@ use serde::{Deserialize, Serialize};
 use sidehill_plant::frames::{PlanarPose, wrap_angle};
 use sidehill_plant::speeds::MotorSpeeds;
 use std::time::Instant;
-use step_limit::TrustRegion;
+use step_limit::Damping;
 
 /// Factor on all costs: brings the QP's numbers near 1, where the solver's tolerances are meant.
 const COST_SCALE: f64 = 10.0;
@@ -177,7 +177,8 @@ pub struct Mpc {
     /// Workspace: the states of the plan's inputs by the model itself.
     rolled: Vec<Vector3<f64>>,
     times: StageTimes,
-    region: Option<TrustRegion>,
+    /// Price on corrections of planned steer.
+    damping: Damping,
     stages: Vec<Stage>,
     /// Where the model's searches of the stages' steps begin.
     starts: Vec<StepStart>,
@@ -209,7 +210,7 @@ impl Mpc {
             plan,
             planned: false,
             times: settings.stage_times(),
-            region: settings.step_limit.map(TrustRegion::new),
+            damping: Damping::default(),
             stages: Vec::new(),
             starts: vec![StepStart::default(); settings.stages],
             condenser,

@@ -2,7 +2,8 @@
 //!
 //! ```text
 //! xi_{k+1} = A xi_k + B u_k + c,   A = I + a e_3',   xi_0 = 0,   u_{-1} = 0
-//! cost = sum_k  1/2 xi_{k+1}' Q xi_{k+1} + f' xi_{k+1}  +  1/2 sum_m r_m (u_k - u_{k-1} + o)_m^2
+//! cost = sum_k  1/2 xi_{k+1}' Q xi_{k+1} + f' xi_{k+1}
+//!        + 1/2 sum_m [ r_m (u_k - u_{k-1} + o)_m^2  +  d_m (u_k)_m^2 ]
 //! ```
 
 /// Inputs of a stage: traction and steer.
@@ -25,13 +26,15 @@ pub struct StageTerms {
     pub(super) change_weight: [f64; MOTORS],
     /// o: planned change from the stage before, m/s.
     pub(super) change: [f64; MOTORS],
+    /// d, 1/(m/s)^2.
+    pub(super) damping: [f64; MOTORS],
 }
 
 impl StageTerms {
     /// Numbers that the terms consist of.
-    pub const COUNT: usize = 28;
+    pub const COUNT: usize = 30;
 
-    /// Returns a, B by columns, c, Q, f, r, o.
+    /// Returns a, B by columns, c, Q, f, r, o, d.
     pub fn to_array(&self) -> [f64; Self::COUNT] {
         let mut copy = *self;
         let mut all = [0.0; Self::COUNT];
@@ -62,6 +65,7 @@ impl StageTerms {
             .chain(&mut self.force)
             .chain(&mut self.change_weight)
             .chain(&mut self.change)
+            .chain(&mut self.damping)
     }
 
     /// Returns A' of a vector.

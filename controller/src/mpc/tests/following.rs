@@ -8,9 +8,8 @@ fn the_states_of_a_plan_are_those_of_its_inputs_however_little_of_a_solution_is_
     let mut course = Course::new();
     let mut settings = settings(40, 5);
     settings.step_limit = Some(StepLimit {
-        steer_min_m_s: 0.001,
-        steer_max_m_s: 0.001,
-        accepted_share: 0.1,
+        steer_m_s: 0.001,
+        ..StepLimit::default()
     });
     let mut mpc = mpc(settings);
     for cycle in 0..20 {

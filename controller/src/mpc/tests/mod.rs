@@ -10,6 +10,7 @@ mod limits;
 mod qp;
 mod same_optimum;
 mod stagewise;
+mod step_limit;
 
 use super::condensing::{Condenser, Stage};
 use super::limits::{Change, InputLimits, MotorLimits};

@@ -1,0 +1,56 @@
+//! The price on corrections of planned steer.
+
+use super::super::step_limit::{Damping, StepCosts};
+use super::closed_loop::{Course, mpc, settings, solve};
+use super::*;
+
+fn costs(actual: f64) -> StepCosts {
+    StepCosts {
+        before: 10.0,
+        predicted: 0.0,
+        actual,
+    }
+}
+
+#[test]
+fn the_price_grows_while_predictions_fail_and_falls_to_none_afterwards() {
+    let limit = StepLimit::default();
+    let mut damping = Damping::default();
+    let mut prices = Vec::new();
+    for actual in [6.0, 12.0, 6.0, 6.0, 6.0, 6.0, 4.0, 4.0, 4.0, 4.0, 4.0, 4.0] {
+        damping.learn(&costs(actual), &limit);
+        prices.push(damping.s2_per_m2);
+    }
+    let expected = [
+        3.0, 12.0, 48.0, 192.0, 768.0, 1000.0, 250.0, 62.5, 15.625, 3.90625, 0.9765625, 0.0,
+    ];
+    assert_eq!(prices, expected);
+    let none = StepLimit {
+        damping_max_s2_per_m2: 0.0,
+        ..limit
+    };
+    damping.learn(&costs(12.0), &none);
+    assert_eq!(damping.s2_per_m2, 0.0);
+}
+
+#[test]
+fn a_high_price_keeps_planned_steer_and_a_new_plan_has_none() {
+    let mut corrections_m_s = Vec::new();
+    for price in [0.0, 1e6] {
+        let mut course = Course::new();
+        let mut mpc = mpc(settings(40, 5));
+        let horizon = course.horizon(&mpc.settings);
+        solve(&mut mpc, &horizon, None).unwrap();
+        course.drive(&mpc);
+        mpc.damping.s2_per_m2 = price;
+        let horizon = course.horizon(&mpc.settings);
+        solve(&mut mpc, &horizon, None).unwrap();
+        let corrections = mpc.condenser.input_corrections(mpc.solver.primal());
+        corrections_m_s.push(corrections.map(|c| c.steer_m_s.abs()).fold(0.0, f64::max));
+        mpc.discard_plan();
+        solve(&mut mpc, &horizon, None).unwrap();
+        assert_eq!(mpc.damping.s2_per_m2, 0.0);
+    }
+    assert!(corrections_m_s[1] < 1e-4, "{corrections_m_s:?}");
+    assert!(corrections_m_s[0] > 1e-3, "{corrections_m_s:?}");
+}
