@@ -29,9 +29,10 @@ pub struct Interrupts {
 }
 
 impl Interrupts {
-    /// Starts watching SIGINT, SIGTERM, SIGHUP and SIGCONT. A thread of its own takes them, and SIGUSR1 and SIGUSR2: of two signals
-    /// that come at once the system gives the second to any thread that does not block it, and one of RustDDS that is
-    /// interrupted ends for good. Call it before such threads start; they inherit what this one blocks.
+    /// Starts watching SIGINT, SIGTERM, SIGHUP and SIGCONT. Of two signals that come at once the system gives the
+    /// second to any thread that does not block it, and one of RustDDS that is interrupted ends for good. So this
+    /// thread blocks them, with SIGUSR1 and SIGUSR2, and those that it starts inherit that; a thread of its own takes
+    /// them. Call it before RustDDS starts.
     ///
     /// # Errors
     /// The system does not let the program watch a signal.

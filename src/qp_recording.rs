@@ -164,6 +164,12 @@ fn read_arrays(path: &Path) -> Result<Vec<QpData>> {
             && equalities <= constraints,
         "the arrays differ in length"
     );
+    ensure!(
+        stages.ncols().is_multiple_of(StageTerms::COUNT),
+        "stages: {} numbers a QP are no multiple of {}, as an older version wrote them",
+        stages.ncols(),
+        StageTerms::COUNT
+    );
     let columns = |rows: usize, starts: &[usize], indices: &[usize], values: &Array2<f64>| {
         let ends = starts.first() == Some(&0) && starts.last() == Some(&indices.len());
         ends && starts.len() == variables + 1
