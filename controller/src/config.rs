@@ -321,4 +321,14 @@ mod tests {
         let weights = config.stage_weights(Motion::Drive, 0.0, 0.15);
         assert_eq!(weights.cross_per_m2, config.weights.cross_per_m2);
     }
+
+    #[test]
+    fn changes_of_steer_cost_less_far_beside_the_path_than_on_it() {
+        let contact = ContactMpcConfig::default();
+        let factor = |distance_m| contact.steer_change_factor(distance_m);
+        assert_eq!(factor(0.0), contact.steer_change_on_path);
+        let half_way = 0.5 * (contact.steer_change_on_path + contact.steer_change_off_path);
+        assert!((factor(-contact.off_path_m) - half_way).abs() < 1e-12);
+        assert!((factor(100.0) - contact.steer_change_off_path).abs() < 1e-6);
+    }
 }

@@ -13,6 +13,12 @@ pub struct ContactMpcConfig {
     pub along_per_m2: f64,
     /// Time over which the weight across the path grows to its full value, s, in place of that of the weights.
     pub cross_ramp_s: f64,
+    /// Factor on the weight of a change of steer on the path, where poses' noise is most of what steer would answer.
+    pub steer_change_on_path: f64,
+    /// The same far beside the path.
+    pub steer_change_off_path: f64,
+    /// Distance from the path at which the factor is half way between these, m.
+    pub off_path_m: f64,
     /// How far a QP's solution is followed in a cycle; all the way without it.
     pub step_limit: Option<StepLimit>,
 }
@@ -23,6 +29,9 @@ impl Default for ContactMpcConfig {
             last_step_s: 0.22,
             along_per_m2: 1.0,
             cross_ramp_s: 0.6,
+            steer_change_on_path: 1.5,
+            steer_change_off_path: 0.5,
+            off_path_m: 0.05,
             step_limit: Some(StepLimit::default()),
         }
     }
@@ -37,6 +46,21 @@ impl ContactMpcConfig {
         Bounds::new(0.005, 10.0, "s").check("contact.last_step_s", self.last_step_s)?;
         Bounds::new(0.0, 1e6, "").check("contact.along_per_m2", self.along_per_m2)?;
         Bounds::new(0.0, 10.0, "s").check("contact.cross_ramp_s", self.cross_ramp_s)?;
+        for (key, factor) in [
+            ("contact.steer_change_on_path", self.steer_change_on_path),
+            ("contact.steer_change_off_path", self.steer_change_off_path),
+        ] {
+            Bounds::new(0.01, 100.0, "").check(key, factor)?;
+        }
+        Bounds::new(0.001, 10.0, "m").check("contact.off_path_m", self.off_path_m)?;
         self.step_limit.map_or(Ok(()), |limit| limit.validate())
+    }
+
+    /// Returns the factor on the weight of a change of steer at a distance from the path.
+    pub(crate) fn steer_change_factor(&self, cross_track_m: f64) -> f64 {
+        let squared = (cross_track_m / self.off_path_m).powi(2);
+        let off_path = squared / (1.0 + squared);
+        self.steer_change_on_path
+            + off_path * (self.steer_change_off_path - self.steer_change_on_path)
     }
 }

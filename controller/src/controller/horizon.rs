@@ -49,6 +49,13 @@ impl Controller {
         let Law::Mpc(mpc) = &mut self.law else {
             return;
         };
+        let steer_change_factor = match mpc.model_mut() {
+            Model::Icr(_) => 1.0,
+            Model::Contact(_) => self
+                .config
+                .contact
+                .steer_change_factor(progress.cross_track_m),
+        };
         let mut caution = 0.0;
         if self.adapts {
             match mpc.model_mut() {
@@ -73,6 +80,7 @@ impl Controller {
         self.horizon.start = self.roll_forward(estimate, progress);
         self.horizon.previous = previous;
         self.horizon.change_weights = self.config.change_weights(caution);
+        self.horizon.change_weights.steer *= steer_change_factor;
         let point = self
             .tracked_point()
             .of(&estimate.pose, &estimate.normal_in_world);

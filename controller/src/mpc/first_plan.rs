@@ -1,4 +1,4 @@
-//! The plan that a first QP is linearised about.
+//! A drive towards the path: the plan that a first QP is linearised about, and a later one that got stuck.
 
 use super::model::StepStart;
 use super::step_limit::Damping;
@@ -14,33 +14,53 @@ const TURN_PER_S: f64 = 1.5;
 /// Rate at which the distance along the path is made good, 1/s.
 const CATCH_UP_PER_S: f64 = 0.5;
 
+/// Share of its cost below which the plan is given up for a drive towards the path.
+const BETTER_SHARE: f64 = 0.8;
+/// Error across the path all along the horizon, m, whose cost leaves too little to gain for a drive to be tried.
+const GOOD_ERROR_M: f64 = 0.02;
+
 impl Mpc {
-    /// Puts a drive of the model into the plan that leads from where the vehicle is to the path and along it, within
-    /// the limits.
+    /// Begins the plan with a drive towards the path.
     ///
     /// The cycles converge to the local optimum nearest to their first plan. With the targets as the plan's
     /// states, where a vehicle beside the path cannot be, that may be an optimum that reverses or waits first.
     pub(super) fn begin_plan(&mut self, horizon: &Horizon) {
         self.starts.fill(StepStart::default());
         self.damping = Damping::default();
+        self.shifted.states[0] = vector(&horizon.start);
+        self.drive_towards_path(horizon);
+        std::mem::swap(&mut self.plan, &mut self.shifted);
+    }
+
+    /// Puts a drive towards the path in the place of the plan, whose cost is `cost`, where it is far better: noise and
+    /// inertia can lead the cycles to a local optimum, such as one that waits while the vehicle slides.
+    pub(super) fn begin_anew_where_better(&mut self, horizon: &Horizon, cost: f64) {
+        let weights = self.stages.iter().map(|stage| stage.weights.cross_per_m2);
+        if cost <= GOOD_ERROR_M.powi(2) * weights.sum::<f64>() {
+            return;
+        }
+        self.shifted.states[0] = self.plan.states[0];
+        self.drive_towards_path(horizon);
+        if self.cost_of(&self.shifted, horizon) < BETTER_SHARE * cost {
+            std::mem::swap(&mut self.plan, &mut self.shifted);
+            self.damping = Damping::default();
+        }
+    }
+
+    /// Puts a drive of the model into `shifted`, from its first state to the path and along it, within the limits.
+    fn drive_towards_path(&mut self, horizon: &Horizon) {
         let limits = self.settings.limits;
-        let mut state = vector(&horizon.start);
+        let mut state = self.shifted.states[0];
         let mut input = limits.within_bounds(horizon.previous);
-        self.plan.states[0] = state;
         for (k, target) in horizon.targets.iter().enumerate() {
             let wanted = towards(target, &state, horizon.half_track_m);
             // A horizon that is no number ends in the QP's failure.
             if wanted.is_finite() {
                 input = limits.project(wanted, input, self.change_time_s(k));
             }
-            let step_s = self.times.step_s(k);
-            let start = &mut self.starts[k];
-            let step = self
-                .model
-                .step_near(start, &target.normal_in_world, state.z, input, step_s);
-            state += step.increment + step_s * target.slip;
-            self.plan.states[k + 1] = state;
-            self.plan.inputs[k] = input;
+            state += self.increment(k, target, state.z, input);
+            self.shifted.states[k + 1] = state;
+            self.shifted.inputs[k] = input;
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use super::condensing::Stage;
 use super::step_limit::{HALVINGS, StepCosts, StepLimit};
-use super::{Horizon, Mpc, StageTarget};
+use super::{Horizon, Mpc, Plan, StageTarget};
 use nalgebra::Vector3;
 use sidehill_plant::speeds::MotorSpeeds;
 
@@ -14,7 +14,10 @@ impl Mpc {
     /// Moves the plan to the QP's solution, or as far as the model confirms it.
     pub(super) fn follow(&mut self, horizon: &Horizon) {
         match &self.settings.step_limit {
-            Some(limit) => self.apply_within(*limit, horizon),
+            Some(limit) => {
+                let cost = self.apply_within(*limit, horizon);
+                self.begin_anew_where_better(horizon, cost);
+            }
             // At the end of grip two plans can lead to one another for ever, each good about the other only.
             None if self.largest_steer_correction_m_s() > CHECKED_STEER_M_S => {
                 self.apply_within(StepLimit::WHOLE_STEP, horizon);
@@ -53,17 +56,18 @@ impl Mpc {
 
     /// Moves the plan as far as the linearisation is accurate, see [`step_limit`](super::step_limit). The plan's states
     /// are then those of the model itself: a gap between states and inputs would be taken for a reduction of the cost
-    /// in the cycles to come.
-    fn apply_within(&mut self, limit: StepLimit, horizon: &Horizon) {
+    /// in the cycles to come. Returns the plan's cost.
+    fn apply_within(&mut self, limit: StepLimit, horizon: &Horizon) -> f64 {
         let mut share = limit.first_share(self.largest_steer_correction_m_s());
         self.shifted.states.copy_from_slice(&self.plan.states);
         self.shifted.inputs.copy_from_slice(&self.plan.inputs);
         let before = self.roll_out(horizon);
-        for halvings in 0..=HALVINGS {
+        let mut halvings = 0;
+        loop {
             self.apply(share);
             let costs = StepCosts {
                 before,
-                predicted: self.planned_cost(horizon),
+                predicted: self.cost_of(&self.plan, horizon),
                 actual: self.roll_out(horizon),
             };
             if halvings == 0 {
@@ -71,26 +75,21 @@ impl Mpc {
             }
             if halvings == HALVINGS || costs.achieve(limit.accepted_share) {
                 std::mem::swap(&mut self.plan.states, &mut self.rolled);
-                break;
+                return costs.actual;
             }
+            halvings += 1;
             share *= 0.5;
             self.plan.states.copy_from_slice(&self.shifted.states);
         }
     }
 
-    /// Returns the cost of the plan as its states have it.
-    fn planned_cost(&self, horizon: &Horizon) -> f64 {
+    /// Returns the cost of a plan as its states have it.
+    pub(super) fn cost_of(&self, plan: &Plan, horizon: &Horizon) -> f64 {
         let mut cost = 0.0;
         let mut before = self.settings.limits.within_bounds(horizon.previous);
         for (k, stage) in self.stages.iter().enumerate() {
-            let input = self.plan.inputs[k];
-            cost += stage_cost(
-                stage,
-                &horizon.targets[k],
-                &self.plan.states[k + 1],
-                input,
-                before,
-            );
+            let (input, target) = (plan.inputs[k], &horizon.targets[k]);
+            cost += stage_cost(stage, target, &plan.states[k + 1], input, before);
             before = input;
         }
         cost
@@ -104,19 +103,30 @@ impl Mpc {
         self.rolled[0] = state;
         for (k, stage) in self.stages.iter().enumerate() {
             let (input, target) = (self.plan.inputs[k], &horizon.targets[k]);
-            let step_s = self.times.step_s(k);
-            state += self.model.increment_near(
-                &self.starts[k],
-                &target.normal_in_world,
-                state.z,
-                input,
-                step_s,
-            ) + step_s * target.slip;
+            state += self.increment(k, target, state.z, input);
             self.rolled[k + 1] = state;
             cost += stage_cost(stage, target, &state, input, before);
             before = input;
         }
         cost
+    }
+
+    /// Returns the increment of the state over a stage by the model itself.
+    pub(super) fn increment(
+        &self,
+        stage: usize,
+        target: &StageTarget,
+        yaw_rad: f64,
+        input: MotorSpeeds,
+    ) -> Vector3<f64> {
+        let step_s = self.times.step_s(stage);
+        self.model.increment_near(
+            &self.starts[stage],
+            &target.normal_in_world,
+            yaw_rad,
+            input,
+            step_s,
+        ) + step_s * target.slip
     }
 }
 

@@ -258,6 +258,45 @@ fn what_is_not_excited_stays_at_its_prior_and_says_so() {
     }
 }
 
+#[test]
+fn friction_is_forgotten_by_the_metres_driven_and_the_centre_of_mass_by_those_steered() {
+    let settings = ContactLearningSettings::default();
+    let model = learned_contact(settings);
+    let straight = TreadSpeeds {
+        left_m_s: 0.5,
+        right_m_s: 0.5,
+    };
+    let turn = TreadSpeeds {
+        left_m_s: -0.5,
+        right_m_s: 0.5,
+    };
+    let prior = model.prior();
+    for (treads, of_friction, of_centre) in [
+        (straight, settings.friction_forgetting_per_m, 0.0),
+        (
+            turn,
+            settings.friction_forgetting_per_m + settings.forgetting_per_m,
+            settings.forgetting_per_m,
+        ),
+    ] {
+        // 5 cm.
+        let drift = model.drift(treads, 0.1);
+        for (parameter, per_m) in [
+            (Parameter::Friction, of_friction),
+            (Parameter::CentreRight, of_centre),
+        ] {
+            let i = parameter.index();
+            let share = 0.05 * per_m;
+            let variance = drift.variance[i] / prior.sigma[i].powi(2);
+            assert!(
+                (variance - share).abs() < 1e-12,
+                "{parameter:?}: {variance}"
+            );
+            assert!((drift.keep[i].powi(2) - (1.0 - share)).abs() < 1e-12);
+        }
+    }
+}
+
 /// Treads that move at 70 and 75 % of what encoders say, for 20 s on a slope of 8 deg.
 #[test]
 fn factors_of_treads_that_slip_are_learned() {

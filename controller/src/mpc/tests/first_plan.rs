@@ -59,6 +59,55 @@ fn a_first_plan_from_or_to_nowhere_is_a_failure_and_the_next_one_is_right() {
     solve(&mut mpc, &horizon, None).unwrap();
 }
 
+#[test]
+fn a_plan_that_got_stuck_is_given_up_for_a_drive_towards_the_path() {
+    let mut horizon = beside(0.5, 0.3, 0.0, 0.2);
+    horizon.elapsed_s = 0.0;
+    let mut settings = settings(40, 5);
+    // So little of a QP's solution is followed that only a new plan gets the vehicle out.
+    settings.step_limit = Some(StepLimit {
+        steer_m_s: 1e-3,
+        ..StepLimit::default()
+    });
+    let mut mpc = mpc(settings);
+    solve(&mut mpc, &horizon, None).unwrap();
+    let good = mpc.plan().unwrap().clone();
+    let back = motors(-0.5, 0.0);
+    mpc.plan.inputs.fill(back);
+    for (k, target) in horizon.targets.iter().enumerate() {
+        let state = mpc.plan.states[k];
+        let normal = &target.normal_in_world;
+        let step = mpc.model.step_on_plane(normal, state.z, back, 0.15);
+        mpc.plan.states[k + 1] = state + step.increment;
+    }
+    solve(&mut mpc, &horizon, None).unwrap();
+    let end = mpc.plan.states[40];
+    assert!((end - good.states[40]).norm() < 0.2, "{end}");
+    assert!(
+        mpc.plan
+            .inputs
+            .iter()
+            .all(|input| input.traction_m_s >= 0.0)
+    );
+}
+
+#[test]
+fn a_plan_that_is_good_or_nearly_as_good_as_a_drive_is_kept() {
+    let horizon = beside(0.5, 0.3, 0.0, 0.2);
+    let mut mpc = mpc(settings(40, 5));
+    for _ in 0..20 {
+        solve(&mut mpc, &horizon, None).unwrap();
+    }
+    let kept = mpc.plan().unwrap().clone();
+    let cost = mpc.cost_of(&mpc.plan, &horizon);
+    assert!(cost > 0.02 * 0.02 * 50.0 * 40.0, "{cost}");
+    mpc.begin_anew_where_better(&horizon, cost);
+    assert_eq!(mpc.plan, kept);
+    // One that costs next to nothing, whatever its inputs are.
+    mpc.begin_anew_where_better(&horizon, 0.7);
+    assert_eq!(mpc.plan, kept);
+}
+
 proptest! {
     #[test]
     fn a_first_plan_leads_to_the_path_within_the_limits(
