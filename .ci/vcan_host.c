@@ -61,26 +61,27 @@ static int64_t nanoseconds(struct timespec time)
     return time.tv_sec * INT64_C(1000000000) + time.tv_nsec;
 }
 
-/* How late the timer is, beyond the slack; the kernel's time goes to *now_ns. */
-static int64_t lateness_ns(int64_t *now_ns)
+static int host_clock(clockid_t clock, struct timespec *time)
 {
     static int (*next)(clockid_t, struct timespec *);
     if (!next)
         *(void **)&next = dlsym(RTLD_NEXT, "clock_gettime");
+    return next(clock, time);
+}
+
+/* How late the timer is, beyond the slack; the kernel's time goes to *now_ns. */
+static int64_t lateness_ns(int64_t *now_ns)
+{
     struct timespec time;
-    next(CLOCK_MONOTONIC, &time);
+    host_clock(CLOCK_MONOTONIC, &time);
     *now_ns = nanoseconds(time) - missing_ns;
     return due_ns == 0 ? 0 : *now_ns - (due_ns + SLACK_NS);
 }
 
 int clock_gettime(clockid_t clock, struct timespec *time)
 {
-    if (clock != CLOCK_MONOTONIC) {
-        static int (*next)(clockid_t, struct timespec *);
-        if (!next)
-            *(void **)&next = dlsym(RTLD_NEXT, "clock_gettime");
-        return next(clock, time);
-    }
+    if (clock != CLOCK_MONOTONIC)
+        return host_clock(clock, time);
     int64_t now_ns;
     if (lateness_ns(&now_ns) > 0) {
         /* Again, with the timer held off: it changes what is read here. */

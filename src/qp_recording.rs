@@ -166,7 +166,7 @@ fn read_arrays(path: &Path) -> Result<Vec<QpData>> {
     );
     ensure!(
         stages.ncols().is_multiple_of(StageTerms::COUNT),
-        "stages: {} numbers a QP are no multiple of {}, as an older version wrote them",
+        "stages: {} numbers a QP are no multiple of {}: an older version wrote the file, record it anew",
         stages.ncols(),
         StageTerms::COUNT
     );
