@@ -24,6 +24,9 @@ pub struct Sample {
     pub tread_speeds: Option<Stamped<MeasuredTreadSpeeds>>,
     /// Newest roll and pitch.
     pub attitude: Option<Stamped<Attitude>>,
+    /// Newest yaw rate about the body's upward axis, rad/s, counter-clockwise positive, as a gyroscope reads it.
+    #[serde(default)]
+    pub yaw_rate: Option<Stamped<f64>>,
     /// Newest pose in the world, possibly late.
     pub pose: Option<Stamped<Pose>>,
 }

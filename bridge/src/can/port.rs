@@ -178,6 +178,7 @@ impl Port for CanPort {
                     }),
                     treads_s,
                 ),
+                yaw_rate: None,
                 attitude: newer(readings.attitude, attitude_s),
                 pose: newer(readings.pose, pose_s),
             },

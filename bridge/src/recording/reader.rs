@@ -247,6 +247,7 @@ impl ControllerCycle {
                     right_m_s: self.right_m_s,
                 },
             }),
+            yaw_rate: None,
             attitude: self.has_attitude.then_some(Stamped {
                 time_s: self.attitude_time_s,
                 value: Attitude {

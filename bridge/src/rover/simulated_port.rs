@@ -64,6 +64,7 @@ impl Port for SimulatedPort {
                 time_s: now_s,
                 tread_speeds: None,
                 attitude: None,
+                yaw_rate: None,
                 pose: None,
             };
         }

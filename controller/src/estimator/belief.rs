@@ -4,21 +4,40 @@ use super::gains::Kept;
 use super::gate::PoseSigmas;
 use super::learned::{Drift, LearnedModel, Prior};
 use super::process_noise::ProcessNoise;
-use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
+use nalgebra::{Matrix3, Matrix4, SMatrix, SVector, Vector3, Vector4};
 use sidehill_plant::frames::{Attitude, PlanarPose, pose_rate, wrap_angle};
 use sidehill_plant::speeds::TreadSpeeds;
+use std::ops::SubAssign;
+
+/// Growth of the bias of a yaw rate sensor, rad/s/sqrt(s).
+const BIAS_WALK: f64 = 1e-4;
+/// How long a reading of the yaw rate holds, s.
+pub(super) const YAW_RATE_HOLDS_S: f64 = 0.2;
+/// Entry of the yaw rate sensor's bias in the first block of a belief.
+const BIAS: usize = 3;
+
+/// A reading of the yaw rate and how long it holds.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct YawRate {
+    pub(super) time_s: f64,
+    /// As read, rad/s.
+    pub(super) value: f64,
+}
 
 /// Mean and covariance of pose and parameters, in blocks, and the inputs in force.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Belief<const N: usize> {
-    pub(super) mean: Vector3<f64>,
-    pub(super) covariance: Matrix3<f64>,
+    /// Pose (x, y, yaw), and the bias of the yaw rate sensor.
+    pub(super) mean: Vector4<f64>,
+    pub(super) covariance: Matrix4<f64>,
     pub(super) parameters: SVector<f64, N>,
-    /// Of the pose with the parameters.
-    pub(super) cross: SMatrix<f64, 3, N>,
+    /// Of the first block with the parameters.
+    pub(super) cross: SMatrix<f64, 4, N>,
     pub(super) parameter_covariance: SMatrix<f64, N, N>,
     pub(super) treads: TreadSpeeds,
     pub(super) attitude: Attitude,
+    /// Newest reading of the yaw rate.
+    pub(super) yaw_rate: Option<YawRate>,
     /// The model's body velocity (right, forward, yaw rate) as a vehicle has it that follows it with a lag.
     pub(super) late: Vector3<f64>,
 }
@@ -28,25 +47,42 @@ impl<const N: usize> Belief<N> {
     pub(super) fn at(
         pose: &PlanarPose,
         sigmas: &PoseSigmas,
+        bias_sigma_rad_s: f64,
         kept: Kept<N>,
         treads: TreadSpeeds,
         attitude: Attitude,
     ) -> Self {
+        let mut covariance = Matrix4::zeros();
+        covariance
+            .fixed_view_mut::<3, 3>(0, 0)
+            .copy_from(&sigmas.covariance());
+        covariance[(BIAS, BIAS)] = bias_sigma_rad_s.powi(2);
         Self {
-            mean: vector(pose),
-            covariance: sigmas.covariance(),
+            mean: vector(pose).push(0.0),
+            covariance,
             parameters: kept.mean,
             cross: SMatrix::zeros(),
             parameter_covariance: kept.covariance,
             treads,
             attitude,
+            yaw_rate: None,
             late: Vector3::zeros(),
         }
     }
 
+    /// Returns the mean of the pose.
+    pub(super) fn pose(&self) -> Vector3<f64> {
+        self.mean.xyz()
+    }
+
+    /// Returns the covariance of the pose.
+    pub(super) fn pose_covariance(&self) -> Matrix3<f64> {
+        self.covariance.fixed_view::<3, 3>(0, 0).into_owned()
+    }
+
     /// Returns a pose less the mean.
     pub(super) fn off(&self, pose: &PlanarPose) -> Vector3<f64> {
-        let mut difference = vector(pose) - self.mean;
+        let mut difference = vector(pose) - self.pose();
         difference.z = wrap_angle(difference.z);
         difference
     }
@@ -59,35 +95,51 @@ impl<const N: usize> Belief<N> {
         noise: &ProcessNoise,
         noise_factor: f64,
         time_s: f64,
+        yaw_rate_rad_s: Option<f64>,
     ) -> Self {
         if time_s <= 0.0 {
             return *self;
         }
-        let (velocity, by_parameters) =
+        let (mut velocity, mut by_parameters) =
             model.velocity(self.attitude, self.treads, &self.parameters);
-        let yaw = self.mean.z;
-        let start = pose_rate(&velocity, &self.attitude, yaw);
-        let half_way = yaw + 0.5 * time_s * start.yaw_rad_s;
-        let middle = pose_rate(&velocity, &self.attitude, half_way);
-        let mut next = *self;
-        next.mean += time_s * Vector3::new(middle.x_m_s, middle.y_m_s, middle.yaw_rad_s);
-        let mut by_state = Matrix3::identity();
-        by_state[(0, 2)] = -time_s * middle.y_m_s;
-        by_state[(1, 2)] = time_s * middle.x_m_s;
-        let (sin, cos) = half_way.sin_cos();
-        let to_world = Matrix3::new(cos, -sin, 0.0, sin, cos, 0.0, 0.0, 0.0, 1.0);
-        let by_parameters = time_s * (to_world * by_parameters);
-        let moving = self.treads.left_m_s != 0.0 || self.treads.right_m_s != 0.0;
-        // A vehicle that stands does not slide; a tenth keeps the filter open to poses.
-        let share = if moving { 1.0 } else { 0.01 } * noise_factor;
         let now = Vector3::new(
             velocity.right_m_s,
             velocity.forward_m_s,
             velocity.yaw_rate_rad_s,
         );
+        if let Some(read) = yaw_rate_rad_s {
+            velocity.yaw_rate_rad_s = read - self.mean[BIAS];
+            by_parameters.row_mut(2).fill(0.0);
+        }
+        let yaw = self.mean.z;
+        let start = pose_rate(&velocity, &self.attitude, yaw);
+        let half_way = yaw + 0.5 * time_s * start.yaw_rad_s;
+        let middle = pose_rate(&velocity, &self.attitude, half_way);
+        let mut next = *self;
+        next.mean += time_s * Vector4::new(middle.x_m_s, middle.y_m_s, middle.yaw_rad_s, 0.0);
+        let mut by_state = Matrix4::identity();
+        by_state[(0, 2)] = -time_s * middle.y_m_s;
+        by_state[(1, 2)] = time_s * middle.x_m_s;
+        if yaw_rate_rad_s.is_some() {
+            by_state[(2, BIAS)] = -time_s;
+        }
+        let (sin, cos) = half_way.sin_cos();
+        let to_world = Matrix3::new(cos, -sin, 0.0, sin, cos, 0.0, 0.0, 0.0, 1.0);
+        let by_parameters = time_s * (to_world * by_parameters).insert_row(3, 0.0);
+        let moving = self.treads.left_m_s != 0.0 || self.treads.right_m_s != 0.0;
+        // A vehicle that stands does not slide; a tenth keeps the filter open to poses.
+        let share = if moving { 1.0 } else { 0.01 } * noise_factor;
         let missing = now - self.late;
         next.late = noise.followed(&self.late, &missing, time_s);
-        let noise = noise.covariance(time_s, share, &missing, &to_world);
+        let mut growth = Matrix4::zeros();
+        growth
+            .fixed_view_mut::<3, 3>(0, 0)
+            .copy_from(&noise.covariance(time_s, share, &missing, &to_world));
+        if yaw_rate_rad_s.is_some() {
+            growth[(2, 2)] = time_s * noise.gyro.powi(2);
+        }
+        growth[(BIAS, BIAS)] = time_s * BIAS_WALK.powi(2);
+        let noise = growth;
         let through = by_parameters * self.parameter_covariance;
         let crossed = by_state * self.cross * by_parameters.transpose();
         next.covariance = by_state * self.covariance * by_state.transpose()
@@ -111,19 +163,61 @@ impl<const N: usize> Belief<N> {
         noise: &Matrix3<f64>,
         inverse: &Matrix3<f64>,
     ) {
-        let gain = self.covariance * inverse;
-        let learning = self.cross.transpose() * inverse;
+        let gain = self.covariance.fixed_columns::<3>(0) * inverse;
+        let learning = self.cross.fixed_rows::<3>(0).transpose() * inverse;
         self.mean += gain * difference;
         self.parameters += learning * difference;
-        let rest = Matrix3::identity() - gain;
-        let told = learning * self.cross;
+        let mut rest = Matrix4::identity();
+        rest.fixed_columns_mut::<3>(0).sub_assign(&gain);
+        let told = learning * self.cross.fixed_rows::<3>(0);
         let parameters = self.parameter_covariance - told - told.transpose()
-            + learning * (self.covariance + noise) * learning.transpose();
+            + learning * (self.pose_covariance() + noise) * learning.transpose();
         self.parameter_covariance = 0.5 * (parameters + parameters.transpose());
-        self.cross = rest * (self.cross - self.covariance * learning.transpose())
+        self.cross = rest
+            * (self.cross - self.covariance.fixed_columns::<3>(0) * learning.transpose())
             + gain * noise * learning.transpose();
         self.covariance =
             rest * self.covariance * rest.transpose() + gain * noise * gain.transpose();
+    }
+
+    /// Updates with a reading of the yaw rate, which shows the model's with its error over `time_s`, the time since the
+    /// reading before. A reading that contradicts by more than `gate` (normalised, squared) is left out.
+    pub(super) fn correct_yaw_rate<M: LearnedModel<N>>(
+        &mut self,
+        model: &M,
+        noise: &ProcessNoise,
+        noise_factor: f64,
+        read: YawRate,
+        gate: f64,
+    ) -> bool {
+        let time_s = self
+            .yaw_rate
+            .map_or(YAW_RATE_HOLDS_S, |before| read.time_s - before.time_s)
+            .clamp(1e-3, YAW_RATE_HOLDS_S);
+        let (velocity, by_parameters) =
+            model.velocity(self.attitude, self.treads, &self.parameters);
+        let by: SVector<f64, N> = by_parameters.row(2).transpose();
+        let moving = self.treads.left_m_s != 0.0 || self.treads.right_m_s != 0.0;
+        let share = if moving { 1.0 } else { 0.01 } * noise_factor;
+        let missing = velocity.yaw_rate_rad_s - self.late.z;
+        let variance =
+            (share * noise.turn.powi(2) + noise.gyro.powi(2) + 2.0 * noise.lag_s * missing.powi(2))
+                / time_s;
+        let pose = self.covariance.column(BIAS) + self.cross * by;
+        let parameters = self.cross.row(BIAS).transpose() + self.parameter_covariance * by;
+        let total = pose[BIAS] + by.dot(&parameters) + variance;
+        let difference = read.value - self.mean[BIAS] - velocity.yaw_rate_rad_s;
+        if difference.powi(2) > gate * total {
+            return false;
+        }
+        self.yaw_rate = Some(read);
+        let (gain, learning) = (pose / total, parameters / total);
+        self.mean += gain * difference;
+        self.parameters += learning * difference;
+        self.covariance -= total * gain * gain.transpose();
+        self.cross -= total * gain * learning.transpose();
+        self.parameter_covariance -= total * learning * learning.transpose();
+        true
     }
 
     /// Lets the parameters drift towards their prior and in their own right.

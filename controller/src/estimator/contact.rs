@@ -61,10 +61,11 @@ impl LearnedModel<PARAMETERS> for LearnedContact {
         self.encoder_scale
     }
 
-    fn process_noise(&self, _settings: &EstimatorSettings) -> ProcessNoise {
+    fn process_noise(&self, settings: &EstimatorSettings) -> ProcessNoise {
         ProcessNoise {
             slide: self.settings.slide_sigma_m_per_sqrt_s,
             turn: self.settings.yaw_sigma_rad_per_sqrt_s,
+            gyro: settings.gyro_sigma_rad_per_sqrt_s,
             lag_s: self.settings.lag_s,
         }
     }

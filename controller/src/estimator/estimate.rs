@@ -14,6 +14,8 @@ pub struct Refused {
     pub tread_speeds: bool,
     /// Roll or pitch.
     pub attitude: bool,
+    /// The yaw rate.
+    pub yaw_rate: bool,
     /// The pose.
     pub pose: bool,
 }
@@ -21,7 +23,7 @@ pub struct Refused {
 impl Refused {
     /// Returns whether any reading was refused.
     pub fn any(&self) -> bool {
-        self.tread_speeds || self.attitude || self.pose
+        self.tread_speeds || self.attitude || self.yaw_rate || self.pose
     }
 }
 

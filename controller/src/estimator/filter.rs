@@ -5,7 +5,7 @@
 
 mod keeping;
 
-use super::belief::{Belief, vector};
+use super::belief::{Belief, YAW_RATE_HOLDS_S, YawRate, vector};
 use super::gains::Kept;
 use super::gate::{PoseGate, PoseSigmas, RefusedPose};
 use super::learned::LearnedModel;
@@ -18,13 +18,14 @@ use sidehill_plant::speeds::TreadSpeeds;
 use std::collections::VecDeque;
 
 /// Readings kept: with 20 Hz speeds, 20 Hz attitude and 10 Hz poses, about 1 s.
-pub(super) const HISTORY: usize = 50;
+pub(super) const HISTORY: usize = 80;
 
 /// What an event brings.
 #[derive(Debug, Clone, Copy)]
 enum Reading {
     Speeds(TreadSpeeds),
     Attitude(Attitude),
+    YawRate(f64),
     Pose(PlanarPose),
 }
 
@@ -127,6 +128,13 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
                 refused.attitude = true;
             }
         }
+        if let Some(yaw_rate) = sample.yaw_rate {
+            if yaw_rate.time_s.is_finite() && yaw_rate.value.is_finite() {
+                self.insert(yaw_rate.time_s, Reading::YawRate(yaw_rate.value));
+            } else {
+                refused.yaw_rate = true;
+            }
+        }
         if let Some(pose) = sample.pose {
             let planar = pose.value.planar();
             if pose.time_s.is_finite()
@@ -162,7 +170,14 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
                 time_s: pose.time_s,
                 reading: Reading::Attitude(attitude),
                 inflation: None,
-                belief: Belief::at(&pose.value, &sigmas, kept, self.newest_treads, attitude),
+                belief: Belief::at(
+                    &pose.value,
+                    &sigmas,
+                    self.settings.gyro_bias_sigma_rad_s,
+                    kept,
+                    self.newest_treads,
+                    attitude,
+                ),
             });
         }
     }
@@ -192,6 +207,12 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
                 .take(after)
                 .rposition(|event| matches!(event.reading, Reading::Speeds(_)))
                 .map_or(1, |speeds| speeds + 1),
+            Reading::YawRate(_) => self
+                .events
+                .iter()
+                .take(after)
+                .rposition(|event| matches!(event.reading, Reading::YawRate(_)))
+                .map_or(1, |read| read + 1),
             _ => after,
         };
         for i in first..self.events.len() {
@@ -202,14 +223,17 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
             if let Some(treads) = self.next_treads(i) {
                 before.treads = treads;
             }
-            let mut belief = self.propagate(&before, event.time_s - self.events[i - 1].time_s);
+            let yaw_rate = self.yaw_rate_between(&before, self.events[i - 1].time_s, i);
+            let mut belief =
+                self.propagate(&before, event.time_s - self.events[i - 1].time_s, yaw_rate);
             if i == after
                 && let Reading::Pose(pose) = event.reading
             {
                 self.events[i].inflation = self.judge(&belief, event.time_s, &pose);
             }
             if let Some(inflation) = &self.events[i].inflation {
-                belief.covariance += inflation;
+                let mut pose = belief.covariance.fixed_view_mut::<3, 3>(0, 0);
+                pose += inflation;
             }
             self.events[i].belief = self.absorb(belief, &event, i == after);
         }
@@ -226,6 +250,24 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
         })
     }
 
+    /// Returns the yaw rate read between event `i` and the one before it, whose belief is `before`: the mean of the
+    /// readings around, or the newest while it holds.
+    fn yaw_rate_between(&self, before: &Belief<N>, before_s: f64, i: usize) -> Option<f64> {
+        let newest = before
+            .yaw_rate
+            .filter(|read| before_s - read.time_s <= YAW_RATE_HOLDS_S)?;
+        let next = self.events.iter().skip(i).find_map(|e| match e.reading {
+            Reading::YawRate(value) => Some((e.time_s, value)),
+            _ => None,
+        });
+        Some(match next {
+            Some((time_s, value)) if time_s - newest.time_s <= YAW_RATE_HOLDS_S => {
+                0.5 * (newest.value + value)
+            }
+            _ => newest.value,
+        })
+    }
+
     /// Returns the covariance with which a new pose passes that is accepted against the prediction.
     fn judge(
         &mut self,
@@ -235,7 +277,7 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
     ) -> Option<Matrix3<f64>> {
         let (sigmas, gate) = (PoseSigmas::of(&self.settings), self.settings.gate);
         let difference = predicted.off(pose);
-        let inverse = (predicted.covariance + sigmas.covariance()).try_inverse()?;
+        let inverse = (predicted.pose_covariance() + sigmas.covariance()).try_inverse()?;
         let normalised = (difference.transpose() * inverse * difference).x;
         if normalised <= gate {
             self.gate.passed(time_s, normalised / gate);
@@ -248,7 +290,7 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
         let refused = RefusedPose {
             time_s,
             pose: vector(pose),
-            predicted: predicted.mean,
+            predicted: predicted.pose(),
             unlearned,
         };
         self.gate.refused(refused, &sigmas)
@@ -259,11 +301,23 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
         match event.reading {
             Reading::Speeds(treads) => belief.treads = treads,
             Reading::Attitude(attitude) => belief.attitude = attitude,
+            Reading::YawRate(value) => {
+                let read = YawRate {
+                    time_s: event.time_s,
+                    value,
+                };
+                let noise = self.model.process_noise(&self.settings);
+                let factor = self.gate.noise_factor();
+                if belief.correct_yaw_rate(&self.model, &noise, factor, read, self.settings.gate) {
+                    let attitude = belief.attitude;
+                    self.model.bound(&mut belief.parameters, &attitude);
+                }
+            }
             Reading::Pose(pose) => {
                 let s = &self.settings;
                 let noise = PoseSigmas::of(&self.settings).covariance();
                 let difference = belief.off(&pose);
-                let Some(inverse) = (belief.covariance + noise).try_inverse() else {
+                let Some(inverse) = (belief.pose_covariance() + noise).try_inverse() else {
                     return belief;
                 };
                 let normalised = (difference.transpose() * inverse * difference).x;
@@ -295,9 +349,10 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
         belief
     }
 
-    fn propagate(&self, belief: &Belief<N>, time_s: f64) -> Belief<N> {
+    fn propagate(&self, belief: &Belief<N>, time_s: f64, yaw_rate: Option<f64>) -> Belief<N> {
         let noise = self.model.process_noise(&self.settings);
-        belief.propagated(&self.model, &noise, self.gate.noise_factor(), time_s)
+        let factor = self.gate.noise_factor();
+        belief.propagated(&self.model, &noise, factor, time_s, yaw_rate)
     }
 
     fn estimate(&mut self, time_s: f64) -> Option<Estimate> {
@@ -305,7 +360,8 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
             return None;
         }
         let last = self.events.back()?;
-        let belief = self.propagate(&last.belief, time_s - last.time_s);
+        let yaw_rate = self.yaw_rate_between(&last.belief, last.time_s, self.events.len());
+        let belief = self.propagate(&last.belief, time_s - last.time_s, yaw_rate);
         let yaw_rad = belief.mean.z;
         let measured = belief.attitude.plane_normal(yaw_rad);
         let normal_in_world = match self.normal_in_world {
@@ -324,7 +380,7 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
                 y_m: belief.mean.y,
                 yaw_rad,
             },
-            covariance: belief.covariance,
+            covariance: belief.pose_covariance(),
             attitude: belief.attitude,
             normal_in_world,
             treads: belief.treads,

@@ -9,6 +9,8 @@ pub(super) struct ProcessNoise {
     pub(super) slide: f64,
     /// Of the heading, rad/sqrt(s).
     pub(super) turn: f64,
+    /// Of the heading while the yaw rate is read, rad/sqrt(s).
+    pub(super) gyro: f64,
     /// Lag with which the vehicle may follow the model's velocity, s.
     pub(super) lag_s: f64,
 }
@@ -54,6 +56,7 @@ mod tests {
         let noise = |lag_s| ProcessNoise {
             slide: 0.01,
             turn: 0.01,
+            gyro: 0.001,
             lag_s,
         };
         let (late, missing) = (Vector3::new(0.1, 0.2, 0.3), Vector3::repeat(0.5));

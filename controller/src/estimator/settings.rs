@@ -16,6 +16,10 @@ pub struct EstimatorSettings {
     pub slide_sigma_m_per_sqrt_s: f64,
     /// Growth of the heading's uncertainty while moving, rad/sqrt(s).
     pub yaw_sigma_rad_per_sqrt_s: f64,
+    /// Growth of the heading's uncertainty while the yaw rate is read, rad/sqrt(s).
+    pub gyro_sigma_rad_per_sqrt_s: f64,
+    /// Standard deviation of the bias of the yaw rate sensor before anything is known, rad/s.
+    pub gyro_bias_sigma_rad_s: f64,
     /// Largest normalised innovation squared (3 degrees of freedom) of a pose that is accepted.
     pub gate: f64,
     /// Time after which rejected poses that agree with each other are accepted, s; until then the vehicle
@@ -38,6 +42,8 @@ impl Default for EstimatorSettings {
             pose_sigma_rad: 0.0087,
             slide_sigma_m_per_sqrt_s: 0.02,
             yaw_sigma_rad_per_sqrt_s: 0.02,
+            gyro_sigma_rad_per_sqrt_s: 0.001,
+            gyro_bias_sigma_rad_s: 0.01,
             gate: 30.0,
             believed_after_s: 1.0,
             error_averaging_s: 3.0,

@@ -78,6 +78,7 @@ impl LearnedModel<GAINS> for SlipModel {
         ProcessNoise {
             slide: settings.slide_sigma_m_per_sqrt_s,
             turn: settings.yaw_sigma_rad_per_sqrt_s,
+            gyro: settings.gyro_sigma_rad_per_sqrt_s,
             lag_s: 0.0,
         }
     }

@@ -13,6 +13,8 @@ use serde::{Deserialize, Serialize};
 pub struct SensorsConfig {
     pub(super) tread_speeds: Sensor<TreadSpeedErrors>,
     pub(super) attitude: Sensor<AttitudeErrors>,
+    /// A vehicle may have no gyroscope.
+    pub(super) yaw_rate: Option<Sensor<YawRateErrors>>,
     pub(super) pose: Sensor<PoseErrors>,
 }
 
@@ -54,6 +56,16 @@ pub(super) struct AttitudeErrors {
 
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
+pub(super) struct YawRateErrors {
+    pub(super) noise_std_deg_s: f64,
+    pub(super) bias_deg_s: f64,
+    /// Share by which the yaw rate is read too large.
+    pub(super) scale_error: f64,
+    pub(super) quantisation_deg_s: f64,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
 pub(super) struct PoseErrors {
     /// Of each coordinate.
     pub(super) noise_std_m: f64,
@@ -71,6 +83,7 @@ pub(super) struct PoseErrors {
 struct RawSensors {
     tread_speeds: Sensor<TreadSpeedErrors>,
     attitude: Sensor<AttitudeErrors>,
+    yaw_rate: Option<Sensor<YawRateErrors>>,
     pose: Sensor<PoseErrors>,
 }
 
@@ -106,14 +119,21 @@ impl TryFrom<RawSensors> for SensorsConfig {
             delay: "attitude.timing.delay_s",
             dropout: "attitude.timing.dropout_probability",
         })?;
+        let yaw_rate = raw.yaw_rate.unwrap_or_default();
+        yaw_rate.timing.check(&TimingKeys {
+            rate: "yaw_rate.timing.rate_hz",
+            delay: "yaw_rate.timing.delay_s",
+            dropout: "yaw_rate.timing.dropout_probability",
+        })?;
         raw.pose.timing.check(&TimingKeys {
             rate: "pose.timing.rate_hz",
             delay: "pose.timing.delay_s",
             dropout: "pose.timing.dropout_probability",
         })?;
-        let (treads, attitude, pose) = (
+        let (treads, attitude, yaw_rate, pose) = (
             raw.tread_speeds.errors,
             raw.attitude.errors,
+            yaw_rate.errors,
             raw.pose.errors,
         );
         for (key, value) in [
@@ -126,6 +146,11 @@ impl TryFrom<RawSensors> for SensorsConfig {
             (
                 "attitude.errors.quantisation_deg",
                 attitude.quantisation_deg,
+            ),
+            ("yaw_rate.errors.noise_std_deg_s", yaw_rate.noise_std_deg_s),
+            (
+                "yaw_rate.errors.quantisation_deg_s",
+                yaw_rate.quantisation_deg_s,
             ),
             ("pose.errors.noise_std_m", pose.noise_std_m),
             ("pose.errors.noise_std_yaw_deg", pose.noise_std_yaw_deg),
@@ -142,6 +167,8 @@ impl TryFrom<RawSensors> for SensorsConfig {
             ("tread_speeds.errors.bias_right_m_s", treads.bias_right_m_s),
             ("attitude.errors.bias_roll_deg", attitude.bias_roll_deg),
             ("attitude.errors.bias_pitch_deg", attitude.bias_pitch_deg),
+            ("yaw_rate.errors.bias_deg_s", yaw_rate.bias_deg_s),
+            ("yaw_rate.errors.scale_error", yaw_rate.scale_error),
             ("pose.errors.bias_x_m", pose.bias_x_m),
             ("pose.errors.bias_y_m", pose.bias_y_m),
             ("pose.errors.bias_z_m", pose.bias_z_m),
@@ -152,6 +179,7 @@ impl TryFrom<RawSensors> for SensorsConfig {
         Ok(Self {
             tread_speeds: raw.tread_speeds,
             attitude: raw.attitude,
+            yaw_rate: raw.yaw_rate,
             pose: raw.pose,
         })
     }

@@ -9,7 +9,7 @@ use crate::frames::{Attitude, Pose};
 use crate::sample::Sample;
 use crate::speeds::MeasuredTreadSpeeds;
 use channel::{Channel, Clock, Errors};
-use config::{AttitudeErrors, PoseErrors, TreadSpeedErrors};
+use config::{AttitudeErrors, PoseErrors, TreadSpeedErrors, YawRateErrors};
 
 /// What is true at an instant, as ideal sensors would read it.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -18,11 +18,13 @@ pub struct Truth {
     pub tread_speeds: MeasuredTreadSpeeds,
     /// Roll and pitch.
     pub attitude: Attitude,
+    /// Yaw rate about the body's upward axis, rad/s.
+    pub yaw_rate_rad_s: f64,
     /// Pose in the world.
     pub pose: Pose,
 }
 
-/// The three sensors, observing the truth at every step and delivering readings on demand.
+/// The sensors, observing the truth at every step and delivering readings on demand.
 ///
 /// Each draws from its own random stream, and equally many numbers for every reading whatever its
 /// configuration, so that a change to one sensor leaves the others' readings as they were.
@@ -31,6 +33,7 @@ pub struct Sensors {
     dt_s: f64,
     tread_speeds: Channel<TreadSpeedErrors>,
     attitude: Channel<AttitudeErrors>,
+    yaw_rate: Option<Channel<YawRateErrors>>,
     pose: Channel<PoseErrors>,
 }
 
@@ -46,6 +49,9 @@ impl Sensors {
                 1,
             ),
             attitude: Channel::new(config.attitude.timing, config.attitude.errors, seed, 2),
+            yaw_rate: config
+                .yaw_rate
+                .map(|sensor| Channel::new(sensor.timing, sensor.errors, seed, 4)),
             pose: Channel::new(config.pose.timing, config.pose.errors, seed, 3),
         }
     }
@@ -67,6 +73,9 @@ impl Sensors {
         };
         self.tread_speeds.observe(clock, &truth.tread_speeds);
         self.attitude.observe(clock, &truth.attitude);
+        if let Some(yaw_rate) = &mut self.yaw_rate {
+            yaw_rate.observe(clock, &truth.yaw_rate_rad_s);
+        }
         self.pose.observe(clock, &truth.pose);
     }
 
@@ -77,6 +86,7 @@ impl Sensors {
             time_s,
             tread_speeds: self.tread_speeds.newest(time_s),
             attitude: self.attitude.newest(time_s),
+            yaw_rate: self.yaw_rate.as_mut().and_then(|s| s.newest(time_s)),
             pose: self.pose.newest(time_s),
         }
     }
@@ -112,6 +122,18 @@ impl Errors for AttitudeErrors {
             roll_rad: read(truth.roll_rad, self.bias_roll_deg, gaussians[0]),
             pitch_rad: read(truth.pitch_rad, self.bias_pitch_deg, gaussians[1]),
         }
+    }
+}
+
+impl Errors for YawRateErrors {
+    type Reading = f64;
+
+    fn disturb(&self, truth_rad_s: &f64, gaussians: [f64; 4]) -> f64 {
+        let error_deg_s = self.bias_deg_s + self.noise_std_deg_s * gaussians[0];
+        quantise(
+            (1.0 + self.scale_error) * truth_rad_s + error_deg_s.to_radians(),
+            self.quantisation_deg_s.to_radians(),
+        )
     }
 }
 

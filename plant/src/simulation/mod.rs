@@ -64,6 +64,7 @@ impl TrueState {
                 time_s,
                 value: self.attitude,
             }),
+            yaw_rate: None,
             pose: Some(Stamped {
                 time_s,
                 value: self.pose,
@@ -225,6 +226,7 @@ impl Simulation {
         let truth = Truth {
             tread_speeds: self.encoder_scale.invert(self.state.treads),
             attitude: self.state.attitude,
+            yaw_rate_rad_s: self.state.velocity.yaw_rate_rad_s,
             pose: self.state.pose,
         };
         self.sensors.observe(self.state.step_index, &truth);

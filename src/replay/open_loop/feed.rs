@@ -39,6 +39,7 @@ pub(super) fn feed(drive: &Drive<'_>, mut controller: Controller, vehicle: &Vehi
             time_s,
             tread_speeds: None,
             attitude: None,
+            yaw_rate: None,
             pose: None,
         };
         while let Some(row) = left.next_if(|row| row.time_s <= time_s + SAME_TIME_S) {

@@ -142,6 +142,7 @@ impl Port for Ros2Port {
                 time_s: now_s,
                 tread_speeds: newer(treads, treads_s),
                 attitude: newer(latest.attitude, attitude_s),
+                yaw_rate: None,
                 pose: newer(latest.pose, pose_s),
             },
             feedback: latest.motors.map(|motors| Stamped {
