@@ -2,6 +2,9 @@
 
 use super::gains::Kept;
 use super::gate::PoseSigmas;
+use super::gyro::{
+    BIAS_WALK_RAD_S_PER_SQRT_S, GyroInterval, HOLDS_S, INTERVAL_MIN_S, Turn, YawRate,
+};
 use super::learned::{Drift, LearnedModel, Prior};
 use super::process_noise::ProcessNoise;
 use nalgebra::{Matrix3, Matrix4, SMatrix, SVector, Vector3, Vector4};
@@ -9,25 +12,13 @@ use sidehill_plant::frames::{Attitude, PlanarPose, pose_rate, wrap_angle};
 use sidehill_plant::speeds::TreadSpeeds;
 use std::ops::SubAssign;
 
-/// Growth of the bias of a yaw rate sensor, rad/s/sqrt(s).
-const BIAS_WALK: f64 = 1e-4;
-/// How long a reading of the yaw rate holds, s.
-pub(super) const YAW_RATE_HOLDS_S: f64 = 0.2;
-/// Entry of the yaw rate sensor's bias in the first block of a belief.
+/// Entry of the gyroscope's bias in the first block of a belief.
 const BIAS: usize = 3;
-
-/// A reading of the yaw rate and how long it holds.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct YawRate {
-    pub(super) time_s: f64,
-    /// As read, rad/s.
-    pub(super) value: f64,
-}
 
 /// Mean and covariance of pose and parameters, in blocks, and the inputs in force.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Belief<const N: usize> {
-    /// Pose (x, y, yaw), and the bias of the yaw rate sensor.
+    /// Pose (x, y, yaw), and the bias of the gyroscope, rad/s.
     pub(super) mean: Vector4<f64>,
     pub(super) covariance: Matrix4<f64>,
     pub(super) parameters: SVector<f64, N>,
@@ -36,8 +27,10 @@ pub(super) struct Belief<const N: usize> {
     pub(super) parameter_covariance: SMatrix<f64, N, N>,
     pub(super) treads: TreadSpeeds,
     pub(super) attitude: Attitude,
-    /// Newest reading of the yaw rate.
+    /// Newest reading of the gyroscope.
     pub(super) yaw_rate: Option<YawRate>,
+    /// How far the vehicle has turned by the gyroscope with its bias, and by the model where that read nothing, rad.
+    pub(super) gyro_turned_rad: f64,
     /// The model's body velocity (right, forward, yaw rate) as a vehicle has it that follows it with a lag.
     pub(super) late: Vector3<f64>,
 }
@@ -66,6 +59,7 @@ impl<const N: usize> Belief<N> {
             treads,
             attitude,
             yaw_rate: None,
+            gyro_turned_rad: 0.0,
             late: Vector3::zeros(),
         }
     }
@@ -80,6 +74,31 @@ impl<const N: usize> Belief<N> {
         self.covariance.fixed_view::<3, 3>(0, 0).into_owned()
     }
 
+    /// Returns the bias of the gyroscope, rad/s.
+    pub(super) fn gyro_bias_rad_s(&self) -> f64 {
+        self.mean[BIAS]
+    }
+
+    /// Returns how far the vehicle has turned by a pose and by the gyroscope.
+    pub(super) fn turn(&self, time_s: f64, pose: &PlanarPose) -> Turn {
+        Turn {
+            time_s,
+            heading_rad: pose.yaw_rad,
+            gyro_rad: self.gyro_turned_rad,
+        }
+    }
+
+    /// Forgets the gyroscope's bias and, with it, what was learned since `kept`.
+    pub(super) fn forget_gyro(&mut self, bias_sigma_rad_s: f64, kept: Kept<N>) {
+        self.mean[BIAS] = 0.0;
+        self.covariance.row_mut(BIAS).fill(0.0);
+        self.covariance.column_mut(BIAS).fill(0.0);
+        self.covariance[(BIAS, BIAS)] = bias_sigma_rad_s.powi(2);
+        self.cross.fill(0.0);
+        self.parameters = kept.mean;
+        self.parameter_covariance = kept.covariance;
+    }
+
     /// Returns a pose less the mean.
     pub(super) fn off(&self, pose: &PlanarPose) -> Vector3<f64> {
         let mut difference = vector(pose) - self.pose();
@@ -88,14 +107,15 @@ impl<const N: usize> Belief<N> {
     }
 
     /// Returns the belief `time_s` later: equation (12) by the midpoint rule, and its covariance.
-    /// `noise_factor` is a factor on the variance by which `noise` grows in steady motion.
+    /// `noise_factor` is a factor on the variance by which `noise` grows in steady motion. The heading follows
+    /// the gyroscope while that is confirmed, otherwise the model.
     pub(super) fn propagated<M: LearnedModel<N>>(
         &self,
         model: &M,
         noise: &ProcessNoise,
         noise_factor: f64,
         time_s: f64,
-        yaw_rate_rad_s: Option<f64>,
+        gyro: Option<GyroInterval>,
     ) -> Self {
         if time_s <= 0.0 {
             return *self;
@@ -107,8 +127,10 @@ impl<const N: usize> Belief<N> {
             velocity.forward_m_s,
             velocity.yaw_rate_rad_s,
         );
-        if let Some(read) = yaw_rate_rad_s {
-            velocity.yaw_rate_rad_s = read - self.mean[BIAS];
+        let confirmed = gyro.filter(|gyro| gyro.confirmed);
+        let follows_gyro = confirmed.is_some();
+        if let Some(gyro) = confirmed {
+            velocity.yaw_rate_rad_s = gyro.rad_s - self.mean[BIAS];
             by_parameters.row_mut(2).fill(0.0);
         }
         let yaw = self.mean.z;
@@ -116,29 +138,28 @@ impl<const N: usize> Belief<N> {
         let half_way = yaw + 0.5 * time_s * start.yaw_rad_s;
         let middle = pose_rate(&velocity, &self.attitude, half_way);
         let mut next = *self;
+        next.gyro_turned_rad += time_s * gyro.map_or(now.z, |gyro| gyro.rad_s);
         next.mean += time_s * Vector4::new(middle.x_m_s, middle.y_m_s, middle.yaw_rad_s, 0.0);
         let mut by_state = Matrix4::identity();
         by_state[(0, 2)] = -time_s * middle.y_m_s;
         by_state[(1, 2)] = time_s * middle.x_m_s;
-        if yaw_rate_rad_s.is_some() {
+        if follows_gyro {
             by_state[(2, BIAS)] = -time_s;
         }
         let (sin, cos) = half_way.sin_cos();
         let to_world = Matrix3::new(cos, -sin, 0.0, sin, cos, 0.0, 0.0, 0.0, 1.0);
         let by_parameters = time_s * (to_world * by_parameters).insert_row(3, 0.0);
-        let moving = self.treads.left_m_s != 0.0 || self.treads.right_m_s != 0.0;
-        // A vehicle that stands does not slide; a tenth keeps the filter open to poses.
-        let share = if moving { 1.0 } else { 0.01 } * noise_factor;
+        let share = self.noise_share() * noise_factor;
         let missing = now - self.late;
         next.late = noise.followed(&self.late, &missing, time_s);
         let mut growth = Matrix4::zeros();
         growth
             .fixed_view_mut::<3, 3>(0, 0)
             .copy_from(&noise.covariance(time_s, share, &missing, &to_world));
-        if yaw_rate_rad_s.is_some() {
+        if follows_gyro {
             growth[(2, 2)] = time_s * noise.gyro.powi(2);
         }
-        growth[(BIAS, BIAS)] = time_s * BIAS_WALK.powi(2);
+        growth[(BIAS, BIAS)] = time_s * BIAS_WALK_RAD_S_PER_SQRT_S.powi(2);
         let noise = growth;
         let through = by_parameters * self.parameter_covariance;
         let crossed = by_state * self.cross * by_parameters.transpose();
@@ -180,8 +201,10 @@ impl<const N: usize> Belief<N> {
             rest * self.covariance * rest.transpose() + gain * noise * gain.transpose();
     }
 
-    /// Updates with a reading of the yaw rate, which shows the model's with its error over `time_s`, the time since the
-    /// reading before. A reading that contradicts by more than `gate` (normalised, squared) is left out.
+    /// Updates with a reading of the gyroscope: the yaw rate of the model with the bias, and with the model's error
+    /// since the reading before. One that is off by more than `gate` (normalised, squared) teaches nothing.
+    ///
+    /// With H = (0 0 0 1 dw/dp) and S = H P H' + R the whole of P becomes P - (P H') (P H')' / S.
     pub(super) fn correct_yaw_rate<M: LearnedModel<N>>(
         &mut self,
         model: &M,
@@ -189,35 +212,41 @@ impl<const N: usize> Belief<N> {
         noise_factor: f64,
         read: YawRate,
         gate: f64,
-    ) -> bool {
-        let time_s = self
+    ) {
+        let since_s = self
             .yaw_rate
-            .map_or(YAW_RATE_HOLDS_S, |before| read.time_s - before.time_s)
-            .clamp(1e-3, YAW_RATE_HOLDS_S);
+            .map_or(HOLDS_S, |before| read.time_s - before.time_s);
         let (velocity, by_parameters) =
             model.velocity(self.attitude, self.treads, &self.parameters);
-        let by: SVector<f64, N> = by_parameters.row(2).transpose();
-        let moving = self.treads.left_m_s != 0.0 || self.treads.right_m_s != 0.0;
-        let share = if moving { 1.0 } else { 0.01 } * noise_factor;
-        let missing = velocity.yaw_rate_rad_s - self.late.z;
-        let variance =
-            (share * noise.turn.powi(2) + noise.gyro.powi(2) + 2.0 * noise.lag_s * missing.powi(2))
-                / time_s;
-        let pose = self.covariance.column(BIAS) + self.cross * by;
-        let parameters = self.cross.row(BIAS).transpose() + self.parameter_covariance * by;
-        let total = pose[BIAS] + by.dot(&parameters) + variance;
-        let difference = read.value - self.mean[BIAS] - velocity.yaw_rate_rad_s;
+        let missing_rad_s = velocity.yaw_rate_rad_s - self.late.z;
+        let noise_rad_s = noise.yaw_rate(
+            since_s.clamp(INTERVAL_MIN_S, HOLDS_S),
+            self.noise_share() * noise_factor,
+            missing_rad_s,
+        );
+        let by = by_parameters.row(2).transpose();
+        let of_pose = self.covariance.column(BIAS) + self.cross * by;
+        let of_parameters = self.cross.row(BIAS).transpose() + self.parameter_covariance * by;
+        let total = of_pose[BIAS] + by.dot(&of_parameters) + noise_rad_s;
+        let difference = read.rad_s - self.mean[BIAS] - velocity.yaw_rate_rad_s;
         if difference.powi(2) > gate * total {
-            return false;
+            return;
         }
-        self.yaw_rate = Some(read);
-        let (gain, learning) = (pose / total, parameters / total);
-        self.mean += gain * difference;
-        self.parameters += learning * difference;
-        self.covariance -= total * gain * gain.transpose();
-        self.cross -= total * gain * learning.transpose();
-        self.parameter_covariance -= total * learning * learning.transpose();
-        true
+        self.mean += of_pose * (difference / total);
+        self.parameters += of_parameters * (difference / total);
+        self.covariance -= of_pose * of_pose.transpose() / total;
+        self.cross -= of_pose * of_parameters.transpose() / total;
+        self.parameter_covariance -= of_parameters * of_parameters.transpose() / total;
+    }
+
+    /// Returns the share of the growth of uncertainty: a vehicle that stands does not slide; a tenth of the
+    /// standard deviation keeps the filter open to poses.
+    fn noise_share(&self) -> f64 {
+        if self.treads.left_m_s != 0.0 || self.treads.right_m_s != 0.0 {
+            1.0
+        } else {
+            0.01
+        }
     }
 
     /// Lets the parameters drift towards their prior and in their own right.

@@ -51,6 +51,9 @@ pub struct Estimate {
     /// Learned contact vehicle, where that is what is learned.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub contact: Option<ContactEstimate>,
+    /// Bias of the gyroscope, rad/s; none where there is no reading or poses contradict it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub gyro_bias_rad_s: Option<f64>,
     /// Root mean square of the error of the predicted velocity over the last seconds, m/s.
     pub model_error_m_s: f64,
     /// Age of the newest accepted pose, s.

@@ -5,9 +5,10 @@
 
 mod keeping;
 
-use super::belief::{Belief, YAW_RATE_HOLDS_S, YawRate, vector};
+use super::belief::{Belief, vector};
 use super::gains::Kept;
 use super::gate::{PoseGate, PoseSigmas, RefusedPose};
+use super::gyro::{GyroCheck, GyroInterval, HOLDS_S, YawRate};
 use super::learned::LearnedModel;
 use super::model_error::ModelError;
 use super::{Estimate, EstimatorSettings, Innovation, Refused};
@@ -17,7 +18,7 @@ use sidehill_plant::sample::{Sample, Stamped};
 use sidehill_plant::speeds::TreadSpeeds;
 use std::collections::VecDeque;
 
-/// Readings kept: with 20 Hz speeds, 20 Hz attitude and 10 Hz poses, about 1 s.
+/// Readings kept: with speeds, attitude and yaw rate at 20 Hz and poses at 10 Hz, about 1 s.
 pub(super) const HISTORY: usize = 80;
 
 /// What an event brings.
@@ -55,6 +56,7 @@ pub(super) struct Filter<M, const N: usize> {
     speeds_time_s: f64,
     poses_gated: u32,
     gate: PoseGate,
+    gyro: GyroCheck,
     innovation: Option<Innovation>,
     model_error: ModelError,
     keeps: bool,
@@ -77,6 +79,7 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
             speeds_time_s: f64::NEG_INFINITY,
             poses_gated: 0,
             gate: PoseGate::new(settings.believed_after_s),
+            gyro: GyroCheck::new(&settings),
             innovation: None,
             model_error: ModelError::default(),
             keeps: false,
@@ -153,16 +156,21 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
         (self.estimate(sample.time_s), refused)
     }
 
+    /// Returns what is known of the parameters before the first reading.
+    fn begins_with(&self) -> Kept<N> {
+        let prior = self.model.prior();
+        self.kept.unwrap_or(Kept {
+            mean: prior.mean,
+            covariance: prior.covariance(),
+        })
+    }
+
     fn take_pose(&mut self, pose: Stamped<PlanarPose>) {
         if self.started {
             self.insert(pose.time_s, Reading::Pose(pose.value));
         } else if let Some(attitude) = self.newest_attitude {
             let sigmas = PoseSigmas::of(&self.settings);
-            let prior = self.model.prior();
-            let kept = self.kept.unwrap_or(Kept {
-                mean: prior.mean,
-                covariance: prior.covariance(),
-            });
+            let kept = self.begins_with();
             self.started = true;
             self.pose_time_s = pose.time_s;
             self.events.clear();
@@ -223,12 +231,13 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
             if let Some(treads) = self.next_treads(i) {
                 before.treads = treads;
             }
-            let yaw_rate = self.yaw_rate_between(&before, self.events[i - 1].time_s, i);
-            let mut belief =
-                self.propagate(&before, event.time_s - self.events[i - 1].time_s, yaw_rate);
+            let before_s = self.events[i - 1].time_s;
+            let gyro = self.gyro_between(&before, before_s, i);
+            let mut belief = self.propagate(&before, event.time_s - before_s, gyro);
             if i == after
                 && let Reading::Pose(pose) = event.reading
             {
+                self.confirm_gyro(&mut belief, event.time_s, &pose);
                 self.events[i].inflation = self.judge(&belief, event.time_s, &pose);
             }
             if let Some(inflation) = &self.events[i].inflation {
@@ -250,22 +259,33 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
         })
     }
 
-    /// Returns the yaw rate read between event `i` and the one before it, whose belief is `before`: the mean of the
-    /// readings around, or the newest while it holds.
-    fn yaw_rate_between(&self, before: &Belief<N>, before_s: f64, i: usize) -> Option<f64> {
+    /// Returns what the gyroscope reads between event `i` and the one before it, whose belief is `before`: the mean of
+    /// the readings around, or the newest while it holds.
+    fn gyro_between(&self, before: &Belief<N>, before_s: f64, i: usize) -> Option<GyroInterval> {
         let newest = before
             .yaw_rate
-            .filter(|read| before_s - read.time_s <= YAW_RATE_HOLDS_S)?;
+            .filter(|read| before_s - read.time_s <= HOLDS_S)?;
         let next = self.events.iter().skip(i).find_map(|e| match e.reading {
-            Reading::YawRate(value) => Some((e.time_s, value)),
+            Reading::YawRate(rad_s) if e.time_s - newest.time_s <= HOLDS_S => Some(rad_s),
             _ => None,
         });
-        Some(match next {
-            Some((time_s, value)) if time_s - newest.time_s <= YAW_RATE_HOLDS_S => {
-                0.5 * (newest.value + value)
-            }
-            _ => newest.value,
+        Some(GyroInterval {
+            rad_s: next.map_or(newest.rad_s, |next| 0.5 * (newest.rad_s + next)),
+            confirmed: self.gyro.confirmed(),
         })
+    }
+
+    /// Compares the turn at a new pose with that of the gyroscope.
+    fn confirm_gyro(&mut self, predicted: &mut Belief<N>, time_s: f64, pose: &PlanarPose) {
+        let reads = predicted
+            .yaw_rate
+            .is_some_and(|read| time_s - read.time_s <= HOLDS_S);
+        if !reads {
+            self.gyro.interrupt();
+        } else if self.gyro.observe(predicted.turn(time_s, pose)) {
+            let sigma_rad_s = self.settings.gyro_bias_sigma_rad_s;
+            predicted.forget_gyro(sigma_rad_s, self.begins_with());
+        }
     }
 
     /// Returns the covariance with which a new pose passes that is accepted against the prediction.
@@ -301,17 +321,20 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
         match event.reading {
             Reading::Speeds(treads) => belief.treads = treads,
             Reading::Attitude(attitude) => belief.attitude = attitude,
-            Reading::YawRate(value) => {
+            Reading::YawRate(rad_s) => {
                 let read = YawRate {
                     time_s: event.time_s,
-                    value,
+                    rad_s,
                 };
-                let noise = self.model.process_noise(&self.settings);
-                let factor = self.gate.noise_factor();
-                if belief.correct_yaw_rate(&self.model, &noise, factor, read, self.settings.gate) {
+                if self.gyro.confirmed() {
+                    let noise = self.model.process_noise(&self.settings);
+                    let factor = self.gate.noise_factor();
+                    let gate = self.settings.gate;
+                    belief.correct_yaw_rate(&self.model, &noise, factor, read, gate);
                     let attitude = belief.attitude;
                     self.model.bound(&mut belief.parameters, &attitude);
                 }
+                belief.yaw_rate = Some(read);
             }
             Reading::Pose(pose) => {
                 let s = &self.settings;
@@ -349,10 +372,10 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
         belief
     }
 
-    fn propagate(&self, belief: &Belief<N>, time_s: f64, yaw_rate: Option<f64>) -> Belief<N> {
+    fn propagate(&self, belief: &Belief<N>, time_s: f64, gyro: Option<GyroInterval>) -> Belief<N> {
         let noise = self.model.process_noise(&self.settings);
         let factor = self.gate.noise_factor();
-        belief.propagated(&self.model, &noise, factor, time_s, yaw_rate)
+        belief.propagated(&self.model, &noise, factor, time_s, gyro)
     }
 
     fn estimate(&mut self, time_s: f64) -> Option<Estimate> {
@@ -360,8 +383,8 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
             return None;
         }
         let last = self.events.back()?;
-        let yaw_rate = self.yaw_rate_between(&last.belief, last.time_s, self.events.len());
-        let belief = self.propagate(&last.belief, time_s - last.time_s, yaw_rate);
+        let gyro = self.gyro_between(&last.belief, last.time_s, self.events.len());
+        let belief = self.propagate(&last.belief, time_s - last.time_s, gyro);
         let yaw_rad = belief.mean.z;
         let measured = belief.attitude.plane_normal(yaw_rad);
         let normal_in_world = match self.normal_in_world {
@@ -389,6 +412,9 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
                 .model
                 .contact(&belief.parameters, &belief.parameter_covariance),
             model_error_m_s: self.model_error.root_mean_square_m_s(),
+            gyro_bias_rad_s: gyro
+                .filter(|gyro| gyro.confirmed)
+                .map(|_| belief.gyro_bias_rad_s()),
             pose_age_s: time_s - self.pose_time_s,
             attitude_age_s: time_s - self.attitude_time_s,
             speeds_age_s: time_s - self.speeds_time_s,

@@ -6,6 +6,9 @@
 //! taken*: readings are kept in the order of their stamps for a while, and a late one is put in its
 //! place and all after it replayed.
 //!
+//! A gyroscope gives the heading between poses in the model's place, less its bias, which is a state too, and
+//! shows what the model says of the yaw rate at once ([`gyro`]).
+//!
 //! The parameters are constants that the filter does not know: what a pose says about them follows from
 //! their covariance with it, which grows only where they are excited. At standstill, straight
 //! ahead and without poses nothing is learned and nothing winds up.
@@ -17,6 +20,7 @@ mod estimate;
 mod filter;
 mod gains;
 mod gate;
+mod gyro;
 mod learned;
 mod model_error;
 mod process_noise;

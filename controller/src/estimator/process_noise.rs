@@ -9,7 +9,7 @@ pub(super) struct ProcessNoise {
     pub(super) slide: f64,
     /// Of the heading, rad/sqrt(s).
     pub(super) turn: f64,
-    /// Of the heading while the yaw rate is read, rad/sqrt(s).
+    /// Of the heading while it follows a gyroscope, rad/sqrt(s).
     pub(super) gyro: f64,
     /// Lag with which the vehicle may follow the model's velocity, s.
     pub(super) lag_s: f64,
@@ -32,6 +32,13 @@ impl ProcessNoise {
         let lag = 2.0 * self.lag_s * time_s * missing.component_mul(missing);
         Matrix3::from_diagonal(&steady.into())
             + to_world * Matrix3::from_diagonal(&lag) * to_world.transpose()
+    }
+
+    /// Returns the variance of the difference between a reading of the gyroscope and the model's yaw rate,
+    /// (rad/s)^2: that of the model's heading over `time_s`, the time since the reading before, and the gyroscope's own.
+    pub(super) fn yaw_rate(&self, time_s: f64, factor: f64, missing_rad_s: f64) -> f64 {
+        let model = factor * self.turn.powi(2) + 2.0 * self.lag_s * missing_rad_s.powi(2);
+        (model + self.gyro.powi(2)) / time_s
     }
 
     /// Returns the late velocity `time_s` on, that of the model being `missing` from it.

@@ -16,9 +16,9 @@ pub struct EstimatorSettings {
     pub slide_sigma_m_per_sqrt_s: f64,
     /// Growth of the heading's uncertainty while moving, rad/sqrt(s).
     pub yaw_sigma_rad_per_sqrt_s: f64,
-    /// Growth of the heading's uncertainty while the yaw rate is read, rad/sqrt(s).
+    /// Growth of the heading's uncertainty while it follows a gyroscope, rad/sqrt(s): noise and errors of its scale.
     pub gyro_sigma_rad_per_sqrt_s: f64,
-    /// Standard deviation of the bias of the yaw rate sensor before anything is known, rad/s.
+    /// Standard deviation of the gyroscope's bias before anything is known, rad/s.
     pub gyro_bias_sigma_rad_s: f64,
     /// Largest normalised innovation squared (3 degrees of freedom) of a pose that is accepted.
     pub gate: f64,
@@ -43,7 +43,7 @@ impl Default for EstimatorSettings {
             slide_sigma_m_per_sqrt_s: 0.02,
             yaw_sigma_rad_per_sqrt_s: 0.02,
             gyro_sigma_rad_per_sqrt_s: 0.001,
-            gyro_bias_sigma_rad_s: 0.01,
+            gyro_bias_sigma_rad_s: 0.02,
             gate: 30.0,
             believed_after_s: 1.0,
             error_averaging_s: 3.0,
@@ -104,6 +104,14 @@ impl EstimatorSettings {
         positive(
             "estimator.yaw_sigma_rad_per_sqrt_s",
             self.yaw_sigma_rad_per_sqrt_s,
+        )?;
+        positive(
+            "estimator.gyro_sigma_rad_per_sqrt_s",
+            self.gyro_sigma_rad_per_sqrt_s,
+        )?;
+        positive(
+            "estimator.gyro_bias_sigma_rad_s",
+            self.gyro_bias_sigma_rad_s,
         )?;
         Bounds::new(1.0, 1e6, "").check("estimator.gate", self.gate)?;
         Bounds::new(0.0, 60.0, "s").check("estimator.believed_after_s", self.believed_after_s)?;

@@ -86,6 +86,7 @@ fn estimate(time_s: f64, y_m: f64, terrain: &Terrain) -> Estimate {
         },
         slip_gains: SlipGains::zeros(),
         contact: None,
+        gyro_bias_rad_s: None,
         model_error_m_s: 0.0,
         pose_age_s: 0.0,
         attitude_age_s: 0.0,

@@ -20,6 +20,7 @@ fn estimate(gains: SlipGains) -> Estimate {
         treads: TreadSpeeds::default(),
         slip_gains: gains,
         contact: None,
+        gyro_bias_rad_s: None,
         model_error_m_s: 0.0,
         pose_age_s: 0.0,
         attitude_age_s: 0.0,

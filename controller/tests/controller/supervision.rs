@@ -4,7 +4,7 @@ use crate::rig::{CIRCLE, KINDS, Rig, STOPPING_CYCLES, Setup, course, driving};
 use sidehill_controller::config::ControllerKind;
 use sidehill_controller::controller::{Controller, ControllerError, Decision, Status, StopReason};
 use sidehill_controller::estimator::Refused;
-use sidehill_plant::sample::Sample;
+use sidehill_plant::sample::{Sample, Stamped};
 use sidehill_plant::speeds::MotorSpeeds;
 use sidehill_plant::vehicle::Vehicle;
 use std::f64::consts::PI;
@@ -125,12 +125,17 @@ fn nan_readings_are_named_driven_over_and_in_the_end_stop() {
             if let Some(speeds) = &mut sample.tread_speeds {
                 speeds.value.left_m_s = f64::NAN;
             }
+            sample.yaw_rate = Some(Stamped {
+                time_s: sample.time_s,
+                value: f64::NAN,
+            });
         };
         let decision = rig.cycle_with(None, nan);
         assert_eq!(decision.status, Status::Tracking);
         let all = Refused {
             tread_speeds: true,
             attitude: true,
+            yaw_rate: true,
             pose: true,
         };
         assert_eq!(decision.refused, all);
@@ -159,6 +164,7 @@ fn a_clock_that_does_not_run_on_stops() {
                     time_s: rig.simulation.state().time_s,
                     tread_speeds: None,
                     attitude: None,
+                    yaw_rate: None,
                     pose: None,
                 };
                 jump(&mut sample);

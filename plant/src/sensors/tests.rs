@@ -20,6 +20,7 @@ fn truth(step: u64) -> Truth {
             roll_rad: value,
             pitch_rad: -value,
         },
+        yaw_rate_rad_s: value,
         pose: Pose {
             x_m: value,
             y_m: 0.0,
@@ -70,6 +71,23 @@ fn perfect_sensors_read_the_truth_of_the_moment() {
                 value: truth.pose
             })
         );
+        // A gyroscope is not on every vehicle.
+        assert_eq!(sample.yaw_rate, None);
+    }
+}
+
+#[test]
+fn a_gyroscope_has_bias_scale_and_quantisation() {
+    let yaml = "yaw_rate: {timing: {rate_hz: 100}, errors: {bias_deg_s: 2, scale_error: 0.5, quantisation_deg_s: 1}}";
+    let samples = samples(&mut sensors(yaml, 1), 8, 1);
+    for (step, sample) in samples.iter().enumerate() {
+        let read = sample.yaw_rate.map(|read| read.value.to_degrees());
+        // At 100 Hz every second step of 5 ms.
+        let expected = (step % 2 == 0).then(|| (1.5 * (step as f64).to_degrees() + 2.0).round());
+        match (read, expected) {
+            (Some(read), Some(expected)) => assert!((read - expected).abs() < 1e-9, "{read}"),
+            (read, expected) => assert_eq!(read, expected),
+        }
     }
 }
 

@@ -32,6 +32,7 @@ pub(crate) fn estimate(time_s: f64, x_m: f64, yaw_rad: f64) -> Estimate {
         treads: sidehill_plant::speeds::TreadSpeeds::default(),
         slip_gains: sidehill_plant::slip_gains::SlipGains::default(),
         contact: None,
+        gyro_bias_rad_s: None,
         model_error_m_s: 0.0,
         pose_age_s: 0.0,
         attitude_age_s: 0.0,

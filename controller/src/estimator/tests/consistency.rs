@@ -79,8 +79,12 @@ fn the_covariance_is_that_of_the_errors() {
 }
 
 /// Normalised squared errors of pose and parameters together at the end of runs in which everything is
-/// as the filter believes, parameters drawn from their prior and drifting included.
-fn normalised_errors_of_all<M: LearnedModel<N>, const N: usize>(model: &M, seed: u64) -> f64 {
+/// as the filter believes, parameters drawn from their prior and drifting included, and the bias of a gyroscope.
+fn normalised_errors_of_all<M: LearnedModel<N>, const N: usize>(
+    model: &M,
+    gyroscope: bool,
+    seed: u64,
+) -> f64 {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let mut gaussian = move |deviation: f64| -> f64 {
         let draw: f64 = StandardNormal.sample(&mut random);
@@ -96,6 +100,8 @@ fn normalised_errors_of_all<M: LearnedModel<N>, const N: usize>(model: &M, seed:
         SVector::from_fn(|i, _| prior.mean[i] + gaussian(prior.sigma[i]));
     let mut pose = Vector3::new(1.0, 2.0, gaussian(1.0));
     let mut late = Vector3::zeros();
+    let mut yaw_rate_before_rad_s = 0.0;
+    let bias_rad_s = gaussian(settings.gyro_bias_sigma_rad_s);
     let cycles = 200;
     for cycle in 0..=cycles {
         let time_s = DT_S * f64::from(cycle);
@@ -105,6 +111,7 @@ fn normalised_errors_of_all<M: LearnedModel<N>, const N: usize>(model: &M, seed:
             right_m_s: 0.3 + 0.3 * phase.sin(),
         };
         let attitude_before = Attitude::on_plane(&normal, pose.z);
+        let mut read_rad_s = bias_rad_s;
         if cycle > 0 {
             let drift = model.drift(treads, DT_S);
             let (velocity, _) = model.velocity(attitude_before, treads, &parameters);
@@ -129,8 +136,18 @@ fn normalised_errors_of_all<M: LearnedModel<N>, const N: usize>(model: &M, seed:
             let grown = noise.covariance(DT_S, 1.0, &missing, half_way.matrix());
             let root = grown.cholesky().unwrap().l();
             let white = Vector3::from_fn(|_, _| gaussian(1.0));
-            pose +=
-                DT_S * Vector3::new(middle.x_m_s, middle.y_m_s, middle.yaw_rad_s) + root * white;
+            let slid = root * white;
+            let turned_rad = pose.z;
+            pose += DT_S * Vector3::new(middle.x_m_s, middle.y_m_s, middle.yaw_rad_s) + slid;
+            let yaw_rate_rad_s = (pose.z - turned_rad) / DT_S;
+            if gyroscope {
+                // As the true yaw rate is at the readings, and linear between them.
+                pose.z = turned_rad + 0.5 * DT_S * (yaw_rate_before_rad_s + yaw_rate_rad_s);
+            }
+            yaw_rate_before_rad_s = yaw_rate_rad_s;
+            let of_body = velocity.yaw_rate_rad_s / middle.yaw_rad_s;
+            read_rad_s += of_body * yaw_rate_rad_s
+                + gaussian(settings.gyro_sigma_rad_per_sqrt_s / DT_S.sqrt());
             for i in 0..N {
                 parameters[i] = prior.mean[i]
                     + drift.keep[i] * (parameters[i] - prior.mean[i])
@@ -146,41 +163,45 @@ fn normalised_errors_of_all<M: LearnedModel<N>, const N: usize>(model: &M, seed:
             time_s,
             tread_speeds: stamped(time_s, model.encoder_scale().invert(treads)),
             attitude: stamped(time_s, Attitude::on_plane(&normal, pose.z)),
+            yaw_rate: gyroscope.then_some(()).and(stamped(time_s, read_rad_s)),
             pose: stamped(time_s, pose_at(&noisy)),
         };
         filter.update(&sample);
     }
     let belief = filter.newest().unwrap();
-    let mut error = DVector::zeros(3 + N);
-    let mut covariance = DMatrix::zeros(3 + N, 3 + N);
-    for i in 0..3 {
-        error[i] = pose[i] - belief.mean[i];
-    }
+    let mut error = DVector::zeros(4 + N);
+    let mut covariance = DMatrix::zeros(4 + N, 4 + N);
+    let first = pose.push(bias_rad_s) - belief.mean;
+    error.rows_mut(0, 4).copy_from(&first);
     error[2] = wrap_angle(error[2]);
     for i in 0..N {
-        error[3 + i] = parameters[i] - belief.parameters[i];
+        error[4 + i] = parameters[i] - belief.parameters[i];
     }
     covariance
-        .view_mut((0, 0), (3, 3))
+        .view_mut((0, 0), (4, 4))
         .copy_from(&belief.covariance);
-    covariance.view_mut((0, 3), (3, N)).copy_from(&belief.cross);
+    covariance.view_mut((0, 4), (4, N)).copy_from(&belief.cross);
     covariance
-        .view_mut((3, 0), (N, 3))
+        .view_mut((4, 0), (N, 4))
         .copy_from(&belief.cross.transpose());
     covariance
-        .view_mut((3, 3), (N, N))
+        .view_mut((4, 4), (N, N))
         .copy_from(&belief.parameter_covariance);
     let solved = covariance.cholesky().unwrap().solve(&error);
     error.dot(&solved)
 }
 
-/// Checks the mean over 200 runs: chi-square distributed with 3 + N degrees of freedom each. Bounds at 3.3
+/// Checks the mean over 200 runs: chi-square distributed with 4 + N degrees of freedom each. Bounds at 3.3
 /// standard deviations, and `nonlinear` for what a linearised filter may be off.
-fn check_whole_state<M: LearnedModel<N>, const N: usize>(model: &M, nonlinear: f64) {
+fn check_whole_state<M: LearnedModel<N>, const N: usize>(
+    model: &M,
+    gyroscope: bool,
+    nonlinear: f64,
+) {
     const RUNS: u64 = 200;
-    let freedom = (3 + N) as f64;
+    let freedom = (4 + N) as f64;
     let total: f64 = (0..RUNS)
-        .map(|seed| normalised_errors_of_all(model, seed))
+        .map(|seed| normalised_errors_of_all(model, gyroscope, seed))
         .sum();
     let mean = total / RUNS as f64;
     let bound = 3.3 * (2.0 * freedom / RUNS as f64).sqrt() + nonlinear * freedom;
@@ -196,7 +217,10 @@ fn the_covariance_of_pose_and_gains_is_that_of_the_errors() {
         forgetting_per_m: 0.01,
         ..AdaptationSettings::default()
     };
-    check_whole_state(&SlipModel::new(Vehicle::j8(), adaptation), 0.03);
+    let model = SlipModel::new(Vehicle::j8(), adaptation);
+    for gyroscope in [false, true] {
+        check_whole_state(&model, gyroscope, 0.03);
+    }
 }
 
 fn learned_contact(settings: ContactLearningSettings) -> LearnedContact {
@@ -212,7 +236,9 @@ fn the_covariance_of_pose_and_contact_parameters_is_that_of_the_errors() {
         prior_factor: 0.2,
         ..ContactLearningSettings::default()
     };
-    check_whole_state(&learned_contact(settings), 0.05);
+    for gyroscope in [false, true] {
+        check_whole_state(&learned_contact(settings), gyroscope, 0.05);
+    }
 }
 
 #[test]
@@ -235,6 +261,7 @@ fn what_is_not_excited_stays_at_its_prior_and_says_so() {
                 time_s,
                 tread_speeds: stamped(time_s, Vehicle::j8().encoder_scale.invert(straight)),
                 attitude: stamped(time_s, Attitude::LEVEL),
+                yaw_rate: None,
                 pose: stamped(time_s, pose_at(&pose)),
             })
             .0;
@@ -331,6 +358,7 @@ fn factors_of_treads_that_slip_are_learned() {
             time_s,
             tread_speeds: stamped(time_s, model.encoder_scale().invert(said)),
             attitude: stamped(time_s, Attitude::on_plane(&normal, pose.yaw_rad)),
+            yaw_rate: None,
             pose: stamped(time_s, pose_at(&pose)),
         };
         learned = filter.update(&sample).0.and_then(|e| e.contact);

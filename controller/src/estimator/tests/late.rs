@@ -47,6 +47,7 @@ fn learned_wrongly(lag_s: f64) -> f64 {
             time_s,
             tread_speeds: stamped(time_s, model.encoder_scale().invert(treads)),
             attitude: stamped(time_s, Attitude::on_plane(&normal, pose.yaw_rad)),
+            yaw_rate: None,
             pose: stamped(time_s, pose_at(&pose)),
         });
     }

@@ -1,6 +1,7 @@
 #![allow(clippy::unwrap_used)]
 
 mod consistency;
+mod gyroscope;
 mod late;
 mod readings;
 
@@ -20,6 +21,7 @@ fn nothing(time_s: f64) -> Sample {
         time_s,
         tread_speeds: None,
         attitude: None,
+        yaw_rate: None,
         pose: None,
     }
 }
@@ -89,6 +91,7 @@ impl Truth {
             time_s,
             tread_speeds: stamped(time_s, treads),
             attitude: stamped(time_s, self.attitude()),
+            yaw_rate: None,
             pose: stamped(time_s, pose_at(&self.pose)),
         }
     }

@@ -22,11 +22,13 @@ fn reading(time_s: f64, (kind, a, b, c): (u8, f64, f64, f64)) -> Sample {
             };
             sample.attitude = stamped(time_s, attitude);
         }
+        2 => sample.yaw_rate = stamped(time_s, 0.02 * a),
         _ => {
             let pose = PlanarPose {
                 x_m: 0.2 * a,
                 y_m: 0.2 * b,
-                yaw_rad: 0.2 * c,
+                // Not so far that poses contradict the gyroscope, which is judged in the order of arrival.
+                yaw_rad: 0.02 * c,
             };
             sample.pose = stamped(time_s, pose_at(&pose));
         }
@@ -40,7 +42,7 @@ proptest! {
     #[test]
     fn the_order_of_arrival_does_not_matter(
         (in_order, shuffled) in prop::collection::vec(
-            (0..3_u8, -1.0..1.0_f64, -1.0..1.0_f64, -1.0..1.0_f64),
+            (0..4_u8, -1.0..1.0_f64, -1.0..1.0_f64, -1.0..1.0_f64),
             2..40,
         )
         .prop_map(|readings| {
@@ -72,7 +74,7 @@ proptest! {
     #[test]
     fn the_covariance_stays_symmetric_and_positive(
         readings in prop::collection::vec(
-            (0..3_u8, -1.0..1.0_f64, -1.0..1.0_f64, -1.0..1.0_f64, 0.0..0.3_f64),
+            (0..4_u8, -1.0..1.0_f64, -1.0..1.0_f64, -1.0..1.0_f64, 0.0..0.3_f64),
             1..200,
         ),
     ) {
@@ -168,6 +170,13 @@ fn readings_that_are_not_finite_are_named_and_left_out() {
             }
             spoiled.push((sample, refused(|refused| refused.attitude = true)));
             let mut sample = good;
+            sample.yaw_rate = if field == 0 {
+                stamped(0.1, value)
+            } else {
+                stamped(value, 0.1)
+            };
+            spoiled.push((sample, refused(|refused| refused.yaw_rate = true)));
+            let mut sample = good;
             let pose = sample.pose.as_mut().unwrap();
             match field {
                 0 => pose.value.x_m = value,
@@ -189,6 +198,7 @@ fn readings_that_are_not_finite_are_named_and_left_out() {
                 time_s: sample.time_s,
                 tread_speeds: sample.tread_speeds.filter(|_| !expected.tread_speeds),
                 attitude: sample.attitude.filter(|_| !expected.attitude),
+                yaw_rate: sample.yaw_rate.filter(|_| !expected.yaw_rate),
                 pose: sample.pose.filter(|_| !expected.pose),
             };
             assert_eq!(without.update(&left_out), (estimate, Refused::default()));
