@@ -198,7 +198,7 @@ impl RosVehicle {
         let state = self.rover.state();
         let mut report = self.reporter.report(&report::Readings {
             sample,
-            yaw_rate_rad_s: state.velocity.yaw_rate_rad_s,
+            true_yaw_rate_rad_s: state.velocity.yaw_rate_rad_s,
             angles_rad: self.angles_rad,
             time_s: state.time_s,
             jump_s: self.rover.faults(now_s).map(clock_jump_s).sum(),

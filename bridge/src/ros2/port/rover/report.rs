@@ -18,7 +18,8 @@ const GRAVITY_M_S2: f64 = 9.80665;
 pub struct Report {
     /// odom: the pose source's pose; the twist is what a differential drive counts from its treads.
     pub odometry: Option<Odometry>,
-    /// imu: attitude, heading, yaw rate, and gravity as the acceleration of a slow vehicle.
+    /// imu: attitude, heading, yaw rate, and gravity as the acceleration of a slow vehicle. The yaw rate is the newest that
+    /// its sensor has read, or the true one where the sensors have none.
     pub imu: Option<Imu>,
     /// /tf: odom to base_link.
     pub transforms: Option<TfMessage>,
@@ -65,6 +66,7 @@ impl Report {
             Stream::Imu => {
                 if let Some(imu) = &mut self.imu {
                     imu.orientation.x = f64::NAN;
+                    imu.angular_velocity.z = f64::NAN;
                 }
             }
             Stream::Transforms => {
@@ -107,7 +109,7 @@ impl Report {
 /// What a report is made of.
 pub(super) struct Readings {
     pub sample: Sample,
-    pub yaw_rate_rad_s: f64,
+    pub true_yaw_rate_rad_s: f64,
     pub angles_rad: [f64; 2],
     pub time_s: f64,
     pub jump_s: f64,
@@ -121,6 +123,8 @@ pub(super) struct Reporter {
     origin_ns: i64,
     twist: TwistMapping,
     attitude: Attitude,
+    /// None before the first reading.
+    yaw_rate_rad_s: Option<f64>,
     pose: Pose,
     treads: MeasuredTreadSpeeds,
     frozen_s: Option<f64>,
@@ -134,6 +138,7 @@ impl Reporter {
             origin_ns,
             twist,
             attitude: Attitude::default(),
+            yaw_rate_rad_s: None,
             pose: Pose::default(),
             treads: MeasuredTreadSpeeds::default(),
             frozen_s: None,
@@ -153,11 +158,13 @@ impl Reporter {
         };
         let Sample {
             attitude,
+            yaw_rate,
             pose,
             tread_speeds,
             ..
         } = readings.sample;
         self.attitude = attitude.map_or(self.attitude, |attitude| attitude.value);
+        self.yaw_rate_rad_s = yaw_rate.map_or(self.yaw_rate_rad_s, |read| Some(read.value));
         self.pose = pose.map_or(self.pose, |pose| pose.value);
         self.treads = tread_speeds.map_or(self.treads, |treads| treads.value);
         let map_from_base = convert::world_from_base_link(&self.pose, &self.attitude);
@@ -197,7 +204,7 @@ impl Reporter {
                 header: header(self, attitude.time_s, &frames.base),
                 orientation: conversions::to_quaternion(&map_from_base.rotation),
                 angular_velocity: message::Vector3 {
-                    z: readings.yaw_rate_rad_s,
+                    z: self.yaw_rate_rad_s.unwrap_or(readings.true_yaw_rate_rad_s),
                     ..Default::default()
                 },
                 linear_acceleration: conversions::to_vector(

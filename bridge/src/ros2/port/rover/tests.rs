@@ -15,6 +15,10 @@ const FORWARD: MeasuredMotorSpeeds = MeasuredMotorSpeeds {
 };
 
 fn vehicle(config: VehicleNodeConfig) -> RosVehicle {
+    vehicle_with(SensorsConfig::default(), config)
+}
+
+fn vehicle_with(sensors: SensorsConfig, config: VehicleNodeConfig) -> RosVehicle {
     let text = include_str!("../../../../../config/vehicles/j8.yaml");
     let j8: Vehicle = serde_yaml::from_str(text).unwrap();
     let simulation = Simulation::new(SimulationSetup {
@@ -24,7 +28,7 @@ fn vehicle(config: VehicleNodeConfig) -> RosVehicle {
             inclined: true,
         }),
         drive_train: DriveTrainConfig::default(),
-        sensors: SensorsConfig::default(),
+        sensors,
         encoder_scale: j8.encoder_scale,
         start: PlanarPose::default(),
         dt_s: DT_S,
@@ -99,6 +103,26 @@ fn it_drives_as_commanded_and_its_transforms_lead_to_the_truth() {
     let imu = last.imu.as_ref().unwrap();
     let expected = 9.80665 * 10.0_f64.to_radians().cos();
     assert!((imu.linear_acceleration.z - expected).abs() < 1e-9);
+}
+
+#[test]
+fn the_imu_has_the_yaw_rate_of_its_sensor_or_the_true_one_left_positive() {
+    let turn_left = MeasuredMotorSpeeds {
+        traction_m_s: 0.0,
+        steer_m_s: 0.3,
+    };
+    for (sensors, bias_deg_s) in [("{}", 0.0), ("yaw_rate: {errors: {bias_deg_s: 2}}", 2.0)] {
+        let sensors = serde_yaml::from_str(sensors).unwrap();
+        let mut vehicle = vehicle_with(sensors, VehicleNodeConfig::default());
+        let yaw_before_rad = vehicle.state().pose.yaw_rad;
+        let reports = drive(&mut vehicle, turn_left, 3.0);
+        let state = vehicle.state();
+        assert!(state.pose.yaw_rad > yaw_before_rad + 0.1);
+        let imu = reports.last().unwrap().imu.as_ref().unwrap();
+        let error_rad_s = imu.angular_velocity.z - state.velocity.yaw_rate_rad_s;
+        assert!(imu.angular_velocity.z > 0.1);
+        assert!((error_rad_s.to_degrees() - bias_deg_s).abs() < 1e-9);
+    }
 }
 
 #[test]
