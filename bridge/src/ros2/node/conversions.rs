@@ -143,6 +143,22 @@ pub fn to_quaternion(rotation: &UnitQuaternion<f64>) -> message::Quaternion {
     }
 }
 
+/// Returns a vector; `field` names it in an error.
+///
+/// # Errors
+/// A number that is not finite.
+pub fn from_vector(
+    vector: &message::Vector3,
+    field: &'static str,
+) -> Result<Vector3<f64>, MessageError> {
+    let vector = Vector3::new(vector.x, vector.y, vector.z);
+    if vector.iter().all(|value| value.is_finite()) {
+        Ok(vector)
+    } else {
+        Err(MessageError::NotFinite { field })
+    }
+}
+
 /// Returns a vector as a message's.
 pub fn to_vector(vector: &Vector3<f64>) -> message::Vector3 {
     message::Vector3 {

@@ -33,6 +33,17 @@ pub enum AttitudeSource {
     Odometry,
 }
 
+/// Source of the yaw rate.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum YawRateSource {
+    /// The angular velocity of an Imu.
+    Imu,
+    /// Not read. A yaw rate changes how the vehicle drives, so it has to be asked for.
+    #[default]
+    None,
+}
+
 /// Source of the tread speeds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -56,6 +67,8 @@ pub struct InputsConfig {
     pub joint_states: String,
     /// Source of roll and pitch.
     pub attitude: AttitudeSource,
+    /// Source of the yaw rate.
+    pub yaw_rate: YawRateSource,
     /// Source of the tread speeds.
     pub speeds: SpeedSource,
     /// Joints of the treads.
@@ -78,6 +91,7 @@ impl Default for InputsConfig {
             imu: "imu".to_owned(),
             joint_states: "joint_states".to_owned(),
             attitude: AttitudeSource::default(),
+            yaw_rate: YawRateSource::default(),
             speeds: SpeedSource::default(),
             joints: TreadJoints::default(),
             emergency_stop: "emergency_stop".to_owned(),

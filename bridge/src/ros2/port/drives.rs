@@ -42,8 +42,8 @@ pub struct Ros2Port {
     correction: SpeedCorrection,
     mode: DriveMode,
     last_s: f64,
-    /// Times of the tread speeds, attitude and pose delivered last, s.
-    delivered_s: [f64; 3],
+    /// Times of the tread speeds, attitude, yaw rate and pose delivered last, s.
+    delivered_s: [f64; 4],
     command: Input<TimedCommand>,
     publisher: Worker,
     inputs: Worker,
@@ -111,7 +111,7 @@ impl Ros2Port {
             correction,
             mode: DriveMode::Disabled,
             last_s: f64::NEG_INFINITY,
-            delivered_s: [f64::NEG_INFINITY; 3],
+            delivered_s: [f64::NEG_INFINITY; 4],
             command,
             publisher,
             inputs,
@@ -129,10 +129,10 @@ impl Port for Ros2Port {
         let latest = *self.latest.read();
         if now_s < self.last_s {
             // The clock was set back: older readings are new again.
-            self.delivered_s = [f64::NEG_INFINITY; 3];
+            self.delivered_s = [f64::NEG_INFINITY; 4];
         }
         self.last_s = now_s;
-        let [treads_s, attitude_s, pose_s] = &mut self.delivered_s;
+        let [treads_s, attitude_s, yaw_rate_s, pose_s] = &mut self.delivered_s;
         let treads = latest.motors.map(|motors| Stamped {
             time_s: motors.time_s,
             value: motors.value.into(),
@@ -142,7 +142,7 @@ impl Port for Ros2Port {
                 time_s: now_s,
                 tread_speeds: newer(treads, treads_s),
                 attitude: newer(latest.attitude, attitude_s),
-                yaw_rate: None,
+                yaw_rate: newer(latest.yaw_rate, yaw_rate_s),
                 pose: newer(latest.pose, pose_s),
             },
             feedback: latest.motors.map(|motors| Stamped {

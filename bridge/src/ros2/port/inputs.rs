@@ -1,6 +1,6 @@
 //! The subscriptions of the vehicle and the thread that reads them.
 
-use super::config::{AttitudeSource, SpeedSource};
+use super::config::{AttitudeSource, SpeedSource, YawRateSource};
 use super::config::{InputsConfig, TwistConfig};
 use super::readings::{LatestInputs, PortContext, Readings};
 use crate::control_loop::channel::HaltSwitch;
@@ -84,7 +84,9 @@ struct Subscriptions {
 impl Subscriptions {
     fn new(node: &mut RosNode, subscriber: &InputSubscriber) -> Result<Self, NodeError> {
         let (config, sensors) = (&subscriber.config, subscriber.sensors);
-        let imu = sensors && config.attitude == AttitudeSource::Imu;
+        let attitude_of_imu = config.attitude == AttitudeSource::Imu;
+        let yaw_rate_of_imu = config.yaw_rate == YawRateSource::Imu;
+        let imu = sensors && (attitude_of_imu || yaw_rate_of_imu);
         let joint_states = sensors && config.speeds == SpeedSource::JointStates;
         let clock = subscriber.context.clock.is_some();
         let wait = Waits { node, subscriber };
@@ -95,7 +97,8 @@ impl Subscriptions {
             wait.for_topic::<Odometry>("odometry", &config.odometry, true)?;
         }
         if imu {
-            wait.for_topic::<Imu>("imu", &config.imu, true)?;
+            // Without a yaw rate the vehicle still drives.
+            wait.for_topic::<Imu>("imu", &config.imu, attitude_of_imu)?;
         }
         if joint_states {
             wait.for_topic::<JointState>("joint states", &config.joint_states, true)?;

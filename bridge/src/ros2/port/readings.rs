@@ -1,15 +1,16 @@
 //! From messages to readings for the controller: frames, stamps and units are checked here.
 
-use super::config::{AttitudeSource, Frames, InputsConfig, SpeedSource};
+use super::config::{AttitudeSource, Frames, InputsConfig, SpeedSource, YawRateSource};
 use super::convert::{TwistMapping, pose_and_attitude};
 use super::shared_inputs::SharedInputs;
 use crate::drives::{ExternalClock, MeasuredMotorSpeeds};
 use crate::ros2::node::conversions::{
-    MessageError, from_pose, from_quaternion, from_transform, nanoseconds,
+    MessageError, from_pose, from_quaternion, from_transform, from_vector, nanoseconds,
 };
 use crate::ros2::node::message::{Clock, Header, Imu, JointState, Odometry, TfMessage, Twist};
 use crate::ros2::node::time::RosTime;
 use crate::ros2::node::transforms::TransformError;
+use nalgebra::UnitQuaternion;
 use sidehill_plant::frames::{Attitude, Pose, paper_attitude};
 use sidehill_plant::sample::Stamped;
 use std::sync::Arc;
@@ -21,12 +22,16 @@ pub(crate) const CLOCK: &str = "/clock";
 const AHEAD_S: f64 = 0.1;
 /// A step of `/clock` that is a jump, s; any step back is one.
 const CLOCK_JUMP_S: f64 = 2.0;
+/// Fastest rotation that is believed, rad/s: gyroscopes read at most 2000 deg/s.
+const ROTATION_MAX_RAD_S: f64 = 35.0;
 
 /// The newest reading of each kind.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(crate) struct LatestInputs {
     pub(crate) pose: Option<Stamped<Pose>>,
     pub(crate) attitude: Option<Stamped<Attitude>>,
+    /// About the vehicle's upward axis, rad/s, counter-clockwise positive.
+    pub(crate) yaw_rate: Option<Stamped<f64>>,
     pub(crate) motors: Option<Stamped<MeasuredMotorSpeeds>>,
     /// The command that reaches the drives, at the instant it came.
     pub(crate) forwarded: Option<Stamped<MeasuredMotorSpeeds>>,
@@ -41,6 +46,10 @@ pub(crate) enum Rejection {
     Frame { found: String, expected: String },
     #[error("its stamp is {ahead_s:.3} s ahead of the clock")]
     Ahead { ahead_s: f64 },
+    #[error("angular_velocity_covariance[0] is -1: this imu has no angular velocity")]
+    NoAngularVelocity,
+    #[error("angular_velocity is {rad_s:.1} rad/s, must be at most {ROTATION_MAX_RAD_S} rad/s")]
+    Rotation { rad_s: f64 },
     #[error(transparent)]
     Transform(#[from] TransformError),
 }
@@ -157,30 +166,40 @@ impl Readings {
         Ok(())
     }
 
-    /// Takes a message of the IMU.
+    /// Takes a message of the IMU. An attitude is used even if the yaw rate beside it is rejected.
     pub(crate) fn imu(&mut self, message: &Imu) {
-        match self.try_imu(message) {
-            Ok(attitude) => {
-                self.latest.attitude = Some(attitude);
-                self.context.shared.graph().accepted(&self.config.imu);
-            }
-            Err(reason) => self.context.shared.reject(&self.config.imu, &reason),
+        let result = self.try_imu(message);
+        let (shared, topic) = (&self.context.shared, &self.config.imu);
+        match result {
+            Ok(()) => shared.graph().accepted(topic),
+            Err(reason) => shared.reject(topic, &reason),
         }
     }
 
-    fn try_imu(&self, message: &Imu) -> Result<Stamped<Attitude>, Rejection> {
+    fn try_imu(&mut self, message: &Imu) -> Result<(), Rejection> {
         let time_s = self.time_s(&message.header)?;
-        let world_from_imu = from_quaternion(&message.orientation)?;
-        let (imu, base) = (&message.header.frame_id, &self.context.frames.base);
-        let world_from_base = match check_frame(imu, base) {
-            Ok(()) => world_from_imu,
-            Err(_) => {
-                // The mounting of the IMU.
-                let transforms = self.context.shared.transforms();
-                world_from_imu * transforms.look_up(imu, base, time_s, 0.0)?.rotation
-            }
-        };
-        Ok(stamped(time_s, paper_attitude(&world_from_base).0))
+        let imu_from_base = self.imu_from_base(&message.header.frame_id, time_s)?;
+        if self.config.attitude == AttitudeSource::Imu {
+            let world_from_base = from_quaternion(&message.orientation)? * imu_from_base;
+            let attitude = paper_attitude(&world_from_base).0;
+            self.latest.attitude = Some(stamped(time_s, attitude));
+            self.context.shared.graph().accepted(&self.config.imu);
+        }
+        if self.config.yaw_rate == YawRateSource::Imu {
+            let yaw_rate_rad_s = yaw_rate_rad_s(message, &imu_from_base)?;
+            self.latest.yaw_rate = Some(stamped(time_s, yaw_rate_rad_s));
+        }
+        Ok(())
+    }
+
+    /// Returns the mounting of the IMU: the rotation from the vehicle's axes to its own.
+    fn imu_from_base(&self, imu: &str, time_s: f64) -> Result<UnitQuaternion<f64>, Rejection> {
+        let base = &self.context.frames.base;
+        if check_frame(imu, base).is_ok() {
+            return Ok(UnitQuaternion::identity());
+        }
+        let transforms = self.context.shared.transforms();
+        Ok(transforms.look_up(imu, base, time_s, 0.0)?.rotation)
     }
 
     /// Takes a command that another node has sent to the drives.
@@ -231,6 +250,19 @@ impl Readings {
         }
         Ok(time_s.min(now_s))
     }
+}
+
+/// Returns the component of the angular velocity along the vehicle's upward axis, rad/s.
+fn yaw_rate_rad_s(message: &Imu, imu_from_base: &UnitQuaternion<f64>) -> Result<f64, Rejection> {
+    if message.angular_velocity_covariance[0] == -1.0 {
+        return Err(Rejection::NoAngularVelocity);
+    }
+    let in_imu = from_vector(&message.angular_velocity, "angular_velocity")?;
+    let rad_s = in_imu.norm();
+    if rad_s > ROTATION_MAX_RAD_S {
+        return Err(Rejection::Rotation { rad_s });
+    }
+    Ok(imu_from_base.inverse_transform_vector(&in_imu).z)
 }
 
 fn stamped<T>(time_s: f64, value: T) -> Stamped<T> {

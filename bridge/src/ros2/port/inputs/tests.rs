@@ -2,15 +2,18 @@
 
 use super::*;
 use crate::control_loop::channel::{CommandClient, ControllerEnd, LoopEnd, command_channel};
+use crate::drives::Port;
 use crate::ros2::node::arguments::{RosArguments, RosEnvironment};
 use crate::ros2::node::conversions::{stamp, to_pose};
 use crate::ros2::node::message::Header;
 use crate::ros2::node::time::RosTime;
-use crate::ros2::port::config::Frames;
+use crate::ros2::port::Ros2Port;
+use crate::ros2::port::config::{CommandsConfig, Frames};
 use crate::ros2::port::convert::{TwistMapping, world_from_base_link};
 use crate::safety::{OperatorRequests, SafetyState, StopCause};
 use ros2_client::{Publisher, ServiceMapping};
 use sidehill_plant::frames::{Attitude, Pose};
+use sidehill_plant::vehicle::SpeedCorrection;
 use std::sync::Arc;
 use std::sync::atomic::AtomicU32;
 
@@ -24,8 +27,8 @@ struct Bench {
     context: PortContext,
     loop_end: LoopEnd,
     _ends: (CommandClient, ControllerEnd),
-    _worker: Worker,
-    _node: RosNode,
+    worker: Worker,
+    node: RosNode,
 }
 
 impl Bench {
@@ -63,8 +66,8 @@ impl Bench {
             context,
             loop_end,
             _ends: (client, controller_end),
-            _worker: worker,
-            _node: node,
+            worker,
+            node,
         }
     }
 
@@ -152,6 +155,52 @@ fn odometry_and_imu_of_another_node_become_the_newest_readings() {
     assert!((attitude.value.roll_rad - 0.2).abs() < 1e-9, "{attitude:?}");
     assert_eq!(read.motors.unwrap().value.traction_m_s, 0.5);
     assert!(read.forwarded.is_none());
+}
+
+#[test]
+fn the_yaw_rate_of_an_imu_reaches_the_sample_once() {
+    let mut bench = Bench::new(|subscriber| {
+        subscriber.config.attitude = AttitudeSource::Odometry;
+        subscriber.config.yaw_rate = YawRateSource::Imu;
+    });
+    let imus = bench.publisher::<Imu>("imu");
+    let mut imu = Imu {
+        header: header("base_link"),
+        ..Imu::default()
+    };
+    imu.angular_velocity.z = 0.4;
+    // The vehicle drives without it.
+    let inputs = bench.context.shared.graph().inputs();
+    let of_imu = inputs.iter().find(|input| input.input == "imu").unwrap();
+    assert_eq!(of_imu.missing, None);
+    let (mut node, inputs) = (bench.node, (bench.worker, bench.latest));
+    let scale = SpeedCorrection {
+        left: 1.0,
+        right: 1.0,
+    };
+    let commands = CommandsConfig::default();
+    let mut port = Ros2Port::new(&mut node, &commands, scale, bench.context, inputs).unwrap();
+    let begin = Instant::now();
+    let sample = loop {
+        imus.publish(imu.clone()).unwrap();
+        let sample = port.receive(10.0).sample;
+        if sample.yaw_rate.is_some() {
+            break sample;
+        }
+        assert!(begin.elapsed() < PATIENCE, "nothing arrived");
+        std::thread::sleep(Duration::from_millis(20));
+    };
+    let yaw_rate = sample.yaw_rate.unwrap();
+    assert!((yaw_rate.time_s - 9.9).abs() < 1e-9 && yaw_rate.value == 0.4);
+    assert_eq!(sample.attitude, None);
+    assert_eq!(port.receive(10.05).sample.yaw_rate, None);
+    imu.header.stamp = stamp(9_950_000_000);
+    let begin = Instant::now();
+    while port.receive(10.1).sample.yaw_rate.is_none() {
+        imus.publish(imu.clone()).unwrap();
+        assert!(begin.elapsed() < PATIENCE, "no newer one arrived");
+        std::thread::sleep(Duration::from_millis(20));
+    }
 }
 
 #[test]

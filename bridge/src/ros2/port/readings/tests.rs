@@ -1,9 +1,9 @@
 use super::*;
 use crate::ros2::node::conversions::{stamp, to_pose, to_quaternion, to_transform};
-use crate::ros2::node::message::{TransformStamped, Twist};
+use crate::ros2::node::message::{TransformStamped, Twist, Vector3};
 use crate::ros2::port::convert::world_from_base_link;
 use nalgebra::{Isometry3, UnitQuaternion};
-use std::f64::consts::FRAC_PI_2;
+use std::f64::consts::{FRAC_PI_2, PI};
 
 /// Readings with simulated time, and the clock that sets it.
 fn readings(change: impl FnOnce(&mut InputsConfig)) -> (Readings, ExternalClock) {
@@ -69,10 +69,11 @@ fn odometry_gives_pose_and_speeds_and_attitude_where_configured() {
             pose,
             attitude,
             motors,
+            yaw_rate: None,
             forwarded: None,
         } = readings.latest()
         else {
-            panic!("nobody forwards commands");
+            panic!("nobody forwards commands, and odometry gives no yaw rate");
         };
         let pose = pose.unwrap();
         assert!((pose.time_s - 9.9).abs() < 1e-9);
@@ -143,6 +144,20 @@ fn a_stamp_is_never_later_than_now() {
     assert_eq!(readings.latest().pose.unwrap().time_s, 10.0);
 }
 
+/// Publishes how the IMU is mounted.
+fn mount_imu(readings: &mut Readings, base_from_imu: UnitQuaternion<f64>) {
+    let transform = TransformStamped {
+        header: header(0.0, "base_link"),
+        child_frame_id: "imu_link".to_owned(),
+        transform: to_transform(&Isometry3::from_parts(
+            nalgebra::Translation3::identity(),
+            base_from_imu,
+        )),
+    };
+    let transforms = vec![transform];
+    readings.transforms(&TfMessage { transforms }, true);
+}
+
 #[test]
 fn the_mounting_of_the_imu_is_taken_out() {
     let (mut readings, _) = readings(|_| {});
@@ -155,20 +170,115 @@ fn the_mounting_of_the_imu_is_taken_out() {
     };
     readings.imu(&message);
     assert_rejected(&readings, 1, "no transform between imu_link and base_link");
-    let transform = TransformStamped {
-        header: header(0.0, "base_link"),
-        child_frame_id: "imu_link".to_owned(),
-        transform: to_transform(&Isometry3::from_parts(
-            nalgebra::Translation3::identity(),
-            base_from_imu,
-        )),
-    };
-    let transforms = vec![transform];
-    readings.transforms(&TfMessage { transforms }, true);
+    mount_imu(&mut readings, base_from_imu);
     readings.imu(&message);
     let attitude = readings.latest().attitude.unwrap().value;
     assert!((attitude.roll_rad - SLOPE.roll_rad).abs() < 1e-9);
     assert!((attitude.pitch_rad - SLOPE.pitch_rad).abs() < 1e-9);
+}
+
+/// A level IMU in the vehicle's frame, while the vehicle turns left.
+fn turning_imu() -> Imu {
+    let mut message = Imu {
+        header: header(9.9, "base_link"),
+        ..Imu::default()
+    };
+    message.orientation.w = 1.0;
+    message.angular_velocity.z = 0.4;
+    message
+}
+
+#[test]
+fn the_yaw_rate_is_read_where_it_is_asked_for() {
+    for attitude in [AttitudeSource::Imu, AttitudeSource::Odometry] {
+        for yaw_rate in [YawRateSource::Imu, YawRateSource::None] {
+            let (mut readings, _) = readings(|config| {
+                config.attitude = attitude;
+                config.yaw_rate = yaw_rate;
+            });
+            readings.imu(&turning_imu());
+            assert_rejected(&readings, 0, "");
+            let latest = readings.latest();
+            assert_eq!(latest.attitude.is_some(), attitude == AttitudeSource::Imu);
+            match yaw_rate {
+                YawRateSource::None => assert_eq!(latest.yaw_rate, None),
+                YawRateSource::Imu => {
+                    let read = latest.yaw_rate.unwrap();
+                    assert!((read.time_s - 9.9).abs() < 1e-9 && (read.value - 0.4).abs() < 1e-12);
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn the_yaw_rate_is_about_the_vehicles_upward_axis_however_the_imu_is_mounted() {
+    // The vehicle rolls at 0.05 rad/s, pitches at -0.1 and yaws at 0.4; what the IMU reads of it is worked out by hand.
+    let upside_down = UnitQuaternion::from_euler_angles(PI, 0.0, 0.0);
+    let on_its_left_side = UnitQuaternion::from_euler_angles(-FRAC_PI_2, 0.0, 0.0);
+    for (base_from_imu, [x, y, z]) in [
+        (upside_down, [0.05, 0.1, -0.4]),
+        (on_its_left_side, [0.05, -0.4, -0.1]),
+    ] {
+        let (mut readings, _) = readings(|config| {
+            config.attitude = AttitudeSource::Odometry;
+            config.yaw_rate = YawRateSource::Imu;
+        });
+        let mut message = Imu {
+            header: header(9.9, "imu_link"),
+            angular_velocity: Vector3 { x, y, z },
+            ..Imu::default()
+        };
+        // It has no orientation.
+        message.orientation_covariance[0] = -1.0;
+        message.orientation.w = 0.0;
+        readings.imu(&message);
+        assert_rejected(&readings, 1, "no transform between imu_link and base_link");
+        mount_imu(&mut readings, base_from_imu);
+        readings.imu(&message);
+        assert_eq!(readings.context.shared.rejected(), 1);
+        let yaw_rate = readings.latest().yaw_rate.unwrap().value;
+        assert!((yaw_rate - 0.4).abs() < 1e-12, "{yaw_rate}");
+        assert_eq!(readings.latest().attitude, None);
+    }
+}
+
+#[test]
+fn a_bad_yaw_rate_is_rejected_with_its_field_and_the_attitude_beside_it_is_used() {
+    type Damage = fn(&mut Imu);
+    let damages: [(Damage, &str); 4] = [
+        (
+            |m| m.angular_velocity_covariance[0] = -1.0,
+            "imu: angular_velocity_covariance[0] is -1",
+        ),
+        (
+            |m| m.angular_velocity.z = f64::NAN,
+            "imu: angular_velocity is not finite",
+        ),
+        (
+            |m| m.angular_velocity.x = f64::INFINITY,
+            "imu: angular_velocity is not finite",
+        ),
+        (
+            |m| m.angular_velocity.z = -35.1,
+            "imu: angular_velocity is 35.1 rad/s, must be at most 35 rad/s",
+        ),
+    ];
+    for (damage, reason) in damages {
+        let (mut readings, _) = readings(|config| config.yaw_rate = YawRateSource::Imu);
+        let mut message = turning_imu();
+        damage(&mut message);
+        readings.imu(&message);
+        assert_rejected(&readings, 1, reason);
+        assert_eq!(readings.latest().yaw_rate, None);
+        assert!(readings.latest().attitude.is_some());
+    }
+    // An attitude without a yaw rate has no use for the field.
+    let (mut readings, _) = readings(|_| {});
+    let mut message = turning_imu();
+    message.angular_velocity_covariance[0] = -1.0;
+    readings.imu(&message);
+    assert_rejected(&readings, 0, "");
 }
 
 #[test]
