@@ -11,6 +11,7 @@ use sidehill_bridge::can::layout::Layout;
 use sidehill_bridge::control_loop::CycleConfig;
 use sidehill_bridge::control_loop::scheduling::RealtimeConfig;
 use sidehill_bridge::recording::RecordLimits;
+use sidehill_bridge::ros2::port::config::YawRateSource;
 use sidehill_bridge::ros2::port::convert::TwistMapping;
 use sidehill_bridge::ros2::server::config::Ros2Config;
 use sidehill_bridge::ros2::server::obstacles::StoppingSettings;
@@ -202,6 +203,7 @@ impl RunConfig {
             .and_then(|()| TwistMapping::new(config.commands.track_width_m, vehicle).map(drop))
             .map_err(|error| file.error(error))?;
         self.check_clock(file, &config)?;
+        self.check_yaw_rate(file, &config)?;
         let route = RouteSettings {
             smoothing: config.smoothing,
             limits: self.speed.limits(&self.settings.limits, vehicle),
@@ -230,6 +232,15 @@ impl RunConfig {
     pub fn check_clock(&self, file: &ConfigFile, ros2: &Ros2Config) -> Result<(), ConfigError> {
         if self.port == RunPort::Can && ros2.use_sim_time {
             return Err(file.error("ros2.use_sim_time: a CAN bus has no simulated time"));
+        }
+        Ok(())
+    }
+
+    /// Checks that an IMU is not asked for where nobody would read it.
+    fn check_yaw_rate(&self, file: &ConfigFile, ros2: &Ros2Config) -> Result<(), ConfigError> {
+        if self.port != RunPort::Ros2 && ros2.inputs.yaw_rate == YawRateSource::Imu {
+            let reason = "an imu is read with port: ros2 only, must be none";
+            return Err(file.error(format!("ros2.inputs.yaw_rate: {reason}")));
         }
         Ok(())
     }

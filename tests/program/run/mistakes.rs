@@ -93,6 +93,32 @@ fn a_bus_is_not_driven_in_simulated_time() {
 }
 
 #[test]
+fn a_yaw_rate_that_nobody_reads_is_refused() {
+    for (name, old, new, expected) in [
+        (
+            "run_can_ros2.yaml",
+            "  inputs: # topics\n",
+            "  inputs:\n    yaw_rate: imu\n",
+            "ros2.inputs.yaw_rate: an imu is read with port: ros2 only, must be none",
+        ),
+        (
+            "odometry_ros2.yaml",
+            "  attitude: imu",
+            "  yaw_rate: imu\n  attitude: imu",
+            "unknown field `yaw_rate`",
+        ),
+    ] {
+        let file = configuration("unread_yaw_rate", &[(name, old, new)]).with_file_name(name);
+        let output = run_to_end(&["check", file.to_str().unwrap()]);
+        let complaint = String::from_utf8(output.stderr).unwrap();
+        assert!(!output.status.success(), "{complaint}");
+        for part in [name, expected] {
+            assert!(complaint.contains(part), "{complaint}");
+        }
+    }
+}
+
+#[test]
 fn a_bus_that_is_not_there_is_named_on_the_screen_and_in_json() {
     let file = configuration("no_bus", &[("run_vcan0.yaml", "vcan0", "nocan7")]);
     let run = ["run", file.to_str().unwrap(), "--duration-s", "2.5"];
