@@ -2,6 +2,7 @@
 
 use crate::{Course, assert_says, fail, repository, sidehill, stdout, succeed};
 use serde_json::Value;
+use sidehill_bridge::recording::{ControllerCycle, Recording};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
@@ -41,6 +42,47 @@ fn a_recording_is_replayed_bit_by_bit_wherever_it_is() {
         assert_eq!(figures["different"], 0, "{figures}");
         assert_eq!(figures["largest_difference_m_s"], 0.0, "{figures}");
     }
+}
+
+#[test]
+fn a_yaw_rate_is_recorded_and_replayed() {
+    let sensors = |yaw_rate: &str| {
+        format!(
+            "sensors:\n  pose: {{timing: {{rate_hz: 5, delay_s: 0.1}}, errors: {{noise_std_m: 0.005}}}}\n{yaw_rate}"
+        )
+    };
+    let yaw_rate = "  yaw_rate: {timing: {rate_hz: 20, delay_s: 0.03, dropout_probability: 0.3}, \
+                    errors: {noise_std_deg_s: 0.1, bias_deg_s: 0.2}}\n";
+    let read = |course: &Course| {
+        let file = record(course, "icrik-mpc", "drive.mcap");
+        let (figures, success) = json(&mut replay(&file, &[]));
+        assert!(success && figures["different"] == 0, "{figures}");
+        Recording::read(&file).unwrap().cycles
+    };
+    let with = read(&Course::new(&sensors(yaw_rate)));
+    let readings: Vec<_> = with
+        .iter()
+        .filter_map(|cycle| cycle.sample().yaw_rate)
+        .collect();
+    assert!(
+        (40..with.len()).contains(&readings.len()),
+        "{}",
+        readings.len()
+    );
+    assert!(readings.iter().all(|reading| reading.value.abs() < 1.0));
+    assert!(readings.iter().any(|reading| reading.value != 0.0));
+    let late = |cycle: &ControllerCycle| {
+        let reading = cycle.sample().yaw_rate;
+        reading.is_none_or(|reading| reading.time_s < cycle.time_s - 0.029)
+    };
+    assert!(with.iter().all(late));
+    // What the controller decides depends on it, so a replay without it would differ.
+    let without = read(&Course::new(&sensors("")));
+    assert!(without.iter().all(|cycle| !cycle.has_yaw_rate));
+    let steers = |cycles: &[ControllerCycle]| -> Vec<_> {
+        cycles.iter().map(|c| c.steer_m_s.to_bits()).collect()
+    };
+    assert_ne!(steers(&with), steers(&without));
 }
 
 #[test]

@@ -109,7 +109,7 @@ impl Topic {
 
 wire! {
     /// One step of the controller. What it got is in the first half, exactly, with NaN where a reading
-    /// was absent; what it decided in the second.
+    /// was absent; what it decided in the second. The yaw rate came later and is therefore last.
     ControllerCycle = "sidehill_msgs" / "ControllerCycle" {
         index: u64,
         time_s: f64,
@@ -147,6 +147,9 @@ wire! {
         solver_iterations: u32,
         solver_path: String,
         solve_us: f64,
+        has_yaw_rate: bool,
+        yaw_rate_time_s: f64,
+        yaw_rate_rad_s: f64,
     }
     /// One cycle of the control loop, as `cycles.csv` has it.
     LoopCycle = "sidehill_msgs" / "LoopCycle" {

@@ -3,13 +3,13 @@
 use super::mcap_file::{Header, METADATA, McapRecording};
 use super::messages::{ControllerCycle, PathCommand, Topic};
 use super::tap::{PathRecord, RecordedPath};
-use crate::ros2::node::message::cdr::{CdrError, from_cdr};
+use crate::ros2::node::message::cdr::{CdrError, from_cdr, to_cdr};
 use mcap::records::Record;
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use sidehill_plant::frames::{Attitude, Pose};
 use sidehill_plant::sample::{Sample, Stamped};
 use sidehill_plant::speeds::MeasuredTreadSpeeds;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 /// Why a recording cannot be used.
@@ -156,8 +156,8 @@ impl Recording {
 /// Takes a message of a recording: topic, time in ns and CDR.
 type Visit<'a> = dyn FnMut(Topic, u64, &[u8]) -> Result<(), RecordingError> + 'a;
 
-/// Gives every message of one file of a recording to `visit`, and returns why reading ended before the
-/// end of the file, where it did.
+/// Gives every message of one file of a recording to `visit`, with the fields of this version, and returns
+/// why reading ended before the end of the file, where it did.
 ///
 /// # Errors
 /// A file that cannot be read, or the first error of `visit`.
@@ -174,7 +174,10 @@ fn scan_with(
         file: path.to_owned(),
         reason,
     })?;
-    let mut channels: BTreeMap<u16, Topic> = BTreeMap::new();
+    // Topics of the channels, and whether their messages lack the yaw rate.
+    let mut channels: BTreeMap<u16, (Topic, bool)> = BTreeMap::new();
+    let mut schemas_without_yaw_rate = BTreeSet::new();
+    let no_yaw_rate = no_yaw_rate();
     let mut ours = false;
     let mut damaged = None;
     let mut reader = LinearReader::new_with_options(
@@ -208,17 +211,29 @@ fn scan_with(
                 let text = String::from_utf8_lossy(&data).into_owned();
                 header.files.insert(named.name.into(), text);
             }
+            Ok(Record::Schema { header, data }) => {
+                if !String::from_utf8_lossy(&data).contains("has_yaw_rate") {
+                    schemas_without_yaw_rate.insert(header.id);
+                }
+            }
             Ok(Record::Channel(channel)) => {
                 let topic = Topic::ALL
                     .into_iter()
                     .find(|topic| topic.name() == channel.topic);
-                channels.extend(topic.map(|topic| (channel.id, topic)));
+                channels.extend(topic.map(|topic| {
+                    let lacks = topic == Topic::ControllerCycle
+                        && schemas_without_yaw_rate.contains(&channel.schema_id);
+                    (channel.id, (topic, lacks))
+                }));
             }
-            Ok(Record::Message { header, data }) => {
-                if let Some(&topic) = channels.get(&header.channel_id) {
-                    visit(topic, header.publish_time, &data)?;
+            Ok(Record::Message { header, data }) => match channels.get(&header.channel_id) {
+                Some(&(topic, false)) => visit(topic, header.publish_time, &data)?,
+                Some(&(topic, true)) => {
+                    let whole = [&data[..], &no_yaw_rate].concat();
+                    visit(topic, header.publish_time, &whole)?;
                 }
-            }
+                None => {}
+            },
             Ok(_) => {}
             Err(error) => {
                 damaged = Some(error.to_string());
@@ -235,6 +250,13 @@ fn scan_with(
     Ok(damaged)
 }
 
+/// Returns the last fields of a [`ControllerCycle`] without a yaw rate, which recordings made before there
+/// was one do not have. The field before them ends at a multiple of 8 bytes, so they are encoded alike.
+fn no_yaw_rate() -> Vec<u8> {
+    let encoded = to_cdr(&(false, f64::NAN, f64::NAN)).unwrap_or_default();
+    encoded.get(4..).unwrap_or_default().to_vec()
+}
+
 impl ControllerCycle {
     /// Returns what the controller got.
     pub fn sample(&self) -> Sample {
@@ -247,13 +269,16 @@ impl ControllerCycle {
                     right_m_s: self.right_m_s,
                 },
             }),
-            yaw_rate: None,
             attitude: self.has_attitude.then_some(Stamped {
                 time_s: self.attitude_time_s,
                 value: Attitude {
                     roll_rad: self.roll_rad,
                     pitch_rad: self.pitch_rad,
                 },
+            }),
+            yaw_rate: self.has_yaw_rate.then_some(Stamped {
+                time_s: self.yaw_rate_time_s,
+                value: self.yaw_rate_rad_s,
             }),
             pose: self.has_pose.then_some(Stamped {
                 time_s: self.pose_time_s,

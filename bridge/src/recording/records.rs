@@ -120,5 +120,8 @@ pub(super) fn controller_cycle(step: &StepRecord) -> ControllerCycle {
         solver_iterations: solve.map_or(0, |solve| solve.iterations),
         solver_path: solve.map_or_else(String::new, |solve| format!("{:?}", solve.path)),
         solve_us: solve.map_or(nan, |solve| 1e6 * solve.solve_time_s),
+        has_yaw_rate: sample.yaw_rate.is_some(),
+        yaw_rate_time_s: sample.yaw_rate.map_or(nan, |yaw_rate| yaw_rate.time_s),
+        yaw_rate_rad_s: sample.yaw_rate.map_or(nan, |yaw_rate| yaw_rate.value),
     }
 }
