@@ -73,6 +73,8 @@ pub struct Readings {
     pub nodes: [NodeReading; 2],
     /// Roll and pitch.
     pub attitude: Option<Stamped<Attitude>>,
+    /// Yaw rate, rad/s.
+    pub yaw_rate: Option<Stamped<f64>>,
     /// Pose.
     pub pose: Option<Stamped<Pose>>,
     /// Frames taken.
@@ -90,23 +92,27 @@ enum Source {
     Attitude,
     Position,
     Heading,
+    YawRate,
 }
 
 /// Validates the vehicle's frames and keeps the newest readings.
 pub struct VehicleReader {
     layout: Arc<Layout>,
-    watches: [CounterWatch; 5],
+    /// Of [`Layout::from_vehicle`].
+    watches: Vec<CounterWatch>,
     /// Position that waits for the heading with the same counter.
     position: Option<Contents>,
     readings: Readings,
 }
 
-const SOURCES: [Source; 5] = [
+/// What the messages of [`Layout::from_vehicle`] are.
+const SOURCES: [Source; Layout::FROM_VEHICLE_MAX] = [
     Source::Drive(0),
     Source::Drive(1),
     Source::Attitude,
     Source::Position,
     Source::Heading,
+    Source::YawRate,
 ];
 
 impl VehicleReader {
@@ -114,7 +120,8 @@ impl VehicleReader {
     pub fn new(layout: Arc<Layout>) -> Self {
         let watches = layout
             .from_vehicle()
-            .map(|message| CounterWatch::new(message, layout.counter_skip_max));
+            .map(|message| CounterWatch::new(message, layout.counter_skip_max))
+            .collect();
         Self {
             layout,
             watches,
@@ -133,13 +140,11 @@ impl VehicleReader {
     /// # Errors
     /// Which check the frame failed. It then changes only the count of refused frames.
     pub fn take(&mut self, frame: &Frame, time_s: f64) -> Result<(), FrameFault> {
-        let index = self
-            .layout
-            .from_vehicle()
-            .iter()
-            .position(|message| message.id() == frame.id);
-        let result = match (index, &self.layout.profile) {
-            (Some(index), _) => self.decode(index, frame, time_s),
+        let layout = Arc::clone(&self.layout);
+        let mut messages = layout.from_vehicle().enumerate();
+        let found = messages.find(|(_, message)| message.id() == frame.id);
+        let result = match (found, &layout.profile) {
+            (Some((index, message)), _) => self.decode(index, message, frame, time_s),
             (None, Profile::Cia402(cia402)) => {
                 let node = cia402
                     .nodes
@@ -160,9 +165,15 @@ impl VehicleReader {
         result
     }
 
-    fn decode(&mut self, index: usize, frame: &Frame, time_s: f64) -> Result<(), FrameFault> {
+    /// Takes a frame of the message of [`Layout::from_vehicle`] that has this index.
+    fn decode(
+        &mut self,
+        index: usize,
+        message: &MessageCodec,
+        frame: &Frame,
+        time_s: f64,
+    ) -> Result<(), FrameFault> {
         let layout = Arc::clone(&self.layout);
-        let message: &MessageCodec = layout.from_vehicle()[index];
         let Some(contents) = message.decode(frame)? else {
             return Ok(());
         };
@@ -198,6 +209,13 @@ impl VehicleReader {
                         value(Quantity::Roll),
                         value(Quantity::Pitch),
                     ),
+                });
+            }
+            Source::YawRate => {
+                self.watches[index].check(contents.counter)?;
+                r.yaw_rate = Some(Stamped {
+                    time_s: time_s - layout.yaw_rate_latency_s,
+                    value: value(Quantity::YawRate),
                 });
             }
             Source::Position => {

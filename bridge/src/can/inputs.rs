@@ -13,7 +13,7 @@ use triple_buffer::Output;
 pub(super) struct Arrivals {
     pub(super) bus: LinkState,
     /// When the newest frame of each of [`Layout::from_vehicle`] came, s, and why it was refused.
-    pub(super) messages: [Option<(f64, Option<FrameFault>)>; 5],
+    pub(super) messages: [Option<(f64, Option<FrameFault>)>; Layout::FROM_VEHICLE_MAX],
     /// Whether a position and a heading have fitted together.
     pub(super) has_pose: bool,
     /// Heartbeats of the drives, where they are CANopen nodes.
@@ -24,7 +24,7 @@ impl Default for Arrivals {
     fn default() -> Self {
         Self {
             bus: LinkState::Absent,
-            messages: [None; 5],
+            messages: [None; Layout::FROM_VEHICLE_MAX],
             has_pose: false,
             nodes: [None; 2],
         }
@@ -39,7 +39,9 @@ pub struct CanInputs {
 }
 
 /// What the messages of [`Layout::from_vehicle`] carry, after those of the drives.
-const SENSORS: [&str; 3] = ["attitude", "position", "heading"];
+const SENSORS: [&str; 4] = ["attitude", "position", "heading", YAW_RATE];
+/// The vehicle drives without it.
+const YAW_RATE: &str = "yaw rate";
 
 impl CanInputs {
     pub(super) fn new(interface: &str, layout: Arc<Layout>, newest: Output<Arrivals>) -> Self {
@@ -58,13 +60,15 @@ impl CanInputs {
         }];
         // Without a bus nothing else can arrive: one cause, one line.
         let bus_is_up = arrivals.bus.carries();
-        for (index, message) in self.layout.from_vehicle().into_iter().enumerate() {
+        for (index, message) in self.layout.from_vehicle().enumerate() {
+            let input = match self.layout.drives.get(index) {
+                Some(drive) => format!("{} drive", role(drive.role)),
+                None => SENSORS[index - 2].to_owned(),
+            };
             let missing = self.message_fault(arrivals, index, now_s);
+            let missing = missing.filter(|_| input != YAW_RATE);
             inputs.push(Input {
-                input: match self.layout.drives.get(index) {
-                    Some(drive) => format!("{} drive", role(drive.role)),
-                    None => SENSORS[index - 2].to_owned(),
-                },
+                input,
                 source: format!("{} (message {})", message.id(), message.name),
                 missing: missing.filter(|_| bus_is_up),
             });
@@ -180,7 +184,7 @@ mod tests {
         assert!(absent[0].contains("bus on can0: there is no such interface"));
         arrivals.bus = LinkState::Active;
         assert_eq!(missing(&inputs, &arrivals, 5.0).len(), 5);
-        arrivals.messages = [Some((5.0, None)); 5];
+        arrivals.messages = [Some((5.0, None)); Layout::FROM_VEHICLE_MAX];
         arrivals.has_pose = true;
         assert_eq!(missing(&inputs, &arrivals, 5.1), [""; 0]);
         let fault = FrameFault::Length {
@@ -196,6 +200,23 @@ mod tests {
     }
 
     #[test]
+    fn nothing_waits_for_a_yaw_rate() {
+        let yaml =
+            include_str!("../../../config/bridge/can.yaml").replace("# yaw_rate:", "yaw_rate:");
+        let inputs = of(&yaml, include_str!("../../../config/bridge/j8.dbc"));
+        let mut arrivals = Arrivals {
+            bus: LinkState::Active,
+            messages: [Some((5.0, None)); Layout::FROM_VEHICLE_MAX],
+            has_pose: true,
+            ..Arrivals::default()
+        };
+        arrivals.messages[5] = None;
+        let listed = inputs.of(&arrivals, 5.0);
+        assert_eq!(listed.last().unwrap().input, "yaw rate");
+        assert_eq!(missing(&inputs, &arrivals, 5.0), [""; 0]);
+    }
+
+    #[test]
     fn a_node_that_does_not_answer_is_named_with_its_number() {
         let inputs = of(
             include_str!("../../../config/bridge/cia402.yaml"),
@@ -203,7 +224,7 @@ mod tests {
         );
         let mut arrivals = Arrivals {
             bus: LinkState::Active,
-            messages: [None, Some((5.0, None)), None, None, None],
+            messages: [None, Some((5.0, None)), None, None, None, None],
             ..Arrivals::default()
         };
         let silent = missing(&inputs, &arrivals, 5.0);

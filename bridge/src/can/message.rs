@@ -53,6 +53,8 @@ pub enum Quantity {
     Roll,
     /// Pitch, rad.
     Pitch,
+    /// Yaw rate, rad/s.
+    YawRate,
     /// X_g, m.
     X,
     /// Y_g, m.

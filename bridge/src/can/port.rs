@@ -5,6 +5,7 @@ use crate::can::cia402::Master;
 use crate::can::controller_side::{CommandWriter, Readings, VehicleReader};
 use crate::can::frame::Frame;
 use crate::can::layout::{Layout, Profile};
+use crate::can::message::MessageCodec;
 use crate::can::sender::Sender;
 use crate::control_loop::record::RecordSink;
 use crate::drives::Epoch;
@@ -43,7 +44,7 @@ pub struct CanPort {
     readings: Readings,
     correction: SpeedCorrection,
     /// Instants of the tread speeds, attitude and pose delivered last, s.
-    delivered_s: [f64; 3],
+    delivered_s: [f64; 4],
     records: RecordSink<CanRecord>,
     /// Until it is handed out.
     inputs: Option<CanInputs>,
@@ -72,7 +73,7 @@ impl CanPort {
         let mut arrivals = Arrivals::default();
         let (mut arrived, arrivals_seen) = triple_buffer(&arrivals);
         let inputs = CanInputs::new(interface, Arc::clone(&layout), arrivals_seen);
-        let from_vehicle = layout.from_vehicle().map(|message| message.id());
+        let from_vehicle: Vec<_> = layout.from_vehicle().map(MessageCodec::id).collect();
         let wanted = layout.received_ids();
         let mut reader = VehicleReader::new(Arc::clone(&layout));
         let mut bus = LinkState::Absent;
@@ -130,7 +131,7 @@ impl CanPort {
             newest,
             readings: Readings::default(),
             correction,
-            delivered_s: [f64::NEG_INFINITY; 3],
+            delivered_s: [f64::NEG_INFINITY; 4],
             records: sent_records,
             inputs: Some(inputs),
             listener,
@@ -167,7 +168,7 @@ impl Port for CanPort {
                 ),
             }
         });
-        let [treads_s, attitude_s, pose_s] = &mut self.delivered_s;
+        let [treads_s, attitude_s, yaw_rate_s, pose_s] = &mut self.delivered_s;
         PortInputs {
             sample: Sample {
                 time_s: now_s,
@@ -178,8 +179,8 @@ impl Port for CanPort {
                     }),
                     treads_s,
                 ),
-                yaw_rate: None,
                 attitude: newer(readings.attitude, attitude_s),
+                yaw_rate: newer(readings.yaw_rate, yaw_rate_s),
                 pose: newer(readings.pose, pose_s),
             },
             feedback: motors.map(|motors| Stamped {

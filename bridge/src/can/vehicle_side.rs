@@ -108,6 +108,8 @@ pub struct VehicleReport {
     pub drives: Option<[MotorReport; 2]>,
     /// Roll and pitch, where there is a new reading.
     pub attitude: Option<Attitude>,
+    /// Yaw rate, rad/s, where there is a new reading; sent where the layout has a message for it.
+    pub yaw_rate_rad_s: Option<f64>,
     /// Pose, where there is a new reading.
     pub pose: Option<Pose>,
 }
@@ -117,6 +119,7 @@ pub struct ReportWriter {
     layout: Arc<Layout>,
     feedback_counter: u32,
     attitude_counter: u32,
+    yaw_rate_counter: u32,
     pose_counter: u32,
 }
 
@@ -127,6 +130,7 @@ impl ReportWriter {
             layout,
             feedback_counter: 0,
             attitude_counter: 0,
+            yaw_rate_counter: 0,
             pose_counter: 0,
         }
     }
@@ -161,6 +165,10 @@ impl ReportWriter {
             };
             send(encode(&layout.attitude, self.attitude_counter, value_of)?);
             self.attitude_counter = self.attitude_counter.wrapping_add(step);
+        }
+        if let (Some(yaw_rate_rad_s), Some(message)) = (report.yaw_rate_rad_s, &layout.yaw_rate) {
+            send(encode(message, self.yaw_rate_counter, |_| yaw_rate_rad_s)?);
+            self.yaw_rate_counter = self.yaw_rate_counter.wrapping_add(step);
         }
         if let Some(pose) = &report.pose {
             let value_of = |quantity| match quantity {

@@ -214,7 +214,12 @@ impl CanRover {
     /// A value that does not fit its signal.
     pub fn report(&mut self, now_s: f64) -> Result<(), FrameFault> {
         self.timer.count();
-        let Sample { attitude, pose, .. } = self.rover.simulation_mut().sample();
+        let Sample {
+            attitude,
+            yaw_rate,
+            pose,
+            ..
+        } = self.rover.simulation_mut().sample();
         let (motors, mode) = (self.rover.motors(), self.mode());
         let drives = match self.rover.drives() {
             CanDrives::Values { .. } => Some([motors.traction_m_s, motors.steer_m_s]),
@@ -223,6 +228,7 @@ impl CanRover {
         let report = VehicleReport {
             drives: drives.map(|speeds| speeds.map(|speed_m_s| MotorReport { speed_m_s, mode })),
             attitude: attitude.map(|attitude| attitude.value),
+            yaw_rate_rad_s: yaw_rate.map(|yaw_rate| yaw_rate.value),
             pose: pose.map(|pose| pose.value),
         };
         let (rover, outbox) = (&self.rover, &mut self.outbox);
@@ -264,3 +270,6 @@ impl Outbox {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -66,7 +66,8 @@ impl Adapter {
         });
         // And from the bus to the adapter.
         let mut output = terminal.try_clone().unwrap();
-        let wanted = super::layout().from_vehicle().map(|message| message.id());
+        let layout = super::layout();
+        let wanted: Vec<_> = layout.from_vehicle().map(|message| message.id()).collect();
         let listener = BusMonitor::start(BUS, &wanted, epoch, move |heard| {
             if let BusEvent::Frame { frame, .. } = heard {
                 let _ = output.write_all(text(&frame).as_bytes());

@@ -28,6 +28,9 @@ pub struct CanConfig {
     pub cia402: Option<Cia402Config>,
     /// What the attitude sensor reports.
     pub attitude: AttitudeMessage,
+    /// What a gyroscope reports, where there is one.
+    #[serde(default)]
+    pub yaw_rate: Option<YawRateMessage>,
     /// What the pose source reports.
     pub pose: PoseMessages,
     /// Largest number of counts that may be missing before a frame is refused once, from 1.
@@ -108,6 +111,22 @@ pub struct AttitudeMessage {
     pub pitch: ScaledSignal,
     /// What the two angles mean.
     pub convention: AttitudeConvention,
+    /// From the instant of a reading to its arrival, s.
+    #[serde(default)]
+    pub latency_s: f64,
+    /// Counter and checksum.
+    #[serde(default)]
+    pub protection: Protection,
+}
+
+/// Yaw rate about the body's upward axis.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct YawRateMessage {
+    /// Name in the database.
+    pub message: String,
+    /// Yaw rate, counter-clockwise, in rad/s.
+    pub rate: ScaledSignal,
     /// From the instant of a reading to its arrival, s.
     #[serde(default)]
     pub latency_s: f64,

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 pub struct ScaledSignal {
     /// Name in the database.
     pub signal: String,
-    /// Signal units in 1 m/s, m or rad; negative where the directions are opposite.
+    /// Signal units in 1 m/s, m, rad or rad/s; negative where the directions are opposite.
     #[serde(default = "one_f64")]
     pub per_unit: f64,
 }

@@ -34,6 +34,10 @@ pub struct Layout {
     pub attitude_convention: AttitudeConvention,
     /// Age of an attitude when it arrives, s.
     pub attitude_latency_s: f64,
+    /// From a gyroscope, where there is one.
+    pub yaw_rate: Option<MessageCodec>,
+    /// Age of a yaw rate when it arrives, s.
+    pub yaw_rate_latency_s: f64,
     /// First message of a pose.
     pub position: MessageCodec,
     /// Second message of a pose.
@@ -65,6 +69,19 @@ impl Layout {
             .scaled(Quantity::Roll, &a.roll)?
             .scaled(Quantity::Pitch, &a.pitch)?
             .finish(&a.protection)?;
+        let yaw_rate = config
+            .yaw_rate
+            .as_ref()
+            .map(|y| {
+                Builder::new(database, &y.message)?
+                    .scaled(Quantity::YawRate, &y.rate)?
+                    .finish(&y.protection)
+            })
+            .transpose()?;
+        let yaw_rate_latency_s = match &config.yaw_rate {
+            Some(y) => latency(&y.message, y.latency_s)?,
+            None => 0.0,
+        };
         let position = Builder::new(database, &p.position.message)?
             .scaled(Quantity::X, &p.position.x)?
             .scaled(Quantity::Y, &p.position.y)?
@@ -102,6 +119,8 @@ impl Layout {
             attitude,
             attitude_convention: a.convention,
             attitude_latency_s: latency(&a.message, a.latency_s)?,
+            yaw_rate,
+            yaw_rate_latency_s,
             position,
             heading,
             pose_latency_s: latency(&p.heading.message, p.latency_s)?,
@@ -114,8 +133,12 @@ impl Layout {
         Ok(layout)
     }
 
-    /// Returns the messages that the vehicle sends.
-    pub fn from_vehicle(&self) -> [&MessageCodec; 5] {
+    /// Most messages that the vehicle sends.
+    pub const FROM_VEHICLE_MAX: usize = 6;
+
+    /// Returns the messages that the vehicle sends: those of the drives, attitude, position and heading, and
+    /// the yaw rate where there is one.
+    pub fn from_vehicle(&self) -> impl Iterator<Item = &MessageCodec> {
         [
             &self.drives[0].message,
             &self.drives[1].message,
@@ -123,6 +146,8 @@ impl Layout {
             &self.position,
             &self.heading,
         ]
+        .into_iter()
+        .chain(&self.yaw_rate)
     }
 
     /// Returns the speeds of the motors where the drives have these, in the order of `drives`, m/s.
@@ -142,7 +167,10 @@ impl Layout {
 
     /// Returns the identifiers of the frames that the controller's side receives.
     pub fn received_ids(&self) -> Vec<FrameId> {
-        let mut ids = self.from_vehicle().map(|message| message.id()).to_vec();
+        let mut ids = self
+            .from_vehicle()
+            .map(MessageCodec::id)
+            .collect::<Vec<_>>();
         if let Profile::Cia402(cia402) = &self.profile {
             ids.extend(cia402.nodes.iter().flat_map(|node| node.received_ids()));
         }

@@ -100,10 +100,10 @@ fn is_accepted(seal: bool, result: Result<(), FrameFault>) -> Result<bool, TestC
 
 #[test]
 fn any_frame_from_the_vehicle_is_refused_or_within_range() {
-    let layout = layout();
-    for index in 0..5 {
+    let layout = yaw_rate_layout();
+    for index in 0..Layout::FROM_VEHICLE_MAX {
         let share = accepted_share(4000, payload(), |(seal, data)| {
-            let frame = frame_of(layout.from_vehicle()[index], (seal, data));
+            let frame = frame_of(layout.from_vehicle().nth(index).unwrap(), (seal, data));
             let mut reader = VehicleReader::new(Arc::clone(&layout));
             let accepted = is_accepted(seal, reader.take(&frame, 0.0))?;
             let readings = *reader.readings();
@@ -111,6 +111,11 @@ fn any_frame_from_the_vehicle_is_refused_or_within_range() {
                 prop_assert!(motor.value.speed_m_s.abs() <= 3200.05 / 940.0);
             }
             prop_assert!(readings.attitude.is_none_or(|a| a.value.is_finite()));
+            prop_assert!(
+                readings
+                    .yaw_rate
+                    .is_none_or(|y| y.value.abs() <= 300.005_f64.to_radians())
+            );
             prop_assert_eq!(readings.refused, u64::from(!accepted));
             Ok(accepted)
         });
@@ -143,7 +148,7 @@ proptest! {
         let layout = layout();
         let id = if extended { FrameId::Extended(id & 0x1FFF_FFFF) } else { FrameId::Standard((id & 0x7FF) as u16) };
         let frame = Frame::new(id, &data[..usize::from(length)]).unwrap();
-        let known = layout.from_vehicle().iter().any(|message| message.id() == id && message.length == length);
+        let known = layout.from_vehicle().any(|message| message.id() == id && message.length == length);
         prop_assume!(!known);
         let mut reader = VehicleReader::new(layout);
         let _ = reader.take(&frame, 0.0);
