@@ -82,12 +82,15 @@ impl Controller {
     /// attitude_rad: (roll, pitch), rad, right side down and nose up positive; true at time_s.
     /// pose: (time_s, x_m, y_m, z_m, yaw_rad) in the world, with the instant at which it was true, which may
     ///     be earlier; yaw counter-clockwise from Y_g.
+    /// yaw_rate_rad_s: yaw rate about the body's upward axis, rad/s, counter-clockwise positive, as a gyroscope
+    ///     measures it; true at time_s.
     ///
     /// A reading is None where no new one has come. Every doubt of the controller ends in a controlled stop,
     /// which status and reason of the decision tell. Raises ValueError where an argument has another shape,
     /// is not finite or has an angle beyond +-1.5 rad; the controller's state then stays. Safe to call from
     /// several threads, one after the other.
-    #[pyo3(signature = (time_s, *, tread_speeds_m_s=None, attitude_rad=None, pose=None, **unknown))]
+    #[expect(clippy::too_many_arguments, reason = "named ones in Python")]
+    #[pyo3(signature = (time_s, *, tread_speeds_m_s=None, attitude_rad=None, pose=None, yaw_rate_rad_s=None, **unknown))]
     fn step(
         &self,
         py: Python<'_>,
@@ -95,11 +98,12 @@ impl Controller {
         tread_speeds_m_s: Option<&Bound<'_, PyAny>>,
         attitude_rad: Option<&Bound<'_, PyAny>>,
         pose: Option<&Bound<'_, PyAny>>,
+        yaw_rate_rad_s: Option<&Bound<'_, PyAny>>,
         unknown: Option<&Bound<'_, PyDict>>,
     ) -> PyResult<Decision> {
         if let Some(key) = unknown.and_then(|unknown| unknown.keys().into_iter().next()) {
             return Err(invalid(format!(
-                "{key}: unknown; readings are tread_speeds_m_s, attitude_rad and pose"
+                "{key}: unknown; readings are tread_speeds_m_s, attitude_rad, pose and yaw_rate_rad_s"
             )));
         }
         let time_s = number("time_s", time_s)?;
@@ -110,6 +114,9 @@ impl Controller {
                 .transpose()?,
             attitude: attitude_rad
                 .map(|value| attitude(time_s, value))
+                .transpose()?,
+            yaw_rate: yaw_rate_rad_s
+                .map(|value| yaw_rate(time_s, value))
                 .transpose()?,
             pose: pose.map(self::pose).transpose()?,
         };
@@ -177,6 +184,11 @@ fn attitude(time_s: f64, value: &Bound<'_, PyAny>) -> PyResult<Stamped<Attitude>
         roll_rad,
         pitch_rad,
     };
+    Ok(Stamped { time_s, value })
+}
+
+fn yaw_rate(time_s: f64, value: &Bound<'_, PyAny>) -> PyResult<Stamped<f64>> {
+    let value = number("yaw_rate_rad_s", value)?;
     Ok(Stamped { time_s, value })
 }
 

@@ -136,6 +136,7 @@ impl Plant for PythonPlant {
                 time_s,
                 value: self.state.attitude,
             }),
+            yaw_rate: None,
             pose: Some(Stamped {
                 time_s,
                 value: self.state.pose,

@@ -85,6 +85,21 @@ def test_a_silent_pose_ends_in_a_stop_with_its_reason(short):
     assert controller.step(9.05).status == "stopping"
 
 
+def test_a_yaw_rate_turns_the_heading_between_poses(short):
+    estimated = {}
+    for yaw_rate_rad_s in (None, -0.2, 0.2):
+        controller = sidehill.Controller(short)
+        drive(short, controller, seconds=0.5)
+        for cycle in range(5):
+            decision = controller.step(
+                0.5 + 0.05 * cycle, tread_speeds_m_s=(0.3, 0.3), attitude_rad=(0.0, 0.0), yaw_rate_rad_s=yaw_rate_rad_s
+            )
+        estimated[yaw_rate_rad_s] = decision.estimate.yaw_rad
+    # For 0.2 s or more the one vehicle turned by 0.2 rad/s to the left and the other to the right.
+    assert estimated[0.2] - estimated[-0.2] > 0.04
+    assert estimated[-0.2] < estimated[None] < estimated[0.2]
+
+
 def test_another_vehicle_and_seed_are_taken(short, j8):
     other = sidehill.Vehicle.from_dict(j8.to_dict() | {"name": "other", "correction_left": 1.1})
     controller = sidehill.Controller(short, kind="icrhk-mpc", vehicle=other, seed=2**63)
@@ -124,6 +139,8 @@ def test_a_controller_names_the_argument(short, keywords, part):
         ({"attitude_rad": (5.3, 0.0)}, "attitude_rad: roll"),
         ({"pose": (0, 0, 0, 0)}, "pose: (time_s, x_m, y_m, z_m, yaw_rad) is needed"),
         ({"pose": (0, 0, math.nan, 0, 0)}, "pose: y_m is nan"),
+        ({"yaw_rate_rad_s": math.nan}, "yaw_rate_rad_s: NaN is not finite"),
+        ({"yaw_rate_rad_s": (0.1,)}, "yaw_rate_rad_s: (0.1,) is not a number"),
         ({"attitude_deg": (1, 2)}, "attitude_deg: unknown"),
     ],
 )

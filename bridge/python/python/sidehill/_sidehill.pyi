@@ -257,6 +257,7 @@ class Controller:
         tread_speeds_m_s: _Numbers | None = None,
         attitude_rad: _Numbers | None = None,
         pose: _Numbers | None = None,
+        yaw_rate_rad_s: float | None = None,
     ) -> Decision:
         """Decides on the command from now until the next cycle.
 
@@ -265,6 +266,8 @@ class Controller:
         attitude_rad: (roll, pitch), rad, right side down and nose up positive; true at time_s.
         pose: (time_s, x_m, y_m, z_m, yaw_rad) in the world, with the instant at which it was true, which may be
             earlier; yaw counter-clockwise from Y_g.
+        yaw_rate_rad_s: yaw rate about the body's upward axis, rad/s, counter-clockwise positive, as a gyroscope
+            measures it; true at time_s.
 
         A reading is None where no new one has come. Every doubt ends in a controlled stop, which status and reason of
         the decision tell. Raises ValueError where an argument has another shape, is not finite, or an angle is beyond
