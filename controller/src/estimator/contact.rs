@@ -66,6 +66,7 @@ impl LearnedModel<PARAMETERS> for LearnedContact {
             slide: self.settings.slide_sigma_m_per_sqrt_s,
             turn: self.settings.yaw_sigma_rad_per_sqrt_s,
             gyro: settings.gyro_sigma_rad_per_sqrt_s,
+            shown: settings.gyro_model_sigma_rad_per_sqrt_s,
             lag_s: self.settings.lag_s,
         }
     }

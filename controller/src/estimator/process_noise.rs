@@ -11,6 +11,8 @@ pub(super) struct ProcessNoise {
     pub(super) turn: f64,
     /// Of the heading while it follows a gyroscope, rad/sqrt(s).
     pub(super) gyro: f64,
+    /// Of the heading by the model, as far as a gyroscope shows it, rad/sqrt(s).
+    pub(super) shown: f64,
     /// Lag with which the vehicle may follow the model's velocity, s.
     pub(super) lag_s: f64,
 }
@@ -37,7 +39,7 @@ impl ProcessNoise {
     /// Returns the variance of the difference between a reading of the gyroscope and the model's yaw rate,
     /// (rad/s)^2: that of the model's heading over `time_s`, the time since the reading before, and the gyroscope's own.
     pub(super) fn yaw_rate(&self, time_s: f64, factor: f64, missing_rad_s: f64) -> f64 {
-        let model = factor * self.turn.powi(2) + 2.0 * self.lag_s * missing_rad_s.powi(2);
+        let model = factor * self.shown.powi(2) + 2.0 * self.lag_s * missing_rad_s.powi(2);
         (model + self.gyro.powi(2)) / time_s
     }
 
@@ -64,6 +66,7 @@ mod tests {
             slide: 0.01,
             turn: 0.01,
             gyro: 0.001,
+            shown: 0.02,
             lag_s,
         };
         let (late, missing) = (Vector3::new(0.1, 0.2, 0.3), Vector3::repeat(0.5));

@@ -18,6 +18,9 @@ pub struct EstimatorSettings {
     pub yaw_sigma_rad_per_sqrt_s: f64,
     /// Growth of the heading's uncertainty while it follows a gyroscope, rad/sqrt(s): noise and errors of its scale.
     pub gyro_sigma_rad_per_sqrt_s: f64,
+    /// Growth of the heading's uncertainty by the model, against which a gyroscope's readings teach, rad/sqrt(s): larger
+    /// than that between poses, because inertia and patches of ground last for several readings.
+    pub gyro_model_sigma_rad_per_sqrt_s: f64,
     /// Standard deviation of the gyroscope's bias before anything is known, rad/s.
     pub gyro_bias_sigma_rad_s: f64,
     /// Largest normalised innovation squared (3 degrees of freedom) of a pose that is accepted.
@@ -43,6 +46,7 @@ impl Default for EstimatorSettings {
             slide_sigma_m_per_sqrt_s: 0.02,
             yaw_sigma_rad_per_sqrt_s: 0.02,
             gyro_sigma_rad_per_sqrt_s: 0.001,
+            gyro_model_sigma_rad_per_sqrt_s: 0.02,
             gyro_bias_sigma_rad_s: 0.02,
             gate: 30.0,
             believed_after_s: 1.0,
@@ -108,6 +112,10 @@ impl EstimatorSettings {
         positive(
             "estimator.gyro_sigma_rad_per_sqrt_s",
             self.gyro_sigma_rad_per_sqrt_s,
+        )?;
+        positive(
+            "estimator.gyro_model_sigma_rad_per_sqrt_s",
+            self.gyro_model_sigma_rad_per_sqrt_s,
         )?;
         positive(
             "estimator.gyro_bias_sigma_rad_s",

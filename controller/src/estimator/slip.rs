@@ -79,6 +79,7 @@ impl LearnedModel<GAINS> for SlipModel {
             slide: settings.slide_sigma_m_per_sqrt_s,
             turn: settings.yaw_sigma_rad_per_sqrt_s,
             gyro: settings.gyro_sigma_rad_per_sqrt_s,
+            shown: settings.gyro_model_sigma_rad_per_sqrt_s,
             lag_s: 0.0,
         }
     }

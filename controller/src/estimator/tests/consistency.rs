@@ -91,7 +91,8 @@ fn normalised_errors_of_all<M: LearnedModel<N>, const N: usize>(
         deviation * draw
     };
     const DT_S: f64 = 0.05;
-    let settings = EstimatorSettings::default();
+    let mut settings = EstimatorSettings::default();
+    settings.gyro_model_sigma_rad_per_sqrt_s = model.process_noise(&settings).turn;
     let prior = model.prior();
     let slope = 8.0_f64.to_radians();
     let normal = Vector3::new(0.0, -slope.sin(), slope.cos());

@@ -70,11 +70,11 @@ fn the_heading_follows_a_gyroscope_and_its_bias_is_found() {
 
 #[test]
 fn a_gyroscope_that_poses_contradict_is_left_out() {
-    let wrong: [(&str, fn(f64) -> f64); 4] = [
-        ("another sign", |rate_rad_s| -rate_rad_s),
-        ("nothing", |_| 0.0),
-        ("deg/s", f64::to_degrees),
-        ("stuck", |_| 0.5),
+    let wrong: [(&str, &dyn Fn(f64) -> f64); 4] = [
+        ("another sign", &|rate_rad_s| -rate_rad_s),
+        ("nothing", &|_| 0.0),
+        ("deg/s", &f64::to_degrees),
+        ("stuck", &|_| 0.5),
     ];
     for (reads, read) in wrong {
         let (with_rad, estimate) = drive(|rate_rad_s| Some(read(rate_rad_s)));
