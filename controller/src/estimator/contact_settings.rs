@@ -60,7 +60,7 @@ impl Default for ContactLearningSettings {
             rolling_resistance_sigma: 0.02,
             tread_sigma: 0.2,
             forgetting_per_m: 0.01,
-            friction_forgetting_per_m: 0.2,
+            friction_forgetting_per_m: 0.05,
             tread_forgetting_per_m: 0.002,
         }
     }

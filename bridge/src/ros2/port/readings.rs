@@ -46,6 +46,8 @@ pub(crate) enum Rejection {
     Frame { found: String, expected: String },
     #[error("its stamp is {ahead_s:.3} s ahead of the clock")]
     Ahead { ahead_s: f64 },
+    #[error("orientation_covariance[0] is -1: this imu has no orientation")]
+    NoOrientation,
     #[error("angular_velocity_covariance[0] is -1: this imu has no angular velocity")]
     NoAngularVelocity,
     #[error("angular_velocity is {rad_s:.1} rad/s, must be at most {ROTATION_MAX_RAD_S} rad/s")]
@@ -180,6 +182,9 @@ impl Readings {
         let time_s = self.time_s(&message.header)?;
         let imu_from_base = self.imu_from_base(&message.header.frame_id, time_s)?;
         if self.config.attitude == AttitudeSource::Imu {
+            if message.orientation_covariance[0] == -1.0 {
+                return Err(Rejection::NoOrientation);
+            }
             let world_from_base = from_quaternion(&message.orientation)? * imu_from_base;
             let attitude = paper_attitude(&world_from_base).0;
             self.latest.attitude = Some(stamped(time_s, attitude));

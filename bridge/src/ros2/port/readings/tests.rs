@@ -282,6 +282,16 @@ fn a_bad_yaw_rate_is_rejected_with_its_field_and_the_attitude_beside_it_is_used(
 }
 
 #[test]
+fn an_imu_without_an_orientation_gives_no_attitude() {
+    let (mut readings, _) = readings(|_| {});
+    let mut message = turning_imu();
+    message.orientation_covariance[0] = -1.0;
+    readings.imu(&message);
+    assert_rejected(&readings, 1, "imu: orientation_covariance[0] is -1");
+    assert_eq!(readings.latest().attitude, None);
+}
+
+#[test]
 fn joints_of_other_parts_are_ignored() {
     let (mut readings, _) = readings(|config| config.speeds = SpeedSource::JointStates);
     let mut message = JointState {
