@@ -34,6 +34,10 @@ pub(super) fn controller_status(decision: &Decision) -> DiagnosticStatus {
             "model_error_m_s",
             estimate.map(|estimate| estimate.model_error_m_s),
         ),
+        (
+            "gyro_bias_rad_s",
+            estimate.and_then(|estimate| estimate.gyro_bias_rad_s),
+        ),
         ("pose_age_s", estimate.map(|estimate| estimate.pose_age_s)),
         (
             "cross_track_m",

@@ -180,6 +180,10 @@ pub(crate) fn diagnostic_status(
         ("slide_right_m_s", number(slide_right)),
         ("slide_forward_m_s", number(slide_forward)),
         ("model_error_m_s", of(|estimate| estimate.model_error_m_s)),
+        (
+            "gyro_bias_rad_s",
+            of(|estimate| estimate.gyro_bias_rad_s.unwrap_or(f64::NAN)),
+        ),
     ];
     if let Some(guard) = &decision.guard {
         let ahead = guard
