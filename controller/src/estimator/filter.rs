@@ -237,8 +237,8 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
             if i == after
                 && let Reading::Pose(pose) = event.reading
             {
-                self.confirm_gyro(&mut belief, event.time_s, &pose);
                 self.events[i].inflation = self.judge(&belief, event.time_s, &pose);
+                self.confirm_gyro(&mut belief, event.time_s, &pose);
             }
             if let Some(inflation) = &self.events[i].inflation {
                 let mut pose = belief.covariance.fixed_view_mut::<3, 3>(0, 0);
@@ -275,14 +275,17 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
         })
     }
 
-    /// Compares the turn at a new pose with that of the gyroscope.
+    /// Compares the turn at a new pose, which has been judged, with that of the gyroscope.
     fn confirm_gyro(&mut self, predicted: &mut Belief<N>, time_s: f64, pose: &PlanarPose) {
         let reads = predicted
             .yaw_rate
             .is_some_and(|read| time_s - read.time_s <= HOLDS_S);
         if !reads {
             self.gyro.interrupt();
-        } else if self.gyro.observe(predicted.turn(time_s, pose)) {
+        } else if self
+            .gyro
+            .observe(predicted.turn(time_s, pose), self.gate.doubted().is_none())
+        {
             let sigma_rad_s = self.settings.gyro_bias_sigma_rad_s;
             predicted.forget_gyro(sigma_rad_s, self.begins_with());
         }

@@ -22,6 +22,8 @@ const HEADING_SIGMAS: f64 = 8.0 * std::f64::consts::SQRT_2;
 const BIAS_SIGMAS: f64 = 3.0;
 /// Share of a turn by which they may differ.
 const SHARE: f64 = 0.1;
+/// Poses in a row that contradict before the gyroscope is left out: one may be an outlier.
+const CONTRADICTIONS: u32 = 3;
 /// Turn with which a gyroscope that was left out is confirmed, rad.
 const CONFIRMS_RAD: f64 = 0.4;
 
@@ -55,6 +57,8 @@ struct Window {
     newest: Turn,
     /// Turn by poses since then, not wrapped.
     by_poses_rad: f64,
+    /// Newest poses in a row that contradict.
+    contradictions: u32,
 }
 
 /// Compares turns of the gyroscope with those of poses.
@@ -86,31 +90,42 @@ impl GyroCheck {
         self.window = None;
     }
 
-    /// Takes the turn at a new pose; returns whether the gyroscope is left out from now on.
-    pub(super) fn observe(&mut self, now: Turn) -> bool {
-        let before = self.window.unwrap_or(Window {
+    /// Takes the turn at a new pose, and whether the filter accepts that pose, as it must to begin a comparison; returns
+    /// whether the gyroscope is left out from now on.
+    pub(super) fn observe(&mut self, now: Turn, accepted: bool) -> bool {
+        let begins = accepted.then_some(Window {
             since: now,
             newest: now,
             by_poses_rad: 0.0,
+            contradictions: 0,
         });
+        let Some(before) = self.window.or(begins) else {
+            return false;
+        };
         let by_poses =
             before.by_poses_rad + wrap_angle(now.heading_rad - before.newest.heading_rad);
         let by_gyro = now.gyro_rad - before.since.gyro_rad;
         let tolerance = self.tolerance_rad + SHARE * by_poses.abs().max(by_gyro.abs());
-        let contradicts = (by_poses - by_gyro).abs() > tolerance;
-        let over = now.time_s - before.since.time_s >= WINDOW_S;
-        self.window = (!contradicts && !over).then_some(Window {
+        let contradictions = if (by_poses - by_gyro).abs() > tolerance {
+            before.contradictions + 1
+        } else {
+            0
+        };
+        let wrong = contradictions >= CONTRADICTIONS;
+        let over = contradictions == 0 && now.time_s - before.since.time_s >= WINDOW_S;
+        self.window = (!wrong && !over).then_some(Window {
             newest: now,
             by_poses_rad: by_poses,
+            contradictions,
             ..before
         });
         let was_confirmed = self.confirmed;
-        if contradicts {
+        if wrong {
             self.confirmed = false;
         } else if over && by_poses.abs() >= CONFIRMS_RAD {
             self.confirmed = true;
         }
-        was_confirmed && contradicts
+        was_confirmed && wrong
     }
 }
 
@@ -130,7 +145,7 @@ mod tests {
                 heading_rad: wrap_angle(heading_rad),
                 gyro_rad,
             };
-            if check.observe(turn) {
+            if check.observe(turn, true) {
                 left_out_s = Some(time_s);
             }
         }
@@ -144,7 +159,7 @@ mod tests {
         assert!(check.confirmed());
         check.interrupt();
         let left_out_s = run(&mut check, 30.0, 40.0, [0.5, -0.5]).unwrap();
-        assert!((30.1..30.5).contains(&left_out_s), "{left_out_s}");
+        assert!((30.2..30.8).contains(&left_out_s), "{left_out_s}");
         assert!(!check.confirmed());
         check.interrupt();
         // Straight ahead proves nothing.
@@ -153,5 +168,20 @@ mod tests {
         check.interrupt();
         run(&mut check, 60.0, 62.5, [0.5, 0.5]);
         assert!(check.confirmed());
+    }
+
+    #[test]
+    fn outliers_among_poses_do_not_leave_it_out() {
+        let mut check = GyroCheck::new(&EstimatorSettings::default());
+        for cycle in 0..200 {
+            let time_s = 0.1 * f64::from(cycle);
+            let outlier = cycle % 5 < 2;
+            let turn = Turn {
+                time_s,
+                heading_rad: wrap_angle(0.3 * time_s + if outlier { 1.5 } else { 0.0 }),
+                gyro_rad: 0.3 * time_s,
+            };
+            assert!(!check.observe(turn, !outlier), "{time_s}");
+        }
     }
 }
