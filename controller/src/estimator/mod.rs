@@ -7,7 +7,7 @@
 //! place and all after it replayed.
 //!
 //! A gyroscope gives the heading between poses in the model's place, less its bias, which is a state too, and
-//! shows what the model says of the yaw rate at once ([`gyro`]).
+//! shows what the model says of the yaw rate at once.
 //!
 //! The parameters are constants that the filter does not know: what a pose says about them follows from
 //! their covariance with it, which grows only where they are excited. At standstill, straight
