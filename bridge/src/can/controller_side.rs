@@ -144,7 +144,7 @@ impl VehicleReader {
         let mut messages = layout.from_vehicle().enumerate();
         let found = messages.find(|(_, message)| message.id() == frame.id);
         let result = match (found, &layout.profile) {
-            (Some((index, message)), _) => self.decode(index, message, frame, time_s),
+            (Some((index, message)), _) => self.decode(&layout, index, message, frame, time_s),
             (None, Profile::Cia402(cia402)) => {
                 let node = cia402
                     .nodes
@@ -168,12 +168,12 @@ impl VehicleReader {
     /// Takes a frame of the message of [`Layout::from_vehicle`] that has this index.
     fn decode(
         &mut self,
+        layout: &Layout,
         index: usize,
         message: &MessageCodec,
         frame: &Frame,
         time_s: f64,
     ) -> Result<(), FrameFault> {
-        let layout = Arc::clone(&self.layout);
         let Some(contents) = message.decode(frame)? else {
             return Ok(());
         };

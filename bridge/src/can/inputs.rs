@@ -39,9 +39,7 @@ pub struct CanInputs {
 }
 
 /// What the messages of [`Layout::from_vehicle`] carry, after those of the drives.
-const SENSORS: [&str; 4] = ["attitude", "position", "heading", YAW_RATE];
-/// The vehicle drives without it.
-const YAW_RATE: &str = "yaw rate";
+const SENSORS: [&str; 4] = ["attitude", "position", "heading", "yaw rate"];
 
 impl CanInputs {
     pub(super) fn new(interface: &str, layout: Arc<Layout>, newest: Output<Arrivals>) -> Self {
@@ -66,11 +64,10 @@ impl CanInputs {
                 None => SENSORS[index - 2].to_owned(),
             };
             let missing = self.message_fault(arrivals, index, now_s);
-            let missing = missing.filter(|_| input != YAW_RATE);
             inputs.push(Input {
                 input,
                 source: format!("{} (message {})", message.id(), message.name),
-                missing: missing.filter(|_| bus_is_up),
+                missing: missing.filter(|_| bus_is_up && index < Layout::FROM_VEHICLE_NEEDED),
             });
         }
         inputs

@@ -10,7 +10,6 @@ use super::process_noise::ProcessNoise;
 use nalgebra::{Matrix3, Matrix4, SMatrix, SVector, Vector3, Vector4};
 use sidehill_plant::frames::{Attitude, PlanarPose, pose_rate, wrap_angle};
 use sidehill_plant::speeds::TreadSpeeds;
-use std::ops::SubAssign;
 
 /// Entry of the gyroscope's bias in the first block of a belief.
 const BIAS: usize = 3;
@@ -189,7 +188,8 @@ impl<const N: usize> Belief<N> {
         self.mean += gain * difference;
         self.parameters += learning * difference;
         let mut rest = Matrix4::identity();
-        rest.fixed_columns_mut::<3>(0).sub_assign(&gain);
+        let mut of_pose = rest.fixed_columns_mut::<3>(0);
+        of_pose -= gain;
         let told = learning * self.cross.fixed_rows::<3>(0);
         let parameters = self.parameter_covariance - told - told.transpose()
             + learning * (self.pose_covariance() + noise) * learning.transpose();

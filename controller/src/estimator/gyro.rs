@@ -16,7 +16,8 @@ pub(super) const BIAS_WALK_RAD_S_PER_SQRT_S: f64 = 1e-4;
 
 /// Time over which turns are compared, s.
 const WINDOW_S: f64 = 2.0;
-/// Standard deviations of a pose's heading by which they may differ: twice four of two poses' difference.
+/// Standard deviations of a pose's heading by which they may differ: eight of the difference of two poses, because
+/// noise may be twice what settings say.
 const HEADING_SIGMAS: f64 = 8.0 * std::f64::consts::SQRT_2;
 /// Standard deviations of the bias by which they may differ.
 const BIAS_SIGMAS: f64 = 3.0;
@@ -54,7 +55,7 @@ pub(super) struct Turn {
 #[derive(Debug, Clone, Copy)]
 struct Window {
     since: Turn,
-    newest: Turn,
+    newest_heading_rad: f64,
     /// Turn by poses since then, not wrapped.
     by_poses_rad: f64,
     /// Newest poses in a row that contradict.
@@ -95,7 +96,7 @@ impl GyroCheck {
     pub(super) fn observe(&mut self, now: Turn, accepted: bool) -> bool {
         let begins = accepted.then_some(Window {
             since: now,
-            newest: now,
+            newest_heading_rad: now.heading_rad,
             by_poses_rad: 0.0,
             contradictions: 0,
         });
@@ -103,7 +104,7 @@ impl GyroCheck {
             return false;
         };
         let by_poses =
-            before.by_poses_rad + wrap_angle(now.heading_rad - before.newest.heading_rad);
+            before.by_poses_rad + wrap_angle(now.heading_rad - before.newest_heading_rad);
         let by_gyro = now.gyro_rad - before.since.gyro_rad;
         let tolerance = self.tolerance_rad + SHARE * by_poses.abs().max(by_gyro.abs());
         let contradictions = if (by_poses - by_gyro).abs() > tolerance {
@@ -114,7 +115,7 @@ impl GyroCheck {
         let wrong = contradictions >= CONTRADICTIONS;
         let over = contradictions == 0 && now.time_s - before.since.time_s >= WINDOW_S;
         self.window = (!wrong && !over).then_some(Window {
-            newest: now,
+            newest_heading_rad: now.heading_rad,
             by_poses_rad: by_poses,
             contradictions,
             ..before

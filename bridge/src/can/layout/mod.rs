@@ -133,6 +133,8 @@ impl Layout {
         Ok(layout)
     }
 
+    /// How many of [`Layout::from_vehicle`] the vehicle cannot drive without: all but the yaw rate.
+    pub const FROM_VEHICLE_NEEDED: usize = 5;
     /// Most messages that the vehicle sends.
     pub const FROM_VEHICLE_MAX: usize = 6;
 

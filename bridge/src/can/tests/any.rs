@@ -100,7 +100,7 @@ fn is_accepted(seal: bool, result: Result<(), FrameFault>) -> Result<bool, TestC
 
 #[test]
 fn any_frame_from_the_vehicle_is_refused_or_within_range() {
-    let layout = yaw_rate_layout();
+    let layout = super::yaw_rate::yaw_rate_layout();
     for index in 0..Layout::FROM_VEHICLE_MAX {
         let share = accepted_share(4000, payload(), |(seal, data)| {
             let frame = frame_of(layout.from_vehicle().nth(index).unwrap(), (seal, data));
