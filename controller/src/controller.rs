@@ -243,6 +243,8 @@ impl Controller {
         }
         let elapsed_s = self.elapsed(sample.time_s);
         let (estimate, refused) = self.estimator.update(sample);
+        // Speeds that have not arrived yet are waited for, as poses and attitudes are; only those that end are stale.
+        let estimate = estimate.filter(|estimate| estimate.speeds_age_s.is_finite());
         let progress = self.advance_reference(estimate.as_ref(), elapsed_s);
         self.watch_slope(estimate.as_ref(), elapsed_s);
         self.supervise(estimate.as_ref(), progress.as_ref());

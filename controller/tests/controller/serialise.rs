@@ -33,9 +33,12 @@ fn a_decision_of_every_status_survives() {
         });
         assert_eq!(waiting.status, Status::Waiting);
         assert_survives(&waiting);
-        // A pose and an attitude, but no tread speeds yet: their age is infinite.
-        let ageless = rig.cycle_with(None, |sample| sample.tread_speeds = None);
-        assert_eq!(ageless.estimate.unwrap().speeds_age_s, f64::INFINITY);
+        // A pose and an attitude, but no tread speeds yet: they are waited for.
+        let waiting = rig.cycle_with(None, |sample| sample.tread_speeds = None);
+        assert_eq!(waiting.status, Status::Waiting);
+        let mut ageless = rig.cycle_with(None, |_| ());
+        assert_eq!(ageless.status, Status::Tracking);
+        ageless.estimate.as_mut().unwrap().speeds_age_s = f64::INFINITY;
         assert_survives(&ageless);
     }
     let mut rig = driving(KINDS[0]);
