@@ -153,10 +153,16 @@ pub fn pose_rate(velocity: &BodyVelocity, attitude: &Attitude, yaw_rad: f64) -> 
 /// Sines and cosines of an attitude, to be used more than once.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Tilt {
-    s_alpha: f64,
-    c_alpha: f64,
-    s_phi: f64,
-    c_phi: f64,
+    pub(crate) s_alpha: f64,
+    pub(crate) c_alpha: f64,
+    pub(crate) s_phi: f64,
+    pub(crate) c_phi: f64,
+}
+
+impl From<Attitude> for Tilt {
+    fn from(attitude: Attitude) -> Self {
+        Self::of(&attitude)
+    }
 }
 
 impl Tilt {
@@ -170,6 +176,14 @@ impl Tilt {
             s_phi,
             c_phi,
         }
+    }
+
+    /// Returns the sines of the differences of roll and pitch from those of `other`.
+    pub(crate) fn less(&self, other: &Self) -> (f64, f64) {
+        (
+            self.s_alpha * other.c_alpha - self.c_alpha * other.s_alpha,
+            self.s_phi * other.c_phi - self.c_phi * other.s_phi,
+        )
     }
 
     /// Returns the rate of the pose, as [`pose_rate`] does.

@@ -26,7 +26,7 @@ use crate::speeds::MotorSpeeds;
 use crate::vehicle::Vehicle;
 pub use linearised::{Linearised, LinearisedRate, LinearisedStep};
 use nalgebra::Vector3;
-pub use plane::{increment_on_plane, rate_on_plane, step_on_plane};
+pub use plane::{Placed, increment_on_plane, rate_on_plane, step_on_plane};
 
 /// ICRIK made differentiable, with the terms of the vehicle's extension and learned slip gains; with
 /// both slide gains zero, ICRHK.
@@ -227,8 +227,8 @@ impl PredictionModel {
         yaw_rad: f64,
         motors: MotorSpeeds,
     ) -> LinearisedRate {
-        rate_on_plane(normal_in_world, yaw_rad, |attitude| {
-            self.body_velocity(attitude, motors)
+        rate_on_plane(normal_in_world, yaw_rad, |placed| {
+            self.body_velocity(placed.attitude(), motors)
         })
     }
 
@@ -240,8 +240,8 @@ impl PredictionModel {
         motors: MotorSpeeds,
         step_s: f64,
     ) -> LinearisedStep {
-        step_on_plane(normal_in_world, yaw_rad, step_s, |attitude| {
-            self.body_velocity(attitude, motors)
+        step_on_plane(normal_in_world, yaw_rad, step_s, |placed| {
+            self.body_velocity(placed.attitude(), motors)
         })
     }
 
@@ -253,8 +253,8 @@ impl PredictionModel {
         motors: MotorSpeeds,
         step_s: f64,
     ) -> Vector3<f64> {
-        increment_on_plane(normal_in_world, yaw_rad, step_s, |attitude| {
-            self.body_velocity(attitude, motors).velocity
+        increment_on_plane(normal_in_world, yaw_rad, step_s, |placed| {
+            self.body_velocity(placed.attitude(), motors).velocity
         })
     }
 }

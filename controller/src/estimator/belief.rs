@@ -110,7 +110,7 @@ impl<const N: usize> Belief<N> {
     /// the gyroscope while that is confirmed, otherwise the model.
     pub(super) fn propagated<M: LearnedModel<N>>(
         &self,
-        model: &M,
+        model: &mut M,
         noise: &ProcessNoise,
         noise_factor: f64,
         time_s: f64,
@@ -207,7 +207,7 @@ impl<const N: usize> Belief<N> {
     /// With H = (0 0 0 1 dw/dp) and S = H P H' + R the whole of P becomes P - (P H') (P H')' / S.
     pub(super) fn correct_yaw_rate<M: LearnedModel<N>>(
         &mut self,
-        model: &M,
+        model: &mut M,
         noise: &ProcessNoise,
         noise_factor: f64,
         read: YawRate,

@@ -46,14 +46,13 @@ impl LearnedModel<PARAMETERS> for LearnedContact {
     }
 
     fn velocity(
-        &self,
+        &mut self,
         attitude: Attitude,
         treads: TreadSpeeds,
         parameters: &ParameterVector,
     ) -> (BodyVelocity, SMatrix<f64, 3, PARAMETERS>) {
-        let mut model = self.model.clone();
-        model.set_parameters(parameters);
-        let predicted = model.predict(attitude, MotorSpeeds::from(treads));
+        self.model.set_parameters(parameters);
+        let predicted = self.model.predict(attitude, MotorSpeeds::from(treads));
         (predicted.linearised.velocity, predicted.by_parameters)
     }
 

@@ -1,14 +1,15 @@
 //! An extended Kalman filter over pose and parameters of a model, generic over the model.
 //!
-//! Readings are kept in the order of their stamps for a while; a late one is put in its place and all
-//! after it replayed.
+//! Readings are kept in the order of their stamps for a while. Those of a cycle are put in their places, then all
+//! from the first that changes is replayed.
 
 mod keeping;
+mod replaying;
 
 use super::belief::{Belief, vector};
 use super::gains::Kept;
 use super::gate::{PoseGate, PoseSigmas, RefusedPose};
-use super::gyro::{GyroCheck, GyroInterval, HOLDS_S, YawRate};
+use super::gyro::{GyroCheck, HOLDS_S};
 use super::learned::LearnedModel;
 use super::model_error::ModelError;
 use super::{Estimate, EstimatorSettings, Innovation, Refused};
@@ -17,6 +18,9 @@ use sidehill_plant::frames::{Attitude, PlanarPose};
 use sidehill_plant::sample::{Sample, Stamped};
 use sidehill_plant::speeds::TreadSpeeds;
 use std::collections::VecDeque;
+
+/// Readings of a cycle at most.
+const NEW: usize = 4;
 
 /// Readings kept: with speeds, attitude and yaw rate at 20 Hz and poses at 10 Hz, about 1 s.
 pub(super) const HISTORY: usize = 80;
@@ -35,6 +39,8 @@ enum Reading {
 struct Event<const N: usize> {
     time_s: f64,
     reading: Reading,
+    /// Whether it is of this cycle.
+    new: bool,
     /// Covariance added to the prediction's before a pose that is accepted although it contradicts it.
     inflation: Option<Matrix3<f64>>,
     belief: Belief<N>,
@@ -44,8 +50,10 @@ struct Event<const N: usize> {
 pub(super) struct Filter<M, const N: usize> {
     settings: EstimatorSettings,
     model: M,
-    /// Newest last; never longer than [`HISTORY`].
+    /// Newest last; never longer than [`HISTORY`] after a cycle.
     events: VecDeque<Event<N>>,
+    /// First event that is to be replayed; their number where none is.
+    changed: usize,
     started: bool,
     /// Newest readings, with which the filter starts.
     newest_attitude: Option<Attitude>,
@@ -69,7 +77,8 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
         Self {
             settings,
             model,
-            events: VecDeque::with_capacity(HISTORY + 1),
+            events: VecDeque::with_capacity(HISTORY + NEW),
+            changed: 0,
             started: false,
             newest_attitude: None,
             newest_treads: TreadSpeeds::default(),
@@ -153,6 +162,7 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
                 refused.pose = true;
             }
         }
+        self.replay();
         (self.estimate(sample.time_s), refused)
     }
 
@@ -174,9 +184,11 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
             self.started = true;
             self.pose_time_s = pose.time_s;
             self.events.clear();
+            self.changed = 1;
             self.events.push_back(Event {
                 time_s: pose.time_s,
                 reading: Reading::Attitude(attitude),
+                new: false,
                 inflation: None,
                 belief: Belief::at(
                     &pose.value,
@@ -188,91 +200,6 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
                 ),
             });
         }
-    }
-
-    /// Puts a reading in its place in time and replays what comes after it. A reading older than all
-    /// that is kept has no effect.
-    fn insert(&mut self, time_s: f64, reading: Reading) {
-        let after = self.events.partition_point(|event| event.time_s <= time_s);
-        if after == 0 {
-            return;
-        }
-        let belief = self.events[after - 1].belief;
-        self.events.insert(
-            after,
-            Event {
-                time_s,
-                reading,
-                inflation: None,
-                belief,
-            },
-        );
-        // New speeds also hold for the intervals since the speeds before them.
-        let first = match reading {
-            Reading::Speeds(_) => self
-                .events
-                .iter()
-                .take(after)
-                .rposition(|event| matches!(event.reading, Reading::Speeds(_)))
-                .map_or(1, |speeds| speeds + 1),
-            Reading::YawRate(_) => self
-                .events
-                .iter()
-                .take(after)
-                .rposition(|event| matches!(event.reading, Reading::YawRate(_)))
-                .map_or(1, |read| read + 1),
-            _ => after,
-        };
-        for i in first..self.events.len() {
-            let mut before = self.events[i - 1].belief;
-            let event = self.events[i];
-            // Between two readings of the speeds the later one holds: it shows what the command of the
-            // interval has made of them.
-            if let Some(treads) = self.next_treads(i) {
-                before.treads = treads;
-            }
-            let before_s = self.events[i - 1].time_s;
-            let gyro = self.gyro_between(&before, before_s, i);
-            let mut belief = self.propagate(&before, event.time_s - before_s, gyro);
-            if i == after
-                && let Reading::Pose(pose) = event.reading
-            {
-                self.events[i].inflation = self.judge(&belief, event.time_s, &pose);
-                self.confirm_gyro(&mut belief, event.time_s, &pose);
-            }
-            if let Some(inflation) = &self.events[i].inflation {
-                let mut pose = belief.covariance.fixed_view_mut::<3, 3>(0, 0);
-                pose += inflation;
-            }
-            self.events[i].belief = self.absorb(belief, &event, i == after);
-        }
-        if self.events.len() > HISTORY {
-            self.events.pop_front();
-        }
-    }
-
-    /// Returns the first tread speeds read at event `from` or later.
-    fn next_treads(&self, from: usize) -> Option<TreadSpeeds> {
-        self.events.iter().skip(from).find_map(|e| match e.reading {
-            Reading::Speeds(treads) => Some(treads),
-            _ => None,
-        })
-    }
-
-    /// Returns what the gyroscope reads between event `i` and the one before it, whose belief is `before`: the mean of
-    /// the readings around, or the newest while it holds.
-    fn gyro_between(&self, before: &Belief<N>, before_s: f64, i: usize) -> Option<GyroInterval> {
-        let newest = before
-            .yaw_rate
-            .filter(|read| before_s - read.time_s <= HOLDS_S)?;
-        let next = self.events.iter().skip(i).find_map(|e| match e.reading {
-            Reading::YawRate(rad_s) if e.time_s - newest.time_s <= HOLDS_S => Some(rad_s),
-            _ => None,
-        });
-        Some(GyroInterval {
-            rad_s: next.map_or(newest.rad_s, |next| 0.5 * (newest.rad_s + next)),
-            confirmed: self.gyro.confirmed(),
-        })
     }
 
     /// Compares the turn at a new pose, which has been judged, with that of the gyroscope.
@@ -319,73 +246,11 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
         self.gate.refused(refused, &sigmas)
     }
 
-    /// Returns the belief after a reading; `new` is false for a replayed one.
-    fn absorb(&mut self, mut belief: Belief<N>, event: &Event<N>, new: bool) -> Belief<N> {
-        match event.reading {
-            Reading::Speeds(treads) => belief.treads = treads,
-            Reading::Attitude(attitude) => belief.attitude = attitude,
-            Reading::YawRate(rad_s) => {
-                let read = YawRate {
-                    time_s: event.time_s,
-                    rad_s,
-                };
-                if self.gyro.confirmed() {
-                    let noise = self.model.process_noise(&self.settings);
-                    let factor = self.gate.noise_factor();
-                    let gate = self.settings.gate;
-                    belief.correct_yaw_rate(&self.model, &noise, factor, read, gate);
-                    let attitude = belief.attitude;
-                    self.model.bound(&mut belief.parameters, &attitude);
-                }
-                belief.yaw_rate = Some(read);
-            }
-            Reading::Pose(pose) => {
-                let s = &self.settings;
-                let noise = PoseSigmas::of(&self.settings).covariance();
-                let difference = belief.off(&pose);
-                let Some(inverse) = (belief.pose_covariance() + noise).try_inverse() else {
-                    return belief;
-                };
-                let normalised = (difference.transpose() * inverse * difference).x;
-                let believed = normalised <= s.gate;
-                if new {
-                    let innovation = Innovation {
-                        time_s: event.time_s,
-                        difference,
-                        normalised,
-                    };
-                    self.innovation = Some(innovation);
-                    let noise_m2 = 2.0 * s.pose_sigma_m * s.pose_sigma_m;
-                    self.model_error
-                        .absorb(&innovation, noise_m2, s.error_averaging_s);
-                    if believed {
-                        self.pose_time_s = self.pose_time_s.max(event.time_s);
-                        self.poses_gated = 0;
-                    } else {
-                        self.poses_gated += 1;
-                    }
-                }
-                if believed {
-                    belief.correct(&difference, &noise, &inverse);
-                    let attitude = belief.attitude;
-                    self.model.bound(&mut belief.parameters, &attitude);
-                }
-            }
-        }
-        belief
-    }
-
-    fn propagate(&self, belief: &Belief<N>, time_s: f64, gyro: Option<GyroInterval>) -> Belief<N> {
-        let noise = self.model.process_noise(&self.settings);
-        let factor = self.gate.noise_factor();
-        belief.propagated(&self.model, &noise, factor, time_s, gyro)
-    }
-
     fn estimate(&mut self, time_s: f64) -> Option<Estimate> {
         if !self.started {
             return None;
         }
-        let last = self.events.back()?;
+        let last = *self.events.back()?;
         let gyro = self.gyro_between(&last.belief, last.time_s, self.events.len());
         let belief = self.propagate(&last.belief, time_s - last.time_s, gyro);
         let yaw_rad = belief.mean.z;

@@ -35,9 +35,9 @@ pub(super) trait LearnedModel<const N: usize>: Clone {
     fn prior(&self) -> Prior<N>;
 
     /// Returns the velocity and its derivative by the parameters. The same arguments give the same
-    /// numbers: late readings are replayed.
+    /// numbers, to 1e-9, whatever came before: late readings are replayed.
     fn velocity(
-        &self,
+        &mut self,
         attitude: Attitude,
         treads: TreadSpeeds,
         parameters: &SVector<f64, N>,

@@ -49,7 +49,7 @@ impl LearnedModel<GAINS> for SlipModel {
     }
 
     fn velocity(
-        &self,
+        &mut self,
         attitude: Attitude,
         treads: TreadSpeeds,
         parameters: &SVector<f64, GAINS>,

@@ -153,11 +153,12 @@ impl Condenser {
             let stage = &stages[block.first_stage + stage_in_block];
             let used = block.input(stage_in_block);
             let step = &stage.step;
-            for column in (0..used).chain(width..=width) {
-                let turned = yaw[column];
-                x[column] += step.by_yaw.x * turned;
-                y[column] += step.by_yaw.y * turned;
-                yaw[column] += step.by_yaw.z * turned;
+            // Columns of inputs to come are zero.
+            for ((x, y), yaw) in x.iter_mut().zip(&mut *y).zip(&mut *yaw) {
+                let turned = *yaw;
+                *x += step.by_yaw.x * turned;
+                *y += step.by_yaw.y * turned;
+                *yaw += step.by_yaw.z * turned;
             }
             for (offset, by_input) in [(0, &step.by_traction), (1, &step.by_steer)] {
                 x[used + offset] = by_input.x;
@@ -173,11 +174,10 @@ impl Condenser {
             let (point_x, point_y) = stage.point_by_yaw_m;
             let along_by_yaw = along_x * point_x + along_y * point_y;
             let cross_by_yaw = along_x * point_y - along_y * point_x;
-            for column in (0..used).chain(width..=width) {
-                self.along[column] =
-                    along_x * x[column] + along_y * y[column] + along_by_yaw * yaw[column];
-                self.cross[column] =
-                    along_x * y[column] - along_y * x[column] + cross_by_yaw * yaw[column];
+            let errors = self.along.iter_mut().zip(&mut self.cross);
+            for (((along, cross), (x, y)), yaw) in errors.zip(x.iter().zip(&*y)).zip(&*yaw) {
+                *along = along_x * x + along_y * y + along_by_yaw * yaw;
+                *cross = along_x * y - along_y * x + cross_by_yaw * yaw;
             }
             let error_along = self.along[width] + along_x * stage.error.x + along_y * stage.error.y;
             let error_cross = self.cross[width] + along_x * stage.error.y - along_y * stage.error.x;
@@ -198,8 +198,9 @@ impl Condenser {
                 data.q[block.first + column] +=
                     a * error_along + c * error_cross + h * error_heading;
                 let packed = &mut self.hessian[column * stride..column * stride + column + 1];
-                for (row, entry) in packed.iter_mut().enumerate() {
-                    *entry += a * self.along[row] + c * self.cross[row] + h * yaw[row];
+                let errors = self.along.iter().zip(&self.cross).zip(&*yaw);
+                for (entry, ((along, cross), yaw)) in packed.iter_mut().zip(errors) {
+                    *entry += a * along + c * cross + h * yaw;
                 }
             }
             if let Some(corridor) = self.corridor {

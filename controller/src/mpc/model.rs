@@ -32,8 +32,8 @@ impl Model {
     ) -> LinearisedStep {
         match self {
             Self::Icr(model) => model.step_on_plane(normal_in_world, yaw_rad, motors, step_s),
-            Self::Contact(model) => step_on_plane(normal_in_world, yaw_rad, step_s, |attitude| {
-                model.body_velocity(attitude, motors)
+            Self::Contact(model) => step_on_plane(normal_in_world, yaw_rad, step_s, |placed| {
+                model.body_velocity(placed.tilt(), motors)
             }),
         }
     }
@@ -52,10 +52,10 @@ impl Model {
             return self.step_on_plane(normal_in_world, yaw_rad, motors, step_s);
         };
         let mut place = 0;
-        step_on_plane(normal_in_world, yaw_rad, step_s, |attitude| {
+        step_on_plane(normal_in_world, yaw_rad, step_s, |placed| {
             let near = &mut start.0[place];
             place = 1;
-            model.body_velocity_near(near, attitude, motors)
+            model.body_velocity_near(near, placed.tilt(), motors)
         })
     }
 
@@ -72,10 +72,10 @@ impl Model {
             Self::Icr(model) => model.increment_on_plane(normal_in_world, yaw_rad, motors, step_s),
             Self::Contact(model) => {
                 let mut place = 0;
-                increment_on_plane(normal_in_world, yaw_rad, step_s, |attitude| {
+                increment_on_plane(normal_in_world, yaw_rad, step_s, |placed| {
                     let near = start.0[place].as_ref();
                     place = 1;
-                    model.velocity_near(near, attitude, motors)
+                    model.velocity_near(near, placed.tilt(), motors)
                 })
             }
         }

@@ -1,24 +1,37 @@
 //! Motion on a plane by a model of the body velocity: equation (12) with its derivatives.
 
 use super::{Linearised, LinearisedRate, LinearisedStep};
-use crate::frames::{Attitude, BodyVelocity};
+use crate::frames::{Attitude, BodyVelocity, Tilt};
 use nalgebra::{Matrix3, Vector3};
 
-/// The axes of a body on a plane at a heading.
-struct Placed {
-    attitude: Attitude,
-    /// Sine and cosine of heading, roll and pitch.
+/// A body on a plane at a heading.
+pub struct Placed {
+    /// Sine and cosine of the heading.
     psi: (f64, f64),
-    alpha: (f64, f64),
-    phi: (f64, f64),
+    tilt: Tilt,
     /// Upward normal along the body's horizontal axes: to the right and forward.
     right: f64,
     forward: f64,
     /// From body velocity to the rate of (x, y, yaw): equation (12).
     axes: Matrix3<f64>,
+    /// Upward normal along the world's.
+    up: f64,
 }
 
 impl Placed {
+    /// Returns the attitude.
+    pub fn attitude(&self) -> Attitude {
+        Attitude {
+            roll_rad: self.right.atan2(self.up),
+            pitch_rad: self.tilt.s_phi.atan2(self.tilt.c_phi),
+        }
+    }
+
+    /// Returns the attitude's sines and cosines, which cost less than its angles.
+    pub fn tilt(&self) -> Tilt {
+        self.tilt
+    }
+
     fn at(normal_in_world: &Vector3<f64>, yaw_rad: f64) -> Self {
         let (s_psi, c_psi) = yaw_rad.sin_cos();
         let n = normal_in_world;
@@ -27,13 +40,13 @@ impl Placed {
         let c_phi = (1.0 - forward * forward).max(1e-12).sqrt();
         let (s_phi, s_alpha, c_alpha) = (-forward, right / c_phi, n.z / c_phi);
         Self {
-            attitude: Attitude {
-                roll_rad: right.atan2(n.z),
-                pitch_rad: s_phi.atan2(c_phi),
-            },
             psi: (s_psi, c_psi),
-            alpha: (s_alpha, c_alpha),
-            phi: (s_phi, c_phi),
+            tilt: Tilt {
+                s_alpha,
+                c_alpha,
+                s_phi,
+                c_phi,
+            },
             right,
             forward,
             axes: Matrix3::new(
@@ -47,6 +60,7 @@ impl Placed {
                 0.0,
                 c_phi / c_alpha,
             ),
+            up: n.z,
         }
     }
 
@@ -61,20 +75,25 @@ impl Placed {
 }
 
 /// Returns the rate of (x, y, yaw) at heading `yaw_rad` on a plane with upward unit normal
-/// `normal_in_world`: `body_velocity` in equation (12), with the attitude that this heading has there.
+/// `normal_in_world`: `body_velocity` in equation (12), with the attitude that this heading has there, see [`Placed`].
 pub fn rate_on_plane(
     normal_in_world: &Vector3<f64>,
     yaw_rad: f64,
-    body_velocity: impl FnOnce(Attitude) -> Linearised,
+    body_velocity: impl FnOnce(&Placed) -> Linearised,
 ) -> LinearisedRate {
     let placed = Placed::at(normal_in_world, yaw_rad);
-    let ((s_psi, c_psi), (s_alpha, c_alpha), (s_phi, c_phi)) =
-        (placed.psi, placed.alpha, placed.phi);
+    let (s_psi, c_psi) = placed.psi;
+    let Tilt {
+        s_alpha,
+        c_alpha,
+        s_phi,
+        c_phi,
+    } = placed.tilt;
     // n' turns with the heading: d right = forward d psi, d forward = -right d psi.
     let roll_by_yaw = normal_in_world.z * placed.forward / (c_phi * c_phi);
     let pitch_by_yaw = placed.right / c_phi;
 
-    let body = body_velocity(placed.attitude);
+    let body = body_velocity(&placed);
     let (axes, yaw_factor) = (placed.axes, c_phi / c_alpha);
     let (v_x, v_y, omega) = (
         body.velocity.right_m_s,
@@ -114,7 +133,7 @@ pub fn step_on_plane(
     normal_in_world: &Vector3<f64>,
     yaw_rad: f64,
     step_s: f64,
-    mut body_velocity: impl FnMut(Attitude) -> Linearised,
+    mut body_velocity: impl FnMut(&Placed) -> Linearised,
 ) -> LinearisedStep {
     let half = 0.5 * step_s;
     let start = rate_on_plane(normal_in_world, yaw_rad, &mut body_velocity);
@@ -137,10 +156,10 @@ pub fn increment_on_plane(
     normal_in_world: &Vector3<f64>,
     yaw_rad: f64,
     step_s: f64,
-    mut body_velocity: impl FnMut(Attitude) -> BodyVelocity,
+    mut body_velocity: impl FnMut(&Placed) -> BodyVelocity,
 ) -> Vector3<f64> {
     let start = Placed::at(normal_in_world, yaw_rad);
-    let yaw_rate_rad_s = start.rate(&body_velocity(start.attitude)).z;
+    let yaw_rate_rad_s = start.rate(&body_velocity(&start)).z;
     let middle = Placed::at(normal_in_world, yaw_rad + 0.5 * step_s * yaw_rate_rad_s);
-    step_s * middle.rate(&body_velocity(middle.attitude))
+    step_s * middle.rate(&body_velocity(&middle))
 }

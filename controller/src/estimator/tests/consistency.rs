@@ -91,6 +91,7 @@ fn normalised_errors_of_all<M: LearnedModel<N>, const N: usize>(
         deviation * draw
     };
     const DT_S: f64 = 0.05;
+    let mut model = model.clone();
     let mut settings = EstimatorSettings::default();
     settings.gyro_model_sigma_rad_per_sqrt_s = model.process_noise(&settings).turn;
     let prior = model.prior();
@@ -243,6 +244,31 @@ fn the_covariance_of_pose_and_contact_parameters_is_that_of_the_errors() {
 }
 
 #[test]
+fn what_was_predicted_before_is_nothing_to_a_prediction() {
+    let mut fresh = learned_contact(ContactLearningSettings::default());
+    let prior = fresh.prior();
+    let mut used = fresh.clone();
+    let attitude = |roll_rad, pitch_rad| Attitude {
+        roll_rad,
+        pitch_rad,
+    };
+    let treads = |left_m_s, right_m_s| TreadSpeeds {
+        left_m_s,
+        right_m_s,
+    };
+    let other = prior.mean + prior.sigma;
+    used.velocity(attitude(-0.1, 0.1), treads(-0.5, 0.8), &other);
+    let of = |model: &mut LearnedContact| {
+        let (found, by) = model.velocity(attitude(0.1, 0.05), treads(0.3, 0.5), &prior.mean);
+        let found = Vector3::new(found.right_m_s, found.forward_m_s, found.yaw_rate_rad_s);
+        (found, by)
+    };
+    let (a, b) = (of(&mut fresh), of(&mut used));
+    assert!((a.0 - b.0).norm() < 1e-9, "{}", a.0 - b.0);
+    assert!((a.1 - b.1).norm() < 1e-6, "{}", a.1 - b.1);
+}
+
+#[test]
 fn what_is_not_excited_stays_at_its_prior_and_says_so() {
     let settings = EstimatorSettings::default();
     let mut filter = Filter::new(settings, learned_contact(settings.contact));
@@ -329,7 +355,7 @@ fn friction_is_forgotten_by_the_metres_driven_and_the_centre_of_mass_by_those_st
 #[test]
 fn factors_of_treads_that_slip_are_learned() {
     let settings = EstimatorSettings::default();
-    let model = learned_contact(settings.contact);
+    let mut model = learned_contact(settings.contact);
     let mut filter = Filter::new(settings, model.clone());
     let treads = [Parameter::LeftTread, Parameter::RightTread];
     let truth = [0.7, 0.75];

@@ -20,7 +20,7 @@ fn drive(read: impl Fn(f64) -> Option<f64>) -> (f64, Estimate) {
         slope_sigma: 0.0,
         ..settings.adaptation
     };
-    let model = SlipModel::new(Vehicle::j8(), adaptation);
+    let mut model = SlipModel::new(Vehicle::j8(), adaptation);
     let mut filter = Filter::new(settings, model.clone());
     let (mut yaw_rad, mut squares, mut last) = (0.0, 0.0, None);
     for cycle in 0..=400 {

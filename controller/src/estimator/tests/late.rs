@@ -2,7 +2,7 @@
 
 use super::super::learned::LearnedModel;
 use super::*;
-use sidehill_plant::contact::ContactPrediction;
+use sidehill_plant::contact::{ContactPrediction, ContactVehicle};
 use sidehill_plant::frames::BodyVelocity;
 
 /// Returns how far learned parameters are from the truth, the prior, in its standard deviations, root of the
@@ -16,8 +16,8 @@ fn learned_wrongly(lag_s: f64) -> f64 {
         ..EstimatorSettings::default()
     };
     let vehicle = Vehicle::j8();
-    let contact = ContactPrediction::new(&vehicle.contact_vehicle()).unwrap();
-    let model = LearnedContact::new(&vehicle, contact, settings.contact);
+    let contact = ContactPrediction::new(&ContactVehicle::of_base("wheels", 0.6, 1.06)).unwrap();
+    let mut model = LearnedContact::new(&vehicle, contact, settings.contact);
     let mut filter = Filter::new(settings, model.clone());
     let prior = model.prior();
     let slope = 8.0_f64.to_radians();

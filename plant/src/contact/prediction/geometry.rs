@@ -91,13 +91,23 @@ impl Geometry {
         Ok(geometry)
     }
 
-    /// Returns the position of a wheel: the left ones first.
-    pub(in crate::contact) fn wheel(&self, index: usize) -> (f64, f64) {
-        if index < self.axles {
-            (-self.half_width_m, self.forward_m[index])
+    /// Returns the axle of a wheel; the left ones come first.
+    pub(in crate::contact) fn axle(&self, wheel: usize) -> usize {
+        if wheel < self.axles {
+            wheel
         } else {
-            (self.half_width_m, self.forward_m[index - self.axles])
+            wheel - self.axles
         }
+    }
+
+    /// Returns the position of a wheel.
+    pub(in crate::contact) fn wheel(&self, index: usize) -> (f64, f64) {
+        let right_m = if index < self.axles {
+            -self.half_width_m
+        } else {
+            self.half_width_m
+        };
+        (right_m, self.forward_m[self.axle(index)])
     }
 
     pub(in crate::contact) fn arm(&self, index: usize) -> Vector3<f64> {
@@ -135,7 +145,7 @@ impl Ground {
             0.5 * geometry.part[k] * group
         });
         let carried = (0..2 * geometry.axles)
-            .map(|i| geometry.arm(i) * wheel_share[i % geometry.axles])
+            .map(|i| geometry.arm(i) * wheel_share[geometry.axle(i)])
             .sum();
         Self {
             friction: value(Parameter::Friction),

@@ -2,7 +2,7 @@
 
 use super::geometry::{Geometry, Ground, WHEELS_MAX};
 use crate::contact::loads::inverse_of;
-use crate::frames::Attitude;
+use crate::frames::Tilt;
 use nalgebra::{Matrix3, Vector3};
 
 /// Weight in body axes over m g at an attitude, and its derivatives.
@@ -14,9 +14,13 @@ pub(super) struct Stance {
 }
 
 impl Stance {
-    pub(super) fn at(attitude: &Attitude) -> Self {
-        let (s_alpha, c_alpha) = attitude.roll_rad.sin_cos();
-        let (s_phi, c_phi) = attitude.pitch_rad.sin_cos();
+    pub(super) fn at(tilt: &Tilt) -> Self {
+        let Tilt {
+            s_alpha,
+            c_alpha,
+            s_phi,
+            c_phi,
+        } = *tilt;
         Self {
             weight: Vector3::new(s_alpha, -s_phi * c_alpha, -c_phi * c_alpha),
             by_roll: Vector3::new(c_alpha, s_phi * s_alpha, c_phi * s_alpha),
@@ -81,7 +85,7 @@ impl Loads {
                 if lifted[i] {
                     continue;
                 }
-                let load = ground.wheel_share[i % geometry.axles] + constants.dot(&geometry.arm(i));
+                let load = ground.wheel_share[geometry.axle(i)] + constants.dot(&geometry.arm(i));
                 of_wheel[i] = load.max(0.0);
                 lifted[i] = load <= 0.0;
                 again |= lifted[i];
@@ -97,13 +101,13 @@ impl Loads {
             missing = demand;
             for i in (0..wheels).filter(|&i| !lifted[i]) {
                 let arm = geometry.arm(i);
-                missing -= arm * ground.wheel_share[i % geometry.axles];
+                missing -= arm * ground.wheel_share[geometry.axle(i)];
                 stiffness += arm * arm.transpose();
             }
             inverse = inverse_of(&stiffness);
         }
         for (i, load) in of_wheel.iter_mut().enumerate().take(wheels) {
-            *load = demand.x.max(0.1) * ground.wheel_share[i % geometry.axles];
+            *load = demand.x.max(0.1) * ground.wheel_share[geometry.axle(i)];
         }
         Self {
             of_wheel,

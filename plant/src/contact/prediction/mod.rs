@@ -27,7 +27,7 @@ mod tests;
 use super::parameters::{Parameter, ParameterVector};
 use super::vehicle::ContactVehicle;
 use crate::bounds::RangeError;
-use crate::frames::{Attitude, BodyVelocity};
+use crate::frames::{Attitude, BodyVelocity, Tilt};
 use crate::prediction::Linearised;
 use crate::speeds::{MotorSpeeds, TreadSpeeds};
 
@@ -65,7 +65,7 @@ pub struct ContactPrediction {
 /// A balance that was found, near which another search may begin.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FoundBalance {
-    attitude: Attitude,
+    tilt: Tilt,
     motors: MotorSpeeds,
     linearised: Linearised,
 }
@@ -128,9 +128,12 @@ impl ContactPrediction {
     }
 
     /// Returns the velocity at an attitude and motor speeds with its derivatives by these.
-    pub fn body_velocity(&mut self, attitude: Attitude, motors: MotorSpeeds) -> Linearised {
-        let start = self.start(None, attitude, motors);
-        self.balance(start, attitude, motors).0.linearised
+    pub fn body_velocity(&mut self, tilt: impl Into<Tilt>, motors: MotorSpeeds) -> Linearised {
+        let tilt = tilt.into();
+        let start = self.start(None, tilt, motors);
+        self.balance(start, &self.loads(&tilt), tilt, motors)
+            .0
+            .linearised
     }
 
     /// Returns the same; the search begins at `near`, where that was found closer by than what this model
@@ -138,11 +141,12 @@ impl ContactPrediction {
     pub fn body_velocity_near(
         &mut self,
         near: &mut Option<FoundBalance>,
-        attitude: Attitude,
+        tilt: impl Into<Tilt>,
         motors: MotorSpeeds,
     ) -> Linearised {
-        let start = self.start(near.as_ref(), attitude, motors);
-        let found = self.balance(start, attitude, motors).0;
+        let tilt = tilt.into();
+        let start = self.start(near.as_ref(), tilt, motors);
+        let found = self.balance(start, &self.loads(&tilt), tilt, motors).0;
         *near = Some(found);
         found.linearised
     }
@@ -151,15 +155,15 @@ impl ContactPrediction {
     pub fn velocity_near(
         &self,
         near: Option<&FoundBalance>,
-        attitude: Attitude,
+        tilt: impl Into<Tilt>,
         motors: MotorSpeeds,
     ) -> BodyVelocity {
-        let start = self.start(near, attitude, motors);
-        let stance = Stance::at(&attitude);
-        let loads = Loads::of(&self.geometry, &self.ground, &stance);
+        let tilt = tilt.into();
+        let start = self.start(near, tilt, motors);
+        let (loads, stance) = (self.loads(&tilt), Stance::at(&tilt));
         let sums = self.sums(motors);
         let velocity = sums
-            .settle(start, loads, &stance, TOLERANCE_OF_ROLL_OUT)
+            .settle(start, &loads, &stance, TOLERANCE_OF_ROLL_OUT)
             .velocity;
         BodyVelocity {
             right_m_s: velocity.x,
@@ -169,15 +173,17 @@ impl ContactPrediction {
     }
 
     /// Returns the velocity at an attitude and motor speeds with all its derivatives.
-    pub fn predict(&mut self, attitude: Attitude, motors: MotorSpeeds) -> Predicted {
-        let start = self.start(None, attitude, motors);
-        let (found, solution, parts) = self.balance(start, attitude, motors);
+    pub fn predict(&mut self, tilt: impl Into<Tilt>, motors: MotorSpeeds) -> Predicted {
+        let tilt = tilt.into();
+        let start = self.start(None, tilt, motors);
+        let loads = self.loads(&tilt);
+        let (found, solution, parts) = self.balance(start, &loads, tilt, motors);
         let by_parameters = -solution.inverse_hessian
             * self.sums(motors).gradient_by_parameters(
                 &parts,
                 &solution.velocity,
-                &solution.loads,
-                &Stance::at(&attitude),
+                &loads,
+                &Stance::at(&tilt),
                 solution.pull_share,
             );
         Predicted {
@@ -185,6 +191,10 @@ impl ContactPrediction {
             by_parameters,
             holds: solution.holds,
         }
+    }
+
+    fn loads(&self, tilt: &Tilt) -> Loads {
+        Loads::of(&self.geometry, &self.ground, &Stance::at(tilt))
     }
 
     fn sums(&self, motors: MotorSpeeds) -> Sums<'_> {
@@ -201,38 +211,33 @@ impl ContactPrediction {
     }
 
     /// Returns where a search begins: where the nearer of `near` and of what was found last leads.
-    fn start(
-        &self,
-        near: Option<&FoundBalance>,
-        attitude: Attitude,
-        motors: MotorSpeeds,
-    ) -> Vector3<f64> {
+    fn start(&self, near: Option<&FoundBalance>, tilt: Tilt, motors: MotorSpeeds) -> Vector3<f64> {
         let nearer = match (near, &self.last) {
             (Some(near), Some(last)) => {
-                let further = near.distance(attitude, motors) > last.distance(attitude, motors);
+                let further = near.distance(tilt, motors) > last.distance(tilt, motors);
                 Some(if further { last } else { near })
             }
             (near, last) => near.or(last.as_ref()),
         };
         nearer.map_or_else(
             || Vector3::new(0.0, motors.traction_m_s, 0.0),
-            |found| found.leads_to(attitude, motors),
+            |found| found.leads_to(tilt, motors),
         )
     }
 
     fn balance(
         &mut self,
         start: Vector3<f64>,
-        attitude: Attitude,
+        loads: &Loads,
+        tilt: Tilt,
         motors: MotorSpeeds,
     ) -> (FoundBalance, Solution, GradientParts) {
-        let stance = Stance::at(&attitude);
-        let loads = Loads::of(&self.geometry, &self.ground, &stance);
+        let stance = Stance::at(&tilt);
         let sums = self.sums(motors);
         let solution = sums.settle(start, loads, &stance, TOLERANCE);
-        let parts = sums.gradient_parts(&solution.velocity, &solution.loads);
+        let parts = sums.gradient_parts(&solution.velocity, loads);
         let by = -solution.inverse_hessian
-            * sums.gradient_by_inputs(&parts, &solution.loads, &stance, solution.pull_share);
+            * sums.gradient_by_inputs(&parts, loads, &stance, solution.pull_share);
         let factors = &self.ground.tread_factors;
         let (left, right) = (factors[0] * by.column(2), factors[1] * by.column(3));
         let velocity = &solution.velocity;
@@ -248,7 +253,7 @@ impl ContactPrediction {
             by_steer: right - left,
         };
         let found = FoundBalance {
-            attitude,
+            tilt,
             motors,
             linearised,
         };
@@ -259,24 +264,26 @@ impl ContactPrediction {
 
 impl FoundBalance {
     /// Returns how far it was found from an attitude and input; only comparable with others.
-    fn distance(&self, attitude: Attitude, motors: MotorSpeeds) -> f64 {
-        (attitude.roll_rad - self.attitude.roll_rad).powi(2)
-            + (attitude.pitch_rad - self.attitude.pitch_rad).powi(2)
+    fn distance(&self, tilt: Tilt, motors: MotorSpeeds) -> f64 {
+        let (roll, pitch) = tilt.less(&self.tilt);
+        roll * roll
+            + pitch * pitch
             + (motors.traction_m_s - self.motors.traction_m_s).powi(2)
             + (motors.steer_m_s - self.motors.steer_m_s).powi(2)
     }
 
     /// Returns the velocity that its derivatives lead to at another attitude and input.
-    fn leads_to(&self, attitude: Attitude, motors: MotorSpeeds) -> Vector3<f64> {
+    fn leads_to(&self, tilt: Tilt, motors: MotorSpeeds) -> Vector3<f64> {
         let before = &self.linearised;
         let velocity = Vector3::new(
             before.velocity.right_m_s,
             before.velocity.forward_m_s,
             before.velocity.yaw_rate_rad_s,
         );
+        let (roll, pitch) = tilt.less(&self.tilt);
         velocity
-            + before.by_roll * (attitude.roll_rad - self.attitude.roll_rad)
-            + before.by_pitch * (attitude.pitch_rad - self.attitude.pitch_rad)
+            + before.by_roll * roll
+            + before.by_pitch * pitch
             + before.by_traction * (motors.traction_m_s - self.motors.traction_m_s)
             + before.by_steer * (motors.steer_m_s - self.motors.steer_m_s)
     }

@@ -31,7 +31,6 @@ const SEARCHED_MAX: f64 = 100.0;
 pub(super) struct Solution {
     pub(super) velocity: Vector3<f64>,
     pub(super) inverse_hessian: Matrix3<f64>,
-    pub(super) loads: Loads,
     pub(super) pull_share: f64,
     pub(super) holds: bool,
 }
@@ -42,7 +41,7 @@ impl Sums<'_> {
     pub(super) fn settle(
         &self,
         start: Vector3<f64>,
-        loads: Loads,
+        loads: &Loads,
         stance: &Stance,
         tolerance: f64,
     ) -> Solution {
@@ -72,14 +71,12 @@ impl Sums<'_> {
                 begin = Vector3::new(0.0, self.mean_tread_m_s(), 0.0);
             }
             let pulled = pull_share * pull;
-            if let Some((velocity, inverse_hessian)) =
-                self.search(begin, &loads, &pulled, tolerance)
+            if let Some((velocity, inverse_hessian)) = self.search(begin, loads, &pulled, tolerance)
             {
                 return Solution {
                     velocity,
                     inverse_hessian,
                     holds: pull_share >= 1.0 && loads.stands,
-                    loads,
                     pull_share,
                 };
             }
@@ -88,7 +85,6 @@ impl Sums<'_> {
         Solution {
             velocity: Vector3::zeros(),
             inverse_hessian: Matrix3::zeros(),
-            loads,
             pull_share: 0.0,
             holds: false,
         }

@@ -25,10 +25,6 @@ pub(super) struct Expansion {
 pub(super) struct GradientParts {
     /// Of (force for each unit of load) arm'.
     by_constants: Matrix3<f64>,
-    /// Of (force for each unit of load) times the change of a wheel's share with the inner axles' share.
-    by_share: Vector3<f64>,
-    /// Of these changes times the arms.
-    shared_arms: Vector3<f64>,
     /// Derivative of the gradient by the left and the right tread speed.
     by_tread: [Vector3<f64>; 2],
 }
@@ -48,6 +44,15 @@ struct Side {
     common: f64,
     /// sqrt(rolling^2 + eps^2), m/s.
     rolling_root: f64,
+    /// What slip along the ground and the turning patch contribute to the moment of q times the unit force, m^2/s.
+    turning: f64,
+}
+
+impl Side {
+    /// Returns force and moment about the origin of a unit of force along the ground at the side's wheels.
+    fn along(&self) -> Vector3<f64> {
+        Vector3::new(0.0, 1.0, self.x)
+    }
 }
 
 /// One wheel's unit friction force, q and their ingredients.
@@ -60,15 +65,8 @@ struct Wheel {
     q: f64,
     /// 1 / q.
     inverse: f64,
-    /// Unit force: along x, along y, and the patch's own moment.
+    /// Unit force: along x, along y, and the moment about the origin, the patch's own included.
     force: Vector3<f64>,
-}
-
-impl Wheel {
-    /// Returns force in the plane and moment about the origin of a force and a moment at the wheel.
-    fn about_origin(&self, x: f64, force: &Vector3<f64>) -> Vector3<f64> {
-        Vector3::new(force.x, force.y, force.z + x * force.y - self.y * force.x)
-    }
 }
 
 impl Sums<'_> {
@@ -85,6 +83,7 @@ impl Sums<'_> {
                 slip,
                 common: slip * slip + turning + self.ground.slip_squared,
                 rolling_root: (rolling * rolling + self.ground.slip_squared).sqrt(),
+                turning: x * slip + self.geometry.patch_squared_m2 * velocity.z,
             }
         })
     }
@@ -103,11 +102,7 @@ impl Sums<'_> {
             lateral,
             q,
             inverse,
-            force: Vector3::new(
-                across * inverse,
-                side.slip * inverse,
-                self.geometry.patch_squared_m2 * velocity.z * inverse,
-            ),
+            force: inverse * Vector3::new(across, side.slip, side.turning - y * across),
         }
     }
 
@@ -126,43 +121,38 @@ impl Sums<'_> {
         for side in self.sides(velocity) {
             let x = side.x;
             let mut load = 0.0;
-            let mut along = 0.0;
-            let mut curve_along = 0.0;
+            // Sums of limit / q, of it times y, and of it times y^2.
+            let (mut stiff, mut stiff_y, mut stiff_yy) = (0.0, 0.0, 0.0);
             for axle in 0..self.geometry.axles {
                 let wheel = self.wheel(&side, axle, velocity, loads);
-                let (limit, y) = (mu * wheel.load, wheel.y);
                 let f = &wheel.force;
-                let stiff = limit * wheel.inverse;
+                let limit = mu * wheel.load;
+                let weight = limit * wheel.inverse;
+                let weight_y = weight * wheel.y;
+                let bend = weight * f;
                 load += wheel.load;
                 value += limit * wheel.q;
-                gradient.x += limit * f.x;
-                along += limit * f.y;
-                gradient.z += limit * (f.z - y * f.x);
-                let xx = stiff * (a2 - f.x * f.x);
-                let xy = -stiff * f.x * f.y;
-                let xz = -stiff * f.x * f.z;
-                let yz = -stiff * f.y * f.z;
-                let zz = stiff * (r2 - f.z * f.z);
-                let yy = stiff * (1.0 - f.y * f.y);
-                curve_along += yy;
-                h_xx += xx;
-                h_xy += xy;
-                h_xz += xz - y * xx;
-                // The side's terms in x are added below, with those of rolling.
-                h_xz += x * xy;
-                h_yz += yz - y * xy;
-                h_zz += zz + y * y * xx - 2.0 * y * xz + 2.0 * x * (yz - y * xy);
+                gradient += limit * f;
+                stiff += weight;
+                stiff_y += weight_y;
+                stiff_yy += weight_y * wheel.y;
+                h_xx -= bend.x * f.x;
+                h_xy -= bend.x * f.y;
+                h_xz -= bend.x * f.z;
+                h_yy -= bend.y * f.y;
+                h_yz -= bend.y * f.z;
+                h_zz -= bend.z * f.z;
             }
             let resistance = self.ground.rolling_resistance * load;
             let root = side.rolling_root;
             value += resistance * root;
-            along += resistance * side.rolling / root;
-            curve_along += resistance * self.ground.slip_squared / (root * root * root);
-            gradient.y += along;
-            gradient.z += x * along;
-            h_yy += curve_along;
-            h_yz += x * curve_along;
-            h_zz += x * x * curve_along;
+            gradient += resistance * side.rolling / root * side.along();
+            let along = stiff + resistance * self.ground.slip_squared / (root * root * root);
+            h_xx += a2 * stiff;
+            h_xz -= a2 * stiff_y;
+            h_yy += along;
+            h_yz += x * along;
+            h_zz += x * x * along + a2 * stiff_yy + r2 * stiff;
         }
         Expansion {
             value,
@@ -213,17 +203,10 @@ impl Sums<'_> {
                     continue;
                 }
                 let f = &wheel.force;
-                let stiff = mu * wheel.load * wheel.inverse;
-                let curve = Vector3::new(-f.x * f.y, 1.0 - f.y * f.y, -f.y * f.z);
-                *by_tread -= stiff * wheel.about_origin(side.x, &curve);
-                let mut force = mu * f;
-                force.y += rolling;
-                let unit = wheel.about_origin(side.x, &force);
+                *by_tread += mu * wheel.load * wheel.inverse * (f.y * f - side.along());
+                let unit = mu * f + rolling * side.along();
                 units += unit;
                 units_by_forward += wheel.y * unit;
-                let share = self.geometry.share_by_inner(axle, self.ground.has_inner);
-                parts.by_share += share * unit;
-                parts.shared_arms += share * Vector3::new(1.0, side.x, wheel.y);
             }
             parts.by_constants += Matrix3::from_columns(&[units, side.x * units, units_by_forward]);
         }
@@ -264,25 +247,35 @@ impl Sums<'_> {
         let by_demand = parts.by_constants * loads.inverse_stiffness;
         let (mut by_friction, mut by_lateral) = (Vector3::zeros(), Vector3::zeros());
         let (mut by_slip, mut by_rolling) = (Vector3::zeros(), Vector3::zeros());
+        // Of (force for each unit of load) times the change of a wheel's share with the inner axles' share, and of
+        // these changes times the arms.
+        let (mut by_share, mut shared_arms) = (Vector3::zeros(), Vector3::zeros());
         let e2 = self.ground.slip_squared;
         for side in self.sides(velocity) {
             let root = side.rolling_root;
+            let rolling = self.ground.rolling_resistance * side.rolling / root;
             let mut load = 0.0;
             for axle in 0..self.geometry.axles {
                 let wheel = self.wheel(&side, axle, velocity, loads);
+                if wheel.load <= 0.0 {
+                    continue;
+                }
                 load += wheel.load;
                 let limit = self.ground.friction * wheel.load;
-                let force = limit * wheel.about_origin(side.x, &wheel.force);
+                let force = limit * wheel.force;
                 let inverse = wheel.inverse * wheel.inverse;
                 by_friction += force;
                 by_slip -= e2 * inverse * force;
-                let across = Vector3::new(2.0 * limit * wheel.force.x, 0.0, 0.0);
-                by_lateral += wheel.about_origin(side.x, &across) - wheel.lateral * inverse * force;
+                let across = 2.0 * force.x * Vector3::new(1.0, 0.0, -wheel.y);
+                by_lateral += across - wheel.lateral * inverse * force;
+                let share = self.geometry.share_by_inner(axle, self.ground.has_inner);
+                by_share += share * (self.ground.friction * wheel.force + rolling * side.along());
+                shared_arms += share * Vector3::new(1.0, side.x, wheel.y);
             }
             let resisting = load * side.rolling / root;
-            by_rolling += Vector3::new(0.0, resisting, side.x * resisting);
+            by_rolling += resisting * side.along();
             let slower = -self.ground.rolling_resistance * resisting * e2 / (root * root);
-            by_slip += Vector3::new(0.0, slower, side.x * slower);
+            by_slip += slower * side.along();
         }
         let pressing = -weight.z;
         let centre_right = by_demand * Vector3::new(0.0, pressing, 0.0)
@@ -291,9 +284,9 @@ impl Sums<'_> {
             + pull_share * Vector3::new(0.0, 0.0, weight.x);
         let centre_height = by_demand * Vector3::new(0.0, weight.x, weight.y);
         let inner = if loads.stands {
-            parts.by_share - by_demand * parts.shared_arms
+            by_share - by_demand * shared_arms
         } else {
-            pressing.max(0.1) * parts.by_share
+            pressing.max(0.1) * by_share
         };
         ByParameters::from_columns(&[
             by_friction,
