@@ -118,10 +118,11 @@ impl Vehicle {
         }
     }
 
-    /// Returns the vehicle on wheels with friction: as known, or as guessed from the base rectangle.
+    /// Returns the vehicle on wheels with friction: as known, or as guessed from the base rectangle and the ICRs.
     pub fn contact_vehicle(&self) -> ContactVehicle {
         self.contact.clone().unwrap_or_else(|| {
             ContactVehicle::of_base(&self.name, self.base_half_width_m, self.base_half_length_m)
+                .turning_as(self)
         })
     }
 
@@ -231,6 +232,11 @@ impl TryFrom<RawVehicle> for Vehicle {
             encoder_scale: own_scale,
             extension: None,
         };
+        // Where nothing is known of loads and lateral grip, the ICRs tell.
+        if known.is_some_and(|known| !known.knows_turns()) {
+            let contact = vehicle.contact.take();
+            vehicle.contact = contact.map(|contact| contact.turning_as(&vehicle));
+        }
         let half_base_m = (vehicle.base_half_width_m, vehicle.base_half_length_m);
         let extension = raw
             .extension
@@ -276,5 +282,27 @@ mod tests {
             serde_yaml::from_str::<Vehicle>(file).unwrap(),
             Vehicle::j8()
         );
+    }
+
+    #[test]
+    fn icrs_tell_the_loads_of_known_wheels_unless_these_are_known_too() {
+        let j8 = include_str!("../../config/vehicles/j8.yaml");
+        let of = |known: &str| {
+            let contact = format!(
+                "contact: {{half_width_m: 0.6, axles: [{{forward_m: 1}}, {{forward_m: -1}}]{known}}}"
+            );
+            serde_yaml::from_str::<Vehicle>(&format!("{j8}\n{contact}\n")).unwrap()
+        };
+        let told = of(", friction: 0.5");
+        assert!(told.contact_vehicle().centre_of_mass.forward_m > 0.05);
+        assert_eq!(told.contact_vehicle().friction.field.middle(), 0.5);
+        for known in [", centre_of_mass_forward_m: 0", ", lateral_share: 0.9"] {
+            assert_eq!(of(known).contact_vehicle().centre_of_mass.forward_m, 0.0);
+        }
+        // Writing and reading it changes nothing.
+        let text = serde_yaml::to_string(&told).unwrap();
+        assert_eq!(serde_yaml::from_str::<Vehicle>(&text).unwrap(), told);
+        let base = Vehicle::j8().contact_vehicle();
+        assert!(base.centre_of_mass.forward_m > 0.05 && base.inner_share() > 0.6);
     }
 }

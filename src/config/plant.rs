@@ -173,8 +173,13 @@ impl Default for ModelError {
 }
 
 impl ModelError {
-    /// Returns the vehicle that controllers assume instead of `vehicle`.
-    pub(super) fn apply(&self, mut vehicle: Vehicle) -> Result<Vehicle, RangeError> {
+    /// Returns the vehicle that controllers assume instead of `vehicle`, with wheels at the places of `wheels` where
+    /// its own are not known.
+    pub(super) fn apply(
+        &self,
+        mut vehicle: Vehicle,
+        wheels: Option<&ContactVehicle>,
+    ) -> Result<Vehicle, RangeError> {
         self.scale(
             &mut vehicle.icrs,
             &mut vehicle.slide,
@@ -190,6 +195,9 @@ impl ModelError {
         if let Some(scale) = &mut vehicle.contact_encoder_scale {
             scale.left *= self.correction_left;
             scale.right *= self.correction_right;
+        }
+        if vehicle.contact.is_none() {
+            vehicle.contact = wheels.map(|wheels| wheels.geometry_alone().turning_as(&vehicle));
         }
         if let Some(contact) = &vehicle.contact {
             vehicle.contact = Some(self.apply_to_contact(contact)?);
@@ -246,4 +254,24 @@ pub(super) struct ContactFiles {
     /// Deviations of the vehicle from its file.
     #[serde(default)]
     pub(super) variation: VehicleVariation,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn wheels_that_are_guessed_from_icrs_have_the_errors_of_these() {
+        let wheels = ContactVehicle::of_base("wheels", 0.6, 1.06);
+        let forward_m = |errors: &str| {
+            let errors: ModelError = serde_yaml::from_str(errors).unwrap();
+            let known = errors.apply(Vehicle::j8(), Some(&wheels)).unwrap();
+            known.contact.unwrap().centre_of_mass.forward_m
+        };
+        let right_m = forward_m("{}");
+        assert!(right_m > 0.05);
+        assert!(forward_m("{y_icr: 0.5}") < 0.6 * right_m);
+        let moved_m = forward_m("{centre_of_mass_forward_m: 0.1}");
+        assert!((moved_m - right_m - 0.1).abs() < 1e-12);
+    }
 }

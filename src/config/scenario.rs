@@ -136,9 +136,14 @@ impl Scenario {
         }
         let seed = overrides.seed.unwrap_or(raw.seed);
         let (plant, vehicle) = self.plant(overrides.plant.unwrap_or(raw.plant), seed)?;
+        // The geometry of any vehicle is known.
+        let wheels = match &plant {
+            Plant::Contact { vehicle, .. } => Some(vehicle),
+            Plant::Icrik(_) => None,
+        };
         let vehicle = raw
             .model_error
-            .apply(vehicle)
+            .apply(vehicle, wheels)
             .map_err(|error| file.error(format!("model_error: {error}")))?;
         let limits = raw.speed.limits(&raw.controller.limits, &vehicle);
         let source = Source::of(
@@ -229,10 +234,6 @@ impl Scenario {
                         .map_err(|error| self.file.error(format!("friction.{error}")))?;
                     vehicle.friction.field = friction.field(seed);
                 }
-                // The geometry of any vehicle is known.
-                identified
-                    .contact
-                    .get_or_insert_with(|| vehicle.geometry_alone());
                 // The guard uses the true mass.
                 identified
                     .centre_of_mass

@@ -61,6 +61,14 @@ struct KnownAxle {
 }
 
 impl KnownContact {
+    /// Returns whether anything is known that decides how it turns on level ground.
+    pub(crate) fn knows_turns(&self) -> bool {
+        self.centre_of_mass_right_m.is_some()
+            || self.centre_of_mass_forward_m.is_some()
+            || self.lateral_share.is_some()
+            || self.axles.iter().any(|axle| axle.load_share.is_some())
+    }
+
     /// Returns the vehicle with guesses for what is not given.
     ///
     /// # Errors

@@ -51,6 +51,7 @@
 
 mod balance;
 mod friction;
+mod from_icrs;
 mod known;
 mod loads;
 mod model;
