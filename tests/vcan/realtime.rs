@@ -214,7 +214,7 @@ fn a_hundred_cycles_a_second_follow_the_path() {
     let due = (last_s - first_s) / 0.01 + 1.0;
     assert!(first_s < 2.0 && last_s > 14.9, "{first_s} to {last_s} s");
     assert!((cycles + skipped - due).abs() < 3.0, "{due}, {ending}");
-    // A kernel of 100 Hz that others share may be a period late.
+    // A kernel of 100 Hz may be a period late.
     assert!(skipped < 0.05 * cycles, "{ending}");
     let rms_m = cross_track_rms_m(&folder.truth(), 200);
     println!("100 Hz: cross-track RMS {rms_m:.4} m");

@@ -21,7 +21,7 @@ pub use adapter::Adapter;
 pub use observer::{Observer, Seen};
 pub use truth::{Truth, cross_track_rms_m, standing_after_s};
 
-/// Tolerance on documented limits for a 100 Hz scheduler and a shared machine, s.
+/// Tolerance on documented limits for a 100 Hz scheduler, s.
 pub const TOLERANCE_S: f64 = 0.06;
 
 /// A folder for the files of one test.
