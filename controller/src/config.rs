@@ -5,6 +5,7 @@ mod supervisor;
 mod weights;
 
 pub use contact::ContactMpcConfig;
+pub(crate) use contact::WeightFactors;
 pub use supervisor::SupervisorConfig;
 pub use weights::{CautionConfig, Weights};
 
@@ -325,8 +326,10 @@ mod tests {
     #[test]
     fn changes_of_steer_cost_less_far_beside_the_path_than_on_it() {
         let contact = ContactMpcConfig::default();
-        let factor = |distance_m| contact.steer_change_factor(distance_m);
+        let factor = |distance_m| contact.factors(distance_m).steer_change;
         assert_eq!(factor(0.0), contact.steer_change_on_path);
+        assert_eq!(contact.factors(0.0).along, contact.along_on_path);
+        assert!(contact.factors(1.0).along > 0.99);
         let half_way = 0.5 * (contact.steer_change_on_path + contact.steer_change_off_path);
         assert!((factor(-contact.off_path_m) - half_way).abs() < 1e-12);
         assert!((factor(100.0) - contact.steer_change_off_path).abs() < 1e-6);

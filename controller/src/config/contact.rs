@@ -11,13 +11,16 @@ pub struct ContactMpcConfig {
     /// Position error along the path, 1/m^2. Less than across it: where grip allows no faster turn, the
     /// vehicle falls behind its reference but stays on the path.
     pub along_per_m2: f64,
+    /// Factor on that weight on the path, but shortly before cusps and the end: steer would answer the traction that
+    /// noise along the path asks for.
+    pub along_on_path: f64,
     /// Time over which the weight across the path grows to its full value, s, in place of that of the weights.
     pub cross_ramp_s: f64,
     /// Factor on the weight of a change of steer on the path, where poses' noise is most of what steer would answer.
     pub steer_change_on_path: f64,
     /// The same far beside the path.
     pub steer_change_off_path: f64,
-    /// Distance from the path at which the factor is half way between these, m.
+    /// Distance from the path at which these factors are half way to those far beside it, m.
     pub off_path_m: f64,
     /// How far a QP's solution is followed in a cycle; all the way without it.
     pub step_limit: Option<StepLimit>,
@@ -28,6 +31,7 @@ impl Default for ContactMpcConfig {
         Self {
             last_step_s: 0.22,
             along_per_m2: 1.0,
+            along_on_path: 0.2,
             cross_ramp_s: 0.6,
             steer_change_on_path: 1.5,
             steer_change_off_path: 0.5,
@@ -47,6 +51,7 @@ impl ContactMpcConfig {
         Bounds::new(0.0, 1e6, "").check("contact.along_per_m2", self.along_per_m2)?;
         Bounds::new(0.0, 10.0, "s").check("contact.cross_ramp_s", self.cross_ramp_s)?;
         for (key, factor) in [
+            ("contact.along_on_path", self.along_on_path),
             ("contact.steer_change_on_path", self.steer_change_on_path),
             ("contact.steer_change_off_path", self.steer_change_off_path),
         ] {
@@ -56,11 +61,31 @@ impl ContactMpcConfig {
         self.step_limit.map_or(Ok(()), |limit| limit.validate())
     }
 
-    /// Returns the factor on the weight of a change of steer at a distance from the path.
-    pub(crate) fn steer_change_factor(&self, cross_track_m: f64) -> f64 {
+    /// Returns the factors on weights at a distance from the path.
+    pub(crate) fn factors(&self, cross_track_m: f64) -> WeightFactors {
         let squared = (cross_track_m / self.off_path_m).powi(2);
         let off_path = squared / (1.0 + squared);
-        self.steer_change_on_path
-            + off_path * (self.steer_change_off_path - self.steer_change_on_path)
+        let between = |on_path: f64, far: f64| on_path + off_path * (far - on_path);
+        WeightFactors {
+            along: between(self.along_on_path, 1.0),
+            steer_change: between(self.steer_change_on_path, self.steer_change_off_path),
+        }
     }
+}
+
+/// Factors on weights that depend on where the vehicle is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct WeightFactors {
+    /// On errors along the path while driving.
+    pub(crate) along: f64,
+    /// On changes of steer.
+    pub(crate) steer_change: f64,
+}
+
+impl WeightFactors {
+    /// Weights as they are.
+    pub(crate) const NONE: Self = Self {
+        along: 1.0,
+        steer_change: 1.0,
+    };
 }

@@ -2,12 +2,13 @@
 
 use super::unrolling::Unrolling;
 use super::{Controller, Law, Phase};
-use crate::config::AttitudePreview;
+use crate::config::{AttitudePreview, WeightFactors};
 use crate::estimator::{Estimate, slide_share};
 use crate::mpc::{Model, StageTarget};
 use crate::path::Point2;
 use crate::reference::{Progress, Reference};
 use crate::tracked_point::{TrackedPoint, heading_difference_after};
+use crate::trajectory::Motion;
 use nalgebra::Vector3;
 use sidehill_plant::frames::{PlanarPose, wrap_angle};
 use sidehill_plant::sample::Sample;
@@ -15,6 +16,10 @@ use sidehill_plant::speeds::MotorSpeeds;
 
 /// Largest difference between the headings of body and path that a target has, rad.
 const MOST_RAD: f64 = 1.2;
+
+/// Length of the path before a cusp or the end on which the weight of errors along the path is whole: a vehicle that
+/// comes there late cuts the cusp, or stops short.
+const ON_TIME_M: f64 = 1.0;
 
 impl Controller {
     /// Moves the reference on; it waits for a vehicle that has been stopped.
@@ -49,12 +54,9 @@ impl Controller {
         let Law::Mpc(mpc) = &mut self.law else {
             return;
         };
-        let steer_change_factor = match mpc.model_mut() {
-            Model::Icr(_) => 1.0,
-            Model::Contact(_) => self
-                .config
-                .contact
-                .steer_change_factor(progress.cross_track_m),
+        let factors = match mpc.model_mut() {
+            Model::Icr(_) => WeightFactors::NONE,
+            Model::Contact(_) => self.config.contact.factors(progress.cross_track_m),
         };
         let mut caution = 0.0;
         if self.adapts {
@@ -80,16 +82,22 @@ impl Controller {
         self.horizon.start = self.roll_forward(estimate, progress);
         self.horizon.previous = previous;
         self.horizon.change_weights = self.config.change_weights(caution);
-        self.horizon.change_weights.steer *= steer_change_factor;
+        self.horizon.change_weights.steer *= factors.steer_change;
         let point = self
             .tracked_point()
             .of(&estimate.pose, &estimate.normal_in_world);
         self.standstill.observe(elapsed_s, progress, &point);
-        self.fill_targets(estimate, progress, caution);
+        self.fill_targets(estimate, progress, caution, factors.along);
     }
 
     /// Puts the reference over the horizon into its targets.
-    fn fill_targets(&mut self, estimate: &Estimate, progress: &Progress, caution: f64) {
+    fn fill_targets(
+        &mut self,
+        estimate: &Estimate,
+        progress: &Progress,
+        caution: f64,
+        along_factor: f64,
+    ) {
         let half_track_m = self.horizon.half_track_m;
         self.horizon.targets.clear();
         let (Some(reference), Law::Mpc(mpc)) = (&self.reference, &self.law) else {
@@ -104,6 +112,7 @@ impl Controller {
             .filter(|_| config.attitude_preview == AttitudePreview::Terrain);
         let guard = self.guard.as_ref().filter(|guard| guard.slows());
         let mut slowed_s = guard.map_or(0.0, |guard| guard.after_s(0.0, config.delay_s()));
+        let lag_until_m = reference.stop_at_m() - ON_TIME_M;
         let weights = &config.weights;
         let mut unrolling = (weights.along_per_m2 != weights.cross_per_m2)
             .then(|| Unrolling::new(reference, progress));
@@ -142,6 +151,10 @@ impl Controller {
                 let speed_m_s = input.unwrap_or(share * point.speed_m_s).abs();
                 slip = slide_share(progress.cross_track_m) * speed_m_s * known.slip_per_m;
             }
+            let mut weights = config.stage_weights(point.motion, caution, *end_s);
+            if point.motion == Motion::Drive && point.arc_length_m < lag_until_m {
+                weights.along_per_m2 *= along_factor;
+            }
             self.horizon.targets.push(StageTarget {
                 pose,
                 tracked_point,
@@ -152,9 +165,7 @@ impl Controller {
                     steer_m_s: share * half_track_m * point.yaw_rate_rad_s,
                 },
                 slip,
-                weights: self
-                    .standstill
-                    .urge(config.stage_weights(point.motion, caution, *end_s)),
+                weights: self.standstill.urge(weights),
             });
         }
         if !tracked_point.is_origin() {
@@ -269,4 +280,103 @@ fn difference_after(difference_rad: f64, way_m: f64, ahead_m: f64) -> f64 {
         return 0.0;
     }
     heading_difference_after(within, way_m, ahead_m)
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use super::*;
+    use crate::config::{ControllerConfig, ControllerKind};
+    use crate::course::{Course, Cusp};
+    use crate::reference::Tracking;
+    use crate::speed_profile::SpeedConfig;
+    use sidehill_plant::frames::{Attitude, Pose};
+    use sidehill_plant::sample::Stamped;
+    use sidehill_plant::speeds::MeasuredTreadSpeeds;
+    use sidehill_plant::vehicle::Vehicle;
+
+    /// Returns the first cycle's weights along the path, and how far short of a cusp their targets are, for a vehicle
+    /// beside the start.
+    fn along_weights(kind: ControllerKind, right_m: f64) -> Vec<(f64, f64)> {
+        let config = ControllerConfig::default();
+        let limits = SpeedConfig::default().limits(&config.limits, &Vehicle::j8());
+        let course = Course::Cusp(Cusp {
+            radius_m: 1.5,
+            ..Cusp::default()
+        });
+        let trajectory = course.trajectory(&limits).unwrap();
+        let reference = Reference::new(trajectory, Tracking::Time);
+        let (mut pose, cusp_m) = (reference.ahead(0.0).pose(), reference.stop_at_m());
+        pose.x_m += right_m * pose.yaw_rad.cos();
+        pose.y_m += right_m * pose.yaw_rad.sin();
+        let mut controller = Controller::new(kind, config, &Vehicle::j8()).unwrap();
+        controller.follow(reference);
+        controller.step(
+            &Sample {
+                time_s: 0.0,
+                tread_speeds: Some(Stamped {
+                    time_s: 0.0,
+                    value: MeasuredTreadSpeeds::default(),
+                }),
+                attitude: Some(Stamped {
+                    time_s: 0.0,
+                    value: Attitude::default(),
+                }),
+                yaw_rate: None,
+                pose: Some(Stamped {
+                    time_s: 0.0,
+                    value: Pose {
+                        x_m: pose.x_m,
+                        y_m: pose.y_m,
+                        z_m: 0.0,
+                        yaw_rad: pose.yaw_rad,
+                    },
+                }),
+            },
+            None,
+        );
+        let Law::Mpc(mpc) = &controller.law else {
+            return Vec::new();
+        };
+        let (reference, delay_s) = (
+            controller.reference.as_ref().unwrap(),
+            controller.config.delay_s(),
+        );
+        let ends_s = mpc.stage_times().ends_s().iter();
+        let short_m = ends_s.map(|end_s| cusp_m - reference.ahead(delay_s + end_s).arc_length_m);
+        let weights = controller.horizon.targets.iter();
+        weights
+            .map(|target| target.weights.along_per_m2)
+            .zip(short_m)
+            .collect()
+    }
+
+    #[test]
+    fn contact_mpc_may_lag_on_the_path_but_not_at_a_cusp() {
+        let contact = ControllerConfig::default().contact;
+        let weights = along_weights(ControllerKind::ContactMpc, 0.0);
+        for wanted in [
+            contact.along_on_path * contact.along_per_m2,
+            contact.along_per_m2,
+        ] {
+            assert!(
+                weights
+                    .iter()
+                    .any(|(weight, _)| (weight - wanted).abs() < 1e-9)
+            );
+        }
+        for (weight, short_m) in &weights {
+            let whole = (weight - contact.along_per_m2).abs() < 1e-9;
+            assert_eq!(whole, *short_m <= ON_TIME_M, "{weight} at {short_m} m");
+        }
+        // Beside the path it is to get on as well.
+        for (weight, _) in along_weights(ControllerKind::ContactMpc, 1.0) {
+            assert!(weight > 0.99 * contact.along_per_m2);
+        }
+        let others = ControllerConfig::default().weights.along_per_m2;
+        for (weight, _) in along_weights(ControllerKind::IcrikMpc, 0.0) {
+            assert_eq!(weight, others);
+        }
+    }
 }
