@@ -225,7 +225,7 @@ fn the_covariance_of_pose_and_gains_is_that_of_the_errors() {
     }
 }
 
-fn learned_contact(settings: ContactLearningSettings) -> LearnedContact {
+pub(super) fn learned_contact(settings: ContactLearningSettings) -> LearnedContact {
     let vehicle = Vehicle::j8();
     let contact = ContactPrediction::new(&vehicle.contact_vehicle()).unwrap();
     LearnedContact::new(&vehicle, contact, settings)

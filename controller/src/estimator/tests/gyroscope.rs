@@ -1,6 +1,11 @@
 //! A gyroscope beside poses: one that is right, and ones that are not.
 
+use super::super::belief::Belief;
+use super::super::gains::Kept;
+use super::super::gate::PoseSigmas;
+use super::super::gyro::YawRate;
 use super::super::learned::LearnedModel;
+use super::consistency::learned_contact;
 use super::*;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
@@ -83,4 +88,48 @@ fn a_gyroscope_that_poses_contradict_is_left_out() {
         let pose_rad = EstimatorSettings::default().pose_sigma_rad;
         assert!(with_rad < pose_rad, "{reads}: {with_rad}");
     }
+}
+
+#[test]
+fn a_reading_far_from_the_models_yaw_rate_teaches_nothing() {
+    let settings = EstimatorSettings::default();
+    let mut model = learned_contact(settings.contact);
+    let prior = model.prior();
+    let kept = Kept {
+        mean: prior.mean,
+        covariance: prior.covariance(),
+    };
+    let treads = TreadSpeeds {
+        left_m_s: 0.2,
+        right_m_s: 0.6,
+    };
+    let before = Belief::at(
+        &PlanarPose::default(),
+        &PoseSigmas::of(&settings),
+        settings.gyro_bias_sigma_rad_s,
+        kept,
+        treads,
+        Attitude::LEVEL,
+    );
+    let yaw_rate_rad_s = model
+        .velocity(Attitude::LEVEL, treads, &prior.mean)
+        .0
+        .yaw_rate_rad_s;
+    let noise = model.process_noise(&settings);
+    let mut after = |off_rad_s: f64| {
+        let mut belief = before;
+        let read = YawRate {
+            time_s: 0.05,
+            rad_s: yaw_rate_rad_s + off_rad_s,
+        };
+        belief.correct_yaw_rate(&mut model, &noise, 1.0, read, settings.gate);
+        belief
+    };
+    let told = after(0.01);
+    assert!((told.parameters - before.parameters).norm() > 1e-4);
+    assert!(told.parameter_covariance.trace() < before.parameter_covariance.trace());
+    let refused = after(50.0);
+    assert_eq!(refused.mean, before.mean);
+    assert_eq!(refused.parameters, before.parameters);
+    assert_eq!(refused.parameter_covariance, before.parameter_covariance);
 }
