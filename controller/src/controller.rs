@@ -8,6 +8,7 @@ mod decision;
 mod horizon;
 mod issued;
 mod learning;
+mod overshoot;
 mod parts;
 mod standstill;
 mod supervision;

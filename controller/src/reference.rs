@@ -153,6 +153,12 @@ impl Reference {
             .unwrap_or(self.trajectory.length_m())
     }
 
+    /// Returns the first cusp at an arc length or after it.
+    pub(crate) fn cusp_after(&self, arc_length_m: f64) -> Option<f64> {
+        let mut cusps_m = self.cusps_m.iter().copied();
+        cusps_m.find(|cusp_m| *cusp_m >= arc_length_m)
+    }
+
     /// Moves on by `elapsed_s` and returns the progress of a vehicle at `pose`, which must be finite.
     pub fn advance(&mut self, elapsed_s: f64, pose: &PlanarPose) -> Progress {
         let here = Point2 {

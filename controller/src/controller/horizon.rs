@@ -1,5 +1,6 @@
 //! From the estimate to the reference ahead: the horizon that the MPC solves for.
 
+use super::overshoot::Overshoot;
 use super::unrolling::Unrolling;
 use super::{Controller, Law, Phase};
 use crate::config::{AttitudePreview, WeightFactors};
@@ -130,6 +131,7 @@ impl Controller {
                 .and_then(|map| map.surface(point.position.x_m, point.position.y_m).ok())
                 .map_or(estimate.normal_in_world, |surface| surface.normal_in_world);
             let planned = mpc.planned_state(k, self.horizon.elapsed_s);
+            let mut overshoot = None;
             let (pose, along_heading_rad) = match (&mut unrolling, planned) {
                 (Some(unrolling), Some(planned)) => {
                     let lever = tracked_point.lever(&normal_in_world, planned.z);
@@ -137,6 +139,7 @@ impl Controller {
                         x_m: planned.x + lever.offset_m.0,
                         y_m: planned.y + lever.offset_m.1,
                     };
+                    overshoot = Overshoot::of(reference, &point, &place);
                     unrolling.target(&point, &place)
                 }
                 _ => (point.pose(), point.heading_rad),
@@ -154,6 +157,9 @@ impl Controller {
             let mut weights = config.stage_weights(point.motion, caution, *end_s);
             if point.motion == Motion::Drive && point.arc_length_m < lag_until_m {
                 weights.along_per_m2 *= along_factor;
+            }
+            if let Some(overshoot) = overshoot {
+                overshoot.weigh(&mut pose, along_heading_rad, &mut weights);
             }
             self.horizon.targets.push(StageTarget {
                 pose,
@@ -283,100 +289,4 @@ fn difference_after(difference_rad: f64, way_m: f64, ahead_m: f64) -> f64 {
 }
 
 #[cfg(test)]
-mod tests {
-    #![allow(clippy::unwrap_used)]
-
-    use super::*;
-    use crate::config::{ControllerConfig, ControllerKind};
-    use crate::course::{Course, Cusp};
-    use crate::reference::Tracking;
-    use crate::speed_profile::SpeedConfig;
-    use sidehill_plant::frames::{Attitude, Pose};
-    use sidehill_plant::sample::Stamped;
-    use sidehill_plant::speeds::MeasuredTreadSpeeds;
-    use sidehill_plant::vehicle::Vehicle;
-
-    /// Returns the first cycle's weights along the path, and how far short of a cusp their targets are, for a vehicle
-    /// beside the start.
-    fn along_weights(kind: ControllerKind, right_m: f64) -> Vec<(f64, f64)> {
-        let config = ControllerConfig::default();
-        let limits = SpeedConfig::default().limits(&config.limits, &Vehicle::j8());
-        let course = Course::Cusp(Cusp {
-            radius_m: 1.5,
-            ..Cusp::default()
-        });
-        let trajectory = course.trajectory(&limits).unwrap();
-        let reference = Reference::new(trajectory, Tracking::Time);
-        let (mut pose, cusp_m) = (reference.ahead(0.0).pose(), reference.stop_at_m());
-        pose.x_m += right_m * pose.yaw_rad.cos();
-        pose.y_m += right_m * pose.yaw_rad.sin();
-        let mut controller = Controller::new(kind, config, &Vehicle::j8()).unwrap();
-        controller.follow(reference);
-        controller.step(
-            &Sample {
-                time_s: 0.0,
-                tread_speeds: Some(Stamped {
-                    time_s: 0.0,
-                    value: MeasuredTreadSpeeds::default(),
-                }),
-                attitude: Some(Stamped {
-                    time_s: 0.0,
-                    value: Attitude::default(),
-                }),
-                yaw_rate: None,
-                pose: Some(Stamped {
-                    time_s: 0.0,
-                    value: Pose {
-                        x_m: pose.x_m,
-                        y_m: pose.y_m,
-                        z_m: 0.0,
-                        yaw_rad: pose.yaw_rad,
-                    },
-                }),
-            },
-            None,
-        );
-        let Law::Mpc(mpc) = &controller.law else {
-            return Vec::new();
-        };
-        let (reference, delay_s) = (
-            controller.reference.as_ref().unwrap(),
-            controller.config.delay_s(),
-        );
-        let ends_s = mpc.stage_times().ends_s().iter();
-        let short_m = ends_s.map(|end_s| cusp_m - reference.ahead(delay_s + end_s).arc_length_m);
-        let weights = controller.horizon.targets.iter();
-        weights
-            .map(|target| target.weights.along_per_m2)
-            .zip(short_m)
-            .collect()
-    }
-
-    #[test]
-    fn contact_mpc_may_lag_on_the_path_but_not_at_a_cusp() {
-        let contact = ControllerConfig::default().contact;
-        let weights = along_weights(ControllerKind::ContactMpc, 0.0);
-        for wanted in [
-            contact.along_on_path * contact.along_per_m2,
-            contact.along_per_m2,
-        ] {
-            assert!(
-                weights
-                    .iter()
-                    .any(|(weight, _)| (weight - wanted).abs() < 1e-9)
-            );
-        }
-        for (weight, short_m) in &weights {
-            let whole = (weight - contact.along_per_m2).abs() < 1e-9;
-            assert_eq!(whole, *short_m <= ON_TIME_M, "{weight} at {short_m} m");
-        }
-        // Beside the path it is to get on as well.
-        for (weight, _) in along_weights(ControllerKind::ContactMpc, 1.0) {
-            assert!(weight > 0.99 * contact.along_per_m2);
-        }
-        let others = ControllerConfig::default().weights.along_per_m2;
-        for (weight, _) in along_weights(ControllerKind::IcrikMpc, 0.0) {
-            assert_eq!(weight, others);
-        }
-    }
-}
+mod tests;
