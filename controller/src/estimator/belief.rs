@@ -6,6 +6,7 @@ use super::gyro::{
     BIAS_WALK_RAD_S_PER_SQRT_S, GyroInterval, HOLDS_S, INTERVAL_MIN_S, Turn, YawRate,
 };
 use super::learned::{Drift, LearnedModel, Prior};
+use super::pose_noise::PoseNoise;
 use super::process_noise::ProcessNoise;
 use nalgebra::{Matrix3, Matrix4, SMatrix, SVector, Vector3, Vector4};
 use sidehill_plant::frames::{Attitude, PlanarPose, pose_rate, wrap_angle};
@@ -32,6 +33,8 @@ pub(super) struct Belief<const N: usize> {
     pub(super) gyro_turned_rad: f64,
     /// The model's body velocity (right, forward, yaw rate) as a vehicle has it that follows it with a lag.
     pub(super) late: Vector3<f64>,
+    /// How noisy poses have been.
+    pub(super) pose_noise: PoseNoise,
 }
 
 impl<const N: usize> Belief<N> {
@@ -60,6 +63,7 @@ impl<const N: usize> Belief<N> {
             yaw_rate: None,
             gyro_turned_rad: 0.0,
             late: Vector3::zeros(),
+            pose_noise: PoseNoise::new(sigmas),
         }
     }
 

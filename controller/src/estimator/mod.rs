@@ -23,6 +23,7 @@ mod gate;
 mod gyro;
 mod learned;
 mod model_error;
+mod pose_noise;
 mod process_noise;
 mod settings;
 mod slip;

@@ -8,9 +8,10 @@ use sidehill_plant::bounds::{Bounds, RangeError};
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct EstimatorSettings {
-    /// Standard deviation of a pose's position, m.
+    /// Standard deviation of a pose's position, m: until poses show theirs, which is then taken from half to three times
+    /// this.
     pub pose_sigma_m: f64,
-    /// Standard deviation of a pose's heading, rad.
+    /// Standard deviation of a pose's heading, rad; likewise.
     pub pose_sigma_rad: f64,
     /// Growth of the position's uncertainty while moving, m/sqrt(s).
     pub slide_sigma_m_per_sqrt_s: f64,

@@ -147,11 +147,22 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
                         self.poses_gated += 1;
                     }
                 }
-                if believed {
-                    belief.correct(&difference, &noise, &inverse);
-                    let attitude = belief.attitude;
-                    self.model.bound(&mut belief.parameters, &attitude);
+                if !believed {
+                    belief.pose_noise.interrupt();
+                    return belief;
                 }
+                // The gate goes by the settings, the weight of a pose by the noise that poses show.
+                let noise = belief.pose_noise.covariance();
+                let Some(inverse) = (belief.pose_covariance() + noise).try_inverse() else {
+                    return belief;
+                };
+                belief.correct(&difference, &noise, &inverse);
+                let attitude = belief.attitude;
+                self.model.bound(&mut belief.parameters, &attitude);
+                let residual = belief.off(&pose);
+                belief
+                    .pose_noise
+                    .observe(event.time_s, &difference, residual);
             }
         }
         belief

@@ -205,3 +205,28 @@ fn readings_that_are_not_finite_are_named_and_left_out() {
         }
     }
 }
+
+/// Settings say 1 cm; the noise that poses show decides what the next one counts for.
+#[test]
+fn poses_that_are_noisier_than_the_settings_say_count_for_less() {
+    let shift_m = |noise_m: f64| {
+        let mut truth = Truth::new(3.0);
+        let mut estimator = estimator();
+        for k in 0..200 {
+            let mut sample = truth.sample(0.1 * f64::from(k));
+            if let Some(pose) = &mut sample.pose {
+                pose.value.x_m += noise_m * [1.0, -1.0, 0.0, -1.0, 1.0, 0.0][k as usize % 6];
+            }
+            estimator.update(&sample);
+            truth.drive(0.1);
+        }
+        let mut last = truth.sample(20.0);
+        let before = estimator.update(&Sample { pose: None, ..last }).0.unwrap();
+        if let Some(pose) = &mut last.pose {
+            pose.value.x_m = before.pose.x_m + 0.03;
+        }
+        estimator.update(&last).0.unwrap().pose.x_m - before.pose.x_m
+    };
+    let (calm_m, noisy_m) = (shift_m(0.0), shift_m(0.03));
+    assert!(noisy_m < 0.7 * calm_m, "{noisy_m} {calm_m}");
+}
