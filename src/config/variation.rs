@@ -23,6 +23,8 @@ pub(super) struct VehicleVariation {
     slip_scale_m_s: Option<f64>,
     slip_share: Option<f64>,
     rolling_resistance: Option<f64>,
+    /// Radius of gyration of a contact patch as a share of the half width; 0 for a point.
+    patch_radius_share: Option<f64>,
     /// Relaxation length of the tyres as a share of the half width; requires inertia.
     relaxation_length_share: Option<f64>,
     /// Yaw inertia relative to that of a homogeneous box on the wheels; 0 for no inertia.
@@ -42,6 +44,7 @@ impl Default for VehicleVariation {
             slip_scale_m_s: None,
             slip_share: None,
             rolling_resistance: None,
+            patch_radius_share: None,
             relaxation_length_share: None,
             inertia: None,
         }
@@ -97,6 +100,10 @@ impl VehicleVariation {
         vehicle.friction.field = field;
         if let Some(share) = self.slip_share {
             vehicle.friction.slip_share = share;
+        }
+        if let Some(share) = self.patch_radius_share {
+            Bounds::new(0.0, 1.0, "").check("patch_radius_share", share)?;
+            vehicle.friction.patch_radius_m = share * half_width_m;
         }
         if let Some(factor) = self.inertia {
             Bounds::new(0.0, 10.0, "").check("inertia", factor)?;
@@ -196,8 +203,23 @@ mod tests {
     }
 
     #[test]
+    fn a_patch_has_a_share_of_the_half_width_and_may_be_a_point() {
+        let radius_m = |yaml| varied(yaml).unwrap().friction.patch_radius_m;
+        assert!((radius_m("{size: 2, patch_radius_share: 0.3}") - 0.36).abs() < 1e-12);
+        assert_eq!(radius_m("{patch_radius_share: 0}"), 0.0);
+        // That of the file otherwise, which grows with the vehicle.
+        assert!((radius_m("{size: 2}") - 2.0 * j8().friction.patch_radius_m).abs() < 1e-12);
+    }
+
+    #[test]
     fn what_is_out_of_range_is_named() {
-        let error = varied("{inner_load: 1.5}").unwrap_err();
-        assert!(error.to_string().contains("inner_load"), "{error}");
+        for (key, value) in [
+            ("inner_load", 1.5),
+            ("patch_radius_share", -0.1),
+            ("patch_radius_share", 1.1),
+        ] {
+            let error = varied(&format!("{{{key}: {value}}}")).unwrap_err();
+            assert!(error.to_string().contains(key), "{error}");
+        }
     }
 }

@@ -33,6 +33,8 @@ pub struct ContactLearningSettings {
     pub slip_scale_sigma: f64,
     /// Standard deviation of the rolling resistance.
     pub rolling_resistance_sigma: f64,
+    /// Standard deviation of the square of a contact patch's radius of gyration, over that of the half width.
+    pub patch_squared_sigma: f64,
     /// Standard deviation of the logarithm of each tread's factor.
     pub tread_sigma: f64,
     /// Share of a prior variance that comes back for each metre of steering, 1/m.
@@ -58,6 +60,7 @@ impl Default for ContactLearningSettings {
             lateral_share_sigma: 0.2,
             slip_scale_sigma: 0.5,
             rolling_resistance_sigma: 0.02,
+            patch_squared_sigma: 0.02,
             tread_sigma: 0.2,
             forgetting_per_m: 0.01,
             friction_forgetting_per_m: 0.05,
@@ -115,6 +118,10 @@ impl ContactLearningSettings {
                 "estimator.contact.rolling_resistance_sigma",
                 self.rolling_resistance_sigma,
             ),
+            (
+                "estimator.contact.patch_squared_sigma",
+                self.patch_squared_sigma,
+            ),
             ("estimator.contact.tread_sigma", self.tread_sigma),
             ("estimator.contact.forgetting_per_m", self.forgetting_per_m),
             (
@@ -142,6 +149,7 @@ impl ContactLearningSettings {
                 Parameter::LateralShare => self.lateral_share_sigma,
                 Parameter::SlipScale => self.slip_scale_sigma,
                 Parameter::RollingResistance => self.rolling_resistance_sigma,
+                Parameter::PatchRadius => self.patch_squared_sigma * half_width_m * half_width_m,
                 Parameter::LeftTread | Parameter::RightTread => self.tread_sigma,
             })
     }

@@ -18,8 +18,6 @@ mod guess {
     pub(super) const PATCH_SHARE: f64 = 0.15;
     /// Load of an inner axle over that of an outer one.
     pub(super) const INNER_FACTOR: f64 = 1.5;
-    /// Half length over half width from which on four axles are guessed where none are given, else two.
-    pub(super) const FOUR_AXLES: f64 = 1.4;
 }
 
 /// A contact vehicle of which only geometry need be given.
@@ -210,14 +208,10 @@ impl ContactVehicle {
         }
     }
 
-    /// Returns a vehicle on a base rectangle: two axles at its ends, or four evenly spaced where it is
-    /// long.
+    /// Returns a vehicle on a base rectangle, with four axles evenly spaced. With more or less of the weight on the
+    /// inner two it turns as vehicles of two, three and more axles and tracks do; two axles have no such load to learn.
     pub fn of_base(name: &str, half_width_m: f64, half_length_m: f64) -> Self {
         let y = half_length_m;
-        if half_length_m >= guess::FOUR_AXLES * half_width_m {
-            Self::of_geometry(name, half_width_m, &[y, y / 3.0, -y / 3.0, -y])
-        } else {
-            Self::of_geometry(name, half_width_m, &[y, -y])
-        }
+        Self::of_geometry(name, half_width_m, &[y, y / 3.0, -y / 3.0, -y])
     }
 }

@@ -6,9 +6,9 @@ use nalgebra::SVector;
 use serde::Serialize;
 
 /// Number of the parameters.
-pub const PARAMETERS: usize = 10;
+pub const PARAMETERS: usize = 11;
 
-/// The parameters in the order of [`Parameter::ALL`]; factors as natural logarithms.
+/// The parameters in the order of [`Parameter::ALL`]; factors as natural logarithms, the patch radius as its square.
 pub type ParameterVector = SVector<f64, PARAMETERS>;
 
 /// One parameter of a contact vehicle.
@@ -31,6 +31,8 @@ pub enum Parameter {
     SlipScale,
     /// Rolling resistance c.
     RollingResistance,
+    /// Radius of gyration r of a contact patch, m.
+    PatchRadius,
     /// Speed of the left tread over that which encoders and commands say, in addition to c_l.
     LeftTread,
     /// The same of the right tread, in addition to c_r.
@@ -48,6 +50,7 @@ impl Parameter {
         Self::LateralShare,
         Self::SlipScale,
         Self::RollingResistance,
+        Self::PatchRadius,
         Self::LeftTread,
         Self::RightTread,
     ];
@@ -63,6 +66,7 @@ impl Parameter {
             Self::LateralShare => "lateral_share",
             Self::SlipScale => "slip_scale_m_s",
             Self::RollingResistance => "rolling_resistance",
+            Self::PatchRadius => "patch_radius_m",
             Self::LeftTread => "left_tread_factor",
             Self::RightTread => "right_tread_factor",
         }
@@ -95,6 +99,9 @@ impl Parameter {
     pub fn value(self, entry: f64) -> f64 {
         if self.is_logarithm() {
             entry.exp()
+        } else if self == Self::PatchRadius {
+            // Forces depend on the square; their derivative by the radius vanishes at 0.
+            entry.max(0.0).sqrt()
         } else {
             entry
         }
@@ -104,6 +111,8 @@ impl Parameter {
     pub fn entry(self, value: f64) -> f64 {
         if self.is_logarithm() {
             value.ln()
+        } else if self == Self::PatchRadius {
+            value * value
         } else {
             value
         }
@@ -121,6 +130,7 @@ impl Parameter {
             Self::LateralShare => 0.2,
             Self::SlipScale => 0.7,
             Self::RollingResistance => 0.02,
+            Self::PatchRadius => 0.02 * half_width_m * half_width_m,
             Self::LeftTread | Self::RightTread => 0.2,
         }
     }
@@ -137,6 +147,7 @@ impl Parameter {
             Self::LateralShare => (0.3, 2.0),
             Self::SlipScale => (0.002, 0.2),
             Self::RollingResistance => (0.0, 0.3),
+            Self::PatchRadius => (0.0, 0.5 * half_width_m),
             Self::LeftTread | Self::RightTread => (0.2, 2.0),
         }
     }
@@ -154,6 +165,7 @@ impl ContactVehicle {
             Parameter::LateralShare => self.friction.lateral_share,
             Parameter::SlipScale => self.friction.slip_scale_m_s,
             Parameter::RollingResistance => self.friction.rolling_resistance,
+            Parameter::PatchRadius => self.friction.patch_radius_m,
             Parameter::LeftTread | Parameter::RightTread => 1.0,
         };
         ParameterVector::from_fn(|i, _| {
@@ -178,6 +190,7 @@ impl ContactVehicle {
             lateral_share: value(Parameter::LateralShare),
             slip_scale_m_s: value(Parameter::SlipScale),
             rolling_resistance: value(Parameter::RollingResistance),
+            patch_radius_m: value(Parameter::PatchRadius),
             ..self.friction
         };
         vehicle.set_inner_share(value(Parameter::InnerShare));

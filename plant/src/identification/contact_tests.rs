@@ -30,7 +30,7 @@ fn estimate(report: &ContactReport, name: &str) -> ContactParameterEstimate {
     *report.estimates.iter().find(|e| e.name == name).unwrap()
 }
 
-/// Returns how many of the eight intervals hold the truth.
+/// Returns how many of the nine intervals hold the truth.
 fn intervals_with(report: &ContactReport, truth: &ContactVehicle) -> usize {
     let parameters = truth.parameters();
     let holds = |parameter: &&Parameter| {
@@ -48,7 +48,7 @@ fn the_wheels_are_found_from_geometry_alone() {
     let logs = contact_logs(&truth, 3);
     let (vehicle, report) = identify_contact(&logs, &measured(&truth), &settings()).unwrap();
     let inside = intervals_with(&report, &truth);
-    assert!(inside >= 6, "{inside} of 8 intervals hold the truth");
+    assert!(inside >= 7, "{inside} of 9 intervals hold the truth");
     let scale = vehicle.contact_encoder_scale.unwrap();
     assert!((scale.left / 1.004 - 1.0).abs() < 0.004, "{scale:?}");
     assert!((scale.right / 1.011 - 1.0).abs() < 0.004, "{scale:?}");
@@ -63,7 +63,7 @@ fn what_level_logs_do_not_tell_stays_a_guess() {
     let vehicle = measured(&truth);
     let (_, report) =
         identify_contact(std::slice::from_ref(&level), &vehicle, &settings()).unwrap();
-    assert!(intervals_with(&report, &truth) >= 6, "{report:?}");
+    assert!(intervals_with(&report, &truth) >= 7, "{report:?}");
     // On level ground only ratios of forces count.
     for name in ["friction", "centre_of_mass_height_m"] {
         assert!(!estimate(&report, name).determined, "{report:?}");
@@ -77,6 +77,39 @@ fn what_level_logs_do_not_tell_stays_a_guess() {
         apart("centre_of_mass_right_m", "slip_scale_m_s"),
         "{report:?}"
     );
+}
+
+#[test]
+fn the_radius_of_a_patch_is_found_even_where_it_is_a_point() {
+    for radius_m in [0.0, 0.15] {
+        let mut truth = j8();
+        truth.friction.patch_radius_m = radius_m;
+        let start = measured(&truth);
+        let guess_m = start.contact_vehicle().friction.patch_radius_m;
+        let logs = contact_logs(&truth, 3);
+        let (vehicle, report) = identify_contact(&logs, &start, &settings()).unwrap();
+        let found = estimate(&report, "patch_radius_m");
+        assert!(found.determined, "{found:?}");
+        assert_eq!(
+            vehicle.contact_vehicle().friction.patch_radius_m,
+            found.value
+        );
+        let (low, high) = found.interval;
+        assert!((low..=high).contains(&radius_m), "{found:?}");
+        assert!(!(low..=high).contains(&guess_m), "{found:?}");
+    }
+}
+
+#[test]
+fn level_ground_leaves_the_radius_of_a_patch_at_its_guess() {
+    let mut truth = j8();
+    truth.friction.patch_radius_m = 0.0;
+    let [level, ..] = contact_logs(&truth, 5);
+    let (_, report) = identify_contact(&[level], &measured(&truth), &settings()).unwrap();
+    let found = estimate(&report, "patch_radius_m");
+    assert!(!found.determined, "{found:?}");
+    assert_eq!(found.interval.0, 0.0);
+    assert!(found.interval.1 > 0.09, "{found:?}");
 }
 
 #[test]

@@ -351,27 +351,32 @@ fn friction_is_forgotten_by_the_metres_driven_and_the_centre_of_mass_by_those_st
     }
 }
 
-/// Treads that move at 70 and 75 % of what encoders say, for 20 s on a slope of 8 deg.
-#[test]
-fn factors_of_treads_that_slip_are_learned() {
+/// Traction and steer of a vehicle that weaves, m/s.
+const WEAVING: fn(f64) -> (f64, f64) = |time_s| (0.4, 0.2 * (0.9 * time_s).sin());
+
+/// Returns what is learned in `duration_s` on a slope of 8 deg of a vehicle some of whose parameters are not those of the
+/// prior; `speeds` are traction and steer over time.
+fn learned_of(
+    differing: &[(Parameter, f64)],
+    duration_s: f64,
+    speeds: impl Fn(f64) -> (f64, f64),
+) -> ContactEstimate {
     let settings = EstimatorSettings::default();
     let mut model = learned_contact(settings.contact);
     let mut filter = Filter::new(settings, model.clone());
-    let treads = [Parameter::LeftTread, Parameter::RightTread];
-    let truth = [0.7, 0.75];
     let mut parameters = model.prior().mean;
-    for (parameter, factor) in treads.iter().zip(truth) {
-        parameters[parameter.index()] = parameter.entry(factor);
+    for (parameter, value) in differing {
+        parameters[parameter.index()] = parameter.entry(*value);
     }
     let normal = Vector3::new(0.0, -8.0_f64.to_radians().sin(), 8.0_f64.to_radians().cos());
     let mut pose = PlanarPose::default();
     let mut learned = None;
-    for cycle in 0..=400 {
+    for cycle in 0..=(duration_s / 0.05).round() as u32 {
         let time_s = 0.05 * f64::from(cycle);
-        let steer_m_s = 0.2 * (0.9 * time_s).sin();
+        let (traction_m_s, steer_m_s) = speeds(time_s);
         let said = TreadSpeeds {
-            left_m_s: 0.4 - steer_m_s,
-            right_m_s: 0.4 + steer_m_s,
+            left_m_s: traction_m_s - steer_m_s,
+            right_m_s: traction_m_s + steer_m_s,
         };
         let attitude = Attitude::on_plane(&normal, pose.yaw_rad);
         let (velocity, _) = model.velocity(attitude, said, &parameters);
@@ -390,8 +395,15 @@ fn factors_of_treads_that_slip_are_learned() {
         };
         learned = filter.update(&sample).0.and_then(|e| e.contact);
     }
-    let learned = learned.unwrap();
-    for (parameter, factor) in treads.into_iter().zip(truth) {
+    learned.unwrap()
+}
+
+/// Treads that move at 70 and 75 % of what encoders say.
+#[test]
+fn factors_of_treads_that_slip_are_learned() {
+    let truth = [(Parameter::LeftTread, 0.7), (Parameter::RightTread, 0.75)];
+    let learned = learned_of(&truth, 20.0, WEAVING);
+    for (parameter, factor) in truth {
         let (found, _) = learned.interval(parameter);
         assert!((found - factor).abs() < 0.02, "{parameter:?}: {found}");
         assert!(learned.observed(parameter), "{parameter:?}");
@@ -399,14 +411,38 @@ fn factors_of_treads_that_slip_are_learned() {
 }
 
 #[test]
+fn the_radius_of_a_patch_is_learned_on_the_spot_and_not_by_gentle_weaving() {
+    let patch = Parameter::PatchRadius;
+    let (guess_m, _) = learned_of(&[], 0.0, WEAVING).interval(patch);
+    let on_the_spot = |time_s: f64| (0.0, 0.5 * (0.3 * time_s).sin());
+    for radius_m in [0.0, 0.14] {
+        let truth = [(patch, radius_m)];
+        let learned = learned_of(&truth, 60.0, on_the_spot);
+        assert!(learned.observed(patch), "{learned:?}");
+        let (found_m, (low_m, high_m)) = learned.interval(patch);
+        assert!((low_m..=high_m).contains(&radius_m), "{learned:?}");
+        let off = |m: f64| (m * m - radius_m * radius_m).abs();
+        assert!(off(found_m) < 0.8 * off(guess_m), "{found_m}");
+
+        let learned = learned_of(&truth, 20.0, WEAVING);
+        assert!(!learned.observed(patch), "{learned:?}");
+        let (found_m, (low_m, high_m)) = learned.interval(patch);
+        assert!((low_m..=high_m).contains(&radius_m), "{learned:?}");
+        assert!((found_m - guess_m).abs() < 0.01, "{found_m}");
+    }
+}
+
+#[test]
 fn what_was_learned_of_other_parameters_is_refused() {
     let settings = EstimatorSettings::default();
     let mut filter = Filter::new(settings, learned_contact(settings.contact));
-    let of_eight = LearnedGains {
-        mean: vec![0.0; 8],
-        covariance: vec![0.0; 64],
-        prior_sigma: vec![0.1; 8],
-    };
-    let refused = filter.recall(&of_eight);
-    assert_eq!(refused, Err("gains have another number than the model"));
+    // Versions before had eight and ten.
+    for number in [8, 10] {
+        let refused = filter.recall(&LearnedGains {
+            mean: vec![0.0; number],
+            covariance: vec![0.0; number * number],
+            prior_sigma: vec![0.1; number],
+        });
+        assert_eq!(refused, Err("gains have another number than the model"));
+    }
 }

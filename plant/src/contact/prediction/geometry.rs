@@ -19,7 +19,6 @@ pub(in crate::contact) struct Geometry {
     pub(in crate::contact) axles: usize,
     pub(in crate::contact) half_width_m: f64,
     pub(in crate::contact) half_length_m: f64,
-    pub(in crate::contact) patch_squared_m2: f64,
     pub(in crate::contact) forward_m: [f64; AXLES_MAX],
     pub(in crate::contact) inner: [bool; AXLES_MAX],
     /// Part of its group's load (inner, outer axles) that an axle carries on level ground.
@@ -35,6 +34,7 @@ pub(in crate::contact) struct Ground {
     pub(in crate::contact) lateral_squared: f64,
     pub(in crate::contact) slip_squared: f64,
     pub(in crate::contact) rolling_resistance: f64,
+    pub(in crate::contact) patch_squared_m2: f64,
     pub(in crate::contact) centre: Vector3<f64>,
     /// Share of the weight on each wheel of an axle.
     pub(in crate::contact) wheel_share: [f64; AXLES_MAX],
@@ -53,7 +53,6 @@ impl Geometry {
             axles,
             half_width_m: vehicle.half_width_m,
             half_length_m: vehicle.half_length_m(),
-            patch_squared_m2: vehicle.friction.patch_radius_m.powi(2),
             forward_m: [0.0; AXLES_MAX],
             inner: [false; AXLES_MAX],
             part: [0.0; AXLES_MAX],
@@ -152,6 +151,7 @@ impl Ground {
             lateral_squared: value(Parameter::LateralShare).powi(2),
             slip_squared: value(Parameter::SlipScale).powi(2),
             rolling_resistance: value(Parameter::RollingResistance),
+            patch_squared_m2: value(Parameter::PatchRadius).powi(2),
             centre: Vector3::new(
                 value(Parameter::CentreRight),
                 value(Parameter::CentreForward),

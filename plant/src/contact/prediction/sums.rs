@@ -71,7 +71,7 @@ struct Wheel {
 
 impl Sums<'_> {
     fn sides(&self, velocity: &Vector3<f64>) -> [Side; 2] {
-        let turning = self.geometry.patch_squared_m2 * velocity.z * velocity.z;
+        let turning = self.ground.patch_squared_m2 * velocity.z * velocity.z;
         [(-1.0, self.treads.left_m_s), (1.0, self.treads.right_m_s)].map(|(sign, tread)| {
             let x = sign * self.geometry.half_width_m;
             let rolling = velocity.y + velocity.z * x;
@@ -83,7 +83,7 @@ impl Sums<'_> {
                 slip,
                 common: slip * slip + turning + self.ground.slip_squared,
                 rolling_root: (rolling * rolling + self.ground.slip_squared).sqrt(),
-                turning: x * slip + self.geometry.patch_squared_m2 * velocity.z,
+                turning: x * slip + self.ground.patch_squared_m2 * velocity.z,
             }
         })
     }
@@ -113,7 +113,7 @@ impl Sums<'_> {
         loads: &Loads,
         pull: &Vector3<f64>,
     ) -> Expansion {
-        let (a2, r2) = (self.ground.lateral_squared, self.geometry.patch_squared_m2);
+        let (a2, r2) = (self.ground.lateral_squared, self.ground.patch_squared_m2);
         let mu = self.ground.friction;
         let (mut value, mut gradient) = (-pull.dot(velocity), -pull);
         let (mut h_xx, mut h_xy, mut h_xz) = (0.0, 0.0, 0.0);
@@ -163,7 +163,7 @@ impl Sums<'_> {
 
     /// Returns the curvature of a parabola that touches the potential at `velocity` and lies above it elsewhere.
     pub(super) fn majorant(&self, velocity: &Vector3<f64>, loads: &Loads) -> Matrix3<f64> {
-        let (a2, r2) = (self.ground.lateral_squared, self.geometry.patch_squared_m2);
+        let (a2, r2) = (self.ground.lateral_squared, self.ground.patch_squared_m2);
         let mut sum = Matrix3::zeros();
         for side in self.sides(velocity) {
             let x = side.x;
@@ -247,6 +247,8 @@ impl Sums<'_> {
         let by_demand = parts.by_constants * loads.inverse_stiffness;
         let (mut by_friction, mut by_lateral) = (Vector3::zeros(), Vector3::zeros());
         let (mut by_slip, mut by_rolling) = (Vector3::zeros(), Vector3::zeros());
+        let mut by_patch = Vector3::zeros();
+        let omega = velocity.z;
         // Of (force for each unit of load) times the change of a wheel's share with the inner axles' share, and of
         // these changes times the arms.
         let (mut by_share, mut shared_arms) = (Vector3::zeros(), Vector3::zeros());
@@ -266,6 +268,8 @@ impl Sums<'_> {
                 let inverse = wheel.inverse * wheel.inverse;
                 by_friction += force;
                 by_slip -= e2 * inverse * force;
+                by_patch.z += omega * limit * wheel.inverse;
+                by_patch -= 0.5 * omega * omega * inverse * force;
                 let across = 2.0 * force.x * Vector3::new(1.0, 0.0, -wheel.y);
                 by_lateral += across - wheel.lateral * inverse * force;
                 let share = self.geometry.share_by_inner(axle, self.ground.has_inner);
@@ -297,6 +301,7 @@ impl Sums<'_> {
             by_lateral,
             by_slip,
             by_rolling,
+            by_patch,
             self.treads.left_m_s * parts.by_tread[0],
             self.treads.right_m_s * parts.by_tread[1],
         ])

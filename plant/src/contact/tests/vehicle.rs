@@ -67,3 +67,25 @@ fn keys_out_of_range_are_named() {
         j8()
     );
 }
+
+#[test]
+fn a_base_has_four_axles_evenly_spaced_however_short_it_is() {
+    for (half_width_m, half_length_m) in [(0.6, 1.06), (0.5, 0.5), (0.5, 0.2)] {
+        let vehicle = ContactVehicle::of_base("base", half_width_m, half_length_m);
+        assert_eq!(vehicle.half_width_m, half_width_m);
+        let forward_m: Vec<f64> = vehicle.axles.iter().map(|a| a.forward_m).collect();
+        assert_eq!(forward_m.len(), 4);
+        assert_eq!(
+            (forward_m[0], forward_m[3]),
+            (half_length_m, -half_length_m)
+        );
+        for pair in forward_m.windows(2) {
+            assert!((pair[0] - pair[1] - half_length_m / 1.5).abs() < 1e-12);
+        }
+        let carried: f64 = vehicle.axles.iter().map(|a| a.load_share).sum();
+        assert!((carried - 1.0).abs() < 1e-12);
+        // So the load of its inner axles can be learned.
+        assert!(vehicle.has_inner_axles());
+        assert!(ContactPrediction::new(&vehicle).is_ok());
+    }
+}
