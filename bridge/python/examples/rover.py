@@ -69,6 +69,8 @@ def model(slope_deg: float, friction: float = 0.8, mass_centre_m: float = 0.02) 
 class MujocoRover:
     """The plant: reset(pose, attitude), step(v_left_m_s, v_right_m_s, dt_s), and what it measures."""
 
+    radius_m, side = WHEEL_RADIUS_M, SIDE
+
     def __init__(self, slope_deg: float, friction: float = 0.8) -> None:
         self.model = model(slope_deg, friction)
         self.data = mujoco.MjData(self.model)
@@ -87,7 +89,7 @@ class MujocoRover:
             quaternion = product
         normal = np.array([0, -math.sin(self.slope_rad), math.cos(self.slope_rad)])
         ground = np.array([x_m, y_m, y_m * math.tan(self.slope_rad)])
-        self.data.qpos[:3] = ground + WHEEL_RADIUS_M * normal
+        self.data.qpos[:3] = ground + self.radius_m * normal
         self.data.qpos[3:7] = quaternion
         mujoco.mj_forward(self.model, self.data)
         # Until it rests on its wheels.
@@ -97,15 +99,15 @@ class MujocoRover:
         self._advance(v_left_m_s, v_right_m_s, dt_s)
 
     def _advance(self, v_left_m_s: float, v_right_m_s: float, dt_s: float) -> None:
-        self.data.ctrl[:SIDE] = v_left_m_s / WHEEL_RADIUS_M
-        self.data.ctrl[SIDE:] = v_right_m_s / WHEEL_RADIUS_M
+        self.data.ctrl[: self.side] = v_left_m_s / self.radius_m
+        self.data.ctrl[self.side :] = v_right_m_s / self.radius_m
         mujoco.mj_step(self.model, self.data, nstep=round(dt_s / SUBSTEP_S))
 
     @property
     def pose(self) -> tuple[float, float, float, float]:
         """(x_m, y_m, z_m, yaw_rad) of the origin on the ground below the middle of the wheels."""
         rotation = self._rotation
-        origin = self.data.qpos[:3] - WHEEL_RADIUS_M * rotation[:, 2]
+        origin = self.data.qpos[:3] - self.radius_m * rotation[:, 2]
         return (*map(float, origin), math.atan2(rotation[1, 0], rotation[0, 0]))
 
     @property
@@ -121,8 +123,12 @@ class MujocoRover:
     @property
     def tread_speeds_m_s(self) -> tuple[float, float]:
         """(left, right), the mean of a side's wheels."""
-        turning = self.data.qvel[6 : 6 + WHEELS] * WHEEL_RADIUS_M
-        return (float(turning[:SIDE].mean()), float(turning[SIDE:].mean()))
+        turning = self._wheel_rates_rad_s * self.radius_m
+        return (float(turning[: self.side].mean()), float(turning[self.side :].mean()))
+
+    @property
+    def _wheel_rates_rad_s(self) -> np.ndarray:
+        return self.data.qvel[6 : 6 + WHEELS]
 
     @property
     def _rotation(self) -> np.ndarray:

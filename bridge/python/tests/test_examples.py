@@ -56,6 +56,18 @@ def test_a_rover_in_mujoco_keeps_its_path(tmp_path):
 
 
 @pytest.mark.filterwarnings("default")
+@pytest.mark.parametrize("seeds", [0, 1])
+def test_contact_mpc_is_ahead_on_a_vehicle_in_mujoco(monkeypatch, seeds):
+    pytest.importorskip("mujoco")
+    monkeypatch.setattr(sys, "path", [str(EXAMPLES.parent / "benches"), *sys.path])
+    name = "six wheels, 300 kg"
+    table = importlib.import_module("mujoco_vehicles").main([name], [10.0], seeds)
+    contact, _, level = table[name, 10.0][0]
+    assert contact["controller"] == "contact-mpc" and contact["completed"] and level["completed"]
+    assert contact["cross_track_rms_m"] < 0.5 * level["cross_track_rms_m"] < 0.05
+
+
+@pytest.mark.filterwarnings("default")
 def test_the_gymnasium_baselines_keep_their_paths():
     pytest.importorskip("gymnasium")
     found = importlib.import_module("gym_baseline").main(episodes=2)
