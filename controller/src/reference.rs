@@ -1,6 +1,6 @@
 //! Progress along a trajectory: which part of it the horizon covers now.
 
-use crate::path::{Path, Point2, Window};
+use crate::path::{Path, PathPoint, Point2, Window};
 use crate::trajectory::{Ending, Motion, ReferencePoint, Trajectory};
 use serde::{Deserialize, Serialize};
 use sidehill_plant::frames::PlanarPose;
@@ -153,10 +153,13 @@ impl Reference {
             .unwrap_or(self.trajectory.length_m())
     }
 
-    /// Returns the first cusp at an arc length or after it.
-    pub(crate) fn cusp_after(&self, arc_length_m: f64) -> Option<f64> {
-        let mut cusps_m = self.cusps_m.iter().copied();
-        cusps_m.find(|cusp_m| *cusp_m >= arc_length_m)
+    /// Returns the first cusp at an arc length or after it, as the end of the way there.
+    pub(crate) fn cusp_after(&self, arc_length_m: f64) -> Option<PathPoint> {
+        let cusp_m = self
+            .cusps_m
+            .iter()
+            .find(|&&cusp_m| cusp_m >= arc_length_m)?;
+        Some(self.path()?.at(cusp_m.next_down()))
     }
 
     /// Moves on by `elapsed_s` and returns the progress of a vehicle at `pose`, which must be finite.
@@ -197,17 +200,10 @@ impl Reference {
         /// Near enough to a cusp, m.
         const TOLERANCE_M: f64 = 0.1;
         let before_m = self.trajectory.at(self.time_s).arc_length_m;
-        let cusp = self
-            .cusps_m
-            .iter()
-            .find(|&&cusp_m| before_m < cusp_m && cusp_m <= next.arc_length_m);
-        let (Some(cusp_m), Some(path)) = (cusp, self.trajectory.path()) else {
-            return false;
-        };
-        let end = path.at(cusp_m.next_down());
-        let (sin, cos) = end.travel_heading_rad().sin_cos();
-        let to_go_m = -sin * (end.position.x_m - here.x_m) + cos * (end.position.y_m - here.y_m);
-        to_go_m > TOLERANCE_M
+        let cusp = self.cusp_after(before_m.next_up());
+        cusp.is_some_and(|end| {
+            end.arc_length_m < next.arc_length_m && -end.offsets_to(here).0 > TOLERANCE_M
+        })
     }
 
     /// Returns whether a point is farther ahead of the vehicle than allowed, seen along its own

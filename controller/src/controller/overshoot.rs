@@ -34,12 +34,9 @@ impl Overshoot {
         if point.motion != Motion::Drive {
             return None;
         }
-        let cusp_m = reference.cusp_after(point.arc_length_m - WAY_BACK_M)?;
-        let end = reference.path()?.at(cusp_m.next_down());
-        let (sin, cos) = end.travel_heading_rad().sin_cos();
-        let (dx_m, dy_m) = (place.x_m - end.position.x_m, place.y_m - end.position.y_m);
-        let by_m = -sin * dx_m + cos * dy_m;
-        (by_m > 0.0 && dx_m.hypot(dy_m) < WAY_BACK_M).then_some(Self {
+        let end = reference.cusp_after(point.arc_length_m - WAY_BACK_M)?;
+        let (by_m, left_m) = end.offsets_to(place);
+        (by_m > 0.0 && by_m.hypot(left_m) < WAY_BACK_M).then_some(Self {
             cusp: end.position,
             by_m,
         })

@@ -39,7 +39,6 @@ struct Newest {
 /// Variances of (x, y, yaw) of poses.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct PoseNoise {
-    given: Vector3<f64>,
     variance: Vector3<f64>,
     /// Poses averaged so far.
     poses: f64,
@@ -49,19 +48,17 @@ pub(super) struct PoseNoise {
 impl PoseNoise {
     /// Returns the variances of the settings.
     pub(super) fn new(sigmas: &PoseSigmas) -> Self {
-        let given = sigmas.covariance().diagonal();
         Self {
-            given,
-            variance: given,
+            variance: sigmas.covariance().diagonal(),
             poses: GIVEN,
             newest: None,
         }
     }
 
-    /// Returns the covariance of a pose.
-    pub(super) fn covariance(&self) -> Matrix3<f64> {
+    /// Returns the covariance of a pose, within its range around that of the settings.
+    pub(super) fn covariance(&self, given: &Matrix3<f64>) -> Matrix3<f64> {
         let (low, high) = RANGE;
-        let within = self.variance.zip_map(&self.given, |variance, given| {
+        let within = self.variance.zip_map(&given.diagonal(), |variance, given| {
             variance.clamp(low * low * given, high * high * given)
         });
         Matrix3::from_diagonal(&within)
@@ -128,7 +125,7 @@ mod tests {
             noise.observe(interval_s * f64::from(k), &innovation, pose - estimate);
         }
         noise
-            .covariance()
+            .covariance(&GIVEN_SIGMAS.covariance())
             .diagonal()
             .map(|variance: f64| variance.sqrt() / 0.01)
     }
@@ -165,6 +162,6 @@ mod tests {
             let innovation = Vector3::repeat(off);
             noise.observe(0.1 * f64::from(k), &innovation, Vector3::zeros());
         }
-        assert!(noise.covariance()[(0, 0)] <= 0.25 * 1e-4 + 1e-12);
+        assert!(noise.covariance(&GIVEN_SIGMAS.covariance())[(0, 0)] <= 0.25 * 1e-4 + 1e-12);
     }
 }

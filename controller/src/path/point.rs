@@ -96,4 +96,11 @@ impl PathPoint {
             Direction::Reverse => self.heading_rad + PI,
         }
     }
+
+    /// Returns how far `place` is ahead and to the left of the point, in the direction of travel, m.
+    pub(crate) fn offsets_to(&self, place: &Point2) -> (f64, f64) {
+        let (sin, cos) = self.travel_heading_rad().sin_cos();
+        let (x, y) = (place.x_m - self.position.x_m, place.y_m - self.position.y_m);
+        (-sin * x + cos * y, -cos * x - sin * y)
+    }
 }

@@ -135,7 +135,7 @@ impl Path {
         let mut arc_length_m = from_m.clamp(low_m, high_m.max(low_m));
         let mut point = self.at(arc_length_m);
         for _ in 0..NEWTON_STEPS {
-            let (along_m, left_m) = offsets(position, &point);
+            let (along_m, left_m) = point.offsets_to(position);
             // d(along)/ds = -(1 - curvature * left); kept away from 0 at the centre of curvature.
             let slope = (1.0 - point.curvature_per_m * left_m).max(0.2);
             let next_m = (arc_length_m + along_m / slope).clamp(low_m, high_m.max(low_m));
@@ -146,7 +146,7 @@ impl Path {
                 break;
             }
         }
-        let (_, left_m) = offsets(position, &point);
+        let (_, left_m) = point.offsets_to(position);
         let sign = if left_m < 0.0 { -1.0 } else { 1.0 };
         Projected {
             cross_track_m: sign * point.position.distance_m(position),
@@ -163,14 +163,4 @@ fn branch_cost(point: &PathPoint, position: &Point2, around_m: f64) -> f64 {
 
 fn squared_distance(a: &Point2, b: &Point2) -> f64 {
     (a.x_m - b.x_m).powi(2) + (a.y_m - b.y_m).powi(2)
-}
-
-/// Returns how far `position` is ahead and to the left of a point, in the direction of travel, m.
-fn offsets(position: &Point2, point: &PathPoint) -> (f64, f64) {
-    let (sin, cos) = point.travel_heading_rad().sin_cos();
-    let (x, y) = (
-        position.x_m - point.position.x_m,
-        position.y_m - point.position.y_m,
-    );
-    (-sin * x + cos * y, -cos * x - sin * y)
 }

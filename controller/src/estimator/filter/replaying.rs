@@ -152,7 +152,7 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
                     return belief;
                 }
                 // The gate goes by the settings, the weight of a pose by the noise that poses show.
-                let noise = belief.pose_noise.covariance();
+                let noise = belief.pose_noise.covariance(&noise);
                 let Some(inverse) = (belief.pose_covariance() + noise).try_inverse() else {
                     return belief;
                 };
