@@ -31,7 +31,7 @@ impl Default for ContactMpcConfig {
         Self {
             last_step_s: 0.22,
             along_per_m2: 1.0,
-            along_on_path: 0.2,
+            along_on_path: 0.1,
             cross_ramp_s: 0.6,
             steer_change_on_path: 1.5,
             steer_change_off_path: 0.5,
