@@ -196,6 +196,7 @@ fn horizons(
             let horizon = Horizon {
                 elapsed_s: config.period_s,
                 start: sample.pose.unwrap().value.planar(),
+                velocity: Vector3::zeros(),
                 previous,
                 change_weights: config.change_weights(0.0),
                 half_track_m: 1.0,

@@ -106,6 +106,7 @@ impl Controller {
             horizon: Horizon {
                 elapsed_s: 0.0,
                 start: Default::default(),
+                velocity: Default::default(),
                 previous: MotorSpeeds::STOP,
                 change_weights: config.change_weights(0.0),
                 half_track_m,

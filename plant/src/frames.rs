@@ -83,6 +83,22 @@ pub struct BodyVelocity {
     pub yaw_rate_rad_s: f64,
 }
 
+impl BodyVelocity {
+    /// Returns (v_x, v_y, omega_z).
+    pub fn vector(&self) -> Vector3<f64> {
+        Vector3::new(self.right_m_s, self.forward_m_s, self.yaw_rate_rad_s)
+    }
+
+    /// Returns the velocity of (v_x, v_y, omega_z).
+    pub fn from_vector(vector: &Vector3<f64>) -> Self {
+        Self {
+            right_m_s: vector.x,
+            forward_m_s: vector.y,
+            yaw_rate_rad_s: vector.z,
+        }
+    }
+}
+
 /// Position of the body's origin and heading in the horizontal plane of the world.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct PlanarPose {

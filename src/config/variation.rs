@@ -107,9 +107,7 @@ impl VehicleVariation {
         }
         if let Some(factor) = self.inertia {
             Bounds::new(0.0, 10.0, "").check("inertia", factor)?;
-            let square_m2 = half_width_m.powi(2) + half_length_m.powi(2);
-            vehicle.yaw_inertia_kg_m2 =
-                (factor > 0.0).then(|| factor * vehicle.mass_kg * square_m2 / 3.0);
+            vehicle.set_inertia(factor);
         }
         if let Some(share) = self.relaxation_length_share {
             Bounds::new(0.0, 5.0, "").check("relaxation_length_share", share)?;

@@ -74,6 +74,7 @@ pub(super) fn run(args: &ReplayArgs, scenario: &Path) -> Result<ExitCode> {
     let changes = args.changes();
     let mut world = Scenario::read(ConfigFile::read(scenario)?)?.prepare(&Overrides {
         controllers: args.controller.into_iter().collect(),
+        other_vehicle: true,
         ..Overrides::default()
     })?;
     if let Some(vehicle) = changes.vehicle()? {

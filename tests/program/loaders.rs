@@ -1,4 +1,5 @@
 //! Every file of `config/`, damaged in many ways: refused with the name of a file, or usable.
+use crate::configured::configuration;
 use proptest::prelude::*;
 use sidehill::check::check;
 use sidehill::config::{ConfigFile, Overrides, RunConfig, Scenario, VehicleConfig, load_layout};
@@ -213,4 +214,40 @@ fn damaged_files_are_refused_by_name_or_usable() {
     println!("{refused} refused, {accepted} accepted");
     // Both outcomes must occur, or nothing is tested.
     assert!(refused > CASES / 10 && accepted > CASES / 10);
+}
+
+#[test]
+fn controllers_know_whether_the_plant_has_inertia_but_not_how_much() {
+    let config = Path::new(env!("CARGO_MANIFEST_DIR")).join("config");
+    let vehicle = config.join("vehicles/j8_contact.yaml");
+    let identified = config.join("vehicles/j8_contact_identified.yaml");
+    let folder = tempfile::tempdir().unwrap();
+    let known = |name: &str, variation: &str, other_vehicle: bool| {
+        let slalom = configuration("scenarios/slalom.yaml");
+        let mut scenario: serde_yaml::Value = serde_yaml::from_str(&slalom).unwrap();
+        scenario["contact"] = serde_yaml::from_str(&format!(
+            "{{vehicle: {}, identified: {}, variation: {variation}}}",
+            vehicle.display(),
+            identified.display()
+        ))
+        .unwrap();
+        scenario["plant"] = "contact".into();
+        let file = folder.path().join(name);
+        std::fs::write(&file, serde_yaml::to_string(&scenario).unwrap()).unwrap();
+        let scenario = Scenario::read(ConfigFile::read(&file).unwrap()).unwrap();
+        let overrides = Overrides {
+            other_vehicle,
+            ..Overrides::default()
+        };
+        let world = scenario.prepare(&overrides).unwrap();
+        world.vehicle.contact_vehicle().inertia()
+    };
+    assert_eq!(known("none.yaml", "{}", false), 0.0);
+    for (name, variation, other_vehicle) in [
+        ("some.yaml", "{inertia: 0.6}", false),
+        ("other.yaml", "{}", true),
+    ] {
+        let guess = known(name, variation, other_vehicle);
+        assert!((guess - 1.0).abs() < 1e-12, "{name}: {guess}");
+    }
 }

@@ -73,6 +73,43 @@ fn contact_mpc_is_calm_where_it_falls_behind_in_bends() {
     assert!(rms_m < 0.006 && steer_m_s < 5.0, "{run}");
 }
 
+/// With equally loaded axles and inertia turns that point uphill are followed late.
+#[test]
+fn contact_mpc_tracks_a_vehicle_with_inertia_closer_where_it_knows_of_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let write = |name: &str, text: String| std::fs::write(folder.path().join(name), text).unwrap();
+    let mut truth: serde_yaml::Value =
+        serde_yaml::from_str(&configuration("vehicles/j8_contact.yaml")).unwrap();
+    truth["yaw_inertia_kg_m2"] = 540.0.into();
+    for axle in truth["axles"].as_sequence_mut().unwrap() {
+        axle["load_share"] = 0.25.into();
+    }
+    write("truth.yaml", serde_yaml::to_string(&truth).unwrap());
+    let rms_m = |inertia: &str| {
+        let known = configuration("vehicles/j8_contact_identified.yaml");
+        let axles =
+            "[{forward_m: 1.06}, {forward_m: 0.353}, {forward_m: -0.353}, {forward_m: -1.06}]";
+        write(
+            "known.yaml",
+            format!("{known}\ncontact: {{half_width_m: 0.6, axles: {axles}, {inertia}}}\n"),
+        );
+        let scenario = configuration("scenarios/figure_eight.yaml");
+        let scenario = scenario.replace("slope_deg: 5.3", "slope_deg: 12");
+        let mut scenario: serde_yaml::Value = serde_yaml::from_str(&scenario).unwrap();
+        scenario["contact"] =
+            serde_yaml::from_str("{vehicle: truth.yaml, identified: known.yaml}").unwrap();
+        scenario["plant"] = "contact".into();
+        scenario["controllers"] = vec!["contact-mpc"].into();
+        let text = serde_yaml::to_string(&scenario).unwrap();
+        let (mut simulate, _) = simulate_in(folder.path(), "inertia.yaml", &text);
+        let run = runs(&succeed(simulate.arg("--force"))).remove(0);
+        assert_eq!(run["completed"], true, "{run}");
+        run["cross_track_rms_m"].as_f64().unwrap()
+    };
+    let (with, without) = (rms_m(""), rms_m("inertia: 0"));
+    assert!(with < 0.003 && with < 0.5 * without, "{with}, {without}");
+}
+
 #[test]
 fn arguments_replace_what_the_scenario_says() {
     let course = Course::new("");

@@ -41,6 +41,7 @@ pub fn simulate<'py>(
         plant,
         seed: self::seed(seed)?,
         controllers: kinds(controllers)?,
+        other_vehicle: object.is_some(),
     };
     let prepared = guarded(py, || scenario.prepare(&overrides))?;
     let runs = prepared.controllers.iter().map(|&kind| {

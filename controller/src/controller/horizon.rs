@@ -5,7 +5,7 @@ use super::unrolling::Unrolling;
 use super::{Controller, Law, Phase};
 use crate::config::{AttitudePreview, WeightFactors};
 use crate::estimator::{Estimate, slide_share};
-use crate::mpc::{Model, StageTarget};
+use crate::mpc::{Model, StageTarget, StepStart};
 use crate::path::Point2;
 use crate::reference::{Progress, Reference};
 use crate::tracked_point::{TrackedPoint, heading_difference_after};
@@ -80,7 +80,7 @@ impl Controller {
         }
         self.horizon.elapsed_s = elapsed_s;
         self.learn_places(estimate, sample, elapsed_s);
-        self.horizon.start = self.roll_forward(estimate, progress);
+        (self.horizon.start, self.horizon.velocity) = self.roll_forward(estimate, progress);
         self.horizon.previous = previous;
         self.horizon.change_weights = self.config.change_weights(caution);
         self.horizon.change_weights.steer *= factors.steer_change;
@@ -254,28 +254,34 @@ impl Controller {
         slide_share(progress.cross_track_m) * known.slip_per_m
     }
 
-    /// Returns where the vehicle will be when a command given now acts: the estimate moved on
+    /// Returns where the vehicle will be when a command given now acts, and its velocity there: the estimate moved on
     /// through the commands in flight.
-    fn roll_forward(&mut self, estimate: &Estimate, progress: &Progress) -> PlanarPose {
-        let mut pose = estimate.pose;
+    fn roll_forward(
+        &mut self,
+        estimate: &Estimate,
+        progress: &Progress,
+    ) -> (PlanarPose, Vector3<f64>) {
+        let (mut pose, mut velocity) = (estimate.pose, estimate.velocity.vector());
         let slip_per_m = self.slip_here(estimate, progress);
         let Law::Mpc(mpc) = &mut self.law else {
-            return pose;
+            return (pose, velocity);
         };
         let begin_s = estimate.time_s - self.config.delay_s();
         for (command, time_s) in self.issued.between(begin_s, estimate.time_s) {
-            let step = mpc.model_mut().step_on_plane(
+            let step = mpc.model_mut().step_near(
+                &mut StepStart::default(),
                 &estimate.normal_in_world,
                 pose.yaw_rad,
                 command,
                 time_s,
+                &mut velocity,
             );
             let moved = step.increment + time_s * command.traction_m_s.abs() * slip_per_m;
             pose.x_m += moved.x;
             pose.y_m += moved.y;
             pose.yaw_rad += moved.z;
         }
-        pose
+        (pose, velocity)
     }
 }
 

@@ -5,11 +5,11 @@ use super::gate::PoseSigmas;
 use super::gyro::{
     BIAS_WALK_RAD_S_PER_SQRT_S, GyroInterval, HOLDS_S, INTERVAL_MIN_S, Turn, YawRate,
 };
-use super::learned::{Drift, LearnedModel, Prior};
+use super::learned::{Drift, LearnedModel, Moved, Moving, Prior};
 use super::pose_noise::PoseNoise;
 use super::process_noise::ProcessNoise;
 use nalgebra::{Matrix3, Matrix4, SMatrix, SVector, Vector3, Vector4};
-use sidehill_plant::frames::{Attitude, PlanarPose, pose_rate, wrap_angle};
+use sidehill_plant::frames::{Attitude, BodyVelocity, PlanarPose, pose_rate, wrap_angle};
 use sidehill_plant::speeds::TreadSpeeds;
 
 /// Entry of the gyroscope's bias in the first block of a belief.
@@ -31,6 +31,10 @@ pub(super) struct Belief<const N: usize> {
     pub(super) yaw_rate: Option<YawRate>,
     /// How far the vehicle has turned by the gyroscope with its bias, and by the model where that read nothing, rad.
     pub(super) gyro_turned_rad: f64,
+    /// The model's body velocity; its yaw rate is the gyroscope's while the heading follows that.
+    pub(super) moving: Moving<N>,
+    /// How far inertia keeps the yaw rate from that of steady motion, rad/s, and the derivatives by the parameters.
+    pub(super) yaw_rate_behind: (f64, SVector<f64, N>),
     /// The model's body velocity (right, forward, yaw rate) as a vehicle has it that follows it with a lag.
     pub(super) late: Vector3<f64>,
     /// How noisy poses have been.
@@ -46,6 +50,7 @@ impl<const N: usize> Belief<N> {
         kept: Kept<N>,
         treads: TreadSpeeds,
         attitude: Attitude,
+        moving: Moving<N>,
     ) -> Self {
         let mut covariance = Matrix4::zeros();
         covariance
@@ -62,6 +67,8 @@ impl<const N: usize> Belief<N> {
             attitude,
             yaw_rate: None,
             gyro_turned_rad: 0.0,
+            moving,
+            yaw_rate_behind: (0.0, SVector::zeros()),
             late: Vector3::zeros(),
             pose_noise: PoseNoise::new(sigmas),
         }
@@ -123,19 +130,24 @@ impl<const N: usize> Belief<N> {
         if time_s <= 0.0 {
             return *self;
         }
-        let (mut velocity, mut by_parameters) =
-            model.velocity(self.attitude, self.treads, &self.parameters);
-        let now = Vector3::new(
-            velocity.right_m_s,
-            velocity.forward_m_s,
-            velocity.yaw_rate_rad_s,
+        let mut moved = model.moved(
+            self.attitude,
+            self.treads,
+            &self.parameters,
+            &self.moving,
+            time_s,
         );
+        let now = moved.mean.velocity;
+        let yaw_rate_behind = yaw_rate_behind(&moved);
         let confirmed = gyro.filter(|gyro| gyro.confirmed);
         let follows_gyro = confirmed.is_some();
         if let Some(gyro) = confirmed {
-            velocity.yaw_rate_rad_s = gyro.rad_s - self.mean[BIAS];
-            by_parameters.row_mut(2).fill(0.0);
+            for moving in [&mut moved.mean, &mut moved.end] {
+                moving.velocity.z = gyro.rad_s - self.mean[BIAS];
+                moving.by_parameters.row_mut(2).fill(0.0);
+            }
         }
+        let velocity = BodyVelocity::from_vector(&moved.mean.velocity);
         let yaw = self.mean.z;
         let start = pose_rate(&velocity, &self.attitude, yaw);
         let half_way = yaw + 0.5 * time_s * start.yaw_rad_s;
@@ -151,8 +163,10 @@ impl<const N: usize> Belief<N> {
         }
         let (sin, cos) = half_way.sin_cos();
         let to_world = Matrix3::new(cos, -sin, 0.0, sin, cos, 0.0, 0.0, 0.0, 1.0);
-        let by_parameters = time_s * (to_world * by_parameters).insert_row(3, 0.0);
+        let by_parameters = time_s * (to_world * moved.mean.by_parameters).insert_row(3, 0.0);
         let share = self.noise_share() * noise_factor;
+        next.moving = moved.end;
+        next.yaw_rate_behind = yaw_rate_behind;
         let missing = now - self.late;
         next.late = noise.followed(&self.late, &missing, time_s);
         let mut growth = Matrix4::zeros();
@@ -190,7 +204,7 @@ impl<const N: usize> Belief<N> {
         let gain = self.covariance.fixed_columns::<3>(0) * inverse;
         let learning = self.cross.fixed_rows::<3>(0).transpose() * inverse;
         self.mean += gain * difference;
-        self.parameters += learning * difference;
+        self.learn(learning * difference);
         let mut rest = Matrix4::identity();
         let mut of_pose = rest.fixed_columns_mut::<3>(0);
         of_pose -= gain;
@@ -220,27 +234,34 @@ impl<const N: usize> Belief<N> {
         let since_s = self
             .yaw_rate
             .map_or(HOLDS_S, |before| read.time_s - before.time_s);
-        let (velocity, by_parameters) =
-            model.velocity(self.attitude, self.treads, &self.parameters);
-        let missing_rad_s = velocity.yaw_rate_rad_s - self.late.z;
+        let (settled, by_settled) = model.velocity(self.attitude, self.treads, &self.parameters);
+        let (behind_rad_s, by_behind) = self.yaw_rate_behind;
+        let yaw_rate_rad_s = settled.yaw_rate_rad_s + behind_rad_s;
+        let by = by_settled.row(2).transpose() + by_behind;
+        let missing_rad_s = yaw_rate_rad_s - self.late.z;
         let noise_rad_s = noise.yaw_rate(
             since_s.clamp(INTERVAL_MIN_S, HOLDS_S),
             self.noise_share() * noise_factor,
             missing_rad_s,
         );
-        let by = by_parameters.row(2).transpose();
         let of_pose = self.covariance.column(BIAS) + self.cross * by;
         let of_parameters = self.cross.row(BIAS).transpose() + self.parameter_covariance * by;
         let total = of_pose[BIAS] + by.dot(&of_parameters) + noise_rad_s;
-        let difference = read.rad_s - self.mean[BIAS] - velocity.yaw_rate_rad_s;
+        let difference = read.rad_s - self.mean[BIAS] - yaw_rate_rad_s;
         if difference.powi(2) > gate * total {
             return;
         }
         self.mean += of_pose * (difference / total);
-        self.parameters += of_parameters * (difference / total);
+        self.learn(of_parameters * (difference / total));
         self.covariance -= of_pose * of_pose.transpose() / total;
         self.cross -= of_pose * of_parameters.transpose() / total;
         self.parameter_covariance -= of_parameters * of_parameters.transpose() / total;
+    }
+
+    /// Changes the parameters, and the velocity with them.
+    fn learn(&mut self, change: SVector<f64, N>) {
+        self.parameters += change;
+        self.moving.velocity += self.moving.by_parameters * change;
     }
 
     /// Returns the share of the growth of uncertainty: a vehicle that stands does not slide; a tenth of the
@@ -266,6 +287,17 @@ impl<const N: usize> Belief<N> {
             self.parameter_covariance[(i, i)] += drift.variance[i];
         }
     }
+}
+
+/// Returns how far the yaw rate at the end of a motion is from that of steady motion, rad/s, and the derivatives by the
+/// parameters.
+fn yaw_rate_behind<const N: usize>(moved: &Moved<N>) -> (f64, SVector<f64, N>) {
+    let (end, settled) = (&moved.end, &moved.settled);
+    let by_parameters = end.by_parameters.row(2) - settled.by_parameters.row(2);
+    (
+        end.velocity.z - settled.velocity.z,
+        by_parameters.transpose(),
+    )
 }
 
 pub(super) fn vector(pose: &PlanarPose) -> Vector3<f64> {

@@ -2,10 +2,10 @@
 
 use super::contact_settings::ContactLearningSettings;
 use super::estimate::ContactEstimate;
-use super::learned::{Drift, LearnedModel, Prior};
+use super::learned::{Drift, LearnedModel, Moved, Moving, Prior};
 use super::process_noise::ProcessNoise;
 use super::settings::EstimatorSettings;
-use nalgebra::SMatrix;
+use nalgebra::{Matrix3, SMatrix, Vector3};
 use sidehill_plant::contact::{ContactPrediction, PARAMETERS, Parameter, ParameterVector};
 use sidehill_plant::frames::{Attitude, BodyVelocity};
 use sidehill_plant::slip_gains::SlipGains;
@@ -29,7 +29,7 @@ impl LearnedContact {
     ) -> Self {
         let prior = Prior {
             mean: *model.parameters(),
-            sigma: settings.sigma(vehicle.base_half_width_m, vehicle.base_half_length_m),
+            sigma: settings.sigma(vehicle, model.parameters()),
         };
         Self {
             model,
@@ -54,6 +54,41 @@ impl LearnedModel<PARAMETERS> for LearnedContact {
         self.model.set_parameters(parameters);
         let predicted = self.model.predict(attitude, MotorSpeeds::from(treads));
         (predicted.linearised.velocity, predicted.by_parameters)
+    }
+
+    fn moved(
+        &mut self,
+        attitude: Attitude,
+        treads: TreadSpeeds,
+        parameters: &ParameterVector,
+        before: &Moving<PARAMETERS>,
+        time_s: f64,
+    ) -> Moved<PARAMETERS> {
+        self.model.set_parameters(parameters);
+        let predicted = self.model.predict(attitude, MotorSpeeds::from(treads));
+        let settled = predicted.linearised.velocity.vector();
+        let following = predicted.lag.over(time_s);
+        let followed = following.from(&before.velocity, &settled);
+        let by_inertia = following.by_inertia(&before.velocity, &settled);
+        let (of_mean, of_end) = following.by_before();
+        let moving = |velocity, left: Matrix3<f64>, by_inertia: &Vector3<f64>| {
+            let by_settled = predicted.by_parameters;
+            let mut by_parameters = by_settled + left * (before.by_parameters - by_settled);
+            let mut column = by_parameters.column_mut(Parameter::Inertia.index());
+            column += by_inertia;
+            Moving {
+                velocity,
+                by_parameters,
+            }
+        };
+        Moved {
+            settled: Moving {
+                velocity: settled,
+                by_parameters: predicted.by_parameters,
+            },
+            mean: moving(followed.mean, of_mean, &by_inertia.mean),
+            end: moving(followed.end, of_end, &by_inertia.end),
+        }
     }
 
     fn encoder_scale(&self) -> EncoderScale {

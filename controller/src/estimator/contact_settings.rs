@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 use sidehill_plant::bounds::{Bounds, RangeError};
 use sidehill_plant::contact::{Parameter, ParameterVector};
+use sidehill_plant::vehicle::Vehicle;
 
 /// How far a contact vehicle may differ from its configuration, and how fast what was learned is forgotten.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -12,8 +13,8 @@ pub struct ContactLearningSettings {
     pub slide_sigma_m_per_sqrt_s: f64,
     /// Growth of the heading's uncertainty while moving, rad/sqrt(s), besides that of the parameters.
     pub yaw_sigma_rad_per_sqrt_s: f64,
-    /// Lag with which the vehicle may follow a change of the model's velocity, s: inertia and tyres that build up their
-    /// force. Until it has passed poses count for more, and teach less.
+    /// Lag with which the vehicle may follow a change of the model's velocity in addition to its inertia, s: tyres build up
+    /// their force. Until it has passed poses count for more, and teach less.
     pub lag_s: f64,
     /// Factor on all standard deviations below; 0 switches learning off.
     pub prior_factor: f64,
@@ -35,6 +36,8 @@ pub struct ContactLearningSettings {
     pub rolling_resistance_sigma: f64,
     /// Standard deviation of the square of a contact patch's radius of gyration, over that of the half width.
     pub patch_squared_sigma: f64,
+    /// Standard deviation of the inertia, over itself; a vehicle that is known to have none has none.
+    pub inertia_sigma: f64,
     /// Standard deviation of the logarithm of each tread's factor.
     pub tread_sigma: f64,
     /// Share of a prior variance that comes back for each metre of steering, 1/m.
@@ -61,6 +64,7 @@ impl Default for ContactLearningSettings {
             slip_scale_sigma: 0.5,
             rolling_resistance_sigma: 0.02,
             patch_squared_sigma: 0.02,
+            inertia_sigma: 0.3,
             tread_sigma: 0.2,
             forgetting_per_m: 0.01,
             friction_forgetting_per_m: 0.05,
@@ -122,6 +126,7 @@ impl ContactLearningSettings {
                 "estimator.contact.patch_squared_sigma",
                 self.patch_squared_sigma,
             ),
+            ("estimator.contact.inertia_sigma", self.inertia_sigma),
             ("estimator.contact.tread_sigma", self.tread_sigma),
             ("estimator.contact.forgetting_per_m", self.forgetting_per_m),
             (
@@ -138,7 +143,9 @@ impl ContactLearningSettings {
         Ok(())
     }
 
-    pub(super) fn sigma(&self, half_width_m: f64, half_length_m: f64) -> ParameterVector {
+    /// Returns the standard deviations of the entries of a vehicle's parameters.
+    pub(super) fn sigma(&self, vehicle: &Vehicle, parameters: &ParameterVector) -> ParameterVector {
+        let (half_width_m, half_length_m) = (vehicle.base_half_width_m, vehicle.base_half_length_m);
         self.prior_factor
             * ParameterVector::from_fn(|i, _| match Parameter::ALL[i] {
                 Parameter::Friction => self.friction_sigma,
@@ -150,6 +157,7 @@ impl ContactLearningSettings {
                 Parameter::SlipScale => self.slip_scale_sigma,
                 Parameter::RollingResistance => self.rolling_resistance_sigma,
                 Parameter::PatchRadius => self.patch_squared_sigma * half_width_m * half_width_m,
+                Parameter::Inertia => self.inertia_sigma * parameters[i],
                 Parameter::LeftTread | Parameter::RightTread => self.tread_sigma,
             })
     }

@@ -3,7 +3,7 @@
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 use sidehill_plant::contact::{Parameter, ParameterVector};
-use sidehill_plant::frames::{Attitude, PlanarPose};
+use sidehill_plant::frames::{Attitude, BodyVelocity, PlanarPose};
 use sidehill_plant::slip_gains::SlipGains;
 use sidehill_plant::speeds::TreadSpeeds;
 
@@ -44,6 +44,9 @@ pub struct Estimate {
     pub normal_in_world: Vector3<f64>,
     /// Effective tread speeds, after (11).
     pub treads: TreadSpeeds,
+    /// Body velocity by the model, with the gyroscope's yaw rate where the heading follows that.
+    #[serde(default)]
+    pub velocity: BodyVelocity,
     /// Learned slip gains, see [`sidehill_plant::slip_gains`]; rows v_x, v_y, omega_z. Zero where they
     /// are not what is learned.
     #[serde(with = "crate::serde_form::rows")]

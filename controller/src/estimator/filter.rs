@@ -14,7 +14,7 @@ use super::learned::LearnedModel;
 use super::model_error::ModelError;
 use super::{Estimate, EstimatorSettings, Innovation, Refused};
 use nalgebra::{Matrix3, Vector3};
-use sidehill_plant::frames::{Attitude, PlanarPose};
+use sidehill_plant::frames::{Attitude, BodyVelocity, PlanarPose};
 use sidehill_plant::sample::{Sample, Stamped};
 use sidehill_plant::speeds::TreadSpeeds;
 use std::collections::VecDeque;
@@ -181,6 +181,9 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
         } else if let Some(attitude) = self.newest_attitude {
             let sigmas = PoseSigmas::of(&self.settings);
             let kept = self.begins_with();
+            let settled = self
+                .model
+                .velocity(attitude, self.newest_treads, &kept.mean);
             self.started = true;
             self.pose_time_s = pose.time_s;
             self.events.clear();
@@ -197,6 +200,7 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
                     kept,
                     self.newest_treads,
                     attitude,
+                    settled.into(),
                 ),
             });
         }
@@ -274,6 +278,7 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
             covariance: belief.pose_covariance(),
             attitude: belief.attitude,
             normal_in_world,
+            velocity: BodyVelocity::from_vector(&belief.moving.velocity),
             treads: belief.treads,
             slip_gains: self.model.slip_gains(&belief.parameters),
             contact: self

@@ -2,7 +2,7 @@
 
 use super::process_noise::ProcessNoise;
 use super::{ContactEstimate, EstimatorSettings};
-use nalgebra::{SMatrix, SVector};
+use nalgebra::{SMatrix, SVector, Vector3};
 use sidehill_plant::frames::{Attitude, BodyVelocity};
 use sidehill_plant::slip_gains::SlipGains;
 use sidehill_plant::speeds::{EncoderScale, TreadSpeeds};
@@ -29,12 +29,36 @@ pub(super) struct Drift<const N: usize> {
     pub(super) variance: SVector<f64, N>,
 }
 
+/// A body velocity (right, forward, yaw rate) and its derivatives by the parameters.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Moving<const N: usize> {
+    pub(super) velocity: Vector3<f64>,
+    pub(super) by_parameters: SMatrix<f64, 3, N>,
+}
+
+impl<const N: usize> From<(BodyVelocity, SMatrix<f64, 3, N>)> for Moving<N> {
+    fn from((velocity, by_parameters): (BodyVelocity, SMatrix<f64, 3, N>)) -> Self {
+        Self {
+            velocity: velocity.vector(),
+            by_parameters,
+        }
+    }
+}
+
+/// How a vehicle moves over a time: once it has settled, in the mean, and at the end.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Moved<const N: usize> {
+    pub(super) settled: Moving<N>,
+    pub(super) mean: Moving<N>,
+    pub(super) end: Moving<N>,
+}
+
 /// A model of the body velocity with N parameters that are observable from poses.
 pub(super) trait LearnedModel<const N: usize>: Clone {
     /// Returns the prior of the parameters, before the first pose.
     fn prior(&self) -> Prior<N>;
 
-    /// Returns the velocity and its derivative by the parameters. The same arguments give the same
+    /// Returns the velocity of steady motion and its derivative by the parameters. The same arguments give the same
     /// numbers, to 1e-9, whatever came before: late readings are replayed.
     fn velocity(
         &mut self,
@@ -42,6 +66,23 @@ pub(super) trait LearnedModel<const N: usize>: Clone {
         treads: TreadSpeeds,
         parameters: &SVector<f64, N>,
     ) -> (BodyVelocity, SMatrix<f64, 3, N>);
+
+    /// Returns the motion over `time_s` of a vehicle that moved as `before` and may follow with inertia.
+    fn moved(
+        &mut self,
+        attitude: Attitude,
+        treads: TreadSpeeds,
+        parameters: &SVector<f64, N>,
+        _before: &Moving<N>,
+        _time_s: f64,
+    ) -> Moved<N> {
+        let settled = Moving::from(self.velocity(attitude, treads, parameters));
+        Moved {
+            settled,
+            mean: settled,
+            end: settled,
+        }
+    }
 
     /// Returns the factors of the encoders.
     fn encoder_scale(&self) -> EncoderScale;

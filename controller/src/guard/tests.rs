@@ -80,6 +80,7 @@ fn estimate(time_s: f64, y_m: f64, terrain: &Terrain) -> Estimate {
         covariance: nalgebra::Matrix3::identity() * 1e-4,
         attitude: Attitude::on_plane(&normal, 0.0),
         normal_in_world: normal,
+        velocity: Default::default(),
         treads: TreadSpeeds {
             left_m_s: SPEED_M_S,
             right_m_s: SPEED_M_S,

@@ -51,6 +51,7 @@ impl Mpc {
     fn drive_towards_path(&mut self, horizon: &Horizon) {
         let limits = self.settings.limits;
         let mut state = self.shifted.states[0];
+        let mut velocity = horizon.velocity;
         let mut input = limits.within_bounds(horizon.previous);
         for (k, target) in horizon.targets.iter().enumerate() {
             let wanted = towards(target, &state, horizon.half_track_m);
@@ -58,7 +59,7 @@ impl Mpc {
             if wanted.is_finite() {
                 input = limits.project(wanted, input, self.change_time_s(k));
             }
-            state += self.increment(k, target, state.z, input);
+            state += self.increment(k, target, state.z, input, &mut velocity);
             self.shifted.states[k + 1] = state;
             self.shifted.inputs[k] = input;
         }

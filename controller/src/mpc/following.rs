@@ -100,10 +100,11 @@ impl Mpc {
         let mut cost = 0.0;
         let mut before = self.settings.limits.within_bounds(horizon.previous);
         let mut state = self.plan.states[0];
+        let mut velocity = horizon.velocity;
         self.rolled[0] = state;
         for (k, stage) in self.stages.iter().enumerate() {
             let (input, target) = (self.plan.inputs[k], &horizon.targets[k]);
-            state += self.increment(k, target, state.z, input);
+            state += self.increment(k, target, state.z, input, &mut velocity);
             self.rolled[k + 1] = state;
             cost += stage_cost(stage, target, &state, input, before);
             before = input;
@@ -111,13 +112,15 @@ impl Mpc {
         cost
     }
 
-    /// Returns the increment of the state over a stage by the model itself.
+    /// Returns the increment of the state over a stage by the model itself, of a vehicle that moved with `velocity`,
+    /// which becomes that at the stage's end.
     pub(super) fn increment(
         &self,
         stage: usize,
         target: &StageTarget,
         yaw_rad: f64,
         input: MotorSpeeds,
+        velocity: &mut Vector3<f64>,
     ) -> Vector3<f64> {
         let step_s = self.times.step_s(stage);
         self.model.increment_near(
@@ -126,6 +129,7 @@ impl Mpc {
             yaw_rad,
             input,
             step_s,
+            velocity,
         ) + step_s * target.slip
     }
 }

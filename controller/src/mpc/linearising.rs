@@ -47,6 +47,7 @@ impl Mpc {
         let first = std::mem::replace(&mut self.plan.states[0], start);
         let settings = &self.settings;
         let mut before = settings.limits.within_bounds(horizon.previous);
+        let mut velocity = horizon.velocity;
         self.stages.clear();
         for (k, target) in horizon.targets.iter().enumerate() {
             let (state, next, input) = (
@@ -61,6 +62,7 @@ impl Mpc {
                 state.z,
                 input,
                 step_s,
+                &mut velocity,
             );
             step.increment += step_s * target.slip;
             let time_s = self.change_time_s(k);

@@ -31,7 +31,7 @@ mod working_set;
 pub use condensing::StageWeights;
 pub use failure::QpFailure;
 pub use model::Model;
-use model::StepStart;
+pub(crate) use model::StepStart;
 pub use problem::{CscMatrix, Point, QpData, Residuals};
 pub use qp::{QpSolver, SolvePath};
 pub use settings::{ChangeWeights, Corridor, HeadingExcess, MpcSettings, QpMode, QpSettings};
@@ -116,6 +116,8 @@ pub struct Horizon {
     pub elapsed_s: f64,
     /// Pose when a command given now begins to act.
     pub start: PlanarPose,
+    /// Velocity (right, forward, yaw rate) of the body there.
+    pub velocity: Vector3<f64>,
     /// Effective command in force. Of it only what is within the bounds counts: from there the QP
     /// always has a feasible point, that of no change.
     pub previous: MotorSpeeds,

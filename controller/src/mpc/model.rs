@@ -1,7 +1,8 @@
 //! The prediction models of the MPC.
 
 use nalgebra::Vector3;
-use sidehill_plant::contact::{ContactPrediction, FoundBalance};
+use sidehill_plant::contact::{ContactPrediction, Following, FoundBalance};
+use sidehill_plant::frames::BodyVelocity;
 use sidehill_plant::prediction::{
     LinearisedStep, PredictionModel, increment_on_plane, step_on_plane,
 };
@@ -16,12 +17,30 @@ pub enum Model {
     Contact(Box<ContactPrediction>),
 }
 
-/// What was found for a step in the cycle before: the balances at its start and its middle.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub(super) struct StepStart([Option<FoundBalance>; 2]);
+/// What was found for a step in the cycle before: the balances at its start and its middle, and how the vehicle
+/// follows them.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct StepStart([Place; 2]);
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Place {
+    near: Option<FoundBalance>,
+    following: Following,
+}
+
+impl Default for StepStart {
+    fn default() -> Self {
+        Self(
+            [Place {
+                near: None,
+                following: Following::AT_ONCE,
+            }; 2],
+        )
+    }
+}
 
 impl Model {
-    /// Returns one step of `step_s` with constant motor speeds; see
+    /// Returns one step of `step_s` with constant motor speeds in steady motion; see
     /// [`step_on_plane`](sidehill_plant::prediction::step_on_plane).
     pub fn step_on_plane(
         &mut self,
@@ -38,24 +57,34 @@ impl Model {
         }
     }
 
-    /// Returns the same of a step whose balances are searched near those of `start`, which become those
-    /// that are found.
-    pub(super) fn step_near(
+    /// Returns the same of a vehicle that moved with `velocity`, which becomes that at the end of the step. Balances are
+    /// searched near those of `start`, which become those that are found.
+    ///
+    /// The derivatives are those of steady motion: what an input changes comes late, but comes.
+    pub(crate) fn step_near(
         &mut self,
         start: &mut StepStart,
         normal_in_world: &Vector3<f64>,
         yaw_rad: f64,
         motors: MotorSpeeds,
         step_s: f64,
+        velocity: &mut Vector3<f64>,
     ) -> LinearisedStep {
         let Self::Contact(model) = self else {
             return self.step_on_plane(normal_in_world, yaw_rad, motors, step_s);
         };
-        let mut place = 0;
+        let before = *velocity;
+        let mut halves = start.0.iter_mut().zip([0.5 * step_s, step_s]);
         step_on_plane(normal_in_world, yaw_rad, step_s, |placed| {
-            let near = &mut start.0[place];
-            place = 1;
-            model.body_velocity_near(near, placed.tilt(), motors)
+            let Some((place, time_s)) = halves.next() else {
+                return model.body_velocity(placed.tilt(), motors);
+            };
+            let (mut found, lag) = model.body_velocity_near(&mut place.near, placed.tilt(), motors);
+            place.following = lag.over(time_s);
+            let followed = place.following.from(&before, &found.velocity.vector());
+            *velocity = followed.end;
+            found.velocity = BodyVelocity::from_vector(&followed.mean);
+            found
         })
     }
 
@@ -67,15 +96,21 @@ impl Model {
         yaw_rad: f64,
         motors: MotorSpeeds,
         step_s: f64,
+        velocity: &mut Vector3<f64>,
     ) -> Vector3<f64> {
         match self {
             Self::Icr(model) => model.increment_on_plane(normal_in_world, yaw_rad, motors, step_s),
             Self::Contact(model) => {
-                let mut place = 0;
+                let before = *velocity;
+                let mut places = start.0.iter();
                 increment_on_plane(normal_in_world, yaw_rad, step_s, |placed| {
-                    let near = start.0[place].as_ref();
-                    place = 1;
-                    model.velocity_near(near, placed.tilt(), motors)
+                    let place = places.next();
+                    let near = place.and_then(|place| place.near.as_ref());
+                    let settled = model.velocity_near(near, placed.tilt(), motors);
+                    let Some(place) = place else { return settled };
+                    let followed = place.following.from(&before, &settled.vector());
+                    *velocity = followed.end;
+                    BodyVelocity::from_vector(&followed.mean)
                 })
             }
         }

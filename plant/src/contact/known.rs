@@ -16,6 +16,8 @@ mod guess {
     pub(super) const HEIGHT_SHARE: f64 = 0.6;
     /// Radius of gyration of a contact patch over the half width.
     pub(super) const PATCH_SHARE: f64 = 0.15;
+    /// Inertia over that of a box on the wheels.
+    pub(super) const INERTIA: f64 = 1.0;
     /// Load of an inner axle over that of an outer one.
     pub(super) const INNER_FACTOR: f64 = 1.5;
 }
@@ -44,6 +46,8 @@ pub(crate) struct KnownContact {
     rolling_resistance: Option<f64>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     patch_radius_m: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    inertia: Option<f64>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     correction_left: Option<f64>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -98,6 +102,12 @@ impl KnownContact {
         put(&mut friction.slip_scale_m_s, self.slip_scale_m_s);
         put(&mut friction.rolling_resistance, self.rolling_resistance);
         put(&mut friction.patch_radius_m, self.patch_radius_m);
+        let inertia = self.inertia.unwrap_or(guess::INERTIA);
+        Bounds::new(0.0, 3.0, "").check("inertia", inertia)?;
+        // What the yaw inertia follows from is checked first, so that an error names a key that was given.
+        vehicle.yaw_inertia_kg_m2 = None;
+        let mut vehicle = vehicle.validated()?;
+        vehicle.set_inertia(inertia);
         vehicle.validated()
     }
 
@@ -144,6 +154,7 @@ impl KnownContact {
             slip_scale_m_s: Some(friction.slip_scale_m_s),
             rolling_resistance: Some(friction.rolling_resistance),
             patch_radius_m: Some(friction.patch_radius_m),
+            inertia: Some(vehicle.inertia()),
             correction_left: encoder_scale.map(|scale| scale.left),
             correction_right: encoder_scale.map(|scale| scale.right),
         }
@@ -152,7 +163,7 @@ impl KnownContact {
 
 impl ContactVehicle {
     /// Returns a vehicle of which only geometry is known: the rest is a guess to start learning from. The mass
-    /// is 1 kg, since a motion without inertia does not depend on it.
+    /// is 1 kg, since a motion does not depend on it where the inertia is in proportion.
     pub fn of_geometry(name: &str, half_width_m: f64, axles_forward_m: &[f64]) -> Self {
         let (first, last) = axles_forward_m
             .iter()
@@ -167,7 +178,7 @@ impl ContactVehicle {
             }
         };
         let total: f64 = axles_forward_m.iter().map(|y| load(*y)).sum();
-        Self {
+        let mut vehicle = Self {
             name: name.to_owned(),
             mass_kg: 1.0,
             centre_of_mass: CentreOfMass {
@@ -195,17 +206,21 @@ impl ContactVehicle {
                 patch_radius_m: guess::PATCH_SHARE * half_width_m,
             },
             yaw_inertia_kg_m2: None,
-        }
+        };
+        vehicle.set_inertia(guess::INERTIA);
+        vehicle
     }
 
     /// Returns what a tape measures of this vehicle, the rest as a guess.
     #[must_use]
     pub fn geometry_alone(&self) -> Self {
         let positions: Vec<f64> = self.axles.iter().map(|axle| axle.forward_m).collect();
-        Self {
+        let mut vehicle = Self {
             mass_kg: self.mass_kg,
             ..Self::of_geometry(&self.name, self.half_width_m, &positions)
-        }
+        };
+        vehicle.set_inertia(guess::INERTIA);
+        vehicle
     }
 
     /// Returns a vehicle on a base rectangle, with four axles evenly spaced. With more or less of the weight on the

@@ -65,7 +65,7 @@ pub(crate) use known::KnownContact;
 pub use loads::GRAVITY_M_S2;
 pub use model::ContactModel;
 pub use parameters::{PARAMETERS, Parameter, ParameterVector};
-pub use prediction::{ContactPrediction, FoundBalance, Predicted};
+pub use prediction::{ContactPrediction, Followed, Following, FoundBalance, Lag, Predicted};
 pub use vehicle::{Axle, CentreOfMass, ContactVehicle};
 
 #[cfg(test)]

@@ -6,7 +6,7 @@ use nalgebra::SVector;
 use serde::Serialize;
 
 /// Number of the parameters.
-pub const PARAMETERS: usize = 11;
+pub const PARAMETERS: usize = 12;
 
 /// The parameters in the order of [`Parameter::ALL`]; factors as natural logarithms, the patch radius as its square.
 pub type ParameterVector = SVector<f64, PARAMETERS>;
@@ -33,6 +33,9 @@ pub enum Parameter {
     RollingResistance,
     /// Radius of gyration r of a contact patch, m.
     PatchRadius,
+    /// Inertia over that of a homogeneous box of the vehicle's mass on its wheels; 0 where the vehicle follows its treads at
+    /// once.
+    Inertia,
     /// Speed of the left tread over that which encoders and commands say, in addition to c_l.
     LeftTread,
     /// The same of the right tread, in addition to c_r.
@@ -51,6 +54,7 @@ impl Parameter {
         Self::SlipScale,
         Self::RollingResistance,
         Self::PatchRadius,
+        Self::Inertia,
         Self::LeftTread,
         Self::RightTread,
     ];
@@ -67,6 +71,7 @@ impl Parameter {
             Self::SlipScale => "slip_scale_m_s",
             Self::RollingResistance => "rolling_resistance",
             Self::PatchRadius => "patch_radius_m",
+            Self::Inertia => "inertia",
             Self::LeftTread => "left_tread_factor",
             Self::RightTread => "right_tread_factor",
         }
@@ -87,6 +92,12 @@ impl Parameter {
                 | Self::LeftTread
                 | Self::RightTread
         )
+    }
+
+    /// Returns whether slow drives show it: all but the inertia, and the factors of the treads, which are identified as c_l
+    /// and c_r.
+    pub fn is_identified(self) -> bool {
+        self != Self::Inertia && !self.is_tread_factor()
     }
 
     /// Returns whether it is a factor of a tread. A [`ContactVehicle`] has none: its treads move as c_l and c_r
@@ -131,6 +142,7 @@ impl Parameter {
             Self::SlipScale => 0.7,
             Self::RollingResistance => 0.02,
             Self::PatchRadius => 0.02 * half_width_m * half_width_m,
+            Self::Inertia => 0.5,
             Self::LeftTread | Self::RightTread => 0.2,
         }
     }
@@ -148,6 +160,7 @@ impl Parameter {
             Self::SlipScale => (0.002, 0.2),
             Self::RollingResistance => (0.0, 0.3),
             Self::PatchRadius => (0.0, 0.5 * half_width_m),
+            Self::Inertia => (0.0, 3.0),
             Self::LeftTread | Self::RightTread => (0.2, 2.0),
         }
     }
@@ -166,6 +179,7 @@ impl ContactVehicle {
             Parameter::SlipScale => self.friction.slip_scale_m_s,
             Parameter::RollingResistance => self.friction.rolling_resistance,
             Parameter::PatchRadius => self.friction.patch_radius_m,
+            Parameter::Inertia => self.inertia(),
             Parameter::LeftTread | Parameter::RightTread => 1.0,
         };
         ParameterVector::from_fn(|i, _| {
@@ -194,6 +208,7 @@ impl ContactVehicle {
             ..self.friction
         };
         vehicle.set_inner_share(value(Parameter::InnerShare));
+        vehicle.set_inertia(value(Parameter::Inertia));
         vehicle
     }
 }

@@ -62,6 +62,11 @@ pub struct ContactVehicle {
     pub yaw_inertia_kg_m2: Option<f64>,
 }
 
+/// Returns the squared radius of gyration, m^2, of a homogeneous box about its vertical axis.
+pub(super) fn box_gyration_squared_m2(half_width_m: f64, half_length_m: f64) -> f64 {
+    (half_width_m.powi(2) + half_length_m.powi(2)) / 3.0
+}
+
 /// A wheel's contact with the ground.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Wheel {
@@ -82,6 +87,23 @@ impl ContactVehicle {
     pub fn half_length_m(&self) -> f64 {
         let lengths = self.axles.iter().map(|axle| axle.forward_m.abs());
         lengths.fold(0.0, f64::max)
+    }
+
+    /// Returns the yaw inertia over that of a homogeneous box on the wheels; 0 of a quasi-static vehicle.
+    pub fn inertia(&self) -> f64 {
+        let of_box = self.yaw_inertia_of_box_kg_m2();
+        self.yaw_inertia_kg_m2
+            .map_or(0.0, |inertia| inertia / of_box)
+    }
+
+    /// Sets the yaw inertia to so much of that of a homogeneous box on the wheels; with 0 the motion is quasi-static.
+    pub fn set_inertia(&mut self, inertia: f64) {
+        let of_box = self.yaw_inertia_of_box_kg_m2();
+        self.yaw_inertia_kg_m2 = (inertia > 0.0).then_some(inertia * of_box);
+    }
+
+    fn yaw_inertia_of_box_kg_m2(&self) -> f64 {
+        self.mass_kg * box_gyration_squared_m2(self.half_width_m, self.half_length_m())
     }
 
     /// Returns whether an axle is an inner one: neither the first nor the last along the body.
@@ -184,7 +206,7 @@ impl TryFrom<RawContactVehicle> for ContactVehicle {
         Bounds::new(0.0, 1.0, "m").check("patch_radius_m", raw.friction.patch_radius_m)?;
         let yaw_inertia_kg_m2 = raw
             .yaw_inertia_kg_m2
-            .map(|value| Bounds::new(1e-3, 1e6, "kg m^2").check("yaw_inertia_kg_m2", value))
+            .map(|value| Bounds::new(1e-9, 1e9, "kg m^2").check("yaw_inertia_kg_m2", value))
             .transpose()?;
         let relaxation = if yaw_inertia_kg_m2.is_some() {
             Bounds::new(0.0, 5.0, "m")

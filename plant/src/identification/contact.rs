@@ -122,8 +122,7 @@ impl<'a> Search<'a> {
         let free: Vec<Parameter> = Parameter::ALL
             .into_iter()
             .filter(|p| *p != Parameter::InnerShare || contact.has_inner_axles())
-            // They are searched as c_l and c_r.
-            .filter(|p| !p.is_tread_factor())
+            .filter(|p| p.is_identified())
             .collect();
         let scale = vehicle.on_wheels().encoder_scale;
         let known = ranges.parameters();

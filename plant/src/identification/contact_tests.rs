@@ -38,7 +38,7 @@ fn intervals_with(report: &ContactReport, truth: &ContactVehicle) -> usize {
         let value = parameter.value(parameters[parameter.index()]);
         (low..=high).contains(&value)
     };
-    let of_vehicle = Parameter::ALL.iter().filter(|p| !p.is_tread_factor());
+    let of_vehicle = Parameter::ALL.iter().filter(|p| p.is_identified());
     of_vehicle.filter(holds).count()
 }
 

@@ -29,6 +29,7 @@ pub(crate) fn estimate(time_s: f64, x_m: f64, yaw_rad: f64) -> Estimate {
         covariance: Matrix3::zeros(),
         attitude: sidehill_plant::frames::Attitude::LEVEL,
         normal_in_world: Vector3::z(),
+        velocity: Default::default(),
         treads: sidehill_plant::speeds::TreadSpeeds::default(),
         slip_gains: sidehill_plant::slip_gains::SlipGains::default(),
         contact: None,

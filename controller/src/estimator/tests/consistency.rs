@@ -1,13 +1,13 @@
 //! Whether the covariance is that of the errors: normalised estimation error squared (NEES) over many runs.
 
-use super::super::learned::LearnedModel;
+use super::super::learned::{LearnedModel, Moving};
 use super::*;
 use nalgebra::{DMatrix, DVector, Rotation3, SVector};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 use sidehill_plant::contact::Parameter;
-use sidehill_plant::frames::wrap_angle;
+use sidehill_plant::frames::{BodyVelocity, wrap_angle};
 
 /// Normalised squared errors (3 degrees of freedom) of runs in which everything is as the filter
 /// believes: the vehicle slides at random by `slide` times what it expects, poses are noisy and
@@ -102,6 +102,7 @@ fn normalised_errors_of_all<M: LearnedModel<N>, const N: usize>(
         SVector::from_fn(|i, _| prior.mean[i] + gaussian(prior.sigma[i]));
     let mut pose = Vector3::new(1.0, 2.0, gaussian(1.0));
     let mut late = Vector3::zeros();
+    let mut moving: Option<Moving<N>> = None;
     let mut yaw_rate_before_rad_s = 0.0;
     let bias_rad_s = gaussian(settings.gyro_bias_sigma_rad_s);
     let cycles = 200;
@@ -116,7 +117,14 @@ fn normalised_errors_of_all<M: LearnedModel<N>, const N: usize>(
         let mut read_rad_s = bias_rad_s;
         if cycle > 0 {
             let drift = model.drift(treads, DT_S);
-            let (velocity, _) = model.velocity(attitude_before, treads, &parameters);
+            let before = moving.unwrap_or_else(|| {
+                model
+                    .velocity(attitude_before, TreadSpeeds::default(), &parameters)
+                    .into()
+            });
+            let moved = model.moved(attitude_before, treads, &parameters, &before, DT_S);
+            moving = Some(moved.end);
+            let velocity = BodyVelocity::from_vector(&moved.mean.velocity);
             let start = pose_rate(&velocity, &attitude_before, pose.z);
             let middle = pose_rate(
                 &velocity,
@@ -124,11 +132,7 @@ fn normalised_errors_of_all<M: LearnedModel<N>, const N: usize>(
                 pose.z + 0.5 * DT_S * start.yaw_rad_s,
             );
             let noise = model.process_noise(&settings);
-            let now = Vector3::new(
-                velocity.right_m_s,
-                velocity.forward_m_s,
-                velocity.yaw_rate_rad_s,
-            );
+            let now = velocity.vector();
             let missing = now - late;
             late = noise.followed(&late, &missing, DT_S);
             let half_way = Rotation3::from_axis_angle(
@@ -354,7 +358,7 @@ fn friction_is_forgotten_by_the_metres_driven_and_the_centre_of_mass_by_those_st
 /// Traction and steer of a vehicle that weaves, m/s.
 const WEAVING: fn(f64) -> (f64, f64) = |time_s| (0.4, 0.2 * (0.9 * time_s).sin());
 
-/// Returns what is learned in `duration_s` on a slope of 8 deg of a vehicle some of whose parameters are not those of the
+/// Returns what is learned by poses every 50 ms in `duration_s` on a slope of 8 deg of a vehicle some of whose parameters are not those of the
 /// prior; `speeds` are traction and steer over time.
 fn learned_of(
     differing: &[(Parameter, f64)],
@@ -371,6 +375,7 @@ fn learned_of(
     let normal = Vector3::new(0.0, -8.0_f64.to_radians().sin(), 8.0_f64.to_radians().cos());
     let mut pose = PlanarPose::default();
     let mut learned = None;
+    let mut moving = None;
     for cycle in 0..=(duration_s / 0.05).round() as u32 {
         let time_s = 0.05 * f64::from(cycle);
         let (traction_m_s, steer_m_s) = speeds(time_s);
@@ -379,9 +384,15 @@ fn learned_of(
             right_m_s: traction_m_s + steer_m_s,
         };
         let attitude = Attitude::on_plane(&normal, pose.yaw_rad);
-        let (velocity, _) = model.velocity(attitude, said, &parameters);
-        let rate = pose_rate(&velocity, &attitude, pose.yaw_rad);
         if cycle > 0 {
+            let before = moving.unwrap_or_else(|| {
+                let rest = TreadSpeeds::default();
+                model.velocity(attitude, rest, &parameters).into()
+            });
+            let moved = model.moved(attitude, said, &parameters, &before, 0.05);
+            moving = Some(moved.end);
+            let velocity = BodyVelocity::from_vector(&moved.mean.velocity);
+            let rate = pose_rate(&velocity, &attitude, pose.yaw_rad);
             pose.x_m += 0.05 * rate.x_m_s;
             pose.y_m += 0.05 * rate.y_m_s;
             pose.yaw_rad += 0.05 * rate.yaw_rad_s;
@@ -433,11 +444,40 @@ fn the_radius_of_a_patch_is_learned_on_the_spot_and_not_by_gentle_weaving() {
 }
 
 #[test]
+fn inertia_is_learned_by_turning_to_and_fro() {
+    let inertia = Parameter::Inertia;
+    let to_and_fro = |time_s: f64| (0.3, 0.4 * (3.0 * time_s).sin());
+    for truth in [0.6, 1.6] {
+        let learned = learned_of(&[(inertia, truth)], 60.0, to_and_fro);
+        assert!(learned.observed(inertia), "{learned:?}");
+        let (found, _) = learned.interval(inertia);
+        assert!(
+            (found - truth).abs() < 0.6 * (truth - 1.0_f64).abs(),
+            "{found}, {truth}"
+        );
+    }
+    let learned = learned_of(&[(inertia, 0.6)], 10.0, |_| (0.4, 0.0));
+    assert!(!learned.observed(inertia), "{learned:?}");
+}
+
+#[test]
+fn a_vehicle_that_is_known_to_have_no_inertia_has_none() {
+    let vehicle = Vehicle::j8();
+    let mut wheels = vehicle.contact_vehicle();
+    wheels.set_inertia(0.0);
+    let contact = ContactPrediction::new(&wheels).unwrap();
+    let settings = ContactLearningSettings::default();
+    let prior = LearnedContact::new(&vehicle, contact, settings).prior();
+    let i = Parameter::Inertia.index();
+    assert_eq!((prior.mean[i], prior.sigma[i]), (0.0, 0.0));
+}
+
+#[test]
 fn what_was_learned_of_other_parameters_is_refused() {
     let settings = EstimatorSettings::default();
     let mut filter = Filter::new(settings, learned_contact(settings.contact));
-    // Versions before had eight and ten.
-    for number in [8, 10] {
+    // Versions before had eight, ten and eleven.
+    for number in [8, 10, 11] {
         let refused = filter.recall(&LearnedGains {
             mean: vec![0.0; number],
             covariance: vec![0.0; number * number],

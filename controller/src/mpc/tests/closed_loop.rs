@@ -54,6 +54,7 @@ impl Course {
         Horizon {
             elapsed_s: 0.05,
             start: self.pose,
+            velocity: Vector3::zeros(),
             previous: self.command,
             change_weights: ChangeWeights {
                 traction: 0.05,

@@ -41,6 +41,8 @@ pub(in crate::contact) struct Ground {
     /// Sum over all wheels of arm times share.
     pub(in crate::contact) carried: Vector3<f64>,
     pub(in crate::contact) has_inner: bool,
+    /// Inertia over that of a box on the wheels.
+    pub(in crate::contact) inertia: f64,
     /// Factors of the left and the right tread.
     pub(in crate::contact) tread_factors: [f64; 2],
 }
@@ -160,6 +162,7 @@ impl Ground {
             wheel_share,
             carried,
             has_inner,
+            inertia: value(Parameter::Inertia),
             tread_factors: [value(Parameter::LeftTread), value(Parameter::RightTread)],
         }
     }

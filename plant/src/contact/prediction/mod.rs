@@ -18,6 +18,7 @@
 //! out that it does. Either makes [`Predicted::holds`] false.
 
 mod geometry;
+mod inertia;
 mod loads;
 mod search;
 mod sums;
@@ -33,6 +34,7 @@ use crate::speeds::{MotorSpeeds, TreadSpeeds};
 
 pub use geometry::ByParameters;
 use geometry::{Geometry, Ground};
+pub use inertia::{Followed, Following, Lag};
 use loads::{Loads, Stance};
 use nalgebra::Vector3;
 use search::{Solution, TOLERANCE, TOLERANCE_OF_ROLL_OUT};
@@ -43,8 +45,10 @@ use sums::{GradientParts, Sums};
 pub struct Predicted {
     /// The velocity and its derivatives by inputs and attitude.
     pub linearised: Linearised,
-    /// Its derivatives by the entries of the parameter vector.
+    /// Its derivatives by the entries of the parameter vector; by the inertia, which steady motion does not depend on, 0.
     pub by_parameters: ByParameters,
+    /// How late the vehicle's inertia lets it follow.
+    pub lag: Lag,
     /// Whether friction holds the vehicle there and it stands on its wheels.
     pub holds: bool,
 }
@@ -68,6 +72,7 @@ pub struct FoundBalance {
     tilt: Tilt,
     motors: MotorSpeeds,
     linearised: Linearised,
+    lag: Lag,
 }
 
 impl ContactPrediction {
@@ -136,19 +141,19 @@ impl ContactPrediction {
             .linearised
     }
 
-    /// Returns the same; the search begins at `near`, where that was found closer by than what this model
-    /// found last, and what is found becomes the new `near`.
+    /// Returns the same and how late the vehicle follows it; the search begins at `near`, where that was found closer by
+    /// than what this model found last, and what is found becomes the new `near`.
     pub fn body_velocity_near(
         &mut self,
         near: &mut Option<FoundBalance>,
         tilt: impl Into<Tilt>,
         motors: MotorSpeeds,
-    ) -> Linearised {
+    ) -> (Linearised, Lag) {
         let tilt = tilt.into();
         let start = self.start(near.as_ref(), tilt, motors);
         let found = self.balance(start, &self.loads(&tilt), tilt, motors).0;
         *near = Some(found);
-        found.linearised
+        (found.linearised, found.lag)
     }
 
     /// Returns the velocity alone, to 1e-6 m/s and rad/s, by a search that begins at `near`.
@@ -189,6 +194,7 @@ impl ContactPrediction {
         Predicted {
             linearised: found.linearised,
             by_parameters,
+            lag: found.lag,
             holds: solution.holds,
         }
     }
@@ -256,6 +262,13 @@ impl ContactPrediction {
             tilt,
             motors,
             linearised,
+            lag: Lag::new(
+                &solution.inverse_hessian,
+                self.ground.inertia,
+                self.ground.centre.xy(),
+                self.geometry.half_width_m,
+                self.geometry.half_length_m,
+            ),
         };
         self.last = Some(found);
         (found, solution, parts)

@@ -19,7 +19,9 @@ fn vehicle(axles: usize, off: &[f64; PARAMETERS]) -> ContactVehicle {
             load_share: 1.0 / count,
         })
         .collect();
-    let doubt = [0.3, 0.1, 0.15, 0.1, 0.15, 0.2, 0.5, 0.02, 0.007, 0.0, 0.0];
+    let doubt = [
+        0.3, 0.1, 0.15, 0.1, 0.15, 0.2, 0.5, 0.02, 0.007, 0.0, 0.0, 0.0,
+    ];
     let mut parameters = vehicle.parameters();
     for i in 0..PARAMETERS {
         parameters[i] += off[i] * doubt[i];
@@ -28,7 +30,7 @@ fn vehicle(axles: usize, off: &[f64; PARAMETERS]) -> ContactVehicle {
 }
 
 fn offsets() -> impl Strategy<Value = [f64; PARAMETERS]> {
-    prop::array::uniform11(-0.9..0.9f64)
+    prop::array::uniform12(-0.9..0.9f64)
 }
 
 /// Checks a Jacobian: every column against the central difference of `f` along it.
@@ -98,6 +100,29 @@ proptest! {
         })?;
     }
 
+    #[test]
+    fn derivatives_of_what_is_left_are_central_differences(axles in 2..9_usize, off in offsets(),
+            roll in -0.2..0.2f64, pitch in -0.2..0.2f64, tau in -0.5..0.5f64, sigma in -0.5..0.5f64,
+            inertia in 0.1..2.0f64, time_s in 0.001..0.3f64, before in prop::array::uniform3(-0.5..0.5f64)) {
+        let vehicle = vehicle(axles, &off);
+        let of = |inertia: f64| {
+            let mut vehicle = vehicle.clone();
+            vehicle.set_inertia(inertia);
+            let predicted = ContactPrediction::new(&vehicle).unwrap().predict(attitude(roll, pitch), motors(tau, sigma));
+            (predicted.lag.over(time_s), vector(predicted.linearised.velocity))
+        };
+        let before = Vector3::from(before);
+        let (following, settled) = of(inertia);
+        let by = following.by_inertia(&before, &settled);
+        let h = 1e-5;
+        let (up, down) = (of(inertia + h), of(inertia - h));
+        let (up, down) = (up.0.from(&before, &up.1), down.0.from(&before, &down.1));
+        for (by, difference) in [(by.mean, up.mean - down.mean), (by.end, up.end - down.end)] {
+            let difference = difference / (2.0 * h);
+            prop_assert!((difference - by).norm() < 1e-4 * (1.0 + by.norm()), "{by}, {difference}");
+        }
+    }
+
     /// Down to the point, where a difference can only lead to larger patches.
     #[test]
     fn a_patch_may_be_as_small_as_a_point(axles in 2..9_usize, off in offsets(), radius_m in prop_oneof![Just(0.0), 0.0..0.03f64],
@@ -126,7 +151,7 @@ proptest! {
     }
 
     #[test]
-    fn the_start_of_the_search_is_nothing_to_its_end(axles in 2..9_usize, off in prop::array::uniform11(-3.0..3.0f64), roll in -0.3..0.3f64, pitch in -0.3..0.3f64,
+    fn the_start_of_the_search_is_nothing_to_its_end(axles in 2..9_usize, off in prop::array::uniform12(-3.0..3.0f64), roll in -0.3..0.3f64, pitch in -0.3..0.3f64,
             tau in -0.8..0.8f64, sigma in -0.8..0.8f64, before in prop::array::uniform4(-1.0..1.0f64)) {
         let mut fresh = ContactPrediction::new(&vehicle(axles, &[0.0; PARAMETERS])).unwrap();
         fresh.set_parameters(&(fresh.parameters + ParameterVector::from(off.map(|o| 0.3 * o))));
@@ -150,7 +175,7 @@ proptest! {
     }
 
     #[test]
-    fn everything_has_a_finite_answer(axles in 2..17_usize, off in prop::array::uniform11(-40.0..40.0f64),
+    fn everything_has_a_finite_answer(axles in 2..17_usize, off in prop::array::uniform12(-40.0..40.0f64),
             roll in -1.5..1.5f64, pitch in -1.5..1.5f64, tau in -2.0..2.0f64, sigma in -2.0..2.0f64) {
         let vehicle = vehicle(axles, &[0.0; PARAMETERS]);
         let mut model = ContactPrediction::new(&vehicle).unwrap();
@@ -202,7 +227,9 @@ fn learned_friction_holds_the_vehicle_where_it_stands() {
 fn parameters_come_back_from_a_vehicle() {
     let vehicle = vehicle(
         4,
-        &[0.5, 0.2, -0.3, 0.4, 0.6, -0.7, 0.8, 0.9, -0.4, 0.0, 0.0],
+        &[
+            0.5, 0.2, -0.3, 0.4, 0.6, -0.7, 0.8, 0.9, -0.4, 0.0, 0.0, 0.0,
+        ],
     );
     let again = j8().with_parameters(&vehicle.parameters());
     assert!((again.parameters() - vehicle.parameters()).norm() < 1e-12);
@@ -256,7 +283,7 @@ fn no_search_goes_round_in_circles_and_no_load_is_that_of_rounding() {
     let standard = ContactPrediction::new(&vehicle(4, &[0.0; PARAMETERS])).unwrap();
     let mut circling = standard.clone();
     let off = [
-        0.24, 0.46, -0.82, 0.2, -0.59, -0.22, -0.77, 0.19, 0.0, 0.0, 0.0,
+        0.24, 0.46, -0.82, 0.2, -0.59, -0.22, -0.77, 0.19, 0.0, 0.0, 0.0, 0.0,
     ];
     circling.set_parameters(&(standard.parameters + ParameterVector::from(off)));
     circling.body_velocity(Attitude::default(), MotorSpeeds::default());
@@ -264,7 +291,7 @@ fn no_search_goes_round_in_circles_and_no_load_is_that_of_rounding() {
     assert!(found.holds, "{found:?}");
     let mut overturning = standard.clone();
     let parameters = [
-        -0.6226, 0.3, -0.0836, 1.0667, 0.02, -0.462, -3.276, 0.3, 0.0081, 0.0, 0.0,
+        -0.6226, 0.3, -0.0836, 1.0667, 0.02, -0.462, -3.276, 0.3, 0.0081, 0.0, 0.0, 0.0,
     ];
     overturning.set_parameters(&parameters.into());
     let stance = Stance::at(&attitude(0.296, -0.1613).into());
@@ -295,4 +322,90 @@ fn treads_that_slip_move_as_slower_treads_do() {
         .predict(attitude(0.1, -0.05), effective.into());
     let off = vector(found.linearised.velocity) - vector(expected.linearised.velocity);
     assert!(off.norm() < 1e-8, "{off}");
+}
+
+#[test]
+fn a_vehicle_without_inertia_follows_at_once_and_no_vehicle_in_no_time() {
+    let (before, tilt) = (Vector3::new(0.1, 0.2, 0.3), attitude(0.1, 0.05));
+    for (inertia, time_s, at_once) in [(0.0, 0.05, true), (0.0, 1e-9, true), (1.0, 0.0, false)] {
+        let mut vehicle = j8();
+        vehicle.set_inertia(inertia);
+        let found = ContactPrediction::new(&vehicle)
+            .unwrap()
+            .predict(tilt, motors(0.3, 0.2));
+        let settled = vector(found.linearised.velocity);
+        let followed = found.lag.over(time_s).from(&before, &settled);
+        let expected = if at_once { settled } else { before };
+        for velocity in [followed.mean, followed.end] {
+            assert!((velocity - expected).norm() < 1e-12, "{inertia}, {time_s}");
+        }
+    }
+}
+
+/// In a steady turn the pull outwards is the weight of the centripetal acceleration.
+#[test]
+fn a_steady_turn_is_that_of_the_plant_with_inertia() {
+    let mut vehicle = j8();
+    vehicle.set_inertia(1.0);
+    let mut model = ContactPrediction::new(&vehicle).unwrap();
+    let (tilt, speeds) = (attitude(0.05, -0.1), motors(0.6, 0.4));
+    let found = model.predict(tilt, speeds);
+    let settled = vector(found.linearised.velocity);
+    let mut velocity = settled;
+    for _ in 0..200 {
+        velocity = found.lag.over(0.05).from(&velocity, &settled).end;
+    }
+    let ground = GroundState {
+        position: PlanarPose::default(),
+        attitude: tilt,
+    };
+    let mut plant = ContactModel::new(vehicle);
+    let mut driven = Vector3::zeros();
+    for _ in 0..5000 {
+        driven = vector(plant.body_velocity(&ground, speeds.into(), 1e-3).unwrap());
+    }
+    let outwards = (driven - settled).norm();
+    assert!(outwards > 2e-3, "{outwards}");
+    assert!(
+        (velocity - driven).norm() < 0.1 * outwards,
+        "{velocity}, {driven}, {settled}"
+    );
+}
+
+/// A small change of the speeds on a flat turn, on a slope and near the end of grip.
+#[test]
+fn a_velocity_is_followed_as_by_the_plant_with_inertia() {
+    for (tilt, tau, sigma) in [
+        (attitude(0.0, 0.0), 0.4, 0.3),
+        (attitude(0.1, -0.15), 0.4, 0.3),
+        (attitude(0.0, -0.3), 0.2, 0.4),
+        (attitude(-0.15, 0.1), -0.5, 0.2),
+    ] {
+        let mut vehicle = j8();
+        vehicle.set_inertia(1.2);
+        let found = ContactPrediction::new(&vehicle)
+            .unwrap()
+            .predict(tilt, motors(tau, sigma));
+        let settled = vector(found.linearised.velocity);
+        let ground = GroundState {
+            position: PlanarPose::default(),
+            attitude: tilt,
+        };
+        let mut plant = ContactModel::new(vehicle);
+        let mut step = |sigma: f64, steps: usize| {
+            let mut velocity = Vector3::zeros();
+            for _ in 0..steps {
+                let speeds = motors(tau, sigma).into();
+                velocity = vector(plant.body_velocity(&ground, speeds, 1e-3).unwrap());
+            }
+            velocity
+        };
+        let start = step(sigma - 0.02, 5000);
+        for (time_s, steps) in [(0.02, 20), (0.06, 40), (0.2, 140)] {
+            let driven = step(sigma, steps);
+            let followed = found.lag.over(time_s).from(&start, &settled).end;
+            let missed = (followed - driven).norm() / (start - settled).norm();
+            assert!(missed < 0.15, "{tilt:?}, {time_s} s: {missed}");
+        }
+    }
 }
