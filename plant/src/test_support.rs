@@ -27,11 +27,7 @@ pub(crate) fn treads(left_m_s: f64, right_m_s: f64) -> TreadSpeeds {
 
 /// Returns right and forward speed, m/s, and yaw rate, rad/s.
 pub(crate) fn vector(velocity: BodyVelocity) -> Vector3<f64> {
-    Vector3::new(
-        velocity.right_m_s,
-        velocity.forward_m_s,
-        velocity.yaw_rate_rad_s,
-    )
+    velocity.vector()
 }
 
 /// Returns the central difference of `f` at 0.

@@ -64,11 +64,7 @@ impl ContactVehicle {
                 let wanted = icrs.body_velocity(level, TreadSpeeds::from(motors));
                 let predicted = model.predict(level, motors);
                 let found = &predicted.linearised.velocity;
-                let missing = Vector3::new(
-                    wanted.right_m_s - found.right_m_s,
-                    wanted.forward_m_s - found.forward_m_s,
-                    wanted.yaw_rate_rad_s - found.yaw_rate_rad_s,
-                );
+                let missing = wanted.vector() - found.vector();
                 let turn_rad_s = TURN_SHARE * wanted.yaw_rate_rad_s.abs();
                 let sigma = turn_rad_s * Vector3::new(half_length_m, half_width_m, 1.0);
                 let scale = Matrix3::from_diagonal(&sigma.map(f64::recip));

@@ -120,7 +120,7 @@ impl MotionModel for ContactModel {
         dt_s: f64,
     ) -> Result<BodyVelocity, MotionError> {
         if dt_s <= 0.0 && self.vehicle.yaw_inertia_kg_m2.is_some() {
-            return Ok(body_velocity(&self.velocity));
+            return Ok(BodyVelocity::from_vector(&self.velocity));
         }
         let (x_m, y_m) = (ground.position.x_m, ground.position.y_m);
         let not_finite = |quantity| MotionError::NotFinite { quantity, x_m, y_m };
@@ -169,14 +169,6 @@ impl MotionModel for ContactModel {
         if let Some(relaxation) = &mut self.relaxation {
             relaxation.end(&self.vehicle.friction, &self.contacts, &velocity);
         }
-        Ok(body_velocity(&velocity))
-    }
-}
-
-fn body_velocity(velocity: &Velocity) -> BodyVelocity {
-    BodyVelocity {
-        right_m_s: velocity.x,
-        forward_m_s: velocity.y,
-        yaw_rate_rad_s: velocity.z,
+        Ok(BodyVelocity::from_vector(&velocity))
     }
 }

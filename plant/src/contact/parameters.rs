@@ -94,16 +94,10 @@ impl Parameter {
         )
     }
 
-    /// Returns whether slow drives show it: all but the inertia, and the factors of the treads, which are identified as c_l
-    /// and c_r.
+    /// Returns whether it is identified as such from logs: all but the inertia, which slow drives do not show, and the
+    /// factors of the treads, which are identified as c_l and c_r: a [`ContactVehicle`] has none.
     pub fn is_identified(self) -> bool {
-        self != Self::Inertia && !self.is_tread_factor()
-    }
-
-    /// Returns whether it is a factor of a tread. A [`ContactVehicle`] has none: its treads move as c_l and c_r
-    /// say.
-    pub fn is_tread_factor(self) -> bool {
-        matches!(self, Self::LeftTread | Self::RightTread)
+        !matches!(self, Self::Inertia | Self::LeftTread | Self::RightTread)
     }
 
     /// Returns the value, in its own unit, of an entry of a [`ParameterVector`].

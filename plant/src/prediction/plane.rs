@@ -65,12 +65,7 @@ impl Placed {
     }
 
     fn rate(&self, velocity: &BodyVelocity) -> Vector3<f64> {
-        self.axes
-            * Vector3::new(
-                velocity.right_m_s,
-                velocity.forward_m_s,
-                velocity.yaw_rate_rad_s,
-            )
+        self.axes * velocity.vector()
     }
 }
 

@@ -3,6 +3,7 @@
 mod consistency;
 mod gyroscope;
 mod late;
+mod learning;
 mod readings;
 
 use super::*;

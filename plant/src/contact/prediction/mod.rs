@@ -170,11 +170,7 @@ impl ContactPrediction {
         let velocity = sums
             .settle(start, &loads, &stance, TOLERANCE_OF_ROLL_OUT)
             .velocity;
-        BodyVelocity {
-            right_m_s: velocity.x,
-            forward_m_s: velocity.y,
-            yaw_rate_rad_s: velocity.z,
-        }
+        BodyVelocity::from_vector(&velocity)
     }
 
     /// Returns the velocity at an attitude and motor speeds with all its derivatives.
@@ -246,13 +242,8 @@ impl ContactPrediction {
             * sums.gradient_by_inputs(&parts, loads, &stance, solution.pull_share);
         let factors = &self.ground.tread_factors;
         let (left, right) = (factors[0] * by.column(2), factors[1] * by.column(3));
-        let velocity = &solution.velocity;
         let linearised = Linearised {
-            velocity: BodyVelocity {
-                right_m_s: velocity.x,
-                forward_m_s: velocity.y,
-                yaw_rate_rad_s: velocity.z,
-            },
+            velocity: BodyVelocity::from_vector(&solution.velocity),
             by_roll: by.column(0).into(),
             by_pitch: by.column(1).into(),
             by_traction: left + right,
@@ -288,13 +279,8 @@ impl FoundBalance {
     /// Returns the velocity that its derivatives lead to at another attitude and input.
     fn leads_to(&self, tilt: Tilt, motors: MotorSpeeds) -> Vector3<f64> {
         let before = &self.linearised;
-        let velocity = Vector3::new(
-            before.velocity.right_m_s,
-            before.velocity.forward_m_s,
-            before.velocity.yaw_rate_rad_s,
-        );
         let (roll, pitch) = tilt.less(&self.tilt);
-        velocity
+        before.velocity.vector()
             + before.by_roll * roll
             + before.by_pitch * pitch
             + before.by_traction * (motors.traction_m_s - self.motors.traction_m_s)
