@@ -37,7 +37,7 @@ pub enum Plant {
     /// Wheels with friction on the ground.
     Contact {
         /// The vehicle on wheels.
-        vehicle: ContactVehicle,
+        vehicle: Box<ContactVehicle>,
         /// Its true c_l and c_r: those of the scenario's vehicle.
         encoder_scale: EncoderScale,
     },
@@ -74,7 +74,7 @@ impl Plant {
                 vehicle: (**vehicle).clone(),
                 inclined: true,
             }),
-            Self::Contact { vehicle, .. } => Box::new(ContactModel::new(vehicle.clone())),
+            Self::Contact { vehicle, .. } => Box::new(ContactModel::new((**vehicle).clone())),
         }
     }
 }

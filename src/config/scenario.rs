@@ -140,7 +140,7 @@ impl Scenario {
         let (plant, vehicle) = self.plant(overrides.plant.unwrap_or(raw.plant), seed)?;
         // The geometry of any vehicle is known.
         let wheels = match &plant {
-            Plant::Contact { vehicle, .. } => Some(vehicle),
+            Plant::Contact { vehicle, .. } => Some(&**vehicle),
             Plant::Icrik(_) => None,
         };
         let mut vehicle = raw
@@ -250,7 +250,7 @@ impl Scenario {
                     .centre_of_mass
                     .get_or_insert(own.centre_of_mass.unwrap_or(vehicle.centre_of_mass));
                 let plant = Plant::Contact {
-                    vehicle,
+                    vehicle: Box::new(vehicle),
                     encoder_scale: own.encoder_scale,
                 };
                 Ok((plant, identified))

@@ -16,6 +16,8 @@ pub(super) struct VehicleVariation {
     density: f64,
     /// Load of the inner axles: 0 for equal loads, 1 for 90 % on the inner axles.
     inner_load: Option<f64>,
+    /// Stiffness of an inner axle over that of an outer one.
+    inner_stiffness: Option<f64>,
     centre_of_mass_right_share: Option<f64>,
     centre_of_mass_forward_share: Option<f64>,
     centre_of_mass_height_share: Option<f64>,
@@ -37,6 +39,7 @@ impl Default for VehicleVariation {
             size: 1.0,
             density: 1.0,
             inner_load: None,
+            inner_stiffness: None,
             centre_of_mass_right_share: None,
             centre_of_mass_forward_share: None,
             centre_of_mass_height_share: None,
@@ -87,6 +90,7 @@ impl VehicleVariation {
                 scaled(self.centre_of_mass_height_share, half_width_m),
             ),
             (Parameter::InnerShare, self.inner_share(&vehicle)?),
+            (Parameter::InnerStiffness, self.inner_stiffness),
             (Parameter::LateralShare, self.lateral_share),
             (Parameter::SlipScale, self.slip_scale_m_s),
             (Parameter::RollingResistance, self.rolling_resistance),
@@ -183,6 +187,13 @@ mod tests {
     }
 
     #[test]
+    fn inner_axles_may_be_stiffer() {
+        let vehicle = varied("{size: 2, inner_stiffness: 2.5}").unwrap();
+        assert!((vehicle.inner_stiffness - 2.5).abs() < 1e-12);
+        assert_eq!(varied("{size: 2}").unwrap().inner_stiffness, 1.0);
+    }
+
+    #[test]
     fn a_vehicle_of_half_the_size_has_an_eighth_of_the_mass_and_its_inertia() {
         let vehicle = varied("{size: 0.5, inertia: 1, centre_of_mass_right_share: 0.1}").unwrap();
         assert!((vehicle.mass_kg - j8().mass_kg / 8.0).abs() < 1e-9);
@@ -213,6 +224,7 @@ mod tests {
     fn what_is_out_of_range_is_named() {
         for (key, value) in [
             ("inner_load", 1.5),
+            ("inner_stiffness", 0.0),
             ("patch_radius_share", -0.1),
             ("patch_radius_share", 1.1),
         ] {

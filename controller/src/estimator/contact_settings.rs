@@ -28,6 +28,8 @@ pub struct ContactLearningSettings {
     pub centre_height_sigma: f64,
     /// Standard deviation of the inner axles' share of the weight.
     pub inner_share_sigma: f64,
+    /// Standard deviation of the logarithm of an inner axle's stiffness over that of an outer one.
+    pub inner_stiffness_sigma: f64,
     /// Standard deviation of the logarithm of the lateral share of friction.
     pub lateral_share_sigma: f64,
     /// Standard deviation of the logarithm of the slip scale.
@@ -60,6 +62,7 @@ impl Default for ContactLearningSettings {
             centre_forward_sigma: 0.14,
             centre_height_sigma: 0.17,
             inner_share_sigma: 0.15,
+            inner_stiffness_sigma: 0.7,
             lateral_share_sigma: 0.2,
             slip_scale_sigma: 0.5,
             rolling_resistance_sigma: 0.02,
@@ -114,6 +117,10 @@ impl ContactLearningSettings {
                 self.inner_share_sigma,
             ),
             (
+                "estimator.contact.inner_stiffness_sigma",
+                self.inner_stiffness_sigma,
+            ),
+            (
                 "estimator.contact.lateral_share_sigma",
                 self.lateral_share_sigma,
             ),
@@ -153,6 +160,7 @@ impl ContactLearningSettings {
                 Parameter::CentreForward => self.centre_forward_sigma * half_length_m,
                 Parameter::CentreHeight => self.centre_height_sigma * half_width_m,
                 Parameter::InnerShare => self.inner_share_sigma,
+                Parameter::InnerStiffness => self.inner_stiffness_sigma,
                 Parameter::LateralShare => self.lateral_share_sigma,
                 Parameter::SlipScale => self.slip_scale_sigma,
                 Parameter::RollingResistance => self.rolling_resistance_sigma,

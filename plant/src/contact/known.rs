@@ -18,6 +18,8 @@ mod guess {
     pub(super) const PATCH_SHARE: f64 = 0.15;
     /// Inertia over that of a box on the wheels.
     pub(super) const INERTIA: f64 = 1.0;
+    /// Stiffness of an inner axle over that of an outer one.
+    pub(super) const INNER_STIFFNESS: f64 = 1.0;
     /// Load of an inner axle over that of an outer one.
     pub(super) const INNER_FACTOR: f64 = 1.5;
 }
@@ -28,6 +30,8 @@ mod guess {
 pub(crate) struct KnownContact {
     half_width_m: f64,
     axles: Vec<KnownAxle>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    inner_stiffness: Option<f64>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     mass_kg: Option<f64>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -90,6 +94,7 @@ impl KnownContact {
         }
         let put = |to: &mut f64, known: Option<f64>| *to = known.unwrap_or(*to);
         put(&mut vehicle.mass_kg, self.mass_kg);
+        put(&mut vehicle.inner_stiffness, self.inner_stiffness);
         let centre = &mut vehicle.centre_of_mass;
         put(&mut centre.right_m, self.centre_of_mass_right_m);
         put(&mut centre.forward_m, self.centre_of_mass_forward_m);
@@ -145,6 +150,7 @@ impl KnownContact {
                     load_share: Some(axle.load_share),
                 })
                 .collect(),
+            inner_stiffness: Some(vehicle.inner_stiffness),
             mass_kg: Some(vehicle.mass_kg),
             centre_of_mass_right_m: Some(centre.right_m),
             centre_of_mass_forward_m: Some(centre.forward_m),
@@ -194,6 +200,7 @@ impl ContactVehicle {
                     load_share: load(forward_m) / total,
                 })
                 .collect(),
+            inner_stiffness: guess::INNER_STIFFNESS,
             friction: Friction {
                 field: FrictionField::Uniform {
                     coefficient: guess::FRICTION,

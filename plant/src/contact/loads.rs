@@ -16,8 +16,8 @@ pub(super) fn weight_in_body(mass_kg: f64, attitude: &Attitude) -> Vector3<f64> 
 
 /// Writes the normal load of every wheel, N, and returns whether the vehicle stands on its wheels.
 ///
-/// Equal tyres press like springs of equal stiffness under a rigid body, on top of what each carries
-/// on level ground: `N = share m g + c_0 + c_x x + c_y y`, with the three constants from the balance
+/// Tyres and suspension press like springs of stiffness k under a rigid body, on top of what each carries
+/// on level ground: `N = share m g + k (c_0 + c_x x + c_y y)`, with the three constants from the balance
 /// of vertical force and of both tilting moments of the weight, which acts at the centre of mass.
 /// A wheel that would pull is lifted: it carries nothing and the others are balanced without it.
 /// False is returned when no set of at least three wheels that are not in line is left, so that the
@@ -44,7 +44,7 @@ pub(super) fn write_wheel_loads(
         for (wheel, load) in wheels.iter().zip(loads_n.iter()) {
             if *load > 0.0 {
                 let arm = Vector3::new(1.0, wheel.position.x, wheel.position.y);
-                stiffness += arm * arm.transpose();
+                stiffness += wheel.stiffness * arm * arm.transpose();
                 missing -= arm * (wheel.load_share * level_weight_n);
             }
         }
@@ -56,7 +56,8 @@ pub(super) fn write_wheel_loads(
         for (wheel, load) in wheels.iter().zip(loads_n.iter_mut()) {
             if *load > 0.0 {
                 let arm = Vector3::new(1.0, wheel.position.x, wheel.position.y);
-                *load = (wheel.load_share * level_weight_n + constants.dot(&arm)).max(0.0);
+                let pressed_n = wheel.stiffness * constants.dot(&arm);
+                *load = (wheel.load_share * level_weight_n + pressed_n).max(0.0);
                 lifted |= *load <= 0.0;
             }
         }
@@ -104,6 +105,30 @@ mod tests {
     }
 
     #[test]
+    fn stiff_inner_axles_take_the_weight_that_moves() {
+        // What the second axle's right wheel carries more than its left one in a roll to the right.
+        let moved_n = |inner_stiffness: f64| {
+            let mut vehicle = j8();
+            vehicle.inner_stiffness = inner_stiffness;
+            vehicle.centre_of_mass.right_m = 0.0;
+            let attitude = Attitude {
+                roll_rad: 0.1,
+                pitch_rad: 0.0,
+            };
+            let (stands, loads_n, _) = loads(&vehicle, attitude);
+            assert!(stands);
+            loads_n[5] - loads_n[1]
+        };
+        let (as_stiff, stiffer) = (moved_n(1.0), moved_n(3.0));
+        assert!(as_stiff > 0.0);
+        // One of four axles takes 1 / 4 and 3 / 8 of it.
+        assert!(
+            (stiffer / as_stiff - 1.5).abs() < 0.01,
+            "{as_stiff}, {stiffer}"
+        );
+    }
+
+    #[test]
     fn a_wheel_that_would_pull_is_lifted_and_a_steep_side_overturns() {
         let mut vehicle = j8();
         vehicle.centre_of_mass.height_m = 0.9;
@@ -119,8 +144,10 @@ mod tests {
 
     proptest! {
         #[test]
-        fn loads_balance_the_weight(roll in -0.3..0.3f64, pitch in -0.4..0.4f64, height in 0.0..1.0f64) {
+        fn loads_balance_the_weight(roll in -0.3..0.3f64, pitch in -0.4..0.4f64, height in 0.0..1.0f64,
+                inner_stiffness in 0.05..20.0f64) {
             let mut vehicle = j8();
+            vehicle.inner_stiffness = inner_stiffness;
             vehicle.centre_of_mass.height_m = height;
             let attitude = Attitude { roll_rad: roll, pitch_rad: pitch };
             let (stands, loads_n, wheels) = loads(&vehicle, attitude);

@@ -6,7 +6,7 @@ use nalgebra::SVector;
 use serde::Serialize;
 
 /// Number of the parameters.
-pub const PARAMETERS: usize = 12;
+pub const PARAMETERS: usize = 13;
 
 /// The parameters in the order of [`Parameter::ALL`]; factors as natural logarithms, the patch radius as its square.
 pub type ParameterVector = SVector<f64, PARAMETERS>;
@@ -25,6 +25,8 @@ pub enum Parameter {
     CentreHeight,
     /// Share of the weight on the inner axles, those between the first and the last.
     InnerShare,
+    /// Stiffness of an inner axle over that of an outer one: which axles take weight that moves.
+    InnerStiffness,
     /// Share `a` of mu that acts sideways.
     LateralShare,
     /// Slip scale eps, m/s.
@@ -50,6 +52,7 @@ impl Parameter {
         Self::CentreForward,
         Self::CentreHeight,
         Self::InnerShare,
+        Self::InnerStiffness,
         Self::LateralShare,
         Self::SlipScale,
         Self::RollingResistance,
@@ -67,6 +70,7 @@ impl Parameter {
             Self::CentreForward => "centre_of_mass_forward_m",
             Self::CentreHeight => "centre_of_mass_height_m",
             Self::InnerShare => "inner_load_share",
+            Self::InnerStiffness => "inner_stiffness",
             Self::LateralShare => "lateral_share",
             Self::SlipScale => "slip_scale_m_s",
             Self::RollingResistance => "rolling_resistance",
@@ -87,11 +91,17 @@ impl Parameter {
         matches!(
             self,
             Self::Friction
+                | Self::InnerStiffness
                 | Self::LateralShare
                 | Self::SlipScale
                 | Self::LeftTread
                 | Self::RightTread
         )
+    }
+
+    /// Returns whether only a vehicle with axles between the first and the last has it.
+    pub fn is_of_inner_axles(self) -> bool {
+        matches!(self, Self::InnerShare | Self::InnerStiffness)
     }
 
     /// Returns whether it is identified as such from logs: all but the inertia, which slow drives do not show, and the
@@ -132,6 +142,7 @@ impl Parameter {
             Self::CentreForward => 0.14 * half_length_m,
             Self::CentreHeight => 0.3 * half_width_m,
             Self::InnerShare => 0.15,
+            Self::InnerStiffness => 0.7,
             Self::LateralShare => 0.2,
             Self::SlipScale => 0.7,
             Self::RollingResistance => 0.02,
@@ -150,6 +161,7 @@ impl Parameter {
             Self::CentreForward => (-0.7 * half_length_m, 0.7 * half_length_m),
             Self::CentreHeight => (0.0, 2.5 * half_width_m),
             Self::InnerShare => (0.02, 0.98),
+            Self::InnerStiffness => (0.2, 5.0),
             Self::LateralShare => (0.3, 2.0),
             Self::SlipScale => (0.002, 0.2),
             Self::RollingResistance => (0.0, 0.3),
@@ -169,6 +181,7 @@ impl ContactVehicle {
             Parameter::CentreForward => self.centre_of_mass.forward_m,
             Parameter::CentreHeight => self.centre_of_mass.height_m,
             Parameter::InnerShare => self.inner_share(),
+            Parameter::InnerStiffness => self.inner_stiffness,
             Parameter::LateralShare => self.friction.lateral_share,
             Parameter::SlipScale => self.friction.slip_scale_m_s,
             Parameter::RollingResistance => self.friction.rolling_resistance,
@@ -201,6 +214,7 @@ impl ContactVehicle {
             patch_radius_m: value(Parameter::PatchRadius),
             ..self.friction
         };
+        vehicle.inner_stiffness = value(Parameter::InnerStiffness);
         vehicle.set_inner_share(value(Parameter::InnerShare));
         vehicle.set_inertia(value(Parameter::Inertia));
         vehicle

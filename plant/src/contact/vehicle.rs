@@ -56,6 +56,8 @@ pub struct ContactVehicle {
     pub half_width_m: f64,
     /// Axles, in any order.
     pub axles: Vec<Axle>,
+    /// Stiffness of an inner axle's springs and tyres over that of an outer one: how weight that moves is shared.
+    pub inner_stiffness: f64,
     /// Wheel-ground friction.
     pub friction: Friction,
     /// Yaw inertia about the centre of mass, kg m^2; without it the motion is quasi-static.
@@ -72,6 +74,8 @@ pub(super) fn box_gyration_squared_m2(half_width_m: f64, half_length_m: f64) -> 
 pub(super) struct Wheel {
     pub(super) position: Vector2<f64>,
     pub(super) load_share: f64,
+    /// Over that of the outer axles' wheels.
+    pub(super) stiffness: f64,
 }
 
 impl ContactVehicle {
@@ -161,6 +165,11 @@ impl ContactVehicle {
             self.axles.iter().map(move |axle| Wheel {
                 position: Vector2::new(right_m, axle.forward_m),
                 load_share: 0.5 * axle.load_share,
+                stiffness: if self.is_inner(axle) {
+                    self.inner_stiffness
+                } else {
+                    1.0
+                },
             })
         };
         side(-self.half_width_m)
@@ -179,9 +188,24 @@ struct RawContactVehicle {
     centre_of_mass_height_m: f64,
     half_width_m: f64,
     axles: Vec<Axle>,
+    #[serde(default = "as_stiff", skip_serializing_if = "is_as_stiff")]
+    inner_stiffness: f64,
     friction: Friction,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     yaw_inertia_kg_m2: Option<f64>,
+}
+
+/// Stiffness of inner axles that are as stiff as the outer ones.
+fn as_stiff() -> f64 {
+    1.0
+}
+
+#[expect(
+    clippy::trivially_copy_pass_by_ref,
+    reason = "serde passes a reference"
+)]
+fn is_as_stiff(stiffness: &f64) -> bool {
+    *stiffness == as_stiff()
 }
 
 impl TryFrom<RawContactVehicle> for ContactVehicle {
@@ -225,6 +249,8 @@ impl TryFrom<RawContactVehicle> for ContactVehicle {
             },
             half_width_m: Bounds::new(0.01, 20.0, "m").check("half_width_m", raw.half_width_m)?,
             axles: raw.axles,
+            inner_stiffness: Bounds::new(0.05, 20.0, "")
+                .check("inner_stiffness", raw.inner_stiffness)?,
             friction: raw.friction,
             yaw_inertia_kg_m2,
         })
@@ -241,6 +267,7 @@ impl From<ContactVehicle> for RawContactVehicle {
             centre_of_mass_height_m: vehicle.centre_of_mass.height_m,
             half_width_m: vehicle.half_width_m,
             axles: vehicle.axles,
+            inner_stiffness: vehicle.inner_stiffness,
             friction: vehicle.friction,
             yaw_inertia_kg_m2: vehicle.yaw_inertia_kg_m2,
         }

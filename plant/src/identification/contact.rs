@@ -121,7 +121,7 @@ impl<'a> Search<'a> {
         let ranges = ContactPrediction::new(&contact)?;
         let free: Vec<Parameter> = Parameter::ALL
             .into_iter()
-            .filter(|p| *p != Parameter::InnerShare || contact.has_inner_axles())
+            .filter(|p| contact.has_inner_axles() || !p.is_of_inner_axles())
             .filter(|p| p.is_identified())
             .collect();
         let scale = vehicle.on_wheels().encoder_scale;

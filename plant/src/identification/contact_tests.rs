@@ -1,6 +1,6 @@
 #![allow(clippy::unwrap_used)]
 
-use super::tests::contact_logs;
+use super::tests::{contact_logs, contact_logs_of};
 use super::*;
 use crate::contact::{ContactVehicle, Parameter};
 use crate::log::DriveLog;
@@ -30,7 +30,7 @@ fn estimate(report: &ContactReport, name: &str) -> ContactParameterEstimate {
     *report.estimates.iter().find(|e| e.name == name).unwrap()
 }
 
-/// Returns how many of the nine intervals hold the truth.
+/// Returns how many of the ten intervals of parameters hold the truth.
 fn intervals_with(report: &ContactReport, truth: &ContactVehicle) -> usize {
     let parameters = truth.parameters();
     let holds = |parameter: &&Parameter| {
@@ -48,7 +48,7 @@ fn the_wheels_are_found_from_geometry_alone() {
     let logs = contact_logs(&truth, 3);
     let (vehicle, report) = identify_contact(&logs, &measured(&truth), &settings()).unwrap();
     let inside = intervals_with(&report, &truth);
-    assert!(inside >= 7, "{inside} of 9 intervals hold the truth");
+    assert!(inside >= 7, "{inside} of 10 intervals hold the truth");
     let scale = vehicle.contact_encoder_scale.unwrap();
     assert!((scale.left / 1.004 - 1.0).abs() < 0.004, "{scale:?}");
     assert!((scale.right / 1.011 - 1.0).abs() < 0.004, "{scale:?}");
@@ -81,12 +81,17 @@ fn what_level_logs_do_not_tell_stays_a_guess() {
 
 #[test]
 fn the_radius_of_a_patch_is_found_even_where_it_is_a_point() {
+    // On 4 deg, as in the paper, it is not told apart from the stiffness of inner axles.
+    let procedure = Procedure {
+        slope_deg: 8.0,
+        ..Procedure::of_the_paper()
+    };
     for radius_m in [0.0, 0.15] {
         let mut truth = j8();
         truth.friction.patch_radius_m = radius_m;
         let start = measured(&truth);
         let guess_m = start.contact_vehicle().friction.patch_radius_m;
-        let logs = contact_logs(&truth, 3);
+        let logs = contact_logs_of(&procedure, &truth, 3);
         let (vehicle, report) = identify_contact(&logs, &start, &settings()).unwrap();
         let found = estimate(&report, "patch_radius_m");
         assert!(found.determined, "{found:?}");
@@ -97,6 +102,25 @@ fn the_radius_of_a_patch_is_found_even_where_it_is_a_point() {
         let (low, high) = found.interval;
         assert!((low..=high).contains(&radius_m), "{found:?}");
         assert!(!(low..=high).contains(&guess_m), "{found:?}");
+    }
+}
+
+#[test]
+fn the_stiffness_of_inner_axles_is_found_on_slopes() {
+    let mut truth = j8();
+    truth.inner_stiffness = 3.0;
+    let [level, ..] = contact_logs(&truth, 3);
+    for (logs, determined) in [
+        (contact_logs(&truth, 3).to_vec(), true),
+        (vec![level], false),
+    ] {
+        let (vehicle, report) = identify_contact(&logs, &measured(&truth), &settings()).unwrap();
+        let found = estimate(&report, "inner_stiffness");
+        assert_eq!(found.determined, determined, "{found:?}");
+        assert_eq!(vehicle.contact_vehicle().inner_stiffness, found.value);
+        let (low, high) = found.interval;
+        assert!((low..=high).contains(&3.0), "{found:?}");
+        assert!(!determined || low > 1.5, "{found:?}");
     }
 }
 

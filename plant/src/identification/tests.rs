@@ -193,7 +193,15 @@ fn the_contact_vehicle_is_identified_near_table_one_on_the_level() {
 
 /// Level, slope and across logs of the procedure with a contact vehicle.
 pub(super) fn contact_logs(contact: &ContactVehicle, seed: u64) -> [DriveLog; 3] {
-    let procedure = Procedure::of_the_paper();
+    contact_logs_of(&Procedure::of_the_paper(), contact, seed)
+}
+
+/// Returns the logs of a contact vehicle that is driven as `procedure` says.
+pub(super) fn contact_logs_of(
+    procedure: &Procedure,
+    contact: &ContactVehicle,
+    seed: u64,
+) -> [DriveLog; 3] {
     let slope = || procedure.slope_terrain().unwrap();
     [
         (Terrain::Level, &procedure.level, seed),

@@ -37,6 +37,7 @@ fn what_is_not_excited_stays_at_its_prior_and_says_so() {
         Parameter::CentreHeight,
         Parameter::LateralShare,
         Parameter::InnerShare,
+        Parameter::InnerStiffness,
     ] {
         let i = parameter.index();
         assert!(
@@ -178,6 +179,22 @@ fn the_radius_of_a_patch_is_learned_on_the_spot_and_not_by_gentle_weaving() {
 }
 
 #[test]
+fn the_stiffness_of_inner_axles_is_learned_in_turns_on_a_slope() {
+    let stiffness = Parameter::InnerStiffness;
+    let on_the_spot = |time_s: f64| (0.0, 0.4 * (0.3 * time_s).sin());
+    for truth in [0.4, 2.5] {
+        // The further ahead the centre of mass is, the more depends on who carries it.
+        let truths = [(stiffness, truth), (Parameter::CentreForward, 0.3)];
+        let learned = learned_of(&truths, 120.0, on_the_spot);
+        assert!(learned.observed(stiffness), "{learned:?}");
+        let (found, (low, high)) = learned.interval(stiffness);
+        assert!((low..=high).contains(&truth), "{learned:?}");
+        let off = f64::ln(found / truth).abs();
+        assert!(off < 0.6 * truth.ln().abs(), "{found}, {truth}");
+    }
+}
+
+#[test]
 fn inertia_is_learned_by_turning_to_and_fro() {
     let inertia = Parameter::Inertia;
     let to_and_fro = |time_s: f64| (0.3, 0.4 * (3.0 * time_s).sin());
@@ -210,8 +227,8 @@ fn a_vehicle_that_is_known_to_have_no_inertia_has_none() {
 fn what_was_learned_of_other_parameters_is_refused() {
     let settings = EstimatorSettings::default();
     let mut filter = Filter::new(settings, learned_contact(settings.contact));
-    // Versions before had eight, ten and eleven.
-    for number in [8, 10, 11] {
+    // Versions before had eight and ten to twelve.
+    for number in [8, 10, 11, 12] {
         let refused = filter.recall(&LearnedGains {
             mean: vec![0.0; number],
             covariance: vec![0.0; number * number],

@@ -23,8 +23,6 @@ pub(in crate::contact) struct Geometry {
     pub(in crate::contact) inner: [bool; AXLES_MAX],
     /// Part of its group's load (inner, outer axles) that an axle carries on level ground.
     pub(in crate::contact) part: [f64; AXLES_MAX],
-    /// Sum over all wheels of arm arm', inverted; an arm is (1, x, y).
-    pub(in crate::contact) inverse_stiffness: Matrix3<f64>,
 }
 
 /// The parameters in the form that the sums need.
@@ -38,8 +36,12 @@ pub(in crate::contact) struct Ground {
     pub(in crate::contact) centre: Vector3<f64>,
     /// Share of the weight on each wheel of an axle.
     pub(in crate::contact) wheel_share: [f64; AXLES_MAX],
-    /// Sum over all wheels of arm times share.
+    /// Sum over all wheels of arm times share; an arm is (1, x, y).
     pub(in crate::contact) carried: Vector3<f64>,
+    /// Stiffness k of each wheel of an axle, over that of the outer axles'.
+    pub(in crate::contact) stiffness: [f64; AXLES_MAX],
+    /// Sum over all wheels of k arm arm', inverted.
+    pub(in crate::contact) inverse_stiffness: Matrix3<f64>,
     pub(in crate::contact) has_inner: bool,
     /// Inertia over that of a box on the wheels.
     pub(in crate::contact) inertia: f64,
@@ -58,11 +60,9 @@ impl Geometry {
             forward_m: [0.0; AXLES_MAX],
             inner: [false; AXLES_MAX],
             part: [0.0; AXLES_MAX],
-            inverse_stiffness: Matrix3::zeros(),
         };
         let inner_share = vehicle.inner_share();
         let inner_axles = vehicle.axles.iter().filter(|a| vehicle.is_inner(a)).count();
-        let mut stiffness = Matrix3::zeros();
         for (k, axle) in vehicle.axles.iter().enumerate() {
             let inner = vehicle.is_inner(axle);
             let (carried, count) = if inner {
@@ -77,18 +77,11 @@ impl Geometry {
             } else {
                 1.0 / count as f64
             };
-            for x in [-vehicle.half_width_m, vehicle.half_width_m] {
-                let arm = Vector3::new(1.0, x, axle.forward_m);
-                stiffness += arm * arm.transpose();
-            }
         }
         let length_m = vehicle.axles.iter().map(|a| a.forward_m);
         let length_m =
             length_m.clone().fold(f64::MIN, f64::max) - length_m.fold(f64::MAX, f64::min);
         Bounds::new(0.01, 100.0, "m").check("axles, first to last", length_m)?;
-        if let Some(inverse) = stiffness.try_inverse() {
-            geometry.inverse_stiffness = inverse;
-        }
         Ok(geometry)
     }
 
@@ -148,6 +141,16 @@ impl Ground {
         let carried = (0..2 * geometry.axles)
             .map(|i| geometry.arm(i) * wheel_share[geometry.axle(i)])
             .sum();
+        let inner_stiffness = value(Parameter::InnerStiffness);
+        let stiffness: [f64; AXLES_MAX] = geometry
+            .inner
+            .map(|inner| if inner { inner_stiffness } else { 1.0 });
+        let whole: Matrix3<f64> = (0..2 * geometry.axles)
+            .map(|i| {
+                let arm = geometry.arm(i);
+                stiffness[geometry.axle(i)] * arm * arm.transpose()
+            })
+            .sum();
         Self {
             friction: value(Parameter::Friction),
             lateral_squared: value(Parameter::LateralShare).powi(2),
@@ -161,6 +164,8 @@ impl Ground {
             ),
             wheel_share,
             carried,
+            stiffness,
+            inverse_stiffness: whole.try_inverse().unwrap_or_default(),
             has_inner,
             inertia: value(Parameter::Inertia),
             tread_factors: [value(Parameter::LeftTread), value(Parameter::RightTread)],

@@ -58,6 +58,8 @@ pub(super) fn demand_of(weight: &Vector3<f64>, centre: &Vector3<f64>) -> Vector3
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Loads {
     pub(super) of_wheel: [f64; WHEELS_MAX],
+    /// c, by which each wheel's springs press: k (c_0 + c_x x + c_y y).
+    pub(super) constants: Vector3<f64>,
     /// d(constants)/d(demand): inverse of the stiffness of the wheels on the ground; 0 where the loads
     /// do not follow the demand.
     pub(super) inverse_stiffness: Matrix3<f64>,
@@ -72,7 +74,7 @@ impl Loads {
         let wheels = 2 * geometry.axles;
         let mut lifted = [false; WHEELS_MAX];
         let mut of_wheel = [0.0; WHEELS_MAX];
-        let mut inverse = Some(geometry.inverse_stiffness);
+        let mut inverse = Some(ground.inverse_stiffness);
         let mut missing = demand - ground.carried;
         // Each pass lifts at least one more wheel or ends.
         for _ in 0..wheels {
@@ -85,7 +87,9 @@ impl Loads {
                 if lifted[i] {
                     continue;
                 }
-                let load = ground.wheel_share[geometry.axle(i)] + constants.dot(&geometry.arm(i));
+                let axle = geometry.axle(i);
+                let pressed = ground.stiffness[axle] * constants.dot(&geometry.arm(i));
+                let load = ground.wheel_share[axle] + pressed;
                 of_wheel[i] = load.max(0.0);
                 lifted[i] = load <= 0.0;
                 again |= lifted[i];
@@ -93,6 +97,7 @@ impl Loads {
             if !again {
                 return Self {
                     of_wheel,
+                    constants,
                     inverse_stiffness,
                     stands: true,
                 };
@@ -100,9 +105,9 @@ impl Loads {
             let mut stiffness = Matrix3::zeros();
             missing = demand;
             for i in (0..wheels).filter(|&i| !lifted[i]) {
-                let arm = geometry.arm(i);
-                missing -= arm * ground.wheel_share[geometry.axle(i)];
-                stiffness += arm * arm.transpose();
+                let (arm, axle) = (geometry.arm(i), geometry.axle(i));
+                missing -= arm * ground.wheel_share[axle];
+                stiffness += ground.stiffness[axle] * arm * arm.transpose();
             }
             inverse = inverse_of(&stiffness);
         }
@@ -111,6 +116,7 @@ impl Loads {
         }
         Self {
             of_wheel,
+            constants: Vector3::zeros(),
             inverse_stiffness: Matrix3::zeros(),
             stands: false,
         }

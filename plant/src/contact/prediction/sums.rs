@@ -23,7 +23,7 @@ pub(super) struct Expansion {
 /// Sums over the wheels on the ground that lead from loads and tread speeds to the gradient.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct GradientParts {
-    /// Of (force for each unit of load) arm'.
+    /// Of k (force for each unit of load) arm'.
     by_constants: Matrix3<f64>,
     /// Derivative of the gradient by the left and the right tread speed.
     by_tread: [Vector3<f64>; 2],
@@ -204,7 +204,8 @@ impl Sums<'_> {
                 }
                 let f = &wheel.force;
                 *by_tread += mu * wheel.load * wheel.inverse * (f.y * f - side.along());
-                let unit = mu * f + rolling * side.along();
+                let stiffness = self.ground.stiffness[axle];
+                let unit = stiffness * (mu * f + rolling * side.along());
                 units += unit;
                 units_by_forward += wheel.y * unit;
             }
@@ -252,6 +253,8 @@ impl Sums<'_> {
         // Of (force for each unit of load) times the change of a wheel's share with the inner axles' share, and of
         // these changes times the arms.
         let (mut by_share, mut shared_arms) = (Vector3::zeros(), Vector3::zeros());
+        // The same of the change of what inner wheels' springs press with the logarithm of their stiffness.
+        let (mut by_stiffness, mut stiffer_arms) = (Vector3::zeros(), Vector3::zeros());
         let e2 = self.ground.slip_squared;
         for side in self.sides(velocity) {
             let root = side.rolling_root;
@@ -273,8 +276,15 @@ impl Sums<'_> {
                 let across = 2.0 * force.x * Vector3::new(1.0, 0.0, -wheel.y);
                 by_lateral += across - wheel.lateral * inverse * force;
                 let share = self.geometry.share_by_inner(axle, self.ground.has_inner);
-                by_share += share * (self.ground.friction * wheel.force + rolling * side.along());
-                shared_arms += share * Vector3::new(1.0, side.x, wheel.y);
+                let unit = self.ground.friction * wheel.force + rolling * side.along();
+                let arm = Vector3::new(1.0, side.x, wheel.y);
+                by_share += share * unit;
+                shared_arms += share * arm;
+                if self.geometry.inner[axle] {
+                    let pressed = self.ground.stiffness[axle] * loads.constants.dot(&arm);
+                    by_stiffness += pressed * unit;
+                    stiffer_arms += pressed * arm;
+                }
             }
             let resisting = load * side.rolling / root;
             by_rolling += resisting * side.along();
@@ -298,6 +308,7 @@ impl Sums<'_> {
             centre_forward,
             centre_height,
             inner,
+            by_stiffness - by_demand * stiffer_arms,
             by_lateral,
             by_slip,
             by_rolling,
