@@ -67,6 +67,7 @@ J8 = Measures(
 VEHICLES = {
     "J8": J8,
     "J8, centre of mass 0.7 m high": replace(J8, centre_of_mass_m=(-0.034, 0.193, 0.7)),
+    "J8, centre of mass 0.45 m ahead": replace(J8, centre_of_mass_m=(0.0, 0.45, 0.4)),
     "J8, friction 0.5": replace(J8, friction=0.5),
     "J8, equal axle loads": replace(J8, load_shares=(0.25,) * 4, centre_of_mass_m=(0.0, 0.1, 0.4)),
     "six wheels, 300 kg": Measures(
