@@ -1,9 +1,9 @@
 //! The active limits of a QP whose inequalities are bounds and changes of the inputs alone.
 //!
 //! The dual active-set method of Goldfarb and Idnani (Math. Programming 27, 1983) on the Riccati recursion
-//! of the stages. It starts from a guess, less the limits with negative multipliers. A step takes in all
+//! of the stages. It starts from a guess, less the limits with negative multipliers. A step takes in the worst
 //! exceeded limits at once and drops those whose multipliers become negative; where that does not raise
-//! the dual cost, it takes in the worst exceeded limit alone, as the method has it. A bound on the steps ends
+//! the dual cost, it takes in the worst one alone, as the method has it. A bound on the steps ends
 //! a search that rounding keeps going.
 //!
 //! What it finds is a guess for [`WorkingSet`](super::working_set::WorkingSet), which checks it.
@@ -18,7 +18,10 @@ use super::structure::ROWS_PER_STAGE;
 /// How far a limit may be exceeded, m/s, and how far below 0 a multiplier may be, relative to 1 plus the
 /// largest linear cost.
 const TOLERANCE: f64 = 1e-9;
-/// Largest number of times that limits are dropped after all exceeded ones were taken in.
+/// Share of the largest excess from which an exceeded limit is taken in with the worst one. Those that are
+/// exceeded by less often are not any more once the others hold.
+const EXCESS_SHARE: f64 = 0.5;
+/// Largest number of times that limits are dropped after several were taken in at once.
 const DROPS: u32 = 4;
 /// Largest number of steps, per stage.
 const STEPS_PER_STAGE: usize = 4;
@@ -130,14 +133,14 @@ impl LimitSearch {
                 return Ok(false);
             }
         }
-        // Steps with one limit until the next with all: twice as many after each that failed.
+        // Steps with one limit until the next with several: twice as many after each that failed.
         let (mut single, mut after_failure) = (0, 1);
         for _ in 0..STEPS_PER_STAGE * data.stages.len() {
             let Some((limit, excess, side)) = self.worst() else {
                 return Ok(true);
             };
             if single == 0 {
-                if self.take_in_all(data, limits)? {
+                if self.take_in_worst(data, limits, EXCESS_SHARE * excess)? {
                     after_failure = 1;
                     continue;
                 }
@@ -155,16 +158,21 @@ impl LimitSearch {
         Ok(false)
     }
 
-    /// Takes in all exceeded limits and drops those whose multipliers become negative; returns whether that
-    /// raised the dual cost. Leaves the set as it was where it did not.
-    fn take_in_all(&mut self, data: &QpData, limits: &SolveLimits) -> Result<bool, ()> {
+    /// Takes in the limits that are exceeded by more than `least_m_s` and drops those whose multipliers become
+    /// negative; returns whether that raised the dual cost. Leaves the set as it was where it did not.
+    fn take_in_worst(
+        &mut self,
+        data: &QpData,
+        limits: &SolveLimits,
+        least_m_s: f64,
+    ) -> Result<bool, ()> {
         let cost = self.cost;
         self.kept.copy_from(&self.active.sides);
         let inputs = &self.recursion.optimum.inputs;
         let mut added = 0;
         for limit in self.active.limits() {
             let (excess, side) = self.active.excess(limit, inputs);
-            if self.active.sides.get(limit) == 0 && excess > TOLERANCE {
+            if self.active.sides.get(limit) == 0 && excess > least_m_s {
                 added += usize::from(self.active.add(limit, side));
             }
         }
