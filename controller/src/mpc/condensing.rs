@@ -43,8 +43,8 @@ pub struct Stage {
     pub input: MotorSpeeds,
     /// Weights r of a change of traction and steer from the stage before, 1/(m/s)^2.
     pub change_weights: ChangeWeights,
-    /// Weight d of the correction of planned steer, 1/(m/s)^2.
-    pub steer_damping: f64,
+    /// Weight d of the correction of each planned input, 1/(m/s)^2.
+    pub damping: f64,
     /// How far traction may change from the stage before.
     pub traction_change: Change,
     /// How far steer may change from the stage before.
@@ -253,7 +253,7 @@ impl Condenser {
                     self.cost_scale * stage.change_weights.traction,
                     self.cost_scale * stage.change_weights.steer,
                 ];
-                let dampings = [0.0, self.cost_scale * stage.steer_damping];
+                let damping = self.cost_scale * stage.damping;
                 let offsets = [
                     stage.input.traction_m_s - before_input.traction_m_s,
                     stage.input.steer_m_s - before_input.steer_m_s,
@@ -261,7 +261,7 @@ impl Condenser {
                 for motor in 0..2 {
                     let (w, offset) = (weights[motor], offsets[motor]);
                     let column = own + motor;
-                    data.p.nzval[block.hessian[packed(column, column)]] += w + dampings[motor];
+                    data.p.nzval[block.hessian[packed(column, column)]] += w + damping;
                     data.q[block.first + column] += w * offset;
                     let Some((before_block, before_input)) = before else {
                         continue;

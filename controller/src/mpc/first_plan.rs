@@ -1,5 +1,6 @@
 //! A drive towards the path: the plan that a first QP is linearised about, and a later one that got stuck.
 
+use super::following::stage_cost;
 use super::model::StepStart;
 use super::step_limit::Damping;
 use super::{Horizon, Mpc, StageTarget, vector};
@@ -28,7 +29,8 @@ impl Mpc {
         self.starts.fill(StepStart::default());
         self.damping = Damping::default();
         self.shifted.states[0] = vector(&horizon.start);
-        self.drive_towards_path(horizon);
+        self.stages.clear();
+        self.drive_towards_path(horizon, f64::INFINITY);
         std::mem::swap(&mut self.plan, &mut self.shifted);
     }
 
@@ -40,29 +42,40 @@ impl Mpc {
             return;
         }
         self.shifted.states[0] = self.plan.states[0];
-        self.drive_towards_path(horizon);
-        if self.cost_of(&self.shifted, horizon) < BETTER_SHARE * cost {
+        if self.drive_towards_path(horizon, BETTER_SHARE * cost) {
             std::mem::swap(&mut self.plan, &mut self.shifted);
             self.damping = Damping::default();
         }
     }
 
     /// Puts a drive of the model into `shifted`, from its first state to the path and along it, within the limits.
-    fn drive_towards_path(&mut self, horizon: &Horizon) {
+    /// Ends where it costs `too_much` and returns whether it did not. Without stages it costs nothing.
+    fn drive_towards_path(&mut self, horizon: &Horizon, too_much: f64) -> bool {
         let limits = self.settings.limits;
+        let mut cost = 0.0;
         let mut state = self.shifted.states[0];
         let mut velocity = horizon.velocity;
-        let mut input = limits.within_bounds(horizon.previous);
+        let mut before = limits.within_bounds(horizon.previous);
         for (k, target) in horizon.targets.iter().enumerate() {
             let wanted = towards(target, &state, horizon.half_track_m);
             // A horizon that is no number ends in the QP's failure.
-            if wanted.is_finite() {
-                input = limits.project(wanted, input, self.change_time_s(k));
-            }
+            let input = if wanted.is_finite() {
+                limits.project(wanted, before, self.change_time_s(k))
+            } else {
+                before
+            };
             state += self.increment(k, target, state.z, input, &mut velocity);
             self.shifted.states[k + 1] = state;
             self.shifted.inputs[k] = input;
+            if let Some(stage) = self.stages.get(k) {
+                cost += stage_cost(stage, target, &state, input, before);
+                if cost >= too_much {
+                    return false;
+                }
+            }
+            before = input;
         }
+        true
     }
 }
 

@@ -57,19 +57,30 @@ impl Mpc {
     /// Moves the plan as far as the linearisation is accurate, see [`step_limit`](super::step_limit). The plan's states
     /// are then those of the model itself: a gap between states and inputs would be taken for a reduction of the cost
     /// in the cycles to come. Returns the plan's cost.
+    ///
+    /// A try that costs too much is not run to its end.
     fn apply_within(&mut self, limit: StepLimit, horizon: &Horizon) -> f64 {
         let mut share = limit.first_share(self.largest_steer_correction_m_s());
         self.shifted.states.copy_from_slice(&self.plan.states);
         self.shifted.inputs.copy_from_slice(&self.plan.inputs);
-        let before = self.roll_out(horizon);
+        let before = match self.settings.step_limit {
+            Some(_) => self.cost_of(&self.plan, horizon),
+            None => self.roll_out(horizon, f64::INFINITY),
+        };
         let mut halvings = 0;
         loop {
             self.apply(share);
-            let costs = StepCosts {
+            let mut costs = StepCosts {
                 before,
                 predicted: self.cost_of(&self.plan, horizon),
-                actual: self.roll_out(horizon),
+                actual: f64::INFINITY,
             };
+            let largest = if halvings == HALVINGS {
+                f64::INFINITY
+            } else {
+                costs.largest(limit.accepted_share)
+            };
+            costs.actual = self.roll_out(horizon, largest);
             if halvings == 0 {
                 self.damping.learn(&costs, &limit);
             }
@@ -95,8 +106,9 @@ impl Mpc {
         cost
     }
 
-    /// Runs the plan's inputs through the model from the plan's first state into `rolled`, and returns the cost.
-    fn roll_out(&mut self, horizon: &Horizon) -> f64 {
+    /// Runs the plan's inputs through the model from the plan's first state into `rolled`, and returns the cost. Ends
+    /// where it is above `largest`.
+    fn roll_out(&mut self, horizon: &Horizon, largest: f64) -> f64 {
         let mut cost = 0.0;
         let mut before = self.settings.limits.within_bounds(horizon.previous);
         let mut state = self.plan.states[0];
@@ -107,6 +119,9 @@ impl Mpc {
             state += self.increment(k, target, state.z, input, &mut velocity);
             self.rolled[k + 1] = state;
             cost += stage_cost(stage, target, &state, input, before);
+            if cost > largest {
+                break;
+            }
             before = input;
         }
         cost
@@ -135,7 +150,7 @@ impl Mpc {
 }
 
 /// Returns the cost of a stage that ends at `state`.
-fn stage_cost(
+pub(super) fn stage_cost(
     stage: &Stage,
     target: &StageTarget,
     state: &Vector3<f64>,

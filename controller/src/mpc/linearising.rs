@@ -38,23 +38,21 @@ impl Mpc {
         std::mem::swap(&mut self.plan, &mut self.shifted);
     }
 
-    /// Dynamics, errors and limits of each stage about the plan, whose first state becomes the
-    /// horizon's start; returns the one it had.
-    pub(super) fn linearise_about_plan(&mut self, horizon: &Horizon) -> Vector3<f64> {
+    /// Dynamics, errors and limits of each stage about the plan, whose first state becomes the horizon's start. With a
+    /// step limit its other states become those to which its inputs take the model from there. What the states
+    /// were is left in `shifted`.
+    pub(super) fn linearise_about_plan(&mut self, horizon: &Horizon) {
+        self.shifted.states.copy_from_slice(&self.plan.states);
         let mut start = vector(&horizon.start);
         // The plan's heading is not wrapped; the state's turn count is taken from it.
         start.z = self.plan.states[0].z + wrap_angle(start.z - self.plan.states[0].z);
-        let first = std::mem::replace(&mut self.plan.states[0], start);
+        self.plan.states[0] = start;
         let settings = &self.settings;
         let mut before = settings.limits.within_bounds(horizon.previous);
         let mut velocity = horizon.velocity;
         self.stages.clear();
         for (k, target) in horizon.targets.iter().enumerate() {
-            let (state, next, input) = (
-                &self.plan.states[k],
-                &self.plan.states[k + 1],
-                self.plan.inputs[k],
-            );
+            let (state, input) = (self.plan.states[k], self.plan.inputs[k]);
             let step_s = self.times.step_s(k);
             let mut step = self.model.step_near(
                 &mut self.starts[k],
@@ -65,6 +63,10 @@ impl Mpc {
                 &mut velocity,
             );
             step.increment += step_s * target.slip;
+            if settings.step_limit.is_some() {
+                self.plan.states[k + 1] = state + step.increment;
+            }
+            let next = &self.plan.states[k + 1];
             let time_s = self.change_time_s(k);
             let error = target.error_of(next);
             let mut weights = target.weights;
@@ -89,12 +91,11 @@ impl Mpc {
                     traction: horizon.change_weights.traction / step_s,
                     steer: horizon.change_weights.steer / step_s,
                 },
-                steer_damping: self.damping.s2_per_m2 * step_s / settings.step_s,
+                damping: self.damping.s2_per_m2 * step_s / settings.step_s,
                 traction_change: settings.limits.traction.change(before.traction_m_s, time_s),
                 steer_change: settings.limits.steer.change(before.steer_m_s, time_s),
             });
             before = input;
         }
-        first
     }
 }

@@ -133,16 +133,12 @@ pub struct Horizon {
 pub struct Linearised<'a> {
     mpc: &'a mut Mpc,
     horizon: &'a Horizon,
-    /// First state of the plan before it was put to where the vehicle is.
-    first: Vector3<f64>,
 }
 
 /// A linearised horizon condensed into the data of its QP.
 pub struct CondensedQp<'a> {
     mpc: &'a mut Mpc,
     horizon: &'a Horizon,
-    /// First state of the plan before it was put to where the vehicle is.
-    first: Vector3<f64>,
 }
 
 /// What the law wants of a cycle.
@@ -174,12 +170,12 @@ pub struct Mpc {
     plan: Plan,
     /// Whether the plan is the solution of an earlier cycle.
     planned: bool,
-    /// Workspace of the plan's size: the shifted plan, the plan before a step.
+    /// Workspace of the plan's size: the shifted plan, the plan before it was linearised about or moved.
     shifted: Plan,
     /// Workspace: the states of the plan's inputs by the model itself.
     rolled: Vec<Vector3<f64>>,
     times: StageTimes,
-    /// Price on corrections of planned steer.
+    /// Price on corrections of planned inputs.
     damping: Damping,
     stages: Vec<Stage>,
     /// Where the model's searches of the stages' steps begin.
@@ -272,12 +268,8 @@ impl Mpc {
         } else {
             self.begin_plan(horizon);
         }
-        let first = self.linearise_about_plan(horizon);
-        Linearised {
-            mpc: self,
-            horizon,
-            first,
-        }
+        self.linearise_about_plan(horizon);
+        Linearised { mpc: self, horizon }
     }
 
     fn condense(&mut self, horizon: &Horizon) {
@@ -292,7 +284,6 @@ impl Mpc {
     fn solve(
         &mut self,
         horizon: &Horizon,
-        first: Vector3<f64>,
         deadline: Option<Instant>,
     ) -> Result<SolveReport, QpFailure> {
         let begin = Instant::now();
@@ -305,7 +296,7 @@ impl Mpc {
                     condenser.make_feasible(stages, data, primal);
                 })
             })
-            .inspect_err(|_| self.plan.states[0] = first)?;
+            .inspect_err(|_| self.plan.states.copy_from_slice(&self.shifted.states))?;
         let report = SolveReport {
             iterations: self.solver.iterations(),
             path: self.solver.path(),
@@ -335,7 +326,6 @@ impl<'a> Linearised<'a> {
         CondensedQp {
             mpc: self.mpc,
             horizon: self.horizon,
-            first: self.first,
         }
     }
 }
@@ -347,12 +337,8 @@ impl CondensedQp<'_> {
     /// # Errors
     /// Every [`QpFailure`]; the plan is then the shifted one.
     pub fn solve(self, deadline: Option<Instant>) -> Result<Solution, QpFailure> {
-        let Self {
-            mpc,
-            horizon,
-            first,
-        } = self;
-        let report = mpc.solve(horizon, first, deadline)?;
+        let Self { mpc, horizon } = self;
+        let report = mpc.solve(horizon, deadline)?;
         mpc.planned = true;
         Ok(Solution {
             command: mpc.plan.inputs[0],

@@ -191,7 +191,7 @@ fn differentiate(stages: &[StageTerms], path: &mut Path, linear: f64) -> f64 {
             let before = if k == 0 { 0.0 } else { path.inputs[k - 1][m] };
             let change = path.inputs[k][m] - before + linear * terms.change[m];
             let force = terms.change_weight[m] * change;
-            let damping = terms.damping[m] * path.inputs[k][m];
+            let damping = terms.damping * path.inputs[k][m];
             cost += 0.5 * (force * change + damping * path.inputs[k][m]);
             path.slopes[k][m] = dot(&terms.by_input[m], &ahead) + force + damping - *after;
             *after = force;
@@ -247,7 +247,7 @@ fn backwards(
         }
         h[STATES + j] = dot(by_input, &ahead) + slope[3 + j];
         let weight = terms.change_weight[j];
-        m[STATES + j][STATES + j] += weight + terms.damping[j];
+        m[STATES + j][STATES + j] += weight + terms.damping;
         m[3 + j][3 + j] = weight;
         m[STATES + j][3 + j] = -weight;
         m[3 + j][STATES + j] = -weight;

@@ -27,12 +27,12 @@ pub struct StageTerms {
     /// o: planned change from the stage before, m/s.
     pub(super) change: [f64; MOTORS],
     /// d, 1/(m/s)^2.
-    pub(super) damping: [f64; MOTORS],
+    pub(super) damping: f64,
 }
 
 impl StageTerms {
     /// Numbers that the terms consist of.
-    pub const COUNT: usize = 30;
+    pub const COUNT: usize = 29;
 
     /// Returns a, B by columns, c, Q, f, r, o, d.
     pub fn to_array(&self) -> [f64; Self::COUNT] {
@@ -65,7 +65,7 @@ impl StageTerms {
             .chain(&mut self.force)
             .chain(&mut self.change_weight)
             .chain(&mut self.change)
-            .chain(&mut self.damping)
+            .chain(std::slice::from_mut(&mut self.damping))
     }
 
     /// Returns A' of a vector.

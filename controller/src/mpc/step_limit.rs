@@ -8,7 +8,7 @@
 //! ```
 //!
 //! a step is taken where rho is large enough, and halved where it is not. Where the first try of a cycle has a small
-//! rho, the QPs of the cycles to come have a price on corrections of planned steer, d (du)^2, as in the method of
+//! rho, the QPs of the cycles to come have a price on corrections of planned inputs, d (du)^2, as in the method of
 //! Levenberg and Marquardt (Marquardt, "An algorithm for least-squares estimation of nonlinear parameters", 1963):
 //! it grows from cycle to cycle until predictions come true again, and then falls.
 
@@ -23,7 +23,7 @@ pub struct StepLimit {
     pub steer_m_s: f64,
     /// Share of the predicted cost reduction that must be achieved for a step to be taken.
     pub accepted_share: f64,
-    /// Largest price d on corrections of planned steer, s^2/m^2; 0 for none.
+    /// Largest price d on corrections of planned inputs, s^2/m^2; 0 for none.
     pub damping_max_s2_per_m2: f64,
 }
 
@@ -77,13 +77,18 @@ pub(super) struct StepCosts {
 }
 
 impl StepCosts {
+    /// Returns the largest actual cost with which a share of the predicted reduction is achieved.
+    pub(super) fn largest(&self, share: f64) -> f64 {
+        self.before - share * (self.before - self.predicted)
+    }
+
     /// Returns whether a share of the predicted reduction was achieved.
     pub(super) fn achieve(&self, share: f64) -> bool {
-        self.before - self.actual >= share * (self.before - self.predicted)
+        self.actual <= self.largest(share)
     }
 }
 
-/// The price on corrections of planned steer as the cycles before left it.
+/// The price on corrections of planned inputs as the cycles before left it.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct Damping {
     /// d, s^2/m^2.

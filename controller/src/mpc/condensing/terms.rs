@@ -34,7 +34,7 @@ impl Stage {
                 scale * self.change_weights.steer,
             ],
             change,
-            damping: [0.0, scale * self.steer_damping],
+            damping: scale * self.damping,
             ..StageTerms::default()
         };
         for (weight, line, error) in lines {

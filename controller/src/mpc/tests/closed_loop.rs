@@ -231,8 +231,17 @@ fn block_sizes_and_solver_modes_give_one_plan() {
 
 #[test]
 fn a_failed_cycle_leaves_the_plan_and_the_next_one_is_right() {
+    check_failed_cycle(None);
+    check_failed_cycle(Some(StepLimit::default()));
+}
+
+fn check_failed_cycle(step_limit: Option<StepLimit>) {
     let mut course = Course::new();
-    let (mut spoiled, mut twin) = (mpc(settings(40, 5)), mpc(settings(40, 5)));
+    let settings = MpcSettings {
+        step_limit,
+        ..settings(40, 5)
+    };
+    let (mut spoiled, mut twin) = (mpc(settings.clone()), mpc(settings));
     for _ in 0..10 {
         course.solve(&mut spoiled).unwrap();
         course.solve(&mut twin).unwrap();

@@ -39,7 +39,7 @@ pub fn stage() -> impl Strategy<Value = Stage> {
                 traction: within(0.5, 4.0),
                 steer: within(0.5, 4.0),
             },
-            steer_damping: within(0.0, 4.0),
+            damping: within(0.0, 4.0),
             traction_change: Change {
                 fall: within(0.05, 0.5),
                 rise: within(0.05, 0.5),

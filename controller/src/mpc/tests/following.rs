@@ -17,6 +17,14 @@ fn check_states(model: impl Into<Model>, velocity: Vector3<f64>) {
         let mut horizon = course.horizon(&mpc.settings);
         horizon.velocity = velocity;
         solve(&mut mpc, &horizon, None).unwrap();
+        let open = mpc
+            .stages
+            .iter()
+            .position(|stage| stage.defect != Vector3::zeros());
+        assert_eq!(
+            open, None,
+            "the QP of cycle {cycle} has a gap between states and inputs"
+        );
         let mut velocity = velocity;
         for (k, target) in horizon.targets.iter().enumerate() {
             let state = mpc.plan.states[k];

@@ -72,7 +72,6 @@ pub fn optimal_corrections(
         let before = [before.traction_m_s, before.steer_m_s];
         let speed_max = [limits.traction.speed_m_s, limits.steer.speed_m_s];
         let weights = [stage.change_weights.traction, stage.change_weights.steer];
-        let dampings = [0.0, stage.steer_damping];
         let changes = [stage.traction_change, stage.steer_change];
         for motor in 0..2 {
             let planned = own[motor] - before[motor];
@@ -81,7 +80,7 @@ pub fn optimal_corrections(
                 change.push((input(k - 1, motor), -1.0));
             }
             problem.square(weights[motor], &change, planned);
-            problem.square(dampings[motor], &[(input(k, motor), 1.0)], 0.0);
+            problem.square(stage.damping, &[(input(k, motor), 1.0)], 0.0);
             problem.at_most(change.clone(), changes[motor].rise - planned);
             let fall = change.into_iter().map(|(c, v)| (c, -v)).collect();
             problem.at_most(fall, changes[motor].fall + planned);

@@ -1,4 +1,4 @@
-//! The price on corrections of planned steer.
+//! The price on corrections of planned inputs.
 
 use super::super::step_limit::{Damping, StepCosts};
 use super::closed_loop::{Course, mpc, settings, solve};
@@ -34,7 +34,7 @@ fn the_price_grows_while_predictions_fail_and_falls_to_none_afterwards() {
 }
 
 #[test]
-fn a_high_price_keeps_planned_steer_and_a_new_plan_has_none() {
+fn a_high_price_keeps_planned_inputs_and_a_new_plan_has_none() {
     let mut corrections_m_s = Vec::new();
     for price in [0.0, 1e6] {
         let mut course = Course::new();
@@ -46,7 +46,11 @@ fn a_high_price_keeps_planned_steer_and_a_new_plan_has_none() {
         let horizon = course.horizon(&mpc.settings);
         solve(&mut mpc, &horizon, None).unwrap();
         let corrections = mpc.condenser.input_corrections(mpc.solver.primal());
-        corrections_m_s.push(corrections.map(|c| c.steer_m_s.abs()).fold(0.0, f64::max));
+        corrections_m_s.push(
+            corrections
+                .map(|c| c.steer_m_s.abs().max(c.traction_m_s.abs()))
+                .fold(0.0, f64::max),
+        );
         mpc.discard_plan();
         solve(&mut mpc, &horizon, None).unwrap();
         assert_eq!(mpc.damping.s2_per_m2, 0.0);
