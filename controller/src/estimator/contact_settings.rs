@@ -64,7 +64,7 @@ impl Default for ContactLearningSettings {
             inner_share_sigma: 0.15,
             inner_stiffness_sigma: 0.7,
             lateral_share_sigma: 0.2,
-            slip_scale_sigma: 0.5,
+            slip_scale_sigma: 0.7,
             rolling_resistance_sigma: 0.02,
             patch_squared_sigma: 0.02,
             inertia_sigma: 0.3,
