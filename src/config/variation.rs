@@ -75,6 +75,14 @@ impl VehicleVariation {
         vehicle.friction.patch_radius_m *= size;
         vehicle.mass_kg *= self.density * size.powi(3);
         let (half_width_m, half_length_m) = (vehicle.half_width_m, vehicle.half_length_m());
+        for (key, value) in [
+            ("inner_stiffness", self.inner_stiffness),
+            ("lateral_share", self.lateral_share),
+            ("slip_scale_m_s", self.slip_scale_m_s),
+        ] {
+            // The parameters are logarithms of these.
+            value.map_or(Ok(0.0), |value| Bounds::positive("").check(key, value))?;
+        }
         let mut parameters = vehicle.parameters();
         for (parameter, value) in [
             (
@@ -225,11 +233,16 @@ mod tests {
         for (key, value) in [
             ("inner_load", 1.5),
             ("inner_stiffness", 0.0),
+            ("lateral_share", -0.5),
+            ("slip_scale_m_s", -0.02),
             ("patch_radius_share", -0.1),
             ("patch_radius_share", 1.1),
         ] {
             let error = varied(&format!("{{{key}: {value}}}")).unwrap_err();
-            assert!(error.to_string().contains(key), "{error}");
+            assert!(
+                error.to_string().starts_with(&format!("{key}: {value} is")),
+                "{error}"
+            );
         }
     }
 }

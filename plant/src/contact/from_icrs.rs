@@ -40,7 +40,7 @@ impl ContactVehicle {
         let (half_width_m, half_length_m) = (self.half_width_m, self.half_length_m());
         let guess = *model.parameters();
         let free = TOLD.map(|parameter| {
-            let none = parameter == Parameter::InnerShare && !self.has_inner_axles();
+            let none = parameter.is_of_inner_axles() && !self.has_inner_axles();
             let sigma = parameter.guess_sigma(half_width_m, half_length_m);
             if none { 0.0 } else { sigma }
         });
