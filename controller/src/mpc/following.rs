@@ -15,12 +15,14 @@ impl Mpc {
     pub(super) fn follow(&mut self, horizon: &Horizon) {
         match &self.settings.step_limit {
             Some(limit) => {
-                let cost = self.apply_within(*limit, horizon);
+                let (limit, before) = (*limit, self.cost_of(&self.plan, horizon));
+                let cost = self.apply_within(limit, before, horizon);
                 self.begin_anew_where_better(horizon, cost);
             }
             // At the end of grip two plans can lead to one another for ever, each good about the other only.
             None if self.largest_steer_correction_m_s() > CHECKED_STEER_M_S => {
-                self.apply_within(StepLimit::WHOLE_STEP, horizon);
+                let before = self.roll_out(horizon, f64::INFINITY);
+                self.apply_within(StepLimit::WHOLE_STEP, before, horizon);
             }
             None => self.apply(1.0),
         }
@@ -56,17 +58,13 @@ impl Mpc {
 
     /// Moves the plan as far as the linearisation is accurate, see [`step_limit`](super::step_limit). The plan's states
     /// are then those of the model itself: a gap between states and inputs would be taken for a reduction of the cost
-    /// in the cycles to come. Returns the plan's cost.
+    /// in the cycles to come. `before` is what its inputs cost until now; returns what they cost then.
     ///
     /// A try that costs too much is not run to its end.
-    fn apply_within(&mut self, limit: StepLimit, horizon: &Horizon) -> f64 {
+    fn apply_within(&mut self, limit: StepLimit, before: f64, horizon: &Horizon) -> f64 {
         let mut share = limit.first_share(self.largest_steer_correction_m_s());
         self.shifted.states.copy_from_slice(&self.plan.states);
         self.shifted.inputs.copy_from_slice(&self.plan.inputs);
-        let before = match self.settings.step_limit {
-            Some(_) => self.cost_of(&self.plan, horizon),
-            None => self.roll_out(horizon, f64::INFINITY),
-        };
         let mut halvings = 0;
         loop {
             self.apply(share);
@@ -107,7 +105,7 @@ impl Mpc {
     }
 
     /// Runs the plan's inputs through the model from the plan's first state into `rolled`, and returns the cost. Ends
-    /// where it is above `largest`.
+    /// where it is above `largest`, with a cost of infinity.
     fn roll_out(&mut self, horizon: &Horizon, largest: f64) -> f64 {
         let mut cost = 0.0;
         let mut before = self.settings.limits.within_bounds(horizon.previous);
@@ -120,7 +118,7 @@ impl Mpc {
             self.rolled[k + 1] = state;
             cost += stage_cost(stage, target, &state, input, before);
             if cost > largest {
-                break;
+                return f64::INFINITY;
             }
             before = input;
         }
