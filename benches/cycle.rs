@@ -18,6 +18,7 @@ use sidehill_controller::mpc::{
 };
 use sidehill_controller::tracked_point::TrackedPoint;
 use sidehill_controller::trajectory::Trajectory;
+use sidehill_plant::contact::BodyState;
 use sidehill_plant::drive_train::DriveTrainConfig;
 use sidehill_plant::motion::IcrMotion;
 use sidehill_plant::prediction::PredictionModel;
@@ -196,7 +197,7 @@ fn horizons(
             let horizon = Horizon {
                 elapsed_s: config.period_s,
                 start: sample.pose.unwrap().value.planar(),
-                velocity: Vector3::zeros(),
+                moving: BodyState::default(),
                 previous,
                 change_weights: config.change_weights(0.0),
                 half_track_m: 1.0,

@@ -28,6 +28,7 @@ use crate::reference::{Progress, Reference};
 use crate::tracked_point::TrackedPoint;
 use issued::IssuedCommands;
 use parts::{Law, Parts, guard, owner};
+use sidehill_plant::contact::BodyState;
 use sidehill_plant::sample::Sample;
 use sidehill_plant::speeds::MotorSpeeds;
 use sidehill_plant::terrain::Terrain;
@@ -106,7 +107,7 @@ impl Controller {
             horizon: Horizon {
                 elapsed_s: 0.0,
                 start: Default::default(),
-                velocity: Default::default(),
+                moving: BodyState::default(),
                 previous: MotorSpeeds::STOP,
                 change_weights: config.change_weights(0.0),
                 half_track_m,

@@ -123,10 +123,9 @@ impl VehicleVariation {
         }
         if let Some(share) = self.relaxation_length_share {
             Bounds::new(0.0, 5.0, "").check("relaxation_length_share", share)?;
-            vehicle.friction.relaxation_length_m = share * half_width_m;
-        }
-        if vehicle.yaw_inertia_kg_m2.is_none() {
-            vehicle.friction.relaxation_length_m = 0.0;
+            if vehicle.yaw_inertia_kg_m2.is_some() {
+                vehicle.friction.relaxation_length_m = share * half_width_m;
+            }
         }
         vehicle.validated()
     }

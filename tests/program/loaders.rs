@@ -251,3 +251,23 @@ fn controllers_know_whether_the_plant_has_inertia_but_not_how_much() {
         assert!((guess - 1.0).abs() < 1e-12, "{name}: {guess}");
     }
 }
+
+#[test]
+fn no_vehicle_without_inertia_has_tyres_that_relax() {
+    let j8 = configuration("vehicles/j8.yaml");
+    let read = |known: &str| {
+        let axles = "[{forward_m: 1}, {forward_m: -1}]";
+        let text = format!("{j8}\ncontact: {{half_width_m: 0.6, axles: {axles}, {known}}}\n");
+        serde_yaml::from_str::<Vehicle>(&text)
+            .map(|vehicle| vehicle.contact_vehicle().friction.relaxation_length_m)
+            .map_err(|error| error.to_string())
+    };
+    assert_eq!(read("inertia: 0"), Ok(0.0));
+    assert_eq!(read("inertia: 0.5, relaxation_length_m: 0.2"), Ok(0.2));
+    assert!((read("inertia: 0.5").unwrap() - 0.03).abs() < 1e-12);
+    let refused = read("inertia: 0, relaxation_length_m: 0.2").unwrap_err();
+    assert!(
+        refused.contains("relaxation_length_m: 0.2") && refused.contains("inertia of 0"),
+        "{refused}"
+    );
+}

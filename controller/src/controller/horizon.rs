@@ -11,6 +11,7 @@ use crate::reference::{Progress, Reference};
 use crate::tracked_point::{TrackedPoint, heading_difference_after};
 use crate::trajectory::Motion;
 use nalgebra::Vector3;
+use sidehill_plant::contact::BodyState;
 use sidehill_plant::frames::{PlanarPose, wrap_angle};
 use sidehill_plant::sample::Sample;
 use sidehill_plant::speeds::MotorSpeeds;
@@ -80,7 +81,7 @@ impl Controller {
         }
         self.horizon.elapsed_s = elapsed_s;
         self.learn_places(estimate, sample, elapsed_s);
-        (self.horizon.start, self.horizon.velocity) = self.roll_forward(estimate, progress);
+        (self.horizon.start, self.horizon.moving) = self.roll_forward(estimate, progress);
         self.horizon.previous = previous;
         self.horizon.change_weights = self.config.change_weights(caution);
         self.horizon.change_weights.steer *= factors.steer_change;
@@ -254,17 +255,21 @@ impl Controller {
         slide_share(progress.cross_track_m) * known.slip_per_m
     }
 
-    /// Returns where the vehicle will be when a command given now acts, and its velocity there: the estimate moved on
+    /// Returns where the vehicle will be when a command given now acts, and how it moves there: the estimate moved on
     /// through the commands in flight.
     fn roll_forward(
         &mut self,
         estimate: &Estimate,
         progress: &Progress,
-    ) -> (PlanarPose, Vector3<f64>) {
-        let (mut pose, mut velocity) = (estimate.pose, estimate.velocity.vector());
+    ) -> (PlanarPose, BodyState) {
+        let mut pose = estimate.pose;
+        let mut moving = BodyState {
+            velocity: estimate.velocity.vector(),
+            force: estimate.tyre_force,
+        };
         let slip_per_m = self.slip_here(estimate, progress);
         let Law::Mpc(mpc) = &mut self.law else {
-            return (pose, velocity);
+            return (pose, moving);
         };
         let begin_s = estimate.time_s - self.config.delay_s();
         for (command, time_s) in self.issued.between(begin_s, estimate.time_s) {
@@ -274,14 +279,14 @@ impl Controller {
                 pose.yaw_rad,
                 command,
                 time_s,
-                &mut velocity,
+                &mut moving,
             );
             let moved = step.increment + time_s * command.traction_m_s.abs() * slip_per_m;
             pose.x_m += moved.x;
             pose.y_m += moved.y;
             pose.yaw_rad += moved.z;
         }
-        (pose, velocity)
+        (pose, moving)
     }
 }
 

@@ -31,9 +31,9 @@ pub(super) struct Belief<const N: usize> {
     pub(super) yaw_rate: Option<YawRate>,
     /// How far the vehicle has turned by the gyroscope with its bias, and by the model where that read nothing, rad.
     pub(super) gyro_turned_rad: f64,
-    /// The model's body velocity; its yaw rate is the gyroscope's while the heading follows that.
+    /// How the body moves by the model, whatever the gyroscope reads.
     pub(super) moving: Moving<N>,
-    /// How far inertia keeps the yaw rate from that of steady motion, rad/s, and the derivatives by the parameters.
+    /// How far inertia and tyres keep the yaw rate from that of steady motion, rad/s, and the derivatives by the parameters.
     pub(super) yaw_rate_behind: (f64, SVector<f64, N>),
     /// The model's body velocity (right, forward, yaw rate) as a vehicle has it that follows it with a lag.
     pub(super) late: Vector3<f64>,
@@ -137,17 +137,16 @@ impl<const N: usize> Belief<N> {
             &self.moving,
             time_s,
         );
-        let now = moved.mean.velocity;
+        let now = moved.mean.value;
         let yaw_rate_behind = yaw_rate_behind(&moved);
         let confirmed = gyro.filter(|gyro| gyro.confirmed);
         let follows_gyro = confirmed.is_some();
         if let Some(gyro) = confirmed {
-            for moving in [&mut moved.mean, &mut moved.end] {
-                moving.velocity.z = gyro.rad_s - self.mean[BIAS];
-                moving.by_parameters.row_mut(2).fill(0.0);
-            }
+            let yaw_rate_rad_s = gyro.rad_s - self.mean[BIAS];
+            moved.mean.value.z = yaw_rate_rad_s;
+            moved.mean.by_parameters.row_mut(2).fill(0.0);
         }
-        let velocity = BodyVelocity::from_vector(&moved.mean.velocity);
+        let velocity = BodyVelocity::from_vector(&moved.mean.value);
         let yaw = self.mean.z;
         let start = pose_rate(&velocity, &self.attitude, yaw);
         let half_way = yaw + 0.5 * time_s * start.yaw_rad_s;
@@ -258,10 +257,15 @@ impl<const N: usize> Belief<N> {
         self.parameter_covariance -= of_parameters * of_parameters.transpose() / total;
     }
 
-    /// Changes the parameters, and the velocity with them.
+    /// Changes the parameters, and how the body moves with them.
     fn learn(&mut self, change: SVector<f64, N>) {
         self.parameters += change;
-        self.moving.velocity += self.moving.by_parameters * change;
+        let Moving {
+            state,
+            by_parameters,
+        } = &mut self.moving;
+        state.velocity += by_parameters.velocity * change;
+        state.force += by_parameters.force * change;
     }
 
     /// Returns the share of the growth of uncertainty: a vehicle that stands does not slide; a tenth of the
@@ -293,9 +297,9 @@ impl<const N: usize> Belief<N> {
 /// parameters.
 fn yaw_rate_behind<const N: usize>(moved: &Moved<N>) -> (f64, SVector<f64, N>) {
     let (end, settled) = (&moved.end, &moved.settled);
-    let by_parameters = end.by_parameters.row(2) - settled.by_parameters.row(2);
+    let by_parameters = end.by_parameters.velocity.row(2) - settled.by_parameters.row(2);
     (
-        end.velocity.z - settled.velocity.z,
+        end.state.velocity.z - settled.value.z,
         by_parameters.transpose(),
     )
 }

@@ -2,10 +2,10 @@
 
 use super::contact_settings::ContactLearningSettings;
 use super::estimate::ContactEstimate;
-use super::learned::{Drift, LearnedModel, Moved, Moving, Prior};
+use super::learned::{Drift, LearnedModel, Moved, Moving, Prior, Velocity};
 use super::process_noise::ProcessNoise;
 use super::settings::EstimatorSettings;
-use nalgebra::{Matrix3, SMatrix, Vector3};
+use nalgebra::SMatrix;
 use sidehill_plant::contact::{ContactPrediction, PARAMETERS, Parameter, ParameterVector};
 use sidehill_plant::frames::{Attitude, BodyVelocity};
 use sidehill_plant::slip_gains::SlipGains;
@@ -66,28 +66,32 @@ impl LearnedModel<PARAMETERS> for LearnedContact {
     ) -> Moved<PARAMETERS> {
         self.model.set_parameters(parameters);
         let predicted = self.model.predict(attitude, MotorSpeeds::from(treads));
-        let settled = predicted.linearised.velocity.vector();
+        let settled = Velocity::from((predicted.linearised.velocity, predicted.by_parameters));
         let following = predicted.lag.over(time_s);
-        let followed = following.from(&before.velocity, &settled);
-        let by_inertia = following.by_inertia(&before.velocity, &settled);
-        let (of_mean, of_end) = following.by_before();
-        let moving = |velocity, left: Matrix3<f64>, by_inertia: &Vector3<f64>| {
-            let by_settled = predicted.by_parameters;
-            let mut by_parameters = by_settled + left * (before.by_parameters - by_settled);
-            let mut column = by_parameters.column_mut(Parameter::Inertia.index());
-            column += by_inertia;
-            Moving {
-                velocity,
-                by_parameters,
+        let followed = following.from(&before.state, &settled.value);
+        let mut by = following.along(&before.by_parameters, &settled.by_parameters);
+        let lag_parameters = [Parameter::Inertia, Parameter::RelaxationLength];
+        let by_lag = following.by_lag(&before.state, &settled.value);
+        for (parameter, by_parameter) in lag_parameters.into_iter().zip(by_lag) {
+            for (matrix, column) in [
+                (&mut by.mean, by_parameter.mean),
+                (&mut by.end.velocity, by_parameter.end.velocity),
+                (&mut by.end.force, by_parameter.end.force),
+            ] {
+                let mut of_parameter = matrix.column_mut(parameter.index());
+                of_parameter += column;
             }
-        };
+        }
         Moved {
-            settled: Moving {
-                velocity: settled,
-                by_parameters: predicted.by_parameters,
+            settled,
+            mean: Velocity {
+                value: followed.mean,
+                by_parameters: by.mean,
             },
-            mean: moving(followed.mean, of_mean, &by_inertia.mean),
-            end: moving(followed.end, of_end, &by_inertia.end),
+            end: Moving {
+                state: followed.end,
+                by_parameters: by.end,
+            },
         }
     }
 

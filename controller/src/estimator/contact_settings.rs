@@ -40,6 +40,9 @@ pub struct ContactLearningSettings {
     pub patch_squared_sigma: f64,
     /// Standard deviation of the inertia, over itself; a vehicle that is known to have none has none.
     pub inertia_sigma: f64,
+    /// Standard deviation of the relaxation length of the tyres, over the half width; a vehicle that is known to have no
+    /// inertia has none.
+    pub relaxation_length_sigma: f64,
     /// Standard deviation of the logarithm of each tread's factor.
     pub tread_sigma: f64,
     /// Share of a prior variance that comes back for each metre of steering, 1/m.
@@ -68,6 +71,7 @@ impl Default for ContactLearningSettings {
             rolling_resistance_sigma: 0.02,
             patch_squared_sigma: 0.02,
             inertia_sigma: 0.3,
+            relaxation_length_sigma: 0.15,
             tread_sigma: 0.2,
             forgetting_per_m: 0.01,
             friction_forgetting_per_m: 0.05,
@@ -134,6 +138,10 @@ impl ContactLearningSettings {
                 self.patch_squared_sigma,
             ),
             ("estimator.contact.inertia_sigma", self.inertia_sigma),
+            (
+                "estimator.contact.relaxation_length_sigma",
+                self.relaxation_length_sigma,
+            ),
             ("estimator.contact.tread_sigma", self.tread_sigma),
             ("estimator.contact.forgetting_per_m", self.forgetting_per_m),
             (
@@ -166,6 +174,8 @@ impl ContactLearningSettings {
                 Parameter::RollingResistance => self.rolling_resistance_sigma,
                 Parameter::PatchRadius => self.patch_squared_sigma * half_width_m * half_width_m,
                 Parameter::Inertia => self.inertia_sigma * parameters[i],
+                Parameter::RelaxationLength if parameters[Parameter::Inertia.index()] == 0.0 => 0.0,
+                Parameter::RelaxationLength => self.relaxation_length_sigma * half_width_m,
                 Parameter::LeftTread | Parameter::RightTread => self.tread_sigma,
             })
     }

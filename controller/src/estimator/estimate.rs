@@ -44,9 +44,13 @@ pub struct Estimate {
     pub normal_in_world: Vector3<f64>,
     /// Effective tread speeds, after (11).
     pub treads: TreadSpeeds,
-    /// Body velocity by the model, with the gyroscope's yaw rate where the heading follows that.
+    /// Body velocity by the model, whatever a gyroscope reads: that corrects what is learned.
     #[serde(default)]
     pub velocity: BodyVelocity,
+    /// Forces of the tyres out of balance, see [`BodyState`](sidehill_plant::contact::BodyState); zero where the model has no
+    /// inertia.
+    #[serde(default, with = "crate::serde_form::entries")]
+    pub tyre_force: Vector3<f64>,
     /// Learned slip gains, see [`sidehill_plant::slip_gains`]; rows v_x, v_y, omega_z. Zero where they
     /// are not what is learned.
     #[serde(with = "crate::serde_form::rows")]

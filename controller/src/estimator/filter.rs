@@ -278,7 +278,8 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
             covariance: belief.pose_covariance(),
             attitude: belief.attitude,
             normal_in_world,
-            velocity: BodyVelocity::from_vector(&belief.moving.velocity),
+            velocity: BodyVelocity::from_vector(&belief.moving.state.velocity),
+            tyre_force: belief.moving.state.force,
             treads: belief.treads,
             slip_gains: self.model.slip_gains(&belief.parameters),
             contact: self

@@ -3,6 +3,7 @@
 use super::process_noise::ProcessNoise;
 use super::{ContactEstimate, EstimatorSettings};
 use nalgebra::{SMatrix, SVector, Vector3};
+use sidehill_plant::contact::BodyState;
 use sidehill_plant::frames::{Attitude, BodyVelocity};
 use sidehill_plant::slip_gains::SlipGains;
 use sidehill_plant::speeds::{EncoderScale, TreadSpeeds};
@@ -31,16 +32,39 @@ pub(super) struct Drift<const N: usize> {
 
 /// A body velocity (right, forward, yaw rate) and its derivatives by the parameters.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Moving<const N: usize> {
-    pub(super) velocity: Vector3<f64>,
+pub(super) struct Velocity<const N: usize> {
+    pub(super) value: Vector3<f64>,
     pub(super) by_parameters: SMatrix<f64, 3, N>,
 }
 
-impl<const N: usize> From<(BodyVelocity, SMatrix<f64, 3, N>)> for Moving<N> {
+/// How the body moves at an instant, and the derivatives by the parameters.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Moving<const N: usize> {
+    pub(super) state: BodyState,
+    pub(super) by_parameters: BodyState<N>,
+}
+
+impl<const N: usize> From<(BodyVelocity, SMatrix<f64, 3, N>)> for Velocity<N> {
     fn from((velocity, by_parameters): (BodyVelocity, SMatrix<f64, 3, N>)) -> Self {
         Self {
-            velocity: velocity.vector(),
+            value: velocity.vector(),
             by_parameters,
+        }
+    }
+}
+
+impl<const N: usize> From<(BodyVelocity, SMatrix<f64, 3, N>)> for Moving<N> {
+    fn from(velocity: (BodyVelocity, SMatrix<f64, 3, N>)) -> Self {
+        Velocity::from(velocity).into()
+    }
+}
+
+impl<const N: usize> From<Velocity<N>> for Moving<N> {
+    /// Returns a steady motion.
+    fn from(velocity: Velocity<N>) -> Self {
+        Self {
+            state: BodyState::steady(velocity.value),
+            by_parameters: BodyState::steady(velocity.by_parameters),
         }
     }
 }
@@ -48,8 +72,8 @@ impl<const N: usize> From<(BodyVelocity, SMatrix<f64, 3, N>)> for Moving<N> {
 /// How a vehicle moves over a time: once it has settled, in the mean, and at the end.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Moved<const N: usize> {
-    pub(super) settled: Moving<N>,
-    pub(super) mean: Moving<N>,
+    pub(super) settled: Velocity<N>,
+    pub(super) mean: Velocity<N>,
     pub(super) end: Moving<N>,
 }
 
@@ -76,11 +100,11 @@ pub(super) trait LearnedModel<const N: usize>: Clone {
         _before: &Moving<N>,
         _time_s: f64,
     ) -> Moved<N> {
-        let settled = Moving::from(self.velocity(attitude, treads, parameters));
+        let settled = Velocity::from(self.velocity(attitude, treads, parameters));
         Moved {
             settled,
             mean: settled,
-            end: settled,
+            end: settled.into(),
         }
     }
 

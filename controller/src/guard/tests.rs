@@ -81,6 +81,7 @@ fn estimate(time_s: f64, y_m: f64, terrain: &Terrain) -> Estimate {
         attitude: Attitude::on_plane(&normal, 0.0),
         normal_in_world: normal,
         velocity: Default::default(),
+        tyre_force: Default::default(),
         treads: TreadSpeeds {
             left_m_s: SPEED_M_S,
             right_m_s: SPEED_M_S,

@@ -54,7 +54,7 @@ impl Mpc {
         let limits = self.settings.limits;
         let mut cost = 0.0;
         let mut state = self.shifted.states[0];
-        let mut velocity = horizon.velocity;
+        let mut moving = horizon.moving;
         let mut before = limits.within_bounds(horizon.previous);
         for (k, target) in horizon.targets.iter().enumerate() {
             let wanted = towards(target, &state, horizon.half_track_m);
@@ -64,7 +64,7 @@ impl Mpc {
             } else {
                 before
             };
-            state += self.increment(k, target, state.z, input, &mut velocity);
+            state += self.increment(k, target, state.z, input, &mut moving);
             self.shifted.states[k + 1] = state;
             self.shifted.inputs[k] = input;
             if let Some(stage) = self.stages.get(k) {

@@ -4,6 +4,7 @@ use super::condensing::Stage;
 use super::step_limit::{HALVINGS, StepCosts, StepLimit};
 use super::{Horizon, Mpc, Plan, StageTarget};
 use nalgebra::Vector3;
+use sidehill_plant::contact::BodyState;
 use sidehill_plant::speeds::MotorSpeeds;
 
 /// Correction of planned steer, m/s, from which a plan without a step limit is run through the model
@@ -110,11 +111,11 @@ impl Mpc {
         let mut cost = 0.0;
         let mut before = self.settings.limits.within_bounds(horizon.previous);
         let mut state = self.plan.states[0];
-        let mut velocity = horizon.velocity;
+        let mut moving = horizon.moving;
         self.rolled[0] = state;
         for (k, stage) in self.stages.iter().enumerate() {
             let (input, target) = (self.plan.inputs[k], &horizon.targets[k]);
-            state += self.increment(k, target, state.z, input, &mut velocity);
+            state += self.increment(k, target, state.z, input, &mut moving);
             self.rolled[k + 1] = state;
             cost += stage_cost(stage, target, &state, input, before);
             if cost > largest {
@@ -125,7 +126,7 @@ impl Mpc {
         cost
     }
 
-    /// Returns the increment of the state over a stage by the model itself, of a vehicle that moved with `velocity`,
+    /// Returns the increment of the state over a stage by the model itself, of a vehicle that moved as `moving`,
     /// which becomes that at the stage's end.
     pub(super) fn increment(
         &self,
@@ -133,7 +134,7 @@ impl Mpc {
         target: &StageTarget,
         yaw_rad: f64,
         input: MotorSpeeds,
-        velocity: &mut Vector3<f64>,
+        moving: &mut BodyState,
     ) -> Vector3<f64> {
         let step_s = self.times.step_s(stage);
         self.model.increment_near(
@@ -142,7 +143,7 @@ impl Mpc {
             yaw_rad,
             input,
             step_s,
-            velocity,
+            moving,
         ) + step_s * target.slip
     }
 }

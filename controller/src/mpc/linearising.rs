@@ -49,7 +49,7 @@ impl Mpc {
         self.plan.states[0] = start;
         let settings = &self.settings;
         let mut before = settings.limits.within_bounds(horizon.previous);
-        let mut velocity = horizon.velocity;
+        let mut moving = horizon.moving;
         self.stages.clear();
         for (k, target) in horizon.targets.iter().enumerate() {
             let (state, input) = (self.plan.states[k], self.plan.inputs[k]);
@@ -60,7 +60,7 @@ impl Mpc {
                 state.z,
                 input,
                 step_s,
-                &mut velocity,
+                &mut moving,
             );
             step.increment += step_s * target.slip;
             if settings.step_limit.is_some() {

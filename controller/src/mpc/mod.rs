@@ -43,6 +43,7 @@ use crate::tracked_point::TrackedPoint;
 use condensing::{Condenser, Stage};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
+use sidehill_plant::contact::BodyState;
 use sidehill_plant::frames::{PlanarPose, wrap_angle};
 use sidehill_plant::speeds::MotorSpeeds;
 use std::time::Instant;
@@ -116,8 +117,8 @@ pub struct Horizon {
     pub elapsed_s: f64,
     /// Pose when a command given now begins to act.
     pub start: PlanarPose,
-    /// Velocity (right, forward, yaw rate) of the body there.
-    pub velocity: Vector3<f64>,
+    /// How the body moves there.
+    pub moving: BodyState,
     /// Effective command in force. Of it only what is within the bounds counts: from there the QP
     /// always has a feasible point, that of no change.
     pub previous: MotorSpeeds,

@@ -18,6 +18,7 @@ fn estimate(gains: SlipGains) -> Estimate {
         attitude: Attitude::default(),
         normal_in_world: Vector3::new(0.0, -slope_rad.sin(), slope_rad.cos()),
         velocity: Default::default(),
+        tyre_force: Default::default(),
         treads: TreadSpeeds::default(),
         slip_gains: gains,
         contact: None,

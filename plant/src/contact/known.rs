@@ -18,6 +18,8 @@ mod guess {
     pub(super) const PATCH_SHARE: f64 = 0.15;
     /// Inertia over that of a box on the wheels.
     pub(super) const INERTIA: f64 = 1.0;
+    /// Relaxation length of the tyres over the half width.
+    pub(super) const RELAXATION_SHARE: f64 = 0.05;
     /// Stiffness of an inner axle over that of an outer one.
     pub(super) const INNER_STIFFNESS: f64 = 1.0;
     /// Load of an inner axle over that of an outer one.
@@ -52,6 +54,8 @@ pub(crate) struct KnownContact {
     patch_radius_m: Option<f64>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     inertia: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    relaxation_length_m: Option<f64>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     correction_left: Option<f64>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -107,10 +111,16 @@ impl KnownContact {
         put(&mut friction.slip_scale_m_s, self.slip_scale_m_s);
         put(&mut friction.rolling_resistance, self.rolling_resistance);
         put(&mut friction.patch_radius_m, self.patch_radius_m);
+        put(&mut friction.relaxation_length_m, self.relaxation_length_m);
         let inertia = self.inertia.unwrap_or(guess::INERTIA);
         Bounds::new(0.0, 3.0, "").check("inertia", inertia)?;
+        if let Some(length_m) = self.relaxation_length_m.filter(|_| inertia == 0.0) {
+            Bounds::new(0.0, 0.0, "m")
+                .with_note("with an inertia of 0")
+                .check("relaxation_length_m", length_m)?;
+        }
         // What the yaw inertia follows from is checked first, so that an error names a key that was given.
-        vehicle.yaw_inertia_kg_m2 = None;
+        vehicle.yaw_inertia_kg_m2 = Some(1.0);
         let mut vehicle = vehicle.validated()?;
         vehicle.set_inertia(inertia);
         vehicle.validated()
@@ -161,6 +171,7 @@ impl KnownContact {
             rolling_resistance: Some(friction.rolling_resistance),
             patch_radius_m: Some(friction.patch_radius_m),
             inertia: Some(vehicle.inertia()),
+            relaxation_length_m: Some(friction.relaxation_length_m),
             correction_left: encoder_scale.map(|scale| scale.left),
             correction_right: encoder_scale.map(|scale| scale.right),
         }
@@ -208,7 +219,7 @@ impl ContactVehicle {
                 lateral_share: guess::LATERAL_SHARE,
                 slip_scale_m_s: guess::SLIP_SCALE_M_S,
                 slip_share: 0.0,
-                relaxation_length_m: 0.0,
+                relaxation_length_m: guess::RELAXATION_SHARE * half_width_m,
                 rolling_resistance: guess::ROLLING_RESISTANCE,
                 patch_radius_m: guess::PATCH_SHARE * half_width_m,
             },

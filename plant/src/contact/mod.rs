@@ -65,7 +65,9 @@ pub(crate) use known::KnownContact;
 pub use loads::GRAVITY_M_S2;
 pub use model::ContactModel;
 pub use parameters::{PARAMETERS, Parameter, ParameterVector};
-pub use prediction::{ContactPrediction, Followed, Following, FoundBalance, Lag, Predicted};
+pub use prediction::{
+    BodyState, ContactPrediction, Followed, Following, FoundBalance, Lag, Predicted,
+};
 pub use vehicle::{Axle, CentreOfMass, ContactVehicle};
 
 #[cfg(test)]

@@ -6,7 +6,7 @@ use nalgebra::SVector;
 use serde::Serialize;
 
 /// Number of the parameters.
-pub const PARAMETERS: usize = 13;
+pub const PARAMETERS: usize = 14;
 
 /// The parameters in the order of [`Parameter::ALL`]; factors as natural logarithms, the patch radius as its square.
 pub type ParameterVector = SVector<f64, PARAMETERS>;
@@ -38,6 +38,8 @@ pub enum Parameter {
     /// Inertia over that of a homogeneous box of the vehicle's mass on its wheels; 0 where the vehicle follows its treads at
     /// once.
     Inertia,
+    /// Relaxation length of the tyres, m: the distance over which their force builds up. It needs inertia.
+    RelaxationLength,
     /// Speed of the left tread over that which encoders and commands say, in addition to c_l.
     LeftTread,
     /// The same of the right tread, in addition to c_r.
@@ -58,6 +60,7 @@ impl Parameter {
         Self::RollingResistance,
         Self::PatchRadius,
         Self::Inertia,
+        Self::RelaxationLength,
         Self::LeftTread,
         Self::RightTread,
     ];
@@ -76,6 +79,7 @@ impl Parameter {
             Self::RollingResistance => "rolling_resistance",
             Self::PatchRadius => "patch_radius_m",
             Self::Inertia => "inertia",
+            Self::RelaxationLength => "relaxation_length_m",
             Self::LeftTread => "left_tread_factor",
             Self::RightTread => "right_tread_factor",
         }
@@ -104,10 +108,13 @@ impl Parameter {
         matches!(self, Self::InnerShare | Self::InnerStiffness)
     }
 
-    /// Returns whether it is identified as such from logs: all but the inertia, which slow drives do not show, and the
-    /// factors of the treads, which are identified as c_l and c_r: a [`ContactVehicle`] has none.
+    /// Returns whether it is identified as such from logs: all but inertia and relaxation length, which slow drives do not
+    /// show, and the factors of the treads, which are identified as c_l and c_r: a [`ContactVehicle`] has none.
     pub fn is_identified(self) -> bool {
-        !matches!(self, Self::Inertia | Self::LeftTread | Self::RightTread)
+        !matches!(
+            self,
+            Self::Inertia | Self::RelaxationLength | Self::LeftTread | Self::RightTread
+        )
     }
 
     /// Returns the value, in its own unit, of an entry of a [`ParameterVector`].
@@ -148,6 +155,7 @@ impl Parameter {
             Self::RollingResistance => 0.02,
             Self::PatchRadius => 0.02 * half_width_m * half_width_m,
             Self::Inertia => 0.5,
+            Self::RelaxationLength => 0.15 * half_width_m,
             Self::LeftTread | Self::RightTread => 0.2,
         }
     }
@@ -167,6 +175,7 @@ impl Parameter {
             Self::RollingResistance => (0.0, 0.3),
             Self::PatchRadius => (0.0, 0.5 * half_width_m),
             Self::Inertia => (0.0, 3.0),
+            Self::RelaxationLength => (0.0, half_width_m),
             Self::LeftTread | Self::RightTread => (0.2, 2.0),
         }
     }
@@ -187,6 +196,7 @@ impl ContactVehicle {
             Parameter::RollingResistance => self.friction.rolling_resistance,
             Parameter::PatchRadius => self.friction.patch_radius_m,
             Parameter::Inertia => self.inertia(),
+            Parameter::RelaxationLength => self.friction.relaxation_length_m,
             Parameter::LeftTread | Parameter::RightTread => 1.0,
         };
         ParameterVector::from_fn(|i, _| {
@@ -212,6 +222,7 @@ impl ContactVehicle {
             slip_scale_m_s: value(Parameter::SlipScale),
             rolling_resistance: value(Parameter::RollingResistance),
             patch_radius_m: value(Parameter::PatchRadius),
+            relaxation_length_m: value(Parameter::RelaxationLength),
             ..self.friction
         };
         vehicle.inner_stiffness = value(Parameter::InnerStiffness);

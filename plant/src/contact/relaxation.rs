@@ -24,7 +24,7 @@ struct Tyre {
 
 /// Share of friction that follows slip at once: it damps the tyre, which otherwise swings as a spring under the
 /// vehicle's mass. Its damping ratio is then about 0.1 at walking speed.
-const DAMPING_SHARE: f64 = 0.02;
+pub(super) const DAMPING_SHARE: f64 = 0.02;
 
 impl Relaxation {
     /// Returns the tyres before their first step; none where the force follows the slip at once.

@@ -100,10 +100,14 @@ impl ContactVehicle {
             .map_or(0.0, |inertia| inertia / of_box)
     }
 
-    /// Sets the yaw inertia to so much of that of a homogeneous box on the wheels; with 0 the motion is quasi-static.
+    /// Sets the yaw inertia to so much of that of a homogeneous box on the wheels; with 0 the motion is quasi-static, and
+    /// tyres do not relax.
     pub fn set_inertia(&mut self, inertia: f64) {
         let of_box = self.yaw_inertia_of_box_kg_m2();
         self.yaw_inertia_kg_m2 = (inertia > 0.0).then_some(inertia * of_box);
+        if self.yaw_inertia_kg_m2.is_none() {
+            self.friction.relaxation_length_m = 0.0;
+        }
     }
 
     fn yaw_inertia_of_box_kg_m2(&self) -> f64 {
@@ -212,6 +216,7 @@ impl TryFrom<RawContactVehicle> for ContactVehicle {
     type Error = RangeError;
 
     fn try_from(raw: RawContactVehicle) -> Result<Self, RangeError> {
+        Bounds::new(0.01, 20.0, "m").check("half_width_m", raw.half_width_m)?;
         let length = |key, value| Bounds::new(-10.0, 10.0, "m").check(key, value);
         Bounds::new(2.0, 16.0, "axles").check("axles", raw.axles.len() as f64)?;
         for axle in &raw.axles {
@@ -247,7 +252,7 @@ impl TryFrom<RawContactVehicle> for ContactVehicle {
                 height_m: Bounds::new(0.0, 10.0, "m")
                     .check("centre_of_mass_height_m", raw.centre_of_mass_height_m)?,
             },
-            half_width_m: Bounds::new(0.01, 20.0, "m").check("half_width_m", raw.half_width_m)?,
+            half_width_m: raw.half_width_m,
             axles: raw.axles,
             inner_stiffness: Bounds::new(0.05, 20.0, "")
                 .check("inner_stiffness", raw.inner_stiffness)?,

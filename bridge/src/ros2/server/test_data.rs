@@ -30,6 +30,7 @@ pub(crate) fn estimate(time_s: f64, x_m: f64, yaw_rad: f64) -> Estimate {
         attitude: sidehill_plant::frames::Attitude::LEVEL,
         normal_in_world: Vector3::z(),
         velocity: Default::default(),
+        tyre_force: Default::default(),
         treads: sidehill_plant::speeds::TreadSpeeds::default(),
         slip_gains: sidehill_plant::slip_gains::SlipGains::default(),
         contact: None,

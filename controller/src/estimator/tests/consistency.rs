@@ -123,7 +123,7 @@ fn normalised_errors_of_all<M: LearnedModel<N>, const N: usize>(
             });
             let moved = model.moved(attitude_before, treads, &parameters, &before, DT_S);
             moving = Some(moved.end);
-            let velocity = BodyVelocity::from_vector(&moved.mean.velocity);
+            let velocity = BodyVelocity::from_vector(&moved.mean.value);
             let start = pose_rate(&velocity, &attitude_before, pose.z);
             let middle = pose_rate(
                 &velocity,

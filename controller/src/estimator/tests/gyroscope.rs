@@ -112,7 +112,7 @@ fn a_reading_far_from_the_models_yaw_rate_teaches_nothing() {
         Attitude::LEVEL,
         model.velocity(Attitude::LEVEL, treads, &prior.mean).into(),
     );
-    let yaw_rate_rad_s = before.moving.velocity.z;
+    let yaw_rate_rad_s = before.moving.state.velocity.z;
     let noise = model.process_noise(&settings);
     let mut after = |off_rad_s: f64| {
         let mut belief = before;

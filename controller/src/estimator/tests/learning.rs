@@ -126,7 +126,7 @@ fn learned_of(
             });
             let moved = model.moved(attitude, said, &parameters, &before, 0.05);
             moving = Some(moved.end);
-            let velocity = BodyVelocity::from_vector(&moved.mean.velocity);
+            let velocity = BodyVelocity::from_vector(&moved.mean.value);
             let rate = pose_rate(&velocity, &attitude, pose.yaw_rad);
             pose.x_m += 0.05 * rate.x_m_s;
             pose.y_m += 0.05 * rate.y_m_s;
@@ -212,6 +212,24 @@ fn inertia_is_learned_by_turning_to_and_fro() {
 }
 
 #[test]
+fn the_relaxation_length_is_learned_by_turning_to_and_fro() {
+    let length = Parameter::RelaxationLength;
+    let to_and_fro = |time_s: f64| (0.4, 0.4 * (3.0 * time_s).sin());
+    let guess_m = Vehicle::j8().contact_vehicle().friction.relaxation_length_m;
+    for truth_m in [0.0, 0.25] {
+        let learned = learned_of(&[(length, truth_m)], 60.0, to_and_fro);
+        assert!(learned.observed(length), "{learned:?}");
+        let (found_m, _) = learned.interval(length);
+        assert!(
+            (found_m - truth_m).abs() < 0.6 * (truth_m - guess_m).abs(),
+            "{found_m}, {truth_m}"
+        );
+    }
+    let learned = learned_of(&[(length, 0.0)], 10.0, |_| (0.4, 0.0));
+    assert!(!learned.observed(length), "{learned:?}");
+}
+
+#[test]
 fn a_vehicle_that_is_known_to_have_no_inertia_has_none() {
     let vehicle = Vehicle::j8();
     let mut wheels = vehicle.contact_vehicle();
@@ -221,14 +239,16 @@ fn a_vehicle_that_is_known_to_have_no_inertia_has_none() {
     let prior = LearnedContact::new(&vehicle, contact, settings).prior();
     let i = Parameter::Inertia.index();
     assert_eq!((prior.mean[i], prior.sigma[i]), (0.0, 0.0));
+    let i = Parameter::RelaxationLength.index();
+    assert_eq!((prior.mean[i], prior.sigma[i]), (0.0, 0.0));
 }
 
 #[test]
 fn what_was_learned_of_other_parameters_is_refused() {
     let settings = EstimatorSettings::default();
     let mut filter = Filter::new(settings, learned_contact(settings.contact));
-    // Versions before had eight and ten to twelve.
-    for number in [8, 10, 11, 12] {
+    // Versions before had eight and ten to thirteen.
+    for number in [8, 10, 11, 12, 13] {
         let refused = filter.recall(&LearnedGains {
             mean: vec![0.0; number],
             covariance: vec![0.0; number * number],

@@ -54,7 +54,7 @@ impl Course {
         Horizon {
             elapsed_s: 0.05,
             start: self.pose,
-            velocity: Vector3::zeros(),
+            moving: BodyState::default(),
             previous: self.command,
             change_weights: ChangeWeights {
                 traction: 0.05,

@@ -33,7 +33,7 @@ fn beside(speed_m_s: f64, right_m: f64, ahead_m: f64, yaw_rad: f64) -> Horizon {
             y_m: ahead_m,
             yaw_rad,
         },
-        velocity: Vector3::zeros(),
+        moving: BodyState::default(),
         previous: MotorSpeeds::STOP,
         change_weights: ChangeWeights {
             traction: 0.05,

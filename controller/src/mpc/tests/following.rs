@@ -4,8 +4,8 @@ use super::closed_loop::{Course, settings, solve};
 use super::*;
 use sidehill_plant::contact::{ContactPrediction, ContactVehicle};
 
-/// Checks that a plan's states are those that the model has of its inputs, for a vehicle that moves with `velocity`.
-fn check_states(model: impl Into<Model>, velocity: Vector3<f64>) {
+/// Checks that a plan's states are those that the model has of its inputs, for a vehicle that moves as `moving`.
+fn check_states(model: impl Into<Model>, moving: BodyState) {
     let mut course = Course::new();
     let mut settings = settings(40, 5);
     settings.step_limit = Some(StepLimit {
@@ -15,7 +15,7 @@ fn check_states(model: impl Into<Model>, velocity: Vector3<f64>) {
     let mut mpc = Mpc::new(settings, model).unwrap();
     for cycle in 0..20 {
         let mut horizon = course.horizon(&mpc.settings);
-        horizon.velocity = velocity;
+        horizon.moving = moving;
         solve(&mut mpc, &horizon, None).unwrap();
         let open = mpc
             .stages
@@ -25,7 +25,7 @@ fn check_states(model: impl Into<Model>, velocity: Vector3<f64>) {
             open, None,
             "the QP of cycle {cycle} has a gap between states and inputs"
         );
-        let mut velocity = velocity;
+        let mut moving = moving;
         for (k, target) in horizon.targets.iter().enumerate() {
             let state = mpc.plan.states[k];
             let moved = mpc.model.increment_near(
@@ -34,7 +34,7 @@ fn check_states(model: impl Into<Model>, velocity: Vector3<f64>) {
                 state.z,
                 mpc.plan.inputs[k],
                 mpc.times.step_s(k),
-                &mut velocity,
+                &mut moving,
             );
             let gap = (mpc.plan.states[k + 1] - state - moved).norm();
             assert!(gap < 1e-9, "cycle {cycle}, stage {k}: {gap}");
@@ -47,13 +47,17 @@ fn check_states(model: impl Into<Model>, velocity: Vector3<f64>) {
 fn the_states_of_a_plan_are_those_of_its_inputs_however_little_of_a_solution_is_followed() {
     check_states(
         PredictionModel::new(Vehicle::j8(), 0.05),
-        Vector3::new(0.0, 0.3, 0.2),
+        BodyState::steady(Vector3::new(0.0, 0.3, 0.2)),
     );
     for inertia in [0.0, 1.0] {
         let mut wheels = ContactVehicle::of_base("wheels", 0.6, 1.06);
         wheels.set_inertia(inertia);
         let model = ContactPrediction::new(&wheels).unwrap();
-        check_states(model, Vector3::new(0.0, 0.3, 0.2));
+        let moving = BodyState {
+            velocity: Vector3::new(0.0, 0.3, 0.2),
+            force: Vector3::new(0.3, -0.2, 0.1),
+        };
+        check_states(model, moving);
     }
 }
 
@@ -63,16 +67,16 @@ fn a_vehicle_with_inertia_keeps_turning_for_a_while_and_one_without_does_not() {
         let mut wheels = ContactVehicle::of_base("wheels", 0.6, 1.06);
         wheels.set_inertia(inertia);
         let mut model = Model::from(ContactPrediction::new(&wheels).unwrap());
-        let mut velocity = Vector3::new(0.0, 0.4, 0.3);
+        let mut moving = BodyState::steady(Vector3::new(0.0, 0.4, 0.3));
         let step = model.step_near(
             &mut StepStart::default(),
             &Vector3::z(),
             0.0,
             motors(0.4, 0.0),
             0.15,
-            &mut velocity,
+            &mut moving,
         );
-        (step.increment.z, velocity.z)
+        (step.increment.z, moving.velocity.z)
     };
     let (turned, rate) = turned_rad(0.0);
     assert!(turned.abs() < 1e-9 && rate.abs() < 1e-9, "{turned}, {rate}");

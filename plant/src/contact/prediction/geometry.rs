@@ -45,6 +45,8 @@ pub(in crate::contact) struct Ground {
     pub(in crate::contact) has_inner: bool,
     /// Inertia over that of a box on the wheels.
     pub(in crate::contact) inertia: f64,
+    /// Relaxation length of the tyres, m.
+    pub(in crate::contact) relaxation_length_m: f64,
     /// Factors of the left and the right tread.
     pub(in crate::contact) tread_factors: [f64; 2],
 }
@@ -168,6 +170,7 @@ impl Ground {
             inverse_stiffness: whole.try_inverse().unwrap_or_default(),
             has_inner,
             inertia: value(Parameter::Inertia),
+            relaxation_length_m: value(Parameter::RelaxationLength),
             tread_factors: [value(Parameter::LeftTread), value(Parameter::RightTread)],
         }
     }

@@ -17,8 +17,8 @@
 //! ground; where friction does not hold it, so much of the weight's pull along the ground is left
 //! out that it does. Either makes [`Predicted::holds`] false.
 
+mod following;
 mod geometry;
-mod inertia;
 mod loads;
 mod search;
 mod sums;
@@ -32,9 +32,9 @@ use crate::frames::{Attitude, BodyVelocity, Tilt};
 use crate::prediction::Linearised;
 use crate::speeds::{MotorSpeeds, TreadSpeeds};
 
+pub use following::{BodyState, Followed, Following, Lag};
 pub use geometry::ByParameters;
 use geometry::{Geometry, Ground};
-pub use inertia::{Followed, Following, Lag};
 use loads::{Loads, Stance};
 use nalgebra::Vector3;
 use search::{Solution, TOLERANCE, TOLERANCE_OF_ROLL_OUT};
@@ -45,9 +45,10 @@ use sums::{GradientParts, Sums};
 pub struct Predicted {
     /// The velocity and its derivatives by inputs and attitude.
     pub linearised: Linearised,
-    /// Its derivatives by the entries of the parameter vector; by the inertia, which steady motion does not depend on, 0.
+    /// Its derivatives by the entries of the parameter vector; by inertia and relaxation
+    /// length, which steady motion does not depend on, 0.
     pub by_parameters: ByParameters,
-    /// How late the vehicle's inertia lets it follow.
+    /// How late inertia and tyres let the vehicle follow.
     pub lag: Lag,
     /// Whether friction holds the vehicle there and it stands on its wheels.
     pub holds: bool,
@@ -254,11 +255,11 @@ impl ContactPrediction {
             motors,
             linearised,
             lag: Lag::new(
-                &solution.inverse_hessian,
-                self.ground.inertia,
-                self.ground.centre.xy(),
-                self.geometry.half_width_m,
-                self.geometry.half_length_m,
+                &self.geometry,
+                &self.ground,
+                sums.treads,
+                &stance,
+                &solution,
             ),
         };
         self.last = Some(found);

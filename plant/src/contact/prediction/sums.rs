@@ -314,6 +314,7 @@ impl Sums<'_> {
             by_rolling,
             by_patch,
             Vector3::zeros(),
+            Vector3::zeros(),
             self.treads.left_m_s * parts.by_tread[0],
             self.treads.right_m_s * parts.by_tread[1],
         ])

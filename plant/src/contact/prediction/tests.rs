@@ -20,7 +20,7 @@ fn vehicle(axles: usize, off: &[f64; PARAMETERS]) -> ContactVehicle {
         })
         .collect();
     let doubt = [
-        0.3, 0.1, 0.15, 0.1, 0.15, 1.0, 0.2, 0.5, 0.02, 0.007, 0.0, 0.0, 0.0,
+        0.3, 0.1, 0.15, 0.1, 0.15, 1.0, 0.2, 0.5, 0.02, 0.007, 0.0, 0.0, 0.0, 0.0,
     ];
     let mut parameters = vehicle.parameters();
     for i in 0..PARAMETERS {
@@ -30,7 +30,7 @@ fn vehicle(axles: usize, off: &[f64; PARAMETERS]) -> ContactVehicle {
 }
 
 fn offsets() -> impl Strategy<Value = [f64; PARAMETERS]> {
-    prop::array::uniform13(-0.9..0.9f64)
+    prop::array::uniform14(-0.9..0.9f64)
 }
 
 /// Checks a Jacobian: every column against the central difference of `f` along it.
@@ -103,23 +103,33 @@ proptest! {
     #[test]
     fn derivatives_of_what_is_left_are_central_differences(axles in 2..9_usize, off in offsets(),
             roll in -0.2..0.2f64, pitch in -0.2..0.2f64, tau in -0.5..0.5f64, sigma in -0.5..0.5f64,
-            inertia in 0.1..2.0f64, time_s in 0.001..0.3f64, before in prop::array::uniform3(-0.5..0.5f64)) {
+            inertia in 0.1..2.0f64, length_m in 0.01..0.5f64, time_s in 0.001..0.3f64,
+            velocity in prop::array::uniform3(-0.5..0.5f64), force in prop::array::uniform3(-0.5..0.5f64)) {
         let vehicle = vehicle(axles, &off);
-        let of = |inertia: f64| {
+        let of = |inertia: f64, length_m: f64| {
             let mut vehicle = vehicle.clone();
             vehicle.set_inertia(inertia);
+            vehicle.friction.relaxation_length_m = length_m;
             let predicted = ContactPrediction::new(&vehicle).unwrap().predict(attitude(roll, pitch), motors(tau, sigma));
             (predicted.lag.over(time_s), vector(predicted.linearised.velocity))
         };
-        let before = Vector3::from(before);
-        let (following, settled) = of(inertia);
-        let by = following.by_inertia(&before, &settled);
+        let before = BodyState { velocity: Vector3::from(velocity), force: Vector3::from(force) };
+        let (following, settled) = of(inertia, length_m);
         let h = 1e-5;
-        let (up, down) = (of(inertia + h), of(inertia - h));
-        let (up, down) = (up.0.from(&before, &up.1), down.0.from(&before, &down.1));
-        for (by, difference) in [(by.mean, up.mean - down.mean), (by.end, up.end - down.end)] {
-            let difference = difference / (2.0 * h);
-            prop_assert!((difference - by).norm() < 1e-4 * (1.0 + by.norm()), "{by}, {difference}");
+        let sides = [
+            (of(inertia + h, length_m), of(inertia - h, length_m)),
+            (of(inertia, length_m + h), of(inertia, length_m - h)),
+        ];
+        for (by, (up, down)) in following.by_lag(&before, &settled).into_iter().zip(sides) {
+            let (up, down) = (up.0.from(&before, &up.1), down.0.from(&before, &down.1));
+            for (by, difference) in [
+                (by.mean, up.mean - down.mean),
+                (by.end.velocity, up.end.velocity - down.end.velocity),
+                (by.end.force, up.end.force - down.end.force),
+            ] {
+                let difference = difference / (2.0 * h);
+                prop_assert!((difference - by).norm() < 1e-4 * (1.0 + by.norm()), "{by}, {difference}");
+            }
         }
     }
 
@@ -151,7 +161,7 @@ proptest! {
     }
 
     #[test]
-    fn the_start_of_the_search_is_nothing_to_its_end(axles in 2..9_usize, off in prop::array::uniform13(-3.0..3.0f64), roll in -0.3..0.3f64, pitch in -0.3..0.3f64,
+    fn the_start_of_the_search_is_nothing_to_its_end(axles in 2..9_usize, off in prop::array::uniform14(-3.0..3.0f64), roll in -0.3..0.3f64, pitch in -0.3..0.3f64,
             tau in -0.8..0.8f64, sigma in -0.8..0.8f64, before in prop::array::uniform4(-1.0..1.0f64)) {
         let mut fresh = ContactPrediction::new(&vehicle(axles, &[0.0; PARAMETERS])).unwrap();
         fresh.set_parameters(&(fresh.parameters + ParameterVector::from(off.map(|o| 0.3 * o))));
@@ -175,7 +185,7 @@ proptest! {
     }
 
     #[test]
-    fn everything_has_a_finite_answer(axles in 2..17_usize, off in prop::array::uniform13(-40.0..40.0f64),
+    fn everything_has_a_finite_answer(axles in 2..17_usize, off in prop::array::uniform14(-40.0..40.0f64),
             roll in -1.5..1.5f64, pitch in -1.5..1.5f64, tau in -2.0..2.0f64, sigma in -2.0..2.0f64) {
         let vehicle = vehicle(axles, &[0.0; PARAMETERS]);
         let mut model = ContactPrediction::new(&vehicle).unwrap();
@@ -228,7 +238,7 @@ fn parameters_come_back_from_a_vehicle() {
     let vehicle = vehicle(
         4,
         &[
-            0.5, 0.2, -0.3, 0.4, 0.6, 0.3, -0.7, 0.8, 0.9, -0.4, 0.0, 0.0, 0.0,
+            0.5, 0.2, -0.3, 0.4, 0.6, 0.3, -0.7, 0.8, 0.9, -0.4, 0.0, 0.0, 0.0, 0.0,
         ],
     );
     let again = j8().with_parameters(&vehicle.parameters());
@@ -279,7 +289,7 @@ fn no_search_goes_round_in_circles_and_no_load_is_that_of_rounding() {
     let standard = ContactPrediction::new(&vehicle(4, &[0.0; PARAMETERS])).unwrap();
     let mut circling = standard.clone();
     let off = [
-        0.24, 0.46, -0.82, 0.2, -0.59, 0.0, -0.22, -0.77, 0.19, 0.0, 0.0, 0.0, 0.0,
+        0.24, 0.46, -0.82, 0.2, -0.59, 0.0, -0.22, -0.77, 0.19, 0.0, 0.0, 0.0, 0.0, 0.0,
     ];
     circling.set_parameters(&(standard.parameters + ParameterVector::from(off)));
     circling.body_velocity(Attitude::default(), MotorSpeeds::default());
@@ -287,7 +297,7 @@ fn no_search_goes_round_in_circles_and_no_load_is_that_of_rounding() {
     assert!(found.holds, "{found:?}");
     let mut overturning = standard.clone();
     let parameters = [
-        -0.6226, 0.3, -0.0836, 1.0667, 0.02, 0.0, -0.462, -3.276, 0.3, 0.0081, 0.0, 0.0, 0.0,
+        -0.6226, 0.3, -0.0836, 1.0667, 0.02, 0.0, -0.462, -3.276, 0.3, 0.0081, 0.0, 0.0, 0.0, 0.0,
     ];
     overturning.set_parameters(&parameters.into());
     let stance = Stance::at(&attitude(0.296, -0.1613).into());
@@ -322,7 +332,8 @@ fn treads_that_slip_move_as_slower_treads_do() {
 
 #[test]
 fn a_vehicle_without_inertia_follows_at_once_and_no_vehicle_in_no_time() {
-    let (before, tilt) = (Vector3::new(0.1, 0.2, 0.3), attitude(0.1, 0.05));
+    let (velocity, tilt) = (Vector3::new(0.1, 0.2, 0.3), attitude(0.1, 0.05));
+    let before = BodyState::steady(velocity);
     for (inertia, time_s, at_once) in [(0.0, 0.05, true), (0.0, 1e-9, true), (1.0, 0.0, false)] {
         let mut vehicle = j8();
         vehicle.set_inertia(inertia);
@@ -331,26 +342,38 @@ fn a_vehicle_without_inertia_follows_at_once_and_no_vehicle_in_no_time() {
             .predict(tilt, motors(0.3, 0.2));
         let settled = vector(found.linearised.velocity);
         let followed = found.lag.over(time_s).from(&before, &settled);
-        let expected = if at_once { settled } else { before };
-        for velocity in [followed.mean, followed.end] {
-            assert!((velocity - expected).norm() < 1e-12, "{inertia}, {time_s}");
+        let expected = if at_once { settled } else { velocity };
+        for found in [followed.mean, followed.end.velocity] {
+            assert!((found - expected).norm() < 1e-12, "{inertia}, {time_s}");
         }
     }
 }
 
-/// In a steady turn the pull outwards is the weight of the centripetal acceleration.
+/// In a steady turn the pull outwards is the weight of the centripetal acceleration, whatever the tyres.
 #[test]
 fn a_steady_turn_is_that_of_the_plant_with_inertia() {
+    for (relaxation_length_m, tilt) in [
+        (0.0, attitude(0.05, -0.1)),
+        (0.0, attitude(0.0, 0.0)),
+        (0.2, attitude(0.0, 0.0)),
+    ] {
+        steady_turn(relaxation_length_m, tilt);
+    }
+}
+
+fn steady_turn(relaxation_length_m: f64, tilt: Attitude) {
     let mut vehicle = j8();
     vehicle.set_inertia(1.0);
+    vehicle.friction.relaxation_length_m = relaxation_length_m;
     let mut model = ContactPrediction::new(&vehicle).unwrap();
-    let (tilt, speeds) = (attitude(0.05, -0.1), motors(0.6, 0.4));
+    let speeds = motors(0.6, 0.4);
     let found = model.predict(tilt, speeds);
     let settled = vector(found.linearised.velocity);
-    let mut velocity = settled;
-    for _ in 0..200 {
-        velocity = found.lag.over(0.05).from(&velocity, &settled).end;
+    let mut state = BodyState::steady(settled);
+    for _ in 0..2000 {
+        state = found.lag.over(0.05).from(&state, &settled).end;
     }
+    let velocity = state.velocity;
     let ground = GroundState {
         position: PlanarPose::default(),
         attitude: tilt,
@@ -399,9 +422,99 @@ fn a_velocity_is_followed_as_by_the_plant_with_inertia() {
         let start = step(sigma - 0.02, 5000);
         for (time_s, steps) in [(0.02, 20), (0.06, 40), (0.2, 140)] {
             let driven = step(sigma, steps);
+            let start = BodyState::steady(start);
             let followed = found.lag.over(time_s).from(&start, &settled).end;
-            let missed = (followed - driven).norm() / (start - settled).norm();
+            let missed = (followed.velocity - driven).norm() / (start.velocity - settled).norm();
             assert!(missed < 0.15, "{tilt:?}, {time_s} s: {missed}");
         }
     }
+}
+
+/// On tyres that relax it swings about its balance; steps of 10 ms on level ground, where the weight pulls nowhere.
+#[test]
+fn a_vehicle_on_relaxing_tyres_swings_as_the_plant_does() {
+    let tilt = attitude(0.0, 0.0);
+    for (tau, sigma) in [(0.4, 0.3), (0.6, 0.05), (0.2, 0.4), (-0.5, 0.2)] {
+        let mut vehicle = j8();
+        vehicle.set_inertia(1.2);
+        let stiff = vehicle.clone();
+        vehicle.friction.relaxation_length_m = 0.2;
+        let mut plant = ContactModel::new(vehicle.clone());
+        let ground = GroundState {
+            position: PlanarPose::default(),
+            attitude: tilt,
+        };
+        let mut step = |sigma: f64, steps: usize| {
+            let mut velocity = Vector3::zeros();
+            for _ in 0..steps {
+                let speeds = motors(tau, sigma).into();
+                velocity = vector(plant.body_velocity(&ground, speeds, 1e-3).unwrap());
+            }
+            velocity
+        };
+        let before = step(sigma - 0.02, 20_000);
+        let mut models = [vehicle, stiff].map(|vehicle| {
+            let mut model = ContactPrediction::new(&vehicle).unwrap();
+            let found = model.predict(tilt, motors(tau, sigma));
+            let settled = vector(found.linearised.velocity);
+            (
+                found.lag.over(0.01),
+                settled,
+                BodyState::steady(before),
+                0.0,
+            )
+        });
+        for _ in 0..60 {
+            let driven = step(sigma, 10);
+            for (following, settled, state, missed) in &mut models {
+                *state = following.from(state, settled).end;
+                *missed += (state.velocity - driven).norm_squared() / 60.0;
+            }
+        }
+        let change = (models[0].1 - before).norm();
+        let [relaxing, stiff] = models.map(|(_, _, _, missed)| missed.sqrt() / change);
+        assert!(
+            relaxing < 0.3 && stiff > 1.5 * relaxing,
+            "{tau}, {sigma}: {relaxing}, {stiff}"
+        );
+    }
+}
+
+/// Turns on a slope of 12 degrees: the tyres' forces come late, which is as if the weight acted ahead of the turn.
+#[test]
+fn on_relaxing_tyres_a_turn_on_a_slope_is_that_of_the_plant() {
+    let speeds = motors(0.5, 0.4);
+    let normal = attitude(0.0, 0.21).plane_normal(0.0);
+    let mut vehicle = j8();
+    vehicle.set_inertia(1.0);
+    let stiff = vehicle.clone();
+    vehicle.friction.relaxation_length_m = 0.2;
+    let mut plant = ContactModel::new(vehicle.clone());
+    let mut models = [vehicle, stiff].map(|vehicle| {
+        let model = ContactPrediction::new(&vehicle).unwrap();
+        (model, BodyState::default(), 0.0)
+    });
+    let (mut yaw_rad, dt_s) = (0.0, 5e-3);
+    for step in 0..8000 {
+        let ground = GroundState {
+            attitude: Attitude::on_plane(&normal, yaw_rad),
+            ..GroundState::default()
+        };
+        let driven = vector(plant.body_velocity(&ground, speeds.into(), dt_s).unwrap());
+        for (model, state, missed) in &mut models {
+            let found = model.predict(ground.attitude, speeds);
+            let settled = vector(found.linearised.velocity);
+            *state = found.lag.over(dt_s).from(state, &settled).end;
+            if step >= 2000 {
+                *missed += (state.velocity - driven).norm_squared() / 6000.0;
+            }
+        }
+        yaw_rad += dt_s * driven.z;
+    }
+    let [relaxing, stiff] = models.map(|(_, _, missed)| missed.sqrt());
+    // One relaxation time stands for those of all wheels.
+    assert!(
+        stiff > 1e-2 && relaxing < 0.7 * stiff,
+        "{relaxing}, {stiff}"
+    );
 }
