@@ -57,7 +57,7 @@ impl Model {
         }
     }
 
-    /// Returns the same of a vehicle that moved as `state`, which becomes that at the end of the step. Balances are
+    /// Returns the same of a vehicle that moved as `moving`, which becomes that at the end of the step. Balances are
     /// searched near those of `start`, which become those that are found.
     ///
     /// The derivatives are those of steady motion: what an input changes comes late, but comes.
@@ -68,12 +68,12 @@ impl Model {
         yaw_rad: f64,
         motors: MotorSpeeds,
         step_s: f64,
-        state: &mut BodyState,
+        moving: &mut BodyState,
     ) -> LinearisedStep {
         let Self::Contact(model) = self else {
             return self.step_on_plane(normal_in_world, yaw_rad, motors, step_s);
         };
-        let before = *state;
+        let before = *moving;
         let mut halves = start.0.iter_mut().zip([0.5 * step_s, step_s]);
         step_on_plane(normal_in_world, yaw_rad, step_s, |placed| {
             let Some((place, time_s)) = halves.next() else {
@@ -82,7 +82,7 @@ impl Model {
             let (mut found, lag) = model.body_velocity_near(&mut place.near, placed.tilt(), motors);
             place.following = lag.over(time_s);
             let followed = place.following.from(&before, &found.velocity.vector());
-            *state = followed.end;
+            *moving = followed.end;
             found.velocity = BodyVelocity::from_vector(&followed.mean);
             found
         })
@@ -96,12 +96,12 @@ impl Model {
         yaw_rad: f64,
         motors: MotorSpeeds,
         step_s: f64,
-        state: &mut BodyState,
+        moving: &mut BodyState,
     ) -> Vector3<f64> {
         match self {
             Self::Icr(model) => model.increment_on_plane(normal_in_world, yaw_rad, motors, step_s),
             Self::Contact(model) => {
-                let before = *state;
+                let before = *moving;
                 let mut places = start.0.iter();
                 increment_on_plane(normal_in_world, yaw_rad, step_s, |placed| {
                     let place = places.next();
@@ -109,7 +109,7 @@ impl Model {
                     let settled = model.velocity_near(near, placed.tilt(), motors);
                     let Some(place) = place else { return settled };
                     let followed = place.following.from(&before, &settled.vector());
-                    *state = followed.end;
+                    *moving = followed.end;
                     BodyVelocity::from_vector(&followed.mean)
                 })
             }

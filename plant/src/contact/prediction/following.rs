@@ -322,10 +322,11 @@ impl Following {
             return [Followed { mean, end }; 2];
         }
         let yaw_rate_rad_s = before.velocity.z;
-        let behind = before.velocity - self.followed(&before.velocity, settled);
+        let followed = self.followed(&before.velocity, settled);
+        let end = self.along(before, &followed).end;
+        let behind = before.velocity - followed;
+        let left = end.velocity - followed;
         let force = of_box_s * before.force;
-        let velocity = self.velocity_by_behind * behind + self.velocity_by_force * before.force;
-        let end_force = self.force_by_behind * behind + self.force_by_force * before.force;
         let constants_s = inertia * of_box_s;
         let square = constants_s * constants_s;
         // With u' alone, then with T or T_f at given u'.
@@ -349,12 +350,12 @@ impl Following {
             of_box_s
                 * (by_constants(shares.velocity_by_behind) * behind
                     + by_constants(shares.velocity_by_force) * force)
-                - whole * velocity,
+                - whole * left,
             2.0 * a * (constants_s * behind)
                 + b * time_s * behind
                 + by_constants(shares.force_by_force) * force
-                - whole * end_force,
-            velocity - behind,
+                - whole * end.force,
+            end.velocity - before.velocity,
         );
         let shares = Shares::derivatives_at(force_s / time_s);
         let of = |share: Polynomial| share.of(&constants_s, &square, time_s) / time_s;
@@ -363,11 +364,11 @@ impl Following {
         let by_force_s = derivative(
             self.lag.by_turning(yaw_rate_rad_s, &pull_m_s2),
             of(shares.velocity_by_behind) * behind + of(shares.velocity_by_force) * force
-                - whole * velocity,
+                - whole * left,
             inertia * (a / time_s * (constants_s * behind) + b * behind)
                 + of(shares.force_by_force) * before.force
-                - whole * end_force,
-            end_force - before.force,
+                - whole * end.force,
+            end.force - before.force,
         );
         let by_length = |of_force_s| of_force_s / passing_m_s;
         [
