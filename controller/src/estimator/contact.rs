@@ -71,7 +71,7 @@ impl LearnedModel<PARAMETERS> for LearnedContact {
         let followed = following.from(&before.state, &settled.value);
         let mut by = following.along(&before.by_parameters, &settled.by_parameters);
         let lag_parameters = [Parameter::Inertia, Parameter::RelaxationLength];
-        let by_lag = following.by_lag(&before.state, &settled.value);
+        let by_lag = following.by_lag(&before.state, &settled.value, &followed.end);
         for (parameter, by_parameter) in lag_parameters.into_iter().zip(by_lag) {
             for (matrix, column) in [
                 (&mut by.mean, by_parameter.mean),

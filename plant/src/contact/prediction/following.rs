@@ -306,8 +306,14 @@ impl Following {
         }
     }
 
-    /// Returns the derivatives of [`Self::from`] by the inertia and by the relaxation length, m.
-    pub fn by_lag(&self, before: &BodyState, settled: &Vector3<f64>) -> [Followed; 2] {
+    /// Returns the derivatives of [`Self::from`], which led to the state `end`, by the inertia and by the relaxation
+    /// length, m.
+    pub fn by_lag(
+        &self,
+        before: &BodyState,
+        settled: &Vector3<f64>,
+        end: &BodyState,
+    ) -> [Followed; 2] {
         let Lag {
             of_box_s,
             inertia,
@@ -323,7 +329,6 @@ impl Following {
         }
         let yaw_rate_rad_s = before.velocity.z;
         let followed = self.followed(&before.velocity, settled);
-        let end = self.along(before, &followed).end;
         let behind = before.velocity - followed;
         let left = end.velocity - followed;
         let force = of_box_s * before.force;
