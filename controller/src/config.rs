@@ -326,12 +326,30 @@ mod tests {
     #[test]
     fn changes_of_steer_cost_less_far_beside_the_path_than_on_it() {
         let contact = ContactMpcConfig::default();
-        let factor = |distance_m| contact.factors(distance_m).steer_change;
+        let factor = |distance_m| contact.factors(distance_m, 0.0).steer_change;
         assert_eq!(factor(0.0), contact.steer_change_on_path);
-        assert_eq!(contact.factors(0.0).along, contact.along_on_path);
-        assert!(contact.factors(1.0).along > 0.99);
+        assert_eq!(contact.factors(0.0, 0.0).along, contact.along_on_path);
+        assert!(contact.factors(1.0, 0.0).along > 0.99);
         let half_way = 0.5 * (contact.steer_change_on_path + contact.steer_change_off_path);
         assert!((factor(-contact.off_path_m) - half_way).abs() < 1e-12);
         assert!((factor(100.0) - contact.steer_change_off_path).abs() < 1e-6);
+    }
+
+    #[test]
+    fn errors_gain_weight_while_the_vehicle_gets_under_way() {
+        let contact = ContactMpcConfig::default();
+        let ramp_s = contact.start_ramp_s;
+        let factor = |driving_s, ahead_s| contact.factors(0.0, driving_s).errors(ahead_s);
+        assert!((factor(0.0, 0.5 * ramp_s) - 0.25).abs() < 1e-12);
+        assert!((factor(0.3 * ramp_s, 0.2 * ramp_s) - 0.25).abs() < 1e-12);
+        assert_eq!(factor(0.3 * ramp_s, 0.8 * ramp_s), 1.0);
+        assert_eq!(factor(2.0 * ramp_s, 0.0), 1.0);
+        // Without a ramp, and with the other controllers, errors have their weight at once.
+        let contact = ContactMpcConfig {
+            start_ramp_s: 0.0,
+            ..contact
+        };
+        assert_eq!(contact.factors(0.0, 0.0).errors(0.0), 1.0);
+        assert_eq!(WeightFactors::NONE.errors(0.0), 1.0);
     }
 }

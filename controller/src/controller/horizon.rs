@@ -58,7 +58,10 @@ impl Controller {
         };
         let factors = match mpc.model_mut() {
             Model::Icr(_) => WeightFactors::NONE,
-            Model::Contact(_) => self.config.contact.factors(progress.cross_track_m),
+            Model::Contact(_) => self.config.contact.factors(
+                progress.cross_track_m,
+                self.issued.driving_s(estimate.time_s),
+            ),
         };
         let mut caution = 0.0;
         if self.adapts {
@@ -89,7 +92,7 @@ impl Controller {
             .tracked_point()
             .of(&estimate.pose, &estimate.normal_in_world);
         self.standstill.observe(elapsed_s, progress, &point);
-        self.fill_targets(estimate, progress, caution, factors.along);
+        self.fill_targets(estimate, progress, caution, &factors);
     }
 
     /// Puts the reference over the horizon into its targets.
@@ -98,7 +101,7 @@ impl Controller {
         estimate: &Estimate,
         progress: &Progress,
         caution: f64,
-        along_factor: f64,
+        factors: &WeightFactors,
     ) {
         let half_track_m = self.horizon.half_track_m;
         self.horizon.targets.clear();
@@ -157,7 +160,10 @@ impl Controller {
             }
             let mut weights = config.stage_weights(point.motion, caution, *end_s);
             if point.motion == Motion::Drive && point.arc_length_m < lag_until_m {
-                weights.along_per_m2 *= along_factor;
+                weights.along_per_m2 *= factors.along;
+            }
+            if point.motion == Motion::Drive {
+                weights = weights.scaled(factors.errors(config.delay_s() + end_s));
             }
             if let Some(overshoot) = overshoot {
                 overshoot.weigh(&mut pose, along_heading_rad, &mut weights);

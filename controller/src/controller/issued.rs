@@ -12,6 +12,8 @@ struct Issued {
 /// Commands of the last second, the newest last: those that the drives have yet to follow are among them.
 pub(super) struct IssuedCommands {
     commands: Vec<Issued>,
+    /// When the vehicle was last told to stand, s; none before its first command.
+    stood_s: Option<f64>,
 }
 
 impl IssuedCommands {
@@ -20,6 +22,7 @@ impl IssuedCommands {
         let commands = (1.0 / period_s).ceil() as usize + 2;
         Self {
             commands: Vec::with_capacity(commands + 1),
+            stood_s: None,
         }
     }
 
@@ -29,6 +32,14 @@ impl IssuedCommands {
             self.commands.remove(0);
         }
         self.commands.push(Issued { time_s, command });
+        if command == MotorSpeeds::STOP || self.stood_s.is_none() {
+            self.stood_s = Some(time_s);
+        }
+    }
+
+    /// Returns for how long the vehicle has not been told to stand, s.
+    pub(super) fn driving_s(&self, now_s: f64) -> f64 {
+        self.stood_s.map_or(0.0, |stood_s| now_s - stood_s)
     }
 
     /// Returns the newest command; before the first the vehicle stands.

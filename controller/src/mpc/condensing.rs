@@ -62,6 +62,17 @@ pub struct StageWeights {
     pub heading_per_rad2: f64,
 }
 
+impl StageWeights {
+    /// Returns all weights times `factor`.
+    pub(crate) fn scaled(self, factor: f64) -> Self {
+        Self {
+            along_per_m2: factor * self.along_per_m2,
+            cross_per_m2: factor * self.cross_per_m2,
+            heading_per_rad2: factor * self.heading_per_rad2,
+        }
+    }
+}
+
 /// Builds the QP of a horizon and reads its solution back.
 pub struct Condenser {
     blocks: Vec<Block>,

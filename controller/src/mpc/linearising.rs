@@ -76,16 +76,13 @@ impl Mpc {
             if k + 1 == horizon.targets.len() {
                 factor *= settings.terminal_factor;
             }
-            weights.along_per_m2 *= factor;
-            weights.cross_per_m2 *= factor;
-            weights.heading_per_rad2 *= factor;
             self.stages.push(Stage {
                 step,
                 defect: state + step.increment - next,
                 error: error.state,
                 point_by_yaw_m: error.point_by_yaw_m,
                 along: target.along(),
-                weights,
+                weights: weights.scaled(factor),
                 input,
                 change_weights: ChangeWeights {
                     traction: horizon.change_weights.traction / step_s,

@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::config::{ControllerConfig, ControllerKind};
-use crate::course::{Course, Cusp};
+use crate::course::{Course, Cusp, Straight};
 use crate::reference::Tracking;
 use crate::speed_profile::SpeedConfig;
 use sidehill_plant::frames::{Attitude, Pose};
@@ -36,9 +36,10 @@ fn sample(time_s: f64, pose: &PlanarPose) -> Sample {
 }
 
 /// Returns a controller of the J8 on a cusp, at `arc_m` from the cusp, that has seen the vehicle `past_m` past it along
-/// its tangent for two cycles.
+/// its tangent for two cycles. Errors have their weight at once.
 fn past_the_cusp(kind: ControllerKind, arc_m: f64, past_m: f64) -> Controller {
-    let config = ControllerConfig::default();
+    let mut config = ControllerConfig::default();
+    config.contact.start_ramp_s = 0.0;
     let limits = SpeedConfig::default().limits(&config.limits, &Vehicle::j8());
     let trajectory = Course::Cusp(Cusp::default()).trajectory(&limits).unwrap();
     let path = trajectory.path().unwrap();
@@ -77,9 +78,10 @@ fn a_plan_past_a_cusp_is_weighed_as_one_beside_the_path() {
 }
 
 /// Returns the first cycle's weights along the path, and how far short of a cusp their targets are, for a vehicle
-/// beside the start.
+/// beside the start whose errors have their weight at once.
 fn along_weights(kind: ControllerKind, right_m: f64) -> Vec<(f64, f64)> {
-    let config = ControllerConfig::default();
+    let mut config = ControllerConfig::default();
+    config.contact.start_ramp_s = 0.0;
     let limits = SpeedConfig::default().limits(&config.limits, &Vehicle::j8());
     let course = Course::Cusp(Cusp {
         radius_m: 1.5,
@@ -135,4 +137,45 @@ fn contact_mpc_may_lag_on_the_path_but_not_at_a_cusp() {
     for (weight, _) in along_weights(ControllerKind::IcrikMpc, 0.0) {
         assert_eq!(weight, others);
     }
+}
+
+#[test]
+fn errors_gain_weight_after_a_standstill_and_not_after_a_new_path() {
+    let config = ControllerConfig::default();
+    let period_s = config.period_s;
+    let limits = SpeedConfig::default().limits(&config.limits, &Vehicle::j8());
+    let course = Course::Straight(Straight::default());
+    let reference = || Reference::new(course.trajectory(&limits).unwrap(), Tracking::Time);
+    let pose = reference().ahead(0.0).pose();
+    let mut controller =
+        Controller::new(ControllerKind::ContactMpc, config, &Vehicle::j8()).unwrap();
+    controller.follow(reference());
+    let mut cycle = 0;
+    // Heading's weight at the end of the first stage after so many cycles more, over that without a ramp.
+    let mut share_after = |controller: &mut Controller, cycles: usize| {
+        for _ in 0..cycles {
+            cycle += 1;
+            controller.step(&sample(f64::from(cycle) * period_s, &pose), None);
+        }
+        let weights = controller.horizon.targets[0].weights;
+        weights.heading_per_rad2 / controller.config.weights.heading_per_rad2
+    };
+    let first = share_after(&mut controller, 1);
+    let ahead_s = controller.config.delay_s() + controller.config.step_s;
+    let share = |driving_s: f64| ((driving_s + ahead_s) / 2.0).powi(2);
+    assert!((first - share(0.0)).abs() < 1e-3, "{first}");
+    let driving = share_after(&mut controller, 10);
+    assert!((driving - share(10.0 * period_s)).abs() < 1e-3, "{driving}");
+    controller.follow(reference());
+    let new_path = share_after(&mut controller, 2);
+    assert!(
+        (new_path - share(12.0 * period_s)).abs() < 1e-3,
+        "{new_path}"
+    );
+    controller.request_stop();
+    share_after(&mut controller, 20);
+    assert_eq!(controller.issued.last(), MotorSpeeds::STOP);
+    controller.rearm();
+    let again = share_after(&mut controller, 1);
+    assert!(again < share(2.0 * period_s), "{again}");
 }
