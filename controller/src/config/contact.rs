@@ -38,7 +38,7 @@ impl Default for ContactMpcConfig {
             cross_ramp_s: 0.6,
             start_ramp_s: 2.0,
             steer_change_on_path: 1.5,
-            steer_change_off_path: 0.5,
+            steer_change_off_path: 0.25,
             off_path_m: 0.05,
             step_limit: Some(StepLimit::default()),
         }

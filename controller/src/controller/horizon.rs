@@ -159,10 +159,10 @@ impl Controller {
                 slip = slide_share(progress.cross_track_m) * speed_m_s * known.slip_per_m;
             }
             let mut weights = config.stage_weights(point.motion, caution, *end_s);
-            if point.motion == Motion::Drive && point.arc_length_m < lag_until_m {
-                weights.along_per_m2 *= factors.along;
-            }
             if point.motion == Motion::Drive {
+                if point.arc_length_m < lag_until_m {
+                    weights.along_per_m2 *= factors.along;
+                }
                 weights = weights.scaled(factors.errors(config.delay_s() + end_s));
             }
             if let Some(overshoot) = overshoot {

@@ -37,9 +37,10 @@ impl IssuedCommands {
         }
     }
 
-    /// Returns for how long the vehicle has not been told to stand, s.
+    /// Returns the time since the vehicle was last told to stand, s; 0 where the clock was put back since.
     pub(super) fn driving_s(&self, now_s: f64) -> f64 {
-        self.stood_s.map_or(0.0, |stood_s| now_s - stood_s)
+        let stood_s = self.stood_s.unwrap_or(now_s);
+        (now_s - stood_s).max(0.0)
     }
 
     /// Returns the newest command; before the first the vehicle stands.
@@ -62,5 +63,26 @@ impl IssuedCommands {
         };
         let commands = self.commands.iter().enumerate().map(in_force);
         commands.filter(|(_, time_s)| *time_s > 0.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn driving_counts_from_the_last_command_to_stand() {
+        let ahead = MotorSpeeds {
+            traction_m_s: 0.3,
+            steer_m_s: 0.0,
+        };
+        let mut issued = IssuedCommands::new(0.05);
+        assert_eq!(issued.driving_s(7.0), 0.0);
+        for (time_s, command) in [(7.0, ahead), (7.05, MotorSpeeds::STOP), (7.1, ahead)] {
+            issued.push(time_s, command);
+        }
+        assert!((issued.driving_s(8.05) - 1.0).abs() < 1e-9);
+        // A clock that was put back.
+        assert_eq!(issued.driving_s(1.0), 0.0);
     }
 }
