@@ -73,7 +73,8 @@ fn contact_mpc_is_calm_where_it_falls_behind_in_bends() {
     assert!(rms_m < 0.006 && steer_m_s < 5.0, "{run}");
 }
 
-/// With equally loaded axles and inertia turns that point uphill are followed late.
+/// With equally loaded axles and inertia turns that point uphill are followed late. From 12.5 deg on a controller that
+/// does not know of it swings.
 #[test]
 fn contact_mpc_tracks_a_vehicle_with_inertia_closer_where_it_knows_of_it() {
     let folder = tempfile::tempdir().unwrap();
@@ -94,7 +95,7 @@ fn contact_mpc_tracks_a_vehicle_with_inertia_closer_where_it_knows_of_it() {
             format!("{known}\ncontact: {{half_width_m: 0.6, axles: {axles}, {inertia}}}\n"),
         );
         let scenario = configuration("scenarios/figure_eight.yaml");
-        let scenario = scenario.replace("slope_deg: 5.3", "slope_deg: 12");
+        let scenario = scenario.replace("slope_deg: 5.3", "slope_deg: 13");
         let mut scenario: serde_yaml::Value = serde_yaml::from_str(&scenario).unwrap();
         scenario["contact"] =
             serde_yaml::from_str("{vehicle: truth.yaml, identified: known.yaml}").unwrap();
