@@ -162,7 +162,8 @@ fn errors_gain_weight_after_a_standstill_and_not_after_a_new_path() {
     };
     let first = share_after(&mut controller, 1);
     let ahead_s = controller.config.delay_s() + controller.config.step_s;
-    let share = |driving_s: f64| ((driving_s + ahead_s) / 2.0).powi(2);
+    let ramp_s = controller.config.contact.start_ramp_s;
+    let share = |driving_s: f64| ((driving_s + ahead_s) / ramp_s).powi(2);
     assert!((first - share(0.0)).abs() < 1e-3, "{first}");
     let driving = share_after(&mut controller, 10);
     assert!((driving - share(10.0 * period_s)).abs() < 1e-3, "{driving}");
