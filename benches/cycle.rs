@@ -16,6 +16,7 @@ use sidehill_controller::course::FigureEight;
 use sidehill_controller::mpc::{
     Horizon, Mpc, MpcSettings, QpData, QpMode, QpSettings, QpSolver, SolvePath, StageTarget,
 };
+use sidehill_controller::reference::Reference;
 use sidehill_controller::tracked_point::TrackedPoint;
 use sidehill_controller::trajectory::Trajectory;
 use sidehill_plant::contact::BodyState;
@@ -48,7 +49,7 @@ fn trajectory() -> Trajectory {
 fn controller(config: &ControllerConfig) -> Controller {
     let mut controller =
         Controller::new(ControllerKind::IcrikMpc, config.clone(), &vehicle()).unwrap();
-    controller.follow(config.reference(trajectory()).for_laps(2));
+    controller.follow(Reference::new(trajectory()).for_laps(2));
     controller
 }
 

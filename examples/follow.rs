@@ -5,6 +5,7 @@ use sidehill_controller::closed_loop::{ClosedLoop, RunEnd};
 use sidehill_controller::config::{ControllerConfig, ControllerKind};
 use sidehill_controller::controller::Controller;
 use sidehill_controller::course::FigureEight;
+use sidehill_controller::reference::Reference;
 use sidehill_plant::dead_reckoning::{Motion, advance};
 use sidehill_plant::frames::{Attitude, Pose};
 use sidehill_plant::sample::Sample;
@@ -51,7 +52,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     rover.0.pose = Pose::from(trajectory.at(0.0).pose());
     let config = ControllerConfig::default();
     let mut controller = Controller::new(ControllerKind::IcrikMpc, config, &Vehicle::j8())?;
-    controller.follow(controller.config().reference(trajectory));
+    controller.follow(Reference::new(trajectory));
     let mut closed_loop = ClosedLoop::new(rover, controller)?;
     let end = closed_loop.run(|_cycle| ())?;
     println!("{end}: {:?}", closed_loop.figures());

@@ -9,6 +9,7 @@ pub(crate) use contact::WeightFactors;
 pub use supervisor::SupervisorConfig;
 pub use weights::{CautionConfig, Weights};
 
+use crate::controller::Asked;
 use crate::estimator::EstimatorSettings;
 use crate::guard::GuardConfig;
 use crate::memory::MemoryConfig;
@@ -17,9 +18,8 @@ use crate::mpc::{
     ChangeWeights, Corridor, HeadingExcess, MpcSettings, QpSettings, StageWeights, StepLimit,
 };
 use crate::pure_pursuit::PurePursuitSettings;
-use crate::reference::{Reference, Tracking};
 use crate::tracked_point::TrackedPoint;
-use crate::trajectory::{Ending, Motion, Trajectory};
+use crate::trajectory::Motion;
 use serde::{Deserialize, Serialize};
 use sidehill_plant::bounds::{Bounds, RangeError};
 
@@ -96,9 +96,6 @@ pub struct ControllerConfig {
     pub command_delay_s: f64,
     /// Time constant of the motors, s.
     pub motor_lag_s: f64,
-    /// Largest distance by which the reference may run ahead of the vehicle on a path, m; a
-    /// trajectory given in time hardly waits.
-    pub lead_max_m: f64,
     /// Where the attitude along the horizon comes from.
     pub attitude_preview: AttitudePreview,
     /// Point of the vehicle that follows the path; the origin unless it is set.
@@ -109,8 +106,8 @@ pub struct ControllerConfig {
     pub caution: CautionConfig,
     /// Soft corridor, none by default.
     pub corridor: Option<Corridor>,
-    /// How far a QP's solution is followed in a cycle; all the way without it.
-    pub step_limit: Option<StepLimit>,
+    /// How far a QP's solution is followed in a cycle.
+    pub step_limit: StepLimit,
     /// What contact-mpc has in place of the settings above.
     pub contact: ContactMpcConfig,
     /// Limits of both motors.
@@ -145,13 +142,12 @@ impl Default for ControllerConfig {
             smoothing_m_s: 0.02,
             command_delay_s: 0.0,
             motor_lag_s: 0.0,
-            lead_max_m: 0.3,
             attitude_preview: AttitudePreview::Measured,
             tracked_point: TrackedPoint::ORIGIN,
             weights: Weights::default(),
             caution: CautionConfig::default(),
             corridor: None,
-            step_limit: None,
+            step_limit: StepLimit::default(),
             contact: ContactMpcConfig::default(),
             limits: InputLimits {
                 traction: motor,
@@ -185,16 +181,13 @@ impl ControllerConfig {
         Bounds::new(self.period_s, 10.0, "s")
             .with_note("at least period_s")
             .check("last_step_s", self.last_step_s)?;
-        if let Some(limit) = &self.step_limit {
-            limit.validate()?;
-        }
+        self.step_limit.validate()?;
         self.contact.validate()?;
         Bounds::new(1.0, 20.0, "").check("block_stages", self.block_stages as f64)?;
         Bounds::new(1e-4, 1.0, "m/s").check("smoothing_m_s", self.smoothing_m_s)?;
         Bounds::new(0.0, DELAY_MAX_S, "s")
             .check("command_delay_s + motor_lag_s", self.delay_s())?;
         Bounds::new(0.0, DELAY_MAX_S, "s").check("command_delay_s", self.command_delay_s)?;
-        Bounds::new(0.01, 10.0, "m").check("lead_max_m", self.lead_max_m)?;
         self.tracked_point.validate()?;
         self.weights.validate()?;
         self.caution.validate()?;
@@ -214,18 +207,6 @@ impl ControllerConfig {
         self.pure_pursuit.validate()
     }
 
-    /// Returns the reference that follows `trajectory` for one lap: with the clock where it is
-    /// periodic, else waiting for the vehicle within `lead_max_m`.
-    pub fn reference(&self, trajectory: Trajectory) -> Reference {
-        let tracking = match trajectory.ending() {
-            Ending::Periodic => Tracking::Time,
-            Ending::Stop => Tracking::Path {
-                lead_max_m: self.lead_max_m,
-            },
-        };
-        Reference::new(trajectory, tracking)
-    }
-
     /// Returns the time after which a command acts: delay and, as a further delay, the motors' lag.
     pub fn delay_s(&self) -> f64 {
         self.command_delay_s + self.motor_lag_s
@@ -234,9 +215,7 @@ impl ControllerConfig {
     /// Returns the settings with those of contact-mpc in their places.
     pub(crate) fn for_contact(mut self) -> Self {
         self.last_step_s = self.contact.last_step_s;
-        self.weights.along_per_m2 = self.contact.along_per_m2;
         self.weights.cross_ramp_s = self.contact.cross_ramp_s;
-        self.step_limit = self.contact.step_limit;
         self
     }
 
@@ -251,6 +230,7 @@ impl ControllerConfig {
                 free_rad: self.weights.heading_free_rad,
                 per_rad2: self.weights.heading_excess_per_rad2,
             },
+            cross_per_m2: self.weights.cross_per_m2,
             terminal_factor: self.weights.terminal_factor,
             limits: self.limits,
             last_step_s: self.last_step_s,
@@ -274,7 +254,7 @@ impl ControllerConfig {
 
     /// Returns the weights of a stage that ends `end_s` after the begin of the horizon, at a caution from 0 to 1: at
     /// the end an error across the path is left as it is, since no distance remains in which to correct it.
-    pub fn stage_weights(&self, motion: Motion, caution: f64, end_s: f64) -> StageWeights {
+    pub(crate) fn stage_weights(&self, asked: &Asked, caution: f64, end_s: f64) -> StageWeights {
         let w = &self.weights;
         let ramp = if end_s < w.cross_ramp_s {
             end_s / w.cross_ramp_s
@@ -282,21 +262,22 @@ impl ControllerConfig {
             1.0
         };
         let calmer = (self.caution.heading_per_rad2 - w.heading_per_rad2).max(0.0);
-        match motion {
-            Motion::Drive => StageWeights {
-                along_per_m2: w.along_per_m2,
+        match asked.motion {
+            Motion::Drive | Motion::Stand => StageWeights {
+                along_per_m2: if asked.ends {
+                    w.cross_per_m2
+                } else {
+                    0.0
+                },
                 cross_per_m2: ramp * w.cross_per_m2,
                 heading_per_rad2: w.heading_per_rad2 + caution * calmer,
+                speed_s2_per_m2: w.speed / (asked.scale_m_s * asked.scale_m_s),
             },
             Motion::Pivot => StageWeights {
                 along_per_m2: w.pivot_position_per_m2,
                 cross_per_m2: w.pivot_position_per_m2,
                 heading_per_rad2: w.pivot_heading_per_rad2,
-            },
-            Motion::Stand => StageWeights {
-                along_per_m2: w.along_per_m2,
-                cross_per_m2: 0.0,
-                heading_per_rad2: w.pivot_heading_per_rad2,
+                speed_s2_per_m2: 0.0,
             },
         }
     }

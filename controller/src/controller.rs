@@ -8,15 +8,14 @@ mod decision;
 mod horizon;
 mod issued;
 mod learning;
-mod overshoot;
 mod parts;
-mod standstill;
 mod supervision;
-mod unrolling;
+mod walk;
 mod watchdog;
 
 pub use decision::{Decision, Stall, Status, StopReason};
 pub use parts::ControllerError;
+pub(crate) use walk::Asked;
 
 use crate::config::{ControllerConfig, ControllerKind};
 use crate::estimator::{Estimate, Estimator};
@@ -33,7 +32,6 @@ use sidehill_plant::sample::Sample;
 use sidehill_plant::speeds::MotorSpeeds;
 use sidehill_plant::terrain::Terrain;
 use sidehill_plant::vehicle::Vehicle;
-use standstill::Standstill;
 use std::time::Instant;
 use watchdog::Watchdog;
 
@@ -65,7 +63,6 @@ pub struct Controller {
     horizon: Horizon,
     phase: Phase,
     watchdog: Watchdog,
-    standstill: Standstill,
     guard: Option<Guard>,
     memory: Option<Memory>,
     /// Name and number of vehicle and kind, which identify what was learned.
@@ -105,7 +102,6 @@ impl Controller {
             estimator,
             reference: None,
             horizon: Horizon {
-                elapsed_s: 0.0,
                 start: Default::default(),
                 moving: BodyState::default(),
                 previous: MotorSpeeds::STOP,
@@ -120,7 +116,6 @@ impl Controller {
                 half_track_m,
                 config.period_s,
             ),
-            standstill: Standstill::START,
             phase: Phase::Driving { fallback_cycles: 0 },
             last_time_s: None,
             adapts,
@@ -185,13 +180,8 @@ impl Controller {
 
     /// Follows `reference` from the next cycle on. The estimate and the commands in flight stay; a
     /// stopped controller stays stopped, one that had finished drives again.
-    ///
-    /// Pure pursuit is geometric and knows no time: its reference always waits for the vehicle.
     pub fn follow(&mut self, reference: Reference) {
-        let next = match self.law {
-            Law::Mpc(_) => reference,
-            Law::PurePursuit => reference.for_pursuit(self.config.lead_max_m),
-        };
+        let next = reference;
         // A plan that leads elsewhere is a bad point to linearise about.
         let horizon_s = self.config.delay_s() + self.config.mpc().stage_times().duration_s();
         let new = next.ahead(horizon_s).position;
@@ -289,6 +279,7 @@ impl Controller {
                 path: reference.and_then(Reference::path),
                 arc_length_m: progress.arc_length_m,
                 stop_at_m: reference.map_or(progress.arc_length_m, Reference::stop_at_m),
+                turn_to_go_rad: reference.map_or(0.0, Reference::turn_to_go_rad),
             },
             &self.vehicle.icrs,
         );

@@ -9,7 +9,7 @@ use crate::path::Path;
 use crate::trajectory::{Motion, ReferencePoint};
 use serde::{Deserialize, Serialize};
 use sidehill_plant::bounds::{Bounds, RangeError};
-use sidehill_plant::frames::{PlanarPose, wrap_angle};
+use sidehill_plant::frames::PlanarPose;
 use sidehill_plant::speeds::MotorSpeeds;
 use sidehill_plant::vehicle::HorizontalIcrs;
 
@@ -92,6 +92,8 @@ pub struct PursuitView<'a> {
     pub arc_length_m: f64,
     /// Arc length up to which this drive goes: the next cusp or the end; infinite on a closed path.
     pub stop_at_m: f64,
+    /// What is left of a turn on the spot, rad, counter-clockwise positive.
+    pub turn_to_go_rad: f64,
 }
 
 impl PurePursuitSettings {
@@ -106,16 +108,16 @@ impl PurePursuitSettings {
         let path = match (reference.motion, view.path) {
             (Motion::Drive | Motion::Stand, Some(path)) => path,
             (Motion::Pivot, _) => {
-                let error = wrap_angle(reference.heading_rad - view.pose.yaw_rad);
-                return turn(reference.yaw_rate_rad_s + self.pivot_gain_per_s * error);
+                let most_rad_s = reference.yaw_rate_rad_s.abs();
+                let wanted_rad_s = self.pivot_gain_per_s * view.turn_to_go_rad;
+                return turn(wanted_rad_s.clamp(-most_rad_s, most_rad_s));
             }
             _ => return MotorSpeeds::STOP,
         };
         let to_go_m = view.stop_at_m - view.arc_length_m;
-        if reference.motion == Motion::Stand && to_go_m < self.goal_tolerance_m {
+        if to_go_m < self.goal_tolerance_m {
             return MotorSpeeds::STOP;
         }
-        // The reference stands at the end before the vehicle does.
         let speed = reference.speed_m_s.abs().max(self.speed_min_m_s);
         let lookahead_m =
             (self.lookahead_time_s * speed).clamp(self.lookahead_min_m, self.lookahead_max_m);

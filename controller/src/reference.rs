@@ -1,38 +1,34 @@
-//! Progress along a trajectory: which part of it the horizon covers now.
+//! Progress along a trajectory, drive by drive.
+//!
+//! A drive goes up to the next cusp or to the end of the path. How far it has come is where the vehicle is, not how
+//! late it is: the reference of a cycle is the point of the path nearest to the vehicle, with the speed allowed
+//! there. A turn on the spot is a drive in heading.
 
 use crate::path::{Path, PathPoint, Point2, Window};
 use crate::trajectory::{Ending, Motion, ReferencePoint, Trajectory};
 use serde::{Deserialize, Serialize};
-use sidehill_plant::frames::PlanarPose;
-
-/// How the reference moves on.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Tracking {
-    /// With the clock: the trajectory is tracked as given. It waits only for a vehicle that cannot
-    /// follow, as without grip, since a plan for a place that the vehicle has not reached is useless.
-    Time,
-    /// With the clock as long as it is not too far ahead of the vehicle.
-    Path {
-        /// Largest lead in the direction of travel, m.
-        lead_max_m: f64,
-    },
-    /// As `Path`, and at a cusp it waits until the vehicle is there too: a law that looks at one point
-    /// ahead would turn back where the point does.
-    PathByCusps {
-        /// Largest lead in the direction of travel, m.
-        lead_max_m: f64,
-    },
-}
+use sidehill_plant::frames::{PlanarPose, wrap_angle};
 
 /// A trajectory and how far it has been followed.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Reference {
     trajectory: Trajectory,
-    tracking: Tracking,
     laps: u32,
     number: u64,
+    /// Arc lengths at which drives end; none where the path goes on for ever.
+    ends_m: Vec<f64>,
+    /// Drives that are done.
+    drives_done: usize,
+    /// Arc length of the point nearest to the vehicle, m.
+    arc_length_m: f64,
+    /// Heading of the vehicle on a turn on the spot, rad, unwrapped.
+    heading_rad: f64,
+    /// Time on the trajectory at which a vehicle that keeps its times is there, s.
     time_s: f64,
-    cusps_m: Vec<f64>,
+    /// Whether the vehicle has been seen on this path.
+    begun: bool,
+    /// Time for which the vehicle has been where the drive ends, s.
+    arrived_s: f64,
 }
 
 /// Position of the vehicle relative to the reference.
@@ -40,41 +36,59 @@ pub struct Reference {
 pub struct Progress {
     /// The reference of this cycle.
     pub point: ReferencePoint,
-    /// Arc length of the nearest point of the path, m; of the reference on a turn on the spot.
+    /// Arc length of the nearest point of the path, m; 0 on a turn on the spot.
     pub arc_length_m: f64,
     /// Distance from the path, m, positive to the left of travel; from the reference's position,
     /// positive, on a turn on the spot.
     pub cross_track_m: f64,
-    /// Whether the trajectory has ended.
+    /// Whether the vehicle is where the last drive ends.
     pub ended: bool,
 }
 
-/// Part of the path around the reference that is searched for the nearest point. It moves with the
-/// reference, so the nearest point can neither jump to another branch at a crossing nor stay behind
-/// on the way into a cusp.
+/// Part of the path around the vehicle's last place that is searched for the nearest point, so that it cannot
+/// jump to another branch at a crossing.
 pub const PROJECTION_WINDOW: Window = Window {
     behind_m: 2.0,
     ahead_m: 1.0,
 };
 
-/// Largest lead of a reference given in time, m: more than a start from standstill takes.
-const TIMED_LEAD_MAX_M: f64 = 0.6;
+/// Distance from the end of a drive at which it is over, m.
+const ARRIVED_M: f64 = 0.05;
+/// Heading error at which a turn on the spot is over, rad.
+const ARRIVED_RAD: f64 = 0.02;
+/// Motor speed below which a vehicle stands, m/s.
+const STANDING_M_S: f64 = 0.02;
+/// Time after which a drive is over although the vehicle has not come to rest at its end, s.
+const ARRIVED_S: f64 = 1.0;
+
+/// Distance that a vehicle at the start of a path must be nearer to a point ahead to begin there, m.
+const ENTRY_GAIN_M: f64 = 0.5;
+/// Distance that counts as much as a heading error of 1 rad, m.
+const ENTRY_M_PER_RAD: f64 = 1.0;
+/// Distance between the points at which a path may be begun, m.
+const ENTRY_STEP_M: f64 = 0.1;
+/// Share of a path that must be to come where it is begun.
+const ENTRY_TO_COME: f64 = 0.5;
 
 impl Reference {
-    /// Returns a reference at the start of `trajectory`, for one lap; see
-    /// [`ControllerConfig::reference`](crate::config::ControllerConfig::reference) for the tracking
-    /// that suits a trajectory.
-    pub fn new(trajectory: Trajectory, tracking: Tracking) -> Self {
-        let cusps_m = trajectory
-            .path()
-            .map_or_else(Vec::new, |path| path.cusps_m().collect());
+    /// Returns a reference for one lap of `trajectory`.
+    pub fn new(trajectory: Trajectory) -> Self {
+        let ends_m = match (trajectory.ending(), trajectory.path()) {
+            (Ending::Stop, Some(path)) => path.cusps_m().chain([path.length_m()]).collect(),
+            _ => Vec::new(),
+        };
+        let heading_rad = trajectory.at(0.0).heading_rad;
         Self {
             trajectory,
-            tracking,
             laps: 1,
             number: 0,
+            ends_m,
+            drives_done: 0,
+            arc_length_m: 0.0,
+            heading_rad,
             time_s: 0.0,
-            cusps_m,
+            begun: false,
+            arrived_s: 0.0,
         }
     }
 
@@ -93,17 +107,12 @@ impl Reference {
         Self { number, ..self }
     }
 
-    /// Returns this reference tracked for a law that looks at one point of it and knows no time.
-    pub(crate) fn for_pursuit(self, lead_max_m: f64) -> Self {
-        Self {
-            tracking: Tracking::PathByCusps { lead_max_m },
-            ..self
-        }
-    }
-
     /// Returns this reference moved on to where the trajectory has come `arc_length_m` far.
     pub fn starting_at(mut self, arc_length_m: f64) -> Self {
-        self.time_s = self.trajectory.time_at(arc_length_m);
+        self.begun = arc_length_m > 0.0;
+        self.move_to(arc_length_m);
+        self.drives_done = self.ends_m.partition_point(|end_m| *end_m <= arc_length_m);
+        self.drives_done = self.drives_done.min(self.ends_m.len().saturating_sub(1));
         self
     }
 
@@ -117,7 +126,7 @@ impl Reference {
         &self.trajectory
     }
 
-    /// Returns the time on the trajectory, s.
+    /// Returns the time at which a vehicle that keeps the trajectory's times is where this one is, s.
     pub fn time_s(&self) -> f64 {
         self.time_s
     }
@@ -130,9 +139,19 @@ impl Reference {
         }
     }
 
-    /// Returns the reference `ahead_s` after the present one.
+    /// Returns where a vehicle that keeps the trajectory's times is `ahead_s` after the place of this one.
     pub fn ahead(&self, ahead_s: f64) -> ReferencePoint {
         self.trajectory.at(self.time_s + ahead_s)
+    }
+
+    /// Returns the arc length of the point of the path nearest to the vehicle, m.
+    pub fn arc_length_m(&self) -> f64 {
+        self.arc_length_m
+    }
+
+    /// Returns the time for which the vehicle has been where its drive ends, s.
+    pub(crate) fn arrived_s(&self) -> f64 {
+        self.arrived_s
     }
 
     /// Returns the path, where there is one.
@@ -140,88 +159,186 @@ impl Reference {
         self.trajectory.path()
     }
 
-    /// Returns the arc length up to which the present drive goes: the next cusp or the end.
+    /// Returns the arc length up to which the present drive goes, m: the next cusp or the end; infinite on a path
+    /// without an end.
     pub fn stop_at_m(&self) -> f64 {
-        if self.trajectory.ending() == Ending::Periodic {
-            return f64::INFINITY;
-        }
-        let here = self.trajectory.at(self.time_s).arc_length_m;
-        self.cusps_m
-            .iter()
+        self.ends_m
+            .get(self.drives_done)
             .copied()
-            .find(|&cusp| cusp > here)
-            .unwrap_or(self.trajectory.length_m())
+            .unwrap_or(f64::INFINITY)
     }
 
-    /// Returns the first cusp at an arc length or after it, as the end of the way there.
-    pub(crate) fn cusp_after(&self, arc_length_m: f64) -> Option<PathPoint> {
-        let cusp_m = self
-            .cusps_m
-            .iter()
-            .find(|&&cusp_m| cusp_m >= arc_length_m)?;
-        Some(self.path()?.at(cusp_m.next_down()))
+    /// Returns the point of the present drive at an arc length, which is clamped to it.
+    pub(crate) fn on_drive(&self, path: &Path, arc_length_m: f64) -> PathPoint {
+        path.at(arc_length_m.clamp(self.drive_from_m(), self.stop_at_m().next_down()))
     }
 
-    /// Moves on by `elapsed_s` and returns the progress of a vehicle at `pose`, which must be finite.
-    pub fn advance(&mut self, elapsed_s: f64, pose: &PlanarPose) -> Progress {
+    fn drive_from_m(&self) -> f64 {
+        match self.drives_done.checked_sub(1) {
+            Some(before) => self.ends_m[before],
+            None => 0.0,
+        }
+    }
+
+    /// Returns the heading with which the trajectory ends, rad.
+    pub(crate) fn final_heading_rad(&self) -> f64 {
+        self.trajectory
+            .at(self.trajectory.duration_s())
+            .heading_rad
+    }
+
+    /// Returns the heading of a vehicle on a turn on the spot, rad, counted on over whole turns.
+    pub(crate) fn unwrapped(&self, yaw_rad: f64) -> f64 {
+        self.heading_rad + wrap_angle(yaw_rad - self.heading_rad)
+    }
+
+    /// Returns what is left of a turn on the spot, rad, counter-clockwise positive.
+    pub(crate) fn turn_to_go_rad(&self) -> f64 {
+        self.final_heading_rad() - self.heading_rad
+    }
+
+    /// Takes the vehicle's pose, which must be finite, and its last command, and returns its progress.
+    ///
+    /// A drive is over where the vehicle has come to rest at its end; then the next one begins.
+    pub fn advance(&mut self, elapsed_s: f64, pose: &PlanarPose, stands: bool) -> Progress {
         let here = Point2 {
             x_m: pose.x_m,
             y_m: pose.y_m,
         };
-        let next = self.trajectory.at(self.time_s + elapsed_s);
-        if !self.leads_too_far(&next, &here) {
-            self.time_s += elapsed_s;
+        if self.trajectory.path().is_none() {
+            return self.turn(&here, pose.yaw_rad);
         }
-        let point = self.trajectory.at(self.time_s);
-        let (arc_length_m, cross_track_m) = match self.trajectory.path() {
-            Some(path) => {
-                let nearest = path.nearest_within(&here, point.arc_length_m, &PROJECTION_WINDOW);
-                (nearest.point.arc_length_m, nearest.cross_track_m)
+        if !self.begun {
+            self.begun = true;
+            self.begin_where_it_fits(pose);
+        }
+        let mut cross_track_m = self.project(&here);
+        let arrived = self.arc_length_m >= self.stop_at_m() - ARRIVED_M;
+        self.arrived_s = if arrived { self.arrived_s + elapsed_s } else { 0.0 };
+        let last = self.drives_done + 1 >= self.ends_m.len();
+        if arrived && !last && (stands || self.arrived_s >= ARRIVED_S) {
+            self.drives_done += 1;
+            self.arrived_s = 0.0;
+            self.arc_length_m = self.drive_from_m();
+            cross_track_m = self.project(&here);
+        }
+        let ended = match self.trajectory.ending() {
+            Ending::Periodic => {
+                self.arc_length_m >= self.trajectory.length_m() * f64::from(self.laps)
             }
-            None => (point.arc_length_m, point.position.distance_m(&here)),
-        };
-        let ended = match (self.trajectory.ending(), self.tracking) {
-            // A reference that waits does so at the end of the last round too.
-            (Ending::Periodic, Tracking::Path { .. } | Tracking::PathByCusps { .. }) => {
-                arc_length_m >= self.trajectory.length_m() * f64::from(self.laps)
-            }
-            _ => self.time_s >= self.end_s() - 1e-9,
+            Ending::Stop => arrived && last,
         };
         Progress {
-            point,
-            arc_length_m,
+            point: self.point(ended),
+            arc_length_m: self.arc_length_m,
             cross_track_m,
             ended,
         }
     }
 
-    /// Returns whether a cusp lies between the reference and `next` that the vehicle is short of.
-    fn cusp_to_come(&self, next: &ReferencePoint, here: &Point2) -> bool {
-        /// Near enough to a cusp, m.
-        const TOLERANCE_M: f64 = 0.1;
-        let before_m = self.trajectory.at(self.time_s).arc_length_m;
-        let cusp = self.cusp_after(before_m.next_up());
-        cusp.is_some_and(|end| {
-            end.arc_length_m < next.arc_length_m && -end.offsets_to(here).0 > TOLERANCE_M
-        })
+    fn move_to(&mut self, arc_length_m: f64) {
+        self.arc_length_m = arc_length_m;
+        self.time_s = self.trajectory.time_at(arc_length_m);
     }
 
-    /// Returns whether a point is farther ahead of the vehicle than allowed, seen along its own
-    /// direction of travel: past a cusp that direction is the new one, so the reference gets there.
-    fn leads_too_far(&self, point: &ReferencePoint, here: &Point2) -> bool {
-        let lead_max_m = match self.tracking {
-            Tracking::Path { lead_max_m } => lead_max_m,
-            Tracking::PathByCusps { lead_max_m } => {
-                if self.cusp_to_come(point, here) {
-                    return true;
-                }
-                lead_max_m
-            }
-            Tracking::Time => TIMED_LEAD_MAX_M,
+    /// Returns the point of the vehicle's place with the speed allowed there.
+    fn point(&self, ended: bool) -> ReferencePoint {
+        let Some(path) = self.trajectory.path() else {
+            return self.trajectory.at(self.time_s);
         };
-        match point.motion {
-            Motion::Drive => point.ahead_of_m(here) > lead_max_m,
-            Motion::Pivot | Motion::Stand => false,
+        let at = self.on_drive(path, self.arc_length_m);
+        let speed_m_s = if ended && self.trajectory.ending() == Ending::Stop {
+            0.0
+        } else {
+            self.trajectory.speed_at(self.arc_length_m)
+        };
+        ReferencePoint {
+            time_s: self.time_s,
+            arc_length_m: self.arc_length_m,
+            position: at.position,
+            heading_rad: at.heading_rad,
+            speed_m_s: at.direction.sign() * speed_m_s,
+            yaw_rate_rad_s: at.curvature_per_m * speed_m_s,
+            motion: if speed_m_s > 0.0 {
+                Motion::Drive
+            } else {
+                Motion::Stand
+            },
         }
     }
+
+    /// Moves to the point of the present drive nearest to the vehicle and returns the distance from the path.
+    fn project(&mut self, here: &Point2) -> f64 {
+        let Some(path) = self.trajectory.path() else {
+            return 0.0;
+        };
+        let around_m = self.arc_length_m;
+        let mut window = PROJECTION_WINDOW;
+        if !self.ends_m.is_empty() {
+            let (from_m, to_m) = (self.drive_from_m(), self.stop_at_m());
+            window.behind_m = window.behind_m.min(around_m - from_m.next_up()).max(0.0);
+            window.ahead_m = window.ahead_m.min(to_m.next_down() - around_m).max(0.0);
+        }
+        let nearest = path.nearest_within(here, around_m, &window);
+        let cross_track_m = nearest.cross_track_m;
+        self.move_to(nearest.point.arc_length_m);
+        cross_track_m
+    }
+
+    /// Begins at the point of the path that the vehicle's place and heading fit best, where that is clearly ahead of
+    /// the start.
+    fn begin_where_it_fits(&mut self, pose: &PlanarPose) {
+        let Some(path) = self.trajectory.path() else {
+            return;
+        };
+        let place = Point2 {
+            x_m: pose.x_m,
+            y_m: pose.y_m,
+        };
+        let misfit_m = |arc_length_m: f64| {
+            let point = path.at(arc_length_m);
+            let turned_rad = wrap_angle(pose.yaw_rad - point.heading_rad);
+            point.position.distance_m(&place) + ENTRY_M_PER_RAD * turned_rad.abs()
+        };
+        let steps = (ENTRY_TO_COME * path.length_m() / ENTRY_STEP_M) as usize;
+        let near_start = (PROJECTION_WINDOW.ahead_m / ENTRY_STEP_M) as usize;
+        let best_of = |steps: std::ops::RangeInclusive<usize>| {
+            steps
+                .map(|i| ENTRY_STEP_M * i as f64)
+                .map(|arc_length_m| (misfit_m(arc_length_m), arc_length_m))
+                .min_by(|a, b| a.0.total_cmp(&b.0))
+        };
+        let (Some(start), Some(best)) = (best_of(0..=near_start), best_of(0..=steps)) else {
+            return;
+        };
+        if best.0 < start.0 - ENTRY_GAIN_M {
+            self.move_to(best.1);
+            self.drives_done = self.ends_m.partition_point(|end_m| *end_m <= best.1);
+        }
+    }
+
+    /// Returns the progress of a turn on the spot.
+    fn turn(&mut self, here: &Point2, yaw_rad: f64) -> Progress {
+        self.heading_rad = self.unwrapped(yaw_rad);
+        let (from, to) = (self.trajectory.at(0.0), self.final_heading_rad());
+        let whole_rad = to - from.heading_rad;
+        let share = ((self.heading_rad - from.heading_rad) / whole_rad).clamp(0.0, 1.0);
+        self.time_s = share * self.trajectory.duration_s();
+        let ended = (to - self.heading_rad) * whole_rad.signum() <= ARRIVED_RAD;
+        let mut point = self.trajectory.at(self.time_s);
+        if ended {
+            point = self.trajectory.at(self.trajectory.duration_s());
+        }
+        Progress {
+            point,
+            arc_length_m: 0.0,
+            cross_track_m: point.position.distance_m(here),
+            ended,
+        }
+    }
+}
+
+/// Returns whether a command lets the vehicle stand.
+pub(crate) fn stands(command: sidehill_plant::speeds::MotorSpeeds) -> bool {
+    command.traction_m_s.abs() < STANDING_M_S && command.steer_m_s.abs() < STANDING_M_S
 }

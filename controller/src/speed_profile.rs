@@ -144,17 +144,37 @@ pub fn speed_profile(
     let mut stops_m: Vec<f64> = vec![0.0];
     stops_m.extend(path.cusps_m());
     stops_m.push(path.length_m());
-    let mut knots = Vec::new();
+    let (mut knots, mut allowed) = (Vec::new(), Vec::new());
     for (index, ends) in stops_m.windows(2).enumerate() {
         let initial_m_s = if index == 0 {
             limits.initial_speed_m_s
         } else {
             0.0
         };
-        let stretch = Stretch::new(path, ends[0], ends[1], limits, &speed_cap_m_s)?;
-        knots.extend(stretch.knots(initial_m_s));
+        let mut stretch = Stretch::new(path, ends[0], ends[1], limits, &speed_cap_m_s)?;
+        stretch.lower_where_curvature_changes();
+        allowed.extend(stretch.knots(f64::INFINITY, f64::INFINITY));
+        knots.extend(stretch.knots(initial_m_s, 0.0));
     }
-    timed(path, &knots)
+    timed(path, &knots, evenly_spaced(path, &allowed))
+}
+
+/// Returns the speeds of knots, m/s, at arc lengths a uniform step apart.
+fn evenly_spaced(path: &Path, knots: &[Knot]) -> Vec<f64> {
+    let intervals = (path.length_m() / SAMPLE_STEP_M).ceil().max(1.0) as usize;
+    let mut knot = 0;
+    (0..=intervals)
+        .map(|i| {
+            let arc_length_m = path.length_m() * i as f64 / intervals as f64;
+            while knot + 2 < knots.len() && knots[knot + 1].arc_length_m <= arc_length_m {
+                knot += 1;
+            }
+            let (a, b) = (&knots[knot], &knots[knot + 1]);
+            let span_m = (b.arc_length_m - a.arc_length_m).max(f64::MIN_POSITIVE);
+            let ratio = ((arc_length_m - a.arc_length_m) / span_m).clamp(0.0, 1.0);
+            a.speed() + ratio * (b.speed() - a.speed())
+        })
+        .collect()
 }
 
 /// A place on the path and the squared speed there.
@@ -218,19 +238,28 @@ impl<'a> Stretch<'a> {
         })
     }
 
-    fn knots(mut self, initial_m_s: f64) -> Vec<Knot> {
-        let last = self.caps.len() - 1;
-        let yaw_acceleration =
-            2.0 * self.limits.steer_acceleration_m_s2 / self.limits.track_width_m;
-        for i in 0..last {
+    /// Lowers the largest speeds to those at which steer follows changes of the curvature.
+    fn lower_where_curvature_changes(&mut self) {
+        let yaw_acceleration = self.yaw_acceleration();
+        for i in 0..self.caps.len() - 1 {
             let slope = (self.curvatures[i + 1] - self.curvatures[i]).abs() / self.step_m;
             for j in [i, i + 1] {
                 self.caps[j] = self.caps[j].min(yaw_acceleration / slope);
             }
         }
+    }
+
+    fn yaw_acceleration(&self) -> f64 {
+        2.0 * self.limits.steer_acceleration_m_s2 / self.limits.track_width_m
+    }
+
+    /// Returns the largest speeds from one at the start, m/s, to one at the end.
+    fn knots(&self, initial_m_s: f64, final_m_s: f64) -> Vec<Knot> {
+        let last = self.caps.len() - 1;
+        let yaw_acceleration = self.yaw_acceleration();
         let mut squares = self.caps.clone();
         squares[0] = squares[0].min(initial_m_s * initial_m_s);
-        squares[last] = 0.0;
+        squares[last] = squares[last].min(final_m_s * final_m_s);
         for i in (0..last).rev() {
             let bound = squares[i + 1] + 2.0 * self.step_m * self.limits.deceleration_m_s2;
             squares[i] = squares[i].min(bound);
@@ -281,7 +310,7 @@ fn steer_bound(weight: f64, rest: f64, limit: f64) -> f64 {
 }
 
 /// Puts the knots, between which the acceleration is constant, on a uniform grid of time.
-fn timed(path: &Path, knots: &[Knot]) -> Result<Trajectory, PathError> {
+fn timed(path: &Path, knots: &[Knot], allowed_m_s: Vec<f64>) -> Result<Trajectory, PathError> {
     let mut times_s = vec![0.0];
     let mut duration_s = 0.0;
     for pair in knots.windows(2) {
@@ -322,7 +351,13 @@ fn timed(path: &Path, knots: &[Knot]) -> Result<Trajectory, PathError> {
             motion: Motion::Drive,
         });
     }
-    Trajectory::from_nodes(nodes, step_s, Some(path.clone()), Ending::Stop)
+    Trajectory::new(
+        nodes,
+        step_s,
+        Some(path.clone()),
+        Ending::Stop,
+        allowed_m_s,
+    )
 }
 
 impl Knot {

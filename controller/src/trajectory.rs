@@ -1,6 +1,6 @@
 //! Time-parametrised references.
 
-use crate::path::{Hermite, Path, PathError, Point2};
+use crate::path::{Hermite, Path, PathError, Point2, SAMPLE_STEP_M};
 use serde::{Deserialize, Serialize};
 use sidehill_plant::frames::PlanarPose;
 
@@ -58,16 +58,9 @@ impl ReferencePoint {
         }
     }
 
-    /// Returns how far it is ahead of a place in its direction of travel, m.
-    pub fn ahead_of_m(&self, place: &Point2) -> f64 {
-        let (sin, cos) = self.heading_rad.sin_cos();
-        let forward_m =
-            -sin * (self.position.x_m - place.x_m) + cos * (self.position.y_m - place.y_m);
-        self.speed_m_s.signum() * forward_m
-    }
 }
 
-/// A time-parametrised reference, stored on a uniform grid of time.
+/// A time-parametrised reference, stored on a uniform grid of time, with the speeds allowed along its path.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "RawTrajectory")]
 pub struct Trajectory {
@@ -75,6 +68,9 @@ pub struct Trajectory {
     step_s: f64,
     path: Option<Path>,
     ending: Ending,
+    /// Largest speed, m/s, at arc lengths a uniform step apart, the first at 0, the last at the end; none without a
+    /// path.
+    speeds_m_s: Vec<f64>,
 }
 
 #[derive(Deserialize)]
@@ -83,13 +79,20 @@ struct RawTrajectory {
     step_s: f64,
     path: Option<Path>,
     ending: Ending,
+    speeds_m_s: Vec<f64>,
 }
 
 impl TryFrom<RawTrajectory> for Trajectory {
     type Error = PathError;
 
     fn try_from(raw: RawTrajectory) -> Result<Self, PathError> {
-        Self::from_nodes(raw.nodes, raw.step_s, raw.path, raw.ending)
+        Self::new(
+            raw.nodes,
+            raw.step_s,
+            raw.path,
+            raw.ending,
+            raw.speeds_m_s,
+        )
     }
 }
 
@@ -107,14 +110,34 @@ pub(crate) struct Node {
 }
 
 impl Trajectory {
-    /// Makes a trajectory of nodes a uniform `step_s` apart.
+    /// Makes a trajectory of nodes a uniform `step_s` apart, whose own speeds are those allowed.
     pub(crate) fn from_nodes(
         nodes: Vec<Node>,
         step_s: f64,
         path: Option<Path>,
         ending: Ending,
     ) -> Result<Self, PathError> {
-        if nodes.len() < 2 || step_s <= 0.0 {
+        let mut own = Self::new(nodes, step_s, path, ending, vec![0.0, 0.0])?;
+        let intervals = match own.path {
+            Some(_) => (own.length_m() / SAMPLE_STEP_M).ceil().max(1.0) as usize,
+            None => return Ok(own),
+        };
+        own.speeds_m_s = (0..=intervals)
+            .map(|i| own.length_m() * i as f64 / intervals as f64)
+            .map(|arc_length_m| own.at(own.time_at(arc_length_m)).speed_m_s.abs())
+            .collect();
+        Ok(own)
+    }
+
+    /// Makes a trajectory of nodes a uniform `step_s` apart and the speeds allowed along its path.
+    pub(crate) fn new(
+        nodes: Vec<Node>,
+        step_s: f64,
+        path: Option<Path>,
+        ending: Ending,
+        speeds_m_s: Vec<f64>,
+    ) -> Result<Self, PathError> {
+        if nodes.len() < 2 || speeds_m_s.len() < 2 || step_s <= 0.0 {
             return Err(PathError::ZeroLength);
         }
         Ok(Self {
@@ -122,7 +145,24 @@ impl Trajectory {
             step_s,
             path,
             ending,
+            speeds_m_s,
         })
+    }
+
+    /// Returns the largest speed at an arc length, m/s, without that which braking to a stop allows.
+    ///
+    /// It is the speed that was asked for, lowered where bends, rates or ground do not allow it.
+    pub fn speed_at(&self, arc_length_m: f64) -> f64 {
+        let length_m = self.length_m();
+        let last = self.speeds_m_s.len() - 1;
+        let within_m = match self.ending {
+            Ending::Periodic if length_m > 0.0 => arc_length_m.rem_euclid(length_m),
+            _ => arc_length_m.clamp(0.0, length_m),
+        };
+        let place = within_m / length_m.max(f64::MIN_POSITIVE) * last as f64;
+        let low = (place as usize).min(last - 1);
+        let ratio = (place - low as f64).clamp(0.0, 1.0);
+        (1.0 - ratio) * self.speeds_m_s[low] + ratio * self.speeds_m_s[low + 1]
     }
 
     /// Returns this trajectory as seen from another frame, in which the origin of its own is at

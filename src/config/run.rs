@@ -21,6 +21,7 @@ use sidehill_controller::config::{AttitudePreview, ControllerConfig, ControllerK
 use sidehill_controller::controller::Controller;
 use sidehill_controller::course::Course;
 use sidehill_controller::guard::{Stance, first_steep_place};
+use sidehill_controller::reference::Reference;
 use sidehill_controller::speed_profile::SpeedConfig;
 use sidehill_plant::bounds::Bounds;
 use sidehill_plant::vehicle::Vehicle;
@@ -176,7 +177,7 @@ impl RunConfig {
                 }
                 controller = controller.with_terrain(ground);
             }
-            controller.follow(settings.reference(loaded.trajectory).for_laps(self.laps));
+            controller.follow(Reference::new(loaded.trajectory).for_laps(self.laps));
         } else if self.course.is_some() || self.route.is_some() {
             return Err(file.error("course and route: paths come over ROS 2, not from here"));
         }

@@ -9,6 +9,7 @@ use super::{CONTACT_IDENTIFIED, CONTACT_VEHICLE, ConfigError, ConfigFile};
 use serde::Deserialize;
 use sidehill_controller::config::{ControllerConfig, ControllerKind};
 use sidehill_controller::course::Course;
+use sidehill_controller::reference::Reference;
 use sidehill_controller::speed_profile::SpeedConfig;
 use sidehill_controller::tracked_point::TrackedPoint;
 use sidehill_plant::bounds::{Bounds, RangeError};
@@ -186,10 +187,7 @@ impl Scenario {
             plant,
             vehicle,
             terrain,
-            reference: raw
-                .controller
-                .reference(loaded.trajectory)
-                .for_laps(raw.laps),
+            reference: Reference::new(loaded.trajectory).for_laps(raw.laps),
             start,
             controllers: controllers.clone(),
             seed,

@@ -192,10 +192,7 @@ impl Rebuilt {
 
     /// Returns a recorded path as the controller follows it.
     pub(super) fn reference(&self, path: &RecordedPath) -> Reference {
-        let reference = self
-            .config
-            .reference(path.trajectory.clone())
-            .for_laps(path.laps);
+        let reference = Reference::new(path.trajectory.clone()).for_laps(path.laps);
         let reference = match path.from_m {
             Some(from_m) => reference.starting_at(from_m),
             None => reference,

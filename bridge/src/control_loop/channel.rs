@@ -13,6 +13,7 @@ use super::timing::LoopTiming;
 use crate::recording::{PathLog, PathRecord, RecordedPath};
 use crate::safety::{OperatorRequests, Reason, SafetyState, StopCause};
 use sidehill_controller::controller::{Controller, Decision};
+use sidehill_controller::reference::Reference;
 use sidehill_controller::trajectory::Trajectory;
 use sidehill_plant::frames::PlanarPose;
 use std::sync::Arc;
@@ -241,9 +242,7 @@ impl ControllerEnd {
         let (serial, path) = self.path.output_buffer_mut();
         match path.take() {
             Some(path) => {
-                let reference = controller
-                    .config()
-                    .reference(path.trajectory)
+                let reference = Reference::new(path.trajectory)
                     .starting_at(path.from_m)
                     .numbered(path.number);
                 controller.follow(reference);

@@ -1,4 +1,3 @@
-use crate::mpc::StepLimit;
 use serde::{Deserialize, Serialize};
 use sidehill_plant::bounds::{Bounds, RangeError};
 
@@ -8,12 +7,6 @@ use sidehill_plant::bounds::{Bounds, RangeError};
 pub struct ContactMpcConfig {
     /// Duration of the horizon's last stage, s.
     pub last_step_s: f64,
-    /// Position error along the path, 1/m^2. Less than across it: where grip allows no faster turn, the
-    /// vehicle falls behind its reference but stays on the path.
-    pub along_per_m2: f64,
-    /// Factor on that weight on the path, but shortly before cusps and the end: steer would answer the traction that
-    /// noise along the path asks for.
-    pub along_on_path: f64,
     /// Time over which the weight across the path grows to its full value, s, in place of that of the weights.
     pub cross_ramp_s: f64,
     /// Time after a standstill over which the weights of errors grow, s, with the square of the time: a vehicle that
@@ -25,22 +18,17 @@ pub struct ContactMpcConfig {
     pub steer_change_off_path: f64,
     /// Distance from the path at which these factors are half way to those far beside it, m.
     pub off_path_m: f64,
-    /// How far a QP's solution is followed in a cycle; all the way without it.
-    pub step_limit: Option<StepLimit>,
 }
 
 impl Default for ContactMpcConfig {
     fn default() -> Self {
         Self {
             last_step_s: 0.22,
-            along_per_m2: 1.0,
-            along_on_path: 0.1,
             cross_ramp_s: 0.6,
             start_ramp_s: 2.0,
             steer_change_on_path: 1.5,
             steer_change_off_path: 0.25,
             off_path_m: 0.05,
-            step_limit: Some(StepLimit::default()),
         }
     }
 }
@@ -52,18 +40,16 @@ impl ContactMpcConfig {
     /// [`RangeError`] with the first key out of its range.
     pub(super) fn validate(&self) -> Result<(), RangeError> {
         Bounds::new(0.005, 10.0, "s").check("contact.last_step_s", self.last_step_s)?;
-        Bounds::new(0.0, 1e6, "").check("contact.along_per_m2", self.along_per_m2)?;
         Bounds::new(0.0, 10.0, "s").check("contact.cross_ramp_s", self.cross_ramp_s)?;
         Bounds::new(0.0, 10.0, "s").check("contact.start_ramp_s", self.start_ramp_s)?;
         for (key, factor) in [
-            ("contact.along_on_path", self.along_on_path),
             ("contact.steer_change_on_path", self.steer_change_on_path),
             ("contact.steer_change_off_path", self.steer_change_off_path),
         ] {
             Bounds::new(0.01, 100.0, "").check(key, factor)?;
         }
         Bounds::new(0.001, 10.0, "m").check("contact.off_path_m", self.off_path_m)?;
-        self.step_limit.map_or(Ok(()), |limit| limit.validate())
+        Ok(())
     }
 
     /// Returns the factors on weights at a distance from the path, `driving_s` after a standstill.
@@ -72,7 +58,6 @@ impl ContactMpcConfig {
         let off_path = squared / (1.0 + squared);
         let between = |on_path: f64, far: f64| on_path + off_path * (far - on_path);
         WeightFactors {
-            along: between(self.along_on_path, 1.0),
             steer_change: between(self.steer_change_on_path, self.steer_change_off_path),
             driving_s,
             start_ramp_s: self.start_ramp_s,
@@ -83,8 +68,6 @@ impl ContactMpcConfig {
 /// Factors on weights that depend on where the vehicle is and how long it has been driving.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct WeightFactors {
-    /// On errors along the path while driving.
-    pub(crate) along: f64,
     /// On changes of steer.
     pub(crate) steer_change: f64,
     /// Time since a standstill, s.
@@ -96,7 +79,6 @@ pub(crate) struct WeightFactors {
 impl WeightFactors {
     /// Weights as they are.
     pub(crate) const NONE: Self = Self {
-        along: 1.0,
         steer_change: 1.0,
         driving_s: 0.0,
         start_ramp_s: 0.0,

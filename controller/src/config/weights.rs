@@ -5,8 +5,8 @@ use sidehill_plant::bounds::{Bounds, RangeError};
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Weights {
-    /// Position error along the path, 1/m^2.
-    pub along_per_m2: f64,
+    /// Speed along the path less what is allowed there, over that: a vehicle that stands has an error of 1.
+    pub speed: f64,
     /// Position error across the path, 1/m^2.
     pub cross_per_m2: f64,
     /// Time from the begin of the horizon over which the weight across the path grows in proportion to its full value,
@@ -36,7 +36,7 @@ pub struct Weights {
 impl Default for Weights {
     fn default() -> Self {
         Self {
-            along_per_m2: 50.0,
+            speed: std::env::var("SH_W").ok().and_then(|w| w.parse().ok()).unwrap_or(2.0),
             cross_per_m2: 50.0,
             cross_ramp_s: 0.0,
             heading_per_rad2: 0.02,
@@ -44,7 +44,7 @@ impl Default for Weights {
             heading_free_rad: 0.5,
             pivot_position_per_m2: 5.0,
             pivot_heading_per_rad2: 5.0,
-            traction_change_s3_per_m2: 0.05,
+            traction_change_s3_per_m2: std::env::var("SH_T").ok().and_then(|w| w.parse().ok()).unwrap_or(0.05),
             steer_change_s3_per_m2: 0.05,
             terminal_factor: 1.0,
         }
@@ -81,7 +81,7 @@ impl Weights {
     /// [`RangeError`] with the first key out of its range.
     pub(super) fn validate(&self) -> Result<(), RangeError> {
         for (key, value) in [
-            ("weights.along_per_m2", self.along_per_m2),
+            ("weights.speed", self.speed),
             ("weights.cross_per_m2", self.cross_per_m2),
             ("weights.heading_per_rad2", self.heading_per_rad2),
             (

@@ -1,13 +1,13 @@
 //! From the estimate to the reference ahead: the horizon that the MPC solves for.
 
-use super::overshoot::Overshoot;
-use super::unrolling::Unrolling;
-use super::{Controller, Law, Phase};
-use crate::config::{AttitudePreview, WeightFactors};
+use super::walk::{SpeedsNow, Walk};
+use super::{Controller, Law};
+use crate::config::{AttitudePreview, ControllerConfig, WeightFactors};
 use crate::estimator::{Estimate, slide_share};
-use crate::mpc::{Model, StageTarget, StepStart};
-use crate::path::Point2;
-use crate::reference::{Progress, Reference};
+use crate::guard::Guard;
+use crate::memory::Memory;
+use crate::mpc::{Model, Mpc, StageTarget, StepStart};
+use crate::reference::{Progress, Reference, stands};
 use crate::tracked_point::{TrackedPoint, heading_difference_after};
 use crate::trajectory::Motion;
 use nalgebra::Vector3;
@@ -15,31 +15,62 @@ use sidehill_plant::contact::BodyState;
 use sidehill_plant::frames::{PlanarPose, wrap_angle};
 use sidehill_plant::sample::Sample;
 use sidehill_plant::speeds::MotorSpeeds;
+use sidehill_plant::terrain::Terrain;
 
 /// Largest difference between the headings of body and path that a target has, rad.
 const MOST_RAD: f64 = 1.2;
 
-/// Length of the path before a cusp or the end on which the weight of errors along the path is whole: a vehicle that
-/// comes there late cuts the cusp, or stops short.
-const ON_TIME_M: f64 = 1.0;
+/// Length of the path that the horizon covers at least, in half track widths: a vehicle has to begin a turn before
+/// it, and slides through it.
+const LENGTH_MIN: f64 = 2.4;
+/// Largest factor by which the stages are stretched for that.
+const STRETCH_MAX: f64 = 8.0;
+/// Largest factor between the stretches of two cycles.
+const STRETCH_CHANGE: f64 = 1.05;
 
 impl Controller {
-    /// Moves the reference on; it waits for a vehicle that has been stopped.
+    /// Returns how far the vehicle has come.
     pub(super) fn advance_reference(
         &mut self,
         estimate: Option<&Estimate>,
         elapsed_s: f64,
     ) -> Option<Progress> {
-        let elapsed_s = match self.phase {
-            Phase::Stopped(_) => 0.0,
-            Phase::Driving { .. } | Phase::Finished => match &self.guard {
-                Some(guard) => elapsed_s * guard.share(),
-                None => elapsed_s,
-            },
-        };
         let pose = &estimate?.pose;
         let point = self.tracked_point().of(pose, &estimate?.normal_in_world);
-        Some(self.reference.as_mut()?.advance(elapsed_s, &point))
+        let stands = stands(self.issued.last());
+        let reference = self.reference.as_mut()?;
+        let (before_m, progress) = (
+            reference.stop_at_m(),
+            reference.advance(elapsed_s, &point, stands),
+        );
+        // The plan ends where the drive before has ended.
+        if reference.stop_at_m() != before_m {
+            self.discard_plan();
+        }
+        Some(progress)
+    }
+
+    /// Returns what bounds the speed at a place, as known now.
+    pub(super) fn speed_limits(&self) -> SpeedsNow {
+        SpeedsNow::new(&self.config.limits, self.horizon.half_track_m)
+    }
+
+    /// Returns the factor by which stages are stretched so that the horizon is long enough at the speeds ahead.
+    fn stretch(&self, mpc: &Mpc) -> f64 {
+        let Some(reference) = &self.reference else {
+            return 1.0;
+        };
+        let length_m = env("SH_L", LENGTH_MIN) * self.horizon.half_track_m;
+        let most_s = STRETCH_MAX * mpc.stage_times().whole_s();
+        let (start, moving) = (&self.horizon.start, self.horizon.previous);
+        let time_s = Walk::new(reference, self.speed_limits(), start, moving)
+            .time_for_s(length_m, most_s);
+        let wanted = (time_s / mpc.stage_times().whole_s()).max(1.0);
+        let now = mpc.stage_times().stretch();
+        match mpc.plan() {
+            Some(_) => wanted.clamp(now / STRETCH_CHANGE, now * STRETCH_CHANGE),
+            None => wanted,
+        }
     }
 
     /// Makes the horizon of this cycle: the reference from the instant at which a command given now
@@ -82,107 +113,82 @@ impl Controller {
             let error = estimate.model_error_m_s / self.config.caution.error_m_s;
             caution = error.powi(2).min(1.0);
         }
-        self.horizon.elapsed_s = elapsed_s;
         self.learn_places(estimate, sample, elapsed_s);
         (self.horizon.start, self.horizon.moving) = self.roll_forward(estimate, progress);
         self.horizon.previous = previous;
         self.horizon.change_weights = self.config.change_weights(caution);
         self.horizon.change_weights.steer *= factors.steer_change;
-        let point = self
-            .tracked_point()
-            .of(&estimate.pose, &estimate.normal_in_world);
-        self.standstill.observe(elapsed_s, progress, &point);
-        self.fill_targets(estimate, progress, caution, &factors);
+        let Law::Mpc(mpc) = &self.law else {
+            return;
+        };
+        let stretch = self.stretch(mpc);
+        // A vehicle so much slower has the same problem in so much more time.
+        self.horizon.change_weights.traction *= stretch.powi(3);
+        self.horizon.change_weights.steer *= stretch.powi(3);
+        self.fill_targets(estimate, progress, caution, &factors, elapsed_s, stretch);
     }
 
-    /// Puts the reference over the horizon into its targets.
+    /// Moves the plan on and puts into the horizon's targets what the path asks for where the plan has the vehicle. A
+    /// plan that a drive towards the path is far better than is replaced by that.
     fn fill_targets(
         &mut self,
         estimate: &Estimate,
         progress: &Progress,
         caution: f64,
         factors: &WeightFactors,
+        elapsed_s: f64,
+        stretch: f64,
     ) {
-        let half_track_m = self.horizon.half_track_m;
-        self.horizon.targets.clear();
-        let (Some(reference), Law::Mpc(mpc)) = (&self.reference, &self.law) else {
+        let speeds = self.speed_limits();
+        let tracked_point = self.tracked_point();
+        let (Some(reference), Law::Mpc(mpc)) = (&self.reference, &mut self.law) else {
+            self.horizon.targets.clear();
             return;
         };
-        let ends_s = mpc.stage_times().ends_s();
         let config = &self.config;
-        let tracked_point = self.tracked_point();
-        let map = self
-            .terrain
-            .as_ref()
-            .filter(|_| config.attitude_preview == AttitudePreview::Terrain);
-        let guard = self.guard.as_ref().filter(|guard| guard.slows());
-        let mut slowed_s = guard.map_or(0.0, |guard| guard.after_s(0.0, config.delay_s()));
-        let lag_until_m = reference.stop_at_m() - ON_TIME_M;
-        let weights = &config.weights;
-        let mut unrolling = (weights.along_per_m2 != weights.cross_per_m2)
-            .then(|| Unrolling::new(reference, progress));
-        for (k, end_s) in ends_s.iter().enumerate() {
-            let (ahead_s, share) = match guard {
-                Some(guard) => {
-                    slowed_s = guard.after_s(slowed_s, mpc.stage_times().step_s(k));
-                    (slowed_s, guard.share_at(slowed_s))
-                }
-                None => (config.delay_s() + end_s, 1.0),
-            };
-            let point = reference.ahead(ahead_s);
-            // Beyond the map's edge the plane under the vehicle is the best available guess.
-            let normal_in_world = map
-                .and_then(|map| map.surface(point.position.x_m, point.position.y_m).ok())
-                .map_or(estimate.normal_in_world, |surface| surface.normal_in_world);
-            let planned = mpc.planned_state(k, self.horizon.elapsed_s);
-            let mut overshoot = None;
-            let (pose, along_heading_rad) = match (&mut unrolling, planned) {
-                (Some(unrolling), Some(planned)) => {
-                    let lever = tracked_point.lever(&normal_in_world, planned.z);
-                    let place = Point2 {
-                        x_m: planned.x + lever.offset_m.0,
-                        y_m: planned.y + lever.offset_m.1,
-                    };
-                    overshoot = Overshoot::of(reference, &point, &place);
-                    unrolling.target(&point, &place)
-                }
-                _ => (point.pose(), point.heading_rad),
-            };
-            let (mut pose, mut slip) = (pose, Vector3::zeros());
-            if let Some(memory) = self.memory.as_ref().filter(|memory| memory.config.by_place) {
-                let known = memory.known(&point.pose(), estimate.time_s);
-                let (sin, cos) = along_heading_rad.sin_cos();
-                pose.x_m += cos * known.aim_right_m;
-                pose.y_m += sin * known.aim_right_m;
-                let input = mpc.plan().map(|plan| plan.inputs[k].traction_m_s);
-                let speed_m_s = input.unwrap_or(share * point.speed_m_s).abs();
-                slip = slide_share(progress.cross_track_m) * speed_m_s * known.slip_per_m;
-            }
-            let mut weights = config.stage_weights(point.motion, caution, *end_s);
-            if point.motion == Motion::Drive {
-                if point.arc_length_m < lag_until_m {
-                    weights.along_per_m2 *= factors.along;
-                }
-                weights = weights.scaled(factors.errors(config.delay_s() + end_s));
-            }
-            if let Some(overshoot) = overshoot {
-                overshoot.weigh(&mut pose, along_heading_rad, &mut weights);
-            }
-            self.horizon.targets.push(StageTarget {
-                pose,
-                tracked_point,
-                along_heading_rad,
-                normal_in_world,
-                feedforward: MotorSpeeds {
-                    traction_m_s: share * point.speed_m_s,
-                    steer_m_s: share * half_track_m * point.yaw_rate_rad_s,
-                },
-                slip,
-                weights: self.standstill.urge(weights),
+        let normal_at_end = self
+            .horizon
+            .targets
+            .last()
+            .map_or(estimate.normal_in_world, |target| target.normal_in_world);
+        mpc.move_on(elapsed_s, stretch, &normal_at_end);
+        let ahead = Ahead {
+            reference,
+            config,
+            speeds,
+            tracked_point,
+            map: self
+                .terrain
+                .as_ref()
+                .filter(|_| config.attitude_preview == AttitudePreview::Terrain),
+            guard: self.guard.as_ref().filter(|guard| guard.slows()),
+            memory: self.memory.as_ref().filter(|memory| memory.config.by_place),
+            estimate,
+            progress,
+            caution,
+            factors,
+        };
+        let start = self.horizon.start;
+        if mpc.wants_first_plan() {
+            let mut walk = ahead.walk(&start, self.horizon.previous);
+            mpc.try_first_plan(&self.horizon, |end_s, state, input| {
+                ahead.target(&mut walk, end_s, state, input)
             });
         }
+        self.horizon.targets.clear();
+        if let Some(plan) = mpc.plan() {
+            // The plan's headings are counted on from its own.
+            let yaw_rad = plan.states[0].z;
+            let start = PlanarPose { yaw_rad, ..start };
+            let mut walk = ahead.walk(&start, self.horizon.previous);
+            for (k, (state, input)) in plan.states[1..].iter().zip(&plan.inputs).enumerate() {
+                let end_s = mpc.stage_times().end_s(k);
+                let target = ahead.target(&mut walk, end_s, state, *input);
+                self.horizon.targets.push(target);
+            }
+        }
         if !tracked_point.is_origin() {
-            self.turn_targets(tracked_point);
+            self.turn_targets(tracked_point, progress.point.heading_rad);
         }
     }
 
@@ -192,17 +198,15 @@ impl Controller {
     /// A point ahead of the line through the ICRs swings the body into its direction, from the heading
     /// that the vehicle has; one behind it, or one ahead in reverse, must be led there by headings that
     /// follow from those at the end of the horizon.
-    fn turn_targets(&mut self, point: TrackedPoint) {
+    fn turn_targets(&mut self, point: TrackedPoint, heading_rad: f64) {
         let half_track_m = self.horizon.half_track_m;
-        let (Some(reference), Law::Mpc(mpc)) = (&self.reference, &self.law) else {
+        let Law::Mpc(mpc) = &self.law else {
             return;
         };
         let ahead_m = point.forward_m - self.vehicle.icrs.forward_m;
         let times = mpc.stage_times();
         let targets = &mut self.horizon.targets;
-        let begin_s = self.config.delay_s();
-        let first = reference.ahead(begin_s);
-        let mut before_rad = first.heading_rad;
+        let mut before_rad = heading_rad;
         let mut difference_rad =
             wrap_angle(self.horizon.start.yaw_rad - before_rad).clamp(-MOST_RAD, MOST_RAD);
         for (k, target) in targets.iter_mut().enumerate() {
@@ -224,7 +228,7 @@ impl Controller {
             if way_m * ahead_m < 0.0 {
                 targets[k].pose.yaw_rad = path_rad + difference_rad;
                 let before_rad = match k {
-                    0 => first.heading_rad,
+                    0 => heading_rad,
                     _ => targets[k - 1].along_heading_rad,
                 };
                 difference_rad += path_rad - before_rad;
@@ -296,6 +300,85 @@ impl Controller {
     }
 }
 
+/// What the targets of a cycle follow from.
+struct Ahead<'a> {
+    reference: &'a Reference,
+    config: &'a ControllerConfig,
+    speeds: SpeedsNow,
+    tracked_point: TrackedPoint,
+    map: Option<&'a Terrain>,
+    /// Where it slows the vehicle down.
+    guard: Option<&'a Guard>,
+    /// Where it knows places.
+    memory: Option<&'a Memory>,
+    estimate: &'a Estimate,
+    progress: &'a Progress,
+    caution: f64,
+    factors: &'a WeightFactors,
+}
+
+impl<'a> Ahead<'a> {
+    fn walk(&self, start: &PlanarPose, moving: MotorSpeeds) -> Walk<'a> {
+        Walk::new(self.reference, self.speeds, start, moving)
+    }
+
+    /// Returns the target of a stage that a plan ends at `state`, `end_s` after the begin of the horizon, with `input`.
+    ///
+    /// On a path it is the point nearest to the vehicle, in place across the path and in speed along it, and, once the
+    /// drive's end is reached, that end. On a turn on the spot it is the position and the yaw rate, and the heading once
+    /// that is reached.
+    fn target(
+        &self,
+        walk: &mut Walk<'a>,
+        end_s: f64,
+        state: &Vector3<f64>,
+        input: MotorSpeeds,
+    ) -> StageTarget {
+        let (config, estimate) = (self.config, self.estimate);
+        let share = self
+            .guard
+            .map_or(1.0, |guard| guard.share_at(walk.time_ahead_s()));
+        let normal = &estimate.normal_in_world;
+        let asked = walk.to(state, self.tracked_point, normal, end_s, share);
+        // Beyond the map's edge the plane under the vehicle is the best available guess.
+        let normal_in_world = self
+            .map
+            .and_then(|map| map.surface(asked.pose.x_m, asked.pose.y_m).ok())
+            .map_or(estimate.normal_in_world, |surface| surface.normal_in_world);
+        let (mut pose, mut slip) = (asked.pose, Vector3::zeros());
+        if let Some(memory) = self.memory {
+            let known = memory.known(&pose, estimate.time_s);
+            let (sin, cos) = asked.pose.yaw_rad.sin_cos();
+            pose.x_m += cos * known.aim_right_m;
+            pose.y_m += sin * known.aim_right_m;
+            let speed_m_s = input.traction_m_s.abs();
+            slip = slide_share(self.progress.cross_track_m) * speed_m_s * known.slip_per_m;
+        }
+        let mut weights = config.stage_weights(&asked, self.caution, end_s);
+        if asked.motion == Motion::Drive {
+            if std::env::var_os("SH_RAMP").is_some() {
+                weights = weights.scaled(self.factors.errors(config.delay_s() + end_s));
+            }
+            let pw = env("SH_P", 1.0) as i32;
+            if pw > 0 && !asked.ends {
+                let share = asked.pace.clamp(0.02, 1.0).powi(pw);
+                weights.cross_per_m2 *= share;
+                weights.heading_per_rad2 *= share;
+            }
+        }
+        StageTarget {
+            pose,
+            tracked_point: self.tracked_point,
+            along_heading_rad: asked.pose.yaw_rad,
+            normal_in_world,
+            feedforward: asked.inputs,
+            speed_m_s: asked.inputs.traction_m_s,
+            slip,
+            weights,
+        }
+    }
+}
+
 /// Returns the difference between the headings of body and path after a way along it, within bounds.
 fn difference_after(difference_rad: f64, way_m: f64, ahead_m: f64) -> f64 {
     let within = difference_rad.clamp(-MOST_RAD, MOST_RAD);
@@ -307,3 +390,7 @@ fn difference_after(difference_rad: f64, way_m: f64, ahead_m: f64) -> f64 {
 
 #[cfg(test)]
 mod tests;
+
+pub(super) fn env(name: &str, other: f64) -> f64 {
+    std::env::var(name).ok().and_then(|w| w.parse().ok()).unwrap_or(other)
+}

@@ -1,7 +1,6 @@
 //! What stops a controller: its clock, its readings, where it is on its path, and no solution.
 
 use super::parts::Law;
-use super::standstill::Standstill;
 use super::watchdog::Observation;
 use super::{Controller, Phase, Status, StopReason};
 use crate::config::AttitudePreview;
@@ -40,7 +39,6 @@ impl Controller {
         if let Some(memory) = &mut self.memory {
             memory.reset();
         }
-        self.standstill = Standstill::START;
         self.phase = Phase::Driving { fallback_cycles: 0 };
         self.last_time_s = None;
         self.discard_plan();
@@ -148,7 +146,7 @@ impl Controller {
             return;
         };
         let limits = self.config.supervisor;
-        let late = reference.time_s() > reference.end_s() + limits.settle_time_s;
+        let late = reference.arrived_s() > limits.settle_time_s;
         let periodic = reference.trajectory().ending() == Ending::Periodic;
         let heading_error = wrap_angle(estimate.pose.yaw_rad - progress.point.heading_rad);
         if !within(progress.cross_track_m.abs(), limits.cross_track_max_m) {

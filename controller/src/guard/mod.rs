@@ -231,12 +231,6 @@ impl Guard {
         self.limited
     }
 
-    /// Returns where on the reference, in time from the present, the vehicle is after `elapsed_s` from
-    /// `offset_s` on.
-    pub(crate) fn after_s(&self, offset_s: f64, elapsed_s: f64) -> f64 {
-        offset_s + elapsed_s * self.share_at(offset_s)
-    }
-
     /// Returns the share of the reference's speed with which it is followed now.
     pub(crate) fn share(&self) -> f64 {
         if self.limited {

@@ -4,11 +4,12 @@
 //!
 //! ```text
 //! xi_{k+1} = A_k xi_k + B_k du_k + c_k,   c_k = F(x_k, u_k) - x_{k+1},   xi_0 = 0
-//! cost = sum_k  w_along a_k^2 + w_cross n_k^2 + w_heading h_k^2  +  sum_k  r |u_k - u_{k-1}|^2 + d |du_k|^2
+//! cost = sum_k  w_along a_k^2 + w_cross n_k^2 + w_heading h_k^2 + w_speed s_k^2
+//!        +  sum_k  r |u_k - u_{k-1}|^2 + d |du_k|^2
 //! ```
 //!
 //! with a, n, h the errors of the tracked point along and across the reference and of the heading at the end
-//! of stage k.
+//! of stage k, and s that of its mean speed along the reference during the stage.
 //! Inside a block the deviations are eliminated (they are linear in the block's first one and its
 //! inputs); between blocks they stay variables tied by equalities. That keeps the Hessian's blocks
 //! small and dense, where an interior-point method spends the least time on 20 to 50 stages.
@@ -39,6 +40,10 @@ pub struct Stage {
     pub along: (f64, f64),
     /// Weights at the end of this stage.
     pub weights: StageWeights,
+    /// Duration of the stage, s.
+    pub step_s: f64,
+    /// Planned speed along the reference less that of the target, m/s.
+    pub speed_error: f64,
     /// Planned input of the stage.
     pub input: MotorSpeeds,
     /// Weights r of a change of traction and steer from the stage before, 1/(m/s)^2.
@@ -51,6 +56,35 @@ pub struct Stage {
     pub steer_change: Change,
 }
 
+impl Stage {
+    /// Returns the derivatives of the speed along the reference by the yaw before, traction and steer.
+    fn speed_row(&self) -> [f64; 3] {
+        let (along_x, along_y) = self.along;
+        let (point_x, point_y) = self.point_by_yaw_m;
+        let by_yaw = along_x * point_x + along_y * point_y;
+        let step = &self.step;
+        [&step.by_yaw, &step.by_traction, &step.by_steer]
+            .map(|by| (along_x * by.x + along_y * by.y + by_yaw * by.z) / self.step_s)
+    }
+
+    /// Returns the weights of its cost.
+    pub fn weights(&self) -> CostWeights {
+        CostWeights {
+            errors: self.weights,
+            changes: self.change_weights,
+        }
+    }
+}
+
+/// The weights of a stage's cost.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CostWeights {
+    /// Of its errors.
+    pub errors: StageWeights,
+    /// Of the changes of its inputs, 1/(m/s)^2.
+    pub changes: ChangeWeights,
+}
+
 /// Weights of the errors at the end of a stage.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StageWeights {
@@ -60,6 +94,8 @@ pub struct StageWeights {
     pub cross_per_m2: f64,
     /// Of the heading error, 1/rad^2.
     pub heading_per_rad2: f64,
+    /// Of the speed along the reference, 1/(m/s)^2.
+    pub speed_s2_per_m2: f64,
 }
 
 impl StageWeights {
@@ -69,6 +105,7 @@ impl StageWeights {
             along_per_m2: factor * self.along_per_m2,
             cross_per_m2: factor * self.cross_per_m2,
             heading_per_rad2: factor * self.heading_per_rad2,
+            speed_s2_per_m2: factor * self.speed_s2_per_m2,
         }
     }
 }
@@ -77,7 +114,10 @@ impl StageWeights {
 pub struct Condenser {
     blocks: Vec<Block>,
     stages: usize,
+    /// Limits of this cycle.
     limits: InputLimits,
+    /// Speeds by which the rows of bounds are scaled, m/s.
+    row_speeds: [f64; 2],
     corridor: Option<Corridor>,
     tread_rows: bool,
     first_inequality: usize,
@@ -88,6 +128,7 @@ pub struct Condenser {
     jacobian: [Vec<f64>; 3],
     along: Vec<f64>,
     cross: Vec<f64>,
+    speed: Vec<f64>,
     hessian: Vec<f64>,
 }
 
@@ -107,6 +148,7 @@ impl Condenser {
         let condenser = Self {
             blocks,
             stages,
+            row_speeds: [limits.traction.speed_m_s, limits.steer.speed_m_s],
             limits,
             corridor,
             tread_rows,
@@ -116,6 +158,7 @@ impl Condenser {
             jacobian: std::array::from_fn(|_| vec![0.0; widest + 1]),
             along: vec![0.0; widest + 1],
             cross: vec![0.0; widest + 1],
+            speed: vec![0.0; widest + 1],
             hessian: vec![0.0; (widest + 1) * (widest + 1)],
         };
         (condenser, data)
@@ -145,6 +188,11 @@ impl Condenser {
         }
     }
 
+    /// Returns the limits of the inputs, to be lowered to those of the motors as they are.
+    pub fn limits_mut(&mut self) -> &mut InputLimits {
+        &mut self.limits
+    }
+
     /// Writes one block's Hessian, gradient, continuity and corridor.
     fn condense_block(&mut self, index: usize, stages: &[Stage], data: &mut QpData) {
         let block = &self.blocks[index];
@@ -164,6 +212,11 @@ impl Condenser {
             let stage = &stages[block.first_stage + stage_in_block];
             let used = block.input(stage_in_block);
             let step = &stage.step;
+            let [speed_by_yaw, speed_by_inputs @ ..] = stage.speed_row();
+            for (speed, yaw) in self.speed.iter_mut().zip(&*yaw) {
+                *speed = speed_by_yaw * yaw;
+            }
+            self.speed[used..used + 2].copy_from_slice(&speed_by_inputs);
             // Columns of inputs to come are zero.
             for ((x, y), yaw) in x.iter_mut().zip(&mut *y).zip(&mut *yaw) {
                 let turned = *yaw;
@@ -195,23 +248,27 @@ impl Condenser {
             let error_heading = yaw[width] + stage.error.z;
             let scale = self.cost_scale;
             let w = &stage.weights;
-            let (w_a, w_c, w_h) = (
+            let (w_a, w_c, w_h, w_s) = (
                 scale * w.along_per_m2,
                 scale * w.cross_per_m2,
                 scale * w.heading_per_rad2,
+                scale * w.speed_s2_per_m2,
             );
+            let error_speed = self.speed[width] + stage.speed_error;
             for column in 0..used {
-                let (a, c, h) = (
+                let (a, c, h, s) = (
                     w_a * self.along[column],
                     w_c * self.cross[column],
                     w_h * yaw[column],
+                    w_s * self.speed[column],
                 );
                 data.q[block.first + column] +=
-                    a * error_along + c * error_cross + h * error_heading;
+                    a * error_along + c * error_cross + h * error_heading + s * error_speed;
                 let packed = &mut self.hessian[column * stride..column * stride + column + 1];
                 let errors = self.along.iter().zip(&self.cross).zip(&*yaw);
-                for (entry, ((along, cross), yaw)) in packed.iter_mut().zip(errors) {
-                    *entry += a * along + c * cross + h * yaw;
+                let errors = errors.zip(&self.speed);
+                for (entry, (((along, cross), yaw), speed)) in packed.iter_mut().zip(errors) {
+                    *entry += a * along + c * cross + h * yaw + s * speed;
                 }
             }
             if let Some(corridor) = self.corridor {
@@ -315,9 +372,10 @@ impl Condenser {
             for motor in 0..2 {
                 let (limit, change_scale) = scales[motor];
                 let change = own[motor] - last[motor];
-                data.b[row] = (limit - own[motor]) / limit;
+                let row_speed = self.row_speeds[motor];
+                data.b[row] = (limit - own[motor]) / row_speed;
                 data.b[row + 1] = (changes[motor].rise - change) * change_scale;
-                data.b[row + 2] = (limit + own[motor]) / limit;
+                data.b[row + 2] = (limit + own[motor]) / row_speed;
                 data.b[row + 3] = (changes[motor].fall + change) * change_scale;
                 row += 4;
             }

@@ -1,32 +1,19 @@
 //! The plan moved to a QP's solution, as far as the model itself confirms it.
 
-use super::condensing::Stage;
+use super::condensing::CostWeights;
 use super::step_limit::{HALVINGS, StepCosts, StepLimit};
 use super::{Horizon, Mpc, Plan, StageTarget};
 use nalgebra::Vector3;
 use sidehill_plant::contact::BodyState;
 use sidehill_plant::speeds::MotorSpeeds;
 
-/// Correction of planned steer, m/s, from which a plan without a step limit is run through the model
-/// before it is taken.
-const CHECKED_STEER_M_S: f64 = 0.3;
-
 impl Mpc {
     /// Moves the plan to the QP's solution, or as far as the model confirms it.
     pub(super) fn follow(&mut self, horizon: &Horizon) {
-        match &self.settings.step_limit {
-            Some(limit) => {
-                let (limit, before) = (*limit, self.cost_of(&self.plan, horizon));
-                let cost = self.apply_within(limit, before, horizon);
-                self.begin_anew_where_better(horizon, cost);
-            }
-            // At the end of grip two plans can lead to one another for ever, each good about the other only.
-            None if self.largest_steer_correction_m_s() > CHECKED_STEER_M_S => {
-                let before = self.roll_out(horizon, f64::INFINITY);
-                self.apply_within(StepLimit::WHOLE_STEP, before, horizon);
-            }
-            None => self.apply(1.0),
-        }
+        if std::env::var_os("SH_NOLIM").is_some() { self.apply(1.0); self.cost = self.cost_of(&self.plan, horizon); return; }
+        let before = self.cost_of(&self.plan, horizon);
+        let cost = self.apply_within(self.settings.step_limit, before, horizon);
+        self.cost = cost;
     }
 
     /// Moves the plan's inputs by a share of the QP's solution, and its states to where the linearised dynamics take
@@ -83,6 +70,7 @@ impl Mpc {
             if halvings == 0 {
                 self.damping.learn(&costs, &limit);
             }
+            if std::env::var_os("SH_DBG").is_some() { #[allow(clippy::print_stderr)] { eprintln!("h{halvings} d{:.1} before {:.4} pred {:.4} actual {:.4} largest {:.3} trac {:.3} {:.3} steer {:.3} {:.3}", self.damping.s2_per_m2, costs.before, costs.predicted, costs.actual, self.largest_steer_correction_m_s(), self.plan.inputs[0].traction_m_s, self.plan.inputs[20].traction_m_s, self.plan.inputs[0].steer_m_s, self.plan.inputs[20].steer_m_s); } }
             if halvings == HALVINGS || costs.achieve(limit.accepted_share) {
                 std::mem::swap(&mut self.plan.states, &mut self.rolled);
                 return costs.actual;
@@ -99,7 +87,8 @@ impl Mpc {
         let mut before = self.settings.limits.within_bounds(horizon.previous);
         for (k, stage) in self.stages.iter().enumerate() {
             let (input, target) = (plan.inputs[k], &horizon.targets[k]);
-            cost += stage_cost(stage, target, &plan.states[k + 1], input, before);
+            let way = (&plan.states[k], &plan.states[k + 1], stage.step_s);
+            cost += stage_cost(&stage.weights(), target, way, input, before);
             before = input;
         }
         cost
@@ -115,9 +104,11 @@ impl Mpc {
         self.rolled[0] = state;
         for (k, stage) in self.stages.iter().enumerate() {
             let (input, target) = (self.plan.inputs[k], &horizon.targets[k]);
+            let from = state;
             state += self.increment(k, target, state.z, input, &mut moving);
             self.rolled[k + 1] = state;
-            cost += stage_cost(stage, target, &state, input, before);
+            let way = (&from, &state, stage.step_s);
+            cost += stage_cost(&stage.weights(), target, way, input, before);
             if cost > largest {
                 return f64::INFINITY;
             }
@@ -148,20 +139,24 @@ impl Mpc {
     }
 }
 
-/// Returns the cost of a stage that ends at `state`.
+/// Returns the cost of a stage that goes from one state to another in a time, s.
 pub(super) fn stage_cost(
-    stage: &Stage,
+    weights: &CostWeights,
     target: &StageTarget,
-    state: &Vector3<f64>,
+    (from, to, step_s): (&Vector3<f64>, &Vector3<f64>, f64),
     input: MotorSpeeds,
     before: MotorSpeeds,
 ) -> f64 {
-    let error = target.error_of(state).state;
-    let along = stage.along.0 * error.x + stage.along.1 * error.y;
-    let cross = stage.along.0 * error.y - stage.along.1 * error.x;
-    stage.weights.along_per_m2 * along * along
-        + stage.weights.cross_per_m2 * cross * cross
-        + stage.weights.heading_per_rad2 * error.z * error.z
-        + stage.change_weights.traction * (input.traction_m_s - before.traction_m_s).powi(2)
-        + stage.change_weights.steer * (input.steer_m_s - before.steer_m_s).powi(2)
+    let error = target.error_of(to).state;
+    let speed = target.speed_error(from, to, step_s);
+    let (along_x, along_y) = target.along();
+    let along = along_x * error.x + along_y * error.y;
+    let cross = along_x * error.y - along_y * error.x;
+    let (errors, changes) = (&weights.errors, &weights.changes);
+    errors.along_per_m2 * along * along
+        + errors.cross_per_m2 * cross * cross
+        + errors.heading_per_rad2 * error.z * error.z
+        + errors.speed_s2_per_m2 * speed * speed
+        + changes.traction * (input.traction_m_s - before.traction_m_s).powi(2)
+        + changes.steer * (input.steer_m_s - before.steer_m_s).powi(2)
 }

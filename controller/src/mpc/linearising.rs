@@ -1,12 +1,38 @@
 //! The plan of the cycle before, moved on, and the stages linearised about it.
 
-use super::condensing::Stage;
-use super::{ChangeWeights, Horizon, Mpc, vector};
-use nalgebra::Vector3;
+use super::condensing::{CostWeights, Stage};
+use super::{ChangeWeights, Horizon, Mpc, StageTarget, vector};
+use nalgebra::{Vector2, Vector3};
 use sidehill_plant::frames::wrap_angle;
 use sidehill_plant::speeds::MotorSpeeds;
 
 impl Mpc {
+    /// Returns the weights of a stage that ends with a heading error.
+    pub(super) fn weights_of(
+        &self,
+        stage: usize,
+        target: &StageTarget,
+        heading_error_rad: f64,
+        horizon: &Horizon,
+    ) -> CostWeights {
+        let (settings, step_s) = (&self.settings, self.times.step_s(stage));
+        let mut errors = target.weights;
+        errors.heading_per_rad2 += settings.heading_excess.weight(heading_error_rad);
+        // The cost is that of even stages, each of them a sample of an integral.
+        let even_s = self.times.stretch() * settings.step_s;
+        let mut factor = step_s / even_s;
+        if stage + 1 == settings.stages {
+            factor *= settings.terminal_factor;
+        }
+        CostWeights {
+            errors: errors.scaled(factor),
+            changes: ChangeWeights {
+                traction: horizon.change_weights.traction / step_s,
+                steer: horizon.change_weights.steer / step_s,
+            },
+        }
+    }
+
     /// Returns the time for a change of the inputs to those of a stage, s.
     pub(super) fn change_time_s(&self, stage: usize) -> f64 {
         match stage {
@@ -15,32 +41,54 @@ impl Mpc {
         }
     }
 
-    /// Shifts the plan by `elapsed_s`, less than a stage: states are interpolated, inputs averaged
-    /// over the new stages, the end follows from the model with the last input kept.
-    pub(super) fn shift(&mut self, elapsed_s: f64, normal_at_end: &Vector3<f64>) {
-        let elapsed_s = elapsed_s.clamp(0.0, self.times.step_s(0));
+    /// Moves the plan on by `elapsed_s` to stages stretched by `stretch`: states are interpolated, inputs averaged over
+    /// the new stages, what lies beyond the old end follows from the model with the last input kept.
+    pub(super) fn shift(&mut self, elapsed_s: f64, stretch: f64, normal_at_end: &Vector3<f64>) {
         let last = self.settings.stages - 1;
-        for k in 0..=last {
-            let ratio = elapsed_s / self.times.step_s(k);
-            self.shifted.states[k] =
-                (1.0 - ratio) * self.plan.states[k] + ratio * self.plan.states[k + 1];
-            let (now, next) = (self.plan.inputs[k], self.plan.inputs[(k + 1).min(last)]);
-            self.shifted.inputs[k] = MotorSpeeds {
-                traction_m_s: (1.0 - ratio) * now.traction_m_s + ratio * next.traction_m_s,
-                steer_m_s: (1.0 - ratio) * now.steer_m_s + ratio * next.steer_m_s,
+        let elapsed_s = elapsed_s.clamp(0.0, self.times.duration_s());
+        let old_end_s = self.times.end_s(last);
+        let ratio = stretch / self.times.stretch();
+        let (mut old, mut until) = (0, Vector2::zeros());
+        let (mut before_s, mut before) = (elapsed_s, Vector2::zeros());
+        for k in 0..=last + 1 {
+            let new_s = match k.checked_sub(1) {
+                Some(stage) => elapsed_s + ratio * self.times.end_s(stage),
+                None => elapsed_s,
             };
+            while old < last && self.times.end_s(old) < new_s {
+                until += self.times.step_s(old) * both(self.plan.inputs[old]);
+                old += 1;
+            }
+            let (step_s, input) = (self.times.step_s(old), self.plan.inputs[old]);
+            let within_s = new_s - (self.times.end_s(old) - step_s);
+            let (from, to) = (&self.plan.states[old], &self.plan.states[old + 1]);
+            self.shifted.states[k] = if new_s <= old_end_s {
+                from + within_s / step_s * (to - from)
+            } else {
+                let beyond_s = new_s - old_end_s;
+                to + self
+                    .model
+                    .step_on_plane(normal_at_end, to.z, input, beyond_s)
+                    .increment
+            };
+            // The integral of the inputs until here.
+            let sum = until + within_s * both(input);
+            if let Some(stage) = k.checked_sub(1) {
+                let mean = (sum - before) / (new_s - before_s);
+                self.shifted.inputs[stage] = MotorSpeeds {
+                    traction_m_s: mean.x,
+                    steer_m_s: mean.y,
+                };
+            }
+            (before_s, before) = (new_s, sum);
         }
-        let end = &self.plan.states[last + 1];
-        let step =
-            self.model
-                .step_on_plane(normal_at_end, end.z, self.plan.inputs[last], elapsed_s);
-        self.shifted.states[last + 1] = end + step.increment;
+        self.times.set_stretch(stretch);
         std::mem::swap(&mut self.plan, &mut self.shifted);
     }
 
-    /// Dynamics, errors and limits of each stage about the plan, whose first state becomes the horizon's start. With a
-    /// step limit its other states become those to which its inputs take the model from there. What the states
-    /// were is left in `shifted`.
+    /// Dynamics, errors and limits of each stage about the plan, whose first state becomes the horizon's start; its
+    /// other states become those to which its inputs take the model from there. What the states were is left in
+    /// `shifted`.
     pub(super) fn linearise_about_plan(&mut self, horizon: &Horizon) {
         self.shifted.states.copy_from_slice(&self.plan.states);
         let mut start = vector(&horizon.start);
@@ -63,36 +111,31 @@ impl Mpc {
                 &mut moving,
             );
             step.increment += step_s * target.slip;
-            if settings.step_limit.is_some() {
-                self.plan.states[k + 1] = state + step.increment;
-            }
+            if std::env::var_os("SH_MULT").is_none() { self.plan.states[k + 1] = state + step.increment; }
             let next = &self.plan.states[k + 1];
             let time_s = self.change_time_s(k);
             let error = target.error_of(next);
-            let mut weights = target.weights;
-            weights.heading_per_rad2 += settings.heading_excess.weight(error.state.z);
-            // The cost is that of even stages, each of them a sample of an integral.
-            let mut factor = step_s / settings.step_s;
-            if k + 1 == horizon.targets.len() {
-                factor *= settings.terminal_factor;
-            }
+            let weights = self.weights_of(k, target, error.state.z, horizon);
             self.stages.push(Stage {
                 step,
                 defect: state + step.increment - next,
                 error: error.state,
                 point_by_yaw_m: error.point_by_yaw_m,
                 along: target.along(),
-                weights: weights.scaled(factor),
+                weights: weights.errors,
+                step_s,
+                speed_error: target.speed_error(&state, next, step_s),
                 input,
-                change_weights: ChangeWeights {
-                    traction: horizon.change_weights.traction / step_s,
-                    steer: horizon.change_weights.steer / step_s,
-                },
-                damping: self.damping.s2_per_m2 * step_s / settings.step_s,
+                change_weights: weights.changes,
+                damping: self.damping.s2_per_m2 * step_s / settings.step_s * self.times.stretch(),
                 traction_change: settings.limits.traction.change(before.traction_m_s, time_s),
                 steer_change: settings.limits.steer.change(before.steer_m_s, time_s),
             });
             before = input;
         }
     }
+}
+
+fn both(speeds: MotorSpeeds) -> Vector2<f64> {
+    Vector2::new(speeds.traction_m_s, speeds.steer_m_s)
 }

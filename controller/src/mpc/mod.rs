@@ -65,6 +65,8 @@ pub struct StageTarget {
     pub normal_in_world: Vector3<f64>,
     /// Input of the flat model that would follow the target.
     pub feedforward: MotorSpeeds,
+    /// Speed of the tracked point along the path, m/s, negative in reverse.
+    pub speed_m_s: f64,
     /// Velocity that the model does not have, (x, y, yaw) in the world.
     pub slip: Vector3<f64>,
     /// Weights of this stage.
@@ -93,6 +95,20 @@ impl StageTarget {
         }
     }
 
+    /// Returns the speed of the tracked point along the path less that of the target, m/s, between two states.
+    fn speed_error(&self, from: &Vector3<f64>, to: &Vector3<f64>, step_s: f64) -> f64 {
+        let lever = |state: &Vector3<f64>| {
+            self.tracked_point
+                .lever(&self.normal_in_world, state.z)
+                .offset_m
+        };
+        let (before, after) = (lever(from), lever(to));
+        let (along_x, along_y) = self.along();
+        let moved_m = along_x * (to.x - from.x + after.0 - before.0)
+            + along_y * (to.y - from.y + after.1 - before.1);
+        moved_m / step_s - self.speed_m_s
+    }
+
     /// Returns the unit vector along the path, (x, y) in the world.
     fn along(&self) -> (f64, f64) {
         let (sin, cos) = self.along_heading_rad.sin_cos();
@@ -113,8 +129,6 @@ pub struct Plan {
 /// it should go from there.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Horizon {
-    /// Time since the horizon of the cycle before, s, less than a stage.
-    pub elapsed_s: f64,
     /// Pose when a command given now begins to act.
     pub start: PlanarPose,
     /// How the body moves there.
@@ -176,6 +190,8 @@ pub struct Mpc {
     /// Workspace: the states of the plan's inputs by the model itself.
     rolled: Vec<Vector3<f64>>,
     times: StageTimes,
+    /// What the plan costs.
+    cost: f64,
     /// Price on corrections of planned inputs.
     damping: Damping,
     stages: Vec<Stage>,
@@ -209,6 +225,7 @@ impl Mpc {
             plan,
             planned: false,
             times: settings.stage_times(),
+            cost: 0.0,
             damping: Damping::default(),
             stages: Vec::new(),
             starts: vec![StepStart::default(); settings.stages],
@@ -227,14 +244,27 @@ impl Mpc {
         self.planned.then_some(&self.plan)
     }
 
-    /// Returns (x, y, yaw) that the plan in force has for the end of a stage of the next horizon, which is
-    /// `elapsed_s` later than its own; none without a plan.
-    pub fn planned_state(&self, stage: usize, elapsed_s: f64) -> Option<Vector3<f64>> {
-        let states = &self.plan()?.states;
-        let state = states.get(stage + 1)?;
-        let next = states.get(stage + 2).unwrap_or(state);
-        let ratio = (elapsed_s / self.times.step_s(stage)).clamp(0.0, 1.0);
-        Some((1.0 - ratio) * state + ratio * next)
+    /// Moves the plan in force on to a horizon that begins `elapsed_s` later than its own and has stages stretched by
+    /// `stretch`; `normal_at_end` is the ground's where it ends.
+    pub fn move_on(&mut self, elapsed_s: f64, stretch: f64, normal_at_end: &Vector3<f64>) {
+        if self.planned {
+            self.shift(elapsed_s, stretch, normal_at_end);
+        } else {
+            self.times.set_stretch(stretch);
+        }
+    }
+
+    /// Returns (x, y, yaw) that the plan has for the end of a stage; none without a plan.
+    pub fn planned_state(&self, stage: usize) -> Option<Vector3<f64>> {
+        self.plan()?.states.get(stage + 1).copied()
+    }
+
+    /// Sets the largest speeds of the motors as they are known now, m/s; at most those of the settings.
+    pub fn set_speed_limits(&mut self, traction_m_s: f64, steer_m_s: f64) {
+        for limits in [&mut self.settings.limits, self.condenser.limits_mut()] {
+            limits.traction.speed_m_s = traction_m_s;
+            limits.steer.speed_m_s = steer_m_s;
+        }
     }
 
     /// Makes the next plan from nothing, as after a change of the path.
@@ -257,18 +287,9 @@ impl Mpc {
         &self.times
     }
 
-    /// Linearises `horizon` about the shifted plan or, where there is none, about a drive of the model that steers
-    /// towards the path. The plan then converges over the cycles to come, with one QP each. Allocates nothing.
+    /// Linearises `horizon` about the plan, at first that of [`Mpc::try_first_plan`]. The plan converges over the
+    /// cycles, with one QP each. Allocates nothing.
     pub fn linearise<'a>(&'a mut self, horizon: &'a Horizon) -> Linearised<'a> {
-        if self.planned {
-            let normal_at_end = horizon
-                .targets
-                .last()
-                .map_or(Vector3::z(), |target| target.normal_in_world);
-            self.shift(horizon.elapsed_s, &normal_at_end);
-        } else {
-            self.begin_plan(horizon);
-        }
         self.linearise_about_plan(horizon);
         Linearised { mpc: self, horizon }
     }

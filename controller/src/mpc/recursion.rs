@@ -187,16 +187,27 @@ fn differentiate(stages: &[StageTerms], path: &mut Path, linear: f64) -> f64 {
             cost += xi[i] * (0.5 * turned + force);
             ahead[i] += turned + force;
         }
+        let yaw = if k == 0 {
+            0.0
+        } else {
+            path.states[k - 1][2]
+        };
+        let [by_yaw, by_inputs @ ..] = &terms.speed_row;
+        let speed = by_yaw * yaw + dot(by_inputs, &path.inputs[k]) + linear * terms.speed_error;
+        let pull = terms.speed_weight * speed;
+        cost += 0.5 * pull * speed;
         for (m, after) in change_after.iter_mut().enumerate() {
             let before = if k == 0 { 0.0 } else { path.inputs[k - 1][m] };
             let change = path.inputs[k][m] - before + linear * terms.change[m];
             let force = terms.change_weight[m] * change;
             let damping = terms.damping * path.inputs[k][m];
             cost += 0.5 * (force * change + damping * path.inputs[k][m]);
-            path.slopes[k][m] = dot(&terms.by_input[m], &ahead) + force + damping - *after;
+            path.slopes[k][m] =
+                dot(&terms.by_input[m], &ahead) + force + damping + pull * by_inputs[m] - *after;
             *after = force;
         }
         ahead = terms.back(ahead);
+        ahead[2] += pull * by_yaw;
     }
     cost
 }
@@ -253,6 +264,14 @@ fn backwards(
         m[3 + j][STATES + j] = -weight;
         h[STATES + j] += weight * terms.change[j];
         h[3 + j] = -weight * terms.change[j];
+    }
+    let speed_entries = [2, STATES, STATES + 1];
+    for (i, by) in speed_entries.into_iter().zip(&terms.speed_row) {
+        let pull = terms.speed_weight * by;
+        h[i] += pull * terms.speed_error;
+        for (j, by) in speed_entries.into_iter().zip(&terms.speed_row) {
+            m[i][j] += pull * by;
+        }
     }
     let mut feedback = Feedback::default();
     for j in (0..MOTORS).rev() {

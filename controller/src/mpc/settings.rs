@@ -21,14 +21,16 @@ pub struct MpcSettings {
     pub block_stages: usize,
     /// Weight of headings far from the path's tangent.
     pub heading_excess: HeadingExcess,
+    /// Weight of the position across the path, 1/m^2.
+    pub cross_per_m2: f64,
     /// Factor on the weights of the last stage.
     pub terminal_factor: f64,
     /// Limits of the inputs.
     pub limits: InputLimits,
     /// Soft bound on the cross-track error.
     pub corridor: Option<Corridor>,
-    /// How far a QP's solution is followed; all the way without it.
-    pub step_limit: Option<StepLimit>,
+    /// How far a QP's solution is followed.
+    pub step_limit: StepLimit,
     /// Solver settings.
     pub qp: QpSettings,
 }

@@ -4,6 +4,7 @@
 //! xi_{k+1} = A xi_k + B u_k + c,   A = I + a e_3',   xi_0 = 0,   u_{-1} = 0
 //! cost = sum_k  1/2 xi_{k+1}' Q xi_{k+1} + f' xi_{k+1}
 //!        + 1/2 sum_m [ r_m (u_k - u_{k-1} + o)_m^2  +  d_m (u_k)_m^2 ]
+//!        + 1/2 w (s' (e_3' xi_k, u_k) + t)^2
 //! ```
 
 /// Inputs of a stage: traction and steer.
@@ -28,13 +29,19 @@ pub struct StageTerms {
     pub(super) change: [f64; MOTORS],
     /// d, 1/(m/s)^2.
     pub(super) damping: f64,
+    /// s: derivatives of a speed by the yaw before and the inputs.
+    pub(super) speed_row: [f64; 1 + MOTORS],
+    /// w, 1/(m/s)^2.
+    pub(super) speed_weight: f64,
+    /// t, m/s.
+    pub(super) speed_error: f64,
 }
 
 impl StageTerms {
     /// Numbers that the terms consist of.
-    pub const COUNT: usize = 29;
+    pub const COUNT: usize = 34;
 
-    /// Returns a, B by columns, c, Q, f, r, o, d.
+    /// Returns a, B by columns, c, Q, f, r, o, d, s, w, t.
     pub fn to_array(&self) -> [f64; Self::COUNT] {
         let mut copy = *self;
         let mut all = [0.0; Self::COUNT];
@@ -66,6 +73,8 @@ impl StageTerms {
             .chain(&mut self.change_weight)
             .chain(&mut self.change)
             .chain(std::slice::from_mut(&mut self.damping))
+            .chain(&mut self.speed_row)
+            .chain([&mut self.speed_weight, &mut self.speed_error])
     }
 
     /// Returns A' of a vector.

@@ -38,13 +38,6 @@ impl Default for StepLimit {
 }
 
 impl StepLimit {
-    /// Whole steps, halved only where too little of the predicted reduction is achieved.
-    pub(super) const WHOLE_STEP: Self = Self {
-        steer_m_s: 100.0,
-        accepted_share: 0.1,
-        damping_max_s2_per_m2: 0.0,
-    };
-
     /// Checks the ranges.
     ///
     /// # Errors

@@ -110,7 +110,7 @@ fn reference(
     if last_m_s > ENDS_IN_MOTION_M_S {
         // Room to stop, so that the reference passes the end of the log as fast as the vehicle did.
         let room_m = 0.5 * last_m_s.powi(2) / config.limits.traction.deceleration_m_s2;
-        points_m.extend(straight_on(&points_m, room_m + config.lead_max_m));
+        points_m.extend(straight_on(&points_m, room_m));
     }
     let points: Vec<RawPoint> = points_m
         .iter()
@@ -146,7 +146,7 @@ fn reference(
     .limits(&config.limits, vehicle);
     limits.initial_speed_m_s = speed_at(0.0);
     let trajectory = speed_profile(&path, &limits, |point| speed_at(point.arc_length_m))?;
-    Ok(config.reference(trajectory))
+    Ok(Reference::new(trajectory))
 }
 
 /// Returns the point `room_m` ahead of the last point of a path.

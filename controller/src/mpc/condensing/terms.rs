@@ -35,6 +35,9 @@ impl Stage {
             ],
             change,
             damping: scale * self.damping,
+            speed_row: self.speed_row(),
+            speed_weight: scale * weights.speed_s2_per_m2,
+            speed_error: self.speed_error,
             ..StageTerms::default()
         };
         for (weight, line, error) in lines {

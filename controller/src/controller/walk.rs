@@ -1,0 +1,251 @@
+//! The way ahead along a reference: what it asks for where the plan has the vehicle.
+
+use crate::mpc::limits::InputLimits;
+use crate::path::Point2;
+use crate::reference::{PROJECTION_WINDOW, Reference};
+use crate::tracked_point::TrackedPoint;
+use crate::trajectory::Motion;
+use nalgebra::Vector3;
+use sidehill_plant::frames::{PlanarPose, wrap_angle};
+use sidehill_plant::speeds::MotorSpeeds;
+
+/// Share of the traction motor's largest speed that is asked for.
+const TRACTION_SHARE: f64 = 0.98;
+/// Share of the steer motor's largest speed that a bend may take: what is left corrects.
+const STEER_SHARE: f64 = 0.8;
+/// Share of the motors' largest decelerations with which a drive ends.
+const BRAKING_SHARE: f64 = 0.5;
+/// Lowest speed that is asked for on the way, m/s.
+const SPEED_MIN_M_S: f64 = 0.02;
+/// Distance from the end of a drive that counts as being there, m, and turn, rad.
+const AT_END: f64 = 1e-3;
+/// Step with which the time for a length is summed, m.
+const SUM_STEP_M: f64 = 0.1;
+
+/// What bounds speeds as it is known now.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct SpeedsNow {
+    traction_m_s: f64,
+    steer_m_s: f64,
+    tread_m_s: f64,
+    /// Rates at which motors gain speed, m/s^2.
+    traction_rate_m_s2: f64,
+    steer_rate_m_s2: f64,
+    /// Rates at which a drive ends, m/s^2.
+    traction_braking_m_s2: f64,
+    steer_braking_m_s2: f64,
+    half_track_m: f64,
+}
+
+impl SpeedsNow {
+    pub(super) fn new(limits: &InputLimits, half_track_m: f64) -> Self {
+        Self {
+            traction_m_s: TRACTION_SHARE * limits.traction.speed_m_s,
+            steer_m_s: STEER_SHARE * limits.steer.speed_m_s,
+            tread_m_s: limits.tread_speed_m_s,
+            traction_rate_m_s2: limits.traction.acceleration_m_s2,
+            steer_rate_m_s2: limits.steer.acceleration_m_s2,
+            traction_braking_m_s2: BRAKING_SHARE * limits.traction.deceleration_m_s2,
+            steer_braking_m_s2: BRAKING_SHARE * limits.steer.deceleration_m_s2,
+            half_track_m,
+        }
+    }
+
+    /// Returns the largest speed in a bend, m/s.
+    fn at(&self, curvature_per_m: f64) -> f64 {
+        let steer_share = self.half_track_m * curvature_per_m.abs();
+        self.traction_m_s
+            .min(self.steer_m_s / steer_share)
+            .min(self.tread_m_s / (1.0 + steer_share))
+    }
+}
+
+/// What the reference asks of a stage.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Asked {
+    pub(crate) motion: Motion,
+    /// Whether the plan is at the end of the drive here.
+    pub(crate) ends: bool,
+    /// Point of the path nearest to the plan, with its heading; on the spot the heading to which the allowed yaw rate
+    /// takes the vehicle.
+    pub(crate) pose: PlanarPose,
+    /// Inputs of the flat model.
+    pub(crate) inputs: MotorSpeeds,
+    /// Speed allowed here without braking, m/s, positive.
+    pub(crate) scale_m_s: f64,
+    /// Speed along the path with which the plan comes here, over that asked for.
+    pub(crate) pace: f64,
+}
+
+/// A way along a reference from where the vehicle will be, as the plan has it.
+pub(super) struct Walk<'a> {
+    reference: &'a Reference,
+    now: SpeedsNow,
+    start: PlanarPose,
+    /// How far the plan has come, m; on the spot its heading, rad.
+    at: f64,
+    /// Heading to which the allowed yaw rate takes it on the spot, rad.
+    allowed_rad: f64,
+    /// Speed asked for, m/s; on the spot that of steer. It grows as the motor can.
+    speed_m_s: f64,
+    /// Where the plan had the vehicle before, and when.
+    before: Option<(Point2, f64)>,
+    time_s: f64,
+}
+
+impl<'a> Walk<'a> {
+    pub(super) fn new(
+        reference: &'a Reference,
+        now: SpeedsNow,
+        start: &PlanarPose,
+        moving: MotorSpeeds,
+    ) -> Self {
+        let (at, speed_m_s) = match reference.path() {
+            Some(_) => (reference.arc_length_m(), moving.traction_m_s),
+            None => (reference.unwrapped(start.yaw_rad), moving.steer_m_s),
+        };
+        Self {
+            reference,
+            now,
+            start: *start,
+            at,
+            allowed_rad: at,
+            speed_m_s: speed_m_s.abs(),
+            before: None,
+            time_s: 0.0,
+        }
+    }
+
+    /// Goes to where the plan has the vehicle at (x, y, yaw) `end_s` after the start, at a share of the allowed speeds.
+    pub(super) fn to(
+        &mut self,
+        state: &Vector3<f64>,
+        tracked_point: TrackedPoint,
+        normal_in_world: &Vector3<f64>,
+        end_s: f64,
+        share: f64,
+    ) -> Asked {
+        let step_s = end_s - self.time_s;
+        self.time_s = end_s;
+        let Some(path) = self.reference.path() else {
+            self.at = self.reference.unwrapped(self.start.yaw_rad) + (state.z - self.start.yaw_rad);
+            return self.turning(state.z, step_s, share);
+        };
+        let lever = tracked_point.lever(normal_in_world, state.z);
+        let place = Point2 {
+            x_m: state.x + lever.offset_m.0,
+            y_m: state.y + lever.offset_m.1,
+        };
+        let before = self.before.replace((place, end_s));
+        let moved_m = before.map_or(0.0, |(before, _)| before.distance_m(&place));
+        let guess_m = (self.at + moved_m).min(self.reference.stop_at_m().next_down());
+        let nearest = path.nearest_from(&place, guess_m, guess_m, &PROJECTION_WINDOW);
+        self.at = nearest.arc_length_m.max(self.at);
+        let mut asked = self.driving(state.z, step_s, share);
+        if let Some((before, before_s)) = before.filter(|(_, before_s)| *before_s < end_s) {
+            let (sin, cos) = asked.pose.yaw_rad.sin_cos();
+            let (dx, dy) = (place.x_m - before.x_m, place.y_m - before.y_m);
+            let along_m_s = (cos * dy - sin * dx) / (end_s - before_s);
+            asked.pace = along_m_s / asked.inputs.traction_m_s;
+        }
+        asked
+    }
+
+    /// Returns the time from the reference's place to here at the trajectory's own speeds, s.
+    pub(super) fn time_ahead_s(&self) -> f64 {
+        match self.reference.path() {
+            Some(_) => {
+                let time_s = self.reference.trajectory().time_at(self.at);
+                (time_s - self.reference.time_s()).max(0.0)
+            }
+            None => 0.0,
+        }
+    }
+
+    /// Returns the time that so much of the path takes, or what is left of the drive, at most `most_s`, s; on the spot
+    /// that is 0.
+    pub(super) fn time_for_s(&self, length_m: f64, most_s: f64) -> f64 {
+        let Some(path) = self.reference.path() else {
+            return 0.0;
+        };
+        let to_m = (self.at + length_m).min(self.reference.stop_at_m());
+        let (mut at_m, mut time_s) = (self.at, 0.0);
+        while at_m < to_m && time_s < most_s {
+            let curvature_per_m = path.at(at_m).curvature_per_m;
+            time_s += SUM_STEP_M / self.speed_at(at_m, curvature_per_m);
+            at_m += SUM_STEP_M;
+        }
+        time_s.min(most_s)
+    }
+
+    /// Returns the speed at an arc length without braking, m/s.
+    fn speed_at(&self, arc_length_m: f64, curvature_per_m: f64) -> f64 {
+        let allowed_m_s = self.reference.trajectory().speed_at(arc_length_m);
+        allowed_m_s
+            .min(self.now.at(curvature_per_m))
+            .max(SPEED_MIN_M_S)
+    }
+
+    /// Returns what a drive asks for here of a vehicle with a heading, whose turns are counted on.
+    fn driving(&mut self, yaw_rad: f64, step_s: f64, share: f64) -> Asked {
+        let Some(path) = self.reference.path() else {
+            return self.turning(yaw_rad, step_s, share);
+        };
+        let stop_m = self.reference.stop_at_m();
+        let at = self.reference.on_drive(path, self.at);
+        let to_go_m = (stop_m - self.at).max(0.0);
+        let braking_m_s = (2.0 * self.now.traction_braking_m_s2 * to_go_m).sqrt();
+        let scale_m_s = self.speed_at(self.at, at.curvature_per_m);
+        let most_m_s = share * scale_m_s.min(braking_m_s);
+        let rate_m_s2 = self.now.traction_rate_m_s2;
+        self.speed_m_s = (self.speed_m_s + rate_m_s2 * step_s).min(most_m_s);
+        let sign = at.direction.sign();
+        Asked {
+            motion: Motion::Drive,
+            ends: to_go_m <= AT_END,
+            pose: PlanarPose {
+                x_m: at.position.x_m,
+                y_m: at.position.y_m,
+                yaw_rad: yaw_rad + wrap_angle(at.heading_rad - yaw_rad),
+            },
+            inputs: MotorSpeeds {
+                traction_m_s: sign * self.speed_m_s,
+                steer_m_s: self.now.half_track_m * at.curvature_per_m * self.speed_m_s,
+            },
+            scale_m_s,
+            pace: 1.0,
+        }
+    }
+
+    /// Returns what a turn on the spot asks for here of a vehicle with a heading, whose turns are counted on.
+    fn turning(&mut self, yaw_rad: f64, step_s: f64, share: f64) -> Asked {
+        let trajectory = self.reference.trajectory();
+        let (from, final_rad) = (trajectory.at(0.0), self.reference.final_heading_rad());
+        let whole_rad = final_rad - from.heading_rad;
+        let sense = whole_rad.signum();
+        let half_track_m = self.now.half_track_m;
+        let to_go_rad = (sense * (final_rad - self.allowed_rad)).max(0.0);
+        let asked_m_s = half_track_m * from.yaw_rate_rad_s.abs();
+        let braking = (2.0 * self.now.steer_braking_m_s2 * half_track_m * to_go_rad).sqrt();
+        let most_m_s = share * asked_m_s.min(self.now.steer_m_s).min(braking);
+        self.speed_m_s = (self.speed_m_s + self.now.steer_rate_m_s2 * step_s).min(most_m_s);
+        let turn_rad = step_s * self.speed_m_s / half_track_m;
+        self.allowed_rad += sense * turn_rad.min(to_go_rad);
+        let left = (sense * (final_rad - self.allowed_rad)).max(0.0) / whole_rad.abs();
+        let place = trajectory.at((1.0 - left).clamp(0.0, 1.0) * trajectory.duration_s());
+        Asked {
+            motion: Motion::Pivot,
+            ends: sense * (final_rad - self.at) <= AT_END,
+            pose: PlanarPose {
+                yaw_rad: yaw_rad + self.allowed_rad - self.at,
+                ..place.pose()
+            },
+            inputs: MotorSpeeds {
+                traction_m_s: 0.0,
+                steer_m_s: sense * self.speed_m_s,
+            },
+            scale_m_s: asked_m_s,
+            pace: 1.0,
+        }
+    }
+}
