@@ -5,7 +5,6 @@ mod supervisor;
 mod weights;
 
 pub use contact::ContactMpcConfig;
-pub(crate) use contact::WeightFactors;
 pub use supervisor::SupervisorConfig;
 pub use weights::{CautionConfig, Weights};
 
@@ -264,11 +263,7 @@ impl ControllerConfig {
         let calmer = (self.caution.heading_per_rad2 - w.heading_per_rad2).max(0.0);
         match asked.motion {
             Motion::Drive | Motion::Stand => StageWeights {
-                along_per_m2: if asked.ends {
-                    w.cross_per_m2
-                } else {
-                    0.0
-                },
+                along_per_m2: if asked.ends { w.cross_per_m2 } else { 0.0 },
                 cross_per_m2: ramp * w.cross_per_m2,
                 heading_per_rad2: w.heading_per_rad2 + caution * calmer,
                 speed_s2_per_m2: w.speed / (asked.scale_m_s * asked.scale_m_s),

@@ -68,6 +68,10 @@ pub struct Controller {
     /// Name and number of vehicle and kind, which identify what was learned.
     owner: String,
     issued: IssuedCommands,
+    /// Arc length of the cycle before, m.
+    arc_length_m: f64,
+    /// Time by which the vehicle has fallen behind lately, s.
+    behind_s: f64,
     last_time_s: Option<f64>,
 }
 
@@ -117,6 +121,8 @@ impl Controller {
                 config.period_s,
             ),
             phase: Phase::Driving { fallback_cycles: 0 },
+            arc_length_m: 0.0,
+            behind_s: 0.0,
             last_time_s: None,
             adapts,
             guard,

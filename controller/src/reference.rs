@@ -182,9 +182,7 @@ impl Reference {
 
     /// Returns the heading with which the trajectory ends, rad.
     pub(crate) fn final_heading_rad(&self) -> f64 {
-        self.trajectory
-            .at(self.trajectory.duration_s())
-            .heading_rad
+        self.trajectory.at(self.trajectory.duration_s()).heading_rad
     }
 
     /// Returns the heading of a vehicle on a turn on the spot, rad, counted on over whole turns.
@@ -214,7 +212,11 @@ impl Reference {
         }
         let mut cross_track_m = self.project(&here);
         let arrived = self.arc_length_m >= self.stop_at_m() - ARRIVED_M;
-        self.arrived_s = if arrived { self.arrived_s + elapsed_s } else { 0.0 };
+        self.arrived_s = if arrived {
+            self.arrived_s + elapsed_s
+        } else {
+            0.0
+        };
         let last = self.drives_done + 1 >= self.ends_m.len();
         if arrived && !last && (stands || self.arrived_s >= ARRIVED_S) {
             self.drives_done += 1;

@@ -351,13 +351,7 @@ fn timed(path: &Path, knots: &[Knot], allowed_m_s: Vec<f64>) -> Result<Trajector
             motion: Motion::Drive,
         });
     }
-    Trajectory::new(
-        nodes,
-        step_s,
-        Some(path.clone()),
-        Ending::Stop,
-        allowed_m_s,
-    )
+    Trajectory::new(nodes, step_s, Some(path.clone()), Ending::Stop, allowed_m_s)
 }
 
 impl Knot {

@@ -57,7 +57,6 @@ impl ReferencePoint {
             yaw_rad: self.heading_rad,
         }
     }
-
 }
 
 /// A time-parametrised reference, stored on a uniform grid of time, with the speeds allowed along its path.
@@ -86,13 +85,7 @@ impl TryFrom<RawTrajectory> for Trajectory {
     type Error = PathError;
 
     fn try_from(raw: RawTrajectory) -> Result<Self, PathError> {
-        Self::new(
-            raw.nodes,
-            raw.step_s,
-            raw.path,
-            raw.ending,
-            raw.speeds_m_s,
-        )
+        Self::new(raw.nodes, raw.step_s, raw.path, raw.ending, raw.speeds_m_s)
     }
 }
 

@@ -9,9 +9,6 @@ pub struct ContactMpcConfig {
     pub last_step_s: f64,
     /// Time over which the weight across the path grows to its full value, s, in place of that of the weights.
     pub cross_ramp_s: f64,
-    /// Time after a standstill over which the weights of errors grow, s, with the square of the time: a vehicle that
-    /// starts beside its path cannot be back before it is under way.
-    pub start_ramp_s: f64,
     /// Factor on the weight of a change of steer on the path, where poses' noise is most of what steer would answer.
     pub steer_change_on_path: f64,
     /// The same far beside the path.
@@ -25,7 +22,6 @@ impl Default for ContactMpcConfig {
         Self {
             last_step_s: 0.22,
             cross_ramp_s: 0.6,
-            start_ramp_s: 2.0,
             steer_change_on_path: 1.5,
             steer_change_off_path: 0.25,
             off_path_m: 0.05,
@@ -41,7 +37,6 @@ impl ContactMpcConfig {
     pub(super) fn validate(&self) -> Result<(), RangeError> {
         Bounds::new(0.005, 10.0, "s").check("contact.last_step_s", self.last_step_s)?;
         Bounds::new(0.0, 10.0, "s").check("contact.cross_ramp_s", self.cross_ramp_s)?;
-        Bounds::new(0.0, 10.0, "s").check("contact.start_ramp_s", self.start_ramp_s)?;
         for (key, factor) in [
             ("contact.steer_change_on_path", self.steer_change_on_path),
             ("contact.steer_change_off_path", self.steer_change_off_path),
@@ -52,45 +47,11 @@ impl ContactMpcConfig {
         Ok(())
     }
 
-    /// Returns the factors on weights at a distance from the path, `driving_s` after a standstill.
-    pub(crate) fn factors(&self, cross_track_m: f64, driving_s: f64) -> WeightFactors {
+    /// Returns the factor on the weight of a change of steer at a distance from the path.
+    pub(crate) fn steer_change(&self, cross_track_m: f64) -> f64 {
         let squared = (cross_track_m / self.off_path_m).powi(2);
         let off_path = squared / (1.0 + squared);
-        let between = |on_path: f64, far: f64| on_path + off_path * (far - on_path);
-        WeightFactors {
-            steer_change: between(self.steer_change_on_path, self.steer_change_off_path),
-            driving_s,
-            start_ramp_s: self.start_ramp_s,
-        }
-    }
-}
-
-/// Factors on weights that depend on where the vehicle is and how long it has been driving.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct WeightFactors {
-    /// On changes of steer.
-    pub(crate) steer_change: f64,
-    /// Time since a standstill, s.
-    driving_s: f64,
-    /// Time after it over which the weights of errors grow, s.
-    start_ramp_s: f64,
-}
-
-impl WeightFactors {
-    /// Weights as they are.
-    pub(crate) const NONE: Self = Self {
-        steer_change: 1.0,
-        driving_s: 0.0,
-        start_ramp_s: 0.0,
-    };
-
-    /// Returns the factor on the weights of all errors `ahead_s` from now.
-    pub(crate) fn errors(&self, ahead_s: f64) -> f64 {
-        let time_s = self.driving_s + ahead_s;
-        if time_s < self.start_ramp_s {
-            (time_s / self.start_ramp_s).powi(2)
-        } else {
-            1.0
-        }
+        self.steer_change_on_path
+            + off_path * (self.steer_change_off_path - self.steer_change_on_path)
     }
 }

@@ -36,7 +36,7 @@ pub struct Weights {
 impl Default for Weights {
     fn default() -> Self {
         Self {
-            speed: std::env::var("SH_W").ok().and_then(|w| w.parse().ok()).unwrap_or(2.0),
+            speed: 0.15,
             cross_per_m2: 50.0,
             cross_ramp_s: 0.0,
             heading_per_rad2: 0.02,
@@ -44,7 +44,7 @@ impl Default for Weights {
             heading_free_rad: 0.5,
             pivot_position_per_m2: 5.0,
             pivot_heading_per_rad2: 5.0,
-            traction_change_s3_per_m2: std::env::var("SH_T").ok().and_then(|w| w.parse().ok()).unwrap_or(0.05),
+            traction_change_s3_per_m2: 0.05,
             steer_change_s3_per_m2: 0.05,
             terminal_factor: 1.0,
         }

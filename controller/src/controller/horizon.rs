@@ -2,7 +2,7 @@
 
 use super::walk::{SpeedsNow, Walk};
 use super::{Controller, Law};
-use crate::config::{AttitudePreview, ControllerConfig, WeightFactors};
+use crate::config::{AttitudePreview, ControllerConfig};
 use crate::estimator::{Estimate, slide_share};
 use crate::guard::Guard;
 use crate::memory::Memory;
@@ -22,9 +22,15 @@ const MOST_RAD: f64 = 1.2;
 
 /// Length of the path that the horizon covers at least, in half track widths: a vehicle has to begin a turn before
 /// it, and slides through it.
-const LENGTH_MIN: f64 = 2.4;
+const LENGTH_MIN: f64 = 1.6;
 /// Largest factor by which the stages are stretched for that.
 const STRETCH_MAX: f64 = 8.0;
+/// Lowest share of the asked speed by which errors across the path are weighed.
+const PACE_MIN: f64 = 0.02;
+/// Time over which a vehicle that falls behind is remembered, s.
+const BEHIND_S: f64 = 3.0;
+/// Share of the asked speed that may be missing before a vehicle falls behind.
+const SLOW_FREE: f64 = 0.25;
 /// Largest factor between the stretches of two cycles.
 const STRETCH_CHANGE: f64 = 1.05;
 
@@ -50,6 +56,21 @@ impl Controller {
         Some(progress)
     }
 
+    /// Keeps account of how long the vehicle has been slower than it was asked to be: the price of speed grows with
+    /// that, so that no plan waits for ever beside a place that is hard to pass.
+    fn fall_behind(&mut self, progress: &Progress, elapsed_s: f64) {
+        let moved_m = progress.arc_length_m - self.arc_length_m;
+        self.arc_length_m = progress.arc_length_m;
+        let asked_m = progress.point.speed_m_s.abs() * elapsed_s;
+        if progress.point.motion != Motion::Drive || asked_m <= 0.0 || moved_m.abs() > 1.0 {
+            self.behind_s = 0.0;
+            return;
+        }
+        let slow = 1.0 - moved_m / asked_m;
+        let change_s = elapsed_s * ((slow - SLOW_FREE).max(0.0) - self.behind_s / BEHIND_S);
+        self.behind_s = (self.behind_s + change_s).clamp(0.0, BEHIND_S);
+    }
+
     /// Returns what bounds the speed at a place, as known now.
     pub(super) fn speed_limits(&self) -> SpeedsNow {
         SpeedsNow::new(&self.config.limits, self.horizon.half_track_m)
@@ -60,11 +81,11 @@ impl Controller {
         let Some(reference) = &self.reference else {
             return 1.0;
         };
-        let length_m = env("SH_L", LENGTH_MIN) * self.horizon.half_track_m;
+        let length_m = LENGTH_MIN * self.horizon.half_track_m;
         let most_s = STRETCH_MAX * mpc.stage_times().whole_s();
         let (start, moving) = (&self.horizon.start, self.horizon.previous);
-        let time_s = Walk::new(reference, self.speed_limits(), start, moving)
-            .time_for_s(length_m, most_s);
+        let time_s =
+            Walk::new(reference, self.speed_limits(), start, moving).time_for_s(length_m, most_s);
         let wanted = (time_s / mpc.stage_times().whole_s()).max(1.0);
         let now = mpc.stage_times().stretch();
         match mpc.plan() {
@@ -87,12 +108,9 @@ impl Controller {
         let Law::Mpc(mpc) = &mut self.law else {
             return;
         };
-        let factors = match mpc.model_mut() {
-            Model::Icr(_) => WeightFactors::NONE,
-            Model::Contact(_) => self.config.contact.factors(
-                progress.cross_track_m,
-                self.issued.driving_s(estimate.time_s),
-            ),
+        let steer_change = match mpc.model_mut() {
+            Model::Icr(_) => 1.0,
+            Model::Contact(_) => self.config.contact.steer_change(progress.cross_track_m),
         };
         let mut caution = 0.0;
         if self.adapts {
@@ -113,11 +131,12 @@ impl Controller {
             let error = estimate.model_error_m_s / self.config.caution.error_m_s;
             caution = error.powi(2).min(1.0);
         }
+        self.fall_behind(progress, elapsed_s);
         self.learn_places(estimate, sample, elapsed_s);
         (self.horizon.start, self.horizon.moving) = self.roll_forward(estimate, progress);
         self.horizon.previous = previous;
         self.horizon.change_weights = self.config.change_weights(caution);
-        self.horizon.change_weights.steer *= factors.steer_change;
+        self.horizon.change_weights.steer *= steer_change;
         let Law::Mpc(mpc) = &self.law else {
             return;
         };
@@ -125,7 +144,7 @@ impl Controller {
         // A vehicle so much slower has the same problem in so much more time.
         self.horizon.change_weights.traction *= stretch.powi(3);
         self.horizon.change_weights.steer *= stretch.powi(3);
-        self.fill_targets(estimate, progress, caution, &factors, elapsed_s, stretch);
+        self.fill_targets(estimate, progress, caution, elapsed_s, stretch);
     }
 
     /// Moves the plan on and puts into the horizon's targets what the path asks for where the plan has the vehicle. A
@@ -135,7 +154,6 @@ impl Controller {
         estimate: &Estimate,
         progress: &Progress,
         caution: f64,
-        factors: &WeightFactors,
         elapsed_s: f64,
         stretch: f64,
     ) {
@@ -166,7 +184,7 @@ impl Controller {
             estimate,
             progress,
             caution,
-            factors,
+            behind_s: self.behind_s,
         };
         let start = self.horizon.start;
         if mpc.wants_first_plan() {
@@ -314,7 +332,7 @@ struct Ahead<'a> {
     estimate: &'a Estimate,
     progress: &'a Progress,
     caution: f64,
-    factors: &'a WeightFactors,
+    behind_s: f64,
 }
 
 impl<'a> Ahead<'a> {
@@ -356,12 +374,11 @@ impl<'a> Ahead<'a> {
         }
         let mut weights = config.stage_weights(&asked, self.caution, end_s);
         if asked.motion == Motion::Drive {
-            if std::env::var_os("SH_RAMP").is_some() {
-                weights = weights.scaled(self.factors.errors(config.delay_s() + end_s));
-            }
-            let pw = env("SH_P", 1.0) as i32;
-            if pw > 0 && !asked.ends {
-                let share = asked.pace.clamp(0.02, 1.0).powi(pw);
+            let ramp = (1.0 + self.behind_s).powi(2);
+            weights.speed_s2_per_m2 *= ramp;
+            if !asked.ends {
+                // Errors count by the way that is driven with them: to stand beside the path must not be cheap.
+                let share = asked.pace.clamp(PACE_MIN, 1.0).powi(3);
                 weights.cross_per_m2 *= share;
                 weights.heading_per_rad2 *= share;
             }
@@ -390,7 +407,3 @@ fn difference_after(difference_rad: f64, way_m: f64, ahead_m: f64) -> f64 {
 
 #[cfg(test)]
 mod tests;
-
-pub(super) fn env(name: &str, other: f64) -> f64 {
-    std::env::var(name).ok().and_then(|w| w.parse().ok()).unwrap_or(other)
-}

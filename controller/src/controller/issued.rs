@@ -12,8 +12,6 @@ struct Issued {
 /// Commands of the last second, the newest last: those that the drives have yet to follow are among them.
 pub(super) struct IssuedCommands {
     commands: Vec<Issued>,
-    /// When the vehicle was last told to stand, s; none before its first command.
-    stood_s: Option<f64>,
 }
 
 impl IssuedCommands {
@@ -22,7 +20,6 @@ impl IssuedCommands {
         let commands = (1.0 / period_s).ceil() as usize + 2;
         Self {
             commands: Vec::with_capacity(commands + 1),
-            stood_s: None,
         }
     }
 
@@ -32,15 +29,6 @@ impl IssuedCommands {
             self.commands.remove(0);
         }
         self.commands.push(Issued { time_s, command });
-        if command == MotorSpeeds::STOP || self.stood_s.is_none() {
-            self.stood_s = Some(time_s);
-        }
-    }
-
-    /// Returns the time since the vehicle was last told to stand, s; 0 where the clock was put back since.
-    pub(super) fn driving_s(&self, now_s: f64) -> f64 {
-        let stood_s = self.stood_s.unwrap_or(now_s);
-        (now_s - stood_s).max(0.0)
     }
 
     /// Returns the newest command; before the first the vehicle stands.
@@ -63,26 +51,5 @@ impl IssuedCommands {
         };
         let commands = self.commands.iter().enumerate().map(in_force);
         commands.filter(|(_, time_s)| *time_s > 0.0)
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn driving_counts_from_the_last_command_to_stand() {
-        let ahead = MotorSpeeds {
-            traction_m_s: 0.3,
-            steer_m_s: 0.0,
-        };
-        let mut issued = IssuedCommands::new(0.05);
-        assert_eq!(issued.driving_s(7.0), 0.0);
-        for (time_s, command) in [(7.0, ahead), (7.05, MotorSpeeds::STOP), (7.1, ahead)] {
-            issued.push(time_s, command);
-        }
-        assert!((issued.driving_s(8.05) - 1.0).abs() < 1e-9);
-        // A clock that was put back.
-        assert_eq!(issued.driving_s(1.0), 0.0);
     }
 }

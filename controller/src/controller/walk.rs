@@ -1,7 +1,7 @@
 //! The way ahead along a reference: what it asks for where the plan has the vehicle.
 
 use crate::mpc::limits::InputLimits;
-use crate::path::Point2;
+use crate::path::{Path, Point2};
 use crate::reference::{PROJECTION_WINDOW, Reference};
 use crate::tracked_point::TrackedPoint;
 use crate::trajectory::Motion;
@@ -28,8 +28,7 @@ pub(super) struct SpeedsNow {
     traction_m_s: f64,
     steer_m_s: f64,
     tread_m_s: f64,
-    /// Rates at which motors gain speed, m/s^2.
-    traction_rate_m_s2: f64,
+    /// Rate at which the steer motor gains speed, m/s^2.
     steer_rate_m_s2: f64,
     /// Rates at which a drive ends, m/s^2.
     traction_braking_m_s2: f64,
@@ -43,7 +42,6 @@ impl SpeedsNow {
             traction_m_s: TRACTION_SHARE * limits.traction.speed_m_s,
             steer_m_s: STEER_SHARE * limits.steer.speed_m_s,
             tread_m_s: limits.tread_speed_m_s,
-            traction_rate_m_s2: limits.traction.acceleration_m_s2,
             steer_rate_m_s2: limits.steer.acceleration_m_s2,
             traction_braking_m_s2: BRAKING_SHARE * limits.traction.deceleration_m_s2,
             steer_braking_m_s2: BRAKING_SHARE * limits.steer.deceleration_m_s2,
@@ -86,8 +84,8 @@ pub(super) struct Walk<'a> {
     at: f64,
     /// Heading to which the allowed yaw rate takes it on the spot, rad.
     allowed_rad: f64,
-    /// Speed asked for, m/s; on the spot that of steer. It grows as the motor can.
-    speed_m_s: f64,
+    /// Steer speed asked for on the spot, m/s. It grows as the motor can.
+    steer_m_s: f64,
     /// Where the plan had the vehicle before, and when.
     before: Option<(Point2, f64)>,
     time_s: f64,
@@ -100,9 +98,9 @@ impl<'a> Walk<'a> {
         start: &PlanarPose,
         moving: MotorSpeeds,
     ) -> Self {
-        let (at, speed_m_s) = match reference.path() {
-            Some(_) => (reference.arc_length_m(), moving.traction_m_s),
-            None => (reference.unwrapped(start.yaw_rad), moving.steer_m_s),
+        let at = match reference.path() {
+            Some(_) => reference.arc_length_m(),
+            None => reference.unwrapped(start.yaw_rad),
         };
         Self {
             reference,
@@ -110,7 +108,7 @@ impl<'a> Walk<'a> {
             start: *start,
             at,
             allowed_rad: at,
-            speed_m_s: speed_m_s.abs(),
+            steer_m_s: moving.steer_m_s.abs(),
             before: None,
             time_s: 0.0,
         }
@@ -141,7 +139,7 @@ impl<'a> Walk<'a> {
         let guess_m = (self.at + moved_m).min(self.reference.stop_at_m().next_down());
         let nearest = path.nearest_from(&place, guess_m, guess_m, &PROJECTION_WINDOW);
         self.at = nearest.arc_length_m.max(self.at);
-        let mut asked = self.driving(state.z, step_s, share);
+        let mut asked = self.driving(path, state.z, share);
         if let Some((before, before_s)) = before.filter(|(_, before_s)| *before_s < end_s) {
             let (sin, cos) = asked.pose.yaw_rad.sin_cos();
             let (dx, dy) = (place.x_m - before.x_m, place.y_m - before.y_m);
@@ -187,18 +185,13 @@ impl<'a> Walk<'a> {
     }
 
     /// Returns what a drive asks for here of a vehicle with a heading, whose turns are counted on.
-    fn driving(&mut self, yaw_rad: f64, step_s: f64, share: f64) -> Asked {
-        let Some(path) = self.reference.path() else {
-            return self.turning(yaw_rad, step_s, share);
-        };
+    fn driving(&self, path: &Path, yaw_rad: f64, share: f64) -> Asked {
         let stop_m = self.reference.stop_at_m();
         let at = self.reference.on_drive(path, self.at);
         let to_go_m = (stop_m - self.at).max(0.0);
         let braking_m_s = (2.0 * self.now.traction_braking_m_s2 * to_go_m).sqrt();
         let scale_m_s = self.speed_at(self.at, at.curvature_per_m);
-        let most_m_s = share * scale_m_s.min(braking_m_s);
-        let rate_m_s2 = self.now.traction_rate_m_s2;
-        self.speed_m_s = (self.speed_m_s + rate_m_s2 * step_s).min(most_m_s);
+        let speed_m_s = share * scale_m_s.min(braking_m_s);
         let sign = at.direction.sign();
         Asked {
             motion: Motion::Drive,
@@ -209,8 +202,8 @@ impl<'a> Walk<'a> {
                 yaw_rad: yaw_rad + wrap_angle(at.heading_rad - yaw_rad),
             },
             inputs: MotorSpeeds {
-                traction_m_s: sign * self.speed_m_s,
-                steer_m_s: self.now.half_track_m * at.curvature_per_m * self.speed_m_s,
+                traction_m_s: sign * speed_m_s,
+                steer_m_s: self.now.half_track_m * at.curvature_per_m * speed_m_s,
             },
             scale_m_s,
             pace: 1.0,
@@ -228,8 +221,8 @@ impl<'a> Walk<'a> {
         let asked_m_s = half_track_m * from.yaw_rate_rad_s.abs();
         let braking = (2.0 * self.now.steer_braking_m_s2 * half_track_m * to_go_rad).sqrt();
         let most_m_s = share * asked_m_s.min(self.now.steer_m_s).min(braking);
-        self.speed_m_s = (self.speed_m_s + self.now.steer_rate_m_s2 * step_s).min(most_m_s);
-        let turn_rad = step_s * self.speed_m_s / half_track_m;
+        self.steer_m_s = (self.steer_m_s + self.now.steer_rate_m_s2 * step_s).min(most_m_s);
+        let turn_rad = step_s * self.steer_m_s / half_track_m;
         self.allowed_rad += sense * turn_rad.min(to_go_rad);
         let left = (sense * (final_rad - self.allowed_rad)).max(0.0) / whole_rad.abs();
         let place = trajectory.at((1.0 - left).clamp(0.0, 1.0) * trajectory.duration_s());
@@ -242,7 +235,7 @@ impl<'a> Walk<'a> {
             },
             inputs: MotorSpeeds {
                 traction_m_s: 0.0,
-                steer_m_s: sense * self.speed_m_s,
+                steer_m_s: sense * self.steer_m_s,
             },
             scale_m_s: asked_m_s,
             pace: 1.0,

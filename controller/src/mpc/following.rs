@@ -10,7 +10,6 @@ use sidehill_plant::speeds::MotorSpeeds;
 impl Mpc {
     /// Moves the plan to the QP's solution, or as far as the model confirms it.
     pub(super) fn follow(&mut self, horizon: &Horizon) {
-        if std::env::var_os("SH_NOLIM").is_some() { self.apply(1.0); self.cost = self.cost_of(&self.plan, horizon); return; }
         let before = self.cost_of(&self.plan, horizon);
         let cost = self.apply_within(self.settings.step_limit, before, horizon);
         self.cost = cost;
@@ -70,7 +69,6 @@ impl Mpc {
             if halvings == 0 {
                 self.damping.learn(&costs, &limit);
             }
-            if std::env::var_os("SH_DBG").is_some() { #[allow(clippy::print_stderr)] { eprintln!("h{halvings} d{:.1} before {:.4} pred {:.4} actual {:.4} largest {:.3} trac {:.3} {:.3} steer {:.3} {:.3}", self.damping.s2_per_m2, costs.before, costs.predicted, costs.actual, self.largest_steer_correction_m_s(), self.plan.inputs[0].traction_m_s, self.plan.inputs[20].traction_m_s, self.plan.inputs[0].steer_m_s, self.plan.inputs[20].steer_m_s); } }
             if halvings == HALVINGS || costs.achieve(limit.accepted_share) {
                 std::mem::swap(&mut self.plan.states, &mut self.rolled);
                 return costs.actual;

@@ -111,7 +111,7 @@ impl Mpc {
                 &mut moving,
             );
             step.increment += step_s * target.slip;
-            if std::env::var_os("SH_MULT").is_none() { self.plan.states[k + 1] = state + step.increment; }
+            self.plan.states[k + 1] = state + step.increment;
             let next = &self.plan.states[k + 1];
             let time_s = self.change_time_s(k);
             let error = target.error_of(next);

@@ -187,11 +187,7 @@ fn differentiate(stages: &[StageTerms], path: &mut Path, linear: f64) -> f64 {
             cost += xi[i] * (0.5 * turned + force);
             ahead[i] += turned + force;
         }
-        let yaw = if k == 0 {
-            0.0
-        } else {
-            path.states[k - 1][2]
-        };
+        let yaw = if k == 0 { 0.0 } else { path.states[k - 1][2] };
         let [by_yaw, by_inputs @ ..] = &terms.speed_row;
         let speed = by_yaw * yaw + dot(by_inputs, &path.inputs[k]) + linear * terms.speed_error;
         let pull = terms.speed_weight * speed;
