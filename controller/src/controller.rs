@@ -5,6 +5,7 @@
 //! ```
 
 mod decision;
+mod drives;
 mod horizon;
 mod issued;
 mod learning;
@@ -14,6 +15,7 @@ mod walk;
 mod watchdog;
 
 pub use decision::{Decision, Stall, Status, StopReason};
+pub use drives::DriveResponse;
 pub use parts::ControllerError;
 pub(crate) use walk::Asked;
 
@@ -25,6 +27,7 @@ use crate::mpc::{Horizon, Mpc, Plan, QpFailure, Solution, StageTarget};
 use crate::pure_pursuit::PursuitView;
 use crate::reference::{Progress, Reference};
 use crate::tracked_point::TrackedPoint;
+use drives::Drives;
 use issued::IssuedCommands;
 use parts::{Law, Parts, guard, owner};
 use sidehill_plant::contact::BodyState;
@@ -68,6 +71,8 @@ pub struct Controller {
     /// Name and number of vehicle and kind, which identify what was learned.
     owner: String,
     issued: IssuedCommands,
+    /// The drives as they respond.
+    drives: Drives,
     /// Arc length of the cycle before, m.
     arc_length_m: f64,
     /// Time by which the vehicle has fallen behind lately, s.
@@ -114,6 +119,7 @@ impl Controller {
                 targets: Vec::with_capacity(config.stages),
             },
             issued: IssuedCommands::new(config.period_s),
+            drives: Drives::new(&config),
             watchdog: Watchdog::new(
                 &config.supervisor,
                 config.limits,
@@ -244,6 +250,7 @@ impl Controller {
         let (estimate, refused) = self.estimator.update(sample);
         // Speeds that have not arrived yet are waited for, as poses and attitudes are; only those that end are stale.
         let estimate = estimate.filter(|estimate| estimate.speeds_age_s.is_finite());
+        self.learn_drives(estimate.as_ref(), sample);
         let progress = self.advance_reference(estimate.as_ref(), elapsed_s);
         self.watch_slope(estimate.as_ref(), elapsed_s);
         self.supervise(estimate.as_ref(), progress.as_ref());
@@ -327,6 +334,24 @@ impl Controller {
             ),
             Phase::Finished => (Status::Finished, limits.stop_step(previous, period_s)),
         }
+    }
+
+    /// Learns how the drives respond from tread speeds that are new in this cycle.
+    fn learn_drives(&mut self, estimate: Option<&Estimate>, sample: &Sample) {
+        let (Some(estimate), Some(reading)) = (estimate, &sample.tread_speeds) else {
+            return;
+        };
+        self.drives
+            .observe(estimate.treads.into(), reading.time_s, &self.issued);
+        let limits = self.drives.limits(&self.config.limits);
+        if let Law::Mpc(mpc) = &mut self.law {
+            mpc.set_speed_limits(limits.traction.speed_m_s, limits.steer.speed_m_s);
+        }
+    }
+
+    /// Returns how the drives respond, as learned.
+    pub fn drive_response(&self) -> DriveResponse {
+        self.drives.response()
     }
 
     fn discard_plan(&mut self) {

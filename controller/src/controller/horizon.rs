@@ -73,7 +73,10 @@ impl Controller {
 
     /// Returns what bounds the speed at a place, as known now.
     pub(super) fn speed_limits(&self) -> SpeedsNow {
-        SpeedsNow::new(&self.config.limits, self.horizon.half_track_m)
+        SpeedsNow::new(
+            &self.drives.limits(&self.config.limits),
+            self.horizon.half_track_m,
+        )
     }
 
     /// Returns the factor by which stages are stretched so that the horizon is long enough at the speeds ahead.
@@ -299,8 +302,10 @@ impl Controller {
         let Law::Mpc(mpc) = &mut self.law else {
             return (pose, moving);
         };
-        let begin_s = estimate.time_s - self.config.delay_s();
+        let begin_s = estimate.time_s - self.drives.response().delay_s;
+        let limits = self.drives.limits(&self.config.limits);
         for (command, time_s) in self.issued.between(begin_s, estimate.time_s) {
+            let command = limits.within_bounds(command);
             let step = mpc.model_mut().step_near(
                 &mut StepStart::default(),
                 &estimate.normal_in_world,

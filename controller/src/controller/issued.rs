@@ -38,6 +38,15 @@ impl IssuedCommands {
             .map_or(MotorSpeeds::STOP, |issued| issued.command)
     }
 
+    /// Returns the command in force at a time; none before the oldest that is kept.
+    pub(super) fn at(&self, time_s: f64) -> Option<MotorSpeeds> {
+        let after = self
+            .commands
+            .partition_point(|issued| issued.time_s <= time_s);
+        let last = after.checked_sub(1)?;
+        Some(self.commands[last].command)
+    }
+
     /// Returns the commands between two times with how long each was in force, s, the oldest first.
     pub(super) fn between(
         &self,

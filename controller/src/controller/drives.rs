@@ -1,0 +1,231 @@
+//! What the drives do with commands, learned while driving.
+//!
+//! Configured limits and delays are starting values that may be wrong: a motor may reach less speed than it is told
+//! to have, and a command may act later. Both show in the measured tread speeds beside the commands.
+
+use super::issued::IssuedCommands;
+use crate::config::ControllerConfig;
+use crate::mpc::limits::InputLimits;
+use serde::{Deserialize, Serialize};
+use sidehill_plant::speeds::MotorSpeeds;
+
+/// Delays that are compared with the speeds, and the time between two of them, s.
+const DELAYS: usize = 19;
+const DELAY_STEP_S: f64 = 0.05;
+/// Time over which errors of the delays are remembered, s.
+const MEMORY_S: f64 = 10.0;
+/// Weight of the configured delay, (m/s)^2 for each second squared beside it: noise must not move it.
+const TOLD_WEIGHT: f64 = 0.3;
+/// Time constant with which the delay in use follows the one that fits best, s.
+const FOLLOW_S: f64 = 1.0;
+
+/// Share of a command, and part of it, m/s, by which a motor must stay below it to be short of it.
+const SHORT_SHARE: f64 = 0.05;
+const SHORT_M_S: f64 = 0.02;
+/// Rate at which a motor that is short gains speed, m/s^2, from which it is still on its way.
+const GAINING_M_S2: f64 = 0.1;
+/// Time for which a motor is short before its speed is taken for its limit, s.
+const SHORT_S: f64 = 0.4;
+/// What is added to that speed, m/s, so that it does not sink with noise.
+const MARGIN_M_S: f64 = 0.01;
+/// Rate at which a limit rises while the motor reaches its commands, m/s^2.
+const RECOVERY_M_S2: f64 = 0.03;
+/// Time constant of the speeds that are compared, s.
+const SMOOTHING_S: f64 = 0.2;
+
+/// How the drives respond, as far as it differs from the configuration.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct DriveResponse {
+    /// Largest speeds that the motors reach, m/s; at most those configured.
+    pub speed_max: MotorSpeeds,
+    /// Time after which a command acts, lag included, s.
+    pub delay_s: f64,
+    /// Speeds that motors were commanded when they were last short of them, m/s; 0 of one that was not.
+    pub asked: MotorSpeeds,
+}
+
+impl std::fmt::Display for DriveResponse {
+    /// Writes what a driver has to know; nothing where the drives do as they are told.
+    fn fmt(&self, out: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let mut first = true;
+        for (name, reached, asked) in [
+            (
+                "traction",
+                self.speed_max.traction_m_s,
+                self.asked.traction_m_s,
+            ),
+            ("steer", self.speed_max.steer_m_s, self.asked.steer_m_s),
+        ] {
+            if asked > 0.0 {
+                let separator = if first { "" } else { "; " };
+                first = false;
+                write!(
+                    out,
+                    "{separator}the {name} motor reaches {reached:.2} m/s of {asked:.2} commanded"
+                )?;
+            }
+        }
+        Ok(())
+    }
+}
+
+/// A motor and the largest speed that it was seen to reach.
+#[derive(Debug, Clone, Copy)]
+struct Motor {
+    configured_m_s: f64,
+    limit_m_s: f64,
+    asked_m_s: f64,
+    short_s: f64,
+    /// Smoothed speed and command, m/s.
+    speed_m_s: f64,
+    command_m_s: f64,
+}
+
+impl Motor {
+    fn new(configured_m_s: f64) -> Self {
+        Self {
+            configured_m_s,
+            limit_m_s: configured_m_s,
+            asked_m_s: 0.0,
+            short_s: 0.0,
+            speed_m_s: 0.0,
+            command_m_s: 0.0,
+        }
+    }
+
+    /// Takes the speed of a reading and the command that acts at its time.
+    fn observe(&mut self, speed_m_s: f64, command_m_s: f64, elapsed_s: f64) {
+        let gain = (elapsed_s / SMOOTHING_S).min(1.0);
+        let before_m_s = self.speed_m_s;
+        self.speed_m_s += gain * (speed_m_s - self.speed_m_s);
+        self.command_m_s += gain * (command_m_s - self.command_m_s);
+        let (speed, command) = (self.speed_m_s.abs(), self.command_m_s.abs());
+        let same_sense = self.speed_m_s * self.command_m_s >= 0.0;
+        let gains = speed - before_m_s.abs() > GAINING_M_S2 * elapsed_s;
+        let below = command * (1.0 - SHORT_SHARE) - SHORT_M_S > speed;
+        if same_sense && below && !gains && speed > SHORT_M_S {
+            self.short_s += elapsed_s;
+        } else {
+            self.short_s = (self.short_s - elapsed_s).max(0.0);
+            if !below {
+                let rise_m_s = RECOVERY_M_S2 * elapsed_s;
+                self.limit_m_s = (self.limit_m_s + rise_m_s).min(self.configured_m_s);
+            }
+        }
+        if self.short_s >= SHORT_S {
+            self.short_s = SHORT_S;
+            if speed + MARGIN_M_S < self.limit_m_s {
+                self.limit_m_s = speed + MARGIN_M_S;
+                self.asked_m_s = self.asked_m_s.max(command);
+            }
+        }
+        if self.limit_m_s >= self.configured_m_s {
+            self.asked_m_s = 0.0;
+        }
+    }
+}
+
+/// The response of the drives, followed from cycle to cycle; nothing is allocated after [`Drives::new`].
+#[derive(Debug)]
+pub(super) struct Drives {
+    traction: Motor,
+    steer: Motor,
+    told_delay_s: f64,
+    delay_s: f64,
+    /// Sums of the squared differences between speeds and commands so much earlier, (m/s)^2.
+    misfits: [f64; DELAYS],
+    read_s: Option<f64>,
+}
+
+impl Drives {
+    pub(super) fn new(config: &ControllerConfig) -> Self {
+        Self {
+            traction: Motor::new(config.limits.traction.speed_m_s),
+            steer: Motor::new(config.limits.steer.speed_m_s),
+            told_delay_s: config.delay_s(),
+            delay_s: config.delay_s(),
+            misfits: [0.0; DELAYS],
+            read_s: None,
+        }
+    }
+
+    /// Returns how the drives respond as known now.
+    pub(super) fn response(&self) -> DriveResponse {
+        DriveResponse {
+            speed_max: MotorSpeeds {
+                traction_m_s: self.traction.limit_m_s,
+                steer_m_s: self.steer.limit_m_s,
+            },
+            delay_s: self.delay_s,
+            asked: MotorSpeeds {
+                traction_m_s: self.traction.asked_m_s,
+                steer_m_s: self.steer.asked_m_s,
+            },
+        }
+    }
+
+    /// Returns the limits of the motors as known now.
+    pub(super) fn limits(&self, configured: &InputLimits) -> InputLimits {
+        let mut limits = *configured;
+        limits.traction.speed_m_s = self.traction.limit_m_s;
+        limits.steer.speed_m_s = self.steer.limit_m_s;
+        limits
+    }
+
+    /// Takes effective motor speeds read at `read_s` beside the commands that led to them.
+    pub(super) fn observe(&mut self, speeds: MotorSpeeds, read_s: f64, issued: &IssuedCommands) {
+        let Some(before_s) = self.read_s.replace(read_s) else {
+            return;
+        };
+        let elapsed_s = read_s - before_s;
+        if !(elapsed_s > 0.0 && elapsed_s < 1.0) {
+            return;
+        }
+        if let Some(command) = issued.at(read_s - self.delay_s) {
+            self.traction
+                .observe(speeds.traction_m_s, command.traction_m_s, elapsed_s);
+            self.steer
+                .observe(speeds.steer_m_s, command.steer_m_s, elapsed_s);
+        }
+        self.follow_delay(speeds, read_s, elapsed_s, issued);
+    }
+
+    /// Compares speeds with commands at all delays and follows the one that fits best.
+    fn follow_delay(
+        &mut self,
+        speeds: MotorSpeeds,
+        read_s: f64,
+        elapsed_s: f64,
+        issued: &IssuedCommands,
+    ) {
+        let fade = (1.0 - elapsed_s / MEMORY_S).max(0.0);
+        let within = |command: f64, limit: f64| command.clamp(-limit, limit);
+        for (k, misfit) in self.misfits.iter_mut().enumerate() {
+            let Some(command) = issued.at(read_s - DELAY_STEP_S * k as f64) else {
+                return;
+            };
+            let traction =
+                speeds.traction_m_s - within(command.traction_m_s, self.traction.limit_m_s);
+            let steer = speeds.steer_m_s - within(command.steer_m_s, self.steer.limit_m_s);
+            *misfit = fade * *misfit + traction * traction + steer * steer;
+        }
+        let told_delay_s = self.told_delay_s;
+        let cost = |k: usize| {
+            let beside_s = DELAY_STEP_S * k as f64 - told_delay_s;
+            self.misfits[k] + TOLD_WEIGHT * beside_s * beside_s
+        };
+        let best = (0..DELAYS).min_by(|a, b| cost(*a).total_cmp(&cost(*b)));
+        let Some(best) = best else { return };
+        let mut place = best as f64;
+        if best > 0 && best + 1 < DELAYS {
+            // The vertex of the parabola through three costs.
+            let (low, mid, high) = (cost(best - 1), cost(best), cost(best + 1));
+            let bend = low - 2.0 * mid + high;
+            if bend > 0.0 {
+                place += (0.5 * (low - high) / bend).clamp(-0.5, 0.5);
+            }
+        }
+        let gain = (elapsed_s / FOLLOW_S).min(1.0);
+        self.delay_s += gain * (DELAY_STEP_S * place - self.delay_s);
+    }
+}
