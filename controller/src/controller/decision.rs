@@ -55,6 +55,17 @@ pub enum StopReason {
         /// Newer poses that the gate refused.
         gated: u32,
     },
+    /// Where the vehicle is across the path is too uncertain.
+    #[error(
+        "the position across the path is uncertain by {bound_m:.2} m, the newest pose is {age_s:.2} s old"
+    )]
+    PoseUncertain {
+        /// Bound that the position keeps with a probability of 95 %, m.
+        bound_m: f64,
+        /// Age of the newest accepted pose, s.
+        #[serde(with = "crate::serde_form::age")]
+        age_s: f64,
+    },
     /// The newest attitude is too old.
     #[error("the attitude is {age_s:.2} s old")]
     AttitudeStale {

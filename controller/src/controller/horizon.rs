@@ -188,6 +188,10 @@ impl Controller {
             progress,
             caution,
             behind_s: self.behind_s,
+            certain_share: certain_share(
+                estimate.bound_across_m(progress.point.heading_rad)
+                    / config.supervisor.cross_track_uncertainty_max_m,
+            ),
         };
         let start = self.horizon.start;
         if mpc.wants_first_plan() {
@@ -338,6 +342,8 @@ struct Ahead<'a> {
     progress: &'a Progress,
     caution: f64,
     behind_s: f64,
+    /// Share of the speeds with which a vehicle drives that does not know well where it is.
+    certain_share: f64,
 }
 
 impl<'a> Ahead<'a> {
@@ -360,7 +366,8 @@ impl<'a> Ahead<'a> {
         let (config, estimate) = (self.config, self.estimate);
         let share = self
             .guard
-            .map_or(1.0, |guard| guard.share_at(walk.time_ahead_s()));
+            .map_or(1.0, |guard| guard.share_at(walk.time_ahead_s()))
+            .min(self.certain_share);
         let normal = &estimate.normal_in_world;
         let asked = walk.to(state, self.tracked_point, normal, end_s, share);
         // Beyond the map's edge the plane under the vehicle is the best available guess.
@@ -399,6 +406,12 @@ impl<'a> Ahead<'a> {
             weights,
         }
     }
+}
+
+/// Returns the share of the speeds at a share of the largest uncertainty: whole up to half of it, from there falling
+/// to a third.
+fn certain_share(uncertainty: f64) -> f64 {
+    (1.0 - 4.0 / 3.0 * (uncertainty - 0.5)).clamp(1.0 / 3.0, 1.0)
 }
 
 /// Returns the difference between the headings of body and path after a way along it, within bounds.

@@ -12,6 +12,9 @@ use crate::trajectory::Ending;
 use sidehill_plant::frames::wrap_angle;
 use sidehill_plant::speeds::MotorSpeeds;
 
+/// Largest time between two cycles that is not taken for a jump of the clock, s.
+const CLOCK_STEP_MAX_S: f64 = 0.5;
+
 /// Poses in a row that the gate may refuse while the vehicle stands, before it is taken to have been
 /// carried to where they say.
 const CARRIED_POSES: u32 = 10;
@@ -57,7 +60,7 @@ impl Controller {
             self.estimator.restart();
         }
         let elapsed_s = now_s - before_s;
-        if elapsed_s > 0.0 && elapsed_s <= self.config.supervisor.pose_timeout_s {
+        if elapsed_s > 0.0 && elapsed_s <= CLOCK_STEP_MAX_S {
             self.last_time_s = Some(now_s);
             return elapsed_s;
         }
@@ -149,7 +152,13 @@ impl Controller {
         let late = reference.arrived_s() > limits.settle_time_s;
         let periodic = reference.trajectory().ending() == Ending::Periodic;
         let heading_error = wrap_angle(estimate.pose.yaw_rad - progress.point.heading_rad);
-        if !within(progress.cross_track_m.abs(), limits.cross_track_max_m) {
+        let bound_m = estimate.bound_across_m(progress.point.heading_rad);
+        if !within(bound_m, limits.cross_track_uncertainty_max_m) {
+            self.stop(StopReason::PoseUncertain {
+                bound_m,
+                age_s: estimate.pose_age_s,
+            });
+        } else if !within(progress.cross_track_m.abs(), limits.cross_track_max_m) {
             self.stop(StopReason::OffPath {
                 cross_track_m: progress.cross_track_m,
             });

@@ -89,6 +89,18 @@ const YAW_CORRECTION_MAX: f64 = 0.6;
 const SLIDE_DOUBTED_M: (f64, f64) = (0.1, 0.5);
 
 impl Estimate {
+    /// Returns the bound that the position across a heading keeps with a probability of 95 %, m.
+    pub fn bound_across_m(&self, heading_rad: f64) -> f64 {
+        /// Standard deviations on either side.
+        const SIGMAS: f64 = 1.96;
+        let (sin, cos) = heading_rad.sin_cos();
+        let covariance = &self.covariance;
+        let variance = cos * cos * covariance[(0, 0)]
+            + 2.0 * sin * cos * covariance[(0, 1)]
+            + sin * sin * covariance[(1, 1)];
+        SIGMAS * variance.max(0.0).sqrt()
+    }
+
     /// Returns the learned gains as control uses them, `off_path_m` from the path: those of the yaw
     /// rate made smaller, all by one factor, where on this slope they could change the yaw rate of a
     /// vehicle of half effective track `half_track_m` by more than 60 % at some heading; those of the

@@ -114,11 +114,14 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
     }
 
     /// Takes a cycle's readings and returns the state at the cycle's time, or `None` until a first
-    /// attitude and a first pose have arrived. Readings that are not finite are left out and named.
+    /// attitude and a first pose have arrived. Readings that are not finite are left out and named; one stamped
+    /// ahead of the cycle counts as read in it, so that it ages like any other.
     pub(super) fn update(&mut self, sample: &Sample) -> (Option<Estimate>, Refused) {
         self.innovation = None;
         let mut refused = Refused::default();
-        if let Some(speeds) = sample.tread_speeds {
+        let read_s = |stamp_s: f64| stamp_s.min(sample.time_s);
+        if let Some(mut speeds) = sample.tread_speeds {
+            speeds.time_s = read_s(speeds.time_s);
             if speeds.time_s.is_finite()
                 && speeds.value.left_m_s.is_finite()
                 && speeds.value.right_m_s.is_finite()
@@ -131,7 +134,8 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
                 refused.tread_speeds = true;
             }
         }
-        if let Some(attitude) = sample.attitude {
+        if let Some(mut attitude) = sample.attitude {
+            attitude.time_s = read_s(attitude.time_s);
             if attitude.time_s.is_finite() && attitude.value.is_finite() {
                 self.attitude_time_s = self.attitude_time_s.max(attitude.time_s);
                 self.newest_attitude = Some(attitude.value);
@@ -140,7 +144,8 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
                 refused.attitude = true;
             }
         }
-        if let Some(yaw_rate) = sample.yaw_rate {
+        if let Some(mut yaw_rate) = sample.yaw_rate {
+            yaw_rate.time_s = read_s(yaw_rate.time_s);
             if yaw_rate.time_s.is_finite() && yaw_rate.value.is_finite() {
                 self.insert(yaw_rate.time_s, Reading::YawRate(yaw_rate.value));
             } else {
@@ -155,7 +160,7 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
                 && planar.yaw_rad.is_finite()
             {
                 self.take_pose(Stamped {
-                    time_s: pose.time_s,
+                    time_s: read_s(pose.time_s),
                     value: planar,
                 });
             } else {

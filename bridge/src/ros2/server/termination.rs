@@ -72,7 +72,9 @@ pub(crate) fn ended_by_safety(context: &GoalContext<'_>) -> Outcome {
 /// missing transform.
 fn controller_stopped(why: &StopReason) -> Outcome {
     let code = match why {
-        StopReason::PoseStale { .. } | StopReason::ClockJump { .. } => code::TF_ERROR,
+        StopReason::PoseStale { .. }
+        | StopReason::PoseUncertain { .. }
+        | StopReason::ClockJump { .. } => code::TF_ERROR,
         StopReason::Stalled { .. } => code::FAILED_TO_MAKE_PROGRESS,
         StopReason::TooSteep { .. } => code::INVALID_PATH,
         StopReason::Requested => code::UNKNOWN,
