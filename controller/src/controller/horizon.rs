@@ -28,7 +28,7 @@ const STRETCH_MAX: f64 = 8.0;
 /// Lowest share of the asked speed by which errors across the path are weighed.
 const PACE_MIN: f64 = 0.02;
 /// Time over which a vehicle that falls behind is remembered, s.
-const BEHIND_S: f64 = 3.0;
+const BEHIND_S: f64 = 6.0;
 /// Share of the asked speed that may be missing before a vehicle falls behind.
 const SLOW_FREE: f64 = 0.25;
 /// Largest factor between the stretches of two cycles.
@@ -384,15 +384,14 @@ impl<'a> Ahead<'a> {
             let speed_m_s = input.traction_m_s.abs();
             slip = slide_share(self.progress.cross_track_m) * speed_m_s * known.slip_per_m;
         }
+        let mut errors_share = 1.0;
         let mut weights = config.stage_weights(&asked, self.caution, end_s);
         if asked.motion == Motion::Drive {
             let ramp = (1.0 + self.behind_s).powi(2);
             weights.speed_s2_per_m2 *= ramp;
             if !asked.ends {
                 // Errors count by the way that is driven with them: to stand beside the path must not be cheap.
-                let share = asked.pace.clamp(PACE_MIN, 1.0).powi(3);
-                weights.cross_per_m2 *= share;
-                weights.heading_per_rad2 *= share;
+                errors_share = asked.pace.clamp(PACE_MIN, 1.0).powi(3);
             }
         }
         StageTarget {
@@ -404,6 +403,7 @@ impl<'a> Ahead<'a> {
             speed_m_s: asked.inputs.traction_m_s,
             slip,
             weights,
+            errors_share,
         }
     }
 }

@@ -18,6 +18,8 @@ impl Mpc {
         let (settings, step_s) = (&self.settings, self.times.step_s(stage));
         let mut errors = target.weights;
         errors.heading_per_rad2 += settings.heading_excess.weight(heading_error_rad);
+        errors.heading_per_rad2 *= target.errors_share;
+        errors.cross_per_m2 *= target.errors_share;
         // The cost is that of even stages, each of them a sample of an integral.
         let even_s = self.times.stretch() * settings.step_s;
         let mut factor = step_s / even_s;

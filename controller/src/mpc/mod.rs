@@ -71,6 +71,8 @@ pub struct StageTarget {
     pub slip: Vector3<f64>,
     /// Weights of this stage.
     pub weights: StageWeights,
+    /// Factor on those across the path and of the heading: the share of the way that the plan drives here.
+    pub errors_share: f64,
 }
 
 /// How far a state is from a target.
