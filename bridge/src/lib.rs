@@ -79,10 +79,8 @@
 //! # Ok::<(), sidehill_plant::vehicle::RangeError>(())
 //! ```
 
-pub mod can;
 pub mod control_loop;
 pub mod drives;
-pub mod recording;
 pub mod ros2;
 pub mod rover;
 pub mod safety;

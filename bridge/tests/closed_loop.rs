@@ -298,7 +298,7 @@ fn a_steady_cycle_allocates_nothing() {
 
 #[test]
 fn a_steady_cycle_that_is_recorded_allocates_nothing() {
-    let (tap, _paths, mut log) = sidehill_bridge::recording::tap(60);
+    let (tap, _paths, mut log) = sidehill_bridge::control_loop::tap::tap(60);
     let (mut cycle, _records) = cycle(InlineRunner::recorded(controller(0.05), tap));
     for i in 0..100 {
         cycle.step(if i > 2 { ARM } else { NOTHING });

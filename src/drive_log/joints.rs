@@ -1,7 +1,7 @@
 //! Tread speeds from the velocities of joints.
 
 use anyhow::{Result, bail};
-use sidehill_bridge::ros2::node::message::JointState;
+use sidehill_bridge::ros2::message::JointState;
 use std::collections::BTreeSet;
 use std::path::Path;
 

@@ -1,32 +1,20 @@
 //! Logs of drives: CSV with a column map and ROS 2 bags with a topic map, both converted to the same rows.
 
-#[cfg(feature = "drive")]
 mod choice;
-#[cfg(feature = "drive")]
 mod fixes;
-#[cfg(feature = "drive")]
 mod interpolation;
-#[cfg(feature = "drive")]
 mod joints;
-#[cfg(feature = "drive")]
 mod live_positions;
-#[cfg(feature = "drive")]
 mod positions;
-#[cfg(feature = "drive")]
 mod rows;
-#[cfg(feature = "drive")]
 mod series;
 #[cfg(test)]
 mod tests;
 mod topics;
-#[cfg(feature = "drive")]
 mod transform_poses;
 
-#[cfg(feature = "drive")]
 pub use choice::Chosen;
-#[cfg(feature = "drive")]
 pub use live_positions::LivePositions;
-#[cfg(feature = "drive")]
 pub use positions::{Positions, positions};
 pub use topics::{AttitudeTopic, PoseTopic, StampSource, TopicMap, TreadSpeedTopic};
 
@@ -90,7 +78,6 @@ impl LogReader {
         Ok(log)
     }
 
-    #[cfg(feature = "drive")]
     fn read_rows(&self, path: &Path) -> Result<DriveLog> {
         if !crate::bag::is_bag(path) {
             return self.read_csv(path);
@@ -102,12 +89,6 @@ impl LogReader {
             console::complain(format_args!("{}: note: {note}", path.display()));
         }
         Ok(log)
-    }
-
-    #[cfg(not(feature = "drive"))]
-    fn read_rows(&self, path: &Path) -> Result<DriveLog> {
-        anyhow::ensure!(self.topics.is_none(), "--topics: this build reads no bags");
-        self.read_csv(path)
     }
 
     fn read_csv(&self, path: &Path) -> Result<DriveLog> {

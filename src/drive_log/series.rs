@@ -12,14 +12,10 @@ use crate::bag::{Bag, BagError, Message};
 use anyhow::{Context, Result, bail};
 use nalgebra::UnitQuaternion;
 use serde::de::DeserializeOwned;
-use sidehill_bridge::ros2::node::conversions::{
-    from_pose, from_quaternion, from_transform, nanoseconds,
-};
-use sidehill_bridge::ros2::node::message::cdr::from_cdr;
-use sidehill_bridge::ros2::node::message::{
-    Header, Imu, JointState, NavSatFix, Odometry, TfMessage,
-};
-use sidehill_bridge::ros2::port::convert::pose_and_attitude;
+use sidehill_bridge::ros2::conversions::{from_pose, from_quaternion, from_transform, nanoseconds};
+use sidehill_bridge::ros2::convert::pose_and_attitude;
+use sidehill_bridge::ros2::message::cdr::from_cdr;
+use sidehill_bridge::ros2::message::{Header, Imu, JointState, NavSatFix, Odometry, TfMessage};
 use sidehill_plant::frames::{Attitude, Pose, paper_attitude};
 use sidehill_plant::speeds::MeasuredTreadSpeeds;
 use std::collections::BTreeMap;

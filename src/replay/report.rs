@@ -5,11 +5,11 @@ use super::rebuild::Rebuilt;
 use super::step::Step;
 use crate::record::{Quantiles, Row, Run, Summary};
 use crate::report::{self, Scene};
-use sidehill_bridge::recording::{ControllerCycle, Recording};
 use sidehill_controller::controller::Status;
 use sidehill_plant::frames::{Attitude, PlanarPose, Pose};
 use sidehill_plant::speeds::{MeasuredTreadSpeeds, MotorSpeeds};
 use sidehill_plant::terrain::Terrain;
+use sidehill_recording::{ControllerCycle, Recording};
 
 /// Returns the page.
 pub(super) fn html(

@@ -2,7 +2,7 @@
 
 use crate::{Course, assert_says, fail, repository, sidehill, stdout, succeed};
 use serde_json::Value;
-use sidehill_bridge::recording::{ControllerCycle, Recording};
+use sidehill_recording::{ControllerCycle, Recording};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
