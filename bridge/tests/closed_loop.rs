@@ -12,11 +12,11 @@ use sidehill_controller::controller::{Controller, Decision, Status};
 use sidehill_controller::course::FigureEight;
 use sidehill_controller::path::{Point2, Window};
 use sidehill_plant::frames::PlanarPose;
-use sidehill_plant::motion::IcrMotion;
 use sidehill_plant::sample::Sample;
 use sidehill_plant::simulation::{Simulation, SimulationSetup};
 use sidehill_plant::speeds::MotorSpeeds;
 use sidehill_plant::terrain::{PlaneTerrain, Terrain};
+use sidehill_plant::vehicle::IcrMotion;
 use sidehill_plant::vehicle::Vehicle;
 use std::time::Duration;
 

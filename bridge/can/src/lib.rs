@@ -1,5 +1,6 @@
 //! What is on the CAN bus, apart from any socket: database, signals, messages and their layout.
 
+pub mod canopen;
 pub mod cia402;
 pub mod config;
 pub mod controller_side;

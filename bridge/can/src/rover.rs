@@ -1,6 +1,6 @@
 //! The virtual rover as it answers CAN frames.
 
-use crate::cia402::VirtualDrives;
+use crate::canopen::VirtualDrives;
 use crate::controller_side::MotorReport;
 use crate::frame::{Frame, FrameId};
 use crate::layout::{Layout, Profile};

@@ -8,6 +8,7 @@ pub mod convert;
 pub mod joints;
 pub mod message;
 pub mod names;
+pub mod odometry;
 pub mod position;
 pub mod rover;
 pub mod settings;

@@ -1,8 +1,8 @@
 use super::*;
 use crate::contact::{ContactModel, ContactVehicle};
 use crate::log::DriveLog;
-use crate::motion::IcrMotion;
 use crate::terrain::Terrain;
+use crate::vehicle::IcrMotion;
 use crate::vehicle::Vehicle;
 
 /// What somebody knows beforehand who has measured the vehicle's base only.

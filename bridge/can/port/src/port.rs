@@ -7,7 +7,7 @@ use sidehill_bridge::drives::Epoch;
 use sidehill_bridge::drives::MotorCommand;
 use sidehill_bridge::drives::{DriveCommand, DriveFeedback, LinkState};
 use sidehill_bridge::drives::{Port, PortInputs, SendError, newer};
-use sidehill_can::cia402::Master;
+use sidehill_can::canopen::Master;
 use sidehill_can::controller_side::{CommandWriter, Readings, VehicleReader};
 use sidehill_can::frame::Frame;
 use sidehill_can::layout::{Layout, Profile};

@@ -6,37 +6,37 @@ use crate::frame::Frame;
 use std::collections::BTreeMap;
 
 /// Index and subindex.
-pub(super) type Address = (u16, u8);
+pub(crate) type Address = (u16, u8);
 
 /// Consumer heartbeat: node and time in ms that it may be silent.
-pub(super) const CONSUMER: Address = (0x1016, 1);
+pub(crate) const CONSUMER: Address = (0x1016, 1);
 /// Time between heartbeats, ms.
-pub(super) const PRODUCER: Address = (0x1017, 0);
+pub(crate) const PRODUCER: Address = (0x1017, 0);
 /// When the TPDO is sent: 1 to 240 with so many SYNCs, else by its timer.
-pub(super) const TPDO_TYPE: Address = (0x1800, 2);
+pub(crate) const TPDO_TYPE: Address = (0x1800, 2);
 /// Time between TPDOs, ms.
-pub(super) const TPDO_TIMER: Address = (0x1800, 5);
+pub(crate) const TPDO_TIMER: Address = (0x1800, 5);
 /// What a drive does that is on where its master falls silent.
-pub(super) const ABORT_OPTION: Address = (0x6007, 0);
+pub(crate) const ABORT_OPTION: Address = (0x6007, 0);
 /// The state.
-pub(super) const STATUSWORD: Address = (0x6041, 0);
+pub(crate) const STATUSWORD: Address = (0x6041, 0);
 /// How it stops quickly.
-pub(super) const QUICK_STOP_OPTION: Address = (0x605A, 0);
+pub(crate) const QUICK_STOP_OPTION: Address = (0x605A, 0);
 /// What it follows.
-pub(super) const MODE: Address = (0x6060, 0);
+pub(crate) const MODE: Address = (0x6060, 0);
 /// The same, to be read.
 const MODE_DISPLAY: Address = (0x6061, 0);
 /// Error register.
-pub(super) const ERROR_REGISTER: Address = (0x1001, 0);
+pub(crate) const ERROR_REGISTER: Address = (0x1001, 0);
 
 /// Abort codes of CiA 301.
 mod abort {
-    pub(super) const COMMAND: u32 = 0x0504_0001;
-    pub(super) const READ_ONLY: u32 = 0x0601_0002;
-    pub(super) const NO_OBJECT: u32 = 0x0602_0000;
-    pub(super) const TYPE: u32 = 0x0607_0010;
-    pub(super) const NO_SUBINDEX: u32 = 0x0609_0011;
-    pub(super) const VALUE: u32 = 0x0609_0030;
+    pub(crate) const COMMAND: u32 = 0x0504_0001;
+    pub(crate) const READ_ONLY: u32 = 0x0601_0002;
+    pub(crate) const NO_OBJECT: u32 = 0x0602_0000;
+    pub(crate) const TYPE: u32 = 0x0607_0010;
+    pub(crate) const NO_SUBINDEX: u32 = 0x0609_0011;
+    pub(crate) const VALUE: u32 = 0x0609_0030;
 }
 
 /// Type, value at the start, and whether it can be written. Speeds are in the PDOs alone, whose
@@ -79,26 +79,26 @@ const OBJECTS: [(Address, ObjectType, u32, bool); 28] = {
 
 /// What a virtual drive has stored.
 #[derive(Debug, Clone)]
-pub(super) struct Objects(BTreeMap<Address, u32>);
+pub(crate) struct Objects(BTreeMap<Address, u32>);
 
 impl Objects {
     /// Returns the objects as a drive has them at its start.
-    pub(super) fn new() -> Self {
+    pub(crate) fn new() -> Self {
         Self(OBJECTS.iter().map(|entry| (entry.0, entry.2)).collect())
     }
 
     /// Returns an object's bits; 0 for one that there is not.
-    pub(super) fn get(&self, address: Address) -> u32 {
+    pub(crate) fn get(&self, address: Address) -> u32 {
         self.0.get(&address).copied().unwrap_or(0)
     }
 
     /// Sets an object that the drive itself changes.
-    pub(super) fn set(&mut self, address: Address, bits: u32) {
+    pub(crate) fn set(&mut self, address: Address, bits: u32) {
         self.0.insert(address, bits);
     }
 
     /// Returns the answer to a request of eight bytes; none to an abort.
-    pub(super) fn answer(&mut self, node: NodeId, request: &Frame) -> Option<Frame> {
+    pub(crate) fn answer(&mut self, node: NodeId, request: &Frame) -> Option<Frame> {
         let [command, low, high, sub, value @ ..] = request.data;
         let address = (u16::from_le_bytes([low, high]), sub);
         let done = match command >> 5 {

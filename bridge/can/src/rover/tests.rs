@@ -4,9 +4,9 @@ use crate::controller_side::{Readings, VehicleReader};
 use crate::database::Database;
 use sidehill_plant::drive_train::DriveTrainConfig;
 use sidehill_plant::frames::PlanarPose;
-use sidehill_plant::motion::IcrMotion;
 use sidehill_plant::simulation::SimulationSetup;
 use sidehill_plant::terrain::{PlaneTerrain, Terrain};
+use sidehill_plant::vehicle::IcrMotion;
 use sidehill_plant::vehicle::Vehicle;
 
 /// Returns what the controller's side reads of the first report of a standing rover.

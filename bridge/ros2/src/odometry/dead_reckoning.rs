@@ -1,7 +1,7 @@
 //! Dead reckoning by the vehicle's best model, with a covariance that grows with the way.
 
-use super::OdometryState;
 use nalgebra::Matrix3;
+use sidehill_bridge::ros2::odometry::OdometryState;
 use sidehill_plant::dead_reckoning::{Motion, advance_between};
 use sidehill_plant::frames::{Attitude, Pose};
 use sidehill_plant::odometry::{KinematicModel, VelocityModel};

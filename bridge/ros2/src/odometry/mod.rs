@@ -5,8 +5,6 @@
 //! ```
 
 mod dead_reckoning;
-mod message;
 mod node;
 
-pub(crate) use message::{OdometryState, odometry_message, transform_message};
 pub use node::{OdometryNode, OdometrySetup};

@@ -1,7 +1,6 @@
 //! The node of the odometry.
 
 use super::dead_reckoning::DeadReckoning;
-use super::{odometry_message, transform_message};
 use crate::node::time::RosTime;
 use crate::node::worker::Worker;
 use crate::node::{RosNode, qos};
@@ -15,6 +14,7 @@ use sidehill_bridge::ros2::arguments::{RosArguments, RosEnvironment};
 use sidehill_bridge::ros2::conversions::stamp;
 use sidehill_bridge::ros2::convert::TwistMapping;
 use sidehill_bridge::ros2::message::{Header, Odometry, TfMessage};
+use sidehill_bridge::ros2::odometry::{odometry_message, transform_message};
 use sidehill_bridge::ros2::settings::odometry::OdometryConfig;
 use sidehill_plant::vehicle::Vehicle;
 use std::sync::Arc;

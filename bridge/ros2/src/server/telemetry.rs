@@ -5,7 +5,6 @@ use super::goal_session::TrackingState;
 use crate::node::demanded::DemandedPublisher;
 use crate::node::time::RosTime;
 use crate::node::{NodeError, RosNode, qos};
-use crate::odometry::{OdometryState, odometry_message, transform_message};
 use ros2_client::Publisher;
 use sidehill_bridge::control_loop::channel::{ControllerStatus, LoopStatus};
 use sidehill_bridge::ros2::conversions::{stamp, to_pose};
@@ -14,6 +13,7 @@ use sidehill_bridge::ros2::message::{
     DiagnosticArray, Header, Odometry, Path, PoseStamped, PoseWithCovariance,
     PoseWithCovarianceStamped, TfMessage, TrackingFeedback,
 };
+use sidehill_bridge::ros2::odometry::{OdometryState, odometry_message, transform_message};
 use sidehill_bridge::ros2::settings::server::Ros2Config;
 use sidehill_controller::controller::Decision;
 use sidehill_controller::estimator::Estimate;

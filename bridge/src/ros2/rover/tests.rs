@@ -3,10 +3,10 @@ use crate::ros2::conversions;
 use crate::ros2::convert;
 use sidehill_plant::drive_train::DriveTrainConfig;
 use sidehill_plant::frames::PlanarPose;
-use sidehill_plant::motion::IcrMotion;
 use sidehill_plant::sensors::SensorsConfig;
 use sidehill_plant::simulation::SimulationSetup;
 use sidehill_plant::terrain::{PlaneTerrain, Terrain};
+use sidehill_plant::vehicle::IcrMotion;
 
 const DT_S: f64 = 0.005;
 const FORWARD: MeasuredMotorSpeeds = MeasuredMotorSpeeds {

@@ -14,10 +14,11 @@ use sidehill_controller::controller::Controller;
 use sidehill_controller::speed_profile::SpeedConfig;
 use sidehill_plant::contact::{ContactModel, ContactVehicle};
 use sidehill_plant::frames::BodyVelocity;
-use sidehill_plant::motion::{GroundState, IcrMotion, MotionError, MotionModel};
+use sidehill_plant::motion::{GroundState, MotionError, MotionModel};
 use sidehill_plant::simulation::{Simulation, SimulationSetup};
 use sidehill_plant::speeds::{EncoderScale, TreadSpeeds};
 use sidehill_plant::terrain::{PlaneTerrain, Terrain};
+use sidehill_plant::vehicle::IcrMotion;
 
 const NOTHING: OperatorRequests = OperatorRequests {
     arm: false,

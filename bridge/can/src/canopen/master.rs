@@ -1,9 +1,5 @@
-use super::event::DriveEvent;
-use super::node::{NmtCommand, NmtState, NodeReading, SYNC};
-use super::node_id::NodeId;
-use super::power::{Controlword, PowerState};
-use super::sdo::SetupFault;
-use super::settings::Cia402;
+use crate::cia402::node::{NmtCommand, NmtState, NodeReading, SYNC};
+use crate::cia402::{Cia402, Controlword, DriveEvent, NodeId, PowerState, SetupFault};
 use crate::controller_side::{MotorReport, Readings};
 use crate::frame::Frame;
 use crate::layout::Layout;

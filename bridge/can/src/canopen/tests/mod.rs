@@ -3,6 +3,7 @@ mod coding;
 mod layout;
 
 use super::*;
+use crate::cia402::*;
 use crate::config::{CanConfig, ObjectType, ObjectValue};
 use crate::controller_side::VehicleReader;
 use crate::database::Database;

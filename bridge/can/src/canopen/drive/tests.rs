@@ -1,5 +1,5 @@
 use super::*;
-use crate::cia402::Master;
+use crate::canopen::Master;
 use crate::config::CanConfig;
 use crate::controller_side::VehicleReader;
 use crate::database::Database;

@@ -1,13 +1,11 @@
 //! A virtual drive of CiA 402: a node with its objects, its states, its heartbeat and its PDOs.
 
-use super::node::{Emergency, NMT, NmtCommand, NmtState, SYNC};
-use super::node_id::NodeId;
-use super::objects::{
+use crate::cia402::node::{Emergency, NMT, NmtCommand, NmtState, SYNC};
+use crate::cia402::objects::{
     ABORT_OPTION, CONSUMER, ERROR_REGISTER, MODE, Objects, PRODUCER, QUICK_STOP_OPTION, STATUSWORD,
     TPDO_TIMER, TPDO_TYPE,
 };
-use super::power::PowerState;
-use super::settings::Cia402;
+use crate::cia402::{Cia402, NodeId, PowerState};
 use crate::frame::{Frame, FrameId};
 use crate::layout::Layout;
 use crate::message::{FrameFault, Quantity};

@@ -1,11 +1,11 @@
 //! Odometry as messages.
 
-use nalgebra::Matrix3;
-use sidehill_bridge::ros2::conversions::{to_pose, to_transform};
-use sidehill_bridge::ros2::convert::{to_twist, world_from_base_link};
-use sidehill_bridge::ros2::message::{
+use crate::ros2::conversions::{to_pose, to_transform};
+use crate::ros2::convert::{to_twist, world_from_base_link};
+use crate::ros2::message::{
     Covariance6, Header, Odometry, PoseWithCovariance, TransformStamped, TwistWithCovariance,
 };
+use nalgebra::Matrix3;
 use sidehill_plant::frames::{Attitude, BodyVelocity, Pose};
 
 /// Variance of what is not estimated, so that a filter that reads the message leaves it out.
@@ -15,25 +15,25 @@ const ATTITUDE_STD_RAD: f64 = 0.01;
 
 /// What a nav_msgs/Odometry says.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct OdometryState {
+pub struct OdometryState {
     /// Instant, s.
-    pub(crate) time_s: f64,
+    pub time_s: f64,
     /// Pose in the frame of the odometry.
-    pub(crate) pose: Pose,
+    pub pose: Pose,
     /// Roll and pitch.
-    pub(crate) attitude: Attitude,
+    pub attitude: Attitude,
     /// Velocity in body axes.
-    pub(crate) velocity: BodyVelocity,
+    pub velocity: BodyVelocity,
     /// Covariance of (x, y, yaw), m^2, m rad and rad^2.
-    pub(crate) covariance: Matrix3<f64>,
+    pub covariance: Matrix3<f64>,
     /// Standard deviation of the velocity, m/s.
-    pub(crate) velocity_std_m_s: f64,
+    pub velocity_std_m_s: f64,
     /// Standard deviation of the yaw rate, rad/s.
-    pub(crate) yaw_rate_std_rad_s: f64,
+    pub yaw_rate_std_rad_s: f64,
 }
 
 /// Returns the message of a state.
-pub(crate) fn odometry_message(state: &OdometryState, header: Header, base: &str) -> Odometry {
+pub fn odometry_message(state: &OdometryState, header: Header, base: &str) -> Odometry {
     let attitude = ATTITUDE_STD_RAD.powi(2);
     // z, roll and pitch, then x, y and the rotation about z.
     let mut pose = diagonal([0.0, 0.0, UNKNOWN, attitude, attitude, 0.0]);
@@ -61,11 +61,7 @@ pub(crate) fn odometry_message(state: &OdometryState, header: Header, base: &str
 }
 
 /// Returns the transform from the vehicle to the frame of a header.
-pub(crate) fn transform_message(
-    state: &OdometryState,
-    header: Header,
-    base: &str,
-) -> TransformStamped {
+pub fn transform_message(state: &OdometryState, header: Header, base: &str) -> TransformStamped {
     TransformStamped {
         header,
         child_frame_id: base.to_owned(),

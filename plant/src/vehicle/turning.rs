@@ -1,11 +1,9 @@
 //! What the ICRs of a vehicle tell about the loads of its wheels.
 
-use super::parameters::{Parameter, ParameterVector};
-use super::prediction::ContactPrediction;
-use super::vehicle::ContactVehicle;
+use super::Vehicle;
+use crate::contact::{ContactPrediction, ContactVehicle, Parameter, ParameterVector};
 use crate::frames::Attitude;
 use crate::speeds::{MotorSpeeds, TreadSpeeds};
-use crate::vehicle::Vehicle;
 use nalgebra::{Matrix3, SMatrix, Vector3};
 
 /// Standard deviation of the turns that the ICRs say, over the yaw rate: ICRs are identified, or guessed.
