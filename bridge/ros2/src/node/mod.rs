@@ -2,14 +2,15 @@
 //!
 //! | module | what it does |
 //! |---|---|
-//! | [`arguments`], [`parameter_file`] | `--ros-args`, environment variables, `--params-file` |
-//! | [`names`], [`qos`] | names with namespaces and remaps, quality-of-service profiles |
+//! | [`parameter_file`] | `--params-file` |
+//! | [`qos`] | quality-of-service profiles |
 //! | [`parameters`], [`lifecycle`], [`services`] | a managed node with its parameter and lifecycle services |
 //! | [`action`], [`goals`] | an action server that keeps its results |
-//! | [`time`], [`transforms`], [`conversions`] | stamps, interpolated transforms, `nalgebra` |
+//! | [`time`] | the time of the graph |
 //! | [`peers`], [`subscription`], [`demanded`], [`worker`] | discovery, non-blocking reads, publishing on demand, threads |
 //!
-//! Nothing in here depends on the rest of this crate.
+//! Nothing in here depends on the rest of this crate. Names, arguments, messages and transforms, which need no middleware,
+//! are [`sidehill_bridge::ros2`]'s.
 //!
 //! Upstream, these accessors are missing from `ros2-client` 0.12: `CancelGoalRequest` hides which goals it
 //! names; an action server cannot answer a result twice; `Node` cannot offer parameter services under
