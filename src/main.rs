@@ -47,8 +47,7 @@ enum Command {
     Run(run::RunArgs),
     /// Runs a virtual rover in real time on a CAN bus or on ROS 2, where it takes --ros-args.
     Vehicle(vehicle::VehicleArgs),
-    /// Feeds the samples of a recording to the controller again, or to another one; with --open-loop
-    /// the readings of another program's log.
+    /// Feeds the samples of a recording to the controller again, or to another one.
     Replay(replay::ReplayArgs),
     /// Validates configuration files.
     Check(check::CheckArgs),
