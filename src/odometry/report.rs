@@ -1,28 +1,20 @@
 //! The report of odometry: each model's reconstruction of the drive.
 
-use super::plot::paths;
-use crate::report::page::{COLOURS, Page, legend_of, section, table};
+use super::plot::{coloured, paths};
+use crate::report::page::{Page, legend_of, section, table};
 use crate::report::plot::{Line, Plot};
-use anyhow::Result;
 use maud::{PreEscaped, html};
 use sidehill_plant::frames::wrap_angle;
 use sidehill_plant::odometry::{Comparison, MeanSquaredErrors};
 
 /// Returns the page: errors as a table and over time, and the paths.
-///
-/// # Errors
-/// An error of the drawing library.
 pub(super) fn html(
     log: &str,
     vehicle: &str,
     models: &[&str],
     comparisons: &[Vec<Comparison>],
-) -> Result<String> {
-    let names: Vec<(&str, &str)> = models
-        .iter()
-        .zip(COLOURS)
-        .map(|(name, colour)| (*name, colour))
-        .collect();
+) -> String {
+    let names = coloured(models);
     let errors: Vec<MeanSquaredErrors> = comparisons
         .iter()
         .map(|comparisons| MeanSquaredErrors::of(comparisons))
@@ -64,11 +56,6 @@ pub(super) fn html(
             wrap_angle(error).to_degrees()
         }),
     ];
-    let tracks: Vec<_> = names
-        .iter()
-        .zip(comparisons)
-        .map(|((name, _), comparisons)| (*name, comparisons.as_slice()))
-        .collect();
     let page = Page {
         title: "Odometry",
         subtitle: &format!("Log {log}, vehicle {vehicle}"),
@@ -83,12 +70,12 @@ pub(super) fn html(
             h2 { "Paths" }
             figure {
                 figcaption { "Seen from above: the log's poses in black." }
-                (PreEscaped(paths(&tracks)?))
+                (PreEscaped(paths(models, comparisons)))
             }
         },
         style: "",
     };
-    Ok(page.html())
+    page.html()
 }
 
 /// Returns the conclusions.
