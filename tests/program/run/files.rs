@@ -118,7 +118,7 @@ fn a_recording_without_its_first_file_is_replayed_from_where_it_was_armed() {
         split: true,
         keep: 1,
     };
-    let mut recording = McapRecording::create(&cut, header, limits).unwrap();
+    let mut recording = McapRecording::create(&cut, header, limits, false).unwrap();
     let mut begin_ns = None;
     let mut padding = vec![0; 2_000_000];
     scan(&whole, &mut |topic, time_ns, message| {
