@@ -64,6 +64,8 @@ fn main() -> ExitCode {
     let command = Cli::parse_from(own)
         .command
         .unwrap_or_else(|| Command::Simulate(simulate::SimulateArgs::default()));
+    // A vehicle drives on without its output.
+    let drives = matches!(command, Command::Run(_) | Command::Vehicle(_));
     let result = match command {
         Command::Run(args) => run::run(&args, &ros),
         Command::Vehicle(args) => vehicle::run(&args, &ros),
@@ -88,6 +90,11 @@ fn main() -> ExitCode {
             documents::run(&args, &mut Cli::command()).map(|()| ExitCode::SUCCESS)
         }
     };
+    let fault = console::output_fault().filter(|_| !drives && result.is_ok());
+    if let Some(fault) = fault {
+        console::complain(format_args!("sidehill: standard output: {fault}"));
+        return ExitCode::from(2);
+    }
     result.unwrap_or_else(|error| {
         console::complain(format_args!("sidehill: {error:#}"));
         ExitCode::from(2)

@@ -113,10 +113,26 @@ impl ConfigFile {
                 message: reason.to_owned(),
             });
         }
-        let text = String::from_utf8(bytes).map_err(|error| ConfigError::Content {
-            file: path.display().to_string(),
-            message: format!("is not UTF-8 text: {}", error.utf8_error()),
-        })?;
+        let text = match String::from_utf8(bytes) {
+            Ok(text) => text,
+            // Editors of CAN databases write Windows-1252; only comments and units have such letters.
+            Err(error)
+                if path
+                    .extension()
+                    .is_some_and(|ending| ending.eq_ignore_ascii_case("dbc")) =>
+            {
+                encoding_rs::WINDOWS_1252
+                    .decode(error.as_bytes())
+                    .0
+                    .into_owned()
+            }
+            Err(error) => {
+                return Err(ConfigError::Content {
+                    file: path.display().to_string(),
+                    message: format!("is not UTF-8 text: {}", error.utf8_error()),
+                });
+            }
+        };
         Ok(Self::with_text(path, text))
     }
 

@@ -1,18 +1,16 @@
 //! The page of an identification: its results, how far to trust them, and the logs.
 
+use super::found::{Found, Stage};
+use super::report::{contact_table, extension_table};
 use crate::report::page::{COLOURS, Page, legend_of, table};
 use crate::report::plot::{Line, Plot};
 use maud::{Markup, html};
-use sidehill_plant::identification::StageReport;
 use sidehill_plant::log::{DriveLog, LogRow};
-
-/// A stage with its name and that of the model it is compared with.
-pub(super) type NamedStage<'a> = (&'static str, &'static str, &'a StageReport);
 
 /// Returns the page.
 pub(super) fn html(
     vehicle: &str,
-    stages: &[NamedStage<'_>],
+    found: &Found,
     conclusions: &[String],
     logs: &[(&str, &DriveLog)],
 ) -> String {
@@ -21,7 +19,16 @@ pub(super) fn html(
         subtitle: &format!("Vehicle {vehicle}"),
         conclusions,
         body: html! {
-            @for stage in stages { (parameters(stage)) }
+            @if let Some(level) = &found.level { (parameters("level", "differential drive", level)) }
+            @if let Some(slope) = &found.slope { (parameters("slope", "ICRHK", slope)) }
+            @if let Some(extension) = &found.extension {
+                h2 { "Terms beyond ICRIK" }
+                pre { (extension_table(extension)) }
+            }
+            @if let Some(contact) = &found.contact {
+                h2 { "Contact vehicle" }
+                pre { (contact_table(contact)) }
+            }
             @for (index, (stage, log)) in logs.iter().enumerate() { (log_section(index + 1, stage, log)) }
         },
         style: "",
@@ -29,7 +36,8 @@ pub(super) fn html(
     page.html()
 }
 
-fn parameters((stage, baseline, report): &NamedStage<'_>) -> Markup {
+fn parameters(stage: &str, baseline: &str, results: &Stage) -> Markup {
+    let report = &results.report;
     let rows: Vec<Vec<String>> = report
         .estimates
         .iter()
@@ -64,6 +72,9 @@ fn parameters((stage, baseline, report): &NamedStage<'_>) -> Markup {
         (table(&format!("{stage}-parameters"), &["parameter", "value", "95 % interval, +-"], &rows))
         h2 { "Errors on segments that were left out" }
         (table(&format!("{stage}-errors"), &["RMS", "lateral (m)", "longitudinal (m)", "yaw (rad)"], &errors))
+        @for undetermined in &results.undetermined {
+            p { (undetermined.estimate.name) " is not determined by these logs: it stays at " (undetermined.kept) " of the --vehicle file" }
+        }
         @for warning in &report.warnings { p { "Warning: " (warning) } }
     }
 }

@@ -109,7 +109,7 @@ pub fn run(args: &ReplayArgs) -> Result<ExitCode> {
         comparison: &comparison,
     };
     if let Some(file) = &args.report {
-        let page = report::html(&recording, &rebuilt, &replayed, &comparison);
+        let page = report::html(&recording, &rebuilt, &replayed, &comparison)?;
         output::write(file, page.as_bytes(), args.force)?;
     }
     if let Some(folder) = &args.write_case {
