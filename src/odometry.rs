@@ -191,6 +191,52 @@ mod tests {
     }
 
     #[test]
+    fn a_model_has_one_colour_in_legend_plots_and_drawing() {
+        let page = report::html(
+            "log",
+            "vehicle",
+            &["icrhk", "icrik"],
+            &[off_by(2.0), off_by(0.5)],
+        );
+        let page = roxmltree::Document::parse_with_options(
+            &page,
+            roxmltree::ParsingOptions {
+                allow_dtd: true,
+                ..Default::default()
+            },
+        )
+        .unwrap();
+        let legends: Vec<_> = page
+            .descendants()
+            .filter(|node| node.attribute("class") == Some("swatch"))
+            .map(|node| {
+                let colour = node
+                    .attribute("style")
+                    .unwrap()
+                    .trim_start_matches("background:");
+                (node.next_sibling().unwrap().text().unwrap(), colour)
+            })
+            .collect();
+        // A name in the drawing follows the line of its colour.
+        let svg = page
+            .descendants()
+            .find(|node| node.has_tag_name("svg"))
+            .unwrap();
+        for (name, colour) in &legends {
+            let text = svg
+                .descendants()
+                .find(|node| node.is_element() && node.text() == Some(name));
+            let mut before = text
+                .unwrap()
+                .prev_siblings()
+                .filter(|node| node.is_element());
+            let line = before.find(|node| node.has_tag_name("path")).unwrap();
+            assert_eq!(line.attribute("stroke"), Some(*colour), "{name}");
+        }
+        assert_eq!(legends.len(), 2);
+    }
+
+    #[test]
     fn the_drawing_has_a_line_for_each_path() {
         let (one, two) = (off_by(2.0), off_by(0.5));
         let svg = plot::paths(&["icrhk", "icrik"], &[one, two]);

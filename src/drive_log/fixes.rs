@@ -68,8 +68,13 @@ pub(super) fn gap(positions: &[(i64, [f64; 3])]) -> Result<Option<String>> {
         *length_m > JUMP_MIN_M.max(SPEED_MAX_M_S * duration_s)
     };
     if let Some((at_s, duration_s, length_m)) = steps.iter().find(jump) {
+        let length = if *length_m < 1e6 {
+            format!("{length_m:.0} m")
+        } else {
+            "more than 1000 km".to_owned()
+        };
         bail!(
-            "positions jump by {length_m:.0} m within {duration_s:.2} s, {at_s:.2} s after the first: the receiver or \
+            "positions jump by {length} within {duration_s:.2} s, {at_s:.2} s after the first: the receiver or \
              the localisation lost its place there; cut the recording before or after it"
         );
     }

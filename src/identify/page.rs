@@ -119,3 +119,142 @@ fn log_section(number: usize, stage: &str, log: &DriveLog) -> Markup {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::found::Logs;
+    use super::super::verdict::Verdict;
+    use super::*;
+    use sidehill_plant::identification::{
+        ContactParameterEstimate, ContactReport, CrossValidation, ExtensionReport, SegmentErrors,
+        StageReport, Term, TermReport, Verdict as TermVerdict, Warning,
+    };
+    use sidehill_plant::vehicle::Vehicle;
+
+    fn errors(lateral_m: f64) -> SegmentErrors {
+        SegmentErrors {
+            segments: 20,
+            lateral_m,
+            longitudinal_m: 0.01,
+            yaw_rad: 0.01,
+        }
+    }
+
+    fn stage(warnings: Vec<Warning>) -> Stage {
+        let report = StageReport {
+            estimates: Vec::new(),
+            segments: 20,
+            poses: 400,
+            fitness: 1e-3,
+            outlier_share: 0.0,
+            cross_validation: CrossValidation {
+                fitted: errors(0.05),
+                baseline: errors(0.5),
+            },
+            warnings,
+        };
+        Stage::new(report, Vec::new(), &Vehicle::j8()).unwrap()
+    }
+
+    fn contact(settled: bool, folds_nearer: usize) -> ContactReport {
+        ContactReport {
+            estimates: vec![ContactParameterEstimate {
+                name: "slip_scale_m_s",
+                value: 0.146,
+                interval: (0.14, 0.15),
+                determined: true,
+            }],
+            not_told_apart: Vec::new(),
+            segments: 20,
+            guess: errors(0.06),
+            held_out: errors(0.05),
+            folds: 10,
+            folds_nearer,
+            settled,
+        }
+    }
+
+    fn verdict(found: &Found) -> String {
+        let logs = Logs {
+            level: Vec::new(),
+            slope: Vec::new(),
+            across: Vec::new(),
+        };
+        let mut verdict = Verdict::of(found, &Vehicle::j8(), &logs);
+        if let Some(contact) = &found.contact {
+            verdict.judge_contact(contact);
+        }
+        verdict.to_string()
+    }
+
+    #[test]
+    fn the_page_has_every_stage() {
+        let found = Found {
+            level: Some(stage(Vec::new())),
+            slope: Some(stage(vec![Warning::NotSettled])),
+            extension: Some(ExtensionReport {
+                segments: 40,
+                icrhk: errors(0.3),
+                icrik: Some(errors(0.2)),
+                extended: errors(0.1),
+                terms: vec![TermReport {
+                    term: Term::OutwardSlip,
+                    improvement: 0.1,
+                    improvement_half_width: 0.05,
+                    verdict: TermVerdict::NotSupported,
+                }],
+            }),
+            contact: Some(contact(true, 9)),
+        };
+        let page = html("j8", &found, &[], &[]);
+        for part in [
+            "Parameters from level ground",
+            "Parameters from slope ground",
+            "did not settle",
+            "Terms beyond ICRIK",
+            "outward_slip_s",
+            "Contact vehicle",
+            "slip_scale_m_s",
+        ] {
+            assert!(page.contains(part), "{part}: {page}");
+        }
+    }
+
+    #[test]
+    fn a_search_that_did_not_settle_is_no_good_fit() {
+        let settled = Found {
+            level: Some(stage(Vec::new())),
+            slope: Some(stage(Vec::new())),
+            ..Found::default()
+        };
+        assert!(verdict(&settled).contains("good enough to drive at up to"));
+        let unsettled = Found {
+            level: Some(stage(vec![Warning::NotSettled])),
+            ..settled
+        };
+        let text = verdict(&unsettled);
+        assert!(
+            text.contains("not good enough to drive") && text.contains("did not settle"),
+            "{text}"
+        );
+    }
+
+    #[test]
+    fn a_contact_vehicle_that_predicts_no_better_is_not_called_better() {
+        for (report, nearer) in [
+            (contact(true, 9), true),
+            (contact(true, 6), false),
+            (contact(false, 10), false),
+        ] {
+            assert_eq!(report.is_nearer(), nearer);
+            let text = contact_table(&report);
+            assert_eq!(text.contains("not predicted better"), !nearer, "{text}");
+            let found = Found {
+                level: Some(stage(Vec::new())),
+                contact: Some(report),
+                ..Found::default()
+            };
+            assert_eq!(verdict(&found).contains("geometry alone"), !nearer);
+        }
+    }
+}

@@ -248,3 +248,32 @@ fn a_path_in_degrees_is_warned_of() {
     let output = sidehill().arg("check").arg(file).output().unwrap();
     assert_says(&stderr(&output), &["path.csv", "warning", "degrees", "GPX"]);
 }
+
+#[test]
+fn output_that_cannot_be_written_is_an_error() {
+    let full = || {
+        std::fs::OpenOptions::new()
+            .write(true)
+            .open("/dev/full")
+            .unwrap()
+    };
+    let csv = repository("plant/tests/data/trento_ramps/vehicle.yaml");
+    for format in ["table", "json"] {
+        let course = Course::new("");
+        let mut command = course.simulate();
+        let output = command
+            .args(["--controller", "pure-pursuit", "--format", format])
+            .stdout(full())
+            .output()
+            .unwrap();
+        assert_eq!(output.status.code(), Some(2));
+        assert_says(&stderr(&output), &["standard output", "No space left"]);
+    }
+    let output = sidehill()
+        .arg("check")
+        .arg(csv)
+        .stdout(full())
+        .output()
+        .unwrap();
+    assert_eq!(output.status.code(), Some(2));
+}
