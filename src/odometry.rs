@@ -13,6 +13,7 @@ use serde::Serialize;
 use serde_json::Value;
 use sidehill_plant::log::DriveLog;
 use sidehill_plant::odometry::{Comparison, KinematicModel, MeanSquaredErrors, compare};
+use sidehill_plant::statistics::median;
 use sidehill_plant::vehicle::Vehicle;
 use std::fmt::Write;
 use std::path::PathBuf;
@@ -107,7 +108,13 @@ pub fn run(args: &OdometryArgs) -> Result<()> {
         output::write(path, drawing.as_bytes(), args.force)?;
     }
     if let Some(path) = &args.report {
-        let page = report::html(&log_name, &vehicle.name, &NAMES, &comparisons);
+        let page = report::html(
+            &log_name,
+            &vehicle.name,
+            &NAMES,
+            &comparisons,
+            slope(&log, &vehicle),
+        );
         output::write(path, page.as_bytes(), args.force)?;
     }
     Ok(())
@@ -119,6 +126,18 @@ pub fn run(args: &OdometryArgs) -> Result<()> {
 /// Names what the log lacks.
 pub fn figures(log: &DriveLog, vehicle: &Vehicle) -> Result<serde_json::Map<String, Value>> {
     json(&comparisons(log, vehicle)?)
+}
+
+fn slope(log: &DriveLog, vehicle: &Vehicle) -> report::Slope {
+    let tilts = log.rows().iter().map(|row| {
+        let attitude = &row.attitude;
+        attitude.roll_rad.hypot(attitude.pitch_rad).to_degrees()
+    });
+    let slide = &vehicle.slide;
+    report::Slope {
+        tilt_deg: median(tilts.collect()).unwrap_or(0.0),
+        slides: slide.shift_s_per_rad > 0.0 || slide.aggravated_s_per_rad > 0.0,
+    }
 }
 
 /// Compares the poses of each model with those of the log.
@@ -197,6 +216,10 @@ mod tests {
             "vehicle",
             &["icrhk", "icrik"],
             &[off_by(2.0), off_by(0.5)],
+            report::Slope {
+                tilt_deg: 0.0,
+                slides: true,
+            },
         );
         let page = roxmltree::Document::parse_with_options(
             &page,

@@ -106,7 +106,7 @@ fn mistakes_in_logs_name_the_likely_unit() {
         (
             "backwards.csv",
             log().replacen("\n0.50,", "\n0.10,", 1),
-            &["row 11", "time 0.1 s does not rise from 0.45 s"],
+            &["row 11", "time 0.1 s goes back from 0.45 s"],
         ),
         (
             "header.csv",

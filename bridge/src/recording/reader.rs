@@ -99,10 +99,23 @@ impl Recording {
 
     /// Returns another file of the same recording, where it is there.
     fn neighbour(&self, name: &Path, part: u32) -> Option<Self> {
+        // Its first message ends this pass: another recording is not read any further.
+        let mut header = Header::default();
+        let _ = scan_with(name, &mut header, &mut |_, _, _| {
+            Err(RecordingError::NotOurs {
+                file: name.to_owned(),
+                reason: String::new(),
+            })
+        });
+        let same = |fact: &str, expected: Option<&str>| {
+            header.facts.get(fact).map(String::as_str) == expected
+        };
+        let id = self.header.facts.get("recording").map(String::as_str);
+        if !same("recording", id) || !same("part", Some(&part.to_string())) {
+            return None;
+        }
         let mut other = Self::default();
-        other.add(name).ok()?;
-        let id = |of: &Self| of.header.facts.get("recording").cloned();
-        (id(&other) == id(self) && other.part() == Some(part)).then_some(other)
+        other.add(name).ok().map(|()| other)
     }
 
     fn append(&mut self, mut file: Self) {
@@ -196,6 +209,14 @@ fn scan_with(
             Ok(LinearReadEvent::Record { data, opcode }) => mcap::parse_record(opcode, data),
             Err(error) => Err(error),
         };
+        // Recordings of this program begin with their metadata: nothing more is read of another's.
+        let begun = matches!(
+            record,
+            Ok(Record::Schema { .. } | Record::Channel(_) | Record::Message { .. })
+        );
+        if begun && !ours {
+            break;
+        }
         match record {
             Ok(Record::Metadata(metadata)) if metadata.name == METADATA => {
                 ours = true;
