@@ -125,6 +125,7 @@ pub fn run(args: &SimulateArgs) -> Result<ExitCode> {
         plant: args.plant,
         seed: args.seed,
         controllers: args.controllers.clone(),
+        ..Overrides::default()
     })?;
     let mut prepared = prepared;
     if let Some(path) = &args.learned {

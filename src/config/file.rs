@@ -115,16 +115,13 @@ impl ConfigFile {
         }
         let text = match String::from_utf8(bytes) {
             Ok(text) => text,
-            // Editors of CAN databases write Windows-1252; only comments and units have such letters.
+            // Editors of CAN databases write Windows-1252. Only comments and units have such letters, which nothing reads.
             Err(error)
                 if path
                     .extension()
                     .is_some_and(|ending| ending.eq_ignore_ascii_case("dbc")) =>
             {
-                encoding_rs::WINDOWS_1252
-                    .decode(error.as_bytes())
-                    .0
-                    .into_owned()
+                String::from_utf8_lossy(error.as_bytes()).into_owned()
             }
             Err(error) => {
                 return Err(ConfigError::Content {

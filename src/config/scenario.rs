@@ -97,6 +97,8 @@ pub struct Overrides {
     pub seed: Option<u64>,
     /// Controllers; empty for the scenario's.
     pub controllers: Vec<ControllerKind>,
+    /// Whether another vehicle than the scenario's plant is driven, one with inertia.
+    pub other_vehicle: bool,
 }
 
 impl Scenario {
@@ -147,7 +149,11 @@ impl Scenario {
             .map_err(|error| file.error(format!("model_error: {error}")))?;
         // So is whether the plant has inertia, as every real vehicle has, but not how much.
         let at_once = wheels.is_some_and(|wheels| wheels.yaw_inertia_kg_m2.is_none());
-        if let Some(contact) = vehicle.contact.as_mut().filter(|_| at_once) {
+        if let Some(contact) = vehicle
+            .contact
+            .as_mut()
+            .filter(|_| at_once && !overrides.other_vehicle)
+        {
             contact.set_inertia(0.0);
         }
         let limits = raw.speed.limits(&raw.controller.limits, &vehicle);

@@ -123,6 +123,7 @@ impl Rebuilt {
                     plant: changes.plant.or(plant.transpose()?),
                     seed: facts.get(fact::SEED).map(|seed| seed.parse()).transpose()?,
                     controllers: vec![kind],
+                    ..Overrides::default()
                 })?;
                 if let Some(vehicle) = vehicle {
                     world.vehicle = vehicle;

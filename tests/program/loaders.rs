@@ -222,7 +222,7 @@ fn controllers_know_whether_the_plant_has_inertia_but_not_how_much() {
     let vehicle = config.join("vehicles/j8_contact.yaml");
     let identified = config.join("vehicles/j8_contact_identified.yaml");
     let folder = tempfile::tempdir().unwrap();
-    let known = |name: &str, variation: &str| {
+    let known = |name: &str, variation: &str, other_vehicle: bool| {
         let slalom = configuration("scenarios/slalom.yaml");
         let mut scenario: serde_yaml::Value = serde_yaml::from_str(&slalom).unwrap();
         scenario["contact"] = serde_yaml::from_str(&format!(
@@ -235,12 +235,21 @@ fn controllers_know_whether_the_plant_has_inertia_but_not_how_much() {
         let file = folder.path().join(name);
         std::fs::write(&file, serde_yaml::to_string(&scenario).unwrap()).unwrap();
         let scenario = Scenario::read(ConfigFile::read(&file).unwrap()).unwrap();
-        let world = scenario.prepare(&Overrides::default()).unwrap();
+        let overrides = Overrides {
+            other_vehicle,
+            ..Overrides::default()
+        };
+        let world = scenario.prepare(&overrides).unwrap();
         world.vehicle.contact_vehicle().inertia()
     };
-    assert_eq!(known("none.yaml", "{}"), 0.0);
-    let guess = known("some.yaml", "{inertia: 0.6}");
-    assert!((guess - 1.0).abs() < 1e-12, "{guess}");
+    assert_eq!(known("none.yaml", "{}", false), 0.0);
+    for (name, variation, other_vehicle) in [
+        ("some.yaml", "{inertia: 0.6}", false),
+        ("other.yaml", "{}", true),
+    ] {
+        let guess = known(name, variation, other_vehicle);
+        assert!((guess - 1.0).abs() < 1e-12, "{name}: {guess}");
+    }
 }
 
 #[test]
