@@ -92,7 +92,7 @@ fn whole(rows: &[PartRow]) -> Result<DriveLog, LogError> {
     let all = dense.len();
     dense.dedup_by(|row, before| row.time_s == before.time_s);
     let count = all - dense.len();
-    if 2 * count >= all {
+    if count > 0 && 2 * count >= all {
         return Err(LogError::CoarseTime { count, rows: all });
     }
     let mut log = DriveLog::new(dense)?;
