@@ -151,7 +151,8 @@ def campaign(name, seed, runs, controllers):
         found = json.loads(printed(["campaign", file, "--runs", runs, "--out", out, "--format", "json"]))
     rows = []
     for row in found["controllers"]:
-        errors = [f"{100 * row[key]:.2f}" for key in ("median_m", "p95_m", "worst_m")]
+        errors = [row[key] for key in ("median_m", "p95_m", "worst_m")]
+        errors = ["-" if error is None else f"{100 * error:.2f}" for error in errors]
         completed = f"{row['completed']} of {row['runs']}"
         rows.append([row["controller"], completed, *errors, f"{row['steer_total_variation_m_s']:.1f}"])
     return table(["controller", "completed", "median", "p95", "worst", "steer, m/s"], rows)
