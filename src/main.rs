@@ -1,5 +1,4 @@
 //! The program `sidehill`: arguments in, exit status out.
-#![allow(clippy::print_stderr)]
 
 use anyhow::anyhow;
 #[cfg(feature = "package")]
@@ -46,8 +45,7 @@ enum Command {
     Run(drive::RunArgs),
     /// Runs a virtual rover in real time on a CAN bus or on ROS 2, where it takes --ros-args.
     Vehicle(drive::VehicleArgs),
-    /// Feeds the samples of a recording to the controller again, or to another one; with --open-loop
-    /// the readings of another program's log.
+    /// Feeds the samples of a recording to the controller again, or to another one.
     Replay(replay::ReplayArgs),
     /// Validates configuration files.
     Check(check::CheckArgs),
@@ -85,8 +83,5 @@ fn main() -> ExitCode {
             documents::run(&args, &mut Cli::command()).map(|()| ExitCode::SUCCESS)
         }
     };
-    result.unwrap_or_else(|error| {
-        console::complain(format_args!("sidehill: {error:#}"));
-        ExitCode::from(2)
-    })
+    console::end("sidehill", result, true)
 }

@@ -29,6 +29,10 @@ pub use file::{
 };
 pub(crate) use hints::no_text;
 pub use live_odometry::LiveOdometryConfig;
+
+/// The program by its sources: results of two builds are not mixed.
+pub(crate) const BUILD: &str = env!("SIDEHILL_BUILD");
+
 pub use plant::{Plant, PlantKind};
 pub use prepared::Prepared;
 pub use reference::{LoadedReference, Source, read_route};

@@ -16,7 +16,6 @@ mod paths;
 mod program;
 mod readme;
 mod replay;
-mod replay_open_loop;
 mod schema;
 mod simulate;
 mod simulate_output;

@@ -1,5 +1,4 @@
 //! The program `sidehill-drive`: arguments in, exit status out.
-#![allow(clippy::print_stderr)]
 
 use anyhow::bail;
 #[cfg(feature = "package")]
@@ -38,10 +37,10 @@ enum Command {
 
 fn main() -> ExitCode {
     let (own, ros) = arguments::split(std::env::args());
-    execute(Cli::parse_from(own).command, &ros).unwrap_or_else(|error| {
-        console::complain(format_args!("sidehill-drive: {error:#}"));
-        ExitCode::from(2)
-    })
+    let command = Cli::parse_from(own).command;
+    // A vehicle drives on without its output.
+    let drives = matches!(command, Command::Run(_) | Command::Vehicle(_));
+    console::end("sidehill-drive", execute(command, &ros), !drives)
 }
 
 fn execute(command: Command, ros: &[String]) -> anyhow::Result<ExitCode> {

@@ -13,7 +13,6 @@ use screen::Screen;
 use sidehill::config::{Bundle, ConfigFile, RunConfig, RunPort};
 use sidehill::console::Printer;
 use sidehill::drive::RunArgs;
-use sidehill::output;
 use sidehill::recording::{self, fact};
 use sidehill_bridge::control_loop::record::{LogSource, Recorder, ring};
 use sidehill_bridge::control_loop::tap::{PathLog, PathRecord, tap};
@@ -75,7 +74,7 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
     let recording_ended = Arc::new(OnceLock::new());
     let recorded = config.recording(&file, args.record.as_deref())?;
     if let Some((path, _)) = &recorded {
-        output::check_writable(path, args.force)?;
+        recording::check_free(path, args.force)?;
     }
     let live = recording::live(args.live, Some(&config.settings))?;
     let watched = recorded.is_some() || live.is_some();
