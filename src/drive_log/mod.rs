@@ -11,18 +11,17 @@ mod rows;
 mod series;
 #[cfg(test)]
 mod tests;
-mod text;
 mod topics;
 mod transform_poses;
 
 pub use choice::Chosen;
 pub use live_positions::LivePositions;
 pub use positions::{Positions, positions};
-pub(crate) use text::{Size, foreign};
 pub use topics::{AttitudeTopic, ImuAxes, PoseTopic, StampSource, TopicMap, TreadSpeedTopic};
 
 use crate::config::ConfigFile;
 use crate::console;
+use crate::log_file;
 use anyhow::{Context, Result};
 use sidehill_plant::log::{ColumnMap, DriveLog};
 use std::path::{Path, PathBuf};
@@ -114,7 +113,7 @@ impl LogReader {
     }
 
     fn read_csv(&self, path: &Path) -> Result<DriveLog> {
-        let source = text::open(path, self.max_bytes)?;
+        let source = log_file::open(path, self.max_bytes)?;
         DriveLog::read(source, &self.columns).with_context(|| path.display().to_string())
     }
 }

@@ -1,7 +1,8 @@
 //! Logs from the recordings of this program.
 
 use super::interpolation::Timed;
-use super::series::{Series, in_order};
+use super::interpolation::in_order;
+use super::series::Series;
 use anyhow::Result;
 use sidehill_plant::log::sources::Sources;
 use sidehill_plant::sample::Stamped;

@@ -5,7 +5,7 @@ use super::choice::{
     Poses, TF_MESSAGE, TreadSpeeds,
 };
 use super::fixes::Fixes;
-use super::interpolation::{Timed, seconds};
+use super::interpolation::{Timed, in_order, seconds};
 use super::joints::{Joints, WheelJoints};
 use super::topics::{ImuAxes, StampSource};
 use super::transform_poses::TransformPoses;
@@ -505,17 +505,4 @@ fn upright(axes: ImuAxes, rotation: &UnitQuaternion<f64>) -> UnitQuaternion<f64>
             enu_from_ned * rotation * over
         }
     }
-}
-
-/// Orders values by time; of two at one time the later in the bag stays.
-pub(super) fn order<T>(values: &mut Timed<T>) {
-    values.reverse();
-    values.sort_by_key(|(time_ns, _)| *time_ns);
-    values.dedup_by_key(|(time_ns, _)| *time_ns);
-}
-
-/// Returns the values ordered by time; of two at the same time, the later in the bag.
-pub(super) fn in_order<T>(mut values: Timed<T>) -> Timed<T> {
-    order(&mut values);
-    values
 }

@@ -53,7 +53,7 @@ pub(crate) fn foreign(path: &Path) -> io::Result<Option<String>> {
 ///
 /// # Errors
 /// Names the file and what it is instead.
-pub(super) fn open(path: &Path, max_bytes: Option<u64>) -> Result<impl Read> {
+pub(crate) fn open(path: &Path, max_bytes: Option<u64>) -> Result<impl Read> {
     let name = || path.display().to_string();
     if path.is_file()
         && let Some(reason) = foreign(path).with_context(name)?
