@@ -3,8 +3,10 @@
 //! The reader may close its end at any time (`| head -1`, a log collector that crashes, a closed terminal). Text
 //! that cannot be written is dropped and counted, and the program continues.
 
+use anyhow::Result;
 use std::fmt::Display;
 use std::io::Write;
+use std::process::ExitCode;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{SyncSender, sync_channel};
 use std::sync::{Arc, OnceLock};
@@ -37,7 +39,7 @@ pub fn dropped() -> u64 {
 
 /// Returns why something could not be written to standard output, as to a disk that is full; nothing where all is
 /// written, or its reader has gone.
-pub fn output_fault() -> Option<&'static str> {
+fn output_fault() -> Option<&'static str> {
     output(std::io::stdout().flush());
     FAULT.get().map(String::as_str)
 }
@@ -172,4 +174,16 @@ fn count(written: std::io::Result<()>) {
     if written.is_err() {
         DROPPED.fetch_add(1, Ordering::Relaxed);
     }
+}
+/// Complains of an error of `program`, or of a standard output that it needs and that failed; returns the exit status.
+pub fn end(program: &str, result: Result<ExitCode>, needs_output: bool) -> ExitCode {
+    let fault = output_fault().filter(|_| needs_output && result.is_ok());
+    if let Some(fault) = fault {
+        complain(format_args!("{program}: standard output: {fault}"));
+        return ExitCode::from(2);
+    }
+    result.unwrap_or_else(|error| {
+        complain(format_args!("{program}: {error:#}"));
+        ExitCode::from(2)
+    })
 }

@@ -5,7 +5,7 @@ use super::limits::Budget;
 use super::message::{Message, Outcome, Visit};
 use super::{compression, mcap, sqlite};
 use crate::config::ConfigFile;
-use crate::drive_log::foreign;
+use crate::log_file::foreign;
 use serde::Deserialize;
 use std::fs::File;
 use std::io::{BufReader, Read, Write};

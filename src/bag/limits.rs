@@ -1,6 +1,6 @@
 //! How much a log may hold. The only place that says so.
 
-use crate::drive_log::Size;
+use crate::log_file::Size;
 
 /// Largest record or message, bytes; chunks of rosbag2 and of this program have a few MB.
 pub(super) const RECORD_MAX: u64 = 128 << 20;

@@ -87,7 +87,7 @@ enum Origin {
 }
 
 /// Files by their paths. Missing ones are read from disk and added, so that another machine can use the same files.
-pub(crate) type Bundle = Arc<Mutex<BTreeMap<PathBuf, String>>>;
+pub type Bundle = Arc<Mutex<BTreeMap<PathBuf, String>>>;
 
 impl ConfigFile {
     /// Reads a file from disk.
@@ -206,7 +206,7 @@ impl ConfigFile {
     }
 
     /// Returns this file, with the files it names read from, and added to, a bundle.
-    pub(crate) fn with_bundle(self, files: Bundle) -> Self {
+    pub fn with_bundle(self, files: Bundle) -> Self {
         let built_in = matches!(self.origin, Origin::BuiltIn);
         Self {
             origin: Origin::Bundle { files, built_in },

@@ -3,7 +3,7 @@
 use super::interpolation::{Timed, at, seconds};
 use anyhow::{Result, bail};
 use nalgebra::{UnitQuaternion, Vector3};
-use sidehill_bridge::ros2::node::message::NavSatFix;
+use sidehill_bridge::ros2::message::NavSatFix;
 use sidehill_controller::path::GeodeticOrigin;
 use sidehill_plant::frames::{Pose, paper_attitude};
 use sidehill_plant::statistics::median;

@@ -10,6 +10,19 @@ pub(super) fn seconds(from_ns: i64, to_ns: i64) -> f64 {
     (to_ns - from_ns) as f64 * 1e-9
 }
 
+/// Orders values by time; of two at one time the later in the bag stays.
+pub(super) fn order<T>(values: &mut Timed<T>) {
+    values.reverse();
+    values.sort_by_key(|(time_ns, _)| *time_ns);
+    values.dedup_by_key(|(time_ns, _)| *time_ns);
+}
+
+/// Returns the values ordered by time; of two at the same time, the later in the bag.
+pub(super) fn in_order<T>(mut values: Timed<T>) -> Timed<T> {
+    order(&mut values);
+    values
+}
+
 /// Returns the value at a time, as [`sources::at`] does.
 pub(super) fn at<T: Copy>(
     values: &[(i64, T)],

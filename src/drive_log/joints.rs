@@ -1,8 +1,8 @@
 //! Tread speeds from the velocities of joints.
 
-use super::interpolation::{Timed, at};
+use super::interpolation::{Timed, at, order};
 use anyhow::{Result, bail};
-use sidehill_bridge::ros2::node::message::JointState;
+use sidehill_bridge::ros2::message::JointState;
 use sidehill_plant::log::Reversed;
 use sidehill_plant::speeds::MeasuredTreadSpeeds;
 use std::collections::BTreeMap;
@@ -209,7 +209,7 @@ impl Joints {
                     "joint {name} has no velocities; the keys `left` and `right` of `tread_speeds` name others"
                 );
             }
-            super::series::order(series);
+            order(series);
         }
         let all: Vec<&Timed<f64>> = names
             .iter()

@@ -3,8 +3,8 @@
 use super::fixes::Fixes;
 use super::positions::Positions;
 use anyhow::{Result, bail, ensure};
-use sidehill_bridge::ros2::node::conversions::{from_pose, nanoseconds};
-use sidehill_bridge::ros2::positions::PositionMessage;
+use sidehill_bridge::ros2::conversions::{from_pose, nanoseconds};
+use sidehill_bridge::ros2::position::PositionMessage;
 
 /// Positions collected so far.
 #[derive(Default)]
@@ -66,7 +66,7 @@ impl LivePositions {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use sidehill_bridge::ros2::node::message::{NavSatFix, NavSatStatus, Odometry};
+    use sidehill_bridge::ros2::message::{NavSatFix, NavSatStatus, Odometry};
 
     fn odometry(frame: &str, x_m: f64, w: f64) -> Odometry {
         let mut odometry = Odometry::default();

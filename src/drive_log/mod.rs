@@ -1,42 +1,27 @@
 //! Logs of drives: CSV with a column map and ROS 2 bags with a topic map, both converted to the same rows.
 
-#[cfg(feature = "drive")]
 mod choice;
-#[cfg(feature = "drive")]
 mod fixes;
-#[cfg(feature = "drive")]
 mod interpolation;
-#[cfg(feature = "drive")]
 mod joints;
-#[cfg(feature = "drive")]
 mod live_positions;
-#[cfg(feature = "drive")]
 mod own;
-#[cfg(feature = "drive")]
 mod positions;
-#[cfg(feature = "drive")]
 mod rows;
-#[cfg(feature = "drive")]
 mod series;
 #[cfg(test)]
 mod tests;
-mod text;
 mod topics;
-#[cfg(feature = "drive")]
 mod transform_poses;
 
-#[cfg(feature = "drive")]
 pub use choice::Chosen;
-#[cfg(feature = "drive")]
 pub use live_positions::LivePositions;
-#[cfg(feature = "drive")]
 pub use positions::{Positions, positions};
-#[cfg(feature = "drive")]
-pub(crate) use text::{Size, foreign};
 pub use topics::{AttitudeTopic, ImuAxes, PoseTopic, StampSource, TopicMap, TreadSpeedTopic};
 
 use crate::config::ConfigFile;
 use crate::console;
+use crate::log_file;
 use anyhow::{Context, Result};
 use sidehill_plant::log::{ColumnMap, DriveLog};
 use std::path::{Path, PathBuf};
@@ -107,7 +92,6 @@ impl LogReader {
         Ok(log)
     }
 
-    #[cfg(feature = "drive")]
     fn read_rows(&self, path: &Path) -> Result<DriveLog> {
         if !crate::bag::is_bag(path) {
             return self.read_csv(path);
@@ -128,14 +112,8 @@ impl LogReader {
         Ok(log)
     }
 
-    #[cfg(not(feature = "drive"))]
-    fn read_rows(&self, path: &Path) -> Result<DriveLog> {
-        anyhow::ensure!(self.topics.is_none(), "--topics: this build reads no bags");
-        self.read_csv(path)
-    }
-
     fn read_csv(&self, path: &Path) -> Result<DriveLog> {
-        let source = text::open(path, self.max_bytes)?;
+        let source = log_file::open(path, self.max_bytes)?;
         DriveLog::read(source, &self.columns).with_context(|| path.display().to_string())
     }
 }

@@ -1,11 +1,12 @@
 //! Logs from the recordings of this program.
 
 use super::interpolation::Timed;
-use super::series::{Series, in_order};
+use super::interpolation::in_order;
+use super::series::Series;
 use anyhow::Result;
-use sidehill_bridge::recording::{Recording, RecordingError};
 use sidehill_plant::log::sources::Sources;
 use sidehill_plant::sample::Stamped;
+use sidehill_recording::{Recording, RecordingError};
 use std::path::Path;
 
 /// Returns what the controller of a recording received, as exactly as it did; nothing for a bag of another program, or

@@ -5,7 +5,7 @@ use super::choice::{
     Poses, TF_MESSAGE, TreadSpeeds,
 };
 use super::fixes::Fixes;
-use super::interpolation::{Timed, seconds};
+use super::interpolation::{Timed, in_order, seconds};
 use super::joints::{Joints, WheelJoints};
 use super::topics::{ImuAxes, StampSource};
 use super::transform_poses::TransformPoses;
@@ -13,15 +13,13 @@ use crate::bag::{Bag, BagError, Message};
 use anyhow::{Result, bail};
 use nalgebra::{Unit, UnitQuaternion, Vector3};
 use serde::de::DeserializeOwned;
-use sidehill_bridge::ros2::node::conversions::{
-    from_pose, from_quaternion, from_transform, nanoseconds,
-};
-use sidehill_bridge::ros2::node::message::cdr::from_cdr;
-use sidehill_bridge::ros2::node::message::{
+use sidehill_bridge::ros2::conversions::{from_pose, from_quaternion, from_transform, nanoseconds};
+use sidehill_bridge::ros2::convert::pose_and_attitude;
+use sidehill_bridge::ros2::message::cdr::from_cdr;
+use sidehill_bridge::ros2::message::{
     self, Header, Imu, JointState, NavSatFix, Odometry, PoseStamped, PoseWithCovarianceStamped,
     TfMessage,
 };
-use sidehill_bridge::ros2::port::convert::pose_and_attitude;
 use sidehill_plant::frames::{Attitude, Pose, paper_attitude};
 use sidehill_plant::log::sources::Sources;
 use sidehill_plant::speeds::MeasuredTreadSpeeds;
@@ -507,17 +505,4 @@ fn upright(axes: ImuAxes, rotation: &UnitQuaternion<f64>) -> UnitQuaternion<f64>
             enu_from_ned * rotation * over
         }
     }
-}
-
-/// Orders values by time; of two at one time the later in the bag stays.
-pub(super) fn order<T>(values: &mut Timed<T>) {
-    values.reverse();
-    values.sort_by_key(|(time_ns, _)| *time_ns);
-    values.dedup_by_key(|(time_ns, _)| *time_ns);
-}
-
-/// Returns the values ordered by time; of two at the same time, the later in the bag.
-pub(super) fn in_order<T>(mut values: Timed<T>) -> Timed<T> {
-    order(&mut values);
-    values
 }

@@ -1,12 +1,10 @@
-#![cfg(feature = "drive")]
-
 use super::*;
 use crate::bag::tests::{Recorded, bag};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use serde::Serialize;
-use sidehill_bridge::ros2::node::conversions::{stamp, to_pose, to_quaternion, to_transform};
-use sidehill_bridge::ros2::node::message::cdr::to_cdr;
-use sidehill_bridge::ros2::node::message::{
+use sidehill_bridge::ros2::conversions::{stamp, to_pose, to_quaternion, to_transform};
+use sidehill_bridge::ros2::message::cdr::to_cdr;
+use sidehill_bridge::ros2::message::{
     Header, Imu, JointState, NavSatFix, PoseStamped, TfMessage, TransformStamped,
 };
 use sidehill_plant::frames::{Attitude, ros_quaternion};

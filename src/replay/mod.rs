@@ -19,7 +19,7 @@ use begin::Begin;
 use compare::Comparison;
 pub(crate) use rebuild::{Changes, Rebuilt};
 use serde::Serialize;
-use sidehill_bridge::recording::Recording;
+use sidehill_recording::Recording;
 use std::path::Path;
 use std::process::ExitCode;
 
@@ -211,7 +211,7 @@ fn write_case(args: &ReplayArgs, folder: &Path) -> Result<()> {
         .with_context(|| format!("{}: cannot create the folder", folder.display()))?;
     let bytes = std::fs::read(&args.recording)?;
     ensure!(
-        !sidehill_bridge::recording::McapRecording::part_name(&args.recording, 1).exists(),
+        !sidehill_recording::McapRecording::part_name(&args.recording, 1).exists(),
         "--write-case takes a recording of one file"
     );
     output::write(&folder.join(CASE[0]), &bytes, args.force)?;

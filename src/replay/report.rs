@@ -6,11 +6,11 @@ use super::step::Step;
 use crate::record::{Quantiles, Row, Run, Summary};
 use crate::report::{self, Scene};
 use anyhow::Result;
-use sidehill_bridge::recording::{ControllerCycle, Recording};
 use sidehill_controller::controller::Status;
 use sidehill_controller::path::Path;
 use sidehill_plant::frames::{Attitude, PlanarPose, Pose};
 use sidehill_plant::speeds::{MeasuredTreadSpeeds, MotorSpeeds};
+use sidehill_recording::{ControllerCycle, Recording};
 
 /// Returns the page.
 ///

@@ -4,7 +4,6 @@
 mod objective;
 mod options;
 mod outcome;
-#[cfg(feature = "drive")]
 mod recorded;
 mod report;
 mod search;
@@ -239,7 +238,6 @@ pub fn run(args: &TuneArgs) -> Result<ExitCode> {
     })
 }
 
-#[cfg(feature = "drive")]
 fn of_recording(
     recording: &Path,
     options: &Options,
@@ -249,14 +247,4 @@ fn of_recording(
     options.check()?;
     let subject = recorded::subject(recording, options)?;
     search_on(&subject, options, Some(tried), report)
-}
-
-#[cfg(not(feature = "drive"))]
-fn of_recording(
-    recording: &Path,
-    _: &Options,
-    _: &Path,
-    _: impl FnMut(u32, f64) -> Result<()>,
-) -> Result<Outcome> {
-    bail!("{}: this build reads no recordings", recording.display())
 }

@@ -143,10 +143,6 @@ fn a_file_of_another_kind_is_named() {
             "the file looks like a vehicle",
         ),
         (
-            say(&["run", "FILE"], &[&scenario]),
-            "the file looks like a scenario",
-        ),
-        (
             say(
                 &["odometry", "FILE", "--vehicle", "FILE"],
                 &[&log, &scenario],

@@ -2,7 +2,7 @@
 
 use crate::{Course, assert_says, fail, repository, sidehill, stdout, succeed};
 use serde_json::Value;
-use sidehill_bridge::recording::{
+use sidehill_recording::{
     ControllerCycle, McapRecording, MessageSink, RecordLimits, Recording, scan,
 };
 use std::path::{Path, PathBuf};

@@ -2,8 +2,8 @@ use super::*;
 use crate::contact::{ContactModel, ContactVehicle};
 use crate::extension::{Extension, ExtensionGains};
 use crate::log::DriveLog;
-use crate::motion::IcrMotion;
 use crate::terrain::Terrain;
+use crate::vehicle::IcrMotion;
 use crate::vehicle::Vehicle;
 
 /// What somebody knows beforehand who has measured the vehicle's base only.
