@@ -1,14 +1,15 @@
 #!/usr/bin/env python3
-"""Finds circles among the source files of each crate by their `use` declarations and inline paths.
+"""Finds circles among the source files and the folders of each crate by their `use` declarations and inline paths.
 
     .ci/import_circles.py [CRATE_FOLDER...]
 
 A path is resolved to the file that declares its item; a `pub use` of a module file is followed to the file behind it.
-Declaring a child (`mod`) or passing on its items (`pub use`) is no import. Tests are left out. Exit status 1 with a
-circle.
+Declaring a child (`mod`) or passing on its items (`pub use`) is no import. Folders are compared with their siblings, at
+every depth: a module with all that is in it. Tests are left out. Exit status 1 with a circle.
 """
 import re
 import sys
+import tomllib
 from pathlib import Path
 
 
@@ -128,7 +129,7 @@ def crate(folder):
 
 
 def circles(edges):
-    """The strongly connected components of more than one file (Tarjan)."""
+    """The strongly connected components of more than one file or folder (Tarjan)."""
     index, low, stack, on, found = {}, {}, [], set(), []
 
     def visit(v):
@@ -158,20 +159,43 @@ def circles(edges):
     return found
 
 
+def between_siblings(edges):
+    """The imports between modules of the same parent, each with all that is in it."""
+    out = {}
+    for module, imported in edges.items():
+        for other in imported:
+            shared = 0
+            while module[shared:shared + 1] == other[shared:shared + 1] != ():
+                shared += 1
+            if shared < min(len(module), len(other)):
+                out.setdefault(module[:shared + 1], set()).add(other[:shared + 1])
+                out.setdefault(other[:shared + 1], set())
+    return out
+
+
+def crates():
+    """The folders of the workspace's crates, by its manifest."""
+    with open('Cargo.toml', 'rb') as file:
+        return ['.', *tomllib.load(file)['workspace']['members']]
+
+
 def main():
     sys.setrecursionlimit(10000)
     bad = False
-    for folder in sys.argv[1:] or ['plant', 'controller', 'bridge', '.']:
+    for folder in sys.argv[1:] or crates():
         modules, edges = crate(folder)
-        found = circles(edges)
+        folders = between_siblings(edges)
+        found = [(circle, edges) for circle in circles(edges)]
+        found += [(circle, folders) for circle in circles(folders) if not any(circle == files for files, _ in found)]
         count = sum(map(len, edges.values()))
         print(f'{folder}: {len(modules)} files, {count} imports, {len(found)} circles')
-        for circle in found:
+        for circle, graph in found:
             bad = True
             for module in circle:
-                inside = sorted('::'.join(w) or 'lib' for w in edges[module] if w in circle)
+                inside = sorted('::'.join(w) or 'lib' for w in graph[module] if w in circle)
                 print(f'  {"::".join(module) or "lib"} -> {", ".join(inside)}')
     sys.exit(bad)
 
 
-main()
+if __name__ == "__main__":
+    main()

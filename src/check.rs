@@ -1,13 +1,12 @@
 //! `sidehill check`: validates configuration files.
 
 use crate::config::{
-    Campaign, Conditions, ConfigFile, LoadedReference, Overrides, RunConfig, RunPort, Scenario,
-    Source, load_layout, point_behind_icrs, read_route,
+    Campaign, Conditions, ConfigFile, LiveOdometryConfig, LoadedReference, Overrides, RunConfig,
+    RunPort, Scenario, Source, VehicleConfig, load_layout, point_behind_icrs, read_route,
 };
+use crate::console;
 use crate::drive_log::TopicMap;
-use crate::live_odometry::LiveOdometryConfig;
 use crate::progress::{self, Notice};
-use crate::{console, run, vehicle};
 use anyhow::{Result, bail};
 use sidehill_controller::controller::ControllerError;
 use sidehill_controller::guard::{Stance, first_steep_place};
@@ -121,7 +120,7 @@ pub fn check(file: ConfigFile) -> Result<&'static str> {
         check_run(&file)?;
         Ok("configuration of run")
     } else if has("scenario") {
-        vehicle::check(&file)?;
+        file.parse::<VehicleConfig>()?.check(&file)?;
         Ok("configuration of vehicle")
     } else if has("vehicle") {
         let config: LiveOdometryConfig = file.parse()?;
@@ -256,11 +255,11 @@ fn check_run(file: &ConfigFile) -> Result<()> {
         .map_err(|error| file.error(error))?;
     match config.port {
         RunPort::Can => drop(config.bus(file)?),
-        RunPort::Simulated => drop(run::simulated(file, &config)?),
+        RunPort::Simulated => drop(config.simulated_port(file)?),
         RunPort::Ros2 => {}
     }
     if config.over_ros2() {
-        let (ros2, _) = config.ros2(file, &vehicle)?;
+        let ros2 = config.ros2(file, &vehicle)?;
         ros2.check_names()
             .map_err(|error| file.error(format!("ros2.{error}")))?;
     }

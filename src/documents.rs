@@ -1,11 +1,11 @@
-//! `sidehill documents`: the man pages and shell completions of a package.
+//! `documents` of both programs: the man pages and shell completions of a package.
 
 use crate::output;
 use anyhow::Result;
 use clap_complete::{Shell, generate};
 use std::path::PathBuf;
 
-/// Arguments of `sidehill documents`.
+/// Arguments of `documents`.
 #[derive(Debug, clap::Args)]
 pub struct DocumentsArgs {
     /// Folder for the files; created if it does not exist.
@@ -37,13 +37,14 @@ pub fn run(args: &DocumentsArgs, command: &mut clap::Command) -> Result<()> {
         clap_mangen::Man::new(part.clone()).render(&mut page)?;
         output::write(&args.folder.join(format!("{name}.1")), &page, args.force)?;
     }
+    let program = command.get_name().to_owned();
     for (shell, file) in [
-        (Shell::Bash, "sidehill.bash"),
-        (Shell::Zsh, "_sidehill"),
-        (Shell::Fish, "sidehill.fish"),
+        (Shell::Bash, format!("{program}.bash")),
+        (Shell::Zsh, format!("_{program}")),
+        (Shell::Fish, format!("{program}.fish")),
     ] {
         let mut script = Vec::new();
-        generate(shell, command, "sidehill", &mut script);
+        generate(shell, command, program.as_str(), &mut script);
         output::write(&args.folder.join(file), &script, args.force)?;
     }
     Ok(())

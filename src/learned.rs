@@ -2,18 +2,12 @@
 //!
 //! The first line contains the format and the checksum (FNV-1a, 64 bits) of the JSON that follows.
 
-#[cfg(feature = "drive")]
-mod keeper;
-
-#[cfg(feature = "drive")]
-pub use keeper::{Keeper, KeptFile};
-
 use anyhow::{Context, Result, bail};
 use serde::{Deserialize, Serialize};
 use sidehill_controller::memory::Learned;
 use sidehill_plant::fingerprint::fnv_1a;
 use std::io::Write;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 
 /// First word of a file.
@@ -21,6 +15,17 @@ const FORMAT: &str = "sidehill-learned-2";
 
 /// Default maximum age of what was learned, days.
 pub const DAYS_MAX: f64 = 90.0;
+
+/// Where what was learned is kept, and when.
+#[derive(Debug, Clone)]
+pub struct KeptFile {
+    /// The file.
+    pub path: PathBuf,
+    /// Age beyond which it is refused, days.
+    pub days_max: f64,
+    /// Time of driving after which it is written again, s.
+    pub every_s: f64,
+}
 
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -140,7 +145,6 @@ fn now_unix_s() -> f64 {
 mod tests {
     use super::*;
     use sidehill_controller::memory::{Cell, Evidence, Key};
-    use std::path::PathBuf;
     use std::time::{Duration, Instant};
 
     fn learned() -> Learned {

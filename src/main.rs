@@ -1,5 +1,4 @@
 //! The program `sidehill`: arguments in, exit status out.
-#![allow(clippy::print_stderr)]
 
 use anyhow::anyhow;
 #[cfg(feature = "package")]
@@ -8,10 +7,9 @@ use clap::{Parser, Subcommand};
 #[cfg(feature = "package")]
 use sidehill::documents;
 use sidehill::{
-    campaign, check, console, icr, identify, init, live_odometry, odometry, replay, route, run,
-    simulate, tune, vehicle,
+    campaign, check, console, drive, icr, identify, init, odometry, replay, route, simulate, tune,
 };
-use sidehill_bridge::ros2::node::arguments;
+use sidehill_bridge::ros2::arguments;
 use std::process::ExitCode;
 
 /// Path tracking for skid-steer rovers on slopes. Without a subcommand it simulates the figure of
@@ -44,11 +42,10 @@ enum Command {
     /// out, as GPX or CSV.
     Route(route::RouteArgs),
     /// Drives a course in real time on a CAN bus or on ROS 2.
-    Run(run::RunArgs),
+    Run(drive::RunArgs),
     /// Runs a virtual rover in real time on a CAN bus or on ROS 2, where it takes --ros-args.
-    Vehicle(vehicle::VehicleArgs),
-    /// Feeds the samples of a recording to the controller again, or to another one; with --open-loop
-    /// the readings of another program's log.
+    Vehicle(drive::VehicleArgs),
+    /// Feeds the samples of a recording to the controller again, or to another one.
     Replay(replay::ReplayArgs),
     /// Validates configuration files.
     Check(check::CheckArgs),
@@ -66,12 +63,9 @@ fn main() -> ExitCode {
         .command
         .unwrap_or_else(|| Command::Simulate(simulate::SimulateArgs::default()));
     let result = match command {
-        Command::Run(args) => run::run(&args, &ros),
-        Command::Vehicle(args) => vehicle::run(&args, &ros),
-        Command::Odometry(args) if args.live => live_odometry::run(&args, &ros),
-        Command::Route(args) if args.is_live() => {
-            route::run(&args, &ros).map(|()| ExitCode::SUCCESS)
-        }
+        Command::Run(_) | Command::Vehicle(_) => Err(drive::hand_over()),
+        Command::Odometry(args) if args.live => Err(drive::hand_over()),
+        Command::Route(args) if args.is_live() => Err(drive::hand_over()),
         _ if !ros.is_empty() => Err(anyhow!("--ros-args: this command is not a ROS 2 node")),
         Command::Simulate(args) => simulate::run(&args),
         Command::Campaign(args) => campaign::run(&args).map(|()| ExitCode::SUCCESS),
@@ -80,7 +74,7 @@ fn main() -> ExitCode {
             .map(|()| ExitCode::SUCCESS),
         Command::Odometry(args) => odometry::run(&args).map(|()| ExitCode::SUCCESS),
         Command::Identify(args) => identify::run(&args).map(|()| ExitCode::SUCCESS),
-        Command::Route(args) => route::run(&args, &[]).map(|()| ExitCode::SUCCESS),
+        Command::Route(args) => route::run(&args).map(|()| ExitCode::SUCCESS),
         Command::Replay(args) => replay::run(&args),
         Command::Check(args) => check::run(&args),
         Command::Init(args) => init::run(&args).map(|()| ExitCode::SUCCESS),
@@ -89,8 +83,5 @@ fn main() -> ExitCode {
             documents::run(&args, &mut Cli::command()).map(|()| ExitCode::SUCCESS)
         }
     };
-    result.unwrap_or_else(|error| {
-        console::complain(format_args!("sidehill: {error:#}"));
-        ExitCode::from(2)
-    })
+    console::end("sidehill", result, true)
 }

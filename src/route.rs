@@ -1,6 +1,5 @@
 //! `sidehill route`: a path from a recorded drive, or from a live one.
 
-mod live;
 pub(crate) mod thinning;
 
 use crate::bag::{Bag, is_bag};
@@ -8,7 +7,7 @@ use crate::console;
 use crate::drive_log::{LogArgs, LogReader, Positions, positions};
 use crate::output;
 use anyhow::{Context, Result, bail, ensure};
-use sidehill_bridge::ros2::positions::PositionTopic;
+use sidehill_bridge::ros2::position::PositionTopic;
 use sidehill_controller::path::{GeodeticOrigin, Point2};
 use sidehill_plant::bounds::Bounds;
 use std::fmt::Write;
@@ -41,6 +40,9 @@ pub struct RouteArgs {
     /// Columns of a CSV log, in YAML.
     #[arg(long, value_name = "FILE")]
     pub columns: Option<PathBuf>,
+    /// Largest size of a log, and of what one of its files decompresses to, bytes.
+    #[arg(long, value_name = "BYTES")]
+    pub max_bytes: Option<u64>,
     /// Standard deviation of the Gaussian along the path that smooths it, m; 0 for none.
     #[arg(long, value_name = "M", default_value_t = Settings::default().smoothing_m)]
     pub smoothing_m: f64,
@@ -66,48 +68,62 @@ enum Form {
     Csv,
 }
 
-/// Writes the path and prints its distance from the recorded positions.
+/// Writes the path of a recorded drive and prints its distance from the recorded positions.
 ///
 /// # Errors
-/// Positions missing in the recording or on the topic, or a file that cannot be read or written.
-pub fn run(args: &RouteArgs, ros_arguments: &[String]) -> Result<()> {
-    Bounds::new(0.0, 10.0, "m").check("--smoothing-m", args.smoothing_m)?;
-    Bounds::new(0.0, 1.0, "m").check("--tolerance-m", args.tolerance_m)?;
+/// Positions missing in the recording, or a file that cannot be read or written.
+pub fn run(args: &RouteArgs) -> Result<()> {
     let form = form(args)?;
-    output::check_writable(&args.out, args.force)?;
-    let (name, recorded) = if args.is_live() {
-        let topic = live_topic(args)?;
-        if matches!(topic, PositionTopic::Odometry(_)) {
-            check_origin(args, form, topic.name(), false)?;
+    ensure!(
+        args.odometry.is_none() && args.fix.is_none() && args.seconds.is_none(),
+        "--odometry, --fix and --seconds are for `route live`; --topic chooses a topic of a bag"
+    );
+    write_path(
+        args,
+        form,
+        &args.from.display().to_string(),
+        &recorded(args)?,
+    )
+}
+
+/// Writes the path of a running topic, whose positions `record` returns: from the first until a signal arrives, or the
+/// time given is over.
+///
+/// # Errors
+/// Those of `record`, or a file that cannot be written.
+pub fn run_live(
+    args: &RouteArgs,
+    record: impl FnOnce(PositionTopic, Option<Duration>) -> Result<Positions>,
+) -> Result<()> {
+    let form = form(args)?;
+    let topic = live_topic(args)?;
+    if matches!(topic, PositionTopic::Odometry(_)) {
+        check_origin(args, form, topic.name(), false)?;
+    }
+    let end_after = match args.seconds {
+        Some(seconds) => {
+            Bounds::new(0.1, 86_400.0, "s").check("--seconds", seconds)?;
+            Some(Duration::from_secs_f64(seconds))
         }
-        let end_after = match args.seconds {
-            Some(seconds) => {
-                Bounds::new(0.1, 86_400.0, "s").check("--seconds", seconds)?;
-                Some(Duration::from_secs_f64(seconds))
-            }
-            None => None,
-        };
-        let name = topic.name().to_owned();
-        (name, live::record(topic, end_after, ros_arguments)?)
-    } else {
-        ensure!(
-            args.odometry.is_none() && args.fix.is_none() && args.seconds.is_none(),
-            "--odometry, --fix and --seconds are for `route live`; --topic chooses a topic of a bag"
-        );
-        (args.from.display().to_string(), recorded(args)?)
+        None => None,
     };
+    let name = topic.name().to_owned();
+    write_path(args, form, &name, &record(topic, end_after)?)
+}
+
+fn write_path(args: &RouteArgs, form: Form, name: &str, recorded: &Positions) -> Result<()> {
     for note in &recorded.notes {
         console::complain(format_args!("{name}: note: {note}"));
     }
-    check_origin(args, form, &name, recorded.origin.is_some())?;
+    check_origin(args, form, name, recorded.origin.is_some())?;
     let settings = Settings {
         smoothing_m: args.smoothing_m,
         tolerance_m: args.tolerance_m,
     };
-    let path = thinning::path(&recorded.points_m, &settings).with_context(|| name.clone())?;
-    let text = match (form, recorded.origin) {
-        (Form::Gpx, Some(origin)) => gpx(&path.points_m, &origin),
-        _ => csv(&path.points_m),
+    let path = thinning::path(&recorded.points_m, &settings).with_context(|| name.to_owned())?;
+    let text = match (form, &recorded.origin) {
+        (Form::Gpx, Some(origin)) => gpx(&path.points_m, origin, recorded.has_heights),
+        _ => csv(&path.points_m, recorded.has_heights),
     };
     output::write(&args.out, text.as_bytes(), args.force)?;
     console::line(format_args!(
@@ -121,16 +137,21 @@ pub fn run(args: &RouteArgs, ros_arguments: &[String]) -> Result<()> {
     Ok(())
 }
 
+/// Checks the settings and the file of the path, and returns what it is written as.
 fn form(args: &RouteArgs) -> Result<Form> {
+    Bounds::new(0.0, 10.0, "m").check("--smoothing-m", args.smoothing_m)?;
+    Bounds::new(0.0, 1.0, "m").check("--tolerance-m", args.tolerance_m)?;
     let ending = args
         .out
         .extension()
         .map(|ending| ending.to_ascii_lowercase());
-    match ending.as_deref().and_then(|ending| ending.to_str()) {
-        Some("gpx") => Ok(Form::Gpx),
-        Some("csv") => Ok(Form::Csv),
+    let form = match ending.as_deref().and_then(|ending| ending.to_str()) {
+        Some("gpx") => Form::Gpx,
+        Some("csv") => Form::Csv,
         _ => bail!("{}: must end with .gpx or .csv", args.out.display()),
-    }
+    };
+    output::check_writable(&args.out, args.force)?;
+    Ok(form)
 }
 
 fn check_origin(args: &RouteArgs, form: Form, name: &str, has_origin: bool) -> Result<()> {
@@ -163,7 +184,7 @@ fn recorded(args: &RouteArgs) -> Result<Positions> {
                 columns.display()
             );
         }
-        let bag = Bag::open(&args.from)?;
+        let bag = Bag::open(&args.from, args.max_bytes)?;
         let mut found = positions(&bag, args.topic.as_deref())?;
         found.notes.splice(0..0, bag.notes().iter().cloned());
         return Ok(found);
@@ -171,25 +192,36 @@ fn recorded(args: &RouteArgs) -> Result<Positions> {
     let reader = LogReader::new(&LogArgs {
         columns: args.columns.clone(),
         topics: None,
+        max_bytes: args.max_bytes,
     })?;
     let log = reader.read(&args.from)?;
     let poses = log.rows().iter().filter_map(|row| row.pose);
     Ok(Positions {
         points_m: poses.map(|pose| [pose.x_m, pose.y_m, pose.z_m]).collect(),
         origin: None,
+        has_heights: true,
         notes: Vec::new(),
     })
 }
 
-fn csv(points_m: &[[f64; 3]]) -> String {
-    let mut out = "x_m,y_m,z_m\n".to_owned();
+fn csv(points_m: &[[f64; 3]], has_heights: bool) -> String {
+    let mut out = if has_heights {
+        "x_m,y_m,z_m\n"
+    } else {
+        "x_m,y_m\n"
+    }
+    .to_owned();
     for [x_m, y_m, z_m] in points_m {
-        let _ = writeln!(out, "{x_m:.4},{y_m:.4},{z_m:.4}");
+        let _ = write!(out, "{x_m:.4},{y_m:.4}");
+        if has_heights {
+            let _ = write!(out, ",{z_m:.4}");
+        }
+        out.push('\n');
     }
     out
 }
 
-fn gpx(points_m: &[[f64; 3]], origin: &GeodeticOrigin) -> String {
+fn gpx(points_m: &[[f64; 3]], origin: &GeodeticOrigin, has_heights: bool) -> String {
     let mut out = "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n\
         <gpx version=\"1.1\" creator=\"sidehill\" xmlns=\"http://www.topografix.com/GPX/1/1\">\n<trk><trkseg>\n"
         .to_owned();
@@ -198,12 +230,15 @@ fn gpx(points_m: &[[f64; 3]], origin: &GeodeticOrigin) -> String {
             x_m: *x_m,
             y_m: *y_m,
         });
-        let elevation_m = z_m + origin.elevation_m;
         // Nine decimals of a degree are 0.1 mm.
-        let _ = writeln!(
+        let _ = write!(
             out,
-            "<trkpt lat=\"{latitude_deg:.9}\" lon=\"{longitude_deg:.9}\"><ele>{elevation_m:.3}</ele></trkpt>"
+            "<trkpt lat=\"{latitude_deg:.9}\" lon=\"{longitude_deg:.9}\">"
         );
+        if has_heights {
+            let _ = write!(out, "<ele>{:.3}</ele>", z_m + origin.elevation_m);
+        }
+        out.push_str("</trkpt>\n");
     }
     out + "</trkseg></trk>\n</gpx>\n"
 }
@@ -225,7 +260,7 @@ mod tests {
             [300.0, -400.0, 2.0],
             [-900.0, 1200.0, -3.5],
         ];
-        let route = read_gpx(gpx(&points, &origin).as_bytes()).unwrap();
+        let route = read_gpx(gpx(&points, &origin, true).as_bytes()).unwrap();
         for (point, expected) in route.points.iter().zip(points) {
             let found = [
                 point.position.x_m,

@@ -13,14 +13,11 @@ use crate::output;
 use crate::progress::{self, Progress};
 use crate::qp_recording::QpRecording;
 use crate::record::{Run, Summary};
-#[cfg(feature = "drive")]
 use crate::recording::{self, LIVE, SimulationRecording, fact};
 use anyhow::{Context, Result, bail};
 use files::{REPORT, csv_path, write_out};
-#[cfg(feature = "drive")]
-use sidehill_bridge::recording::{RecordLimits, Sinks};
 use sidehill_controller::config::ControllerKind;
-#[cfg(feature = "drive")]
+use sidehill_recording::{RecordLimits, Sinks};
 use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -61,16 +58,13 @@ pub struct SimulateArgs {
     #[arg(long, value_name = "FILE")]
     pub record_qps: Option<PathBuf>,
     /// Record the run to an MCAP file, which `sidehill replay` and Foxglove read; it takes one controller.
-    #[cfg(feature = "drive")]
     #[arg(long, value_name = "FILE.mcap")]
     pub record: Option<PathBuf>,
     /// Show the run live: a Foxglove WebSocket, to which Foxglove and Lichtblick connect. By
     /// default on this machine only: 127.0.0.1:8765. It takes one controller.
-    #[cfg(feature = "drive")]
     #[arg(long, value_name = "ADDRESS", num_args = 0..=1, default_missing_value = LIVE)]
     pub live: Option<SocketAddr>,
     /// Simulate no faster than real time, to watch it with --live.
-    #[cfg(feature = "drive")]
     #[arg(long)]
     pub realtime: bool,
     /// Overwrite files of --out, --record and --record-qps that exist.
@@ -165,20 +159,17 @@ pub fn run(args: &SimulateArgs) -> Result<ExitCode> {
         ),
     };
     progress::explain_interrupt(|| "interrupted: nothing was written".to_owned())?;
-    #[cfg(feature = "drive")]
     let mut recording = if args.record.is_some() || args.live.is_some() || args.realtime {
         Some(record(args, &prepared, &file, &bundle)?)
     } else {
         None
     };
     let observer = qps.as_mut().map(|qps| qps as &mut dyn Observer);
-    #[cfg(feature = "drive")]
     let observer = match &mut recording {
         Some(recording) => Some(recording as &mut dyn Observer),
         None => observer,
     };
     let runs = runs(&prepared, observer)?;
-    #[cfg(feature = "drive")]
     if let Some(reason) = recording
         .and_then(SimulationRecording::finish)
         .and_then(|status| status.ended)
@@ -221,7 +212,6 @@ pub fn run(args: &SimulateArgs) -> Result<ExitCode> {
 }
 
 /// Begins the recording of the one controller.
-#[cfg(feature = "drive")]
 fn record(
     args: &SimulateArgs,
     prepared: &Prepared,

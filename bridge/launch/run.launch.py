@@ -23,7 +23,7 @@ def generate_launch_description():
             ),
             Node(
                 package="sidehill",
-                executable="sidehill",
+                executable="sidehill-drive",
                 name="controller_server",
                 arguments=["run", LaunchConfiguration("config")],
                 output="screen",

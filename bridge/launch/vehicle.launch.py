@@ -21,7 +21,7 @@ def generate_launch_description():
             ),
             Node(
                 package="sidehill",
-                executable="sidehill",
+                executable="sidehill-drive",
                 name="virtual_rover",
                 arguments=["vehicle", LaunchConfiguration("config")],
                 output="screen",

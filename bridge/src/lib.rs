@@ -1,4 +1,4 @@
-//! Drives a rover: over CAN, over ROS 2, or in a simulation.
+//! What every vehicle needs to be driven, over CAN, over ROS 2 or in a simulation.
 //!
 //! # Data path
 //!
@@ -10,8 +10,8 @@
 //! ```
 //!
 //! [`control_loop::ControlLoop::step`] is this line, once a period. [`drives`] is the vocabulary of
-//! both ends: [`can::CanPort`], [`ros2::port::Ros2Port`] and [`rover::SimulatedPort`] implement
-//! [`drives::Port`], and neither the loop nor the safety knows which of them it has. A CAN fault reaches
+//! both ends: `CanPort` of the crate `sidehill-can-port`, `Ros2Port` of `sidehill-ros2` and
+//! [`rover::SimulatedPort`] implement [`drives::Port`], and neither the loop nor the safety knows which of them it has. A CAN fault reaches
 //! the safety as [`drives::LinkState`], as [`drives::SendError`], or as feedback that grows old, and
 //! becomes a stop in [`safety::Safety::step`].
 //!
@@ -79,10 +79,8 @@
 //! # Ok::<(), sidehill_plant::vehicle::RangeError>(())
 //! ```
 
-pub mod can;
 pub mod control_loop;
 pub mod drives;
-pub mod recording;
 pub mod ros2;
 pub mod rover;
 pub mod safety;

@@ -12,11 +12,11 @@ use sidehill_controller::controller::{Controller, Decision, Status};
 use sidehill_controller::course::FigureEight;
 use sidehill_controller::path::{Point2, Window};
 use sidehill_plant::frames::PlanarPose;
-use sidehill_plant::motion::IcrMotion;
 use sidehill_plant::sample::Sample;
 use sidehill_plant::simulation::{Simulation, SimulationSetup};
 use sidehill_plant::speeds::MotorSpeeds;
 use sidehill_plant::terrain::{PlaneTerrain, Terrain};
+use sidehill_plant::vehicle::IcrMotion;
 use sidehill_plant::vehicle::Vehicle;
 use std::time::Duration;
 
@@ -298,7 +298,7 @@ fn a_steady_cycle_allocates_nothing() {
 
 #[test]
 fn a_steady_cycle_that_is_recorded_allocates_nothing() {
-    let (tap, _paths, mut log) = sidehill_bridge::recording::tap(60);
+    let (tap, _paths, mut log) = sidehill_bridge::control_loop::tap::tap(60);
     let (mut cycle, _records) = cycle(InlineRunner::recorded(controller(0.05), tap));
     for i in 0..100 {
         cycle.step(if i > 2 { ARM } else { NOTHING });

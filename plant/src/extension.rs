@@ -27,9 +27,9 @@
 
 use crate::bounds::{Bounds, RangeError};
 use crate::frames::{Attitude, BodyVelocity};
-use crate::prediction::Linearised;
+use crate::icr_parameters::{HorizontalIcrs, SlideGains};
+use crate::linearised::Linearised;
 use crate::speeds::{EncoderScale, MotorSpeeds, TreadSpeeds};
-use crate::vehicle::{HorizontalIcrs, SlideGains};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 

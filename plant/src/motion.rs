@@ -2,7 +2,6 @@
 
 use crate::frames::{Attitude, BodyVelocity, PlanarPose};
 use crate::speeds::TreadSpeeds;
-use crate::vehicle::Vehicle;
 
 /// Where the vehicle is when its motion is computed.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -65,29 +64,4 @@ pub trait MotionModel {
         treads: TreadSpeeds,
         dt_s: f64,
     ) -> Result<BodyVelocity, MotionError>;
-}
-
-/// Motion by the exact ICR models: what the vehicle does if the model is the truth.
-#[derive(Debug, Clone, PartialEq)]
-pub struct IcrMotion {
-    /// The vehicle whose ICRs move it.
-    pub vehicle: Vehicle,
-    /// Whether the ICRs move with the attitude (ICRIK), with the terms of the vehicle's extension where
-    /// it has one, or stay as on level ground (ICRHK).
-    pub inclined: bool,
-}
-
-impl MotionModel for IcrMotion {
-    fn body_velocity(
-        &mut self,
-        ground: &GroundState,
-        treads: TreadSpeeds,
-        _dt_s: f64,
-    ) -> Result<BodyVelocity, MotionError> {
-        Ok(if self.inclined {
-            self.vehicle.extended_velocity(ground.attitude, treads)
-        } else {
-            self.vehicle.icrhk().body_velocity(treads)
-        })
-    }
 }

@@ -21,10 +21,10 @@
 
 use crate::extension::ExtensionGains;
 use crate::frames::{Attitude, BodyVelocity};
+pub use crate::linearised::{Linearised, LinearisedRate, LinearisedStep};
 use crate::slip_gains::{SlipGains, Terms};
 use crate::speeds::MotorSpeeds;
 use crate::vehicle::Vehicle;
-pub use linearised::{Linearised, LinearisedRate, LinearisedStep};
 use nalgebra::Vector3;
 pub use plane::{Placed, increment_on_plane, rate_on_plane, step_on_plane};
 
@@ -259,7 +259,6 @@ impl PredictionModel {
     }
 }
 
-mod linearised;
 mod plane;
 #[cfg(test)]
 mod tests;

@@ -1,14 +1,16 @@
 //! Parameters of a vehicle, validated once when they are read.
 
-mod parameters;
+mod motion;
+mod turning;
 
-pub use parameters::{HorizontalIcrs, SlideGains};
+pub use motion::IcrMotion;
 
 use crate::bounds::Bounds;
 pub use crate::bounds::RangeError;
 use crate::contact::{CentreOfMass, ContactVehicle, KnownContact};
 use crate::extension::{Extension, ExtensionGains, RawExtension};
 use crate::frames::{Attitude, BodyVelocity};
+pub use crate::icr_parameters::{HorizontalIcrs, SlideGains};
 pub use crate::speeds::EncoderScale as SpeedCorrection;
 use crate::speeds::{EncoderScale, TreadSpeeds};
 use serde::{Deserialize, Serialize};

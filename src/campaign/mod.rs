@@ -5,7 +5,6 @@ mod report;
 mod results;
 mod summary;
 mod table;
-#[cfg(feature = "drive")]
 mod worst;
 
 pub use results::Results;
@@ -46,7 +45,6 @@ pub struct CampaignArgs {
     pub threads: Option<usize>,
     /// Record the N worst runs, those that did not complete first, into the folder of the results with
     /// the ending .worst: `sidehill replay` reads them.
-    #[cfg(feature = "drive")]
     #[arg(long, value_name = "N")]
     pub keep_worst: Option<usize>,
     /// Write the scenario of one run, for `simulate`, to --out instead.
@@ -122,7 +120,6 @@ pub fn run(args: &CampaignArgs) -> Result<()> {
     })?;
     bar.finish();
     let rows = Table::of(&campaign)?.rows(&results.finish()?)?;
-    #[cfg(feature = "drive")]
     if let Some(count) = args.keep_worst {
         for file in worst::keep(&campaign, &rows, count, out)? {
             console::complain(format_args!("recorded {}", file.display()));

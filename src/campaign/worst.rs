@@ -5,8 +5,8 @@ use crate::closed_loop;
 use crate::config::{Bundle, Campaign, Overrides, Scenario};
 use crate::recording::{self, SimulationRecording};
 use anyhow::{Context, Result, bail};
-use sidehill_bridge::recording::{RecordLimits, Sinks};
 use sidehill_controller::config::ControllerKind;
+use sidehill_recording::{RecordLimits, Sinks};
 use std::cmp::Ordering;
 use std::path::{Path, PathBuf};
 

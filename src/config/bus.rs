@@ -1,9 +1,9 @@
 //! The layout of a CAN bus, for `run` and `vehicle`.
 
 use super::{ConfigError, ConfigFile};
-use sidehill_bridge::can::config::CanConfig;
-use sidehill_bridge::can::database::Database;
-use sidehill_bridge::can::layout::Layout;
+use sidehill_can::config::CanConfig;
+use sidehill_can::database::Database;
+use sidehill_can::layout::Layout;
 use std::path::Path;
 
 /// Returns the layout of the bus in a file and the database it names.

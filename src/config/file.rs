@@ -87,7 +87,7 @@ enum Origin {
 }
 
 /// Files by their paths. Missing ones are read from disk and added, so that another machine can use the same files.
-pub(crate) type Bundle = Arc<Mutex<BTreeMap<PathBuf, String>>>;
+pub type Bundle = Arc<Mutex<BTreeMap<PathBuf, String>>>;
 
 impl ConfigFile {
     /// Reads a file from disk.
@@ -113,10 +113,23 @@ impl ConfigFile {
                 message: reason.to_owned(),
             });
         }
-        let text = String::from_utf8(bytes).map_err(|error| ConfigError::Content {
-            file: path.display().to_string(),
-            message: format!("is not UTF-8 text: {}", error.utf8_error()),
-        })?;
+        let text = match String::from_utf8(bytes) {
+            Ok(text) => text,
+            // Editors of CAN databases write Windows-1252. Only comments and units have such letters, which nothing reads.
+            Err(error)
+                if path
+                    .extension()
+                    .is_some_and(|ending| ending.eq_ignore_ascii_case("dbc")) =>
+            {
+                String::from_utf8_lossy(error.as_bytes()).into_owned()
+            }
+            Err(error) => {
+                return Err(ConfigError::Content {
+                    file: path.display().to_string(),
+                    message: format!("is not UTF-8 text: {}", error.utf8_error()),
+                });
+            }
+        };
         Ok(Self::with_text(path, text))
     }
 
@@ -193,7 +206,7 @@ impl ConfigFile {
     }
 
     /// Returns this file, with the files it names read from, and added to, a bundle.
-    pub(crate) fn with_bundle(self, files: Bundle) -> Self {
+    pub fn with_bundle(self, files: Bundle) -> Self {
         let built_in = matches!(self.origin, Origin::BuiltIn);
         Self {
             origin: Origin::Bundle { files, built_in },

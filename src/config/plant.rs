@@ -4,8 +4,9 @@ use super::variation::VehicleVariation;
 use serde::Deserialize;
 use sidehill_plant::bounds::RangeError;
 use sidehill_plant::contact::{ContactModel, ContactVehicle, FrictionField, Parameter};
-use sidehill_plant::motion::{IcrMotion, MotionModel};
+use sidehill_plant::motion::MotionModel;
 use sidehill_plant::speeds::EncoderScale;
+use sidehill_plant::vehicle::IcrMotion;
 use sidehill_plant::vehicle::{HorizontalIcrs, SlideGains, Vehicle};
 use std::path::PathBuf;
 

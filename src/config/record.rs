@@ -2,7 +2,7 @@
 
 use super::{ConfigError, ConfigFile};
 use serde::Deserialize;
-use sidehill_bridge::recording::RecordLimits;
+use sidehill_recording::RecordLimits;
 use std::path::{Path, PathBuf};
 
 /// Where a drive is recorded, and how large the recording may become.

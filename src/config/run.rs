@@ -7,16 +7,14 @@ use super::virtual_rover::VehicleConfig;
 use super::{ConfigError, ConfigFile};
 use crate::learned::KeptFile;
 use serde::Deserialize;
-use sidehill_bridge::can::layout::Layout;
 use sidehill_bridge::control_loop::CycleConfig;
 use sidehill_bridge::control_loop::scheduling::RealtimeConfig;
-use sidehill_bridge::recording::RecordLimits;
-use sidehill_bridge::ros2::port::config::YawRateSource;
-use sidehill_bridge::ros2::port::convert::TwistMapping;
-use sidehill_bridge::ros2::server::config::Ros2Config;
-use sidehill_bridge::ros2::server::obstacles::StoppingSettings;
-use sidehill_bridge::ros2::server::route::RouteSettings;
+use sidehill_bridge::ros2::convert::TwistMapping;
+use sidehill_bridge::ros2::settings::server::Ros2Config;
+use sidehill_bridge::ros2::settings::topics::YawRateSource;
+use sidehill_bridge::rover::SimulatedPort;
 use sidehill_bridge::safety::SafetyConfig;
+use sidehill_can::layout::Layout;
 use sidehill_controller::config::{AttitudePreview, ControllerConfig, ControllerKind};
 use sidehill_controller::controller::Controller;
 use sidehill_controller::course::Course;
@@ -25,6 +23,7 @@ use sidehill_controller::reference::Reference;
 use sidehill_controller::speed_profile::SpeedConfig;
 use sidehill_plant::bounds::Bounds;
 use sidehill_plant::vehicle::Vehicle;
+use sidehill_recording::RecordLimits;
 use std::path::{Path, PathBuf};
 
 /// How `run` commands the drives.
@@ -189,15 +188,11 @@ impl RunConfig {
         self.port == RunPort::Ros2 || self.ros2.is_some()
     }
 
-    /// Returns the configuration of the ROS 2 server, and how its paths are driven.
+    /// Returns the configuration of the ROS 2 server.
     ///
     /// # Errors
     /// [`ConfigError`] with the file, key, value and range.
-    pub fn ros2(
-        &self,
-        file: &ConfigFile,
-        vehicle: &Vehicle,
-    ) -> Result<(Ros2Config, RouteSettings), ConfigError> {
+    pub fn ros2(&self, file: &ConfigFile, vehicle: &Vehicle) -> Result<Ros2Config, ConfigError> {
         let config = self.ros2.clone().unwrap_or_default();
         config
             .validate()
@@ -205,24 +200,7 @@ impl RunConfig {
             .map_err(|error| file.error(error))?;
         self.check_clock(file, &config)?;
         self.check_yaw_rate(file, &config)?;
-        let route = RouteSettings {
-            smoothing: config.smoothing,
-            limits: self.speed.limits(&self.settings.limits, vehicle),
-            tracked_point: self.settings.tracked_point,
-            use_orientations: config.follow_path.use_orientations,
-        };
-        Ok((config, route))
-    }
-
-    /// Returns how the vehicle stops ahead of an obstacle.
-    ///
-    /// The reaction time from a costmap to the treads is the time until the next check, a cycle, and the delay of a
-    /// command.
-    pub fn stopping(&self) -> StoppingSettings {
-        StoppingSettings {
-            deceleration_m_s2: self.safety.deceleration_m_s2,
-            reaction_s: StoppingSettings::CHECK_S + self.cycle.period_s + self.settings.delay_s(),
-        }
+        Ok(config)
     }
 
     /// Checks that the clock of the cycle can date the port's readings.
@@ -276,6 +254,19 @@ impl RunConfig {
         let vehicle_file = file.sibling(name)?;
         let config = vehicle_file.parse()?;
         Ok((vehicle_file, config))
+    }
+
+    /// Returns the virtual vehicle of port `simulated`, simulated in this process.
+    ///
+    /// # Errors
+    /// As [`RunConfig::simulated`], or the file at fault, key, value and range.
+    pub fn simulated_port(&self, file: &ConfigFile) -> Result<SimulatedPort, ConfigError> {
+        let (file, config) = self.simulated(file)?;
+        let world = config.world(&file)?;
+        let simulation = world.simulation().map_err(|error| file.error(error))?;
+        let encoder_scale = world.plant.encoder_scale();
+        SimulatedPort::new(simulation, world.step_s, encoder_scale, config.drive)
+            .map_err(|error| file.error(error))
     }
 }
 

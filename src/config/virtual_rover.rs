@@ -4,13 +4,15 @@ use super::bus::bus;
 use super::record::{RecordConfig, recording};
 use super::{ConfigError, ConfigFile, Overrides, PlantKind, Prepared, Scenario};
 use serde::Deserialize;
-use sidehill_bridge::can::layout::Layout;
-use sidehill_bridge::recording::RecordLimits;
-use sidehill_bridge::ros2::port::rover::VehicleNodeConfig;
-use sidehill_bridge::rover::{CanFault, DriveConfig, FaultWindow};
+use sidehill_bridge::ros2::rover::{RosVehicle, VehicleNodeConfig, VehicleSetup};
+use sidehill_bridge::rover::{DriveConfig, FaultWindow};
+use sidehill_can::layout::Layout;
+use sidehill_can::rover::{CanFault, CanRover, CanRoverSetup};
 use sidehill_plant::drive_train::DriveTrainConfig;
 use sidehill_plant::sensors::SensorsConfig;
+use sidehill_recording::RecordLimits;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 /// How a virtual vehicle is commanded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
@@ -96,6 +98,66 @@ impl VehicleConfig {
         world.drive_train = self.drive_train.unwrap_or(world.drive_train);
         world.sensors = self.sensors.unwrap_or(world.sensors);
         Ok(world)
+    }
+
+    /// Checks all that the vehicle is made of, without a bus or a graph.
+    ///
+    /// # Errors
+    /// As [`VehicleConfig::world`], and of its port.
+    pub fn check(&self, file: &ConfigFile) -> Result<(), ConfigError> {
+        self.recording(file, None)?;
+        let world = self.world(file)?;
+        match self.port {
+            VehiclePort::Can => {
+                let (_, layout) = self.bus(file)?;
+                self.can_rover(file, &world, Arc::new(layout)).map(drop)
+            }
+            VehiclePort::Ros2 => self.ros2_rover(file, &world, 0).map(drop),
+        }
+    }
+
+    /// Returns the vehicle in its world as it answers CAN frames, with its drives off.
+    ///
+    /// # Errors
+    /// [`ConfigError`] with the file, key, value and range.
+    pub fn can_rover(
+        &self,
+        file: &ConfigFile,
+        world: &Prepared,
+        layout: Arc<Layout>,
+    ) -> Result<CanRover, ConfigError> {
+        let setup = CanRoverSetup {
+            dt_s: world.step_s,
+            correction: world.plant.encoder_scale(),
+            drive: self.drive,
+            report_period_s: self.report_period_s,
+            faults: self.faults.clone(),
+        };
+        let simulation = world.simulation().map_err(|error| file.error(error))?;
+        CanRover::new(simulation, layout, setup).map_err(|error| file.error(error))
+    }
+
+    /// Returns the vehicle in its world as it is on the ROS 2 graph, with its drives off; `origin_ns` is the stamp
+    /// of its time 0.
+    ///
+    /// # Errors
+    /// [`ConfigError`] with the file, key, value and range.
+    pub fn ros2_rover(
+        &self,
+        file: &ConfigFile,
+        world: &Prepared,
+        origin_ns: i64,
+    ) -> Result<RosVehicle, ConfigError> {
+        let setup = VehicleSetup {
+            dt_s: world.step_s,
+            correction: world.plant.encoder_scale(),
+            vehicle: &world.vehicle,
+            drive: self.drive,
+            report_period_s: self.report_period_s,
+            origin_ns,
+        };
+        let simulation = world.simulation().map_err(|error| file.error(error))?;
+        RosVehicle::new(simulation, &setup, self.ros2.clone()).map_err(|error| file.error(error))
     }
 
     /// Returns interface and layout of the bus.

@@ -3,8 +3,8 @@
 use super::fixes::Fixes;
 use super::positions::Positions;
 use anyhow::{Result, bail, ensure};
-use sidehill_bridge::ros2::node::conversions::{from_pose, nanoseconds};
-use sidehill_bridge::ros2::positions::PositionMessage;
+use sidehill_bridge::ros2::conversions::{from_pose, nanoseconds};
+use sidehill_bridge::ros2::position::PositionMessage;
 
 /// Positions collected so far.
 #[derive(Default)]
@@ -52,10 +52,12 @@ impl LivePositions {
     /// Returns the positions.
     pub fn finish(mut self) -> Positions {
         let origin = self.fixes.origin();
+        let has_heights = self.fixes.has_heights();
         self.points_m.extend(self.fixes.positions_m());
         Positions {
             points_m: self.points_m,
             origin,
+            has_heights,
             notes: Vec::new(),
         }
     }
@@ -64,7 +66,7 @@ impl LivePositions {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use sidehill_bridge::ros2::node::message::{NavSatFix, NavSatStatus, Odometry};
+    use sidehill_bridge::ros2::message::{NavSatFix, NavSatStatus, Odometry};
 
     fn odometry(frame: &str, x_m: f64, w: f64) -> Odometry {
         let mut odometry = Odometry::default();

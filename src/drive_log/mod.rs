@@ -1,38 +1,28 @@
 //! Logs of drives: CSV with a column map and ROS 2 bags with a topic map, both converted to the same rows.
 
-#[cfg(feature = "drive")]
 mod choice;
-#[cfg(feature = "drive")]
 mod fixes;
-#[cfg(feature = "drive")]
 mod interpolation;
-#[cfg(feature = "drive")]
 mod joints;
-#[cfg(feature = "drive")]
 mod live_positions;
-#[cfg(feature = "drive")]
+mod own;
 mod positions;
-#[cfg(feature = "drive")]
 mod rows;
-#[cfg(feature = "drive")]
 mod series;
 #[cfg(test)]
 mod tests;
 mod topics;
-#[cfg(feature = "drive")]
 mod transform_poses;
 
-#[cfg(feature = "drive")]
 pub use choice::Chosen;
-#[cfg(feature = "drive")]
 pub use live_positions::LivePositions;
-#[cfg(feature = "drive")]
 pub use positions::{Positions, positions};
-pub use topics::{AttitudeTopic, PoseTopic, StampSource, TopicMap, TreadSpeedTopic};
+pub use topics::{AttitudeTopic, ImuAxes, PoseTopic, StampSource, TopicMap, TreadSpeedTopic};
 
-use crate::config::{ConfigFile, no_text};
+use crate::config::ConfigFile;
 use crate::console;
-use anyhow::{Context, Result, bail};
+use crate::log_file;
+use anyhow::{Context, Result};
 use sidehill_plant::log::{ColumnMap, DriveLog};
 use std::path::{Path, PathBuf};
 
@@ -46,6 +36,10 @@ pub struct LogArgs {
     /// YAML file that names the topics of logs that are ROS 2 bags (a folder, .mcap or .db3).
     #[arg(long, value_name = "FILE")]
     pub topics: Option<PathBuf>,
+    /// Largest size of a log, and of what one of its files decompresses to, bytes; by default 1 GB for
+    /// CSV, and for a file of a bag 64 MB or 50 times its size, whichever is more.
+    #[arg(long, value_name = "BYTES")]
+    pub max_bytes: Option<u64>,
 }
 
 /// Reads logs by their maps.
@@ -54,6 +48,7 @@ pub struct LogReader {
     columns: ColumnMap,
     /// With the name of its file.
     topics: Option<(String, TopicMap)>,
+    max_bytes: Option<u64>,
 }
 
 impl LogReader {
@@ -74,7 +69,11 @@ impl LogReader {
             }
             None => None,
         };
-        Ok(Self { columns, topics })
+        Ok(Self {
+            columns,
+            topics,
+            max_bytes: args.max_bytes,
+        })
     }
 
     /// Returns the log of a file or bag, and prints warnings about it.
@@ -84,18 +83,27 @@ impl LogReader {
     pub fn read(&self, path: &Path) -> Result<DriveLog> {
         let name = || path.display().to_string();
         let log = self.read_rows(path)?;
+        for note in log.notes() {
+            console::complain(format_args!("{}: note: {note}", name()));
+        }
         for suspicion in log.suspicions() {
             console::complain(format_args!("{}: warning: {suspicion}", name()));
         }
         Ok(log)
     }
 
-    #[cfg(feature = "drive")]
     fn read_rows(&self, path: &Path) -> Result<DriveLog> {
         if !crate::bag::is_bag(path) {
             return self.read_csv(path);
         }
-        let bag = crate::bag::Bag::open(path)?;
+        if let (None, Some(series)) = (&self.topics, own::read(path)?) {
+            let (log, notes) = rows::rows(&path.display().to_string(), series)?;
+            for note in &notes {
+                console::complain(format_args!("{}: note: {note}", path.display()));
+            }
+            return Ok(log);
+        }
+        let bag = crate::bag::Bag::open(path, self.max_bytes)?;
         let chosen = Chosen::of(&bag, self.topics.as_ref())?;
         let (log, notes) = rows::log(&bag, &chosen)?;
         for note in bag.notes().iter().chain(&chosen.notes).chain(&notes) {
@@ -104,18 +112,8 @@ impl LogReader {
         Ok(log)
     }
 
-    #[cfg(not(feature = "drive"))]
-    fn read_rows(&self, path: &Path) -> Result<DriveLog> {
-        anyhow::ensure!(self.topics.is_none(), "--topics: this build reads no bags");
-        self.read_csv(path)
-    }
-
     fn read_csv(&self, path: &Path) -> Result<DriveLog> {
-        let name = || path.display().to_string();
-        let bytes = std::fs::read(path).with_context(name)?;
-        if let Some(reason) = no_text(&bytes) {
-            bail!("{}: {reason}", name());
-        }
-        DriveLog::read(bytes.as_slice(), &self.columns).with_context(name)
+        let source = log_file::open(path, self.max_bytes)?;
+        DriveLog::read(source, &self.columns).with_context(|| path.display().to_string())
     }
 }

@@ -1,7 +1,7 @@
 //! Poses of the vehicle from transforms between frames.
 
 use nalgebra::{Isometry3, UnitQuaternion};
-use sidehill_bridge::ros2::node::transforms::Transforms;
+use sidehill_bridge::ros2::transforms::Transforms;
 use std::collections::BTreeMap;
 
 /// Age up to which a slower transform on the way, such as that of a localisation, holds, s.

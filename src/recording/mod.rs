@@ -1,60 +1,56 @@
 //! `--record`: the header of recordings, and the recording of simulations.
 
-mod drive;
 mod simulation;
-mod vehicle;
 
-pub(crate) use drive::DriveRecording;
 pub use simulation::SimulationRecording;
-pub(crate) use vehicle::VehicleRecording;
 
 use crate::config::{Bundle, ConfigFile};
 use crate::console;
 use crate::output;
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use serde_json::Value;
-use sidehill_bridge::recording::live::{LiveView, PlaybackControl, Values};
-use sidehill_bridge::recording::{Header, Marker, McapRecording, RecordLimits, ground};
 use sidehill_controller::config::{ControllerConfig, ControllerKind};
 use sidehill_controller::path::Path as Curve;
 use sidehill_plant::terrain::Terrain;
+use sidehill_recording::live::{LiveView, PlaybackControl, Values};
+use sidehill_recording::{Header, Marker, McapRecording, RecordLimits, ground};
 use std::net::SocketAddr;
 use std::path::Path;
 use std::sync::PoisonError;
 use std::time::{SystemTime, UNIX_EPOCH};
 
 /// Names of the facts in the header of a recording.
-pub(crate) mod fact {
+pub mod fact {
     /// Version of the program.
-    pub(crate) const VERSION: &str = "version";
+    pub const VERSION: &str = "version";
     /// Machine it was built for.
-    pub(crate) const TARGET: &str = "target";
+    pub const TARGET: &str = "target";
     /// Subcommand.
-    pub(crate) const COMMAND: &str = "command";
+    pub const COMMAND: &str = "command";
     /// Name of its configuration file.
-    pub(crate) const CONFIG: &str = "config";
+    pub const CONFIG: &str = "config";
     /// Name of the controller.
-    pub(crate) const CONTROLLER: &str = "controller";
+    pub const CONTROLLER: &str = "controller";
     /// Number shared by all files of a recording.
-    pub(crate) const RECORDING: &str = "recording";
+    pub const RECORDING: &str = "recording";
     /// Plant that replaced the scenario's.
-    pub(crate) const PLANT: &str = "plant";
+    pub const PLANT: &str = "plant";
     /// Seed that replaced the scenario's.
-    pub(crate) const SEED: &str = "seed";
+    pub const SEED: &str = "seed";
     /// Path that replaced the scenario's.
-    pub(crate) const PATH: &str = "path";
+    pub const PATH: &str = "path";
     /// Text of the file of learned parameters that the controller started from.
-    pub(crate) const LEARNED: &str = "learned";
+    pub const LEARNED: &str = "learned";
 }
 
 /// Returns the machine that this program was built for.
-pub(crate) fn target() -> String {
+pub fn target() -> String {
     format!("{}-{}", std::env::consts::ARCH, std::env::consts::OS)
 }
 
 /// Returns the header of a recording: the configuration `file` in use, all files read with it into `bundle`, and
 /// the settings of the command line.
-pub(crate) fn header(
+pub fn header(
     command: &str,
     kind: Option<ControllerKind>,
     file: &ConfigFile,
@@ -96,25 +92,44 @@ pub(crate) fn header(
 ///
 /// # Errors
 /// A file that exists and must not be overwritten, or an I/O error.
-pub(crate) fn create(
+pub fn create(
     path: &Path,
     header: Header,
     limits: RecordLimits,
     force: bool,
 ) -> Result<McapRecording> {
-    output::check_free(&[path], force)?;
-    McapRecording::create(path, header, limits)
+    check_free(path, force)?;
+    McapRecording::create(path, header, limits, force)
         .with_context(|| format!("{}: cannot be written", path.display()))
 }
 
+/// Checks that a recording can begin at `path` without replacing or continuing an earlier one.
+///
+/// # Errors
+/// Names the file that is there, unless `force`; or a folder that is missing or cannot be written.
+pub fn check_free(path: &Path, force: bool) -> Result<()> {
+    output::check_writable(path, force)?;
+    let present = McapRecording::present(path)
+        .with_context(|| format!("{}: cannot be written", path.display()))?;
+    if let (Some((_, first)), false) = (present.first(), force) {
+        bail!(
+            "{}: exists already and may be part of an earlier recording; name another file, or allow both with \
+             --force, which replaces {} and no other file",
+            first.display(),
+            path.display()
+        );
+    }
+    Ok(())
+}
+
 /// Default address of the live view: this machine only.
-pub(crate) const LIVE: &str = "127.0.0.1:8765";
+pub const LIVE: &str = "127.0.0.1:8765";
 
 /// Starts the live view if requested, and prints its address.
 ///
 /// # Errors
 /// An address that cannot be listened to.
-pub(crate) fn live(
+pub fn live(
     address: Option<SocketAddr>,
     config: Option<&ControllerConfig>,
 ) -> Result<Option<LiveView>> {
@@ -131,7 +146,7 @@ pub(crate) fn live(
 ///
 /// # Errors
 /// An address that cannot be listened to.
-pub(crate) fn playback(
+pub fn playback(
     address: SocketAddr,
     config: &ControllerConfig,
     range_ns: [u64; 2],
@@ -183,7 +198,7 @@ fn flatten(name: &str, value: &Value, into: &mut Values) {
 const GROUND_MARGIN_M: f64 = 5.0;
 
 /// Returns the ground around a path.
-pub(crate) fn ground_around(terrain: &Terrain, path: Option<&Curve>) -> Marker {
+pub fn ground_around(terrain: &Terrain, path: Option<&Curve>) -> Marker {
     let mut low = [f64::INFINITY; 2];
     let mut high = [f64::NEG_INFINITY; 2];
     if let Some(path) = path {
@@ -204,4 +219,4 @@ pub(crate) fn ground_around(terrain: &Terrain, path: Option<&Curve>) -> Marker {
 }
 
 /// Interval between state messages, s.
-pub(crate) const DIAGNOSTICS_PERIOD_S: f64 = 1.0;
+pub const DIAGNOSTICS_PERIOD_S: f64 = 1.0;

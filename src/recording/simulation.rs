@@ -1,13 +1,12 @@
 use super::{DIAGNOSTICS_PERIOD_S, ground_around};
 use crate::closed_loop::Observer;
 use anyhow::Result;
-use sidehill_bridge::recording::{
-    DriveMessages, GeneralState, PathRecord, PlanView, RecordingStatus, Sinks, StepRecord,
-};
+use sidehill_bridge::control_loop::tap::{PathRecord, PlanView, StepRecord};
 use sidehill_controller::closed_loop::Cycle;
 use sidehill_controller::controller::Controller;
 use sidehill_plant::terrain::Terrain;
 use sidehill_plant::vehicle::Vehicle;
+use sidehill_recording::{DriveMessages, GeneralState, RecordingStatus, Sinks};
 use std::time::{Duration, Instant};
 
 /// Records or shows a simulation, whose time starts at 0.

@@ -2,7 +2,7 @@
 
 use anyhow::{Result, bail};
 use serde::Serialize;
-use sidehill_bridge::recording::{ControllerCycle, Recording};
+use sidehill_recording::{ControllerCycle, Recording};
 
 /// Time before arming that must be recorded, s: the controller uses its commands of the last second.
 const BEFORE_S: f64 = 1.0;

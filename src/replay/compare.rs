@@ -2,8 +2,8 @@
 
 use super::step::Step;
 use serde::Serialize;
-use sidehill_bridge::recording::ControllerCycle;
 use sidehill_plant::speeds::MotorSpeeds;
+use sidehill_recording::ControllerCycle;
 
 /// The first cycle that differs.
 #[derive(Debug, Clone, PartialEq, Serialize)]

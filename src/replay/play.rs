@@ -1,10 +1,10 @@
 //! Plays a recording in the live view, at its recorded pace or the one a client requests.
 
 use anyhow::{Context, Result};
-use sidehill_bridge::recording::live::{
+use sidehill_recording::live::{
     LiveView, PlaybackControl, PlaybackRequest, PlaybackState, PlaybackStatus,
 };
-use sidehill_bridge::recording::{MessageSink, Recording, Topic, scan};
+use sidehill_recording::{MessageSink, Recording, Topic, scan};
 use std::time::{Duration, Instant};
 
 /// Longest pause between two messages; longer gaps in a recording are shortened to it.

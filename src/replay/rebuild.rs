@@ -6,7 +6,7 @@ use crate::config::{ConfigFile, Overrides, PlantKind, Prepared, RunConfig, RunPo
 use crate::learned::LearnedFile;
 use crate::recording::fact;
 use anyhow::{Context, Result, anyhow, ensure};
-use sidehill_bridge::recording::{RecordedPath, Recording};
+use sidehill_bridge::control_loop::tap::RecordedPath;
 use sidehill_controller::closed_loop::Cycle;
 use sidehill_controller::config::{ControllerConfig, ControllerKind};
 use sidehill_controller::controller::Controller;
@@ -14,6 +14,7 @@ use sidehill_controller::reference::Reference;
 use sidehill_plant::frames::PlanarPose;
 use sidehill_plant::terrain::{PlaneTerrain, Terrain};
 use sidehill_plant::vehicle::Vehicle;
+use sidehill_recording::Recording;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 
@@ -268,7 +269,7 @@ impl Rebuilt {
 }
 
 /// Returns the plane on which the vehicle stood on average.
-fn slope(recording: &Recording) -> Result<Terrain> {
+pub(super) fn slope(recording: &Recording) -> Result<Terrain> {
     use sidehill_plant::frames::Attitude;
     let mut normal = [0.0; 3];
     for cycle in recording

@@ -5,8 +5,9 @@ use super::rebuild::Rebuilt;
 use super::step::Step;
 use anyhow::{Context, Result};
 use sidehill_bridge::control_loop::runner::engage;
-use sidehill_bridge::recording::{PathRecord, Recording};
+use sidehill_bridge::control_loop::tap::PathRecord;
 use sidehill_controller::controller::Controller;
+use sidehill_recording::Recording;
 
 /// Returns the decisions, from `begin` on, of a controller with the recorded inputs in their order. The solver of a
 /// `changed` controller is not cut short where the recorded one was.

@@ -4,7 +4,6 @@
 mod objective;
 mod options;
 mod outcome;
-#[cfg(feature = "drive")]
 mod recorded;
 mod report;
 mod search;
@@ -110,6 +109,18 @@ fn search_on(
     if !before.iter().any(|run| run.completed) {
         bail!("no run is completed under the present settings; there is nothing to compare with");
     }
+    if let [first, others @ ..] = before.as_slice()
+        && !others.is_empty()
+        && others.iter().all(|run| run == first)
+    {
+        bail!(
+            "{}: its {} training runs are equal: no seed or draw changes anything, so they are one run and prove \
+             nothing; give the scenario noise (`sensors`, `model_error` or --conditions of a campaign), or name a campaign \
+             with `draws`",
+            subject.name,
+            before.len()
+        );
+    }
     // The held-out runs are driven twice, with present and with found settings.
     let count = |runs: &Range<u32>| f64::from(runs.end - runs.start);
     let share = 2.0 * count(&subject.held_out) / count(&subject.training);
@@ -161,8 +172,9 @@ fn search_name(subject: &Subject<'_>, options: &Options) -> String {
         .map(|setting| setting.before.to_string())
         .collect();
     format!(
-        "{} controller {} factor {} calmness {} training {} before {}",
+        "{} build {} controller {} factor {} calmness {} training {} before {}",
         subject.fingerprint,
+        crate::config::BUILD,
         subject.controller.name(),
         options.factor,
         options.calmness,
@@ -226,7 +238,6 @@ pub fn run(args: &TuneArgs) -> Result<ExitCode> {
     })
 }
 
-#[cfg(feature = "drive")]
 fn of_recording(
     recording: &Path,
     options: &Options,
@@ -236,14 +247,4 @@ fn of_recording(
     options.check()?;
     let subject = recorded::subject(recording, options)?;
     search_on(&subject, options, Some(tried), report)
-}
-
-#[cfg(not(feature = "drive"))]
-fn of_recording(
-    recording: &Path,
-    _: &Options,
-    _: &Path,
-    _: impl FnMut(u32, f64) -> Result<()>,
-) -> Result<Outcome> {
-    bail!("{}: this build reads no recordings", recording.display())
 }

@@ -8,11 +8,11 @@ use crate::config::find;
 use crate::replay::{Changes, Rebuilt};
 use anyhow::{Context, Result, bail, ensure};
 use serde_yaml::{Mapping, Value};
-use sidehill_bridge::recording::Recording;
 use sidehill_controller::config::ControllerConfig;
 use sidehill_controller::controller::Controller;
 use sidehill_plant::frames::PlanarPose;
 use sidehill_plant::sample::Sample;
+use sidehill_recording::Recording;
 use std::ops::Range;
 use std::path::Path;
 

@@ -2,9 +2,10 @@
 use crate::configured::configuration;
 use proptest::prelude::*;
 use sidehill::check::check;
-use sidehill::config::{ConfigFile, Overrides, RunConfig, Scenario, VehicleConfig, load_layout};
+use sidehill::config::{
+    ConfigFile, LiveOdometryConfig, Overrides, RunConfig, Scenario, VehicleConfig, load_layout,
+};
 use sidehill::drive_log::TopicMap;
-use sidehill::live_odometry::LiveOdometryConfig;
 use sidehill_plant::contact::ContactVehicle;
 use sidehill_plant::vehicle::Vehicle;
 use std::cell::RefCell;

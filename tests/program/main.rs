@@ -3,30 +3,19 @@
 // The lints' exceptions for tests do not reach helper functions.
 #![allow(clippy::unwrap_used, clippy::panic, clippy::print_stdout)]
 
-#[path = "../support/configuration.rs"]
-mod configured;
-#[path = "../support/program.rs"]
-mod program;
-#[path = "../support/running.rs"]
-mod running;
-
 mod campaign;
 mod check;
 mod configuration;
-mod guide;
-#[path = "../support/guide_blocks.rs"]
-mod guide_blocks;
+mod configured;
 mod icr;
 mod identify;
 mod loaders;
 mod mistakes;
 mod odometry;
 mod paths;
+mod program;
 mod readme;
 mod replay;
-mod replay_open_loop;
-mod ros2_client;
-mod run;
 mod schema;
 mod simulate;
 mod simulate_output;

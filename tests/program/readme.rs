@@ -44,7 +44,7 @@ fn commands(page: &str) -> Vec<Vec<String>> {
             let end = rest.find(['`', '#', '|']).unwrap_or(rest.len());
             rest[..end]
                 .split_whitespace()
-                .skip_while(|word| *word == "--")
+                .skip_while(|word| ["-p", "sidehill-drive", "--"].contains(word))
                 // The rest is for ROS, not for the program's own parser.
                 .take_while(|word| *word != "--ros-args")
                 .map(str::to_owned)

@@ -9,8 +9,8 @@
 //! kind.
 
 use super::record::CycleRow;
+use super::tap::{PathLog, PathRecord, RecordedPath};
 use super::timing::LoopTiming;
-use crate::recording::{PathLog, PathRecord, RecordedPath};
 use crate::safety::{OperatorRequests, Reason, SafetyState, StopCause};
 use sidehill_controller::controller::{Controller, Decision};
 use sidehill_controller::reference::Reference;

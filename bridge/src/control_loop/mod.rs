@@ -18,6 +18,7 @@ mod run;
 pub mod runner;
 pub mod scheduling;
 mod setup;
+pub mod tap;
 mod timing;
 
 pub use config::CycleConfig;

@@ -112,7 +112,7 @@ impl<P: Port, R: ControllerRunner> ControlLoop<P, R> {
     }
 
     /// Runs one cycle with the local requests and those from the channel.
-    pub(crate) fn step_with(
+    pub fn step_with(
         &mut self,
         requests: OperatorRequests,
         channel: Option<&mut LoopEnd>,

@@ -2,7 +2,7 @@
 
 use super::channel::ControllerEnd;
 use super::learned::LearnedOutlet;
-use crate::recording::ControllerTap;
+use super::tap::ControllerTap;
 use crate::safety::{ControllerOutput, ControllerState};
 use sidehill_controller::controller::{Controller, Decision, Status};
 use sidehill_plant::sample::Sample;
@@ -70,7 +70,8 @@ impl InlineRunner {
         Self::with_channel(controller, None, Some(tap))
     }
 
-    pub(crate) fn with_channel(
+    /// Returns a runner that takes paths from a channel and whose steps are recorded, where they are given.
+    pub fn with_channel(
         mut controller: Controller,
         channel: Option<ControllerEnd>,
         tap: Option<ControllerTap>,

@@ -29,4 +29,4 @@ pub trait InputStatus: Send {
 }
 
 /// An input that is older than this is missing, s.
-pub(crate) const MISSING_AFTER_S: f64 = 1.0;
+pub const MISSING_AFTER_S: f64 = 1.0;

@@ -10,9 +10,9 @@ mod port;
 mod vocabulary;
 
 pub use clock::{Clock, Epoch, ExternalClock};
-pub(crate) use inputs::MISSING_AFTER_S;
+pub use inputs::MISSING_AFTER_S;
 pub use inputs::{Input, InputStatus};
 pub use motors::{MeasuredMotorSpeeds, MotorCommand};
-pub(crate) use port::newer;
+pub use port::newer;
 pub use port::{Port, PortInputs};
 pub use vocabulary::{DriveCommand, DriveFeedback, DriveMode, LinkState, SendError};

@@ -52,7 +52,7 @@ impl<P: Port + ?Sized> Port for Box<P> {
 }
 
 /// Returns a reading that is newer than the one delivered last.
-pub(crate) fn newer<T>(reading: Option<Stamped<T>>, delivered_s: &mut f64) -> Option<Stamped<T>> {
+pub fn newer<T>(reading: Option<Stamped<T>>, delivered_s: &mut f64) -> Option<Stamped<T>> {
     let reading = reading.filter(|reading| reading.time_s > *delivered_s)?;
     *delivered_s = reading.time_s;
     Some(reading)

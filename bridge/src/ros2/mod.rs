@@ -1,18 +1,15 @@
-//! A controller server and a virtual rover on the ROS 2 graph, without a ROS installation:
-//! `ros2-client` over RustDDS is compiled in.
+//! What is known of ROS 2 without a middleware: messages, conversions, names, arguments and settings.
 //!
-//! ```text
-//! server   FollowPath: goals, parameters, telemetry
-//! odometry slope-corrected odometry without a controller
-//! positions where the vehicle is, for recording a path
-//! port     drives and sensors over topics
-//! node     what rclcpp would give: names, arguments, QoS, parameters, lifecycle, time, transforms
-//! ```
-//!
-//! Each part uses those below it only.
+//! Programs that read bags or check configurations need no more; the crate `sidehill-ros2` puts it on the graph.
 
-pub mod node;
+pub mod arguments;
+pub mod conversions;
+pub mod convert;
+pub mod joints;
+pub mod message;
+pub mod names;
 pub mod odometry;
-pub mod port;
-pub mod positions;
-pub mod server;
+pub mod position;
+pub mod rover;
+pub mod settings;
+pub mod transforms;

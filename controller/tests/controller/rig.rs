@@ -9,12 +9,12 @@ use sidehill_controller::trajectory::Trajectory;
 use sidehill_plant::contact::CentreOfMass;
 use sidehill_plant::drive_train::DriveTrainConfig;
 use sidehill_plant::frames::PlanarPose;
-use sidehill_plant::motion::IcrMotion;
 use sidehill_plant::sample::Sample;
 use sidehill_plant::sensors::SensorsConfig;
 use sidehill_plant::simulation::{Simulation, SimulationSetup};
 use sidehill_plant::speeds::MotorSpeeds;
 use sidehill_plant::terrain::{PlaneTerrain, Terrain};
+use sidehill_plant::vehicle::IcrMotion;
 use sidehill_plant::vehicle::Vehicle;
 use std::time::Instant;
 

@@ -51,7 +51,6 @@
 
 mod balance;
 mod friction;
-mod from_icrs;
 mod known;
 mod loads;
 mod model;

@@ -1,8 +1,8 @@
 use super::*;
 use crate::dead_reckoning::{Motion, advance};
-use crate::motion::IcrMotion;
 use crate::terrain::PlaneTerrain;
 use crate::test_support::motors;
+use crate::vehicle::IcrMotion;
 use crate::vehicle::Vehicle;
 use proptest::prelude::*;
 

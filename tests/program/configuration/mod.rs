@@ -13,7 +13,7 @@ use crate::{repository, text};
 use serde_yaml::{Mapping, Value};
 use sidehill_bridge::control_loop::CycleConfig;
 use sidehill_bridge::control_loop::scheduling::RealtimeConfig;
-use sidehill_bridge::ros2::server::config::Ros2Config;
+use sidehill_bridge::ros2::settings::server::Ros2Config;
 use sidehill_bridge::safety::SafetyConfig;
 use sidehill_controller::config::ControllerConfig;
 use sidehill_plant::drive_train::DriveTrainConfig;

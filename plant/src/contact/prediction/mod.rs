@@ -29,7 +29,7 @@ use super::parameters::{Parameter, ParameterVector};
 use super::vehicle::ContactVehicle;
 use crate::bounds::RangeError;
 use crate::frames::{Attitude, BodyVelocity, Tilt};
-use crate::prediction::Linearised;
+use crate::linearised::Linearised;
 use crate::speeds::{MotorSpeeds, TreadSpeeds};
 
 pub use following::{BodyState, Followed, Following, Lag};

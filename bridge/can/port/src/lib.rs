@@ -1,0 +1,16 @@
+//! Drives and sensors on a CAN bus, over SocketCAN.
+//!
+//! What the frames mean is `sidehill-can`'s.
+
+mod bus_monitor;
+mod inputs;
+mod port;
+mod record;
+mod sender;
+mod system;
+
+pub use bus_monitor::{BusEvent, BusMonitor, RestartAnswer};
+pub use inputs::CanInputs;
+pub use port::CanPort;
+pub use record::CanRecord;
+pub use sender::Sender;

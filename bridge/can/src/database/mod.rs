@@ -1,0 +1,283 @@
+//! The CAN database: messages and signals by name, from the text of a DBC file.
+
+mod error;
+
+pub use error::{DatabaseError, DatabaseFault};
+
+use super::frame::{EXTENDED_ID_MAX, FrameId, STANDARD_ID_MAX};
+use super::signal::{BitOrder, RawKind, SignalCodec};
+use can_dbc::{
+    ByteOrder, Dbc, MessageId, MultiplexIndicator, NumericValue, SignalExtendedValueType, ValueType,
+};
+
+/// A database and the name of its file, which every error carries.
+#[derive(Debug, Clone)]
+pub struct Database {
+    file: String,
+    dbc: Dbc,
+}
+
+/// A signal and, where it is multiplexed, the switch that must show its page.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Signal {
+    /// Place and scaling.
+    pub codec: SignalCodec,
+    /// The multiplexor and the raw value it has when this signal is in the frame.
+    pub page: Option<(SignalCodec, u64)>,
+}
+
+/// A message of the database.
+#[derive(Debug, Clone, Copy)]
+pub struct Message<'a> {
+    database: &'a Database,
+    message: &'a can_dbc::Message,
+    /// Identifier.
+    pub id: FrameId,
+    /// Number of bytes.
+    pub length: u8,
+}
+
+impl Database {
+    /// Returns the database in `text`; `file` is only for messages.
+    ///
+    /// # Errors
+    /// [`DatabaseError`] for text that is not a DBC file or defines a message twice.
+    pub fn parse(file: &str, text: &str) -> Result<Self, DatabaseError> {
+        let fail = |fault| DatabaseError {
+            file: file.to_owned(),
+            fault,
+        };
+        check_identifiers(text).map_err(fail)?;
+        let dbc =
+            Dbc::try_from(text).map_err(|error| fail(DatabaseFault::Syntax(error.to_string())))?;
+        for (i, message) in dbc.messages.iter().enumerate() {
+            if dbc.messages[..i]
+                .iter()
+                .any(|other| other.name == message.name || other.id == message.id)
+            {
+                return Err(fail(DatabaseFault::DuplicateMessage {
+                    message: message.name.clone(),
+                }));
+            }
+        }
+        Ok(Self {
+            file: file.to_owned(),
+            dbc,
+        })
+    }
+
+    /// Returns the message of that name.
+    ///
+    /// # Errors
+    /// [`DatabaseError`] if the message is missing, or is not a frame of classical CAN.
+    pub fn message(&self, name: &str) -> Result<Message<'_>, DatabaseError> {
+        let message = self
+            .dbc
+            .messages
+            .iter()
+            .find(|message| message.name == name)
+            .ok_or_else(|| {
+                self.fail(DatabaseFault::NoMessage {
+                    message: name.to_owned(),
+                })
+            })?;
+        let id = match message.id {
+            MessageId::Standard(id) => FrameId::Standard(id),
+            MessageId::Extended(id) => FrameId::Extended(id),
+        };
+        if !(1..=8).contains(&message.size) {
+            return Err(self.fail(DatabaseFault::Length {
+                message: name.to_owned(),
+                bytes: message.size,
+            }));
+        }
+        Ok(Message {
+            database: self,
+            message,
+            id,
+            length: message.size as u8,
+        })
+    }
+
+    /// Returns the number of messages.
+    #[cfg(test)]
+    pub fn message_count(&self) -> usize {
+        self.dbc.messages.len()
+    }
+
+    pub(super) fn fail(&self, fault: DatabaseFault) -> DatabaseError {
+        DatabaseError {
+            file: self.file.clone(),
+            fault,
+        }
+    }
+}
+
+/// The parser silently truncates standard identifiers to 16 bits; this checks them before it.
+fn check_identifiers(text: &str) -> Result<(), DatabaseFault> {
+    const EXTENDED: u64 = 1 << 31;
+    for line in without_texts(text).lines() {
+        let mut words = line.split_ascii_whitespace();
+        if words.next() != Some("BO_") {
+            continue;
+        }
+        // The parser rejects what is not a number here.
+        let Some(id) = words.next().and_then(|word| word.parse::<u64>().ok()) else {
+            continue;
+        };
+        let max = if id & EXTENDED == 0 {
+            u64::from(STANDARD_ID_MAX)
+        } else {
+            EXTENDED | u64::from(EXTENDED_ID_MAX)
+        };
+        // The name of a pseudo message that DBC editors add for signals without a frame.
+        let name = words.next().unwrap_or_default().trim_end_matches(':');
+        if id > max && name != "VECTOR__INDEPENDENT_SIG_MSG" {
+            return Err(DatabaseFault::Identifier {
+                message: name.to_owned(),
+                id,
+            });
+        }
+    }
+    Ok(())
+}
+
+/// Returns a database without the content of its quoted texts, such as comments, which may look like messages.
+fn without_texts(text: &str) -> String {
+    let (mut out, mut quoted, mut escaped) = (String::with_capacity(text.len()), false, false);
+    for letter in text.chars() {
+        match letter {
+            '"' if !escaped => quoted = !quoted,
+            _ if quoted => {}
+            _ => out.push(letter),
+        }
+        escaped = quoted && letter == '\\' && !escaped;
+    }
+    out
+}
+
+impl Message<'_> {
+    /// Returns the signal of that name.
+    ///
+    /// # Errors
+    /// [`DatabaseError`] where there is none or two, its bits are not in the frame, its scaling is
+    /// unusable, or its multiplexing is not supported.
+    pub fn signal(&self, name: &str) -> Result<Signal, DatabaseError> {
+        let message = self.message.name.clone();
+        let mut named = self.message.signals.iter().filter(|s| s.name == name);
+        let Some(signal) = named.next() else {
+            return Err(self.database.fail(DatabaseFault::NoSignal {
+                message,
+                signal: name.to_owned(),
+            }));
+        };
+        if named.next().is_some() {
+            return Err(self.database.fail(DatabaseFault::DuplicateSignal {
+                message,
+                signal: name.to_owned(),
+            }));
+        }
+        let codec = self.codec(signal)?;
+        let page = match signal.multiplexer_indicator {
+            MultiplexIndicator::Plain | MultiplexIndicator::Multiplexor => None,
+            MultiplexIndicator::MultiplexedSignal(page) => Some((self.switch(signal, page)?, page)),
+            MultiplexIndicator::MultiplexorAndMultiplexedSignal(_) => {
+                return Err(self.multiplexing(signal));
+            }
+        };
+        Ok(Signal { codec, page })
+    }
+
+    /// The message's multiplexor, which must be able to show `page`.
+    fn switch(&self, signal: &can_dbc::Signal, page: u64) -> Result<SignalCodec, DatabaseError> {
+        let extended = self
+            .database
+            .dbc
+            .extended_multiplex
+            .iter()
+            .any(|mapping| mapping.message_id == self.message.id);
+        let mut switches = self
+            .message
+            .signals
+            .iter()
+            .filter(|s| s.multiplexer_indicator == MultiplexIndicator::Multiplexor);
+        match (switches.next(), switches.next()) {
+            (Some(switch), None) if !extended => {
+                let codec = self.codec(switch)?;
+                let plain = codec.kind == RawKind::Unsigned && page as f64 <= codec.raw_limits()[1];
+                plain
+                    .then_some(codec)
+                    .ok_or_else(|| self.multiplexing(signal))
+            }
+            _ => Err(self.multiplexing(signal)),
+        }
+    }
+
+    fn multiplexing(&self, signal: &can_dbc::Signal) -> DatabaseError {
+        self.database.fail(DatabaseFault::Multiplexing {
+            message: self.message.name.clone(),
+            signal: signal.name.clone(),
+        })
+    }
+
+    fn codec(&self, signal: &can_dbc::Signal) -> Result<SignalCodec, DatabaseError> {
+        let extended = self
+            .database
+            .dbc
+            .extended_value_type_for_signal(self.message.id, &signal.name);
+        let kind = match (extended, signal.value_type) {
+            (Some(SignalExtendedValueType::IEEEfloat32Bit), _) => RawKind::Float32,
+            (Some(SignalExtendedValueType::IEEEdouble64bit), _) => RawKind::Float64,
+            (_, ValueType::Signed) => RawKind::Signed,
+            (_, ValueType::Unsigned) => RawKind::Unsigned,
+        };
+        let [low, high] = [&signal.min, &signal.max].map(|value| match *value {
+            NumericValue::Uint(value) => value as f64,
+            NumericValue::Int(value) => value as f64,
+            NumericValue::Double(value) => value,
+        });
+        for (what, value, usable) in [
+            ("scale", signal.factor, signal.factor != 0.0),
+            ("offset", signal.offset, true),
+            ("minimum", low, low <= high),
+            ("maximum", high, low <= high),
+        ] {
+            if !value.is_finite() || !usable {
+                return Err(self.database.fail(DatabaseFault::Number {
+                    message: self.message.name.clone(),
+                    signal: signal.name.clone(),
+                    what,
+                    value,
+                }));
+            }
+        }
+        let codec = SignalCodec {
+            // What does not fit here does not fit the frame either.
+            start_bit: usize::try_from(signal.start_bit).unwrap_or(usize::MAX),
+            bits: usize::try_from(signal.size).unwrap_or(usize::MAX),
+            order: match signal.byte_order {
+                ByteOrder::LittleEndian => BitOrder::Intel,
+                ByteOrder::BigEndian => BitOrder::Motorola,
+            },
+            kind,
+            scale: signal.factor,
+            offset: signal.offset,
+            // [0|0] in a DBC file means no limit.
+            range: (low < high).then_some([low, high]),
+        };
+        let sized = match kind {
+            RawKind::Float32 => codec.bits == 32,
+            RawKind::Float64 => codec.bits == 64,
+            RawKind::Unsigned | RawKind::Signed => true,
+        };
+        if !sized || !codec.fits(usize::from(self.length)) {
+            return Err(self.database.fail(DatabaseFault::Bits {
+                message: self.message.name.clone(),
+                signal: signal.name.clone(),
+                start_bit: signal.start_bit,
+                bits: signal.size,
+            }));
+        }
+        Ok(codec)
+    }
+}

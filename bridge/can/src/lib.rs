@@ -1,0 +1,16 @@
+//! What is on the CAN bus, apart from any socket: database, signals, messages and their layout.
+
+pub mod canopen;
+pub mod cia402;
+pub mod config;
+pub mod controller_side;
+pub mod database;
+pub mod frame;
+pub mod layout;
+pub mod message;
+pub mod rover;
+pub mod signal;
+pub mod vehicle_side;
+
+#[cfg(test)]
+mod tests;

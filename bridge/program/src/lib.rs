@@ -1,0 +1,13 @@
+//! The program `sidehill-drive`: what drives a vehicle, real or virtual, in real time.
+//!
+//! A library so that tests can use it; its interface is not stable.
+#![allow(clippy::print_stdout, clippy::print_stderr)]
+
+mod interrupts;
+mod keeper;
+pub mod odometry;
+mod recording;
+mod ros2;
+pub mod route;
+pub mod run;
+pub mod vehicle;

@@ -1,0 +1,61 @@
+//! The program `sidehill-drive`: arguments in, exit status out.
+
+use anyhow::bail;
+#[cfg(feature = "package")]
+use clap::CommandFactory;
+use clap::{Parser, Subcommand};
+#[cfg(feature = "package")]
+use sidehill::documents;
+use sidehill::{console, drive};
+use sidehill_bridge::ros2::arguments;
+use sidehill_drive::{odometry, route, run, vehicle};
+use std::process::ExitCode;
+
+/// Drives a rover, or a virtual one, on a CAN bus or on ROS 2. `sidehill` has all other commands.
+#[derive(Debug, Parser)]
+#[command(version)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Drives a course in real time on a CAN bus or on ROS 2.
+    Run(drive::RunArgs),
+    /// Runs a virtual rover in real time on a CAN bus or on ROS 2, where it takes --ros-args.
+    Vehicle(drive::VehicleArgs),
+    /// With --live, runs as a ROS 2 node that publishes slope-corrected odometry.
+    Odometry(sidehill::odometry::OdometryArgs),
+    /// With `live`, writes the path of a drive from a ROS 2 topic as GPX or CSV.
+    Route(sidehill::route::RouteArgs),
+    /// Writes man pages and shell completions, for packages.
+    #[cfg(feature = "package")]
+    #[command(hide = true)]
+    Documents(documents::DocumentsArgs),
+}
+
+fn main() -> ExitCode {
+    let (own, ros) = arguments::split(std::env::args());
+    let command = Cli::parse_from(own).command;
+    // A vehicle drives on without its output.
+    let drives = matches!(command, Command::Run(_) | Command::Vehicle(_));
+    console::end("sidehill-drive", execute(command, &ros), !drives)
+}
+
+fn execute(command: Command, ros: &[String]) -> anyhow::Result<ExitCode> {
+    match command {
+        Command::Run(args) => run::run(&args, ros),
+        Command::Vehicle(args) => vehicle::run(&args, ros),
+        Command::Odometry(args) if args.live => odometry::run(&args, ros),
+        Command::Odometry(_) => bail!("without --live this is a command of sidehill"),
+        Command::Route(args) if args.is_live() => {
+            route::run(&args, ros).map(|()| ExitCode::SUCCESS)
+        }
+        Command::Route(_) => bail!("without `live` this is a command of sidehill"),
+        #[cfg(feature = "package")]
+        Command::Documents(args) => {
+            documents::run(&args, &mut Cli::command()).map(|()| ExitCode::SUCCESS)
+        }
+    }
+}

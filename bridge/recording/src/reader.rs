@@ -1,0 +1,320 @@
+//! Reading recordings of this program, also those that were cut off.
+
+use super::mcap_file::{Header, METADATA, McapRecording};
+use super::messages::{ControllerCycle, PathCommand, Topic};
+use mcap::records::Record;
+use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
+use sidehill_bridge::control_loop::tap::{PathRecord, RecordedPath};
+use sidehill_bridge::ros2::message::cdr::{CdrError, from_cdr, to_cdr};
+use sidehill_plant::frames::{Attitude, Pose};
+use sidehill_plant::sample::{Sample, Stamped};
+use sidehill_plant::speeds::MeasuredTreadSpeeds;
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs::File;
+use std::io::{BufReader, Read};
+use std::path::{Path, PathBuf};
+
+/// Largest record, bytes: recordings of this program have far smaller ones.
+const RECORD_MAX: usize = 64 << 20;
+
+/// Why a recording cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum RecordingError {
+    /// The file cannot be read.
+    #[error("{}: {reason}", file.display())]
+    Read {
+        /// The file.
+        file: PathBuf,
+        /// Why not.
+        reason: std::io::Error,
+    },
+    /// It is not a recording of this program.
+    #[error("{}: {reason}", file.display())]
+    NotOurs {
+        /// The file.
+        file: PathBuf,
+        /// What is missing.
+        reason: String,
+    },
+    /// A message does not hold what its schema says.
+    #[error("{}: a message of {topic} is damaged: {reason}", file.display())]
+    Message {
+        /// The file.
+        file: PathBuf,
+        /// Its topic.
+        topic: &'static str,
+        /// What is wrong.
+        reason: CdrError,
+    },
+}
+
+/// A recording, read as far as it goes.
+#[derive(Debug, Clone, Default)]
+pub struct Recording {
+    /// What it begins with.
+    pub header: Header,
+    /// Steps of the controller, in order.
+    pub cycles: Vec<ControllerCycle>,
+    /// Paths by their serials.
+    pub paths: BTreeMap<u64, PathRecord>,
+    /// Why reading ended before the end of the file; none where it did not.
+    pub damaged: Option<String>,
+    /// Files read.
+    pub files: Vec<PathBuf>,
+}
+
+impl Recording {
+    /// Reads a recording from any of its files: those before it that are left, and those that continue it.
+    ///
+    /// # Errors
+    /// [`RecordingError`]; not for a file that was cut off.
+    pub fn read(path: &Path) -> Result<Self, RecordingError> {
+        let mut named = Self::default();
+        named.add(path)?;
+        let part = named.part().unwrap_or(0);
+        let first = McapRecording::first_name(path, part);
+        let mut recording = Self::default();
+        // Numbers may be missing: older files were deleted, and names in use were passed over.
+        let present = McapRecording::present(&first).unwrap_or_default();
+        let (before, after): (Vec<_>, Vec<_>) = present
+            .into_iter()
+            .filter(|(number, _)| *number != part)
+            .partition(|(number, _)| *number < part);
+        let others = |files: Vec<(u32, PathBuf)>| {
+            let other = |(number, name): (u32, PathBuf)| named.neighbour(&name, number);
+            files.into_iter().filter_map(other).collect::<Vec<_>>()
+        };
+        let (before, after) = (others(before), others(after));
+        recording.header = named.header.clone();
+        for file in before.into_iter().chain([named]).chain(after) {
+            recording.append(file);
+        }
+        Ok(recording)
+    }
+
+    /// Returns the number of this file in its recording.
+    fn part(&self) -> Option<u32> {
+        self.header.facts.get("part")?.parse().ok()
+    }
+
+    /// Returns another file of the same recording, where it is there.
+    fn neighbour(&self, name: &Path, part: u32) -> Option<Self> {
+        // Its first message ends this pass: another recording is not read any further.
+        let mut header = Header::default();
+        let _ = scan_with(name, &mut header, &mut |_, _, _| {
+            Err(RecordingError::NotOurs {
+                file: name.to_owned(),
+                reason: String::new(),
+            })
+        });
+        let same = |fact: &str, expected: Option<&str>| {
+            header.facts.get(fact).map(String::as_str) == expected
+        };
+        let id = self.header.facts.get("recording").map(String::as_str);
+        if !same("recording", id) || !same("part", Some(&part.to_string())) {
+            return None;
+        }
+        let mut other = Self::default();
+        other.add(name).ok().map(|()| other)
+    }
+
+    fn append(&mut self, mut file: Self) {
+        self.cycles.append(&mut file.cycles);
+        self.paths.append(&mut file.paths);
+        self.files.append(&mut file.files);
+        self.damaged = self.damaged.take().or(file.damaged);
+    }
+
+    fn add(&mut self, path: &Path) -> Result<(), RecordingError> {
+        let mut header = Header::default();
+        let mut visit = |topic, _: u64, message: &[u8]| self.take(path, topic, message);
+        let damaged = scan_with(path, &mut header, &mut visit)?;
+        self.header = header;
+        self.damaged = damaged;
+        self.files.push(path.to_owned());
+        Ok(())
+    }
+
+    fn take(&mut self, file: &Path, topic: Topic, message: &[u8]) -> Result<(), RecordingError> {
+        let damaged = |reason| RecordingError::Message {
+            file: file.to_owned(),
+            topic: topic.name(),
+            reason,
+        };
+        match topic {
+            Topic::ControllerCycle => self.cycles.push(from_cdr(message).map_err(damaged)?),
+            Topic::PathCommand => {
+                let command: PathCommand = from_cdr(message).map_err(damaged)?;
+                let path = command
+                    .present
+                    .then(|| -> Result<_, CdrError> {
+                        Ok(RecordedPath {
+                            trajectory: from_cdr(&command.trajectory)?,
+                            number: command.number,
+                            laps: command.laps,
+                            from_m: command.joined.then_some(command.from_m),
+                        })
+                    })
+                    .transpose()
+                    .map_err(damaged)?;
+                let serial = command.serial;
+                self.paths.insert(serial, PathRecord { serial, path });
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+}
+
+/// Takes a message of a recording: topic, time in ns and CDR.
+type Visit<'a> = dyn FnMut(Topic, u64, &[u8]) -> Result<(), RecordingError> + 'a;
+
+/// Gives every message of one file of a recording to `visit`, with the fields of this version, and returns
+/// why reading ended before the end of the file, where it did.
+///
+/// # Errors
+/// A file that cannot be read, or the first error of `visit`.
+pub fn scan(path: &Path, visit: &mut Visit<'_>) -> Result<Option<String>, RecordingError> {
+    scan_with(path, &mut Header::default(), visit)
+}
+
+fn scan_with(
+    path: &Path,
+    header: &mut Header,
+    visit: &mut Visit<'_>,
+) -> Result<Option<String>, RecordingError> {
+    let unreadable = |reason| RecordingError::Read {
+        file: path.to_owned(),
+        reason,
+    };
+    let mut source = BufReader::new(File::open(path).map_err(unreadable)?);
+    // Topics of the channels, and whether their messages lack the yaw rate.
+    let mut channels: BTreeMap<u16, (Topic, bool)> = BTreeMap::new();
+    let mut schemas_without_yaw_rate = BTreeSet::new();
+    let no_yaw_rate = no_yaw_rate();
+    let mut ours = false;
+    let mut damaged = None;
+    let mut reader = LinearReader::new_with_options(
+        LinearReaderOptions::default()
+            .with_skip_end_magic(true)
+            .with_record_length_limit(RECORD_MAX),
+    );
+    while let Some(event) = reader.next_event() {
+        let record = match event {
+            Ok(LinearReadEvent::ReadRequest(wanted)) => {
+                let count = source.read(reader.insert(wanted)).map_err(unreadable)?;
+                reader.notify_read(count);
+                continue;
+            }
+            Ok(LinearReadEvent::Record { data, opcode }) => mcap::parse_record(opcode, data),
+            Err(error) => Err(error),
+        };
+        // Recordings of this program begin with their metadata: nothing more is read of another's.
+        let begun = matches!(
+            record,
+            Ok(Record::Schema { .. } | Record::Channel(_) | Record::Message { .. })
+        );
+        if begun && !ours {
+            break;
+        }
+        match record {
+            Ok(Record::Metadata(metadata)) if metadata.name == METADATA => {
+                ours = true;
+                header.facts = metadata.metadata;
+            }
+            Ok(Record::Attachment {
+                header: named,
+                data,
+                ..
+            }) => {
+                let text = String::from_utf8_lossy(&data).into_owned();
+                header.files.insert(named.name.into(), text);
+            }
+            Ok(Record::Schema { header, data }) => {
+                if !String::from_utf8_lossy(&data).contains("has_yaw_rate") {
+                    schemas_without_yaw_rate.insert(header.id);
+                }
+            }
+            Ok(Record::Channel(channel)) => {
+                let topic = Topic::ALL
+                    .into_iter()
+                    .find(|topic| topic.name() == channel.topic);
+                channels.extend(topic.map(|topic| {
+                    let lacks = topic == Topic::ControllerCycle
+                        && schemas_without_yaw_rate.contains(&channel.schema_id);
+                    (channel.id, (topic, lacks))
+                }));
+            }
+            Ok(Record::Message { header, data }) => match channels.get(&header.channel_id) {
+                Some(&(topic, false)) => visit(topic, header.publish_time, &data)?,
+                Some(&(topic, true)) => {
+                    let whole = [&data[..], &no_yaw_rate].concat();
+                    visit(topic, header.publish_time, &whole)?;
+                }
+                None => {}
+            },
+            Ok(_) => {}
+            Err(error) => {
+                damaged = Some(error.to_string());
+                break;
+            }
+        }
+    }
+    if !ours {
+        return Err(RecordingError::NotOurs {
+            file: path.to_owned(),
+            reason: "not a recording of sidehill (`--record`): it has no metadata `sidehill`. Logs and bags of other programs are \
+                     read by `odometry`, `identify` and `route`"
+                .to_owned(),
+        });
+    }
+    Ok(damaged)
+}
+
+/// Returns the last fields of a [`ControllerCycle`] without a yaw rate, which recordings made before there
+/// was one do not have. The field before them ends at a multiple of 8 bytes, so they are encoded alike.
+fn no_yaw_rate() -> Vec<u8> {
+    let encoded = to_cdr(&(false, f64::NAN, f64::NAN)).unwrap_or_default();
+    encoded.get(4..).unwrap_or_default().to_vec()
+}
+
+impl ControllerCycle {
+    /// Returns what the controller got.
+    pub fn sample(&self) -> Sample {
+        Sample {
+            time_s: self.time_s,
+            tread_speeds: self.has_tread_speeds.then_some(Stamped {
+                time_s: self.tread_speeds_time_s,
+                value: MeasuredTreadSpeeds {
+                    left_m_s: self.left_m_s,
+                    right_m_s: self.right_m_s,
+                },
+            }),
+            attitude: self.has_attitude.then_some(Stamped {
+                time_s: self.attitude_time_s,
+                value: Attitude {
+                    roll_rad: self.roll_rad,
+                    pitch_rad: self.pitch_rad,
+                },
+            }),
+            yaw_rate: self.has_yaw_rate.then_some(Stamped {
+                time_s: self.yaw_rate_time_s,
+                value: self.yaw_rate_rad_s,
+            }),
+            pose: self.has_pose.then_some(Stamped {
+                time_s: self.pose_time_s,
+                value: Pose {
+                    x_m: self.x_m,
+                    y_m: self.y_m,
+                    z_m: self.z_m,
+                    yaw_rad: self.yaw_rad,
+                },
+            }),
+        }
+    }
+
+    /// Returns which look at the deadline ended a solve.
+    pub fn cut_at(&self) -> Option<u32> {
+        self.cut.then_some(self.cut_at)
+    }
+}

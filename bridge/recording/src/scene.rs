@@ -1,0 +1,259 @@
+//! The scene that is shown live, as markers of visualization_msgs.
+
+use sidehill_bridge::ros2::message::{Header, Point, Pose, Quaternion, Time, Vector3, wire};
+use sidehill_controller::guard::GuardView;
+use sidehill_plant::frames::Attitude;
+use sidehill_plant::speeds::TreadSpeeds;
+use sidehill_plant::terrain::Terrain;
+use sidehill_plant::vehicle::Vehicle;
+
+wire! {
+    /// Red, green, blue and opacity, 0 to 1.
+    Colour { r: f32, g: f32, b: f32, a: f32 }
+    /// sensor_msgs/CompressedImage.
+    Image { header: Header, format: String, data: Vec<u8> }
+    /// visualization_msgs/UVCoordinate.
+    TexturePoint { u: f32, v: f32 }
+    /// visualization_msgs/MeshFile.
+    MeshFile { filename: String, data: Vec<u8> }
+    /// visualization_msgs/Marker.
+    Marker {
+        header: Header,
+        ns: String,
+        id: i32,
+        kind: i32,
+        action: i32,
+        pose: Pose,
+        scale: Vector3,
+        color: Colour,
+        lifetime: Time,
+        frame_locked: bool,
+        points: Vec<Point>,
+        colors: Vec<Colour>,
+        texture_resource: String,
+        texture: Image,
+        uv_coordinates: Vec<TexturePoint>,
+        text: String,
+        mesh_resource: String,
+        mesh_file: MeshFile,
+        mesh_use_embedded_materials: bool,
+    }
+    /// Markers.
+    MarkerArray = "visualization_msgs" / "MarkerArray" { markers: Vec<Marker> }
+}
+
+/// Frame of the world.
+pub(super) const WORLD: &str = "world";
+/// Frame of the vehicle, with the axes of REP-103.
+pub(super) const BASE: &str = "base_link";
+const ARROW: i32 = 0;
+const CUBE: i32 = 1;
+const SPHERE: i32 = 2;
+const CYLINDER: i32 = 3;
+const TEXT: i32 = 9;
+const TRIANGLES: i32 = 11;
+/// Points along a side of the ground that is shown.
+const GROUND_POINTS: usize = 40;
+/// Height of the bars of margins above the ground, in lengths of the vehicle.
+const BARS_HEIGHT: f64 = 0.8;
+/// Thickness of these bars, m.
+const BAR_M: f64 = 0.08;
+/// Height of their letters, m.
+const TEXT_M: f64 = 0.2;
+/// How long a slide of 1 m/s is drawn, m.
+const SLIDE_SCALE_S: f64 = 10.0;
+
+/// Draws a vehicle and its motion.
+pub(super) struct SceneParts {
+    vehicle: Vehicle,
+}
+
+impl SceneParts {
+    pub(super) fn new(vehicle: &Vehicle) -> Self {
+        Self {
+            vehicle: vehicle.clone(),
+        }
+    }
+
+    /// Returns body and wheels, in the vehicle's frame.
+    pub(super) fn vehicle(&self) -> Vec<Marker> {
+        let vehicle = &self.vehicle;
+        let (half_width_m, half_length_m) = (vehicle.base_half_width_m, vehicle.base_half_length_m);
+        let contact = vehicle.contact_vehicle();
+        let radius_m = (half_length_m / contact.axles.len().max(2) as f64).min(0.3);
+        let mut markers = vec![Marker {
+            pose: at(0.0, 0.0, 2.0 * radius_m),
+            scale: vector(2.0 * half_length_m, 1.4 * half_width_m, radius_m),
+            ..marker("vehicle", 0, CUBE, [0.1, 0.3, 0.7, 0.9])
+        }];
+        for axle in &contact.axles {
+            for side in [-1.0, 1.0] {
+                let mut pose = at(axle.forward_m, side * contact.half_width_m, radius_m);
+                // Its axis along the axle.
+                let half = std::f64::consts::FRAC_1_SQRT_2;
+                pose.orientation = Quaternion {
+                    x: half,
+                    y: 0.0,
+                    z: 0.0,
+                    w: half,
+                };
+                markers.push(Marker {
+                    pose,
+                    scale: vector(2.0 * radius_m, 2.0 * radius_m, 0.15),
+                    ..marker(
+                        "vehicle",
+                        markers.len() as i32,
+                        CYLINDER,
+                        [0.15, 0.15, 0.15, 1.0],
+                    )
+                });
+            }
+        }
+        for marker in &mut markers {
+            marker.header.frame_id = BASE.to_owned();
+            marker.frame_locked = true;
+        }
+        markers
+    }
+
+    /// Returns slide and tread ICRs, in the vehicle's frame: how ICRIK's velocity differs from that on
+    /// level ground, and where the treads' contacts have no velocity across.
+    pub(super) fn motion(&self, attitude: Attitude, treads: TreadSpeeds) -> Vec<Marker> {
+        let vehicle = &self.vehicle;
+        let sliding = vehicle.body_velocity(attitude, treads);
+        let level = vehicle.icrhk().body_velocity(treads);
+        let to = Point {
+            x: SLIDE_SCALE_S * (sliding.forward_m_s - level.forward_m_s),
+            y: -SLIDE_SCALE_S * (sliding.right_m_s - level.right_m_s),
+            z: 0.5,
+        };
+        let from = Point {
+            z: 0.5,
+            ..Point::default()
+        };
+        let icrs = vehicle.icrik(attitude, treads);
+        let icr = |id, right_m: f64| Marker {
+            pose: at(icrs.forward_m, -right_m, 0.0),
+            scale: vector(0.15, 0.15, 0.15),
+            ..marker("icr", id, SPHERE, [0.9, 0.5, 0.0, 1.0])
+        };
+        let mut markers = vec![
+            Marker {
+                points: vec![from, to],
+                scale: vector(0.05, 0.1, 0.1),
+                ..marker("slide", 0, ARROW, [0.9, 0.1, 0.1, 1.0])
+            },
+            icr(0, icrs.left_m),
+            icr(1, icrs.right_m),
+        ];
+        for marker in &mut markers {
+            marker.frame_locked = true;
+        }
+        markers
+    }
+
+    /// Returns the margins against tipping over and sliding off, in the vehicle's frame: two bars above it that
+    /// are as long as the vehicle at a margin of 1, green to red, and their figures.
+    pub(super) fn margins(&self, guard: &GuardView) -> Vec<Marker> {
+        let length_m = 2.0 * self.vehicle.base_half_length_m;
+        let height_m = BARS_HEIGHT * length_m;
+        let bar = |id: i32, margin: f64| {
+            let left = margin.clamp(0.0, 1.0);
+            let shown_m = (left * length_m).max(0.01);
+            let colour = [1.0 - left as f32, 0.8 * left as f32, 0.1, 0.9];
+            Marker {
+                pose: at(
+                    0.5 * (shown_m - length_m),
+                    0.0,
+                    height_m + BAR_M * 2.0 * f64::from(id),
+                ),
+                scale: vector(shown_m, BAR_M, BAR_M),
+                ..marker("margins", id, CUBE, colour)
+            }
+        };
+        let text = Marker {
+            pose: at(0.0, 0.0, height_m + 6.0 * BAR_M),
+            scale: vector(0.0, 0.0, TEXT_M),
+            text: format!(
+                "tip-over margin {:.2}\nfriction used {:.2}\nspeed {:.0} %",
+                guard.rollover_margin,
+                guard.friction_use,
+                100.0 * guard.speed_share
+            ),
+            ..marker("margins", 2, TEXT, [0.9, 0.9, 0.9, 1.0])
+        };
+        let mut markers = vec![
+            bar(0, guard.rollover_margin),
+            bar(1, 1.0 - guard.friction_use),
+            text,
+        ];
+        for marker in &mut markers {
+            marker.frame_locked = true;
+        }
+        markers
+    }
+
+    /// Returns the markers with their stamp; those without a frame get that of the header.
+    pub(super) fn stamped(&self, mut markers: Vec<Marker>, header: &Header) -> MarkerArray {
+        for marker in &mut markers {
+            marker.header.stamp = header.stamp;
+            if marker.header.frame_id.is_empty() {
+                marker.header.frame_id.clone_from(&header.frame_id);
+            }
+        }
+        MarkerArray { markers }
+    }
+}
+
+/// Returns the ground in a rectangle from (x, y) to (x, y), m, as triangles; places without ground are
+/// left out.
+pub fn ground(terrain: &Terrain, from_m: [f64; 2], to_m: [f64; 2]) -> Marker {
+    let place = |axis: usize, i: usize| {
+        from_m[axis] + (to_m[axis] - from_m[axis]) * i as f64 / GROUND_POINTS as f64
+    };
+    let point = |i: usize, j: usize| {
+        let (x, y) = (place(0, i), place(1, j));
+        let z = terrain.surface(x, y).ok()?.height_m;
+        Some(Point { x, y, z })
+    };
+    let mut points = Vec::new();
+    for i in 0..GROUND_POINTS {
+        for j in 0..GROUND_POINTS {
+            let corners = [
+                point(i, j),
+                point(i + 1, j),
+                point(i + 1, j + 1),
+                point(i, j + 1),
+            ];
+            if let [Some(a), Some(b), Some(c), Some(d)] = corners {
+                points.extend([a.clone(), b, c.clone(), a, c, d]);
+            }
+        }
+    }
+    Marker {
+        points,
+        ..marker("ground", 0, TRIANGLES, [0.45, 0.5, 0.35, 0.8])
+    }
+}
+
+fn marker(ns: &str, id: i32, kind: i32, [r, g, b, a]: [f32; 4]) -> Marker {
+    Marker {
+        ns: ns.to_owned(),
+        id,
+        kind,
+        scale: vector(1.0, 1.0, 1.0),
+        color: Colour { r, g, b, a },
+        ..Marker::default()
+    }
+}
+
+fn at(x: f64, y: f64, z: f64) -> Pose {
+    Pose {
+        position: Point { x, y, z },
+        ..Pose::default()
+    }
+}
+
+fn vector(x: f64, y: f64, z: f64) -> Vector3 {
+    Vector3 { x, y, z }
+}

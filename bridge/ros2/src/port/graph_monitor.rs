@@ -1,0 +1,334 @@
+//! Topics that the port waits for, their publishers, and why their messages do not arrive.
+
+use ros2_client::dds::rustdds::{DomainParticipantStatusEvent as Event, GUID, QosPolicies};
+use sidehill_bridge::drives::{Input, MISSING_AFTER_S};
+use std::collections::{BTreeMap, BTreeSet};
+use std::time::Instant;
+
+/// Topics of the right type that are named as a hint, at most.
+const HINTS_MAX: usize = 5;
+
+/// What the identifiers of a participant's publishers begin with.
+type Participant = [u8; 12];
+
+/// A topic that is waited for.
+#[derive(Debug)]
+struct Topic {
+    /// What it carries.
+    input: &'static str,
+    /// As the configuration names it.
+    configured: String,
+    /// Its resolved name, such as `/odom`.
+    name: String,
+    /// Its type, such as `nav_msgs/msg/Odometry`.
+    kind: String,
+    /// Whether the vehicle cannot drive without.
+    needed: bool,
+    accepted: Option<Instant>,
+    /// Why messages since the last that was accepted were rejected.
+    rejection: Option<String>,
+}
+
+/// A publisher on the graph.
+#[derive(Debug, Clone, PartialEq)]
+struct Publisher {
+    topic: String,
+    kind: String,
+    /// Why a subscription of this node does not match it.
+    incompatible: Option<String>,
+    matched: bool,
+}
+
+/// The topics that are waited for, and the publishers on the graph.
+#[derive(Debug, Default)]
+pub(crate) struct GraphMonitor {
+    topics: Vec<Topic>,
+    publishers: BTreeMap<GUID, Publisher>,
+    /// Other participants of the domain.
+    others: BTreeSet<Participant>,
+    domain: u16,
+    own: Option<Participant>,
+}
+
+impl GraphMonitor {
+    /// Restarts as the participant `own` of a domain.
+    pub(crate) fn begin(&mut self, domain: u16, own: GUID) {
+        self.domain = domain;
+        self.own = Some(participant(&own));
+    }
+
+    /// Adds a topic: what it carries, its name in the configuration and on the graph, its type such as
+    /// `nav_msgs/msg/Odometry`, and whether the vehicle cannot drive without.
+    pub(crate) fn wait_for(
+        &mut self,
+        input: &'static str,
+        (configured, name): (&str, String),
+        kind: String,
+        needed: bool,
+    ) {
+        self.topics.push(Topic {
+            input,
+            configured: configured.to_owned(),
+            name,
+            kind,
+            needed,
+            accepted: None,
+            rejection: None,
+        });
+    }
+
+    /// Takes a message of a topic, by its name in the configuration, that was used.
+    pub(crate) fn accepted(&mut self, configured: &str) {
+        if let Some(topic) = self.topic(configured) {
+            topic.accepted = Some(Instant::now());
+            topic.rejection = None;
+        }
+    }
+
+    /// Takes a message of a topic that was rejected.
+    pub(crate) fn rejected(&mut self, configured: &str, reason: &str) {
+        if let Some(topic) = self.topic(configured) {
+            topic.rejection = Some(reason.to_owned());
+        }
+    }
+
+    fn topic(&mut self, configured: &str) -> Option<&mut Topic> {
+        self.topics
+            .iter_mut()
+            .find(|topic| topic.configured == configured)
+    }
+
+    fn is_own(&self, guid: &GUID) -> bool {
+        self.own == Some(participant(guid))
+    }
+
+    /// Takes an event of discovery.
+    pub(crate) fn discovered(&mut self, event: &Event) {
+        match event {
+            Event::ParticipantDiscovered { dpd } if !self.is_own(&dpd.guid) => {
+                self.others.insert(participant(&dpd.guid));
+            }
+            Event::ParticipantLost { id, .. } => {
+                self.publishers.retain(|guid, _| guid.prefix != *id);
+                let bytes: &[u8] = id.as_ref();
+                self.others.retain(|other| other != bytes);
+            }
+            Event::WriterDetected { writer } if !self.is_own(&writer.guid) => {
+                // A topic of ROS: others are services and actions.
+                if let Some(topic) = writer.topic_name.strip_prefix("rt/") {
+                    let publisher = self.publishers.entry(writer.guid);
+                    publisher.or_insert_with(|| Publisher {
+                        topic: format!("/{topic}"),
+                        kind: ros_type(&writer.type_name),
+                        incompatible: None,
+                        matched: false,
+                    });
+                }
+            }
+            Event::WriterLost { guid, .. } => {
+                self.publishers.remove(guid);
+            }
+            Event::RemoteWriterMatched { remote_writer, .. } => {
+                if let Some(publisher) = self.publishers.get_mut(remote_writer) {
+                    publisher.matched = true;
+                }
+            }
+            Event::RemoteWriterQosIncompatible {
+                remote_writer,
+                requested_qos,
+                offered_qos,
+                ..
+            } => {
+                if let Some(publisher) = self.publishers.get_mut(remote_writer) {
+                    publisher.incompatible = Some(incompatibility(requested_qos, offered_qos));
+                }
+            }
+            _ => {}
+        }
+    }
+
+    /// Returns the topics as they are now.
+    pub(crate) fn inputs(&self) -> Vec<Input> {
+        let topics = self.topics.iter();
+        topics
+            .map(|topic| Input {
+                input: topic.input.to_owned(),
+                source: format!("{} ({})", topic.name, topic.kind),
+                missing: self.missing(topic).filter(|_| topic.needed),
+            })
+            .collect()
+    }
+
+    fn missing(&self, topic: &Topic) -> Option<String> {
+        let age_s = topic.accepted.map(|at| at.elapsed().as_secs_f64());
+        if age_s.is_some_and(|age_s| age_s <= MISSING_AFTER_S) {
+            return None;
+        }
+        if let Some(rejection) = &topic.rejection {
+            return Some(format!("its messages are rejected: {rejection}"));
+        }
+        let on_topic: Vec<&Publisher> = self
+            .publishers
+            .values()
+            .filter(|publisher| publisher.topic == topic.name)
+            .collect();
+        let (fitting, others): (Vec<&Publisher>, _) = on_topic
+            .into_iter()
+            .partition(|publisher| publisher.kind == topic.kind);
+        if let Some(qos) = fitting
+            .iter()
+            .filter(|publisher| !publisher.matched)
+            .find_map(|publisher| publisher.incompatible.as_ref())
+        {
+            return Some(format!("incompatible QoS: {qos}"));
+        }
+        if !fitting.is_empty() {
+            let since = age_s.map_or_else(
+                || "but no message yet".to_owned(),
+                |age_s| format!("but no message for {age_s:.0} s"),
+            );
+            return Some(format!("publishers: {}, {since}", fitting.len()));
+        }
+        if let Some(other) = others.first() {
+            return Some(format!("it is published as {}", other.kind));
+        }
+        Some(format!("no publisher{}", self.hint(topic)))
+    }
+
+    /// Returns where messages of this type are published instead.
+    fn hint(&self, topic: &Topic) -> String {
+        let elsewhere: BTreeSet<&str> = self
+            .publishers
+            .values()
+            .filter(|publisher| publisher.kind == topic.kind)
+            .map(|publisher| publisher.topic.as_str())
+            .collect();
+        if !elsewhere.is_empty() {
+            let names: Vec<&str> = elsewhere.into_iter().take(HINTS_MAX).collect();
+            return format!("; this type is on {}", names.join(", "));
+        }
+        match self.others.len() {
+            0 => format!(
+                "; no other node is on ROS domain {} (ROS_DOMAIN_ID, network)",
+                self.domain
+            ),
+            _ => "; nobody publishes this type".to_owned(),
+        }
+    }
+}
+
+fn participant(guid: &GUID) -> Participant {
+    let bytes = guid.to_bytes();
+    std::array::from_fn(|index| bytes[index])
+}
+
+/// Returns `nav_msgs/msg/Odometry` for `nav_msgs::msg::dds_::Odometry_`.
+fn ros_type(dds_type: &str) -> String {
+    dds_type
+        .trim_end_matches('_')
+        .replace("::dds_::", "::")
+        .replace("::", "/")
+}
+
+/// Returns in words what a publisher does not offer.
+fn incompatibility(requested: &QosPolicies, offered: &QosPolicies) -> String {
+    if requested.is_reliable() && !offered.is_reliable() {
+        return "the publisher is best effort, a reliable one is needed".to_owned();
+    }
+    if !requested.is_volatile() && offered.is_volatile() {
+        return "the publisher is volatile, a transient-local one is needed".to_owned();
+    }
+    let policy = offered.compliance_failure_wrt(requested);
+    policy.map_or_else(
+        || "the publisher offers less than is needed".to_owned(),
+        |policy| format!("the publisher's {policy:?} does not fit"),
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use ros2_client::dds::rustdds::LostReason;
+
+    fn monitor() -> GraphMonitor {
+        let mut monitor = GraphMonitor::default();
+        monitor.begin(7, GUID::from_bytes([9; 16]));
+        let kind = || "nav_msgs/msg/Odometry".to_owned();
+        monitor.wait_for("odometry", ("odom", "/odom".to_owned()), kind(), true);
+        monitor
+    }
+
+    fn publish(monitor: &mut GraphMonitor, number: u8, topic: &str, kind: &str) {
+        let publisher = Publisher {
+            topic: topic.to_owned(),
+            kind: kind.to_owned(),
+            incompatible: None,
+            matched: false,
+        };
+        monitor
+            .publishers
+            .insert(GUID::from_bytes([number; 16]), publisher);
+    }
+
+    fn reason(monitor: &GraphMonitor) -> String {
+        monitor.inputs()[0].missing.clone().unwrap_or_default()
+    }
+
+    #[test]
+    fn a_topic_that_nobody_publishes_names_where_its_type_is() {
+        let mut monitor = monitor();
+        assert!(reason(&monitor).contains("no other node is on ROS domain 7"));
+        monitor.others.insert([1; 12]);
+        assert!(reason(&monitor).contains("nobody publishes this type"));
+        publish(&mut monitor, 1, "/wheels/odom", "nav_msgs/msg/Odometry");
+        let said = reason(&monitor);
+        assert!(
+            said.contains("no publisher") && said.contains("/wheels/odom"),
+            "{said}"
+        );
+        let whole = monitor.inputs()[0].to_string();
+        assert!(whole.starts_with("odometry on /odom (nav_msgs/msg/Odometry): no publisher"));
+    }
+
+    #[test]
+    fn another_type_qos_or_frame_is_named() {
+        let mut monitor = monitor();
+        publish(&mut monitor, 1, "/odom", "geometry_msgs/msg/PoseStamped");
+        assert!(reason(&monitor).contains("published as geometry_msgs/msg/PoseStamped"));
+        publish(&mut monitor, 2, "/odom", "nav_msgs/msg/Odometry");
+        assert!(reason(&monitor).contains("publishers: 1, but no message yet"));
+        let writer = GUID::from_bytes([2; 16]);
+        let with = |reliable: bool| {
+            let builder = QosPolicies::builder();
+            match reliable {
+                true => builder.reliable(ros2_client::dds::rustdds::Duration::ZERO),
+                false => builder.best_effort(),
+            }
+            .build()
+        };
+        monitor.discovered(&Event::RemoteWriterQosIncompatible {
+            local_reader: GUID::from_bytes([9; 16]),
+            remote_writer: writer,
+            requested_qos: Box::new(with(true)),
+            offered_qos: Box::new(with(false)),
+        });
+        assert!(reason(&monitor).contains("incompatible QoS: the publisher is best effort"));
+        monitor.rejected("odom", "it is in map, must be in odom");
+        assert!(reason(&monitor).contains("rejected: it is in map, must be in odom"));
+        monitor.accepted("odom");
+        assert_eq!(reason(&monitor), "");
+        monitor.discovered(&Event::WriterLost {
+            guid: writer,
+            reason: LostReason::Disposed,
+        });
+        assert_eq!(monitor.publishers.len(), 1);
+    }
+
+    #[test]
+    fn types_of_dds_are_written_as_those_of_ros() {
+        assert_eq!(
+            ros_type("nav_msgs::msg::dds_::Odometry_"),
+            "nav_msgs/msg/Odometry"
+        );
+    }
+}

@@ -1,0 +1,258 @@
+//! The subscriptions of the vehicle and the thread that reads them.
+
+use super::readings::{LatestInputs, PortContext, Readings};
+use crate::node::subscription::take_all;
+use crate::node::worker::Worker;
+use crate::node::{NodeError, RosNode, qos};
+use crate::port::readings::CLOCK;
+use ros2_client::Subscription;
+use ros2_client::dds::rustdds::mio1::{Events, Interest, Poll, Token};
+use sidehill_bridge::control_loop::channel::HaltSwitch;
+use sidehill_bridge::ros2::message::TopicMessage;
+use sidehill_bridge::ros2::message::{
+    Bool, Clock, Imu, JointState, Odometry, TfMessage, Twist, TwistStamped,
+};
+use sidehill_bridge::ros2::names::NameError;
+use sidehill_bridge::ros2::settings::topics::{AttitudeSource, SpeedSource, YawRateSource};
+use sidehill_bridge::ros2::settings::topics::{InputsConfig, TwistConfig};
+use std::sync::atomic::Ordering;
+use std::time::{Duration, Instant};
+use triple_buffer::{Input, Output, triple_buffer};
+
+/// Longest wait for a message before the emergency stop is checked for silence.
+const TICK: Duration = Duration::from_millis(50);
+
+/// Settings of the thread that reads the subscriptions.
+pub(crate) struct InputSubscriber {
+    pub(crate) config: InputsConfig,
+    pub(crate) context: PortContext,
+    pub(crate) halt: HaltSwitch,
+    /// The command that reaches the drives, where another node sends it.
+    pub(crate) forwarded: Option<TwistConfig>,
+    /// Whether sensors are read, or only the emergency stop, the clock and transforms.
+    pub(crate) sensors: bool,
+}
+
+impl InputSubscriber {
+    /// Starts the thread, and returns it with the newest readings.
+    pub(crate) fn start(
+        self,
+        node: &mut RosNode,
+    ) -> Result<(Worker, Output<LatestInputs>), NodeError> {
+        let mut subscriptions = Subscriptions::new(node, &self)?;
+        let mut poll = Poll::new()?;
+        subscriptions.register(&poll)?;
+        let (slot, latest) = triple_buffer(&LatestInputs::default());
+        let worker = Worker::start("ros2 inputs", move |end| {
+            let mut reader = Reader {
+                readings: Readings::new(self.config.clone(), self.context.clone()),
+                subscriber: self,
+                subscriptions,
+                slot,
+            };
+            let mut events = Events::with_capacity(64);
+            while !end.load(Ordering::Relaxed) {
+                if poll.poll(&mut events, Some(TICK)).is_err() {
+                    // A poll that failed has not waited.
+                    std::thread::sleep(Duration::from_millis(1));
+                }
+                reader.read();
+            }
+        })?;
+        Ok((worker, latest))
+    }
+}
+
+/// A command that another node sends to the drives.
+enum Forwarded {
+    Plain(Subscription<Twist>),
+    Stamped(Subscription<TwistStamped>),
+}
+
+struct Subscriptions {
+    odometry: Option<Subscription<Odometry>>,
+    imu: Option<Subscription<Imu>>,
+    joint_states: Option<Subscription<JointState>>,
+    /// Volatile and transient local: a transient-local reader does not match a volatile publisher.
+    emergency_stop: [Subscription<Bool>; 2],
+    clock: Option<Subscription<Clock>>,
+    forwarded: Option<Forwarded>,
+    tf: Subscription<TfMessage>,
+    tf_static: Subscription<TfMessage>,
+}
+
+impl Subscriptions {
+    fn new(node: &mut RosNode, subscriber: &InputSubscriber) -> Result<Self, NodeError> {
+        let (config, sensors) = (&subscriber.config, subscriber.sensors);
+        let attitude_of_imu = config.attitude == AttitudeSource::Imu;
+        let yaw_rate_of_imu = config.yaw_rate == YawRateSource::Imu;
+        let imu = sensors && (attitude_of_imu || yaw_rate_of_imu);
+        let joint_states = sensors && config.speeds == SpeedSource::JointStates;
+        let clock = subscriber.context.clock.is_some();
+        let wait = Waits { node, subscriber };
+        if clock {
+            wait.for_topic::<Clock>("clock", CLOCK, true)?;
+        }
+        if sensors {
+            wait.for_topic::<Odometry>("odometry", &config.odometry, true)?;
+        }
+        if imu {
+            // Without a yaw rate the vehicle still drives.
+            wait.for_topic::<Imu>("imu", &config.imu, attitude_of_imu)?;
+        }
+        if joint_states {
+            wait.for_topic::<JointState>("joint states", &config.joint_states, true)?;
+        }
+        let repeated = config.emergency_stop_timeout_s > 0.0;
+        wait.for_topic::<Bool>("emergency stop", &config.emergency_stop, repeated)?;
+        Ok(Self {
+            odometry: match sensors {
+                true => Some(node.subscription(&config.odometry, &qos::NEWEST)?),
+                false => None,
+            },
+            imu: match imu {
+                true => Some(node.subscription(&config.imu, &qos::NEWEST)?),
+                false => None,
+            },
+            joint_states: match joint_states {
+                true => Some(node.subscription(&config.joint_states, &qos::NEWEST)?),
+                false => None,
+            },
+            emergency_stop: [
+                node.subscription(&config.emergency_stop, &qos::RELIABLE_10)?,
+                node.subscription(&config.emergency_stop, &qos::LATCHED)?,
+            ],
+            clock: match clock {
+                true => Some(node.subscription(CLOCK, &qos::NEWEST)?),
+                false => None,
+            },
+            forwarded: match &subscriber.forwarded {
+                Some(twist) if twist.stamped => Some(Forwarded::Stamped(
+                    node.subscription(&twist.topic, &qos::NEWEST)?,
+                )),
+                Some(twist) => Some(Forwarded::Plain(
+                    node.subscription(&twist.topic, &qos::NEWEST)?,
+                )),
+                None => None,
+            },
+            tf: node.subscription("/tf", &qos::RELIABLE_10)?,
+            tf_static: node.subscription("/tf_static", &qos::LATCHED_ALL)?,
+        })
+    }
+
+    fn register(&mut self, poll: &Poll) -> std::io::Result<()> {
+        let (registry, token, readable) = (poll.registry(), Token(0), Interest::READABLE);
+        if let Some(odometry) = &mut self.odometry {
+            registry.register(odometry, token, readable)?;
+        }
+        if let Some(imu) = &mut self.imu {
+            registry.register(imu, token, readable)?;
+        }
+        if let Some(joint_states) = &mut self.joint_states {
+            registry.register(joint_states, token, readable)?;
+        }
+        for subscription in &mut self.emergency_stop {
+            registry.register(subscription, token, readable)?;
+        }
+        if let Some(clock) = &mut self.clock {
+            registry.register(clock, token, readable)?;
+        }
+        match &mut self.forwarded {
+            Some(Forwarded::Plain(twist)) => registry.register(twist, token, readable)?,
+            Some(Forwarded::Stamped(twist)) => registry.register(twist, token, readable)?,
+            None => {}
+        }
+        registry.register(&mut self.tf, token, readable)?;
+        registry.register(&mut self.tf_static, token, readable)
+    }
+}
+
+/// Where topics are entered that are waited for.
+struct Waits<'a> {
+    node: &'a RosNode,
+    subscriber: &'a InputSubscriber,
+}
+
+impl Waits<'_> {
+    fn for_topic<M: TopicMessage>(
+        &self,
+        input: &'static str,
+        topic: &str,
+        needed: bool,
+    ) -> Result<(), NameError> {
+        let name = self.node.names().resolve(topic)?.to_string();
+        let kind = format!("{}/msg/{}", M::PACKAGE, M::TYPE);
+        let mut graph = self.subscriber.context.shared.graph();
+        graph.wait_for(input, (topic, name), kind, needed);
+        Ok(())
+    }
+}
+
+struct Reader {
+    subscriber: InputSubscriber,
+    subscriptions: Subscriptions,
+    readings: Readings,
+    slot: Input<LatestInputs>,
+}
+
+impl Reader {
+    /// Reads all messages that have arrived: the emergency stop first, then the clock, then the rest.
+    fn read(&mut self) {
+        self.read_emergency_stop();
+        let (subscriptions, readings) = (&self.subscriptions, &mut self.readings);
+        if let Some(clock) = &subscriptions.clock {
+            take_all(clock, |message, _| readings.clock(&message));
+        }
+        take_all(&subscriptions.tf, |message, _| {
+            readings.transforms(&message, false);
+        });
+        take_all(&subscriptions.tf_static, |message, _| {
+            readings.transforms(&message, true);
+        });
+        if let Some(odometry) = &subscriptions.odometry {
+            take_all(odometry, |message, _| readings.odometry(&message));
+        }
+        if let Some(imu) = &subscriptions.imu {
+            take_all(imu, |message, _| readings.imu(&message));
+        }
+        if let Some(TwistConfig { topic, .. }) = &self.subscriber.forwarded {
+            match &subscriptions.forwarded {
+                Some(Forwarded::Plain(twist)) => {
+                    take_all(twist, |message, _| readings.forwarded(topic, &message));
+                }
+                Some(Forwarded::Stamped(twist)) => {
+                    take_all(twist, |message, _| {
+                        readings.forwarded(topic, &message.twist)
+                    });
+                }
+                None => {}
+            }
+        }
+        if let Some(joint_states) = &subscriptions.joint_states {
+            take_all(joint_states, |message, _| readings.joint_states(&message));
+        }
+        self.slot.write(readings.latest());
+    }
+
+    fn read_emergency_stop(&self) {
+        let shared = &self.subscriber.context.shared;
+        let mut publishers = shared.estop_publishers();
+        for subscription in &self.subscriptions.emergency_stop {
+            take_all(subscription, |Bool { data }, publisher| {
+                publishers.received(publisher, data, Instant::now());
+                shared
+                    .graph()
+                    .accepted(&self.subscriber.config.emergency_stop);
+            });
+        }
+        publishers.process_lost(Instant::now());
+        let timeout_s = self.subscriber.config.emergency_stop_timeout_s;
+        let cause = publishers.cause(Duration::from_secs_f64(timeout_s));
+        // The halt is set before the lock is released: a thread that waits for a publisher sees its effect.
+        self.subscriber.halt.set(cause);
+        shared.emergency_stop.set(cause);
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,18 @@
+//! Drives and sensors over topics.
+//!
+//! ```text
+//! topics -> inputs (thread) -> readings -> Ros2Port -> control loop
+//! control loop -> Ros2Port -> commands (thread) -> topics
+//! ```
+//!
+//! The control loop waits for neither thread.
+
+mod drives;
+pub(crate) mod emergency_stop;
+pub(crate) mod graph_monitor;
+pub(crate) mod inputs;
+pub(crate) mod readings;
+pub mod rover;
+pub(crate) mod shared_inputs;
+
+pub use drives::Ros2Port;

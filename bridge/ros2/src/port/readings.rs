@@ -1,0 +1,290 @@
+//! From messages to readings for the controller: frames, stamps and units are checked here.
+
+use super::shared_inputs::SharedInputs;
+use crate::node::time::RosTime;
+use nalgebra::UnitQuaternion;
+use sidehill_bridge::drives::{ExternalClock, MeasuredMotorSpeeds};
+use sidehill_bridge::ros2::conversions::{
+    MessageError, from_pose, from_quaternion, from_transform, from_vector, nanoseconds,
+};
+use sidehill_bridge::ros2::convert::{TwistMapping, pose_and_attitude};
+use sidehill_bridge::ros2::message::{Clock, Header, Imu, JointState, Odometry, TfMessage, Twist};
+use sidehill_bridge::ros2::settings::topics::{
+    AttitudeSource, Frames, InputsConfig, SpeedSource, YawRateSource,
+};
+use sidehill_bridge::ros2::transforms::TransformError;
+use sidehill_plant::frames::{Attitude, Pose, paper_attitude};
+use sidehill_plant::sample::Stamped;
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+
+/// The topic of simulated time.
+pub(crate) const CLOCK: &str = "/clock";
+/// How far a stamp may be ahead of the clock, s.
+const AHEAD_S: f64 = 0.1;
+/// A step of `/clock` that is a jump, s; any step back is one.
+const CLOCK_JUMP_S: f64 = 2.0;
+/// Fastest rotation that is believed, rad/s: gyroscopes read at most 2000 deg/s.
+const ROTATION_MAX_RAD_S: f64 = 35.0;
+
+/// The newest reading of each kind.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(crate) struct LatestInputs {
+    pub(crate) pose: Option<Stamped<Pose>>,
+    pub(crate) attitude: Option<Stamped<Attitude>>,
+    /// About the vehicle's upward axis, rad/s, counter-clockwise positive.
+    pub(crate) yaw_rate: Option<Stamped<f64>>,
+    pub(crate) motors: Option<Stamped<MeasuredMotorSpeeds>>,
+    /// The command that reaches the drives, at the instant it came.
+    pub(crate) forwarded: Option<Stamped<MeasuredMotorSpeeds>>,
+}
+
+/// Why a message is rejected.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub(crate) enum Rejection {
+    #[error(transparent)]
+    Message(#[from] MessageError),
+    #[error("it is in {found}, must be in {expected}")]
+    Frame { found: String, expected: String },
+    #[error("its stamp is {ahead_s:.3} s ahead of the clock")]
+    Ahead { ahead_s: f64 },
+    #[error("orientation_covariance[0] is -1: this imu has no orientation")]
+    NoOrientation,
+    #[error("angular_velocity_covariance[0] is -1: this imu has no angular velocity")]
+    NoAngularVelocity,
+    #[error("angular_velocity is {rad_s:.1} rad/s, must be at most {ROTATION_MAX_RAD_S} rad/s")]
+    Rotation { rad_s: f64 },
+    #[error(transparent)]
+    Transform(#[from] TransformError),
+}
+
+/// What readings and commands share.
+#[derive(Clone)]
+pub(crate) struct PortContext {
+    pub(crate) frames: Frames,
+    pub(crate) mapping: TwistMapping,
+    pub(crate) time: RosTime,
+    /// The control loop's clock, where it is that of `/clock`.
+    pub(crate) clock: Option<ExternalClock>,
+    pub(crate) shared: Arc<SharedInputs>,
+}
+
+/// Converts messages to the newest readings; what it rejects is counted and keeps its reason.
+pub(crate) struct Readings {
+    config: InputsConfig,
+    context: PortContext,
+    latest: LatestInputs,
+    clock_s: Option<f64>,
+}
+
+impl Readings {
+    /// Returns readings before the first message.
+    pub(crate) fn new(config: InputsConfig, context: PortContext) -> Self {
+        Self {
+            config,
+            context,
+            latest: LatestInputs::default(),
+            clock_s: None,
+        }
+    }
+
+    /// Returns the newest readings.
+    pub(crate) fn latest(&self) -> LatestInputs {
+        self.latest
+    }
+
+    /// Takes a time of `/clock`. A jump drops all readings and transforms.
+    pub(crate) fn clock(&mut self, message: &Clock) {
+        let (Some(clock), Ok(now_ns)) = (&self.context.clock, nanoseconds(message.clock)) else {
+            return;
+        };
+        let now_s = self.context.time.local_s(now_ns);
+        let jumped = self
+            .clock_s
+            .is_some_and(|before_s| !(0.0..=CLOCK_JUMP_S).contains(&(now_s - before_s)));
+        self.clock_s = Some(now_s);
+        clock.set(now_s);
+        self.context.shared.graph().accepted(CLOCK);
+        if jumped {
+            let shared = &self.context.shared;
+            shared.transforms().forget();
+            shared.clock_jumps.fetch_add(1, Ordering::Relaxed);
+            self.latest = LatestInputs::default();
+        }
+    }
+
+    /// Takes transforms; fixed ones are those of `/tf_static`.
+    pub(crate) fn transforms(&mut self, message: &TfMessage, fixed: bool) {
+        if let Err(reason) = self.try_transforms(message, fixed) {
+            self.context.shared.reject("tf", &reason);
+        }
+    }
+
+    fn try_transforms(&self, message: &TfMessage, fixed: bool) -> Result<(), Rejection> {
+        let mut transforms = self.context.shared.transforms();
+        for stamped in &message.transforms {
+            let time_s = self
+                .context
+                .time
+                .local_s(nanoseconds(stamped.header.stamp)?);
+            let pose = from_transform(&stamped.transform)?;
+            let (parent, child) = (&stamped.header.frame_id, &stamped.child_frame_id);
+            transforms.take(parent, child, time_s, pose, fixed);
+        }
+        Ok(())
+    }
+
+    /// Takes a message of the odometry.
+    pub(crate) fn odometry(&mut self, message: &Odometry) {
+        let result = self.try_odometry(message);
+        let (shared, topic) = (&self.context.shared, &self.config.odometry);
+        match result {
+            Ok(()) => shared.graph().accepted(topic),
+            Err(reason) => shared.reject(topic, &reason),
+        }
+    }
+
+    fn try_odometry(&mut self, message: &Odometry) -> Result<(), Rejection> {
+        check_frame(&message.header.frame_id, &self.context.frames.odometry)?;
+        check_frame(&message.child_frame_id, &self.context.frames.base)?;
+        let time_s = self.time_s(&message.header)?;
+        let (pose, attitude) = pose_and_attitude(&from_pose(&message.pose.pose)?);
+        let mut twist = message.twist.twist.clone();
+        let [speed_m_s, yaw_rate_rad_s] = self.context.shared.velocity_thresholds();
+        for (value, threshold) in [
+            (&mut twist.linear.x, speed_m_s),
+            (&mut twist.angular.z, yaw_rate_rad_s),
+        ] {
+            if value.abs() < threshold {
+                *value = 0.0;
+            }
+        }
+        let motors = self.context.mapping.motors(&twist)?;
+        self.latest.pose = Some(stamped(time_s, pose));
+        if self.config.attitude == AttitudeSource::Odometry {
+            self.latest.attitude = Some(stamped(time_s, attitude));
+        }
+        if self.config.speeds == SpeedSource::Odometry {
+            self.latest.motors = Some(stamped(time_s, motors));
+        }
+        Ok(())
+    }
+
+    /// Takes a message of the IMU. An attitude is used even if the yaw rate beside it is rejected.
+    pub(crate) fn imu(&mut self, message: &Imu) {
+        let result = self.try_imu(message);
+        let (shared, topic) = (&self.context.shared, &self.config.imu);
+        match result {
+            Ok(()) => shared.graph().accepted(topic),
+            Err(reason) => shared.reject(topic, &reason),
+        }
+    }
+
+    fn try_imu(&mut self, message: &Imu) -> Result<(), Rejection> {
+        let time_s = self.time_s(&message.header)?;
+        let imu_from_base = self.imu_from_base(&message.header.frame_id, time_s)?;
+        if self.config.attitude == AttitudeSource::Imu {
+            if message.orientation_covariance[0] == -1.0 {
+                return Err(Rejection::NoOrientation);
+            }
+            let world_from_base = from_quaternion(&message.orientation)? * imu_from_base;
+            let attitude = paper_attitude(&world_from_base).0;
+            self.latest.attitude = Some(stamped(time_s, attitude));
+            self.context.shared.graph().accepted(&self.config.imu);
+        }
+        if self.config.yaw_rate == YawRateSource::Imu {
+            let yaw_rate_rad_s = yaw_rate_rad_s(message, &imu_from_base)?;
+            self.latest.yaw_rate = Some(stamped(time_s, yaw_rate_rad_s));
+        }
+        Ok(())
+    }
+
+    /// Returns the mounting of the IMU: the rotation from the vehicle's axes to its own.
+    fn imu_from_base(&self, imu: &str, time_s: f64) -> Result<UnitQuaternion<f64>, Rejection> {
+        let base = &self.context.frames.base;
+        if check_frame(imu, base).is_ok() {
+            return Ok(UnitQuaternion::identity());
+        }
+        let transforms = self.context.shared.transforms();
+        Ok(transforms.look_up(imu, base, time_s, 0.0)?.rotation)
+    }
+
+    /// Takes a command that another node has sent to the drives.
+    pub(crate) fn forwarded(&mut self, topic: &str, twist: &Twist) {
+        let now_s = self.context.time.now_s();
+        match self.context.mapping.motors(twist) {
+            Ok(motors) => self.latest.forwarded = Some(stamped(now_s, motors)),
+            Err(reason) => self.context.shared.reject(topic, &Rejection::from(reason)),
+        }
+    }
+
+    /// Takes a message of joint states.
+    pub(crate) fn joint_states(&mut self, message: &JointState) {
+        match self.try_joint_states(message) {
+            Ok(motors) => {
+                self.latest.motors = Some(motors);
+                let topic = &self.config.joint_states;
+                self.context.shared.graph().accepted(topic);
+            }
+            // Joints of other parts are published on the same topic.
+            Err(Rejection::Message(MessageError::Joint { .. })) => {}
+            Err(reason) => {
+                let topic = &self.config.joint_states;
+                self.context.shared.reject(topic, &reason);
+            }
+        }
+    }
+
+    fn try_joint_states(
+        &self,
+        message: &JointState,
+    ) -> Result<Stamped<MeasuredMotorSpeeds>, Rejection> {
+        let motors = self.config.joints.treads(message)?.into();
+        Ok(stamped(self.time_s(&message.header)?, motors))
+    }
+
+    /// Returns the local time of a stamp, not later than now; a stamp of zero was not set.
+    fn time_s(&self, header: &Header) -> Result<f64, Rejection> {
+        let time = &self.context.time;
+        let (stamp_ns, now_s) = (nanoseconds(header.stamp)?, time.now_s());
+        if stamp_ns == 0 && !time.is_simulated() {
+            return Ok(now_s);
+        }
+        let time_s = time.local_s(stamp_ns);
+        let ahead_s = time_s - now_s;
+        if ahead_s > AHEAD_S {
+            return Err(Rejection::Ahead { ahead_s });
+        }
+        Ok(time_s.min(now_s))
+    }
+}
+
+/// Returns the component of the angular velocity along the vehicle's upward axis, rad/s.
+fn yaw_rate_rad_s(message: &Imu, imu_from_base: &UnitQuaternion<f64>) -> Result<f64, Rejection> {
+    if message.angular_velocity_covariance[0] == -1.0 {
+        return Err(Rejection::NoAngularVelocity);
+    }
+    let in_imu = from_vector(&message.angular_velocity, "angular_velocity")?;
+    let rad_s = in_imu.norm();
+    if rad_s > ROTATION_MAX_RAD_S {
+        return Err(Rejection::Rotation { rad_s });
+    }
+    Ok(imu_from_base.inverse_transform_vector(&in_imu).z)
+}
+
+fn stamped<T>(time_s: f64, value: T) -> Stamped<T> {
+    Stamped { time_s, value }
+}
+
+fn check_frame(found: &str, expected: &str) -> Result<(), Rejection> {
+    let plain = |frame: &str| frame.trim_start_matches('/').to_owned();
+    let (found, expected) = (plain(found), plain(expected));
+    if found == expected {
+        Ok(())
+    } else {
+        Err(Rejection::Frame { found, expected })
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,343 @@
+use super::*;
+use nalgebra::{Isometry3, UnitQuaternion};
+use sidehill_bridge::ros2::conversions::{stamp, to_pose, to_quaternion, to_transform};
+use sidehill_bridge::ros2::convert::world_from_base_link;
+use sidehill_bridge::ros2::message::{TransformStamped, Twist, Vector3};
+use std::f64::consts::{FRAC_PI_2, PI};
+
+/// Readings with simulated time, and the clock that sets it.
+fn readings(change: impl FnOnce(&mut InputsConfig)) -> (Readings, ExternalClock) {
+    let clock = ExternalClock::default();
+    clock.set(10.0);
+    let local = clock.clone();
+    let mut config = InputsConfig::default();
+    change(&mut config);
+    let context = PortContext {
+        frames: Frames::default(),
+        mapping: TwistMapping { track_width_m: 2.0 },
+        time: RosTime::simulated(move || local.now_s().unwrap_or(0.0)),
+        clock: Some(clock.clone()),
+        shared: Arc::default(),
+    };
+    (Readings::new(config, context), clock)
+}
+
+fn header(time_s: f64, frame: &str) -> Header {
+    Header {
+        stamp: stamp((time_s * 1e9) as i64),
+        frame_id: frame.to_owned(),
+    }
+}
+
+const SLOPE: Attitude = Attitude {
+    roll_rad: 0.2,
+    pitch_rad: -0.1,
+};
+
+fn odometry(time_s: f64) -> Odometry {
+    let pose = Pose {
+        x_m: 1.0,
+        y_m: 2.0,
+        z_m: 0.5,
+        yaw_rad: 0.3,
+    };
+    let mut message = Odometry {
+        header: header(time_s, "odom"),
+        child_frame_id: "base_link".to_owned(),
+        ..Odometry::default()
+    };
+    message.pose.pose = to_pose(&world_from_base_link(&pose, &SLOPE));
+    message.twist.twist.linear.x = 0.5;
+    message.twist.twist.angular.z = 0.1;
+    message
+}
+
+#[track_caller]
+fn assert_rejected(readings: &Readings, count: u64, reason: &str) {
+    let shared = &readings.context.shared;
+    let last = shared.last_rejection();
+    assert_eq!(shared.rejected(), count, "{last}");
+    assert!(last.contains(reason), "{last}");
+}
+
+#[test]
+fn odometry_gives_pose_and_speeds_and_attitude_where_configured() {
+    for source in [AttitudeSource::Imu, AttitudeSource::Odometry] {
+        let (mut readings, _) = readings(|config| config.attitude = source);
+        readings.odometry(&odometry(9.9));
+        let LatestInputs {
+            pose,
+            attitude,
+            motors,
+            yaw_rate: None,
+            forwarded: None,
+        } = readings.latest()
+        else {
+            panic!("nobody forwards commands, and odometry gives no yaw rate");
+        };
+        let pose = pose.unwrap();
+        assert!((pose.time_s - 9.9).abs() < 1e-9);
+        assert!((pose.value.x_m - 1.0).abs() < 1e-9 && (pose.value.yaw_rad - 0.3).abs() < 1e-9);
+        // v_r - v_l = b omega, with b = 2 m.
+        let motors = motors.unwrap().value;
+        assert_eq!((motors.traction_m_s, motors.steer_m_s), (0.5, 0.1));
+        match source {
+            AttitudeSource::Imu => assert_eq!(attitude, None),
+            AttitudeSource::Odometry => {
+                let attitude = attitude.unwrap().value;
+                assert!((attitude.roll_rad - SLOPE.roll_rad).abs() < 1e-9);
+                assert!((attitude.pitch_rad - SLOPE.pitch_rad).abs() < 1e-9);
+            }
+        }
+    }
+}
+
+#[test]
+fn speeds_below_the_thresholds_count_as_zero() {
+    let (mut readings, _) = readings(|_| {});
+    readings.context.shared.set_velocity_thresholds([0.6, 0.05]);
+    readings.odometry(&odometry(10.0));
+    let motors = readings.latest().motors.unwrap().value;
+    assert_eq!((motors.traction_m_s, motors.steer_m_s), (0.0, 0.1));
+}
+
+#[test]
+fn bad_messages_are_rejected_with_topic_and_reason_and_change_nothing() {
+    let (mut readings, _) = readings(|_| {});
+    type Damage = fn(&mut Odometry);
+    let damages: [(Damage, &str); 6] = [
+        (
+            |m| m.header.frame_id = "map".to_owned(),
+            "odom: it is in map, must be in odom",
+        ),
+        (|m| m.child_frame_id.clear(), "must be in base_link"),
+        (|m| m.header = header(10.5, "odom"), "0.500 s ahead"),
+        (
+            |m| m.header.stamp.nanosec = 1_000_000_000,
+            "must be below 1e9",
+        ),
+        (
+            |m| m.pose.pose.position.x = f64::NAN,
+            "position is not finite",
+        ),
+        (
+            |m| {
+                m.twist.twist = Twist::default();
+                m.twist.twist.linear.x = f64::INFINITY;
+            },
+            "twist is not finite",
+        ),
+    ];
+    for (count, (damage, reason)) in damages.into_iter().enumerate() {
+        let mut message = odometry(10.0);
+        damage(&mut message);
+        readings.odometry(&message);
+        assert_rejected(&readings, count as u64 + 1, reason);
+        assert_eq!(readings.latest(), LatestInputs::default());
+    }
+}
+
+#[test]
+fn a_stamp_is_never_later_than_now() {
+    let (mut readings, _) = readings(|_| {});
+    readings.odometry(&odometry(10.08));
+    assert_eq!(readings.latest().pose.unwrap().time_s, 10.0);
+}
+
+/// Publishes how the IMU is mounted.
+fn mount_imu(readings: &mut Readings, base_from_imu: UnitQuaternion<f64>) {
+    let transform = TransformStamped {
+        header: header(0.0, "base_link"),
+        child_frame_id: "imu_link".to_owned(),
+        transform: to_transform(&Isometry3::from_parts(
+            nalgebra::Translation3::identity(),
+            base_from_imu,
+        )),
+    };
+    let transforms = vec![transform];
+    readings.transforms(&TfMessage { transforms }, true);
+}
+
+#[test]
+fn the_mounting_of_the_imu_is_taken_out() {
+    let (mut readings, _) = readings(|_| {});
+    let world_from_base = world_from_base_link(&Pose::default(), &SLOPE).rotation;
+    let base_from_imu = UnitQuaternion::from_euler_angles(0.0, 0.0, FRAC_PI_2);
+    let message = Imu {
+        header: header(9.9, "imu_link"),
+        orientation: to_quaternion(&(world_from_base * base_from_imu)),
+        ..Imu::default()
+    };
+    readings.imu(&message);
+    assert_rejected(&readings, 1, "no transform between imu_link and base_link");
+    mount_imu(&mut readings, base_from_imu);
+    readings.imu(&message);
+    let attitude = readings.latest().attitude.unwrap().value;
+    assert!((attitude.roll_rad - SLOPE.roll_rad).abs() < 1e-9);
+    assert!((attitude.pitch_rad - SLOPE.pitch_rad).abs() < 1e-9);
+}
+
+/// A level IMU in the vehicle's frame, while the vehicle turns left.
+fn turning_imu() -> Imu {
+    let mut message = Imu {
+        header: header(9.9, "base_link"),
+        ..Imu::default()
+    };
+    message.orientation.w = 1.0;
+    message.angular_velocity.z = 0.4;
+    message
+}
+
+#[test]
+fn the_yaw_rate_is_read_where_it_is_asked_for() {
+    for attitude in [AttitudeSource::Imu, AttitudeSource::Odometry] {
+        for yaw_rate in [YawRateSource::Imu, YawRateSource::None] {
+            let (mut readings, _) = readings(|config| {
+                config.attitude = attitude;
+                config.yaw_rate = yaw_rate;
+            });
+            readings.imu(&turning_imu());
+            assert_rejected(&readings, 0, "");
+            let latest = readings.latest();
+            assert_eq!(latest.attitude.is_some(), attitude == AttitudeSource::Imu);
+            match yaw_rate {
+                YawRateSource::None => assert_eq!(latest.yaw_rate, None),
+                YawRateSource::Imu => {
+                    let read = latest.yaw_rate.unwrap();
+                    assert!((read.time_s - 9.9).abs() < 1e-9 && (read.value - 0.4).abs() < 1e-12);
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn the_yaw_rate_is_about_the_vehicles_upward_axis_however_the_imu_is_mounted() {
+    // The vehicle rolls at 0.05 rad/s, pitches at -0.1 and yaws at 0.4; what the IMU reads of it is worked out by hand.
+    let upside_down = UnitQuaternion::from_euler_angles(PI, 0.0, 0.0);
+    let on_its_left_side = UnitQuaternion::from_euler_angles(-FRAC_PI_2, 0.0, 0.0);
+    for (base_from_imu, [x, y, z]) in [
+        (upside_down, [0.05, 0.1, -0.4]),
+        (on_its_left_side, [0.05, -0.4, -0.1]),
+    ] {
+        let (mut readings, _) = readings(|config| {
+            config.attitude = AttitudeSource::Odometry;
+            config.yaw_rate = YawRateSource::Imu;
+        });
+        let mut message = Imu {
+            header: header(9.9, "imu_link"),
+            angular_velocity: Vector3 { x, y, z },
+            ..Imu::default()
+        };
+        // It has no orientation.
+        message.orientation_covariance[0] = -1.0;
+        message.orientation.w = 0.0;
+        readings.imu(&message);
+        assert_rejected(&readings, 1, "no transform between imu_link and base_link");
+        mount_imu(&mut readings, base_from_imu);
+        readings.imu(&message);
+        assert_eq!(readings.context.shared.rejected(), 1);
+        let yaw_rate = readings.latest().yaw_rate.unwrap().value;
+        assert!((yaw_rate - 0.4).abs() < 1e-12, "{yaw_rate}");
+        assert_eq!(readings.latest().attitude, None);
+    }
+}
+
+#[test]
+fn a_bad_yaw_rate_is_rejected_with_its_field_and_the_attitude_beside_it_is_used() {
+    type Damage = fn(&mut Imu);
+    let damages: [(Damage, &str); 4] = [
+        (
+            |m| m.angular_velocity_covariance[0] = -1.0,
+            "imu: angular_velocity_covariance[0] is -1",
+        ),
+        (
+            |m| m.angular_velocity.z = f64::NAN,
+            "imu: angular_velocity is not finite",
+        ),
+        (
+            |m| m.angular_velocity.x = f64::INFINITY,
+            "imu: angular_velocity is not finite",
+        ),
+        (
+            |m| m.angular_velocity.z = -35.1,
+            "imu: angular_velocity is 35.1 rad/s, must be at most 35 rad/s",
+        ),
+    ];
+    for (damage, reason) in damages {
+        let (mut readings, _) = readings(|config| config.yaw_rate = YawRateSource::Imu);
+        let mut message = turning_imu();
+        damage(&mut message);
+        readings.imu(&message);
+        assert_rejected(&readings, 1, reason);
+        assert_eq!(readings.latest().yaw_rate, None);
+        assert!(readings.latest().attitude.is_some());
+    }
+    // An attitude without a yaw rate has no use for the field.
+    let (mut readings, _) = readings(|_| {});
+    let mut message = turning_imu();
+    message.angular_velocity_covariance[0] = -1.0;
+    readings.imu(&message);
+    assert_rejected(&readings, 0, "");
+}
+
+#[test]
+fn an_imu_without_an_orientation_gives_no_attitude() {
+    let (mut readings, _) = readings(|_| {});
+    let mut message = turning_imu();
+    message.orientation_covariance[0] = -1.0;
+    readings.imu(&message);
+    assert_rejected(&readings, 1, "imu: orientation_covariance[0] is -1");
+    assert_eq!(readings.latest().attitude, None);
+}
+
+#[test]
+fn joints_of_other_parts_are_ignored() {
+    let (mut readings, _) = readings(|config| config.speeds = SpeedSource::JointStates);
+    let mut message = JointState {
+        header: header(9.9, ""),
+        name: vec!["mast_joint".to_owned()],
+        velocity: vec![1.0],
+        ..JointState::default()
+    };
+    readings.joint_states(&message);
+    assert_rejected(&readings, 0, "");
+    message.name = vec![
+        "right_tread_joint".to_owned(),
+        "left_tread_joint".to_owned(),
+    ];
+    message.velocity = vec![0.6, 0.4];
+    readings.joint_states(&message);
+    let motors = readings.latest().motors.unwrap().value;
+    assert!((motors.traction_m_s - 0.5).abs() < 1e-12 && (motors.steer_m_s - 0.1).abs() < 1e-12);
+    message.velocity[0] = f64::NAN;
+    readings.joint_states(&message);
+    assert_rejected(&readings, 1, "joint_states: velocity is not finite");
+}
+
+#[test]
+fn a_jump_of_the_clock_drops_readings_and_transforms() {
+    for (to_s, jumps) in [(10.5, 0), (13.0, 1), (9.0, 1)] {
+        let (mut readings, clock) = readings(|_| {});
+        let at = |time_s: f64| Clock {
+            clock: stamp((time_s * 1e9) as i64),
+        };
+        readings.clock(&at(10.0));
+        readings.odometry(&odometry(10.0));
+        let mut transform = TransformStamped {
+            header: header(10.0, "map"),
+            child_frame_id: "odom".to_owned(),
+            ..TransformStamped::default()
+        };
+        transform.transform.rotation.w = 1.0;
+        let transforms = vec![transform];
+        readings.transforms(&TfMessage { transforms }, false);
+        readings.clock(&at(to_s));
+        assert_eq!(clock.now_s(), Some(to_s));
+        let shared = &readings.context.shared;
+        assert_eq!(shared.clock_jumps.load(Ordering::Relaxed), jumps);
+        assert_eq!(readings.latest().pose.is_some(), jumps == 0);
+        let found = shared.transforms().look_up("map", "odom", 10.0, 1.0);
+        assert_eq!(found.is_ok(), jumps == 0, "{found:?}");
+    }
+}

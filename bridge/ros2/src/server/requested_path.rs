@@ -1,0 +1,213 @@
+//! The path of a client.
+
+use super::outcome::Outcome;
+use sidehill_bridge::ros2::conversions::from_pose;
+use sidehill_bridge::ros2::convert::pose_and_attitude;
+use sidehill_bridge::ros2::message;
+use sidehill_plant::frames::PlanarPose;
+
+/// A path as a client has sent it, checked.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct RequestedPath {
+    /// Frame of its poses.
+    pub frame: String,
+    /// Its poses.
+    pub poses: Vec<PlanarPose>,
+}
+
+/// Largest number of poses; a longer path would fill the memory.
+const POSES_MAX: usize = 200_000;
+/// A path that passes the vehicle more than once is joined at its first passage that is at most so much
+/// farther away than the nearest pose, m.
+const PASSAGE_M: f64 = 0.3;
+
+impl RequestedPath {
+    /// Checks a message.
+    ///
+    /// # Errors
+    /// `INVALID_PATH` with the reason.
+    pub fn from_message(path: &message::Path) -> Result<Self, Outcome> {
+        let frame = path.header.frame_id.trim_start_matches('/');
+        if path.poses.is_empty() {
+            return Err(Outcome::invalid_path("the path has no poses"));
+        }
+        if frame.is_empty() {
+            return Err(Outcome::invalid_path("the path has no frame"));
+        }
+        if path.poses.len() > POSES_MAX {
+            let count = path.poses.len();
+            return Err(Outcome::invalid_path(format!(
+                "the path has {count} poses, at most {POSES_MAX} are allowed"
+            )));
+        }
+        let poses = path
+            .poses
+            .iter()
+            .enumerate()
+            .map(|(index, stamped)| {
+                let other = stamped.header.frame_id.trim_start_matches('/');
+                if !other.is_empty() && other != frame {
+                    return Err(Outcome::invalid_path(format!(
+                        "pose {index} is in {other}, the path in {frame}"
+                    )));
+                }
+                let isometry = from_pose(&stamped.pose).map_err(|error| {
+                    Outcome::invalid_path(format!("pose {index} of the path: {error}"))
+                })?;
+                Ok(pose_and_attitude(&isometry).0.planar())
+            })
+            .collect::<Result<Vec<_>, _>>()?;
+        Ok(Self {
+            frame: frame.to_owned(),
+            poses,
+        })
+    }
+
+    /// Returns the goal, which is the last pose.
+    pub fn goal(&self) -> PlanarPose {
+        self.poses.last().copied().unwrap_or_default()
+    }
+
+    /// Returns the index of the pose at which a vehicle at `pose` joins the path.
+    pub fn first_passage(&self, pose: &PlanarPose) -> usize {
+        let distance_m = |at: &PlanarPose| (at.x_m - pose.x_m).hypot(at.y_m - pose.y_m);
+        let nearest_m = self
+            .poses
+            .iter()
+            .map(distance_m)
+            .fold(f64::INFINITY, f64::min);
+        let mut best: Option<(usize, f64)> = None;
+        for (index, at) in self.poses.iter().enumerate() {
+            let here_m = distance_m(at);
+            match best {
+                Some((_, best_m)) if here_m < best_m => best = Some((index, here_m)),
+                // Past the first passage.
+                Some((_, best_m)) if here_m > best_m + PASSAGE_M => break,
+                None if here_m <= nearest_m + PASSAGE_M => best = Some((index, here_m)),
+                _ => {}
+            }
+        }
+        best.map_or(0, |(index, _)| index)
+    }
+
+    /// Returns the index of the pose nearest to the vehicle, from an index on until the path moves away from it.
+    pub fn nearest_from(&self, from: usize, pose: &PlanarPose) -> usize {
+        let ahead = self.poses.get(from..).unwrap_or_default();
+        let mut best = (from, f64::INFINITY);
+        for (index, at) in ahead.iter().enumerate() {
+            let here_m = (at.x_m - pose.x_m).hypot(at.y_m - pose.y_m);
+            if here_m < best.1 {
+                best = (from + index, here_m);
+            } else if here_m > best.1 + PASSAGE_M {
+                break;
+            }
+        }
+        best.0
+    }
+
+    /// Returns whether the rest of the path for a vehicle at `pose` is within `radius_m` of the vehicle.
+    pub fn stays_within(&self, pose: &PlanarPose, radius_m: f64) -> bool {
+        self.poses[self.first_passage(pose)..]
+            .iter()
+            .all(|at| (at.x_m - pose.x_m).hypot(at.y_m - pose.y_m) <= radius_m)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::node::message::action::code;
+    use sidehill_bridge::ros2::conversions::to_pose;
+    use sidehill_bridge::ros2::convert::world_from_base_link;
+    use sidehill_plant::frames::{Attitude, Pose};
+    use std::f64::consts::{FRAC_PI_2, TAU};
+
+    fn message(poses: &[PlanarPose]) -> message::Path {
+        let mut path = message::Path::default();
+        path.header.frame_id = "map".to_owned();
+        for pose in poses {
+            let pose = Pose {
+                x_m: pose.x_m,
+                y_m: pose.y_m,
+                z_m: 0.0,
+                yaw_rad: pose.yaw_rad,
+            };
+            let isometry = world_from_base_link(&pose, &Attitude::LEVEL);
+            let mut stamped = message::PoseStamped::default();
+            stamped.header.frame_id = "map".to_owned();
+            stamped.pose = to_pose(&isometry);
+            path.poses.push(stamped);
+        }
+        path
+    }
+
+    /// Poses along X_g, which is a heading of -90 deg.
+    fn line(count: usize) -> Vec<PlanarPose> {
+        (0..count)
+            .map(|i| PlanarPose {
+                x_m: 0.1 * i as f64,
+                y_m: 0.0,
+                yaw_rad: -FRAC_PI_2,
+            })
+            .collect()
+    }
+
+    /// A figure of eight that begins where it crosses itself.
+    fn eight() -> Vec<PlanarPose> {
+        (0..=400)
+            .map(|i| TAU * f64::from(i) / 400.0)
+            .map(|u| PlanarPose {
+                x_m: 3.0 * (2.0 * u).sin(),
+                y_m: 5.0 * u.sin(),
+                yaw_rad: 0.0,
+            })
+            .collect()
+    }
+
+    fn code_of(path: &message::Path) -> (u16, String) {
+        let outcome = RequestedPath::from_message(path).unwrap_err();
+        (outcome.code, outcome.message)
+    }
+
+    #[test]
+    fn a_message_keeps_its_headings() {
+        let path = RequestedPath::from_message(&message(&line(11))).unwrap();
+        assert_eq!(path.frame, "map");
+        assert!((path.goal().x_m - 1.0).abs() < 1e-12);
+        assert!((path.goal().yaw_rad + FRAC_PI_2).abs() < 1e-9);
+    }
+
+    #[test]
+    fn an_invalid_path_is_refused_with_the_reason() {
+        assert_eq!(code_of(&message(&[])).0, code::INVALID_PATH);
+        let mut path = message(&line(3));
+        path.poses[1].pose.position.x = f64::NAN;
+        assert!(code_of(&path).1.contains("pose 1"), "{:?}", code_of(&path));
+        let mut path = message(&line(3));
+        path.poses[2].pose.orientation = message::Quaternion {
+            w: 0.0,
+            ..message::Quaternion::default()
+        };
+        assert!(code_of(&path).1.contains("pose 2"));
+        let mut path = message(&line(3));
+        path.poses[2].header.frame_id = "odom".to_owned();
+        assert!(code_of(&path).1.contains("odom"));
+        let mut path = message(&line(3));
+        path.header.frame_id.clear();
+        assert!(code_of(&path).1.contains("frame"));
+    }
+
+    #[test]
+    fn a_path_that_crosses_itself_is_joined_at_its_first_passage() {
+        let path = RequestedPath::from_message(&message(&eight())).unwrap();
+        let near = PlanarPose {
+            x_m: 0.01,
+            y_m: -0.02,
+            yaw_rad: 0.0,
+        };
+        assert!(path.first_passage(&near) < 5);
+        // Elsewhere it is joined at the nearest pose.
+        let far = path.poses[130];
+        assert_eq!(path.first_passage(&far), 130);
+    }
+}

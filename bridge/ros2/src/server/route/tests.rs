@@ -1,0 +1,110 @@
+use super::*;
+use crate::server::test_data::route_settings;
+use std::f64::consts::{FRAC_PI_2, PI};
+
+/// Poses along X_g, which is a heading of -90 deg.
+fn line(count: usize) -> RequestedPath {
+    let poses = (0..count).map(|i| PlanarPose {
+        x_m: 0.1 * i as f64,
+        y_m: 0.0,
+        yaw_rad: -FRAC_PI_2,
+    });
+    RequestedPath {
+        frame: "map".to_owned(),
+        poses: poses.collect(),
+    }
+}
+
+#[test]
+fn a_kink_close_to_an_end_is_smoothed_within_the_deviation_or_refused() {
+    let at = |places: &[(f64, f64)]| RequestedPath {
+        frame: "map".to_owned(),
+        poses: places
+            .iter()
+            .map(|&(x_m, y_m)| PlanarPose {
+                x_m,
+                y_m,
+                yaw_rad: 0.0,
+            })
+            .collect(),
+    };
+    let pose = PlanarPose::default();
+    let path = at(&[(0.0, 0.0), (0.1, 0.1), (0.1, 0.2), (0.1, 0.3)]);
+    let route = Route::build(&path, &pose, 0.0, &route_settings()).unwrap();
+    let end = route.trajectory.at(1e3).position;
+    assert!((end.x_m - 0.1).hypot(end.y_m - 0.3) < 1e-6, "{end:?}");
+    let exact = RouteSettings {
+        smoothing: Smoothing {
+            max_deviation_m: 0.02,
+            ..Smoothing::default()
+        },
+        ..route_settings()
+    };
+    let error = Route::build(&path, &pose, 0.0, &exact).unwrap_err();
+    assert_eq!(error.code, code::INVALID_PATH);
+    assert!(error.message.contains("sharp"), "{}", error.message);
+}
+
+#[test]
+fn a_single_pose_is_no_path() {
+    let path = line(1);
+    let error = Route::build(&path, &PlanarPose::default(), 0.0, &route_settings()).unwrap_err();
+    assert_eq!(error.code, code::INVALID_PATH);
+}
+
+#[test]
+fn a_path_is_joined_where_the_vehicle_is_and_at_its_speed() {
+    let path = line(101);
+    let pose = PlanarPose {
+        x_m: 4.02,
+        y_m: 0.3,
+        yaw_rad: -FRAC_PI_2,
+    };
+    let route = Route::build(&path, &pose, 0.3, &route_settings()).unwrap();
+    let start = route.trajectory.at(0.0);
+    assert!((start.position.x_m - 4.0).abs() < 0.05, "{start:?}");
+    assert!((start.speed_m_s - 0.3).abs() < 1e-6, "{start:?}");
+    assert!((route.trajectory.length_m() - 6.0).abs() < 0.05);
+    let slow = route.on_the_way(&SpeedLimits {
+        speed_max_m_s: 0.2,
+        ..route_settings().limits
+    });
+    let slow = slow.unwrap().trajectory;
+    assert!((slow.at(slow.duration_s() / 2.0).speed_m_s - 0.2).abs() < 1e-6);
+}
+
+#[test]
+fn orientations_say_where_a_path_is_driven_in_reverse() {
+    let mut path = line(41);
+    for pose in &mut path.poses {
+        pose.yaw_rad += PI;
+    }
+    let backward = RouteSettings {
+        use_orientations: true,
+        ..route_settings()
+    };
+    let route = Route::build(&path, &path.poses[0], 0.0, &backward).unwrap();
+    assert!(route.trajectory.at(2.0).speed_m_s < 0.0);
+    let forward = Route::build(&path, &path.poses[0], 0.0, &route_settings()).unwrap();
+    assert!(forward.trajectory.at(2.0).speed_m_s > 0.0);
+}
+
+#[test]
+fn a_pivot_turns_by_its_angle_within_the_steer_limit() {
+    let from = PlanarPose {
+        x_m: 1.0,
+        y_m: 2.0,
+        yaw_rad: 0.5,
+    };
+    let slow = SpeedLimits {
+        steer_max_m_s: 0.1,
+        ..route_settings().limits
+    };
+    for (limits, rate_rad_s) in [(route_settings().limits, PIVOT_RAD_S), (slow, 0.1)] {
+        let pivot = pivot(&from, -2.0, &limits).unwrap();
+        assert_eq!(pivot.length_m(), 0.0);
+        assert!((pivot.at(1e3).heading_rad + 1.5).abs() < 1e-6);
+        let duration_s = pivot.duration_s();
+        assert!(duration_s >= 2.0 / rate_rad_s, "{duration_s}");
+    }
+}

@@ -1,0 +1,196 @@
+//! Starting the ROS 2 side of a run.
+
+use super::controller_server::{ControllerServer, ServerLinks};
+use super::obstacles::StoppingSettings;
+use super::route::RouteSettings;
+use crate::node::time::RosTime;
+use crate::node::worker::Worker;
+use crate::node::{NodeError, RosNode};
+use crate::port::Ros2Port;
+use crate::port::inputs::InputSubscriber;
+use crate::port::readings::PortContext;
+use crate::port::shared_inputs::SharedInputs;
+use ros2_client::dds::rustdds::RTPSEntity;
+use sidehill_bridge::control_loop::channel::{ControllerEnd, LoopEnd, command_channel};
+use sidehill_bridge::control_loop::scheduling::{RealtimeConfig, RealtimeError};
+use sidehill_bridge::control_loop::tap::PathLog;
+use sidehill_bridge::drives::{Clock, Epoch, ExternalClock, Input, InputStatus};
+use sidehill_bridge::ros2::arguments::{RosArguments, RosEnvironment};
+use sidehill_bridge::ros2::convert::TwistMapping;
+use sidehill_bridge::ros2::settings::server::Ros2Config;
+use sidehill_plant::vehicle::{RangeError, Vehicle};
+use sidehill_recording::live::ParameterOwner;
+use std::sync::{Arc, OnceLock};
+
+/// Why the ROS 2 side cannot be started.
+#[derive(Debug, thiserror::Error)]
+pub enum StartError {
+    /// No node, topic, service or thread.
+    #[error(transparent)]
+    Node(#[from] NodeError),
+    /// A setting out of range.
+    #[error(transparent)]
+    Range(#[from] RangeError),
+    /// A priority that the system refuses.
+    #[error(transparent)]
+    Realtime(#[from] RealtimeError),
+}
+
+/// What the ROS 2 side of a run is made of.
+pub struct Setup<'a> {
+    /// The `ros2:` section.
+    pub config: Ros2Config,
+    /// Vehicle model of the controller.
+    pub vehicle: &'a Vehicle,
+    /// How paths become routes.
+    pub route: RouteSettings,
+    /// The arguments after `--ros-args`.
+    pub arguments: &'a RosArguments,
+    /// The environment variables of ROS.
+    pub environment: &'a RosEnvironment,
+    /// Zero of the control loop's time.
+    pub epoch: Epoch,
+    /// Whether the drives are commanded over ROS 2.
+    pub drives: bool,
+    /// Stages of the controller's horizon.
+    pub stages: usize,
+    /// Period of the control loop, s.
+    pub period_s: f64,
+    /// Takes the paths where the drive is recorded, and says why nothing is recorded any more.
+    pub recording: Option<(PathLog, Arc<OnceLock<String>>)>,
+    /// Where live clients see and set the parameters of the node; none without a live view.
+    pub live: Option<ParameterOwner>,
+    /// Priorities of the threads.
+    pub realtime: RealtimeConfig,
+    /// How the vehicle stops ahead of an obstacle.
+    pub stopping: StoppingSettings,
+}
+
+/// The running server, and the ends of its channels. Dropped, it leaves the graph.
+pub struct Ros2 {
+    /// Clock of the control loop.
+    pub clock: Clock,
+    /// The control loop's end of the command channel.
+    pub loop_end: LoopEnd,
+    /// The controller's end of it.
+    pub controller_end: ControllerEnd,
+    /// The vehicle, where its drives are commanded over ROS 2.
+    pub port: Option<Ros2Port>,
+    /// What it listens to.
+    pub inputs: Ros2Inputs,
+    /// Resolved name of the action that takes goals.
+    pub action: String,
+    /// The threads.
+    pub server: Ros2Server,
+}
+
+/// The topics that the ROS 2 side listens to.
+pub struct Ros2Inputs(Arc<SharedInputs>);
+
+impl InputStatus for Ros2Inputs {
+    fn inputs(&mut self, _now_s: f64) -> Vec<Input> {
+        self.0.graph().inputs()
+    }
+}
+
+/// The threads of the server; dropped, it leaves the graph.
+pub struct Ros2Server {
+    _server: Worker,
+    _inputs: Option<Worker>,
+}
+
+/// Starts the server and, where the drives are commanded over ROS 2, their port.
+///
+/// # Errors
+/// [`StartError`] for a setting out of range, an invalid name or a network that cannot be used.
+pub fn start(setup: Setup<'_>) -> Result<Ros2, StartError> {
+    let config = setup.config;
+    config.validate()?;
+    let mapping = TwistMapping::new(config.commands.track_width_m, setup.vehicle)?;
+    // The middleware makes its threads with the node.
+    let start = || RosNode::start(&config.node, setup.arguments, setup.environment);
+    let mut node = match setup.drives {
+        true => setup.realtime.create_helpers(start)??,
+        false => start()?,
+    };
+    let epoch = setup.epoch;
+    let external = config.use_sim_time.then(ExternalClock::default);
+    let (clock, time) = match external.clone() {
+        Some(clock) => {
+            let time = clock.clone();
+            let time = RosTime::simulated(move || time.now_s().unwrap_or(0.0));
+            (Clock::External(clock), time)
+        }
+        None => (
+            Clock::Real(epoch),
+            RosTime::system(move || epoch.elapsed_s()),
+        ),
+    };
+    let (mut commands, loop_end, controller_end) = command_channel(setup.stages);
+    let recording = setup.recording.map(|(paths, ended)| {
+        commands.log_paths(paths);
+        ended
+    });
+    let context = PortContext {
+        frames: config.frames.clone(),
+        mapping,
+        time: time.clone(),
+        clock: external,
+        shared: Arc::default(),
+    };
+    let own = node.context().domain_participant().guid();
+    let shared = Arc::clone(&context.shared);
+    shared.graph().begin(setup.environment.domain_id, own);
+    let action = node
+        .names()
+        .resolve(&config.follow_path.action)
+        .map_err(NodeError::from)?;
+    let links = ServerLinks {
+        time,
+        inputs: Arc::clone(&context.shared),
+        commands,
+        recording,
+        live: setup.live,
+    };
+    let subscriber = InputSubscriber {
+        config: config.inputs.clone(),
+        context: context.clone(),
+        halt: links.commands.halt_switch(),
+        forwarded: config.commands.forwarded.clone().filter(|_| setup.drives),
+        sensors: setup.drives,
+    };
+    let (inputs, latest) = subscriber.start(&mut node)?;
+    let (port, inputs) = if setup.drives {
+        let scale = setup.vehicle.encoder_scale;
+        let port = Ros2Port::new(
+            &mut node,
+            &config.commands,
+            scale,
+            context,
+            (inputs, latest),
+        )?;
+        (Some(port), None)
+    } else {
+        (None, Some(inputs))
+    };
+    let server = ControllerServer::new(
+        node,
+        config,
+        setup.route,
+        setup.vehicle,
+        (setup.period_s, setup.stopping),
+        links,
+    )?;
+    Ok(Ros2 {
+        clock,
+        loop_end,
+        controller_end,
+        port,
+        inputs: Ros2Inputs(shared),
+        action: action.to_string(),
+        server: Ros2Server {
+            _server: server.start().map_err(NodeError::from)?,
+            _inputs: inputs,
+        },
+    })
+}

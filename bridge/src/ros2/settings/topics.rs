@@ -1,0 +1,172 @@
+//! Settings of the topics of drives and sensors.
+
+use crate::ros2::joints::TreadJoints;
+use serde::{Deserialize, Serialize};
+
+/// Names of the coordinate frames.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Frames {
+    /// Frame of the odometry, in which paths are tracked.
+    pub odometry: String,
+    /// Frame of the vehicle.
+    pub base: String,
+}
+
+impl Default for Frames {
+    fn default() -> Self {
+        Self {
+            odometry: "odom".to_owned(),
+            base: "base_link".to_owned(),
+        }
+    }
+}
+
+/// Source of roll and pitch.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum AttitudeSource {
+    /// The orientation of an Imu.
+    #[default]
+    Imu,
+    /// The orientation of the odometry.
+    Odometry,
+}
+
+/// Source of the yaw rate.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum YawRateSource {
+    /// The angular velocity of an Imu.
+    Imu,
+    /// Not read. A yaw rate changes how the vehicle drives, so it has to be asked for.
+    #[default]
+    None,
+}
+
+/// Source of the tread speeds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum SpeedSource {
+    /// The twist of the odometry, by the track width of the commands.
+    #[default]
+    Odometry,
+    /// The velocities of two joints.
+    JointStates,
+}
+
+/// Topics that are subscribed to.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct InputsConfig {
+    /// nav_msgs/Odometry.
+    pub odometry: String,
+    /// sensor_msgs/Imu.
+    pub imu: String,
+    /// sensor_msgs/JointState.
+    pub joint_states: String,
+    /// Source of roll and pitch.
+    pub attitude: AttitudeSource,
+    /// Source of the yaw rate.
+    pub yaw_rate: YawRateSource,
+    /// Source of the tread speeds.
+    pub speeds: SpeedSource,
+    /// Joints of the treads.
+    pub joints: TreadJoints,
+    /// std_msgs/Bool, true while the emergency stop is pressed.
+    pub emergency_stop: String,
+    /// Oldest message of the emergency stop with which the vehicle drives, s; 0 where its publishers send
+    /// changes only.
+    pub emergency_stop_timeout_s: f64,
+    /// Transient-local nav_msgs/Path that is followed as soon as it arrives; none where empty.
+    pub path: String,
+    /// nav2_msgs/SpeedLimit.
+    pub speed_limit: String,
+}
+
+impl Default for InputsConfig {
+    fn default() -> Self {
+        Self {
+            odometry: "odom".to_owned(),
+            imu: "imu".to_owned(),
+            joint_states: "joint_states".to_owned(),
+            attitude: AttitudeSource::default(),
+            yaw_rate: YawRateSource::default(),
+            speeds: SpeedSource::default(),
+            joints: TreadJoints::default(),
+            emergency_stop: "emergency_stop".to_owned(),
+            emergency_stop_timeout_s: 0.0,
+            path: String::new(),
+            speed_limit: "speed_limit".to_owned(),
+        }
+    }
+}
+
+/// Commands to the drives; each that is given is published.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct CommandsConfig {
+    /// As a twist.
+    pub twist: Option<TwistConfig>,
+    /// As velocities of the treads' joints.
+    pub treads: Option<TreadsConfig>,
+    /// As the speeds of two motors.
+    pub motors: Option<MotorsConfig>,
+    /// The command that reaches the drives, where a collision monitor or a smoother may change that of
+    /// `twist` on its way: feedback is compared with it. Listened to, not published.
+    pub forwarded: Option<TwistConfig>,
+    /// Track width with which the vehicle's base converts between a twist and tread speeds, m; the distance
+    /// of the vehicle's tread ICRs where it is not given.
+    pub track_width_m: Option<f64>,
+}
+
+impl Default for CommandsConfig {
+    fn default() -> Self {
+        Self {
+            twist: Some(TwistConfig::default()),
+            treads: None,
+            motors: None,
+            forwarded: None,
+            track_width_m: None,
+        }
+    }
+}
+
+/// cmd_vel.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct TwistConfig {
+    /// Topic.
+    pub topic: String,
+    /// geometry_msgs/TwistStamped rather than Twist.
+    pub stamped: bool,
+}
+
+impl Default for TwistConfig {
+    fn default() -> Self {
+        Self {
+            topic: "cmd_vel".to_owned(),
+            stamped: false,
+        }
+    }
+}
+
+/// std_msgs/Float64MultiArray of the velocities of the left and the right joint.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct TreadsConfig {
+    /// Topic.
+    pub topic: String,
+    /// The joints.
+    pub joints: TreadJoints,
+}
+
+/// std_msgs/Float64 for each motor, m/s.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MotorsConfig {
+    /// Topic of the traction motor.
+    pub traction: String,
+    /// Topic of the steer motor.
+    pub steer: String,
+}

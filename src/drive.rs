@@ -1,0 +1,100 @@
+//! Hands the commands that drive over to the program `sidehill-drive`, and defines their arguments.
+
+use crate::recording::LIVE;
+use anyhow::{Error, anyhow};
+use std::io::ErrorKind;
+use std::net::SocketAddr;
+use std::os::unix::process::CommandExt;
+use std::path::PathBuf;
+use std::process::Command;
+
+/// Name of the program that drives.
+const PROGRAM: &str = "sidehill-drive";
+
+/// Becomes the program that drives, with the arguments of this one: signals, standard streams and exit status are its
+/// own. It is looked for beside this program, then on PATH.
+///
+/// Returns only if it cannot be run, with the reason.
+pub fn hand_over() -> Error {
+    let beside = std::env::current_exe()
+        .ok()
+        .map(|own| own.with_file_name(PROGRAM))
+        .filter(|path| path.is_file());
+    let program = beside.unwrap_or_else(|| PathBuf::from(PROGRAM));
+    let error = Command::new(&program)
+        .args(std::env::args_os().skip(1))
+        .exec();
+    if error.kind() == ErrorKind::NotFound {
+        return anyhow!(
+            "{PROGRAM}: this command is of the program {PROGRAM}, which is neither beside this one nor on PATH; from a \
+             checkout, build it with `cargo build --release --package {PROGRAM}` or install it with \
+             `cargo install --path bridge/program`"
+        );
+    }
+    anyhow!("{}: {error}", program.display())
+}
+
+/// Arguments of `sidehill run`.
+#[derive(Debug, clap::Args)]
+pub struct RunArgs {
+    /// Configuration: interface, layout of the bus, vehicle, controller, course, safety.
+    pub config: PathBuf,
+    /// Arm once as soon as the drives' feedback is fresh. Without it, and after every stop, SIGUSR1
+    /// arms.
+    #[arg(long)]
+    pub arm: bool,
+    /// Folder for candump.log, cycles.csv and events.jsonl; created if it does not exist. Files of an
+    /// earlier run are kept beside them as candump.log.1 and so on.
+    #[arg(long)]
+    pub out: Option<PathBuf>,
+    /// text: the inputs, then the state and missing inputs, for a person; json: a line of JSON a
+    /// second, and events on standard error. By default text on a terminal and json elsewhere.
+    #[arg(long, value_enum)]
+    pub format: Option<RunFormat>,
+    /// Record the drive to an MCAP file, which `sidehill replay` and Foxglove read; instead of
+    /// record.file of the configuration.
+    #[arg(long, value_name = "FILE.mcap")]
+    pub record: Option<PathBuf>,
+    /// Show the drive live: a Foxglove WebSocket, to which Foxglove and Lichtblick connect. By
+    /// default on this machine only: 127.0.0.1:8765.
+    #[arg(long, value_name = "ADDRESS", num_args = 0..=1, default_missing_value = LIVE)]
+    pub live: Option<SocketAddr>,
+    /// Overwrite a recording that exists.
+    #[arg(long)]
+    pub force: bool,
+    /// Duration of the run, s. Without it, the run ends with the course or on a signal.
+    #[arg(long)]
+    pub duration_s: Option<f64>,
+}
+
+/// How `run` prints its state.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum RunFormat {
+    /// For a person.
+    Text,
+    /// A line of JSON per second.
+    Json,
+}
+
+/// Arguments of `sidehill vehicle`.
+#[derive(Debug, clap::Args)]
+pub struct VehicleArgs {
+    /// Configuration of the virtual vehicle.
+    pub config: PathBuf,
+    /// CSV file for the true state, one row for each report. An earlier file is kept beside it.
+    #[arg(long)]
+    pub truth: Option<PathBuf>,
+    /// Record the vehicle to an MCAP file, instead of record.file of the configuration.
+    #[arg(long, value_name = "FILE.mcap")]
+    pub record: Option<PathBuf>,
+    /// Show the drive live: a Foxglove WebSocket, to which Foxglove and Lichtblick connect. By
+    /// default on this machine only: 127.0.0.1:8765.
+    #[arg(long, value_name = "ADDRESS", num_args = 0..=1, default_missing_value = LIVE)]
+    pub live: Option<SocketAddr>,
+    /// Overwrite a recording that exists.
+    #[arg(long)]
+    pub force: bool,
+    /// Duration, s; without it, runs until SIGINT or SIGTERM.
+    #[arg(long)]
+    pub duration_s: Option<f64>,
+}
