@@ -21,12 +21,43 @@ pub enum PathError {
         /// Largest length allowed, m.
         limit_m: f64,
     },
-    /// A coordinate is NaN or infinite.
-    #[error("point {index} of the path is not finite: x = {x_m} m, y = {y_m} m", x_m = position.x_m, y_m = position.y_m)]
+    /// A coordinate is NaN, infinite or larger than the earth.
+    #[error("point {index} of the path must be finite and within 1e8 m of the origin: x = {x_m} m, y = {y_m} m", x_m = position.x_m, y_m = position.y_m)]
     NotFinite {
         /// Index of the point, from 0.
         index: usize,
         /// The point.
+        position: Point2,
+    },
+    /// Travel turns back on the spot although the direction of driving does not change.
+    #[error(
+        "the path turns back on the spot at point {index} (x = {x_m:.3} m, y = {y_m:.3} m) without a change of direction; mark the points after it as driven the other way, or give the path room to turn",
+        x_m = position.x_m, y_m = position.y_m
+    )]
+    TurnsBack {
+        /// Index of the nearest given point, from 0.
+        index: usize,
+        /// Where.
+        position: Point2,
+    },
+    /// The direction of driving changes where travel does not turn back.
+    #[error(
+        "the direction of driving changes at point {index} (x = {x_m:.3} m, y = {y_m:.3} m), but travel does not turn back there; mark the point at which it does",
+        x_m = position.x_m, y_m = position.y_m
+    )]
+    NoCusp {
+        /// Index of the point, from 0.
+        index: usize,
+        /// The point.
+        position: Point2,
+    },
+    /// A curve stands still, turns back or has a gap.
+    #[error(
+        "the path has a gap, a standstill or a fold at x = {x_m:.3} m, y = {y_m:.3} m",
+        x_m = position.x_m, y_m = position.y_m
+    )]
+    NotRegular {
+        /// Where.
         position: Point2,
     },
     /// No curve within the allowed deviation meets the curvature bound.

@@ -6,8 +6,10 @@ pub use options::Smoothing;
 
 use super::raw::{RawPiece, split};
 use super::spline::{Spline, smooth_nodes};
-use super::{ArcLength, Path, PathError, Point2, RawPoint, Sample, Window};
-use std::f64::consts::PI;
+use super::{
+    ArcLength, Direction, Path, PathError, Piece, Point2, RawPoint, Sample, Window, first_irregular,
+};
+use std::f64::consts::{FRAC_PI_2, PI};
 
 /// A path and how far it is from the points it was made of.
 #[derive(Debug, Clone, PartialEq)]
@@ -45,7 +47,8 @@ const MARGIN: f64 = 0.97;
 /// # Errors
 /// [`PathError::Empty`], [`PathError::SinglePoint`], [`PathError::ZeroLength`] or
 /// [`PathError::NotFinite`] for unusable points; [`PathError::TooLong`] above 100 km;
-/// [`PathError::TooSharp`] where the curvature bound cannot be met within the deviation.
+/// [`PathError::TooSharp`] where the curvature bound cannot be met within the deviation, and
+/// [`PathError::TurnsBack`] where that is because travel turns back on the spot.
 pub fn smooth(points: &[RawPoint], options: &Smoothing) -> Result<Smoothed, PathError> {
     let raw_pieces = split(points, 0.5 / options.max_curvature_per_m)?;
     let length_m: f64 = raw_pieces.iter().map(RawPiece::length_m).sum();
@@ -68,8 +71,8 @@ pub fn smooth(points: &[RawPoint], options: &Smoothing) -> Result<Smoothed, Path
         }));
         start_m += piece.length_m;
         let samples = match raw.direction {
-            super::Direction::Forward => piece.samples,
-            super::Direction::Reverse => turned_back(piece.samples),
+            Direction::Forward => piece.samples,
+            Direction::Reverse => turned_back(piece.samples),
         };
         pieces.push((raw.direction, piece.length_m, samples));
     }
@@ -113,17 +116,15 @@ fn smooth_piece(raw: &RawPiece, options: &Smoothing) -> Result<SmoothPiece, Path
             raw.start_tangent.map(slope),
             raw.end_tangent.map(slope),
         );
-        let curvatures: Vec<f64> = (0..given.len())
-            .map(|i| spline.at(i as f64).curvature_per_m().abs())
-            .collect();
+        let curvatures = curvatures(&spline);
         let table = ArcLength::new(|u| spline.at(u), spline.end(), given.len() - 1);
         let piece = SmoothPiece {
             length_m: table.length_m(),
-            samples: table.samples(super::Direction::Forward),
+            samples: table.samples(Direction::Forward),
             offsets: Vec::new(),
         };
-        let piece = with_offsets(piece, raw, options)?;
-        let (worst, curvature_per_m) = sharpest(&piece.samples);
+        let piece = with_offsets(piece, raw, options);
+        let (worst, curvature_per_m) = sharpest(&piece);
         let deviation_m = piece
             .offsets
             .iter()
@@ -141,6 +142,29 @@ fn smooth_piece(raw: &RawPiece, options: &Smoothing) -> Result<SmoothPiece, Path
         widen(&mut reaches, &curvatures, options);
     }
     Err(too_sharp.unwrap_or(PathError::ZeroLength))
+}
+
+/// Returns the largest curvature around each node, 1/m: at the node, or on average over a part of the way to the
+/// next one, where the curve may bend sharply or turn back.
+fn curvatures(spline: &Spline) -> Vec<f64> {
+    /// Parts of the way to the next node.
+    const PARTS: u8 = 4;
+    let nodes = 0..=spline.end() as usize;
+    let mut curvatures: Vec<f64> = nodes
+        .map(|i| spline.at(i as f64).curvature_per_m().abs())
+        .collect();
+    for i in 0..curvatures.len() - 1 {
+        let point = |part: u8| spline.at(i as f64 + f64::from(part) / f64::from(PARTS));
+        for part in 0..PARTS {
+            let (a, b) = (point(part), point(part + 1));
+            let [[ax, ay], [bx, by]] = [a.tangent, b.tangent];
+            let turned_rad = (ax * by - ay * bx).atan2(ax * bx + ay * by);
+            let bend_per_m = turned_rad.abs() / a.position.distance_m(&b.position);
+            curvatures[i] = curvatures[i].max(bend_per_m);
+            curvatures[i + 1] = curvatures[i + 1].max(bend_per_m);
+        }
+    }
+    curvatures
 }
 
 /// Lengthens the reach of the smoothing where nodes bend too much, and around them so that the
@@ -202,19 +226,18 @@ fn resampled(raw: &RawPiece, spacing_m: f64) -> (Vec<Point2>, f64) {
 }
 
 /// Finds each raw point's nearest point, in order.
-fn with_offsets(
-    mut piece: SmoothPiece,
-    raw: &RawPiece,
-    options: &Smoothing,
-) -> Result<SmoothPiece, PathError> {
-    let path = Path::from_pieces(
-        [(
-            super::Direction::Forward,
-            piece.length_m,
-            piece.samples.clone(),
-        )],
-        false,
-    )?;
+fn with_offsets(mut piece: SmoothPiece, raw: &RawPiece, options: &Smoothing) -> SmoothPiece {
+    // Not checked: it may still turn back.
+    let path = Path {
+        pieces: vec![Piece {
+            start_m: 0.0,
+            length_m: piece.length_m,
+            direction: Direction::Forward,
+            samples: std::mem::take(&mut piece.samples),
+        }],
+        closed: false,
+        length_m: piece.length_m,
+    };
     let last = raw.points.len() - 1;
     let mut reached_m = 0.0;
     for (i, &(index, position)) in raw.points.iter().enumerate() {
@@ -238,22 +261,42 @@ fn with_offsets(
             distance_m: path.at(reached_m).position.distance_m(&position),
         });
     }
-    Ok(piece)
+    piece.samples = path
+        .pieces
+        .into_iter()
+        .flat_map(|piece| piece.samples)
+        .collect();
+    piece
 }
 
-fn sharpest(samples: &[Sample]) -> (usize, f64) {
+/// Returns the sample of the largest curvature, at it or on average to the next, and that curvature, 1/m; infinite
+/// where the curve turns back or stands still.
+fn sharpest(piece: &SmoothPiece) -> (usize, f64) {
+    let step_m = piece.length_m / (piece.samples.len() - 1) as f64;
+    if let Some(index) = first_irregular(&piece.samples, step_m, CHORD_SHARE_MIN) {
+        return (index, f64::INFINITY);
+    }
     let mut worst = (0, 0.0);
-    for (i, sample) in samples.iter().enumerate() {
-        let curvature = sample.curvature_per_m.abs();
-        if !curvature.is_finite() {
-            return (i, f64::INFINITY);
-        }
+    for (i, sample) in piece.samples.iter().enumerate() {
+        let turned_rad = match piece.samples.get(i + 1) {
+            Some(next) => next.heading_rad - sample.heading_rad,
+            None => 0.0,
+        };
+        let curvature = sample.curvature_per_m.abs().max(turned_rad.abs() / step_m);
         if curvature > worst.1 {
             worst = (i, curvature);
         }
     }
+    if worst.1 * step_m > TURNED_BACK_RAD {
+        worst.1 = f64::INFINITY;
+    }
     worst
 }
+
+/// Least distance of consecutive samples over their arc length; the largest curvature allowed, 10 1/m, leaves 0.99.
+const CHORD_SHARE_MIN: f64 = 0.95;
+/// Turn between two samples beyond which a curve turns back on the spot, rad.
+const TURNED_BACK_RAD: f64 = FRAC_PI_2;
 
 fn sharp_error(
     piece: &SmoothPiece,
@@ -267,9 +310,14 @@ fn sharp_error(
             .abs()
             .total_cmp(&(b.arc_length_m - at_m).abs())
     });
+    let index = nearest.map_or(0, |offset| offset.index);
+    let position = piece.samples[sample].position;
+    if curvature_per_m.is_infinite() {
+        return PathError::TurnsBack { index, position };
+    }
     PathError::TooSharp {
-        index: nearest.map_or(0, |offset| offset.index),
-        position: piece.samples[sample].position,
+        index,
+        position,
         curvature_per_m,
         limit_per_m: options.max_curvature_per_m,
     }

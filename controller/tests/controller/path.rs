@@ -236,6 +236,174 @@ fn faults_in_a_gpx_carry_their_line() {
     assert!(fault("<gpx/>").contains("there is no point of a track"));
 }
 
+#[test]
+fn a_way_back_on_the_spot_needs_a_change_of_direction() {
+    let turns_back = |text: &str, place: (f64, f64), at: usize| {
+        let route = read_csv(text.as_bytes()).unwrap();
+        match smooth(&route.points, &Smoothing::default()) {
+            Err(PathError::TurnsBack { index, position }) => {
+                assert_eq!(index, at, "{text}");
+                let (x_m, y_m) = place;
+                assert!(
+                    position.distance_m(&Point2 { x_m, y_m }) < 0.6,
+                    "{text}{position:?}"
+                );
+            }
+            other => panic!("{text}: {other:?}"),
+        }
+    };
+    // Along an axis, beside it, and in reverse after a cusp.
+    turns_back(
+        "x_m,y_m,direction\n0,0,forward\n0,6,forward\n0,1,forward\n",
+        (0.0, 6.0),
+        1,
+    );
+    turns_back(
+        "x_m,y_m,direction\n1,1,reverse\n4,5,\n1.3,1.4,\n",
+        (4.0, 5.0),
+        1,
+    );
+    turns_back(
+        "x_m,y_m,direction\n0,0,forward\n5,0,reverse\n2,0,reverse\n6,0,reverse\n",
+        (2.0, 0.0),
+        2,
+    );
+    let marked = "x_m,y_m,direction\n0,0,forward\n0,6,reverse\n0,1,reverse\n";
+    let route = read_csv(marked.as_bytes()).unwrap();
+    assert_eq!(
+        smooth(&route.points, &Smoothing::default())
+            .unwrap()
+            .path
+            .cusps_m()
+            .count(),
+        1
+    );
+}
+
+#[test]
+fn a_way_out_and_exactly_back_turns_at_its_far_end() {
+    for spacing_m in [0.05, 0.1, 0.2, 1.0] {
+        let steps = (3.0_f64 / spacing_m).round() as i32;
+        let out = (0..=steps).chain((0..steps).rev());
+        let points: Vec<(f64, f64)> = out.map(|i| (1.0, spacing_m * f64::from(i))).collect();
+        let path = smooth(&raw(&points), &Smoothing::default()).unwrap().path;
+        let cusps: Vec<f64> = path.cusps_m().collect();
+        assert_eq!(cusps.len(), 1, "{spacing_m}: {cusps:?}");
+        assert!((cusps[0] - 3.0).abs() < 1e-6, "{spacing_m}: {cusps:?}");
+    }
+}
+
+#[test]
+fn a_mark_beside_the_place_of_turning_back_means_that_place_and_one_on_a_straight_line_none() {
+    let points = |marked: usize| {
+        let out = (0..=10).chain((0..10).rev()).enumerate();
+        let mut points: Vec<RawPoint> = raw(&out
+            .map(|(_, i)| (0.0, 0.3 * f64::from(i)))
+            .collect::<Vec<_>>());
+        for (index, point) in points.iter_mut().enumerate() {
+            let reverse = index >= marked;
+            point.direction = Some(if reverse {
+                Direction::Reverse
+            } else {
+                Direction::Forward
+            });
+        }
+        points
+    };
+    for marked in [9, 10, 11] {
+        let path = smooth(&points(marked), &Smoothing::default()).unwrap().path;
+        assert!(
+            (path.cusps_m().next().unwrap() - 3.0).abs() < 1e-6,
+            "{marked}"
+        );
+    }
+    assert!(matches!(
+        smooth(&points(5), &Smoothing::default()),
+        Err(PathError::NoCusp { index: 5, .. })
+    ));
+}
+
+#[test]
+fn a_stored_path_that_stands_still_is_refused() {
+    let path = slalom();
+    let mut stored = serde_json::to_value(&path).unwrap();
+    assert_eq!(
+        serde_json::from_value::<Path>(stored.clone()).unwrap(),
+        path
+    );
+    let samples = stored["pieces"][0]["samples"].as_array_mut().unwrap();
+    let here = samples[40]["position"].clone();
+    samples[41]["position"] = here;
+    let error = serde_json::from_value::<Path>(stored)
+        .unwrap_err()
+        .to_string();
+    assert!(error.contains("standstill"), "{error}");
+}
+
+/// Points on a small lattice, so that places repeat and lines fold back, at any scale, with and without directions.
+fn any_points() -> impl Strategy<Value = Vec<RawPoint>> {
+    let scale = prop_oneof![
+        (-9..2i32).prop_map(|power| 10_f64.powi(power)),
+        (6..200i32).prop_map(|power| 10_f64.powi(power)),
+    ];
+    let place = prop_oneof![
+        3 => (-3..4i32, -1..2i32).prop_map(|(x, y)| (f64::from(x), f64::from(y))),
+        1 => (-3.0..3.0f64, -3.0..3.0f64),
+        1 => (-3..4i32, -1e-7..1e-7f64).prop_map(|(x, y)| (f64::from(x), y)),
+    ];
+    let direction = prop_oneof![
+        3 => Just(None),
+        1 => Just(Some(Direction::Forward)),
+        1 => Just(Some(Direction::Reverse)),
+    ];
+    let points = prop::collection::vec((place, direction), 2..14);
+    let offset = prop_oneof![Just(0.0), Just(4.5e6), Just(-9.9e7)];
+    (points, scale, offset, any::<bool>()).prop_map(|(points, scale, offset_m, marked)| {
+        points
+            .into_iter()
+            .map(|((x, y), direction)| RawPoint {
+                position: Point2 {
+                    x_m: scale * x + offset_m,
+                    y_m: scale * y,
+                },
+                elevation_m: None,
+                direction: direction.filter(|_| marked),
+            })
+            .collect()
+    })
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 400, failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn any_points_are_refused_or_a_path_on_which_any_place_is_found(
+        points in any_points(), at in 0.0..1.0f64, left_m in -5.0..5.0f64, guess_m in -1.0..1.0f64
+    ) {
+        let options = Smoothing::default();
+        let Ok(smoothed) = smooth(&points, &options) else { return Ok(()) };
+        let path = &smoothed.path;
+        prop_assert!(path.max_curvature_per_m() <= options.max_curvature_per_m);
+        prop_assert!(smoothed.deviation_max_m <= options.max_deviation_m);
+        let at_m = at * path.length_m();
+        for window_m in [0.0, 1.0, 1e9] {
+            let window = Window { behind_m: window_m, ahead_m: window_m };
+            let found = path.nearest_within(&beside(path, at_m, left_m), at_m + guess_m, &window);
+            prop_assert!((0.0..=path.length_m()).contains(&found.point.arc_length_m));
+            prop_assert!(found.cross_track_m.is_finite());
+        }
+        // It moves by its arc length and turns by no more than its curvature allows.
+        let step_m = 1e-3 * path.length_m().min(1.0);
+        let (a, b) = (path.at(at_m), path.at(at_m + step_m));
+        let moved_m = b.arc_length_m - a.arc_length_m;
+        if path.cusps_m().all(|cusp_m| !(a.arc_length_m..=b.arc_length_m).contains(&cusp_m)) {
+            prop_assert!((a.position.distance_m(&b.position) - moved_m).abs() <= 0.1 * moved_m + 1e-7);
+            let turned_rad = (b.heading_rad - a.heading_rad).abs();
+            prop_assert!(turned_rad <= 2.0 * options.max_curvature_per_m * moved_m + 1e-6, "{turned_rad}");
+        }
+    }
+}
+
 proptest! {
     #![proptest_config(ProptestConfig { cases: 48, failure_persistence: None, ..ProptestConfig::default() })]
 
