@@ -99,7 +99,8 @@ impl<F: Fn(f64) -> CurvePoint> ArcLength<F> {
             let error_m = self.lengths_m[index] + self.quadrature(from, parameter) - arc_length_m;
             let next = parameter - error_m / self.point(parameter).speed();
             // Only where the curve stands still or turns back does a step lead far away.
-            if !((next - from).abs() < 2.0 * self.parameter_step) {
+            let near = (next - from).abs() < 2.0 * self.parameter_step;
+            if !near {
                 break;
             }
             parameter = next;

@@ -5,6 +5,7 @@
 mod aside;
 mod curve;
 mod error;
+mod gpx;
 mod point;
 mod projection;
 mod raw;
@@ -14,10 +15,11 @@ mod spline;
 
 pub use aside::{Aside, MovedPath};
 pub use error::PathError;
+pub use gpx::{GeodeticOrigin, read_gpx};
 pub use point::{Direction, PathPoint, Point2};
 pub use projection::{Projected, Window};
 pub use raw::RawPoint;
-pub use read::{GeodeticOrigin, Route, read_csv, read_gpx};
+pub use read::{Route, read_csv};
 pub use smoothing::{Smoothed, Smoothing, smooth};
 
 pub(crate) use curve::{ArcLength, CurvePoint};
@@ -48,8 +50,10 @@ struct RawPath {
     length_m: f64,
 }
 
-/// Difference of arc lengths that are the same, m.
-const ROUNDING_M: f64 = 1e-6;
+/// Returns whether two arc lengths are the same but for rounding.
+fn same_length(a_m: f64, b_m: f64) -> bool {
+    (a_m - b_m).abs() < 1e-6
+}
 
 /// Least distance of consecutive samples over their arc length: less is left where a curve turns back or stands
 /// still.
@@ -70,12 +74,12 @@ impl TryFrom<RawPath> for Path {
         for piece in &pieces {
             piece.check()?;
             // A text may have rounded them.
-            if !((piece.start_m - end_m).abs() < ROUNDING_M) {
+            if !same_length(piece.start_m, end_m) {
                 return Err(piece.not_regular(0));
             }
             end_m = piece.end_m();
         }
-        if pieces.is_empty() || !((length_m - end_m).abs() < ROUNDING_M) {
+        if pieces.is_empty() || !same_length(length_m, end_m) {
             return Err(PathError::ZeroLength);
         }
         Ok(Self {

@@ -4,7 +4,8 @@ use crate::speed_profile::LIMITS;
 use proptest::prelude::*;
 use sidehill_controller::course::{Course, FigureEight, Slalom};
 use sidehill_controller::path::{
-    Direction, Path, PathError, Point2, RawPoint, Smoothing, Window, read_csv, read_gpx, smooth,
+    Direction, GeodeticOrigin, Path, PathError, Point2, RawPoint, Smoothing, Window, read_csv,
+    read_gpx, smooth,
 };
 use std::f64::consts::{PI, TAU};
 
@@ -214,7 +215,7 @@ fn a_gpx_is_read_into_the_tangent_plane() {
         <rtept lat="45" lon="7"><ele>100</ele></rtept>
         <rtept lat="45.001" lon="7"><ele>103.5</ele></rtept>
         <rtept lat="45" lon="7.001"/></rte></gpx>"#;
-    let points = read_gpx(text.as_bytes()).unwrap().points;
+    let points = read_gpx(text.as_bytes(), None).unwrap().points;
     // Radii of curvature of WGS 84 at 45 deg: meridian 6 367 381.8 m, prime vertical 6 388 838.3 m.
     let step_rad = 1e-3_f64.to_radians();
     assert!((points[1].position.y_m - 6_367_381.8 * step_rad).abs() < 1e-2);
@@ -225,9 +226,143 @@ fn a_gpx_is_read_into_the_tangent_plane() {
     assert_eq!(points[2].elevation_m, None);
 }
 
+/// A track whose segments hold points given in metres north and east of 47 N 8 E.
+fn track(segments: &[&[(f64, f64)]]) -> String {
+    let datum = GeodeticOrigin {
+        latitude_deg: 47.0,
+        longitude_deg: 8.0,
+        elevation_m: 0.0,
+    };
+    let mut text = String::from("<gpx><trk>\n");
+    for segment in segments {
+        text += "<trkseg>\n";
+        for &(y_m, x_m) in *segment {
+            let (latitude, longitude) = datum.unproject(Point2 { x_m, y_m });
+            text += &format!("<trkpt lat=\"{latitude:.10}\" lon=\"{longitude:.10}\"/>\n");
+        }
+        text += "</trkseg>\n";
+    }
+    text + "</trk></gpx>"
+}
+
+fn line(from_m: f64, to_m: f64, east_m: f64) -> Vec<(f64, f64)> {
+    let steps = (to_m - from_m).abs().round() as i32;
+    let share = |i: i32| f64::from(i) / f64::from(steps);
+    (0..=steps)
+        .map(|i| (from_m + share(i) * (to_m - from_m), east_m))
+        .collect()
+}
+
+#[test]
+fn segments_with_a_way_between_them_that_nobody_recorded_are_refused() {
+    let refusal = |segments: &[&[(f64, f64)]]| {
+        read_gpx(track(segments).as_bytes(), None)
+            .unwrap_err()
+            .to_string()
+    };
+    // A place far away, a row that begins where the one before did, and one that begins beside its end.
+    let text = refusal(&[&line(0.0, 20.0, 0.0), &line(500.0, 502.0, 0.0)]);
+    assert!(
+        text.contains("line 26 of the GPX") && text.contains("480.0 m from the end"),
+        "{text}"
+    );
+    assert!(refusal(&[&line(0.0, 20.0, 0.0), &line(0.0, 20.0, 3.0)]).contains("Keep one segment"));
+    assert!(refusal(&[&line(0.0, 20.0, 0.0), &line(20.0, 0.0, 4.0)]).contains("4.0 m from"));
+    // A logger that began a new segment without standing still loses nothing.
+    let route = read_gpx(
+        track(&[&line(0.0, 20.0, 0.0), &line(21.0, 30.0, 0.0)]).as_bytes(),
+        None,
+    )
+    .unwrap();
+    assert_eq!(route.points.len(), 31);
+    assert!(
+        route.notes[0].contains("2 segments") && route.notes[0].contains("1.00 m"),
+        "{:?}",
+        route.notes
+    );
+    assert!(
+        read_gpx(track(&[&line(0.0, 20.0, 0.0)]).as_bytes(), None)
+            .unwrap()
+            .notes
+            .is_empty()
+    );
+}
+
+#[test]
+fn the_datum_keeps_places_where_they_are_and_a_far_one_is_refused() {
+    let datum = GeodeticOrigin {
+        latitude_deg: 47.0,
+        longitude_deg: 8.0,
+        elevation_m: 0.0,
+    };
+    let whole = track(&[&line(3.0, 30.0, 7.0)]);
+    let trimmed = track(&[&line(8.0, 30.0, 7.0)]);
+    let last = |text: &str, datum| {
+        *read_gpx(text.as_bytes(), datum)
+            .unwrap()
+            .points
+            .last()
+            .unwrap()
+    };
+    let place = Point2 {
+        x_m: 7.0,
+        y_m: 30.0,
+    };
+    for text in [&whole, &trimmed] {
+        assert!(last(text, Some(&datum)).position.distance_m(&place) < 1e-3);
+    }
+    assert!((last(&whole, None).position.y_m - 27.0).abs() < 1e-3);
+    assert!((last(&trimmed, None).position.y_m - 22.0).abs() < 1e-3);
+    let exchanged = GeodeticOrigin {
+        latitude_deg: 8.0,
+        longitude_deg: 47.0,
+        ..datum
+    };
+    let error = read_gpx(whole.as_bytes(), Some(&exchanged))
+        .unwrap_err()
+        .to_string();
+    assert!(
+        error.contains("line 3") && error.contains("exchanged"),
+        "{error}"
+    );
+}
+
+#[test]
+fn points_that_cannot_be_meant_are_refused_with_their_line() {
+    let fault = |text: &str| read_gpx(text.as_bytes(), None).unwrap_err().to_string();
+    let mut points = line(0.0, 20.0, 0.0);
+    points[7] = (7.0, 60.0);
+    let text = fault(&track(&[&points]));
+    assert!(text.contains("line 10") && text.contains("stray"), "{text}");
+    let straight = track(&[&line(0.0, 20.0, 0.0)]);
+    let sixth = straight.lines().nth(7).unwrap();
+    let text = fault(&straight.replace(sixth, "<trkpt lat=\"0\" lon=\"0.0\"/>"));
+    assert!(
+        text.contains("line 8") && text.contains("without a fix"),
+        "{text}"
+    );
+    let text = fault(&straight.replace(sixth, "<trkpt lat=\"8.0\" lon=\"47.0\"/>"));
+    assert!(
+        text.contains("line 8") && text.contains("km from the one before"),
+        "{text}"
+    );
+    let in_japan = straight.replace(sixth, "<trkpt lat=\"139.7\" lon=\"35.7\"/>");
+    assert!(fault(&in_japan).contains("are lat and lon exchanged?"));
+    // A simulated world may be at 0, 0, and waypoints may be far apart.
+    let world = "<gpx><rte><rtept lat=\"0\" lon=\"0\"/><rtept lat=\"0.001\" lon=\"0\"/><rtept lat=\"0.005\" lon=\"0\"/></rte></gpx>";
+    assert_eq!(read_gpx(world.as_bytes(), None).unwrap().points.len(), 3);
+}
+
+#[test]
+fn an_empty_elevation_is_not_known() {
+    let text = "<gpx><rte><rtept lat=\"45\" lon=\"7\"><ele/></rtept><rtept lat=\"45.001\" lon=\"7\"><ele> </ele></rtept></rte></gpx>";
+    let route = read_gpx(text.as_bytes(), None).unwrap();
+    assert!(route.points.iter().all(|point| point.elevation_m.is_none()));
+}
+
 #[test]
 fn faults_in_a_gpx_carry_their_line() {
-    let fault = |text: &str| read_gpx(text.as_bytes()).unwrap_err().to_string();
+    let fault = |text: &str| read_gpx(text.as_bytes(), None).unwrap_err().to_string();
     let in_track = |point: &str| format!("<gpx><trk><trkseg>\n{point}\n</trkseg></trk></gpx>");
     assert!(fault(&in_track(r#"<trkpt lat="91" lon="0"/>"#)).contains("line 2 of the GPX: lat"));
     assert!(fault(&in_track(r#"<trkpt lat="1"/>"#)).contains("no `lon`"));
