@@ -22,6 +22,7 @@ pub mod init;
 #[cfg(feature = "drive")]
 mod interrupts;
 pub mod learned;
+mod limits;
 #[cfg(feature = "drive")]
 pub mod live_odometry;
 pub mod odometry;

@@ -225,7 +225,7 @@ mod tests {
             [300.0, -400.0, 2.0],
             [-900.0, 1200.0, -3.5],
         ];
-        let route = read_gpx(gpx(&points, &origin).as_bytes()).unwrap();
+        let route = read_gpx(gpx(&points, &origin).as_bytes(), None).unwrap();
         for (point, expected) in route.points.iter().zip(points) {
             let found = [
                 point.position.x_m,

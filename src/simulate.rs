@@ -38,7 +38,7 @@ pub struct SimulateArgs {
     /// Sensing, actuation and ground instead of the scenario's: a YAML file, or `realistic`, which is
     /// built in.
     #[arg(long, value_name = "FILE")]
-    pub conditions: Option<PathBuf>,
+    pub conditions: Vec<PathBuf>,
     /// What moves the vehicle, instead of the plant of scenario or conditions.
     #[arg(long)]
     pub plant: Option<PlantKind>,
@@ -110,11 +110,15 @@ pub fn run(args: &SimulateArgs) -> Result<ExitCode> {
         None => ConfigFile::built_in(DEFAULT_SCENARIO)?,
     }
     .with_bundle(bundle.clone());
-    let conditions = args
-        .conditions
-        .as_deref()
-        .map(Conditions::read)
-        .transpose()?;
+    let conditions = match args.conditions.as_slice() {
+        [] => None,
+        [one] => Some(Conditions::read(one)?),
+        [_, _, ..] => bail!(
+            "--conditions: given {} times; a second file would replace whole sections of the first, so put all keys \
+             into one file",
+            args.conditions.len()
+        ),
+    };
     let file = match &conditions {
         Some(conditions) => conditions.put_into(&file)?,
         None => file,

@@ -37,7 +37,9 @@ pub use file::{
 pub(crate) use hints::no_text;
 pub use plant::{Plant, PlantKind};
 pub use prepared::Prepared;
-pub use reference::{LoadedReference, Source, read_route};
+pub use reference::{
+    LoadedReference, Source, ground_along, ground_point, read_route, route_warnings,
+};
 #[cfg(feature = "drive")]
 pub use run::{RunConfig, RunPort};
 #[cfg(feature = "drive")]
