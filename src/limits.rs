@@ -6,7 +6,7 @@
 use std::io::Read;
 use std::path::Path;
 
-/// Nested brackets of a YAML text.
+/// Nested brackets of a YAML text, or lists that begin in one line.
 pub(crate) const YAML_DEPTH: usize = 100;
 
 /// A kind of file that is held in memory as a whole.
@@ -60,10 +60,19 @@ pub(crate) fn read(path: &Path) -> std::io::Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// Returns the line, from 1, at which brackets of a YAML text are nested too deeply.
+/// Returns the line, from 1, at which a YAML text is nested too deeply: by its brackets, or by lists in one line.
 ///
 /// Brackets in texts and comments count, too; so many that are not closed are in neither.
 pub(crate) fn too_deep(text: &str) -> Option<usize> {
+    let lists = |line: &str| {
+        let marks = line.split_ascii_whitespace();
+        marks
+            .take_while(|mark| matches!(*mark, "-" | "?" | ":"))
+            .count()
+    };
+    if let Some(at) = text.lines().position(|line| lists(line) > YAML_DEPTH) {
+        return Some(at + 1);
+    }
     let mut depth = 0_usize;
     let mut line = 1;
     for byte in text.bytes() {
@@ -108,5 +117,7 @@ mod tests {
     fn nested_brackets_are_counted() {
         assert_eq!(too_deep(&"a: [{b: [1]}]\n".repeat(500)), None);
         assert_eq!(too_deep(&format!("a: 1\nb: {}", "[".repeat(101))), Some(2));
+        assert_eq!(too_deep(&format!("a: 1\n{}", "- ".repeat(101))), Some(2));
+        assert_eq!(too_deep(&"- - 1\n".repeat(500)), None);
     }
 }

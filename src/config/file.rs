@@ -271,7 +271,7 @@ impl ConfigFile {
     pub fn parse<T: DeserializeOwned>(&self) -> Result<T, ConfigError> {
         if let Some(line) = limits::too_deep(&self.text) {
             return Err(self.error(format!(
-                "line {line}: brackets are nested more than {} deep",
+                "line {line}: brackets or lists are nested more than {} deep",
                 limits::YAML_DEPTH
             )));
         }

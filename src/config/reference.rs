@@ -5,8 +5,8 @@ use crate::progress::Notice;
 use serde::Deserialize;
 use sidehill_controller::course::Course;
 use sidehill_controller::path::{
-    GeodeticOrigin, Path as SmoothPath, Point2, RawPoint, Route, Smoothing, read_csv, read_gpx,
-    smooth,
+    GeodeticOrigin, Path as SmoothPath, Point2, RawPoint, Route, SmoothingConfig, read_csv,
+    read_gpx, smooth,
 };
 use sidehill_controller::speed_profile::{SpeedLimits, speed_profile};
 use sidehill_controller::trajectory::Trajectory;
@@ -21,7 +21,7 @@ pub struct RouteConfig {
     pub file: PathBuf,
     /// How its points become a path.
     #[serde(default)]
-    pub smoothing: Smoothing,
+    pub smoothing: SmoothingConfig,
 }
 
 /// The source of a reference, as a configuration file names it.
@@ -29,7 +29,7 @@ pub enum Source<'a> {
     /// A course by its shape.
     Course(&'a Course),
     /// The points of a file, smoothed; of a GPX file in the plane at a place, if one is given.
-    Route(ConfigFile, Smoothing, Option<GeodeticOrigin>),
+    Route(ConfigFile, SmoothingConfig, Option<GeodeticOrigin>),
 }
 
 impl<'a> Source<'a> {
@@ -45,7 +45,7 @@ impl<'a> Source<'a> {
         datum: Option<GeodeticOrigin>,
         path: Option<&Path>,
     ) -> Result<Self, ConfigError> {
-        let smoothing = route.map_or_else(Smoothing::default, |route| route.smoothing);
+        let smoothing = route.map_or_else(SmoothingConfig::default, |route| route.smoothing);
         match (path, course, route) {
             (Some(path), _, _) => Ok(Self::Route(file.beside(path)?, smoothing, datum)),
             (None, None, Some(route)) => {
@@ -118,7 +118,8 @@ impl LoadedReference {
             route.name(),
             points.points.len()
         ));
-        let smoothed = smooth(&points.points, &smoothing).map_err(|error| route.error(error))?;
+        let smoothed = smooth(&points.points, &smoothing.recorded(limits.track_width_m))
+            .map_err(|error| route.error(error))?;
         drop(notice);
         let trajectory = speed_profile(&smoothed.path, limits, |_| f64::INFINITY)
             .map_err(|error| route.error(error))?;

@@ -214,9 +214,10 @@ impl RunConfig {
             .map_err(|error| file.error(error))?;
         self.check_clock(file, &config)?;
         self.check_yaw_rate(file, &config)?;
+        let limits = self.speed.limits(&self.settings.limits, vehicle);
         let route = RouteSettings {
-            smoothing: config.smoothing,
-            limits: self.speed.limits(&self.settings.limits, vehicle),
+            smoothing: config.smoothing.planned(limits.track_width_m),
+            limits,
             tracked_point: self.settings.tracked_point,
             use_orientations: config.follow_path.use_orientations,
         };

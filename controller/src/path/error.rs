@@ -1,6 +1,23 @@
 use super::Point2;
 use sidehill_plant::bounds::RangeError;
 
+/// Returns which settings would do, rounded up.
+fn remedies(deviation_m: Option<f64>, curvature_per_m: Option<f64>) -> String {
+    let up = |value: f64| (100.0 * value).ceil() / 100.0;
+    let within = |value: f64, limit: f64| (value <= limit).then_some(value);
+    let deviation = deviation_m
+        .and_then(|m| within(up(m), 100.0))
+        .map(|m| format!("max_deviation_m: {m}"));
+    let curvature = curvature_per_m
+        .and_then(|per_m| within(up(per_m), 10.0))
+        .map(|per_m| format!("max_curvature_per_m: {per_m}"));
+    match (deviation, curvature) {
+        (Some(deviation), Some(curvature)) => format!("{deviation} would do, or {curvature}"),
+        (Some(one), None) | (None, Some(one)) => format!("{one} would do"),
+        (None, None) => "move or remove points there".to_owned(),
+    }
+}
+
 /// Why a path, or a trajectory along it, cannot be made.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum PathError {
@@ -62,8 +79,8 @@ pub enum PathError {
     },
     /// No curve within the allowed deviation meets the curvature bound.
     #[error(
-        "the path is too sharp at point {index} (x = {x_m:.3} m, y = {y_m:.3} m): curvature {curvature_per_m:.3} 1/m is left within the allowed deviation, at most {limit_per_m:.3} 1/m is allowed",
-        x_m = position.x_m, y_m = position.y_m
+        "the path is too sharp at point {index} (x = {x_m:.3} m, y = {y_m:.3} m): curvature {curvature_per_m:.3} 1/m is left within smoothing.max_deviation_m = {deviation_m} m, more than smoothing.max_curvature_per_m = {limit_per_m:.3} 1/m; {}",
+        remedies(*deviation_needed_m, Some(*curvature_per_m)), x_m = position.x_m, y_m = position.y_m
     )]
     TooSharp {
         /// Index of the nearest given point, from 0.
@@ -74,6 +91,27 @@ pub enum PathError {
         curvature_per_m: f64,
         /// Largest curvature allowed, 1/m.
         limit_per_m: f64,
+        /// Largest deviation allowed, m.
+        deviation_m: f64,
+        /// Deviation within which the curvature can be met, m, if one was found.
+        deviation_needed_m: Option<f64>,
+    },
+    /// A point is far from the path that its neighbours make.
+    #[error(
+        "point {index} (x = {x_m:.3} m, y = {y_m:.3} m) is {distance_m:.2} m from the smooth path, more than smoothing.max_deviation_m = {deviation_m} m; {}",
+        remedies(*deviation_needed_m, None), x_m = position.x_m, y_m = position.y_m
+    )]
+    TooFar {
+        /// Index of the point, from 0.
+        index: usize,
+        /// The point.
+        position: Point2,
+        /// Its distance from the path, m.
+        distance_m: f64,
+        /// Largest distance allowed, m.
+        deviation_m: f64,
+        /// Deviation that would do, m, if one was found.
+        deviation_needed_m: Option<f64>,
     },
     /// A CSV text is not a table of points.
     #[error("line {line} of the CSV: {what}")]

@@ -2,6 +2,7 @@
 //!
 //! Everything is in the world frame: X_g, Y_g horizontal, heading psi counter-clockwise from Y_g.
 
+mod accuracy;
 mod aside;
 mod curve;
 mod error;
@@ -20,7 +21,7 @@ pub use point::{Direction, PathPoint, Point2};
 pub use projection::{Projected, Window};
 pub use raw::RawPoint;
 pub use read::{Route, read_csv};
-pub use smoothing::{Smoothed, Smoothing, smooth};
+pub use smoothing::{Smoothed, Smoothing, SmoothingConfig, smooth};
 
 pub(crate) use curve::{ArcLength, CurvePoint};
 

@@ -1,6 +1,6 @@
 //! Points as they are given, before they are a path.
 
-use super::{Direction, PathError, Point2};
+use super::{Direction, PathError, Point2, Smoothing, accuracy};
 
 /// A point of a route as it was recorded or drawn.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -11,6 +11,13 @@ pub struct RawPoint {
     pub elevation_m: Option<f64>,
     /// Which way to drive from this point to the next, where given.
     pub direction: Option<Direction>,
+}
+
+/// Points in pieces of one driving direction, and their standard deviation in each direction, m.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Raw {
+    pub(super) pieces: Vec<RawPiece>,
+    pub(super) accuracy_m: f64,
 }
 
 /// A run of points driven one way.
@@ -35,11 +42,19 @@ impl RawPiece {
 /// Cosine of the angle by which travel must turn at a point to make it a cusp: 120 deg.
 const CUSP_COS: f64 = -0.5;
 
-/// Drops repetitions and splits the points where the driving direction changes: where the
-/// points say so, or, if none says anything, where travel over `chord_m` before and after a point
-/// turns by more than 120 deg.
-pub(super) fn split(points: &[RawPoint], chord_m: f64) -> Result<Vec<RawPiece>, PathError> {
+/// Drops repetitions, makes points of one place one, and splits the points where the driving direction changes: where the
+/// points say so, or, if none says anything, where travel over a chord before and after a point turns by more than
+/// 120 deg.
+pub(super) fn split(points: &[RawPoint], options: &Smoothing) -> Result<Raw, PathError> {
     let kept = without_repetitions(points)?;
+    // What is left of the noise must not turn travel back.
+    let estimated = || accuracy::estimate(&kept).min(ESTIMATE_SHARE * options.max_deviation_m);
+    let accuracy_m = options.accuracy_m.unwrap_or_else(estimated);
+    let kept = accuracy::places(&kept, accuracy_m);
+    if kept.len() < 2 {
+        return Err(PathError::ZeroLength);
+    }
+    let chord_m = (0.5 / options.max_curvature_per_m).max(CHORD_SIGMAS * accuracy_m);
     let positions: Vec<(usize, Point2)> = kept.iter().map(|&(i, p)| (i, p.position)).collect();
     let explicit = kept.iter().any(|(_, p)| p.direction.is_some());
     let mut direction = kept[0].1.direction.unwrap_or_default();
@@ -68,8 +83,13 @@ pub(super) fn split(points: &[RawPoint], chord_m: f64) -> Result<Vec<RawPiece>, 
         tangent = next_tangent;
         start = cusp;
     }
-    Ok(pieces)
+    Ok(Raw { pieces, accuracy_m })
 }
+
+/// An estimated accuracy is at most this share of the deviation allowed: more is no noise, or has to be stated.
+const ESTIMATE_SHARE: f64 = 1.0 / 3.0;
+/// Length over which a direction of travel is seen, in standard deviations of the points.
+const CHORD_SIGMAS: f64 = 8.0;
 
 /// Coordinates beyond this are no place on earth, m.
 const COORDINATE_MAX_M: f64 = 1e8;

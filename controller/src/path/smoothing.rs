@@ -2,7 +2,7 @@
 
 mod options;
 
-pub use options::Smoothing;
+pub use options::{Smoothing, SmoothingConfig};
 
 use super::raw::{RawPiece, split};
 use super::spline::{Spline, smooth_nodes};
@@ -18,6 +18,8 @@ pub struct Smoothed {
     pub path: Path,
     /// Largest distance of a raw point from the path, m.
     pub deviation_max_m: f64,
+    /// Standard deviation of the raw points in each direction, as stated or estimated, m; 0 for exact ones.
+    pub accuracy_m: f64,
     /// Root of the mean squared distance of the raw points from the path, m.
     pub deviation_rms_m: f64,
     /// Arc length at which each raw point is nearest to the path, m, never decreasing; one for
@@ -37,9 +39,12 @@ const MARGIN: f64 = 0.97;
 
 /// Returns a path of bounded curvature that passes all points within the allowed deviation.
 ///
+/// Points that were recorded while standing count as one place, within four standard deviations of the points'
+/// accuracy, which is stated or estimated from them.
+///
 /// Each piece between cusps is a smoothing spline: the nodes minimise the squared distance to the
-/// polyline plus lambda times the squared second derivative, and lambda grows, only where the
-/// curvature is still too large, until the bound holds. Both ends and all cusps are met exactly.
+/// polyline plus lambda times the squared second derivative. Lambda is as large as the points' noise
+/// asks for, and grows, only where the curvature is still too large, until the bound holds. Both ends and all cusps are met exactly.
 /// A cusp is where [`RawPoint::direction`] changes or, where no point has one, where the polyline
 /// turns by more than 120 deg, seen over half the smallest radius; the first piece is then driven
 /// forward.
@@ -50,7 +55,8 @@ const MARGIN: f64 = 0.97;
 /// [`PathError::TooSharp`] where the curvature bound cannot be met within the deviation, and
 /// [`PathError::TurnsBack`] where that is because travel turns back on the spot.
 pub fn smooth(points: &[RawPoint], options: &Smoothing) -> Result<Smoothed, PathError> {
-    let raw_pieces = split(points, 0.5 / options.max_curvature_per_m)?;
+    let raw = split(points, options)?;
+    let raw_pieces = &raw.pieces;
     let length_m: f64 = raw_pieces.iter().map(RawPiece::length_m).sum();
     if length_m > LENGTH_MAX_M {
         return Err(PathError::TooLong {
@@ -61,8 +67,9 @@ pub fn smooth(points: &[RawPoint], options: &Smoothing) -> Result<Smoothed, Path
     let mut pieces = Vec::with_capacity(raw_pieces.len());
     let mut offsets: Vec<Offset> = Vec::with_capacity(points.len());
     let mut start_m = 0.0;
-    for raw in &raw_pieces {
-        let piece = smooth_piece(raw, options)?;
+    for piece in raw_pieces {
+        let direction = piece.direction;
+        let piece = smooth_piece(piece, raw.accuracy_m, options)?;
         // The first point of a later piece is the cusp, counted with the piece before.
         let counted = usize::from(!offsets.is_empty());
         offsets.extend(piece.offsets.iter().skip(counted).map(|offset| Offset {
@@ -70,16 +77,17 @@ pub fn smooth(points: &[RawPoint], options: &Smoothing) -> Result<Smoothed, Path
             ..*offset
         }));
         start_m += piece.length_m;
-        let samples = match raw.direction {
+        let samples = match direction {
             Direction::Forward => piece.samples,
             Direction::Reverse => turned_back(piece.samples),
         };
-        pieces.push((raw.direction, piece.length_m, samples));
+        pieces.push((direction, piece.length_m, samples));
     }
     let path = Path::from_pieces(pieces, false)?;
     let squares: f64 = offsets.iter().map(|o| o.distance_m * o.distance_m).sum();
     Ok(Smoothed {
         path,
+        accuracy_m: raw.accuracy_m,
         deviation_max_m: offsets.iter().fold(0.0, |max, o| o.distance_m.max(max)),
         deviation_rms_m: (squares / offsets.len() as f64).sqrt(),
         arc_lengths_m: spread(&offsets, points.len()),
@@ -90,6 +98,7 @@ pub fn smooth(points: &[RawPoint], options: &Smoothing) -> Result<Smoothed, Path
 #[derive(Debug, Clone, Copy)]
 struct Offset {
     index: usize,
+    position: Point2,
     arc_length_m: f64,
     distance_m: f64,
 }
@@ -101,47 +110,131 @@ struct SmoothPiece {
     offsets: Vec<Offset>,
 }
 
-fn smooth_piece(raw: &RawPiece, options: &Smoothing) -> Result<SmoothPiece, PathError> {
-    let (given, step_m) = resampled(raw, options.spacing_m);
-    let pinned = (raw.start_tangent.is_some(), raw.end_tangent.is_some());
+impl SmoothPiece {
+    /// Returns the raw point farthest from it; there are two at least.
+    fn farthest(&self) -> Offset {
+        let farther = |far: Offset, next: &Offset| match next.distance_m > far.distance_m {
+            true => *next,
+            false => far,
+        };
+        self.offsets.iter().fold(self.offsets[0], farther)
+    }
+}
+
+fn smooth_piece(
+    raw: &RawPiece,
+    accuracy_m: f64,
+    options: &Smoothing,
+) -> Result<SmoothPiece, PathError> {
+    let curve = Curve {
+        raw,
+        pinned: (raw.start_tangent.is_some(), raw.end_tangent.is_some()),
+        nodes: resampled(raw, options.spacing_m),
+    };
+    let mut reach = noise_reach_m(raw, accuracy_m, options) / curve.nodes.1;
+    let mut window_m = options.max_deviation_m;
     // Fourth roots of lambda: over how many nodes the smoothing reaches.
-    let mut reaches = vec![1.0_f64; given.len()];
-    let mut too_sharp = None;
+    let mut reaches = vec![reach.max(1.0); curve.nodes.0.len()];
+    // As much as the noise asks for, unless bends ask for less.
+    while reach > 1.0 {
+        let (piece, _) = curve.smoothed(&reaches, window_m);
+        if piece.farthest().distance_m <= NOISE_SHARE * options.max_deviation_m {
+            break;
+        }
+        reach /= NOISE_STEP;
+        reaches.fill(reach.max(1.0));
+    }
+    let mut refused: Option<PathError> = None;
+    let mut beyond = false;
     for _ in 0..ROUNDS {
+        let (piece, curvatures) = curve.smoothed(&reaches, window_m);
+        let (worst, curvature_per_m) = sharpest(&piece);
+        let farthest = piece.farthest();
+        let bends_enough = curvature_per_m <= options.max_curvature_per_m;
+        if farthest.distance_m <= options.max_deviation_m && !beyond {
+            if bends_enough {
+                return Ok(piece);
+            }
+            refused = Some(sharp_error(&piece, worst, curvature_per_m, options));
+        } else {
+            // Not within the deviation; which one would do?
+            beyond = true;
+            window_m = window_m.max(2.0 * farthest.distance_m);
+            let error = refused.get_or_insert_with(|| match bends_enough {
+                true => PathError::TooFar {
+                    index: farthest.index,
+                    position: farthest.position,
+                    distance_m: farthest.distance_m,
+                    deviation_m: options.max_deviation_m,
+                    deviation_needed_m: None,
+                },
+                false => sharp_error(&piece, worst, curvature_per_m, options),
+            });
+            if let (
+                true,
+                PathError::TooSharp {
+                    deviation_needed_m, ..
+                }
+                | PathError::TooFar {
+                    deviation_needed_m, ..
+                },
+            ) = (bends_enough, &mut *error)
+            {
+                *deviation_needed_m = Some(farthest.distance_m);
+            }
+            if bends_enough || matches!(error, PathError::TurnsBack { .. }) {
+                break;
+            }
+        }
+        widen(&mut reaches, &curvatures, options);
+    }
+    Err(refused.unwrap_or(PathError::ZeroLength))
+}
+
+/// Share of the allowed deviation that smoothing for noise may take.
+const NOISE_SHARE: f64 = 0.7;
+/// Factor by which that smoothing is made less where bends do not allow as much.
+const NOISE_STEP: f64 = 1.5;
+/// Curvature that noise may leave, root of its mean square, as a share of the largest.
+const NOISE_CURVATURE_SHARE: f64 = 0.01;
+
+/// Returns over what length points of this accuracy have to be smoothed, m.
+///
+/// White noise of the standard deviation s at a spacing d leaves a spline of reach r, whose lambda is r^4, with a
+/// root-mean-square curvature of 0.297 s d^0.5 r^-2.5 (the integral of k^4 / (1 + (k r)^4)^2 over all wave numbers k).
+fn noise_reach_m(raw: &RawPiece, accuracy_m: f64, options: &Smoothing) -> f64 {
+    let spacing_m = raw.length_m() / (raw.points.len() - 1) as f64;
+    let curvature_per_m = NOISE_CURVATURE_SHARE * options.max_curvature_per_m;
+    (0.297 * accuracy_m * spacing_m.sqrt() / curvature_per_m).powf(0.4)
+}
+
+/// A piece to be smoothed: its nodes, the distance between them, and whether those next to its ends stay.
+struct Curve<'a> {
+    raw: &'a RawPiece,
+    nodes: (Vec<Point2>, f64),
+    pinned: (bool, bool),
+}
+
+impl Curve<'_> {
+    /// Returns the smoothed piece and the curvature around each node.
+    fn smoothed(&self, reaches: &[f64], window_m: f64) -> (SmoothPiece, Vec<f64>) {
+        let (given, step_m) = &self.nodes;
         let stiffness: Vec<f64> = reaches.iter().map(|reach| reach.powi(4)).collect();
-        let nodes = smooth_nodes(&given, &stiffness, pinned);
+        let nodes = smooth_nodes(given, &stiffness, self.pinned);
         let slope = |tangent: [f64; 2]| [tangent[0] * step_m, tangent[1] * step_m];
         let spline = Spline::through(
             nodes,
-            raw.start_tangent.map(slope),
-            raw.end_tangent.map(slope),
+            self.raw.start_tangent.map(slope),
+            self.raw.end_tangent.map(slope),
         );
-        let curvatures = curvatures(&spline);
         let table = ArcLength::new(|u| spline.at(u), spline.end(), given.len() - 1);
         let piece = SmoothPiece {
             length_m: table.length_m(),
             samples: table.samples(Direction::Forward),
             offsets: Vec::new(),
         };
-        let piece = with_offsets(piece, raw, options);
-        let (worst, curvature_per_m) = sharpest(&piece);
-        let deviation_m = piece
-            .offsets
-            .iter()
-            .fold(0.0, |max: f64, o| o.distance_m.max(max));
-        if deviation_m <= options.max_deviation_m {
-            if curvature_per_m <= options.max_curvature_per_m {
-                return Ok(piece);
-            }
-            too_sharp = Some(sharp_error(&piece, worst, curvature_per_m, options));
-        } else if let Some(error) = too_sharp {
-            return Err(error);
-        } else {
-            return Err(sharp_error(&piece, worst, curvature_per_m, options));
-        }
-        widen(&mut reaches, &curvatures, options);
+        (with_offsets(piece, self.raw, window_m), curvatures(&spline))
     }
-    Err(too_sharp.unwrap_or(PathError::ZeroLength))
 }
 
 /// Returns the largest curvature around each node, 1/m: at the node, or on average over a part of the way to the
@@ -226,7 +319,7 @@ fn resampled(raw: &RawPiece, spacing_m: f64) -> (Vec<Point2>, f64) {
 }
 
 /// Finds each raw point's nearest point, in order.
-fn with_offsets(mut piece: SmoothPiece, raw: &RawPiece, options: &Smoothing) -> SmoothPiece {
+fn with_offsets(mut piece: SmoothPiece, raw: &RawPiece, window_m: f64) -> SmoothPiece {
     // Not checked: it may still turn back.
     let path = Path {
         pieces: vec![Piece {
@@ -247,7 +340,7 @@ fn with_offsets(mut piece: SmoothPiece, raw: &RawPiece, options: &Smoothing) -> 
         };
         let window = Window {
             behind_m: 0.0,
-            ahead_m: step_m + 2.0 * options.max_deviation_m,
+            ahead_m: step_m + 2.0 * window_m,
         };
         let projected = path.nearest_within(&position, reached_m, &window);
         reached_m = match i {
@@ -257,6 +350,7 @@ fn with_offsets(mut piece: SmoothPiece, raw: &RawPiece, options: &Smoothing) -> 
         };
         piece.offsets.push(Offset {
             index,
+            position,
             arc_length_m: reached_m,
             distance_m: path.at(reached_m).position.distance_m(&position),
         });
@@ -320,6 +414,8 @@ fn sharp_error(
         position,
         curvature_per_m,
         limit_per_m: options.max_curvature_per_m,
+        deviation_m: options.max_deviation_m,
+        deviation_needed_m: None,
     }
 }
 

@@ -2,6 +2,8 @@
 
 use crate::speed_profile::LIMITS;
 use proptest::prelude::*;
+use rand_chacha::rand_core::SeedableRng;
+use rand_distr::Distribution;
 use sidehill_controller::course::{Course, FigureEight, Slalom};
 use sidehill_controller::path::{
     Direction, GeodeticOrigin, Path, PathError, Point2, RawPoint, Smoothing, Window, read_csv,
@@ -431,10 +433,9 @@ fn a_way_out_and_exactly_back_turns_at_its_far_end() {
 #[test]
 fn a_mark_beside_the_place_of_turning_back_means_that_place_and_one_on_a_straight_line_none() {
     let points = |marked: usize| {
-        let out = (0..=10).chain((0..10).rev()).enumerate();
-        let mut points: Vec<RawPoint> = raw(&out
-            .map(|(_, i)| (0.0, 0.3 * f64::from(i)))
-            .collect::<Vec<_>>());
+        let out = (0..=10).chain((0..10).rev());
+        let mut points: Vec<RawPoint> =
+            raw(&out.map(|i| (0.0, 0.3 * f64::from(i))).collect::<Vec<_>>());
         for (index, point) in points.iter_mut().enumerate() {
             let reverse = index >= marked;
             point.direction = Some(if reverse {
@@ -456,6 +457,126 @@ fn a_mark_beside_the_place_of_turning_back_means_that_place_and_one_on_a_straigh
         smooth(&points(5), &Smoothing::default()),
         Err(PathError::NoCusp { index: 5, .. })
     ));
+}
+
+/// A drive of 40 m at `speed_m_s`, fixes at 10 Hz, that stands for 5 s at its start, with white noise.
+fn recorded(noise_m: f64, speed_m_s: f64, seed: u64) -> (Vec<RawPoint>, impl Fn(f64) -> Point2) {
+    let course = |at_m: f64| Point2 {
+        x_m: 2.0 * (0.25 * at_m).sin(),
+        y_m: at_m,
+    };
+    let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
+    let noise = rand_distr::Normal::new(0.0, noise_m).unwrap();
+    let moving = (40.0 / (0.1 * speed_m_s)) as usize;
+    let ways = std::iter::repeat_n(0.0, 50).chain((0..=moving).map(|i| 0.1 * speed_m_s * i as f64));
+    let points = ways
+        .map(|at_m| {
+            let Point2 { x_m, y_m } = course(at_m);
+            (
+                x_m + noise.sample(&mut random),
+                y_m + noise.sample(&mut random),
+            )
+        })
+        .collect::<Vec<_>>();
+    (raw(&points), course)
+}
+
+#[test]
+fn a_recording_with_noise_and_a_stand_at_its_start_becomes_a_calm_path_near_the_truth() {
+    let steer = |path: &Path| -> f64 {
+        let steps = (path.length_m() / 0.1) as usize;
+        let curvatures: Vec<f64> = (0..steps)
+            .map(|i| path.at(0.1 * i as f64).curvature_per_m)
+            .collect();
+        curvatures
+            .windows(2)
+            .map(|pair| (pair[1] - pair[0]).abs())
+            .sum()
+    };
+    let exact = smooth(&recorded(0.0, 1.0, 0).0, &Smoothing::default()).unwrap();
+    assert_eq!(exact.accuracy_m, 0.0);
+    let calm = steer(&exact.path);
+    for (noise_m, speed_m_s) in [
+        (0.005, 0.4),
+        (0.01, 1.0),
+        (0.02, 0.5),
+        (0.05, 1.0),
+        (0.1, 0.8),
+    ] {
+        for seed in 0..5 {
+            let (points, course) = recorded(noise_m, speed_m_s, seed);
+            let smoothed = smooth(&points, &Smoothing::default())
+                .unwrap_or_else(|error| panic!("{noise_m} m, seed {seed}: {error}"));
+            let path = &smoothed.path;
+            assert!(
+                (0.6 * noise_m..1.25 * noise_m).contains(&smoothed.accuracy_m),
+                "{noise_m} {}",
+                smoothed.accuracy_m
+            );
+            assert_eq!(path.cusps_m().count(), 0, "{noise_m} m, seed {seed}");
+            // It leaves along the course: its first heading is atan(2 * 0.25) clockwise.
+            let heading_rad = path.at(0.0).heading_rad + 0.5_f64.atan();
+            assert!(
+                heading_rad.abs() < 0.1 + 4.0 * noise_m,
+                "{noise_m} m, seed {seed}: {heading_rad}"
+            );
+            let nearest_m = |place: Point2| {
+                (0..=4200)
+                    .map(|i| course(0.01 * f64::from(i) - 1.0).distance_m(&place))
+                    .fold(f64::INFINITY, f64::min)
+            };
+            let worst_m = (0..100)
+                .map(|i| nearest_m(path.at(path.length_m() * f64::from(i) / 100.0).position))
+                .fold(0.0, f64::max);
+            assert!(
+                worst_m < 0.02 + 2.0 * noise_m,
+                "{noise_m} m, seed {seed}: {worst_m} m off"
+            );
+            let found = steer(path);
+            assert!(
+                found < calm + 5.0,
+                "{noise_m} m, seed {seed}: {found} against {calm}"
+            );
+        }
+    }
+}
+
+#[test]
+fn what_would_do_is_said_and_does() {
+    let corner = raw(&[(0.0, 0.0), (0.0, 5.0), (5.0, 4.0), (10.0, 5.0)]);
+    let tight = Smoothing {
+        max_deviation_m: 0.1,
+        ..Smoothing::default()
+    };
+    let Err(error) = smooth(&corner, &tight) else {
+        panic!("accepted")
+    };
+    let text = error.to_string();
+    let PathError::TooSharp {
+        deviation_needed_m: Some(needed_m),
+        curvature_per_m,
+        ..
+    } = error
+    else {
+        panic!("{text}")
+    };
+    assert!(
+        text.contains("max_deviation_m: ") && text.contains("max_curvature_per_m: "),
+        "{text}"
+    );
+    let up = |value: f64| (100.0 * value).ceil() / 100.0;
+    for would_do in [
+        Smoothing {
+            max_deviation_m: up(needed_m),
+            ..tight
+        },
+        Smoothing {
+            max_curvature_per_m: up(curvature_per_m),
+            ..tight
+        },
+    ] {
+        assert!(smooth(&corner, &would_do).is_ok(), "{would_do:?}: {text}");
+    }
 }
 
 #[test]
@@ -567,7 +688,7 @@ proptest! {
 
     #[test]
     fn smoothing_keeps_its_bounds(points in noisy_route()) {
-        let options = Smoothing { max_curvature_per_m: 0.8, max_deviation_m: 0.3, spacing_m: 0.1 };
+        let options = Smoothing { max_curvature_per_m: 0.8, max_deviation_m: 0.3, spacing_m: 0.1, ..Smoothing::default() };
         let smoothed = smooth(&points, &options);
         // A walk that turns by at most 0.5 1/m, with 4 cm of noise, can always be smoothed.
         let smoothed = smoothed.map_err(|error| TestCaseError::fail(error.to_string()))?;
