@@ -6,6 +6,9 @@
 use std::io::Read;
 use std::path::Path;
 
+/// Control cycles of one simulated run, each of which is kept in less than a kilobyte.
+pub(crate) const CYCLES: f64 = 1e6;
+
 /// Nested brackets of a YAML text, or lists that begin in one line.
 pub(crate) const YAML_DEPTH: usize = 100;
 

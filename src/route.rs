@@ -4,17 +4,19 @@ mod live;
 pub(crate) mod thinning;
 
 use crate::bag::{Bag, is_bag};
+use crate::config::ConfigFile;
 use crate::console;
 use crate::drive_log::{LogArgs, LogReader, Positions, positions};
 use crate::output;
 use anyhow::{Context, Result, bail, ensure};
 use sidehill_bridge::ros2::positions::PositionTopic;
-use sidehill_controller::path::{GeodeticOrigin, Point2};
+use sidehill_controller::path::{GeodeticOrigin, Point2, Smoothing, SmoothingConfig};
 use sidehill_plant::bounds::Bounds;
+use sidehill_plant::vehicle::Vehicle;
 use std::fmt::Write;
 use std::path::PathBuf;
 use std::time::Duration;
-use thinning::Settings;
+use thinning::{Making, Settings};
 
 /// Arguments of `sidehill route`.
 #[derive(Debug, Clone, clap::Args)]
@@ -41,9 +43,16 @@ pub struct RouteArgs {
     /// Columns of a CSV log, in YAML.
     #[arg(long, value_name = "FILE")]
     pub columns: Option<PathBuf>,
-    /// Standard deviation of the Gaussian along the path that smooths it, m; 0 for none.
-    #[arg(long, value_name = "M", default_value_t = Settings::default().smoothing_m)]
-    pub smoothing_m: f64,
+    /// Standard deviation of the positions in each direction, m: the path is as smooth as that asks
+    /// for. By default estimated from the positions.
+    #[arg(long, value_name = "M")]
+    pub accuracy_m: Option<f64>,
+    /// Standard deviation of a Gaussian along the path that smooths it beforehand, m.
+    #[arg(long, value_name = "M")]
+    pub smoothing_m: Option<f64>,
+    /// Vehicle whose track width limits the curvature of the path; without it, to 1 1/m.
+    #[arg(long, value_name = "FILE")]
+    pub vehicle: Option<PathBuf>,
     /// Points closer than this to the line between their neighbours are left out, m.
     #[arg(long, value_name = "M", default_value_t = Settings::default().tolerance_m)]
     pub tolerance_m: f64,
@@ -71,9 +80,17 @@ enum Form {
 /// # Errors
 /// Positions missing in the recording or on the topic, or a file that cannot be read or written.
 pub fn run(args: &RouteArgs, ros_arguments: &[String]) -> Result<()> {
-    Bounds::new(0.0, 10.0, "m").check("--smoothing-m", args.smoothing_m)?;
+    Bounds::new(0.0, 10.0, "m").check("--smoothing-m", args.smoothing_m.unwrap_or(0.0))?;
+    Bounds::new(0.0, 10.0, "m").check("--accuracy-m", args.accuracy_m.unwrap_or(0.0))?;
     Bounds::new(0.0, 1.0, "m").check("--tolerance-m", args.tolerance_m)?;
     let form = form(args)?;
+    let limits = match &args.vehicle {
+        Some(path) => {
+            let icrs = ConfigFile::read(path)?.parse::<Vehicle>()?.icrs;
+            SmoothingConfig::default().recorded(icrs.right_m - icrs.left_m)
+        }
+        None => Smoothing::default(),
+    };
     output::check_writable(&args.out, args.force)?;
     let (name, recorded) = if args.is_live() {
         let topic = live_topic(args)?;
@@ -100,22 +117,40 @@ pub fn run(args: &RouteArgs, ros_arguments: &[String]) -> Result<()> {
         console::complain(format_args!("{name}: note: {note}"));
     }
     check_origin(args, form, &name, recorded.origin.is_some())?;
-    let settings = Settings {
+    let making = Making {
+        accuracy_m: args.accuracy_m,
         smoothing_m: args.smoothing_m,
         tolerance_m: args.tolerance_m,
+        max_curvature_per_m: limits.max_curvature_per_m,
     };
-    let path = thinning::path(&recorded.points_m, &settings).with_context(|| name.clone())?;
+    let made = thinning::drivable(&recorded.points_m, &making).with_context(|| name.clone())?;
+    if let [[x_m, y_m], more @ ..] = made.cusps_m.as_slice() {
+        console::complain(format_args!(
+            "{name}: note: travel turns back at {} places, the first at x = {x_m:.2} m, y = {y_m:.2} m: from there it \
+             is driven the other way, in reverse first",
+            more.len() + 1
+        ));
+    }
+    if made.taken_m > made.accuracy_m {
+        console::complain(format_args!(
+            "{name}: note: its positions look {:.3} m accurate, but their path is too sharp; it is smoothed as for \
+             --accuracy-m {}",
+            made.accuracy_m, made.taken_m
+        ));
+    }
+    let path = made.thinned;
     let text = match (form, recorded.origin) {
         (Form::Gpx, Some(origin)) => gpx(&path.points_m, &origin),
         _ => csv(&path.points_m),
     };
     output::write(&args.out, text.as_bytes(), args.force)?;
     console::line(format_args!(
-        "{}: {} points over {:.1} m, from {} positions; largest distance between recorded and written path {:.3} m",
+        "{}: {} points over {:.1} m, from {} positions of an accuracy of {:.3} m; largest distance between recorded and written path {:.3} m",
         args.out.display(),
         path.points_m.len(),
         path.length_m,
         recorded.points_m.len(),
+        made.accuracy_m,
         path.deviation_m
     ));
     Ok(())
@@ -167,6 +202,16 @@ fn recorded(args: &RouteArgs) -> Result<Positions> {
         let mut found = positions(&bag, args.topic.as_deref())?;
         found.notes.splice(0..0, bag.notes().iter().cloned());
         return Ok(found);
+    }
+    let ending = args
+        .from
+        .extension()
+        .map(|ending| ending.to_ascii_lowercase());
+    if ending.is_some_and(|ending| ending == "gpx") {
+        bail!(
+            "{}: is a path already; drive it with `sidehill simulate --path {0}`. `route` makes one of a bag or a log",
+            args.from.display()
+        );
     }
     let reader = LogReader::new(&LogArgs {
         columns: args.columns.clone(),

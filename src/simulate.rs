@@ -9,6 +9,7 @@ use crate::config::{
 };
 use crate::console;
 use crate::learned;
+use crate::limits;
 use crate::output;
 use crate::progress::{self, Progress};
 use crate::qp_recording::QpRecording;
@@ -279,6 +280,16 @@ const LONG_S: f64 = 1000.0;
 /// Runs the controllers one after the other, because parallel runs would disturb the measured times.
 fn runs(prepared: &Prepared, mut observer: Option<&mut dyn Observer>) -> Result<Vec<Run>> {
     let simulated_s = prepared.reference.end_s();
+    let cycles = simulated_s / prepared.controller.period_s;
+    if cycles > limits::CYCLES {
+        bail!(
+            "{}: its path takes {simulated_s:.0} s, which is {:.1} million cycles of controller.period_s; at most {:.0} \
+             million are simulated: shorten the path, drive it faster or fewer laps of it",
+            prepared.name,
+            cycles / 1e6,
+            limits::CYCLES / 1e6
+        );
+    }
     if simulated_s > LONG_S {
         console::complain(format_args!(
             "this simulates {simulated_s:.0} s of driving for each of {} controllers",

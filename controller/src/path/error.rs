@@ -1,6 +1,10 @@
 use super::Point2;
 use sidehill_plant::bounds::RangeError;
 
+fn rounded(value: f64) -> f64 {
+    (1e3 * value).round() / 1e3
+}
+
 /// Returns which settings would do, rounded up.
 fn remedies(deviation_m: Option<f64>, curvature_per_m: Option<f64>) -> String {
     let up = |value: f64| (100.0 * value).ceil() / 100.0;
@@ -79,8 +83,8 @@ pub enum PathError {
     },
     /// No curve within the allowed deviation meets the curvature bound.
     #[error(
-        "the path is too sharp at point {index} (x = {x_m:.3} m, y = {y_m:.3} m): curvature {curvature_per_m:.3} 1/m is left within smoothing.max_deviation_m = {deviation_m} m, more than smoothing.max_curvature_per_m = {limit_per_m:.3} 1/m; {}",
-        remedies(*deviation_needed_m, Some(*curvature_per_m)), x_m = position.x_m, y_m = position.y_m
+        "the path is too sharp at point {index} (x = {x_m:.3} m, y = {y_m:.3} m): curvature {curvature_per_m:.3} 1/m is left within smoothing.max_deviation_m = {} m, more than smoothing.max_curvature_per_m = {limit_per_m:.3} 1/m; {}",
+        rounded(*deviation_m), remedies(*deviation_needed_m, Some(*curvature_per_m)), x_m = position.x_m, y_m = position.y_m
     )]
     TooSharp {
         /// Index of the nearest given point, from 0.
@@ -98,8 +102,8 @@ pub enum PathError {
     },
     /// A point is far from the path that its neighbours make.
     #[error(
-        "point {index} (x = {x_m:.3} m, y = {y_m:.3} m) is {distance_m:.2} m from the smooth path, more than smoothing.max_deviation_m = {deviation_m} m; {}",
-        remedies(*deviation_needed_m, None), x_m = position.x_m, y_m = position.y_m
+        "point {index} (x = {x_m:.3} m, y = {y_m:.3} m) is {distance_m:.2} m from the smooth path, more than smoothing.max_deviation_m = {} m; {}",
+        rounded(*deviation_m), remedies(*deviation_needed_m, None), x_m = position.x_m, y_m = position.y_m
     )]
     TooFar {
         /// Index of the point, from 0.

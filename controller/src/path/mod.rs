@@ -21,7 +21,7 @@ pub use point::{Direction, PathPoint, Point2};
 pub use projection::{Projected, Window};
 pub use raw::RawPoint;
 pub use read::{Route, read_csv};
-pub use smoothing::{Smoothed, Smoothing, SmoothingConfig, smooth};
+pub use smoothing::{Smoothed, Smoothing, SmoothingConfig, estimated_accuracy_m, smooth};
 
 pub(crate) use curve::{ArcLength, CurvePoint};
 

@@ -96,7 +96,9 @@ const COORDINATE_MAX_M: f64 = 1e8;
 /// Points closer than this to the one before are the same place, m.
 const SAME_PLACE_M: f64 = 1e-6;
 
-fn without_repetitions(points: &[RawPoint]) -> Result<Vec<(usize, RawPoint)>, PathError> {
+pub(super) fn without_repetitions(
+    points: &[RawPoint],
+) -> Result<Vec<(usize, RawPoint)>, PathError> {
     let mut kept: Vec<(usize, RawPoint)> = Vec::with_capacity(points.len());
     for (index, point) in points.iter().enumerate() {
         let Point2 { x_m, y_m } = point.position;

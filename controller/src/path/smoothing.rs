@@ -4,10 +4,11 @@ mod options;
 
 pub use options::{Smoothing, SmoothingConfig};
 
-use super::raw::{RawPiece, split};
+use super::raw::{RawPiece, split, without_repetitions};
 use super::spline::{Spline, smooth_nodes};
 use super::{
-    ArcLength, Direction, Path, PathError, Piece, Point2, RawPoint, Sample, Window, first_irregular,
+    ArcLength, Direction, Path, PathError, Piece, Point2, RawPoint, Sample, Window, accuracy,
+    first_irregular,
 };
 use std::f64::consts::{FRAC_PI_2, PI};
 
@@ -92,6 +93,15 @@ pub fn smooth(points: &[RawPoint], options: &Smoothing) -> Result<Smoothed, Path
         deviation_rms_m: (squares / offsets.len() as f64).sqrt(),
         arc_lengths_m: spread(&offsets, points.len()),
     })
+}
+
+/// Returns the standard deviation of points in each direction, m, as they show it themselves; 0 for points that are
+/// exact, too few or too far apart to say.
+///
+/// # Errors
+/// As [`smooth`] for unusable points.
+pub fn estimated_accuracy_m(points: &[RawPoint]) -> Result<f64, PathError> {
+    Ok(accuracy::estimate(&without_repetitions(points)?))
 }
 
 /// Where a raw point is against its piece of the path.
@@ -407,7 +417,10 @@ fn sharp_error(
     let index = nearest.map_or(0, |offset| offset.index);
     let position = piece.samples[sample].position;
     if curvature_per_m.is_infinite() {
-        return PathError::TurnsBack { index, position };
+        return PathError::TurnsBack {
+            index,
+            position: nearest.map_or(position, |offset| offset.position),
+        };
     }
     PathError::TooSharp {
         index,
