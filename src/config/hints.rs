@@ -3,7 +3,7 @@
 use super::keys::Keys;
 
 /// Keys by which a kind of file is known.
-const KINDS: [(&str, &str); 8] = [
+const KINDS: [(&str, &str); 9] = [
     ("draws", "a campaign"),
     ("controllers", "a scenario"),
     ("x_icr_left_m", "a vehicle"),
@@ -12,6 +12,7 @@ const KINDS: [(&str, &str); 8] = [
     ("database", "the layout of a CAN bus"),
     ("controller", "a configuration of run"),
     ("scenario", "a configuration of vehicle"),
+    ("port", "a configuration of run"),
 ];
 
 /// Returns the text of an XML file in the encoding that its first bytes or its declaration name, or else UTF-8.
@@ -117,7 +118,7 @@ pub(super) fn other_kind(text: &str, message: &str) -> Option<String> {
     let keys: serde_yaml::Mapping = serde_yaml::from_str(text).ok()?;
     let conditions =
         |key: &serde_yaml::Value| key.as_str().is_some_and(|key| CONDITIONS.contains(&key));
-    if keys.contains_key("name") && keys.keys().all(conditions) {
+    if message.contains("missing field") && keys.keys().all(conditions) {
         return Some(
             "; the file looks like conditions, as `tune` writes them: use it with `sidehill simulate SCENARIO \
              --conditions FILE`"
