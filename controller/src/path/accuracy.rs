@@ -72,9 +72,11 @@ fn across_m(four: &[(usize, RawPoint)]) -> f64 {
 /// Returns the points with those of one place, such as the ones recorded while standing, made one in its middle.
 ///
 /// The last of them says which way to go on. A single point farther away, after which the place goes on, belongs to it.
+/// Where points of the first or last place move on, the way begins or ends at its end instead of its middle.
 pub(super) fn places(points: &[(usize, RawPoint)], accuracy_m: f64) -> Vec<(usize, RawPoint)> {
     let reach_m = PLACE_SIGMAS * accuracy_m;
     let mut places: Vec<(usize, RawPoint)> = Vec::with_capacity(points.len());
+    let mut begins: Vec<usize> = Vec::with_capacity(points.len());
     let mut count = 0.0;
     for (at, (index, point)) in points.iter().enumerate() {
         if let Some((_, place)) = places.last_mut() {
@@ -96,7 +98,45 @@ pub(super) fn places(points: &[(usize, RawPoint)], accuracy_m: f64) -> Vec<(usiz
             }
         }
         places.push((*index, *point));
+        begins.push(at);
         count = 1.0;
     }
+    let count = places.len();
+    if count > 1 {
+        let first = moved_on(&points[..begins[1]], accuracy_m);
+        let last = moved_on(&points[begins[count - 1]..], accuracy_m);
+        let shift = |point: &mut RawPoint, [x_m, y_m]: [f64; 2]| {
+            point.position.x_m += x_m;
+            point.position.y_m += y_m;
+        };
+        shift(&mut places[0].1, first.map(|m| -m));
+        shift(&mut places[count - 1].1, last);
+    }
     places
+}
+
+/// Returns from the middle to the end of points that move on evenly, m: from the mean of their first half to that of
+/// their second; nothing where noise explains that.
+fn moved_on(points: &[(usize, RawPoint)], accuracy_m: f64) -> [f64; 2] {
+    /// Standard deviations of the difference of the means.
+    const SIGMAS: f64 = 3.0;
+    let half = points.len() / 2;
+    let mean = |points: &[(usize, RawPoint)]| {
+        let count = points.len() as f64;
+        let sum = points.iter().fold([0.0, 0.0], |[x, y], (_, point)| {
+            [x + point.position.x_m, y + point.position.y_m]
+        });
+        sum.map(|sum| sum / count)
+    };
+    if half == 0 {
+        return [0.0, 0.0];
+    }
+    let (before, after) = (mean(&points[..half]), mean(&points[points.len() - half..]));
+    let moved = [after[0] - before[0], after[1] - before[1]];
+    let noise_m = accuracy_m * (2.0 / half as f64).sqrt();
+    if moved[0].hypot(moved[1]) > SIGMAS * noise_m {
+        moved
+    } else {
+        [0.0, 0.0]
+    }
 }
