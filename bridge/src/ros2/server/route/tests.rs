@@ -123,7 +123,7 @@ fn a_way_back_in_one_direction_is_refused_with_its_place() {
     ] {
         let ahead = |i: usize| {
             ways.get(i + 1)
-                .map_or(ways[i] - ways[i - 1], |next| next - ways[i])
+                .map_or_else(|| ways[i] - ways[i - 1], |next| next - ways[i])
         };
         let poses = (0..ways.len()).map(|i| PlanarPose {
             x_m: 0.0,
