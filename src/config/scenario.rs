@@ -9,6 +9,7 @@ use super::{CONTACT_IDENTIFIED, CONTACT_VEHICLE, ConfigError, ConfigFile};
 use serde::Deserialize;
 use sidehill_controller::config::{ControllerConfig, ControllerKind};
 use sidehill_controller::course::Course;
+use sidehill_controller::path::GeodeticOrigin;
 use sidehill_controller::speed_profile::SpeedConfig;
 use sidehill_controller::tracked_point::TrackedPoint;
 use sidehill_plant::bounds::{Bounds, RangeError};
@@ -28,6 +29,8 @@ struct RawScenario {
     course: Option<Course>,
     #[serde(default)]
     route: Option<RouteConfig>,
+    #[serde(default)]
+    datum: Option<GeodeticOrigin>,
     #[serde(default = "one_lap")]
     laps: u32,
     #[serde(default)]
@@ -116,6 +119,11 @@ impl Scenario {
         self.raw.controller.guard.is_some()
     }
 
+    /// Returns where the world's origin is on earth, if that is stated.
+    pub fn datum(&self) -> Option<GeodeticOrigin> {
+        self.raw.datum
+    }
+
     /// Returns the scenario's name.
     pub fn name(&self) -> &str {
         &self.raw.name
@@ -161,12 +169,16 @@ impl Scenario {
             file,
             raw.course.as_ref(),
             raw.route.as_ref(),
+            raw.datum,
             overrides.path.as_deref(),
         )?;
         let loaded = LoadedReference::build(file, source, &limits)?;
-        let terrain = raw.terrain.build(file, loaded.route.as_ref())?;
-        on_the_ground(&loaded.trajectory, &terrain).map_err(|error| file.error(error))?;
-        let mut warnings = Vec::new();
+        let mut warnings = loaded.warnings;
+        let terrain = raw
+            .terrain
+            .build(file, loaded.route.as_ref(), &mut warnings)?;
+        on_the_ground(&loaded.trajectory, &terrain, vehicle.base_half_width_m)
+            .map_err(|error| file.error(error))?;
         let requested_m_s = raw.speed.speed_m_s;
         if loaded.route.is_some() && requested_m_s > vehicle.speed_max_m_s {
             warnings.push(format!(
