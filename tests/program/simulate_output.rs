@@ -5,7 +5,7 @@ use serde_json::Value;
 use std::collections::BTreeSet;
 
 /// Fields of a run, design of the program's contract.
-const FIELDS: [&str; 21] = [
+const FIELDS: [&str; 24] = [
     "controller",
     "plant",
     "scenario",
@@ -18,6 +18,9 @@ const FIELDS: [&str; 21] = [
     "heading_rms_rad",
     "steer_total_variation_m_s",
     "goal_error_m",
+    "mean_speed_m_s",
+    "time_s",
+    "tread_speed_max_m_s",
     "constraint_violations",
     "fallbacks",
     "deadline_misses",
