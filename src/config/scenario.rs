@@ -194,7 +194,7 @@ impl Scenario {
             controllers: controllers.clone(),
             seed,
             step_s: raw.step_s,
-            drive_train: raw.drive_train,
+            drive_train: raw.drive_train.clone(),
             sensors: raw.sensors,
             controller: raw.controller.clone(),
             route_note: loaded.note,
