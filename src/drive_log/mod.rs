@@ -3,6 +3,8 @@
 #[cfg(feature = "drive")]
 mod choice;
 #[cfg(feature = "drive")]
+mod commands;
+#[cfg(feature = "drive")]
 mod fixes;
 #[cfg(feature = "drive")]
 mod interpolation;
@@ -28,12 +30,14 @@ pub use choice::Chosen;
 pub use live_positions::LivePositions;
 #[cfg(feature = "drive")]
 pub use positions::{Positions, positions};
-pub use topics::{AttitudeTopic, PoseTopic, StampSource, TopicMap, TreadSpeedTopic};
+pub use topics::{AttitudeTopic, CommandTopic, PoseTopic, StampSource, TopicMap, TreadSpeedTopic};
 
 use crate::config::{ConfigFile, no_text};
 use crate::console;
 use anyhow::{Context, Result, bail};
-use sidehill_plant::log::{ColumnMap, DriveLog};
+use sidehill_plant::identification::DriveRecord;
+use sidehill_plant::log::{ColumnMap, DriveLog, read_commands};
+use sidehill_plant::speeds::EncoderScale;
 use std::path::{Path, PathBuf};
 
 /// Arguments of every command that reads logs: what their columns or topics mean.
@@ -108,6 +112,23 @@ impl LogReader {
     fn read_rows(&self, path: &Path) -> Result<DriveLog> {
         anyhow::ensure!(self.topics.is_none(), "--topics: this build reads no bags");
         self.read_csv(path)
+    }
+
+    /// Returns commands and measured speeds of a file, bag or recording, effective by `scale` where the commands are.
+    ///
+    /// # Errors
+    /// Names the file and row, column, topic or key at fault.
+    pub fn read_commands(&self, path: &Path, scale: &EncoderScale) -> Result<DriveRecord> {
+        #[cfg(feature = "drive")]
+        if crate::bag::is_bag(path) {
+            return commands::record(path, self.topics.as_ref(), scale);
+        }
+        let name = || path.display().to_string();
+        let bytes = std::fs::read(path).with_context(name)?;
+        if let Some(reason) = no_text(&bytes) {
+            bail!("{}: {reason}", name());
+        }
+        read_commands(bytes.as_slice(), &self.columns, scale).with_context(name)
     }
 
     fn read_csv(&self, path: &Path) -> Result<DriveLog> {
