@@ -17,7 +17,6 @@ pub(super) fn contact_vehicle(measures: &Measures) -> String {
         source,
         mass_kg,
         track_m,
-        wheelbase_m,
         axles,
         radius_m,
         centre_of_mass_height_m,
@@ -27,12 +26,10 @@ pub(super) fn contact_vehicle(measures: &Measures) -> String {
     // A patch as long as half the wheel's radius; see patch_radius_m in the file.
     let patch_m = 0.5 * radius_m / 6_f64.sqrt();
     let mut lines = String::new();
-    for axle in 0..axles {
-        let share = axle as f64 / (axles - 1) as f64;
+    for forward_m in axle_positions_m(measures) {
         let _ = writeln!(
             lines,
-            "  - {{ forward_m: {:.4}, load_share: {} }}",
-            (0.5 - share) * wheelbase_m,
+            "  - {{ forward_m: {forward_m:.4}, load_share: {} }}",
             1.0 / axles as f64
         );
     }
@@ -75,6 +72,14 @@ pub(super) fn contact_vehicle(measures: &Measures) -> String {
     )
 }
 
+/// Returns how far forward of the origin the axles are, m: evenly spaced.
+fn axle_positions_m(measures: &Measures) -> impl Iterator<Item = f64> {
+    let Measures {
+        axles, wheelbase_m, ..
+    } = *measures;
+    (0..axles).map(move |axle| (0.5 - axle as f64 / (axles - 1) as f64) * wheelbase_m)
+}
+
 /// Returns the vehicle as ICRIK knows it: ICRs and slide gains that identification finds when the
 /// vehicle on wheels drives the paper's procedure in simulation.
 pub(super) fn first_guess(measures: &Measures, contact: &str) -> Result<String> {
@@ -99,6 +104,9 @@ pub(super) fn first_guess(measures: &Measures, contact: &str) -> Result<String> 
             )
         });
     let icrs = &found.icrs;
+    let axles: String = axle_positions_m(measures)
+        .map(|forward_m| format!("  - {{ forward_m: {forward_m:.4} }}\n"))
+        .collect();
     Ok(format!(
         "# {title}: FIRST GUESSES, found by driving contact.yaml in simulation as\n\
          #     sidehill identify --simulate contact.yaml --vehicle vehicle.yaml --out better.yaml\n\
@@ -127,7 +135,13 @@ pub(super) fn first_guess(measures: &Measures, contact: &str) -> Result<String> 
          \n\
          # From measured to effective tread speed (c_l, c_r), without unit: 1 until identified.\n\
          correction_left: 1.0\n\
-         correction_right: 1.0\n",
+         correction_right: 1.0\n\
+         \n\
+         # Where its wheels touch the ground, in m from the origin: contact-mpc starts from this and from the ICRs, and\n\
+         # learns friction and loads.\n\
+         contact:\n\
+         \x20 half_width_m: {half_width_m:?}\n\
+         \x20 axles:\n{axles}",
         title = measures.title,
         source = measures.source,
         name = measures.name,

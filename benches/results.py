@@ -1,0 +1,208 @@
+#!/usr/bin/env python3
+"""Writes the tables of docs/results.md: runs their commands and puts the figures between the markers of the page.
+
+    benches/results.py                        all tables; hours of CPU time with those of the campaigns
+    benches/results.py model contact          some of them
+    benches/results.py --list                 names, and what each takes
+    benches/results.py --program sidehill     an installed program instead of `cargo run --release`
+
+A table stands between `<!-- table: NAME -->` and `<!-- end -->`, with the commit at which it was measured. Only the Python
+standard library is needed; the table `mujoco` needs the wheel and MuJoCo (see the page).
+"""
+
+import argparse
+import json
+import pathlib
+import re
+import statistics
+import subprocess
+import sys
+import tempfile
+
+ROOT = pathlib.Path(__file__).resolve().parents[1]
+PAGE = ROOT / "docs/results.md"
+CONTROLLERS = ["contact-mpc", "icrik-mpc", "icrhk-mpc", "diffdrive-mpc", "pure-pursuit"]
+PROGRAM = ["cargo", "run", "--release", "--quiet", "--"]
+
+EIGHTS = [("5.3 deg", "figure_eight"), ("10 deg", "figure_eight_10deg"), ("15 deg", "figure_eight_15deg")]
+SCENARIOS = [
+    ("figure_eight (5.3 deg)", "figure_eight"),
+    ("figure_eight_10deg", "figure_eight_10deg"),
+    ("figure_eight_15deg", "figure_eight_15deg"),
+    ("slalom (10 deg)", "slalom"),
+    ("start_off_path (8 deg)", "start_off_path"),
+    ("paper_3_zones (to 5.3 deg)", "paper_3_zones"),
+    ("across_slope (10 deg)", "across_slope"),
+    ("reverse_cusp (8 deg)", "reverse_cusp"),
+    ("paper_1_pivot (3.6 deg)", "paper_1_pivot"),
+]
+SEEDS = range(41, 46)
+# Of tables with many rows: the best baseline stands for both.
+FOUR = [*CONTROLLERS[:3], "pure-pursuit"]
+
+
+def printed(arguments, program=None, failure_allowed=False):
+    """Returns what a command prints; the program exits with 1 where a run was not completed."""
+    command = [*(program or PROGRAM), *map(str, arguments)]
+    print("+", " ".join(command), file=sys.stderr)
+    ended = subprocess.run(command, cwd=ROOT, stdout=subprocess.PIPE, text=True)
+    if ended.returncode > (1 if failure_allowed else 0):
+        sys.exit(f"{command} ended with {ended.returncode}")
+    return ended.stdout
+
+
+def simulated(scenario, arguments, controllers):
+    """Returns the runs of a scenario by controller."""
+    named = [word for name in controllers for word in ("--controller", name)]
+    text = printed(["simulate", scenario, *named, *arguments, "--format", "json"], failure_allowed=True)
+    return {run["controller"]: run for run in json.loads(text)["runs"]}
+
+
+def table(head, rows):
+    """Returns a table in Markdown."""
+    lines = [f"| {' | '.join(line)} |" for line in [head, *rows]]
+    return "\n".join([lines[0], "|" + "---|" * len(head), *lines[1:]])
+
+
+def cells(runs_of, controllers):
+    """Returns median error in cm and steer in m/s of each controller, the least error in bold.
+
+    A run that was not completed counts as worse than all that were.
+    """
+    shown, errors = [], []
+    for name in controllers:
+        runs = runs_of[name]
+        completed = [run for run in runs if run["completed"]]
+        missing = [float("inf")] * (len(runs) - len(completed))
+        error = statistics.median([run["cross_track_rms_m"] for run in completed] + missing)
+        steer = statistics.median(run["steer_total_variation_m_s"] for run in runs)
+        figure = "-" if error == float("inf") else f"{100 * error:.2f}"
+        share = f" [{len(completed)} of {len(runs)}]" if missing else ""
+        errors.append(error)
+        shown.append((figure, f" ({steer:.1f}){share}"))
+    best = min(errors)
+    return [f"**{f}**{rest}" if e == best != float("inf") else f + rest for e, (f, rest) in zip(errors, shown)]
+
+
+def eights(arguments):
+    """The figure of eight on three slopes, one run each."""
+    rows = []
+    for label, scenario in EIGHTS:
+        runs = simulated(f"config/scenarios/{scenario}.yaml", arguments, CONTROLLERS)
+        rows.append([label, *cells({name: [run] for name, run in runs.items()}, CONTROLLERS)])
+    return table(["slope", *CONTROLLERS], rows)
+
+
+def of_seeds(scenario, arguments, seeds, controllers):
+    """Returns the runs of a scenario with several seeds, by controller."""
+    runs_of = {name: [] for name in controllers}
+    for seed in seeds:
+        for name, run in simulated(scenario, [*arguments, "--seed", seed], controllers).items():
+            runs_of[name].append(run)
+    return runs_of
+
+
+def realistic():
+    rows = []
+    for label, scenario in SCENARIOS:
+        file = f"config/scenarios/{scenario}.yaml"
+        rows.append([label, *cells(of_seeds(file, ["--conditions", "realistic"], SEEDS, FOUR), FOUR)])
+    return table(["scenario", *FOUR], rows)
+
+
+def routes():
+    """Recorded routes, on the plants that the head of each column names."""
+    rows = []
+    for route in ("path_1_june_26", "path_2_june_26", "spin"):
+        path = ["--path", f"config/routes/{route}.gpx"]
+        file = "config/scenarios/j8_route.yaml"
+        own = simulated(file, path, ["icrik-mpc"])["icrik-mpc"]
+        seeds = of_seeds(file, [*path, "--conditions", "realistic"], range(41, 44), FOUR)
+        rows.append([f"`{route}.gpx`", f"{100 * own['cross_track_rms_m']:.2f}", *cells(seeds, FOUR)])
+    return table(["route", "`icrik-mpc`, ICRIK plant, perfect sensors", *FOUR], rows)
+
+
+def robots():
+    rows = []
+    controllers = CONTROLLERS[:3]
+    with tempfile.TemporaryDirectory() as folder:
+        for robot in ("husky", "warthog", "jackal", "tracks"):
+            files = pathlib.Path(folder) / robot
+            printed(["init", "--vehicle", robot, files])
+            scenario = files / "scenario.yaml"
+            for slope_deg in (5, 10):
+                text = re.sub(r"slope_deg: [\d.]+", f"slope_deg: {slope_deg}", scenario.read_text())
+                scenario.write_text(text)
+                runs = simulated(scenario, (), controllers)
+                row = cells({name: [run] for name, run in runs.items()}, controllers)
+                rows.append([robot, f"{slope_deg} deg", *row])
+    return table(["vehicle", "slope", *controllers], rows)
+
+
+def campaign(name, seed, runs, controllers):
+    """A campaign with another seed, other controllers and the given number of runs."""
+    text = (ROOT / f"config/campaigns/{name}.yaml").read_text()
+    text = text.replace("../", f"{ROOT / 'config'}/")
+    text = re.sub(r"(?m)^seed: .*$", f"seed: {seed}", text)
+    text = re.sub(r"(?m)^controllers: .*$", f"controllers: [{', '.join(controllers)}]", text)
+    with tempfile.TemporaryDirectory() as folder:
+        file, out = pathlib.Path(folder) / "campaign.yaml", pathlib.Path(folder) / "results.csv"
+        file.write_text(text)
+        found = json.loads(printed(["campaign", file, "--runs", runs, "--out", out, "--format", "json"]))
+    rows = []
+    for row in found["controllers"]:
+        errors = [row[key] for key in ("median_m", "p95_m", "worst_m")]
+        errors = ["-" if error is None else f"{100 * error:.2f}" for error in errors]
+        completed = f"{row['completed']} of {row['runs']}"
+        rows.append([row["controller"], completed, *errors, f"{row['steer_total_variation_m_s']:.1f}"])
+    return table(["controller", "completed", "median", "p95", "worst", "steer, m/s"], rows)
+
+
+def mujoco():
+    program = [sys.executable, "bridge/python/benches/mujoco_vehicles.py"]
+    named = [word for name in ("J8", "four wheels, 60 kg") for word in ("--vehicle", name)]
+    text = printed(["--realistic", 3, *named], program)
+    head, *rows = [line for line in text.splitlines() if line.startswith("|")]
+    return "\n".join([head, "|" + "---|" * (head.count("|") - 1), *rows])
+
+
+TABLES = {
+    "model": (lambda: eights(["--plant", "icrik"]), "seconds"),
+    "contact": (lambda: eights(["--plant", "contact"]), "seconds"),
+    "realistic": (realistic, "minutes"),
+    "routes": (routes, "minutes"),
+    "robots": (robots, "a minute"),
+    "campaign": (lambda: campaign("default", 4242, 1000, CONTROLLERS), "ten minutes of CPU time"),
+    "vehicles": (lambda: campaign("vehicles", 202001, 10000, ["contact-mpc", "icrhk-mpc"]), "hours of CPU time"),
+    "mujoco": (mujoco, "an hour; needs the wheel and MuJoCo"),
+}
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("tables", nargs="*", metavar="TABLE", help="instead of all")
+    parser.add_argument("--program", help="instead of `cargo run --release`")
+    parser.add_argument("--list", action="store_true", help="list the tables")
+    given = parser.parse_args()
+    if given.list:
+        for name, (_, takes) in TABLES.items():
+            print(f"{name:10} {takes}")
+        return
+    if unknown := set(given.tables) - set(TABLES):
+        parser.error(f"no such table: {', '.join(sorted(unknown))}; see --list")
+    if given.program:
+        PROGRAM[:] = [given.program]
+    commit = printed(["rev-parse", "--short", "HEAD"], ["git"]).strip()
+    if printed(["status", "--porcelain", "--untracked-files=no", "--", "*.rs", "*.toml", "config"], ["git"]).strip():
+        commit += " with changes"
+    for name in given.tables or TABLES:
+        made = f"{TABLES[name][0]()}\n\nMeasured at commit {commit}."
+        # Read anew each time, so that a table is kept where a later one fails.
+        page = PAGE.read_text()
+        start, end = f"<!-- table: {name} -->\n", "\n<!-- end -->"
+        before, after = page.split(start, 1)
+        PAGE.write_text(f"{before}{start}\n{made}\n{end}{after.split(end, 1)[1]}")
+
+
+if __name__ == "__main__":
+    main()
