@@ -5,22 +5,16 @@
 //! ```
 #![allow(clippy::print_stderr)]
 
-use anyhow::{Context, Result, anyhow};
-use plotters::coord::types::RangedCoordf64;
-use plotters::prelude::*;
+use anyhow::{Context, Result};
+use sidehill::report::drawing::{Drawing, DrawnLine, svg};
 use sidehill_plant::contact::{ContactModel, ContactVehicle};
 use sidehill_plant::frames::{Attitude, BodyVelocity};
 use sidehill_plant::motion::{GroundState, MotionModel};
 use sidehill_plant::speeds::{MotorSpeeds, TreadSpeeds};
 use std::ops::Range;
 
-const SIZE: (u32, u32) = (1000, 760);
-const COLOURS: [RGBColor; 4] = [
-    RGBColor(30, 110, 190),
-    RGBColor(200, 80, 40),
-    RGBColor(60, 150, 80),
-    RGBColor(130, 90, 170),
-];
+const SIZE_PX: [f64; 2] = [1000.0, 760.0];
+const COLOURS: [&str; 4] = ["#0072b2", "#d55e00", "#009e73", "#aa4499"];
 /// Slope on which the slide is measured, as in the paper's identification, deg.
 const SLOPE_DEG: f64 = 4.0;
 /// Steer at which it is measured, m/s.
@@ -46,12 +40,9 @@ fn main() -> Result<()> {
     let j8: ContactVehicle =
         serde_yaml::from_str(include_str!("../config/vehicles/j8_contact.yaml"))?;
     let panels = [creep(&j8)?, turn(&j8)?, heading(&j8)?, speed(&j8)?];
-    let root = SVGBackend::new(&out, SIZE).into_drawing_area();
-    root.fill(&WHITE).map_err(failed)?;
-    for (area, panel) in root.split_evenly((2, 2)).iter().zip(&panels) {
-        draw(area, panel)?;
-    }
-    root.present().map_err(failed)?;
+    let drawings = panels.map(drawing);
+    std::fs::write(&out, svg(&drawings, 2, SIZE_PX))
+        .with_context(|| format!("{out}: cannot be written"))?;
     eprintln!("{out}: written");
     Ok(())
 }
@@ -235,49 +226,24 @@ fn speed(j8: &ContactVehicle) -> Result<Panel> {
     })
 }
 
-fn draw(area: &DrawingArea<SVGBackend<'_>, plotters::coord::Shift>, panel: &Panel) -> Result<()> {
-    let mut chart = ChartBuilder::on(area)
-        .caption(panel.title, ("sans-serif", 17))
-        .margin(14)
-        .x_label_area_size(38)
-        .y_label_area_size(48)
-        .build_cartesian_2d(panel.x.1.clone(), panel.y.1.clone())
-        .map_err(failed)?;
-    chart
-        .configure_mesh()
-        .light_line_style(TRANSPARENT)
-        .x_desc(panel.x.0)
-        .y_desc(panel.y.0)
-        .draw()
-        .map_err(failed)?;
-    for (line, colour) in panel.lines.iter().zip(COLOURS) {
-        draw_line(&mut chart, line, colour)?;
+fn drawing(panel: Panel) -> Drawing {
+    let range = |range: Range<f64>| [range.start, range.end];
+    let lines = panel
+        .lines
+        .into_iter()
+        .zip(COLOURS)
+        .map(|(line, colour)| DrawnLine {
+            name: line.name,
+            colour,
+            dashed: line.dashed,
+            points: line.points.into_iter().map(|(x, y)| [x, y]).collect(),
+        });
+    Drawing {
+        title: panel.title.to_owned(),
+        x_title: panel.x.0.to_owned(),
+        y_title: panel.y.0.to_owned(),
+        x: range(panel.x.1),
+        y: range(panel.y.1),
+        lines: lines.collect(),
     }
-    chart
-        .configure_series_labels()
-        .position(SeriesLabelPosition::UpperLeft)
-        .background_style(WHITE.mix(0.8))
-        .draw()
-        .map_err(failed)?;
-    Ok(())
-}
-
-type Chart<'a, 'b> = ChartContext<'a, SVGBackend<'b>, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
-
-fn draw_line(chart: &mut Chart<'_, '_>, line: &Line, colour: RGBColor) -> Result<()> {
-    let points = line.points.iter().copied();
-    let drawn = if line.dashed {
-        chart.draw_series(DashedLineSeries::new(points, 6, 4, colour.stroke_width(2)))
-    } else {
-        chart.draw_series(LineSeries::new(points, colour.stroke_width(2)))
-    };
-    drawn
-        .map_err(failed)?
-        .label(line.name.clone())
-        .legend(move |(x, y)| PathElement::new([(x, y), (x + 20, y)], colour.stroke_width(2)));
-    Ok(())
-}
-
-fn failed(error: impl std::fmt::Display) -> anyhow::Error {
-    anyhow!("cannot be drawn: {error}")
 }

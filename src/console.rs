@@ -5,22 +5,24 @@
 
 use std::fmt::Display;
 use std::io::Write;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{SyncSender, sync_channel};
+use std::sync::{Arc, OnceLock};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 static DROPPED: AtomicU64 = AtomicU64::new(0);
+/// Why standard output cannot be written, other than that its reader has gone.
+static FAULT: OnceLock<String> = OnceLock::new();
 
 /// Prints `text` without a line break.
 pub fn text(text: impl Display) {
-    count(write!(std::io::stdout().lock(), "{text}"));
+    output(write!(std::io::stdout().lock(), "{text}"));
 }
 
 /// Prints `text` and a line break.
 pub fn line(text: impl Display) {
-    count(writeln!(std::io::stdout().lock(), "{text}"));
+    output(writeln!(std::io::stdout().lock(), "{text}"));
 }
 
 /// Prints `text` and a line break to standard error.
@@ -31,6 +33,22 @@ pub fn complain(text: impl Display) {
 /// Returns how many texts could not be written.
 pub fn dropped() -> u64 {
     DROPPED.load(Ordering::Relaxed)
+}
+
+/// Returns why something could not be written to standard output, as to a disk that is full; nothing where all is
+/// written, or its reader has gone.
+pub fn output_fault() -> Option<&'static str> {
+    output(std::io::stdout().flush());
+    FAULT.get().map(String::as_str)
+}
+
+fn output(written: std::io::Result<()>) {
+    if let Err(error) = &written
+        && error.kind() != std::io::ErrorKind::BrokenPipe
+    {
+        let _ = FAULT.set(error.to_string());
+    }
+    count(written);
 }
 
 /// Most lines that wait for a slow reader.

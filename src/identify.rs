@@ -94,13 +94,20 @@ pub fn run(args: &IdentifyArgs) -> Result<()> {
         found.slope = Some(stage);
         vehicle = fitted;
     }
-    let verdict = Verdict::of(&found, &vehicle, &logs);
+    let mut verdict = Verdict::of(&found, &vehicle, &logs);
     let slope: Vec<DriveLog> = logs.slope.iter().chain(&logs.across).cloned().collect();
     match identify_extension(&logs.level, &slope, &vehicle, &settings) {
         Ok((extension, report)) => {
             text += &extension_table(&report);
-            vehicle.extension = extension;
-            vehicle = vehicle.validated().context("the extended model")?;
+            found.extension = Some(report);
+            let extended = Vehicle {
+                extension,
+                ..vehicle.clone()
+            };
+            match extended.validated() {
+                Ok(extended) => vehicle = extended,
+                Err(reason) => text += &format!("extension: not used: {reason}\n"),
+            }
         }
         // The result of the two stages is valid without it.
         Err(error) => text += &format!("extension: not tried: {error}\n"),
@@ -115,8 +122,12 @@ pub fn run(args: &IdentifyArgs) -> Result<()> {
             identify_contact(&all, &vehicle, &settings).context("contact vehicle")?;
         text += &contact_table(&report);
         contact = contact_json(&report);
-        let unknown = report.estimates.iter().filter(|e| !e.determined);
-        guessed = unknown.map(|estimate| estimate.name).collect();
+        if report.is_nearer() {
+            let unknown = report.estimates.iter().filter(|e| !e.determined);
+            guessed = unknown.map(|estimate| estimate.name).collect();
+        }
+        verdict.judge_contact(&report);
+        found.contact = Some(report);
         vehicle = fitted;
     }
     if let Some(name) = &args.name {
@@ -126,17 +137,12 @@ pub fn run(args: &IdentifyArgs) -> Result<()> {
     let yaml = commented(&vehicle, args, &found, &guessed)?;
     output::write(&args.out, yaml.as_bytes(), args.force)?;
     if let Some(path) = &args.report {
-        let level = found.level.iter();
-        let level = level.map(|stage| ("level", "differential drive", &stage.report));
-        let slope = found.slope.iter();
-        let slope = slope.map(|stage| ("slope", "ICRHK", &stage.report));
-        let stages: Vec<page::NamedStage> = level.chain(slope).collect();
         let level = logs.level.iter().map(|log| ("level", log));
         let read: Vec<_> = level
             .chain(logs.slope.iter().map(|log| ("slope", log)))
             .collect();
         let conclusions: Vec<String> = verdict.to_string().lines().map(str::to_owned).collect();
-        let page = page::html(&vehicle.name, &stages, &conclusions, &read);
+        let page = page::html(&vehicle.name, &found, &conclusions, &read);
         output::write(path, page.as_bytes(), args.force)?;
     }
     match args.format {

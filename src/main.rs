@@ -47,8 +47,7 @@ enum Command {
     Run(run::RunArgs),
     /// Runs a virtual rover in real time on a CAN bus or on ROS 2, where it takes --ros-args.
     Vehicle(vehicle::VehicleArgs),
-    /// Feeds the samples of a recording to the controller again, or to another one; with --open-loop
-    /// the readings of another program's log.
+    /// Feeds the samples of a recording to the controller again, or to another one.
     Replay(replay::ReplayArgs),
     /// Validates configuration files.
     Check(check::CheckArgs),
@@ -65,6 +64,8 @@ fn main() -> ExitCode {
     let command = Cli::parse_from(own)
         .command
         .unwrap_or_else(|| Command::Simulate(simulate::SimulateArgs::default()));
+    // A vehicle drives on without its output.
+    let drives = matches!(command, Command::Run(_) | Command::Vehicle(_));
     let result = match command {
         Command::Run(args) => run::run(&args, &ros),
         Command::Vehicle(args) => vehicle::run(&args, &ros),
@@ -89,6 +90,11 @@ fn main() -> ExitCode {
             documents::run(&args, &mut Cli::command()).map(|()| ExitCode::SUCCESS)
         }
     };
+    let fault = console::output_fault().filter(|_| !drives && result.is_ok());
+    if let Some(fault) = fault {
+        console::complain(format_args!("sidehill: standard output: {fault}"));
+        return ExitCode::from(2);
+    }
     result.unwrap_or_else(|error| {
         console::complain(format_args!("sidehill: {error:#}"));
         ExitCode::from(2)

@@ -13,6 +13,7 @@ use serde::Serialize;
 use serde_json::Value;
 use sidehill_plant::log::DriveLog;
 use sidehill_plant::odometry::{Comparison, KinematicModel, MeanSquaredErrors, compare};
+use sidehill_plant::statistics::median;
 use sidehill_plant::vehicle::Vehicle;
 use std::fmt::Write;
 use std::path::PathBuf;
@@ -56,6 +57,11 @@ const MODELS: [(KinematicModel, &str); 4] = [
     (KinematicModel::DifferentialDrive, "diff_drive"),
 ];
 
+const NAMES: [&str; MODELS.len()] = {
+    let [(_, a), (_, b), (_, c), (_, d)] = MODELS;
+    [a, b, c, d]
+};
+
 /// One model's errors, as printed in JSON.
 #[derive(Debug, Serialize)]
 struct Figures {
@@ -98,21 +104,17 @@ pub fn run(args: &OdometryArgs) -> Result<()> {
         Format::Json => console::line(serde_json::to_string(&json(&comparisons)?)?),
     }
     if let Some(path) = &args.plot {
-        let paths: Vec<_> = MODELS
-            .iter()
-            .zip(&comparisons)
-            .map(|((_, name), comparisons)| (*name, comparisons.as_slice()))
-            .collect();
-        let drawing = plot::paths(&paths).with_context(|| path.display().to_string())?;
+        let drawing = plot::paths(&NAMES, &comparisons);
         output::write(path, drawing.as_bytes(), args.force)?;
     }
     if let Some(path) = &args.report {
         let page = report::html(
             &log_name,
             &vehicle.name,
-            &MODELS.map(|(_, name)| name),
+            &NAMES,
             &comparisons,
-        )?;
+            slope(&log, &vehicle),
+        );
         output::write(path, page.as_bytes(), args.force)?;
     }
     Ok(())
@@ -124,6 +126,18 @@ pub fn run(args: &OdometryArgs) -> Result<()> {
 /// Names what the log lacks.
 pub fn figures(log: &DriveLog, vehicle: &Vehicle) -> Result<serde_json::Map<String, Value>> {
     json(&comparisons(log, vehicle)?)
+}
+
+fn slope(log: &DriveLog, vehicle: &Vehicle) -> report::Slope {
+    let tilts = log.rows().iter().map(|row| {
+        let attitude = &row.attitude;
+        attitude.roll_rad.hypot(attitude.pitch_rad).to_degrees()
+    });
+    let slide = &vehicle.slide;
+    report::Slope {
+        tilt_deg: median(tilts.collect()).unwrap_or(0.0),
+        slides: slide.shift_s_per_rad > 0.0 || slide.aggravated_s_per_rad > 0.0,
+    }
 }
 
 /// Compares the poses of each model with those of the log.
@@ -196,10 +210,63 @@ mod tests {
     }
 
     #[test]
+    fn a_model_has_one_colour_in_legend_plots_and_drawing() {
+        let page = report::html(
+            "log",
+            "vehicle",
+            &["icrhk", "icrik"],
+            &[off_by(2.0), off_by(0.5)],
+            report::Slope {
+                tilt_deg: 0.0,
+                slides: true,
+            },
+        );
+        let page = roxmltree::Document::parse_with_options(
+            &page,
+            roxmltree::ParsingOptions {
+                allow_dtd: true,
+                ..Default::default()
+            },
+        )
+        .unwrap();
+        let legends: Vec<_> = page
+            .descendants()
+            .filter(|node| node.attribute("class") == Some("swatch"))
+            .map(|node| {
+                let colour = node
+                    .attribute("style")
+                    .unwrap()
+                    .trim_start_matches("background:");
+                (node.next_sibling().unwrap().text().unwrap(), colour)
+            })
+            .collect();
+        // A name in the drawing follows the line of its colour.
+        let svg = page
+            .descendants()
+            .find(|node| node.has_tag_name("svg"))
+            .unwrap();
+        for (name, colour) in &legends {
+            let text = svg
+                .descendants()
+                .find(|node| node.is_element() && node.text() == Some(name));
+            let mut before = text
+                .unwrap()
+                .prev_siblings()
+                .filter(|node| node.is_element());
+            let line = before.find(|node| node.has_tag_name("path")).unwrap();
+            assert_eq!(line.attribute("stroke"), Some(*colour), "{name}");
+        }
+        assert_eq!(legends.len(), 2);
+    }
+
+    #[test]
     fn the_drawing_has_a_line_for_each_path() {
         let (one, two) = (off_by(2.0), off_by(0.5));
-        let svg = plot::paths(&[("icrhk", &one), ("icrik", &two)]).unwrap();
-        assert!(svg.starts_with("<svg") && svg.matches("<polyline").count() >= 3);
-        assert!(svg.contains("icrik") && svg.contains("log"));
+        let svg = plot::paths(&["icrhk", "icrik"], &[one, two]);
+        let page = roxmltree::Document::parse(&svg).unwrap();
+        let texts: Vec<_> = page.descendants().filter_map(|node| node.text()).collect();
+        for name in ["log", "icrhk", "icrik", "x (m)", "y (m)"] {
+            assert!(texts.contains(&name), "{name}: {texts:?}");
+        }
     }
 }

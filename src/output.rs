@@ -12,6 +12,12 @@ use std::path::{Path, PathBuf};
 pub fn check_free(paths: &[impl AsRef<Path>], force: bool) -> Result<()> {
     for path in paths {
         let path = path.as_ref();
+        if path.is_symlink() && !path.exists() && !force {
+            bail!(
+                "{}: is a link to a file that does not exist; name another file, or replace the link with --force",
+                path.display()
+            );
+        }
         if let Ok(found) = std::fs::metadata(path) {
             if found.is_dir() {
                 bail!("{}: is a folder", path.display());
@@ -66,7 +72,13 @@ pub fn write(path: &Path, bytes: &[u8], force: bool) -> Result<()> {
         .with_context(failed)?;
     file.write_all(bytes).with_context(failed)?;
     file.as_file().sync_data().with_context(failed)?;
-    file.persist(path).with_context(failed)?;
+    // A file that came while this one was made stays.
+    let persisted = if force || path.exists() {
+        file.persist(path)
+    } else {
+        file.persist_noclobber(path)
+    };
+    persisted.with_context(failed)?;
     Ok(())
 }
 

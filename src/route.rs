@@ -41,6 +41,9 @@ pub struct RouteArgs {
     /// Columns of a CSV log, in YAML.
     #[arg(long, value_name = "FILE")]
     pub columns: Option<PathBuf>,
+    /// Largest size of a log, and of what one of its files decompresses to, bytes.
+    #[arg(long, value_name = "BYTES")]
+    pub max_bytes: Option<u64>,
     /// Standard deviation of the Gaussian along the path that smooths it, m; 0 for none.
     #[arg(long, value_name = "M", default_value_t = Settings::default().smoothing_m)]
     pub smoothing_m: f64,
@@ -106,8 +109,8 @@ pub fn run(args: &RouteArgs, ros_arguments: &[String]) -> Result<()> {
     };
     let path = thinning::path(&recorded.points_m, &settings).with_context(|| name.clone())?;
     let text = match (form, recorded.origin) {
-        (Form::Gpx, Some(origin)) => gpx(&path.points_m, &origin),
-        _ => csv(&path.points_m),
+        (Form::Gpx, Some(origin)) => gpx(&path.points_m, &origin, recorded.has_heights),
+        _ => csv(&path.points_m, recorded.has_heights),
     };
     output::write(&args.out, text.as_bytes(), args.force)?;
     console::line(format_args!(
@@ -163,7 +166,7 @@ fn recorded(args: &RouteArgs) -> Result<Positions> {
                 columns.display()
             );
         }
-        let bag = Bag::open(&args.from)?;
+        let bag = Bag::open(&args.from, args.max_bytes)?;
         let mut found = positions(&bag, args.topic.as_deref())?;
         found.notes.splice(0..0, bag.notes().iter().cloned());
         return Ok(found);
@@ -171,25 +174,36 @@ fn recorded(args: &RouteArgs) -> Result<Positions> {
     let reader = LogReader::new(&LogArgs {
         columns: args.columns.clone(),
         topics: None,
+        max_bytes: args.max_bytes,
     })?;
     let log = reader.read(&args.from)?;
     let poses = log.rows().iter().filter_map(|row| row.pose);
     Ok(Positions {
         points_m: poses.map(|pose| [pose.x_m, pose.y_m, pose.z_m]).collect(),
         origin: None,
+        has_heights: true,
         notes: Vec::new(),
     })
 }
 
-fn csv(points_m: &[[f64; 3]]) -> String {
-    let mut out = "x_m,y_m,z_m\n".to_owned();
+fn csv(points_m: &[[f64; 3]], has_heights: bool) -> String {
+    let mut out = if has_heights {
+        "x_m,y_m,z_m\n"
+    } else {
+        "x_m,y_m\n"
+    }
+    .to_owned();
     for [x_m, y_m, z_m] in points_m {
-        let _ = writeln!(out, "{x_m:.4},{y_m:.4},{z_m:.4}");
+        let _ = write!(out, "{x_m:.4},{y_m:.4}");
+        if has_heights {
+            let _ = write!(out, ",{z_m:.4}");
+        }
+        out.push('\n');
     }
     out
 }
 
-fn gpx(points_m: &[[f64; 3]], origin: &GeodeticOrigin) -> String {
+fn gpx(points_m: &[[f64; 3]], origin: &GeodeticOrigin, has_heights: bool) -> String {
     let mut out = "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n\
         <gpx version=\"1.1\" creator=\"sidehill\" xmlns=\"http://www.topografix.com/GPX/1/1\">\n<trk><trkseg>\n"
         .to_owned();
@@ -198,12 +212,15 @@ fn gpx(points_m: &[[f64; 3]], origin: &GeodeticOrigin) -> String {
             x_m: *x_m,
             y_m: *y_m,
         });
-        let elevation_m = z_m + origin.elevation_m;
         // Nine decimals of a degree are 0.1 mm.
-        let _ = writeln!(
+        let _ = write!(
             out,
-            "<trkpt lat=\"{latitude_deg:.9}\" lon=\"{longitude_deg:.9}\"><ele>{elevation_m:.3}</ele></trkpt>"
+            "<trkpt lat=\"{latitude_deg:.9}\" lon=\"{longitude_deg:.9}\">"
         );
+        if has_heights {
+            let _ = write!(out, "<ele>{:.3}</ele>", z_m + origin.elevation_m);
+        }
+        out.push_str("</trkpt>\n");
     }
     out + "</trkseg></trk>\n</gpx>\n"
 }
@@ -225,7 +242,7 @@ mod tests {
             [300.0, -400.0, 2.0],
             [-900.0, 1200.0, -3.5],
         ];
-        let route = read_gpx(gpx(&points, &origin).as_bytes()).unwrap();
+        let route = read_gpx(gpx(&points, &origin, true).as_bytes()).unwrap();
         for (point, expected) in route.points.iter().zip(points) {
             let found = [
                 point.position.x_m,

@@ -8,7 +8,6 @@ use crate::config::{Bundle, ConfigFile, RunConfig, RunPort};
 use crate::console::Printer;
 use crate::interrupts::Interrupts;
 use crate::learned::Keeper;
-use crate::output;
 use crate::recording::{self, DriveRecording, LIVE, fact};
 use anyhow::{Context, Result, anyhow, ensure};
 use files::Files;
@@ -106,7 +105,7 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
     let recording_ended = Arc::new(OnceLock::new());
     let recorded = config.recording(&file, args.record.as_deref())?;
     if let Some((path, _)) = &recorded {
-        output::check_writable(path, args.force)?;
+        recording::check_free(path, args.force)?;
     }
     let live = recording::live(args.live, Some(&config.settings))?;
     let watched = recorded.is_some() || live.is_some();

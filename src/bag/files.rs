@@ -1,12 +1,14 @@
 //! Which files a bag has, and how each is stored.
 
 use super::error::BagError;
+use super::limits::Budget;
 use super::message::{Message, Outcome, Visit};
 use super::{compression, mcap, sqlite};
 use crate::config::ConfigFile;
+use crate::drive_log::foreign;
 use serde::Deserialize;
 use std::fs::File;
-use std::io::{BufReader, Write};
+use std::io::{BufReader, Read, Write};
 use std::path::{Path, PathBuf};
 use tempfile::NamedTempFile;
 
@@ -40,18 +42,35 @@ pub(super) struct BagFile {
     plain: Option<NamedTempFile>,
     /// Whether each message is compressed by zstd.
     compressed_messages: bool,
+    /// What it may hold.
+    budget: Budget,
 }
 
 impl BagFile {
-    fn new(path: PathBuf, compressed_messages: bool) -> Result<Self, BagError> {
+    fn new(
+        path: PathBuf,
+        compressed_messages: bool,
+        max_bytes: Option<u64>,
+    ) -> Result<Self, BagError> {
         let content = |reason: &str| BagError::Content {
             file: path.clone(),
             reason: reason.to_owned(),
         };
         let storage = Storage::of_name(&path)
             .ok_or_else(|| content("not a file of a bag, which ends with .mcap or .db3"))?;
+        let unreadable = |reason| BagError::Read {
+            file: path.clone(),
+            reason,
+        };
+        if let Some(reason) = foreign(&path).map_err(unreadable)? {
+            return Err(content(&reason));
+        }
+        let size = std::fs::metadata(&path).map_err(unreadable)?.len();
+        let budget = Budget::of(size, max_bytes);
         let plain = match path.extension() {
-            Some(ending) if ending.eq_ignore_ascii_case("zstd") => Some(decompressed(&path)?),
+            Some(ending) if ending.eq_ignore_ascii_case("zstd") && !is_blank(&path) => {
+                Some(decompressed(&path, &budget)?)
+            }
             _ => None,
         };
         Ok(Self {
@@ -59,13 +78,20 @@ impl BagFile {
             storage,
             plain,
             compressed_messages,
+            budget,
         })
+    }
+
+    /// Returns why nothing was ever written to the file, if that is so.
+    pub(super) fn blank(&self) -> bool {
+        is_blank(&self.path)
     }
 
     /// Calls `visit` for each message.
     pub(super) fn read(&self, visit: Visit<'_>) -> Result<Outcome, BagError> {
+        let (mut messages, mut chunks) = (self.budget, self.budget);
         let mut decompress = |message: Message<'_>| {
-            let (data, cut_off) = compression::zstd(message.data);
+            let (data, cut_off) = compression::zstd(message.data, &mut messages);
             if let Some(reason) = cut_off {
                 return Err(BagError::Content {
                     file: self.path.clone(),
@@ -89,9 +115,9 @@ impl BagFile {
         match self.storage {
             Storage::Mcap => {
                 let file = File::open(at).map_err(|reason| self.unreadable(reason))?;
-                mcap::read(BufReader::new(file), &self.path, visit)
+                mcap::read(BufReader::new(file), &self.path, &mut chunks, visit)
             }
-            Storage::Sqlite => sqlite::read(at, &self.path, visit),
+            Storage::Sqlite => sqlite::read(at, &self.path, &mut chunks, visit),
         }
     }
 
@@ -103,20 +129,24 @@ impl BagFile {
     }
 }
 
-fn decompressed(path: &Path) -> Result<NamedTempFile, BagError> {
+/// Returns whether a file holds nothing or only zeros, which a power cut leaves of a file that was just begun.
+fn is_blank(path: &Path) -> bool {
+    let mut begin = Vec::new();
+    let read = File::open(path).and_then(|file| file.take(64).read_to_end(&mut begin));
+    read.is_ok() && begin.iter().all(|byte| *byte == 0)
+}
+
+fn decompressed(path: &Path, budget: &Budget) -> Result<NamedTempFile, BagError> {
     let read = |reason| BagError::Read {
         file: path.to_owned(),
         reason,
     };
-    let (bytes, cut_off) = compression::zstd(&std::fs::read(path).map_err(read)?);
-    if let Some(reason) = cut_off {
-        return Err(BagError::Content {
-            file: path.to_owned(),
-            reason,
-        });
-    }
     let mut plain = NamedTempFile::new().map_err(read)?;
-    plain.write_all(&bytes).map_err(read)?;
+    let compressed = File::open(path).map_err(read)?;
+    compression::zstd_file(compressed, &mut plain, budget).map_err(|reason| BagError::Content {
+        file: path.to_owned(),
+        reason,
+    })?;
     plain.flush().map_err(read)?;
     Ok(plain)
 }
@@ -136,18 +166,29 @@ struct Information {
     compression_mode: String,
 }
 
-/// Returns the files of a bag in the order of recording: a file, or those of a folder.
-pub(super) fn find(path: &Path) -> Result<Vec<BagFile>, BagError> {
+/// Returns the files of a bag in the order of recording, a file or those of a folder, and notes.
+pub(super) fn find(
+    path: &Path,
+    max_bytes: Option<u64>,
+) -> Result<(Vec<BagFile>, Vec<String>), BagError> {
     let read = |reason| BagError::Read {
         file: path.to_owned(),
         reason,
     };
     if !std::fs::metadata(path).map_err(read)?.is_dir() {
-        return Ok(vec![BagFile::new(path.to_owned(), false)?]);
+        return Ok((
+            vec![BagFile::new(path.to_owned(), false, max_bytes)?],
+            Vec::new(),
+        ));
     }
     let metadata = path.join("metadata.yaml");
     if !metadata.exists() {
-        return by_name(path);
+        return Ok((by_name(path, max_bytes)?, Vec::new()));
+    }
+    if is_blank(&metadata) {
+        let note = "metadata.yaml is empty: the recorder was interrupted; the files are read in the order of their \
+                    numbers";
+        return Ok((by_name(path, max_bytes)?, vec![note.to_owned()]));
     }
     let content = |reason: String| BagError::Content {
         file: metadata.clone(),
@@ -169,13 +210,12 @@ pub(super) fn find(path: &Path) -> Result<Vec<BagFile>, BagError> {
         )));
     }
     let files = information.relative_file_paths.into_iter();
-    files
-        .map(|file| BagFile::new(path.join(file), by_message))
-        .collect()
+    let files = files.map(|file| BagFile::new(path.join(file), by_message, max_bytes));
+    Ok((files.collect::<Result<_, _>>()?, Vec::new()))
 }
 
 /// Returns the files of a folder whose recorder was killed before it wrote `metadata.yaml`.
-fn by_name(folder: &Path) -> Result<Vec<BagFile>, BagError> {
+fn by_name(folder: &Path, max_bytes: Option<u64>) -> Result<Vec<BagFile>, BagError> {
     let read = |reason| BagError::Read {
         file: folder.to_owned(),
         reason,
@@ -201,6 +241,6 @@ fn by_name(folder: &Path) -> Result<Vec<BagFile>, BagError> {
     paths.sort_by_key(|path| (number(path), path.clone()));
     paths
         .into_iter()
-        .map(|path| BagFile::new(path, false))
+        .map(|path| BagFile::new(path, false, max_bytes))
         .collect()
 }

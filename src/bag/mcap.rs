@@ -5,6 +5,7 @@
 
 use super::compression;
 use super::error::BagError;
+use super::limits::{Budget, RECORD_MAX};
 use super::message::{Message, Outcome, Topic, Visit};
 use ::mcap::records::{ChunkHeader, Record, op};
 use ::mcap::{MAGIC, parse_record};
@@ -13,14 +14,13 @@ use std::collections::BTreeMap;
 use std::io::{self, Read};
 use std::path::Path;
 
-/// Largest record, bytes. A larger length was never written, or is damaged.
-const RECORD_MAX: u64 = 2 << 30;
 const CRC: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
 
 /// Calls `visit` for each message of `source`, in the order of the file.
 pub(super) fn read(
     mut source: impl Read,
     name: &Path,
+    budget: &mut Budget,
     visit: Visit<'_>,
 ) -> Result<Outcome, BagError> {
     let unreadable = |reason: io::Error| BagError::Read {
@@ -40,6 +40,7 @@ pub(super) fn read(
         name,
         schemas: BTreeMap::new(),
         channels: BTreeMap::new(),
+        budget,
         visit,
     };
     let cut_off = loop {
@@ -103,6 +104,7 @@ struct Reader<'a> {
     /// Names of the message types.
     schemas: BTreeMap<u16, String>,
     channels: BTreeMap<u16, Topic>,
+    budget: &'a mut Budget,
     visit: Visit<'a>,
 }
 
@@ -119,7 +121,7 @@ impl Reader<'_> {
         let Record::Chunk { header, data } = record else {
             return Ok(());
         };
-        let (records, fault) = decompressed(&header, &data);
+        let (records, fault) = decompressed(&header, &data, self.budget);
         if let Some(fault) = fault {
             return Err(self.damaged(format_args!("a chunk: {fault}")));
         }
@@ -154,7 +156,7 @@ impl Reader<'_> {
             compression: String::from_utf8_lossy(compression).into_owned(),
             compressed_size: 0,
         };
-        let (records, _) = decompressed(&header, data);
+        let (records, _) = decompressed(&header, data, self.budget);
         self.records(&records).map(drop)
     }
 
@@ -213,11 +215,12 @@ impl Reader<'_> {
 fn decompressed<'a>(
     header: &ChunkHeader,
     data: &'a [u8],
+    budget: &mut Budget,
 ) -> (std::borrow::Cow<'a, [u8]>, Option<String>) {
     let (bytes, fault) = match header.compression.as_str() {
         "" => return (data.into(), None),
-        "zstd" => compression::zstd(data),
-        "lz4" => compression::lz4(data),
+        "zstd" => compression::zstd(data, budget),
+        "lz4" => compression::lz4(data, budget),
         other => {
             let fault = format!("the compression {other:?} is not read, only lz4 and zstd");
             return (Vec::new().into(), Some(fault));

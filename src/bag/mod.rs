@@ -6,6 +6,7 @@
 mod compression;
 mod error;
 mod files;
+mod limits;
 mod mcap;
 mod message;
 mod sqlite;
@@ -34,14 +35,23 @@ pub fn is_bag(path: &Path) -> bool {
 }
 
 impl Bag {
-    /// Finds the files of a bag and reads them once for their topics.
+    /// Finds the files of a bag and reads them once for their topics. `max_bytes` is the most that one of its files
+    /// may hold when decompressed; without it, 64 MB or 50 times its size, whichever is more.
     ///
     /// # Errors
-    /// [`BagError`] with the file that cannot be read, is not a bag, or contains no message.
-    pub fn open(path: &Path) -> Result<Self, BagError> {
-        let files = files::find(path)?;
+    /// [`BagError`] with the file that cannot be read, is not a bag, holds too much, or contains no message.
+    pub fn open(path: &Path, max_bytes: Option<u64>) -> Result<Self, BagError> {
+        let (mut files, mut notes) = files::find(path, max_bytes)?;
         let mut topics: BTreeMap<Topic, usize> = BTreeMap::new();
-        let mut notes = Vec::new();
+        files.retain(|file| {
+            if file.blank() {
+                let name = file.path.file_name().unwrap_or_default().display();
+                notes.push(format!(
+                    "{name}: nothing was written to it, as after a power cut; the other files are used"
+                ));
+            }
+            !file.blank()
+        });
         for file in &files {
             let outcome = file.read(&mut |message| {
                 match topics.get_mut(message.topic) {

@@ -1,13 +1,21 @@
 //! SQLite files of rosbag2: tables `topics` and `messages`.
 
 use super::error::BagError;
+use super::limits::{Budget, RECORD_MAX};
 use super::message::{Message, Outcome, Topic, Visit};
+use rusqlite::config::DbConfig;
+use rusqlite::limits::Limit;
 use rusqlite::{Connection, OpenFlags};
 use std::collections::BTreeMap;
 use std::path::Path;
 
 /// Calls `visit` for each message of the file `at`, ordered by time; errors call the file `name`.
-pub(super) fn read(at: &Path, name: &Path, visit: Visit<'_>) -> Result<Outcome, BagError> {
+pub(super) fn read(
+    at: &Path,
+    name: &Path,
+    budget: &mut Budget,
+    visit: Visit<'_>,
+) -> Result<Outcome, BagError> {
     let failed = |error: rusqlite::Error| BagError::Content {
         file: name.to_owned(),
         reason: explained(&error),
@@ -22,6 +30,16 @@ pub(super) fn read(at: &Path, name: &Path, visit: Visit<'_>) -> Result<Outcome, 
         OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_NO_MUTEX,
     )
     .map_err(failed)?;
+    let content = |reason: String| BagError::Content {
+        file: name.to_owned(),
+        reason,
+    };
+    harden(&database).map_err(failed)?;
+    if let Some(computed) = computed(&database).map_err(failed)? {
+        return Err(content(format!(
+            "{computed} is computed by the file instead of stored in it, which no bag of rosbag2 does; it is not read"
+        )));
+    }
     let mut query = database
         .prepare("SELECT id, name, type, serialization_format FROM topics")
         .map_err(failed)?;
@@ -42,21 +60,57 @@ pub(super) fn read(at: &Path, name: &Path, visit: Visit<'_>) -> Result<Outcome, 
     let mut rows = query.query([]).map_err(failed)?;
     while let Some(row) = rows.next().map_err(failed)? {
         let id: i64 = row.get(0).map_err(failed)?;
-        let topic = topics.get(&id).ok_or_else(|| BagError::Content {
-            file: name.to_owned(),
-            reason: format!("a message is of topic {id}, which is not in the table topics"),
+        let topic = topics.get(&id).ok_or_else(|| {
+            content(format!(
+                "a message is of topic {id}, which is not in the table topics"
+            ))
         })?;
         let data = row.get_ref(2).map_err(failed)?;
+        let data = data.as_blob().map_err(|error| failed(error.into()))?;
+        budget.take(data.len() as u64).map_err(content)?;
         visit(Message {
             topic,
             received_ns: row.get(1).map_err(failed)?,
-            data: data.as_blob().map_err(|error| failed(error.into()))?,
+            data,
         })?;
     }
     Ok(Outcome {
         topics: topics.into_values().collect(),
         cut_off: None,
     })
+}
+
+/// Lets the schema call no function with side effects, and bounds every value.
+fn harden(database: &Connection) -> rusqlite::Result<()> {
+    database.set_db_config(DbConfig::SQLITE_DBCONFIG_TRUSTED_SCHEMA, false)?;
+    let most = i32::try_from(RECORD_MAX).unwrap_or(i32::MAX);
+    database
+        .set_limit(Limit::SQLITE_LIMIT_LENGTH, most)
+        .map(drop)
+}
+
+/// Returns what of `topics` and `messages` is a view or a generated column, whose rows need no bytes in the file.
+fn computed(database: &Connection) -> rusqlite::Result<Option<String>> {
+    for table in ["topics", "messages"] {
+        let mut kinds =
+            database.prepare("SELECT type FROM sqlite_schema WHERE name = ?1 COLLATE NOCASE")?;
+        let mut kinds = kinds.query([table])?;
+        while let Some(row) = kinds.next()? {
+            let kind: String = row.get(0)?;
+            if kind != "table" {
+                return Ok(Some(format!("the {kind} {table}")));
+            }
+        }
+        let mut columns = database.prepare("SELECT name, hidden FROM pragma_table_xinfo(?1)")?;
+        let mut columns = columns.query([table])?;
+        while let Some(row) = columns.next()? {
+            if row.get::<_, i64>(1)? != 0 {
+                let column: String = row.get(0)?;
+                return Ok(Some(format!("the column {column} of {table}")));
+            }
+        }
+    }
+    Ok(None)
 }
 
 fn explained(error: &rusqlite::Error) -> String {

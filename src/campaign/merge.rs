@@ -1,6 +1,6 @@
 //! Merges the results of parts of a campaign into the file that one machine would have written.
 
-use super::table::{AFTER, BEFORE, GUARD, line};
+use super::table::{AFTER, BEFORE, GUARD, line, other_origin};
 use crate::{console, output};
 use anyhow::{Context, Result, bail};
 use csv::StringRecord;
@@ -54,11 +54,7 @@ impl Merged {
         if self.rows.is_empty() {
             fingerprint.clone_into(&mut self.fingerprint);
         } else if fingerprint != self.fingerprint {
-            bail!(
-                "made by a campaign with fingerprint {fingerprint}, the rows before by one with {}: \
-                 seed, draws, scenario, vehicles or version are others",
-                self.fingerprint
-            );
+            bail!(other_origin(fingerprint, &self.fingerprint));
         }
         match self.rows.entry((index, controller.to_owned())) {
             Entry::Vacant(entry) => {

@@ -188,12 +188,7 @@ impl Table {
         for record in reader.records() {
             let record = record?;
             if record[0] != self.fingerprint {
-                bail!(
-                    "made by a campaign with fingerprint {}, this one has {}: seed, draws, \
-                     scenario, vehicles or version are others",
-                    &record[0],
-                    self.fingerprint
-                );
+                bail!(other_origin(&record[0], &self.fingerprint));
             }
             let number = |column: usize| -> Result<Option<f64>> {
                 match &record[column] {
@@ -213,6 +208,28 @@ impl Table {
             });
         }
         Ok(rows)
+    }
+}
+
+/// Returns why rows of one fingerprint do not belong to those of another.
+pub(super) fn other_origin(found: &str, expected: &str) -> String {
+    let split = |fingerprint: &str| -> (String, String) {
+        let (campaign, build) = fingerprint
+            .split_once('-')
+            .unwrap_or((fingerprint, "unknown"));
+        (campaign.to_owned(), build.to_owned())
+    };
+    let ((campaign, build), (own_campaign, own_build)) = (split(found), split(expected));
+    if campaign == own_campaign {
+        format!(
+            "made by build {build} of sidehill, not by build {own_build}: a changed program may drive otherwise, so their \
+             rows are not mixed; name another --out, or repeat all runs with one build"
+        )
+    } else {
+        format!(
+            "made by a campaign with fingerprint {campaign}, not {own_campaign}: seed, draws, scenario, vehicles or version \
+             are others"
+        )
     }
 }
 

@@ -1,5 +1,6 @@
 //! A campaign: one scenario, and the values drawn for each of its runs.
 
+use super::BUILD;
 use super::draws::{Draw, find, put};
 use super::{Bundle, Conditions, ConfigError, ConfigFile, Overrides, Scenario, to_yaml};
 use rand_chacha::ChaCha8Rng;
@@ -290,6 +291,6 @@ impl Campaign {
             self.scenario.text(),
             world.plant
         );
-        Ok(format!("{:016x}", fnv_1a(all.as_bytes())))
+        Ok(format!("{:016x}-{BUILD}", fnv_1a(all.as_bytes())))
     }
 }

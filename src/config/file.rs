@@ -113,10 +113,23 @@ impl ConfigFile {
                 message: reason.to_owned(),
             });
         }
-        let text = String::from_utf8(bytes).map_err(|error| ConfigError::Content {
-            file: path.display().to_string(),
-            message: format!("is not UTF-8 text: {}", error.utf8_error()),
-        })?;
+        let text = match String::from_utf8(bytes) {
+            Ok(text) => text,
+            // Editors of CAN databases write Windows-1252. Only comments and units have such letters, which nothing reads.
+            Err(error)
+                if path
+                    .extension()
+                    .is_some_and(|ending| ending.eq_ignore_ascii_case("dbc")) =>
+            {
+                String::from_utf8_lossy(error.as_bytes()).into_owned()
+            }
+            Err(error) => {
+                return Err(ConfigError::Content {
+                    file: path.display().to_string(),
+                    message: format!("is not UTF-8 text: {}", error.utf8_error()),
+                });
+            }
+        };
         Ok(Self::with_text(path, text))
     }
 

@@ -35,6 +35,10 @@ pub use file::{
     CONTACT_IDENTIFIED, CONTACT_VEHICLE, ConfigError, ConfigFile, DEFAULT_SCENARIO, to_yaml,
 };
 pub(crate) use hints::no_text;
+
+/// The program by its sources: results of two builds are not mixed.
+pub(crate) const BUILD: &str = env!("SIDEHILL_BUILD");
+
 pub use plant::{Plant, PlantKind};
 pub use prepared::Prepared;
 pub use reference::{LoadedReference, Source, read_route};

@@ -1,17 +1,23 @@
 //! Chooses the topics of a bag: those of the map or, if it names none, the only one of a type.
 
-use super::topics::{AttitudeTopic, PoseTopic, StampSource, TopicMap, TreadSpeedTopic};
+use super::topics::{AttitudeTopic, ImuAxes, PoseTopic, StampSource, TopicMap, TreadSpeedTopic};
 use crate::bag::{Bag, Topic};
 use anyhow::{Result, bail};
+use sidehill_plant::log::Reversed;
 
 pub(super) const JOINT_STATE: &str = "sensor_msgs/msg/JointState";
 pub(super) const IMU: &str = "sensor_msgs/msg/Imu";
 pub(super) const ODOMETRY: &str = "nav_msgs/msg/Odometry";
+pub(super) const POSE_STAMPED: &str = "geometry_msgs/msg/PoseStamped";
+pub(super) const POSE_WITH_COVARIANCE: &str = "geometry_msgs/msg/PoseWithCovarianceStamped";
 pub(super) const NAV_SAT_FIX: &str = "sensor_msgs/msg/NavSatFix";
 pub(super) const TF_MESSAGE: &str = "tf2_msgs/msg/TFMessage";
 
 /// Joints of Sidehill's virtual vehicles: their velocity is the tread speed.
 const OWN_JOINTS: [&str; 2] = ["left_tread_joint", "right_tread_joint"];
+/// Topics of the recordings of `vehicle`, with the joints of the first: they are of the true state.
+const OWN_TREADS: (&str, [&str; 2]) = ("/sidehill/treads", ["left_tread", "right_tread"]);
+const OWN_POSE: &str = "/sidehill/pose";
 
 /// The chosen topics of a bag; only names of joints may be open.
 #[derive(Debug, Clone, PartialEq)]
@@ -21,6 +27,7 @@ pub struct Chosen {
     pub(super) pose: Poses,
     pub(super) time: StampSource,
     pub(super) base_frame: String,
+    pub(super) heading_offset_rad: f64,
     /// Notes about choices that the map did not make.
     pub(super) notes: Vec<String>,
 }
@@ -33,6 +40,7 @@ pub(super) enum TreadSpeeds {
         right: Vec<String>,
         /// None only for the joints of Sidehill's virtual vehicles, whose radius is 1 m.
         radius_m: Option<f64>,
+        reversed: Reversed,
     },
     Odometry {
         topic: String,
@@ -42,14 +50,17 @@ pub(super) enum TreadSpeeds {
 
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Attitudes {
-    Imu(String),
+    Imu { topic: String, axes: ImuAxes },
     Odometry(String),
+    PoseStamped(String),
+    Tf { frame: String },
     Level,
 }
 
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Poses {
     Odometry(String),
+    PoseStamped(String),
     Tf {
         frame: String,
     },
@@ -83,6 +94,7 @@ impl Chosen {
             pose,
             time: map.map_or_else(StampSource::default, |map| map.time),
             base_frame: map.map_or_else(|| "base_link".to_owned(), |map| map.base_frame.clone()),
+            heading_offset_rad: map.map_or(0.0, |map| map.heading_offset_deg.to_radians()),
             notes: search.notes,
         })
     }
@@ -104,11 +116,13 @@ impl Search<'_> {
                 left,
                 right,
                 radius_m,
+                reversed,
             }) => TreadSpeeds::JointStates {
                 topic: self.topic(topic.as_deref(), JOINT_STATE, key)?,
                 left: left.clone(),
                 right: right.clone(),
                 radius_m: Some(*radius_m),
+                reversed: *reversed,
             },
             Some(TreadSpeedTopic::Odometry {
                 topic,
@@ -117,12 +131,18 @@ impl Search<'_> {
                 topic: self.topic(topic.as_deref(), ODOMETRY, key)?,
                 track_width_m: *track_width_m,
             },
-            None => TreadSpeeds::JointStates {
-                topic: self.topic(None, JOINT_STATE, key)?,
-                left: vec![OWN_JOINTS[0].to_owned()],
-                right: vec![OWN_JOINTS[1].to_owned()],
-                radius_m: None,
-            },
+            None => {
+                let topic = self.topic(None, JOINT_STATE, key)?;
+                let (own, joints) = OWN_TREADS;
+                let [left, right] = if topic == own { joints } else { OWN_JOINTS };
+                TreadSpeeds::JointStates {
+                    topic,
+                    left: vec![left.to_owned()],
+                    right: vec![right.to_owned()],
+                    radius_m: None,
+                    reversed: Reversed::None,
+                }
+            }
         })
     }
 
@@ -133,10 +153,21 @@ impl Search<'_> {
                 Attitudes::Odometry(self.topic(topic.as_deref(), ODOMETRY, key)?)
             }
             Some(AttitudeTopic::Level {}) => Attitudes::Level,
-            Some(AttitudeTopic::Imu { topic }) => {
-                Attitudes::Imu(self.topic(topic.as_deref(), IMU, key)?)
+            Some(AttitudeTopic::PoseStamped { topic }) => {
+                Attitudes::PoseStamped(self.pose_stamped(topic.as_deref(), key)?)
             }
-            None => Attitudes::Imu(self.topic(None, IMU, key)?),
+            Some(AttitudeTopic::Tf { frame }) => Attitudes::Tf {
+                frame: self.tf_frame(frame, key)?,
+            },
+            Some(AttitudeTopic::Imu { topic, axes }) => Attitudes::Imu {
+                topic: self.topic(topic.as_deref(), IMU, key)?,
+                axes: *axes,
+            },
+            None if self.is_own() => Attitudes::PoseStamped(OWN_POSE.to_owned()),
+            None => Attitudes::Imu {
+                topic: self.topic(None, IMU, key)?,
+                axes: ImuAxes::Enu,
+            },
         })
     }
 
@@ -146,14 +177,12 @@ impl Search<'_> {
             Some(PoseTopic::Odometry { topic }) => {
                 Poses::Odometry(self.topic(topic.as_deref(), ODOMETRY, key)?)
             }
-            Some(PoseTopic::Tf { frame }) => {
-                if self.of_type(TF_MESSAGE).is_empty() {
-                    bail!(self.complaint(format_args!("no topic has the type {TF_MESSAGE}"), key));
-                }
-                Poses::Tf {
-                    frame: frame.clone(),
-                }
+            Some(PoseTopic::PoseStamped { topic }) => {
+                Poses::PoseStamped(self.pose_stamped(topic.as_deref(), key)?)
             }
+            Some(PoseTopic::Tf { frame }) => Poses::Tf {
+                frame: self.tf_frame(frame, key)?,
+            },
             Some(PoseTopic::Navsat {
                 topic,
                 heading_topic,
@@ -166,6 +195,7 @@ impl Search<'_> {
                 antenna_m: [*antenna_forward_m, *antenna_left_m, *antenna_up_m],
             },
             Some(PoseTopic::None {}) => Poses::None,
+            None if self.is_own() => Poses::PoseStamped(OWN_POSE.to_owned()),
             None if !self.of_type(ODOMETRY).is_empty() => {
                 let topic = self.topic(None, ODOMETRY, key)?;
                 self.notes.push(format!(
@@ -178,14 +208,50 @@ impl Search<'_> {
                 heading_topic: self.topic(None, IMU, key)?,
                 antenna_m: [0.0; 3],
             },
+            None if self.of_type(POSE_STAMPED).len() + self.of_type(POSE_WITH_COVARIANCE).len()
+                == 1 =>
+            {
+                Poses::PoseStamped(self.pose_stamped(None, key)?)
+            }
             None => {
                 self.notes.push(format!(
-                    "no poses: no topic has the type {ODOMETRY} or {NAV_SAT_FIX}; for poses of /tf write \
+                    "no poses: no topic has the type {ODOMETRY} or {NAV_SAT_FIX}, and not one alone the type \
+                     {POSE_STAMPED}; for poses of /tf write \
                      `pose: {{kind: tf, frame: map}}` in a topic map (--topics)"
                 ));
                 Poses::None
             }
         })
+    }
+
+    /// Returns the topic of that name, or the only one, of a pose with a stamp.
+    fn pose_stamped(&mut self, name: Option<&str>, key: &str) -> Result<String> {
+        let with_covariance = match name {
+            Some(name) => {
+                let topics = self.of_type(POSE_WITH_COVARIANCE);
+                topics.iter().any(|topic| topic.name == name)
+            }
+            None => self.of_type(POSE_STAMPED).is_empty(),
+        };
+        let message_type = if with_covariance {
+            POSE_WITH_COVARIANCE
+        } else {
+            POSE_STAMPED
+        };
+        self.topic(name, message_type, key)
+    }
+
+    /// Returns whether the bag is a recording of `vehicle`.
+    fn is_own(&self) -> bool {
+        let poses = self.of_type(POSE_STAMPED);
+        poses.iter().any(|topic| topic.name == OWN_POSE)
+    }
+
+    fn tf_frame(&self, frame: &str, key: &str) -> Result<String> {
+        if self.of_type(TF_MESSAGE).is_empty() {
+            bail!(self.complaint(format_args!("no topic has the type {TF_MESSAGE}"), key));
+        }
+        Ok(frame.to_owned())
     }
 
     pub(super) fn of_type(&self, message_type: &str) -> Vec<&Topic> {
@@ -257,10 +323,11 @@ impl Search<'_> {
                  {kind: odometry, topic: NAME, track_width_m: WIDTH}"
             }
             "attitude" => {
-                "{kind: imu, topic: NAME}, {kind: odometry, topic: NAME} or, on level ground, {kind: level}"
+                "{kind: imu, topic: NAME}, {kind: odometry, topic: NAME}, {kind: pose_stamped, topic: NAME}, {kind: tf, \
+                 frame: map} or, on level ground, {kind: level}"
             }
             "pose" => {
-                "{kind: odometry, topic: NAME}, {kind: navsat, topic: NAME, heading_topic: NAME}, {kind: tf, \
+                "{kind: odometry, topic: NAME}, {kind: pose_stamped, topic: NAME}, {kind: navsat, topic: NAME, heading_topic: NAME}, {kind: tf, \
                  frame: map} or {kind: none}"
             }
             _ => "NAME",

@@ -1,9 +1,10 @@
 //! Commands and measured speeds of the drives from bags and recordings.
 
 use super::choice::Chosen;
-use super::series;
+use super::series::{self, Series};
 use super::topics::{StampSource, TopicMap};
 use crate::bag::{Bag, BagError, Message};
+use crate::console;
 use anyhow::{Result, bail, ensure};
 use sidehill_bridge::recording::{Recording, Topic};
 use sidehill_bridge::ros2::node::conversions::nanoseconds;
@@ -23,9 +24,10 @@ const TWIST_STAMPED: &str = "geometry_msgs/msg/TwistStamped";
 pub(super) fn record(
     path: &Path,
     map: Option<&(String, TopicMap)>,
+    max_bytes: Option<u64>,
     scale: &EncoderScale,
 ) -> Result<DriveRecord> {
-    let bag = Bag::open(path)?;
+    let bag = Bag::open(path, max_bytes)?;
     let find = |name: &str| {
         bag.topics()
             .map(|(topic, _)| topic)
@@ -84,7 +86,11 @@ pub(super) fn record(
         Ok(())
     })?;
     commands.sort_by_key(|(time_ns, _)| *time_ns);
-    let measured = series::read(&bag, &chosen)?.tread_speeds;
+    let Series { sources, notes } = series::read(&bag, &chosen)?;
+    for note in bag.notes().iter().chain(&chosen.notes).chain(&notes) {
+        console::complain(format_args!("{}: note: {note}", path.display()));
+    }
+    let measured = sources.tread_speeds;
     let begin_ns = measured.first().map_or(0, |(time_ns, _)| *time_ns);
     let timed = |time_ns: i64, speeds| TimedSpeeds {
         time_s: (time_ns - begin_ns) as f64 * 1e-9,
@@ -117,6 +123,12 @@ fn twist(message: &Message<'_>, stamped: bool, time: StampSource) -> Result<(i64
 /// Returns the record of a recording: what the controller commanded while it was in charge, zero otherwise.
 fn of_recording(path: &Path, scale: &EncoderScale) -> Result<DriveRecord> {
     let recording = Recording::read(path)?;
+    if let Some(reason) = &recording.damaged {
+        console::complain(format_args!(
+            "{}: note: it was interrupted ({reason}); what precedes is used",
+            path.display()
+        ));
+    }
     let mut record = DriveRecord::default();
     let mut newest_s = f64::NEG_INFINITY;
     for cycle in &recording.cycles {

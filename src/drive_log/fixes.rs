@@ -1,17 +1,19 @@
 //! Positions from the fixes of a satellite receiver.
 
-use super::interpolation::{Timed, at};
+use super::interpolation::{Timed, at, seconds};
 use anyhow::{Result, bail};
 use nalgebra::{UnitQuaternion, Vector3};
 use sidehill_bridge::ros2::node::message::NavSatFix;
 use sidehill_controller::path::GeodeticOrigin;
 use sidehill_plant::frames::{Pose, paper_attitude};
+use sidehill_plant::statistics::median;
 
 /// A fix with a position.
 #[derive(Debug, Clone, Copy)]
 struct Fix {
     latitude_deg: f64,
     longitude_deg: f64,
+    /// NaN where the receiver has none.
     altitude_m: f64,
 }
 
@@ -26,8 +28,75 @@ impl Fix {
     /// Returns the position for a route: on the ellipsoid, with heights relative to the first one.
     fn position(&self, origin: &GeodeticOrigin) -> Option<[f64; 3]> {
         let at = origin.project(self.latitude_deg, self.longitude_deg);
-        Some([at.x_m, at.y_m, self.altitude_m - origin.elevation_m])
+        let height_m = self.altitude_m - origin.elevation_m;
+        Some([
+            at.x_m,
+            at.y_m,
+            if height_m.is_finite() { height_m } else { 0.0 },
+        ])
     }
+}
+
+/// Faster than this no vehicle of this program drives, m/s.
+const SPEED_MAX_M_S: f64 = 50.0;
+/// Shortest jump that counts as one, m: receivers err by less.
+const JUMP_MIN_M: f64 = 30.0;
+/// Shortest gap that is worth a note, m.
+const GAP_MIN_M: f64 = 2.0;
+
+/// Returns a note about the longest straight line between two positions that nothing was recorded of.
+///
+/// # Errors
+/// Names the first jump that no vehicle makes.
+pub(super) fn gap(positions: &[(i64, [f64; 3])]) -> Result<Option<String>> {
+    let Some((start_ns, _)) = positions.first() else {
+        return Ok(None);
+    };
+    let steps: Vec<(f64, f64, f64)> = positions
+        .windows(2)
+        .map(|pair| {
+            let ((from_ns, from), (to_ns, to)) = (pair[0], pair[1]);
+            let length_m = (to[0] - from[0]).hypot(to[1] - from[1]);
+            (
+                seconds(*start_ns, from_ns),
+                seconds(from_ns, to_ns),
+                length_m,
+            )
+        })
+        .collect();
+    let jump = |(_, duration_s, length_m): &&(f64, f64, f64)| {
+        *length_m > JUMP_MIN_M.max(SPEED_MAX_M_S * duration_s)
+    };
+    if let Some((at_s, duration_s, length_m)) = steps.iter().find(jump) {
+        let length = if *length_m < 1e6 {
+            format!("{length_m:.0} m")
+        } else {
+            "more than 1000 km".to_owned()
+        };
+        bail!(
+            "positions jump by {length} within {duration_s:.2} s, {at_s:.2} s after the first: the receiver or \
+             the localisation lost its place there; cut the recording before or after it"
+        );
+    }
+    let usual_m = median(steps.iter().map(|step| step.2).collect()).unwrap_or(0.0);
+    let usual_s = median(steps.iter().map(|step| step.1).collect()).unwrap_or(0.0);
+    let gaps = steps.iter().filter(|(_, duration_s, length_m)| {
+        *length_m > GAP_MIN_M.max(5.0 * usual_m) && *duration_s > 3.0 * usual_s
+    });
+    let (mut count, mut longest) = (0, (0.0, 0.0, 0.0));
+    for gap in gaps {
+        count += 1;
+        if gap.2 > longest.2 {
+            longest = *gap;
+        }
+    }
+    let (at_s, duration_s, length_m) = longest;
+    Ok((count > 0).then(|| {
+        format!(
+            "positions are missing {count} times, for {duration_s:.1} s and {length_m:.1} m at the longest, {at_s:.1} s \
+             after the first: what lies between counts as straight"
+        )
+    }))
 }
 
 impl Fixes {
@@ -36,10 +105,10 @@ impl Fixes {
     /// # Errors
     /// The error of `time_ns`, or a position that does not exist on earth.
     pub(super) fn take(&mut self, time_ns: Result<i64>, fix: &NavSatFix) -> Result<()> {
-        let fix_is_whole = [fix.latitude, fix.longitude, fix.altitude]
-            .iter()
-            .all(|value| value.is_finite());
-        if fix.status.status < 0 || !fix_is_whole {
+        let is_finite = fix.latitude.is_finite() && fix.longitude.is_finite();
+        // 0, 0 is what a receiver reports that has not yet found its place.
+        let is_zero = fix.latitude == 0.0 && fix.longitude == 0.0;
+        if fix.status.status < 0 || !is_finite || is_zero {
             self.without_position += 1;
             return Ok(());
         }
@@ -54,7 +123,11 @@ impl Fixes {
         let fix = Fix {
             latitude_deg: fix.latitude,
             longitude_deg: fix.longitude,
-            altitude_m: fix.altitude,
+            altitude_m: if fix.altitude.is_finite() {
+                fix.altitude
+            } else {
+                f64::NAN
+            },
         };
         self.fixes.push((time_ns, fix));
         Ok(())
@@ -71,14 +144,37 @@ impl Fixes {
         Some(GeodeticOrigin {
             latitude_deg: first.latitude_deg,
             longitude_deg: first.longitude_deg,
-            elevation_m: first.altitude_m,
+            elevation_m: if self.has_heights() {
+                first.altitude_m
+            } else {
+                0.0
+            },
         })
     }
 
-    /// Returns a note with the number of fixes left out.
-    pub(super) fn note(&self) -> Option<String> {
+    /// Returns whether all fixes have a height.
+    pub(super) fn has_heights(&self) -> bool {
+        self.fixes.iter().all(|(_, fix)| fix.altitude_m.is_finite())
+    }
+
+    /// Returns notes about fixes without a position, gaps and heights.
+    ///
+    /// # Errors
+    /// A jump that no vehicle makes.
+    pub(super) fn notes(&self) -> Result<Vec<String>> {
+        let mut notes = Vec::new();
         let without = self.without_position;
-        (without > 0).then(|| format!("{without} fixes without a position are left out"))
+        if without > 0 {
+            notes.push(format!("{without} fixes without a position are left out"));
+        }
+        if !self.has_heights() {
+            notes.push("fixes have no altitude: heights are unknown and count as 0".to_owned());
+        }
+        let points = self.positions_m();
+        let times = self.fixes.iter().map(|(time_ns, _)| *time_ns);
+        let placed: Timed<[f64; 3]> = times.zip(points).collect();
+        notes.extend(gap(&placed)?);
+        Ok(notes)
     }
 
     /// Returns poses of the vehicle's origin at fixes during which its orientation is known.

@@ -1,23 +1,20 @@
-//! Values between two times.
+//! Values between two times of a bag.
 
-use sidehill_plant::log::GAP_MAX_S;
+use sidehill_plant::log::sources;
 
 /// Values by their times, ns.
-pub(super) type Timed<T> = Vec<(i64, T)>;
+pub(super) type Timed<T> = sources::Timed<i64, T>;
 
-/// Returns the value at a time, between its neighbours where they are at most [`GAP_MAX_S`] apart.
+/// Returns the time from one to another, s.
+pub(super) fn seconds(from_ns: i64, to_ns: i64) -> f64 {
+    (to_ns - from_ns) as f64 * 1e-9
+}
+
+/// Returns the value at a time, as [`sources::at`] does.
 pub(super) fn at<T: Copy>(
     values: &[(i64, T)],
     time_ns: i64,
     between: impl Fn(&T, &T, f64) -> T,
 ) -> Option<T> {
-    let after = values.partition_point(|(at, _)| *at < time_ns);
-    let (next_ns, next) = values.get(after)?;
-    if *next_ns == time_ns {
-        return Some(*next);
-    }
-    let (before_ns, before) = values.get(after.checked_sub(1)?)?;
-    let (part, whole) = (time_ns - before_ns, next_ns - before_ns);
-    let near = whole as f64 * 1e-9 <= GAP_MAX_S;
-    near.then(|| between(before, next, part as f64 / whole as f64))
+    sources::at(values, time_ns, seconds, between)
 }

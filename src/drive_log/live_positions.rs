@@ -52,10 +52,12 @@ impl LivePositions {
     /// Returns the positions.
     pub fn finish(mut self) -> Positions {
         let origin = self.fixes.origin();
+        let has_heights = self.fixes.has_heights();
         self.points_m.extend(self.fixes.positions_m());
         Positions {
             points_m: self.points_m,
             origin,
+            has_heights,
             notes: Vec::new(),
         }
     }

@@ -13,6 +13,8 @@ mod joints;
 #[cfg(feature = "drive")]
 mod live_positions;
 #[cfg(feature = "drive")]
+mod own;
+#[cfg(feature = "drive")]
 mod positions;
 #[cfg(feature = "drive")]
 mod rows;
@@ -20,6 +22,7 @@ mod rows;
 mod series;
 #[cfg(test)]
 mod tests;
+mod text;
 mod topics;
 #[cfg(feature = "drive")]
 mod transform_poses;
@@ -30,11 +33,15 @@ pub use choice::Chosen;
 pub use live_positions::LivePositions;
 #[cfg(feature = "drive")]
 pub use positions::{Positions, positions};
-pub use topics::{AttitudeTopic, CommandTopic, PoseTopic, StampSource, TopicMap, TreadSpeedTopic};
+#[cfg(feature = "drive")]
+pub(crate) use text::{Size, foreign};
+pub use topics::{
+    AttitudeTopic, CommandTopic, ImuAxes, PoseTopic, StampSource, TopicMap, TreadSpeedTopic,
+};
 
-use crate::config::{ConfigFile, no_text};
+use crate::config::ConfigFile;
 use crate::console;
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result};
 use sidehill_plant::identification::DriveRecord;
 use sidehill_plant::log::{ColumnMap, DriveLog, read_commands};
 use sidehill_plant::speeds::EncoderScale;
@@ -50,6 +57,10 @@ pub struct LogArgs {
     /// YAML file that names the topics of logs that are ROS 2 bags (a folder, .mcap or .db3).
     #[arg(long, value_name = "FILE")]
     pub topics: Option<PathBuf>,
+    /// Largest size of a log, and of what one of its files decompresses to, bytes; by default 1 GB for
+    /// CSV, and for a file of a bag 64 MB or 50 times its size, whichever is more.
+    #[arg(long, value_name = "BYTES")]
+    pub max_bytes: Option<u64>,
 }
 
 /// Reads logs by their maps.
@@ -58,6 +69,7 @@ pub struct LogReader {
     columns: ColumnMap,
     /// With the name of its file.
     topics: Option<(String, TopicMap)>,
+    max_bytes: Option<u64>,
 }
 
 impl LogReader {
@@ -78,7 +90,11 @@ impl LogReader {
             }
             None => None,
         };
-        Ok(Self { columns, topics })
+        Ok(Self {
+            columns,
+            topics,
+            max_bytes: args.max_bytes,
+        })
     }
 
     /// Returns the log of a file or bag, and prints warnings about it.
@@ -88,6 +104,9 @@ impl LogReader {
     pub fn read(&self, path: &Path) -> Result<DriveLog> {
         let name = || path.display().to_string();
         let log = self.read_rows(path)?;
+        for note in log.notes() {
+            console::complain(format_args!("{}: note: {note}", name()));
+        }
         for suspicion in log.suspicions() {
             console::complain(format_args!("{}: warning: {suspicion}", name()));
         }
@@ -99,7 +118,14 @@ impl LogReader {
         if !crate::bag::is_bag(path) {
             return self.read_csv(path);
         }
-        let bag = crate::bag::Bag::open(path)?;
+        if let (None, Some(series)) = (&self.topics, own::read(path)?) {
+            let (log, notes) = rows::rows(&path.display().to_string(), series)?;
+            for note in &notes {
+                console::complain(format_args!("{}: note: {note}", path.display()));
+            }
+            return Ok(log);
+        }
+        let bag = crate::bag::Bag::open(path, self.max_bytes)?;
         let chosen = Chosen::of(&bag, self.topics.as_ref())?;
         let (log, notes) = rows::log(&bag, &chosen)?;
         for note in bag.notes().iter().chain(&chosen.notes).chain(&notes) {
@@ -114,29 +140,27 @@ impl LogReader {
         self.read_csv(path)
     }
 
-    /// Returns commands and measured speeds of a file, bag or recording, effective by `scale` where the commands are.
+    /// Returns commands and measured speeds of a file, bag or recording, effective by `scale` where the commands are,
+    /// and prints what was left out.
     ///
     /// # Errors
     /// Names the file and row, column, topic or key at fault.
     pub fn read_commands(&self, path: &Path, scale: &EncoderScale) -> Result<DriveRecord> {
         #[cfg(feature = "drive")]
         if crate::bag::is_bag(path) {
-            return commands::record(path, self.topics.as_ref(), scale);
+            return commands::record(path, self.topics.as_ref(), self.max_bytes, scale);
         }
         let name = || path.display().to_string();
-        let bytes = std::fs::read(path).with_context(name)?;
-        if let Some(reason) = no_text(&bytes) {
-            bail!("{}: {reason}", name());
+        let source = text::open(path, self.max_bytes)?;
+        let (record, note) = read_commands(source, &self.columns, scale).with_context(name)?;
+        if let Some(note) = note {
+            console::complain(format_args!("{}: note: {note}", name()));
         }
-        read_commands(bytes.as_slice(), &self.columns, scale).with_context(name)
+        Ok(record)
     }
 
     fn read_csv(&self, path: &Path) -> Result<DriveLog> {
-        let name = || path.display().to_string();
-        let bytes = std::fs::read(path).with_context(name)?;
-        if let Some(reason) = no_text(&bytes) {
-            bail!("{}: {reason}", name());
-        }
-        DriveLog::read(bytes.as_slice(), &self.columns).with_context(name)
+        let source = text::open(path, self.max_bytes)?;
+        DriveLog::read(source, &self.columns).with_context(|| path.display().to_string())
     }
 }

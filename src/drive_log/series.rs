@@ -1,36 +1,40 @@
 //! The values of the chosen topics of a bag, each over its own times.
 
 use super::choice::{
-    Attitudes, Chosen, IMU, JOINT_STATE, NAV_SAT_FIX, ODOMETRY, Poses, TF_MESSAGE, TreadSpeeds,
+    Attitudes, Chosen, IMU, JOINT_STATE, NAV_SAT_FIX, ODOMETRY, POSE_STAMPED, POSE_WITH_COVARIANCE,
+    Poses, TF_MESSAGE, TreadSpeeds,
 };
 use super::fixes::Fixes;
-use super::interpolation::Timed;
+use super::interpolation::{Timed, seconds};
 use super::joints::{Joints, WheelJoints};
-use super::topics::StampSource;
+use super::topics::{ImuAxes, StampSource};
 use super::transform_poses::TransformPoses;
 use crate::bag::{Bag, BagError, Message};
-use anyhow::{Context, Result, bail};
-use nalgebra::UnitQuaternion;
+use anyhow::{Result, bail};
+use nalgebra::{Unit, UnitQuaternion, Vector3};
 use serde::de::DeserializeOwned;
 use sidehill_bridge::ros2::node::conversions::{
     from_pose, from_quaternion, from_transform, nanoseconds,
 };
 use sidehill_bridge::ros2::node::message::cdr::from_cdr;
 use sidehill_bridge::ros2::node::message::{
-    Header, Imu, JointState, NavSatFix, Odometry, TfMessage,
+    self, Header, Imu, JointState, NavSatFix, Odometry, PoseStamped, PoseWithCovarianceStamped,
+    TfMessage,
 };
 use sidehill_bridge::ros2::port::convert::pose_and_attitude;
 use sidehill_plant::frames::{Attitude, Pose, paper_attitude};
+use sidehill_plant::log::sources::Sources;
 use sidehill_plant::speeds::MeasuredTreadSpeeds;
+use sidehill_plant::statistics::median;
 use std::collections::BTreeMap;
 
-/// The sources of a log, each in the order of its times, without two values at one time.
-#[derive(Debug, Default)]
+/// How far the clocks of two sources may be apart, s: recorders are busy, and stamps precede them by less.
+const CLOCKS_APART_MAX_S: f64 = 1.0;
+
+/// The sources of a log.
+#[derive(Debug)]
 pub(super) struct Series {
-    pub(super) tread_speeds: Timed<MeasuredTreadSpeeds>,
-    /// None if the ground was level.
-    pub(super) attitudes: Option<Timed<Attitude>>,
-    pub(super) poses: Timed<Pose>,
+    pub(super) sources: Sources<i64>,
     pub(super) notes: Vec<String>,
 }
 
@@ -38,8 +42,8 @@ pub(super) struct Series {
 pub(super) struct Collected<'a> {
     bag: &'a Bag,
     chosen: &'a Chosen,
-    /// Messages seen of each topic.
-    counts: BTreeMap<String, usize>,
+    /// Messages of each topic.
+    topics: BTreeMap<String, Taken>,
     joints: Joints,
     tread_speeds: Timed<MeasuredTreadSpeeds>,
     /// world_from_sensor by the topic of the Imu, with the frame of its first message.
@@ -48,6 +52,16 @@ pub(super) struct Collected<'a> {
     pub(super) poses: Timed<Pose>,
     pub(super) fixes: Fixes,
     transforms: TransformPoses,
+}
+
+/// What was taken of a topic.
+#[derive(Default)]
+struct Taken {
+    count: usize,
+    /// Messages without a usable value, and why the first one has none.
+    unusable: Option<(usize, String)>,
+    /// Stamp less time of recording of each message, s; only where stamps count.
+    ahead_s: Vec<f64>,
 }
 
 /// Reads the chosen topics.
@@ -59,14 +73,14 @@ pub(super) fn read(bag: &Bag, chosen: &Chosen) -> Result<Series> {
 
 impl<'a> Collected<'a> {
     pub(super) fn new(bag: &'a Bag, chosen: &'a Chosen) -> Self {
-        let frame = match &chosen.pose {
-            Poses::Tf { frame } => Some(frame.clone()),
+        let frame = match (&chosen.pose, &chosen.attitude) {
+            (Poses::Tf { frame }, _) | (_, Attitudes::Tf { frame }) => Some(frame.clone()),
             _ => None,
         };
         Self {
             bag,
             chosen,
-            counts: BTreeMap::new(),
+            topics: BTreeMap::new(),
             joints: Joints::default(),
             tread_speeds: Vec::new(),
             imus: BTreeMap::new(),
@@ -78,16 +92,19 @@ impl<'a> Collected<'a> {
     }
 
     pub(super) fn take(&mut self, message: Message<'_>) -> Result<(), BagError> {
-        let count = match self.counts.get_mut(&message.topic.name) {
-            Some(count) => count,
-            None => self.counts.entry(message.topic.name.clone()).or_default(),
-        };
-        *count += 1;
-        let number = *count;
+        if !self.topics.contains_key(&message.topic.name) {
+            self.topics
+                .insert(message.topic.name.clone(), Taken::default());
+        }
+        let number = self.topics.get_mut(&message.topic.name).map_or(0, |taken| {
+            taken.count += 1;
+            taken.count
+        });
         let taken = match message.topic.message_type.as_str() {
             JOINT_STATE => self.joint_state(&message),
             IMU => self.imu(&message),
             ODOMETRY => self.odometry(&message),
+            POSE_STAMPED | POSE_WITH_COVARIANCE => self.pose_stamped(&message),
             NAV_SAT_FIX => self.fix(&message),
             TF_MESSAGE => self.transform(&message),
             _ => Ok(()),
@@ -100,14 +117,29 @@ impl<'a> Collected<'a> {
         })
     }
 
-    fn time_ns(&self, message: &Message<'_>, header: &Header) -> Result<i64> {
+    /// Notes that a message has no value that can be used.
+    fn unusable(&mut self, message: &Message<'_>, reason: impl std::fmt::Display) {
+        if let Some(taken) = self.topics.get_mut(&message.topic.name) {
+            let (count, _) = taken
+                .unusable
+                .get_or_insert_with(|| (0, reason.to_string()));
+            *count += 1;
+        }
+    }
+
+    fn time_ns(&mut self, message: &Message<'_>, header: &Header) -> Result<i64> {
         Ok(match self.chosen.time {
             StampSource::Received => message.received_ns,
             StampSource::Stamp => match nanoseconds(header.stamp)? {
                 0 => bail!(
                     "its stamp is 0; with `time: received` in the topic map the time of recording counts"
                 ),
-                stamp_ns => stamp_ns,
+                stamp_ns => {
+                    if let Some(taken) = self.topics.get_mut(&message.topic.name) {
+                        taken.ahead_s.push(seconds(message.received_ns, stamp_ns));
+                    }
+                    stamp_ns
+                }
             },
         })
     }
@@ -119,11 +151,13 @@ impl<'a> Collected<'a> {
                 left,
                 right,
                 radius_m,
+                reversed,
             } => Some(WheelJoints {
                 topic,
                 left,
                 right,
                 radius_m: *radius_m,
+                reversed: *reversed,
             }),
             TreadSpeeds::Odometry { .. } => None,
         }
@@ -137,24 +171,15 @@ impl<'a> Collected<'a> {
             return Ok(());
         }
         let state: JointState = decode(message)?;
-        let scale = wheels.radius_m.unwrap_or(1.0);
-        let left_rad_s = self.joints.mean_velocity(&state, wheels.left, "left")?;
-        let right_rad_s = self.joints.mean_velocity(&state, wheels.right, "right")?;
-        // Other joints, such as an arm's, may have their own messages.
-        if let (Some(left_rad_s), Some(right_rad_s)) = (left_rad_s, right_rad_s) {
-            let speeds = MeasuredTreadSpeeds {
-                left_m_s: scale * left_rad_s,
-                right_m_s: scale * right_rad_s,
-            };
-            let time_ns = self.time_ns(message, &state.header)?;
-            self.tread_speeds.push((time_ns, speeds));
-        }
+        let time_ns = self.time_ns(message, &state.header)?;
+        self.joints.take(time_ns, &state);
         Ok(())
     }
 
     fn imu(&mut self, message: &Message<'_>) -> Result<()> {
         let name = &message.topic.name;
-        let for_attitude = matches!(&self.chosen.attitude, Attitudes::Imu(topic) if topic == name);
+        let for_attitude =
+            matches!(&self.chosen.attitude, Attitudes::Imu { topic, .. } if topic == name);
         let for_heading = matches!(&self.chosen.pose,
             Poses::Navsat { heading_topic, .. } if heading_topic == name);
         if !for_attitude && !for_heading {
@@ -167,7 +192,13 @@ impl<'a> Collected<'a> {
                 "it has no orientation (orientation_covariance[0] is -1): an AHRS's topic is needed"
             );
         }
-        let rotation = from_quaternion(&imu.orientation)?;
+        let rotation = match from_quaternion(&imu.orientation) {
+            Ok(rotation) => rotation,
+            Err(reason) => {
+                self.unusable(message, reason);
+                return Ok(());
+            }
+        };
         let time_ns = self.time_ns(message, &imu.header)?;
         let series = self.imus.entry(name.clone());
         let (_, rotations) = series.or_insert_with(|| (imu.header.frame_id, Vec::new()));
@@ -202,15 +233,56 @@ impl<'a> Collected<'a> {
             self.tread_speeds.push((time_ns, speeds));
         }
         if for_attitude || for_pose {
-            let (pose, attitude) = pose_and_attitude(&from_pose(&odometry.pose.pose)?);
-            if for_attitude {
-                self.attitudes.push((time_ns, attitude));
-            }
-            if for_pose {
-                self.poses.push((time_ns, pose));
-            }
+            self.pose(
+                message,
+                time_ns,
+                &odometry.pose.pose,
+                [for_attitude, for_pose],
+            );
         }
         Ok(())
+    }
+
+    fn pose_stamped(&mut self, message: &Message<'_>) -> Result<()> {
+        let name = &message.topic.name;
+        let for_attitude =
+            matches!(&self.chosen.attitude, Attitudes::PoseStamped(topic) if topic == name);
+        let for_pose = matches!(&self.chosen.pose, Poses::PoseStamped(topic) if topic == name);
+        if !for_attitude && !for_pose {
+            return Ok(());
+        }
+        let (header, pose) = if message.topic.message_type == POSE_WITH_COVARIANCE {
+            let found: PoseWithCovarianceStamped = decode(message)?;
+            (found.header, found.pose.pose)
+        } else {
+            let found: PoseStamped = decode(message)?;
+            (found.header, found.pose)
+        };
+        let time_ns = self.time_ns(message, &header)?;
+        self.pose(message, time_ns, &pose, [for_attitude, for_pose]);
+        Ok(())
+    }
+
+    /// Takes a pose of a message for the attitude, the pose or both.
+    fn pose(
+        &mut self,
+        message: &Message<'_>,
+        time_ns: i64,
+        pose: &message::Pose,
+        [for_attitude, for_pose]: [bool; 2],
+    ) {
+        match from_pose(pose) {
+            Ok(pose) => {
+                let (pose, attitude) = pose_and_attitude(&pose);
+                if for_attitude {
+                    self.attitudes.push((time_ns, attitude));
+                }
+                if for_pose {
+                    self.poses.push((time_ns, pose));
+                }
+            }
+            Err(reason) => self.unusable(message, reason),
+        }
     }
 
     fn fix(&mut self, message: &Message<'_>) -> Result<()> {
@@ -234,32 +306,53 @@ impl<'a> Collected<'a> {
                 (true, _) => nanoseconds(transform.header.stamp)?,
                 (false, _) => self.time_ns(message, &transform.header)?,
             };
-            let pose = from_transform(&transform.transform)
-                .with_context(|| format!("transform of {}", transform.child_frame_id))?;
+            let pose = match from_transform(&transform.transform) {
+                Ok(pose) => pose,
+                Err(reason) => {
+                    self.unusable(
+                        message,
+                        format_args!("{}: {reason}", transform.child_frame_id),
+                    );
+                    continue;
+                }
+            };
             let (parent, child) = (&transform.header.frame_id, &transform.child_frame_id);
             let found = self.transforms.take(parent, child, time_ns, pose, fixed);
             if let Some(world_from_base_link) = found {
-                let (pose, _) = pose_and_attitude(&world_from_base_link);
-                self.poses.push((time_ns, pose));
+                let (pose, attitude) = pose_and_attitude(&world_from_base_link);
+                if matches!(self.chosen.pose, Poses::Tf { .. }) {
+                    self.poses.push((time_ns, pose));
+                }
+                if matches!(self.chosen.attitude, Attitudes::Tf { .. }) {
+                    self.attitudes.push((time_ns, attitude));
+                }
             }
         }
         Ok(())
     }
 
     fn series(mut self) -> Result<Series> {
-        let mut notes = Vec::new();
+        let mut notes = self.unusable_notes()?;
         if let Some(wheels) = self.wheel_joints() {
-            let has_speeds = !self.tread_speeds.is_empty();
-            self.joints.check(self.bag.path(), &wheels, has_speeds)?;
+            let joints = std::mem::take(&mut self.joints);
+            let (speeds, told) = joints.tread_speeds(self.bag.path(), &wheels)?;
+            self.tread_speeds = speeds;
+            notes.extend(told);
         }
+        self.check_clocks()?;
         let attitudes = match &self.chosen.attitude {
-            Attitudes::Imu(topic) => {
-                let rotations = self.vehicle_rotations(topic, &mut notes);
+            Attitudes::Imu { topic, axes } => {
+                let rotations = in_order(self.vehicle_rotations(topic, *axes, &mut notes));
+                if *axes == ImuAxes::Enu {
+                    self.check_axes(topic, &rotations)?;
+                }
                 let attitude =
                     |(time_ns, rotation): &(i64, _)| (*time_ns, paper_attitude(rotation).0);
-                Some(in_order(rotations.iter().map(attitude).collect()))
+                Some(rotations.iter().map(attitude).collect())
             }
-            Attitudes::Odometry(_) => Some(in_order(std::mem::take(&mut self.attitudes))),
+            Attitudes::Odometry(_) | Attitudes::PoseStamped(_) | Attitudes::Tf { .. } => {
+                Some(in_order(std::mem::take(&mut self.attitudes)))
+            }
             Attitudes::Level => None,
         };
         if let Poses::Navsat {
@@ -268,31 +361,110 @@ impl<'a> Collected<'a> {
             ..
         } = &self.chosen.pose
         {
-            notes.extend(self.fixes.note());
-            let rotations = in_order(self.vehicle_rotations(heading_topic, &mut Vec::new()));
+            notes.extend(self.fixes.notes()?);
+            let axes = match &self.chosen.attitude {
+                Attitudes::Imu { topic, axes } if topic == heading_topic => *axes,
+                _ => ImuAxes::Enu,
+            };
+            let rotations = in_order(self.vehicle_rotations(heading_topic, axes, &mut Vec::new()));
             self.poses = self.fixes.poses(&rotations, antenna_m);
         }
-        if let (Poses::Tf { frame }, true) = (&self.chosen.pose, self.poses.is_empty()) {
+        let unconnected = match (&self.chosen.pose, &self.chosen.attitude, &attitudes) {
+            (Poses::Tf { frame }, _, _) if self.poses.is_empty() => Some(("pose", frame)),
+            (_, Attitudes::Tf { frame }, Some(none)) if none.is_empty() => {
+                Some(("attitude", frame))
+            }
+            _ => None,
+        };
+        if let Some((key, frame)) = unconnected {
             bail!(
-                "{}: the transforms do not connect {} to {frame}; they are: {}. The keys `pose.frame` and \
+                "{}: the transforms do not connect {} to {frame}; they are: {}. The keys `{key}.frame` and \
                  `base_frame` of the topic map name these frames",
                 self.bag.path().display(),
                 self.chosen.base_frame,
                 self.transforms.frames()
             );
         }
+        for (_, pose) in &mut self.poses {
+            pose.yaw_rad += self.chosen.heading_offset_rad;
+        }
         Ok(Series {
-            tread_speeds: in_order(self.tread_speeds),
-            attitudes,
-            poses: in_order(self.poses),
+            sources: Sources {
+                tread_speeds: in_order(self.tread_speeds),
+                attitudes,
+                poses: in_order(self.poses),
+            },
             notes,
         })
+    }
+
+    /// Returns a note for each topic of which messages are left out.
+    ///
+    /// # Errors
+    /// A topic of which all are.
+    pub(super) fn unusable_notes(&self) -> Result<Vec<String>> {
+        let mut notes = Vec::new();
+        for (name, taken) in &self.topics {
+            let Some((count, reason)) = &taken.unusable else {
+                continue;
+            };
+            if *count == taken.count {
+                bail!(
+                    "{}, topic {name}: none of its {count} messages can be used; of the first {reason}",
+                    self.bag.path().display()
+                );
+            }
+            notes.push(format!(
+                "{name}: {count} of {} messages are left out; of the first {reason}",
+                taken.count
+            ));
+        }
+        Ok(notes)
+    }
+
+    /// Checks that the stamps of all sources come from one clock, by the times at which they were recorded.
+    fn check_clocks(&self) -> Result<()> {
+        let ahead =
+            |(name, taken): (&String, &Taken)| Some((median(taken.ahead_s.clone())?, name.clone()));
+        let mut ahead: Vec<(f64, String)> = self.topics.iter().filter_map(ahead).collect();
+        ahead.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let (Some(least), Some(most)) = (ahead.first(), ahead.last()) else {
+            return Ok(());
+        };
+        if most.0 - least.0 > CLOCKS_APART_MAX_S {
+            bail!(
+                "{}: the stamps of {} and {} come from two clocks, which are {:.2} s apart by the times at which the \
+                 messages were recorded; with `time: received` in the topic map (--topics) those times count",
+                self.bag.path().display(),
+                most.1,
+                least.1,
+                most.0 - least.0
+            );
+        }
+        Ok(())
+    }
+
+    /// Checks that the vehicle does not stand on its head, which an Imu with other axes makes it do.
+    fn check_axes(&self, topic: &str, rotations: &[(i64, UnitQuaternion<f64>)]) -> Result<()> {
+        let up = rotations
+            .iter()
+            .map(|(_, rotation)| (rotation * Vector3::z()).z);
+        if median(up.collect()).is_some_and(|up| up < 0.0) {
+            bail!(
+                "{}: by {topic} the vehicle drives on its back: the Imu hangs upside down, or its axes are those of \
+                 aviation (NED); write `attitude: {{kind: imu, topic: {topic}, axes: upside_down}}` or `axes: ned` in \
+                 the topic map (--topics), or record /tf_static, which says how it is mounted",
+                self.bag.path().display()
+            );
+        }
+        Ok(())
     }
 
     /// Returns world_from_base_link of an Imu, turned by how it is mounted where /tf_static says so.
     fn vehicle_rotations(
         &self,
         topic: &str,
+        axes: ImuAxes,
         notes: &mut Vec<String>,
     ) -> Timed<UnitQuaternion<f64>> {
         let Some((frame, rotations)) = self.imus.get(topic) else {
@@ -310,7 +482,7 @@ impl<'a> Collected<'a> {
         let sensor_from_base = base_from_sensor.unwrap_or_default().inverse();
         let turned = rotations
             .iter()
-            .map(|(time_ns, rotation)| (*time_ns, rotation * sensor_from_base));
+            .map(|(time_ns, rotation)| (*time_ns, upright(axes, rotation) * sensor_from_base));
         turned.collect()
     }
 }
@@ -322,10 +494,30 @@ pub(super) fn decode<T: DeserializeOwned>(message: &Message<'_>) -> Result<T> {
     Ok(from_cdr(message.data)?)
 }
 
-/// Returns the values ordered by time; of two at the same time, the later in the bag.
-fn in_order<T>(mut values: Timed<T>) -> Timed<T> {
+/// Returns an Imu's orientation in the axes of REP-103.
+fn upright(axes: ImuAxes, rotation: &UnitQuaternion<f64>) -> UnitQuaternion<f64> {
+    let over = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI);
+    match axes {
+        ImuAxes::Enu => *rotation,
+        ImuAxes::UpsideDown => rotation * over,
+        // North, east, down from east, north, up: the axes x and y change places, and z its sign.
+        ImuAxes::Ned => {
+            let diagonal = Unit::new_normalize(Vector3::new(1.0, 1.0, 0.0));
+            let enu_from_ned = UnitQuaternion::from_axis_angle(&diagonal, std::f64::consts::PI);
+            enu_from_ned * rotation * over
+        }
+    }
+}
+
+/// Orders values by time; of two at one time the later in the bag stays.
+pub(super) fn order<T>(values: &mut Timed<T>) {
     values.reverse();
     values.sort_by_key(|(time_ns, _)| *time_ns);
     values.dedup_by_key(|(time_ns, _)| *time_ns);
+}
+
+/// Returns the values ordered by time; of two at the same time, the later in the bag.
+pub(super) fn in_order<T>(mut values: Timed<T>) -> Timed<T> {
+    order(&mut values);
     values
 }

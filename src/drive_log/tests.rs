@@ -4,11 +4,11 @@ use super::*;
 use crate::bag::tests::{Recorded, bag};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use serde::Serialize;
-use sidehill_bridge::ros2::node::conversions::{stamp, to_quaternion, to_transform};
+use sidehill_bridge::ros2::node::conversions::{stamp, to_pose, to_quaternion, to_transform};
 use sidehill_bridge::ros2::node::message::cdr::to_cdr;
 use sidehill_bridge::ros2::node::message::{
-    Header, Imu, JointState, NavSatFix, TfMessage, TransformStamped, Twist, TwistStamped,
-    Vector3 as Vector3Message,
+    Header, Imu, JointState, NavSatFix, PoseStamped, TfMessage, TransformStamped, Twist,
+    TwistStamped, Vector3 as Vector3Message,
 };
 use sidehill_plant::frames::{Attitude, ros_quaternion};
 use std::path::Path;
@@ -70,6 +70,7 @@ fn reader(map: &str) -> LogReader {
     let file = ConfigFile::with_text(Path::new("topics.yaml"), map.to_owned());
     LogReader {
         columns: ColumnMap::default(),
+        max_bytes: None,
         topics: Some(("topics.yaml".to_owned(), TopicMap::read(&file).unwrap())),
     }
 }
@@ -182,7 +183,7 @@ fn fixes_are_projected_to_the_origin_of_the_vehicle() {
         "{pose:?}"
     );
     assert!((pose.z_m - (0.9 - 1.5)).abs() < 1e-9, "{pose:?}");
-    let bag = crate::bag::Bag::open(&path).unwrap();
+    let bag = crate::bag::Bag::open(&path, None).unwrap();
     let path = positions(&bag, None).unwrap();
     assert_eq!(path.points_m.len(), 10);
     assert!(
@@ -232,7 +233,8 @@ fn what_a_bag_lacks_is_named_with_the_key_that_decides() {
         &apart,
     );
     assert!(
-        found.contains("have no times in common") && found.contains("time: received"),
+        found.contains("/joint_states and /other come from two clocks")
+            && found.contains("time: received"),
         "{found}"
     );
     let found = error(JOINTS, &apart);
@@ -362,4 +364,331 @@ fn commands_of_a_bag_are_twists_and_speeds_at_their_own_times() {
     }
     let other = of(recorded("/cmd", "geometry_msgs/msg/Twist", at, &twist)).unwrap_err();
     assert!(other.to_string().contains("no topic /cmd_vel"), "{other}");
+}
+
+fn log(map: &str, messages: &[Recorded]) -> DriveLog {
+    let (_folder, path) = bag(messages);
+    reader(map).read(&path).unwrap()
+}
+
+const STEPS: i64 = 260;
+
+/// A drive straight ahead at 1 m/s on level ground: joints, Imu and poses at 20 Hz.
+fn straight(joints: impl Fn(i64) -> Vec<Recorded>, imu_of: &UnitQuaternion<f64>) -> Vec<Recorded> {
+    let ahead = ros_quaternion(&Attitude::LEVEL, 0.0);
+    let mut messages = Vec::new();
+    for step in 0..STEPS {
+        let time_ns = START_NS + step * 50_000_000;
+        messages.extend(joints(time_ns));
+        messages.push(imu(time_ns, "base_link", imu_of));
+        let at = Translation3::new(0.0, 0.05 * step as f64, 0.0);
+        messages.push(posed(time_ns, &Isometry3::from_parts(at, ahead)));
+    }
+    messages
+}
+
+fn posed(time_ns: i64, pose: &Isometry3<f64>) -> Recorded {
+    let message = PoseStamped {
+        header: header(time_ns, "map"),
+        pose: to_pose(pose),
+    };
+    recorded("/pose", choice::POSE_STAMPED, time_ns, &message)
+}
+
+fn named_joints(time_ns: i64, joints: &[(&str, f64)]) -> Recorded {
+    let message = JointState {
+        header: header(time_ns, ""),
+        name: joints.iter().map(|(name, _)| (*name).to_owned()).collect(),
+        velocity: joints.iter().map(|(_, velocity)| *velocity).collect(),
+        ..JointState::default()
+    };
+    recorded("/joint_states", choice::JOINT_STATE, time_ns, &message)
+}
+
+#[test]
+fn joints_are_of_the_side_that_their_names_tell_and_arms_are_no_wheels() {
+    let level = UnitQuaternion::identity();
+    for names in [
+        ["lf_wheel", "lr_wheel", "rf_wheel", "rr_wheel"],
+        ["fl_wheel", "rl_wheel", "fr_wheel", "rr_wheel"],
+        [
+            "WheelFrontLeft",
+            "WheelBackLeft",
+            "WheelFrontRight",
+            "WheelBackRight",
+        ],
+    ] {
+        let joints = |time_ns| {
+            let mut joints = names.map(|name| (name, 2.0)).to_vec();
+            joints[2].1 = 3.0;
+            joints.push(("left_arm_shoulder", 40.0));
+            vec![named_joints(time_ns, &joints)]
+        };
+        let log = log(JOINTS, &straight(joints, &level));
+        let speeds = log.rows()[5].speeds;
+        assert_eq!(
+            (speeds.left_m_s, speeds.right_m_s),
+            (1.0, 1.25),
+            "{names:?}"
+        );
+    }
+    let unnamed = |time_ns| vec![named_joints(time_ns, &[("a_wheel", 1.0), ("b_wheel", 1.0)])];
+    let found = error(JOINTS, &straight(unnamed, &level));
+    assert!(
+        found.contains("do not tell left from right; they are: a_wheel, b_wheel"),
+        "{found}"
+    );
+    let no_velocity = |time_ns| {
+        let message = JointState {
+            header: header(time_ns, ""),
+            name: vec!["left_wheel".to_owned(), "right_wheel".to_owned()],
+            position: vec![1.0, 2.0],
+            ..JointState::default()
+        };
+        vec![recorded(
+            "/joint_states",
+            choice::JOINT_STATE,
+            time_ns,
+            &message,
+        )]
+    };
+    let found = error(JOINTS, &straight(no_velocity, &level));
+    assert!(found.contains("have no velocities"), "{found}");
+    let uneven = |time_ns| {
+        let joints = [
+            ("left_wheel_1", 1.0),
+            ("left_wheel_2", 1.0),
+            ("right_wheel", 1.0),
+        ];
+        vec![named_joints(time_ns, &joints)]
+    };
+    let found = error(JOINTS, &straight(uneven, &level));
+    assert!(
+        found.contains("2 joints on the left") && found.contains("`left`"),
+        "{found}"
+    );
+}
+
+#[test]
+fn sides_with_messages_of_their_own_make_tread_speeds() {
+    let apart = |time_ns| {
+        vec![
+            named_joints(time_ns, &[("left_wheel", 2.0)]),
+            named_joints(time_ns + 7_000_000, &[("right_wheel", 4.0)]),
+        ]
+    };
+    let log = log(JOINTS, &straight(apart, &UnitQuaternion::identity()));
+    assert!(log.rows().len() > 50);
+    let speeds = log.rows()[20].speeds;
+    assert_eq!((speeds.left_m_s, speeds.right_m_s), (1.0, 2.0));
+}
+
+#[test]
+fn a_side_that_counts_backwards_is_named_and_reversed_by_its_key() {
+    let backwards = |time_ns| vec![joints(time_ns, 2.0, -2.0)];
+    let messages = straight(backwards, &UnitQuaternion::identity());
+    let found = log(JOINTS, &messages).suspicions();
+    assert!(
+        matches!(
+            found[..],
+            [sidehill_plant::log::Suspicion::SideReversed { side: "right" }]
+        ),
+        "{found:?}"
+    );
+    let map = JOINTS.replace("0.5}", "0.5, reversed: right}");
+    assert_eq!(log(&map, &messages).suspicions(), []);
+}
+
+#[test]
+fn an_imu_with_other_axes_is_named_and_turned_by_its_key() {
+    let slope = Attitude {
+        roll_rad: 0.2,
+        pitch_rad: -0.1,
+    };
+    let world_from_base = ros_quaternion(&slope, 0.7);
+    let forward = |time_ns| vec![joints(time_ns, 2.0, 2.0)];
+    let over = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI);
+    // The same rotation between north, east, down and forward, right, down, by its matrix.
+    let swap = nalgebra::Matrix3::new(0.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, -1.0);
+    let flip = nalgebra::Matrix3::from_diagonal(&Vector3::new(1.0, -1.0, -1.0));
+    let ned = swap * world_from_base.to_rotation_matrix().matrix() * flip;
+    let ned = UnitQuaternion::from_matrix(&ned);
+    for (sensor, axes) in [(world_from_base * over, "upside_down"), (ned, "ned")] {
+        let messages = straight(forward, &sensor);
+        if axes == "upside_down" {
+            let found = error(JOINTS, &messages);
+            assert!(
+                found.contains("on its back") && found.contains("axes: ned"),
+                "{found}"
+            );
+        }
+        let map = format!("{JOINTS}attitude: {{kind: imu, axes: {axes}}}");
+        let attitude = log(&map, &messages).rows()[3].attitude;
+        assert!(
+            (attitude.roll_rad - 0.2).abs() < 1e-6,
+            "{axes}: {attitude:?}"
+        );
+        assert!(
+            (attitude.pitch_rad + 0.1).abs() < 1e-6,
+            "{axes}: {attitude:?}"
+        );
+    }
+}
+
+#[test]
+fn stamps_of_two_clocks_are_refused_and_times_of_recording_taken() {
+    let mut messages = straight(
+        |time_ns| vec![joints(time_ns, 2.0, 2.0)],
+        &UnitQuaternion::identity(),
+    );
+    // The Imu stamps with the time of GPS, 18 s ahead of UTC.
+    for (topic, _, time_ns, data) in &mut messages {
+        if *topic == "/imu" {
+            let ahead = imu(
+                *time_ns + 18_000_000_000,
+                "base_link",
+                &UnitQuaternion::identity(),
+            );
+            *data = ahead.3;
+        }
+    }
+    let found = error(JOINTS, &messages);
+    assert!(
+        found.contains("/imu")
+            && found.contains("18.00 s apart")
+            && found.contains("time: received"),
+        "{found}"
+    );
+    let log = log(&format!("{JOINTS}time: received"), &messages);
+    assert_eq!(log.rows().len() as i64, STEPS);
+}
+
+#[test]
+fn values_that_are_no_numbers_are_left_out_and_topics_without_any_refused() {
+    let forward = |time_ns| vec![joints(time_ns, 2.0, 2.0)];
+    let mut messages = straight(forward, &UnitQuaternion::identity());
+    let lost = Isometry3::from_parts(
+        Translation3::new(f64::NAN, 0.0, 0.0),
+        UnitQuaternion::identity(),
+    );
+    let time_ns = START_NS + 10 * 50_000_000;
+    for message in &mut messages {
+        if message.0 == "/pose" && message.2 == time_ns {
+            *message = posed(time_ns, &lost);
+        }
+    }
+    assert_eq!(log(JOINTS, &messages).pose_count() as i64, STEPS - 1);
+    for message in &mut messages {
+        if message.0 == "/pose" {
+            *message = posed(message.2, &lost);
+        }
+    }
+    let found = error(JOINTS, &messages);
+    assert!(
+        found.contains(
+            "topic /pose: none of its 260 messages can be used; of the first position is not finite"
+        ),
+        "{found}"
+    );
+}
+
+#[test]
+fn poses_with_a_stamp_and_transforms_give_the_attitude() {
+    let slope = Attitude {
+        roll_rad: 0.15,
+        pitch_rad: 0.05,
+    };
+    let mut messages = Vec::new();
+    for step in 0..10 {
+        let time_ns = START_NS + step * 50_000_000;
+        let pose = Isometry3::from_parts(
+            Translation3::new(1.0, 2.0, 3.0),
+            ros_quaternion(&slope, 0.3),
+        );
+        messages.push(joints(time_ns, 2.0, 2.0));
+        messages.push(posed(time_ns, &pose));
+        messages.push(transform("/tf", time_ns, ["map", "base_link"], &pose));
+    }
+    for attitude in ["{kind: pose_stamped}", "{kind: tf, frame: map}"] {
+        let log = log(&format!("{JOINTS}attitude: {attitude}"), &messages);
+        let row = log.rows()[4];
+        assert!(
+            (row.attitude.roll_rad - 0.15).abs() < 1e-9,
+            "{attitude}: {row:?}"
+        );
+        assert!(
+            (row.pose.unwrap().yaw_rad - 0.3).abs() < 1e-9,
+            "{attitude}: {row:?}"
+        );
+    }
+}
+
+#[test]
+fn a_route_knows_no_heights_gaps_or_jumps_that_were_not_recorded() {
+    let drive = |place: &dyn Fn(i64) -> Option<[f64; 3]>| {
+        let mut messages = Vec::new();
+        for step in 0..100 {
+            let time_ns = START_NS + step * 200_000_000;
+            let Some([latitude, longitude, altitude]) = place(step) else {
+                continue;
+            };
+            let fix = NavSatFix {
+                header: header(time_ns, "gps"),
+                latitude,
+                longitude,
+                altitude,
+                ..NavSatFix::default()
+            };
+            messages.push(recorded("/fix", choice::NAV_SAT_FIX, time_ns, &fix));
+        }
+        let (folder, path) = bag(&messages);
+        let bag = crate::bag::Bag::open(&path, None).unwrap();
+        let found = positions(&bag, None).map_err(|error| format!("{error:#}"));
+        drop(folder);
+        found
+    };
+    let at = |step: i64| 46.5 + 2e-6 * step as f64;
+    let plain = drive(&|step| Some([at(step), 11.3, 300.0])).unwrap();
+    assert!(
+        plain.has_heights && plain.notes.len() == 1,
+        "{:?}",
+        plain.notes
+    );
+    let flat = drive(&|step| Some([at(step), 11.3, f64::NAN])).unwrap();
+    assert_eq!((flat.points_m.len(), flat.has_heights), (100, false));
+    assert!(
+        flat.points_m
+            .iter()
+            .flatten()
+            .all(|value| value.is_finite())
+    );
+    let zeros = drive(&|step| {
+        Some(if step % 9 == 0 {
+            [0.0; 3]
+        } else {
+            [at(step), 11.3, 300.0]
+        })
+    })
+    .unwrap();
+    assert_eq!(zeros.points_m.len(), 88);
+    assert!(
+        zeros
+            .notes
+            .iter()
+            .any(|note| note.contains("12 fixes without a position"))
+    );
+    let gone = drive(&|step| (!(40..60).contains(&step)).then(|| [at(step), 11.3, 300.0])).unwrap();
+    assert!(
+        gone.notes
+            .iter()
+            .any(|note| note.contains("missing 1 times, for 4.2 s and 4.7 m")),
+        "{:?}",
+        gone.notes
+    );
+    let error =
+        drive(&|step| Some([at(step) + f64::from(u8::from(step > 50)), 11.3, 300.0])).unwrap_err();
+    assert!(
+        error.contains("positions jump by 111") && error.contains("10.00 s after"),
+        "{error}"
+    );
 }

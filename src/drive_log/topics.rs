@@ -3,6 +3,7 @@
 use crate::config::{ConfigError, ConfigFile};
 use serde::{Deserialize, Serialize};
 use sidehill_plant::bounds::{Bounds, RangeError};
+use sidehill_plant::log::Reversed;
 
 /// Topics of tread speeds, attitude and poses in a bag. A source or topic that is left out is found by its type, if
 /// there is exactly one of it.
@@ -34,6 +35,9 @@ pub struct TopicMap {
     /// Frame of the vehicle, of REP-105.
     #[serde(default = "base_link")]
     pub base_frame: String,
+    /// Added to the headings of the poses, deg: by how much the antennas that measure them are turned clockwise.
+    #[serde(default)]
+    pub heading_offset_deg: f64,
 }
 
 /// Which time of a message counts.
@@ -56,14 +60,18 @@ pub enum TreadSpeedTopic {
         /// Topic.
         #[serde(default)]
         topic: Option<String>,
-        /// Joints of the left side, whose mean counts; empty: those with `left` in their names.
+        /// Joints of the left side, whose mean counts; empty: wheels whose names say so, as `left_wheel`, `fl_wheel`
+        /// and `lf_motor` do.
         #[serde(default)]
         left: Vec<String>,
-        /// Joints of the right side; empty: those with `right` in their names.
+        /// Joints of the right side; empty: wheels whose names say so.
         #[serde(default)]
         right: Vec<String>,
         /// Tread speed over joint velocity, m: the radius of a wheel.
         radius_m: f64,
+        /// Side whose joints count backwards.
+        #[serde(default)]
+        reversed: Reversed,
     },
     /// Twist of wheel odometry, nav_msgs/Odometry.
     Odometry {
@@ -94,6 +102,20 @@ pub enum AttitudeTopic {
         /// Topic.
         #[serde(default)]
         topic: Option<String>,
+        /// Axes of the orientation.
+        #[serde(default)]
+        axes: ImuAxes,
+    },
+    /// Orientation of geometry_msgs/PoseStamped or PoseWithCovarianceStamped.
+    PoseStamped {
+        /// Topic.
+        #[serde(default)]
+        topic: Option<String>,
+    },
+    /// Orientation of the vehicle's frame on `/tf` and `/tf_static`.
+    Tf {
+        /// Frame whose z axis is up, such as `map`.
+        frame: String,
     },
     /// Orientation of nav_msgs/Odometry.
     Odometry {
@@ -105,12 +127,31 @@ pub enum AttitudeTopic {
     Level {},
 }
 
+/// Axes of an Imu's orientation.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ImuAxes {
+    /// Those of REP-103: x forward, y left, z up in a world of east, north and up.
+    #[default]
+    Enu,
+    /// Those of aviation: x forward, y right, z down in a world of north, east and down.
+    Ned,
+    /// Those of REP-103, of an Imu that hangs upside down: turned by 180 deg about its x axis.
+    UpsideDown,
+}
+
 /// Source of the poses.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
 pub enum PoseTopic {
     /// Pose of nav_msgs/Odometry.
     Odometry {
+        /// Topic.
+        #[serde(default)]
+        topic: Option<String>,
+    },
+    /// Pose of geometry_msgs/PoseStamped or PoseWithCovarianceStamped.
+    PoseStamped {
         /// Topic.
         #[serde(default)]
         topic: Option<String>,
@@ -159,6 +200,7 @@ impl TopicMap {
     }
 
     fn validate(&self) -> Result<(), RangeError> {
+        Bounds::new(-180.0, 180.0, "deg").check("heading_offset_deg", self.heading_offset_deg)?;
         match self.tread_speeds {
             TreadSpeedTopic::JointStates { radius_m, .. } => {
                 let key = "tread_speeds.radius_m";

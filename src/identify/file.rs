@@ -48,7 +48,9 @@ pub(super) fn commented(
                 name => name,
             };
             let key = format!("\n  {place}:");
-            let warning = format!("\n  # NOT DETERMINED by these logs, still a guess: {name}{key}");
+            let warning = format!(
+                "\n  # HARDLY DETERMINED by these logs, drawn to the guess it started from: {name}{key}"
+            );
             contact = contact.replacen(&key, &warning, 1);
         }
         yaml = format!("{before}\ncontact:{contact}");

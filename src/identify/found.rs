@@ -1,7 +1,7 @@
 //! The logs of an identification, and the results of its stages.
 
 use anyhow::Result;
-use sidehill_plant::identification::{Estimate, StageReport};
+use sidehill_plant::identification::{ContactReport, Estimate, ExtensionReport, StageReport};
 use sidehill_plant::log::DriveLog;
 use sidehill_plant::vehicle::Vehicle;
 
@@ -25,11 +25,15 @@ pub(super) struct Undetermined {
     pub(super) kept: f64,
 }
 
-/// Results of both stages, if there were logs for them.
+/// Results of all stages, if there were logs for them.
 #[derive(Default)]
 pub(super) struct Found {
     pub(super) level: Option<Stage>,
     pub(super) slope: Option<Stage>,
+    /// Terms beyond ICRIK.
+    pub(super) extension: Option<ExtensionReport>,
+    /// The contact vehicle, with --contact.
+    pub(super) contact: Option<ContactReport>,
 }
 
 impl Stage {

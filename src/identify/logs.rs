@@ -2,6 +2,7 @@
 
 use super::args::IdentifyArgs;
 use super::found::Logs;
+use crate::console;
 use crate::drive_log::LogReader;
 use anyhow::{Context, Result, bail};
 use sidehill_plant::contact::{ContactModel, ContactVehicle};
@@ -11,9 +12,13 @@ use sidehill_plant::identification::{
 };
 use sidehill_plant::log::DriveLog;
 use sidehill_plant::speeds::EncoderScale;
+use sidehill_plant::statistics::median;
 use sidehill_plant::terrain::Terrain;
 use sidehill_plant::vehicle::Vehicle;
 use std::path::PathBuf;
+
+/// Largest slope that counts as level ground, deg.
+pub(super) const LEVEL_DEG: f64 = 3.0;
 
 /// Returns what identification finds of `vehicle` where `contact` drives the paper's procedure in
 /// simulation.
@@ -51,11 +56,51 @@ pub(super) fn recorded(args: &IdentifyArgs) -> Result<Logs> {
         };
         paths.iter().map(read).collect()
     };
-    Ok(Logs {
+    let logs = Logs {
         level: read(&args.level)?,
         slope: read(&args.slope)?,
         across: Vec::new(),
-    })
+    };
+    check_exchanged(args, &logs)?;
+    Ok(logs)
+}
+
+/// Checks that no log of `--level` is from steeper ground than one of `--slope`.
+fn check_exchanged(args: &IdentifyArgs, logs: &Logs) -> Result<()> {
+    let tilt_deg = |log: &DriveLog| {
+        let tilts = log.rows().iter().map(|row| {
+            let attitude = &row.attitude;
+            attitude.roll_rad.hypot(attitude.pitch_rad).to_degrees()
+        });
+        median(tilts.collect()).unwrap_or(0.0)
+    };
+    let level = args.level.iter().zip(&logs.level);
+    let steepest = level
+        .map(|(path, log)| (tilt_deg(log), path))
+        .max_by(|a, b| a.0.total_cmp(&b.0));
+    let slope = args.slope.iter().zip(&logs.slope);
+    let flattest = slope
+        .map(|(path, log)| (tilt_deg(log), path))
+        .min_by(|a, b| a.0.total_cmp(&b.0));
+    let Some((steepest_deg, level)) = steepest.filter(|(tilt_deg, _)| *tilt_deg > LEVEL_DEG) else {
+        return Ok(());
+    };
+    match flattest {
+        Some((flattest_deg, slope)) if flattest_deg < steepest_deg => bail!(
+            "--level {} is from ground of {steepest_deg:.1} deg and --slope {} from ground of {flattest_deg:.1} deg: are they \
+             exchanged?",
+            level.display(),
+            slope.display()
+        ),
+        _ => {
+            console::complain(format_args!(
+                "{}: warning: it is a log of --level, but from ground of {steepest_deg:.1} deg: on more than {LEVEL_DEG} deg \
+                 slopes shift the level parameters; name it under --slope",
+                level.display()
+            ));
+            Ok(())
+        }
+    }
 }
 
 /// Drives the paper's procedure with a contact vehicle whose encoders are off by `vehicle`'s factors.

@@ -1,18 +1,16 @@
 //! The page of an identification: its results, how far to trust them, and the logs.
 
+use super::found::{Found, Stage};
+use super::report::{contact_table, extension_table};
 use crate::report::page::{COLOURS, Page, legend_of, table};
 use crate::report::plot::{Line, Plot};
 use maud::{Markup, html};
-use sidehill_plant::identification::StageReport;
 use sidehill_plant::log::{DriveLog, LogRow};
-
-/// A stage with its name and that of the model it is compared with.
-pub(super) type NamedStage<'a> = (&'static str, &'static str, &'a StageReport);
 
 /// Returns the page.
 pub(super) fn html(
     vehicle: &str,
-    stages: &[NamedStage<'_>],
+    found: &Found,
     conclusions: &[String],
     logs: &[(&str, &DriveLog)],
 ) -> String {
@@ -21,7 +19,16 @@ pub(super) fn html(
         subtitle: &format!("Vehicle {vehicle}"),
         conclusions,
         body: html! {
-            @for stage in stages { (parameters(stage)) }
+            @if let Some(level) = &found.level { (parameters("level", "differential drive", level)) }
+            @if let Some(slope) = &found.slope { (parameters("slope", "ICRHK", slope)) }
+            @if let Some(extension) = &found.extension {
+                h2 { "Terms beyond ICRIK" }
+                pre { (extension_table(extension)) }
+            }
+            @if let Some(contact) = &found.contact {
+                h2 { "Contact vehicle" }
+                pre { (contact_table(contact)) }
+            }
             @for (index, (stage, log)) in logs.iter().enumerate() { (log_section(index + 1, stage, log)) }
         },
         style: "",
@@ -29,7 +36,8 @@ pub(super) fn html(
     page.html()
 }
 
-fn parameters((stage, baseline, report): &NamedStage<'_>) -> Markup {
+fn parameters(stage: &str, baseline: &str, results: &Stage) -> Markup {
+    let report = &results.report;
     let rows: Vec<Vec<String>> = report
         .estimates
         .iter()
@@ -64,6 +72,9 @@ fn parameters((stage, baseline, report): &NamedStage<'_>) -> Markup {
         (table(&format!("{stage}-parameters"), &["parameter", "value", "95 % interval, +-"], &rows))
         h2 { "Errors on segments that were left out" }
         (table(&format!("{stage}-errors"), &["RMS", "lateral (m)", "longitudinal (m)", "yaw (rad)"], &errors))
+        @for undetermined in &results.undetermined {
+            p { (undetermined.estimate.name) " is not determined by these logs: it stays at " (undetermined.kept) " of the --vehicle file" }
+        }
         @for warning in &report.warnings { p { "Warning: " (warning) } }
     }
 }
@@ -105,6 +116,145 @@ fn log_section(number: usize, stage: &str, log: &DriveLog) -> Markup {
             figcaption { "What the treads did and how the vehicle stood; " (log.pose_count()) " rows have a pose." }
             (legend_of(&[("left, roll", COLOURS[0]), ("right, pitch", COLOURS[1])]))
             @for plot in &plots { (plot.markup(&format!("log{number}"))) }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::found::Logs;
+    use super::super::verdict::Verdict;
+    use super::*;
+    use sidehill_plant::identification::{
+        ContactParameterEstimate, ContactReport, CrossValidation, ExtensionReport, SegmentErrors,
+        StageReport, Term, TermReport, Verdict as TermVerdict, Warning,
+    };
+    use sidehill_plant::vehicle::Vehicle;
+
+    fn errors(lateral_m: f64) -> SegmentErrors {
+        SegmentErrors {
+            segments: 20,
+            lateral_m,
+            longitudinal_m: 0.01,
+            yaw_rad: 0.01,
+        }
+    }
+
+    fn stage(warnings: Vec<Warning>) -> Stage {
+        let report = StageReport {
+            estimates: Vec::new(),
+            segments: 20,
+            poses: 400,
+            fitness: 1e-3,
+            outlier_share: 0.0,
+            cross_validation: CrossValidation {
+                fitted: errors(0.05),
+                baseline: errors(0.5),
+            },
+            warnings,
+        };
+        Stage::new(report, Vec::new(), &Vehicle::j8()).unwrap()
+    }
+
+    fn contact(settled: bool, folds_nearer: usize) -> ContactReport {
+        ContactReport {
+            estimates: vec![ContactParameterEstimate {
+                name: "slip_scale_m_s",
+                value: 0.146,
+                interval: (0.14, 0.15),
+                determined: true,
+            }],
+            not_told_apart: Vec::new(),
+            segments: 20,
+            guess: errors(0.06),
+            held_out: errors(0.05),
+            folds: 10,
+            folds_nearer,
+            settled,
+        }
+    }
+
+    fn verdict(found: &Found) -> String {
+        let logs = Logs {
+            level: Vec::new(),
+            slope: Vec::new(),
+            across: Vec::new(),
+        };
+        let mut verdict = Verdict::of(found, &Vehicle::j8(), &logs);
+        if let Some(contact) = &found.contact {
+            verdict.judge_contact(contact);
+        }
+        verdict.to_string()
+    }
+
+    #[test]
+    fn the_page_has_every_stage() {
+        let found = Found {
+            level: Some(stage(Vec::new())),
+            slope: Some(stage(vec![Warning::NotSettled])),
+            extension: Some(ExtensionReport {
+                segments: 40,
+                icrhk: errors(0.3),
+                icrik: Some(errors(0.2)),
+                extended: errors(0.1),
+                terms: vec![TermReport {
+                    term: Term::OutwardSlip,
+                    improvement: 0.1,
+                    improvement_half_width: 0.05,
+                    verdict: TermVerdict::NotSupported,
+                }],
+            }),
+            contact: Some(contact(true, 9)),
+        };
+        let page = html("j8", &found, &[], &[]);
+        for part in [
+            "Parameters from level ground",
+            "Parameters from slope ground",
+            "did not settle",
+            "Terms beyond ICRIK",
+            "outward_slip_s",
+            "Contact vehicle",
+            "slip_scale_m_s",
+        ] {
+            assert!(page.contains(part), "{part}: {page}");
+        }
+    }
+
+    #[test]
+    fn a_search_that_did_not_settle_is_no_good_fit() {
+        let settled = Found {
+            level: Some(stage(Vec::new())),
+            slope: Some(stage(Vec::new())),
+            ..Found::default()
+        };
+        assert!(verdict(&settled).contains("good enough to drive at up to"));
+        let unsettled = Found {
+            level: Some(stage(vec![Warning::NotSettled])),
+            ..settled
+        };
+        let text = verdict(&unsettled);
+        assert!(
+            text.contains("not good enough to drive") && text.contains("did not settle"),
+            "{text}"
+        );
+    }
+
+    #[test]
+    fn a_contact_vehicle_that_predicts_no_better_is_not_called_better() {
+        for (report, nearer) in [
+            (contact(true, 9), true),
+            (contact(true, 6), false),
+            (contact(false, 10), false),
+        ] {
+            assert_eq!(report.is_nearer(), nearer);
+            let text = contact_table(&report);
+            assert_eq!(text.contains("not predicted better"), !nearer, "{text}");
+            let found = Found {
+                level: Some(stage(Vec::new())),
+                contact: Some(report),
+                ..Found::default()
+            };
+            assert_eq!(verdict(&found).contains("geometry alone"), !nearer);
         }
     }
 }

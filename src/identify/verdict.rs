@@ -1,7 +1,10 @@
 //! How far to trust an identification: the steepest slope on which to drive with it.
 
 use super::found::{Found, Logs, Stage};
+use super::logs::LEVEL_DEG;
+use super::report::contact_finding;
 use serde::Serialize;
+use sidehill_plant::identification::{ContactReport, Warning};
 use sidehill_plant::vehicle::Vehicle;
 use std::fmt;
 
@@ -13,8 +16,6 @@ const TURN_RAD_S: f64 = 0.3;
 const UNKNOWN_S_PER_RAD: f64 = 1.0;
 /// Extrapolation beyond the slope of the logs, deg.
 const STEEPER_DEG: f64 = 5.0;
-/// Largest slope that counts as level ground, deg.
-const LEVEL_DEG: f64 = 3.0;
 /// Steepest slope of any verdict, deg: the controllers were tested up to it.
 const SLOPE_MAX_DEG: f64 = 20.0;
 /// Largest interval of a tread ICR, as a share of the distance between both.
@@ -150,6 +151,15 @@ impl Verdict {
 
     /// Whether a stage predicts what it was not fitted to; otherwise the slope is `slope_deg`.
     fn judge_fit(&mut self, name: &str, stage: &Stage, slope_deg: f64) {
+        if stage.report.warnings.contains(&Warning::NotSettled) {
+            self.limit(
+                0.0,
+                format!(
+                    "the search for the parameters of the {name} logs did not settle, so they are not those that fit \
+                     best: log longer and more varied"
+                ),
+            );
+        }
         let held_out = &stage.report.cross_validation;
         let (fitted_m, baseline_m) = (held_out.fitted.lateral_m, held_out.baseline.lateral_m);
         if fitted_m > HELD_OUT_SHARE * baseline_m {
@@ -170,6 +180,18 @@ impl Verdict {
                     100.0 * far_off
                 ),
             );
+        }
+    }
+
+    /// Names what is wrong with the contact vehicle; the two stages stay as good as they are.
+    pub(super) fn judge_contact(&mut self, report: &ContactReport) {
+        if !report.settled {
+            self.reasons.push(
+                "the search for the contact vehicle did not settle: contact-mpc starts from geometry alone".to_owned(),
+            );
+        } else if !report.is_nearer() {
+            self.reasons
+                .push(format!("contact vehicle: {}", contact_finding(report)));
         }
     }
 

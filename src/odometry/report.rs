@@ -1,28 +1,30 @@
 //! The report of odometry: each model's reconstruction of the drive.
 
-use super::plot::paths;
-use crate::report::page::{COLOURS, Page, legend_of, section, table};
+use super::plot::{coloured, paths};
+use crate::report::page::{Page, legend_of, section, table};
 use crate::report::plot::{Line, Plot};
-use anyhow::Result;
 use maud::{PreEscaped, html};
 use sidehill_plant::frames::wrap_angle;
 use sidehill_plant::odometry::{Comparison, MeanSquaredErrors};
 
+/// What the slope terms of a model act on.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Slope {
+    /// Median tilt of the vehicle in the log, deg.
+    pub(super) tilt_deg: f64,
+    /// Whether a slide gain of the vehicle is above 0.
+    pub(super) slides: bool,
+}
+
 /// Returns the page: errors as a table and over time, and the paths.
-///
-/// # Errors
-/// An error of the drawing library.
 pub(super) fn html(
     log: &str,
     vehicle: &str,
     models: &[&str],
     comparisons: &[Vec<Comparison>],
-) -> Result<String> {
-    let names: Vec<(&str, &str)> = models
-        .iter()
-        .zip(COLOURS)
-        .map(|(name, colour)| (*name, colour))
-        .collect();
+    slope: Slope,
+) -> String {
+    let names = coloured(models);
     let errors: Vec<MeanSquaredErrors> = comparisons
         .iter()
         .map(|comparisons| MeanSquaredErrors::of(comparisons))
@@ -64,15 +66,15 @@ pub(super) fn html(
             wrap_angle(error).to_degrees()
         }),
     ];
-    let tracks: Vec<_> = names
-        .iter()
-        .zip(comparisons)
-        .map(|((name, _), comparisons)| (*name, comparisons.as_slice()))
-        .collect();
     let page = Page {
         title: "Odometry",
         subtitle: &format!("Log {log}, vehicle {vehicle}"),
-        conclusions: &conclusions(&names, &errors, comparisons.first().map_or(0, Vec::len)),
+        conclusions: &conclusions(
+            &names,
+            &errors,
+            comparisons.first().map_or(0, Vec::len),
+            slope,
+        ),
         body: html! {
             (table("figures", &["mean squared errors", "x (m\u{b2})", "y (m\u{b2})", "z (m\u{b2})",
                 "yaw (rad\u{b2})", "J/N"], &rows))
@@ -83,12 +85,12 @@ pub(super) fn html(
             h2 { "Paths" }
             figure {
                 figcaption { "Seen from above: the log's poses in black." }
-                (PreEscaped(paths(&tracks)?))
+                (PreEscaped(paths(models, comparisons)))
             }
         },
         style: "",
     };
-    Ok(page.html())
+    page.html()
 }
 
 /// Returns the conclusions.
@@ -96,6 +98,7 @@ fn conclusions(
     names: &[(&str, &str)],
     errors: &[MeanSquaredErrors],
     samples: usize,
+    ground: Slope,
 ) -> Vec<String> {
     let fitness = |name: &str| {
         let index = names.iter().position(|(other, _)| *other == name);
@@ -118,9 +121,12 @@ fn conclusions(
     )];
     let slope = share("icrik", "icrhk");
     sentences.push(if slope.abs() < 0.5 {
-        "The slope terms (icrik against icrhk) make no difference here: the ground is level, or the vehicle's slide \
-         gains are 0 or not identified."
-            .to_owned()
+        let why = if !ground.slides {
+            "the vehicle's slide gains are 0".to_owned()
+        } else {
+            format!("the ground slopes by {:.1} deg", ground.tilt_deg)
+        };
+        format!("The slope terms (icrik against icrhk) make no difference here: {why}.")
     } else if slope < 0.0 {
         format!("The slope terms help: icrik's J/N is {:.0} % below icrhk's.", -slope)
     } else {

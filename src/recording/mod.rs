@@ -11,7 +11,7 @@ pub(crate) use vehicle::VehicleRecording;
 use crate::config::{Bundle, ConfigFile};
 use crate::console;
 use crate::output;
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use serde_json::Value;
 use sidehill_bridge::recording::live::{LiveView, PlaybackControl, Values};
 use sidehill_bridge::recording::{Header, Marker, McapRecording, RecordLimits, ground};
@@ -102,9 +102,28 @@ pub(crate) fn create(
     limits: RecordLimits,
     force: bool,
 ) -> Result<McapRecording> {
-    output::check_free(&[path], force)?;
-    McapRecording::create(path, header, limits)
+    check_free(path, force)?;
+    McapRecording::create(path, header, limits, force)
         .with_context(|| format!("{}: cannot be written", path.display()))
+}
+
+/// Checks that a recording can begin at `path` without replacing or continuing an earlier one.
+///
+/// # Errors
+/// Names the file that is there, unless `force`; or a folder that is missing or cannot be written.
+pub(crate) fn check_free(path: &Path, force: bool) -> Result<()> {
+    output::check_writable(path, force)?;
+    let present = McapRecording::present(path)
+        .with_context(|| format!("{}: cannot be written", path.display()))?;
+    if let (Some((_, first)), false) = (present.first(), force) {
+        bail!(
+            "{}: exists already and may be part of an earlier recording; name another file, or allow both with \
+             --force, which replaces {} and no other file",
+            first.display(),
+            path.display()
+        );
+    }
+    Ok(())
 }
 
 /// Default address of the live view: this machine only.

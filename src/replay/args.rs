@@ -2,7 +2,6 @@
 
 use super::rebuild::Changes;
 use crate::config::PlantKind;
-use crate::drive_log::LogArgs;
 use crate::recording::LIVE;
 use crate::simulate::{Format, controller};
 use sidehill_controller::config::ControllerKind;
@@ -12,8 +11,7 @@ use std::path::PathBuf;
 /// Arguments of `sidehill replay`.
 #[derive(Debug, clap::Args)]
 pub struct ReplayArgs {
-    /// Recording; files that continue it (FILE_1.mcap, ...) are read with it. With --open-loop a log of
-    /// another program: CSV or a bag of ROS 2.
+    /// Recording; files that continue it (FILE_1.mcap, ...) are read with it.
     pub recording: PathBuf,
     /// Controller instead of the recorded one.
     #[arg(long, value_name = "NAME", value_parser = controller)]
@@ -31,15 +29,8 @@ pub struct ReplayArgs {
     /// What moves the vehicle of --closed-loop, instead of the recorded plant.
     #[arg(long, requires = "closed_loop")]
     pub plant: Option<PlantKind>,
-    /// Feed the readings of a log to the controller of this scenario, and compare what it commands along the
-    /// path that was driven with what the vehicle was measured to do.
-    #[arg(long, value_name = "SCENARIO", conflicts_with_all = ["closed_loop", "live", "write_case"])]
-    pub open_loop: Option<PathBuf>,
-    /// What the columns or topics of the log mean, with --open-loop.
-    #[command(flatten)]
-    pub maps: LogArgs,
     /// Largest accepted difference of a command, m/s. Without it the replay must agree bit by bit;
-    /// with another controller, vehicle or setting, and with --open-loop, no difference is a failure.
+    /// with another controller, vehicle or setting no difference is a failure.
     #[arg(long, value_name = "M_S")]
     pub tolerance: Option<f64>,
     /// Report with plots of the recorded and the replayed commands.
@@ -61,7 +52,7 @@ pub struct ReplayArgs {
 }
 
 impl ReplayArgs {
-    /// Returns the requested changes to the recording or scenario.
+    /// Returns the requested changes to the recording.
     pub(super) fn changes(&self) -> Changes {
         Changes {
             controller: self.controller,

@@ -1,9 +1,8 @@
-//! `sidehill replay`: feeds recorded samples, or another program's log, to the controller.
+//! `sidehill replay`: feeds recorded samples to the controller.
 
 mod args;
 mod begin;
 mod compare;
-mod open_loop;
 mod play;
 mod rebuild;
 mod repeat;
@@ -11,7 +10,6 @@ mod report;
 mod step;
 
 use crate::console;
-use crate::drive_log::LogArgs;
 use crate::output;
 use crate::recording::{self, fact, target};
 use crate::simulate::Format;
@@ -54,13 +52,6 @@ struct Outcome<'a> {
 /// # Errors
 /// A recording that cannot be read or lacks its start, or an invalid setting.
 pub fn run(args: &ReplayArgs) -> Result<ExitCode> {
-    if let Some(scenario) = &args.open_loop {
-        return open_loop::run(args, scenario);
-    }
-    ensure!(
-        args.maps == LogArgs::default(),
-        "--columns and --topics say how logs of other programs are read: they go with --open-loop SCENARIO"
-    );
     let mut recording = Recording::read(&args.recording)?;
     let named = || args.recording.display().to_string();
     ensure!(
@@ -118,7 +109,7 @@ pub fn run(args: &ReplayArgs) -> Result<ExitCode> {
         comparison: &comparison,
     };
     if let Some(file) = &args.report {
-        let page = report::html(&recording, &rebuilt, &replayed, &comparison);
+        let page = report::html(&recording, &rebuilt, &replayed, &comparison)?;
         output::write(file, page.as_bytes(), args.force)?;
     }
     if let Some(folder) = &args.write_case {

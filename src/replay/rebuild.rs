@@ -271,7 +271,7 @@ impl Rebuilt {
 }
 
 /// Returns the plane on which the vehicle stood on average.
-fn slope(recording: &Recording) -> Result<Terrain> {
+pub(super) fn slope(recording: &Recording) -> Result<Terrain> {
     use sidehill_plant::frames::Attitude;
     let mut normal = [0.0; 3];
     for cycle in recording

@@ -1,27 +1,33 @@
 //! The report of a replay: the recorded and the replayed drive, in the form of `simulate`.
 
 use super::compare::{Comparison, cross_track_rms_m};
-use super::rebuild::Rebuilt;
+use super::rebuild::{Rebuilt, slope};
 use super::step::Step;
 use crate::record::{Quantiles, Row, Run, Summary};
 use crate::report::{self, Scene};
+use anyhow::Result;
 use sidehill_bridge::recording::{ControllerCycle, Recording};
 use sidehill_controller::controller::Status;
+use sidehill_controller::path::Path;
 use sidehill_plant::frames::{Attitude, PlanarPose, Pose};
 use sidehill_plant::speeds::{MeasuredTreadSpeeds, MotorSpeeds};
-use sidehill_plant::terrain::Terrain;
 
 /// Returns the page.
+///
+/// # Errors
+/// The recorded attitudes make no plane.
 pub(super) fn html(
     recording: &Recording,
     rebuilt: &Rebuilt,
     replayed: &[Step],
     comparison: &Comparison,
-) -> String {
+) -> Result<String> {
+    let steps: Vec<Step> = recording.cycles.iter().map(recorded_step).collect();
     let recorded: Vec<Row> = recording
         .cycles
         .iter()
-        .map(|cycle| row(rebuilt, cycle, &recorded_step(cycle)))
+        .zip(&steps)
+        .map(|(cycle, step)| row(rebuilt, cycle, step))
         .collect();
     let again: Vec<Row> = recording
         .cycles
@@ -33,11 +39,17 @@ pub(super) fn html(
         .paths
         .values()
         .find_map(|record| record.path.as_ref()?.trajectory.path());
-    let level = Terrain::Level;
+    let (terrain, ground) = match &rebuilt.terrain {
+        Some(terrain) => (terrain.clone(), ""),
+        None => (
+            slope(recording)?,
+            " The ground is the plane on which the vehicle stood on average.",
+        ),
+    };
     let scene = Scene {
         title: "Replay".to_owned(),
         subtitle: format!(
-            "{}: {} of {} cycles differ, by at most {:.6} m/s. Positions are the controller's estimates.",
+            "{}: {} of {} cycles differ, by at most {:.6} m/s. Positions are the controller's estimates.{ground}",
             recording
                 .files
                 .first()
@@ -52,7 +64,7 @@ pub(super) fn html(
                 .map(|position| [position.x_m, position.y_m])
                 .collect()
         }),
-        terrain: rebuilt.terrain.as_ref().unwrap_or(&level),
+        terrain: &terrain,
         limits: &rebuilt.config.limits,
         base_half_width_m: rebuilt.vehicle.base_half_width_m,
         base_half_length_m: rebuilt.vehicle.base_half_length_m,
@@ -61,10 +73,45 @@ pub(super) fn html(
     };
     let name = rebuilt.kind.name();
     let runs = [
-        run("recorded", recorded),
-        run(&format!("{name}, replayed"), again),
+        run("recorded", recorded, End::of(&steps, path)),
+        run(&format!("{name}, replayed"), again, End::of(replayed, path)),
     ];
-    report::html(&scene, &runs)
+    Ok(report::html(&scene, &runs))
+}
+
+/// How a drive ended, by its own steps.
+struct End {
+    completed: bool,
+    /// Why it was not completed.
+    reason: Option<String>,
+    fallbacks: u32,
+}
+
+impl End {
+    fn of(steps: &[Step], path: Option<&Path>) -> Self {
+        let finished = Status::Finished.to_string();
+        let completed = steps.iter().any(|step| step.status == finished);
+        let reason = || {
+            let status = steps.last().map_or("no cycle", |step| step.status.as_str());
+            let passed = steps.iter().rev().map(|step| step.arc_length_m);
+            let passed_m = passed.into_iter().find(|way_m| way_m.is_finite());
+            match (passed_m, path) {
+                (Some(passed_m), Some(path)) => format!(
+                    "{:.2} m before the end of the path ({status})",
+                    (path.length_m() - passed_m).max(0.0)
+                ),
+                _ => status.to_owned(),
+            }
+        };
+        let fallbacks = steps
+            .iter()
+            .filter(|step| step.status.starts_with("fallback"));
+        Self {
+            completed,
+            reason: (!completed).then(reason),
+            fallbacks: fallbacks.count() as u32,
+        }
+    }
 }
 
 fn recorded_step(cycle: &ControllerCycle) -> Step {
@@ -87,6 +134,7 @@ fn recorded_step(cycle: &ControllerCycle) -> Step {
             },
         )),
         cross_track_m: cycle.cross_track_m,
+        arc_length_m: cycle.arc_length_m,
         solve_us: cycle.solve_us,
     }
 }
@@ -141,7 +189,7 @@ fn row(rebuilt: &Rebuilt, cycle: &ControllerCycle, step: &Step) -> Row {
     }
 }
 
-fn run(name: &str, rows: Vec<Row>) -> Run {
+fn run(name: &str, rows: Vec<Row>, end: End) -> Run {
     let errors_m = || rows.iter().map(|row| row.cross_track_m);
     let finite_m = || {
         errors_m()
@@ -161,8 +209,8 @@ fn run(name: &str, rows: Vec<Row>) -> Run {
         plant: "recorded".to_owned(),
         scenario: String::new(),
         seed: 0,
-        completed: true,
-        ended_by: None,
+        completed: end.completed,
+        ended_by: end.reason,
         origin_cross_track_rms_m: None,
         guard: None,
         cross_track_rms_m: cross_track_rms_m(errors_m()),
@@ -184,7 +232,7 @@ fn run(name: &str, rows: Vec<Row>) -> Run {
             .map(f64::abs)
             .fold(0.0, f64::max),
         constraint_violations: 0,
-        fallbacks: 0,
+        fallbacks: end.fallbacks,
         deadline_misses: 0,
         qp_iterations_mean: f64::NAN,
         qp_working_set: 0,

@@ -10,6 +10,8 @@ pub(super) struct Step {
     pub(super) status: String,
     pub(super) estimate: Option<(PlanarPose, Attitude)>,
     pub(super) cross_track_m: f64,
+    /// Way along the path, m.
+    pub(super) arc_length_m: f64,
     pub(super) solve_us: f64,
 }
 
@@ -25,6 +27,9 @@ impl Step {
             cross_track_m: decision
                 .progress
                 .map_or(f64::NAN, |progress| progress.cross_track_m),
+            arc_length_m: decision
+                .progress
+                .map_or(f64::NAN, |progress| progress.arc_length_m),
             solve_us: decision
                 .solve
                 .map_or(f64::NAN, |solve| 1e6 * solve.solve_time_s),

@@ -4,6 +4,7 @@
 
 mod chart;
 mod contours;
+pub mod drawing;
 mod frame;
 mod ground;
 mod histogram;

@@ -110,6 +110,18 @@ fn search_on(
     if !before.iter().any(|run| run.completed) {
         bail!("no run is completed under the present settings; there is nothing to compare with");
     }
+    if let [first, others @ ..] = before.as_slice()
+        && !others.is_empty()
+        && others.iter().all(|run| run == first)
+    {
+        bail!(
+            "{}: its {} training runs are equal: no seed or draw changes anything, so they are one run and prove \
+             nothing; give the scenario noise (`sensors`, `model_error` or --conditions of a campaign), or name a campaign \
+             with `draws`",
+            subject.name,
+            before.len()
+        );
+    }
     // The held-out runs are driven twice, with present and with found settings.
     let count = |runs: &Range<u32>| f64::from(runs.end - runs.start);
     let share = 2.0 * count(&subject.held_out) / count(&subject.training);
@@ -161,8 +173,9 @@ fn search_name(subject: &Subject<'_>, options: &Options) -> String {
         .map(|setting| setting.before.to_string())
         .collect();
     format!(
-        "{} controller {} factor {} calmness {} training {} before {}",
+        "{} build {} controller {} factor {} calmness {} training {} before {}",
         subject.fingerprint,
+        crate::config::BUILD,
         subject.controller.name(),
         options.factor,
         options.calmness,

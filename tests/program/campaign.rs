@@ -320,3 +320,28 @@ fn what_is_wrong_with_a_campaign_is_named() {
     assert_says(&message, &["campaign.yaml", "start.right_m", "in order"]);
     assert!(!short.path("none.csv").exists());
 }
+
+#[test]
+fn rows_of_another_build_are_not_taken_for_those_of_this_one() {
+    let short = Short::new(DRAWS);
+    succeed(&mut short.command("own.csv", &["--runs", "2"]));
+    let rows = short.records("own.csv");
+    let (campaign, build) = rows[0]["campaign"].split_once('-').unwrap();
+    assert_eq!((campaign.len(), build.len()), (16, 16));
+    let other = "0123456789abcdef";
+    short.write("other.csv", &short.text("own.csv").replace(build, other));
+    let before = short.text("other.csv");
+    let says = fail(&mut short.command("other.csv", &["--runs", "3"]));
+    assert_says(
+        &says,
+        &[
+            "other.csv",
+            &format!("made by build {other}"),
+            build,
+            "another --out",
+        ],
+    );
+    assert_eq!(short.text("other.csv"), before);
+    let says = fail(&mut short.merge(&["own.csv", "other.csv"], "merged.csv"));
+    assert_says(&says, &["other.csv", "build"]);
+}

@@ -184,3 +184,15 @@ fn a_route_over_steep_ground_is_refused_with_place_and_figure() {
     off.arg("--route").arg(route("other.csv", 0.1));
     assert_says(&fail(&mut off), &["slalom.yaml", "guard is off"]);
 }
+
+#[test]
+fn a_can_database_in_windows_1252_is_read_as_its_editor_wrote_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let layout = std::fs::read_to_string(repository("config/bridge/can.yaml")).unwrap();
+    std::fs::write(folder.path().join("can.yaml"), layout).unwrap();
+    let mut database = std::fs::read(repository("config/bridge/j8.dbc")).unwrap();
+    // A degree sign and a curved quote.
+    database.extend(b"\nCM_ \"Roll in \xb0, the vehicle\x92s own\";\n");
+    std::fs::write(folder.path().join("j8.dbc"), database).unwrap();
+    succeed(sidehill().arg("check").arg(folder.path().join("can.yaml")));
+}

@@ -66,8 +66,8 @@ fn the_wheels_come_back_within_their_intervals_and_what_is_not_told_apart_is_nam
     assert_says(
         &written(),
         &[
-            "still a guess: patch_radius_m",
-            "still a guess: inner_stiffness",
+            "drawn to the guess it started from: patch_radius_m",
+            "drawn to the guess it started from: inner_stiffness",
         ],
     );
     let all = identify(&[&figure_eight, &slalom, &steeper], folder.path(), "json");
@@ -258,4 +258,54 @@ fn drives_are_found_from_a_log_and_from_a_recording_and_conditions_are_written()
         .arg(at("none.yaml"));
     assert_says(&crate::fail(&mut wrong), &["columns.yaml", "no column"]);
     assert!(!at("none.yaml").exists());
+}
+
+/// Returns a log of 60 s in arcs of both senses on ground of this slope, which the vehicle drives as ideal
+/// differential drive.
+fn arcs(folder: &Path, name: &str, slope_rad: f64) -> PathBuf {
+    let mut text =
+        "time_s,v_left_m_s,v_right_m_s,roll_rad,pitch_rad,x_m,y_m,z_m,yaw_rad\n".to_owned();
+    let (mut x_m, mut y_m, mut yaw_rad) = (0.0, 0.0, 0.0_f64);
+    for step in 0..1200 {
+        let steer_m_s = if step % 200 < 100 { 0.2 } else { -0.1 };
+        text += &format!(
+            "{},{},{},0,{slope_rad},{x_m},{y_m},0,{yaw_rad}\n",
+            0.05 * f64::from(step),
+            0.5 - steer_m_s,
+            0.5 + steer_m_s
+        );
+        x_m -= 0.05 * 0.5 * yaw_rad.sin();
+        y_m += 0.05 * 0.5 * yaw_rad.cos();
+        yaw_rad += 0.05 * steer_m_s / 0.8;
+    }
+    let path = folder.join(name);
+    std::fs::write(&path, text).unwrap();
+    path
+}
+
+#[test]
+fn logs_of_level_and_sloping_ground_that_are_exchanged_are_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let level = arcs(folder.path(), "level.csv", 0.0);
+    let slope = arcs(folder.path(), "slope.csv", 0.14);
+    let mut command = sidehill();
+    command
+        .arg("identify")
+        .arg("--level")
+        .arg(&slope)
+        .arg("--slope")
+        .arg(&level);
+    command
+        .arg("--vehicle")
+        .arg(repository("config/vehicles/j8.yaml"));
+    command.arg("--out").arg(folder.path().join("found.yaml"));
+    let says = crate::fail(&mut command);
+    assert_says(
+        &says,
+        &[
+            "slope.csv is from ground of 8.0 deg",
+            "level.csv",
+            "exchanged?",
+        ],
+    );
 }

@@ -24,7 +24,6 @@ mod odometry;
 mod paths;
 mod readme;
 mod replay;
-mod replay_open_loop;
 mod ros2_client;
 mod run;
 mod schema;

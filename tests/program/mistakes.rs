@@ -106,7 +106,7 @@ fn mistakes_in_logs_name_the_likely_unit() {
         (
             "backwards.csv",
             log().replacen("\n0.50,", "\n0.10,", 1),
-            &["row 11", "time 0.1 s does not rise from 0.45 s"],
+            &["row 11", "time 0.1 s goes back from 0.45 s"],
         ),
         (
             "header.csv",
@@ -247,4 +247,33 @@ fn a_path_in_degrees_is_warned_of() {
     );
     let output = sidehill().arg("check").arg(file).output().unwrap();
     assert_says(&stderr(&output), &["path.csv", "warning", "degrees", "GPX"]);
+}
+
+#[test]
+fn output_that_cannot_be_written_is_an_error() {
+    let full = || {
+        std::fs::OpenOptions::new()
+            .write(true)
+            .open("/dev/full")
+            .unwrap()
+    };
+    let csv = repository("plant/tests/data/trento_ramps/vehicle.yaml");
+    for format in ["table", "json"] {
+        let course = Course::new("");
+        let mut command = course.simulate();
+        let output = command
+            .args(["--controller", "pure-pursuit", "--format", format])
+            .stdout(full())
+            .output()
+            .unwrap();
+        assert_eq!(output.status.code(), Some(2));
+        assert_says(&stderr(&output), &["standard output", "No space left"]);
+    }
+    let output = sidehill()
+        .arg("check")
+        .arg(csv)
+        .stdout(full())
+        .output()
+        .unwrap();
+    assert_eq!(output.status.code(), Some(2));
 }

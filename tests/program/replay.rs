@@ -2,7 +2,9 @@
 
 use crate::{Course, assert_says, fail, repository, sidehill, stdout, succeed};
 use serde_json::Value;
-use sidehill_bridge::recording::{ControllerCycle, Recording};
+use sidehill_bridge::recording::{
+    ControllerCycle, McapRecording, MessageSink, RecordLimits, Recording, scan,
+};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
@@ -254,4 +256,39 @@ fn drives_recorded_on_another_machine_are_commanded_again() {
             "{figures}"
         );
     }
+}
+
+#[test]
+fn a_report_says_where_and_on_what_ground_each_drive_ended() {
+    let course = Course::new("");
+    let whole = record(&course, "icrik-mpc", "whole.mcap");
+    let report = |file: &Path| {
+        let page = course.path("report.html");
+        succeed(replay(file, &["--force", "--report"]).arg(&page));
+        std::fs::read_to_string(page).unwrap()
+    };
+    let page = report(&whole);
+    assert_says(
+        &page,
+        &["Both runs reached the end of the path", "slope 8.0"],
+    );
+    // The same drive, of which the recording ends half way.
+    let cut = course.path("cut.mcap");
+    let header = Recording::read(&whole).unwrap().header;
+    let mut half = McapRecording::create(&cut, header, RecordLimits::default(), false).unwrap();
+    scan(&whole, &mut |topic, time_ns, message| {
+        if time_ns < 2_500_000_000 {
+            half.put(topic, time_ns, message);
+        }
+        Ok(())
+    })
+    .unwrap();
+    half.finish();
+    let cycles = Recording::read(&cut).unwrap().cycles;
+    let passed_m = cycles.last().unwrap().arc_length_m;
+    assert!((0.3..1.7).contains(&passed_m), "{passed_m}");
+    let page = report(&cut);
+    assert!(!page.contains("Both runs reached"), "{page}");
+    let left = format!("no: {:.2} m before the end of the path", 2.0 - passed_m);
+    assert_says(&page, &["0 of 2 runs reached the end of the path", &left]);
 }

@@ -255,3 +255,15 @@ fn what_is_wrong_is_named_before_anything_runs() {
     }
     assert!(!bad.path("tuned.yaml").exists());
 }
+
+#[test]
+fn equal_runs_prove_nothing() {
+    let bad = Bad::new();
+    let campaign = bad
+        .text("bad.yaml")
+        .replace("uniform: [-0.3, 0.3]", "one_of: [0.2]");
+    std::fs::write(bad.path("bad.yaml"), campaign).unwrap();
+    let says = fail(&mut bad.command("equal.yaml", &[]));
+    assert_says(&says, &["its 4 training runs are equal", "noise"]);
+    assert!(!bad.path("equal.yaml").exists());
+}

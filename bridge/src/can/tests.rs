@@ -345,3 +345,12 @@ fn what_the_database_holds_wrongly_is_named_with_its_file() {
         assert!(error.to_string().starts_with(says), "{error}");
     }
 }
+
+#[test]
+fn what_looks_like_a_message_in_a_comment_is_none() {
+    let comment =
+        "\nCM_ BO_ 256 \"Was once\nBO_ 99999 Old: 8 Vector\nas \\\"BO_ 70000\\\" says\";\n";
+    let plain = Database::parse("j8.dbc", DBC).unwrap().message_count();
+    let commented = Database::parse("j8.dbc", &format!("{DBC}{comment}")).unwrap();
+    assert_eq!(commented.message_count(), plain);
+}

@@ -9,8 +9,8 @@ use serde::{Deserialize, Serialize};
 use sidehill_plant::bounds::{Bounds, RangeError};
 use std::borrow::Cow;
 use std::collections::BTreeMap;
-use std::fs::OpenOptions;
-use std::io::Error;
+use std::fs::{File, OpenOptions, TryLockError};
+use std::io::{Error, ErrorKind};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -107,11 +107,20 @@ struct Part {
 }
 
 impl McapRecording {
-    /// Creates the first file; it replaces what is there.
+    /// Creates the first file. It replaces a file of that name only with `replace`; no other file is ever replaced:
+    /// parts take numbers that are free.
     ///
     /// # Errors
-    /// The disk's.
-    pub fn create(path: &Path, header: Header, limits: RecordLimits) -> Result<Self, Error> {
+    /// The disk's; a file that is there, or that another program is recording to.
+    pub fn create(
+        path: &Path,
+        header: Header,
+        limits: RecordLimits,
+        replace: bool,
+    ) -> Result<Self, Error> {
+        if replace {
+            make_way(path)?;
+        }
         let mut recording = Self {
             path: path.to_owned(),
             header,
@@ -155,6 +164,37 @@ impl McapRecording {
         }
     }
 
+    /// Returns the files whose names belong to a recording at `path`, of whatever recording they are, with their
+    /// numbers and in their order.
+    ///
+    /// # Errors
+    /// The folder cannot be read.
+    pub fn present(path: &Path) -> Result<Vec<(u32, PathBuf)>, Error> {
+        let folder = match path.parent() {
+            Some(parent) if !parent.as_os_str().is_empty() => parent,
+            _ => Path::new("."),
+        };
+        let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+        let ending = path.extension().unwrap_or_default().to_string_lossy();
+        let number = |name: &str| -> Option<u32> {
+            let stem_found = name.strip_suffix(&*ending)?.strip_suffix('.')?;
+            match stem_found.strip_prefix(&*stem)? {
+                "" => Some(0),
+                rest => rest.strip_prefix('_')?.parse().ok(),
+            }
+        };
+        let mut found = Vec::new();
+        for entry in std::fs::read_dir(folder)? {
+            let name = entry?.file_name().to_string_lossy().into_owned();
+            if let Some(number) = number(&name) {
+                let file = Self::part_name(path, number);
+                found.extend((file.file_name() == Some(name.as_ref())).then_some((number, file)));
+            }
+        }
+        found.sort();
+        Ok(found)
+    }
+
     /// Gives what has waited long enough to the disk. To be called about as often as messages come.
     pub fn flush_when_due(&mut self) {
         if self.waiting && self.flushed.elapsed() >= FLUSH_PERIOD {
@@ -179,12 +219,20 @@ impl McapRecording {
     }
 
     fn begin_part(&mut self) -> Result<(), Error> {
-        let name = Self::part_name(&self.path, self.part);
-        let file = OpenOptions::new()
-            .write(true)
-            .create(true)
-            .truncate(true)
-            .open(&name)?;
+        let (name, file) = loop {
+            let name = Self::part_name(&self.path, self.part);
+            // Neither follows a link nor opens a file that is there.
+            let created = OpenOptions::new().write(true).create_new(true).open(&name);
+            match created {
+                Ok(file) => break (name, file),
+                Err(error) if error.kind() == ErrorKind::AlreadyExists && self.part > 0 => {
+                    self.part += 1;
+                }
+                Err(error) => return Err(error),
+            }
+        };
+        // Only a program that replaces a file asks for the lock; some file systems have none.
+        let _ = file.try_lock();
         let program = format!("sidehill {}", env!("CARGO_PKG_VERSION"));
         let mut writer = WriteOptions::library(WriteOptions::new(), program)
             .profile("ros2")
@@ -328,6 +376,26 @@ impl McapRecording {
 impl MessageSink for McapRecording {
     fn put(&mut self, topic: Topic, time_ns: u64, message: &[u8]) {
         self.attempt(|this| this.append(topic, time_ns, message));
+    }
+}
+
+/// Removes a file so that a recording can take its name; the file that a link leads to stays.
+fn make_way(path: &Path) -> Result<(), Error> {
+    match std::fs::metadata(path) {
+        Ok(found) if found.is_file() => {
+            if let Err(TryLockError::WouldBlock) = File::open(path)?.try_lock() {
+                return Err(Error::new(
+                    ErrorKind::ResourceBusy,
+                    "another program is recording to it",
+                ));
+            }
+        }
+        Ok(_) => return Err(Error::new(ErrorKind::AlreadyExists, "is not a file")),
+        Err(_) => {}
+    }
+    match std::fs::remove_file(path) {
+        Err(error) if error.kind() != ErrorKind::NotFound => Err(error),
+        _ => Ok(()),
     }
 }
 

@@ -10,7 +10,12 @@ use sidehill_plant::frames::{Attitude, Pose};
 use sidehill_plant::sample::{Sample, Stamped};
 use sidehill_plant::speeds::MeasuredTreadSpeeds;
 use std::collections::{BTreeMap, BTreeSet};
+use std::fs::File;
+use std::io::{BufReader, Read};
 use std::path::{Path, PathBuf};
+
+/// Largest record, bytes: recordings of this program have far smaller ones.
+const RECORD_MAX: usize = 64 << 20;
 
 /// Why a recording cannot be used.
 #[derive(Debug, thiserror::Error)]
@@ -69,24 +74,21 @@ impl Recording {
         let part = named.part().unwrap_or(0);
         let first = McapRecording::first_name(path, part);
         let mut recording = Self::default();
-        // Back to the first file that is left.
-        let earlier = (0..part).rev().map_while(|part| {
-            let name = McapRecording::part_name(&first, part);
-            named.neighbour(&name, part)
-        });
-        let earlier: Vec<Self> = earlier.collect();
-        for file in earlier.into_iter().rev() {
+        // Numbers may be missing: older files were deleted, and names in use were passed over.
+        let present = McapRecording::present(&first).unwrap_or_default();
+        let (before, after): (Vec<_>, Vec<_>) = present
+            .into_iter()
+            .filter(|(number, _)| *number != part)
+            .partition(|(number, _)| *number < part);
+        let others = |files: Vec<(u32, PathBuf)>| {
+            let other = |(number, name): (u32, PathBuf)| named.neighbour(&name, number);
+            files.into_iter().filter_map(other).collect::<Vec<_>>()
+        };
+        let (before, after) = (others(before), others(after));
+        recording.header = named.header.clone();
+        for file in before.into_iter().chain([named]).chain(after) {
             recording.append(file);
         }
-        recording.append(named.clone());
-        for part in part + 1.. {
-            let name = McapRecording::part_name(&first, part);
-            let Some(file) = named.neighbour(&name, part) else {
-                break;
-            };
-            recording.append(file);
-        }
-        recording.header = named.header;
         Ok(recording)
     }
 
@@ -97,12 +99,23 @@ impl Recording {
 
     /// Returns another file of the same recording, where it is there.
     fn neighbour(&self, name: &Path, part: u32) -> Option<Self> {
-        let mut other = Self::default();
-        if !name.exists() || other.add(name).is_err() {
+        // Its first message ends this pass: another recording is not read any further.
+        let mut header = Header::default();
+        let _ = scan_with(name, &mut header, &mut |_, _, _| {
+            Err(RecordingError::NotOurs {
+                file: name.to_owned(),
+                reason: String::new(),
+            })
+        });
+        let same = |fact: &str, expected: Option<&str>| {
+            header.facts.get(fact).map(String::as_str) == expected
+        };
+        let id = self.header.facts.get("recording").map(String::as_str);
+        if !same("recording", id) || !same("part", Some(&part.to_string())) {
             return None;
         }
-        let id = |of: &Self| of.header.facts.get("recording").cloned();
-        (id(&other) == id(self) && other.part() == Some(part)).then_some(other)
+        let mut other = Self::default();
+        other.add(name).ok().map(|()| other)
     }
 
     fn append(&mut self, mut file: Self) {
@@ -170,10 +183,11 @@ fn scan_with(
     header: &mut Header,
     visit: &mut Visit<'_>,
 ) -> Result<Option<String>, RecordingError> {
-    let bytes = std::fs::read(path).map_err(|reason| RecordingError::Read {
+    let unreadable = |reason| RecordingError::Read {
         file: path.to_owned(),
         reason,
-    })?;
+    };
+    let mut source = BufReader::new(File::open(path).map_err(unreadable)?);
     // Topics of the channels, and whether their messages lack the yaw rate.
     let mut channels: BTreeMap<u16, (Topic, bool)> = BTreeMap::new();
     let mut schemas_without_yaw_rate = BTreeSet::new();
@@ -183,21 +197,26 @@ fn scan_with(
     let mut reader = LinearReader::new_with_options(
         LinearReaderOptions::default()
             .with_skip_end_magic(true)
-            .with_record_length_limit(bytes.len()),
+            .with_record_length_limit(RECORD_MAX),
     );
-    let mut rest = bytes.as_slice();
     while let Some(event) = reader.next_event() {
         let record = match event {
             Ok(LinearReadEvent::ReadRequest(wanted)) => {
-                let count = wanted.min(rest.len());
-                reader.insert(count).copy_from_slice(&rest[..count]);
+                let count = source.read(reader.insert(wanted)).map_err(unreadable)?;
                 reader.notify_read(count);
-                rest = &rest[count..];
                 continue;
             }
             Ok(LinearReadEvent::Record { data, opcode }) => mcap::parse_record(opcode, data),
             Err(error) => Err(error),
         };
+        // Recordings of this program begin with their metadata: nothing more is read of another's.
+        let begun = matches!(
+            record,
+            Ok(Record::Schema { .. } | Record::Channel(_) | Record::Message { .. })
+        );
+        if begun && !ours {
+            break;
+        }
         match record {
             Ok(Record::Metadata(metadata)) if metadata.name == METADATA => {
                 ours = true;
@@ -244,7 +263,9 @@ fn scan_with(
     if !ours {
         return Err(RecordingError::NotOurs {
             file: path.to_owned(),
-            reason: "not a recording of sidehill: it has no metadata `sidehill`".to_owned(),
+            reason: "not a recording of sidehill (`--record`): it has no metadata `sidehill`. Logs and bags of other programs are \
+                     read by `odometry`, `identify` and `route`"
+                .to_owned(),
         });
     }
     Ok(damaged)

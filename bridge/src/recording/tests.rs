@@ -12,7 +12,7 @@ fn header() -> Header {
 
 /// Records cycles until the files have about so many bytes.
 fn record(path: &Path, limits: RecordLimits, bytes: usize) -> RecordingStatus {
-    let mut recording = McapRecording::create(path, header(), limits).unwrap();
+    let mut recording = McapRecording::create(path, header(), limits, false).unwrap();
     for index in 0..bytes / 1000 {
         let cycle = ControllerCycle {
             index: index as u64,
@@ -67,6 +67,77 @@ fn a_recording_goes_on_in_new_files_and_is_read_as_one() {
     let read = Recording::read(&third).unwrap();
     assert_eq!(read.files.len(), 3);
     assert!(read.cycles[0].index > 900);
+}
+
+#[test]
+fn nothing_recorded_is_lost_by_recording_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("drive.mcap");
+    let part = |number| McapRecording::part_name(&path, number);
+    let limits = RecordLimits {
+        max_size: 1.0,
+        split: true,
+        keep: 2,
+    };
+    record(&path, limits, 3_500_000);
+    // What an incident left, a file of another name's pattern, and a link to a file elsewhere.
+    let elsewhere = folder.path().join("elsewhere.txt");
+    std::fs::write(&elsewhere, "not a recording").unwrap();
+    std::os::unix::fs::symlink(&elsewhere, part(5)).unwrap();
+    std::fs::write(folder.path().join("drive_02.mcap"), "").unwrap();
+    let present = McapRecording::present(&path).unwrap();
+    assert_eq!(present, [2, 3, 5].map(|number| (number, part(number))));
+    let kept: Vec<_> = [2, 3]
+        .map(|number| std::fs::read(part(number)).unwrap())
+        .into();
+    // The first file is gone, so its name is free.
+    let all = RecordLimits { keep: 0, ..limits };
+    let mut header = header();
+    header.facts.insert("recording".into(), "8".into());
+    let mut recording = McapRecording::create(&path, header, all, false).unwrap();
+    for index in 0..5_000 {
+        let cycle = ControllerCycle {
+            index,
+            status: "x".repeat(700),
+            ..ControllerCycle::default()
+        };
+        recording.put(Topic::ControllerCycle, index, &to_cdr(&cycle).unwrap());
+    }
+    recording.finish();
+    assert_eq!(
+        std::fs::read_to_string(&elsewhere).unwrap(),
+        "not a recording"
+    );
+    let still: Vec<_> = [2, 3]
+        .map(|number| std::fs::read(part(number)).unwrap())
+        .into();
+    assert!(still == kept, "a part of another recording was replaced");
+    let read = Recording::read(&part(4)).unwrap();
+    assert_eq!(read.cycles.len(), 5_000);
+    assert_eq!(read.files, [0, 1, 4, 6, 7, 8].map(part));
+    let earlier = Recording::read(&part(3)).unwrap();
+    assert_eq!(earlier.files, [part(2), part(3)]);
+}
+
+#[test]
+fn a_file_is_replaced_only_where_that_is_asked_for_and_nobody_records_to_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("drive.mcap");
+    let create = |replace| McapRecording::create(&path, header(), RecordLimits::default(), replace);
+    let first = create(false).unwrap();
+    assert!(create(false).is_err());
+    let error = create(true).err().unwrap().to_string();
+    assert!(error.contains("another program is recording"), "{error}");
+    first.finish();
+    create(true).unwrap().finish();
+    let target = folder.path().join("target.txt");
+    std::fs::rename(&path, &target).unwrap();
+    let before = std::fs::read(&target).unwrap();
+    std::os::unix::fs::symlink(&target, &path).unwrap();
+    assert!(create(false).is_err());
+    create(true).unwrap().finish();
+    assert_eq!(std::fs::read(&target).unwrap(), before);
+    assert!(!std::fs::symlink_metadata(&path).unwrap().is_symlink());
 }
 
 #[test]
@@ -148,7 +219,7 @@ fn what_the_disk_refuses_ends_the_recording_and_is_said() {
         max_size: 1.0,
         ..RecordLimits::default()
     };
-    let mut recording = McapRecording::create(&path, header(), limits).unwrap();
+    let mut recording = McapRecording::create(&path, header(), limits, false).unwrap();
     std::fs::remove_dir_all(&inner).unwrap();
     let message = to_cdr(&Text {
         data: "x".repeat(10_000),
@@ -159,14 +230,15 @@ fn what_the_disk_refuses_ends_the_recording_and_is_said() {
     }
     let ended = recording.status().ended.clone().unwrap();
     assert!(ended.contains("drive"), "{ended}");
-    assert!(McapRecording::create(&path, header(), limits).is_err());
+    assert!(McapRecording::create(&path, header(), limits, false).is_err());
 }
 
 #[test]
 fn a_file_that_was_not_closed_is_whole() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("drive.mcap");
-    let mut recording = McapRecording::create(&path, header(), RecordLimits::default()).unwrap();
+    let mut recording =
+        McapRecording::create(&path, header(), RecordLimits::default(), false).unwrap();
     let mut sizes = Vec::new();
     for index in 0..3000 {
         let cycle = ControllerCycle {

@@ -161,7 +161,7 @@ impl KnownContact {
                 })
                 .collect(),
             inner_stiffness: Some(vehicle.inner_stiffness),
-            mass_kg: Some(vehicle.mass_kg),
+            mass_kg: (vehicle.mass_kg != UNKNOWN_MASS_KG).then_some(vehicle.mass_kg),
             centre_of_mass_right_m: Some(centre.right_m),
             centre_of_mass_forward_m: Some(centre.forward_m),
             centre_of_mass_height_m: Some(centre.height_m),
@@ -177,6 +177,9 @@ impl KnownContact {
         }
     }
 }
+
+/// Mass of a vehicle whose mass is not known, kg.
+const UNKNOWN_MASS_KG: f64 = 1.0;
 
 impl ContactVehicle {
     /// Returns a vehicle of which only geometry is known: the rest is a guess to start learning from. The mass
@@ -197,7 +200,7 @@ impl ContactVehicle {
         let total: f64 = axles_forward_m.iter().map(|y| load(*y)).sum();
         let mut vehicle = Self {
             name: name.to_owned(),
-            mass_kg: 1.0,
+            mass_kg: UNKNOWN_MASS_KG,
             centre_of_mass: CentreOfMass {
                 right_m: 0.0,
                 forward_m: 0.0,

@@ -40,7 +40,7 @@ pub struct ContactParameterEstimate {
     pub value: f64,
     /// Ends of its 95 % interval.
     pub interval: (f64, f64),
-    /// Whether the logs determine it, and not only the guess that the search started from.
+    /// Whether the logs determine it more than the guess that the search started from does.
     pub determined: bool,
 }
 
@@ -57,12 +57,28 @@ pub struct ContactReport {
     pub guess: SegmentErrors,
     /// Errors on held-out segments.
     pub held_out: SegmentErrors,
+    /// Folds of held-out segments.
+    pub folds: usize,
+    /// Folds whose poses the fit predicts nearer than the guess does.
+    pub folds_nearer: usize,
     /// Whether the search settled.
     pub settled: bool,
 }
 
+impl ContactReport {
+    /// Returns whether the fit predicts held-out segments better than the guess that it started from, beyond chance: in
+    /// so many folds that a coin would show it in one of twenty trials.
+    pub fn is_nearer(&self) -> bool {
+        let position_m = |errors: &SegmentErrors| errors.lateral_m.hypot(errors.longitudinal_m);
+        self.settled
+            && position_m(&self.held_out) < position_m(&self.guess)
+            && 10 * self.folds_nearer >= 8 * self.folds
+    }
+}
+
 /// Returns the vehicle with its section `contact` fitted to the logs: level logs and slope logs together. The
-/// search starts at the vehicle's own contact vehicle, or at the guess for its base.
+/// search starts at the vehicle's own contact vehicle, or at the guess for its base. Where the fit does not predict
+/// better than that start ([`ContactReport::is_nearer`]), the vehicle keeps the start.
 ///
 /// # Errors
 /// Says so when there are too few segments, or names a key that is out of range.
@@ -99,7 +115,12 @@ pub fn identify_contact(
     let first = stage(&strong_m).fit(&segments, &start);
     let fit = stage(&search.pull_m).fit_from(&segments, &start, &first.parameters);
     let report = search.report(&segments, &fit);
-    let fitted = search.vehicle_with(&fit.parameters).validated();
+    let parameters = if report.is_nearer() {
+        &fit.parameters
+    } else {
+        &start
+    };
+    let fitted = search.vehicle_with(parameters).validated();
     Ok((fitted.map_err(range)?, report))
 }
 
@@ -229,19 +250,30 @@ impl<'a> Search<'a> {
             }
         }
         let guess = self.vehicle_with(&self.start);
+        let (held_out, folds_nearer) = self.held_out(segments, fit, &clusters);
         ContactReport {
             estimates: estimates.collect(),
             not_told_apart,
             segments: segments.len(),
             guess: SegmentErrors::of(segments, &guess, KinematicModel::Contact),
-            held_out: self.held_out(segments, fit, &clusters),
+            held_out,
+            folds: FOLDS,
+            folds_nearer,
             settled: fit.settled,
         }
     }
 
     /// Returns the errors on each fold with the parameters that follow, by one Gauss-Newton step, from the
-    /// other folds alone.
-    fn held_out(&self, segments: &[Segment], fit: &Fit, clusters: &[Cluster]) -> SegmentErrors {
+    /// other folds alone, and in how many folds they are below the guess's.
+    fn held_out(
+        &self,
+        segments: &[Segment],
+        fit: &Fit,
+        clusters: &[Cluster],
+    ) -> (SegmentErrors, usize) {
+        let guess = self.vehicle_with(&self.start);
+        let position_m = |errors: &SegmentErrors| errors.lateral_m.hypot(errors.longitudinal_m);
+        let mut nearer = 0;
         let size = self.start.len();
         let mut normal = DMatrix::from_fn(size, size, |i, j| {
             if i == j { self.pull_m[i].powi(2) } else { 0.0 }
@@ -256,12 +288,13 @@ impl<'a> Search<'a> {
             let left_out = held_out.iter().map(|index| &clusters[*index]);
             let parameters = parameters_without(&fit.parameters, &normal, left_out);
             let out: Vec<Segment> = held_out.iter().map(|index| segments[*index]).collect();
-            SegmentErrors::of(
-                &out,
-                &self.vehicle_with(&parameters),
-                KinematicModel::Contact,
-            )
+            let errors =
+                |vehicle: &Vehicle| SegmentErrors::of(&out, vehicle, KinematicModel::Contact);
+            let fitted = errors(&self.vehicle_with(&parameters));
+            nearer += usize::from(position_m(&fitted) < position_m(&errors(&guess)));
+            fitted
         });
-        SegmentErrors::pooled(folds)
+        let pooled = SegmentErrors::pooled(folds);
+        (pooled, nearer)
     }
 }

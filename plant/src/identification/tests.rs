@@ -1,5 +1,6 @@
 use super::*;
 use crate::contact::{ContactModel, ContactVehicle};
+use crate::extension::{Extension, ExtensionGains};
 use crate::log::DriveLog;
 use crate::motion::IcrMotion;
 use crate::terrain::Terrain;
@@ -258,4 +259,54 @@ fn straight_lines_on_a_slope_tell_the_creep_of_friction_from_the_slide() {
     let creep = extension.gains.creep_m_s_per_rad;
     assert!((0.015..0.04).contains(&creep), "{report:?}");
     assert!((1.0..1.6).contains(&extension.slide.shift_s_per_rad));
+}
+
+#[test]
+fn a_term_that_no_vehicle_file_may_have_is_named_and_left_out() {
+    let noise = LogNoise::usual();
+    let procedure = Procedure::of_the_paper();
+    let j8 = Vehicle::j8();
+    let truth = Vehicle {
+        extension: Some(Extension {
+            gains: ExtensionGains {
+                // At most 5 in a file.
+                creep_per_rad: 8.0,
+                ..ExtensionGains::default()
+            },
+            icrs: j8.icrs,
+            slide: j8.slide,
+            encoder_scale: j8.encoder_scale,
+        }),
+        ..j8.clone()
+    };
+    let log = |terrain: Terrain, legs: &[Leg], seed| {
+        let setup = Drive {
+            motion: Box::new(IcrMotion {
+                vehicle: truth.clone(),
+                inclined: true,
+            }),
+            encoder_scale: j8.encoder_scale,
+            terrain,
+            legs,
+        };
+        drive(setup, &noise, seed).unwrap()
+    };
+    let slope = || procedure.slope_terrain().unwrap();
+    let level = [log(Terrain::Level, &procedure.level, 1)];
+    let slope = [
+        log(slope(), &procedure.slope, 2),
+        log(slope(), &procedure.across, 3),
+    ];
+    let (extension, report) = identify_extension(&level, &slope, &j8, &settings(LENGTH_S)).unwrap();
+    let creep = report
+        .terms
+        .iter()
+        .find(|term| term.term == Term::CreepShare);
+    let Some(Verdict::OutOfRange { reason }) = creep.map(|creep| creep.verdict) else {
+        panic!("{report:?}");
+    };
+    assert_eq!(reason.key, "extension.creep_per_rad");
+    assert!((reason.value - 8.0).abs() < 0.5, "{reason}");
+    let fitted = Vehicle { extension, ..j8 };
+    fitted.validated().unwrap();
 }

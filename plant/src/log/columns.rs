@@ -26,6 +26,9 @@ pub struct ColumnMap {
     /// Factor from these columns to m/s: a wheel's radius, m, where they are rad/s.
     #[serde(default = "one")]
     pub tread_speed_scale: f64,
+    /// Which treads count backwards.
+    #[serde(default)]
+    pub reversed: Reversed,
     /// Columns of roll and pitch.
     pub attitude: AttitudeColumns,
     /// Columns of the pose; without, the log has none.
@@ -67,6 +70,33 @@ pub enum CommandColumns {
         /// Track width by which the base turns it into tread speeds, m.
         track_width_m: f64,
     },
+}
+
+/// Treads whose encoder counts backwards: their speeds are multiplied by -1.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Reversed {
+    /// None.
+    #[default]
+    None,
+    /// The left ones.
+    Left,
+    /// The right ones.
+    Right,
+    /// All.
+    Both,
+}
+
+impl Reversed {
+    /// Returns the factors for the left and right speeds.
+    pub fn signs(self) -> [f64; 2] {
+        match self {
+            Self::None => [1.0, 1.0],
+            Self::Left => [-1.0, 1.0],
+            Self::Right => [1.0, -1.0],
+            Self::Both => [-1.0, -1.0],
+        }
+    }
 }
 
 /// Columns of roll and pitch.
@@ -118,6 +148,9 @@ pub struct PoseColumns {
     /// A pose of a standing vehicle that is the same to the last digit counts as repeated, too.
     #[serde(default)]
     pub repeats: bool,
+    /// Added to the heading, deg: by how much its antennas are turned clockwise.
+    #[serde(default)]
+    pub heading_offset_deg: f64,
 }
 
 /// Columns of the heading.
@@ -158,6 +191,7 @@ impl Default for ColumnMap {
             tread_speed_left: "v_left_m_s".into(),
             tread_speed_right: "v_right_m_s".into(),
             tread_speed_scale: one(),
+            reversed: Reversed::None,
             attitude: AttitudeColumns::Paper {
                 roll: "roll_rad".into(),
                 pitch: "pitch_rad".into(),
@@ -170,6 +204,7 @@ impl Default for ColumnMap {
                     yaw: "yaw_rad".into(),
                 },
                 repeats: false,
+                heading_offset_deg: 0.0,
             }),
             commands: None,
         }

@@ -2,7 +2,7 @@
 
 use super::columns::{ColumnMap, CommandColumns};
 use super::read::{Fields, check_header, csv_error, position, without_byte_order_mark};
-use super::{LogError, check_command};
+use super::{LogError, Note, check_command};
 use crate::identification::{DriveRecord, TimedSpeeds};
 use crate::speeds::{
     EncoderScale, MeasuredMotorSpeeds, MeasuredTreadSpeeds, MotorSpeeds, TreadSpeeds,
@@ -13,13 +13,15 @@ use std::io::Read;
 /// Returns commands and measured speeds of a log in CSV with the columns of `map`, both as drives count them, or both
 /// effective by `scale` where the map has commands of the motors. Empty fields are no command or no measurement.
 ///
+/// Speeds that repeat a time are left out, which the note says.
+///
 /// # Errors
 /// Names the row and column at fault.
 pub fn read_commands(
     source: impl Read,
     map: &ColumnMap,
     scale: &EncoderScale,
-) -> Result<DriveRecord, LogError> {
+) -> Result<(DriveRecord, Option<Note>), LogError> {
     let mut reader = ReaderBuilder::new().trim(Trim::All).from_reader(source);
     let header = without_byte_order_mark(reader.headers().map_err(csv_error)?);
     check_header(&header)?;
@@ -34,7 +36,12 @@ pub fn read_commands(
             forward, yaw_rate, ..
         } => [find(forward)?, find(yaw_rate)?],
     };
+    let [left_scale, right_scale] = map
+        .reversed
+        .signs()
+        .map(|sign| sign * map.tread_speed_scale);
     let mut record = DriveRecord::default();
+    let mut repeated = 0;
     let mut before_s = f64::NEG_INFINITY;
     for (index, row) in reader.records().enumerate() {
         let row = row.map_err(csv_error)?;
@@ -45,7 +52,10 @@ pub fn read_commands(
             row_number,
         };
         let time_s = fields.number(time)?;
-        if time_s <= before_s {
+        if !time_s.is_finite() {
+            return Err(fields.not_a_number(time));
+        }
+        if time_s < before_s {
             return Err(LogError::TimeNotRising {
                 row_number,
                 time_s,
@@ -54,7 +64,7 @@ pub fn read_commands(
         }
         before_s = time_s;
         let pair = |columns: [usize; 2]| -> Result<Option<[f64; 2]>, LogError> {
-            if columns.iter().any(|column| fields.is_empty(*column)) {
+            if columns.iter().any(|column| fields.all_empty(&[*column])) {
                 return Ok(None);
             }
             Ok(Some([
@@ -68,21 +78,38 @@ pub fn read_commands(
             Ok(TimedSpeeds { time_s, speeds })
         };
         if let Some(pair) = pair(columns)? {
-            record.commands.push(checked(commands.motors(pair))?);
+            let command = checked(commands.motors(pair))?;
+            if !repeats(&record.commands, time_s) {
+                record.commands.push(command);
+            }
         }
         if let Some([left, right]) = pair(speeds)? {
             let treads = MeasuredTreadSpeeds {
-                left_m_s: map.tread_speed_scale * left,
-                right_m_s: map.tread_speed_scale * right,
+                left_m_s: left_scale * left,
+                right_m_s: right_scale * right,
             };
             let motors = match commands {
                 CommandColumns::Motors { .. } => scale.apply(treads).into(),
                 _ => as_counted(treads),
             };
-            record.measured.push(checked(motors)?);
+            let measured = checked(motors)?;
+            if repeats(&record.measured, time_s) {
+                repeated += 1;
+            } else {
+                record.measured.push(measured);
+            }
         }
     }
-    Ok(record)
+    let (count, rows) = (repeated, repeated + record.measured.len());
+    if count > 0 && 2 * count >= rows {
+        return Err(LogError::CoarseTime { count, rows });
+    }
+    let note = (count > 0).then_some(Note::RepeatedTimes { count, rows });
+    Ok((record, note))
+}
+
+fn repeats(before: &[TimedSpeeds], time_s: f64) -> bool {
+    before.last().is_some_and(|last| last.time_s == time_s)
 }
 
 /// Returns the speeds of the motors as encoders count them.
@@ -145,11 +172,15 @@ mod tests {
     };
 
     fn read(text: &str, map: &str) -> Result<DriveRecord, LogError> {
+        read_with_note(text, map).map(|(record, _)| record)
+    }
+
+    fn read_with_note(text: &str, map: &str) -> Result<(DriveRecord, Option<Note>), LogError> {
         let map = if map.is_empty() {
             ColumnMap::default()
         } else {
             serde_yaml::from_str(&format!(
-                "{{time: t, tread_speed_left: l, tread_speed_right: r, tread_speed_scale: 0.5, attitude: {{kind: level}}, commands: {map}}}"
+                "time: t\ntread_speed_left: l\ntread_speed_right: r\ntread_speed_scale: 0.5\nattitude: {{kind: level}}\ncommands: {map}"
             ))
             .unwrap()
         };
@@ -194,10 +225,26 @@ mod tests {
         let header = "time_s,v_left_m_s,v_right_m_s,command_left_m_s,command_right_m_s\n";
         let far = message(&format!("{header}0,0,0,0,0\n1,0,0,400,0\n"));
         assert!(far.contains("row 2") && far.contains("m/s"), "{far}");
-        let back = message(&format!("{header}1,0,0,0,0\n1,0,0,0,0\n"));
+        let back = message(&format!("{header}1,0,0,0,0\n0.5,0,0,0,0\n"));
         assert!(
-            back.contains("row 2") && back.contains("does not rise"),
+            back.contains("row 2") && back.contains("goes back"),
             "{back}"
         );
+        let coarse = message(&format!("{header}1,0,0,0,0\n1,0,0,0,0\n"));
+        assert!(coarse.contains("more decimals"), "{coarse}");
+    }
+
+    #[test]
+    fn rows_of_one_sensor_each_and_a_side_that_counts_backwards_are_read() {
+        let (record, note) = read_with_note(
+            "t,l,r,a,b\n0,0.6,-1.0,,\n0,nan,nan,2,4\n0.1,0.6,-1.0,,\n0.1,9,9,,\n0.2,0.6,-1.0,,\n",
+            "{kind: treads, left: a, right: b, scale: 0.1}\nreversed: right",
+        )
+        .unwrap();
+        assert_eq!((record.commands.len(), record.measured.len()), (1, 3));
+        let speeds = record.measured[1].speeds;
+        assert!((speeds.traction_m_s - 0.4).abs() < 1e-12, "{speeds:?}");
+        assert!((speeds.steer_m_s - 0.1).abs() < 1e-12, "{speeds:?}");
+        assert_eq!(note, Some(Note::RepeatedTimes { count: 1, rows: 4 }));
     }
 }

@@ -4,10 +4,13 @@ mod columns;
 mod commands;
 mod plausibility;
 mod read;
+pub mod sources;
 #[cfg(test)]
 mod tests;
 
-pub use columns::{AttitudeColumns, ColumnMap, CommandColumns, HeadingColumns, PoseColumns};
+pub use columns::{
+    AttitudeColumns, ColumnMap, CommandColumns, HeadingColumns, PoseColumns, Reversed,
+};
 pub use commands::{as_counted, read_commands};
 pub use plausibility::Suspicion;
 
@@ -35,6 +38,37 @@ pub struct LogRow {
 #[derive(Debug, Clone, PartialEq)]
 pub struct DriveLog {
     rows: Vec<LogRow>,
+    notes: Vec<Note>,
+}
+
+/// What reading a log changed or left out.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum Note {
+    /// Each row has the values of some sensors only.
+    #[error(
+        "its rows have the values of one sensor each: the others are interpolated to them; {left_out} of {rows} rows are \
+         left out, where another sensor is silent for more than {GAP_MAX_S} s"
+    )]
+    Resampled {
+        /// Rows with tread speeds or a pose.
+        rows: usize,
+        /// Those left out.
+        left_out: usize,
+    },
+    /// Rows repeat the time of the row before.
+    #[error("{count} of {rows} rows repeat the time of the row before and are left out")]
+    RepeatedTimes {
+        /// How many.
+        count: usize,
+        /// All rows.
+        rows: usize,
+    },
+    /// Poses are not numbers.
+    #[error("{count} poses that are not finite are left out")]
+    PosesLeftOut {
+        /// How many.
+        count: usize,
+    },
 }
 
 impl DriveLog {
@@ -58,12 +92,20 @@ impl DriveLog {
                 });
             }
         }
-        Ok(Self { rows })
+        Ok(Self {
+            rows,
+            notes: Vec::new(),
+        })
     }
 
     /// Returns the rows.
     pub fn rows(&self) -> &[LogRow] {
         &self.rows
+    }
+
+    /// Returns what reading it changed or left out.
+    pub fn notes(&self) -> &[Note] {
+        &self.notes
     }
 
     /// Returns the rows between gaps: pieces in which no two rows are further apart than `gap_max_s`.
@@ -114,6 +156,7 @@ impl DriveLog {
         });
         Self {
             rows: rows.collect(),
+            notes: self.notes.clone(),
         }
     }
 }
@@ -161,9 +204,7 @@ pub enum LogError {
         reason: RangeError,
     },
     /// Time stands still or goes back.
-    #[error(
-        "row {row_number}: time {time_s} s does not rise from {before_s} s; sort the rows by time"
-    )]
+    #[error("row {row_number}: time {time_s} s goes back from {before_s} s; sort the rows by time")]
     TimeNotRising {
         /// Data row, counted from 1.
         row_number: usize,
@@ -171,6 +212,16 @@ pub enum LogError {
         time_s: f64,
         /// Time of the row before, s.
         before_s: f64,
+    },
+    /// Most rows have the time of the row before.
+    #[error(
+        "{count} of {rows} rows have the time of the row before: write the time with more decimals"
+    )]
+    CoarseTime {
+        /// How many.
+        count: usize,
+        /// All rows.
+        rows: usize,
     },
     /// A column is not there.
     #[error(

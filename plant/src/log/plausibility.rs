@@ -25,6 +25,27 @@ pub enum Suspicion {
         /// Correlation of yaw rate by the poses and speed difference of the treads, from -1 to 1.
         correlation: f64,
     },
+    /// The treads of one side roll backwards where the vehicle goes forwards.
+    #[error(
+        "the {side} treads count backwards: with their sign reversed the treads go where the poses go; \
+         write `reversed: {side}` in the column map (--columns) or in `tread_speeds` of the topic map (--topics)"
+    )]
+    SideReversed {
+        /// `left` or `right`.
+        side: &'static str,
+    },
+    /// Heading and direction of travel differ by a constant angle.
+    #[error(
+        "straight ahead the poses move {angle_deg:.1} deg to the left of the heading ({share:.0} % of the rows to the \
+         same side): are the antennas that measure the heading turned? `heading_offset_deg: {angle_deg:.1}` in the map \
+         of the columns (--columns, in `pose`) or topics (--topics) corrects it"
+    )]
+    HeadingOffset {
+        /// Median angle from heading to direction of travel, counter-clockwise, degrees.
+        angle_deg: f64,
+        /// Share of the rows whose angle has the sign of the median, percent.
+        share: f64,
+    },
     /// Treads and poses disagree on the distance driven straight ahead.
     #[error(
         "straight ahead the treads travel {ratio:.2} times as far as the poses: {}",
@@ -86,6 +107,8 @@ fn distance_cause(ratio: f64) -> &'static str {
 const ROWS_MIN: usize = 20;
 /// Steepest plausible attitude, rad: 40 deg.
 const ATTITUDE_MAX_RAD: f64 = 0.7;
+/// Largest angle between heading and travel that slip explains, deg.
+const HEADING_OFFSET_DEG: f64 = 6.0;
 /// Treads slower than this count as standing, m/s.
 const MOVING_M_S: f64 = 0.05;
 
@@ -128,10 +151,45 @@ impl DriveLog {
             found.push(Suspicion::AttitudeUnit { angle_rad });
         }
         let stretches = stretches(self.rows());
+        if let Some(reversed) = reversed_side(&stretches) {
+            // Any other verdict would follow from it.
+            found.push(reversed);
+            return found;
+        }
         found.extend(sides(&stretches));
         found.extend(distance(&stretches));
         found
     }
+}
+
+/// Returns whether the vehicle goes where its treads would with the sign of one side reversed.
+fn reversed_side(stretches: &[Stretch]) -> Option<Suspicion> {
+    let moving: Vec<&Stretch> = stretches
+        .iter()
+        .filter(|s| s.forward_m.hypot(s.left_m) > MOVING_M_S * s.duration_s)
+        .collect();
+    if moving.len() < ROWS_MIN {
+        return None;
+    }
+    // Share of the travel that is explained, by the least squares of one factor.
+    let explained = |signs: [f64; 2]| {
+        let (mut product, mut treads, mut poses) = (0.0, 0.0, 0.0);
+        for s in &moving {
+            let [left, right] = [-0.5, 0.5].map(|half| s.traction_m_s + half * s.difference_m_s);
+            let speed = 0.5 * (signs[0] * left + signs[1] * right) * s.duration_s;
+            product += speed * s.forward_m;
+            treads += speed * speed;
+            poses += s.forward_m.powi(2) + s.left_m.powi(2);
+        }
+        product / (treads * poses).sqrt().max(f64::MIN_POSITIVE)
+    };
+    let as_read = explained([1.0, 1.0]);
+    let sides = [("left", [-1.0, 1.0]), ("right", [1.0, -1.0])];
+    let (side, share) = sides
+        .map(|(side, signs)| (side, explained(signs)))
+        .into_iter()
+        .max_by(|a, b| a.1.total_cmp(&b.1))?;
+    (share > 0.9 && as_read < 0.8).then_some(Suspicion::SideReversed { side })
 }
 
 /// Returns whether the vehicle turns with its treads.
@@ -174,6 +232,20 @@ fn distance(stretches: &[Stretch]) -> Option<Suspicion> {
     }
     if angle_deg.abs() > 30.0 {
         return Some(Suspicion::HeadingTurned { angle_deg });
+    }
+    let angles: Vec<f64> = straight
+        .iter()
+        .map(|s| (s.left_m / s.forward_m).atan().to_degrees())
+        .filter(|angle_deg| angle_deg.is_finite())
+        .collect();
+    let same = angles
+        .iter()
+        .filter(|angle| **angle * angle_deg > 0.0)
+        .count();
+    let share = 100.0 * same as f64 / angles.len().max(1) as f64;
+    // A slope pushes to either side, as the vehicle drives to and fro, and by less.
+    if angle_deg.abs() > HEADING_OFFSET_DEG && share > 90.0 {
+        return Some(Suspicion::HeadingOffset { angle_deg, share });
     }
     let treads_m: f64 = straight
         .iter()
@@ -293,5 +365,17 @@ mod tests {
             }
         };
         says(log(rep_103), "rep103");
+        says(log(|row| row.speeds.left_m_s *= -1.0), "`reversed: left`");
+        says(log(|row| row.speeds.right_m_s *= -1.0), "`reversed: right`");
+        let antennas = |offset_deg: f64| {
+            move |row: &mut LogRow| {
+                if let Some(pose) = &mut row.pose {
+                    pose.yaw_rad -= offset_deg.to_radians();
+                }
+            }
+        };
+        says(log(antennas(10.0)), "`heading_offset_deg: 10.0`");
+        says(log(antennas(-10.0)), "`heading_offset_deg: -10.0`");
+        assert_eq!(log(antennas(3.0)), []);
     }
 }

@@ -1,7 +1,8 @@
 //! Logs from CSV.
 
 use super::columns::{AttitudeColumns, ColumnMap, HeadingColumns, PoseColumns};
-use super::{DriveLog, LogError, LogRow};
+use super::sources::{Sources, Timed};
+use super::{DriveLog, LogError, LogRow, Note};
 use crate::frames::{Attitude, Pose, RosAttitude, paper_attitude};
 use crate::speeds::MeasuredTreadSpeeds;
 use csv::{ReaderBuilder, StringRecord, Trim};
@@ -12,7 +13,8 @@ impl DriveLog {
     /// Returns the log in CSV with the columns of `map`.
     ///
     /// Columns of the pose may be absent together, where `map` is the contract's, and empty together
-    /// in rows without a pose.
+    /// in rows without a pose. Where rows have the values of one sensor each, the others are interpolated to them. Poses
+    /// that are not finite and rows that repeat a time are left out, as [`DriveLog::notes`] says.
     ///
     /// # Errors
     /// Names the row and column at fault.
@@ -21,8 +23,9 @@ impl DriveLog {
         let header = without_byte_order_mark(reader.headers().map_err(csv_error)?);
         check_header(&header)?;
         let columns = Columns::find(&header, map)?;
-        let mut rows: Vec<LogRow> = Vec::new();
+        let mut rows: Vec<PartRow> = Vec::new();
         let mut newest: Option<Pose> = None;
+        let mut not_finite = 0;
         for (index, record) in reader.records().enumerate() {
             let record = record.map_err(csv_error)?;
             let mut row = columns.row(&Fields {
@@ -35,10 +38,96 @@ impl DriveLog {
             } else {
                 newest = row.pose.or(newest);
             }
+            let finite = |pose: &Pose| {
+                [pose.x_m, pose.y_m, pose.z_m, pose.yaw_rad]
+                    .iter()
+                    .all(|value| value.is_finite())
+            };
+            if row.pose.is_some_and(|pose| !finite(&pose)) {
+                row.pose = None;
+                not_finite += 1;
+            }
             rows.push(row);
         }
-        Self::new(rows)
+        let mut log = whole(&rows)?;
+        if not_finite > 0 {
+            log.notes.push(Note::PosesLeftOut { count: not_finite });
+        }
+        Ok(log)
     }
+}
+
+/// A row in which the values of some sensors may be missing.
+#[derive(Clone, Copy)]
+struct PartRow {
+    time_s: f64,
+    speeds: Option<MeasuredTreadSpeeds>,
+    attitude: Option<Attitude>,
+    pose: Option<Pose>,
+}
+
+/// Returns the log of rows of which each has all values, or one sensor's.
+fn whole(rows: &[PartRow]) -> Result<DriveLog, LogError> {
+    if let Some(index) = rows.windows(2).position(|w| w[1].time_s < w[0].time_s) {
+        return Err(LogError::TimeNotRising {
+            row_number: index + 2,
+            time_s: rows[index + 1].time_s,
+            before_s: rows[index].time_s,
+        });
+    }
+    let dense: Option<Vec<LogRow>> = rows
+        .iter()
+        .map(|row| {
+            Some(LogRow {
+                time_s: row.time_s,
+                speeds: row.speeds?,
+                attitude: row.attitude?,
+                pose: row.pose,
+            })
+        })
+        .collect();
+    let Some(mut dense) = dense else {
+        return resampled(rows);
+    };
+    let all = dense.len();
+    dense.dedup_by(|row, before| row.time_s == before.time_s);
+    let count = all - dense.len();
+    if count > 0 && 2 * count >= all {
+        return Err(LogError::CoarseTime { count, rows: all });
+    }
+    let mut log = DriveLog::new(dense)?;
+    if count > 0 {
+        log.notes.push(Note::RepeatedTimes { count, rows: all });
+    }
+    Ok(log)
+}
+
+fn resampled(rows: &[PartRow]) -> Result<DriveLog, LogError> {
+    fn series<T>(rows: &[PartRow], value: impl Fn(&PartRow) -> Option<T>) -> Timed<f64, T> {
+        let known = rows
+            .iter()
+            .filter_map(|row| Some((row.time_s, value(row)?)));
+        let mut known: Timed<f64, T> = known.collect();
+        known.dedup_by(|next, before| next.0 == before.0);
+        known
+    }
+    let sources = Sources {
+        tread_speeds: series(rows, |row| row.speeds),
+        attitudes: Some(series(rows, |row| row.attitude)),
+        poses: series(rows, |row| row.pose),
+    };
+    let (found, left_out) = sources.rows(|from_s, to_s| to_s - from_s);
+    let rows: Vec<LogRow> = found
+        .into_iter()
+        .map(|(time_s, row)| LogRow { time_s, ..row })
+        .collect();
+    let note = Note::Resampled {
+        rows: rows.len() + left_out,
+        left_out,
+    };
+    let mut log = DriveLog::new(rows)?;
+    log.notes.push(note);
+    Ok(log)
 }
 
 pub(super) fn csv_error(error: csv::Error) -> LogError {
@@ -87,10 +176,12 @@ pub(super) fn check_header(header: &StringRecord) -> Result<(), LogError> {
 struct Columns {
     time: usize,
     speeds: [usize; 2],
-    speed_scale: f64,
+    /// Factors for left and right.
+    speed_scales: [f64; 2],
     attitude: AttitudeSource,
     pose: Option<([usize; 3], HeadingSource)>,
     pose_repeats: bool,
+    heading_offset_rad: f64,
 }
 
 enum AttitudeSource {
@@ -131,22 +222,45 @@ impl Columns {
         Ok(Self {
             time: find(&map.time)?,
             speeds: [find(&map.tread_speed_left)?, find(&map.tread_speed_right)?],
-            speed_scale: map.tread_speed_scale,
+            speed_scales: map
+                .reversed
+                .signs()
+                .map(|sign| sign * map.tread_speed_scale),
             attitude,
             pose: pose.map(|pose| pose_source(header, pose)).transpose()?,
             pose_repeats: pose.is_some_and(|pose| pose.repeats),
+            heading_offset_rad: pose.map_or(0.0, |pose| pose.heading_offset_deg.to_radians()),
         })
     }
 
-    fn row(&self, fields: &Fields) -> Result<LogRow, LogError> {
-        let [left, right] = self.speeds;
-        Ok(LogRow {
-            time_s: fields.number(self.time)?,
-            speeds: MeasuredTreadSpeeds {
-                left_m_s: self.speed_scale * fields.number(left)?,
-                right_m_s: self.speed_scale * fields.number(right)?,
-            },
-            attitude: self.attitude(fields)?,
+    fn row(&self, fields: &Fields) -> Result<PartRow, LogError> {
+        let ([left, right], [left_scale, right_scale]) = (self.speeds, self.speed_scales);
+        let time_s = fields.number(self.time)?;
+        if !time_s.is_finite() {
+            return Err(fields.not_a_number(self.time));
+        }
+        let speeds = if fields.all_empty(&[left, right]) {
+            None
+        } else {
+            Some(MeasuredTreadSpeeds {
+                left_m_s: left_scale * fields.number(left)?,
+                right_m_s: right_scale * fields.number(right)?,
+            })
+        };
+        let attitude_columns: &[usize] = match &self.attitude {
+            AttitudeSource::Paper(both) | AttitudeSource::Rep103(both) => both,
+            AttitudeSource::Quaternion(xyzw) => xyzw,
+            AttitudeSource::Level => &[],
+        };
+        let attitude = if !attitude_columns.is_empty() && fields.all_empty(attitude_columns) {
+            None
+        } else {
+            Some(self.attitude(fields)?)
+        };
+        Ok(PartRow {
+            time_s,
+            speeds,
+            attitude,
             pose: self.pose(fields)?,
         })
     }
@@ -202,7 +316,7 @@ impl Columns {
             x_m: fields.number(*x)?,
             y_m: fields.number(*y)?,
             z_m: fields.number(*z)?,
-            yaw_rad,
+            yaw_rad: yaw_rad + self.heading_offset_rad,
         }))
     }
 }
@@ -248,12 +362,25 @@ impl Fields<'_> {
         self.text(column).is_empty()
     }
 
+    /// Returns whether none of the columns has a value.
+    pub(super) fn all_empty(&self, columns: &[usize]) -> bool {
+        columns
+            .iter()
+            .all(|column| self.is_empty(*column) || self.text(*column).eq_ignore_ascii_case("nan"))
+    }
+
     pub(super) fn number(&self, column: usize) -> Result<f64, LogError> {
-        self.text(column).parse().map_err(|_| LogError::NotANumber {
+        self.text(column)
+            .parse()
+            .map_err(|_| self.not_a_number(column))
+    }
+
+    pub(super) fn not_a_number(&self, column: usize) -> LogError {
+        LogError::NotANumber {
             row_number: self.row_number,
             column: self.header.get(column).unwrap_or_default().to_owned(),
             found: self.text(column).to_owned(),
-        })
+        }
     }
 
     fn quaternion(&self, [x, y, z, w]: [usize; 4]) -> Result<UnitQuaternion<f64>, LogError> {

@@ -31,7 +31,8 @@ fn errors_name_row_and_column() {
             .to_string()
     };
     assert!(error("0.3, 0.4", "0.3, fast").contains("row 2, column v_right_m_s: \"fast\""));
-    assert!(error("0.2, 0.5", "0.1, 0.5").contains("row 3: time 0.1 s does not rise"));
+    assert!(error("0.2, 0.5", "0.05, 0.5").contains("row 3: time 0.05 s goes back from 0.1 s"));
+    assert!(error("0.2, 0.5", "nan, 0.5").contains("row 3, column time_s"));
     assert!(error("0.05, 0.06", "0.05, 2.06").contains("row 3: pitch_rad: 2.06"));
     assert!(error("4, 5, 6, 0.7", "4, , 6, 0.7").contains("row 3: the pose is not complete"));
     assert!(error("roll_rad", "roll").contains("no column roll_rad; there are: time_s"));
@@ -111,4 +112,91 @@ fn smoothing_keeps_a_ramp_and_removes_noise() {
         assert!((before.attitude.roll_rad - after.attitude.roll_rad).abs() < 1e-9);
         assert!(after.attitude.pitch_rad.abs() < 5e-5, "{after:?}");
     }
+}
+
+#[test]
+fn rows_with_one_sensor_each_are_resampled() {
+    // Speeds that grow with time at 50 Hz, roll that does at 25 Hz, poses at 10 Hz, as PlotJuggler exports them.
+    let mut lines: Vec<(f64, String)> = Vec::new();
+    for i in 0..=100 {
+        let time_s = 0.02 * f64::from(i);
+        lines.push((
+            time_s,
+            format!("{time_s},{},{},,,,,,", 0.1 * time_s, 0.2 * time_s),
+        ));
+        if i % 2 == 0 {
+            let time_s = time_s + 0.001;
+            lines.push((time_s, format!("{time_s},,,{},0,,,,", 0.05 * time_s)));
+        }
+        if i % 5 == 0 {
+            let time_s = time_s + 0.003;
+            lines.push((time_s, format!("{time_s},,,,,{time_s},0,0,0")));
+        }
+    }
+    lines.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let header = CONTRACT.lines().next().unwrap();
+    let rows: Vec<&str> = lines.iter().map(|(_, line)| line.as_str()).collect();
+    let log = read(
+        &format!("{header}\n{}\n", rows.join("\n")),
+        &ColumnMap::default(),
+    )
+    .unwrap();
+    assert!(
+        log.rows().len() > 110 && log.pose_count() == 20,
+        "{}",
+        log.rows().len()
+    );
+    for row in log.rows() {
+        assert!(
+            (row.speeds.right_m_s - 0.2 * row.time_s).abs() < 1e-9,
+            "{row:?}"
+        );
+        assert!(
+            (row.attitude.roll_rad - 0.05 * row.time_s).abs() < 1e-9,
+            "{row:?}"
+        );
+        assert!(
+            row.pose
+                .is_none_or(|pose| (pose.x_m - row.time_s).abs() < 1e-9)
+        );
+    }
+    assert!(log.notes()[0].to_string().contains("one sensor each"));
+}
+
+#[test]
+fn repeated_times_and_poses_that_are_no_numbers_are_left_out_and_said() {
+    let twice = CONTRACT.replace("0.2, 0.5", "0.1, 0.3, 0.4, 0.03, 0.04, , , ,\n0.2, 0.5");
+    let log = read(&twice, &ColumnMap::default()).unwrap();
+    assert_eq!(
+        log.rows(),
+        read(CONTRACT, &ColumnMap::default()).unwrap().rows()
+    );
+    assert_eq!(log.notes(), [Note::RepeatedTimes { count: 1, rows: 4 }]);
+    let coarse = CONTRACT
+        .replace("0.1, 0.3", "0.0, 0.3")
+        .replace("0.2, 0.5", "0.0, 0.5");
+    let error = read(&coarse, &ColumnMap::default())
+        .unwrap_err()
+        .to_string();
+    assert!(error.contains("more decimals"), "{error}");
+    let lost = CONTRACT.replace("4, 5, 6, 0.7", "nan, nan, 6, 0.7");
+    let log = read(&lost, &ColumnMap::default()).unwrap();
+    assert_eq!((log.rows().len(), log.pose_count()), (3, 1));
+    assert_eq!(log.notes(), [Note::PosesLeftOut { count: 1 }]);
+}
+
+#[test]
+fn a_side_that_counts_backwards_and_turned_antennas_are_corrected_by_keys() {
+    let map = ColumnMap {
+        reversed: Reversed::Right,
+        pose: ColumnMap::default().pose.map(|pose| PoseColumns {
+            heading_offset_deg: 90.0,
+            ..pose
+        }),
+        ..ColumnMap::default()
+    };
+    let row = read(CONTRACT, &map).unwrap().rows()[0];
+    assert_eq!((row.speeds.left_m_s, row.speeds.right_m_s), (0.1, -0.2));
+    let yaw_rad = row.pose.unwrap().yaw_rad;
+    assert!((yaw_rad - (0.5 + std::f64::consts::FRAC_PI_2)).abs() < 1e-12);
 }

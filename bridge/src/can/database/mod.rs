@@ -116,7 +116,7 @@ impl Database {
 /// The parser silently truncates standard identifiers to 16 bits; this checks them before it.
 fn check_identifiers(text: &str) -> Result<(), DatabaseFault> {
     const EXTENDED: u64 = 1 << 31;
-    for line in text.lines() {
+    for line in without_texts(text).lines() {
         let mut words = line.split_ascii_whitespace();
         if words.next() != Some("BO_") {
             continue;
@@ -140,6 +140,20 @@ fn check_identifiers(text: &str) -> Result<(), DatabaseFault> {
         }
     }
     Ok(())
+}
+
+/// Returns a database without the content of its quoted texts, such as comments, which may look like messages.
+fn without_texts(text: &str) -> String {
+    let (mut out, mut quoted, mut escaped) = (String::with_capacity(text.len()), false, false);
+    for letter in text.chars() {
+        match letter {
+            '"' if !escaped => quoted = !quoted,
+            _ if quoted => {}
+            _ => out.push(letter),
+        }
+        escaped = quoted && letter == '\\' && !escaped;
+    }
+    out
 }
 
 impl Message<'_> {

@@ -85,10 +85,12 @@ impl Search<'_> {
                     let half_width = larger.half_widths.last().copied().flatten();
                     let determined = half_width.is_some_and(|width| CLEAR * width < value);
                     let clear = determined && improvement >= IMPROVEMENT_MIN;
-                    let verdict = match (value < 0.0, clear) {
-                        (true, _) => Verdict::Negative { value },
-                        (false, true) => Verdict::Supported { value, half_width },
-                        (false, false) => Verdict::NotSupported,
+                    let fitted = self.vehicle_with(&terms, &larger.parameters);
+                    let verdict = match (value < 0.0, clear, fitted.validated()) {
+                        (true, _, _) => Verdict::Negative { value },
+                        (false, false, _) => Verdict::NotSupported,
+                        (false, true, Err(reason)) => Verdict::OutOfRange { reason },
+                        (false, true, Ok(_)) => Verdict::Supported { value, half_width },
                     };
                     let report = TermReport {
                         term: *term,

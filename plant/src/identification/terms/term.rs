@@ -1,5 +1,6 @@
 //! A term beyond ICRHK and what logs say of it.
 
+use crate::bounds::RangeError;
 use crate::extension::Extension;
 
 /// A term that a model may have beyond ICRHK.
@@ -87,6 +88,11 @@ pub enum Verdict {
     Negative {
         /// What the fit gave.
         value: f64,
+    },
+    /// With it a parameter leaves the range that a vehicle file may have.
+    OutOfRange {
+        /// The parameter, what the fit gave, and its range.
+        reason: RangeError,
     },
     /// It does not lower the held-out error, or not beyond chance.
     NotSupported,
