@@ -10,8 +10,9 @@ use serde::Deserialize;
 use sidehill_controller::config::{ControllerConfig, ControllerKind};
 use sidehill_controller::course::Course;
 use sidehill_controller::path::GeodeticOrigin;
-use sidehill_controller::speed_profile::SpeedConfig;
+use sidehill_controller::speed_profile::{SpeedConfig, SpeedLimits};
 use sidehill_controller::tracked_point::TrackedPoint;
+use sidehill_controller::trajectory::Trajectory;
 use sidehill_plant::bounds::{Bounds, RangeError};
 use sidehill_plant::contact::ContactVehicle;
 use sidehill_plant::drive_train::DriveTrainConfig;
@@ -187,6 +188,13 @@ impl Scenario {
                 vehicle.name, vehicle.speed_max_m_s, limits.traction_max_m_s
             ));
         }
+        if loaded.route.is_none() && overrides.path.is_none() {
+            warnings.extend(
+                raw.course
+                    .as_ref()
+                    .and_then(|course| too_fast(course, &loaded.trajectory, &limits)),
+            );
+        }
         warnings.extend(point_behind_icrs(&raw.controller.tracked_point, &vehicle));
         let start = raw.start.from(&loaded.trajectory.at(0.0).pose());
         let start = match loaded.trajectory.path() {
@@ -206,7 +214,7 @@ impl Scenario {
             controllers: controllers.clone(),
             seed,
             step_s: raw.step_s,
-            drive_train: raw.drive_train,
+            drive_train: raw.drive_train.clone(),
             sensors: raw.sensors,
             controller: raw.controller.clone(),
             route_note: loaded.note,
@@ -269,6 +277,38 @@ impl Scenario {
             }
         }
     }
+}
+
+/// Returns the warning for a course that asks a speed above a limit, with the keys of both.
+fn too_fast(course: &Course, trajectory: &Trajectory, limits: &SpeedLimits) -> Option<String> {
+    /// Steps in which the speed of a course given in time is looked at.
+    const STEPS: u32 = 1000;
+    let profiled_m_s = match course {
+        Course::Straight(course) => Some(course.speed_m_s),
+        Course::Slalom(course) => Some(course.speed_m_s),
+        Course::Cusp(course) => Some(course.speed_m_s),
+        Course::FigureEight(_) | Course::Circle(_) | Course::Pivot(_) => None,
+    };
+    let mut bounds = vec![
+        (
+            "controller.limits.traction.speed_m_s",
+            limits.traction_max_m_s,
+        ),
+        ("controller.limits.tread_speed_m_s", limits.tread_max_m_s),
+    ];
+    if profiled_m_s.is_some() {
+        bounds.insert(0, ("speed.speed_m_s", limits.speed_max_m_s));
+    }
+    let asked_m_s = profiled_m_s.unwrap_or_else(|| {
+        let times = (0..=STEPS).map(|i| f64::from(i) / f64::from(STEPS) * trajectory.duration_s());
+        let speeds = times.map(|time_s| trajectory.at(time_s).speed_m_s.abs());
+        speeds.fold(0.0, f64::max)
+    });
+    let (key, allowed_m_s) = bounds.into_iter().min_by(|a, b| a.1.total_cmp(&b.1))?;
+    (asked_m_s > allowed_m_s * (1.0 + 1e-6)).then(|| {
+        let source = profiled_m_s.map_or("course", |_| "course.speed_m_s");
+        format!("{source}: {asked_m_s:.2} m/s is asked, but {key} allows {allowed_m_s:.2} m/s")
+    })
 }
 
 /// Returns the warning for a tracked point behind the line through the treads' ICRs, if the point is there.
