@@ -2,7 +2,8 @@
 
 use crate::config::{
     Campaign, Conditions, ConfigFile, LiveOdometryConfig, LoadedReference, Overrides, RunConfig,
-    RunPort, Scenario, Source, VehicleConfig, load_layout, point_behind_icrs, read_route,
+    RunPort, Scenario, Source, VehicleConfig, ground_along, ground_point, load_layout,
+    point_behind_icrs, read_route, route_warnings,
 };
 use crate::console;
 use crate::drive_log::TopicMap;
@@ -10,11 +11,11 @@ use crate::progress::{self, Notice};
 use anyhow::{Result, bail};
 use sidehill_controller::controller::ControllerError;
 use sidehill_controller::guard::{Stance, first_steep_place};
-use sidehill_controller::path::{Smoothing, smooth};
+use sidehill_controller::path::{GeodeticOrigin, Smoothing, smooth};
 use sidehill_controller::speed_profile::SpeedLimits;
 use sidehill_plant::contact::ContactVehicle;
 use sidehill_plant::log::{ColumnMap, DriveLog};
-use sidehill_plant::terrain::GridTerrain;
+use sidehill_plant::terrain::{GridTerrain, RoutePoint};
 use sidehill_plant::vehicle::Vehicle;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -75,7 +76,10 @@ pub fn check(file: ConfigFile) -> Result<&'static str> {
         Some("gpx") => return check_route(&file),
         Some("csv") => return check_csv(&file),
         Some("asc") => {
-            GridTerrain::parse(file.text()).map_err(|error| file.error(error))?;
+            let grid = GridTerrain::parse(file.text()).map_err(|error| file.error(error))?;
+            if let Some(suspicion) = grid.suspicion() {
+                console::complain(format_args!("{}: warning: {suspicion}", file.name()));
+            }
             return Ok("elevation grid");
         }
         _ => {}
@@ -142,12 +146,13 @@ pub fn check(file: ConfigFile) -> Result<&'static str> {
 fn judge_route(file: &ConfigFile, route: &Path) -> Result<()> {
     let keys: serde_yaml::Mapping = file.parse()?;
     let (guard, vehicle, loaded, ground) = if keys.contains_key("controllers") {
-        let prepared = Scenario::read(file.clone())?.prepare(&Overrides {
+        let scenario = Scenario::read(file.clone())?;
+        let prepared = scenario.prepare(&Overrides {
             path: Some(route.to_owned()),
             ..Overrides::default()
         })?;
         let limits = prepared.speed_limits;
-        let loaded = load(file, route, &limits)?;
+        let loaded = load(file, route, scenario.datum(), &limits)?;
         let ground = Some(prepared.terrain);
         (prepared.controller.guard, prepared.vehicle, loaded, ground)
     } else {
@@ -157,7 +162,7 @@ fn judge_route(file: &ConfigFile, route: &Path) -> Result<()> {
         (
             config.settings.guard,
             vehicle,
-            load(file, route, &limits)?,
+            load(file, route, config.datum, &limits)?,
             None,
         )
     };
@@ -183,8 +188,13 @@ fn judge_route(file: &ConfigFile, route: &Path) -> Result<()> {
     }
 }
 
-fn load(file: &ConfigFile, route: &Path, limits: &SpeedLimits) -> Result<LoadedReference> {
-    let source = Source::of(file, None, None, Some(route))?;
+fn load(
+    file: &ConfigFile,
+    route: &Path,
+    datum: Option<GeodeticOrigin>,
+    limits: &SpeedLimits,
+) -> Result<LoadedReference> {
+    let source = Source::of(file, None, None, datum, Some(route))?;
     Ok(LoadedReference::build(file, source, limits)?)
 }
 
@@ -193,7 +203,7 @@ const SHORT_M: f64 = 0.05;
 
 /// Checks that a route can be smoothed and driven.
 fn check_route(file: &ConfigFile) -> Result<&'static str> {
-    let route = read_route(file)?;
+    let route = read_route(file, None)?;
     let notice = Notice::begin(format!(
         "{}: smooths {} points",
         file.name(),
@@ -202,6 +212,13 @@ fn check_route(file: &ConfigFile) -> Result<&'static str> {
     let smoothed =
         smooth(&route.points, &Smoothing::default()).map_err(|error| file.error(error))?;
     drop(notice);
+    for warning in route_warnings(file, &route, &smoothed.path) {
+        console::complain(format_args!("warning: {warning}"));
+    }
+    let points: Option<Vec<RoutePoint>> = route.points.iter().map(ground_point).collect();
+    if let Some(points) = points {
+        ground_along(file, &points)?;
+    }
     let length_m = smoothed.path.length_m();
     if length_m < SHORT_M {
         console::complain(format_args!(

@@ -1,6 +1,7 @@
 //! `sidehill identify`: a vehicle's parameters from logs, in the paper's two stages.
 
 mod args;
+mod drives;
 mod file;
 mod found;
 mod logs;
@@ -42,6 +43,9 @@ pub fn run(args: &IdentifyArgs) -> Result<()> {
         output::check_writable(path, args.force)?;
     }
     progress::explain_interrupt(|| "interrupted: nothing was written".to_owned())?;
+    if !args.drives.is_empty() {
+        return drives::run(args);
+    }
     let settings = IdentificationSettings {
         segmentation: Segmentation::of_length(args.segment_s)?,
         attitude_smoothing_s: args.smoothing_s,
@@ -181,6 +185,7 @@ mod tests {
             report: None,
             contact: false,
             level: Vec::new(),
+            drives: Vec::new(),
             slope: Vec::new(),
             simulate: Some(repository("config/vehicles/j8_contact.yaml")),
             vehicle: repository("config/vehicles/j8.yaml"),

@@ -18,6 +18,7 @@ pub mod icr;
 pub mod identify;
 pub mod init;
 pub mod learned;
+mod limits;
 mod log_file;
 pub mod odometry;
 pub mod output;

@@ -135,6 +135,12 @@ pub struct Summary {
     pub steer_total_variation_m_s: f64,
     /// Distance from the end of the path at the end, m.
     pub goal_error_m: f64,
+    /// Distance travelled in plan over the time of the run, m/s.
+    pub mean_speed_m_s: f64,
+    /// Time of the run, s.
+    pub time_s: f64,
+    /// Largest effective speed of a tread, m/s.
+    pub tread_speed_max_m_s: f64,
     /// Commands outside bounds or rates.
     pub constraint_violations: u32,
     /// Cycles that drove on the previous plan.

@@ -3,17 +3,19 @@
 pub(crate) mod thinning;
 
 use crate::bag::{Bag, is_bag};
+use crate::config::ConfigFile;
 use crate::console;
 use crate::drive_log::{LogArgs, LogReader, Positions, positions};
 use crate::output;
 use anyhow::{Context, Result, bail, ensure};
 use sidehill_bridge::ros2::position::PositionTopic;
-use sidehill_controller::path::{GeodeticOrigin, Point2};
+use sidehill_controller::path::{GeodeticOrigin, Point2, Smoothing, SmoothingConfig};
 use sidehill_plant::bounds::Bounds;
+use sidehill_plant::vehicle::Vehicle;
 use std::fmt::Write;
 use std::path::PathBuf;
 use std::time::Duration;
-use thinning::Settings;
+use thinning::{Making, TOLERANCE_M};
 
 /// Arguments of `sidehill route`.
 #[derive(Debug, Clone, clap::Args)]
@@ -43,11 +45,18 @@ pub struct RouteArgs {
     /// Largest size of a log, and of what one of its files decompresses to, bytes.
     #[arg(long, value_name = "BYTES")]
     pub max_bytes: Option<u64>,
-    /// Standard deviation of the Gaussian along the path that smooths it, m; 0 for none.
-    #[arg(long, value_name = "M", default_value_t = Settings::default().smoothing_m)]
-    pub smoothing_m: f64,
+    /// Standard deviation of the positions in each direction, m: the path is as smooth as that asks
+    /// for. By default estimated from the positions.
+    #[arg(long, value_name = "M")]
+    pub accuracy_m: Option<f64>,
+    /// Standard deviation of a Gaussian along the path that smooths it beforehand, m.
+    #[arg(long, value_name = "M")]
+    pub smoothing_m: Option<f64>,
+    /// Vehicle whose track width limits the curvature of the path; without it, to 1 1/m.
+    #[arg(long, value_name = "FILE")]
+    pub vehicle: Option<PathBuf>,
     /// Points closer than this to the line between their neighbours are left out, m.
-    #[arg(long, value_name = "M", default_value_t = Settings::default().tolerance_m)]
+    #[arg(long, value_name = "M", default_value_t = TOLERANCE_M)]
     pub tolerance_m: f64,
     /// Overwrite --out where it exists.
     #[arg(long)]
@@ -73,7 +82,7 @@ enum Form {
 /// # Errors
 /// Positions missing in the recording, or a file that cannot be read or written.
 pub fn run(args: &RouteArgs) -> Result<()> {
-    let form = form(args)?;
+    let (form, making) = prepare(args)?;
     ensure!(
         args.odometry.is_none() && args.fix.is_none() && args.seconds.is_none(),
         "--odometry, --fix and --seconds are for `route live`; --topic chooses a topic of a bag"
@@ -81,6 +90,7 @@ pub fn run(args: &RouteArgs) -> Result<()> {
     write_path(
         args,
         form,
+        &making,
         &args.from.display().to_string(),
         &recorded(args)?,
     )
@@ -95,7 +105,7 @@ pub fn run_live(
     args: &RouteArgs,
     record: impl FnOnce(PositionTopic, Option<Duration>) -> Result<Positions>,
 ) -> Result<()> {
-    let form = form(args)?;
+    let (form, making) = prepare(args)?;
     let topic = live_topic(args)?;
     if matches!(topic, PositionTopic::Odometry(_)) {
         check_origin(args, form, topic.name(), false)?;
@@ -108,38 +118,57 @@ pub fn run_live(
         None => None,
     };
     let name = topic.name().to_owned();
-    write_path(args, form, &name, &record(topic, end_after)?)
+    write_path(args, form, &making, &name, &record(topic, end_after)?)
 }
 
-fn write_path(args: &RouteArgs, form: Form, name: &str, recorded: &Positions) -> Result<()> {
+fn write_path(
+    args: &RouteArgs,
+    form: Form,
+    making: &Making,
+    name: &str,
+    recorded: &Positions,
+) -> Result<()> {
     for note in &recorded.notes {
         console::complain(format_args!("{name}: note: {note}"));
     }
     check_origin(args, form, name, recorded.origin.is_some())?;
-    let settings = Settings {
-        smoothing_m: args.smoothing_m,
-        tolerance_m: args.tolerance_m,
-    };
-    let path = thinning::path(&recorded.points_m, &settings).with_context(|| name.to_owned())?;
+    let made = thinning::drivable(&recorded.points_m, making).with_context(|| name.to_owned())?;
+    if let [[x_m, y_m], more @ ..] = made.cusps_m.as_slice() {
+        console::complain(format_args!(
+            "{name}: note: travel turns back at {} places, the first at x = {x_m:.2} m, y = {y_m:.2} m: from there it \
+             is driven the other way, in reverse first",
+            more.len() + 1
+        ));
+    }
+    if made.taken_m > made.accuracy_m {
+        console::complain(format_args!(
+            "{name}: note: its positions look {:.3} m accurate, but their path is too sharp; it is smoothed as for \
+             --accuracy-m {}",
+            made.accuracy_m, made.taken_m
+        ));
+    }
+    let path = made.thinned;
     let text = match (form, &recorded.origin) {
         (Form::Gpx, Some(origin)) => gpx(&path.points_m, origin, recorded.has_heights),
         _ => csv(&path.points_m, recorded.has_heights),
     };
     output::write(&args.out, text.as_bytes(), args.force)?;
     console::line(format_args!(
-        "{}: {} points over {:.1} m, from {} positions; largest distance between recorded and written path {:.3} m",
+        "{}: {} points over {:.1} m, from {} positions of an accuracy of {:.3} m; largest distance between recorded and written path {:.3} m",
         args.out.display(),
         path.points_m.len(),
         path.length_m,
         recorded.points_m.len(),
+        made.accuracy_m,
         path.deviation_m
     ));
     Ok(())
 }
 
-/// Checks the settings and the file of the path, and returns what it is written as.
-fn form(args: &RouteArgs) -> Result<Form> {
-    Bounds::new(0.0, 10.0, "m").check("--smoothing-m", args.smoothing_m)?;
+/// Checks the settings and the file of the path, and returns what it is written as and made with.
+fn prepare(args: &RouteArgs) -> Result<(Form, Making)> {
+    Bounds::new(0.0, 10.0, "m").check("--smoothing-m", args.smoothing_m.unwrap_or(0.0))?;
+    Bounds::new(0.0, 10.0, "m").check("--accuracy-m", args.accuracy_m.unwrap_or(0.0))?;
     Bounds::new(0.0, 1.0, "m").check("--tolerance-m", args.tolerance_m)?;
     let ending = args
         .out
@@ -150,8 +179,21 @@ fn form(args: &RouteArgs) -> Result<Form> {
         Some("csv") => Form::Csv,
         _ => bail!("{}: must end with .gpx or .csv", args.out.display()),
     };
+    let limits = match &args.vehicle {
+        Some(path) => {
+            let icrs = ConfigFile::read(path)?.parse::<Vehicle>()?.icrs;
+            SmoothingConfig::default().recorded(icrs.right_m - icrs.left_m)
+        }
+        None => Smoothing::default(),
+    };
     output::check_writable(&args.out, args.force)?;
-    Ok(form)
+    let making = Making {
+        accuracy_m: args.accuracy_m,
+        smoothing_m: args.smoothing_m,
+        tolerance_m: args.tolerance_m,
+        max_curvature_per_m: limits.max_curvature_per_m,
+    };
+    Ok((form, making))
 }
 
 fn check_origin(args: &RouteArgs, form: Form, name: &str, has_origin: bool) -> Result<()> {
@@ -188,6 +230,16 @@ fn recorded(args: &RouteArgs) -> Result<Positions> {
         let mut found = positions(&bag, args.topic.as_deref())?;
         found.notes.splice(0..0, bag.notes().iter().cloned());
         return Ok(found);
+    }
+    let ending = args
+        .from
+        .extension()
+        .map(|ending| ending.to_ascii_lowercase());
+    if ending.is_some_and(|ending| ending == "gpx") {
+        bail!(
+            "{}: is a path already; drive it with `sidehill simulate --path {0}`. `route` makes one of a bag or a log",
+            args.from.display()
+        );
     }
     let reader = LogReader::new(&LogArgs {
         columns: args.columns.clone(),
@@ -260,7 +312,7 @@ mod tests {
             [300.0, -400.0, 2.0],
             [-900.0, 1200.0, -3.5],
         ];
-        let route = read_gpx(gpx(&points, &origin, true).as_bytes()).unwrap();
+        let route = read_gpx(gpx(&points, &origin, true).as_bytes(), None).unwrap();
         for (point, expected) in route.points.iter().zip(points) {
             let found = [
                 point.position.x_m,

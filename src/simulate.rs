@@ -9,6 +9,7 @@ use crate::config::{
 };
 use crate::console;
 use crate::learned;
+use crate::limits;
 use crate::output;
 use crate::progress::{self, Progress};
 use crate::qp_recording::QpRecording;
@@ -35,7 +36,7 @@ pub struct SimulateArgs {
     /// Sensing, actuation and ground instead of the scenario's: a YAML file, or `realistic`, which is
     /// built in.
     #[arg(long, value_name = "FILE")]
-    pub conditions: Option<PathBuf>,
+    pub conditions: Vec<PathBuf>,
     /// What moves the vehicle, instead of the plant of scenario or conditions.
     #[arg(long)]
     pub plant: Option<PlantKind>,
@@ -104,11 +105,15 @@ pub fn run(args: &SimulateArgs) -> Result<ExitCode> {
         None => ConfigFile::built_in(DEFAULT_SCENARIO)?,
     }
     .with_bundle(bundle.clone());
-    let conditions = args
-        .conditions
-        .as_deref()
-        .map(Conditions::read)
-        .transpose()?;
+    let conditions = match args.conditions.as_slice() {
+        [] => None,
+        [one] => Some(Conditions::read(one)?),
+        [_, _, ..] => bail!(
+            "--conditions: given {} times; a second file would replace whole sections of the first, so put all keys \
+             into one file",
+            args.conditions.len()
+        ),
+    };
     let file = match &conditions {
         Some(conditions) => conditions.put_into(&file)?,
         None => file,
@@ -265,6 +270,16 @@ const LONG_S: f64 = 1000.0;
 /// Runs the controllers one after the other, because parallel runs would disturb the measured times.
 fn runs(prepared: &Prepared, mut observer: Option<&mut dyn Observer>) -> Result<Vec<Run>> {
     let simulated_s = prepared.reference.end_s();
+    let cycles = simulated_s / prepared.controller.period_s;
+    if cycles > limits::CYCLES {
+        bail!(
+            "{}: its path takes {simulated_s:.0} s, which is {:.1} million cycles of controller.period_s; at most {:.0} \
+             million are simulated: shorten the path, drive it faster or fewer laps of it",
+            prepared.name,
+            cycles / 1e6,
+            limits::CYCLES / 1e6
+        );
+    }
     if simulated_s > LONG_S {
         console::complain(format_args!(
             "this simulates {simulated_s:.0} s of driving for each of {} controllers",

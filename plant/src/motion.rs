@@ -64,4 +64,16 @@ pub trait MotionModel {
         treads: TreadSpeeds,
         dt_s: f64,
     ) -> Result<BodyVelocity, MotionError>;
+
+    /// Returns the body velocity at `ground` while brakes hold both treads; as [`Self::body_velocity`] otherwise.
+    ///
+    /// # Errors
+    /// As [`Self::body_velocity`].
+    fn braked_velocity(
+        &mut self,
+        ground: &GroundState,
+        dt_s: f64,
+    ) -> Result<BodyVelocity, MotionError> {
+        self.body_velocity(ground, TreadSpeeds::default(), dt_s)
+    }
 }

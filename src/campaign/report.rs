@@ -37,6 +37,7 @@ pub(super) fn html(campaign: &str, figures: &[Figures], rows: &[&Row]) -> String
         ..Plot::over_time("cross-track RMS (cm)", 360.0, lines.collect())
     };
     let cm = |value: Option<f64>| value.map_or("-".to_owned(), |m| format!("{:.2}", 100.0 * m));
+    let plain = |value: Option<f64>| value.map_or("-".to_owned(), |value| format!("{value:.2}"));
     let cells: Vec<Vec<String>> = figures
         .iter()
         .map(|figures| {
@@ -50,6 +51,9 @@ pub(super) fn html(campaign: &str, figures: &[Figures], rows: &[&Row]) -> String
                 figures
                     .worst_index
                     .map_or("-".to_owned(), |index| index.to_string()),
+                plain(figures.mean_speed_m_s),
+                plain(figures.tread_speed_max_m_s),
+                plain(figures.time_s),
             ]
         })
         .collect();
@@ -58,7 +62,7 @@ pub(super) fn html(campaign: &str, figures: &[Figures], rows: &[&Row]) -> String
         subtitle: "Cross-track RMS of many random runs; a run that was not completed counts as worse than every completed one",
         conclusions: &conclusions(figures, &names, &errors),
         body: html! {
-            (table("figures", &["Controller", "runs", "completed", "median (cm)", "p95 (cm)", "worst (cm)", "in run"], &cells))
+            (table("figures", &["Controller", "runs", "completed", "median (cm)", "p95 (cm)", "worst (cm)", "in run", "mean speed (m/s)", "tread max (m/s)", "time (s)"], &cells))
             h2 { "All runs" }
             figure {
                 figcaption { "Each controller's runs in the order of their errors: a line further to the right and below is better." }

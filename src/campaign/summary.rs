@@ -27,6 +27,12 @@ pub struct Figures {
     pub worst_index: Option<u32>,
     /// Median of the steer's total variation over completed runs, m/s.
     pub steer_total_variation_m_s: Option<f64>,
+    /// Median of the mean speed over completed runs, m/s.
+    pub mean_speed_m_s: Option<f64>,
+    /// Median of the time over completed runs, s.
+    pub time_s: Option<f64>,
+    /// Largest speed of a tread in a completed run, m/s.
+    pub tread_speed_max_m_s: Option<f64>,
     /// Indices of runs that were not completed, ascending.
     pub not_completed: Vec<u32>,
 }
@@ -50,10 +56,11 @@ fn figures(controller: &str, rows: &[&Row]) -> Figures {
         .filter_map(|row| Some((row.cross_track_rms_m?, row.index)))
         .collect();
     errors.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let mut steers: Vec<f64> = done()
-        .filter_map(|row| row.steer_total_variation_m_s)
-        .collect();
-    steers.sort_by(f64::total_cmp);
+    let of_done = |figure: fn(&Row) -> Option<f64>, share| {
+        let mut values: Vec<f64> = done().filter_map(|row| figure(row)).collect();
+        values.sort_by(f64::total_cmp);
+        quantile(&values, share)
+    };
     let mut not_completed: Vec<u32> = rows
         .iter()
         .filter(|row| !row.completed)
@@ -72,7 +79,10 @@ fn figures(controller: &str, rows: &[&Row]) -> Figures {
         p95_m: of_all(0.95),
         worst_m: errors.last().map(|(error, _)| *error),
         worst_index: errors.last().map(|(_, index)| *index),
-        steer_total_variation_m_s: quantile(&steers, 0.5),
+        steer_total_variation_m_s: of_done(|row| row.steer_total_variation_m_s, 0.5),
+        mean_speed_m_s: of_done(|row| row.mean_speed_m_s, 0.5),
+        time_s: of_done(|row| row.time_s, 0.5),
+        tread_speed_max_m_s: of_done(|row| row.tread_speed_max_m_s, 1.0),
         not_completed,
     }
 }
@@ -92,14 +102,27 @@ pub fn table(figures: &[Figures], campaign: &Campaign, runs: &Range<u32>) -> Str
     );
     let _ = writeln!(
         out,
-        "\n{:14} {:>6} {:>11} {:>8} {:>8} {:>8} {:>9} {:>9}",
-        "controller", "runs", "completed", "median", "p95", "worst", "in run", "steer TV"
+        "\n{:14} {:>6} {:>11} {:>8} {:>8} {:>8} {:>9} {:>9} {:>9} {:>9} {:>9}",
+        "controller",
+        "runs",
+        "completed",
+        "median",
+        "p95",
+        "worst",
+        "in run",
+        "steer TV",
+        "mean m/s",
+        "tread max",
+        "time s"
     );
     let cm = |value: Option<f64>| value.map_or("-".to_owned(), |m| format!("{:.2}", 100.0 * m));
+    let plain = |value: Option<f64>, decimals| {
+        value.map_or("-".to_owned(), |value| format!("{value:.decimals$}"))
+    };
     for f in figures {
         let _ = writeln!(
             out,
-            "{:14} {:>6} {:>9.1} % {:>8} {:>8} {:>8} {:>9} {:>9}",
+            "{:14} {:>6} {:>9.1} % {:>8} {:>8} {:>8} {:>9} {:>9} {:>9} {:>9} {:>9}",
             f.controller,
             f.runs,
             100.0 * f.completed as f64 / f.runs.max(1) as f64,
@@ -108,8 +131,10 @@ pub fn table(figures: &[Figures], campaign: &Campaign, runs: &Range<u32>) -> Str
             cm(f.worst_m),
             f.worst_index
                 .map_or("-".to_owned(), |index| index.to_string()),
-            f.steer_total_variation_m_s
-                .map_or("-".to_owned(), |value| format!("{value:.1}")),
+            plain(f.steer_total_variation_m_s, 1),
+            plain(f.mean_speed_m_s, 2),
+            plain(f.tread_speed_max_m_s, 2),
+            plain(f.time_s, 1),
         );
     }
     for f in figures.iter().filter(|f| !f.not_completed.is_empty()) {
@@ -155,7 +180,8 @@ mod tests {
 
     const HEADER: &str = "campaign,index,seed,controller,start.right_m,completed,ended_by,\
         cross_track_rms_m,cross_track_p95_m,cross_track_max_m,along_track_rms_m,heading_rms_rad,\
-        steer_total_variation_m_s,goal_error_m,constraint_violations,fallbacks\n";
+        steer_total_variation_m_s,goal_error_m,constraint_violations,fallbacks,\
+        mean_speed_m_s,time_s,tread_speed_max_m_s\n";
 
     /// Twenty runs of icrik-mpc with errors of 1 to 20 cm, the 7th given up early; one of pure pursuit
     /// that never started.
@@ -166,10 +192,10 @@ mod tests {
             let (cm, completed) = (i + 1, i != 6);
             let reason = if completed { "" } else { "\"lost, here\"" };
             text += &format!(
-                "{f},{i},9,icrik-mpc,0.5,{completed},{reason},0.{cm:02},1,1,1,1,{cm},0,0,0\n"
+                "{f},{i},9,icrik-mpc,0.5,{completed},{reason},0.{cm:02},1,1,1,1,{cm},0,0,0,0.{cm:02},{cm},1.{cm:02}\n"
             );
         }
-        text + &format!("{f},0,9,pure-pursuit,0.5,false,bad,,,,,,,,,\n")
+        text + &format!("{f},0,9,pure-pursuit,0.5,false,bad,,,,,,,,,,,,\n")
     }
 
     fn rows(campaign: &Campaign) -> Vec<Row> {
@@ -190,6 +216,9 @@ mod tests {
         assert_eq!(own.p95_m, Some(0.20));
         assert_eq!((own.worst_m, own.worst_index), (Some(0.20), Some(19)));
         assert_eq!(own.steer_total_variation_m_s, Some(11.0));
+        // The 10th of 19 completed ones, and the largest of all.
+        assert_eq!((own.mean_speed_m_s, own.time_s), (Some(0.11), Some(11.0)));
+        assert_eq!(own.tread_speed_max_m_s, Some(1.20));
         assert_eq!(own.not_completed, [6]);
         assert_eq!((other.runs, other.completed), (1, 0));
         assert_eq!((other.median_m, other.worst_index), (None, None));

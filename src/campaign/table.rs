@@ -33,12 +33,18 @@ pub struct Row {
     pub cross_track_rms_m: Option<f64>,
     /// Steer total variation, m/s.
     pub steer_total_variation_m_s: Option<f64>,
+    /// Distance travelled over the time of the run, m/s.
+    pub mean_speed_m_s: Option<f64>,
+    /// Time of the run, s.
+    pub time_s: Option<f64>,
+    /// Largest effective speed of a tread, m/s.
+    pub tread_speed_max_m_s: Option<f64>,
 }
 
 /// Columns before the drawn values.
 pub(super) const BEFORE: [&str; 4] = ["campaign", "index", "seed", "controller"];
 /// Columns after the drawn values.
-pub(super) const AFTER: [&str; 11] = [
+pub(super) const AFTER: [&str; 14] = [
     "completed",
     "ended_by",
     "cross_track_rms_m",
@@ -50,6 +56,9 @@ pub(super) const AFTER: [&str; 11] = [
     "goal_error_m",
     "constraint_violations",
     "fallbacks",
+    "mean_speed_m_s",
+    "time_s",
+    "tread_speed_max_m_s",
 ];
 
 /// Columns after those where the steepness guard is on.
@@ -130,6 +139,9 @@ impl Table {
                     s.goal_error_m.to_string(),
                     s.constraint_violations.to_string(),
                     s.fallbacks.to_string(),
+                    s.mean_speed_m_s.to_string(),
+                    s.time_s.to_string(),
+                    s.tread_speed_max_m_s.to_string(),
                 ]);
                 if self.guard {
                     fields.extend(guard_fields(s.guard.as_ref()));
@@ -167,6 +179,11 @@ impl Table {
             at("cross_track_rms_m")?,
             at("steer_total_variation_m_s")?,
         );
+        let (speed, time, tread) = (
+            at("mean_speed_m_s")?,
+            at("time_s")?,
+            at("tread_speed_max_m_s")?,
+        );
         let mut rows = Vec::new();
         for record in reader.records() {
             let record = record?;
@@ -185,6 +202,9 @@ impl Table {
                 completed: record[completed].parse()?,
                 cross_track_rms_m: number(rms)?,
                 steer_total_variation_m_s: number(steer)?,
+                mean_speed_m_s: number(speed)?,
+                time_s: number(time)?,
+                tread_speed_max_m_s: number(tread)?,
             });
         }
         Ok(rows)

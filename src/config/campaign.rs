@@ -227,9 +227,9 @@ impl Campaign {
         let keys: Mapping = scenario.parse()?;
         prepare(&keys);
         for draw in &self.draws {
-            for value in draw.one_of.iter().flatten() {
+            for value in draw.choices() {
                 let mut keys = keys.clone();
-                put(&mut keys, &draw.key, value);
+                put(&mut keys, &draw.key, &value);
                 prepare(&keys);
             }
         }

@@ -1,6 +1,9 @@
-use super::hints::{indented_by_tab, keys_named, no_text, other_kind, syntax_hint};
+use super::hints::{
+    decoded_xml, indented_by_tab, key_of_value, keys_named, no_text, other_kind, syntax_hint,
+};
 use super::keys::Keys;
 use super::overlay::overlay;
+use crate::limits;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use std::collections::BTreeMap;
@@ -106,7 +109,17 @@ impl ConfigFile {
                 message: "is a folder; name the files in it, as in FOLDER/*.yaml".to_owned(),
             });
         }
-        let bytes = std::fs::read(path).map_err(failed)?;
+        let bytes = limits::read(path).map_err(failed)?;
+        if path
+            .extension()
+            .is_some_and(|ending| ending.eq_ignore_ascii_case("gpx"))
+        {
+            let text = decoded_xml(&bytes).map_err(|message| ConfigError::Content {
+                file: path.display().to_string(),
+                message,
+            })?;
+            return Ok(Self::with_text(path, text));
+        }
         if let Some(reason) = no_text(&bytes) {
             return Err(ConfigError::Content {
                 file: path.display().to_string(),
@@ -269,6 +282,12 @@ impl ConfigFile {
     /// # Errors
     /// [`ConfigError::Content`] with file, line, key, value and range.
     pub fn parse<T: DeserializeOwned>(&self) -> Result<T, ConfigError> {
+        if let Some(line) = limits::too_deep(&self.text) {
+            return Err(self.error(format!(
+                "line {line}: brackets or lists are nested more than {} deep",
+                limits::YAML_DEPTH
+            )));
+        }
         serde_yaml::from_str(&self.text).map_err(|error| {
             if let Some(twice) = Keys::of(&self.text).duplicate() {
                 let (first, second) = twice.lines;
@@ -285,7 +304,9 @@ impl ConfigFile {
                 ));
             }
             let message = error.to_string();
-            let hint = syntax_hint(&message).or_else(|| other_kind(&self.text, &message));
+            let hint = syntax_hint(&message)
+                .or_else(|| other_kind(&self.text, &message))
+                .or_else(|| key_of_value(&Keys::of(&self.text), &message));
             self.error(format!("{message}{}", hint.unwrap_or_default()))
         })
     }

@@ -2,6 +2,7 @@
 
 use super::{ConfigError, ConfigFile};
 use serde::Deserialize;
+use sidehill_controller::path::{Aside, Point2};
 use sidehill_controller::trajectory::Trajectory;
 use sidehill_plant::terrain::{
     GridTerrain, PlaneTerrain, RoutePoint, RouteSmoothing, RouteTerrain, Terrain, ZonedTerrain,
@@ -42,6 +43,7 @@ impl TerrainConfig {
         &self,
         scenario: &ConfigFile,
         route: Option<&(ConfigFile, Option<Vec<RoutePoint>>)>,
+        warnings: &mut Vec<String>,
     ) -> Result<Terrain, ConfigError> {
         Ok(match self {
             Self::Level {} => Terrain::Level,
@@ -54,6 +56,11 @@ impl TerrainConfig {
             } => {
                 let grid = scenario.sibling(file)?;
                 let terrain = GridTerrain::parse(grid.text()).map_err(|error| grid.error(error))?;
+                warnings.extend(
+                    terrain
+                        .suspicion()
+                        .map(|text| format!("{}: {text}", grid.name())),
+                );
                 Terrain::Grid(terrain.with_origin_at(*origin_east_m, *origin_north_m))
             }
             Self::Route(smoothing) => match route {
@@ -77,8 +84,16 @@ impl TerrainConfig {
 /// Spacing of the points of a path at which the ground is looked up, m.
 const GROUND_STEP_M: f64 = 0.5;
 
-/// Checks that there is ground under the whole path.
-pub(super) fn on_the_ground(trajectory: &Trajectory, terrain: &Terrain) -> Result<(), String> {
+/// Slope beyond which ground is a fault of its survey, deg.
+const STEEP_DEG: f64 = 60.0;
+
+/// Checks that there is ground under the whole path and as far to its sides as a vehicle is wide, and that it is
+/// ground.
+pub(super) fn on_the_ground(
+    trajectory: &Trajectory,
+    terrain: &Terrain,
+    half_width_m: f64,
+) -> Result<(), String> {
     let Some(path) = trajectory.path() else {
         return Ok(());
     };
@@ -86,9 +101,37 @@ pub(super) fn on_the_ground(trajectory: &Trajectory, terrain: &Terrain) -> Resul
     for step in 0..=steps {
         let along_m = path.length_m() * step as f64 / steps as f64;
         let place = path.at(along_m).position;
-        terrain.surface(place.x_m, place.y_m).map_err(|error| {
+        let under = terrain.surface(place.x_m, place.y_m).map_err(|error| {
             format!("the path leaves the ground {along_m:.1} m from its start: {error}")
         })?;
+        let beside = [-half_width_m, half_width_m].map(|left_m| {
+            let aside = Aside {
+                left_m,
+                ..Aside::NONE
+            };
+            path.beside(along_m, &aside).position
+        });
+        let beside = beside.into_iter().filter_map(|place| {
+            let ground = terrain.surface(place.x_m, place.y_m).ok()?;
+            Some((place, ground))
+        });
+        for (Point2 { x_m, y_m }, ground) in std::iter::once((place, under)).chain(beside) {
+            let [along_x, along_y] = ground.gradient_in_world();
+            let slope_deg = along_x.hypot(along_y).atan().to_degrees();
+            if slope_deg > STEEP_DEG {
+                let cell = match terrain {
+                    Terrain::Grid(grid) => {
+                        let (row, column) = grid.cell_at(x_m, y_m);
+                        format!(", row {row}, column {column} of its grid (from 1, northwest)")
+                    }
+                    _ => String::new(),
+                };
+                return Err(format!(
+                    "terrain: the ground is {slope_deg:.0} deg steep at x = {x_m:.2} m, y = {y_m:.2} m{cell}, \
+                     {along_m:.1} m along the path; above {STEEP_DEG:.0} deg an elevation is wrong: correct it"
+                ));
+            }
+        }
     }
     Ok(())
 }

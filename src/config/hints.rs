@@ -1,7 +1,9 @@
 //! Hints about likely mistakes, where the parser's message says little.
 
+use super::keys::Keys;
+
 /// Keys by which a kind of file is known.
-const KINDS: [(&str, &str); 8] = [
+const KINDS: [(&str, &str); 9] = [
     ("draws", "a campaign"),
     ("controllers", "a scenario"),
     ("x_icr_left_m", "a vehicle"),
@@ -10,6 +12,76 @@ const KINDS: [(&str, &str); 8] = [
     ("database", "the layout of a CAN bus"),
     ("controller", "a configuration of run"),
     ("scenario", "a configuration of vehicle"),
+    ("port", "a configuration of run"),
+];
+
+/// Returns the text of an XML file in the encoding that its first bytes or its declaration name, or else UTF-8.
+pub(crate) fn decoded_xml(bytes: &[u8]) -> Result<String, String> {
+    /// A declaration ends within this many bytes.
+    const DECLARATION: usize = 200;
+    if let Some((encoding, _)) = encoding_rs::Encoding::for_bom(bytes) {
+        return decoded(encoding, bytes);
+    }
+    if let Some(reason) = no_text(bytes) {
+        return Err(reason.to_owned());
+    }
+    let start = String::from_utf8_lossy(&bytes[..bytes.len().min(DECLARATION)]);
+    let declared = start
+        .split_once("?>")
+        .filter(|(declaration, _)| declaration.trim_start().starts_with("<?xml"))
+        .and_then(|(declaration, _)| declaration.split_once("encoding"))
+        .and_then(|(_, rest)| rest.split(['"', '\'']).nth(1));
+    let encoding = match declared {
+        Some(name) => encoding_rs::Encoding::for_label(name.as_bytes())
+            .ok_or_else(|| format!("line 1: the encoding {name} is not known; save it as UTF-8"))?,
+        None => encoding_rs::UTF_8,
+    };
+    decoded(encoding, bytes)
+}
+
+fn decoded(encoding: &'static encoding_rs::Encoding, bytes: &[u8]) -> Result<String, String> {
+    let (text, _, faulty) = encoding.decode(bytes);
+    if faulty {
+        let line = match std::str::from_utf8(bytes) {
+            Err(error) => {
+                bytes[..error.valid_up_to()]
+                    .iter()
+                    .filter(|b| **b == b'\n')
+                    .count()
+                    + 1
+            }
+            Ok(_) => 1,
+        };
+        return Err(format!(
+            "line {line}: is not {} text, as it says or has to be; save it as UTF-8, or declare its encoding in the \
+             first line, as in <?xml version=\"1.0\" encoding=\"windows-1252\"?>",
+            encoding.name()
+        ));
+    }
+    Ok(text.into_owned())
+}
+
+/// Returns which key has the value that a message quotes, where the message does not name the key.
+pub(super) fn key_of_value(keys: &Keys, message: &str) -> Option<String> {
+    let (_, rest) = message.split_once("invalid type: ")?;
+    let (found, _) = rest.split_once(", expected")?;
+    let value = match found.split_once('"') {
+        Some((_, quoted)) => quoted.trim_end_matches('"'),
+        None => found.split('`').nth(1)?,
+    };
+    let section = keys_named(message);
+    let (key, line) = keys.with_value(&section, value)?;
+    (section.last() != Some(&key)).then(|| format!("; it is the value of `{key}` (line {line})"))
+}
+
+/// Keys that conditions may have.
+const CONDITIONS: [&str; 6] = [
+    "name",
+    "plant",
+    "friction",
+    "drive_train",
+    "sensors",
+    "controller",
 ];
 
 /// Returns why bytes are not readable text, if their beginning shows it.
@@ -43,8 +115,17 @@ pub(super) fn syntax_hint(message: &str) -> Option<String> {
 /// Returns which other kind of file a text looks like, if it has the key by which that kind is known and the
 /// message does not expect that key.
 pub(super) fn other_kind(text: &str, message: &str) -> Option<String> {
-    let (_, expected) = message.split_once("expected ")?;
     let keys: serde_yaml::Mapping = serde_yaml::from_str(text).ok()?;
+    let conditions =
+        |key: &serde_yaml::Value| key.as_str().is_some_and(|key| CONDITIONS.contains(&key));
+    if message.contains("missing field") && keys.keys().all(conditions) {
+        return Some(
+            "; the file looks like conditions, as `tune` writes them: use it with `sidehill simulate SCENARIO \
+             --conditions FILE`"
+                .to_owned(),
+        );
+    }
+    let (_, expected) = message.split_once("expected ")?;
     let (_, kind) = KINDS
         .iter()
         .find(|(key, _)| keys.contains_key(*key) && !expected.contains(&format!("`{key}`")))?;

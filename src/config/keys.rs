@@ -10,6 +10,8 @@ use saphyr_parser::{Event, Parser, Span, SpannedEventReceiver};
 struct Key {
     path: Vec<String>,
     line: usize,
+    /// Its value, unless that is a list or a mapping.
+    value: Option<String>,
 }
 
 /// A key that occurs twice in one mapping.
@@ -58,6 +60,19 @@ impl Keys {
         self.duplicate.as_ref()
     }
 
+    /// Returns the only key within a section that has this value, and its line, counted from 1.
+    pub(super) fn with_value(&self, section: &[&str], value: &str) -> Option<(&str, usize)> {
+        let mut found = self.keys.iter().filter(|key| {
+            key.value.as_deref() == Some(value)
+                && key.path.len() >= section.len()
+                && key.path.iter().zip(section).all(|(a, b)| a == b)
+        });
+        match (found.next(), found.next()) {
+            (Some(key), None) => Some((key.path.last()?, key.line)),
+            _ => None,
+        }
+    }
+
     /// Returns the line, counted from 1, of the first key whose path ends with `path`, or else of its nearest
     /// existing parent.
     pub(super) fn line_of(&self, path: &[&str]) -> Option<usize> {
@@ -98,6 +113,7 @@ impl Reader {
         self.found.keys.push(Key {
             path: self.path.clone(),
             line,
+            value: None,
         });
     }
 }
@@ -119,7 +135,14 @@ impl<'input> SpannedEventReceiver<'input> for Reader {
                         *waits_for_key = false;
                     }
                 }
-                None => self.value_ended(),
+                None => {
+                    if let (Some(Level::Mapping { .. }), Some(key)) =
+                        (self.levels.last(), self.found.keys.last_mut())
+                    {
+                        key.value = Some(name.into_owned());
+                    }
+                    self.value_ended();
+                }
             },
             Event::Alias(_) => self.value_ended(),
             Event::MappingStart(..) => self.levels.push(Level::Mapping {
@@ -152,6 +175,16 @@ mod tests {
         assert_eq!(keys.line_of(&["terrain", "lost"]), Some(2));
         assert_eq!(keys.line_of(&["lost"]), None);
         assert_eq!(keys.duplicate(), None);
+    }
+
+    #[test]
+    fn a_key_is_found_by_its_value() {
+        let keys = Keys::of(TEXT);
+        assert_eq!(keys.with_value(&["terrain"], "5"), Some(("slope_deg", 4)));
+        assert_eq!(keys.with_value(&[], "plane"), Some(("kind", 3)));
+        assert_eq!(keys.with_value(&["controller"], "5"), None);
+        // Two keys have it.
+        assert_eq!(keys.with_value(&[], "1"), None);
     }
 
     #[test]

@@ -35,7 +35,9 @@ pub(crate) const BUILD: &str = env!("SIDEHILL_BUILD");
 
 pub use plant::{Plant, PlantKind};
 pub use prepared::Prepared;
-pub use reference::{LoadedReference, Source, read_route};
+pub use reference::{
+    LoadedReference, Source, ground_along, ground_point, read_route, route_warnings,
+};
 pub use run::{RunConfig, RunPort};
 pub(crate) use scenario::point_behind_icrs;
 pub use scenario::{Overrides, Scenario};

@@ -60,7 +60,7 @@ impl Prepared {
         Simulation::new(SimulationSetup {
             terrain: self.terrain.clone(),
             motion: self.plant.motion(),
-            drive_train: self.drive_train,
+            drive_train: self.drive_train.clone(),
             sensors: self.sensors,
             encoder_scale: self.plant.encoder_scale(),
             start: self.start,

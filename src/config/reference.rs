@@ -4,7 +4,10 @@ use super::{ConfigError, ConfigFile};
 use crate::progress::Notice;
 use serde::Deserialize;
 use sidehill_controller::course::Course;
-use sidehill_controller::path::{Route, Smoothing, read_csv, read_gpx, smooth};
+use sidehill_controller::path::{
+    GeodeticOrigin, Path as SmoothPath, Point2, RawPoint, Route, SmoothingConfig, read_csv,
+    read_gpx, smooth,
+};
 use sidehill_controller::speed_profile::{SpeedLimits, speed_profile};
 use sidehill_controller::trajectory::Trajectory;
 use sidehill_plant::terrain::{RoutePoint, RouteSmoothing, RouteTerrain, Terrain};
@@ -18,15 +21,15 @@ pub struct RouteConfig {
     pub file: PathBuf,
     /// How its points become a path.
     #[serde(default)]
-    pub smoothing: Smoothing,
+    pub smoothing: SmoothingConfig,
 }
 
 /// The source of a reference, as a configuration file names it.
 pub enum Source<'a> {
     /// A course by its shape.
     Course(&'a Course),
-    /// The points of a file, smoothed.
-    Route(ConfigFile, Smoothing),
+    /// The points of a file, smoothed; of a GPX file in the plane at a place, if one is given.
+    Route(ConfigFile, SmoothingConfig, Option<GeodeticOrigin>),
 }
 
 impl<'a> Source<'a> {
@@ -39,12 +42,15 @@ impl<'a> Source<'a> {
         file: &ConfigFile,
         course: Option<&'a Course>,
         route: Option<&RouteConfig>,
+        datum: Option<GeodeticOrigin>,
         path: Option<&Path>,
     ) -> Result<Self, ConfigError> {
-        let smoothing = route.map_or_else(Smoothing::default, |route| route.smoothing);
+        let smoothing = route.map_or_else(SmoothingConfig::default, |route| route.smoothing);
         match (path, course, route) {
-            (Some(path), _, _) => Ok(Self::Route(file.beside(path)?, smoothing)),
-            (None, None, Some(route)) => Ok(Self::Route(file.sibling(&route.file)?, smoothing)),
+            (Some(path), _, _) => Ok(Self::Route(file.beside(path)?, smoothing, datum)),
+            (None, None, Some(route)) => {
+                Ok(Self::Route(file.sibling(&route.file)?, smoothing, datum))
+            }
             (None, Some(course), None) => Ok(Self::Course(course)),
             (None, Some(_), Some(_)) => {
                 Err(file.error("course and route: only one of them can be followed"))
@@ -67,6 +73,8 @@ pub struct LoadedReference {
     pub route: Option<(ConfigFile, Option<Vec<RoutePoint>>)>,
     /// How recorded points were processed, as text; empty for a course.
     pub note: String,
+    /// What changes what is driven without being asked for, a line each.
+    pub warnings: Vec<String>,
 }
 
 impl LoadedReference {
@@ -78,13 +86,7 @@ impl LoadedReference {
         let Some((file, Some(points))) = &self.route else {
             return Ok(None);
         };
-        let smoothing = RouteSmoothing::new(SMOOTHING_M, ASIDE_M);
-        let ground = smoothing
-            .map_err(|error| file.error(error))
-            .and_then(|smoothing| {
-                RouteTerrain::new(points, smoothing).map_err(|error| file.error(error))
-            })?;
-        Ok(Some(Terrain::Route(ground)))
+        ground_along(file, points).map(Some)
     }
 
     /// Builds the reference that `file` asks for.
@@ -96,7 +98,7 @@ impl LoadedReference {
         source: Source<'_>,
         limits: &SpeedLimits,
     ) -> Result<Self, ConfigError> {
-        let (route, smoothing) = match source {
+        let (route, smoothing, datum) = match source {
             Source::Course(course) => {
                 let trajectory = course
                     .trajectory(limits)
@@ -105,21 +107,23 @@ impl LoadedReference {
                     trajectory,
                     route: None,
                     note: String::new(),
+                    warnings: Vec::new(),
                 });
             }
-            Source::Route(route, smoothing) => (route, smoothing),
+            Source::Route(route, smoothing, datum) => (route, smoothing, datum),
         };
-        let points = read_route(&route)?;
+        let points = read_route(&route, datum.as_ref())?;
         let notice = Notice::begin(format!(
             "{}: smooths {} points",
             route.name(),
             points.points.len()
         ));
-        let smoothed = smooth(&points.points, &smoothing).map_err(|error| route.error(error))?;
+        let smoothed = smooth(&points.points, &smoothing.recorded(limits.track_width_m))
+            .map_err(|error| route.error(error))?;
         drop(notice);
         let trajectory = speed_profile(&smoothed.path, limits, |_| f64::INFINITY)
             .map_err(|error| route.error(error))?;
-        let note = format!(
+        let mut note = format!(
             "{}: {} points, path of {:.1} m within {:.3} m of them ({:.3} m RMS), curvature up to {:.2} 1/m, {:.0} s",
             route.name(),
             points.points.len(),
@@ -129,32 +133,87 @@ impl LoadedReference {
             smoothed.path.max_curvature_per_m(),
             trajectory.duration_s(),
         );
-        let elevations = points
-            .points
-            .iter()
-            .map(|point| {
-                point.elevation_m.map(|z_m| RoutePoint {
-                    x_m: point.position.x_m,
-                    y_m: point.position.y_m,
-                    z_m,
-                })
-            })
-            .collect();
+        if let (Some(origin), None) = (&points.origin, datum) {
+            note += &format!(
+                ". x = 0, y = 0 is its first point; `datum: {{latitude_deg: {:.9}, longitude_deg: {:.9}, \
+                 altitude_m: {:.3}}}` keeps it there",
+                origin.latitude_deg, origin.longitude_deg, origin.elevation_m
+            );
+        }
+        let elevations = points.points.iter().map(ground_point).collect();
         Ok(Self {
             trajectory,
+            warnings: route_warnings(&route, &points, &smoothed.path),
             route: Some((route, elevations)),
             note,
         })
     }
 }
 
-/// Returns the points of a route file, CSV or GPX.
+/// Returns the ground along a route's points.
+///
+/// # Errors
+/// [`ConfigError`] where the elevations do not define a ground.
+pub fn ground_along(file: &ConfigFile, points: &[RoutePoint]) -> Result<Terrain, ConfigError> {
+    RouteSmoothing::new(SMOOTHING_M, ASIDE_M)
+        .map_err(|error| file.error(error))
+        .and_then(|smoothing| {
+            RouteTerrain::new(points, smoothing).map_err(|error| file.error(error))
+        })
+        .map(Terrain::Route)
+}
+
+/// Returns a point of a route as one of the ground, if it has an elevation.
+pub fn ground_point(point: &RawPoint) -> Option<RoutePoint> {
+    point.elevation_m.map(|z_m| RoutePoint {
+        x_m: point.position.x_m,
+        y_m: point.position.y_m,
+        z_m,
+    })
+}
+
+/// Returns what changes what is driven without being asked for, a line each.
+pub fn route_warnings(file: &ConfigFile, route: &Route, path: &SmoothPath) -> Vec<String> {
+    let notes = route.notes.iter();
+    let mut warnings: Vec<String> = notes
+        .map(|note| format!("{}: {note}", file.name()))
+        .collect();
+    let marked = route.points.iter().any(|point| point.direction.is_some());
+    let cusps: Vec<String> = path
+        .cusps_m()
+        .take(CUSPS_NAMED)
+        .map(|at_m| {
+            let Point2 { x_m, y_m } = path.at(at_m).position;
+            format!("x = {x_m:.2} m, y = {y_m:.2} m")
+        })
+        .collect();
+    if !marked && !cusps.is_empty() {
+        let more = path.cusps_m().count() - cusps.len();
+        let more = if more > 0 {
+            format!(" and {more} more")
+        } else {
+            String::new()
+        };
+        warnings.push(format!(
+            "{}: travel turns by more than 120 deg at {}{more}: from there it is driven the other way, in reverse \
+             first; a column `direction` of a CSV says otherwise",
+            file.name(),
+            cusps.join("; "),
+        ));
+    }
+    warnings
+}
+
+/// Places of turning back that a warning names.
+const CUSPS_NAMED: usize = 3;
+
+/// Returns the points of a route file, CSV or GPX; of GPX in the plane at `datum`, or else at the first point.
 ///
 /// # Errors
 /// [`ConfigError`] with the file and line at fault.
-pub fn read_route(file: &ConfigFile) -> Result<Route, ConfigError> {
+pub fn read_route(file: &ConfigFile, datum: Option<&GeodeticOrigin>) -> Result<Route, ConfigError> {
     let route = match file.ending().as_deref() {
-        Some("gpx") => read_gpx(file.text().as_bytes()),
+        Some("gpx") => read_gpx(file.text().as_bytes(), datum),
         Some("csv") => read_csv(file.text().as_bytes()),
         _ => return Err(file.error("a path must be a .csv or .gpx file")),
     };

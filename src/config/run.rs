@@ -19,6 +19,7 @@ use sidehill_controller::config::{AttitudePreview, ControllerConfig, ControllerK
 use sidehill_controller::controller::Controller;
 use sidehill_controller::course::Course;
 use sidehill_controller::guard::{Stance, first_steep_place};
+use sidehill_controller::path::GeodeticOrigin;
 use sidehill_controller::reference::Reference;
 use sidehill_controller::speed_profile::SpeedConfig;
 use sidehill_plant::bounds::Bounds;
@@ -71,6 +72,9 @@ pub struct RunConfig {
     /// Route to drive, unless a course is given.
     #[serde(default)]
     pub route: Option<RouteConfig>,
+    /// Where the world's origin is on earth, for a GPX route; by default at its first point.
+    #[serde(default)]
+    pub datum: Option<GeodeticOrigin>,
     /// Speed, unless the course defines it.
     #[serde(default)]
     pub speed: SpeedConfig,
@@ -161,7 +165,13 @@ impl RunConfig {
         let mut controller = Controller::new(self.controller, settings.clone(), vehicle)
             .map_err(|error| file.error(error))?;
         if !self.over_ros2() {
-            let source = Source::of(file, self.course.as_ref(), self.route.as_ref(), None)?;
+            let source = Source::of(
+                file,
+                self.course.as_ref(),
+                self.route.as_ref(),
+                self.datum,
+                None,
+            )?;
             let limits = self.speed.limits(&settings.limits, vehicle);
             let loaded = LoadedReference::build(file, source, &limits)?;
             if settings.attitude_preview == AttitudePreview::Terrain

@@ -9,9 +9,11 @@ use super::{CONTACT_IDENTIFIED, CONTACT_VEHICLE, ConfigError, ConfigFile};
 use serde::Deserialize;
 use sidehill_controller::config::{ControllerConfig, ControllerKind};
 use sidehill_controller::course::Course;
+use sidehill_controller::path::GeodeticOrigin;
 use sidehill_controller::reference::Reference;
-use sidehill_controller::speed_profile::SpeedConfig;
+use sidehill_controller::speed_profile::{SpeedConfig, SpeedLimits};
 use sidehill_controller::tracked_point::TrackedPoint;
+use sidehill_controller::trajectory::Trajectory;
 use sidehill_plant::bounds::{Bounds, RangeError};
 use sidehill_plant::contact::ContactVehicle;
 use sidehill_plant::drive_train::DriveTrainConfig;
@@ -29,6 +31,8 @@ struct RawScenario {
     course: Option<Course>,
     #[serde(default)]
     route: Option<RouteConfig>,
+    #[serde(default)]
+    datum: Option<GeodeticOrigin>,
     #[serde(default = "one_lap")]
     laps: u32,
     #[serde(default)]
@@ -117,6 +121,11 @@ impl Scenario {
         self.raw.controller.guard.is_some()
     }
 
+    /// Returns where the world's origin is on earth, if that is stated.
+    pub fn datum(&self) -> Option<GeodeticOrigin> {
+        self.raw.datum
+    }
+
     /// Returns the scenario's name.
     pub fn name(&self) -> &str {
         &self.raw.name
@@ -162,12 +171,16 @@ impl Scenario {
             file,
             raw.course.as_ref(),
             raw.route.as_ref(),
+            raw.datum,
             overrides.path.as_deref(),
         )?;
         let loaded = LoadedReference::build(file, source, &limits)?;
-        let terrain = raw.terrain.build(file, loaded.route.as_ref())?;
-        on_the_ground(&loaded.trajectory, &terrain).map_err(|error| file.error(error))?;
-        let mut warnings = Vec::new();
+        let mut warnings = loaded.warnings;
+        let terrain = raw
+            .terrain
+            .build(file, loaded.route.as_ref(), &mut warnings)?;
+        on_the_ground(&loaded.trajectory, &terrain, vehicle.base_half_width_m)
+            .map_err(|error| file.error(error))?;
         let requested_m_s = raw.speed.speed_m_s;
         if loaded.route.is_some() && requested_m_s > vehicle.speed_max_m_s {
             warnings.push(format!(
@@ -175,6 +188,13 @@ impl Scenario {
                  (speed_max_m_s), and its motors' limit is {} m/s",
                 vehicle.name, vehicle.speed_max_m_s, limits.traction_max_m_s
             ));
+        }
+        if loaded.route.is_none() && overrides.path.is_none() {
+            warnings.extend(
+                raw.course
+                    .as_ref()
+                    .and_then(|course| too_fast(course, &loaded.trajectory, &limits)),
+            );
         }
         warnings.extend(point_behind_icrs(&raw.controller.tracked_point, &vehicle));
         let start = raw.start.from(&loaded.trajectory.at(0.0).pose());
@@ -192,7 +212,7 @@ impl Scenario {
             controllers: controllers.clone(),
             seed,
             step_s: raw.step_s,
-            drive_train: raw.drive_train,
+            drive_train: raw.drive_train.clone(),
             sensors: raw.sensors,
             controller: raw.controller.clone(),
             route_note: loaded.note,
@@ -255,6 +275,38 @@ impl Scenario {
             }
         }
     }
+}
+
+/// Returns the warning for a course that asks a speed above a limit, with the keys of both.
+fn too_fast(course: &Course, trajectory: &Trajectory, limits: &SpeedLimits) -> Option<String> {
+    /// Steps in which the speed of a course given in time is looked at.
+    const STEPS: u32 = 1000;
+    let profiled_m_s = match course {
+        Course::Straight(course) => Some(course.speed_m_s),
+        Course::Slalom(course) => Some(course.speed_m_s),
+        Course::Cusp(course) => Some(course.speed_m_s),
+        Course::FigureEight(_) | Course::Circle(_) | Course::Pivot(_) => None,
+    };
+    let mut bounds = vec![
+        (
+            "controller.limits.traction.speed_m_s",
+            limits.traction_max_m_s,
+        ),
+        ("controller.limits.tread_speed_m_s", limits.tread_max_m_s),
+    ];
+    if profiled_m_s.is_some() {
+        bounds.insert(0, ("speed.speed_m_s", limits.speed_max_m_s));
+    }
+    let asked_m_s = profiled_m_s.unwrap_or_else(|| {
+        let times = (0..=STEPS).map(|i| f64::from(i) / f64::from(STEPS) * trajectory.duration_s());
+        let speeds = times.map(|time_s| trajectory.at(time_s).speed_m_s.abs());
+        speeds.fold(0.0, f64::max)
+    });
+    let (key, allowed_m_s) = bounds.into_iter().min_by(|a, b| a.1.total_cmp(&b.1))?;
+    (asked_m_s > allowed_m_s * (1.0 + 1e-6)).then(|| {
+        let source = profiled_m_s.map_or("course", |_| "course.speed_m_s");
+        format!("{source}: {asked_m_s:.2} m/s is asked, but {key} allows {allowed_m_s:.2} m/s")
+    })
 }
 
 /// Returns the warning for a tracked point behind the line through the treads' ICRs, if the point is there.

@@ -95,7 +95,7 @@ impl VehicleConfig {
             seed: self.seed,
             ..Overrides::default()
         })?;
-        world.drive_train = self.drive_train.unwrap_or(world.drive_train);
+        world.drive_train = self.drive_train.clone().unwrap_or(world.drive_train);
         world.sensors = self.sensors.unwrap_or(world.sensors);
         Ok(world)
     }

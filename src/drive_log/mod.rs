@@ -1,6 +1,7 @@
 //! Logs of drives: CSV with a column map and ROS 2 bags with a topic map, both converted to the same rows.
 
 mod choice;
+mod commands;
 mod fixes;
 mod interpolation;
 mod joints;
@@ -17,13 +18,17 @@ mod transform_poses;
 pub use choice::Chosen;
 pub use live_positions::LivePositions;
 pub use positions::{Positions, positions};
-pub use topics::{AttitudeTopic, ImuAxes, PoseTopic, StampSource, TopicMap, TreadSpeedTopic};
+pub use topics::{
+    AttitudeTopic, CommandTopic, ImuAxes, PoseTopic, StampSource, TopicMap, TreadSpeedTopic,
+};
 
 use crate::config::ConfigFile;
 use crate::console;
 use crate::log_file;
 use anyhow::{Context, Result};
-use sidehill_plant::log::{ColumnMap, DriveLog};
+use sidehill_plant::identification::DriveRecord;
+use sidehill_plant::log::{ColumnMap, DriveLog, read_commands};
+use sidehill_plant::speeds::EncoderScale;
 use std::path::{Path, PathBuf};
 
 /// Arguments of every command that reads logs: what their columns or topics mean.
@@ -110,6 +115,24 @@ impl LogReader {
             console::complain(format_args!("{}: note: {note}", path.display()));
         }
         Ok(log)
+    }
+
+    /// Returns commands and measured speeds of a file, bag or recording, effective by `scale` where the commands are,
+    /// and prints what was left out.
+    ///
+    /// # Errors
+    /// Names the file and row, column, topic or key at fault.
+    pub fn read_commands(&self, path: &Path, scale: &EncoderScale) -> Result<DriveRecord> {
+        if crate::bag::is_bag(path) {
+            return commands::record(path, self.topics.as_ref(), self.max_bytes, scale);
+        }
+        let name = || path.display().to_string();
+        let source = log_file::open(path, self.max_bytes)?;
+        let (record, note) = read_commands(source, &self.columns, scale).with_context(name)?;
+        if let Some(note) = note {
+            console::complain(format_args!("{}: note: {note}", name()));
+        }
+        Ok(record)
     }
 
     fn read_csv(&self, path: &Path) -> Result<DriveLog> {

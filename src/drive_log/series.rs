@@ -485,7 +485,7 @@ impl<'a> Collected<'a> {
     }
 }
 
-fn decode<T: DeserializeOwned>(message: &Message<'_>) -> Result<T> {
+pub(super) fn decode<T: DeserializeOwned>(message: &Message<'_>) -> Result<T> {
     if message.topic.encoding != "cdr" {
         bail!("its encoding is {:?}, must be cdr", message.topic.encoding);
     }

@@ -5,7 +5,8 @@ use serde::Serialize;
 use sidehill_bridge::ros2::conversions::{stamp, to_pose, to_quaternion, to_transform};
 use sidehill_bridge::ros2::message::cdr::to_cdr;
 use sidehill_bridge::ros2::message::{
-    Header, Imu, JointState, NavSatFix, PoseStamped, TfMessage, TransformStamped,
+    Header, Imu, JointState, NavSatFix, PoseStamped, TfMessage, TransformStamped, Twist,
+    TwistStamped, Vector3 as Vector3Message,
 };
 use sidehill_plant::frames::{Attitude, ros_quaternion};
 use std::path::Path;
@@ -301,6 +302,66 @@ fn bags_of_another_program_have_the_rows_of_their_csv() {
             }
         }
     }
+}
+
+#[test]
+fn commands_of_a_bag_are_twists_and_speeds_at_their_own_times() {
+    let ms = 1_000_000;
+    let twist = Twist {
+        linear: Vector3Message {
+            x: 0.4,
+            ..Vector3Message::default()
+        },
+        angular: Vector3Message {
+            z: 0.5,
+            ..Vector3Message::default()
+        },
+    };
+    let stamped = TwistStamped {
+        header: header(START_NS + 10 * ms, ""),
+        twist: twist.clone(),
+    };
+    let at = START_NS + 30 * ms;
+    let of = |command: Recorded| {
+        let (_folder, path) = bag(&[
+            joints(START_NS, 1.0, 3.0),
+            command,
+            joints(START_NS + 50 * ms, 1.0, 3.0),
+        ]);
+        let map = "{tread_speeds: {kind: joint_states, radius_m: 0.1}, attitude: {kind: level}, pose: {kind: none},
+                    commands: {topic: /cmd_vel, track_width_m: 0.8}}";
+        reader(map).read_commands(
+            &path,
+            &EncoderScale {
+                left: 1.5,
+                right: 1.5,
+            },
+        )
+    };
+    for (command, time_s) in [
+        (
+            recorded("/cmd_vel", "geometry_msgs/msg/Twist", at, &twist),
+            0.03,
+        ),
+        (
+            recorded("/cmd_vel", "geometry_msgs/msg/TwistStamped", at, &stamped),
+            0.01,
+        ),
+    ] {
+        let record = of(command).unwrap();
+        let [command] = record.commands[..] else {
+            panic!("{record:?}")
+        };
+        assert!((command.time_s - time_s).abs() < 1e-9, "{command:?}");
+        assert!((command.speeds.traction_m_s - 0.4).abs() < 1e-12);
+        assert!((command.speeds.steer_m_s - 0.2).abs() < 1e-12);
+        // Both are as the drives count them, so c_l and c_r do not matter.
+        assert_eq!(record.measured.len(), 2);
+        assert!((record.measured[1].speeds.traction_m_s - 0.2).abs() < 1e-12);
+        assert!((record.measured[1].time_s - 0.05).abs() < 1e-9);
+    }
+    let other = of(recorded("/cmd", "geometry_msgs/msg/Twist", at, &twist)).unwrap_err();
+    assert!(other.to_string().contains("no topic /cmd_vel"), "{other}");
 }
 
 fn log(map: &str, messages: &[Recorded]) -> DriveLog {

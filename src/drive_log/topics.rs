@@ -26,6 +26,9 @@ pub struct TopicMap {
     /// Source of the poses.
     #[serde(default)]
     pub pose: Option<PoseTopic>,
+    /// Source of the commands, for `identify --drives`.
+    #[serde(default)]
+    pub commands: Option<CommandTopic>,
     /// Which time of a message counts.
     #[serde(default)]
     pub time: StampSource,
@@ -78,6 +81,16 @@ pub enum TreadSpeedTopic {
         /// Track width by which the base turns wheel speeds into a twist, m.
         track_width_m: f64,
     },
+}
+
+/// Source of the commands: geometry_msgs/Twist or TwistStamped.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CommandTopic {
+    /// Topic.
+    pub topic: String,
+    /// Track width by which the base turns a twist into tread speeds, m.
+    pub track_width_m: f64,
 }
 
 /// Source of roll and pitch.
@@ -197,6 +210,10 @@ impl TopicMap {
                 let key = "tread_speeds.track_width_m";
                 Bounds::new(0.05, 20.0, "m").check(key, track_width_m)?;
             }
+        }
+        if let Some(commands) = &self.commands {
+            let key = "commands.track_width_m";
+            Bounds::new(0.05, 20.0, "m").check(key, commands.track_width_m)?;
         }
         if let Some(PoseTopic::Navsat {
             antenna_forward_m,

@@ -16,8 +16,13 @@ pub struct IdentifyArgs {
     pub slope: Vec<PathBuf>,
     /// Drives the paper's procedure with this contact vehicle in simulation, instead of reading logs.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["level", "slope", "columns", "topics"],
-          required_unless_present_any = ["level", "slope"])]
+          required_unless_present_any = ["level", "slope", "drives"])]
     pub simulate: Option<PathBuf>,
+    /// Log with the commands of the drives, CSV, a bag of ROS 2 or a recording of `run`; may be given several times.
+    /// Finds delay, lag and limits of the motors instead; --out gets them as conditions for a controller.
+    #[arg(long, value_name = "LOG", num_args = 1..,
+          conflicts_with_all = ["level", "slope", "simulate", "contact", "report"])]
+    pub drives: Vec<PathBuf>,
     /// Vehicle to start from; its base and largest speed are kept.
     #[arg(long, value_name = "FILE")]
     pub vehicle: PathBuf,

@@ -234,7 +234,7 @@ impl Rebuilt {
                 },
                 seed: world.seed,
                 step_s: world.step_s,
-                drive_train: world.drive_train,
+                drive_train: world.drive_train.clone(),
                 sensors: world.sensors,
                 ..self.assumed(reference, world.start)?
             },

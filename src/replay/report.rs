@@ -221,6 +221,16 @@ fn run(name: &str, rows: Vec<Row>, end: End) -> Run {
         heading_rms_rad: f64::NAN,
         steer_total_variation_m_s: steers.sum(),
         goal_error_m: f64::NAN,
+        mean_speed_m_s: f64::NAN,
+        time_s: match &rows[..] {
+            [first, .., last] => last.time_s - first.time_s,
+            _ => 0.0,
+        },
+        tread_speed_max_m_s: rows
+            .iter()
+            .flat_map(|row| [row.tread_speeds.left_m_s, row.tread_speeds.right_m_s])
+            .map(f64::abs)
+            .fold(0.0, f64::max),
         constraint_violations: 0,
         fallbacks: end.fallbacks,
         deadline_misses: 0,

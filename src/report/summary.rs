@@ -15,6 +15,8 @@ pub(super) fn summary(runs: &[Run], styles: &[Style]) -> Markup {
                         th.name rowspan="2" { "Controller" }
                         th colspan="3" { "Cross-track error (cm)" }
                         th rowspan="2" title="sum of all changes of the steer command" { "Steer total" (PreEscaped("<br/>")) "variation (m/s)" }
+                        th colspan="2" { "Speed (m/s)" }
+                        th rowspan="2" { "Time (s)" }
                         th.name rowspan="2" { "Reached the end" }
                         th colspan="2" { "QP solve time (\u{b5}s)" }
                         th rowspan="2" title="cycles that drove on the previous plan" { "Fallbacks" }
@@ -23,6 +25,8 @@ pub(super) fn summary(runs: &[Run], styles: &[Style]) -> Markup {
                         th { "RMS" }
                         th title="95 % of the time it is smaller" { "p95" }
                         th { "max" }
+                        th title="distance travelled over the time of the run" { "mean" }
+                        th title="largest speed of a tread" { "tread max" }
                         th { "p50" }
                         th { "p99" }
                     }
@@ -58,6 +62,9 @@ fn line(summary: &Summary, style: &Style) -> Markup {
             td { (number(100.0 * summary.cross_track_p95_m, 2)) }
             td { (number(100.0 * summary.cross_track_max_m, 2)) }
             td { (number(summary.steer_total_variation_m_s, 2)) }
+            td { (number(summary.mean_speed_m_s, 2)) }
+            td { (number(summary.tread_speed_max_m_s, 2)) }
+            td { (number(summary.time_s, 1)) }
             td.text { (end) }
             td { (microseconds(summary.solve_us.p50)) }
             td { (microseconds(summary.solve_us.p99)) }

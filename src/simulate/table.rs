@@ -26,7 +26,7 @@ pub(super) fn table(
     }
     let _ = writeln!(
         out,
-        "\n{:14} {:>9} {:>9} {:>9} {:>9} {:>9} {:>9} {:>6} {:>9} {:>9}",
+        "\n{:14} {:>9} {:>9} {:>9} {:>9} {:>9} {:>9} {:>9} {:>9} {:>9} {:>6} {:>9} {:>9}",
         "controller",
         "cross RMS",
         "cross p95",
@@ -34,19 +34,22 @@ pub(super) fn table(
         "along RMS",
         "steer TV",
         "goal err",
+        "mean",
+        "tread max",
+        "time",
         "iters",
         "cycle p50",
         "cycle p99"
     );
     let _ = writeln!(
         out,
-        "{:14} {:>9} {:>9} {:>9} {:>9} {:>9} {:>9} {:>6} {:>9} {:>9}",
-        "", "cm", "cm", "cm", "cm", "m/s", "cm", "", "us", "us"
+        "{:14} {:>9} {:>9} {:>9} {:>9} {:>9} {:>9} {:>9} {:>9} {:>9} {:>6} {:>9} {:>9}",
+        "", "cm", "cm", "cm", "cm", "m/s", "cm", "m/s", "m/s", "s", "", "us", "us"
     );
     for s in summaries {
         let _ = writeln!(
             out,
-            "{:14} {:>9.3} {:>9.3} {:>9.3} {:>9.3} {:>9.2} {:>9.2} {:>6.1} {:>9.0} {:>9.0}",
+            "{:14} {:>9.3} {:>9.3} {:>9.3} {:>9.3} {:>9.2} {:>9.2} {:>9.3} {:>9.3} {:>9.1} {:>6.1} {:>9.0} {:>9.0}",
             s.controller,
             100.0 * s.cross_track_rms_m,
             100.0 * s.cross_track_p95_m,
@@ -54,6 +57,9 @@ pub(super) fn table(
             100.0 * s.along_track_rms_m,
             s.steer_total_variation_m_s,
             100.0 * s.goal_error_m,
+            s.mean_speed_m_s,
+            s.tread_speed_max_m_s,
+            s.time_s,
             s.qp_iterations_mean,
             s.cycle_us.p50,
             s.cycle_us.p99

@@ -271,6 +271,9 @@ fn a_row_run_alone_by_simulate_gives_the_same_figures() {
             "heading_rms_rad",
             "steer_total_variation_m_s",
             "goal_error_m",
+            "mean_speed_m_s",
+            "time_s",
+            "tread_speed_max_m_s",
         ] {
             let of_row: f64 = row[figure].parse().unwrap();
             assert_eq!(run[figure].as_f64().unwrap(), of_row, "{figure}");

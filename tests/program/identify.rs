@@ -185,6 +185,81 @@ fn an_identification_ends_with_a_verdict_and_its_reasons() {
     assert!(shown.as_f64().unwrap() > 0.3, "{poor}");
 }
 
+#[test]
+fn drives_are_found_from_a_log_and_from_a_recording_and_conditions_are_written() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let weak = std::fs::read_to_string(repository("config/conditions/realistic.yaml")).unwrap();
+    let weak = weak
+        .replace(
+            "delay_s: 0.1\n  traction: {",
+            "delay_s: 0.3\n  traction: {speed_max_m_s: 0.4, ",
+        )
+        .replace(
+            "steer: {time_constant_s: 0.15",
+            "steer: {time_constant_s: 0.4",
+        );
+    std::fs::write(at("weak.yaml"), weak).unwrap();
+    let mut simulate = sidehill();
+    simulate
+        .arg("simulate")
+        .arg(repository("config/scenarios/slalom.yaml"))
+        .args(["--controller", "pure-pursuit", "--conditions"])
+        .arg(at("weak.yaml"))
+        .arg("--out")
+        .arg(at("out"))
+        .arg("--record")
+        .arg(at("run.mcap"));
+    simulate.output().unwrap();
+    for log in [at("out/pure-pursuit.csv"), at("run.mcap")] {
+        let identify = |format: &str| {
+            succeed(
+                sidehill()
+                    .args(["identify", "--force", "--format", format, "--drives"])
+                    .arg(&log)
+                    .arg("--vehicle")
+                    .arg(repository("config/vehicles/j8.yaml"))
+                    .arg("--out")
+                    .arg(at("found.yaml")),
+            )
+        };
+        let found: Value = serde_json::from_str(&identify("json")).unwrap();
+        for (motor, key, expected) in [
+            ("traction", "delay_s", 0.3),
+            ("steer", "delay_s", 0.3),
+            ("traction", "speed_max_m_s", 0.4),
+            ("steer", "time_constant_s", 0.4),
+        ] {
+            let value = found["drives"][motor][key]["value"].as_f64().unwrap();
+            assert!((value - expected).abs() < 0.02, "{motor} {key} {value}");
+        }
+        assert!(
+            found["drives"]["steer"]["speed_max_m_s"]["at_least"]
+                .as_f64()
+                .unwrap()
+                > 0.1
+        );
+        assert_says(
+            &identify("table"),
+            &["the traction motor reaches 0.40 m/s of"],
+        );
+        // What was found is what a controller reads.
+        let written = std::fs::read_to_string(at("found.yaml")).unwrap();
+        assert_says(&written, &["command_delay_s: 0.3", "speed_m_s: 0.4"]);
+        succeed(sidehill().arg("check").arg(at("found.yaml")));
+    }
+    let mut wrong = sidehill();
+    wrong
+        .args(["identify", "--drives"])
+        .arg(repository("plant/tests/data/drive/columns.yaml"))
+        .arg("--vehicle")
+        .arg(repository("config/vehicles/j8.yaml"))
+        .arg("--out")
+        .arg(at("none.yaml"));
+    assert_says(&crate::fail(&mut wrong), &["columns.yaml", "no column"]);
+    assert!(!at("none.yaml").exists());
+}
+
 /// Returns a log of 60 s in arcs of both senses on ground of this slope, which the vehicle drives as ideal
 /// differential drive.
 fn arcs(folder: &Path, name: &str, slope_rad: f64) -> PathBuf {

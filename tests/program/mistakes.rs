@@ -198,6 +198,73 @@ fn mistakes_in_yaml_say_what_to_look_for() {
 }
 
 #[test]
+fn a_wrong_value_is_named_by_its_key() {
+    let course = Course::new("");
+    let scenario = std::fs::read_to_string(course.path("scenario.yaml")).unwrap();
+    let wrong = scenario.replace("slope_deg: 8", "slope_deg: eight");
+    assert_ne!(wrong, scenario);
+    let message = complaint("text.yaml", wrong.as_bytes());
+    assert_says(
+        &message,
+        &["text.yaml", "\"eight\"", "`slope_deg`", "line 3"],
+    );
+}
+
+#[test]
+fn nesting_and_size_have_limits() {
+    for deep in ["[".repeat(300), "{a: ".repeat(300), "- ".repeat(60_000)] {
+        let message = complaint("deep.yaml", format!("name: a\nx:\n  {deep}").as_bytes());
+        assert_says(
+            &message,
+            &["deep.yaml", "line 3", "nested more than 100 deep"],
+        );
+    }
+    let course = Course::new("");
+    let path = course.path("large.gpx");
+    std::fs::File::create(&path)
+        .unwrap()
+        .set_len(2_000_000_000)
+        .unwrap();
+    assert_says(
+        &fail(sidehill().arg("check").arg(&path)),
+        &["large.gpx", "64 MB"],
+    );
+    let far = course.write("far.csv", "x_m,y_m\n0,0\n0,90000\n");
+    let message = fail(course.simulate().arg("--path").arg(&far));
+    assert_says(&message, &["million cycles", "shorten the path"]);
+}
+
+#[test]
+fn files_and_options_at_the_wrong_place_name_the_right_one() {
+    let course = Course::new("");
+    let tuned = course.write(
+        "tuned.yaml",
+        "name: tuned\ncontroller: {weights: {cross_per_m2: 40}}\n",
+    );
+    let message = fail(sidehill().arg("simulate").arg(&tuned));
+    assert_says(&message, &["tuned.yaml", "--conditions"]);
+    let message = fail(
+        course
+            .simulate()
+            .arg("--conditions")
+            .arg(&tuned)
+            .args(["--conditions", "realistic"]),
+    );
+    assert_says(&message, &["--conditions", "given 2 times", "one file"]);
+    let track = course.write("track.gpx", "<gpx/>");
+    let out = course.path("r.csv");
+    let message = fail(sidehill().arg("route").arg(&track).arg("--out").arg(&out));
+    assert_says(&message, &["track.gpx", "is a path already", "--path"]);
+    let run = repository("config/bridge/run_ros2.yaml");
+    let out = course.path("found.yaml");
+    let message = fail(sidehill().arg("tune").arg(&run).arg("--out").arg(&out));
+    assert_says(
+        &message,
+        &["run_ros2.yaml", "looks like a configuration of run"],
+    );
+}
+
+#[test]
 fn what_identification_lacks_is_said() {
     let course = Course::new("");
     let identify = |text: &str, out: &str| {

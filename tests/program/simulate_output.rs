@@ -5,7 +5,7 @@ use serde_json::Value;
 use std::collections::BTreeSet;
 
 /// Fields of a run, design of the program's contract.
-const FIELDS: [&str; 21] = [
+const FIELDS: [&str; 24] = [
     "controller",
     "plant",
     "scenario",
@@ -18,6 +18,9 @@ const FIELDS: [&str; 21] = [
     "heading_rms_rad",
     "steer_total_variation_m_s",
     "goal_error_m",
+    "mean_speed_m_s",
+    "time_s",
+    "tread_speed_max_m_s",
     "constraint_violations",
     "fallbacks",
     "deadline_misses",
@@ -250,4 +253,38 @@ fn what_was_learned_is_kept_in_a_file_that_is_refused_where_it_is_wrong() {
     let off = file("off.yaml", &eight.replace("memory: {}", "memory: null"));
     let why = fail(&mut simulate(&off, &[write, kept.as_os_str()]));
     assert_says(&why, &["--learned-out", "memory"]);
+}
+
+#[test]
+fn a_course_that_asks_more_than_is_allowed_says_so_with_both_keys() {
+    let folder = tempfile::tempdir().unwrap();
+    let warning = |course: &str, speed: &str| {
+        let text = format!(
+            "{{name: fast, vehicle: {}, terrain: {{kind: level}}, course: {course}, speed: {speed}, \
+             controllers: [pure-pursuit], plant: icrik, seed: 1, step_s: 0.005}}",
+            crate::repository("config/vehicles/j8.yaml").display()
+        );
+        let file = folder.path().join("fast.yaml");
+        std::fs::write(&file, text).unwrap();
+        let out = sidehill().arg("simulate").arg(file).output().unwrap();
+        String::from_utf8(out.stderr).unwrap()
+    };
+    let straight = "{shape: straight, length_m: 2, speed_m_s: 3}";
+    let by_default = warning(straight, "{}");
+    assert_says(
+        &by_default,
+        &[
+            "course.speed_m_s: 3.00 m/s is asked",
+            "speed.speed_m_s allows 0.80 m/s",
+        ],
+    );
+    let by_motors = warning(straight, "{speed_m_s: 5}");
+    assert_says(&by_motors, &["controller.limits.traction.speed_m_s allows"]);
+    let timed = warning(
+        "{shape: circle, radius_m: 1, turns: 0.2, speed_m_s: 3}",
+        "{}",
+    );
+    assert_says(&timed, &["course: 3.00 m/s is asked", "controller.limits"]);
+    let slow = warning("{shape: straight, length_m: 2, speed_m_s: 0.5}", "{}");
+    assert!(!slow.contains("is asked"), "{slow}");
 }

@@ -269,9 +269,10 @@ fn start_ros2(
         return Ok(None);
     }
     let mut ros2 = config.ros2(file, vehicle)?;
+    let limits = config.speed.limits(&config.settings.limits, vehicle);
     let mut route = RouteSettings {
-        smoothing: ros2.smoothing,
-        limits: config.speed.limits(&config.settings.limits, vehicle),
+        smoothing: ros2.smoothing.planned(limits.track_width_m),
+        limits,
         tracked_point: config.settings.tracked_point,
         use_orientations: ros2.follow_path.use_orientations,
     };

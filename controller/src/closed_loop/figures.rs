@@ -10,7 +10,7 @@ use crate::trajectory::{Ending, ReferencePoint};
 use serde::{Deserialize, Serialize};
 use sidehill_plant::frames::wrap_angle;
 use sidehill_plant::simulation::TrueState;
-use sidehill_plant::speeds::MotorSpeeds;
+use sidehill_plant::speeds::{MotorSpeeds, TreadSpeeds};
 use sidehill_plant::statistics::quantile;
 use std::time::Duration;
 
@@ -49,6 +49,12 @@ pub struct TrackingFigures {
     pub steer_total_variation_m_s: f64,
     /// Distance from the end of the path now, m.
     pub goal_error_m: f64,
+    /// Distance that the tracked point travelled in plan over the time of the run, m/s.
+    pub mean_speed_m_s: f64,
+    /// Time of the run from its start, s.
+    pub time_s: f64,
+    /// Largest effective speed of a tread, m/s.
+    pub tread_speed_max_m_s: f64,
     /// Distance now from where a finished run has to be, m: the end of the path; the path itself
     /// where it is periodic, since it has no end to stop at.
     pub miss_m: f64,
@@ -87,6 +93,9 @@ pub(super) struct Account {
     fallbacks: u32,
     deadline_misses: u32,
     position: Point2,
+    travelled_m: f64,
+    time_s: f64,
+    tread_speed_max_m_s: f64,
     tracked_point: TrackedPoint,
     origin_squares: f64,
     lap_m: f64,
@@ -110,6 +119,9 @@ impl Account {
             fallbacks: 0,
             deadline_misses: 0,
             position: reference.ahead(0.0).position,
+            travelled_m: 0.0,
+            time_s: 0.0,
+            tread_speed_max_m_s: 0.0,
             tracked_point: match reference.path() {
                 Some(_) => config.tracked_point,
                 None => TrackedPoint::ORIGIN,
@@ -154,7 +166,16 @@ impl Account {
         state: &TrueState,
         reference: &ReferencePoint,
     ) {
+        let before = self.position;
         self.measure(path, state, reference);
+        self.travelled_m += before.distance_m(&self.position);
+        self.time_s = state.time_s;
+        let TreadSpeeds {
+            left_m_s,
+            right_m_s,
+        } = state.treads;
+        let faster_m_s = left_m_s.abs().max(right_m_s.abs());
+        self.tread_speed_max_m_s = self.tread_speed_max_m_s.max(faster_m_s);
         if state.time_s > SETTLING_S {
             self.cross_tracks_m.push(self.errors.cross_track_m);
             self.count_lap(reference.arc_length_m);
@@ -260,6 +281,13 @@ impl Account {
             heading_rms_rad: root_mean(self.heading_squares),
             steer_total_variation_m_s: self.steer_variation_m_s,
             goal_error_m,
+            mean_speed_m_s: if self.time_s > 0.0 {
+                self.travelled_m / self.time_s
+            } else {
+                0.0
+            },
+            time_s: self.time_s,
+            tread_speed_max_m_s: self.tread_speed_max_m_s,
             miss_m: if periodic {
                 self.errors.cross_track_m.abs()
             } else {

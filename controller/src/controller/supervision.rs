@@ -6,7 +6,7 @@ use super::{Controller, Phase, Status, StopReason};
 use crate::config::AttitudePreview;
 use crate::estimator::Estimate;
 use crate::guard::Surroundings;
-use crate::mpc::QpFailure;
+use crate::mpc::{Model, QpFailure};
 use crate::reference::Progress;
 use crate::trajectory::Ending;
 use sidehill_plant::frames::wrap_angle;
@@ -44,7 +44,13 @@ impl Controller {
         }
         self.phase = Phase::Driving { fallback_cycles: 0 };
         self.last_time_s = None;
+        self.watchdog.reset();
         self.discard_plan();
+        if let Law::Mpc(mpc) = &mut self.law
+            && let Model::Contact(model) = mpc.model_mut()
+        {
+            model.forget_found();
+        }
     }
 
     /// Returns the time since the cycle before; stops if the clock stands still, jumps or is not a number.

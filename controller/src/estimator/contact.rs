@@ -56,6 +56,10 @@ impl LearnedModel<PARAMETERS> for LearnedContact {
         (predicted.linearised.velocity, predicted.by_parameters)
     }
 
+    fn forget_found(&mut self) {
+        self.model.forget_found();
+    }
+
     fn moved(
         &mut self,
         attitude: Attitude,

@@ -91,6 +91,9 @@ pub(super) trait LearnedModel<const N: usize>: Clone {
         parameters: &SVector<f64, N>,
     ) -> (BodyVelocity, SMatrix<f64, 3, N>);
 
+    /// Forgets what came before, so that the same arguments give the same numbers to the last digit.
+    fn forget_found(&mut self) {}
+
     /// Returns the motion over `time_s` of a vehicle that moved as `before` and may follow with inertia.
     fn moved(
         &mut self,

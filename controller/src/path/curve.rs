@@ -31,12 +31,17 @@ impl CurvePoint {
     }
 }
 
-/// Arc length along a curve whose parameter runs from 0 to `end` and whose speed is never 0.
+/// Arc length along a curve whose parameter runs from 0 to `end`.
+///
+/// Where its speed is 0 the samples are not regular, which `Path::from_pieces` refuses.
 pub(crate) struct ArcLength<F> {
     curve: F,
     parameter_step: f64,
     lengths_m: Vec<f64>,
 }
+
+/// Intervals of a short curve, so that its samples show its bends.
+const INTERVALS_MIN: f64 = 8.0;
 
 /// Nodes and weights of the five-point Gauss-Legendre rule on (-1, 1).
 const GAUSS: [(f64, f64); 5] = [
@@ -92,7 +97,13 @@ impl<F: Fn(f64) -> CurvePoint> ArcLength<F> {
         let mut parameter = from;
         for _ in 0..8 {
             let error_m = self.lengths_m[index] + self.quadrature(from, parameter) - arc_length_m;
-            parameter -= error_m / self.point(parameter).speed();
+            let next = parameter - error_m / self.point(parameter).speed();
+            // Only where the curve stands still or turns back does a step lead far away.
+            let near = (next - from).abs() < 2.0 * self.parameter_step;
+            if !near {
+                break;
+            }
+            parameter = next;
             if error_m.abs() < 1e-13 {
                 break;
             }
@@ -103,7 +114,7 @@ impl<F: Fn(f64) -> CurvePoint> ArcLength<F> {
     /// Returns samples uniform in arc length, their headings those of a vehicle that drives in
     /// `direction`.
     pub(crate) fn samples(&self, direction: Direction) -> Vec<Sample> {
-        let intervals = (self.length_m() / SAMPLE_STEP_M).ceil().max(1.0) as usize;
+        let intervals = (self.length_m() / SAMPLE_STEP_M).ceil().max(INTERVALS_MIN) as usize;
         let step_m = self.length_m() / intervals as f64;
         let mut samples: Vec<Sample> = Vec::with_capacity(intervals + 1);
         for i in 0..=intervals {

@@ -2,9 +2,11 @@
 //!
 //! Everything is in the world frame: X_g, Y_g horizontal, heading psi counter-clockwise from Y_g.
 
+mod accuracy;
 mod aside;
 mod curve;
 mod error;
+mod gpx;
 mod point;
 mod projection;
 mod raw;
@@ -14,11 +16,12 @@ mod spline;
 
 pub use aside::{Aside, MovedPath};
 pub use error::PathError;
+pub use gpx::{GeodeticOrigin, read_gpx};
 pub use point::{Direction, PathPoint, Point2};
 pub use projection::{Projected, Window};
 pub use raw::RawPoint;
-pub use read::{GeodeticOrigin, Route, read_csv, read_gpx};
-pub use smoothing::{Smoothed, Smoothing, smooth};
+pub use read::{Route, read_csv};
+pub use smoothing::{Smoothed, Smoothing, SmoothingConfig, estimated_accuracy_m, smooth};
 
 pub(crate) use curve::{ArcLength, CurvePoint};
 
@@ -48,6 +51,17 @@ struct RawPath {
     length_m: f64,
 }
 
+/// Returns whether two arc lengths are the same but for rounding.
+fn same_length(a_m: f64, b_m: f64) -> bool {
+    (a_m - b_m).abs() < 1e-6
+}
+
+/// Least distance of consecutive samples over their arc length: less is left where a curve turns back or stands
+/// still.
+const CHORD_SHARE_MIN: f64 = 0.5;
+/// Largest: only a gap leaves more.
+const CHORD_SHARE_MAX: f64 = 1.05;
+
 impl TryFrom<RawPath> for Path {
     type Error = PathError;
 
@@ -57,8 +71,16 @@ impl TryFrom<RawPath> for Path {
             closed,
             length_m,
         } = raw;
-        let drivable = |piece: &Piece| piece.samples.len() >= 2 && piece.length_m > 0.0;
-        if pieces.is_empty() || !pieces.iter().all(drivable) || length_m.is_nan() {
+        let mut end_m = 0.0;
+        for piece in &pieces {
+            piece.check()?;
+            // A text may have rounded them.
+            if !same_length(piece.start_m, end_m) {
+                return Err(piece.not_regular(0));
+            }
+            end_m = piece.end_m();
+        }
+        if pieces.is_empty() || !same_length(length_m, end_m) {
             return Err(PathError::ZeroLength);
         }
         Ok(Self {
@@ -91,6 +113,10 @@ impl Path {
     ///
     /// Headings are of the vehicle; each piece's are shifted by whole turns so that they continue
     /// those of the piece before.
+    ///
+    /// # Errors
+    /// [`PathError::Empty`] or [`PathError::ZeroLength`] where there is no curve, and
+    /// [`PathError::NotRegular`] where one has a gap, stands still or turns back.
     pub(crate) fn from_pieces(
         pieces: impl IntoIterator<Item = (Direction, f64, Vec<Sample>)>,
         closed: bool,
@@ -98,21 +124,22 @@ impl Path {
         let mut joined: Vec<Piece> = Vec::new();
         let mut length_m = 0.0;
         for (direction, piece_length_m, mut samples) in pieces {
-            if samples.len() < 2 || piece_length_m <= 0.0 {
-                return Err(PathError::ZeroLength);
-            }
-            if let Some(before) = joined.last().and_then(|p| p.samples.last()) {
-                let turns = ((before.heading_rad - samples[0].heading_rad) / (2.0 * PI)).round();
+            if let Some(before) = joined.last().and_then(|p| p.samples.last())
+                && let Some(first) = samples.first()
+            {
+                let turns = ((before.heading_rad - first.heading_rad) / (2.0 * PI)).round();
                 for sample in &mut samples {
                     sample.heading_rad += turns * 2.0 * PI;
                 }
             }
-            joined.push(Piece {
+            let piece = Piece {
                 start_m: length_m,
                 length_m: piece_length_m,
                 direction,
                 samples,
-            });
+            };
+            piece.check()?;
+            joined.push(piece);
             length_m += piece_length_m;
         }
         if joined.is_empty() {
@@ -195,6 +222,24 @@ impl Path {
 }
 
 impl Piece {
+    /// Checks what every search along a path relies on: a length, finite samples, and a distance between
+    /// consecutive ones that is about their arc length.
+    fn check(&self) -> Result<(), PathError> {
+        if self.samples.len() < 2 || !(self.length_m > 0.0 && self.length_m.is_finite()) {
+            return Err(PathError::ZeroLength);
+        }
+        match first_irregular(&self.samples, self.step_m(), CHORD_SHARE_MIN) {
+            Some(index) => Err(self.not_regular(index)),
+            None => Ok(()),
+        }
+    }
+
+    fn not_regular(&self, index: usize) -> PathError {
+        PathError::NotRegular {
+            position: self.samples[index].position,
+        }
+    }
+
     fn step_m(&self) -> f64 {
         self.length_m / (self.samples.len() - 1) as f64
     }
@@ -228,6 +273,23 @@ impl Piece {
             direction: self.direction,
         }
     }
+}
+
+/// Returns the first sample that is not finite, or at which the curve stands still, turns back or has a gap;
+/// samples are `step_m` of arc length apart, and `share_min` of it in distance at least.
+fn first_irregular(samples: &[Sample], step_m: f64, share_min: f64) -> Option<usize> {
+    let finite = |sample: &Sample| {
+        sample.position.is_finite()
+            && sample.heading_rad.is_finite()
+            && sample.curvature_per_m.is_finite()
+    };
+    let irregular = samples.iter().position(|sample| !finite(sample));
+    irregular.or_else(|| {
+        samples.windows(2).position(|pair| {
+            let chord_m = pair[0].position.distance_m(&pair[1].position);
+            !(share_min..=CHORD_SHARE_MAX).contains(&(chord_m / step_m))
+        })
+    })
 }
 
 /// Weights of the cubic Hermite interpolation between two nodes.

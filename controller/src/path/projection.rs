@@ -93,7 +93,7 @@ impl Path {
     /// Returns the arc length, of a set no sparser than the samples, with the least cost.
     ///
     /// Between two points there is at most as much distance as path: far from the path the samples
-    /// that cannot have less than the least known are passed over.
+    /// that cannot have less than the least known are passed over. Each sample is looked at once at most.
     fn best_sample(&self, position: &Point2, around_m: f64, (low_m, high_m): (f64, f64)) -> f64 {
         let intervals = ((high_m - low_m) / super::SAMPLE_STEP_M).ceil().max(1.0);
         let step_m = (high_m - low_m) / intervals;
@@ -111,7 +111,7 @@ impl Path {
                 least = least.min(found);
             }
             let spare_m = point.position.distance_m(position) - least.sqrt();
-            i += ((spare_m / (STRETCH * step_m)) as usize).max(1);
+            i = i.saturating_add(((spare_m / (STRETCH * step_m)) as usize).max(1));
         }
         best.1
     }

@@ -1,6 +1,6 @@
 //! Points as they are given, before they are a path.
 
-use super::{Direction, PathError, Point2};
+use super::{Direction, PathError, Point2, Smoothing, accuracy};
 
 /// A point of a route as it was recorded or drawn.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -11,6 +11,13 @@ pub struct RawPoint {
     pub elevation_m: Option<f64>,
     /// Which way to drive from this point to the next, where given.
     pub direction: Option<Direction>,
+}
+
+/// Points in pieces of one driving direction, and their standard deviation in each direction, m.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Raw {
+    pub(super) pieces: Vec<RawPiece>,
+    pub(super) accuracy_m: f64,
 }
 
 /// A run of points driven one way.
@@ -35,18 +42,26 @@ impl RawPiece {
 /// Cosine of the angle by which travel must turn at a point to make it a cusp: 120 deg.
 const CUSP_COS: f64 = -0.5;
 
-/// Drops exact repetitions and splits the points where the driving direction changes: where the
-/// points say so, or, if none says anything, where travel over `chord_m` before and after a point
-/// turns by more than 120 deg.
-pub(super) fn split(points: &[RawPoint], chord_m: f64) -> Result<Vec<RawPiece>, PathError> {
+/// Drops repetitions, makes points of one place one, and splits the points where the driving direction changes: where the
+/// points say so, or, if none says anything, where travel over a chord before and after a point turns by more than
+/// 120 deg.
+pub(super) fn split(points: &[RawPoint], options: &Smoothing) -> Result<Raw, PathError> {
     let kept = without_repetitions(points)?;
+    // What is left of the noise must not turn travel back.
+    let estimated = || accuracy::estimate(&kept).min(ESTIMATE_SHARE * options.max_deviation_m);
+    let accuracy_m = options.accuracy_m.unwrap_or_else(estimated);
+    let kept = accuracy::places(&kept, accuracy_m);
+    if kept.len() < 2 {
+        return Err(PathError::ZeroLength);
+    }
+    let chord_m = (0.5 / options.max_curvature_per_m).max(CHORD_SIGMAS * accuracy_m);
     let positions: Vec<(usize, Point2)> = kept.iter().map(|&(i, p)| (i, p.position)).collect();
     let explicit = kept.iter().any(|(_, p)| p.direction.is_some());
     let mut direction = kept[0].1.direction.unwrap_or_default();
     let mut pieces: Vec<RawPiece> = Vec::new();
     let mut start = 0;
     let cusps = if explicit {
-        marked_cusps(&kept)
+        marked_cusps(&kept, &positions, chord_m)?
     } else {
         sharp_cusps(&positions, chord_m)
     };
@@ -68,13 +83,28 @@ pub(super) fn split(points: &[RawPoint], chord_m: f64) -> Result<Vec<RawPiece>, 
         tangent = next_tangent;
         start = cusp;
     }
-    Ok(pieces)
+    Ok(Raw { pieces, accuracy_m })
 }
 
-fn without_repetitions(points: &[RawPoint]) -> Result<Vec<(usize, RawPoint)>, PathError> {
+/// An estimated accuracy is at most this share of the deviation allowed: more is no noise, or has to be stated.
+const ESTIMATE_SHARE: f64 = 1.0 / 3.0;
+/// Length over which a direction of travel is seen, in standard deviations of the points.
+const CHORD_SIGMAS: f64 = 8.0;
+
+/// Coordinates beyond this are no place on earth, m.
+const COORDINATE_MAX_M: f64 = 1e8;
+/// Points closer than this to the one before are the same place, m.
+const SAME_PLACE_M: f64 = 1e-6;
+
+pub(super) fn without_repetitions(
+    points: &[RawPoint],
+) -> Result<Vec<(usize, RawPoint)>, PathError> {
     let mut kept: Vec<(usize, RawPoint)> = Vec::with_capacity(points.len());
     for (index, point) in points.iter().enumerate() {
-        if !point.position.is_finite() || point.elevation_m.is_some_and(|z_m| !z_m.is_finite()) {
+        let Point2 { x_m, y_m } = point.position;
+        let on_earth = |m: f64| m.abs() <= COORDINATE_MAX_M;
+        if !on_earth(x_m) || !on_earth(y_m) || point.elevation_m.is_some_and(|z_m| !z_m.is_finite())
+        {
             return Err(PathError::NotFinite {
                 index,
                 position: point.position,
@@ -82,7 +112,7 @@ fn without_repetitions(points: &[RawPoint]) -> Result<Vec<(usize, RawPoint)>, Pa
         }
         match kept.last_mut() {
             // The later point says which way to go on.
-            Some((_, before)) if before.position == point.position => {
+            Some((_, before)) if before.position.distance_m(&point.position) < SAME_PLACE_M => {
                 before.direction = point.direction.or(before.direction);
             }
             _ => kept.push((index, *point)),
@@ -96,42 +126,81 @@ fn without_repetitions(points: &[RawPoint]) -> Result<Vec<(usize, RawPoint)>, Pa
     }
 }
 
-/// Returns where the marked direction changes; an unmarked point keeps the one before it.
-fn marked_cusps(points: &[(usize, RawPoint)]) -> Vec<usize> {
+/// Returns where the marked direction changes; an unmarked point keeps the one before it. Where travel turns back
+/// at the point beside a mark, that is the place.
+///
+/// # Errors
+/// [`PathError::NoCusp`] where travel does not turn back at a mark.
+fn marked_cusps(
+    points: &[(usize, RawPoint)],
+    positions: &[(usize, Point2)],
+    chord_m: f64,
+) -> Result<Vec<usize>, PathError> {
+    let last = points.len() - 1;
+    let turn_cos = |at: usize, chord_m: f64| {
+        let before = chord_before(positions, at, chord_m);
+        let after = chord_after(positions, at, chord_m);
+        before[0] * after[0] + before[1] * after[1]
+    };
     let mut direction = points[0].1.direction.unwrap_or_default();
     let mut cusps = Vec::new();
     for (at, (_, point)) in points.iter().enumerate().take(points.len() - 1).skip(1) {
         let next = point.direction.unwrap_or(direction);
         if next != direction {
-            cusps.push(at);
+            let free = |place: &usize| cusps.last().is_none_or(|last| last < place);
+            let beside = [at, at - 1, at + 1];
+            let beside = beside
+                .into_iter()
+                .filter(|&place| 0 < place && place < last);
+            let turned_back = beside
+                .filter(free)
+                .find(|&place| turn_cos(place, 0.0) < CUSP_COS);
+            match turned_back {
+                Some(place) => cusps.push(place),
+                None if free(&at) && turn_cos(at, chord_m) < 0.0 => cusps.push(at),
+                None => {
+                    let (index, position) = positions[at];
+                    return Err(PathError::NoCusp { index, position });
+                }
+            }
         }
         direction = next;
     }
-    cusps
+    Ok(cusps)
 }
 
-/// Returns the sharpest point of each place where travel turns back.
+/// Returns the tip of each place where travel turns back: the point farthest in the direction in and against the
+/// direction out.
 fn sharp_cusps(points: &[(usize, Point2)], chord_m: f64) -> Vec<usize> {
-    let mut cusps: Vec<(usize, f64)> = Vec::new();
+    struct Place {
+        tip: usize,
+        outward: [f64; 2],
+    }
+    let mut places: Vec<Place> = Vec::new();
     for at in 1..points.len() - 1 {
         let (before, after) = (
             chord_before(points, at, chord_m),
             chord_after(points, at, chord_m),
         );
-        let cos = before[0] * after[0] + before[1] * after[1];
-        if cos >= CUSP_COS {
+        if before[0] * after[0] + before[1] * after[1] >= CUSP_COS {
             continue;
         }
-        match cusps.last_mut() {
-            Some((best, best_cos)) if along_m(points, *best, at) <= 2.0 * chord_m => {
-                if cos < *best_cos {
-                    (*best, *best_cos) = (at, cos);
+        match places.last_mut() {
+            Some(place) if along_m(points, place.tip, at) <= 2.0 * chord_m => {
+                let [tip, here] = [&points[place.tip].1, &points[at].1];
+                let farther_m = place.outward[0] * (here.x_m - tip.x_m)
+                    + place.outward[1] * (here.y_m - tip.y_m);
+                if farther_m > 0.0 {
+                    place.tip = at;
                 }
             }
-            _ => cusps.push((at, cos)),
+            _ => places.push(Place {
+                tip: at,
+                outward: [before[0] - after[0], before[1] - after[1]],
+            }),
         }
     }
-    cusps.into_iter().map(|(at, _)| at).collect()
+    places.into_iter().map(|place| place.tip).collect()
 }
 
 /// Returns the unit direction of travel into a cusp, the mean of that in and the opposite of that

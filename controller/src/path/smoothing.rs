@@ -2,12 +2,15 @@
 
 mod options;
 
-pub use options::Smoothing;
+pub use options::{Smoothing, SmoothingConfig};
 
-use super::raw::{RawPiece, split};
+use super::raw::{RawPiece, split, without_repetitions};
 use super::spline::{Spline, smooth_nodes};
-use super::{ArcLength, Path, PathError, Point2, RawPoint, Sample, Window};
-use std::f64::consts::PI;
+use super::{
+    ArcLength, Direction, Path, PathError, Piece, Point2, RawPoint, Sample, Window, accuracy,
+    first_irregular,
+};
+use std::f64::consts::{FRAC_PI_2, PI};
 
 /// A path and how far it is from the points it was made of.
 #[derive(Debug, Clone, PartialEq)]
@@ -16,6 +19,8 @@ pub struct Smoothed {
     pub path: Path,
     /// Largest distance of a raw point from the path, m.
     pub deviation_max_m: f64,
+    /// Standard deviation of the raw points in each direction, as stated or estimated, m; 0 for exact ones.
+    pub accuracy_m: f64,
     /// Root of the mean squared distance of the raw points from the path, m.
     pub deviation_rms_m: f64,
     /// Arc length at which each raw point is nearest to the path, m, never decreasing; one for
@@ -35,9 +40,12 @@ const MARGIN: f64 = 0.97;
 
 /// Returns a path of bounded curvature that passes all points within the allowed deviation.
 ///
+/// Points that were recorded while standing count as one place, within four standard deviations of the points'
+/// accuracy, which is stated or estimated from them.
+///
 /// Each piece between cusps is a smoothing spline: the nodes minimise the squared distance to the
-/// polyline plus lambda times the squared second derivative, and lambda grows, only where the
-/// curvature is still too large, until the bound holds. Both ends and all cusps are met exactly.
+/// polyline plus lambda times the squared second derivative. Lambda is as large as the points' noise
+/// asks for, and grows, only where the curvature is still too large, until the bound holds. Both ends and all cusps are met exactly.
 /// A cusp is where [`RawPoint::direction`] changes or, where no point has one, where the polyline
 /// turns by more than 120 deg, seen over half the smallest radius; the first piece is then driven
 /// forward.
@@ -45,9 +53,11 @@ const MARGIN: f64 = 0.97;
 /// # Errors
 /// [`PathError::Empty`], [`PathError::SinglePoint`], [`PathError::ZeroLength`] or
 /// [`PathError::NotFinite`] for unusable points; [`PathError::TooLong`] above 100 km;
-/// [`PathError::TooSharp`] where the curvature bound cannot be met within the deviation.
+/// [`PathError::TooSharp`] where the curvature bound cannot be met within the deviation, and
+/// [`PathError::TurnsBack`] where that is because travel turns back on the spot.
 pub fn smooth(points: &[RawPoint], options: &Smoothing) -> Result<Smoothed, PathError> {
-    let raw_pieces = split(points, 0.5 / options.max_curvature_per_m)?;
+    let raw = split(points, options)?;
+    let raw_pieces = &raw.pieces;
     let length_m: f64 = raw_pieces.iter().map(RawPiece::length_m).sum();
     if length_m > LENGTH_MAX_M {
         return Err(PathError::TooLong {
@@ -58,8 +68,9 @@ pub fn smooth(points: &[RawPoint], options: &Smoothing) -> Result<Smoothed, Path
     let mut pieces = Vec::with_capacity(raw_pieces.len());
     let mut offsets: Vec<Offset> = Vec::with_capacity(points.len());
     let mut start_m = 0.0;
-    for raw in &raw_pieces {
-        let piece = smooth_piece(raw, options)?;
+    for piece in raw_pieces {
+        let direction = piece.direction;
+        let piece = smooth_piece(piece, raw.accuracy_m, options)?;
         // The first point of a later piece is the cusp, counted with the piece before.
         let counted = usize::from(!offsets.is_empty());
         offsets.extend(piece.offsets.iter().skip(counted).map(|offset| Offset {
@@ -67,26 +78,37 @@ pub fn smooth(points: &[RawPoint], options: &Smoothing) -> Result<Smoothed, Path
             ..*offset
         }));
         start_m += piece.length_m;
-        let samples = match raw.direction {
-            super::Direction::Forward => piece.samples,
-            super::Direction::Reverse => turned_back(piece.samples),
+        let samples = match direction {
+            Direction::Forward => piece.samples,
+            Direction::Reverse => turned_back(piece.samples),
         };
-        pieces.push((raw.direction, piece.length_m, samples));
+        pieces.push((direction, piece.length_m, samples));
     }
     let path = Path::from_pieces(pieces, false)?;
     let squares: f64 = offsets.iter().map(|o| o.distance_m * o.distance_m).sum();
     Ok(Smoothed {
         path,
+        accuracy_m: raw.accuracy_m,
         deviation_max_m: offsets.iter().fold(0.0, |max, o| o.distance_m.max(max)),
         deviation_rms_m: (squares / offsets.len() as f64).sqrt(),
         arc_lengths_m: spread(&offsets, points.len()),
     })
 }
 
+/// Returns the standard deviation of points in each direction, m, as they show it themselves; 0 for points that are
+/// exact, too few or too far apart to say.
+///
+/// # Errors
+/// As [`smooth`] for unusable points.
+pub fn estimated_accuracy_m(points: &[RawPoint]) -> Result<f64, PathError> {
+    Ok(accuracy::estimate(&without_repetitions(points)?))
+}
+
 /// Where a raw point is against its piece of the path.
 #[derive(Debug, Clone, Copy)]
 struct Offset {
     index: usize,
+    position: Point2,
     arc_length_m: f64,
     distance_m: f64,
 }
@@ -98,49 +120,154 @@ struct SmoothPiece {
     offsets: Vec<Offset>,
 }
 
-fn smooth_piece(raw: &RawPiece, options: &Smoothing) -> Result<SmoothPiece, PathError> {
-    let (given, step_m) = resampled(raw, options.spacing_m);
-    let pinned = (raw.start_tangent.is_some(), raw.end_tangent.is_some());
-    // Fourth roots of lambda: over how many nodes the smoothing reaches.
-    let mut reaches = vec![1.0_f64; given.len()];
-    let mut too_sharp = None;
-    for _ in 0..ROUNDS {
-        let stiffness: Vec<f64> = reaches.iter().map(|reach| reach.powi(4)).collect();
-        let nodes = smooth_nodes(&given, &stiffness, pinned);
-        let slope = |tangent: [f64; 2]| [tangent[0] * step_m, tangent[1] * step_m];
-        let spline = Spline::through(
-            nodes,
-            raw.start_tangent.map(slope),
-            raw.end_tangent.map(slope),
-        );
-        let curvatures: Vec<f64> = (0..given.len())
-            .map(|i| spline.at(i as f64).curvature_per_m().abs())
-            .collect();
-        let table = ArcLength::new(|u| spline.at(u), spline.end(), given.len() - 1);
-        let piece = SmoothPiece {
-            length_m: table.length_m(),
-            samples: table.samples(super::Direction::Forward),
-            offsets: Vec::new(),
+impl SmoothPiece {
+    /// Returns the raw point farthest from it; there are two at least.
+    fn farthest(&self) -> Offset {
+        let farther = |far: Offset, next: &Offset| match next.distance_m > far.distance_m {
+            true => *next,
+            false => far,
         };
-        let piece = with_offsets(piece, raw, options)?;
-        let (worst, curvature_per_m) = sharpest(&piece.samples);
-        let deviation_m = piece
-            .offsets
-            .iter()
-            .fold(0.0, |max: f64, o| o.distance_m.max(max));
-        if deviation_m <= options.max_deviation_m {
-            if curvature_per_m <= options.max_curvature_per_m {
+        self.offsets.iter().fold(self.offsets[0], farther)
+    }
+}
+
+fn smooth_piece(
+    raw: &RawPiece,
+    accuracy_m: f64,
+    options: &Smoothing,
+) -> Result<SmoothPiece, PathError> {
+    let curve = Curve {
+        raw,
+        pinned: (raw.start_tangent.is_some(), raw.end_tangent.is_some()),
+        nodes: resampled(raw, options.spacing_m),
+    };
+    let mut reach = noise_reach_m(raw, accuracy_m, options) / curve.nodes.1;
+    let mut window_m = options.max_deviation_m;
+    // Fourth roots of lambda: over how many nodes the smoothing reaches.
+    let mut reaches = vec![reach.max(1.0); curve.nodes.0.len()];
+    // As much as the noise asks for, unless bends ask for less.
+    while reach > 1.0 {
+        let (piece, _) = curve.smoothed(&reaches, window_m);
+        if piece.farthest().distance_m <= NOISE_SHARE * options.max_deviation_m {
+            break;
+        }
+        reach /= NOISE_STEP;
+        reaches.fill(reach.max(1.0));
+    }
+    let mut refused: Option<PathError> = None;
+    let mut beyond = false;
+    for _ in 0..ROUNDS {
+        let (piece, curvatures) = curve.smoothed(&reaches, window_m);
+        let (worst, curvature_per_m) = sharpest(&piece);
+        let farthest = piece.farthest();
+        let bends_enough = curvature_per_m <= options.max_curvature_per_m;
+        if farthest.distance_m <= options.max_deviation_m && !beyond {
+            if bends_enough {
                 return Ok(piece);
             }
-            too_sharp = Some(sharp_error(&piece, worst, curvature_per_m, options));
-        } else if let Some(error) = too_sharp {
-            return Err(error);
+            refused = Some(sharp_error(&piece, worst, curvature_per_m, options));
         } else {
-            return Err(sharp_error(&piece, worst, curvature_per_m, options));
+            // Not within the deviation; which one would do?
+            beyond = true;
+            window_m = window_m.max(2.0 * farthest.distance_m);
+            let error = refused.get_or_insert_with(|| match bends_enough {
+                true => PathError::TooFar {
+                    index: farthest.index,
+                    position: farthest.position,
+                    distance_m: farthest.distance_m,
+                    deviation_m: options.max_deviation_m,
+                    deviation_needed_m: None,
+                },
+                false => sharp_error(&piece, worst, curvature_per_m, options),
+            });
+            if let (
+                true,
+                PathError::TooSharp {
+                    deviation_needed_m, ..
+                }
+                | PathError::TooFar {
+                    deviation_needed_m, ..
+                },
+            ) = (bends_enough, &mut *error)
+            {
+                *deviation_needed_m = Some(farthest.distance_m);
+            }
+            if bends_enough || matches!(error, PathError::TurnsBack { .. }) {
+                break;
+            }
         }
         widen(&mut reaches, &curvatures, options);
     }
-    Err(too_sharp.unwrap_or(PathError::ZeroLength))
+    Err(refused.unwrap_or(PathError::ZeroLength))
+}
+
+/// Share of the allowed deviation that smoothing for noise may take.
+const NOISE_SHARE: f64 = 0.7;
+/// Factor by which that smoothing is made less where bends do not allow as much.
+const NOISE_STEP: f64 = 1.5;
+/// Curvature that noise may leave, root of its mean square, as a share of the largest.
+const NOISE_CURVATURE_SHARE: f64 = 0.01;
+
+/// Returns over what length points of this accuracy have to be smoothed, m.
+///
+/// White noise of the standard deviation s at a spacing d leaves a spline of reach r, whose lambda is r^4, with a
+/// root-mean-square curvature of 0.297 s d^0.5 r^-2.5 (the integral of k^4 / (1 + (k r)^4)^2 over all wave numbers k).
+fn noise_reach_m(raw: &RawPiece, accuracy_m: f64, options: &Smoothing) -> f64 {
+    let spacing_m = raw.length_m() / (raw.points.len() - 1) as f64;
+    let curvature_per_m = NOISE_CURVATURE_SHARE * options.max_curvature_per_m;
+    (0.297 * accuracy_m * spacing_m.sqrt() / curvature_per_m).powf(0.4)
+}
+
+/// A piece to be smoothed: its nodes, the distance between them, and whether those next to its ends stay.
+struct Curve<'a> {
+    raw: &'a RawPiece,
+    nodes: (Vec<Point2>, f64),
+    pinned: (bool, bool),
+}
+
+impl Curve<'_> {
+    /// Returns the smoothed piece and the curvature around each node.
+    fn smoothed(&self, reaches: &[f64], window_m: f64) -> (SmoothPiece, Vec<f64>) {
+        let (given, step_m) = &self.nodes;
+        let stiffness: Vec<f64> = reaches.iter().map(|reach| reach.powi(4)).collect();
+        let nodes = smooth_nodes(given, &stiffness, self.pinned);
+        let slope = |tangent: [f64; 2]| [tangent[0] * step_m, tangent[1] * step_m];
+        let spline = Spline::through(
+            nodes,
+            self.raw.start_tangent.map(slope),
+            self.raw.end_tangent.map(slope),
+        );
+        let table = ArcLength::new(|u| spline.at(u), spline.end(), given.len() - 1);
+        let piece = SmoothPiece {
+            length_m: table.length_m(),
+            samples: table.samples(Direction::Forward),
+            offsets: Vec::new(),
+        };
+        (with_offsets(piece, self.raw, window_m), curvatures(&spline))
+    }
+}
+
+/// Returns the largest curvature around each node, 1/m: at the node, or on average over a part of the way to the
+/// next one, where the curve may bend sharply or turn back.
+fn curvatures(spline: &Spline) -> Vec<f64> {
+    /// Parts of the way to the next node.
+    const PARTS: u8 = 4;
+    let nodes = 0..=spline.end() as usize;
+    let mut curvatures: Vec<f64> = nodes
+        .map(|i| spline.at(i as f64).curvature_per_m().abs())
+        .collect();
+    for i in 0..curvatures.len() - 1 {
+        let point = |part: u8| spline.at(i as f64 + f64::from(part) / f64::from(PARTS));
+        for part in 0..PARTS {
+            let (a, b) = (point(part), point(part + 1));
+            let [[ax, ay], [bx, by]] = [a.tangent, b.tangent];
+            let turned_rad = (ax * by - ay * bx).atan2(ax * bx + ay * by);
+            let bend_per_m = turned_rad.abs() / a.position.distance_m(&b.position);
+            curvatures[i] = curvatures[i].max(bend_per_m);
+            curvatures[i + 1] = curvatures[i + 1].max(bend_per_m);
+        }
+    }
+    curvatures
 }
 
 /// Lengthens the reach of the smoothing where nodes bend too much, and around them so that the
@@ -202,19 +329,18 @@ fn resampled(raw: &RawPiece, spacing_m: f64) -> (Vec<Point2>, f64) {
 }
 
 /// Finds each raw point's nearest point, in order.
-fn with_offsets(
-    mut piece: SmoothPiece,
-    raw: &RawPiece,
-    options: &Smoothing,
-) -> Result<SmoothPiece, PathError> {
-    let path = Path::from_pieces(
-        [(
-            super::Direction::Forward,
-            piece.length_m,
-            piece.samples.clone(),
-        )],
-        false,
-    )?;
+fn with_offsets(mut piece: SmoothPiece, raw: &RawPiece, window_m: f64) -> SmoothPiece {
+    // Not checked: it may still turn back.
+    let path = Path {
+        pieces: vec![Piece {
+            start_m: 0.0,
+            length_m: piece.length_m,
+            direction: Direction::Forward,
+            samples: std::mem::take(&mut piece.samples),
+        }],
+        closed: false,
+        length_m: piece.length_m,
+    };
     let last = raw.points.len() - 1;
     let mut reached_m = 0.0;
     for (i, &(index, position)) in raw.points.iter().enumerate() {
@@ -224,7 +350,7 @@ fn with_offsets(
         };
         let window = Window {
             behind_m: 0.0,
-            ahead_m: step_m + 2.0 * options.max_deviation_m,
+            ahead_m: step_m + 2.0 * window_m,
         };
         let projected = path.nearest_within(&position, reached_m, &window);
         reached_m = match i {
@@ -234,26 +360,47 @@ fn with_offsets(
         };
         piece.offsets.push(Offset {
             index,
+            position,
             arc_length_m: reached_m,
             distance_m: path.at(reached_m).position.distance_m(&position),
         });
     }
-    Ok(piece)
+    piece.samples = path
+        .pieces
+        .into_iter()
+        .flat_map(|piece| piece.samples)
+        .collect();
+    piece
 }
 
-fn sharpest(samples: &[Sample]) -> (usize, f64) {
+/// Returns the sample of the largest curvature, at it or on average to the next, and that curvature, 1/m; infinite
+/// where the curve turns back or stands still.
+fn sharpest(piece: &SmoothPiece) -> (usize, f64) {
+    let step_m = piece.length_m / (piece.samples.len() - 1) as f64;
+    if let Some(index) = first_irregular(&piece.samples, step_m, CHORD_SHARE_MIN) {
+        return (index, f64::INFINITY);
+    }
     let mut worst = (0, 0.0);
-    for (i, sample) in samples.iter().enumerate() {
-        let curvature = sample.curvature_per_m.abs();
-        if !curvature.is_finite() {
-            return (i, f64::INFINITY);
-        }
+    for (i, sample) in piece.samples.iter().enumerate() {
+        let turned_rad = match piece.samples.get(i + 1) {
+            Some(next) => next.heading_rad - sample.heading_rad,
+            None => 0.0,
+        };
+        let curvature = sample.curvature_per_m.abs().max(turned_rad.abs() / step_m);
         if curvature > worst.1 {
             worst = (i, curvature);
         }
     }
+    if worst.1 * step_m > TURNED_BACK_RAD {
+        worst.1 = f64::INFINITY;
+    }
     worst
 }
+
+/// Least distance of consecutive samples over their arc length; the largest curvature allowed, 10 1/m, leaves 0.99.
+const CHORD_SHARE_MIN: f64 = 0.95;
+/// Turn between two samples beyond which a curve turns back on the spot, rad.
+const TURNED_BACK_RAD: f64 = FRAC_PI_2;
 
 fn sharp_error(
     piece: &SmoothPiece,
@@ -267,11 +414,21 @@ fn sharp_error(
             .abs()
             .total_cmp(&(b.arc_length_m - at_m).abs())
     });
+    let index = nearest.map_or(0, |offset| offset.index);
+    let position = piece.samples[sample].position;
+    if curvature_per_m.is_infinite() {
+        return PathError::TurnsBack {
+            index,
+            position: nearest.map_or(position, |offset| offset.position),
+        };
+    }
     PathError::TooSharp {
-        index: nearest.map_or(0, |offset| offset.index),
-        position: piece.samples[sample].position,
+        index,
+        position,
         curvature_per_m,
         limit_per_m: options.max_curvature_per_m,
+        deviation_m: options.max_deviation_m,
+        deviation_needed_m: None,
     }
 }
 

@@ -14,7 +14,7 @@ struct Expected {
 
 fn check(gpx: &str, expected: &Expected) -> (Route, Smoothed) {
     let options = Smoothing::default();
-    let route = read_gpx(gpx.as_bytes()).unwrap();
+    let route = read_gpx(gpx.as_bytes(), None).unwrap();
     let smoothed = smooth(&route.points, &options).unwrap();
     let path = &smoothed.path;
     let trajectory = speed_profile(path, &LIMITS, |_| f64::INFINITY).unwrap();

@@ -111,7 +111,7 @@ proptest! {
 
     #[test]
     fn the_speed_profile_keeps_every_limit(points in noisy_route(), steer in 0.1..0.8f64, rate in 0.2..1.0f64) {
-        let options = Smoothing { max_curvature_per_m: 0.8, max_deviation_m: 0.3, spacing_m: 0.1 };
+        let options = Smoothing { max_curvature_per_m: 0.8, max_deviation_m: 0.3, spacing_m: 0.1, ..Smoothing::default() };
         if let Ok(smoothed) = smooth(&points, &options) {
             let limits = SpeedLimits { steer_max_m_s: steer, steer_acceleration_m_s2: rate, ..LIMITS };
             check_profile(&smoothed.path, &limits)?;

@@ -1,6 +1,6 @@
 //! Stops: missed deadlines, stops on request, re-arming, and no path.
 
-use crate::rig::{CIRCLE, KINDS, STOPPING_CYCLES, Setup, course, driving};
+use crate::rig::{CIRCLE, KINDS, Rig, STOPPING_CYCLES, Setup, course, driving};
 use crate::supervision::{assert_stays_stopped, until_stopping};
 use sidehill_controller::config::ControllerKind;
 use sidehill_controller::controller::{Status, StopReason};
@@ -153,5 +153,56 @@ fn without_a_path_there_is_an_estimate_and_no_progress_and_nothing_moves() {
         assert_eq!(decision.status, Status::Stopping(StopReason::NoPath));
         assert_eq!((decision.progress, decision.reference), (None, 0));
         rig.until_standing(STOPPING_CYCLES);
+    }
+}
+
+/// A recording whose first files were deleted is replayed from an arming on.
+#[test]
+fn after_rearming_nothing_depends_on_what_was_driven_before() {
+    for kind in ControllerKind::ALL {
+        let mut rig = driving(kind);
+        let mut other = Setup {
+            kind,
+            ..Setup::new(course(CIRCLE))
+        }
+        .build()
+        .controller;
+        let step = |rig: &mut Rig| {
+            let mut sample = None;
+            let decision = rig.cycle_with(None, |taken| sample = Some(*taken));
+            (sample.unwrap(), decision)
+        };
+        rig.controller.request_stop();
+        for _ in 0..15 {
+            step(&mut rig);
+        }
+        other.request_stop();
+        // Commands of the last second count.
+        let mut pose = None;
+        for _ in 0..25 {
+            let (sample, decision) = step(&mut rig);
+            other.step(&sample, None);
+            pose = decision.estimate.map(|estimate| estimate.pose);
+        }
+        let ahead =
+            course("{shape: circle, radius_m: 3, speed_m_s: 0.4}").seen_from(&pose.unwrap());
+        rig.follow(1, ahead.clone(), 0.0);
+        let reference = other.config().reference(ahead);
+        other.follow(reference.numbered(1));
+        rig.controller.rearm();
+        other.rearm();
+        for cycle in 0..20 {
+            let (sample, decision) = step(&mut rig);
+            let same = other.step(&sample, None);
+            assert_eq!(decision.status, Status::Tracking, "{kind:?} {cycle}");
+            assert_eq!(
+                (
+                    decision.command_effective,
+                    decision.estimate.map(|at| at.pose)
+                ),
+                (same.command_effective, same.estimate.map(|at| at.pose)),
+                "{kind:?} {cycle}"
+            );
+        }
     }
 }

@@ -72,6 +72,38 @@ impl ContactModel {
         true
     }
 
+    /// Returns whether static friction has stopped a vehicle with inertia whose treads are held.
+    fn is_held(&mut self, ground: &GroundState) -> bool {
+        let weight = weight_in_body(self.vehicle.mass_kg, &ground.attitude);
+        if !self.stand(ground, TreadSpeeds::default(), &weight) {
+            return false;
+        }
+        let balance = Balance {
+            contacts: &self.contacts,
+            friction: &self.vehicle.friction,
+            drive: self.drive(&weight),
+            inertia: None,
+        };
+        let friction = &self.vehicle.friction;
+        balance.solve(Velocity::zeros()).is_ok_and(|creep| {
+            let beyond = self.velocity - creep;
+            self.contacts.iter().all(|contact| {
+                let slip = contact.slip(friction, &beyond);
+                slip.x.hypot(slip.y) < friction.slip_scale_m_s
+            })
+        })
+    }
+
+    /// Returns the weight along the ground, newtons to the right and forward, and its moment about the origin, N m.
+    fn drive(&self, weight: &Vector3<f64>) -> Vector3<f64> {
+        let centre = &self.vehicle.centre_of_mass;
+        Vector3::new(
+            weight.x,
+            weight.y,
+            centre.right_m * weight.y - centre.forward_m * weight.x,
+        )
+    }
+
     /// Returns the inertia of a step of `dt_s`; none for a quasi-static vehicle.
     fn inertia_step(&self, dt_s: f64) -> Option<InertiaStep> {
         let yaw_inertia = self.vehicle.yaw_inertia_kg_m2?;
@@ -134,12 +166,7 @@ impl MotionModel for ContactModel {
         if !self.stand(ground, treads, &weight) {
             return Err(MotionError::Overturned { x_m, y_m });
         }
-        let centre = &self.vehicle.centre_of_mass;
-        let mut drive = Vector3::new(
-            weight.x,
-            weight.y,
-            centre.right_m * weight.y - centre.forward_m * weight.x,
-        );
+        let mut drive = self.drive(&weight);
         let inertia = self.inertia_step(dt_s);
         if let Some(relaxation) = &mut self.relaxation {
             drive += relaxation.begin(
@@ -170,5 +197,28 @@ impl MotionModel for ContactModel {
             relaxation.end(&self.vehicle.friction, &self.contacts, &velocity);
         }
         Ok(BodyVelocity::from_vector(&velocity))
+    }
+
+    /// Returns the body velocity with both treads held, which is zero as soon as static friction holds the vehicle.
+    ///
+    /// Smoothed friction needs some slip for any force, so a vehicle on a slope creeps on held treads by a
+    /// velocity in proportion to the slip scale, with the same forces for every scale. Where there is such a balance,
+    /// dry friction, its limit, holds the vehicle. A vehicle with inertia stops once its wheels slip by less than the
+    /// slip scale faster than that.
+    ///
+    /// # Errors
+    /// As [`Self::body_velocity`].
+    fn braked_velocity(
+        &mut self,
+        ground: &GroundState,
+        dt_s: f64,
+    ) -> Result<BodyVelocity, MotionError> {
+        let velocity = self.body_velocity(ground, TreadSpeeds::default(), dt_s)?;
+        let has_inertia = self.vehicle.yaw_inertia_kg_m2.is_some();
+        if has_inertia && (dt_s <= 0.0 || !self.is_held(ground)) {
+            return Ok(velocity);
+        }
+        self.velocity = Velocity::zeros();
+        Ok(BodyVelocity::default())
     }
 }

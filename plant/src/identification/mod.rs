@@ -16,12 +16,14 @@
 //! - Parameters that the data cannot distinguish are named, from the eigenvalues of the scaled normal matrix.
 //! - Beyond both stages, [`identify_extension`] says which terms of the extended model the logs support.
 //! - [`identify_contact`] fits the physical parameters of a vehicle on wheels with friction.
+//! - [`identify_drives`] finds how the motors respond to commands.
 //! - Each stage is fitted again without a fifth of its segments and judged on that fifth.
 
 mod contact;
 #[cfg(test)]
 mod contact_tests;
 mod determined;
+mod drives;
 mod fit;
 mod least_squares;
 mod problem;
@@ -34,6 +36,10 @@ mod terms;
 mod tests;
 
 pub use contact::{ContactParameterEstimate, ContactReport, identify_contact};
+pub use drives::{
+    DriveRecord, DriveResponse, DriveResponseError, Finding, MotorResponse, TimedSpeeds,
+    identify_drives,
+};
 pub use fit::{
     CrossValidation, Estimate, IdentificationError, IdentificationSettings, StageReport, Warning,
 };

@@ -34,6 +34,42 @@ pub struct ColumnMap {
     /// Columns of the pose; without, the log has none.
     #[serde(default)]
     pub pose: Option<PoseColumns>,
+    /// Columns of the commands, for `identify --drives`; without, `command_traction_m_s` and `command_steer_m_s` or
+    /// `command_left_m_s` and `command_right_m_s`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub commands: Option<CommandColumns>,
+}
+
+/// Columns of the commands that the drives were given.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
+pub enum CommandColumns {
+    /// Speeds of the treads.
+    Treads {
+        /// Column of the left tread.
+        left: String,
+        /// Column of the right tread.
+        right: String,
+        /// Factor from these columns to m/s.
+        #[serde(default = "one")]
+        scale: f64,
+    },
+    /// Effective speeds of the motors, m/s, as this program's simulations write them.
+    Motors {
+        /// Column of the traction motor.
+        traction: String,
+        /// Column of the steer motor.
+        steer: String,
+    },
+    /// A twist, m/s and rad/s.
+    Twist {
+        /// Column of the forward speed.
+        forward: String,
+        /// Column of the yaw rate, counter-clockwise positive.
+        yaw_rate: String,
+        /// Track width by which the base turns it into tread speeds, m.
+        track_width_m: f64,
+    },
 }
 
 /// Treads whose encoder counts backwards: their speeds are multiplied by -1.
@@ -170,6 +206,7 @@ impl Default for ColumnMap {
                 repeats: false,
                 heading_offset_deg: 0.0,
             }),
+            commands: None,
         }
     }
 }

@@ -1,18 +1,22 @@
 //! Logs of drives: tread speeds and attitude, and poses where there are any.
 
 mod columns;
+mod commands;
 mod plausibility;
 mod read;
 pub mod sources;
 #[cfg(test)]
 mod tests;
 
-pub use columns::{AttitudeColumns, ColumnMap, HeadingColumns, PoseColumns, Reversed};
+pub use columns::{
+    AttitudeColumns, ColumnMap, CommandColumns, HeadingColumns, PoseColumns, Reversed,
+};
+pub use commands::{as_counted, read_commands};
 pub use plausibility::Suspicion;
 
 use crate::bounds::{Bounds, RangeError};
 use crate::frames::{Attitude, Pose};
-use crate::speeds::MeasuredTreadSpeeds;
+use crate::speeds::{MeasuredTreadSpeeds, MotorSpeeds};
 
 /// Rows further apart than this, s, are not connected: nothing is known of the motion between them.
 pub const GAP_MAX_S: f64 = 0.5;
@@ -173,6 +177,13 @@ fn check_row(row: &LogRow) -> Result<(), RangeError> {
         finite("yaw_rad", pose.yaw_rad)?;
     }
     Ok(())
+}
+
+fn check_command(speeds: &MotorSpeeds, time_s: f64) -> Result<(), RangeError> {
+    Bounds::new(-1e12, 1e12, "").check("time_s", time_s)?;
+    let speed = Bounds::new(-50.0, 50.0, "m/s");
+    speed.check("traction of a row", speeds.traction_m_s)?;
+    speed.check("steer of a row", speeds.steer_m_s).map(drop)
 }
 
 /// Why a log cannot be used.

@@ -130,7 +130,7 @@ fn resampled(rows: &[PartRow]) -> Result<DriveLog, LogError> {
     Ok(log)
 }
 
-fn csv_error(error: csv::Error) -> LogError {
+pub(super) fn csv_error(error: csv::Error) -> LogError {
     match error.kind() {
         csv::ErrorKind::UnequalLengths {
             pos,
@@ -148,14 +148,14 @@ fn csv_error(error: csv::Error) -> LogError {
 }
 
 /// Returns the header without the mark that some programs begin a file with.
-fn without_byte_order_mark(header: &StringRecord) -> StringRecord {
+pub(super) fn without_byte_order_mark(header: &StringRecord) -> StringRecord {
     header
         .iter()
         .map(|name| name.trim_start_matches('\u{feff}'))
         .collect()
 }
 
-fn check_header(header: &StringRecord) -> Result<(), LogError> {
+pub(super) fn check_header(header: &StringRecord) -> Result<(), LogError> {
     if header.iter().all(str::is_empty) {
         return Err(LogError::Empty);
     }
@@ -336,7 +336,7 @@ fn pose_source(
     Ok(([find(&pose.x)?, find(&pose.y)?, find(&pose.z)?], heading))
 }
 
-fn position(header: &StringRecord, name: &String) -> Result<usize, LogError> {
+pub(super) fn position(header: &StringRecord, name: &String) -> Result<usize, LogError> {
     header
         .iter()
         .position(|column| column == name)
@@ -347,10 +347,10 @@ fn position(header: &StringRecord, name: &String) -> Result<usize, LogError> {
 }
 
 /// One record with what an error needs to name it.
-struct Fields<'a> {
-    record: &'a StringRecord,
-    header: &'a StringRecord,
-    row_number: usize,
+pub(super) struct Fields<'a> {
+    pub(super) record: &'a StringRecord,
+    pub(super) header: &'a StringRecord,
+    pub(super) row_number: usize,
 }
 
 impl Fields<'_> {
@@ -358,24 +358,24 @@ impl Fields<'_> {
         self.record.get(column).unwrap_or_default()
     }
 
-    fn is_empty(&self, column: usize) -> bool {
+    pub(super) fn is_empty(&self, column: usize) -> bool {
         self.text(column).is_empty()
     }
 
     /// Returns whether none of the columns has a value.
-    fn all_empty(&self, columns: &[usize]) -> bool {
+    pub(super) fn all_empty(&self, columns: &[usize]) -> bool {
         columns
             .iter()
             .all(|column| self.is_empty(*column) || self.text(*column).eq_ignore_ascii_case("nan"))
     }
 
-    fn number(&self, column: usize) -> Result<f64, LogError> {
+    pub(super) fn number(&self, column: usize) -> Result<f64, LogError> {
         self.text(column)
             .parse()
             .map_err(|_| self.not_a_number(column))
     }
 
-    fn not_a_number(&self, column: usize) -> LogError {
+    pub(super) fn not_a_number(&self, column: usize) -> LogError {
         LogError::NotANumber {
             row_number: self.row_number,
             column: self.header.get(column).unwrap_or_default().to_owned(),

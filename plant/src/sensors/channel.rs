@@ -70,10 +70,10 @@ impl<E: Errors> Channel<E> {
         }
         let gaussians = std::array::from_fn(|_| StandardNormal.sample(&mut self.random));
         let lost = self.uniform() < self.timing.dropout_probability;
-        if lost {
+        let time_s = clock.time_s();
+        if lost || self.timing.is_gap(time_s) {
             return;
         }
-        let time_s = clock.time_s();
         self.in_flight.push_back(Stamped {
             time_s,
             value: self.errors.disturb(truth, gaussians),

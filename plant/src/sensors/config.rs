@@ -25,7 +25,7 @@ pub(super) struct Sensor<E: Default> {
     pub(super) errors: E,
 }
 
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub(super) struct Timing {
     /// Readings a second; none for one at every step.
@@ -34,6 +34,22 @@ pub(super) struct Timing {
     pub(super) delay_s: f64,
     /// Share of readings that never arrive.
     pub(super) dropout_probability: f64,
+    /// Length of the gaps in which no reading is taken, s.
+    pub(super) gap_s: f64,
+    /// Time from the end of a gap to the end of the next, s; the first ends after as long.
+    pub(super) gap_every_s: f64,
+}
+
+impl Default for Timing {
+    fn default() -> Self {
+        Self {
+            rate_hz: None,
+            delay_s: 0.0,
+            dropout_probability: 0.0,
+            gap_s: 0.0,
+            gap_every_s: 20.0,
+        }
+    }
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
@@ -92,15 +108,39 @@ struct TimingKeys {
     rate: &'static str,
     delay: &'static str,
     dropout: &'static str,
+    gap: &'static str,
+    gap_every: &'static str,
+}
+
+/// Returns the names of a sensor's keys.
+macro_rules! timing_keys {
+    ($sensor:literal) => {
+        TimingKeys {
+            rate: concat!($sensor, ".timing.rate_hz"),
+            delay: concat!($sensor, ".timing.delay_s"),
+            dropout: concat!($sensor, ".timing.dropout_probability"),
+            gap: concat!($sensor, ".timing.gap_s"),
+            gap_every: concat!($sensor, ".timing.gap_every_s"),
+        }
+    };
 }
 
 impl Timing {
+    /// Returns whether an instant is in a gap.
+    pub(super) fn is_gap(&self, time_s: f64) -> bool {
+        self.gap_s > 0.0 && time_s % self.gap_every_s >= self.gap_every_s - self.gap_s
+    }
+
     fn check(&self, keys: &TimingKeys) -> Result<(), RangeError> {
         if let Some(rate_hz) = self.rate_hz {
             Bounds::new(1e-3, 1e5, "Hz").check(keys.rate, rate_hz)?;
         }
         Bounds::new(0.0, 10.0, "s").check(keys.delay, self.delay_s)?;
         Bounds::new(0.0, 1.0, "").check(keys.dropout, self.dropout_probability)?;
+        Bounds::new(0.0, 1e4, "s").check(keys.gap, self.gap_s)?;
+        Bounds::new(self.gap_s.max(1e-3), 1e6, "s")
+            .with_note("at least gap_s")
+            .check(keys.gap_every, self.gap_every_s)?;
         Ok(())
     }
 }
@@ -109,27 +149,13 @@ impl TryFrom<RawSensors> for SensorsConfig {
     type Error = RangeError;
 
     fn try_from(raw: RawSensors) -> Result<Self, RangeError> {
-        raw.tread_speeds.timing.check(&TimingKeys {
-            rate: "tread_speeds.timing.rate_hz",
-            delay: "tread_speeds.timing.delay_s",
-            dropout: "tread_speeds.timing.dropout_probability",
-        })?;
-        raw.attitude.timing.check(&TimingKeys {
-            rate: "attitude.timing.rate_hz",
-            delay: "attitude.timing.delay_s",
-            dropout: "attitude.timing.dropout_probability",
-        })?;
+        raw.tread_speeds
+            .timing
+            .check(&timing_keys!("tread_speeds"))?;
+        raw.attitude.timing.check(&timing_keys!("attitude"))?;
         let yaw_rate = raw.yaw_rate.unwrap_or_default();
-        yaw_rate.timing.check(&TimingKeys {
-            rate: "yaw_rate.timing.rate_hz",
-            delay: "yaw_rate.timing.delay_s",
-            dropout: "yaw_rate.timing.dropout_probability",
-        })?;
-        raw.pose.timing.check(&TimingKeys {
-            rate: "pose.timing.rate_hz",
-            delay: "pose.timing.delay_s",
-            dropout: "pose.timing.dropout_probability",
-        })?;
+        yaw_rate.timing.check(&timing_keys!("yaw_rate"))?;
+        raw.pose.timing.check(&timing_keys!("pose"))?;
         let (treads, attitude, yaw_rate, pose) = (
             raw.tread_speeds.errors,
             raw.attitude.errors,

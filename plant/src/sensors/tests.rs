@@ -43,6 +43,27 @@ fn samples(sensors: &mut Sensors, steps: u64, stride: u64) -> Vec<Sample> {
 }
 
 #[test]
+fn nothing_is_read_in_gaps_and_the_noise_of_the_rest_stays() {
+    let with = |gaps: &str| {
+        let yaml =
+            format!("{{pose: {{timing: {{rate_hz: 20{gaps}}}, errors: {{noise_std_m: 0.1}}}}}}");
+        let readings = samples(&mut sensors(&yaml, 3), 2000, 1).into_iter();
+        readings
+            .filter_map(|sample| sample.pose)
+            .collect::<Vec<_>>()
+    };
+    let (whole, torn) = (with(""), with(", gap_s: 1, gap_every_s: 4"));
+    let in_gap = |time_s: f64| time_s % 4.0 > 3.0 - 1e-9;
+    let expected: Vec<_> = whole
+        .iter()
+        .filter(|pose| !in_gap(pose.time_s))
+        .copied()
+        .collect();
+    assert_eq!(torn, expected);
+    assert_eq!((whole.len(), torn.len()), (200, 160));
+}
+
+#[test]
 fn perfect_sensors_read_the_truth_of_the_moment() {
     for (i, sample) in samples(&mut Sensors::perfect(DT_S), 100, 10)
         .into_iter()

@@ -184,10 +184,15 @@ impl Simulation {
             position: self.state.pose.planar(),
             attitude: self.state.attitude,
         };
-        let velocity = self
-            .motion
-            .body_velocity(&here, treads, 0.0)
-            .map_err(no_motion)?;
+        let braked = self.drive_train.is_braked();
+        let velocity_at = |motion: &mut dyn MotionModel, ground: &GroundState, dt_s| {
+            if braked {
+                motion.braked_velocity(ground, dt_s)
+            } else {
+                motion.body_velocity(ground, treads, dt_s)
+            }
+        };
+        let velocity = velocity_at(&mut *self.motion, &here, 0.0).map_err(no_motion)?;
         let rate = pose_rate(&velocity, &here.attitude, here.position.yaw_rad);
         let position = moved(here.position, &rate, 0.5 * self.dt_s);
         let midway = GroundState {
@@ -197,10 +202,7 @@ impl Simulation {
                 .attitude(position.x_m, position.y_m, position.yaw_rad)
                 .map_err(off_ground)?,
         };
-        let velocity = self
-            .motion
-            .body_velocity(&midway, treads, self.dt_s)
-            .map_err(no_motion)?;
+        let velocity = velocity_at(&mut *self.motion, &midway, self.dt_s).map_err(no_motion)?;
         let rate = pose_rate(&velocity, &midway.attitude, midway.position.yaw_rad);
         let (pose, attitude) =
             stand(&self.terrain, moved(here.position, &rate, self.dt_s)).map_err(off_ground)?;

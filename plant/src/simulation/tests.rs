@@ -1,4 +1,5 @@
 use super::*;
+use crate::contact::{ContactModel, ContactVehicle, FrictionField};
 use crate::dead_reckoning::{Motion, advance};
 use crate::terrain::PlaneTerrain;
 use crate::test_support::motors;
@@ -191,6 +192,78 @@ fn bad_commands_steps_and_starts_are_refused() {
         Simulation::new(nowhere),
         Err(SimulationError::Terrain { .. })
     ));
+}
+
+/// A vehicle of four axles at rest on a plane of 15 degrees with or without brakes.
+fn parked(vehicle: ContactVehicle, brakes: bool) -> Simulation {
+    let mut setup = setup(Vehicle::j8(), plane(15.0));
+    setup.motion = Box::new(ContactModel::new(vehicle));
+    setup.start.yaw_rad = 1.0;
+    setup.drive_train = serde_yaml::from_str(&format!(
+        "{{brakes: {brakes}, traction: {{time_constant_s: 0.1}}, steer: {{time_constant_s: 0.1}}}}"
+    ))
+    .unwrap();
+    Simulation::new(setup).unwrap()
+}
+
+fn with_inertia(
+    vehicle: &ContactVehicle,
+    inertia: f64,
+    relaxation_length_m: f64,
+) -> ContactVehicle {
+    let mut vehicle = vehicle.clone();
+    vehicle.set_inertia(inertia);
+    vehicle.friction.relaxation_length_m = relaxation_length_m;
+    vehicle
+}
+
+/// A vehicle without inertia, with it, and with tyres that build up their force.
+fn kinds(vehicle: &ContactVehicle) -> [ContactVehicle; 3] {
+    [(0.0, 0.0), (1.0, 0.0), (1.0, 0.2)].map(|(inertia, m)| with_inertia(vehicle, inertia, m))
+}
+
+#[test]
+fn brakes_hold_a_parked_vehicle_that_creeps_without_them() {
+    let wheels = ContactVehicle::of_base("wheels", 0.6, 1.06);
+    let moved_m = |vehicle: ContactVehicle, brakes| {
+        let pose = drive(&mut parked(vehicle, brakes), MotorSpeeds::STOP, 2000).pose;
+        pose.x_m.hypot(pose.y_m)
+    };
+    for vehicle in kinds(&wheels) {
+        let (free_m, held_m) = (moved_m(vehicle.clone(), false), moved_m(vehicle, true));
+        assert!(free_m > 0.03 && held_m < 1e-4, "{free_m} {held_m}");
+    }
+}
+
+#[test]
+fn a_vehicle_stops_by_friction_before_it_is_held_and_drives_off_again() {
+    let wheels = ContactVehicle::of_base("wheels", 0.6, 1.06);
+    for vehicle in kinds(&wheels) {
+        let mut simulation = parked(vehicle, true);
+        let moving = drive(&mut simulation, motors(0.5, 0.2), 400);
+        assert!(moving.velocity.forward_m_s > 0.4, "{moving:?}");
+        let stopped = drive(&mut simulation, MotorSpeeds::STOP, 400);
+        let later = drive(&mut simulation, MotorSpeeds::STOP, 2000);
+        let crept_m = (later.pose.x_m - stopped.pose.x_m).hypot(later.pose.y_m - stopped.pose.y_m);
+        assert!(crept_m < 1e-3, "{crept_m}");
+        let again = drive(&mut simulation, motors(0.5, 0.2), 400);
+        assert!((again.velocity.forward_m_s - moving.velocity.forward_m_s).abs() < 0.05);
+    }
+}
+
+#[test]
+fn brakes_do_not_hold_on_ground_steeper_than_friction() {
+    let mut wheels = with_inertia(&ContactVehicle::of_base("wheels", 0.6, 1.06), 1.0, 0.0);
+    wheels.friction.field = FrictionField::Uniform { coefficient: 0.2 };
+    wheels.friction.rolling_resistance = 0.0;
+    let slid = drive(&mut parked(wheels, true), MotorSpeeds::STOP, 400);
+    // Down with g (sin - mu cos) for 2 s.
+    let expected_m_s = 2.0 * 9.81 * (15f64.to_radians().sin() - 0.2 * 15f64.to_radians().cos());
+    let speed_m_s = slid.velocity.right_m_s.hypot(slid.velocity.forward_m_s);
+    assert!(
+        (speed_m_s - expected_m_s).abs() < 0.1 * expected_m_s,
+        "{speed_m_s} {expected_m_s}"
+    );
 }
 
 proptest! {

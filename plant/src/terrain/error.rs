@@ -58,6 +58,46 @@ pub enum TerrainError {
         /// What should be there.
         expected: &'static str,
     },
+    /// The cells of an elevation grid are not square.
+    #[error(
+        "elevation grid: its cells are dx {dx_m} m by dy {dy_m} m, must be square; resample it, as in `gdalwarp -tr {dx_m} {dx_m}`"
+    )]
+    GridNotSquare {
+        /// Width of a cell, m.
+        dx_m: f64,
+        /// Height of a cell, m.
+        dy_m: f64,
+    },
+    /// A cell of an elevation grid holds what is no height of ground.
+    #[error(
+        "elevation grid, row {row}, column {column} (from 1, northwest): {height_m} is no height in m; if it marks unknown ground, replace it by the file's NODATA value, {nodata}"
+    )]
+    GridHeight {
+        /// Row in the file, from 1 in the north.
+        row: usize,
+        /// Column in the file, from 1 in the west.
+        column: usize,
+        /// What the cell holds.
+        height_m: f64,
+        /// The value that marks unknown ground.
+        nodata: f64,
+    },
+    /// The elevation of a route jumps.
+    #[error(
+        "the elevation jumps by {step_m:.1} m between the points {before} and {index} (from 0), which are {distance_m:.1} m apart, at x {x_m:.1} m, y {y_m:.1} m; correct or remove the elevation that is wrong", before = index - 1
+    )]
+    RouteStep {
+        /// Index of the point behind the jump, from 0.
+        index: usize,
+        /// Its X_g, m.
+        x_m: f64,
+        /// Its Y_g, m.
+        y_m: f64,
+        /// Difference of the elevations, m.
+        step_m: f64,
+        /// Horizontal distance of the points, m.
+        distance_m: f64,
+    },
     /// A route point is not finite.
     #[error("route point {index} (from 0) is not finite: x {x_m} m, y {y_m} m, z {z_m} m")]
     RoutePointNotFinite {

@@ -28,14 +28,24 @@ pub(super) fn parse(text: &str) -> Result<Grid, TerrainError> {
     };
     let header = words.header()?;
     let (columns, rows) = header.size()?;
-    let cell_m = Bounds::new(1e-3, 1e4, "m").check("cellsize", header.cell_m)?;
+    let cell_m = Bounds::new(1e-3, 1e4, "m").check("cellsize", header.cell.side_m()?)?;
     let count = columns * rows;
     // A height takes two characters at least, so that a false header cannot reserve memory.
     let mut heights_m = Vec::with_capacity(count.min(text.len() / 2 + 1));
-    for _ in 0..count {
-        let height_m = words.number("a height in m, of ncols times nrows")?;
-        let is_data = height_m != header.nodata;
-        heights_m.push(if is_data { height_m } else { f64::NAN });
+    for at in 0..count {
+        let height_m = words.value("a height in m, of ncols times nrows")?;
+        if height_m.is_nan() || is_same(height_m, header.nodata) {
+            heights_m.push(f64::NAN);
+        } else if is_height(height_m) {
+            heights_m.push(height_m);
+        } else {
+            return Err(TerrainError::GridHeight {
+                row: at / columns + 1,
+                column: at % columns + 1,
+                height_m,
+                nodata: header.nodata,
+            });
+        }
     }
     if let Some((line, word)) = words.words.next() {
         let expected = "the end, after ncols times nrows heights";
@@ -49,6 +59,41 @@ pub(super) fn parse(text: &str) -> Result<Grid, TerrainError> {
         south_m: header.south.centre_m("yllcorner or yllcenter", cell_m)?,
         heights_m,
     })
+}
+
+/// Heights of ground, m: from below the deepest sea to above the highest mountain.
+const HEIGHTS_M: std::ops::RangeInclusive<f64> = -11_000.0..=9_000.0;
+/// Numbers within that range that programs write where they know no height.
+const VOIDS: [f64; 2] = [-9999.0, -999.0];
+
+fn is_height(value: f64) -> bool {
+    HEIGHTS_M.contains(&value) && !VOIDS.contains(&value)
+}
+
+/// Returns whether two texts mean one number: single precision and its decimal texts differ by as much.
+fn is_same(a: f64, b: f64) -> bool {
+    (a - b).abs() <= 1e-5 * b.abs()
+}
+
+/// The size of a cell as the header gives it.
+#[derive(Clone, Copy)]
+enum Cell {
+    Side(f64),
+    /// As GDAL writes cells that are, or may be, not square.
+    Sides {
+        dx_m: f64,
+        dy_m: f64,
+    },
+}
+
+impl Cell {
+    fn side_m(self) -> Result<f64, TerrainError> {
+        match self {
+            Self::Side(side_m) => Ok(side_m),
+            Self::Sides { dx_m, dy_m } if (dx_m - dy_m).abs() <= 1e-4 * dx_m.abs() => Ok(dx_m),
+            Self::Sides { dx_m, dy_m } => Err(TerrainError::GridNotSquare { dx_m, dy_m }),
+        }
+    }
 }
 
 #[derive(Clone, Copy)]
@@ -72,7 +117,7 @@ impl Edge {
 struct Header {
     columns: f64,
     rows: f64,
-    cell_m: f64,
+    cell: Cell,
     west: Edge,
     south: Edge,
     nodata: f64,
@@ -95,7 +140,7 @@ impl Header {
     }
 }
 
-const KEYS: &str = "a header key (ncols, nrows, xllcorner or xllcenter, yllcorner or yllcenter, cellsize, NODATA_value), each once, before the heights";
+const KEYS: &str = "a header key (ncols, nrows, xllcorner or xllcenter, yllcorner or yllcenter, cellsize or dx and dy, NODATA_value), each once, before the heights";
 
 /// Words of a text, each with its line from 1.
 struct Words<'a, I: Iterator<Item = (usize, &'a str)>> {
@@ -107,18 +152,25 @@ struct Words<'a, I: Iterator<Item = (usize, &'a str)>> {
 impl<'a, I: Iterator<Item = (usize, &'a str)>> Words<'a, I> {
     fn header(&mut self) -> Result<Header, TerrainError> {
         let (mut columns, mut rows, mut cell, mut nodata) = (None, None, None, None);
-        let (mut west, mut south) = (None, None);
+        let (mut west, mut south, mut dx, mut dy) = (None, None, None, None);
         while let Some(&(line, word)) = self.words.peek() {
-            if !word.starts_with(|c: char| c.is_ascii_alphabetic()) {
+            if !word.starts_with(|c: char| c.is_ascii_alphabetic()) || is_nan(word) {
                 break;
             }
             self.words.next();
             self.line = line;
-            let number = self.number("a finite number after the header key")?;
-            let repeated = match word.to_ascii_lowercase().as_str() {
+            let key = word.to_ascii_lowercase();
+            let expected = "a finite number after the header key";
+            let number = match key.as_str() {
+                "nodata_value" => self.value(expected)?,
+                _ => self.number(expected)?,
+            };
+            let repeated = match key.as_str() {
                 "ncols" => columns.replace(number).is_some(),
                 "nrows" => rows.replace(number).is_some(),
                 "cellsize" => cell.replace(number).is_some(),
+                "dx" => dx.replace(number).is_some(),
+                "dy" => dy.replace(number).is_some(),
                 "xllcorner" => west.replace(Edge::Corner(number)).is_some(),
                 "xllcenter" => west.replace(Edge::Centre(number)).is_some(),
                 "yllcorner" => south.replace(Edge::Corner(number)).is_some(),
@@ -130,7 +182,12 @@ impl<'a, I: Iterator<Item = (usize, &'a str)>> Words<'a, I> {
                 return Err(syntax(line, Some(word), KEYS));
             }
         }
-        let (Some(columns), Some(rows), Some(cell_m), Some(west), Some(south)) =
+        let cell = match (cell, dx, dy) {
+            (Some(side_m), None, None) => Some(Cell::Side(side_m)),
+            (None, Some(dx_m), Some(dy_m)) => Some(Cell::Sides { dx_m, dy_m }),
+            _ => None,
+        };
+        let (Some(columns), Some(rows), Some(cell), Some(west), Some(south)) =
             (columns, rows, cell, west, south)
         else {
             return Err(match self.words.peek() {
@@ -141,11 +198,23 @@ impl<'a, I: Iterator<Item = (usize, &'a str)>> Words<'a, I> {
         Ok(Header {
             columns,
             rows,
-            cell_m,
+            cell,
             west,
             south,
             nodata: nodata.unwrap_or(-9999.0),
         })
+    }
+
+    /// Returns the next number, which may be one of the texts for NaN.
+    fn value(&mut self, expected: &'static str) -> Result<f64, TerrainError> {
+        match self.words.peek() {
+            Some(&(line, word)) if is_nan(word) => {
+                self.words.next();
+                self.line = line;
+                Ok(f64::NAN)
+            }
+            _ => self.number(expected),
+        }
     }
 
     fn number(&mut self, expected: &'static str) -> Result<f64, TerrainError> {
@@ -158,6 +227,12 @@ impl<'a, I: Iterator<Item = (usize, &'a str)>> Words<'a, I> {
             _ => Err(syntax(line, Some(word), expected)),
         }
     }
+}
+
+/// Returns whether a word is NaN as C libraries write it.
+fn is_nan(word: &str) -> bool {
+    let word = word.trim_start_matches(['-', '+']).to_ascii_lowercase();
+    word.starts_with("nan") || word == "1.#qnan" || word == "1.#ind"
 }
 
 fn syntax(line: usize, word: Option<&str>, expected: &'static str) -> TerrainError {
@@ -205,9 +280,9 @@ mod tests {
             text.contains("line 8") && text.contains("\"4,5\""),
             "{text}"
         );
-        let text = error_of(&GOOD.replace("3 -9", "3 nan"));
+        let text = error_of(&GOOD.replace("3 -9", "3 inf"));
         assert!(
-            text.contains("line 8") && text.contains("\"nan\""),
+            text.contains("line 8") && text.contains("\"inf\""),
             "{text}"
         );
         let text = error_of(&GOOD.replace("5 6", "5"));
@@ -220,8 +295,13 @@ mod tests {
             text.contains("\"7\"") && text.contains("expected the end"),
             "{text}"
         );
-        let text = error_of(&GOOD.replace("cellsize", "dx"));
-        assert!(text.contains("line 5") && text.contains("\"dx\""), "{text}");
+        let text = error_of(&GOOD.replace("cellsize", "cell"));
+        assert!(
+            text.contains("line 5") && text.contains("\"cell\""),
+            "{text}"
+        );
+        let text = error_of(&GOOD.replace("cellsize 10", "cellsize 10\ndx 10\ndy 10"));
+        assert!(text.contains("expected a header key"), "{text}");
         let text = error_of(&GOOD.replace("nrows 3", "ncols 3"));
         assert!(
             text.contains("line 2") && text.contains("each once"),
@@ -230,6 +310,49 @@ mod tests {
         let text = error_of(&GOOD.replace("nrows 3\n", ""));
         assert!(text.contains("line 6") && text.contains("\"1\""), "{text}");
         assert!(error_of("").contains("the end of the text"));
+    }
+
+    #[test]
+    fn gdal_writes_the_sides_of_a_cell_and_nan_for_what_it_does_not_know() {
+        let sides = GOOD.replace("cellsize 10", "dx 10.000000\nDY 10.0000001");
+        assert_eq!(parse(&sides).unwrap().cell_m, 10.0);
+        let text = error_of(&GOOD.replace("cellsize 10", "dx 10\ndy 20"));
+        assert!(
+            text.contains("dy 20 m") && text.contains("gdalwarp -tr 10 10"),
+            "{text}"
+        );
+        for nan in ["nan", "-nan", "NaN", "nan(ind)", "-1.#IND", "1.#QNAN"] {
+            let grid = parse(&GOOD.replace("1 2\n3 -9", &format!("{nan} 2\n3 -9"))).unwrap();
+            assert!(
+                grid.heights_m[0].is_nan() && grid.heights_m[3].is_nan(),
+                "{nan}"
+            );
+            let undeclared = GOOD.replace("NODATA_value -9", &format!("NODATA_value {nan}"));
+            let grid = parse(&undeclared.replace("1 2", &format!("{nan} 2"))).unwrap();
+            assert!(
+                grid.heights_m[0].is_nan() && grid.heights_m[3] == -9.0,
+                "{nan}"
+            );
+        }
+        // The least number of single precision, as two programs write it.
+        let least = GOOD.replace("NODATA_value -9", "NODATA_value -3.4028234663852886e+38");
+        assert!(
+            parse(&least.replace("3 -9", "3 -3.40282e+38"))
+                .unwrap()
+                .heights_m[3]
+                .is_nan()
+        );
+    }
+
+    #[test]
+    fn a_void_that_is_not_declared_is_no_height() {
+        for void in ["-32768", "-9999", "-99999", "65535", "-3.4e38", "1e20"] {
+            let text = error_of(&GOOD.replace("5 6", &format!("5 {void}")));
+            assert!(
+                text.contains("row 3, column 2") && text.contains("NODATA value, -9"),
+                "{void}: {text}"
+            );
+        }
     }
 
     #[test]

@@ -31,8 +31,8 @@ struct Node {
 
 impl GridTerrain {
     /// Returns the grid of an ESRI ASCII grid's text: header lines `ncols`, `nrows`, `xllcorner` or
-    /// `xllcenter`, `yllcorner` or `yllcenter`, `cellsize`, optionally `NODATA_value` (-9999 if
-    /// absent), in any order and case, then the heights in m, the northernmost row first.
+    /// `xllcenter`, `yllcorner` or `yllcenter`, `cellsize` or equal `dx` and `dy`, optionally `NODATA_value` (-9999 if
+    /// absent; NaN always marks unknown ground), in any order and case, then the heights in m, the northernmost row first.
     ///
     /// The file's axes are the world's: x is X_g (east), y is Y_g (north).
     ///
@@ -74,6 +74,56 @@ impl GridTerrain {
             south_m: self.south_m,
             north_m: self.south_m + (self.rows - 1) as f64 * self.cell_m,
         }
+    }
+
+    /// Returns row and column in the file, from 1 in the northwest, of the cell nearest to a place.
+    pub fn cell_at(&self, x_m: f64, y_m: f64) -> (usize, usize) {
+        let nearest = |m: f64, count: usize| {
+            (m / self.cell_m).round().clamp(0.0, (count - 1) as f64) as usize
+        };
+        let column = nearest(x_m - self.west_m, self.columns);
+        let northward = nearest(y_m - self.south_m, self.rows);
+        (self.rows - northward, column + 1)
+    }
+
+    /// Returns what looks like a fault of the survey: a single cell far above or below those around it.
+    pub fn suspicion(&self) -> Option<String> {
+        /// Height over the neighbours' median that no ground has, m, and in cells.
+        const SPIKE_M: f64 = 10.0;
+        const SPIKE_CELLS: f64 = 3.0;
+        let spike_m = SPIKE_M.max(SPIKE_CELLS * self.cell_m);
+        let mut spikes = Vec::new();
+        let mut around = Vec::with_capacity(8);
+        for row in 0..self.rows {
+            for column in 0..self.columns {
+                let here_m = self.heights_m[row * self.columns + column];
+                around.clear();
+                for r in row.saturating_sub(1)..(row + 2).min(self.rows) {
+                    for c in column.saturating_sub(1)..(column + 2).min(self.columns) {
+                        let height_m = self.heights_m[r * self.columns + c];
+                        if (r, c) != (row, column) && !height_m.is_nan() {
+                            around.push(height_m);
+                        }
+                    }
+                }
+                around.sort_by(f64::total_cmp);
+                let above_m = here_m - around.get(around.len() / 2).copied().unwrap_or(here_m);
+                if around.len() >= 3 && above_m.abs() > spike_m {
+                    spikes.push((row + 1, column + 1, above_m));
+                }
+            }
+        }
+        let &(row, column, above_m) = spikes.first()?;
+        let more = match spikes.len() {
+            1 => String::new(),
+            count => format!(", and {} more cells like it", count - 1),
+        };
+        let side = if above_m > 0.0 { "above" } else { "below" };
+        Some(format!(
+            "row {row}, column {column} (from 1, northwest) is {:.1} m {side} the cells around it{more}; if that is no \
+             ground, replace it by the NODATA value",
+            above_m.abs()
+        ))
     }
 
     pub(super) fn surface(&self, x_m: f64, y_m: f64) -> Result<Surface, TerrainError> {
@@ -247,6 +297,28 @@ mod tests {
             text.contains("26.01") && text.contains("x 10 to 26 m"),
             "{text}"
         );
+    }
+
+    #[test]
+    fn a_single_cell_far_from_its_neighbours_is_suspect_and_a_cliff_is_not() {
+        assert_eq!(grid_of(hills).suspicion(), None);
+        assert_eq!(
+            grid_of(|x, _| if x > 17.0 { 80.0 } else { 5.0 }).suspicion(),
+            None
+        );
+        let spiked = |x: f64, y: f64| {
+            if x == 18.0 && y == -14.0 {
+                60.0
+            } else {
+                hills(x, y)
+            }
+        };
+        let text = grid_of(spiked).suspicion().unwrap();
+        assert!(
+            text.contains("row 4, column 5") && text.contains("above"),
+            "{text}"
+        );
+        assert_eq!(grid_of(spiked).cell_at(18.4, -14.3), (4, 5));
     }
 
     #[test]

@@ -43,12 +43,15 @@ pub struct RoutePoint {
 /// Samples on a route at most, which bounds the memory a route can take.
 const SAMPLES_MAX: f64 = 2e6;
 const LENGTH_MIN_M: f64 = 0.1;
+/// Slope between two points beyond which one of their elevations is wrong: 60 deg, and what noise adds, m.
+const STEP_SLOPE_MAX: f64 = 1.732;
+const STEP_NOISE_M: f64 = 1.0;
 
 impl RouteTerrain {
     /// Returns the ground along the polyline of `points`; repeated places are allowed.
     ///
     /// # Errors
-    /// Names the point that is not finite, or the horizontal length that is below 0.1 m or above
+    /// Names the point that is not finite or whose elevation jumps, or the horizontal length that is below 0.1 m or above
     /// what two million samples cover.
     pub fn new(points: &[RoutePoint], smoothing: RouteSmoothing) -> Result<Self, TerrainError> {
         let samples = sample(points, &smoothing)?;
@@ -164,6 +167,11 @@ impl Blend {
     }
 }
 
+/// Horizontal distance of two points, m.
+fn run(pair: &[RoutePoint]) -> f64 {
+    (pair[1].x_m - pair[0].x_m).hypot(pair[1].y_m - pair[0].y_m)
+}
+
 /// The route at even arc lengths, first and last point included.
 fn sample(
     points: &[RoutePoint],
@@ -179,7 +187,18 @@ fn sample(
             });
         }
     }
-    let run = |pair: &[RoutePoint]| (pair[1].x_m - pair[0].x_m).hypot(pair[1].y_m - pair[0].y_m);
+    for (before, pair) in points.windows(2).enumerate() {
+        let (step_m, distance_m) = (pair[1].z_m - pair[0].z_m, run(pair));
+        if step_m.abs() > STEP_NOISE_M + STEP_SLOPE_MAX * distance_m {
+            return Err(TerrainError::RouteStep {
+                index: before + 1,
+                x_m: pair[1].x_m,
+                y_m: pair[1].y_m,
+                step_m,
+                distance_m,
+            });
+        }
+    }
     let length_m: f64 = points.windows(2).map(run).sum();
     let length_max_m = SAMPLES_MAX * smoothing.sample_spacing_m();
     if !(LENGTH_MIN_M..=length_max_m).contains(&length_m) {

@@ -59,6 +59,7 @@ const KINDS: [(&str, &str, &[&str]); 11] = [
         "campaign",
         &[
             "config/campaigns/default.yaml",
+            "config/campaigns/first_day.yaml",
             "config/campaigns/guard.yaml",
             "config/campaigns/vehicles.yaml",
         ],

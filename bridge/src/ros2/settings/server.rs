@@ -4,7 +4,7 @@ use super::costmap::CostmapConfig;
 use crate::ros2::names::Names;
 use crate::ros2::settings::topics::{CommandsConfig, Frames, InputsConfig};
 use serde::{Deserialize, Serialize};
-use sidehill_controller::path::Smoothing;
+use sidehill_controller::path::SmoothingConfig;
 use sidehill_plant::bounds::Bounds;
 use sidehill_plant::vehicle::RangeError;
 
@@ -23,7 +23,7 @@ pub struct Ros2Config {
     /// The action.
     pub follow_path: FollowPathConfig,
     /// How the poses of a path become a smooth curve.
-    pub smoothing: Smoothing,
+    pub smoothing: SmoothingConfig,
     /// Tolerances of goals, transforms and failures.
     pub tolerances: Tolerances,
     /// Obstacles; without it no costmap is subscribed to and nothing is checked.
@@ -46,11 +46,7 @@ impl Default for Ros2Config {
             inputs: InputsConfig::default(),
             commands: CommandsConfig::default(),
             follow_path: FollowPathConfig::default(),
-            // The corners of a planned path are intended.
-            smoothing: Smoothing {
-                max_curvature_per_m: 2.0,
-                ..Smoothing::default()
-            },
+            smoothing: SmoothingConfig::default(),
             tolerances: Tolerances::default(),
             costmap: None,
             tracking_feedback: false,

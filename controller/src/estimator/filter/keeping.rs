@@ -10,10 +10,12 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
     /// accepted as the first ones were.
     pub(in crate::estimator) fn restart(&mut self) {
         let (keeps, kept) = (self.keeps, self.kept());
+        let mut model = self.model.clone();
+        model.forget_found();
         *self = Self {
             keeps,
             kept: kept.filter(|_| keeps),
-            ..Self::new(self.settings, self.model.clone())
+            ..Self::new(self.settings, model)
         };
     }
 

@@ -105,6 +105,11 @@ impl ContactPrediction {
         }
     }
 
+    /// Forgets the balance found last, so that what follows does not depend on it, not even in its last digits.
+    pub fn forget_found(&mut self) {
+        self.last = None;
+    }
+
     /// Returns the parameters within the ranges that a vehicle of this geometry may have; what is not finite
     /// becomes the nearer end, or the lower where there is none.
     pub fn within_ranges(&self, parameters: &ParameterVector) -> ParameterVector {

@@ -156,3 +156,33 @@ proptest! {
         prop_assert!((here.normal_in_world - there.normal_in_world).norm() < 1e-6);
     }
 }
+
+#[test]
+fn an_elevation_that_jumps_is_named() {
+    let hill: Vec<RoutePoint> = (0..30)
+        .map(|i| RoutePoint {
+            x_m: 0.0,
+            y_m: f64::from(i),
+            z_m: 90.0 + 0.3 * f64::from(i),
+        })
+        .collect();
+    assert!(RouteTerrain::new(&hill, smoothing()).is_ok());
+    let mut zero = hill.clone();
+    zero[12].z_m = 0.0;
+    let text = RouteTerrain::new(&zero, smoothing())
+        .unwrap_err()
+        .to_string();
+    assert!(
+        text.contains("points 11 and 12") && text.contains("y 12.0 m"),
+        "{text}"
+    );
+    let mut step = hill.clone();
+    step.iter_mut().skip(20).for_each(|point| point.z_m -= 8.0);
+    let text = RouteTerrain::new(&step, smoothing())
+        .unwrap_err()
+        .to_string();
+    assert!(
+        text.contains("-7.7 m between the points 19 and 20"),
+        "{text}"
+    );
+}

@@ -108,3 +108,38 @@ fn a_pivot_turns_by_its_angle_within_the_steer_limit() {
         assert!(duration_s >= 2.0 / rate_rad_s, "{duration_s}");
     }
 }
+
+#[test]
+fn a_way_back_in_one_direction_is_refused_with_its_place() {
+    let oriented = RouteSettings {
+        use_orientations: true,
+        ..route_settings()
+    };
+    // Each pose looks towards the next along Y_g: all forward, but back and forth.
+    for ways in [
+        &[0.0, 1.0, -1.0, 1.0][..],
+        &[0.0, 4.0, -2.0, -6.0],
+        &[0.0, 2.0, -3.0],
+    ] {
+        let ahead = |i: usize| {
+            ways.get(i + 1)
+                .map_or_else(|| ways[i] - ways[i - 1], |next| next - ways[i])
+        };
+        let poses = (0..ways.len()).map(|i| PlanarPose {
+            x_m: 0.0,
+            y_m: ways[i],
+            yaw_rad: if ahead(i) > 0.0 { 0.0 } else { PI },
+        });
+        let path = RequestedPath {
+            frame: "map".to_owned(),
+            poses: poses.collect(),
+        };
+        let error = Route::build(&path, &PlanarPose::default(), 0.0, &oriented).unwrap_err();
+        assert_eq!(error.code, code::INVALID_PATH);
+        assert!(
+            error.message.contains("turns back on the spot"),
+            "{}",
+            error.message
+        );
+    }
+}
