@@ -281,51 +281,62 @@ impl ControllerConfig {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use sidehill_plant::frames::PlanarPose;
+    use sidehill_plant::speeds::MotorSpeeds;
+
+    fn asked(motion: Motion) -> Asked {
+        Asked {
+            motion,
+            ends: false,
+            pose: PlanarPose::default(),
+            inputs: MotorSpeeds::STOP,
+            scale_m_s: 0.4,
+            pace: 1.0,
+        }
+    }
 
     #[test]
     fn the_weight_across_the_path_grows_over_the_ramp_and_only_while_driving() {
         let config = ControllerConfig::default().for_contact();
         let ramp_s = config.contact.cross_ramp_s;
-        let cross = |motion, end_s| config.stage_weights(motion, 0.0, end_s).cross_per_m2;
+        let cross = |asked, end_s| config.stage_weights(&asked, 0.0, end_s).cross_per_m2;
         let full = config.weights.cross_per_m2;
-        assert!((cross(Motion::Drive, ramp_s / 3.0) - full / 3.0).abs() < 1e-9);
-        assert_eq!(cross(Motion::Drive, ramp_s), full);
-        assert_eq!(cross(Motion::Drive, 7.0), full);
+        let drive = asked(Motion::Drive);
+        assert!((cross(drive, ramp_s / 3.0) - full / 3.0).abs() < 1e-9);
+        assert_eq!(cross(drive, ramp_s), full);
+        assert_eq!(cross(drive, 7.0), full);
         let pivot = config.weights.pivot_position_per_m2;
-        assert_eq!(cross(Motion::Pivot, ramp_s / 3.0), pivot);
+        assert_eq!(cross(asked(Motion::Pivot), ramp_s / 3.0), pivot);
         // The other controllers weigh all errors alike.
         let config = ControllerConfig::default();
-        let weights = config.stage_weights(Motion::Drive, 0.0, 0.15);
+        let weights = config.stage_weights(&drive, 0.0, 0.15);
         assert_eq!(weights.cross_per_m2, config.weights.cross_per_m2);
+    }
+
+    #[test]
+    fn a_drive_is_weighed_in_speed_on_the_way_and_in_place_at_its_end() {
+        let config = ControllerConfig::default();
+        let on_the_way = asked(Motion::Drive);
+        let weights = config.stage_weights(&on_the_way, 0.0, 1.0);
+        assert_eq!(weights.along_per_m2, 0.0);
+        // A vehicle that stands costs the same at every allowed speed.
+        let standing = weights.speed_s2_per_m2 * on_the_way.scale_m_s.powi(2);
+        assert!((standing - config.weights.speed).abs() < 1e-12);
+        let end = Asked {
+            ends: true,
+            ..on_the_way
+        };
+        let weights = config.stage_weights(&end, 0.0, 1.0);
+        assert_eq!(weights.along_per_m2, config.weights.cross_per_m2);
     }
 
     #[test]
     fn changes_of_steer_cost_less_far_beside_the_path_than_on_it() {
         let contact = ContactMpcConfig::default();
-        let factor = |distance_m| contact.factors(distance_m, 0.0).steer_change;
+        let factor = |distance_m| contact.steer_change(distance_m);
         assert_eq!(factor(0.0), contact.steer_change_on_path);
-        assert_eq!(contact.factors(0.0, 0.0).along, contact.along_on_path);
-        assert!(contact.factors(1.0, 0.0).along > 0.99);
         let half_way = 0.5 * (contact.steer_change_on_path + contact.steer_change_off_path);
         assert!((factor(-contact.off_path_m) - half_way).abs() < 1e-12);
         assert!((factor(100.0) - contact.steer_change_off_path).abs() < 1e-6);
-    }
-
-    #[test]
-    fn errors_gain_weight_while_the_vehicle_gets_under_way() {
-        let contact = ContactMpcConfig::default();
-        let ramp_s = contact.start_ramp_s;
-        let factor = |driving_s, ahead_s| contact.factors(0.0, driving_s).errors(ahead_s);
-        assert!((factor(0.0, 0.5 * ramp_s) - 0.25).abs() < 1e-12);
-        assert!((factor(0.3 * ramp_s, 0.2 * ramp_s) - 0.25).abs() < 1e-12);
-        assert_eq!(factor(0.3 * ramp_s, 0.8 * ramp_s), 1.0);
-        assert_eq!(factor(2.0 * ramp_s, 0.0), 1.0);
-        // Without a ramp, and with the other controllers, errors have their weight at once.
-        let contact = ContactMpcConfig {
-            start_ramp_s: 0.0,
-            ..contact
-        };
-        assert_eq!(contact.factors(0.0, 0.0).errors(0.0), 1.0);
-        assert_eq!(WeightFactors::NONE.errors(0.0), 1.0);
     }
 }

@@ -20,7 +20,7 @@ const SPEED_MIN_M_S: f64 = 0.02;
 /// Distance from the end of a drive that counts as being there, m, and turn, rad.
 const AT_END: f64 = 1e-3;
 /// Step with which the time for a length is summed, m.
-const SUM_STEP_M: f64 = 0.1;
+pub(super) const SUM_STEP_M: f64 = 0.1;
 
 /// What bounds speeds as it is known now.
 #[derive(Debug, Clone, Copy)]

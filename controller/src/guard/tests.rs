@@ -1,6 +1,5 @@
 use super::*;
 use crate::path::Point2;
-use crate::reference::Tracking;
 use crate::speed_profile::{SpeedLimits, speed_profile};
 use crate::trajectory::Trajectory;
 use sidehill_plant::contact::CentreOfMass;
@@ -106,11 +105,11 @@ struct Drive {
     lowest: f64,
 }
 
-/// Follows the reference exactly; with the map or with the plane under the vehicle alone.
+/// Follows the path exactly, as fast as the guard lets it; with the map or with the plane under the vehicle alone.
 fn drive(config: GuardConfig, terrain: &Terrain, map: bool) -> Drive {
     let period_s = 0.05;
     let mut guard = Guard::new(config, stance(), 0.5);
-    let mut reference = Reference::new(straight(), Tracking::Path { lead_max_m: 0.3 });
+    let mut reference = Reference::new(straight());
     let (mut y_m, mut speed_m_s, mut announced, mut lowest) = (0.0, 0.0, None, 1.0_f64);
     for cycle in 0..4000 {
         let time_s = period_s * f64::from(cycle);
@@ -139,9 +138,11 @@ fn drive(config: GuardConfig, terrain: &Terrain, map: bool) -> Drive {
                 lowest,
             };
         }
-        let progress = reference.advance(period_s * guard.share(), &estimate.pose);
-        speed_m_s = (progress.point.position.y_m - y_m) / period_s;
-        y_m = progress.point.position.y_m;
+        let progress = reference.advance(period_s, &estimate.pose, speed_m_s == 0.0);
+        // The vehicle gains speed at 1 m/s^2.
+        let allowed_m_s = guard.share() * progress.point.speed_m_s;
+        speed_m_s = allowed_m_s.min(speed_m_s + period_s);
+        y_m += period_s * speed_m_s;
         if progress.ended {
             break;
         }
@@ -194,7 +195,7 @@ fn a_vehicle_beside_its_path_is_stopped_before_ground_too_steep_there() {
         grid.push('\n');
     }
     let terrain = Terrain::Grid(sidehill_plant::terrain::GridTerrain::parse(&grid).unwrap());
-    let reference = Reference::new(straight(), Tracking::Path { lead_max_m: 0.3 });
+    let reference = Reference::new(straight());
     let look = |x_m: f64, turned_rad: f64| {
         let mut guard = Guard::new(GuardConfig::default(), stance(), 0.5);
         let mut estimate = estimate(0.0, 5.0, &Terrain::Level);
@@ -234,7 +235,7 @@ fn an_attitude_beyond_its_limit_stops_at_once() {
     };
     let ground = ramp(14.0);
     let mut guard = Guard::new(config, stance(), 0.5);
-    let reference = Reference::new(straight(), Tracking::Path { lead_max_m: 0.3 });
+    let reference = Reference::new(straight());
     let look = |guard: &mut Guard, estimate: &Estimate| {
         guard.look(&Surroundings {
             estimate,

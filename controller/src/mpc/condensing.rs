@@ -40,8 +40,8 @@ pub struct Stage {
     pub along: (f64, f64),
     /// Weights at the end of this stage.
     pub weights: StageWeights,
-    /// Duration of the stage, s.
-    pub step_s: f64,
+    /// Derivatives of the speed along the reference by the yaw before, traction and steer, in m/s per rad and 1.
+    pub speed_row: [f64; 3],
     /// Planned speed along the reference less that of the target, m/s.
     pub speed_error: f64,
     /// Planned input of the stage.
@@ -57,16 +57,6 @@ pub struct Stage {
 }
 
 impl Stage {
-    /// Returns the derivatives of the speed along the reference by the yaw before, traction and steer.
-    fn speed_row(&self) -> [f64; 3] {
-        let (along_x, along_y) = self.along;
-        let (point_x, point_y) = self.point_by_yaw_m;
-        let by_yaw = along_x * point_x + along_y * point_y;
-        let step = &self.step;
-        [&step.by_yaw, &step.by_traction, &step.by_steer]
-            .map(|by| (along_x * by.x + along_y * by.y + by_yaw * by.z) / self.step_s)
-    }
-
     /// Returns the weights of its cost.
     pub fn weights(&self) -> CostWeights {
         CostWeights {
@@ -212,7 +202,7 @@ impl Condenser {
             let stage = &stages[block.first_stage + stage_in_block];
             let used = block.input(stage_in_block);
             let step = &stage.step;
-            let [speed_by_yaw, speed_by_inputs @ ..] = stage.speed_row();
+            let [speed_by_yaw, speed_by_inputs @ ..] = stage.speed_row;
             for (speed, yaw) in self.speed.iter_mut().zip(&*yaw) {
                 *speed = speed_by_yaw * yaw;
             }

@@ -85,7 +85,7 @@ impl Mpc {
         let mut before = self.settings.limits.within_bounds(horizon.previous);
         for (k, stage) in self.stages.iter().enumerate() {
             let (input, target) = (plan.inputs[k], &horizon.targets[k]);
-            let way = (&plan.states[k], &plan.states[k + 1], stage.step_s);
+            let way = (&plan.states[k], &plan.states[k + 1], self.times.step_s(k));
             cost += stage_cost(&stage.weights(), target, way, input, before);
             before = input;
         }
@@ -105,7 +105,7 @@ impl Mpc {
             let from = state;
             state += self.increment(k, target, state.z, input, &mut moving);
             self.rolled[k + 1] = state;
-            let way = (&from, &state, stage.step_s);
+            let way = (&from, &state, self.times.step_s(k));
             cost += stage_cost(&stage.weights(), target, way, input, before);
             if cost > largest {
                 return f64::INFINITY;

@@ -125,7 +125,7 @@ impl Mpc {
                 point_by_yaw_m: error.point_by_yaw_m,
                 along: target.along(),
                 weights: weights.errors,
-                step_s,
+                speed_row: target.speed_row(&state, next, &step, step_s),
                 speed_error: target.speed_error(&state, next, step_s),
                 input,
                 change_weights: weights.changes,

@@ -45,6 +45,7 @@ use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 use sidehill_plant::contact::BodyState;
 use sidehill_plant::frames::{PlanarPose, wrap_angle};
+use sidehill_plant::prediction::LinearisedStep;
 use sidehill_plant::speeds::MotorSpeeds;
 use std::time::Instant;
 use step_limit::Damping;
@@ -109,6 +110,27 @@ impl StageTarget {
         let moved_m = along_x * (to.x - from.x + after.0 - before.0)
             + along_y * (to.y - from.y + after.1 - before.1);
         moved_m / step_s - self.speed_m_s
+    }
+
+    /// Returns the derivatives of the speed along the path by the yaw before, traction and steer, where `step` leads
+    /// from one state to the other.
+    fn speed_row(
+        &self,
+        from: &Vector3<f64>,
+        to: &Vector3<f64>,
+        step: &LinearisedStep,
+        step_s: f64,
+    ) -> [f64; 3] {
+        let (along_x, along_y) = self.along();
+        let along_by_yaw = |state: &Vector3<f64>| {
+            let lever = self.tracked_point.lever(&self.normal_in_world, state.z);
+            along_x * lever.by_yaw_m.0 + along_y * lever.by_yaw_m.1
+        };
+        let (before, after) = (along_by_yaw(from), along_by_yaw(to));
+        let [mut by_yaw, by_traction, by_steer] = [&step.by_yaw, &step.by_traction, &step.by_steer]
+            .map(|by| along_x * by.x + along_y * by.y + after * by.z);
+        by_yaw += after - before;
+        [by_yaw, by_traction, by_steer].map(|moved_m| moved_m / step_s)
     }
 
     /// Returns the unit vector along the path, (x, y) in the world.
@@ -320,7 +342,12 @@ impl Mpc {
                     condenser.make_feasible(stages, data, primal);
                 })
             })
-            .inspect_err(|_| self.plan.states.copy_from_slice(&self.shifted.states))?;
+            .inspect_err(|_| {
+                self.plan.states.copy_from_slice(&self.shifted.states);
+                // A first plan from nowhere is none.
+                let known = |state: &Vector3<f64>| state.iter().all(|value| value.is_finite());
+                self.planned &= self.plan.states.iter().all(known);
+            })?;
         let report = SolveReport {
             iterations: self.solver.iterations(),
             path: self.solver.path(),

@@ -1,60 +1,170 @@
-//! A reference waits for the vehicle, and paths are driven to their ends and one after another.
+//! Progress along a reference, and paths driven to their ends and one after another.
 
-use crate::rig::{CIRCLE, KINDS, STOPPING_CYCLES, Setup, course, driving};
+use crate::rig::{CIRCLE, KINDS, LIMITS, STOPPING_CYCLES, Setup, course, driving};
 use sidehill_controller::config::ControllerKind;
 use sidehill_controller::controller::Status;
-use sidehill_controller::reference::{Reference, Tracking};
+use sidehill_controller::path::{Path, Point2, RawPoint, Smoothing, smooth};
+use sidehill_controller::reference::Reference;
+use sidehill_controller::speed_profile::speed_profile;
 use sidehill_plant::frames::PlanarPose;
 use sidehill_plant::speeds::MotorSpeeds;
 use sidehill_plant::terrain::{PlaneTerrain, Terrain};
 
-#[test]
-fn a_timed_reference_waits_for_a_vehicle_that_stands_and_goes_on_with_it() {
-    let trajectory = course("{shape: circle, radius_m: 4, speed_m_s: 0.4}");
-    let mut reference = Reference::new(trajectory, Tracking::Time);
-    let start = reference.ahead(0.0);
-    let standing = start.pose();
-    for _ in 0..200 {
-        reference.advance(0.05, &standing);
-    }
-    // 0.6 m ahead at 0.4 m/s.
-    assert!(
-        (reference.time_s() - 1.5).abs() < 0.1,
-        "{}",
-        reference.time_s()
-    );
-    let point = reference.ahead(0.0);
-    let there = point.pose();
-    let before_s = reference.time_s();
-    reference.advance(0.05, &there);
-    assert!((reference.time_s() - before_s - 0.05).abs() < 1e-12);
+fn pose_at(path: &Path, arc_length_m: f64) -> PlanarPose {
+    path.at(arc_length_m).pose()
 }
 
 #[test]
-fn at_a_cusp_only_the_geometric_laws_reference_waits_for_the_vehicle() {
-    let cusp = "{shape: cusp, radius_m: 3, angle_deg: 90, speed_m_s: 0.5}";
-    for (tracking, passes) in [
-        (Tracking::Path { lead_max_m: 0.3 }, true),
-        (Tracking::PathByCusps { lead_max_m: 0.3 }, false),
-    ] {
-        let mut reference = Reference::new(course(cusp), tracking);
-        let path = reference.path().unwrap().clone();
-        let cusp_m = path.cusps_m().next().unwrap();
-        // The vehicle drives on the path and stops 0.2 m short of the cusp.
-        let mut driven_m: f64 = 0.0;
-        for _ in 0..400 {
-            driven_m = (driven_m + 0.025).min(cusp_m - 0.2);
-            let at = path.at(driven_m);
-            let pose = PlanarPose {
-                x_m: at.position.x_m,
-                y_m: at.position.y_m,
-                yaw_rad: at.heading_rad,
-            };
-            reference.advance(0.05, &pose);
+fn progress_is_where_the_vehicle_is_and_not_how_long_it_took() {
+    for text in [CIRCLE, "{shape: slalom}", "{shape: figure_eight}"] {
+        let reached = |elapsed_s: f64, waits: bool| {
+            let mut reference = Reference::new(course(text));
+            let path = reference.path().unwrap().clone();
+            let mut seen = Vec::new();
+            for i in 0..100 {
+                let pose = pose_at(&path, 0.1 * f64::from(i));
+                let cycles = if waits && i == 40 { 300 } else { 1 };
+                let progress = (0..cycles).map(|_| reference.advance(elapsed_s, &pose, waits));
+                seen.push(progress.last().unwrap());
+            }
+            seen
+        };
+        let first = reached(0.05, false);
+        for (i, progress) in first.iter().enumerate() {
+            let off_m = progress.arc_length_m - 0.1 * i as f64;
+            assert!(off_m.abs() < 1e-3, "{text} {i}: {off_m}");
+            assert!(progress.cross_track_m.abs() < 1e-3 && !progress.ended);
         }
-        let reached_m = reference.ahead(0.0).arc_length_m;
-        assert_eq!(reached_m > cusp_m, passes, "{tracking:?} {reached_m}");
-        assert!(reached_m > cusp_m - 0.05, "{tracking:?} {reached_m}");
+        assert_eq!(first, reached(0.5, false));
+        assert_eq!(first, reached(0.05, true));
+    }
+}
+
+#[test]
+fn a_drive_ends_at_its_cusp_when_the_vehicle_stands_there() {
+    let mut reference = Reference::new(course(
+        "{shape: cusp, radius_m: 3, angle_deg: 90, speed_m_s: 0.5}",
+    ));
+    let path = reference.path().unwrap().clone();
+    let cusp_m = path.cusps_m().next().unwrap();
+    // A vehicle that stands short of the cusp is on its way there, however long it stands.
+    for driven_m in [0.0, 0.5 * cusp_m, cusp_m - 0.2] {
+        for _ in 0..400 {
+            reference.advance(0.05, &pose_at(&path, driven_m), true);
+        }
+        assert_eq!(reference.stop_at_m(), cusp_m);
+        assert!((reference.arc_length_m() - driven_m).abs() < 0.02);
+    }
+    // One that passes it by is still on the drive to it.
+    let mut past = pose_at(&path, cusp_m.next_down());
+    past.x_m -= 0.1 * past.yaw_rad.sin();
+    past.y_m += 0.1 * past.yaw_rad.cos();
+    let progress = reference.advance(0.05, &past, false);
+    assert!(progress.arc_length_m <= cusp_m && reference.stop_at_m() == cusp_m);
+    let progress = reference.advance(0.05, &pose_at(&path, cusp_m.next_down()), true);
+    assert!(
+        !progress.ended && progress.point.speed_m_s < 0.0,
+        "{progress:?}"
+    );
+    assert_eq!(reference.stop_at_m(), path.length_m());
+    // The way back lies on the way there: the vehicle is on the second drive.
+    let back = reference.advance(0.05, &pose_at(&path, cusp_m + 0.3), false);
+    assert!((back.arc_length_m - cusp_m - 0.3).abs() < 1e-3, "{back:?}");
+    let mut end = back;
+    while !end.ended {
+        let next_m = (end.arc_length_m + 0.1).min(path.length_m().next_down());
+        end = reference.advance(0.05, &pose_at(&path, next_m), false);
+        assert!((end.arc_length_m - next_m).abs() < 1e-3, "{end:?}");
+    }
+    assert!(end.arc_length_m > path.length_m() - 0.2);
+    assert_eq!(end.point.speed_m_s, 0.0);
+}
+
+#[test]
+fn a_path_is_begun_at_the_point_that_the_vehicle_fits() {
+    let trajectory = || course("{shape: straight, length_m: 20, speed_m_s: 0.5}");
+    let path = trajectory().path().unwrap().clone();
+    let begun_m = |pose: &PlanarPose| {
+        Reference::new(trajectory())
+            .advance(0.05, pose, true)
+            .arc_length_m
+    };
+    let beside = |arc_length_m: f64, left_m: f64, turned_rad: f64| {
+        let mut pose = pose_at(&path, arc_length_m);
+        pose.x_m -= left_m * pose.yaw_rad.cos();
+        pose.y_m -= left_m * pose.yaw_rad.sin();
+        pose.yaw_rad += turned_rad;
+        pose
+    };
+    for arc_length_m in [0.0, 0.7, 3.0, 8.0] {
+        for (left_m, turned_rad) in [(0.0, 0.0), (0.5, 0.2), (-0.8, -0.3)] {
+            let found_m = begun_m(&beside(arc_length_m, left_m, turned_rad));
+            assert!(
+                (found_m - arc_length_m).abs() < 0.1,
+                "{arc_length_m}: {found_m}"
+            );
+        }
+    }
+    // Most of the path is to come where it is begun.
+    assert!(begun_m(&beside(19.5, 0.0, 0.0)) < 11.1);
+}
+
+#[test]
+fn a_loop_is_begun_at_its_start_and_driven_round() {
+    // A square loop whose end is where it begins.
+    let points: Vec<RawPoint> = [(0.0, 0.0), (0.0, 8.0), (-8.0, 8.0), (-8.0, 0.0), (0.0, 0.0)]
+        .into_iter()
+        .map(|(x_m, y_m)| RawPoint {
+            position: Point2 { x_m, y_m },
+            ..RawPoint::default()
+        })
+        .collect();
+    let path = smooth(&points, &Smoothing::default()).unwrap().path;
+    let trajectory = speed_profile(&path, &LIMITS, |_| f64::INFINITY).unwrap();
+    let mut reference = Reference::new(trajectory);
+    let mut driven_m = 0.0;
+    while driven_m < path.length_m() {
+        let progress = reference.advance(0.05, &pose_at(&path, driven_m), false);
+        let off_m = progress.arc_length_m - driven_m;
+        assert!(off_m.abs() < 0.01, "{driven_m}: {off_m}");
+        assert_eq!(
+            progress.ended,
+            driven_m >= path.length_m() - 0.05,
+            "{driven_m}"
+        );
+        driven_m += 0.02;
+    }
+}
+
+#[test]
+fn a_turn_on_the_spot_is_a_drive_in_heading_counted_over_whole_turns() {
+    for turn_deg in [150.0, -150.0, 500.0, -500.0] {
+        let text = format!("{{shape: pivot, angle_deg: {turn_deg}, yaw_rate_rad_s: 0.35}}");
+        let mut reference = Reference::new(course(&text));
+        let from = reference.ahead(0.0).pose();
+        let turned = |share: f64| {
+            let yaw_rad = from.yaw_rad + share * f64::to_radians(turn_deg);
+            PlanarPose {
+                yaw_rad: yaw_rad.sin().atan2(yaw_rad.cos()),
+                ..from
+            }
+        };
+        let mut before_s = -1.0;
+        for i in 0..100 {
+            let progress = reference.advance(0.05, &turned(f64::from(i) / 100.0), false);
+            assert!(!progress.ended, "{turn_deg} {i}");
+            assert!(reference.time_s() > before_s);
+            before_s = reference.time_s();
+            // A vehicle that waits has not turned on.
+            reference.advance(10.0, &turned(f64::from(i) / 100.0), true);
+            assert!((reference.time_s() - before_s).abs() < 1e-9);
+        }
+        assert!(reference.advance(0.05, &turned(1.0), false).ended);
+        // A vehicle that has gone too far is there as well; off the place shows.
+        let mut off = turned(1.01);
+        off.x_m += 0.3;
+        let progress = reference.advance(0.05, &off, false);
+        assert!(progress.ended && (progress.cross_track_m - 0.3).abs() < 1e-9);
     }
 }
 
@@ -178,7 +288,6 @@ fn another_path_is_taken_up_while_driving() {
 fn from_beside_the_path_the_vehicle_drives_on_towards_it() {
     let mut setup = Setup::new(course("{shape: straight, length_m: 8, speed_m_s: 0.6}"));
     setup.kind = ControllerKind::ContactMpc;
-    setup.tracking = Tracking::Path { lead_max_m: 0.6 };
     let traction = &mut setup.config.limits.traction;
     (traction.acceleration_m_s2, traction.deceleration_m_s2) = (0.52, 0.52);
     setup.config.weights.steer_change_s3_per_m2 = 0.8;

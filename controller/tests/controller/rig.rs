@@ -3,7 +3,7 @@
 use sidehill_controller::config::{ControllerConfig, ControllerKind};
 use sidehill_controller::controller::{Controller, Decision, Status};
 use sidehill_controller::course::Course;
-use sidehill_controller::reference::{Reference, Tracking};
+use sidehill_controller::reference::Reference;
 use sidehill_controller::speed_profile::SpeedLimits;
 use sidehill_controller::trajectory::Trajectory;
 use sidehill_plant::contact::CentreOfMass;
@@ -54,7 +54,6 @@ pub struct Setup {
     pub kind: ControllerKind,
     pub config: ControllerConfig,
     pub trajectory: Trajectory,
-    pub tracking: Tracking,
     pub laps: u32,
     pub terrain: Terrain,
     pub map: Option<Terrain>,
@@ -70,7 +69,6 @@ impl Setup {
         Self {
             kind: ControllerKind::IcrikMpc,
             config: ControllerConfig::default(),
-            tracking: Tracking::Time,
             laps: 1,
             terrain: plane(10.0),
             map: None,
@@ -107,7 +105,7 @@ impl Setup {
         if let Some(map) = self.map {
             controller = controller.with_terrain(map);
         }
-        controller.follow(Reference::new(self.trajectory, self.tracking).for_laps(self.laps));
+        controller.follow(Reference::new(self.trajectory).for_laps(self.laps));
         Rig {
             simulation,
             controller,
@@ -127,7 +125,7 @@ pub struct Rig {
 impl Rig {
     /// Follows another trajectory along its path, under a number, from an arc length on.
     pub fn follow(&mut self, number: u64, trajectory: Trajectory, from_m: f64) {
-        let reference = self.controller.config().reference(trajectory);
+        let reference = Reference::new(trajectory);
         self.controller
             .follow(reference.starting_at(from_m).numbered(number));
     }
@@ -196,11 +194,10 @@ impl Rig {
     }
 }
 
-/// A vehicle under way, on a reference that waits for it.
+/// A vehicle under way.
 pub fn driving(kind: ControllerKind) -> Rig {
     let mut rig = Setup {
         kind,
-        tracking: Tracking::Path { lead_max_m: 0.3 },
         ..Setup::new(course(CIRCLE))
     }
     .build();

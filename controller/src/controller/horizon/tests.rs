@@ -1,9 +1,10 @@
 #![allow(clippy::unwrap_used)]
 
+use super::super::walk::SUM_STEP_M;
 use super::*;
 use crate::config::{ControllerConfig, ControllerKind};
-use crate::course::{Course, Cusp, Straight};
-use crate::reference::Tracking;
+use crate::course::{Course, Cusp, Slalom, Straight};
+use crate::path::{Point2, Window};
 use crate::speed_profile::SpeedConfig;
 use sidehill_plant::frames::{Attitude, Pose};
 use sidehill_plant::sample::Stamped;
@@ -35,148 +36,152 @@ fn sample(time_s: f64, pose: &PlanarPose) -> Sample {
     }
 }
 
-/// Returns a controller of the J8 on a cusp, at `arc_m` from the cusp, that has seen the vehicle `past_m` past it along
-/// its tangent for two cycles. Errors have their weight at once.
-fn past_the_cusp(kind: ControllerKind, arc_m: f64, past_m: f64) -> Controller {
-    let mut config = ControllerConfig::default();
-    config.contact.start_ramp_s = 0.0;
+/// Returns a controller that follows a course from a pose which is seen for so many cycles.
+fn following(
+    kind: ControllerKind,
+    course: &Course,
+    from_m: f64,
+    cycles: usize,
+    pose: impl Fn(&Reference) -> PlanarPose,
+) -> Controller {
+    let config = ControllerConfig::default();
     let limits = SpeedConfig::default().limits(&config.limits, &Vehicle::j8());
-    let trajectory = Course::Cusp(Cusp::default()).trajectory(&limits).unwrap();
-    let path = trajectory.path().unwrap();
-    let cusp_m = path.cusps_m().next().unwrap();
-    let end = path.at(cusp_m.next_down());
-    let (sin, cos) = end.travel_heading_rad().sin_cos();
-    let pose = PlanarPose {
-        x_m: end.position.x_m - past_m * sin,
-        y_m: end.position.y_m + past_m * cos,
-        yaw_rad: end.heading_rad,
-    };
-    let reference =
-        Reference::new(trajectory, Tracking::Path { lead_max_m: 0.3 }).starting_at(cusp_m + arc_m);
+    let reference = Reference::new(course.trajectory(&limits).unwrap()).starting_at(from_m);
+    let pose = pose(&reference);
     let mut controller = Controller::new(kind, config, &Vehicle::j8()).unwrap();
     controller.follow(reference);
-    for time_s in [0.0, 0.05] {
-        controller.step(&sample(time_s, &pose), None);
-    }
+    see(&mut controller, &pose, 0..cycles);
     controller
 }
 
-#[test]
-fn a_plan_past_a_cusp_is_weighed_as_one_beside_the_path() {
-    let kind = ControllerKind::ContactMpc;
-    let heaviest = |arc_m, past_m| {
-        let controller = past_the_cusp(kind, arc_m, past_m);
-        let targets = controller.horizon.targets.iter();
-        let weights = targets.map(|target| target.weights.along_per_m2);
-        weights.fold(0.0, f64::max)
-    };
-    let config = ControllerConfig::default();
-    for arc_m in [-0.05, 0.1] {
-        assert!(heaviest(arc_m, 0.3) > 0.2 * config.weights.cross_per_m2);
-        assert!(heaviest(arc_m, -0.3) < 2.0 * config.contact.along_per_m2);
+fn see(controller: &mut Controller, pose: &PlanarPose, cycles: std::ops::Range<usize>) {
+    let period_s = controller.config.period_s;
+    for cycle in cycles {
+        controller.step(&sample(cycle as f64 * period_s, pose), None);
     }
 }
 
-/// Returns the first cycle's weights along the path, and how far short of a cusp their targets are, for a vehicle
-/// beside the start whose errors have their weight at once.
-fn along_weights(kind: ControllerKind, right_m: f64) -> Vec<(f64, f64)> {
-    let mut config = ControllerConfig::default();
-    config.contact.start_ramp_s = 0.0;
-    let limits = SpeedConfig::default().limits(&config.limits, &Vehicle::j8());
-    let course = Course::Cusp(Cusp {
-        radius_m: 1.5,
-        ..Cusp::default()
-    });
-    let trajectory = course.trajectory(&limits).unwrap();
-    let reference = Reference::new(trajectory, Tracking::Time);
-    let (mut pose, cusp_m) = (reference.ahead(0.0).pose(), reference.stop_at_m());
-    pose.x_m += right_m * pose.yaw_rad.cos();
-    pose.y_m += right_m * pose.yaw_rad.sin();
-    let mut controller = Controller::new(kind, config, &Vehicle::j8()).unwrap();
-    controller.follow(reference);
-    controller.step(&sample(0.0, &pose), None);
-    let Law::Mpc(mpc) = &controller.law else {
-        return Vec::new();
-    };
-    let (reference, delay_s) = (
-        controller.reference.as_ref().unwrap(),
-        controller.config.delay_s(),
-    );
-    let ends_s = mpc.stage_times().ends_s().iter();
-    let short_m = ends_s.map(|end_s| cusp_m - reference.ahead(delay_s + end_s).arc_length_m);
-    let weights = controller.horizon.targets.iter();
-    weights
-        .map(|target| target.weights.along_per_m2)
-        .zip(short_m)
-        .collect()
+fn start(reference: &Reference) -> PlanarPose {
+    reference.ahead(0.0).pose()
 }
 
 #[test]
-fn contact_mpc_may_lag_on_the_path_but_not_at_a_cusp() {
-    let contact = ControllerConfig::default().contact;
-    let weights = along_weights(ControllerKind::ContactMpc, 0.0);
-    for wanted in [
-        contact.along_on_path * contact.along_per_m2,
-        contact.along_per_m2,
-    ] {
-        assert!(
-            weights
-                .iter()
-                .any(|(weight, _)| (weight - wanted).abs() < 1e-9)
+fn targets_lie_on_the_path_in_order_and_ask_for_no_more_than_is_allowed() {
+    let course = Course::Slalom(Slalom::default());
+    for kind in [ControllerKind::IcrikMpc, ControllerKind::ContactMpc] {
+        let controller = following(kind, &course, 3.0, 20, |reference| {
+            let mut pose = reference.path().unwrap().at(3.0).pose();
+            pose.x_m += 0.2 * pose.yaw_rad.cos();
+            pose.y_m += 0.2 * pose.yaw_rad.sin();
+            pose
+        });
+        let reference = controller.reference.as_ref().unwrap();
+        let path = reference.path().unwrap();
+        let mut before_m = reference.arc_length_m();
+        assert_eq!(controller.horizon.targets.len(), controller.config.stages);
+        for target in &controller.horizon.targets {
+            let place = Point2 {
+                x_m: target.pose.x_m,
+                y_m: target.pose.y_m,
+            };
+            let window = Window {
+                behind_m: 0.01,
+                ahead_m: 1.0,
+            };
+            let nearest = path.nearest_within(&place, before_m, &window);
+            assert!(nearest.cross_track_m.abs() < 1e-6, "{nearest:?}");
+            before_m = nearest.point.arc_length_m;
+            let allowed_m_s = reference.trajectory().speed_at(before_m);
+            assert!((0.0..allowed_m_s + 1e-6).contains(&target.speed_m_s));
+            // No place is asked for along the path on the way.
+            assert_eq!(target.weights.along_per_m2, 0.0);
+        }
+        assert!(before_m > reference.arc_length_m() + 1.0, "{before_m}");
+    }
+}
+
+#[test]
+fn no_target_lies_beyond_a_cusp_and_the_end_of_a_drive_is_a_place() {
+    let course = Course::Cusp(Cusp::default());
+    for kind in [ControllerKind::IcrikMpc, ControllerKind::ContactMpc] {
+        let mut cusp_m = 0.0;
+        let mut controller = following(kind, &course, 0.0, 0, start);
+        let reference = controller.reference.take().unwrap();
+        cusp_m += reference.stop_at_m();
+        let from_m = cusp_m - 0.5;
+        let path = reference.path().unwrap().clone();
+        controller.follow(reference.starting_at(from_m));
+        see(&mut controller, &path.at(from_m).pose(), 0..20);
+        let end = path.at(cusp_m.next_down()).position;
+        let targets = &controller.horizon.targets;
+        let to_end_m = |target: &StageTarget| {
+            let place = Point2 {
+                x_m: target.pose.x_m,
+                y_m: target.pose.y_m,
+            };
+            place.distance_m(&end)
+        };
+        for pair in targets.windows(2) {
+            assert!(to_end_m(&pair[1]) <= to_end_m(&pair[0]) + 1e-9);
+            assert!(pair[1].speed_m_s >= 0.0);
+        }
+        let last = targets.last().unwrap();
+        assert!(to_end_m(last) < 2e-3, "{kind:?}: {}", to_end_m(last));
+        assert!(last.speed_m_s < 0.05, "{kind:?}: {}", last.speed_m_s);
+        assert_eq!(
+            last.weights.along_per_m2,
+            controller.config.weights.cross_per_m2
         );
     }
-    for (weight, short_m) in &weights {
-        let whole = (weight - contact.along_per_m2).abs() < 1e-9;
-        assert_eq!(whole, *short_m <= ON_TIME_M, "{weight} at {short_m} m");
-    }
-    // Beside the path it is to get on as well.
-    for (weight, _) in along_weights(ControllerKind::ContactMpc, 1.0) {
-        assert!(weight > 0.99 * contact.along_per_m2);
-    }
-    let others = ControllerConfig::default().weights.along_per_m2;
-    for (weight, _) in along_weights(ControllerKind::IcrikMpc, 0.0) {
-        assert_eq!(weight, others);
-    }
 }
 
 #[test]
-fn errors_gain_weight_after_a_standstill_and_not_after_a_new_path() {
-    let config = ControllerConfig::default();
-    let period_s = config.period_s;
-    let limits = SpeedConfig::default().limits(&config.limits, &Vehicle::j8());
+fn the_price_of_speed_grows_while_the_vehicle_does_not_move_on_and_falls_when_it_does() {
     let course = Course::Straight(Straight::default());
-    let reference = || Reference::new(course.trajectory(&limits).unwrap(), Tracking::Time);
-    let pose = reference().ahead(0.0).pose();
-    let mut controller =
-        Controller::new(ControllerKind::ContactMpc, config, &Vehicle::j8()).unwrap();
-    controller.follow(reference());
-    let mut cycle = 0;
-    // Heading's weight at the end of the first stage after so many cycles more, over that without a ramp.
-    let mut share_after = |controller: &mut Controller, cycles: usize| {
-        for _ in 0..cycles {
-            cycle += 1;
-            controller.step(&sample(f64::from(cycle) * period_s, &pose), None);
-        }
-        let weights = controller.horizon.targets[0].weights;
-        weights.heading_per_rad2 / controller.config.weights.heading_per_rad2
-    };
-    let first = share_after(&mut controller, 1);
-    let ahead_s = controller.config.delay_s() + controller.config.step_s;
-    let ramp_s = controller.config.contact.start_ramp_s;
-    let share = |driving_s: f64| ((driving_s + ahead_s) / ramp_s).powi(2);
-    assert!((first - share(0.0)).abs() < 1e-3, "{first}");
-    let driving = share_after(&mut controller, 10);
-    assert!((driving - share(10.0 * period_s)).abs() < 1e-3, "{driving}");
-    controller.follow(reference());
-    let new_path = share_after(&mut controller, 2);
+    let mut controller = following(ControllerKind::IcrikMpc, &course, 0.0, 1, start);
+    let price = |controller: &Controller| controller.horizon.targets[0].weights.speed_s2_per_m2;
+    let pose = start(controller.reference.as_ref().unwrap());
+    let first = price(&controller);
+    let mut before = first;
+    for cycle in 1..40 {
+        see(&mut controller, &pose, cycle..cycle + 1);
+        assert!(price(&controller) >= before);
+        before = price(&controller);
+    }
+    // A second's standstill counts; no more than all that is remembered ever does.
+    assert!(before > 2.0 * first, "{before} {first}");
     assert!(
-        (new_path - share(12.0 * period_s)).abs() < 1e-3,
-        "{new_path}"
+        before <= first * (1.0 + BEHIND_S).powi(2),
+        "{before} {first}"
     );
-    controller.request_stop();
-    share_after(&mut controller, 20);
-    assert_eq!(controller.issued.last(), MotorSpeeds::STOP);
-    controller.rearm();
-    let again = share_after(&mut controller, 1);
-    assert!(again < share(2.0 * period_s), "{again}");
+    let mut moved = pose;
+    let asked_m_s = controller.horizon.targets[0].speed_m_s.max(0.4);
+    for cycle in 40..240 {
+        moved.x_m -= 0.05 * asked_m_s * moved.yaw_rad.sin();
+        moved.y_m += 0.05 * asked_m_s * moved.yaw_rad.cos();
+        see(&mut controller, &moved, cycle..cycle + 1);
+    }
+    assert!(price(&controller) < 1.5 * first, "{}", price(&controller));
+}
+
+#[test]
+fn the_stages_stretch_until_the_horizon_is_long_enough_for_a_turn() {
+    for speed_m_s in [0.05, 0.1, 0.2, 0.4, 0.8] {
+        let course = Course::Straight(Straight {
+            length_m: 30.0,
+            speed_m_s,
+            ..Straight::default()
+        });
+        let controller = following(ControllerKind::IcrikMpc, &course, 0.0, 1, start);
+        let times = controller.mpc().unwrap().stage_times();
+        let length_m = LENGTH_MIN * controller.horizon.half_track_m;
+        let wanted_s = (length_m / speed_m_s).clamp(times.whole_s(), STRETCH_MAX * times.whole_s());
+        // The sum of times has steps of 0.1 m.
+        let room_s = 2.0 * SUM_STEP_M / speed_m_s;
+        let found_s = times.duration_s();
+        assert!(
+            (found_s - wanted_s).abs() < room_s,
+            "{speed_m_s}: {found_s} {wanted_s}"
+        );
+    }
 }

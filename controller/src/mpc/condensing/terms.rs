@@ -35,7 +35,7 @@ impl Stage {
             ],
             change,
             damping: scale * self.damping,
-            speed_row: self.speed_row(),
+            speed_row: self.speed_row,
             speed_weight: scale * weights.speed_s2_per_m2,
             speed_error: self.speed_error,
             ..StageTerms::default()

@@ -5,7 +5,7 @@ use super::*;
 
 /// A stage of no vehicle in particular.
 pub fn stage() -> impl Strategy<Value = Stage> {
-    prop::array::uniform28(0.0..1.0_f64).prop_map(|u| {
+    prop::collection::vec(0.0..1.0_f64, 35).prop_map(|u| {
         let mut next = u.into_iter();
         let mut within = |low: f64, high: f64| low + (high - low) * next.next().unwrap();
         let mut vector = |size: f64| {
@@ -24,7 +24,7 @@ pub fn stage() -> impl Strategy<Value = Stage> {
         let (defect, error) = (vector(0.02), vector(0.3));
         let heading = within(-4.0, 4.0);
         Stage {
-            point_by_yaw_m: (0.0, 0.0),
+            point_by_yaw_m: (within(-0.6, 0.6), within(-0.6, 0.6)),
             step,
             defect,
             error,
@@ -33,7 +33,10 @@ pub fn stage() -> impl Strategy<Value = Stage> {
                 along_per_m2: within(0.0, 60.0),
                 cross_per_m2: within(0.0, 60.0),
                 heading_per_rad2: within(0.0, 5.0),
+                speed_s2_per_m2: within(0.0, 20.0),
             },
+            speed_row: [within(-0.7, 0.7), within(-1.2, 1.2), within(-0.7, 0.7)],
+            speed_error: within(-0.5, 0.5),
             input: motors(within(-1.0, 1.0), within(-0.8, 0.8)),
             change_weights: ChangeWeights {
                 traction: within(0.5, 4.0),

@@ -8,14 +8,12 @@ use sidehill_plant::contact::{ContactPrediction, ContactVehicle};
 fn check_states(model: impl Into<Model>, moving: BodyState) {
     let mut course = Course::new();
     let mut settings = settings(40, 5);
-    settings.step_limit = Some(StepLimit {
-        steer_m_s: 0.001,
-        ..StepLimit::default()
-    });
+    settings.step_limit.steer_m_s = 0.001;
     let mut mpc = Mpc::new(settings, model).unwrap();
     for cycle in 0..20 {
         let mut horizon = course.horizon(&mpc.settings);
         horizon.moving = moving;
+        mpc.move_on(0.05, 1.0, &horizon.targets[0].normal_in_world);
         solve(&mut mpc, &horizon, None).unwrap();
         let open = mpc
             .stages

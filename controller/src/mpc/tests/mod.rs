@@ -9,6 +9,7 @@ mod limit_search;
 mod limits;
 mod qp;
 mod same_optimum;
+mod speed_row;
 mod stagewise;
 mod step_limit;
 

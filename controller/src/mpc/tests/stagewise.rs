@@ -39,18 +39,33 @@ pub fn optimal_corrections(
     }
     for (k, stage) in stages.iter().enumerate() {
         let (along_x, along_y) = stage.along;
+        let (point_x, point_y) = stage.point_by_yaw_m;
         let (x, y, yaw) = (state(k, 0), state(k, 1), state(k, 2));
         let error = stage.error;
         let w = &stage.weights;
         problem.square(
             w.along_per_m2,
-            &[(x, along_x), (y, along_y)],
+            &[
+                (x, along_x),
+                (y, along_y),
+                (yaw, along_x * point_x + along_y * point_y),
+            ],
             along_x * error.x + along_y * error.y,
         );
-        let cross = [(y, along_x), (x, -along_y)];
+        let cross = [
+            (y, along_x),
+            (x, -along_y),
+            (yaw, along_x * point_y - along_y * point_x),
+        ];
         let cross_error = along_x * error.y - along_y * error.x;
         problem.square(w.cross_per_m2, &cross, cross_error);
         problem.square(w.heading_per_rad2, &[(yaw, 1.0)], error.z);
+        let [by_yaw, by_traction, by_steer] = stage.speed_row;
+        let mut speed = vec![(input(k, 0), by_traction), (input(k, 1), by_steer)];
+        if k > 0 {
+            speed.push((state(k - 1, 2), by_yaw));
+        }
+        problem.square(w.speed_s2_per_m2, &speed, stage.speed_error);
         if let Some(corridor) = corridor {
             for sign in [1.0, -1.0] {
                 let mut row: Vec<_> = cross.iter().map(|&(c, v)| (c, sign * v)).collect();
