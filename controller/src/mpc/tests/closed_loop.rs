@@ -50,6 +50,7 @@ impl Course {
                         heading_per_rad2: 0.02,
                         speed_s2_per_m2: 2.0,
                     },
+                    errors_share: 1.0,
                 }
             })
             .collect();

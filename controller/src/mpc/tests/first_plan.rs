@@ -27,6 +27,7 @@ fn beside(speed_m_s: f64, right_m: f64, ahead_m: f64, yaw_rad: f64) -> Horizon {
             heading_per_rad2: 0.02,
             speed_s2_per_m2: 0.0,
         },
+        errors_share: 1.0,
     };
     Horizon {
         start: PlanarPose {

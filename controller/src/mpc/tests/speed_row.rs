@@ -28,7 +28,7 @@ proptest! {
                 cross_per_m2: 0.0,
                 heading_per_rad2: 0.0,
                 speed_s2_per_m2: 1.0,
-            },
+            }, errors_share: 1.0,
         };
         let mut model = mpc(settings(2, 1)).model;
         let step = model.step_on_plane(
