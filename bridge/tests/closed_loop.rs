@@ -11,6 +11,7 @@ use sidehill_controller::config::{ControllerConfig, ControllerKind};
 use sidehill_controller::controller::{Controller, Decision, Status};
 use sidehill_controller::course::FigureEight;
 use sidehill_controller::path::{Point2, Window};
+use sidehill_controller::reference::Reference;
 use sidehill_plant::frames::PlanarPose;
 use sidehill_plant::motion::IcrMotion;
 use sidehill_plant::sample::Sample;
@@ -97,7 +98,7 @@ fn controller(period_s: f64) -> Controller {
         ..ControllerConfig::default()
     };
     let trajectory = FigureEight::default().trajectory().unwrap();
-    let reference = config.reference(trajectory);
+    let reference = Reference::new(trajectory);
     let mut controller = Controller::new(ControllerKind::IcrikMpc, config, &j8()).unwrap();
     controller.follow(reference);
     controller
