@@ -15,6 +15,7 @@ use sidehill_controller::controller::{Controller, Status};
 use sidehill_controller::course::FigureEight;
 use sidehill_controller::mpc::{
     Horizon, Mpc, MpcSettings, QpData, QpMode, QpSettings, QpSolver, SolvePath, StageTarget,
+    StageWeights,
 };
 use sidehill_controller::reference::Reference;
 use sidehill_controller::tracked_point::TrackedPoint;
@@ -190,13 +191,18 @@ fn horizons(
                             traction_m_s: point.speed_m_s,
                             steer_m_s: point.yaw_rate_rad_s,
                         },
+                        speed_m_s: point.speed_m_s,
                         slip: Vector3::zeros(),
-                        weights: config.stage_weights(point.motion, 0.0, end_s),
+                        weights: StageWeights {
+                            along_per_m2: 0.0,
+                            cross_per_m2: config.weights.cross_per_m2,
+                            heading_per_rad2: config.weights.heading_per_rad2,
+                            speed_s2_per_m2: config.weights.speed / point.speed_m_s.powi(2),
+                        },
                     }
                 })
                 .collect();
             let horizon = Horizon {
-                elapsed_s: config.period_s,
                 start: sample.pose.unwrap().value.planar(),
                 moving: BodyState::default(),
                 previous,
@@ -225,6 +231,13 @@ fn replay_part(
         let model = PredictionModel::new(vehicle(), config.smoothing_m_s);
         let mut mpc = Mpc::new(settings.clone(), model).unwrap();
         for (i, horizon) in horizons.iter().enumerate() {
+            mpc.move_on(config.period_s, 1.0, &normal_in_world());
+            if i == 0 {
+                mpc.try_first_plan(horizon, |end_s, _, _| {
+                    let stage = (end_s / settings.step_s).round() as usize;
+                    horizon.targets[stage.max(1) - 1]
+                });
+            }
             let start = Instant::now();
             let linearised = mpc.linearise(black_box(horizon));
             let linearised_at = Instant::now();
@@ -232,7 +245,7 @@ fn replay_part(
             let condensed_at = Instant::now();
             black_box(condensed.solve(None)).unwrap();
             let solved_at = Instant::now();
-            // The first plan is made from a guess, in several solves.
+            // The first cycle solves about a plan that no other was.
             if i == 0 {
                 continue;
             }

@@ -9,7 +9,7 @@ use serde_yaml::{Mapping, Value};
 /// its model, and how fast its estimate follows the poses.
 pub const DEFAULT_KEYS: [&str; 7] = [
     "weights.cross_per_m2",
-    "weights.along_per_m2",
+    "weights.speed",
     "weights.steer_change_s3_per_m2",
     "caution.steer_change_s3_per_m2",
     "caution.heading_per_rad2",

@@ -23,7 +23,7 @@ impl Bad {
              scenario: {}\n\
              with:\n\
              \x20 course: {{shape: slalom, length_m: 3, amplitude_m: 0.3, wavelength_m: 3, speed_m_s: 0.5}}\n\
-             \x20 controller: {{weights: {{cross_per_m2: 1, along_per_m2: 1}}}}\n\
+             \x20 controller: {{weights: {{cross_per_m2: 1}}}}\n\
              draws:\n\
              \x20 - {{key: start.right_m, uniform: [-0.3, 0.3]}}\n",
             repository("config/scenarios/slalom.yaml").display()

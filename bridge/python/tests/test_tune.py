@@ -19,7 +19,7 @@ def bad():
         "conditions": "realistic",
         "with": {
             "course": {"shape": "slalom", "length_m": 3, "amplitude_m": 0.3, "wavelength_m": 3, "speed_m_s": 0.5},
-            "controller": {"weights": {"cross_per_m2": 1.0, "along_per_m2": 1.0}},
+            "controller": {"weights": {"cross_per_m2": 1.0}},
         },
         "draws": [{"key": "start.right_m", "uniform": [-0.3, 0.3]}],
     }
@@ -38,11 +38,11 @@ def test_bad_weights_become_better_and_the_same_again(bad):
     assert held_out["cost"] < 0 and held_out["after"]["median_m"] < held_out["before"]["median_m"]
     assert found["tried"][0] == 0 and min(found["tried"]) < 0 and 2 <= len(found["tried"]) <= 8
     # The figures are those of a campaign with these settings.
-    weights = {"cross_per_m2": setting["after"], "along_per_m2": 1.0}
+    weights = {"cross_per_m2": setting["after"]}
     bad["with"]["controller"] = {"weights": weights}
     rows = sidehill.campaign(bad, runs=range(6, 18))
     assert sorted(rows["cross_track_rms_m"])[5] == held_out["after"]["median_m"]
-    bad["with"]["controller"] = {"weights": {"cross_per_m2": 1.0, "along_per_m2": 1.0}}
+    bad["with"]["controller"] = {"weights": {"cross_per_m2": 1.0}}
     assert sidehill.tune(bad, threads=1, **BUDGET) == found
 
 
