@@ -6,12 +6,12 @@ use super::topics::{StampSource, TopicMap};
 use crate::bag::{Bag, BagError, Message};
 use crate::console;
 use anyhow::{Result, bail, ensure};
-use sidehill_bridge::recording::{Recording, Topic};
 use sidehill_bridge::ros2::conversions::nanoseconds;
 use sidehill_bridge::ros2::message::{Twist, TwistStamped};
 use sidehill_plant::identification::{DriveRecord, TimedSpeeds};
 use sidehill_plant::log::as_counted;
 use sidehill_plant::speeds::{EncoderScale, MeasuredTreadSpeeds, MotorSpeeds};
+use sidehill_recording::{Recording, Topic};
 use std::path::Path;
 
 const TWIST: &str = "geometry_msgs/msg/Twist";
