@@ -1,5 +1,6 @@
 //! What stops a controller: its clock, its readings, where it is on its path, and no solution.
 
+use super::drives::Drives;
 use super::parts::Law;
 use super::watchdog::Observation;
 use super::{Controller, Phase, Status, StopReason};
@@ -11,6 +12,11 @@ use crate::reference::Progress;
 use crate::trajectory::Ending;
 use sidehill_plant::frames::wrap_angle;
 use sidehill_plant::speeds::MotorSpeeds;
+
+/// Poses in a row that are refused from which the estimate that they contradict is doubted, and the time for which it
+/// is still driven on, s.
+const REFUSED_POSES: u32 = 3;
+const REFUSED_S: f64 = 0.5;
 
 /// Largest time between two cycles that is not taken for a jump of the clock, s.
 const CLOCK_STEP_MAX_S: f64 = 0.5;
@@ -44,6 +50,8 @@ impl Controller {
         }
         self.phase = Phase::Driving { fallback_cycles: 0 };
         self.last_time_s = None;
+        self.drives = Drives::new(&self.config);
+        self.behind_s = 0.0;
         self.watchdog.reset();
         self.discard_plan();
         if let Law::Mpc(mpc) = &mut self.law
@@ -132,7 +140,13 @@ impl Controller {
             .poses_doubted_s
             .filter(|(doubted_s, _)| *doubted_s > 0.0)
             .map_or(estimate.pose_age_s, |(_, newest_s)| newest_s);
-        if !within(pose_age_s, limits.pose_timeout_s) {
+        let refused = estimate.poses_gated >= REFUSED_POSES;
+        let oldest_s = if refused {
+            REFUSED_S.min(limits.pose_timeout_s)
+        } else {
+            limits.pose_timeout_s
+        };
+        if !within(pose_age_s, oldest_s) {
             self.stop(StopReason::PoseStale {
                 age_s: estimate.pose_age_s,
                 gated: estimate.poses_gated,

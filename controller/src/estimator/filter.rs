@@ -119,7 +119,10 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
     pub(super) fn update(&mut self, sample: &Sample) -> (Option<Estimate>, Refused) {
         self.innovation = None;
         let mut refused = Refused::default();
-        let read_s = |stamp_s: f64| stamp_s.min(sample.time_s);
+        let read_s = |stamp_s: f64| {
+            let is_ahead = stamp_s.is_finite() && stamp_s > sample.time_s;
+            if is_ahead { sample.time_s } else { stamp_s }
+        };
         if let Some(mut speeds) = sample.tread_speeds {
             speeds.time_s = read_s(speeds.time_s);
             if speeds.time_s.is_finite()

@@ -5,6 +5,7 @@ use crate::supervision::{assert_stays_stopped, until_stopping};
 use sidehill_controller::config::ControllerKind;
 use sidehill_controller::controller::{Status, StopReason};
 use sidehill_controller::mpc::QpFailure;
+use sidehill_controller::reference::Reference;
 use sidehill_plant::sample::Sample;
 use sidehill_plant::speeds::MotorSpeeds;
 use std::time::Instant;
@@ -187,7 +188,7 @@ fn after_rearming_nothing_depends_on_what_was_driven_before() {
         let ahead =
             course("{shape: circle, radius_m: 3, speed_m_s: 0.4}").seen_from(&pose.unwrap());
         rig.follow(1, ahead.clone(), 0.0);
-        let reference = other.config().reference(ahead);
+        let reference = Reference::new(ahead);
         other.follow(reference.numbered(1));
         rig.controller.rearm();
         other.rearm();

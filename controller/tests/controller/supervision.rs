@@ -73,7 +73,7 @@ fn readings_lost_for_a_moment_are_driven_over() {
 
 /// Disturbs every cycle until one does not track; returns how many did, and the decision.
 pub fn until_stopping(rig: &mut Rig, disturb: impl Fn(&mut Sample)) -> (u32, Decision) {
-    for count in 0..100 {
+    for count in 0..300 {
         let decision = rig.cycle_with(None, &disturb);
         if decision.status != Status::Tracking {
             return (count, decision);
@@ -87,9 +87,13 @@ fn stale_readings_stop_for_good() {
     for kind in KINDS {
         let mut rig = driving(kind);
         let (cycles, decision) = until_stopping(&mut rig, |sample| sample.pose = None);
-        // 0.5 s of age are allowed, give or take the rounding of the clock.
-        assert!((9..=10).contains(&cycles), "{cycles}");
-        let expected = |reason: &StopReason| matches!(reason, StopReason::PoseStale { age_s, gated: 0 } if *age_s > 0.49);
+        // It drives on as long as it knows where it is, and no longer than 12 s.
+        assert!((60..=241).contains(&cycles), "{cycles}");
+        let expected = |reason: &StopReason| match reason {
+            StopReason::PoseStale { age_s, gated: 0 } => *age_s > 11.9,
+            StopReason::PoseUncertain { bound_m, .. } => *bound_m > 0.25,
+            _ => false,
+        };
         assert!(matches!(decision.status, Status::Stopping(r) if expected(&r)));
         assert_stays_stopped(&mut rig, expected);
 
