@@ -26,7 +26,7 @@ use crate::config::ConfigFile;
 use crate::console;
 use crate::log_file;
 use anyhow::{Context, Result};
-use sidehill_plant::identification::DriveRecord;
+use sidehill_plant::log::DriveRecord;
 use sidehill_plant::log::{ColumnMap, DriveLog, read_commands};
 use sidehill_plant::speeds::EncoderScale;
 use std::path::{Path, PathBuf};

@@ -1,10 +1,21 @@
 //! Routes from GPX text.
 
-use super::read::finite;
-use super::{PathError, Point2, RawPoint, Route};
+use super::point::finite;
+use super::{PathError, Point2, RawPoint};
 use serde::{Deserialize, Serialize};
 use sidehill_plant::bounds::{Bounds, RangeError};
 use std::io::Read;
+
+/// The points of a route in the world: X_g east, Y_g north, Z_g up.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Route {
+    /// The points in the order they are driven.
+    pub points: Vec<RawPoint>,
+    /// Where the world's origin is, for a route given in latitude and longitude.
+    pub origin: Option<GeodeticOrigin>,
+    /// What was done with the file and changes what is driven, a line each.
+    pub notes: Vec<String>,
+}
 
 /// Where the local tangent plane of a GPX route touches the WGS 84 ellipsoid: the world's origin.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]

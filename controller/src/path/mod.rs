@@ -7,6 +7,7 @@ mod aside;
 mod curve;
 mod error;
 mod gpx;
+mod options;
 mod point;
 mod projection;
 mod raw;
@@ -16,12 +17,12 @@ mod spline;
 
 pub use aside::{Aside, MovedPath};
 pub use error::PathError;
-pub use gpx::{GeodeticOrigin, read_gpx};
-pub use point::{Direction, PathPoint, Point2};
+pub use gpx::{GeodeticOrigin, Route, read_gpx};
+pub use options::{Smoothing, SmoothingConfig};
+pub use point::{Direction, PathPoint, Point2, RawPoint};
 pub use projection::{Projected, Window};
-pub use raw::RawPoint;
-pub use read::{Route, read_csv};
-pub use smoothing::{Smoothed, Smoothing, SmoothingConfig, estimated_accuracy_m, smooth};
+pub use read::read_csv;
+pub use smoothing::{Smoothed, estimated_accuracy_m, smooth};
 
 pub(crate) use curve::{ArcLength, CurvePoint};
 

@@ -104,3 +104,22 @@ impl PathPoint {
         (-sin * x + cos * y, -cos * x - sin * y)
     }
 }
+
+/// A point of a route as it was recorded or drawn.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct RawPoint {
+    /// Position in the world.
+    pub position: Point2,
+    /// Z_g, m, where known.
+    pub elevation_m: Option<f64>,
+    /// Which way to drive from this point to the next, where given.
+    pub direction: Option<Direction>,
+}
+
+/// Returns the finite number that a text is.
+pub(super) fn finite(text: &str) -> Option<f64> {
+    text.trim()
+        .parse()
+        .ok()
+        .filter(|value: &f64| value.is_finite())
+}

@@ -1,17 +1,7 @@
 //! Points as they are given, before they are a path.
 
-use super::{Direction, PathError, Point2, Smoothing, accuracy};
-
-/// A point of a route as it was recorded or drawn.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct RawPoint {
-    /// Position in the world.
-    pub position: Point2,
-    /// Z_g, m, where known.
-    pub elevation_m: Option<f64>,
-    /// Which way to drive from this point to the next, where given.
-    pub direction: Option<Direction>,
-}
+use super::options::Smoothing;
+use super::{Direction, PathError, Point2, RawPoint, accuracy};
 
 /// Points in pieces of one driving direction, and their standard deviation in each direction, m.
 #[derive(Debug, Clone, PartialEq)]

@@ -1,18 +1,8 @@
 //! Routes from CSV text.
 
-use super::{Direction, GeodeticOrigin, PathError, Point2, RawPoint};
+use super::point::finite;
+use super::{Direction, PathError, Point2, RawPoint, Route};
 use std::io::Read;
-
-/// The points of a route in the world: X_g east, Y_g north, Z_g up.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Route {
-    /// The points in the order they are driven.
-    pub points: Vec<RawPoint>,
-    /// Where the world's origin is, for a route given in latitude and longitude.
-    pub origin: Option<GeodeticOrigin>,
-    /// What was done with the file and changes what is driven, a line each.
-    pub notes: Vec<String>,
-}
 
 /// Returns the points of a CSV with the columns `x_m`, `y_m` and, if wanted, `z_m` and `direction`
 /// (`forward` or `reverse`: the way to drive from this point to the next; empty: as before), in any
@@ -126,13 +116,6 @@ impl Columns {
             direction,
         })
     }
-}
-
-pub(super) fn finite(text: &str) -> Option<f64> {
-    text.trim()
-        .parse()
-        .ok()
-        .filter(|value: &f64| value.is_finite())
 }
 
 fn csv_error(error: csv::Error) -> PathError {

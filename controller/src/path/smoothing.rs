@@ -1,9 +1,6 @@
 //! Raw points to a path of bounded curvature.
 
-mod options;
-
-pub use options::{Smoothing, SmoothingConfig};
-
+use super::options::Smoothing;
 use super::raw::{RawPiece, split, without_repetitions};
 use super::spline::{Spline, smooth_nodes};
 use super::{

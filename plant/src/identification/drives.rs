@@ -13,27 +13,10 @@
 
 use super::least_squares::{Residuals, jacobian_columns, minimise};
 use super::statistics::{Cluster, covariance};
+use crate::log::{DriveRecord, TimedSpeeds};
 use crate::speeds::MotorSpeeds;
 use crate::statistics::quantile;
 use nalgebra::{DMatrix, DVector};
-
-/// Speeds of both motors at an instant.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct TimedSpeeds {
-    /// Instant, s.
-    pub time_s: f64,
-    /// Speeds, m/s.
-    pub speeds: MotorSpeeds,
-}
-
-/// Commands and measured speeds of a drive, each in the order of time.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub struct DriveRecord {
-    /// Commands; each holds until the next.
-    pub commands: Vec<TimedSpeeds>,
-    /// Measured speeds.
-    pub measured: Vec<TimedSpeeds>,
-}
 
 /// What a log says of a quantity.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -36,10 +36,7 @@ mod terms;
 mod tests;
 
 pub use contact::{ContactParameterEstimate, ContactReport, identify_contact};
-pub use drives::{
-    DriveRecord, DriveResponse, DriveResponseError, Finding, MotorResponse, TimedSpeeds,
-    identify_drives,
-};
+pub use drives::{DriveResponse, DriveResponseError, Finding, MotorResponse, identify_drives};
 pub use fit::{
     CrossValidation, Estimate, IdentificationError, IdentificationSettings, StageReport, Warning,
 };

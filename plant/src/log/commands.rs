@@ -3,12 +3,29 @@
 use super::columns::{ColumnMap, CommandColumns};
 use super::read::{Fields, check_header, csv_error, position, without_byte_order_mark};
 use super::{LogError, Note, check_command};
-use crate::identification::{DriveRecord, TimedSpeeds};
 use crate::speeds::{
     EncoderScale, MeasuredMotorSpeeds, MeasuredTreadSpeeds, MotorSpeeds, TreadSpeeds,
 };
 use csv::{ReaderBuilder, StringRecord, Trim};
 use std::io::Read;
+
+/// Speeds of both motors at an instant.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TimedSpeeds {
+    /// Instant, s.
+    pub time_s: f64,
+    /// Speeds, m/s.
+    pub speeds: MotorSpeeds,
+}
+
+/// Commands and measured speeds of a drive, each in the order of time.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct DriveRecord {
+    /// Commands; each holds until the next.
+    pub commands: Vec<TimedSpeeds>,
+    /// Measured speeds.
+    pub measured: Vec<TimedSpeeds>,
+}
 
 /// Returns commands and measured speeds of a log in CSV with the columns of `map`, both as drives count them, or both
 /// effective by `scale` where the map has commands of the motors. Empty fields are no command or no measurement.

@@ -11,7 +11,7 @@ mod tests;
 pub use columns::{
     AttitudeColumns, ColumnMap, CommandColumns, HeadingColumns, PoseColumns, Reversed,
 };
-pub use commands::{as_counted, read_commands};
+pub use commands::{DriveRecord, TimedSpeeds, as_counted, read_commands};
 pub use plausibility::Suspicion;
 
 use crate::bounds::{Bounds, RangeError};
