@@ -8,17 +8,13 @@ pub use contact::ContactMpcConfig;
 pub use supervisor::SupervisorConfig;
 pub use weights::{CautionConfig, Weights};
 
-use crate::controller::Asked;
 use crate::estimator::EstimatorSettings;
 use crate::guard::GuardConfig;
 use crate::memory::MemoryConfig;
 use crate::mpc::limits::{InputLimits, MotorLimits};
-use crate::mpc::{
-    ChangeWeights, Corridor, HeadingExcess, MpcSettings, QpSettings, StageWeights, StepLimit,
-};
+use crate::mpc::{ChangeWeights, Corridor, HeadingExcess, MpcSettings, QpSettings, StepLimit};
 use crate::pure_pursuit::PurePursuitSettings;
 use crate::tracked_point::TrackedPoint;
-use crate::trajectory::Motion;
 use serde::{Deserialize, Serialize};
 use sidehill_plant::bounds::{Bounds, RangeError};
 
@@ -250,85 +246,11 @@ impl ControllerConfig {
             steer: own + caution * (full - own).max(0.0),
         }
     }
-
-    /// Returns the weights of a stage that ends `end_s` after the begin of the horizon, at a caution from 0 to 1: at
-    /// the end an error across the path is left as it is, since no distance remains in which to correct it.
-    pub(crate) fn stage_weights(&self, asked: &Asked, caution: f64, end_s: f64) -> StageWeights {
-        let w = &self.weights;
-        let ramp = if end_s < w.cross_ramp_s {
-            end_s / w.cross_ramp_s
-        } else {
-            1.0
-        };
-        let calmer = (self.caution.heading_per_rad2 - w.heading_per_rad2).max(0.0);
-        match asked.motion {
-            Motion::Drive | Motion::Stand => StageWeights {
-                along_per_m2: if asked.ends { w.cross_per_m2 } else { 0.0 },
-                cross_per_m2: ramp * w.cross_per_m2,
-                heading_per_rad2: w.heading_per_rad2 + caution * calmer,
-                speed_s2_per_m2: w.speed / (asked.scale_m_s * asked.scale_m_s),
-            },
-            Motion::Pivot => StageWeights {
-                along_per_m2: w.pivot_position_per_m2,
-                cross_per_m2: w.pivot_position_per_m2,
-                heading_per_rad2: w.pivot_heading_per_rad2,
-                speed_s2_per_m2: 0.0,
-            },
-        }
-    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use sidehill_plant::frames::PlanarPose;
-    use sidehill_plant::speeds::MotorSpeeds;
-
-    fn asked(motion: Motion) -> Asked {
-        Asked {
-            motion,
-            ends: false,
-            pose: PlanarPose::default(),
-            inputs: MotorSpeeds::STOP,
-            scale_m_s: 0.4,
-            pace: 1.0,
-        }
-    }
-
-    #[test]
-    fn the_weight_across_the_path_grows_over_the_ramp_and_only_while_driving() {
-        let config = ControllerConfig::default().for_contact();
-        let ramp_s = config.contact.cross_ramp_s;
-        let cross = |asked, end_s| config.stage_weights(&asked, 0.0, end_s).cross_per_m2;
-        let full = config.weights.cross_per_m2;
-        let drive = asked(Motion::Drive);
-        assert!((cross(drive, ramp_s / 3.0) - full / 3.0).abs() < 1e-9);
-        assert_eq!(cross(drive, ramp_s), full);
-        assert_eq!(cross(drive, 7.0), full);
-        let pivot = config.weights.pivot_position_per_m2;
-        assert_eq!(cross(asked(Motion::Pivot), ramp_s / 3.0), pivot);
-        // The other controllers weigh all errors alike.
-        let config = ControllerConfig::default();
-        let weights = config.stage_weights(&drive, 0.0, 0.15);
-        assert_eq!(weights.cross_per_m2, config.weights.cross_per_m2);
-    }
-
-    #[test]
-    fn a_drive_is_weighed_in_speed_on_the_way_and_in_place_at_its_end() {
-        let config = ControllerConfig::default();
-        let on_the_way = asked(Motion::Drive);
-        let weights = config.stage_weights(&on_the_way, 0.0, 1.0);
-        assert_eq!(weights.along_per_m2, 0.0);
-        // A vehicle that stands costs the same at every allowed speed.
-        let standing = weights.speed_s2_per_m2 * on_the_way.scale_m_s.powi(2);
-        assert!((standing - config.weights.speed).abs() < 1e-12);
-        let end = Asked {
-            ends: true,
-            ..on_the_way
-        };
-        let weights = config.stage_weights(&end, 0.0, 1.0);
-        assert_eq!(weights.along_per_m2, config.weights.cross_per_m2);
-    }
 
     #[test]
     fn changes_of_steer_cost_less_far_beside_the_path_than_on_it() {

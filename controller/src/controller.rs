@@ -17,7 +17,6 @@ mod watchdog;
 pub use decision::{Decision, Stall, Status, StopReason};
 pub use drives::DriveResponse;
 pub use parts::ControllerError;
-pub(crate) use walk::Asked;
 
 use crate::config::{ControllerConfig, ControllerKind};
 use crate::estimator::{Estimate, Estimator};

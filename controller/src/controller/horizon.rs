@@ -385,7 +385,7 @@ impl<'a> Ahead<'a> {
             slip = slide_share(self.progress.cross_track_m) * speed_m_s * known.slip_per_m;
         }
         let mut errors_share = 1.0;
-        let mut weights = config.stage_weights(&asked, self.caution, end_s);
+        let mut weights = asked.weights(config, self.caution, end_s);
         if asked.motion == Motion::Drive {
             let ramp = (1.0 + self.behind_s).powi(2);
             weights.speed_s2_per_m2 *= ramp;

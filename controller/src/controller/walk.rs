@@ -1,5 +1,7 @@
 //! The way ahead along a reference: what it asks for where the plan has the vehicle.
 
+use crate::config::ControllerConfig;
+use crate::mpc::StageWeights;
 use crate::mpc::limits::InputLimits;
 use crate::path::{Path, Point2};
 use crate::reference::{PROJECTION_WINDOW, Reference};
@@ -60,19 +62,52 @@ impl SpeedsNow {
 
 /// What the reference asks of a stage.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Asked {
-    pub(crate) motion: Motion,
+pub(super) struct Asked {
+    pub(super) motion: Motion,
     /// Whether the plan is at the end of the drive here.
-    pub(crate) ends: bool,
+    pub(super) ends: bool,
     /// Point of the path nearest to the plan, with its heading; on the spot the heading to which the allowed yaw rate
     /// takes the vehicle.
-    pub(crate) pose: PlanarPose,
+    pub(super) pose: PlanarPose,
     /// Inputs of the flat model.
-    pub(crate) inputs: MotorSpeeds,
+    pub(super) inputs: MotorSpeeds,
     /// Speed allowed here without braking, m/s, positive.
-    pub(crate) scale_m_s: f64,
+    pub(super) scale_m_s: f64,
     /// Speed along the path with which the plan comes here, over that asked for.
-    pub(crate) pace: f64,
+    pub(super) pace: f64,
+}
+
+impl Asked {
+    /// Returns the weights of a stage that ends here, `end_s` after the begin of the horizon, at a caution from 0 to 1: near
+    /// the begin an error across the path is left as it is, since motors are too slow to correct it.
+    pub(super) fn weights(
+        &self,
+        config: &ControllerConfig,
+        caution: f64,
+        end_s: f64,
+    ) -> StageWeights {
+        let w = &config.weights;
+        let ramp = if end_s < w.cross_ramp_s {
+            end_s / w.cross_ramp_s
+        } else {
+            1.0
+        };
+        let calmer = (config.caution.heading_per_rad2 - w.heading_per_rad2).max(0.0);
+        match self.motion {
+            Motion::Drive | Motion::Stand => StageWeights {
+                along_per_m2: if self.ends { w.cross_per_m2 } else { 0.0 },
+                cross_per_m2: ramp * w.cross_per_m2,
+                heading_per_rad2: w.heading_per_rad2 + caution * calmer,
+                speed_s2_per_m2: w.speed / (self.scale_m_s * self.scale_m_s),
+            },
+            Motion::Pivot => StageWeights {
+                along_per_m2: w.pivot_position_per_m2,
+                cross_per_m2: w.pivot_position_per_m2,
+                heading_per_rad2: w.pivot_heading_per_rad2,
+                speed_s2_per_m2: 0.0,
+            },
+        }
+    }
 }
 
 /// A way along a reference from where the vehicle will be, as the plan has it.
@@ -240,5 +275,56 @@ impl<'a> Walk<'a> {
             scale_m_s: asked_m_s,
             pace: 1.0,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn asked(motion: Motion) -> Asked {
+        Asked {
+            motion,
+            ends: false,
+            pose: PlanarPose::default(),
+            inputs: MotorSpeeds::STOP,
+            scale_m_s: 0.4,
+            pace: 1.0,
+        }
+    }
+
+    #[test]
+    fn the_weight_across_the_path_grows_over_the_ramp_and_only_while_driving() {
+        let config = ControllerConfig::default().for_contact();
+        let ramp_s = config.contact.cross_ramp_s;
+        let cross = |asked: Asked, end_s| asked.weights(&config, 0.0, end_s).cross_per_m2;
+        let full = config.weights.cross_per_m2;
+        let drive = asked(Motion::Drive);
+        assert!((cross(drive, ramp_s / 3.0) - full / 3.0).abs() < 1e-9);
+        assert_eq!(cross(drive, ramp_s), full);
+        assert_eq!(cross(drive, 7.0), full);
+        let pivot = config.weights.pivot_position_per_m2;
+        assert_eq!(cross(asked(Motion::Pivot), ramp_s / 3.0), pivot);
+        // The other controllers weigh all errors alike.
+        let config = ControllerConfig::default();
+        let weights = drive.weights(&config, 0.0, 0.15);
+        assert_eq!(weights.cross_per_m2, config.weights.cross_per_m2);
+    }
+
+    #[test]
+    fn a_drive_is_weighed_in_speed_on_the_way_and_in_place_at_its_end() {
+        let config = ControllerConfig::default();
+        let on_the_way = asked(Motion::Drive);
+        let weights = on_the_way.weights(&config, 0.0, 1.0);
+        assert_eq!(weights.along_per_m2, 0.0);
+        // A vehicle that stands costs the same at every allowed speed.
+        let standing = weights.speed_s2_per_m2 * on_the_way.scale_m_s.powi(2);
+        assert!((standing - config.weights.speed).abs() < 1e-12);
+        let end = Asked {
+            ends: true,
+            ..on_the_way
+        };
+        let weights = end.weights(&config, 0.0, 1.0);
+        assert_eq!(weights.along_per_m2, config.weights.cross_per_m2);
     }
 }
