@@ -186,8 +186,9 @@ fn follow(period_s: f64, cycles: usize) -> (f64, f64, SafetyState) {
 #[test]
 fn the_figure_of_eight_is_followed_through_the_bridge() {
     let (driving_s, rms_m, state) = follow(0.05, 1400);
-    // The lap takes 60 s; then the controller has finished and the bridge latches.
-    assert!((driving_s - 60.0_f64).abs() < 0.2, "{driving_s}");
+    // The lap takes 60 s at the speeds asked for, and some more from standstill; then the controller has finished and
+    // the bridge latches.
+    assert!((60.0..63.0).contains(&driving_s), "{driving_s}");
     assert_eq!(state, SafetyState::Latched);
     assert!(rms_m < 0.01, "{rms_m}");
 }
@@ -199,7 +200,7 @@ fn the_figure_of_eight_is_followed_at_100_hz() {
         "{driving_s:.2} s at 100 Hz: cross-track RMS {:.2} mm",
         1e3 * rms_m
     );
-    assert!((driving_s - 60.0_f64).abs() < 0.2, "{driving_s}");
+    assert!((60.0..63.0).contains(&driving_s), "{driving_s}");
     assert_eq!(state, SafetyState::Latched);
     assert!(rms_m < 0.01, "{rms_m}");
 }

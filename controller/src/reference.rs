@@ -27,8 +27,9 @@ pub struct Reference {
     time_s: f64,
     /// Whether the vehicle has been seen on this path.
     begun: bool,
-    /// Time for which the vehicle has been where the drive ends, s.
+    /// Time for which the vehicle has been where the drive ends, s, and near that.
     arrived_s: f64,
+    near_s: f64,
 }
 
 /// Position of the vehicle relative to the reference.
@@ -54,6 +55,12 @@ pub const PROJECTION_WINDOW: Window = Window {
 
 /// Distance from the end of a drive at which it is over, m.
 const ARRIVED_M: f64 = 0.05;
+/// Distance from the end of a drive within which it is over for a vehicle that stays there for longer than it should,
+/// m, and that time, s.
+const NEAR_M: f64 = 0.3;
+const NEAR_S: f64 = 5.0;
+/// Speed at which it may come there at least, m/s.
+const SLOWEST_M_S: f64 = 0.02;
 /// Heading error at which a turn on the spot is over, rad.
 const ARRIVED_RAD: f64 = 0.02;
 /// Motor speed below which a vehicle stands, m/s.
@@ -89,6 +96,7 @@ impl Reference {
             time_s: 0.0,
             begun: false,
             arrived_s: 0.0,
+            near_s: 0.0,
         }
     }
 
@@ -211,7 +219,14 @@ impl Reference {
             self.begin_where_it_fits(pose);
         }
         let mut cross_track_m = self.project(&here);
-        let arrived = self.arc_length_m >= self.stop_at_m() - ARRIVED_M;
+        let to_go_m = self.stop_at_m() - self.arc_length_m;
+        self.near_s = if to_go_m <= NEAR_M {
+            self.near_s + elapsed_s
+        } else {
+            0.0
+        };
+        let way_s = NEAR_M / self.trajectory.speed_at(self.arc_length_m).max(SLOWEST_M_S);
+        let arrived = to_go_m <= ARRIVED_M || self.near_s >= NEAR_S + way_s;
         self.arrived_s = if arrived {
             self.arrived_s + elapsed_s
         } else {
@@ -220,7 +235,7 @@ impl Reference {
         let last = self.drives_done + 1 >= self.ends_m.len();
         if arrived && !last && (stands || self.arrived_s >= ARRIVED_S) {
             self.drives_done += 1;
-            self.arrived_s = 0.0;
+            (self.arrived_s, self.near_s) = (0.0, 0.0);
             self.arc_length_m = self.drive_from_m();
             cross_track_m = self.project(&here);
         }
