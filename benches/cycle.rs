@@ -199,6 +199,7 @@ fn horizons(
                             heading_per_rad2: config.weights.heading_per_rad2,
                             speed_s2_per_m2: config.weights.speed / point.speed_m_s.powi(2),
                         },
+                        errors_share: 1.0,
                     }
                 })
                 .collect();

@@ -28,7 +28,13 @@ fn log(scenario: &str, folder: &Path) -> PathBuf {
         sidehill()
             .arg("simulate")
             .arg(file)
-            .args(["--plant", "contact", "--controller", "pure-pursuit", "--out"])
+            .args([
+                "--plant",
+                "contact",
+                "--controller",
+                "pure-pursuit",
+                "--out",
+            ])
             .arg(&out),
     );
     out.join("pure-pursuit.csv")

@@ -281,7 +281,7 @@ pub fn python(script: &str, arguments: &[&str]) -> Command {
     let mut command = Command::new("python3");
     command
         .env("PYTHONDONTWRITEBYTECODE", "1")
-        .arg(repository("tests/vcan/support").join(script))
+        .arg(repository("bridge/program/tests/vcan/support").join(script))
         .args(arguments);
     command
 }
