@@ -356,6 +356,6 @@ impl Reference {
 }
 
 /// Returns whether a command lets the vehicle stand.
-pub(crate) fn stands(command: sidehill_plant::speeds::MotorSpeeds) -> bool {
+pub fn stands(command: sidehill_plant::speeds::MotorSpeeds) -> bool {
     command.traction_m_s.abs() < STANDING_M_S && command.steer_m_s.abs() < STANDING_M_S
 }

@@ -80,7 +80,8 @@ impl World {
             yaw_rad: pose.yaw_rad,
         };
         let elapsed_s = f64::from(steps) * self.plant.step_s();
-        self.finished |= self.reference.advance(elapsed_s, &here).ended;
+        let progress = self.reference.advance(elapsed_s, &here, stands(command));
+        self.finished |= progress.ended;
         Ok(())
     }
 }
