@@ -10,7 +10,7 @@ use pyo3::prelude::*;
 use sidehill::config::Overrides;
 use sidehill_controller::closed_loop::TrackingErrors;
 use sidehill_controller::path::Point2;
-use sidehill_controller::reference::{PROJECTION_WINDOW, Reference};
+use sidehill_controller::reference::{PROJECTION_WINDOW, Reference, stands};
 use sidehill_plant::frames::{PlanarPose, wrap_angle};
 use sidehill_plant::simulation::{self as core, Plant, TrueState};
 use sidehill_plant::speeds::{EncoderScale, MeasuredMotorSpeeds, MeasuredTreadSpeeds};
