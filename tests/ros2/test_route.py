@@ -59,7 +59,7 @@ def from_path(point, path):
 
 def check(program, published, path):
     """The written path is as far from the published drive as the program says, and no farther."""
-    said = re.search(r"(\d+) points over ([\d.]+) m, from (\d+) positions; .* path ([\d.]+) m", program.output())
+    said = re.search(r"(\d+) points over ([\d.]+) m, from (\d+) positions.* path ([\d.]+) m", program.output())
     points, length_m, positions, deviation_m = (float(figure) for figure in said.groups())
     assert points == len(path) < 0.3 * len(published)
     assert positions >= 0.95 * len(published)

@@ -26,6 +26,10 @@ const SHORT_M_S: f64 = 0.02;
 const GAINING_M_S2: f64 = 0.1;
 /// Time for which a motor is short before its speed is taken for its limit, s.
 const SHORT_S: f64 = 0.4;
+/// Share of its limit below which a motor that is short of it is slowed down by something else, as a collision monitor,
+/// and the time for which that is remembered, s.
+const SCALED_SHARE: f64 = 0.75;
+const SCALED_S: f64 = 10.0;
 /// What is added to that speed, m/s, so that it does not sink with noise.
 const MARGIN_M_S: f64 = 0.01;
 /// Rate at which a limit rises while the motor reaches its commands, m/s^2.
@@ -76,6 +80,8 @@ struct Motor {
     limit_m_s: f64,
     asked_m_s: f64,
     short_s: f64,
+    /// Time for which no limit is taken, since speeds are scaled down, s.
+    scaled_s: f64,
     /// Smoothed speed and command, m/s.
     speed_m_s: f64,
     command_m_s: f64,
@@ -88,6 +94,7 @@ impl Motor {
             limit_m_s: configured_m_s,
             asked_m_s: 0.0,
             short_s: 0.0,
+            scaled_s: 0.0,
             speed_m_s: 0.0,
             command_m_s: 0.0,
         }
@@ -95,6 +102,7 @@ impl Motor {
 
     /// Takes the speed of a reading and the command that acts at its time.
     fn observe(&mut self, speed_m_s: f64, command_m_s: f64, elapsed_s: f64) {
+        self.scaled_s = (self.scaled_s - elapsed_s).max(0.0);
         let gain = (elapsed_s / SMOOTHING_S).min(1.0);
         let before_m_s = self.speed_m_s;
         self.speed_m_s += gain * (speed_m_s - self.speed_m_s);
@@ -114,7 +122,12 @@ impl Motor {
         }
         if self.short_s >= SHORT_S {
             self.short_s = SHORT_S;
-            if speed + MARGIN_M_S < self.limit_m_s {
+            let is_limited = self.limit_m_s < self.configured_m_s;
+            if is_limited && speed < SCALED_SHARE * self.limit_m_s {
+                // It was slower yet when it was asked for less: speeds are scaled down, not limited.
+                self.limit_m_s = self.configured_m_s;
+                self.scaled_s = SCALED_S;
+            } else if self.scaled_s <= 0.0 && speed + MARGIN_M_S < self.limit_m_s {
                 self.limit_m_s = speed + MARGIN_M_S;
                 self.asked_m_s = self.asked_m_s.max(command);
             }
