@@ -55,7 +55,7 @@ pub const PROJECTION_WINDOW: Window = Window {
 
 /// Distance from the end of a drive at which it is over, m.
 const ARRIVED_M: f64 = 0.05;
-/// Distance from the end of a drive within which it is over for a vehicle that stays there for longer than it should,
+/// Distance from the end of the last drive within which it is over for a vehicle that stays there for longer than it should,
 /// m, and that time, s.
 const NEAR_M: f64 = 0.3;
 const NEAR_S: f64 = 5.0;
@@ -226,13 +226,14 @@ impl Reference {
             0.0
         };
         let way_s = NEAR_M / self.trajectory.speed_at(self.arc_length_m).max(SLOWEST_M_S);
-        let arrived = to_go_m <= ARRIVED_M || self.near_s >= NEAR_S + way_s;
+        let last = self.drives_done + 1 >= self.ends_m.len();
+        let stays = last && self.near_s >= NEAR_S + way_s;
+        let arrived = to_go_m <= ARRIVED_M || stays;
         self.arrived_s = if arrived {
             self.arrived_s + elapsed_s
         } else {
             0.0
         };
-        let last = self.drives_done + 1 >= self.ends_m.len();
         if arrived && !last && (stands || self.arrived_s >= ARRIVED_S) {
             self.drives_done += 1;
             (self.arrived_s, self.near_s) = (0.0, 0.0);
