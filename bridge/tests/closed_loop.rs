@@ -195,7 +195,7 @@ fn the_figure_of_eight_is_followed_through_the_bridge() {
 
 #[test]
 fn the_figure_of_eight_is_followed_at_100_hz() {
-    let (driving_s, rms_m, state) = follow(0.01, 6_200);
+    let (driving_s, rms_m, state) = follow(0.01, 6_500);
     println!(
         "{driving_s:.2} s at 100 Hz: cross-track RMS {:.2} mm",
         1e3 * rms_m
