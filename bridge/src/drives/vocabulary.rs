@@ -34,13 +34,22 @@ pub enum DriveMode {
     EmergencyStop,
     /// It reports a fault.
     Fault,
+    /// It takes no commands and may go on as commanded before: a CANopen node that is not operational.
+    NotOperational,
 }
 
 impl DriveMode {
-    /// Returns the worse of two drives' states: emergency stop, then fault, then disabled.
+    /// Returns the worse of two drives' states: emergency stop, then fault, then not operational, then
+    /// disabled.
     pub fn worse(self, other: Self) -> Self {
-        [Self::EmergencyStop, Self::Fault, Self::Disabled]
-            .into_iter()
+        let from_worst = [
+            Self::EmergencyStop,
+            Self::Fault,
+            Self::NotOperational,
+            Self::Disabled,
+        ];
+        let mut found = from_worst.into_iter();
+        found
             .find(|mode| self == *mode || other == *mode)
             .unwrap_or(Self::Enabled)
     }

@@ -23,6 +23,9 @@ impl Safety {
                 // A fault may be reset while zero speed is sent, disabled.
                 DriveMode::Fault if self.state == SafetyState::Zeroing => {}
                 DriveMode::Fault => return Some(Alarm::Cut(Reason::DriveFault)),
+                // It may be set up again while zero speed is sent, disabled.
+                DriveMode::NotOperational if self.state == SafetyState::Zeroing => {}
+                DriveMode::NotOperational => return Some(Alarm::Cut(Reason::DriveNotOperational)),
                 DriveMode::Disabled if on && !stale => return Some(Alarm::Cut(Reason::DriveOff)),
                 DriveMode::Disabled | DriveMode::Enabled => {}
             }

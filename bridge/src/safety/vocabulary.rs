@@ -221,6 +221,9 @@ pub enum Reason {
     /// A drive has been disabled by something other than this program.
     #[error("a drive is off that was told to be on")]
     DriveOff,
+    /// A drive no longer takes commands.
+    #[error("a drive takes no commands: its node is not operational")]
+    DriveNotOperational,
     /// The controller's command is too old.
     #[error("the command is {age_s:.3} s old")]
     CommandTimeout {

@@ -220,7 +220,7 @@ impl Drive {
         }
         self.detect_silence(time_s, outbox);
         if self.state == PowerState::OperationEnabled
-            && (self.silent || self.nmt != NmtState::Operational)
+            && (self.silent || self.nmt == NmtState::Stopped)
         {
             self.state = match self.objects.get(ABORT_OPTION) {
                 1 => PowerState::Fault,

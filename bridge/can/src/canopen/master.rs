@@ -32,7 +32,8 @@ impl Master {
     }
 
     /// Returns a drive's report as the safety may take it: none before the drive is set up, as old
-    /// as the older of PDO and heartbeat, and off where the node exchanges no PDOs.
+    /// as the older of PDO and heartbeat, off where the node has just started, and not operational where it exchanges
+    /// no PDOs.
     pub fn report(&self, drive: usize, readings: &Readings) -> Option<Stamped<MotorReport>> {
         let nmt = readings.nodes[drive].nmt?;
         let mut report = readings.drives[drive]?;
@@ -40,8 +41,14 @@ impl Master {
             return None;
         }
         report.time_s = report.time_s.min(nmt.time_s);
-        if nmt.value != NmtState::Operational {
-            report.value.mode = DriveMode::Disabled;
+        match nmt.value {
+            NmtState::Operational => {}
+            NmtState::PreOperational | NmtState::Stopped
+                if readings.nodes[drive].boots == self.drives[drive].boots =>
+            {
+                report.value.mode = DriveMode::NotOperational;
+            }
+            _ => report.value.mode = DriveMode::Disabled,
         }
         Some(report)
     }
@@ -320,12 +327,19 @@ impl Drive {
             }
             Stage::Running => {
                 let off_s = self.off_since_s.map_or(0.0, |since_s| now_s - since_s);
-                let stopped = node.nmt.is_some_and(|nmt| nmt.value == NmtState::Stopped);
-                if self.on && !stopped && off_s > 2.0 * cia402.quick_stop_time_s {
+                let nmt = node.nmt.map(|nmt| nmt.value);
+                // There CiA 402 lets a drive follow its last target for ever; a stop it must react to (0x6007).
+                let deaf = nmt == Some(NmtState::PreOperational);
+                let late = off_s > 2.0 * cia402.quick_stop_time_s;
+                if self.on && nmt != Some(NmtState::Stopped) && (deaf || late) {
                     send(&NmtCommand::Stop.frame(self.node))?;
                     if !self.stop_reported {
                         self.stop_reported = true;
-                        report(DriveEvent::NodeStopped);
+                        report(if deaf {
+                            DriveEvent::LeftOperational
+                        } else {
+                            DriveEvent::NodeStopped
+                        });
                     }
                 }
             }

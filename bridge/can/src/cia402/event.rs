@@ -13,6 +13,8 @@ pub enum DriveEvent {
     SetupFailed(SetupFault),
     /// It has sent an emergency.
     Emergency(Emergency),
+    /// It was on and left operational, and its node has been stopped.
+    LeftOperational,
     /// It was not off in time, and its node has been stopped.
     NodeStopped,
 }
@@ -26,6 +28,9 @@ impl fmt::Display for DriveEvent {
             Self::Emergency(Emergency { code: 0, .. }) => write!(f, "its error has gone"),
             Self::Emergency(Emergency { code, register }) => {
                 write!(f, "emergency {code:#06X}, error register {register:#04X}")
+            }
+            Self::LeftOperational => {
+                write!(f, "no longer operational while on, stopped as a node")
             }
             Self::NodeStopped => write!(f, "not off in time, stopped as a node"),
         }

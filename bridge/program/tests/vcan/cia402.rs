@@ -141,8 +141,7 @@ fn faults_of_canopen_drives_stop_both_until_re_armed() {
         let begin_s = unix_now_s();
         if fault == "reset" {
             // By another NMT master.
-            let reset = Command::new("cansend").args([BUS, "000#8101"]).status();
-            assert!(reset.unwrap().success());
+            send_as_another("000#8101");
         } else {
             peer.tell(fault);
         }
@@ -180,6 +179,42 @@ fn faults_of_canopen_drives_stop_both_until_re_armed() {
         took_s,
         CONSUMER_S + QUICK_STOP_S + CYCLE_S,
     );
+}
+
+/// Sends a frame as another master would; starting `cansend` takes its time.
+fn send_as_another(frame: &str) {
+    let sent = Command::new("cansend").args([BUS, frame]).status();
+    assert!(sent.unwrap().success());
+}
+
+#[test]
+#[ignore = "needs a CAN bus: run .ci/vcan"]
+fn canopen_drives_that_another_master_makes_pre_operational_are_stopped_as_nodes() {
+    let folder = Folder::new("cia402_pre_operational");
+    let observer = observer();
+    let _peer = Peer::start(&folder, HEADING_DEG);
+    let run = run(&folder, &["--arm"], FIGURE_EIGHT);
+    observer.wait_for_driving(1.5);
+    let begin_s = unix_now_s();
+    send_as_another("000#8000");
+    sleep_s(1.5);
+    // The drives keep their targets until a heartbeat and a cycle have told and stopped them.
+    let took_s = standing_after_s(&folder.truth(), begin_s);
+    let limit_s = HEARTBEAT_S + CYCLE_S + QUICK_STOP_S + 2.0 * CYCLE_S;
+    assert_off("cia402: pre-operational, drives stand", took_s, limit_s);
+    let events = folder.events();
+    for event in [
+        "node 1: no longer operational while on, stopped as a node",
+        "node 2: no longer operational while on, stopped as a node",
+        "a drive takes no commands: its node is not operational",
+    ] {
+        assert!(events.contains(event), "no {event}:\n{events}");
+    }
+    // The first arming sets the nodes up again, the second drives.
+    run.signal(Signal::USR1);
+    sleep_s(2.0);
+    assert!(folder.truth().last().unwrap().off());
+    assert_rearms("cia402: pre-operational", &run, &observer);
 }
 
 #[test]

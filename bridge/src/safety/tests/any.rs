@@ -18,6 +18,7 @@ fn any_observation() -> impl Strategy<Value = SafetyInputs> {
         6 => Just(DriveMode::Disabled),
         1 => Just(DriveMode::EmergencyStop),
         1 => Just(DriveMode::Fault),
+        1 => Just(DriveMode::NotOperational),
     ];
     let bus = prop_oneof![
         8 => Just(LinkState::Active),

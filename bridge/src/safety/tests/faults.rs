@@ -6,7 +6,7 @@ use super::*;
 /// once.
 type Break = (&'static str, fn(&mut SafetyInputs), f64, bool);
 
-const BREAKS: [Break; 14] = [
+const BREAKS: [Break; 15] = [
     (
         "the emergency stop is pressed",
         |s| s.requests.halt = Some(StopCause::EmergencyStop),
@@ -34,6 +34,12 @@ const BREAKS: [Break; 14] = [
     (
         "a drive is off that was told to be on",
         |s| set_mode(s, DriveMode::Disabled),
+        0.0,
+        true,
+    ),
+    (
+        "a drive takes no commands",
+        |s| set_mode(s, DriveMode::NotOperational),
         0.0,
         true,
     ),

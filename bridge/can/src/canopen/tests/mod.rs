@@ -129,7 +129,7 @@ fn off_is_a_quick_stop_then_no_voltage_then_no_node() {
         bus.peers[0].deaf = false;
         bus.off(3);
         assert_eq!(bus.peers[0].nmt, Some(0x04));
-        assert_eq!(bus.mode(0), Some(DriveMode::Disabled));
+        assert_eq!(bus.mode(0), Some(DriveMode::NotOperational));
         let before = stop(&bus);
         bus.off(10);
         assert_eq!(stop(&bus), before);

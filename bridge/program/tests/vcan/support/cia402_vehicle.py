@@ -132,7 +132,8 @@ class Drive:
             consumer = self.read(0x1016, 1)
             number, limit = consumer >> 16, (consumer & 0xFFFF) / 1000.0
             silent = number and now - self.heard.get(number, now) > limit
-            gone = silent or self.node.nmt.state != "OPERATIONAL"
+            # CiA 402 does not name pre-operational: there a drive keeps its target.
+            gone = silent or self.node.nmt.state == "STOPPED"
             if self.state == "OPERATION ENABLED" and gone and self.read(0x6007) == 3:
                 self.state = "QUICK STOP ACTIVE"
             follows = self.state == "OPERATION ENABLED" and self.read(0x6060) == 3
