@@ -225,13 +225,20 @@ fn canopen_drives_that_refuse_or_do_not_obey_are_told_of_and_stopped() {
     let mut peer = Peer::start(&folder, HEADING_DEG);
     peer.tell("refuse steer 605A");
     let program = run(&folder, &["--arm"], FIGURE_EIGHT);
-    sleep_s(4.0);
+    sleep_s(5.5);
     assert!(observer.seen().iter().all(|seen| !seen.enable && seen.zero));
     let refusal = "node 2: not set up: object 0x605A:00: refused with abort code 0x06090030, \
                    value range exceeded";
     let events = folder.events();
     assert_eq!(events.matches(refusal).count(), 1, "{events}");
     peer.tell("accept steer");
+    wait_until("setup", || {
+        folder.events().contains("node 2: set up and operational")
+    });
+    // The request of the start has expired.
+    sleep_s(1.0);
+    assert!(observer.seen().iter().all(|seen| !seen.enable && seen.zero));
+    program.signal(Signal::USR1);
     observer.wait_for_driving(1.5);
     let asked_s = unix_now_s();
     program.signal(Signal::TERM);
