@@ -83,10 +83,12 @@ pub enum LinkState {
     Down,
     /// The interface does not exist.
     Absent,
+    /// Carries messages, and another node sends those that are this program's alone.
+    Foreign,
 }
 
 impl LinkState {
-    /// Returns whether messages may get through.
+    /// Returns whether messages may get through and only this program leads the drives.
     pub fn carries(self) -> bool {
         matches!(self, Self::Active | Self::Warning | Self::Passive)
     }

@@ -1,7 +1,7 @@
 use super::Safety;
 use super::alarm::Alarm;
 use super::vocabulary::{ControllerOutput, ControllerState, Reason, SafetyInputs, SafetyState};
-use crate::drives::DriveMode;
+use crate::drives::{DriveMode, LinkState};
 use sidehill_plant::speeds::MotorSpeeds;
 
 /// What forbids driving.
@@ -29,6 +29,11 @@ impl Safety {
                 DriveMode::Disabled if on && !stale => return Some(Alarm::Cut(Reason::DriveOff)),
                 DriveMode::Disabled | DriveMode::Enabled => {}
             }
+        }
+        if inputs.link == LinkState::Foreign {
+            // The drives follow somebody else as well: nothing says that they follow a ramp.
+            let state = inputs.link;
+            return Some(Alarm::Cut(Reason::Link { state }));
         }
         if !inputs.link.carries() {
             return Some(Alarm::Ramp(Reason::Link { state: inputs.link }));

@@ -260,8 +260,8 @@ pub enum Reason {
         /// For how long, s.
         time_s: f64,
     },
-    /// The link carries no messages.
-    #[error("the link to the drives is {state:?}")]
+    /// The link carries no messages, or not this program's alone.
+    #[error("{}", link_fault(*state))]
     Link {
         /// Its state.
         state: LinkState,
@@ -288,6 +288,13 @@ pub enum Reason {
         /// Of this step, s.
         now_s: f64,
     },
+}
+
+fn link_fault(state: LinkState) -> String {
+    match state {
+        LinkState::Foreign => "another node sends with this program's identifiers".to_owned(),
+        state => format!("the link to the drives is {state:?}"),
+    }
 }
 
 fn feedback_age(age_s: f64) -> String {

@@ -1,7 +1,7 @@
 use super::bus_monitor::{BusEvent, BusMonitor};
 use super::inputs::{Arrivals, CanInputs};
 use super::record::CanRecord;
-use super::sender::Sender;
+use super::sender::{FOREIGN_S, Sender};
 use sidehill_bridge::control_loop::record::RecordSink;
 use sidehill_bridge::drives::Epoch;
 use sidehill_bridge::drives::MotorCommand;
@@ -16,7 +16,7 @@ use sidehill_plant::sample::{Sample, Stamped};
 use sidehill_plant::vehicle::SpeedCorrection;
 use std::sync::Arc;
 use thread_priority::ThreadId;
-use triple_buffer::{Output, triple_buffer};
+use triple_buffer::{Input, Output, triple_buffer};
 
 /// What the bus monitor passes to the loop: always the newest, never a queue.
 #[derive(Debug, Clone, Copy, Default)]
@@ -45,6 +45,9 @@ pub struct CanPort {
     correction: SpeedCorrection,
     /// Instants of the tread speeds, attitude and pose delivered last, s.
     delivered_s: [f64; 4],
+    /// The newest frame with an identifier of this program that another node has sent.
+    foreign: Option<Stamped<Frame>>,
+    told_foreign: Input<Option<Stamped<Frame>>>,
     records: RecordSink<CanRecord>,
     /// Until it is handed out.
     inputs: Option<CanInputs>,
@@ -72,7 +75,8 @@ impl CanPort {
         });
         let mut arrivals = Arrivals::default();
         let (mut arrived, arrivals_seen) = triple_buffer(&arrivals);
-        let inputs = CanInputs::new(interface, Arc::clone(&layout), arrivals_seen);
+        let (told_foreign, foreign_seen) = triple_buffer(&None);
+        let inputs = CanInputs::new(interface, Arc::clone(&layout), arrivals_seen, foreign_seen);
         let from_vehicle: Vec<_> = layout.from_vehicle().map(MessageCodec::id).collect();
         let wanted = layout.received_ids();
         let mut reader = VehicleReader::new(Arc::clone(&layout));
@@ -124,14 +128,17 @@ impl CanPort {
                 Writer::Cia402(Master::new(Arc::clone(&layout), cia402.clone()))
             }
         };
+        let sender = Sender::start(interface, &layout.own_ids())?;
         Ok(Self {
             layout,
             writer,
-            sender: Sender::start(interface)?,
+            sender,
             newest,
             readings: Readings::default(),
             correction,
             delivered_s: [f64::NEG_INFINITY; 4],
+            foreign: None,
+            told_foreign,
             records: sent_records,
             inputs: Some(inputs),
             listener,
@@ -144,6 +151,25 @@ impl CanPort {
     pub fn take_inputs(&mut self) -> Option<CanInputs> {
         self.inputs.take()
     }
+
+    /// Returns whether another node has sent with this program's identifiers lately.
+    fn hears_foreign(&mut self, now_s: f64) -> bool {
+        let lately = |foreign: &Stamped<Frame>| now_s - foreign.time_s <= FOREIGN_S;
+        let heard_before = self.foreign.as_ref().is_some_and(lately);
+        let Some(frame) = self.sender.foreign() else {
+            return heard_before;
+        };
+        let time_s = now_s;
+        if !heard_before {
+            self.records.push(CanRecord::Foreign { time_s, frame });
+        }
+        self.foreign = Some(Stamped {
+            time_s,
+            value: frame,
+        });
+        self.told_foreign.write(self.foreign);
+        true
+    }
 }
 
 impl Port for CanPort {
@@ -154,6 +180,10 @@ impl Port for CanPort {
     fn receive(&mut self, now_s: f64) -> PortInputs {
         let Snapshot { readings, bus } = *self.newest.read();
         self.readings = readings;
+        let link = match self.hears_foreign(now_s) {
+            true if bus.carries() => LinkState::Foreign,
+            _ => bus,
+        };
         let report = |drive: usize| match &self.writer {
             Writer::Values(_) => readings.drives[drive],
             Writer::Cia402(master) => master.report(drive, &readings),
@@ -191,7 +221,7 @@ impl Port for CanPort {
                 },
             }),
             forwarded: None,
-            link: bus,
+            link,
             refused: readings.refused,
         }
     }

@@ -13,6 +13,7 @@ mod sdo;
 mod settings;
 
 pub use event::DriveEvent;
+pub(crate) use node::SYNC;
 pub use node::{Emergency, NmtCommand, NmtState, NodeReading};
 pub use node_id::NodeId;
 pub use power::{Controlword, PowerState};

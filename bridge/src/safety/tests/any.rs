@@ -24,6 +24,7 @@ fn any_observation() -> impl Strategy<Value = SafetyInputs> {
         8 => Just(LinkState::Active),
         1 => Just(LinkState::Passive),
         1 => Just(LinkState::BusOff),
+        1 => Just(LinkState::Foreign),
     ];
     let operator = (
         any::<bool>(),

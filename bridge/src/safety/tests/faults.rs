@@ -6,7 +6,7 @@ use super::*;
 /// once.
 type Break = (&'static str, fn(&mut SafetyInputs), f64, bool);
 
-const BREAKS: [Break; 15] = [
+const BREAKS: [Break; 16] = [
     (
         "the emergency stop is pressed",
         |s| s.requests.halt = Some(StopCause::EmergencyStop),
@@ -60,6 +60,12 @@ const BREAKS: [Break; 15] = [
         |s| s.link = LinkState::Down,
         0.0,
         false,
+    ),
+    (
+        "another node sends with this program's identifiers",
+        |s| s.link = LinkState::Foreign,
+        0.0,
+        true,
     ),
     (
         "the command is not finite",
