@@ -36,16 +36,19 @@ pub enum DriveMode {
     Fault,
     /// It takes no commands and may go on as commanded before: a CANopen node that is not operational.
     NotOperational,
+    /// It is on and does not follow speeds: somebody has changed its mode of operation.
+    OtherMode,
 }
 
 impl DriveMode {
     /// Returns the worse of two drives' states: emergency stop, then fault, then not operational, then
-    /// disabled.
+    /// in another mode, then disabled.
     pub fn worse(self, other: Self) -> Self {
         let from_worst = [
             Self::EmergencyStop,
             Self::Fault,
             Self::NotOperational,
+            Self::OtherMode,
             Self::Disabled,
         ];
         let mut found = from_worst.into_iter();

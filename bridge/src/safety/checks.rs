@@ -24,7 +24,9 @@ impl Safety {
                 DriveMode::Fault if self.state == SafetyState::Zeroing => {}
                 DriveMode::Fault => return Some(Alarm::Cut(Reason::DriveFault)),
                 // It may be set up again while zero speed is sent, disabled.
-                DriveMode::NotOperational if self.state == SafetyState::Zeroing => {}
+                DriveMode::NotOperational | DriveMode::OtherMode
+                    if self.state == SafetyState::Zeroing => {}
+                DriveMode::OtherMode => return Some(Alarm::Cut(Reason::DriveMode)),
                 DriveMode::NotOperational => return Some(Alarm::Cut(Reason::DriveNotOperational)),
                 DriveMode::Disabled if on && !stale => return Some(Alarm::Cut(Reason::DriveOff)),
                 DriveMode::Disabled | DriveMode::Enabled => {}

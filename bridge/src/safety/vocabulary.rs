@@ -224,6 +224,9 @@ pub enum Reason {
     /// A drive no longer takes commands.
     #[error("a drive takes no commands: its node is not operational")]
     DriveNotOperational,
+    /// A drive no longer follows speeds.
+    #[error("a drive does not follow speeds: its mode of operation was changed")]
+    DriveMode,
     /// The controller's command is too old.
     #[error("the command is {age_s:.3} s old")]
     CommandTimeout {

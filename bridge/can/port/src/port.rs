@@ -26,12 +26,12 @@ struct Snapshot {
 }
 
 /// Largest number of drive events in one cycle.
-const EVENTS_MAX: usize = 8;
+const EVENTS_MAX: usize = 24;
 
 /// Writes commands for the profile of the drives.
 enum Writer {
     Values(CommandWriter),
-    Cia402(Master),
+    Cia402(Box<Master>),
 }
 
 /// A vehicle behind a SocketCAN interface.
@@ -125,7 +125,7 @@ impl CanPort {
                 Writer::Values(CommandWriter::new(Arc::clone(&layout), *enable))
             }
             Profile::Cia402(cia402) => {
-                Writer::Cia402(Master::new(Arc::clone(&layout), cia402.clone()))
+                Writer::Cia402(Box::new(Master::new(Arc::clone(&layout), cia402.clone())))
             }
         };
         let sender = Sender::start(interface, &layout.own_ids())?;
@@ -179,14 +179,20 @@ impl Port for CanPort {
 
     fn receive(&mut self, now_s: f64) -> PortInputs {
         let Snapshot { readings, bus } = *self.newest.read();
+        let before = self.readings.modes;
         self.readings = readings;
         let link = match self.hears_foreign(now_s) {
             true if bus.carries() => LinkState::Foreign,
             _ => bus,
         };
-        let report = |drive: usize| match &self.writer {
-            Writer::Values(_) => readings.drives[drive],
-            Writer::Cia402(master) => master.report(drive, &readings),
+        let report = |drive: usize| {
+            let mut report = match &self.writer {
+                Writer::Values(_) => readings.drives[drive],
+                Writer::Cia402(master) => master.report(drive, &readings),
+            }?;
+            let since = readings.modes[drive].worst_since(&before[drive]);
+            report.value.mode = report.value.mode.worse(since);
+            Some(report)
         };
         let motors = report(0).zip(report(1)).map(|(first, second)| {
             let speeds = [first.value.speed_m_s, second.value.speed_m_s];

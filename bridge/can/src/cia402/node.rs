@@ -1,6 +1,6 @@
 use super::node_id::NodeId;
 use super::power::PowerState;
-use super::sdo::{self, SdoAnswer};
+use super::sdo::{self, SdoAnswer, SdoRequest};
 use crate::frame::{Frame, FrameId};
 use crate::message::{FrameFault, Quantity};
 use sidehill_plant::sample::Stamped;
@@ -79,7 +79,7 @@ impl NmtState {
 }
 
 /// An emergency message of a drive.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Emergency {
     /// Error code; 0 for an error that is over.
     pub code: u16,
@@ -109,17 +109,45 @@ pub struct NodeReading {
     pub nmt: Option<Stamped<NmtState>>,
     /// How often it has started.
     pub boots: u32,
-    /// Answers to objects that were written.
+    /// Answers to objects that were written or read.
     pub answers: u32,
     /// The newest.
     pub answer: Option<SdoAnswer>,
     /// Emergencies.
     pub emergencies: u32,
-    /// The newest.
-    pub emergency: Option<Emergency>,
+    /// The newest of them, each in the place of its number.
+    latest: [Emergency; Self::EMERGENCIES_KEPT as usize],
 }
 
 impl NodeReading {
+    /// Emergencies that are kept: many more than a drive may send in a cycle.
+    const EMERGENCIES_KEPT: u32 = 8;
+
+    /// Returns the answer to a request that was sent after the first `answers` of them.
+    pub fn answer_to(&self, request: &SdoRequest, answers: u32) -> Option<SdoAnswer> {
+        self.answer.filter(|answer| {
+            // What another client reads is not the answer to a write.
+            let fits = answer
+                .result
+                .is_ok_and(|read| read.is_some() == request.expected.is_some());
+            self.answers != answers
+                && (answer.object, answer.sub) == (request.object, request.sub)
+                && (fits || answer.result.is_err())
+        })
+    }
+
+    /// Returns the emergencies that came after the first `before`, as far as they are kept.
+    pub fn emergencies_since(&self, before: u32) -> impl Iterator<Item = Emergency> + '_ {
+        let new = self
+            .emergencies
+            .wrapping_sub(before)
+            .min(Self::EMERGENCIES_KEPT);
+        let numbers = (0..new)
+            .rev()
+            .map(|back| self.emergencies.wrapping_sub(back));
+        numbers.map(|number| self.latest[(number % Self::EMERGENCIES_KEPT) as usize])
+    }
+
     /// Takes a frame of the node that is not a PDO.
     ///
     /// # Errors
@@ -156,7 +184,7 @@ impl NodeReading {
             });
         } else if frame.id == node.answer() {
             length(8)?;
-            // Answers to the uploads of another client are ignored.
+            // Segments of another client are ignored.
             if let Some(answer) = sdo::answer(frame) {
                 self.answers = self.answers.wrapping_add(1);
                 self.answer = Some(answer);
@@ -164,10 +192,10 @@ impl NodeReading {
         } else if frame.id == node.emergency() {
             length(8)?;
             self.emergencies = self.emergencies.wrapping_add(1);
-            self.emergency = Some(Emergency {
+            self.latest[(self.emergencies % Self::EMERGENCIES_KEPT) as usize] = Emergency {
                 code: u16::from_le_bytes([frame.data[0], frame.data[1]]),
                 register: frame.data[2],
-            });
+            };
         }
         Ok(())
     }

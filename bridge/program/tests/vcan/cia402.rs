@@ -3,14 +3,16 @@
 use super::running::Running;
 use super::support::*;
 use super::{COMMANDS_OFF_AFTER_SILENCE_S, CYCLE_S, RAMP_S, assert_off, assert_rearms};
-use sidehill_can::frame::FrameId;
+use sidehill_can::frame::{Frame, FrameId};
+use sidehill_can_port::Sender;
 use std::io::Write;
 use std::path::Path;
 use std::process::{ChildStdin, Command, Stdio};
 use std::time::{Duration, Instant};
 
-/// From the drives' setup: how long this program may be silent, s, and their time to stop.
+/// From the drives' setup: how long this program may be silent, s, how long commands may be missing, s, and their time to stop.
 const CONSUMER_S: f64 = 0.2;
+const DEADLINE_S: f64 = 0.2;
 const QUICK_STOP_S: f64 = 0.75 / 3.0;
 /// Age of the newest heartbeat or PDO, s.
 const HEARTBEAT_S: f64 = 0.05;
@@ -215,6 +217,83 @@ fn canopen_drives_that_another_master_makes_pre_operational_are_stopped_as_nodes
     sleep_s(2.0);
     assert!(folder.truth().last().unwrap().off());
     assert_rearms("cia402: pre-operational", &run, &observer);
+}
+
+#[test]
+#[ignore = "needs a CAN bus: run .ci/vcan"]
+fn canopen_drives_stop_without_the_program_though_another_sends_its_heartbeat() {
+    let folder = Folder::new("cia402_foreign_heartbeat");
+    let observer = observer();
+    let _peer = Peer::start(&folder, HEADING_DEG);
+    let program = run(&folder, &["--arm"], FIGURE_EIGHT);
+    observer.wait_for_driving(1.5);
+    let mut foreign = Sender::start(BUS, &[]).unwrap();
+    let heartbeat = Frame::new(FrameId::Standard(0x77F), &[0x05]).unwrap();
+    let mut beat = |for_s: f64| {
+        for _ in 0..(for_s / 0.05) as u32 {
+            foreign.send(&heartbeat).unwrap();
+            sleep_s(0.05);
+        }
+    };
+    let killed_s = unix_now_s();
+    drop(program);
+    beat(2.0);
+    let took_s = standing_after_s(&folder.truth(), killed_s);
+    let limit_s = DEADLINE_S + QUICK_STOP_S + 2.0 * CYCLE_S;
+    assert_off("cia402: foreign heartbeat, drives stand", took_s, limit_s);
+    // A program that starts beside it does not arm.
+    let before = observer.seen().len();
+    let _program = run(&folder, &["--arm"], FIGURE_EIGHT);
+    beat(4.0);
+    assert!(
+        observer.seen()[before..]
+            .iter()
+            .all(|seen| !seen.enable && seen.zero)
+    );
+    let events = folder.events();
+    let told = "77F#05: another node sends with an identifier of this program";
+    assert!(events.contains(told), "{events}");
+}
+
+#[test]
+#[ignore = "needs a CAN bus: run .ci/vcan"]
+fn canopen_drives_that_another_master_changes_or_switches_on_are_stopped() {
+    let folder = Folder::new("cia402_another_master");
+    let observer = observer();
+    let _peer = Peer::start(&folder, HEADING_DEG);
+    let run = run(&folder, &["--arm"], FIGURE_EIGHT);
+    observer.wait_for_driving(1.5);
+    let begin_s = unix_now_s();
+    // Profile position, by an SDO.
+    send_as_another("601#2F60600001000000");
+    sleep_s(1.5);
+    // Two looks at the display, each with an answer a cycle later, and a cycle until it acts.
+    let limit_s = 2.0 * (0.1 + CYCLE_S) + 2.0 * CYCLE_S;
+    assert_off("cia402: other mode", observer.off_after_s(begin_s), limit_s);
+    let told = |what: &str| {
+        let events = folder.events();
+        assert!(events.contains(what), "no {what}:\n{events}");
+    };
+    told("node 1: on in mode of operation 1 (object 0x6061)");
+    told("a drive does not follow speeds: its mode of operation was changed");
+    // The first arming sets the drive up again, the second drives.
+    run.signal(Signal::USR1);
+    sleep_s(2.0);
+    assert_rearms("cia402: other mode", &run, &observer);
+    run.signal(Signal::USR2);
+    sleep_s(3.0);
+    assert!(folder.truth().last().unwrap().off());
+    let mut foreign = Sender::start(BUS, &[]).unwrap();
+    let event = "node 2: switched on by another node, stopped as a node";
+    wait_until(event, || {
+        for word in [0x06, 0x07, 0x0F] {
+            let frame = Frame::new(FrameId::Standard(0x202), &[word, 0, 0x10, 0x10, 0, 0]);
+            foreign.send(&frame.unwrap()).unwrap();
+        }
+        folder.events().contains(event)
+    });
+    sleep_s(1.0);
+    assert!(folder.truth().last().unwrap().off());
 }
 
 #[test]

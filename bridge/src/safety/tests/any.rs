@@ -19,6 +19,7 @@ fn any_observation() -> impl Strategy<Value = SafetyInputs> {
         1 => Just(DriveMode::EmergencyStop),
         1 => Just(DriveMode::Fault),
         1 => Just(DriveMode::NotOperational),
+        1 => Just(DriveMode::OtherMode),
     ];
     let bus = prop_oneof![
         8 => Just(LinkState::Active),

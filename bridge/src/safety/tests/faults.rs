@@ -6,7 +6,7 @@ use super::*;
 /// once.
 type Break = (&'static str, fn(&mut SafetyInputs), f64, bool);
 
-const BREAKS: [Break; 16] = [
+const BREAKS: [Break; 17] = [
     (
         "the emergency stop is pressed",
         |s| s.requests.halt = Some(StopCause::EmergencyStop),
@@ -40,6 +40,12 @@ const BREAKS: [Break; 16] = [
     (
         "a drive takes no commands",
         |s| set_mode(s, DriveMode::NotOperational),
+        0.0,
+        true,
+    ),
+    (
+        "a drive does not follow speeds",
+        |s| set_mode(s, DriveMode::OtherMode),
         0.0,
         true,
     ),

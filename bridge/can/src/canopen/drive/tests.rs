@@ -141,6 +141,21 @@ fn drives_that_miss_their_master_stop_quickly_and_say_why() {
 }
 
 #[test]
+fn drives_that_miss_commands_stop_though_another_sends_their_masters_heartbeat() {
+    let mut bench = Bench::driving();
+    bench.master_speaks = false;
+    let heartbeat = Frame::new(FrameId::Standard(0x77F), &[0x05]).unwrap();
+    for _ in 0..10 {
+        bench.drives.take(&heartbeat, bench.time_s).unwrap();
+        bench.cycle(true, 0.5);
+    }
+    assert_eq!(bench.motors.traction_m_s, 0.0);
+    assert_eq!(bench.drives.mode(), DriveMode::Disabled);
+    let emergency = "emergency 0x8250, error register 0x11";
+    assert!(bench.events.contains(&format!("2: {emergency}")));
+}
+
+#[test]
 fn an_emergency_stop_is_a_quick_stop_that_holds() {
     let mut bench = Bench::driving();
     bench.emergency_stop = true;
