@@ -38,17 +38,20 @@ pub enum DriveMode {
     NotOperational,
     /// It is on and does not follow speeds: somebody has changed its mode of operation.
     OtherMode,
+    /// It is on, and its reported speed stays the same to the bit while its commands change.
+    Frozen,
 }
 
 impl DriveMode {
     /// Returns the worse of two drives' states: emergency stop, then fault, then not operational, then
-    /// in another mode, then disabled.
+    /// in another mode, then frozen, then disabled.
     pub fn worse(self, other: Self) -> Self {
         let from_worst = [
             Self::EmergencyStop,
             Self::Fault,
             Self::NotOperational,
             Self::OtherMode,
+            Self::Frozen,
             Self::Disabled,
         ];
         let mut found = from_worst.into_iter();

@@ -251,6 +251,9 @@ pub enum Reason {
         /// Its age, s; infinite where there was none.
         age_s: f64,
     },
+    /// A drive's reported speed does not change although its commands do.
+    #[error("a drive's reported speed stays the same to the bit while its commands change")]
+    FeedbackFrozen,
     /// Feedback is not what was commanded.
     #[error(
         "traction differs by {traction_m_s:.3} m/s and steer by {steer_m_s:.3} m/s from the command for {time_s:.2} s"

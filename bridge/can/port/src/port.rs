@@ -5,11 +5,12 @@ use super::sender::{FOREIGN_S, Sender};
 use sidehill_bridge::control_loop::record::RecordSink;
 use sidehill_bridge::drives::Epoch;
 use sidehill_bridge::drives::MotorCommand;
-use sidehill_bridge::drives::{DriveCommand, DriveFeedback, LinkState};
+use sidehill_bridge::drives::{DriveCommand, DriveFeedback, DriveMode, LinkState};
 use sidehill_bridge::drives::{Port, PortInputs, SendError, newer};
 use sidehill_can::canopen::Master;
 use sidehill_can::controller_side::{CommandWriter, Readings, VehicleReader};
 use sidehill_can::frame::Frame;
+use sidehill_can::frozen::FrozenWatch;
 use sidehill_can::layout::{Layout, Profile};
 use sidehill_can::message::MessageCodec;
 use sidehill_plant::sample::{Sample, Stamped};
@@ -45,6 +46,8 @@ pub struct CanPort {
     correction: SpeedCorrection,
     /// Instants of the tread speeds, attitude and pose delivered last, s.
     delivered_s: [f64; 4],
+    watches: [FrozenWatch; 2],
+    frozen: [bool; 2],
     /// The newest frame with an identifier of this program that another node has sent.
     foreign: Option<Stamped<Frame>>,
     told_foreign: Input<Option<Stamped<Frame>>>,
@@ -137,6 +140,8 @@ impl CanPort {
             readings: Readings::default(),
             correction,
             delivered_s: [f64::NEG_INFINITY; 4],
+            watches: Default::default(),
+            frozen: [false; 2],
             foreign: None,
             told_foreign,
             records: sent_records,
@@ -192,6 +197,9 @@ impl Port for CanPort {
             }?;
             let since = readings.modes[drive].worst_since(&before[drive]);
             report.value.mode = report.value.mode.worse(since);
+            if self.frozen[drive] {
+                report.value.mode = report.value.mode.worse(DriveMode::Frozen);
+            }
             Some(report)
         };
         let motors = report(0).zip(report(1)).map(|(first, second)| {
@@ -234,6 +242,13 @@ impl Port for CanPort {
 
     fn send(&mut self, now_s: f64, command: &DriveCommand) -> Result<(), SendError> {
         let motors = MotorCommand::reaching(command, &self.correction);
+        for (i, watch) in self.watches.iter_mut().enumerate() {
+            let report = self.readings.drives[i].filter(|_| motors.enable);
+            self.frozen[i] = report.is_some_and(|report| {
+                let command_m_s = self.layout.drives[i].role.speed_m_s(&motors.speeds);
+                watch.is_frozen(now_s, command_m_s, report.value.speed_m_s)
+            });
+        }
         let (sender, records) = (&mut self.sender, &mut self.records);
         // Frames and events share one sink: events follow after the frames.
         let mut events = [None; EVENTS_MAX];

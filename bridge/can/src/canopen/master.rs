@@ -197,7 +197,7 @@ impl ModeWatch {
         }
         if now_s >= self.next_s && !self.absent {
             send(&request.frame)?;
-            self.requested = Some((now_s, drive.answers));
+            self.requested = Some((now_s, drive.answers.count()));
             self.next_s = now_s + Self::PERIOD_S;
         }
         Ok(())
@@ -259,10 +259,10 @@ impl Drive {
         fault_reset: bool,
         mut report: impl FnMut(DriveEvent),
     ) {
-        for emergency in node.emergencies_since(self.emergencies) {
+        for emergency in node.emergencies.since(self.emergencies) {
             report(DriveEvent::Emergency(emergency));
         }
-        self.emergencies = node.emergencies;
+        self.emergencies = node.emergencies.count();
         let armed = fault_reset && !self.arming;
         self.arming = fault_reset;
         let idle = self.stage == Stage::Running
@@ -395,7 +395,7 @@ impl Drive {
                     send(&request.frame)?;
                     self.stage = Stage::Writing {
                         object: next,
-                        requested: Some((now_s, node.answers)),
+                        requested: Some((now_s, node.answers.count())),
                     };
                 } else {
                     send(&NmtCommand::Start.frame(self.node))?;

@@ -14,7 +14,7 @@ mod settings;
 
 pub use event::DriveEvent;
 pub(crate) use node::SYNC;
-pub use node::{Emergency, NmtCommand, NmtState, NodeReading};
+pub use node::{Emergency, Latest, NmtCommand, NmtState, NodeReading};
 pub use node_id::NodeId;
 pub use power::{Controlword, PowerState};
 pub use sdo::{SdoAnswer, SdoRequest, SetupFault};

@@ -79,7 +79,7 @@ impl NmtState {
 }
 
 /// An emergency message of a drive.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Emergency {
     /// Error code; 0 for an error that is over.
     pub code: u16,
@@ -99,6 +99,45 @@ impl Emergency {
     }
 }
 
+/// Messages of a kind that are kept.
+const KEPT: u32 = 8;
+
+/// The newest of messages that come at any time, and how many have come: many more are kept than come in a cycle.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Latest<T> {
+    count: u32,
+    /// Each in the place of its number.
+    kept: [Option<T>; KEPT as usize],
+}
+
+impl<T: Copy> Latest<T> {
+    /// Returns how many have come.
+    pub fn count(&self) -> u32 {
+        self.count
+    }
+
+    /// Returns those that came after the first `before`, as far as they are kept, the oldest first.
+    pub fn since(&self, before: u32) -> impl Iterator<Item = T> + '_ {
+        let new = self.count.wrapping_sub(before).min(KEPT);
+        let numbers = (0..new).rev().map(|back| self.count.wrapping_sub(back));
+        numbers.filter_map(|number| self.kept[(number % KEPT) as usize])
+    }
+
+    fn push(&mut self, message: T) {
+        self.count = self.count.wrapping_add(1);
+        self.kept[(self.count % KEPT) as usize] = Some(message);
+    }
+}
+
+impl<T: Copy> Default for Latest<T> {
+    fn default() -> Self {
+        Self {
+            count: 0,
+            kept: [None; KEPT as usize],
+        }
+    }
+}
+
 /// The newest messages of a node other than its PDO. Those that come at any time are counted, so that
 /// none is taken twice.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -110,42 +149,22 @@ pub struct NodeReading {
     /// How often it has started.
     pub boots: u32,
     /// Answers to objects that were written or read.
-    pub answers: u32,
-    /// The newest.
-    pub answer: Option<SdoAnswer>,
+    pub answers: Latest<SdoAnswer>,
     /// Emergencies.
-    pub emergencies: u32,
-    /// The newest of them, each in the place of its number.
-    latest: [Emergency; Self::EMERGENCIES_KEPT as usize],
+    pub emergencies: Latest<Emergency>,
 }
 
 impl NodeReading {
-    /// Emergencies that are kept: many more than a drive may send in a cycle.
-    const EMERGENCIES_KEPT: u32 = 8;
-
     /// Returns the answer to a request that was sent after the first `answers` of them.
     pub fn answer_to(&self, request: &SdoRequest, answers: u32) -> Option<SdoAnswer> {
-        self.answer.filter(|answer| {
+        self.answers.since(answers).find(|answer| {
             // What another client reads is not the answer to a write.
             let fits = answer
                 .result
                 .is_ok_and(|read| read.is_some() == request.expected.is_some());
-            self.answers != answers
-                && (answer.object, answer.sub) == (request.object, request.sub)
+            (answer.object, answer.sub) == (request.object, request.sub)
                 && (fits || answer.result.is_err())
         })
-    }
-
-    /// Returns the emergencies that came after the first `before`, as far as they are kept.
-    pub fn emergencies_since(&self, before: u32) -> impl Iterator<Item = Emergency> + '_ {
-        let new = self
-            .emergencies
-            .wrapping_sub(before)
-            .min(Self::EMERGENCIES_KEPT);
-        let numbers = (0..new)
-            .rev()
-            .map(|back| self.emergencies.wrapping_sub(back));
-        numbers.map(|number| self.latest[(number % Self::EMERGENCIES_KEPT) as usize])
     }
 
     /// Takes a frame of the node that is not a PDO.
@@ -186,16 +205,14 @@ impl NodeReading {
             length(8)?;
             // Segments of another client are ignored.
             if let Some(answer) = sdo::answer(frame) {
-                self.answers = self.answers.wrapping_add(1);
-                self.answer = Some(answer);
+                self.answers.push(answer);
             }
         } else if frame.id == node.emergency() {
             length(8)?;
-            self.emergencies = self.emergencies.wrapping_add(1);
-            self.latest[(self.emergencies % Self::EMERGENCIES_KEPT) as usize] = Emergency {
+            self.emergencies.push(Emergency {
                 code: u16::from_le_bytes([frame.data[0], frame.data[1]]),
                 register: frame.data[2],
-            };
+            });
         }
         Ok(())
     }

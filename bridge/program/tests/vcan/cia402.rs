@@ -248,11 +248,48 @@ fn canopen_drives_stop_without_the_program_though_another_sends_its_heartbeat() 
     assert!(
         observer.seen()[before..]
             .iter()
+            // Until both drives have been commanded anew.
+            .skip(2)
             .all(|seen| !seen.enable && seen.zero)
     );
     let events = folder.events();
     let told = "77F#05: another node sends with an identifier of this program";
     assert!(events.contains(told), "{events}");
+}
+
+#[test]
+#[ignore = "needs a CAN bus: run .ci/vcan"]
+fn canopen_drives_that_report_wrong_speeds_are_stopped() {
+    for (fault, limit_s, reasons) in [
+        // Until the commands of the curve have changed by 0.03 m/s; then 0.5 s, a cycle, the ramp, a cycle.
+        (
+            "freeze",
+            1.0 + 0.5 + 2.0 * CYCLE_S + RAMP_S,
+            ["stays the same to the bit while", "differs by"],
+        ),
+        // Two reports, a cycle, the ramp, a cycle.
+        (
+            "mirror",
+            4.0 * CYCLE_S + RAMP_S,
+            ["differs by", "differs by"],
+        ),
+    ] {
+        let folder = Folder::new(&format!("cia402_{fault}"));
+        let observer = observer();
+        let mut peer = Peer::start(&folder, HEADING_DEG);
+        let _run = run(&folder, &["--arm"], FIGURE_EIGHT);
+        observer.wait_for_driving(4.0);
+        let begin_s = unix_now_s();
+        for drive in ["traction", "steer"] {
+            peer.tell(&format!("{fault} {drive}"));
+        }
+        sleep_s(4.0);
+        let took_s = standing_after_s(&folder.truth(), begin_s);
+        assert_off(&format!("cia402: {fault}, drives stand"), took_s, limit_s);
+        let events = folder.events();
+        let known = reasons.iter().any(|reason| events.contains(reason));
+        assert!(known, "{events}");
+    }
 }
 
 #[test]

@@ -20,6 +20,7 @@ fn any_observation() -> impl Strategy<Value = SafetyInputs> {
         1 => Just(DriveMode::Fault),
         1 => Just(DriveMode::NotOperational),
         1 => Just(DriveMode::OtherMode),
+        1 => Just(DriveMode::Frozen),
     ];
     let bus = prop_oneof![
         8 => Just(LinkState::Active),

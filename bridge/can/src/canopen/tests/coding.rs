@@ -87,11 +87,11 @@ fn answers_are_read_as_cia_301_has_them() {
         (0x41, None),
         (0x00, None),
     ] {
-        let before = reading.answers;
+        let before = reading.answers.count();
         let data = [kind, 0x07, 0x60, 0x00, 0x01, 0x02, 0x03, 0x04];
         let frame = Frame::new(node.answer(), &data).unwrap();
         reading.take(node, &frame, 0.0).unwrap();
-        let answer = reading.answer.filter(|_| reading.answers != before);
+        let answer = reading.answers.since(before).next();
         assert_eq!(answer.map(|answer| answer.result), bits, "{kind:#04X}");
         assert!(answer.is_none_or(|answer| (answer.object, answer.sub) == (0x6007, 0)));
     }

@@ -296,6 +296,15 @@ fn a_mode_of_operation_that_another_changes_ends_the_drive_until_it_is_set_up_ag
     bus.off(14);
     assert_eq!(bus.peers[0].written[0], (0x6060, 0, vec![3]));
     assert_eq!(bus.mode(0), Some(DriveMode::Disabled));
+    // The answers to another client do not hide those to this one.
+    let mut bus = Bus::driving();
+    bus.peers[0].mode = Some(1);
+    for _ in 0..7 {
+        bus.on([0.5, 0.0], 1);
+        let other = Frame::new(FrameId::Standard(0x581), &[0x60, 0x60, 0x60, 0, 0, 0, 0, 0]);
+        bus.peers[0].says.push(other.unwrap());
+    }
+    assert_eq!(bus.mode(0), Some(DriveMode::OtherMode));
     // A drive without the object is named once.
     let mut bus = Bus::new();
     bus.peers[0].mode = None;

@@ -8,6 +8,7 @@ Standard input takes one word a line, with the name of a drive:
     mute D, talk D   its heartbeat stops, and comes again
     stop D           its quick stop is activated by somebody else
     refuse D OBJECT, accept D   it refuses an object to be written, or none
+    freeze D, mirror D   it reports its last speed again and again, or speeds of the other sign
     loose D          it no longer obeys its controlword
 The end of standard input ends the program.
 """
@@ -77,6 +78,7 @@ class Drive:
         self.node.rpdo[1].add_callback(self.command)
         self.node.add_write_callback(self.written)
         self.refused, self.loose = None, False
+        self.reported = lambda speed: speed
         self.lock = threading.RLock()
         self.heard = {}
         for consumer in range(1, 128):
@@ -109,9 +111,11 @@ class Drive:
 
     def command(self, pdo):
         with self.lock:
-            if self.node.nmt.state != "OPERATIONAL" or self.loose:
+            if self.node.nmt.state != "OPERATIONAL":
                 return
             self.commanded = time.monotonic()
+            if self.loose:
+                return
             before, self.control = self.control, pdo["Controlword"].raw
             self.target = pdo["Target velocity"].raw
             if self.state == "FAULT":
@@ -157,7 +161,7 @@ class Drive:
                 pdo = self.node.tpdo[1]
                 # Remote control, and a bit of the maker's own.
                 pdo["Statusword"].raw = State402.SW_MASK[self.state][1] | 0x4200
-                pdo["Velocity actual"].raw = round(RAW_PER_M_S * self.speed)
+                pdo["Velocity actual"].raw = round(RAW_PER_M_S * self.reported(self.speed))
                 pdo.transmit()
 
     def tell(self, words):
@@ -171,6 +175,11 @@ class Drive:
                 self.node.nmt.stop_heartbeat()
             elif words[0] == "talk":
                 self.node.nmt.start_heartbeat(self.read(0x1017))
+            elif words[0] == "freeze":
+                last = self.speed
+                self.reported = lambda speed: last
+            elif words[0] == "mirror":
+                self.reported = lambda speed: -speed
             elif words[0] == "loose":
                 self.loose = True
             elif words[0] == "refuse":
