@@ -1,6 +1,6 @@
 use super::Safety;
 use super::alarm::Alarm;
-use super::doubt::Doubt;
+use super::discrepancy::Discrepancy;
 use super::vocabulary::{ControllerOutput, ControllerState, Reason, SafetyInputs, SafetyState};
 use crate::drives::{DriveMode, LinkState};
 use sidehill_plant::speeds::MotorSpeeds;
@@ -137,12 +137,12 @@ impl Safety {
             return None;
         }
         let feedback_s = inputs.feedback?.time_s;
-        let new = Doubt::new(inputs.time_s, feedback_s);
-        let doubt = self.implausible.get_or_insert(new);
-        let time_s = doubt.grow(inputs.time_s, traction_m_s.max(steer_m_s));
+        let new = Discrepancy::new(inputs.time_s, feedback_s);
+        let discrepancy = self.implausible.get_or_insert(new);
+        let time_s = discrepancy.grow(inputs.time_s, traction_m_s.max(steer_m_s));
         // Twice as far off is judged in half the time.
         let longest_s = self.config.implausible_time_s;
-        let far = doubt.has_come(limit * longest_s, feedback_s);
+        let far = discrepancy.has_come(limit * longest_s, feedback_s);
         (far || time_s >= longest_s).then_some(Reason::Implausible {
             traction_m_s,
             steer_m_s,

@@ -12,7 +12,7 @@
 mod alarm;
 mod checks;
 mod config;
-mod doubt;
+mod discrepancy;
 mod recent;
 mod vocabulary;
 
@@ -24,7 +24,7 @@ pub use vocabulary::{
 
 use crate::drives::{DriveCommand, DriveFeedback, DriveMode};
 use alarm::Alarm;
-use doubt::Doubt;
+use discrepancy::Discrepancy;
 use recent::RecentCommands;
 use sidehill_plant::speeds::MotorSpeeds;
 use sidehill_plant::vehicle::RangeError;
@@ -44,7 +44,7 @@ pub struct Safety {
     commanded: RecentCommands,
     /// Whether the controller has driven since the drives were enabled.
     following: bool,
-    implausible: Option<Doubt>,
+    implausible: Option<Discrepancy>,
 }
 
 impl Safety {

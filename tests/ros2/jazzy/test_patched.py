@@ -103,7 +103,9 @@ DATAGRAMS = {
     ),
     "nack_frag_0": submessage(0x12, READER + WRITER + number(1) + struct.pack("<IIIi", 0, 1, 1 << 31, 1 << 30)),
     "nack_frag_huge": submessage(0x12, READER + WRITER + number(1) + struct.pack("<IIIi", 1 << 31, 1, 1 << 31, 1 << 30)),
-    "overflow": submessage(0x07, READER + WRITER + number((1 << 63) - 3) + number((1 << 63) - 1) + struct.pack("<i", 1 << 30)),
+    "overflow": submessage(
+        0x07, READER + WRITER + number((1 << 63) - 3) + number((1 << 63) - 1) + struct.pack("<i", 1 << 30)
+    ),
 }
 
 
@@ -113,9 +115,8 @@ def memory_kb(pid):
 
 
 def udp_ports(pid):
-    """The UDP ports that a process has for itself; those of multicast are shared with peers, which have such faults, too."""
-    links = (f"/proc/{pid}/fd/{fd}" for fd in os.listdir(f"/proc/{pid}/fd"))
-    own = {os.readlink(link)[8:-1] for link in links if os.path.exists(link) or os.path.islink(link)}
+    """The UDP ports that a process has for itself: peers, which share those of multicast, have such faults, too."""
+    own = {os.readlink(file.path)[8:-1] for file in os.scandir(f"/proc/{pid}/fd")}
     with open("/proc/net/udp") as file:
         rows = [line.split() for line in file.readlines()[1:]]
     ports = [(int(row[1].split(":")[1], 16), row[9]) for row in rows]

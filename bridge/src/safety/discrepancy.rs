@@ -1,6 +1,6 @@
 /// Feedback that is implausible at present.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Doubt {
+pub(super) struct Discrepancy {
     since_s: f64,
     last_s: f64,
     /// How far the vehicle has come since then beyond what was commanded, m.
@@ -9,8 +9,8 @@ pub(super) struct Doubt {
     first_report_s: f64,
 }
 
-impl Doubt {
-    /// Returns a doubt that begins now, with a report of an instant.
+impl Discrepancy {
+    /// Returns a discrepancy that begins now, with a report of an instant.
     pub(super) fn new(now_s: f64, report_s: f64) -> Self {
         Self {
             since_s: now_s,
