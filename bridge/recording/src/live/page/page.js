@@ -182,7 +182,7 @@ function stateNow() {
     case 'zeroing': case 'enabling': return ['warns', 'Arming', ''];
     case 'stopping': return finished ? ['done', 'Arriving', reason] : ['warns', 'Stopping', reason];
     case 'latched': return finished ? ['done', 'Finished', wanted || reason] : ['stopped', 'Stopped', [reason, wanted].filter(Boolean).join('. ')];
-    case 'disarmed': return ['waits', 'Not armed', wanted || 'ready to be armed'];
+    case 'disarmed': return ['waits', 'Not armed', wanted || (/no path/.test(status) ? 'Waits for a path' : 'Ready to be armed')];
   }
   if (status === 'tracking') return ['drives', 'Driving', speedText()];
   if (finished) return ['done', 'Finished', ''];
@@ -224,6 +224,7 @@ function showState() {
   if (text === told) return;
   told = text;
   $('head').dataset.kind = kind;
+  document.body.classList.toggle('lost', kind === 'lost');
   $('icon').textContent = KINDS[kind];
   $('state').textContent = name;
   $('reason').textContent = reason.charAt(0).toUpperCase() + reason.slice(1);
@@ -379,9 +380,9 @@ function drawStrip(strip, [from, to], at) {
       const y = line.of(frames[i]);
       if (is(y)) [low, high] = [Math.min(low, y), Math.max(high, y)];
     }
+  const size = step(Math.max(high - low, strip.least || 0), 2.5);
   if (!strip.range) {
-    // Steps of the ends, so that the axis is calm.
-    const size = step(Math.max(high - low, strip.least), 3);
+    // The ends are whole steps, so that the axis is calm.
     const end = value => Math.abs(value) < 1e-9 ? 0 : Math.sign(value) * Math.ceil(Math.abs(value) / size + 0.05) * size;
     [low, high] = [end(low), end(high)];
     if (low === high) high = size;
@@ -395,7 +396,7 @@ function drawStrip(strip, [from, to], at) {
   pen.lineWidth = 1;
   pen.textAlign = 'right';
   pen.textBaseline = 'middle';
-  const size = step(high - low, 3), places = Math.max(0, -Math.floor(Math.log10(size) + 1e-9));
+  const places = Math.max(0, -Math.floor(Math.log10(size) + 1e-9));
   for (let value = Math.ceil(low / size - 1e-9) * size; value <= high + 1e-9; value += size) {
     const zero = Math.abs(value) < 1e-9;
     pen.strokeStyle = colours[zero && strip.zero ? '--path' : '--grid'];
@@ -618,7 +619,8 @@ function drawMap(at) {
 
 function drawVehicle(pen, frame, X, Y, s) {
   const [x, y, heading] = [get(frame, 'x'), get(frame, 'y'), get(frame, 'heading')];
-  if (is(get(frame, 'ellipse_x'))) {
+  const drawEllipse = () => {
+    if (!is(get(frame, 'ellipse_x'))) return;
     pen.strokeStyle = colours['--green'];
     pen.lineWidth = 2.5;
     pen.setLineDash([1, 5]);
@@ -626,7 +628,7 @@ function drawVehicle(pen, frame, X, Y, s) {
     pen.ellipse(X(get(frame, 'ellipse_x')), Y(get(frame, 'ellipse_y')), s * get(frame, 'ellipse_along'), s * get(frame, 'ellipse_across'), -get(frame, 'ellipse_heading'), 0, 2 * Math.PI);
     pen.stroke();
     pen.setLineDash([]);
-  }
+  };
   const { body: [length, width], wheels } = parts.vehicle || { body: [0.6, 0.4], wheels: [] };
   pen.save();
   pen.translate(X(x), Y(y));
@@ -676,6 +678,7 @@ function drawVehicle(pen, frame, X, Y, s) {
     pen.fill();
   }
   pen.restore();
+  drawEllipse();
   // A vehicle that is small on the map is still found.
   if (s * length < 16) {
     pen.strokeStyle = colours['--ink'];
@@ -710,21 +713,27 @@ function showDiagnostics() {
   if (known) {
     $('diagnosis').textContent = values.drives ? `${values.drives[0].toUpperCase()}${values.drives.slice(1)}.` : 'The motors reach the commanded speeds.';
     $('diagnosis').className = values.drives ? 'short' : '';
-    const rows = [
+    const figures = [
       ['largest traction', values.traction_reached_m_s, 'm/s'],
       ['largest steer', values.steer_reached_m_s, 'm/s'],
       ['a command acts after', values.drive_delay_s, 's'],
     ];
-    $('motors').replaceChildren(...rows.flatMap(([name, value, unit]) =>
+    $('motors').replaceChildren(...figures.flatMap(([name, value, unit]) =>
       [make('dt', { textContent: name }), make('dd', { textContent: `${digits(Number(value))} ${unit}` })]));
   }
   const learned = Object.entries(values).filter(([key]) => key.startsWith('learned_'));
   $('learned').hidden = !learned.length;
-  $('learned').querySelector('tbody').replaceChildren(...learned.map(([key, text]) => {
-    const [, value, low, high, prior] = /^(\S+) \((\S+) to ([^,)]+)(.*)\)$/.exec(text) || [null, text, '', '', ''];
-    const interval = !low ? '' : prior ? 'not yet learned' : `${digits(Number(low))} to ${digits(Number(high))}`.replace(/-/g, '\u2212');
-    return make('tr', {}, make('td', { textContent: words(key.slice(8)) }), make('td', { textContent: `${digits(Number(value)).replace('-', '\u2212')} ${unitOf(key)}` }), make('td', { textContent: interval }));
-  }));
+  const rows = [], others = [];
+  for (const [key, text] of learned) {
+    const name = words(key.slice(8)), unit = unitOf(key);
+    const [, value, low, high, prior] = /^(\S+) \((\S+) to ([^,)]+)(.*)\)$/.exec(text) || [null, text, text, text, ''];
+    const write = number => digits(Number(number)).replace('-', '\u2212');
+    if (prior) others.push(`${name} ${write(value)} ${unit}`.trim());
+    else rows.push(make('tr', {}, ...[name, `${write(value)} ${unit}`, `${write(low)} to ${write(high)}`].map(textContent => make('td', { textContent }))));
+  }
+  $('learned').querySelector('table').hidden = !rows.length;
+  $('learned').querySelector('tbody').replaceChildren(...rows);
+  $('assumed').textContent = others.length ? `Not learned yet, as configured: ${others.join(', ')}.` : '';
 }
 
 // --- All of it ---
