@@ -1,9 +1,10 @@
 //! One client of the live view, in its own thread.
 
+use super::outgoing::Outgoing;
 use super::parameters::Values;
 use super::playback::PlaybackRequest;
 use super::protocol::{self, Parameter, Request, Subscription};
-use super::shared::{Outgoing, Place, Shared};
+use super::shared::{Place, Shared};
 use crate::messages::Topic;
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::ErrorKind;

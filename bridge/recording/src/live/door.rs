@@ -4,10 +4,12 @@
 //! place from others.
 
 use super::client::{Client, serve};
-use super::page::{self, PROTOCOL as PAGE_PROTOCOL};
+use super::lock::lock;
+use super::outgoing::Registered;
+use super::page::{HTML, PROTOCOL as PAGE_PROTOCOL};
+use super::page_client;
 use super::protocol::NAMES;
-use super::shared::{Kind, Place, Registered, Shared, lock};
-use super::{QUEUE, REQUEST_MAX};
+use super::shared::{Kind, Place, Shared};
 use std::collections::VecDeque;
 use std::io::{ErrorKind, Read, Write};
 use std::net::{TcpListener, TcpStream};
@@ -28,6 +30,10 @@ pub(super) const HEAD_WAIT: Duration = Duration::from_secs(3);
 const HEAD_MAX: usize = 8192;
 /// Connections whose head is waited for; one more replaces the oldest.
 const WAITING_MAX: usize = 64;
+/// Messages that wait for a client at most.
+pub(super) const QUEUE: usize = 1024;
+/// Longest message of a client, bytes.
+const REQUEST_MAX: usize = 1 << 16;
 /// Time between two looks at all connections.
 const LOOK: Duration = Duration::from_millis(20);
 /// Longest wait for a client that does not take what is sent.
@@ -178,7 +184,7 @@ fn answer(
     match kind {
         Kind::Page => {
             let since = query(request, "since").map(str::to_owned);
-            spawn(move || page::serve(socket, &place, since.as_deref()))
+            spawn(move || page_client::serve(socket, &place, since.as_deref()))
         }
         _ => {
             let client = register(place, is_local && is_own_page(request));
@@ -234,7 +240,7 @@ fn give(stream: &mut TcpStream, _place: &Place) -> std::io::Result<()> {
     stream.set_nonblocking(false)?;
     stream.set_write_timeout(Some(SEND_WAIT))?;
     let since = Instant::now();
-    let page = [&page_head(), page::HTML].concat();
+    let page = [&page_head(), HTML].concat();
     let mut left = page.as_bytes();
     while !left.is_empty() && since.elapsed() < PAGE_WAIT {
         let count = stream.write(left)?;
@@ -251,7 +257,7 @@ fn page_head() -> String {
         "HTTP/1.1 200 OK\r\nContent-Type: text/html; charset=utf-8\r\nContent-Length: {}\r\n\
          Content-Security-Policy: {policy}\r\nReferrer-Policy: no-referrer\r\n\
          X-Content-Type-Options: nosniff\r\nCache-Control: no-store\r\nConnection: close\r\n\r\n",
-        page::HTML.len()
+        HTML.len()
     )
 }
 

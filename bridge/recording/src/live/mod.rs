@@ -7,7 +7,10 @@
 
 mod client;
 mod door;
+mod lock;
+mod outgoing;
 mod page;
+mod page_client;
 mod parameters;
 mod playback;
 mod protocol;
@@ -15,20 +18,17 @@ mod shared;
 
 use super::messages::Topic;
 use super::sink::MessageSink;
+use lock::lock;
+use outgoing::{Outgoing, Registered, TopicMessage};
 use page::Page;
 use parameters::LiveParameters;
 pub use parameters::{ParameterOwner, SetRequest, Values};
 use playback::Playback;
 pub use playback::{PlaybackControl, PlaybackRequest, PlaybackState, PlaybackStatus};
-use shared::{Kind, Outgoing, Registered, Shared, TopicMessage, lock};
+use shared::{Kind, Shared};
 use std::net::{SocketAddr, TcpListener};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
-
-/// Messages that wait for a client at most.
-const QUEUE: usize = 1024;
-/// Longest message of a client, bytes.
-const REQUEST_MAX: usize = 1 << 16;
 
 /// Where a live view listens, and to whom it answers.
 #[derive(Debug, Clone)]

@@ -1,9 +1,8 @@
 //! The page of the live view, and what it shows: the last ten minutes as JSON.
 //!
-//! All is made from the messages that the Foxglove protocol sends, five times a second. A page says nothing, so it
-//! can command nothing; the answers of its socket to pings say how much its link takes.
+//! All is made from the messages that the Foxglove protocol sends, five times a second.
 
-use super::shared::{Place, TopicMessage, lock};
+use super::outgoing::TopicMessage;
 use crate::messages::{ControllerCycle, GuardState, LogLine, LoopCycle, Topic};
 use crate::scene::{CUBE, MarkerArray, SLIDE_SCALE_S};
 use serde_json::{Value, json};
@@ -11,12 +10,8 @@ use sidehill_bridge::ros2::message::cdr::from_cdr;
 use sidehill_bridge::ros2::message::{self, DiagnosticArray, JointState, Path, PoseStamped};
 use std::collections::{BTreeMap, VecDeque};
 use std::fmt::Write as _;
-use std::io::ErrorKind;
-use std::net::TcpStream;
 use std::sync::Arc;
-use std::sync::atomic::Ordering;
-use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
-use tungstenite::{Bytes, Error, Message, WebSocket};
+use std::time::{SystemTime, UNIX_EPOCH};
 
 /// Name of the protocol that the page offers.
 pub(super) const PROTOCOL: &str = "sidehill.page.v1";
@@ -456,67 +451,13 @@ fn vehicle(scene: &MarkerArray) -> Option<Value> {
     Some(json!({ "body": [body.scale.x, body.scale.y], "wheels": wheels }))
 }
 
-/// Shortest time between two messages to a page, and longest.
-const PERIOD: Duration = Duration::from_millis(200);
-const HEARTBEAT: Duration = Duration::from_secs(1);
-/// Longest wait for the end of the last message at the page.
-const LINK_WAIT: Duration = Duration::from_secs(30);
 /// New frames in a message at most: what a slow link cannot carry is left out.
 const LIVE_MAX: u64 = 5;
 /// Earlier frames in a message at most; of long times every fifth is sent.
 const EARLIER_MAX: u64 = 60;
 
-/// Serves a page until it leaves, says something or does not take what is sent. `since` is what it has from an earlier
-/// connection.
-pub(super) fn serve(mut socket: WebSocket<TcpStream>, place: &Place, since: Option<&str>) {
-    // Any error of a client ends this client only.
-    let _ = show(&mut socket, place, since);
-}
-
-fn show(
-    socket: &mut WebSocket<TcpStream>,
-    place: &Place,
-    since: Option<&str>,
-) -> Result<(), Error> {
-    socket.get_ref().set_read_timeout(Some(PERIOD / 4))?;
-    let shared = place.shared();
-    let mut reader = Reader::new(since);
-    let mut sent: Option<Instant> = None;
-    let mut taken = true;
-    while !shared.end.load(Ordering::Relaxed) {
-        match socket.read() {
-            Ok(Message::Pong(_)) => taken = true,
-            Ok(Message::Ping(_)) => {}
-            Ok(_) => return socket.close(None),
-            Err(Error::Io(error))
-                if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) => {}
-            Err(error) => return Err(error),
-        }
-        let waited = sent.map(|sent| sent.elapsed());
-        if !taken {
-            if waited > Some(LINK_WAIT) {
-                return Err(Error::ConnectionClosed);
-            }
-            continue;
-        }
-        if waited.is_some_and(|waited| waited < PERIOD) {
-            continue;
-        }
-        let text = reader.next(&lock(&shared.page));
-        let Some(text) = text.or_else(|| (waited >= Some(HEARTBEAT)).then(|| "{}".to_owned()))
-        else {
-            continue;
-        };
-        socket.send(Message::text(text))?;
-        // The page has taken the text when its socket answers.
-        socket.send(Message::Ping(Bytes::new()))?;
-        (sent, taken) = (Some(Instant::now()), false);
-    }
-    socket.close(None)
-}
-
 /// What a page has, and what it is to get.
-struct Reader {
+pub(super) struct Reader {
     run: String,
     /// Number of the next new frame.
     next: u64,
@@ -528,7 +469,7 @@ struct Reader {
 
 impl Reader {
     /// Returns the reader of a page that has what a connection before it has brought: `RUN-FRAME-EVENT`.
-    fn new(since: Option<&str>) -> Self {
+    pub(super) fn new(since: Option<&str>) -> Self {
         let mut parts = since.unwrap_or_default().split('-');
         let run = parts.next().unwrap_or_default().to_owned();
         let mut count = || parts.next()?.parse().ok();
@@ -544,7 +485,7 @@ impl Reader {
     }
 
     /// Returns what the page is to get next; none where there is nothing new.
-    fn next(&mut self, page: &Page) -> Option<String> {
+    pub(super) fn next(&mut self, page: &Page) -> Option<String> {
         let (frames, events) = (&page.frames, &page.events);
         let mut text = String::new();
         let begins = self.versions.is_empty() || self.run != page.run;

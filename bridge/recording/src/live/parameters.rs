@@ -3,7 +3,7 @@
 //! Those of the controller's configuration are fixed. Others belong to an owner, which checks each request by
 //! its own rules; only the client waits for the answer.
 
-use super::shared::lock;
+use super::lock::lock;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU64, Ordering};

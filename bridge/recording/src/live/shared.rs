@@ -1,30 +1,14 @@
 //! What the threads of the live view share.
 
+use super::lock::lock;
+use super::outgoing::{Registered, TopicMessage};
 use super::page::Page;
 use super::parameters::LiveParameters;
 use super::playback::Playback;
 use crate::messages::Topic;
 use std::collections::BTreeMap;
-use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, AtomicUsize, Ordering};
-use std::sync::mpsc::SyncSender;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-
-/// What is on its way to a client.
-#[derive(Debug, Clone)]
-pub(super) enum Outgoing {
-    /// To those who subscribe to its topic.
-    Message(TopicMessage),
-    /// To every client, as it is.
-    ToAll(Arc<[u8]>),
-}
-
-/// A message of a topic.
-#[derive(Debug, Clone)]
-pub(super) struct TopicMessage {
-    pub(super) topic: Topic,
-    pub(super) time_ns: u64,
-    pub(super) message: Arc<[u8]>,
-}
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex};
 
 /// What the threads of the view share.
 pub(super) struct Shared {
@@ -41,13 +25,6 @@ pub(super) struct Shared {
     pub(super) taken: [AtomicUsize; 3],
     pub(super) dropped: AtomicU64,
     pub(super) end: AtomicBool,
-}
-
-/// A client as the view knows it.
-pub(super) struct Registered {
-    pub(super) queue: SyncSender<Outgoing>,
-    /// One bit for each topic that it wants.
-    pub(super) wanted: Arc<AtomicU32>,
 }
 
 /// Kinds of clients; none takes a place from another kind.
@@ -97,8 +74,4 @@ impl Shared {
     pub(super) fn latched(&self, topic: Topic) -> Option<TopicMessage> {
         lock(&self.latched).get(&topic).cloned()
     }
-}
-
-pub(super) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

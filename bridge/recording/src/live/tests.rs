@@ -265,7 +265,7 @@ fn garbage_many_connections_and_clients_that_do_not_read_hold_nobody_up() {
     subscribe(&mut slow, 1, Topic::Pose);
     put_until_wanted(&mut view, Topic::Pose, b"first");
     let large = vec![0; 1 << 16];
-    for i in 0..4 * QUEUE as u64 {
+    for i in 0..4 * door::QUEUE as u64 {
         view.put(Topic::Pose, i, &large);
     }
     assert!(view.dropped() > 0);
