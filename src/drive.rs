@@ -1,9 +1,8 @@
 //! Hands the commands that drive over to the program `sidehill-drive`, and defines their arguments.
 
-use crate::recording::LIVE;
+use crate::recording::LiveArgs;
 use anyhow::{Error, anyhow};
 use std::io::ErrorKind;
-use std::net::SocketAddr;
 use std::os::unix::process::CommandExt;
 use std::path::PathBuf;
 use std::process::Command;
@@ -55,10 +54,9 @@ pub struct RunArgs {
     /// record.file of the configuration.
     #[arg(long, value_name = "FILE.mcap")]
     pub record: Option<PathBuf>,
-    /// Show the drive live: a Foxglove WebSocket, to which Foxglove and Lichtblick connect. By
-    /// default on this machine only: 127.0.0.1:8765.
-    #[arg(long, value_name = "ADDRESS", num_args = 0..=1, default_missing_value = LIVE)]
-    pub live: Option<SocketAddr>,
+    /// The live view.
+    #[command(flatten)]
+    pub live: LiveArgs,
     /// Overwrite a recording that exists.
     #[arg(long)]
     pub force: bool,
@@ -87,10 +85,9 @@ pub struct VehicleArgs {
     /// Record the vehicle to an MCAP file, instead of record.file of the configuration.
     #[arg(long, value_name = "FILE.mcap")]
     pub record: Option<PathBuf>,
-    /// Show the drive live: a Foxglove WebSocket, to which Foxglove and Lichtblick connect. By
-    /// default on this machine only: 127.0.0.1:8765.
-    #[arg(long, value_name = "ADDRESS", num_args = 0..=1, default_missing_value = LIVE)]
-    pub live: Option<SocketAddr>,
+    /// The live view.
+    #[command(flatten)]
+    pub live: LiveArgs,
     /// Overwrite a recording that exists.
     #[arg(long)]
     pub force: bool,

@@ -14,12 +14,11 @@ use crate::output;
 use crate::progress::{self, Progress};
 use crate::qp_recording::QpRecording;
 use crate::record::{Run, Summary};
-use crate::recording::{self, LIVE, SimulationRecording, fact};
+use crate::recording::{self, LiveArgs, SimulationRecording, fact};
 use anyhow::{Context, Result, bail};
 use files::{REPORT, csv_path, write_out};
 use sidehill_controller::config::ControllerKind;
 use sidehill_recording::{RecordLimits, Sinks};
-use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -61,10 +60,9 @@ pub struct SimulateArgs {
     /// Record the run to an MCAP file, which `sidehill replay` and Foxglove read; it takes one controller.
     #[arg(long, value_name = "FILE.mcap")]
     pub record: Option<PathBuf>,
-    /// Show the run live: a Foxglove WebSocket, to which Foxglove and Lichtblick connect. By
-    /// default on this machine only: 127.0.0.1:8765. It takes one controller.
-    #[arg(long, value_name = "ADDRESS", num_args = 0..=1, default_missing_value = LIVE)]
-    pub live: Option<SocketAddr>,
+    /// The live view; it takes one controller.
+    #[command(flatten)]
+    pub live: LiveArgs,
     /// Simulate no faster than real time, to watch it with --live.
     #[arg(long)]
     pub realtime: bool,
@@ -164,7 +162,7 @@ pub fn run(args: &SimulateArgs) -> Result<ExitCode> {
         ),
     };
     progress::explain_interrupt(|| "interrupted: nothing was written".to_owned())?;
-    let mut recording = if args.record.is_some() || args.live.is_some() || args.realtime {
+    let mut recording = if args.record.is_some() || args.live.live.is_some() || args.realtime {
         Some(record(args, &prepared, &file, &bundle)?)
     } else {
         None
@@ -254,7 +252,7 @@ fn record(
     };
     let sinks = Sinks {
         file: mcap,
-        live: recording::live(args.live, Some(&prepared.controller))?,
+        live: recording::live(&args.live, Some(&prepared.controller))?,
     };
     Ok(SimulationRecording::new(
         sinks,

@@ -1,7 +1,7 @@
 //! The whole bridge in virtual time: controller, safety, cycle and a simulated vehicle.
 #![allow(clippy::unwrap_used)]
 
-use sidehill_bridge::control_loop::record::{LoopRecord, RecordSource, ring};
+use sidehill_bridge::control_loop::record::{LogEntry, LoopRecord, Record, RecordSource, ring};
 use sidehill_bridge::control_loop::runner::{ControllerRunner, InlineRunner};
 use sidehill_bridge::control_loop::{ControlLoop, CycleConfig, RunOptions, Signals};
 use sidehill_bridge::drives::{Clock, DriveCommand, Port, PortInputs, SendError};
@@ -37,6 +37,12 @@ fn j8() -> Vehicle {
 }
 
 fn port() -> SimulatedPort {
+    port_with(
+        "{traction: {acceleration_max_m_s2: 2, deceleration_max_m_s2: 2}, steer: {acceleration_max_m_s2: 2, deceleration_max_m_s2: 2}}",
+    )
+}
+
+fn port_with(drive_train: &str) -> SimulatedPort {
     let vehicle = j8();
     let start = FigureEight::default().trajectory().unwrap().at(0.0);
     let setup = SimulationSetup {
@@ -46,10 +52,7 @@ fn port() -> SimulatedPort {
             vehicle: vehicle.clone(),
             inclined: true,
         }),
-        drive_train: serde_yaml::from_str(
-            "{traction: {acceleration_max_m_s2: 2, deceleration_max_m_s2: 2}, steer: {acceleration_max_m_s2: 2, deceleration_max_m_s2: 2}}",
-        )
-        .unwrap(),
+        drive_train: serde_yaml::from_str(drive_train).unwrap(),
         sensors: Default::default(),
         start: PlanarPose {
             x_m: 0.0,
@@ -79,12 +82,20 @@ fn cycle_of<Q: ControllerRunner>(
     config: CycleConfig,
     pilot: Q,
 ) -> (ControlLoop<SimulatedPort, Q>, RecordSource<LoopRecord>) {
+    cycle_over(port(), config, pilot)
+}
+
+fn cycle_over<Q: ControllerRunner>(
+    port: SimulatedPort,
+    config: CycleConfig,
+    pilot: Q,
+) -> (ControlLoop<SimulatedPort, Q>, RecordSource<LoopRecord>) {
     let (sink, source) = ring(64);
     let cycle = ControlLoop::new(
         config,
         SafetyConfig::default(),
         Clock::Virtual { now_s: 0.0 },
-        port(),
+        port,
         pilot,
         sink,
     )
@@ -388,4 +399,44 @@ fn a_run_repeats_every_bit() {
             .collect::<Vec<_>>()
     };
     assert_eq!(run(), run());
+}
+
+/// Drives for 25 s over drives of this kind, and returns what was recorded of them.
+fn said_of_drives(drive_train: &str) -> Vec<String> {
+    let config = CycleConfig::default();
+    let pilot = InlineRunner::new(controller(config.period_s));
+    let (mut cycle, mut records) = cycle_over(port_with(drive_train), config, pilot);
+    let mut said = Vec::new();
+    for i in 0..(25.0 / config.period_s) as u32 {
+        cycle.step(if i > 2 { ARM } else { NOTHING });
+        while let Some(record) = records.pop() {
+            if matches!(record, LoopRecord::Drives { .. })
+                && let LogEntry::Event { event, reason, .. } = record.entry()
+            {
+                assert_eq!(event, "drives");
+                said.push(reason);
+            }
+        }
+    }
+    assert_eq!(cycle.state(), SafetyState::Driving);
+    said
+}
+
+#[test]
+fn a_motor_that_is_weaker_than_told_is_named_and_one_that_is_not_never() {
+    const STEER: &str = "steer: {acceleration_max_m_s2: 2, deceleration_max_m_s2: 2}";
+    let weak = format!(
+        "{{traction: {{speed_max_m_s: 0.58, acceleration_max_m_s2: 2, deceleration_max_m_s2: 2}}, {STEER}}}"
+    );
+    let said = said_of_drives(&weak);
+    // It is fast enough where the course is slow: then it is short no more, and later again.
+    assert!((1..=3).contains(&said.len()), "{said:?}");
+    for (i, said) in said.iter().enumerate() {
+        let is_short = said.starts_with("the traction motor reaches 0.5");
+        assert_eq!(is_short, i % 2 == 0, "{said}");
+        assert!(is_short || said == "the motors reach the commanded speeds");
+    }
+    let strong =
+        format!("{{traction: {{acceleration_max_m_s2: 2, deceleration_max_m_s2: 2}}, {STEER}}}");
+    assert_eq!(said_of_drives(&strong), Vec::<String>::new());
 }

@@ -1,7 +1,9 @@
 //! `--record`: the header of recordings, and the recording of simulations.
 
+mod live;
 mod simulation;
 
+pub use live::LiveArgs;
 pub use simulation::SimulationRecording;
 
 use crate::config::{Bundle, ConfigFile};
@@ -12,9 +14,8 @@ use serde_json::Value;
 use sidehill_controller::config::{ControllerConfig, ControllerKind};
 use sidehill_controller::path::Path as Curve;
 use sidehill_plant::terrain::Terrain;
-use sidehill_recording::live::{LiveView, PlaybackControl, Values};
+use sidehill_recording::live::{LiveAddress, LiveView, PlaybackControl, Values};
 use sidehill_recording::{Header, Marker, McapRecording, RecordLimits, ground};
-use std::net::SocketAddr;
 use std::path::Path;
 use std::sync::PoisonError;
 use std::time::{SystemTime, UNIX_EPOCH};
@@ -122,23 +123,17 @@ pub fn check_free(path: &Path, force: bool) -> Result<()> {
     Ok(())
 }
 
-/// Default address of the live view: this machine only.
-pub const LIVE: &str = "127.0.0.1:8765";
-
 /// Starts the live view if requested, and prints its address.
 ///
 /// # Errors
-/// An address that cannot be listened to.
-pub fn live(
-    address: Option<SocketAddr>,
-    config: Option<&ControllerConfig>,
-) -> Result<Option<LiveView>> {
-    let Some(address) = address else {
+/// An address that cannot be listened to, or that needs a token.
+pub fn live(args: &LiveArgs, config: Option<&ControllerConfig>) -> Result<Option<LiveView>> {
+    let Some(address) = args.address()? else {
         return Ok(None);
     };
-    let view = LiveView::start(address, settings(config)?);
-    let view = view.with_context(|| cannot_listen(address))?;
-    announce(&view);
+    let view = LiveView::start(address.clone(), settings(config)?);
+    let view = view.with_context(|| cannot_listen(&address))?;
+    announce(&view, address);
     Ok(Some(view))
 }
 
@@ -147,13 +142,14 @@ pub fn live(
 /// # Errors
 /// An address that cannot be listened to.
 pub fn playback(
-    address: SocketAddr,
+    address: LiveAddress,
     config: &ControllerConfig,
     range_ns: [u64; 2],
 ) -> Result<(LiveView, PlaybackControl)> {
-    let (view, control) = LiveView::start_playback(address, settings(Some(config))?, range_ns)
-        .with_context(|| cannot_listen(address))?;
-    announce(&view);
+    let settings = settings(Some(config))?;
+    let (view, control) = LiveView::start_playback(address.clone(), settings, range_ns)
+        .with_context(|| cannot_listen(&address))?;
+    announce(&view, address);
     Ok((view, control))
 }
 
@@ -166,12 +162,19 @@ fn settings(config: Option<&ControllerConfig>) -> Result<Values> {
     Ok(settings)
 }
 
-fn cannot_listen(address: SocketAddr) -> String {
-    format!("--live: {address} cannot be listened to")
+fn cannot_listen(address: &LiveAddress) -> String {
+    format!("--live: {} cannot be listened to", address.address)
 }
 
-fn announce(view: &LiveView) {
-    console::complain(format_args!("live view: ws://{}", view.address()));
+/// Prints where the view is seen.
+fn announce(view: &LiveView, address: LiveAddress) {
+    let query = address
+        .token
+        .map_or_else(String::new, |token| format!("?token={token}"));
+    let at = live::reached_at(view.address());
+    console::complain(format_args!(
+        "live view: http://{at}/{query} in a browser, ws://{at}/{query} in Foxglove"
+    ));
 }
 
 /// Flattens a tree: names are keys separated by dots.

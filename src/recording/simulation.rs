@@ -67,6 +67,7 @@ impl Observer for SimulationRecording {
             path: 0,
             cut_at: controller.was_cut_at(),
             decision: cycle.decision,
+            drives: controller.drive_response(),
         };
         self.steps += 1;
         self.messages.truth(&cycle.state, &mut self.sinks);

@@ -2,10 +2,9 @@
 
 use super::rebuild::Changes;
 use crate::config::PlantKind;
-use crate::recording::LIVE;
+use crate::recording::LiveArgs;
 use crate::simulate::{Format, controller};
 use sidehill_controller::config::ControllerKind;
-use std::net::SocketAddr;
 use std::path::PathBuf;
 
 /// Arguments of `sidehill replay`.
@@ -39,10 +38,9 @@ pub struct ReplayArgs {
     /// Folder for a test case: the recording and the command that replays it.
     #[arg(long, value_name = "DIR")]
     pub write_case: Option<PathBuf>,
-    /// Show the recording live, at the pace at which it was recorded: a Foxglove WebSocket, to
-    /// which Foxglove and Lichtblick connect. By default on this machine only: 127.0.0.1:8765.
-    #[arg(long, value_name = "ADDRESS", num_args = 0..=1, default_missing_value = LIVE)]
-    pub live: Option<SocketAddr>,
+    /// The live view.
+    #[command(flatten)]
+    pub live: LiveArgs,
     /// Overwrite files that exist.
     #[arg(long)]
     pub force: bool,

@@ -67,7 +67,7 @@ pub fn run(args: &ReplayArgs) -> Result<ExitCode> {
     let rebuilt = Rebuilt::of(&recording, &changes).with_context(named)?;
     let begin = match Begin::of(&recording) {
         _ if args.closed_loop => Begin::default(),
-        Err(error) if args.live.is_some() => {
+        Err(error) if args.live.live.is_some() => {
             console::complain(format_args!("{}: {error:#}", named()));
             return show(args, &recording, &rebuilt).map(|()| ExitCode::SUCCESS);
         }
@@ -127,7 +127,7 @@ pub fn run(args: &ReplayArgs) -> Result<ExitCode> {
 
 /// Plays the recording live, if requested.
 fn show(args: &ReplayArgs, recording: &Recording, rebuilt: &Rebuilt) -> Result<()> {
-    let Some(address) = args.live else {
+    let Some(address) = args.live.address()? else {
         return Ok(());
     };
     let range_ns = play::range_ns(recording)?;

@@ -76,7 +76,7 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
     if let Some((path, _)) = &recorded {
         recording::check_free(path, args.force)?;
     }
-    let live = recording::live(args.live, Some(&config.settings))?;
+    let live = recording::live(&args.live, Some(&config.settings))?;
     let watched = recorded.is_some() || live.is_some();
     let settable = live.as_ref().filter(|_| config.over_ros2());
     let watch = Watch {

@@ -4,7 +4,9 @@ use super::mcap_file::RecordingStatus;
 use sidehill_bridge::drives::LinkState;
 use sidehill_bridge::ros2::message::{DiagnosticStatus, KeyValue};
 use sidehill_bridge::safety::SafetyState;
-use sidehill_controller::controller::{Decision, Status};
+use sidehill_controller::controller::{Decision, DriveResponse, Status};
+use sidehill_controller::estimator::ContactEstimate;
+use sidehill_plant::contact::Parameter;
 
 // Levels of diagnostic_msgs/DiagnosticStatus.
 const OK: u8 = 0;
@@ -22,7 +24,7 @@ pub struct GeneralState<'a> {
 }
 
 /// Returns the state of the controller after its newest decision.
-pub(super) fn controller_status(decision: &Decision) -> DiagnosticStatus {
+pub(super) fn controller_status(decision: &Decision, drives: &DriveResponse) -> DiagnosticStatus {
     let level = match decision.status {
         Status::Tracking | Status::Finished => OK,
         Status::Fallback { .. } | Status::Stopping(_) => WARN,
@@ -49,7 +51,48 @@ pub(super) fn controller_status(decision: &Decision) -> DiagnosticStatus {
         ),
     ]
     .map(|(key, value)| (key, value.unwrap_or(f64::NAN).to_string()));
-    entry(level, "controller", &decision.status.to_string(), &values)
+    let mut status = entry(level, "controller", &decision.status.to_string(), &values);
+    status.values.extend(drive_values(drives));
+    let contact = estimate.and_then(|estimate| estimate.contact.as_ref());
+    status
+        .values
+        .extend(contact.into_iter().flat_map(learned_values));
+    status
+}
+
+/// Returns how the drives respond: in words, empty where they do as they are told, and in figures.
+pub fn drive_values(drives: &DriveResponse) -> [KeyValue; 4] {
+    let number = |value: f64| format!("{value:.3}");
+    [
+        ("drives", drives.to_string()),
+        (
+            "traction_reached_m_s",
+            number(drives.speed_max.traction_m_s),
+        ),
+        ("steer_reached_m_s", number(drives.speed_max.steer_m_s)),
+        ("drive_delay_s", number(drives.delay_s)),
+    ]
+    .map(|(key, value)| KeyValue {
+        key: key.to_owned(),
+        value,
+    })
+}
+
+/// Returns the learned parameters of a contact vehicle with their 95 % intervals, and which of them the drive
+/// has not excited.
+pub fn learned_values(contact: &ContactEstimate) -> impl Iterator<Item = KeyValue> + '_ {
+    Parameter::ALL.into_iter().map(|parameter| {
+        let (value, (low, high)) = contact.interval(parameter);
+        let prior = if contact.observed(parameter) {
+            ""
+        } else {
+            ", not excited: prior"
+        };
+        KeyValue {
+            key: format!("learned_{}", parameter.key()),
+            value: format!("{value:.4} ({low:.4} to {high:.4}{prior})"),
+        }
+    })
 }
 
 /// Returns the state of the safety state machine and of the link to the drives.

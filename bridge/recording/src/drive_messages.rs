@@ -15,8 +15,7 @@ use sidehill_bridge::ros2::message::{
     DiagnosticArray, Header, JointState, Path, PoseStamped, TfMessage, Time, TransformStamped,
 };
 use sidehill_bridge::safety::SafetyState;
-use sidehill_controller::controller::{Decision, Status};
-use sidehill_controller::guard::GuardView;
+use sidehill_controller::controller::{Decision, DriveResponse, Status};
 use sidehill_plant::frames::{Attitude, PlanarPose, Pose};
 use sidehill_plant::simulation::TrueState;
 use sidehill_plant::speeds::TreadSpeeds;
@@ -41,7 +40,7 @@ pub struct DriveMessages {
     height_m: f64,
     plan_s: f64,
     scene_s: f64,
-    newest: Option<Decision>,
+    newest: Option<(Decision, DriveResponse)>,
     state: Option<(SafetyState, LinkState)>,
 }
 
@@ -99,7 +98,14 @@ impl DriveMessages {
                 sink,
             );
             let (attitude, treads) = (estimate.attitude, estimate.treads);
-            self.motion(time_s, attitude, treads, decision.guard.as_ref(), sink);
+            let pose = self.lifted(&estimate.pose);
+            let more = |scene: &SceneParts| {
+                let guard = decision.guard.as_ref();
+                let mut more = guard.map_or_else(Vec::new, |guard| scene.margins(guard));
+                more.push(scene.uncertainty(&pose, &estimate.covariance));
+                more
+            };
+            self.motion(time_s, attitude, treads, more, sink);
         }
         if let Some(guard) = &decision.guard {
             let message = guard_state(time_s, guard);
@@ -113,7 +119,7 @@ impl DriveMessages {
             );
             self.put(Topic::ReferencePose, time_s, &pose, sink);
         }
-        let before = self.newest.map(|decision| decision.status);
+        let before = self.newest.map(|(decision, _)| decision.status);
         if before.map(name) != Some(name(decision.status)) {
             let text = format!("controller: {}", decision.status);
             let level = match decision.status {
@@ -122,25 +128,21 @@ impl DriveMessages {
             };
             self.event(time_s, level, "controller", &text, sink);
         }
-        self.newest = Some(*decision);
+        self.newest = Some((*decision, step.drives));
     }
 
-    /// Adds the motion of the vehicle to the scene when an update is due.
+    /// Adds the motion of the vehicle, and what `more` draws, to the scene when an update is due.
     fn motion(
         &mut self,
         time_s: f64,
         attitude: Attitude,
         treads: TreadSpeeds,
-        guard: Option<&GuardView>,
+        more: impl FnOnce(&SceneParts) -> Vec<Marker>,
         sink: &mut impl MessageSink,
     ) {
         if is_due(&mut self.scene_s, time_s, SCENE_PERIOD_S) {
             let mut markers = self.scene.motion(attitude, treads);
-            markers.extend(
-                guard
-                    .into_iter()
-                    .flat_map(|guard| self.scene.margins(guard)),
-            );
+            markers.extend(more(&self.scene));
             let header = self.header(time_s, BASE);
             self.put(
                 Topic::Scene,
@@ -174,7 +176,7 @@ impl DriveMessages {
             ],
         );
         self.put(Topic::Treads, time_s, &message, sink);
-        self.motion(time_s, state.attitude, state.treads, None, sink);
+        self.motion(time_s, state.attitude, state.treads, |_| Vec::new(), sink);
     }
 
     /// Gives the newest plan, at most twice a second.
@@ -231,7 +233,9 @@ impl DriveMessages {
         sink: &mut impl MessageSink,
     ) {
         let status = [
-            self.newest.as_ref().map(controller_status),
+            self.newest
+                .as_ref()
+                .map(|(decision, drives)| controller_status(decision, drives)),
             self.state.map(|(state, link)| safety_status(state, link)),
             recording_status(general),
         ];

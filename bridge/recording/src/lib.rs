@@ -22,7 +22,7 @@ mod sink;
 mod sinks;
 mod whole_file;
 
-pub use diagnostics::GeneralState;
+pub use diagnostics::{GeneralState, drive_values, learned_values};
 pub use drive_messages::{DriveMessages, unix_ns};
 pub use mcap_file::{Header, McapRecording, RecordLimits, RecordingStatus};
 pub use messages::{ControllerCycle, GuardState, LogLine, LoopCycle, PathCommand, Topic};

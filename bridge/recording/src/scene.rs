@@ -1,8 +1,9 @@
 //! The scene that is shown live, as markers of visualization_msgs.
 
+use nalgebra::Matrix3;
 use sidehill_bridge::ros2::message::{Header, Point, Pose, Quaternion, Time, Vector3, wire};
 use sidehill_controller::guard::GuardView;
-use sidehill_plant::frames::Attitude;
+use sidehill_plant::frames::{Attitude, Pose as Pose3};
 use sidehill_plant::speeds::TreadSpeeds;
 use sidehill_plant::terrain::Terrain;
 use sidehill_plant::vehicle::Vehicle;
@@ -47,7 +48,7 @@ pub(super) const WORLD: &str = "world";
 /// Frame of the vehicle, with the axes of REP-103.
 pub(super) const BASE: &str = "base_link";
 const ARROW: i32 = 0;
-const CUBE: i32 = 1;
+pub(super) const CUBE: i32 = 1;
 const SPHERE: i32 = 2;
 const CYLINDER: i32 = 3;
 const TEXT: i32 = 9;
@@ -61,7 +62,7 @@ const BAR_M: f64 = 0.08;
 /// Height of their letters, m.
 const TEXT_M: f64 = 0.2;
 /// How long a slide of 1 m/s is drawn, m.
-const SLIDE_SCALE_S: f64 = 10.0;
+pub(super) const SLIDE_SCALE_S: f64 = 10.0;
 
 /// Draws a vehicle and its motion.
 pub(super) struct SceneParts {
@@ -150,6 +151,27 @@ impl SceneParts {
             marker.frame_locked = true;
         }
         markers
+    }
+
+    /// Returns the ellipse in which the vehicle is with a probability of 95 %, in the world.
+    pub(super) fn uncertainty(&self, pose: &Pose3, covariance: &Matrix3<f64>) -> Marker {
+        /// Radius of that ellipse in standard deviations: the root of the 95 % quantile of chi squared with two
+        /// degrees of freedom.
+        const SIGMAS: f64 = 2.448;
+        let (xx, xy, yy) = (covariance[(0, 0)], covariance[(0, 1)], covariance[(1, 1)]);
+        let (mean, half) = (0.5 * (xx + yy), (0.5 * (xx - yy)).hypot(xy));
+        let axis = |variance: f64| 2.0 * SIGMAS * variance.max(0.0).sqrt();
+        let heading_rad = 0.5 * (2.0 * xy).atan2(xx - yy);
+        let mut at = at(pose.x_m, pose.y_m, pose.z_m);
+        (at.orientation.w, at.orientation.z) =
+            ((0.5 * heading_rad).cos(), (0.5 * heading_rad).sin());
+        let mut marker = Marker {
+            pose: at,
+            scale: vector(axis(mean + half), axis(mean - half), 0.01),
+            ..marker("uncertainty", 0, CYLINDER, [0.0, 0.45, 0.7, 0.4])
+        };
+        marker.header.frame_id = WORLD.to_owned();
+        marker
     }
 
     /// Returns the margins against tipping over and sliding off, in the vehicle's frame: two bars above it that

@@ -12,7 +12,7 @@ use super::record::CycleRow;
 use super::tap::{PathLog, PathRecord, RecordedPath};
 use super::timing::LoopTiming;
 use crate::safety::{OperatorRequests, Reason, SafetyState, StopCause};
-use sidehill_controller::controller::{Controller, Decision};
+use sidehill_controller::controller::{Controller, Decision, DriveResponse};
 use sidehill_controller::reference::Reference;
 use sidehill_controller::trajectory::Trajectory;
 use sidehill_plant::frames::PlanarPose;
@@ -76,6 +76,8 @@ pub struct LoopStatus {
 pub struct ControllerStatus {
     /// The newest decision.
     pub decision: Option<Decision>,
+    /// How the drives respond, as learned; none before the first decision.
+    pub drives: Option<DriveResponse>,
     /// Predicted poses, the present first; empty without a plan.
     pub plan: Vec<PlanarPose>,
     /// Poses of the reference over the same time.
@@ -256,6 +258,7 @@ impl ControllerEnd {
     pub fn publish(&mut self, decision: &Decision, controller: &Controller) {
         let status = self.status.input_buffer_mut();
         status.decision = Some(*decision);
+        status.drives = Some(controller.drive_response());
         status.plan.clear();
         status.plan.reserve_exact(self.stages + 1);
         if let Some(plan) = controller.plan() {

@@ -1,12 +1,12 @@
 use super::config::CycleConfig;
-use super::record::{CycleRow, LoopRecord, RecordSink};
+use super::record::{CycleRow, LoopRecord, RecordSink, differs};
 use super::runner::{ControllerRunner, controller_output};
 use super::timing::{CycleTime, LoopTiming, Schedule};
 use crate::drives::{Clock, DriveCommand, Port, PortInputs, SendError};
 use crate::safety::{
     OperatorRequests, Reason, Safety, SafetyConfig, SafetyInputs, SafetyState, Transition,
 };
-use sidehill_controller::controller::Decision;
+use sidehill_controller::controller::{Decision, DriveResponse};
 use sidehill_plant::vehicle::RangeError;
 use std::time::Duration;
 
@@ -25,6 +25,8 @@ pub struct ControlLoop<P: Port, R: ControllerRunner> {
     unsent_since_s: Option<f64>,
     unsent: u64,
     stopped_by: Option<Reason>,
+    /// The response of the drives that was recorded last.
+    drives: Option<DriveResponse>,
 }
 
 impl<P: Port, R: ControllerRunner> ControlLoop<P, R> {
@@ -52,6 +54,7 @@ impl<P: Port, R: ControllerRunner> ControlLoop<P, R> {
             unsent_since_s: None,
             unsent: 0,
             stopped_by: None,
+            drives: None,
         })
     }
 
@@ -115,6 +118,15 @@ impl<P: Port, R: ControllerRunner> ControlLoop<P, R> {
         // 6. Record, and find the next cycle whose time has not passed.
         if let Some(transition) = transition {
             self.record_transition(transition);
+        }
+        if let Some(response) = self.runner.drives()
+            && differs(self.drives.as_ref(), &response)
+        {
+            self.drives = Some(response);
+            self.records.push(LoopRecord::Drives {
+                time_s: time.begin_s,
+                response,
+            });
         }
         let slack_s = self.schedule.finish(&time, self.clock.now_s());
         let row = CycleRow {

@@ -4,6 +4,7 @@
 use crate::drives::{Epoch, LinkState, SendError};
 use crate::safety::{SafetyState, Transition};
 use serde::Serialize;
+use sidehill_controller::controller::DriveResponse;
 use std::io::{Error, Write};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -65,6 +66,13 @@ pub enum LoopRecord {
     },
     /// The safety changed its state.
     Transition(Transition),
+    /// The drives respond in another way than was recorded before, see [`differs`].
+    Drives {
+        /// When, s.
+        time_s: f64,
+        /// How they respond.
+        response: DriveResponse,
+    },
     /// A cycle.
     Cycle(CycleRow),
 }
@@ -74,6 +82,7 @@ impl Record for LoopRecord {
         match self {
             Self::Unsent { time_s, .. }
             | Self::ArmingExpired { time_s, .. }
+            | Self::Drives { time_s, .. }
             | Self::Transition(Transition { time_s, .. })
             | Self::Cycle(CycleRow { time_s, .. }) => *time_s,
         }
@@ -93,9 +102,43 @@ impl Record for LoopRecord {
                 states: Some([transition.from, transition.to]),
                 reason: transition.reason.to_string(),
             },
+            Self::Drives { response, .. } => {
+                let text = response.to_string();
+                let all_reached = "the motors reach the commanded speeds";
+                let text = if text.is_empty() {
+                    all_reached.to_owned()
+                } else {
+                    text
+                };
+                LogEntry::event("drives", text)
+            }
             Self::Cycle(row) => LogEntry::Cycle(*row),
         }
     }
+}
+
+/// Share of a motor's largest speed by which it falls for the response of the drives to be another.
+const SPEED_LOSS: f64 = 0.1;
+
+/// Returns whether a response of the drives is worth another record than the last: a motor falls short of its
+/// commands or reaches them again, or its largest speed has fallen by a tenth. That it rises is not: it does while
+/// less is commanded.
+pub fn differs(last: Option<&DriveResponse>, now: &DriveResponse) -> bool {
+    // The speed that a motor reaches, where it is short of its commands.
+    let short = |response: &DriveResponse| {
+        let (asked, reached) = (response.asked, response.speed_max);
+        [
+            (asked.traction_m_s, reached.traction_m_s),
+            (asked.steer_m_s, reached.steer_m_s),
+        ]
+        .map(|(asked_m_s, reached_m_s)| (asked_m_s > reached_m_s).then_some(reached_m_s))
+    };
+    let before = last.map_or([None; 2], short);
+    let pairs = before.into_iter().zip(short(now));
+    pairs.into_iter().any(|pair| match pair {
+        (Some(before_m_s), Some(now_m_s)) => now_m_s < (1.0 - SPEED_LOSS) * before_m_s,
+        (before, now) => before.is_some() != now.is_some(),
+    })
 }
 
 /// One control cycle. The names of its fields are the columns of `cycles.csv`.

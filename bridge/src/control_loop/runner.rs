@@ -4,7 +4,7 @@ use super::channel::ControllerEnd;
 use super::learned::LearnedOutlet;
 use super::tap::ControllerTap;
 use crate::safety::{ControllerOutput, ControllerState};
-use sidehill_controller::controller::{Controller, Decision, Status};
+use sidehill_controller::controller::{Controller, Decision, DriveResponse, Status};
 use sidehill_plant::sample::Sample;
 use std::os::unix::thread::JoinHandleExt;
 use std::sync::Arc;
@@ -24,6 +24,11 @@ pub trait ControllerRunner {
         engaged: bool,
         patience: Option<Duration>,
     ) -> Option<Decision>;
+
+    /// Returns how the drives respond, as learned until the newest decision; none if nothing learns it.
+    fn drives(&self) -> Option<DriveResponse> {
+        None
+    }
 }
 
 /// Returns what a decision means to the safety state machine.
@@ -122,7 +127,14 @@ impl ControllerRunner for InlineRunner {
         }
         Some(decision)
     }
+
+    fn drives(&self) -> Option<DriveResponse> {
+        Some(self.controller.drive_response())
+    }
 }
+
+/// A decision, with how the drives respond.
+type Decided = (Decision, DriveResponse);
 
 /// What the loop asks the controller's thread to decide on.
 #[derive(Debug, Clone, Copy)]
@@ -135,7 +147,7 @@ struct Task {
 /// The controller in its own thread, `controller`: the loop continues if it is late or dies.
 pub struct ThreadedRunner {
     task: Input<Option<Task>>,
-    decision: Output<Option<Decision>>,
+    decision: Output<Option<Decided>>,
     end: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
 }
@@ -152,7 +164,7 @@ impl ThreadedRunner {
         learned: Option<LearnedOutlet>,
     ) -> Result<Self, std::io::Error> {
         let (task, mut newest_task) = triple_buffer(&None::<Task>);
-        let (mut decided, decision) = triple_buffer(&None::<Decision>);
+        let (mut decided, decision) = triple_buffer(&None::<Decided>);
         let end = Arc::new(AtomicBool::new(false));
         let (ended, caller) = (Arc::clone(&end), std::thread::current());
         let thread = std::thread::Builder::new()
@@ -166,7 +178,8 @@ impl ThreadedRunner {
                         continue;
                     }
                     if let Some(task) = *newest_task.output_buffer() {
-                        decided.write(runner.decide(&task.sample, task.engaged, task.patience));
+                        let decision = runner.decide(&task.sample, task.engaged, task.patience);
+                        decided.write(decision.zip(runner.drives()));
                         caller.unpark();
                         runner.leave_learned(task.sample.time_s);
                     }
@@ -209,7 +222,11 @@ impl ControllerRunner for ThreadedRunner {
             }
             std::thread::park_timeout(deadline - now);
         }
-        *self.decision.output_buffer()
+        self.decision.output_buffer().map(|(decision, _)| decision)
+    }
+
+    fn drives(&self) -> Option<DriveResponse> {
+        self.decision.output_buffer().map(|(_, drives)| drives)
     }
 }
 

@@ -1,7 +1,7 @@
 //! What the controller's thread leaves for the recording, without waiting and without allocating.
 
 use crate::control_loop::record::{RecordSink, RecordSource, ring};
-use sidehill_controller::controller::{Controller, Decision};
+use sidehill_controller::controller::{Controller, Decision, DriveResponse};
 use sidehill_controller::trajectory::Trajectory;
 use sidehill_plant::frames::PlanarPose;
 use sidehill_plant::sample::Sample;
@@ -30,6 +30,8 @@ pub struct StepRecord {
     pub cut_at: Option<u32>,
     /// What it decided.
     pub decision: Decision,
+    /// How the drives respond, as learned.
+    pub drives: DriveResponse,
 }
 
 /// What the controller predicts.
@@ -127,6 +129,7 @@ impl ControllerTap {
             path,
             cut_at: controller.was_cut_at(),
             decision: *decision,
+            drives: controller.drive_response(),
         });
         self.count += 1;
         self.plan

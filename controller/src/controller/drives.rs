@@ -60,7 +60,7 @@ impl std::fmt::Display for DriveResponse {
             ),
             ("steer", self.speed_max.steer_m_s, self.asked.steer_m_s),
         ] {
-            if asked > 0.0 {
+            if asked > reached {
                 let separator = if first { "" } else { "; " };
                 first = false;
                 write!(

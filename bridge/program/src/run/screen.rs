@@ -148,6 +148,7 @@ impl<'a> Screen<'a> {
         let EventLine {
             time_s,
             event,
+            from,
             to,
             reason,
             ..
@@ -162,7 +163,10 @@ impl<'a> Screen<'a> {
             }
             (_, Some(to)) => {
                 self.line(&format!("{time_s:7.1} s  {}: {reason}", name(to)));
-                reason.clone_into(&mut self.reason);
+                // The end of the ramp is not why the vehicle stopped.
+                if from != Some(SafetyState::Stopping) {
+                    reason.clone_into(&mut self.reason);
+                }
             }
             _ => {
                 self.events += 1;

@@ -43,7 +43,7 @@ pub fn run(args: &VehicleArgs, ros: &[String]) -> Result<ExitCode> {
         None => None,
     };
     let epoch = Epoch::now();
-    let live = recording::live(args.live, None)?;
+    let live = recording::live(&args.live, None)?;
     let file_of_record = match config.recording(&file, args.record.as_deref())? {
         Some((path, limits)) => {
             let header = recording::header("vehicle", None, &file, &bundle, &[]);

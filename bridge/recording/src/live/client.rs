@@ -1,9 +1,10 @@
 //! One client of the live view, in its own thread.
 
+use super::outgoing::Outgoing;
 use super::parameters::Values;
 use super::playback::PlaybackRequest;
-use super::protocol::{self, NAMES, Parameter, Request, Subscription};
-use super::shared::{Outgoing, Shared};
+use super::protocol::{self, Parameter, Request, Subscription};
+use super::shared::{Place, Shared};
 use crate::messages::Topic;
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::ErrorKind;
@@ -11,72 +12,64 @@ use std::net::TcpStream;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::mpsc::Receiver;
-use std::time::Duration;
-use tungstenite::handshake::server::{ErrorResponse, Request as Upgrade, Response};
-use tungstenite::http::HeaderValue;
-use tungstenite::http::header::{ORIGIN, SEC_WEBSOCKET_PROTOCOL};
-use tungstenite::protocol::WebSocketConfig;
-use tungstenite::{Error, Message, WebSocket, accept_hdr_with_config};
+use std::time::{Duration, Instant};
+use tungstenite::{Bytes, Error, Message, WebSocket};
 
-/// Longest wait for a client's first words, and for a client that does not take what is sent.
-const PATIENCE: Duration = Duration::from_secs(2);
 /// Longest wait for a client's next words, and so of a message for the client.
 const TICK: Duration = Duration::from_millis(20);
-/// Longest message of a client, bytes.
-const REQUEST_MAX: usize = 1 << 16;
+/// Time without a word from a client after which it is asked whether it is there, and after which it is not.
+const ASK_AFTER: Duration = Duration::from_secs(5);
+const GONE_AFTER: Duration = Duration::from_secs(20);
 
 pub(super) struct Client {
     pub(super) messages: Receiver<Outgoing>,
     /// One bit for each topic that is wanted.
     pub(super) wanted: Arc<AtomicU32>,
-    pub(super) shared: Arc<Shared>,
-    /// Whether it is on this machine.
-    pub(super) is_local: bool,
+    pub(super) place: Place,
+    /// Whether it may set parameters.
+    pub(super) may_set: bool,
 }
 
 /// Serves a client until it leaves, breaks the protocol or does not take what is sent.
-pub(super) fn serve(stream: TcpStream, mut client: Client) {
+pub(super) fn serve(socket: WebSocket<TcpStream>, mut client: Client) {
     // Any error of a client ends this client only.
-    let _ = client.serve(stream);
+    let _ = client.serve(socket);
     client.wanted.store(0, Ordering::Relaxed);
 }
 
 impl Client {
-    fn serve(&mut self, stream: TcpStream) -> Result<(), Error> {
-        stream.set_nonblocking(false)?;
-        stream.set_read_timeout(Some(PATIENCE))?;
-        stream.set_write_timeout(Some(PATIENCE))?;
-        stream.set_nodelay(true)?;
-        let config = WebSocketConfig::default()
-            .max_message_size(Some(REQUEST_MAX))
-            .max_frame_size(Some(REQUEST_MAX));
-        let mut own_page = false;
-        #[allow(clippy::result_large_err)]
-        let choose = |request: &Upgrade, response| {
-            own_page = is_own_page(request);
-            choose_protocol(request, response)
-        };
-        let socket = accept_hdr_with_config(stream, choose, Some(config))
-            .map_err(|_| Error::ConnectionClosed)?;
+    fn serve(&mut self, socket: WebSocket<TcpStream>) -> Result<(), Error> {
         socket.get_ref().set_read_timeout(Some(TICK))?;
-        let shared = Arc::clone(&self.shared);
+        let shared = Arc::clone(self.place.shared());
         let mut session = Session {
             socket,
-            may_set: self.is_local && own_page,
+            may_set: self.may_set,
             subscriptions: BTreeMap::new(),
             watched: BTreeSet::new(),
             told: Values::new(),
             version: shared.parameters.version(),
         };
         session.greet(&shared)?;
+        let (mut heard, mut asked) = (Instant::now(), false);
         while !shared.end.load(Ordering::Relaxed) {
-            match session.socket.read() {
+            let word = session.socket.read();
+            if word.is_ok() {
+                (heard, asked) = (Instant::now(), false);
+            }
+            match word {
                 Ok(Message::Text(text)) => session.answer(&shared, text.as_str())?,
                 Ok(Message::Binary(bytes)) => session.answer_binary(&shared, &bytes)?,
                 Ok(_) => {}
                 Err(Error::Io(error))
                     if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) => {}
                 Err(error) => return Err(error),
+            }
+            if heard.elapsed() > GONE_AFTER {
+                return Err(Error::ConnectionClosed);
+            }
+            if heard.elapsed() > ASK_AFTER && !asked {
+                asked = true;
+                session.socket.send(Message::Ping(Bytes::new()))?;
             }
             self.wanted.store(session.wanted(), Ordering::Relaxed);
             while let Ok(outgoing) = self.messages.try_recv() {
@@ -260,45 +253,4 @@ impl Session {
         }
         Ok(())
     }
-}
-
-/// Returns whether a request comes from a program or from a page that this machine serves: a browser sends the
-/// origin of its page, and any page on the web can reach a server on the machine that shows it.
-fn is_own_page(request: &Upgrade) -> bool {
-    let Some(origin) = request.headers().get(ORIGIN) else {
-        return true;
-    };
-    let origin = origin.to_str().unwrap_or("http://unknown");
-    let Some(host) = origin
-        .strip_prefix("http://")
-        .or_else(|| origin.strip_prefix("https://"))
-    else {
-        // `file://` of a desktop program; `null` is a page that hides where it comes from.
-        return origin != "null";
-    };
-    let own = ["localhost", "127.0.0.1", "[::1]"].map(|name| host.strip_prefix(name));
-    own.into_iter()
-        .flatten()
-        .any(|rest| rest.is_empty() || rest.starts_with(':'))
-}
-
-/// Chooses the protocol among those that the client offers.
-#[allow(clippy::result_large_err)]
-fn choose_protocol(request: &Upgrade, mut response: Response) -> Result<Response, ErrorResponse> {
-    let offered = request.headers().get_all(SEC_WEBSOCKET_PROTOCOL);
-    let offered: Vec<&str> = offered
-        .iter()
-        .filter_map(|value| value.to_str().ok())
-        .flat_map(|value| value.split(','))
-        .map(str::trim)
-        .collect();
-    let Some(name) = NAMES.into_iter().find(|name| offered.contains(name)) else {
-        let reason = format!("the protocol must be {}", NAMES.join(" or "));
-        let mut refused = ErrorResponse::new(Some(reason));
-        *refused.status_mut() = tungstenite::http::StatusCode::BAD_REQUEST;
-        return Err(refused);
-    };
-    let headers = response.headers_mut();
-    headers.insert(SEC_WEBSOCKET_PROTOCOL, HeaderValue::from_static(name));
-    Ok(response)
 }

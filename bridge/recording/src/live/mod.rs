@@ -1,11 +1,16 @@
-//! The live view: the messages of a drive over the Foxglove WebSocket protocol.
+//! The live view: a page for a browser, and the messages of a drive over the Foxglove WebSocket protocol, on one port.
 //!
-//! The caller of [`LiveView::put`] never waits: each client has a bounded queue and its own thread, and
-//! what does not fit into a queue is dropped. Clients can look, but have no command over the vehicle: the
-//! protocol's messages that would publish or call something are refused. Clients on this machine can set the
-//! parameters of a [`ParameterOwner`], which checks them.
+//! The caller of [`LiveView::put`] never waits: each client has its own thread and a bounded queue or history, and
+//! what does not fit is dropped. Clients can look, but have no command over the vehicle: the protocol's messages
+//! that would publish or call something are refused, and a page cannot say anything at all. Programs and pages of
+//! this machine can set the parameters of a [`ParameterOwner`], which checks them.
 
 mod client;
+mod door;
+mod lock;
+mod outgoing;
+mod page;
+mod page_client;
 mod parameters;
 mod playback;
 mod protocol;
@@ -13,24 +18,26 @@ mod shared;
 
 use super::messages::Topic;
 use super::sink::MessageSink;
-use client::{Client, serve};
+use lock::lock;
+use outgoing::{Outgoing, Registered, TopicMessage};
+use page::Page;
 use parameters::LiveParameters;
 pub use parameters::{ParameterOwner, SetRequest, Values};
 use playback::Playback;
 pub use playback::{PlaybackControl, PlaybackRequest, PlaybackState, PlaybackStatus};
-use shared::{Outgoing, Registered, Shared, TopicMessage};
+use shared::{Kind, Shared};
 use std::net::{SocketAddr, TcpListener};
-use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, AtomicUsize, Ordering};
-use std::sync::mpsc::sync_channel;
-use std::sync::{Arc, Mutex, PoisonError};
-use std::time::Duration;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex};
 
-/// Clients at a time, those that have not yet said what they want among them.
-const CLIENTS_MAX: usize = 16;
-/// Messages that wait for a client at most.
-const QUEUE: usize = 1024;
-/// Longest wait for a client that comes.
-const ACCEPT_WAIT: Duration = Duration::from_millis(50);
+/// Where a live view listens, and to whom it answers.
+#[derive(Debug, Clone)]
+pub struct LiveAddress {
+    /// Address and port.
+    pub address: SocketAddr,
+    /// What `?token=` of a request must be; none: every request is served.
+    pub token: Option<String>,
+}
 
 /// Serves the live view until it is dropped.
 pub struct LiveView {
@@ -44,7 +51,7 @@ impl LiveView {
     ///
     /// # Errors
     /// The system's, where the address cannot be listened to or no thread is left.
-    pub fn start(address: SocketAddr, fixed: Values) -> Result<Self, std::io::Error> {
+    pub fn start(address: LiveAddress, fixed: Values) -> Result<Self, std::io::Error> {
         Self::serve(address, fixed, None)
     }
 
@@ -53,7 +60,7 @@ impl LiveView {
     /// # Errors
     /// As [`LiveView::start`].
     pub fn start_playback(
-        address: SocketAddr,
+        address: LiveAddress,
         fixed: Values,
         range_ns: [u64; 2],
     ) -> Result<(Self, PlaybackControl), std::io::Error> {
@@ -62,7 +69,7 @@ impl LiveView {
     }
 
     fn serve(
-        address: SocketAddr,
+        LiveAddress { address, token }: LiveAddress,
         fixed: Values,
         playback: Option<Playback>,
     ) -> Result<Self, std::io::Error> {
@@ -72,16 +79,18 @@ impl LiveView {
         let shared = Arc::new(Shared {
             clients: Mutex::default(),
             latched: Mutex::default(),
+            page: Mutex::new(Page::new()),
             parameters: Arc::new(LiveParameters::new(fixed)),
             playback,
-            connections: AtomicUsize::new(0),
+            token,
+            taken: Default::default(),
             dropped: AtomicU64::new(0),
             end: AtomicBool::new(false),
         });
         let accepting = Arc::clone(&shared);
         std::thread::Builder::new()
             .name("live".to_owned())
-            .spawn(move || accept(&listener, &accepting))?;
+            .spawn(move || door::accept(&listener, &accepting))?;
         Ok(Self { shared, address })
     }
 
@@ -103,19 +112,15 @@ impl LiveView {
         }
     }
 
-    /// Returns the clients that are connected.
+    /// Returns the clients of the Foxglove protocol that are connected.
     pub fn clients(&self) -> usize {
-        self.shared.connections.load(Ordering::Relaxed)
+        self.shared.taken[Kind::Foxglove as usize].load(Ordering::Relaxed)
     }
 
     /// Puts something into the queues of the clients that are to have it.
     fn send(&self, outgoing: &Outgoing, to: impl Fn(&Registered) -> bool) {
         let shared = &self.shared;
-        let mut clients = shared
-            .clients
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner);
-        clients.retain(|client| {
+        lock(&shared.clients).retain(|client| {
             if !to(client) {
                 return true;
             }
@@ -144,10 +149,7 @@ impl MessageSink for LiveView {
             time_ns,
             message: message.into(),
         };
-        let mut latched = shared
-            .latched
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner);
+        let mut latched = lock(&shared.latched);
         match topic {
             Topic::Path => {
                 latched.insert(topic, message.clone());
@@ -158,6 +160,7 @@ impl MessageSink for LiveView {
             _ => {}
         }
         drop(latched);
+        lock(&shared.page).take(&message);
         self.send(&Outgoing::Message(message), |client| {
             client.wanted.load(Ordering::Relaxed) & protocol::bit(topic) != 0
         });
@@ -167,45 +170,6 @@ impl MessageSink for LiveView {
 impl Drop for LiveView {
     fn drop(&mut self) {
         self.shared.end.store(true, Ordering::Relaxed);
-    }
-}
-
-fn accept(listener: &TcpListener, shared: &Arc<Shared>) {
-    while !shared.end.load(Ordering::Relaxed) {
-        let Ok((stream, peer)) = listener.accept() else {
-            std::thread::sleep(ACCEPT_WAIT);
-            continue;
-        };
-        if shared.connections.fetch_add(1, Ordering::Relaxed) >= CLIENTS_MAX {
-            shared.connections.fetch_sub(1, Ordering::Relaxed);
-            continue;
-        }
-        let (queue, messages) = sync_channel(QUEUE);
-        let wanted = Arc::new(AtomicU32::new(0));
-        let client = Client {
-            messages,
-            wanted: Arc::clone(&wanted),
-            shared: Arc::clone(shared),
-            is_local: peer.ip().is_loopback(),
-        };
-        let mut clients = shared
-            .clients
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner);
-        // The other owner is the client's thread: without it the client has disconnected.
-        clients.retain(|client| Arc::strong_count(&client.wanted) > 1);
-        clients.push(Registered { queue, wanted });
-        drop(clients);
-        let counted = Arc::clone(shared);
-        let thread = std::thread::Builder::new()
-            .name("live-client".to_owned())
-            .spawn(move || {
-                serve(stream, client);
-                counted.connections.fetch_sub(1, Ordering::Relaxed);
-            });
-        if thread.is_err() {
-            shared.connections.fetch_sub(1, Ordering::Relaxed);
-        }
     }
 }
 

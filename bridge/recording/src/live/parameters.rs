@@ -3,11 +3,12 @@
 //! Those of the controller's configuration are fixed. Others belong to an owner, which checks each request by
 //! its own rules; only the client waits for the answer.
 
+use super::lock::lock;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 /// Longest wait of a client for the owner.
@@ -132,8 +133,4 @@ pub(super) fn listed(values: &Values) -> Vec<Value> {
         parameter
     });
     parameters.collect()
-}
-
-fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

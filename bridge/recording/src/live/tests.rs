@@ -1,7 +1,10 @@
 use super::*;
+use crate::messages::LoopCycle;
 use serde_json::json;
-use std::io::Write;
+use sidehill_bridge::ros2::message::cdr::to_cdr;
+use std::io::{Read, Write};
 use std::net::TcpStream;
+use std::time::Duration;
 use std::time::Instant;
 use tungstenite::client::IntoClientRequest;
 use tungstenite::stream::MaybeTlsStream;
@@ -11,9 +14,16 @@ const HERE: &str = "127.0.0.1:0";
 /// Longest wait for what another thread does.
 const LIMIT: Duration = Duration::from_secs(20);
 
+fn here(token: Option<&str>) -> LiveAddress {
+    LiveAddress {
+        address: HERE.parse().unwrap(),
+        token: token.map(str::to_owned),
+    }
+}
+
 fn view() -> LiveView {
     let parameters = Values::from([("stages".to_owned(), serde_json::json!(40))]);
-    LiveView::start(HERE.parse().unwrap(), parameters).unwrap()
+    LiveView::start(here(None), parameters).unwrap()
 }
 
 fn connect(view: &LiveView) -> WebSocket<MaybeTlsStream<TcpStream>> {
@@ -191,8 +201,13 @@ fn pages_from_elsewhere_can_look_but_not_set() {
         ("https://example.org", false),
         ("http://localhost.example.org", false),
         ("null", false),
+        ("file://", false),
+        ("chrome-extension://abcdef", false),
+        ("localhost", false),
+        ("http://127.0.0.1.example.org:80", false),
         ("http://localhost:8080", true),
-        ("file://", true),
+        ("https://127.0.0.1", true),
+        ("http://[::1]:8765", true),
     ] {
         let mut socket = connect_from(&view, origin);
         say(&mut socket, set_speed(2.0));
@@ -204,8 +219,7 @@ fn pages_from_elsewhere_can_look_but_not_set() {
 
 #[test]
 fn playing_is_controlled_and_every_client_is_told() {
-    let (view, control) =
-        LiveView::start_playback(HERE.parse().unwrap(), Values::new(), [5, 95]).unwrap();
+    let (view, control) = LiveView::start_playback(here(None), Values::new(), [5, 95]).unwrap();
     let mut socket = connect(&view);
     let state = socket.read().unwrap().into_data();
     assert_eq!(state[..10], [5, 0, 5, 0, 0, 0, 0, 0, 0, 0]);
@@ -251,8 +265,223 @@ fn garbage_many_connections_and_clients_that_do_not_read_hold_nobody_up() {
     subscribe(&mut slow, 1, Topic::Pose);
     put_until_wanted(&mut view, Topic::Pose, b"first");
     let large = vec![0; 1 << 16];
-    for i in 0..4 * QUEUE as u64 {
+    for i in 0..4 * door::QUEUE as u64 {
         view.put(Topic::Pose, i, &large);
     }
     assert!(view.dropped() > 0);
+}
+
+/// Sends a request and returns the whole answer.
+fn request(view: &LiveView, target: &str) -> String {
+    let mut stream = TcpStream::connect(view.address()).unwrap();
+    stream.set_read_timeout(Some(LIMIT)).unwrap();
+    let text = format!("GET {target} HTTP/1.1\r\nHost: {}\r\n\r\n", view.address());
+    stream.write_all(text.as_bytes()).unwrap();
+    let mut answer = String::new();
+    stream.read_to_string(&mut answer).unwrap();
+    answer
+}
+
+/// Connects with a protocol and a query, or returns the status of the refusal.
+fn open(
+    view: &LiveView,
+    protocol: &'static str,
+    query: &str,
+) -> Result<WebSocket<MaybeTlsStream<TcpStream>>, u16> {
+    let url = format!("ws://{}/{query}", view.address());
+    let mut request = url.into_client_request().unwrap();
+    let name = tungstenite::http::HeaderValue::from_static(protocol);
+    request.headers_mut().insert("Sec-WebSocket-Protocol", name);
+    let stream = TcpStream::connect(view.address()).unwrap();
+    stream.set_read_timeout(Some(LIMIT)).unwrap();
+    match tungstenite::client::client(request, MaybeTlsStream::Plain(stream)) {
+        Ok((socket, _)) => Ok(socket),
+        Err(tungstenite::HandshakeError::Failure(tungstenite::Error::Http(response))) => {
+            Err(response.status().as_u16())
+        }
+        Err(error) => panic!("{error}"),
+    }
+}
+
+/// Returns the next message of a page.
+fn next(socket: &mut WebSocket<MaybeTlsStream<TcpStream>>) -> serde_json::Value {
+    loop {
+        match socket.read().unwrap() {
+            Message::Text(text) => return serde_json::from_str(text.as_str()).unwrap(),
+            Message::Ping(_) => {}
+            other => panic!("{other:?}"),
+        }
+    }
+}
+
+/// Puts cycles of the loop, one a frame.
+fn put_cycles(view: &mut LiveView, seconds: std::ops::Range<u64>) {
+    for i in seconds.start * 5..seconds.end * 5 {
+        let cycle = LoopCycle {
+            state: "driving".to_owned(),
+            traction_m_s: 0.01 * i as f64,
+            ..LoopCycle::default()
+        };
+        view.put(Topic::LoopCycle, i * 200_000_000, &to_cdr(&cycle).unwrap());
+    }
+}
+
+#[test]
+fn a_browser_gets_a_page_that_needs_nothing_else() {
+    let view = view();
+    let answer = request(&view, "/");
+    let (head, page) = answer.split_once("\r\n\r\n").unwrap();
+    assert!(head.starts_with("HTTP/1.1 200 OK\r\n"), "{head}");
+    assert!(head.contains("text/html"), "{head}");
+    assert!(
+        head.contains(&format!("Content-Length: {}", page.len())),
+        "{head}"
+    );
+    assert!(page.starts_with("<!DOCTYPE html>") && page.ends_with("</script>\n"));
+    assert!(page.len() < 300_000);
+    for elsewhere in [" src=", "@import", "url(", "fetch(", "//cdn"] {
+        assert!(!page.contains(elsewhere), "{elsewhere}");
+    }
+    // The page sends nothing: it has no words for the server.
+    assert!(!page.contains(".send("));
+    assert!(request(&view, "/etc/passwd").starts_with("HTTP/1.1 404 "));
+}
+
+#[test]
+fn a_page_gets_what_happens_and_cannot_say_anything() {
+    let mut view = view();
+    put_cycles(&mut view, 0..2);
+    let mut socket = open(&view, page::PROTOCOL, "").unwrap();
+    let first = next(&mut socket);
+    let columns = first["hello"]["columns"].as_array().unwrap();
+    let column = |name: &str| columns.iter().position(|column| column == name).unwrap();
+    // A frame is made of what was known before its time.
+    let frame = &first["frames"][0];
+    assert_eq!(frame.as_array().unwrap().len(), columns.len());
+    assert_eq!(frame[column("t")], json!(1.8));
+    assert_eq!(frame[column("traction_command")], json!(0.08));
+    let state = frame[column("state")].as_u64().unwrap() as usize;
+    assert_eq!(first["hello"]["states"][state], "driving");
+    assert_eq!(first["parts"]["status"]["state"], "driving");
+    put_cycles(&mut view, 2..3);
+    let begin = Instant::now();
+    let newest = loop {
+        let message = next(&mut socket);
+        if let Some(frame) = message["frames"]
+            .as_array()
+            .and_then(|frames| frames.last())
+        {
+            break frame[0].clone();
+        }
+        assert!(begin.elapsed() < LIMIT);
+    };
+    assert_eq!(newest, json!(2.8));
+    // Whatever it says, the connection ends.
+    let arm = json!({ "op": "setParameters", "parameters": [{ "name": "stages", "value": 3 }] });
+    socket.send(Message::text(arm.to_string())).unwrap();
+    let begin = Instant::now();
+    loop {
+        assert!(begin.elapsed() < LIMIT);
+        match socket.read() {
+            Ok(Message::Text(text)) => assert!(!text.contains("stages"), "{text}"),
+            Ok(Message::Ping(_)) => {}
+            Ok(Message::Close(_)) | Err(_) => break,
+            Ok(other) => panic!("{other:?}"),
+        }
+    }
+}
+
+#[test]
+fn without_the_token_nothing_is_shown() {
+    let view = LiveView::start(here(Some("correct-horse")), Values::new()).unwrap();
+    for query in [
+        "",
+        "?token=",
+        "?token=correct-horsf",
+        "?token=correct-horse2",
+        "?other=correct-horse",
+    ] {
+        let answer = request(&view, &format!("/{query}"));
+        assert!(answer.starts_with("HTTP/1.1 403 "), "{query}: {answer}");
+        assert!(!answer.contains("<script>") && !answer.contains("correct-horse"));
+        for protocol in [page::PROTOCOL, protocol::NAMES[0], "other"] {
+            assert_eq!(open(&view, protocol, query).err(), Some(403), "{query}");
+        }
+    }
+    let query = "?since=x&token=correct-horse";
+    assert!(request(&view, &format!("/{query}")).starts_with("HTTP/1.1 200 "));
+    let mut socket = open(&view, page::PROTOCOL, query).unwrap();
+    assert_eq!(
+        next(&mut socket)["hello"]["run"]
+            .as_str()
+            .map(str::is_empty),
+        Some(false)
+    );
+    assert!(open(&view, protocol::NAMES[1], query).is_ok());
+    assert_eq!(open(&view, "other", query).err(), Some(400));
+}
+
+#[test]
+fn clients_that_ask_for_nothing_lock_nobody_out() {
+    let view = view();
+    let mut idle: Vec<_> = (0..100)
+        .map(|i| {
+            let mut stream = TcpStream::connect(view.address()).unwrap();
+            stream.set_read_timeout(Some(LIMIT)).unwrap();
+            if i % 2 == 0 {
+                stream.write_all(b"GET / HTTP/1.1\r\nHost: x\r\n").unwrap();
+            }
+            stream
+        })
+        .collect();
+    let mut trickling = TcpStream::connect(view.address()).unwrap();
+    assert!(request(&view, "/").starts_with("HTTP/1.1 200 "));
+    let mut shown = open(&view, page::PROTOCOL, "").unwrap();
+    next(&mut shown);
+    drop(connect(&view));
+    // Those that do not finish are let go, also one that says a little at a time.
+    let begin = Instant::now();
+    while trickling.write_all(b"GET / H".get(..1).unwrap()).is_ok() {
+        assert!(begin.elapsed() < LIMIT);
+        std::thread::sleep(Duration::from_millis(100));
+    }
+    for stream in &mut idle {
+        let mut answer = [0; 16];
+        assert!(matches!(stream.read(&mut answer), Ok(0) | Err(_)));
+    }
+}
+
+#[test]
+fn no_kind_of_client_takes_places_of_another() {
+    let view = view();
+    let foxglove: Vec<_> = (0..shared::CLIENTS_MAX).map(|_| connect(&view)).collect();
+    assert_eq!(open(&view, protocol::NAMES[0], "").err(), Some(503));
+    let mut pages: Vec<_> = (0..shared::CLIENTS_MAX)
+        .map(|_| open(&view, page::PROTOCOL, "").unwrap())
+        .collect();
+    assert_eq!(open(&view, page::PROTOCOL, "").err(), Some(503));
+    assert!(request(&view, "/").starts_with("HTTP/1.1 200 "));
+    next(&mut pages[0]);
+    drop((foxglove, pages));
+    // A place is free again when its client has gone.
+    drop(connect(&view));
+}
+
+#[test]
+fn a_page_on_a_slow_link_gets_the_newest() {
+    let mut view = view();
+    put_cycles(&mut view, 0..1);
+    let mut socket = open(&view, page::PROTOCOL, "").unwrap();
+    next(&mut socket);
+    // It does not answer while much happens.
+    put_cycles(&mut view, 1..400);
+    let message = loop {
+        let message = next(&mut socket);
+        if message["frames"].is_array() {
+            break message;
+        }
+    };
+    let frames = message["frames"].as_array().unwrap();
+    assert!(frames.len() <= 5, "{}", frames.len());
+    assert_eq!(frames.last().unwrap()[0], json!(399.8));
 }

@@ -6,12 +6,12 @@ use sidehill_bridge::control_loop::channel::LoopStatus;
 use sidehill_bridge::drives::Input;
 use sidehill_bridge::ros2::message::{DiagnosticStatus, KeyValue};
 use sidehill_bridge::safety::{Reason, SafetyState, StopCause};
-use sidehill_controller::controller::{Decision, Status};
-use sidehill_controller::estimator::{ContactEstimate, Estimate};
+use sidehill_controller::controller::{Decision, DriveResponse, Status};
+use sidehill_controller::estimator::Estimate;
 use sidehill_controller::mpc::QpFailure;
-use sidehill_plant::contact::Parameter;
 use sidehill_plant::statistics::quantile;
 use sidehill_plant::vehicle::Vehicle;
+use sidehill_recording::{drive_values, learned_values};
 use std::collections::VecDeque;
 use std::fmt::Display;
 
@@ -47,6 +47,8 @@ pub(crate) struct ServerStatus<'a> {
     pub(crate) last_end: Option<(GoalEnd, &'a str)>,
     /// Whether the drive is recorded.
     pub(crate) recording: RecordingState<'a>,
+    /// How the drives respond, as learned.
+    pub(crate) drives: Option<DriveResponse>,
 }
 
 /// Whether a drive is recorded.
@@ -208,31 +210,15 @@ pub(crate) fn diagnostic_status(
                 key: key.to_owned(),
                 value,
             })
+            .chain(server.drives.as_ref().into_iter().flat_map(drive_values))
             .chain(
                 estimate
                     .and_then(|e| e.contact.as_ref())
                     .into_iter()
-                    .flat_map(learned),
+                    .flat_map(learned_values),
             )
             .collect(),
     }
-}
-
-/// Returns the learned parameters of a contact vehicle with their 95 % intervals, and which of them the drive
-/// has not excited.
-fn learned(contact: &ContactEstimate) -> impl Iterator<Item = KeyValue> + '_ {
-    Parameter::ALL.into_iter().map(|parameter| {
-        let (value, (low, high)) = contact.interval(parameter);
-        let prior = if contact.observed(parameter) {
-            ""
-        } else {
-            ", not excited: prior"
-        };
-        KeyValue {
-            key: format!("learned_{}", parameter.key()),
-            value: format!("{value:.4} ({low:.4} to {high:.4}{prior})"),
-        }
-    })
 }
 
 /// Returns level and message.
@@ -262,7 +248,10 @@ fn summary(status: &LoopStatus, decision: &Decision, server: &ServerStatus<'_>) 
         (SafetyState::Driving, Status::Fallback { reason, .. }) => with(level::WARN, &reason),
         (SafetyState::Driving, _) => match decision.guard.and_then(|guard| guard.ahead) {
             Some(place) => with(level::WARN, &place),
-            None => with(level::OK, &"drives"),
+            None => match server.drives.map(|drives| drives.to_string()) {
+                Some(short) if !short.is_empty() => (level::WARN, format!("drives; {short}")),
+                _ => with(level::OK, &"drives"),
+            },
         },
         (SafetyState::Zeroing | SafetyState::Enabling, _) => with(level::OK, &"is being armed"),
         (SafetyState::Stopping, _) => with(level::WARN, &"stops"),

@@ -95,6 +95,7 @@ impl ControllerServer {
                     .get()
                     .map_or(RecordingState::On, |reason| RecordingState::Ended(reason)),
             },
+            drives: controller.drives,
         };
         self.telemetry
             .publish_diagnostics(now_s, time, (status, decision), &server);

@@ -1,8 +1,9 @@
 use super::*;
 use crate::server::test_data::{decision, j8, loop_status};
 use sidehill_bridge::control_loop::channel::LoopStatus;
+use sidehill_controller::estimator::ContactEstimate;
 use sidehill_controller::mpc::{Residuals, SolvePath, SolveReport};
-use sidehill_plant::contact::ParameterVector;
+use sidehill_plant::contact::{Parameter, ParameterVector};
 
 const SERVER: ServerStatus<'_> = ServerStatus {
     lifecycle: "active",
@@ -15,6 +16,7 @@ const SERVER: ServerStatus<'_> = ServerStatus {
     goals: 2,
     last_end: Some((GoalEnd::Succeeded, "")),
     recording: RecordingState::On,
+    drives: None,
 };
 
 fn report(status: &LoopStatus, decision: &Decision, server: &ServerStatus<'_>) -> DiagnosticStatus {
