@@ -13,7 +13,7 @@ import time
 import pytest
 
 import wire
-from peer import FollowPath, Peer, now, path_of, seconds
+from peer import FollowPath, Peer, now, path_of, seconds, stamp
 from programs import REPOSITORY, Program, adapted, cross_track_m, figure_eight, repeating, straight, wait_for
 
 # Codes of nav2_msgs/FollowPath.
@@ -276,6 +276,50 @@ def test_a_fault_ends_the_goal_with_its_code_and_the_vehicle_stands(rig, fault, 
     assert r.vehicle.stands() and r.commands_zero()
 
 
+def test_why_a_goal_is_refused_is_in_the_log(rig, tmp_path):
+    r = rig()
+    answer = r.action.send(path_of([(0.0, 0.0), (1.0, float("nan"))])).result()
+    assert (answer.status, answer.result.error_code) == (FollowPath.ABORTED, INVALID_PATH)
+    log = tmp_path / "run" / "events.jsonl"
+
+    def refusals():
+        events = [json.loads(line) for line in log.read_text().splitlines()]
+        return [event["reason"] for event in events if event["event"] == "goal"]
+
+    wait_for(lambda: any(answer.result.error_msg in reason for reason in refusals()), "the refusal in the log")
+
+
+def test_a_best_effort_emergency_stop_is_heard(rig, peer):
+    r = rig()
+    stop = peer.best_effort_writer("/emergency_stop", wire.Bool)
+    with repeating(lambda: stop.write(wire.Bool(data=True)), 0.1):
+        answer = r.action.send(r.ahead()).result(timeout_s=20)
+        assert (answer.status, answer.result.error_code) == (FollowPath.ABORTED, UNKNOWN)
+        assert "emergency stop is pressed" in answer.result.error_msg
+    with repeating(lambda: stop.write(wire.Bool(data=False)), 0.1):
+        time.sleep(0.5)
+        goal = r.sent_off()
+    with repeating(lambda: stop.write(wire.Bool(data=True)), 0.1):
+        assert goal.result().status == FollowPath.ABORTED
+        r.stands()
+
+
+def test_an_emergency_stop_of_another_type_forbids_to_drive(rig, peer, domain):
+    r = rig()
+    goal = r.sent_off()
+    other = Peer(domain).writer("/emergency_stop", wire.Float64)
+    answer = goal.result()
+    assert (answer.status, answer.result.error_code) == (FollowPath.ABORTED, UNKNOWN)
+    said = "/emergency_stop: it is published as std_msgs/msg/Float64, must be std_msgs/msg/Bool"
+    assert said in answer.result.error_msg
+    r.stands()
+    answer = r.action.send(r.ahead()).result()
+    assert said in answer.result.error_msg
+    r.stands()
+    wait_for(lambda: "it is published as std_msgs/msg/Float64" in r.controller.output(), "the reason on the screen")
+    del other
+
+
 def test_drives_that_no_longer_obey_end_the_goal(rig):
     # On a straight line going on is what is commanded: the fault shows itself in the curve.
     r = rig(faults=["{after_enabled_s: 4, for_s: 6, fault: ignore_commands}"])
@@ -306,6 +350,34 @@ def test_a_localisation_that_falls_silent_ends_the_goal(rig, peer):
     answer = goal.result()
     assert (answer.status, answer.result.error_code) == (FollowPath.ABORTED, TF_ERROR)
     r.stands()
+
+
+@pytest.mark.parametrize("ahead_s", [0.5, 3600.0])
+def test_one_transform_stamped_ahead_does_not_move_the_path(rig, peer, ahead_s):
+    r = rig(of_vehicle={r"^  frames: .*$": "  frames: {map: world, odom: odom, base: base_link}"})
+    tf = peer.best_effort_writer("/tf", wire.TFMessage)
+    wait_for(lambda: len(tf.get_matched_subscriptions()) > 0, "the controller's /tf")
+
+    def localise(ahead_s=0.0, x=0.0):
+        header = wire.Header(stamp=stamp(time.time() + ahead_s), frame_id="map")
+        to_odom = wire.Transform(translation=wire.Vector3(x=x), rotation=wire.Quaternion(w=1.0))
+        placed = wire.TransformStamped(header=header, child_frame_id="odom", transform=to_odom)
+        tf.write(wire.TFMessage(transforms=[placed]))
+
+    points = straight(4.0, yaw_rad=START_YAW_RAD)
+    with repeating(localise):
+        goal = r.sent_off(path_of(points))
+        localise(ahead_s, 0.8)
+        answer = goal.result(timeout_s=30)
+    assert answer.status == FollowPath.SUCCEEDED, answer.result.error_msg
+    assert max(cross_track_m(r.vehicle.truth(), points)) < 0.15
+
+
+@pytest.mark.parametrize("step_s", [-0.4, -0.15, 0.15, 0.4])
+def test_a_clock_that_is_set_by_less_than_half_a_second_ends_nothing(rig, step_s):
+    r = rig(faults=[f"{{after_enabled_s: 3, for_s: 3, fault: !clock_jump_s {step_s}}}"])
+    answer = r.sent_off(r.ahead(4.5)).result(timeout_s=30)
+    assert answer.status == FollowPath.SUCCEEDED, answer.result.error_msg
 
 
 def test_a_jump_of_the_simulated_clock_ends_the_goal(rig):

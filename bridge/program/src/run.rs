@@ -27,7 +27,7 @@ use sidehill_recording::live::{LiveView, ParameterOwner};
 use sidehill_ros2::server::obstacles::StoppingSettings;
 use sidehill_ros2::server::parameters::override_config;
 use sidehill_ros2::server::route::RouteSettings;
-use sidehill_ros2::server::{self, Ros2};
+use sidehill_ros2::server::{self, Ros2, Ros2Inputs};
 use std::process::ExitCode;
 use std::sync::{Arc, OnceLock};
 use std::time::Duration;
@@ -85,6 +85,7 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
     };
     let ros2 = start_ros2(&file, &config, &vehicle, ros_arguments, epoch, watch)?;
     Interrupts::admit()?;
+    let notes = ros2.as_ref().map(|ros2| ros2.inputs.clone());
     let (clock, channel, ros2_port, _server) = match ros2 {
         Some(ros2) => {
             inputs.push(Box::new(ros2.inputs));
@@ -177,6 +178,9 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
     let mut waits_for = String::new();
     while !control_loop.is_finished() {
         std::thread::sleep(Duration::from_millis(50));
+        for note in notes.iter().flat_map(Ros2Inputs::take_notes) {
+            recorder.note(epoch.elapsed_s(), note.event, note.message);
+        }
         screen.record(&mut recorder, files.as_mut(), recording.as_mut());
         let now_s = epoch.elapsed_s();
         if now_s >= reported_s + 1.0 {

@@ -73,8 +73,9 @@ struct Subscriptions {
     odometry: Option<Subscription<Odometry>>,
     imu: Option<Subscription<Imu>>,
     joint_states: Option<Subscription<JointState>>,
-    /// Volatile and transient local: a transient-local reader does not match a volatile publisher.
-    emergency_stop: [Subscription<Bool>; 2],
+    /// Best effort, reliable, and transient local: the first matches every publisher, the others lose nothing of
+    /// those that offer it.
+    emergency_stop: [Subscription<Bool>; 3],
     clock: Option<Subscription<Clock>>,
     forwarded: Option<Forwarded>,
     tf: Subscription<TfMessage>,
@@ -105,6 +106,8 @@ impl Subscriptions {
         }
         let repeated = config.emergency_stop_timeout_s > 0.0;
         wait.for_topic::<Bool>("emergency stop", &config.emergency_stop, repeated)?;
+        let shared = &subscriber.context.shared;
+        shared.graph().need_every_publisher(&config.emergency_stop);
         Ok(Self {
             odometry: match sensors {
                 true => Some(node.subscription(&config.odometry, &qos::NEWEST)?),
@@ -119,6 +122,7 @@ impl Subscriptions {
                 false => None,
             },
             emergency_stop: [
+                node.subscription(&config.emergency_stop, &qos::BURST)?,
                 node.subscription(&config.emergency_stop, &qos::RELIABLE_10)?,
                 node.subscription(&config.emergency_stop, &qos::LATCHED)?,
             ],
@@ -135,7 +139,7 @@ impl Subscriptions {
                 )),
                 None => None,
             },
-            tf: node.subscription("/tf", &qos::RELIABLE_10)?,
+            tf: node.subscription("/tf", &qos::BURST)?,
             tf_static: node.subscription("/tf_static", &qos::LATCHED_ALL)?,
         })
     }
@@ -196,9 +200,10 @@ struct Reader {
 }
 
 impl Reader {
-    /// Reads all messages that have arrived: the emergency stop first, then the clock, then the rest.
+    /// Reads all messages that have arrived: the emergency stop first, then the clocks, then the rest.
     fn read(&mut self) {
         self.read_emergency_stop();
+        self.readings.follow_system_time();
         let (subscriptions, readings) = (&self.subscriptions, &mut self.readings);
         if let Some(clock) = &subscriptions.clock {
             take_all(clock, |message, _| readings.clock(&message));
@@ -210,10 +215,14 @@ impl Reader {
             readings.transforms(&message, true);
         });
         if let Some(odometry) = &subscriptions.odometry {
-            take_all(odometry, |message, _| readings.odometry(&message));
+            take_all(odometry, |message, info| {
+                readings.odometry(&message, info.publisher_gid());
+            });
         }
         if let Some(imu) = &subscriptions.imu {
-            take_all(imu, |message, _| readings.imu(&message));
+            take_all(imu, |message, info| {
+                readings.imu(&message, info.publisher_gid());
+            });
         }
         if let Some(TwistConfig { topic, .. }) = &self.subscriber.forwarded {
             match &subscriptions.forwarded {
@@ -229,7 +238,9 @@ impl Reader {
             }
         }
         if let Some(joint_states) = &subscriptions.joint_states {
-            take_all(joint_states, |message, _| readings.joint_states(&message));
+            take_all(joint_states, |message, info| {
+                readings.joint_states(&message, info.publisher_gid());
+            });
         }
         self.slot.write(readings.latest());
     }
@@ -238,8 +249,9 @@ impl Reader {
         let shared = &self.subscriber.context.shared;
         let mut publishers = shared.estop_publishers();
         for subscription in &self.subscriptions.emergency_stop {
-            take_all(subscription, |Bool { data }, publisher| {
-                publishers.received(publisher, data, Instant::now());
+            take_all(subscription, |Bool { data }, info| {
+                let message = (info.publisher_gid(), info.sequence_number());
+                publishers.received(message, data, Instant::now());
                 shared
                     .graph()
                     .accepted(&self.subscriber.config.emergency_stop);

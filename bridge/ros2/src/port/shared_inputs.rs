@@ -4,21 +4,35 @@ use super::emergency_stop::EmergencyStopMonitor;
 use super::graph_monitor::GraphMonitor;
 use sidehill_bridge::control_loop::channel::SharedCause;
 use sidehill_bridge::ros2::transforms::Transforms;
+use std::collections::VecDeque;
 use std::fmt::Display;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
+
+/// Notes that are kept until they are taken, at most.
+const NOTES_MAX: usize = 100;
+
+/// An event for the screen and the log.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Note {
+    /// Kind of event, such as `goal`.
+    pub event: &'static str,
+    /// What has happened.
+    pub message: String,
+}
 
 /// Inputs that more than one thread reads. No lock is held for longer than one message takes.
 #[derive(Default)]
 pub(crate) struct SharedInputs {
     transforms: Mutex<Transforms>,
     last_rejection: Mutex<String>,
+    notes: Mutex<VecDeque<Note>>,
     rejected: AtomicU64,
     graph: Mutex<GraphMonitor>,
     estop_publishers: Mutex<EmergencyStopMonitor>,
     /// Why the emergency stop halts the drives, if it does.
     pub(crate) emergency_stop: SharedCause,
-    /// Jumps of `/clock`.
+    /// Jumps of the clock, that of `/clock` or the system's.
     pub(crate) clock_jumps: AtomicU64,
     /// Bits of the speed, m/s, and the yaw rate, rad/s, below which odometry counts as 0.
     velocity_thresholds: [AtomicU64; 2],
@@ -41,6 +55,20 @@ impl SharedInputs {
         let reason = reason.to_string();
         self.graph().rejected(topic, &reason);
         *locked(&self.last_rejection) = format!("{topic}: {reason}");
+    }
+
+    /// Notes an event for the screen and the log.
+    pub(crate) fn note(&self, event: &'static str, message: String) {
+        let mut notes = locked(&self.notes);
+        if notes.len() == NOTES_MAX {
+            notes.pop_front();
+        }
+        notes.push_back(Note { event, message });
+    }
+
+    /// Returns the notes since the last call.
+    pub(crate) fn take_notes(&self) -> VecDeque<Note> {
+        std::mem::take(&mut *locked(&self.notes))
     }
 
     /// Returns the topics that are waited for and their publishers.

@@ -184,6 +184,7 @@ impl ControllerServer {
         let (estop_unknown, estop_unknown_driving) =
             (self.estop_unknown(false), self.estop_unknown(true));
         let inputs = &self.links.inputs;
+        let estop_incompatible = inputs.graph().unheard_publisher();
         let controller = self.links.commands.controller_status();
         let transforms = inputs.transforms();
         let time = &self.links.time;
@@ -211,6 +212,7 @@ impl ControllerServer {
             emergency_stop: inputs.emergency_stop.get(),
             estop_unknown,
             estop_unknown_driving,
+            estop_incompatible: estop_incompatible.as_deref(),
             clock_jumped,
         });
     }

@@ -6,6 +6,7 @@ use super::route::RouteSettings;
 use crate::node::time::RosTime;
 use crate::node::worker::Worker;
 use crate::node::{NodeError, RosNode};
+use crate::port::Note;
 use crate::port::Ros2Port;
 use crate::port::inputs::InputSubscriber;
 use crate::port::readings::PortContext;
@@ -20,6 +21,7 @@ use sidehill_bridge::ros2::convert::TwistMapping;
 use sidehill_bridge::ros2::settings::server::Ros2Config;
 use sidehill_plant::vehicle::{RangeError, Vehicle};
 use sidehill_recording::live::ParameterOwner;
+use std::collections::VecDeque;
 use std::sync::{Arc, OnceLock};
 
 /// Why the ROS 2 side cannot be started.
@@ -84,12 +86,20 @@ pub struct Ros2 {
     pub server: Ros2Server,
 }
 
-/// The topics that the ROS 2 side listens to.
+/// The topics that the ROS 2 side listens to, and what it notes.
+#[derive(Clone)]
 pub struct Ros2Inputs(Arc<SharedInputs>);
 
 impl InputStatus for Ros2Inputs {
     fn inputs(&mut self, _now_s: f64) -> Vec<Input> {
         self.0.graph().inputs()
+    }
+}
+
+impl Ros2Inputs {
+    /// Returns what has happened to goals and clocks since the last call, for the screen and the log.
+    pub fn take_notes(&self) -> VecDeque<Note> {
+        self.0.take_notes()
     }
 }
 

@@ -114,7 +114,12 @@ fn every_fault_ends_with_its_code() {
     type Disturb = fn(&mut World);
     const WHY: StopReason = StopReason::OffPath { cross_track_m: 3.0 };
     let requested = Reason::Requested;
-    let faults: [(Disturb, u16, Reason); 11] = [
+    let faults: [(Disturb, u16, Reason); 12] = [
+        (
+            |world| world.estop_incompatible = Some("/emergency_stop: published as Int32"),
+            code::UNKNOWN,
+            requested(StopCause::EmergencyStopIncompatible),
+        ),
         (
             |world| world.estop_unknown = true,
             code::UNKNOWN,

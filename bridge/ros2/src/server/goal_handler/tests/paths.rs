@@ -106,7 +106,9 @@ fn a_path_moves_with_its_frame() {
     let mut world = World::new();
     world.transforms = Transforms::default();
     let (now_s, frame) = (world.now_s, place(3.0, 0.5));
-    world.transforms.take("odom", "map", now_s, frame, false);
+    world
+        .transforms
+        .take("odom", "map", (now_s, now_s), frame, false);
     world.x_m = 3.0;
     world.follow();
     world.cycles(5);
@@ -121,7 +123,9 @@ fn a_path_moves_with_its_frame() {
     // The frame moves while the controller has no progress yet: the move is kept until it has.
     let before = world.reference;
     let (now_s, frame) = (world.now_s, place(3.2, 0.5));
-    world.transforms.take("odom", "map", now_s, frame, false);
+    world
+        .transforms
+        .take("odom", "map", (now_s, now_s), frame, false);
     world.cycles(5);
     assert_eq!(world.reference, before);
     world.has_progress = true;
