@@ -320,6 +320,73 @@ def test_an_emergency_stop_of_another_type_forbids_to_drive(rig, peer, domain):
     del other
 
 
+@pytest.mark.parametrize("kind", ["odometry", "pose_with_covariance_stamped"])
+def test_poses_come_from_another_topic_than_the_speeds(rig, peer, kind):
+    odom = peer.reader("/odom", wire.Odometry)
+    wheels = peer.best_effort_writer("/wheels", wire.Odometry)
+    message = {"odometry": wire.Odometry, "pose_with_covariance_stamped": wire.PoseWithCovarianceStamped}[kind]
+    poses = peer.best_effort_writer("/gps", message)
+
+    def relay():
+        for sent in odom.take():
+            child = {"child_frame_id": "base_link"}
+            # Wheel odometry that believes to be elsewhere.
+            header = wire.Header(stamp=sent.header.stamp, frame_id="wheels")
+            elsewhere = wire.PoseWithCovariance(pose=wire.Pose(position=wire.Point(x=7.0)))
+            wheels.write(wire.Odometry(header=header, pose=elsewhere, twist=sent.twist, **child))
+            more = child if kind == "odometry" else {}
+            poses.write(message(header=sent.header, pose=sent.pose, **more))
+
+    with repeating(relay, 0.01):
+        topics = f"    odometry: wheels\n    pose: {{topic: gps, type: {kind}}}"
+        r = rig(of_controller={r"^    odometry: odom # nav_msgs.*$": topics})
+        answer = r.sent_off(path_of(figure_eight())).result(timeout_s=120)
+    assert answer.status == FollowPath.SUCCEEDED, answer.result.error_msg
+    assert max(cross_track_m(r.vehicle.truth(), figure_eight())) < 0.1
+
+
+def test_the_route_of_the_file_is_driven_when_the_operator_arms(vehicle, start, tmp_path):
+    rover = vehicle()
+    # To the left on a circle, of a radius that recorded routes of this vehicle may have.
+    centre = (-2.5 * math.sin(START_YAW_RAD), 2.5 * math.cos(START_YAW_RAD))
+    angles = [START_YAW_RAD + 0.03 * index for index in range(101)]
+    points = [(centre[0] + 2.5 * math.sin(a), centre[1] - 2.5 * math.cos(a)) for a in angles]
+    route = tmp_path / "route.csv"
+    route.write_text("x_m,y_m\n" + "".join(f"{x:.4f},{y:.4f}\n" for x, y in points))
+    config = adapted("run_ros2.yaml", {r"^cycle:$": "route: {file: route.csv}\ncycle:"}, tmp_path)
+    run = start("run", config, "--format", "text")
+    wait_for(lambda: "listens to" in run.output(), "the start")
+    time.sleep(2.0)
+    assert rover.stands()
+    run.signal(signal.SIGUSR1)
+    driving = lambda: abs(rover.now()["traction_m_s"]) > 0.2
+    wait_for(driving, "driving")
+    time.sleep(4.0)
+    # A stop on the way, from where it is driven on.
+    run.signal(signal.SIGUSR2)
+    wait_for(rover.stands, "standing")
+    time.sleep(1.0)
+    assert rover.stands()
+    run.signal(signal.SIGUSR1)
+    wait_for(driving, "driving on")
+    wait_for(lambda: "the goal is reached" in run.output(), "the end of the route", 120)
+    assert "the operator requested a stop" in run.output()
+    assert max(cross_track_m(rover.truth(), points)) < 0.1
+    assert run.end() == 0
+
+
+def test_a_route_begins_by_itself_where_that_is_asked(vehicle, start, tmp_path):
+    rover = vehicle()
+    route = tmp_path / "route.csv"
+    points = straight(3.0, yaw_rad=START_YAW_RAD)
+    route.write_text("x_m,y_m\n" + "".join(f"{x:.4f},{y:.4f}\n" for x, y in points))
+    config = adapted("run_ros2.yaml", {r"^cycle:$": "route: {file: route.csv}\ncycle:"}, tmp_path)
+    run = start("run", config, "--arm", "--format", "text")
+    wait_for(lambda: "the goal is reached" in run.output(), "the end of the route", 30)
+    wait_for(rover.stands, "standing")
+    assert run.end() == 0
+
+
 def test_drives_that_no_longer_obey_end_the_goal(rig):
     # On a straight line going on is what is commanded: the fault shows itself in the curve.
     r = rig(faults=["{after_enabled_s: 4, for_s: 6, fault: ignore_commands}"])

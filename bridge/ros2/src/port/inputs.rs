@@ -10,11 +10,12 @@ use ros2_client::dds::rustdds::mio1::{Events, Interest, Poll, Token};
 use sidehill_bridge::control_loop::channel::HaltSwitch;
 use sidehill_bridge::ros2::message::TopicMessage;
 use sidehill_bridge::ros2::message::{
-    Bool, Clock, Imu, JointState, Odometry, TfMessage, Twist, TwistStamped,
+    Bool, Clock, Imu, JointState, Odometry, PoseWithCovarianceStamped, TfMessage, Twist,
+    TwistStamped,
 };
 use sidehill_bridge::ros2::names::NameError;
 use sidehill_bridge::ros2::settings::topics::{AttitudeSource, SpeedSource, YawRateSource};
-use sidehill_bridge::ros2::settings::topics::{InputsConfig, TwistConfig};
+use sidehill_bridge::ros2::settings::topics::{InputsConfig, PoseConfig, PoseMessage, TwistConfig};
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 use triple_buffer::{Input, Output, triple_buffer};
@@ -69,7 +70,14 @@ enum Forwarded {
     Stamped(Subscription<TwistStamped>),
 }
 
+/// Poses from another topic than the odometry.
+enum Poses {
+    Odometry(Subscription<Odometry>),
+    Stamped(Subscription<PoseWithCovarianceStamped>),
+}
+
 struct Subscriptions {
+    poses: Option<Poses>,
     odometry: Option<Subscription<Odometry>>,
     imu: Option<Subscription<Imu>>,
     joint_states: Option<Subscription<JointState>>,
@@ -88,13 +96,23 @@ impl Subscriptions {
         let attitude_of_imu = config.attitude == AttitudeSource::Imu;
         let yaw_rate_of_imu = config.yaw_rate == YawRateSource::Imu;
         let imu = sensors && (attitude_of_imu || yaw_rate_of_imu);
+        let pose = config.pose.as_ref().filter(|_| sensors);
+        let odometry = sensors && (pose.is_none() || config.speeds == SpeedSource::Odometry);
         let joint_states = sensors && config.speeds == SpeedSource::JointStates;
         let clock = subscriber.context.clock.is_some();
         let wait = Waits { node, subscriber };
         if clock {
             wait.for_topic::<Clock>("clock", CLOCK, true)?;
         }
-        if sensors {
+        if let Some(PoseConfig { topic, message }) = pose {
+            match message {
+                PoseMessage::Odometry => wait.for_topic::<Odometry>("poses", topic, true)?,
+                PoseMessage::PoseWithCovarianceStamped => {
+                    wait.for_topic::<PoseWithCovarianceStamped>("poses", topic, true)?;
+                }
+            }
+        }
+        if odometry {
             wait.for_topic::<Odometry>("odometry", &config.odometry, true)?;
         }
         if imu {
@@ -109,7 +127,18 @@ impl Subscriptions {
         let shared = &subscriber.context.shared;
         shared.graph().need_every_publisher(&config.emergency_stop);
         Ok(Self {
-            odometry: match sensors {
+            poses: match pose {
+                Some(PoseConfig { topic, message }) => Some(match message {
+                    PoseMessage::Odometry => {
+                        Poses::Odometry(node.subscription(topic, &qos::NEWEST)?)
+                    }
+                    PoseMessage::PoseWithCovarianceStamped => {
+                        Poses::Stamped(node.subscription(topic, &qos::NEWEST)?)
+                    }
+                }),
+                None => None,
+            },
+            odometry: match odometry {
                 true => Some(node.subscription(&config.odometry, &qos::NEWEST)?),
                 false => None,
             },
@@ -146,6 +175,11 @@ impl Subscriptions {
 
     fn register(&mut self, poll: &Poll) -> std::io::Result<()> {
         let (registry, token, readable) = (poll.registry(), Token(0), Interest::READABLE);
+        match &mut self.poses {
+            Some(Poses::Odometry(poses)) => registry.register(poses, token, readable)?,
+            Some(Poses::Stamped(poses)) => registry.register(poses, token, readable)?,
+            None => {}
+        }
         if let Some(odometry) = &mut self.odometry {
             registry.register(odometry, token, readable)?;
         }
@@ -214,6 +248,27 @@ impl Reader {
         take_all(&subscriptions.tf_static, |message, _| {
             readings.transforms(&message, true);
         });
+        match &subscriptions.poses {
+            Some(Poses::Odometry(poses)) => {
+                take_all(poses, |message, info| {
+                    let Odometry {
+                        header,
+                        child_frame_id,
+                        pose,
+                        ..
+                    } = &message;
+                    let child_frame = Some(child_frame_id.as_str());
+                    readings.pose(header, child_frame, &pose.pose, info.publisher_gid());
+                });
+            }
+            Some(Poses::Stamped(poses)) => {
+                take_all(poses, |message, info| {
+                    let PoseWithCovarianceStamped { header, pose } = &message;
+                    readings.pose(header, None, &pose.pose, info.publisher_gid());
+                });
+            }
+            None => {}
+        }
         if let Some(odometry) = &subscriptions.odometry {
             take_all(odometry, |message, info| {
                 readings.odometry(&message, info.publisher_gid());

@@ -10,6 +10,7 @@ use sidehill_bridge::ros2::conversions::{
     MessageError, from_pose, from_quaternion, from_transform, from_vector, nanoseconds,
 };
 use sidehill_bridge::ros2::convert::{TwistMapping, pose_and_attitude};
+use sidehill_bridge::ros2::message;
 use sidehill_bridge::ros2::message::{
     Clock, Header, Imu, JointState, Odometry, TfMessage, TransformStamped, Twist,
 };
@@ -88,6 +89,7 @@ pub(crate) struct Readings {
 #[derive(Debug, Default)]
 struct StampClocks {
     odometry: StampClock,
+    pose: StampClock,
     imu: StampClock,
     joint_states: StampClock,
 }
@@ -186,14 +188,20 @@ impl Readings {
     }
 
     fn try_odometry(&mut self, message: &Odometry, publisher: Gid) -> Result<(), Rejection> {
-        check_frame(&message.header.frame_id, &self.context.frames.odometry)?;
+        let has_pose = self.config.pose.is_none();
+        if has_pose {
+            check_frame(&message.header.frame_id, &self.context.frames.odometry)?;
+        }
         check_frame(&message.child_frame_id, &self.context.frames.base)?;
         let clock = &mut self.stamp_clocks.odometry;
         let topic = &self.config.odometry;
         let time_s = self
             .context
             .time_s(&message.header, clock, topic, publisher)?;
-        let (pose, attitude) = pose_and_attitude(&from_pose(&message.pose.pose)?);
+        let standing = match has_pose {
+            true => Some(pose_and_attitude(&from_pose(&message.pose.pose)?)),
+            false => None,
+        };
         let mut twist = message.twist.twist.clone();
         let [speed_m_s, yaw_rate_rad_s] = self.context.shared.velocity_thresholds();
         for (value, threshold) in [
@@ -205,14 +213,56 @@ impl Readings {
             }
         }
         let motors = self.context.mapping.motors(&twist)?;
-        self.latest.pose = Some(stamped(time_s, pose));
-        if self.config.attitude == AttitudeSource::Odometry {
-            self.latest.attitude = Some(stamped(time_s, attitude));
+        if let Some(standing) = standing {
+            self.stand(time_s, standing);
         }
         if self.config.speeds == SpeedSource::Odometry {
             self.latest.motors = Some(stamped(time_s, motors));
         }
         Ok(())
+    }
+
+    /// Takes a message of the pose's topic, with the child frame of an Odometry.
+    pub(crate) fn pose(
+        &mut self,
+        header: &Header,
+        child_frame: Option<&str>,
+        pose: &message::Pose,
+        publisher: Gid,
+    ) {
+        let result = self.try_pose(header, child_frame, pose, publisher);
+        let topic = self.config.pose.as_ref().map_or("", |pose| &pose.topic);
+        match result {
+            Ok(()) => self.context.shared.graph().accepted(topic),
+            Err(reason) => self.context.shared.reject(topic, &reason),
+        }
+    }
+
+    fn try_pose(
+        &mut self,
+        header: &Header,
+        child_frame: Option<&str>,
+        pose: &message::Pose,
+        publisher: Gid,
+    ) -> Result<(), Rejection> {
+        let frames = &self.context.frames;
+        check_frame(&header.frame_id, &frames.odometry)?;
+        if let Some(child_frame) = child_frame {
+            check_frame(child_frame, &frames.base)?;
+        }
+        let standing = pose_and_attitude(&from_pose(pose)?);
+        let topic = self.config.pose.as_ref().map_or("", |pose| &pose.topic);
+        let clock = &mut self.stamp_clocks.pose;
+        let time_s = self.context.time_s(header, clock, topic, publisher)?;
+        self.stand(time_s, standing);
+        Ok(())
+    }
+
+    fn stand(&mut self, time_s: f64, (pose, attitude): (Pose, Attitude)) {
+        self.latest.pose = Some(stamped(time_s, pose));
+        if self.config.attitude == AttitudeSource::Odometry {
+            self.latest.attitude = Some(stamped(time_s, attitude));
+        }
     }
 
     /// Takes a message of the IMU. An attitude is used even if the yaw rate beside it is rejected.

@@ -11,6 +11,7 @@ use super::live_parameters;
 use super::obstacles::CostmapReader;
 use super::parameters::ServerParameters;
 use super::requested_path::RequestedPath;
+use super::start::ConfiguredRoute;
 use super::telemetry::Telemetry;
 use crate::node::RosNode;
 use crate::node::goals::GoalEnd;
@@ -45,6 +46,8 @@ pub(crate) struct ServerLinks {
     pub(crate) recording: Option<Arc<OnceLock<String>>>,
     /// Where live clients see and set the parameters; none without a live view.
     pub(crate) live: Option<ParameterOwner>,
+    /// The route of the configuration.
+    pub(crate) configured_route: Option<ConfiguredRoute>,
 }
 
 pub(crate) struct ControllerServer {
@@ -128,8 +131,32 @@ impl ControllerServer {
         let path = self.path.as_ref().and_then(take_newest);
         if let Some(path) = path.filter(|_| self.services.lifecycle.is_active()) {
             let path = RequestedPath::from_message(&path);
-            self.handler.begin(Client::Topic, path, now_s);
+            self.handler.begin(Client::None, path, now_s);
         }
+        self.begin_configured_route(now_s);
+    }
+
+    /// Begins the route of the configuration where the operator has asked for it.
+    fn begin_configured_route(&mut self, now_s: f64) {
+        let Some(route) = &mut self.links.configured_route else {
+            return;
+        };
+        let decision = &self.links.commands.controller_status().decision;
+        let located = decision
+            .as_ref()
+            .is_some_and(|decision| decision.estimate.is_some());
+        let at_start = route.at_start && located;
+        route.at_start &= !at_start;
+        if !route.begin.swap(false, Ordering::Relaxed) && !at_start {
+            return;
+        }
+        if !self.services.lifecycle.is_active() {
+            let reason = "the route is not begun: the node is not active";
+            return self.log(LogLevel::Warn, reason);
+        }
+        let path = route.path.clone();
+        self.log(LogLevel::Info, "the route of the configuration begins");
+        self.handler.begin(Client::None, Ok(path), now_s);
     }
 
     fn take_goal(&mut self, goal: FollowPathRequest, now_s: f64) {

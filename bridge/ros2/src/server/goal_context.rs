@@ -22,8 +22,8 @@ pub(crate) enum Client {
         /// Who has sent it.
         client: ClientId,
     },
-    /// The path topic.
-    Topic,
+    /// Nobody: the path is that of the topic, or of the configuration.
+    None,
 }
 
 /// What a session knows about obstacles.

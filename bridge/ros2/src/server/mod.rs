@@ -28,4 +28,4 @@ mod termination;
 #[cfg(test)]
 pub(crate) mod test_data;
 
-pub use start::{Ros2, Ros2Inputs, Ros2Server, Setup, StartError, start};
+pub use start::{ConfiguredRoute, Ros2, Ros2Inputs, Ros2Server, Setup, StartError, start};

@@ -2,6 +2,7 @@
 
 use super::controller_server::{ControllerServer, ServerLinks};
 use super::obstacles::StoppingSettings;
+use super::requested_path::RequestedPath;
 use super::route::RouteSettings;
 use crate::node::time::RosTime;
 use crate::node::worker::Worker;
@@ -22,6 +23,7 @@ use sidehill_bridge::ros2::settings::server::Ros2Config;
 use sidehill_plant::vehicle::{RangeError, Vehicle};
 use sidehill_recording::live::ParameterOwner;
 use std::collections::VecDeque;
+use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, OnceLock};
 
 /// Why the ROS 2 side cannot be started.
@@ -64,8 +66,20 @@ pub struct Setup<'a> {
     pub live: Option<ParameterOwner>,
     /// Priorities of the threads.
     pub realtime: RealtimeConfig,
+    /// The route of the configuration, which the operator begins.
+    pub configured_route: Option<ConfiguredRoute>,
     /// How the vehicle stops ahead of an obstacle.
     pub stopping: StoppingSettings,
+}
+
+/// A path that is driven when the operator says so.
+pub struct ConfiguredRoute {
+    /// The path.
+    pub path: RequestedPath,
+    /// Set by the operator to begin it from where the vehicle is.
+    pub begin: Arc<AtomicBool>,
+    /// Whether it begins once by itself, as soon as the vehicle has a pose.
+    pub at_start: bool,
 }
 
 /// The running server, and the ends of its channels. Dropped, it leaves the graph.
@@ -161,6 +175,7 @@ pub fn start(setup: Setup<'_>) -> Result<Ros2, StartError> {
         commands,
         recording,
         live: setup.live,
+        configured_route: setup.configured_route,
     };
     let subscriber = InputSubscriber {
         config: config.inputs.clone(),

@@ -3,6 +3,7 @@ use nalgebra::{Isometry3, UnitQuaternion};
 use sidehill_bridge::ros2::conversions::{stamp, to_pose, to_quaternion, to_transform};
 use sidehill_bridge::ros2::convert::world_from_base_link;
 use sidehill_bridge::ros2::message::{TransformStamped, Twist, Vector3};
+use sidehill_bridge::ros2::settings::topics::{PoseConfig, PoseMessage};
 use std::f64::consts::{FRAC_PI_2, PI};
 
 /// Readings with simulated time, and the clock that sets it.
@@ -93,6 +94,48 @@ fn odometry_gives_pose_and_speeds_and_attitude_where_configured() {
             }
         }
     }
+}
+
+#[test]
+fn poses_of_another_topic_replace_those_of_odometry() {
+    let (mut readings, _) = readings(|config| {
+        config.attitude = AttitudeSource::Odometry;
+        config.pose = Some(PoseConfig {
+            topic: "gps".to_owned(),
+            message: PoseMessage::default(),
+        });
+    });
+    // The wheels have their own frame, and a pose that means nothing.
+    let mut wheels = odometry(9.9);
+    wheels.header.frame_id = "wheels".to_owned();
+    wheels.pose.pose.position.x = f64::NAN;
+    readings.odometry(&wheels, PUBLISHER);
+    assert_rejected(&readings, 0, "");
+    let read = readings.latest();
+    assert_eq!((read.pose, read.attitude), (None, None));
+    assert_eq!(read.motors.unwrap().value.traction_m_s, 0.5);
+    let mut pose = odometry(9.8);
+    for (frame, child, reason) in [
+        (
+            "odom",
+            Some("antenna"),
+            "gps: it is in antenna, must be in base_link",
+        ),
+        ("map", None, "gps: it is in map, must be in odom"),
+    ] {
+        pose.header.frame_id = frame.to_owned();
+        readings.pose(&pose.header, child, &pose.pose.pose, PUBLISHER);
+        let rejected = readings.context.shared.rejected();
+        assert_rejected(&readings, rejected, reason);
+        assert_eq!(readings.latest().pose, None);
+    }
+    pose.header.frame_id = "odom".to_owned();
+    readings.pose(&pose.header, Some("base_link"), &pose.pose.pose, PUBLISHER);
+    let read = readings.latest();
+    assert!((read.pose.unwrap().time_s - 9.8).abs() < 1e-9);
+    assert!((read.pose.unwrap().value.y_m - 2.0).abs() < 1e-9);
+    assert!((read.attitude.unwrap().value.roll_rad - SLOPE.roll_rad).abs() < 1e-9);
+    assert!((read.motors.unwrap().time_s - 9.9).abs() < 1e-9);
 }
 
 #[test]

@@ -88,6 +88,7 @@ impl Bench {
             inputs: Arc::default(),
             recording: None,
             live: None,
+            configured_route: None,
         };
         let (route, settings) = (route_settings(), (0.05, stopping));
         let mut server =

@@ -263,6 +263,7 @@ fn path() -> RequestedPath {
     });
     RequestedPath {
         frame: "map".to_owned(),
+        oriented: false,
         poses: poses.collect(),
     }
 }
