@@ -4,6 +4,7 @@ mod create;
 mod output;
 mod watch;
 
+use super::configured_route::ConfiguredRoute;
 use super::follow_path::{FollowPathRequest, FollowPathServer};
 use super::goal_context::{Client, GoalContext, ObstacleContext};
 use super::goal_handler::GoalHandler;
@@ -11,7 +12,6 @@ use super::live_parameters;
 use super::obstacles::CostmapReader;
 use super::parameters::ServerParameters;
 use super::requested_path::RequestedPath;
-use super::start::ConfiguredRoute;
 use super::telemetry::Telemetry;
 use crate::node::RosNode;
 use crate::node::goals::GoalEnd;

@@ -1,8 +1,8 @@
 //! Starting the ROS 2 side of a run.
 
+use super::configured_route::ConfiguredRoute;
 use super::controller_server::{ControllerServer, ServerLinks};
 use super::obstacles::StoppingSettings;
-use super::requested_path::RequestedPath;
 use super::route::RouteSettings;
 use crate::node::time::RosTime;
 use crate::node::worker::Worker;
@@ -23,7 +23,6 @@ use sidehill_bridge::ros2::settings::server::Ros2Config;
 use sidehill_plant::vehicle::{RangeError, Vehicle};
 use sidehill_recording::live::ParameterOwner;
 use std::collections::VecDeque;
-use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, OnceLock};
 
 /// Why the ROS 2 side cannot be started.
@@ -70,16 +69,6 @@ pub struct Setup<'a> {
     pub configured_route: Option<ConfiguredRoute>,
     /// How the vehicle stops ahead of an obstacle.
     pub stopping: StoppingSettings,
-}
-
-/// A path that is driven when the operator says so.
-pub struct ConfiguredRoute {
-    /// The path.
-    pub path: RequestedPath,
-    /// Set by the operator to begin it from where the vehicle is.
-    pub begin: Arc<AtomicBool>,
-    /// Whether it begins once by itself, as soon as the vehicle has a pose.
-    pub at_start: bool,
 }
 
 /// The running server, and the ends of its channels. Dropped, it leaves the graph.
