@@ -1,7 +1,7 @@
 //! From messages to readings for the controller: frames, stamps and units are checked here.
 
 use super::shared_inputs::SharedInputs;
-use super::stamp_clock::{AHEAD_S, StampClock};
+use super::stamp_clock::{AHEAD_S, SYSTEM_JUMP_S, StampClock};
 use crate::node::time::RosTime;
 use nalgebra::UnitQuaternion;
 use ros2_client::Gid;
@@ -27,8 +27,6 @@ use std::sync::atomic::Ordering;
 pub(crate) const CLOCK: &str = "/clock";
 /// A step of `/clock` that is a jump, s; any step back is one.
 const CLOCK_JUMP_S: f64 = 2.0;
-/// A step of system time that is a jump, s; a smaller one is followed.
-const SYSTEM_JUMP_S: f64 = 0.5;
 /// How far the stamp of a transform may be ahead of the clock, s: a localisation predicts.
 const PREDICTION_MAX_S: f64 = 10.0;
 /// Fastest rotation that is believed, rad/s: gyroscopes read at most 2000 deg/s.
@@ -130,7 +128,11 @@ impl Readings {
 
     /// Follows system time where it was set. A jump drops all readings and transforms.
     pub(crate) fn follow_system_time(&mut self) {
-        let step_s = self.context.time.follow_system();
+        let time = &self.context.time;
+        let step_s = time.follow_system();
+        if step_s != 0.0 {
+            self.context.shared.clock_was_set(step_s, time.now_s());
+        }
         if step_s.abs() > SYSTEM_JUMP_S {
             self.forget();
         }

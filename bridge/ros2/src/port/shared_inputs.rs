@@ -2,6 +2,7 @@
 
 use super::emergency_stop::EmergencyStopMonitor;
 use super::graph_monitor::GraphMonitor;
+use super::stamp_clock::SYSTEM_JUMP_S;
 use sidehill_bridge::control_loop::channel::SharedCause;
 use sidehill_bridge::ros2::transforms::Transforms;
 use std::collections::VecDeque;
@@ -32,6 +33,8 @@ pub(crate) struct SharedInputs {
     estop_publishers: Mutex<EmergencyStopMonitor>,
     /// Why the emergency stop halts the drives, if it does.
     pub(crate) emergency_stop: SharedCause,
+    /// Local time, s, as bits, until which this computer's clock is behind what it was before.
+    deaf_until_s: AtomicU64,
     /// Jumps of the clock, that of `/clock` or the system's.
     pub(crate) clock_jumps: AtomicU64,
     /// Bits of the speed, m/s, and the yaw rate, rad/s, below which odometry counts as 0.
@@ -86,6 +89,29 @@ impl SharedInputs {
         locked(&self.last_rejection).clone()
     }
 
+    /// Takes that this computer's clock was set by `step_s` at the local time `now_s`. RustDDS delivers best-effort
+    /// messages in the order of that clock: none until it has caught up.
+    pub(crate) fn clock_was_set(&self, step_s: f64, now_s: f64) {
+        let until_s = f64::from_bits(self.deaf_until_s.load(Ordering::Relaxed));
+        let until_s = until_s.max(now_s) - step_s;
+        self.deaf_until_s
+            .store(until_s.to_bits(), Ordering::Relaxed);
+    }
+
+    /// Returns why a publisher of the emergency stop may not be heard at the local time `now_s`.
+    pub(crate) fn unheard_stop(&self, now_s: f64) -> Option<String> {
+        let until_s = f64::from_bits(self.deaf_until_s.load(Ordering::Relaxed));
+        let left_s = until_s - now_s;
+        self.graph().unheard_publisher().or_else(|| {
+            (left_s > SYSTEM_JUMP_S).then(|| {
+                format!(
+                    "this computer's clock was set back, and best-effort messages are not heard for {left_s:.0} s \
+                     more; start the program again"
+                )
+            })
+        })
+    }
+
     /// Sets the speed, m/s, and the yaw rate, rad/s, below which odometry counts as 0.
     pub(crate) fn set_velocity_thresholds(&self, thresholds: [f64; 2]) {
         for (slot, value) in self.velocity_thresholds.iter().zip(thresholds) {
@@ -102,4 +128,27 @@ impl SharedInputs {
 
 fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_clock_that_was_set_back_is_waited_for() {
+        let inputs = SharedInputs::default();
+        let unheard = |now_s| inputs.unheard_stop(now_s).is_some();
+        assert!(!unheard(10.0));
+        for (step_s, at_s) in [(100.0, 10.0), (-0.4, 11.0)] {
+            inputs.clock_was_set(step_s, at_s);
+            assert!(!unheard(at_s));
+        }
+        inputs.clock_was_set(-50.0, 20.0);
+        assert!(unheard(20.0) && unheard(69.0) && !unheard(70.0));
+        // It is set right again.
+        inputs.clock_was_set(20.0, 30.0);
+        assert!(unheard(49.0) && !unheard(50.0));
+        inputs.clock_was_set(40.0, 31.0);
+        assert!(!unheard(31.0));
+    }
 }

@@ -4,6 +4,8 @@ use ros2_client::Gid;
 
 /// How far a stamp may be ahead of the clock without meaning anything, s.
 pub(crate) const AHEAD_S: f64 = 0.1;
+/// A step of system time that is a jump, s; a smaller one is followed.
+pub(crate) const SYSTEM_JUMP_S: f64 = 0.5;
 /// Largest step of a publisher's clock that is made up for, s.
 const STEP_MAX_S: f64 = 0.5;
 

@@ -211,7 +211,7 @@ impl ControllerServer {
         let (estop_unknown, estop_unknown_driving) =
             (self.estop_unknown(false), self.estop_unknown(true));
         let inputs = &self.links.inputs;
-        let estop_incompatible = inputs.graph().unheard_publisher();
+        let estop_incompatible = inputs.unheard_stop(now_s);
         let controller = self.links.commands.controller_status();
         let transforms = inputs.transforms();
         let time = &self.links.time;
