@@ -289,6 +289,18 @@ def test_why_a_goal_is_refused_is_in_the_log(rig, tmp_path):
     wait_for(lambda: any(answer.result.error_msg in reason for reason in refusals()), "the refusal in the log")
 
 
+@pytest.mark.parametrize("different", [{"RMW_IMPLEMENTATION": "rmw_fastrtps_cpp"}, "humble"])
+def test_a_goal_that_cannot_be_read_is_said(start, peer, different, tmp_path):
+    definition, environment = ("humble", {}) if different == "humble" else ("jazzy", different)
+    run = start("run", adapted("run_ros2.yaml", {}, tmp_path), "--format", "text", **environment)
+    send_goal = FollowPath(peer, definition).send_goal
+    wait_for(lambda: send_goal.writer.get_matched_subscriptions(), "the action server")
+    time.sleep(0.3)
+    goal = wire.FollowPathGoal[definition](path=path_of(straight(3.0)))
+    send_goal.send(goal_id=wire.UUID(uuid=bytes(range(16))), goal=goal)
+    wait_for(lambda: "a goal cannot be read: its client has another" in run.output(), "the reason on the screen")
+
+
 def test_a_best_effort_emergency_stop_is_heard(rig, peer):
     r = rig()
     stop = peer.best_effort_writer("/emergency_stop", wire.Bool)
@@ -339,7 +351,9 @@ def test_poses_come_from_another_topic_than_the_speeds(rig, peer, kind):
 
     with repeating(relay, 0.01):
         topics = f"    odometry: wheels\n    pose: {{topic: gps, type: {kind}}}"
-        r = rig(of_controller={r"^    odometry: odom # nav_msgs.*$": topics})
+        # The relay is a thread of Python beside others.
+        patient = {r"^  feedback_timeout_s: .*$": "  feedback_timeout_s: 1.0"}
+        r = rig(of_controller={r"^    odometry: odom # nav_msgs.*$": topics, **patient})
         answer = r.sent_off(path_of(figure_eight())).result(timeout_s=120)
     assert answer.status == FollowPath.SUCCEEDED, answer.result.error_msg
     assert max(cross_track_m(r.vehicle.truth(), figure_eight())) < 0.1

@@ -24,7 +24,7 @@ use crate::port::shared_inputs::SharedInputs;
 use ros2_client::dds::rustdds::DomainParticipantStatusListener;
 use ros2_client::dds::rustdds::mio1::{Events, Poll};
 use ros2_client::log::LogLevel;
-use ros2_client::{NodeLoggingHandle, Subscription};
+use ros2_client::{NodeLoggingHandle, ServiceMapping, Subscription};
 use sidehill_bridge::control_loop::channel::{CommandClient, LoopStatus};
 use sidehill_bridge::ros2::message::{Path, SpeedLimit};
 use sidehill_bridge::ros2::settings::server::Ros2Config;
@@ -121,6 +121,17 @@ impl ControllerServer {
     fn serve_action(&mut self, now_s: f64) {
         while let Some(goal) = self.action.next_goal(&self.peers) {
             self.take_goal(goal, now_s);
+        }
+        if self.action.take_unreadable() {
+            let ours = match self.node.service_mapping() {
+                ServiceMapping::Cyclone => "rmw_cyclonedds_cpp",
+                _ => "rmw_fastrtps_cpp",
+            };
+            let message = format!(
+                "a goal cannot be read: its client has another middleware than RMW_IMPLEMENTATION={ours} of this \
+                 program, or another follow_path.definition"
+            );
+            self.log(LogLevel::Warn, &message);
         }
         while let Some(canceling) = self.action.next_cancel(&self.peers) {
             for id in canceling {

@@ -32,6 +32,9 @@ impl FollowPathServer for Action {
     fn next_goal(&mut self, _: &Peers) -> Option<FollowPathRequest> {
         self.0.lock().unwrap().goals.pop_front()
     }
+    fn take_unreadable(&mut self) -> bool {
+        false
+    }
     fn respond(&mut self, _: RmwRequestId, _: GoalId, accept: bool, _: Time) -> bool {
         self.0.lock().unwrap().accepted.push(accept);
         accept
