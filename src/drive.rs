@@ -38,8 +38,8 @@ pub fn hand_over() -> Error {
 pub struct RunArgs {
     /// Configuration: interface, layout of the bus, vehicle, controller, course, safety.
     pub config: PathBuf,
-    /// Arm once as soon as the drives' feedback is fresh, within the first 5 s. Without it, and after every stop, SIGUSR1
-    /// arms.
+    /// Arm once as soon as the drives' feedback is fresh, within the first 5 s; over ROS 2, begin the route once there is
+    /// a pose. Without it, and after every stop, SIGUSR1 does.
     #[arg(long)]
     pub arm: bool,
     /// Folder for candump.log, cycles.csv and events.jsonl; created if it does not exist. Files of an

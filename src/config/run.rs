@@ -19,7 +19,7 @@ use sidehill_controller::config::{AttitudePreview, ControllerConfig, ControllerK
 use sidehill_controller::controller::Controller;
 use sidehill_controller::course::Course;
 use sidehill_controller::guard::{Stance, first_steep_place};
-use sidehill_controller::path::GeodeticOrigin;
+use sidehill_controller::path::{GeodeticOrigin, Path as SmoothPath};
 use sidehill_controller::reference::Reference;
 use sidehill_controller::speed_profile::SpeedConfig;
 use sidehill_plant::bounds::Bounds;
@@ -135,7 +135,8 @@ impl RunConfig {
         })
     }
 
-    /// Returns the controller with its reference; without one if paths come over ROS 2.
+    /// Returns the controller with its reference; if paths come over ROS 2 without one, but with the ground of the
+    /// route.
     ///
     /// # Errors
     /// [`ConfigError`] with the file at fault, key, value and range.
@@ -164,16 +165,7 @@ impl RunConfig {
             .map_err(|error| file.error(format!("settings.{error}")))?;
         let mut controller = Controller::new(self.controller, settings.clone(), vehicle)
             .map_err(|error| file.error(error))?;
-        if !self.over_ros2() {
-            let source = Source::of(
-                file,
-                self.course.as_ref(),
-                self.route.as_ref(),
-                self.datum,
-                None,
-            )?;
-            let limits = self.speed.limits(&settings.limits, vehicle);
-            let loaded = LoadedReference::build(file, source, &limits)?;
+        if let Some(loaded) = self.reference(file, vehicle)? {
             if settings.attitude_preview == AttitudePreview::Terrain
                 && let Some(ground) = loaded.ground()?
             {
@@ -186,11 +178,48 @@ impl RunConfig {
                 }
                 controller = controller.with_terrain(ground);
             }
-            controller.follow(Reference::new(loaded.trajectory).for_laps(self.laps));
-        } else if self.course.is_some() || self.route.is_some() {
-            return Err(file.error("course and route: paths come over ROS 2, not from here"));
+            if !self.over_ros2() {
+                controller.follow(Reference::new(loaded.trajectory).for_laps(self.laps));
+            }
         }
         Ok(controller)
+    }
+
+    /// Returns the course or the route; none if paths come over ROS 2 alone.
+    fn reference(
+        &self,
+        file: &ConfigFile,
+        vehicle: &Vehicle,
+    ) -> Result<Option<LoadedReference>, ConfigError> {
+        if self.over_ros2() {
+            if self.course.is_some() {
+                let reason = "course: paths come over ROS 2, or from a `route`";
+                return Err(file.error(reason));
+            }
+            if self.route.is_none() {
+                return Ok(None);
+            }
+        }
+        let (course, route) = (self.course.as_ref(), self.route.as_ref());
+        let source = Source::of(file, course, route, self.datum, None)?;
+        let limits = self.speed.limits(&self.settings.limits, vehicle);
+        LoadedReference::build(file, source, &limits).map(Some)
+    }
+
+    /// Returns the curve of the route that is driven over ROS 2; none without a route.
+    ///
+    /// # Errors
+    /// As [`RunConfig::controller`].
+    pub fn route_over_ros2(
+        &self,
+        file: &ConfigFile,
+        vehicle: &Vehicle,
+    ) -> Result<Option<SmoothPath>, ConfigError> {
+        if !self.over_ros2() {
+            return Ok(None);
+        }
+        let loaded = self.reference(file, vehicle)?;
+        Ok(loaded.and_then(|loaded| loaded.trajectory.path().cloned()))
     }
 
     /// Returns whether paths come over ROS 2.
@@ -209,7 +238,7 @@ impl RunConfig {
             .and_then(|()| TwistMapping::new(config.commands.track_width_m, vehicle).map(drop))
             .map_err(|error| file.error(error))?;
         self.check_clock(file, &config)?;
-        self.check_yaw_rate(file, &config)?;
+        self.check_sensors(file, &config)?;
         Ok(config)
     }
 
@@ -225,11 +254,20 @@ impl RunConfig {
         Ok(())
     }
 
-    /// Checks that an IMU is not asked for where nobody would read it.
-    fn check_yaw_rate(&self, file: &ConfigFile, ros2: &Ros2Config) -> Result<(), ConfigError> {
+    /// Checks that no sensor is asked for where nobody would read it.
+    fn check_sensors(&self, file: &ConfigFile, ros2: &Ros2Config) -> Result<(), ConfigError> {
         if self.port != RunPort::Ros2 && ros2.inputs.yaw_rate == YawRateSource::Imu {
             let reason = "an imu is read with port: ros2 only, must be none";
             return Err(file.error(format!("ros2.inputs.yaw_rate: {reason}")));
+        }
+        if let Some(pose) = &ros2.inputs.pose {
+            if self.port != RunPort::Ros2 {
+                return Err(file.error("ros2.inputs.pose: it is read with port: ros2 only"));
+            }
+            if pose.topic == ros2.inputs.odometry {
+                let reason = "this is the topic of odometry, whose poses are read without it";
+                return Err(file.error(format!("ros2.inputs.pose.topic: {reason}")));
+            }
         }
         Ok(())
     }

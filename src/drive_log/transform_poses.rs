@@ -43,7 +43,9 @@ impl TransformPoses {
         fixed: bool,
     ) -> Option<Isometry3<f64>> {
         let time_s = time_ns as f64 * 1e-9;
-        self.transforms.take(parent, child, time_s, pose, fixed);
+        // Nothing in a log is ahead of its clock.
+        self.transforms
+            .take(parent, child, (time_s, f64::INFINITY), pose, fixed);
         let entry = (parent.trim_start_matches('/').to_owned(), fixed);
         self.parents
             .insert(child.trim_start_matches('/').to_owned(), entry);

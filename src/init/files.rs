@@ -3,7 +3,7 @@
 use super::bridge::bridge;
 use super::file::File;
 use super::port::PortKind;
-use super::robots::Robot;
+use super::robots::Measures;
 use super::schemas::{name_schema, schemas};
 use super::texts::{COLUMNS, readme, scenario};
 use super::vehicles::{contact_vehicle, first_guess};
@@ -14,9 +14,10 @@ use sidehill_plant::vehicle::Vehicle;
 /// Half length of the J8's wheel rectangle, m, for which the figure of eight is sized.
 const J8_HALF_LENGTH_M: f64 = 1.06;
 
-/// Returns all files of a set.
-pub(super) fn all(robot: Robot, port: PortKind) -> Result<Vec<File>> {
-    let (vehicle, contact, identified, scale) = match robot.measures() {
+/// Returns all files of a set; without measures those of the J8, whose own are copied.
+pub(super) fn all(measures: Option<Measures<'_>>, port: PortKind) -> Result<Vec<File>> {
+    let speed_m_s = measures.and_then(|measures| measures.speed_m_s);
+    let (vehicle, contact, identified, scale) = match measures {
         None => (
             built_in("config/vehicles/j8.yaml")?,
             built_in(CONTACT_VEHICLE)?,
@@ -46,7 +47,7 @@ pub(super) fn all(robot: Robot, port: PortKind) -> Result<Vec<File>> {
         },
         File {
             name: "scenario.yaml",
-            text: scenario(&known.name, identified_name, scale),
+            text: scenario(&known.name, identified_name, scale, speed_m_s),
         },
         File {
             name: "columns.yaml",
@@ -61,7 +62,7 @@ pub(super) fn all(robot: Robot, port: PortKind) -> Result<Vec<File>> {
         name: "identified.yaml",
         text,
     }));
-    files.extend(bridge(port, track_width_m)?);
+    files.extend(bridge(port, track_width_m, measures.as_ref())?);
     files.iter_mut().for_each(name_schema);
     let schemas = schemas(&files);
     files.extend(schemas);

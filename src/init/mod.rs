@@ -10,7 +10,7 @@ mod texts;
 mod vehicles;
 
 pub use port::PortKind;
-pub use robots::Robot;
+pub use robots::{OwnRobot, Robot};
 
 use crate::check;
 use crate::config::ConfigFile;
@@ -28,6 +28,9 @@ pub struct InitArgs {
     /// Robot whose published dimensions the files start from.
     #[arg(long, value_enum, default_value_t)]
     pub vehicle: Robot,
+    /// Measures of another robot.
+    #[command(flatten)]
+    pub own: Option<OwnRobot>,
     /// How the drives are commanded.
     #[arg(long, value_enum, default_value_t)]
     pub port: PortKind,
@@ -43,7 +46,11 @@ pub struct InitArgs {
 pub fn run(args: &InitArgs) -> Result<()> {
     progress::explain_interrupt(|| "interrupted: the set is not complete".to_owned())?;
     let notice = Notice::begin("init: drives the robot in simulation for first guesses".to_owned());
-    let files = files::all(args.vehicle, args.port)?;
+    let measures = match &args.own {
+        Some(own) => Some(own.measures()?),
+        None => args.vehicle.measures(),
+    };
+    let files = files::all(measures, args.port)?;
     drop(notice);
     let paths: Vec<PathBuf> = files.iter().map(|file| args.dir.join(file.name)).collect();
     output::check_free(&paths, args.force)?;

@@ -1,4 +1,7 @@
-//! Robots that `sidehill init` knows, from their makers' publications.
+//! Robots that `sidehill init` knows, from their makers' publications, and any other by its measures.
+
+use sidehill_plant::bounds::Bounds;
+use sidehill_plant::vehicle::RangeError;
 
 /// Which robot a set of files is for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum)]
@@ -18,13 +21,13 @@ pub enum Robot {
 
 /// What a maker publishes about a robot, and what is assumed about the rest.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Measures {
+pub(super) struct Measures<'a> {
     /// Name of the vehicle.
-    pub(super) name: &'static str,
+    pub(super) name: &'a str,
     /// Maker and model, for the files' first lines.
-    pub(super) title: &'static str,
+    pub(super) title: &'a str,
     /// Where the measures come from.
-    pub(super) source: &'static str,
+    pub(super) source: &'a str,
     /// Mass without payload, kg.
     pub(super) mass_kg: f64,
     /// Distance between the middles of left and right wheels or tracks, m.
@@ -40,13 +43,70 @@ pub(super) struct Measures {
     /// The maker's `wheel_separation_multiplier`, where there is one: the distance of the tread ICRs
     /// over that of the wheels on level ground.
     pub(super) separation_multiplier: Option<f64>,
-    /// Largest acceleration of a motor that is asked for, m/s^2: well below what the maker allows.
-    pub(super) acceleration_m_s2: f64,
+    /// Largest speed of a tread, m/s; where it is not given, speeds are those of the defaults.
+    pub(super) speed_m_s: Option<f64>,
+}
+
+/// Measures of a robot that is not known.
+#[derive(Debug, Clone, clap::Args)]
+#[group(requires_all = ["length", "width", "wheel_radius", "mass", "speed"])]
+pub struct OwnRobot {
+    /// Distance between the first and the last axle, m; of tracks their length on the ground. With all of --length,
+    /// --width, --wheel-radius, --mass and --speed the set is for a robot of these measures.
+    #[arg(long, required = false, value_name = "M", conflicts_with = "vehicle")]
+    pub length: f64,
+    /// Distance between the middles of the left and the right wheels or tracks, m.
+    #[arg(long, required = false, value_name = "M")]
+    pub width: f64,
+    /// Radius of the wheels or sprockets, m.
+    #[arg(long, required = false, value_name = "M")]
+    pub wheel_radius: f64,
+    /// Mass with payload, kg.
+    #[arg(long, required = false, value_name = "KG")]
+    pub mass: f64,
+    /// Largest speed of the wheels, m/s.
+    #[arg(long, required = false, value_name = "M/S")]
+    pub speed: f64,
+    /// Name of the robot, of letters, digits, - and _; rover without it.
+    #[arg(long, value_parser = name)]
+    pub name: Option<String>,
+}
+
+fn name(text: &str) -> Result<String, String> {
+    let allowed = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
+    match text.starts_with(|c: char| c.is_ascii_alphabetic()) && text.chars().all(allowed) {
+        true => Ok(text.to_owned()),
+        false => Err("must begin with a letter and have letters, digits, - and _ only".to_owned()),
+    }
+}
+
+impl OwnRobot {
+    /// Returns its measures, with assumptions for the rest.
+    ///
+    /// # Errors
+    /// [`RangeError`] with the argument out of its range.
+    pub(super) fn measures(&self) -> Result<Measures<'_>, RangeError> {
+        let name = self.name.as_deref().unwrap_or("rover");
+        Ok(Measures {
+            name,
+            title: name,
+            source: "the arguments of sidehill init",
+            mass_kg: Bounds::new(0.5, 50_000.0, "kg").check("--mass", self.mass)?,
+            track_m: Bounds::new(0.05, 10.0, "m").check("--width", self.width)?,
+            wheelbase_m: Bounds::new(0.05, 10.0, "m").check("--length", self.length)?,
+            axles: 2,
+            radius_m: Bounds::new(0.01, 2.0, "m").check("--wheel-radius", self.wheel_radius)?,
+            // As of the known robots.
+            centre_of_mass_height_m: 1.25 * self.wheel_radius,
+            separation_multiplier: None,
+            speed_m_s: Some(Bounds::new(0.1, 10.0, "m/s").check("--speed", self.speed)?),
+        })
+    }
 }
 
 impl Robot {
     /// Returns its measures; none for the J8, whose own files are copied.
-    pub(super) fn measures(self) -> Option<Measures> {
+    pub(super) fn measures(self) -> Option<Measures<'static>> {
         match self {
             Self::Husky => Some(Measures {
                 name: "husky",
@@ -60,7 +120,7 @@ impl Robot {
                 radius_m: 0.1651,
                 centre_of_mass_height_m: 0.2,
                 separation_multiplier: Some(1.875),
-                acceleration_m_s2: 1.0,
+                speed_m_s: None,
             }),
             Self::Jackal => Some(Measures {
                 name: "jackal",
@@ -74,7 +134,7 @@ impl Robot {
                 radius_m: 0.098,
                 centre_of_mass_height_m: 0.12,
                 separation_multiplier: Some(1.5),
-                acceleration_m_s2: 1.0,
+                speed_m_s: None,
             }),
             Self::Warthog => Some(Measures {
                 name: "warthog",
@@ -87,7 +147,7 @@ impl Robot {
                 radius_m: 0.3,
                 centre_of_mass_height_m: 0.4,
                 separation_multiplier: None,
-                acceleration_m_s2: 1.0,
+                speed_m_s: None,
             }),
             Self::Tracks => Some(Measures {
                 name: "tracks",
@@ -100,7 +160,7 @@ impl Robot {
                 radius_m: 0.0856,
                 centre_of_mass_height_m: 0.25,
                 separation_multiplier: None,
-                acceleration_m_s2: 1.0,
+                speed_m_s: None,
             }),
             Self::J8 => None,
         }

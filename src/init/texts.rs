@@ -1,8 +1,21 @@
 //! Scenario, column map and README of a set.
 
+use super::bridge::{limits, usual_speed_m_s};
 use super::port::PortKind;
 
-pub(super) fn scenario(name: &str, identified: &str, scale: f64) -> String {
+/// Length of the figure of eight of the J8, m.
+const EIGHT_M: f64 = 30.0;
+
+/// Returns the scenario of a vehicle whose treads reach a speed, m/s, where that is known.
+pub(super) fn scenario(name: &str, identified: &str, scale: f64, speed_m_s: Option<f64>) -> String {
+    let controller = speed_m_s.map_or_else(String::new, |speed_m_s| {
+        let limits = limits(speed_m_s);
+        format!(
+            "\n# Limits of each motor, in m/s and m/s^2, and of a tread, in m/s.\ncontroller: {{limits: {limits}}}\n"
+        )
+    });
+    let usual_m_s = speed_m_s.map_or(f64::INFINITY, usual_speed_m_s);
+    let period_s = (scale * EIGHT_M / usual_m_s).ceil().max(60.0);
     format!(
         "# A figure of eight on a hillside of 5 degrees, of a size that fits the vehicle.\n\
          \n\
@@ -20,7 +33,7 @@ pub(super) fn scenario(name: &str, identified: &str, scale: f64) -> String {
          terrain: {{kind: plane, slope_deg: 5, uphill_heading_deg: 0}}\n\
          \n\
          # Lengths in m, period in s. A recorded route instead: route: {{file: route.gpx}}\n\
-         course: {{shape: figure_eight, half_width_m: {width:.2}, half_length_m: {length:.2}, period_s: 60}}\n\
+         course: {{shape: figure_eight, half_width_m: {width:.2}, half_length_m: {length:.2}, period_s: {period_s}}}\n\
          \n\
          # Controllers, run one after the other.\n\
          controllers: [contact-mpc, icrik-mpc, icrhk-mpc, pure-pursuit]\n\
@@ -30,7 +43,8 @@ pub(super) fn scenario(name: &str, identified: &str, scale: f64) -> String {
          \n\
          # Seed of everything random, and step of the simulation, s.\n\
          seed: 1\n\
-         step_s: 0.005\n",
+         step_s: 0.005\n\
+         {controller}",
         width = 2.4 * scale,
         length = 3.9 * scale,
     )

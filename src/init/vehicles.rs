@@ -10,7 +10,7 @@ use std::fmt::Write;
 const FRICTION: f64 = 0.8;
 
 /// Returns the vehicle on wheels with the maker's measures and assumptions for the rest.
-pub(super) fn contact_vehicle(measures: &Measures) -> String {
+pub(super) fn contact_vehicle(measures: &Measures<'_>) -> String {
     let Measures {
         name,
         title,
@@ -73,7 +73,7 @@ pub(super) fn contact_vehicle(measures: &Measures) -> String {
 }
 
 /// Returns how far forward of the origin the axles are, m: evenly spaced.
-fn axle_positions_m(measures: &Measures) -> impl Iterator<Item = f64> {
+fn axle_positions_m(measures: &Measures<'_>) -> impl Iterator<Item = f64> + use<> {
     let Measures {
         axles, wheelbase_m, ..
     } = *measures;
@@ -82,12 +82,13 @@ fn axle_positions_m(measures: &Measures) -> impl Iterator<Item = f64> {
 
 /// Returns the vehicle as ICRIK knows it: ICRs and slide gains that identification finds when the
 /// vehicle on wheels drives the paper's procedure in simulation.
-pub(super) fn first_guess(measures: &Measures, contact: &str) -> Result<String> {
+pub(super) fn first_guess(measures: &Measures<'_>, contact: &str) -> Result<String> {
     let half_width_m = 0.5 * measures.track_m;
     let half_length_m = 0.5 * measures.wheelbase_m;
+    let speed_m_s = measures.speed_m_s.unwrap_or(1.0);
     let start: Vehicle = serde_yaml::from_str(&format!(
         "{{name: {}, x_icr_left_m: {}, x_icr_right_m: {}, y_icr_m: 0.0, lambda_1_s_per_rad: 1.0,
-          lambda_2_s_per_rad: 1.0, speed_max_m_s: 1.0, base_half_width_m: {half_width_m},
+          lambda_2_s_per_rad: 1.0, speed_max_m_s: {speed_m_s:?}, base_half_width_m: {half_width_m},
           base_half_length_m: {half_length_m}, correction_left: 1.0, correction_right: 1.0}}",
         measures.name,
         -1.5 * half_width_m,
@@ -127,7 +128,7 @@ pub(super) fn first_guess(measures: &Measures, contact: &str) -> Result<String> 
          lambda_2_s_per_rad: {lambda_2:.3}   # one tread more, when pointing mostly up or down\n\
          \n\
          # Largest speed that is driven (v_y^m), in m/s.\n\
-         speed_max_m_s: 1.0\n\
+         speed_max_m_s: {speed_m_s:?}\n\
          \n\
          # Half width and half length of the rectangle of the wheels' contact points, in m.\n\
          base_half_width_m: {half_width_m:?}\n\

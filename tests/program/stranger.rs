@@ -294,6 +294,62 @@ fn init_writes_sets_that_are_valid_and_drive() {
 }
 
 #[test]
+fn init_writes_a_set_for_any_robot_from_its_measures() {
+    const TINY: &str = "--length 0.25 --width 0.3 --wheel-radius 0.05 --mass 4 --speed 0.3";
+    const FARM: &str =
+        "--length 1.8 --width 1.4 --wheel-radius 0.35 --mass 900 --speed 1.5 --name farm-2";
+    let folder = tempfile::tempdir().unwrap();
+    let init = |measures: &str, set: &str| {
+        let mut init = sidehill();
+        init.arg("init").args(measures.split(' '));
+        init.arg(folder.path().join(set));
+        init
+    };
+    for (measures, port, name, mass) in [
+        (TINY, "ros2", "rover", "4.0"),
+        (FARM, "can", "farm-2", "900.0"),
+    ] {
+        let said = succeed(init(measures, name).args(["--port", port]));
+        assert_says(&said, &["run.yaml: configuration of run"]);
+        let text =
+            |file: &str| std::fs::read_to_string(folder.path().join(name).join(file)).unwrap();
+        assert_says(&text("vehicle.yaml"), &[&format!("name: {name}\n")]);
+        assert_says(&text("contact.yaml"), &[&format!("mass_kg: {mass}\n")]);
+        // Limits of a path follow from the vehicle.
+        assert!(!text("run.yaml").contains("max_curvature_per_m"));
+        let scenario = folder.path().join(name).join("scenario.yaml");
+        let drive = succeed(sidehill().arg("simulate").arg(scenario).args([
+            "--controller",
+            "icrik-mpc",
+            "--format",
+            "json",
+        ]));
+        let figures: serde_json::Value = serde_json::from_str(&drive).unwrap();
+        let run = &figures["runs"][0];
+        assert!(run["cross_track_rms_m"].as_f64().unwrap() < 0.02, "{run}");
+        let limit_m_s = if name == "rover" { 0.3 } else { 1.5 };
+        assert!(run["tread_speed_max_m_s"].as_f64().unwrap() < 1.01 * limit_m_s);
+    }
+    for (measures, says) in [
+        ("--length 1", "--wheel-radius"),
+        (&format!("--vehicle jackal {TINY}"), "--vehicle"),
+        (
+            &TINY.replace("--mass 4", "--mass 4e6"),
+            "--mass: 4000000 is out of range",
+        ),
+        (
+            &TINY.replace("--width 0.3", "--width nan"),
+            "--width: NaN is out of range",
+        ),
+        (&format!("{TINY} --name a:b"), "--name"),
+    ] {
+        let message = fail(&mut init(measures, "none"));
+        assert_says(&message, &[says]);
+    }
+    assert!(!folder.path().join("none").exists());
+}
+
+#[test]
 fn what_simulate_writes_is_a_log() {
     let course = Course::new("");
     let folder = course.path("out");

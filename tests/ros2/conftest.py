@@ -1,5 +1,8 @@
 import itertools
+import os
 import random
+import struct
+import subprocess
 
 import pytest
 from programs import Program, Vehicle, adapted
@@ -46,6 +49,23 @@ def start(domain, middleware, tmp_path):
         if program.running():
             program.kill()
         print(f"--- {program.log.name}\n{program.output()[-4000:]}")
+
+
+@pytest.fixture
+def set_clock(tmp_path, monkeypatch):
+    """Sets the system's clock of all programs that are started from now on, by s in all."""
+    library, shift = tmp_path / "shifted_clock.so", tmp_path / "shift"
+    source = os.path.join(os.path.dirname(__file__), "shifted_clock.c")
+    subprocess.run(["cc", "-shared", "-fPIC", "-o", library, source, "-ldl"], check=True)
+    shift.write_bytes(struct.pack("=q", 0))
+    monkeypatch.setenv("LD_PRELOAD", str(library))
+    monkeypatch.setenv("SHIFTED_CLOCK", str(shift))
+
+    def set_clock(by_s):
+        with open(shift, "r+b") as file:
+            file.write(struct.pack("=q", round(1e9 * by_s)))
+
+    return set_clock
 
 
 @pytest.fixture

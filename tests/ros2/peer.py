@@ -175,6 +175,11 @@ class Peer:
     def writer(self, topic, kind, latched=False):
         return self.raw_writer(f"rt{topic}", kind, latched)
 
+    def best_effort_writer(self, topic, kind):
+        """A writer with the quality of service of sensor data."""
+        qos = Qos(Policy.Reliability.BestEffort, Policy.Durability.Volatile, Policy.History.KeepLast(10))
+        return DataWriter(self.participant, Topic(self.participant, f"rt{topic}", kind), qos=qos)
+
     def client(self, name, types):
         return Client(self, name, types).wait()
 

@@ -13,7 +13,7 @@ import time
 import pytest
 
 import wire
-from peer import FollowPath, Peer, now, path_of, seconds
+from peer import FollowPath, Peer, now, path_of, seconds, stamp
 from programs import REPOSITORY, Program, adapted, cross_track_m, figure_eight, repeating, straight, wait_for
 
 # Codes of nav2_msgs/FollowPath.
@@ -276,6 +276,131 @@ def test_a_fault_ends_the_goal_with_its_code_and_the_vehicle_stands(rig, fault, 
     assert r.vehicle.stands() and r.commands_zero()
 
 
+def test_why_a_goal_is_refused_is_in_the_log(rig, tmp_path):
+    r = rig()
+    answer = r.action.send(path_of([(0.0, 0.0), (1.0, float("nan"))])).result()
+    assert (answer.status, answer.result.error_code) == (FollowPath.ABORTED, INVALID_PATH)
+    log = tmp_path / "run" / "events.jsonl"
+
+    def refusals():
+        events = [json.loads(line) for line in log.read_text().splitlines()]
+        return [event["reason"] for event in events if event["event"] == "goal"]
+
+    wait_for(lambda: any(answer.result.error_msg in reason for reason in refusals()), "the refusal in the log")
+
+
+@pytest.mark.parametrize("different", [{"RMW_IMPLEMENTATION": "rmw_fastrtps_cpp"}, "humble"])
+def test_a_goal_that_cannot_be_read_is_said(start, peer, different, tmp_path):
+    definition, environment = ("humble", {}) if different == "humble" else ("jazzy", different)
+    run = start("run", adapted("run_ros2.yaml", {}, tmp_path), "--format", "text", **environment)
+    send_goal = FollowPath(peer, definition).send_goal
+    wait_for(lambda: send_goal.writer.get_matched_subscriptions(), "the action server")
+    time.sleep(0.3)
+    goal = wire.FollowPathGoal[definition](path=path_of(straight(3.0)))
+    send_goal.send(goal_id=wire.UUID(uuid=bytes(range(16))), goal=goal)
+    wait_for(lambda: "a goal cannot be read: its client has another" in run.output(), "the reason on the screen")
+
+
+def test_a_best_effort_emergency_stop_is_heard(rig, peer):
+    r = rig()
+    stop = peer.best_effort_writer("/emergency_stop", wire.Bool)
+    with repeating(lambda: stop.write(wire.Bool(data=True)), 0.1):
+        answer = r.action.send(r.ahead()).result(timeout_s=20)
+        assert (answer.status, answer.result.error_code) == (FollowPath.ABORTED, UNKNOWN)
+        assert "emergency stop is pressed" in answer.result.error_msg
+    with repeating(lambda: stop.write(wire.Bool(data=False)), 0.1):
+        time.sleep(0.5)
+        goal = r.sent_off()
+    with repeating(lambda: stop.write(wire.Bool(data=True)), 0.1):
+        assert goal.result().status == FollowPath.ABORTED
+        r.stands()
+
+
+def test_an_emergency_stop_of_another_type_forbids_to_drive(rig, peer, domain):
+    r = rig()
+    goal = r.sent_off()
+    other = Peer(domain).writer("/emergency_stop", wire.Float64)
+    answer = goal.result()
+    assert (answer.status, answer.result.error_code) == (FollowPath.ABORTED, UNKNOWN)
+    said = "/emergency_stop: it is published as std_msgs/msg/Float64, must be std_msgs/msg/Bool"
+    assert said in answer.result.error_msg
+    r.stands()
+    answer = r.action.send(r.ahead()).result()
+    assert said in answer.result.error_msg
+    r.stands()
+    wait_for(lambda: "it is published as std_msgs/msg/Float64" in r.controller.output(), "the reason on the screen")
+    del other
+
+
+@pytest.mark.parametrize("kind", ["odometry", "pose_with_covariance_stamped"])
+def test_poses_come_from_another_topic_than_the_speeds(rig, peer, kind):
+    odom = peer.reader("/odom", wire.Odometry)
+    wheels = peer.best_effort_writer("/wheels", wire.Odometry)
+    message = {"odometry": wire.Odometry, "pose_with_covariance_stamped": wire.PoseWithCovarianceStamped}[kind]
+    poses = peer.best_effort_writer("/gps", message)
+
+    def relay():
+        for sent in odom.take():
+            child = {"child_frame_id": "base_link"}
+            # Wheel odometry that believes to be elsewhere.
+            header = wire.Header(stamp=sent.header.stamp, frame_id="wheels")
+            elsewhere = wire.PoseWithCovariance(pose=wire.Pose(position=wire.Point(x=7.0)))
+            wheels.write(wire.Odometry(header=header, pose=elsewhere, twist=sent.twist, **child))
+            more = child if kind == "odometry" else {}
+            poses.write(message(header=sent.header, pose=sent.pose, **more))
+
+    with repeating(relay, 0.01):
+        topics = f"    odometry: wheels\n    pose: {{topic: gps, type: {kind}}}"
+        # The relay is a thread of Python beside others.
+        patient = {r"^  feedback_timeout_s: .*$": "  feedback_timeout_s: 1.0"}
+        r = rig(of_controller={r"^    odometry: odom # nav_msgs.*$": topics, **patient})
+        answer = r.sent_off(path_of(figure_eight())).result(timeout_s=120)
+    assert answer.status == FollowPath.SUCCEEDED, answer.result.error_msg
+    assert max(cross_track_m(r.vehicle.truth(), figure_eight())) < 0.1
+
+
+def test_the_route_of_the_file_is_driven_when_the_operator_arms(vehicle, start, tmp_path):
+    rover = vehicle()
+    # To the left on a circle, of a radius that recorded routes of this vehicle may have.
+    centre = (-2.5 * math.sin(START_YAW_RAD), 2.5 * math.cos(START_YAW_RAD))
+    angles = [START_YAW_RAD + 0.03 * index for index in range(101)]
+    points = [(centre[0] + 2.5 * math.sin(a), centre[1] - 2.5 * math.cos(a)) for a in angles]
+    route = tmp_path / "route.csv"
+    route.write_text("x_m,y_m\n" + "".join(f"{x:.4f},{y:.4f}\n" for x, y in points))
+    config = adapted("run_ros2.yaml", {r"^cycle:$": "route: {file: route.csv}\ncycle:"}, tmp_path)
+    run = start("run", config, "--format", "text")
+    wait_for(lambda: "listens to" in run.output(), "the start")
+    time.sleep(2.0)
+    assert rover.stands()
+    run.signal(signal.SIGUSR1)
+    driving = lambda: abs(rover.now()["traction_m_s"]) > 0.2
+    wait_for(driving, "driving")
+    time.sleep(4.0)
+    # A stop on the way, from where it is driven on.
+    run.signal(signal.SIGUSR2)
+    wait_for(rover.stands, "standing")
+    time.sleep(1.0)
+    assert rover.stands()
+    run.signal(signal.SIGUSR1)
+    wait_for(driving, "driving on")
+    wait_for(lambda: "the goal is reached" in run.output(), "the end of the route", 120)
+    assert "the operator requested a stop" in run.output()
+    assert max(cross_track_m(rover.truth(), points)) < 0.1
+    assert run.end() == 0
+
+
+def test_a_route_begins_by_itself_where_that_is_asked(vehicle, start, tmp_path):
+    rover = vehicle()
+    route = tmp_path / "route.csv"
+    points = straight(3.0, yaw_rad=START_YAW_RAD)
+    route.write_text("x_m,y_m\n" + "".join(f"{x:.4f},{y:.4f}\n" for x, y in points))
+    config = adapted("run_ros2.yaml", {r"^cycle:$": "route: {file: route.csv}\ncycle:"}, tmp_path)
+    run = start("run", config, "--arm", "--format", "text")
+    wait_for(lambda: "the goal is reached" in run.output(), "the end of the route", 30)
+    wait_for(rover.stands, "standing")
+    assert run.end() == 0
+
+
 def test_drives_that_no_longer_obey_end_the_goal(rig):
     # On a straight line going on is what is commanded: the fault shows itself in the curve.
     r = rig(faults=["{after_enabled_s: 4, for_s: 6, fault: ignore_commands}"])
@@ -306,6 +431,62 @@ def test_a_localisation_that_falls_silent_ends_the_goal(rig, peer):
     answer = goal.result()
     assert (answer.status, answer.result.error_code) == (FollowPath.ABORTED, TF_ERROR)
     r.stands()
+
+
+@pytest.mark.parametrize("ahead_s", [0.5, 3600.0])
+def test_one_transform_stamped_ahead_does_not_move_the_path(rig, peer, ahead_s):
+    r = rig(of_vehicle={r"^  frames: .*$": "  frames: {map: world, odom: odom, base: base_link}"})
+    tf = peer.best_effort_writer("/tf", wire.TFMessage)
+    wait_for(lambda: len(tf.get_matched_subscriptions()) > 0, "the controller's /tf")
+
+    def localise(ahead_s=0.0, x=0.0):
+        header = wire.Header(stamp=stamp(time.time() + ahead_s), frame_id="map")
+        to_odom = wire.Transform(translation=wire.Vector3(x=x), rotation=wire.Quaternion(w=1.0))
+        placed = wire.TransformStamped(header=header, child_frame_id="odom", transform=to_odom)
+        tf.write(wire.TFMessage(transforms=[placed]))
+
+    points = straight(4.0, yaw_rad=START_YAW_RAD)
+    with repeating(localise):
+        goal = r.sent_off(path_of(points))
+        localise(ahead_s, 0.8)
+        answer = goal.result(timeout_s=30)
+    assert answer.status == FollowPath.SUCCEEDED, answer.result.error_msg
+    assert max(cross_track_m(r.vehicle.truth(), points)) < 0.15
+
+
+@pytest.mark.parametrize("step_s", [-0.4, -0.15, 0.15, 0.4])
+def test_a_clock_that_is_set_by_less_than_half_a_second_ends_nothing(rig, step_s):
+    r = rig(faults=[f"{{after_enabled_s: 3, for_s: 3, fault: !clock_jump_s {step_s}}}"])
+    answer = r.sent_off(r.ahead(4.5)).result(timeout_s=30)
+    assert answer.status == FollowPath.SUCCEEDED, answer.result.error_msg
+
+
+@pytest.mark.parametrize("step_s", [-0.4, -0.15, 0.15, 0.4])
+def test_a_step_of_this_computers_clock_ends_no_driving(set_clock, rig, step_s):
+    r = rig()
+    goal = r.sent_off(r.ahead(4.0))
+    time.sleep(1.0)
+    set_clock(step_s)
+    answer = goal.result(timeout_s=30)
+    if step_s < -0.3:
+        # RustDDS delivers nothing until the clock has caught up: longer than feedback may be missing.
+        assert answer.result.error_code in (NONE, TF_ERROR)
+        answer = r.action.send(r.ahead(4.5)).result(timeout_s=30)
+    assert answer.status == FollowPath.SUCCEEDED, answer.result.error_msg
+
+
+def test_a_jump_of_this_computers_clock_ends_the_goal(set_clock, rig, tmp_path):
+    r = rig()
+    goal = r.sent_off()
+    set_clock(100.0)
+    answer = goal.result(timeout_s=30)
+    assert (answer.status, answer.result.error_code) == (FollowPath.ABORTED, TF_ERROR)
+    r.stands()
+    set_clock(0.0)
+    wait_for(lambda: "set by -100.00 s" in (tmp_path / "run" / "events.jsonl").read_text(), "the step in the log")
+    answer = r.action.send(r.ahead()).result()
+    assert answer.status == FollowPath.ABORTED
+    assert "this computer's clock was set back" in answer.result.error_msg
 
 
 def test_a_jump_of_the_simulated_clock_ends_the_goal(rig):

@@ -26,8 +26,9 @@ use sidehill_recording::Sinks;
 use sidehill_recording::live::{LiveView, ParameterOwner};
 use sidehill_ros2::server::obstacles::StoppingSettings;
 use sidehill_ros2::server::parameters::override_config;
+use sidehill_ros2::server::requested_path::RequestedPath;
 use sidehill_ros2::server::route::RouteSettings;
-use sidehill_ros2::server::{self, Ros2};
+use sidehill_ros2::server::{self, ConfiguredRoute, Ros2, Ros2Inputs};
 use std::process::ExitCode;
 use std::sync::{Arc, OnceLock};
 use std::time::Duration;
@@ -64,7 +65,7 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
         None => (None, None, None),
     };
     let mut files = args.out.as_deref().map(Files::create).transpose()?;
-    let signals = register_signals()?;
+    let mut signals = register_signals()?;
 
     let epoch = Epoch::now();
     let mut inputs: Vec<Box<dyn InputStatus>> = Vec::new();
@@ -83,12 +84,33 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
         recording: watched.then(|| (path_log, Arc::clone(&recording_ended))),
         parameters: settable.map(LiveView::parameter_owner),
     };
-    let ros2 = start_ros2(&file, &config, &vehicle, ros_arguments, epoch, watch)?;
+    let mut arm = args.arm;
+    let frame = config.ros2.clone().unwrap_or_default().frames.odometry;
+    let curve = config.route_over_ros2(&file, &vehicle)?;
+    let route = curve.map(|curve| ConfiguredRoute {
+        path: RequestedPath::from_curve(&frame, &curve),
+        // The operator arms the route: the server arms the drives for it.
+        begin: std::mem::take(&mut signals.arm),
+        at_start: std::mem::take(&mut arm),
+    });
+    let has_route = route.is_some();
+    let ros2 = start_ros2(
+        (&file, &config, &vehicle),
+        ros_arguments,
+        epoch,
+        watch,
+        route,
+    )?;
     Interrupts::admit()?;
+    let notes = ros2.as_ref().map(|ros2| ros2.inputs.clone());
     let (clock, channel, ros2_port, _server) = match ros2 {
         Some(ros2) => {
             inputs.push(Box::new(ros2.inputs));
-            ready = format!("waits for a goal on {}", ros2.action);
+            let goal = format!("a goal on {}", ros2.action);
+            ready = match has_route {
+                true => format!("{ready} for its route, or {goal}"),
+                false => format!("waits for {goal}"),
+            };
             (
                 ros2.clock,
                 Some((ros2.loop_end, ros2.controller_end)),
@@ -163,7 +185,7 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
         learned: outlet,
         records,
         options: RunOptions {
-            arm: args.arm,
+            arm,
             duration_s: args.duration_s,
         },
         signals,
@@ -177,6 +199,9 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
     let mut waits_for = String::new();
     while !control_loop.is_finished() {
         std::thread::sleep(Duration::from_millis(50));
+        for note in notes.iter().flat_map(Ros2Inputs::take_notes) {
+            recorder.note(epoch.elapsed_s(), note.event, note.message);
+        }
         screen.record(&mut recorder, files.as_mut(), recording.as_mut());
         let now_s = epoch.elapsed_s();
         if now_s >= reported_s + 1.0 {
@@ -254,12 +279,11 @@ struct Watch {
 
 /// Starts the ROS 2 server, if the configuration has one.
 fn start_ros2(
-    file: &ConfigFile,
-    config: &RunConfig,
-    vehicle: &Vehicle,
+    (file, config, vehicle): (&ConfigFile, &RunConfig, &Vehicle),
     arguments: &[String],
     epoch: Epoch,
     watch: Watch,
+    configured_route: Option<ConfiguredRoute>,
 ) -> Result<Option<Ros2>> {
     if !config.over_ros2() {
         ensure!(
@@ -297,6 +321,7 @@ fn start_ros2(
         recording: watch.recording,
         live: watch.parameters,
         realtime: config.realtime,
+        configured_route,
         stopping: StoppingSettings {
             deceleration_m_s2: config.safety.deceleration_m_s2,
             // From a costmap to the treads: the time until the next check, a cycle, and the delay of a command.

@@ -3,15 +3,11 @@
 use super::node::subscription::take_all;
 use super::node::{NodeError, RosNode, qos};
 use super::port::graph_monitor::GraphMonitor;
+use ros2_client::Subscription;
 use ros2_client::dds::rustdds::{DomainParticipantStatusListener, RTPSEntity, StatusEvented};
-use ros2_client::qos::History;
-use ros2_client::{QosProfile, Subscription};
 use sidehill_bridge::ros2::arguments::{RosArguments, RosEnvironment};
 use sidehill_bridge::ros2::message::{NavSatFix, Odometry, TopicMessage};
 use sidehill_bridge::ros2::position::{PositionMessage, PositionTopic};
-
-/// Matches every publisher; keeps what comes in a burst.
-const BURST: QosProfile = qos::NEWEST.history(History::KeepLast { depth: 100 });
 
 enum Messages {
     Odometry(Subscription<Odometry>),
@@ -47,12 +43,12 @@ impl PositionNode {
         let resolved = node.names().resolve(topic.name())?.to_string();
         let (messages, input, kind) = match &topic {
             PositionTopic::Odometry(name) => (
-                Messages::Odometry(node.subscription(name, &BURST)?),
+                Messages::Odometry(node.subscription(name, &qos::BURST)?),
                 "odometry",
                 ros_type::<Odometry>(),
             ),
             PositionTopic::Fix(name) => (
-                Messages::Fix(node.subscription(name, &BURST)?),
+                Messages::Fix(node.subscription(name, &qos::BURST)?),
                 "fixes",
                 ros_type::<NavSatFix>(),
             ),

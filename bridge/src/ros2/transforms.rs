@@ -45,12 +45,14 @@ pub struct Transforms {
 }
 
 impl Transforms {
-    /// Takes the pose of a frame in its parent's at `time_s`; a fixed one holds for all times.
+    /// Takes the pose of a frame in its parent's at `time_s`, received at `now_s`; a fixed one holds for all times.
+    ///
+    /// A pose ahead of the clock is a prediction: a message for an earlier time supersedes it.
     pub fn take(
         &mut self,
         parent: &str,
         child: &str,
-        time_s: f64,
+        (time_s, now_s): (f64, f64),
         pose: Isometry3<f64>,
         fixed: bool,
     ) {
@@ -72,7 +74,12 @@ impl Transforms {
         }
         let after = edge.poses.partition_point(|(at_s, _)| *at_s <= time_s);
         edge.poses.insert(after, (time_s, pose));
-        let newest_s = edge.poses.back().map_or(time_s, |(at_s, _)| *at_s);
+        let held = |(at_s, _): &(f64, _)| *at_s <= time_s.max(now_s);
+        edge.poses.truncate(edge.poses.partition_point(held));
+        let newest_s = edge
+            .poses
+            .back()
+            .map_or(time_s, |(at_s, _)| at_s.min(now_s));
         while edge.poses.len() > 1 && edge.poses[0].0 < newest_s - KEPT_S {
             edge.poses.pop_front();
         }
@@ -185,10 +192,10 @@ mod tests {
 
     fn known() -> Transforms {
         let mut known = Transforms::default();
-        known.take("map", "odom", 1.0, pose(1.0, 0.0), false);
-        known.take("map", "odom", 2.0, pose(3.0, 1.0), false);
-        known.take("odom", "base_link", 2.0, pose(5.0, 0.0), false);
-        known.take("base_link", "imu", 0.0, pose(0.2, 3.0), true);
+        known.take("map", "odom", (1.0, 2.0), pose(1.0, 0.0), false);
+        known.take("map", "odom", (2.0, 2.0), pose(3.0, 1.0), false);
+        known.take("odom", "base_link", (2.0, 2.0), pose(5.0, 0.0), false);
+        known.take("base_link", "imu", (0.0, 2.0), pose(0.2, 3.0), true);
         known
     }
 
@@ -228,10 +235,41 @@ mod tests {
     }
 
     #[test]
+    fn a_later_message_supersedes_a_pose_ahead_of_the_clock() {
+        for ahead_s in [0.3, 5.0, 9.0, 3600.0, 1e9] {
+            let mut known = Transforms::default();
+            for step in 0..=20 {
+                let now_s = 0.05 * f64::from(step);
+                known.take("map", "odom", (now_s, now_s), pose(1.0, 0.0), false);
+                if step == 10 {
+                    known.take(
+                        "map",
+                        "odom",
+                        (now_s + ahead_s, now_s),
+                        pose(9.0, 0.0),
+                        false,
+                    );
+                }
+            }
+            let now = known.look_up("map", "odom", 1.02, 0.1).unwrap();
+            assert_eq!(now.translation.x, 1.0, "{ahead_s}");
+        }
+        // A localisation that stamps ahead of the clock is interpolated all the same.
+        let mut known = Transforms::default();
+        for step in 0..=20 {
+            let now_s = 0.1 * f64::from(step);
+            let x_m = f64::from(step);
+            known.take("map", "odom", (now_s + 0.5, now_s), pose(x_m, 0.0), false);
+        }
+        let between = known.look_up("map", "odom", 2.05, 0.0).unwrap();
+        assert!((between.translation.x - 15.5).abs() < 1e-9, "{between}");
+    }
+
+    #[test]
     fn a_loop_is_no_endless_way() {
         let mut known = Transforms::default();
-        known.take("a", "b", 0.0, pose(1.0, 0.0), false);
-        known.take("b", "a", 0.0, pose(1.0, 0.0), false);
+        known.take("a", "b", (0.0, 0.0), pose(1.0, 0.0), false);
+        known.take("b", "a", (0.0, 0.0), pose(1.0, 0.0), false);
         assert!(known.look_up("c", "a", 0.0, 0.0).is_err());
     }
 }

@@ -63,6 +63,9 @@ pub enum StopCause {
     /// A new emergency-stop publisher was discovered, and its first message has not arrived.
     #[error("a new emergency-stop publisher has not sent anything yet")]
     EmergencyStopUnheard,
+    /// A publisher of the emergency stop has another type or an incompatible quality of service.
+    #[error("a publisher of the emergency stop cannot be heard")]
+    EmergencyStopIncompatible,
     /// The client has cancelled the goal.
     #[error("the goal was cancelled")]
     Cancelled,
@@ -106,7 +109,7 @@ pub enum StopCause {
 
 impl StopCause {
     /// All of them.
-    pub const ALL: [Self; 20] = [
+    pub const ALL: [Self; 21] = [
         Self::Operator,
         Self::ProgramEnds,
         Self::TimeOver,
@@ -114,6 +117,7 @@ impl StopCause {
         Self::EmergencyStop,
         Self::EmergencyStopSilent,
         Self::EmergencyStopUnheard,
+        Self::EmergencyStopIncompatible,
         Self::Cancelled,
         Self::ClientLeft,
         Self::Deactivated,
@@ -136,6 +140,7 @@ impl StopCause {
             | Self::EmergencyStop
             | Self::EmergencyStopSilent
             | Self::EmergencyStopUnheard
+            | Self::EmergencyStopIncompatible
             | Self::ClockJumped
             | Self::FrameLost
             | Self::NoPlan

@@ -101,6 +101,12 @@ where
         })
     }
 
+    /// Returns whether a goal could not be read since the last call: it is of another type, or is mapped by
+    /// another middleware.
+    pub fn take_unreadable(&mut self) -> bool {
+        self.goal_requests.take_unreadable()
+    }
+
     /// Accepts or rejects a goal; one whose id is taken is rejected. Returns whether it was accepted.
     pub fn respond(&mut self, request: RmwRequestId, id: GoalId, accept: bool, now: Time) -> bool {
         let accepted = accept && self.goals.accept(id, now);

@@ -129,6 +129,7 @@ impl Peers {
 pub struct Requests<Q> {
     reply_topic: String,
     held: VecDeque<(Instant, RmwRequestId, Q)>,
+    unreadable: bool,
 }
 
 impl<Q> Requests<Q> {
@@ -137,7 +138,13 @@ impl<Q> Requests<Q> {
         Self {
             reply_topic: format!("rr{service}Reply"),
             held: VecDeque::new(),
+            unreadable: false,
         }
+    }
+
+    /// Returns whether a request could not be read since the last call.
+    pub fn take_unreadable(&mut self) -> bool {
+        std::mem::take(&mut self.unreadable)
     }
 
     /// Takes what `receive` returns, and returns a request whose client can receive the answer.
@@ -156,6 +163,7 @@ impl<Q> Requests<Q> {
                 Err(_) => break,
             }
         }
+        self.unreadable |= unreadable > 0;
         let index = self.held.iter().position(|(since, id, _)| {
             since.elapsed() >= HELD || peers.matches(participant(id), &self.reply_topic)
         })?;
@@ -211,6 +219,13 @@ mod tests {
         assert_eq!(next(&peers), None);
         std::thread::sleep(HELD);
         assert_eq!(next(&peers), Some("one"), "held no longer than this");
+        assert!(!requests.take_unreadable());
+        let mut once = Some(ros2_client::error::ReadError::Deserialization {
+            reason: "it is of another type".to_owned(),
+        });
+        let none: Option<(RmwRequestId, &str)> =
+            requests.next(&peers, || once.take().map_or(Ok(None), Err));
+        assert!(none.is_none() && requests.take_unreadable() && !requests.take_unreadable());
     }
 
     #[test]

@@ -12,6 +12,9 @@ const RELIABLE: Reliability = Reliability::Reliable {
 /// Subscriptions to streams: the newest message, best effort. Matches every publisher.
 pub const NEWEST: QosProfile = QosProfile::subscription_default();
 
+/// Subscriptions of which no message may be skipped: best effort, with room for a burst. Matches every publisher.
+pub const BURST: QosProfile = NEWEST.history(History::KeepLast { depth: 100 });
+
 /// Publishers of streams: match reliable and best-effort subscriptions.
 pub const STREAM: QosProfile = QosProfile::subscription_default()
     .reliability(RELIABLE)

@@ -10,19 +10,35 @@ pub struct RosTime {
     local_s: Arc<dyn Fn() -> f64 + Send + Sync>,
     /// ROS time at the zero of the local clock, ns.
     origin_ns: Arc<AtomicI64>,
-    simulated: bool,
+    /// System time, ns; none where time is simulated.
+    system_ns: Option<SystemClock>,
 }
+
+type SystemClock = Arc<dyn Fn() -> i64 + Send + Sync>;
+
+/// Smallest step of system time that is followed, s.
+const STEP_S: f64 = 0.005;
+/// Longest time between the two readings of the local clock around one of system time, s: more is an interrupted
+/// measurement.
+const READING_S: f64 = 0.001;
 
 impl RosTime {
     /// Returns the mapping of system time to a monotonic clock that returns seconds.
     pub fn system(local_s: impl Fn() -> f64 + Send + Sync + 'static) -> Self {
-        let time = Self {
+        Self::of_clocks(local_s, system_ns)
+    }
+
+    /// Returns the mapping of a clock that returns ns, and can be set, to a monotonic one that returns seconds.
+    fn of_clocks(
+        local_s: impl Fn() -> f64 + Send + Sync + 'static,
+        system_ns: impl Fn() -> i64 + Send + Sync + 'static,
+    ) -> Self {
+        let origin_ns = system_ns() - (local_s() * 1e9) as i64;
+        Self {
             local_s: Arc::new(local_s),
-            origin_ns: Arc::default(),
-            simulated: false,
-        };
-        time.resynchronize();
-        time
+            origin_ns: Arc::new(origin_ns.into()),
+            system_ns: Some(Arc::new(system_ns)),
+        }
     }
 
     /// Returns the mapping for `use_sim_time`: the local clock is that of `/clock`, in seconds.
@@ -30,13 +46,13 @@ impl RosTime {
         Self {
             local_s: Arc::new(local_s),
             origin_ns: Arc::default(),
-            simulated: true,
+            system_ns: None,
         }
     }
 
     /// Returns whether time is that of `/clock`.
     pub fn is_simulated(&self) -> bool {
-        self.simulated
+        self.system_ns.is_none()
     }
 
     /// Returns the local time, s.
@@ -56,22 +72,21 @@ impl RosTime {
         origin_ns.saturating_add((local_s * 1e9) as i64)
     }
 
-    /// Returns by how much system time was set since the last [`RosTime::resynchronize`], s; 0 with
-    /// simulated time.
-    pub fn system_jump_s(&self) -> f64 {
-        if self.simulated {
-            0.0
-        } else {
-            self.local_s(system_ns()) - self.now_s()
+    /// Follows system time where it was set, as by NTP: from then on stamps are those of the new time. Returns by how
+    /// much it was set since the last call, s; 0 with simulated time.
+    pub fn follow_system(&self) -> f64 {
+        let Some(system_ns) = &self.system_ns else {
+            return 0.0;
+        };
+        let (before_s, now_ns, after_s) = (self.now_s(), system_ns(), self.now_s());
+        let now_s = 0.5 * (before_s + after_s);
+        let step_s = self.local_s(now_ns) - now_s;
+        if after_s - before_s > READING_S || step_s.abs() < STEP_S {
+            return 0.0;
         }
-    }
-
-    /// Restarts the mapping of system time, as after a jump.
-    pub fn resynchronize(&self) {
-        if !self.simulated {
-            let origin_ns = system_ns() - (self.now_s() * 1e9) as i64;
-            self.origin_ns.store(origin_ns, Ordering::Relaxed);
-        }
+        let origin_ns = now_ns - (now_s * 1e9) as i64;
+        self.origin_ns.store(origin_ns, Ordering::Relaxed);
+        step_s
     }
 }
 
@@ -94,7 +109,6 @@ mod tests {
         assert!((time.local_s(system_ns()) - time.now_s()).abs() < 0.05);
         let stamp_ns = time.stamp_ns(12.5);
         assert!((time.local_s(stamp_ns) - 12.5).abs() < 1e-6);
-        assert!(time.system_jump_s().abs() < 0.05);
     }
 
     #[test]
@@ -102,6 +116,24 @@ mod tests {
         let time = RosTime::simulated(|| 7.25);
         assert_eq!(time.now_s(), 7.25);
         assert_eq!(time.local_s(7_250_000_000), 7.25);
-        assert_eq!(time.system_jump_s(), 0.0);
+        assert_eq!(time.follow_system(), 0.0);
+    }
+    #[test]
+    fn steps_of_system_time_are_followed_and_returned() {
+        let system_ns = Arc::new(AtomicI64::new(1_000_000_000_000));
+        let clock = Arc::clone(&system_ns);
+        let time = RosTime::of_clocks(|| 7.0, move || clock.load(Ordering::Relaxed));
+        assert_eq!(time.follow_system(), 0.0);
+        for step_s in [0.3, -0.4, 0.5, -100.0] {
+            system_ns.fetch_add((step_s * 1e9) as i64, Ordering::Relaxed);
+            let now_ns = system_ns.load(Ordering::Relaxed);
+            assert!((time.local_s(now_ns) - 7.0 - step_s).abs() < 1e-6);
+            assert!((time.follow_system() - step_s).abs() < 1e-6);
+            assert!((time.local_s(now_ns) - 7.0).abs() < 1e-6);
+            assert_eq!(time.follow_system(), 0.0);
+        }
+        // Less is the error of the measurement.
+        system_ns.fetch_add(1_000_000, Ordering::Relaxed);
+        assert_eq!(time.follow_system(), 0.0);
     }
 }

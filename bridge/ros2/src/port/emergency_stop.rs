@@ -15,6 +15,8 @@ const FIRST_MESSAGE_DRIVING: Duration = Duration::from_millis(250);
 /// The last message of a publisher.
 #[derive(Debug, Clone, Copy)]
 struct LastMessage {
+    /// Its number among the publisher's.
+    sequence: i64,
     pressed: bool,
     at: Instant,
     /// The publisher has left the graph since.
@@ -55,10 +57,21 @@ impl EmergencyStopMonitor {
             .any(|since| (grace..FIRST_MESSAGE).contains(&waited(since)))
     }
 
-    /// Takes a message.
-    pub(crate) fn received(&mut self, publisher: Gid, pressed: bool, at: Instant) {
+    /// Takes a message, which is the publisher's by number. More than one subscription hears it: only what is
+    /// newer than the last counts.
+    pub(crate) fn received(
+        &mut self,
+        (publisher, sequence): (Gid, i64),
+        pressed: bool,
+        at: Instant,
+    ) {
         self.silent.remove(&publisher);
+        let last = self.last.get(&publisher);
+        if last.is_some_and(|last| last.sequence >= sequence) {
+            return;
+        }
         let message = LastMessage {
+            sequence,
             pressed,
             at,
             lost: false,
@@ -88,6 +101,7 @@ impl EmergencyStopMonitor {
             self.silent.retain(|publisher, since| {
                 if is_lost(publisher) && now.duration_since(*since) < FIRST_MESSAGE {
                     let pressed = LastMessage {
+                        sequence: i64::MIN,
                         pressed: true,
                         at: now,
                         lost: true,
@@ -139,28 +153,41 @@ mod tests {
         let (rover, operator) = (publisher(1, 1), publisher(2, 1));
         let mut stop = EmergencyStopMonitor::default();
         assert_eq!(stop.cause(Duration::ZERO), None);
-        for (who, pressed, expected) in [
-            (rover, false, false),
-            (operator, true, true),
-            (rover, false, true),
-            (operator, false, false),
+        for (message, pressed, expected) in [
+            ((rover, 1), false, false),
+            ((operator, 1), true, true),
+            ((rover, 2), false, true),
+            ((operator, 2), false, false),
         ] {
-            stop.received(who, pressed, Instant::now());
+            stop.received(message, pressed, Instant::now());
             assert_eq!(stop.cause(Duration::ZERO).is_some(), expected);
         }
+    }
+
+    /// Of a reliable publisher the best-effort subscription may hear a message before the reliable one hears those
+    /// before it.
+    #[test]
+    fn the_newest_message_counts_whichever_subscription_hears_it_first() {
+        let mut stop = EmergencyStopMonitor::default();
+        for (sequence, pressed) in [(1, false), (3, true), (1, false), (2, false), (3, true)] {
+            stop.received((publisher(1, 1), sequence), pressed, Instant::now());
+        }
+        assert_eq!(stop.cause(Duration::ZERO), PRESSED);
+        stop.received((publisher(1, 1), 4), false, Instant::now());
+        assert_eq!(stop.cause(Duration::ZERO), None);
     }
 
     #[test]
     fn a_stop_outlives_its_publisher_until_a_new_one_releases_it() {
         for gone in [publisher(2, 1), participant(2)] {
             let mut stop = EmergencyStopMonitor::default();
-            stop.received(publisher(1, 1), false, Instant::now());
-            stop.received(publisher(2, 1), true, Instant::now());
+            stop.received((publisher(1, 1), 1), false, Instant::now());
+            stop.received((publisher(2, 1), 1), true, Instant::now());
             stop.publisher_lost(gone);
             stop.process_lost(Instant::now());
-            stop.received(publisher(1, 1), false, Instant::now());
+            stop.received((publisher(1, 1), 2), false, Instant::now());
             assert_eq!(stop.cause(Duration::ZERO), PRESSED);
-            stop.received(publisher(3, 1), false, Instant::now());
+            stop.received((publisher(3, 1), 1), false, Instant::now());
             assert_eq!(stop.cause(Duration::ZERO), None);
         }
     }
@@ -179,7 +206,7 @@ mod tests {
         assert!(stop.awaits_first_message(now + FIRST_MESSAGE * 9 / 10, false));
         assert!(!stop.awaits_first_message(now + FIRST_MESSAGE, false));
         assert!(!stop.awaits_first_message(now + FIRST_MESSAGE, true));
-        stop.received(newcomer, false, now);
+        stop.received((newcomer, 1), false, now);
         stop.publisher_discovered(newcomer, now);
         assert!(!stop.awaits_first_message(now, false));
     }
@@ -193,7 +220,7 @@ mod tests {
             stop.publisher_lost(gone);
             stop.process_lost(now + FIRST_MESSAGE / 2);
             assert_eq!(stop.cause(Duration::ZERO), PRESSED);
-            stop.received(publisher(3, 1), false, now);
+            stop.received((publisher(3, 1), 1), false, now);
             assert_eq!(stop.cause(Duration::ZERO), None);
             // A publisher that was there for long has sent nothing; one that was received counts as received.
             stop.publisher_discovered(publisher(2, 1), now);
@@ -202,7 +229,7 @@ mod tests {
             assert_eq!(stop.cause(Duration::ZERO), None);
             stop.publisher_discovered(publisher(2, 1), now);
             stop.publisher_lost(gone);
-            stop.received(publisher(2, 1), false, now);
+            stop.received((publisher(2, 1), 1), false, now);
             stop.process_lost(now);
             assert_eq!(stop.cause(Duration::ZERO), None);
         }
@@ -214,7 +241,7 @@ mod tests {
         let mut stop = EmergencyStopMonitor::default();
         // Nothing has been published yet.
         assert_eq!(stop.cause(timeout), SILENT);
-        stop.received(publisher(1, 1), false, Instant::now());
+        stop.received((publisher(1, 1), 1), false, Instant::now());
         assert_eq!(stop.cause(timeout), None);
         std::thread::sleep(Duration::from_millis(30));
         assert_eq!(stop.cause(timeout), SILENT);

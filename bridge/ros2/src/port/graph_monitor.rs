@@ -3,10 +3,13 @@
 use ros2_client::dds::rustdds::{DomainParticipantStatusEvent as Event, GUID, QosPolicies};
 use sidehill_bridge::drives::{Input, MISSING_AFTER_S};
 use std::collections::{BTreeMap, BTreeSet};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 /// Topics of the right type that are named as a hint, at most.
 const HINTS_MAX: usize = 5;
+
+/// Time after which all subscriptions of a topic have matched a publisher, or none will.
+const MATCHING: Duration = Duration::from_millis(100);
 
 /// What the identifiers of a participant's publishers begin with.
 type Participant = [u8; 12];
@@ -24,6 +27,8 @@ struct Topic {
     kind: String,
     /// Whether the vehicle cannot drive without.
     needed: bool,
+    /// Whether each of its publishers has to be heard.
+    every_publisher: bool,
     accepted: Option<Instant>,
     /// Why messages since the last that was accepted were rejected.
     rejection: Option<String>,
@@ -37,6 +42,7 @@ struct Publisher {
     /// Why a subscription of this node does not match it.
     incompatible: Option<String>,
     matched: bool,
+    discovered: Instant,
 }
 
 /// The topics that are waited for, and the publishers on the graph.
@@ -72,9 +78,39 @@ impl GraphMonitor {
             name,
             kind,
             needed,
+            every_publisher: false,
             accepted: None,
             rejection: None,
         });
+    }
+
+    /// Notes that each publisher of a topic has to be heard: one may say what no other does.
+    pub(crate) fn need_every_publisher(&mut self, configured: &str) {
+        if let Some(topic) = self.topic(configured) {
+            topic.every_publisher = true;
+        }
+    }
+
+    /// Returns why a publisher cannot be heard on a topic of which each has to be.
+    pub(crate) fn unheard_publisher(&self) -> Option<String> {
+        let topics = self.topics.iter();
+        topics
+            .filter(|topic| topic.every_publisher)
+            .find_map(|topic| Some(format!("{}: {}", topic.name, self.unheard(topic)?)))
+    }
+
+    fn unheard(&self, topic: &Topic) -> Option<String> {
+        let all = self.publishers.values();
+        all.filter(|publisher| publisher.topic == topic.name)
+            .find_map(|publisher| {
+                if publisher.kind != topic.kind {
+                    let (kind, needed) = (&publisher.kind, &topic.kind);
+                    return Some(format!("it is published as {kind}, must be {needed}"));
+                }
+                let qos = publisher.incompatible.as_ref()?;
+                let settled = publisher.discovered.elapsed() >= MATCHING;
+                (settled && !publisher.matched).then(|| format!("incompatible QoS: {qos}"))
+            })
     }
 
     /// Takes a message of a topic, by its name in the configuration, that was used.
@@ -122,6 +158,7 @@ impl GraphMonitor {
                         kind: ros_type(&writer.type_name),
                         incompatible: None,
                         matched: false,
+                        discovered: Instant::now(),
                     });
                 }
             }
@@ -154,7 +191,8 @@ impl GraphMonitor {
             .map(|topic| Input {
                 input: topic.input.to_owned(),
                 source: format!("{} ({})", topic.name, topic.kind),
-                missing: self.missing(topic).filter(|_| topic.needed),
+                missing: (self.unheard(topic).filter(|_| topic.every_publisher))
+                    .or_else(|| self.missing(topic).filter(|_| topic.needed)),
             })
             .collect()
     }
@@ -264,6 +302,7 @@ mod tests {
             kind: kind.to_owned(),
             incompatible: None,
             matched: false,
+            discovered: Instant::now(),
         };
         monitor
             .publishers
@@ -322,6 +361,53 @@ mod tests {
             reason: LostReason::Disposed,
         });
         assert_eq!(monitor.publishers.len(), 1);
+    }
+
+    #[test]
+    fn each_publisher_is_heard_where_that_is_needed() {
+        let mut monitor = GraphMonitor::default();
+        let kind = "std_msgs/msg/Bool";
+        monitor.wait_for("stop", ("stop", "/stop".to_owned()), kind.to_owned(), false);
+        publish(&mut monitor, 1, "/stop", kind);
+        publish(&mut monitor, 2, "/stop", "std_msgs/msg/Int32");
+        monitor.accepted("stop");
+        assert_eq!(
+            (monitor.unheard_publisher(), reason(&monitor)),
+            (None, String::new())
+        );
+        monitor.need_every_publisher("stop");
+        let said = monitor.unheard_publisher().unwrap();
+        assert!(
+            said.contains("/stop: it is published as std_msgs/msg/Int32"),
+            "{said}"
+        );
+        assert!(said.contains("must be std_msgs/msg/Bool"), "{said}");
+        assert!(said.ends_with(&reason(&monitor)));
+        let lost = GUID::from_bytes([2; 16]);
+        monitor.publishers.remove(&lost);
+        assert_eq!(
+            (monitor.unheard_publisher(), reason(&monitor)),
+            (None, String::new())
+        );
+        // One that no subscription matches, once all have tried.
+        let other = monitor
+            .publishers
+            .get_mut(&GUID::from_bytes([1; 16]))
+            .unwrap();
+        other.incompatible = Some("it is owned".to_owned());
+        assert_eq!(monitor.unheard_publisher(), None);
+        let other = monitor
+            .publishers
+            .get_mut(&GUID::from_bytes([1; 16]))
+            .unwrap();
+        other.discovered -= MATCHING;
+        assert!(monitor.unheard_publisher().unwrap().contains("it is owned"));
+        let other = monitor
+            .publishers
+            .get_mut(&GUID::from_bytes([1; 16]))
+            .unwrap();
+        other.matched = true;
+        assert_eq!(monitor.unheard_publisher(), None);
     }
 
     #[test]

@@ -10,11 +10,12 @@ use ros2_client::dds::rustdds::mio1::{Events, Interest, Poll, Token};
 use sidehill_bridge::control_loop::channel::HaltSwitch;
 use sidehill_bridge::ros2::message::TopicMessage;
 use sidehill_bridge::ros2::message::{
-    Bool, Clock, Imu, JointState, Odometry, TfMessage, Twist, TwistStamped,
+    Bool, Clock, Imu, JointState, Odometry, PoseWithCovarianceStamped, TfMessage, Twist,
+    TwistStamped,
 };
 use sidehill_bridge::ros2::names::NameError;
 use sidehill_bridge::ros2::settings::topics::{AttitudeSource, SpeedSource, YawRateSource};
-use sidehill_bridge::ros2::settings::topics::{InputsConfig, TwistConfig};
+use sidehill_bridge::ros2::settings::topics::{InputsConfig, PoseConfig, PoseMessage, TwistConfig};
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 use triple_buffer::{Input, Output, triple_buffer};
@@ -69,12 +70,20 @@ enum Forwarded {
     Stamped(Subscription<TwistStamped>),
 }
 
+/// Poses from another topic than the odometry.
+enum Poses {
+    Odometry(Subscription<Odometry>),
+    Stamped(Subscription<PoseWithCovarianceStamped>),
+}
+
 struct Subscriptions {
+    poses: Option<Poses>,
     odometry: Option<Subscription<Odometry>>,
     imu: Option<Subscription<Imu>>,
     joint_states: Option<Subscription<JointState>>,
-    /// Volatile and transient local: a transient-local reader does not match a volatile publisher.
-    emergency_stop: [Subscription<Bool>; 2],
+    /// Best effort, reliable, and transient local: the first matches every publisher, the others lose nothing of
+    /// those that offer it.
+    emergency_stop: [Subscription<Bool>; 3],
     clock: Option<Subscription<Clock>>,
     forwarded: Option<Forwarded>,
     tf: Subscription<TfMessage>,
@@ -87,13 +96,23 @@ impl Subscriptions {
         let attitude_of_imu = config.attitude == AttitudeSource::Imu;
         let yaw_rate_of_imu = config.yaw_rate == YawRateSource::Imu;
         let imu = sensors && (attitude_of_imu || yaw_rate_of_imu);
+        let pose = config.pose.as_ref().filter(|_| sensors);
+        let odometry = sensors && (pose.is_none() || config.speeds == SpeedSource::Odometry);
         let joint_states = sensors && config.speeds == SpeedSource::JointStates;
         let clock = subscriber.context.clock.is_some();
         let wait = Waits { node, subscriber };
         if clock {
             wait.for_topic::<Clock>("clock", CLOCK, true)?;
         }
-        if sensors {
+        if let Some(PoseConfig { topic, message }) = pose {
+            match message {
+                PoseMessage::Odometry => wait.for_topic::<Odometry>("poses", topic, true)?,
+                PoseMessage::PoseWithCovarianceStamped => {
+                    wait.for_topic::<PoseWithCovarianceStamped>("poses", topic, true)?;
+                }
+            }
+        }
+        if odometry {
             wait.for_topic::<Odometry>("odometry", &config.odometry, true)?;
         }
         if imu {
@@ -105,8 +124,21 @@ impl Subscriptions {
         }
         let repeated = config.emergency_stop_timeout_s > 0.0;
         wait.for_topic::<Bool>("emergency stop", &config.emergency_stop, repeated)?;
+        let shared = &subscriber.context.shared;
+        shared.graph().need_every_publisher(&config.emergency_stop);
         Ok(Self {
-            odometry: match sensors {
+            poses: match pose {
+                Some(PoseConfig { topic, message }) => Some(match message {
+                    PoseMessage::Odometry => {
+                        Poses::Odometry(node.subscription(topic, &qos::NEWEST)?)
+                    }
+                    PoseMessage::PoseWithCovarianceStamped => {
+                        Poses::Stamped(node.subscription(topic, &qos::NEWEST)?)
+                    }
+                }),
+                None => None,
+            },
+            odometry: match odometry {
                 true => Some(node.subscription(&config.odometry, &qos::NEWEST)?),
                 false => None,
             },
@@ -119,6 +151,7 @@ impl Subscriptions {
                 false => None,
             },
             emergency_stop: [
+                node.subscription(&config.emergency_stop, &qos::BURST)?,
                 node.subscription(&config.emergency_stop, &qos::RELIABLE_10)?,
                 node.subscription(&config.emergency_stop, &qos::LATCHED)?,
             ],
@@ -135,13 +168,18 @@ impl Subscriptions {
                 )),
                 None => None,
             },
-            tf: node.subscription("/tf", &qos::RELIABLE_10)?,
+            tf: node.subscription("/tf", &qos::BURST)?,
             tf_static: node.subscription("/tf_static", &qos::LATCHED_ALL)?,
         })
     }
 
     fn register(&mut self, poll: &Poll) -> std::io::Result<()> {
         let (registry, token, readable) = (poll.registry(), Token(0), Interest::READABLE);
+        match &mut self.poses {
+            Some(Poses::Odometry(poses)) => registry.register(poses, token, readable)?,
+            Some(Poses::Stamped(poses)) => registry.register(poses, token, readable)?,
+            None => {}
+        }
         if let Some(odometry) = &mut self.odometry {
             registry.register(odometry, token, readable)?;
         }
@@ -196,9 +234,10 @@ struct Reader {
 }
 
 impl Reader {
-    /// Reads all messages that have arrived: the emergency stop first, then the clock, then the rest.
+    /// Reads all messages that have arrived: the emergency stop first, then the clocks, then the rest.
     fn read(&mut self) {
         self.read_emergency_stop();
+        self.readings.follow_system_time();
         let (subscriptions, readings) = (&self.subscriptions, &mut self.readings);
         if let Some(clock) = &subscriptions.clock {
             take_all(clock, |message, _| readings.clock(&message));
@@ -209,11 +248,36 @@ impl Reader {
         take_all(&subscriptions.tf_static, |message, _| {
             readings.transforms(&message, true);
         });
+        match &subscriptions.poses {
+            Some(Poses::Odometry(poses)) => {
+                take_all(poses, |message, info| {
+                    let Odometry {
+                        header,
+                        child_frame_id,
+                        pose,
+                        ..
+                    } = &message;
+                    let child_frame = Some(child_frame_id.as_str());
+                    readings.pose(header, child_frame, &pose.pose, info.publisher_gid());
+                });
+            }
+            Some(Poses::Stamped(poses)) => {
+                take_all(poses, |message, info| {
+                    let PoseWithCovarianceStamped { header, pose } = &message;
+                    readings.pose(header, None, &pose.pose, info.publisher_gid());
+                });
+            }
+            None => {}
+        }
         if let Some(odometry) = &subscriptions.odometry {
-            take_all(odometry, |message, _| readings.odometry(&message));
+            take_all(odometry, |message, info| {
+                readings.odometry(&message, info.publisher_gid());
+            });
         }
         if let Some(imu) = &subscriptions.imu {
-            take_all(imu, |message, _| readings.imu(&message));
+            take_all(imu, |message, info| {
+                readings.imu(&message, info.publisher_gid());
+            });
         }
         if let Some(TwistConfig { topic, .. }) = &self.subscriber.forwarded {
             match &subscriptions.forwarded {
@@ -229,7 +293,9 @@ impl Reader {
             }
         }
         if let Some(joint_states) = &subscriptions.joint_states {
-            take_all(joint_states, |message, _| readings.joint_states(&message));
+            take_all(joint_states, |message, info| {
+                readings.joint_states(&message, info.publisher_gid());
+            });
         }
         self.slot.write(readings.latest());
     }
@@ -238,8 +304,9 @@ impl Reader {
         let shared = &self.subscriber.context.shared;
         let mut publishers = shared.estop_publishers();
         for subscription in &self.subscriptions.emergency_stop {
-            take_all(subscription, |Bool { data }, publisher| {
-                publishers.received(publisher, data, Instant::now());
+            take_all(subscription, |Bool { data }, info| {
+                let message = (info.publisher_gid(), info.sequence_number());
+                publishers.received(message, data, Instant::now());
                 shared
                     .graph()
                     .accepted(&self.subscriber.config.emergency_stop);

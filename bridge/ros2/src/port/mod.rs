@@ -14,5 +14,7 @@ pub(crate) mod inputs;
 pub(crate) mod readings;
 pub mod rover;
 pub(crate) mod shared_inputs;
+mod stamp_clock;
 
 pub use drives::Ros2Port;
+pub use shared_inputs::Note;

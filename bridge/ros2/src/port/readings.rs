@@ -1,14 +1,19 @@
 //! From messages to readings for the controller: frames, stamps and units are checked here.
 
 use super::shared_inputs::SharedInputs;
+use super::stamp_clock::{AHEAD_S, SYSTEM_JUMP_S, StampClock};
 use crate::node::time::RosTime;
 use nalgebra::UnitQuaternion;
+use ros2_client::Gid;
 use sidehill_bridge::drives::{ExternalClock, MeasuredMotorSpeeds};
 use sidehill_bridge::ros2::conversions::{
     MessageError, from_pose, from_quaternion, from_transform, from_vector, nanoseconds,
 };
 use sidehill_bridge::ros2::convert::{TwistMapping, pose_and_attitude};
-use sidehill_bridge::ros2::message::{Clock, Header, Imu, JointState, Odometry, TfMessage, Twist};
+use sidehill_bridge::ros2::message;
+use sidehill_bridge::ros2::message::{
+    Clock, Header, Imu, JointState, Odometry, TfMessage, TransformStamped, Twist,
+};
 use sidehill_bridge::ros2::settings::topics::{
     AttitudeSource, Frames, InputsConfig, SpeedSource, YawRateSource,
 };
@@ -20,10 +25,10 @@ use std::sync::atomic::Ordering;
 
 /// The topic of simulated time.
 pub(crate) const CLOCK: &str = "/clock";
-/// How far a stamp may be ahead of the clock, s.
-const AHEAD_S: f64 = 0.1;
 /// A step of `/clock` that is a jump, s; any step back is one.
 const CLOCK_JUMP_S: f64 = 2.0;
+/// How far the stamp of a transform may be ahead of the clock, s: a localisation predicts.
+const PREDICTION_MAX_S: f64 = 10.0;
 /// Fastest rotation that is believed, rad/s: gyroscopes read at most 2000 deg/s.
 const ROTATION_MAX_RAD_S: f64 = 35.0;
 
@@ -75,6 +80,16 @@ pub(crate) struct Readings {
     context: PortContext,
     latest: LatestInputs,
     clock_s: Option<f64>,
+    stamp_clocks: StampClocks,
+}
+
+/// The clocks by which the topics are stamped.
+#[derive(Debug, Default)]
+struct StampClocks {
+    odometry: StampClock,
+    pose: StampClock,
+    imu: StampClock,
+    joint_states: StampClock,
 }
 
 impl Readings {
@@ -85,6 +100,7 @@ impl Readings {
             context,
             latest: LatestInputs::default(),
             clock_s: None,
+            stamp_clocks: StampClocks::default(),
         }
     }
 
@@ -106,37 +122,66 @@ impl Readings {
         clock.set(now_s);
         self.context.shared.graph().accepted(CLOCK);
         if jumped {
-            let shared = &self.context.shared;
-            shared.transforms().forget();
-            shared.clock_jumps.fetch_add(1, Ordering::Relaxed);
-            self.latest = LatestInputs::default();
+            self.forget();
         }
+    }
+
+    /// Follows system time where it was set. A jump drops all readings and transforms.
+    pub(crate) fn follow_system_time(&mut self) {
+        let time = &self.context.time;
+        let step_s = time.follow_system();
+        if step_s != 0.0 {
+            self.context.shared.clock_was_set(step_s, time.now_s());
+        }
+        if step_s.abs() > SYSTEM_JUMP_S {
+            self.forget();
+        }
+        if step_s.abs() > AHEAD_S {
+            let message = format!("this computer's clock was set by {step_s:+.2} s");
+            self.context.shared.note("clock", message);
+        }
+    }
+
+    fn forget(&mut self) {
+        let shared = &self.context.shared;
+        shared.transforms().forget();
+        shared.clock_jumps.fetch_add(1, Ordering::Relaxed);
+        self.latest = LatestInputs::default();
+        self.stamp_clocks = StampClocks::default();
     }
 
     /// Takes transforms; fixed ones are those of `/tf_static`.
     pub(crate) fn transforms(&mut self, message: &TfMessage, fixed: bool) {
-        if let Err(reason) = self.try_transforms(message, fixed) {
-            self.context.shared.reject("tf", &reason);
+        for stamped in &message.transforms {
+            if let Err(reason) = self.try_transform(stamped, fixed) {
+                let topic = format!("tf, {}", stamped.child_frame_id);
+                self.context.shared.reject(&topic, &reason);
+            }
         }
     }
 
-    fn try_transforms(&self, message: &TfMessage, fixed: bool) -> Result<(), Rejection> {
-        let mut transforms = self.context.shared.transforms();
-        for stamped in &message.transforms {
-            let time_s = self
-                .context
-                .time
-                .local_s(nanoseconds(stamped.header.stamp)?);
-            let pose = from_transform(&stamped.transform)?;
-            let (parent, child) = (&stamped.header.frame_id, &stamped.child_frame_id);
-            transforms.take(parent, child, time_s, pose, fixed);
+    fn try_transform(&self, stamped: &TransformStamped, fixed: bool) -> Result<(), Rejection> {
+        let time = &self.context.time;
+        let time_s = time.local_s(nanoseconds(stamped.header.stamp)?);
+        let pose = from_transform(&stamped.transform)?;
+        // Before the first message of /clock there is no now.
+        let now_s = match time.is_simulated() && self.clock_s.is_none() {
+            true => time_s,
+            false => time.now_s(),
+        };
+        let ahead_s = time_s - now_s;
+        if ahead_s > PREDICTION_MAX_S && !fixed {
+            return Err(Rejection::Ahead { ahead_s });
         }
+        let (parent, child) = (&stamped.header.frame_id, &stamped.child_frame_id);
+        let mut transforms = self.context.shared.transforms();
+        transforms.take(parent, child, (time_s, now_s), pose, fixed);
         Ok(())
     }
 
     /// Takes a message of the odometry.
-    pub(crate) fn odometry(&mut self, message: &Odometry) {
-        let result = self.try_odometry(message);
+    pub(crate) fn odometry(&mut self, message: &Odometry, publisher: Gid) {
+        let result = self.try_odometry(message, publisher);
         let (shared, topic) = (&self.context.shared, &self.config.odometry);
         match result {
             Ok(()) => shared.graph().accepted(topic),
@@ -144,11 +189,21 @@ impl Readings {
         }
     }
 
-    fn try_odometry(&mut self, message: &Odometry) -> Result<(), Rejection> {
-        check_frame(&message.header.frame_id, &self.context.frames.odometry)?;
+    fn try_odometry(&mut self, message: &Odometry, publisher: Gid) -> Result<(), Rejection> {
+        let has_pose = self.config.pose.is_none();
+        if has_pose {
+            check_frame(&message.header.frame_id, &self.context.frames.odometry)?;
+        }
         check_frame(&message.child_frame_id, &self.context.frames.base)?;
-        let time_s = self.time_s(&message.header)?;
-        let (pose, attitude) = pose_and_attitude(&from_pose(&message.pose.pose)?);
+        let clock = &mut self.stamp_clocks.odometry;
+        let topic = &self.config.odometry;
+        let time_s = self
+            .context
+            .time_s(&message.header, clock, topic, publisher)?;
+        let standing = match has_pose {
+            true => Some(pose_and_attitude(&from_pose(&message.pose.pose)?)),
+            false => None,
+        };
         let mut twist = message.twist.twist.clone();
         let [speed_m_s, yaw_rate_rad_s] = self.context.shared.velocity_thresholds();
         for (value, threshold) in [
@@ -160,9 +215,8 @@ impl Readings {
             }
         }
         let motors = self.context.mapping.motors(&twist)?;
-        self.latest.pose = Some(stamped(time_s, pose));
-        if self.config.attitude == AttitudeSource::Odometry {
-            self.latest.attitude = Some(stamped(time_s, attitude));
+        if let Some(standing) = standing {
+            self.stand(time_s, standing);
         }
         if self.config.speeds == SpeedSource::Odometry {
             self.latest.motors = Some(stamped(time_s, motors));
@@ -170,9 +224,52 @@ impl Readings {
         Ok(())
     }
 
+    /// Takes a message of the pose's topic, with the child frame of an Odometry.
+    pub(crate) fn pose(
+        &mut self,
+        header: &Header,
+        child_frame: Option<&str>,
+        pose: &message::Pose,
+        publisher: Gid,
+    ) {
+        let result = self.try_pose(header, child_frame, pose, publisher);
+        let topic = self.config.pose.as_ref().map_or("", |pose| &pose.topic);
+        match result {
+            Ok(()) => self.context.shared.graph().accepted(topic),
+            Err(reason) => self.context.shared.reject(topic, &reason),
+        }
+    }
+
+    fn try_pose(
+        &mut self,
+        header: &Header,
+        child_frame: Option<&str>,
+        pose: &message::Pose,
+        publisher: Gid,
+    ) -> Result<(), Rejection> {
+        let frames = &self.context.frames;
+        check_frame(&header.frame_id, &frames.odometry)?;
+        if let Some(child_frame) = child_frame {
+            check_frame(child_frame, &frames.base)?;
+        }
+        let standing = pose_and_attitude(&from_pose(pose)?);
+        let topic = self.config.pose.as_ref().map_or("", |pose| &pose.topic);
+        let clock = &mut self.stamp_clocks.pose;
+        let time_s = self.context.time_s(header, clock, topic, publisher)?;
+        self.stand(time_s, standing);
+        Ok(())
+    }
+
+    fn stand(&mut self, time_s: f64, (pose, attitude): (Pose, Attitude)) {
+        self.latest.pose = Some(stamped(time_s, pose));
+        if self.config.attitude == AttitudeSource::Odometry {
+            self.latest.attitude = Some(stamped(time_s, attitude));
+        }
+    }
+
     /// Takes a message of the IMU. An attitude is used even if the yaw rate beside it is rejected.
-    pub(crate) fn imu(&mut self, message: &Imu) {
-        let result = self.try_imu(message);
+    pub(crate) fn imu(&mut self, message: &Imu, publisher: Gid) {
+        let result = self.try_imu(message, publisher);
         let (shared, topic) = (&self.context.shared, &self.config.imu);
         match result {
             Ok(()) => shared.graph().accepted(topic),
@@ -180,8 +277,11 @@ impl Readings {
         }
     }
 
-    fn try_imu(&mut self, message: &Imu) -> Result<(), Rejection> {
-        let time_s = self.time_s(&message.header)?;
+    fn try_imu(&mut self, message: &Imu, publisher: Gid) -> Result<(), Rejection> {
+        let (clock, topic) = (&mut self.stamp_clocks.imu, &self.config.imu);
+        let time_s = self
+            .context
+            .time_s(&message.header, clock, topic, publisher)?;
         let imu_from_base = self.imu_from_base(&message.header.frame_id, time_s)?;
         if self.config.attitude == AttitudeSource::Imu {
             if message.orientation_covariance[0] == -1.0 {
@@ -199,14 +299,17 @@ impl Readings {
         Ok(())
     }
 
-    /// Returns the mounting of the IMU: the rotation from the vehicle's axes to its own.
+    /// Returns the mounting of the IMU: the rotation from the vehicle's axes to its own. It does not age, on whichever
+    /// topic it is published.
     fn imu_from_base(&self, imu: &str, time_s: f64) -> Result<UnitQuaternion<f64>, Rejection> {
         let base = &self.context.frames.base;
         if check_frame(imu, base).is_ok() {
             return Ok(UnitQuaternion::identity());
         }
         let transforms = self.context.shared.transforms();
-        Ok(transforms.look_up(imu, base, time_s, 0.0)?.rotation)
+        Ok(transforms
+            .look_up(imu, base, time_s, f64::INFINITY)?
+            .rotation)
     }
 
     /// Takes a command that another node has sent to the drives.
@@ -219,8 +322,8 @@ impl Readings {
     }
 
     /// Takes a message of joint states.
-    pub(crate) fn joint_states(&mut self, message: &JointState) {
-        match self.try_joint_states(message) {
+    pub(crate) fn joint_states(&mut self, message: &JointState, publisher: Gid) {
+        match self.try_joint_states(message, publisher) {
             Ok(motors) => {
                 self.latest.motors = Some(motors);
                 let topic = &self.config.joint_states;
@@ -236,26 +339,43 @@ impl Readings {
     }
 
     fn try_joint_states(
-        &self,
+        &mut self,
         message: &JointState,
+        publisher: Gid,
     ) -> Result<Stamped<MeasuredMotorSpeeds>, Rejection> {
         let motors = self.config.joints.treads(message)?.into();
-        Ok(stamped(self.time_s(&message.header)?, motors))
+        let (clock, topic) = (
+            &mut self.stamp_clocks.joint_states,
+            &self.config.joint_states,
+        );
+        let time_s = self
+            .context
+            .time_s(&message.header, clock, topic, publisher)?;
+        Ok(stamped(time_s, motors))
     }
+}
 
+impl PortContext {
     /// Returns the local time of a stamp, not later than now; a stamp of zero was not set.
-    fn time_s(&self, header: &Header) -> Result<f64, Rejection> {
-        let time = &self.context.time;
-        let (stamp_ns, now_s) = (nanoseconds(header.stamp)?, time.now_s());
-        if stamp_ns == 0 && !time.is_simulated() {
+    fn time_s(
+        &self,
+        header: &Header,
+        clock: &mut StampClock,
+        topic: &str,
+        publisher: Gid,
+    ) -> Result<f64, Rejection> {
+        let (stamp_ns, now_s) = (nanoseconds(header.stamp)?, self.time.now_s());
+        if stamp_ns == 0 && !self.time.is_simulated() {
             return Ok(now_s);
         }
-        let time_s = time.local_s(stamp_ns);
-        let ahead_s = time_s - now_s;
-        if ahead_s > AHEAD_S {
-            return Err(Rejection::Ahead { ahead_s });
+        let corrected = clock
+            .correct(publisher, self.time.local_s(stamp_ns), now_s)
+            .map_err(|ahead_s| Rejection::Ahead { ahead_s })?;
+        if let Some(offset_s) = corrected.changed_to_s {
+            let message = format!("{topic}: its stamps are corrected by {offset_s:+.2} s");
+            self.shared.note("clock", message);
         }
-        Ok(time_s.min(now_s))
+        Ok(corrected.time_s)
     }
 }
 

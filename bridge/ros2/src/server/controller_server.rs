@@ -4,6 +4,7 @@ mod create;
 mod output;
 mod watch;
 
+use super::configured_route::ConfiguredRoute;
 use super::follow_path::{FollowPathRequest, FollowPathServer};
 use super::goal_context::{Client, GoalContext, ObstacleContext};
 use super::goal_handler::GoalHandler;
@@ -23,7 +24,7 @@ use crate::port::shared_inputs::SharedInputs;
 use ros2_client::dds::rustdds::DomainParticipantStatusListener;
 use ros2_client::dds::rustdds::mio1::{Events, Poll};
 use ros2_client::log::LogLevel;
-use ros2_client::{NodeLoggingHandle, Subscription};
+use ros2_client::{NodeLoggingHandle, ServiceMapping, Subscription};
 use sidehill_bridge::control_loop::channel::{CommandClient, LoopStatus};
 use sidehill_bridge::ros2::message::{Path, SpeedLimit};
 use sidehill_bridge::ros2::settings::server::Ros2Config;
@@ -45,6 +46,8 @@ pub(crate) struct ServerLinks {
     pub(crate) recording: Option<Arc<OnceLock<String>>>,
     /// Where live clients see and set the parameters; none without a live view.
     pub(crate) live: Option<ParameterOwner>,
+    /// The route of the configuration.
+    pub(crate) configured_route: Option<ConfiguredRoute>,
 }
 
 pub(crate) struct ControllerServer {
@@ -119,6 +122,17 @@ impl ControllerServer {
         while let Some(goal) = self.action.next_goal(&self.peers) {
             self.take_goal(goal, now_s);
         }
+        if self.action.take_unreadable() {
+            let ours = match self.node.service_mapping() {
+                ServiceMapping::Cyclone => "rmw_cyclonedds_cpp",
+                _ => "rmw_fastrtps_cpp",
+            };
+            let message = format!(
+                "a goal cannot be read: its client has another middleware than RMW_IMPLEMENTATION={ours} of this \
+                 program, or another follow_path.definition"
+            );
+            self.log(LogLevel::Warn, &message);
+        }
         while let Some(canceling) = self.action.next_cancel(&self.peers) {
             for id in canceling {
                 self.handler.cancel(id, now_s);
@@ -128,8 +142,32 @@ impl ControllerServer {
         let path = self.path.as_ref().and_then(take_newest);
         if let Some(path) = path.filter(|_| self.services.lifecycle.is_active()) {
             let path = RequestedPath::from_message(&path);
-            self.handler.begin(Client::Topic, path, now_s);
+            self.handler.begin(Client::None, path, now_s);
         }
+        self.begin_configured_route(now_s);
+    }
+
+    /// Begins the route of the configuration where the operator has asked for it.
+    fn begin_configured_route(&mut self, now_s: f64) {
+        let Some(route) = &mut self.links.configured_route else {
+            return;
+        };
+        let decision = &self.links.commands.controller_status().decision;
+        let located = decision
+            .as_ref()
+            .is_some_and(|decision| decision.estimate.is_some());
+        let at_start = route.at_start && located;
+        route.at_start &= !at_start;
+        if !route.begin.swap(false, Ordering::Relaxed) && !at_start {
+            return;
+        }
+        if !self.services.lifecycle.is_active() {
+            let reason = "the route is not begun: the node is not active";
+            return self.log(LogLevel::Warn, reason);
+        }
+        let path = route.path.clone();
+        self.log(LogLevel::Info, "the route of the configuration begins");
+        self.handler.begin(Client::None, Ok(path), now_s);
     }
 
     fn take_goal(&mut self, goal: FollowPathRequest, now_s: f64) {
@@ -184,6 +222,7 @@ impl ControllerServer {
         let (estop_unknown, estop_unknown_driving) =
             (self.estop_unknown(false), self.estop_unknown(true));
         let inputs = &self.links.inputs;
+        let estop_incompatible = inputs.unheard_stop(now_s);
         let controller = self.links.commands.controller_status();
         let transforms = inputs.transforms();
         let time = &self.links.time;
@@ -211,6 +250,7 @@ impl ControllerServer {
             emergency_stop: inputs.emergency_stop.get(),
             estop_unknown,
             estop_unknown_driving,
+            estop_incompatible: estop_incompatible.as_deref(),
             clock_jumped,
         });
     }

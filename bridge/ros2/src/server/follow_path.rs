@@ -58,6 +58,7 @@ impl FollowPathRequest {
 /// The action server for either definition: see [`ActionServer`].
 pub(crate) trait FollowPathServer: Send {
     fn next_goal(&mut self, peers: &Peers) -> Option<FollowPathRequest>;
+    fn take_unreadable(&mut self) -> bool;
     fn respond(&mut self, request: RmwRequestId, id: GoalId, accept: bool, now: Time) -> bool;
     fn next_cancel(&mut self, peers: &Peers) -> Option<Vec<GoalId>>;
     fn answer_result_requests(&mut self, peers: &Peers);
@@ -109,6 +110,10 @@ where
             goal_checker_id,
             progress_checker_id,
         })
+    }
+
+    fn take_unreadable(&mut self) -> bool {
+        ActionServer::take_unreadable(self)
     }
 
     fn respond(&mut self, request: RmwRequestId, id: GoalId, accept: bool, now: Time) -> bool {

@@ -22,8 +22,8 @@ pub(crate) enum Client {
         /// Who has sent it.
         client: ClientId,
     },
-    /// The path topic.
-    Topic,
+    /// Nobody: the path is that of the topic, or of the configuration.
+    None,
 }
 
 /// What a session knows about obstacles.
@@ -64,6 +64,8 @@ pub(crate) struct GoalContext<'a> {
     pub(crate) estop_unknown: bool,
     /// Whether it has not for so long that a vehicle that drives is stopped.
     pub(crate) estop_unknown_driving: bool,
+    /// Why a publisher of the emergency stop cannot be heard.
+    pub(crate) estop_incompatible: Option<&'a str>,
     /// Whether the clock has jumped.
     pub(crate) clock_jumped: bool,
 }

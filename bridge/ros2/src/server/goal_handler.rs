@@ -104,11 +104,11 @@ impl GoalHandler {
         }
     }
 
-    /// Returns the goal of the session, unless its path is that of the topic.
+    /// Returns the goal of the session, unless its path is nobody's.
     pub(crate) fn goal(&self) -> Option<GoalId> {
         match self.session.as_ref()?.client() {
             Client::Goal { id, .. } => Some(id),
-            Client::Topic => None,
+            Client::None => None,
         }
     }
 

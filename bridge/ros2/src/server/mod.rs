@@ -8,6 +8,7 @@
 //! parameters and the lifecycle; neither the control loop nor the controller waits for it.
 
 pub mod checkers;
+mod configured_route;
 mod controller_server;
 mod diagnostics;
 mod follow_path;
@@ -28,4 +29,5 @@ mod termination;
 #[cfg(test)]
 pub(crate) mod test_data;
 
+pub use configured_route::ConfiguredRoute;
 pub use start::{Ros2, Ros2Inputs, Ros2Server, Setup, StartError, start};

@@ -4,6 +4,7 @@ use super::outcome::Outcome;
 use sidehill_bridge::ros2::conversions::from_pose;
 use sidehill_bridge::ros2::convert::pose_and_attitude;
 use sidehill_bridge::ros2::message;
+use sidehill_controller::path::Path;
 use sidehill_plant::frames::PlanarPose;
 
 /// A path as a client has sent it, checked.
@@ -13,7 +14,12 @@ pub struct RequestedPath {
     pub frame: String,
     /// Its poses.
     pub poses: Vec<PlanarPose>,
+    /// Whether the orientations of the poses say the direction of driving, whatever the settings are.
+    pub oriented: bool,
 }
+
+/// Distance between the poses of a curve, m.
+const CURVE_STEP_M: f64 = 0.1;
 
 /// Largest number of poses; a longer path would fill the memory.
 const POSES_MAX: usize = 200_000;
@@ -60,7 +66,25 @@ impl RequestedPath {
         Ok(Self {
             frame: frame.to_owned(),
             poses,
+            oriented: false,
         })
+    }
+
+    /// Returns the poses along a curve in a frame.
+    pub fn from_curve(frame: &str, curve: &Path) -> Self {
+        let length_m = curve.length_m();
+        let steps = (length_m / CURVE_STEP_M).ceil().max(1.0) as usize;
+        let mut places_m: Vec<f64> = (0..=steps)
+            .map(|index| length_m * index as f64 / steps as f64)
+            .chain(curve.cusps_m())
+            .collect();
+        places_m.sort_by(f64::total_cmp);
+        let poses = places_m.iter().map(|at_m| curve.at(*at_m).pose());
+        Self {
+            frame: frame.trim_start_matches('/').to_owned(),
+            poses: poses.collect(),
+            oriented: true,
+        }
     }
 
     /// Returns the goal, which is the last pose.
@@ -119,6 +143,7 @@ mod tests {
     use crate::node::message::action::code;
     use sidehill_bridge::ros2::conversions::to_pose;
     use sidehill_bridge::ros2::convert::world_from_base_link;
+    use sidehill_controller::path::{Direction, Point2, RawPoint, SmoothingConfig, smooth};
     use sidehill_plant::frames::{Attitude, Pose};
     use std::f64::consts::{FRAC_PI_2, TAU};
 
@@ -195,6 +220,46 @@ mod tests {
         let mut path = message(&line(3));
         path.header.frame_id.clear();
         assert!(code_of(&path).1.contains("frame"));
+    }
+
+    #[test]
+    fn a_curve_keeps_its_places_headings_and_directions() {
+        // 2 m along Y_g, and back in reverse to its half.
+        let points: Vec<RawPoint> = (0..=40)
+            .map(|i| RawPoint {
+                position: Point2 {
+                    x_m: 0.0,
+                    y_m: 0.05 * f64::from(i),
+                },
+                elevation_m: None,
+                direction: Some(Direction::Forward),
+            })
+            .chain((1..=20).map(|i| RawPoint {
+                position: Point2 {
+                    x_m: 0.0,
+                    y_m: 2.0 - 0.05 * f64::from(i),
+                },
+                elevation_m: None,
+                direction: Some(Direction::Reverse),
+            }))
+            .collect();
+        let smoothing = SmoothingConfig::default().planned(2.0);
+        let curve = smooth(&points, &smoothing).unwrap().path;
+        let path = RequestedPath::from_curve("/odom", &curve);
+        assert_eq!((path.frame.as_str(), path.oriented), ("odom", true));
+        let highest = path.poses.iter().map(|pose| pose.y_m).fold(0.0, f64::max);
+        assert!((highest - 2.0).abs() < 1e-6, "{highest}");
+        assert!((path.goal().y_m - 1.0).abs() < 1e-6);
+        for (index, pose) in path.poses.iter().enumerate() {
+            assert!(
+                pose.x_m.abs() < 1e-6 && pose.yaw_rad.abs() < 1e-6,
+                "{pose:?}"
+            );
+            let Some(next) = path.poses.get(index + 1) else {
+                break;
+            };
+            assert!((next.y_m - pose.y_m).abs() < 1.01 * CURVE_STEP_M);
+        }
     }
 
     #[test]

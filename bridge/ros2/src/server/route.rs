@@ -84,7 +84,8 @@ impl Route {
                     y_m: poses[index].y_m,
                 },
                 elevation_m: None,
-                direction: settings.use_orientations.then(|| direction(poses, index)),
+                direction: (settings.use_orientations || path.oriented)
+                    .then(|| direction(poses, index)),
             })
             .collect();
         let smoothed = smooth(&points, &settings.smoothing).map_err(Outcome::invalid_path)?;

@@ -1,11 +1,13 @@
 //! Starting the ROS 2 side of a run.
 
+use super::configured_route::ConfiguredRoute;
 use super::controller_server::{ControllerServer, ServerLinks};
 use super::obstacles::StoppingSettings;
 use super::route::RouteSettings;
 use crate::node::time::RosTime;
 use crate::node::worker::Worker;
 use crate::node::{NodeError, RosNode};
+use crate::port::Note;
 use crate::port::Ros2Port;
 use crate::port::inputs::InputSubscriber;
 use crate::port::readings::PortContext;
@@ -20,6 +22,7 @@ use sidehill_bridge::ros2::convert::TwistMapping;
 use sidehill_bridge::ros2::settings::server::Ros2Config;
 use sidehill_plant::vehicle::{RangeError, Vehicle};
 use sidehill_recording::live::ParameterOwner;
+use std::collections::VecDeque;
 use std::sync::{Arc, OnceLock};
 
 /// Why the ROS 2 side cannot be started.
@@ -62,6 +65,8 @@ pub struct Setup<'a> {
     pub live: Option<ParameterOwner>,
     /// Priorities of the threads.
     pub realtime: RealtimeConfig,
+    /// The route of the configuration, which the operator begins.
+    pub configured_route: Option<ConfiguredRoute>,
     /// How the vehicle stops ahead of an obstacle.
     pub stopping: StoppingSettings,
 }
@@ -84,12 +89,20 @@ pub struct Ros2 {
     pub server: Ros2Server,
 }
 
-/// The topics that the ROS 2 side listens to.
+/// The topics that the ROS 2 side listens to, and what it notes.
+#[derive(Clone)]
 pub struct Ros2Inputs(Arc<SharedInputs>);
 
 impl InputStatus for Ros2Inputs {
     fn inputs(&mut self, _now_s: f64) -> Vec<Input> {
         self.0.graph().inputs()
+    }
+}
+
+impl Ros2Inputs {
+    /// Returns what has happened to goals and clocks since the last call, for the screen and the log.
+    pub fn take_notes(&self) -> VecDeque<Note> {
+        self.0.take_notes()
     }
 }
 
@@ -151,6 +164,7 @@ pub fn start(setup: Setup<'_>) -> Result<Ros2, StartError> {
         commands,
         recording,
         live: setup.live,
+        configured_route: setup.configured_route,
     };
     let subscriber = InputSubscriber {
         config: config.inputs.clone(),

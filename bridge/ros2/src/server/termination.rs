@@ -41,10 +41,16 @@ impl Termination {
     }
 }
 
-/// Returns why a goal is aborted in any of its phases: the emergency stop, or a jump of the clock.
+/// Returns why a goal is aborted in any of its phases: the emergency stop, pressed or not to be heard, or a jump
+/// of the clock.
 pub(crate) fn abort_cause(context: &GoalContext<'_>) -> Option<Termination> {
     if let Some(cause) = context.emergency_stop {
         return Some(Termination::abort(code::UNKNOWN, cause));
+    }
+    if let Some(reason) = context.estop_incompatible {
+        let cause = StopCause::EmergencyStopIncompatible;
+        let outcome = Outcome::new(code::UNKNOWN, format!("{cause}: {reason}"));
+        return Some(Termination::abort_with(cause, outcome));
     }
     let jumped = Termination::abort(code::TF_ERROR, StopCause::ClockJumped);
     context.clock_jumped.then_some(jumped)

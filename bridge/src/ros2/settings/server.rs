@@ -180,6 +180,9 @@ impl Ros2Config {
             ("inputs.speed_limit", &inputs.speed_limit),
             ("follow_path.action", &self.follow_path.action),
         ];
+        if let Some(pose) = &inputs.pose {
+            topics.push(("inputs.pose.topic", &pose.topic));
+        }
         if !inputs.path.is_empty() {
             topics.push(("inputs.path", &inputs.path));
         }

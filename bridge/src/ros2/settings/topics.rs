@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Frames {
-    /// Frame of the odometry, in which paths are tracked.
+    /// Frame of the poses, in which paths are tracked.
     pub odometry: String,
     /// Frame of the vehicle.
     pub base: String,
@@ -29,7 +29,7 @@ pub enum AttitudeSource {
     /// The orientation of an Imu.
     #[default]
     Imu,
-    /// The orientation of the odometry.
+    /// The orientation of the odometry, or of [`InputsConfig::pose`].
     Odometry,
 }
 
@@ -55,12 +55,36 @@ pub enum SpeedSource {
     JointStates,
 }
 
+/// Message of the poses.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum PoseMessage {
+    /// nav_msgs/Odometry, of which the twist is not read.
+    #[default]
+    Odometry,
+    /// geometry_msgs/PoseWithCovarianceStamped, of the frame of the vehicle.
+    PoseWithCovarianceStamped,
+}
+
+/// Poses from another topic than the speeds.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PoseConfig {
+    /// Topic.
+    pub topic: String,
+    /// Message.
+    #[serde(rename = "type", default)]
+    pub message: PoseMessage,
+}
+
 /// Topics that are subscribed to.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct InputsConfig {
-    /// nav_msgs/Odometry.
+    /// nav_msgs/Odometry: poses, and speeds from its twist.
     pub odometry: String,
+    /// Poses from another topic: those of `odometry` are not read then.
+    pub pose: Option<PoseConfig>,
     /// sensor_msgs/Imu.
     pub imu: String,
     /// sensor_msgs/JointState.
@@ -88,6 +112,7 @@ impl Default for InputsConfig {
     fn default() -> Self {
         Self {
             odometry: "odom".to_owned(),
+            pose: None,
             imu: "imu".to_owned(),
             joint_states: "joint_states".to_owned(),
             attitude: AttitudeSource::default(),

@@ -3,6 +3,7 @@ use nalgebra::{Isometry3, UnitQuaternion};
 use sidehill_bridge::ros2::conversions::{stamp, to_pose, to_quaternion, to_transform};
 use sidehill_bridge::ros2::convert::world_from_base_link;
 use sidehill_bridge::ros2::message::{TransformStamped, Twist, Vector3};
+use sidehill_bridge::ros2::settings::topics::{PoseConfig, PoseMessage};
 use std::f64::consts::{FRAC_PI_2, PI};
 
 /// Readings with simulated time, and the clock that sets it.
@@ -28,6 +29,9 @@ fn header(time_s: f64, frame: &str) -> Header {
         frame_id: frame.to_owned(),
     }
 }
+
+/// Who has sent all messages.
+const PUBLISHER: Gid = Gid::ZERO;
 
 const SLOPE: Attitude = Attitude {
     roll_rad: 0.2,
@@ -64,7 +68,7 @@ fn assert_rejected(readings: &Readings, count: u64, reason: &str) {
 fn odometry_gives_pose_and_speeds_and_attitude_where_configured() {
     for source in [AttitudeSource::Imu, AttitudeSource::Odometry] {
         let (mut readings, _) = readings(|config| config.attitude = source);
-        readings.odometry(&odometry(9.9));
+        readings.odometry(&odometry(9.9), PUBLISHER);
         let LatestInputs {
             pose,
             attitude,
@@ -93,10 +97,52 @@ fn odometry_gives_pose_and_speeds_and_attitude_where_configured() {
 }
 
 #[test]
+fn poses_of_another_topic_replace_those_of_odometry() {
+    let (mut readings, _) = readings(|config| {
+        config.attitude = AttitudeSource::Odometry;
+        config.pose = Some(PoseConfig {
+            topic: "gps".to_owned(),
+            message: PoseMessage::default(),
+        });
+    });
+    // The wheels have their own frame, and a pose that means nothing.
+    let mut wheels = odometry(9.9);
+    wheels.header.frame_id = "wheels".to_owned();
+    wheels.pose.pose.position.x = f64::NAN;
+    readings.odometry(&wheels, PUBLISHER);
+    assert_rejected(&readings, 0, "");
+    let read = readings.latest();
+    assert_eq!((read.pose, read.attitude), (None, None));
+    assert_eq!(read.motors.unwrap().value.traction_m_s, 0.5);
+    let mut pose = odometry(9.8);
+    for (frame, child, reason) in [
+        (
+            "odom",
+            Some("antenna"),
+            "gps: it is in antenna, must be in base_link",
+        ),
+        ("map", None, "gps: it is in map, must be in odom"),
+    ] {
+        pose.header.frame_id = frame.to_owned();
+        readings.pose(&pose.header, child, &pose.pose.pose, PUBLISHER);
+        let rejected = readings.context.shared.rejected();
+        assert_rejected(&readings, rejected, reason);
+        assert_eq!(readings.latest().pose, None);
+    }
+    pose.header.frame_id = "odom".to_owned();
+    readings.pose(&pose.header, Some("base_link"), &pose.pose.pose, PUBLISHER);
+    let read = readings.latest();
+    assert!((read.pose.unwrap().time_s - 9.8).abs() < 1e-9);
+    assert!((read.pose.unwrap().value.y_m - 2.0).abs() < 1e-9);
+    assert!((read.attitude.unwrap().value.roll_rad - SLOPE.roll_rad).abs() < 1e-9);
+    assert!((read.motors.unwrap().time_s - 9.9).abs() < 1e-9);
+}
+
+#[test]
 fn speeds_below_the_thresholds_count_as_zero() {
     let (mut readings, _) = readings(|_| {});
     readings.context.shared.set_velocity_thresholds([0.6, 0.05]);
-    readings.odometry(&odometry(10.0));
+    readings.odometry(&odometry(10.0), PUBLISHER);
     let motors = readings.latest().motors.unwrap().value;
     assert_eq!((motors.traction_m_s, motors.steer_m_s), (0.0, 0.1));
 }
@@ -111,7 +157,7 @@ fn bad_messages_are_rejected_with_topic_and_reason_and_change_nothing() {
             "odom: it is in map, must be in odom",
         ),
         (|m| m.child_frame_id.clear(), "must be in base_link"),
-        (|m| m.header = header(10.5, "odom"), "0.500 s ahead"),
+        (|m| m.header = header(10.6, "odom"), "0.600 s ahead"),
         (
             |m| m.header.stamp.nanosec = 1_000_000_000,
             "must be below 1e9",
@@ -131,7 +177,7 @@ fn bad_messages_are_rejected_with_topic_and_reason_and_change_nothing() {
     for (count, (damage, reason)) in damages.into_iter().enumerate() {
         let mut message = odometry(10.0);
         damage(&mut message);
-        readings.odometry(&message);
+        readings.odometry(&message, PUBLISHER);
         assert_rejected(&readings, count as u64 + 1, reason);
         assert_eq!(readings.latest(), LatestInputs::default());
     }
@@ -140,7 +186,7 @@ fn bad_messages_are_rejected_with_topic_and_reason_and_change_nothing() {
 #[test]
 fn a_stamp_is_never_later_than_now() {
     let (mut readings, _) = readings(|_| {});
-    readings.odometry(&odometry(10.08));
+    readings.odometry(&odometry(10.08), PUBLISHER);
     assert_eq!(readings.latest().pose.unwrap().time_s, 10.0);
 }
 
@@ -168,10 +214,10 @@ fn the_mounting_of_the_imu_is_taken_out() {
         orientation: to_quaternion(&(world_from_base * base_from_imu)),
         ..Imu::default()
     };
-    readings.imu(&message);
+    readings.imu(&message, PUBLISHER);
     assert_rejected(&readings, 1, "no transform between imu_link and base_link");
     mount_imu(&mut readings, base_from_imu);
-    readings.imu(&message);
+    readings.imu(&message, PUBLISHER);
     let attitude = readings.latest().attitude.unwrap().value;
     assert!((attitude.roll_rad - SLOPE.roll_rad).abs() < 1e-9);
     assert!((attitude.pitch_rad - SLOPE.pitch_rad).abs() < 1e-9);
@@ -196,7 +242,7 @@ fn the_yaw_rate_is_read_where_it_is_asked_for() {
                 config.attitude = attitude;
                 config.yaw_rate = yaw_rate;
             });
-            readings.imu(&turning_imu());
+            readings.imu(&turning_imu(), PUBLISHER);
             assert_rejected(&readings, 0, "");
             let latest = readings.latest();
             assert_eq!(latest.attitude.is_some(), attitude == AttitudeSource::Imu);
@@ -232,10 +278,10 @@ fn the_yaw_rate_is_about_the_vehicles_upward_axis_however_the_imu_is_mounted() {
         // It has no orientation.
         message.orientation_covariance[0] = -1.0;
         message.orientation.w = 0.0;
-        readings.imu(&message);
+        readings.imu(&message, PUBLISHER);
         assert_rejected(&readings, 1, "no transform between imu_link and base_link");
         mount_imu(&mut readings, base_from_imu);
-        readings.imu(&message);
+        readings.imu(&message, PUBLISHER);
         assert_eq!(readings.context.shared.rejected(), 1);
         let yaw_rate = readings.latest().yaw_rate.unwrap().value;
         assert!((yaw_rate - 0.4).abs() < 1e-12, "{yaw_rate}");
@@ -268,7 +314,7 @@ fn a_bad_yaw_rate_is_rejected_with_its_field_and_the_attitude_beside_it_is_used(
         let (mut readings, _) = readings(|config| config.yaw_rate = YawRateSource::Imu);
         let mut message = turning_imu();
         damage(&mut message);
-        readings.imu(&message);
+        readings.imu(&message, PUBLISHER);
         assert_rejected(&readings, 1, reason);
         assert_eq!(readings.latest().yaw_rate, None);
         assert!(readings.latest().attitude.is_some());
@@ -277,7 +323,7 @@ fn a_bad_yaw_rate_is_rejected_with_its_field_and_the_attitude_beside_it_is_used(
     let (mut readings, _) = readings(|_| {});
     let mut message = turning_imu();
     message.angular_velocity_covariance[0] = -1.0;
-    readings.imu(&message);
+    readings.imu(&message, PUBLISHER);
     assert_rejected(&readings, 0, "");
 }
 
@@ -286,7 +332,7 @@ fn an_imu_without_an_orientation_gives_no_attitude() {
     let (mut readings, _) = readings(|_| {});
     let mut message = turning_imu();
     message.orientation_covariance[0] = -1.0;
-    readings.imu(&message);
+    readings.imu(&message, PUBLISHER);
     assert_rejected(&readings, 1, "imu: orientation_covariance[0] is -1");
     assert_eq!(readings.latest().attitude, None);
 }
@@ -300,19 +346,100 @@ fn joints_of_other_parts_are_ignored() {
         velocity: vec![1.0],
         ..JointState::default()
     };
-    readings.joint_states(&message);
+    readings.joint_states(&message, PUBLISHER);
     assert_rejected(&readings, 0, "");
     message.name = vec![
         "right_tread_joint".to_owned(),
         "left_tread_joint".to_owned(),
     ];
     message.velocity = vec![0.6, 0.4];
-    readings.joint_states(&message);
+    readings.joint_states(&message, PUBLISHER);
     let motors = readings.latest().motors.unwrap().value;
     assert!((motors.traction_m_s - 0.5).abs() < 1e-12 && (motors.steer_m_s - 0.1).abs() < 1e-12);
     message.velocity[0] = f64::NAN;
-    readings.joint_states(&message);
+    readings.joint_states(&message, PUBLISHER);
     assert_rejected(&readings, 1, "joint_states: velocity is not finite");
+}
+
+/// `map` to a child, stamped with a time.
+fn transform(child: &str, time_s: f64, x_m: f64) -> TransformStamped {
+    TransformStamped {
+        header: header(time_s, "map"),
+        child_frame_id: child.to_owned(),
+        transform: to_transform(&Isometry3::translation(x_m, 0.0, 0.0)),
+    }
+}
+
+#[test]
+fn a_bad_transform_does_not_drop_the_good_ones_of_its_message() {
+    let (mut readings, _) = readings(|_| {});
+    readings.clock(&Clock {
+        clock: stamp(10_000_000_000),
+    });
+    let mut no_rotation = transform("a", 10.0, 1.0);
+    no_rotation.transform.rotation.w = 0.0;
+    let mut no_stamp = transform("b", 10.0, 1.0);
+    no_stamp.header.stamp.nanosec = 1_000_000_000;
+    let transforms = vec![
+        no_rotation,
+        no_stamp,
+        transform("c", 3610.0, 1.0),
+        transform("odom", 10.0, 2.0),
+    ];
+    readings.transforms(&TfMessage { transforms }, false);
+    assert_rejected(&readings, 3, "tf, c: its stamp is 3600.000 s ahead");
+    let transforms = readings.context.shared.transforms();
+    let odom = transforms.look_up("map", "odom", 10.0, 0.0).unwrap();
+    assert_eq!(odom.translation.x, 2.0);
+    for child in ["a", "b", "c"] {
+        assert!(transforms.look_up("map", child, 10.0, 1.0).is_err());
+    }
+}
+
+#[test]
+fn a_mounting_on_tf_holds_however_old_it_is() {
+    let (mut readings, clock) = readings(|_| {});
+    let mounting = TransformStamped {
+        header: header(10.0, "base_link"),
+        child_frame_id: "imu".to_owned(),
+        transform: to_transform(&Isometry3::rotation(nalgebra::Vector3::z() * FRAC_PI_2)),
+    };
+    let transforms = vec![mounting];
+    readings.transforms(&TfMessage { transforms }, false);
+    clock.set(100.0);
+    let upright = UnitQuaternion::from_euler_angles(0.0, 0.0, 0.0);
+    let message = Imu {
+        header: header(99.9, "imu"),
+        orientation: to_quaternion(&upright),
+        ..Imu::default()
+    };
+    readings.imu(&message, PUBLISHER);
+    assert_rejected(&readings, 0, "");
+    assert!(readings.latest().attitude.is_some());
+}
+
+#[test]
+fn a_clock_of_a_publisher_that_is_set_by_less_than_half_a_second_is_followed_and_said() {
+    for step_s in [-0.4, 0.4] {
+        let (mut readings, clock) = readings(|_| {});
+        for index in 0..40 {
+            let now_s = 10.0 + 0.05 * f64::from(index);
+            clock.set(now_s);
+            let off_s = if index < 20 { 0.0 } else { step_s };
+            readings.odometry(&odometry(now_s + off_s - 0.01), PUBLISHER);
+            let age_s = now_s - readings.latest().motors.unwrap().time_s;
+            assert!((0.0..0.06).contains(&age_s), "{step_s}: {age_s}");
+        }
+        assert_rejected(&readings, 0, "");
+        let notes = readings.context.shared.take_notes();
+        let [note] = notes.as_slices().0 else {
+            panic!("{notes:?}");
+        };
+        assert!(
+            note.message.contains("odom: its stamps are corrected by"),
+            "{note:?}"
+        );
+    }
 }
 
 #[test]
@@ -323,7 +450,7 @@ fn a_jump_of_the_clock_drops_readings_and_transforms() {
             clock: stamp((time_s * 1e9) as i64),
         };
         readings.clock(&at(10.0));
-        readings.odometry(&odometry(10.0));
+        readings.odometry(&odometry(10.0), PUBLISHER);
         let mut transform = TransformStamped {
             header: header(10.0, "map"),
             child_frame_id: "odom".to_owned(),

@@ -105,8 +105,9 @@ impl ControllerServer {
         Time::from_nanos(self.links.time.stamp_ns(now_s))
     }
 
-    /// Writes to `/rosout`.
+    /// Writes to `/rosout`, to the screen and to the log of the run.
     pub(super) fn log(&self, level: LogLevel, message: &str) {
+        self.links.inputs.note("goal", message.to_owned());
         let now = self.stamp(self.links.time.now_s());
         let name = self.logger.base_name();
         self.logger

@@ -32,6 +32,9 @@ impl FollowPathServer for Action {
     fn next_goal(&mut self, _: &Peers) -> Option<FollowPathRequest> {
         self.0.lock().unwrap().goals.pop_front()
     }
+    fn take_unreadable(&mut self) -> bool {
+        false
+    }
     fn respond(&mut self, _: RmwRequestId, _: GoalId, accept: bool, _: Time) -> bool {
         self.0.lock().unwrap().accepted.push(accept);
         accept
@@ -88,6 +91,7 @@ impl Bench {
             inputs: Arc::default(),
             recording: None,
             live: None,
+            configured_route: None,
         };
         let (route, settings) = (route_settings(), (0.05, stopping));
         let mut server =

@@ -5,9 +5,6 @@ use ros2_client::dds::rustdds::{DomainParticipantStatusEvent as Event, StatusEve
 use std::sync::atomic::Ordering;
 use std::time::Instant;
 
-/// A step of the system's clock that is a jump, s.
-const CLOCK_JUMP_S: f64 = 0.5;
-
 impl ControllerServer {
     /// Takes discovery events: publishers of the emergency stop, readers of replies, and peers that left.
     pub(super) fn discover_peers(&mut self) {
@@ -44,13 +41,8 @@ impl ControllerServer {
     pub(super) fn detect_clock_jump(&mut self) -> bool {
         let inputs = &self.links.inputs;
         let jumps = inputs.clock_jumps.load(Ordering::Relaxed);
-        let mut jumped = jumps != self.clock_jumps;
+        let jumped = jumps != self.clock_jumps;
         self.clock_jumps = jumps;
-        if self.links.time.system_jump_s().abs() > CLOCK_JUMP_S {
-            self.links.time.resynchronize();
-            inputs.transforms().forget();
-            jumped = true;
-        }
         if jumped {
             self.feedback_s = f64::NEG_INFINITY;
         }

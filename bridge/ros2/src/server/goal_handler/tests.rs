@@ -43,6 +43,7 @@ struct World {
     attitude: Attitude,
     emergency_stop: Option<StopCause>,
     estop_unknown: bool,
+    estop_incompatible: Option<&'static str>,
     clock_jumped: bool,
     finished: Vec<(Client, GoalEnd, Outcome)>,
     arm: u64,
@@ -59,7 +60,7 @@ impl World {
 
     fn with(pivots: PivotSettings) -> Self {
         let mut transforms = Transforms::default();
-        transforms.take("map", "odom", 0.0, Isometry3::identity(), true);
+        transforms.take("map", "odom", (0.0, 0.0), Isometry3::identity(), true);
         Self {
             handler: GoalHandler::new(route_settings(), pivots, "odom", &j8()),
             transforms,
@@ -76,6 +77,7 @@ impl World {
             attitude: Attitude::LEVEL,
             emergency_stop: None,
             estop_unknown: false,
+            estop_incompatible: None,
             clock_jumped: false,
             finished: Vec::new(),
             arm: 0,
@@ -120,6 +122,7 @@ impl World {
             emergency_stop: self.emergency_stop,
             estop_unknown: self.estop_unknown,
             estop_unknown_driving: self.estop_unknown,
+            estop_incompatible: self.estop_incompatible,
             clock_jumped: self.clock_jumped,
         });
         for request in self.handler.take_requests() {
@@ -260,6 +263,7 @@ fn path() -> RequestedPath {
     });
     RequestedPath {
         frame: "map".to_owned(),
+        oriented: false,
         poses: poses.collect(),
     }
 }

@@ -11,6 +11,7 @@ fn line(count: usize) -> RequestedPath {
     });
     RequestedPath {
         frame: "map".to_owned(),
+        oriented: false,
         poses: poses.collect(),
     }
 }
@@ -19,6 +20,7 @@ fn line(count: usize) -> RequestedPath {
 fn a_kink_close_to_an_end_is_smoothed_within_the_deviation_or_refused() {
     let at = |places: &[(f64, f64)]| RequestedPath {
         frame: "map".to_owned(),
+        oriented: false,
         poses: places
             .iter()
             .map(|&(x_m, y_m)| PlanarPose {
@@ -132,6 +134,7 @@ fn a_way_back_in_one_direction_is_refused_with_its_place() {
         });
         let path = RequestedPath {
             frame: "map".to_owned(),
+            oriented: false,
             poses: poses.collect(),
         };
         let error = Route::build(&path, &PlanarPose::default(), 0.0, &oriented).unwrap_err();

@@ -42,7 +42,7 @@ fn a_path_that_arrives_as_the_one_before_ends_is_armed_for_again() {
     let mut world = World::new();
     world.driving();
     let first = world.reference;
-    world.handler.begin(Client::Topic, Ok(path()), world.now_s);
+    world.handler.begin(Client::None, Ok(path()), world.now_s);
     world.build();
     let second = std::mem::replace(&mut world.reference, first);
     // The controller finishes the old path before it has the new one.
@@ -114,7 +114,12 @@ fn every_fault_ends_with_its_code() {
     type Disturb = fn(&mut World);
     const WHY: StopReason = StopReason::OffPath { cross_track_m: 3.0 };
     let requested = Reason::Requested;
-    let faults: [(Disturb, u16, Reason); 11] = [
+    let faults: [(Disturb, u16, Reason); 12] = [
+        (
+            |world| world.estop_incompatible = Some("/emergency_stop: published as Int32"),
+            code::UNKNOWN,
+            requested(StopCause::EmergencyStopIncompatible),
+        ),
         (
             |world| world.estop_unknown = true,
             code::UNKNOWN,

@@ -80,6 +80,7 @@ fn a_path_within_the_goal_tolerance_only_checks_the_goal() {
             };
             let client = world.begin(RequestedPath {
                 frame: "map".to_owned(),
+                oriented: false,
                 poses: vec![pose; count],
             });
             world.look();
@@ -106,7 +107,9 @@ fn a_path_moves_with_its_frame() {
     let mut world = World::new();
     world.transforms = Transforms::default();
     let (now_s, frame) = (world.now_s, place(3.0, 0.5));
-    world.transforms.take("odom", "map", now_s, frame, false);
+    world
+        .transforms
+        .take("odom", "map", (now_s, now_s), frame, false);
     world.x_m = 3.0;
     world.follow();
     world.cycles(5);
@@ -121,7 +124,9 @@ fn a_path_moves_with_its_frame() {
     // The frame moves while the controller has no progress yet: the move is kept until it has.
     let before = world.reference;
     let (now_s, frame) = (world.now_s, place(3.2, 0.5));
-    world.transforms.take("odom", "map", now_s, frame, false);
+    world
+        .transforms
+        .take("odom", "map", (now_s, now_s), frame, false);
     world.cycles(5);
     assert_eq!(world.reference, before);
     world.has_progress = true;
@@ -165,11 +170,11 @@ fn a_refused_path_ends_the_one_before_too() {
     let mut world = World::new();
     let first = world.driving();
     let refusal = Err(Outcome::invalid_path("the path has no poses"));
-    world.handler.begin(Client::Topic, refusal, world.now_s);
+    world.handler.begin(Client::None, refusal, world.now_s);
     world.look();
     world.cycles(5);
     world.assert_finished(first, GoalEnd::Aborted, code::UNKNOWN);
-    world.assert_finished(Client::Topic, GoalEnd::Aborted, code::INVALID_PATH);
+    world.assert_finished(Client::None, GoalEnd::Aborted, code::INVALID_PATH);
     assert_eq!(world.state, SafetyState::Latched);
 }
 

@@ -139,7 +139,7 @@ impl Loop {
         )
         .unwrap();
         let mut transforms = Transforms::default();
-        transforms.take("map", "odom", 0.0, Isometry3::identity(), true);
+        transforms.take("map", "odom", (0.0, 0.0), Isometry3::identity(), true);
         let route = RouteSettings {
             limits,
             ..route_settings()
@@ -184,6 +184,7 @@ impl Loop {
             emergency_stop: None,
             estop_unknown: false,
             estop_unknown_driving: false,
+            estop_incompatible: None,
             clock_jumped: false,
         });
         let mut handed_over = false;
@@ -208,7 +209,7 @@ impl Loop {
         for _ in 0..5 {
             now_s = self.step();
         }
-        self.handler.begin(Client::Topic, Ok(path), now_s);
+        self.handler.begin(Client::None, Ok(path), now_s);
         for _ in 0..5000 {
             if self.look(now_s) {
                 return;
