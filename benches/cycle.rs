@@ -207,7 +207,7 @@ fn horizons(
                 start: sample.pose.unwrap().value.planar(),
                 moving: BodyState::default(),
                 previous,
-                change_weights: config.change_weights(0.0),
+                change_weights: config.weights.changes(),
                 half_track_m: 1.0,
                 targets,
             };

@@ -38,7 +38,7 @@ pub fn hand_over() -> Error {
 pub struct RunArgs {
     /// Configuration: interface, layout of the bus, vehicle, controller, course, safety.
     pub config: PathBuf,
-    /// Arm once as soon as the drives' feedback is fresh. Without it, and after every stop, SIGUSR1
+    /// Arm once as soon as the drives' feedback is fresh, within the first 5 s. Without it, and after every stop, SIGUSR1
     /// arms.
     #[arg(long)]
     pub arm: bool,

@@ -3,8 +3,8 @@
 
 use sidehill_bridge::control_loop::record::{LogEntry, LoopRecord, Record, RecordSource, ring};
 use sidehill_bridge::control_loop::runner::{ControllerRunner, InlineRunner};
-use sidehill_bridge::control_loop::{ControlLoop, CycleConfig};
-use sidehill_bridge::drives::Clock;
+use sidehill_bridge::control_loop::{ControlLoop, CycleConfig, RunOptions, Signals};
+use sidehill_bridge::drives::{Clock, DriveCommand, Port, PortInputs, SendError};
 use sidehill_bridge::rover::{DriveConfig, SimulatedPort};
 use sidehill_bridge::safety::{OperatorRequests, SafetyConfig, SafetyState};
 use sidehill_controller::config::{ControllerConfig, ControllerKind};
@@ -149,6 +149,59 @@ fn constant(hangs_s: f64) -> Constant {
         from_s: 0.0,
         hangs_s,
         last: None,
+    }
+}
+
+/// A vehicle whose drives are switched on only later.
+struct SwitchedOn {
+    vehicle: SimulatedPort,
+    from_s: f64,
+}
+
+impl Port for SwitchedOn {
+    fn receive(&mut self, now_s: f64) -> PortInputs {
+        let mut inputs = self.vehicle.receive(now_s);
+        inputs.feedback = inputs.feedback.filter(|_| now_s >= self.from_s);
+        inputs
+    }
+
+    fn send(&mut self, now_s: f64, command: &DriveCommand) -> Result<(), SendError> {
+        self.vehicle.send(now_s, command)
+    }
+}
+
+#[test]
+fn a_request_to_arm_at_the_start_expires_before_drives_that_are_switched_on_late() {
+    for (from_s, moves) in [(4.0, true), (12.0, false)] {
+        let port = SwitchedOn {
+            vehicle: port(),
+            from_s,
+        };
+        let (sink, mut records) = ring(1024);
+        let mut cycle = ControlLoop::new(
+            CycleConfig::default(),
+            SafetyConfig::default(),
+            Clock::Virtual { now_s: 0.0 },
+            port,
+            constant(f64::INFINITY),
+            sink,
+        )
+        .unwrap();
+        let options = RunOptions {
+            arm: true,
+            duration_s: Some(16.0),
+        };
+        cycle.run(&options, &Signals::default(), None);
+        let mut expired = false;
+        let mut moved = false;
+        while let Some(record) = records.pop() {
+            match record {
+                LoopRecord::ArmingExpired { .. } => expired = true,
+                LoopRecord::Cycle(row) => moved |= row.traction_m_s != 0.0 || row.enable,
+                _ => {}
+            }
+        }
+        assert_eq!((moved, expired), (moves, !moves), "drives from {from_s} s");
     }
 }
 

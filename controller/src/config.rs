@@ -1,18 +1,16 @@
 //! Settings of a controller as a configuration file gives them; every key has a default.
 
-mod contact;
 mod supervisor;
 mod weights;
 
-pub use contact::ContactMpcConfig;
 pub use supervisor::SupervisorConfig;
-pub use weights::{CautionConfig, Weights};
+pub use weights::Weights;
 
 use crate::estimator::EstimatorSettings;
 use crate::guard::GuardConfig;
 use crate::memory::MemoryConfig;
 use crate::mpc::limits::{InputLimits, MotorLimits};
-use crate::mpc::{ChangeWeights, Corridor, HeadingExcess, MpcSettings, QpSettings, StepLimit};
+use crate::mpc::{HeadingExcess, MpcSettings, QpSettings, StepLimit};
 use crate::pure_pursuit::PurePursuitSettings;
 use crate::tracked_point::TrackedPoint;
 use serde::{Deserialize, Serialize};
@@ -81,11 +79,11 @@ pub struct ControllerConfig {
     pub stages: usize,
     /// Duration of the first stage, s.
     pub step_s: f64,
-    /// Duration of the last stage, s, where longer than the first's; those between grow geometrically.
-    pub last_step_s: f64,
     /// Stages condensed into one block of the QP.
+    #[serde(skip)]
     pub block_stages: usize,
     /// Speed within which |traction| and the turning direction are rounded off, m/s.
+    #[serde(skip)]
     pub smoothing_m_s: f64,
     /// Time from a command to its arrival at the motors, s.
     pub command_delay_s: f64,
@@ -97,17 +95,13 @@ pub struct ControllerConfig {
     pub tracked_point: TrackedPoint,
     /// Weights of the MPC.
     pub weights: Weights,
-    /// Calm where the model errs.
-    pub caution: CautionConfig,
-    /// Soft corridor, none by default.
-    pub corridor: Option<Corridor>,
     /// How far a QP's solution is followed in a cycle.
+    #[serde(skip)]
     pub step_limit: StepLimit,
-    /// What contact-mpc has in place of the settings above.
-    pub contact: ContactMpcConfig,
     /// Limits of both motors.
     pub limits: InputLimits,
     /// QP solver.
+    #[serde(skip)]
     pub solver: QpSettings,
     /// State estimation.
     pub estimator: EstimatorSettings,
@@ -118,6 +112,7 @@ pub struct ControllerConfig {
     /// What is kept of what was learned; nothing by default.
     pub memory: Option<MemoryConfig>,
     /// Pure pursuit.
+    #[serde(skip)]
     pub pure_pursuit: PurePursuitSettings,
 }
 
@@ -132,7 +127,6 @@ impl Default for ControllerConfig {
             period_s: 0.05,
             stages: 40,
             step_s: 0.15,
-            last_step_s: 0.15,
             block_stages: 5,
             smoothing_m_s: 0.02,
             command_delay_s: 0.0,
@@ -140,10 +134,7 @@ impl Default for ControllerConfig {
             attitude_preview: AttitudePreview::Measured,
             tracked_point: TrackedPoint::ORIGIN,
             weights: Weights::default(),
-            caution: CautionConfig::default(),
-            corridor: None,
             step_limit: StepLimit::default(),
-            contact: ContactMpcConfig::default(),
             limits: InputLimits {
                 traction: motor,
                 steer: motor,
@@ -159,6 +150,9 @@ impl Default for ControllerConfig {
     }
 }
 
+/// Duration of the horizon's last stage, in first stages; those between grow geometrically. What is far needs less detail.
+const LAST_STEP: f64 = 22.0 / 15.0;
+
 /// Largest time a command may be under way, s: what the history of commands holds at 100 Hz.
 const DELAY_MAX_S: f64 = 1.0;
 
@@ -173,45 +167,22 @@ impl ControllerConfig {
         Bounds::new(self.period_s, 2.0, "s")
             .with_note("at least period_s")
             .check("step_s", self.step_s)?;
-        Bounds::new(self.period_s, 10.0, "s")
-            .with_note("at least period_s")
-            .check("last_step_s", self.last_step_s)?;
-        self.step_limit.validate()?;
-        self.contact.validate()?;
-        Bounds::new(1.0, 20.0, "").check("block_stages", self.block_stages as f64)?;
-        Bounds::new(1e-4, 1.0, "m/s").check("smoothing_m_s", self.smoothing_m_s)?;
         Bounds::new(0.0, DELAY_MAX_S, "s")
             .check("command_delay_s + motor_lag_s", self.delay_s())?;
         Bounds::new(0.0, DELAY_MAX_S, "s").check("command_delay_s", self.command_delay_s)?;
         self.tracked_point.validate()?;
         self.weights.validate()?;
-        self.caution.validate()?;
-        if let Some(corridor) = &self.corridor {
-            corridor.validate()?;
-        }
         self.limits.validate()?;
-        self.solver.validate()?;
         self.supervisor.validate()?;
         if let Some(guard) = &self.guard {
             guard.validate()?;
         }
-        if let Some(memory) = &self.memory {
-            memory.validate()?;
-        }
-        self.estimator.validate()?;
-        self.pure_pursuit.validate()
+        self.estimator.validate()
     }
 
     /// Returns the time after which a command acts: delay and, as a further delay, the motors' lag.
     pub fn delay_s(&self) -> f64 {
         self.command_delay_s + self.motor_lag_s
-    }
-
-    /// Returns the settings with those of contact-mpc in their places.
-    pub(crate) fn for_contact(mut self) -> Self {
-        self.last_step_s = self.contact.last_step_s;
-        self.weights.cross_ramp_s = self.contact.cross_ramp_s;
-        self
     }
 
     /// Returns the settings of the MPC.
@@ -221,44 +192,12 @@ impl ControllerConfig {
             step_s: self.step_s,
             period_s: self.period_s,
             block_stages: self.block_stages,
-            heading_excess: HeadingExcess {
-                free_rad: self.weights.heading_free_rad,
-                per_rad2: self.weights.heading_excess_per_rad2,
-            },
+            heading_excess: HeadingExcess::default(),
             cross_per_m2: self.weights.cross_per_m2,
-            terminal_factor: self.weights.terminal_factor,
             limits: self.limits,
-            last_step_s: self.last_step_s,
-            corridor: self.corridor,
+            last_step_s: LAST_STEP * self.step_s,
             step_limit: self.step_limit,
             qp: self.solver,
         }
-    }
-
-    /// Returns the weights of changes of the inputs at a caution from 0 to 1.
-    pub fn change_weights(&self, caution: f64) -> ChangeWeights {
-        let (own, full) = (
-            self.weights.steer_change_s3_per_m2,
-            self.caution.steer_change_s3_per_m2,
-        );
-        ChangeWeights {
-            traction: self.weights.traction_change_s3_per_m2,
-            steer: own + caution * (full - own).max(0.0),
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn changes_of_steer_cost_less_far_beside_the_path_than_on_it() {
-        let contact = ContactMpcConfig::default();
-        let factor = |distance_m| contact.steer_change(distance_m);
-        assert_eq!(factor(0.0), contact.steer_change_on_path);
-        let half_way = 0.5 * (contact.steer_change_on_path + contact.steer_change_off_path);
-        assert!((factor(-contact.off_path_m) - half_way).abs() < 1e-12);
-        assert!((factor(100.0) - contact.steer_change_off_path).abs() < 1e-6);
     }
 }

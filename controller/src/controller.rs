@@ -91,10 +91,6 @@ impl Controller {
         vehicle: &Vehicle,
     ) -> Result<Self, ControllerError> {
         config.validate()?;
-        let config = match kind {
-            ControllerKind::ContactMpc => config.for_contact(),
-            _ => config,
-        };
         let guard = guard(&config, vehicle)?;
         let memory = config.memory.map(Memory::new);
         let owner = owner(vehicle, kind);
@@ -113,7 +109,7 @@ impl Controller {
                 start: Default::default(),
                 moving: BodyState::default(),
                 previous: MotorSpeeds::STOP,
-                change_weights: config.change_weights(0.0),
+                change_weights: config.weights.changes(),
                 half_track_m,
                 targets: Vec::with_capacity(config.stages),
             },

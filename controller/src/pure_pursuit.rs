@@ -7,15 +7,12 @@
 
 use crate::path::Path;
 use crate::trajectory::{Motion, ReferencePoint};
-use serde::{Deserialize, Serialize};
-use sidehill_plant::bounds::{Bounds, RangeError};
 use sidehill_plant::frames::PlanarPose;
 use sidehill_plant::speeds::MotorSpeeds;
 use sidehill_plant::vehicle::HorizontalIcrs;
 
 /// Settings of regulated pure pursuit.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PurePursuitSettings {
     /// Time by which the look-ahead grows with speed, s.
     pub lookahead_time_s: f64,
@@ -50,32 +47,6 @@ impl Default for PurePursuitSettings {
             pivot_gain_per_s: 2.0,
             rotate_bearing_rad: 0.785,
         }
-    }
-}
-
-impl PurePursuitSettings {
-    /// Checks the ranges.
-    ///
-    /// # Errors
-    /// [`RangeError`] with the first key out of its range.
-    pub fn validate(&self) -> Result<(), RangeError> {
-        for (key, value) in [
-            ("pure_pursuit.lookahead_time_s", self.lookahead_time_s),
-            ("pure_pursuit.lookahead_min_m", self.lookahead_min_m),
-            ("pure_pursuit.lookahead_max_m", self.lookahead_max_m),
-            ("pure_pursuit.regulated_radius_m", self.regulated_radius_m),
-            ("pure_pursuit.approach_distance_m", self.approach_distance_m),
-            ("pure_pursuit.speed_min_m_s", self.speed_min_m_s),
-            ("pure_pursuit.goal_tolerance_m", self.goal_tolerance_m),
-            ("pure_pursuit.pivot_gain_per_s", self.pivot_gain_per_s),
-            ("pure_pursuit.rotate_bearing_rad", self.rotate_bearing_rad),
-        ] {
-            Bounds::new(0.01, 100.0, "").check(key, value)?;
-        }
-        Bounds::new(self.lookahead_min_m, 100.0, "m")
-            .with_note("at least lookahead_min_m")
-            .check("pure_pursuit.lookahead_max_m", self.lookahead_max_m)?;
-        Ok(())
     }
 }
 

@@ -27,9 +27,9 @@ pub struct Reference {
     time_s: f64,
     /// Whether the vehicle has been seen on this path.
     begun: bool,
-    /// Time for which the vehicle has been where the drive ends, s, and near that.
-    arrived_s: f64,
-    near_s: f64,
+    /// Least that was left of the present drive, m, on the spot rad, and the time since the vehicle came nearer, s.
+    least_to_go: f64,
+    no_nearer_s: f64,
 }
 
 /// Position of the vehicle relative to the reference.
@@ -55,18 +55,17 @@ pub const PROJECTION_WINDOW: Window = Window {
 
 /// Distance from the end of a drive at which it is over, m.
 const ARRIVED_M: f64 = 0.05;
-/// Distance from the end of the last drive within which it is over for a vehicle that stays there for longer than it should,
-/// m, and that time, s.
+/// Distance from the end of the last drive within which it is over for a vehicle that comes no nearer, m.
 const NEAR_M: f64 = 0.3;
-const NEAR_S: f64 = 5.0;
-/// Speed at which it may come there at least, m/s.
-const SLOWEST_M_S: f64 = 0.02;
+/// Way, m, and turn, rad, by which a vehicle comes nearer.
+const NEARER: f64 = 0.01;
+/// Time without that after which a drive is over at its end, and the last one near it, s.
+const AT_END_S: f64 = 1.0;
+const NEAR_END_S: f64 = 3.0;
 /// Heading error at which a turn on the spot is over, rad.
 const ARRIVED_RAD: f64 = 0.02;
 /// Motor speed below which a vehicle stands, m/s.
 const STANDING_M_S: f64 = 0.02;
-/// Time after which a drive is over although the vehicle has not come to rest at its end, s.
-const ARRIVED_S: f64 = 1.0;
 
 /// Distance that a vehicle at the start of a path must be nearer to a point ahead to begin there, m.
 const ENTRY_GAIN_M: f64 = 0.5;
@@ -95,8 +94,8 @@ impl Reference {
             heading_rad,
             time_s: 0.0,
             begun: false,
-            arrived_s: 0.0,
-            near_s: 0.0,
+            least_to_go: f64::INFINITY,
+            no_nearer_s: 0.0,
         }
     }
 
@@ -157,9 +156,17 @@ impl Reference {
         self.arc_length_m
     }
 
-    /// Returns the time for which the vehicle has been where its drive ends, s.
-    pub(crate) fn arrived_s(&self) -> f64 {
-        self.arrived_s
+    /// Returns whether a vehicle at the end of its drive comes no nearer to it.
+    pub(crate) fn stays(&self) -> bool {
+        self.no_nearer_s >= AT_END_S
+    }
+
+    /// Keeps account of how the vehicle comes nearer to the end of its drive.
+    fn come_nearer(&mut self, elapsed_s: f64, to_go: f64) {
+        self.no_nearer_s += elapsed_s;
+        if to_go < self.least_to_go - NEARER {
+            (self.least_to_go, self.no_nearer_s) = (to_go, 0.0);
+        }
     }
 
     /// Returns the path, where there is one.
@@ -205,14 +212,14 @@ impl Reference {
 
     /// Takes the vehicle's pose, which must be finite, and its last command, and returns its progress.
     ///
-    /// A drive is over where the vehicle has come to rest at its end; then the next one begins.
+    /// A drive is over where the vehicle has come to rest at its end, or comes no nearer to it; then the next one begins.
     pub fn advance(&mut self, elapsed_s: f64, pose: &PlanarPose, stands: bool) -> Progress {
         let here = Point2 {
             x_m: pose.x_m,
             y_m: pose.y_m,
         };
         if self.trajectory.path().is_none() {
-            return self.turn(&here, pose.yaw_rad);
+            return self.turn(elapsed_s, &here, pose.yaw_rad);
         }
         if !self.begun {
             self.begun = true;
@@ -220,23 +227,13 @@ impl Reference {
         }
         let mut cross_track_m = self.project(&here);
         let to_go_m = self.stop_at_m() - self.arc_length_m;
-        self.near_s = if to_go_m <= NEAR_M {
-            self.near_s + elapsed_s
-        } else {
-            0.0
-        };
-        let way_s = NEAR_M / self.trajectory.speed_at(self.arc_length_m).max(SLOWEST_M_S);
+        self.come_nearer(elapsed_s, to_go_m);
         let last = self.drives_done + 1 >= self.ends_m.len();
-        let stays = last && self.near_s >= NEAR_S + way_s;
-        let arrived = to_go_m <= ARRIVED_M || stays;
-        self.arrived_s = if arrived {
-            self.arrived_s + elapsed_s
-        } else {
-            0.0
-        };
-        if arrived && !last && (stands || self.arrived_s >= ARRIVED_S) {
+        let near = last && to_go_m <= NEAR_M && self.no_nearer_s >= NEAR_END_S;
+        let arrived = to_go_m <= ARRIVED_M || near;
+        if arrived && !last && (stands || self.stays()) {
             self.drives_done += 1;
-            (self.arrived_s, self.near_s) = (0.0, 0.0);
+            (self.least_to_go, self.no_nearer_s) = (f64::INFINITY, 0.0);
             self.arc_length_m = self.drive_from_m();
             cross_track_m = self.project(&here);
         }
@@ -336,8 +333,9 @@ impl Reference {
     }
 
     /// Returns the progress of a turn on the spot.
-    fn turn(&mut self, here: &Point2, yaw_rad: f64) -> Progress {
+    fn turn(&mut self, elapsed_s: f64, here: &Point2, yaw_rad: f64) -> Progress {
         self.heading_rad = self.unwrapped(yaw_rad);
+        self.come_nearer(elapsed_s, self.turn_to_go_rad().abs());
         let (from, to) = (self.trajectory.at(0.0), self.final_heading_rad());
         let whole_rad = to - from.heading_rad;
         let share = ((self.heading_rad - from.heading_rad) / whole_rad).clamp(0.0, 1.0);

@@ -60,7 +60,7 @@ pub(super) fn margin_panels(guard: &GuardConfig) -> [Panel<'static>; 3] {
     [
         Panel {
             title: "tip-over margin",
-            limits: limits(guard.rollover_margin_slow, guard.rollover_margin_min),
+            limits: limits(guard.rollover_margin_slow(), guard.rollover_margin_min),
             magnified_to: None,
             value: &|row| row.slope.map_or(f64::NAN, |slope| slope.margins.rollover),
         },

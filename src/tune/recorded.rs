@@ -101,10 +101,9 @@ pub(super) fn subject(path: &Path, options: &Options) -> Result<Subject<'static>
 }
 
 /// Settings searched by default: how fast the estimate follows the poses, and how much is learned.
-const RECORDED_KEYS: [&str; 4] = [
+const RECORDED_KEYS: [&str; 3] = [
     "estimator.slide_sigma_m_per_sqrt_s",
     "estimator.yaw_sigma_rad_per_sqrt_s",
-    "estimator.adaptation.shift_sigma",
     "estimator.adaptation.slope_sigma",
 ];
 

@@ -5,14 +5,13 @@ use anyhow::{Context, Result, bail};
 use serde::Serialize;
 use serde_yaml::{Mapping, Value};
 
-/// Settings searched by default: how strongly the MPC corrects errors, how calmly it steers, with and without trust in
-/// its model, and how fast its estimate follows the poses.
-pub const DEFAULT_KEYS: [&str; 7] = [
+/// Settings searched by default: how strongly the MPC corrects errors, how calmly it steers, and how fast its estimate
+/// follows the poses.
+pub const DEFAULT_KEYS: [&str; 6] = [
     "weights.cross_per_m2",
     "weights.speed",
     "weights.steer_change_s3_per_m2",
-    "caution.steer_change_s3_per_m2",
-    "caution.heading_per_rad2",
+    "weights.heading_per_rad2",
     "estimator.slide_sigma_m_per_sqrt_s",
     "estimator.yaw_sigma_rad_per_sqrt_s",
 ];

@@ -124,7 +124,10 @@ fn a_recording_judges_settings_of_the_estimator() {
     let realistic =
         std::fs::read_to_string(repository("config/conditions/realistic.yaml")).unwrap();
     let conditions = bad.path("conditions.yaml");
-    let deaf = realistic.replace("slope_sigma: 0.4", "slope_sigma: 0.001, shift_sigma: 0.001");
+    let deaf = realistic.replace(
+        "pose_sigma_rad: 0.0087",
+        "pose_sigma_rad: 0.0087\n    adaptation: {slope_sigma: 0.001}",
+    );
     assert_ne!(deaf, realistic);
     std::fs::write(&conditions, deaf).unwrap();
     let drive = bad.path("drive.mcap");
@@ -243,7 +246,7 @@ fn what_is_wrong_is_named_before_anything_runs() {
             "--key weights.cross_per_m2 --key weights.cross_per_m2",
             "weights.cross_per_m2: given twice",
         ),
-        ("--key corridor", "corridor: null is no positive number"),
+        ("--key memory", "memory: null is no positive number"),
         ("--controller mpc", "mpc"),
         (
             "--report /none/report.html",

@@ -64,11 +64,37 @@ pub struct MotorReport {
     pub mode: DriveMode,
 }
 
+/// How often a drive has reported each state, so that none is missed between two looks at the newest.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct ModeCounts([u32; Self::WORSE.len()]);
+
+impl ModeCounts {
+    const WORSE: [DriveMode; 3] = [
+        DriveMode::EmergencyStop,
+        DriveMode::Fault,
+        DriveMode::Disabled,
+    ];
+
+    fn count(&mut self, mode: DriveMode) {
+        if let Some(i) = Self::WORSE.iter().position(|worse| *worse == mode) {
+            self.0[i] = self.0[i].wrapping_add(1);
+        }
+    }
+
+    /// Returns the worst state that was reported since `before`; enabled if there was none worse.
+    pub fn worst_since(&self, before: &Self) -> DriveMode {
+        let found = (0..Self::WORSE.len()).find(|i| self.0[*i] != before.0[*i]);
+        found.map_or(DriveMode::Enabled, |i| Self::WORSE[i])
+    }
+}
+
 /// The newest of each reading of the vehicle, with its instant.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Readings {
     /// Of the drives, in the order of the layout.
     pub drives: [Option<Stamped<MotorReport>>; 2],
+    /// The states of the drives, all of them.
+    pub modes: [ModeCounts; 2],
     /// The drives as CANopen nodes, where they are.
     pub nodes: [NodeReading; 2],
     /// Roll and pitch.
@@ -189,6 +215,7 @@ impl VehicleReader {
                     value: state,
                 })?;
                 self.watches[index].check(contents.counter)?;
+                r.modes[drive].count(mode);
                 r.drives[drive] = Some(Stamped {
                     time_s,
                     value: MotorReport {

@@ -6,6 +6,7 @@ pub mod config;
 pub mod controller_side;
 pub mod database;
 pub mod frame;
+pub mod frozen;
 pub mod layout;
 pub mod message;
 pub mod rover;

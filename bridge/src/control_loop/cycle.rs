@@ -157,6 +157,10 @@ impl<P: Port, R: ControllerRunner> ControlLoop<P, R> {
         false
     }
 
+    pub(super) fn record(&mut self, record: LoopRecord) {
+        self.records.push(record);
+    }
+
     fn record_transition(&mut self, transition: Transition) {
         let stops = matches!(transition.to, SafetyState::Stopping | SafetyState::Latched);
         if stops && transition.from != SafetyState::Stopping {

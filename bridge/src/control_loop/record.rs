@@ -57,6 +57,13 @@ pub enum LoopRecord {
         /// Why.
         error: SendError,
     },
+    /// The vehicle could not be armed in time at the start of the run.
+    ArmingExpired {
+        /// When, s.
+        time_s: f64,
+        /// In which time, s.
+        within_s: f64,
+    },
     /// The safety changed its state.
     Transition(Transition),
     /// The drives respond in another way than was recorded before, see [`differs`].
@@ -74,6 +81,7 @@ impl Record for LoopRecord {
     fn time_s(&self) -> f64 {
         match self {
             Self::Unsent { time_s, .. }
+            | Self::ArmingExpired { time_s, .. }
             | Self::Drives { time_s, .. }
             | Self::Transition(Transition { time_s, .. })
             | Self::Cycle(CycleRow { time_s, .. }) => *time_s,
@@ -83,6 +91,12 @@ impl Record for LoopRecord {
     fn entry(&self) -> LogEntry {
         match self {
             Self::Unsent { error, .. } => LogEntry::event("unsent", error.to_string()),
+            Self::ArmingExpired { within_s, .. } => LogEntry::event(
+                "arming",
+                format!(
+                    "expired: the link and fresh feedback were not there within {within_s:.0} s"
+                ),
+            ),
             Self::Transition(transition) => LogEntry::Event {
                 event: "state",
                 states: Some([transition.from, transition.to]),

@@ -1,6 +1,6 @@
 use super::channel::LoopEnd;
 use super::cycle::ControlLoop;
-use super::record::CycleRow;
+use super::record::{CycleRow, LoopRecord};
 use super::runner::ControllerRunner;
 use crate::drives::Port;
 use crate::safety::{OperatorRequests, Reason, SafetyState, StopCause};
@@ -55,10 +55,16 @@ impl Ending {
 /// Options of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct RunOptions {
-    /// Arms once, as soon as the drives' feedback is fresh.
+    /// Arms once, as soon as the drives' feedback is fresh, within [`RunOptions::ARM_WITHIN_S`] of the first cycle.
     pub arm: bool,
     /// Ends the run at this time, s.
     pub duration_s: Option<f64>,
+}
+
+impl RunOptions {
+    /// Time within which the run arms by itself, s. After that the request has expired: drives that are switched on
+    /// later do not set the vehicle off.
+    pub const ARM_WITHIN_S: f64 = 5.0;
 }
 
 /// Requests from signal handlers or other threads; clones share the same flags.
@@ -86,11 +92,21 @@ impl<P: Port, R: ControllerRunner> ControlLoop<P, R> {
         mut channel: Option<LoopEnd>,
     ) -> Ending {
         let mut arm_pending = options.arm;
+        let mut arm_until_s = f64::INFINITY;
         let mut requests = OperatorRequests::default();
         let ending = loop {
             let row = self.step_with(requests, channel.as_mut());
             if let Some(ending) = self.ending(&row, options, signals, channel.is_some()) {
                 break ending;
+            }
+            arm_until_s = arm_until_s.min(row.time_s + RunOptions::ARM_WITHIN_S);
+            if arm_pending && row.time_s > arm_until_s {
+                arm_pending = false;
+                let time_s = row.time_s;
+                self.record(LoopRecord::ArmingExpired {
+                    time_s,
+                    within_s: RunOptions::ARM_WITHIN_S,
+                });
             }
             let arm_now = arm_pending && self.can_arm(&row);
             arm_pending &= !arm_now;

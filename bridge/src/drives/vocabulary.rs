@@ -34,13 +34,28 @@ pub enum DriveMode {
     EmergencyStop,
     /// It reports a fault.
     Fault,
+    /// It takes no commands and may go on as commanded before: a CANopen node that is not operational.
+    NotOperational,
+    /// It is on and does not follow speeds: somebody has changed its mode of operation.
+    OtherMode,
+    /// It is on, and its reported speed stays the same to the bit while its commands change.
+    Frozen,
 }
 
 impl DriveMode {
-    /// Returns the worse of two drives' states: emergency stop, then fault, then disabled.
+    /// Returns the worse of two drives' states: emergency stop, then fault, then not operational, then
+    /// in another mode, then frozen, then disabled.
     pub fn worse(self, other: Self) -> Self {
-        [Self::EmergencyStop, Self::Fault, Self::Disabled]
-            .into_iter()
+        let from_worst = [
+            Self::EmergencyStop,
+            Self::Fault,
+            Self::NotOperational,
+            Self::OtherMode,
+            Self::Frozen,
+            Self::Disabled,
+        ];
+        let mut found = from_worst.into_iter();
+        found
             .find(|mode| self == *mode || other == *mode)
             .unwrap_or(Self::Enabled)
     }
@@ -74,10 +89,12 @@ pub enum LinkState {
     Down,
     /// The interface does not exist.
     Absent,
+    /// Carries messages, and another node sends those that are this program's alone.
+    Foreign,
 }
 
 impl LinkState {
-    /// Returns whether messages may get through.
+    /// Returns whether messages may get through and only this program leads the drives.
     pub fn carries(self) -> bool {
         matches!(self, Self::Active | Self::Warning | Self::Passive)
     }

@@ -1,7 +1,8 @@
 use super::Safety;
 use super::alarm::Alarm;
+use super::discrepancy::Discrepancy;
 use super::vocabulary::{ControllerOutput, ControllerState, Reason, SafetyInputs, SafetyState};
-use crate::drives::DriveMode;
+use crate::drives::{DriveMode, LinkState};
 use sidehill_plant::speeds::MotorSpeeds;
 
 /// What forbids driving.
@@ -23,9 +24,22 @@ impl Safety {
                 // A fault may be reset while zero speed is sent, disabled.
                 DriveMode::Fault if self.state == SafetyState::Zeroing => {}
                 DriveMode::Fault => return Some(Alarm::Cut(Reason::DriveFault)),
+                // It may be set up again while zero speed is sent, disabled.
+                DriveMode::NotOperational | DriveMode::OtherMode
+                    if self.state == SafetyState::Zeroing => {}
+                DriveMode::OtherMode => return Some(Alarm::Cut(Reason::DriveMode)),
+                DriveMode::Frozen if self.state == SafetyState::Driving => {
+                    return Some(Alarm::Ramp(Reason::FeedbackFrozen));
+                }
+                DriveMode::NotOperational => return Some(Alarm::Cut(Reason::DriveNotOperational)),
                 DriveMode::Disabled if on && !stale => return Some(Alarm::Cut(Reason::DriveOff)),
-                DriveMode::Disabled | DriveMode::Enabled => {}
+                DriveMode::Disabled | DriveMode::Enabled | DriveMode::Frozen => {}
             }
+        }
+        if inputs.link == LinkState::Foreign {
+            // The drives follow somebody else as well: nothing says that they follow a ramp.
+            let state = inputs.link;
+            return Some(Alarm::Cut(Reason::Link { state }));
         }
         if !inputs.link.carries() {
             return Some(Alarm::Ramp(Reason::Link { state: inputs.link }));
@@ -119,12 +133,17 @@ impl Safety {
         );
         let limit = self.config.plausible_difference_m_s;
         if traction_m_s <= limit && steer_m_s <= limit {
-            self.implausible_since_s = None;
+            self.implausible = None;
             return None;
         }
-        let since_s = *self.implausible_since_s.get_or_insert(inputs.time_s);
-        let time_s = inputs.time_s - since_s;
-        (time_s >= self.config.implausible_time_s).then_some(Reason::Implausible {
+        let feedback_s = inputs.feedback?.time_s;
+        let new = Discrepancy::new(inputs.time_s, feedback_s);
+        let discrepancy = self.implausible.get_or_insert(new);
+        let time_s = discrepancy.grow(inputs.time_s, traction_m_s.max(steer_m_s));
+        // Twice as far off is judged in half the time.
+        let longest_s = self.config.implausible_time_s;
+        let far = discrepancy.has_come(limit * longest_s, feedback_s);
+        (far || time_s >= longest_s).then_some(Reason::Implausible {
             traction_m_s,
             steer_m_s,
             time_s,

@@ -27,7 +27,8 @@ pub struct SafetyConfig {
     /// Time within which the drives reach a command: feedback is compared with the least and the
     /// greatest command of this time, s.
     pub response_time_s: f64,
-    /// Time for which feedback may be implausible, s.
+    /// Time for which feedback may be implausible by `plausible_difference_m_s`, s; shorter in proportion where it is
+    /// further off.
     pub implausible_time_s: f64,
 }
 

@@ -12,6 +12,7 @@
 mod alarm;
 mod checks;
 mod config;
+mod discrepancy;
 mod recent;
 mod vocabulary;
 
@@ -23,6 +24,7 @@ pub use vocabulary::{
 
 use crate::drives::{DriveCommand, DriveFeedback, DriveMode};
 use alarm::Alarm;
+use discrepancy::Discrepancy;
 use recent::RecentCommands;
 use sidehill_plant::speeds::MotorSpeeds;
 use sidehill_plant::vehicle::RangeError;
@@ -42,7 +44,7 @@ pub struct Safety {
     commanded: RecentCommands,
     /// Whether the controller has driven since the drives were enabled.
     following: bool,
-    implausible_since_s: Option<f64>,
+    implausible: Option<Discrepancy>,
 }
 
 impl Safety {
@@ -63,7 +65,7 @@ impl Safety {
             recent: RecentCommands::new(),
             commanded: RecentCommands::new(),
             following: false,
-            implausible_since_s: None,
+            implausible: None,
         })
     }
 
@@ -108,7 +110,7 @@ impl Safety {
                 self.recent.clear();
                 self.commanded.clear();
                 self.following = false;
-                self.implausible_since_s = None;
+                self.implausible = None;
             }
             Transition {
                 time_s: inputs.time_s,

@@ -221,6 +221,12 @@ pub enum Reason {
     /// A drive has been disabled by something other than this program.
     #[error("a drive is off that was told to be on")]
     DriveOff,
+    /// A drive no longer takes commands.
+    #[error("a drive takes no commands: its node is not operational")]
+    DriveNotOperational,
+    /// A drive no longer follows speeds.
+    #[error("a drive does not follow speeds: its mode of operation was changed")]
+    DriveMode,
     /// The controller's command is too old.
     #[error("the command is {age_s:.3} s old")]
     CommandTimeout {
@@ -245,6 +251,9 @@ pub enum Reason {
         /// Its age, s; infinite where there was none.
         age_s: f64,
     },
+    /// A drive's reported speed does not change although its commands do.
+    #[error("a drive's reported speed stays the same to the bit while its commands change")]
+    FeedbackFrozen,
     /// Feedback is not what was commanded.
     #[error(
         "traction differs by {traction_m_s:.3} m/s and steer by {steer_m_s:.3} m/s from the command for {time_s:.2} s"
@@ -257,8 +266,8 @@ pub enum Reason {
         /// For how long, s.
         time_s: f64,
     },
-    /// The link carries no messages.
-    #[error("the link to the drives is {state:?}")]
+    /// The link carries no messages, or not this program's alone.
+    #[error("{}", link_fault(*state))]
     Link {
         /// Its state.
         state: LinkState,
@@ -285,6 +294,13 @@ pub enum Reason {
         /// Of this step, s.
         now_s: f64,
     },
+}
+
+fn link_fault(state: LinkState) -> String {
+    match state {
+        LinkState::Foreign => "another node sends with this program's identifiers".to_owned(),
+        state => format!("the link to the drives is {state:?}"),
+    }
 }
 
 fn feedback_age(age_s: f64) -> String {

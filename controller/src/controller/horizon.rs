@@ -34,6 +34,13 @@ const SLOW_FREE: f64 = 0.25;
 /// Largest factor between the stretches of two cycles.
 const STRETCH_CHANGE: f64 = 1.05;
 
+/// Factor on the weight of a change of steer of contact-mpc on the path, where most of what steer would answer is the
+/// poses' noise, and far beside it.
+const STEER_CHANGE_ON_PATH: f64 = 2.5;
+const STEER_CHANGE_OFF_PATH: f64 = 0.25;
+/// Distance from the path at which that factor is half way between both, m.
+const OFF_PATH_M: f64 = 0.05;
+
 impl Controller {
     /// Returns how far the vehicle has come.
     pub(super) fn advance_reference(
@@ -113,9 +120,8 @@ impl Controller {
         };
         let steer_change = match mpc.model_mut() {
             Model::Icr(_) => 1.0,
-            Model::Contact(_) => self.config.contact.steer_change(progress.cross_track_m),
+            Model::Contact(_) => contact_steer_change(progress.cross_track_m),
         };
-        let mut caution = 0.0;
         if self.adapts {
             match mpc.model_mut() {
                 Model::Icr(model) => {
@@ -131,14 +137,12 @@ impl Controller {
                     }
                 }
             }
-            let error = estimate.model_error_m_s / self.config.caution.error_m_s;
-            caution = error.powi(2).min(1.0);
         }
         self.fall_behind(progress, elapsed_s);
         self.learn_places(estimate, sample, elapsed_s);
         (self.horizon.start, self.horizon.moving) = self.roll_forward(estimate, progress);
         self.horizon.previous = previous;
-        self.horizon.change_weights = self.config.change_weights(caution);
+        self.horizon.change_weights = self.config.weights.changes();
         self.horizon.change_weights.steer *= steer_change;
         let Law::Mpc(mpc) = &self.law else {
             return;
@@ -147,7 +151,7 @@ impl Controller {
         // A vehicle so much slower has the same problem in so much more time.
         self.horizon.change_weights.traction *= stretch.powi(3);
         self.horizon.change_weights.steer *= stretch.powi(3);
-        self.fill_targets(estimate, progress, caution, elapsed_s, stretch);
+        self.fill_targets(estimate, progress, elapsed_s, stretch);
     }
 
     /// Moves the plan on and puts into the horizon's targets what the path asks for where the plan has the vehicle. A
@@ -156,7 +160,6 @@ impl Controller {
         &mut self,
         estimate: &Estimate,
         progress: &Progress,
-        caution: f64,
         elapsed_s: f64,
         stretch: f64,
     ) {
@@ -186,7 +189,6 @@ impl Controller {
             memory: self.memory.as_ref().filter(|memory| memory.config.by_place),
             estimate,
             progress,
-            caution,
             behind_s: self.behind_s,
             certain_share: certain_share(
                 estimate.bound_across_m(progress.point.heading_rad)
@@ -340,7 +342,6 @@ struct Ahead<'a> {
     memory: Option<&'a Memory>,
     estimate: &'a Estimate,
     progress: &'a Progress,
-    caution: f64,
     behind_s: f64,
     /// Share of the speeds with which a vehicle drives that does not know well where it is.
     certain_share: f64,
@@ -385,7 +386,7 @@ impl<'a> Ahead<'a> {
             slip = slide_share(self.progress.cross_track_m) * speed_m_s * known.slip_per_m;
         }
         let mut errors_share = 1.0;
-        let mut weights = asked.weights(config, self.caution, end_s);
+        let mut weights = asked.weights(&config.weights, end_s);
         if asked.motion == Motion::Drive {
             let ramp = (1.0 + self.behind_s).powi(2);
             weights.speed_s2_per_m2 *= ramp;
@@ -406,6 +407,13 @@ impl<'a> Ahead<'a> {
             errors_share,
         }
     }
+}
+
+/// Returns the factor on the weight of a change of steer of contact-mpc at a distance from the path.
+fn contact_steer_change(cross_track_m: f64) -> f64 {
+    let squared = (cross_track_m / OFF_PATH_M).powi(2);
+    let off_path = squared / (1.0 + squared);
+    STEER_CHANGE_ON_PATH + off_path * (STEER_CHANGE_OFF_PATH - STEER_CHANGE_ON_PATH)
 }
 
 /// Returns the share of the speeds at a share of the largest uncertainty: whole up to half of it, from there falling

@@ -169,7 +169,7 @@ impl Controller {
             return;
         };
         let limits = self.config.supervisor;
-        let late = reference.arrived_s() > limits.settle_time_s;
+        let stays = reference.stays();
         let periodic = reference.trajectory().ending() == Ending::Periodic;
         let heading_error = wrap_angle(estimate.pose.yaw_rad - progress.point.heading_rad);
         let bound_m = estimate.bound_across_m(progress.point.heading_rad);
@@ -190,7 +190,7 @@ impl Controller {
         if progress.ended && matches!(self.phase, Phase::Driving { .. }) {
             let last = self.issued.last();
             let standing = last.traction_m_s.abs() < 0.01 && last.steer_m_s.abs() < 0.01;
-            if periodic || standing || late {
+            if periodic || standing || stays {
                 self.phase = Phase::Finished;
             }
         }

@@ -1,6 +1,6 @@
 //! The way ahead along a reference: what it asks for where the plan has the vehicle.
 
-use crate::config::ControllerConfig;
+use crate::config::Weights;
 use crate::mpc::StageWeights;
 use crate::mpc::limits::InputLimits;
 use crate::path::{Path, Point2};
@@ -21,6 +21,11 @@ const BRAKING_SHARE: f64 = 0.5;
 const SPEED_MIN_M_S: f64 = 0.02;
 /// Distance from the end of a drive that counts as being there, m, and turn, rad.
 const AT_END: f64 = 1e-3;
+/// Time from the begin of the horizon over which the weight across the path grows to its full value, s.
+const CROSS_RAMP_S: f64 = 0.6;
+/// Weights of the position, 1/m^2, and of the heading, 1/rad^2, while turning on the spot.
+const PIVOT_POSITION_PER_M2: f64 = 5.0;
+const PIVOT_HEADING_PER_RAD2: f64 = 5.0;
 /// Step with which the time for a length is summed, m.
 pub(super) const SUM_STEP_M: f64 = 0.1;
 
@@ -78,32 +83,21 @@ pub(super) struct Asked {
 }
 
 impl Asked {
-    /// Returns the weights of a stage that ends here, `end_s` after the begin of the horizon, at a caution from 0 to 1: near
-    /// the begin an error across the path is left as it is, since motors are too slow to correct it.
-    pub(super) fn weights(
-        &self,
-        config: &ControllerConfig,
-        caution: f64,
-        end_s: f64,
-    ) -> StageWeights {
-        let w = &config.weights;
-        let ramp = if end_s < w.cross_ramp_s {
-            end_s / w.cross_ramp_s
-        } else {
-            1.0
-        };
-        let calmer = (config.caution.heading_per_rad2 - w.heading_per_rad2).max(0.0);
+    /// Returns the weights of a stage that ends here, `end_s` after the begin of the horizon: near the begin an error
+    /// across the path is left as it is, since motors are too slow to correct it.
+    pub(super) fn weights(&self, w: &Weights, end_s: f64) -> StageWeights {
+        let ramp = (end_s / CROSS_RAMP_S).min(1.0);
         match self.motion {
             Motion::Drive | Motion::Stand => StageWeights {
                 along_per_m2: if self.ends { w.cross_per_m2 } else { 0.0 },
                 cross_per_m2: ramp * w.cross_per_m2,
-                heading_per_rad2: w.heading_per_rad2 + caution * calmer,
+                heading_per_rad2: w.heading_per_rad2,
                 speed_s2_per_m2: w.speed / (self.scale_m_s * self.scale_m_s),
             },
             Motion::Pivot => StageWeights {
-                along_per_m2: w.pivot_position_per_m2,
-                cross_per_m2: w.pivot_position_per_m2,
-                heading_per_rad2: w.pivot_heading_per_rad2,
+                along_per_m2: PIVOT_POSITION_PER_M2,
+                cross_per_m2: PIVOT_POSITION_PER_M2,
+                heading_per_rad2: PIVOT_HEADING_PER_RAD2,
                 speed_s2_per_m2: 0.0,
             },
         }
@@ -295,36 +289,31 @@ mod tests {
 
     #[test]
     fn the_weight_across_the_path_grows_over_the_ramp_and_only_while_driving() {
-        let config = ControllerConfig::default().for_contact();
-        let ramp_s = config.contact.cross_ramp_s;
-        let cross = |asked: Asked, end_s| asked.weights(&config, 0.0, end_s).cross_per_m2;
-        let full = config.weights.cross_per_m2;
+        let weights = Weights::default();
+        let cross = |asked: Asked, end_s| asked.weights(&weights, end_s).cross_per_m2;
+        let full = weights.cross_per_m2;
         let drive = asked(Motion::Drive);
-        assert!((cross(drive, ramp_s / 3.0) - full / 3.0).abs() < 1e-9);
-        assert_eq!(cross(drive, ramp_s), full);
+        assert!((cross(drive, CROSS_RAMP_S / 3.0) - full / 3.0).abs() < 1e-9);
+        assert_eq!(cross(drive, CROSS_RAMP_S), full);
         assert_eq!(cross(drive, 7.0), full);
-        let pivot = config.weights.pivot_position_per_m2;
-        assert_eq!(cross(asked(Motion::Pivot), ramp_s / 3.0), pivot);
-        // The other controllers weigh all errors alike.
-        let config = ControllerConfig::default();
-        let weights = drive.weights(&config, 0.0, 0.15);
-        assert_eq!(weights.cross_per_m2, config.weights.cross_per_m2);
+        let pivot = asked(Motion::Pivot);
+        assert_eq!(cross(pivot, CROSS_RAMP_S / 3.0), PIVOT_POSITION_PER_M2);
     }
 
     #[test]
     fn a_drive_is_weighed_in_speed_on_the_way_and_in_place_at_its_end() {
-        let config = ControllerConfig::default();
+        let all = Weights::default();
         let on_the_way = asked(Motion::Drive);
-        let weights = on_the_way.weights(&config, 0.0, 1.0);
+        let weights = on_the_way.weights(&all, 1.0);
         assert_eq!(weights.along_per_m2, 0.0);
         // A vehicle that stands costs the same at every allowed speed.
         let standing = weights.speed_s2_per_m2 * on_the_way.scale_m_s.powi(2);
-        assert!((standing - config.weights.speed).abs() < 1e-12);
+        assert!((standing - all.speed).abs() < 1e-12);
         let end = Asked {
             ends: true,
             ..on_the_way
         };
-        let weights = end.weights(&config, 0.0, 1.0);
-        assert_eq!(weights.along_per_m2, config.weights.cross_per_m2);
+        let weights = end.weights(&all, 1.0);
+        assert_eq!(weights.along_per_m2, all.cross_per_m2);
     }
 }

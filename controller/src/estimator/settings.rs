@@ -18,18 +18,23 @@ pub struct EstimatorSettings {
     /// Growth of the heading's uncertainty while moving, rad/sqrt(s).
     pub yaw_sigma_rad_per_sqrt_s: f64,
     /// Growth of the heading's uncertainty while it follows a gyroscope, rad/sqrt(s): noise and errors of its scale.
+    #[serde(skip)]
     pub gyro_sigma_rad_per_sqrt_s: f64,
     /// Growth of the heading's uncertainty by the model, against which a gyroscope's readings teach, rad/sqrt(s): larger
     /// than that between poses, because inertia and patches of ground last for several readings.
+    #[serde(skip)]
     pub gyro_model_sigma_rad_per_sqrt_s: f64,
     /// Standard deviation of the gyroscope's bias before anything is known, rad/s.
+    #[serde(skip)]
     pub gyro_bias_sigma_rad_s: f64,
     /// Largest normalised innovation squared (3 degrees of freedom) of a pose that is accepted.
     pub gate: f64,
     /// Time after which rejected poses that agree with each other are accepted, s; until then the vehicle
     /// is slowed down.
+    #[serde(skip)]
     pub believed_after_s: f64,
     /// Time over which the error of the model's velocity is averaged, s.
+    #[serde(skip)]
     pub error_averaging_s: f64,
     /// Learning of the correction of ICRIK.
     pub adaptation: AdaptationSettings,
@@ -44,17 +49,17 @@ impl Default for EstimatorSettings {
         Self {
             pose_sigma_m: 0.01,
             pose_sigma_rad: 0.0087,
-            slide_sigma_m_per_sqrt_s: 0.02,
-            yaw_sigma_rad_per_sqrt_s: 0.02,
+            slide_sigma_m_per_sqrt_s: 0.005,
+            yaw_sigma_rad_per_sqrt_s: 0.005,
             gyro_sigma_rad_per_sqrt_s: 0.001,
             gyro_model_sigma_rad_per_sqrt_s: 0.02,
             gyro_bias_sigma_rad_s: 0.02,
-            gate: 30.0,
+            gate: 100.0,
             believed_after_s: 1.0,
             error_averaging_s: 3.0,
             adaptation: AdaptationSettings::default(),
             contact: ContactLearningSettings::default(),
-            normal_filter_s: 0.0,
+            normal_filter_s: 0.5,
         }
     }
 }
@@ -65,6 +70,7 @@ impl Default for EstimatorSettings {
 pub struct AdaptationSettings {
     /// Standard deviation of the gains of the steer speed itself (shift of the ICRs): of v_x and v_y
     /// without unit, of the yaw rate in rad/m. 0 switches them off.
+    #[serde(skip)]
     pub shift_sigma: f64,
     /// Standard deviation of the gains of slide and load shift, 1/rad and 1/m. 0 switches them off.
     pub slope_sigma: f64,
@@ -72,6 +78,7 @@ pub struct AdaptationSettings {
     /// learned is forgotten.
     pub forgetting_per_m: f64,
     /// Whether icrhk-mpc also learns the ICRs of its model; this does not improve its tracking.
+    #[serde(skip)]
     pub of_icrhk: bool,
 }
 
@@ -79,8 +86,8 @@ impl Default for AdaptationSettings {
     fn default() -> Self {
         Self {
             shift_sigma: 0.05,
-            slope_sigma: 0.7,
-            forgetting_per_m: 0.001,
+            slope_sigma: 0.4,
+            forgetting_per_m: 0.05,
             of_icrhk: false,
         }
     }
@@ -110,26 +117,8 @@ impl EstimatorSettings {
             "estimator.yaw_sigma_rad_per_sqrt_s",
             self.yaw_sigma_rad_per_sqrt_s,
         )?;
-        positive(
-            "estimator.gyro_sigma_rad_per_sqrt_s",
-            self.gyro_sigma_rad_per_sqrt_s,
-        )?;
-        positive(
-            "estimator.gyro_model_sigma_rad_per_sqrt_s",
-            self.gyro_model_sigma_rad_per_sqrt_s,
-        )?;
-        positive(
-            "estimator.gyro_bias_sigma_rad_s",
-            self.gyro_bias_sigma_rad_s,
-        )?;
         Bounds::new(1.0, 1e6, "").check("estimator.gate", self.gate)?;
-        Bounds::new(0.0, 60.0, "s").check("estimator.believed_after_s", self.believed_after_s)?;
-        positive("estimator.error_averaging_s", self.error_averaging_s)?;
         let gain = |key, value| Bounds::new(0.0, 10.0, "").check(key, value);
-        gain(
-            "estimator.adaptation.shift_sigma",
-            self.adaptation.shift_sigma,
-        )?;
         gain(
             "estimator.adaptation.slope_sigma",
             self.adaptation.slope_sigma,

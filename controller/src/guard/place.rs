@@ -228,14 +228,14 @@ impl Judge<'_> {
         let near_limit = blocked.or_else(|| beyond(WARNING_RESERVE, WARNING_RESERVE_DEG));
         let (mut share, mut slow) = (1.0, None);
         if let Some(m) = worst(1.0) {
-            slow = excess(&m, c.rollover_margin_slow, c.friction_use_slow);
+            slow = excess(&m, c.rollover_margin_slow(), c.friction_use_slow);
             let ramp = |value: f64, none: f64, full: f64| {
                 if full == none {
                     return f64::from(value >= full);
                 }
                 ((value - none) / (full - none)).clamp(0.0, 1.0)
             };
-            let left = ramp(m.rollover, c.rollover_margin_min, c.rollover_margin_slow).min(ramp(
+            let left = ramp(m.rollover, c.rollover_margin_min, c.rollover_margin_slow()).min(ramp(
                 -m.friction_use,
                 -c.friction_use_max,
                 -c.friction_use_slow,

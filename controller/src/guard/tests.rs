@@ -230,7 +230,6 @@ fn an_attitude_beyond_its_limit_stops_at_once() {
     let config = GuardConfig {
         roll_max_deg: 8.0,
         rollover_margin_min: 0.0,
-        rollover_margin_slow: 0.0,
         ..GuardConfig::default()
     };
     let ground = ramp(14.0);

@@ -19,7 +19,7 @@ mod terms;
 
 use super::limits::{Change, InputLimits};
 use super::problem::QpData;
-use super::settings::{ChangeWeights, Corridor};
+use super::settings::ChangeWeights;
 use super::structure::{Block, ROWS_PER_STAGE, change_scale, packed, structure};
 use nalgebra::Vector3;
 use sidehill_plant::prediction::LinearisedStep;
@@ -108,7 +108,6 @@ pub struct Condenser {
     limits: InputLimits,
     /// Speeds by which the rows of bounds are scaled, m/s.
     row_speeds: [f64; 2],
-    corridor: Option<Corridor>,
     tread_rows: bool,
     first_inequality: usize,
     cost_scale: f64,
@@ -129,18 +128,16 @@ impl Condenser {
         stages: usize,
         block_stages: usize,
         limits: InputLimits,
-        corridor: Option<Corridor>,
         cost_scale: f64,
     ) -> (Self, QpData) {
         let tread_rows = !limits.treads_follow_from_motors();
-        let (blocks, data) = structure(stages, block_stages, &limits, corridor, tread_rows);
+        let (blocks, data) = structure(stages, block_stages, &limits, tread_rows);
         let widest = blocks.iter().map(Block::width).max().unwrap_or(0);
         let condenser = Self {
             blocks,
             stages,
             row_speeds: [limits.traction.speed_m_s, limits.steer.speed_m_s],
             limits,
-            corridor,
             tread_rows,
             first_inequality: data.equalities,
             cost_scale,
@@ -183,7 +180,7 @@ impl Condenser {
         &mut self.limits
     }
 
-    /// Writes one block's Hessian, gradient, continuity and corridor.
+    /// Writes one block's Hessian, gradient and continuity.
     fn condense_block(&mut self, index: usize, stages: &[Stage], data: &mut QpData) {
         let block = &self.blocks[index];
         let width = block.width();
@@ -197,7 +194,6 @@ impl Condenser {
         }
         self.hessian.fill(0.0);
         let stride = width + 1;
-        let mut corridor_entry = 0;
         for stage_in_block in 0..block.stages {
             let stage = &stages[block.first_stage + stage_in_block];
             let used = block.input(stage_in_block);
@@ -261,17 +257,6 @@ impl Condenser {
                     *entry += a * along + c * cross + h * yaw + s * speed;
                 }
             }
-            if let Some(corridor) = self.corridor {
-                let row = block.corridor_row + 2 * stage_in_block;
-                for (side, sign) in [1.0, -1.0].into_iter().enumerate() {
-                    for column in 0..used {
-                        data.a.nzval[block.corridor[corridor_entry + column]] =
-                            sign * self.cross[column];
-                    }
-                    corridor_entry += used + 1;
-                    data.b[row + side] = corridor.half_width_m - sign * error_cross;
-                }
-            }
         }
         let mut entry = 0;
         for column in 0..width {
@@ -279,14 +264,6 @@ impl Condenser {
                 data.p.nzval[block.hessian[entry]] = self.hessian[column * stride + row];
                 entry += 1;
             }
-        }
-        if let Some(corridor) = self.corridor {
-            for _ in 0..width {
-                data.p.nzval[block.hessian[entry]] = 0.0;
-                entry += 1;
-            }
-            data.p.nzval[block.hessian[entry]] = self.cost_scale * corridor.weight_per_m2;
-            data.b[block.corridor_row + 2 * block.stages] = 0.0;
         }
         if !block.continuity.is_empty() {
             for (row, values) in [&*x, &*y, &*yaw].into_iter().enumerate() {
@@ -300,7 +277,6 @@ impl Condenser {
 
     /// Adds r |u_k - u_{k-1}|^2 + d |du_k|^2 for each stage.
     fn input_cost(&self, stages: &[Stage], previous: MotorSpeeds, data: &mut QpData) {
-        let slack = usize::from(self.corridor.is_some());
         let mut before: Option<(usize, usize)> = None;
         let mut before_input = previous;
         for (i, block) in self.blocks.iter().enumerate() {
@@ -341,7 +317,7 @@ impl Condenser {
             }
         }
         debug_assert!(self.blocks.iter().all(|b| {
-            let width = b.width() + slack;
+            let width = b.width();
             b.hessian.len() == width * (width + 1) / 2
         }));
     }

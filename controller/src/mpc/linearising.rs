@@ -22,12 +22,8 @@ impl Mpc {
         errors.cross_per_m2 *= target.errors_share;
         // The cost is that of even stages, each of them a sample of an integral.
         let even_s = self.times.stretch() * settings.step_s;
-        let mut factor = step_s / even_s;
-        if stage + 1 == settings.stages {
-            factor *= settings.terminal_factor;
-        }
         CostWeights {
-            errors: errors.scaled(factor),
+            errors: errors.scaled(step_s / even_s),
             changes: ChangeWeights {
                 traction: horizon.change_weights.traction / step_s,
                 steer: horizon.change_weights.steer / step_s,

@@ -34,7 +34,7 @@ pub use model::Model;
 pub(crate) use model::StepStart;
 pub use problem::{CscMatrix, Point, QpData, Residuals};
 pub use qp::{QpSolver, SolvePath};
-pub use settings::{ChangeWeights, Corridor, HeadingExcess, MpcSettings, QpMode, QpSettings};
+pub use settings::{ChangeWeights, HeadingExcess, MpcSettings, QpMode, QpSettings};
 pub use stage_terms::StageTerms;
 pub use stage_times::StageTimes;
 pub use step_limit::StepLimit;
@@ -235,7 +235,6 @@ impl Mpc {
             settings.stages,
             settings.block_stages,
             settings.limits,
-            settings.corridor,
             COST_SCALE,
         );
         let solver = QpSolver::new(data, settings.qp)?;

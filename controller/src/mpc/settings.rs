@@ -3,8 +3,6 @@
 use super::StageTimes;
 use super::limits::InputLimits;
 use super::step_limit::StepLimit;
-use serde::{Deserialize, Serialize};
-use sidehill_plant::bounds::{Bounds, RangeError};
 
 /// Settings of the controller.
 #[derive(Debug, Clone, PartialEq)]
@@ -23,12 +21,8 @@ pub struct MpcSettings {
     pub heading_excess: HeadingExcess,
     /// Weight of the position across the path, 1/m^2.
     pub cross_per_m2: f64,
-    /// Factor on the weights of the last stage.
-    pub terminal_factor: f64,
     /// Limits of the inputs.
     pub limits: InputLimits,
-    /// Soft bound on the cross-track error.
-    pub corridor: Option<Corridor>,
     /// How far a QP's solution is followed.
     pub step_limit: StepLimit,
     /// Solver settings.
@@ -60,6 +54,15 @@ pub struct HeadingExcess {
     pub per_rad2: f64,
 }
 
+impl Default for HeadingExcess {
+    fn default() -> Self {
+        Self {
+            free_rad: 0.5,
+            per_rad2: 10.0,
+        }
+    }
+}
+
 impl HeadingExcess {
     /// Returns what a planned heading error adds to a stage's weight of the heading, 1/rad^2: it
     /// grows with the square of what is beyond `free_rad`, up to three times `free_rad`.
@@ -71,38 +74,14 @@ impl HeadingExcess {
     }
 }
 
-/// A soft bound on the cross-track error.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Corridor {
-    /// Half width, m.
-    pub half_width_m: f64,
-    /// Weight of leaving it, 1/m^2.
-    pub weight_per_m2: f64,
-}
-
-impl Corridor {
-    /// Checks the ranges.
-    ///
-    /// # Errors
-    /// [`RangeError`] with the first key out of its range.
-    pub fn validate(&self) -> Result<(), RangeError> {
-        Bounds::new(1e-3, 100.0, "m").check("corridor.half_width_m", self.half_width_m)?;
-        Bounds::new(1e-3, 1e6, "1/m^2").check("corridor.weight_per_m2", self.weight_per_m2)?;
-        Ok(())
-    }
-}
-
 /// Largest number of iterations of any solve.
 pub const ITERATIONS_MAX: u32 = 100;
 
 /// How the QP is handed to the solver.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum QpMode {
     /// By the rows that bind, beginning with those of the cycle before, and by the interior-point
     /// method where they are not found.
-    #[serde(alias = "relaxed_first")]
     WorkingSet,
     /// By the interior-point method, with one solver made at start, updated in place, set up for small
     /// well-scaled QPs.
@@ -113,8 +92,7 @@ pub enum QpMode {
 }
 
 /// Limits and tolerances of a solve.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct QpSettings {
     /// How the solver is used.
     pub mode: QpMode,
@@ -140,20 +118,5 @@ impl Default for QpSettings {
             accepted_residual: 1e-3,
             accepted_gap: 0.2,
         }
-    }
-}
-
-impl QpSettings {
-    /// Checks the ranges.
-    ///
-    /// # Errors
-    /// [`RangeError`] with the first key out of its range.
-    pub fn validate(&self) -> Result<(), RangeError> {
-        Bounds::new(1.0, f64::from(ITERATIONS_MAX), "")
-            .check("solver.max_iterations", f64::from(self.max_iterations))?;
-        Bounds::new(1e-12, 1e-2, "").check("solver.tolerance", self.tolerance)?;
-        Bounds::new(1e-9, 1.0, "").check("solver.accepted_residual", self.accepted_residual)?;
-        Bounds::new(1e-9, 1.0, "").check("solver.accepted_gap", self.accepted_gap)?;
-        Ok(())
     }
 }

@@ -12,12 +12,8 @@
 //! Levenberg and Marquardt (Marquardt, "An algorithm for least-squares estimation of nonlinear parameters", 1963):
 //! it grows from cycle to cycle until predictions come true again, and then falls.
 
-use serde::{Deserialize, Serialize};
-use sidehill_plant::bounds::{Bounds, RangeError};
-
 /// Bounds of the steps.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StepLimit {
     /// Largest correction of planned steer in a cycle, m/s.
     pub steer_m_s: f64,
@@ -38,20 +34,6 @@ impl Default for StepLimit {
 }
 
 impl StepLimit {
-    /// Checks the ranges.
-    ///
-    /// # Errors
-    /// [`RangeError`] with the first key out of its range.
-    pub fn validate(&self) -> Result<(), RangeError> {
-        Bounds::new(1e-3, 100.0, "m/s").check("step_limit.steer_m_s", self.steer_m_s)?;
-        Bounds::new(0.0, 1.0, "").check("step_limit.accepted_share", self.accepted_share)?;
-        Bounds::new(0.0, 1e6, "s^2/m^2").check(
-            "step_limit.damping_max_s2_per_m2",
-            self.damping_max_s2_per_m2,
-        )?;
-        Ok(())
-    }
-
     /// Returns the share of a correction of steer by at most `largest_m_s` that is tried first.
     pub(super) fn first_share(&self, largest_m_s: f64) -> f64 {
         (self.steer_m_s / largest_m_s.max(1e-12)).min(1.0)

@@ -2,7 +2,6 @@
 
 use super::limits::InputLimits;
 use super::problem::{CscMatrix, QpData, pattern};
-use super::settings::Corridor;
 use super::stage_terms::StageTerms;
 use std::ops::Range;
 
@@ -16,7 +15,7 @@ pub struct Block {
     pub first_stage: usize,
     /// Number of its stages.
     pub stages: usize,
-    /// First of all the block's variables: its state's deviation, then its inputs, then its slack.
+    /// First of all the block's variables: its state's deviation, then its inputs.
     pub first: usize,
     /// 3, or 0 in the first block, whose state is known.
     pub states: usize,
@@ -26,10 +25,6 @@ pub struct Block {
     pub tie: Option<(usize, usize)>,
     /// Where the rows of the next block's state stand among A's values: 3 rows by `width` entries.
     pub continuity: Vec<usize>,
-    /// Where the corridor's rows stand: for each stage, both sides, its entries.
-    pub corridor: Vec<usize>,
-    /// First corridor row.
-    pub corridor_row: usize,
 }
 
 impl Block {
@@ -38,7 +33,7 @@ impl Block {
         self.states + 2 * stage_in_block
     }
 
-    /// Variables without the slack.
+    /// Number of its variables.
     pub fn width(&self) -> usize {
         self.states + 2 * self.stages
     }
@@ -50,20 +45,14 @@ pub fn structure(
     stages: usize,
     block_stages: usize,
     limits: &InputLimits,
-    corridor: Option<Corridor>,
     tread_rows: bool,
 ) -> (Vec<Block>, QpData) {
-    let slack = usize::from(corridor.is_some());
-    let (mut blocks, variables) = blocks(stages, block_stages, slack);
-    let p = hessian(&mut blocks, variables, slack);
+    let (mut blocks, variables) = blocks(stages, block_stages);
+    let p = hessian(&mut blocks, variables);
     let mut rows = Rows::default();
     let continuity = rows.continuity(&blocks);
     let equalities = rows.count;
     rows.inputs(&blocks, limits, tread_rows);
-    let corridor = match corridor {
-        Some(_) => rows.corridor(&mut blocks),
-        None => Vec::new(),
-    };
     let (mut a, positions) = pattern(rows.count, variables, &rows.entries);
     for (position, value) in positions.iter().zip(&rows.values) {
         a.nzval[*position] = *value;
@@ -71,26 +60,23 @@ pub fn structure(
     for (block, entries) in blocks.iter_mut().zip(continuity) {
         block.continuity = positions[entries].to_vec();
     }
-    for (block, entries) in blocks.iter_mut().zip(&corridor) {
-        block.corridor = positions[entries.clone()].to_vec();
-    }
     let data = QpData {
         p,
         q: vec![0.0; variables],
         a,
         b: vec![0.0; rows.count],
         equalities,
-        stages: if corridor.is_empty() && !tread_rows {
-            vec![StageTerms::default(); stages]
-        } else {
+        stages: if tread_rows {
             Vec::new()
+        } else {
+            vec![StageTerms::default(); stages]
         },
     };
     (blocks, data)
 }
 
 /// Returns the blocks, and how many variables they have in all.
-fn blocks(stages: usize, block_stages: usize, slack: usize) -> (Vec<Block>, usize) {
+fn blocks(stages: usize, block_stages: usize) -> (Vec<Block>, usize) {
     let mut blocks = Vec::new();
     let (mut first_stage, mut first) = (0, 0);
     while first_stage < stages {
@@ -104,22 +90,20 @@ fn blocks(stages: usize, block_stages: usize, slack: usize) -> (Vec<Block>, usiz
             hessian: Vec::new(),
             tie: None,
             continuity: Vec::new(),
-            corridor: Vec::new(),
-            corridor_row: 0,
         });
-        first += states + 2 * length + slack;
+        first += states + 2 * length;
         first_stage += length;
     }
     (blocks, first)
 }
 
 /// Returns P: each block's dense upper triangle, and the change cost's ties between blocks.
-fn hessian(blocks: &mut [Block], variables: usize, slack: usize) -> CscMatrix<f64> {
+fn hessian(blocks: &mut [Block], variables: usize) -> CscMatrix<f64> {
     let mut entries = Vec::new();
     let mut places: Vec<(usize, usize)> = Vec::new();
     for (i, block) in blocks.iter().enumerate() {
         let start = entries.len();
-        let width = block.width() + slack;
+        let width = block.width();
         for column in 0..width {
             for row in 0..=column {
                 entries.push((block.first + row, block.first + column));
@@ -206,29 +190,6 @@ impl Rows {
                 before = Some(own);
             }
         }
-    }
-
-    /// Lists the corridor's rows; returns for each block which entries are its.
-    fn corridor(&mut self, blocks: &mut [Block]) -> Vec<Range<usize>> {
-        let mut places = Vec::new();
-        for block in blocks {
-            block.corridor_row = self.count;
-            let start = self.entries.len();
-            let slack_variable = block.first + block.width();
-            for stage in 0..block.stages {
-                for _side in 0..2 {
-                    for column in 0..block.input(stage + 1) {
-                        self.set(self.count, block.first + column, 0.0);
-                    }
-                    self.set(self.count, slack_variable, -1.0);
-                    self.count += 1;
-                }
-            }
-            places.push(start..self.entries.len());
-            self.set(self.count, slack_variable, -1.0);
-            self.count += 1;
-        }
-        places
     }
 }
 

@@ -115,8 +115,8 @@ pub(super) fn places(points: &[(usize, RawPoint)], accuracy_m: f64) -> Vec<(usiz
     places
 }
 
-/// Returns from the middle to the end of points that move on evenly, m: from the mean of their first half to that of
-/// their second; nothing where noise explains that.
+/// Returns from the middle to the end of points that move on evenly, m, by the means of their first and of their second
+/// half; nothing where noise explains their difference.
 fn moved_on(points: &[(usize, RawPoint)], accuracy_m: f64) -> [f64; 2] {
     /// Standard deviations of the difference of the means.
     const SIGMAS: f64 = 3.0;
@@ -135,8 +135,44 @@ fn moved_on(points: &[(usize, RawPoint)], accuracy_m: f64) -> [f64; 2] {
     let moved = [after[0] - before[0], after[1] - before[1]];
     let noise_m = accuracy_m * (2.0 / half as f64).sqrt();
     if moved[0].hypot(moved[1]) > SIGMAS * noise_m {
-        moved
+        // So many points are from mean to mean, and from the middle to the end.
+        let (apart, to_end) = (points.len() - half, 0.5 * (points.len() - 1) as f64);
+        moved.map(|m| to_end / apart as f64 * m)
     } else {
         [0.0, 0.0]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::path::Point2;
+
+    #[test]
+    fn a_way_of_even_steps_begins_and_ends_at_its_first_and_last_point() {
+        for count in 200..240 {
+            let points: Vec<_> = (0..count)
+                .map(|index| {
+                    let position = Point2 {
+                        x_m: 0.01 * index as f64,
+                        y_m: 0.0,
+                    };
+                    (
+                        index,
+                        RawPoint {
+                            position,
+                            ..RawPoint::default()
+                        },
+                    )
+                })
+                .collect();
+            let places = places(&points, 0.03);
+            assert!(places.len() < count / 2, "{}", places.len());
+            let (first, last) = (places[0].1.position, places[places.len() - 1].1.position);
+            assert!(first.x_m.abs() < 1e-9, "{count}: {first:?}");
+            // Of few points the noise may be as large as their way.
+            let end_m = 0.01 * (count - 1) as f64 - last.x_m;
+            assert!((-1e-9..0.06).contains(&end_m), "{count}: {end_m}");
+        }
     }
 }

@@ -2,6 +2,9 @@
 
 import ctypes
 import os
+import resource
+import socket
+import struct
 import time
 
 import programs
@@ -9,6 +12,7 @@ import pytest
 from lifecycle_msgs.msg import State
 from lifecycle_msgs.srv import GetState
 from nodes import SERVER, Node
+from std_msgs.msg import Bool
 
 PTRACE_ATTACH, PTRACE_DETACH, WALL = 16, 17, 0x40000000
 
@@ -70,3 +74,78 @@ def test_the_middleware_survives_a_debugger(controller, domain):
     assert controller.running()
     # A loop that ends would do so at once; a node that calls now has to be discovered first.
     assert first_call_s(domain) < FIRST_CALL_S
+
+
+# What a program takes that hears such datagrams and does nothing is far below; without the patch it takes all there is.
+MEMORY_BYTES = 3 << 30
+GROWN_MAX_KB = 400_000
+HUGE = (1 << 62) - 1
+# Entities of the discovery of publications: that of the peer writes, that of the controller reads, and the reverse.
+READER, WRITER = bytes([0, 0, 3, 0xC7]), bytes([0, 0, 3, 0xC2])
+
+
+def number(value):
+    """A sequence number as RTPS has it."""
+    return struct.pack("<iI", value >> 32, value & 0xFFFFFFFF)
+
+
+def submessage(kind, body):
+    return struct.pack("<BBH", kind, 1, len(body)) + body
+
+
+DATAGRAMS = {
+    "heartbeat": submessage(0x07, READER + WRITER + number(1) + number(HUGE) + struct.pack("<i", 1 << 30)),
+    "gap": submessage(0x08, READER + WRITER + number(1 << 40) + number(HUGE) + struct.pack("<I", 0)),
+    "data_frag": submessage(
+        0x16,
+        struct.pack("<HH", 0, 28) + READER + WRITER + number(1 << 20)
+        + struct.pack("<IHHI", 1, 1, 1024, 0xFFFFFF00) + bytes(1024),
+    ),
+    "nack_frag_0": submessage(0x12, READER + WRITER + number(1) + struct.pack("<IIIi", 0, 1, 1 << 31, 1 << 30)),
+    "nack_frag_huge": submessage(0x12, READER + WRITER + number(1) + struct.pack("<IIIi", 1 << 31, 1, 1 << 31, 1 << 30)),
+    "overflow": submessage(
+        0x07, READER + WRITER + number((1 << 63) - 3) + number((1 << 63) - 1) + struct.pack("<i", 1 << 30)
+    ),
+}
+
+
+def memory_kb(pid):
+    with open(f"/proc/{pid}/status") as file:
+        return next(int(line.split()[1]) for line in file if line.startswith("VmRSS"))
+
+
+def udp_ports(pid):
+    """The UDP ports that a process has for itself: peers, which share those of multicast, have such faults, too."""
+    own = {os.readlink(file.path)[8:-1] for file in os.scandir(f"/proc/{pid}/fd")}
+    with open("/proc/net/udp") as file:
+        rows = [line.split() for line in file.readlines()[1:]]
+    ports = [(int(row[1].split(":")[1], 16), row[9]) for row in rows]
+    taken = [port for port, _ in ports]
+    return [port for port, inode in ports if inode in own and taken.count(port) == 1]
+
+
+@pytest.mark.parametrize("kind", DATAGRAMS)
+def test_one_datagram_neither_takes_the_memory_nor_the_hearing(controller, domain, kind):
+    pid = controller.process.pid
+    resource.prlimit(pid, resource.RLIMIT_AS, (MEMORY_BYTES, MEMORY_BYTES))
+    # The datagram comes from a participant that the controller has discovered.
+    peer = Node(domain)
+    peer.node.create_publisher(Bool, "/known", 1)
+    client = peer.node.create_client(GetState, f"{SERVER}/get_state")
+    peer.wait_for(client.service_is_ready, "service", timeout_s=60.0)
+    peer.result(client.call_async(GetState.Request()), "call")
+    [endpoint] = peer.node.get_publishers_info_by_topic("/known")
+    prefix = bytes(endpoint.endpoint_gid[:12])
+    datagram = b"RTPS" + bytes([2, 3, 1, 15]) + prefix + DATAGRAMS[kind]
+    before_kb = memory_kb(pid)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        for port in udp_ports(pid):
+            sender.sendto(datagram, ("127.0.0.1", port))
+    time.sleep(2.0)
+    assert controller.running()
+    grown_kb = memory_kb(pid) - before_kb
+    print(f"{kind}: {grown_kb} kB more")
+    assert grown_kb < GROWN_MAX_KB
+    assert first_call_s(domain) < FIRST_CALL_S
+    peer.close()
+    assert controller.end() == 0

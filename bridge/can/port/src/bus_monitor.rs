@@ -126,7 +126,7 @@ impl Drop for BusMonitor {
 }
 
 /// Returns a filter that distinguishes standard from extended identifiers and data from remote frames.
-fn exact_filter(id: FrameId) -> CanFilter {
+pub(super) fn exact_filter(id: FrameId) -> CanFilter {
     const EXTENDED: u32 = 1 << 31;
     const REMOTE: u32 = 1 << 30;
     match id {
@@ -301,7 +301,7 @@ fn controller_state(problems: ControllerProblems, before: LinkState) -> LinkStat
     }
 }
 
-fn plain_frame(data: &CanDataFrame) -> Option<Frame> {
+pub(super) fn plain_frame(data: &CanDataFrame) -> Option<Frame> {
     let id = match data.id() {
         Id::Standard(id) => FrameId::Standard(id.as_raw()),
         Id::Extended(id) => FrameId::Extended(id.as_raw()),

@@ -1,7 +1,9 @@
 //! Which messages of the vehicle arrive, for an operator who wants to know why a vehicle does not move.
 
+use super::sender::FOREIGN_S;
 use sidehill_bridge::drives::{Input, InputStatus, LinkState, MISSING_AFTER_S};
 use sidehill_can::cia402::NmtState;
+use sidehill_can::frame::Frame;
 use sidehill_can::layout::{Layout, Profile};
 use sidehill_can::message::{DriveRole, FrameFault};
 use sidehill_plant::sample::Stamped;
@@ -36,25 +38,35 @@ pub struct CanInputs {
     interface: String,
     layout: Arc<Layout>,
     newest: Output<Arrivals>,
+    /// The newest frame that another node has sent with an identifier of this program.
+    foreign: Output<Option<Stamped<Frame>>>,
 }
 
 /// What the messages of [`Layout::from_vehicle`] carry, after those of the drives.
 const SENSORS: [&str; 4] = ["attitude", "position", "heading", "yaw rate"];
 
 impl CanInputs {
-    pub(super) fn new(interface: &str, layout: Arc<Layout>, newest: Output<Arrivals>) -> Self {
+    pub(super) fn new(
+        interface: &str,
+        layout: Arc<Layout>,
+        newest: Output<Arrivals>,
+        foreign: Output<Option<Stamped<Frame>>>,
+    ) -> Self {
         Self {
             interface: interface.to_owned(),
             layout,
             newest,
+            foreign,
         }
     }
 
-    fn of(&self, arrivals: &Arrivals, now_s: f64) -> Vec<Input> {
+    fn of(&self, arrivals: &Arrivals, foreign: Option<Stamped<Frame>>, now_s: f64) -> Vec<Input> {
+        let foreign = foreign.filter(|foreign| now_s - foreign.time_s <= FOREIGN_S);
         let mut inputs = vec![Input {
             input: "bus".to_owned(),
             source: self.interface.clone(),
-            missing: bus_fault(arrivals.bus, &self.interface),
+            missing: bus_fault(arrivals.bus, &self.interface)
+                .or_else(|| foreign.map(|foreign| foreign_fault(&foreign.value))),
         }];
         // Without a bus nothing else can arrive: one cause, one line.
         let bus_is_up = arrivals.bus.carries();
@@ -102,7 +114,8 @@ impl CanInputs {
 impl InputStatus for CanInputs {
     fn inputs(&mut self, now_s: f64) -> Vec<Input> {
         let arrivals = *self.newest.read();
-        self.of(&arrivals, now_s)
+        let foreign = *self.foreign.read();
+        self.of(&arrivals, foreign, now_s)
     }
 }
 
@@ -114,8 +127,17 @@ fn bus_fault(bus: LinkState, interface: &str) -> Option<String> {
                 .to_owned(),
         ),
         LinkState::Down => Some(format!("the interface is down: ip link set {interface} up")),
+        // The sender hears those, not the monitor.
+        LinkState::Foreign => None,
         LinkState::Absent => Some("there is no such interface: ip link lists them".to_owned()),
     }
+}
+
+fn foreign_fault(frame: &Frame) -> String {
+    format!(
+        "another node sends {}, an identifier of this program: end it or give it another number",
+        frame.id
+    )
 }
 
 /// Returns why a CANopen node is not ready as a drive yet.
@@ -154,17 +176,19 @@ mod tests {
     use super::*;
     use sidehill_can::config::CanConfig;
     use sidehill_can::database::Database;
+    use sidehill_can::frame::FrameId;
     use triple_buffer::triple_buffer;
 
     fn of(yaml: &str, dbc: &str) -> CanInputs {
         let config: CanConfig = serde_yaml::from_str(yaml).unwrap();
         let layout = Layout::new(&config, &Database::parse("dbc", dbc).unwrap()).unwrap();
         let (_, newest) = triple_buffer(&Arrivals::default());
-        CanInputs::new("can0", Arc::new(layout), newest)
+        let (_, foreign) = triple_buffer(&None);
+        CanInputs::new("can0", Arc::new(layout), newest, foreign)
     }
 
     fn missing(inputs: &CanInputs, arrivals: &Arrivals, now_s: f64) -> Vec<String> {
-        let inputs = inputs.of(arrivals, now_s);
+        let inputs = inputs.of(arrivals, None, now_s);
         let missing = inputs.iter().filter(|input| input.missing.is_some());
         missing.map(Input::to_string).collect()
     }
@@ -184,6 +208,14 @@ mod tests {
         arrivals.messages = [Some((5.0, None)); Layout::FROM_VEHICLE_MAX];
         arrivals.has_pose = true;
         assert_eq!(missing(&inputs, &arrivals, 5.1), [""; 0]);
+        let frame = Frame::new(FrameId::Standard(0x100), &[0; 8]).unwrap();
+        let foreign = Some(Stamped {
+            time_s: 5.0,
+            value: frame,
+        });
+        let bus = |now_s| inputs.of(&arrivals, foreign, now_s)[0].missing.clone();
+        assert!(bus(5.1).unwrap().starts_with("another node sends 100,"));
+        assert_eq!(bus(8.1), None);
         let fault = FrameFault::Length {
             found: 4,
             expected: 8,
@@ -208,7 +240,7 @@ mod tests {
             ..Arrivals::default()
         };
         arrivals.messages[5] = None;
-        let listed = inputs.of(&arrivals, 5.0);
+        let listed = inputs.of(&arrivals, None, 5.0);
         assert_eq!(listed.last().unwrap().input, "yaw rate");
         assert_eq!(missing(&inputs, &arrivals, 5.0), [""; 0]);
     }

@@ -1,22 +1,23 @@
 use super::bus_monitor::{BusEvent, BusMonitor};
 use super::inputs::{Arrivals, CanInputs};
 use super::record::CanRecord;
-use super::sender::Sender;
+use super::sender::{FOREIGN_S, Sender};
 use sidehill_bridge::control_loop::record::RecordSink;
 use sidehill_bridge::drives::Epoch;
 use sidehill_bridge::drives::MotorCommand;
-use sidehill_bridge::drives::{DriveCommand, DriveFeedback, LinkState};
+use sidehill_bridge::drives::{DriveCommand, DriveFeedback, DriveMode, LinkState};
 use sidehill_bridge::drives::{Port, PortInputs, SendError, newer};
 use sidehill_can::canopen::Master;
 use sidehill_can::controller_side::{CommandWriter, Readings, VehicleReader};
 use sidehill_can::frame::Frame;
+use sidehill_can::frozen::FrozenWatch;
 use sidehill_can::layout::{Layout, Profile};
 use sidehill_can::message::MessageCodec;
 use sidehill_plant::sample::{Sample, Stamped};
 use sidehill_plant::vehicle::SpeedCorrection;
 use std::sync::Arc;
 use thread_priority::ThreadId;
-use triple_buffer::{Output, triple_buffer};
+use triple_buffer::{Input, Output, triple_buffer};
 
 /// What the bus monitor passes to the loop: always the newest, never a queue.
 #[derive(Debug, Clone, Copy, Default)]
@@ -26,12 +27,12 @@ struct Snapshot {
 }
 
 /// Largest number of drive events in one cycle.
-const EVENTS_MAX: usize = 8;
+const EVENTS_MAX: usize = 24;
 
 /// Writes commands for the profile of the drives.
 enum Writer {
     Values(CommandWriter),
-    Cia402(Master),
+    Cia402(Box<Master>),
 }
 
 /// A vehicle behind a SocketCAN interface.
@@ -45,6 +46,11 @@ pub struct CanPort {
     correction: SpeedCorrection,
     /// Instants of the tread speeds, attitude and pose delivered last, s.
     delivered_s: [f64; 4],
+    watches: [FrozenWatch; 2],
+    frozen: [bool; 2],
+    /// The newest frame with an identifier of this program that another node has sent.
+    foreign: Option<Stamped<Frame>>,
+    told_foreign: Input<Option<Stamped<Frame>>>,
     records: RecordSink<CanRecord>,
     /// Until it is handed out.
     inputs: Option<CanInputs>,
@@ -72,7 +78,8 @@ impl CanPort {
         });
         let mut arrivals = Arrivals::default();
         let (mut arrived, arrivals_seen) = triple_buffer(&arrivals);
-        let inputs = CanInputs::new(interface, Arc::clone(&layout), arrivals_seen);
+        let (told_foreign, foreign_seen) = triple_buffer(&None);
+        let inputs = CanInputs::new(interface, Arc::clone(&layout), arrivals_seen, foreign_seen);
         let from_vehicle: Vec<_> = layout.from_vehicle().map(MessageCodec::id).collect();
         let wanted = layout.received_ids();
         let mut reader = VehicleReader::new(Arc::clone(&layout));
@@ -121,17 +128,22 @@ impl CanPort {
                 Writer::Values(CommandWriter::new(Arc::clone(&layout), *enable))
             }
             Profile::Cia402(cia402) => {
-                Writer::Cia402(Master::new(Arc::clone(&layout), cia402.clone()))
+                Writer::Cia402(Box::new(Master::new(Arc::clone(&layout), cia402.clone())))
             }
         };
+        let sender = Sender::start(interface, &layout.own_ids())?;
         Ok(Self {
             layout,
             writer,
-            sender: Sender::start(interface)?,
+            sender,
             newest,
             readings: Readings::default(),
             correction,
             delivered_s: [f64::NEG_INFINITY; 4],
+            watches: Default::default(),
+            frozen: [false; 2],
+            foreign: None,
+            told_foreign,
             records: sent_records,
             inputs: Some(inputs),
             listener,
@@ -144,6 +156,25 @@ impl CanPort {
     pub fn take_inputs(&mut self) -> Option<CanInputs> {
         self.inputs.take()
     }
+
+    /// Returns whether another node has sent with this program's identifiers lately.
+    fn hears_foreign(&mut self, now_s: f64) -> bool {
+        let lately = |foreign: &Stamped<Frame>| now_s - foreign.time_s <= FOREIGN_S;
+        let heard_before = self.foreign.as_ref().is_some_and(lately);
+        let Some(frame) = self.sender.foreign() else {
+            return heard_before;
+        };
+        let time_s = now_s;
+        if !heard_before {
+            self.records.push(CanRecord::Foreign { time_s, frame });
+        }
+        self.foreign = Some(Stamped {
+            time_s,
+            value: frame,
+        });
+        self.told_foreign.write(self.foreign);
+        true
+    }
 }
 
 impl Port for CanPort {
@@ -153,10 +184,23 @@ impl Port for CanPort {
 
     fn receive(&mut self, now_s: f64) -> PortInputs {
         let Snapshot { readings, bus } = *self.newest.read();
+        let before = self.readings.modes;
         self.readings = readings;
-        let report = |drive: usize| match &self.writer {
-            Writer::Values(_) => readings.drives[drive],
-            Writer::Cia402(master) => master.report(drive, &readings),
+        let link = match self.hears_foreign(now_s) {
+            true if bus.carries() => LinkState::Foreign,
+            _ => bus,
+        };
+        let report = |drive: usize| {
+            let mut report = match &self.writer {
+                Writer::Values(_) => readings.drives[drive],
+                Writer::Cia402(master) => master.report(drive, &readings),
+            }?;
+            let since = readings.modes[drive].worst_since(&before[drive]);
+            report.value.mode = report.value.mode.worse(since);
+            if self.frozen[drive] {
+                report.value.mode = report.value.mode.worse(DriveMode::Frozen);
+            }
+            Some(report)
         };
         let motors = report(0).zip(report(1)).map(|(first, second)| {
             let speeds = [first.value.speed_m_s, second.value.speed_m_s];
@@ -191,13 +235,20 @@ impl Port for CanPort {
                 },
             }),
             forwarded: None,
-            link: bus,
+            link,
             refused: readings.refused,
         }
     }
 
     fn send(&mut self, now_s: f64, command: &DriveCommand) -> Result<(), SendError> {
         let motors = MotorCommand::reaching(command, &self.correction);
+        for (i, watch) in self.watches.iter_mut().enumerate() {
+            let report = self.readings.drives[i].filter(|_| motors.enable);
+            self.frozen[i] = report.is_some_and(|report| {
+                let command_m_s = self.layout.drives[i].role.speed_m_s(&motors.speeds);
+                watch.is_frozen(now_s, command_m_s, report.value.speed_m_s)
+            });
+        }
         let (sender, records) = (&mut self.sender, &mut self.records);
         // Frames and events share one sink: events follow after the frames.
         let mut events = [None; EVENTS_MAX];

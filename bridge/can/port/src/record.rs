@@ -31,6 +31,13 @@ pub enum CanRecord {
         /// To what.
         state: LinkState,
     },
+    /// Another node sends with an identifier of this program, for the first time or again.
+    Foreign {
+        /// When, s.
+        time_s: f64,
+        /// Its newest frame.
+        frame: Frame,
+    },
     /// A restart after a bus-off was tried.
     Restart {
         /// When, s.
@@ -57,6 +64,7 @@ impl Record for CanRecord {
             Self::Frame { time_s, .. }
             | Self::Refused { time_s, .. }
             | Self::Bus { time_s, .. }
+            | Self::Foreign { time_s, .. }
             | Self::Restart { time_s, .. }
             | Self::Drive { time_s, .. } => *time_s,
         }
@@ -67,6 +75,10 @@ impl Record for CanRecord {
             Self::Frame { frame, .. } => return LogEntry::Message(frame.to_string()),
             Self::Refused { frame, fault, .. } => ("refused", format!("{frame}: {fault}")),
             Self::Bus { state, .. } => ("bus", format!("{state:?}")),
+            Self::Foreign { frame, .. } => (
+                "foreign",
+                format!("{frame}: another node sends with an identifier of this program"),
+            ),
             Self::Restart {
                 attempt, answer, ..
             } => ("restart", format!("attempt {attempt}: {answer:?}")),

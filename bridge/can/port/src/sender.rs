@@ -1,15 +1,22 @@
+use super::bus_monitor::{exact_filter, plain_frame};
 use super::system::{BACKOFF_S, ENETDOWN, ENOBUFS, ENODEV, ENXIO};
 use sidehill_bridge::drives::SendError;
 use sidehill_can::frame::{Frame, FrameId};
 use socketcan::embedded_can::{ExtendedId, Frame as _, Id, StandardId};
-use socketcan::{CanDataFrame, CanSocket, Socket, SocketOptions};
+use socketcan::{CanDataFrame, CanFilter, CanFrame, CanSocket, Socket, SocketOptions};
 use std::io::{Error, ErrorKind};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, mpsc};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-/// Sends frames without waiting. A separate thread opens and closes sockets, because the kernel blocks
+/// Time for which a foreign frame forbids driving, s: longer than the period of a slow heartbeat.
+pub(super) const FOREIGN_S: f64 = 3.0;
+
+/// Most frames that are looked at in one call: more than two cycles of a full bus bring.
+const FOREIGN_MAX: usize = 64;
+
+/// Sends frames without waiting, and hears who else sends with the same identifiers. A separate thread opens and closes sockets, because the kernel blocks
 /// both while an interface disappears.
 pub struct Sender {
     socket: Option<CanSocket>,
@@ -20,15 +27,17 @@ pub struct Sender {
 }
 
 impl Sender {
-    /// Returns a sender for an interface that need not exist yet.
+    /// Returns a sender for an interface that need not exist yet. Frames with identifiers of `own` that others send are
+    /// [`Sender::foreign`].
     ///
     /// # Errors
     /// The system's, where it has no thread left.
-    pub fn start(interface: &str) -> Result<Self, Error> {
+    pub fn start(interface: &str, own: &[FrameId]) -> Result<Self, Error> {
         let (closed, to_close) = mpsc::channel();
         let (ready, opened) = mpsc::channel();
         let stop = Arc::new(AtomicBool::new(false));
-        let socket = open_sender(interface).ok();
+        let own = own.to_vec();
+        let socket = open_sender(interface, &own).ok();
         let (ended, interface) = (Arc::clone(&stop), interface.to_owned());
         let mut wanted = socket.is_none();
         let thread = std::thread::Builder::new()
@@ -49,7 +58,7 @@ impl Sender {
                     if !wanted {
                         continue;
                     }
-                    match open_sender(&interface) {
+                    match open_sender(&interface, &own) {
                         Ok(socket) => {
                             wanted = false;
                             backoff_s = BACKOFF_S[0];
@@ -68,6 +77,22 @@ impl Sender {
             thread: Some(thread),
             stop,
         })
+    }
+
+    /// Returns the last of the frames that have arrived with an identifier of this sender since the call before. A
+    /// socket does not receive what it has sent itself, so another has sent them, on this machine or on the bus.
+    pub fn foreign(&mut self) -> Option<Frame> {
+        let socket = self.socket.as_ref()?;
+        let mut last = None;
+        for _ in 0..FOREIGN_MAX {
+            match socket.read_frame() {
+                Ok(CanFrame::Data(data)) => last = plain_frame(&data).or(last),
+                Ok(_) => {}
+                // Nothing is left, or the next `send` tells the error.
+                Err(_) => break,
+            }
+        }
+        last
     }
 
     /// Sends a frame at once or not at all.
@@ -109,10 +134,15 @@ impl Drop for Sender {
     }
 }
 
-fn open_sender(interface: &str) -> Result<CanSocket, Error> {
+fn open_sender(interface: &str, own: &[FrameId]) -> Result<CanSocket, Error> {
     let socket = CanSocket::open(interface)?;
-    // Nothing is read from this socket, so nothing may accumulate in it.
-    socket.set_filter_drop_all()?;
+    // Nothing else is read from this socket, so nothing else may accumulate in it.
+    if own.is_empty() {
+        socket.set_filter_drop_all()?;
+    } else {
+        let filters: Vec<CanFilter> = own.iter().map(|id| exact_filter(*id)).collect();
+        socket.set_filters(&filters)?;
+    }
     socket.set_error_filter_drop_all()?;
     socket.set_nonblocking(true)?;
     Ok(socket)

@@ -2,8 +2,8 @@
 
 use crate::cia402::node::{Emergency, NMT, NmtCommand, NmtState, SYNC};
 use crate::cia402::objects::{
-    ABORT_OPTION, CONSUMER, ERROR_REGISTER, MODE, Objects, PRODUCER, QUICK_STOP_OPTION, STATUSWORD,
-    TPDO_TIMER, TPDO_TYPE,
+    ABORT_OPTION, CONSUMER, ERROR_REGISTER, MODE, Objects, PRODUCER, QUICK_STOP_OPTION, RPDO_TIMER,
+    STATUSWORD, TPDO_TIMER, TPDO_TYPE,
 };
 use crate::cia402::{Cia402, NodeId, PowerState};
 use crate::frame::{Frame, FrameId};
@@ -19,6 +19,11 @@ const STANDSTILL_M_S: f64 = 1e-3;
 /// Error code of a lost heartbeat, and its bits of the error register.
 const HEARTBEAT_LOST: Emergency = Emergency {
     code: 0x8130,
+    register: 0x11,
+};
+/// Error code of commands that were missed, and its bits.
+const COMMANDS_LOST: Emergency = Emergency {
+    code: 0x8250,
     register: 0x11,
 };
 const ERROR_GONE: Emergency = Emergency {
@@ -83,7 +88,7 @@ impl VirtualDrives {
                 let word = contents.get(Quantity::Controlword);
                 let target_m_s = contents.get(Quantity::Command(role));
                 if let (Some(word), Some(target_m_s)) = (word, target_m_s) {
-                    drive.obey(word as u16, target_m_s);
+                    drive.obey(word as u16, target_m_s, time_s);
                 }
             }
         }
@@ -134,7 +139,10 @@ struct Drive {
     target_m_s: f64,
     /// Instant of the master's last heartbeat, s; none before the first.
     heartbeat_received_s: Option<f64>,
-    silent: bool,
+    /// Instant of the last command, s; none before the first since the node became operational.
+    commanded_s: Option<f64>,
+    /// Whether the master or its commands are missing.
+    lost: Option<Emergency>,
     heartbeat_s: f64,
     pdo_s: f64,
     /// SYNCs since the last PDO.
@@ -151,7 +159,8 @@ impl Drive {
             controlword: 0,
             target_m_s: 0.0,
             heartbeat_received_s: None,
-            silent: false,
+            commanded_s: None,
+            lost: None,
             heartbeat_s: f64::NEG_INFINITY,
             pdo_s: f64::NEG_INFINITY,
             syncs: 0,
@@ -193,8 +202,9 @@ impl Drive {
         };
     }
 
-    fn obey(&mut self, controlword: u16, target_m_s: f64) {
+    fn obey(&mut self, controlword: u16, target_m_s: f64, time_s: f64) {
         if self.nmt == NmtState::Operational {
+            self.commanded_s = Some(time_s);
             self.state = self.state.after(controlword, self.controlword);
             self.controlword = controlword;
             self.target_m_s = target_m_s;
@@ -220,7 +230,7 @@ impl Drive {
         }
         self.detect_silence(time_s, outbox);
         if self.state == PowerState::OperationEnabled
-            && (self.silent || self.nmt != NmtState::Operational)
+            && (self.lost.is_some() || self.nmt == NmtState::Stopped)
         {
             self.state = match self.objects.get(ABORT_OPTION) {
                 1 => PowerState::Fault,
@@ -255,18 +265,30 @@ impl Drive {
         }
     }
 
-    /// Detects the loss of the master's heartbeat.
+    /// Detects the loss of the master's heartbeat, and of its commands while they are received.
     fn detect_silence(&mut self, time_s: f64, outbox: &mut VecDeque<Frame>) {
-        let limit_s = milliseconds(self.objects.get(CONSUMER) & 0xFFFF);
-        let silent_s = self
-            .heartbeat_received_s
-            .map_or(0.0, |heartbeat_received_s| time_s - heartbeat_received_s);
-        let silent = limit_s > 0.0 && silent_s > limit_s;
-        if silent == self.silent {
+        if self.nmt != NmtState::Operational {
+            self.commanded_s = None;
+        }
+        let is_late = |since_s: Option<f64>, limit: u32| {
+            let limit_s = milliseconds(limit);
+            limit_s > 0.0 && since_s.is_some_and(|since_s| time_s - since_s > limit_s)
+        };
+        let lost = if is_late(
+            self.heartbeat_received_s,
+            self.objects.get(CONSUMER) & 0xFFFF,
+        ) {
+            Some(HEARTBEAT_LOST)
+        } else if is_late(self.commanded_s, self.objects.get(RPDO_TIMER)) {
+            Some(COMMANDS_LOST)
+        } else {
+            None
+        };
+        if lost == self.lost {
             return;
         }
-        self.silent = silent;
-        let emergency = if silent { HEARTBEAT_LOST } else { ERROR_GONE };
+        self.lost = lost;
+        let emergency = lost.unwrap_or(ERROR_GONE);
         self.objects
             .set(ERROR_REGISTER, u32::from(emergency.register));
         outbox.push_back(emergency.frame(self.node));

@@ -1,5 +1,5 @@
 use crate::cia402::node::{NmtCommand, NmtState, NodeReading, SYNC};
-use crate::cia402::{Cia402, Controlword, DriveEvent, NodeId, PowerState, SetupFault};
+use crate::cia402::{Cia402, Controlword, DriveEvent, NodeId, PowerState, SdoRequest, SetupFault};
 use crate::controller_side::{MotorReport, Readings};
 use crate::frame::Frame;
 use crate::layout::Layout;
@@ -32,16 +32,26 @@ impl Master {
     }
 
     /// Returns a drive's report as the safety may take it: none before the drive is set up, as old
-    /// as the older of PDO and heartbeat, and off where the node exchanges no PDOs.
+    /// as the older of PDO and heartbeat, off where the node has just started, and not operational where it exchanges
+    /// no PDOs.
     pub fn report(&self, drive: usize, readings: &Readings) -> Option<Stamped<MotorReport>> {
         let nmt = readings.nodes[drive].nmt?;
         let mut report = readings.drives[drive]?;
         if self.drives[drive].stage != Stage::Running {
             return None;
         }
+        if self.drives[drive].mode.is_other {
+            report.value.mode = report.value.mode.worse(DriveMode::OtherMode);
+        }
         report.time_s = report.time_s.min(nmt.time_s);
-        if nmt.value != NmtState::Operational {
-            report.value.mode = DriveMode::Disabled;
+        match nmt.value {
+            NmtState::Operational => {}
+            NmtState::PreOperational | NmtState::Stopped
+                if readings.nodes[drive].boots == self.drives[drive].boots =>
+            {
+                report.value.mode = DriveMode::NotOperational;
+            }
+            _ => report.value.mode = DriveMode::Disabled,
         }
         Some(report)
     }
@@ -126,6 +136,74 @@ enum Stage {
     Running,
 }
 
+/// Watches the mode of operation of a drive that is on: another node can change it by an SDO.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+struct ModeWatch {
+    /// When it is read next, s.
+    next_s: f64,
+    /// When it was asked for, s, after so many answers.
+    requested: Option<(f64, u32)>,
+    /// The mode that it must be in.
+    expected: Option<u32>,
+    /// Answers in a row with another.
+    others: u32,
+    is_other: bool,
+    unread: bool,
+    /// The drive does not have the object.
+    absent: bool,
+}
+
+impl ModeWatch {
+    /// Time between two looks, s.
+    const PERIOD_S: f64 = 0.1;
+    /// Answers in a row that convince: a display may lag behind the drive that is switched on.
+    const CONVINCING: u32 = 2;
+
+    /// Takes an answer and asks again. `expected` is the setup's mode; without one the first that the drive shows
+    /// counts.
+    fn watch<E>(
+        &mut self,
+        now_s: f64,
+        drive: &NodeReading,
+        (node, expected): (NodeId, Option<u32>),
+        answer_time_s: f64,
+        mut report: impl FnMut(DriveEvent),
+        send: &mut impl FnMut(&Frame) -> Result<(), E>,
+    ) -> Result<(), E> {
+        let request = SdoRequest::read(node, 0x6061, 0, 0);
+        if let Some((requested_s, answers)) = self.requested {
+            let answer = drive.answer_to(&request, answers);
+            let late = !(..=answer_time_s).contains(&(now_s - requested_s));
+            match answer.map(|answer| answer.result) {
+                Some(Ok(read)) => {
+                    let mode = read.unwrap_or(0) & 0xFF;
+                    let expected = *self.expected.get_or_insert(expected.unwrap_or(mode));
+                    self.others = if mode == expected { 0 } else { self.others + 1 };
+                    if self.others >= Self::CONVINCING && !self.is_other {
+                        self.is_other = true;
+                        report(DriveEvent::OtherMode(mode as u8 as i8));
+                    }
+                }
+                None if !late => return Ok(()),
+                answer => {
+                    self.absent = answer.is_some();
+                    if !self.unread {
+                        self.unread = true;
+                        report(DriveEvent::ModeUnread);
+                    }
+                }
+            }
+            self.requested = None;
+        }
+        if now_s >= self.next_s && !self.absent {
+            send(&request.frame)?;
+            self.requested = Some((now_s, drive.answers.count()));
+            self.next_s = now_s + Self::PERIOD_S;
+        }
+        Ok(())
+    }
+}
+
 /// Resets of a fault that one arming has.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Reset {
@@ -144,9 +222,12 @@ struct Drive {
     off_since_s: Option<f64>,
     /// Commanded to be on, and not reported off since.
     on: bool,
+    /// Whether its newest report says that it is on.
+    seen_on: bool,
     stop_reported: bool,
     reset: Reset,
     arming: bool,
+    mode: ModeWatch,
 }
 
 impl Drive {
@@ -161,14 +242,16 @@ impl Drive {
             failed: None,
             off_since_s: None,
             on: false,
+            seen_on: false,
             stop_reported: false,
             reset: Reset::Left,
             arming: false,
+            mode: ModeWatch::default(),
         }
     }
 
     /// Begins the setup of a drive that has started or, when an operator arms, of one whose node is not
-    /// operational.
+    /// operational or whose mode of operation was changed.
     fn notice(
         &mut self,
         now_s: f64,
@@ -176,12 +259,10 @@ impl Drive {
         fault_reset: bool,
         mut report: impl FnMut(DriveEvent),
     ) {
-        if node.emergencies != self.emergencies {
-            self.emergencies = node.emergencies;
-            if let Some(emergency) = node.emergency {
-                report(DriveEvent::Emergency(emergency));
-            }
+        for emergency in node.emergencies.since(self.emergencies) {
+            report(DriveEvent::Emergency(emergency));
         }
+        self.emergencies = node.emergencies.count();
         let armed = fault_reset && !self.arming;
         self.arming = fault_reset;
         let idle = self.stage == Stage::Running
@@ -193,7 +274,7 @@ impl Drive {
             self.boots = node.boots;
             report(DriveEvent::Started);
         }
-        if started || (armed && idle) {
+        if started || (armed && (idle || self.mode.is_other)) {
             self.stage = Stage::Waiting { until_s: now_s };
             self.on = false;
         }
@@ -208,6 +289,8 @@ impl Drive {
         report_s: Option<f64>,
         cia402: &Cia402,
     ) {
+        let fresh = report_s.is_some_and(|report_s| now_s - report_s <= cia402.quick_stop_time_s);
+        self.seen_on = fresh && node.power == Some(PowerState::OperationEnabled);
         if enable {
             self.off_since_s = None;
             self.on = true;
@@ -215,7 +298,6 @@ impl Drive {
             return;
         }
         self.off_since_s.get_or_insert(now_s);
-        let fresh = report_s.is_some_and(|report_s| now_s - report_s <= cia402.quick_stop_time_s);
         let off = node
             .power
             .is_some_and(|power| matches!(power.mode(), DriveMode::Disabled | DriveMode::Fault));
@@ -276,16 +358,20 @@ impl Drive {
             Stage::Writing { object, requested } => {
                 let setup = &cia402.setup[drive];
                 let mut next = object;
-                if let (Some((requested_s, answers)), Some((value, _))) =
+                if let (Some((requested_s, answers)), Some(request)) =
                     (requested, setup.get(object))
                 {
-                    let (index, sub) = (value.object, value.sub);
-                    let answer = node.answer.filter(|answer| {
-                        node.answers != answers && (answer.object, answer.sub) == (index, sub)
-                    });
+                    let (index, sub) = (request.object, request.sub);
+                    let answer = node.answer_to(request, answers);
                     let late = !(..=cia402.answer_time_s).contains(&(now_s - requested_s));
                     let fault = match answer.map(|answer| answer.result) {
-                        Some(Ok(())) => None,
+                        Some(Ok(read)) if read == request.expected => None,
+                        Some(Ok(read)) => Some(SetupFault::Differs {
+                            object: index,
+                            sub,
+                            written: request.expected.unwrap_or(0),
+                            read: read.unwrap_or(0),
+                        }),
                         Some(Err(code)) => Some(SetupFault::Refused {
                             object: index,
                             sub,
@@ -305,28 +391,51 @@ impl Drive {
                     }
                     next += 1;
                 }
-                if let Some((_, frame)) = setup.get(next) {
-                    send(frame)?;
+                if let Some(request) = setup.get(next) {
+                    send(&request.frame)?;
                     self.stage = Stage::Writing {
                         object: next,
-                        requested: Some((now_s, node.answers)),
+                        requested: Some((now_s, node.answers.count())),
                     };
                 } else {
                     send(&NmtCommand::Start.frame(self.node))?;
                     self.stage = Stage::Running;
                     self.failed = None;
+                    self.off_since_s = self.off_since_s.map(|_| now_s);
+                    self.stop_reported = false;
+                    self.mode = ModeWatch::default();
                     report(DriveEvent::Ready);
+                    if !cia402.deadline[drive] {
+                        report(DriveEvent::NoDeadline);
+                    }
                 }
             }
             Stage::Running => {
                 let off_s = self.off_since_s.map_or(0.0, |since_s| now_s - since_s);
-                let stopped = node.nmt.is_some_and(|nmt| nmt.value == NmtState::Stopped);
-                if self.on && !stopped && off_s > 2.0 * cia402.quick_stop_time_s {
+                let nmt = node.nmt.map(|nmt| nmt.value);
+                // There CiA 402 lets a drive follow its last target for ever; a stop it must react to (0x6007).
+                let deaf = nmt == Some(NmtState::PreOperational);
+                let late = off_s > 2.0 * cia402.quick_stop_time_s;
+                // It was off, or has been told for long enough since its setup.
+                let by_another = !self.on && self.seen_on && off_s > cia402.quick_stop_time_s;
+                let must_stop = by_another || (self.on && (deaf || late));
+                if must_stop && nmt != Some(NmtState::Stopped) {
                     send(&NmtCommand::Stop.frame(self.node))?;
                     if !self.stop_reported {
                         self.stop_reported = true;
-                        report(DriveEvent::NodeStopped);
+                        report(match (by_another, deaf) {
+                            (true, _) => DriveEvent::SwitchedOnByAnother,
+                            (false, true) => DriveEvent::LeftOperational,
+                            (false, false) => DriveEvent::NodeStopped,
+                        });
                     }
+                }
+                if self.seen_on && nmt == Some(NmtState::Operational) {
+                    let mode = (self.node, cia402.mode[drive]);
+                    let answer_s = cia402.answer_time_s;
+                    self.mode.watch(now_s, node, mode, answer_s, report, send)?;
+                } else {
+                    self.mode.requested = None;
                 }
             }
         }

@@ -13,8 +13,9 @@ mod sdo;
 mod settings;
 
 pub use event::DriveEvent;
-pub use node::{Emergency, NmtCommand, NmtState, NodeReading};
+pub(crate) use node::SYNC;
+pub use node::{Emergency, Latest, NmtCommand, NmtState, NodeReading};
 pub use node_id::NodeId;
 pub use power::{Controlword, PowerState};
-pub use sdo::{SdoAnswer, SetupFault};
+pub use sdo::{SdoAnswer, SdoRequest, SetupFault};
 pub use settings::Cia402;

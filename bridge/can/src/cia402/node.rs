@@ -1,6 +1,6 @@
 use super::node_id::NodeId;
 use super::power::PowerState;
-use super::sdo::{self, SdoAnswer};
+use super::sdo::{self, SdoAnswer, SdoRequest};
 use crate::frame::{Frame, FrameId};
 use crate::message::{FrameFault, Quantity};
 use sidehill_plant::sample::Stamped;
@@ -99,6 +99,45 @@ impl Emergency {
     }
 }
 
+/// Messages of a kind that are kept.
+const KEPT: u32 = 8;
+
+/// The newest of messages that come at any time, and how many have come: many more are kept than come in a cycle.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Latest<T> {
+    count: u32,
+    /// Each in the place of its number.
+    kept: [Option<T>; KEPT as usize],
+}
+
+impl<T: Copy> Latest<T> {
+    /// Returns how many have come.
+    pub fn count(&self) -> u32 {
+        self.count
+    }
+
+    /// Returns those that came after the first `before`, as far as they are kept, the oldest first.
+    pub fn since(&self, before: u32) -> impl Iterator<Item = T> + '_ {
+        let new = self.count.wrapping_sub(before).min(KEPT);
+        let numbers = (0..new).rev().map(|back| self.count.wrapping_sub(back));
+        numbers.filter_map(|number| self.kept[(number % KEPT) as usize])
+    }
+
+    fn push(&mut self, message: T) {
+        self.count = self.count.wrapping_add(1);
+        self.kept[(self.count % KEPT) as usize] = Some(message);
+    }
+}
+
+impl<T: Copy> Default for Latest<T> {
+    fn default() -> Self {
+        Self {
+            count: 0,
+            kept: [None; KEPT as usize],
+        }
+    }
+}
+
 /// The newest messages of a node other than its PDO. Those that come at any time are counted, so that
 /// none is taken twice.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -109,17 +148,25 @@ pub struct NodeReading {
     pub nmt: Option<Stamped<NmtState>>,
     /// How often it has started.
     pub boots: u32,
-    /// Answers to objects that were written.
-    pub answers: u32,
-    /// The newest.
-    pub answer: Option<SdoAnswer>,
+    /// Answers to objects that were written or read.
+    pub answers: Latest<SdoAnswer>,
     /// Emergencies.
-    pub emergencies: u32,
-    /// The newest.
-    pub emergency: Option<Emergency>,
+    pub emergencies: Latest<Emergency>,
 }
 
 impl NodeReading {
+    /// Returns the answer to a request that was sent after the first `answers` of them.
+    pub fn answer_to(&self, request: &SdoRequest, answers: u32) -> Option<SdoAnswer> {
+        self.answers.since(answers).find(|answer| {
+            // What another client reads is not the answer to a write.
+            let fits = answer
+                .result
+                .is_ok_and(|read| read.is_some() == request.expected.is_some());
+            (answer.object, answer.sub) == (request.object, request.sub)
+                && (fits || answer.result.is_err())
+        })
+    }
+
     /// Takes a frame of the node that is not a PDO.
     ///
     /// # Errors
@@ -156,15 +203,13 @@ impl NodeReading {
             });
         } else if frame.id == node.answer() {
             length(8)?;
-            // Answers to the uploads of another client are ignored.
+            // Segments of another client are ignored.
             if let Some(answer) = sdo::answer(frame) {
-                self.answers = self.answers.wrapping_add(1);
-                self.answer = Some(answer);
+                self.answers.push(answer);
             }
         } else if frame.id == node.emergency() {
             length(8)?;
-            self.emergencies = self.emergencies.wrapping_add(1);
-            self.emergency = Some(Emergency {
+            self.emergencies.push(Emergency {
                 code: u16::from_le_bytes([frame.data[0], frame.data[1]]),
                 register: frame.data[2],
             });

@@ -12,6 +12,8 @@ pub(crate) type Address = (u16, u8);
 pub(crate) const CONSUMER: Address = (0x1016, 1);
 /// Time between heartbeats, ms.
 pub(crate) const PRODUCER: Address = (0x1017, 0);
+/// How long an RPDO may be missing after the first, ms.
+pub(crate) const RPDO_TIMER: Address = (0x1400, 5);
 /// When the TPDO is sent: 1 to 240 with so many SYNCs, else by its timer.
 pub(crate) const TPDO_TYPE: Address = (0x1800, 2);
 /// Time between TPDOs, ms.
@@ -41,7 +43,7 @@ mod abort {
 
 /// Type, value at the start, and whether it can be written. Speeds are in the PDOs alone, whose
 /// mapping is that of the database, whatever a client writes here.
-const OBJECTS: [(Address, ObjectType, u32, bool); 28] = {
+const OBJECTS: [(Address, ObjectType, u32, bool); 29] = {
     use ObjectType::{I8, I16, U8, U16, U32};
     [
         // A servo drive of CiA 402.
@@ -52,9 +54,10 @@ const OBJECTS: [(Address, ObjectType, u32, bool); 28] = {
         (PRODUCER, U16, 0, true),
         ((0x1018, 0), U8, 1, false),
         ((0x1018, 1), U32, 0, false),
-        ((0x1400, 0), U8, 2, false),
+        ((0x1400, 0), U8, 5, false),
         ((0x1400, 1), U32, 0, true),
         ((0x1400, 2), U8, 255, true),
+        (RPDO_TIMER, U16, 0, true),
         ((0x1600, 0), U8, 2, true),
         ((0x1600, 1), U32, 0x6040_0010, true),
         ((0x1600, 2), U32, 0x60FF_0020, true),

@@ -2,15 +2,45 @@ use super::node_id::NodeId;
 use crate::config::{ObjectType, ObjectValue};
 use crate::frame::Frame;
 
-/// A node's answer to an object that was written.
+/// An object that is written to a drive or read from it, in one frame.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct SdoRequest {
+    /// Index.
+    pub object: u16,
+    /// Subindex.
+    pub sub: u8,
+    /// What is sent.
+    pub frame: Frame,
+    /// The bits that must be read; none where it is written.
+    pub expected: Option<u32>,
+}
+
+impl SdoRequest {
+    /// Returns the request to read an object, an expedited upload.
+    pub fn read(node: NodeId, object: u16, sub: u8, expected: u32) -> Self {
+        let [low, high] = object.to_le_bytes();
+        Self {
+            object,
+            sub,
+            frame: Frame {
+                id: node.request(),
+                length: 8,
+                data: [0x40, low, high, sub, 0, 0, 0, 0],
+            },
+            expected: Some(expected),
+        }
+    }
+}
+
+/// A node's answer to an object that was written or read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct SdoAnswer {
     /// Index.
     pub object: u16,
     /// Subindex.
     pub sub: u8,
-    /// Written, or the abort code.
-    pub result: Result<(), u32>,
+    /// The bits that were read, none if it was written; or the abort code.
+    pub result: Result<Option<u32>, u32>,
 }
 
 /// Why a drive could not be set up.
@@ -23,6 +53,18 @@ pub enum SetupFault {
         object: u16,
         /// Subindex.
         sub: u8,
+    },
+    /// It was written and has another value.
+    #[error("object {object:#06X}:{sub:02X}: {written:#X} was written, {read:#X} is read")]
+    Differs {
+        /// Index.
+        object: u16,
+        /// Subindex.
+        sub: u8,
+        /// Bits that were written.
+        written: u32,
+        /// Bits that are read.
+        read: u32,
     },
     /// Refused.
     #[error("object {object:#06X}:{sub:02X}: refused with abort code {code:#010X}, {}", meaning(*.code))]
@@ -61,34 +103,58 @@ impl ObjectValue {
         })
     }
 
-    /// Returns the frame that writes the object, an expedited download; `None` where the value does
+    /// Returns the request that writes the object, an expedited download; `None` where the value does
     /// not fit its type.
-    pub fn request(&self, node: NodeId) -> Option<Frame> {
+    pub fn write(&self, node: NodeId) -> Option<SdoRequest> {
         let (value, length) = self.bytes()?;
         let [low, high] = self.object.to_le_bytes();
-        Some(Frame {
-            id: node.request(),
-            length: 8,
-            data: [
-                0x23 | (4 - length) << 2,
-                low,
-                high,
-                self.sub,
-                value[0],
-                value[1],
-                value[2],
-                value[3],
-            ],
+        Some(SdoRequest {
+            object: self.object,
+            sub: self.sub,
+            frame: Frame {
+                id: node.request(),
+                length: 8,
+                data: [
+                    0x23 | (4 - length) << 2,
+                    low,
+                    high,
+                    self.sub,
+                    value[0],
+                    value[1],
+                    value[2],
+                    value[3],
+                ],
+            },
+            expected: None,
         })
+    }
+
+    /// Returns the request that reads the object back if the drive's stop without this program depends on it.
+    pub(crate) fn check(&self, node: NodeId) -> Option<SdoRequest> {
+        let guards =
+            self.is_deadline() || matches!((self.object, self.sub), (0x1016, 1..) | (0x6007, 0));
+        let (bits, _) = self.bytes().filter(|_| guards)?;
+        let expected = u32::from_le_bytes(bits);
+        Some(SdoRequest::read(node, self.object, self.sub, expected))
+    }
+
+    /// Returns whether it is the event timer of an RPDO: how long the drive waits for commands.
+    pub(crate) fn is_deadline(&self) -> bool {
+        matches!((self.object, self.sub), (0x1400..=0x15FF, 5))
     }
 }
 
-/// Returns what a frame answers to an object that was written; `None` for any other answer.
+/// Returns what a frame answers to an object that was written or read at once; `None` for any other answer.
 pub(super) fn answer(frame: &Frame) -> Option<SdoAnswer> {
     let [kind, low, high, sub, code @ ..] = frame.data;
+    let bits = u32::from_le_bytes(code);
     let result = match kind {
-        0x60 => Ok(()),
-        0x80 => Err(u32::from_le_bytes(code)),
+        0x60 => Ok(None),
+        0x80 => Err(bits),
+        0x42 | 0x43 => Ok(Some(bits)),
+        0x47 => Ok(Some(bits & 0xFF_FFFF)),
+        0x4B => Ok(Some(bits & 0xFFFF)),
+        0x4F => Ok(Some(bits & 0xFF)),
         _ => return None,
     };
     Some(SdoAnswer {

@@ -1,7 +1,7 @@
 use super::node::{NMT, SYNC};
 use super::node_id::NodeId;
-use crate::config::ObjectValue;
-use crate::frame::{Frame, FrameId};
+use super::sdo::SdoRequest;
+use crate::frame::FrameId;
 
 /// What a layout of CiA 402 has besides its messages.
 #[derive(Debug, Clone, PartialEq)]
@@ -16,8 +16,12 @@ pub struct Cia402 {
     pub answer_time_s: f64,
     /// The drives' nodes, in the order of the layout.
     pub nodes: [NodeId; 2],
-    /// What is written to each drive, with its frame.
-    pub setup: [Vec<(ObjectValue, Frame)>; 2],
+    /// What is written to each drive and read back.
+    pub setup: [Vec<SdoRequest>; 2],
+    /// Whether the setup gives the drive a deadline for its commands, and what it does then.
+    pub deadline: [bool; 2],
+    /// Mode of operation that the setup gives each drive, as its display has it.
+    pub mode: [Option<u32>; 2],
 }
 
 impl Cia402 {

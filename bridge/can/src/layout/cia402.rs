@@ -2,7 +2,7 @@ use super::builder::Builder;
 use super::drives::{DriveCodec, DriveStates};
 use super::error::LayoutError;
 use crate::cia402::{Cia402, NodeId};
-use crate::config::{Cia402Config, Cia402Drive, Protection};
+use crate::config::{Cia402Config, Cia402Drive, ObjectValue, Protection};
 use crate::database::Database;
 use crate::message::{DriveRole, MessageCodec, Quantity};
 use sidehill_plant::bounds::Bounds;
@@ -31,15 +31,31 @@ pub(super) fn layout(
     };
     let setup = |drive: &Cia402Drive| {
         let node = id(drive.node_id)?;
-        let frames = drive.setup.iter().map(|object| {
-            let frame = object.request(node).ok_or(LayoutError::Object {
+        let mut requests = Vec::new();
+        for object in &drive.setup {
+            requests.push(object.write(node).ok_or(LayoutError::Object {
                 object: object.object,
                 sub: object.sub,
                 value: object.value,
-            })?;
-            Ok((*object, frame))
-        });
-        frames.collect::<Result<Vec<_>, LayoutError>>()
+            })?);
+        }
+        // Read when all is written: one object may change another.
+        requests.extend(drive.setup.iter().filter_map(|object| object.check(node)));
+        Ok::<_, LayoutError>(requests)
+    };
+    let is_set = |drive: &Cia402Drive, is: &dyn Fn(&ObjectValue) -> bool| {
+        drive
+            .setup
+            .iter()
+            .any(|object| is(object) && object.value != 0)
+    };
+    let deadline = |drive: &Cia402Drive| {
+        is_set(drive, &ObjectValue::is_deadline) && is_set(drive, &|object| object.object == 0x6007)
+    };
+    let mode = |drive: &Cia402Drive| {
+        let mut modes = drive.setup.iter().rev();
+        let mode = modes.find(|object| object.object == 0x6060)?;
+        Some(mode.value as u32 & 0xFF)
     };
     let cia402 = Cia402 {
         own: id(config.node_id)?,
@@ -48,6 +64,8 @@ pub(super) fn layout(
         answer_time_s: time_s("answer_time_s", config.answer_time_s)?,
         nodes: [id(first.node_id)?, id(second.node_id)?],
         setup: [setup(first)?, setup(second)?],
+        deadline: [deadline(first), deadline(second)],
+        mode: [mode(first), mode(second)],
     };
     let commands = vec![command(database, first)?, command(database, second)?];
     let drives = [feedback(database, first)?, feedback(database, second)?];

@@ -10,7 +10,7 @@ pub use error::LayoutError;
 
 use builder::Builder;
 
-use super::cia402::Cia402;
+use super::cia402::{Cia402, SYNC};
 use super::config::{AttitudeConvention, CanConfig, DriveMessage, EnableSignal};
 use super::database::{Database, DatabaseFault};
 use super::frame::FrameId;
@@ -175,6 +175,20 @@ impl Layout {
             .collect::<Vec<_>>();
         if let Profile::Cia402(cia402) = &self.profile {
             ids.extend(cia402.nodes.iter().flat_map(|node| node.received_ids()));
+        }
+        ids
+    }
+
+    /// Returns the identifiers of the frames that only the controller's side sends.
+    pub fn own_ids(&self) -> Vec<FrameId> {
+        let mut ids = self
+            .command
+            .iter()
+            .map(MessageCodec::id)
+            .collect::<Vec<_>>();
+        if let Profile::Cia402(cia402) = &self.profile {
+            ids.push(cia402.own.heartbeat());
+            ids.extend(cia402.sync.then_some(SYNC));
         }
         ids
     }

@@ -5,8 +5,8 @@ use crate::recording::DriveRecording;
 use serde::Serialize;
 use sidehill::console::Printer;
 use sidehill::drive::RunFormat;
-use sidehill_bridge::control_loop::RunReport;
 use sidehill_bridge::control_loop::record::{CycleRow, EventLine, LogEntry, Outputs, Recorder};
+use sidehill_bridge::control_loop::{RunOptions, RunReport};
 use sidehill_bridge::drives::{Epoch, Input};
 use sidehill_bridge::safety::SafetyState;
 use sidehill_recording::RecordingStatus;
@@ -301,7 +301,8 @@ pub(super) fn ready_to_arm(arm: bool) -> String {
         std::process::id()
     );
     if arm {
-        return format!("arms once by itself, then {how}");
+        let within_s = RunOptions::ARM_WITHIN_S;
+        return format!("arms once by itself in the first {within_s:.0} s, then {how}");
     }
     how
 }

@@ -42,7 +42,7 @@ impl BusRover {
         Ok(Self {
             vehicle,
             waiting,
-            sender: Sender::start(interface)?,
+            sender: Sender::start(interface, &[])?,
             _listener: listener,
         })
     }

@@ -3,14 +3,16 @@
 use super::running::Running;
 use super::support::*;
 use super::{COMMANDS_OFF_AFTER_SILENCE_S, CYCLE_S, RAMP_S, assert_off, assert_rearms};
-use sidehill_can::frame::FrameId;
+use sidehill_can::frame::{Frame, FrameId};
+use sidehill_can_port::Sender;
 use std::io::Write;
 use std::path::Path;
 use std::process::{ChildStdin, Command, Stdio};
 use std::time::{Duration, Instant};
 
-/// From the drives' setup: how long this program may be silent, s, and their time to stop.
+/// From the drives' setup: how long this program may be silent, s, how long commands may be missing, s, and their time to stop.
 const CONSUMER_S: f64 = 0.2;
+const DEADLINE_S: f64 = 0.2;
 const QUICK_STOP_S: f64 = 0.75 / 3.0;
 /// Age of the newest heartbeat or PDO, s.
 const HEARTBEAT_S: f64 = 0.05;
@@ -141,8 +143,7 @@ fn faults_of_canopen_drives_stop_both_until_re_armed() {
         let begin_s = unix_now_s();
         if fault == "reset" {
             // By another NMT master.
-            let reset = Command::new("cansend").args([BUS, "000#8101"]).status();
-            assert!(reset.unwrap().success());
+            send_as_another("000#8101");
         } else {
             peer.tell(fault);
         }
@@ -182,6 +183,156 @@ fn faults_of_canopen_drives_stop_both_until_re_armed() {
     );
 }
 
+/// Sends a frame as another master would; starting `cansend` takes its time.
+fn send_as_another(frame: &str) {
+    let sent = Command::new("cansend").args([BUS, frame]).status();
+    assert!(sent.unwrap().success());
+}
+
+#[test]
+#[ignore = "needs a CAN bus: run .ci/vcan"]
+fn canopen_drives_that_another_master_makes_pre_operational_are_stopped_as_nodes() {
+    let folder = Folder::new("cia402_pre_operational");
+    let observer = observer();
+    let _peer = Peer::start(&folder, HEADING_DEG);
+    let run = run(&folder, &["--arm"], FIGURE_EIGHT);
+    observer.wait_for_driving(1.5);
+    let begin_s = unix_now_s();
+    send_as_another("000#8000");
+    sleep_s(1.5);
+    // The drives keep their targets until a heartbeat and a cycle have told and stopped them.
+    let took_s = standing_after_s(&folder.truth(), begin_s);
+    let limit_s = HEARTBEAT_S + CYCLE_S + QUICK_STOP_S + 2.0 * CYCLE_S;
+    assert_off("cia402: pre-operational, drives stand", took_s, limit_s);
+    let events = folder.events();
+    for event in [
+        "node 1: no longer operational while on, stopped as a node",
+        "node 2: no longer operational while on, stopped as a node",
+        "a drive takes no commands: its node is not operational",
+    ] {
+        assert!(events.contains(event), "no {event}:\n{events}");
+    }
+    // The first arming sets the nodes up again, the second drives.
+    run.signal(Signal::USR1);
+    sleep_s(2.0);
+    assert!(folder.truth().last().unwrap().off());
+    assert_rearms("cia402: pre-operational", &run, &observer);
+}
+
+#[test]
+#[ignore = "needs a CAN bus: run .ci/vcan"]
+fn canopen_drives_stop_without_the_program_though_another_sends_its_heartbeat() {
+    let folder = Folder::new("cia402_foreign_heartbeat");
+    let observer = observer();
+    let _peer = Peer::start(&folder, HEADING_DEG);
+    let program = run(&folder, &["--arm"], FIGURE_EIGHT);
+    observer.wait_for_driving(1.5);
+    let mut foreign = Sender::start(BUS, &[]).unwrap();
+    let heartbeat = Frame::new(FrameId::Standard(0x77F), &[0x05]).unwrap();
+    let mut beat = |for_s: f64| {
+        for _ in 0..(for_s / 0.05) as u32 {
+            foreign.send(&heartbeat).unwrap();
+            sleep_s(0.05);
+        }
+    };
+    let killed_s = unix_now_s();
+    drop(program);
+    beat(2.0);
+    let took_s = standing_after_s(&folder.truth(), killed_s);
+    let limit_s = DEADLINE_S + QUICK_STOP_S + 2.0 * CYCLE_S;
+    assert_off("cia402: foreign heartbeat, drives stand", took_s, limit_s);
+    // A program that starts beside it does not arm.
+    let before = observer.seen().len();
+    let _program = run(&folder, &["--arm"], FIGURE_EIGHT);
+    beat(4.0);
+    assert!(
+        observer.seen()[before..]
+            .iter()
+            // Until both drives have been commanded anew.
+            .skip(2)
+            .all(|seen| !seen.enable && seen.zero)
+    );
+    let events = folder.events();
+    let told = "77F#05: another node sends with an identifier of this program";
+    assert!(events.contains(told), "{events}");
+}
+
+#[test]
+#[ignore = "needs a CAN bus: run .ci/vcan"]
+fn canopen_drives_that_report_wrong_speeds_are_stopped() {
+    for (fault, limit_s, reasons) in [
+        // Until the commands of the curve have changed by 0.03 m/s; then 0.5 s, a cycle, the ramp, a cycle.
+        (
+            "freeze",
+            1.0 + 0.5 + 2.0 * CYCLE_S + RAMP_S,
+            ["stays the same to the bit while", "differs by"],
+        ),
+        // Two reports, a cycle, the ramp, a cycle.
+        (
+            "mirror",
+            4.0 * CYCLE_S + RAMP_S,
+            ["differs by", "differs by"],
+        ),
+    ] {
+        let folder = Folder::new(&format!("cia402_{fault}"));
+        let observer = observer();
+        let mut peer = Peer::start(&folder, HEADING_DEG);
+        let _run = run(&folder, &["--arm"], FIGURE_EIGHT);
+        observer.wait_for_driving(4.0);
+        let begin_s = unix_now_s();
+        for drive in ["traction", "steer"] {
+            peer.tell(&format!("{fault} {drive}"));
+        }
+        sleep_s(4.0);
+        let took_s = standing_after_s(&folder.truth(), begin_s);
+        assert_off(&format!("cia402: {fault}, drives stand"), took_s, limit_s);
+        let events = folder.events();
+        let known = reasons.iter().any(|reason| events.contains(reason));
+        assert!(known, "{events}");
+    }
+}
+
+#[test]
+#[ignore = "needs a CAN bus: run .ci/vcan"]
+fn canopen_drives_that_another_master_changes_or_switches_on_are_stopped() {
+    let folder = Folder::new("cia402_another_master");
+    let observer = observer();
+    let _peer = Peer::start(&folder, HEADING_DEG);
+    let run = run(&folder, &["--arm"], FIGURE_EIGHT);
+    observer.wait_for_driving(1.5);
+    let begin_s = unix_now_s();
+    // Profile position, by an SDO.
+    send_as_another("601#2F60600001000000");
+    sleep_s(1.5);
+    // Two looks at the display, each with an answer a cycle later, and a cycle until it acts.
+    let limit_s = 2.0 * (0.1 + CYCLE_S) + 2.0 * CYCLE_S;
+    assert_off("cia402: other mode", observer.off_after_s(begin_s), limit_s);
+    let told = |what: &str| {
+        let events = folder.events();
+        assert!(events.contains(what), "no {what}:\n{events}");
+    };
+    told("node 1: on in mode of operation 1 (object 0x6061)");
+    told("a drive does not follow speeds: its mode of operation was changed");
+    // The first arming sets the drive up again, the second drives.
+    run.signal(Signal::USR1);
+    sleep_s(2.0);
+    assert_rearms("cia402: other mode", &run, &observer);
+    run.signal(Signal::USR2);
+    sleep_s(3.0);
+    assert!(folder.truth().last().unwrap().off());
+    let mut foreign = Sender::start(BUS, &[]).unwrap();
+    let event = "node 2: switched on by another node, stopped as a node";
+    wait_until(event, || {
+        for word in [0x06, 0x07, 0x0F] {
+            let frame = Frame::new(FrameId::Standard(0x202), &[word, 0, 0x10, 0x10, 0, 0]);
+            foreign.send(&frame.unwrap()).unwrap();
+        }
+        folder.events().contains(event)
+    });
+    sleep_s(1.0);
+    assert!(folder.truth().last().unwrap().off());
+}
+
 #[test]
 #[ignore = "needs a CAN bus: run .ci/vcan"]
 fn canopen_drives_that_refuse_or_do_not_obey_are_told_of_and_stopped() {
@@ -190,13 +341,20 @@ fn canopen_drives_that_refuse_or_do_not_obey_are_told_of_and_stopped() {
     let mut peer = Peer::start(&folder, HEADING_DEG);
     peer.tell("refuse steer 605A");
     let program = run(&folder, &["--arm"], FIGURE_EIGHT);
-    sleep_s(4.0);
+    sleep_s(5.5);
     assert!(observer.seen().iter().all(|seen| !seen.enable && seen.zero));
     let refusal = "node 2: not set up: object 0x605A:00: refused with abort code 0x06090030, \
                    value range exceeded";
     let events = folder.events();
     assert_eq!(events.matches(refusal).count(), 1, "{events}");
     peer.tell("accept steer");
+    wait_until("setup", || {
+        folder.events().contains("node 2: set up and operational")
+    });
+    // The request of the start has expired.
+    sleep_s(1.0);
+    assert!(observer.seen().iter().all(|seen| !seen.enable && seen.zero));
+    program.signal(Signal::USR1);
     observer.wait_for_driving(1.5);
     let asked_s = unix_now_s();
     program.signal(Signal::TERM);

@@ -4,6 +4,8 @@ use crate::support::*;
 use crate::{
     COMMANDS_OFF_AFTER_SILENCE_S, CYCLE_S, DRIVES_OFF_AFTER_SILENCE_S, assert_off, assert_rearms,
 };
+use sidehill_can::frame::Frame;
+use sidehill_can_port::Sender;
 
 #[test]
 #[ignore = "needs a CAN bus: run .ci/vcan"]
@@ -166,4 +168,46 @@ fn a_controller_that_has_left_the_bus_stops_until_re_armed() {
         "{after:?}"
     );
     assert_rearms("bus-off", &run, &observer);
+}
+
+#[test]
+#[ignore = "needs a CAN bus: run .ci/vcan"]
+fn another_node_that_sends_the_commands_identifier_stops_the_vehicle_and_forbids_arming() {
+    let folder = Folder::new("foreign_commands");
+    let observer = Observer::start();
+    let _vehicle = Program::vehicle(&folder, "");
+    let run = Program::run(&folder, &["--arm"]);
+    observer.wait_for_driving(2.0);
+    let mut foreign = Sender::start(BUS, &[]).unwrap();
+    // No drive takes it: its checksum is wrong.
+    let frame = Frame::new(layout().command[0].id(), &[0; 8]).unwrap();
+    let begin_s = unix_now_s();
+    foreign.send(&frame).unwrap();
+    sleep_s(1.0);
+    assert_off(
+        "foreign command",
+        observer.off_after_s(begin_s),
+        2.0 * CYCLE_S,
+    );
+    let before = observer.seen().len();
+    run.signal(Signal::USR1);
+    for _ in 0..20 {
+        foreign.send(&frame).unwrap();
+        sleep_s(0.1);
+    }
+    assert!(
+        observer.seen()[before..]
+            .iter()
+            .all(|s| !s.enable && s.zero)
+    );
+    let events = folder.events();
+    for event in [
+        "another node sends with this program's identifiers",
+        "100#0000000000000000: another node sends with an identifier of this program",
+    ] {
+        assert!(events.contains(event), "no {event}:\n{events}");
+    }
+    // It has been silent for longer than 3 s.
+    sleep_s(3.5);
+    assert_rearms("foreign command", &run, &observer);
 }

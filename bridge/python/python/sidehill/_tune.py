@@ -26,7 +26,7 @@ def tune(
     """Searches settings that drive a campaign better, judged by runs that the search has not seen: `sidehill tune`.
 
     campaign: YAML file, a dict with its keys, or a scenario, whose runs then differ by their seeds only.
-    keys: settings within `controller`, with dots as in `weights.cross_per_m2`; by default seven weights and figures of
+    keys: settings within `controller`, with dots as in `weights.cross_per_m2`; by default six weights and figures of
         the estimator. Their present values are where the search begins.
     factor: by how much a setting may be larger or smaller.
     calmness: weight of ln(steer total variation / before) beside ln(cross-track RMS / before) in the cost of a run.

@@ -4,9 +4,14 @@ use std::os::unix::thread::JoinHandleExt;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::{JoinHandle, Thread};
+use std::time::{Duration, Instant};
 use thread_priority::ThreadId;
 
-/// A thread; on drop it is asked to end and joined.
+/// Longest wait for a thread on drop. One that leaves the graph takes 0.1 s.
+const END_WAIT_MAX: Duration = Duration::from_secs(2);
+
+/// A thread; on drop it is asked to end and waited for. One that hangs, as in a middleware that no longer answers, is left
+/// behind, so that the program ends.
 pub struct Worker {
     end: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
@@ -50,8 +55,37 @@ impl Drop for Worker {
         self.end.store(true, Ordering::Relaxed);
         if let Some(thread) = self.thread.take() {
             thread.thread().unpark();
-            // A panic has shown as silence of the thread.
-            let _ = thread.join();
+            let deadline = Instant::now() + END_WAIT_MAX;
+            while !thread.is_finished() && Instant::now() < deadline {
+                std::thread::sleep(Duration::from_millis(5));
+            }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::sync::mpsc;
+
+    #[test]
+    fn a_thread_that_ends_is_waited_for_and_one_that_hangs_is_left_behind() {
+        let done = Arc::new(AtomicBool::new(false));
+        let told = Arc::clone(&done);
+        let worker = Worker::start("ends", move |end| {
+            while !end.load(Ordering::Relaxed) {
+                std::thread::sleep(Duration::from_millis(20));
+            }
+            told.store(true, Ordering::Relaxed);
+        });
+        drop(worker.unwrap());
+        assert!(done.load(Ordering::Relaxed));
+        let (sender, receiver) = mpsc::channel::<()>();
+        let worker = Worker::start("hangs", move |_| {
+            let _ = receiver.recv();
+        });
+        // This returns.
+        drop(worker.unwrap());
+        assert!(sender.send(()).is_ok());
     }
 }

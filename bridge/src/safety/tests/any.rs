@@ -18,11 +18,15 @@ fn any_observation() -> impl Strategy<Value = SafetyInputs> {
         6 => Just(DriveMode::Disabled),
         1 => Just(DriveMode::EmergencyStop),
         1 => Just(DriveMode::Fault),
+        1 => Just(DriveMode::NotOperational),
+        1 => Just(DriveMode::OtherMode),
+        1 => Just(DriveMode::Frozen),
     ];
     let bus = prop_oneof![
         8 => Just(LinkState::Active),
         1 => Just(LinkState::Passive),
         1 => Just(LinkState::BusOff),
+        1 => Just(LinkState::Foreign),
     ];
     let operator = (
         any::<bool>(),

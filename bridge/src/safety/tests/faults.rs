@@ -6,7 +6,7 @@ use super::*;
 /// once.
 type Break = (&'static str, fn(&mut SafetyInputs), f64, bool);
 
-const BREAKS: [Break; 14] = [
+const BREAKS: [Break; 18] = [
     (
         "the emergency stop is pressed",
         |s| s.requests.halt = Some(StopCause::EmergencyStop),
@@ -38,6 +38,24 @@ const BREAKS: [Break; 14] = [
         true,
     ),
     (
+        "a drive takes no commands",
+        |s| set_mode(s, DriveMode::NotOperational),
+        0.0,
+        true,
+    ),
+    (
+        "a drive does not follow speeds",
+        |s| set_mode(s, DriveMode::OtherMode),
+        0.0,
+        true,
+    ),
+    (
+        "a drive's reported speed stays the same",
+        |s| set_mode(s, DriveMode::Frozen),
+        0.0,
+        false,
+    ),
+    (
         "the goal was cancelled",
         |s| s.requests.stop = Some(StopCause::Cancelled),
         0.0,
@@ -54,6 +72,12 @@ const BREAKS: [Break; 14] = [
         |s| s.link = LinkState::Down,
         0.0,
         false,
+    ),
+    (
+        "another node sends with this program's identifiers",
+        |s| s.link = LinkState::Foreign,
+        0.0,
+        true,
     ),
     (
         "the command is not finite",
@@ -175,4 +199,52 @@ fn arming_is_refused_while_the_fault_lasts() {
         }
         assert_eq!(bench.safety.state(), SafetyState::Latched, "{name}");
     }
+}
+
+/// Returns the time from the fault to the ramp, s, for feedback that is `factor` times the command of 0.65 m/s.
+fn found_after_s(period_s: f64, factor: f64) -> f64 {
+    let mut bench = Bench::driving(speeds(0.65, 0.0));
+    let start_s = f64::from(bench.steps) * PERIOD_S;
+    for cycle in 1..100 {
+        let time_s = start_s + f64::from(cycle) * period_s;
+        bench.step(speeds(0.65, 0.0), |inputs| {
+            inputs.time_s = time_s;
+            set_command_time(inputs, time_s);
+            // One report in 0.05 s.
+            let report_s = start_s + PERIOD_S * ((time_s - start_s) / PERIOD_S + 1e-9).floor();
+            set_feedback_time(inputs, report_s);
+            set_speed(inputs, 0.65 * factor);
+        });
+        if bench.safety.state() == SafetyState::Stopping {
+            return time_s - start_s;
+        }
+    }
+    f64::INFINITY
+}
+
+#[test]
+fn feedback_is_judged_the_sooner_the_further_it_is_off() {
+    for period_s in [0.05, 0.01] {
+        // 0.11 m/s off, mirrored, and a drive that is blocked.
+        let (little, mirrored, blocked) = (
+            found_after_s(period_s, 1.17),
+            found_after_s(period_s, -1.0),
+            found_after_s(period_s, 0.0),
+        );
+        assert!((0.25..=0.36).contains(&little), "{little}");
+        assert!((0.05..=0.11).contains(&mirrored), "{mirrored}");
+        assert!((0.05..=0.11).contains(&blocked), "{blocked}");
+    }
+}
+
+#[test]
+fn a_single_report_that_is_far_off_does_not_stop() {
+    let mut bench = Bench::driving(speeds(0.65, 0.0));
+    for _ in 0..10 {
+        bench.step(speeds(0.65, 0.0), |inputs| set_speed(inputs, -0.65));
+        for _ in 0..3 {
+            bench.step(speeds(0.65, 0.0), |_| {});
+        }
+    }
+    assert_eq!(bench.safety.state(), SafetyState::Driving);
 }

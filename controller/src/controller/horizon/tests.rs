@@ -159,7 +159,12 @@ fn the_price_of_speed_grows_while_the_vehicle_does_not_move_on_and_falls_when_it
     for cycle in 40..300 {
         moved.x_m -= 0.05 * asked_m_s * moved.yaw_rad.sin();
         moved.y_m += 0.05 * asked_m_s * moved.yaw_rad.cos();
-        see(&mut controller, &moved, cycle..cycle + 1);
+        let mut sample = sample(0.05 * cycle as f64, &moved);
+        for reading in sample.tread_speeds.iter_mut() {
+            reading.value.left_m_s = asked_m_s;
+            reading.value.right_m_s = asked_m_s;
+        }
+        controller.step(&sample, None);
     }
     let after = price(&controller);
     assert!(

@@ -17,7 +17,7 @@ fn normalised_errors(seed: u64, slide: f64) -> Vec<f64> {
         let draw: f64 = StandardNormal.sample(&mut random);
         deviation * draw
     };
-    let settings = EstimatorSettings::default();
+    let settings = settings();
     let mut truth = Truth::new(8.0);
     let mut estimator = estimator();
     let mut in_flight = Vec::new();
@@ -91,7 +91,7 @@ fn normalised_errors_of_all<M: LearnedModel<N>, const N: usize>(
     };
     const DT_S: f64 = 0.05;
     let mut model = model.clone();
-    let mut settings = EstimatorSettings::default();
+    let mut settings = settings();
     settings.gyro_model_sigma_rad_per_sqrt_s = model.process_noise(&settings).turn;
     let prior = model.prior();
     let slope = 8.0_f64.to_radians();

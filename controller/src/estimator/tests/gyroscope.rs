@@ -19,7 +19,7 @@ const SLIPS_RAD_S: f64 = 0.1;
 /// turns slower than its treads say; `read` is what the gyroscope makes of the yaw rate.
 fn drive(read: impl Fn(f64) -> Option<f64>) -> (f64, Estimate) {
     let mut random = ChaCha8Rng::seed_from_u64(7);
-    let settings = EstimatorSettings::default();
+    let settings = settings();
     let adaptation = AdaptationSettings {
         shift_sigma: 0.0,
         slope_sigma: 0.0,
@@ -85,14 +85,14 @@ fn a_gyroscope_that_poses_contradict_is_left_out() {
         let (with_rad, estimate) = drive(|rate_rad_s| Some(read(rate_rad_s)));
         assert_eq!(estimate.gyro_bias_rad_s, None, "{reads}");
         // Poses count for more for a while after they were doubted: their noise at most.
-        let pose_rad = EstimatorSettings::default().pose_sigma_rad;
+        let pose_rad = settings().pose_sigma_rad;
         assert!(with_rad < pose_rad, "{reads}: {with_rad}");
     }
 }
 
 #[test]
 fn a_reading_far_from_the_models_yaw_rate_teaches_nothing() {
-    let settings = EstimatorSettings::default();
+    let settings = settings();
     let mut model = learned_contact(settings.contact);
     let prior = model.prior();
     let kept = Kept {

@@ -11,9 +11,9 @@ fn learned_wrongly(lag_s: f64) -> f64 {
     let settings = EstimatorSettings {
         contact: ContactLearningSettings {
             lag_s,
-            ..ContactLearningSettings::default()
+            ..settings().contact
         },
-        ..EstimatorSettings::default()
+        ..settings()
     };
     let vehicle = Vehicle::j8();
     let contact = ContactPrediction::new(&ContactVehicle::of_base("wheels", 0.6, 1.06)).unwrap();

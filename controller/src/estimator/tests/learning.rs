@@ -8,7 +8,7 @@ use sidehill_plant::frames::BodyVelocity;
 
 #[test]
 fn what_is_not_excited_stays_at_its_prior_and_says_so() {
-    let settings = EstimatorSettings::default();
+    let settings = settings();
     let mut filter = Filter::new(settings, learned_contact(settings.contact));
     let straight = TreadSpeeds {
         left_m_s: 0.4,
@@ -100,7 +100,7 @@ fn learned_of(
     duration_s: f64,
     speeds: impl Fn(f64) -> (f64, f64),
 ) -> ContactEstimate {
-    let settings = EstimatorSettings::default();
+    let settings = settings();
     let mut model = learned_contact(settings.contact);
     let mut filter = Filter::new(settings, model.clone());
     let mut parameters = model.prior().mean;
@@ -245,7 +245,7 @@ fn a_vehicle_that_is_known_to_have_no_inertia_has_none() {
 
 #[test]
 fn what_was_learned_of_other_parameters_is_refused() {
-    let settings = EstimatorSettings::default();
+    let settings = settings();
     let mut filter = Filter::new(settings, learned_contact(settings.contact));
     // Versions before had eight and ten to thirteen.
     for number in [8, 10, 11, 12, 13] {

@@ -12,8 +12,28 @@ use sidehill_plant::frames::{Attitude, PlanarPose, Pose, pose_rate};
 use sidehill_plant::sample::Stamped;
 use sidehill_plant::speeds::{MeasuredTreadSpeeds, TreadSpeeds};
 
+/// Settings with which what is tested is seen within seconds: more is uncertain, and nothing is smoothed.
+fn settings() -> EstimatorSettings {
+    EstimatorSettings {
+        slide_sigma_m_per_sqrt_s: 0.02,
+        yaw_sigma_rad_per_sqrt_s: 0.02,
+        gate: 30.0,
+        normal_filter_s: 0.0,
+        adaptation: AdaptationSettings {
+            slope_sigma: 0.7,
+            forgetting_per_m: 0.001,
+            ..AdaptationSettings::default()
+        },
+        contact: ContactLearningSettings {
+            friction_forgetting_per_m: 0.05,
+            ..ContactLearningSettings::default()
+        },
+        ..EstimatorSettings::default()
+    }
+}
+
 fn estimator() -> Filter<SlipModel, GAINS> {
-    let settings = EstimatorSettings::default();
+    let settings = settings();
     Filter::new(settings, SlipModel::new(Vehicle::j8(), settings.adaptation))
 }
 

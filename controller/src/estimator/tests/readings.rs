@@ -130,7 +130,7 @@ fn outliers_are_gated_and_persistent_ones_make_the_pose_stale() {
         assert_eq!(estimate.poses_gated, outlier);
         assert!((estimate.pose_age_s - 0.05 * f64::from(outlier)).abs() < 1e-9);
         let innovation = estimator.innovation().unwrap();
-        assert!(innovation.normalised > EstimatorSettings::default().gate);
+        assert!(innovation.normalised > settings().gate);
         assert!((innovation.difference.x - 3.0).abs() < 0.01);
         truth.drive(0.05);
     }

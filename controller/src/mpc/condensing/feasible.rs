@@ -7,7 +7,7 @@ use sidehill_plant::speeds::MotorSpeeds;
 
 impl Condenser {
     /// Moves the inputs of a primal point, the first stage's first, to the nearest that keep bounds,
-    /// changes and treads; sets the states and slacks that follow. `stages` and `data` are those of
+    /// changes and treads; sets the states that follow. `stages` and `data` are those of
     /// the last [`Condenser::assemble`].
     ///
     /// Each input has room: that of the stage before, kept, meets all its limits.
@@ -38,9 +38,6 @@ impl Condenser {
                         .sum();
                     primal[next.first + row] = data.b[3 * index + row] - known;
                 }
-            }
-            if self.corridor.is_some() {
-                primal[block.first + block.width()] = self.needed_slack(index, data, primal);
             }
         }
     }
@@ -81,26 +78,5 @@ impl Condenser {
                 + share * (reached.traction_m_s - before.traction_m_s),
             steer_m_s: before.steer_m_s + share * (reached.steer_m_s - before.steer_m_s),
         }
-    }
-
-    /// Returns the least slack with which a block keeps its corridor.
-    fn needed_slack(&self, index: usize, data: &QpData, primal: &[f64]) -> f64 {
-        let block = &self.blocks[index];
-        let mut needed = 0.0_f64;
-        let mut entry = 0;
-        for stage in 0..block.stages {
-            let used = block.input(stage + 1);
-            for side in 0..2 {
-                let own = &primal[block.first..block.first + used];
-                let cross: f64 = block.corridor[entry..entry + used]
-                    .iter()
-                    .zip(own)
-                    .map(|(entry, x)| data.a.nzval[*entry] * x)
-                    .sum();
-                needed = needed.max(cross - data.b[block.corridor_row + 2 * stage + side]);
-                entry += used + 1;
-            }
-        }
-        needed
     }
 }

@@ -3,7 +3,7 @@
 use super::closed_loop::*;
 use super::*;
 
-/// The 8 with limits that bind: a narrow corridor, little speed to spare, and a vehicle that is pushed.
+/// The 8 with limits that bind: little speed to spare, and a vehicle that is pushed.
 struct Pushed {
     course: Course,
     mpc: Mpc,
@@ -14,10 +14,6 @@ impl Pushed {
     fn new(mode: QpMode) -> Self {
         let settings = MpcSettings {
             limits: input_limits(1.1),
-            corridor: Some(Corridor {
-                half_width_m: 0.02,
-                weight_per_m2: 200.0,
-            }),
             qp: QpSettings {
                 mode,
                 max_iterations: 100,

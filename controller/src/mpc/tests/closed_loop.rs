@@ -125,9 +125,7 @@ pub fn settings(stages: usize, block_stages: usize) -> MpcSettings {
             per_rad2: 0.0,
         },
         cross_per_m2: 50.0,
-        terminal_factor: 1.0,
         limits: input_limits(2.0),
-        corridor: None,
         qp: QpSettings {
             tolerance: 1e-6,
             max_iterations: 10,
@@ -189,21 +187,11 @@ fn the_qps_of_a_run_have_the_optimum_of_the_stagewise_problem() {
             course.drive(&mpc);
         }
         // The stages of the last QP, before its solution moved the plan.
-        for (corridor, tread_speed_m_s) in [
-            (None, 2.0),
-            (
-                Some(Corridor {
-                    half_width_m: 0.01,
-                    weight_per_m2: 300.0,
-                }),
-                1.2,
-            ),
-        ] {
+        for tread_speed_m_s in [2.0, 1.2] {
             assert_same_optimum(
                 &mpc.stages,
                 course.command,
                 &input_limits(tread_speed_m_s),
-                corridor,
                 block_stages,
                 QpMode::FreshDefaults,
             );

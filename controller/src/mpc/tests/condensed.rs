@@ -60,16 +60,14 @@ pub fn assert_same_optimum(
     stages: &[Stage],
     previous: MotorSpeeds,
     limits: &InputLimits,
-    corridor: Option<Corridor>,
     block_stages: usize,
     reference: QpMode,
 ) {
-    let (mut condenser, data) =
-        Condenser::new(stages.len(), block_stages, *limits, corridor, COST_SCALE);
+    let (mut condenser, data) = Condenser::new(stages.len(), block_stages, *limits, COST_SCALE);
     let mut solver = QpSolver::new(data, exact()).unwrap();
     condenser.assemble(stages, previous, solver.data_mut());
     solver.solve(None).unwrap();
-    let expected = optimal_corrections(stages, previous, limits, corridor, block_stages, reference);
+    let expected = optimal_corrections(stages, previous, limits, reference);
     let found: Vec<_> = condenser.input_corrections(solver.primal()).collect();
     assert_eq!(found.len(), expected.len());
     for (k, (found, expected)) in found.iter().zip(&expected).enumerate() {
@@ -92,18 +90,12 @@ proptest! {
         stages in prop::collection::vec(stage(), 2..22),
         previous in (-0.6..0.6_f64, -0.5..0.5_f64),
         block_stages in 1..=8_usize,
-        half_width_m in prop::option::of(0.02..0.6_f64),
         tread_speed_m_s in prop_oneof![Just(2.0), 1.1..1.7_f64],
     ) {
-        let corridor = half_width_m.map(|half_width_m| Corridor {
-            half_width_m,
-            weight_per_m2: 200.0,
-        });
         assert_same_optimum(
             &stages,
             motors(previous.0, previous.1),
             &input_limits(tread_speed_m_s),
-            corridor,
             block_stages,
             // Clarabel's own tolerance leaves up to 1e-4 where a limit almost binds.
             QpMode::InPlace,

@@ -175,14 +175,10 @@ fn random_qps_have_the_same_optimum() {
         } else {
             draw(1.1, 1.7)
         });
-        let corridor = (draw(0.0, 1.0) < 0.5).then(|| Corridor {
-            half_width_m: draw(0.02, 0.6),
-            weight_per_m2: 200.0,
-        });
         let previous = motors(draw(-0.6, 0.6), draw(-0.5, 0.5));
         let block_stages = draw(1.0, 8.99) as usize;
         let (mut condenser, mut data) =
-            Condenser::new(stages.len(), block_stages, limits, corridor, COST_SCALE);
+            Condenser::new(stages.len(), block_stages, limits, COST_SCALE);
         condenser.assemble(&stages, previous, &mut data);
         compare_with_variants(&data, &mut random, &mut counts, &format!("case {case}"));
     }

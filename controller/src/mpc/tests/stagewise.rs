@@ -11,8 +11,6 @@ pub fn optimal_corrections(
     stages: &[Stage],
     previous: MotorSpeeds,
     limits: &InputLimits,
-    corridor: Option<Corridor>,
-    block_stages: usize,
     mode: QpMode,
 ) -> Vec<MotorSpeeds> {
     let mut problem = Problem::default();
@@ -20,7 +18,6 @@ pub fn optimal_corrections(
     let input = |k: usize, motor: usize| 2 * k + motor;
     // Deviation of the state at the end of stage k.
     let state = |k: usize, i: usize| 2 * count + 3 * k + i;
-    let slack = |k: usize| 5 * count + k / block_stages;
 
     for (k, stage) in stages.iter().enumerate() {
         let step = &stage.step;
@@ -66,17 +63,6 @@ pub fn optimal_corrections(
             speed.push((state(k - 1, 2), by_yaw));
         }
         problem.square(w.speed_s2_per_m2, &speed, stage.speed_error);
-        if let Some(corridor) = corridor {
-            for sign in [1.0, -1.0] {
-                let mut row: Vec<_> = cross.iter().map(|&(c, v)| (c, sign * v)).collect();
-                row.push((slack(k), -1.0));
-                problem.at_most(row, corridor.half_width_m - sign * cross_error);
-            }
-            if k % block_stages == 0 {
-                problem.square(corridor.weight_per_m2, &[(slack(k), 1.0)], 0.0);
-                problem.at_most(vec![(slack(k), -1.0)], 0.0);
-            }
-        }
 
         let own = [stage.input.traction_m_s, stage.input.steer_m_s];
         let before = if k == 0 {
@@ -112,9 +98,7 @@ pub fn optimal_corrections(
             }
         }
     }
-    let blocks = count.div_ceil(block_stages);
-    let slacks = if corridor.is_some() { blocks } else { 0 };
-    let optimum = problem.solve(5 * count + slacks, mode);
+    let optimum = problem.solve(5 * count, mode);
     (0..count)
         .map(|k| MotorSpeeds {
             traction_m_s: optimum[input(k, 0)],

@@ -141,6 +141,21 @@ fn drives_that_miss_their_master_stop_quickly_and_say_why() {
 }
 
 #[test]
+fn drives_that_miss_commands_stop_though_another_sends_their_masters_heartbeat() {
+    let mut bench = Bench::driving();
+    bench.master_speaks = false;
+    let heartbeat = Frame::new(FrameId::Standard(0x77F), &[0x05]).unwrap();
+    for _ in 0..10 {
+        bench.drives.take(&heartbeat, bench.time_s).unwrap();
+        bench.cycle(true, 0.5);
+    }
+    assert_eq!(bench.motors.traction_m_s, 0.0);
+    assert_eq!(bench.drives.mode(), DriveMode::Disabled);
+    let emergency = "emergency 0x8250, error register 0x11";
+    assert!(bench.events.contains(&format!("2: {emergency}")));
+}
+
+#[test]
 fn an_emergency_stop_is_a_quick_stop_that_holds() {
     let mut bench = Bench::driving();
     bench.emergency_stop = true;
@@ -152,6 +167,37 @@ fn an_emergency_stop_is_a_quick_stop_that_holds() {
     bench.emergency_stop = false;
     bench.cycles(2, false, 0.0);
     assert_eq!(bench.modes(), [Some(DriveMode::Disabled); 2]);
+}
+
+/// CiA 402 lists it among the events of 0x6007 neither in its text nor in its table.
+#[test]
+fn drives_that_are_made_pre_operational_are_stopped_as_nodes_at_once() {
+    for (node, left) in [(0, [true, true]), (2, [false, true])] {
+        let mut bench = Bench::driving();
+        let frame = Frame::new(NMT, &[NmtCommand::EnterPreOperational as u8, node]).unwrap();
+        bench.drives.take(&frame, bench.time_s).unwrap();
+        for _ in 0..10 {
+            bench.time_s += STEP_S;
+            let moves = bench.drives.step(bench.time_s, &bench.motors, false);
+            assert_eq!(moves.unwrap().traction_m_s, 0.5, "it keeps its target");
+            while let Some(frame) = bench.drives.next_frame() {
+                bench.reader.take(&frame, bench.time_s).unwrap();
+            }
+        }
+        let expected = left.map(|left| match left {
+            true => Some(DriveMode::NotOperational),
+            false => Some(DriveMode::Enabled),
+        });
+        assert_eq!(bench.modes(), expected);
+        // The cycle that knows of it stops the nodes, on their own ramps.
+        bench.cycle(false, 0.0);
+        bench.cycles(6, false, 0.0);
+        assert_eq!(bench.motors, MeasuredMotorSpeeds::default());
+        assert_eq!(bench.drives.mode(), DriveMode::Disabled);
+        let told = "2: no longer operational while on, stopped as a node".to_owned();
+        let count = bench.events.iter().filter(|event| **event == told).count();
+        assert_eq!(count, 1, "{:?}", bench.events);
+    }
 }
 
 #[test]

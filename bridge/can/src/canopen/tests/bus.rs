@@ -15,6 +15,10 @@ pub struct Peer {
     pub nmt: Option<u8>,
     /// Object that is refused.
     pub refuses: Option<u16>,
+    /// Object that reads 0, whatever is written.
+    pub forgets: Option<u16>,
+    /// What the display of its mode shows; none where it has no such object.
+    pub mode: Option<u8>,
     pub deaf: bool,
     /// Frames to send.
     pub says: Vec<Frame>,
@@ -32,6 +36,8 @@ impl Peer {
             written: Vec::new(),
             nmt: Some(0x7F),
             refuses: None,
+            forgets: None,
+            mode: Some(3),
             deaf: false,
             says: Vec::new(),
             resets: 0,
@@ -56,7 +62,25 @@ impl Peer {
             });
         } else if id == 0x600 + node {
             let (index, sub) = (u16::from_le_bytes([data[1], data[2]]), data[3]);
-            let answer = if self.refuses == Some(index) {
+            let read = data[0] == 0x40;
+            let value = match self
+                .written
+                .iter()
+                .rev()
+                .find(|w| (w.0, w.1) == (index, sub))
+            {
+                _ if index == 0x6061 => self.mode.map(|mode| vec![mode]),
+                written => written.map(|written| written.2.clone()),
+            };
+            let answer = if read && let Some(value) = value {
+                let mut answer = vec![0x43 | (4 - value.len() as u8) << 2, data[1], data[2], sub];
+                let keeps = self.forgets != Some(index);
+                answer.extend(value.iter().map(|byte| if keeps { *byte } else { 0 }));
+                answer.resize(8, 0);
+                answer
+            } else if read {
+                vec![0x80, data[1], data[2], sub, 0x00, 0x00, 0x02, 0x06]
+            } else if self.refuses == Some(index) {
                 vec![0x80, data[1], data[2], sub, 0x30, 0x00, 0x09, 0x06]
             } else {
                 let length = 4 - usize::from(data[0] >> 2 & 3);
@@ -192,7 +216,7 @@ impl Bus {
 
     pub fn driving() -> Self {
         let mut bus = Self::new();
-        bus.off(10);
+        bus.off(14);
         bus.arm();
         bus.on([0.5, -0.25], 8);
         bus

@@ -41,7 +41,7 @@ fn objects_are_written_as_cia_301_has_it() {
             kind,
             value,
         };
-        object.request(node).map(|frame| frame.to_string())
+        object.write(node).map(|request| request.frame.to_string())
     };
     for (object, sub, kind, value, frame) in [
         (0x6060, 0, ObjectType::I8, 3, "622#2F60600003000000"),
@@ -68,4 +68,33 @@ fn objects_are_written_as_cia_301_has_it() {
     ] {
         assert_eq!(request(0x6060, 0, kind, value), None);
     }
+}
+
+/// Frames written by hand from CiA 301.
+#[test]
+fn answers_are_read_as_cia_301_has_them() {
+    let node = NodeId::new(1).unwrap();
+    let mut reading = NodeReading::default();
+    for (kind, bits) in [
+        (0x60, Some(Ok(None))),
+        (0x80, Some(Err(0x0403_0201))),
+        (0x43, Some(Ok(Some(0x0403_0201)))),
+        (0x42, Some(Ok(Some(0x0403_0201)))),
+        (0x47, Some(Ok(Some(0x03_0201)))),
+        (0x4B, Some(Ok(Some(0x0201)))),
+        (0x4F, Some(Ok(Some(0x01)))),
+        // The begin of segments, and a segment.
+        (0x41, None),
+        (0x00, None),
+    ] {
+        let before = reading.answers.count();
+        let data = [kind, 0x07, 0x60, 0x00, 0x01, 0x02, 0x03, 0x04];
+        let frame = Frame::new(node.answer(), &data).unwrap();
+        reading.take(node, &frame, 0.0).unwrap();
+        let answer = reading.answers.since(before).next();
+        assert_eq!(answer.map(|answer| answer.result), bits, "{kind:#04X}");
+        assert!(answer.is_none_or(|answer| (answer.object, answer.sub) == (0x6007, 0)));
+    }
+    let request = SdoRequest::read(node, 0x1016, 1, 0).frame;
+    assert_eq!(request.to_string(), "601#4016100100000000");
 }

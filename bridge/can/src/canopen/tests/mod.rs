@@ -41,10 +41,10 @@ fn master() -> (Master, VehicleReader) {
 #[test]
 fn drives_are_set_up_enabled_step_by_step_and_driven() {
     let mut bus = Bus::new();
-    // Six objects, one a cycle; then the node is started and reports.
-    bus.off(7);
+    // Seven objects are written and three read back, one a cycle; then the node is started and reports.
+    bus.off(11);
     assert_eq!(bus.mode(0), None);
-    assert_eq!(bus.peers[0].written.len(), 6);
+    assert_eq!(bus.peers[0].written.len(), 7);
     assert_eq!(bus.peers[1].written[0], (0x6060, 0, vec![3]));
     assert_eq!(bus.peers[1].written[3], (0x1016, 1, vec![0xC8, 0, 0x7F, 0]));
     bus.off(3);
@@ -69,7 +69,7 @@ fn drives_are_set_up_enabled_step_by_step_and_driven() {
         .sent
         .iter()
         .filter(|frame| frame.to_string() == "77F#05");
-    assert_eq!(heartbeats.count(), 23);
+    assert_eq!(heartbeats.count(), 27);
     let ready = [(1, DriveEvent::Ready), (2, DriveEvent::Ready)];
     assert_eq!(bus.events, ready);
 }
@@ -129,7 +129,7 @@ fn off_is_a_quick_stop_then_no_voltage_then_no_node() {
         bus.peers[0].deaf = false;
         bus.off(3);
         assert_eq!(bus.peers[0].nmt, Some(0x04));
-        assert_eq!(bus.mode(0), Some(DriveMode::Disabled));
+        assert_eq!(bus.mode(0), Some(DriveMode::NotOperational));
         let before = stop(&bus);
         bus.off(10);
         assert_eq!(stop(&bus), before);
@@ -183,13 +183,11 @@ fn a_node_that_starts_again_is_off_until_it_is_set_up_again() {
     node.nmt = Some(0x7F);
     node.word = 0x0240;
     node.written.clear();
-    node.says
-        .push(Frame::new(FrameId::Standard(0x701), &[0]).unwrap());
-    let boot = node.say()[0];
+    let boot = Frame::new(FrameId::Standard(0x701), &[0]).unwrap();
     bus.reader.take(&boot, bus.now_s + 0.01).unwrap();
     assert_eq!(bus.mode(0), Some(DriveMode::Disabled));
-    bus.off(10);
-    assert_eq!(bus.peers[0].written.len(), 6);
+    bus.off(14);
+    assert_eq!(bus.peers[0].written.len(), 7);
     assert_eq!(bus.mode(0), Some(DriveMode::Disabled));
     assert!(bus.events.contains(&(1, DriveEvent::Started)));
     bus.arm();
@@ -240,6 +238,155 @@ fn a_setup_that_fails_is_told_once_tried_again_and_enables_nothing() {
         bus.off(40);
         assert_eq!(bus.mode(0), Some(DriveMode::Disabled));
     }
+}
+
+fn told(bus: &Bus, node: u8) -> Vec<String> {
+    let events = bus.events.iter().filter(|(number, _)| *number == node);
+    events.map(|(_, event)| event.to_string()).collect()
+}
+
+fn node_stops(bus: &Bus) -> usize {
+    let frames = bus.sent.iter().map(Frame::to_string);
+    frames.filter(|frame| frame == "000#0201").count()
+}
+
+#[test]
+fn a_deadline_that_a_drive_does_not_keep_or_does_not_have_is_told() {
+    let mut bus = Bus::new();
+    bus.peers[0].forgets = Some(0x1400);
+    bus.off(60);
+    assert_eq!(bus.mode(0), None);
+    let differs = "not set up: object 0x1400:05: 0xC8 was written, 0x0 is read";
+    assert_eq!(told(&bus, 1), [differs]);
+    // One whose setup has none drives, and is named.
+    let line = YAML.lines().find(|line| line.contains("0x1400")).unwrap();
+    let layout = Arc::new(layout_of(&YAML.replace(line, "")).unwrap());
+    let Profile::Cia402(cia402) = layout.profile.clone() else {
+        panic!("not CiA 402");
+    };
+    let mut bus = Bus::new();
+    bus.master = Master::new(layout, cia402);
+    bus.off(14);
+    bus.on([0.5, -0.25], 8);
+    assert_eq!(bus.mode(0), Some(DriveMode::Enabled));
+    let named = told(&bus, 1);
+    assert!(
+        named[1].starts_with("no deadline for commands"),
+        "{named:?}"
+    );
+}
+
+#[test]
+fn a_mode_of_operation_that_another_changes_ends_the_drive_until_it_is_set_up_again() {
+    let mut bus = Bus::driving();
+    bus.on([0.5, 0.0], 20);
+    assert_eq!(bus.mode(0), Some(DriveMode::Enabled));
+    bus.peers[0].mode = Some(0xFF);
+    // Two looks, each a request and an answer.
+    bus.on([0.5, 0.0], 7);
+    assert_eq!(bus.mode(0), Some(DriveMode::OtherMode));
+    assert_eq!(bus.mode(1), Some(DriveMode::Enabled));
+    let event = "on in mode of operation -1 (object 0x6061), not that of its setup".to_owned();
+    assert_eq!(told(&bus, 1).last(), Some(&event));
+    bus.peers[0].mode = Some(3);
+    bus.off(40);
+    assert_eq!(bus.mode(0), Some(DriveMode::OtherMode));
+    bus.peers[0].written.clear();
+    bus.arm();
+    bus.off(14);
+    assert_eq!(bus.peers[0].written[0], (0x6060, 0, vec![3]));
+    assert_eq!(bus.mode(0), Some(DriveMode::Disabled));
+    // The answers to another client do not hide those to this one.
+    let mut bus = Bus::driving();
+    bus.peers[0].mode = Some(1);
+    for _ in 0..7 {
+        bus.on([0.5, 0.0], 1);
+        let other = Frame::new(FrameId::Standard(0x581), &[0x60, 0x60, 0x60, 0, 0, 0, 0, 0]);
+        bus.peers[0].says.push(other.unwrap());
+    }
+    assert_eq!(bus.mode(0), Some(DriveMode::OtherMode));
+    // A drive without the object is named once.
+    let mut bus = Bus::new();
+    bus.peers[0].mode = None;
+    bus.off(14);
+    bus.on([0.5, 0.0], 40);
+    assert_eq!(bus.mode(0), Some(DriveMode::Enabled));
+    let unread = "its mode of operation cannot be read (object 0x6061)".to_owned();
+    let said = told(&bus, 1);
+    assert_eq!(said.iter().filter(|said| **said == unread).count(), 1);
+}
+
+#[test]
+fn a_drive_that_another_switches_on_is_stopped_as_a_node_each_time() {
+    let mut bus = Bus::driving();
+    bus.off(30);
+    assert_eq!(
+        (bus.mode(0), node_stops(&bus)),
+        (Some(DriveMode::Disabled), 0)
+    );
+    for _ in 0..2 {
+        // The other is as fast as this master, so that the drive stays on.
+        let before = node_stops(&bus);
+        for _ in 0..3 {
+            bus.peers[0].deaf = node_stops(&bus) == before;
+            bus.peers[0].nmt = Some(0x05);
+            bus.peers[0].word = 0x0227;
+            bus.cycle([0.0; 2], false, false);
+        }
+        assert!(node_stops(&bus) > before);
+        bus.peers[0].deaf = false;
+        bus.off(3);
+        assert_eq!(bus.peers[0].nmt, Some(0x04));
+        assert_eq!(bus.mode(0), Some(DriveMode::NotOperational));
+    }
+    let event = "switched on by another node, stopped as a node".to_owned();
+    assert_eq!(told(&bus, 1).last(), Some(&event));
+    assert_eq!(
+        told(&bus, 1).iter().filter(|told| **told == event).count(),
+        1
+    );
+}
+
+#[test]
+fn every_state_and_every_emergency_of_a_cycle_counts() {
+    let mut bus = Bus::driving();
+    let before = bus.reader.readings().modes;
+    let emergency = |code: u16| {
+        let [low, high] = code.to_le_bytes();
+        Frame::new(FrameId::Standard(0x81), &[low, high, 1, 0, 0, 0, 0, 0]).unwrap()
+    };
+    let pdo = |word: u16| {
+        let mut data = word.to_le_bytes().to_vec();
+        data.extend(4700_i32.to_le_bytes());
+        Frame::new(FrameId::Standard(0x181), &data).unwrap()
+    };
+    let worst = |bus: &Bus| {
+        let readings = bus.reader.readings();
+        [0, 1].map(|drive| readings.modes[drive].worst_since(&before[drive]))
+    };
+    for (word, expected) in [
+        (0x0227, DriveMode::Enabled),
+        (0x0240, DriveMode::Disabled),
+        (0x0208, DriveMode::Fault),
+        (0x0227, DriveMode::Fault),
+        (0x0207, DriveMode::EmergencyStop),
+        (0x0227, DriveMode::EmergencyStop),
+    ] {
+        bus.reader.take(&pdo(word), bus.now_s).unwrap();
+        assert_eq!(worst(&bus), [expected, DriveMode::Enabled]);
+    }
+    assert_eq!(bus.mode(0), Some(DriveMode::Enabled), "the newest");
+    for code in [0x3210, 0x8611, 0] {
+        bus.reader.take(&emergency(code), bus.now_s).unwrap();
+    }
+    bus.on([0.5, 0.0], 2);
+    let said = told(&bus, 1);
+    let expected = [
+        "emergency 0x3210, error register 0x01",
+        "emergency 0x8611, error register 0x01",
+        "its error has gone",
+    ];
+    assert_eq!(said[said.len() - 3..], expected);
 }
 
 #[test]

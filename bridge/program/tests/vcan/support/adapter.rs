@@ -52,7 +52,8 @@ impl Adapter {
         let mut input = terminal.try_clone().unwrap();
         let epoch = Epoch::now();
         std::thread::spawn(move || {
-            let (mut sender, mut line, mut byte) = (Sender::start(BUS).unwrap(), Vec::new(), [0]);
+            let (mut sender, mut line, mut byte) =
+                (Sender::start(BUS, &[]).unwrap(), Vec::new(), [0]);
             while input.read_exact(&mut byte).is_ok() {
                 if byte[0] != b'\r' {
                     line.push(byte[0]);

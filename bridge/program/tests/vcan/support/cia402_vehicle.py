@@ -8,6 +8,7 @@ Standard input takes one word a line, with the name of a drive:
     mute D, talk D   its heartbeat stops, and comes again
     stop D           its quick stop is activated by somebody else
     refuse D OBJECT, accept D   it refuses an object to be written, or none
+    freeze D, mirror D   it reports its last speed again and again, or speeds of the other sign
     loose D          it no longer obeys its controlword
 The end of standard input ends the program.
 """
@@ -51,6 +52,7 @@ def dictionary(node):
         (0x6007, "Abort connection option", od.INTEGER16),
         (0x605A, "Quick stop option", od.INTEGER16),
         (0x6060, "Modes of operation", od.INTEGER8),
+        (0x6061, "Modes of operation display", od.INTEGER8),
         (0x6040, "Controlword", od.UNSIGNED16),
         (0x6041, "Statusword", od.UNSIGNED16),
         (0x606C, "Velocity actual", od.INTEGER32),
@@ -59,7 +61,7 @@ def dictionary(node):
         objects.add_object(variable(index, 0, name, kind, 0))
     record(0x1016, "Consumer heartbeat", (1, od.UNSIGNED32, 0))
     u8, u16, u32 = od.UNSIGNED8, od.UNSIGNED16, od.UNSIGNED32
-    record(0x1400, "RPDO", (1, u32, 0x200 + node), (2, u8, 255))
+    record(0x1400, "RPDO", (1, u32, 0x200 + node), (2, u8, 255), (5, u16, 0))
     record(0x1600, "RPDO map", (1, u32, 0x60400010), (2, u32, 0x60FF0020))
     record(0x1800, "TPDO", (1, u32, 0x180 + node), (2, u8, 255), (3, u16, 0), (5, u16, 0))
     record(0x1A00, "TPDO map", (1, u32, 0x60410010), (2, u32, 0x606C0020))
@@ -76,6 +78,7 @@ class Drive:
         self.node.rpdo[1].add_callback(self.command)
         self.node.add_write_callback(self.written)
         self.refused, self.loose = None, False
+        self.reported = lambda speed: speed
         self.lock = threading.RLock()
         self.heard = {}
         for consumer in range(1, 128):
@@ -88,6 +91,7 @@ class Drive:
             self.node.nmt.stop_heartbeat()
             self.state, self.control, self.target, self.speed = "SWITCH ON DISABLED", 0, 0, 0.0
             self.due = 0.0
+            self.commanded = None  # the deadline begins with the first command
             self.heard.clear()
         self.node.nmt.send_command(0x81)  # the boot-up message
         self.node.nmt.send_command(0x80)
@@ -98,6 +102,8 @@ class Drive:
     def written(self, index, subindex, od, data):
         if index == self.refused:
             raise SdoAbortedError(0x06090030)
+        if index == 0x6060:
+            self.node.sdo[0x6061].raw = int.from_bytes(data, "little", signed=True)
 
     def read(self, index, sub=0):
         value = self.node.sdo[index]
@@ -105,7 +111,10 @@ class Drive:
 
     def command(self, pdo):
         with self.lock:
-            if self.node.nmt.state != "OPERATIONAL" or self.loose:
+            if self.node.nmt.state != "OPERATIONAL":
+                return
+            self.commanded = time.monotonic()
+            if self.loose:
                 return
             before, self.control = self.control, pdo["Controlword"].raw
             self.target = pdo["Target velocity"].raw
@@ -132,7 +141,12 @@ class Drive:
             consumer = self.read(0x1016, 1)
             number, limit = consumer >> 16, (consumer & 0xFFFF) / 1000.0
             silent = number and now - self.heard.get(number, now) > limit
-            gone = silent or self.node.nmt.state != "OPERATIONAL"
+            if self.node.nmt.state != "OPERATIONAL":
+                self.commanded = None
+            deadline = self.read(0x1400, 5) / 1000.0
+            silent = silent or bool(deadline and self.commanded and now - self.commanded > deadline)
+            # CiA 402 does not name pre-operational: there a drive keeps its target.
+            gone = silent or self.node.nmt.state == "STOPPED"
             if self.state == "OPERATION ENABLED" and gone and self.read(0x6007) == 3:
                 self.state = "QUICK STOP ACTIVE"
             follows = self.state == "OPERATION ENABLED" and self.read(0x6060) == 3
@@ -147,7 +161,7 @@ class Drive:
                 pdo = self.node.tpdo[1]
                 # Remote control, and a bit of the maker's own.
                 pdo["Statusword"].raw = State402.SW_MASK[self.state][1] | 0x4200
-                pdo["Velocity actual"].raw = round(RAW_PER_M_S * self.speed)
+                pdo["Velocity actual"].raw = round(RAW_PER_M_S * self.reported(self.speed))
                 pdo.transmit()
 
     def tell(self, words):
@@ -161,6 +175,11 @@ class Drive:
                 self.node.nmt.stop_heartbeat()
             elif words[0] == "talk":
                 self.node.nmt.start_heartbeat(self.read(0x1017))
+            elif words[0] == "freeze":
+                last = self.speed
+                self.reported = lambda speed: last
+            elif words[0] == "mirror":
+                self.reported = lambda speed: -speed
             elif words[0] == "loose":
                 self.loose = True
             elif words[0] == "refuse":
