@@ -82,18 +82,19 @@ fn cycle_of<Q: ControllerRunner>(
     config: CycleConfig,
     pilot: Q,
 ) -> (ControlLoop<SimulatedPort, Q>, RecordSource<LoopRecord>) {
-    cycle_over(port(), config, pilot)
+    cycle_over(port(), config, SafetyConfig::default(), pilot)
 }
 
 fn cycle_over<Q: ControllerRunner>(
     port: SimulatedPort,
     config: CycleConfig,
+    safety: SafetyConfig,
     pilot: Q,
 ) -> (ControlLoop<SimulatedPort, Q>, RecordSource<LoopRecord>) {
     let (sink, source) = ring(64);
     let cycle = ControlLoop::new(
         config,
-        SafetyConfig::default(),
+        safety,
         Clock::Virtual { now_s: 0.0 },
         port,
         pilot,
@@ -405,7 +406,12 @@ fn a_run_repeats_every_bit() {
 fn said_of_drives(drive_train: &str) -> Vec<String> {
     let config = CycleConfig::default();
     let pilot = InlineRunner::new(controller(config.period_s));
-    let (mut cycle, mut records) = cycle_over(port_with(drive_train), config, pilot);
+    // A difference from the command that is allowed: a larger one stops the vehicle.
+    let safety = SafetyConfig {
+        plausible_difference_m_s: 0.3,
+        ..SafetyConfig::default()
+    };
+    let (mut cycle, mut records) = cycle_over(port_with(drive_train), config, safety, pilot);
     let mut said = Vec::new();
     for i in 0..(25.0 / config.period_s) as u32 {
         cycle.step(if i > 2 { ARM } else { NOTHING });
@@ -426,11 +432,11 @@ fn said_of_drives(drive_train: &str) -> Vec<String> {
 fn a_motor_that_is_weaker_than_told_is_named_and_one_that_is_not_never() {
     const STEER: &str = "steer: {acceleration_max_m_s2: 2, deceleration_max_m_s2: 2}";
     let weak = format!(
-        "{{traction: {{speed_max_m_s: 0.58, acceleration_max_m_s2: 2, deceleration_max_m_s2: 2}}, {STEER}}}"
+        "{{traction: {{speed_max_m_s: 0.5, acceleration_max_m_s2: 2, deceleration_max_m_s2: 2}}, {STEER}}}"
     );
     let said = said_of_drives(&weak);
     // It is fast enough where the course is slow: then it is short no more, and later again.
-    assert!((1..=3).contains(&said.len()), "{said:?}");
+    assert!((1..=5).contains(&said.len()), "{said:?}");
     for (i, said) in said.iter().enumerate() {
         let is_short = said.starts_with("the traction motor reaches 0.5");
         assert_eq!(is_short, i % 2 == 0, "{said}");

@@ -14,6 +14,7 @@ mod drive;
 mod files;
 mod guide;
 mod hand_over;
+mod live;
 mod mistakes;
 mod output;
 mod ros2_client;
