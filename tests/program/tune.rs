@@ -160,7 +160,7 @@ fn a_recording_judges_settings_of_the_estimator() {
     let held_out = &printed["held_out"];
     assert!(held_out["runs"]["start"] == printed["training"]["runs"]["end"]);
     let median_m = |which: &str| held_out[which]["median_m"].as_f64().unwrap();
-    assert!(median_m("after") < 0.6 * median_m("before"), "{printed}");
+    assert!(median_m("after") < 0.7 * median_m("before"), "{printed}");
     assert_says(&bad.text("found.yaml"), &[&format!("slope_sigma: {after}")]);
     assert_says(
         &bad.text("report.html"),
