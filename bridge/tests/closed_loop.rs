@@ -406,11 +406,7 @@ fn a_run_repeats_every_bit() {
 fn said_of_drives(drive_train: &str) -> Vec<String> {
     let config = CycleConfig::default();
     let pilot = InlineRunner::new(controller(config.period_s));
-    // A difference from the command that is allowed: a larger one stops the vehicle.
-    let safety = SafetyConfig {
-        plausible_difference_m_s: 0.3,
-        ..SafetyConfig::default()
-    };
+    let safety = SafetyConfig::default();
     let (mut cycle, mut records) = cycle_over(port_with(drive_train), config, safety, pilot);
     let mut said = Vec::new();
     for i in 0..(25.0 / config.period_s) as u32 {
@@ -432,13 +428,13 @@ fn said_of_drives(drive_train: &str) -> Vec<String> {
 fn a_motor_that_is_weaker_than_told_is_named_and_one_that_is_not_never() {
     const STEER: &str = "steer: {acceleration_max_m_s2: 2, deceleration_max_m_s2: 2}";
     let weak = format!(
-        "{{traction: {{speed_max_m_s: 0.5, acceleration_max_m_s2: 2, deceleration_max_m_s2: 2}}, {STEER}}}"
+        "{{traction: {{speed_max_m_s: 0.4, acceleration_max_m_s2: 2, deceleration_max_m_s2: 2}}, {STEER}}}"
     );
     let said = said_of_drives(&weak);
     // It is fast enough where the course is slow: then it is short no more, and later again.
     assert!((1..=5).contains(&said.len()), "{said:?}");
     for (i, said) in said.iter().enumerate() {
-        let is_short = said.starts_with("the traction motor reaches 0.5");
+        let is_short = said.starts_with("the traction motor reaches 0.4");
         assert_eq!(is_short, i % 2 == 0, "{said}");
         assert!(is_short || said == "the motors reach the commanded speeds");
     }

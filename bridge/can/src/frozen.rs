@@ -5,7 +5,8 @@
 /// The same value again and again is no fault in itself: at a constant speed a coarse encoder reports it for seconds.
 /// It is one if the command has been more than [`FrozenWatch::CHANGE_M_S`] away for [`FrozenWatch::TIME_S`] from that at
 /// which the speed changed last. So encoders may have steps of nearly that change, and drives may take nearly that time
-/// to answer. A vehicle at standstill is not judged: its drives may not break away.
+/// to answer. A vehicle at standstill is not judged: its drives may not break away. Nor is a drive whose command is
+/// beyond its speed: it may be at its limit.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FrozenWatch {
     /// Reported speed, and the command when it changed last, m/s.
@@ -44,7 +45,8 @@ impl FrozenWatch {
             };
             return false;
         }
-        if (command_m_s - self.command_m_s).abs() <= Self::CHANGE_M_S {
+        let beyond = command_m_s * speed_m_s > 0.0 && command_m_s.abs() > speed_m_s.abs();
+        if beyond || (command_m_s - self.command_m_s).abs() <= Self::CHANGE_M_S {
             self.away_since_s = None;
             return false;
         }
@@ -79,7 +81,7 @@ mod tests {
 
     #[test]
     fn a_report_that_stays_while_the_command_changes_is_found_in_time() {
-        for rate_m_s2 in [-2.0, -0.1, 0.05] {
+        for rate_m_s2 in [-2.0, -0.1, -0.05] {
             let command = |now_s: f64| 0.6 + rate_m_s2 * (now_s - 2.0).max(0.0);
             let found_s = found_s(command, |_| 0.6).unwrap();
             let limit_s = 2.0 + FrozenWatch::CHANGE_M_S / f64::abs(rate_m_s2) + FrozenWatch::TIME_S;
@@ -105,6 +107,11 @@ mod tests {
         let curve = |now_s: f64| 0.3 + 0.2 * (0.3 * now_s).sin();
         let coarse = |now_s: f64| (curve(now_s - 0.3) / 0.025).round() * 0.025;
         assert_eq!(found_s(curve, coarse), None);
+        // It is at its limit, or weak.
+        assert_eq!(
+            found_s(|now_s| 0.5 + 0.1 * (0.3 * now_s).sin().abs(), |_| 0.5),
+            None
+        );
         // It does not break away. That it differs from its command is judged by the safety.
         assert_eq!(found_s(|now_s| 0.02 * now_s, |_| 0.0), None);
     }

@@ -140,15 +140,35 @@ impl Safety {
         let new = Discrepancy::new(inputs.time_s, feedback_s);
         let discrepancy = self.implausible.get_or_insert(new);
         let time_s = discrepancy.grow(inputs.time_s, traction_m_s.max(steer_m_s));
+        let mut longest_s = self.config.implausible_time_s;
+        let within = |[low, high]: [f64; 2], value: f64| {
+            outside([low, high], value) <= limit || is_weak([low, high], value)
+        };
+        let weak = within(traction, speeds.traction_m_s) && within(steer, speeds.steer_m_s);
+        if weak {
+            // The controller learns that, and asks for less.
+            longest_s *= WEAK_TIMES;
+        }
         // Twice as far off is judged in half the time.
-        let longest_s = self.config.implausible_time_s;
-        let far = discrepancy.has_come(limit * longest_s, feedback_s);
+        let far = !weak && discrepancy.has_come(limit * longest_s, feedback_s);
         (far || time_s >= longest_s).then_some(Reason::Implausible {
             traction_m_s,
             steer_m_s,
             time_s,
         })
     }
+}
+
+/// How much longer a motor may stay below its commands than feedback may be implausible.
+const WEAK_TIMES: f64 = 5.0;
+/// Share of the least command that a weak motor reaches; one that reaches less is stuck.
+const WEAK_SHARE: f64 = 0.3;
+
+/// Returns whether a value below a range of commands is that of a motor that turns the right way, but more slowly.
+fn is_weak([low, high]: [f64; 2], value: f64) -> bool {
+    let least = if low > 0.0 { low } else { -high };
+    let reached = if low > 0.0 { value } else { -value };
+    least > 0.0 && (WEAK_SHARE * least..least).contains(&reached)
 }
 
 /// Distance of a value from a range; NaN counts as far away.

@@ -28,7 +28,7 @@ pub struct SafetyConfig {
     /// greatest command of this time, s.
     pub response_time_s: f64,
     /// Time for which feedback may be implausible by `plausible_difference_m_s`, s; shorter in proportion where it is
-    /// further off.
+    /// further off, and five times as long for motors that turn the right way, but more slowly.
     pub implausible_time_s: f64,
 }
 

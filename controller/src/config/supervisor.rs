@@ -21,9 +21,9 @@ pub struct SupervisorConfig {
     /// Largest difference between heading and reference, rad.
     #[serde(skip)]
     pub heading_error_max_rad: f64,
-    /// Cycles in a row that may drive on the shifted previous plan.
+    /// Time for which the vehicle may drive on the shifted previous plan, s.
     #[serde(skip)]
-    pub fallback_cycles: u32,
+    pub fallback_s: f64,
     /// Time after which a vehicle is stopped that does not move as it should, s: steer or traction at
     /// its limit without turn or way, or no progress along the path.
     #[serde(skip)]
@@ -43,7 +43,7 @@ impl Default for SupervisorConfig {
             speeds_timeout_s: 0.3,
             cross_track_max_m: 2.0,
             heading_error_max_rad: 2.0,
-            fallback_cycles: 10,
+            fallback_s: 0.5,
             stall_time_s: 4.5,
             stall_share: 0.1,
         }

@@ -38,6 +38,13 @@ impl IssuedCommands {
             .map_or(MotorSpeeds::STOP, |issued| issued.command)
     }
 
+    /// Forgets the commands of a vehicle that stands: what it does next depends on nothing before.
+    pub(super) fn restart(&mut self) {
+        if self.last() == MotorSpeeds::STOP {
+            self.commands.clear();
+        }
+    }
+
     /// Returns the command in force at a time; none before the oldest that is kept.
     pub(super) fn at(&self, time_s: f64) -> Option<MotorSpeeds> {
         let after = self

@@ -51,6 +51,7 @@ impl Controller {
         self.phase = Phase::Driving { fallback_cycles: 0 };
         self.last_time_s = None;
         self.drives = Drives::new(&self.config);
+        self.issued.restart();
         self.behind_s = 0.0;
         self.watchdog.reset();
         self.discard_plan();
@@ -115,7 +116,8 @@ impl Controller {
             Phase::Stopped(_) | Phase::Finished => 0,
         };
         let cycles = before + 1;
-        if cycles > self.config.supervisor.fallback_cycles {
+        let longest = self.config.supervisor.fallback_s / self.config.period_s;
+        if f64::from(cycles) > longest + 1e-9 {
             self.stop(StopReason::NoSolution { cycles, reason });
         } else {
             self.phase = Phase::Driving {

@@ -51,9 +51,10 @@ fn it_survives_100_closings_of_its_output_while_it_drives() {
         drop(reader());
         std::thread::sleep(std::time::Duration::from_millis(60));
     }
-    // A new reader sees that it is still driving, and how many lines were dropped.
-    let said = drives(&mut reader()).expect("it still drives");
-    assert!(said["lines_dropped"].as_u64() > Some(2), "{said}");
+    // A new reader sees that it is still driving, and how many lines were dropped; the pipe may hold older lines.
+    let mut lines = reader();
+    let dropped = |_| drives(&mut lines).expect("it still drives")["lines_dropped"].as_u64();
+    assert!((0..20).map(dropped).any(|dropped| dropped > Some(2)));
 }
 
 #[test]
