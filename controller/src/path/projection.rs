@@ -90,24 +90,28 @@ impl Path {
             .point
     }
 
-    /// Returns the arc length, of a set no sparser than the samples, with the least cost.
+    /// Returns the arc length, of a set no sparser than the samples, with the least cost. The set is that of whole steps,
+    /// so that the result does not depend on where the search begins.
     ///
     /// Between two points there is at most as much distance as path: far from the path the samples
     /// that cannot have less than the least known are passed over. Each sample is looked at once at most.
     fn best_sample(&self, position: &Point2, around_m: f64, (low_m, high_m): (f64, f64)) -> f64 {
-        let intervals = ((high_m - low_m) / super::SAMPLE_STEP_M).ceil().max(1.0);
-        let step_m = (high_m - low_m) / intervals;
-        let sample = |i: usize| self.at(low_m + i as f64 * step_m);
-        let last = intervals as usize;
-        let expected = (((around_m - low_m) / step_m).round() as usize).min(last);
-        let mut least = branch_cost(&sample(expected), position, around_m);
+        let step_m = super::SAMPLE_STEP_M;
+        let (first, last) = ((low_m / step_m).ceil(), (high_m / step_m).floor());
+        if first > last {
+            return low_m;
+        }
+        let sample = |i: usize| self.at((first + i as f64) * step_m);
+        let count = (last - first) as usize;
+        let expected = ((around_m / step_m).round() - first).clamp(0.0, last - first);
+        let mut least = branch_cost(&sample(expected as usize), position, around_m);
         let mut best = (f64::INFINITY, low_m);
         let mut i = 0;
-        while i <= last {
+        while i <= count {
             let point = sample(i);
             let found = branch_cost(&point, position, around_m);
             if found < best.0 {
-                best = (found, low_m + i as f64 * step_m);
+                best = (found, (first + i as f64) * step_m);
                 least = least.min(found);
             }
             let spare_m = point.position.distance_m(position) - least.sqrt();
