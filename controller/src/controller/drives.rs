@@ -26,8 +26,10 @@ const SHORT_M_S: f64 = 0.02;
 const GAINING_M_S2: f64 = 0.1;
 /// Time for which a motor is short before its speed is taken for its limit, s.
 const SHORT_S: f64 = 0.4;
-/// Share of its limit below which a motor that is short of it is slowed down by something else, as a collision monitor,
-/// and the time for which that is remembered, s.
+/// Share of its largest speed that a motor reaches at least where that is a limit and not a friction that it overcomes.
+const LIMIT_SHARE: f64 = 0.1;
+/// Share of the speed that it was limited to below which a motor that is short is slowed down by something else, as a
+/// collision monitor, and the time for which that is remembered, s.
 const SCALED_SHARE: f64 = 0.75;
 const SCALED_S: f64 = 10.0;
 /// What is added to that speed, m/s, so that it does not sink with noise.
@@ -78,6 +80,8 @@ impl std::fmt::Display for DriveResponse {
 struct Motor {
     configured_m_s: f64,
     limit_m_s: f64,
+    /// Largest speed at which it was limited, and command that it was short of, m/s; 0 where it is not limited.
+    reached_m_s: f64,
     asked_m_s: f64,
     short_s: f64,
     /// Time for which no limit is taken, since speeds are scaled down, s.
@@ -92,6 +96,7 @@ impl Motor {
         Self {
             configured_m_s,
             limit_m_s: configured_m_s,
+            reached_m_s: 0.0,
             asked_m_s: 0.0,
             short_s: 0.0,
             scaled_s: 0.0,
@@ -111,7 +116,7 @@ impl Motor {
         let same_sense = self.speed_m_s * self.command_m_s >= 0.0;
         let gains = speed - before_m_s.abs() > GAINING_M_S2 * elapsed_s;
         let below = command * (1.0 - SHORT_SHARE) - SHORT_M_S > speed;
-        if same_sense && below && !gains && speed > SHORT_M_S {
+        if same_sense && below && !gains && speed > LIMIT_SHARE * self.configured_m_s {
             self.short_s += elapsed_s;
         } else {
             self.short_s = (self.short_s - elapsed_s).max(0.0);
@@ -122,18 +127,18 @@ impl Motor {
         }
         if self.short_s >= SHORT_S {
             self.short_s = SHORT_S;
-            let is_limited = self.limit_m_s < self.configured_m_s;
-            if is_limited && speed < SCALED_SHARE * self.limit_m_s {
+            if speed < SCALED_SHARE * self.reached_m_s {
                 // It was slower yet when it was asked for less: speeds are scaled down, not limited.
                 self.limit_m_s = self.configured_m_s;
                 self.scaled_s = SCALED_S;
             } else if self.scaled_s <= 0.0 && speed + MARGIN_M_S < self.limit_m_s {
                 self.limit_m_s = speed + MARGIN_M_S;
+                self.reached_m_s = self.reached_m_s.max(speed);
                 self.asked_m_s = self.asked_m_s.max(command);
             }
         }
         if self.limit_m_s >= self.configured_m_s {
-            self.asked_m_s = 0.0;
+            (self.reached_m_s, self.asked_m_s) = (0.0, 0.0);
         }
     }
 }
@@ -240,5 +245,59 @@ impl Drives {
         }
         let gain = (elapsed_s / FOLLOW_S).min(1.0);
         self.delay_s += gain * (DELAY_STEP_S * place - self.delay_s);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const CYCLE_S: f64 = 0.05;
+
+    /// Drives for a minute with commands between 0.3 and 0.7 m/s, of which no more is asked than the motor is known to
+    /// reach; returns the limit at the end of each second.
+    fn limits_m_s(speed_of: impl Fn(f64) -> f64) -> Vec<f64> {
+        let mut motor = Motor::new(1.0);
+        let mut limits_m_s = Vec::new();
+        for cycle in 0..1200 {
+            let wanted_m_s = 0.5 + 0.2 * (0.5 * CYCLE_S * f64::from(cycle)).sin();
+            let command_m_s = wanted_m_s.min(motor.limit_m_s);
+            motor.observe(speed_of(command_m_s), command_m_s, CYCLE_S);
+            if cycle % 20 == 19 {
+                limits_m_s.push(motor.limit_m_s);
+            }
+        }
+        limits_m_s
+    }
+
+    #[test]
+    fn a_motor_that_reaches_less_than_it_is_told_to_has_a_limit_each_time_it_is_asked_for_more() {
+        let limits_m_s = limits_m_s(|command_m_s| command_m_s.min(0.4));
+        // The limit rises where the motor is asked for less, and is found again.
+        assert!(
+            limits_m_s[5..]
+                .iter()
+                .all(|limit_m_s| (0.4..0.65).contains(limit_m_s))
+        );
+        assert!(limits_m_s[40..].iter().any(|limit_m_s| *limit_m_s < 0.45));
+    }
+
+    #[test]
+    fn speeds_that_are_scaled_down_are_no_limit() {
+        let limits_m_s = limits_m_s(|command_m_s| 0.5 * command_m_s);
+        let unlimited = limits_m_s
+            .iter()
+            .filter(|limit_m_s| **limit_m_s == 1.0)
+            .count();
+        assert!(unlimited > 50, "{limits_m_s:?}");
+    }
+
+    #[test]
+    fn a_motor_that_obeys_has_no_limit() {
+        assert!(
+            limits_m_s(|command_m_s| 0.99 * command_m_s)
+                .iter()
+                .all(|limit_m_s| *limit_m_s == 1.0)
+        );
     }
 }
