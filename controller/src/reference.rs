@@ -27,8 +27,8 @@ pub struct Reference {
     time_s: f64,
     /// Whether the vehicle has been seen on this path.
     begun: bool,
-    /// Least that was left of the present drive, m, on the spot rad, and the time since the vehicle came nearer, s.
-    least_to_go: f64,
+    /// Least that was left of the present drive, m, and the time since the vehicle came nearer, s.
+    least_to_go_m: f64,
     no_nearer_s: f64,
 }
 
@@ -57,8 +57,8 @@ pub const PROJECTION_WINDOW: Window = Window {
 const ARRIVED_M: f64 = 0.05;
 /// Distance from the end of the last drive within which it is over for a vehicle that comes no nearer, m.
 const NEAR_M: f64 = 0.3;
-/// Way, m, and turn, rad, by which a vehicle comes nearer.
-const NEARER: f64 = 0.01;
+/// Way by which a vehicle comes nearer, m.
+const NEARER_M: f64 = 0.01;
 /// Time without that after which a drive is over at its end, and the last one near it, s.
 const AT_END_S: f64 = 1.0;
 const NEAR_END_S: f64 = 3.0;
@@ -94,7 +94,7 @@ impl Reference {
             heading_rad,
             time_s: 0.0,
             begun: false,
-            least_to_go: f64::INFINITY,
+            least_to_go_m: f64::INFINITY,
             no_nearer_s: 0.0,
         }
     }
@@ -162,10 +162,10 @@ impl Reference {
     }
 
     /// Keeps account of how the vehicle comes nearer to the end of its drive.
-    fn come_nearer(&mut self, elapsed_s: f64, to_go: f64) {
+    fn come_nearer(&mut self, elapsed_s: f64, to_go_m: f64) {
         self.no_nearer_s += elapsed_s;
-        if to_go < self.least_to_go - NEARER {
-            (self.least_to_go, self.no_nearer_s) = (to_go, 0.0);
+        if to_go_m < self.least_to_go_m - NEARER_M {
+            (self.least_to_go_m, self.no_nearer_s) = (to_go_m, 0.0);
         }
     }
 
@@ -219,7 +219,7 @@ impl Reference {
             y_m: pose.y_m,
         };
         if self.trajectory.path().is_none() {
-            return self.turn(elapsed_s, &here, pose.yaw_rad);
+            return self.turn(&here, pose.yaw_rad);
         }
         if !self.begun {
             self.begun = true;
@@ -233,7 +233,7 @@ impl Reference {
         let arrived = to_go_m <= ARRIVED_M || near;
         if arrived && !last && (stands || self.stays()) {
             self.drives_done += 1;
-            (self.least_to_go, self.no_nearer_s) = (f64::INFINITY, 0.0);
+            (self.least_to_go_m, self.no_nearer_s) = (f64::INFINITY, 0.0);
             self.arc_length_m = self.drive_from_m();
             cross_track_m = self.project(&here);
         }
@@ -333,9 +333,8 @@ impl Reference {
     }
 
     /// Returns the progress of a turn on the spot.
-    fn turn(&mut self, elapsed_s: f64, here: &Point2, yaw_rad: f64) -> Progress {
+    fn turn(&mut self, here: &Point2, yaw_rad: f64) -> Progress {
         self.heading_rad = self.unwrapped(yaw_rad);
-        self.come_nearer(elapsed_s, self.turn_to_go_rad().abs());
         let (from, to) = (self.trajectory.at(0.0), self.final_heading_rad());
         let whole_rad = to - from.heading_rad;
         let share = ((self.heading_rad - from.heading_rad) / whole_rad).clamp(0.0, 1.0);
