@@ -45,9 +45,12 @@ def main() -> float:
         right = decision.drive_traction_m_s + decision.drive_steer_m_s
         effective = vehicle.correction_left * left, vehicle.correction_right * right
         body = sidehill.icr(vehicle, *attitude(yaw_rad), *effective)
-        x_m += dt_s * float(math.cos(yaw_rad) * body["v_x_m_s"] - math.sin(yaw_rad) * body["v_y_m_s"])
-        y_m += dt_s * float(math.sin(yaw_rad) * body["v_x_m_s"] + math.cos(yaw_rad) * body["v_y_m_s"])
-        yaw_rad += dt_s * float(body["omega_z_rad_s"])
+        turn_rad = dt_s * float(body["omega_z_rad_s"])
+        # With the heading in the middle of the step.
+        sin, cos = math.sin(yaw_rad + 0.5 * turn_rad), math.cos(yaw_rad + 0.5 * turn_rad)
+        x_m += dt_s * float(cos * body["v_x_m_s"] - sin * body["v_y_m_s"])
+        y_m += dt_s * float(sin * body["v_x_m_s"] + cos * body["v_y_m_s"])
+        yaw_rad += turn_rad
         time_s += dt_s
     print(f"{decision.status} after {time_s:.1f} s, at most {100 * largest_m:.2f} cm from the path")
     return largest_m

@@ -49,8 +49,8 @@ impl Default for EstimatorSettings {
         Self {
             pose_sigma_m: 0.01,
             pose_sigma_rad: 0.0087,
-            slide_sigma_m_per_sqrt_s: 0.005,
-            yaw_sigma_rad_per_sqrt_s: 0.005,
+            slide_sigma_m_per_sqrt_s: 0.02,
+            yaw_sigma_rad_per_sqrt_s: 0.02,
             gyro_sigma_rad_per_sqrt_s: 0.001,
             gyro_model_sigma_rad_per_sqrt_s: 0.02,
             gyro_bias_sigma_rad_s: 0.02,
