@@ -98,12 +98,14 @@ impl Path {
     fn best_sample(&self, position: &Point2, around_m: f64, (low_m, high_m): (f64, f64)) -> f64 {
         let step_m = super::SAMPLE_STEP_M;
         let (first, last) = ((low_m / step_m).ceil(), (high_m / step_m).floor());
-        if first > last {
+        let span = last - first;
+        // Also where the bounds are so large that they are no numbers.
+        if !(0.0..f64::INFINITY).contains(&span) {
             return low_m;
         }
         let sample = |i: usize| self.at((first + i as f64) * step_m);
-        let count = (last - first) as usize;
-        let expected = ((around_m / step_m).round() - first).clamp(0.0, last - first);
+        let count = span as usize;
+        let expected = ((around_m / step_m).round() - first).clamp(0.0, span);
         let mut least = branch_cost(&sample(expected as usize), position, around_m);
         let mut best = (f64::INFINITY, low_m);
         let mut i = 0;
