@@ -337,8 +337,8 @@ mod tests {
     fn a_motor_that_swings_late_after_its_command_has_no_limit() {
         let mut motor = Motor::new(1.0);
         for cycle in 0..1200 {
-            let at = |late_s: f64| 0.3 * (4.0 * (CYCLE_S * f64::from(cycle) - late_s)).sin();
-            motor.observe(0.8 * at(0.2), at(0.0), CYCLE_S);
+            let at = |late_s: f64| 0.9 * (1.4 * (CYCLE_S * f64::from(cycle) - late_s)).sin();
+            motor.observe(0.5 * at(0.4), at(0.0), CYCLE_S);
             assert_eq!(motor.limit_m_s, 1.0, "{cycle}");
         }
     }
