@@ -39,6 +39,8 @@ pub mod odometry;
 #[cfg(not(target_family = "wasm"))]
 pub mod output;
 #[cfg(not(target_family = "wasm"))]
+pub mod play;
+#[cfg(not(target_family = "wasm"))]
 pub mod progress;
 #[cfg(not(target_family = "wasm"))]
 pub mod qp_recording;
