@@ -4,12 +4,12 @@
 const STYLES = [
   { colour: '--blue', dash: [] },
   { colour: '--orange', dash: [10, 5] },
-  { colour: '--violet', dash: [10, 4, 2, 4] },
+  { colour: '--green', dash: [10, 4, 2, 4] },
 ];
 /** Frames of a run that are kept at most, about. */
 const FRAMES = 3000;
 /** Longest time that a picture may take for the simulation, ms. */
-const BUDGET_MS = 24;
+const BUDGET_MS = 16;
 /** Distance of the points of a path that is drawn, m. */
 const DRAWN_M = 0.15;
 const SHORTEST_M = 1.5;
@@ -185,7 +185,7 @@ function advanceRun(run) {
 }
 
 const drives = () => runs.filter(run => !run.rover.ended());
-let before = 0, pictures = 0, told_ms = 0;
+let before = 0, told_ms = 0, plotted_ms = 0;
 
 function tick(now) {
   requestAnimationFrame(tick);
@@ -206,8 +206,8 @@ function tick(now) {
         break;
       }
       advanceRun(run);
+      draw();
     }
-    draw();
   }
   if (now - told_ms > 250) {
     told_ms = now;
@@ -366,7 +366,7 @@ const STRIPS = [
     value: ([v]) => [is(v) && v < 0.05 ? '0' : digits(v), 'cm/s'],
   },
   GRIP,
-  TIP_OVER,
+  { ...TIP_OVER, name: 'Tip-over margin: 0 tips over', value: ([m]) => [digits(m), ''] },
   {
     name: 'Speed', unit: 'm/s', least: 0.2, zero: true,
     of: f => get(f, 'traction'),
@@ -378,7 +378,7 @@ const STRIPS = [
     value: ([v]) => side(v, 'm/s', 'right', 'left', 0.005),
   },
 ];
-STRIPS.forEach(strip => addStrip(strip));
+STRIPS.forEach(addStrip);
 
 function timeAxis() {
   return [0, Math.max(newest()[0], 20)];
@@ -418,7 +418,7 @@ function showFigures() {
     run.words.textContent = run.moved ? `${now}; moved by hand` : now;
   }
   const notes = facts && hillside ? [...facts.warnings] : [];
-  if (moved) notes.push('A rover was moved by hand: `sidehill simulate` would not.');
+  if (moved) notes.push('A rover was moved by hand: these are not the figures of simulate.');
   $('note').textContent = notes.join('. ');
 }
 
@@ -427,7 +427,7 @@ function stateNow() {
   if (fault) return ['stopped', 'Cannot be driven', fault];
   if (!runs.length) return ['waits', 'Loading the simulation', ''];
   const vehicle = choices.vehicles.find(({ id }) => id === setup.vehicle);
-  const what = opened !== null ? `Scenario ${facts.name}` : vehicle.name.split(',')[0];
+  const what = opened !== null ? `Scenario ${facts.name}` : vehicle.name;
   const on = opened !== null ? '' : `, ${setup.slope_deg}° slope${vehicle.has_wheels ? `, friction ${setup.friction.toFixed(2)}` : ''}`;
   const left = drives().length;
   const failed = runs.filter(run => run.done && !run.figures.completed);
@@ -450,24 +450,28 @@ function showState() {
     document.title = `${name} – Sidehill`;
   }
   const over = !drives().length;
-  const pressed = over ? '↻' : playing ? '❚❚' : '▶';
-  if ($('run').textContent !== pressed) {
-    $('run').textContent = pressed;
-    $('run').setAttribute('aria-label', over ? 'Start again' : playing ? 'Pause' : 'Drive');
-  }
+  const pauses = playing && !over;
+  $('run').textContent = pauses ? '❚❚' : '▶';
+  $('run').setAttribute('aria-label', pauses ? 'Pause' : 'Drive');
 }
+
+/** Time between two pictures of the plots while they only grow, ms. */
+const PLOT_MS = 100;
 
 function show() {
   showState();
   drawMap();
   if (!newest()) return;
+  showTime();
+  const now = performance.now();
+  if (drives().length && playing && cursor === null && now - plotted_ms < PLOT_MS) return;
+  plotted_ms = now;
   for (const run of runs) {
     const error = get(shown(run.frames), 'cross_track');
     run.error.textContent = `${centimetres(is(error) ? 100 * Math.abs(error) : null)} cm`;
   }
   const axis = timeAxis();
   for (const strip of STRIPS) drawStrip(strip, axis);
-  showTime();
 }
 
 // --- Buttons ---

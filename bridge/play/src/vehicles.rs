@@ -25,7 +25,7 @@ pub struct ShippedVehicle {
 
 const J8: ShippedVehicle = ShippedVehicle {
     id: "j8",
-    name: "Argo J8, 1 t, eight wheels",
+    name: "Argo J8, 1 t",
     size: 1.0,
     speed_max_m_s: 1.0,
     vehicle: "config/vehicles/j8.yaml",
@@ -48,14 +48,14 @@ pub const VEHICLES: [ShippedVehicle; 8] = [
         ]),
         ..J8
     },
-    family("eight", "900 kg, eight wheels", 1.0, EIGHT),
-    family("six", "250 kg, six wheels", 0.6, SIX),
-    family("four_large", "300 kg, four wheels", 0.6, FOUR_LARGE),
-    family("four_small", "50 kg, four wheels", 0.35, FOUR_SMALL),
-    family("tracks", "Tracked vehicle", 0.7, TRACKS),
+    family("eight", "Eight wheels, 900 kg", 1.0, EIGHT),
+    family("six", "Six wheels, 250 kg", 0.6, SIX),
+    family("four_large", "Four wheels, 300 kg", 0.6, FOUR_LARGE),
+    family("four_small", "Four wheels, 50 kg", 0.35, FOUR_SMALL),
+    family("tracks", "Tracks, 1.2 t", 0.7, TRACKS),
     ShippedVehicle {
         id: "lazaro",
-        name: "Lazaro, small, four wheels",
+        name: "Lazaro, small",
         size: 0.3,
         speed_max_m_s: 0.25,
         vehicle: "config/vehicles/lazaro.yaml",

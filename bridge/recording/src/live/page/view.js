@@ -528,6 +528,7 @@ function drawVehicle(pen, frame, X, Y, s, { colour }) {
   for (const [wx, wy, diameter, broad] of wheels)
     pen.fillRect(s * (wx - diameter / 2), s * (wy - broad / 2), s * diameter, s * broad);
   pen.fillStyle = colours['--panel'];
+  pen.globalAlpha = 0.7;
   pen.fillRect(-s * length / 2, -s * width / 2, s * length, s * width);
   pen.fillStyle = colours[colour];
   pen.globalAlpha = 0.25;
