@@ -56,6 +56,7 @@ struct RawScenario {
     sensors: SensorsConfig,
     #[serde(default)]
     controller: ControllerConfig,
+    /// Texts of files that this file names, by their names in it: one file is then a whole scenario.
     #[serde(default)]
     files: BTreeMap<PathBuf, String>,
 }

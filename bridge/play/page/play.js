@@ -30,22 +30,39 @@ const form = $('setup');
 
 // --- Set-up: form, link and scenario ---
 
-/** Returns a set-up with what a link holds; what it does not hold stays at its default. */
-function ofLink(hash) {
-  const found = new URLSearchParams(hash.replace(/^#/, ''));
-  const read = { ...DEFAULTS };
-  for (const [key, value] of found) {
-    const fallback = DEFAULTS[key];
-    if (key === 'path') read.path = value.split(/[ ,;]+/).map(Number).filter(Number.isFinite);
-    else if (key === 'controllers') read.controllers = value.split(',').filter(name => choices.controllers.includes(name)).slice(0, STYLES.length);
-    else if (typeof fallback === 'number') { if (Number.isFinite(Number(value))) read[key] = Number(value); }
-    else if (typeof fallback === 'boolean') read[key] = value === '1';
-    else if (typeof fallback === 'string') read[key] = value;
+/** Returns a value of a link for a field of the form; nothing where the field cannot have it. */
+function ofField(key, text) {
+  const field = form.elements[key], fallback = DEFAULTS[key];
+  if (key === 'controllers') {
+    const names = text.split(',').filter(name => choices.controllers.includes(name));
+    return names.length ? names.slice(0, STYLES.length) : undefined;
   }
-  read.path.length -= read.path.length % 2;
-  if (!read.controllers.length) read.controllers = DEFAULTS.controllers;
+  if (key === 'path') {
+    const numbers = text.split(',').map(Number).filter(Number.isFinite);
+    return numbers.slice(0, numbers.length - numbers.length % 2);
+  }
+  if (typeof fallback === 'boolean') return text === '1';
+  if (typeof fallback === 'number') {
+    const number = Number(text);
+    if (!Number.isFinite(number)) return undefined;
+    return field ? Math.min(Math.max(number, Number(field.min)), Number(field.max)) : Math.max(0, Math.round(number));
+  }
+  return [...(field.options || field)].some(({ value }) => value === text) ? text : undefined;
+}
+
+/** Returns the set-up of a link; what it does not hold stays at its default. */
+function ofLink(hash) {
+  const held = new URLSearchParams(hash.replace(/^#/, ''));
+  const read = { ...DEFAULTS };
+  for (const key of Object.keys(DEFAULTS)) {
+    const value = held.has(key) ? ofField(key, held.get(key)) : undefined;
+    if (value !== undefined) read[key] = value;
+  }
+  read.speed_m_s = Math.min(read.speed_m_s, vehicleOf(read).speed_max_m_s);
+  if (read.course === 'drawn' && read.path.length < 4) read.course = DEFAULTS.course;
   return read;
 }
+const vehicleOf = ({ vehicle }) => choices.vehicles.find(({ id }) => id === vehicle);
 
 /** Returns the link's part that holds the set-up: what differs from the defaults. */
 function toLink() {
@@ -60,8 +77,8 @@ function toLink() {
 const UPHILL = ['up the map', 'up and left', 'left', 'down and left', 'down the map', 'down and right', 'right', 'up and right'];
 /** Shows the set-up in the form. */
 function fillForm() {
-  const vehicle = choices.vehicles.find(({ id }) => id === setup.vehicle);
-  if (vehicle) form.elements.speed_m_s.max = vehicle.speed_max_m_s;
+  const vehicle = vehicleOf(setup);
+  form.elements.speed_m_s.max = vehicle.speed_max_m_s;
   for (const [key, value] of Object.entries(setup)) {
     const field = form.elements[key];
     if (!field) continue;
@@ -73,7 +90,7 @@ function fillForm() {
     box.disabled = !box.checked && setup.controllers.length === STYLES.length;
   }
   form.elements.course.querySelector('[value=drawn]').disabled = !setup.path.length;
-  const slips = !vehicle || vehicle.has_wheels;
+  const slips = vehicle.has_wheels;
   form.elements.friction.disabled = form.elements.patches.disabled = !slips;
   for (const input of form.querySelectorAll('input[type=range]')) {
     const value = Number(input.value);
@@ -95,8 +112,7 @@ function readForm() {
   const boxes = [...form.querySelectorAll('[name=controllers]:checked')];
   next.controllers = boxes.map(box => box.value);
   if (next.vehicle !== setup.vehicle) {
-    const { speed_max_m_s: most } = choices.vehicles.find(({ id }) => id === next.vehicle);
-    next.speed_m_s = Math.min(next.speed_m_s, most);
+    next.speed_m_s = Math.min(next.speed_m_s, vehicleOf(next).speed_max_m_s);
     if (next.course === 'drawn') next.course = DEFAULTS.course;
   }
   return next;
@@ -127,10 +143,7 @@ function choose() {
 
 /** Builds the hillside of a scenario, or says what is wrong with it. */
 function driveScenario(text) {
-  for (const run of runs) run.rover.free();
-  runs.length = 0;
-  if (hillside) hillside.free();
-  hillside = null;
+  leave();
   fault = '';
   try {
     scenario = text();
@@ -140,11 +153,20 @@ function driveScenario(text) {
     parts.vehicle = facts.vehicle;
     begin();
   } catch (error) {
-    fault = error.message || String(error);
+    leave();
+    fault = (error.message || String(error)).replaceAll('config/scenarios/', '');
     parts.path = [];
+    showRovers();
   }
   ground = null;
   setMode('whole');
+}
+
+function leave() {
+  for (const run of runs) run.rover.free();
+  runs.length = 0;
+  if (hillside) hillside.free();
+  hillside = null;
 }
 
 /** Starts again on the same hillside. */
@@ -189,6 +211,18 @@ let before = 0, told_ms = 0, plotted_ms = 0;
 
 function tick(now) {
   requestAnimationFrame(tick);
+  try {
+    drive(now);
+  } catch (error) {
+    // After a panic the simulation cannot be used again.
+    runs.length = 0;
+    hillside = null;
+    fault = `The simulation has failed: ${error.message || error}. Load the page again.`;
+    draw();
+  }
+}
+
+function drive(now) {
   const passed_s = Math.min((now - before) / 1000, 0.1);
   before = now;
   if (!hillside || document.hidden) return;
@@ -426,7 +460,7 @@ function showFigures() {
 function stateNow() {
   if (fault) return ['stopped', 'Cannot be driven', fault];
   if (!runs.length) return ['waits', 'Loading the simulation', ''];
-  const vehicle = choices.vehicles.find(({ id }) => id === setup.vehicle);
+  const vehicle = vehicleOf(setup);
   const what = opened !== null ? `Scenario ${facts.name}` : vehicle.name;
   const on = opened !== null ? '' : `, ${setup.slope_deg}° slope${vehicle.has_wheels ? `, friction ${setup.friction.toFixed(2)}` : ''}`;
   const left = drives().length;
