@@ -217,8 +217,8 @@ impl FixPoses {
             });
         }
         let sigma_m = sigma_m(fix, self.settings.sigma_max_m);
-        // Not `>`: a covariance may not be a number.
-        if !(sigma_m <= self.settings.sigma_max_m) {
+        // A covariance that is no number is not within.
+        if !(..=self.settings.sigma_max_m).contains(&sigma_m) {
             return Err(FixError::Inaccurate {
                 sigma_m,
                 status,

@@ -372,8 +372,8 @@ impl Readings {
         }
         let max_rad = fixes.settings().heading_sigma_max_rad;
         let sigma_rad = variance.unwrap_or(0.0).sqrt();
-        // Not `>`: a variance may not be a number.
-        if !(sigma_rad <= max_rad) {
+        // A variance that is no number is not within.
+        if !(..=max_rad).contains(&sigma_rad) {
             return Err(Rejection::Heading { sigma_rad, max_rad });
         }
         let clock = &mut self.stamp_clocks.heading;

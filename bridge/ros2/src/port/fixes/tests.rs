@@ -233,7 +233,7 @@ impl Drive {
             self.pose.z_m += 0.01 * rate.z_m_s;
             self.pose.yaw_rad += 0.01 * rate.yaw_rad_s;
             let attitude = Attitude::on_plane(&normal, self.pose.yaw_rad);
-            if self.step % 20 == 0 {
+            if self.step.is_multiple_of(20) {
                 let mut place = antenna(&self.pose, &attitude, &self.lever);
                 place.x += self.noise_m * self.noise.next();
                 place.y += self.noise_m * self.noise.next();
