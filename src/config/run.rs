@@ -232,6 +232,32 @@ impl RunConfig {
         Ok(loaded.and_then(|loaded| loaded.trajectory.path().cloned()))
     }
 
+    /// Returns a route by its file, with how it was read: a path as typed, or a name without ending of a file beside
+    /// this one.
+    ///
+    /// # Errors
+    /// [`ConfigError`] with the file at fault.
+    pub fn stored_route(
+        &self,
+        file: &ConfigFile,
+        vehicle: &Vehicle,
+        name: &Path,
+    ) -> Result<LoadedReference, ConfigError> {
+        let beside = file.path().parent().unwrap_or(Path::new("."));
+        let stored = ["csv", "gpx"]
+            .map(|ending| beside.join(name).with_extension(ending))
+            .into_iter()
+            .find(|path| name.extension().is_none() && path.is_file());
+        let datum = match self.datum {
+            Some(datum) => Some(datum),
+            None => self.fixes(file)?.map(|(datum, _)| datum),
+        };
+        let path = stored.as_deref().unwrap_or(name);
+        let source = Source::of(file, None, self.route.as_ref(), datum, Some(path))?;
+        let limits = self.speed.limits(&self.settings.limits, vehicle);
+        LoadedReference::build(file, source, &limits)
+    }
+
     /// Returns whether paths come over ROS 2.
     pub fn over_ros2(&self) -> bool {
         self.port == RunPort::Ros2 || self.ros2.is_some()
@@ -249,6 +275,7 @@ impl RunConfig {
             .map_err(|error| file.error(error))?;
         self.check_clock(file, &config)?;
         self.check_sensors(file, &config)?;
+        self.fixes(file)?;
         Ok(config)
     }
 
