@@ -13,7 +13,7 @@ use sidehill_bridge::ros2::convert::TwistMapping;
 use sidehill_bridge::ros2::settings::server::Ros2Config;
 use sidehill_bridge::ros2::settings::topics::{AttitudeSource, PoseMessage, YawRateSource};
 use sidehill_bridge::rover::SimulatedPort;
-use sidehill_bridge::safety::SafetyConfig;
+use sidehill_bridge::safety::{Geofence, SafetyConfig};
 use sidehill_can::layout::Layout;
 use sidehill_controller::config::{AttitudePreview, ControllerConfig, ControllerKind};
 use sidehill_controller::controller::Controller;
@@ -92,6 +92,9 @@ pub struct RunConfig {
     /// Limits and time-outs of the safety state machine.
     #[serde(default)]
     pub safety: SafetyConfig,
+    /// Area that the vehicle may not leave, in the frame of the poses: corners of a polygon, m.
+    #[serde(default)]
+    pub geofence: Option<Geofence>,
     /// Scheduling of the real-time threads.
     #[serde(default)]
     pub realtime: RealtimeConfig,
@@ -176,6 +179,13 @@ impl RunConfig {
         let mut controller = Controller::new(self.controller, settings.clone(), vehicle)
             .map_err(|error| file.error(error))?;
         if let Some(loaded) = self.reference(file, vehicle)? {
+            if let Some(geofence) = &self.geofence
+                && let Some([x_m, y_m]) = geofence.first_outside(&loaded.trajectory)
+            {
+                return Err(file.error(format!(
+                    "geofence: the path leaves it at x = {x_m:.2} m, y = {y_m:.2} m"
+                )));
+            }
             if settings.attitude_preview == AttitudePreview::Terrain
                 && let Some(ground) = loaded.ground()?
             {

@@ -177,6 +177,7 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
     let setup = LoopSetup {
         cycle: config.cycle,
         safety: config.safety,
+        geofence: config.geofence.clone(),
         realtime: config.realtime,
         clock,
         port,
@@ -329,6 +330,7 @@ fn start_ros2(
         live: watch.parameters,
         realtime: config.realtime,
         configured_route,
+        geofence: config.geofence.clone(),
         stopping: StoppingSettings {
             deceleration_m_s2: config.safety.deceleration_m_s2,
             // From a costmap to the treads: the time until the next check, a cycle, and the delay of a command.

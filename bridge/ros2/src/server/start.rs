@@ -21,6 +21,7 @@ use sidehill_bridge::ros2::arguments::{RosArguments, RosEnvironment};
 use sidehill_bridge::ros2::convert::TwistMapping;
 use sidehill_bridge::ros2::settings::server::Ros2Config;
 use sidehill_bridge::ros2::settings::topics::SpeedSource;
+use sidehill_bridge::safety::Geofence;
 use sidehill_plant::vehicle::{RangeError, Vehicle};
 use sidehill_recording::live::ParameterOwner;
 use std::collections::VecDeque;
@@ -70,6 +71,8 @@ pub struct Setup<'a> {
     pub realtime: RealtimeConfig,
     /// The route of the configuration, which the operator begins.
     pub configured_route: Option<ConfiguredRoute>,
+    /// Area that the vehicle may not leave.
+    pub geofence: Option<Geofence>,
     /// How the vehicle stops ahead of an obstacle.
     pub stopping: StoppingSettings,
 }
@@ -201,7 +204,7 @@ pub fn start(setup: Setup<'_>) -> Result<Ros2, StartError> {
         config,
         setup.route,
         setup.vehicle,
-        (setup.period_s, setup.stopping),
+        (setup.period_s, setup.stopping, setup.geofence),
         links,
     )?;
     Ok(Ros2 {
