@@ -114,15 +114,26 @@ def the_day(start, peer, tmp_path, lost):
     wait_for(vehicle.stands, "pause")
     driver.signal(signal.SIGUSR1)
     says("lane 1 of 3: goes on")
-    on_the_way = lambda: vehicle.now()["traction_m_s"] > 0.4 and abs(vehicle.now()["steer_m_s"]) < 0.1
+
+
+    def under_way():
+        """Whether the vehicle drives on straight now, and not as the file of the truth last had it."""
+        row = vehicle.truth(time.time())[-1]
+        return row["traction_m_s"] > 0.4 and abs(row["steer_m_s"]) < 0.1
+
     says("lane 2 of 3")
-    wait_for(on_the_way, "lane 2", 30)
+    wait_for(under_way, "lane 2", 30, 0.1)
     lost.set()
     lost_since = time.time()
     time.sleep(8)
     lost.clear()
+    # Where its position was too uncertain before that, it stands and waits for the operator.
+    time.sleep(1)
+    if driver.output().count("paused") > 1:
+        assert "the position across the path is uncertain" in driver.output()
+        driver.signal(signal.SIGUSR1)
     says("lane 3 of 3")
-    wait_for(on_the_way, "lane 3", 30)
+    wait_for(under_way, "lane 3", 30, 0.1)
     stop.write(wire.Bool(data=True))
     says("the emergency stop is pressed")
     wait_for(vehicle.stands, "stop", 5)
@@ -133,10 +144,9 @@ def the_day(start, peer, tmp_path, lost):
     print(driver.output(), time.time() - begun, "s")
 
     rows = [row for row in vehicle.truth() if row["time_s"] > since]
-    # It has driven on without fixes.
-    blind = [row for row in rows if 0.0 < row["unix_s"] - lost_since < 7.0]
-    moving = [row for row in blind if abs(row["traction_m_s"]) > 0.1]
-    assert len(moving) > 0.8 * len(blind), driver.output()
+    # It has driven on without fixes for a while.
+    blind = [row for row in rows if 0.0 < row["unix_s"] - lost_since < 4.0]
+    assert all(row["traction_m_s"] > 0.1 for row in blind), driver.output()
     assert run.end() == 0, run.output()
     lanes = [moved_left(lane, LANE_M * index) for index in range(3)]
     distances = []

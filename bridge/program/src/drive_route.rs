@@ -325,3 +325,103 @@ impl Driver {
         path
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use sidehill_controller::path::{Point2, RawPoint, Smoothing, smooth};
+
+    fn curve(points: &[(f64, f64)]) -> Path {
+        let points: Vec<RawPoint> = points
+            .iter()
+            .map(|&(x_m, y_m)| RawPoint {
+                position: Point2 { x_m, y_m },
+                elevation_m: None,
+                direction: None,
+            })
+            .collect();
+        smooth(&points, &Smoothing::default()).unwrap().path
+    }
+
+    fn arguments(lanes: u32, lane_m: Option<f64>, passes: u32) -> DriveRouteArgs {
+        DriveRouteArgs {
+            config: "run.yaml".into(),
+            route: "lane".into(),
+            lanes,
+            lane_m,
+            passes,
+        }
+    }
+
+    /// Ends of the legs, (x, y) of the first and of the last pose.
+    fn ends(legs: &[Leg]) -> Vec<[(f64, f64); 2]> {
+        let place = |pose: &PlanarPose| {
+            let centimetres = |value: f64| (100.0 * value).round() / 100.0 + 0.0;
+            (centimetres(pose.x_m), centimetres(pose.y_m))
+        };
+        let both = |leg: &Leg| [place(&leg.poses[0]), place(leg.poses.last().unwrap())];
+        legs.iter().map(both).collect()
+    }
+
+    #[test]
+    fn lanes_lie_beside_each_other_and_are_driven_to_and_fro() {
+        // Along Y_g: left is towards -X_g.
+        let straight = curve(&[(0.0, 0.0), (0.0, 10.0)]);
+        let found = legs(&arguments(3, Some(0.8), 1), &straight, 0.25).unwrap();
+        let expected = [
+            [(0.0, 0.0), (0.0, 10.0)],
+            [(0.0, 10.0), (-0.8, 10.0)],
+            [(-0.8, 10.0), (-0.8, 0.0)],
+            [(-0.8, 0.0), (-1.6, 0.0)],
+            [(-1.6, 0.0), (-1.6, 10.0)],
+        ];
+        assert_eq!(ends(&found), expected);
+        // Poses look where the vehicle drives: forward is (-sin psi, cos psi).
+        for leg in &found {
+            let (a, b) = (&leg.poses[0], &leg.poses[1]);
+            let (sin, cos) = a.yaw_rad.sin_cos();
+            let along = -sin * (b.x_m - a.x_m) + cos * (b.y_m - a.y_m);
+            assert!((along - apart_m(a, b)).abs() < 1e-9, "{}", leg.name);
+        }
+        // Two passes end where they began; lanes closer than the goal's tolerance need no way between them.
+        let found = legs(&arguments(1, None, 2), &straight, 0.25).unwrap();
+        assert_eq!(
+            ends(&found),
+            [[(0.0, 0.0), (0.0, 10.0)], [(0.0, 10.0), (0.0, 0.0)]]
+        );
+        assert!(legs(&arguments(2, None, 1), &straight, 0.25).is_err());
+        assert!(legs(&arguments(0, None, 1), &straight, 0.25).is_err());
+    }
+
+    #[test]
+    fn lanes_of_a_loop_are_driven_the_same_way_round() {
+        let round = |i: u32| {
+            let angle = std::f64::consts::TAU * f64::from(i) / 60.0;
+            (5.0 * angle.cos(), 5.0 * angle.sin())
+        };
+        let points: Vec<(f64, f64)> = (0..=60).map(round).collect();
+        let found = legs(&arguments(2, Some(0.8), 1), &curve(&points), 0.25).unwrap();
+        let lanes = [&found[0], &found[2]];
+        // Counter-clockwise: the second lane is inside.
+        let lengths = lanes.map(|leg| leg.length_m() / std::f64::consts::TAU);
+        assert!(
+            (lengths[0] - 5.0).abs() < 0.02 && (lengths[1] - 4.2).abs() < 0.02,
+            "{lengths:?}"
+        );
+        assert!(lanes.iter().all(|leg| leg.poses[5].y_m > 0.0));
+        // No lane fits beyond the centre.
+        assert!(legs(&arguments(2, Some(6.0), 1), &curve(&points), 0.25).is_err());
+    }
+
+    #[test]
+    fn what_is_left_begins_a_little_before_the_pause() {
+        let straight = curve(&[(0.0, 0.0), (0.0, 10.0)]);
+        let [leg] = &legs(&arguments(1, None, 1), &straight, 0.25).unwrap()[..] else {
+            panic!("one lane");
+        };
+        let rest = leg.rest(4.0);
+        assert!((rest[0].y_m - 5.5).abs() < 0.11, "{}", rest[0].y_m);
+        assert_eq!(leg.rest(leg.length_m()).len(), leg.poses.len());
+        assert!(leg.rest(0.0).len() >= 2);
+    }
+}
