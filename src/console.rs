@@ -32,6 +32,16 @@ pub fn complain(text: impl Display) {
     count(writeln!(std::io::stderr().lock(), "{text}"));
 }
 
+/// Replaces the last line of standard error, a terminal, by `text`, cut to its width.
+pub fn renew_complaint(text: impl Display) {
+    count(write!(std::io::stderr().lock(), "{}", renewed(text)));
+}
+
+/// Returns `text` after what removes the line of a terminal, and in a form that does not go beyond it.
+fn renewed(text: impl Display) -> String {
+    format!("\r\x1b[2K\x1b[?7l{text}\x1b[?7h")
+}
+
 /// Returns how many texts could not be written.
 pub fn dropped() -> u64 {
     DROPPED.load(Ordering::Relaxed)
@@ -108,9 +118,7 @@ impl Printer {
 
     /// Replaces the last line on a terminal by `text`, cut to its width.
     pub fn renew(&self, text: impl Display) {
-        self.send(Line::Output(
-            format!("\r\x1b[2K\x1b[?7l{text}\x1b[?7h").into_bytes(),
-        ));
+        self.send(Line::Output(renewed(text).into_bytes()));
     }
 
     /// Prints a permanent line above the one that is replaced.

@@ -20,6 +20,7 @@ pub mod init;
 pub mod learned;
 mod limits;
 mod log_file;
+mod npz;
 pub mod odometry;
 pub mod output;
 pub mod progress;
