@@ -7,7 +7,6 @@ mod play;
 mod rebuild;
 mod repeat;
 mod report;
-mod step;
 
 use crate::console;
 use crate::output;
@@ -104,7 +103,7 @@ pub fn run(args: &ReplayArgs) -> Result<ExitCode> {
         damaged: recording.damaged.as_deref(),
         cross_track_rms_m: [
             compare::cross_track_rms_m(recording.cycles.iter().map(|cycle| cycle.cross_track_m)),
-            compare::cross_track_rms_m(replayed.iter().map(|step| step.cross_track_m)),
+            compare::cross_track_rms_m(replayed.iter().map(|cycle| cycle.cross_track_m)),
         ],
         comparison: &comparison,
     };

@@ -77,6 +77,11 @@ pub struct RecordingStatus {
 /// Name of the metadata that a recording of this program has.
 pub(super) const METADATA: &str = "sidehill";
 
+/// Layout of the messages. It grows with every change of a message that an older reader would misread.
+pub(super) const FORMAT: &str = "1";
+/// Name of the fact that holds it.
+pub(super) const FORMAT_FACT: &str = "format";
+
 /// Records messages to MCAP files. Never fails after it was created: what the disk refuses ends the
 /// recording, and [`McapRecording::status`] says so.
 pub struct McapRecording {
@@ -242,6 +247,7 @@ impl McapRecording {
             .map_err(io_error)?;
         let mut facts = self.header.facts.clone();
         facts.insert("part".to_owned(), self.part.to_string());
+        facts.insert(FORMAT_FACT.to_owned(), FORMAT.to_owned());
         let mut bytes = 0;
         writer
             .write_metadata(&Metadata {

@@ -1,6 +1,6 @@
 //! Reading recordings of this program, also those that were cut off.
 
-use super::mcap_file::{Header, METADATA, McapRecording};
+use super::mcap_file::{FORMAT, FORMAT_FACT, Header, METADATA, McapRecording};
 use super::messages::{ControllerCycle, PathCommand, Topic};
 use mcap::records::Record;
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
@@ -8,7 +8,7 @@ use sidehill_bridge::control_loop::tap::{PathRecord, RecordedPath};
 use sidehill_bridge::ros2::message::cdr::{CdrError, from_cdr, to_cdr};
 use sidehill_plant::frames::{Attitude, Pose};
 use sidehill_plant::sample::{Sample, Stamped};
-use sidehill_plant::speeds::MeasuredTreadSpeeds;
+use sidehill_plant::speeds::{MeasuredTreadSpeeds, MotorSpeeds};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
 use std::io::{BufReader, Read};
@@ -35,6 +35,19 @@ pub enum RecordingError {
         file: PathBuf,
         /// What is missing.
         reason: String,
+    },
+    /// Its messages are laid out as those of another version.
+    #[error(
+        "{}: its messages have layout {found}, this program reads layout {FORMAT}; replay it with the version of sidehill that recorded it{}",
+        file.display(), version.as_ref().map_or_else(String::new, |version| format!(", {version}"))
+    )]
+    Format {
+        /// The file.
+        file: PathBuf,
+        /// Layout that the file names.
+        found: String,
+        /// Version of the program that recorded it, where it says so.
+        version: Option<String>,
     },
     /// A message does not hold what its schema says.
     #[error("{}: a message of {topic} is damaged: {reason}", file.display())]
@@ -221,6 +234,7 @@ fn scan_with(
             Ok(Record::Metadata(metadata)) if metadata.name == METADATA => {
                 ours = true;
                 header.facts = metadata.metadata;
+                check_format(path, header)?;
             }
             Ok(Record::Attachment {
                 header: named,
@@ -271,6 +285,18 @@ fn scan_with(
     Ok(damaged)
 }
 
+/// Refuses messages of another layout. Those of recordings that name none are of layout 1.
+fn check_format(file: &Path, header: &Header) -> Result<(), RecordingError> {
+    match header.facts.get(FORMAT_FACT) {
+        Some(found) if found != FORMAT => Err(RecordingError::Format {
+            file: file.to_owned(),
+            found: found.clone(),
+            version: header.facts.get("version").cloned(),
+        }),
+        _ => Ok(()),
+    }
+}
+
 /// Returns the last fields of a [`ControllerCycle`] without a yaw rate, which recordings made before there
 /// was one do not have. The field before them ends at a multiple of 8 bytes, so they are encoded alike.
 fn no_yaw_rate() -> Vec<u8> {
@@ -310,6 +336,14 @@ impl ControllerCycle {
                     yaw_rad: self.yaw_rad,
                 },
             }),
+        }
+    }
+
+    /// Returns what it decided, as effective speeds.
+    pub fn command(&self) -> MotorSpeeds {
+        MotorSpeeds {
+            traction_m_s: self.traction_m_s,
+            steer_m_s: self.steer_m_s,
         }
     }
 
