@@ -16,15 +16,21 @@ const REALISTIC: (&str, &str) = ("realistic", "config/conditions/realistic.yaml"
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Keys {
+    /// Name for tables.
     name: String,
+    /// What moves the vehicle.
     #[serde(default, rename = "plant")]
     _plant: Option<PlantKind>,
+    /// [Friction](#friction).
     #[serde(default)]
     friction: Option<GroundFriction>,
+    /// [Drive train](#drive-train).
     #[serde(default, rename = "drive_train")]
     _drive_train: DriveTrainConfig,
+    /// [Sensors](#sensors).
     #[serde(default, rename = "sensors")]
     _sensors: SensorsConfig,
+    /// [Controller settings](#controller-settings) in place of those of the scenario, key by key.
     #[serde(default)]
     controller: ControllerConfig,
 }

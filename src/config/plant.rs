@@ -95,7 +95,7 @@ pub enum GroundFriction {
         minimum: f64,
         /// Largest coefficient of friction.
         maximum: f64,
-        /// Approximate size of a patch, m.
+        /// About the size of a patch.
         cell_size_m: f64,
     },
 }
@@ -130,24 +130,35 @@ impl GroundFriction {
 #[derive(Debug, Clone, Copy, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub(super) struct ModelError {
+    /// Factor on `x_icr_left_m`.
     x_icr_left: f64,
+    /// Factor on `x_icr_right_m`.
     x_icr_right: f64,
+    /// Factor on `y_icr_m`.
     y_icr: f64,
+    /// Factor on `lambda_1_s_per_rad`.
     lambda_1: f64,
+    /// Factor on `lambda_2_s_per_rad`.
     lambda_2: f64,
+    /// Factor on `correction_left`.
     correction_left: f64,
+    /// Factor on `correction_right`.
     correction_right: f64,
+    /// Factor on the friction of the [contact vehicle](#vehicle) that controllers know.
     friction: f64,
+    /// Factor on its lateral share.
     lateral_share: f64,
+    /// Factor on its slip scale.
     slip_scale: f64,
+    /// Factor on its rolling resistance.
     rolling_resistance: f64,
-    /// Added, m.
+    /// Added to the lateral position of its centre of mass.
     centre_of_mass_right_m: f64,
-    /// Added, m.
+    /// Added to the longitudinal position of its centre of mass.
     centre_of_mass_forward_m: f64,
-    /// Added, m.
+    /// Added to the height of its centre of mass.
     centre_of_mass_height_m: f64,
-    /// Added.
+    /// Added to its share of the weight on the inner axles.
     inner_load_share: f64,
 }
 
@@ -248,11 +259,11 @@ impl ModelError {
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct ContactFiles {
-    /// The vehicle on wheels.
+    /// [Contact vehicle](#contact-vehicle) file: what moves.
     pub(super) vehicle: PathBuf,
-    /// Its identified parameters.
+    /// [Vehicle](#vehicle) file: what identification found of it, for the controllers.
     pub(super) identified: PathBuf,
-    /// Deviations of the vehicle from its file.
+    /// [How the vehicle differs from its file](#variation).
     #[serde(default)]
     pub(super) variation: VehicleVariation,
 }

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Frames {
-    /// Frame of the poses, in which paths are tracked.
+    /// Frame of the poses; the vehicle is controlled in it.
     pub odometry: String,
     /// Frame of the vehicle.
     pub base: String,
@@ -70,9 +70,9 @@ pub enum PoseMessage {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PoseConfig {
-    /// Topic.
+    /// Topic. Its poses are those of `frames.base` in `frames.odometry`.
     pub topic: String,
-    /// Message.
+    /// nav_msgs/Odometry, of which the twist is not read, or geometry_msgs/PoseWithCovarianceStamped.
     #[serde(rename = "type", default)]
     pub message: PoseMessage,
 }
@@ -83,26 +83,26 @@ pub struct PoseConfig {
 pub struct InputsConfig {
     /// nav_msgs/Odometry: poses, and speeds from its twist.
     pub odometry: String,
-    /// Poses from another topic: those of `odometry` are not read then.
+    /// [Poses from another topic](#poses) than the speeds. With `port: ros2` only.
     pub pose: Option<PoseConfig>,
     /// sensor_msgs/Imu.
     pub imu: String,
     /// sensor_msgs/JointState.
     pub joint_states: String,
-    /// Source of roll and pitch.
+    /// Source of roll and pitch: the Imu, or the orientation of odometry; with `pose` that of its message.
     pub attitude: AttitudeSource,
-    /// Source of the yaw rate.
+    /// Source of the [yaw rate](ros2.md#the-yaw-rate-of-an-imu): the angular velocity of the Imu. With `port: ros2`
+    /// only.
     pub yaw_rate: YawRateSource,
-    /// Source of the tread speeds.
+    /// Source of the tread speeds: the twist of odometry, or two joints.
     pub speeds: SpeedSource,
-    /// Joints of the treads.
+    /// [Joints](#joints) of the treads.
     pub joints: TreadJoints,
     /// std_msgs/Bool, true while the emergency stop is pressed.
     pub emergency_stop: String,
-    /// Oldest message of the emergency stop with which the vehicle drives, s; 0 where its publishers send
-    /// changes only.
+    /// Silence of the emergency stop that counts as pressed; 0 for a stop that is published on changes only.
     pub emergency_stop_timeout_s: f64,
-    /// Transient-local nav_msgs/Path that is followed as soon as it arrives; none where empty.
+    /// nav_msgs/Path, transient local, followed as soon as it arrives.
     pub path: String,
     /// nav2_msgs/SpeedLimit.
     pub speed_limit: String,
@@ -131,17 +131,17 @@ impl Default for InputsConfig {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct CommandsConfig {
-    /// As a twist.
+    /// [As a twist](#twist-commands). This is the default.
     pub twist: Option<TwistConfig>,
-    /// As velocities of the treads' joints.
+    /// [As velocities of the treads' joints](#tread-commands).
     pub treads: Option<TreadsConfig>,
-    /// As the speeds of two motors.
+    /// [As the speeds of two motors](#motor-commands).
     pub motors: Option<MotorsConfig>,
-    /// The command that reaches the drives, where a collision monitor or a smoother may change that of
-    /// `twist` on its way: feedback is compared with it. Listened to, not published.
+    /// [The command that reaches the drives](#twist-commands), where a collision monitor or smoother may slow it down:
+    /// feedback is compared with it. Listened to, not published.
     pub forwarded: Option<TwistConfig>,
-    /// Track width with which the vehicle's base converts between a twist and tread speeds, m; the distance
-    /// of the vehicle's tread ICRs where it is not given.
+    /// Track width by which a differential-drive base converts between twist and tread speeds. None: the distance of
+    /// the vehicle's tread ICRs.
     pub track_width_m: Option<f64>,
 }
 
@@ -163,7 +163,7 @@ impl Default for CommandsConfig {
 pub struct TwistConfig {
     /// Topic.
     pub topic: String,
-    /// geometry_msgs/TwistStamped rather than Twist.
+    /// Publish geometry_msgs/TwistStamped instead of Twist.
     pub stamped: bool,
 }
 
@@ -182,7 +182,7 @@ impl Default for TwistConfig {
 pub struct TreadsConfig {
     /// Topic.
     pub topic: String,
-    /// The joints.
+    /// [The joints](#joints).
     pub joints: TreadJoints,
 }
 
@@ -190,8 +190,8 @@ pub struct TreadsConfig {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct MotorsConfig {
-    /// Topic of the traction motor.
+    /// Topic of the traction.
     pub traction: String,
-    /// Topic of the steer motor.
+    /// Topic of the steer.
     pub steer: String,
 }

@@ -7,7 +7,9 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "RawSmoothing")]
 pub struct RouteSmoothing {
+    /// Length over which heights are smoothed along the route.
     pub(super) smoothing_length_m: f64,
+    /// Distance from the route up to which the ground is known.
     pub(super) distance_max_m: f64,
 }
 
