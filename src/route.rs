@@ -3,7 +3,7 @@
 pub(crate) mod thinning;
 
 use crate::bag::{Bag, is_bag};
-use crate::config::ConfigFile;
+use crate::config::{ConfigFile, named};
 use crate::console;
 use crate::drive_log::{LogArgs, LogReader, Positions, positions};
 use crate::output;
@@ -133,11 +133,14 @@ fn write_path(
     }
     check_origin(args, form, name, recorded.origin.is_some())?;
     let made = thinning::drivable(&recorded.points_m, making).with_context(|| name.to_owned())?;
-    if let [[x_m, y_m], more @ ..] = made.cusps_m.as_slice() {
+    if let Some(cusps) = named(made.cusps.iter().copied()) {
         console::complain(format_args!(
-            "{name}: note: travel turns back at {} places, the first at x = {x_m:.2} m, y = {y_m:.2} m: from there it \
-             is driven the other way, in reverse first",
-            more.len() + 1
+            "{name}: note: travel turns back at {cusps}: from there it is driven the other way, in reverse first"
+        ));
+    }
+    if let Some(corners) = named(made.corners.iter().copied()) {
+        console::complain(format_args!(
+            "{name}: note: the vehicle stops and turns on the spot at {corners}"
         ));
     }
     if made.taken_m > made.accuracy_m {
