@@ -246,11 +246,17 @@ impl Controller {
             self.watchdog.reset();
             return;
         };
+        let point = &progress.point;
+        let curvature_per_m = match point.speed_m_s.abs() {
+            0.0 => 0.0,
+            speed_m_s => point.yaw_rate_rad_s / speed_m_s,
+        };
         let observation = Observation {
             time_s: estimate.time_s,
             pose: estimate.pose,
             command: self.issued.last(),
             progress,
+            allowed_m_s: self.speed_limits().at(curvature_per_m),
         };
         if let Some(stall) = self.watchdog.observe(&observation) {
             let time_s = self.config.supervisor.stall_time_s;

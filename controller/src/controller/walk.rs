@@ -57,7 +57,7 @@ impl SpeedsNow {
     }
 
     /// Returns the largest speed in a bend, m/s.
-    fn at(&self, curvature_per_m: f64) -> f64 {
+    pub(super) fn at(&self, curvature_per_m: f64) -> f64 {
         let steer_share = self.half_track_m * curvature_per_m.abs();
         self.traction_m_s
             .min(self.steer_m_s / steer_share)

@@ -24,6 +24,8 @@ pub(super) struct Observation<'a> {
     /// Command of the cycle before.
     pub(super) command: MotorSpeeds,
     pub(super) progress: &'a Progress,
+    /// Largest speed that the drives allow at its place as known now, m/s.
+    pub(super) allowed_m_s: f64,
 }
 
 /// Sums since the watch began, so that those of a window are differences.
@@ -38,7 +40,7 @@ struct Sums {
     commanded_way_m: f64,
     turn_rad: f64,
     way_m: f64,
-    /// Way along the path that the reference's speed asks for.
+    /// Way along the path that the reference's speed asks for, as far as the drives allow it.
     asked_m: f64,
     /// Where it is, no sum.
     x_m: f64,
@@ -124,7 +126,7 @@ impl Watchdog {
             let (sin, cos) = now.pose.yaw_rad.sin_cos();
             sums.way_m += -sin * (now.pose.x_m - before.x_m) + cos * (now.pose.y_m - before.y_m);
             if point.motion == Motion::Drive && !now.progress.ended {
-                sums.asked_m += elapsed_s * point.speed_m_s.abs();
+                sums.asked_m += elapsed_s * point.speed_m_s.abs().min(now.allowed_m_s);
             }
         }
         sums.time_s = now.time_s;
