@@ -66,7 +66,7 @@ fn output(written: std::io::Result<()>) {
 /// Most lines that wait for a slow reader.
 const WAITING_MAX: usize = 256;
 
-enum Line {
+enum PrintedLine {
     Output(Vec<u8>),
     Error(Vec<u8>),
 }
@@ -74,7 +74,7 @@ enum Line {
 /// Prints from its own thread, so that a reader that is slow, blocked or gone delays nothing: lines beyond the queue
 /// are dropped and counted.
 pub struct Printer {
-    lines: SyncSender<Line>,
+    lines: SyncSender<PrintedLine>,
     dropped: Arc<AtomicU64>,
     thread: JoinHandle<()>,
 }
@@ -93,11 +93,11 @@ impl Printer {
             .spawn(move || {
                 for line in waiting {
                     let written = match line {
-                        Line::Output(text) => {
+                        PrintedLine::Output(text) => {
                             let mut output = std::io::stdout().lock();
                             output.write_all(&text).and_then(|()| output.flush())
                         }
-                        Line::Error(text) => std::io::stderr().write_all(&text),
+                        PrintedLine::Error(text) => std::io::stderr().write_all(&text),
                     };
                     if written.is_err() {
                         lost.fetch_add(1, Ordering::Relaxed);
@@ -113,17 +113,19 @@ impl Printer {
 
     /// Prints `text` and a line break to standard output.
     pub fn line(&self, text: impl Display) {
-        self.send(Line::Output(format!("{text}\n").into_bytes()));
+        self.send(PrintedLine::Output(format!("{text}\n").into_bytes()));
     }
 
     /// Replaces the last line on a terminal by `text`, cut to its width.
     pub fn renew(&self, text: impl Display) {
-        self.send(Line::Output(renewed(text).into_bytes()));
+        self.send(PrintedLine::Output(renewed(text).into_bytes()));
     }
 
     /// Prints a permanent line above the one that is replaced.
     pub fn above(&self, text: impl Display) {
-        self.send(Line::Output(format!("\r\x1b[2K{text}\n").into_bytes()));
+        self.send(PrintedLine::Output(
+            format!("\r\x1b[2K{text}\n").into_bytes(),
+        ));
     }
 
     /// Returns a writer to standard error that never fails and prints complete lines.
@@ -148,7 +150,7 @@ impl Printer {
         }
     }
 
-    fn send(&self, line: Line) {
+    fn send(&self, line: PrintedLine) {
         if self.lines.try_send(line).is_err() {
             self.dropped.fetch_add(1, Ordering::Relaxed);
         }
@@ -167,7 +169,7 @@ impl Write for ErrorLines<'_> {
             self.line.push(byte);
             if byte == b'\n' {
                 let line = std::mem::take(&mut self.line);
-                self.printer.send(Line::Error(line));
+                self.printer.send(PrintedLine::Error(line));
             }
         }
         Ok(bytes.len())

@@ -17,7 +17,7 @@ const BAR_EVERY: Duration = Duration::from_millis(100);
 const BAR_WIDTH: u64 = 40;
 
 /// Progress of a task: a bar on a terminal, otherwise a line from time to time.
-pub struct Progress {
+pub struct TaskProgress {
     name: String,
     steps: u64,
     done: AtomicU64,
@@ -26,7 +26,7 @@ pub struct Progress {
     shown: Mutex<Instant>,
 }
 
-impl Progress {
+impl TaskProgress {
     /// Starts a task of `steps` steps.
     pub fn new(name: &str, steps: u64) -> Self {
         let begun = Instant::now();

@@ -27,7 +27,7 @@ pub struct DriveTrainConfig {
     /// Share of the largest speeds that is lost each second, until a fifth of them is left.
     battery_fall_per_s: f64,
     /// [Changes of the motors](#change-of-the-motors) during a run, in ascending order of time.
-    schedule: Vec<Change>,
+    schedule: Vec<ScheduledChange>,
     /// [Smoother](#smoother) of the commands.
     smoother: Option<SmootherConfig>,
     /// [Slowdowns](#slowdown) of the commands by a collision monitor.
@@ -57,7 +57,7 @@ struct MotorConfig {
 /// Keys of the motors that change during a run; those that are not named stay.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Change {
+struct ScheduledChange {
     /// Time from which the new values hold.
     from_s: f64,
     /// [Motor](#motor): the keys that change.
@@ -100,12 +100,12 @@ pub struct DriveTrain {
     /// Command that the smoother gave last, before its dead band.
     smoothed: MotorSpeeds,
     collision_monitor: Vec<Slowdown>,
-    traction: Motor,
-    steer: Motor,
+    traction: SimulatedMotor,
+    steer: SimulatedMotor,
     tread_speed_max_m_s: f64,
     battery_fall_per_s: f64,
     /// Changes that are still to come, in their order.
-    schedule: VecDeque<Change>,
+    schedule: VecDeque<ScheduledChange>,
     brakes: bool,
     braked: bool,
     /// Commands on their way, the oldest in front; its length is the delay in steps.
@@ -132,8 +132,8 @@ impl DriveTrain {
             smoother: config.smoother,
             smoothed: MotorSpeeds::STOP,
             collision_monitor: config.collision_monitor.clone(),
-            traction: Motor::new(&config.traction, dt_s),
-            steer: Motor::new(&config.steer, dt_s),
+            traction: SimulatedMotor::new(&config.traction, dt_s),
+            steer: SimulatedMotor::new(&config.steer, dt_s),
             tread_speed_max_m_s: config.tread_speed_max_m_s.unwrap_or(f64::INFINITY),
             battery_fall_per_s: config.battery_fall_per_s,
             schedule: config.schedule.iter().copied().collect(),
@@ -245,7 +245,7 @@ fn within_treads(speeds: MotorSpeeds, speed_max_m_s: f64) -> MotorSpeeds {
 }
 
 #[derive(Debug, Clone)]
-struct Motor {
+struct SimulatedMotor {
     config: MotorConfig,
     speed_m_s: f64,
     dt_s: f64,
@@ -255,7 +255,7 @@ struct Motor {
     remainder: f64,
 }
 
-impl Motor {
+impl SimulatedMotor {
     fn new(config: &MotorConfig, dt_s: f64) -> Self {
         Self {
             config: *config,
@@ -371,7 +371,7 @@ struct RawDriveTrain {
     tread_speed_max_m_s: Option<f64>,
     brakes: bool,
     battery_fall_per_s: f64,
-    schedule: Vec<Change>,
+    schedule: Vec<ScheduledChange>,
     smoother: Option<SmootherConfig>,
     collision_monitor: Vec<Slowdown>,
 }

@@ -3,7 +3,7 @@
 use super::error::BagError;
 use super::limits::Budget;
 use super::message::{Message, Outcome, Topic, Visit};
-use super::sqlite_file::{Database, Place, Row, Table, Value, value};
+use super::sqlite_file::{RowPlace, SqliteFile, StoredRow, StoredTable, StoredValue, value};
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -22,12 +22,12 @@ pub(super) fn read(
         file: name.to_owned(),
         reason,
     })?;
-    let database = Database::open(at).map_err(content)?;
+    let database = SqliteFile::open(at).map_err(content)?;
     let topics = topics(&database).map_err(content)?;
     let (table, [topic_id, timestamp, data]) =
         table(&database, "messages", ["topic_id", "timestamp", "data"]).map_err(content)?;
     // Instant, number and place of each message.
-    let mut order: Vec<(i64, i64, Place)> = Vec::new();
+    let mut order: Vec<(i64, i64, RowPlace)> = Vec::new();
     database
         .visit(&table, &mut |place, row| {
             order.push((row.with(timestamp, integer)??, row.number, place));
@@ -35,7 +35,7 @@ pub(super) fn read(
         })
         .map_err(content)?;
     order.sort_unstable();
-    let mut page: Option<(Place, Vec<u8>)> = None;
+    let mut page: Option<(RowPlace, Vec<u8>)> = None;
     for (received_ns, _, place) in order {
         let bytes = match page.take() {
             Some((last, bytes)) if last.same_page(place) => bytes,
@@ -50,7 +50,7 @@ pub(super) fn read(
             ))
         })?;
         let data = match value(&record, data) {
-            Some(Value::Blob(data)) => data,
+            Some(StoredValue::Blob(data)) => data,
             other => {
                 let kind = other.map_or("cut off", |value| value.kind());
                 return Err(content(format!("the data of a message are {kind}")));
@@ -70,14 +70,14 @@ pub(super) fn read(
     })
 }
 
-fn topics(database: &Database) -> Result<BTreeMap<i64, Topic>, String> {
+fn topics(database: &SqliteFile) -> Result<BTreeMap<i64, Topic>, String> {
     let columns = ["id", "name", "type", "serialization_format"];
     let (table, [id, name, message_type, encoding]) = table(database, "topics", columns)?;
     let mut topics = BTreeMap::new();
     database.visit(&table, &mut |_, row| {
         // A column of type INTEGER PRIMARY KEY is stored as the number of the row only.
         let id = row.with(id, |value| match value {
-            Value::Null => Ok(row.number),
+            StoredValue::Null => Ok(row.number),
             value => integer(value),
         })??;
         let topic = Topic {
@@ -93,10 +93,10 @@ fn topics(database: &Database) -> Result<BTreeMap<i64, Topic>, String> {
 
 /// Returns a table and the numbers of columns.
 fn table<const N: usize>(
-    database: &Database,
+    database: &SqliteFile,
     name: &str,
     columns: [&str; N],
-) -> Result<(Table, [usize; N]), String> {
+) -> Result<(StoredTable, [usize; N]), String> {
     let lacks = |what: String| format!("no such {what}: not a bag of rosbag2");
     let table = database.table(name)?;
     let table = table.ok_or_else(|| lacks(format!("table: {name}")))?;
@@ -108,9 +108,9 @@ fn table<const N: usize>(
     Ok((table, numbers))
 }
 
-fn integer(value: Value<'_>) -> Result<i64, String> {
+fn integer(value: StoredValue<'_>) -> Result<i64, String> {
     match value {
-        Value::Integer(number) => Ok(number),
+        StoredValue::Integer(number) => Ok(number),
         other => Err(format!(
             "the time or topic of a message is {}",
             other.kind()
@@ -118,9 +118,9 @@ fn integer(value: Value<'_>) -> Result<i64, String> {
     }
 }
 
-fn text(row: &Row<'_>, column: usize) -> Result<String, String> {
+fn text(row: &StoredRow<'_>, column: usize) -> Result<String, String> {
     row.with(column, |value| match value {
-        Value::Text(bytes) => {
+        StoredValue::Text(bytes) => {
             String::from_utf8(bytes.to_vec()).map_err(|_| "a text is not UTF-8".to_owned())
         }
         other => Err(format!("the name or type of a topic is {}", other.kind())),

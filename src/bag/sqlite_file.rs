@@ -17,7 +17,7 @@ const INTERIOR: u8 = 5;
 const LEAF: u8 = 13;
 
 /// A database that is only read.
-pub(super) struct Database {
+pub(super) struct SqliteFile {
     file: File,
     log: Option<Log>,
     page_size: usize,
@@ -36,19 +36,19 @@ struct Log {
 }
 
 /// A table.
-pub(super) struct Table {
+pub(super) struct StoredTable {
     root: u32,
     columns: Vec<String>,
 }
 
 /// Where a row is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) struct Place {
+pub(super) struct RowPlace {
     page: u32,
     cell: u16,
 }
 
-impl Place {
+impl RowPlace {
     /// Returns whether both rows are in one page.
     pub(super) fn same_page(self, other: Self) -> bool {
         self.page == other.page
@@ -56,8 +56,8 @@ impl Place {
 }
 
 /// A row.
-pub(super) struct Row<'a> {
-    database: &'a Database,
+pub(super) struct StoredRow<'a> {
+    database: &'a SqliteFile,
     /// Its number, which a column of type INTEGER PRIMARY KEY shows.
     pub(super) number: i64,
     length: u64,
@@ -67,7 +67,7 @@ pub(super) struct Row<'a> {
 }
 
 /// A value of a row.
-pub(super) enum Value<'a> {
+pub(super) enum StoredValue<'a> {
     Null,
     Integer(i64),
     Real,
@@ -75,7 +75,7 @@ pub(super) enum Value<'a> {
     Blob(&'a [u8]),
 }
 
-impl Database {
+impl SqliteFile {
     /// Opens a file.
     ///
     /// # Errors
@@ -129,13 +129,13 @@ impl Database {
     ///
     /// # Errors
     /// Its rows are computed, or the file is damaged.
-    pub(super) fn table(&self, name: &str) -> Result<Option<Table>, String> {
+    pub(super) fn table(&self, name: &str) -> Result<Option<StoredTable>, String> {
         let mut found = None;
         // Columns: type, name, table, root page, SQL.
         self.rows(1, &mut |_, row| {
             let record = row.record()?;
             let text = |column| match value(&record, column) {
-                Some(Value::Text(text)) => String::from_utf8_lossy(text).into_owned(),
+                Some(StoredValue::Text(text)) => String::from_utf8_lossy(text).into_owned(),
                 _ => String::new(),
             };
             if !text(1).eq_ignore_ascii_case(name) {
@@ -147,7 +147,7 @@ impl Database {
                 ))
             };
             let root = match value(&record, 3) {
-                Some(Value::Integer(root)) => u32::try_from(root).unwrap_or(0),
+                Some(StoredValue::Integer(root)) => u32::try_from(root).unwrap_or(0),
                 _ => 0,
             };
             if text(0) != "table" || root == 0 {
@@ -158,7 +158,7 @@ impl Database {
                 return computed(format!("the column {column} of {name}"));
             }
             let columns = columns.into_iter().map(|(column, _)| column).collect();
-            found = Some(Table { root, columns });
+            found = Some(StoredTable { root, columns });
             Ok(())
         })?;
         Ok(found)
@@ -170,8 +170,8 @@ impl Database {
     /// The file is damaged, or the first error of `visit`.
     pub(super) fn visit(
         &self,
-        table: &Table,
-        visit: &mut dyn FnMut(Place, &Row<'_>) -> Result<(), String>,
+        table: &StoredTable,
+        visit: &mut dyn FnMut(RowPlace, &StoredRow<'_>) -> Result<(), String>,
     ) -> Result<(), String> {
         self.rows(table.root, visit)
     }
@@ -179,7 +179,7 @@ impl Database {
     fn rows(
         &self,
         root: u32,
-        visit: &mut dyn FnMut(Place, &Row<'_>) -> Result<(), String>,
+        visit: &mut dyn FnMut(RowPlace, &StoredRow<'_>) -> Result<(), String>,
     ) -> Result<(), String> {
         let (mut waiting, mut visited) = (vec![root], 0);
         while let Some(number) = waiting.pop() {
@@ -193,7 +193,7 @@ impl Database {
             match page.get(start) {
                 Some(&LEAF) => {
                     for cell in 0..cells {
-                        let place = Place { page: number, cell };
+                        let place = RowPlace { page: number, cell };
                         visit(place, &self.row(&page, place)?)?;
                     }
                 }
@@ -218,7 +218,11 @@ impl Database {
     ///
     /// # Errors
     /// The file is damaged.
-    pub(super) fn row<'a>(&'a self, page: &'a [u8], place: Place) -> Result<Row<'a>, String> {
+    pub(super) fn row<'a>(
+        &'a self,
+        page: &'a [u8],
+        place: RowPlace,
+    ) -> Result<StoredRow<'a>, String> {
         let start = if place.page == 1 { HEADER } else { 0 };
         let mut at = usize::from(be16(page, start + 8 + 2 * usize::from(place.cell))?);
         let short = || damaged(format_args!("a row of page {} is cut off", place.page));
@@ -239,7 +243,7 @@ impl Database {
         } else {
             0
         };
-        Ok(Row {
+        Ok(StoredRow {
             database: self,
             number,
             length,
@@ -252,7 +256,7 @@ impl Database {
     ///
     /// # Errors
     /// The file is damaged or cannot be read.
-    pub(super) fn page_of(&self, place: Place) -> Result<Vec<u8>, String> {
+    pub(super) fn page_of(&self, place: RowPlace) -> Result<Vec<u8>, String> {
         self.page(place.page)
     }
 
@@ -271,7 +275,7 @@ impl Database {
     }
 }
 
-impl Table {
+impl StoredTable {
     /// Returns the number of a column.
     pub(super) fn column(&self, name: &str) -> Option<usize> {
         let mut names = self.columns.iter();
@@ -279,7 +283,7 @@ impl Table {
     }
 }
 
-impl Value<'_> {
+impl StoredValue<'_> {
     /// Returns what kind of value it is.
     pub(super) fn kind(&self) -> &'static str {
         match self {
@@ -292,7 +296,7 @@ impl Value<'_> {
     }
 }
 
-impl Row<'_> {
+impl StoredRow<'_> {
     /// Calls `take` with the value of a column, for which the rest of the row is read only where the page lacks it.
     ///
     /// # Errors
@@ -300,7 +304,7 @@ impl Row<'_> {
     pub(super) fn with<T>(
         &self,
         column: usize,
-        take: impl Fn(Value<'_>) -> T,
+        take: impl Fn(StoredValue<'_>) -> T,
     ) -> Result<T, String> {
         if let Some(value) = value(self.local, column) {
             return Ok(take(value));
@@ -333,14 +337,14 @@ impl Row<'_> {
 }
 
 /// Returns a value of a record; none where the bytes do not reach to its end.
-pub(super) fn value(record: &[u8], column: usize) -> Option<Value<'_>> {
+pub(super) fn value(record: &[u8], column: usize) -> Option<StoredValue<'_>> {
     let mut at = 0;
     let header = usize::try_from(varint(record, &mut at)?).ok()?;
     let mut start = header;
     for number in 0.. {
         if at >= header {
             // A column that was added later than the row.
-            return Some(Value::Null);
+            return Some(StoredValue::Null);
         }
         let kind = varint(record, &mut at)?;
         let size = match kind {
@@ -358,16 +362,16 @@ pub(super) fn value(record: &[u8], column: usize) -> Option<Value<'_>> {
         }
         let bytes = record.get(start..end)?;
         return Some(match kind {
-            0 => Value::Null,
-            7 => Value::Real,
-            8 | 9 => Value::Integer(kind as i64 - 8),
+            0 => StoredValue::Null,
+            7 => StoredValue::Real,
+            8 | 9 => StoredValue::Integer(kind as i64 - 8),
             1..=6 => {
                 let sign = if bytes[0] < 0x80 { 0 } else { -1 };
                 let add = |value: i64, byte: &u8| value << 8 | i64::from(*byte);
-                Value::Integer(bytes.iter().fold(sign, add))
+                StoredValue::Integer(bytes.iter().fold(sign, add))
             }
-            _ if kind % 2 == 0 => Value::Blob(bytes),
-            _ => Value::Text(bytes),
+            _ if kind % 2 == 0 => StoredValue::Blob(bytes),
+            _ => StoredValue::Text(bytes),
         });
     }
     None

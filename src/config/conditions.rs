@@ -15,7 +15,7 @@ const REALISTIC: (&str, &str) = ("realistic", "config/conditions/realistic.yaml"
 /// Keys that conditions may have, so that errors name the conditions file.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Keys {
+struct ConditionKeys {
     /// Name for tables.
     name: String,
     /// What moves the vehicle.
@@ -72,7 +72,7 @@ impl Conditions {
     /// # Errors
     /// [`ConfigError`] with file, key, value and range.
     pub fn parse(file: &ConfigFile) -> Result<Self, ConfigError> {
-        let checked: Keys = file.parse()?;
+        let checked: ConditionKeys = file.parse()?;
         if let Some(friction) = &checked.friction {
             friction
                 .check()

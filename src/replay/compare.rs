@@ -17,7 +17,7 @@ pub(super) struct First {
 
 /// Differences between replayed and recorded commands.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
-pub(super) struct Comparison {
+pub(super) struct ReplayComparison {
     /// Cycles compared.
     pub(super) cycles: u64,
     /// Cycles whose command, status or estimate differs.
@@ -33,7 +33,7 @@ pub(super) struct Comparison {
     pub(super) first: Option<First>,
 }
 
-impl Comparison {
+impl ReplayComparison {
     /// Compares cycle by cycle. Without a tolerance, commands and estimates must agree bit by bit.
     pub(super) fn of(
         recorded: &[ControllerCycle],

@@ -19,14 +19,14 @@ use std::sync::{Arc, Mutex};
 
 /// Requested changes to the recording.
 #[derive(Debug, Clone, Default)]
-pub(crate) struct Changes {
+pub(crate) struct ReplayChanges {
     pub(crate) controller: Option<ControllerKind>,
     pub(crate) vehicle: Option<PathBuf>,
     pub(crate) settings: Vec<String>,
     pub(crate) plant: Option<PlantKind>,
 }
 
-impl Changes {
+impl ReplayChanges {
     /// Returns whether the commands are expected to differ.
     pub(super) fn changed(&self) -> bool {
         self.controller.is_some() || self.vehicle.is_some() || !self.settings.is_empty()
@@ -84,7 +84,7 @@ impl Rebuilt {
     ///
     /// # Errors
     /// Names what is missing in the recording, or the invalid change.
-    pub(crate) fn of(recording: &Recording, changes: &Changes) -> Result<Self> {
+    pub(crate) fn of(recording: &Recording, changes: &ReplayChanges) -> Result<Self> {
         let facts = &recording.header.facts;
         let get = |name: &str| {
             facts

@@ -1,6 +1,6 @@
 //! The report of a replay: the recorded and the replayed drive, in the form of `simulate`.
 
-use super::compare::{Comparison, cross_track_rms_m};
+use super::compare::{ReplayComparison, cross_track_rms_m};
 use super::rebuild::{Rebuilt, slope};
 use crate::record::{Quantiles, Row, Run, Summary};
 use crate::report::{self, Scene};
@@ -19,7 +19,7 @@ pub(super) fn html(
     recording: &Recording,
     rebuilt: &Rebuilt,
     replayed: &[ControllerCycle],
-    comparison: &Comparison,
+    comparison: &ReplayComparison,
 ) -> Result<String> {
     let rows = |cycles: &[ControllerCycle]| -> Vec<Row> {
         let inputs = recording.cycles.iter().zip(cycles);

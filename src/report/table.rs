@@ -37,7 +37,7 @@ pub fn write_csv(run: &Run, out: impl Write) -> csv::Result<()> {
     let names = extra.iter().map(|(name, _)| (*name).to_owned());
     table.write_record(own.chain(learned).chain(names))?;
     for row in &run.rows {
-        let mut cells: Vec<Option<Cell>> = COLUMNS.iter().map(|(_, cell)| cell(row)).collect();
+        let mut cells: Vec<Option<CsvCell>> = COLUMNS.iter().map(|(_, cell)| cell(row)).collect();
         if learns {
             cells.extend(learned_cells(row));
         }
@@ -51,17 +51,17 @@ pub fn write_csv(run: &Run, out: impl Write) -> csv::Result<()> {
 /// A value of a table; none is an empty cell.
 #[derive(Serialize)]
 #[serde(untagged)]
-enum Cell {
+enum CsvCell {
     Number(f64),
     Count(u32),
     Text(String),
 }
 
 /// Name and value of a column.
-type Column = (&'static str, fn(&Row) -> Option<Cell>);
+type Column = (&'static str, fn(&Row) -> Option<CsvCell>);
 
-fn number(value: f64) -> Option<Cell> {
-    Some(Cell::Number(value))
+fn number(value: f64) -> Option<CsvCell> {
+    Some(CsvCell::Number(value))
 }
 
 fn learned_columns() -> impl Iterator<Item = String> {
@@ -73,7 +73,7 @@ fn learned_columns() -> impl Iterator<Item = String> {
         .chain(["learned_unobserved".to_owned()])
 }
 
-fn learned_cells(row: &Row) -> impl Iterator<Item = Option<Cell>> {
+fn learned_cells(row: &Row) -> impl Iterator<Item = Option<CsvCell>> {
     let values = Parameter::ALL.into_iter().flat_map(|parameter| {
         row.contact.map_or([None, None, None], |contact| {
             let (value, (low, high)) = contact.interval(parameter);
@@ -86,7 +86,7 @@ fn learned_cells(row: &Row) -> impl Iterator<Item = Option<Cell>> {
             .map(Parameter::key)
             .collect()
     });
-    values.chain([Some(Cell::Text(unobserved.join(" ")))])
+    values.chain([Some(CsvCell::Text(unobserved.join(" ")))])
 }
 
 /// The columns that every run has.
@@ -117,10 +117,14 @@ const COLUMNS: [Column; 30] = [
     ("icr_right_m", |row| number(row.icrs.right_m)),
     ("icr_forward_m", |row| number(row.icrs.forward_m)),
     ("status", |row| {
-        Some(Cell::Text(status_words(row.status).0.to_owned()))
+        Some(CsvCell::Text(status_words(row.status).0.to_owned()))
     }),
-    ("reason", |row| Some(Cell::Text(status_words(row.status).1))),
-    ("qp_iterations", |row| Some(Cell::Count(row.qp_iterations))),
+    ("reason", |row| {
+        Some(CsvCell::Text(status_words(row.status).1))
+    }),
+    ("qp_iterations", |row| {
+        Some(CsvCell::Count(row.qp_iterations))
+    }),
     ("solve_us", |row| number(row.solve_us)),
     ("cycle_us", |row| number(row.cycle_us)),
     ("v_left_m_s", |row| number(row.tread_speeds.left_m_s)),

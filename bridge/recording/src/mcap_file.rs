@@ -90,7 +90,7 @@ pub struct McapRecording {
     limits: RecordLimits,
     part: u32,
     parts: Vec<PathBuf>,
-    open: Option<Part>,
+    open: Option<RecordingPart>,
     /// Bytes of the files before this one.
     earlier: u64,
     status: RecordingStatus,
@@ -104,7 +104,7 @@ pub struct McapRecording {
     newest_ns: u64,
 }
 
-struct Part {
+struct RecordingPart {
     writer: Writer<WholeFile>,
     channels: BTreeMap<Topic, (u16, u32)>,
     /// Bytes given to the writer.
@@ -278,7 +278,7 @@ impl McapRecording {
         }
         self.status.file = name.clone();
         self.parts.push(name);
-        self.open = Some(Part {
+        self.open = Some(RecordingPart {
             writer,
             channels,
             bytes: bytes + 1,

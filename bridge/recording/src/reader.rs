@@ -180,21 +180,21 @@ impl Recording {
 }
 
 /// Takes a message of a recording: topic, time in ns and CDR.
-type Visit<'a> = dyn FnMut(Topic, u64, &[u8]) -> Result<(), RecordingError> + 'a;
+type TakeMessage<'a> = dyn FnMut(Topic, u64, &[u8]) -> Result<(), RecordingError> + 'a;
 
 /// Gives every message of one file of a recording to `visit`, with the fields of this version, and returns
 /// why reading ended before the end of the file, where it did.
 ///
 /// # Errors
 /// A file that cannot be read, or the first error of `visit`.
-pub fn scan(path: &Path, visit: &mut Visit<'_>) -> Result<Option<String>, RecordingError> {
+pub fn scan(path: &Path, visit: &mut TakeMessage<'_>) -> Result<Option<String>, RecordingError> {
     scan_with(path, &mut Header::default(), visit)
 }
 
 fn scan_with(
     path: &Path,
     header: &mut Header,
-    visit: &mut Visit<'_>,
+    visit: &mut TakeMessage<'_>,
 ) -> Result<Option<String>, RecordingError> {
     let unreadable = |reason| RecordingError::Read {
         file: path.to_owned(),

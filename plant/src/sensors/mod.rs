@@ -8,7 +8,7 @@ pub use config::SensorsConfig;
 use crate::frames::{Attitude, Pose};
 use crate::sample::Sample;
 use crate::speeds::MeasuredTreadSpeeds;
-use channel::{Channel, Clock, Errors};
+use channel::{Channel, Errors, StepClock};
 use config::{AttitudeErrors, PoseErrors, TreadSpeedErrors, YawRateErrors};
 
 /// What is true at an instant, as ideal sensors would read it.
@@ -67,7 +67,7 @@ impl Sensors {
     /// A reading of rate f is due at k/f, counted and not accumulated, and taken at the first step
     /// from then on; above the rate of the steps there is one reading a step.
     pub fn observe(&mut self, step_index: u64, truth: &Truth) {
-        let clock = Clock {
+        let clock = StepClock {
             step_index,
             dt_s: self.dt_s,
         };
