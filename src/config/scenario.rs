@@ -19,6 +19,7 @@ use sidehill_plant::contact::ContactVehicle;
 use sidehill_plant::drive_train::DriveTrainConfig;
 use sidehill_plant::sensors::SensorsConfig;
 use sidehill_plant::vehicle::Vehicle;
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 #[derive(Debug, Clone, Deserialize)]
@@ -36,7 +37,8 @@ struct RawScenario {
     /// Recorded [route](#route) to drive.
     #[serde(default)]
     route: Option<RouteConfig>,
-    /// [Place on earth](#datum) at which a GPX route has x = 0, y = 0. None: its first point.
+    /// [Place on earth](#datum) at which a GPX route and satellite fixes have x = 0, y = 0. None: the datum of the GPX
+    /// file, or its first point.
     #[serde(default)]
     datum: Option<GeodeticOrigin>,
     /// Rounds of a periodic course.
@@ -74,6 +76,9 @@ struct RawScenario {
     /// [Controller settings](#controller-settings).
     #[serde(default)]
     controller: ControllerConfig,
+    /// Texts of files that this file names, by their names in it: one file is then a whole scenario.
+    #[serde(default)]
+    files: BTreeMap<PathBuf, String>,
 }
 
 impl RawScenario {
@@ -131,7 +136,8 @@ impl Scenario {
     /// # Errors
     /// [`ConfigError`] with file, key, value and range.
     pub fn read(file: ConfigFile) -> Result<Self, ConfigError> {
-        let raw: RawScenario = file.parse()?;
+        let mut raw: RawScenario = file.parse()?;
+        let file = file.with_files(std::mem::take(&mut raw.files));
         Ok(Self { file, raw })
     }
 

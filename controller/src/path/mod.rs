@@ -17,7 +17,7 @@ mod spline;
 
 pub use aside::{Aside, MovedPath};
 pub use error::PathError;
-pub use gpx::{GeodeticOrigin, Route, read_gpx};
+pub use gpx::{GPX_NAMESPACE, GeodeticOrigin, Route, read_gpx};
 pub use options::{Smoothing, SmoothingConfig};
 pub use point::{Direction, PathPoint, Point2, RawPoint};
 pub use projection::{Projected, Window};

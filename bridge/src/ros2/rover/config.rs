@@ -1,8 +1,10 @@
 //! Settings of a virtual vehicle on the graph.
 
 use crate::ros2::joints::TreadJoints;
+use crate::ros2::settings::topics::AntennaConfig;
 use crate::rover::{Fault, FaultWindow};
 use serde::{Deserialize, Serialize};
+use sidehill_controller::path::GeodeticOrigin;
 use sidehill_plant::bounds::Bounds;
 use sidehill_plant::vehicle::RangeError;
 
@@ -25,8 +27,21 @@ pub struct VehicleNodeConfig {
     /// Simulated seconds per second. With a factor, the vehicle publishes `/clock` and stamps with it. None: the time
     /// of the machine.
     pub clock_factor: Option<f64>,
+    /// [Satellite receiver](#satellite-receiver-of-the-virtual-rover) in place of perfect odometry.
+    pub gnss: Option<GnssConfig>,
     /// [Faults](#fault-on-ros-2) to inject.
     pub faults: Vec<VehicleFault>,
+}
+
+/// A satellite receiver.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct GnssConfig {
+    /// [Place on earth](#datum) at which the world has x = 0, y = 0.
+    pub datum: GeodeticOrigin,
+    /// [Place of the antenna](#antenna).
+    #[serde(default)]
+    pub antenna: AntennaConfig,
 }
 
 impl Default for VehicleNodeConfig {
@@ -39,6 +54,7 @@ impl Default for VehicleNodeConfig {
             frames: VehicleFrames::default(),
             map_from_odom: PlanarOffset::default(),
             clock_factor: None,
+            gnss: None,
             faults: Vec::new(),
         }
     }
@@ -54,6 +70,9 @@ impl VehicleNodeConfig {
         if let Some(factor) = self.clock_factor {
             let key = "ros2.clock_factor";
             Bounds::new(0.1, 20.0, "").check(key, factor)?;
+        }
+        if let Some(gnss) = &self.gnss {
+            gnss.antenna.validate()?;
         }
         let offset = &self.map_from_odom;
         for (key, value) in [
@@ -158,6 +177,8 @@ pub enum Stream {
     JointStates,
     /// /clock.
     Clock,
+    /// fix.
+    Fix,
 }
 
 impl Fault for VehicleFaultKind {

@@ -1,7 +1,10 @@
 //! Settings of the topics of drives and sensors.
 
 use crate::ros2::joints::TreadJoints;
+use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
+use sidehill_plant::bounds::Bounds;
+use sidehill_plant::vehicle::RangeError;
 
 /// Names of the coordinate frames.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -53,9 +56,11 @@ pub enum SpeedSource {
     Odometry,
     /// The velocities of two joints.
     JointStates,
+    /// The commands: those of [`CommandsConfig::forwarded`] where they are read, otherwise the program's own.
+    Commands,
 }
 
-/// Message of the poses.
+/// Source of the poses.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum PoseMessage {
@@ -64,17 +69,131 @@ pub enum PoseMessage {
     Odometry,
     /// geometry_msgs/PoseWithCovarianceStamped, of the frame of the vehicle.
     PoseWithCovarianceStamped,
+    /// `/tf`: the frame of the vehicle in that of the poses.
+    Transform,
+    /// sensor_msgs/NavSatFix: the place of an antenna.
+    NavSatFix,
 }
 
 /// Poses from another topic than the speeds.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct PoseConfig {
-    /// Topic. Its poses are those of `frames.base` in `frames.odometry`.
+    /// Topic. Its poses are those of `frames.base` in `frames.odometry`. Leave it out with `type: transform`.
     pub topic: String,
-    /// nav_msgs/Odometry, of which the twist is not read, or geometry_msgs/PoseWithCovarianceStamped.
-    #[serde(rename = "type", default)]
+    /// nav_msgs/Odometry, of which the twist is not read; geometry_msgs/PoseWithCovarianceStamped; `frames.base` in
+    /// `frames.odometry` by `/tf`; or sensor_msgs/NavSatFix, the place of an antenna.
+    #[serde(rename = "type")]
     pub message: PoseMessage,
+    /// [Source of the heading](#heading-of-fixes) of fixes. None: the motion of the vehicle.
+    pub heading: Option<HeadingConfig>,
+    /// [Place of the antenna](#antenna) of fixes. None: by TF from the frame of the fixes.
+    pub antenna: Option<AntennaConfig>,
+}
+
+/// Message of a heading.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum HeadingMessage {
+    /// The orientation of a sensor_msgs/Imu.
+    #[default]
+    Imu,
+    /// geometry_msgs/QuaternionStamped.
+    QuaternionStamped,
+}
+
+/// The heading of two antennas or of an IMU that knows north.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct HeadingConfig {
+    /// Topic; required.
+    pub topic: String,
+    /// The orientation of a sensor_msgs/Imu, or geometry_msgs/QuaternionStamped.
+    #[serde(rename = "type")]
+    pub message: HeadingMessage,
+    /// Added to the heading: by how much the antennas that measure it are turned clockwise. None: by TF from the frame
+    /// of the message.
+    pub offset_deg: Option<f64>,
+    /// Whether the angle counts clockwise from north, as nmea_navsat_driver has it, rather than counter-clockwise from
+    /// east.
+    pub compass: bool,
+}
+
+/// Place of an antenna in the frame of the vehicle.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct AntennaConfig {
+    /// Forward of the origin.
+    pub forward_m: f64,
+    /// To the left of it.
+    pub left_m: f64,
+    /// Above it.
+    pub up_m: f64,
+}
+
+impl AntennaConfig {
+    /// Checks the ranges.
+    ///
+    /// # Errors
+    /// [`RangeError`] with the first key out of its range.
+    pub fn validate(&self) -> Result<(), RangeError> {
+        for (key, value) in [
+            ("antenna.forward_m", self.forward_m),
+            ("antenna.left_m", self.left_m),
+            ("antenna.up_m", self.up_m),
+        ] {
+            Bounds::new(-20.0, 20.0, "m").check(key, value)?;
+        }
+        Ok(())
+    }
+
+    /// Returns the place in base_link, m.
+    pub fn in_base(&self) -> Vector3<f64> {
+        Vector3::new(self.forward_m, self.left_m, self.up_m)
+    }
+}
+
+impl PoseConfig {
+    /// Checks ranges, and that a topic and nothing without effect is given.
+    ///
+    /// # Errors
+    /// The key and what is wrong.
+    pub fn validate(&self) -> Result<(), String> {
+        let is_fix = self.message == PoseMessage::NavSatFix;
+        let is_transform = self.message == PoseMessage::Transform;
+        if self.topic.is_empty() != is_transform {
+            return Err(match is_transform {
+                true => "ros2.inputs.pose.topic: a transform is on /tf, leave it out",
+                false => "ros2.inputs.pose.topic: it is missing",
+            }
+            .to_owned());
+        }
+        for (key, given) in [
+            ("heading", self.heading.is_some()),
+            ("antenna", self.antenna.is_some()),
+        ] {
+            if given && !is_fix {
+                return Err(format!(
+                    "ros2.inputs.pose.{key}: it is for type: nav_sat_fix only"
+                ));
+            }
+        }
+        if let Some(heading) = &self.heading {
+            if heading.topic.is_empty() {
+                return Err("ros2.inputs.pose.heading.topic: it is missing".to_owned());
+            }
+            Bounds::new(-180.0, 180.0, "deg")
+                .check(
+                    "ros2.inputs.pose.heading.offset_deg",
+                    heading.offset_deg.unwrap_or(0.0),
+                )
+                .map_err(|error| error.to_string())?;
+        }
+        self.antenna
+            .unwrap_or_default()
+            .validate()
+            .map_err(|error| format!("ros2.inputs.pose.{error}"))
+    }
 }
 
 /// Topics that are subscribed to.
@@ -94,7 +213,8 @@ pub struct InputsConfig {
     /// Source of the [yaw rate](ros2.md#the-yaw-rate-of-an-imu): the angular velocity of the Imu. With `port: ros2`
     /// only.
     pub yaw_rate: YawRateSource,
-    /// Source of the tread speeds: the twist of odometry, or two joints.
+    /// Source of the tread speeds: the twist of odometry, two joints, or the commands, where there is nothing else:
+    /// those of `commands.forwarded` if given, otherwise Sidehill's own.
     pub speeds: SpeedSource,
     /// [Joints](#joints) of the treads.
     pub joints: TreadJoints,
