@@ -92,7 +92,7 @@ pub struct RunConfig {
     /// [Safety](#safety).
     #[serde(default)]
     pub safety: SafetyConfig,
-    /// Area that the vehicle may not leave, in the frame of its poses: corners of a polygon, as `[[0, 0], [20, 0], [20,
+    /// Area that the vehicle may not leave, in the frame of its poses: corners of a polygon, m, as `[[0, 0], [20, 0], [20,
     /// 10], [0, 10]]`. A path that leaves it is refused, and the vehicle's origin stops before the edge.
     #[serde(default)]
     pub geofence: Option<Geofence>,
