@@ -10,6 +10,7 @@ mod limits;
 mod mcap;
 mod message;
 mod sqlite;
+mod sqlite_file;
 #[cfg(test)]
 pub(crate) mod tests;
 
