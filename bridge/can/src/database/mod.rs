@@ -1,13 +1,14 @@
 //! The CAN database: messages and signals by name, from the text of a DBC file.
 
-mod dbc;
 mod error;
 
 pub use error::{DatabaseError, DatabaseFault};
 
 use super::frame::{EXTENDED_ID_MAX, FrameId, STANDARD_ID_MAX};
 use super::signal::{BitOrder, RawKind, SignalCodec};
-use dbc::{Dbc, DbcMessage, DbcSignal, Multiplexing};
+use can_dbc::{
+    ByteOrder, Dbc, MessageId, MultiplexIndicator, NumericValue, SignalExtendedValueType, ValueType,
+};
 
 /// A database and the name of its file, which every error carries.
 #[derive(Debug, Clone)]
@@ -29,7 +30,7 @@ pub struct Signal {
 #[derive(Debug, Clone, Copy)]
 pub struct Message<'a> {
     database: &'a Database,
-    message: &'a DbcMessage,
+    message: &'a can_dbc::Message,
     /// Identifier.
     pub id: FrameId,
     /// Number of bytes.
@@ -46,10 +47,9 @@ impl Database {
             file: file.to_owned(),
             fault,
         };
-        let dbc = Dbc::parse(text).map_err(|error| fail(DatabaseFault::Syntax(error)))?;
-        for message in &dbc.messages {
-            check_identifier(message).map_err(fail)?;
-        }
+        check_identifiers(text).map_err(fail)?;
+        let dbc =
+            Dbc::try_from(text).map_err(|error| fail(DatabaseFault::Syntax(error.to_string())))?;
         for (i, message) in dbc.messages.iter().enumerate() {
             if dbc.messages[..i]
                 .iter()
@@ -81,22 +81,21 @@ impl Database {
                     message: name.to_owned(),
                 })
             })?;
-        let id = if message.id & EXTENDED == 0 {
-            FrameId::Standard(message.id as u16)
-        } else {
-            FrameId::Extended((message.id & !EXTENDED) as u32)
+        let id = match message.id {
+            MessageId::Standard(id) => FrameId::Standard(id),
+            MessageId::Extended(id) => FrameId::Extended(id),
         };
-        if !(1..=8).contains(&message.bytes) {
+        if !(1..=8).contains(&message.size) {
             return Err(self.fail(DatabaseFault::Length {
                 message: name.to_owned(),
-                bytes: message.bytes,
+                bytes: message.size,
             }));
         }
         Ok(Message {
             database: self,
             message,
             id,
-            length: message.bytes as u8,
+            length: message.size as u8,
         })
     }
 
@@ -114,24 +113,47 @@ impl Database {
     }
 }
 
-/// Marks an identifier of 29 bits.
-const EXTENDED: u64 = 1 << 31;
-
-fn check_identifier(message: &DbcMessage) -> Result<(), DatabaseFault> {
-    let id = message.id;
-    let max = if id & EXTENDED == 0 {
-        u64::from(STANDARD_ID_MAX)
-    } else {
-        EXTENDED | u64::from(EXTENDED_ID_MAX)
-    };
-    // The name of a pseudo message that DBC editors add for signals without a frame.
-    if id > max && message.name != "VECTOR__INDEPENDENT_SIG_MSG" {
-        return Err(DatabaseFault::Identifier {
-            message: message.name.clone(),
-            id,
-        });
+/// The parser silently truncates standard identifiers to 16 bits; this checks them before it.
+fn check_identifiers(text: &str) -> Result<(), DatabaseFault> {
+    const EXTENDED: u64 = 1 << 31;
+    for line in without_texts(text).lines() {
+        let mut words = line.split_ascii_whitespace();
+        if words.next() != Some("BO_") {
+            continue;
+        }
+        // The parser rejects what is not a number here.
+        let Some(id) = words.next().and_then(|word| word.parse::<u64>().ok()) else {
+            continue;
+        };
+        let max = if id & EXTENDED == 0 {
+            u64::from(STANDARD_ID_MAX)
+        } else {
+            EXTENDED | u64::from(EXTENDED_ID_MAX)
+        };
+        // The name of a pseudo message that DBC editors add for signals without a frame.
+        let name = words.next().unwrap_or_default().trim_end_matches(':');
+        if id > max && name != "VECTOR__INDEPENDENT_SIG_MSG" {
+            return Err(DatabaseFault::Identifier {
+                message: name.to_owned(),
+                id,
+            });
+        }
     }
     Ok(())
+}
+
+/// Returns a database without the content of its quoted texts, such as comments, which may look like messages.
+fn without_texts(text: &str) -> String {
+    let (mut out, mut quoted, mut escaped) = (String::with_capacity(text.len()), false, false);
+    for letter in text.chars() {
+        match letter {
+            '"' if !escaped => quoted = !quoted,
+            _ if quoted => {}
+            _ => out.push(letter),
+        }
+        escaped = quoted && letter == '\\' && !escaped;
+    }
+    out
 }
 
 impl Message<'_> {
@@ -156,10 +178,10 @@ impl Message<'_> {
             }));
         }
         let codec = self.codec(signal)?;
-        let page = match signal.multiplexing {
-            Multiplexing::Plain | Multiplexing::Switch => None,
-            Multiplexing::Page(page) => Some((self.switch(signal, page)?, page)),
-            Multiplexing::PagedSwitch => {
+        let page = match signal.multiplexer_indicator {
+            MultiplexIndicator::Plain | MultiplexIndicator::Multiplexor => None,
+            MultiplexIndicator::MultiplexedSignal(page) => Some((self.switch(signal, page)?, page)),
+            MultiplexIndicator::MultiplexorAndMultiplexedSignal(_) => {
                 return Err(self.multiplexing(signal));
             }
         };
@@ -167,17 +189,18 @@ impl Message<'_> {
     }
 
     /// The message's multiplexor, which must be able to show `page`.
-    fn switch(&self, signal: &DbcSignal, page: u64) -> Result<SignalCodec, DatabaseError> {
+    fn switch(&self, signal: &can_dbc::Signal, page: u64) -> Result<SignalCodec, DatabaseError> {
         let extended = self
             .database
             .dbc
-            .extended_multiplexing
-            .contains(&self.message.id);
+            .extended_multiplex
+            .iter()
+            .any(|mapping| mapping.message_id == self.message.id);
         let mut switches = self
             .message
             .signals
             .iter()
-            .filter(|s| s.multiplexing == Multiplexing::Switch);
+            .filter(|s| s.multiplexer_indicator == MultiplexIndicator::Multiplexor);
         match (switches.next(), switches.next()) {
             (Some(switch), None) if !extended => {
                 let codec = self.codec(switch)?;
@@ -190,23 +213,31 @@ impl Message<'_> {
         }
     }
 
-    fn multiplexing(&self, signal: &DbcSignal) -> DatabaseError {
+    fn multiplexing(&self, signal: &can_dbc::Signal) -> DatabaseError {
         self.database.fail(DatabaseFault::Multiplexing {
             message: self.message.name.clone(),
             signal: signal.name.clone(),
         })
     }
 
-    fn codec(&self, signal: &DbcSignal) -> Result<SignalCodec, DatabaseError> {
-        let kind = match (signal.float, signal.is_signed) {
-            (Some(32), _) => RawKind::Float32,
-            (Some(_), _) => RawKind::Float64,
-            (None, true) => RawKind::Signed,
-            (None, false) => RawKind::Unsigned,
+    fn codec(&self, signal: &can_dbc::Signal) -> Result<SignalCodec, DatabaseError> {
+        let extended = self
+            .database
+            .dbc
+            .extended_value_type_for_signal(self.message.id, &signal.name);
+        let kind = match (extended, signal.value_type) {
+            (Some(SignalExtendedValueType::IEEEfloat32Bit), _) => RawKind::Float32,
+            (Some(SignalExtendedValueType::IEEEdouble64bit), _) => RawKind::Float64,
+            (_, ValueType::Signed) => RawKind::Signed,
+            (_, ValueType::Unsigned) => RawKind::Unsigned,
         };
-        let [low, high] = signal.limits;
+        let [low, high] = [&signal.min, &signal.max].map(|value| match *value {
+            NumericValue::Uint(value) => value as f64,
+            NumericValue::Int(value) => value as f64,
+            NumericValue::Double(value) => value,
+        });
         for (what, value, usable) in [
-            ("scale", signal.scale, signal.scale != 0.0),
+            ("scale", signal.factor, signal.factor != 0.0),
             ("offset", signal.offset, true),
             ("minimum", low, low <= high),
             ("maximum", high, low <= high),
@@ -223,14 +254,13 @@ impl Message<'_> {
         let codec = SignalCodec {
             // What does not fit here does not fit the frame either.
             start_bit: usize::try_from(signal.start_bit).unwrap_or(usize::MAX),
-            bits: usize::try_from(signal.bits).unwrap_or(usize::MAX),
-            order: if signal.is_intel {
-                BitOrder::Intel
-            } else {
-                BitOrder::Motorola
+            bits: usize::try_from(signal.size).unwrap_or(usize::MAX),
+            order: match signal.byte_order {
+                ByteOrder::LittleEndian => BitOrder::Intel,
+                ByteOrder::BigEndian => BitOrder::Motorola,
             },
             kind,
-            scale: signal.scale,
+            scale: signal.factor,
             offset: signal.offset,
             // [0|0] in a DBC file means no limit.
             range: (low < high).then_some([low, high]),
@@ -245,7 +275,7 @@ impl Message<'_> {
                 message: self.message.name.clone(),
                 signal: signal.name.clone(),
                 start_bit: signal.start_bit,
-                bits: signal.bits,
+                bits: signal.size,
             }));
         }
         Ok(codec)
