@@ -10,7 +10,6 @@ mod limits;
 mod mcap;
 mod message;
 mod sqlite;
-mod sqlite_file;
 #[cfg(test)]
 pub(crate) mod tests;
 

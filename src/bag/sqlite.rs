@@ -1,9 +1,11 @@
 //! SQLite files of rosbag2: tables `topics` and `messages`.
 
 use super::error::BagError;
-use super::limits::Budget;
+use super::limits::{Budget, RECORD_MAX};
 use super::message::{Message, Outcome, Topic, Visit};
-use super::sqlite_file::{RowPlace, SqliteFile, StoredRow, StoredTable, StoredValue, value};
+use rusqlite::config::DbConfig;
+use rusqlite::limits::Limit;
+use rusqlite::{Connection, OpenFlags};
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -14,55 +16,63 @@ pub(super) fn read(
     budget: &mut Budget,
     visit: Visit<'_>,
 ) -> Result<Outcome, BagError> {
-    let content = |reason: String| BagError::Content {
+    let failed = |error: rusqlite::Error| BagError::Content {
         file: name.to_owned(),
-        reason,
+        reason: explained(&error),
     };
+    // SQLite would say no more than "unable to open database file".
     std::fs::File::open(at).map_err(|reason| BagError::Read {
         file: name.to_owned(),
         reason,
     })?;
-    let database = SqliteFile::open(at).map_err(content)?;
-    let topics = topics(&database).map_err(content)?;
-    let (table, [topic_id, timestamp, data]) =
-        table(&database, "messages", ["topic_id", "timestamp", "data"]).map_err(content)?;
-    // Instant, number and place of each message.
-    let mut order: Vec<(i64, i64, RowPlace)> = Vec::new();
-    database
-        .visit(&table, &mut |place, row| {
-            order.push((row.with(timestamp, integer)??, row.number, place));
-            Ok(())
+    let database = Connection::open_with_flags(
+        at,
+        OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_NO_MUTEX,
+    )
+    .map_err(failed)?;
+    let content = |reason: String| BagError::Content {
+        file: name.to_owned(),
+        reason,
+    };
+    harden(&database).map_err(failed)?;
+    if let Some(computed) = computed(&database).map_err(failed)? {
+        return Err(content(format!(
+            "{computed} is computed by the file instead of stored in it, which no bag of rosbag2 does; it is not read"
+        )));
+    }
+    let mut query = database
+        .prepare("SELECT id, name, type, serialization_format FROM topics")
+        .map_err(failed)?;
+    let topics = query
+        .query_map([], |row| {
+            let topic = Topic {
+                name: row.get(1)?,
+                message_type: row.get(2)?,
+                encoding: row.get(3)?,
+            };
+            Ok((row.get(0)?, topic))
         })
-        .map_err(content)?;
-    order.sort_unstable();
-    let mut page: Option<(RowPlace, Vec<u8>)> = None;
-    for (received_ns, _, place) in order {
-        let bytes = match page.take() {
-            Some((last, bytes)) if last.same_page(place) => bytes,
-            _ => database.page_of(place).map_err(content)?,
-        };
-        let row = database.row(&bytes, place).map_err(content)?;
-        let record = row.record().map_err(content)?;
-        let id = row.with(topic_id, integer).flatten().map_err(content)?;
+        .and_then(Iterator::collect::<Result<BTreeMap<i64, Topic>, _>>)
+        .map_err(failed)?;
+    let mut query = database
+        .prepare("SELECT topic_id, timestamp, data FROM messages ORDER BY timestamp, id")
+        .map_err(failed)?;
+    let mut rows = query.query([]).map_err(failed)?;
+    while let Some(row) = rows.next().map_err(failed)? {
+        let id: i64 = row.get(0).map_err(failed)?;
         let topic = topics.get(&id).ok_or_else(|| {
             content(format!(
                 "a message is of topic {id}, which is not in the table topics"
             ))
         })?;
-        let data = match value(&record, data) {
-            Some(StoredValue::Blob(data)) => data,
-            other => {
-                let kind = other.map_or("cut off", |value| value.kind());
-                return Err(content(format!("the data of a message are {kind}")));
-            }
-        };
+        let data = row.get_ref(2).map_err(failed)?;
+        let data = data.as_blob().map_err(|error| failed(error.into()))?;
         budget.take(data.len() as u64).map_err(content)?;
         visit(Message {
             topic,
-            received_ns,
+            received_ns: row.get(1).map_err(failed)?,
             data,
         })?;
-        page = Some((place, bytes));
     }
     Ok(Outcome {
         topics: topics.into_values().collect(),
@@ -70,59 +80,51 @@ pub(super) fn read(
     })
 }
 
-fn topics(database: &SqliteFile) -> Result<BTreeMap<i64, Topic>, String> {
-    let columns = ["id", "name", "type", "serialization_format"];
-    let (table, [id, name, message_type, encoding]) = table(database, "topics", columns)?;
-    let mut topics = BTreeMap::new();
-    database.visit(&table, &mut |_, row| {
-        // A column of type INTEGER PRIMARY KEY is stored as the number of the row only.
-        let id = row.with(id, |value| match value {
-            StoredValue::Null => Ok(row.number),
-            value => integer(value),
-        })??;
-        let topic = Topic {
-            name: text(row, name)?,
-            message_type: text(row, message_type)?,
-            encoding: text(row, encoding)?,
-        };
-        topics.insert(id, topic);
-        Ok(())
-    })?;
-    Ok(topics)
+/// Lets the schema call no function with side effects, and bounds every value.
+fn harden(database: &Connection) -> rusqlite::Result<()> {
+    database.set_db_config(DbConfig::SQLITE_DBCONFIG_TRUSTED_SCHEMA, false)?;
+    let most = i32::try_from(RECORD_MAX).unwrap_or(i32::MAX);
+    database
+        .set_limit(Limit::SQLITE_LIMIT_LENGTH, most)
+        .map(drop)
 }
 
-/// Returns a table and the numbers of columns.
-fn table<const N: usize>(
-    database: &SqliteFile,
-    name: &str,
-    columns: [&str; N],
-) -> Result<(StoredTable, [usize; N]), String> {
-    let lacks = |what: String| format!("no such {what}: not a bag of rosbag2");
-    let table = database.table(name)?;
-    let table = table.ok_or_else(|| lacks(format!("table: {name}")))?;
-    let mut numbers = [0; N];
-    for (number, column) in numbers.iter_mut().zip(columns) {
-        let found = table.column(column);
-        *number = found.ok_or_else(|| lacks(format!("column: {column} of {name}")))?;
-    }
-    Ok((table, numbers))
-}
-
-fn integer(value: StoredValue<'_>) -> Result<i64, String> {
-    match value {
-        StoredValue::Integer(number) => Ok(number),
-        other => Err(format!(
-            "the time or topic of a message is {}",
-            other.kind()
-        )),
-    }
-}
-
-fn text(row: &StoredRow<'_>, column: usize) -> Result<String, String> {
-    row.with(column, |value| match value {
-        StoredValue::Text(bytes) => {
-            String::from_utf8(bytes.to_vec()).map_err(|_| "a text is not UTF-8".to_owned())
+/// Returns what of `topics` and `messages` is a view or a generated column, whose rows need no bytes in the file.
+fn computed(database: &Connection) -> rusqlite::Result<Option<String>> {
+    for table in ["topics", "messages"] {
+        let mut kinds =
+            database.prepare("SELECT type FROM sqlite_schema WHERE name = ?1 COLLATE NOCASE")?;
+        let mut kinds = kinds.query([table])?;
+        while let Some(row) = kinds.next()? {
+            let kind: String = row.get(0)?;
+            if kind != "table" {
+                return Ok(Some(format!("the {kind} {table}")));
+            }
         }
-        other => Err(format!("the name or type of a topic is {}", other.kind())),
-    })?
+        let mut columns = database.prepare("SELECT name, hidden FROM pragma_table_xinfo(?1)")?;
+        let mut columns = columns.query([table])?;
+        while let Some(row) = columns.next()? {
+            if row.get::<_, i64>(1)? != 0 {
+                let column: String = row.get(0)?;
+                return Ok(Some(format!("the column {column} of {table}")));
+            }
+        }
+    }
+    Ok(None)
+}
+
+fn explained(error: &rusqlite::Error) -> String {
+    use rusqlite::ErrorCode::{DatabaseCorrupt, NotADatabase, ReadOnly};
+    let hint = match error.sqlite_error_code() {
+        Some(NotADatabase) => ": not a bag, or a compressed one whose name lacks .zstd",
+        Some(DatabaseCorrupt) => {
+            ": the file is damaged or cut off; `sqlite3 FILE .recover` writes what is left of it"
+        }
+        Some(ReadOnly) => {
+            ": its recorder was interrupted; open it once with `sqlite3 FILE .tables`, which finishes what it left"
+        }
+        _ if error.to_string().contains("no such table") => ": not a bag of rosbag2",
+        _ => "",
+    };
+    format!("{error}{hint}")
 }

@@ -1,7 +1,6 @@
 use super::*;
 use ::mcap::write::WriteOptions;
 use ::mcap::write::Writer;
-use proptest::prelude::*;
 use std::fs;
 use tempfile::{TempDir, tempdir};
 
@@ -301,117 +300,6 @@ fn messages_that_are_not_stored_are_not_read() {
         texts(&Bag::open(&path, None).unwrap()),
         [("/a".to_owned(), 5, vec![1, 2])]
     );
-}
-
-/// The layout of rosbag2 since jazzy, with what else a file may have.
-const MESSAGES: &str = "CREATE TABLE schema(schema_version INTEGER PRIMARY KEY, ros_distro TEXT NOT NULL); \
-    CREATE TABLE \"messages\" (id INTEGER PRIMARY KEY, topic_id INTEGER NOT NULL, -- of, topics\n \
-    timestamp INTEGER NOT NULL, [data] BLOB NOT NULL, CHECK (length(data) >= 0)); \
-    CREATE INDEX timestamp_idx ON messages (timestamp ASC);";
-
-/// Returns what SQLite itself finds.
-fn selected(path: &Path) -> Vec<(String, i64, Vec<u8>)> {
-    let database = rusqlite::Connection::open(path).unwrap();
-    let mut query = database
-        .prepare(
-            "SELECT name, timestamp, data FROM messages JOIN topics ON topics.id = topic_id \
-             ORDER BY timestamp, messages.id",
-        )
-        .unwrap();
-    let rows = query.query_map([], |row| Ok((row.get(0)?, row.get(1)?, row.get(2)?)));
-    rows.unwrap().map(Result::unwrap).collect()
-}
-
-proptest! {
-    #![proptest_config(ProptestConfig::with_cases(48))]
-
-    #[test]
-    fn rows_are_those_that_sqlite_reads(
-        page_size in prop::sample::select(vec![512, 1024, 4096, 65536]),
-        journal in prop::sample::select(vec!["MEMORY", "WAL"]),
-        sizes in prop::collection::vec((0_usize..3000, any::<i64>()), 1..300),
-        deleted in 2_usize..9,
-        vacuum in any::<bool>(),
-    ) {
-        let folder = tempdir().unwrap();
-        let path = folder.path().join("a.db3");
-        let database = rusqlite::Connection::open(&path).unwrap();
-        database.pragma_update(None, "page_size", page_size).unwrap();
-        let set = format!("PRAGMA journal_mode = {journal}");
-        database.query_row(&set, [], |_| Ok(())).unwrap();
-        // In WAL everything stays in the log but what this makes.
-        database.pragma_update(None, "wal_autocheckpoint", if vacuum { 40 } else { 0 }).unwrap();
-        let topics = "CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT, serialization_format TEXT); \
-                      INSERT INTO topics VALUES (7, '/a', 'std_msgs/msg/String', 'cdr'), \
-                      (-300, '/b', 'std_msgs/msg/String', 'cdr');";
-        database.execute_batch(&format!("{topics}{MESSAGES}")).unwrap();
-        for (number, (size, time)) in sizes.iter().enumerate() {
-            let data: Vec<u8> = (0..*size).map(|i| (i + number) as u8).collect();
-            let topic = if number % 3 == 0 { -300 } else { 7 };
-            database
-                .execute("INSERT INTO messages(topic_id, timestamp, data) VALUES (?1, ?2, ?3)", (topic, time, data))
-                .unwrap();
-        }
-        database.execute("DELETE FROM messages WHERE id > 1 AND id % ?1 = 0", [deleted as i64]).unwrap();
-        if vacuum {
-            database.execute_batch("VACUUM").unwrap();
-        }
-        // Before the connection is closed, which would empty the log.
-        let found = texts(&Bag::open(&path, None).unwrap());
-        prop_assert_eq!(found, selected(&path));
-    }
-
-    #[test]
-    fn a_damaged_database_is_read_or_refused(
-        places in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..20),
-        cut in any::<prop::sample::Index>(),
-        is_cut in any::<bool>(),
-    ) {
-        let folder = tempdir().unwrap();
-        let path = folder.path().join("a.db3");
-        let rows = "INSERT INTO messages SELECT value, 1, value, zeroblob(value * 7) FROM generate;";
-        let rows = format!(
-            "{MESSAGES} CREATE TABLE generate(value); WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n \
-             LIMIT 200) INSERT INTO generate SELECT i FROM n; {rows}"
-        );
-        database(&path, &rows);
-        let mut bytes = fs::read(&path).unwrap();
-        if is_cut {
-            bytes.truncate(cut.index(bytes.len()).max(1));
-        }
-        for (place, value) in places {
-            let place = place.index(bytes.len());
-            bytes[place] = value;
-        }
-        fs::write(&path, &bytes).unwrap();
-        if let Err(error) = Bag::open(&path, None) {
-            prop_assert!(error.to_string().contains("a.db3"), "{}", error);
-        }
-    }
-}
-
-#[test]
-fn a_database_that_a_recorder_left_in_the_middle_of_a_change_is_refused() {
-    let folder = tempdir().unwrap();
-    let path = folder.path().join("a.db3");
-    database(&path, MESSAGES);
-    let journal = folder.path().join("a.db3-journal");
-    fs::write(&journal, b"\xd9\xd5\x05\xf9\x20\xa1\x63\xd7").unwrap();
-    let error = Bag::open(&path, None).unwrap_err().to_string();
-    assert!(
-        error.contains("a.db3: its recorder was interrupted"),
-        "{error}"
-    );
-    let path = folder.path().join("b.db3");
-    database(
-        &path,
-        "CREATE TABLE messages(topic_id, timestamp, data, PRIMARY KEY (timestamp)) WITHOUT ROWID;",
-    );
-    assert!(Bag::open(&path, None).is_err());
-    let path = folder.path().join("c.db3");
-    database(&path, "");
-    let error = Bag::open(&path, None).unwrap_err().to_string();
-    assert!(error.contains("no such table: messages"), "{error}");
 }
 
 #[test]
