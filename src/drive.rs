@@ -95,3 +95,21 @@ pub struct VehicleArgs {
     #[arg(long)]
     pub duration_s: Option<f64>,
 }
+
+/// Arguments of `sidehill drive-route`.
+#[derive(Debug, clap::Args)]
+pub struct DriveRouteArgs {
+    /// Configuration of the `sidehill run` that drives: its action, frames, vehicle and datum.
+    pub config: PathBuf,
+    /// Route, .csv or .gpx; or its name without the ending, of a file beside the configuration.
+    pub route: PathBuf,
+    /// Lanes, side by side. Every second one is driven the other way, unless the route ends where it begins.
+    #[arg(long, default_value_t = 1)]
+    pub lanes: u32,
+    /// Distance from lane to lane, m: to the left of the route, negative to the right.
+    #[arg(long, value_name = "M", allow_negative_numbers = true)]
+    pub lane_m: Option<f64>,
+    /// Times that all lanes are driven.
+    #[arg(long, default_value_t = 1)]
+    pub passes: u32,
+}

@@ -46,6 +46,9 @@ enum Command {
     Route(route::RouteArgs),
     /// Drives a course in real time on a CAN bus or on ROS 2.
     Run(drive::RunArgs),
+    /// Has a running `sidehill run` on ROS 2 drive a stored route, in lanes if wanted; takes --ros-args. Enter, or
+    /// SIGUSR2 and SIGUSR1, pauses and goes on.
+    DriveRoute(drive::DriveRouteArgs),
     /// Runs a virtual rover in real time on a CAN bus or on ROS 2, where it takes --ros-args.
     Vehicle(drive::VehicleArgs),
     /// Feeds the samples of a recording to the controller again, or to another one.
@@ -66,7 +69,7 @@ fn main() -> ExitCode {
         .command
         .unwrap_or_else(|| Command::Simulate(simulate::SimulateArgs::default()));
     let result = match command {
-        Command::Run(_) | Command::Vehicle(_) => Err(drive::hand_over()),
+        Command::Run(_) | Command::Vehicle(_) | Command::DriveRoute(_) => Err(drive::hand_over()),
         Command::Odometry(args) if args.live => Err(drive::hand_over()),
         Command::Route(args) if args.is_live() => Err(drive::hand_over()),
         _ if !ros.is_empty() => Err(anyhow!("--ros-args: this command is not a ROS 2 node")),

@@ -3,13 +3,15 @@
 pub(crate) mod thinning;
 
 use crate::bag::{Bag, is_bag};
-use crate::config::ConfigFile;
+use crate::config::{ConfigFile, named};
 use crate::console;
 use crate::drive_log::{LogArgs, LogReader, Positions, positions};
 use crate::output;
 use anyhow::{Context, Result, bail, ensure};
 use sidehill_bridge::ros2::position::PositionTopic;
-use sidehill_controller::path::{GeodeticOrigin, Point2, Smoothing, SmoothingConfig};
+use sidehill_controller::path::{
+    GPX_NAMESPACE, GeodeticOrigin, Point2, Smoothing, SmoothingConfig,
+};
 use sidehill_plant::bounds::Bounds;
 use sidehill_plant::vehicle::Vehicle;
 use std::fmt::Write;
@@ -133,11 +135,14 @@ fn write_path(
     }
     check_origin(args, form, name, recorded.origin.is_some())?;
     let made = thinning::drivable(&recorded.points_m, making).with_context(|| name.to_owned())?;
-    if let [[x_m, y_m], more @ ..] = made.cusps_m.as_slice() {
+    if let Some(cusps) = named(made.cusps.iter().copied()) {
         console::complain(format_args!(
-            "{name}: note: travel turns back at {} places, the first at x = {x_m:.2} m, y = {y_m:.2} m: from there it \
-             is driven the other way, in reverse first",
-            more.len() + 1
+            "{name}: note: travel turns back at {cusps}: from there it is driven the other way, in reverse first"
+        ));
+    }
+    if let Some(corners) = named(made.corners.iter().copied()) {
+        console::complain(format_args!(
+            "{name}: note: the vehicle stops and turns on the spot at {corners}"
         ));
     }
     if made.taken_m > made.accuracy_m {
@@ -153,6 +158,13 @@ fn write_path(
         _ => csv(&path.points_m, recorded.has_heights),
     };
     output::write(&args.out, text.as_bytes(), args.force)?;
+    if let (Form::Csv, Some(origin)) = (form, &recorded.origin) {
+        console::complain(format_args!(
+            "{name}: note: x = 0, y = 0 is the first fix: `datum: {{latitude_deg: {:.9}, longitude_deg: {:.9}, \
+             altitude_m: {:.3}}}`",
+            origin.latitude_deg, origin.longitude_deg, origin.elevation_m
+        ));
+    }
     console::line(format_args!(
         "{}: {} points over {:.1} m, from {} positions of an accuracy of {:.3} m; largest distance between recorded and written path {:.3} m",
         args.out.display(),
@@ -275,8 +287,15 @@ fn csv(points_m: &[[f64; 3]], has_heights: bool) -> String {
 
 fn gpx(points_m: &[[f64; 3]], origin: &GeodeticOrigin, has_heights: bool) -> String {
     let mut out = "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n\
-        <gpx version=\"1.1\" creator=\"sidehill\" xmlns=\"http://www.topografix.com/GPX/1/1\">\n<trk><trkseg>\n"
+        <gpx version=\"1.1\" creator=\"sidehill\" xmlns=\"http://www.topografix.com/GPX/1/1\">\n"
         .to_owned();
+    // Points may be cut off: the others stay where they were.
+    let _ = write!(
+        out,
+        "<metadata><extensions><datum xmlns=\"{GPX_NAMESPACE}\" latitude_deg=\"{:.9}\" longitude_deg=\"{:.9}\" \
+         altitude_m=\"{:.3}\"/></extensions></metadata>\n<trk><trkseg>\n",
+        origin.latitude_deg, origin.longitude_deg, origin.elevation_m
+    );
     for [x_m, y_m, z_m] in points_m {
         let (latitude_deg, longitude_deg) = origin.unproject(Point2 {
             x_m: *x_m,
@@ -323,5 +342,35 @@ mod tests {
                 assert!((found - expected).abs() < 1e-3, "{found} {expected}");
             }
         }
+    }
+
+    #[test]
+    fn gpx_without_its_first_points_is_where_it_was() {
+        let origin = GeodeticOrigin {
+            latitude_deg: 36.717,
+            longitude_deg: -4.489,
+            elevation_m: 60.0,
+        };
+        let text = gpx(&[[0.0; 3], [3.0, 4.0, 1.0], [6.0, 8.0, 2.0]], &origin, true);
+        let first = text.find("<trkpt").unwrap();
+        let second = first + 1 + text[first + 1..].find("<trkpt").unwrap();
+        let cut = format!("{}{}", &text[..first], &text[second..]);
+        let whole = read_gpx(text.as_bytes(), None).unwrap();
+        let route = read_gpx(cut.as_bytes(), None).unwrap();
+        assert_eq!(route.points[..], whole.points[1..]);
+        assert!((route.points[0].position.y_m - 4.0).abs() < 1e-3);
+        // The datum of a configuration counts before it; a datum without a number is refused with its line.
+        let other = GeodeticOrigin {
+            latitude_deg: 36.718,
+            ..origin
+        };
+        let moved = read_gpx(cut.as_bytes(), Some(&other)).unwrap();
+        assert!(moved.points[0].position.y_m < -100.0);
+        let wrong = cut.replace("latitude_deg=\"", "latitude_deg=\"9");
+        let error = read_gpx(wrong.as_bytes(), None).unwrap_err().to_string();
+        assert!(
+            error.contains("line 3") && error.contains("latitude_deg: 936.717"),
+            "{error}"
+        );
     }
 }

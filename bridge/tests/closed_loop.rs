@@ -6,7 +6,7 @@ use sidehill_bridge::control_loop::runner::{ControllerRunner, InlineRunner};
 use sidehill_bridge::control_loop::{ControlLoop, CycleConfig, RunOptions, Signals};
 use sidehill_bridge::drives::{Clock, DriveCommand, Port, PortInputs, SendError};
 use sidehill_bridge::rover::{DriveConfig, SimulatedPort};
-use sidehill_bridge::safety::{OperatorRequests, SafetyConfig, SafetyState};
+use sidehill_bridge::safety::{Geofence, OperatorRequests, Reason, SafetyConfig, SafetyState};
 use sidehill_controller::config::{ControllerConfig, ControllerKind};
 use sidehill_controller::controller::{Controller, Decision, Status};
 use sidehill_controller::course::FigureEight;
@@ -203,6 +203,28 @@ fn a_request_to_arm_at_the_start_expires_before_drives_that_are_switched_on_late
             }
         }
         assert_eq!((moved, expired), (moves, !moves), "drives from {from_s} s");
+    }
+}
+
+#[test]
+fn the_vehicle_stops_before_the_edge_of_the_geofence_and_stays() {
+    // The figure of eight reaches 3.9 m along Y_g.
+    for edge_m in [1.0, 2.5, 3.5] {
+        let corners = vec![[-9.0, -9.0], [9.0, -9.0], [9.0, edge_m], [-9.0, edge_m]];
+        let geofence = Geofence::try_from(corners).unwrap();
+        let (cycle, _records) = cycle(InlineRunner::new(controller(0.05)));
+        let mut cycle = cycle.within(Some(geofence));
+        let mut highest_m = f64::NEG_INFINITY;
+        for i in 0..600 {
+            // An operator who arms again and again.
+            cycle.step(if i > 5 && i % 100 > 0 { ARM } else { NOTHING });
+            highest_m = highest_m.max(cycle.port().state().pose.y_m);
+        }
+        assert_eq!(cycle.stopped_by(), Some(Reason::Geofence));
+        assert!(
+            (edge_m - 0.5..edge_m).contains(&highest_m),
+            "{highest_m} of {edge_m}"
+        );
     }
 }
 

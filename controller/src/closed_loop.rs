@@ -97,7 +97,7 @@ impl<P: Plant> ClosedLoop<P> {
         }
         Ok(Self {
             account: Account::new(reference, controller.config()),
-            give_up_s: 4.0 * reference.end_s() + 60.0,
+            give_up_s: 10.0 * reference.end_s() + 60.0,
             reference: reference.ahead(0.0),
             command: MotorSpeeds::STOP,
             steps_per_cycle: steps.round() as u32,

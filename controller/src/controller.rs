@@ -35,7 +35,7 @@ use sidehill_plant::sample::Sample;
 use sidehill_plant::speeds::MotorSpeeds;
 use sidehill_plant::terrain::Terrain;
 use sidehill_plant::vehicle::Vehicle;
-use watchdog::Watchdog;
+use watchdog::{DigWatch, Watchdog};
 
 /// What the cycle before left behind.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -65,6 +65,7 @@ pub struct Controller {
     horizon: Horizon,
     phase: Phase,
     watchdog: Watchdog,
+    dig: DigWatch,
     guard: Option<Guard>,
     memory: Option<Memory>,
     /// Name and number of vehicle and kind, which identify what was learned.
@@ -121,6 +122,7 @@ impl Controller {
                 half_track_m,
                 config.period_s,
             ),
+            dig: DigWatch::new(&config.estimator, half_track_m),
             phase: Phase::Driving { fallback_cycles: 0 },
             arc_length_m: 0.0,
             behind_s: 0.0,
@@ -249,6 +251,7 @@ impl Controller {
         let progress = self.advance_reference(estimate.as_ref(), elapsed_s);
         self.watch_slope(estimate.as_ref(), elapsed_s);
         self.supervise(estimate.as_ref(), progress.as_ref());
+        self.watch_treads(estimate.as_ref(), sample, elapsed_s);
         let solved = match (self.phase, &estimate, &progress) {
             (Phase::Driving { .. }, Some(estimate), Some(progress)) => {
                 self.look_ahead(estimate, progress, elapsed_s, sample);

@@ -1,11 +1,11 @@
 //! Progress along a trajectory, drive by drive.
 //!
-//! A drive goes up to the next cusp or to the end of the path. How far it has come is where the vehicle is, not how
-//! late it is: the reference of a cycle is the point of the path nearest to the vehicle, with the speed allowed
-//! there. A turn on the spot is a drive in heading.
+//! A drive goes up to the next cusp or corner, or to the end of the path. How far it has come is where the vehicle is,
+//! not how late it is: the reference of a cycle is the point of the path nearest to the vehicle, with the speed allowed
+//! there. A turn on the spot, at a corner or as all there is, is a drive in heading.
 
 use crate::path::{Path, PathPoint, Point2, Window};
-use crate::trajectory::{Ending, Motion, ReferencePoint, Trajectory};
+use crate::trajectory::{Ending, Motion, ReferencePoint, Trajectory, Turn};
 use serde::{Deserialize, Serialize};
 use sidehill_plant::frames::{PlanarPose, wrap_angle};
 
@@ -17,8 +17,10 @@ pub struct Reference {
     number: u64,
     /// Arc lengths at which drives end; none where the path goes on for ever.
     ends_m: Vec<f64>,
-    /// Drives that are done.
+    /// Drives along the path that are done.
     drives_done: usize,
+    /// The turn on the spot that the vehicle is in.
+    turn: Option<Turn>,
     /// Arc length of the point nearest to the vehicle, m.
     arc_length_m: f64,
     /// Heading of the vehicle on a turn on the spot, rad, unwrapped.
@@ -27,8 +29,8 @@ pub struct Reference {
     time_s: f64,
     /// Whether the vehicle has been seen on this path.
     begun: bool,
-    /// Least that was left of the present drive, m, and the time since the vehicle came nearer, s.
-    least_to_go_m: f64,
+    /// Least that was left of the present drive, m, or rad on the spot, and the time since the vehicle came nearer, s.
+    least_to_go: f64,
     no_nearer_s: f64,
 }
 
@@ -57,13 +59,15 @@ pub const PROJECTION_WINDOW: Window = Window {
 const ARRIVED_M: f64 = 0.05;
 /// Distance from the end of the last drive within which it is over for a vehicle that comes no nearer, m.
 const NEAR_M: f64 = 0.3;
-/// Way by which a vehicle comes nearer, m.
-const NEARER_M: f64 = 0.01;
+/// Way by which a vehicle comes nearer, m, or turn, rad.
+const NEARER: f64 = 0.01;
 /// Time without that after which a drive is over at its end, and the last one near it, s.
 const AT_END_S: f64 = 1.0;
 const NEAR_END_S: f64 = 3.0;
-/// Heading error at which a turn on the spot is over, rad.
+/// Heading error at which a turn on the spot is over, rad, and that for a vehicle that comes no nearer for
+/// [`NEAR_END_S`].
 const ARRIVED_RAD: f64 = 0.02;
+const NEAR_RAD: f64 = 0.1;
 /// Motor speed below which a vehicle stands, m/s.
 const STANDING_M_S: f64 = 0.02;
 
@@ -80,11 +84,16 @@ impl Reference {
     /// Returns a reference for one lap of `trajectory`.
     pub fn new(trajectory: Trajectory) -> Self {
         let ends_m = match (trajectory.ending(), trajectory.path()) {
-            (Ending::Stop, Some(path)) => path.cusps_m().chain([path.length_m()]).collect(),
+            (Ending::Stop, Some(path)) => path.stops_m().chain([path.length_m()]).collect(),
             _ => Vec::new(),
         };
         let heading_rad = trajectory.at(0.0).heading_rad;
+        let turn = match trajectory.path() {
+            Some(_) => None,
+            None => trajectory.turn_at(0.0).copied(),
+        };
         Self {
+            turn,
             trajectory,
             laps: 1,
             number: 0,
@@ -94,7 +103,7 @@ impl Reference {
             heading_rad,
             time_s: 0.0,
             begun: false,
-            least_to_go_m: f64::INFINITY,
+            least_to_go: f64::INFINITY,
             no_nearer_s: 0.0,
         }
     }
@@ -162,10 +171,10 @@ impl Reference {
     }
 
     /// Keeps account of how the vehicle comes nearer to the end of its drive.
-    fn come_nearer(&mut self, elapsed_s: f64, to_go_m: f64) {
+    fn come_nearer(&mut self, elapsed_s: f64, to_go: f64) {
         self.no_nearer_s += elapsed_s;
-        if to_go_m < self.least_to_go_m - NEARER_M {
-            (self.least_to_go_m, self.no_nearer_s) = (to_go_m, 0.0);
+        if to_go < self.least_to_go - NEARER {
+            (self.least_to_go, self.no_nearer_s) = (to_go, 0.0);
         }
     }
 
@@ -195,9 +204,34 @@ impl Reference {
         }
     }
 
-    /// Returns the heading with which the trajectory ends, rad.
-    pub(crate) fn final_heading_rad(&self) -> f64 {
-        self.trajectory.at(self.trajectory.duration_s()).heading_rad
+    /// Returns the turn on the spot that the vehicle is in.
+    pub(crate) fn turn(&self) -> Option<&Turn> {
+        self.turn.as_ref()
+    }
+
+    /// Returns the path that the vehicle drives along; none while it turns on the spot.
+    pub(crate) fn driven_path(&self) -> Option<&Path> {
+        self.path().filter(|_| self.turn.is_none())
+    }
+
+    /// Returns what tells one drive from the next.
+    pub(crate) fn drive(&self) -> (usize, bool) {
+        (self.drives_done, self.turn.is_some())
+    }
+
+    /// Returns where a turn on the spot is at a heading, rad.
+    pub(crate) fn turned(&self, turn: &Turn, heading_rad: f64) -> ReferencePoint {
+        let time_s = turn.time_of(heading_rad);
+        let mut point = self.trajectory.at(time_s);
+        if let Some(path) = self.path() {
+            point.position = path.at(turn.arc_length_m).position;
+            point.arc_length_m = turn.arc_length_m;
+            point.heading_rad = turn.heading_at(time_s);
+            point.speed_m_s = 0.0;
+            point.yaw_rate_rad_s = turn.yaw_rate_rad_s();
+            point.motion = Motion::Pivot;
+        }
+        point
     }
 
     /// Returns the heading of a vehicle on a turn on the spot, rad, counted on over whole turns.
@@ -207,7 +241,7 @@ impl Reference {
 
     /// Returns what is left of a turn on the spot, rad, counter-clockwise positive.
     pub(crate) fn turn_to_go_rad(&self) -> f64 {
-        self.final_heading_rad() - self.heading_rad
+        self.turn.map_or(0.0, |turn| turn.to_rad - self.heading_rad)
     }
 
     /// Takes the vehicle's pose, which must be finite, and its last command, and returns its progress.
@@ -218,8 +252,13 @@ impl Reference {
             x_m: pose.x_m,
             y_m: pose.y_m,
         };
-        if self.trajectory.path().is_none() {
-            return self.turn(&here, pose.yaw_rad);
+        if let Some(turn) = self.turn {
+            let progress = self.advance_turn(elapsed_s, &turn, &here, pose.yaw_rad);
+            if !progress.ended || self.path().is_none() {
+                return progress;
+            }
+            self.turn = None;
+            (self.least_to_go, self.no_nearer_s) = (f64::INFINITY, 0.0);
         }
         if !self.begun {
             self.begun = true;
@@ -233,8 +272,16 @@ impl Reference {
         let arrived = to_go_m <= ARRIVED_M || near;
         if arrived && !last && (stands || self.stays()) {
             self.drives_done += 1;
-            (self.least_to_go_m, self.no_nearer_s) = (f64::INFINITY, 0.0);
+            (self.least_to_go, self.no_nearer_s) = (f64::INFINITY, 0.0);
             self.arc_length_m = self.drive_from_m();
+            if let Some(turn) = self.trajectory.turn_at(self.arc_length_m).copied() {
+                self.turn = Some(turn);
+                self.heading_rad = turn.from_rad;
+                return Progress {
+                    ended: false,
+                    ..self.advance_turn(0.0, &turn, &here, pose.yaw_rad)
+                };
+            }
             cross_track_m = self.project(&here);
         }
         let ended = match self.trajectory.ending() {
@@ -333,20 +380,28 @@ impl Reference {
     }
 
     /// Returns the progress of a turn on the spot.
-    fn turn(&mut self, here: &Point2, yaw_rad: f64) -> Progress {
+    fn advance_turn(
+        &mut self,
+        elapsed_s: f64,
+        turn: &Turn,
+        here: &Point2,
+        yaw_rad: f64,
+    ) -> Progress {
         self.heading_rad = self.unwrapped(yaw_rad);
-        let (from, to) = (self.trajectory.at(0.0), self.final_heading_rad());
-        let whole_rad = to - from.heading_rad;
-        let share = ((self.heading_rad - from.heading_rad) / whole_rad).clamp(0.0, 1.0);
-        self.time_s = share * self.trajectory.duration_s();
-        let ended = (to - self.heading_rad) * whole_rad.signum() <= ARRIVED_RAD;
-        let mut point = self.trajectory.at(self.time_s);
-        if ended {
-            point = self.trajectory.at(self.trajectory.duration_s());
+        let sense = (turn.to_rad - turn.from_rad).signum();
+        let to_go_rad = sense * (turn.to_rad - self.heading_rad);
+        self.come_nearer(elapsed_s, to_go_rad);
+        let near = to_go_rad <= NEAR_RAD && self.no_nearer_s >= NEAR_END_S;
+        let ended = to_go_rad <= ARRIVED_RAD || near;
+        let heading_rad = if ended { turn.to_rad } else { self.heading_rad };
+        let mut point = self.turned(turn, heading_rad);
+        self.time_s = turn.time_of(self.heading_rad);
+        if ended && self.path().is_none() {
+            point = self.trajectory.at(turn.to_s);
         }
         Progress {
             point,
-            arc_length_m: 0.0,
+            arc_length_m: turn.arc_length_m,
             cross_track_m: point.position.distance_m(here),
             ended,
         }

@@ -2,7 +2,7 @@
 
 use crate::mpc::limits::InputLimits;
 use crate::path::{Path, PathError, PathPoint, SAMPLE_STEP_M};
-use crate::trajectory::{Ending, Motion, NODE_STEP_S, Node, Trajectory};
+use crate::trajectory::{Ending, Motion, NODE_STEP_S, Node, Trajectory, Turn};
 use serde::{Deserialize, Serialize};
 use sidehill_plant::bounds::{Bounds, RangeError};
 use sidehill_plant::vehicle::Vehicle;
@@ -87,7 +87,19 @@ impl SpeedConfig {
     }
 }
 
+/// Largest yaw rate at a corner, rad/s.
+const TURN_MAX_RAD_S: f64 = 0.5;
+
 impl SpeedLimits {
+    /// Returns the yaw rate at a corner, rad/s: the treads move no faster than the vehicle is to drive.
+    fn turn_rad_s(&self) -> f64 {
+        let tread_m_s = self
+            .speed_max_m_s
+            .min(self.steer_max_m_s)
+            .min(self.tread_max_m_s);
+        (2.0 * tread_m_s / self.track_width_m).min(TURN_MAX_RAD_S)
+    }
+
     fn check(&self) -> Result<(), RangeError> {
         // Infinity means no limit.
         let positive = |key, value: f64| {
@@ -124,7 +136,7 @@ impl SpeedLimits {
 }
 
 /// Returns the fastest trajectory along `path` within `limits` and, at each point, within
-/// `speed_cap_m_s` (as for a slope), with a stop at every cusp and at the end.
+/// `speed_cap_m_s` (as for a slope), with a stop at every cusp and corner and at the end.
 ///
 /// With w = v^2 on a grid of arc length, speed and curvature bounds cap w, and the bounds on
 /// traction and steer acceleration,
@@ -142,7 +154,7 @@ pub fn speed_profile(
 ) -> Result<Trajectory, PathError> {
     limits.check()?;
     let mut stops_m: Vec<f64> = vec![0.0];
-    stops_m.extend(path.cusps_m());
+    stops_m.extend(path.stops_m());
     stops_m.push(path.length_m());
     let (mut knots, mut allowed) = (Vec::new(), Vec::new());
     for (index, ends) in stops_m.windows(2).enumerate() {
@@ -156,7 +168,7 @@ pub fn speed_profile(
         allowed.extend(stretch.knots(f64::INFINITY, f64::INFINITY));
         knots.extend(stretch.knots(initial_m_s, 0.0));
     }
-    timed(path, &knots, evenly_spaced(path, &allowed))
+    timed(path, limits, &knots, evenly_spaced(path, &allowed))
 }
 
 /// Returns the speeds of knots, m/s, at arc lengths a uniform step apart.
@@ -309,14 +321,33 @@ fn steer_bound(weight: f64, rest: f64, limit: f64) -> f64 {
     }
 }
 
-/// Puts the knots, between which the acceleration is constant, on a uniform grid of time.
-fn timed(path: &Path, knots: &[Knot], allowed_m_s: Vec<f64>) -> Result<Trajectory, PathError> {
+/// Puts the knots, between which the acceleration is constant, on a uniform grid of time, with the turns on the spot.
+fn timed(
+    path: &Path,
+    limits: &SpeedLimits,
+    knots: &[Knot],
+    allowed_m_s: Vec<f64>,
+) -> Result<Trajectory, PathError> {
+    let mut corners = path.corners().peekable();
+    let mut turns: Vec<Turn> = Vec::new();
     let mut times_s = vec![0.0];
     let mut duration_s = 0.0;
     for pair in knots.windows(2) {
         let length_m = pair[1].arc_length_m - pair[0].arc_length_m;
         if length_m > 1e-9 {
             duration_s += 2.0 * length_m / (pair[0].speed() + pair[1].speed());
+        } else if let Some(corner) =
+            corners.next_if(|corner| corner.arc_length_m <= pair[1].arc_length_m)
+        {
+            let from_s = duration_s;
+            duration_s += corner.turn_rad.abs() / limits.turn_rad_s();
+            turns.push(Turn {
+                arc_length_m: corner.arc_length_m,
+                from_s,
+                to_s: duration_s,
+                from_rad: corner.from_rad,
+                to_rad: corner.from_rad + corner.turn_rad,
+            });
         }
         times_s.push(duration_s);
     }
@@ -342,16 +373,30 @@ fn timed(path: &Path, knots: &[Knot], allowed_m_s: Vec<f64>) -> Result<Trajector
             .min(b.arc_length_m);
         // The end of a closed path belongs to this lap.
         let point = path.at(arc_length_m.min(path.length_m().next_down()));
-        nodes.push(Node {
+        let node = Node {
             arc_length_m,
             position: point.position,
             heading_rad: point.heading_rad,
             speed_m_s: point.direction.sign() * speed_m_s,
             yaw_rate_rad_s: point.curvature_per_m * speed_m_s,
             motion: Motion::Drive,
+        };
+        let turn = turns
+            .iter()
+            .find(|turn| (turn.from_s..turn.to_s).contains(&time_s));
+        nodes.push(match turn {
+            Some(turn) => Node {
+                heading_rad: turn.heading_at(time_s),
+                speed_m_s: 0.0,
+                yaw_rate_rad_s: turn.yaw_rate_rad_s(),
+                motion: Motion::Pivot,
+                ..node
+            },
+            None => node,
         });
     }
-    Trajectory::new(nodes, step_s, Some(path.clone()), Ending::Stop, allowed_m_s)
+    let trajectory = Trajectory::new(nodes, step_s, Some(path.clone()), Ending::Stop, allowed_m_s)?;
+    Ok(trajectory.with_turns(turns))
 }
 
 impl Knot {

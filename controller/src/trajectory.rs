@@ -70,6 +70,40 @@ pub struct Trajectory {
     /// Largest speed, m/s, at arc lengths a uniform step apart, the first at 0, the last at the end; none without a
     /// path.
     speeds_m_s: Vec<f64>,
+    /// In the order of time.
+    turns: Vec<Turn>,
+}
+
+/// A turn on the spot during a trajectory.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Turn {
+    /// Where on the path it is, m.
+    pub(crate) arc_length_m: f64,
+    /// When it begins and ends, s.
+    pub(crate) from_s: f64,
+    pub(crate) to_s: f64,
+    /// Headings with which it begins and ends, rad, unwrapped.
+    pub(crate) from_rad: f64,
+    pub(crate) to_rad: f64,
+}
+
+impl Turn {
+    /// Returns the yaw rate, rad/s, counter-clockwise positive.
+    pub(crate) fn yaw_rate_rad_s(&self) -> f64 {
+        (self.to_rad - self.from_rad) / (self.to_s - self.from_s)
+    }
+
+    /// Returns the heading at a time of the trajectory, rad.
+    pub(crate) fn heading_at(&self, time_s: f64) -> f64 {
+        let within_s = time_s.clamp(self.from_s, self.to_s) - self.from_s;
+        self.from_rad + within_s * self.yaw_rate_rad_s()
+    }
+
+    /// Returns the time at which the trajectory has a heading, s.
+    pub(crate) fn time_of(&self, heading_rad: f64) -> f64 {
+        let share = (heading_rad - self.from_rad) / (self.to_rad - self.from_rad);
+        self.from_s + share.clamp(0.0, 1.0) * (self.to_s - self.from_s)
+    }
 }
 
 #[derive(Deserialize)]
@@ -79,13 +113,19 @@ struct RawTrajectory {
     path: Option<Path>,
     ending: Ending,
     speeds_m_s: Vec<f64>,
+    #[serde(default)]
+    turns: Vec<Turn>,
 }
 
 impl TryFrom<RawTrajectory> for Trajectory {
     type Error = PathError;
 
     fn try_from(raw: RawTrajectory) -> Result<Self, PathError> {
-        Self::new(raw.nodes, raw.step_s, raw.path, raw.ending, raw.speeds_m_s)
+        let turns = raw.turns;
+        Ok(
+            Self::new(raw.nodes, raw.step_s, raw.path, raw.ending, raw.speeds_m_s)?
+                .with_turns(turns),
+        )
     }
 }
 
@@ -133,13 +173,39 @@ impl Trajectory {
         if nodes.len() < 2 || speeds_m_s.len() < 2 || step_s <= 0.0 {
             return Err(PathError::ZeroLength);
         }
-        Ok(Self {
+        let mut own = Self {
             nodes,
             step_s,
             path,
             ending,
             speeds_m_s,
-        })
+            turns: Vec::new(),
+        };
+        if own.path.is_none() {
+            own.turns = vec![Turn {
+                arc_length_m: 0.0,
+                from_s: 0.0,
+                to_s: own.duration_s(),
+                from_rad: own.nodes[0].heading_rad,
+                to_rad: own.last().heading_rad,
+            }];
+        }
+        Ok(own)
+    }
+
+    /// Returns this trajectory with the turns on the spot along its path.
+    pub(crate) fn with_turns(mut self, turns: Vec<Turn>) -> Self {
+        if self.path.is_some() {
+            self.turns = turns;
+        }
+        self
+    }
+
+    /// Returns the turn on the spot at an arc length.
+    pub(crate) fn turn_at(&self, arc_length_m: f64) -> Option<&Turn> {
+        self.turns
+            .iter()
+            .find(|turn| turn.arc_length_m == arc_length_m)
     }
 
     /// Returns the largest speed at an arc length, m/s, without that which braking to a stop allows.
@@ -164,6 +230,10 @@ impl Trajectory {
         for node in &mut self.nodes {
             node.position = node.position.seen_from(frame);
             node.heading_rad += frame.yaw_rad;
+        }
+        for turn in &mut self.turns {
+            turn.from_rad += frame.yaw_rad;
+            turn.to_rad += frame.yaw_rad;
         }
         self.path = self.path.map(|path| path.seen_from(frame));
         self

@@ -4,6 +4,7 @@ use super::{ConfigError, ConfigFile};
 use serde::Deserialize;
 use sidehill_bridge::ros2::convert::TwistMapping;
 use sidehill_bridge::ros2::settings::odometry::OdometryConfig;
+use sidehill_bridge::ros2::settings::topics::SpeedSource;
 use sidehill_plant::vehicle::Vehicle;
 use std::path::PathBuf;
 
@@ -29,6 +30,10 @@ impl LiveOdometryConfig {
             .validate()
             .and_then(|()| TwistMapping::new(self.ros2.track_width_m, &vehicle).map(drop))
             .map_err(|error| file.error(error))?;
+        if self.ros2.speeds == SpeedSource::Commands {
+            return Err(file
+                .error("ros2.speeds: commands are no odometry, must be odometry or joint_states"));
+        }
         Ok(vehicle)
     }
 }

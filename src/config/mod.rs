@@ -43,7 +43,7 @@ pub(crate) const BUILD: &str = env!("SIDEHILL_BUILD");
 pub use plant::{Plant, PlantKind};
 pub use prepared::Prepared;
 pub use reference::{
-    LoadedReference, Source, ground_along, ground_point, read_route, route_warnings,
+    LoadedReference, Source, ground_along, ground_point, named, read_route, route_warnings,
 };
 #[cfg(not(target_family = "wasm"))]
 pub use run::{RunConfig, RunPort};

@@ -182,33 +182,39 @@ pub fn route_warnings(file: &ConfigFile, route: &Route, path: &SmoothPath) -> Ve
         .map(|note| format!("{}: {note}", file.name()))
         .collect();
     let marked = route.points.iter().any(|point| point.direction.is_some());
-    let cusps: Vec<String> = path
-        .cusps_m()
-        .take(CUSPS_NAMED)
-        .map(|at_m| {
-            let Point2 { x_m, y_m } = path.at(at_m).position;
-            format!("x = {x_m:.2} m, y = {y_m:.2} m")
-        })
-        .collect();
-    if !marked && !cusps.is_empty() {
-        let more = path.cusps_m().count() - cusps.len();
-        let more = if more > 0 {
-            format!(" and {more} more")
-        } else {
-            String::new()
-        };
+    let at = |arc_length_m: f64| path.at(arc_length_m).position;
+    if let (false, Some(cusps)) = (marked, named(path.cusps_m().map(at))) {
         warnings.push(format!(
-            "{}: travel turns by more than 120 deg at {}{more}: from there it is driven the other way, in reverse \
+            "{}: travel turns by more than 120 deg at {cusps}: from there it is driven the other way, in reverse \
              first; a column `direction` of a CSV says otherwise",
             file.name(),
-            cusps.join("; "),
+        ));
+    }
+    if let Some(corners) = named(path.corners().map(|corner| corner.position)) {
+        warnings.push(format!(
+            "{}: the vehicle stops and turns on the spot at {corners}; a larger smoothing.max_deviation_m or \
+             max_curvature_per_m lets it drive round",
+            file.name(),
         ));
     }
     warnings
 }
 
-/// Places of turning back that a warning names.
-const CUSPS_NAMED: usize = 3;
+/// Returns the first of some places and how many more there are; none of no places.
+pub fn named(places: impl Iterator<Item = Point2>) -> Option<String> {
+    /// Places that are named.
+    const NAMED: usize = 3;
+    let places: Vec<Point2> = places.collect();
+    let first = places.iter().take(NAMED);
+    let first: Vec<String> = first
+        .map(|Point2 { x_m, y_m }| format!("x = {x_m:.2} m, y = {y_m:.2} m"))
+        .collect();
+    match places.len() {
+        0 => None,
+        count if count > NAMED => Some(format!("{} and {} more", first.join("; "), count - NAMED)),
+        _ => Some(first.join("; ")),
+    }
+}
 
 /// Returns the points of a route file, CSV or GPX; of GPX in the plane at `datum`, or else at the first point.
 ///

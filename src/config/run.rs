@@ -2,7 +2,7 @@
 
 use super::bus::{bus, needed};
 use super::record::{RecordConfig, recording, yes};
-use super::reference::{LoadedReference, RouteConfig, Source};
+use super::reference::{LoadedReference, RouteConfig, Source, read_route};
 use super::virtual_rover::VehicleConfig;
 use super::{ConfigError, ConfigFile};
 use crate::learned::KeptFile;
@@ -11,13 +11,14 @@ use sidehill_bridge::control_loop::CycleConfig;
 use sidehill_bridge::control_loop::scheduling::RealtimeConfig;
 use sidehill_bridge::ros2::convert::TwistMapping;
 use sidehill_bridge::ros2::settings::server::Ros2Config;
-use sidehill_bridge::ros2::settings::topics::YawRateSource;
+use sidehill_bridge::ros2::settings::topics::{AttitudeSource, PoseMessage, YawRateSource};
 use sidehill_bridge::rover::SimulatedPort;
-use sidehill_bridge::safety::SafetyConfig;
+use sidehill_bridge::safety::{Geofence, SafetyConfig};
 use sidehill_can::layout::Layout;
 use sidehill_controller::config::{AttitudePreview, ControllerConfig, ControllerKind};
 use sidehill_controller::controller::Controller;
 use sidehill_controller::course::Course;
+use sidehill_controller::estimator::EstimatorSettings;
 use sidehill_controller::guard::{Stance, first_steep_place};
 use sidehill_controller::path::{GeodeticOrigin, Path as SmoothPath};
 use sidehill_controller::reference::Reference;
@@ -26,6 +27,9 @@ use sidehill_plant::bounds::Bounds;
 use sidehill_plant::vehicle::Vehicle;
 use sidehill_recording::RecordLimits;
 use std::path::{Path, PathBuf};
+
+/// Standard deviation of a heading from the motion of the vehicle, rad.
+const COURSE_SIGMA_RAD: f64 = 0.03;
 
 /// How `run` commands the drives.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
@@ -72,7 +76,8 @@ pub struct RunConfig {
     /// Route to drive, unless a course is given.
     #[serde(default)]
     pub route: Option<RouteConfig>,
-    /// Where the world's origin is on earth, for a GPX route; by default at its first point.
+    /// Where the world's origin is on earth, for a GPX route and for poses of satellite fixes; by default the datum of the
+    /// GPX file, or its first point.
     #[serde(default)]
     pub datum: Option<GeodeticOrigin>,
     /// Speed, unless the course defines it.
@@ -87,6 +92,9 @@ pub struct RunConfig {
     /// Limits and time-outs of the safety state machine.
     #[serde(default)]
     pub safety: SafetyConfig,
+    /// Area that the vehicle may not leave, in the frame of the poses: corners of a polygon, m.
+    #[serde(default)]
+    pub geofence: Option<Geofence>,
     /// Scheduling of the real-time threads.
     #[serde(default)]
     pub realtime: RealtimeConfig,
@@ -149,6 +157,11 @@ impl RunConfig {
         if self.learned_file(file)?.is_some() {
             settings.memory.get_or_insert_default();
         }
+        if self.fixes_heading() == Some(false) {
+            // A course over ground is no better.
+            let sigma_rad = &mut settings.estimator.pose_sigma_rad;
+            *sigma_rad = sigma_rad.max(COURSE_SIGMA_RAD);
+        }
         let settings = &settings;
         if settings.period_s != self.cycle.period_s {
             return Err(file.error(format!(
@@ -166,6 +179,13 @@ impl RunConfig {
         let mut controller = Controller::new(self.controller, settings.clone(), vehicle)
             .map_err(|error| file.error(error))?;
         if let Some(loaded) = self.reference(file, vehicle)? {
+            if let Some(geofence) = &self.geofence
+                && let Some([x_m, y_m]) = geofence.first_outside(&loaded.trajectory)
+            {
+                return Err(file.error(format!(
+                    "geofence: the path leaves it at x = {x_m:.2} m, y = {y_m:.2} m"
+                )));
+            }
             if settings.attitude_preview == AttitudePreview::Terrain
                 && let Some(ground) = loaded.ground()?
             {
@@ -222,6 +242,32 @@ impl RunConfig {
         Ok(loaded.and_then(|loaded| loaded.trajectory.path().cloned()))
     }
 
+    /// Returns a route by its file, with how it was read: a path as typed, or a name without ending of a file beside
+    /// this one.
+    ///
+    /// # Errors
+    /// [`ConfigError`] with the file at fault.
+    pub fn stored_route(
+        &self,
+        file: &ConfigFile,
+        vehicle: &Vehicle,
+        name: &Path,
+    ) -> Result<LoadedReference, ConfigError> {
+        let beside = file.path().parent().unwrap_or(Path::new("."));
+        let stored = ["csv", "gpx"]
+            .map(|ending| beside.join(name).with_extension(ending))
+            .into_iter()
+            .find(|path| name.extension().is_none() && path.is_file());
+        let datum = match self.datum {
+            Some(datum) => Some(datum),
+            None => self.fixes(file)?.map(|(datum, _)| datum),
+        };
+        let path = stored.as_deref().unwrap_or(name);
+        let source = Source::of(file, None, self.route.as_ref(), datum, Some(path))?;
+        let limits = self.speed.limits(&self.settings.limits, vehicle);
+        LoadedReference::build(file, source, &limits)
+    }
+
     /// Returns whether paths come over ROS 2.
     pub fn over_ros2(&self) -> bool {
         self.port == RunPort::Ros2 || self.ros2.is_some()
@@ -239,6 +285,7 @@ impl RunConfig {
             .map_err(|error| file.error(error))?;
         self.check_clock(file, &config)?;
         self.check_sensors(file, &config)?;
+        self.fixes(file)?;
         Ok(config)
     }
 
@@ -264,12 +311,61 @@ impl RunConfig {
             if self.port != RunPort::Ros2 {
                 return Err(file.error("ros2.inputs.pose: it is read with port: ros2 only"));
             }
+            pose.validate().map_err(|error| file.error(error))?;
+            if pose.message == PoseMessage::NavSatFix {
+                let inputs = &ros2.inputs;
+                if inputs.attitude != AttitudeSource::Imu {
+                    let reason = "fixes have no orientation, must be imu";
+                    return Err(file.error(format!("ros2.inputs.attitude: {reason}")));
+                }
+                if pose.heading.is_none() && inputs.yaw_rate != YawRateSource::Imu {
+                    let reason =
+                        "the heading of fixes needs `yaw_rate: imu`, or a topic in `pose.heading`";
+                    return Err(file.error(format!("ros2.inputs.yaw_rate: {reason}")));
+                }
+            }
             if pose.topic == ros2.inputs.odometry {
                 let reason = "this is the topic of odometry, whose poses are read without it";
                 return Err(file.error(format!("ros2.inputs.pose.topic: {reason}")));
             }
         }
         Ok(())
+    }
+
+    /// Returns how fixes of a satellite receiver become poses; none where poses come otherwise.
+    ///
+    /// # Errors
+    /// [`ConfigError`] where the origin of the poses is not known.
+    pub fn fixes(
+        &self,
+        file: &ConfigFile,
+    ) -> Result<Option<(GeodeticOrigin, &EstimatorSettings)>, ConfigError> {
+        if self.fixes_heading().is_none() {
+            return Ok(None);
+        }
+        let of_route = || -> Result<Option<GeodeticOrigin>, ConfigError> {
+            let Some(route) = &self.route else {
+                return Ok(None);
+            };
+            Ok(read_route(&file.sibling(&route.file)?, None)?.origin)
+        };
+        let datum = match self.datum {
+            Some(datum) => Some(datum),
+            None => of_route()?,
+        };
+        let datum = datum.ok_or_else(|| {
+            file.error(
+                "datum: it is missing, and satellite fixes have no place in the frame of the poses without it, as \
+                 `datum: {latitude_deg: 36.717, longitude_deg: -4.489}`; a GPX route has one, too",
+            )
+        })?;
+        Ok(Some((datum, &self.settings.estimator)))
+    }
+
+    /// Returns whether poses come from satellite fixes and, if so, whether their heading is measured.
+    fn fixes_heading(&self) -> Option<bool> {
+        let pose = self.ros2.as_ref()?.inputs.pose.as_ref()?;
+        (pose.message == PoseMessage::NavSatFix).then_some(pose.heading.is_some())
     }
 
     /// Returns the file of the recording and its limits; none if the drive is not recorded. `given` is the file from

@@ -47,8 +47,10 @@ pub(crate) struct Made {
     pub(crate) accuracy_m: f64,
     /// The one that the path was smoothed for, m: larger where that alone makes it drivable.
     pub(crate) taken_m: f64,
-    /// Where travel turns back: X and Y, m.
-    pub(crate) cusps_m: Vec<[f64; 2]>,
+    /// Where travel turns back.
+    pub(crate) cusps: Vec<Point2>,
+    /// Where the vehicle turns on the spot.
+    pub(crate) corners: Vec<Point2>,
 }
 
 /// Distance between positions that cannot have been driven, m, and in usual distances.
@@ -107,21 +109,27 @@ pub(crate) fn drivable(recorded: &[[f64; 3]], making: &Making) -> Result<Made> {
             let rougher_m = accuracy_m.max(ROUGHER_FROM_M) * ROUGHER.powi(step);
             (100.0 * rougher_m).ceil() / 100.0
         });
-        accuracies
-            .into_iter()
-            .find_map(|rougher_m| Some((rougher_m, with_accuracy(rougher_m).ok()?)))
+        accuracies.into_iter().find_map(|rougher_m| {
+            let path = with_accuracy(rougher_m).ok()?;
+            let is_round = path.path.corners().next().is_none();
+            is_round.then_some((rougher_m, path))
+        })
     };
-    let (taken_m, path) = match with_accuracy(accuracy_m) {
-        Ok(path) => (accuracy_m, path),
-        Err(error) => match rougher() {
-            Some((taken_m, path))
-                if making.accuracy_m.is_none()
-                    && taken_m <= ROUGHER_MAX_M.max(ROUGHER_TIMES * accuracy_m) =>
-            {
-                (taken_m, path)
+    let allowed_m = match making.accuracy_m {
+        Some(accuracy_m) => accuracy_m,
+        None => ROUGHER_MAX_M.max(ROUGHER_TIMES * accuracy_m),
+    };
+    let as_stated = with_accuracy(accuracy_m);
+    let (taken_m, path) = match as_stated {
+        Ok(path) if path.path.corners().next().is_none() => (accuracy_m, path),
+        as_stated => match (rougher(), as_stated) {
+            // What looks like a corner is noise.
+            (Some((taken_m, path)), _) if taken_m <= allowed_m => (taken_m, path),
+            (_, Ok(path)) => (accuracy_m, path),
+            (Some((needed_m, _)), Err(error)) => {
+                bail!("{error}. In `route` --accuracy-m {needed_m} would do")
             }
-            Some((needed_m, _)) => bail!("{error}. In `route` --accuracy-m {needed_m} would do"),
-            None => bail!("{error}"),
+            (None, Err(error)) => bail!("{error}"),
         },
     };
     let length_m = path.path.length_m();
@@ -135,7 +143,7 @@ pub(crate) fn drivable(recorded: &[[f64; 3]], making: &Making) -> Result<Made> {
     let mut along_m: Vec<f64> = (0..=steps)
         .map(|i| length_m * i as f64 / steps as f64)
         .collect();
-    along_m.extend(path.path.cusps_m());
+    along_m.extend(path.path.stops_m());
     along_m.sort_by(f64::total_cmp);
     let points: Vec<[f64; 3]> = along_m
         .iter()
@@ -148,7 +156,7 @@ pub(crate) fn drivable(recorded: &[[f64; 3]], making: &Making) -> Result<Made> {
     let last = points.len() - 1;
     thin(&points, &along_m, 0, last, making.tolerance_m, &mut kept);
     let points_m: Vec<[f64; 3]> = kept.iter().map(|index| points[*index]).collect();
-    let cusps = path.path.cusps_m().map(|at_m| path.path.at(at_m).position);
+    let at = |at_m: f64| path.path.at(at_m).position;
     Ok(Made {
         thinned: Thinned {
             length_m,
@@ -157,7 +165,8 @@ pub(crate) fn drivable(recorded: &[[f64; 3]], making: &Making) -> Result<Made> {
         },
         accuracy_m,
         taken_m,
-        cusps_m: cusps.map(|Point2 { x_m, y_m }| [x_m, y_m]).collect(),
+        cusps: path.path.cusps_m().map(at).collect(),
+        corners: path.path.corners().map(|corner| corner.position).collect(),
     })
 }
 

@@ -8,7 +8,7 @@ use clap::{Parser, Subcommand};
 use sidehill::documents;
 use sidehill::{console, drive};
 use sidehill_bridge::ros2::arguments;
-use sidehill_drive::{odometry, route, run, vehicle};
+use sidehill_drive::{drive_route, odometry, route, run, vehicle};
 use std::process::ExitCode;
 
 /// Drives a rover, or a virtual one, on a CAN bus or on ROS 2. `sidehill` has all other commands.
@@ -23,6 +23,9 @@ struct Cli {
 enum Command {
     /// Drives a course in real time on a CAN bus or on ROS 2.
     Run(drive::RunArgs),
+    /// Has a running `sidehill run` on ROS 2 drive a stored route, in lanes if wanted; takes --ros-args. Enter, or
+    /// SIGUSR2 and SIGUSR1, pauses and goes on.
+    DriveRoute(drive::DriveRouteArgs),
     /// Runs a virtual rover in real time on a CAN bus or on ROS 2, where it takes --ros-args.
     Vehicle(drive::VehicleArgs),
     /// With --live, runs as a ROS 2 node that publishes slope-corrected odometry.
@@ -47,6 +50,7 @@ fn execute(command: Command, ros: &[String]) -> anyhow::Result<ExitCode> {
     match command {
         Command::Run(args) => run::run(&args, ros),
         Command::Vehicle(args) => vehicle::run(&args, ros),
+        Command::DriveRoute(args) => drive_route::run(&args, ros),
         Command::Odometry(args) if args.live => odometry::run(&args, ros),
         Command::Odometry(_) => bail!("without --live this is a command of sidehill"),
         Command::Route(args) if args.is_live() => {

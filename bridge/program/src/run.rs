@@ -24,6 +24,7 @@ use sidehill_can_port::CanPort;
 use sidehill_plant::vehicle::Vehicle;
 use sidehill_recording::Sinks;
 use sidehill_recording::live::{LiveView, ParameterOwner};
+use sidehill_ros2::port::FixSettings;
 use sidehill_ros2::server::obstacles::StoppingSettings;
 use sidehill_ros2::server::parameters::override_config;
 use sidehill_ros2::server::requested_path::RequestedPath;
@@ -176,6 +177,7 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
     let setup = LoopSetup {
         cycle: config.cycle,
         safety: config.safety,
+        geofence: config.geofence.clone(),
         realtime: config.realtime,
         clock,
         port,
@@ -308,6 +310,7 @@ fn start_ros2(
     override_config(&mut ros2, speed_m_s, period_s, &given)
         .map_err(|reason| anyhow!("parameter {reason}"))?;
     config.check_clock(file, &ros2)?;
+    let fixes = config.fixes(file)?;
     let started = server::start(server::Setup {
         config: ros2,
         vehicle,
@@ -316,12 +319,18 @@ fn start_ros2(
         environment: &environment,
         epoch,
         drives: config.port == RunPort::Ros2,
+        fixes: fixes.map(|(datum, estimator)| FixSettings {
+            datum,
+            sigma_max_m: 3.0 * estimator.pose_sigma_m,
+            heading_sigma_max_rad: 3.0 * estimator.pose_sigma_rad,
+        }),
         stages: config.settings.stages,
         period_s,
         recording: watch.recording,
         live: watch.parameters,
         realtime: config.realtime,
         configured_route,
+        geofence: config.geofence.clone(),
         stopping: StoppingSettings {
             deceleration_m_s2: config.safety.deceleration_m_s2,
             // From a costmap to the treads: the time until the next check, a cycle, and the delay of a command.

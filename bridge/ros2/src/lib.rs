@@ -2,6 +2,7 @@
 //! `ros2-client` over RustDDS is compiled in.
 //!
 //! ```text
+//! client   sends goals to a server
 //! server   FollowPath: goals, parameters, telemetry
 //! odometry slope-corrected odometry without a controller
 //! positions where the vehicle is, for recording a path
@@ -11,6 +12,7 @@
 //!
 //! Each part uses those below it only.
 
+pub mod client;
 pub mod node;
 pub mod odometry;
 pub mod port;

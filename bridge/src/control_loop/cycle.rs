@@ -4,7 +4,7 @@ use super::runner::{ControllerRunner, controller_output};
 use super::timing::{CycleTime, LoopTiming, Schedule};
 use crate::drives::{Clock, DriveCommand, Port, PortInputs, SendError};
 use crate::safety::{
-    OperatorRequests, Reason, Safety, SafetyConfig, SafetyInputs, SafetyState, Transition,
+    Geofence, OperatorRequests, Reason, Safety, SafetyConfig, SafetyInputs, SafetyState, Transition,
 };
 use sidehill_controller::controller::{Decision, DriveResponse};
 use sidehill_plant::vehicle::RangeError;
@@ -20,6 +20,7 @@ pub struct ControlLoop<P: Port, R: ControllerRunner> {
     port: P,
     runner: R,
     safety: Safety,
+    geofence: Option<Geofence>,
     records: RecordSink<LoopRecord>,
     /// Instant of the first of the commands that could not be sent in a row, s.
     unsent_since_s: Option<f64>,
@@ -50,12 +51,20 @@ impl<P: Port, R: ControllerRunner> ControlLoop<P, R> {
             port,
             runner,
             safety: Safety::new(safety)?,
+            geofence: None,
             records,
             unsent_since_s: None,
             unsent: 0,
             stopped_by: None,
             drives: None,
         })
+    }
+
+    /// Keeps the vehicle inside an area.
+    #[must_use]
+    pub fn within(mut self, geofence: Option<Geofence>) -> Self {
+        self.geofence = geofence;
+        self
     }
 
     /// Returns the port.
@@ -110,6 +119,7 @@ impl<P: Port, R: ControllerRunner> ControlLoop<P, R> {
             link: inputs.link,
             unsent_since_s: self.unsent_since_s,
             requests,
+            leaves_geofence: self.leaves_geofence(decision.as_ref()),
         });
 
         // 5. Send at once, or not at all.
@@ -138,6 +148,14 @@ impl<P: Port, R: ControllerRunner> ControlLoop<P, R> {
         };
         self.records.push(LoopRecord::Cycle(row));
         row
+    }
+
+    fn leaves_geofence(&self, decision: Option<&Decision>) -> bool {
+        let estimate = decision.and_then(|decision| decision.estimate.as_ref());
+        let (Some(geofence), Some(estimate)) = (&self.geofence, estimate) else {
+            return false;
+        };
+        geofence.is_left_by(estimate, self.safety.config().deceleration_m_s2)
     }
 
     fn send(&mut self, command: &DriveCommand) -> bool {

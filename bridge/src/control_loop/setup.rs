@@ -9,7 +9,7 @@ use super::scheduling::{RealtimeConfig, RealtimeError};
 use super::tap::ControllerTap;
 use super::timing::LoopTiming;
 use crate::drives::{Clock, Port};
-use crate::safety::{SafetyConfig, SafetyState};
+use crate::safety::{Geofence, SafetyConfig, SafetyState};
 use serde::Serialize;
 use sidehill_controller::controller::Controller;
 use sidehill_plant::vehicle::RangeError;
@@ -23,6 +23,8 @@ pub struct LoopSetup {
     pub cycle: CycleConfig,
     /// Limits of the safety.
     pub safety: SafetyConfig,
+    /// Area that the vehicle may not leave.
+    pub geofence: Option<Geofence>,
     /// Priorities, CPU and memory lock.
     pub realtime: RealtimeConfig,
     /// The loop's clock: the machine's, or one that is set from outside.
@@ -112,7 +114,8 @@ impl LoopSetup {
             self.port,
             runner,
             self.records,
-        )?;
+        )?
+        .within(self.geofence);
         let ended = control_loop.run(&self.options, &self.signals, loop_end);
         Ok(RunReport {
             ended,

@@ -90,6 +90,38 @@ impl Transforms {
         self.edges.retain(|_, edge| edge.fixed);
     }
 
+    /// Returns the newest pose of `origin` in `target` that all transforms between them say, and its time, s.
+    ///
+    /// # Errors
+    /// [`TransformError`]; one of frames between which nothing ever moves counts as unknown.
+    pub fn newest(
+        &self,
+        target: &str,
+        origin: &str,
+    ) -> Result<(f64, Isometry3<f64>), TransformError> {
+        // Checks that they are connected.
+        self.look_up(target, origin, f64::NEG_INFINITY, 0.0)?;
+        let (ups, downs) = (self.way_up(plain(origin)), self.way_up(plain(target)));
+        let moving = |frame: &&str| -> Option<f64> {
+            let edge = self.edges.get(*frame).filter(|edge| !edge.fixed)?;
+            edge.poses.back().map(|(time_s, _)| *time_s)
+        };
+        let only = |way: &[&'_ str], other: &[&str]| -> f64 {
+            way.iter()
+                .take_while(|frame| !other.contains(frame))
+                .filter_map(moving)
+                .fold(f64::INFINITY, f64::min)
+        };
+        let time_s = only(&ups, &downs).min(only(&downs, &ups));
+        if !time_s.is_finite() {
+            return Err(TransformError::Unknown {
+                target: plain(target).to_owned(),
+                origin: plain(origin).to_owned(),
+            });
+        }
+        Ok((time_s, self.look_up(target, origin, time_s, 0.0)?))
+    }
+
     /// Returns the pose of `origin` in `target` at `time_s`; where that is later than the newest transform,
     /// the newest if it is at most `tolerance_s` older.
     ///

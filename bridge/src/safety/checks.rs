@@ -53,6 +53,9 @@ impl Safety {
         if stale {
             return Some(Alarm::Ramp(Reason::FeedbackTimeout { age_s }));
         }
+        if inputs.leaves_geofence {
+            return Some(Alarm::Ramp(Reason::Geofence));
+        }
         inputs
             .requests
             .stop

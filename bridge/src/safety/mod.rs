@@ -13,10 +13,12 @@ mod alarm;
 mod checks;
 mod config;
 mod discrepancy;
+mod geofence;
 mod recent;
 mod vocabulary;
 
 pub use config::SafetyConfig;
+pub use geofence::{Geofence, GeofenceError};
 pub use vocabulary::{
     ControllerOutput, ControllerState, OperatorRequests, Reason, SafetyInputs, SafetyState,
     StopCause, Transition,

@@ -28,6 +28,7 @@ impl Bench {
                 link: LinkState::Active,
                 unsent_since_s: None,
                 requests: OperatorRequests::default(),
+                leaves_geofence: false,
             },
             steps: 0,
             events: Vec::new(),

@@ -179,6 +179,8 @@ pub struct SafetyInputs {
     pub unsent_since_s: Option<f64>,
     /// The operator's requests.
     pub requests: OperatorRequests,
+    /// Whether the vehicle would come too close to the edge of the geofence if it did not brake now.
+    pub leaves_geofence: bool,
 }
 
 /// State of the state machine.
@@ -271,6 +273,9 @@ pub enum Reason {
         /// For how long, s.
         time_s: f64,
     },
+    /// The vehicle is about to leave the geofence, or outside.
+    #[error("the edge of the geofence is near, or the vehicle is outside")]
+    Geofence,
     /// The link carries no messages, or not this program's alone.
     #[error("{}", link_fault(*state))]
     Link {

@@ -167,6 +167,8 @@ pub enum Stall {
     Traction,
     /// The reference asks for speed and the vehicle stays where it is.
     Path,
+    /// The treads turn and poses show that the vehicle stays where it is.
+    Treads,
 }
 
 impl std::fmt::Display for Stall {
@@ -175,6 +177,7 @@ impl std::fmt::Display for Stall {
             Self::Steer => "steer is at its limit and the vehicle does not turn",
             Self::Traction => "traction is at its limit and the vehicle does not move",
             Self::Path => "no progress along the path",
+            Self::Treads => "the treads turn and the vehicle stays where it is",
         })
     }
 }

@@ -22,20 +22,24 @@ const FOLLOW_S: f64 = 1.0;
 /// Share of a command, and part of it, m/s, by which a motor must stay below it to be short of it.
 const SHORT_SHARE: f64 = 0.05;
 const SHORT_M_S: f64 = 0.02;
-/// Rate at which a motor that is short gains speed, m/s^2, from which it is still on its way.
-const GAINING_M_S2: f64 = 0.1;
+/// Rate at which the speed of a motor that is short changes, m/s^2, from which it is on its way and not at a limit.
+const STEADY_M_S2: f64 = 0.1;
 /// Time for which a motor is short before its speed is taken for its limit, s.
 const SHORT_S: f64 = 0.4;
-/// Share of its largest speed that a motor reaches at least where that is a limit and not a friction that it overcomes.
-const LIMIT_SHARE: f64 = 0.1;
-/// Share of the speed that it was limited to below which a motor that is short is slowed down by something else, as a
-/// collision monitor, and the time for which that is remembered, s.
+/// Speed that a motor reaches at least where that is a limit and not a friction that it overcomes, m/s.
+const LIMIT_MIN_M_S: f64 = 0.05;
+/// Share of the speed that it was limited to below which a motor that is short again, by the same share of its command
+/// within a tolerance, is slowed down by something else, as a collision monitor, and the time for which that is
+/// remembered, s.
 const SCALED_SHARE: f64 = 0.75;
+const SCALED_TOLERANCE: f64 = 0.2;
 const SCALED_S: f64 = 10.0;
 /// What is added to that speed, m/s, so that it does not sink with noise.
 const MARGIN_M_S: f64 = 0.01;
 /// Rate at which a limit rises while the motor reaches its commands, m/s^2.
 const RECOVERY_M_S2: f64 = 0.03;
+/// Distance from its command up to which a motor's speed tells of the delay, m/s.
+const NEAR_M_S: f64 = 0.15;
 /// Time constant of the speeds that are compared, s.
 const SMOOTHING_S: f64 = 0.2;
 
@@ -83,6 +87,8 @@ struct Motor {
     /// Largest speed at which it was limited, and command that it was short of, m/s; 0 where it is not limited.
     reached_m_s: f64,
     asked_m_s: f64,
+    /// Share of its command that it reached when it was limited.
+    share: f64,
     short_s: f64,
     /// Time for which no limit is taken, since speeds are scaled down, s.
     scaled_s: f64,
@@ -98,11 +104,19 @@ impl Motor {
             limit_m_s: configured_m_s,
             reached_m_s: 0.0,
             asked_m_s: 0.0,
+            share: 0.0,
             short_s: 0.0,
             scaled_s: 0.0,
             speed_m_s: 0.0,
             command_m_s: 0.0,
         }
+    }
+
+    /// Returns 1 for a motor that is near its command, 0 for one on a long way there, which says more of its
+    /// acceleration than of a delay.
+    fn is_near(&self) -> f64 {
+        let command_m_s = self.command_m_s.clamp(-self.limit_m_s, self.limit_m_s);
+        f64::from((self.speed_m_s - command_m_s).abs() < NEAR_M_S)
     }
 
     /// Takes the speed of a reading and the command that acts at its time.
@@ -114,9 +128,9 @@ impl Motor {
         self.command_m_s += gain * (command_m_s - self.command_m_s);
         let (speed, command) = (self.speed_m_s.abs(), self.command_m_s.abs());
         let same_sense = self.speed_m_s * self.command_m_s >= 0.0;
-        let gains = speed - before_m_s.abs() > GAINING_M_S2 * elapsed_s;
+        let steady = (speed - before_m_s.abs()).abs() <= STEADY_M_S2 * elapsed_s;
         let below = command * (1.0 - SHORT_SHARE) - SHORT_M_S > speed;
-        if same_sense && below && !gains && speed > LIMIT_SHARE * self.configured_m_s {
+        if same_sense && below && steady {
             self.short_s += elapsed_s;
         } else {
             self.short_s = (self.short_s - elapsed_s).max(0.0);
@@ -127,14 +141,26 @@ impl Motor {
         }
         if self.short_s >= SHORT_S {
             self.short_s = SHORT_S;
-            if speed < SCALED_SHARE * self.reached_m_s {
-                // It was slower yet when it was asked for less: speeds are scaled down, not limited.
+            let share = speed / command;
+            let same_share = (share - self.share).abs() < SCALED_TOLERANCE * self.share;
+            if !same_share {
+                self.scaled_s = 0.0;
+            }
+            if same_share && speed < SCALED_SHARE * self.reached_m_s {
+                // Asked for less it is as much slower: speeds are scaled down, not limited.
                 self.limit_m_s = self.configured_m_s;
                 self.scaled_s = SCALED_S;
-            } else if self.scaled_s <= 0.0 && speed + MARGIN_M_S < self.limit_m_s {
+            } else if self.scaled_s <= 0.0
+                && speed > LIMIT_MIN_M_S
+                && speed + MARGIN_M_S < self.limit_m_s
+            {
                 self.limit_m_s = speed + MARGIN_M_S;
-                self.reached_m_s = self.reached_m_s.max(speed);
+                self.reached_m_s = match same_share {
+                    true => self.reached_m_s.max(speed),
+                    false => speed,
+                };
                 self.asked_m_s = self.asked_m_s.max(command);
+                self.share = share;
             }
         }
         if self.limit_m_s >= self.configured_m_s {
@@ -218,6 +244,7 @@ impl Drives {
     ) {
         let fade = (1.0 - elapsed_s / MEMORY_S).max(0.0);
         let within = |command: f64, limit: f64| command.clamp(-limit, limit);
+        let (traction_near, steer_near) = (self.traction.is_near(), self.steer.is_near());
         for (k, misfit) in self.misfits.iter_mut().enumerate() {
             let Some(command) = issued.at(read_s - DELAY_STEP_S * k as f64) else {
                 return;
@@ -225,7 +252,8 @@ impl Drives {
             let traction =
                 speeds.traction_m_s - within(command.traction_m_s, self.traction.limit_m_s);
             let steer = speeds.steer_m_s - within(command.steer_m_s, self.steer.limit_m_s);
-            *misfit = fade * *misfit + traction * traction + steer * steer;
+            let sum = traction_near * traction * traction + steer_near * steer * steer;
+            *misfit = fade * *misfit + sum;
         }
         let told_delay_s = self.told_delay_s;
         let cost = |k: usize| {
@@ -290,6 +318,29 @@ mod tests {
             .filter(|limit_m_s| **limit_m_s == 1.0)
             .count();
         assert!(unlimited > 50, "{limits_m_s:?}");
+    }
+
+    #[test]
+    fn a_limit_far_below_what_was_told_is_found_and_so_is_one_that_falls() {
+        let mut motor = Motor::new(3.0);
+        for (reaches_m_s, cycles) in [(0.27, 60), (0.9, 600), (0.2, 100)] {
+            for _ in 0..cycles {
+                let command_m_s = 1.2_f64.min(motor.limit_m_s);
+                motor.observe(command_m_s.min(reaches_m_s), command_m_s, CYCLE_S);
+            }
+            let over_m_s = motor.limit_m_s - reaches_m_s;
+            assert!((0.0..0.1).contains(&over_m_s), "{reaches_m_s}: {over_m_s}");
+        }
+    }
+
+    #[test]
+    fn a_motor_that_swings_late_after_its_command_has_no_limit() {
+        let mut motor = Motor::new(1.0);
+        for cycle in 0..1200 {
+            let at = |late_s: f64| 0.9 * (1.4 * (CYCLE_S * f64::from(cycle) - late_s)).sin();
+            motor.observe(0.5 * at(0.4), at(0.0), CYCLE_S);
+            assert_eq!(motor.limit_m_s, 1.0, "{cycle}");
+        }
     }
 
     #[test]

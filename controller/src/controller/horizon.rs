@@ -52,12 +52,12 @@ impl Controller {
         let point = self.tracked_point().of(pose, &estimate?.normal_in_world);
         let stands = stands(self.issued.last());
         let reference = self.reference.as_mut()?;
-        let (before_m, progress) = (
-            reference.stop_at_m(),
+        let (before, progress) = (
+            reference.drive(),
             reference.advance(elapsed_s, &point, stands),
         );
         // The plan ends where the drive before has ended.
-        if reference.stop_at_m() != before_m {
+        if reference.drive() != before {
             self.discard_plan();
         }
         Some(progress)
@@ -283,7 +283,7 @@ impl Controller {
     /// Returns what memory knows of the slip where the vehicle is, per metre, (x, y, yaw) in the world.
     fn slip_here(&self, estimate: &Estimate, progress: &Progress) -> Vector3<f64> {
         let memory = self.memory.as_ref().filter(|memory| memory.config.by_place);
-        let path = self.reference.as_ref().and_then(Reference::path);
+        let path = self.reference.as_ref().and_then(Reference::driven_path);
         let (Some(memory), Some(path)) = (memory, path) else {
             return Vector3::zeros();
         };

@@ -76,7 +76,7 @@ impl Controller {
         else {
             return;
         };
-        let (true, Some(path)) = (memory.config.by_place, reference.path()) else {
+        let (true, Some(path)) = (memory.config.by_place, reference.driven_path()) else {
             return;
         };
         let motors = MotorSpeeds::from(estimate.treads);

@@ -2,8 +2,8 @@
 
 use super::drives::Drives;
 use super::parts::Law;
-use super::watchdog::Observation;
-use super::{Controller, Phase, Status, StopReason};
+use super::watchdog::{DIG_S, Observation};
+use super::{Controller, Phase, Stall, Status, StopReason};
 use crate::config::AttitudePreview;
 use crate::estimator::Estimate;
 use crate::guard::Surroundings;
@@ -11,6 +11,7 @@ use crate::mpc::{Model, QpFailure};
 use crate::reference::Progress;
 use crate::trajectory::Ending;
 use sidehill_plant::frames::wrap_angle;
+use sidehill_plant::sample::Sample;
 use sidehill_plant::speeds::MotorSpeeds;
 
 /// Poses in a row that are refused from which the estimate that they contradict is doubted, and the time for which it
@@ -54,6 +55,7 @@ impl Controller {
         self.issued.restart();
         self.behind_s = 0.0;
         self.watchdog.reset();
+        self.dig.reset();
         self.discard_plan();
         if let Law::Mpc(mpc) = &mut self.law
             && let Model::Contact(model) = mpc.model_mut()
@@ -246,14 +248,40 @@ impl Controller {
             self.watchdog.reset();
             return;
         };
+        let point = &progress.point;
+        let curvature_per_m = match point.speed_m_s.abs() {
+            0.0 => 0.0,
+            speed_m_s => point.yaw_rate_rad_s / speed_m_s,
+        };
         let observation = Observation {
             time_s: estimate.time_s,
             pose: estimate.pose,
             command: self.issued.last(),
             progress,
+            allowed_m_s: self.speed_limits().at(curvature_per_m),
         };
         if let Some(stall) = self.watchdog.observe(&observation) {
             let time_s = self.config.supervisor.stall_time_s;
+            self.stop(StopReason::Stalled { stall, time_s });
+        }
+    }
+}
+
+impl Controller {
+    /// Stops treads that dig in: they turn, and poses stay where they are.
+    pub(super) fn watch_treads(
+        &mut self,
+        estimate: Option<&Estimate>,
+        sample: &Sample,
+        elapsed_s: f64,
+    ) {
+        let (Phase::Driving { .. }, Some(estimate)) = (self.phase, estimate) else {
+            self.dig.reset();
+            return;
+        };
+        if self.dig.observe(sample, &estimate.treads, elapsed_s) {
+            self.dig.reset();
+            let (stall, time_s) = (Stall::Treads, DIG_S);
             self.stop(StopReason::Stalled { stall, time_s });
         }
     }

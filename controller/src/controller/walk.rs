@@ -6,7 +6,7 @@ use crate::mpc::limits::InputLimits;
 use crate::path::{Path, Point2};
 use crate::reference::{PROJECTION_WINDOW, Reference};
 use crate::tracked_point::TrackedPoint;
-use crate::trajectory::Motion;
+use crate::trajectory::{Motion, Turn};
 use nalgebra::Vector3;
 use sidehill_plant::frames::{PlanarPose, wrap_angle};
 use sidehill_plant::speeds::MotorSpeeds;
@@ -57,7 +57,7 @@ impl SpeedsNow {
     }
 
     /// Returns the largest speed in a bend, m/s.
-    fn at(&self, curvature_per_m: f64) -> f64 {
+    pub(super) fn at(&self, curvature_per_m: f64) -> f64 {
         let steer_share = self.half_track_m * curvature_per_m.abs();
         self.traction_m_s
             .min(self.steer_m_s / steer_share)
@@ -83,6 +83,18 @@ pub(super) struct Asked {
 }
 
 impl Asked {
+    /// Returns what is asked of a vehicle that stands at a pose.
+    fn stand(pose: &PlanarPose) -> Self {
+        Self {
+            motion: Motion::Stand,
+            ends: true,
+            pose: *pose,
+            inputs: MotorSpeeds::STOP,
+            scale_m_s: 1.0,
+            pace: 1.0,
+        }
+    }
+
     /// Returns the weights of a stage that ends here, `end_s` after the begin of the horizon: near the begin an error
     /// across the path is left as it is, since motors are too slow to correct it.
     pub(super) fn weights(&self, w: &Weights, end_s: f64) -> StageWeights {
@@ -127,9 +139,9 @@ impl<'a> Walk<'a> {
         start: &PlanarPose,
         moving: MotorSpeeds,
     ) -> Self {
-        let at = match reference.path() {
-            Some(_) => reference.arc_length_m(),
-            None => reference.unwrapped(start.yaw_rad),
+        let at = match reference.turn() {
+            None => reference.arc_length_m(),
+            Some(_) => reference.unwrapped(start.yaw_rad),
         };
         Self {
             reference,
@@ -154,9 +166,13 @@ impl<'a> Walk<'a> {
     ) -> Asked {
         let step_s = end_s - self.time_s;
         self.time_s = end_s;
-        let Some(path) = self.reference.path() else {
+        let (path, turn) = (self.reference.path(), self.reference.turn());
+        if let Some(turn) = turn {
             self.at = self.reference.unwrapped(self.start.yaw_rad) + (state.z - self.start.yaw_rad);
-            return self.turning(state.z, step_s, share);
+            return self.turning(turn, state.z, step_s, share);
+        }
+        let Some(path) = path else {
+            return Asked::stand(&self.start);
         };
         let lever = tracked_point.lever(normal_in_world, state.z);
         let place = Point2 {
@@ -180,7 +196,7 @@ impl<'a> Walk<'a> {
 
     /// Returns the time from the reference's place to here at the trajectory's own speeds, s.
     pub(super) fn time_ahead_s(&self) -> f64 {
-        match self.reference.path() {
+        match self.reference.driven_path() {
             Some(_) => {
                 let time_s = self.reference.trajectory().time_at(self.at);
                 (time_s - self.reference.time_s()).max(0.0)
@@ -192,7 +208,7 @@ impl<'a> Walk<'a> {
     /// Returns the time that so much of the path takes, or what is left of the drive, at most `most_s`, s; on the spot
     /// that is 0.
     pub(super) fn time_for_s(&self, length_m: f64, most_s: f64) -> f64 {
-        let Some(path) = self.reference.path() else {
+        let Some(path) = self.reference.driven_path() else {
             return 0.0;
         };
         let to_m = (self.at + length_m).min(self.reference.stop_at_m());
@@ -240,24 +256,20 @@ impl<'a> Walk<'a> {
     }
 
     /// Returns what a turn on the spot asks for here of a vehicle with a heading, whose turns are counted on.
-    fn turning(&mut self, yaw_rad: f64, step_s: f64, share: f64) -> Asked {
-        let trajectory = self.reference.trajectory();
-        let (from, final_rad) = (trajectory.at(0.0), self.reference.final_heading_rad());
-        let whole_rad = final_rad - from.heading_rad;
-        let sense = whole_rad.signum();
+    fn turning(&mut self, turn: &Turn, yaw_rad: f64, step_s: f64, share: f64) -> Asked {
+        let sense = (turn.to_rad - turn.from_rad).signum();
         let half_track_m = self.now.half_track_m;
-        let to_go_rad = (sense * (final_rad - self.allowed_rad)).max(0.0);
-        let asked_m_s = half_track_m * from.yaw_rate_rad_s.abs();
+        let to_go_rad = (sense * (turn.to_rad - self.allowed_rad)).max(0.0);
+        let asked_m_s = half_track_m * turn.yaw_rate_rad_s().abs();
         let braking = (2.0 * self.now.steer_braking_m_s2 * half_track_m * to_go_rad).sqrt();
         let most_m_s = share * asked_m_s.min(self.now.steer_m_s).min(braking);
         self.steer_m_s = (self.steer_m_s + self.now.steer_rate_m_s2 * step_s).min(most_m_s);
         let turn_rad = step_s * self.steer_m_s / half_track_m;
         self.allowed_rad += sense * turn_rad.min(to_go_rad);
-        let left = (sense * (final_rad - self.allowed_rad)).max(0.0) / whole_rad.abs();
-        let place = trajectory.at((1.0 - left).clamp(0.0, 1.0) * trajectory.duration_s());
+        let place = self.reference.turned(turn, self.allowed_rad);
         Asked {
             motion: Motion::Pivot,
-            ends: sense * (final_rad - self.at) <= AT_END,
+            ends: sense * (turn.to_rad - self.at) <= AT_END,
             pose: PlanarPose {
                 yaw_rad: yaw_rad + self.allowed_rad - self.at,
                 ..place.pose()

@@ -2,11 +2,13 @@
 
 use super::decision::Stall;
 use crate::config::SupervisorConfig;
+use crate::estimator::EstimatorSettings;
 use crate::mpc::limits::InputLimits;
 use crate::reference::Progress;
 use crate::trajectory::Motion;
 use sidehill_plant::frames::{PlanarPose, wrap_angle};
-use sidehill_plant::speeds::MotorSpeeds;
+use sidehill_plant::sample::Sample;
+use sidehill_plant::speeds::{MotorSpeeds, TreadSpeeds};
 use std::collections::VecDeque;
 
 /// Share of its limit from which a motor speed counts as at its limit.
@@ -24,6 +26,8 @@ pub(super) struct Observation<'a> {
     /// Command of the cycle before.
     pub(super) command: MotorSpeeds,
     pub(super) progress: &'a Progress,
+    /// Largest speed that the drives allow at its place as known now, m/s.
+    pub(super) allowed_m_s: f64,
 }
 
 /// Sums since the watch began, so that those of a window are differences.
@@ -38,11 +42,92 @@ struct Sums {
     commanded_way_m: f64,
     turn_rad: f64,
     way_m: f64,
-    /// Way along the path that the reference's speed asks for.
+    /// Way along the path that the reference's speed asks for, as far as the drives allow it.
     asked_m: f64,
     /// Where it is, no sum.
     x_m: f64,
     y_m: f64,
+}
+
+/// Time for which turning treads may leave the vehicle where it is, s: they dig in.
+pub(super) const DIG_S: f64 = 1.4;
+/// Way of the treads from which on they dig, m.
+const DIG_WAY_M: f64 = 0.25;
+/// Share of the way of the treads by which the vehicle has to move or turn.
+const DIG_SHARE: f64 = 0.1;
+/// Standard deviations of poses that are no motion.
+const DIG_SIGMAS: f64 = 4.0;
+/// Poses kept: those of the time at 100 Hz.
+const DIG_POSES: usize = 160;
+
+/// A pose and how far the treads had turned then.
+#[derive(Debug, Clone, Copy)]
+struct Place {
+    time_s: f64,
+    pose: PlanarPose,
+    way_m: f64,
+}
+
+/// Compares the way of the treads with poses as they come, whatever the estimator makes of them: while it waits whether
+/// poses contradict each other, it believes the treads.
+#[derive(Debug)]
+pub(super) struct DigWatch {
+    places: VecDeque<Place>,
+    way_m: f64,
+    sigma_m: f64,
+    sigma_rad: f64,
+    half_track_m: f64,
+}
+
+impl DigWatch {
+    pub(super) fn new(estimator: &EstimatorSettings, half_track_m: f64) -> Self {
+        Self {
+            places: VecDeque::with_capacity(DIG_POSES),
+            way_m: 0.0,
+            sigma_m: estimator.pose_sigma_m,
+            sigma_rad: estimator.pose_sigma_rad,
+            half_track_m,
+        }
+    }
+
+    /// Starts over.
+    pub(super) fn reset(&mut self) {
+        self.places.clear();
+    }
+
+    /// Takes the readings of a cycle; returns whether the treads have turned for [`DIG_S`] in vain.
+    pub(super) fn observe(
+        &mut self,
+        sample: &Sample,
+        treads: &TreadSpeeds,
+        elapsed_s: f64,
+    ) -> bool {
+        self.way_m += 0.5 * (treads.left_m_s.abs() + treads.right_m_s.abs()) * elapsed_s;
+        let Some(pose) = sample.pose else {
+            return false;
+        };
+        let newest = Place {
+            time_s: pose.time_s,
+            pose: pose.value.planar(),
+            way_m: self.way_m,
+        };
+        let is_old = |place: &Place| newest.time_s - place.time_s >= DIG_S;
+        while self.places.get(1).is_some_and(is_old) || self.places.len() == DIG_POSES {
+            self.places.pop_front();
+        }
+        self.places.push_back(newest);
+        let Some(oldest) = self.places.front().filter(|place| is_old(place)) else {
+            return false;
+        };
+        let way_m = newest.way_m - oldest.way_m;
+        let moved_m = DIG_SHARE * way_m + DIG_SIGMAS * self.sigma_m;
+        let turned_rad = DIG_SHARE * way_m / self.half_track_m + DIG_SIGMAS * self.sigma_rad;
+        let stays = |place: &Place| {
+            (place.pose.x_m - newest.pose.x_m).hypot(place.pose.y_m - newest.pose.y_m) < moved_m
+                && wrap_angle(place.pose.yaw_rad - newest.pose.yaw_rad).abs() < turned_rad
+        };
+        way_m >= DIG_WAY_M && self.places.iter().all(stays)
+    }
 }
 
 /// The cycles of the last `stall_time_s`; nothing is allocated after [`Watchdog::new`].
@@ -124,7 +209,7 @@ impl Watchdog {
             let (sin, cos) = now.pose.yaw_rad.sin_cos();
             sums.way_m += -sin * (now.pose.x_m - before.x_m) + cos * (now.pose.y_m - before.y_m);
             if point.motion == Motion::Drive && !now.progress.ended {
-                sums.asked_m += elapsed_s * point.speed_m_s.abs();
+                sums.asked_m += elapsed_s * point.speed_m_s.abs().min(now.allowed_m_s);
             }
         }
         sums.time_s = now.time_s;

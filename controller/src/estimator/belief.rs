@@ -8,22 +8,32 @@ use super::gyro::{
 use super::learned::{Drift, LearnedModel, Moved, Moving, Prior};
 use super::pose_noise::PoseNoise;
 use super::process_noise::ProcessNoise;
-use nalgebra::{Matrix3, Matrix4, SMatrix, SVector, Vector3, Vector4};
+use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 use sidehill_plant::frames::{Attitude, BodyVelocity, PlanarPose, pose_rate, wrap_angle};
 use sidehill_plant::speeds::TreadSpeeds;
 
-/// Entry of the gyroscope's bias in the first block of a belief.
+/// Entries of the first block of a belief: the pose, the gyroscope's bias, and the offset of the poses' headings.
+pub(super) const STATES: usize = 5;
+/// Entry of the gyroscope's bias.
 const BIAS: usize = 3;
+/// Entry of the offset of the poses' headings.
+const OFFSET: usize = 4;
+
+/// Standard deviation of the offset of the poses' headings before anything is known, rad.
+pub(super) const OFFSET_SIGMA_RAD: f64 = 0.01;
+/// Growth of its uncertainty while the vehicle drives, rad/sqrt(m).
+const OFFSET_WALK_RAD_PER_SQRT_M: f64 = 0.0;
 
 /// Mean and covariance of pose and parameters, in blocks, and the inputs in force.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Belief<const N: usize> {
-    /// Pose (x, y, yaw), and the bias of the gyroscope, rad/s.
-    pub(super) mean: Vector4<f64>,
-    pub(super) covariance: Matrix4<f64>,
+    /// Pose (x, y, yaw), the bias of the gyroscope, rad/s, and by how much the headings of poses are larger than that of
+    /// the vehicle, rad.
+    pub(super) mean: SVector<f64, STATES>,
+    pub(super) covariance: SMatrix<f64, STATES, STATES>,
     pub(super) parameters: SVector<f64, N>,
     /// Of the first block with the parameters.
-    pub(super) cross: SMatrix<f64, 4, N>,
+    pub(super) cross: SMatrix<f64, STATES, N>,
     pub(super) parameter_covariance: SMatrix<f64, N, N>,
     pub(super) treads: TreadSpeeds,
     pub(super) attitude: Attitude,
@@ -52,13 +62,19 @@ impl<const N: usize> Belief<N> {
         attitude: Attitude,
         moving: Moving<N>,
     ) -> Self {
-        let mut covariance = Matrix4::zeros();
+        let mut covariance = SMatrix::<f64, STATES, STATES>::zeros();
         covariance
             .fixed_view_mut::<3, 3>(0, 0)
             .copy_from(&sigmas.covariance());
         covariance[(BIAS, BIAS)] = bias_sigma_rad_s.powi(2);
+        // The heading is that of the pose less the offset.
+        let offset = OFFSET_SIGMA_RAD.powi(2);
+        covariance[(2, 2)] += offset;
+        covariance[(OFFSET, OFFSET)] = offset;
+        covariance[(2, OFFSET)] = -offset;
+        covariance[(OFFSET, 2)] = -offset;
         Self {
-            mean: vector(pose).push(0.0),
+            mean: vector(pose).push(0.0).push(0.0),
             covariance,
             parameters: kept.mean,
             cross: SMatrix::zeros(),
@@ -89,6 +105,25 @@ impl<const N: usize> Belief<N> {
         self.mean[BIAS]
     }
 
+    /// Returns the covariance of a pose as it would be read, less its noise.
+    pub(super) fn read_covariance(&self) -> Matrix3<f64> {
+        let of_read = self.with_read();
+        let mut covariance = of_read.fixed_rows::<3>(0).into_owned();
+        let offset = of_read.row(OFFSET).into_owned();
+        let mut heading = covariance.row_mut(2);
+        heading += offset;
+        covariance
+    }
+
+    /// Returns the covariance of the first block with a pose as it would be read, P H' with H = (1 0 0 e_3).
+    fn with_read(&self) -> SMatrix<f64, STATES, 3> {
+        let mut with = self.covariance.fixed_columns::<3>(0).into_owned();
+        let offset = self.covariance.column(OFFSET).into_owned();
+        let mut heading = with.column_mut(2);
+        heading += offset;
+        with
+    }
+
     /// Returns how far the vehicle has turned by a pose and by the gyroscope.
     pub(super) fn turn(&self, time_s: f64, pose: &PlanarPose) -> Turn {
         Turn {
@@ -109,10 +144,10 @@ impl<const N: usize> Belief<N> {
         self.parameter_covariance = kept.covariance;
     }
 
-    /// Returns a pose less the mean.
+    /// Returns a pose that was read less the mean.
     pub(super) fn off(&self, pose: &PlanarPose) -> Vector3<f64> {
         let mut difference = vector(pose) - self.pose();
-        difference.z = wrap_angle(difference.z);
+        difference.z = wrap_angle(difference.z - self.mean[OFFSET]);
         difference
     }
 
@@ -153,8 +188,9 @@ impl<const N: usize> Belief<N> {
         let middle = pose_rate(&velocity, &self.attitude, half_way);
         let mut next = *self;
         next.gyro_turned_rad += time_s * gyro.map_or(now.z, |gyro| gyro.rad_s);
-        next.mean += time_s * Vector4::new(middle.x_m_s, middle.y_m_s, middle.yaw_rad_s, 0.0);
-        let mut by_state = Matrix4::identity();
+        let mut pose = next.mean.fixed_rows_mut::<3>(0);
+        pose += time_s * Vector3::new(middle.x_m_s, middle.y_m_s, middle.yaw_rad_s);
+        let mut by_state = SMatrix::<f64, STATES, STATES>::identity();
         by_state[(0, 2)] = -time_s * middle.y_m_s;
         by_state[(1, 2)] = time_s * middle.x_m_s;
         if follows_gyro {
@@ -162,13 +198,16 @@ impl<const N: usize> Belief<N> {
         }
         let (sin, cos) = half_way.sin_cos();
         let to_world = Matrix3::new(cos, -sin, 0.0, sin, cos, 0.0, 0.0, 0.0, 1.0);
-        let by_parameters = time_s * (to_world * moved.mean.by_parameters).insert_row(3, 0.0);
+        let mut by_parameters = SMatrix::<f64, STATES, N>::zeros();
+        by_parameters
+            .fixed_rows_mut::<3>(0)
+            .copy_from(&(time_s * (to_world * moved.mean.by_parameters)));
         let share = self.noise_share() * noise_factor;
         next.moving = moved.end;
         next.yaw_rate_behind = yaw_rate_behind;
         let missing = now - self.late;
         next.late = noise.followed(&self.late, &missing, time_s);
-        let mut growth = Matrix4::zeros();
+        let mut growth = SMatrix::<f64, STATES, STATES>::zeros();
         growth
             .fixed_view_mut::<3, 3>(0, 0)
             .copy_from(&noise.covariance(time_s, share, &missing, &to_world));
@@ -176,6 +215,8 @@ impl<const N: usize> Belief<N> {
             growth[(2, 2)] = time_s * noise.gyro.powi(2);
         }
         growth[(BIAS, BIAS)] = time_s * BIAS_WALK_RAD_S_PER_SQRT_S.powi(2);
+        let driven_m = time_s * velocity.right_m_s.hypot(velocity.forward_m_s);
+        growth[(OFFSET, OFFSET)] = driven_m * OFFSET_WALK_RAD_PER_SQRT_M.powi(2);
         let noise = growth;
         let through = by_parameters * self.parameter_covariance;
         let crossed = by_state * self.cross * by_parameters.transpose();
@@ -190,29 +231,35 @@ impl<const N: usize> Belief<N> {
         next
     }
 
-    /// Updates with a pose: `difference` is pose less mean, `inverse` that of covariance and `noise`.
+    /// Updates with a pose: `difference` is pose less mean, `inverse` that of S, the covariance of what is read and `noise`.
     ///
-    /// With H = (1 0), K = P H' S^-1, the whole of P becomes (1 - K H) P (1 - K H)' + K R K', Joseph's form,
-    /// which keeps it symmetric and positive however the numbers are rounded.
+    /// With K = P H' S^-1 the whole of P becomes (1 - K H) P (1 - K H)' + K R K', Joseph's form, which keeps it
+    /// symmetric and positive however the numbers are rounded.
     pub(super) fn correct(
         &mut self,
         difference: &Vector3<f64>,
         noise: &Matrix3<f64>,
         inverse: &Matrix3<f64>,
     ) {
-        let gain = self.covariance.fixed_columns::<3>(0) * inverse;
-        let learning = self.cross.fixed_rows::<3>(0).transpose() * inverse;
+        let with_read = self.with_read();
+        let mut read_cross = self.cross.fixed_rows::<3>(0).into_owned();
+        let offset = self.cross.row(OFFSET).into_owned();
+        let mut heading = read_cross.row_mut(2);
+        heading += offset;
+        let gain = with_read * inverse;
+        let learning = read_cross.transpose() * inverse;
         self.mean += gain * difference;
         self.learn(learning * difference);
-        let mut rest = Matrix4::identity();
+        let mut rest = SMatrix::<f64, STATES, STATES>::identity();
         let mut of_pose = rest.fixed_columns_mut::<3>(0);
         of_pose -= gain;
-        let told = learning * self.cross.fixed_rows::<3>(0);
+        let mut of_offset = rest.column_mut(OFFSET);
+        of_offset -= gain.column(2);
+        let told = learning * read_cross;
         let parameters = self.parameter_covariance - told - told.transpose()
-            + learning * (self.pose_covariance() + noise) * learning.transpose();
+            + learning * (self.read_covariance() + noise) * learning.transpose();
         self.parameter_covariance = 0.5 * (parameters + parameters.transpose());
-        self.cross = rest
-            * (self.cross - self.covariance.fixed_columns::<3>(0) * learning.transpose())
+        self.cross = rest * (self.cross - with_read * learning.transpose())
             + gain * noise * learning.transpose();
         self.covariance =
             rest * self.covariance * rest.transpose() + gain * noise * gain.transpose();
@@ -221,7 +268,7 @@ impl<const N: usize> Belief<N> {
     /// Updates with a reading of the gyroscope: the yaw rate of the model with the bias, and with the model's error
     /// since the reading before. One that is off by more than `gate` (normalised, squared) teaches nothing.
     ///
-    /// With H = (0 0 0 1 dw/dp) and S = H P H' + R the whole of P becomes P - (P H') (P H')' / S.
+    /// With H = (0 0 0 1 0 dw/dp) and S = H P H' + R the whole of P becomes P - (P H') (P H')' / S.
     pub(super) fn correct_yaw_rate<M: LearnedModel<N>>(
         &mut self,
         model: &mut M,

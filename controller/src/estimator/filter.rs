@@ -239,7 +239,7 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
     ) -> Option<Matrix3<f64>> {
         let (sigmas, gate) = (PoseSigmas::of(&self.settings), self.settings.gate);
         let difference = predicted.off(pose);
-        let inverse = (predicted.pose_covariance() + sigmas.covariance()).try_inverse()?;
+        let inverse = (predicted.read_covariance() + sigmas.covariance()).try_inverse()?;
         let normalised = (difference.transpose() * inverse * difference).x;
         if normalised <= gate {
             self.gate.passed(time_s, normalised / gate);

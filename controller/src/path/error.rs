@@ -84,7 +84,7 @@ pub enum PathError {
     /// No curve within the allowed deviation meets the curvature bound.
     #[error(
         "the path is too sharp at point {index} (x = {x_m:.3} m, y = {y_m:.3} m): curvature {curvature_per_m:.3} 1/m is left within smoothing.max_deviation_m = {} m, more than smoothing.max_curvature_per_m = {limit_per_m:.3} 1/m; {}",
-        rounded(*deviation_m), remedies(*deviation_needed_m, Some(*curvature_per_m)), x_m = position.x_m, y_m = position.y_m
+        rounded(*deviation_m), remedies(*deviation_needed_m, *curvature_needed_per_m), x_m = position.x_m, y_m = position.y_m
     )]
     TooSharp {
         /// Index of the nearest given point, from 0.
@@ -99,6 +99,8 @@ pub enum PathError {
         deviation_m: f64,
         /// Deviation within which the curvature can be met, m, if one was found.
         deviation_needed_m: Option<f64>,
+        /// Largest curvature with which the deviation can be met, 1/m, if one was found.
+        curvature_needed_per_m: Option<f64>,
     },
     /// A point is far from the path that its neighbours make.
     #[error(
@@ -139,4 +141,16 @@ pub enum PathError {
     /// A parameter is out of range.
     #[error(transparent)]
     Range(#[from] RangeError),
+}
+
+impl PathError {
+    /// Returns the index of the given point at which a path bends too much.
+    pub(super) fn sharp_at(&self) -> Option<usize> {
+        match self {
+            Self::TooSharp { index, .. }
+            | Self::TurnsBack { index, .. }
+            | Self::TooFar { index, .. } => Some(*index),
+            _ => None,
+        }
+    }
 }

@@ -111,8 +111,12 @@ const LEAP_M: f64 = 1e4;
 const STRAY_M: f64 = 20.0;
 const STRAY_TIMES: f64 = 10.0;
 
+/// Namespace of the element `datum` that a GPX file may have as an extension: the origin of the world in which the route
+/// was recorded, so that its first points can be cut off without moving the others.
+pub const GPX_NAMESPACE: &str = "urn:sidehill:gpx:1";
+
 /// Returns the points of all tracks of a GPX text, or of its routes where it has no track, in the local tangent plane
-/// (east, north) at `datum`, or else at the first point.
+/// (east, north) at `datum`, or else at the file's own [datum](GPX_NAMESPACE), or at the first point.
 ///
 /// Segments that follow each other without a gap are joined, which a note says. Heights are the recorded ones minus
 /// the datum's, not the tangent plane's, so that the ground does not fall away with the curvature of the earth.
@@ -160,7 +164,11 @@ pub fn read_gpx(mut reader: impl Read, datum: Option<&GeodeticOrigin>) -> Result
             "latitude 0, longitude 0 is what receivers write without a fix; remove the point",
         ));
     }
-    let origin = datum.copied().unwrap_or(GeodeticOrigin {
+    let own = match datum {
+        Some(_) => None,
+        None => own_datum(&document)?,
+    };
+    let origin = datum.copied().or(own).unwrap_or(GeodeticOrigin {
         latitude_deg: first.latitude_deg,
         longitude_deg: first.longitude_deg,
         elevation_m: first.elevation_m.unwrap_or(0.0),
@@ -185,6 +193,28 @@ pub fn read_gpx(mut reader: impl Read, datum: Option<&GeodeticOrigin>) -> Result
         origin: Some(origin),
         notes,
     })
+}
+
+/// Returns the datum that the file itself has.
+fn own_datum(document: &roxmltree::Document) -> Result<Option<GeodeticOrigin>, PathError> {
+    let mut all = document.descendants();
+    let Some(node) = all.find(|node| node.has_tag_name((GPX_NAMESPACE, "datum"))) else {
+        return Ok(None);
+    };
+    let line = document.text_pos_at(node.range().start).row;
+    let number = |name: &str| {
+        let value = node.attribute(name).and_then(finite);
+        value.ok_or_else(|| fault(line, format!("the datum has no number as `{name}`")))
+    };
+    let raw = RawDatum {
+        latitude_deg: number("latitude_deg")?,
+        longitude_deg: number("longitude_deg")?,
+        altitude_m: number("altitude_m")?,
+    };
+    let datum = raw.try_into();
+    datum
+        .map(Some)
+        .map_err(|error: RangeError| fault(line, error.to_string()))
 }
 
 struct GpxPoint {

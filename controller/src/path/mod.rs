@@ -17,7 +17,7 @@ mod spline;
 
 pub use aside::{Aside, MovedPath};
 pub use error::PathError;
-pub use gpx::{GeodeticOrigin, Route, read_gpx};
+pub use gpx::{GPX_NAMESPACE, GeodeticOrigin, Route, read_gpx};
 pub use options::{Smoothing, SmoothingConfig};
 pub use point::{Direction, PathPoint, Point2, RawPoint};
 pub use projection::{Projected, Window};
@@ -36,7 +36,7 @@ pub(crate) const SAMPLE_STEP_M: f64 = 0.05;
 /// A planar curve parametrised by arc length, in pieces of one driving direction each.
 ///
 /// Consecutive pieces meet at a cusp, where position and vehicle heading are continuous and the
-/// direction of travel is reversed.
+/// direction of travel is reversed, or at a corner, where the vehicle turns on the spot.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "RawPath")]
 pub struct Path {
@@ -91,6 +91,22 @@ impl TryFrom<RawPath> for Path {
         })
     }
 }
+
+/// A turn on the spot between two pieces of a path.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Corner {
+    /// Distance travelled from the start of the path, m.
+    pub arc_length_m: f64,
+    /// Position in the world.
+    pub position: Point2,
+    /// Heading with which the vehicle arrives, rad.
+    pub from_rad: f64,
+    /// How far it turns, rad, at most half a turn, counter-clockwise positive.
+    pub turn_rad: f64,
+}
+
+/// Difference between the headings of two pieces from which on the vehicle turns on the spot between them, rad.
+const CORNER_MIN_RAD: f64 = 0.05;
 
 /// A part of a path driven one way, sampled uniformly in arc length.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -167,9 +183,32 @@ impl Path {
         self.length_m
     }
 
+    /// Returns the arc lengths at which the vehicle stops on the way, m: those of cusps and corners.
+    pub fn stops_m(&self) -> impl Iterator<Item = f64> + '_ {
+        self.pieces.iter().skip(1).map(|piece| piece.start_m)
+    }
+
     /// Returns the arc lengths at which the driving direction changes, m.
     pub fn cusps_m(&self) -> impl Iterator<Item = f64> + '_ {
-        self.pieces.iter().skip(1).map(|piece| piece.start_m)
+        self.pieces
+            .windows(2)
+            .filter(|pair| pair[0].direction != pair[1].direction)
+            .map(|pair| pair[1].start_m)
+    }
+
+    /// Returns where the vehicle turns on the spot, in the order of travel.
+    pub fn corners(&self) -> impl Iterator<Item = Corner> + '_ {
+        self.pieces.windows(2).filter_map(|pair| {
+            let before = pair[0].samples.last()?;
+            let after = pair[1].samples.first()?;
+            let turn_rad = after.heading_rad - before.heading_rad;
+            (turn_rad.abs() > CORNER_MIN_RAD).then_some(Corner {
+                arc_length_m: pair[1].start_m,
+                position: after.position,
+                from_rad: before.heading_rad,
+                turn_rad,
+            })
+        })
     }
 
     /// Returns the largest magnitude of the curvature at the samples, 1/m.

@@ -8,6 +8,8 @@ use super::{Direction, PathError, Point2, RawPoint, accuracy};
 pub(super) struct Raw {
     pub(super) pieces: Vec<RawPiece>,
     pub(super) accuracy_m: f64,
+    /// Length over which a direction of travel is seen, m.
+    pub(super) chord_m: f64,
 }
 
 /// A run of points driven one way.
@@ -27,7 +29,48 @@ impl RawPiece {
     pub(super) fn length_m(&self) -> f64 {
         along_m(&self.points, 0, self.points.len() - 1)
     }
+
+    /// Returns this piece in two that meet in a corner, where travel turns enough beside the point that was given as
+    /// `index`th: at the point where it turns most. None where it does not, or turns back.
+    pub(super) fn parted_at_corner(&self, index: usize, chord_m: f64) -> Option<[Self; 2]> {
+        let points = &self.points;
+        let place = points.iter().position(|(given, _)| *given == index)?;
+        let turn_cos = |at: usize| {
+            let (before, after) = (
+                chord_before(points, at, chord_m),
+                chord_after(points, at, chord_m),
+            );
+            before[0] * after[0] + before[1] * after[1]
+        };
+        let beside = |at: &usize| {
+            let (from, to) = (place.min(*at), place.max(*at));
+            from + 1 >= to || along_m(points, from, to) <= chord_m
+        };
+        let (corner, cos) = (1..points.len() - 1)
+            .filter(beside)
+            .map(|at| (at, turn_cos(at)))
+            .min_by(|a, b| a.1.total_cmp(&b.1))?;
+        if !(FOLD_COS..CORNER_COS).contains(&cos) {
+            return None;
+        }
+        let before = Self {
+            points: points[..=corner].to_vec(),
+            end_tangent: None,
+            ..self.clone()
+        };
+        let after = Self {
+            points: points[corner..].to_vec(),
+            start_tangent: None,
+            ..self.clone()
+        };
+        Some([before, after])
+    }
 }
+
+/// Cosine of the angle by which travel must turn at a point to make it a corner, 30 deg, and of that from which on it
+/// turns back, 170 deg.
+const CORNER_COS: f64 = 0.866;
+const FOLD_COS: f64 = -0.985;
 
 /// Cosine of the angle by which travel must turn at a point to make it a cusp: 120 deg.
 const CUSP_COS: f64 = -0.5;
@@ -73,7 +116,11 @@ pub(super) fn split(points: &[RawPoint], options: &Smoothing) -> Result<Raw, Pat
         tangent = next_tangent;
         start = cusp;
     }
-    Ok(Raw { pieces, accuracy_m })
+    Ok(Raw {
+        pieces,
+        accuracy_m,
+        chord_m,
+    })
 }
 
 /// An estimated accuracy is at most this share of the deviation allowed: more is no noise, or has to be stated.

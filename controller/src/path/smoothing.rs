@@ -40,34 +40,49 @@ const MARGIN: f64 = 0.97;
 /// Points that were recorded while standing count as one place, within four standard deviations of the points'
 /// accuracy, which is stated or estimated from them.
 ///
-/// Each piece between cusps is a smoothing spline: the nodes minimise the squared distance to the
+/// Each piece between cusps and corners is a smoothing spline: the nodes minimise the squared distance to the
 /// polyline plus lambda times the squared second derivative. Lambda is as large as the points' noise
-/// asks for, and grows, only where the curvature is still too large, until the bound holds. Both ends and all cusps are met exactly.
+/// asks for, and grows, only where the curvature is still too large, until the bound holds. Both ends, all cusps and all corners are met exactly.
 /// A cusp is where [`RawPoint::direction`] changes or, where no point has one, where the polyline
 /// turns by more than 120 deg, seen over half the smallest radius; the first piece is then driven
-/// forward.
+/// forward. A corner, where the vehicle stops and turns on the spot, is where travel turns by 30 deg or more and the
+/// curvature bound cannot be met within the deviation.
 ///
 /// # Errors
 /// [`PathError::Empty`], [`PathError::SinglePoint`], [`PathError::ZeroLength`] or
 /// [`PathError::NotFinite`] for unusable points; [`PathError::TooLong`] above 100 km;
-/// [`PathError::TooSharp`] where the curvature bound cannot be met within the deviation, and
+/// [`PathError::TooSharp`] where the curvature bound cannot be met within the deviation and there is no corner, and
 /// [`PathError::TurnsBack`] where that is because travel turns back on the spot.
 pub fn smooth(points: &[RawPoint], options: &Smoothing) -> Result<Smoothed, PathError> {
     let raw = split(points, options)?;
-    let raw_pieces = &raw.pieces;
-    let length_m: f64 = raw_pieces.iter().map(RawPiece::length_m).sum();
+    let length_m: f64 = raw.pieces.iter().map(RawPiece::length_m).sum();
     if length_m > LENGTH_MAX_M {
         return Err(PathError::TooLong {
             length_m,
             limit_m: LENGTH_MAX_M,
         });
     }
-    let mut pieces = Vec::with_capacity(raw_pieces.len());
+    let mut pieces = Vec::with_capacity(raw.pieces.len());
     let mut offsets: Vec<Offset> = Vec::with_capacity(points.len());
     let mut start_m = 0.0;
-    for piece in raw_pieces {
+    // The next one last.
+    let mut to_come = raw.pieces;
+    to_come.reverse();
+    while let Some(piece) = to_come.pop() {
         let direction = piece.direction;
-        let piece = smooth_piece(piece, raw.accuracy_m, options)?;
+        let piece = match smooth_piece(&piece, raw.accuracy_m, options, Refusal::Plain) {
+            Ok(piece) => piece,
+            Err(error) => {
+                let parts = error
+                    .sharp_at()
+                    .and_then(|index| piece.parted_at_corner(index, raw.chord_m));
+                let Some([before, after]) = parts else {
+                    return Err(with_remedies(&piece, raw.accuracy_m, options, error));
+                };
+                to_come.extend([after, before]);
+                continue;
+            }
+        };
         // The first point of a later piece is the cusp, counted with the piece before.
         let counted = usize::from(!offsets.is_empty());
         offsets.extend(piece.offsets.iter().skip(counted).map(|offset| Offset {
@@ -128,10 +143,52 @@ impl SmoothPiece {
     }
 }
 
+/// Returns the error of a piece that cannot be smoothed with what would do.
+fn with_remedies(
+    raw: &RawPiece,
+    accuracy_m: f64,
+    options: &Smoothing,
+    error: PathError,
+) -> PathError {
+    /// Factor between the limits that are tried, and their number.
+    const STEP: f64 = 1.2;
+    const STEPS: i32 = 12;
+    let mut error = match smooth_piece(raw, accuracy_m, options, Refusal::WithRemedy) {
+        Ok(_) => error,
+        Err(error) => error,
+    };
+    if let PathError::TooSharp {
+        curvature_per_m,
+        curvature_needed_per_m,
+        ..
+    } = &mut error
+    {
+        *curvature_needed_per_m = (0..STEPS)
+            .map(|step| (100.0 * *curvature_per_m * STEP.powi(step)).ceil() / 100.0)
+            .find(|&max_curvature_per_m| {
+                let would_do = Smoothing {
+                    max_curvature_per_m,
+                    ..*options
+                };
+                smooth_piece(raw, accuracy_m, &would_do, Refusal::Plain).is_ok()
+            });
+    }
+    error
+}
+
+/// What is said of a piece that cannot be smoothed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Refusal {
+    Plain,
+    /// With the deviation that would do, which takes longer to find.
+    WithRemedy,
+}
+
 fn smooth_piece(
     raw: &RawPiece,
     accuracy_m: f64,
     options: &Smoothing,
+    refusal: Refusal,
 ) -> Result<SmoothPiece, PathError> {
     let curve = Curve {
         raw,
@@ -189,7 +246,10 @@ fn smooth_piece(
             {
                 *deviation_needed_m = Some(farthest.distance_m);
             }
-            if bends_enough || matches!(error, PathError::TurnsBack { .. }) {
+            if bends_enough
+                || refusal == Refusal::Plain
+                || matches!(error, PathError::TurnsBack { .. })
+            {
                 break;
             }
         }
@@ -426,6 +486,7 @@ fn sharp_error(
         limit_per_m: options.max_curvature_per_m,
         deviation_m: options.max_deviation_m,
         deviation_needed_m: None,
+        curvature_needed_per_m: None,
     }
 }
 

@@ -5,6 +5,7 @@
 
 mod adaptation;
 mod allocation;
+mod corners;
 mod endurance;
 mod following;
 mod path;

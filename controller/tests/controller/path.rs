@@ -120,11 +120,11 @@ fn unusable_points_are_refused_by_name() {
         Err(PathError::TooLong { .. })
     ));
     let tight = Smoothing {
-        max_deviation_m: 0.1,
+        max_deviation_m: 0.01,
         ..options
     };
-    let corner = raw(&[(0.0, 0.0), (0.0, 5.0), (5.0, 5.0), (10.0, 5.0)]);
-    match smooth(&corner, &tight) {
+    let bend = raw(&[(0.0, 0.0), (0.0, 5.0), (2.0, 9.0), (5.0, 15.0)]);
+    match smooth(&bend, &tight) {
         Err(PathError::TooSharp {
             index,
             curvature_per_m,
@@ -137,7 +137,7 @@ fn unusable_points_are_refused_by_name() {
         }
         other => panic!("{other:?}"),
     }
-    let smoothed = smooth(&corner, &options).unwrap();
+    let smoothed = smooth(&bend, &options).unwrap();
     assert!(smoothed.deviation_max_m < 0.5 && smoothed.path.max_curvature_per_m() <= 1.0);
 }
 
@@ -543,40 +543,42 @@ fn a_recording_with_noise_and_a_stand_at_its_start_becomes_a_calm_path_near_the_
 
 #[test]
 fn what_would_do_is_said_and_does() {
-    let corner = raw(&[(0.0, 0.0), (0.0, 5.0), (5.0, 4.0), (10.0, 5.0)]);
-    let tight = Smoothing {
-        max_deviation_m: 0.1,
-        ..Smoothing::default()
-    };
-    let Err(error) = smooth(&corner, &tight) else {
-        panic!("accepted")
-    };
-    let text = error.to_string();
-    let PathError::TooSharp {
-        deviation_needed_m: Some(needed_m),
-        curvature_per_m,
-        ..
-    } = error
-    else {
-        panic!("{text}")
-    };
-    assert!(
-        text.contains("max_deviation_m: ") && text.contains("max_curvature_per_m: "),
-        "{text}"
-    );
-    let up = |value: f64| (100.0 * value).ceil() / 100.0;
-    for would_do in [
-        Smoothing {
-            max_deviation_m: up(needed_m),
-            ..tight
-        },
-        Smoothing {
-            max_curvature_per_m: up(curvature_per_m),
-            ..tight
-        },
-    ] {
-        assert!(smooth(&corner, &would_do).is_ok(), "{would_do:?}: {text}");
+    let mut curvatures = 0;
+    for turn_deg in [20.0_f64, 24.0, 27.0, 29.0] {
+        for max_deviation_m in [0.005, 0.01, 0.015] {
+            let (sin, cos) = turn_deg.to_radians().sin_cos();
+            let bend = raw(&[(0.0, 0.0), (0.0, 5.0), (6.0 * sin, 5.0 + 6.0 * cos)]);
+            let tight = Smoothing {
+                max_deviation_m,
+                max_curvature_per_m: 0.5,
+                ..Smoothing::default()
+            };
+            let Err(error) = smooth(&bend, &tight) else {
+                panic!("accepted: {turn_deg} {max_deviation_m}")
+            };
+            assert!(matches!(error, PathError::TooSharp { .. }), "{error}");
+            let text = error.to_string();
+            let said = |key: &str| -> Option<f64> {
+                let (_, value) = text.rsplit_once("; ")?.1.split_once(key)?;
+                let digits = value.split([' ', ',']).next()?;
+                Some(digits.parse().unwrap())
+            };
+            let deviation = said("max_deviation_m: ").map(|max_deviation_m| Smoothing {
+                max_deviation_m,
+                ..tight
+            });
+            let curvature = said("max_curvature_per_m: ").map(|max_curvature_per_m| Smoothing {
+                max_curvature_per_m,
+                ..tight
+            });
+            assert!(deviation.is_some(), "{text}");
+            curvatures += usize::from(curvature.is_some());
+            for would_do in [deviation, curvature].into_iter().flatten() {
+                assert!(smooth(&bend, &would_do).is_ok(), "{would_do:?}: {text}");
+            }
+        }
     }
+    assert!(curvatures > 0);
 }
 
 #[test]
@@ -652,7 +654,7 @@ proptest! {
         let step_m = 1e-3 * path.length_m().min(1.0);
         let (a, b) = (path.at(at_m), path.at(at_m + step_m));
         let moved_m = b.arc_length_m - a.arc_length_m;
-        if path.cusps_m().all(|cusp_m| !(a.arc_length_m..=b.arc_length_m).contains(&cusp_m)) {
+        if path.stops_m().all(|stop_m| !(a.arc_length_m..=b.arc_length_m).contains(&stop_m)) {
             prop_assert!((a.position.distance_m(&b.position) - moved_m).abs() <= 0.1 * moved_m + 1e-7);
             let turned_rad = (b.heading_rad - a.heading_rad).abs();
             prop_assert!(turned_rad <= 2.0 * options.max_curvature_per_m * moved_m + 1e-6, "{turned_rad}");

@@ -77,6 +77,7 @@ impl OdometryNode {
             time,
             clock,
             shared: Arc::default(),
+            fixes: None,
         };
         // No drives hang on this node: its halt switch halts nothing.
         let (commands, _, _) = command_channel(1);

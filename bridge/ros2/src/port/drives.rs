@@ -14,7 +14,7 @@ use sidehill_bridge::ros2::conversions::stamp;
 use sidehill_bridge::ros2::convert::TwistMapping;
 use sidehill_bridge::ros2::joints::TreadJoints;
 use sidehill_bridge::ros2::message::{Float64, Float64MultiArray, Header, Twist, TwistStamped};
-use sidehill_bridge::ros2::settings::topics::CommandsConfig;
+use sidehill_bridge::ros2::settings::topics::{CommandsConfig, SpeedSource};
 use sidehill_plant::sample::{Sample, Stamped};
 use sidehill_plant::vehicle::SpeedCorrection;
 use std::sync::Arc;
@@ -23,6 +23,8 @@ use std::time::Duration;
 use thread_priority::ThreadId;
 use triple_buffer::{Input, Output, triple_buffer};
 
+/// Oldest command of another node that counts as the speed of the treads, s.
+const COMMAND_S: f64 = 0.5;
 /// Zeros that are published after the drives were disabled; then the topics are free for other publishers.
 const LAST_ZEROS: u32 = 5;
 
@@ -41,6 +43,9 @@ pub struct Ros2Port {
     shared: Arc<SharedInputs>,
     correction: SpeedCorrection,
     mode: DriveMode,
+    /// Whether commands count as the speeds of the treads, and the newest of this program.
+    reaches_commands: bool,
+    commanded: MeasuredMotorSpeeds,
     last_s: f64,
     /// Times of the tread speeds, attitude, yaw rate and pose delivered last, s.
     delivered_s: [f64; 4],
@@ -52,7 +57,7 @@ pub struct Ros2Port {
 impl Ros2Port {
     pub(crate) fn new(
         node: &mut RosNode,
-        config: &CommandsConfig,
+        (config, speeds): (&CommandsConfig, SpeedSource),
         correction: SpeedCorrection,
         context: PortContext,
         (inputs, latest): (Worker, Output<LatestInputs>),
@@ -110,6 +115,8 @@ impl Ros2Port {
             shared: context.shared,
             correction,
             mode: DriveMode::Disabled,
+            reaches_commands: speeds == SpeedSource::Commands,
+            commanded: MeasuredMotorSpeeds::default(),
             last_s: f64::NEG_INFINITY,
             delivered_s: [f64::NEG_INFINITY; 4],
             command,
@@ -126,7 +133,18 @@ impl Port for Ros2Port {
     }
 
     fn receive(&mut self, now_s: f64) -> PortInputs {
-        let latest = *self.latest.read();
+        let mut latest = *self.latest.read();
+        if self.reaches_commands {
+            let forwarded = latest.forwarded;
+            let reached = match forwarded.filter(|sent| now_s - sent.time_s <= COMMAND_S) {
+                Some(sent) => sent.value,
+                None => self.commanded,
+            };
+            latest.motors = Some(Stamped {
+                time_s: now_s,
+                value: reached,
+            });
+        }
         if now_s < self.last_s {
             // The clock was set back: older readings are new again.
             self.delivered_s = [f64::NEG_INFINITY; 4];
@@ -167,9 +185,14 @@ impl Port for Ros2Port {
             true => DriveMode::Enabled,
             false => DriveMode::Disabled,
         };
+        let motors = MeasuredMotorSpeeds::reaching(command.speeds, &self.correction);
+        self.commanded = match command.enable {
+            true => motors,
+            false => MeasuredMotorSpeeds::default(),
+        };
         self.command.write(TimedCommand {
             time_s: now_s,
-            motors: MeasuredMotorSpeeds::reaching(command.speeds, &self.correction),
+            motors,
             enable: command.enable,
         });
         thread.unpark();

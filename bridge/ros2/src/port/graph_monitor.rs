@@ -86,7 +86,7 @@ impl GraphMonitor {
 
     /// Notes that each publisher of a topic has to be heard: one may say what no other does.
     pub(crate) fn need_every_publisher(&mut self, configured: &str) {
-        if let Some(topic) = self.topic(configured) {
+        for topic in self.topics(configured) {
             topic.every_publisher = true;
         }
     }
@@ -115,7 +115,7 @@ impl GraphMonitor {
 
     /// Takes a message of a topic, by its name in the configuration, that was used.
     pub(crate) fn accepted(&mut self, configured: &str) {
-        if let Some(topic) = self.topic(configured) {
+        for topic in self.topics(configured) {
             topic.accepted = Some(Instant::now());
             topic.rejection = None;
         }
@@ -123,15 +123,15 @@ impl GraphMonitor {
 
     /// Takes a message of a topic that was rejected.
     pub(crate) fn rejected(&mut self, configured: &str, reason: &str) {
-        if let Some(topic) = self.topic(configured) {
+        for topic in self.topics(configured) {
             topic.rejection = Some(reason.to_owned());
         }
     }
 
-    fn topic(&mut self, configured: &str) -> Option<&mut Topic> {
-        self.topics
-            .iter_mut()
-            .find(|topic| topic.configured == configured)
+    /// A topic may be more than one input: an IMU also of headings.
+    fn topics<'a>(&'a mut self, configured: &'a str) -> impl Iterator<Item = &'a mut Topic> {
+        let all = self.topics.iter_mut();
+        all.filter(move |topic| topic.configured == configured)
     }
 
     fn is_own(&self, guid: &GUID) -> bool {
@@ -354,8 +354,11 @@ mod tests {
         assert!(reason(&monitor).contains("incompatible QoS: the publisher is best effort"));
         monitor.rejected("odom", "it is in map, must be in odom");
         assert!(reason(&monitor).contains("rejected: it is in map, must be in odom"));
+        let kind = "nav_msgs/msg/Odometry".to_owned();
+        monitor.wait_for("headings", ("odom", "/odom".to_owned()), kind, true);
         monitor.accepted("odom");
-        assert_eq!(reason(&monitor), "");
+        let inputs = monitor.inputs();
+        assert!(inputs.len() == 2 && inputs.iter().all(|input| input.missing.is_none()));
         monitor.discovered(&Event::WriterLost {
             guid: writer,
             reason: LostReason::Disposed,

@@ -4,18 +4,20 @@ use super::readings::{LatestInputs, PortContext, Readings};
 use crate::node::subscription::take_all;
 use crate::node::worker::Worker;
 use crate::node::{NodeError, RosNode, qos};
-use crate::port::readings::CLOCK;
+use crate::port::readings::{CLOCK, TF};
 use ros2_client::Subscription;
 use ros2_client::dds::rustdds::mio1::{Events, Interest, Poll, Token};
 use sidehill_bridge::control_loop::channel::HaltSwitch;
 use sidehill_bridge::ros2::message::TopicMessage;
 use sidehill_bridge::ros2::message::{
-    Bool, Clock, Imu, JointState, Odometry, PoseWithCovarianceStamped, TfMessage, Twist,
-    TwistStamped,
+    Bool, Clock, Imu, JointState, NavSatFix, Odometry, PoseWithCovarianceStamped,
+    QuaternionStamped, TfMessage, Twist, TwistStamped,
 };
 use sidehill_bridge::ros2::names::NameError;
 use sidehill_bridge::ros2::settings::topics::{AttitudeSource, SpeedSource, YawRateSource};
-use sidehill_bridge::ros2::settings::topics::{InputsConfig, PoseConfig, PoseMessage, TwistConfig};
+use sidehill_bridge::ros2::settings::topics::{
+    HeadingConfig, HeadingMessage, InputsConfig, PoseConfig, PoseMessage, TwistConfig,
+};
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 use triple_buffer::{Input, Output, triple_buffer};
@@ -74,10 +76,18 @@ enum Forwarded {
 enum Poses {
     Odometry(Subscription<Odometry>),
     Stamped(Subscription<PoseWithCovarianceStamped>),
+    Fix(Subscription<NavSatFix>),
+}
+
+/// Headings beside fixes.
+enum Headings {
+    Imu(Subscription<Imu>),
+    Quaternion(Subscription<QuaternionStamped>),
 }
 
 struct Subscriptions {
     poses: Option<Poses>,
+    headings: Option<Headings>,
     odometry: Option<Subscription<Odometry>>,
     imu: Option<Subscription<Imu>>,
     joint_states: Option<Subscription<JointState>>,
@@ -104,11 +114,22 @@ impl Subscriptions {
         if clock {
             wait.for_topic::<Clock>("clock", CLOCK, true)?;
         }
-        if let Some(PoseConfig { topic, message }) = pose {
+        if let Some(PoseConfig { topic, message, .. }) = pose {
             match message {
                 PoseMessage::Odometry => wait.for_topic::<Odometry>("poses", topic, true)?,
                 PoseMessage::PoseWithCovarianceStamped => {
                     wait.for_topic::<PoseWithCovarianceStamped>("poses", topic, true)?;
+                }
+                PoseMessage::Transform => wait.for_topic::<TfMessage>("poses", TF, true)?,
+                PoseMessage::NavSatFix => wait.for_topic::<NavSatFix>("fixes", topic, true)?,
+            }
+        }
+        let heading = pose.and_then(|pose| pose.heading.as_ref());
+        if let Some(HeadingConfig { topic, message, .. }) = heading {
+            match message {
+                HeadingMessage::Imu => wait.for_topic::<Imu>("headings", topic, true)?,
+                HeadingMessage::QuaternionStamped => {
+                    wait.for_topic::<QuaternionStamped>("headings", topic, true)?;
                 }
             }
         }
@@ -128,15 +149,28 @@ impl Subscriptions {
         shared.graph().need_every_publisher(&config.emergency_stop);
         Ok(Self {
             poses: match pose {
-                Some(PoseConfig { topic, message }) => Some(match message {
+                None => None,
+                Some(PoseConfig { topic, message, .. }) => match message {
                     PoseMessage::Odometry => {
-                        Poses::Odometry(node.subscription(topic, &qos::NEWEST)?)
+                        Some(Poses::Odometry(node.subscription(topic, &qos::NEWEST)?))
                     }
                     PoseMessage::PoseWithCovarianceStamped => {
-                        Poses::Stamped(node.subscription(topic, &qos::NEWEST)?)
+                        Some(Poses::Stamped(node.subscription(topic, &qos::NEWEST)?))
+                    }
+                    PoseMessage::NavSatFix => {
+                        Some(Poses::Fix(node.subscription(topic, &qos::BURST)?))
+                    }
+                    PoseMessage::Transform => None,
+                },
+            },
+            headings: match heading {
+                None => None,
+                Some(HeadingConfig { topic, message, .. }) => Some(match message {
+                    HeadingMessage::Imu => Headings::Imu(node.subscription(topic, &qos::BURST)?),
+                    HeadingMessage::QuaternionStamped => {
+                        Headings::Quaternion(node.subscription(topic, &qos::BURST)?)
                     }
                 }),
-                None => None,
             },
             odometry: match odometry {
                 true => Some(node.subscription(&config.odometry, &qos::NEWEST)?),
@@ -178,6 +212,12 @@ impl Subscriptions {
         match &mut self.poses {
             Some(Poses::Odometry(poses)) => registry.register(poses, token, readable)?,
             Some(Poses::Stamped(poses)) => registry.register(poses, token, readable)?,
+            Some(Poses::Fix(fixes)) => registry.register(fixes, token, readable)?,
+            None => {}
+        }
+        match &mut self.headings {
+            Some(Headings::Imu(headings)) => registry.register(headings, token, readable)?,
+            Some(Headings::Quaternion(headings)) => registry.register(headings, token, readable)?,
             None => {}
         }
         if let Some(odometry) = &mut self.odometry {
@@ -265,6 +305,36 @@ impl Reader {
                 take_all(poses, |message, info| {
                     let PoseWithCovarianceStamped { header, pose } = &message;
                     readings.pose(header, None, &pose.pose, info.publisher_gid());
+                });
+            }
+            Some(Poses::Fix(fixes)) => {
+                take_all(fixes, |message, info| {
+                    readings.fix(&message, info.publisher_gid());
+                });
+            }
+            None => {}
+        }
+        match &subscriptions.headings {
+            Some(Headings::Imu(headings)) => {
+                take_all(headings, |message, info| {
+                    let Imu {
+                        header,
+                        orientation,
+                        orientation_covariance,
+                        ..
+                    } = &message;
+                    // -1 in the first place says that there is no orientation.
+                    let variance = match orientation_covariance[0] {
+                        -1.0 => -1.0,
+                        _ => orientation_covariance[8],
+                    };
+                    readings.heading(header, orientation, Some(variance), info.publisher_gid());
+                });
+            }
+            Some(Headings::Quaternion(headings)) => {
+                take_all(headings, |message, info| {
+                    let QuaternionStamped { header, quaternion } = &message;
+                    readings.heading(header, quaternion, None, info.publisher_gid());
                 });
             }
             None => {}

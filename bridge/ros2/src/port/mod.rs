@@ -7,8 +7,10 @@
 //!
 //! The control loop waits for neither thread.
 
+mod course;
 mod drives;
 pub(crate) mod emergency_stop;
+pub(crate) mod fixes;
 pub(crate) mod graph_monitor;
 pub(crate) mod inputs;
 pub(crate) mod readings;
@@ -17,4 +19,5 @@ pub(crate) mod shared_inputs;
 mod stamp_clock;
 
 pub use drives::Ros2Port;
+pub use fixes::FixSettings;
 pub use shared_inputs::Note;

@@ -1,9 +1,10 @@
 //! From messages to readings for the controller: frames, stamps and units are checked here.
 
+use super::fixes::{FixError, FixPoses, FixSettings};
 use super::shared_inputs::SharedInputs;
 use super::stamp_clock::{AHEAD_S, SYSTEM_JUMP_S, StampClock};
 use crate::node::time::RosTime;
-use nalgebra::UnitQuaternion;
+use nalgebra::{UnitQuaternion, Vector3};
 use ros2_client::Gid;
 use sidehill_bridge::drives::{ExternalClock, MeasuredMotorSpeeds};
 use sidehill_bridge::ros2::conversions::{
@@ -12,23 +13,29 @@ use sidehill_bridge::ros2::conversions::{
 use sidehill_bridge::ros2::convert::{TwistMapping, pose_and_attitude};
 use sidehill_bridge::ros2::message;
 use sidehill_bridge::ros2::message::{
-    Clock, Header, Imu, JointState, Odometry, TfMessage, TransformStamped, Twist,
+    Clock, Header, Imu, JointState, NavSatFix, Odometry, Quaternion, TfMessage, TransformStamped,
+    Twist,
 };
 use sidehill_bridge::ros2::settings::topics::{
-    AttitudeSource, Frames, InputsConfig, SpeedSource, YawRateSource,
+    AttitudeSource, Frames, HeadingConfig, InputsConfig, PoseMessage, SpeedSource, YawRateSource,
 };
 use sidehill_bridge::ros2::transforms::TransformError;
 use sidehill_plant::frames::{Attitude, Pose, paper_attitude};
 use sidehill_plant::sample::Stamped;
+use std::f64::consts::FRAC_PI_2;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
+/// The topic of transforms.
+pub(crate) const TF: &str = "/tf";
 /// The topic of simulated time.
 pub(crate) const CLOCK: &str = "/clock";
 /// A step of `/clock` that is a jump, s; any step back is one.
 const CLOCK_JUMP_S: f64 = 2.0;
 /// How far the stamp of a transform may be ahead of the clock, s: a localisation predicts.
 const PREDICTION_MAX_S: f64 = 10.0;
+/// Height of a direction of length 1 from which on it shows no heading.
+const STEEP: f64 = 0.7;
 /// Fastest rotation that is believed, rad/s: gyroscopes read at most 2000 deg/s.
 const ROTATION_MAX_RAD_S: f64 = 35.0;
 
@@ -59,6 +66,17 @@ pub(crate) enum Rejection {
     NoAngularVelocity,
     #[error("angular_velocity is {rad_s:.1} rad/s, must be at most {ROTATION_MAX_RAD_S} rad/s")]
     Rotation { rad_s: f64 },
+    #[error(
+        "its heading has a standard deviation of {sigma_rad:.3} rad, more than {max_rad:.3} rad, three times \
+             settings.estimator.pose_sigma_rad"
+    )]
+    Heading { sigma_rad: f64, max_rad: f64 },
+    #[error("the x axis of its frame points up or down in the vehicle: nothing shows its heading")]
+    Steep,
+    #[error("{0}; publish it, or give `{1}`")]
+    Mounting(TransformError, &'static str),
+    #[error(transparent)]
+    Fix(#[from] FixError),
     #[error(transparent)]
     Transform(#[from] TransformError),
 }
@@ -72,6 +90,8 @@ pub(crate) struct PortContext {
     /// The control loop's clock, where it is that of `/clock`.
     pub(crate) clock: Option<ExternalClock>,
     pub(crate) shared: Arc<SharedInputs>,
+    /// How fixes become poses; none where no fix is read.
+    pub(crate) fixes: Option<FixSettings>,
 }
 
 /// Converts messages to the newest readings; what it rejects is counted and keeps its reason.
@@ -81,6 +101,7 @@ pub(crate) struct Readings {
     latest: LatestInputs,
     clock_s: Option<f64>,
     stamp_clocks: StampClocks,
+    fixes: Option<FixPoses>,
 }
 
 /// The clocks by which the topics are stamped.
@@ -88,6 +109,7 @@ pub(crate) struct Readings {
 struct StampClocks {
     odometry: StampClock,
     pose: StampClock,
+    heading: StampClock,
     imu: StampClock,
     joint_states: StampClock,
 }
@@ -95,7 +117,11 @@ struct StampClocks {
 impl Readings {
     /// Returns readings before the first message.
     pub(crate) fn new(config: InputsConfig, context: PortContext) -> Self {
+        let pose = config.pose.as_ref();
+        let of_fixes = pose.filter(|pose| pose.message == PoseMessage::NavSatFix);
+        let fixes = context.fixes.zip(of_fixes);
         Self {
+            fixes: fixes.map(|(settings, pose)| FixPoses::new(settings, pose.heading.is_none())),
             config,
             context,
             latest: LatestInputs::default(),
@@ -148,6 +174,9 @@ impl Readings {
         shared.clock_jumps.fetch_add(1, Ordering::Relaxed);
         self.latest = LatestInputs::default();
         self.stamp_clocks = StampClocks::default();
+        if let Some(fixes) = &mut self.fixes {
+            fixes.forget();
+        }
     }
 
     /// Takes transforms; fixed ones are those of `/tf_static`.
@@ -157,6 +186,30 @@ impl Readings {
                 let topic = format!("tf, {}", stamped.child_frame_id);
                 self.context.shared.reject(&topic, &reason);
             }
+        }
+        let pose = self.config.pose.as_ref();
+        if !fixed && pose.is_some_and(|pose| pose.message == PoseMessage::Transform) {
+            self.pose_of_transforms();
+        }
+    }
+
+    /// Takes the frame of the vehicle in that of the poses, where it is newer than before.
+    fn pose_of_transforms(&mut self) {
+        let Frames { odometry, base } = &self.context.frames;
+        let newest = self.context.shared.transforms().newest(odometry, base);
+        match newest {
+            Ok((time_s, pose)) => {
+                let time_s = time_s.min(self.context.time.now_s());
+                if self.latest.pose.is_none_or(|before| before.time_s < time_s) {
+                    self.stand(time_s, pose_and_attitude(&pose));
+                    self.context.shared.graph().accepted(TF);
+                }
+            }
+            Err(reason) => self
+                .context
+                .shared
+                .graph()
+                .rejected(TF, &reason.to_string()),
         }
     }
 
@@ -219,8 +272,135 @@ impl Readings {
             self.stand(time_s, standing);
         }
         if self.config.speeds == SpeedSource::Odometry {
-            self.latest.motors = Some(stamped(time_s, motors));
+            self.drive(stamped(time_s, motors));
         }
+        Ok(())
+    }
+
+    fn drive(&mut self, motors: Stamped<MeasuredMotorSpeeds>) {
+        self.latest.motors = Some(motors);
+        if let Some(fixes) = &mut self.fixes {
+            let MeasuredMotorSpeeds {
+                traction_m_s,
+                steer_m_s,
+            } = motors.value;
+            fixes.speeds(motors.time_s, traction_m_s, steer_m_s);
+        }
+    }
+
+    /// Takes a fix of a satellite receiver.
+    pub(crate) fn fix(&mut self, message: &NavSatFix, publisher: Gid) {
+        if let Err(reason) = self.try_fix(message, publisher) {
+            self.reject_fix(&reason);
+        }
+        self.poses_of_fixes();
+    }
+
+    fn reject_fix(&self, reason: &Rejection) {
+        let topic = self.config.pose.as_ref().map_or("", |pose| &pose.topic);
+        self.context.shared.reject(topic, reason);
+    }
+
+    fn try_fix(&mut self, message: &NavSatFix, publisher: Gid) -> Result<(), Rejection> {
+        let (Some(config), Some(fixes)) = (&self.config.pose, &mut self.fixes) else {
+            return Ok(());
+        };
+        let clock = &mut self.stamp_clocks.pose;
+        let time_s = (self.context).time_s(&message.header, clock, &config.topic, publisher)?;
+        let lever = match &config.antenna {
+            Some(antenna) => antenna.in_base(),
+            None => {
+                let (base, antenna) = (&self.context.frames.base, &message.header.frame_id);
+                let transforms = self.context.shared.transforms();
+                let mounted = transforms.look_up(base, antenna, time_s, f64::INFINITY);
+                mounted
+                    .map_err(|error| Rejection::Mounting(error, "antenna"))?
+                    .translation
+                    .vector
+            }
+        };
+        Ok(fixes.fix(time_s, message, lever)?)
+    }
+
+    /// Takes the poses of fixes that were waiting for other readings.
+    fn poses_of_fixes(&mut self) {
+        let now_s = self.context.time.now_s();
+        while let Some(pose) = self.fixes.as_mut().and_then(|fixes| fixes.next(now_s)) {
+            match pose {
+                Ok(pose) => {
+                    self.latest.pose = Some(pose);
+                    let topic = self.config.pose.as_ref().map_or("", |pose| &pose.topic);
+                    self.context.shared.graph().accepted(topic);
+                }
+                Err(reason) => self.reject_fix(&reason.into()),
+            }
+        }
+    }
+
+    /// Takes the heading of a topic of its own; with the covariance about the vertical, rad^2, where there is one.
+    pub(crate) fn heading(
+        &mut self,
+        header: &Header,
+        orientation: &Quaternion,
+        variance: Option<f64>,
+        publisher: Gid,
+    ) {
+        let pose = self.config.pose.as_ref();
+        let Some(config) = pose.and_then(|pose| pose.heading.clone()) else {
+            return;
+        };
+        match self.try_heading(&config, header, orientation, variance, publisher) {
+            Ok(()) => self.context.shared.graph().accepted(&config.topic),
+            Err(reason) => self.context.shared.reject(&config.topic, &reason),
+        }
+        self.poses_of_fixes();
+    }
+
+    fn try_heading(
+        &mut self,
+        config: &HeadingConfig,
+        header: &Header,
+        orientation: &Quaternion,
+        variance: Option<f64>,
+        publisher: Gid,
+    ) -> Result<(), Rejection> {
+        let Some(fixes) = &mut self.fixes else {
+            return Ok(());
+        };
+        if variance == Some(-1.0) {
+            return Err(Rejection::NoOrientation);
+        }
+        let max_rad = fixes.settings().heading_sigma_max_rad;
+        let sigma_rad = variance.unwrap_or(0.0).sqrt();
+        // A variance that is no number is not within.
+        if !(..=max_rad).contains(&sigma_rad) {
+            return Err(Rejection::Heading { sigma_rad, max_rad });
+        }
+        let clock = &mut self.stamp_clocks.heading;
+        let time_s = (self.context).time_s(header, clock, &config.topic, publisher)?;
+        let rotation = from_quaternion(orientation)?;
+        let base_from_sensor = match config.offset_deg {
+            Some(offset_deg) => {
+                UnitQuaternion::from_axis_angle(&Vector3::z_axis(), -offset_deg.to_radians())
+            }
+            None => {
+                let mounted = self.context.mounting(&header.frame_id, time_s);
+                let error = |error| Rejection::Mounting(error, "heading.offset_deg");
+                mounted.map_err(error)?.inverse()
+            }
+        };
+        let direction = base_from_sensor * Vector3::x();
+        if direction.z.abs() > STEEP {
+            return Err(Rejection::Steep);
+        }
+        // Drivers of two antennas leave roll and pitch out: only where the sensor's x axis points is true of all.
+        let pointing = rotation * Vector3::x();
+        let mut azimuth_rad = (-pointing.x).atan2(pointing.y);
+        if config.compass {
+            // Clockwise from north, read as counter-clockwise from east.
+            azimuth_rad = -(azimuth_rad + FRAC_PI_2);
+        }
+        fixes.heading(time_s, azimuth_rad, direction);
         Ok(())
     }
 
@@ -275,6 +455,7 @@ impl Readings {
             Ok(()) => shared.graph().accepted(topic),
             Err(reason) => shared.reject(topic, &reason),
         }
+        self.poses_of_fixes();
     }
 
     fn try_imu(&mut self, message: &Imu, publisher: Gid) -> Result<(), Rejection> {
@@ -282,7 +463,7 @@ impl Readings {
         let time_s = self
             .context
             .time_s(&message.header, clock, topic, publisher)?;
-        let imu_from_base = self.imu_from_base(&message.header.frame_id, time_s)?;
+        let imu_from_base = self.context.mounting(&message.header.frame_id, time_s)?;
         if self.config.attitude == AttitudeSource::Imu {
             if message.orientation_covariance[0] == -1.0 {
                 return Err(Rejection::NoOrientation);
@@ -291,25 +472,18 @@ impl Readings {
             let attitude = paper_attitude(&world_from_base).0;
             self.latest.attitude = Some(stamped(time_s, attitude));
             self.context.shared.graph().accepted(&self.config.imu);
+            if let Some(fixes) = &mut self.fixes {
+                fixes.attitude(time_s, attitude);
+            }
         }
         if self.config.yaw_rate == YawRateSource::Imu {
             let yaw_rate_rad_s = yaw_rate_rad_s(message, &imu_from_base)?;
             self.latest.yaw_rate = Some(stamped(time_s, yaw_rate_rad_s));
+            if let Some(fixes) = &mut self.fixes {
+                fixes.yaw_rate(time_s, yaw_rate_rad_s);
+            }
         }
         Ok(())
-    }
-
-    /// Returns the mounting of the IMU: the rotation from the vehicle's axes to its own. It does not age, on whichever
-    /// topic it is published.
-    fn imu_from_base(&self, imu: &str, time_s: f64) -> Result<UnitQuaternion<f64>, Rejection> {
-        let base = &self.context.frames.base;
-        if check_frame(imu, base).is_ok() {
-            return Ok(UnitQuaternion::identity());
-        }
-        let transforms = self.context.shared.transforms();
-        Ok(transforms
-            .look_up(imu, base, time_s, f64::INFINITY)?
-            .rotation)
     }
 
     /// Takes a command that another node has sent to the drives.
@@ -325,7 +499,7 @@ impl Readings {
     pub(crate) fn joint_states(&mut self, message: &JointState, publisher: Gid) {
         match self.try_joint_states(message, publisher) {
             Ok(motors) => {
-                self.latest.motors = Some(motors);
+                self.drive(motors);
                 let topic = &self.config.joint_states;
                 self.context.shared.graph().accepted(topic);
             }
@@ -356,6 +530,18 @@ impl Readings {
 }
 
 impl PortContext {
+    /// Returns the mounting of a sensor: the rotation from the vehicle's axes to its own. It does not age, on whichever
+    /// topic it is published.
+    fn mounting(&self, sensor: &str, time_s: f64) -> Result<UnitQuaternion<f64>, TransformError> {
+        let base = &self.frames.base;
+        if check_frame(sensor, base).is_ok() {
+            return Ok(UnitQuaternion::identity());
+        }
+        let transforms = self.shared.transforms();
+        let mounted = transforms.look_up(sensor, base, time_s, f64::INFINITY)?;
+        Ok(mounted.rotation)
+    }
+
     /// Returns the local time of a stamp, not later than now; a stamp of zero was not set.
     fn time_s(
         &self,

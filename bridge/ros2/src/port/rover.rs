@@ -1,20 +1,22 @@
 //! The topics of a virtual vehicle.
 
 use crate::node::{NodeError, RosNode, qos};
+use nalgebra::Isometry3;
 use ros2_client::{Publisher, Subscription};
 use serde::de::DeserializeOwned;
 use sidehill_bridge::drives::MeasuredMotorSpeeds;
 use sidehill_bridge::ros2::arguments::{RosArguments, RosEnvironment};
 use sidehill_bridge::ros2::conversions;
 use sidehill_bridge::ros2::message::{
-    Bool, Clock, Float64, Float64MultiArray, Header, Imu, JointState, Odometry, TfMessage,
-    TransformStamped, Twist, TwistStamped,
+    Bool, Clock, Float64, Float64MultiArray, Header, Imu, JointState, NavSatFix, Odometry,
+    TfMessage, TransformStamped, Twist, TwistStamped,
 };
-use sidehill_bridge::ros2::rover::{CommandKind, Report, RosVehicle, map_from_odom};
+use sidehill_bridge::ros2::rover::{CommandKind, GNSS_FRAME, Report, RosVehicle, map_from_odom};
 
 /// A vehicle's node: sends reports and hears commands, and never waits for either.
 pub struct VehicleNode {
     odometry: Publisher<Odometry>,
+    fix: Option<Publisher<NavSatFix>>,
     imu: Publisher<Imu>,
     transforms: Publisher<TfMessage>,
     _fixed_transforms: Publisher<TfMessage>,
@@ -60,15 +62,27 @@ impl VehicleNode {
         let mut node = RosNode::start(&config.node, arguments, environment)?;
         let fixed_transforms = node.publisher("/tf_static", &qos::LATCHED)?;
         let frames = &config.frames;
+        // Odometry of the wheels drifts: its frame has no fixed place in the map, but the antenna has one.
+        let (parent, child, transform) = match &config.gnss {
+            Some(gnss) => {
+                let antenna = gnss.antenna.in_base();
+                (
+                    &frames.base,
+                    GNSS_FRAME,
+                    Isometry3::translation(antenna.x, antenna.y, antenna.z),
+                )
+            }
+            None => (&frames.map, frames.odom.as_str(), map_from_odom(config)),
+        };
         // It cannot be lost: a late subscriber gets it on joining.
         let _ = fixed_transforms.publish(TfMessage {
             transforms: vec![TransformStamped {
                 header: Header {
                     stamp: conversions::stamp(origin_ns),
-                    frame_id: frames.map.clone(),
+                    frame_id: parent.clone(),
                 },
-                child_frame_id: frames.odom.clone(),
-                transform: conversions::to_transform(&map_from_odom(config)),
+                child_frame_id: child.to_owned(),
+                transform: conversions::to_transform(&transform),
             }],
         });
         let commands = match config.command {
@@ -87,6 +101,10 @@ impl VehicleNode {
         };
         Ok(Self {
             odometry: node.publisher("odom", &qos::STREAM)?,
+            fix: match config.gnss {
+                Some(_) => Some(node.publisher("fix", &qos::STREAM)?),
+                None => None,
+            },
             imu: node.publisher("imu", &qos::STREAM)?,
             transforms: node.publisher("/tf", &qos::RELIABLE_10)?,
             _fixed_transforms: fixed_transforms,
@@ -164,6 +182,9 @@ impl VehicleNode {
         }
         if let Some(message) = report.odometry {
             count(self.odometry.publish(message).is_err());
+        }
+        if let Some((topic, message)) = self.fix.as_ref().zip(report.fix) {
+            count(topic.publish(message).is_err());
         }
         if let Some(message) = report.imu {
             count(self.imu.publish(message).is_err());

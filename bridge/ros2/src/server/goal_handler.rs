@@ -10,7 +10,7 @@ use crate::node::message::action::code;
 use crate::node::peers::ClientId;
 use ros2_client::action::GoalId;
 use sidehill_bridge::ros2::message::SpeedLimit;
-use sidehill_bridge::safety::StopCause;
+use sidehill_bridge::safety::{Geofence, StopCause};
 use sidehill_controller::controller::Decision;
 use sidehill_plant::vehicle::Vehicle;
 
@@ -42,11 +42,19 @@ impl GoalHandler {
                 pivots,
                 odometry_frame: odometry_frame.to_owned(),
                 vehicle: vehicle.clone(),
+                geofence: None,
             },
             limit: SpeedLimit::default(),
             session: None,
             requests: Requests::default(),
         }
+    }
+
+    /// Refuses paths that leave an area.
+    #[must_use]
+    pub(crate) fn within(mut self, geofence: Option<Geofence>) -> Self {
+        self.settings.geofence = geofence;
+        self
     }
 
     /// Begins a session in place of the present one; a path that was refused ends it at once.

@@ -35,7 +35,7 @@ use super::route::{Route, RouteSettings};
 use super::termination::{Termination, abort_cause};
 use crate::node::goals::GoalEnd;
 use crate::node::message::action::code;
-use sidehill_bridge::safety::StopCause;
+use sidehill_bridge::safety::{Geofence, StopCause};
 use sidehill_controller::controller::Decision;
 use sidehill_plant::frames::{PlanarPose, wrap_angle};
 use sidehill_plant::vehicle::Vehicle;
@@ -63,6 +63,8 @@ pub(crate) struct SessionSettings {
     pub(crate) odometry_frame: String,
     /// Model by which the slide of a pivot is predicted.
     pub(crate) vehicle: Vehicle,
+    /// Area that no path may leave.
+    pub(crate) geofence: Option<Geofence>,
 }
 
 /// What the controller follows for this session.

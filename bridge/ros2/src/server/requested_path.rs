@@ -76,7 +76,7 @@ impl RequestedPath {
         let steps = (length_m / CURVE_STEP_M).ceil().max(1.0) as usize;
         let mut places_m: Vec<f64> = (0..=steps)
             .map(|index| length_m * index as f64 / steps as f64)
-            .chain(curve.cusps_m())
+            .chain(curve.stops_m())
             .collect();
         places_m.sort_by(f64::total_cmp);
         let poses = places_m.iter().map(|at_m| curve.at(*at_m).pose());

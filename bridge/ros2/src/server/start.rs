@@ -8,10 +8,10 @@ use crate::node::time::RosTime;
 use crate::node::worker::Worker;
 use crate::node::{NodeError, RosNode};
 use crate::port::Note;
-use crate::port::Ros2Port;
 use crate::port::inputs::InputSubscriber;
 use crate::port::readings::PortContext;
 use crate::port::shared_inputs::SharedInputs;
+use crate::port::{FixSettings, Ros2Port};
 use ros2_client::dds::rustdds::RTPSEntity;
 use sidehill_bridge::control_loop::channel::{ControllerEnd, LoopEnd, command_channel};
 use sidehill_bridge::control_loop::scheduling::{RealtimeConfig, RealtimeError};
@@ -20,6 +20,8 @@ use sidehill_bridge::drives::{Clock, Epoch, ExternalClock, Input, InputStatus};
 use sidehill_bridge::ros2::arguments::{RosArguments, RosEnvironment};
 use sidehill_bridge::ros2::convert::TwistMapping;
 use sidehill_bridge::ros2::settings::server::Ros2Config;
+use sidehill_bridge::ros2::settings::topics::SpeedSource;
+use sidehill_bridge::safety::Geofence;
 use sidehill_plant::vehicle::{RangeError, Vehicle};
 use sidehill_recording::live::ParameterOwner;
 use std::collections::VecDeque;
@@ -55,6 +57,8 @@ pub struct Setup<'a> {
     pub epoch: Epoch,
     /// Whether the drives are commanded over ROS 2.
     pub drives: bool,
+    /// How fixes of a satellite receiver become poses; none where poses come otherwise.
+    pub fixes: Option<FixSettings>,
     /// Stages of the controller's horizon.
     pub stages: usize,
     /// Period of the control loop, s.
@@ -67,6 +71,8 @@ pub struct Setup<'a> {
     pub realtime: RealtimeConfig,
     /// The route of the configuration, which the operator begins.
     pub configured_route: Option<ConfiguredRoute>,
+    /// Area that the vehicle may not leave.
+    pub geofence: Option<Geofence>,
     /// How the vehicle stops ahead of an obstacle.
     pub stopping: StoppingSettings,
 }
@@ -150,6 +156,7 @@ pub fn start(setup: Setup<'_>) -> Result<Ros2, StartError> {
         time: time.clone(),
         clock: external,
         shared: Arc::default(),
+        fixes: setup.fixes,
     };
     let own = node.context().domain_participant().guid();
     let shared = Arc::clone(&context.shared);
@@ -173,12 +180,17 @@ pub fn start(setup: Setup<'_>) -> Result<Ros2, StartError> {
         forwarded: config.commands.forwarded.clone().filter(|_| setup.drives),
         sensors: setup.drives,
     };
+    if setup.drives && config.inputs.speeds == SpeedSource::Commands {
+        let message = "the speeds of the treads are those of the commands: drives that do not obey are not noticed, and \
+                       slip counts as slide";
+        shared.note("inputs", message.to_owned());
+    }
     let (inputs, latest) = subscriber.start(&mut node)?;
     let (port, inputs) = if setup.drives {
         let scale = setup.vehicle.encoder_scale;
         let port = Ros2Port::new(
             &mut node,
-            &config.commands,
+            (&config.commands, config.inputs.speeds),
             scale,
             context,
             (inputs, latest),
@@ -192,7 +204,7 @@ pub fn start(setup: Setup<'_>) -> Result<Ros2, StartError> {
         config,
         setup.route,
         setup.vehicle,
-        (setup.period_s, setup.stopping),
+        (setup.period_s, setup.stopping, setup.geofence),
         links,
     )?;
     Ok(Ros2 {

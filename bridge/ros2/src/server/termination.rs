@@ -66,7 +66,7 @@ pub(crate) fn ended_by_safety(context: &GoalContext<'_>) -> Outcome {
     }
     let code = match reason {
         Reason::CommandTimeout { .. } => code::CONTROLLER_TIMED_OUT,
-        Reason::CommandNotFinite => code::NO_VALID_CONTROL,
+        Reason::CommandNotFinite | Reason::Geofence => code::NO_VALID_CONTROL,
         Reason::FeedbackTimeout { .. } | Reason::Clock { .. } => code::TF_ERROR,
         Reason::ControllerStopped { why } => return controller_stopped(&why),
         _ => code::UNKNOWN,

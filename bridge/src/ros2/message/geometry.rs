@@ -34,6 +34,8 @@ wire! {
     Vector3 { x: f64, y: f64, z: f64 }
     /// Place and rotation.
     Pose { position: Point, orientation: Quaternion }
+    /// A rotation at a time in a frame.
+    QuaternionStamped = "geometry_msgs" / "QuaternionStamped" { header: Header, quaternion: Quaternion }
     /// A pose at a time in a frame.
     PoseStamped = "geometry_msgs" / "PoseStamped" { header: Header, pose: Pose }
     /// A pose and how sure it is.

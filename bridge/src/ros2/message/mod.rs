@@ -12,8 +12,8 @@ pub mod standard;
 pub use diagnostic::{DiagnosticArray, DiagnosticStatus, KeyValue};
 pub use geometry::{
     Covariance6, Point, Pose, PoseStamped, PoseWithCovariance, PoseWithCovarianceStamped,
-    Quaternion, TfMessage, Transform, TransformStamped, Twist, TwistStamped, TwistWithCovariance,
-    Vector3,
+    Quaternion, QuaternionStamped, TfMessage, Transform, TransformStamped, Twist, TwistStamped,
+    TwistWithCovariance, Vector3,
 };
 pub use nav::{
     Costmap, CostmapMetaData, CostmapUpdate, MapMetaData, OccupancyGrid, OccupancyGridUpdate,

@@ -1,8 +1,10 @@
 //! Settings of a virtual vehicle on the graph.
 
 use crate::ros2::joints::TreadJoints;
+use crate::ros2::settings::topics::AntennaConfig;
 use crate::rover::{Fault, FaultWindow};
 use serde::{Deserialize, Serialize};
+use sidehill_controller::path::GeodeticOrigin;
 use sidehill_plant::bounds::Bounds;
 use sidehill_plant::vehicle::RangeError;
 
@@ -26,8 +28,22 @@ pub struct VehicleNodeConfig {
     /// Simulated seconds in a second. With a factor the vehicle publishes /clock and stamps by it;
     /// without, its time is that of the world.
     pub clock_factor: Option<f64>,
+    /// A satellite receiver in place of perfect odometry: `fix` says where its antenna is, `odom` is that of the wheels,
+    /// which slip, and `imu` has the true heading.
+    pub gnss: Option<GnssConfig>,
     /// What goes wrong on purpose.
     pub faults: Vec<VehicleFault>,
+}
+
+/// A satellite receiver.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct GnssConfig {
+    /// Where the origin of the world is.
+    pub datum: GeodeticOrigin,
+    /// Place of the antenna in the frame of the vehicle.
+    #[serde(default)]
+    pub antenna: AntennaConfig,
 }
 
 impl Default for VehicleNodeConfig {
@@ -40,6 +56,7 @@ impl Default for VehicleNodeConfig {
             frames: VehicleFrames::default(),
             map_from_odom: PlanarOffset::default(),
             clock_factor: None,
+            gnss: None,
             faults: Vec::new(),
         }
     }
@@ -55,6 +72,9 @@ impl VehicleNodeConfig {
         if let Some(factor) = self.clock_factor {
             let key = "ros2.clock_factor";
             Bounds::new(0.1, 20.0, "").check(key, factor)?;
+        }
+        if let Some(gnss) = &self.gnss {
+            gnss.antenna.validate()?;
         }
         let offset = &self.map_from_odom;
         for (key, value) in [
@@ -159,6 +179,8 @@ pub enum Stream {
     JointStates,
     /// /clock.
     Clock,
+    /// fix.
+    Fix,
 }
 
 impl Fault for VehicleFaultKind {

@@ -4,10 +4,10 @@ mod config;
 mod report;
 
 pub use config::{
-    CommandKind, PlanarOffset, Stream, VehicleFault, VehicleFaultKind, VehicleFrames,
+    CommandKind, GnssConfig, PlanarOffset, Stream, VehicleFault, VehicleFaultKind, VehicleFrames,
     VehicleNodeConfig,
 };
-pub use report::{Report, map_from_odom};
+pub use report::{GNSS_FRAME, Report, map_from_odom};
 
 use crate::drives::{DriveMode, MeasuredMotorSpeeds, MotorCommand};
 use crate::ros2::convert::TwistMapping;
@@ -197,6 +197,7 @@ impl RosVehicle {
         let mut report = self.reporter.report(&report::Readings {
             sample,
             true_yaw_rate_rad_s: state.velocity.yaw_rate_rad_s,
+            true_yaw_rad: state.pose.yaw_rad,
             angles_rad: self.angles_rad,
             time_s: state.time_s,
             jump_s: self.rover.faults(now_s).map(clock_jump_s).sum(),

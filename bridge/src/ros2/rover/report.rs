@@ -1,16 +1,22 @@
 //! What a virtual vehicle publishes, made from its sensors' readings.
 
-use super::config::{Stream, VehicleFaultKind, VehicleNodeConfig};
+use super::config::{GnssConfig, Stream, VehicleFaultKind, VehicleNodeConfig};
 use crate::ros2::conversions;
 use crate::ros2::convert::{self, TwistMapping};
 use crate::ros2::message::{
-    self, Header, Imu, JointState, Odometry, TfMessage, Time, TransformStamped,
+    self, Header, Imu, JointState, NavSatFix, NavSatStatus, Odometry, TfMessage, Time,
+    TransformStamped,
 };
-use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
-use sidehill_plant::frames::{Attitude, Pose};
+use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
+use sidehill_controller::path::Point2;
+use sidehill_plant::frames::{Attitude, BodyVelocity, Pose};
 use sidehill_plant::sample::Sample;
 use sidehill_plant::speeds::MeasuredTreadSpeeds;
 
+/// Frame of the antenna.
+pub const GNSS_FRAME: &str = "gps";
+/// Standard deviation that an RTK receiver states, m.
+const RTK_SIGMA_M: f64 = 0.014;
 const GRAVITY_M_S2: f64 = 9.80665;
 
 /// One report; fields without a new sensor reading are missing.
@@ -18,6 +24,8 @@ const GRAVITY_M_S2: f64 = 9.80665;
 pub struct Report {
     /// odom: the pose source's pose; the twist is what a differential drive counts from its treads.
     pub odometry: Option<Odometry>,
+    /// fix: the place of the antenna of a satellite receiver, where the vehicle has one.
+    pub fix: Option<NavSatFix>,
     /// imu: attitude, heading, yaw rate, and gravity as the acceleration of a slow vehicle. The yaw rate is the newest that
     /// its sensor has read, or the true one where the sensors have none.
     pub imu: Option<Imu>,
@@ -43,6 +51,7 @@ impl Report {
                         Stream::Transforms => self.transforms = None,
                         Stream::JointStates => self.joint_states = None,
                         Stream::Clock => self.clock = None,
+                        Stream::Fix => self.fix = None,
                     }
                 }
             }
@@ -79,6 +88,11 @@ impl Report {
                     joints.velocity.fill(f64::NAN);
                 }
             }
+            Stream::Fix => {
+                if let Some(fix) = &mut self.fix {
+                    fix.latitude = f64::NAN;
+                }
+            }
             Stream::Clock => {}
         }
     }
@@ -101,6 +115,11 @@ impl Report {
                     transform.header.frame_id = wrong();
                 }
             }
+            Stream::Fix => {
+                if let Some(fix) = &mut self.fix {
+                    fix.header.frame_id = wrong();
+                }
+            }
             Stream::JointStates | Stream::Clock => {}
         }
     }
@@ -110,6 +129,7 @@ impl Report {
 pub(super) struct Readings {
     pub sample: Sample,
     pub true_yaw_rate_rad_s: f64,
+    pub true_yaw_rad: f64,
     pub angles_rad: [f64; 2],
     pub time_s: f64,
     pub jump_s: f64,
@@ -127,7 +147,30 @@ pub(super) struct Reporter {
     yaw_rate_rad_s: Option<f64>,
     pose: Pose,
     treads: MeasuredTreadSpeeds,
+    wheels: WheelOdometry,
     frozen_s: Option<f64>,
+}
+
+/// Where the vehicle would be if its wheels rolled without slip on level ground.
+#[derive(Debug, Default)]
+struct WheelOdometry {
+    pose: Pose,
+    read_s: Option<f64>,
+}
+
+impl WheelOdometry {
+    fn advance(&mut self, time_s: f64, velocity: &BodyVelocity) {
+        let elapsed_s = self
+            .read_s
+            .replace(time_s)
+            .map_or(0.0, |at_s| time_s - at_s);
+        let turned_rad = velocity.yaw_rate_rad_s * elapsed_s;
+        let way_m = velocity.forward_m_s * elapsed_s;
+        let (sin, cos) = (self.pose.yaw_rad + 0.5 * turned_rad).sin_cos();
+        self.pose.x_m -= sin * way_m;
+        self.pose.y_m += cos * way_m;
+        self.pose.yaw_rad += turned_rad;
+    }
 }
 
 impl Reporter {
@@ -141,6 +184,7 @@ impl Reporter {
             yaw_rate_rad_s: None,
             pose: Pose::default(),
             treads: MeasuredTreadSpeeds::default(),
+            wheels: WheelOdometry::default(),
             frozen_s: None,
         }
     }
@@ -167,22 +211,49 @@ impl Reporter {
         self.yaw_rate_rad_s = yaw_rate.map_or(self.yaw_rate_rad_s, |read| Some(read.value));
         self.pose = pose.map_or(self.pose, |pose| pose.value);
         self.treads = tread_speeds.map_or(self.treads, |treads| treads.value);
-        let map_from_base = convert::world_from_base_link(&self.pose, &self.attitude);
-        let odom_from_base = self.odom_from_map * map_from_base;
+        let twist = self.twist.twist(self.treads.into());
+        let gnss = self.config.gnss;
+        let standing = match gnss {
+            Some(_) => Pose {
+                yaw_rad: readings.true_yaw_rad,
+                ..self.pose
+            },
+            None => self.pose,
+        };
+        let map_from_base = convert::world_from_base_link(&standing, &self.attitude);
+        // Of the pose source, or of the wheels.
+        let (read_s, odom_from_base) = match gnss {
+            Some(_) => {
+                if let (Some(read), Ok(velocity)) = (tread_speeds, convert::from_twist(&twist)) {
+                    self.wheels.advance(read.time_s, &velocity);
+                }
+                let pose = &self.wheels.pose;
+                let rolled = convert::world_from_base_link(pose, &self.attitude);
+                (tread_speeds.map(|read| read.time_s), rolled)
+            }
+            None => {
+                let read_s = pose.map(|pose| pose.time_s);
+                (read_s, self.odom_from_map * map_from_base)
+            }
+        };
         Report {
-            odometry: pose.map(|pose| Odometry {
-                header: header(self, pose.time_s, &frames.odom),
+            odometry: read_s.map(|time_s| Odometry {
+                header: header(self, time_s, &frames.odom),
                 child_frame_id: frames.base.clone(),
                 pose: message::PoseWithCovariance {
                     pose: conversions::to_pose(&odom_from_base),
                     ..Default::default()
                 },
                 twist: message::TwistWithCovariance {
-                    twist: self.twist.twist(self.treads.into()),
+                    twist,
                     ..Default::default()
                 },
             }),
-            transforms: pose.map(|pose| TfMessage {
+            fix: gnss.zip(pose).map(|(gnss, pose)| {
+                let header = header(self, pose.time_s, GNSS_FRAME);
+                fix(header, &gnss, &pose.value, &self.attitude)
+            }),
+            transforms: read_s.map(|time_s| TfMessage {
                 transforms: [
                     (&frames.odom, &frames.base, odom_from_base),
                     (
@@ -194,7 +265,7 @@ impl Reporter {
                 .into_iter()
                 .filter(|(_, child, _)| !child.is_empty())
                 .map(|(parent, child, transform)| TransformStamped {
-                    header: header(self, pose.time_s, parent),
+                    header: header(self, time_s, parent),
                     child_frame_id: child.clone(),
                     transform: conversions::to_transform(&transform),
                 })
@@ -232,6 +303,34 @@ impl Reporter {
             .frozen_s
             .map_or(time_s, |frozen_s| time_s.min(frozen_s));
         conversions::stamp(self.origin_ns + ((time_s + jump_s) * 1e9).round() as i64)
+    }
+}
+
+/// Returns the fix of a receiver whose antenna is where a vehicle at a pose has it.
+fn fix(header: Header, gnss: &GnssConfig, pose: &Pose, attitude: &Attitude) -> NavSatFix {
+    let map_from_base = convert::world_from_base_link(pose, attitude);
+    let antenna = map_from_base * Point3::from(gnss.antenna.in_base());
+    let (latitude, longitude) = gnss.datum.unproject(Point2 {
+        x_m: antenna.x,
+        y_m: antenna.y,
+    });
+    let variance = RTK_SIGMA_M * RTK_SIGMA_M;
+    let mut position_covariance = [0.0; 9];
+    position_covariance[0] = variance;
+    position_covariance[4] = variance;
+    position_covariance[8] = 4.0 * variance;
+    NavSatFix {
+        header,
+        // RTK of ground stations, by GPS and the others.
+        status: NavSatStatus {
+            status: 2,
+            service: 15,
+        },
+        latitude,
+        longitude,
+        altitude: antenna.z + gnss.datum.elevation_m,
+        position_covariance,
+        position_covariance_type: 2,
     }
 }
 

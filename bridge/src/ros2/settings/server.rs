@@ -181,7 +181,12 @@ impl Ros2Config {
             ("follow_path.action", &self.follow_path.action),
         ];
         if let Some(pose) = &inputs.pose {
-            topics.push(("inputs.pose.topic", &pose.topic));
+            if !pose.topic.is_empty() {
+                topics.push(("inputs.pose.topic", &pose.topic));
+            }
+            if let Some(heading) = &pose.heading {
+                topics.push(("inputs.pose.heading.topic", &heading.topic));
+            }
         }
         if !inputs.path.is_empty() {
             topics.push(("inputs.path", &inputs.path));

@@ -1,7 +1,10 @@
 //! Settings of the topics of drives and sensors.
 
 use crate::ros2::joints::TreadJoints;
+use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
+use sidehill_plant::bounds::Bounds;
+use sidehill_plant::vehicle::RangeError;
 
 /// Names of the coordinate frames.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -53,9 +56,11 @@ pub enum SpeedSource {
     Odometry,
     /// The velocities of two joints.
     JointStates,
+    /// The commands: those of [`CommandsConfig::forwarded`] where they are read, otherwise the program's own.
+    Commands,
 }
 
-/// Message of the poses.
+/// Source of the poses.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum PoseMessage {
@@ -64,17 +69,130 @@ pub enum PoseMessage {
     Odometry,
     /// geometry_msgs/PoseWithCovarianceStamped, of the frame of the vehicle.
     PoseWithCovarianceStamped,
+    /// `/tf`: the frame of the vehicle in that of the poses.
+    Transform,
+    /// sensor_msgs/NavSatFix: the place of an antenna.
+    NavSatFix,
 }
 
 /// Poses from another topic than the speeds.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct PoseConfig {
+    /// Topic; none for transforms.
+    pub topic: String,
+    /// Message.
+    #[serde(rename = "type")]
+    pub message: PoseMessage,
+    /// Source of the heading for fixes; the motion of the vehicle where it is not given.
+    pub heading: Option<HeadingConfig>,
+    /// Place of the antenna in the frame of the vehicle; by TF from the frame of the fixes where it is not given.
+    pub antenna: Option<AntennaConfig>,
+}
+
+/// Message of a heading.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum HeadingMessage {
+    /// The orientation of a sensor_msgs/Imu.
+    #[default]
+    Imu,
+    /// geometry_msgs/QuaternionStamped.
+    QuaternionStamped,
+}
+
+/// The heading of two antennas or of an IMU that knows north.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct HeadingConfig {
     /// Topic.
     pub topic: String,
     /// Message.
-    #[serde(rename = "type", default)]
-    pub message: PoseMessage,
+    #[serde(rename = "type")]
+    pub message: HeadingMessage,
+    /// Added to the heading, deg: by how much the antennas that measure it are turned clockwise. The mounting is that
+    /// of TF where it is not given.
+    pub offset_deg: Option<f64>,
+    /// Whether the angle counts clockwise from north, as nmea_navsat_driver has it, instead of counter-clockwise from
+    /// east.
+    pub compass: bool,
+}
+
+/// Place of an antenna in the frame of the vehicle.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct AntennaConfig {
+    /// Forward of the origin, m.
+    pub forward_m: f64,
+    /// To the left of it, m.
+    pub left_m: f64,
+    /// Above it, m.
+    pub up_m: f64,
+}
+
+impl AntennaConfig {
+    /// Checks the ranges.
+    ///
+    /// # Errors
+    /// [`RangeError`] with the first key out of its range.
+    pub fn validate(&self) -> Result<(), RangeError> {
+        for (key, value) in [
+            ("antenna.forward_m", self.forward_m),
+            ("antenna.left_m", self.left_m),
+            ("antenna.up_m", self.up_m),
+        ] {
+            Bounds::new(-20.0, 20.0, "m").check(key, value)?;
+        }
+        Ok(())
+    }
+
+    /// Returns the place in base_link, m.
+    pub fn in_base(&self) -> Vector3<f64> {
+        Vector3::new(self.forward_m, self.left_m, self.up_m)
+    }
+}
+
+impl PoseConfig {
+    /// Checks ranges, and that a topic and nothing without effect is given.
+    ///
+    /// # Errors
+    /// The key and what is wrong.
+    pub fn validate(&self) -> Result<(), String> {
+        let is_fix = self.message == PoseMessage::NavSatFix;
+        let is_transform = self.message == PoseMessage::Transform;
+        if self.topic.is_empty() != is_transform {
+            return Err(match is_transform {
+                true => "ros2.inputs.pose.topic: a transform is on /tf, leave it out",
+                false => "ros2.inputs.pose.topic: it is missing",
+            }
+            .to_owned());
+        }
+        for (key, given) in [
+            ("heading", self.heading.is_some()),
+            ("antenna", self.antenna.is_some()),
+        ] {
+            if given && !is_fix {
+                return Err(format!(
+                    "ros2.inputs.pose.{key}: it is for type: nav_sat_fix only"
+                ));
+            }
+        }
+        if let Some(heading) = &self.heading {
+            if heading.topic.is_empty() {
+                return Err("ros2.inputs.pose.heading.topic: it is missing".to_owned());
+            }
+            Bounds::new(-180.0, 180.0, "deg")
+                .check(
+                    "ros2.inputs.pose.heading.offset_deg",
+                    heading.offset_deg.unwrap_or(0.0),
+                )
+                .map_err(|error| error.to_string())?;
+        }
+        self.antenna
+            .unwrap_or_default()
+            .validate()
+            .map_err(|error| format!("ros2.inputs.pose.{error}"))
+    }
 }
 
 /// Topics that are subscribed to.

@@ -67,6 +67,7 @@ fn any_observation() -> impl Strategy<Value = SafetyInputs> {
                     link: bus,
                     unsent_since_s: unsent,
                     requests: operator,
+                    leaves_geofence: false,
                 }
             },
         )

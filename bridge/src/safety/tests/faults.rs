@@ -6,7 +6,7 @@ use super::*;
 /// once.
 type Break = (&'static str, fn(&mut SafetyInputs), f64, bool);
 
-const BREAKS: [Break; 18] = [
+const BREAKS: [Break; 19] = [
     (
         "the emergency stop is pressed",
         |s| s.requests.halt = Some(StopCause::EmergencyStop),
@@ -52,6 +52,12 @@ const BREAKS: [Break; 18] = [
     (
         "a drive's reported speed stays the same",
         |s| set_mode(s, DriveMode::Frozen),
+        0.0,
+        false,
+    ),
+    (
+        "the edge of the geofence is near",
+        |s| s.leaves_geofence = true,
         0.0,
         false,
     ),
@@ -159,6 +165,7 @@ fn every_fault_stops_in_time_and_stays_stopped_until_re_armed() {
         assert!(end.reason.to_string().starts_with(name), "{}", end.reason);
         // The fault is gone; the arm level still stands.
         for _ in 0..100 {
+            bench.inputs.leaves_geofence = false;
             bench.inputs.requests = OperatorRequests {
                 arm: true,
                 stop: None,

@@ -125,7 +125,7 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
                 let s = &self.settings;
                 let noise = PoseSigmas::of(&self.settings).covariance();
                 let difference = belief.off(&pose);
-                let Some(inverse) = (belief.pose_covariance() + noise).try_inverse() else {
+                let Some(inverse) = (belief.read_covariance() + noise).try_inverse() else {
                     return belief;
                 };
                 let normalised = (difference.transpose() * inverse * difference).x;
@@ -153,7 +153,7 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
                 }
                 // The gate goes by the settings, the weight of a pose by the noise that poses show.
                 let noise = belief.pose_noise.covariance(&noise);
-                let Some(inverse) = (belief.pose_covariance() + noise).try_inverse() else {
+                let Some(inverse) = (belief.read_covariance() + noise).try_inverse() else {
                     return belief;
                 };
                 belief.correct(&difference, &noise, &inverse);

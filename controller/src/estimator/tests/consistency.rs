@@ -1,5 +1,6 @@
 //! Whether the covariance is that of the errors: normalised estimation error squared (NEES) over many runs.
 
+use super::super::belief::{OFFSET_SIGMA_RAD, STATES};
 use super::super::learned::{LearnedModel, Moving};
 use super::*;
 use nalgebra::{DMatrix, DVector, Rotation3, SVector};
@@ -9,8 +10,8 @@ use rand_distr::{Distribution, StandardNormal};
 use sidehill_plant::frames::{BodyVelocity, wrap_angle};
 
 /// Normalised squared errors (3 degrees of freedom) of runs in which everything is as the filter
-/// believes: the vehicle slides at random by `slide` times what it expects, poses are noisy and
-/// come 0.1 s late.
+/// believes: the vehicle slides at random by `slide` times what it expects, poses are noisy, have
+/// an offset of their headings, and come 0.1 s late.
 fn normalised_errors(seed: u64, slide: f64) -> Vec<f64> {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let mut gaussian = move |deviation: f64| -> f64 {
@@ -18,6 +19,7 @@ fn normalised_errors(seed: u64, slide: f64) -> Vec<f64> {
         deviation * draw
     };
     let settings = settings();
+    let offset_rad = gaussian(OFFSET_SIGMA_RAD);
     let mut truth = Truth::new(8.0);
     let mut estimator = estimator();
     let mut in_flight = Vec::new();
@@ -28,7 +30,7 @@ fn normalised_errors(seed: u64, slide: f64) -> Vec<f64> {
         let noisy = sample.pose.as_mut().unwrap();
         noisy.value.x_m += gaussian(settings.pose_sigma_m);
         noisy.value.y_m += gaussian(settings.pose_sigma_m);
-        noisy.value.yaw_rad += gaussian(settings.pose_sigma_rad);
+        noisy.value.yaw_rad += offset_rad + gaussian(settings.pose_sigma_rad);
         if cycle > 0 {
             in_flight.push(*noisy);
             let arrived = in_flight[0].time_s + 0.1 <= time_s + 1e-9;
@@ -104,6 +106,7 @@ fn normalised_errors_of_all<M: LearnedModel<N>, const N: usize>(
     let mut moving: Option<Moving<N>> = None;
     let mut yaw_rate_before_rad_s = 0.0;
     let bias_rad_s = gaussian(settings.gyro_bias_sigma_rad_s);
+    let offset_rad = gaussian(OFFSET_SIGMA_RAD);
     let cycles = 200;
     for cycle in 0..=cycles {
         let time_s = DT_S * f64::from(cycle);
@@ -162,7 +165,7 @@ fn normalised_errors_of_all<M: LearnedModel<N>, const N: usize>(
         let noisy = PlanarPose {
             x_m: pose.x + gaussian(settings.pose_sigma_m),
             y_m: pose.y + gaussian(settings.pose_sigma_m),
-            yaw_rad: pose.z + gaussian(settings.pose_sigma_rad),
+            yaw_rad: pose.z + offset_rad + gaussian(settings.pose_sigma_rad),
         };
         let sample = Sample {
             time_s,
@@ -174,29 +177,31 @@ fn normalised_errors_of_all<M: LearnedModel<N>, const N: usize>(
         filter.update(&sample);
     }
     let belief = filter.newest().unwrap();
-    let mut error = DVector::zeros(4 + N);
-    let mut covariance = DMatrix::zeros(4 + N, 4 + N);
-    let first = pose.push(bias_rad_s) - belief.mean;
-    error.rows_mut(0, 4).copy_from(&first);
+    let mut error = DVector::zeros(STATES + N);
+    let mut covariance = DMatrix::zeros(STATES + N, STATES + N);
+    let first = pose.push(bias_rad_s).push(offset_rad) - belief.mean;
+    error.rows_mut(0, STATES).copy_from(&first);
     error[2] = wrap_angle(error[2]);
     for i in 0..N {
-        error[4 + i] = parameters[i] - belief.parameters[i];
+        error[STATES + i] = parameters[i] - belief.parameters[i];
     }
     covariance
-        .view_mut((0, 0), (4, 4))
+        .view_mut((0, 0), (STATES, STATES))
         .copy_from(&belief.covariance);
-    covariance.view_mut((0, 4), (4, N)).copy_from(&belief.cross);
     covariance
-        .view_mut((4, 0), (N, 4))
+        .view_mut((0, STATES), (STATES, N))
+        .copy_from(&belief.cross);
+    covariance
+        .view_mut((STATES, 0), (N, STATES))
         .copy_from(&belief.cross.transpose());
     covariance
-        .view_mut((4, 4), (N, N))
+        .view_mut((STATES, STATES), (N, N))
         .copy_from(&belief.parameter_covariance);
     let solved = covariance.cholesky().unwrap().solve(&error);
     error.dot(&solved)
 }
 
-/// Checks the mean over 200 runs: chi-square distributed with 4 + N degrees of freedom each. Bounds at 3.3
+/// Checks the mean over 200 runs: chi-square distributed with STATES + N degrees of freedom each. Bounds at 3.3
 /// standard deviations, and `nonlinear` for what a linearised filter may be off.
 fn check_whole_state<M: LearnedModel<N>, const N: usize>(
     model: &M,
@@ -204,7 +209,7 @@ fn check_whole_state<M: LearnedModel<N>, const N: usize>(
     nonlinear: f64,
 ) {
     const RUNS: u64 = 200;
-    let freedom = (4 + N) as f64;
+    let freedom = (STATES + N) as f64;
     let total: f64 = (0..RUNS)
         .map(|seed| normalised_errors_of_all(model, gyroscope, seed))
         .sum();

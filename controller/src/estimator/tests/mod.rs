@@ -8,7 +8,7 @@ mod readings;
 
 use super::*;
 use nalgebra::Vector3;
-use sidehill_plant::frames::{Attitude, PlanarPose, Pose, pose_rate};
+use sidehill_plant::frames::{Attitude, PlanarPose, Pose, pose_rate, wrap_angle};
 use sidehill_plant::sample::Stamped;
 use sidehill_plant::speeds::{MeasuredTreadSpeeds, TreadSpeeds};
 
@@ -185,6 +185,31 @@ fn dead_reckoning_carries_on_without_poses() {
     let deviation_m = estimate.covariance[(0, 0)].sqrt();
     // 0.02 m/sqrt(s) over 10 s, and what the heading's growth adds.
     assert!(deviation_m > 0.02 * 10.0_f64.sqrt(), "{deviation_m}");
+}
+
+#[test]
+fn an_offset_of_the_poses_headings_is_learned_by_driving_and_not_by_standing() {
+    let offset_rad = 0.02;
+    let heading_off_rad = |speed_m_s: f64| {
+        let mut truth = Truth::new(0.0);
+        truth.treads = TreadSpeeds {
+            left_m_s: speed_m_s,
+            right_m_s: speed_m_s,
+        };
+        let mut estimator = estimator();
+        let mut off_rad = f64::NAN;
+        for cycle in 0..4000 {
+            let mut sample = truth.sample(0.05 * f64::from(cycle));
+            sample.pose.as_mut().unwrap().value.yaw_rad += offset_rad;
+            let estimate = estimator.update(&sample).0.unwrap();
+            off_rad = wrap_angle(estimate.pose.yaw_rad - truth.pose.yaw_rad);
+            truth.drive(0.05);
+        }
+        off_rad
+    };
+    let (driven, stood) = (heading_off_rad(0.4), heading_off_rad(0.0));
+    assert!(driven.abs() < 0.15 * offset_rad, "{driven}");
+    assert!((stood - offset_rad).abs() < 1e-9, "{stood}");
 }
 
 #[test]

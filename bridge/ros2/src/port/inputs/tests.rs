@@ -53,6 +53,7 @@ impl Bench {
             time: RosTime::simulated(|| 10.0),
             clock: None,
             shared: Arc::default(),
+            fixes: None,
         };
         let mut subscriber = InputSubscriber {
             config: InputsConfig::default(),
@@ -182,7 +183,14 @@ fn the_yaw_rate_of_an_imu_reaches_the_sample_once() {
         right: 1.0,
     };
     let commands = CommandsConfig::default();
-    let mut port = Ros2Port::new(&mut node, &commands, scale, bench.context, inputs).unwrap();
+    let mut port = Ros2Port::new(
+        &mut node,
+        (&commands, SpeedSource::default()),
+        scale,
+        bench.context,
+        inputs,
+    )
+    .unwrap();
     let begin = Instant::now();
     let sample = loop {
         imus.publish(imu.clone()).unwrap();

@@ -2,8 +2,10 @@ use super::*;
 use nalgebra::{Isometry3, UnitQuaternion};
 use sidehill_bridge::ros2::conversions::{stamp, to_pose, to_quaternion, to_transform};
 use sidehill_bridge::ros2::convert::world_from_base_link;
+use sidehill_bridge::ros2::message::NavSatStatus;
 use sidehill_bridge::ros2::message::{TransformStamped, Twist, Vector3};
-use sidehill_bridge::ros2::settings::topics::{PoseConfig, PoseMessage};
+use sidehill_bridge::ros2::settings::topics::{AntennaConfig, PoseConfig};
+use sidehill_controller::path::GeodeticOrigin;
 use std::f64::consts::{FRAC_PI_2, PI};
 
 /// Readings with simulated time, and the clock that sets it.
@@ -19,6 +21,7 @@ fn readings(change: impl FnOnce(&mut InputsConfig)) -> (Readings, ExternalClock)
         time: RosTime::simulated(move || local.now_s().unwrap_or(0.0)),
         clock: Some(clock.clone()),
         shared: Arc::default(),
+        fixes: None,
     };
     (Readings::new(config, context), clock)
 }
@@ -102,7 +105,7 @@ fn poses_of_another_topic_replace_those_of_odometry() {
         config.attitude = AttitudeSource::Odometry;
         config.pose = Some(PoseConfig {
             topic: "gps".to_owned(),
-            message: PoseMessage::default(),
+            ..PoseConfig::default()
         });
     });
     // The wheels have their own frame, and a pose that means nothing.
@@ -467,4 +470,210 @@ fn a_jump_of_the_clock_drops_readings_and_transforms() {
         let found = shared.transforms().look_up("map", "odom", 10.0, 1.0);
         assert_eq!(found.is_ok(), jumps == 0, "{found:?}");
     }
+}
+
+fn fixes(change: impl FnOnce(&mut PoseConfig)) -> Readings {
+    let mut pose = PoseConfig {
+        topic: "fix".to_owned(),
+        message: PoseMessage::NavSatFix,
+        heading: Some(HeadingConfig {
+            topic: "heading".to_owned(),
+            ..HeadingConfig::default()
+        }),
+        antenna: None,
+    };
+    change(&mut pose);
+    let (mut readings, _) = readings(|config| config.pose = Some(pose.clone()));
+    readings.context.fixes = Some(FixSettings {
+        datum: GeodeticOrigin {
+            latitude_deg: 36.7,
+            longitude_deg: -4.5,
+            elevation_m: 0.0,
+        },
+        sigma_max_m: 0.03,
+        heading_sigma_max_rad: 0.03,
+    });
+    Readings::new(readings.config.clone(), readings.context.clone())
+}
+
+/// A fix at the datum.
+fn fix(time_s: f64) -> NavSatFix {
+    NavSatFix {
+        header: header(time_s, "gps"),
+        status: NavSatStatus {
+            status: 2,
+            service: 1,
+        },
+        latitude: 36.7,
+        longitude: -4.5,
+        ..NavSatFix::default()
+    }
+}
+
+/// A level imu in a frame.
+fn level_imu(time_s: f64, frame: &str) -> Imu {
+    Imu {
+        header: header(time_s, frame),
+        ..Imu::default()
+    }
+}
+
+/// A rotation about the vertical.
+fn upright(yaw_rad: f64) -> Quaternion {
+    to_quaternion(&UnitQuaternion::from_euler_angles(0.0, 0.0, yaw_rad))
+}
+
+/// The frame of a sensor in base_link.
+fn mounted(frame: &str, place: [f64; 3], yaw_rad: f64) -> TfMessage {
+    let pose = Isometry3::from_parts(
+        nalgebra::Translation3::from(place),
+        UnitQuaternion::from_euler_angles(0.0, 0.0, yaw_rad),
+    );
+    TfMessage {
+        transforms: vec![TransformStamped {
+            header: header(1.0, "base_link"),
+            child_frame_id: frame.to_owned(),
+            transform: to_transform(&pose),
+        }],
+    }
+}
+
+#[test]
+fn the_heading_of_a_fix_is_east_based_or_a_compass_and_mounted_or_offset() {
+    let antenna = AntennaConfig::default();
+    // The vehicle looks east: psi is -90 deg.
+    for (offset_deg, compass, measured_deg) in [
+        (Some(0.0), false, 0.0),
+        (Some(0.0), true, 90.0),
+        // From the left antenna to the right one.
+        (Some(90.0), false, -90.0),
+        (Some(90.0), true, 180.0),
+        // The frame of the sensor is turned to the left by 30 deg.
+        (None, false, 30.0),
+        (None, true, 60.0),
+    ] {
+        let mut readings = fixes(|pose| {
+            pose.antenna = Some(antenna);
+            let heading = pose.heading.as_mut().unwrap();
+            (heading.offset_deg, heading.compass) = (offset_deg, compass);
+        });
+        readings.transforms(&mounted("north", [0.0; 3], 30f64.to_radians()), true);
+        readings.imu(&level_imu(9.9, "base_link"), PUBLISHER);
+        let orientation = upright(f64::to_radians(measured_deg));
+        readings.heading(&header(9.9, "north"), &orientation, None, PUBLISHER);
+        readings.fix(&fix(9.9), PUBLISHER);
+        assert_rejected(&readings, 0, "");
+        let found = readings.latest().pose.unwrap().value.yaw_rad;
+        assert!(
+            (found + FRAC_PI_2).abs() < 1e-9,
+            "{offset_deg:?} {compass}: {found}"
+        );
+    }
+}
+
+#[test]
+fn a_heading_that_is_no_heading_is_refused() {
+    let mut readings = fixes(|_| {});
+    let mut heading = |frame, variance| {
+        readings.heading(&header(9.9, frame), &upright(0.0), variance, PUBLISHER);
+        readings.context.shared.last_rejection()
+    };
+    // ublox_gps without a valid heading, a driver without an orientation.
+    for (frame, variance, reason) in [
+        (
+            "base_link",
+            1000.0,
+            "heading: its heading has a standard deviation of 31.623 rad",
+        ),
+        ("base_link", -1.0, "no orientation"),
+        ("base_link", f64::NAN, "standard deviation of NaN"),
+        (
+            "gps",
+            1e-4,
+            "heading: there is no transform between gps and base_link; publish it, or give `heading.offset_deg`",
+        ),
+    ] {
+        let said = heading(frame, Some(variance));
+        assert!(said.contains(reason), "{said}");
+    }
+}
+
+#[test]
+fn the_antenna_is_where_the_settings_or_its_frame_say() {
+    for by_frame in [false, true] {
+        let mut readings = fixes(|pose| {
+            pose.antenna = (!by_frame).then_some(AntennaConfig {
+                forward_m: 0.5,
+                left_m: -0.2,
+                up_m: 1.5,
+            });
+        });
+        readings.fix(&fix(9.8), PUBLISHER);
+        match by_frame {
+            true => assert_rejected(
+                &readings,
+                1,
+                "fix: there is no transform between base_link and gps; publish it, or give `antenna`",
+            ),
+            false => assert_rejected(&readings, 0, ""),
+        }
+        readings.transforms(&mounted("gps", [0.5, -0.2, 1.5], 1.0), true);
+        readings.imu(&level_imu(9.9, "base_link"), PUBLISHER);
+        // Looks north.
+        readings.heading(
+            &header(9.9, "base_link"),
+            &upright(FRAC_PI_2),
+            Some(1e-4),
+            PUBLISHER,
+        );
+        readings.fix(&fix(9.9), PUBLISHER);
+        let pose = readings.latest().pose.unwrap();
+        assert!((pose.time_s - 9.9).abs() < 1e-9);
+        let pose = pose.value;
+        assert!(
+            (pose.x_m + 0.2).abs() < 1e-6 && (pose.y_m + 0.5).abs() < 1e-6,
+            "{pose:?}"
+        );
+        assert!((pose.z_m + 1.5).abs() < 1e-6);
+    }
+}
+
+#[test]
+fn poses_of_transforms_are_as_new_as_the_oldest_of_their_chain() {
+    let (mut readings, clock) = readings(|config| {
+        config.pose = Some(PoseConfig {
+            message: PoseMessage::Transform,
+            ..PoseConfig::default()
+        });
+    });
+    readings.context.frames.odometry = "map".to_owned();
+    let mut send = |time_s: f64, parent: &str, child: &str, x_m: f64| {
+        clock.set(time_s);
+        let pose = Isometry3::translation(x_m, 0.0, 0.0);
+        let message = TfMessage {
+            transforms: vec![TransformStamped {
+                header: header(time_s, parent),
+                child_frame_id: child.to_owned(),
+                transform: to_transform(&pose),
+            }],
+        };
+        readings.transforms(&message, false);
+        readings
+            .latest()
+            .pose
+            .map(|pose| (pose.time_s, pose.value.x_m))
+    };
+    let close = |found: Option<(f64, f64)>, time_s: f64, x_m: f64| {
+        let (found_s, found_m) = found.unwrap();
+        assert!(
+            (found_s - time_s).abs() < 1e-6 && (found_m - x_m).abs() < 1e-6,
+            "{found:?}"
+        );
+    };
+    assert_eq!(send(10.0, "odom", "base_link", 1.0), None);
+    close(send(10.1, "map", "odom", 5.0), 10.0, 6.0);
+    close(send(10.2, "odom", "base_link", 2.0), 10.1, 6.5);
+    // Without localisation the pose grows old.
+    close(send(10.3, "odom", "base_link", 3.0), 10.1, 6.5);
+    close(send(10.4, "map", "odom", 5.0), 10.3, 8.0);
 }

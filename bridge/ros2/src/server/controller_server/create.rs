@@ -15,6 +15,7 @@ use crate::server::telemetry::Telemetry;
 use ros2_client::dds::rustdds::mio1::{Interest, Poll, Token};
 use sidehill_bridge::ros2::message::Path;
 use sidehill_bridge::ros2::settings::server::Ros2Config;
+use sidehill_bridge::safety::Geofence;
 use sidehill_plant::vehicle::Vehicle;
 
 impl ControllerServer {
@@ -27,7 +28,7 @@ impl ControllerServer {
         config: Ros2Config,
         route: RouteSettings,
         vehicle: &Vehicle,
-        (period_s, stopping): (f64, StoppingSettings),
+        (period_s, stopping, geofence): (f64, StoppingSettings, Option<Geofence>),
         links: ServerLinks,
     ) -> Result<Self, NodeError> {
         let poll = Poll::new()?;
@@ -65,7 +66,8 @@ impl ControllerServer {
             at_goal: config.follow_path.turn_at_goal,
         };
         Ok(Self {
-            handler: GoalHandler::new(route, pivots, &config.frames.odometry, vehicle),
+            handler: GoalHandler::new(route, pivots, &config.frames.odometry, vehicle)
+                .within(geofence),
             emergency_stop_topic: format!("rt{emergency_stop}"),
             result_topic: format!("rr{action_name}/_action/get_resultReply"),
             logger: node.inner().logging_handle(),

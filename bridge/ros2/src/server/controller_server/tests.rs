@@ -93,7 +93,7 @@ impl Bench {
             live: None,
             configured_route: None,
         };
-        let (route, settings) = (route_settings(), (0.05, stopping));
+        let (route, settings) = (route_settings(), (0.05, stopping, None));
         let mut server =
             ControllerServer::new(node, config, route, &j8(), settings, links).unwrap();
         let action = Action::default();

@@ -120,7 +120,16 @@ impl GoalSession {
         };
         self.frame_error = None;
         self.goal = pose_in(&self.path.goal(), &placed.frame);
-        requests.push(Request::Follow(Some(placed.command(self.number, 0.0))));
+        let command = placed.command(self.number, 0.0);
+        if let Some(geofence) = &settings.geofence
+            && let Some([x_m, y_m]) = geofence.first_outside(&command.trajectory)
+        {
+            return Err(Outcome::invalid_path(format!(
+                "the path leaves the geofence at x = {x_m:.2} m, y = {y_m:.2} m of {}",
+                settings.odometry_frame
+            )));
+        }
+        requests.push(Request::Follow(Some(command)));
         let start_rad = placed.route.trajectory.at(0.0).heading_rad + placed.frame.yaw_rad;
         let begins_behind = whereabouts(context)
             .is_some_and(|(pose, _)| wrap_angle(pose.yaw_rad - start_rad).abs() > FRAC_PI_2);

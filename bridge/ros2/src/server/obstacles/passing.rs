@@ -192,7 +192,7 @@ impl Passing<'_> {
     /// Returns the piece of the path on which the obstacle is, m.
     fn piece(&self) -> (f64, f64) {
         let mut piece = (0.0, self.path.length_m());
-        for cusp_m in self.path.cusps_m() {
+        for cusp_m in self.path.stops_m() {
             if cusp_m <= self.blocked_m {
                 piece.0 = cusp_m;
             } else {

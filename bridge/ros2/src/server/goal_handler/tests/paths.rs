@@ -1,6 +1,7 @@
 //! How sessions begin, and what becomes of their path.
 
 use super::*;
+use std::time::Duration;
 
 const AT_START: PivotSettings = PivotSettings {
     at_start: true,
@@ -176,6 +177,30 @@ fn a_refused_path_ends_the_one_before_too() {
     world.assert_finished(first, GoalEnd::Aborted, code::UNKNOWN);
     world.assert_finished(Client::None, GoalEnd::Aborted, code::INVALID_PATH);
     assert_eq!(world.state, SafetyState::Latched);
+}
+
+#[test]
+fn a_path_that_leaves_the_geofence_is_refused_with_the_place() {
+    let mut world = World::new();
+    let corners = vec![[-1.0, -1.0], [5.0, -1.0], [5.0, 1.0], [-1.0, 1.0]];
+    let geofence = sidehill_bridge::safety::Geofence::try_from(corners).unwrap();
+    world.handler.settings.geofence = Some(geofence);
+    let client = world.begin(path());
+    // The route is built in real time, within 20 s of the simulated.
+    for _ in 0..400 {
+        if world.finished.is_empty() {
+            world.cycle();
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+    world.assert_finished(client, GoalEnd::Aborted, code::INVALID_PATH);
+    let (_, _, outcome) = &world.finished[0];
+    assert!(
+        outcome.message.contains("leaves the geofence at x = 5.0"),
+        "{}",
+        outcome.message
+    );
+    assert_eq!(world.state, SafetyState::Disarmed);
 }
 
 fn limit(percentage: bool, speed_limit: f64) -> SpeedLimit {
