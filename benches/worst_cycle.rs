@@ -28,7 +28,7 @@ const LISTED: usize = 10;
 const PAUSE: f64 = 0.1;
 
 /// One cycle of a run.
-struct Cycle {
+struct LongCycle {
     run: u32,
     index: usize,
     row: Row,
@@ -71,7 +71,7 @@ fn drive(campaign: &Campaign, kind: ControllerKind, index: u32) -> Run {
 
 fn report(campaign: &Campaign, kind: ControllerKind, runs: u32) {
     let mut times_us = Vec::new();
-    let mut longest: Vec<Cycle> = Vec::new();
+    let mut longest: Vec<LongCycle> = Vec::new();
     let mut deadline_misses = 0;
     for run in 0..runs {
         let driven = drive(campaign, kind, run);
@@ -84,7 +84,7 @@ fn report(campaign: &Campaign, kind: ControllerKind, runs: u32) {
                 longest.truncate(REPEATED - 1);
                 longest.insert(
                     place,
-                    Cycle {
+                    LongCycle {
                         run,
                         index,
                         row,

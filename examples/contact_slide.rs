@@ -21,18 +21,18 @@ const SLOPE_DEG: f64 = 4.0;
 const STEER_M_S: f64 = 0.33;
 
 /// A line with its name.
-struct Line {
+struct ChartLine {
     name: String,
     points: Vec<(f64, f64)>,
     dashed: bool,
 }
 
 /// A chart with its lines.
-struct Panel {
+struct ChartPanel {
     title: &'static str,
     x: (&'static str, Range<f64>),
     y: (&'static str, Range<f64>),
-    lines: Vec<Line>,
+    lines: Vec<ChartLine>,
 }
 
 fn main() -> Result<()> {
@@ -113,9 +113,9 @@ fn line(
     name: impl Into<String>,
     xs: impl Iterator<Item = f64>,
     y: impl Fn(f64) -> Result<f64>,
-) -> Result<Line> {
+) -> Result<ChartLine> {
     let points: Result<_> = xs.map(|x| Ok((x, y(x)?))).collect();
-    Ok(Line {
+    Ok(ChartLine {
         name: name.into(),
         points: points?,
         dashed: false,
@@ -126,7 +126,7 @@ fn steps(from: f64, to: f64) -> impl Iterator<Item = f64> {
     (0..=60).map(move |i| from + (to - from) * f64::from(i) / 60.0)
 }
 
-fn creep(j8: &ContactVehicle) -> Result<Panel> {
+fn creep(j8: &ContactVehicle) -> Result<ChartPanel> {
     let ahead = MotorSpeeds {
         traction_m_s: 0.5,
         steer_m_s: 0.0,
@@ -145,7 +145,7 @@ fn creep(j8: &ContactVehicle) -> Result<Panel> {
     let compared = line("turning at steer 0.1 m/s", steps(0.0, 15.0), |slope_deg| {
         Ok(1e3 * slide(j8, slope_deg, 90.0, turning)?.0)
     })?;
-    Ok(Panel {
+    Ok(ChartPanel {
         title: "Straight ahead at 0.5 m/s: a creep only",
         x: ("slope, deg", 0.0..15.0),
         y: ("downhill, mm/s", 0.0..40.0),
@@ -153,7 +153,7 @@ fn creep(j8: &ContactVehicle) -> Result<Panel> {
     })
 }
 
-fn turn(j8: &ContactVehicle) -> Result<Panel> {
+fn turn(j8: &ContactVehicle) -> Result<ChartPanel> {
     let lines: Result<_> = [0.0, 45.0, 90.0]
         .into_iter()
         .map(|heading_deg| {
@@ -166,14 +166,14 @@ fn turn(j8: &ContactVehicle) -> Result<Panel> {
                 let (down, turn) = slide(j8, SLOPE_DEG, heading_deg, motors)?;
                 points.push((turn.abs(), 100.0 * down));
             }
-            Ok(Line {
+            Ok(ChartLine {
                 name: format!("heading {heading_deg} deg from uphill"),
                 points,
                 dashed: false,
             })
         })
         .collect();
-    Ok(Panel {
+    Ok(ChartPanel {
         title: "On the spot on 4 deg: in proportion to the turn",
         x: ("yaw rate, rad/s", 0.0..0.5),
         y: ("downhill, cm/s", 0.0..8.0),
@@ -181,7 +181,7 @@ fn turn(j8: &ContactVehicle) -> Result<Panel> {
     })
 }
 
-fn heading(j8: &ContactVehicle) -> Result<Panel> {
+fn heading(j8: &ContactVehicle) -> Result<ChartPanel> {
     let lines: Result<_> = [0.5, 0.6, 0.743, 0.9]
         .into_iter()
         .map(|share| {
@@ -193,7 +193,7 @@ fn heading(j8: &ContactVehicle) -> Result<Panel> {
             )
         })
         .collect();
-    Ok(Panel {
+    Ok(ChartPanel {
         title: "Up or down (0, 180) more than across (90)",
         x: ("heading from uphill, deg", 0.0..180.0),
         y: ("slide, m/rad", 0.0..6.0),
@@ -201,7 +201,7 @@ fn heading(j8: &ContactVehicle) -> Result<Panel> {
     })
 }
 
-fn speed(j8: &ContactVehicle) -> Result<Panel> {
+fn speed(j8: &ContactVehicle) -> Result<ChartPanel> {
     let mut lines = Vec::new();
     for resistance in [0.0, 0.02, 0.1] {
         let mut vehicle = j8.clone();
@@ -218,7 +218,7 @@ fn speed(j8: &ContactVehicle) -> Result<Panel> {
     })?;
     model.dashed = true;
     lines.push(model);
-    Ok(Panel {
+    Ok(ChartPanel {
         title: "At speed less, by rolling resistance alone",
         x: ("traction, m/s", 0.0..0.6),
         y: ("slide up and down, m/rad", 0.0..3.5),
@@ -226,7 +226,7 @@ fn speed(j8: &ContactVehicle) -> Result<Panel> {
     })
 }
 
-fn drawing(panel: Panel) -> Drawing {
+fn drawing(panel: ChartPanel) -> Drawing {
     let range = |range: Range<f64>| [range.start, range.end];
     let lines = panel
         .lines

@@ -15,9 +15,9 @@ use sidehill_plant::vehicle::Vehicle;
 use std::convert::Infallible;
 
 #[derive(Default)]
-struct Rover(TrueState);
+struct FrictionRover(TrueState);
 
-impl Plant for Rover {
+impl Plant for FrictionRover {
     type Error = Infallible;
 
     fn state(&self) -> TrueState {
@@ -48,7 +48,7 @@ impl Plant for Rover {
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let trajectory = FigureEight::default().trajectory()?;
-    let mut rover = Rover::default();
+    let mut rover = FrictionRover::default();
     rover.0.pose = Pose::from(trajectory.at(0.0).pose());
     let config = ControllerConfig::default();
     let mut controller = Controller::new(ControllerKind::IcrikMpc, config, &Vehicle::j8())?;

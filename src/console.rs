@@ -34,6 +34,16 @@ pub fn complain(text: impl Display) {
     count(writeln!(std::io::stderr().lock(), "{text}"));
 }
 
+/// Replaces the last line of standard error, a terminal, by `text`, cut to its width.
+pub fn renew_complaint(text: impl Display) {
+    count(write!(std::io::stderr().lock(), "{}", renewed(text)));
+}
+
+/// Returns `text` after what removes the line of a terminal, and in a form that does not go beyond it.
+fn renewed(text: impl Display) -> String {
+    format!("\r\x1b[2K\x1b[?7l{text}\x1b[?7h")
+}
+
 /// Most characters of a complaint, and those of its end that are kept of a longer one.
 const COMPLAINT_MAX: usize = 4000;
 const COMPLAINT_END: usize = 1000;
@@ -72,7 +82,7 @@ fn output(written: std::io::Result<()>) {
 /// Most lines that wait for a slow reader.
 const WAITING_MAX: usize = 256;
 
-enum Line {
+enum PrintedLine {
     Output(Vec<u8>),
     Error(Vec<u8>),
 }
@@ -80,7 +90,7 @@ enum Line {
 /// Prints from its own thread, so that a reader that is slow, blocked or gone delays nothing: lines beyond the queue
 /// are dropped and counted.
 pub struct Printer {
-    lines: SyncSender<Line>,
+    lines: SyncSender<PrintedLine>,
     dropped: Arc<AtomicU64>,
     thread: JoinHandle<()>,
 }
@@ -99,11 +109,11 @@ impl Printer {
             .spawn(move || {
                 for line in waiting {
                     let written = match line {
-                        Line::Output(text) => {
+                        PrintedLine::Output(text) => {
                             let mut output = std::io::stdout().lock();
                             output.write_all(&text).and_then(|()| output.flush())
                         }
-                        Line::Error(text) => std::io::stderr().write_all(&text),
+                        PrintedLine::Error(text) => std::io::stderr().write_all(&text),
                     };
                     if written.is_err() {
                         lost.fetch_add(1, Ordering::Relaxed);
@@ -119,19 +129,19 @@ impl Printer {
 
     /// Prints `text` and a line break to standard output.
     pub fn line(&self, text: impl Display) {
-        self.send(Line::Output(format!("{text}\n").into_bytes()));
+        self.send(PrintedLine::Output(format!("{text}\n").into_bytes()));
     }
 
     /// Replaces the last line on a terminal by `text`, cut to its width.
     pub fn renew(&self, text: impl Display) {
-        self.send(Line::Output(
-            format!("\r\x1b[2K\x1b[?7l{text}\x1b[?7h").into_bytes(),
-        ));
+        self.send(PrintedLine::Output(renewed(text).into_bytes()));
     }
 
     /// Prints a permanent line above the one that is replaced.
     pub fn above(&self, text: impl Display) {
-        self.send(Line::Output(format!("\r\x1b[2K{text}\n").into_bytes()));
+        self.send(PrintedLine::Output(
+            format!("\r\x1b[2K{text}\n").into_bytes(),
+        ));
     }
 
     /// Returns a writer to standard error that never fails and prints complete lines.
@@ -156,7 +166,7 @@ impl Printer {
         }
     }
 
-    fn send(&self, line: Line) {
+    fn send(&self, line: PrintedLine) {
         if self.lines.try_send(line).is_err() {
             self.dropped.fetch_add(1, Ordering::Relaxed);
         }
@@ -175,7 +185,7 @@ impl Write for ErrorLines<'_> {
             self.line.push(byte);
             if byte == b'\n' {
                 let line = std::mem::take(&mut self.line);
-                self.printer.send(Line::Error(line));
+                self.printer.send(PrintedLine::Error(line));
             }
         }
         Ok(bytes.len())

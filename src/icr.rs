@@ -23,7 +23,7 @@ pub struct IcrArgs {
 
 /// A line of input; other columns are ignored.
 #[derive(Debug, Deserialize)]
-struct Line {
+struct IcrLine {
     roll_rad: String,
     pitch_rad: String,
     v_left_m_s: String,
@@ -32,7 +32,7 @@ struct Line {
 
 /// Inputs of the models.
 #[derive(Debug, Clone, Copy)]
-pub struct Input {
+pub struct IcrInput {
     /// Roll, rad.
     pub roll_rad: f64,
     /// Pitch, rad.
@@ -43,15 +43,15 @@ pub struct Input {
     pub v_right_m_s: f64,
 }
 
-impl Line {
+impl IcrLine {
     /// Returns the numbers.
-    fn input(&self) -> Result<Input> {
+    fn input(&self) -> Result<IcrInput> {
         // Parsed by hand, because the csv crate names neither the column nor the text.
         let number = |key: &str, text: &str| -> Result<f64> {
             text.parse()
                 .map_err(|_| anyhow!("{key}: `{text}` is not a number"))
         };
-        Ok(Input {
+        Ok(IcrInput {
             roll_rad: number("roll_rad", &self.roll_rad)?,
             pitch_rad: number("pitch_rad", &self.pitch_rad)?,
             v_left_m_s: number("v_left_m_s", &self.v_left_m_s)?,
@@ -90,7 +90,7 @@ pub fn run(args: &IcrArgs, input: impl Read, output: impl Write) -> Result<()> {
         // The header is line 1.
         let line_number = index + 2;
         let place = || format!("standard input, line {line_number}");
-        let line: Line = line.with_context(place)?;
+        let line: IcrLine = line.with_context(place)?;
         let input = line.input().with_context(place)?;
         let (attitude, treads) = input.checked().with_context(place)?;
         let icrs = vehicle.icrik(attitude, treads);
@@ -113,7 +113,7 @@ pub fn run(args: &IcrArgs, input: impl Read, output: impl Write) -> Result<()> {
     Ok(())
 }
 
-impl Input {
+impl IcrInput {
     /// Returns attitude and effective tread speeds, each within its range.
     ///
     /// # Errors

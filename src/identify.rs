@@ -31,7 +31,7 @@ use sidehill_plant::identification::{
 };
 use sidehill_plant::log::DriveLog;
 use sidehill_plant::vehicle::Vehicle;
-use verdict::Verdict;
+use verdict::SlopeVerdict;
 
 /// Identifies, prints what was found and how far to trust it, and writes the vehicle.
 ///
@@ -94,7 +94,7 @@ pub fn run(args: &IdentifyArgs) -> Result<()> {
         found.slope = Some(stage);
         vehicle = fitted;
     }
-    let mut verdict = Verdict::of(&found, &vehicle, &logs);
+    let mut verdict = SlopeVerdict::of(&found, &vehicle, &logs);
     let slope: Vec<DriveLog> = logs.slope.iter().chain(&logs.across).cloned().collect();
     match identify_extension(&logs.level, &slope, &vehicle, &settings) {
         Ok((extension, report)) => {

@@ -30,7 +30,7 @@ pub struct KeptFile {
 
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Contents {
+struct LearnedContents {
     /// When it was saved, s since 1970.
     saved_unix_s: f64,
     /// Share of the gains' uncertainty that has been removed.
@@ -44,7 +44,7 @@ struct Contents {
 /// # Errors
 /// An I/O error; the file is then unchanged.
 pub fn save(path: &Path, learned: &Learned) -> Result<()> {
-    let contents = Contents {
+    let contents = LearnedContents {
         saved_unix_s: now_unix_s(),
         confidence: learned.confidence(),
         learned: learned.clone(),
@@ -108,7 +108,7 @@ pub fn load(path: &Path, days_max: f64) -> Result<LearnedFile> {
     read(bytes).with_context(name)
 }
 
-fn parse(text: &str) -> Result<Contents> {
+fn parse(text: &str) -> Result<LearnedContents> {
     let (head, body) = text.split_once('\n').unwrap_or((text, ""));
     let Some(given) = head.strip_prefix(FORMAT).map(str::trim) else {
         bail!("refused: no file of what was learned (first line must begin with {FORMAT})");
@@ -122,7 +122,7 @@ fn parse(text: &str) -> Result<Contents> {
     serde_json::from_str(body).context("refused: the file is damaged")
 }
 
-fn check_age(contents: &Contents, days_max: f64, now_unix_s: f64) -> Result<()> {
+fn check_age(contents: &LearnedContents, days_max: f64, now_unix_s: f64) -> Result<()> {
     let days = (now_unix_s - contents.saved_unix_s) / 86_400.0;
     if days > days_max {
         bail!("refused: learned {days:.0} days ago, more than {days_max}");

@@ -35,6 +35,8 @@ pub mod init;
 #[cfg(not(target_family = "wasm"))]
 mod log_file;
 #[cfg(not(target_family = "wasm"))]
+mod npz;
+#[cfg(not(target_family = "wasm"))]
 pub mod odometry;
 #[cfg(not(target_family = "wasm"))]
 pub mod output;

@@ -13,23 +13,23 @@ pub(crate) const CYCLES: f64 = 1e6;
 pub(crate) const YAML_DEPTH: usize = 100;
 
 /// A kind of file that is held in memory as a whole.
-struct Limit {
+struct SizeLimit {
     endings: &'static [&'static str],
     megabytes: u64,
 }
 
 /// Elevation grids of 16 million cells; logs that `check` reads; routes of half a million points; configuration, and what
 /// was learned at 4096 places, 1.8 MB.
-const LIMITS: [Limit; 3] = [
-    Limit {
+const LIMITS: [SizeLimit; 3] = [
+    SizeLimit {
         endings: &["asc", "csv"],
         megabytes: 400,
     },
-    Limit {
+    SizeLimit {
         endings: &["gpx"],
         megabytes: 64,
     },
-    Limit {
+    SizeLimit {
         endings: &[],
         megabytes: 2,
     },

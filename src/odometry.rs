@@ -64,7 +64,7 @@ const NAMES: [&str; MODELS.len()] = {
 
 /// One model's errors, as printed in JSON.
 #[derive(Debug, Serialize)]
-struct Figures {
+struct OdometryFigures {
     mse_x: f64,
     mse_y: f64,
     mse_z: f64,
@@ -72,7 +72,7 @@ struct Figures {
     j_over_n: f64,
 }
 
-impl From<MeanSquaredErrors> for Figures {
+impl From<MeanSquaredErrors> for OdometryFigures {
     fn from(errors: MeanSquaredErrors) -> Self {
         Self {
             mse_x: errors.x_m2,
@@ -175,7 +175,7 @@ fn json(comparisons: &[Vec<Comparison>]) -> Result<serde_json::Map<String, Value
     let samples = comparisons.first().map_or(0, Vec::len);
     object.insert("samples".into(), samples.into());
     for ((_, name), comparisons) in MODELS.iter().zip(comparisons) {
-        let figures = Figures::from(MeanSquaredErrors::of(comparisons));
+        let figures = OdometryFigures::from(MeanSquaredErrors::of(comparisons));
         object.insert((*name).into(), serde_json::to_value(figures)?);
     }
     Ok(object)

@@ -1,70 +1,91 @@
 //! Messages of long work for the user: progress, and the result of an interrupt.
 
 use crate::console;
-use indicatif::{ProgressBar, ProgressStyle};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::iterator::Signals;
 use std::io::IsTerminal;
 use std::sync::Mutex;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 /// Time between lines if standard error is not a terminal, s.
 const LINE_EVERY: Duration = Duration::from_secs(10);
 
+/// Time between changes of the bar.
+const BAR_EVERY: Duration = Duration::from_millis(100);
+/// Width of the bar, characters.
+const BAR_WIDTH: u64 = 40;
+
 /// Progress of a task: a bar on a terminal, otherwise a line from time to time.
-pub struct Progress {
+pub struct TaskProgress {
     name: String,
-    bar: ProgressBar,
-    /// When the last line was printed; none on a terminal.
-    last_line: Option<Mutex<Instant>>,
+    steps: u64,
+    done: AtomicU64,
+    begun: Instant,
+    on_terminal: bool,
+    shown: Mutex<Instant>,
 }
 
-impl Progress {
+impl TaskProgress {
     /// Starts a task of `steps` steps.
     pub fn new(name: &str, steps: u64) -> Self {
-        let style = ProgressStyle::with_template(
-            "{prefix:14} {bar:40} {percent:>3} %  {elapsed} gone, {eta} left",
-        )
-        .unwrap_or_else(|_| ProgressStyle::default_bar());
+        let begun = Instant::now();
         Self {
             name: name.to_owned(),
-            bar: ProgressBar::new(steps)
-                .with_style(style)
-                .with_prefix(name.to_owned()),
-            last_line: (!std::io::stderr().is_terminal()).then(|| Mutex::new(Instant::now())),
+            steps: steps.max(1),
+            done: AtomicU64::new(0),
+            begun,
+            on_terminal: std::io::stderr().is_terminal(),
+            shown: Mutex::new(begun),
         }
     }
 
     /// Shows that `done` steps are completed; any thread may call it.
     pub fn at(&self, done: u64) {
-        self.bar.set_position(done);
-        self.line();
+        self.done.store(done, Ordering::Relaxed);
+        self.show();
     }
 
     /// Shows that one more step is completed.
     pub fn step(&self) {
-        self.bar.inc(1);
-        self.line();
+        self.done.fetch_add(1, Ordering::Relaxed);
+        self.show();
     }
 
-    fn line(&self) {
-        let Some(last) = &self.last_line else { return };
+    fn show(&self) {
         // If the lock is held, another thread is printing.
-        let Ok(mut last) = last.try_lock() else {
+        let Ok(mut shown) = self.shown.try_lock() else {
             return;
         };
-        if last.elapsed() >= LINE_EVERY {
-            *last = Instant::now();
-            let (done, all) = (self.bar.position(), self.bar.length().unwrap_or(1));
-            let percent = 100 * done / all.max(1);
-            let left_s = self.bar.eta().as_secs();
-            console::complain(format_args!("{}: {percent} %, {left_s} s left", self.name));
+        let every = if self.on_terminal {
+            BAR_EVERY
+        } else {
+            LINE_EVERY
+        };
+        if shown.elapsed() < every {
+            return;
+        }
+        *shown = Instant::now();
+        let done = self.done.load(Ordering::Relaxed).min(self.steps);
+        let left = self.begun.elapsed().as_secs_f64() * (self.steps - done) as f64;
+        let left_s = (left / done.max(1) as f64).ceil();
+        let (name, percent) = (&self.name, 100 * done / self.steps);
+        if self.on_terminal {
+            let bar = "#".repeat((BAR_WIDTH * done / self.steps) as usize);
+            let width = BAR_WIDTH as usize;
+            console::renew_complaint(format_args!(
+                "{name} [{bar:width$}] {percent:3} %, {left_s} s left"
+            ));
+        } else {
+            console::complain(format_args!("{name}: {percent} %, {left_s} s left"));
         }
     }
 
     /// Ends the task and removes the bar.
     pub fn finish(&self) {
-        self.bar.finish_and_clear();
+        if self.on_terminal {
+            console::renew_complaint("");
+        }
     }
 }
 

@@ -11,7 +11,7 @@ use crate::console;
 use crate::learned;
 use crate::limits;
 use crate::output;
-use crate::progress::{self, Progress};
+use crate::progress::{self, TaskProgress};
 use crate::qp_recording::QpRecording;
 use crate::record::{Run, Summary};
 use crate::recording::{self, LiveArgs, SimulationRecording, fact};
@@ -286,7 +286,7 @@ fn runs(prepared: &Prepared, mut observer: Option<&mut dyn Observer>) -> Result<
     }
     let mut runs = Vec::new();
     for &kind in &prepared.controllers {
-        let progress = Progress::new(kind.name(), 1000);
+        let progress = TaskProgress::new(kind.name(), 1000);
         let hear = |share| progress.at((1000.0 * share) as u64);
         let run = match &mut observer {
             Some(observer) => closed_loop::run(prepared, kind, hear, Some(&mut **observer))?,

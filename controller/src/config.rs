@@ -73,11 +73,11 @@ pub enum AttitudePreview {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ControllerConfig {
-    /// Control period, s.
+    /// Control period.
     pub period_s: f64,
     /// Stages of the horizon.
     pub stages: usize,
-    /// Duration of the first stage, s.
+    /// Duration of the first stage.
     pub step_s: f64,
     /// Stages condensed into one block of the QP.
     #[serde(skip)]
@@ -85,31 +85,31 @@ pub struct ControllerConfig {
     /// Speed within which |traction| and the turning direction are rounded off, m/s.
     #[serde(skip)]
     pub smoothing_m_s: f64,
-    /// Time from a command to its arrival at the motors, s.
+    /// Time from a command to its arrival at the motors.
     pub command_delay_s: f64,
-    /// Time constant of the motors, s.
+    /// Time constant of the motors.
     pub motor_lag_s: f64,
     /// Where the attitude along the horizon comes from.
     pub attitude_preview: AttitudePreview,
-    /// Point of the vehicle that follows the path; the origin unless it is set.
+    /// [Point of the vehicle](#tracked-point) that follows the path.
     pub tracked_point: TrackedPoint,
-    /// Weights of the MPC.
+    /// [Weights](#weights) of the MPC.
     pub weights: Weights,
     /// How far a QP's solution is followed in a cycle.
     #[serde(skip)]
     pub step_limit: StepLimit,
-    /// Limits of both motors.
+    /// [Limits](#limits) of both motors.
     pub limits: InputLimits,
     /// QP solver.
     #[serde(skip)]
     pub solver: QpSettings,
-    /// State estimation.
+    /// [State estimation](#estimator).
     pub estimator: EstimatorSettings,
-    /// Supervision.
+    /// [Supervision](#supervisor).
     pub supervisor: SupervisorConfig,
-    /// Steepness guard, none by default.
+    /// [Steepness guard](#guard); off without it, `guard: {}` switches it on.
     pub guard: Option<GuardConfig>,
-    /// What is kept of what was learned; nothing by default.
+    /// [What is kept](#memory) of what was learned; nothing without it, `memory: {}` switches it on.
     pub memory: Option<MemoryConfig>,
     /// Pure pursuit.
     #[serde(skip)]

@@ -197,7 +197,8 @@ impl Reference {
         path.at(arc_length_m.clamp(self.drive_from_m(), self.stop_at_m().next_down()))
     }
 
-    fn drive_from_m(&self) -> f64 {
+    /// Returns the arc length from which the present drive goes, m.
+    pub(crate) fn drive_from_m(&self) -> f64 {
         match self.drives_done.checked_sub(1) {
             Some(before) => self.ends_m[before],
             None => 0.0,

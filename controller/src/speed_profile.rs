@@ -36,11 +36,11 @@ pub struct SpeedLimits {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct SpeedConfig {
-    /// Speed on the open stretch, m/s.
+    /// Speed on the open stretch.
     pub speed_m_s: f64,
-    /// Share of the motors' limits that the profile uses; the rest is left to feedback and slope.
+    /// Share of the motors' limits that the profile uses. The rest is left to feedback and slope.
     pub motor_share: f64,
-    /// Largest |curvature| speed^2, m/s^2.
+    /// Largest
     pub lateral_acceleration_m_s2: f64,
 }
 

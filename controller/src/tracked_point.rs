@@ -9,9 +9,9 @@ use sidehill_plant::frames::PlanarPose;
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct TrackedPoint {
-    /// Distance to the right of the origin, m.
+    /// Distance to the right of the origin.
     pub right_m: f64,
-    /// Distance ahead of the origin, m.
+    /// Distance ahead of the origin.
     pub forward_m: f64,
 }
 

@@ -14,14 +14,23 @@ use std::collections::VecDeque;
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(try_from = "RawDriveTrain")]
 pub struct DriveTrainConfig {
+    /// [Motor](#motor) that drives both treads alike.
     traction: MotorConfig,
+    /// [Motor](#motor) that drives them against each other.
     steer: MotorConfig,
+    /// Time from a command to its arrival at the motors.
     delay_s: f64,
+    /// Largest speed of a tread. None: no limit.
     tread_speed_max_m_s: Option<f64>,
+    /// Whether brakes hold treads that stand, so that a parked vehicle of the contact plant does not creep downhill.
     brakes: bool,
+    /// Share of the largest speeds that is lost each second, until a fifth of them is left.
     battery_fall_per_s: f64,
-    schedule: Vec<Change>,
+    /// [Changes of the motors](#change-of-the-motors) during a run, in ascending order of time.
+    schedule: Vec<ScheduledChange>,
+    /// [Smoother](#smoother) of the commands.
     smoother: Option<SmootherConfig>,
+    /// [Slowdowns](#slowdown) of the commands by a collision monitor.
     collision_monitor: Vec<Slowdown>,
 }
 
@@ -29,30 +38,32 @@ pub struct DriveTrainConfig {
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 struct MotorConfig {
-    /// Largest speed in either direction, m/s.
+    /// Largest speed in either direction. None: no limit.
     speed_max_m_s: Option<f64>,
-    /// Largest rate of change away from zero speed, m/s^2.
+    /// Largest rate of change away from zero. None: no limit.
     acceleration_max_m_s2: Option<f64>,
-    /// Largest rate of change towards zero speed, m/s^2.
+    /// Largest rate of change towards zero. None: no limit.
     deceleration_max_m_s2: Option<f64>,
-    /// Time constant of the first-order lag, s.
+    /// Time constant of a first-order lag. None: no lag.
     time_constant_s: Option<f64>,
-    /// Speed over commanded speed.
+    /// Speed over commanded speed. None: 1.
     gain: Option<f64>,
-    /// Commanded speed below which the motor stands, m/s.
+    /// Commanded speed below which the motor stands.
     dead_band_m_s: Option<f64>,
-    /// Commanded speed below which a standing motor does not start, m/s.
+    /// Commanded speed below which a standing motor does not start.
     breakaway_m_s: Option<f64>,
 }
 
 /// Keys of the motors that change during a run; those that are not named stay.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Change {
-    /// Time from which they hold, s.
+struct ScheduledChange {
+    /// Time from which the new values hold.
     from_s: f64,
+    /// [Motor](#motor): the keys that change.
     #[serde(default)]
     traction: MotorConfig,
+    /// [Motor](#motor): the keys that change.
     #[serde(default)]
     steer: MotorConfig,
 }
@@ -61,9 +72,9 @@ struct Change {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct SmootherConfig {
-    /// Largest rate of change of a command, m/s^2.
+    /// Largest rate of change of traction and steer commands.
     acceleration_m_s2: f64,
-    /// Speed below which it sends zero, m/s.
+    /// Speed below which the smoother sends zero.
     #[serde(default)]
     dead_band_m_s: f64,
 }
@@ -72,9 +83,9 @@ struct SmootherConfig {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Slowdown {
-    /// Begin, s.
+    /// Begin.
     from_s: f64,
-    /// End, s.
+    /// End.
     to_s: f64,
     /// Factor on commands; 0 stops.
     slowdown_ratio: f64,
@@ -89,12 +100,12 @@ pub struct DriveTrain {
     /// Command that the smoother gave last, before its dead band.
     smoothed: MotorSpeeds,
     collision_monitor: Vec<Slowdown>,
-    traction: Motor,
-    steer: Motor,
+    traction: SimulatedMotor,
+    steer: SimulatedMotor,
     tread_speed_max_m_s: f64,
     battery_fall_per_s: f64,
     /// Changes that are still to come, in their order.
-    schedule: VecDeque<Change>,
+    schedule: VecDeque<ScheduledChange>,
     brakes: bool,
     braked: bool,
     /// Commands on their way, the oldest in front; its length is the delay in steps.
@@ -121,8 +132,8 @@ impl DriveTrain {
             smoother: config.smoother,
             smoothed: MotorSpeeds::STOP,
             collision_monitor: config.collision_monitor.clone(),
-            traction: Motor::new(&config.traction, dt_s),
-            steer: Motor::new(&config.steer, dt_s),
+            traction: SimulatedMotor::new(&config.traction, dt_s),
+            steer: SimulatedMotor::new(&config.steer, dt_s),
             tread_speed_max_m_s: config.tread_speed_max_m_s.unwrap_or(f64::INFINITY),
             battery_fall_per_s: config.battery_fall_per_s,
             schedule: config.schedule.iter().copied().collect(),
@@ -234,7 +245,7 @@ fn within_treads(speeds: MotorSpeeds, speed_max_m_s: f64) -> MotorSpeeds {
 }
 
 #[derive(Debug, Clone)]
-struct Motor {
+struct SimulatedMotor {
     config: MotorConfig,
     speed_m_s: f64,
     dt_s: f64,
@@ -244,7 +255,7 @@ struct Motor {
     remainder: f64,
 }
 
-impl Motor {
+impl SimulatedMotor {
     fn new(config: &MotorConfig, dt_s: f64) -> Self {
         Self {
             config: *config,
@@ -360,7 +371,7 @@ struct RawDriveTrain {
     tread_speed_max_m_s: Option<f64>,
     brakes: bool,
     battery_fall_per_s: f64,
-    schedule: Vec<Change>,
+    schedule: Vec<ScheduledChange>,
     smoother: Option<SmootherConfig>,
     collision_monitor: Vec<Slowdown>,
 }

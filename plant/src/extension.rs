@@ -143,26 +143,37 @@ impl ExtensionGains {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct RawExtension {
+    /// Outward slip in turns, kappa.
     #[serde(default)]
     outward_slip_s: f64,
+    /// Forward speed lost in turns, b.
     #[serde(default)]
     turn_loss_s_per_rad: f64,
+    /// Downhill creep in proportion to speed, c.
     #[serde(default)]
     creep_per_rad: f64,
+    /// Downhill creep at any speed, d.
     #[serde(default)]
     creep_m_s_per_rad: f64,
+    /// Left tread ICR of the extended model.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     x_icr_left_m: Option<f64>,
+    /// Right tread ICR of the extended model.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     x_icr_right_m: Option<f64>,
+    /// Forward tread ICR of the extended model.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     y_icr_m: Option<f64>,
+    /// Slide gain of the extended model.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     lambda_1_s_per_rad: Option<f64>,
+    /// Additional slide gain of the extended model.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     lambda_2_s_per_rad: Option<f64>,
+    /// Factor c_l of the extended model.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     correction_left: Option<f64>,
+    /// Factor c_r of the extended model.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     correction_right: Option<f64>,
 }

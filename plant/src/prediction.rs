@@ -40,22 +40,22 @@ pub struct PredictionModel {
 
 /// ICRs of one turning direction and their derivatives.
 #[derive(Clone, Copy)]
-struct Side {
-    distance: Term,
-    middle: Term,
-    forward: Term,
+struct TreadSide {
+    distance: ModelTerm,
+    middle: ModelTerm,
+    forward: ModelTerm,
 }
 
 /// A value with its derivatives by roll, pitch and the gain g.
 #[derive(Clone, Copy)]
-struct Term {
+struct ModelTerm {
     value: f64,
     by_roll: f64,
     by_pitch: f64,
     by_gain: f64,
 }
 
-impl Term {
+impl ModelTerm {
     fn constant(value: f64) -> Self {
         Self {
             value,
@@ -116,9 +116,9 @@ impl PredictionModel {
         let plus = self.side(1.0, attitude, g);
         let minus = self.side(-1.0, attitude, g);
         let (w_plus, w_minus) = (0.5 * (1.0 + s), 0.5 * (1.0 - s));
-        let distance = Term::combine(w_plus, plus.distance, w_minus, minus.distance);
-        let middle = Term::combine(w_plus, plus.middle, w_minus, minus.middle);
-        let forward = Term::combine(w_plus, plus.forward, w_minus, minus.forward);
+        let distance = ModelTerm::combine(w_plus, plus.distance, w_minus, minus.distance);
+        let middle = ModelTerm::combine(w_plus, plus.middle, w_minus, minus.middle);
+        let forward = ModelTerm::combine(w_plus, plus.forward, w_minus, minus.forward);
         let half_s = 0.5 * s_by_sigma;
         let distance_by_sigma = half_s * (plus.distance.value - minus.distance.value);
         let middle_by_sigma = half_s * (plus.middle.value - minus.middle.value);
@@ -171,22 +171,22 @@ impl PredictionModel {
 
     /// Returns the ICRs of one turning direction: (5)-(7), (9), (10) and the limits.
     #[inline(always)]
-    fn side(&self, sign: f64, attitude: Attitude, g: f64) -> Side {
+    fn side(&self, sign: f64, attitude: Attitude, g: f64) -> TreadSide {
         let (alpha, phi) = (attitude.roll_rad, attitude.pitch_rad);
         let v = &self.vehicle;
         let (lambda_1, lambda_2) = (v.slide.shift_s_per_rad, v.slide.aggravated_s_per_rad);
         let k1 = sign * lambda_1;
-        let mut left = Term {
+        let mut left = ModelTerm {
             value: v.icrs.left_m + k1 * g * phi,
             by_roll: 0.0,
             by_pitch: k1 * g,
             by_gain: k1 * phi,
         };
-        let mut right = Term {
+        let mut right = ModelTerm {
             value: v.icrs.right_m + k1 * g * phi,
             ..left
         };
-        let mut forward = Term {
+        let mut forward = ModelTerm {
             value: v.icrs.forward_m + k1 * g * alpha,
             by_roll: k1 * g,
             by_pitch: 0.0,
@@ -204,17 +204,17 @@ impl PredictionModel {
             aggravated.by_gain += k2 * excess;
         }
         if left.value > -v.base_half_width_m {
-            left = Term::constant(-v.base_half_width_m);
+            left = ModelTerm::constant(-v.base_half_width_m);
         }
         if right.value < v.base_half_width_m {
-            right = Term::constant(v.base_half_width_m);
+            right = ModelTerm::constant(v.base_half_width_m);
         }
         if forward.value.abs() > v.base_half_length_m {
-            forward = Term::constant(forward.value.signum() * v.base_half_length_m);
+            forward = ModelTerm::constant(forward.value.signum() * v.base_half_length_m);
         }
-        Side {
-            distance: Term::combine(1.0, right, -1.0, left),
-            middle: Term::combine(0.5, right, 0.5, left),
+        TreadSide {
+            distance: ModelTerm::combine(1.0, right, -1.0, left),
+            middle: ModelTerm::combine(0.5, right, 0.5, left),
             forward,
         }
     }

@@ -166,21 +166,38 @@ impl Vehicle {
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct RawVehicle {
+    /// Name for tables and plots.
     name: String,
+    /// Left tread ICR on level ground, to the right of the origin, so negative.
     x_icr_left_m: f64,
+    /// Right tread ICR on level ground, to the right of the origin.
     x_icr_right_m: f64,
+    /// Both tread ICRs, forward of the origin.
     y_icr_m: f64,
+    /// Slide gain of equations (9) and (10).
     lambda_1_s_per_rad: f64,
+    /// Additional slide gain of one tread when the vehicle points mostly up or down.
     lambda_2_s_per_rad: f64,
+    /// Largest longitudinal speed of the identification, v_y^m.
     speed_max_m_s: f64,
+    /// Half the width of the rectangle of wheel contacts, x_m. It limits the ICRs.
     base_half_width_m: f64,
+    /// Half its length, y_m.
     base_half_length_m: f64,
+    /// Factor c_l from motor-side to effective speed of the left tread, equation (11).
     correction_left: f64,
+    /// Factor c_r of the right tread.
     correction_right: f64,
+    /// [Terms beyond ICRIK](#extension) and the parameters identified with them. None: ICRIK.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     extension: Option<RawExtension>,
+    /// [Where the mass is](#centre-of-mass), with what the vehicle carries, for the steepness guard. Without it, that
+    /// of `contact`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     centre_of_mass: Option<CentreOfMass>,
+    /// [Known parameters of its wheels](#known-contact-vehicle): where `contact-mpc` starts from. Without it, four
+    /// axles evenly spaced along the base rectangle. Give the positions of the axles where the vehicle has others:
+    /// `half_width_m` and `axles` are enough.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     contact: Option<KnownContact>,
 }

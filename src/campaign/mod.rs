@@ -13,7 +13,7 @@ use crate::closed_loop;
 use crate::config::{Campaign, ConfigFile, Overrides, Scenario};
 use crate::console;
 use crate::output;
-use crate::progress::{self, Progress};
+use crate::progress::{self, TaskProgress};
 use crate::record::Summary;
 use anyhow::{Result, bail};
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
@@ -22,7 +22,7 @@ use std::ops::Range;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
 use std::time::Instant;
-use table::{Outcome, Table};
+use table::{CampaignTable, Outcome};
 
 /// Arguments of `sidehill campaign`.
 #[derive(Debug, Clone, clap::Args)]
@@ -110,7 +110,7 @@ pub fn run(args: &CampaignArgs) -> Result<()> {
             begun.elapsed().as_secs_f64()
         )
     })?;
-    let bar = Progress::new("campaign", all as u64);
+    let bar = TaskProgress::new("campaign", all as u64);
     pool(args.threads)?.install(|| {
         missing.into_par_iter().try_for_each(|(index, kind)| {
             results.append(&outcome(&campaign, index, kind))?;
@@ -119,7 +119,7 @@ pub fn run(args: &CampaignArgs) -> Result<()> {
         })
     })?;
     bar.finish();
-    let rows = Table::of(&campaign)?.rows(&results.finish()?)?;
+    let rows = CampaignTable::of(&campaign)?.rows(&results.finish()?)?;
     if let Some(count) = args.keep_worst {
         for file in worst::keep(&campaign, &rows, count, out)? {
             console::complain(format_args!("recorded {}", file.display()));
@@ -150,7 +150,7 @@ pub fn run(args: &CampaignArgs) -> Result<()> {
 /// # Errors
 /// Why the campaign cannot run at all. A run that fails is not an error but a row.
 pub fn csv(campaign: &Campaign, runs: Range<u32>, threads: Option<usize>) -> Result<Vec<u8>> {
-    let table = Table::of(campaign)?;
+    let table = CampaignTable::of(campaign)?;
     let mut jobs: Vec<_> = jobs(campaign, runs).collect();
     jobs.sort_by_key(|(index, kind)| (*index, kind.name()));
     let lines = pool(threads)?.install(|| {

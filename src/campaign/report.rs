@@ -1,14 +1,14 @@
 //! The report of a campaign: the distribution of the errors over all runs.
 
 use super::summary::Figures;
-use super::table::Row;
-use crate::report::page::{COLOURS, Page, legend_of, table};
+use super::table::CampaignRow;
+use crate::report::page::{COLOURS, ReportPage, legend_of, table};
 use crate::report::plot::{Line, Plot};
 use maud::html;
 use std::collections::BTreeMap;
 
 /// Returns the page for the rows that the figures cover.
-pub(super) fn html(campaign: &str, figures: &[Figures], rows: &[&Row]) -> String {
+pub(super) fn html(campaign: &str, figures: &[Figures], rows: &[&CampaignRow]) -> String {
     let names: Vec<(&str, &str)> = figures
         .iter()
         .zip(COLOURS.iter().cycle())
@@ -57,7 +57,7 @@ pub(super) fn html(campaign: &str, figures: &[Figures], rows: &[&Row]) -> String
             ]
         })
         .collect();
-    let page = Page {
+    let page = ReportPage {
         title: &format!("Campaign {campaign}"),
         subtitle: "Cross-track RMS of many random runs; a run that was not completed counts as worse than every completed one",
         conclusions: &conclusions(figures, &names, &errors),
@@ -75,7 +75,7 @@ pub(super) fn html(campaign: &str, figures: &[Figures], rows: &[&Row]) -> String
     page.html()
 }
 
-fn completed(controller: &str, rows: &[&Row]) -> BTreeMap<u32, f64> {
+fn completed(controller: &str, rows: &[&CampaignRow]) -> BTreeMap<u32, f64> {
     rows.iter()
         .filter(|row| row.controller == controller && row.completed)
         .filter_map(|row| Some((row.index, row.cross_track_rms_m?)))

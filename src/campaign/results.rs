@@ -5,7 +5,7 @@
 //! runs are done, the file is replaced by its sorted rows.
 
 use super::merge::{self, Merged};
-use super::table::{Outcome, Table};
+use super::table::{CampaignTable, Outcome};
 use crate::config::Campaign;
 use crate::output;
 use anyhow::{Context, Result, bail};
@@ -20,7 +20,7 @@ use std::sync::{Mutex, PoisonError};
 pub struct Results {
     path: PathBuf,
     file: Mutex<File>,
-    table: Table,
+    table: CampaignTable,
     held: HashSet<(u32, String)>,
 }
 
@@ -49,7 +49,7 @@ impl Results {
         if whole.len() < bytes.len() {
             file.set_len(whole.len() as u64).with_context(name)?;
         }
-        let table = Table::of(campaign)?;
+        let table = CampaignTable::of(campaign)?;
         if whole.is_empty() {
             file.write_all(&table.header_line()?)
                 .and_then(|()| file.sync_data())

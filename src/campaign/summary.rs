@@ -1,6 +1,6 @@
 //! Figures of each controller over a campaign.
 
-use super::table::Row;
+use super::table::CampaignRow;
 use crate::config::Campaign;
 use serde::Serialize;
 use sidehill_plant::statistics::quantile;
@@ -38,7 +38,7 @@ pub struct Figures {
 }
 
 /// Returns the figures of the campaign's controllers over those of `rows` that belong to `runs`.
-pub fn of(rows: &[Row], campaign: &Campaign, runs: &Range<u32>) -> Vec<Figures> {
+pub fn of(rows: &[CampaignRow], campaign: &Campaign, runs: &Range<u32>) -> Vec<Figures> {
     let names = campaign.controllers.iter().map(|kind| kind.name());
     names
         .map(|name| {
@@ -50,13 +50,13 @@ pub fn of(rows: &[Row], campaign: &Campaign, runs: &Range<u32>) -> Vec<Figures> 
         .collect()
 }
 
-fn figures(controller: &str, rows: &[&Row]) -> Figures {
+fn figures(controller: &str, rows: &[&CampaignRow]) -> Figures {
     let done = || rows.iter().filter(|row| row.completed);
     let mut errors: Vec<(f64, u32)> = done()
         .filter_map(|row| Some((row.cross_track_rms_m?, row.index)))
         .collect();
     errors.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let of_done = |figure: fn(&Row) -> Option<f64>, share| {
+    let of_done = |figure: fn(&CampaignRow) -> Option<f64>, share| {
         let mut values: Vec<f64> = done().filter_map(|row| figure(row)).collect();
         values.sort_by(f64::total_cmp);
         quantile(&values, share)
@@ -164,7 +164,7 @@ pub fn table(figures: &[Figures], campaign: &Campaign, runs: &Range<u32>) -> Str
 
 #[cfg(test)]
 mod tests {
-    use super::super::table::Table;
+    use super::super::table::CampaignTable;
     use super::*;
     use crate::config::ConfigFile;
     use std::path::Path;
@@ -198,8 +198,8 @@ mod tests {
         text + &format!("{f},0,9,pure-pursuit,0.5,false,bad,,,,,,,,,,,,\n")
     }
 
-    fn rows(campaign: &Campaign) -> Vec<Row> {
-        let table = Table::of(campaign).unwrap();
+    fn rows(campaign: &Campaign) -> Vec<CampaignRow> {
+        let table = CampaignTable::of(campaign).unwrap();
         table.rows(csv(campaign).as_bytes()).unwrap()
     }
 
@@ -241,7 +241,7 @@ mod tests {
 
     #[test]
     fn results_of_another_fingerprint_are_refused() {
-        let other = Table::of(&campaign(2)).unwrap();
+        let other = CampaignTable::of(&campaign(2)).unwrap();
         let error = other.rows(csv(&campaign(1)).as_bytes()).unwrap_err();
         assert!(error.to_string().contains("fingerprint"), "{error}");
     }

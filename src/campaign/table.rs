@@ -22,7 +22,7 @@ pub struct Outcome {
 
 /// The fields of a row that the summary needs.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Row {
+pub struct CampaignRow {
     /// Number of the run.
     pub index: u32,
     /// Controller's name.
@@ -71,7 +71,7 @@ pub(super) const GUARD: [&str; 5] = [
 ];
 
 /// The columns of one campaign's results.
-pub struct Table {
+pub struct CampaignTable {
     name: String,
     fingerprint: String,
     header: Vec<String>,
@@ -79,7 +79,7 @@ pub struct Table {
     guard: bool,
 }
 
-impl Table {
+impl CampaignTable {
     /// Returns the table of a campaign.
     ///
     /// # Errors
@@ -159,7 +159,7 @@ impl Table {
     ///
     /// # Errors
     /// Results of another campaign, or invalid rows.
-    pub fn rows(&self, text: &[u8]) -> Result<Vec<Row>> {
+    pub fn rows(&self, text: &[u8]) -> Result<Vec<CampaignRow>> {
         if text.is_empty() {
             return Ok(Vec::new());
         }
@@ -196,7 +196,7 @@ impl Table {
                     text => Ok(Some(text.parse()?)),
                 }
             };
-            rows.push(Row {
+            rows.push(CampaignRow {
                 index: record[1].parse()?,
                 controller: record[3].to_owned(),
                 completed: record[completed].parse()?,

@@ -1,6 +1,6 @@
 //! `campaign --keep-worst`: repeats and records the worst runs.
 
-use super::table::Row;
+use super::table::CampaignRow;
 use crate::closed_loop;
 use crate::config::{Bundle, Campaign, Overrides, Scenario};
 use crate::recording::{self, SimulationRecording};
@@ -17,14 +17,14 @@ use std::path::{Path, PathBuf};
 /// A folder or file that cannot be written, or a run that cannot be repeated.
 pub(super) fn keep(
     campaign: &Campaign,
-    rows: &[Row],
+    rows: &[CampaignRow],
     count: usize,
     results: &Path,
 ) -> Result<Vec<PathBuf>> {
     let folder = results.with_extension("worst");
     std::fs::create_dir_all(&folder)
         .with_context(|| format!("{}: cannot create the folder", folder.display()))?;
-    let mut worst: Vec<&Row> = rows.iter().collect();
+    let mut worst: Vec<&CampaignRow> = rows.iter().collect();
     worst.sort_by(|a, b| order(a, b));
     let mut files = Vec::new();
     for row in worst.into_iter().take(count) {
@@ -56,8 +56,8 @@ pub(super) fn keep(
     Ok(files)
 }
 
-fn order(a: &Row, b: &Row) -> Ordering {
-    let error_m = |row: &Row| row.cross_track_rms_m.unwrap_or(f64::INFINITY);
+fn order(a: &CampaignRow, b: &CampaignRow) -> Ordering {
+    let error_m = |row: &CampaignRow| row.cross_track_rms_m.unwrap_or(f64::INFINITY);
     let by_end = a.completed.cmp(&b.completed);
     by_end
         .then(error_m(b).total_cmp(&error_m(a)))

@@ -16,15 +16,23 @@ use std::sync::PoisonError;
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct RawCampaign {
+    /// Name for files and tables.
     name: String,
+    /// Seed of all draws. Run N depends on it and N alone.
     seed: u64,
+    /// Runs of each controller; `--runs` replaces it.
     runs: u32,
+    /// Controllers that drive each run.
     controllers: Vec<ControllerKind>,
+    /// [Scenario](#scenario) file that the runs vary.
     scenario: PathBuf,
+    /// [Conditions](#conditions) file applied to it.
     #[serde(default)]
     conditions: Option<PathBuf>,
+    /// Keys of the scenario that are the same in all runs.
     #[serde(default)]
     with: Mapping,
+    /// [What is drawn](#draw).
     draws: Vec<Draw>,
 }
 

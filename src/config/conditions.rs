@@ -15,16 +15,22 @@ const REALISTIC: (&str, &str) = ("realistic", "config/conditions/realistic.yaml"
 /// Keys that conditions may have, so that errors name the conditions file.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Keys {
+struct ConditionKeys {
+    /// Name for tables.
     name: String,
+    /// What moves the vehicle.
     #[serde(default, rename = "plant")]
     _plant: Option<PlantKind>,
+    /// [Friction](#friction).
     #[serde(default)]
     friction: Option<GroundFriction>,
+    /// [Drive train](#drive-train).
     #[serde(default, rename = "drive_train")]
     _drive_train: DriveTrainConfig,
+    /// [Sensors](#sensors).
     #[serde(default, rename = "sensors")]
     _sensors: SensorsConfig,
+    /// [Controller settings](#controller-settings) in place of those of the scenario, key by key.
     #[serde(default)]
     controller: ControllerConfig,
 }
@@ -66,7 +72,7 @@ impl Conditions {
     /// # Errors
     /// [`ConfigError`] with file, key, value and range.
     pub fn parse(file: &ConfigFile) -> Result<Self, ConfigError> {
-        let checked: Keys = file.parse()?;
+        let checked: ConditionKeys = file.parse()?;
         if let Some(friction) = &checked.friction {
             friction
                 .check()

@@ -9,16 +9,15 @@ use serde_yaml::{Mapping, Value};
 #[derive(Debug, Clone, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Draw {
-    /// The key, nested keys separated by dots.
+    /// Key of the scenario, with dots between nested ones.
     pub(super) key: String,
-    /// Uniformly distributed from the first to the second number.
+    /// Two numbers: drawn uniformly between them.
     #[serde(default)]
     uniform: Option<[f64; 2]>,
-    /// Between both numbers, their logarithms uniformly distributed.
+    /// Two positive numbers: drawn between them, with uniformly distributed logarithms.
     #[serde(default)]
     log_uniform: Option<[f64; 2]>,
-    /// One of these, all equally likely. A mapping within one, whose only key is `uniform` or `log_uniform`, is a
-    /// number drawn like that.
+    /// A list: each value is as likely as the others.
     #[serde(default)]
     pub(super) one_of: Option<Vec<Value>>,
 }

@@ -7,7 +7,7 @@ use saphyr_parser::{Event, Parser, Span, SpannedEventReceiver};
 
 /// A key of a mapping with its parent keys and line.
 #[derive(Debug, PartialEq)]
-struct Key {
+struct KeyPlace {
     path: Vec<String>,
     line: usize,
     /// Its value, unless that is a list or a mapping.
@@ -26,7 +26,7 @@ pub(super) struct Duplicate {
 /// All keys of a text, in their order.
 #[derive(Debug, Default)]
 pub(super) struct Keys {
-    keys: Vec<Key>,
+    keys: Vec<KeyPlace>,
     duplicate: Option<Duplicate>,
 }
 
@@ -40,7 +40,7 @@ enum Level {
 }
 
 #[derive(Default)]
-struct Reader {
+struct KeyReader {
     found: Keys,
     levels: Vec<Level>,
     path: Vec<String>,
@@ -49,7 +49,7 @@ struct Reader {
 impl Keys {
     /// Returns the keys of `text`; with a syntax error, the keys before it.
     pub(super) fn of(text: &str) -> Self {
-        let mut reader = Reader::default();
+        let mut reader = KeyReader::default();
         // A syntax error is reported by the deserialiser, with its line.
         let _ = Parser::new_from_str(text).load(&mut reader, false);
         reader.found
@@ -89,7 +89,7 @@ impl Keys {
     }
 }
 
-impl Reader {
+impl KeyReader {
     /// Ends a value: the enclosing mapping expects its next key.
     fn value_ended(&mut self) {
         if let Some(Level::Mapping { waits_for_key, .. }) = self.levels.last_mut() {
@@ -110,7 +110,7 @@ impl Reader {
                 lines: (first, line),
             });
         }
-        self.found.keys.push(Key {
+        self.found.keys.push(KeyPlace {
             path: self.path.clone(),
             line,
             value: None,
@@ -118,7 +118,7 @@ impl Reader {
     }
 }
 
-impl<'input> SpannedEventReceiver<'input> for Reader {
+impl<'input> SpannedEventReceiver<'input> for KeyReader {
     fn on_event(&mut self, event: Event<'input>, span: Span) {
         let key_of = match self.levels.last() {
             Some(Level::Mapping {

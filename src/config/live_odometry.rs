@@ -12,9 +12,9 @@ use std::path::PathBuf;
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LiveOdometryConfig {
-    /// Vehicle that drives, relative to this file.
+    /// [Vehicle](#vehicle) file.
     pub vehicle: PathBuf,
-    /// Topics, frames and times.
+    /// [Topics, frames and times](#topics-of-the-odometry-node).
     #[serde(default)]
     pub ros2: OdometryConfig,
 }

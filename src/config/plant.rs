@@ -95,7 +95,7 @@ pub enum GroundFriction {
         minimum: f64,
         /// Largest coefficient of friction.
         maximum: f64,
-        /// Approximate size of a patch, m.
+        /// About the size of a patch.
         cell_size_m: f64,
     },
 }
@@ -126,29 +126,32 @@ impl GroundFriction {
     }
 }
 
-/// Errors of the parameters that controllers use: factors, 1 by default, and offsets, 0 by default.
+/// Errors of the parameters that controllers use, as factors.
 #[derive(Debug, Clone, Copy, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub(super) struct ModelError {
+    /// Factor on `x_icr_left_m`.
     x_icr_left: f64,
+    /// Factor on `x_icr_right_m`.
     x_icr_right: f64,
+    /// Factor on `y_icr_m`.
     y_icr: f64,
+    /// Factor on `lambda_1_s_per_rad`.
     lambda_1: f64,
+    /// Factor on `lambda_2_s_per_rad`.
     lambda_2: f64,
+    /// Factor on `correction_left`.
     correction_left: f64,
+    /// Factor on `correction_right`.
     correction_right: f64,
+    /// Factor on the friction of the [contact vehicle](#vehicle) that controllers know.
     friction: f64,
+    /// Factor on its lateral share.
     lateral_share: f64,
+    /// Factor on its slip scale.
     slip_scale: f64,
+    /// Factor on its rolling resistance.
     rolling_resistance: f64,
-    /// Added, m.
-    centre_of_mass_right_m: f64,
-    /// Added, m.
-    centre_of_mass_forward_m: f64,
-    /// Added, m.
-    centre_of_mass_height_m: f64,
-    /// Added.
-    inner_load_share: f64,
 }
 
 impl Default for ModelError {
@@ -165,10 +168,6 @@ impl Default for ModelError {
             lateral_share: 1.0,
             slip_scale: 1.0,
             rolling_resistance: 1.0,
-            centre_of_mass_right_m: 0.0,
-            centre_of_mass_forward_m: 0.0,
-            centre_of_mass_height_m: 0.0,
-            inner_load_share: 0.0,
         }
     }
 }
@@ -232,14 +231,6 @@ impl ModelError {
             let entry = &mut parameters[parameter.index()];
             *entry = parameter.entry(factor * parameter.value(*entry));
         }
-        for (parameter, offset) in [
-            (Parameter::CentreRight, self.centre_of_mass_right_m),
-            (Parameter::CentreForward, self.centre_of_mass_forward_m),
-            (Parameter::CentreHeight, self.centre_of_mass_height_m),
-            (Parameter::InnerShare, self.inner_load_share),
-        ] {
-            parameters[parameter.index()] += offset;
-        }
         contact.with_parameters(&parameters).validated()
     }
 }
@@ -248,11 +239,11 @@ impl ModelError {
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct ContactFiles {
-    /// The vehicle on wheels.
+    /// [Contact vehicle](#contact-vehicle) file: what moves.
     pub(super) vehicle: PathBuf,
-    /// Its identified parameters.
+    /// [Vehicle](#vehicle) file: what identification found of it, for the controllers.
     pub(super) identified: PathBuf,
-    /// Deviations of the vehicle from its file.
+    /// [How the vehicle differs from its file](#variation).
     #[serde(default)]
     pub(super) variation: VehicleVariation,
 }
@@ -272,7 +263,5 @@ mod tests {
         let right_m = forward_m("{}");
         assert!(right_m > 0.05);
         assert!(forward_m("{y_icr: 0.5}") < 0.6 * right_m);
-        let moved_m = forward_m("{centre_of_mass_forward_m: 0.1}");
-        assert!((moved_m - right_m - 0.1).abs() < 1e-12);
     }
 }

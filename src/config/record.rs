@@ -9,16 +9,16 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RecordConfig {
-    /// MCAP file, relative to this file; without it, only `--record` records.
+    /// MCAP file. None: only `--record` records, which also overrides it.
     #[serde(default)]
     pub file: Option<PathBuf>,
     /// Largest size of a file, MB.
     #[serde(default = "record_size")]
     pub max_size: f64,
-    /// Whether recording continues in a new file when one is full.
+    /// Whether a full file is followed by another. Otherwise the recording ends, and the vehicle drives on.
     #[serde(default = "yes")]
     pub split: bool,
-    /// With `split`, how many of the newest files to keep; 0 keeps all.
+    /// Newest files that are kept, with `split`. 0 keeps all.
     #[serde(default)]
     pub keep: u32,
 }

@@ -18,9 +18,9 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RouteConfig {
-    /// CSV or GPX file, relative to the file that names it.
+    /// GPX, or CSV with `x_m,y_m` and, optionally `z_m,direction`.
     pub file: PathBuf,
-    /// How its points become a path.
+    /// [How its points become a path](#path-smoothing).
     #[serde(default)]
     pub smoothing: SmoothingConfig,
 }

@@ -51,57 +51,58 @@ pub struct RunConfig {
     /// How the drives are commanded.
     #[serde(default)]
     pub port: RunPort,
-    /// SocketCAN interface.
+    /// SocketCAN interface. Required with `port: can`.
     #[serde(default)]
     pub interface: Option<String>,
-    /// Layout of the bus, relative to this file.
+    /// [CAN layout](#can-layout) file. Required with `port: can`.
     #[serde(default)]
     pub can: Option<PathBuf>,
-    /// The virtual vehicle of port `simulated`, relative to this file.
+    /// [Virtual rover](#virtual-rover) file. Required with `port: simulated`.
     #[serde(default)]
     pub simulated: Option<PathBuf>,
-    /// Vehicle model of the controller, relative to this file.
+    /// [Vehicle](#vehicle) file that the controller uses.
     pub vehicle: PathBuf,
-    /// Which controller.
+    /// Controller.
     pub controller: ControllerKind,
-    /// Its settings.
+    /// [Controller settings](#controller-settings).
     #[serde(default)]
     pub settings: ControllerConfig,
-    /// File that keeps what was learned across restarts.
+    /// [File](#learned-file) in which what was learned is kept over a restart.
     #[serde(default)]
     pub learned: Option<LearnedConfig>,
-    /// Course to drive, unless a route is given.
+    /// [Course](#course) to drive. Without ROS 2, exactly one of `course` and `route`.
     #[serde(default)]
     pub course: Option<Course>,
-    /// Route to drive, unless a course is given.
+    /// [Route](#route) to drive.
     #[serde(default)]
     pub route: Option<RouteConfig>,
-    /// Where the world's origin is on earth, for a GPX route and for poses of satellite fixes; by default the datum of the
-    /// GPX file, or its first point.
+    /// [Place on earth](#datum) at which a GPX route and satellite fixes have x = 0, y = 0. None: the datum of the GPX
+    /// file, or its first point.
     #[serde(default)]
     pub datum: Option<GeodeticOrigin>,
-    /// Speed, unless the course defines it.
+    /// [Speed](#speed), where the course gives no times, and of paths over ROS 2.
     #[serde(default)]
     pub speed: SpeedConfig,
-    /// Laps of a periodic course.
+    /// Rounds of a periodic course.
     #[serde(default = "one")]
     pub laps: u32,
-    /// Timing of the cycle.
+    /// [Control cycle](#cycle).
     #[serde(default)]
     pub cycle: CycleConfig,
-    /// Limits and time-outs of the safety state machine.
+    /// [Safety](#safety).
     #[serde(default)]
     pub safety: SafetyConfig,
-    /// Area that the vehicle may not leave, in the frame of the poses: corners of a polygon, m.
+    /// Area that the vehicle may not leave, in the frame of its poses: corners of a polygon, m, as `[[0, 0], [20, 0], [20,
+    /// 10], [0, 10]]`. A path that leaves it is refused, and the vehicle's origin stops before the edge.
     #[serde(default)]
     pub geofence: Option<Geofence>,
-    /// Scheduling of the real-time threads.
+    /// [Real-time scheduling](#real-time).
     #[serde(default)]
     pub realtime: RealtimeConfig,
-    /// The ROS 2 server: with it, paths come over ROS 2, whichever port commands the drives.
+    /// [ROS 2](#ros-2): with this section, paths come over ROS 2.
     #[serde(default)]
     pub ros2: Option<Ros2Config>,
-    /// Recording of the drive.
+    /// [Recording](#record).
     #[serde(default)]
     pub record: Option<RecordConfig>,
 }
@@ -418,16 +419,16 @@ impl RunConfig {
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LearnedConfig {
-    /// The vehicle's file, relative to the configuration.
+    /// File, relative to the configuration. It is made after `every_s` of driving or when the vehicle is disarmed for
+    /// the first time.
     pub file: PathBuf,
     /// Whether the file is read and written.
     #[serde(default = "yes")]
     pub keep: bool,
-    /// Maximum age of the file, days.
+    /// Age beyond which the file is refused, days.
     #[serde(default = "days_max")]
     pub days_max: f64,
-    /// Driving time after which the file is written again, s: a program that is killed loses what it has learned
-    /// since. The file is also written whenever the vehicle is disarmed.
+    /// Time of driving after which the file is written again: a program that is killed loses what it learned since.
     #[serde(default = "every_s")]
     pub every_s: f64,
 }

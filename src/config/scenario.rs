@@ -25,35 +25,55 @@ use std::path::PathBuf;
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct RawScenario {
+    /// Name for tables and plots.
     name: String,
+    /// [Vehicle](#vehicle) file: the plant, and the model of the controllers.
     vehicle: PathBuf,
+    /// [Ground](#terrain).
     terrain: TerrainConfig,
+    /// [Course](#course) to drive. Exactly one of `course` and `route`.
     #[serde(default)]
     course: Option<Course>,
+    /// Recorded [route](#route) to drive.
     #[serde(default)]
     route: Option<RouteConfig>,
+    /// [Place on earth](#datum) at which a GPX route and satellite fixes have x = 0, y = 0. None: the datum of the GPX
+    /// file, or its first point.
     #[serde(default)]
     datum: Option<GeodeticOrigin>,
+    /// Rounds of a periodic course.
     #[serde(default = "one_lap")]
     laps: u32,
+    /// [Speed](#speed), where the course gives no times.
     #[serde(default)]
     speed: SpeedConfig,
+    /// [Start](#start), relative to the start of the reference.
     #[serde(default)]
     start: StartOffset,
+    /// Controllers to run: `icrik-mpc`, `icrhk-mpc`, `diffdrive-mpc`, `pure-pursuit` and what `simulate --help` lists.
     controllers: Vec<ControllerKind>,
+    /// What moves the vehicle: the ICRIK model, or wheels with friction.
     plant: PlantKind,
+    /// [Files](#contact-files) of the plant `contact`.
     #[serde(default)]
     contact: Option<ContactFiles>,
+    /// [Friction](#friction) of the ground, in place of that in the contact vehicle file.
     #[serde(default)]
     friction: Option<GroundFriction>,
+    /// [Factors](#model-error) on the parameters of the controllers' vehicle.
     #[serde(default)]
     model_error: ModelError,
+    /// Seed of everything random.
     seed: u64,
+    /// Step of the simulation. The control period is a whole multiple of it.
     step_s: f64,
+    /// [Drive train](#drive-train) between command and treads.
     #[serde(default)]
     drive_train: DriveTrainConfig,
+    /// [Sensors](#sensors).
     #[serde(default)]
     sensors: SensorsConfig,
+    /// [Controller settings](#controller-settings).
     #[serde(default)]
     controller: ControllerConfig,
     /// Texts of files that this file names, by their names in it: one file is then a whole scenario.

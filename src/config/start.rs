@@ -11,8 +11,11 @@ use sidehill_plant::terrain::Terrain;
 #[derive(Debug, Clone, Copy, Default, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub(super) struct StartOffset {
+    /// To the right.
     right_m: f64,
+    /// Forward.
     forward_m: f64,
+    /// Heading, counter-clockwise.
     heading_deg: f64,
 }
 

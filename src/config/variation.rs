@@ -10,26 +10,33 @@ use sidehill_plant::vehicle::Vehicle;
 #[derive(Debug, Clone, Copy, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub(super) struct VehicleVariation {
-    /// Factor on all lengths.
+    /// Factor on all lengths; the mass grows with its cube.
     size: f64,
-    /// Factor on the mass, in addition to the cube of `size`.
+    /// Further factor on the mass.
     density: f64,
-    /// Load of the inner axles: 0 for equal loads, 1 for 90 % on the inner axles.
+    /// Load of the inner axles: 0 for equal loads of all axles, 1 for 90 % of the weight.
     inner_load: Option<f64>,
     /// Stiffness of an inner axle over that of an outer one.
     inner_stiffness: Option<f64>,
+    /// Centre of mass to the right, over the half width.
     centre_of_mass_right_share: Option<f64>,
+    /// Centre of mass forward, over the half length.
     centre_of_mass_forward_share: Option<f64>,
+    /// Height of the centre of mass, over the half width.
     centre_of_mass_height_share: Option<f64>,
+    /// Share of friction that acts sideways.
     lateral_share: Option<f64>,
+    /// Slip at which friction reaches 71 % of its limit.
     slip_scale_m_s: Option<f64>,
+    /// Growth of the slip scale with speed.
     slip_share: Option<f64>,
+    /// Rolling resistance.
     rolling_resistance: Option<f64>,
-    /// Radius of gyration of a contact patch as a share of the half width; 0 for a point.
+    /// Radius of gyration of a contact patch, over the half width; 0 is a point.
     patch_radius_share: Option<f64>,
-    /// Relaxation length of the tyres as a share of the half width; requires inertia.
+    /// Relaxation length of the tyres over the half width; 0 where the vehicle moves without inertia.
     relaxation_length_share: Option<f64>,
-    /// Yaw inertia relative to that of a homogeneous box on the wheels; 0 for no inertia.
+    /// Yaw inertia over that of a homogeneous box on the wheels; 0 moves without inertia.
     inertia: Option<f64>,
 }
 

@@ -29,43 +29,42 @@ pub enum VehiclePort {
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct VehicleConfig {
-    /// How it is commanded.
+    /// Transport.
     #[serde(default)]
     pub port: VehiclePort,
-    /// Its topics and frames, of port `ros2`.
+    /// [Topics and frames](#virtual-rover-on-ros-2) with `port: ros2`.
     #[serde(default)]
     pub ros2: VehicleNodeConfig,
-    /// SocketCAN interface.
+    /// SocketCAN interface. Required with `port: can`.
     #[serde(default)]
     pub interface: Option<String>,
-    /// Layout of the bus, relative to this file.
+    /// [CAN layout](#can-layout) file. Required with `port: can`.
     #[serde(default)]
     pub can: Option<PathBuf>,
-    /// The world: vehicle, ground, start, drive train and sensors of a scenario, relative to this
-    /// file.
+    /// [Scenario](#scenario) file: vehicle, ground, start, drive train and sensors.
     pub scenario: PathBuf,
-    /// What moves the vehicle, instead of the scenario's plant.
+    /// What moves the vehicle. None: the scenario's.
     #[serde(default)]
     pub plant: Option<PlantKind>,
-    /// Seed of everything random, instead of the scenario's.
+    /// Seed of everything random. None: the scenario's.
     #[serde(default)]
     pub seed: Option<u64>,
-    /// Drive train, instead of the scenario's.
+    /// [Drive train](#drive-train) in place of the scenario's.
     #[serde(default)]
     pub drive_train: Option<DriveTrainConfig>,
-    /// Errors of the sensors, instead of the scenario's.
+    /// [Sensors](#sensors) in place of the scenario's.
     #[serde(default)]
     pub sensors: Option<SensorsConfig>,
-    /// The drives' side of the enable handshake.
+    /// [The drives' own timeout](#drive).
     #[serde(default)]
     pub drive: DriveConfig,
-    /// Time between reports, s.
+    /// Time between reports.
     #[serde(default = "fifty_milliseconds")]
     pub report_period_s: f64,
-    /// Faults to inject, of port `can`.
+    /// [Faults](#fault-on-can) to inject, with `port: can`.
     #[serde(default)]
     pub faults: Vec<FaultWindow<CanFault>>,
-    /// Recording of the vehicle.
+    /// [Recording](#record).
     #[serde(default)]
     pub record: Option<RecordConfig>,
 }

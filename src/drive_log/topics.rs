@@ -18,24 +18,25 @@ use sidehill_plant::log::Reversed;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TopicMap {
-    /// Source of the tread speeds.
+    /// Source of the [tread speeds](#tread-speeds-of-a-bag).
     pub tread_speeds: TreadSpeedTopic,
-    /// Source of roll and pitch.
+    /// Source of [roll and pitch](#attitude-of-a-bag). None: the only sensor_msgs/Imu.
     #[serde(default)]
     pub attitude: Option<AttitudeTopic>,
-    /// Source of the poses.
+    /// Source of the [poses](#poses-of-a-bag). None: the only nav_msgs/Odometry, without one the only
+    /// sensor_msgs/NavSatFix.
     #[serde(default)]
     pub pose: Option<PoseTopic>,
-    /// Source of the commands, for `identify --drives`.
+    /// Source of the [commands](#commands-of-a-bag), for `identify --drives`.
     #[serde(default)]
     pub commands: Option<CommandTopic>,
-    /// Which time of a message counts.
+    /// Which time of a message counts: that of its header, or of recording.
     #[serde(default)]
     pub time: StampSource,
-    /// Frame of the vehicle, of REP-105.
+    /// Frame of the vehicle: poses of `tf` are its own, and `/tf_static` tells how the Imu is mounted in it.
     #[serde(default = "base_link")]
     pub base_frame: String,
-    /// Added to the headings of the poses, deg: by how much the antennas that measure them are turned clockwise.
+    /// Added to the headings of the poses: by how much the antennas that measure them are turned clockwise.
     #[serde(default)]
     pub heading_offset_deg: f64,
 }
@@ -57,17 +58,17 @@ pub enum StampSource {
 pub enum TreadSpeedTopic {
     /// Velocities of wheel joints, sensor_msgs/JointState.
     JointStates {
-        /// Topic.
+        /// sensor_msgs/JointState.
         #[serde(default)]
         topic: Option<String>,
-        /// Joints of the left side, whose mean counts; empty: wheels whose names say so, as `left_wheel`, `fl_wheel`
-        /// and `lf_motor` do.
+        /// Joints of the left side, whose mean counts. Empty: wheels whose names say so, such as `left_wheel`,
+        /// `fl_wheel` and `lf_motor`.
         #[serde(default)]
         left: Vec<String>,
-        /// Joints of the right side; empty: wheels whose names say so.
+        /// Joints of the right side. Empty: wheels whose names say so.
         #[serde(default)]
         right: Vec<String>,
-        /// Tread speed over joint velocity, m: the radius of a wheel.
+        /// Tread speed divided by joint velocity: the radius of a wheel.
         radius_m: f64,
         /// Side whose joints count backwards.
         #[serde(default)]
@@ -75,10 +76,10 @@ pub enum TreadSpeedTopic {
     },
     /// Twist of wheel odometry, nav_msgs/Odometry.
     Odometry {
-        /// Topic.
+        /// nav_msgs/Odometry of the wheels: its twist must come from the encoders alone.
         #[serde(default)]
         topic: Option<String>,
-        /// Track width by which the base turns wheel speeds into a twist, m.
+        /// Track width by which the base turned wheel speeds into that twist.
         track_width_m: f64,
     },
 }
@@ -89,7 +90,7 @@ pub enum TreadSpeedTopic {
 pub struct CommandTopic {
     /// Topic.
     pub topic: String,
-    /// Track width by which the base turns a twist into tread speeds, m.
+    /// Track width by which the base turns a twist into tread speeds.
     pub track_width_m: f64,
 }
 
@@ -99,16 +100,17 @@ pub struct CommandTopic {
 pub enum AttitudeTopic {
     /// Orientation of sensor_msgs/Imu.
     Imu {
-        /// Topic.
+        /// sensor_msgs/Imu.
         #[serde(default)]
         topic: Option<String>,
-        /// Axes of the orientation.
+        /// Axes of the orientation: of REP-103, of aviation (north, east, down), or of REP-103 with the Imu turned by
+        /// 180 deg about its x axis.
         #[serde(default)]
         axes: ImuAxes,
     },
     /// Orientation of geometry_msgs/PoseStamped or PoseWithCovarianceStamped.
     PoseStamped {
-        /// Topic.
+        /// geometry_msgs/PoseStamped or PoseWithCovarianceStamped.
         #[serde(default)]
         topic: Option<String>,
     },
@@ -119,7 +121,7 @@ pub enum AttitudeTopic {
     },
     /// Orientation of nav_msgs/Odometry.
     Odometry {
-        /// Topic.
+        /// nav_msgs/Odometry.
         #[serde(default)]
         topic: Option<String>,
     },
@@ -146,13 +148,13 @@ pub enum ImuAxes {
 pub enum PoseTopic {
     /// Pose of nav_msgs/Odometry.
     Odometry {
-        /// Topic.
+        /// nav_msgs/Odometry: from a better source than the wheels.
         #[serde(default)]
         topic: Option<String>,
     },
     /// Pose of geometry_msgs/PoseStamped or PoseWithCovarianceStamped.
     PoseStamped {
-        /// Topic.
+        /// geometry_msgs/PoseStamped or PoseWithCovarianceStamped.
         #[serde(default)]
         topic: Option<String>,
     },
@@ -164,19 +166,19 @@ pub enum PoseTopic {
     /// Positions of sensor_msgs/NavSatFix, projected to the plane that touches WGS 84 at the first fix, with the
     /// heading of an Imu.
     Navsat {
-        /// Topic of the fixes.
+        /// sensor_msgs/NavSatFix.
         #[serde(default)]
         topic: Option<String>,
-        /// Topic of the Imu, whose yaw is 0 towards east (REP-103).
+        /// sensor_msgs/Imu for the heading; its yaw is 0 towards east (REP-103).
         #[serde(default)]
         heading_topic: Option<String>,
-        /// The antenna forward of the vehicle's origin, m.
+        /// The antenna, forward of the vehicle's origin.
         #[serde(default)]
         antenna_forward_m: f64,
-        /// The antenna to the left of it, m.
+        /// The antenna, to the left of it.
         #[serde(default)]
         antenna_left_m: f64,
-        /// The antenna above it, m.
+        /// The antenna, above it.
         #[serde(default)]
         antenna_up_m: f64,
     },

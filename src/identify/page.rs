@@ -2,7 +2,7 @@
 
 use super::found::{Found, Stage};
 use super::report::{contact_table, extension_table};
-use crate::report::page::{COLOURS, Page, legend_of, table};
+use crate::report::page::{COLOURS, ReportPage, legend_of, table};
 use crate::report::plot::{Line, Plot};
 use maud::{Markup, html};
 use sidehill_plant::log::{DriveLog, LogRow};
@@ -14,7 +14,7 @@ pub(super) fn html(
     conclusions: &[String],
     logs: &[(&str, &DriveLog)],
 ) -> String {
-    let page = Page {
+    let page = ReportPage {
         title: "Identification",
         subtitle: &format!("Vehicle {vehicle}"),
         conclusions,
@@ -123,7 +123,7 @@ fn log_section(number: usize, stage: &str, log: &DriveLog) -> Markup {
 #[cfg(test)]
 mod tests {
     use super::super::found::Logs;
-    use super::super::verdict::Verdict;
+    use super::super::verdict::SlopeVerdict;
     use super::*;
     use sidehill_plant::identification::{
         ContactParameterEstimate, ContactReport, CrossValidation, ExtensionReport, SegmentErrors,
@@ -180,7 +180,7 @@ mod tests {
             slope: Vec::new(),
             across: Vec::new(),
         };
-        let mut verdict = Verdict::of(found, &Vehicle::j8(), &logs);
+        let mut verdict = SlopeVerdict::of(found, &Vehicle::j8(), &logs);
         if let Some(contact) = &found.contact {
             verdict.judge_contact(contact);
         }

@@ -29,14 +29,14 @@ const FAR_OFF_SHARE: f64 = 0.05;
 
 /// The steepest slope for which an identification is good enough, and why.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub(super) struct Verdict {
+pub(super) struct SlopeVerdict {
     /// 0 where it is not good enough to drive at all, deg.
     max_slope_deg: f64,
     /// Reasons for the limit, and remedies.
     reasons: Vec<String>,
 }
 
-impl Verdict {
+impl SlopeVerdict {
     /// Judges the results from `logs`; `vehicle` is the identified vehicle.
     pub(super) fn of(found: &Found, vehicle: &Vehicle, logs: &Logs) -> Self {
         let mut verdict = Self {
@@ -216,7 +216,7 @@ impl Verdict {
     }
 }
 
-impl fmt::Display for Verdict {
+impl fmt::Display for SlopeVerdict {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.max_slope_deg {
             0.0 => writeln!(f, "verdict: not good enough to drive")?,

@@ -1,7 +1,7 @@
 //! The report of odometry: each model's reconstruction of the drive.
 
 use super::plot::{coloured, paths};
-use crate::report::page::{Page, legend_of, section, table};
+use crate::report::page::{ReportPage, legend_of, section, table};
 use crate::report::plot::{Line, Plot};
 use maud::{PreEscaped, html};
 use sidehill_plant::frames::wrap_angle;
@@ -66,7 +66,7 @@ pub(super) fn html(
             wrap_angle(error).to_degrees()
         }),
     ];
-    let page = Page {
+    let page = ReportPage {
         title: "Odometry",
         subtitle: &format!("Log {log}, vehicle {vehicle}"),
         conclusions: &conclusions(

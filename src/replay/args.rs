@@ -1,6 +1,6 @@
 //! Arguments of `sidehill replay`.
 
-use super::rebuild::Changes;
+use super::rebuild::ReplayChanges;
 use crate::config::PlantKind;
 use crate::recording::LiveArgs;
 use crate::simulate::{Format, controller};
@@ -51,8 +51,8 @@ pub struct ReplayArgs {
 
 impl ReplayArgs {
     /// Returns the requested changes to the recording.
-    pub(super) fn changes(&self) -> Changes {
-        Changes {
+    pub(super) fn changes(&self) -> ReplayChanges {
+        ReplayChanges {
             controller: self.controller,
             vehicle: self.vehicle.clone(),
             settings: self.settings.clone(),

@@ -1,6 +1,5 @@
 //! Differences between replayed and recorded commands.
 
-use super::step::Step;
 use serde::Serialize;
 use sidehill_plant::speeds::MotorSpeeds;
 use sidehill_recording::ControllerCycle;
@@ -18,7 +17,7 @@ pub(super) struct First {
 
 /// Differences between replayed and recorded commands.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
-pub(super) struct Comparison {
+pub(super) struct ReplayComparison {
     /// Cycles compared.
     pub(super) cycles: u64,
     /// Cycles whose command, status or estimate differs.
@@ -34,18 +33,18 @@ pub(super) struct Comparison {
     pub(super) first: Option<First>,
 }
 
-impl Comparison {
+impl ReplayComparison {
     /// Compares cycle by cycle. Without a tolerance, commands and estimates must agree bit by bit.
-    pub(super) fn of(recorded: &[ControllerCycle], replayed: &[Step], tolerance_m_s: f64) -> Self {
+    pub(super) fn of(
+        recorded: &[ControllerCycle],
+        replayed: &[ControllerCycle],
+        tolerance_m_s: f64,
+    ) -> Self {
         let mut all = Self::default();
-        for (cycle, step) in recorded.iter().zip(replayed) {
-            let command = MotorSpeeds {
-                traction_m_s: cycle.traction_m_s,
-                steer_m_s: cycle.steer_m_s,
-            };
-            let pair = [("recorded", command), ("replayed", step.command)];
+        for (cycle, again) in recorded.iter().zip(replayed) {
+            let pair = [("recorded", cycle.command()), ("replayed", again.command())];
             let what = all.add(pair, tolerance_m_s);
-            let also = || other(cycle, step).filter(|_| tolerance_m_s == 0.0);
+            let also = || other(cycle, again).filter(|_| tolerance_m_s == 0.0);
             all.note(cycle.index, cycle.time_s, what.or_else(also));
         }
         all.averaged()
@@ -102,30 +101,20 @@ impl Comparison {
 }
 
 /// Returns what differs besides the command.
-fn other(cycle: &ControllerCycle, step: &Step) -> Option<String> {
-    if cycle.status != step.status {
+fn other(cycle: &ControllerCycle, again: &ControllerCycle) -> Option<String> {
+    if cycle.status != again.status {
         return Some(format!(
             "{} recorded, {} replayed",
-            cycle.status, step.status
+            cycle.status, again.status
         ));
     }
-    let nan = f64::NAN;
-    let pose = step.estimate.map(|(pose, _)| pose);
     let pairs = [
-        (
-            "estimated x",
-            cycle.estimated_x_m,
-            pose.map_or(nan, |pose| pose.x_m),
-        ),
-        (
-            "estimated y",
-            cycle.estimated_y_m,
-            pose.map_or(nan, |pose| pose.y_m),
-        ),
+        ("estimated x", cycle.estimated_x_m, again.estimated_x_m),
+        ("estimated y", cycle.estimated_y_m, again.estimated_y_m),
         (
             "estimated yaw",
             cycle.estimated_yaw_rad,
-            pose.map_or(nan, |pose| pose.yaw_rad),
+            again.estimated_yaw_rad,
         ),
     ];
     pairs

@@ -7,7 +7,6 @@ mod play;
 mod rebuild;
 mod repeat;
 mod report;
-mod step;
 
 use crate::console;
 use crate::output;
@@ -16,8 +15,8 @@ use crate::simulate::Format;
 use anyhow::{Context, Result, ensure};
 pub use args::ReplayArgs;
 use begin::Begin;
-use compare::Comparison;
-pub(crate) use rebuild::{Changes, Rebuilt};
+use compare::ReplayComparison;
+pub(crate) use rebuild::{Rebuilt, ReplayChanges};
 use serde::Serialize;
 use sidehill_recording::Recording;
 use std::path::Path;
@@ -25,7 +24,7 @@ use std::process::ExitCode;
 
 /// What is printed.
 #[derive(Serialize)]
-struct Outcome<'a> {
+struct ReplayOutcome<'a> {
     recording: &'a Path,
     controller: &'a str,
     /// Versions of the recording and of this program.
@@ -43,7 +42,7 @@ struct Outcome<'a> {
     /// Cross-track error of the recorded and of the replayed drive, m.
     cross_track_rms_m: [f64; 2],
     #[serde(flatten)]
-    comparison: &'a Comparison,
+    comparison: &'a ReplayComparison,
 }
 
 /// Replays a recording, prints the differences of the commands, and returns success if there are none or if
@@ -81,7 +80,7 @@ pub fn run(args: &ReplayArgs) -> Result<ExitCode> {
         replayed
     };
     let tolerance_m_s = args.tolerance.unwrap_or(0.0);
-    let comparison = Comparison::of(&recording.cycles, &replayed, tolerance_m_s);
+    let comparison = ReplayComparison::of(&recording.cycles, &replayed, tolerance_m_s);
     let version = |name| {
         recording
             .header
@@ -90,7 +89,7 @@ pub fn run(args: &ReplayArgs) -> Result<ExitCode> {
             .cloned()
             .unwrap_or_default()
     };
-    let outcome = Outcome {
+    let outcome = ReplayOutcome {
         recording: &args.recording,
         controller: rebuilt.kind.name(),
         versions: [
@@ -104,7 +103,7 @@ pub fn run(args: &ReplayArgs) -> Result<ExitCode> {
         damaged: recording.damaged.as_deref(),
         cross_track_rms_m: [
             compare::cross_track_rms_m(recording.cycles.iter().map(|cycle| cycle.cross_track_m)),
-            compare::cross_track_rms_m(replayed.iter().map(|step| step.cross_track_m)),
+            compare::cross_track_rms_m(replayed.iter().map(|cycle| cycle.cross_track_m)),
         ],
         comparison: &comparison,
     };
@@ -144,7 +143,7 @@ fn lost(recording: &Recording) -> u64 {
     (last.index - first.index + 1).saturating_sub(cycles.len() as u64)
 }
 
-fn table(outcome: &Outcome<'_>) -> String {
+fn table(outcome: &ReplayOutcome<'_>) -> String {
     let comparison = outcome.comparison;
     let mut out = format!(
         "recording {}\ncontroller {}{}\n",

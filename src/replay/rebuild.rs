@@ -1,12 +1,11 @@
 //! Rebuilds the recorded controller, or a changed one, from the header of a recording.
 
-use super::step::Step;
 use crate::closed_loop::{Observer, run as drive};
 use crate::config::{ConfigFile, Overrides, PlantKind, Prepared, RunConfig, RunPort, Scenario};
 use crate::learned::LearnedFile;
 use crate::recording::fact;
 use anyhow::{Context, Result, anyhow, ensure};
-use sidehill_bridge::control_loop::tap::RecordedPath;
+use sidehill_bridge::control_loop::tap::{RecordedPath, StepRecord};
 use sidehill_controller::closed_loop::Cycle;
 use sidehill_controller::config::{ControllerConfig, ControllerKind};
 use sidehill_controller::controller::Controller;
@@ -14,20 +13,20 @@ use sidehill_controller::reference::Reference;
 use sidehill_plant::frames::PlanarPose;
 use sidehill_plant::terrain::{PlaneTerrain, Terrain};
 use sidehill_plant::vehicle::Vehicle;
-use sidehill_recording::Recording;
+use sidehill_recording::{ControllerCycle, Recording};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 
 /// Requested changes to the recording.
 #[derive(Debug, Clone, Default)]
-pub(crate) struct Changes {
+pub(crate) struct ReplayChanges {
     pub(crate) controller: Option<ControllerKind>,
     pub(crate) vehicle: Option<PathBuf>,
     pub(crate) settings: Vec<String>,
     pub(crate) plant: Option<PlantKind>,
 }
 
-impl Changes {
+impl ReplayChanges {
     /// Returns whether the commands are expected to differ.
     pub(super) fn changed(&self) -> bool {
         self.controller.is_some() || self.vehicle.is_some() || !self.settings.is_empty()
@@ -85,7 +84,7 @@ impl Rebuilt {
     ///
     /// # Errors
     /// Names what is missing in the recording, or the invalid change.
-    pub(crate) fn of(recording: &Recording, changes: &Changes) -> Result<Self> {
+    pub(crate) fn of(recording: &Recording, changes: &ReplayChanges) -> Result<Self> {
         let facts = &recording.header.facts;
         let get = |name: &str| {
             facts
@@ -206,7 +205,7 @@ impl Rebuilt {
     ///
     /// # Errors
     /// A recording without a path, or an error of the simulation.
-    pub(super) fn drive(&self, recording: &Recording) -> Result<Vec<Step>> {
+    pub(super) fn drive(&self, recording: &Recording) -> Result<Vec<ControllerCycle>> {
         let path = recording
             .paths
             .values()
@@ -297,17 +296,26 @@ pub(super) fn slope(recording: &Recording) -> Result<Terrain> {
 }
 
 #[derive(Default)]
-struct Steps(Vec<Step>);
+struct Steps(Vec<ControllerCycle>);
 
 impl Observer for Steps {
     fn begin(&mut self, _: &Controller) -> Result<()> {
         Ok(())
     }
 
-    fn cycle(&mut self, cycle: &Cycle, _: &Controller) -> Result<()> {
-        self.0.push(Step {
+    fn cycle(&mut self, cycle: &Cycle, controller: &Controller) -> Result<()> {
+        let step = StepRecord {
+            index: self.0.len() as u64,
+            sample: cycle.sample,
+            engaged: true,
+            path: 0,
+            cut_at: controller.was_cut_at(),
+            decision: cycle.decision,
+            drives: controller.drive_response(),
+        };
+        self.0.push(ControllerCycle {
             cross_track_m: cycle.errors.cross_track_m,
-            ..Step::of(&cycle.decision)
+            ..ControllerCycle::from(&step)
         });
         Ok(())
     }

@@ -2,14 +2,13 @@
 
 use super::begin::Begin;
 use super::rebuild::Rebuilt;
-use super::step::Step;
 use anyhow::{Context, Result};
 use sidehill_bridge::control_loop::runner::engage;
-use sidehill_bridge::control_loop::tap::PathRecord;
+use sidehill_bridge::control_loop::tap::{PathRecord, StepRecord};
 use sidehill_controller::controller::Controller;
-use sidehill_recording::Recording;
+use sidehill_recording::{ControllerCycle, Recording};
 
-/// Returns the decisions, from `begin` on, of a controller with the recorded inputs in their order. The solver of a
+/// Returns the cycles, from `begin` on, of a controller with the recorded inputs in their order. The solver of a
 /// `changed` controller is not cut short where the recorded one was.
 ///
 /// # Errors
@@ -19,7 +18,7 @@ pub(super) fn repeat(
     rebuilt: &Rebuilt,
     begin: &Begin,
     changed: bool,
-) -> Result<Vec<Step>> {
+) -> Result<Vec<ControllerCycle>> {
     let mut controller = rebuilt.controller()?;
     let initial = begin.earlier_path.unwrap_or(0);
     if let Some(initial) = recording.paths.get(&initial) {
@@ -51,9 +50,18 @@ pub(super) fn repeat(
             apply(&mut controller, rebuilt, record);
         }
         let cut_at = cycle.cut_at().filter(|_| !changed);
-        let decision = controller.repeat_step(&cycle.sample(), cut_at);
+        let sample = cycle.sample();
+        let decision = controller.repeat_step(&sample, cut_at);
         if i >= begin.place {
-            steps.push(Step::of(&decision));
+            steps.push(ControllerCycle::from(&StepRecord {
+                index: cycle.index,
+                sample,
+                engaged,
+                path: cycle.path,
+                cut_at: controller.was_cut_at(),
+                decision,
+                drives: controller.drive_response(),
+            }));
         }
     }
     Ok(steps)

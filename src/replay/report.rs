@@ -1,15 +1,14 @@
 //! The report of a replay: the recorded and the replayed drive, in the form of `simulate`.
 
-use super::compare::{Comparison, cross_track_rms_m};
+use super::compare::{ReplayComparison, cross_track_rms_m};
 use super::rebuild::{Rebuilt, slope};
-use super::step::Step;
 use crate::record::{Quantiles, Row, Run, Summary};
 use crate::report::{self, Scene};
 use anyhow::Result;
 use sidehill_controller::controller::Status;
 use sidehill_controller::path::Path;
 use sidehill_plant::frames::{Attitude, PlanarPose, Pose};
-use sidehill_plant::speeds::{MeasuredTreadSpeeds, MotorSpeeds};
+use sidehill_plant::speeds::MeasuredTreadSpeeds;
 use sidehill_recording::{ControllerCycle, Recording};
 
 /// Returns the page.
@@ -19,22 +18,15 @@ use sidehill_recording::{ControllerCycle, Recording};
 pub(super) fn html(
     recording: &Recording,
     rebuilt: &Rebuilt,
-    replayed: &[Step],
-    comparison: &Comparison,
+    replayed: &[ControllerCycle],
+    comparison: &ReplayComparison,
 ) -> Result<String> {
-    let steps: Vec<Step> = recording.cycles.iter().map(recorded_step).collect();
-    let recorded: Vec<Row> = recording
-        .cycles
-        .iter()
-        .zip(&steps)
-        .map(|(cycle, step)| row(rebuilt, cycle, step))
-        .collect();
-    let again: Vec<Row> = recording
-        .cycles
-        .iter()
-        .zip(replayed)
-        .map(|(cycle, step)| row(rebuilt, cycle, step))
-        .collect();
+    let rows = |cycles: &[ControllerCycle]| -> Vec<Row> {
+        let inputs = recording.cycles.iter().zip(cycles);
+        inputs
+            .map(|(input, cycle)| row(rebuilt, input, cycle))
+            .collect()
+    };
     let path = recording
         .paths
         .values()
@@ -73,8 +65,16 @@ pub(super) fn html(
     };
     let name = rebuilt.kind.name();
     let runs = [
-        run("recorded", recorded, End::of(&steps, path)),
-        run(&format!("{name}, replayed"), again, End::of(replayed, path)),
+        run(
+            "recorded",
+            rows(&recording.cycles),
+            End::of(&recording.cycles, path),
+        ),
+        run(
+            &format!("{name}, replayed"),
+            rows(replayed),
+            End::of(replayed, path),
+        ),
     ];
     Ok(report::html(&scene, &runs))
 }
@@ -88,7 +88,7 @@ struct End {
 }
 
 impl End {
-    fn of(steps: &[Step], path: Option<&Path>) -> Self {
+    fn of(steps: &[ControllerCycle], path: Option<&Path>) -> Self {
         let finished = Status::Finished.to_string();
         let completed = steps.iter().any(|step| step.status == finished);
         let reason = || {
@@ -114,71 +114,46 @@ impl End {
     }
 }
 
-fn recorded_step(cycle: &ControllerCycle) -> Step {
-    Step {
-        time_s: cycle.time_s,
-        command: MotorSpeeds {
-            traction_m_s: cycle.traction_m_s,
-            steer_m_s: cycle.steer_m_s,
-        },
-        status: cycle.status.clone(),
-        estimate: cycle.estimated_x_m.is_finite().then_some((
-            PlanarPose {
-                x_m: cycle.estimated_x_m,
-                y_m: cycle.estimated_y_m,
-                yaw_rad: cycle.estimated_yaw_rad,
-            },
-            Attitude {
-                roll_rad: cycle.estimated_roll_rad,
-                pitch_rad: cycle.estimated_pitch_rad,
-            },
-        )),
-        cross_track_m: cycle.cross_track_m,
-        arc_length_m: cycle.arc_length_m,
-        solve_us: cycle.solve_us,
-    }
-}
-
-fn row(rebuilt: &Rebuilt, cycle: &ControllerCycle, step: &Step) -> Row {
+/// Returns a row of a cycle that got what `input` did.
+fn row(rebuilt: &Rebuilt, input: &ControllerCycle, cycle: &ControllerCycle) -> Row {
     let nan = f64::NAN;
-    let nowhere = PlanarPose {
-        x_m: nan,
-        y_m: nan,
-        yaw_rad: nan,
+    let pose = PlanarPose {
+        x_m: cycle.estimated_x_m,
+        y_m: cycle.estimated_y_m,
+        yaw_rad: cycle.estimated_yaw_rad,
     };
-    let unknown = Attitude {
-        roll_rad: nan,
-        pitch_rad: nan,
+    let attitude = Attitude {
+        roll_rad: cycle.estimated_roll_rad,
+        pitch_rad: cycle.estimated_pitch_rad,
     };
-    let (pose, attitude) = step.estimate.unwrap_or((nowhere, unknown));
     let measured = MeasuredTreadSpeeds {
-        left_m_s: cycle.left_m_s,
-        right_m_s: cycle.right_m_s,
+        left_m_s: input.left_m_s,
+        right_m_s: input.right_m_s,
     };
     let treads = rebuilt.vehicle.encoder_scale.apply(measured);
     Row {
-        time_s: step.time_s,
+        time_s: cycle.time_s,
         pose: Pose {
             x_m: pose.x_m,
             y_m: pose.y_m,
-            z_m: cycle.z_m,
+            z_m: input.z_m,
             yaw_rad: pose.yaw_rad,
         },
         attitude,
-        estimate: step.estimate.map(|(pose, _)| pose),
+        estimate: pose.x_m.is_finite().then_some(pose),
         reference: pose,
-        cross_track_m: step.cross_track_m,
+        cross_track_m: cycle.cross_track_m,
         along_track_m: nan,
         heading_error_rad: nan,
-        command: step.command,
-        motors: step.command,
+        command: cycle.command(),
+        motors: cycle.command(),
         tread_speeds: measured,
         icrs: rebuilt.vehicle.icrik(attitude, treads),
         status: Status::Tracking,
         qp_iterations: 0,
         qp_path: None,
-        solve_us: if step.solve_us.is_finite() {
-            step.solve_us
+        solve_us: if cycle.solve_us.is_finite() {
+            cycle.solve_us
         } else {
             0.0
         },

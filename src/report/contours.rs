@@ -16,11 +16,11 @@ pub(super) struct Heights {
 }
 
 /// A piece of a contour within a cell of the grid.
-pub(super) type Segment = [[f64; 2]; 2];
+pub(super) type ContourSegment = [[f64; 2]; 2];
 
 impl Heights {
     /// Returns the pieces of the contour at `level`, unordered. Cells with a node without ground have none.
-    pub(super) fn contour(&self, level: f64) -> Vec<Segment> {
+    pub(super) fn contour(&self, level: f64) -> Vec<ContourSegment> {
         let rows = self.values.len() / self.columns;
         let mut segments = Vec::new();
         for row in 1..rows {
@@ -31,7 +31,7 @@ impl Heights {
         segments
     }
 
-    fn cell(&self, column: usize, row: usize, level: f64, segments: &mut Vec<Segment>) {
+    fn cell(&self, column: usize, row: usize, level: f64, segments: &mut Vec<ContourSegment>) {
         // Counter-clockwise from the node of the lowest coordinates.
         let nodes = [(0, 0), (1, 0), (1, 1), (0, 1)].map(|(right, up)| {
             let (column, row) = (column + right, row + up);
@@ -91,8 +91,8 @@ mod tests {
         }
     }
 
-    fn length(segments: &[Segment]) -> f64 {
-        let run = |s: &Segment| (s[1][0] - s[0][0]).hypot(s[1][1] - s[0][1]);
+    fn length(segments: &[ContourSegment]) -> f64 {
+        let run = |s: &ContourSegment| (s[1][0] - s[0][0]).hypot(s[1][1] - s[0][1]);
         segments.iter().map(run).sum()
     }
 

@@ -1,6 +1,6 @@
 //! A drawing of lines that stands alone: an SVG file that needs no page, style sheet or script.
 
-use super::frame::{Frame, px, range, ticks};
+use super::frame::{PlotFrame, px, range, ticks};
 use maud::{Markup, PreEscaped, html};
 
 /// Space around the axes of a panel: left, top, right, below, px.
@@ -68,7 +68,7 @@ impl Drawing {
     /// Draws the panel into a rectangle of `width` and `height` px whose corner is at `left`, `top`.
     fn panel(&self, number: usize, [left, top]: [f64; 2], [width, height]: [f64; 2]) -> Markup {
         let [before, above, behind, below] = AROUND_PX;
-        let frame = Frame {
+        let frame = PlotFrame {
             left: left + before,
             top: top + above,
             width: width - before - behind,

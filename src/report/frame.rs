@@ -5,7 +5,7 @@ use std::fmt::Write;
 
 /// Rectangle of a plot in its drawing, px, and the values at its edges.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Frame {
+pub(super) struct PlotFrame {
     pub(super) left: f64,
     pub(super) top: f64,
     pub(super) width: f64,
@@ -22,7 +22,7 @@ pub(super) struct Tick {
     pub(super) text: String,
 }
 
-impl Frame {
+impl PlotFrame {
     pub(super) fn right(&self) -> f64 {
         self.left + self.width
     }

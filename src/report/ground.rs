@@ -1,5 +1,5 @@
 use super::contours::Heights;
-use super::frame::Frame;
+use super::frame::PlotFrame;
 use super::scene::Scene;
 use sidehill_plant::terrain::Surface;
 
@@ -7,7 +7,7 @@ use sidehill_plant::terrain::Surface;
 const NODE_PX: f64 = 3.0;
 
 /// The ground within the map.
-pub(super) struct Ground {
+pub(super) struct GroundPicture {
     pub(super) heights: Heights,
     /// Mean of the gradient.
     pub(super) gradient: [f64; 2],
@@ -21,8 +21,8 @@ pub(super) struct Ground {
     pub(super) share: f64,
 }
 
-impl Ground {
-    pub(super) fn of(scene: &Scene, frame: &Frame) -> Self {
+impl GroundPicture {
+    pub(super) fn of(scene: &Scene, frame: &PlotFrame) -> Self {
         let spacing = NODE_PX * (frame.x[1] - frame.x[0]) / frame.width;
         let nodes = |length_px: f64| (length_px / NODE_PX).ceil() as usize + 1;
         let (columns, rows) = (nodes(frame.width), nodes(frame.height));

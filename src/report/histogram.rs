@@ -1,6 +1,6 @@
 //! Solve times of each run over a logarithmic axis.
 
-use super::frame::{Frame, Tick, px, ticks};
+use super::frame::{PlotFrame, Tick, px, ticks};
 use super::scene::{DRAWING_WIDTH_PX, Style};
 use crate::record::Run;
 use maud::{Markup, html};
@@ -34,7 +34,7 @@ pub(super) fn solve_times(runs: &[Run], styles: &[Style]) -> Markup {
             @for (place, (index, run, style, times)) in solved.iter().enumerate() {
                 @let shares = shares(times, low, high);
                 @let most = shares.iter().copied().fold(0.0, f64::max);
-                @let frame = Frame {
+                @let frame = PlotFrame {
                     left: 80.0,
                     top: TOP_PX + place as f64 * (ROW_PX + GAP_PX),
                     width: DRAWING_WIDTH_PX - 110.0,
@@ -78,7 +78,7 @@ fn shares(times: &[f64], low: f64, high: f64) -> Vec<f64> {
     counts.into_iter().map(share).collect()
 }
 
-fn bar(frame: &Frame, bin: usize, share: f64) -> Markup {
+fn bar(frame: &PlotFrame, bin: usize, share: f64) -> Markup {
     let width = frame.width / BINS as f64;
     let top = frame.place([0.0, share])[1];
     html! {
@@ -87,7 +87,7 @@ fn bar(frame: &Frame, bin: usize, share: f64) -> Markup {
     }
 }
 
-fn mark(frame: &Frame, name: &str, time_us: f64, anchor: &str) -> Markup {
+fn mark(frame: &PlotFrame, name: &str, time_us: f64, anchor: &str) -> Markup {
     let x = frame.place([time_us.log10(), 0.0])[0];
     let inside = x >= frame.left && x <= frame.right();
     let offset = if anchor == "end" { -5.0 } else { 5.0 };

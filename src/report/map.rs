@@ -1,7 +1,7 @@
 //! The runs seen from above, over the ground's contour lines.
 
-use super::frame::{Frame, px, range, ticks};
-use super::ground::Ground;
+use super::frame::{PlotFrame, px, range, ticks};
+use super::ground::GroundPicture;
 use super::relief::{self, Labels};
 use super::scene::{DRAWING_WIDTH_PX, Scene, Style};
 use crate::record::Run;
@@ -27,7 +27,7 @@ pub(super) fn map(scene: &Scene, runs: &[Run], styles: &[Style]) -> Markup {
     );
     let thin = |line: &[[f64; 2]]| frame.line(thinned(line, POINT_PX / metre_px));
     let start = runs.iter().find_map(|run| run.rows.first());
-    let ground = Ground::of(scene, &frame);
+    let ground = GroundPicture::of(scene, &frame);
     let lines = scene.path.iter().chain(tracks.iter().flatten());
     let taken = lines.map(|point| frame.place(*point)).collect();
     let contours = relief::contours(
@@ -74,7 +74,7 @@ pub(super) fn map(scene: &Scene, runs: &[Run], styles: &[Style]) -> Markup {
 }
 
 /// Returns where the frame is in the drawing and what it shows, for the script of the page.
-fn data(frame: &Frame) -> String {
+fn data(frame: &PlotFrame) -> String {
     let numbers = [frame.left, frame.top, frame.width, frame.height];
     let all = numbers.into_iter().chain(frame.x).chain(frame.y);
     all.map(|number| number.to_string())
@@ -93,7 +93,7 @@ fn track(run: &Run) -> Vec<[f64; 2]> {
 }
 
 /// Returns a frame that contains everything at one scale for both axes.
-fn frame(scene: &Scene, tracks: &[Vec<[f64; 2]>]) -> Frame {
+fn frame(scene: &Scene, tracks: &[Vec<[f64; 2]>]) -> PlotFrame {
     let points = || tracks.iter().flatten().chain(&scene.path);
     let around = 1.2 * scene.base_half_length_m.hypot(scene.base_half_width_m);
     let extent = |axis: usize| {
@@ -109,7 +109,7 @@ fn frame(scene: &Scene, tracks: &[Vec<[f64; 2]>]) -> Frame {
         let (middle, half) = (0.5 * (low + high), 0.5 * length_px / metre_px);
         [middle - half, middle + half]
     };
-    Frame {
+    PlotFrame {
         left: LEFT_PX,
         top: TOP_PX,
         width,
@@ -120,7 +120,7 @@ fn frame(scene: &Scene, tracks: &[Vec<[f64; 2]>]) -> Frame {
 }
 
 /// Draws a cross at a place before which the guard stops, with the limit exceeded there.
-fn steep(frame: &Frame, place: &SteepPlace) -> Markup {
+fn steep(frame: &PlotFrame, place: &SteepPlace) -> Markup {
     let [x, y] = frame.place([place.x_m, place.y_m]);
     let line = |dx: f64, dy: f64| {
         html! {
@@ -153,7 +153,7 @@ fn thinned(line: &[[f64; 2]], least_m: f64) -> Vec<[f64; 2]> {
 }
 
 /// Draws the rectangle of the wheels' contact points with a wedge at its front.
-fn vehicle(frame: &Frame, scene: &Scene, pose: &PlanarPose) -> Markup {
+fn vehicle(frame: &PlotFrame, scene: &Scene, pose: &PlanarPose) -> Markup {
     let (sin, cos) = pose.yaw_rad.sin_cos();
     let place = |right: f64, forward: f64| {
         let (right, forward) = (

@@ -25,7 +25,7 @@ pub(crate) use tuning::{Scatter, progress_plot, scatter_chart};
 use crate::record::Run;
 use chart::Panel;
 use maud::{Markup, PreEscaped, html};
-use page::{COLOURS, Page};
+use page::{COLOURS, ReportPage};
 use panels::{attitude_panels, command_panels, cross_track_panels, icr_panels, margin_panels};
 use scene::{Style, swatch};
 use sidehill_controller::config::ControllerKind;
@@ -37,7 +37,7 @@ use sidehill_plant::contact::Parameter;
 /// Long runs are thinned so that no extreme is lost; a value that is not finite leaves a gap.
 pub fn html(scene: &Scene, runs: &[Run]) -> String {
     let styles = styles(runs);
-    let page = Page {
+    let page = ReportPage {
         title: &scene.title,
         subtitle: &scene.subtitle,
         conclusions: &[],

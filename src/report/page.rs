@@ -10,7 +10,7 @@ pub(crate) const COLOURS: [&str; 7] = [
 ];
 
 /// A report.
-pub(crate) struct Page<'a> {
+pub(crate) struct ReportPage<'a> {
     pub(crate) title: &'a str,
     pub(crate) subtitle: &'a str,
     /// Conclusions, one sentence each.
@@ -20,7 +20,7 @@ pub(crate) struct Page<'a> {
     pub(crate) style: &'a str,
 }
 
-impl Page<'_> {
+impl ReportPage<'_> {
     /// Returns the page: XHTML that browsers read as HTML.
     pub(crate) fn html(&self) -> String {
         // A comment in HTML; in XHTML it keeps `<` and `&` from being markup.

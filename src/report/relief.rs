@@ -1,8 +1,8 @@
 //! The slope on the map: contour lines with their heights, arrows uphill, scale.
 
-use super::contours::{Heights, Segment};
-use super::frame::{Frame, multiples, nice_step, px, range, rounded};
-use super::ground::Ground;
+use super::contours::{ContourSegment, Heights};
+use super::frame::{PlotFrame, multiples, nice_step, px, range, rounded};
+use super::ground::GroundPicture;
 use super::scene::Scene;
 use maud::{Markup, html};
 use std::fmt::Write;
@@ -10,7 +10,7 @@ use std::fmt::Write;
 /// A place on the drawing, px.
 type Spot = [f64; 2];
 /// Left, top, right and bottom edge, px.
-type Bounds = [f64; 4];
+type Extent = [f64; 4];
 
 const BOX_WIDTH_PX: f64 = 128.0;
 const BOX_HEIGHT_PX: f64 = 92.0;
@@ -23,12 +23,12 @@ const ARROWS: usize = 12;
 /// Free space for labels of contour lines.
 pub(super) struct Labels {
     lines: Vec<Spot>,
-    taken: Vec<Bounds>,
+    taken: Vec<Extent>,
 }
 
 impl Labels {
     /// Returns the free space away from points of lines and outside boxes.
-    pub(super) fn beside(lines: Vec<Spot>, boxes: &[Bounds]) -> Self {
+    pub(super) fn beside(lines: Vec<Spot>, boxes: &[Extent]) -> Self {
         // A few thousand points show where the lines are.
         let stride = lines.len().div_ceil(4000).max(1);
         Self {
@@ -38,7 +38,7 @@ impl Labels {
     }
 
     /// Takes and returns the best of the spots: clear of lines, then far to the right.
-    fn take(&mut self, spots: &[LabelSpot], frame: &Frame) -> Option<LabelSpot> {
+    fn take(&mut self, spots: &[LabelSpot], frame: &PlotFrame) -> Option<LabelSpot> {
         let around = |spot: &LabelSpot| {
             let ([x, y], tilt) = (spot.middle, spot.tilt_deg.to_radians());
             let (half_x, half_y) = (26.0, 10.0 + 16.0 * tilt.sin().abs());
@@ -102,7 +102,7 @@ impl Contour {
 }
 
 /// Returns the corners that [`slope_box`] and [`scale_bar`] take.
-pub(super) fn boxes(frame: &Frame) -> [Bounds; 2] {
+pub(super) fn boxes(frame: &PlotFrame) -> [Extent; 2] {
     let (right, bottom) = (frame.right() - 10.0, frame.bottom() - 10.0);
     [
         [
@@ -116,11 +116,11 @@ pub(super) fn boxes(frame: &Frame) -> [Bounds; 2] {
 }
 
 /// Returns the contour lines, each labelled with its height once where there is room.
-pub(super) fn contours(frame: &Frame, heights: &Heights, mut labels: Labels) -> Vec<Contour> {
+pub(super) fn contours(frame: &PlotFrame, heights: &Heights, mut labels: Labels) -> Vec<Contour> {
     let (levels, step) = levels(heights);
     let corridor = heights.values.iter().any(Option::is_none);
     let contour = |level: f64| {
-        let segments: Vec<Segment> = heights
+        let segments: Vec<ContourSegment> = heights
             .contour(level)
             .into_iter()
             .map(|segment| segment.map(|point| frame.place(point)))
@@ -145,7 +145,7 @@ fn levels(heights: &Heights) -> (Vec<f64>, f64) {
     (multiples([low, high], step), step)
 }
 
-fn segments_data(segments: &[Segment]) -> String {
+fn segments_data(segments: &[ContourSegment]) -> String {
     let mut data = String::new();
     for [p, q] in segments {
         // Writing to a string does not fail.
@@ -155,7 +155,7 @@ fn segments_data(segments: &[Segment]) -> String {
 }
 
 /// Returns spots on the line, and beside it for a line too short to leave a corridor of ground.
-fn label_spots(segments: &[Segment], corridor: bool) -> Vec<LabelSpot> {
+fn label_spots(segments: &[ContourSegment], corridor: bool) -> Vec<LabelSpot> {
     // Dense enough: every place on a line is within a few pixels of a spot.
     let stride = segments.len().div_ceil(300).max(1);
     let on_line = segments.iter().step_by(stride).map(|[p, q]| {
@@ -181,7 +181,7 @@ fn label_spots(segments: &[Segment], corridor: bool) -> Vec<LabelSpot> {
 }
 
 /// Draws which way is uphill, or how to read the arrows where that differs from place to place.
-pub(super) fn slope_box(frame: &Frame, ground: &Ground) -> Markup {
+pub(super) fn slope_box(frame: &PlotFrame, ground: &GroundPicture) -> Markup {
     let [[left, top, ..], _] = boxes(frame);
     let middle = left + 0.5 * BOX_WIDTH_PX;
     let degrees = |gradient: f64| gradient.atan().to_degrees();
@@ -219,7 +219,7 @@ pub(super) fn slope_box(frame: &Frame, ground: &Ground) -> Markup {
 }
 
 /// Draws arrows uphill along the path, longer where it is steeper.
-pub(super) fn arrows(frame: &Frame, scene: &Scene) -> Markup {
+pub(super) fn arrows(frame: &PlotFrame, scene: &Scene) -> Markup {
     let stride = (scene.path.len() / ARROWS).max(1);
     let feet = scene.path.iter().skip(stride / 2).step_by(stride);
     let slopes: Vec<_> = feet
@@ -260,7 +260,7 @@ fn arrow(middle: Spot, direction: [f64; 2], length_px: f64) -> Markup {
 }
 
 /// Draws a bar of a round length.
-pub(super) fn scale_bar(frame: &Frame, metre_px: f64) -> Markup {
+pub(super) fn scale_bar(frame: &PlotFrame, metre_px: f64) -> Markup {
     let [_, [left, top, ..]] = boxes(frame);
     let length_m = nice_step(60.0 / metre_px, 1.0);
     let width = length_m * metre_px;

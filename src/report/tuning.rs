@@ -1,6 +1,6 @@
 //! Plots of a search: pairs of errors, and costs over the trials.
 
-use super::frame::{Frame, Tick, px, range};
+use super::frame::{PlotFrame, Tick, px, range};
 use super::page::COLOURS;
 use super::plot::{Line, Plot};
 use super::scene::DRAWING_WIDTH_PX;
@@ -24,7 +24,7 @@ pub(crate) fn scatter_chart(name: &str, below: &str, left: &str, kinds: &[Scatte
         0.05,
     );
     let marks: Vec<Tick> = logarithmic_ticks(both);
-    let frame = Frame {
+    let frame = PlotFrame {
         left: 80.0,
         top: 8.0,
         width: 460.0,

@@ -11,7 +11,7 @@ mod settings;
 mod subject;
 mod tried;
 
-pub use objective::{Comparison, Figures};
+pub use objective::{TrialComparison, TrialFigures};
 pub use options::Options;
 pub use outcome::Outcome;
 pub use settings::{DEFAULT_KEYS, Setting};
@@ -21,7 +21,7 @@ use crate::campaign;
 use crate::config::{Campaign, ConfigFile};
 use crate::console;
 use crate::output;
-use crate::progress::{self, Progress};
+use crate::progress::{self, TaskProgress};
 use anyhow::{Result, bail};
 use objective::Driven;
 use serde_yaml::Value;
@@ -132,7 +132,7 @@ fn search_on(
             None if Instant::now() >= deadline => return Ok(None),
             None => {
                 let now = drive(factors, runs())?;
-                let cost = Comparison::of(runs(), &now, &before, options.calmness).cost;
+                let cost = TrialComparison::of(runs(), &now, &before, options.calmness).cost;
                 tried.add(factors, cost)?;
                 cost
             }
@@ -141,9 +141,9 @@ fn search_on(
         Ok(Some(cost))
     })?;
     let best = tried.best().unwrap_or_else(|| present.clone());
-    let compare = |runs: Range<u32>, before: &[Driven]| -> Result<Comparison> {
+    let compare = |runs: Range<u32>, before: &[Driven]| -> Result<TrialComparison> {
         let now = drive(&best, runs.clone())?;
-        Ok(Comparison::of(runs, &now, before, options.calmness))
+        Ok(TrialComparison::of(runs, &now, before, options.calmness))
     };
     let training = compare(runs(), &before)?;
     let held_out = subject.held_out.clone();
@@ -205,7 +205,7 @@ pub fn run(args: &TuneArgs) -> Result<ExitCode> {
     progress::explain_interrupt(move || {
         format!("interrupted: the trials are in {name}; repeat the command to continue")
     })?;
-    let bar = Progress::new("tune", u64::from(args.options.tries));
+    let bar = TaskProgress::new("tune", u64::from(args.options.tries));
     let heard = |number, _| {
         bar.at(u64::from(number));
         Ok(())

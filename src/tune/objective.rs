@@ -67,7 +67,7 @@ pub fn cost(now: &Driven, before: &Driven, calmness: f64) -> f64 {
 
 /// Figures of a set of runs with the same settings.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Figures {
+pub struct TrialFigures {
     /// Runs.
     pub runs: usize,
     /// Runs completed.
@@ -80,7 +80,7 @@ pub struct Figures {
     pub steer_total_variation_m_s: f64,
 }
 
-impl Figures {
+impl TrialFigures {
     /// Returns the figures of runs; those of errors and steer are 0 where none was completed.
     pub fn of(runs: &[Driven]) -> Self {
         let sorted = |value: fn(&Driven) -> f64| {
@@ -101,13 +101,13 @@ impl Figures {
 
 /// Two sets of settings compared over the same runs.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Comparison {
+pub struct TrialComparison {
     /// First run and the one after the last.
     pub runs: Range<u32>,
     /// Under the present settings.
-    pub before: Figures,
+    pub before: TrialFigures,
     /// Under the settings found.
-    pub after: Figures,
+    pub after: TrialFigures,
     /// Mean cost of a run.
     pub cost: f64,
     /// Standard error of that mean.
@@ -118,7 +118,7 @@ pub struct Comparison {
     pub errors_m: Vec<[f64; 2]>,
 }
 
-impl Comparison {
+impl TrialComparison {
     /// Compares runs with the same ones before.
     pub fn of(runs: Range<u32>, now: &[Driven], before: &[Driven], calmness: f64) -> Self {
         let pairs = || now.iter().zip(before);
@@ -131,8 +131,8 @@ impl Comparison {
         let smaller = pairs().filter(|(now, before)| cost(now, before, 0.0) < 0.0);
         Self {
             runs,
-            before: Figures::of(before),
-            after: Figures::of(now),
+            before: TrialFigures::of(before),
+            after: TrialFigures::of(now),
             cost: mean,
             cost_standard_error: (squares / (count - 1.0).max(1.0) / count).sqrt(),
             better: smaller.count() as f64 / count,
@@ -189,7 +189,7 @@ mod tests {
     #[test]
     fn an_improvement_is_one_only_beyond_chance_and_without_a_run_lost() {
         let before = vec![driven(true, 0.02, 5.0); 20];
-        let compare = |now: &[Driven]| Comparison::of(0..20, now, &before, 0.2);
+        let compare = |now: &[Driven]| TrialComparison::of(0..20, now, &before, 0.2);
         let better = vec![driven(true, 0.018, 5.0); 20];
         assert!(compare(&better).improved());
         assert_eq!(compare(&better).better, 1.0);

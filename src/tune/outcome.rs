@@ -1,6 +1,6 @@
 //! The outcome of tuning.
 
-use super::objective::Comparison;
+use super::objective::TrialComparison;
 use super::settings::Setting;
 use super::subject::SubjectKind;
 use serde::Serialize;
@@ -21,9 +21,9 @@ pub struct Outcome {
     /// Mean cost over the training runs of each trial, in order; 0 is that of the present settings.
     pub tried: Vec<f64>,
     /// Training runs.
-    pub training: Comparison,
+    pub training: TrialComparison,
     /// Held-out runs.
-    pub held_out: Comparison,
+    pub held_out: TrialComparison,
     /// Weight of calmness.
     pub calmness: f64,
 }

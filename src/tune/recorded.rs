@@ -5,7 +5,7 @@ use super::options::Options;
 use super::settings::{DEFAULT_KEYS, Setting};
 use super::subject::{Subject, SubjectKind};
 use crate::config::find;
-use crate::replay::{Changes, Rebuilt};
+use crate::replay::{Rebuilt, ReplayChanges};
 use anyhow::{Context, Result, bail, ensure};
 use serde_yaml::{Mapping, Value};
 use sidehill_controller::config::ControllerConfig;
@@ -45,9 +45,9 @@ struct Recorded {
 pub(super) fn subject(path: &Path, options: &Options) -> Result<Subject<'static>> {
     let named = || path.display().to_string();
     let recording = Recording::read(path)?;
-    let changes = Changes {
+    let changes = ReplayChanges {
         controller: options.controller,
-        ..Changes::default()
+        ..ReplayChanges::default()
     };
     let rebuilt = Rebuilt::of(&recording, &changes).with_context(named)?;
     let Value::Mapping(present) = serde_yaml::to_value(&rebuilt.config)? else {

@@ -1,9 +1,9 @@
 //! The outcome of tuning as text, as a page, and for `simulate --conditions`.
 
-use super::objective::{Comparison, Figures};
+use super::objective::{TrialComparison, TrialFigures};
 use super::outcome::Outcome;
 use super::subject::SubjectKind;
-use crate::report::page::{COLOURS, Page, legend_of, section};
+use crate::report::page::{COLOURS, ReportPage, legend_of, section};
 use crate::report::{Scatter, progress_plot, scatter_chart};
 use anyhow::Result;
 use maud::html;
@@ -135,15 +135,15 @@ pub fn table(outcome: &Outcome) -> String {
 }
 
 /// Returns the steer's total variation, which a recorded drive has whatever is tried.
-fn steer(outcome: &Outcome, figures: Figures) -> String {
+fn steer(outcome: &Outcome, figures: TrialFigures) -> String {
     match outcome.subject {
         SubjectKind::Campaign => format!("{:.2}", figures.steer_total_variation_m_s),
         SubjectKind::Recording => "-".to_owned(),
     }
 }
 
-fn rows(outcome: &Outcome) -> Vec<(String, Figures, String)> {
-    let both = |name: &str, comparison: &Comparison| {
+fn rows(outcome: &Outcome) -> Vec<(String, TrialFigures, String)> {
+    let both = |name: &str, comparison: &TrialComparison| {
         let runs = format!("{}..{}", comparison.runs.start, comparison.runs.end);
         let cost = format!("{:.3}", comparison.cost);
         [
@@ -165,7 +165,7 @@ fn rows(outcome: &Outcome) -> Vec<(String, Figures, String)> {
 /// Returns the page.
 pub fn html(outcome: &Outcome) -> String {
     let title = format!("Tuning of {} on {}", outcome.controller, outcome.name);
-    let centimetres = |comparison: &Comparison| -> Vec<[f64; 2]> {
+    let centimetres = |comparison: &TrialComparison| -> Vec<[f64; 2]> {
         let pairs = comparison.errors_m.iter();
         pairs
             .map(|pair| pair.map(|error_m| 100.0 * error_m))
@@ -242,7 +242,7 @@ pub fn html(outcome: &Outcome) -> String {
             &[progress_plot(&outcome.tried)],
         ))
     };
-    Page {
+    ReportPage {
         title: &title,
         subtitle: &objective(outcome),
         conclusions: &[finding(outcome), advice(outcome)],

@@ -113,7 +113,7 @@ pub struct Readings {
 
 /// Which of the vehicle's messages a frame is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Source {
+enum ReadingSource {
     Drive(usize),
     Attitude,
     Position,
@@ -132,13 +132,13 @@ pub struct VehicleReader {
 }
 
 /// What the messages of [`Layout::from_vehicle`] are.
-const SOURCES: [Source; Layout::FROM_VEHICLE_MAX] = [
-    Source::Drive(0),
-    Source::Drive(1),
-    Source::Attitude,
-    Source::Position,
-    Source::Heading,
-    Source::YawRate,
+const SOURCES: [ReadingSource; Layout::FROM_VEHICLE_MAX] = [
+    ReadingSource::Drive(0),
+    ReadingSource::Drive(1),
+    ReadingSource::Attitude,
+    ReadingSource::Position,
+    ReadingSource::Heading,
+    ReadingSource::YawRate,
 ];
 
 impl VehicleReader {
@@ -206,7 +206,7 @@ impl VehicleReader {
         let value = |quantity| contents.get(quantity).unwrap_or(f64::NAN);
         let r = &mut self.readings;
         match SOURCES[index] {
-            Source::Drive(drive) => {
+            ReadingSource::Drive(drive) => {
                 let codec = &layout.drives[drive];
                 // Before the counter is checked, so that a frame with a bad state does not count.
                 let state = value(Quantity::DriveState);
@@ -227,7 +227,7 @@ impl VehicleReader {
                     r.nodes[drive].power = PowerState::of(state as u16);
                 }
             }
-            Source::Attitude => {
+            ReadingSource::Attitude => {
                 self.watches[index].check(contents.counter)?;
                 r.attitude = Some(Stamped {
                     time_s: time_s - layout.attitude_latency_s,
@@ -238,18 +238,18 @@ impl VehicleReader {
                     ),
                 });
             }
-            Source::YawRate => {
+            ReadingSource::YawRate => {
                 self.watches[index].check(contents.counter)?;
                 r.yaw_rate = Some(Stamped {
                     time_s: time_s - layout.yaw_rate_latency_s,
                     value: value(Quantity::YawRate),
                 });
             }
-            Source::Position => {
+            ReadingSource::Position => {
                 self.watches[index].check(contents.counter)?;
                 self.position = Some(contents);
             }
-            Source::Heading => {
+            ReadingSource::Heading => {
                 self.watches[index].check(contents.counter)?;
                 let pair = self
                     .position

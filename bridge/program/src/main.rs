@@ -14,13 +14,13 @@ use std::process::ExitCode;
 /// Drives a rover, or a virtual one, on a CAN bus or on ROS 2. `sidehill` has all other commands.
 #[derive(Debug, Parser)]
 #[command(version)]
-struct Cli {
+struct DriveCli {
     #[command(subcommand)]
-    command: Command,
+    command: LiveCommand,
 }
 
 #[derive(Debug, Subcommand)]
-enum Command {
+enum LiveCommand {
     /// Drives a course in real time on a CAN bus or on ROS 2.
     Run(drive::RunArgs),
     /// Has a running `sidehill run` on ROS 2 drive a stored route, in lanes if wanted; takes --ros-args. Enter, or
@@ -40,26 +40,26 @@ enum Command {
 
 fn main() -> ExitCode {
     let (own, ros) = arguments::split(std::env::args());
-    let command = Cli::parse_from(own).command;
+    let command = DriveCli::parse_from(own).command;
     // A vehicle drives on without its output.
-    let drives = matches!(command, Command::Run(_) | Command::Vehicle(_));
+    let drives = matches!(command, LiveCommand::Run(_) | LiveCommand::Vehicle(_));
     console::end("sidehill-drive", execute(command, &ros), !drives)
 }
 
-fn execute(command: Command, ros: &[String]) -> anyhow::Result<ExitCode> {
+fn execute(command: LiveCommand, ros: &[String]) -> anyhow::Result<ExitCode> {
     match command {
-        Command::Run(args) => run::run(&args, ros),
-        Command::Vehicle(args) => vehicle::run(&args, ros),
-        Command::DriveRoute(args) => drive_route::run(&args, ros),
-        Command::Odometry(args) if args.live => odometry::run(&args, ros),
-        Command::Odometry(_) => bail!("without --live this is a command of sidehill"),
-        Command::Route(args) if args.is_live() => {
+        LiveCommand::Run(args) => run::run(&args, ros),
+        LiveCommand::Vehicle(args) => vehicle::run(&args, ros),
+        LiveCommand::DriveRoute(args) => drive_route::run(&args, ros),
+        LiveCommand::Odometry(args) if args.live => odometry::run(&args, ros),
+        LiveCommand::Odometry(_) => bail!("without --live this is a command of sidehill"),
+        LiveCommand::Route(args) if args.is_live() => {
             route::run(&args, ros).map(|()| ExitCode::SUCCESS)
         }
-        Command::Route(_) => bail!("without `live` this is a command of sidehill"),
+        LiveCommand::Route(_) => bail!("without `live` this is a command of sidehill"),
         #[cfg(feature = "package")]
-        Command::Documents(args) => {
-            documents::run(&args, &mut Cli::command()).map(|()| ExitCode::SUCCESS)
+        LiveCommand::Documents(args) => {
+            documents::run(&args, &mut DriveCli::command()).map(|()| ExitCode::SUCCESS)
         }
     }
 }

@@ -6,7 +6,7 @@ use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use sidehill::config::to_yaml;
-use sidehill::icr::Input;
+use sidehill::icr::IcrInput;
 use sidehill_plant::frames::BodyVelocity;
 use sidehill_plant::icr::TreadIcrs;
 use sidehill_plant::vehicle as model;
@@ -188,7 +188,7 @@ pub fn icr<'py>(
         };
         let inputs = roll.iter().zip(pitch).zip(left.iter().zip(right));
         for (index, ((roll, pitch), (left, right))) in inputs.enumerate() {
-            let input = Input {
+            let input = IcrInput {
                 roll_rad: *roll,
                 pitch_rad: *pitch,
                 v_left_m_s: *left,

@@ -1,8 +1,8 @@
 //! From the values of a drive to messages.
 
 use super::diagnostics::{GeneralState, controller_status, recording_status, safety_status};
-use super::messages::{LogLine, Topic};
-use super::records::{controller_cycle, guard_state, loop_cycle, path_command, path_poses};
+use super::messages::{ControllerCycle, LogLine, Topic};
+use super::records::{guard_state, loop_cycle, path_command, path_poses};
 use super::scene::{BASE, Marker, SceneParts, WORLD};
 use super::sink::MessageSink;
 use sidehill_bridge::control_loop::record::CycleRow;
@@ -78,7 +78,7 @@ impl DriveMessages {
         self.put(
             Topic::ControllerCycle,
             time_s,
-            &controller_cycle(step),
+            &ControllerCycle::from(step),
             sink,
         );
         if let Some(pose) = sample.pose.filter(|pose| pose.value.z_m.is_finite()) {

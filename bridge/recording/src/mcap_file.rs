@@ -77,6 +77,11 @@ pub struct RecordingStatus {
 /// Name of the metadata that a recording of this program has.
 pub(super) const METADATA: &str = "sidehill";
 
+/// Layout of the messages. It grows with every change of a message that an older reader would misread.
+pub(super) const FORMAT: &str = "1";
+/// Name of the fact that holds it.
+pub(super) const FORMAT_FACT: &str = "format";
+
 /// Records messages to MCAP files. Never fails after it was created: what the disk refuses ends the
 /// recording, and [`McapRecording::status`] says so.
 pub struct McapRecording {
@@ -85,7 +90,7 @@ pub struct McapRecording {
     limits: RecordLimits,
     part: u32,
     parts: Vec<PathBuf>,
-    open: Option<Part>,
+    open: Option<RecordingPart>,
     /// Bytes of the files before this one.
     earlier: u64,
     status: RecordingStatus,
@@ -99,7 +104,7 @@ pub struct McapRecording {
     newest_ns: u64,
 }
 
-struct Part {
+struct RecordingPart {
     writer: Writer<WholeFile>,
     channels: BTreeMap<Topic, (u16, u32)>,
     /// Bytes given to the writer.
@@ -242,6 +247,7 @@ impl McapRecording {
             .map_err(io_error)?;
         let mut facts = self.header.facts.clone();
         facts.insert("part".to_owned(), self.part.to_string());
+        facts.insert(FORMAT_FACT.to_owned(), FORMAT.to_owned());
         let mut bytes = 0;
         writer
             .write_metadata(&Metadata {
@@ -272,7 +278,7 @@ impl McapRecording {
         }
         self.status.file = name.clone();
         self.parts.push(name);
-        self.open = Some(Part {
+        self.open = Some(RecordingPart {
             writer,
             channels,
             bytes: bytes + 1,

@@ -1,14 +1,14 @@
 //! Reading recordings of this program, also those that were cut off.
 
 use super::framing::{Framed, Records, cut_off_chunk, in_chunk};
-use super::mcap_file::{Header, METADATA, McapRecording};
+use super::mcap_file::{FORMAT, FORMAT_FACT, Header, METADATA, McapRecording};
 use super::messages::{ControllerCycle, PathCommand, Topic};
 use mcap::records::{Record, op};
 use sidehill_bridge::control_loop::tap::{PathRecord, RecordedPath};
 use sidehill_bridge::ros2::message::cdr::{CdrError, from_cdr, to_cdr};
 use sidehill_plant::frames::{Attitude, Pose};
 use sidehill_plant::sample::{Sample, Stamped};
-use sidehill_plant::speeds::MeasuredTreadSpeeds;
+use sidehill_plant::speeds::{MeasuredTreadSpeeds, MotorSpeeds};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
 use std::io::BufReader;
@@ -32,6 +32,19 @@ pub enum RecordingError {
         file: PathBuf,
         /// What is missing.
         reason: String,
+    },
+    /// Its messages are laid out as those of another version.
+    #[error(
+        "{}: its messages have layout {found}, this program reads layout {FORMAT}; replay it with the version of sidehill that recorded it{}",
+        file.display(), version.as_ref().map_or_else(String::new, |version| format!(", {version}"))
+    )]
+    Format {
+        /// The file.
+        file: PathBuf,
+        /// Layout that the file names.
+        found: String,
+        /// Version of the program that recorded it, where it says so.
+        version: Option<String>,
     },
     /// A message does not hold what its schema says.
     #[error("{}: a message of {topic} is damaged: {reason}", file.display())]
@@ -164,21 +177,21 @@ impl Recording {
 }
 
 /// Takes a message of a recording: topic, time in ns and CDR.
-type Visit<'a> = dyn FnMut(Topic, u64, &[u8]) -> Result<(), RecordingError> + 'a;
+type TakeMessage<'a> = dyn FnMut(Topic, u64, &[u8]) -> Result<(), RecordingError> + 'a;
 
 /// Gives every message of one file of a recording to `visit`, with the fields of this version, and returns
 /// why reading ended before the end of the file, where it did.
 ///
 /// # Errors
 /// A file that cannot be read, or the first error of `visit`.
-pub fn scan(path: &Path, visit: &mut Visit<'_>) -> Result<Option<String>, RecordingError> {
+pub fn scan(path: &Path, visit: &mut TakeMessage<'_>) -> Result<Option<String>, RecordingError> {
     scan_with(path, &mut Header::default(), visit)
 }
 
 fn scan_with(
     path: &Path,
     header: &mut Header,
-    visit: &mut Visit<'_>,
+    visit: &mut TakeMessage<'_>,
 ) -> Result<Option<String>, RecordingError> {
     let unreadable = |reason| RecordingError::Read {
         file: path.to_owned(),
@@ -186,6 +199,7 @@ fn scan_with(
     };
     let source = BufReader::new(File::open(path).map_err(unreadable)?);
     let mut scan = Scan {
+        path,
         header,
         visit,
         channels: BTreeMap::new(),
@@ -226,6 +240,18 @@ fn scan_with(
     Ok(damaged)
 }
 
+/// Refuses messages of another layout. Those of recordings that name none are of layout 1.
+fn check_format(file: &Path, header: &Header) -> Result<(), RecordingError> {
+    match header.facts.get(FORMAT_FACT) {
+        Some(found) if found != FORMAT => Err(RecordingError::Format {
+            file: file.to_owned(),
+            found: found.clone(),
+            version: header.facts.get("version").cloned(),
+        }),
+        _ => Ok(()),
+    }
+}
+
 /// What became of a record.
 enum Taken {
     Used,
@@ -236,8 +262,9 @@ enum Taken {
 
 /// State while a file is read.
 struct Scan<'a, 'b> {
+    path: &'a Path,
     header: &'a mut Header,
-    visit: &'a mut Visit<'b>,
+    visit: &'a mut TakeMessage<'b>,
     /// Topics of the channels, and whether their messages lack the yaw rate.
     channels: BTreeMap<u16, (Topic, bool)>,
     schemas_without_yaw_rate: BTreeSet<u16>,
@@ -285,6 +312,7 @@ impl Scan<'_, '_> {
             Record::Metadata(metadata) if metadata.name == METADATA => {
                 self.ours = true;
                 self.header.facts = metadata.metadata;
+                check_format(self.path, self.header)?;
             }
             Record::Attachment {
                 header: named,
@@ -362,6 +390,14 @@ impl ControllerCycle {
                     yaw_rad: self.yaw_rad,
                 },
             }),
+        }
+    }
+
+    /// Returns what it decided, as effective speeds.
+    pub fn command(&self) -> MotorSpeeds {
+        MotorSpeeds {
+            traction_m_s: self.traction_m_s,
+            steer_m_s: self.steer_m_s,
         }
     }
 

@@ -75,53 +75,55 @@ pub(super) fn path_poses(record: &PathRecord) -> Vec<PlanarPose> {
     })
 }
 
-/// Returns a step of the controller; what it did not have is NaN.
-pub(super) fn controller_cycle(step: &StepRecord) -> ControllerCycle {
-    let (sample, decision) = (&step.sample, &step.decision);
-    let (speeds, attitude, pose) = (&sample.tread_speeds, &sample.attitude, &sample.pose);
-    let estimate = decision.estimate.as_ref();
-    let progress = decision.progress.as_ref();
-    let solve = decision.solve.as_ref();
-    let nan = f64::NAN;
-    ControllerCycle {
-        index: step.index,
-        time_s: sample.time_s,
-        engaged: step.engaged,
-        path: step.path,
-        cut: step.cut_at.is_some(),
-        cut_at: step.cut_at.unwrap_or(0),
-        has_tread_speeds: speeds.is_some(),
-        tread_speeds_time_s: speeds.map_or(nan, |speeds| speeds.time_s),
-        left_m_s: speeds.map_or(nan, |speeds| speeds.value.left_m_s),
-        right_m_s: speeds.map_or(nan, |speeds| speeds.value.right_m_s),
-        has_attitude: attitude.is_some(),
-        attitude_time_s: attitude.map_or(nan, |attitude| attitude.time_s),
-        roll_rad: attitude.map_or(nan, |attitude| attitude.value.roll_rad),
-        pitch_rad: attitude.map_or(nan, |attitude| attitude.value.pitch_rad),
-        has_pose: pose.is_some(),
-        pose_time_s: pose.map_or(nan, |pose| pose.time_s),
-        x_m: pose.map_or(nan, |pose| pose.value.x_m),
-        y_m: pose.map_or(nan, |pose| pose.value.y_m),
-        z_m: pose.map_or(nan, |pose| pose.value.z_m),
-        yaw_rad: pose.map_or(nan, |pose| pose.value.yaw_rad),
-        traction_m_s: decision.command_effective.traction_m_s,
-        steer_m_s: decision.command_effective.steer_m_s,
-        status: decision.status.to_string(),
-        reference: decision.reference,
-        estimated_x_m: estimate.map_or(nan, |estimate| estimate.pose.x_m),
-        estimated_y_m: estimate.map_or(nan, |estimate| estimate.pose.y_m),
-        estimated_yaw_rad: estimate.map_or(nan, |estimate| estimate.pose.yaw_rad),
-        estimated_roll_rad: estimate.map_or(nan, |estimate| estimate.attitude.roll_rad),
-        estimated_pitch_rad: estimate.map_or(nan, |estimate| estimate.attitude.pitch_rad),
-        model_error_m_s: estimate.map_or(nan, |estimate| estimate.model_error_m_s),
-        pose_age_s: estimate.map_or(nan, |estimate| estimate.pose_age_s),
-        cross_track_m: progress.map_or(nan, |progress| progress.cross_track_m),
-        arc_length_m: progress.map_or(nan, |progress| progress.arc_length_m),
-        solver_iterations: solve.map_or(0, |solve| solve.iterations),
-        solver_path: solve.map_or_else(String::new, |solve| format!("{:?}", solve.path)),
-        solve_us: solve.map_or(nan, |solve| 1e6 * solve.solve_time_s),
-        has_yaw_rate: sample.yaw_rate.is_some(),
-        yaw_rate_time_s: sample.yaw_rate.map_or(nan, |yaw_rate| yaw_rate.time_s),
-        yaw_rate_rad_s: sample.yaw_rate.map_or(nan, |yaw_rate| yaw_rate.value),
+impl From<&StepRecord> for ControllerCycle {
+    /// Returns a step of the controller; what it did not have is NaN.
+    fn from(step: &StepRecord) -> Self {
+        let (sample, decision) = (&step.sample, &step.decision);
+        let (speeds, attitude, pose) = (&sample.tread_speeds, &sample.attitude, &sample.pose);
+        let estimate = decision.estimate.as_ref();
+        let progress = decision.progress.as_ref();
+        let solve = decision.solve.as_ref();
+        let nan = f64::NAN;
+        Self {
+            index: step.index,
+            time_s: sample.time_s,
+            engaged: step.engaged,
+            path: step.path,
+            cut: step.cut_at.is_some(),
+            cut_at: step.cut_at.unwrap_or(0),
+            has_tread_speeds: speeds.is_some(),
+            tread_speeds_time_s: speeds.map_or(nan, |speeds| speeds.time_s),
+            left_m_s: speeds.map_or(nan, |speeds| speeds.value.left_m_s),
+            right_m_s: speeds.map_or(nan, |speeds| speeds.value.right_m_s),
+            has_attitude: attitude.is_some(),
+            attitude_time_s: attitude.map_or(nan, |attitude| attitude.time_s),
+            roll_rad: attitude.map_or(nan, |attitude| attitude.value.roll_rad),
+            pitch_rad: attitude.map_or(nan, |attitude| attitude.value.pitch_rad),
+            has_pose: pose.is_some(),
+            pose_time_s: pose.map_or(nan, |pose| pose.time_s),
+            x_m: pose.map_or(nan, |pose| pose.value.x_m),
+            y_m: pose.map_or(nan, |pose| pose.value.y_m),
+            z_m: pose.map_or(nan, |pose| pose.value.z_m),
+            yaw_rad: pose.map_or(nan, |pose| pose.value.yaw_rad),
+            traction_m_s: decision.command_effective.traction_m_s,
+            steer_m_s: decision.command_effective.steer_m_s,
+            status: decision.status.to_string(),
+            reference: decision.reference,
+            estimated_x_m: estimate.map_or(nan, |estimate| estimate.pose.x_m),
+            estimated_y_m: estimate.map_or(nan, |estimate| estimate.pose.y_m),
+            estimated_yaw_rad: estimate.map_or(nan, |estimate| estimate.pose.yaw_rad),
+            estimated_roll_rad: estimate.map_or(nan, |estimate| estimate.attitude.roll_rad),
+            estimated_pitch_rad: estimate.map_or(nan, |estimate| estimate.attitude.pitch_rad),
+            model_error_m_s: estimate.map_or(nan, |estimate| estimate.model_error_m_s),
+            pose_age_s: estimate.map_or(nan, |estimate| estimate.pose_age_s),
+            cross_track_m: progress.map_or(nan, |progress| progress.cross_track_m),
+            arc_length_m: progress.map_or(nan, |progress| progress.arc_length_m),
+            solver_iterations: solve.map_or(0, |solve| solve.iterations),
+            solver_path: solve.map_or_else(String::new, |solve| format!("{:?}", solve.path)),
+            solve_us: solve.map_or(nan, |solve| 1e6 * solve.solve_time_s),
+            has_yaw_rate: sample.yaw_rate.is_some(),
+            yaw_rate_time_s: sample.yaw_rate.map_or(nan, |yaw_rate| yaw_rate.time_s),
+            yaw_rate_rad_s: sample.yaw_rate.map_or(nan, |yaw_rate| yaw_rate.value),
+        }
     }
 }

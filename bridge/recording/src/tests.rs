@@ -1,6 +1,7 @@
 use super::*;
 use sidehill_bridge::ros2::message::Text;
 use sidehill_bridge::ros2::message::cdr::to_cdr;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 fn header() -> Header {
@@ -117,6 +118,30 @@ fn nothing_recorded_is_lost_by_recording_again() {
     assert_eq!(read.files, [0, 1, 4, 6, 7, 8].map(part));
     let earlier = Recording::read(&part(3)).unwrap();
     assert_eq!(earlier.files, [part(2), part(3)]);
+}
+
+#[test]
+fn messages_of_another_layout_are_refused_with_both_versions() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("drive.mcap");
+    let header = Header {
+        facts: BTreeMap::from([("version".to_owned(), "9.1.0".to_owned())]),
+        ..Header::default()
+    };
+    McapRecording::create(&path, header, RecordLimits::default(), false)
+        .unwrap()
+        .finish();
+    assert!(Recording::read(&path).is_ok());
+    // A key, and the length of its value.
+    let fact = b"format\x01\0\0\0";
+    let mut bytes = std::fs::read(&path).unwrap();
+    let place = bytes.windows(fact.len()).position(|part| part == fact);
+    bytes[place.unwrap() + fact.len()] = b'7';
+    std::fs::write(&path, &bytes).unwrap();
+    let error = Recording::read(&path).unwrap_err().to_string();
+    for part in ["drive.mcap", "layout 7", "layout 1", "9.1.0"] {
+        assert!(error.contains(part), "{error}");
+    }
 }
 
 #[test]

@@ -6,9 +6,9 @@ use sidehill_plant::vehicle::RangeError;
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct CycleConfig {
-    /// Period, s, from 0.01 (100 Hz) to 0.2.
+    /// Period, from 0.01 (100 Hz) to 0.2 s; the same as `settings.period_s`.
     pub period_s: f64,
-    /// Longest wait for the controller in a cycle, s. A later decision is used in the next cycle.
+    /// Longest wait for the controller in a cycle; a later decision counts in the next.
     pub decision_time_s: f64,
 }
 

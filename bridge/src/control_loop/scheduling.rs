@@ -14,14 +14,15 @@ use thread_priority::{
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct RealtimeConfig {
-    /// Priority of the control loop under `SCHED_FIFO`, from 1 to 99.
+    /// Priority of the control cycle under `SCHED_FIFO`. None: normal scheduling.
     pub fifo_priority: Option<u8>,
-    /// Priority of the threads whose results the loop needs in time: the controller, and the port's
-    /// helpers. Below the loop's, or 0 for none; 10 below it by default.
+    /// Priority (here with `fifo_priority: 50`) of the controller's thread, of the CAN listener, and of the ROS 2
+    /// threads that carry readings and commands, below `fifo_priority`; 0 for normal scheduling. None: 10 below
+    /// `fifo_priority`.
     pub helper_fifo_priority: Option<u8>,
-    /// The only CPU that the loop runs on.
+    /// CPU to pin the control cycle to. None: any.
     pub cpu: Option<usize>,
-    /// Whether all memory is locked, so that it is never paged out.
+    /// Keep all memory from being paged out.
     pub lock_memory: bool,
 }
 

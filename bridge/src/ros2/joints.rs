@@ -15,7 +15,7 @@ pub struct TreadJoints {
     pub left: String,
     /// Name of the right joint.
     pub right: String,
-    /// Tread speed over joint velocity, m: the radius of the wheel.
+    /// Tread speed divided by joint velocity: the radius of a wheel.
     pub radius_m: f64,
 }
 

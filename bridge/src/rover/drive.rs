@@ -10,7 +10,7 @@ use sidehill_plant::vehicle::RangeError;
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct DriveConfig {
-    /// Largest age of a command before the drives stop and disable themselves, s.
+    /// Age of a command at which the drives stop and switch off.
     pub command_timeout_s: f64,
 }
 

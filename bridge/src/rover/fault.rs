@@ -27,11 +27,11 @@ impl Fault for std::convert::Infallible {}
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FaultWindow<F> {
-    /// Beginning, s after the drives were first enabled.
+    /// When it begins, after the drives were first switched on.
     pub after_enabled_s: f64,
-    /// Duration, s.
+    /// How long it lasts.
     pub for_s: f64,
-    /// The fault.
+    /// What goes wrong.
     pub fault: F,
 }
 

@@ -6,29 +6,28 @@ use sidehill_plant::vehicle::RangeError;
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct SafetyConfig {
-    /// Largest age of a command that is still used, s.
+    /// Largest age of the controller's command.
     pub command_timeout_s: f64,
-    /// Largest age of the drives' feedback, s.
+    /// Largest age of the drives' feedback.
     pub feedback_timeout_s: f64,
-    /// Longest time for which no command can be sent, s.
+    /// Longest time without a frame that could be sent.
     pub transmit_timeout_s: f64,
-    /// Time for which zero speed is sent, disabled, before the drives are enabled, s.
+    /// Time of zero commands, disabled, before the drives are switched on.
     pub zeroing_time_s: f64,
-    /// Longest time for each part of the handshake, and for the controller's first command, s.
+    /// Longest time for each step of the handshake and for the controller's first command.
     pub handshake_timeout_s: f64,
-    /// Speed below which a motor is at standstill, m/s.
+    /// Speed below which a motor stands.
     pub standstill_m_s: f64,
-    /// Largest commanded speed of either motor, m/s.
+    /// Largest commanded speed of either motor.
     pub speed_max_m_s: f64,
-    /// Deceleration of a controlled stop, for each motor, m/s^2.
+    /// Deceleration of a controlled stop, for each motor.
     pub deceleration_m_s2: f64,
-    /// Largest plausible difference between feedback and command, m/s.
+    /// Largest plausible difference between feedback and command.
     pub plausible_difference_m_s: f64,
-    /// Time within which the drives reach a command: feedback is compared with the least and the
-    /// greatest command of this time, s.
+    /// Time for the drives to reach a command. Feedback is compared with the smallest and largest command of this time.
     pub response_time_s: f64,
-    /// Time for which feedback may be implausible by `plausible_difference_m_s`, s; shorter in proportion where it is
-    /// further off, and five times as long for motors that turn the right way, but more slowly.
+    /// Longest time with implausible feedback: shorter in proportion where it is further off, five times as long for
+    /// motors that turn the right way, but more slowly.
     pub implausible_time_s: f64,
 }
 

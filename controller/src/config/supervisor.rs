@@ -5,10 +5,11 @@ use sidehill_plant::bounds::{Bounds, RangeError};
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct SupervisorConfig {
-    /// Largest bound of the estimated position across the path, which it keeps with a probability of 95 %, m. Without
-    /// poses the bound grows: the vehicle drives slower, and stops here.
+    /// Largest bound of the position across the path, kept with a probability of 95 %. Without poses it grows; the
+    /// vehicle drives slower from half of it on, and stops at it.
     pub cross_track_uncertainty_max_m: f64,
-    /// Oldest pose that is still driven on however certain the estimate is, s.
+    /// Largest age of the pose before the controller stops, however certain the position is. Poses that are refused
+    /// count for 0.5 s.
     pub pose_timeout_s: f64,
     /// Oldest attitude that is still driven on, s.
     #[serde(skip)]
@@ -16,7 +17,7 @@ pub struct SupervisorConfig {
     /// Oldest tread speeds that are still driven on, s.
     #[serde(skip)]
     pub speeds_timeout_s: f64,
-    /// Largest distance from the path, m.
+    /// Largest distance from the path before the controller stops.
     pub cross_track_max_m: f64,
     /// Largest difference between heading and reference, rad.
     #[serde(skip)]

@@ -6,16 +6,16 @@ use sidehill_plant::bounds::{Bounds, RangeError};
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Weights {
-    /// Speed along the path less what is allowed there, over that: a vehicle that stands has an error of 1.
+    /// Speed along the path less the speed allowed there, over that: a vehicle that stands has an error of 1. There is
+    /// no weight of a position along the path but at the end of a drive.
     pub speed: f64,
-    /// Position error across the path, 1/m^2.
+    /// Position error across the path.
     pub cross_per_m2: f64,
-    /// Heading error while driving, 1/rad^2. Small: the heading that keeps the path is not its
-    /// tangent.
+    /// Heading error while driving. Keep it small: on a slope the heading that keeps the path is not its tangent.
     pub heading_per_rad2: f64,
-    /// Change of traction, s/(m/s)^2: divided by the duration of a stage.
+    /// Change of traction, divided by the duration of a stage.
     pub traction_change_s3_per_m2: f64,
-    /// Change of steer, s/(m/s)^2.
+    /// Change of steer, divided by the duration of a stage.
     pub steer_change_s3_per_m2: f64,
 }
 

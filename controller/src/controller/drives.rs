@@ -208,6 +208,15 @@ impl Drives {
         }
     }
 
+    /// Returns the speed of the vehicle that something on the way to the traction motor passes on, m/s; infinite where
+    /// commands are not scaled down.
+    pub(super) fn passed_on_m_s(&self) -> f64 {
+        match self.traction.scaled_s > 0.0 {
+            true => self.traction.speed_m_s.abs(),
+            false => f64::INFINITY,
+        }
+    }
+
     /// Returns the limits of the motors as known now.
     pub(super) fn limits(&self, configured: &InputLimits) -> InputLimits {
         let mut limits = *configured;

@@ -248,17 +248,12 @@ impl Controller {
             self.watchdog.reset();
             return;
         };
-        let point = &progress.point;
-        let curvature_per_m = match point.speed_m_s.abs() {
-            0.0 => 0.0,
-            speed_m_s => point.yaw_rate_rad_s / speed_m_s,
-        };
         let observation = Observation {
             time_s: estimate.time_s,
             pose: estimate.pose,
             command: self.issued.last(),
             progress,
-            allowed_m_s: self.speed_limits().at(curvature_per_m),
+            allowed_m_s: self.allowed_m_s(progress),
         };
         if let Some(stall) = self.watchdog.observe(&observation) {
             let time_s = self.config.supervisor.stall_time_s;
@@ -268,6 +263,25 @@ impl Controller {
 }
 
 impl Controller {
+    /// Returns the largest speed that drives, bend and the stops around it allow where the vehicle is, m/s.
+    fn allowed_m_s(&self, progress: &Progress) -> f64 {
+        let point = &progress.point;
+        let curvature_per_m = match point.speed_m_s.abs() {
+            0.0 => 0.0,
+            speed_m_s => point.yaw_rate_rad_s / speed_m_s,
+        };
+        let limits = self.speed_limits();
+        let allowed_m_s = limits.at(curvature_per_m).min(self.drives.passed_on_m_s());
+        match &self.reference {
+            Some(reference) => {
+                let at_m = progress.arc_length_m;
+                let (from_m, to_m) = (reference.drive_from_m(), reference.stop_at_m());
+                allowed_m_s.min(limits.between_stops(at_m - from_m, to_m - at_m))
+            }
+            None => allowed_m_s,
+        }
+    }
+
     /// Stops treads that dig in: they turn, and poses stay where they are.
     pub(super) fn watch_treads(
         &mut self,

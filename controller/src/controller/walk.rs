@@ -56,6 +56,13 @@ impl SpeedsNow {
         }
     }
 
+    /// Returns the largest speed so far from the begin and from the end of a drive, at both of which the vehicle
+    /// stands, m/s; at both that of a step from there.
+    pub(super) fn between_stops(&self, from_begin_m: f64, to_end_m: f64) -> f64 {
+        let to_stop_m = from_begin_m.min(to_end_m).max(SUM_STEP_M);
+        (2.0 * self.traction_braking_m_s2 * to_stop_m).sqrt()
+    }
+
     /// Returns the largest speed in a bend, m/s.
     pub(super) fn at(&self, curvature_per_m: f64) -> f64 {
         let steer_share = self.half_track_m * curvature_per_m.abs();

@@ -8,11 +8,11 @@ use std::f64::consts::TAU;
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct FigureEight {
-    /// a, m: greatest X_g.
+    /// Largest x, the amplitude a of x = a sin(2 w t).
     pub half_width_m: f64,
-    /// b, m: greatest Y_g.
+    /// Largest y, the amplitude b of y = b sin(w t).
     pub half_length_m: f64,
-    /// Time for one round, s.
+    /// Time for one round.
     pub period_s: f64,
 }
 

@@ -12,11 +12,11 @@ use sidehill_plant::bounds::{Bounds, RangeError};
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Pivot {
-    /// Angle, deg, counter-clockwise positive.
+    /// Angle, counter-clockwise positive.
     pub angle_deg: f64,
-    /// Magnitude of the yaw rate, rad/s.
+    /// Magnitude of the yaw rate.
     pub yaw_rate_rad_s: f64,
-    /// How far ahead of the vehicle's origin the point is that keeps its place, m.
+    /// How far forward of the origin the point is that stays in place.
     pub centre_forward_m: f64,
 }
 

@@ -29,11 +29,11 @@ impl Turn {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Circle {
-    /// Radius, m.
+    /// Radius.
     pub radius_m: f64,
-    /// Speed, m/s.
+    /// Speed.
     pub speed_m_s: f64,
-    /// Turns until the end; whole turns go on periodically, others end with a stop.
+    /// Rounds until the end. A whole number repeats periodically; others end with a stop.
     pub turns: f64,
     /// Left or right.
     pub turn: Turn,
@@ -101,11 +101,11 @@ impl Circle {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Straight {
-    /// Length, m.
+    /// Length.
     pub length_m: f64,
-    /// Speed, m/s.
+    /// Speed.
     pub speed_m_s: f64,
-    /// Heading, deg, counter-clockwise from Y_g.
+    /// Heading, counter-clockwise from Y_g.
     pub heading_deg: f64,
 }
 
@@ -146,13 +146,13 @@ impl Straight {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Slalom {
-    /// Extent along Y_g, m.
+    /// Extent along Y_g.
     pub length_m: f64,
-    /// Amplitude, m.
+    /// Amplitude.
     pub amplitude_m: f64,
-    /// Wavelength, m.
+    /// Wavelength.
     pub wavelength_m: f64,
-    /// Speed, m/s.
+    /// Speed.
     pub speed_m_s: f64,
 }
 
@@ -194,13 +194,13 @@ impl Slalom {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Cusp {
-    /// Radius of both arcs, m.
+    /// Radius of both arcs.
     pub radius_m: f64,
-    /// Turn of the heading on each arc, deg.
+    /// Turn of the heading on each arc.
     pub angle_deg: f64,
     /// Left or right.
     pub turn: Turn,
-    /// Speed, m/s.
+    /// Speed.
     pub speed_m_s: f64,
 }
 

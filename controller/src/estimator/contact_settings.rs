@@ -65,7 +65,7 @@ pub struct ContactLearningSettings {
     /// Share of a prior variance that comes back for each metre of steering, 1/m.
     #[serde(skip)]
     pub forgetting_per_m: f64,
-    /// The same of friction for each metre driven, in addition: friction changes from place to place.
+    /// Share of the way back to the configured friction, per metre driven: friction changes from place to place.
     pub friction_forgetting_per_m: f64,
     /// The same of the treads' factors for each metre driven, 1/m.
     #[serde(skip)]

@@ -8,14 +8,13 @@ use sidehill_plant::bounds::{Bounds, RangeError};
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct EstimatorSettings {
-    /// Standard deviation of a pose's position, m: until poses show theirs, which is then taken from half to three times
-    /// this.
+    /// Standard deviation of a pose's position: until poses show theirs, which counts from half to three times this.
     pub pose_sigma_m: f64,
-    /// Standard deviation of a pose's heading, rad; likewise.
+    /// Standard deviation of a pose's heading; likewise.
     pub pose_sigma_rad: f64,
-    /// Growth of the position's uncertainty while moving, m/sqrt(s).
+    /// Growth of the position's uncertainty while moving.
     pub slide_sigma_m_per_sqrt_s: f64,
-    /// Growth of the heading's uncertainty while moving, rad/sqrt(s).
+    /// Growth of the heading's uncertainty while moving.
     pub yaw_sigma_rad_per_sqrt_s: f64,
     /// Growth of the heading's uncertainty while it follows a gyroscope, rad/sqrt(s): noise and errors of its scale.
     #[serde(skip)]
@@ -27,7 +26,7 @@ pub struct EstimatorSettings {
     /// Standard deviation of the gyroscope's bias before anything is known, rad/s.
     #[serde(skip)]
     pub gyro_bias_sigma_rad_s: f64,
-    /// Largest normalised innovation squared (3 degrees of freedom) of a pose that is accepted.
+    /// Largest normalised innovation squared (3 degrees of freedom) of an accepted pose.
     pub gate: f64,
     /// Time after which rejected poses that agree with each other are accepted, s; until then the vehicle
     /// is slowed down.
@@ -36,11 +35,11 @@ pub struct EstimatorSettings {
     /// Time over which the error of the model's velocity is averaged, s.
     #[serde(skip)]
     pub error_averaging_s: f64,
-    /// Learning of the correction of ICRIK.
+    /// [Online learning](#adaptation) of slip gains.
     pub adaptation: AdaptationSettings,
-    /// Learning of a contact vehicle, in place of the correction.
+    /// [Learning of a contact vehicle](#contact-learning), in place of slip gains.
     pub contact: ContactLearningSettings,
-    /// Time constant of the smoothing of the ground's normal in the world frame, s; 0 for none.
+    /// Time constant of the smoothing of the ground's normal in the world frame; 0 for none.
     pub normal_filter_s: f64,
 }
 
@@ -72,10 +71,9 @@ pub struct AdaptationSettings {
     /// without unit, of the yaw rate in rad/m. 0 switches them off.
     #[serde(skip)]
     pub shift_sigma: f64,
-    /// Standard deviation of the gains of slide and load shift, 1/rad and 1/m. 0 switches them off.
+    /// Prior standard deviation of the gains of slide and load shift, in 1/rad and 1/m. 0 turns them off.
     pub slope_sigma: f64,
-    /// Share of these variances that comes back for each metre of steering, 1/m: how fast what was
-    /// learned is forgotten.
+    /// Share of these variances that is restored per metre of steering: how fast old values are forgotten.
     pub forgetting_per_m: f64,
     /// Whether icrhk-mpc also learns the ICRs of its model; this does not improve its tracking.
     #[serde(skip)]

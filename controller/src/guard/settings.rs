@@ -7,11 +7,11 @@ use sidehill_plant::bounds::{Bounds, RangeError};
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct GuardConfig {
-    /// Roll to either side beyond which the vehicle is stopped at once, degrees.
+    /// Roll to either side beyond which the vehicle is stopped at once.
     pub roll_max_deg: f64,
-    /// Pitch up or down beyond which the vehicle is stopped at once, degrees.
+    /// Pitch up or down beyond which the vehicle is stopped at once.
     pub pitch_max_deg: f64,
-    /// Tip-over margin below which a place is not driven over; 1 stands level, 0 tips over.
+    /// Tip-over margin below which a place is not driven over. 1 stands level, 0 tips over.
     pub rollover_margin_min: f64,
     /// Use of friction above which a place is not driven over.
     #[serde(skip)]
@@ -19,7 +19,7 @@ pub struct GuardConfig {
     /// Use of friction above which the vehicle drives slower.
     #[serde(skip)]
     pub friction_use_slow: f64,
-    /// Coefficient of friction of tyres and ground where none has been learned.
+    /// Coefficient of friction of tyres and ground where none has been learned: the least to be expected.
     pub friction: f64,
     /// Share of the speed that a steep place leaves at least, as long as it may be driven over.
     #[serde(skip)]
@@ -33,8 +33,8 @@ pub struct GuardConfig {
     /// Heading, to either side of the planned one, within which margins are judged, degrees.
     #[serde(skip)]
     pub heading_spread_deg: f64,
-    /// Whether a route known to cross a limit is refused before it is driven; else it is driven up to that
-    /// place.
+    /// Whether a route over known ground that crosses a limit is refused before it is driven. With `false` it is driven
+    /// up to that place.
     pub refuse_route: bool,
 }
 

@@ -8,11 +8,11 @@ use sidehill_plant::speeds::MotorSpeeds;
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct MotorLimits {
-    /// Largest absolute speed, m/s.
+    /// Largest absolute speed.
     pub speed_m_s: f64,
-    /// Largest acceleration away from standstill, m/s^2.
+    /// Largest acceleration away from standstill.
     pub acceleration_m_s2: f64,
-    /// Largest deceleration towards standstill, m/s^2.
+    /// Largest deceleration towards standstill.
     pub deceleration_m_s2: f64,
 }
 
@@ -63,11 +63,11 @@ pub struct Change {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct InputLimits {
-    /// Traction motor.
+    /// [Traction motor](#motor-limits).
     pub traction: MotorLimits,
-    /// Steer motor.
+    /// [Steer motor](#motor-limits).
     pub steer: MotorLimits,
-    /// Largest absolute speed of a tread, m/s.
+    /// Largest absolute speed of a tread.
     pub tread_speed_m_s: f64,
 }
 

@@ -32,8 +32,11 @@ pub struct GeodeticOrigin {
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct RawDatum {
+    /// Latitude, north positive.
     latitude_deg: f64,
+    /// Longitude, east positive.
     longitude_deg: f64,
+    /// Height that is z = 0, as recorded.
     #[serde(default)]
     altitude_m: f64,
 }

@@ -33,13 +33,14 @@ const CURVATURES: Bounds = Bounds::new(0.01, 10.0, "1/m");
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[serde(try_from = "RawSmoothing", into = "RawSmoothing")]
 pub struct SmoothingConfig {
-    /// Largest curvature of the path, 1/m; none for that of the vehicle.
+    /// Largest curvature of the path. None: 2 over the distance of the tread ICRs, where the inner tread stands still.
     pub max_curvature_per_m: Option<f64>,
-    /// Largest distance of a raw point from the path, m.
+    /// Largest distance of a raw point from the path. None: 0.5 m.
     pub max_deviation_m: Option<f64>,
-    /// Distance between the nodes of the smoothing spline, m.
+    /// Distance between the nodes of the smoothing spline. None: 0.1 m.
     pub spacing_m: Option<f64>,
-    /// Standard deviation of the points in each direction, m.
+    /// Standard deviation of the points in each direction, 0 for exact ones: the path is as smooth as that asks for.
+    /// None: estimated from the points.
     pub accuracy_m: Option<f64>,
 }
 

@@ -86,7 +86,7 @@ pub(super) struct Balance<'a> {
 
 /// Value, gradient and Hessian of the potential.
 #[derive(Debug, Clone, Copy)]
-struct Expansion {
+struct BalanceExpansion {
     value: f64,
     gradient: Vector3<f64>,
     hessian: Matrix3<f64>,
@@ -145,7 +145,11 @@ impl Balance<'_> {
 
     /// Returns a better velocity: by Newton's step where that descends, otherwise by the step to the
     /// minimum of a parabola that lies above the potential everywhere, which descends always.
-    fn improve(&self, velocity: &Velocity, here: &Expansion) -> Option<(Velocity, Expansion)> {
+    fn improve(
+        &self,
+        velocity: &Velocity,
+        here: &BalanceExpansion,
+    ) -> Option<(Velocity, BalanceExpansion)> {
         [(here.hessian, 1e-4), (here.majorant, 0.0)]
             .into_iter()
             .find_map(|(curvature, share)| {
@@ -160,7 +164,7 @@ impl Balance<'_> {
     }
 
     /// Returns the potential of the module's documentation with its derivatives.
-    fn expand(&self, velocity: &Velocity) -> Expansion {
+    fn expand(&self, velocity: &Velocity) -> BalanceExpansion {
         let Friction {
             lateral_share,
             slip_scale_m_s,
@@ -237,7 +241,7 @@ impl Balance<'_> {
             hessian += inertia.mass_per_step;
             majorant += inertia.mass_per_step;
         }
-        Expansion {
+        BalanceExpansion {
             value,
             gradient,
             hessian,

@@ -88,24 +88,23 @@ impl FrictionField {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Friction {
-    /// Coefficient of friction mu over the ground.
+    /// [Coefficient of friction](#friction) over the ground; with `kind: patches` it has a `seed` too.
     pub field: FrictionField,
-    /// Share `a` of mu that acts sideways, without unit; 1 is isotropic.
+    /// Share of the coefficient that acts sideways; 1 is isotropic.
     pub lateral_share: f64,
-    /// Slip scale eps, m/s: at this slip the force is 71 % of its limit.
+    /// Slip at which the force is 71 % of its limit.
     pub slip_scale_m_s: f64,
-    /// Share k of a wheel's rolling speed by which its slip scale grows, without unit: the carcass of a
-    /// rolling tyre gives way, so its force follows from slip over speed. 0 is a rigid wheel.
+    /// Share of the rolling speed by which the slip scale grows: the carcass of a rolling tyre yields. 0 is a rigid
+    /// wheel.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub slip_share: f64,
-    /// Distance over which a wheel's force builds up, m: the relaxation length of a tyre. 0 is at once. It needs
-    /// a vehicle with inertia.
+    /// Distance over which the force of a tyre builds up (its relaxation length). 0 is at once; needs
+    /// `yaw_inertia_kg_m2`.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub relaxation_length_m: f64,
-    /// Rolling resistance c of the ground, force over load, without unit.
+    /// Rolling resistance, force divided by load.
     pub rolling_resistance: f64,
-    /// Radius of gyration r of a contact patch about its middle, m: its slip grows by r omega where
-    /// the vehicle turns, so that a wheel resists turning on the spot; 0 is a point.
+    /// Radius of gyration of a contact patch: a wheel resists turning on the spot; 0 is a point.
     pub patch_radius_m: f64,
 }
 

@@ -30,34 +30,53 @@ mod guess {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct KnownContact {
+    /// Lateral distance of the wheel contacts from the origin.
     half_width_m: f64,
+    /// Axles: `forward_m` of the origin in m, and `load_share`, given for all or none.
     axles: Vec<KnownAxle>,
+    /// Stiffness of the springs and tyres of an inner axle over that of an outer one: which axles take the weight that
+    /// a slope or the centre of mass moves. 1 is guessed, as of equal tyres on a rigid frame.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     inner_stiffness: Option<f64>,
+    /// Mass; the motion hardly depends on it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     mass_kg: Option<f64>,
+    /// Centre of mass, to the right of the origin; guessed from the ICRs, otherwise 0.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     centre_of_mass_right_m: Option<f64>,
+    /// Centre of mass, forward of the origin; guessed from the ICRs, otherwise 0.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     centre_of_mass_forward_m: Option<f64>,
+    /// Centre of mass above the ground; 0.6 of the half width is guessed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     centre_of_mass_height_m: Option<f64>,
+    /// Coefficient of friction, from 0.05 to 2; 0.7 is guessed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     friction: Option<f64>,
+    /// Share of friction that acts sideways; guessed from the ICRs, otherwise 1.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     lateral_share: Option<f64>,
+    /// Slip at which friction reaches 71 % of its limit; 0.02 is guessed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     slip_scale_m_s: Option<f64>,
+    /// Rolling resistance; 0.02 is guessed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     rolling_resistance: Option<f64>,
+    /// Radius of gyration of a contact patch; 0.15 of the half width is guessed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     patch_radius_m: Option<f64>,
+    /// Yaw inertia over that of a homogeneous box on the wheels, m (w^2 + l^2) / 3 with half width and half length; 1
+    /// is guessed. 0 is a vehicle that follows its treads at once, as no real one does.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     inertia: Option<f64>,
+    /// Distance over which the force of a tyre builds up (its relaxation length); 0.05 of the half width is guessed. 0
+    /// is a wheel or track that does not give way, and goes with an `inertia` of 0.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     relaxation_length_m: Option<f64>,
+    /// Factor c_l identified with these; that of the vehicle without it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     correction_left: Option<f64>,
+    /// Factor c_r identified with these.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     correction_right: Option<f64>,
 }

@@ -9,10 +9,9 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Axle {
-    /// Wheel contact ahead of the body's origin, m.
+    /// Wheel contacts forward of the origin.
     pub forward_m: f64,
-    /// Share of the weight that the axle would carry on level ground with the centre of mass above
-    /// the origin, without unit; all axles together carry 1.
+    /// Share of the weight on level ground with the centre of mass above the origin. All axles together carry 1.
     pub load_share: f64,
 }
 
@@ -20,11 +19,11 @@ pub struct Axle {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CentreOfMass {
-    /// To the right of the origin, m.
+    /// To the right of the origin.
     pub right_m: f64,
-    /// Ahead of the origin, m.
+    /// Ahead of the origin.
     pub forward_m: f64,
-    /// Above the ground, m.
+    /// Above the ground.
     pub height_m: f64,
 }
 
@@ -185,16 +184,26 @@ impl ContactVehicle {
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct RawContactVehicle {
+    /// Name for tables and plots.
     name: String,
+    /// Mass.
     mass_kg: f64,
+    /// Centre of mass, to the right of the origin.
     centre_of_mass_right_m: f64,
+    /// Centre of mass, forward of the origin.
     centre_of_mass_forward_m: f64,
+    /// Centre of mass above the ground.
     centre_of_mass_height_m: f64,
+    /// Lateral distance of the wheel contacts from the origin.
     half_width_m: f64,
+    /// [Axles](#axle), in any order.
     axles: Vec<Axle>,
+    /// Stiffness of the springs and tyres of an inner axle over that of an outer one.
     #[serde(default = "as_stiff", skip_serializing_if = "is_as_stiff")]
     inner_stiffness: f64,
+    /// [Wheel-ground friction](#wheel-friction).
     friction: Friction,
+    /// Yaw inertia about the centre of mass. Without it the motion is quasi-static.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     yaw_inertia_kg_m2: Option<f64>,
 }

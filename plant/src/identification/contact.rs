@@ -93,7 +93,7 @@ pub fn identify_contact(
     };
     let logs = smoothed(logs, settings);
     let segments = cut(&logs, settings);
-    let search = Search::new(vehicle).map_err(range)?;
+    let search = ContactSearch::new(vehicle).map_err(range)?;
     let needed = search.names.len() + FOLDS;
     if segments.len() < needed {
         return Err(IdentificationError::TooFewSegments {
@@ -125,7 +125,7 @@ pub fn identify_contact(
 }
 
 /// The parameters that are searched, c_l and c_r first, and where from.
-struct Search<'a> {
+struct ContactSearch<'a> {
     vehicle: &'a Vehicle,
     contact: ContactVehicle,
     ranges: ContactPrediction,
@@ -136,7 +136,7 @@ struct Search<'a> {
     pull_m: Vec<f64>,
 }
 
-impl<'a> Search<'a> {
+impl<'a> ContactSearch<'a> {
     fn new(vehicle: &'a Vehicle) -> Result<Self, RangeError> {
         let contact = vehicle.contact_vehicle();
         let ranges = ContactPrediction::new(&contact)?;

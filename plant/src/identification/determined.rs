@@ -5,7 +5,7 @@ use super::segments::{Segment, SegmentErrors};
 use crate::vehicle::Vehicle;
 
 /// What a stage found, in the order of its parameters.
-pub(super) struct Found {
+pub(super) struct DeterminedParameters {
     pub(super) parameters: Vec<f64>,
     pub(super) report: StageReport,
     /// Parameters that were held at their start values, as they were estimated before.
@@ -46,9 +46,9 @@ impl Stage<'_> {
         &self,
         segments: &[Segment],
         start: &[f64],
-    ) -> Result<Found, IdentificationError> {
+    ) -> Result<DeterminedParameters, IdentificationError> {
         let (parameters, report) = self.run(segments, start)?;
-        Ok(Found {
+        Ok(DeterminedParameters {
             parameters,
             report,
             undetermined: Vec::new(),
@@ -63,7 +63,7 @@ impl Stage<'_> {
         segments: &[Segment],
         start: &[f64],
         allowed: Allowed,
-    ) -> Result<Found, IdentificationError> {
+    ) -> Result<DeterminedParameters, IdentificationError> {
         let mut free: Vec<usize> = (0..start.len()).collect();
         let mut undetermined: Vec<Estimate> = Vec::new();
         let mut warnings = None;
@@ -99,7 +99,7 @@ impl Stage<'_> {
                 .max_by(|(_, a), (_, b)| a.total_cmp(b))
                 .filter(|(_, width)| *width > 1.0);
             let Some((widest, _)) = widest else {
-                return Ok(Found {
+                return Ok(DeterminedParameters {
                     parameters,
                     report,
                     undetermined,
@@ -114,7 +114,7 @@ impl Stage<'_> {
                     fitted: SegmentErrors::of(segments, &vehicle, self.model),
                     baseline: SegmentErrors::of(segments, &vehicle, self.baseline),
                 };
-                return Ok(Found {
+                return Ok(DeterminedParameters {
                     parameters: start.to_vec(),
                     report,
                     undetermined,

@@ -130,14 +130,14 @@ const SHARE_MIN: f64 = 0.02;
 /// # Errors
 /// [`DriveResponseError`] where there is too little to say anything.
 pub fn identify_drives(records: &[DriveRecord]) -> Result<DriveResponse, DriveResponseError> {
-    let motor = |speed: fn(&MotorSpeeds) -> f64| -> Vec<Piece> {
+    let motor = |speed: fn(&MotorSpeeds) -> f64| -> Vec<LogPiece> {
         records
             .iter()
             .flat_map(|record| pieces(record, speed))
             .collect()
     };
     let traction = motor(|speeds| speeds.traction_m_s);
-    let counted: usize = traction.iter().map(Piece::counted).sum();
+    let counted: usize = traction.iter().map(LogPiece::counted).sum();
     let commands: usize = records.iter().map(|record| record.commands.len()).sum();
     if counted < SAMPLES_MIN || commands < 2 {
         return Err(DriveResponseError::TooShort {
@@ -162,13 +162,13 @@ pub fn identify_drives(records: &[DriveRecord]) -> Result<DriveResponse, DriveRe
 }
 
 /// A connected piece of one motor's record.
-struct Piece {
+struct LogPiece {
     /// Times and values of commands, the first before or at the first measured speed.
     commands: Vec<(f64, f64)>,
     measured: Vec<(f64, f64)>,
 }
 
-impl Piece {
+impl LogPiece {
     fn counted(&self) -> usize {
         self.measured.len() - self.first_counted()
     }
@@ -180,7 +180,7 @@ impl Piece {
     }
 }
 
-fn pieces(record: &DriveRecord, speed: fn(&MotorSpeeds) -> f64) -> Vec<Piece> {
+fn pieces(record: &DriveRecord, speed: fn(&MotorSpeeds) -> f64) -> Vec<LogPiece> {
     let connected = record
         .measured
         .chunk_by(|one, next| next.time_s - one.time_s <= GAP_MAX_S);
@@ -202,7 +202,7 @@ fn pieces(record: &DriveRecord, speed: fn(&MotorSpeeds) -> f64) -> Vec<Piece> {
             .iter()
             .map(|m| (m.time_s, speed(&m.speeds)))
             .collect();
-        let piece = Piece { commands, measured };
+        let piece = LogPiece { commands, measured };
         (!piece.commands.is_empty() && piece.counted() > 1).then_some(piece)
     };
     connected.filter_map(piece).collect()
@@ -210,7 +210,7 @@ fn pieces(record: &DriveRecord, speed: fn(&MotorSpeeds) -> f64) -> Vec<Piece> {
 
 /// Parameters of the model; limits that do not act are infinite.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Model {
+struct MotorModel {
     delay_s: f64,
     time_constant_s: f64,
     gain: f64,
@@ -221,7 +221,7 @@ struct Model {
 }
 
 /// A motor without limits.
-const FREE: Model = Model {
+const FREE: MotorModel = MotorModel {
     delay_s: 0.0,
     time_constant_s: 0.1,
     gain: 1.0,
@@ -233,27 +233,27 @@ const FREE: Model = Model {
 
 /// A quantity that is added where the log supports it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Limit {
+enum MotorLimit {
     Speed,
     Acceleration,
     Deceleration,
     DeadBand,
 }
 
-const LIMITS: [Limit; 4] = [
-    Limit::Speed,
-    Limit::Acceleration,
-    Limit::Deceleration,
-    Limit::DeadBand,
+const LIMITS: [MotorLimit; 4] = [
+    MotorLimit::Speed,
+    MotorLimit::Acceleration,
+    MotorLimit::Deceleration,
+    MotorLimit::DeadBand,
 ];
 
-impl Model {
-    fn limit(&mut self, limit: Limit) -> &mut f64 {
+impl MotorModel {
+    fn limit(&mut self, limit: MotorLimit) -> &mut f64 {
         match limit {
-            Limit::Speed => &mut self.speed_max_m_s,
-            Limit::Acceleration => &mut self.acceleration_m_s2,
-            Limit::Deceleration => &mut self.deceleration_m_s2,
-            Limit::DeadBand => &mut self.dead_band_m_s,
+            MotorLimit::Speed => &mut self.speed_max_m_s,
+            MotorLimit::Acceleration => &mut self.acceleration_m_s2,
+            MotorLimit::Deceleration => &mut self.deceleration_m_s2,
+            MotorLimit::DeadBand => &mut self.dead_band_m_s,
         }
     }
 
@@ -306,7 +306,7 @@ impl Model {
     }
 
     /// Calls `each` with the measured and the model's speed at each counted sample of a piece.
-    fn run(&self, piece: &Piece, mut each: impl FnMut(f64, f64)) {
+    fn run(&self, piece: &LogPiece, mut each: impl FnMut(f64, f64)) {
         let first_counted = piece.first_counted();
         let (mut time_s, mut speed) = piece.measured[0];
         let mut next = 1;
@@ -327,7 +327,7 @@ impl Model {
         }
     }
 
-    fn squares(&self, pieces: &[Piece]) -> f64 {
+    fn squares(&self, pieces: &[LogPiece]) -> f64 {
         let mut squares = 0.0;
         for piece in pieces {
             self.run(piece, |measured, speed| {
@@ -337,7 +337,7 @@ impl Model {
         squares
     }
 
-    fn residuals(&self, pieces: &[Piece]) -> Vec<f64> {
+    fn residuals(&self, pieces: &[LogPiece]) -> Vec<f64> {
         let mut residuals = Vec::new();
         for piece in pieces {
             self.run(piece, |measured, speed| residuals.push(speed - measured));
@@ -347,14 +347,14 @@ impl Model {
 }
 
 /// The fit of a model with some limits to pieces.
-struct Fit<'a> {
-    pieces: &'a [Piece],
+struct DriveFit<'a> {
+    pieces: &'a [LogPiece],
     /// Limits that act, and the values of the others.
-    limits: &'a [Limit],
-    model: Model,
+    limits: &'a [MotorLimit],
+    model: MotorModel,
 }
 
-impl Fit<'_> {
+impl DriveFit<'_> {
     /// The smooth parameters: delay, logarithm of the time constant, gain, logarithms of the limits.
     fn parameters(&self) -> Vec<f64> {
         let mut model = self.model;
@@ -364,14 +364,14 @@ impl Fit<'_> {
     }
 
     /// A step of the dead band changes nothing or much, so it is searched otherwise.
-    fn smooth_limits(&self) -> impl Iterator<Item = Limit> + use<'_> {
+    fn smooth_limits(&self) -> impl Iterator<Item = MotorLimit> + use<'_> {
         self.limits
             .iter()
             .copied()
-            .filter(|limit| *limit != Limit::DeadBand)
+            .filter(|limit| *limit != MotorLimit::DeadBand)
     }
 
-    fn with(&self, parameters: &[f64]) -> Model {
+    fn with(&self, parameters: &[f64]) -> MotorModel {
         let mut model = self.model;
         model.delay_s = parameters[0].clamp(0.0, 2.0);
         model.time_constant_s = parameters[1].exp().clamp(TIME_CONSTANT_MIN_S, 20.0);
@@ -382,18 +382,18 @@ impl Fit<'_> {
         model
     }
 
-    fn minimised(&self) -> Model {
+    fn minimised(&self) -> MotorModel {
         self.with(&minimise(self, &self.parameters()).0)
     }
 }
 
-impl Residuals for Fit<'_> {
+impl Residuals for DriveFit<'_> {
     fn residuals(&self, parameters: &[f64]) -> Vec<f64> {
         self.with(parameters).residuals(self.pieces)
     }
 }
 
-fn response(pieces: &[Piece]) -> Option<MotorResponse> {
+fn response(pieces: &[LogPiece]) -> Option<MotorResponse> {
     let commands: Vec<f64> = pieces
         .iter()
         .flat_map(|piece| piece.commands.iter().map(|(_, command)| *command))
@@ -410,10 +410,10 @@ fn response(pieces: &[Piece]) -> Option<MotorResponse> {
 }
 
 /// Returns the model that the log supports, and its limits.
-fn chosen(pieces: &[Piece], commands: &[f64]) -> (Model, Vec<Limit>) {
+fn chosen(pieces: &[LogPiece], commands: &[f64]) -> (MotorModel, Vec<MotorLimit>) {
     let mut limits = Vec::new();
-    let fit = |model, limits: &[Limit]| {
-        Fit {
+    let fit = |model, limits: &[MotorLimit]| {
+        DriveFit {
             pieces,
             limits,
             model,
@@ -425,7 +425,7 @@ fn chosen(pieces: &[Piece], commands: &[f64]) -> (Model, Vec<Limit>) {
     loop {
         let others = LIMITS.into_iter().filter(|limit| !limits.contains(limit));
         let tried = others.filter_map(|limit| {
-            let with: Vec<Limit> = limits.iter().copied().chain([limit]).collect();
+            let with: Vec<MotorLimit> = limits.iter().copied().chain([limit]).collect();
             let begin = candidates(pieces, commands, &model, limit)
                 .map(|candidate| (candidate.squares(pieces), candidate))
                 .min_by(|a, b| a.0.total_cmp(&b.0))?
@@ -447,11 +447,11 @@ fn chosen(pieces: &[Piece], commands: &[f64]) -> (Model, Vec<Limit>) {
 }
 
 /// Returns the best of a grid of delays and time constants.
-fn start(pieces: &[Piece]) -> Model {
+fn start(pieces: &[LogPiece]) -> MotorModel {
     let delays = (0..=DELAY_STEPS).map(|step| f64::from(step) * DELAY_STEP_S);
     let grid = delays.flat_map(|delay_s| TIME_CONSTANTS_S.map(|lag_s| (delay_s, lag_s)));
     grid.map(|(delay_s, time_constant_s)| {
-        let unit = Model {
+        let unit = MotorModel {
             delay_s,
             time_constant_s,
             ..FREE
@@ -469,7 +469,7 @@ fn start(pieces: &[Piece]) -> Model {
         } else {
             1.0
         };
-        let model = Model { gain, ..unit };
+        let model = MotorModel { gain, ..unit };
         (model.squares(pieces), model)
     })
     .min_by(|a, b| a.0.total_cmp(&b.0))
@@ -478,11 +478,11 @@ fn start(pieces: &[Piece]) -> Model {
 
 /// Returns models with values of a limit to begin with.
 fn candidates<'a>(
-    pieces: &[Piece],
+    pieces: &[LogPiece],
     commands: &[f64],
-    model: &'a Model,
-    limit: Limit,
-) -> impl Iterator<Item = Model> + use<'a> {
+    model: &'a MotorModel,
+    limit: MotorLimit,
+) -> impl Iterator<Item = MotorModel> + use<'a> {
     let of = |values: &mut Vec<f64>, shares: &[f64]| -> Vec<f64> {
         values.sort_by(f64::total_cmp);
         shares
@@ -491,19 +491,19 @@ fn candidates<'a>(
             .collect()
     };
     let values: Vec<f64> = match limit {
-        Limit::Speed => {
+        MotorLimit::Speed => {
             let mut speeds: Vec<f64> = pieces
                 .iter()
                 .flat_map(|piece| piece.measured.iter().map(|(_, speed)| speed.abs()))
                 .collect();
             of(&mut speeds, &[0.3, 0.5, 0.7, 0.8, 0.9, 0.95, 0.98])
         }
-        Limit::Acceleration | Limit::Deceleration => {
+        MotorLimit::Acceleration | MotorLimit::Deceleration => {
             (0..12).map(|i| 0.05 * 1.6_f64.powi(i)).collect()
         }
-        Limit::DeadBand => dead_bands(commands),
+        MotorLimit::DeadBand => dead_bands(commands),
     };
-    let gains = if limit == Limit::Speed {
+    let gains = if limit == MotorLimit::Speed {
         vec![model.gain, 1.0]
     } else {
         vec![model.gain]
@@ -513,7 +513,7 @@ fn candidates<'a>(
         .filter(|value| *value > 1e-3)
         .flat_map(move |value| {
             gains.clone().into_iter().map(move |gain| {
-                let mut with = Model { gain, ..*model };
+                let mut with = MotorModel { gain, ..*model };
                 *with.limit(limit) = value;
                 with
             })
@@ -542,8 +542,13 @@ fn independent_samples(residuals: &[f64]) -> f64 {
     residuals.len() as f64 * (1.0 - alike) / (1.0 + alike)
 }
 
-fn report(pieces: &[Piece], commands: &[f64], model: Model, limits: &[Limit]) -> MotorResponse {
-    let fit = Fit {
+fn report(
+    pieces: &[LogPiece],
+    commands: &[f64],
+    model: MotorModel,
+    limits: &[MotorLimit],
+) -> MotorResponse {
+    let fit = DriveFit {
         pieces,
         limits,
         model,
@@ -572,8 +577,8 @@ fn report(pieces: &[Piece], commands: &[f64], model: Model, limits: &[Limit]) ->
         }
     };
     let (reached_m_s, rates_m_s2) = reached(pieces, &model);
-    let smooth: Vec<Limit> = fit.smooth_limits().collect();
-    let limit = |limit: Limit, reached: f64| {
+    let smooth: Vec<MotorLimit> = fit.smooth_limits().collect();
+    let limit = |limit: MotorLimit, reached: f64| {
         let index = smooth.iter().position(|own| *own == limit);
         let found = index.and_then(|index| factor(3 + index, 0.7));
         found.unwrap_or(Finding::AtLeast(reached))
@@ -589,9 +594,9 @@ fn report(pieces: &[Piece], commands: &[f64], model: Model, limits: &[Limit]) ->
         delay_s: additive(0, 0.15, 0.0),
         time_constant_s: lag,
         gain: additive(2, 0.2, f64::NEG_INFINITY),
-        speed_max_m_s: limit(Limit::Speed, reached_m_s),
-        acceleration_max_m_s2: limit(Limit::Acceleration, rates_m_s2[0]),
-        deceleration_max_m_s2: limit(Limit::Deceleration, rates_m_s2[1]),
+        speed_max_m_s: limit(MotorLimit::Speed, reached_m_s),
+        acceleration_max_m_s2: limit(MotorLimit::Acceleration, rates_m_s2[0]),
+        deceleration_max_m_s2: limit(MotorLimit::Deceleration, rates_m_s2[1]),
         dead_band_m_s: dead_band(&fit, commands, &residuals),
         command_max_m_s: commands.iter().fold(0.0, |most, c| most.max(c.abs())),
         residual_m_s: (residuals.iter().map(|r| r * r).sum::<f64>() / residuals.len() as f64)
@@ -601,7 +606,7 @@ fn report(pieces: &[Piece], commands: &[f64], model: Model, limits: &[Limit]) ->
 }
 
 /// Returns half the 95 % interval of each parameter; none of those that change nothing.
-fn half_widths(fit: &Fit, parameters: &[f64], residuals: &[f64]) -> Vec<Option<f64>> {
+fn half_widths(fit: &DriveFit, parameters: &[f64], residuals: &[f64]) -> Vec<Option<f64>> {
     let columns = jacobian_columns(fit, parameters);
     let size = |column: &[f64]| column.iter().map(|value| value * value).sum::<f64>().sqrt();
     let largest = columns
@@ -638,7 +643,7 @@ fn half_widths(fit: &Fit, parameters: &[f64], residuals: &[f64]) -> Vec<Option<f
 }
 
 /// Returns the largest speed of the model, and its largest rates away from zero and towards it.
-fn reached(pieces: &[Piece], model: &Model) -> (f64, [f64; 2]) {
+fn reached(pieces: &[LogPiece], model: &MotorModel) -> (f64, [f64; 2]) {
     let (mut fastest, mut rates) = (0.0_f64, [0.0_f64; 2]);
     for piece in pieces {
         let counted = &piece.measured[piece.first_counted()..];
@@ -660,9 +665,9 @@ fn reached(pieces: &[Piece], model: &Model) -> (f64, [f64; 2]) {
 }
 
 /// Returns what the log says of the dead band, from the sum of squares over its value.
-fn dead_band(fit: &Fit, commands: &[f64], residuals: &[f64]) -> Finding {
+fn dead_band(fit: &DriveFit, commands: &[f64], residuals: &[f64]) -> Finding {
     let squares = |dead_band_m_s: f64| {
-        let model = Model {
+        let model = MotorModel {
             dead_band_m_s,
             ..fit.model
         };
@@ -683,7 +688,7 @@ fn dead_band(fit: &Fit, commands: &[f64], residuals: &[f64]) -> Finding {
         .map(|(value, _)| *value);
     let first = within.next().unwrap_or(best.0);
     let last = within.next_back().unwrap_or(first);
-    if fit.limits.contains(&Limit::DeadBand) {
+    if fit.limits.contains(&MotorLimit::DeadBand) {
         Finding::Found {
             value: best.0,
             interval: (first, last),

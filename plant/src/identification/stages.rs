@@ -1,6 +1,6 @@
 //! The two stages.
 
-use super::determined::{Found, allowed_level, allowed_slide};
+use super::determined::{DeterminedParameters, allowed_level, allowed_slide};
 use super::fit::{
     Estimate, IdentificationError, IdentificationSettings, PULL_ICRS_M, PULL_SLIDE_M, Stage,
     StageReport, Warning, cut, smoothed,
@@ -13,7 +13,7 @@ use crate::vehicle::Vehicle;
 /// Returns the vehicle with its report if all its parameters are in range.
 fn checked(
     vehicle: Vehicle,
-    found: Found,
+    found: DeterminedParameters,
 ) -> Result<(Vehicle, StageReport, Vec<Estimate>), IdentificationError> {
     match vehicle.validated() {
         Ok(vehicle) => Ok((vehicle, found.report, found.undetermined)),
@@ -57,13 +57,17 @@ pub fn identify_level_determined(
 }
 
 /// Fits a stage to segments from start values.
-type Run<'a> = &'a dyn Fn(&Stage<'_>, &[Segment<'_>], &[f64]) -> Result<Found, IdentificationError>;
+type StageRun<'a> = &'a dyn Fn(
+    &Stage<'_>,
+    &[Segment<'_>],
+    &[f64],
+) -> Result<DeterminedParameters, IdentificationError>;
 
 fn level(
     logs: &[DriveLog],
     vehicle: &Vehicle,
     settings: &IdentificationSettings,
-    run: Run<'_>,
+    run: StageRun<'_>,
 ) -> Result<(Vehicle, StageReport, Vec<Estimate>), IdentificationError> {
     let stage = Stage {
         names: &[
@@ -136,7 +140,7 @@ fn slope(
     logs: &[DriveLog],
     vehicle: &Vehicle,
     settings: &IdentificationSettings,
-    run: Run<'_>,
+    run: StageRun<'_>,
 ) -> Result<(Vehicle, StageReport, Vec<Estimate>), IdentificationError> {
     const SHIFT: &str = "lambda_1_s_per_rad";
     const AGGRAVATED: &str = "lambda_2_s_per_rad";
@@ -161,7 +165,7 @@ fn slope(
         vehicle.slide.aggravated_s_per_rad,
     ];
     let found = run(&stage(&[SHIFT, AGGRAVATED], &both), &segments, &start)?;
-    let negative = |mut rest: Found, name, value| {
+    let negative = |mut rest: DeterminedParameters, name, value| {
         rest.report
             .warnings
             .push(Warning::NegativeSlide { name, value });

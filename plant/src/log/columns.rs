@@ -23,19 +23,19 @@ pub struct ColumnMap {
     pub tread_speed_left: String,
     /// Column of the right tread's speed.
     pub tread_speed_right: String,
-    /// Factor from these columns to m/s: a wheel's radius, m, where they are rad/s.
+    /// Factor from these columns to m/s: the radius of a wheel in m, where they are in rad/s.
     #[serde(default = "one")]
     pub tread_speed_scale: f64,
-    /// Which treads count backwards.
+    /// Treads that count backwards.
     #[serde(default)]
     pub reversed: Reversed,
-    /// Columns of roll and pitch.
+    /// [Columns of roll and pitch](#attitude-columns).
     pub attitude: AttitudeColumns,
-    /// Columns of the pose; without, the log has none.
+    /// [Columns of the pose](#pose-columns). None: the log has no poses.
     #[serde(default)]
     pub pose: Option<PoseColumns>,
-    /// Columns of the commands, for `identify --drives`; without, `command_traction_m_s` and `command_steer_m_s` or
-    /// `command_left_m_s` and `command_right_m_s`.
+    /// [Columns of the commands](#command-columns), for `identify --drives`. None: `command_traction_m_s` and
+    /// `command_steer_m_s`, or `command_left_m_s` and `command_right_m_s`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub commands: Option<CommandColumns>,
 }
@@ -67,7 +67,7 @@ pub enum CommandColumns {
         forward: String,
         /// Column of the yaw rate, counter-clockwise positive.
         yaw_rate: String,
-        /// Track width by which the base turns it into tread speeds, m.
+        /// Track width by which the base turns a twist into tread speeds.
         track_width_m: f64,
     },
 }
@@ -119,13 +119,13 @@ pub enum AttitudeColumns {
     },
     /// Quaternion `world_from_base_link` of REP-103.
     Quaternion {
-        /// Column of its x.
+        /// Column of the quaternion's x.
         x: String,
-        /// Column of its y.
+        /// Column of the quaternion's y.
         y: String,
-        /// Column of its z.
+        /// Column of the quaternion's z.
         z: String,
-        /// Column of its w.
+        /// Column of the quaternion's w.
         w: String,
     },
     /// No columns: the ground was level. Braces, as a variant without them would take any key.
@@ -142,13 +142,12 @@ pub struct PoseColumns {
     pub y: String,
     /// Column of z, m.
     pub z: String,
-    /// Columns of the heading.
+    /// [Columns of the heading](#heading-columns).
     pub heading: HeadingColumns,
-    /// Whether the log repeats a pose until there is a new one; a repetition then counts as none.
-    /// A pose of a standing vehicle that is the same to the last digit counts as repeated, too.
+    /// Whether the log repeats a pose until there is a new one. Repetitions are then ignored.
     #[serde(default)]
     pub repeats: bool,
-    /// Added to the heading, deg: by how much its antennas are turned clockwise.
+    /// Added to the heading: by how much its antennas are turned clockwise.
     #[serde(default)]
     pub heading_offset_deg: f64,
 }
@@ -169,13 +168,13 @@ pub enum HeadingColumns {
     },
     /// Quaternion `world_from_base_link` of REP-103.
     Quaternion {
-        /// Column of its x.
+        /// Column of the quaternion's x.
         x: String,
-        /// Column of its y.
+        /// Column of the quaternion's y.
         y: String,
-        /// Column of its z.
+        /// Column of the quaternion's z.
         z: String,
-        /// Column of its w.
+        /// Column of the quaternion's w.
         w: String,
     },
 }

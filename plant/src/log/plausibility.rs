@@ -113,7 +113,7 @@ const HEADING_OFFSET_DEG: f64 = 6.0;
 const MOVING_M_S: f64 = 0.05;
 
 /// Motion between two rows with poses.
-struct Stretch {
+struct LogStretch {
     duration_s: f64,
     /// Mean of both treads, m/s.
     traction_m_s: f64,
@@ -163,8 +163,8 @@ impl DriveLog {
 }
 
 /// Returns whether the vehicle goes where its treads would with the sign of one side reversed.
-fn reversed_side(stretches: &[Stretch]) -> Option<Suspicion> {
-    let moving: Vec<&Stretch> = stretches
+fn reversed_side(stretches: &[LogStretch]) -> Option<Suspicion> {
+    let moving: Vec<&LogStretch> = stretches
         .iter()
         .filter(|s| s.forward_m.hypot(s.left_m) > MOVING_M_S * s.duration_s)
         .collect();
@@ -193,15 +193,15 @@ fn reversed_side(stretches: &[Stretch]) -> Option<Suspicion> {
 }
 
 /// Returns whether the vehicle turns with its treads.
-fn sides(stretches: &[Stretch]) -> Option<Suspicion> {
-    let turning: Vec<&Stretch> = stretches
+fn sides(stretches: &[LogStretch]) -> Option<Suspicion> {
+    let turning: Vec<&LogStretch> = stretches
         .iter()
         .filter(|s| s.difference_m_s.abs() > MOVING_M_S)
         .collect();
     if turning.len() < ROWS_MIN {
         return None;
     }
-    let sum = |value: &dyn Fn(&Stretch) -> f64| turning.iter().map(|s| value(s)).sum::<f64>();
+    let sum = |value: &dyn Fn(&LogStretch) -> f64| turning.iter().map(|s| value(s)).sum::<f64>();
     let product = sum(&|s| s.yaw_rate_rad_s * s.difference_m_s);
     let squares = sum(&|s| s.yaw_rate_rad_s.powi(2)) * sum(&|s| s.difference_m_s.powi(2));
     let correlation = product / squares.sqrt().max(f64::MIN_POSITIVE);
@@ -209,8 +209,8 @@ fn sides(stretches: &[Stretch]) -> Option<Suspicion> {
 }
 
 /// Compares the way by treads and poses where the vehicle goes about straight.
-fn distance(stretches: &[Stretch]) -> Option<Suspicion> {
-    let straight: Vec<&Stretch> = stretches
+fn distance(stretches: &[LogStretch]) -> Option<Suspicion> {
+    let straight: Vec<&LogStretch> = stretches
         .iter()
         .filter(|s| s.traction_m_s.abs() > 2.0 * MOVING_M_S.max(s.difference_m_s.abs()))
         .collect();
@@ -257,7 +257,7 @@ fn distance(stretches: &[Stretch]) -> Option<Suspicion> {
 }
 
 /// Returns the motion from each pose to one about half a second later.
-fn stretches(rows: &[LogRow]) -> Vec<Stretch> {
+fn stretches(rows: &[LogRow]) -> Vec<LogStretch> {
     let mut out = Vec::new();
     let mut first = 0;
     while let Some(start) = rows.get(first) {
@@ -276,7 +276,7 @@ fn stretches(rows: &[LogRow]) -> Vec<Stretch> {
             let turned = wrap_angle(to.yaw_rad - from.yaw_rad);
             let (sin, cos) = (from.yaw_rad + 0.5 * turned).sin_cos();
             let (dx, dy) = (to.x_m - from.x_m, to.y_m - from.y_m);
-            out.push(Stretch {
+            out.push(LogStretch {
                 duration_s,
                 traction_m_s: mean(&|r| 0.5 * (r.speeds.left_m_s + r.speeds.right_m_s)),
                 difference_m_s: mean(&|r| r.speeds.right_m_s - r.speeds.left_m_s),

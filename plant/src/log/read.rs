@@ -30,7 +30,7 @@ impl DriveLog {
         let mut reader = ReaderBuilder::new().trim(Trim::All).from_reader(source);
         let header = without_byte_order_mark(reader.headers().map_err(csv_error)?);
         check_header(&header)?;
-        let columns = Columns::find(&header, map)?;
+        let columns = LogColumns::find(&header, map)?;
         let mut rows: Vec<PartRow> = Vec::new();
         let mut newest: Option<Pose> = None;
         let mut not_finite = 0;
@@ -186,18 +186,18 @@ pub(super) fn check_header(header: &StringRecord) -> Result<(), LogError> {
 }
 
 /// Positions of the columns in a record.
-struct Columns {
+struct LogColumns {
     time: usize,
     speeds: [usize; 2],
     /// Factors for left and right.
     speed_scales: [f64; 2],
-    attitude: AttitudeSource,
+    attitude: AttitudeColumn,
     pose: Option<([usize; 3], HeadingSource)>,
     pose_repeats: bool,
     heading_offset_rad: f64,
 }
 
-enum AttitudeSource {
+enum AttitudeColumn {
     Paper([usize; 2]),
     Rep103([usize; 2]),
     Quaternion([usize; 4]),
@@ -210,20 +210,20 @@ enum HeadingSource {
     Quaternion([usize; 4]),
 }
 
-impl Columns {
+impl LogColumns {
     fn find(header: &StringRecord, map: &ColumnMap) -> Result<Self, LogError> {
         let find = |name: &String| position(header, name);
         let attitude = match &map.attitude {
             AttitudeColumns::Paper { roll, pitch } => {
-                AttitudeSource::Paper([find(roll)?, find(pitch)?])
+                AttitudeColumn::Paper([find(roll)?, find(pitch)?])
             }
             AttitudeColumns::Rep103 { roll, pitch } => {
-                AttitudeSource::Rep103([find(roll)?, find(pitch)?])
+                AttitudeColumn::Rep103([find(roll)?, find(pitch)?])
             }
             AttitudeColumns::Quaternion { x, y, z, w } => {
-                AttitudeSource::Quaternion([find(x)?, find(y)?, find(z)?, find(w)?])
+                AttitudeColumn::Quaternion([find(x)?, find(y)?, find(z)?, find(w)?])
             }
-            AttitudeColumns::Level {} => AttitudeSource::Level,
+            AttitudeColumns::Level {} => AttitudeColumn::Level,
         };
         // In the contract a log without poses is still a log.
         let pose = map.pose.as_ref().filter(|pose| {
@@ -261,9 +261,9 @@ impl Columns {
             })
         };
         let attitude_columns: &[usize] = match &self.attitude {
-            AttitudeSource::Paper(both) | AttitudeSource::Rep103(both) => both,
-            AttitudeSource::Quaternion(xyzw) => xyzw,
-            AttitudeSource::Level => &[],
+            AttitudeColumn::Paper(both) | AttitudeColumn::Rep103(both) => both,
+            AttitudeColumn::Quaternion(xyzw) => xyzw,
+            AttitudeColumn::Level => &[],
         };
         let attitude = if !attitude_columns.is_empty() && fields.all_empty(attitude_columns) {
             None
@@ -280,11 +280,11 @@ impl Columns {
 
     fn attitude(&self, fields: &Fields) -> Result<Attitude, LogError> {
         Ok(match self.attitude {
-            AttitudeSource::Paper([roll, pitch]) => Attitude {
+            AttitudeColumn::Paper([roll, pitch]) => Attitude {
                 roll_rad: fields.number(roll)?,
                 pitch_rad: fields.number(pitch)?,
             },
-            AttitudeSource::Rep103([roll, pitch]) => {
+            AttitudeColumn::Rep103([roll, pitch]) => {
                 let angles = RosAttitude {
                     roll_rad: fields.number(roll)?,
                     pitch_rad: fields.number(pitch)?,
@@ -292,8 +292,8 @@ impl Columns {
                 };
                 angles.to_paper().0
             }
-            AttitudeSource::Quaternion(xyzw) => paper_attitude(&fields.quaternion(xyzw)?).0,
-            AttitudeSource::Level => Attitude::LEVEL,
+            AttitudeColumn::Quaternion(xyzw) => paper_attitude(&fields.quaternion(xyzw)?).0,
+            AttitudeColumn::Level => Attitude::LEVEL,
         })
     }
 

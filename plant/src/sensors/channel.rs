@@ -16,12 +16,12 @@ pub(super) trait Errors {
 
 /// Instant of a step, counted.
 #[derive(Clone, Copy)]
-pub(super) struct Clock {
+pub(super) struct StepClock {
     pub(super) step_index: u64,
     pub(super) dt_s: f64,
 }
 
-impl Clock {
+impl StepClock {
     fn time_s(self) -> f64 {
         self.step_index as f64 * self.dt_s
     }
@@ -60,7 +60,7 @@ impl<E: Errors> Channel<E> {
         }
     }
 
-    pub(super) fn observe(&mut self, clock: Clock, truth: &E::Reading) {
+    pub(super) fn observe(&mut self, clock: StepClock, truth: &E::Reading) {
         if let Some(rate_hz) = self.timing.rate_hz {
             let period = Some(clock.periods(rate_hz));
             if period == self.period {

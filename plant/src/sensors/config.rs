@@ -11,32 +11,38 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[serde(try_from = "RawSensors")]
 pub struct SensorsConfig {
+    /// [Tread speeds](#sensor).
     pub(super) tread_speeds: Sensor<TreadSpeedErrors>,
+    /// [Roll and pitch](#sensor).
     pub(super) attitude: Sensor<AttitudeErrors>,
-    /// A vehicle may have no gyroscope.
+    /// [Yaw rate](#sensor) of a gyroscope. None: the vehicle has no gyroscope.
     pub(super) yaw_rate: Option<Sensor<YawRateErrors>>,
+    /// [Position and heading](#sensor).
     pub(super) pose: Sensor<PoseErrors>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub(super) struct Sensor<E: Default> {
+    /// [When readings are taken and arrive](#timing).
     pub(super) timing: Timing,
+    /// Their errors, whose keys differ: [tread speeds](#errors-of-tread-speeds), [attitude](#errors-of-attitude), [yaw
+    /// rate](#errors-of-the-yaw-rate), [poses](#errors-of-poses).
     pub(super) errors: E,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub(super) struct Timing {
-    /// Readings a second; none for one at every step.
+    /// Readings per second. None: one at every step of the simulation.
     pub(super) rate_hz: Option<f64>,
-    /// From the instant of a reading to its arrival.
+    /// Time from the instant of a reading to its arrival.
     pub(super) delay_s: f64,
     /// Share of readings that never arrive.
     pub(super) dropout_probability: f64,
-    /// Length of the gaps in which no reading is taken, s.
+    /// Length of the gaps in which nothing is read, such as those of a GNSS under trees.
     pub(super) gap_s: f64,
-    /// Time from the end of a gap to the end of the next, s; the first ends after as long.
+    /// Time from the end of a gap to the end of the next; the first ends after as long.
     pub(super) gap_every_s: f64,
 }
 
@@ -55,43 +61,43 @@ impl Default for Timing {
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub(super) struct TreadSpeedErrors {
+    /// Standard deviation of white noise.
     pub(super) noise_std_m_s: f64,
-    pub(super) bias_left_m_s: f64,
-    pub(super) bias_right_m_s: f64,
+    /// Step of the reading; 0 for none.
     pub(super) quantisation_m_s: f64,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub(super) struct AttitudeErrors {
+    /// Standard deviation of white noise of roll and pitch.
     pub(super) noise_std_deg: f64,
+    /// Constant error of roll.
     pub(super) bias_roll_deg: f64,
+    /// Constant error of pitch.
     pub(super) bias_pitch_deg: f64,
-    pub(super) quantisation_deg: f64,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub(super) struct YawRateErrors {
+    /// Standard deviation of white noise.
     pub(super) noise_std_deg_s: f64,
+    /// Constant error.
     pub(super) bias_deg_s: f64,
-    /// Share by which the yaw rate is read too large.
+    /// Share of the yaw rate that is read in addition; -1 reads nothing, -2 the other sign.
     pub(super) scale_error: f64,
-    pub(super) quantisation_deg_s: f64,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub(super) struct PoseErrors {
-    /// Of each coordinate.
+    /// Standard deviation of white noise of each coordinate.
     pub(super) noise_std_m: f64,
+    /// Standard deviation of white noise of the heading.
     pub(super) noise_std_yaw_deg: f64,
-    pub(super) bias_x_m: f64,
-    pub(super) bias_y_m: f64,
-    pub(super) bias_z_m: f64,
+    /// Constant error of the heading.
     pub(super) bias_yaw_deg: f64,
-    pub(super) quantisation_m: f64,
-    pub(super) quantisation_yaw_deg: f64,
 }
 
 #[derive(Default, Deserialize)]
@@ -169,35 +175,17 @@ impl TryFrom<RawSensors> for SensorsConfig {
                 treads.quantisation_m_s,
             ),
             ("attitude.errors.noise_std_deg", attitude.noise_std_deg),
-            (
-                "attitude.errors.quantisation_deg",
-                attitude.quantisation_deg,
-            ),
             ("yaw_rate.errors.noise_std_deg_s", yaw_rate.noise_std_deg_s),
-            (
-                "yaw_rate.errors.quantisation_deg_s",
-                yaw_rate.quantisation_deg_s,
-            ),
             ("pose.errors.noise_std_m", pose.noise_std_m),
             ("pose.errors.noise_std_yaw_deg", pose.noise_std_yaw_deg),
-            ("pose.errors.quantisation_m", pose.quantisation_m),
-            (
-                "pose.errors.quantisation_yaw_deg",
-                pose.quantisation_yaw_deg,
-            ),
         ] {
             Bounds::new(0.0, 100.0, "").check(key, value)?;
         }
         for (key, value) in [
-            ("tread_speeds.errors.bias_left_m_s", treads.bias_left_m_s),
-            ("tread_speeds.errors.bias_right_m_s", treads.bias_right_m_s),
             ("attitude.errors.bias_roll_deg", attitude.bias_roll_deg),
             ("attitude.errors.bias_pitch_deg", attitude.bias_pitch_deg),
             ("yaw_rate.errors.bias_deg_s", yaw_rate.bias_deg_s),
             ("yaw_rate.errors.scale_error", yaw_rate.scale_error),
-            ("pose.errors.bias_x_m", pose.bias_x_m),
-            ("pose.errors.bias_y_m", pose.bias_y_m),
-            ("pose.errors.bias_z_m", pose.bias_z_m),
             ("pose.errors.bias_yaw_deg", pose.bias_yaw_deg),
         ] {
             Bounds::new(-100.0, 100.0, "").check(key, value)?;

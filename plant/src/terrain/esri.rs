@@ -77,7 +77,7 @@ fn is_same(a: f64, b: f64) -> bool {
 
 /// The size of a cell as the header gives it.
 #[derive(Clone, Copy)]
-enum Cell {
+enum GridCell {
     Side(f64),
     /// As GDAL writes cells that are, or may be, not square.
     Sides {
@@ -86,7 +86,7 @@ enum Cell {
     },
 }
 
-impl Cell {
+impl GridCell {
     fn side_m(self) -> Result<f64, TerrainError> {
         match self {
             Self::Side(side_m) => Ok(side_m),
@@ -114,16 +114,16 @@ impl Edge {
     }
 }
 
-struct Header {
+struct GridHeader {
     columns: f64,
     rows: f64,
-    cell: Cell,
+    cell: GridCell,
     west: Edge,
     south: Edge,
     nodata: f64,
 }
 
-impl Header {
+impl GridHeader {
     fn size(&self) -> Result<(usize, usize), RangeError> {
         const SIDE: Bounds = Bounds::new(2.0, 20_000.0, "cells");
         let side = |key, value: f64| {
@@ -150,7 +150,7 @@ struct Words<'a, I: Iterator<Item = (usize, &'a str)>> {
 }
 
 impl<'a, I: Iterator<Item = (usize, &'a str)>> Words<'a, I> {
-    fn header(&mut self) -> Result<Header, TerrainError> {
+    fn header(&mut self) -> Result<GridHeader, TerrainError> {
         let (mut columns, mut rows, mut cell, mut nodata) = (None, None, None, None);
         let (mut west, mut south, mut dx, mut dy) = (None, None, None, None);
         while let Some(&(line, word)) = self.words.peek() {
@@ -183,8 +183,8 @@ impl<'a, I: Iterator<Item = (usize, &'a str)>> Words<'a, I> {
             }
         }
         let cell = match (cell, dx, dy) {
-            (Some(side_m), None, None) => Some(Cell::Side(side_m)),
-            (None, Some(dx_m), Some(dy_m)) => Some(Cell::Sides { dx_m, dy_m }),
+            (Some(side_m), None, None) => Some(GridCell::Side(side_m)),
+            (None, Some(dx_m), Some(dy_m)) => Some(GridCell::Sides { dx_m, dy_m }),
             _ => None,
         };
         let (Some(columns), Some(rows), Some(cell), Some(west), Some(south)) =
@@ -195,7 +195,7 @@ impl<'a, I: Iterator<Item = (usize, &'a str)>> Words<'a, I> {
                 None => syntax(self.line, None, KEYS),
             });
         };
-        Ok(Header {
+        Ok(GridHeader {
             columns,
             rows,
             cell,

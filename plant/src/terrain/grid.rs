@@ -22,7 +22,7 @@ pub struct GridTerrain {
 
 /// Height at a node and its derivatives by column and northward row, in cells.
 #[derive(Clone, Copy)]
-struct Node {
+struct GridNode {
     value: f64,
     by_u: f64,
     by_v: f64,
@@ -166,7 +166,7 @@ impl GridTerrain {
         (!height_m.is_nan()).then_some(height_m)
     }
 
-    fn node(&self, column: usize, northward: usize) -> Option<Node> {
+    fn node(&self, column: usize, northward: usize) -> Option<GridNode> {
         let (here, there) = (Some(column), Some(northward));
         let (west, east) = (column.checked_sub(1), Some(column + 1));
         let (south, north) = (northward.checked_sub(1), Some(northward + 1));
@@ -176,7 +176,7 @@ impl GridTerrain {
             [Some(ne), Some(sw), Some(nw), Some(se)] => 0.25 * (ne + sw - nw - se),
             _ => 0.0,
         };
-        Some(Node {
+        Some(GridNode {
             value,
             by_u: difference(self.height(west, there), value, self.height(east, there)),
             by_v: difference(self.height(here, south), value, self.height(here, north)),
@@ -195,7 +195,7 @@ fn difference(before: Option<f64>, here: f64, after: Option<f64>) -> f64 {
 }
 
 /// Value and both derivatives of the bicubic Hermite patch at (u, v) of the unit square.
-fn hermite(patch: &[[Node; 2]; 2], u: f64, v: f64) -> (f64, f64, f64) {
+fn hermite(patch: &[[GridNode; 2]; 2], u: f64, v: f64) -> (f64, f64, f64) {
     let (along_u, along_v) = (Basis::at(u), Basis::at(v));
     let (mut value, mut by_u, mut by_v) = (0.0, 0.0, 0.0);
     for (i, column) in patch.iter().enumerate() {

@@ -33,7 +33,9 @@ impl PlaneTerrain {
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct RawPlane {
+    /// Slope.
     slope_deg: f64,
+    /// Heading that leads straight up, counter-clockwise from Y_g.
     #[serde(default)]
     uphill_heading_deg: f64,
 }

@@ -83,7 +83,7 @@ impl RouteTerrain {
     pub(super) fn surface(&self, x_m: f64, y_m: f64) -> Result<Surface, TerrainError> {
         let radius_squared = self.smoothing.blend_m().powi(2);
         let mut nearest_squared = f64::INFINITY;
-        let mut sums = Blend::default();
+        let mut sums = RouteBlend::default();
         for plane in self.planes.near([x_m, y_m]) {
             let (dx, dy) = (x_m - plane.x_m, y_m - plane.y_m);
             let distance_squared = dx * dx + dy * dy;
@@ -133,14 +133,14 @@ impl Placed for RoutePoint {
 
 /// Sums over planes of weight w and height h: h_mean = sum(w h) / sum(w), and its derivatives.
 #[derive(Default)]
-struct Blend {
+struct RouteBlend {
     weight: f64,
     weight_gradient: [f64; 2],
     height: f64,
     height_gradient: [f64; 2],
 }
 
-impl Blend {
+impl RouteBlend {
     fn add(
         &mut self,
         plane: &TangentPlane,

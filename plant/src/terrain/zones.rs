@@ -26,9 +26,9 @@ pub struct ZonedTerrain {
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Zone {
-    /// Station along the axis where the zone starts, m: the middle of its transition.
+    /// Station along the axis where the zone starts: the middle of its transition.
     start_m: f64,
-    /// Slope along the axis, degrees, positive rising.
+    /// Slope along the axis, positive rising.
     slope_deg: f64,
 }
 
@@ -98,6 +98,7 @@ struct RawZones {
     cross_slope_deg: f64,
     /// Width of each transition.
     transition_m: f64,
+    /// [Zones](#zone) in the order of their starts.
     zones: Vec<Zone>,
 }
 

@@ -1,12 +1,13 @@
-//! docs/configuration.md against the program: its keys, types, ranges and defaults.
+//! The tables of docs/configuration.md, made from the program: its keys, types, units, ranges, defaults and texts.
 //!
-//! Each table follows a comment `<!-- keys: FILE PATH with KEY=JSON... -->`: a file of `config/`, the section in
-//! it, and what is put into the file so that it has the section. The program is asked by values that it must
-//! refuse: an unknown key makes it list the known ones, a map names the type, a huge number the range.
+//! Each table follows a comment `<!-- keys: FILE PATH of HOLDER with KEY=JSON... -->`: a file of `config/`, the section
+//! in it, the struct or variant that holds the keys, and what is put into the file so that it has the section. The
+//! program is asked by values that it must refuse: an unknown key makes it list the known ones, a map names the type, a
+//! huge number the range. The text of a key is the doc comment of its field, its unit the end of its name.
 //!
-//! With the environment variable `UPDATE_DOCS` set, types and ranges in the page are replaced by the program's; what
-//! a key means remains to be written.
+//! With the environment variable `UPDATE_DOCS` set, the page is made anew; the schemas are made from it.
 
+mod source;
 mod table;
 
 use crate::{repository, text};
@@ -18,6 +19,7 @@ use sidehill_bridge::safety::SafetyConfig;
 use sidehill_controller::config::ControllerConfig;
 use sidehill_plant::drive_train::DriveTrainConfig;
 use sidehill_plant::sensors::SensorsConfig;
+use std::collections::BTreeMap;
 use table::*;
 
 /// Returns the type of a key as the page calls it, from what the program says about a map in its place.
@@ -85,8 +87,8 @@ fn range(table: &Table, key: &str, kind: &str) -> String {
 fn every_key_has_its_row_with_type_and_range() {
     let mut wrong = Vec::new();
     let mut page = text(PAGE);
-    let tables = tables();
-    for table in &tables {
+    let (mut tables, sources) = (tables(), source::declarations());
+    for table in &mut tables {
         assert_eq!(
             table.complaint_about(table.content.clone()),
             None,
@@ -100,21 +102,46 @@ fn every_key_has_its_row_with_type_and_range() {
                 "{}: keys {documented:?}, must be {known:?}",
                 table.name()
             ));
-            continue;
+            let lines = |rows: &[Row]| -> String {
+                rows.iter().map(|row| format!("{}\n", row.line)).collect()
+            };
+            let before = lines(&table.rows);
+            let mut old = std::mem::take(&mut table.rows);
+            let rows = known.iter().map(|key| {
+                let place = old.iter().position(|row| row.key == *key);
+                place.map_or_else(|| Row::new(table, key), |place| old.swap_remove(place))
+            });
+            let rows: Vec<Row> = rows.collect();
+            page = page.replace(&before, &lines(&rows));
+            table.rows = rows;
         }
+        let texts = sources.get(&table.holder).and_then(|fields| {
+            let whole = |fields: &&BTreeMap<_, _>| known.iter().all(|key| fields.contains_key(key));
+            fields.iter().find(whole)
+        });
+        let texts = texts.unwrap_or_else(|| {
+            panic!("{}: no {} has its keys", table.name(), table.holder);
+        });
         for row in &table.rows {
             let kind = kind(table, &row.key);
             let range = range(table, &row.key, &kind);
-            if kind != row.kind || range != row.range {
+            let of_key = [
+                kind.as_str(),
+                source::unit(&row.key),
+                &range,
+                &texts[&row.key],
+            ];
+            let in_page = [&row.kind, &row.unit, &row.range, &row.meaning];
+            if in_page != of_key {
                 wrong.push(format!(
-                    "{}: {}: {}, {}, must be {kind}, {range}",
+                    "{}: {}: {in_page:?}, must be {of_key:?}",
                     table.name(),
-                    row.key,
-                    row.kind,
-                    row.range
+                    row.key
                 ));
                 let mut cells: Vec<String> = row.line.split('|').map(str::to_owned).collect();
-                (cells[2], cells[5]) = (format!(" {kind} "), format!(" {range} "));
+                for (cell, text) in [2, 4, 5, 6].into_iter().zip(of_key) {
+                    cells[cell] = format!(" {text} ");
+                }
                 page = page.replace(&row.line, &cells.join("|"));
             }
         }

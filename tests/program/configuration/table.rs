@@ -14,6 +14,8 @@ pub(super) const UNKNOWN: &str = "zzz";
 pub(super) struct Table {
     pub(super) file: String,
     pub(super) path: Vec<String>,
+    /// The struct or variant that holds the keys.
+    pub(super) holder: String,
     pub(super) content: Value,
     pub(super) rows: Vec<Row>,
 }
@@ -24,7 +26,28 @@ pub(super) struct Row {
     pub(super) key: String,
     pub(super) kind: String,
     pub(super) default: String,
+    pub(super) unit: String,
     pub(super) range: String,
+    pub(super) meaning: String,
+}
+
+impl Row {
+    /// Returns a row of a key that the page lacks; all but whether it is required remains to be filled in.
+    pub(super) fn new(table: &Table, key: &str) -> Self {
+        let content = without(table.content.clone(), &table.at(key));
+        let complaint = table.complaint_about(content).unwrap_or_default();
+        let missing = complaint.contains(&format!("missing field `{key}`"));
+        let default = if missing { "required" } else { "none" };
+        Self {
+            line: format!("| `{key}` |  | {default} |  |  |  |"),
+            key: key.to_owned(),
+            kind: String::new(),
+            default: default.to_owned(),
+            unit: String::new(),
+            range: String::new(),
+            meaning: String::new(),
+        }
+    }
 }
 
 /// Returns the tables of the page that name their keys' origin.
@@ -35,7 +58,8 @@ pub(super) fn tables() -> Vec<Table> {
         .map(|part| {
             let (origin, rest) = part.split_once(" -->").unwrap();
             let mut withs = origin.split(" with ");
-            let (file, path) = withs.next().unwrap().split_once(' ').unwrap();
+            let (place, holder) = withs.next().unwrap().split_once(" of ").unwrap();
+            let (file, path) = place.split_once(' ').unwrap();
             let mut content = match file {
                 "columns.yaml" => text("plant/tests/data/trento_ramps/columns.yaml"),
                 "topics.yaml" => text("tests/data/bags/topics.yaml"),
@@ -59,13 +83,16 @@ pub(super) fn tables() -> Vec<Table> {
                         key: cells[1].trim_matches('`').into(),
                         kind: cells[2].into(),
                         default: cells[3].into(),
+                        unit: cells[4].into(),
                         range: cells[5].into(),
+                        meaning: cells[6].into(),
                     }
                 })
                 .collect();
             Table {
                 file: file.into(),
                 path: keys(path),
+                holder: holder.into(),
                 content: serde_yaml::from_str(&content).unwrap(),
                 rows,
             }

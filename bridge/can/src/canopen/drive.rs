@@ -35,7 +35,7 @@ const ERROR_GONE: Emergency = Emergency {
 pub struct VirtualDrives {
     layout: Arc<Layout>,
     master: NodeId,
-    drives: [Drive; 2],
+    drives: [SimulatedDrive; 2],
     /// Frames that wait to be sent.
     outbox: VecDeque<Frame>,
 }
@@ -46,7 +46,7 @@ impl VirtualDrives {
         Self {
             layout,
             master: cia402.own,
-            drives: cia402.nodes.map(Drive::new),
+            drives: cia402.nodes.map(SimulatedDrive::new),
             outbox: VecDeque::new(),
         }
     }
@@ -130,7 +130,7 @@ impl VirtualDrives {
 
 /// One drive.
 #[derive(Debug, Clone)]
-struct Drive {
+struct SimulatedDrive {
     node: NodeId,
     nmt: NmtState,
     state: PowerState,
@@ -149,7 +149,7 @@ struct Drive {
     syncs: u32,
 }
 
-impl Drive {
+impl SimulatedDrive {
     fn new(node: NodeId) -> Self {
         Self {
             node,

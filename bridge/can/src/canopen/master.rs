@@ -17,13 +17,13 @@ const RETRY_S: f64 = 1.0;
 pub struct Master {
     layout: Arc<Layout>,
     cia402: Cia402,
-    drives: [Drive; 2],
+    drives: [CommandedDrive; 2],
 }
 
 impl Master {
     /// Returns a master that has yet to set its drives up.
     pub fn new(layout: Arc<Layout>, cia402: Cia402) -> Self {
-        let drives = cia402.nodes.map(Drive::new);
+        let drives = cia402.nodes.map(CommandedDrive::new);
         Self {
             layout,
             cia402,
@@ -37,7 +37,7 @@ impl Master {
     pub fn report(&self, drive: usize, readings: &Readings) -> Option<Stamped<MotorReport>> {
         let nmt = readings.nodes[drive].nmt?;
         let mut report = readings.drives[drive]?;
-        if self.drives[drive].stage != Stage::Running {
+        if self.drives[drive].stage != SetupStage::Running {
             return None;
         }
         if self.drives[drive].mode.is_other {
@@ -124,7 +124,7 @@ impl Master {
 
 /// How far a drive has been set up.
 #[derive(Debug, Clone, Copy, PartialEq)]
-enum Stage {
+enum SetupStage {
     /// Not begun before this time, s.
     Waiting { until_s: f64 },
     /// An object is due, or was written at this time after so many answers.
@@ -213,9 +213,9 @@ enum Reset {
 }
 
 #[derive(Debug, Clone)]
-struct Drive {
+struct CommandedDrive {
     node: NodeId,
-    stage: Stage,
+    stage: SetupStage,
     boots: u32,
     emergencies: u32,
     failed: Option<SetupFault>,
@@ -230,11 +230,11 @@ struct Drive {
     mode: ModeWatch,
 }
 
-impl Drive {
+impl CommandedDrive {
     fn new(node: NodeId) -> Self {
         Self {
             node,
-            stage: Stage::Waiting {
+            stage: SetupStage::Waiting {
                 until_s: f64::NEG_INFINITY,
             },
             boots: 0,
@@ -265,7 +265,7 @@ impl Drive {
         self.emergencies = node.emergencies.count();
         let armed = fault_reset && !self.arming;
         self.arming = fault_reset;
-        let idle = self.stage == Stage::Running
+        let idle = self.stage == SetupStage::Running
             && node
                 .nmt
                 .is_some_and(|nmt| nmt.value != NmtState::Operational);
@@ -275,7 +275,7 @@ impl Drive {
             report(DriveEvent::Started);
         }
         if started || (armed && (idle || self.mode.is_other)) {
-            self.stage = Stage::Waiting { until_s: now_s };
+            self.stage = SetupStage::Waiting { until_s: now_s };
             self.on = false;
         }
     }
@@ -314,7 +314,7 @@ impl Drive {
         power: Option<PowerState>,
         cia402: &Cia402,
     ) -> u16 {
-        if enable && self.stage == Stage::Running {
+        if enable && self.stage == SetupStage::Running {
             return power.map_or(Controlword::DISABLE_VOLTAGE, PowerState::controlword_on);
         }
         let fault = power == Some(PowerState::Fault);
@@ -346,16 +346,16 @@ impl Drive {
         send: &mut impl FnMut(&Frame) -> Result<(), E>,
     ) -> Result<(), E> {
         match self.stage {
-            Stage::Waiting { until_s } => {
+            SetupStage::Waiting { until_s } => {
                 if now_s >= until_s {
                     send(&NmtCommand::EnterPreOperational.frame(self.node))?;
-                    self.stage = Stage::Writing {
+                    self.stage = SetupStage::Writing {
                         object: 0,
                         requested: None,
                     };
                 }
             }
-            Stage::Writing { object, requested } => {
+            SetupStage::Writing { object, requested } => {
                 let setup = &cia402.setup[drive];
                 let mut next = object;
                 if let (Some((requested_s, answers)), Some(request)) =
@@ -384,7 +384,7 @@ impl Drive {
                         if self.failed.replace(fault) != Some(fault) {
                             report(DriveEvent::SetupFailed(fault));
                         }
-                        self.stage = Stage::Waiting {
+                        self.stage = SetupStage::Waiting {
                             until_s: now_s + RETRY_S,
                         };
                         return Ok(());
@@ -393,13 +393,13 @@ impl Drive {
                 }
                 if let Some(request) = setup.get(next) {
                     send(&request.frame)?;
-                    self.stage = Stage::Writing {
+                    self.stage = SetupStage::Writing {
                         object: next,
                         requested: Some((now_s, node.answers.count())),
                     };
                 } else {
                     send(&NmtCommand::Start.frame(self.node))?;
-                    self.stage = Stage::Running;
+                    self.stage = SetupStage::Running;
                     self.failed = None;
                     self.off_since_s = self.off_since_s.map(|_| now_s);
                     self.stop_reported = false;
@@ -410,7 +410,7 @@ impl Drive {
                     }
                 }
             }
-            Stage::Running => {
+            SetupStage::Running => {
                 let off_s = self.off_since_s.map_or(0.0, |since_s| now_s - since_s);
                 let nmt = node.nmt.map(|nmt| nmt.value);
                 // There CiA 402 lets a drive follow its last target for ever; a stop it must react to (0x6007).

@@ -11,12 +11,12 @@ pub struct Cia402Config {
     /// Whether a SYNC follows the commands of every cycle.
     #[serde(default)]
     pub sync: bool,
-    /// Time for which a quick stop is commanded, s; then disable voltage for as long. The node of a
-    /// drive that is not off by then is stopped.
+    /// Time of quick stop when the drives are switched off. Then disable voltage is sent for as long, and a drive that
+    /// is not off by then gets NMT stop.
     pub quick_stop_time_s: f64,
-    /// Longest wait for the answer to an SDO download, s.
+    /// Longest wait for the answer to an SDO write.
     pub answer_time_s: f64,
-    /// Traction and steer, or left and right.
+    /// [Traction and steer, or left and right](#drive-of-cia-402).
     pub drives: [Cia402Drive; 2],
 }
 
@@ -24,15 +24,15 @@ pub struct Cia402Config {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Cia402Drive {
-    /// What it moves.
+    /// What the drive moves.
     pub role: DriveRole,
     /// Its node number, from 1 to 127.
     pub node_id: u8,
-    /// What it receives.
+    /// [PDO](#command-pdo) that the drive receives.
     pub command: CommandPdo,
-    /// What it sends.
+    /// [PDO](#feedback-pdo) that the drive sends.
     pub feedback: FeedbackPdo,
-    /// Objects written to it, in this order, whenever it has started.
+    /// [Objects](#object) written to the drive, in this order, whenever it has booted.
     #[serde(default)]
     pub setup: Vec<ObjectValue>,
 }
@@ -45,7 +45,7 @@ pub struct CommandPdo {
     pub message: String,
     /// Signal of the controlword, object 0x6040.
     pub controlword: String,
-    /// Target velocity, in m/s.
+    /// [Target velocity](#scaled-signal), in m/s.
     pub target_velocity: ScaledSignal,
 }
 
@@ -57,7 +57,7 @@ pub struct FeedbackPdo {
     pub message: String,
     /// Signal of the statusword, object 0x6041.
     pub statusword: String,
-    /// Actual velocity, in m/s.
+    /// [Actual velocity](#scaled-signal), in m/s.
     pub actual_velocity: ScaledSignal,
 }
 

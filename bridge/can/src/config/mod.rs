@@ -14,26 +14,26 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CanConfig {
-    /// The DBC file, relative to this one.
+    /// DBC file.
     pub database: String,
-    /// What the controller's side sends every cycle. Traction and steer are in one message each,
-    /// enable in at least one; a message with neither is a heartbeat.
+    /// [Messages](#command-message) to the drives, sent every cycle. Traction and steer are in one message each, enable
+    /// in at least one; a message with neither is a heartbeat.
     #[serde(default)]
     pub command: Vec<CommandMessage>,
-    /// What the drives report.
+    /// [Messages of the drives](#feedback).
     #[serde(default)]
     pub feedback: Option<Feedback>,
-    /// Instead of both: drives that speak CANopen.
+    /// [CiA 402 drives](#cia-402), in place of `command` and `feedback`.
     #[serde(default)]
     pub cia402: Option<Cia402Config>,
-    /// What the attitude sensor reports.
+    /// [Message of the attitude sensor](#attitude-message).
     pub attitude: AttitudeMessage,
-    /// What a gyroscope reports, where there is one.
+    /// [Message of a gyroscope](#yaw-rate-message).
     #[serde(default)]
     pub yaw_rate: Option<YawRateMessage>,
-    /// What the pose source reports.
+    /// [Messages of the pose source](#pose-messages).
     pub pose: PoseMessages,
-    /// Largest number of counts that may be missing before a frame is refused once, from 1.
+    /// Number of missing counter values above which a frame is rejected.
     #[serde(default = "one")]
     pub counter_skip_max: u32,
 }
@@ -44,16 +44,16 @@ pub struct CanConfig {
 pub struct CommandMessage {
     /// Name in the database.
     pub message: String,
-    /// Traction, in m/s.
+    /// [Traction](#scaled-signal), in m/s.
     #[serde(default)]
     pub traction: Option<ScaledSignal>,
-    /// Steer, in m/s.
+    /// [Steer](#scaled-signal), in m/s.
     #[serde(default)]
     pub steer: Option<ScaledSignal>,
-    /// Whether the drives are to be on.
+    /// [Whether the drives should be on](#enable-signal).
     #[serde(default)]
     pub enable: Option<EnableSignal>,
-    /// Counter and checksum.
+    /// [Counter and checksum](#protection).
     #[serde(default)]
     pub protection: Protection,
 }
@@ -62,9 +62,9 @@ pub struct CommandMessage {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Feedback {
-    /// Of the traction motor.
+    /// [Of the traction motor](#drive-message).
     pub traction: DriveMessage,
-    /// Of the steer motor.
+    /// [Of the steer motor](#drive-message).
     pub steer: DriveMessage,
 }
 
@@ -74,11 +74,11 @@ pub struct Feedback {
 pub struct DriveMessage {
     /// Name in the database.
     pub message: String,
-    /// Speed, in m/s of the treads.
+    /// [Speed](#scaled-signal), in m/s of the treads.
     pub speed: ScaledSignal,
-    /// State.
+    /// [State](#state-signal).
     pub state: StateSignal,
-    /// Counter and checksum.
+    /// [Counter and checksum](#protection).
     #[serde(default)]
     pub protection: Protection,
 }
@@ -105,16 +105,16 @@ pub struct StateSignal {
 pub struct AttitudeMessage {
     /// Name in the database.
     pub message: String,
-    /// Roll, in rad.
+    /// [Roll](#scaled-signal), in rad.
     pub roll: ScaledSignal,
-    /// Pitch, in rad.
+    /// [Pitch](#scaled-signal), in rad.
     pub pitch: ScaledSignal,
-    /// What the two angles mean.
+    /// Convention of the angles: the paper's, REP-103, or aerospace (x forward, y right, z down).
     pub convention: AttitudeConvention,
-    /// From the instant of a reading to its arrival, s.
+    /// From the instant of a reading to its arrival.
     #[serde(default)]
     pub latency_s: f64,
-    /// Counter and checksum.
+    /// [Counter and checksum](#protection).
     #[serde(default)]
     pub protection: Protection,
 }
@@ -125,12 +125,12 @@ pub struct AttitudeMessage {
 pub struct YawRateMessage {
     /// Name in the database.
     pub message: String,
-    /// Yaw rate, counter-clockwise, in rad/s.
+    /// [Yaw rate](#scaled-signal) about the vehicle's upward axis, counter-clockwise, in rad/s.
     pub rate: ScaledSignal,
-    /// From the instant of a reading to its arrival, s.
+    /// From the instant of a reading to its arrival.
     #[serde(default)]
     pub latency_s: f64,
-    /// Counter and checksum.
+    /// [Counter and checksum](#protection).
     #[serde(default)]
     pub protection: Protection,
 }
@@ -139,11 +139,11 @@ pub struct YawRateMessage {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PoseMessages {
-    /// The first of the two.
+    /// [First message](#position-message).
     pub position: PositionMessage,
-    /// The second.
+    /// [Second message](#heading-message).
     pub heading: HeadingMessage,
-    /// From the instant of a pose to the arrival of its second message, s.
+    /// From the instant of a pose to the arrival of its second message.
     #[serde(default)]
     pub latency_s: f64,
 }
@@ -154,11 +154,11 @@ pub struct PoseMessages {
 pub struct PositionMessage {
     /// Name in the database.
     pub message: String,
-    /// X_g, in m.
+    /// [X_g](#scaled-signal), in m.
     pub x: ScaledSignal,
-    /// Y_g, in m.
+    /// [Y_g](#scaled-signal), in m.
     pub y: ScaledSignal,
-    /// Counter, which this message must have, and checksum.
+    /// [Counter and checksum](#protection). The counter is required.
     pub protection: Protection,
 }
 
@@ -168,11 +168,11 @@ pub struct PositionMessage {
 pub struct HeadingMessage {
     /// Name in the database.
     pub message: String,
-    /// Z_g, in m.
+    /// [Z_g](#scaled-signal), in m.
     pub z: ScaledSignal,
-    /// Heading psi, counter-clockwise from Y_g, in rad.
+    /// [Heading](#scaled-signal) psi, counter-clockwise from Y_g, in rad.
     pub yaw: ScaledSignal,
-    /// Counter, which this message must have, and checksum.
+    /// [Counter and checksum](#protection). The counter is required.
     pub protection: Protection,
 }
 

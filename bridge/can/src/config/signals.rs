@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 pub struct ScaledSignal {
     /// Name in the database.
     pub signal: String,
-    /// Signal units in 1 m/s, m, rad or rad/s; negative where the directions are opposite.
+    /// Signal units per 1 m/s, m, rad or rad/s; negative if the directions are opposite.
     #[serde(default = "one_f64")]
     pub per_unit: f64,
 }
@@ -30,7 +30,7 @@ pub struct Protection {
     /// Signal that counts up by one with each message, through all its values.
     #[serde(default)]
     pub counter: Option<String>,
-    /// Checksum over the other bytes.
+    /// [Checksum](#checksum) over the other bytes.
     #[serde(default)]
     pub checksum: Option<Checksum>,
 }
@@ -43,7 +43,7 @@ pub struct Checksum {
     pub signal: String,
     /// Kind.
     pub algorithm: ChecksumAlgorithm,
-    /// Bytes that are summed before those of the frame, so that messages cannot be confused.
+    /// Bytes that are included before those of the frame, so that messages cannot be mistaken for each other.
     #[serde(default)]
     pub data_id: Vec<u8>,
 }

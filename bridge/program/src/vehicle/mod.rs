@@ -38,7 +38,7 @@ pub fn run(args: &VehicleArgs, ros: &[String]) -> Result<ExitCode> {
     let truth = match &args.truth {
         Some(path) => {
             output::keep_earlier(&[path])?;
-            Some(Truth::create(path)?)
+            Some(RoverTruth::create(path)?)
         }
         None => None,
     };
@@ -102,7 +102,7 @@ impl Pace {
     fn drive(
         &self,
         mut rover: impl Rover,
-        mut truth: Option<Truth>,
+        mut truth: Option<RoverTruth>,
         recording: Option<VehicleRecording>,
     ) -> Result<ExitCode> {
         let mut clock = Clock::Real(self.epoch);
@@ -148,9 +148,9 @@ impl Pace {
 }
 
 /// The file of `--truth`.
-struct Truth(BufWriter<File>);
+struct RoverTruth(BufWriter<File>);
 
-impl Truth {
+impl RoverTruth {
     fn create(path: &Path) -> Result<Self> {
         let file =
             File::create(path).with_context(|| format!("cannot write {}", path.display()))?;

@@ -3,7 +3,7 @@
 use super::outgoing::Outgoing;
 use super::parameters::Values;
 use super::playback::PlaybackRequest;
-use super::protocol::{self, Parameter, Request, Subscription};
+use super::protocol::{self, ClientRequest, ShownParameter, Subscription};
 use super::shared::{Place, Shared};
 use crate::messages::Topic;
 use std::collections::{BTreeMap, BTreeSet};
@@ -135,14 +135,16 @@ impl Session {
 
     fn answer(&mut self, shared: &Shared, text: &str) -> Result<(), Error> {
         match serde_json::from_str(text) {
-            Ok(Request::Subscribe { subscriptions }) => self.subscribe(shared, &subscriptions),
-            Ok(Request::Unsubscribe { subscription_ids }) => {
+            Ok(ClientRequest::Subscribe { subscriptions }) => {
+                self.subscribe(shared, &subscriptions)
+            }
+            Ok(ClientRequest::Unsubscribe { subscription_ids }) => {
                 for id in subscription_ids {
                     self.subscriptions.remove(&id);
                 }
                 Ok(())
             }
-            Ok(Request::GetParameters {
+            Ok(ClientRequest::GetParameters {
                 parameter_names,
                 id,
             }) => self.say(protocol::parameters(
@@ -150,8 +152,8 @@ impl Session {
                 &parameter_names,
                 id,
             )),
-            Ok(Request::SetParameters { parameters, id }) => self.set(shared, parameters, id),
-            Ok(Request::SubscribeParameterUpdates { parameter_names }) => {
+            Ok(ClientRequest::SetParameters { parameters, id }) => self.set(shared, parameters, id),
+            Ok(ClientRequest::SubscribeParameterUpdates { parameter_names }) => {
                 let known = shared.parameters.values(&[]);
                 let known = parameter_names
                     .into_iter()
@@ -160,7 +162,7 @@ impl Session {
                 self.told = self.watched_values(shared);
                 Ok(())
             }
-            Ok(Request::UnsubscribeParameterUpdates { parameter_names }) => {
+            Ok(ClientRequest::UnsubscribeParameterUpdates { parameter_names }) => {
                 for name in parameter_names {
                     self.watched.remove(&name);
                 }
@@ -191,7 +193,7 @@ impl Session {
     fn set(
         &mut self,
         shared: &Shared,
-        parameters: Vec<Parameter>,
+        parameters: Vec<ShownParameter>,
         id: Option<String>,
     ) -> Result<(), Error> {
         let values: Values = parameters

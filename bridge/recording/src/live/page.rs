@@ -224,7 +224,7 @@ impl Page {
         if cycle.is_none() && row.is_none() && pose.is_none() {
             return;
         }
-        let mut frame = Frame::default();
+        let mut frame = PageFrame::default();
         frame.set("t", time_ns as f64 / 1e9);
         if let Some(joints) = self.present::<JointState>(Topic::Treads, time_ns)
             && let [left, right, ..] = joints.velocity[..]
@@ -320,15 +320,15 @@ impl Page {
 }
 
 /// One entry for each of [`COLUMNS`].
-struct Frame([f64; COLUMNS.len()]);
+struct PageFrame([f64; COLUMNS.len()]);
 
-impl Default for Frame {
+impl Default for PageFrame {
     fn default() -> Self {
         Self([f64::NAN; COLUMNS.len()])
     }
 }
 
-impl Frame {
+impl PageFrame {
     fn set(&mut self, column: &str, value: f64) {
         if let Some(index) = COLUMNS.iter().position(|name| *name == column) {
             self.0[index] = value;

@@ -11,7 +11,7 @@ pub(super) const NAMES: [&str; 2] = ["foxglove.websocket.v1", "foxglove.sdk.v1"]
 /// What a client says; anything else is refused.
 #[derive(Debug, Deserialize)]
 #[serde(tag = "op", rename_all = "camelCase")]
-pub(super) enum Request {
+pub(super) enum ClientRequest {
     Subscribe {
         subscriptions: Vec<Subscription>,
     },
@@ -27,7 +27,7 @@ pub(super) enum Request {
         id: Option<String>,
     },
     SetParameters {
-        parameters: Vec<Parameter>,
+        parameters: Vec<ShownParameter>,
         #[serde(default)]
         id: Option<String>,
     },
@@ -50,7 +50,7 @@ pub(super) struct Subscription {
 
 /// A parameter that is to be set; without a value it is to be removed, which none can be.
 #[derive(Debug, Clone, Deserialize)]
-pub(super) struct Parameter {
+pub(super) struct ShownParameter {
     pub(super) name: String,
     #[serde(default)]
     pub(super) value: Value,
@@ -165,11 +165,14 @@ mod tests {
             r#"{"subscriptions":[]}"#,
             "[]",
         ] {
-            assert!(serde_json::from_str::<Request>(text).is_err(), "{text}");
+            assert!(
+                serde_json::from_str::<ClientRequest>(text).is_err(),
+                "{text}"
+            );
         }
         let text = r#"{"op":"subscribe","subscriptions":[{"id":7,"channelId":2}]}"#;
-        let request: Request = serde_json::from_str(text).unwrap();
-        assert!(matches!(request, Request::Subscribe { subscriptions }
+        let request: ClientRequest = serde_json::from_str(text).unwrap();
+        assert!(matches!(request, ClientRequest::Subscribe { subscriptions }
             if subscriptions[0].id == 7 && subscriptions[0].channel_id == 2));
     }
 }

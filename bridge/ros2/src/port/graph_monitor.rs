@@ -12,7 +12,7 @@ const HINTS_MAX: usize = 5;
 const MATCHING: Duration = Duration::from_millis(100);
 
 /// What the identifiers of a participant's publishers begin with.
-type Participant = [u8; 12];
+type SeenParticipant = [u8; 12];
 
 /// A topic that is waited for.
 #[derive(Debug)]
@@ -51,9 +51,9 @@ pub(crate) struct GraphMonitor {
     topics: Vec<Topic>,
     publishers: BTreeMap<GUID, Publisher>,
     /// Other participants of the domain.
-    others: BTreeSet<Participant>,
+    others: BTreeSet<SeenParticipant>,
     domain: u16,
-    own: Option<Participant>,
+    own: Option<SeenParticipant>,
 }
 
 impl GraphMonitor {
@@ -255,7 +255,7 @@ impl GraphMonitor {
     }
 }
 
-fn participant(guid: &GUID) -> Participant {
+fn participant(guid: &GUID) -> SeenParticipant {
     let bytes = guid.to_bytes();
     std::array::from_fn(|index| bytes[index])
 }

@@ -12,26 +12,24 @@ use sidehill_plant::vehicle::RangeError;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct VehicleNodeConfig {
-    /// Name of the node, unless `__node` says otherwise.
+    /// Name of the node. `--ros-args -r __node:=NAME` overrides it.
     pub node: String,
-    /// What the drives obey.
+    /// Kind of command that the drives obey.
     pub command: CommandKind,
-    /// Width by which the drives make tread speeds of a twist, and odometry a twist of tread speeds,
-    /// m; the distance of the vehicle's tread ICRs where it is not given.
+    /// Track width for converting between twist and tread speeds. None: the distance of the vehicle's tread ICRs.
     pub track_width_m: Option<f64>,
-    /// The joints of the treads.
+    /// [The joints](#joints) of the treads.
     pub joints: TreadJoints,
-    /// Names of the frames.
+    /// [Names of the frames](#frames-of-the-virtual-rover).
     pub frames: VehicleFrames,
-    /// Pose of the odometry's frame in the map, whose axes are X_g, Y_g and Z_g.
+    /// [Pose of the odometry frame](#map-offset) in the map, whose axes are X_g, Y_g and Z_g.
     pub map_from_odom: PlanarOffset,
-    /// Simulated seconds in a second. With a factor the vehicle publishes /clock and stamps by it;
-    /// without, its time is that of the world.
+    /// Simulated seconds per second. With a factor, the vehicle publishes `/clock` and stamps with it. None: the time
+    /// of the machine.
     pub clock_factor: Option<f64>,
-    /// A satellite receiver in place of perfect odometry: `fix` says where its antenna is, `odom` is that of the wheels,
-    /// which slip, and `imu` has the true heading.
+    /// [Satellite receiver](#satellite-receiver-of-the-virtual-rover) in place of perfect odometry.
     pub gnss: Option<GnssConfig>,
-    /// What goes wrong on purpose.
+    /// [Faults](#fault-on-ros-2) to inject.
     pub faults: Vec<VehicleFault>,
 }
 
@@ -39,9 +37,9 @@ pub struct VehicleNodeConfig {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct GnssConfig {
-    /// Where the origin of the world is.
+    /// [Place on earth](#datum) at which the world has x = 0, y = 0.
     pub datum: GeodeticOrigin,
-    /// Place of the antenna in the frame of the vehicle.
+    /// [Place of the antenna](#antenna).
     #[serde(default)]
     pub antenna: AntennaConfig,
 }
@@ -107,13 +105,13 @@ pub enum CommandKind {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct VehicleFrames {
-    /// The world.
+    /// Frame of the world.
     pub map: String,
-    /// The odometry's.
+    /// Frame of odometry.
     pub odom: String,
-    /// The vehicle's own.
+    /// Frame of the vehicle.
     pub base: String,
-    /// A level frame at the vehicle, for nodes that know only a plane (REP-120); none where empty.
+    /// Level frame at the vehicle (REP-120), for nodes that know only a plane. Empty: none.
     pub footprint: String,
 }
 
@@ -132,11 +130,11 @@ impl Default for VehicleFrames {
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct PlanarOffset {
-    /// Along the other's x, m.
+    /// Along x of the map.
     pub x_m: f64,
-    /// Along its y, m.
+    /// Along y of the map.
     pub y_m: f64,
-    /// Counter-clockwise, deg.
+    /// Counter-clockwise.
     pub yaw_deg: f64,
 }
 

@@ -19,28 +19,28 @@ pub enum CostmapKind {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct CostmapConfig {
-    /// Topic of the costmap; updates come on the same name with `_updates`.
+    /// Topic of the costmap, transient local. Updates come on the same name with `_updates`.
     pub topic: String,
-    /// Type of its messages.
+    /// nav_msgs/OccupancyGrid with map_msgs/OccupancyGridUpdate, or nav2_msgs/Costmap with nav2_msgs/CostmapUpdate.
     pub kind: CostmapKind,
-    /// Corners of the vehicle in the frame `frames.base`, x forward and y left, m; the base rectangle of the
-    /// vehicle where empty.
+    /// Corners [x, y] of the vehicle, m, in `frames.base`, x forward and y left, at least three. None: the base
+    /// rectangle of the vehicle, which is that of the wheel contacts.
     pub footprint: Vec<[f64; 2]>,
-    /// Added to the footprint on all sides, m.
+    /// Added to the footprint on all sides.
     pub footprint_padding_m: f64,
-    /// Gap to the obstacle at which the vehicle stops, along the path, m.
+    /// Gap along the path to the obstacle at which the vehicle stands.
     pub margin_m: f64,
-    /// Least cost of a cell that counts as an obstacle, on the scale of OccupancyGrid.
+    /// Smallest cost of an obstacle, on the scale of OccupancyGrid: 100 is lethal, 99 inscribed.
     pub lethal_cost: i8,
-    /// Whether cells without information count as obstacles.
+    /// Whether cells without information are obstacles.
     pub unknown_is_lethal: bool,
     /// Friction coefficient of the ground that braking relies on.
     pub friction: f64,
-    /// Oldest costmap with which the vehicle drives, s.
+    /// Largest age of a costmap.
     pub timeout_s: f64,
-    /// Longest time for which a goal waits for a free path, s.
+    /// Longest wait for a free way or a fresh costmap.
     pub patience_s: f64,
-    /// Farthest from the path that the vehicle goes to pass an obstacle, m; 0 to stop for all.
+    /// Farthest from the path that the vehicle goes to pass an obstacle. 0: it stops for all.
     pub corridor_m: f64,
 }
 

@@ -10,13 +10,13 @@ use sidehill_plant::vehicle::RangeError;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct OdometryConfig {
-    /// Name of the node, unless `__node` says otherwise.
+    /// Name of the node. `--ros-args -r __node:=NAME` overrides it.
     pub node: String,
-    /// Frames of the odometry and of the vehicle.
+    /// [Frames](#frames) of the wheel odometry and of the result.
     pub frames: Frames,
-    /// Topic of the result, nav_msgs/Odometry.
+    /// nav_msgs/Odometry, the result.
     pub topic: String,
-    /// Whether the transform from the odometry's frame to the vehicle's is published too.
+    /// Whether to publish the transform from `frames.odometry` to `frames.base` too.
     pub publish_transform: bool,
     /// nav_msgs/Odometry of the wheels, of which the twist is used, with `speeds: odometry`.
     pub odometry: String,
@@ -28,14 +28,14 @@ pub struct OdometryConfig {
     pub attitude: AttitudeSource,
     /// Source of the tread speeds.
     pub speeds: SpeedSource,
-    /// Joints of the treads.
+    /// [Joints](#joints) of the treads.
     pub joints: TreadJoints,
-    /// Track width with which the vehicle's base makes a twist of tread speeds, m; the distance of the
-    /// vehicle's tread ICRs where it is not given.
+    /// Track width by which the base computes a twist from tread speeds. None: the distance of the vehicle's tread
+    /// ICRs.
     pub track_width_m: Option<f64>,
-    /// Longest time over which a reading is taken to hold, s; nothing is published without newer ones.
+    /// Longest gap in the readings that is integrated over.
     pub timeout_s: f64,
-    /// Whether time is that of `/clock`.
+    /// Whether time comes from `/clock`.
     pub use_sim_time: bool,
 }
 

@@ -12,29 +12,29 @@ use sidehill_plant::vehicle::RangeError;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Ros2Config {
-    /// Name of the node, unless `__node` says otherwise.
+    /// Name of the node. `--ros-args -r __node:=NAME` overrides it.
     pub node: String,
-    /// Frames.
+    /// [Frames](#frames).
     pub frames: Frames,
-    /// Topics that are subscribed to.
+    /// [Topics to subscribe to](#inputs).
     pub inputs: InputsConfig,
-    /// Topics of the commands, with `port: ros2`.
+    /// [Commands](#commands), with `port: ros2`.
     pub commands: CommandsConfig,
-    /// The action.
+    /// [The action](#followpath).
     pub follow_path: FollowPathConfig,
-    /// How the poses of a path become a smooth curve.
+    /// [How the poses of a path become a curve](#path-smoothing).
     pub smoothing: SmoothingConfig,
-    /// Tolerances of goals, transforms and failures.
+    /// [Tolerances](#tolerances).
     pub tolerances: Tolerances,
-    /// Obstacles; without it no costmap is subscribed to and nothing is checked.
+    /// [Obstacles](#costmap). None: no costmap is subscribed to.
     pub costmap: Option<CostmapConfig>,
-    /// Whether nav2_msgs/TrackingFeedback is published, which Nav2 has after jazzy.
+    /// Whether nav2_msgs/TrackingFeedback is published on `tracking_feedback` (Nav2 after jazzy).
     pub tracking_feedback: bool,
     /// Whether the estimate is published as the transform from `frames.odometry` to `frames.base`.
     pub publish_transform: bool,
-    /// Whether time is that of `/clock`.
+    /// Whether time comes from `/clock`.
     pub use_sim_time: bool,
-    /// Whether the node is active from the start, without a lifecycle manager.
+    /// Whether the node configures and activates itself, without a lifecycle manager.
     pub autostart: bool,
 }
 
@@ -75,22 +75,22 @@ pub enum Definition {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct FollowPathConfig {
-    /// Its name.
+    /// Name of the action.
     pub action: String,
-    /// Distribution of the definition.
+    /// ROS distribution whose definition of FollowPath is used.
     pub definition: Definition,
-    /// Controller that a goal may name.
+    /// Controller name that goals may ask for.
     pub controller_id: String,
-    /// Goal checker that a goal may name.
+    /// Goal checker name that goals may ask for.
     pub goal_checker_id: String,
-    /// Progress checker that a goal may name.
+    /// Progress checker name that goals may ask for.
     pub progress_checker_id: String,
-    /// Whether the orientations of the poses say where a path is driven in reverse; otherwise only its cusps
-    /// do.
+    /// Whether poses that look backward mean reverse. Otherwise only sharp turns of the path do.
     pub use_orientations: bool,
-    /// Whether the vehicle pivots where the path begins behind it.
+    /// Whether to turn on the spot if the path begins behind the vehicle.
     pub turn_at_start: bool,
-    /// Whether the vehicle pivots to the heading of the last pose at the end of a path.
+    /// Whether to pivot to the orientation of the last pose, unless the slope would carry the vehicle off the goal
+    /// meanwhile.
     pub turn_at_goal: bool,
 }
 
@@ -113,17 +113,17 @@ impl Default for FollowPathConfig {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Tolerances {
-    /// Distance from the goal, m.
+    /// Largest distance from the goal.
     pub goal_xy_m: f64,
-    /// Heading error at the goal, rad; from pi on any heading will do.
+    /// Largest heading error at the goal. From pi on, any heading is accepted.
     pub goal_yaw_rad: f64,
-    /// Movement that counts as progress, m.
+    /// Least movement that counts as progress.
     pub progress_m: f64,
-    /// Time within which there must be progress, s.
+    /// Longest time without progress.
     pub progress_time_s: f64,
-    /// Oldest transform or odometry that is used, s.
+    /// Largest age of a transform or of odometry.
     pub transform_s: f64,
-    /// Time for which transforms, readings or plans may be missing before the goal is aborted, s.
+    /// Longest time with missing transforms or readings, or without a plan.
     pub failure_s: f64,
 }
 

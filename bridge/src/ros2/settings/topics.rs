@@ -10,7 +10,7 @@ use sidehill_plant::vehicle::RangeError;
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Frames {
-    /// Frame of the poses, in which paths are tracked.
+    /// Frame of the poses; the vehicle is controlled in it.
     pub odometry: String,
     /// Frame of the vehicle.
     pub base: String,
@@ -79,14 +79,15 @@ pub enum PoseMessage {
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct PoseConfig {
-    /// Topic; none for transforms.
+    /// Topic. Its poses are those of `frames.base` in `frames.odometry`. Leave it out with `type: transform`.
     pub topic: String,
-    /// Message.
+    /// nav_msgs/Odometry, of which the twist is not read; geometry_msgs/PoseWithCovarianceStamped; `frames.base` in
+    /// `frames.odometry` by `/tf`; or sensor_msgs/NavSatFix, the place of an antenna.
     #[serde(rename = "type")]
     pub message: PoseMessage,
-    /// Source of the heading for fixes; the motion of the vehicle where it is not given.
+    /// [Source of the heading](#heading-of-fixes) of fixes. None: the motion of the vehicle.
     pub heading: Option<HeadingConfig>,
-    /// Place of the antenna in the frame of the vehicle; by TF from the frame of the fixes where it is not given.
+    /// [Place of the antenna](#antenna) of fixes. None: by TF from the frame of the fixes.
     pub antenna: Option<AntennaConfig>,
 }
 
@@ -105,15 +106,15 @@ pub enum HeadingMessage {
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct HeadingConfig {
-    /// Topic.
+    /// Topic; required.
     pub topic: String,
-    /// Message.
+    /// The orientation of a sensor_msgs/Imu, or geometry_msgs/QuaternionStamped.
     #[serde(rename = "type")]
     pub message: HeadingMessage,
-    /// Added to the heading, deg: by how much the antennas that measure it are turned clockwise. The mounting is that
-    /// of TF where it is not given.
+    /// Added to the heading: by how much the antennas that measure it are turned clockwise. None: by TF from the frame
+    /// of the message.
     pub offset_deg: Option<f64>,
-    /// Whether the angle counts clockwise from north, as nmea_navsat_driver has it, instead of counter-clockwise from
+    /// Whether the angle counts clockwise from north, as nmea_navsat_driver has it, rather than counter-clockwise from
     /// east.
     pub compass: bool,
 }
@@ -122,11 +123,11 @@ pub struct HeadingConfig {
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct AntennaConfig {
-    /// Forward of the origin, m.
+    /// Forward of the origin.
     pub forward_m: f64,
-    /// To the left of it, m.
+    /// To the left of it.
     pub left_m: f64,
-    /// Above it, m.
+    /// Above it.
     pub up_m: f64,
 }
 
@@ -201,26 +202,27 @@ impl PoseConfig {
 pub struct InputsConfig {
     /// nav_msgs/Odometry: poses, and speeds from its twist.
     pub odometry: String,
-    /// Poses from another topic: those of `odometry` are not read then.
+    /// [Poses from another topic](#poses) than the speeds. With `port: ros2` only.
     pub pose: Option<PoseConfig>,
     /// sensor_msgs/Imu.
     pub imu: String,
     /// sensor_msgs/JointState.
     pub joint_states: String,
-    /// Source of roll and pitch.
+    /// Source of roll and pitch: the Imu, or the orientation of odometry; with `pose` that of its message.
     pub attitude: AttitudeSource,
-    /// Source of the yaw rate.
+    /// Source of the [yaw rate](ros2.md#the-yaw-rate-of-an-imu): the angular velocity of the Imu. With `port: ros2`
+    /// only.
     pub yaw_rate: YawRateSource,
-    /// Source of the tread speeds.
+    /// Source of the tread speeds: the twist of odometry, two joints, or the commands, where there is nothing else:
+    /// those of `commands.forwarded` if given, otherwise Sidehill's own.
     pub speeds: SpeedSource,
-    /// Joints of the treads.
+    /// [Joints](#joints) of the treads.
     pub joints: TreadJoints,
     /// std_msgs/Bool, true while the emergency stop is pressed.
     pub emergency_stop: String,
-    /// Oldest message of the emergency stop with which the vehicle drives, s; 0 where its publishers send
-    /// changes only.
+    /// Silence of the emergency stop that counts as pressed; 0 for a stop that is published on changes only.
     pub emergency_stop_timeout_s: f64,
-    /// Transient-local nav_msgs/Path that is followed as soon as it arrives; none where empty.
+    /// nav_msgs/Path, transient local, followed as soon as it arrives.
     pub path: String,
     /// nav2_msgs/SpeedLimit.
     pub speed_limit: String,
@@ -249,17 +251,17 @@ impl Default for InputsConfig {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct CommandsConfig {
-    /// As a twist.
+    /// [As a twist](#twist-commands). This is the default.
     pub twist: Option<TwistConfig>,
-    /// As velocities of the treads' joints.
+    /// [As velocities of the treads' joints](#tread-commands).
     pub treads: Option<TreadsConfig>,
-    /// As the speeds of two motors.
+    /// [As the speeds of two motors](#motor-commands).
     pub motors: Option<MotorsConfig>,
-    /// The command that reaches the drives, where a collision monitor or a smoother may change that of
-    /// `twist` on its way: feedback is compared with it. Listened to, not published.
+    /// [The command that reaches the drives](#twist-commands), where a collision monitor or smoother may slow it down:
+    /// feedback is compared with it. Listened to, not published.
     pub forwarded: Option<TwistConfig>,
-    /// Track width with which the vehicle's base converts between a twist and tread speeds, m; the distance
-    /// of the vehicle's tread ICRs where it is not given.
+    /// Track width by which a differential-drive base converts between twist and tread speeds. None: the distance of
+    /// the vehicle's tread ICRs.
     pub track_width_m: Option<f64>,
 }
 
@@ -281,7 +283,7 @@ impl Default for CommandsConfig {
 pub struct TwistConfig {
     /// Topic.
     pub topic: String,
-    /// geometry_msgs/TwistStamped rather than Twist.
+    /// Publish geometry_msgs/TwistStamped instead of Twist.
     pub stamped: bool,
 }
 
@@ -300,7 +302,7 @@ impl Default for TwistConfig {
 pub struct TreadsConfig {
     /// Topic.
     pub topic: String,
-    /// The joints.
+    /// [The joints](#joints).
     pub joints: TreadJoints,
 }
 
@@ -308,8 +310,8 @@ pub struct TreadsConfig {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct MotorsConfig {
-    /// Topic of the traction motor.
+    /// Topic of the traction.
     pub traction: String,
-    /// Topic of the steer motor.
+    /// Topic of the steer.
     pub steer: String,
 }

@@ -130,7 +130,7 @@ proptest! {
     #[test]
     fn a_first_plan_leads_to_the_path_within_the_limits(
         speed_m_s in prop_oneof![-0.7..-0.3, 0.3..0.7],
-        right_m in -0.6..0.6,
+        right_m in -0.5..0.5,
         ahead_m in -0.3..0.3,
         yaw_rad in -0.6..0.6,
     ) {
@@ -156,6 +156,8 @@ proptest! {
         prop_assert!((end.x - target.x_m).abs() < 0.2, "{end}");
         let whole_m = target.y_m.abs();
         prop_assert!(speed_m_s.signum() * (end.y - ahead_m) > 0.6 * whole_m, "{end}");
-        prop_assert!(wrap_angle(end.z - target.yaw_rad).abs() < 0.4, "{end}");
+        // The slower, the less of the way back lies within the horizon.
+        let way_back_rad = (2.0 * (end.x - target.x_m).abs()).atan();
+        prop_assert!(wrap_angle(end.z - target.yaw_rad).abs() < way_back_rad + 0.25, "{end}");
     }
 }

@@ -18,8 +18,8 @@
 //! every T, T_f and t. All its blocks are polynomials of T.
 
 use super::geometry::{Geometry, Ground};
-use super::loads::Stance;
-use super::search::Solution;
+use super::loads::LoadCase;
+use super::search::BalanceSolution;
 use crate::contact::GRAVITY_M_S2;
 use crate::contact::relaxation::DAMPING_SHARE;
 use crate::contact::vehicle::box_gyration_squared_m2;
@@ -143,8 +143,8 @@ impl Lag {
         geometry: &Geometry,
         ground: &Ground,
         treads: TreadSpeeds,
-        stance: &Stance,
-        balance: &Solution,
+        stance: &LoadCase,
+        balance: &BalanceSolution,
     ) -> Self {
         let centre_m = ground.centre.xy();
         let (x, y) = (centre_m.x, centre_m.y);

@@ -7,13 +7,13 @@ use nalgebra::{Matrix3, Vector3};
 
 /// Weight in body axes over m g at an attitude, and its derivatives.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Stance {
+pub(super) struct LoadCase {
     pub(super) weight: Vector3<f64>,
     pub(super) by_roll: Vector3<f64>,
     pub(super) by_pitch: Vector3<f64>,
 }
 
-impl Stance {
+impl LoadCase {
     pub(super) fn at(tilt: &Tilt) -> Self {
         let Tilt {
             s_alpha,
@@ -69,7 +69,7 @@ pub(super) struct Loads {
 impl Loads {
     /// Returns the loads as of [`write_wheel_loads`](super::super::loads::write_wheel_loads); those
     /// of level ground where the vehicle does not stand.
-    pub(super) fn of(geometry: &Geometry, ground: &Ground, stance: &Stance) -> Self {
+    pub(super) fn of(geometry: &Geometry, ground: &Ground, stance: &LoadCase) -> Self {
         let demand = demand_of(&stance.weight, &ground.centre);
         let wheels = 2 * geometry.axles;
         let mut lifted = [false; WHEELS_MAX];

@@ -35,10 +35,10 @@ use crate::speeds::{MotorSpeeds, TreadSpeeds};
 pub use following::{BodyState, Followed, Following, Lag};
 pub use geometry::ByParameters;
 use geometry::{Geometry, Ground};
-use loads::{Loads, Stance};
+use loads::{LoadCase, Loads};
 use nalgebra::Vector3;
-use search::{Solution, TOLERANCE, TOLERANCE_OF_ROLL_OUT};
-use sums::{GradientParts, Sums};
+use search::{BalanceSolution, TOLERANCE, TOLERANCE_OF_ROLL_OUT};
+use sums::{ForceSums, GradientParts};
 
 /// A velocity in balance with its derivatives.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -171,7 +171,7 @@ impl ContactPrediction {
     ) -> BodyVelocity {
         let tilt = tilt.into();
         let start = self.start(near, tilt, motors);
-        let (loads, stance) = (self.loads(&tilt), Stance::at(&tilt));
+        let (loads, stance) = (self.loads(&tilt), LoadCase::at(&tilt));
         let sums = self.sums(motors);
         let velocity = sums
             .settle(start, &loads, &stance, TOLERANCE_OF_ROLL_OUT)
@@ -190,7 +190,7 @@ impl ContactPrediction {
                 &parts,
                 &solution.velocity,
                 &loads,
-                &Stance::at(&tilt),
+                &LoadCase::at(&tilt),
                 solution.pull_share,
             );
         Predicted {
@@ -202,13 +202,13 @@ impl ContactPrediction {
     }
 
     fn loads(&self, tilt: &Tilt) -> Loads {
-        Loads::of(&self.geometry, &self.ground, &Stance::at(tilt))
+        Loads::of(&self.geometry, &self.ground, &LoadCase::at(tilt))
     }
 
-    fn sums(&self, motors: MotorSpeeds) -> Sums<'_> {
+    fn sums(&self, motors: MotorSpeeds) -> ForceSums<'_> {
         let treads = TreadSpeeds::from(motors);
         let [left, right] = self.ground.tread_factors;
-        Sums {
+        ForceSums {
             geometry: &self.geometry,
             ground: &self.ground,
             treads: TreadSpeeds {
@@ -239,8 +239,8 @@ impl ContactPrediction {
         loads: &Loads,
         tilt: Tilt,
         motors: MotorSpeeds,
-    ) -> (FoundBalance, Solution, GradientParts) {
-        let stance = Stance::at(&tilt);
+    ) -> (FoundBalance, BalanceSolution, GradientParts) {
+        let stance = LoadCase::at(&tilt);
         let sums = self.sums(motors);
         let solution = sums.settle(start, loads, &stance, TOLERANCE);
         let parts = sums.gradient_parts(&solution.velocity, loads);

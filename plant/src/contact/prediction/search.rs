@@ -1,7 +1,7 @@
 //! The search of a balance: the minimum of the potential, by damped Newton steps.
 
-use super::loads::{Loads, Stance};
-use super::sums::{Expansion, Sums};
+use super::loads::{LoadCase, Loads};
+use super::sums::{Expansion, ForceSums};
 use crate::speeds::TreadSpeeds;
 use nalgebra::{Matrix3, Vector3};
 
@@ -28,23 +28,23 @@ pub(super) const SPEED_MAX: f64 = 20.0;
 const SEARCHED_MAX: f64 = 100.0;
 
 /// A search's end.
-pub(super) struct Solution {
+pub(super) struct BalanceSolution {
     pub(super) velocity: Vector3<f64>,
     pub(super) inverse_hessian: Matrix3<f64>,
     pub(super) pull_share: f64,
     pub(super) holds: bool,
 }
 
-impl Sums<'_> {
+impl ForceSums<'_> {
     /// Returns the balance nearest to the request: with all of the pull along the ground where
     /// friction holds it, otherwise with less.
     pub(super) fn settle(
         &self,
         start: Vector3<f64>,
         loads: &Loads,
-        stance: &Stance,
+        stance: &LoadCase,
         tolerance: f64,
-    ) -> Solution {
+    ) -> BalanceSolution {
         let pull = stance.pull(&self.ground.centre);
         let along = stance.weight.xy().norm();
         // Friction forces of all wheels together never exceed this.
@@ -73,7 +73,7 @@ impl Sums<'_> {
             let pulled = pull_share * pull;
             if let Some((velocity, inverse_hessian)) = self.search(begin, loads, &pulled, tolerance)
             {
-                return Solution {
+                return BalanceSolution {
                     velocity,
                     inverse_hessian,
                     holds: pull_share >= 1.0 && loads.stands,
@@ -82,7 +82,7 @@ impl Sums<'_> {
             }
         }
         // Not reached but by values that are not finite: stand still, insensitive to everything.
-        Solution {
+        BalanceSolution {
             velocity: Vector3::zeros(),
             inverse_hessian: Matrix3::zeros(),
             pull_share: 0.0,

@@ -1,12 +1,12 @@
 //! Sums over the wheels: the potential, its derivatives by the velocity, and those of its gradient.
 
 use super::geometry::{ByParameters, Geometry, Ground};
-use super::loads::{Loads, Stance, demand_of, pull_of};
+use super::loads::{LoadCase, Loads, demand_of, pull_of};
 use crate::speeds::TreadSpeeds;
 use nalgebra::{Matrix3, SMatrix, Vector3};
 
 /// What the sums are over, and the tread speeds, their factors included.
-pub(super) struct Sums<'a> {
+pub(super) struct ForceSums<'a> {
     pub(super) geometry: &'a Geometry,
     pub(super) ground: &'a Ground,
     pub(super) treads: TreadSpeeds,
@@ -57,7 +57,7 @@ impl Side {
 
 /// One wheel's unit friction force, q and their ingredients.
 #[derive(Clone, Copy)]
-struct Wheel {
+struct WheelSums {
     y: f64,
     load: f64,
     /// a^2 s_x^2.
@@ -69,7 +69,7 @@ struct Wheel {
     force: Vector3<f64>,
 }
 
-impl Sums<'_> {
+impl ForceSums<'_> {
     fn sides(&self, velocity: &Vector3<f64>) -> [Side; 2] {
         let turning = self.ground.patch_squared_m2 * velocity.z * velocity.z;
         [(-1.0, self.treads.left_m_s), (1.0, self.treads.right_m_s)].map(|(sign, tread)| {
@@ -89,14 +89,14 @@ impl Sums<'_> {
     }
 
     #[inline]
-    fn wheel(&self, side: &Side, axle: usize, velocity: &Vector3<f64>, loads: &Loads) -> Wheel {
+    fn wheel(&self, side: &Side, axle: usize, velocity: &Vector3<f64>, loads: &Loads) -> WheelSums {
         let y = self.geometry.forward_m[axle];
         let s_x = velocity.x - velocity.z * y;
         let across = self.ground.lateral_squared * s_x;
         let lateral = across * s_x;
         let q = (side.common + lateral).sqrt();
         let inverse = 1.0 / q;
-        Wheel {
+        WheelSums {
             y,
             load: loads.of_wheel[side.first + axle],
             lateral,
@@ -219,7 +219,7 @@ impl Sums<'_> {
         &self,
         parts: &GradientParts,
         loads: &Loads,
-        stance: &Stance,
+        stance: &LoadCase,
         pull_share: f64,
     ) -> SMatrix<f64, 3, 4> {
         let centre = &self.ground.centre;
@@ -241,7 +241,7 @@ impl Sums<'_> {
         parts: &GradientParts,
         velocity: &Vector3<f64>,
         loads: &Loads,
-        stance: &Stance,
+        stance: &LoadCase,
         pull_share: f64,
     ) -> ByParameters {
         let weight = stance.weight;

@@ -87,7 +87,7 @@ proptest! {
         let found = model.clone().predict(attitude(roll, pitch), motors(tau, sigma));
         prop_assume!(found.holds);
         // A wheel that lifts or lands between the points of a difference has two derivatives.
-        let loads = Loads::of(&model.geometry, &model.ground, &Stance::at(&attitude(roll, pitch).into()));
+        let loads = Loads::of(&model.geometry, &model.ground, &LoadCase::at(&attitude(roll, pitch).into()));
         prop_assume!(loads.of_wheel[..2 * axles].iter().all(|load| *load > 1e-4));
         let by = &found.linearised;
         check_jacobian("input", [by.by_roll, by.by_pitch, by.by_traction, by.by_steer], |[a, p, t, s]| {
@@ -302,7 +302,7 @@ fn no_search_goes_round_in_circles_and_no_load_is_that_of_rounding() {
         -0.6226, 0.3, -0.0836, 1.0667, 0.02, 0.0, -0.462, -3.276, 0.3, 0.0081, 0.0, 0.0, 0.0, 0.0,
     ];
     overturning.set_parameters(&parameters.into());
-    let stance = Stance::at(&attitude(0.296, -0.1613).into());
+    let stance = LoadCase::at(&attitude(0.296, -0.1613).into());
     let loads = Loads::of(&overturning.geometry, &overturning.ground, &stance);
     assert!(!loads.stands);
     assert!(loads.of_wheel.iter().sum::<f64>() <= 1.0, "{loads:?}");

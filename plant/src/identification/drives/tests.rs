@@ -219,7 +219,7 @@ proptest! {
         );
         const DT_S: f64 = 1e-4;
         let mut drives = DriveTrain::new(&serde_yaml::from_str(&yaml).unwrap(), DT_S);
-        let model = Model {
+        let model = MotorModel {
             time_constant_s: lag_s,
             acceleration_m_s2: if accelerates { acceleration } else { f64::INFINITY },
             deceleration_m_s2: if brakes { deceleration } else { f64::INFINITY },

@@ -5,9 +5,11 @@ use serde::{Deserialize, Serialize};
 
 /// How far route elevations are smoothed, and how far to the side they are valid.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(try_from = "RawSmoothing")]
+#[serde(try_from = "RawRouteSmoothing")]
 pub struct RouteSmoothing {
+    /// Length over which heights are smoothed along the route.
     pub(super) smoothing_length_m: f64,
+    /// Distance from the route up to which the ground is known.
     pub(super) distance_max_m: f64,
 }
 
@@ -43,15 +45,15 @@ impl RouteSmoothing {
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-struct RawSmoothing {
+struct RawRouteSmoothing {
     smoothing_length_m: f64,
     distance_max_m: f64,
 }
 
-impl TryFrom<RawSmoothing> for RouteSmoothing {
+impl TryFrom<RawRouteSmoothing> for RouteSmoothing {
     type Error = RangeError;
 
-    fn try_from(raw: RawSmoothing) -> Result<Self, RangeError> {
+    fn try_from(raw: RawRouteSmoothing) -> Result<Self, RangeError> {
         Self::new(raw.smoothing_length_m, raw.distance_max_m)
     }
 }
