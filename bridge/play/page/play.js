@@ -286,6 +286,16 @@ function makeGround() {
     picture.data[at + 3] = 26 * Math.min(Math.max(0.5 + (0.5 - within) * band / Math.max(rise[0] + rise[1], 1e-9), 0), 1);
   });
   pen.putImageData(picture, 0, 0);
+  // Slippery ground is hatched.
+  const slippery = hillside.slippery(x, y, side, GROUND_POINTS);
+  pen.fillStyle = colours['--orange'];
+  slippery.forEach((much, i) => {
+    const [row, left] = [GROUND_POINTS - 1 - Math.floor(i / GROUND_POINTS), i % GROUND_POINTS];
+    if (much < 0.2 || (row + left) % 6 > 1) return;
+    pen.globalAlpha = 0.2 + 0.6 * much;
+    pen.fillRect(left, row, 1, 1);
+  });
+  $('legend').querySelector('.slippery').hidden = !slippery.length;
   const text = $('legend').querySelector('.bands');
   text.hidden = !Number.isFinite(band);
   text.querySelector('span').textContent = `bands of ${band < 1 ? `${Math.round(100 * band)} cm` : `${band} m`} of height`;

@@ -12,8 +12,9 @@ pub use rover::Rover;
 
 use serde_json::json;
 use setup::Setup;
-use sidehill::config::{Bundle, ConfigError, ConfigFile, Overrides, Prepared, Scenario};
+use sidehill::config::{Bundle, ConfigError, ConfigFile, Overrides, Plant, Prepared, Scenario};
 use sidehill_controller::config::ControllerKind;
+use sidehill_plant::contact::FrictionField;
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
 use std::sync::{Arc, Mutex};
@@ -119,15 +120,27 @@ impl Hillside {
     /// Returns the heights of the ground at `points` x `points` places of a square, m, row by row from its lowest x and
     /// y; not a number where there is no ground.
     pub fn ground(&self, x_m: f64, y_m: f64, side_m: f64, points: u32) -> Vec<f64> {
-        let step_m = side_m / f64::from(points.max(2) - 1);
-        let at = |i: u32, from_m: f64| from_m + f64::from(i) * step_m;
-        let places = (0..points).flat_map(|row| (0..points).map(move |column| (column, row)));
-        places
-            .map(|(column, row)| {
-                let surface = self.prepared.terrain.surface(at(column, x_m), at(row, y_m));
-                surface.map_or(f64::NAN, |surface| surface.height_m)
-            })
-            .collect()
+        at_places([x_m, y_m], side_m, points, |x_m, y_m| {
+            let surface = self.prepared.terrain.surface(x_m, y_m);
+            surface.map_or(f64::NAN, |surface| surface.height_m)
+        })
+    }
+
+    /// Returns how slippery the ground is at such places: 0 at the middle coefficient of friction and above, 1 at the
+    /// least; empty where it is the same everywhere.
+    pub fn slippery(&self, x_m: f64, y_m: f64, side_m: f64, points: u32) -> Vec<f64> {
+        let Plant::Contact { vehicle, .. } = &self.prepared.plant else {
+            return Vec::new();
+        };
+        let field = vehicle.friction.field;
+        let FrictionField::Patches { minimum, .. } = field else {
+            return Vec::new();
+        };
+        let middle = field.middle();
+        at_places([x_m, y_m], side_m, points, |x_m, y_m| {
+            let less = middle - field.coefficient_at(x_m, y_m);
+            (less / (middle - minimum).max(1e-9)).clamp(0.0, 1.0)
+        })
     }
 
     /// Returns a rover at the start, driven by a controller of that name.
@@ -139,6 +152,21 @@ impl Hillside {
             .ok_or_else(|| JsError::new(&format!("there is no controller {controller}")))?;
         Rover::new(self.prepared.clone(), kind).map_err(|error| JsError::new(&error))
     }
+}
+
+/// Returns the values at `points` x `points` places of a square, row by row from its lowest x and y, m.
+fn at_places(
+    [x_m, y_m]: [f64; 2],
+    side_m: f64,
+    points: u32,
+    value: impl Fn(f64, f64) -> f64,
+) -> Vec<f64> {
+    let step_m = side_m / f64::from(points.max(2) - 1);
+    let along = |i: u32| f64::from(i) * step_m;
+    let places = (0..points).flat_map(|row| (0..points).map(move |column| (column, row)));
+    places
+        .map(|(column, row)| value(x_m + along(column), y_m + along(row)))
+        .collect()
 }
 
 fn prepare(scenario: &str) -> Result<Prepared, String> {

@@ -1,11 +1,12 @@
 //! A rover on the hillside: a run under way, and what the page shows of it.
 
 use sidehill::closed_loop::Drive;
-use sidehill::config::Prepared;
+use sidehill::config::{Plant, Prepared};
 use sidehill::record::status_words;
 use sidehill_controller::closed_loop::Cycle;
 use sidehill_controller::config::ControllerKind;
 use sidehill_controller::guard::{Stance, Turning};
+use sidehill_plant::contact::FrictionField;
 use sidehill_plant::frames::PlanarPose;
 use sidehill_plant::simulation::Simulation;
 use sidehill_plant::vehicle::Vehicle;
@@ -42,7 +43,7 @@ pub const COLUMNS: [&str; 19] = [
 pub struct Rover {
     drive: Drive<Rc<Prepared>, Simulation>,
     stance: Option<Stance>,
-    friction: f64,
+    friction: FrictionField,
     level: Vehicle,
     state: &'static str,
     reason: String,
@@ -52,11 +53,12 @@ impl Rover {
     pub(crate) fn new(prepared: Rc<Prepared>, kind: ControllerKind) -> Result<Self, String> {
         let simulation = prepared.simulation().map_err(|error| error.to_string())?;
         let plant = prepared.plant.kind().name();
-        let wheels = prepared.vehicle.contact_vehicle();
-        let middle = wheels.friction.field.middle();
-        let (stance, friction, level) = (
+        let friction = match &prepared.plant {
+            Plant::Contact { vehicle, .. } => vehicle.friction.field,
+            Plant::Icrik(_) => prepared.vehicle.contact_vehicle().friction.field,
+        };
+        let (stance, level) = (
             Stance::of(&prepared.vehicle),
-            prepared.plant.friction().unwrap_or(middle),
             prepared.vehicle.on_level_ground(),
         );
         let drive = Drive::new(prepared, kind, simulation, plant);
@@ -77,9 +79,10 @@ impl Rover {
             speed_m_s: state.velocity.forward_m_s,
             yaw_rate_rad_s: state.velocity.yaw_rate_rad_s,
         };
+        let friction = self.friction.coefficient_at(state.pose.x_m, state.pose.y_m);
         let margins = self
             .stance
-            .map(|stance| stance.margins(&state.attitude, &turning, self.friction));
+            .map(|stance| stance.margins(&state.attitude, &turning, friction));
         // How the vehicle moves otherwise than on level ground.
         let level = self.level.body_velocity(state.attitude, state.treads);
         let estimate = decision.estimate.map(|estimate| estimate.pose);
