@@ -287,6 +287,9 @@ impl Driver {
                 Some(GoalEvent::Rejected) => {
                     return Some("the server rejects the goal; its log says why".to_owned());
                 }
+                Some(GoalEvent::Ended(_)) if cancelled.is_some() => {
+                    return Some("the operator has asked for it".to_owned());
+                }
                 Some(GoalEvent::Ended(reason)) => return Some(reason),
                 None => {}
             }
