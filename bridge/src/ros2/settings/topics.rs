@@ -93,7 +93,7 @@ pub struct PoseConfig {
 /// Message of a heading.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum HeadingMessage {
+pub enum OrientationMessage {
     /// The orientation of a sensor_msgs/Imu.
     #[default]
     Imu,
@@ -109,7 +109,7 @@ pub struct HeadingConfig {
     pub topic: String,
     /// Message.
     #[serde(rename = "type")]
-    pub message: HeadingMessage,
+    pub message: OrientationMessage,
     /// Added to the heading, deg: by how much the antennas that measure it are turned clockwise. The mounting is that
     /// of TF where it is not given.
     pub offset_deg: Option<f64>,
