@@ -7,9 +7,11 @@ use anyhow::Result;
 use sidehill_controller::closed_loop::{ClosedLoop, Cycle, RunEnd, TrackingFigures};
 use sidehill_controller::config::ControllerKind;
 use sidehill_controller::controller::{Controller, StopReason};
+use sidehill_controller::guard::SteepPlace;
 use sidehill_controller::mpc::SolvePath;
 use sidehill_controller::trajectory::Ending;
 use sidehill_plant::simulation::Plant;
+use std::ops::Deref;
 
 /// Farthest from the end of its path, or from a closed path, at which a run counts as completed, m;
 /// Nav2's default.
@@ -66,87 +68,147 @@ pub fn run_plant<P: Plant>(
     mut progress: impl FnMut(f64),
     mut observer: Option<&mut dyn Observer>,
 ) -> Result<Run> {
-    let mut closed_loop = ClosedLoop::new(plant, prepared.controller(kind)?)?;
-    let mut guard = prepared
-        .stance()
-        .map(|stance| GuardWatch::new(stance, prepared));
-    let refused = prepared.refused_place();
-    let mut rows = Vec::new();
+    let mut drive = Drive::new(prepared, kind, plant, name)?;
     if let Some(observer) = &mut observer {
-        observer.begin(closed_loop.controller())?;
+        observer.begin(drive.controller())?;
     }
-    let outcome = loop {
-        if let Some(place) = refused {
-            break Ok(RunEnd::Stopped(StopReason::TooSteep { place }));
-        }
-        let cycle = closed_loop.decide();
-        let slope = guard.as_mut().and_then(|guard| guard.watch(&cycle));
-        rows.push(Row {
-            slope,
-            ..row(&cycle, prepared)
-        });
+    while let Some(cycle) = drive.decide() {
         if let Some(observer) = &mut observer {
-            observer.cycle(&cycle, closed_loop.controller())?;
+            observer.cycle(&cycle, drive.controller())?;
         }
-        if rows.len() % PROGRESS_CYCLES == 0 {
+        if drive.rows.len() % PROGRESS_CYCLES == 0 {
             progress(cycle.progress);
         }
-        if let Some(end) = cycle.ending {
-            break Ok(end);
-        }
-        if let Err(error) = closed_loop.advance() {
-            break Err(error);
-        }
-    };
+        drive.advance();
+    }
     progress(1.0);
-    let figures = closed_loop.figures();
-    let ended_by = match outcome {
-        Ok(RunEnd::Finished) => missed(prepared, &figures),
-        Ok(end) if refused.is_some() => Some(format!("refused, {end}")),
-        Ok(end) => Some(end.to_string()),
-        Err(error) => Some(error.to_string()),
-    };
-    let solves = rows.iter().filter(|row| row.qp_iterations > 0);
-    let solved = |path| rows.iter().filter(|row| row.qp_path == Some(path)).count() as u32;
-    let iterations: u64 = solves.clone().map(|row| u64::from(row.qp_iterations)).sum();
-    let summary = Summary {
-        controller: kind.name().to_owned(),
-        plant: name.to_owned(),
-        scenario: prepared.name.clone(),
-        seed: prepared.seed,
-        completed: ended_by.is_none(),
-        ended_by,
-        cross_track_rms_m: figures.cross_track_rms_m,
-        cross_track_p95_m: figures.cross_track_p95_m,
-        cross_track_max_m: figures.cross_track_max_m,
-        origin_cross_track_rms_m: figures.origin_cross_track_rms_m,
-        along_track_rms_m: figures.along_track_rms_m,
-        laps: match closed_loop.laps() {
-            [_, _, ..] => closed_loop.laps().to_vec(),
-            _ => Vec::new(),
-        },
-        guard: guard.map(|guard| guard.summary(refused)),
-        heading_rms_rad: figures.heading_rms_rad,
-        steer_total_variation_m_s: figures.steer_total_variation_m_s,
-        goal_error_m: figures.goal_error_m,
-        mean_speed_m_s: figures.mean_speed_m_s,
-        time_s: figures.time_s,
-        tread_speed_max_m_s: figures.tread_speed_max_m_s,
-        constraint_violations: figures.constraint_violations,
-        fallbacks: figures.fallbacks,
-        deadline_misses: figures.deadline_misses,
-        qp_iterations_mean: iterations as f64 / solves.clone().count().max(1) as f64,
-        qp_working_set: solved(SolvePath::WorkingSet),
-        qp_interior_point: solved(SolvePath::InteriorPoint),
-        qp_cut_short: solved(SolvePath::CutShort),
-        solve_us: Quantiles::of(solves.map(|row| row.solve_us).collect()),
-        cycle_us: Quantiles::of(rows.iter().map(|row| row.cycle_us).collect()),
-    };
     Ok(Run {
-        learned: closed_loop.controller().learned(),
-        summary,
-        rows,
+        learned: drive.controller().learned(),
+        summary: drive.summary(),
+        rows: drive.rows,
     })
+}
+
+/// A run under way: call [`Drive::decide`] and [`Drive::advance`] in turn.
+pub struct Drive<S, P> {
+    prepared: S,
+    kind: ControllerKind,
+    plant_name: String,
+    closed_loop: ClosedLoop<P>,
+    guard: Option<GuardWatch>,
+    refused: Option<SteepPlace>,
+    rows: Vec<Row>,
+    ended: Option<Result<RunEnd, String>>,
+}
+
+impl<S: Deref<Target = Prepared>, P: Plant> Drive<S, P> {
+    /// Begins the run of one controller with a plant of that name.
+    ///
+    /// # Errors
+    /// Settings out of range.
+    pub fn new(prepared: S, kind: ControllerKind, plant: P, name: &str) -> Result<Self> {
+        let refused = prepared.refused_place();
+        let stance = prepared.stance();
+        Ok(Self {
+            kind,
+            plant_name: name.to_owned(),
+            closed_loop: ClosedLoop::new(plant, prepared.controller(kind)?)?,
+            guard: stance.map(|stance| GuardWatch::new(stance, &prepared)),
+            refused,
+            rows: Vec::new(),
+            ended: refused.map(|place| Ok(RunEnd::Stopped(StopReason::TooSteep { place }))),
+            prepared,
+        })
+    }
+
+    /// Returns the next control cycle; none where the run has ended.
+    pub fn decide(&mut self) -> Option<Cycle> {
+        if self.ended.is_some() {
+            return None;
+        }
+        let cycle = self.closed_loop.decide();
+        let slope = self.guard.as_mut().and_then(|guard| guard.watch(&cycle));
+        self.rows.push(Row {
+            slope,
+            ..row(&cycle, &self.prepared)
+        });
+        self.ended = cycle.ending.map(Ok);
+        Some(cycle)
+    }
+
+    /// Moves the plant on to the next cycle, unless the run has ended.
+    pub fn advance(&mut self) {
+        if self.ended.is_none()
+            && let Err(error) = self.closed_loop.advance()
+        {
+            self.ended = Some(Err(error.to_string()));
+        }
+    }
+
+    /// Returns whether the run has ended.
+    pub fn has_ended(&self) -> bool {
+        self.ended.is_some()
+    }
+
+    /// Returns the controller.
+    pub fn controller(&self) -> &Controller {
+        self.closed_loop.controller()
+    }
+
+    /// Returns the plant, for a hand that moves it.
+    pub fn plant_mut(&mut self) -> &mut P {
+        self.closed_loop.plant_mut()
+    }
+
+    /// Returns the figures so far; a run that has not ended is not completed.
+    pub fn summary(&self) -> Summary {
+        let figures = self.closed_loop.figures();
+        let ended_by = match &self.ended {
+            None => Some("under way".to_owned()),
+            Some(Ok(RunEnd::Finished)) => missed(&self.prepared, &figures),
+            Some(Ok(end)) if self.refused.is_some() => Some(format!("refused, {end}")),
+            Some(Ok(end)) => Some(end.to_string()),
+            Some(Err(error)) => Some(error.clone()),
+        };
+        let rows = &self.rows;
+        let solves = rows.iter().filter(|row| row.qp_iterations > 0);
+        let solved = |path| rows.iter().filter(|row| row.qp_path == Some(path)).count() as u32;
+        let iterations: u64 = solves.clone().map(|row| u64::from(row.qp_iterations)).sum();
+        let laps = self.closed_loop.laps();
+        Summary {
+            controller: self.kind.name().to_owned(),
+            plant: self.plant_name.clone(),
+            scenario: self.prepared.name.clone(),
+            seed: self.prepared.seed,
+            completed: ended_by.is_none(),
+            ended_by,
+            cross_track_rms_m: figures.cross_track_rms_m,
+            cross_track_p95_m: figures.cross_track_p95_m,
+            cross_track_max_m: figures.cross_track_max_m,
+            origin_cross_track_rms_m: figures.origin_cross_track_rms_m,
+            along_track_rms_m: figures.along_track_rms_m,
+            laps: match laps {
+                [_, _, ..] => laps.to_vec(),
+                _ => Vec::new(),
+            },
+            guard: self.guard.as_ref().map(|guard| guard.summary(self.refused)),
+            heading_rms_rad: figures.heading_rms_rad,
+            steer_total_variation_m_s: figures.steer_total_variation_m_s,
+            goal_error_m: figures.goal_error_m,
+            mean_speed_m_s: figures.mean_speed_m_s,
+            time_s: figures.time_s,
+            tread_speed_max_m_s: figures.tread_speed_max_m_s,
+            constraint_violations: figures.constraint_violations,
+            fallbacks: figures.fallbacks,
+            deadline_misses: figures.deadline_misses,
+            qp_iterations_mean: iterations as f64 / solves.clone().count().max(1) as f64,
+            qp_working_set: solved(SolvePath::WorkingSet),
+            qp_interior_point: solved(SolvePath::InteriorPoint),
+            qp_cut_short: solved(SolvePath::CutShort),
+            solve_us: Quantiles::of(solves.map(|row| row.solve_us).collect()),
+            cycle_us: Quantiles::of(rows.iter().map(|row| row.cycle_us).collect()),
+        }
+    }
 }
 
 /// Returns why a finished run does not count as completed.

@@ -27,9 +27,25 @@ pub fn line(text: impl Display) {
     output(writeln!(std::io::stdout().lock(), "{text}"));
 }
 
-/// Prints `text` and a line break to standard error.
+/// Prints `text` and a line break to standard error. Of a text that quotes a file's content at length only beginning and
+/// end are printed.
 pub fn complain(text: impl Display) {
+    let text = shortened(text.to_string());
     count(writeln!(std::io::stderr().lock(), "{text}"));
+}
+
+/// Most characters of a complaint, and those of its end that are kept of a longer one.
+const COMPLAINT_MAX: usize = 4000;
+const COMPLAINT_END: usize = 1000;
+
+fn shortened(text: String) -> String {
+    let count = text.chars().count();
+    if count <= COMPLAINT_MAX {
+        return text;
+    }
+    let begin = text.chars().take(COMPLAINT_MAX - COMPLAINT_END);
+    let end = text.chars().skip(count - COMPLAINT_END);
+    begin.chain(" [...] ".chars()).chain(end).collect()
 }
 
 /// Returns how many texts could not be written.
@@ -186,4 +202,19 @@ pub fn end(program: &str, result: Result<ExitCode>, needs_output: bool) -> ExitC
         complain(format_args!("{program}: {error:#}"));
         ExitCode::from(2)
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_complaint_that_quotes_a_whole_file_is_shortened() {
+        let text = "b.csv: row 7: \"ä\" is not a number".to_owned();
+        assert_eq!(shortened(text.clone()), text);
+        let long = format!("b.csv: row 7: \"{}\" is not a number", "ä".repeat(100_000));
+        let short = shortened(long);
+        assert!(short.chars().count() < COMPLAINT_MAX + 10);
+        assert!(short.starts_with("b.csv: row 7") && short.ends_with("is not a number"));
+    }
 }

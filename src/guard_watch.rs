@@ -66,7 +66,7 @@ impl GuardWatch {
     }
 
     /// Returns the summary; `refused` is the place for which the route was refused.
-    pub(crate) fn summary(self, refused: Option<SteepPlace>) -> GuardSummary {
+    pub(crate) fn summary(&self, refused: Option<SteepPlace>) -> GuardSummary {
         GuardSummary {
             stopped_before: refused.or(self.summary.stopped_before),
             rollover_margin_min: match refused {

@@ -2,6 +2,7 @@
 //!
 //! The first line contains the format and the checksum (FNV-1a, 64 bits) of the JSON that follows.
 
+use crate::limits;
 use anyhow::{Context, Result, bail};
 use serde::{Deserialize, Serialize};
 use sidehill_controller::memory::Learned;
@@ -95,7 +96,7 @@ impl LearnedFile {
 /// `days_max`.
 pub fn load(path: &Path, days_max: f64) -> Result<LearnedFile> {
     let name = || path.display().to_string();
-    let bytes = std::fs::read(path).with_context(name)?;
+    let bytes = limits::read(path).with_context(name)?;
     let read = |bytes| -> Result<LearnedFile> {
         let text =
             String::from_utf8(bytes).context("refused: the file is damaged, it is not text")?;

@@ -1,33 +1,58 @@
 //! The program `sidehill`: configuration files, closed-loop simulation, figures and reports.
 //!
-//! A library so that tests, benches and the Python module can use it; its interface is not stable.
+//! A library so that tests, benches and the Python module can use it; its interface is not stable. In a browser
+//! (bridge/play) it has what a simulation needs, and nothing that needs an operating system.
 #![allow(clippy::print_stdout, clippy::print_stderr)]
+#![cfg_attr(target_family = "wasm", allow(dead_code, unused_imports))]
 
-pub mod bag;
-pub mod campaign;
-pub mod check;
 pub mod closed_loop;
 pub mod config;
-pub mod console;
-#[cfg(feature = "package")]
-pub mod documents;
-pub mod drive;
-pub mod drive_log;
 mod guard_watch;
-pub mod icr;
-pub mod identify;
-pub mod init;
 pub mod learned;
 mod limits;
-mod log_file;
-pub mod odometry;
-pub mod output;
-pub mod progress;
-pub mod qp_recording;
 pub mod record;
+
+#[cfg(not(target_family = "wasm"))]
+pub mod bag;
+#[cfg(not(target_family = "wasm"))]
+pub mod campaign;
+#[cfg(not(target_family = "wasm"))]
+pub mod check;
+#[cfg(not(target_family = "wasm"))]
+pub mod console;
+#[cfg(all(feature = "package", not(target_family = "wasm")))]
+pub mod documents;
+#[cfg(not(target_family = "wasm"))]
+pub mod drive;
+#[cfg(not(target_family = "wasm"))]
+pub mod drive_log;
+#[cfg(not(target_family = "wasm"))]
+pub mod icr;
+#[cfg(not(target_family = "wasm"))]
+pub mod identify;
+#[cfg(not(target_family = "wasm"))]
+pub mod init;
+#[cfg(not(target_family = "wasm"))]
+mod log_file;
+#[cfg(not(target_family = "wasm"))]
+pub mod odometry;
+#[cfg(not(target_family = "wasm"))]
+pub mod output;
+#[cfg(not(target_family = "wasm"))]
+pub mod play;
+#[cfg(not(target_family = "wasm"))]
+pub mod progress;
+#[cfg(not(target_family = "wasm"))]
+pub mod qp_recording;
+#[cfg(not(target_family = "wasm"))]
 pub mod recording;
+#[cfg(not(target_family = "wasm"))]
 pub mod replay;
+#[cfg(not(target_family = "wasm"))]
 pub mod report;
+#[cfg(not(target_family = "wasm"))]
 pub mod route;
+#[cfg(not(target_family = "wasm"))]
 pub mod simulate;
+#[cfg(not(target_family = "wasm"))]
 pub mod tune;

@@ -7,7 +7,8 @@ use clap::{Parser, Subcommand};
 #[cfg(feature = "package")]
 use sidehill::documents;
 use sidehill::{
-    campaign, check, console, drive, icr, identify, init, odometry, replay, route, simulate, tune,
+    campaign, check, console, drive, icr, identify, init, odometry, play, replay, route, simulate,
+    tune,
 };
 use sidehill_bridge::ros2::arguments;
 use std::process::ExitCode;
@@ -25,6 +26,8 @@ struct Cli {
 enum Command {
     /// Simulates a scenario with its controllers, side by side.
     Simulate(simulate::SimulateArgs),
+    /// Serves a page with a hillside to play on: the simulation runs in the browser.
+    Play(play::PlayArgs),
     /// Runs many seeded simulations on all cores and compares controllers over them.
     Campaign(campaign::CampaignArgs),
     /// Searches for better settings of a controller, and accepts them only if held-out runs
@@ -71,6 +74,7 @@ fn main() -> ExitCode {
         Command::Route(args) if args.is_live() => Err(drive::hand_over()),
         _ if !ros.is_empty() => Err(anyhow!("--ros-args: this command is not a ROS 2 node")),
         Command::Simulate(args) => simulate::run(&args),
+        Command::Play(args) => play::run(&args).map(|()| ExitCode::SUCCESS),
         Command::Campaign(args) => campaign::run(&args).map(|()| ExitCode::SUCCESS),
         Command::Tune(args) => tune::run(&args),
         Command::Icr(args) => icr::run(&args, std::io::stdin().lock(), std::io::stdout().lock())

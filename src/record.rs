@@ -58,7 +58,7 @@ pub struct Row {
 }
 
 /// Returns `waiting`, `tracking`, `fallback`, `stopping` or `finished`, and why for the two that need a reason.
-pub(crate) fn status_words(status: Status) -> (&'static str, String) {
+pub fn status_words(status: Status) -> (&'static str, String) {
     match status {
         Status::Waiting => ("waiting", String::new()),
         Status::Tracking => ("tracking", String::new()),

@@ -4,6 +4,7 @@ mod figures;
 
 pub use figures::{LapFigures, TrackingErrors, TrackingFigures};
 
+use crate::clock::Instant;
 use crate::controller::{Controller, Decision, Status, StopReason};
 use crate::path::Point2;
 use crate::reference::Reference;
@@ -12,7 +13,7 @@ use figures::Account;
 use sidehill_plant::sample::Sample;
 use sidehill_plant::simulation::{Plant, TrueState};
 use sidehill_plant::speeds::MotorSpeeds;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// A controller and the plant it drives.
 pub struct ClosedLoop<P> {
@@ -96,7 +97,7 @@ impl<P: Plant> ClosedLoop<P> {
         }
         Ok(Self {
             account: Account::new(reference, controller.config()),
-            give_up_s: 4.0 * reference.end_s() + 60.0,
+            give_up_s: 10.0 * reference.end_s() + 60.0,
             reference: reference.ahead(0.0),
             command: MotorSpeeds::STOP,
             steps_per_cycle: steps.round() as u32,
@@ -189,6 +190,11 @@ impl<P: Plant> ClosedLoop<P> {
     /// Returns the plant.
     pub fn plant(&self) -> &P {
         &self.plant
+    }
+
+    /// Returns the plant, which a test or a hand may change between two cycles.
+    pub fn plant_mut(&mut self) -> &mut P {
+        &mut self.plant
     }
 
     /// Returns the controller.

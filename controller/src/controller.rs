@@ -18,6 +18,7 @@ pub use decision::{Decision, Stall, Status, StopReason};
 pub use drives::DriveResponse;
 pub use parts::ControllerError;
 
+use crate::clock::Instant;
 use crate::config::{ControllerConfig, ControllerKind};
 use crate::estimator::{Estimate, Estimator};
 use crate::guard::Guard;
@@ -34,7 +35,6 @@ use sidehill_plant::sample::Sample;
 use sidehill_plant::speeds::MotorSpeeds;
 use sidehill_plant::terrain::Terrain;
 use sidehill_plant::vehicle::Vehicle;
-use std::time::Instant;
 use watchdog::{DigWatch, Watchdog};
 
 /// What the cycle before left behind.

@@ -18,6 +18,7 @@
 #![doc = include_str!("../examples/follow.rs")]
 //! ```
 
+mod clock;
 pub mod closed_loop;
 pub mod config;
 pub mod controller;

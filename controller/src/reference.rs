@@ -29,8 +29,8 @@ pub struct Reference {
     time_s: f64,
     /// Whether the vehicle has been seen on this path.
     begun: bool,
-    /// Least that was left of the present drive, m, and the time since the vehicle came nearer, s.
-    least_to_go_m: f64,
+    /// Least that was left of the present drive, m, or rad on the spot, and the time since the vehicle came nearer, s.
+    least_to_go: f64,
     no_nearer_s: f64,
 }
 
@@ -59,13 +59,15 @@ pub const PROJECTION_WINDOW: Window = Window {
 const ARRIVED_M: f64 = 0.05;
 /// Distance from the end of the last drive within which it is over for a vehicle that comes no nearer, m.
 const NEAR_M: f64 = 0.3;
-/// Way by which a vehicle comes nearer, m.
-const NEARER_M: f64 = 0.01;
+/// Way by which a vehicle comes nearer, m, or turn, rad.
+const NEARER: f64 = 0.01;
 /// Time without that after which a drive is over at its end, and the last one near it, s.
 const AT_END_S: f64 = 1.0;
 const NEAR_END_S: f64 = 3.0;
-/// Heading error at which a turn on the spot is over, rad.
+/// Heading error at which a turn on the spot is over, rad, and that for a vehicle that comes no nearer for
+/// [`NEAR_END_S`].
 const ARRIVED_RAD: f64 = 0.02;
+const NEAR_RAD: f64 = 0.1;
 /// Motor speed below which a vehicle stands, m/s.
 const STANDING_M_S: f64 = 0.02;
 
@@ -101,7 +103,7 @@ impl Reference {
             heading_rad,
             time_s: 0.0,
             begun: false,
-            least_to_go_m: f64::INFINITY,
+            least_to_go: f64::INFINITY,
             no_nearer_s: 0.0,
         }
     }
@@ -169,10 +171,10 @@ impl Reference {
     }
 
     /// Keeps account of how the vehicle comes nearer to the end of its drive.
-    fn come_nearer(&mut self, elapsed_s: f64, to_go_m: f64) {
+    fn come_nearer(&mut self, elapsed_s: f64, to_go: f64) {
         self.no_nearer_s += elapsed_s;
-        if to_go_m < self.least_to_go_m - NEARER_M {
-            (self.least_to_go_m, self.no_nearer_s) = (to_go_m, 0.0);
+        if to_go < self.least_to_go - NEARER {
+            (self.least_to_go, self.no_nearer_s) = (to_go, 0.0);
         }
     }
 
@@ -251,11 +253,12 @@ impl Reference {
             y_m: pose.y_m,
         };
         if let Some(turn) = self.turn {
-            let progress = self.advance_turn(&turn, &here, pose.yaw_rad);
+            let progress = self.advance_turn(elapsed_s, &turn, &here, pose.yaw_rad);
             if !progress.ended || self.path().is_none() {
                 return progress;
             }
             self.turn = None;
+            (self.least_to_go, self.no_nearer_s) = (f64::INFINITY, 0.0);
         }
         if !self.begun {
             self.begun = true;
@@ -269,14 +272,14 @@ impl Reference {
         let arrived = to_go_m <= ARRIVED_M || near;
         if arrived && !last && (stands || self.stays()) {
             self.drives_done += 1;
-            (self.least_to_go_m, self.no_nearer_s) = (f64::INFINITY, 0.0);
+            (self.least_to_go, self.no_nearer_s) = (f64::INFINITY, 0.0);
             self.arc_length_m = self.drive_from_m();
             if let Some(turn) = self.trajectory.turn_at(self.arc_length_m).copied() {
                 self.turn = Some(turn);
                 self.heading_rad = turn.from_rad;
                 return Progress {
                     ended: false,
-                    ..self.advance_turn(&turn, &here, pose.yaw_rad)
+                    ..self.advance_turn(0.0, &turn, &here, pose.yaw_rad)
                 };
             }
             cross_track_m = self.project(&here);
@@ -377,10 +380,19 @@ impl Reference {
     }
 
     /// Returns the progress of a turn on the spot.
-    fn advance_turn(&mut self, turn: &Turn, here: &Point2, yaw_rad: f64) -> Progress {
+    fn advance_turn(
+        &mut self,
+        elapsed_s: f64,
+        turn: &Turn,
+        here: &Point2,
+        yaw_rad: f64,
+    ) -> Progress {
         self.heading_rad = self.unwrapped(yaw_rad);
         let sense = (turn.to_rad - turn.from_rad).signum();
-        let ended = sense * (turn.to_rad - self.heading_rad) <= ARRIVED_RAD;
+        let to_go_rad = sense * (turn.to_rad - self.heading_rad);
+        self.come_nearer(elapsed_s, to_go_rad);
+        let near = to_go_rad <= NEAR_RAD && self.no_nearer_s >= NEAR_END_S;
+        let ended = to_go_rad <= ARRIVED_RAD || near;
         let heading_rad = if ended { turn.to_rad } else { self.heading_rad };
         let mut point = self.turned(turn, heading_rad);
         self.time_s = turn.time_of(self.heading_rad);

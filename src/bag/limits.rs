@@ -1,9 +1,8 @@
 //! How much a log may hold. The only place that says so.
 
 use crate::log_file::Size;
+pub(super) use sidehill_recording::framing::RECORD_MAX;
 
-/// Largest record or message, bytes; chunks of rosbag2 and of this program have a few MB.
-pub(super) const RECORD_MAX: u64 = 128 << 20;
 /// What every bag may hold when decompressed, bytes.
 const BAG_LEAST: u64 = 64_000_000;
 /// How many times larger than its files a bag may be when decompressed; drives compress by 2 to 20.

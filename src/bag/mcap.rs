@@ -1,15 +1,13 @@
-//! MCAP files, read from the start, so that files without an end can be read; the specification is at mcap.dev/spec.
-//!
-//! `mcap` parses the records. Its readers skip a chunk whose length is missing because the recorder was killed,
-//! so this module finds the records itself.
+//! Bags in MCAP.
 
 use super::compression;
 use super::error::BagError;
-use super::limits::{Budget, RECORD_MAX};
+use super::limits::Budget;
 use super::message::{Message, Outcome, Topic, Visit};
+use ::mcap::parse_record;
 use ::mcap::records::{ChunkHeader, Record, op};
-use ::mcap::{MAGIC, parse_record};
 use crc::{CRC_32_ISO_HDLC, Crc};
+use sidehill_recording::framing::{Framed, Records, cut_off_chunk, in_chunk};
 use std::collections::BTreeMap;
 use std::io::{self, Read};
 use std::path::Path;
@@ -18,7 +16,7 @@ const CRC: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
 
 /// Calls `visit` for each message of `source`, in the order of the file.
 pub(super) fn read(
-    mut source: impl Read,
+    source: impl Read,
     name: &Path,
     budget: &mut Budget,
     visit: Visit<'_>,
@@ -27,15 +25,12 @@ pub(super) fn read(
         file: name.to_owned(),
         reason,
     };
-    let mut magic = Vec::new();
-    let mut start = (&mut source).take(MAGIC.len() as u64);
-    start.read_to_end(&mut magic).map_err(unreadable)?;
-    if magic != MAGIC {
+    let Some(mut records) = Records::begin(source).map_err(unreadable)? else {
         return Err(BagError::Content {
             file: name.to_owned(),
             reason: "not an MCAP file: it does not begin as one".to_owned(),
         });
-    }
+    };
     let mut reader = Reader {
         name,
         schemas: BTreeMap::new(),
@@ -44,21 +39,13 @@ pub(super) fn read(
         visit,
     };
     let cut_off = loop {
-        match next_record(&mut source).map_err(unreadable)? {
-            Framed::End => break Some("it has no end".to_owned()),
-            Framed::CutOff {
-                op: op::CHUNK,
-                body,
-            } => {
+        match records.next_record().map_err(unreadable)? {
+            Framed::End => break None,
+            Framed::CutOff(reason) => break Some(reason.to_owned()),
+            Framed::CutOffChunk(body) => {
                 reader.interrupted_chunk(&body)?;
                 break Some("its last chunk was not finished".to_owned());
             }
-            Framed::CutOff { .. } => break Some("its last record was not finished".to_owned()),
-            // What follows repeats the index only.
-            Framed::Whole {
-                op: op::DATA_END | op::FOOTER,
-                ..
-            } => break None,
             Framed::Whole {
                 op: op::CHUNK,
                 body,
@@ -69,32 +56,6 @@ pub(super) fn read(
     Ok(Outcome {
         topics: reader.channels.into_values().collect(),
         cut_off,
-    })
-}
-
-/// A record of the file, possibly cut off.
-enum Framed {
-    Whole { op: u8, body: Vec<u8> },
-    CutOff { op: u8, body: Vec<u8> },
-    End,
-}
-
-fn next_record(source: &mut impl Read) -> io::Result<Framed> {
-    let mut header = Vec::new();
-    source.take(9).read_to_end(&mut header)?;
-    let Some((op, length)) = header.split_first() else {
-        return Ok(Framed::End);
-    };
-    let op = *op;
-    let mut body = Vec::new();
-    let Ok(length) = length.try_into().map(u64::from_le_bytes) else {
-        return Ok(Framed::CutOff { op, body });
-    };
-    source.take(length.min(RECORD_MAX)).read_to_end(&mut body)?;
-    Ok(if body.len() as u64 == length {
-        Framed::Whole { op, body }
-    } else {
-        Framed::CutOff { op, body }
     })
 }
 
@@ -128,50 +89,19 @@ impl Reader<'_> {
         if header.uncompressed_crc != 0 && CRC.checksum(&records) != header.uncompressed_crc {
             return Err(self.damaged("a chunk has another checksum than was recorded"));
         }
-        let rest = self.records(&records)?;
-        match rest {
+        match in_chunk(&records, |op, body| self.record(op, body))? {
             0 => Ok(()),
             _ => Err(self.damaged("a chunk ends within a record")),
         }
     }
 
-    /// Reads the whole records of a chunk that ends with the file. Its length and sizes may never have been
-    /// written, so nothing of its header but the compression is relied on.
+    /// Reads the whole records of a chunk that ends with the file.
     fn interrupted_chunk(&mut self, body: &[u8]) -> Result<(), BagError> {
-        const BEFORE_COMPRESSION: usize = 8 + 8 + 8 + 4;
-        let tail = body.get(BEFORE_COMPRESSION..).unwrap_or_default();
-        let Some((length, tail)) = tail.split_first_chunk() else {
+        let Some((header, data)) = cut_off_chunk(body) else {
             return Ok(());
-        };
-        let length = u32::from_le_bytes(*length) as usize;
-        let compression = tail.get(..length).unwrap_or_default();
-        let Some(data) = length.checked_add(8).and_then(|from| tail.get(from..)) else {
-            return Ok(());
-        };
-        let header = ChunkHeader {
-            message_start_time: 0,
-            message_end_time: 0,
-            uncompressed_size: 0,
-            uncompressed_crc: 0,
-            compression: String::from_utf8_lossy(compression).into_owned(),
-            compressed_size: 0,
         };
         let (records, _) = decompressed(&header, data, self.budget);
-        self.records(&records).map(drop)
-    }
-
-    /// Reads records up to the first that is not whole, and returns how many bytes remain.
-    fn records(&mut self, mut bytes: &[u8]) -> Result<usize, BagError> {
-        while let Some((header, rest)) = bytes.split_first_chunk::<9>() {
-            let [op, length @ ..] = *header;
-            let length = usize::try_from(u64::from_le_bytes(length)).unwrap_or(usize::MAX);
-            let Some(body) = rest.get(..length) else {
-                break;
-            };
-            self.record(op, body)?;
-            bytes = &rest[length..];
-        }
-        Ok(bytes.len())
+        in_chunk(&records, |op, body| self.record(op, body)).map(drop)
     }
 
     fn record(&mut self, op: u8, body: &[u8]) -> Result<(), BagError> {

@@ -325,6 +325,25 @@ fn what_a_power_cut_leaves_is_read_as_far_as_it_was_written() {
 }
 
 #[test]
+fn zeros_behind_what_was_written_are_no_records() {
+    let folder = tempdir().unwrap();
+    let mut bytes = written(folder.path(), &thirty());
+    let whole_chunks = last_chunk(&bytes);
+    bytes.truncate(whole_chunks);
+    bytes.resize(whole_chunks + 8192, 0);
+    let path = folder.path().join("cut.mcap");
+    fs::write(&path, &bytes).unwrap();
+    let bag = Bag::open(&path, None).unwrap();
+    let count = texts(&bag).len();
+    assert!((20..30).contains(&count), "{count}");
+    assert!(
+        bag.notes()[0].contains("interrupted (its rest is empty)"),
+        "{:?}",
+        bag.notes()
+    );
+}
+
+#[test]
 fn files_that_stand_for_others_name_the_remedy() {
     let folder = tempdir().unwrap();
     let error = |name: &str, text: &str| {

@@ -227,6 +227,28 @@ impl ConfigFile {
         }
     }
 
+    /// Returns this file with the texts of files that it names, by their names in it.
+    pub fn with_files(self, texts: BTreeMap<PathBuf, String>) -> Self {
+        if texts.is_empty() {
+            return self;
+        }
+        let bundle = match &self.origin {
+            Origin::Bundle { files, .. } => files.clone(),
+            Origin::Disk | Origin::BuiltIn => Bundle::default(),
+        };
+        let folder = self.path.parent().unwrap_or(Path::new(""));
+        let named = texts.into_iter();
+        let named = named.map(|(name, text)| (normalised(&folder.join(name)), text));
+        bundle
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .extend(named);
+        match self.origin {
+            Origin::Bundle { .. } => self,
+            Origin::Disk | Origin::BuiltIn => self.with_bundle(bundle),
+        }
+    }
+
     /// Returns another file that the command line names.
     ///
     /// # Errors

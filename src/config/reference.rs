@@ -1,6 +1,7 @@
 //! The reference: a course or a recorded route, and its speed.
 
 use super::{ConfigError, ConfigFile};
+#[cfg(not(target_family = "wasm"))]
 use crate::progress::Notice;
 use serde::Deserialize;
 use sidehill_controller::course::Course;
@@ -113,14 +114,16 @@ impl LoadedReference {
             Source::Route(route, smoothing, datum) => (route, smoothing, datum),
         };
         let points = read_route(&route, datum.as_ref())?;
-        let notice = Notice::begin(format!(
-            "{}: smooths {} points",
-            route.name(),
-            points.points.len()
-        ));
-        let smoothed = smooth(&points.points, &smoothing.recorded(limits.track_width_m))
-            .map_err(|error| route.error(error))?;
-        drop(notice);
+        let smoothed = {
+            #[cfg(not(target_family = "wasm"))]
+            let _notice = Notice::begin(format!(
+                "{}: smooths {} points",
+                route.name(),
+                points.points.len()
+            ));
+            smooth(&points.points, &smoothing.recorded(limits.track_width_m))
+                .map_err(|error| route.error(error))?
+        };
         let trajectory = speed_profile(&smoothed.path, limits, |_| f64::INFINITY)
             .map_err(|error| route.error(error))?;
         let mut note = format!(

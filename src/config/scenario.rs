@@ -19,6 +19,7 @@ use sidehill_plant::contact::ContactVehicle;
 use sidehill_plant::drive_train::DriveTrainConfig;
 use sidehill_plant::sensors::SensorsConfig;
 use sidehill_plant::vehicle::Vehicle;
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 #[derive(Debug, Clone, Deserialize)]
@@ -55,6 +56,9 @@ struct RawScenario {
     sensors: SensorsConfig,
     #[serde(default)]
     controller: ControllerConfig,
+    /// Texts of files that this file names, by their names in it: one file is then a whole scenario.
+    #[serde(default)]
+    files: BTreeMap<PathBuf, String>,
 }
 
 impl RawScenario {
@@ -112,7 +116,8 @@ impl Scenario {
     /// # Errors
     /// [`ConfigError`] with file, key, value and range.
     pub fn read(file: ConfigFile) -> Result<Self, ConfigError> {
-        let raw: RawScenario = file.parse()?;
+        let mut raw: RawScenario = file.parse()?;
+        let file = file.with_files(std::mem::take(&mut raw.files));
         Ok(Self { file, raw })
     }
 

@@ -10,7 +10,7 @@ use super::joints::{Joints, WheelJoints};
 use super::topics::{ImuAxes, StampSource};
 use super::transform_poses::TransformPoses;
 use crate::bag::{Bag, BagError, Message};
-use anyhow::{Result, bail};
+use anyhow::{Result, anyhow, bail};
 use nalgebra::{Unit, UnitQuaternion, Vector3};
 use serde::de::DeserializeOwned;
 use sidehill_bridge::ros2::conversions::{from_pose, from_quaternion, from_transform, nanoseconds};
@@ -21,6 +21,7 @@ use sidehill_bridge::ros2::message::{
     TfMessage,
 };
 use sidehill_plant::frames::{Attitude, Pose, paper_attitude};
+use sidehill_plant::log::ROWS_MAX;
 use sidehill_plant::log::sources::Sources;
 use sidehill_plant::speeds::MeasuredTreadSpeeds;
 use sidehill_plant::statistics::median;
@@ -99,6 +100,9 @@ impl<'a> Collected<'a> {
             taken.count
         });
         let taken = match message.topic.message_type.as_str() {
+            _ if number > ROWS_MAX => Err(anyhow!(
+                "the topic has more than {ROWS_MAX} messages; cut the bag"
+            )),
             JOINT_STATE => self.joint_state(&message),
             IMU => self.imu(&message),
             ODOMETRY => self.odometry(&message),

@@ -1,7 +1,7 @@
 //! The figures of `sidehill simulate`, and the run without arguments.
 
 use crate::configured::configuration;
-use crate::{Course, assert_says, fail, runs, sidehill, stdout, succeed};
+use crate::{Course, assert_says, fail, runs, sidehill, stdout, succeed, text};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -367,4 +367,43 @@ fn at_the_end_of_grip_plans_settle_and_a_slow_turn_goes_on() {
         assert_eq!(run["completed"], true, "{run}");
         assert!(run["cross_track_max_m"].as_f64().unwrap() < 0.6, "{run}");
     }
+}
+
+#[test]
+fn a_scenario_with_its_files_in_it_is_driven_as_with_files_beside_it() {
+    let vehicle = text("config/vehicles/j8.yaml");
+    let simulate = |folder: &Path, head: &str| {
+        let scenario = folder.join("scenario.yaml");
+        let rest = "name: one\nterrain: {kind: plane, slope_deg: 8, uphill_heading_deg: 90}\n\
+                    course: {shape: straight, length_m: 3, speed_m_s: 0.6}\ncontrollers: [pure-pursuit]\n\
+                    plant: icrik\nseed: 1\nstep_s: 0.005\n";
+        std::fs::write(&scenario, format!("{head}\n{rest}")).unwrap();
+        let mut command = sidehill();
+        command
+            .arg("simulate")
+            .arg(scenario)
+            .args(["--format", "json"]);
+        command
+    };
+    let figure = |folder: &Path, head: &str| {
+        let runs = runs(&succeed(&mut simulate(folder, head)));
+        runs[0]["cross_track_max_m"].as_f64().unwrap()
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let block: String = vehicle
+        .lines()
+        .map(|line| format!("    {line}\n"))
+        .collect();
+    let within = format!("vehicle: parts/v.yaml\nfiles:\n  parts/v.yaml: |\n{block}");
+    let driven = figure(folder.path(), &within);
+    // The text in the file counts, not a file on disk.
+    std::fs::create_dir(folder.path().join("parts")).unwrap();
+    std::fs::write(folder.path().join("parts/v.yaml"), "not a vehicle").unwrap();
+    assert_eq!(figure(folder.path(), &within), driven);
+    let beside = tempfile::tempdir().unwrap();
+    std::fs::write(beside.path().join("v.yaml"), &vehicle).unwrap();
+    assert_eq!(figure(beside.path(), "vehicle: v.yaml"), driven);
+    let other = "vehicle: other.yaml\nfiles: {v.yaml: ''}";
+    let message = fail(&mut simulate(beside.path(), other));
+    assert_says(&message, &["other.yaml", "scenario.yaml"]);
 }

@@ -11,6 +11,7 @@
 
 mod diagnostics;
 mod drive_messages;
+pub mod framing;
 pub mod live;
 mod mcap_file;
 mod messages;

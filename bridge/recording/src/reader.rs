@@ -1,9 +1,9 @@
 //! Reading recordings of this program, also those that were cut off.
 
+use super::framing::{Framed, Records, cut_off_chunk, in_chunk};
 use super::mcap_file::{Header, METADATA, McapRecording};
 use super::messages::{ControllerCycle, PathCommand, Topic};
-use mcap::records::Record;
-use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
+use mcap::records::{Record, op};
 use sidehill_bridge::control_loop::tap::{PathRecord, RecordedPath};
 use sidehill_bridge::ros2::message::cdr::{CdrError, from_cdr, to_cdr};
 use sidehill_plant::frames::{Attitude, Pose};
@@ -11,11 +11,8 @@ use sidehill_plant::sample::{Sample, Stamped};
 use sidehill_plant::speeds::MeasuredTreadSpeeds;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
-use std::io::{BufReader, Read};
+use std::io::BufReader;
 use std::path::{Path, PathBuf};
-
-/// Largest record, bytes: recordings of this program have far smaller ones.
-const RECORD_MAX: usize = 64 << 20;
 
 /// Why a recording cannot be used.
 #[derive(Debug, thiserror::Error)]
@@ -187,80 +184,38 @@ fn scan_with(
         file: path.to_owned(),
         reason,
     };
-    let mut source = BufReader::new(File::open(path).map_err(unreadable)?);
-    // Topics of the channels, and whether their messages lack the yaw rate.
-    let mut channels: BTreeMap<u16, (Topic, bool)> = BTreeMap::new();
-    let mut schemas_without_yaw_rate = BTreeSet::new();
-    let no_yaw_rate = no_yaw_rate();
-    let mut ours = false;
+    let source = BufReader::new(File::open(path).map_err(unreadable)?);
+    let mut scan = Scan {
+        header,
+        visit,
+        channels: BTreeMap::new(),
+        schemas_without_yaw_rate: BTreeSet::new(),
+        no_yaw_rate: no_yaw_rate(),
+        ours: false,
+    };
     let mut damaged = None;
-    let mut reader = LinearReader::new_with_options(
-        LinearReaderOptions::default()
-            .with_skip_end_magic(true)
-            .with_record_length_limit(RECORD_MAX),
-    );
-    while let Some(event) = reader.next_event() {
-        let record = match event {
-            Ok(LinearReadEvent::ReadRequest(wanted)) => {
-                let count = source.read(reader.insert(wanted)).map_err(unreadable)?;
-                reader.notify_read(count);
-                continue;
+    if let Some(mut records) = Records::begin(source).map_err(unreadable)? {
+        damaged = loop {
+            let taken = match records.next_record().map_err(unreadable)? {
+                Framed::End => break None,
+                Framed::CutOff(reason) => break Some(reason.to_owned()),
+                Framed::CutOffChunk(body) => {
+                    if let Some((header, data)) = cut_off_chunk(&body) {
+                        scan.chunk(&header.compression, data)?;
+                    }
+                    break Some("its last chunk was not finished".to_owned());
+                }
+                Framed::Whole { op, body } => scan.record(op, &body)?,
+            };
+            match taken {
+                Taken::Used => {}
+                Taken::Damaged(reason) => break Some(reason),
+                // Nothing more is read of another program's recording.
+                Taken::Foreign => break None,
             }
-            Ok(LinearReadEvent::Record { data, opcode }) => mcap::parse_record(opcode, data),
-            Err(error) => Err(error),
         };
-        // Recordings of this program begin with their metadata: nothing more is read of another's.
-        let begun = matches!(
-            record,
-            Ok(Record::Schema { .. } | Record::Channel(_) | Record::Message { .. })
-        );
-        if begun && !ours {
-            break;
-        }
-        match record {
-            Ok(Record::Metadata(metadata)) if metadata.name == METADATA => {
-                ours = true;
-                header.facts = metadata.metadata;
-            }
-            Ok(Record::Attachment {
-                header: named,
-                data,
-                ..
-            }) => {
-                let text = String::from_utf8_lossy(&data).into_owned();
-                header.files.insert(named.name.into(), text);
-            }
-            Ok(Record::Schema { header, data }) => {
-                if !String::from_utf8_lossy(&data).contains("has_yaw_rate") {
-                    schemas_without_yaw_rate.insert(header.id);
-                }
-            }
-            Ok(Record::Channel(channel)) => {
-                let topic = Topic::ALL
-                    .into_iter()
-                    .find(|topic| topic.name() == channel.topic);
-                channels.extend(topic.map(|topic| {
-                    let lacks = topic == Topic::ControllerCycle
-                        && schemas_without_yaw_rate.contains(&channel.schema_id);
-                    (channel.id, (topic, lacks))
-                }));
-            }
-            Ok(Record::Message { header, data }) => match channels.get(&header.channel_id) {
-                Some(&(topic, false)) => visit(topic, header.publish_time, &data)?,
-                Some(&(topic, true)) => {
-                    let whole = [&data[..], &no_yaw_rate].concat();
-                    visit(topic, header.publish_time, &whole)?;
-                }
-                None => {}
-            },
-            Ok(_) => {}
-            Err(error) => {
-                damaged = Some(error.to_string());
-                break;
-            }
-        }
     }
-    if !ours {
+    if !scan.ours {
         return Err(RecordingError::NotOurs {
             file: path.to_owned(),
             reason: "not a recording of sidehill (`--record`): it has no metadata `sidehill`. Logs and bags of other programs are \
@@ -269,6 +224,103 @@ fn scan_with(
         });
     }
     Ok(damaged)
+}
+
+/// What became of a record.
+enum Taken {
+    Used,
+    Damaged(String),
+    /// Recordings of this program begin with their metadata: this is none.
+    Foreign,
+}
+
+/// State while a file is read.
+struct Scan<'a, 'b> {
+    header: &'a mut Header,
+    visit: &'a mut Visit<'b>,
+    /// Topics of the channels, and whether their messages lack the yaw rate.
+    channels: BTreeMap<u16, (Topic, bool)>,
+    schemas_without_yaw_rate: BTreeSet<u16>,
+    no_yaw_rate: Vec<u8>,
+    ours: bool,
+}
+
+impl Scan<'_, '_> {
+    fn chunk(&mut self, compression: &str, records: &[u8]) -> Result<Taken, RecordingError> {
+        if !compression.is_empty() {
+            return Ok(if self.ours {
+                Taken::Damaged(format!("a chunk is compressed by {compression:?}"))
+            } else {
+                Taken::Foreign
+            });
+        }
+        let mut last = Taken::Used;
+        let rest = in_chunk(records, |op, body| {
+            // A chunk within a chunk is none.
+            if matches!(last, Taken::Used) && op != op::CHUNK {
+                last = self.record(op, body)?;
+            }
+            Ok(())
+        })?;
+        if rest > 0 && matches!(last, Taken::Used) {
+            last = Taken::Damaged("a chunk ends within a record".to_owned());
+        }
+        Ok(last)
+    }
+
+    fn record(&mut self, op: u8, body: &[u8]) -> Result<Taken, RecordingError> {
+        let record = match mcap::parse_record(op, body) {
+            Ok(record) => record,
+            Err(error) => return Ok(Taken::Damaged(error.to_string())),
+        };
+        let begun = matches!(
+            record,
+            Record::Schema { .. } | Record::Channel(_) | Record::Message { .. }
+        );
+        if begun && !self.ours {
+            return Ok(Taken::Foreign);
+        }
+        match record {
+            Record::Chunk { header, data } => return self.chunk(&header.compression, &data),
+            Record::Metadata(metadata) if metadata.name == METADATA => {
+                self.ours = true;
+                self.header.facts = metadata.metadata;
+            }
+            Record::Attachment {
+                header: named,
+                data,
+                ..
+            } => {
+                let text = String::from_utf8_lossy(&data).into_owned();
+                self.header.files.insert(named.name.into(), text);
+            }
+            Record::Schema { header, data }
+                if !String::from_utf8_lossy(&data).contains("has_yaw_rate") =>
+            {
+                self.schemas_without_yaw_rate.insert(header.id);
+            }
+            Record::Channel(channel) => {
+                let topic = Topic::ALL
+                    .into_iter()
+                    .find(|topic| topic.name() == channel.topic);
+                self.channels.extend(topic.map(|topic| {
+                    let lacks = topic == Topic::ControllerCycle
+                        && self.schemas_without_yaw_rate.contains(&channel.schema_id);
+                    (channel.id, (topic, lacks))
+                }));
+            }
+            Record::Message { header, data } => match self.channels.get(&header.channel_id) {
+                Some(&(topic, false)) => (self.visit)(topic, header.publish_time, &data)?,
+                Some(&(topic, true)) => {
+                    let whole = [&data[..], &self.no_yaw_rate].concat();
+                    (self.visit)(topic, header.publish_time, &whole)?;
+                }
+                None => {}
+            },
+            _ => {}
+        }
+        Ok(Taken::Used)
+    }
 }
 
 /// Returns the last fields of a [`ControllerCycle`] without a yaw rate, which recordings made before there

@@ -258,6 +258,48 @@ fn a_file_that_was_not_closed_is_whole() {
     assert!(sizes.len() >= 3, "{sizes:?}");
 }
 
+/// Returns where the first chunk of a file begins.
+fn first_chunk(bytes: &[u8]) -> usize {
+    let mut at = 8;
+    while bytes[at] != mcap::records::op::CHUNK {
+        at += 9 + u64::from_le_bytes(bytes[at + 1..at + 9].try_into().unwrap()) as usize;
+    }
+    at
+}
+
+#[test]
+fn a_damaged_recording_is_read_as_far_as_it_is_sound() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("drive.mcap");
+    record(&path, RecordLimits::default(), 40_000);
+    let sound = std::fs::read(&path).unwrap();
+    let read = |bytes: &[u8]| {
+        std::fs::write(&path, bytes).unwrap();
+        Recording::read(&path).unwrap()
+    };
+    assert_eq!(read(&sound).cycles.len(), 40);
+    let chunk = first_chunk(&sound);
+    // Behind the header of the chunk, whose compression has no name, each record has a length.
+    let records = chunk + 9 + 28 + 4 + 8;
+    let length = |at: usize| u64::from_le_bytes(sound[at + 1..at + 9].try_into().unwrap());
+    let second = records + 9 + length(records) as usize;
+    for longer in [1, 1_000_000, u64::MAX / 2, u64::MAX] {
+        let mut damaged = sound.clone();
+        damaged[second + 1..second + 9]
+            .copy_from_slice(&length(second).saturating_add(longer).to_le_bytes());
+        let found = read(&damaged);
+        assert!(
+            found.cycles.len() <= 40 && found.damaged.is_some(),
+            "{longer}"
+        );
+    }
+    // What a power cut leaves of a file whose room was given before it was written.
+    let mut zeros = sound[..chunk].to_vec();
+    zeros.resize(chunk + 10_000, 0);
+    let found = read(&zeros);
+    assert_eq!(found.damaged.as_deref(), Some("its rest is empty"));
+}
+
 /// Kinds of panels of Lichtblick, `packages/suite-base/src/panels/index.ts`.
 const PANELS: [&str; 5] = ["3D", "Plot", "DiagnosticSummary", "RosOut", "Parameters"];
 

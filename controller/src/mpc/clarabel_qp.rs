@@ -1,6 +1,7 @@
 //! The only file that uses clarabel: its interior-point method for a whole QP, and its KKT system for
 //! a QP with equalities alone.
 
+use crate::clock::Instant;
 pub use clarabel::algebra::CscMatrix;
 
 use super::failure::QpFailure;
@@ -12,7 +13,7 @@ use clarabel::solver::{
 };
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// Largest step, relative to the distance to the cone's boundary. On a well-scaled QP with few active
 /// rows each step multiplies the gap by about 1 minus this; clarabel's 0.99 costs one more iteration.

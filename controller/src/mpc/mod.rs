@@ -39,6 +39,7 @@ pub use stage_terms::StageTerms;
 pub use stage_times::StageTimes;
 pub use step_limit::StepLimit;
 
+use crate::clock::Instant;
 use crate::tracked_point::TrackedPoint;
 use condensing::{Condenser, Stage};
 use nalgebra::Vector3;
@@ -47,7 +48,6 @@ use sidehill_plant::contact::BodyState;
 use sidehill_plant::frames::{PlanarPose, wrap_angle};
 use sidehill_plant::prediction::LinearisedStep;
 use sidehill_plant::speeds::MotorSpeeds;
-use std::time::Instant;
 use step_limit::Damping;
 
 /// Factor on all costs: brings the QP's numbers near 1, where the solver's tolerances are meant.

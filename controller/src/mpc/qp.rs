@@ -9,9 +9,9 @@ use super::failure::QpFailure;
 use super::problem::{Point, QpData, Residuals};
 use super::settings::{QpMode, QpSettings};
 use super::working_set::WorkingSet;
+use crate::clock::Instant;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
-use std::time::Instant;
 
 /// How a solution was found.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]

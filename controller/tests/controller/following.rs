@@ -169,6 +169,20 @@ fn a_turn_on_the_spot_is_a_drive_in_heading_counted_over_whole_turns() {
 }
 
 #[test]
+fn a_turn_that_comes_no_nearer_is_over_close_to_its_end_only() {
+    for (short_rad, is_over) in [(0.06, true), (0.2, false)] {
+        let mut reference = Reference::new(course("{shape: pivot, angle_deg: 90}"));
+        let mut pose = reference.ahead(0.0).pose();
+        pose.yaw_rad += std::f64::consts::FRAC_PI_2 - short_rad;
+        let ended_s = (0..400)
+            .find(|_| reference.advance(0.05, &pose, false).ended)
+            .map(|cycle| 0.05 * f64::from(cycle));
+        assert_eq!(ended_s.is_some(), is_over, "{short_rad}");
+        assert!(ended_s.is_none_or(|ended_s| (2.5..3.5).contains(&ended_s)));
+    }
+}
+
+#[test]
 fn pure_pursuit_drives_into_a_cusp_back_out_of_it_and_to_its_end() {
     for (course_text, slope_right_m) in [
         (

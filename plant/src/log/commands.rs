@@ -2,7 +2,7 @@
 
 use super::columns::{ColumnMap, CommandColumns};
 use super::read::{Fields, check_header, csv_error, position, without_byte_order_mark};
-use super::{LogError, Note, check_command};
+use super::{LogError, Note, ROWS_MAX, check_command};
 use crate::speeds::{
     EncoderScale, MeasuredMotorSpeeds, MeasuredTreadSpeeds, MotorSpeeds, TreadSpeeds,
 };
@@ -63,6 +63,9 @@ pub fn read_commands(
     for (index, row) in reader.records().enumerate() {
         let row = row.map_err(csv_error)?;
         let row_number = index + 1;
+        if row_number > ROWS_MAX {
+            return Err(LogError::TooLong { rows_max: ROWS_MAX });
+        }
         let fields = Fields {
             record: &row,
             header: &header,

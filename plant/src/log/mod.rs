@@ -21,6 +21,9 @@ use crate::speeds::{MeasuredTreadSpeeds, MotorSpeeds};
 /// Rows further apart than this, s, are not connected: nothing is known of the motion between them.
 pub const GAP_MAX_S: f64 = 0.5;
 
+/// Rows of a log, or messages of a topic, that are kept in memory: a hundred a second for 27 hours.
+pub const ROWS_MAX: usize = 10_000_000;
+
 /// One row of a log.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LogRow {
@@ -44,12 +47,14 @@ pub struct DriveLog {
 /// What reading a log changed or left out.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum Note {
-    /// Each row has the values of some sensors only.
+    /// Rows have the values of some sensors only.
     #[error(
-        "its rows have the values of one sensor each: the others are interpolated to them; {left_out} of {rows} rows are \
-         left out, where another sensor is silent for more than {GAP_MAX_S} s"
+        "{without} of its rows lack speeds or attitude, which are interpolated to those with speeds or a pose; {left_out} of \
+         these {rows} are left out, where another sensor is silent for more than {GAP_MAX_S} s"
     )]
     Resampled {
+        /// Rows without speeds or without an attitude.
+        without: usize,
         /// Rows with tread speeds or a pose.
         rows: usize,
         /// Those left out.
@@ -194,6 +199,12 @@ pub enum LogError {
     TooShort {
         /// Rows found.
         rows: usize,
+    },
+    /// It would not fit the memory.
+    #[error("more than {rows_max} rows; cut it, or keep fewer rows a second")]
+    TooLong {
+        /// Most rows.
+        rows_max: usize,
     },
     /// A value is out of its range.
     #[error("row {row_number}: {reason}{}", likely_unit(.reason))]

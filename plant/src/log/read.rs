@@ -2,7 +2,7 @@
 
 use super::columns::{AttitudeColumns, ColumnMap, HeadingColumns, PoseColumns};
 use super::sources::{Sources, Timed};
-use super::{DriveLog, LogError, LogRow, Note};
+use super::{DriveLog, LogError, LogRow, Note, ROWS_MAX};
 use crate::frames::{Attitude, Pose, RosAttitude, paper_attitude};
 use crate::speeds::MeasuredTreadSpeeds;
 use csv::{ReaderBuilder, StringRecord, Trim};
@@ -13,12 +13,20 @@ impl DriveLog {
     /// Returns the log in CSV with the columns of `map`.
     ///
     /// Columns of the pose may be absent together, where `map` is the contract's, and empty together
-    /// in rows without a pose. Where rows have the values of one sensor each, the others are interpolated to them. Poses
+    /// in rows without a pose. Where rows lack speeds or attitude, as with a row for each sensor, these are interpolated. Poses
     /// that are not finite and rows that repeat a time are left out, as [`DriveLog::notes`] says.
     ///
     /// # Errors
     /// Names the row and column at fault.
     pub fn read(source: impl Read, map: &ColumnMap) -> Result<Self, LogError> {
+        Self::read_rows(source, map, ROWS_MAX)
+    }
+
+    pub(super) fn read_rows(
+        source: impl Read,
+        map: &ColumnMap,
+        rows_max: usize,
+    ) -> Result<Self, LogError> {
         let mut reader = ReaderBuilder::new().trim(Trim::All).from_reader(source);
         let header = without_byte_order_mark(reader.headers().map_err(csv_error)?);
         check_header(&header)?;
@@ -47,9 +55,12 @@ impl DriveLog {
                 row.pose = None;
                 not_finite += 1;
             }
+            if index >= rows_max {
+                return Err(LogError::TooLong { rows_max });
+            }
             rows.push(row);
         }
-        let mut log = whole(&rows)?;
+        let mut log = whole(rows)?;
         if not_finite > 0 {
             log.notes.push(Note::PosesLeftOut { count: not_finite });
         }
@@ -66,8 +77,8 @@ struct PartRow {
     pose: Option<Pose>,
 }
 
-/// Returns the log of rows of which each has all values, or one sensor's.
-fn whole(rows: &[PartRow]) -> Result<DriveLog, LogError> {
+/// Returns the log of rows of which each has all values, or some sensors'.
+fn whole(rows: Vec<PartRow>) -> Result<DriveLog, LogError> {
     if let Some(index) = rows.windows(2).position(|w| w[1].time_s < w[0].time_s) {
         return Err(LogError::TimeNotRising {
             row_number: index + 2,
@@ -75,20 +86,19 @@ fn whole(rows: &[PartRow]) -> Result<DriveLog, LogError> {
             before_s: rows[index].time_s,
         });
     }
-    let dense: Option<Vec<LogRow>> = rows
-        .iter()
-        .map(|row| {
-            Some(LogRow {
-                time_s: row.time_s,
-                speeds: row.speeds?,
-                attitude: row.attitude?,
-                pose: row.pose,
-            })
+    let dense = |row: &PartRow| {
+        Some(LogRow {
+            time_s: row.time_s,
+            speeds: row.speeds?,
+            attitude: row.attitude?,
+            pose: row.pose,
         })
-        .collect();
-    let Some(mut dense) = dense else {
-        return resampled(rows);
     };
+    if rows.iter().any(|row| dense(row).is_none()) {
+        return resampled(&rows);
+    }
+    // In place: a log may be as large as the memory allows.
+    let mut dense: Vec<LogRow> = rows.into_iter().filter_map(|row| dense(&row)).collect();
     let all = dense.len();
     dense.dedup_by(|row, before| row.time_s == before.time_s);
     let count = all - dense.len();
@@ -111,6 +121,8 @@ fn resampled(rows: &[PartRow]) -> Result<DriveLog, LogError> {
         known.dedup_by(|next, before| next.0 == before.0);
         known
     }
+    let lacks = |row: &&PartRow| row.speeds.is_none() || row.attitude.is_none();
+    let without = rows.iter().filter(lacks).count();
     let sources = Sources {
         tread_speeds: series(rows, |row| row.speeds),
         attitudes: Some(series(rows, |row| row.attitude)),
@@ -122,6 +134,7 @@ fn resampled(rows: &[PartRow]) -> Result<DriveLog, LogError> {
         .map(|(time_s, row)| LogRow { time_s, ..row })
         .collect();
     let note = Note::Resampled {
+        without,
         rows: rows.len() + left_out,
         left_out,
     };

@@ -23,6 +23,15 @@ fn the_contract_reads_with_poses_on_some_rows_or_none() {
 }
 
 #[test]
+fn a_log_that_would_fill_the_memory_is_refused() {
+    let read = |rows_max| {
+        DriveLog::read_rows(CONTRACT.as_bytes(), &ColumnMap::default(), rows_max).map(drop)
+    };
+    assert_eq!(read(3), Ok(()));
+    assert_eq!(read(2), Err(LogError::TooLong { rows_max: 2 }));
+}
+
+#[test]
 fn errors_name_row_and_column() {
     let error = |from: &str, to: &str| {
         assert!(CONTRACT.contains(from));
@@ -160,7 +169,14 @@ fn rows_with_one_sensor_each_are_resampled() {
                 .is_none_or(|pose| (pose.x_m - row.time_s).abs() < 1e-9)
         );
     }
-    assert!(log.notes()[0].to_string().contains("one sensor each"));
+    let note = log.notes()[0].to_string();
+    // 51 rows with a roll, 21 with a pose, and 101 with speeds but no roll.
+    assert!(note.contains("173 of its rows lack"), "{note}");
+    // One that lacks a roll is told apart from a log of which all rows lack something.
+    let one = CONTRACT.replace("0.1, 0.3, 0.4, 0.03, 0.04", "0.1, 0.3, 0.4, , ");
+    let log = read(&one, &ColumnMap::default()).unwrap();
+    let note = log.notes()[0].to_string();
+    assert!(note.contains("1 of its rows lack"), "{note}");
 }
 
 #[test]

@@ -151,6 +151,17 @@ impl Simulation {
         &self.state
     }
 
+    /// Puts the vehicle to another place and heading, as a hand or a winch does; its treads and its clock go on.
+    ///
+    /// # Errors
+    /// Why there is no ground; the vehicle then stays where it is.
+    pub fn put(&mut self, at: PlanarPose) -> Result<(), SimulationError> {
+        let time_s = self.state.time_s;
+        let off_ground = |reason| SimulationError::Terrain { time_s, reason };
+        (self.state.pose, self.state.attitude) = stand(&self.terrain, at).map_err(off_ground)?;
+        Ok(())
+    }
+
     /// Takes the effective command that holds from the next step on, until another.
     ///
     /// # Errors

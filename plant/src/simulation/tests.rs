@@ -285,3 +285,42 @@ proptest! {
         prop_assert!((left.velocity.right_m_s + right.velocity.right_m_s).abs() < 1e-9);
     }
 }
+
+#[test]
+fn a_vehicle_that_a_hand_moves_is_there_and_drives_on() {
+    let mut simulation = Simulation::new(setup(symmetric_j8(), plane(8.0))).unwrap();
+    let before = drive(&mut simulation, motors(0.5, 0.0), 400);
+    let from = before.pose.planar();
+    let aside = PlanarPose {
+        x_m: from.x_m + 1.5,
+        y_m: from.y_m + 0.5,
+        yaw_rad: from.yaw_rad + 0.3,
+    };
+    simulation.put(aside).unwrap();
+    let put = *simulation.state();
+    assert_eq!(put.pose.planar(), aside);
+    // The plane rises along Y_g.
+    let rise_m = 0.5 * 8_f64.to_radians().tan();
+    assert!((put.pose.z_m - before.pose.z_m - rise_m).abs() < 1e-12);
+    assert_eq!((put.time_s, put.motors), (before.time_s, before.motors));
+    let pose = |simulation: &mut Simulation| simulation.sample().pose.unwrap().value;
+    let after = drive(&mut simulation, motors(0.5, 0.0), 1);
+    let gone_m = (after.pose.x_m - aside.x_m).hypot(after.pose.y_m - aside.y_m);
+    assert!((gone_m - 0.5 * 0.005).abs() < 1e-4, "{gone_m}");
+    assert_eq!(pose(&mut simulation), after.pose);
+}
+
+#[test]
+fn a_vehicle_is_not_put_where_there_is_no_ground() {
+    let grid = "ncols 3\nnrows 3\nxllcenter -5\nyllcenter -5\ncellsize 5\n0 0 0\n0 0 0\n0 0 0\n";
+    let terrain = Terrain::Grid(crate::terrain::GridTerrain::parse(grid).unwrap());
+    let mut simulation = Simulation::new(setup(symmetric_j8(), terrain)).unwrap();
+    let before = *simulation.state();
+    let beyond = PlanarPose {
+        x_m: 50.0,
+        ..PlanarPose::default()
+    };
+    let error = simulation.put(beyond).unwrap_err();
+    assert!(matches!(error, SimulationError::Terrain { .. }), "{error}");
+    assert_eq!(*simulation.state(), before);
+}

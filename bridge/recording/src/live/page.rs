@@ -24,6 +24,7 @@ pub(super) const HTML: &str = concat!(
     "</style>\n",
     include_str!("page/body.html"),
     "<script>\n",
+    include_str!("page/view.js"),
     include_str!("page/page.js"),
     "</script>\n"
 );

@@ -1,0 +1,75 @@
+//! Builds the page of `sidehill play`: one file with the simulation in it, which needs no network.
+//!
+//! ```text
+//! sidehill-play-site SIMULATION.wasm FOLDER
+//! ```
+//!
+//! It writes FOLDER/index.html. The page is made of the components of the live view, and of its own.
+
+use anyhow::{Context, Result, bail};
+use base64::Engine;
+use flate2::Compression;
+use flate2::write::GzEncoder;
+use std::io::Write;
+use std::path::PathBuf;
+use wasm_bindgen_cli_support::Bindgen;
+
+const HEAD: &str = include_str!("../../../recording/src/live/page/head.html");
+const COMMON_CSS: &str = include_str!("../../../recording/src/live/page/page.css");
+const VIEW_JS: &str = include_str!("../../../recording/src/live/page/view.js");
+const CSS: &str = include_str!("../../page/play.css");
+const BODY: &str = include_str!("../../page/body.html");
+const JS: &str = include_str!("../../page/play.js");
+
+fn main() -> Result<()> {
+    let mut args = std::env::args_os().skip(1).map(PathBuf::from);
+    let (Some(simulation), Some(folder), None) = (args.next(), args.next(), args.next()) else {
+        bail!("usage: sidehill-play-site SIMULATION.wasm FOLDER");
+    };
+    let mut bindgen = Bindgen::new();
+    bindgen
+        .input_path(&simulation)
+        .no_modules(true)?
+        .typescript(false)
+        .remove_name_section(true)
+        .remove_producers_section(true);
+    let mut output = bindgen
+        .generate_output()
+        .with_context(|| format!("{}", simulation.display()))?;
+    let glue = output.js().to_owned();
+    let mut packed = GzEncoder::new(Vec::new(), Compression::best());
+    packed.write_all(&output.wasm_mut().emit_wasm())?;
+    let packed = base64::engine::general_purpose::STANDARD.encode(packed.finish()?);
+    // No part may end its element.
+    for (name, part) in [
+        ("the glue", glue.as_str()),
+        ("view.js", VIEW_JS),
+        ("play.js", JS),
+    ] {
+        if part.contains("</script") {
+            bail!("{name} contains the end of a script");
+        }
+    }
+    let page = [
+        HEAD,
+        "<style>\n",
+        COMMON_CSS,
+        CSS,
+        "</style>\n",
+        BODY,
+        "<script id=\"simulation\" type=\"application/gzip;base64\">",
+        &packed,
+        "</script>\n",
+        "<script>\n",
+        &glue,
+        "</script>\n",
+        "<script>\n",
+        VIEW_JS,
+        JS,
+        "</script>\n",
+    ]
+    .concat();
+    std::fs::create_dir_all(&folder).with_context(|| format!("{}", folder.display()))?;
+    let path = folder.join("index.html");
+    std::fs::write(&path, &page).with_context(|| format!("{}", path.display()))
+}
