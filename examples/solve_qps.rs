@@ -8,11 +8,11 @@
 //! `..._us`, and `reference_x`, the interior-point method's at a tolerance of 1e-9.
 
 use anyhow::{Context, Result, ensure};
-use ndarray::{Array0, Array1, Array2, ArrayView1};
-use ndarray_npy::{NpzReader, NpzWriter};
-use sidehill_controller::mpc::{CscMatrix, QpData, QpMode, QpSettings, QpSolver, StageTerms};
+use ndarray::{Array1, Array2, ArrayView1};
+use ndarray_npy::NpzWriter;
+use sidehill::qp_recording;
+use sidehill_controller::mpc::{QpData, QpMode, QpSettings, QpSolver};
 use std::fs::File;
-use std::path::Path;
 use std::time::Instant;
 
 /// The reference's tolerance.
@@ -24,7 +24,7 @@ fn main() -> Result<()> {
         .next()
         .zip(arguments.next())
         .context("usage: solve_qps QPS.npz RESULT.npz")?;
-    let qps = read(qps.as_ref())?;
+    let qps = qp_recording::read(qps.as_ref())?;
     ensure!(!qps.is_empty(), "there is no QP in the recording");
     let settings = QpSettings::default();
     let mode = |mode| QpSettings { mode, ..settings };
@@ -68,77 +68,4 @@ fn solve_all(qps: &[QpData], settings: QpSettings) -> Result<(Array2<f64>, Array
         }
     }
     Ok((points, times_us))
-}
-
-/// Returns the QPs of a file.
-///
-/// # Errors
-/// Names the file that cannot be read or has inconsistent arrays.
-fn read(path: &Path) -> Result<Vec<QpData>> {
-    read_arrays(path).with_context(|| format!("{}: not a recording of QPs", path.display()))
-}
-
-fn read_arrays(path: &Path) -> Result<Vec<QpData>> {
-    let mut npz = NpzReader::new(File::open(path)?)?;
-    let mut indices = |name: &str| -> Result<Vec<usize>> {
-        let stored: Array1<i64> = npz.by_name(name).with_context(|| name.to_owned())?;
-        let whole = stored
-            .iter()
-            .map(|&i| usize::try_from(i))
-            .collect::<Result<_, _>>();
-        whole.with_context(|| name.to_owned())
-    };
-    let (p_starts, p_rows) = (indices("P_indptr")?, indices("P_indices")?);
-    let (a_starts, a_rows) = (indices("A_indptr")?, indices("A_indices")?);
-    let stored: Array0<i64> = npz.by_name("equalities")?;
-    let equalities = usize::try_from(stored.into_scalar()).context("equalities")?;
-    let mut rows =
-        |name: &str| -> Result<Array2<f64>> { npz.by_name(name).with_context(|| name.to_owned()) };
-    let (p, q, a, b) = (rows("P_data")?, rows("q")?, rows("A_data")?, rows("b")?);
-    // Not of QPs with other limits than bounds and changes.
-    let stages = rows("stages").unwrap_or_else(|_| Array2::zeros((q.nrows(), 0)));
-    let (variables, constraints) = (q.ncols(), b.ncols());
-    ensure!(
-        [p.nrows(), a.nrows(), b.nrows(), stages.nrows()] == [q.nrows(); 4]
-            && equalities <= constraints,
-        "the arrays differ in length"
-    );
-    ensure!(
-        stages.ncols().is_multiple_of(StageTerms::COUNT),
-        "stages: {} numbers a QP are no multiple of {}: record the file anew",
-        stages.ncols(),
-        StageTerms::COUNT
-    );
-    let columns = |rows: usize, starts: &[usize], indices: &[usize], values: &Array2<f64>| {
-        let ends = starts.first() == Some(&0) && starts.last() == Some(&indices.len());
-        ends && starts.len() == variables + 1
-            && starts.is_sorted()
-            && indices.iter().all(|&row| row < rows)
-            && values.ncols() == indices.len()
-    };
-    ensure!(
-        columns(variables, &p_starts, &p_rows, &p),
-        "P is no matrix of the size of q"
-    );
-    ensure!(
-        columns(constraints, &a_starts, &a_rows, &a),
-        "A is no matrix of the size of b and q"
-    );
-    let matrix = |rows, starts: &Vec<usize>, indices: &Vec<usize>, values: Vec<f64>| {
-        CscMatrix::new(rows, variables, starts.clone(), indices.clone(), values)
-    };
-    let qps = (0..q.nrows()).map(|i| QpData {
-        p: matrix(variables, &p_starts, &p_rows, p.row(i).to_vec()),
-        q: q.row(i).to_vec(),
-        a: matrix(constraints, &a_starts, &a_rows, a.row(i).to_vec()),
-        b: b.row(i).to_vec(),
-        equalities,
-        stages: stages
-            .row(i)
-            .to_vec()
-            .chunks(StageTerms::COUNT)
-            .map(StageTerms::from_numbers)
-            .collect(),
-    });
-    Ok(qps.collect())
 }

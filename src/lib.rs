@@ -35,7 +35,6 @@ pub mod init;
 #[cfg(not(target_family = "wasm"))]
 mod log_file;
 #[cfg(not(target_family = "wasm"))]
-mod npz;
 #[cfg(not(target_family = "wasm"))]
 pub mod odometry;
 #[cfg(not(target_family = "wasm"))]

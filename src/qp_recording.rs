@@ -11,11 +11,15 @@
 //! changes of the inputs limit it, the terms of its `stages`.
 
 use crate::closed_loop::Observer;
-use crate::npz::Npz;
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
+use ndarray::{Array0, Array1, Array2, ArrayView, ArrayView2, Ix1, arr0};
+use ndarray_npy::{NpzReader, NpzWriter};
 use sidehill_controller::closed_loop::Cycle;
 use sidehill_controller::controller::Controller;
-use sidehill_controller::mpc::{Point, QpData, SolveReport, StageTerms};
+use sidehill_controller::mpc::{CscMatrix, Point, QpData, SolveReport, StageTerms};
+use std::fs::File;
+use std::io::Cursor;
+use std::path::Path;
 
 /// The QPs of a run, each with its solution.
 #[derive(Debug, Clone, Default)]
@@ -87,22 +91,23 @@ impl QpRecording {
     /// Returns the file's bytes.
     ///
     /// # Errors
-    /// No QP was recorded, or there are more bytes than a file of this format may have.
+    /// No QP was recorded.
     pub fn npz(&self) -> Result<Vec<u8>> {
         let first = self.first.as_ref().context("the run solved no QP")?;
-        let mut npz = Npz::default();
+        let whole =
+            |indices: &[usize]| -> Array1<i64> { indices.iter().map(|&i| i as i64).collect() };
+        let mut npz = NpzWriter::new(Cursor::new(Vec::new()));
         for (name, indices) in [
             ("P_indptr", &first.p.colptr),
             ("P_indices", &first.p.rowval),
             ("A_indptr", &first.a.colptr),
             ("A_indices", &first.a.rowval),
         ] {
-            let indices: Vec<i64> = indices.iter().map(|&i| i as i64).collect();
-            npz.integers(name, &[indices.len()], &indices)?;
+            npz.add_array(name, &whole(indices))?;
         }
+        npz.add_array("iterations", &Array1::from(self.iterations.clone()))?;
+        npz.add_array("equalities", &arr0(first.equalities as i64))?;
         let count = self.times_s.len();
-        npz.integers("iterations", &[count], &self.iterations)?;
-        npz.integers("equalities", &[], &[first.equalities as i64])?;
         for (name, values) in [
             ("P_data", &self.p),
             ("q", &self.q),
@@ -111,15 +116,90 @@ impl QpRecording {
             ("x", &self.x),
             ("y", &self.y),
         ] {
-            npz.floats(name, &[count, values.len() / count], values)?;
+            let rows = ArrayView2::from_shape((count, values.len() / count), values)?;
+            npz.add_array(name, &rows)?;
         }
         if !self.stages.is_empty() {
-            let terms: Vec<f64> = self.stages.iter().flat_map(StageTerms::to_array).collect();
-            npz.floats("stages", &[count, terms.len() / count], &terms)?;
+            let terms = self.stages.iter().flat_map(StageTerms::to_array).collect();
+            let size = first.stages.len() * StageTerms::COUNT;
+            npz.add_array("stages", &Array2::from_shape_vec((count, size), terms)?)?;
         }
         for (name, values) in [("time_s", &self.times_s), ("solve_us", &self.solve_us)] {
-            npz.floats(name, &[count], values)?;
+            npz.add_array(name, &ArrayView::<_, Ix1>::from(values))?;
         }
-        npz.finish()
+        Ok(npz.finish()?.into_inner())
     }
+}
+
+/// Returns the QPs of a file.
+///
+/// # Errors
+/// Names the file that cannot be read or has inconsistent arrays.
+pub fn read(path: &Path) -> Result<Vec<QpData>> {
+    read_arrays(path).with_context(|| format!("{}: not a recording of QPs", path.display()))
+}
+
+fn read_arrays(path: &Path) -> Result<Vec<QpData>> {
+    let mut npz = NpzReader::new(File::open(path)?)?;
+    let mut indices = |name: &str| -> Result<Vec<usize>> {
+        let stored: Array1<i64> = npz.by_name(name).with_context(|| name.to_owned())?;
+        let whole = stored
+            .iter()
+            .map(|&i| usize::try_from(i))
+            .collect::<Result<_, _>>();
+        whole.with_context(|| name.to_owned())
+    };
+    let (p_starts, p_rows) = (indices("P_indptr")?, indices("P_indices")?);
+    let (a_starts, a_rows) = (indices("A_indptr")?, indices("A_indices")?);
+    let stored: Array0<i64> = npz.by_name("equalities")?;
+    let equalities = usize::try_from(stored.into_scalar()).context("equalities")?;
+    let mut rows =
+        |name: &str| -> Result<Array2<f64>> { npz.by_name(name).with_context(|| name.to_owned()) };
+    let (p, q, a, b) = (rows("P_data")?, rows("q")?, rows("A_data")?, rows("b")?);
+    // Not of QPs with other limits than bounds and changes.
+    let stages = rows("stages").unwrap_or_else(|_| Array2::zeros((q.nrows(), 0)));
+    let (variables, constraints) = (q.ncols(), b.ncols());
+    ensure!(
+        [p.nrows(), a.nrows(), b.nrows(), stages.nrows()] == [q.nrows(); 4]
+            && equalities <= constraints,
+        "the arrays differ in length"
+    );
+    ensure!(
+        stages.ncols().is_multiple_of(StageTerms::COUNT),
+        "stages: {} numbers a QP are no multiple of {}: an older version wrote the file, record it anew",
+        stages.ncols(),
+        StageTerms::COUNT
+    );
+    let columns = |rows: usize, starts: &[usize], indices: &[usize], values: &Array2<f64>| {
+        let ends = starts.first() == Some(&0) && starts.last() == Some(&indices.len());
+        ends && starts.len() == variables + 1
+            && starts.is_sorted()
+            && indices.iter().all(|&row| row < rows)
+            && values.ncols() == indices.len()
+    };
+    ensure!(
+        columns(variables, &p_starts, &p_rows, &p),
+        "P is no matrix of the size of q"
+    );
+    ensure!(
+        columns(constraints, &a_starts, &a_rows, &a),
+        "A is no matrix of the size of b and q"
+    );
+    let matrix = |rows, starts: &Vec<usize>, indices: &Vec<usize>, values: Vec<f64>| {
+        CscMatrix::new(rows, variables, starts.clone(), indices.clone(), values)
+    };
+    let qps = (0..q.nrows()).map(|i| QpData {
+        p: matrix(variables, &p_starts, &p_rows, p.row(i).to_vec()),
+        q: q.row(i).to_vec(),
+        a: matrix(constraints, &a_starts, &a_rows, a.row(i).to_vec()),
+        b: b.row(i).to_vec(),
+        equalities,
+        stages: stages
+            .row(i)
+            .to_vec()
+            .chunks(StageTerms::COUNT)
+            .map(StageTerms::from_numbers)
+            .collect(),
+    });
+    Ok(qps.collect())
 }

@@ -69,7 +69,7 @@
 //!     let (forwarded, unsent_since_s) = (None, None);
 //!     let transition;
 //!     (sent, transition) = safety.step(&SafetyInputs {
-//!         time_s, controller, feedback, forwarded, link, unsent_since_s, requests,
+//!         time_s, controller, feedback, forwarded, link, unsent_since_s, requests, leaves_geofence: false,
 //!     });
 //!     history.extend(transition.map(|change| (change.to, change.reason)));
 //! }

@@ -85,12 +85,12 @@ pub fn run(args: &DriveRouteArgs, ros: &[String]) -> Result<ExitCode> {
 }
 
 /// A stretch that is driven as a goal.
-struct Leg {
+struct RouteLeg {
     name: String,
     poses: Vec<PlanarPose>,
 }
 
-impl Leg {
+impl RouteLeg {
     fn length_m(&self) -> f64 {
         let steps = self.poses.windows(2);
         steps.map(|pair| apart_m(&pair[0], &pair[1])).sum()
@@ -113,7 +113,7 @@ fn apart_m(a: &PlanarPose, b: &PlanarPose) -> f64 {
 }
 
 /// Returns lanes beside a curve and the ways from one to the next, in the order in which they are driven.
-fn legs(args: &DriveRouteArgs, curve: &Path, goal_xy_m: f64) -> Result<Vec<Leg>> {
+fn legs(args: &DriveRouteArgs, curve: &Path, goal_xy_m: f64) -> Result<Vec<RouteLeg>> {
     let count = Bounds::new(1.0, LANES_MAX, "");
     count.check("--lanes", f64::from(args.lanes))?;
     count.check("--passes", f64::from(args.passes))?;
@@ -139,7 +139,7 @@ fn legs(args: &DriveRouteArgs, curve: &Path, goal_xy_m: f64) -> Result<Vec<Leg>>
         Ok(RequestedPath::from_curve("", &moved.path).poses)
     });
     let lanes: Vec<Vec<PlanarPose>> = lanes.collect::<Result<_>>()?;
-    let mut legs: Vec<Leg> = Vec::new();
+    let mut legs: Vec<RouteLeg> = Vec::new();
     for pass in 0..args.passes {
         for index in 0..args.lanes {
             // Back the way it came.
@@ -157,7 +157,7 @@ fn legs(args: &DriveRouteArgs, curve: &Path, goal_xy_m: f64) -> Result<Vec<Leg>>
                 && apart_m(from, to) > goal_xy_m
             {
                 let across = across(from, to);
-                legs.push(Leg {
+                legs.push(RouteLeg {
                     name: format!("way to lane {}", lane + 1),
                     poses: across,
                 });
@@ -166,7 +166,7 @@ fn legs(args: &DriveRouteArgs, curve: &Path, goal_xy_m: f64) -> Result<Vec<Leg>>
             if args.passes > 1 {
                 name += &format!(", pass {} of {}", pass + 1, args.passes);
             }
-            legs.push(Leg { name, poses });
+            legs.push(RouteLeg { name, poses });
         }
     }
     Ok(legs)
@@ -250,7 +250,7 @@ impl Driver {
     }
 
     /// Drives a leg, with its pauses; returns whether it was driven to its end.
-    fn drive(&mut self, leg: &Leg) -> Result<bool> {
+    fn drive(&mut self, leg: &RouteLeg) -> Result<bool> {
         let mut left_m = leg.length_m();
         console::line(format_args!("{}: {left_m:.1} m", leg.name));
         loop {
@@ -286,6 +286,9 @@ impl Driver {
                 Some(GoalEvent::Succeeded) => return None,
                 Some(GoalEvent::Rejected) => {
                     return Some("the server rejects the goal; its log says why".to_owned());
+                }
+                Some(GoalEvent::Ended(_)) if cancelled.is_some() => {
+                    return Some("the operator has asked for it".to_owned());
                 }
                 Some(GoalEvent::Ended(reason)) => return Some(reason),
                 None => {}
@@ -354,12 +357,12 @@ mod tests {
     }
 
     /// Ends of the legs, (x, y) of the first and of the last pose.
-    fn ends(legs: &[Leg]) -> Vec<[(f64, f64); 2]> {
+    fn ends(legs: &[RouteLeg]) -> Vec<[(f64, f64); 2]> {
         let place = |pose: &PlanarPose| {
             let centimetres = |value: f64| (100.0 * value).round() / 100.0 + 0.0;
             (centimetres(pose.x_m), centimetres(pose.y_m))
         };
-        let both = |leg: &Leg| [place(&leg.poses[0]), place(leg.poses.last().unwrap())];
+        let both = |leg: &RouteLeg| [place(&leg.poses[0]), place(leg.poses.last().unwrap())];
         legs.iter().map(both).collect()
     }
 

@@ -86,17 +86,17 @@ impl<G: Message + Clone + Send + 'static, R: Message + Clone + Send + 'static> C
 
 /// A request and when it was sent.
 #[derive(Debug, Clone, Copy)]
-struct Asked {
+struct SentRequest {
     request: RmwRequestId,
     at: Instant,
 }
 
 /// A goal on its way.
-struct Goal {
+struct SentGoal {
     path: Path,
     id: GoalId,
     /// The goal itself until it is accepted, then its result.
-    asked: Asked,
+    asked: SentRequest,
     accepted: bool,
 }
 
@@ -106,7 +106,7 @@ pub struct FollowPathClient {
     discovery: DomainParticipantStatusListener,
     writers: BTreeSet<GUID>,
     readers: BTreeSet<GUID>,
-    goal: Option<Goal>,
+    goal: Option<SentGoal>,
     // Dropped last, after all that it has created.
     _node: RosNode,
 }
@@ -177,7 +177,7 @@ impl FollowPathClient {
 
     /// Sends a path, in place of one that is on its way.
     pub fn send(&mut self, path: Path) {
-        self.goal = self.calls.send(path.clone()).map(|(request, id)| Goal {
+        self.goal = self.calls.send(path.clone()).map(|(request, id)| SentGoal {
             path,
             id,
             asked: asked(request),
@@ -195,7 +195,7 @@ impl FollowPathClient {
     /// Returns what is new. After the end there is no goal any more.
     pub fn poll(&mut self) -> Option<GoalEvent> {
         let goal = self.goal.as_mut()?;
-        let Asked { request, at } = goal.asked;
+        let SentRequest { request, at } = goal.asked;
         let unanswered = at.elapsed() > AGAIN;
         if !goal.accepted {
             match self.calls.accepted(request) {
@@ -233,8 +233,8 @@ impl FollowPathClient {
     }
 }
 
-fn asked(request: RmwRequestId) -> Asked {
-    Asked {
+fn asked(request: RmwRequestId) -> SentRequest {
+    SentRequest {
         request,
         at: Instant::now(),
     }

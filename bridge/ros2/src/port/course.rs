@@ -54,7 +54,7 @@ pub(super) fn azimuth_rad(direction: &Vector3<f64>, attitude: &Attitude, yaw_rad
 
 /// Where an antenna was.
 #[derive(Debug, Clone, Copy)]
-struct Mark {
+struct ChordEnd {
     antenna: Vector3<f64>,
     /// The antenna in the vehicle's level axes.
     lever: Vector3<f64>,
@@ -81,7 +81,7 @@ pub(super) struct Course {
     travelled_m: f64,
     driven_m: f64,
     corrected_at_m: f64,
-    marks: VecDeque<Mark>,
+    marks: VecDeque<ChordEnd>,
 }
 
 impl Course {
@@ -149,7 +149,7 @@ impl Course {
         lever: &Vector3<f64>,
         sigma_m: f64,
     ) -> f64 {
-        let here = Mark {
+        let here = ChordEnd {
             antenna: *antenna,
             lever: ros_quaternion(attitude, 0.0) * lever,
             yaw_rad,
@@ -158,7 +158,7 @@ impl Course {
             driven_m: self.driven_m,
         };
         let measured = self.measured(&here, sigma_m);
-        let far = |mark: &Mark| here.driven_m - mark.driven_m > CHORD_MAX_M;
+        let far = |mark: &ChordEnd| here.driven_m - mark.driven_m > CHORD_MAX_M;
         while self.marks.front().is_some_and(far) || self.marks.len() == MARKS {
             self.marks.pop_front();
         }
@@ -196,7 +196,7 @@ impl Course {
     }
 
     /// Returns the heading by the longest usable chord that ends here, and its variance.
-    fn measured(&self, here: &Mark, sigma_m: f64) -> Option<(f64, f64)> {
+    fn measured(&self, here: &ChordEnd, sigma_m: f64) -> Option<(f64, f64)> {
         if self.sigma_rad.is_some() && self.driven_m - self.corrected_at_m < STEP_M {
             return None;
         }
@@ -210,15 +210,15 @@ impl Course {
 
 /// Returns the heading at the end of a chord, and its variance; none where the vehicle did not drive straight along it.
 fn chord<'a>(
-    from: &Mark,
-    mut between: impl Iterator<Item = &'a Mark> + Clone,
-    here: &Mark,
+    from: &ChordEnd,
+    mut between: impl Iterator<Item = &'a ChordEnd> + Clone,
+    here: &ChordEnd,
     sigma_m: f64,
 ) -> Option<(f64, f64)> {
     let way_m = here.travelled_m - from.travelled_m;
     let driven_m = here.driven_m - from.driven_m;
     let one_way = way_m.abs() > ONE_WAY * driven_m;
-    let straight = |mark: &Mark| (here.yaw_rad - mark.yaw_rad).abs() <= TURN_MAX_RAD;
+    let straight = |mark: &ChordEnd| (here.yaw_rad - mark.yaw_rad).abs() <= TURN_MAX_RAD;
     if !one_way || !(CHORD_M..=CHORD_MAX_M).contains(&driven_m) || !between.clone().all(straight) {
         return None;
     }
@@ -232,7 +232,7 @@ fn chord<'a>(
             false => (-moved.x).atan2(moved.y),
         };
         yaw_rad = chord_rad + 0.5 * (turn_rad - here.ahead_rad - from.ahead_rad);
-        let turned = |mark: &Mark, yaw_rad| {
+        let turned = |mark: &ChordEnd, yaw_rad| {
             Rotation3::from_axis_angle(&Vector3::z_axis(), yaw_rad) * mark.lever
         };
         moved = apart - turned(here, yaw_rad) + turned(from, yaw_rad - turn_rad);
@@ -243,7 +243,7 @@ fn chord<'a>(
     }
     let along = apart.xy().try_normalize(1e-6)?;
     let limit_m = BESIDE_M + BESIDE_SIGMAS * sigma_m;
-    let beside = |mark: &Mark| {
+    let beside = |mark: &ChordEnd| {
         let off = mark.antenna.xy() - from.antenna.xy();
         (along.x * off.y - along.y * off.x).abs() > limit_m
     };

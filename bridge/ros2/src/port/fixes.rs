@@ -73,9 +73,9 @@ pub(crate) enum FixError {
 
 /// Readings of a kind in the order of time.
 #[derive(Debug)]
-pub(super) struct History<T>(VecDeque<(f64, T)>);
+pub(super) struct RecentReadings<T>(VecDeque<(f64, T)>);
 
-impl<T: Copy> History<T> {
+impl<T: Copy> RecentReadings<T> {
     fn new() -> Self {
         Self(VecDeque::with_capacity(KEPT))
     }
@@ -115,7 +115,7 @@ impl<T: Copy> History<T> {
 
 /// A fix that waits for readings of its instant.
 #[derive(Debug, Clone, Copy)]
-struct Waiting {
+struct PendingFix {
     time_s: f64,
     antenna: Vector3<f64>,
     sigma_m: f64,
@@ -126,10 +126,10 @@ struct Waiting {
 #[derive(Debug)]
 pub(crate) struct FixPoses {
     settings: FixSettings,
-    waiting: VecDeque<Waiting>,
-    attitudes: History<Attitude>,
+    waiting: VecDeque<PendingFix>,
+    attitudes: RecentReadings<Attitude>,
     /// Azimuths of `direction`; of the course the heading itself.
-    headings: History<f64>,
+    headings: RecentReadings<f64>,
     direction: Vector3<f64>,
     /// The heading by the motion, where no topic gives it.
     course: Option<Course>,
@@ -140,8 +140,8 @@ impl FixPoses {
         Self {
             settings,
             waiting: VecDeque::with_capacity(WAITING),
-            attitudes: History::new(),
-            headings: History::new(),
+            attitudes: RecentReadings::new(),
+            headings: RecentReadings::new(),
             direction: Vector3::x(),
             course: heading_from_motion.then(Course::default),
         }
@@ -230,7 +230,7 @@ impl FixPoses {
         if self.waiting.len() == WAITING {
             self.waiting.pop_front();
         }
-        self.waiting.push_back(Waiting {
+        self.waiting.push_back(PendingFix {
             time_s,
             antenna,
             sigma_m,

@@ -16,7 +16,7 @@ use sidehill_bridge::ros2::message::{
 use sidehill_bridge::ros2::names::NameError;
 use sidehill_bridge::ros2::settings::topics::{AttitudeSource, SpeedSource, YawRateSource};
 use sidehill_bridge::ros2::settings::topics::{
-    HeadingConfig, HeadingMessage, InputsConfig, PoseConfig, PoseMessage, TwistConfig,
+    HeadingConfig, InputsConfig, OrientationMessage, PoseConfig, PoseMessage, TwistConfig,
 };
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
@@ -127,8 +127,8 @@ impl Subscriptions {
         let heading = pose.and_then(|pose| pose.heading.as_ref());
         if let Some(HeadingConfig { topic, message, .. }) = heading {
             match message {
-                HeadingMessage::Imu => wait.for_topic::<Imu>("headings", topic, true)?,
-                HeadingMessage::QuaternionStamped => {
+                OrientationMessage::Imu => wait.for_topic::<Imu>("headings", topic, true)?,
+                OrientationMessage::QuaternionStamped => {
                     wait.for_topic::<QuaternionStamped>("headings", topic, true)?;
                 }
             }
@@ -166,8 +166,10 @@ impl Subscriptions {
             headings: match heading {
                 None => None,
                 Some(HeadingConfig { topic, message, .. }) => Some(match message {
-                    HeadingMessage::Imu => Headings::Imu(node.subscription(topic, &qos::BURST)?),
-                    HeadingMessage::QuaternionStamped => {
+                    OrientationMessage::Imu => {
+                        Headings::Imu(node.subscription(topic, &qos::BURST)?)
+                    }
+                    OrientationMessage::QuaternionStamped => {
                         Headings::Quaternion(node.subscription(topic, &qos::BURST)?)
                     }
                 }),

@@ -68,6 +68,8 @@ pub(crate) struct ControllerServer {
     last_end: Option<(GoalEnd, String)>,
     /// Jumps of `/clock` that were seen.
     clock_jumps: u64,
+    /// Whether the last thing that was said of poses is that they are left out.
+    poses_left_out: bool,
     feedback_s: f64,
     /// Topics as DDS names them.
     emergency_stop_topic: String,
@@ -113,6 +115,7 @@ impl ControllerServer {
         for request in self.handler.take_requests() {
             self.carry_out(request, now_s);
         }
+        self.watch_poses(decision.as_ref());
         self.publish_feedback(now_s, decision.as_ref());
         self.publish_telemetry(now_s, status.as_ref());
         self.action.publish_status(now_s);

@@ -70,7 +70,7 @@ pub(crate) struct SessionSettings {
 /// What the controller follows for this session.
 enum Following {
     Nothing,
-    Route(PlacedRoute),
+    Route(Box<PlacedRoute>),
     /// A pivot to the first heading of the path, rad.
     StartPivot(f64),
     /// A pivot to the heading of the goal, rad.

@@ -26,6 +26,8 @@ const POSES_MAX: usize = 200_000;
 /// A path that passes the vehicle more than once is joined at its first passage that is at most so much
 /// farther away than the nearest pose, m.
 const PASSAGE_M: f64 = 0.3;
+/// A vehicle with no more than this left of a path that also begins within so much of it is at the beginning of a lap, m.
+const LAP_M: f64 = 1.0;
 
 impl RequestedPath {
     /// Checks a message.
@@ -111,7 +113,20 @@ impl RequestedPath {
                 _ => {}
             }
         }
-        best.map_or(0, |(index, _)| index)
+        let joined = best.map_or(0, |(index, _)| index);
+        let begins_here = self.poses.first().is_some_and(|at| distance_m(at) <= LAP_M);
+        if begins_here && self.length_m(0) > 2.0 * LAP_M && self.length_m(joined) <= LAP_M {
+            return self.nearest_from(0, pose);
+        }
+        joined
+    }
+
+    /// Returns the length from a pose to the end, m.
+    fn length_m(&self, from: usize) -> f64 {
+        let steps = self.poses[from..].windows(2);
+        steps
+            .map(|pair| (pair[1].x_m - pair[0].x_m).hypot(pair[1].y_m - pair[0].y_m))
+            .sum()
     }
 
     /// Returns the index of the pose nearest to the vehicle, from an index on until the path moves away from it.
@@ -260,6 +275,32 @@ mod tests {
             };
             assert!((next.y_m - pose.y_m).abs() < 1.01 * CURVE_STEP_M);
         }
+    }
+
+    #[test]
+    fn a_vehicle_short_of_its_loop_drives_the_lap() {
+        // A loop of 1.5 m radius, whose beginning is ahead of the vehicle on it.
+        let poses = |count: u32| {
+            (0..=count)
+                .map(|i| TAU * f64::from(i) / f64::from(count))
+                .map(|u| PlanarPose {
+                    x_m: 1.5 * u.sin(),
+                    y_m: 1.5 * (1.0 - u.cos()),
+                    yaw_rad: 0.0,
+                })
+                .collect::<Vec<_>>()
+        };
+        let path = RequestedPath::from_message(&message(&poses(200))).unwrap();
+        for short_m in [0.0, 0.3, 0.4, 0.5, 0.9] {
+            let index = 200 - (short_m / (TAU * 1.5) * 200.0_f64).round() as usize;
+            let at = path.poses[index];
+            assert_eq!(path.first_passage(&at), 0, "{short_m}");
+            assert!(!path.stays_within(&at, 0.25));
+        }
+        // Farther from its end, and on a path that begins elsewhere, the rest is driven.
+        assert_eq!(path.first_passage(&path.poses[150]), 150);
+        let open = RequestedPath::from_message(&message(&line(101))).unwrap();
+        assert_eq!(open.first_passage(&open.poses[95]), 95);
     }
 
     #[test]

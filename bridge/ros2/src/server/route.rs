@@ -77,6 +77,7 @@ impl Route {
     ) -> Result<Self, Outcome> {
         let first = path.first_passage(pose);
         let poses = &path.poses[first.min(path.poses.len().saturating_sub(2))..];
+        let poses = &places(poses)[..];
         let points: Vec<RawPoint> = (0..poses.len())
             .map(|index| RawPoint {
                 position: Point2 {
@@ -252,6 +253,42 @@ fn profile(
         None => f64::INFINITY,
     };
     speed_profile(path, &limits, cap_m_s).map_err(Outcome::invalid_path)
+}
+
+/// How far from their middle poses are one place, m: less than the usual 5 cm from pose to pose.
+const PLACE_M: f64 = 0.045;
+/// Number of poses from which on they are: a vehicle stood there while its path was recorded.
+const STANDING: usize = 5;
+
+/// Returns the poses, those of a place at which many are made one in their middle.
+fn places(poses: &[PlanarPose]) -> Vec<PlanarPose> {
+    let mut found = Vec::with_capacity(poses.len());
+    let mut from = 0;
+    while from < poses.len() {
+        let mut middle = poses[from];
+        let near = |middle: &PlanarPose, at: &PlanarPose| {
+            (at.x_m - middle.x_m).hypot(at.y_m - middle.y_m) < PLACE_M
+        };
+        let mut to = from + 1;
+        while to < poses.len() && near(&middle, &poses[to]) {
+            let share = 1.0 / (to + 1 - from) as f64;
+            middle.x_m += share * (poses[to].x_m - middle.x_m);
+            middle.y_m += share * (poses[to].y_m - middle.y_m);
+            to += 1;
+        }
+        if to - from >= STANDING {
+            middle.yaw_rad = poses[to - 1].yaw_rad;
+            found.push(middle);
+        } else {
+            found.extend_from_slice(&poses[from..to]);
+        }
+        from = to;
+    }
+    // All that is left is where the vehicle stands.
+    match found.len() {
+        1 => poses.to_vec(),
+        _ => found,
+    }
 }
 
 /// Returns the direction of driving from a pose to the next, by its heading.

@@ -94,7 +94,7 @@ pub struct PoseConfig {
 /// Message of a heading.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum HeadingMessage {
+pub enum OrientationMessage {
     /// The orientation of a sensor_msgs/Imu.
     #[default]
     Imu,
@@ -110,7 +110,7 @@ pub struct HeadingConfig {
     pub topic: String,
     /// The orientation of a sensor_msgs/Imu, or geometry_msgs/QuaternionStamped.
     #[serde(rename = "type")]
-    pub message: HeadingMessage,
+    pub message: OrientationMessage,
     /// Added to the heading: by how much the antennas that measure it are turned clockwise. None: by TF from the frame
     /// of the message.
     pub offset_deg: Option<f64>,

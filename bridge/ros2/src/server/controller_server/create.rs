@@ -85,6 +85,7 @@ impl ControllerServer {
             accepted_goals: 0,
             last_end: None,
             clock_jumps: 0,
+            poses_left_out: false,
             feedback_s: f64::NEG_INFINITY,
             poll,
             node,

@@ -3,7 +3,7 @@ use crate::node::message::action::{FollowPathFeedback, code};
 use crate::server::goal_context::Request;
 use crate::server::obstacles::StoppingSettings;
 use crate::server::outcome::Outcome;
-use crate::server::test_data::{j8, route_settings};
+use crate::server::test_data::{decision, j8, route_settings};
 use ros2_client::action::GoalId;
 use ros2_client::builtin_interfaces::Time;
 use ros2_client::service::RmwRequestId;
@@ -227,4 +227,26 @@ fn requests_of_a_session_reach_the_control_loop() {
     );
     bench.server.carry_out(Request::Stop(None), 1.0);
     assert_eq!(bench.loop_end.merge(IDLE, SafetyState::Driving).stop, None);
+}
+
+#[test]
+fn poses_that_are_left_out_are_said_once_and_once_more_when_they_are_used_again() {
+    let mut bench = Bench::new(true);
+    let mut said = |gated: u32| {
+        let mut decision = decision(1.0, 0.0, 0.0);
+        decision.estimate.as_mut().unwrap().poses_gated = gated;
+        bench.server.watch_poses(Some(&decision));
+        let notes = bench.server.links.inputs.take_notes();
+        notes
+            .iter()
+            .map(|note| note.message.clone())
+            .collect::<String>()
+    };
+    for gated in [0, 1, 2] {
+        assert_eq!(said(gated), "");
+    }
+    assert!(said(3).contains("left out"));
+    assert_eq!(said(4), "");
+    assert_eq!(said(0), "poses are used again");
+    assert_eq!(said(0), "");
 }

@@ -2,8 +2,12 @@
 
 use super::ControllerServer;
 use ros2_client::dds::rustdds::{DomainParticipantStatusEvent as Event, StatusEvented};
+use sidehill_controller::controller::Decision;
 use std::sync::atomic::Ordering;
 use std::time::Instant;
+
+/// Number of poses in a row that are left out from which it is said: single outliers are usual.
+const POSES_LEFT_OUT: u32 = 3;
 
 impl ControllerServer {
     /// Takes discovery events: publishers of the emergency stop, readers of replies, and peers that left.
@@ -35,6 +39,23 @@ impl ControllerServer {
                     .clients_left(|client| client.has_left(&left, topic));
             }
         }
+    }
+
+    /// Says when poses contradict dead reckoning, and when they are used again.
+    pub(super) fn watch_poses(&mut self, decision: Option<&Decision>) {
+        let Some(estimate) = decision.and_then(|decision| decision.estimate.as_ref()) else {
+            return;
+        };
+        let message = match (self.poses_left_out, estimate.poses_gated) {
+            (false, POSES_LEFT_OUT..) => {
+                "poses jump or contradict dead reckoning and are left out, until those that agree with each other are \
+                 believed"
+            }
+            (true, 0) => "poses are used again",
+            _ => return,
+        };
+        self.poses_left_out = !self.poses_left_out;
+        self.links.inputs.note("poses", message.to_owned());
     }
 
     /// Returns whether the clock has jumped, that of `/clock` or the system's.

@@ -138,7 +138,7 @@ impl GoalSession {
             self.stop_first(then, context.is_under_way(), context, requests);
             return Ok(());
         }
-        self.following = Following::Route(placed);
+        self.following = Following::Route(Box::new(placed));
         // A vehicle that is under way changes to the new path without a stop.
         if context.is_under_way() && requests.stop_cause().is_none() {
             self.phase = Phase::Driving { tracked: false };

@@ -1,5 +1,6 @@
 use super::*;
 use crate::server::test_data::route_settings;
+use sidehill_controller::trajectory::Motion;
 use std::f64::consts::{FRAC_PI_2, PI};
 
 /// Poses along X_g, which is a heading of -90 deg.
@@ -17,7 +18,7 @@ fn line(count: usize) -> RequestedPath {
 }
 
 #[test]
-fn a_kink_close_to_an_end_is_smoothed_within_the_deviation_or_refused() {
+fn a_kink_close_to_an_end_is_smoothed_within_the_deviation_or_turned_at_on_the_spot() {
     let at = |places: &[(f64, f64)]| RequestedPath {
         frame: "map".to_owned(),
         oriented: false,
@@ -42,9 +43,12 @@ fn a_kink_close_to_an_end_is_smoothed_within_the_deviation_or_refused() {
         },
         ..route_settings()
     };
-    let error = Route::build(&path, &pose, 0.0, &exact).unwrap_err();
-    assert_eq!(error.code, code::INVALID_PATH);
-    assert!(error.message.contains("sharp"), "{}", error.message);
+    let turns = |settings: &RouteSettings| {
+        let route = Route::build(&path, &pose, 0.0, settings).unwrap();
+        let mut times_s = (0..1000).map(|i| 0.01 * f64::from(i));
+        times_s.any(|time_s| route.trajectory.at(time_s).motion == Motion::Pivot)
+    };
+    assert!(!turns(&route_settings()) && turns(&exact));
 }
 
 #[test]
@@ -145,4 +149,48 @@ fn a_way_back_in_one_direction_is_refused_with_its_place() {
             error.message
         );
     }
+}
+
+#[test]
+fn poses_of_a_vehicle_that_stood_are_one_place() {
+    // Noise of a standard deviation of 1 cm, the sum of uniform numbers, on 40 poses at either end or at both.
+    let mut seed = 1_u64;
+    let mut noise = move || {
+        let mut uniform = || {
+            seed = seed
+                .wrapping_mul(6364136223846793005)
+                .wrapping_add(1442695040888963407);
+            (seed >> 11) as f64 / (1u64 << 53) as f64
+        };
+        0.01 * ((0..12).map(|_| uniform()).sum::<f64>() - 6.0)
+    };
+    for (before, after) in [(40, 0), (0, 40), (40, 40)] {
+        for sigmas in [0.5, 1.0] {
+            let mut stand = |x_m: f64, count: usize| -> Vec<PlanarPose> {
+                (0..count)
+                    .map(|_| PlanarPose {
+                        x_m: x_m + sigmas * noise(),
+                        y_m: sigmas * noise(),
+                        yaw_rad: -FRAC_PI_2,
+                    })
+                    .collect()
+            };
+            let mut path = line(31);
+            path.poses.splice(0..0, stand(0.0, before));
+            path.poses.extend(stand(3.0, after));
+            let pose = path.poses[0];
+            let route = Route::build(&path, &pose, 0.0, &route_settings()).unwrap();
+            let length_m = route.trajectory.length_m();
+            assert!((length_m - 3.0).abs() < 0.1, "{length_m}");
+            let start = route.trajectory.at(0.0);
+            assert!(
+                (start.heading_rad + FRAC_PI_2).abs() < 0.2,
+                "{}",
+                start.heading_rad
+            );
+        }
+    }
+    // Poses 5 cm apart are a path, and so are many more within a place where nothing else is.
+    let exact = line(31);
+    assert_eq!(places(&exact.poses), exact.poses);
 }
