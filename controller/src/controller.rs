@@ -122,7 +122,7 @@ impl Controller {
                 half_track_m,
                 config.period_s,
             ),
-            dig: DigWatch::new(&config.estimator, half_track_m),
+            dig: DigWatch::new(&config.estimator),
             phase: Phase::Driving { fallback_cycles: 0 },
             arc_length_m: 0.0,
             behind_s: 0.0,

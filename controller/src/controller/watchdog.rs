@@ -53,7 +53,7 @@ struct Sums {
 pub(super) const DIG_S: f64 = 1.4;
 /// Way of the treads from which on they dig, m.
 const DIG_WAY_M: f64 = 0.25;
-/// Share of the way of the treads by which the vehicle has to move or turn.
+/// Share of the way of the treads by which the vehicle has to move.
 const DIG_SHARE: f64 = 0.1;
 /// Standard deviations of poses that are no motion.
 const DIG_SIGMAS: f64 = 4.0;
@@ -76,17 +76,15 @@ pub(super) struct DigWatch {
     way_m: f64,
     sigma_m: f64,
     sigma_rad: f64,
-    half_track_m: f64,
 }
 
 impl DigWatch {
-    pub(super) fn new(estimator: &EstimatorSettings, half_track_m: f64) -> Self {
+    pub(super) fn new(estimator: &EstimatorSettings) -> Self {
         Self {
             places: VecDeque::with_capacity(DIG_POSES),
             way_m: 0.0,
             sigma_m: estimator.pose_sigma_m,
             sigma_rad: estimator.pose_sigma_rad,
-            half_track_m,
         }
     }
 
@@ -121,7 +119,8 @@ impl DigWatch {
         };
         let way_m = newest.way_m - oldest.way_m;
         let moved_m = DIG_SHARE * way_m + DIG_SIGMAS * self.sigma_m;
-        let turned_rad = DIG_SHARE * way_m / self.half_track_m + DIG_SIGMAS * self.sigma_rad;
+        // At the end of its grip a vehicle turns slowly, one tread spinning.
+        let turned_rad = DIG_SIGMAS * self.sigma_rad;
         let stays = |place: &Place| {
             (place.pose.x_m - newest.pose.x_m).hypot(place.pose.y_m - newest.pose.y_m) < moved_m
                 && wrap_angle(place.pose.yaw_rad - newest.pose.yaw_rad).abs() < turned_rad

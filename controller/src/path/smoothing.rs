@@ -153,6 +153,11 @@ fn with_remedies(
     /// Factor between the limits that are tried, and their number.
     const STEP: f64 = 1.2;
     const STEPS: i32 = 12;
+    /// Longer pieces take too long to try, m.
+    const LENGTH_MAX_M: f64 = 1000.0;
+    if raw.length_m() > LENGTH_MAX_M {
+        return error;
+    }
     let mut error = match smooth_piece(raw, accuracy_m, options, Refusal::WithRemedy) {
         Ok(_) => error,
         Err(error) => error,
