@@ -22,7 +22,7 @@ struct Limit {
 /// was learned at 4096 places, 1.8 MB.
 const LIMITS: [Limit; 3] = [
     Limit {
-        endings: &["asc", "csv"],
+        endings: &["asc", "csv", "tif", "tiff"],
         megabytes: 400,
     },
     Limit {
