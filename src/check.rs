@@ -75,7 +75,7 @@ pub fn check(file: ConfigFile) -> Result<&'static str> {
     match file.ending().as_deref() {
         Some("gpx") => return check_route(&file),
         Some("csv") => return check_csv(&file),
-        Some("asc") => {
+        Some("asc" | "tif" | "tiff") => {
             let grid = GridTerrain::parse(file.text()).map_err(|error| file.error(error))?;
             if let Some(suspicion) = grid.suspicion() {
                 console::complain(format_args!("{}: warning: {suspicion}", file.name()));

@@ -22,7 +22,7 @@ struct SizeLimit {
 /// was learned at 4096 places, 1.8 MB.
 const LIMITS: [SizeLimit; 3] = [
     SizeLimit {
-        endings: &["asc", "csv"],
+        endings: &["asc", "csv", "tif", "tiff"],
         megabytes: 400,
     },
     SizeLimit {

@@ -1,3 +1,4 @@
+use super::geotiff;
 use super::hints::{
     decoded_xml, indented_by_tab, key_of_value, keys_named, no_text, other_kind, syntax_hint,
 };
@@ -110,11 +111,21 @@ impl ConfigFile {
             });
         }
         let bytes = limits::read(path).map_err(failed)?;
-        if path
-            .extension()
-            .is_some_and(|ending| ending.eq_ignore_ascii_case("gpx"))
-        {
-            let text = decoded_xml(&bytes).map_err(|message| ConfigError::Content {
+        let has_ending = |endings: &[&str]| {
+            let found = path.extension().unwrap_or_default();
+            endings
+                .iter()
+                .any(|ending| found.eq_ignore_ascii_case(ending))
+        };
+        let decoded = if has_ending(&["gpx"]) {
+            Some(decoded_xml(&bytes))
+        } else if has_ending(&["tif", "tiff"]) {
+            Some(geotiff::to_esri(&bytes))
+        } else {
+            None
+        };
+        if let Some(decoded) = decoded {
+            let text = decoded.map_err(|message| ConfigError::Content {
                 file: path.display().to_string(),
                 message,
             })?;
@@ -129,11 +140,7 @@ impl ConfigFile {
         let text = match String::from_utf8(bytes) {
             Ok(text) => text,
             // Editors of CAN databases write Windows-1252. Only comments and units have such letters, which nothing reads.
-            Err(error)
-                if path
-                    .extension()
-                    .is_some_and(|ending| ending.eq_ignore_ascii_case("dbc")) =>
-            {
+            Err(error) if has_ending(&["dbc"]) => {
                 String::from_utf8_lossy(error.as_bytes()).into_owned()
             }
             Err(error) => {

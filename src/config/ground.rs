@@ -21,7 +21,7 @@ pub(super) enum TerrainConfig {
     Zones(ZonedTerrain),
     /// An elevation grid.
     Grid {
-        /// ESRI ASCII grid, relative to the scenario.
+        /// ESRI ASCII grid or GeoTIFF, relative to the scenario.
         file: PathBuf,
         /// Easting of the world's origin in the grid's coordinates, m.
         #[serde(default)]

@@ -6,6 +6,7 @@ mod campaign;
 mod conditions;
 mod draws;
 mod file;
+mod geotiff;
 mod ground;
 mod hints;
 mod keys;

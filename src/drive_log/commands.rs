@@ -1,6 +1,7 @@
 //! Commands and measured speeds of the drives from bags and recordings.
 
 use super::choice::Chosen;
+use super::interpolation::seconds;
 use super::series::{self, Series};
 use super::topics::{StampSource, TopicMap};
 use crate::bag::{Bag, BagError, Message};
@@ -93,7 +94,7 @@ pub(super) fn record(
     let measured = sources.tread_speeds;
     let begin_ns = measured.first().map_or(0, |(time_ns, _)| *time_ns);
     let timed = |time_ns: i64, speeds| TimedSpeeds {
-        time_s: (time_ns - begin_ns) as f64 * 1e-9,
+        time_s: seconds(begin_ns, time_ns),
         speeds,
     };
     let measured = measured.into_iter();

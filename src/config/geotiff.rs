@@ -1,0 +1,180 @@
+//! Elevation grids in GeoTIFF, as the text of an ESRI ASCII grid.
+
+use std::fmt::Write;
+use std::io::Cursor;
+use tiff::ColorType;
+use tiff::decoder::{Decoder, DecodingResult, Limits};
+use tiff::tags::Tag;
+
+/// Most bytes of the heights: 16 million of double precision.
+const HEIGHTS_MAX: usize = 128_000_000;
+/// Keys of the directory of GeoTIFF 1.1, with the values that matter.
+const MODEL_TYPE: (u16, u16) = (1024, 2);
+const RASTER_TYPE: (u16, u16) = (1025, 2);
+
+/// Returns the text of the grid in a file with one band of heights.
+///
+/// # Errors
+/// What the grid lacks, with the command of GDAL that mends it.
+pub(super) fn to_esri(bytes: &[u8]) -> Result<String, String> {
+    let failed = |error: tiff::TiffError| format!("not readable as GeoTIFF: {error}");
+    let mut limits = Limits::default();
+    limits.decoding_buffer_size = HEIGHTS_MAX;
+    limits.intermediate_buffer_size = HEIGHTS_MAX;
+    let decoder = Decoder::new(Cursor::new(bytes)).map_err(failed)?;
+    let mut decoder = decoder.with_limits(limits);
+    if !matches!(decoder.colortype().map_err(failed)?, ColorType::Gray(_)) {
+        return Err(
+            "has several bands or colours, must have one of heights in m; `gdal_translate -b 1 FILE OUT` takes the first"
+                .to_owned(),
+        );
+    }
+    let keys = decoder.get_tag_u16_vec(Tag::GeoKeyDirectoryTag).ok();
+    let keys = keys.unwrap_or_default();
+    // A header of four numbers, then for each key its number, place, count and value.
+    let says = |(key, value): (u16, u16)| {
+        let mut entries = keys.chunks_exact(4).skip(1);
+        entries.any(|entry| entry[0] == key && entry[3] == value)
+    };
+    if says(MODEL_TYPE) {
+        return Err(
+            "its places are in degrees, must be in m; `gdalwarp -t_srs EPSG:... FILE OUT` projects it, as to UTM"
+                .to_owned(),
+        );
+    }
+    let scale = decoder.get_tag_f64_vec(Tag::ModelPixelScaleTag).ok();
+    let tie = decoder.get_tag_f64_vec(Tag::ModelTiepointTag).ok();
+    let (Some(&[dx_m, dy_m, ..]), Some(&[column, row, _, x_m, y_m, _])) =
+        (scale.as_deref(), tie.as_deref())
+    else {
+        return Err(
+            "does not say where it is by the size of its cells and one place, as a GeoTIFF with north up does; \
+             `gdalwarp FILE OUT` writes it so"
+                .to_owned(),
+        );
+    };
+    let (columns, rows) = decoder.dimensions().map_err(failed)?;
+    // The text of a value that GDAL could not read either.
+    let nodata = decoder.get_tag_ascii_string(Tag::GdalNodata).ok();
+    let nodata = nodata.map(|text| text.trim_matches(['\0', ' ']).to_owned());
+    let (place, below) = if says(RASTER_TYPE) {
+        ("center", f64::from(rows) - 1.0)
+    } else {
+        ("corner", f64::from(rows))
+    };
+    let west_m = x_m - column * dx_m;
+    let south_m = y_m + row * dy_m - below * dy_m;
+    let mut out = format!(
+        "ncols {columns}\nnrows {rows}\nxll{place} {west_m}\nyll{place} {south_m}\ndx {dx_m}\ndy {dy_m}\n"
+    );
+    if let Some(nodata) = nodata.filter(|text| !text.is_empty()) {
+        let _ = writeln!(out, "NODATA_value {nodata}");
+    }
+    match decoder.read_image().map_err(failed)? {
+        DecodingResult::U8(heights) => write_rows(&mut out, columns, heights),
+        DecodingResult::U16(heights) => write_rows(&mut out, columns, heights),
+        DecodingResult::U32(heights) => write_rows(&mut out, columns, heights),
+        DecodingResult::I8(heights) => write_rows(&mut out, columns, heights),
+        DecodingResult::I16(heights) => write_rows(&mut out, columns, heights),
+        DecodingResult::I32(heights) => write_rows(&mut out, columns, heights),
+        DecodingResult::F32(heights) => write_rows(&mut out, columns, heights),
+        DecodingResult::F64(heights) => write_rows(&mut out, columns, heights),
+        _ => {
+            return Err(
+                "its heights are numbers of an unusual kind; `gdal_translate -ot Float32 FILE OUT` writes usual ones"
+                    .to_owned(),
+            );
+        }
+    }
+    Ok(out)
+}
+
+/// Writes heights row by row; values that are no heights are short in this form, too.
+fn write_rows<T: std::fmt::LowerExp>(out: &mut String, columns: u32, heights: Vec<T>) {
+    for row in heights.chunks((columns as usize).max(1)) {
+        for height in row {
+            let _ = write!(out, "{height:e} ");
+        }
+        out.push('\n');
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use sidehill_plant::terrain::GridTerrain;
+    use tiff::encoder::{TiffEncoder, colortype};
+
+    /// A grid of 3 by 2 cells of 2 m, whose northwest corner is at 100, 50.
+    fn written(heights: &[f32], keys: &[u16], nodata: &str) -> Vec<u8> {
+        let mut bytes = Cursor::new(Vec::new());
+        let mut encoder = TiffEncoder::new(&mut bytes).unwrap();
+        let mut image = encoder.new_image::<colortype::Gray32Float>(3, 2).unwrap();
+        let tags = image.encoder();
+        tags.write_tag(Tag::ModelPixelScaleTag, &[2.0, 2.0, 0.0][..])
+            .unwrap();
+        tags.write_tag(
+            Tag::ModelTiepointTag,
+            &[0.0, 0.0, 0.0, 100.0, 50.0, 0.0][..],
+        )
+        .unwrap();
+        tags.write_tag(Tag::GeoKeyDirectoryTag, keys).unwrap();
+        tags.write_tag(Tag::GdalNodata, nodata).unwrap();
+        image.write_data(heights).unwrap();
+        bytes.into_inner()
+    }
+
+    const HEIGHTS: [f32; 6] = [1.5, 2.0, 3.0, 4.0, 5.0, f32::MIN];
+    const PROJECTED: [u16; 8] = [1, 1, 0, 1, 1024, 0, 1, 1];
+
+    #[test]
+    fn a_geotiff_is_the_grid_that_its_tags_place() {
+        let bytes = written(&HEIGHTS, &PROJECTED, "-3.4028234663852886e+38");
+        let grid = GridTerrain::parse(&to_esri(&bytes).unwrap()).unwrap();
+        let extent = grid.extent();
+        assert_eq!((extent.west_m, extent.east_m), (101.0, 105.0));
+        assert_eq!((extent.south_m, extent.north_m), (47.0, 49.0));
+        assert_eq!(grid.cell_at(101.0, 49.0), (1, 1));
+        // Places of points, not of areas.
+        let points = [&PROJECTED[..], &[1025, 0, 1, 2]].concat();
+        let bytes = written(&HEIGHTS, &points, "-3.4028234663852886e+38");
+        let extent = GridTerrain::parse(&to_esri(&bytes).unwrap())
+            .unwrap()
+            .extent();
+        assert_eq!((extent.west_m, extent.north_m), (100.0, 50.0));
+        // A void that is not declared is found as in a text.
+        let bytes = written(&HEIGHTS, &PROJECTED, "-1");
+        let error = GridTerrain::parse(&to_esri(&bytes).unwrap()).unwrap_err();
+        assert!(error.to_string().contains("row 2, column 3"), "{error}");
+    }
+
+    #[test]
+    fn what_is_no_grid_in_metres_is_refused_with_the_remedy() {
+        let degrees = [1, 1, 0, 1, 1024, 0, 1, 2];
+        let error = to_esri(&written(&HEIGHTS, &degrees, "-1")).unwrap_err();
+        assert!(
+            error.contains("degrees") && error.contains("gdalwarp"),
+            "{error}"
+        );
+        let mut bytes = Cursor::new(Vec::new());
+        let mut encoder = TiffEncoder::new(&mut bytes).unwrap();
+        encoder
+            .write_image::<colortype::Gray8>(2, 2, &[1, 2, 3, 4])
+            .unwrap();
+        let error = to_esri(bytes.get_ref()).unwrap_err();
+        assert!(error.contains("where it is"), "{error}");
+        let mut bytes = Cursor::new(Vec::new());
+        let mut encoder = TiffEncoder::new(&mut bytes).unwrap();
+        encoder
+            .write_image::<colortype::RGB8>(1, 1, &[1, 2, 3])
+            .unwrap();
+        let error = to_esri(bytes.get_ref()).unwrap_err();
+        assert!(error.contains("gdal_translate -b 1"), "{error}");
+        let whole = written(&HEIGHTS, &PROJECTED, "-1");
+        for length in 0..whole.len() {
+            // Cut off: refused, or what is missing was not needed.
+            let _ = to_esri(&whole[..length]);
+        }
+        assert!(to_esri(&whole[..20]).unwrap_err().contains("not readable"));
+    }
+}
