@@ -78,7 +78,7 @@ pub struct RecordingStatus {
 pub(super) const METADATA: &str = "sidehill";
 
 /// Layout of the messages. It grows with every change of a message that an older reader would misread.
-pub(super) const FORMAT: &str = "1";
+pub(super) const FORMAT: &str = "2";
 /// Name of the fact that holds it.
 pub(super) const FORMAT_FACT: &str = "format";
 

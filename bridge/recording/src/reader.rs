@@ -5,11 +5,11 @@ use super::mcap_file::{FORMAT, FORMAT_FACT, Header, METADATA, McapRecording};
 use super::messages::{ControllerCycle, PathCommand, Topic};
 use mcap::records::{Record, op};
 use sidehill_bridge::control_loop::tap::{PathRecord, RecordedPath};
-use sidehill_bridge::ros2::message::cdr::{CdrError, from_cdr, to_cdr};
+use sidehill_bridge::ros2::message::cdr::{CdrError, from_cdr};
 use sidehill_plant::frames::{Attitude, Pose};
 use sidehill_plant::sample::{Sample, Stamped};
 use sidehill_plant::speeds::{MeasuredTreadSpeeds, MotorSpeeds};
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
@@ -203,8 +203,6 @@ fn scan_with(
         header,
         visit,
         channels: BTreeMap::new(),
-        schemas_without_yaw_rate: BTreeSet::new(),
-        no_yaw_rate: no_yaw_rate(),
         ours: false,
     };
     let mut damaged = None;
@@ -242,14 +240,15 @@ fn scan_with(
 
 /// Refuses messages of another layout. Those of recordings that name none are of layout 1.
 fn check_format(file: &Path, header: &Header) -> Result<(), RecordingError> {
-    match header.facts.get(FORMAT_FACT) {
-        Some(found) if found != FORMAT => Err(RecordingError::Format {
-            file: file.to_owned(),
-            found: found.clone(),
-            version: header.facts.get("version").cloned(),
-        }),
-        _ => Ok(()),
+    let found = header.facts.get(FORMAT_FACT).map_or("1", String::as_str);
+    if found == FORMAT {
+        return Ok(());
     }
+    Err(RecordingError::Format {
+        file: file.to_owned(),
+        found: found.to_owned(),
+        version: header.facts.get("version").cloned(),
+    })
 }
 
 /// What became of a record.
@@ -265,10 +264,8 @@ struct Scan<'a, 'b> {
     path: &'a Path,
     header: &'a mut Header,
     visit: &'a mut TakeMessage<'b>,
-    /// Topics of the channels, and whether their messages lack the yaw rate.
-    channels: BTreeMap<u16, (Topic, bool)>,
-    schemas_without_yaw_rate: BTreeSet<u16>,
-    no_yaw_rate: Vec<u8>,
+    /// Topics of the channels.
+    channels: BTreeMap<u16, Topic>,
     ours: bool,
 }
 
@@ -322,40 +319,21 @@ impl Scan<'_, '_> {
                 let text = String::from_utf8_lossy(&data).into_owned();
                 self.header.files.insert(named.name.into(), text);
             }
-            Record::Schema { header, data }
-                if !String::from_utf8_lossy(&data).contains("has_yaw_rate") =>
-            {
-                self.schemas_without_yaw_rate.insert(header.id);
-            }
             Record::Channel(channel) => {
                 let topic = Topic::ALL
                     .into_iter()
                     .find(|topic| topic.name() == channel.topic);
-                self.channels.extend(topic.map(|topic| {
-                    let lacks = topic == Topic::ControllerCycle
-                        && self.schemas_without_yaw_rate.contains(&channel.schema_id);
-                    (channel.id, (topic, lacks))
-                }));
+                self.channels.extend(topic.map(|topic| (channel.id, topic)));
             }
-            Record::Message { header, data } => match self.channels.get(&header.channel_id) {
-                Some(&(topic, false)) => (self.visit)(topic, header.publish_time, &data)?,
-                Some(&(topic, true)) => {
-                    let whole = [&data[..], &self.no_yaw_rate].concat();
-                    (self.visit)(topic, header.publish_time, &whole)?;
+            Record::Message { header, data } => {
+                if let Some(&topic) = self.channels.get(&header.channel_id) {
+                    (self.visit)(topic, header.publish_time, &data)?;
                 }
-                None => {}
-            },
+            }
             _ => {}
         }
         Ok(Taken::Used)
     }
-}
-
-/// Returns the last fields of a [`ControllerCycle`] without a yaw rate, which recordings made before there
-/// was one do not have. The field before them ends at a multiple of 8 bytes, so they are encoded alike.
-fn no_yaw_rate() -> Vec<u8> {
-    let encoded = to_cdr(&(false, f64::NAN, f64::NAN)).unwrap_or_default();
-    encoded.get(4..).unwrap_or_default().to_vec()
 }
 
 impl ControllerCycle {

@@ -134,7 +134,7 @@ float64 arc_length_m
 uint32 solver_iterations
 string solver_path
 float64 solve_us
-bool has_yaw_rate  # a reading, as those above; recordings of earlier versions end before it
+bool has_yaw_rate  # a reading, as those above
 float64 yaw_rate_time_s
 float64 yaw_rate_rad_s  # about the body's upward axis, counter-clockwise positive
 ";

@@ -139,7 +139,7 @@ fn messages_of_another_layout_are_refused_with_both_versions() {
     bytes[place.unwrap() + fact.len()] = b'7';
     std::fs::write(&path, &bytes).unwrap();
     let error = Recording::read(&path).unwrap_err().to_string();
-    for part in ["drive.mcap", "layout 7", "layout 1", "9.1.0"] {
+    for part in ["drive.mcap", "layout 7", "layout 2", "9.1.0"] {
         assert!(error.contains(part), "{error}");
     }
 }
@@ -163,49 +163,6 @@ fn a_file_is_replaced_only_where_that_is_asked_for_and_nobody_records_to_it() {
     create(true).unwrap().finish();
     assert_eq!(std::fs::read(&target).unwrap(), before);
     assert!(!std::fs::symlink_metadata(&path).unwrap().is_symlink());
-}
-
-#[test]
-fn a_recording_made_before_there_was_a_yaw_rate_is_read_without_one() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("old.mcap");
-    let cycle = ControllerCycle {
-        index: 3,
-        has_attitude: true,
-        roll_rad: 0.1,
-        // Text before the last field, whose length shifts it.
-        solver_path: "odd".into(),
-        solve_us: 42.0,
-        ..ControllerCycle::default()
-    };
-    let topic = Topic::ControllerCycle;
-    let (schema, bytes) = (topic.schema(), to_cdr(&cycle).unwrap());
-    let (old_schema, _) = schema.split_once("bool has_yaw_rate").unwrap();
-    let mut file = mcap::Writer::new(std::fs::File::create(&path).unwrap()).unwrap();
-    let sidehill = mcap::records::Metadata {
-        name: "sidehill".into(),
-        metadata: header().facts,
-    };
-    file.write_metadata(&sidehill).unwrap();
-    let schema = file.add_schema(&topic.type_name(), "ros2msg", old_schema.as_bytes());
-    let no_metadata = std::collections::BTreeMap::new();
-    let channel = file.add_channel(schema.unwrap(), topic.name(), "cdr", &no_metadata);
-    let header = mcap::records::MessageHeader {
-        channel_id: channel.unwrap(),
-        sequence: 0,
-        log_time: 0,
-        publish_time: 0,
-    };
-    file.write_to_known_channel(&header, &bytes[..bytes.len() - 24])
-        .unwrap();
-    file.finish().unwrap();
-    let read = Recording::read(&path).unwrap();
-    let [old] = &read.cycles[..] else {
-        panic!("{read:?}");
-    };
-    assert_eq!((old.index, old.solve_us), (3, 42.0));
-    assert_eq!(old.sample().attitude.unwrap().value.roll_rad, 0.1);
-    assert_eq!(old.sample().yaw_rate, None);
 }
 
 #[test]
