@@ -126,7 +126,7 @@ impl GroundFriction {
     }
 }
 
-/// Errors of the parameters that controllers use, as factors.
+/// Errors of the parameters that controllers use: factors, 1 by default, and offsets, 0 by default.
 #[derive(Debug, Clone, Copy, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub(super) struct ModelError {
@@ -152,6 +152,14 @@ pub(super) struct ModelError {
     slip_scale: f64,
     /// Factor on its rolling resistance.
     rolling_resistance: f64,
+    /// Added to the lateral position of its centre of mass.
+    centre_of_mass_right_m: f64,
+    /// Added to the longitudinal position of its centre of mass.
+    centre_of_mass_forward_m: f64,
+    /// Added to the height of its centre of mass.
+    centre_of_mass_height_m: f64,
+    /// Added to its share of the weight on the inner axles.
+    inner_load_share: f64,
 }
 
 impl Default for ModelError {
@@ -168,6 +176,10 @@ impl Default for ModelError {
             lateral_share: 1.0,
             slip_scale: 1.0,
             rolling_resistance: 1.0,
+            centre_of_mass_right_m: 0.0,
+            centre_of_mass_forward_m: 0.0,
+            centre_of_mass_height_m: 0.0,
+            inner_load_share: 0.0,
         }
     }
 }
@@ -231,6 +243,14 @@ impl ModelError {
             let entry = &mut parameters[parameter.index()];
             *entry = parameter.entry(factor * parameter.value(*entry));
         }
+        for (parameter, offset) in [
+            (Parameter::CentreRight, self.centre_of_mass_right_m),
+            (Parameter::CentreForward, self.centre_of_mass_forward_m),
+            (Parameter::CentreHeight, self.centre_of_mass_height_m),
+            (Parameter::InnerShare, self.inner_load_share),
+        ] {
+            parameters[parameter.index()] += offset;
+        }
         contact.with_parameters(&parameters).validated()
     }
 }
@@ -263,5 +283,7 @@ mod tests {
         let right_m = forward_m("{}");
         assert!(right_m > 0.05);
         assert!(forward_m("{y_icr: 0.5}") < 0.6 * right_m);
+        let moved_m = forward_m("{centre_of_mass_forward_m: 0.1}");
+        assert!((moved_m - right_m - 0.1).abs() < 1e-12);
     }
 }

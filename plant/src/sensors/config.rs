@@ -63,6 +63,10 @@ impl Default for Timing {
 pub(super) struct TreadSpeedErrors {
     /// Standard deviation of white noise.
     pub(super) noise_std_m_s: f64,
+    /// Constant error of the left speed.
+    pub(super) bias_left_m_s: f64,
+    /// Constant error of the right speed.
+    pub(super) bias_right_m_s: f64,
     /// Step of the reading; 0 for none.
     pub(super) quantisation_m_s: f64,
 }
@@ -76,6 +80,8 @@ pub(super) struct AttitudeErrors {
     pub(super) bias_roll_deg: f64,
     /// Constant error of pitch.
     pub(super) bias_pitch_deg: f64,
+    /// Step of the reading; 0 for none.
+    pub(super) quantisation_deg: f64,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
@@ -87,6 +93,8 @@ pub(super) struct YawRateErrors {
     pub(super) bias_deg_s: f64,
     /// Share of the yaw rate that is read in addition; -1 reads nothing, -2 the other sign.
     pub(super) scale_error: f64,
+    /// Step of the reading; 0 for none.
+    pub(super) quantisation_deg_s: f64,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
@@ -96,8 +104,18 @@ pub(super) struct PoseErrors {
     pub(super) noise_std_m: f64,
     /// Standard deviation of white noise of the heading.
     pub(super) noise_std_yaw_deg: f64,
+    /// Constant error of x.
+    pub(super) bias_x_m: f64,
+    /// Constant error of y.
+    pub(super) bias_y_m: f64,
+    /// Constant error of z.
+    pub(super) bias_z_m: f64,
     /// Constant error of the heading.
     pub(super) bias_yaw_deg: f64,
+    /// Step of the coordinates; 0 for none.
+    pub(super) quantisation_m: f64,
+    /// Step of the heading; 0 for none.
+    pub(super) quantisation_yaw_deg: f64,
 }
 
 #[derive(Default, Deserialize)]
@@ -175,17 +193,35 @@ impl TryFrom<RawSensors> for SensorsConfig {
                 treads.quantisation_m_s,
             ),
             ("attitude.errors.noise_std_deg", attitude.noise_std_deg),
+            (
+                "attitude.errors.quantisation_deg",
+                attitude.quantisation_deg,
+            ),
             ("yaw_rate.errors.noise_std_deg_s", yaw_rate.noise_std_deg_s),
+            (
+                "yaw_rate.errors.quantisation_deg_s",
+                yaw_rate.quantisation_deg_s,
+            ),
             ("pose.errors.noise_std_m", pose.noise_std_m),
             ("pose.errors.noise_std_yaw_deg", pose.noise_std_yaw_deg),
+            ("pose.errors.quantisation_m", pose.quantisation_m),
+            (
+                "pose.errors.quantisation_yaw_deg",
+                pose.quantisation_yaw_deg,
+            ),
         ] {
             Bounds::new(0.0, 100.0, "").check(key, value)?;
         }
         for (key, value) in [
+            ("tread_speeds.errors.bias_left_m_s", treads.bias_left_m_s),
+            ("tread_speeds.errors.bias_right_m_s", treads.bias_right_m_s),
             ("attitude.errors.bias_roll_deg", attitude.bias_roll_deg),
             ("attitude.errors.bias_pitch_deg", attitude.bias_pitch_deg),
             ("yaw_rate.errors.bias_deg_s", yaw_rate.bias_deg_s),
             ("yaw_rate.errors.scale_error", yaw_rate.scale_error),
+            ("pose.errors.bias_x_m", pose.bias_x_m),
+            ("pose.errors.bias_y_m", pose.bias_y_m),
+            ("pose.errors.bias_z_m", pose.bias_z_m),
             ("pose.errors.bias_yaw_deg", pose.bias_yaw_deg),
         ] {
             Bounds::new(-100.0, 100.0, "").check(key, value)?;

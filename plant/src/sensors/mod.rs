@@ -96,12 +96,13 @@ impl Errors for TreadSpeedErrors {
     type Reading = MeasuredTreadSpeeds;
 
     fn disturb(&self, truth: &MeasuredTreadSpeeds, gaussians: [f64; 4]) -> MeasuredTreadSpeeds {
-        let read = |value: f64, gaussian: f64| {
-            quantise(value + self.noise_std_m_s * gaussian, self.quantisation_m_s)
+        let read = |value: f64, bias: f64, gaussian: f64| {
+            let disturbed = value + bias + self.noise_std_m_s * gaussian;
+            quantise(disturbed, self.quantisation_m_s)
         };
         MeasuredTreadSpeeds {
-            left_m_s: read(truth.left_m_s, gaussians[0]),
-            right_m_s: read(truth.right_m_s, gaussians[1]),
+            left_m_s: read(truth.left_m_s, self.bias_left_m_s, gaussians[0]),
+            right_m_s: read(truth.right_m_s, self.bias_right_m_s, gaussians[1]),
         }
     }
 }
@@ -112,7 +113,10 @@ impl Errors for AttitudeErrors {
     fn disturb(&self, truth: &Attitude, gaussians: [f64; 4]) -> Attitude {
         let read = |value_rad: f64, bias_deg: f64, gaussian: f64| {
             let error_deg = bias_deg + self.noise_std_deg * gaussian;
-            value_rad + error_deg.to_radians()
+            quantise(
+                value_rad + error_deg.to_radians(),
+                self.quantisation_deg.to_radians(),
+            )
         };
         Attitude {
             roll_rad: read(truth.roll_rad, self.bias_roll_deg, gaussians[0]),
@@ -126,7 +130,10 @@ impl Errors for YawRateErrors {
 
     fn disturb(&self, truth_rad_s: &f64, gaussians: [f64; 4]) -> f64 {
         let error_deg_s = self.bias_deg_s + self.noise_std_deg_s * gaussians[0];
-        (1.0 + self.scale_error) * truth_rad_s + error_deg_s.to_radians()
+        quantise(
+            (1.0 + self.scale_error) * truth_rad_s + error_deg_s.to_radians(),
+            self.quantisation_deg_s.to_radians(),
+        )
     }
 }
 
@@ -134,13 +141,19 @@ impl Errors for PoseErrors {
     type Reading = Pose;
 
     fn disturb(&self, truth: &Pose, gaussians: [f64; 4]) -> Pose {
-        let place = |value_m: f64, gaussian: f64| value_m + self.noise_std_m * gaussian;
+        let place = |value_m: f64, bias_m: f64, gaussian: f64| {
+            let disturbed_m = value_m + bias_m + self.noise_std_m * gaussian;
+            quantise(disturbed_m, self.quantisation_m)
+        };
         let yaw_error_deg = self.bias_yaw_deg + self.noise_std_yaw_deg * gaussians[3];
         Pose {
-            x_m: place(truth.x_m, gaussians[0]),
-            y_m: place(truth.y_m, gaussians[1]),
-            z_m: place(truth.z_m, gaussians[2]),
-            yaw_rad: truth.yaw_rad + yaw_error_deg.to_radians(),
+            x_m: place(truth.x_m, self.bias_x_m, gaussians[0]),
+            y_m: place(truth.y_m, self.bias_y_m, gaussians[1]),
+            z_m: place(truth.z_m, self.bias_z_m, gaussians[2]),
+            yaw_rad: quantise(
+                truth.yaw_rad + yaw_error_deg.to_radians(),
+                self.quantisation_yaw_deg.to_radians(),
+            ),
         }
     }
 }

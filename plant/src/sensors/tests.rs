@@ -98,13 +98,13 @@ fn perfect_sensors_read_the_truth_of_the_moment() {
 }
 
 #[test]
-fn a_gyroscope_has_bias_and_scale() {
-    let yaml = "yaw_rate: {timing: {rate_hz: 100}, errors: {bias_deg_s: 2, scale_error: 0.5}}";
+fn a_gyroscope_has_bias_scale_and_quantisation() {
+    let yaml = "yaw_rate: {timing: {rate_hz: 100}, errors: {bias_deg_s: 2, scale_error: 0.5, quantisation_deg_s: 1}}";
     let samples = samples(&mut sensors(yaml, 1), 8, 1);
     for (step, sample) in samples.iter().enumerate() {
         let read = sample.yaw_rate.map(|read| read.value.to_degrees());
         // At 100 Hz every second step of 5 ms.
-        let expected = (step % 2 == 0).then(|| 1.5 * (step as f64).to_degrees() + 2.0);
+        let expected = (step % 2 == 0).then(|| (1.5 * (step as f64).to_degrees() + 2.0).round());
         match (read, expected) {
             (Some(read), Some(expected)) => assert!((read - expected).abs() < 1e-9, "{read}"),
             (read, expected) => assert_eq!(read, expected),
@@ -195,15 +195,18 @@ fn changing_one_sensor_leaves_the_others_as_they_were() {
 
 #[test]
 fn noise_and_bias_have_their_size() {
-    let yaml = "{attitude: {errors: {noise_std_deg: 0.02, bias_pitch_deg: 0.1}}}";
+    let yaml = "{tread_speeds: {errors: {noise_std_m_s: 0.02, bias_right_m_s: 0.1}}}";
     let mut sensors = sensors(yaml, 1);
     let (mut sum, mut squares) = ([0.0; 2], [0.0; 2]);
     let count = 40_000;
     for step in 0..count {
         sensors.observe(step, &Truth::default());
-        let read = sensors.sample(step as f64 * DT_S).attitude.unwrap().value;
-        let angles = [read.roll_rad, read.pitch_rad].map(f64::to_degrees);
-        for (side, value) in angles.into_iter().enumerate() {
+        let read = sensors
+            .sample(step as f64 * DT_S)
+            .tread_speeds
+            .unwrap()
+            .value;
+        for (side, value) in [read.left_m_s, read.right_m_s].into_iter().enumerate() {
             sum[side] += value;
             squares[side] += value * value;
         }
