@@ -128,10 +128,18 @@ impl GraphMonitor {
         }
     }
 
-    /// A topic may be more than one input: an IMU also of headings.
+    /// A topic may be more than one input: an IMU also of headings. One that is published as another type has no
+    /// messages.
     fn topics<'a>(&'a mut self, configured: &'a str) -> impl Iterator<Item = &'a mut Topic> {
-        let all = self.topics.iter_mut();
-        all.filter(move |topic| topic.configured == configured)
+        let publishers = &self.publishers;
+        let published = move |topic: &Topic, fits: bool| {
+            publishers
+                .values()
+                .any(|other| other.topic == topic.name && (other.kind == topic.kind) == fits)
+        };
+        self.topics.iter_mut().filter(move |topic| {
+            topic.configured == configured && (published(topic, true) || !published(topic, false))
+        })
     }
 
     fn is_own(&self, guid: &GUID) -> bool {
@@ -333,7 +341,16 @@ mod tests {
     fn another_type_qos_or_frame_is_named() {
         let mut monitor = monitor();
         publish(&mut monitor, 1, "/odom", "geometry_msgs/msg/PoseStamped");
+        // A message of the other input of this name says nothing of this one.
+        monitor.wait_for(
+            "poses",
+            ("odom", "/odom".to_owned()),
+            "geometry_msgs/msg/PoseStamped".to_owned(),
+            true,
+        );
+        monitor.accepted("odom");
         assert!(reason(&monitor).contains("published as geometry_msgs/msg/PoseStamped"));
+        monitor.topics.pop();
         publish(&mut monitor, 2, "/odom", "nav_msgs/msg/Odometry");
         assert!(reason(&monitor).contains("publishers: 1, but no message yet"));
         let writer = GUID::from_bytes([2; 16]);
