@@ -8,7 +8,6 @@ path that the mouse draws. Screenshots are left in FOLDER.
 import base64
 import json
 import pathlib
-import signal
 import subprocess
 import sys
 
@@ -176,7 +175,8 @@ def main(program, folder):
         address = server.stdout.readline().split()[0]
         check(program, address, folder)
     finally:
-        server.send_signal(signal.SIGINT)
+        # A shell starts what runs in the background without SIGINT.
+        server.terminate()
         server.wait(timeout=10)
     print(f"the page has {size / 1e6:.2f} MB; its figures are those of `simulate`")
 
