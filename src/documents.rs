@@ -33,6 +33,10 @@ pub fn run(args: &DocumentsArgs, command: &mut clap::Command) -> Result<()> {
             .get_display_name()
             .unwrap_or(part.get_name())
             .to_owned();
+        // `sidehill drive-route` has the name of a page of the other program, which it hands over to.
+        if command.get_name() == "sidehill" && name.starts_with("sidehill-drive-") {
+            continue;
+        }
         let mut page = Vec::new();
         clap_mangen::Man::new(part.clone()).render(&mut page)?;
         output::write(&args.folder.join(format!("{name}.1")), &page, args.force)?;
