@@ -44,9 +44,10 @@ struct Sums {
     way_m: f64,
     /// Way along the path that the reference's speed asks for, as far as the drives allow it.
     asked_m: f64,
-    /// Where it is, no sum.
+    /// Where it is, and how far it has come along the path, no sums.
     x_m: f64,
     y_m: f64,
+    along_m: f64,
 }
 
 /// Time for which turning treads may leave the vehicle where it is, s: they dig in.
@@ -213,6 +214,7 @@ impl Watchdog {
         }
         sums.time_s = now.time_s;
         (sums.x_m, sums.y_m) = (now.pose.x_m, now.pose.y_m);
+        sums.along_m = now.progress.arc_length_m;
         sums
     }
 
@@ -245,12 +247,13 @@ impl Watchdog {
         ) {
             return Some(Stall::Traction);
         }
-        // Back from a cusp a vehicle is where it was; so no place of the window may be far from its start.
+        // Back from a cusp a vehicle is where it was, and on its way to the path it comes no farther along it.
         let asked_m = end.asked_m - start.asked_m;
-        let near = |place: &Sums| {
-            (place.x_m - start.x_m).hypot(place.y_m - start.y_m) < self.share * asked_m
-        };
-        let stands = turned_rad.abs() < TURNED_MIN_RAD && self.history.iter().all(near);
+        let least_m = self.share * asked_m;
+        let near = |place: &Sums| (place.x_m - start.x_m).hypot(place.y_m - start.y_m) < least_m;
+        let stands = turned_rad.abs() < TURNED_MIN_RAD
+            && end.along_m - start.along_m < least_m
+            && self.history.iter().all(near);
         (asked_m >= ASKED_MIN_M && stands).then_some(Stall::Path)
     }
 }
