@@ -171,7 +171,9 @@ fn a_turn_on_the_spot_is_a_drive_in_heading_counted_over_whole_turns() {
 #[test]
 fn a_slow_turn_on_the_spot_beside_its_place_does_not_stand() {
     let turn_rad = std::f64::consts::FRAC_PI_2;
-    let mut setup = Setup::new(course("{shape: pivot, angle_deg: 90, yaw_rate_rad_s: 0.02}"));
+    let mut setup = Setup::new(course(
+        "{shape: pivot, angle_deg: 90, yaw_rate_rad_s: 0.02}",
+    ));
     setup.terrain = crate::rig::plane(14.0);
     setup.start.x_m += 0.2;
     let from_rad = setup.start.yaw_rad;
