@@ -169,6 +169,25 @@ fn a_turn_on_the_spot_is_a_drive_in_heading_counted_over_whole_turns() {
 }
 
 #[test]
+fn a_drive_is_over_where_the_vehicle_reaches_its_end_and_leaves_it_again() {
+    for (back_to_m, is_over) in [(0.03, false), (0.045, true)] {
+        let trajectory = course("{shape: cusp, radius_m: 3, angle_deg: 80, speed_m_s: 0.5}");
+        let path = trajectory.path().unwrap().clone();
+        let mut reference = Reference::new(trajectory);
+        let cusp_m = path.cusps_m().next().unwrap();
+        let mut at =
+            |to_go_m: f64| reference.advance(0.05, &pose_at(&path, cusp_m - to_go_m), false);
+        let mut to_go_m = cusp_m;
+        while to_go_m > 0.025 {
+            to_go_m = (to_go_m - 0.02).max(0.025);
+            assert!(at(to_go_m).point.speed_m_s > 0.0);
+        }
+        let backwards = at(back_to_m).point.speed_m_s < 0.0;
+        assert_eq!(backwards, is_over, "{back_to_m}");
+    }
+}
+
+#[test]
 fn a_slow_turn_on_the_spot_beside_its_place_does_not_stand() {
     let turn_rad = std::f64::consts::FRAC_PI_2;
     let mut setup = Setup::new(course(
