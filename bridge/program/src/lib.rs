@@ -12,3 +12,13 @@ mod ros2;
 pub mod route;
 pub mod run;
 pub mod vehicle;
+
+/// Version of the program, its commit, and its DDS.
+pub const VERSION: &str = concat!(
+    env!("CARGO_PKG_VERSION"),
+    " (commit ",
+    env!("SIDEHILL_COMMIT"),
+    "; DDS: ",
+    env!("SIDEHILL_DDS"),
+    ")"
+);

@@ -13,7 +13,7 @@ use std::process::ExitCode;
 
 /// Drives a rover, or a virtual one, on a CAN bus or on ROS 2. `sidehill` has all other commands.
 #[derive(Debug, Parser)]
-#[command(version)]
+#[command(version = sidehill_drive::VERSION)]
 struct DriveCli {
     #[command(subcommand)]
     command: LiveCommand,

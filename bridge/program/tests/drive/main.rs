@@ -18,6 +18,7 @@ mod live;
 mod mistakes;
 mod output;
 mod ros2_client;
+mod service;
 
 use program::{repository, sidehill};
 use std::path::{Path, PathBuf};
