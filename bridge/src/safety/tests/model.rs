@@ -286,7 +286,8 @@ fn wrong(
         if speed_m_s.abs() > most_m_s {
             return Some("the ramp of a stop is left");
         }
-        if to.state == SafetyState::Stopping && !(given.clock_s >= 0.0) {
+        if to.state == SafetyState::Stopping && !matches!(given.clock_s, clock_s if clock_s >= 0.0)
+        {
             return Some("a stop does not end while the clock is wrong");
         }
     }
