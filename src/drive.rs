@@ -54,6 +54,9 @@ pub struct RunArgs {
     /// record.file of the configuration.
     #[arg(long, value_name = "FILE.mcap")]
     pub record: Option<PathBuf>,
+    /// Write the page of `sidehill report` about the recorded drive once it has ended.
+    #[arg(long, value_name = "FILE.html")]
+    pub report: Option<PathBuf>,
     /// The live view.
     #[command(flatten)]
     pub live: LiveArgs,

@@ -7,8 +7,8 @@ use clap::{Parser, Subcommand};
 #[cfg(feature = "package")]
 use sidehill::documents;
 use sidehill::{
-    campaign, check, console, drive, icr, identify, init, odometry, play, replay, route, simulate,
-    tune,
+    campaign, check, console, drive, drive_report, icr, identify, init, odometry, play, replay,
+    route, simulate, tune,
 };
 use sidehill_bridge::ros2::arguments;
 use std::process::ExitCode;
@@ -53,6 +53,9 @@ enum Command {
     Vehicle(drive::VehicleArgs),
     /// Feeds the samples of a recording to the controller again, or to another one.
     Replay(replay::ReplayArgs),
+    /// Tells what a recorded drive was like: what was driven, stops and their causes, worst places, sensors; and whether it
+    /// kept to limits.
+    Report(drive_report::ReportArgs),
     /// Validates configuration files.
     Check(check::CheckArgs),
     /// Writes a commented set of configuration files for a robot.
@@ -83,6 +86,7 @@ fn main() -> ExitCode {
         Command::Identify(args) => identify::run(&args).map(|()| ExitCode::SUCCESS),
         Command::Route(args) => route::run(&args).map(|()| ExitCode::SUCCESS),
         Command::Replay(args) => replay::run(&args),
+        Command::Report(args) => drive_report::run(&args),
         Command::Check(args) => check::run(&args),
         Command::Init(args) => init::run(&args).map(|()| ExitCode::SUCCESS),
         #[cfg(feature = "package")]

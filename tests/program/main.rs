@@ -16,6 +16,7 @@ mod paths;
 mod program;
 mod readme;
 mod replay;
+mod report;
 mod schema;
 mod simulate;
 mod simulate_output;

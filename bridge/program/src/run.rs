@@ -15,6 +15,8 @@ use service::Service;
 use sidehill::config::{Bundle, ConfigFile, RunConfig, RunPort};
 use sidehill::console::Printer;
 use sidehill::drive::RunArgs;
+use sidehill::drive_report::write_page;
+use sidehill::output;
 use sidehill::recording::{self, fact};
 use sidehill_bridge::control_loop::record::{LogSource, Recorder, ring};
 use sidehill_bridge::control_loop::tap::{PathLog, PathRecord, tap};
@@ -79,6 +81,13 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
     let recorded = config.recording(&file, args.record.as_deref())?;
     if let Some((path, _)) = &recorded {
         recording::check_free(path, args.force)?;
+    }
+    if let Some(report) = &args.report {
+        ensure!(
+            recorded.is_some(),
+            "--report: it tells of a recording, add --record FILE.mcap"
+        );
+        output::check_writable(report, args.force)?;
     }
     let live = recording::live(&args.live, Some(&config.settings))?;
     let watched = recorded.is_some() || live.is_some();
@@ -245,6 +254,11 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
     let report = control_loop.join();
     screen.record(&mut recorder, files.as_mut(), recording.as_mut());
     let status = recording.and_then(DriveRecording::finish);
+    if let Some((report, status)) = args.report.as_ref().zip(status.as_ref())
+        && let Err(error) = write_page(&status.file, report, args.force)
+    {
+        screen.warn("no report", &format!("{error:#}"));
+    }
     if let Some(reason) = status.and_then(|status| status.ended) {
         screen.warn("recording ended early", &reason.to_string());
     }

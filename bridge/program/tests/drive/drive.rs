@@ -8,6 +8,7 @@ fn a_simulated_vehicle_is_driven_in_real_time() {
     let file = configuration("simulated", &SIMULATED);
     let recording = file.with_file_name("drive.mcap");
     let recording = recording.to_str().unwrap();
+    let page = file.with_file_name("drive.html");
     let output = run_to_end(&[
         "run",
         file.to_str().unwrap(),
@@ -16,6 +17,8 @@ fn a_simulated_vehicle_is_driven_in_real_time() {
         "6",
         "--record",
         recording,
+        "--report",
+        page.to_str().unwrap(),
         "--force",
     ]);
     let text = String::from_utf8(output.stdout).unwrap();
@@ -42,6 +45,18 @@ fn a_simulated_vehicle_is_driven_in_real_time() {
     assert_eq!(replayed["different"], 0, "{replayed}");
     assert!(replayed["cycles"].as_u64().unwrap() > 100, "{replayed}");
     assert_eq!(output.status.code(), Some(0));
+    // The page at the end has the figures that `report` finds.
+    let output = run_to_end(&["report", recording, "--format", "json"]);
+    let facts: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let page = std::fs::read_to_string(page).unwrap();
+    assert!(page.contains(&facts["driven"].to_string()), "{facts}");
+    let stops = facts["stops"].as_array().unwrap();
+    assert_eq!(stops.len(), 1, "{facts}");
+    assert_eq!(stops[0]["kind"], "asked");
+    assert_eq!(stops[0]["cause"], "the time limit of the run is reached");
+    // A chord is no longer than the way.
+    let distance_m = facts["driven"]["distance_m"].as_f64().unwrap();
+    assert!(distance_m > 0.9 * driven_m, "{facts}, {driven_m} m");
 }
 
 #[test]

@@ -15,6 +15,7 @@ mod parameters;
 mod playback;
 mod protocol;
 mod shared;
+mod whole;
 
 use super::messages::Topic;
 use super::sink::MessageSink;
@@ -29,6 +30,7 @@ use shared::{Kind, Shared};
 use std::net::{SocketAddr, TcpListener};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
+pub use whole::{WholeDrive, components};
 
 /// Where a live view listens, and to whom it answers.
 #[derive(Debug, Clone)]

@@ -22,19 +22,33 @@ pub(super) const HTML: &str = concat!(
     "<style>\n",
     include_str!("page/page.css"),
     "</style>\n",
-    include_str!("page/body.html"),
+    include_str!("page/top.html"),
+    include_str!("page/drive.html"),
+    include_str!("page/foot.html"),
     "<script>\n",
     include_str!("page/view.js"),
+    include_str!("page/drive.js"),
     include_str!("page/page.js"),
     "</script>\n"
 );
 
-/// Time between two frames, ns.
-const FRAME_NS: u64 = 200_000_000;
-/// Frames that are kept: ten minutes.
-const FRAMES: usize = 3000;
-/// Events that are kept.
-const EVENTS: usize = 200;
+/// What of a drive is kept.
+#[derive(Clone, Copy)]
+pub(super) struct Kept {
+    /// Time between two frames, ns.
+    pub(super) frame_ns: u64,
+    /// Frames.
+    pub(super) frames: usize,
+    /// Events.
+    pub(super) events: usize,
+}
+
+/// What the live page keeps: ten minutes.
+const LIVE: Kept = Kept {
+    frame_ns: 200_000_000,
+    frames: 3000,
+    events: 200,
+};
 /// Age from which on a message is not shown as the present, ns.
 const OLD_NS: u64 = 1_000_000_000;
 
@@ -78,6 +92,7 @@ const STATES: [&str; 6] = [
 
 /// What pages show.
 pub(super) struct Page {
+    kept: Kept,
     /// Newest message of each topic.
     newest: BTreeMap<Topic, TopicMessage>,
     newest_ns: u64,
@@ -139,14 +154,19 @@ impl History {
 
 impl Page {
     pub(super) fn new() -> Self {
+        Self::keeping(LIVE)
+    }
+
+    pub(super) fn keeping(kept: Kept) -> Self {
         let mut page = Self {
+            kept,
             newest: BTreeMap::new(),
             newest_ns: 0,
             next_ns: 0,
             run: String::new(),
             runs: 0,
-            frames: History::new(FRAMES),
-            events: History::new(EVENTS),
+            frames: History::new(kept.frames),
+            events: History::new(kept.events),
             parts: BTreeMap::new(),
             version: 0,
             reason: String::new(),
@@ -164,8 +184,8 @@ impl Page {
         self.run = format!("{started:x}.{}", self.runs);
         self.newest.clear();
         self.next_ns = 0;
-        self.frames = History::new(FRAMES);
-        self.events = History::new(EVENTS);
+        self.frames = History::new(self.kept.frames);
+        self.events = History::new(self.kept.events);
         self.parts.retain(|name, _| *name == "vehicle");
         self.reason.clear();
         self.waits_for.clear();
@@ -181,7 +201,8 @@ impl Page {
         self.newest_ns = time_ns;
         if time_ns >= self.next_ns {
             self.frame(time_ns);
-            self.next_ns = (time_ns / FRAME_NS + 1) * FRAME_NS;
+            let frame_ns = self.kept.frame_ns;
+            self.next_ns = (time_ns / frame_ns + 1) * frame_ns;
         }
         let bytes = &message.message;
         match message.topic {
@@ -199,6 +220,21 @@ impl Page {
             _ => {}
         }
         self.newest.insert(message.topic, message.clone());
+    }
+
+    /// Returns all that is kept as JSON: `columns`, `states`, `frames`, `events` and `parts`.
+    pub(super) fn json(&self) -> String {
+        let all = |history: &History| history.list(history.first..history.end());
+        let parts = self.parts.iter();
+        let parts = parts.map(|(name, (_, part))| format!("\"{name}\":{part}"));
+        format!(
+            "{{\"columns\":{},\"states\":{},\"frames\":[{}],\"events\":[{}],\"parts\":{{{}}}}}",
+            json!(COLUMNS),
+            json!(STATES),
+            all(&self.frames),
+            all(&self.events),
+            parts.collect::<Vec<_>>().join(","),
+        )
     }
 
     fn set(&mut self, name: &'static str, text: String) {

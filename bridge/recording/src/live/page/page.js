@@ -5,7 +5,7 @@ const KEPT_S = 600, LOST_MS = 6000;
 // --- What is known ---
 
 let run = '', have = '', states = [];
-let frames = [], events = [];
+let frames = [];
 let opened = performance.now(), heard = 0, moved = 0, behind = 0, offset = Infinity;
 
 runs.push({
@@ -197,92 +197,9 @@ function showState() {
   document.title = `${name} – Sidehill`;
 }
 
-// --- Figures ---
-
-const STRIPS = [
-  CROSS_TRACK,
-  {
-    name: 'Speed', unit: 'm/s', least: 0.2, zero: true,
-    lines: [
-      { name: 'measured', of: f => get(f, 'traction'), colour: '--blue' },
-      { name: 'commanded', of: f => get(f, 'traction_command'), colour: '--orange', dash: [6, 4] },
-    ],
-    value: ([v]) => [is(v) ? v.toFixed(2) : '–', 'm/s'],
-  },
-  {
-    name: 'Steer', unit: 'm/s', least: 0.1, zero: true,
-    lines: [
-      { name: 'measured', of: f => get(f, 'steer'), colour: '--blue' },
-      { name: 'commanded', of: f => get(f, 'steer_command'), colour: '--orange', dash: [6, 4] },
-    ],
-    value: ([v]) => side(v, 'm/s', 'right', 'left', 0.005),
-  },
-  {
-    name: 'Attitude', least: 5, zero: true,
-    lines: [
-      { name: 'roll, right side down', of: f => tilt(f, Math.PI / 2), colour: '--blue' },
-      { name: 'pitch, nose up', of: f => tilt(f, Math.PI), colour: '--orange', dash: [2, 4] },
-    ],
-    value: ([r, p]) => is(r) ? [`${signed(r)}° / ${signed(p)}°`, ''] : ['–', ''],
-  },
-  GRIP,
-  TIP_OVER,
-  {
-    name: 'Age of the pose', unit: 's', range: [0, 0.5],
-    of: f => get(f, 'pose_age'),
-    value: ([a]) => [digits(a), 's'],
-  },
-];
-STRIPS.forEach(addStrip);
-
-// --- Words ---
-
-function showEvents() {
-  const list = $('events').querySelector('ol');
-  const top = list.scrollTop;
-  list.replaceChildren(...events.slice().reverse().map(([time, level, name, text]) => {
-    const button = make('button', {},
-      make('time', { textContent: clock(time) }),
-      make('span', { textContent: /^(state|start|controller|inputs|waits_for)$/.test(name) ? text : `${name}: ${text}` }));
-    button.onclick = () => seek(time);
-    return make('li', { className: (level >= 30 && !/it is held/.test(text)) || name === 'waits_for' ? 'warns' : '' }, button);
-  }));
-  list.scrollTop = top;
-}
-
-const words = key => key.replace(/_(m_s|m|s)$/, '').replace(/_/g, ' ');
-const unitOf = key => (/_(m_s|m|s)$/.exec(key) || ['', ''])[1].replace('_', '/');
-function showDiagnostics() {
-  const { values = {} } = parts.diagnostics.controller || {};
-  const known = 'drives' in values;
-  $('drives').hidden = !known;
-  if (known) {
-    $('diagnosis').textContent = values.drives ? `${values.drives[0].toUpperCase()}${values.drives.slice(1)}.` : 'The motors reach the commanded speeds.';
-    $('diagnosis').className = values.drives ? 'short' : '';
-    const figures = [
-      ['largest traction', values.traction_reached_m_s, 'm/s'],
-      ['largest steer', values.steer_reached_m_s, 'm/s'],
-      ['a command acts after', values.drive_delay_s, 's'],
-    ];
-    $('motors').replaceChildren(...figures.flatMap(([name, value, unit]) =>
-      [make('dt', { textContent: name }), make('dd', { textContent: `${digits(Number(value))} ${unit}` })]));
-  }
-  const learned = Object.entries(values).filter(([key]) => key.startsWith('learned_'));
-  $('learned').hidden = !learned.length;
-  const rows = [], others = [];
-  for (const [key, text] of learned) {
-    const name = words(key.slice(8)), unit = unitOf(key);
-    const [, value, low, high, prior] = /^(\S+) \((\S+) to ([^,)]+)(.*)\)$/.exec(text) || [null, text, text, text, ''];
-    const write = number => digits(Number(number)).replace('-', '\u2212');
-    if (prior) others.push(`${name} ${write(value)} ${unit}`.trim());
-    else rows.push(make('tr', {}, ...[name, `${write(value)} ${unit}`, `${write(low)} to ${write(high)}`].map(textContent => make('td', { textContent }))));
-  }
-  $('learned').querySelector('table').hidden = !rows.length;
-  $('learned').querySelector('tbody').replaceChildren(...rows);
-  $('assumed').textContent = others.length ? `Not learned yet, as configured: ${others.join(', ')}.` : '';
-}
-
 // --- All of it ---
+
+STRIPS.forEach(addStrip);
 
 function show() {
   showState();

@@ -78,6 +78,8 @@ function showTime() {
 }
 
 let due = false;
+/** Whether plots out of sight are drawn as well, as for print. */
+let whole = false;
 /** Shows all of it, once a picture; `show` is the page's own. */
 function draw() {
   if (due) return;
@@ -94,7 +96,7 @@ addEventListener('scroll', draw, { passive: true });
 
 const digits = (value, n = 2) => {
   if (!is(value)) return '–';
-  if (Math.abs(value) < 1e-9) return '0';
+  if (Math.abs(value) < 5e-4) return '0';
   const places = Math.max(0, n - 1 - Math.floor(Math.log10(Math.abs(value))));
   return value.toFixed(Math.min(places, 3));
 };
@@ -223,7 +225,7 @@ function drawStrip(strip, [from, to]) {
   }
   strip.canvas.setAttribute('aria-label', `${strip.name} over time, now ${label}`);
   const { top, bottom } = strip.canvas.getBoundingClientRect();
-  if (bottom < 0 || top > innerHeight) return;
+  if (!whole && (bottom < 0 || top > innerHeight)) return;
 
   let [low, high] = strip.range || [-strip.least, strip.least];
   if (!strip.range) [low, high] = [0, 0];
@@ -423,7 +425,8 @@ function drawMap() {
     const [left, right, low, high] = bounds(), around = 2 * length;
     // The buttons are on the right.
     const room = 60;
-    view.scale = Math.min((width - room) / (right - left + around), height / (high - low + around));
+    // A window that is not yet laid out has no room at all.
+    view.scale = Math.max(Math.min((width - room) / (right - left + around), height / (high - low + around)), 1e-3);
     view.x = (left + right) / 2 + room / 2 / view.scale;
     view.y = (low + high) / 2;
   } else if (view.mode === 'follow' && here) {

@@ -1,0 +1,56 @@
+//! What the live page shows, of a whole drive: for a page that needs no server.
+
+use super::outgoing::TopicMessage;
+use super::page::{Kept, Page};
+use crate::messages::Topic;
+
+/// Parts of the live page, from which other pages of a drive are made.
+pub mod components {
+    /// Head of the document, without its style.
+    pub const HEAD: &str = include_str!("page/head.html");
+    /// Style.
+    pub const CSS: &str = include_str!("page/page.css");
+    /// Sections: map, figures over time, drives, what was learned, events.
+    pub const DRIVE: &str = include_str!("page/drive.html");
+    /// Script: plots over time, and the map.
+    pub const VIEW_JS: &str = include_str!("page/view.js");
+    /// Script: what the plots and sections show.
+    pub const DRIVE_JS: &str = include_str!("page/drive.js");
+}
+
+/// Frames of a drive, at most: two megabytes.
+const FRAMES: u64 = 9000;
+/// Shortest time between two frames, ns: that of the live page.
+const FRAME_NS: u64 = 200_000_000;
+/// Events of a drive, at most: the newest.
+const EVENTS: usize = 2000;
+
+/// A drive as the live page shows it, from its first message to its last.
+pub struct WholeDrive(Page);
+
+impl WholeDrive {
+    /// Returns a drive that lasts so long, ns, and has no message yet.
+    pub fn new(duration_ns: u64) -> Self {
+        Self(Page::keeping(Kept {
+            frame_ns: FRAME_NS.max(duration_ns.div_ceil(FRAMES)),
+            // The last interval is begun, not whole.
+            frames: FRAMES as usize + 2,
+            events: EVENTS,
+        }))
+    }
+
+    /// Takes a message; messages come in the order of their times.
+    pub fn take(&mut self, topic: Topic, time_ns: u64, message: &[u8]) {
+        self.0.take(&TopicMessage {
+            topic,
+            time_ns,
+            message: message.into(),
+        });
+    }
+
+    /// Returns the drive as JSON: `columns` names the entries of each of `frames`, `states` the values of the column
+    /// `state`; `events` have time, level, name and text; `parts` are path, vehicle, diagnostics and status at the end.
+    pub fn json(&self) -> String {
+        self.0.json()
+    }
+}

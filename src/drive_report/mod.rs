@@ -1,0 +1,94 @@
+//! `sidehill report`: what a recorded drive was like, as a page, as figures, and as a track for maps.
+
+mod earth;
+mod facts;
+mod input;
+mod limits;
+mod page;
+mod stops;
+mod weather;
+
+use crate::console;
+use crate::output;
+use crate::simulate::Format;
+use anyhow::{Context, Result, ensure};
+use facts::DriveFacts;
+use input::Input;
+use limits::LimitArgs;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+/// Arguments of `sidehill report`.
+#[derive(Debug, clap::Args)]
+pub struct ReportArgs {
+    /// Recording; files that continue it (FILE_1.mcap, ...) are read with it.
+    pub recording: PathBuf,
+    /// Page with map, plots, stops and figures: one file that needs no network.
+    #[arg(long, value_name = "FILE.html")]
+    pub out: Option<PathBuf>,
+    /// What was driven, stops and worst places as GeoJSON. The recording must have a datum.
+    #[arg(long, value_name = "FILE.geojson")]
+    pub geojson: Option<PathBuf>,
+    /// The same as KML.
+    #[arg(long, value_name = "FILE.kml")]
+    pub kml: Option<PathBuf>,
+    /// What the drive has to keep to.
+    #[command(flatten)]
+    pub limits: LimitArgs,
+    /// Overwrite files that exist.
+    #[arg(long)]
+    pub force: bool,
+    /// How the figures are printed.
+    #[arg(long, value_enum, default_value_t)]
+    pub format: Format,
+}
+
+/// Writes what was asked for, prints the figures, and returns success unless a limit was exceeded.
+///
+/// # Errors
+/// A recording that cannot be read, holds no drive, or has no place on earth where one is needed.
+pub fn run(args: &ReportArgs) -> Result<ExitCode> {
+    let files = [&args.out, &args.geojson, &args.kml];
+    for file in files.into_iter().flatten() {
+        output::check_writable(file, args.force)?;
+    }
+    let (input, facts) = read(&args.recording, &args.limits)?;
+    if args.geojson.is_some() || args.kml.is_some() {
+        let track =
+            earth::track(&input, &facts).with_context(|| args.recording.display().to_string())?;
+        if let Some(file) = &args.geojson {
+            output::write(file, track.geojson().as_bytes(), args.force)?;
+        }
+        if let Some(file) = &args.kml {
+            output::write(file, &track.kml()?, args.force)?;
+        }
+    }
+    if let Some(file) = &args.out {
+        output::write(file, page::html(&input, &facts)?.as_bytes(), args.force)?;
+    }
+    match args.format {
+        Format::Json => console::line(serde_json::to_string(&facts)?),
+        Format::Table => console::text(facts.table()),
+    }
+    Ok(ExitCode::from(u8::from(facts.passed == Some(false))))
+}
+
+/// Writes the page of a recording that has just ended.
+///
+/// # Errors
+/// As [`run`].
+pub fn write_page(recording: &Path, file: &Path, force: bool) -> Result<()> {
+    let (input, facts) = read(recording, &LimitArgs::default())?;
+    output::write(file, page::html(&input, &facts)?.as_bytes(), force)
+}
+
+fn read(recording: &Path, limits: &LimitArgs) -> Result<(Input, DriveFacts)> {
+    let input = Input::read(recording)?;
+    ensure!(
+        !input.steps.is_empty(),
+        "{}: there is no step of a controller in it, so nothing to report; recordings of `run` and `simulate` have them",
+        recording.display()
+    );
+    let facts = DriveFacts::of(&input, limits);
+    Ok((input, facts))
+}

@@ -1,0 +1,167 @@
+// The report of a recorded drive: everything is in the page.
+
+const facts = JSON.parse($('facts').textContent), drive = JSON.parse($('drive').textContent);
+column = Object.fromEntries(drive.columns.map((name, i) => [name, i]));
+({ parts, events } = drive);
+runs.push({ colour: '--blue', frames: drive.frames, plan: [] });
+const BEGIN = newest()[0] - facts.duration_s;
+
+// --- Time ---
+
+const MOMENT_S = '20';
+
+/** Shows the moment of a place: plots of the time about it, and the map. */
+function visit(place, button) {
+  for (const other of document.querySelectorAll('[aria-current]')) other.removeAttribute('aria-current');
+  if (button) button.setAttribute('aria-current', true);
+  $('span').value = MOMENT_S;
+  seek(place.time_s);
+  // Beside the map there is room for the plots.
+  $(matchMedia('(min-width: 60rem)').matches ? 'strips' : 'place').scrollIntoView({ block: 'start' });
+}
+
+/** Returns the ends of the time axis: all, or a span about the time shown. */
+function timeAxis() {
+  const first = oldest(), last = newest()[0], span = Number($('span').value);
+  if (!span || span >= last - first) return [first, last];
+  const middle = cursor === null ? last : cursor;
+  const from = Math.min(Math.max(middle - span / 2, first), last - span);
+  return [from, from + span];
+}
+
+$('live').onclick = () => seek(null);
+$('time').oninput = event => seek(Number(event.target.value));
+$('span').onchange = draw;
+
+// A click on the map shows the moment at which the vehicle was there.
+let pressed = null;
+map.addEventListener('pointerdown', event => { pressed = [event.offsetX, event.offsetY]; });
+map.addEventListener('click', event => {
+  if (!pressed || Math.hypot(event.offsetX - pressed[0], event.offsetY - pressed[1]) > 6) return;
+  const [x, y] = placeOf(event);
+  const far = frame => is(get(frame, 'x')) ? Math.hypot(get(frame, 'x') - x, get(frame, 'y') - y) : Infinity;
+  const nearest = drive.frames.reduce((best, frame) => far(frame) < far(best) ? frame : best);
+  if (far(nearest) * view.scale < 2 * FINGER) seek(nearest[0]);
+});
+
+// --- Words ---
+
+const after = seconds => seconds < 100 ? `${seconds.toFixed(1)} s` : `${Math.floor(seconds / 60)}:${String(Math.floor(seconds % 60)).padStart(2, '0')} min`;
+const centimetres = metres => `${digits(100 * Math.abs(metres))} cm`;
+function where(place) {
+  if (is(place.latitude_deg)) return `${place.latitude_deg.toFixed(7)}°, ${place.longitude_deg.toFixed(7)}°`;
+  return is(place.x_m) ? `x ${place.x_m.toFixed(2)} m, y ${place.y_m.toFixed(2)} m` : 'place not known';
+}
+const capital = text => text.charAt(0).toUpperCase() + text.slice(1);
+
+/** Lists moments: what it is, and more about it below. */
+function list(id, moments, none) {
+  const items = moments.map(({ place, text, loud, more }) => {
+    const button = make('button', {}, make('time', { textContent: after(place.after_s) }),
+      make('span', {}, ...(loud ? [make('b', { textContent: '▲ ' })] : []), text), ...more.filter(Boolean).map(textContent => make('small', { textContent })));
+    button.onclick = () => visit(place, button);
+    return make('li', {}, button);
+  });
+  $(id).querySelector('ol').replaceChildren(...items.length ? items : [make('li', { textContent: none })]);
+}
+
+const KIND_WORDS = { arrived: 'Arrived', asked: 'Stopped as asked', fault: 'Stopped' };
+list('stops', facts.stops.map(stop => ({
+  place: stop,
+  text: `${KIND_WORDS[stop.kind]}: ${stop.cause}`,
+  loud: stop.kind === 'fault',
+  more: [where(stop), ...stop.before, is(stop.stood_s) ? `drove on after ${after(stop.stood_s)}` : ''],
+})), 'The vehicle was not stopped.');
+list('worst', facts.worst.map(worst => ({
+  place: worst,
+  text: `${centimetres(worst.cross_track_m)} ${worst.cross_track_m < 0 ? 'right' : 'left'} of the path`,
+  more: [`${where(worst)}, ${digits(worst.arc_length_m, 3)} m along it`, `at ${digits(worst.speed_m_s)} m/s, roll ${signed(worst.roll_deg)}°, pitch ${signed(worst.pitch_deg)}°`],
+})), 'No path was followed.');
+
+/** Fills a list of figures. */
+function figures(holder, entries) {
+  const shown = entries.filter(([, value]) => value !== null);
+  holder.append(...shown.flatMap(([name, value]) => [make('dt', { textContent: name }), make('dd', { textContent: value })]));
+}
+const known = (value, unit) => is(value) ? `${digits(value)} ${unit}`.trim() : null;
+const { driven, cross_track: error, guard } = facts;
+figures($('driven').querySelector('dl'), [
+  ['distance', `${digits(driven.distance_m, 3)} m`],
+  ['of it in reverse', driven.reverse_m > 0.1 ? `${digits(driven.reverse_m)} m` : null],
+  ['time on a path', after(driven.time_s)],
+  ['speed, mean', known(driven.mean_speed_m_s, 'm/s')],
+  ['speed, largest', known(driven.speed_max_m_s, 'm/s')],
+  ['cross-track error, RMS', error && centimetres(error.rms_m)],
+  ['cross-track error, p95', error && centimetres(error.p95_m)],
+  ['cross-track error, largest', error && centimetres(error.max_m)],
+  ['tip-over margin, least', guard && known(guard.tip_over_margin_min, '')],
+  ['grip used, largest', guard && `${(100 * guard.friction_use_max).toFixed(0)} %`],
+  ['controller', facts.controller],
+  ['recorded by', `sidehill ${facts.command}, ${facts.version}`],
+]);
+
+const cells = texts => texts.map(text => text instanceof Node ? make('td', {}, text) : make('td', { textContent: text }));
+$('limits').hidden = !facts.limits.length;
+$('limits').querySelector('tbody').replaceChildren(...facts.limits.map(limit => make('tr', { className: limit.passed ? '' : 'over' }, ...cells([
+  limit.name,
+  is(limit.found) ? `${digits(limit.found)} ${limit.unit}` : 'not recorded',
+  `${limit.is_least ? '≥' : '≤'} ${limit.limit} ${limit.unit}`,
+  limit.passed ? '✓ kept' : '▲ exceeded',
+]))));
+
+$('weather').querySelector('tbody').replaceChildren(...facts.sensors.map(sensor => {
+  const gap = make('button', { textContent: digits(sensor.gap_max_s), ariaLabel: `${sensor.name}: longest gap, ${digits(sensor.gap_max_s)} s` });
+  gap.onclick = () => visit({ time_s: sensor.gap_time_s });
+  return make('tr', {}, ...cells([
+    sensor.name, digits(sensor.rate_hz), digits(sensor.age_p50_s), digits(sensor.age_p95_s), digits(sensor.age_max_s),
+    is(sensor.gap_time_s) ? gap : digits(sensor.gap_max_s), digits(100 * sensor.missing_share),
+  ]));
+}));
+
+function showVerdict() {
+  const faults = facts.stops.filter(stop => stop.kind === 'fault'), final = last(facts.stops);
+  const over = facts.limits.filter(limit => !limit.passed);
+  const lines = over.map(limit => `${capital(limit.name)}: ${is(limit.found) ? `${digits(limit.found)} ${limit.unit}`.trim() : 'not recorded'}, allowed ${limit.is_least ? '≥' : '≤'} ${limit.limit}`);
+  let kind = 'waits', name = 'Driven';
+  if (facts.passed !== null) [kind, name] = facts.passed ? ['done', 'Passed'] : ['stopped', 'Not passed'];
+  else if (faults.length) [kind, name] = ['stopped', faults.length === 1 ? 'Stopped' : `Stopped ${faults.length} times`];
+  else if (final) [kind, name] = final.kind === 'arrived' ? ['done', 'Arrived'] : ['waits', 'Stopped as asked'];
+  if (!lines.length && (faults.length || final)) lines.push(capital((last(faults) || final).cause));
+  if (facts.damaged) lines.push(`The recording ends early: ${facts.damaged}`);
+  $('head').dataset.kind = kind;
+  $('icon').textContent = { done: '✓', stopped: '■', waits: '●' }[kind];
+  $('state').textContent = name;
+  $('reason').textContent = `${[...lines, `${digits(driven.distance_m, 3)} m in ${after(facts.duration_s)}`].join('. ')}.`;
+  $('when').textContent = BEGIN > 1e9 ? new Date(1000 * BEGIN).toLocaleString([], { dateStyle: 'medium', timeStyle: 'short' }) : '';
+  document.title = `${name} – Sidehill report`;
+}
+showVerdict();
+
+// --- All of it ---
+
+STRIPS.forEach(addStrip);
+showEvents();
+if (parts.diagnostics) showDiagnostics();
+figures($('motors'), [
+  ['traction, off its command, RMS', known(facts.drives.traction_difference_rms_m_s, 'm/s')],
+  ['steer, off its command, RMS', known(facts.drives.steer_difference_rms_m_s, 'm/s')],
+  ['largest age of feedback', known(facts.drives.feedback_age_max_s, 's')],
+]);
+
+function show() {
+  drawMap();
+  const axis = timeAxis();
+  for (const strip of STRIPS) drawStrip(strip, axis);
+  const time = cursor === null ? newest()[0] : cursor;
+  Object.assign($('time'), { min: oldest(), max: newest()[0], value: time });
+  $('clock').textContent = after(time - BEGIN);
+  $('time').setAttribute('aria-valuetext', after(time - BEGIN));
+  $('live').setAttribute('aria-pressed', cursor === null);
+}
+for (const name of ['beforeprint', 'afterprint'])
+  addEventListener(name, () => {
+    whole = name === 'beforeprint';
+    readColours();
+    show();
+  });
+draw();
