@@ -4,6 +4,7 @@
 #![allow(clippy::print_stdout, clippy::print_stderr)]
 
 pub mod drive_route;
+pub mod faults;
 mod interrupts;
 mod keeper;
 pub mod odometry;

@@ -11,6 +11,7 @@ mod program;
 mod running;
 
 mod drive;
+mod faults;
 mod files;
 mod guide;
 mod hand_over;
