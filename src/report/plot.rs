@@ -1,5 +1,6 @@
 //! Plots with zoom and a cursor shared by all plots of a page. `report.js` draws them.
 
+use super::page::significant;
 use maud::{Markup, PreEscaped, html};
 use serde::Serialize;
 
@@ -81,6 +82,25 @@ impl Plot {
         }
     }
 
+    /// Returns what the lines show, in words.
+    fn in_words(&self) -> String {
+        let lines = self.lines.iter().filter_map(|line| {
+            let values = || line.y.iter().flatten().copied();
+            let [low, high] = [
+                values().min_by(f64::total_cmp)?,
+                values().max_by(f64::total_cmp)?,
+            ];
+            Some(format!(
+                "{} from {} to {}",
+                line.name,
+                significant(low),
+                significant(high)
+            ))
+        });
+        let lines: Vec<String> = lines.collect();
+        format!("{}: {}", self.y_title, lines.join(", "))
+    }
+
     /// Returns the place of the plot in a page, with its data; plots of one `group` share cursor and zoom.
     pub(crate) fn markup(&self, group: &str) -> Markup {
         // In JSON, characters that begin a tag or an entity occur only within strings.
@@ -90,7 +110,7 @@ impl Plot {
             .replace('>', "\\u003e")
             .replace('&', "\\u0026");
         html! {
-            div.plot data-group=(group) role="img" aria-label=(self.y_title) {
+            div.plot data-group=(group) role="img" aria-label=(self.in_words()) {
                 script type="application/json" { (PreEscaped(json)) }
             }
         }
