@@ -2,8 +2,8 @@
 
 use super::summary::Figures;
 use super::table::CampaignRow;
-use crate::report::page::{COLOURS, ReportPage, legend_of, significant, table};
-use crate::report::plot::{Line, Plot};
+use crate::report::page::{COLOURS, ReportPage, legend_of, table};
+use crate::report::plot::{Line, Plot, significant};
 use maud::html;
 use std::collections::BTreeMap;
 

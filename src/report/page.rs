@@ -20,16 +20,6 @@ pub(crate) const PRINTED_COLOURS: [&str; 7] = [
     "#0072b2", "#d55e00", "#aa4499", "#009e73", "#e69f00", "#56b4e9", "#000000",
 ];
 
-/// Returns a number with two significant digits, as far as three decimals show them; a dash for what is not finite.
-pub(crate) fn significant(value: f64) -> String {
-    if !value.is_finite() {
-        return "\u{2013}".to_owned();
-    }
-    let magnitude = value.abs().max(1e-3).log10().floor() as i32;
-    let decimals = usize::try_from(1 - magnitude).unwrap_or(0).min(3);
-    format!("{value:.decimals$}")
-}
-
 /// What the words of reports mean.
 const GLOSSARY: [(&str, &str); 12] = [
     (

@@ -1,6 +1,5 @@
 //! Plots with zoom and a cursor shared by all plots of a page. `report.js` draws them.
 
-use super::page::significant;
 use maud::{Markup, PreEscaped, html};
 use serde::Serialize;
 
@@ -115,6 +114,16 @@ impl Plot {
             }
         }
     }
+}
+
+/// Returns a number with two significant digits, as far as three decimals show them; a dash for what is not finite.
+pub(crate) fn significant(value: f64) -> String {
+    if !value.is_finite() {
+        return "\u{2013}".to_owned();
+    }
+    let magnitude = value.abs().max(1e-3).log10().floor() as i32;
+    let decimals = usize::try_from(1 - magnitude).unwrap_or(0).min(3);
+    format!("{value:.decimals$}")
 }
 
 fn rounded(value: f64) -> f64 {
