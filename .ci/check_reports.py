@@ -1,125 +1,199 @@
 #!/usr/bin/env python3
 """Opens reports in headless Chromium and compares their figures: `.ci/check_reports.py FOLDER`.
 
-FOLDER holds NAME.html for each subcommand and what it printed beside it, as `.ci/reports` leaves them. A screenshot of
-each page is written there, too.
+FOLDER holds NAME.html for each subcommand and what it printed beside it, as `.ci/reports` leaves them. Each page is opened
+as on a phone and on a desk, light and dark; a picture of each is written there, too.
 """
 
-import html.parser
+import base64
 import json
+import math
 import pathlib
-import subprocess
 import sys
-import tempfile
 
-# A new profile for each page, and nothing that looks for a network.
-CHROMIUM = ["chromium", "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
-            "--disable-background-networking", "--disable-component-update", "--disable-sync",
-            "--enable-logging=stderr", "--v=0", "--virtual-time-budget=10000", "--window-size=1000,2600"]
+import axe_playwright_python
+from browser import Browser
 
+WINDOWS = [(390, 844), (1280, 900)]
+SCHEMES = ["light", "dark"]
+AXE = (pathlib.Path(axe_playwright_python.__path__[0]) / "axe.min.js").read_text()
+SERIOUS = ("serious", "critical")
+TAPS_MAX = 3
 
-class Page(html.parser.HTMLParser):
-    """What a page shows once its scripts have run."""
-
-    def __init__(self, text):
-        super().__init__()
-        self.drawn, self.plots, self.canvases = None, 0, 0
-        # Rows of cells by the table's id.
-        self.tables, self.table, self.in_cell = {}, None, False
-        self.findings, self.in_finding = [], False
-        self.feed(text)
-
-    def handle_starttag(self, tag, attrs):
-        attrs = dict(attrs)
-        if tag == "body":
-            self.drawn = int(attrs.get("data-plots", -1))
-        self.plots += tag == "div" and attrs.get("class") == "plot"
-        self.canvases += tag == "canvas"
-        if tag == "table":
-            self.table = self.tables.setdefault(attrs.get("id"), [])
-        if tag == "tr" and self.table is not None:
-            self.table.append([])
-        self.in_cell = tag in ("td", "th") or (self.in_cell and tag == "span")
-        if self.in_cell and tag in ("td", "th") and self.table:
-            self.table[-1].append("")
-        if tag == "p" and attrs.get("class") == "finding":
-            self.findings.append("")
-            self.in_finding = True
-
-    def handle_endtag(self, tag):
-        if tag == "table":
-            self.table = None
-        if tag in ("td", "th"):
-            self.in_cell = False
-        if tag == "p":
-            self.in_finding = False
-
-    def handle_data(self, data):
-        if self.in_cell and self.table:
-            self.table[-1][-1] += data
-        if self.in_finding:
-            self.findings[-1] += data
+failed = []
 
 
-def opened(path, failed):
-    """Returns the page of a file, having taken a screenshot of it."""
-    with tempfile.TemporaryDirectory() as profile:
-        command = [*CHROMIUM, f"--user-data-dir={profile}", "--dump-dom", path.as_uri()]
-        done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=True)
-    with tempfile.TemporaryDirectory() as profile:
-        picture = path.with_suffix(".png")
-        command = [*CHROMIUM, f"--user-data-dir={profile}", f"--screenshot={picture}", path.as_uri()]
-        subprocess.run(command, capture_output=True, timeout=300, check=True)
-    console = [line for line in done.stderr.splitlines() if "CONSOLE" in line]
-    if console:
-        failed.append(f"{path.name}: the browser's console says {console}")
-    page = Page(done.stdout)
-    if page.plots == 0 or page.drawn != page.plots or page.canvases != page.plots:
-        failed.append(f"{path.name}: {page.plots} plots, {page.drawn} drawn, {page.canvases} canvases")
-    if not page.findings:
-        failed.append(f"{path.name}: it concludes nothing")
-    print(f"{path.name}: {page.drawn} plots; {' '.join(page.findings)}")
-    return page
+def compare(page, name, found, expected):
+    if found != expected:
+        failed.append(f"{page}: {name} is {found}, the program printed {expected}")
+
+
+def significant(value):
+    """Writes a number as reports do: with two significant digits, as far as three decimals show them."""
+    if value is None or not math.isfinite(value):
+        return "\u2013"
+    decimals = min(max(1 - math.floor(math.log10(max(abs(value), 1e-3))), 0), 3)
+    return f"{value:.{decimals}f}"
+
+
+def inspect(browser, name):
+    """Looks for what no page may have."""
+    if browser.complaints:
+        failed.append(f"{name}: the browser's console says {browser.complaints}")
+        browser.complaints.clear()
+    wide = browser.evaluate("document.documentElement.scrollWidth - innerWidth")
+    if wide > 0:
+        failed.append(f"{name}: it is {wide} pixels too wide")
+    browser.evaluate(f"{AXE}; 0")
+    found = json.loads(browser.evaluate("axe.run().then(found => JSON.stringify(found.violations))"))
+    for violation in found:
+        if violation["impact"] in SERIOUS:
+            nodes = [node["html"][:120] for node in violation["nodes"][:3]]
+            failed.append(f"{name}: {violation['impact']}: {violation['help']}: {nodes}")
+
+
+def shown(browser, folder, name, ready):
+    """Opens a page in all windows, leaves pictures, and ends on a desk."""
+    for width, height in WINDOWS:
+        for scheme in SCHEMES:
+            browser.show((folder / f"{name}.html").as_uri(), width, height, scheme)
+            browser.wait(f"document.readyState === 'complete' && {ready}")
+            browser.evaluate("new Promise(drawn => requestAnimationFrame(() => requestAnimationFrame(drawn)))")
+            inspect(browser, f"{name}, {width} px, {scheme}")
+            picture = folder / f"{name}_{width}_{scheme}.png"
+            picture.write_bytes(base64.b64decode(browser.picture(whole=True)))
+
+
+def rows(browser, table):
+    """Returns the cells of a table by the first of each row."""
+    texts = browser.evaluate(f"JSON.stringify([...document.querySelectorAll('#{table} tr')].map(row => "
+                             "[...row.cells].map(cell => cell.textContent)))")
+    return {row[0]: row[1:] for row in json.loads(texts)}
+
+
+def opened(browser, folder, name):
+    """Opens a page of plots."""
+    shown(browser, folder, name, "document.body.dataset.plots")
+    plots, drawn, canvases, findings = browser.evaluate(
+        "[document.querySelectorAll('.plot').length, Number(document.body.dataset.plots), "
+        "document.querySelectorAll('canvas').length, document.querySelectorAll('.finding').length]")
+    if plots == 0 or drawn != plots or canvases != plots:
+        failed.append(f"{name}: {plots} plots, {drawn} drawn, {canvases} canvases")
+    if not findings:
+        failed.append(f"{name}: it concludes nothing")
+    print(f"{name}: {drawn} plots")
+
+
+def tap(browser, selector):
+    """Taps the middle of an element, which must be in sight."""
+    x, y = browser.evaluate(
+        f"(() => {{ const box = document.querySelector('{selector}').getBoundingClientRect(); "
+        "return [box.left + box.width / 2, box.top + box.height / 2]; })()")
+    if not (0 <= x <= 390 and 0 <= y <= 844):
+        sys.exit(f"{selector} is not in sight: {x}, {y}")
+    for kind in ("mousePressed", "mouseReleased"):
+        browser.ask("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
+
+
+def check_drive(browser, folder):
+    """The report of a drive that was stopped."""
+    facts = json.loads((folder / "drive.json").read_text())
+    shown(browser, folder, "drive", "typeof showVerdict === 'function' && !!document.querySelector('#state').textContent")
+    held = json.loads(browser.evaluate("document.querySelector('#facts').textContent"))
+    compare("drive", "what it holds", held, facts)
+    figures = json.loads(browser.evaluate(
+        "JSON.stringify([...document.querySelectorAll('#driven dt')].map(name => [name.textContent, name.nextSibling.textContent]))"))
+    error = facts["cross_track"]
+    for name, key in (("RMS", "rms_m"), ("p95", "p95_m"), ("largest", "max_m")):
+        compare("drive", name, dict(figures)[f"cross-track error, {name}"], f"{significant(100 * error[key])} cm")
+    weather = rows(browser, "weather")
+    for sensor in facts["sensors"]:
+        keys = ("rate_hz", "age_p50_s", "age_p95_s", "age_max_s", "gap_max_s")
+        expected = ["0" if abs(sensor[key]) < 5e-4 else significant(sensor[key]) for key in keys]
+        compare("drive", sensor["name"], weather[sensor["name"]][:5], expected)
+
+    # On a phone: why did it stop? The cause is in sight; a tap shows the moment on the map and in plots.
+    [stop] = [stop for stop in facts["stops"] if stop["kind"] == "fault"]
+    browser.show((folder / "drive.html").as_uri(), *WINDOWS[0], "light")
+    browser.wait("typeof showVerdict === 'function' && !!document.querySelector('#state').textContent")
+    cause = browser.evaluate("document.querySelector('#stops b').closest('button').textContent")
+    if stop["cause"] not in cause or f"{stop['latitude_deg']:.7f}" not in cause:
+        failed.append(f"drive: the stop says {cause!r}, not {stop['cause']!r} and its place")
+    taps = 1
+    tap(browser, "#stops button")
+    browser.wait("cursor !== null")
+    compare("drive", "the moment", browser.evaluate("cursor"), stop["time_s"])
+    browser.evaluate("new Promise(drawn => requestAnimationFrame(() => requestAnimationFrame(drawn)))")
+    top, bottom = browser.evaluate("(box => [box.top, box.bottom])(document.querySelector('#map').getBoundingClientRect())")
+    strip = browser.evaluate("document.querySelector('.strip canvas').getBoundingClientRect().bottom")
+    if taps > TAPS_MAX or top < 0 or bottom > 844 or strip > 844:
+        failed.append(f"drive: after {taps} taps the map ends at {bottom} and the first plot at {strip}")
+    (folder / "drive_stop.png").write_bytes(base64.b64decode(browser.picture()))
+
+    # A touch on the map, where it was at the begin, shows that moment.
+    browser.evaluate("(() => { const frame = drive.frames.find(frame => is(get(frame, 'x'))); const box = map.getBoundingClientRect(); "
+                     "window.aim = [box.left + map.clientWidth / 2 + (get(frame, 'x') - view.x) * view.scale, "
+                     "box.top + map.clientHeight / 2 - (get(frame, 'y') - view.y) * view.scale, frame[0]]; })()")
+    x, y, _ = browser.evaluate("aim")
+    for kind in ("mousePressed", "mouseReleased"):
+        browser.ask("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
+    if browser.evaluate("Math.abs(cursor - aim[2])") > 1.0:
+        failed.append("drive: a touch on the map does not show the moment at which the vehicle was there")
+    print(f"drive: {browser.evaluate('document.title')}; the cause of the stop is told without a tap, its moment after {taps}")
 
 
 def main(folder):
-    failed = []
+    with Browser() as browser:
+        check_drive(browser, folder)
 
-    def compare(page, name, found, expected):
-        if found != expected:
-            failed.append(f"{page}: {name} is {found}, the program printed {expected}")
+        opened(browser, folder, "simulate")
+        table = rows(browser, "figures")
+        for run in json.loads((folder / "simulate.json").read_text())["runs"]:
+            keys = ("cross_track_rms_m", "cross_track_p95_m", "cross_track_max_m")
+            expected = [significant(100 * run[key]) for key in keys] + [significant(run["steer_total_variation_m_s"])]
+            compare("simulate", run["controller"], table[run["controller"]][:4], expected)
+        if "Perfect sensors" not in browser.evaluate("document.querySelector('.finding').textContent"):
+            failed.append("simulate: it does not say that its sensors are perfect")
 
-    def rows(page, table):
-        return {row[0]: row[1:] for row in page.tables[table]}
+        # A place on the map shows its moment in the plots, which are zoomed to it.
+        x, y, time_s = browser.evaluate(
+            "(() => { const svg = document.querySelector('svg[data-frame]'); svg.scrollIntoView(); "
+            "const [left, top, width, height, west, east, south, north] = svg.dataset.frame.split(' ').map(Number); "
+            "const track = JSON.parse(svg.dataset.tracks)[0], [t, x, y] = track[Math.floor(track.length / 2)]; "
+            "const at = new DOMPoint(left + width * (x - west) / (east - west), top + height * (north - y) / (north - south))"
+            ".matrixTransform(svg.getScreenCTM()); return [at.x, at.y, t]; })()")
+        for kind in ("mousePressed", "mouseReleased"):
+            browser.ask("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
+        hint = browser.evaluate("document.querySelector('figure .hint').textContent")
+        if not hint.startswith("At ") or abs(float(hint.split()[1]) - time_s) > 30:
+            failed.append(f"simulate: a click on the map at {time_s} s says {hint!r}")
 
-    runs = json.loads((folder / "simulate.json").read_text())["runs"]
-    table = rows(opened(folder / "simulate.html", failed), "figures")
-    for run in runs:
-        keys = ("cross_track_rms_m", "cross_track_p95_m", "cross_track_max_m")
-        expected = [f"{100 * run[key]:.2f}" for key in keys] + [f"{run['steer_total_variation_m_s']:.2f}"]
-        compare("simulate", run["controller"], table[run["controller"]][:4], expected)
+        figures = json.loads((folder / "odometry.json").read_text())
+        opened(browser, folder, "odometry")
+        table = rows(browser, "figures")
+        for model in ("icrhk", "icrik", "extended", "diff_drive"):
+            expected = [f"{figures[model][key]:.4f}" for key in ("mse_x", "mse_y", "mse_z", "mse_yaw", "j_over_n")]
+            compare("odometry", model, table[model], expected)
 
-    figures = json.loads((folder / "odometry.json").read_text())
-    table = rows(opened(folder / "odometry.html", failed), "figures")
-    for model in ("icrhk", "icrik", "extended", "diff_drive"):
-        expected = [f"{figures[model][key]:.4f}" for key in ("mse_x", "mse_y", "mse_z", "mse_yaw", "j_over_n")]
-        compare("odometry", model, table[model], expected)
+        opened(browser, folder, "identify")
+        table = rows(browser, "level-parameters")
+        vehicle = (folder / "identified.yaml").read_text().split("\nextension:")[0]
+        vehicle = dict(line.split(": ", 1) for line in vehicle.splitlines() if ": " in line and line[0] != "#")
+        # What the logs do not determine is not in the table.
+        names = [name for name in table if name in vehicle]
+        compare("identify", "the number of parameters", len(names) >= 3, True)
+        for name in names:
+            compare("identify", name, table[name][0], f"{float(vehicle[name]):.4f}")
 
-    table = rows(opened(folder / "identify.html", failed), "level-parameters")
-    vehicle = (folder / "identified.yaml").read_text().split("\nextension:")[0]
-    vehicle = dict(line.split(": ", 1) for line in vehicle.splitlines() if ": " in line and line[0] != "#")
-    # What the logs do not determine is not in the table.
-    names = [name for name in table if name in vehicle]
-    compare("identify", "the number of parameters", len(names) >= 3, True)
-    for name in names:
-        compare("identify", name, table[name][0], f"{float(vehicle[name]):.4f}")
+        opened(browser, folder, "campaign")
+        table = rows(browser, "figures")
+        for own in json.loads((folder / "campaign.json").read_text())["controllers"]:
+            keys = ("median_m", "p95_m", "worst_m")
+            cm = ["-" if own[key] is None else significant(100 * own[key]) for key in keys]
+            expected = [str(own["runs"]), str(own["completed"]), *cm]
+            compare("campaign", own["controller"], table[own["controller"]][:5], expected)
 
-    controllers = json.loads((folder / "campaign.json").read_text())["controllers"]
-    table = rows(opened(folder / "campaign.html", failed), "figures")
-    for own in controllers:
-        cm = ["-" if own[key] is None else f"{100 * own[key]:.2f}" for key in ("median_m", "p95_m", "worst_m")]
-        expected = [str(own["runs"]), str(own["completed"]), *cm]
-        compare("campaign", own["controller"], table[own["controller"]][:5], expected)
+        opened(browser, folder, "replay")
 
     print("\n".join(failed) or "all figures are those of the program")
     return 1 if failed else 0

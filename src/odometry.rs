@@ -184,6 +184,7 @@ fn json(comparisons: &[Vec<Comparison>]) -> Result<serde_json::Map<String, Value
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::report::page::{COLOURS, PRINTED_COLOURS};
     use sidehill_plant::frames::Pose;
 
     fn off_by(x_m: f64) -> Vec<Comparison> {
@@ -233,17 +234,16 @@ mod tests {
             .descendants()
             .filter(|node| node.attribute("class") == Some("swatch"))
             .map(|node| {
-                let colour = node
-                    .attribute("style")
-                    .unwrap()
-                    .trim_start_matches("background:");
-                (node.next_sibling().unwrap().text().unwrap(), colour)
+                let colour = node.attribute("data-colour").unwrap();
+                let index = COLOURS.iter().position(|known| *known == colour);
+                let printed = PRINTED_COLOURS[index.unwrap()];
+                (node.next_sibling().unwrap().text().unwrap(), printed)
             })
             .collect();
         // A name in the drawing follows the line of its colour.
         let svg = page
             .descendants()
-            .find(|node| node.has_tag_name("svg"))
+            .find(|node| node.has_tag_name("svg") && node.attribute("width").is_some())
             .unwrap();
         for (name, colour) in &legends {
             let text = svg

@@ -117,7 +117,8 @@ pub fn run(args: &SimulateArgs) -> Result<ExitCode> {
         None => file,
     };
     let conditions = conditions.map(|conditions| conditions.name);
-    let prepared = Scenario::read(file.clone())?.prepare(&Overrides {
+    let scenario = Scenario::read(file.clone())?;
+    let prepared = scenario.prepare(&Overrides {
         path: args.path.clone(),
         plant: args.plant,
         seed: args.seed,
@@ -195,7 +196,15 @@ pub fn run(args: &SimulateArgs) -> Result<ExitCode> {
         learned::save(path, found)?;
     }
     if let Some(folder) = &args.out {
-        write_out(folder, args.force, &prepared, conditions.as_deref(), &runs)?;
+        let datum = scenario.datum();
+        write_out(
+            folder,
+            args.force,
+            &prepared,
+            conditions.as_deref(),
+            datum,
+            &runs,
+        )?;
     }
     let summaries: Vec<&Summary> = runs.iter().map(|run| &run.summary).collect();
     match args.format {

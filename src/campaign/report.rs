@@ -3,7 +3,7 @@
 use super::summary::Figures;
 use super::table::CampaignRow;
 use crate::report::page::{COLOURS, ReportPage, legend_of, table};
-use crate::report::plot::{Line, Plot};
+use crate::report::plot::{Line, Plot, significant};
 use maud::html;
 use std::collections::BTreeMap;
 
@@ -36,8 +36,8 @@ pub(super) fn html(campaign: &str, figures: &[Figures], rows: &[&CampaignRow]) -
         logarithmic: true,
         ..Plot::over_time("cross-track RMS (cm)", 360.0, lines.collect())
     };
-    let cm = |value: Option<f64>| value.map_or("-".to_owned(), |m| format!("{:.2}", 100.0 * m));
-    let plain = |value: Option<f64>| value.map_or("-".to_owned(), |value| format!("{value:.2}"));
+    let cm = |value: Option<f64>| value.map_or("-".to_owned(), |m| significant(100.0 * m));
+    let plain = |value: Option<f64>| value.map_or("-".to_owned(), significant);
     let cells: Vec<Vec<String>> = figures
         .iter()
         .map(|figures| {
@@ -100,9 +100,9 @@ fn conclusions(
     };
     let of = &figures[best];
     let mut sentences = vec![format!(
-        "{} has the smallest median, {:.2} cm, and completed {} of {} runs.",
+        "{} has the smallest median, {} cm, and completed {} of {} runs.",
         of.controller,
-        100.0 * of.median_m.unwrap_or(f64::NAN),
+        significant(100.0 * of.median_m.unwrap_or(f64::NAN)),
         of.completed,
         of.runs
     )];

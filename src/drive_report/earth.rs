@@ -1,48 +1,13 @@
 //! What was driven, on earth: GeoJSON and KML.
 
-use super::facts::{DriveFacts, Place};
+use super::facts::DriveFacts;
 use super::input::Input;
-use crate::config::{ConfigFile, read_route};
-use crate::recording::fact;
+use super::place::Place;
 use anyhow::{Context, Result};
 use geojson::{Feature, FeatureCollection, GeometryValue, JsonObject};
 use kml::types::{Coord, Geometry, LineString, Placemark, Point};
 use kml::{Kml, KmlDocument, KmlVersion, KmlWriter};
-use serde::Deserialize;
-use sidehill_controller::path::{GeodeticOrigin, Point2};
-use sidehill_recording::Header;
-use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex};
-
-/// What configurations of `run` and scenarios say of their place on earth.
-#[derive(Deserialize)]
-struct OnEarth {
-    datum: Option<GeodeticOrigin>,
-    route: Option<RouteOnEarth>,
-}
-
-#[derive(Deserialize)]
-struct RouteOnEarth {
-    file: PathBuf,
-}
-
-/// Returns where x = 0, y = 0 was: the datum of the recorded configuration, or that of its GPX route; none where neither
-/// is there.
-pub(super) fn datum(header: &Header) -> Option<GeodeticOrigin> {
-    let name = Path::new(header.facts.get(fact::CONFIG)?);
-    let text = header.files.get(name)?;
-    let bundle = Arc::new(Mutex::new(header.files.clone()));
-    let file = ConfigFile::with_text(name, text.clone()).with_bundle(bundle);
-    let stated: OnEarth = file.parse().ok()?;
-    let route = match header.facts.get(fact::PATH) {
-        Some(path) => file.beside(Path::new(path)).ok(),
-        None => stated
-            .route
-            .and_then(|route| file.sibling(&route.file).ok()),
-    };
-    let of_route = || read_route(&route?, None).ok()?.origin;
-    stated.datum.or_else(of_route)
-}
+use sidehill_controller::path::Point2;
 
 /// Least distance between two points of a track, m.
 const STEP_M: f64 = 0.1;

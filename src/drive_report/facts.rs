@@ -1,50 +1,14 @@
 //! The figures of a drive.
 
 use super::input::Input;
-use super::limits::{Limit, LimitArgs};
+use super::place::Place;
 use super::stops::{Stop, StopKind, stops};
 use super::weather::{SensorWeather, weather};
 use crate::recording::fact;
 use serde::Serialize;
-use sidehill_controller::path::Point2;
 use sidehill_plant::statistics::quantile;
 use sidehill_recording::ControllerCycle;
 use std::fmt::Write as _;
-
-/// A place, and when the vehicle was there.
-#[derive(Debug, Clone, Copy, Serialize)]
-pub(super) struct Place {
-    /// On the clock of the recording, s.
-    pub(super) time_s: f64,
-    /// Since the recording began, s.
-    pub(super) after_s: f64,
-    /// As estimated, m; none where there was no pose.
-    pub(super) x_m: Option<f64>,
-    pub(super) y_m: Option<f64>,
-    /// Deg; none without a datum.
-    pub(super) latitude_deg: Option<f64>,
-    pub(super) longitude_deg: Option<f64>,
-}
-
-impl Place {
-    pub(super) fn at(input: &Input, time_s: f64) -> Self {
-        let step = input.step_at(time_s);
-        let at = step.filter(|step| step.estimated_x_m.is_finite());
-        let at = at.map(|step| Point2 {
-            x_m: step.estimated_x_m,
-            y_m: step.estimated_y_m,
-        });
-        let earth = at.zip(input.datum).map(|(at, datum)| datum.unproject(at));
-        Self {
-            time_s,
-            after_s: time_s - input.range_s[0],
-            x_m: at.map(|at| at.x_m),
-            y_m: at.map(|at| at.y_m),
-            latitude_deg: earth.map(|(latitude_deg, _)| latitude_deg),
-            longitude_deg: earth.map(|(_, longitude_deg)| longitude_deg),
-        }
-    }
-}
 
 /// What was driven, and at what speed.
 #[derive(Debug, Clone, Copy, Serialize)]
@@ -114,6 +78,21 @@ pub(super) struct DriveFigures {
     pub(super) feedback_age_max_s: Option<f64>,
 }
 
+/// A limit, and what the drive made of it.
+#[derive(Debug, Clone, Serialize)]
+pub(super) struct Limit {
+    /// What is limited, in words.
+    pub(super) name: &'static str,
+    pub(super) unit: &'static str,
+    /// Whether it is the least that is allowed, rather than the most.
+    pub(super) is_least: bool,
+    pub(super) limit: f64,
+    /// None where the recording does not tell.
+    pub(super) found: Option<f64>,
+    /// What is not known has not passed.
+    pub(super) passed: bool,
+}
+
 /// All figures of a drive, as `--format json` prints them.
 #[derive(Debug, Clone, Serialize)]
 pub(super) struct DriveFacts {
@@ -143,12 +122,12 @@ pub(super) struct DriveFacts {
 }
 
 impl DriveFacts {
-    pub(super) fn of(input: &Input, limits: &LimitArgs) -> Self {
+    pub(super) fn of(input: &Input) -> Self {
         let get = |name: &str| input.header.facts.get(name).cloned().unwrap_or_default();
         let steps = input.steps.iter().filter(|(_, step)| follows(step));
         let following: Vec<&(f64, ControllerCycle)> = steps.collect();
         let ages = following.iter().map(|(_, step)| step.pose_age_s);
-        let mut facts = Self {
+        Self {
             recording: input.name.clone(),
             command: get(fact::COMMAND),
             controller: get(fact::CONTROLLER),
@@ -167,11 +146,17 @@ impl DriveFacts {
             learned: learned(input),
             sensors: weather(input),
             has_datum: input.datum.is_some(),
-        };
-        facts.limits = limits.judge(&facts);
-        facts.passed =
-            (!facts.limits.is_empty()).then(|| facts.limits.iter().all(|limit| limit.passed));
-        facts
+        }
+    }
+
+    /// Returns the figures with limits that were judged by them.
+    pub(super) fn judged(self, limits: Vec<Limit>) -> Self {
+        let passed = (!limits.is_empty()).then(|| limits.iter().all(|limit| limit.passed));
+        Self {
+            passed,
+            limits,
+            ..self
+        }
     }
 
     /// Returns the figures for a person.

@@ -1,6 +1,6 @@
 //! What a report needs of a recording.
 
-use super::earth;
+use super::datum::datum;
 use anyhow::Result;
 use serde::de::DeserializeOwned;
 use sidehill_bridge::ros2::message::DiagnosticArray;
@@ -54,7 +54,7 @@ impl Input {
         let [first_ns, last_ns] = ends_ns;
         let mut input = Self {
             name: path.display().to_string(),
-            datum: earth::datum(&recording.header),
+            datum: datum(&recording.header),
             header: recording.header,
             range_s: [first_ns.min(last_ns), last_ns].map(|ns| ns as f64 / 1e9),
             steps: Vec::with_capacity(recording.cycles.len()),

@@ -1,8 +1,7 @@
 //! What a drive has to keep to.
 
-use super::facts::DriveFacts;
+use super::facts::{DriveFacts, Limit};
 use super::stops::StopKind;
-use serde::Serialize;
 
 /// Limits of a drive; what is not given is not judged.
 #[derive(Debug, Clone, Default, clap::Args)]
@@ -28,21 +27,6 @@ pub struct LimitArgs {
     /// Least distance along the path, m.
     #[arg(long, value_name = "M")]
     pub min_distance_m: Option<f64>,
-}
-
-/// A limit, and what the drive made of it.
-#[derive(Debug, Clone, Serialize)]
-pub(super) struct Limit {
-    /// What is limited, in words.
-    pub(super) name: &'static str,
-    pub(super) unit: &'static str,
-    /// Whether it is the least that is allowed, rather than the most.
-    pub(super) is_least: bool,
-    pub(super) limit: f64,
-    /// None where the recording does not tell.
-    pub(super) found: Option<f64>,
-    /// What is not known has not passed.
-    pub(super) passed: bool,
 }
 
 impl LimitArgs {

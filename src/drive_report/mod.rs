@@ -1,10 +1,12 @@
 //! `sidehill report`: what a recorded drive was like, as a page, as figures, and as a track for maps.
 
+mod datum;
 mod earth;
 mod facts;
 mod input;
 mod limits;
 mod page;
+mod place;
 mod stops;
 mod weather;
 
@@ -89,6 +91,7 @@ fn read(recording: &Path, limits: &LimitArgs) -> Result<(Input, DriveFacts)> {
         "{}: there is no step of a controller in it, so nothing to report; recordings of `run` and `simulate` have them",
         recording.display()
     );
-    let facts = DriveFacts::of(&input, limits);
-    Ok((input, facts))
+    let facts = DriveFacts::of(&input);
+    let limits = limits.judge(&facts);
+    Ok((input, facts.judged(limits)))
 }

@@ -1,7 +1,7 @@
 //! When and why a vehicle stopped.
 
-use super::facts::Place;
 use super::input::Input;
+use super::place::Place;
 use serde::Serialize;
 use sidehill_bridge::safety::{Reason, StopCause};
 

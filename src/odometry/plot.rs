@@ -1,14 +1,14 @@
 //! A drawing of the paths of odometry and of the log.
 
 use crate::report::drawing::{Drawing, DrawnLine, svg};
-use crate::report::page::COLOURS;
+use crate::report::page::{COLOURS, PRINTED_COLOURS};
 use sidehill_plant::odometry::Comparison;
 
 const SIZE_PX: [f64; 2] = [720.0, 720.0];
 /// Colour of the log's path.
-const LOG: &str = COLOURS[6];
+const LOG: &str = PRINTED_COLOURS[6];
 
-/// Returns the models with their colours in plots, tables and drawings.
+/// Returns the models with their colours in plots and tables.
 pub(super) fn coloured<'a>(models: &[&'a str]) -> Vec<(&'a str, &'static str)> {
     models.iter().copied().zip(COLOURS).collect()
 }
@@ -24,7 +24,7 @@ pub(super) fn paths(models: &[&str], comparisons: &[Vec<Comparison>]) -> String 
     let measured = comparisons.first().map_or(&[][..], Vec::as_slice).iter();
     let log = measured.map(|comparison| [comparison.measured.x_m, comparison.measured.y_m]);
     let mut lines = vec![line("log", LOG, log.collect())];
-    for ((name, colour), comparisons) in coloured(models).into_iter().zip(comparisons) {
+    for ((name, colour), comparisons) in models.iter().zip(PRINTED_COLOURS).zip(comparisons) {
         let estimated = comparisons
             .iter()
             .map(|comparison| [comparison.estimated.x_m, comparison.estimated.y_m]);

@@ -61,6 +61,8 @@ pub(super) fn html(
         base_half_width_m: rebuilt.vehicle.base_half_width_m,
         base_half_length_m: rebuilt.vehicle.base_half_length_m,
         period_s: rebuilt.config.period_s,
+        datum: None,
+        perfect_sensors: false,
         guard: None,
     };
     let name = rebuilt.kind.name();

@@ -1,5 +1,6 @@
 //! Quantities of runs over time or along the path.
 
+use super::page::COLOURS;
 use super::plot::{Line, Plot};
 use super::scene::Style;
 use crate::record::{Row, Run};
@@ -12,6 +13,8 @@ pub(super) struct Panel<'a> {
     pub(super) limits: Vec<(f64, String)>,
     /// Largest absolute value shown, unless the runs determine it.
     pub(super) magnified_to: Option<f64>,
+    /// Whether the axis is logarithmic.
+    pub(super) logarithmic: bool,
     /// The quantity at a cycle.
     pub(super) value: &'a dyn Fn(&Row) -> f64,
 }
@@ -26,6 +29,27 @@ impl Panel<'_> {
     pub(super) fn along_path(&self, height_px: f64, runs: &[Run], styles: &[Style]) -> Plot {
         let place = |row: &Row| row.slope.map_or(f64::NAN, |slope| slope.arc_length_m);
         self.over("way along the path (m)", place, height_px, runs, styles)
+    }
+
+    /// Returns the plot of the second of two runs minus the first, where both have a cycle; none of other numbers of
+    /// runs.
+    pub(super) fn difference(&self, height_px: f64, runs: &[Run]) -> Option<Plot> {
+        let [one, other] = runs else {
+            return None;
+        };
+        let pairs = one.rows.iter().zip(&other.rows);
+        let points = pairs.filter(|(a, b)| (a.time_s - b.time_s).abs() < 1e-6);
+        let points: Vec<[f64; 2]> = points
+            .map(|(a, b)| [a.time_s, (self.value)(b) - (self.value)(a)])
+            .collect();
+        Some(Plot {
+            limits: vec![(0.0, "alike".to_owned())],
+            ..Plot::over_time(
+                format!("\u{394} {}", self.title),
+                height_px,
+                vec![Line::through("\u{394}", COLOURS[6], None, &points)],
+            )
+        })
     }
 
     fn over(
@@ -45,6 +69,7 @@ impl Panel<'_> {
             x_title: x_title.to_owned(),
             limits: self.limits.clone(),
             magnified_to: self.magnified_to,
+            logarithmic: self.logarithmic,
             ..Plot::over_time(
                 self.title,
                 height_px,

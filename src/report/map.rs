@@ -4,9 +4,10 @@ use super::frame::{PlotFrame, px, range, ticks};
 use super::ground::GroundPicture;
 use super::relief::{self, Labels};
 use super::scene::{DRAWING_WIDTH_PX, Scene, Style};
-use crate::record::Run;
+use crate::record::{Row, Run};
 use maud::{Markup, html};
 use sidehill_controller::guard::SteepPlace;
+use sidehill_controller::path::{GeodeticOrigin, Point2};
 use sidehill_plant::frames::PlanarPose;
 
 const LEFT_PX: f64 = 80.0;
@@ -26,7 +27,8 @@ pub(super) fn map(scene: &Scene, runs: &[Run], styles: &[Style]) -> Markup {
         ticks(frame.y, 10.0 * frame.height / frame.width),
     );
     let thin = |line: &[[f64; 2]]| frame.line(thinned(line, POINT_PX / metre_px));
-    let start = runs.iter().find_map(|run| run.rows.first());
+    // A controller may have begun before its first pose.
+    let start = runs.iter().find_map(|run| run.rows.iter().find(placed));
     let ground = GroundPicture::of(scene, &frame);
     let lines = scene.path.iter().chain(tracks.iter().flatten());
     let taken = lines.map(|point| frame.place(*point)).collect();
@@ -37,7 +39,7 @@ pub(super) fn map(scene: &Scene, runs: &[Run], styles: &[Style]) -> Markup {
     );
     let view = format!("0 0 {DRAWING_WIDTH_PX} {}", px(frame.bottom() + 44.0));
     html! {
-        svg viewBox=(view) data-frame=(data(&frame)) role="img" aria-label="map" {
+        svg viewBox=(view) data-frame=(data(&frame)) data-earth=[scene.datum.map(earth)] data-tracks=(moments(runs)) role="img" aria-label="map" {
             (frame.axis_below(&x_ticks, "world X_g (m)", true))
             (frame.axis_left(&y_ticks, "world Y_g (m)"))
             (frame.clipped("map-frame", &html! {
@@ -80,6 +82,52 @@ fn data(frame: &PlotFrame) -> String {
     all.map(|number| number.to_string())
         .collect::<Vec<_>>()
         .join(" ")
+}
+
+/// Returns latitude and longitude, deg, of the origin and their changes over a metre along x and along y, for the script
+/// of the page. Over a map of kilometres the plane is true to millimetres.
+fn earth(datum: GeodeticOrigin) -> String {
+    /// Length of the steps, m.
+    const STEP_M: f64 = 100.0;
+    let at = |x_m, y_m| datum.unproject(Point2 { x_m, y_m });
+    let (origin, x, y) = (at(0.0, 0.0), at(STEP_M, 0.0), at(0.0, STEP_M));
+    let steps = [x, y].map(|(latitude, longitude)| {
+        [
+            (latitude - origin.0) / STEP_M,
+            (longitude - origin.1) / STEP_M,
+        ]
+    });
+    let all = [[origin.0, origin.1], steps[0], steps[1]];
+    all.as_flattened()
+        .iter()
+        .map(f64::to_string)
+        .collect::<Vec<_>>()
+        .join(" ")
+}
+
+/// Returns whether it is known where the vehicle was.
+fn placed(row: &&Row) -> bool {
+    row.pose.x_m.is_finite() && row.pose.y_m.is_finite()
+}
+
+/// Moments of each run that the script of the page knows, at most.
+const MOMENTS: usize = 1500;
+
+/// Returns time, x and y of each run as JSON, for the script of the page.
+fn moments(runs: &[Run]) -> String {
+    let moments = runs.iter().map(|run| {
+        let rows = run
+            .rows
+            .iter()
+            .step_by(run.rows.len().div_ceil(MOMENTS).max(1))
+            .filter(placed);
+        let texts = rows.map(|row| {
+            let [x_m, y_m] = row.tracked.unwrap_or([row.pose.x_m, row.pose.y_m]);
+            format!("[{:.2},{x_m:.2},{y_m:.2}]", row.time_s)
+        });
+        format!("[{}]", texts.collect::<Vec<_>>().join(","))
+    });
+    format!("[{}]", moments.collect::<Vec<_>>().join(","))
 }
 
 fn track(run: &Run) -> Vec<[f64; 2]> {

@@ -7,7 +7,6 @@ mod contours;
 pub mod drawing;
 mod frame;
 mod ground;
-mod histogram;
 mod map;
 pub(crate) mod page;
 mod panels;
@@ -25,9 +24,10 @@ pub(crate) use tuning::{Scatter, progress_plot, scatter_chart};
 use crate::record::Run;
 use chart::Panel;
 use maud::{Markup, PreEscaped, html};
-use page::{COLOURS, ReportPage};
+use page::{COLOURS, ReportPage, swatch};
 use panels::{attitude_panels, command_panels, cross_track_panels, icr_panels, margin_panels};
-use scene::{Style, swatch};
+use plot::{Line, Plot, significant};
+use scene::Style;
 use sidehill_controller::config::ControllerKind;
 use sidehill_controller::estimator::ContactEstimate;
 use sidehill_plant::contact::Parameter;
@@ -42,8 +42,9 @@ pub fn html(scene: &Scene, runs: &[Run]) -> String {
         subtitle: &scene.subtitle,
         conclusions: &[],
         body: html! {
-            (summary::summary(runs, &styles))
+            (summary::summary(runs, &styles, scene.perfect_sensors))
             (toggles(&styles))
+            p.hint { "Drag across a plot to zoom all, double click for everything. A click on the map shows its moment in the plots." }
             (sections(scene, runs, &styles))
         },
         style: &switches(runs.len()),
@@ -57,45 +58,64 @@ fn sections(scene: &Scene, runs: &[Run], styles: &[Style]) -> Markup {
         let mut plots = plots.map(|panel| panel.plot(height_px, runs, styles));
         html! { @for plot in plots.by_ref() { (plot.markup("time")) } }
     };
+    let with_difference = |panels: &[Panel], height_px: f64| {
+        let differences = panels
+            .iter()
+            .filter(|panel| panel.magnified_to.is_none() && !panel.logarithmic);
+        let mut differences = differences.filter_map(|panel| panel.difference(height_px, runs));
+        html! {
+            (chart(panels, height_px))
+            @for plot in differences.by_ref() { (plot.markup("time")) }
+        }
+    };
     let along_path = |panels: &[Panel], height_px: f64| {
         let plots = panels.iter();
         let mut plots = plots.map(|panel| panel.along_path(height_px, runs, styles));
         html! { @for plot in plots.by_ref() { (plot.markup("path")) } }
     };
-    let figure = |title: &str, caption: &str, drawing: &Markup, path: bool| {
+    let figure = |title: &str, caption: &str, drawing: &Markup| {
         html! {
             h2 { (title) }
             figure {
                 figcaption { (caption) }
-                (legend(styles, path))
-                (drawing)
+                div.multiples { (drawing) }
             }
         }
     };
     let errors = cross_track_panels(runs);
+    let delta = match styles {
+        [one, other] => format!(" \u{394} is {} minus {}.", other.name, one.name),
+        _ => String::new(),
+    };
     html! {
         (figure(
             "Map",
             "Seen from above: the wide grey band is the path to follow, the coloured lines are where \
              each controller drove, a dot is where it ended, and brown lines join places of the same \
              height.",
-            &map::map(scene, runs, styles), true,
+            &map::map(scene, runs, styles),
         ))
         (figure(
             "Cross-track error",
             &format!(
                 "How far the vehicle was from the path, to its left above zero and to its right \
-                 below{}; a flat line at zero is perfect.",
-                if errors.len() > 1 { ", the same again with the axis magnified" } else { "" },
+                 below{}; a flat line at zero is perfect.{delta}",
+                match errors.get(1) {
+                    Some(panel) if panel.logarithmic => ", the same again on a logarithmic axis",
+                    Some(_) => ", the same again with the axis magnified",
+                    None => "",
+                },
             ),
-            &chart(&errors, 210.0), false,
+            &with_difference(&errors, 230.0),
         ))
         (figure(
             "Commands",
-            "What each controller asked of the motors: traction drives forward above zero, steer \
-             turns to the left above zero; nothing may pass the dashed limits, and a jagged line is \
-             a nervous controller.",
-            &chart(&command_panels(scene.limits), 160.0), false,
+            &format!(
+                "What each controller asked of the motors: traction drives forward above zero, steer \
+                 turns to the left above zero; nothing may pass the dashed limits, and a jagged line is \
+                 a nervous controller.{delta}"
+            ),
+            &with_difference(&command_panels(scene.limits), 220.0),
         ))
         @if let Some(guard) = scene.guard.filter(|_| runs.iter().any(|run| run.rows.iter().any(|row| row.slope.is_some()))) {
             (figure(
@@ -103,14 +123,14 @@ fn sections(scene: &Scene, runs: &[Run], styles: &[Style]) -> Markup {
                 "What the ground left: a tip-over margin of 1 stands level and one of 0 tips over; the use of \
                  friction is what slope and turn ask for over what the ground gives. The vehicle drives slower \
                  and stops before the dashed limits.",
-                &along_path(&margin_panels(guard), 140.0), false,
+                &along_path(&margin_panels(guard), 200.0),
             ))
         }
         (figure(
             "Attitude",
             "How the slope tilted the vehicle: roll is positive with the right side down, pitch with \
              the nose up; on an even slope one turns into the other as the vehicle turns.",
-            &chart(&attitude_panels(), 140.0), false,
+            &chart(&attitude_panels(), 200.0),
         ))
         (figure(
             "Tread ICRs",
@@ -118,7 +138,7 @@ fn sections(scene: &Scene, runs: &[Run], styles: &[Style]) -> Markup {
              right of the body's origin and ahead of it: the slope moves them, the rectangle of the \
              wheels (dashed) limits them, they jump where the turn changes its side, and there are \
              none to show while the vehicle goes straight or stands.",
-            &chart(&icr_panels(scene), 130.0), false,
+            &chart(&icr_panels(scene), 200.0),
         ))
         @for (run, learned) in runs.iter().filter_map(|run| Some((run, learned_at_end(run)?))) {
             (learned_table(&run.summary.controller, &learned))
@@ -126,13 +146,46 @@ fn sections(scene: &Scene, runs: &[Run], styles: &[Style]) -> Markup {
         (figure(
             "Solve time",
             &format!(
-                "How often the QP solver took how long, on a logarithmic axis: half of the cycles are \
-                 left of p50, 99 of 100 left of p99; a command is due every {:.0} ms ({:.0} \u{b5}s).",
+                "The cycles of each controller in the order of their solve times, on a logarithmic axis: a line \
+                 further below is faster; a command is due every {:.0} ms ({:.0} \u{b5}s).",
                 1e3 * scene.period_s, 1e6 * scene.period_s,
             ),
-            &histogram::solve_times(runs, styles), false,
+            &solve_times(runs, styles),
         ))
     }
+}
+
+/// Returns the plot of the solve times in ascending order, of the runs that solved a QP.
+fn solve_times(runs: &[Run], styles: &[Style]) -> Markup {
+    let lines = runs
+        .iter()
+        .zip(styles)
+        .enumerate()
+        .filter_map(|(index, (run, style))| {
+            let times = run.rows.iter().map(|row| row.solve_us);
+            let mut times: Vec<f64> = times
+                .filter(|time_us| *time_us > 0.0 && time_us.is_finite())
+                .collect();
+            times.sort_by(f64::total_cmp);
+            let share = |place: usize| 100.0 * (place + 1) as f64 / times.len() as f64;
+            let points: Vec<[f64; 2]> = times
+                .iter()
+                .enumerate()
+                .map(|(place, time_us)| [share(place), *time_us])
+                .collect();
+            (!points.is_empty())
+                .then(|| Line::through(&style.name, style.colour, Some(index), &points))
+        });
+    let lines: Vec<Line> = lines.collect();
+    if lines.is_empty() {
+        return html! { p { "No run solved a QP." } };
+    }
+    let plot = Plot {
+        x_title: "share of the cycles (%)".to_owned(),
+        logarithmic: true,
+        ..Plot::over_time("QP solver (\u{b5}s)", 230.0, lines)
+    };
+    plot.markup("share")
 }
 
 fn learned_at_end(run: &Run) -> Option<ContactEstimate> {
@@ -149,8 +202,8 @@ fn learned_table(controller: &str, learned: &ContactEstimate) -> Markup {
                 @let (value, (low, high)) = learned.interval(parameter);
                 tr {
                     td { (parameter.key()) }
-                    td { (format!("{value:.4}")) }
-                    td { (format!("{low:.4} to {high:.4}")) }
+                    td { (significant(value)) }
+                    td { (significant(low)) " to " (significant(high)) }
                     td { @if !learned.observed(parameter) { "not excited by this drive: prior" } }
                 }
             }
@@ -186,29 +239,16 @@ fn styles(runs: &[Run]) -> Vec<Style> {
     styles
 }
 
-fn legend(styles: &[Style], path: bool) -> Markup {
-    html! {
-        div.legend {
-            @if path {
-                span { span.swatch.path-swatch {} "path to follow" }
-            }
-            @for (run, style) in styles.iter().enumerate() {
-                span.{ "run" (run) } { (swatch(style)) (style.name) }
-            }
-        }
-    }
-}
-
-/// Checkboxes that hide and show runs by the style sheet alone.
+/// The legend of all plots, which stays in sight. Its boxes hide and show runs, by the style sheet alone.
 fn toggles(styles: &[Style]) -> Markup {
     html! {
-        @if styles.len() > 1 {
-            div.toggles {
-                span { "Show in all plots (drag across one to zoom all, double click for everything):" }
+        @if !styles.is_empty() {
+            div.toggles role="group" aria-label="Shown in all plots" {
+                span { span.path-swatch {} "path" }
                 @for (run, style) in styles.iter().enumerate() {
                     label {
                         (PreEscaped(format!("<input type=\"checkbox\" id=\"show{run}\" checked=\"checked\"/> ")))
-                        (swatch(style)) (style.name)
+                        (swatch(style.colour)) (style.name)
                     }
                 }
             }

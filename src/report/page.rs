@@ -3,10 +3,58 @@
 use super::plot::Plot;
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
-/// Colours that are distinguishable with colour blindness and in print: the palette of Okabe and Ito without yellow.
-/// The first four belong to the kinds of controllers, in their order.
+/// Colours of lines, which `style.css` has for light and for dark pages: the palette of Okabe and Ito without yellow.
+/// Each has a dash of its own in `report.js`. The first four belong to the kinds of controllers, in their order.
 pub(crate) const COLOURS: [&str; 7] = [
+    "var(--line0)",
+    "var(--line1)",
+    "var(--line2)",
+    "var(--line3)",
+    "var(--line4)",
+    "var(--line5)",
+    "var(--line6)",
+];
+
+/// The same in drawings that stand alone.
+pub(crate) const PRINTED_COLOURS: [&str; 7] = [
     "#0072b2", "#d55e00", "#aa4499", "#009e73", "#e69f00", "#56b4e9", "#000000",
+];
+
+/// What the words of reports mean.
+const GLOSSARY: [(&str, &str); 12] = [
+    (
+        "Cross-track error",
+        "distance from the path, positive to its left",
+    ),
+    (
+        "RMS",
+        "root mean square: large errors count more than in an average",
+    ),
+    ("p50, p95, p99", "50, 95 and 99 of 100 values are smaller"),
+    (
+        "Steer variation",
+        "sum of all changes of the steer command: large for a nervous controller",
+    ),
+    (
+        "Traction, steer",
+        "mean and half the difference of the tread speeds; positive steer turns left",
+    ),
+    ("ICR", "the point about which a tread turns on the ground"),
+    (
+        "ICRIK",
+        "kinematics whose ICRs move with the slope, by roll and pitch",
+    ),
+    (
+        "ICRHK",
+        "kinematics whose ICRs stay where they are on level ground",
+    ),
+    ("diff_drive", "kinematics without any slip"),
+    ("QP", "the optimisation that an MPC solves in each cycle"),
+    (
+        "Fallback",
+        "a cycle that drove on the plan of the cycle before",
+    ),
+    ("95 % interval", "the value lies in it in 95 of 100 cases"),
 ];
 
 /// A report.
@@ -32,18 +80,30 @@ impl ReportPage<'_> {
                 head {
                     (PreEscaped("<meta charset=\"utf-8\"/>"))
                     (PreEscaped("<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\"/>"))
+                    (PreEscaped("<meta name=\"color-scheme\" content=\"light dark\"/>"))
                     title { (self.title) }
                     style { (style(include_str!("uplot/uPlot.min.css"))) }
                     style { (style(include_str!("style.css"))) (style(self.style)) }
                 }
                 body {
-                    h1 { (self.title) }
-                    p.subtitle { (self.subtitle) }
-                    @for conclusion in self.conclusions {
-                        p.finding { (conclusion) }
+                    main {
+                        h1 { (self.title) }
+                        p.subtitle { (self.subtitle) }
+                        @for conclusion in self.conclusions {
+                            p.finding { (conclusion) }
+                        }
+                        details.words {
+                            summary { "Words" }
+                            dl {
+                                @for (word, meaning) in GLOSSARY {
+                                    dt { (word) }
+                                    dd { (meaning) }
+                                }
+                            }
+                        }
+                        noscript { p { "The plots need JavaScript; figures and tables do not." } }
+                        (self.body)
                     }
-                    noscript { p { "The plots need JavaScript; figures and tables do not." } }
-                    (self.body)
                     script { (script(include_str!("uplot/uPlot.iife.min.js"))) }
                     script { (script(include_str!("report.js"))) }
                 }
@@ -60,8 +120,10 @@ pub(crate) fn section(title: &str, caption: &str, legend: &Markup, plots: &[Plot
         figure {
             figcaption { (caption) }
             (legend)
-            @for plot in plots {
-                (plot.markup("time"))
+            div.multiples {
+                @for plot in plots {
+                    (plot.markup("time"))
+                }
             }
         }
     }
@@ -72,8 +134,17 @@ pub(crate) fn legend_of(names: &[(&str, &str)]) -> Markup {
     html! {
         div.legend {
             @for (name, colour) in names {
-                span { span.swatch style={ "background:" (colour) } {} (name) }
+                span { (swatch(colour)) (name) }
             }
+        }
+    }
+}
+
+/// Returns a piece of a line in its colour; `report.js` dashes it.
+pub(crate) fn swatch(colour: &str) -> Markup {
+    html! {
+        svg.swatch viewBox="0 0 26 6" aria-hidden="true" data-colour=(colour) {
+            path d="M0,3h26" stroke=(colour) {}
         }
     }
 }
@@ -81,7 +152,7 @@ pub(crate) fn legend_of(names: &[(&str, &str)]) -> Markup {
 /// Returns a table whose first column is text and whose others are numbers.
 pub(crate) fn table(id: &str, header: &[&str], rows: &[Vec<String>]) -> Markup {
     html! {
-        div.scroll {
+        div.scroll role="region" aria-label=(id.replace('-', " ")) tabindex="0" {
             table id=(id) {
                 thead {
                     tr {

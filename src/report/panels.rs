@@ -15,6 +15,7 @@ pub(super) fn cross_track_panels(runs: &[Run]) -> Vec<Panel<'static>> {
         title,
         limits: vec![(0.0, "on the path".to_owned())],
         magnified_to,
+        logarithmic: false,
         value: centimetres,
     };
     let largest = runs.iter().map(|run| run.summary.cross_track_max_m);
@@ -22,7 +23,19 @@ pub(super) fn cross_track_panels(runs: &[Run]) -> Vec<Panel<'static>> {
     let best = largest.iter().copied().fold(f64::INFINITY, f64::min);
     let worst = largest.iter().copied().fold(0.0, f64::max);
     let mut panels = vec![panel("cross-track (cm)", None)];
-    if worst > 5.0 * best {
+    if worst > 100.0 * best {
+        panels.push(Panel {
+            title: "distance (cm), logarithmic",
+            limits: Vec::new(),
+            magnified_to: None,
+            logarithmic: true,
+            value: &|row| {
+                Some(100.0 * row.cross_track_m.abs())
+                    .filter(|cm| *cm > 1e-3)
+                    .unwrap_or(f64::NAN)
+            },
+        });
+    } else if worst > 5.0 * best {
         panels.push(panel("magnified (cm)", Some(200.0 * best)));
     }
     panels
@@ -39,12 +52,14 @@ pub(super) fn command_panels(limits: &InputLimits) -> [Panel<'static>; 2] {
             title: "traction \u{3c4} (m/s)",
             limits: both(limits.traction.speed_m_s),
             magnified_to: None,
+            logarithmic: false,
             value: &|row| row.command.traction_m_s,
         },
         Panel {
             title: "steer \u{3c3} (m/s)",
             limits: both(limits.steer.speed_m_s),
             magnified_to: None,
+            logarithmic: false,
             value: &|row| row.command.steer_m_s,
         },
     ]
@@ -62,12 +77,14 @@ pub(super) fn margin_panels(guard: &GuardConfig) -> [Panel<'static>; 3] {
             title: "tip-over margin",
             limits: limits(guard.rollover_margin_slow(), guard.rollover_margin_min),
             magnified_to: None,
+            logarithmic: false,
             value: &|row| row.slope.map_or(f64::NAN, |slope| slope.margins.rollover),
         },
         Panel {
             title: "use of friction",
             limits: limits(guard.friction_use_slow, guard.friction_use_max),
             magnified_to: None,
+            logarithmic: false,
             value: &|row| {
                 row.slope
                     .map_or(f64::NAN, |slope| slope.margins.friction_use)
@@ -77,6 +94,7 @@ pub(super) fn margin_panels(guard: &GuardConfig) -> [Panel<'static>; 3] {
             title: "share of speed",
             limits: vec![(1.0, "full speed".to_owned())],
             magnified_to: None,
+            logarithmic: false,
             value: &|row| row.slope.map_or(f64::NAN, |slope| slope.speed_share),
         },
     ]
@@ -87,6 +105,7 @@ pub(super) fn attitude_panels() -> [Panel<'static>; 2] {
         title,
         limits: vec![(0.0, "level".to_owned())],
         magnified_to: None,
+        logarithmic: false,
         value,
     };
     [
@@ -108,18 +127,21 @@ pub(super) fn icr_panels(scene: &Scene) -> [Panel<'static>; 3] {
             title: "right, x_r (m)",
             limits: vec![edge(half_width_m, "right edge")],
             magnified_to: None,
+            logarithmic: false,
             value: &|row| while_turning(row, row.icrs.right_m),
         },
         Panel {
             title: "left, x_l (m)",
             limits: vec![edge(-half_width_m, "left edge")],
             magnified_to: None,
+            logarithmic: false,
             value: &|row| while_turning(row, row.icrs.left_m),
         },
         Panel {
             title: "ahead, y (m)",
             limits: vec![edge(half_length_m, "front"), edge(-half_length_m, "rear")],
             magnified_to: None,
+            logarithmic: false,
             value: &|row| while_turning(row, row.icrs.forward_m),
         },
     ]

@@ -81,6 +81,25 @@ impl Plot {
         }
     }
 
+    /// Returns what the lines show, in words.
+    fn in_words(&self) -> String {
+        let lines = self.lines.iter().filter_map(|line| {
+            let values = || line.y.iter().flatten().copied();
+            let [low, high] = [
+                values().min_by(f64::total_cmp)?,
+                values().max_by(f64::total_cmp)?,
+            ];
+            Some(format!(
+                "{} from {} to {}",
+                line.name,
+                significant(low),
+                significant(high)
+            ))
+        });
+        let lines: Vec<String> = lines.collect();
+        format!("{}: {}", self.y_title, lines.join(", "))
+    }
+
     /// Returns the place of the plot in a page, with its data; plots of one `group` share cursor and zoom.
     pub(crate) fn markup(&self, group: &str) -> Markup {
         // In JSON, characters that begin a tag or an entity occur only within strings.
@@ -90,11 +109,21 @@ impl Plot {
             .replace('>', "\\u003e")
             .replace('&', "\\u0026");
         html! {
-            div.plot data-group=(group) role="img" aria-label=(self.y_title) {
+            div.plot data-group=(group) role="img" aria-label=(self.in_words()) {
                 script type="application/json" { (PreEscaped(json)) }
             }
         }
     }
+}
+
+/// Returns a number with two significant digits, as far as three decimals show them; a dash for what is not finite.
+pub(crate) fn significant(value: f64) -> String {
+    if !value.is_finite() {
+        return "\u{2013}".to_owned();
+    }
+    let magnitude = value.abs().max(1e-3).log10().floor() as i32;
+    let decimals = usize::try_from(1 - magnitude).unwrap_or(0).min(3);
+    format!("{value:.decimals$}")
 }
 
 fn rounded(value: f64) -> f64 {

@@ -5,12 +5,24 @@
   const groups = {};
   let zooming = false;
 
+  // Colours are variables of the style sheet, which has them for light and dark pages; each has a dash of its own.
+  const DASHES = [[], [9, 4], [3, 4], [12, 3, 3, 3], [6, 2], [2, 2], [16, 5]];
+  const colourOf = (text) => {
+    const name = /^var\((--\w+)\)$/.exec(text);
+    return name ? getComputedStyle(document.documentElement).getPropertyValue(name[1]).trim() : text;
+  };
+  const dashOf = (text) => DASHES[Number(/^var\(--line(\d)\)$/.exec(text)?.[1] ?? 0)];
+  for (const swatch of document.querySelectorAll(".swatch"))
+    swatch.firstElementChild.setAttribute("stroke-dasharray", dashOf(swatch.dataset.colour).join(" ") || "none");
+  const isNarrow = () => innerWidth < 600;
+
   function limitLines(limits) {
     return (chart) => {
       const { ctx, bbox } = chart;
       ctx.save();
-      ctx.strokeStyle = ctx.fillStyle = "#444";
-      ctx.textAlign = "left";
+      ctx.strokeStyle = ctx.fillStyle = colourOf("var(--soft)");
+      const inside = isNarrow();
+      ctx.textAlign = inside ? "right" : "left";
       ctx.font = `${11.5 * devicePixelRatio}px system-ui, sans-serif`;
       for (const [value, name] of limits) {
         const y = chart.valToPos(value, "y", true);
@@ -20,7 +32,9 @@
         ctx.moveTo(bbox.left, y);
         ctx.lineTo(bbox.left + bbox.width, y);
         ctx.stroke();
-        ctx.fillText(name, bbox.left + bbox.width + 6 * devicePixelRatio, y + 4 * devicePixelRatio);
+        // On a phone there is no room beside the plot.
+        if (inside) ctx.fillText(name, bbox.left + bbox.width - 4 * devicePixelRatio, y - 4 * devicePixelRatio);
+        else ctx.fillText(name, bbox.left + bbox.width + 6 * devicePixelRatio, y + 4 * devicePixelRatio);
       }
       ctx.restore();
     };
@@ -41,6 +55,9 @@
     };
   }
 
+  // Places on the map at a time of the plots: [time, x, y] of each run.
+  let showPlace = () => {};
+
   function draw(element) {
     const plot = JSON.parse(element.querySelector("script").textContent);
     const group = element.dataset.group;
@@ -48,31 +65,38 @@
     const tables = plot.lines.map((line) => [line.x, line.y]);
     const data = tables.length > 1 ? uPlot.join(tables) : (tables[0] ?? [[], []]);
     const number = (value) => (value == null ? "" : Number(value.toPrecision(5)).toString());
-    const axis = { grid: { stroke: "#e6e6e6", width: 1 }, ticks: { stroke: "#888", width: 1 }, stroke: "#1a1a1a" };
+    const colour = (name) => () => colourOf(`var(--${name})`);
+    const axis = { grid: { stroke: colour("grid"), width: 1 }, ticks: { stroke: colour("line"), width: 1 }, stroke: colour("ink") };
     const chart = new uPlot(
       {
         width: element.clientWidth,
         height: plot.height_px,
         // Room for the names of limits, in all plots alike, so that times stay below each other.
-        padding: [8, 100, 0, 0],
+        padding: [12, () => (isNarrow() ? 12 : 100), 0, 0],
         cursor: { sync: { key: group, setSeries: false }, points: { size: 6 } },
         scales: { x: { time: false }, y: { range: range(plot), distr: plot.logarithmic ? 3 : 1 } },
         axes: [
           { ...axis, label: plot.x_title, labelSize: 20, size: 36 },
-          { ...axis, label: plot.y_title, labelSize: 22, size: 60 },
+          { ...axis, label: plot.y_title, labelSize: 22, size: 60, space: 24 },
         ],
         series: [
           { label: plot.x_title, value: (_, value) => number(value) },
           ...plot.lines.map((line) => ({
             label: line.name,
-            stroke: line.colour,
-            width: 1.6,
+            stroke: () => colourOf(line.colour),
+            dash: dashOf(line.colour),
+            width: 1.8,
             points: { show: false },
             value: (_, value) => number(value),
           })),
         ],
         hooks: {
           draw: [limitLines(plot.limits)],
+          setCursor: [
+            (chart) => {
+              if (group === "time" && chart.cursor.left >= 0) showPlace(chart.posToVal(chart.cursor.left, "x"));
+            },
+          ],
           setScale: [
             (chart, key) => {
               if (key !== "x" || zooming) return;
@@ -151,6 +175,41 @@
     svg.addEventListener("dblclick", () => show(whole, 1));
     if (!svg.dataset.frame) return;
     const [left, top, frameWidth, frameHeight, west, east, south, north] = svg.dataset.frame.split(" ").map(Number);
+    const tracks = JSON.parse(svg.dataset.tracks);
+    const earth = svg.dataset.earth?.split(" ").map(Number);
+    const dots = tracks.map((_, run) => {
+      const dot = svg.appendChild(document.createElementNS(namespace, "circle"));
+      dot.setAttribute("class", `here run${run}`);
+      dot.setAttribute("r", 5);
+      dot.setAttribute("visibility", "hidden");
+      return dot;
+    });
+    showPlace = (time) =>
+      tracks.forEach((track, run) => {
+        const after = track.findIndex(([t]) => t >= time);
+        const [, x, y] = track[after < 0 ? track.length - 1 : after] ?? [];
+        dots[run].setAttribute("visibility", x === undefined ? "hidden" : "visible");
+        if (x === undefined) return;
+        dots[run].setAttribute("cx", left + (frameWidth * (x - west)) / (east - west));
+        dots[run].setAttribute("cy", top + (frameHeight * (north - y)) / (north - south));
+      });
+    // A click shows the moment of the nearest place that was driven.
+    svg.addEventListener("click", (event) => {
+      const { x, y } = at(event);
+      const [x_m, y_m] = [west + ((x - left) / frameWidth) * (east - west), north - ((y - top) / frameHeight) * (north - south)];
+      let [nearest, moment] = [(0.03 * (east - west)) ** 2, null];
+      for (const [t, tx, ty] of tracks.flat()) {
+        const far = (tx - x_m) ** 2 + (ty - y_m) ** 2;
+        if (far < nearest) [nearest, moment] = [far, t];
+      }
+      if (moment === null) return;
+      showPlace(moment);
+      const SPAN_S = 10;
+      const charts = groups.time ?? [];
+      charts[0]?.chart.setScale("x", { min: moment - SPAN_S, max: moment + SPAN_S });
+      charts[0]?.chart.setCursor({ left: charts[0].chart.valToPos(moment, "x"), top: 10 });
+      place.textContent = `At ${moment.toFixed(1)} s; the plots show that moment. Double click in one for everything.`;
+    });
     const place = svg.parentElement.appendChild(document.createElement("p"));
     place.className = "hint";
     const hint = "Drag to zoom, double click for all.";
@@ -160,10 +219,12 @@
       const [right, up] = [(x - left) / frameWidth, 1 - (y - top) / frameHeight];
       const inside = Math.min(right, up) >= 0 && Math.max(right, up) <= 1;
       const [x_m, y_m] = [west + right * (east - west), south + up * (north - south)];
-      place.textContent = inside ? `X_g ${x_m.toFixed(2)} m, Y_g ${y_m.toFixed(2)} m` : hint;
+      const degrees = (i) => (earth[i] + earth[i + 2] * x_m + earth[i + 4] * y_m).toFixed(7);
+      const onEarth = earth ? `, latitude ${degrees(0)}\u00b0, longitude ${degrees(1)}\u00b0` : "";
+      place.textContent = inside ? `X_g ${x_m.toFixed(2)} m, Y_g ${y_m.toFixed(2)} m${onEarth}` : hint;
     });
   }
-  document.querySelectorAll("figure svg").forEach(zoomable);
+  document.querySelectorAll("figure svg[viewBox]:not(.swatch)").forEach(zoomable);
 
   const each = (act) => Object.values(groups).flat().forEach(act);
   for (const box of document.querySelectorAll("input[id^=show]")) {
@@ -181,6 +242,11 @@
   // The page's scroll bar may have come while the plots were drawn.
   fit();
   addEventListener("resize", fit);
-  addEventListener("beforeprint", fit);
+  const repaint = () => each(({ chart }) => chart.redraw(false));
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", repaint);
+  addEventListener("beforeprint", () => {
+    fit();
+    repaint();
+  });
   document.body.dataset.plots = Object.values(groups).flat().length;
 })();

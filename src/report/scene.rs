@@ -1,6 +1,6 @@
-use maud::{Markup, html};
 use sidehill_controller::guard::GuardConfig;
 use sidehill_controller::mpc::limits::InputLimits;
+use sidehill_controller::path::GeodeticOrigin;
 use sidehill_plant::terrain::Terrain;
 
 /// Properties shared by all runs of a report.
@@ -18,6 +18,10 @@ pub struct Scene<'a> {
     pub guard: Option<&'a GuardConfig>,
     /// Limits of the commands.
     pub limits: &'a InputLimits,
+    /// Place on earth of x = 0, y = 0, where it has one.
+    pub datum: Option<GeodeticOrigin>,
+    /// Whether the controllers got the true state: no errors, delays or gaps.
+    pub perfect_sensors: bool,
     /// Half width of the rectangle of the wheels' contact points, m.
     pub base_half_width_m: f64,
     /// Half length of it, m.
@@ -34,7 +38,3 @@ pub(super) struct Style {
 
 /// Width of every drawing; the page scales them.
 pub(super) const DRAWING_WIDTH_PX: f64 = 960.0;
-
-pub(super) fn swatch(style: &Style) -> Markup {
-    html! { span.swatch style={ "background:" (style.colour) } {} }
-}

@@ -1,14 +1,21 @@
 //! The figures of all runs, and a sentence about the best.
 
-use super::scene::{Style, swatch};
+use super::page::swatch;
+use super::plot::significant;
+use super::scene::Style;
 use crate::record::{Run, Summary};
 use maud::{Markup, PreEscaped, html};
 
 /// Returns a sentence about the best run and the table of all.
-pub(super) fn summary(runs: &[Run], styles: &[Style]) -> Markup {
+pub(super) fn summary(runs: &[Run], styles: &[Style], perfect_sensors: bool) -> Markup {
     html! {
-        p.finding { (finding(runs, styles)) }
-        div.scroll {
+        p.finding {
+            (finding(runs, styles))
+            @if perfect_sensors {
+                " Perfect sensors: no vehicle has them, and errors are larger with real ones."
+            }
+        }
+        div.scroll role="region" aria-label="figures" tabindex="0" {
             table id="figures" {
                 thead {
                     tr {
@@ -57,13 +64,13 @@ fn line(summary: &Summary, style: &Style) -> Markup {
     };
     html! {
         tr {
-            th.name scope="row" { (swatch(style)) (style.name) }
-            td { (number(100.0 * summary.cross_track_rms_m, 2)) }
-            td { (number(100.0 * summary.cross_track_p95_m, 2)) }
-            td { (number(100.0 * summary.cross_track_max_m, 2)) }
-            td { (number(summary.steer_total_variation_m_s, 2)) }
-            td { (number(summary.mean_speed_m_s, 2)) }
-            td { (number(summary.tread_speed_max_m_s, 2)) }
+            th.name scope="row" { (swatch(style.colour)) (style.name) }
+            td { (significant(100.0 * summary.cross_track_rms_m)) }
+            td { (significant(100.0 * summary.cross_track_p95_m)) }
+            td { (significant(100.0 * summary.cross_track_max_m)) }
+            td { (significant(summary.steer_total_variation_m_s)) }
+            td { (significant(summary.mean_speed_m_s)) }
+            td { (significant(summary.tread_speed_max_m_s)) }
             td { (number(summary.time_s, 1)) }
             td.text { (end) }
             td { (microseconds(summary.solve_us.p50)) }
@@ -113,7 +120,7 @@ fn finding(runs: &[Run], styles: &[Style]) -> String {
     let mut text = format!(
         "{ends} {} kept to the path within {} cm RMS",
         best.name,
-        number(100.0 * best_m, 2)
+        significant(100.0 * best_m)
     );
     for (index, (rms_m, style)) in others.iter().enumerate() {
         text += if index == 0 { "; " } else { ", " };

@@ -5,6 +5,8 @@ use crate::output;
 use crate::record::Run;
 use crate::report;
 use anyhow::Result;
+use sidehill_controller::path::GeodeticOrigin;
+use sidehill_plant::sensors::SensorsConfig;
 use std::path::{Path, PathBuf};
 
 /// Name of the report.
@@ -20,6 +22,7 @@ pub(super) fn write_out(
     force: bool,
     prepared: &Prepared,
     conditions: Option<&str>,
+    datum: Option<GeodeticOrigin>,
     runs: &[Run],
 ) -> Result<()> {
     for run in runs {
@@ -48,6 +51,8 @@ pub(super) fn write_out(
         }),
         terrain: &prepared.terrain,
         guard: prepared.controller.guard.as_ref(),
+        datum,
+        perfect_sensors: prepared.sensors == SensorsConfig::default(),
         limits: &prepared.controller.limits,
         base_half_width_m: prepared.vehicle.base_half_width_m,
         base_half_length_m: prepared.vehicle.base_half_length_m,

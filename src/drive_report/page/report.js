@@ -100,11 +100,12 @@ figures($('driven').querySelector('dl'), [
   ['recorded by', `sidehill ${facts.command}, ${facts.version}`],
 ]);
 
+const amount = ({ found, unit }) => is(found) ? `${Number.isInteger(found) ? found : digits(found)} ${unit}`.trim() : 'not recorded';
 const cells = texts => texts.map(text => text instanceof Node ? make('td', {}, text) : make('td', { textContent: text }));
 $('limits').hidden = !facts.limits.length;
 $('limits').querySelector('tbody').replaceChildren(...facts.limits.map(limit => make('tr', { className: limit.passed ? '' : 'over' }, ...cells([
   limit.name,
-  is(limit.found) ? `${digits(limit.found)} ${limit.unit}` : 'not recorded',
+  amount(limit),
   `${limit.is_least ? '≥' : '≤'} ${limit.limit} ${limit.unit}`,
   limit.passed ? '✓ kept' : '▲ exceeded',
 ]))));
@@ -121,12 +122,12 @@ $('weather').querySelector('tbody').replaceChildren(...facts.sensors.map(sensor 
 function showVerdict() {
   const faults = facts.stops.filter(stop => stop.kind === 'fault'), final = last(facts.stops);
   const over = facts.limits.filter(limit => !limit.passed);
-  const lines = over.map(limit => `${capital(limit.name)}: ${is(limit.found) ? `${digits(limit.found)} ${limit.unit}`.trim() : 'not recorded'}, allowed ${limit.is_least ? '≥' : '≤'} ${limit.limit}`);
+  const lines = over.map(limit => `${capital(limit.name)}: ${amount(limit)}, allowed ${limit.is_least ? '≥' : '≤'} ${limit.limit}`);
   let kind = 'waits', name = 'Driven';
   if (facts.passed !== null) [kind, name] = facts.passed ? ['done', 'Passed'] : ['stopped', 'Not passed'];
   else if (faults.length) [kind, name] = ['stopped', faults.length === 1 ? 'Stopped' : `Stopped ${faults.length} times`];
   else if (final) [kind, name] = final.kind === 'arrived' ? ['done', 'Arrived'] : ['waits', 'Stopped as asked'];
-  if (!lines.length && (faults.length || final)) lines.push(capital((last(faults) || final).cause));
+  if (faults.length || (!lines.length && final)) lines.push(capital((last(faults) || final).cause));
   if (facts.damaged) lines.push(`The recording ends early: ${facts.damaged}`);
   $('head').dataset.kind = kind;
   $('icon').textContent = { done: '✓', stopped: '■', waits: '●' }[kind];

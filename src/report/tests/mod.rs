@@ -117,6 +117,8 @@ fn page(terrain: &Terrain, runs: &[Run]) -> String {
             .collect(),
         terrain,
         guard: None,
+        datum: None,
+        perfect_sensors: false,
         limits: &ControllerConfig::default().limits,
         base_half_width_m: 0.6,
         base_half_length_m: 1.06,
