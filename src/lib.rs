@@ -37,7 +37,6 @@ pub mod init;
 #[cfg(not(target_family = "wasm"))]
 mod log_file;
 #[cfg(not(target_family = "wasm"))]
-#[cfg(not(target_family = "wasm"))]
 pub mod odometry;
 #[cfg(not(target_family = "wasm"))]
 pub mod output;
@@ -59,3 +58,11 @@ pub mod route;
 pub mod simulate;
 #[cfg(not(target_family = "wasm"))]
 pub mod tune;
+
+/// Version of the program, and its sources: a simulation of the same sources has the same result.
+pub const VERSION: &str = concat!(
+    env!("CARGO_PKG_VERSION"),
+    " (sources ",
+    env!("SIDEHILL_BUILD"),
+    ")"
+);

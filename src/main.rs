@@ -16,7 +16,7 @@ use std::process::ExitCode;
 /// Path tracking for skid-steer rovers on slopes. Without a subcommand it simulates the figure of
 /// eight on a hillside with several controllers.
 #[derive(Debug, Parser)]
-#[command(version)]
+#[command(version = sidehill::VERSION)]
 struct Cli {
     #[command(subcommand)]
     command: Option<Command>,

@@ -32,6 +32,8 @@ pub struct Reference {
     /// Least that was left of the present drive, m, or rad on the spot, and the time since the vehicle came nearer, s.
     least_to_go: f64,
     no_nearer_s: f64,
+    /// Whether it has gone away from there again.
+    leaves: bool,
 }
 
 /// Position of the vehicle relative to the reference.
@@ -105,6 +107,7 @@ impl Reference {
             begun: false,
             least_to_go: f64::INFINITY,
             no_nearer_s: 0.0,
+            leaves: false,
         }
     }
 
@@ -165,9 +168,14 @@ impl Reference {
         self.arc_length_m
     }
 
-    /// Returns whether a vehicle at the end of its drive comes no nearer to it.
+    /// Returns whether a vehicle at the end of its drive comes no nearer to it, or leaves it again.
     pub(crate) fn stays(&self) -> bool {
-        self.no_nearer_s >= AT_END_S
+        self.no_nearer_s >= AT_END_S || self.leaves
+    }
+
+    /// Returns whether the vehicle is close to the end of its drive and comes nearer to it, if slowly.
+    pub(crate) fn approaches_end(&self) -> bool {
+        self.stop_at_m() - self.arc_length_m <= NEAR_M && self.no_nearer_s < NEAR_END_S
     }
 
     /// Keeps account of how the vehicle comes nearer to the end of its drive.
@@ -176,6 +184,7 @@ impl Reference {
         if to_go < self.least_to_go - NEARER {
             (self.least_to_go, self.no_nearer_s) = (to_go, 0.0);
         }
+        self.leaves = to_go > self.least_to_go + NEARER;
     }
 
     /// Returns the path, where there is one.

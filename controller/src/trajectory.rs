@@ -113,7 +113,6 @@ struct RawTrajectory {
     path: Option<Path>,
     ending: Ending,
     speeds_m_s: Vec<f64>,
-    #[serde(default)]
     turns: Vec<Turn>,
 }
 

@@ -4,6 +4,7 @@
 #![allow(clippy::print_stdout, clippy::print_stderr)]
 
 pub mod drive_route;
+pub mod faults;
 mod interrupts;
 mod keeper;
 pub mod odometry;
@@ -12,3 +13,13 @@ mod ros2;
 pub mod route;
 pub mod run;
 pub mod vehicle;
+
+/// Version of the program, its commit, and its DDS.
+pub const VERSION: &str = concat!(
+    env!("CARGO_PKG_VERSION"),
+    " (commit ",
+    env!("SIDEHILL_COMMIT"),
+    "; DDS: ",
+    env!("SIDEHILL_DDS"),
+    ")"
+);

@@ -8,12 +8,12 @@ use clap::{Parser, Subcommand};
 use sidehill::documents;
 use sidehill::{console, drive};
 use sidehill_bridge::ros2::arguments;
-use sidehill_drive::{drive_route, odometry, route, run, vehicle};
+use sidehill_drive::{drive_route, faults, odometry, route, run, vehicle};
 use std::process::ExitCode;
 
 /// Drives a rover, or a virtual one, on a CAN bus or on ROS 2. `sidehill` has all other commands.
 #[derive(Debug, Parser)]
-#[command(version)]
+#[command(version = sidehill_drive::VERSION)]
 struct DriveCli {
     #[command(subcommand)]
     command: LiveCommand,
@@ -23,6 +23,8 @@ struct DriveCli {
 enum LiveCommand {
     /// Drives a course in real time on a CAN bus or on ROS 2.
     Run(drive::RunArgs),
+    /// Drives a virtual rover through faults drawn from a seed, in simulated time, and counts how it stops.
+    Faults(faults::FaultsArgs),
     /// Has a running `sidehill run` on ROS 2 drive a stored route, in lanes if wanted; takes --ros-args. Enter, or
     /// SIGUSR2 and SIGUSR1, pauses and goes on.
     DriveRoute(drive::DriveRouteArgs),
@@ -50,6 +52,7 @@ fn execute(command: LiveCommand, ros: &[String]) -> anyhow::Result<ExitCode> {
     match command {
         LiveCommand::Run(args) => run::run(&args, ros),
         LiveCommand::Vehicle(args) => vehicle::run(&args, ros),
+        LiveCommand::Faults(args) => faults::run(&args),
         LiveCommand::DriveRoute(args) => drive_route::run(&args, ros),
         LiveCommand::Odometry(args) if args.live => odometry::run(&args, ros),
         LiveCommand::Odometry(_) => bail!("without --live this is a command of sidehill"),

@@ -2,6 +2,7 @@
 
 mod files;
 mod screen;
+mod service;
 
 use crate::interrupts::Interrupts;
 use crate::keeper::Keeper;
@@ -10,6 +11,7 @@ use crate::ros2::{environment, parameters};
 use anyhow::{Context, Result, anyhow, ensure};
 use files::Files;
 use screen::Screen;
+use service::Service;
 use sidehill::config::{Bundle, ConfigFile, RunConfig, RunPort};
 use sidehill::console::Printer;
 use sidehill::drive::RunArgs;
@@ -177,7 +179,8 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
     let mut recorder = Recorder::new(logs, epoch, &interface);
     let period_s = config.cycle.period_s;
     let start = format!(
-        "{} steers {} at {:.0} Hz over {interface}{}",
+        "sidehill-drive {}: {} steers {} at {:.0} Hz over {interface}{}",
+        crate::VERSION,
         config.controller.name(),
         vehicle.name,
         1.0 / period_s,
@@ -206,6 +209,7 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
     let mut screen = Screen::new(args.format, &printer, files.is_none(), ready);
     let control_loop = setup.start()?;
 
+    let mut service = Service::new();
     let mut reported_s = 0.0;
     let mut waits_for = String::new();
     while !control_loop.is_finished() {
@@ -214,6 +218,7 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
             recorder.note(epoch.elapsed_s(), note.event, note.message);
         }
         screen.record(&mut recorder, files.as_mut(), recording.as_mut());
+        service.live(recorder.latest().map(|cycle| cycle.time_s));
         let now_s = epoch.elapsed_s();
         if now_s >= reported_s + 1.0 {
             reported_s = now_s;
@@ -243,6 +248,7 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
             screen.record(&mut recorder, files.as_mut(), recording.as_mut());
             let state = recording.as_ref().and_then(DriveRecording::status);
             screen.status(now_s, &recorder, &missing, state, epoch);
+            service.state(&screen.state(recorder.latest(), &missing));
         }
     }
     let report = control_loop.join();

@@ -92,6 +92,13 @@ impl<P: Port, R: ControllerRunner> ControlLoop<P, R> {
         self.schedule.timing(self.unsent)
     }
 
+    /// Lets simulated time pass without a cycle, as for a process that is suspended; other clocks go on by themselves.
+    pub fn suspend(&mut self, time_s: f64) {
+        if let Clock::Virtual { now_s } = &mut self.clock {
+            *now_s += time_s;
+        }
+    }
+
     /// Waits for the time of the next cycle, runs it, and returns what it did.
     pub fn step(&mut self, requests: OperatorRequests) -> CycleRow {
         // 1. Wait for the absolute time of this cycle.

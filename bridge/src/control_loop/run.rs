@@ -33,12 +33,14 @@ pub enum Ending {
 }
 
 impl Ending {
-    /// Returns the exit status of a program that ran the loop: 0 if it did what was requested,
-    /// else 1.
+    /// Returns the exit status of a program that ran the loop: 0 if it did what was requested, 1 if the vehicle did not
+    /// drive any more, 3 if a signal came before the end of the course, 4 if the process was suspended.
     pub fn exit_code(self) -> u8 {
         match self {
             Self::Finished | Self::TimeOver | Self::ShutDown => 0,
-            Self::TimeOverStopped | Self::Interrupted | Self::Suspended => 1,
+            Self::TimeOverStopped => 1,
+            Self::Interrupted => 3,
+            Self::Suspended => 4,
         }
     }
 
@@ -193,9 +195,9 @@ mod tests {
             (Ending::Finished, "finished", 0),
             (Ending::TimeOver, "time_over", 0),
             (Ending::TimeOverStopped, "stopped", 1),
-            (Ending::Interrupted, "signal", 1),
+            (Ending::Interrupted, "signal", 3),
             (Ending::ShutDown, "signal", 0),
-            (Ending::Suspended, "suspended", 1),
+            (Ending::Suspended, "suspended", 4),
         ];
         for (ending, name, code) in endings {
             let printed = serde_json::to_value(ending).unwrap();

@@ -2,7 +2,8 @@ use super::Safety;
 use super::alarm::Alarm;
 use super::discrepancy::Discrepancy;
 use super::vocabulary::{ControllerOutput, ControllerState, Reason, SafetyInputs, SafetyState};
-use crate::drives::{DriveMode, LinkState};
+use crate::drives::{DriveFeedback, DriveMode, LinkState};
+use sidehill_plant::sample::Stamped;
 use sidehill_plant::speeds::MotorSpeeds;
 
 /// What forbids driving.
@@ -15,7 +16,9 @@ impl Safety {
         let age_s = inputs
             .feedback
             .map_or(f64::INFINITY, |feedback| inputs.time_s - feedback.time_s);
-        let stale = !(..=self.config.feedback_timeout_s).contains(&age_s);
+        // A report stamped ahead of the clock says nothing of now, and would stay new.
+        let limit_s = self.config.feedback_timeout_s;
+        let stale = !(-limit_s..=limit_s).contains(&age_s);
         if let Some(feedback) = inputs.feedback {
             let on = matches!(self.state, SafetyState::Driving | SafetyState::Stopping);
             // An emergency stop or a fault holds however old the report is: nothing newer has cleared it.
@@ -28,9 +31,6 @@ impl Safety {
                 DriveMode::NotOperational | DriveMode::OtherMode
                     if self.state == SafetyState::Zeroing => {}
                 DriveMode::OtherMode => return Some(Alarm::Cut(Reason::DriveMode)),
-                DriveMode::Frozen if self.state == SafetyState::Driving => {
-                    return Some(Alarm::Ramp(Reason::FeedbackFrozen));
-                }
                 DriveMode::NotOperational => return Some(Alarm::Cut(Reason::DriveNotOperational)),
                 DriveMode::Disabled if on && !stale => return Some(Alarm::Cut(Reason::DriveOff)),
                 DriveMode::Disabled | DriveMode::Enabled | DriveMode::Frozen => {}
@@ -40,6 +40,11 @@ impl Safety {
             // The drives follow somebody else as well: nothing says that they follow a ramp.
             let state = inputs.link;
             return Some(Alarm::Cut(Reason::Link { state }));
+        }
+        // What ends in a ramp comes after all that switches off at once.
+        let frozen = |feedback: Stamped<DriveFeedback>| feedback.value.mode == DriveMode::Frozen;
+        if self.state == SafetyState::Driving && inputs.feedback.is_some_and(frozen) {
+            return Some(Alarm::Ramp(Reason::FeedbackFrozen));
         }
         if !inputs.link.carries() {
             return Some(Alarm::Ramp(Reason::Link { state: inputs.link }));

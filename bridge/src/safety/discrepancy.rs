@@ -1,12 +1,12 @@
 /// Feedback that is implausible at present.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Discrepancy {
-    since_s: f64,
-    last_s: f64,
+    pub(super) since_s: f64,
+    pub(super) last_s: f64,
     /// How far the vehicle has come since then beyond what was commanded, m.
-    way_m: f64,
+    pub(super) way_m: f64,
     /// Instant of the first such report, s.
-    first_report_s: f64,
+    pub(super) first_report_s: f64,
 }
 
 impl Discrepancy {

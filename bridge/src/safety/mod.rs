@@ -179,6 +179,10 @@ impl Safety {
                 if let Some(Alarm::Cut(reason)) = self.alarm(inputs) {
                     return Some((SafetyState::Latched, reason));
                 }
+                if let Some(reason) = clock {
+                    // Without a clock the ramp would not end.
+                    return Some((SafetyState::Latched, reason));
+                }
                 (self.command.speeds == MotorSpeeds::STOP)
                     .then_some((SafetyState::Latched, Reason::RampEnded))
             }
@@ -216,7 +220,7 @@ impl Safety {
                 let limit = self.config.speed_max_m_s;
                 let speeds = self
                     .current_output(inputs)
-                    .filter(|_| self.following)
+                    .filter(|output| self.following && output.state == ControllerState::Driving)
                     .map(|output| output.command)
                     .filter(MotorSpeeds::is_finite)
                     .unwrap_or(MotorSpeeds::STOP);

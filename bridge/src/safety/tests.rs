@@ -1,5 +1,6 @@
 mod any;
 mod faults;
+mod model;
 
 use super::*;
 use crate::drives::LinkState;

@@ -255,7 +255,7 @@ pub enum Reason {
     /// The drives' feedback is too old, or there was none.
     #[error("{}", feedback_age(*age_s))]
     FeedbackTimeout {
-        /// Its age, s; infinite where there was none.
+        /// Its age, s; infinite where there was none, negative where it is stamped ahead of the clock.
         age_s: f64,
     },
     /// A drive's reported speed does not change although its commands do.
@@ -316,6 +316,9 @@ fn link_fault(state: LinkState) -> String {
 fn feedback_age(age_s: f64) -> String {
     if age_s == f64::INFINITY {
         return "there is no feedback".to_owned();
+    }
+    if age_s < 0.0 {
+        return format!("the feedback is stamped {:.3} s ahead of the clock", -age_s);
     }
     format!("the feedback is {age_s:.3} s old")
 }

@@ -27,7 +27,9 @@ const STEADY_M_S2: f64 = 0.1;
 /// Time for which a motor is short before its speed is taken for its limit, s.
 const SHORT_S: f64 = 0.4;
 /// Speed that a motor reaches at least where that is a limit and not a friction that it overcomes, m/s.
-const LIMIT_MIN_M_S: f64 = 0.05;
+const REACHED_MIN_M_S: f64 = 0.05;
+/// Lowest limit, m/s: commands within a lower one would end in the dead band.
+const LIMIT_MIN_M_S: f64 = 0.1;
 /// Share of the speed that it was limited to below which a motor that is short again, by the same share of its command
 /// within a tolerance, is slowed down by something else, as a collision monitor, and the time for which that is
 /// remembered, s.
@@ -151,10 +153,10 @@ impl Motor {
                 self.limit_m_s = self.configured_m_s;
                 self.scaled_s = SCALED_S;
             } else if self.scaled_s <= 0.0
-                && speed > LIMIT_MIN_M_S
+                && speed > REACHED_MIN_M_S
                 && speed + MARGIN_M_S < self.limit_m_s
             {
-                self.limit_m_s = speed + MARGIN_M_S;
+                self.limit_m_s = (speed + MARGIN_M_S).max(LIMIT_MIN_M_S);
                 self.reached_m_s = match same_share {
                     true => self.reached_m_s.max(speed),
                     false => speed,

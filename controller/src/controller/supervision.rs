@@ -273,6 +273,7 @@ impl Controller {
         let limits = self.speed_limits();
         let allowed_m_s = limits.at(curvature_per_m).min(self.drives.passed_on_m_s());
         match &self.reference {
+            Some(reference) if reference.approaches_end() => 0.0,
             Some(reference) => {
                 let at_m = progress.arc_length_m;
                 let (from_m, to_m) = (reference.drive_from_m(), reference.stop_at_m());

@@ -23,9 +23,11 @@ const SPEED_MIN_M_S: f64 = 0.02;
 const AT_END: f64 = 1e-3;
 /// Time from the begin of the horizon over which the weight across the path grows to its full value, s.
 const CROSS_RAMP_S: f64 = 0.6;
-/// Weights of the position, 1/m^2, and of the heading, 1/rad^2, while turning on the spot.
+/// Weights of the position, 1/m^2, and of the heading, 1/rad^2, while turning on the spot at the yaw rate, rad/s; at a
+/// lower one the heading counts so much more that standing costs the same.
 const PIVOT_POSITION_PER_M2: f64 = 5.0;
 const PIVOT_HEADING_PER_RAD2: f64 = 5.0;
+const PIVOT_YAW_RATE_RAD_S: f64 = 0.8;
 /// Step with which the time for a length is summed, m.
 pub(super) const SUM_STEP_M: f64 = 0.1;
 
@@ -85,6 +87,8 @@ pub(super) struct Asked {
     pub(super) inputs: MotorSpeeds,
     /// Speed allowed here without braking, m/s, positive.
     pub(super) scale_m_s: f64,
+    /// Yaw rate allowed on the spot without braking, rad/s, positive.
+    pub(super) yaw_rate_rad_s: f64,
     /// Speed along the path with which the plan comes here, over that asked for.
     pub(super) pace: f64,
 }
@@ -98,6 +102,7 @@ impl Asked {
             pose: *pose,
             inputs: MotorSpeeds::STOP,
             scale_m_s: 1.0,
+            yaw_rate_rad_s: 1.0,
             pace: 1.0,
         }
     }
@@ -116,7 +121,10 @@ impl Asked {
             Motion::Pivot => StageWeights {
                 along_per_m2: PIVOT_POSITION_PER_M2,
                 cross_per_m2: PIVOT_POSITION_PER_M2,
-                heading_per_rad2: PIVOT_HEADING_PER_RAD2,
+                heading_per_rad2: PIVOT_HEADING_PER_RAD2
+                    * (PIVOT_YAW_RATE_RAD_S / self.yaw_rate_rad_s)
+                        .powi(2)
+                        .max(1.0),
                 speed_s2_per_m2: 0.0,
             },
         }
@@ -258,6 +266,7 @@ impl<'a> Walk<'a> {
                 steer_m_s: self.now.half_track_m * at.curvature_per_m * speed_m_s,
             },
             scale_m_s,
+            yaw_rate_rad_s: 1.0,
             pace: 1.0,
         }
     }
@@ -286,6 +295,7 @@ impl<'a> Walk<'a> {
                 steer_m_s: sense * self.steer_m_s,
             },
             scale_m_s: asked_m_s,
+            yaw_rate_rad_s: asked_m_s.min(self.now.steer_m_s) / half_track_m,
             pace: 1.0,
         }
     }
@@ -302,6 +312,7 @@ mod tests {
             pose: PlanarPose::default(),
             inputs: MotorSpeeds::STOP,
             scale_m_s: 0.4,
+            yaw_rate_rad_s: 0.4,
             pace: 1.0,
         }
     }

@@ -44,9 +44,10 @@ struct Sums {
     way_m: f64,
     /// Way along the path that the reference's speed asks for, as far as the drives allow it.
     asked_m: f64,
-    /// Where it is, no sum.
+    /// Where it is, and how far it has come along the path, no sums.
     x_m: f64,
     y_m: f64,
+    along_m: f64,
 }
 
 /// Time for which turning treads may leave the vehicle where it is, s: they dig in.
@@ -59,6 +60,8 @@ const DIG_SHARE: f64 = 0.1;
 const DIG_SIGMAS: f64 = 4.0;
 /// Poses kept: those of the time at 100 Hz.
 const DIG_POSES: usize = 160;
+/// Cycles whose ways are kept: a pose is as late as 4 s at 100 Hz.
+const DIG_WAYS: usize = 400;
 
 /// A pose and how far the treads had turned then.
 #[derive(Debug, Clone, Copy)]
@@ -73,7 +76,8 @@ struct Place {
 #[derive(Debug)]
 pub(super) struct DigWatch {
     places: VecDeque<Place>,
-    way_m: f64,
+    /// Instants of the cycles and how far the treads had turned then, s and m.
+    ways: VecDeque<(f64, f64)>,
     sigma_m: f64,
     sigma_rad: f64,
 }
@@ -82,7 +86,7 @@ impl DigWatch {
     pub(super) fn new(estimator: &EstimatorSettings) -> Self {
         Self {
             places: VecDeque::with_capacity(DIG_POSES),
-            way_m: 0.0,
+            ways: VecDeque::with_capacity(DIG_WAYS),
             sigma_m: estimator.pose_sigma_m,
             sigma_rad: estimator.pose_sigma_rad,
         }
@@ -100,14 +104,27 @@ impl DigWatch {
         treads: &TreadSpeeds,
         elapsed_s: f64,
     ) -> bool {
-        self.way_m += 0.5 * (treads.left_m_s.abs() + treads.right_m_s.abs()) * elapsed_s;
+        let before_m = self.ways.back().map_or(0.0, |(_, way_m)| *way_m);
+        let speed_m_s = 0.5 * (treads.left_m_s.abs() + treads.right_m_s.abs());
+        if self.ways.len() == DIG_WAYS {
+            self.ways.pop_front();
+        }
+        self.ways
+            .push_back((sample.time_s, before_m + speed_m_s * elapsed_s));
         let Some(pose) = sample.pose else {
+            return false;
+        };
+        // A pose comes late: the treads have turned on since.
+        let later = self
+            .ways
+            .partition_point(|(time_s, _)| *time_s <= pose.time_s);
+        let Some((_, way_m)) = later.checked_sub(1).and_then(|at| self.ways.get(at)) else {
             return false;
         };
         let newest = Place {
             time_s: pose.time_s,
             pose: pose.value.planar(),
-            way_m: self.way_m,
+            way_m: *way_m,
         };
         let is_old = |place: &Place| newest.time_s - place.time_s >= DIG_S;
         while self.places.get(1).is_some_and(is_old) || self.places.len() == DIG_POSES {
@@ -213,6 +230,7 @@ impl Watchdog {
         }
         sums.time_s = now.time_s;
         (sums.x_m, sums.y_m) = (now.pose.x_m, now.pose.y_m);
+        sums.along_m = now.progress.arc_length_m;
         sums
     }
 
@@ -245,12 +263,57 @@ impl Watchdog {
         ) {
             return Some(Stall::Traction);
         }
-        // Back from a cusp a vehicle is where it was; so no place of the window may be far from its start.
+        // Back from a cusp a vehicle is where it was, and on its way to the path it comes no farther along it.
         let asked_m = end.asked_m - start.asked_m;
-        let near = |place: &Sums| {
-            (place.x_m - start.x_m).hypot(place.y_m - start.y_m) < self.share * asked_m
-        };
-        let stands = turned_rad.abs() < TURNED_MIN_RAD && self.history.iter().all(near);
+        let least_m = self.share * asked_m;
+        let near = |place: &Sums| (place.x_m - start.x_m).hypot(place.y_m - start.y_m) < least_m;
+        let stands = turned_rad.abs() < TURNED_MIN_RAD
+            && end.along_m - start.along_m < least_m
+            && self.history.iter().all(near);
         (asked_m >= ASKED_MIN_M && stands).then_some(Stall::Path)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use sidehill_plant::frames::Pose;
+    use sidehill_plant::sample::Stamped;
+
+    /// Drives straight ahead for 4 s, from 1 s on at 1 m/s^2, by poses that are `late_s` old; returns whether its treads
+    /// are found to dig where they move the vehicle by a share of their way.
+    fn digs(late_s: f64, share: f64) -> bool {
+        let mut watch = DigWatch::new(&EstimatorSettings::default());
+        let driven_s = |time_s: f64| (time_s - 1.0).max(0.0);
+        (0..80).any(|cycle| {
+            let time_s = 0.05 * f64::from(cycle);
+            let stamp_s = time_s - late_s;
+            let sample = Sample {
+                time_s,
+                tread_speeds: None,
+                attitude: None,
+                yaw_rate: None,
+                pose: Some(Stamped {
+                    time_s: stamp_s,
+                    value: Pose {
+                        y_m: 0.5 * share * driven_s(stamp_s).powi(2),
+                        ..Pose::default()
+                    },
+                }),
+            };
+            let treads = TreadSpeeds {
+                left_m_s: driven_s(time_s),
+                right_m_s: driven_s(time_s),
+            };
+            watch.observe(&sample, &treads, 0.05)
+        })
+    }
+
+    #[test]
+    fn late_poses_are_compared_with_the_treads_of_their_instant() {
+        for late_s in [0.0, 0.6, 1.2] {
+            assert!(!digs(late_s, 1.0), "{late_s}");
+            assert!(digs(late_s, 0.0), "{late_s}");
+        }
     }
 }

@@ -21,8 +21,6 @@ const OFFSET: usize = 4;
 
 /// Standard deviation of the offset of the poses' headings before anything is known, rad.
 pub(super) const OFFSET_SIGMA_RAD: f64 = 0.01;
-/// Growth of its uncertainty while the vehicle drives, rad/sqrt(m).
-const OFFSET_WALK_RAD_PER_SQRT_M: f64 = 0.0;
 
 /// Mean and covariance of pose and parameters, in blocks, and the inputs in force.
 #[derive(Debug, Clone, Copy)]
@@ -215,8 +213,6 @@ impl<const N: usize> Belief<N> {
             growth[(2, 2)] = time_s * noise.gyro.powi(2);
         }
         growth[(BIAS, BIAS)] = time_s * BIAS_WALK_RAD_S_PER_SQRT_S.powi(2);
-        let driven_m = time_s * velocity.right_m_s.hypot(velocity.forward_m_s);
-        growth[(OFFSET, OFFSET)] = driven_m * OFFSET_WALK_RAD_PER_SQRT_M.powi(2);
         let noise = growth;
         let through = by_parameters * self.parameter_covariance;
         let crossed = by_state * self.cross * by_parameters.transpose();

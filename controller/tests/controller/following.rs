@@ -169,6 +169,43 @@ fn a_turn_on_the_spot_is_a_drive_in_heading_counted_over_whole_turns() {
 }
 
 #[test]
+fn a_drive_is_over_where_the_vehicle_reaches_its_end_and_leaves_it_again() {
+    for (back_to_m, is_over) in [(0.03, false), (0.045, true)] {
+        let trajectory = course("{shape: cusp, radius_m: 3, angle_deg: 80, speed_m_s: 0.5}");
+        let path = trajectory.path().unwrap().clone();
+        let mut reference = Reference::new(trajectory);
+        let cusp_m = path.cusps_m().next().unwrap();
+        let mut at =
+            |to_go_m: f64| reference.advance(0.05, &pose_at(&path, cusp_m - to_go_m), false);
+        let mut to_go_m = cusp_m;
+        while to_go_m > 0.025 {
+            to_go_m = (to_go_m - 0.02).max(0.025);
+            assert!(at(to_go_m).point.speed_m_s > 0.0);
+        }
+        let backwards = at(back_to_m).point.speed_m_s < 0.0;
+        assert_eq!(backwards, is_over, "{back_to_m}");
+    }
+}
+
+#[test]
+fn a_slow_turn_on_the_spot_beside_its_place_does_not_stand() {
+    let turn_rad = std::f64::consts::FRAC_PI_2;
+    let mut setup = Setup::new(course(
+        "{shape: pivot, angle_deg: 90, yaw_rate_rad_s: 0.02}",
+    ));
+    setup.terrain = crate::rig::plane(14.0);
+    setup.start.x_m += 0.2;
+    let from_rad = setup.start.yaw_rad;
+    let mut rig = setup.build();
+    for _ in 0..1200 {
+        rig.cycle();
+    }
+    let turned_rad = rig.simulation.state().pose.yaw_rad - from_rad;
+    // Sixty seconds at 0.02 rad/s.
+    assert!((0.8..turn_rad).contains(&turned_rad), "{turned_rad}");
+}
+
+#[test]
 fn a_turn_that_comes_no_nearer_is_over_close_to_its_end_only() {
     for (short_rad, is_over) in [(0.06, true), (0.2, false)] {
         let mut reference = Reference::new(course("{shape: pivot, angle_deg: 90}"));

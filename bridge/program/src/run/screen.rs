@@ -13,8 +13,8 @@ use sidehill_recording::RecordingStatus;
 use std::fmt::Write as _;
 use std::io::{IsTerminal, Write as _};
 
-/// Time between two states in text that is not on a terminal, s.
-const STATE_EVERY_S: f64 = 10.0;
+/// Time between two states in text that is not on a terminal, s; what changes is an event.
+const STATE_EVERY_S: f64 = 60.0;
 /// Events other than changes of state that are printed in a second, at most.
 const EVENTS_MAX: u32 = 5;
 
@@ -227,7 +227,7 @@ impl<'a> Screen<'a> {
     }
 
     /// Returns the state in words.
-    fn state(&self, cycle: Option<&CycleRow>, missing: &[&Input]) -> String {
+    pub(super) fn state(&self, cycle: Option<&CycleRow>, missing: &[&Input]) -> String {
         let names: Vec<&str> = missing.iter().map(|input| input.input.as_str()).collect();
         let waits = match names.as_slice() {
             [] => self.ready.clone(),

@@ -23,7 +23,7 @@ fn signals_and_the_exit_status_are_those_of_the_program_that_drives() {
     let program = std::fs::read_link(format!("/proc/{id}/exe")).unwrap();
     assert_eq!(program.file_name().unwrap(), "sidehill-drive");
     kill_process(Pid::from_raw(id as i32).unwrap(), Signal::TERM).unwrap();
-    assert_eq!(run.0.wait().unwrap().code(), Some(1));
+    assert_eq!(run.0.wait().unwrap().code(), Some(3));
     let last = lines.lines().last().unwrap().unwrap();
     assert!(last.contains("\"ended\":\"signal\""), "{last}");
 }

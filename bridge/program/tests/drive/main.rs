@@ -11,6 +11,7 @@ mod program;
 mod running;
 
 mod drive;
+mod faults;
 mod files;
 mod guide;
 mod hand_over;
@@ -18,6 +19,7 @@ mod live;
 mod mistakes;
 mod output;
 mod ros2_client;
+mod service;
 
 use program::{repository, sidehill};
 use std::path::{Path, PathBuf};

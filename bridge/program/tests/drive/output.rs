@@ -97,7 +97,7 @@ fn it_drives_on_when_nobody_reads_and_stops_when_the_connection_drops() {
     let status = run.0.wait().unwrap();
     assert_eq!(
         status.code(),
-        Some(1),
+        Some(3),
         "ended by a signal, not killed by it"
     );
     assert_ne!(states().last().unwrap(), "driving");

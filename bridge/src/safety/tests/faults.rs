@@ -6,7 +6,7 @@ use super::*;
 /// once.
 type Break = (&'static str, fn(&mut SafetyInputs), f64, bool);
 
-const BREAKS: [Break; 19] = [
+const BREAKS: [Break; 21] = [
     (
         "the emergency stop is pressed",
         |s| s.requests.halt = Some(StopCause::EmergencyStop),
@@ -102,6 +102,21 @@ const BREAKS: [Break; 19] = [
         |s| set_feedback_time(s, 1.05),
         0.2,
         false,
+    ),
+    (
+        "the feedback is stamped 10.000 s ahead",
+        |s| set_feedback_time(s, s.time_s + 10.0),
+        0.0,
+        false,
+    ),
+    (
+        "another node sends with this program's identifiers",
+        |s| {
+            set_mode(s, DriveMode::Frozen);
+            s.link = LinkState::Foreign;
+        },
+        0.0,
+        true,
     ),
     ("there is no feedback", |s| s.feedback = None, 0.0, false),
     (
