@@ -72,7 +72,7 @@
         width: element.clientWidth,
         height: plot.height_px,
         // Room for the names of limits, in all plots alike, so that times stay below each other.
-        padding: [12, () => (isNarrow() ? 12 : 100), 0, 0],
+        padding: [12, () => (isNarrow() ? 12 : 112), 0, 0],
         cursor: { sync: { key: group, setSeries: false }, points: { size: 6 } },
         scales: { x: { time: false }, y: { range: range(plot), distr: plot.logarithmic ? 3 : 1 } },
         axes: [

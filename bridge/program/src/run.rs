@@ -11,7 +11,7 @@ use crate::ros2::{environment, parameters};
 use anyhow::{Context, Result, anyhow, ensure};
 use files::Files;
 use screen::Screen;
-use service::Service;
+use service::ServiceManager;
 use sidehill::config::{Bundle, ConfigFile, RunConfig, RunPort};
 use sidehill::console::Printer;
 use sidehill::drive::RunArgs;
@@ -209,7 +209,7 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
     let mut screen = Screen::new(args.format, &printer, files.is_none(), ready);
     let control_loop = setup.start()?;
 
-    let mut service = Service::new();
+    let mut service = ServiceManager::new();
     let mut reported_s = 0.0;
     let mut waits_for = String::new();
     while !control_loop.is_finished() {

@@ -24,7 +24,7 @@ const STOP_BEYOND_RAMP_S: f64 = 0.5;
 
 /// How a drive ended, and what is unsafe of it.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub(super) struct Outcome {
+pub(super) struct FaultOutcome {
     pub(super) run: u64,
     pub(super) faults: Vec<Fault>,
     /// Why it stopped; none of a vehicle that drove on.
@@ -39,7 +39,7 @@ pub(super) struct Outcome {
 }
 
 /// The configuration of all runs.
-pub(super) struct Rover {
+pub(super) struct FaultyRover {
     pub(super) file: ConfigFile,
     pub(super) config: RunConfig,
 }
@@ -51,14 +51,14 @@ pub(super) struct Traces {
     pub(super) cycles: Vec<CycleRow>,
 }
 
-impl Rover {
+impl FaultyRover {
     /// Drives through faults, and leaves events and cycles where they are wanted.
     pub(super) fn drive(
         &self,
         run: u64,
         faults: &[Fault],
         mut traces: Option<&mut Traces>,
-    ) -> Result<Outcome> {
+    ) -> Result<FaultOutcome> {
         let vehicle = self.config.load_vehicle(&self.file)?;
         let controller = self.config.controller(&self.file, &vehicle)?;
         let path = controller
@@ -85,7 +85,7 @@ impl Rover {
             .map(|fault| fault.from_s + fault.for_s)
             .fold(0.0, f64::max);
         let ramp_s = safety.speed_max_m_s / safety.deceleration_m_s2;
-        let mut outcome = Outcome {
+        let mut outcome = FaultOutcome {
             run,
             faults: faults.to_vec(),
             reason: None,

@@ -11,7 +11,7 @@ pub use kind::{Fault, FaultKind};
 
 use anyhow::{Context, Result, ensure};
 use clap::ValueEnum;
-use drive::{Outcome, Rover, Traces};
+use drive::{FaultOutcome, FaultyRover, Traces};
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
 use serde::Serialize;
 use sidehill::config::{ConfigFile, RunConfig, RunPort};
@@ -78,7 +78,7 @@ impl Spread {
 
 /// What came of the runs with a fault.
 #[derive(Debug, Serialize)]
-struct Row {
+struct FaultRow {
     /// The fault; `two` are those with two at once.
     fault: String,
     runs: usize,
@@ -93,14 +93,15 @@ struct Row {
     worst_run: u64,
 }
 
-impl Row {
-    fn of(fault: String, outcomes: &[&Outcome]) -> Self {
+impl FaultRow {
+    fn of(fault: String, outcomes: &[&FaultOutcome]) -> Self {
         let unsafe_runs: Vec<u64> = outcomes
             .iter()
             .filter(|outcome| outcome.unsafe_end.is_some())
             .map(|outcome| outcome.run)
             .collect();
-        let badness = |outcome: &&&Outcome| outcome.stop_way_m.unwrap_or(0.0) + outcome.off_path_m;
+        let badness =
+            |outcome: &&&FaultOutcome| outcome.stop_way_m.unwrap_or(0.0) + outcome.off_path_m;
         let worst = outcomes
             .iter()
             .max_by(|a, b| badness(a).total_cmp(&badness(b)));
@@ -134,11 +135,11 @@ fn share_below(count: usize, total: usize) -> f64 {
 }
 
 #[derive(Debug, Serialize)]
-struct Summary {
+struct FaultSummary {
     runs: u64,
     seed: u64,
-    faults: Vec<Row>,
-    all: Row,
+    faults: Vec<FaultRow>,
+    all: FaultRow,
 }
 
 /// Drives the runs and prints what came of them. The exit status is 0 only if no run ended unsafe.
@@ -153,7 +154,7 @@ pub fn run(args: &FaultsArgs) -> Result<ExitCode> {
         "{}: port: ros2: faults are drawn for the ports can and simulated",
         file.name()
     );
-    let rover = Rover { file, config };
+    let rover = FaultyRover { file, config };
     let kinds: Vec<FaultKind> = match args.only.is_empty() {
         true => FaultKind::value_variants().to_vec(),
         false => args.only.clone(),
@@ -162,7 +163,7 @@ pub fn run(args: &FaultsArgs) -> Result<ExitCode> {
         return again(args, &rover, run, &kinds);
     }
     let progress = TaskProgress::new("faults", args.runs);
-    let outcomes: Result<Vec<Outcome>> = (0..args.runs)
+    let outcomes: Result<Vec<FaultOutcome>> = (0..args.runs)
         .into_par_iter()
         .map(|run| {
             let outcome = rover.drive(run, &kind::draw(args.seed, run, &kinds), None);
@@ -177,7 +178,7 @@ pub fn run(args: &FaultsArgs) -> Result<ExitCode> {
         .map(|kind| (name(*kind), Some(*kind)))
         .chain([("two".to_owned(), None)]);
     let rows = rows.map(|(name, kind)| {
-        let of: Vec<&Outcome> = outcomes
+        let of: Vec<&FaultOutcome> = outcomes
             .iter()
             .filter(|outcome| match (outcome.faults.as_slice(), kind) {
                 ([fault], Some(kind)) => fault.kind == kind,
@@ -185,14 +186,14 @@ pub fn run(args: &FaultsArgs) -> Result<ExitCode> {
                 _ => false,
             })
             .collect();
-        Row::of(name, &of)
+        FaultRow::of(name, &of)
     });
-    let all: Vec<&Outcome> = outcomes.iter().collect();
-    let summary = Summary {
+    let all: Vec<&FaultOutcome> = outcomes.iter().collect();
+    let summary = FaultSummary {
         runs: args.runs,
         seed: args.seed,
         faults: rows.filter(|row| row.runs > 0).collect(),
-        all: Row::of("all".to_owned(), &all),
+        all: FaultRow::of("all".to_owned(), &all),
     };
     match args.format {
         FaultsFormat::Json => console::line(serde_json::to_string(&summary)?),
@@ -209,7 +210,12 @@ fn name(kind: FaultKind) -> String {
 }
 
 /// Drives one run again and prints what happened.
-fn again(args: &FaultsArgs, rover: &Rover, run: u64, kinds: &[FaultKind]) -> Result<ExitCode> {
+fn again(
+    args: &FaultsArgs,
+    rover: &FaultyRover,
+    run: u64,
+    kinds: &[FaultKind],
+) -> Result<ExitCode> {
     let mut traces = Traces::default();
     let faults = kind::draw(args.seed, run, kinds);
     let outcome = rover.drive(run, &faults, Some(&mut traces))?;
@@ -248,7 +254,7 @@ fn again(args: &FaultsArgs, rover: &Rover, run: u64, kinds: &[FaultKind]) -> Res
     Ok(ExitCode::from(u8::from(outcome.unsafe_end.is_some())))
 }
 
-fn print(summary: &Summary, outcomes: &[Outcome]) {
+fn print(summary: &FaultSummary, outcomes: &[FaultOutcome]) {
     console::line(format_args!(
         "{:<18} {:>6} {:>9} {:>22} {:>22} {:>9} {:>7} {:>8} {:>6}",
         "",

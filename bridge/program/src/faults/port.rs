@@ -80,9 +80,9 @@ impl FaultyPort {
             FaultKind::PoseDrift => shift(&mut sample.pose, 0.2 * since_s),
             FaultKind::PoseLate => {
                 self.waiting.extend(sample.pose.take());
-                let is_due = |pose: &mut Stamped<Pose>| now_s - pose.time_s >= LATE_S;
-                while let Some(pose) = self.waiting.pop_front_if(is_due) {
-                    sample.pose = Some(pose);
+                let is_due = |pose: &Stamped<Pose>| now_s - pose.time_s >= LATE_S;
+                while self.waiting.front().is_some_and(is_due) {
+                    sample.pose = self.waiting.pop_front();
                 }
             }
             FaultKind::PoseOutOfOrder => {

@@ -6,7 +6,7 @@ use sd_notify::NotifyState;
 use std::time::{Duration, Instant};
 
 /// A program that systemd watches, where it does.
-pub(super) struct Service {
+pub(super) struct ServiceManager {
     /// Longest time between two signs of life; none where systemd expects none.
     sign_every: Option<Duration>,
     signed: Instant,
@@ -15,7 +15,7 @@ pub(super) struct Service {
     state: String,
 }
 
-impl Service {
+impl ServiceManager {
     /// Returns a service that has told nothing yet.
     pub(super) fn new() -> Self {
         Self {
