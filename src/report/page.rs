@@ -46,7 +46,7 @@ const GLOSSARY: [(&str, &str); 12] = [
     ),
     (
         "ICRHK",
-        "kinematics whose ICRs stay where they are on level ground",
+        "kinematics whose ICRs do not move with the slope",
     ),
     ("diff_drive", "kinematics without any slip"),
     ("QP", "the optimisation that an MPC solves in each cycle"),
