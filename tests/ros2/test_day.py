@@ -117,9 +117,10 @@ def the_day(start, peer, tmp_path, lost):
 
 
     def under_way():
-        """Whether the vehicle drives on straight now, and not as the file of the truth last had it."""
-        row = vehicle.truth(time.time())[-1]
-        return row["traction_m_s"] > 0.4 and abs(row["steer_m_s"]) < 0.1
+        """Whether the vehicle has driven on straight for a second, as on a lane and not on the way there."""
+        now = vehicle.truth(time.time())[-1]["time_s"]
+        rows = [row for row in vehicle.truth() if row["time_s"] > now - 1.0]
+        return all(row["traction_m_s"] > 0.4 and abs(row["steer_m_s"]) < 0.1 for row in rows)
 
     says("lane 2 of 3")
     wait_for(under_way, "lane 2", 30, 0.1)
