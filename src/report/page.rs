@@ -44,10 +44,7 @@ const GLOSSARY: [(&str, &str); 12] = [
         "ICRIK",
         "kinematics whose ICRs move with the slope, by roll and pitch",
     ),
-    (
-        "ICRHK",
-        "kinematics whose ICRs do not move with the slope",
-    ),
+    ("ICRHK", "kinematics whose ICRs do not move with the slope"),
     ("diff_drive", "kinematics without any slip"),
     ("QP", "the optimisation that an MPC solves in each cycle"),
     (
