@@ -189,10 +189,6 @@ impl FaultyRover {
                 suspended = true;
                 control_loop.suspend(fault.for_s);
             }
-            // The stop that a finished course brings is none of a fault.
-            if row.state == SafetyState::Driving && since_s < first_s {
-                continue;
-            }
             if since_s > last_s + AFTER_S {
                 break;
             }

@@ -183,16 +183,11 @@ impl FaultyPort {
     }
 
     fn hear_nothing(&self, inputs: &mut PortInputs) {
-        let time_s = inputs.sample.time_s;
-        *inputs = PortInputs {
-            feedback: self.held.feedback,
-            ..*inputs
-        };
+        inputs.feedback = self.held.feedback;
         inputs.sample.tread_speeds = None;
         inputs.sample.attitude = None;
         inputs.sample.yaw_rate = None;
         inputs.sample.pose = None;
-        inputs.sample.time_s = time_s;
     }
 }
 
