@@ -15,6 +15,12 @@ need() {
     command -v "$1" >/dev/null || apt_install "$2"
 }
 
+# build_programs [CARGO]: builds both programs into target/debug/, by another command than cargo where one is named.
+# With the features of the whole workspace nothing that the tests have compiled is compiled again.
+build_programs() {
+    "${1:-cargo}" build --workspace --locked
+}
+
 # need_library LIBRARY PACKAGE...: installs the Debian packages that have the shared library.
 need_library() {
     ldconfig -p | grep -q "$1" && return
