@@ -140,7 +140,7 @@ pub(super) struct Walk<'a> {
     at: f64,
     /// Heading to which the allowed yaw rate takes it on the spot, rad.
     allowed_rad: f64,
-    /// Steer speed asked for on the spot, m/s. It grows as the motor can.
+    /// Steer speed asked for on the spot, m/s, positive counter-clockwise. It grows as the motor can.
     steer_m_s: f64,
     /// Where the plan had the vehicle before, and when.
     before: Option<(Point2, f64)>,
@@ -164,7 +164,7 @@ impl<'a> Walk<'a> {
             start: *start,
             at,
             allowed_rad: at,
-            steer_m_s: moving.steer_m_s.abs(),
+            steer_m_s: moving.steer_m_s,
             before: None,
             time_s: 0.0,
         }
@@ -273,26 +273,28 @@ impl<'a> Walk<'a> {
 
     /// Returns what a turn on the spot asks for here of a vehicle with a heading, whose turns are counted on.
     fn turning(&mut self, turn: &Turn, yaw_rad: f64, step_s: f64, share: f64) -> Asked {
-        let sense = (turn.to_rad - turn.from_rad).signum();
+        // One that has gone too far is asked back.
+        let to_go_rad = turn.to_rad - self.allowed_rad;
+        let sense = to_go_rad.signum();
         let half_track_m = self.now.half_track_m;
-        let to_go_rad = (sense * (turn.to_rad - self.allowed_rad)).max(0.0);
         let asked_m_s = half_track_m * turn.yaw_rate_rad_s().abs();
-        let braking = (2.0 * self.now.steer_braking_m_s2 * half_track_m * to_go_rad).sqrt();
+        let braking = (2.0 * self.now.steer_braking_m_s2 * half_track_m * to_go_rad.abs()).sqrt();
         let most_m_s = share * asked_m_s.min(self.now.steer_m_s).min(braking);
-        self.steer_m_s = (self.steer_m_s + self.now.steer_rate_m_s2 * step_s).min(most_m_s);
+        let gained_m_s = (sense * self.steer_m_s).max(0.0) + self.now.steer_rate_m_s2 * step_s;
+        self.steer_m_s = sense * gained_m_s.min(most_m_s);
         let turn_rad = step_s * self.steer_m_s / half_track_m;
-        self.allowed_rad += sense * turn_rad.min(to_go_rad);
+        self.allowed_rad += turn_rad.clamp(-to_go_rad.abs(), to_go_rad.abs());
         let place = self.reference.turned(turn, self.allowed_rad);
         Asked {
             motion: Motion::Pivot,
-            ends: sense * (turn.to_rad - self.at) <= AT_END,
+            ends: (turn.to_rad - self.at).abs() <= AT_END,
             pose: PlanarPose {
                 yaw_rad: yaw_rad + self.allowed_rad - self.at,
                 ..place.pose()
             },
             inputs: MotorSpeeds {
                 traction_m_s: 0.0,
-                steer_m_s: sense * self.steer_m_s,
+                steer_m_s: self.steer_m_s,
             },
             scale_m_s: asked_m_s,
             yaw_rate_rad_s: asked_m_s.min(self.now.steer_m_s) / half_track_m,
