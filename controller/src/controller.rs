@@ -73,8 +73,8 @@ pub struct Controller {
     issued: IssuedCommands,
     /// The drives as they respond.
     drives: Drives,
-    /// Arc length of the cycle before, m.
-    arc_length_m: f64,
+    /// How far the drive had come in the cycle before, m; on the spot by what was left of the turn, rad.
+    come: f64,
     /// Time by which the vehicle has fallen behind lately, s.
     behind_s: f64,
     last_time_s: Option<f64>,
@@ -124,7 +124,7 @@ impl Controller {
             ),
             dig: DigWatch::new(&config.estimator),
             phase: Phase::Driving { fallback_cycles: 0 },
-            arc_length_m: 0.0,
+            come: f64::INFINITY,
             behind_s: 0.0,
             last_time_s: None,
             adapts,

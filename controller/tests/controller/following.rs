@@ -208,6 +208,23 @@ fn a_slow_turn_on_the_spot_beside_its_place_does_not_stand() {
 }
 
 #[test]
+fn a_turn_on_the_spot_is_planned_to_end_at_its_place() {
+    // The J8 turns about a point ahead of its origin, and slides. Across its last heading nothing can be corrected.
+    for yaw_rate_rad_s in [0.1, 0.2, 0.4] {
+        let mut setup = Setup::new(course(&format!(
+            "{{shape: pivot, angle_deg: 90, yaw_rate_rad_s: {yaw_rate_rad_s}}}"
+        )));
+        setup.terrain = crate::rig::plane(12.0);
+        let start = setup.start;
+        let mut rig = setup.build();
+        let finished = (0..900).any(|_| rig.cycle().status == Status::Finished);
+        let end = rig.simulation.state().pose;
+        let off_m = (end.x_m - start.x_m).hypot(end.y_m - start.y_m);
+        assert!(finished && off_m < 0.12, "{yaw_rate_rad_s} {off_m}");
+    }
+}
+
+#[test]
 fn a_turn_that_has_gone_too_far_comes_back_before_it_is_over() {
     let setup = Setup::new(course("{shape: pivot, angle_deg: 90}"));
     let to_rad = setup.start.yaw_rad + std::f64::consts::FRAC_PI_2;
