@@ -50,6 +50,7 @@ enum Phase {
 const PLAN_REUSE_M: f64 = 0.5;
 
 /// Follows a reference; one [`Controller::step`] a control period.
+#[derive(Clone)]
 pub struct Controller {
     config: ControllerConfig,
     /// The vehicle as the control law models it.

@@ -34,6 +34,7 @@ pub enum ControllerError {
 }
 
 /// What turns estimate and reference into a command.
+#[derive(Clone)]
 pub(super) enum Law {
     Mpc(Box<Mpc>),
     PurePursuit,
