@@ -56,7 +56,9 @@ fn a_copy_goes_on_bit_by_bit_as_the_original_does() {
             ))
         }
         .build();
-        (0..90).for_each(|_| drop(original.cycle()));
+        for _ in 0..90 {
+            original.cycle();
+        }
         let mut copy = original.clone();
         for i in 0..60 {
             let (first, again) = (original.cycle(), copy.cycle());
