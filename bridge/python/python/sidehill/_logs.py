@@ -46,8 +46,8 @@ def identify(
     contact: whether to identify the vehicle on wheels with friction as well, from which contact-mpc starts.
 
     Returns the identified vehicle, with reports in `level` and `slope`, how far to trust it in `verdict`, and in `text`
-    what `sidehill identify` prints. Raises ValueError with log, row and column, or
-    with what the logs lack, and OSError where a log cannot be read.
+    what `sidehill identify` prints. Raises ValueError with log, row and column, or with what the logs lack, and OSError
+    where a log cannot be read.
     """
     stages = {"level": level, "slope": slope}
     texts = {}
