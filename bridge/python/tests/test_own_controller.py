@@ -150,7 +150,7 @@ def test_any_log_has_figures(short, tmp_path):
     # A path as an array: this one is straight, from where the vehicle starts.
     x, y, _, yaw = scenario.start_pose
     path = np.array([x, y]) + np.linspace(0, 2, 21)[:, None] * np.array([-math.sin(yaw), math.cos(yaw)])
-    by_array = sidehill.metrics(known, path)
+    by_array = sidehill.metrics(known, path, scenario.vehicle)
     assert by_array["cross_track_rms_m"] == pytest.approx(whole["cross_track_rms_m"], abs=2e-3)
     # Beside the path it is beside it.
     moved = known | {"x_m": known["x_m"] + 0.1 * math.cos(yaw), "y_m": known["y_m"] + 0.1 * math.sin(yaw)}

@@ -12,10 +12,10 @@ import numpy.typing as npt
 from . import _sidehill, _table
 from ._arrays import numbers
 from ._logs import Log
-from ._sidehill import Scenario
+from ._sidehill import Scenario, Vehicle
 
 
-def metrics(log: Log, path: Scenario | npt.ArrayLike) -> dict[str, Any]:
+def metrics(log: Log, path: Scenario | npt.ArrayLike, vehicle: Vehicle | None = None) -> dict[str, Any]:
     """Returns how well a log follows a path, by the same figures as `simulate` and its `Run.metrics`.
 
     log: path of a CSV file, or columns as a dict or DataFrame: `time_s`, `x_m`, `y_m`, `yaw_rad`, and where known `z_m`,
@@ -24,6 +24,7 @@ def metrics(log: Log, path: Scenario | npt.ArrayLike) -> dict[str, Any]:
         count at the rate of the log, in `simulate` at that of the plant's steps.
     path: a Scenario, whose course or route is the path; or an array of shape (n, 2), points (x_m, y_m), which becomes a
         path as in Scenario(path=...).
+    vehicle: of a path by points, the vehicle whose width limits its curvature; the paper's J8 without it.
 
     The result has `completed`, `cross_track_rms_m`, `cross_track_p95_m`, `cross_track_max_m`, `along_track_rms_m`,
     `heading_rms_rad`, `goal_error_m`, `mean_speed_m_s` and `time_s`, up to where the path has been followed to its end;
@@ -32,7 +33,7 @@ def metrics(log: Log, path: Scenario | npt.ArrayLike) -> dict[str, Any]:
 
     Raises ValueError naming argument and column, and OSError where a file cannot be read.
     """
-    scenario = path if isinstance(path, Scenario) else Scenario(path=path)
+    scenario = path if isinstance(path, Scenario) else Scenario(path=path, vehicle=vehicle or Vehicle.j8())
     if isinstance(log, (str, os.PathLike)):
         log = _table.columns(Path(log).read_bytes(), ("status", "reason", "learned_unobserved"))
     if not hasattr(log, "keys"):
