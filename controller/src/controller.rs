@@ -19,6 +19,7 @@ pub use drives::DriveResponse;
 pub use parts::ControllerError;
 
 use crate::clock::Instant;
+use crate::closed_loop::Driver;
 use crate::config::{ControllerConfig, ControllerKind};
 use crate::estimator::{Estimate, Estimator};
 use crate::guard::Guard;
@@ -50,6 +51,7 @@ enum Phase {
 const PLAN_REUSE_M: f64 = 0.5;
 
 /// Follows a reference; one [`Controller::step`] a control period.
+#[derive(Clone)]
 pub struct Controller {
     config: ControllerConfig,
     /// The vehicle as the control law models it.
@@ -173,13 +175,9 @@ impl Controller {
         }
     }
 
-    /// Returns the point of the vehicle that follows the reference: the one configured, on a turn on the
-    /// spot the origin.
+    /// Returns the point of the vehicle that follows the reference, see [`Driver::tracked_point`].
     pub fn tracked_point(&self) -> TrackedPoint {
-        match self.reference.as_ref().and_then(Reference::path) {
-            Some(_) => self.config.tracked_point,
-            None => TrackedPoint::ORIGIN,
-        }
+        Driver::tracked_point(self)
     }
 
     /// Returns the targets of the horizon of the last cycle; none of a law without a horizon.

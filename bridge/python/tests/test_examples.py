@@ -3,6 +3,7 @@
 import base64
 import importlib
 import os
+import subprocess
 import sys
 from pathlib import Path
 
@@ -53,6 +54,19 @@ def test_a_rover_in_mujoco_keeps_its_path(tmp_path):
     # A friction that is not the model's, on another slope than the rover was identified on.
     assert own["cross_track_rms_m"] < 0.025 and own["cross_track_rms_m"] < level["cross_track_rms_m"]
     assert (tmp_path / "mujoco_rover.png").stat().st_size > 50_000
+
+
+def test_without_a_display_and_egl_the_rover_says_that_there_is_no_picture(tmp_path):
+    pytest.importorskip("mujoco")
+    bare = {name: value for name, value in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY")}
+    code = "import mujoco_rover, pathlib; mujoco_rover.picture(None, [], pathlib.Path('none.png'))"
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        env=bare | {"MUJOCO_GL": "disable", "PYTHONPATH": str(EXAMPLES)},
+        cwd=tmp_path, capture_output=True, text=True, timeout=120,
+    )  # fmt: skip
+    assert done.returncode == 0 and done.stdout.startswith("no picture: "), done.stderr
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.filterwarnings("default")
