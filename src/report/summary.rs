@@ -1,7 +1,7 @@
 //! The figures of all runs, and a sentence about the best.
 
 use super::page::swatch;
-use super::plot::significant;
+use super::figures::significant;
 use super::scene::Style;
 use crate::record::{Run, Summary};
 use maud::{Markup, PreEscaped, html};

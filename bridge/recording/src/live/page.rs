@@ -3,7 +3,7 @@
 //! All is made from the messages that the Foxglove protocol sends, five times a second.
 
 use super::outgoing::TopicMessage;
-use crate::messages::{ControllerCycle, GuardState, LogLine, LoopCycle, Topic};
+use crate::messages::{ControllerCycle, FixState, GuardState, LogLine, LoopCycle, Topic};
 use crate::scene::{CUBE, MarkerArray, SLIDE_SCALE_S};
 use serde_json::{Value, json};
 use sidehill_bridge::ros2::message::cdr::from_cdr;
@@ -20,12 +20,18 @@ pub(super) const PROTOCOL: &str = "sidehill.page.v1";
 pub(super) const HTML: &str = concat!(
     include_str!("page/head.html"),
     "<style>\n",
+    include_str!("page/uplot/uPlot.min.css"),
     include_str!("page/page.css"),
     "</style>\n",
     include_str!("page/top.html"),
+    include_str!("page/map.html"),
     include_str!("page/drive.html"),
+    include_str!("page/words.html"),
     include_str!("page/foot.html"),
     "<script>\n",
+    include_str!("page/uplot/uPlot.iife.min.js"),
+    "</script>\n<script>\n",
+    include_str!("page/plot.js"),
     include_str!("page/view.js"),
     include_str!("page/drive.js"),
     include_str!("page/page.js"),
@@ -54,7 +60,7 @@ const OLD_NS: u64 = 1_000_000_000;
 
 /// What a frame holds, in this order; not a number where it is not known. Units: s, m, rad, m/s; `state` counts
 /// [`STATES`].
-const COLUMNS: [&str; 28] = [
+const COLUMNS: [&str; 30] = [
     "t",
     "state",
     "x",
@@ -69,6 +75,8 @@ const COLUMNS: [&str; 28] = [
     "steer",
     "steer_command",
     "pose_age",
+    "fix_status",
+    "fix_sigma",
     "tip_over_margin",
     "friction_use",
     "friction",
@@ -298,6 +306,10 @@ impl Page {
             frame.set("friction_use", guard.friction_use);
             frame.set("friction", guard.friction);
             frame.set("speed_share", guard.speed_share);
+        }
+        if let Some(fix) = self.present::<FixState>(Topic::Fix, time_ns) {
+            frame.set("fix_status", f64::from(fix.status));
+            frame.set("fix_sigma", fix.sigma_m);
         }
         if let Some(scene) = self.present::<MarkerArray>(Topic::Scene, time_ns) {
             frame.scene(&scene);

@@ -199,6 +199,7 @@ function showState() {
 
 // --- All of it ---
 
+$('link').textContent = 'connecting';
 STRIPS.forEach(addStrip);
 
 function show() {
