@@ -78,6 +78,8 @@ def shown(browser, folder, name, ready):
         for scheme in SCHEMES:
             browser.show((folder / f"{name}.html").as_uri(), width, height, scheme)
             browser.wait(f"document.readyState === 'complete' && {ready}")
+            # The picture is of the whole page, also of what is out of sight.
+            browser.evaluate("whole = true; renew()")
             browser.evaluate("new Promise(drawn => requestAnimationFrame(() => requestAnimationFrame(drawn)))")
             inspect(browser, f"{name}, {width} px, {scheme}")
             picture = folder / f"{name}_{width}_{scheme}.png"

@@ -217,7 +217,9 @@ mod tests {
         for (name, colour) in [("icrhk", COLOURS[0]), ("icrik", COLOURS[1])] {
             let run = format!("{{\"name\":\"{name}\",\"colour\":\"{colour}\"");
             assert!(page.contains(&run), "{run}");
-            let (_, after) = page.split_once(&format!("data-colour=\"{colour}\"")).unwrap();
+            let (_, after) = page
+                .split_once(&format!("data-colour=\"{colour}\""))
+                .unwrap();
             let (_, text) = after.split_once("</svg>").unwrap();
             assert!(text.starts_with(name), "{name}");
         }

@@ -2,8 +2,8 @@
 
 use super::summary::Figures;
 use super::table::CampaignRow;
-use crate::report::page::{COLOURS, ReportPage, legend_of, table};
 use crate::report::figures::significant;
+use crate::report::page::{COLOURS, ReportPage, legend_of, table};
 use crate::report::plot::{Line, Plot};
 use maud::html;
 use std::collections::BTreeMap;
@@ -62,7 +62,22 @@ pub(super) fn html(campaign: &str, figures: &[Figures], rows: &[&CampaignRow]) -
         title: &format!("Campaign {campaign}"),
         subtitle: "Cross-track RMS of many random runs; a run that was not completed counts as worse than every completed one",
         conclusions: &conclusions(figures, &names, &errors),
-        summary: table("figures", &["Controller", "runs", "completed", "median (cm)", "p95 (cm)", "worst (cm)", "in run", "mean speed (m/s)", "tread max (m/s)", "time (s)"], &cells),
+        summary: table(
+            "figures",
+            &[
+                "Controller",
+                "runs",
+                "completed",
+                "median (cm)",
+                "p95 (cm)",
+                "worst (cm)",
+                "in run",
+                "mean speed (m/s)",
+                "tread max (m/s)",
+                "time (s)",
+            ],
+            &cells,
+        ),
         legend: html! {},
         body: html! {
             section.panel {

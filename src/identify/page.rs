@@ -24,11 +24,11 @@ pub(super) fn html(
             @if let Some(slope) = &found.slope { (parameters("slope", "ICRHK", slope)) }
             @if let Some(extension) = &found.extension {
                 h2 { "Terms beyond ICRIK" }
-                pre { (extension_table(extension)) }
+                pre tabindex="0" { (extension_table(extension)) }
             }
             @if let Some(contact) = &found.contact {
                 h2 { "Contact vehicle" }
-                pre { (contact_table(contact)) }
+                pre tabindex="0" { (contact_table(contact)) }
             }
         },
         legend: html! {},

@@ -9,6 +9,9 @@ use sidehill_plant::frames::wrap_angle;
 use sidehill_plant::odometry::{Comparison, MeanSquaredErrors};
 use sidehill_plant::vehicle::Vehicle;
 
+/// Time between two poses of the log that is a gap, s.
+const GAP_S: f64 = 1.0;
+
 /// What the slope terms of a model act on.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Slope {
@@ -49,10 +52,15 @@ pub(super) fn html(
         .collect();
     let over_time = |title: &str, value: &dyn Fn(&Comparison) -> f64| {
         let line = |(comparisons, (name, colour)): (&Vec<Comparison>, &(&str, &str))| {
-            let points: Vec<[f64; 2]> = comparisons
-                .iter()
-                .map(|comparison| [comparison.time_s, value(comparison)])
-                .collect();
+            let mut points: Vec<[f64; 2]> = Vec::new();
+            for comparison in comparisons {
+                let before_s = points.last().map_or(f64::NAN, |point| point[0]);
+                // A gap of the log, after which the reckoning starts again.
+                if comparison.time_s - before_s > GAP_S {
+                    points.push([before_s + 1e-3, f64::NAN]);
+                }
+                points.push([comparison.time_s, value(comparison)]);
+            }
             Line::through(name, colour, None, &points)
         };
         let lines = comparisons.iter().zip(&names).map(line).collect();
@@ -75,9 +83,10 @@ pub(super) fn html(
         MapRun::through(name, colour, poses, |_, _| None)
     });
     let measured = comparisons.first().map_or(&[][..], Vec::as_slice).iter();
-    let log_path: Vec<[f64; 2]> = measured
-        .map(|comparison| [comparison.measured.x_m, comparison.measured.y_m])
-        .collect();
+    let measured = measured.map(|comparison| (comparison.time_s, comparison.measured.planar()));
+    let log_path = MapRun::through("log", COLOURS[6], measured, |_, _| None);
+    let mut legend = names.clone();
+    legend.push(("log", COLOURS[6]));
     let body = [
         2.0 * vehicle.base_half_length_m,
         2.0 * vehicle.base_half_width_m,
@@ -91,14 +100,27 @@ pub(super) fn html(
             comparisons.first().map_or(0, Vec::len),
             slope,
         ),
-        summary: table("figures", &["mean squared errors", "x (m\u{b2})", "y (m\u{b2})", "z (m\u{b2})",
-            "yaw (rad\u{b2})", "J/N"], &rows),
+        summary: table(
+            "figures",
+            &[
+                "mean squared errors",
+                "x (m\u{b2})",
+                "y (m\u{b2})",
+                "z (m\u{b2})",
+                "yaw (rad\u{b2})",
+                "J/N",
+            ],
+            &rows,
+        ),
         legend: html! {},
-        body: section("Errors over time",
+        body: section(
+            "Errors over time",
             "How far each model's dead reckoning is from the log's pose: it starts at a measured pose and drifts \
-             until it starts again after a gap of the log. On the map the log's poses are grey.",
-            &legend_of(&names), &plots),
-        map: Some(PageMap::over(paths.collect(), &log_path, "log", body)),
+             until it starts again after a gap of the log.",
+            &legend_of(&legend),
+            &plots,
+        ),
+        map: Some(PageMap::over(paths.chain([log_path]).collect(), &[], body)),
     };
     page.html()
 }

@@ -86,7 +86,7 @@ map.addEventListener('pointermove', event => {
   say(`x ${fixed(x, 2)} m, y ${fixed(y, 2)} m${up}${earth ? `, ${degrees(0)}°, ${degrees(1)}°` : ''}`);
 });
 map.addEventListener('pointerleave', () => say(HINT));
-showKey('path', given.path.length && given.path_name);
+showKey('path', given.path.length && 'path');
 for (const { text } of given.marks) showKey('steep', text);
 
 drawAbove = (pen, X, Y) => {

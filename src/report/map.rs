@@ -21,9 +21,8 @@ const COLUMNS: [&str; 6] = ["t", "x", "y", "heading", "downhill_x", "downhill_y"
 pub(crate) struct PageMap {
     columns: [&'static str; COLUMNS.len()],
     pub(crate) runs: Vec<MapRun>,
-    /// x, y, x, y ..., m, and what it is.
+    /// Path that was to be followed, x, y, x, y ..., m.
     path: Vec<f64>,
-    path_name: &'static str,
     /// Length and width of the vehicle, m.
     body: [f64; 2],
     ground: Option<Ground>,
@@ -116,7 +115,10 @@ impl PageMap {
             Some(surface.gradient_in_world())
         };
         let marks = runs.iter().enumerate().filter_map(|(run, record)| {
-            let place = record.summary.guard.and_then(|guard| guard.stopped_before)?;
+            let place = record
+                .summary
+                .guard
+                .and_then(|guard| guard.stopped_before)?;
             Some(Mark {
                 run,
                 x: place.x_m,
@@ -141,26 +143,20 @@ impl PageMap {
             2.0 * scene.base_half_length_m,
             2.0 * scene.base_half_width_m,
         ];
-        let mut map = Self::over(runs.collect(), &scene.path, "path", body);
+        let mut map = Self::over(runs.collect(), &scene.path, body);
         map.ground = Some(map.ground_of(scene.terrain));
         map.earth = scene.datum.map(earth);
         map.marks = marks;
         map
     }
 
-    /// Returns the map of runs on level ground over a line that has a name.
-    pub(crate) fn over(
-        runs: Vec<MapRun>,
-        path: &[[f64; 2]],
-        path_name: &'static str,
-        body: [f64; 2],
-    ) -> Self {
+    /// Returns the map of runs along a path, without ground.
+    pub(crate) fn over(runs: Vec<MapRun>, path: &[[f64; 2]], body: [f64; 2]) -> Self {
         let path = path.as_flattened().iter();
         Self {
             columns: COLUMNS,
             runs,
             path: path.copied().filter_map(short).collect(),
-            path_name,
             body: body.map(|length_m| short(length_m).unwrap_or(0.0)),
             ground: None,
             earth: None,

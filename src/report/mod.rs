@@ -17,11 +17,11 @@ pub use table::write_csv;
 
 use crate::record::Run;
 use chart::Panel;
-use maud::{Markup, PreEscaped, html};
+use figures::significant;
 use map::PageMap;
+use maud::{Markup, PreEscaped, html};
 use page::{COLOURS, ReportPage, swatch};
 use panels::{attitude_panels, command_panels, cross_track_panels, icr_panels, margin_panels};
-use figures::significant;
 use plot::{Line, Plot};
 use scene::Style;
 use sidehill_controller::config::ControllerKind;

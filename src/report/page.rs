@@ -53,7 +53,10 @@ impl ReportPage<'_> {
         };
         let title = html! { (self.title) }.into_string();
         let subtitle = html! { (self.subtitle) }.into_string();
-        let head = HEAD.replace("<title>Sidehill", &format!("<title>{title} \u{2013} Sidehill"));
+        let head = HEAD.replace(
+            "<title>Sidehill",
+            &format!("<title>{title} \u{2013} Sidehill"),
+        );
         let data = map.map_or_else(String::new, |map| {
             let json = serde_json::to_string(map).unwrap_or_else(|_| "{}".to_owned());
             format!(
@@ -67,7 +70,11 @@ impl ReportPage<'_> {
             CSS,
             include_str!("report.css"),
             "</style>\n</head>\n",
-            if map.is_some() { "<body class=\"map\">" } else { "<body>" },
+            if map.is_some() {
+                "<body class=\"map\">"
+            } else {
+                "<body>"
+            },
             "\n<header id=\"head\">\n<p id=\"line\"><span id=\"brand\">Sidehill</span></p>\n<h1>",
             title.as_str(),
             "</h1>\n<p id=\"reason\">",
@@ -82,7 +89,11 @@ impl ReportPage<'_> {
             PLOT_JS,
             if map.is_some() { VIEW_JS } else { "" },
             include_str!("report.js"),
-            if map.is_some() { include_str!("map.js") } else { "" },
+            if map.is_some() {
+                include_str!("map.js")
+            } else {
+                ""
+            },
             "</script>\n",
         ];
         parts.concat()

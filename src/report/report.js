@@ -13,7 +13,7 @@ function rangeOf(plot) {
     if (plot.magnified_to !== null) return [-plot.magnified_to, plot.magnified_to];
     // No line is shown.
     if (!is(low)) return plot.logarithmic ? [0.1, 10] : [0, 1];
-    if (plot.logarithmic) return uPlot.rangeLog(low, high, 10, true);
+    if (plot.logarithmic) return uPlot.rangeLog(low, high, 10, false);
     for (const [value] of plot.limits) [low, high] = [Math.min(low, value), Math.max(high, value)];
     const margin = 0.08 * (high - low || Math.abs(high) || 1);
     return [low - margin, high + margin];
@@ -27,7 +27,7 @@ function drawPlot(element) {
   const table = line => [line.x, line.y];
   const chart = plotOf(element, {
     height: plot.height_px,
-    x: { name: plot.x_title, scale: { distr: plot.x_logarithmic ? 3 : 1 }, axis: { label: plot.x_title } },
+    x: { name: plot.x_title, scale: plot.x_logarithmic ? { distr: 3, range: (_, low, high) => uPlot.rangeLog(low ?? 1, high ?? 10, 10, false) } : {}, axis: { label: plot.x_title } },
     y: { scale: { range: rangeOf(plot), distr: plot.logarithmic ? 3 : 1 }, axis: { label: plot.y_title } },
     lines: plot.lines.map(({ name, colour, dots }, i) => ({ name, colour, dash: dashOf(colour), dots: dots && (i % 2 ? 'full' : 'empty') })),
     limits: plot.limits,

@@ -184,7 +184,10 @@ pub fn html(outcome: &Outcome) -> String {
                 format!("{} of {}", figures.completed, figures.runs),
                 significant(100.0 * figures.median_m),
                 significant(100.0 * figures.p95_m),
-                steer(outcome, figures),
+                match outcome.subject {
+                    SubjectKind::Campaign => significant(figures.steer_total_variation_m_s),
+                    SubjectKind::Recording => "-".to_owned(),
+                },
                 cost,
             ]
         })

@@ -61,6 +61,7 @@ const limitLines = limits => chart => {
   ctx.strokeStyle = ctx.fillStyle = colours['--soft'];
   ctx.font = `${12 * ratio}px system-ui, sans-serif`;
   ctx.textAlign = 'right';
+  ctx.textBaseline = 'alphabetic';
   ctx.setLineDash([7 * ratio, 4 * ratio]);
   for (const [value, name] of limits) {
     const y = chart.valToPos(value, 'y', true);
@@ -81,12 +82,14 @@ function plotOf(element, { height, x, y, lines, limits = [], legend = false, cur
     stroke: () => colours['--ink'], grid: { stroke: () => colours['--grid'], width: 1 },
     ticks: { stroke: () => colours['--line'], width: 1, size: 4 }, font: '12px system-ui, sans-serif', labelFont: '13px system-ui, sans-serif',
   };
+  // As broad as its longest text.
+  const broad = (_, texts) => 12 + 7 * Math.max(3, ...(texts || []).map(text => String(text ?? '').length));
   const number = (_, value) => is(value) ? String(Number(value.toPrecision(3))) : '–';
   const chart = new uPlot({
     width: Math.max(element.clientWidth, 50), height, cursor, legend: { show: legend },
     padding: [8, 12, 0, 0],
     scales: { x: { time: false, ...x.scale }, y: { ...y.scale } },
-    axes: [{ ...axis, labelSize: 20, size: 26, gap: 2, ...x.axis }, { ...axis, labelSize: 20, size: 46, space: 24, gap: 3, ...y.axis }],
+    axes: [{ ...axis, labelSize: 20, size: 26, gap: 2, ...x.axis }, { ...axis, labelSize: 20, size: broad, space: 24, gap: 3, ...y.axis }],
     series: [{ label: x.name, value: number }, ...lines.map(({ name, colour, dash = [], dots }) => ({
       label: name, dash, width: dots ? 0 : 2, value: number,
       stroke: () => colours[colour],

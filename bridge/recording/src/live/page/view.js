@@ -150,7 +150,7 @@ function addStrip(strip) {
 }
 
 const STRIP_HEIGHT = 110;
-const TIMES = [5, 10, 15, 20, 30, 60, 120, 180, 300, 600, 1200, 1800, 3600];
+const TIMES = [0.1, 0.2, 0.5, 1, 2, 5, 10, 15, 20, 30, 60, 120, 180, 300, 600, 1200, 1800, 3600];
 
 /** Makes the plot of a strip; a strip of other lines than before has another plot. */
 function plotStrip(strip, lines) {
