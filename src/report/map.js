@@ -7,26 +7,9 @@ for (const run of given.runs) runs.push({ ...run, dash: dashOf(run.colour), plan
 
 // --- Ground ---
 
-/** Returns the height at a place of a grid, between the nodes around it that have one; none where the nearest has none. */
-function heightIn({ corner, side, nodes, heights }, x, y) {
-  const [u, v] = [x - corner[0], y - corner[1]].map(way => way / side * (nodes - 1));
-  const [left, low] = [Math.floor(u), Math.floor(v)];
-  const at = (i, j) => i >= 0 && j >= 0 && i < nodes && j < nodes ? heights[j * nodes + i] : null;
-  if (!is(at(Math.round(u), Math.round(v)))) return null;
-  let [sum, weights] = [0, 0];
-  for (const [i, j] of [[left, low], [left + 1, low], [left, low + 1], [left + 1, low + 1]]) {
-    const height = at(i, j), weight = (1 - Math.abs(u - i)) * (1 - Math.abs(v - j));
-    if (is(height)) [sum, weights] = [sum + weight * height, weights + weight];
-  }
-  return weights > 0 ? sum / weights : null;
-}
 const { plane, grid } = given.ground || {};
-const heightAt = plane ? (x, y) => plane[0] + plane[1] * x + plane[2] * y : grid ? (x, y) => heightIn(grid, x, y) : () => null;
-if (plane || grid)
-  ground = {
-    heights: (x, y, side, count) => Array.from({ length: count * count }, (_, i) =>
-      heightAt(x + side * (i % count) / (count - 1), y + side * Math.floor(i / count) / (count - 1))),
-  };
+const heightAt = plane ? (x, y) => plane[0] + plane[1] * x + plane[2] * y : grid ? (x, y) => heightIn(grid, x, y) : () => undefined;
+if (plane || grid) ground = groundOf(heightAt);
 
 // --- Time ---
 

@@ -56,11 +56,11 @@ struct Mark {
 enum Ground {
     /// Height at the origin, and its change over a metre along x and along y.
     Plane([f64; 3]),
-    /// At the nodes of a square, row by row from the corner of its lowest x and y; none where there is no ground.
+    /// At the nodes of a grid, row by row from the corner of its lowest x and y; none where there is no ground.
     Grid {
         corner: [f64; 2],
-        side: f64,
-        nodes: usize,
+        size: [f64; 2],
+        nodes: [usize; 2],
         heights: Vec<Option<f64>>,
     },
 }
@@ -194,8 +194,8 @@ impl PageMap {
         });
         Ground::Grid {
             corner,
-            side,
-            nodes: NODES,
+            size: [side; 2],
+            nodes: [NODES; 2],
             heights: heights.collect(),
         }
     }

@@ -28,7 +28,7 @@ function drawPlot(element) {
   const chart = plotOf(element, {
     height: plot.height_px,
     x: { name: plot.x_title, scale: plot.x_logarithmic ? { distr: 3, range: (_, low, high) => uPlot.rangeLog(low ?? 1, high ?? 10, 10, false) } : {}, axis: { label: plot.x_title } },
-    y: { scale: { range: rangeOf(plot), distr: plot.logarithmic ? 3 : 1 }, axis: { label: plot.y_title } },
+    y: { scale: { range: rangeOf(plot), distr: plot.logarithmic ? 3 : 1 }, axis: { label: plot.y_title, size: 58 } },
     lines: plot.lines.map(({ name, colour, dots }, i) => ({ name, colour, dash: dashOf(colour), dots: dots && (i % 2 ? 'full' : 'empty') })),
     limits: plot.limits,
     legend: true,

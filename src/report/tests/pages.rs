@@ -119,9 +119,9 @@ fn ground_known_along_a_route_only_is_shown_there() {
     let page = page(&terrain, &[run("icrik-mpc", rows(100))]);
     let grid = &map(&page)["ground"]["grid"];
     let [corner, _]: [f64; 2] = serde_json::from_value(grid["corner"].clone()).unwrap();
-    let side = grid["side"].as_f64().unwrap();
+    let side = grid["size"][0].as_f64().unwrap();
     let heights = grid["heights"].as_array().unwrap();
-    let nodes = grid["nodes"].as_u64().unwrap() as usize;
+    let nodes = grid["nodes"][0].as_u64().unwrap() as usize;
     let known = (0..heights.len()).filter(|node| heights[*node].is_number());
     let known: Vec<f64> = known
         .map(|node| corner + side * (node % nodes) as f64 / (nodes - 1) as f64)

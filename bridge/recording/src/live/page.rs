@@ -223,6 +223,9 @@ impl Page {
                     && let Some(vehicle) = vehicle(&scene)
                 {
                     self.set("vehicle", vehicle.to_string());
+                    if let Some(ground) = ground(&scene) {
+                        self.set("ground", ground.to_string());
+                    }
                 }
             }
             _ => {}
@@ -498,6 +501,43 @@ fn vehicle(scene: &MarkerArray) -> Option<Value> {
     });
     let wheels: Vec<Value> = wheels.collect();
     Some(json!({ "body": [body.scale.x, body.scale.y], "wheels": wheels }))
+}
+
+/// Nodes of the ground along an axis, at most.
+const NODES_MAX: usize = 500;
+
+/// Returns the heights of the scene's ground at the nodes of its grid, row by row along x; none where it has no ground.
+fn ground(scene: &MarkerArray) -> Option<Value> {
+    let points = &scene
+        .markers
+        .iter()
+        .find(|marker| marker.ns == "ground")?
+        .points;
+    let [(left, step_x, columns), (low, step_y, rows)] = [
+        nodes(points.iter().map(|point| point.x))?,
+        nodes(points.iter().map(|point| point.y))?,
+    ];
+    let mut heights = vec![None; columns * rows];
+    for point in points {
+        let column = ((point.x - left) / step_x).round() as usize;
+        let row = ((point.y - low) / step_y).round() as usize;
+        heights[row * columns + column] = Some((point.z * 1e3).round() / 1e3);
+    }
+    let size = [step_x * (columns - 1) as f64, step_y * (rows - 1) as f64];
+    Some(
+        json!({ "corner": [left, low], "size": size, "nodes": [columns, rows], "heights": heights }),
+    )
+}
+
+/// Returns the first of evenly spaced places, their distance and their count.
+fn nodes(places: impl Iterator<Item = f64>) -> Option<(f64, f64, usize)> {
+    let mut places: Vec<f64> = places.filter(|place| place.is_finite()).collect();
+    places.sort_by(f64::total_cmp);
+    let (first, last) = (*places.first()?, *places.last()?);
+    let apart = places.windows(2).map(|pair| pair[1] - pair[0]);
+    let step = apart.filter(|apart| *apart > 1e-6).min_by(f64::total_cmp)?;
+    let count = ((last - first) / step).round() as usize + 1;
+    (count <= NODES_MAX).then_some((first, step, count))
 }
 
 /// New frames in a message at most: what a slow link cannot carry is left out.

@@ -335,6 +335,26 @@ map.addEventListener('pointermove', event => {
   setMode('free');
 });
 
+/** Returns the height at a place between the nodes of a grid that have one: null where the nearest has none, nothing outside. */
+function heightIn({ corner, size, nodes, heights }, x, y) {
+  const [u, v] = [x, y].map((place, axis) => (place - corner[axis]) / size[axis] * (nodes[axis] - 1));
+  if (!(u >= 0 && v >= 0 && u <= nodes[0] - 1 && v <= nodes[1] - 1)) return undefined;
+  const at = (i, j) => heights[j * nodes[0] + i];
+  if (!is(at(Math.round(u), Math.round(v)))) return null;
+  let [sum, weights] = [0, 0];
+  for (const i of [Math.floor(u), Math.floor(u) + 1])
+    for (const j of [Math.floor(v), Math.floor(v) + 1]) {
+      const height = i < nodes[0] && j < nodes[1] ? at(i, j) : null, weight = (1 - Math.abs(u - i)) * (1 - Math.abs(v - j));
+      if (is(height)) [sum, weights] = [sum + weight * height, weights + weight];
+    }
+  return sum / weights;
+}
+/** Returns ground with such heights. */
+const groundOf = heightAt => ({
+  heights: (x, y, side, count) => Array.from({ length: count * count }, (_, i) =>
+    heightAt(x + side * (i % count) / (count - 1), y + side * Math.floor(i / count) / (count - 1))),
+});
+
 /** Ground below the map: `heights` and `slippery` return heights, m, and how slippery it is, 0 to 1, at the nodes of a square, row
  * by row from its corner of the lowest x and y, a side and a count of nodes along it. */
 let ground = null;
@@ -356,6 +376,8 @@ function pictureGround() {
   heights.forEach((height, i) => {
     const [row, left] = [Math.floor(i / GROUND_POINTS), i % GROUND_POINTS];
     const at = 4 * ((GROUND_POINTS - 1 - row) * GROUND_POINTS + left);
+    // Of what is outside nothing is known.
+    if (height === undefined) return;
     pixels.data.fill(dark ? 255 : 0, at, at + 3);
     if (!is(height)) {
       pixels.data[at + 3] = 90;
