@@ -40,19 +40,20 @@ class Viewer(threading.Thread):
 
     def __init__(self, port, slow):
         super().__init__(daemon=True)
-        self.socket = connect(f"ws://127.0.0.1:{port}/", subprotocols=["sidehill.page.v1"], max_queue=1 if slow else 16)
-        self.slow, self.messages = slow, 0
+        self.connection = connect(f"ws://127.0.0.1:{port}/", subprotocols=["sidehill.page.v1"], max_queue=1 if slow else 16)
+        self.slow, self.messages, self.ended = slow, 0, threading.Event()
         self.start()
 
     def run(self):
-        try:
-            while True:
-                self.socket.recv()
-                self.messages += 1
+        with self.connection as socket:
+            while not self.ended.is_set():
+                try:
+                    socket.recv(timeout=1.0)
+                    self.messages += 1
+                except (TimeoutError, WebSocketException):
+                    continue
                 if self.slow:
-                    time.sleep(5.0)
-        except WebSocketException:
-            pass
+                    self.ended.wait(5.0)
 
 
 def drive(action, until):
@@ -85,7 +86,7 @@ def in_turns(port, viewers, slow, until, turns, messages):
         turns.append((begin + SETTLE_S, time.time(), watched))
         for viewer in present:
             messages["slow" if viewer.slow else "fast"].append(viewer.messages)
-            viewer.socket.close()
+            viewer.ended.set()
         watched = not watched
 
 
