@@ -50,8 +50,10 @@ class Viewer(threading.Thread):
                 try:
                     socket.recv(timeout=1.0)
                     self.messages += 1
-                except (TimeoutError, WebSocketException):
+                except TimeoutError:
                     continue
+                except WebSocketException:
+                    break
                 if self.slow:
                     self.ended.wait(5.0)
 
