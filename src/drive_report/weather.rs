@@ -48,6 +48,9 @@ pub(super) struct FixWeather {
 /// A reading: when it came and when it was measured, s.
 type Reading = (f64, f64);
 
+/// Returns the time of a sensor's reading in a sample, s.
+type ReadingTime = fn(&Sample) -> Option<f64>;
+
 /// Returns the weather of all sensors that sent something.
 pub(super) fn weather(input: &Input) -> Vec<SensorWeather> {
     let samples: Vec<(f64, Sample)> = input
@@ -58,7 +61,7 @@ pub(super) fn weather(input: &Input) -> Vec<SensorWeather> {
     fn time<T>(reading: &Option<Stamped<T>>) -> Option<f64> {
         reading.as_ref().map(|reading| reading.time_s)
     }
-    let sensors: [(_, fn(&Sample) -> Option<f64>); 4] = [
+    let sensors: [(_, ReadingTime); 4] = [
         ("pose", |sample| time(&sample.pose)),
         ("tread speeds", |sample| time(&sample.tread_speeds)),
         ("attitude", |sample| time(&sample.attitude)),
