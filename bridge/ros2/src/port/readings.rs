@@ -311,9 +311,7 @@ impl Readings {
     fn fix_time_s(&mut self, message: &NavSatFix, publisher: Gid) -> Result<f64, Rejection> {
         let topic = self.config.pose.as_ref().map_or("", |pose| &pose.topic);
         let clock = &mut self.stamp_clocks.pose;
-        Ok(self
-            .context
-            .time_s(&message.header, clock, topic, publisher)?)
+        (self.context).time_s(&message.header, clock, topic, publisher)
     }
 
     fn try_fix(&mut self, time_s: f64, message: &NavSatFix) -> Result<(), Rejection> {
