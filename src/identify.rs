@@ -21,7 +21,7 @@ use anyhow::{Context, Result};
 use file::commented;
 use found::{Found, Logs, Stage};
 use logs::{recorded, simulated};
-use report::{contact_json, contact_table, extension_table, stage_table};
+use report::{contact_json, contact_table, extension_table, stage_json, stage_table};
 use sidehill_plant::bounds::Bounds;
 use sidehill_plant::contact::ContactVehicle;
 use sidehill_plant::identification::{
@@ -47,9 +47,13 @@ impl Identified {
     /// Returns what was found of the stages and of the contact vehicle, and the verdict, by the keys of
     /// `identify --format json`.
     pub fn json(&self) -> serde_json::Value {
+        let stage = |stage: &Option<Stage>| {
+            let stage = stage.as_ref();
+            stage.map(|stage| stage_json(&stage.report, &stage.undetermined))
+        };
         serde_json::json!({
-            "level": self.found.level.as_ref().map(Stage::json),
-            "slope": self.found.slope.as_ref().map(Stage::json),
+            "level": stage(&self.found.level),
+            "slope": stage(&self.found.slope),
             "contact": self.found.contact.as_ref().map(contact_json),
             "verdict": self.verdict,
         })

@@ -32,10 +32,8 @@ pub trait Driver {
     /// Returns the point of the vehicle that follows the reference: the one configured, on a turn on the
     /// spot the origin.
     fn tracked_point(&self) -> TrackedPoint {
-        match self.reference().and_then(Reference::path) {
-            Some(_) => self.config().tracked_point,
-            None => TrackedPoint::ORIGIN,
-        }
+        let path = self.reference().and_then(Reference::path);
+        self.config().tracked_point.along(path)
     }
 }
 

@@ -19,7 +19,6 @@ pub use drives::DriveResponse;
 pub use parts::ControllerError;
 
 use crate::clock::Instant;
-use crate::closed_loop::Driver;
 use crate::config::{ControllerConfig, ControllerKind};
 use crate::estimator::{Estimate, Estimator};
 use crate::guard::Guard;
@@ -175,9 +174,13 @@ impl Controller {
         }
     }
 
-    /// Returns the point of the vehicle that follows the reference, see [`Driver::tracked_point`].
+    /// Returns the point of the vehicle that follows the reference: the one configured, on a turn on the
+    /// spot the origin.
     pub fn tracked_point(&self) -> TrackedPoint {
-        Driver::tracked_point(self)
+        let reference = self.reference.as_ref();
+        self.config
+            .tracked_point
+            .along(reference.and_then(Reference::path))
     }
 
     /// Returns the targets of the horizon of the last cycle; none of a law without a horizon.

@@ -1,6 +1,5 @@
 //! The logs of an identification, and the results of its stages.
 
-use super::report::stage_json;
 use anyhow::Result;
 use sidehill_plant::identification::{ContactReport, Estimate, ExtensionReport, StageReport};
 use sidehill_plant::log::DriveLog;
@@ -53,11 +52,6 @@ impl Stage {
             report,
             undetermined: undetermined.into_iter().map(kept).collect(),
         })
-    }
-
-    /// Returns the full result as JSON.
-    pub(super) fn json(&self) -> serde_json::Value {
-        stage_json(&self.report, &self.undetermined)
     }
 }
 

@@ -244,20 +244,23 @@ impl Controller {
         self.period_s
     }
 
-    fn __eq__(&self, other: &Bound<'_, PyAny>) -> PyResult<bool> {
+    fn __eq__(slf: &Bound<'_, Self>, other: &Bound<'_, PyAny>) -> PyResult<bool> {
+        // Others may call it meanwhile.
+        if slf.is(other) {
+            return Ok(true);
+        }
         let py = other.py();
         let Ok(other) = other.cast::<Self>() else {
             return Ok(false);
         };
-        let (own, others) = (&self.origin, &other.get().origin);
+        let (own, others) = (&slf.get().origin, &other.get().origin);
         let alike =
             (own.kind, &own.vehicle, own.seed) == (others.kind, &others.vehicle, others.seed);
         if !alike || !own.scenario.bind(py).eq(others.scenario.bind(py))? {
             return Ok(false);
         }
-        // One after the other: both may be the same controller.
-        let told = self.state()?.told.clone();
-        Ok(told == other.get().state()?.told)
+        let told = slf.get().state()?.told.summary();
+        Ok(told == other.get().state()?.told.summary())
     }
 
     fn __copy__(&self, py: Python<'_>) -> PyResult<Self> {
@@ -337,12 +340,12 @@ impl Controller {
     }
 
     fn _repr_html_(&self, py: Python<'_>) -> PyResult<String> {
-        let rows = PyDict::new(py);
+        let (calls, rows) = (self.state()?.told.count(), PyDict::new(py));
         rows.set_item("kind", self.origin.kind.name())?;
         rows.set_item("scenario", self.origin.scenario.get().title())?;
         rows.set_item("vehicle", &self.vehicle.name)?;
         rows.set_item("period_s", self.period_s)?;
-        rows.set_item("calls", self.state()?.told.count())?;
+        rows.set_item("calls", calls)?;
         html("Controller", rows.as_any())
     }
 

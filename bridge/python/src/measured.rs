@@ -6,6 +6,7 @@ use crate::plant::Failure;
 use crate::vehicle::Vehicle;
 use numpy::{PyArray1, PyArrayMethods, PyReadonlyArray1};
 use pyo3::prelude::*;
+use pyo3::types::PyTuple;
 use sidehill_controller::reference::{Progress, Reference};
 use sidehill_plant::sample::Sample;
 use sidehill_plant::speeds::{MeasuredMotorSpeeds, MeasuredTreadSpeeds, MotorSpeeds};
@@ -89,7 +90,8 @@ impl Measured {
     /// Returns the reference (x_m, y_m, yaw_rad, speed_m_s) in so many seconds, for an array of n of them an array of
     /// shape (n, 4); speed negative in reverse.
     fn reference<'py>(&self, ahead_s: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
-        references(&self.reference, ahead_s)
+        let ahead = Ahead::of(ahead_s)?;
+        ahead.shown(ahead_s.py(), ahead.references(&self.reference))
     }
 
     fn __repr__(&self) -> String {
@@ -97,34 +99,48 @@ impl Measured {
     }
 }
 
-/// Returns where `reference` is in so many seconds: (x_m, y_m, yaw_rad, speed_m_s), a row of them for each of an array.
-pub fn references<'py>(
-    reference: &Reference,
-    ahead_s: &Bound<'py, PyAny>,
-) -> PyResult<Bound<'py, PyAny>> {
-    let py = ahead_s.py();
-    let at = |ahead_s: f64| {
-        if ahead_s < 0.0 {
-            return Err(invalid(format!("ahead_s: {ahead_s} is negative")));
+/// Instants ahead, a number or an array of them; read before a lock is taken, since Python code may run.
+pub struct Ahead {
+    seconds: Vec<f64>,
+    is_array: bool,
+}
+
+impl Ahead {
+    /// Returns the instants of an argument.
+    pub fn of(ahead_s: &Bound<'_, PyAny>) -> PyResult<Self> {
+        // A text has a length as well.
+        let is_array = ahead_s.len().is_ok() && ahead_s.extract::<String>().is_err();
+        let seconds = if is_array {
+            let module = ahead_s.py().import("sidehill._arrays")?;
+            let array = module.getattr("numbers")?.call1(("ahead_s", ahead_s, 1))?;
+            array.extract::<PyReadonlyArray1<'_, f64>>()?.to_vec()?
+        } else {
+            vec![number("ahead_s", ahead_s)?]
+        };
+        match seconds.iter().find(|seconds| **seconds < 0.0) {
+            Some(negative) => Err(invalid(format!("ahead_s: {negative} is negative"))),
+            None => Ok(Self { seconds, is_array }),
         }
-        let point = reference.ahead(ahead_s);
-        let pose = point.pose();
-        Ok([pose.x_m, pose.y_m, pose.yaw_rad, point.speed_m_s])
-    };
-    // A text has a length as well.
-    if ahead_s.len().is_err() || ahead_s.extract::<String>().is_ok() {
-        let [x_m, y_m, yaw_rad, speed_m_s] = at(number("ahead_s", ahead_s)?)?;
-        return Ok((x_m, y_m, yaw_rad, speed_m_s).into_pyobject(py)?.into_any());
     }
-    let module = py.import("sidehill._arrays")?;
-    let array = module.getattr("numbers")?.call1(("ahead_s", ahead_s, 1))?;
-    let array: PyReadonlyArray1<'_, f64> = array.extract()?;
-    let mut rows = Vec::with_capacity(4 * array.len()?);
-    for ahead_s in array.as_slice()? {
-        rows.extend(at(*ahead_s)?);
+
+    /// Returns where `reference` is then: (x_m, y_m, yaw_rad, speed_m_s), one after the other.
+    pub fn references(&self, reference: &Reference) -> Vec<f64> {
+        let points = self.seconds.iter().map(|ahead_s| reference.ahead(*ahead_s));
+        let rows = points.map(|point| {
+            let pose = point.pose();
+            [pose.x_m, pose.y_m, pose.yaw_rad, point.speed_m_s]
+        });
+        rows.flatten().collect()
     }
-    let count = rows.len() / 4;
-    Ok(PyArray1::from_vec(py, rows).reshape([count, 4])?.into_any())
+
+    /// Returns these references as Python has them: a tuple, or an array with a row for each instant.
+    pub fn shown<'py>(&self, py: Python<'py>, references: Vec<f64>) -> PyResult<Bound<'py, PyAny>> {
+        if self.is_array {
+            let array = PyArray1::from_vec(py, references);
+            return Ok(array.reshape([self.seconds.len(), 4])?.into_any());
+        }
+        Ok(PyTuple::new(py, references)?.into_any())
+    }
 }
 
 /// Returns a law that asks a Python callable for the speeds told to the drives; what it raises or gives wrongly ends the

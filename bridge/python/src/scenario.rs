@@ -62,14 +62,9 @@ impl Scenario {
         py: Python<'py>,
         given: &Bound<'py, PyDict>,
     ) -> PyResult<Bound<'py, PyAny>> {
-        let files = self.keys()?["files"].take();
-        let files = match files {
-            serde_json::Value::Object(_) => from_json(py, &files.to_string())?,
-            _ => PyDict::new(py).into_any(),
-        };
         py.import("sidehill._scenario")?
             .getattr("keys")?
-            .call1((given, files))
+            .call1((given, self.to_dict(py)?))
     }
 
     /// Returns its name in tables and plots.

@@ -3,7 +3,7 @@
 use crate::arguments::{html, number, object, seed};
 use crate::errors::{failed, guarded, invalid};
 use crate::history::History;
-use crate::measured::references;
+use crate::measured::Ahead;
 use crate::scenario::Scenario;
 use crate::simulate::plant_kind;
 use crate::vehicle::Vehicle;
@@ -234,7 +234,9 @@ impl Simulation {
     /// Returns the reference (x_m, y_m, yaw_rad, speed_m_s) in so many seconds, for an array of n of them an array of
     /// shape (n, 4); speed negative in reverse.
     fn reference<'py>(&self, ahead_s: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
-        references(&self.world()?.reference, ahead_s)
+        let ahead = Ahead::of(ahead_s)?;
+        let references = ahead.references(&self.world()?.reference);
+        ahead.shown(ahead_s.py(), references)
     }
 
     /// Time that following the reference from its start to its end takes, s.
@@ -249,19 +251,22 @@ impl Simulation {
         Ok(self.world()?.finished)
     }
 
-    fn __eq__(&self, other: &Bound<'_, PyAny>) -> PyResult<bool> {
+    fn __eq__(slf: &Bound<'_, Self>, other: &Bound<'_, PyAny>) -> PyResult<bool> {
+        // Others may call it meanwhile.
+        if slf.is(other) {
+            return Ok(true);
+        }
         let py = other.py();
         let Ok(other) = other.cast::<Self>() else {
             return Ok(false);
         };
-        let (own, others) = (&self.origin, &other.get().origin);
+        let (own, others) = (&slf.get().origin, &other.get().origin);
         let alike = (own.plant, own.seed) == (others.plant, others.seed);
         if !alike || !own.scenario.bind(py).eq(others.scenario.bind(py))? {
             return Ok(false);
         }
-        // One after the other: both may be the same simulation.
-        let told = self.world()?.told.clone();
-        Ok(told == other.get().world()?.told)
+        let told = slf.get().world()?.told.summary();
+        Ok(told == other.get().world()?.told.summary())
     }
 
     fn __copy__(&self, py: Python<'_>) -> PyResult<Self> {
@@ -284,10 +289,12 @@ impl Simulation {
 
     fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, Pickled)> {
         let make = py.get_type::<Self>().getattr("_repeated")?;
-        let world = self.world()?;
-        let told = world.told.calls("Simulation")?.iter();
-        let calls = told.map(|(speeds, steps)| (speeds.left_m_s, speeds.right_m_s, *steps));
-        let calls = calls.collect();
+        let calls = {
+            let world = self.world()?;
+            let told = world.told.calls("Simulation")?.iter();
+            let calls = told.map(|(speeds, steps)| (speeds.left_m_s, speeds.right_m_s, *steps));
+            calls.collect()
+        };
         let plant = self.origin.plant.map(|plant| plant.name().to_owned());
         let scenario = self.origin.scenario.clone_ref(py);
         Ok((make, (scenario, plant, self.origin.seed, calls)))

@@ -105,6 +105,16 @@ def test_a_scenario_of_objects_and_arrays(guessed, bend):
     assert tilted.start_attitude_rad[1] == pytest.approx(math.atan(0.1), abs=0.03)
 
 
+def test_another_path_keeps_how_it_is_smoothed(bend):
+    smoothing = {"max_deviation_m": 0.02}
+    scenario = sidehill.Scenario(path=bend, route={"smoothing": smoothing})
+    moved = scenario.with_(path=bend + 1)
+    assert moved.to_dict()["route"]["smoothing"] == smoothing and moved != scenario
+    np.testing.assert_allclose(moved.start_pose[:2], (1, 1), atol=0.05)
+    assert scenario.with_(path=bend) == scenario
+    assert "smoothing" not in scenario.with_(path=bend, route={}).to_dict()["route"]
+
+
 def test_a_scenario_of_objects_is_one_file_for_the_program(run, tmp_path, guessed, bend):
     x = np.linspace(-12, 12, 49)
     scenario = sidehill.Scenario(path=bend, vehicle=guessed, terrain=sidehill.Grid(x, x, lambda x, y: 0.1 * x + 0.05 * y))

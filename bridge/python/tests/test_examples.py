@@ -46,6 +46,18 @@ def test_the_figures_of_the_paper(tmp_path):
 
 
 @pytest.mark.filterwarnings("default")
+def test_an_mpc_of_ones_own_drives_beside_ours(tmp_path):
+    pytest.importorskip("matplotlib")
+    rows = importlib.import_module("own_mpc").main(tmp_path)
+    assert len(rows) == 18 and all(row["completed"] for row in rows)
+    errors = {kind: [row["cross_track_rms_m"] for row in rows if row["controller"] == kind] for kind in
+              ("icrik-mpc", "OwnMpc", "pure-pursuit")}  # fmt: skip
+    for ours, own, pursuit in zip(*errors.values(), strict=True):
+        assert ours < 0.01 and own < 0.02 and 3 * own < pursuit
+    assert (tmp_path / "own_mpc.png").stat().st_size > 40_000
+
+
+@pytest.mark.filterwarnings("default")
 def test_a_rover_in_mujoco_keeps_its_path(tmp_path):
     pytest.importorskip("mujoco")
     result = importlib.import_module("mujoco_rover").main(tmp_path)

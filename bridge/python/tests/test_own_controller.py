@@ -2,6 +2,7 @@
 
 import json
 import math
+import threading
 
 import numpy as np
 import pandas
@@ -121,6 +122,25 @@ def test_a_horizon_of_references_is_one_call(short):
     for wrong in ([0.0, -1.0], [[0.0]], [math.nan], "1", None):
         with pytest.raises(ValueError, match="ahead_s: "):
             simulation.reference(wrong)
+
+
+def test_threads_that_share_a_simulation_wait_for_each_other(short):
+    simulation = sidehill.Simulation(short)
+    ahead = [0.1] * 200
+
+    def work():
+        for _ in range(300):
+            simulation.reference(ahead)
+            simulation.step(0.1, 0.1, 0.005)
+            assert simulation.time_s > 0 and simulation == simulation
+
+    threads = [threading.Thread(target=work, daemon=True) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(60)
+        assert not thread.is_alive()
+    assert simulation.time_s == pytest.approx(6)
 
 
 def close(found, expected):

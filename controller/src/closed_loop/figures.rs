@@ -124,10 +124,7 @@ impl Account {
             travelled_m: 0.0,
             time_s: 0.0,
             tread_speed_max_m_s: 0.0,
-            tracked_point: match reference.path() {
-                Some(_) => config.tracked_point,
-                None => TrackedPoint::ORIGIN,
-            },
+            tracked_point: config.tracked_point.along(reference.path()),
             origin_squares: 0.0,
             lap_m: reference.trajectory().length_m(),
             last_lap: match reference.trajectory().ending() {

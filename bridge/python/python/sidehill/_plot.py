@@ -62,7 +62,7 @@ def _map(axes: Axes, logs: dict[str, dict[str, Any]], scenario: Scenario) -> Non
         sides.append(np.linspace(np.nanmin(both) - MARGIN_M, np.nanmax(both) + MARGIN_M, CONTOURS))
     height = scenario.height_m(*np.meshgrid(*sides))
     if np.nanmax(height) - np.nanmin(height) > 1e-6:
-        lines = axes.contour(*sides, height, levels=12, colors="0.7", linewidths=0.8)
+        lines = axes.contour(*sides, height, levels=12, colors="0.7", linewidths=0.8, linestyles="solid")
         axes.clabel(lines, fmt="%.1f m", fontsize=7)
     axes.plot(*tracks[0], "k--", linewidth=1, label="reference")
     for name, (x, y) in zip(logs, tracks[1:], strict=True):

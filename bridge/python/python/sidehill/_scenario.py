@@ -66,8 +66,8 @@ def of_new(given: Mapping[str, Any]) -> dict[str, Any]:
     return keys(_DEFAULTS | {"vehicle": Vehicle.j8()} | dict(given), {})
 
 
-def keys(given: Mapping[str, Any], files: Mapping[str, str]) -> dict[str, Any]:
-    """Returns the keys of the YAML for those that are given; `files` are the texts that the scenario has so far."""
+def keys(given: Mapping[str, Any], before: Mapping[str, Any]) -> dict[str, Any]:
+    """Returns the keys of the YAML for those that are given; `before` are those of the scenario so far."""
     out = dict(given)
     texts: dict[str, str] = {}
 
@@ -90,9 +90,9 @@ def keys(given: Mapping[str, Any], files: Mapping[str, str]) -> dict[str, Any]:
         }
     if "path" in out:
         route = {"file": named("path.csv", _path(out.pop("path")))}
-        out = {"course": None} | out | {"route": dict(out.get("route") or {}) | route}
+        out = {"course": None} | out | {"route": dict(out.get("route", before.get("route")) or {}) | route}
     if texts or out.get("files"):
-        out["files"] = dict(files) | dict(out.get("files") or {}) | texts
+        out["files"] = dict(before.get("files") or {}) | dict(out.get("files") or {}) | texts
     return out
 
 

@@ -16,6 +16,7 @@ __version__: str
 _Path = str | os.PathLike[str]
 _Floats = npt.NDArray[np.float64]
 _Numbers = tuple[float, ...] | list[float] | _Floats
+_Array = npt.NDArray[np.floating[Any] | np.integer[Any]]
 _Text = tuple[str, bytes]
 
 @disjoint_base
@@ -499,7 +500,7 @@ class Measured:
         Of an array of n of them, s, it returns an array of shape (n, 4). Raises ValueError where one is negative.
         """
     @overload
-    def reference(self, ahead_s: _Floats | Sequence[float]) -> _Floats: ...
+    def reference(self, ahead_s: _Array | Sequence[float]) -> _Floats: ...
 
 _Law: TypeAlias = Callable[[Measured], tuple[float, float]]
 
@@ -589,7 +590,7 @@ class Simulation:
         Of an array of n of them, s, it returns an array of shape (n, 4). Raises ValueError where one is negative.
         """
     @overload
-    def reference(self, ahead_s: _Floats | Sequence[float]) -> _Floats: ...
+    def reference(self, ahead_s: _Array | Sequence[float]) -> _Floats: ...
     @property
     def reference_end_s(self) -> float:
         """Time that following the reference from its start to its end takes, s."""
