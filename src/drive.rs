@@ -1,6 +1,7 @@
 //! Hands the commands that drive over to the program `sidehill-drive`, and defines their arguments.
 
 use crate::recording::LiveArgs;
+use crate::simulate::Format;
 use anyhow::{Error, anyhow};
 use std::io::ErrorKind;
 use std::os::unix::process::CommandExt;
@@ -115,4 +116,48 @@ pub struct DriveRouteArgs {
     /// Times that all lanes are driven.
     #[arg(long, default_value_t = 1)]
     pub passes: u32,
+}
+
+/// Arguments of `sidehill can`.
+#[derive(Debug, clap::Args)]
+pub struct CanArgs {
+    /// What to do.
+    #[command(subcommand)]
+    pub command: CanCommand,
+}
+
+/// What `sidehill can` does.
+#[derive(Debug, clap::Subcommand)]
+pub enum CanCommand {
+    /// Finds the CANopen nodes of a bus: state, identity, errors. It reads objects and moves nothing.
+    Scan(CanScanArgs),
+    /// Shows what the drives of a configuration say, once a second and on change. It sends nothing.
+    Monitor(CanMonitorArgs),
+}
+
+/// Arguments of `sidehill can scan`.
+#[derive(Debug, clap::Args)]
+pub struct CanScanArgs {
+    /// Configuration of `run`: its interface is scanned, and its drives are looked for.
+    #[arg(required_unless_present = "interface")]
+    pub config: Option<PathBuf>,
+    /// SocketCAN interface, as can0, in place of the configuration's.
+    #[arg(long)]
+    pub interface: Option<String>,
+    /// How the nodes are printed.
+    #[arg(long, value_enum, default_value_t)]
+    pub format: Format,
+}
+
+/// Arguments of `sidehill can monitor`.
+#[derive(Debug, clap::Args)]
+pub struct CanMonitorArgs {
+    /// Configuration of `run`: its interface and its drives.
+    pub config: PathBuf,
+    /// text: for a person; json: a line of JSON each. By default text on a terminal and json elsewhere.
+    #[arg(long, value_enum)]
+    pub format: Option<RunFormat>,
+    /// Duration, s; without it, until SIGINT or SIGTERM.
+    #[arg(long)]
+    pub duration_s: Option<f64>,
 }

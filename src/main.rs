@@ -51,6 +51,8 @@ enum Command {
     DriveRoute(drive::DriveRouteArgs),
     /// Runs a virtual rover in real time on a CAN bus or on ROS 2, where it takes --ros-args.
     Vehicle(drive::VehicleArgs),
+    /// Finds and watches drives on a CAN bus.
+    Can(drive::CanArgs),
     /// Feeds the samples of a recording to the controller again, or to another one.
     Replay(replay::ReplayArgs),
     /// Tells what a recorded drive was like: what was driven, stops and their causes, worst places, sensors; and whether it
@@ -72,7 +74,9 @@ fn main() -> ExitCode {
         .command
         .unwrap_or_else(|| Command::Simulate(simulate::SimulateArgs::default()));
     let result = match command {
-        Command::Run(_) | Command::Vehicle(_) | Command::DriveRoute(_) => Err(drive::hand_over()),
+        Command::Run(_) | Command::Vehicle(_) | Command::DriveRoute(_) | Command::Can(_) => {
+            Err(drive::hand_over())
+        }
         Command::Odometry(args) if args.live => Err(drive::hand_over()),
         Command::Route(args) if args.is_live() => Err(drive::hand_over()),
         _ if !ros.is_empty() => Err(anyhow!("--ros-args: this command is not a ROS 2 node")),

@@ -225,6 +225,7 @@ impl VehicleReader {
                 });
                 if codec.states == DriveStates::Statusword {
                     r.nodes[drive].power = PowerState::of(state as u16);
+                    r.nodes[drive].statusword = state as u16;
                 }
             }
             ReadingSource::Attitude => {

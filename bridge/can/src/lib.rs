@@ -8,10 +8,12 @@ pub mod database;
 pub mod frame;
 pub mod frozen;
 pub mod layout;
+pub mod load;
 pub mod message;
 pub mod rover;
 pub mod signal;
 pub mod vehicle_side;
+pub mod watch;
 
 #[cfg(test)]
 mod tests;

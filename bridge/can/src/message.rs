@@ -23,6 +23,16 @@ pub enum DriveRole {
 }
 
 impl DriveRole {
+    /// Returns the role as configurations spell it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Traction => "traction",
+            Self::Steer => "steer",
+            Self::Left => "left",
+            Self::Right => "right",
+        }
+    }
+
     /// Returns the speed of this drive where the motors turn so, m/s.
     pub fn speed_m_s(self, motors: &MeasuredMotorSpeeds) -> f64 {
         let treads = MeasuredTreadSpeeds::from(*motors);
@@ -75,6 +85,8 @@ pub struct Field {
     pub codec: SignalCodec,
     /// Signal units in one SI unit; not 0.
     pub per_unit: f64,
+    /// How much a signal unit is, rad/s; none for a unit that is not of a rotation.
+    pub rotation_rad_s: Option<f64>,
 }
 
 /// A checksum's place and kind.
@@ -200,6 +212,22 @@ impl MessageCodec {
     /// Returns the identifier.
     pub fn id(&self) -> FrameId {
         self.id
+    }
+
+    /// Returns the signal units in one unit of a quantity; none where the message does not carry it.
+    pub fn per_unit(&self, quantity: Quantity) -> Option<f64> {
+        let mut fields = self.fields.iter();
+        let field = fields.find(|field| field.quantity == quantity)?;
+        Some(field.per_unit)
+    }
+
+    /// Returns how fast a motor turns at 1 m/s, rad/s, where the signal counts turns; its sign is that of the scaling.
+    pub fn rotation_rad_s(&self, quantity: Quantity) -> Option<f64> {
+        let field = self
+            .fields
+            .iter()
+            .find(|field| field.quantity == quantity)?;
+        Some(field.per_unit * field.rotation_rad_s?)
     }
 
     /// Returns the number of different counters; 1 without a counter.

@@ -3,6 +3,7 @@
 //! A library so that tests can use it; its interface is not stable.
 #![allow(clippy::print_stdout, clippy::print_stderr)]
 
+pub mod can;
 pub mod drive_route;
 pub mod faults;
 mod interrupts;

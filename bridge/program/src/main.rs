@@ -8,7 +8,7 @@ use clap::{Parser, Subcommand};
 use sidehill::documents;
 use sidehill::{console, drive};
 use sidehill_bridge::ros2::arguments;
-use sidehill_drive::{drive_route, faults, odometry, route, run, vehicle};
+use sidehill_drive::{can, drive_route, faults, odometry, route, run, vehicle};
 use std::process::ExitCode;
 
 /// Drives a rover, or a virtual one, on a CAN bus or on ROS 2. `sidehill` has all other commands.
@@ -30,6 +30,8 @@ enum LiveCommand {
     DriveRoute(drive::DriveRouteArgs),
     /// Runs a virtual rover in real time on a CAN bus or on ROS 2, where it takes --ros-args.
     Vehicle(drive::VehicleArgs),
+    /// Finds and watches drives on a CAN bus.
+    Can(drive::CanArgs),
     /// With --live, runs as a ROS 2 node that publishes slope-corrected odometry.
     Odometry(sidehill::odometry::OdometryArgs),
     /// With `live`, writes the path of a drive from a ROS 2 topic as GPX or CSV.
@@ -54,6 +56,7 @@ fn execute(command: LiveCommand, ros: &[String]) -> anyhow::Result<ExitCode> {
         LiveCommand::Vehicle(args) => vehicle::run(&args, ros),
         LiveCommand::Faults(args) => faults::run(&args),
         LiveCommand::DriveRoute(args) => drive_route::run(&args, ros),
+        LiveCommand::Can(args) => can::run(&args),
         LiveCommand::Odometry(args) if args.live => odometry::run(&args, ros),
         LiveCommand::Odometry(_) => bail!("without --live this is a command of sidehill"),
         LiveCommand::Route(args) if args.is_live() => {

@@ -88,10 +88,32 @@ impl BusMonitor {
         epoch: Epoch,
         handle: impl FnMut(BusEvent) + Send + 'static,
     ) -> Result<Self, Error> {
+        let filters = wanted.iter().map(|id| exact_filter(*id)).collect();
+        Self::start_filtered(interface, Some(filters), epoch, handle)
+    }
+
+    /// Starts a monitor as [`BusMonitor::start`] that passes all data frames.
+    ///
+    /// # Errors
+    /// As [`BusMonitor::start`].
+    pub fn start_all(
+        interface: &str,
+        epoch: Epoch,
+        handle: impl FnMut(BusEvent) + Send + 'static,
+    ) -> Result<Self, Error> {
+        Self::start_filtered(interface, None, epoch, handle)
+    }
+
+    fn start_filtered(
+        interface: &str,
+        filters: Option<Vec<CanFilter>>,
+        epoch: Epoch,
+        handle: impl FnMut(BusEvent) + Send + 'static,
+    ) -> Result<Self, Error> {
         let stop = Arc::new(AtomicBool::new(false));
         let mut monitor = Monitor {
             interface: interface.to_owned(),
-            filters: wanted.iter().map(|id| exact_filter(*id)).collect(),
+            filters,
             epoch,
             stop: Arc::clone(&stop),
             handle,
@@ -137,7 +159,8 @@ pub(super) fn exact_filter(id: FrameId) -> CanFilter {
 
 struct Monitor<F> {
     interface: String,
-    filters: Vec<CanFilter>,
+    /// Those of the frames that are passed on; none for all.
+    filters: Option<Vec<CanFilter>>,
     epoch: Epoch,
     stop: Arc<AtomicBool>,
     handle: F,
@@ -169,7 +192,9 @@ impl<F: FnMut(BusEvent)> Monitor<F> {
 
     fn open(&self) -> Result<CanSocket, Error> {
         let socket = CanSocket::open(self.interface.as_str())?;
-        socket.set_filters(&self.filters)?;
+        if let Some(filters) = &self.filters {
+            socket.set_filters(filters)?;
+        }
         socket.set_error_filter_accept_all()?;
         socket.set_read_timeout(READ_TIMEOUT)?;
         Ok(socket)

@@ -5,7 +5,7 @@ use sidehill_bridge::drives::{Input, InputStatus, LinkState, MISSING_AFTER_S};
 use sidehill_can::cia402::NmtState;
 use sidehill_can::frame::Frame;
 use sidehill_can::layout::{Layout, Profile};
-use sidehill_can::message::{DriveRole, FrameFault};
+use sidehill_can::message::FrameFault;
 use sidehill_plant::sample::Stamped;
 use std::sync::Arc;
 use triple_buffer::Output;
@@ -72,7 +72,7 @@ impl CanInputs {
         let bus_is_up = arrivals.bus.carries();
         for (index, message) in self.layout.from_vehicle().enumerate() {
             let input = match self.layout.drives.get(index) {
-                Some(drive) => format!("{} drive", role(drive.role)),
+                Some(drive) => format!("{} drive", drive.role.name()),
                 None => SENSORS[index - 2].to_owned(),
             };
             let missing = self.message_fault(arrivals, index, now_s);
@@ -119,7 +119,8 @@ impl InputStatus for CanInputs {
     }
 }
 
-fn bus_fault(bus: LinkState, interface: &str) -> Option<String> {
+/// Returns why a bus carries nothing and what to do; none for one that does.
+pub fn bus_fault(bus: LinkState, interface: &str) -> Option<String> {
     match bus {
         LinkState::Active | LinkState::Warning | LinkState::Passive => None,
         LinkState::BusOff => Some(
@@ -160,15 +161,6 @@ fn node_fault(
     }
     (nmt.value != NmtState::Operational && !pdo_arrived)
         .then(|| format!("node {node}: it is {:?}, its setup is not done", nmt.value))
-}
-
-fn role(role: DriveRole) -> &'static str {
-    match role {
-        DriveRole::Traction => "traction",
-        DriveRole::Steer => "steer",
-        DriveRole::Left => "left",
-        DriveRole::Right => "right",
-    }
 }
 
 #[cfg(test)]

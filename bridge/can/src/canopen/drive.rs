@@ -2,8 +2,8 @@
 
 use crate::cia402::node::{Emergency, NMT, NmtCommand, NmtState, SYNC};
 use crate::cia402::objects::{
-    ABORT_OPTION, CONSUMER, ERROR_REGISTER, MODE, Objects, PRODUCER, QUICK_STOP_OPTION, RPDO_TIMER,
-    STATUSWORD, TPDO_TIMER, TPDO_TYPE,
+    ABORT_OPTION, CONSUMER, MODE, Objects, PRODUCER, QUICK_STOP_OPTION, RPDO_TIMER, STATUSWORD,
+    TPDO_TIMER, TPDO_TYPE,
 };
 use crate::cia402::{Cia402, NodeId, PowerState};
 use crate::frame::{Frame, FrameId};
@@ -289,8 +289,7 @@ impl SimulatedDrive {
         }
         self.lost = lost;
         let emergency = lost.unwrap_or(ERROR_GONE);
-        self.objects
-            .set(ERROR_REGISTER, u32::from(emergency.register));
+        self.objects.keep_error(&emergency);
         outbox.push_back(emergency.frame(self.node));
     }
 

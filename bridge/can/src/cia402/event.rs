@@ -1,5 +1,6 @@
 use super::node::Emergency;
 use super::sdo::SetupFault;
+use super::words::error_words;
 use std::fmt;
 
 /// News of a drive.
@@ -35,7 +36,11 @@ impl fmt::Display for DriveEvent {
             Self::SetupFailed(fault) => write!(f, "not set up: {fault}"),
             Self::Emergency(Emergency { code: 0, .. }) => write!(f, "its error has gone"),
             Self::Emergency(Emergency { code, register }) => {
-                write!(f, "emergency {code:#06X}, error register {register:#04X}")
+                let words = error_words(*code);
+                write!(
+                    f,
+                    "emergency {code:#06X}, error register {register:#04X}: {words}"
+                )
             }
             Self::NoDeadline => write!(
                 f,

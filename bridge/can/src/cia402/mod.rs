@@ -11,6 +11,7 @@ pub(crate) mod objects;
 mod power;
 mod sdo;
 mod settings;
+mod words;
 
 pub use event::DriveEvent;
 pub(crate) use node::SYNC;
@@ -19,3 +20,5 @@ pub use node_id::NodeId;
 pub use power::{Controlword, PowerState};
 pub use sdo::{SdoAnswer, SdoRequest, SetupFault};
 pub use settings::Cia402;
+pub(crate) use words::PROFILE_402;
+pub use words::{device_words, error_words, mode_words, register_words, statusword_notes};

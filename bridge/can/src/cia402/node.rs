@@ -3,7 +3,9 @@ use super::power::PowerState;
 use super::sdo::{self, SdoAnswer, SdoRequest};
 use crate::frame::{Frame, FrameId};
 use crate::message::{FrameFault, Quantity};
+use serde::Serialize;
 use sidehill_plant::sample::Stamped;
+use std::fmt;
 
 /// Identifier of the network management.
 pub const NMT: FrameId = FrameId::Standard(0x000);
@@ -34,7 +36,8 @@ impl NmtCommand {
 }
 
 /// NMT state of a node, as its heartbeat has it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
 pub enum NmtState {
     /// It has started this moment.
     BootUp,
@@ -75,6 +78,17 @@ impl NmtState {
             length: 1,
             data: [self.byte(), 0, 0, 0, 0, 0, 0, 0],
         }
+    }
+}
+
+impl fmt::Display for NmtState {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::BootUp => "just started",
+            Self::Stopped => "stopped",
+            Self::Operational => "operational",
+            Self::PreOperational => "pre-operational",
+        })
     }
 }
 
@@ -144,6 +158,8 @@ impl<T: Copy> Default for Latest<T> {
 pub struct NodeReading {
     /// State of its power, by the newest PDO.
     pub power: Option<PowerState>,
+    /// The statusword that says so.
+    pub statusword: u16,
     /// State of the node.
     pub nmt: Option<Stamped<NmtState>>,
     /// How often it has started.

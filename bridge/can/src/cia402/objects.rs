@@ -1,5 +1,6 @@
 //! The object dictionary of a virtual drive, and its answers to SDO uploads and downloads.
 
+use super::node::Emergency;
 use super::node_id::NodeId;
 use crate::config::ObjectType;
 use crate::frame::Frame;
@@ -29,7 +30,13 @@ pub(crate) const MODE: Address = (0x6060, 0);
 /// The same, to be read.
 const MODE_DISPLAY: Address = (0x6061, 0);
 /// Error register.
-pub(crate) const ERROR_REGISTER: Address = (0x1001, 0);
+const ERROR_REGISTER: Address = (0x1001, 0);
+/// How many errors there were, as far as they are kept; the newest is the first.
+const ERRORS: Address = (0x1003, 0);
+/// The newest of them.
+const ERROR_CODE: Address = (0x603F, 0);
+/// Most errors that are kept.
+const ERRORS_MAX: u8 = 4;
 
 /// Abort codes of CiA 301.
 mod abort {
@@ -43,17 +50,26 @@ mod abort {
 
 /// Type, value at the start, and whether it can be written. Speeds are in the PDOs alone, whose
 /// mapping is that of the database, whatever a client writes here.
-const OBJECTS: [(Address, ObjectType, u32, bool); 29] = {
+const OBJECTS: [(Address, ObjectType, u32, bool); 37] = {
     use ObjectType::{I8, I16, U8, U16, U32};
     [
         // A servo drive of CiA 402.
         ((0x1000, 0), U32, 0x0002_0192, false),
         (ERROR_REGISTER, U8, 0, false),
+        (ERRORS, U8, 0, true),
+        ((0x1003, 1), U32, 0, false),
+        ((0x1003, 2), U32, 0, false),
+        ((0x1003, 3), U32, 0, false),
+        ((0x1003, 4), U32, 0, false),
         ((0x1016, 0), U8, 1, false),
         (CONSUMER, U32, 0, true),
         (PRODUCER, U16, 0, true),
-        ((0x1018, 0), U8, 1, false),
+        ((0x1018, 0), U8, 4, false),
+        // Nobody's vendor number.
         ((0x1018, 1), U32, 0, false),
+        ((0x1018, 2), U32, 402, false),
+        ((0x1018, 3), U32, 0x0001_0000, false),
+        ((0x1018, 4), U32, 1, false),
         ((0x1400, 0), U8, 5, false),
         ((0x1400, 1), U32, 0, true),
         ((0x1400, 2), U8, 255, true),
@@ -70,7 +86,7 @@ const OBJECTS: [(Address, ObjectType, u32, bool); 29] = {
         ((0x1A00, 1), U32, 0x6041_0010, true),
         ((0x1A00, 2), U32, 0x606C_0020, true),
         (ABORT_OPTION, I16, 0, true),
-        ((0x603F, 0), U16, 0, false),
+        (ERROR_CODE, U16, 0, false),
         (STATUSWORD, U16, 0, false),
         (QUICK_STOP_OPTION, I16, 2, true),
         (MODE, I8, 0, true),
@@ -98,6 +114,21 @@ impl Objects {
     /// Sets an object that the drive itself changes.
     pub(crate) fn set(&mut self, address: Address, bits: u32) {
         self.0.insert(address, bits);
+    }
+
+    /// Keeps an error, or its end, which has code 0.
+    pub(crate) fn keep_error(&mut self, emergency: &Emergency) {
+        self.set(ERROR_REGISTER, u32::from(emergency.register));
+        self.set(ERROR_CODE, u32::from(emergency.code));
+        if emergency.code == 0 {
+            return;
+        }
+        for sub in (1..ERRORS_MAX).rev() {
+            self.set((ERRORS.0, sub + 1), self.get((ERRORS.0, sub)));
+        }
+        self.set((ERRORS.0, 1), u32::from(emergency.code));
+        let count = self.get(ERRORS) + 1;
+        self.set(ERRORS, count.min(u32::from(ERRORS_MAX)));
     }
 
     /// Returns the answer to a request of eight bytes; none to an abort.
@@ -149,6 +180,8 @@ impl Objects {
             MODE => &[0, 3, 9],
             QUICK_STOP_OPTION => &[0, 1, 2, 5, 6],
             ABORT_OPTION => &[0, 1, 2, 3],
+            // It clears them.
+            ERRORS => &[0],
             _ => &[],
         };
         if !allowed.is_empty() && !allowed.contains(&bits) {

@@ -1,7 +1,10 @@
+use serde::Serialize;
 use sidehill_bridge::drives::DriveMode;
+use std::fmt;
 
 /// State of a drive by its statusword: the state machine of CiA 402.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
 pub enum PowerState {
     /// It starts.
     NotReadyToSwitchOn,
@@ -105,6 +108,21 @@ impl PowerState {
                 Controlword::DISABLE_VOLTAGE
             }
         }
+    }
+}
+
+impl fmt::Display for PowerState {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::NotReadyToSwitchOn => "not ready to switch on",
+            Self::SwitchOnDisabled => "switch on disabled",
+            Self::ReadyToSwitchOn => "ready to switch on",
+            Self::SwitchedOn => "switched on",
+            Self::OperationEnabled => "operation enabled",
+            Self::QuickStopActive => "quick stop active",
+            Self::FaultReactionActive => "fault reaction active",
+            Self::Fault => "fault",
+        })
     }
 }
 

@@ -24,6 +24,8 @@ pub struct Signal {
     pub codec: SignalCodec,
     /// The multiplexor and the raw value it has when this signal is in the frame.
     pub page: Option<(SignalCodec, u64)>,
+    /// How much its unit is, rad/s; none for a unit that is not of a rotation.
+    pub rotation_rad_s: Option<f64>,
 }
 
 /// A message of the database.
@@ -113,6 +115,19 @@ impl Database {
     }
 }
 
+/// Returns how much a unit of rotation is, rad/s; none for another.
+fn rotation_rad_s(unit: &str) -> Option<f64> {
+    match unit.trim().to_ascii_lowercase().as_str() {
+        "rpm" | "1/min" | "min-1" | "min^-1" | "r/min" | "rev/min" | "u/min" => {
+            Some(std::f64::consts::TAU / 60.0)
+        }
+        "rps" | "r/s" | "rev/s" => Some(std::f64::consts::TAU),
+        "rad/s" => Some(1.0),
+        "deg/s" | "\u{b0}/s" => Some(1_f64.to_radians()),
+        _ => None,
+    }
+}
+
 /// The parser silently truncates standard identifiers to 16 bits; this checks them before it.
 fn check_identifiers(text: &str) -> Result<(), DatabaseFault> {
     const EXTENDED: u64 = 1 << 31;
@@ -185,7 +200,11 @@ impl Message<'_> {
                 return Err(self.multiplexing(signal));
             }
         };
-        Ok(Signal { codec, page })
+        Ok(Signal {
+            codec,
+            page,
+            rotation_rad_s: rotation_rad_s(&signal.unit),
+        })
     }
 
     /// The message's multiplexor, which must be able to show `page`.

@@ -30,7 +30,7 @@ impl<'a> Builder<'a> {
         self.database.fail(fault).into()
     }
 
-    fn find(&mut self, name: &str) -> Result<SignalCodec, LayoutError> {
+    fn find(&mut self, name: &str) -> Result<Signal, LayoutError> {
         let signal = self.message.signal(name)?;
         let bits = signal.codec.footprint();
         if let Some((other, _)) = self
@@ -45,7 +45,7 @@ impl<'a> Builder<'a> {
             }));
         }
         self.used.push((name.to_owned(), signal));
-        Ok(signal.codec)
+        Ok(signal)
     }
 
     pub(crate) fn scaled(
@@ -53,7 +53,7 @@ impl<'a> Builder<'a> {
         quantity: Quantity,
         signal: &ScaledSignal,
     ) -> Result<Self, LayoutError> {
-        let codec = self.find(&signal.signal)?;
+        let found = self.find(&signal.signal)?;
         let bounds = Bounds::new(1e-6, 1e9, "").with_note("or its negative");
         let size = bounds
             .check("per_unit", signal.per_unit.abs())
@@ -63,25 +63,27 @@ impl<'a> Builder<'a> {
             })?;
         self.fields.push(Field {
             quantity,
-            codec,
+            codec: found.codec,
             per_unit: size.copysign(signal.per_unit),
+            rotation_rad_s: found.rotation_rad_s,
         });
         Ok(self)
     }
 
     pub(crate) fn value(mut self, quantity: Quantity, signal: &str) -> Result<Self, LayoutError> {
-        let codec = self.find(signal)?;
+        let codec = self.find(signal)?.codec;
         self.fields.push(Field {
             quantity,
             codec,
             per_unit: 1.0,
+            rotation_rad_s: None,
         });
         Ok(self)
     }
 
     /// Adds a controlword or statusword.
     pub(crate) fn word(mut self, quantity: Quantity, signal: &str) -> Result<Self, LayoutError> {
-        let codec = self.find(signal)?;
+        let codec = self.find(signal)?.codec;
         let plain = codec.kind == RawKind::Unsigned && codec.scale == 1.0 && codec.offset == 0.0;
         if codec.bits != 16 || !plain {
             return Err(self.unusable(DatabaseFault::Word {
@@ -93,6 +95,7 @@ impl<'a> Builder<'a> {
             quantity,
             codec,
             per_unit: 1.0,
+            rotation_rad_s: None,
         });
         Ok(self)
     }
@@ -121,7 +124,7 @@ impl<'a> Builder<'a> {
         let counter = match &protection.counter {
             None => None,
             Some(name) => {
-                let codec = self.find(name)?;
+                let codec = self.find(name)?.codec;
                 if codec.kind != RawKind::Unsigned || codec.bits > 16 {
                     return Err(self.unusable(DatabaseFault::Counter {
                         message: self.name.clone(),
@@ -148,7 +151,7 @@ impl<'a> Builder<'a> {
     }
 
     fn checksum(&mut self, checksum: &Checksum) -> Result<ChecksumCodec, LayoutError> {
-        let codec = self.find(&checksum.signal)?;
+        let codec = self.find(&checksum.signal)?.codec;
         let footprint = codec.footprint();
         let byte = footprint.trailing_zeros() as usize / 8;
         if footprint != 0xFF << (8 * byte) || codec.kind != RawKind::Unsigned {

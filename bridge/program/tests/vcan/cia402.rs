@@ -18,13 +18,13 @@ const QUICK_STOP_S: f64 = 0.75 / 3.0;
 const HEARTBEAT_S: f64 = 0.05;
 
 /// The vehicle.
-struct Peer {
+pub struct Peer {
     process: Running,
     input: ChildStdin,
 }
 
 impl Peer {
-    fn start(folder: &Folder, heading_deg: f64) -> Self {
+    pub fn start(folder: &Folder, heading_deg: f64) -> Self {
         let truth = folder.0.join("truth.csv").display().to_string();
         let heading = heading_deg.to_string();
         let database = database("cia402.dbc");
@@ -46,12 +46,12 @@ impl Peer {
         peer
     }
 
-    fn tell(&mut self, words: &str) {
+    pub fn tell(&mut self, words: &str) {
         writeln!(self.input, "{words}").unwrap();
     }
 }
 
-fn of_cia402(text: String) -> String {
+pub fn of_cia402(text: String) -> String {
     assert!(text.contains("/can.yaml"));
     text.replace("/can.yaml", "/cia402.yaml")
 }
@@ -184,7 +184,7 @@ fn faults_of_canopen_drives_stop_both_until_re_armed() {
 }
 
 /// Sends a frame as another master would; starting `cansend` takes its time.
-fn send_as_another(frame: &str) {
+pub fn send_as_another(frame: &str) {
     let sent = Command::new("cansend").args([BUS, frame]).status();
     assert!(sent.unwrap().success());
 }

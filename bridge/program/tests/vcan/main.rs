@@ -15,6 +15,7 @@ mod running;
 
 mod both;
 mod cia402;
+mod commissioning;
 mod faults;
 mod guide;
 #[path = "../support/guide_blocks.rs"]

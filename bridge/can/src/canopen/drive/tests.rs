@@ -133,7 +133,7 @@ fn drives_that_miss_their_master_stop_quickly_and_say_why() {
     bench.cycles(6, true, 0.5);
     assert_eq!(bench.drives.mode(), DriveMode::Disabled);
     assert_eq!(bench.motors.traction_m_s, 0.0);
-    let emergency = "emergency 0x8130, error register 0x11";
+    let emergency = "emergency 0x8130, error register 0x11: heartbeat or life guarding lost";
     assert!(bench.events.contains(&format!("1: {emergency}")));
     bench.master_speaks = true;
     bench.cycles(2, false, 0.0);
@@ -151,7 +151,7 @@ fn drives_that_miss_commands_stop_though_another_sends_their_masters_heartbeat()
     }
     assert_eq!(bench.motors.traction_m_s, 0.0);
     assert_eq!(bench.drives.mode(), DriveMode::Disabled);
-    let emergency = "emergency 0x8250, error register 0x11";
+    let emergency = "emergency 0x8250, error register 0x11: commands missing (RPDO time-out)";
     assert!(bench.events.contains(&format!("2: {emergency}")));
 }
 

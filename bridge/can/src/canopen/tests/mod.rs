@@ -382,8 +382,8 @@ fn every_state_and_every_emergency_of_a_cycle_counts() {
     bus.on([0.5, 0.0], 2);
     let said = told(&bus, 1);
     let expected = [
-        "emergency 0x3210, error register 0x01",
-        "emergency 0x8611, error register 0x01",
+        "emergency 0x3210, error register 0x01: DC link over-voltage",
+        "emergency 0x8611, error register 0x01: following error",
         "its error has gone",
     ];
     assert_eq!(said[said.len() - 3..], expected);

@@ -48,6 +48,8 @@ def dictionary(node):
         objects.add_object(entry)
 
     for index, name, kind in [
+        (0x1000, "Device type", od.UNSIGNED32),
+        (0x1001, "Error register", od.UNSIGNED8),
         (0x1017, "Producer heartbeat", od.UNSIGNED16),
         (0x6007, "Abort connection option", od.INTEGER16),
         (0x605A, "Quick stop option", od.INTEGER16),
@@ -58,9 +60,12 @@ def dictionary(node):
         (0x606C, "Velocity actual", od.INTEGER32),
         (0x60FF, "Target velocity", od.INTEGER32),
     ]:
-        objects.add_object(variable(index, 0, name, kind, 0))
+        default = 0x00020192 if index == 0x1000 else 0  # a servo drive of CiA 402
+        objects.add_object(variable(index, 0, name, kind, default))
     record(0x1016, "Consumer heartbeat", (1, od.UNSIGNED32, 0))
     u8, u16, u32 = od.UNSIGNED8, od.UNSIGNED16, od.UNSIGNED32
+    record(0x1003, "Errors", (1, u32, 0), (2, u32, 0))
+    record(0x1018, "Identity", (1, u32, 0x2A), (2, u32, 0x402), (3, u32, 0x10000), (4, u32, 1000 + node))
     record(0x1400, "RPDO", (1, u32, 0x200 + node), (2, u8, 255), (5, u16, 0))
     record(0x1600, "RPDO map", (1, u32, 0x60400010), (2, u32, 0x60FF0020))
     record(0x1800, "TPDO", (1, u32, 0x180 + node), (2, u8, 255), (3, u16, 0), (5, u16, 0))
@@ -163,11 +168,15 @@ class Drive:
                 pdo["Statusword"].raw = State402.SW_MASK[self.state][1] | 0x4200
                 pdo["Velocity actual"].raw = round(RAW_PER_M_S * self.reported(self.speed))
                 pdo.transmit()
+            self.node.sdo[0x6041].raw = State402.SW_MASK[self.state][1] | 0x4200
 
     def tell(self, words):
         with self.lock:
             if words[0] == "fault":
                 self.state = "FAULT"
+                self.node.sdo[0x1001].raw = 0x05
+                self.node.sdo[0x1003][0].raw = 1
+                self.node.sdo[0x1003][1].raw = 0x00073210
                 self.node.emcy.send(0x3210, 0x05)
             elif words[0] == "stop":
                 self.state = "QUICK STOP ACTIVE"

@@ -169,6 +169,12 @@ impl Program {
         Self::start_with(folder, "run.out", &arguments, &environment)
     }
 
+    /// Starts `can monitor` with text.
+    pub fn can_monitor(folder: &Folder, config: &str) -> Self {
+        let arguments = ["can", "monitor", config, "--format", "text"];
+        Self::start(folder, "monitor.out", &arguments)
+    }
+
     fn start(folder: &Folder, output: &str, arguments: &[&str]) -> Self {
         Self::start_with(folder, output, arguments, &[])
     }
@@ -222,6 +228,12 @@ impl Program {
             .to_string_lossy()
             .parse()
             .unwrap()
+    }
+
+    /// Waits for the end and returns the exit status.
+    pub fn end(mut self) -> Option<i32> {
+        wait_until("end", || self.process.0.try_wait().unwrap().is_some());
+        self.process.0.wait().unwrap().code()
     }
 
     /// Waits for the end and returns the last line of the output.
