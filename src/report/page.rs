@@ -1,7 +1,7 @@
 //! Common parts of all reports: a single file that works without a network, made of the components of the live page.
 
 use super::map::PageMap;
-use super::plot::Plot;
+use super::plot::{Plot, in_script};
 use maud::{Markup, PreEscaped, html};
 use sidehill_recording::live::components::{
     CSS, FOOT, HEAD, MAP, PLOT_JS, UPLOT_JS, VIEW_JS, WORDS,
@@ -98,13 +98,6 @@ impl ReportPage<'_> {
         ];
         parts.concat()
     }
-}
-
-/// Returns JSON in which nothing ends its element or begins another: such characters are only in its strings.
-pub(super) fn in_script(json: &str) -> String {
-    json.replace('<', "\\u003c")
-        .replace('>', "\\u003e")
-        .replace('&', "\\u0026")
 }
 
 /// Returns a section: heading, what is to be seen, and plots that share a cursor with all others of the page.

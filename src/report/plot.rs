@@ -1,7 +1,6 @@
 //! Plots with zoom and a cursor shared by all plots of a page. `report.js` draws them.
 
 use super::figures::significant;
-use super::page::in_script;
 use maud::{Markup, PreEscaped, html};
 use serde::Serialize;
 
@@ -138,6 +137,13 @@ impl Plot {
             }
         }
     }
+}
+
+/// Returns JSON in which nothing ends its element or begins another: such characters are only in its strings.
+pub(super) fn in_script(json: &str) -> String {
+    json.replace('<', "\\u003c")
+        .replace('>', "\\u003e")
+        .replace('&', "\\u0026")
 }
 
 fn rounded(value: f64) -> f64 {
