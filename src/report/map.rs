@@ -124,7 +124,7 @@ impl PageMap {
                 x: place.x_m,
                 y: place.y_m,
                 text: format!(
-                    "{} {:.2}, limit {}",
+                    "{} {:.2}, limit {:.2}",
                     place.measure, place.value, place.limit
                 ),
             })
