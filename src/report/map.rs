@@ -66,10 +66,6 @@ enum Ground {
 }
 
 impl MapRun {
-    pub(super) fn is_empty(&self) -> bool {
-        self.frames.is_empty()
-    }
-
     /// Returns a run through poses with their times, s.
     pub(crate) fn through(
         name: &str,
@@ -162,6 +158,11 @@ impl PageMap {
             earth: None,
             marks: Vec::new(),
         }
+    }
+
+    /// Returns whether there is neither a path nor a run to see.
+    pub(super) fn is_empty(&self) -> bool {
+        self.path.is_empty() && self.runs.iter().all(|run| run.frames.is_empty())
     }
 
     /// Samples the ground of all that is to be seen.

@@ -35,7 +35,7 @@ impl ReportPage<'_> {
         let map = self
             .map
             .as_ref()
-            .filter(|map| map.runs.iter().any(|run| !run.is_empty()));
+            .filter(|map| !map.is_empty());
         let main = html! {
             div.panel {
                 @for conclusion in self.conclusions {
