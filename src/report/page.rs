@@ -32,10 +32,7 @@ pub(crate) struct ReportPage<'a> {
 impl ReportPage<'_> {
     /// Returns the page.
     pub(crate) fn html(&self) -> String {
-        let map = self
-            .map
-            .as_ref()
-            .filter(|map| !map.is_empty());
+        let map = self.map.as_ref().filter(|map| !map.is_empty());
         let main = html! {
             div.panel {
                 @for conclusion in self.conclusions {
