@@ -104,7 +104,8 @@ def test_odometry_transforms_imu_and_joints_tell_the_same_story(vehicle, peer):
     # REP-103 counts from x, the paper from Y_g: 90 degrees apart, on the level to a hair.
     assert abs(math.remainder(heading - row["yaw_rad"] - math.pi / 2, 2 * math.pi)) < 0.01
     # Gravity is felt straight up in the world.
-    up = rotate(imu.last().orientation, (lambda a: (a.x, a.y, a.z))(imu.last().linear_acceleration))
+    felt = imu.last()
+    up = rotate(felt.orientation, (felt.linear_acceleration.x, felt.linear_acceleration.y, felt.linear_acceleration.z))
     assert math.dist(up, (0, 0, 9.80665)) < 1e-6
     assert rover.program.end() == 0
 
