@@ -23,6 +23,8 @@ pub struct Row {
     pub attitude: Attitude,
     /// Estimated position and heading; none before the first estimate.
     pub estimate: Option<PlanarPose>,
+    /// Bound that the estimated position across the path keeps with a probability of 95 %, m.
+    pub cross_track_bound_m: Option<f64>,
     /// Reference position and heading.
     pub reference: PlanarPose,
     /// True position of the tracked point, X_g and Y_g, m, if it is not the origin.

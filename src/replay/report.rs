@@ -145,6 +145,7 @@ fn row(rebuilt: &Rebuilt, input: &ControllerCycle, cycle: &ControllerCycle) -> R
         },
         attitude,
         estimate: pose.x_m.is_finite().then_some(pose),
+        cross_track_bound_m: None,
         reference: pose,
         cross_track_m: cycle.cross_track_m,
         along_track_m: nan,

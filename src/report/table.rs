@@ -132,7 +132,10 @@ const COLUMNS: [Column; 30] = [
 ];
 
 /// The columns that only some runs have, after the others.
-const EXTRAS: [Column; 5] = [
+const EXTRAS: [Column; 6] = [
+    ("cross_track_bound_m", |row| {
+        number(row.cross_track_bound_m?)
+    }),
     ("rollover_margin", |row| number(row.slope?.margins.rollover)),
     ("friction_use", |row| {
         number(row.slope?.margins.friction_use)

@@ -8,7 +8,7 @@ use sidehill_plant::bounds::{Bounds, RangeError};
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct EstimatorSettings {
-    /// Standard deviation of a pose's position: until poses show theirs, which counts from half to three times this.
+    /// Standard deviation of a pose's position: until poses show theirs, which counts from half to ten times this.
     pub pose_sigma_m: f64,
     /// Standard deviation of a pose's heading; likewise.
     pub pose_sigma_rad: f64,

@@ -37,6 +37,7 @@ fn row(index: usize) -> Row {
             pitch_rad: 0.1 * sin,
         },
         estimate: None,
+        cross_track_bound_m: None,
         reference: PlanarPose {
             x_m: 3.0 * cos,
             y_m: 3.0 * sin,
