@@ -6,7 +6,7 @@ use crate::record::{Quantiles, Row, Run, Summary};
 use anyhow::Result;
 use serde::Serialize;
 use sidehill_controller::closed_loop::{
-    Account, ClosedLoop, Cycle, Driver, LapFigures, RunEnd, TrackingFigures,
+    Account, ClosedLoop, Cycle, Driver, LapFigures, RunEnd, SETTLING_S, TrackingFigures,
 };
 use sidehill_controller::config::ControllerKind;
 use sidehill_controller::controller::{Controller, StopReason};
@@ -234,6 +234,7 @@ impl<S: Deref<Target = Prepared>, P: Plant, C: Driver> Drive<S, P, C> {
             cross_track_rms_m: figures.cross_track_rms_m,
             cross_track_p95_m: figures.cross_track_p95_m,
             cross_track_max_m: figures.cross_track_max_m,
+            cross_track_bound_held: bound_held(rows),
             origin_cross_track_rms_m: figures.origin_cross_track_rms_m,
             along_track_rms_m: figures.along_track_rms_m,
             laps: several(self.closed_loop.laps()),
@@ -255,6 +256,18 @@ impl<S: Deref<Target = Prepared>, P: Plant, C: Driver> Drive<S, P, C> {
             cycle_us: Quantiles::of(rows.iter().map(|row| row.cycle_us).collect()),
         }
     }
+}
+
+/// Returns the share of cycles, once the vehicle is under way, whose true position is within the estimate's bound.
+fn bound_held(rows: &[Row]) -> Option<f64> {
+    let begin_s = rows.first()?.time_s + SETTLING_S;
+    let under_way = rows.iter().filter(|row| row.time_s >= begin_s);
+    let (held, cycles) = under_way
+        .filter_map(Row::holds_bound)
+        .fold((0_u32, 0_u32), |(held, cycles), holds| {
+            (held + u32::from(holds), cycles + 1)
+        });
+    (cycles > 0).then(|| f64::from(held) / f64::from(cycles))
 }
 
 /// Returns why a finished run does not count as completed.

@@ -59,6 +59,16 @@ pub struct Row {
     pub cycle_us: f64,
 }
 
+impl Row {
+    /// Returns whether the true position is within the estimate's bound across the path; none without an estimate.
+    pub(crate) fn holds_bound(&self) -> Option<bool> {
+        let (estimate, bound_m) = self.estimate.zip(self.cross_track_bound_m)?;
+        let (sin, cos) = self.reference.yaw_rad.sin_cos();
+        let off_m = (estimate.x_m - self.pose.x_m) * cos + (estimate.y_m - self.pose.y_m) * sin;
+        Some(off_m.abs() <= bound_m)
+    }
+}
+
 /// Returns `waiting`, `tracking`, `fallback`, `stopping` or `finished`, and why for the two that need a reason.
 pub fn status_words(status: Status) -> (&'static str, String) {
     match status {
@@ -120,6 +130,10 @@ pub struct Summary {
     pub cross_track_p95_m: f64,
     /// Largest absolute value, m.
     pub cross_track_max_m: f64,
+    /// Share of the cycles after the first 2 s in which the true position was within the estimate's bound across the path,
+    /// which it should be in 95 %; none without an estimate.
+    #[serde(skip)]
+    pub cross_track_bound_held: Option<f64>,
     /// Root mean square of the origin's distance from the path, m, if another point is tracked.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub origin_cross_track_rms_m: Option<f64>,

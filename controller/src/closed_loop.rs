@@ -3,7 +3,7 @@
 mod figures;
 mod own_law;
 
-pub use figures::{Account, LapFigures, TrackingErrors, TrackingFigures};
+pub use figures::{Account, LapFigures, SETTLING_S, TrackingErrors, TrackingFigures};
 pub use own_law::OwnLaw;
 
 use crate::clock::Instant;

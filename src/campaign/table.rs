@@ -44,7 +44,7 @@ pub struct CampaignRow {
 /// Columns before the drawn values.
 pub(super) const BEFORE: [&str; 4] = ["campaign", "index", "seed", "controller"];
 /// Columns after the drawn values.
-pub(super) const AFTER: [&str; 14] = [
+pub(super) const AFTER: [&str; 15] = [
     "completed",
     "ended_by",
     "cross_track_rms_m",
@@ -59,6 +59,7 @@ pub(super) const AFTER: [&str; 14] = [
     "mean_speed_m_s",
     "time_s",
     "tread_speed_max_m_s",
+    "cross_track_bound_held",
 ];
 
 /// Columns after those where the steepness guard is on.
@@ -142,6 +143,8 @@ impl CampaignTable {
                     s.mean_speed_m_s.to_string(),
                     s.time_s.to_string(),
                     s.tread_speed_max_m_s.to_string(),
+                    s.cross_track_bound_held
+                        .map_or_else(String::new, |share| share.to_string()),
                 ]);
                 if self.guard {
                     fields.extend(guard_fields(s.guard.as_ref()));

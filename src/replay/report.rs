@@ -191,6 +191,7 @@ fn run(name: &str, rows: Vec<Row>, end: End) -> Run {
         seed: 0,
         completed: end.completed,
         ended_by: end.reason,
+        cross_track_bound_held: None,
         origin_cross_track_rms_m: None,
         guard: None,
         cross_track_rms_m: cross_track_rms_m(errors_m()),

@@ -15,7 +15,7 @@ use sidehill_plant::statistics::quantile;
 use std::time::Duration;
 
 /// Time at the start that does not count in the figures: the vehicle has to get under way, s.
-const SETTLING_S: f64 = 2.0;
+pub const SETTLING_S: f64 = 2.0;
 
 /// How far a vehicle is from its reference.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]

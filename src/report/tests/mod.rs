@@ -84,6 +84,7 @@ fn run(controller: &str, rows: Vec<Row>) -> Run {
             cross_track_max_m: 0.012_345,
             laps: Vec::new(),
             guard: None,
+            cross_track_bound_held: None,
             origin_cross_track_rms_m: None,
             along_track_rms_m: 0.001,
             heading_rms_rad: 0.2,
