@@ -288,9 +288,7 @@ fn row(cycle: &Cycle, prepared: &Prepared) -> Row {
         pose: state.pose,
         attitude: state.attitude,
         estimate: decision.estimate.map(|estimate| estimate.pose),
-        cross_track_bound_m: decision
-            .estimate
-            .map(|estimate| estimate.bound_across_m(cycle.reference.heading_rad)),
+        cross_track_bound_m: decision.cross_track_bound_m(),
         slope: None,
         reference: cycle.reference.pose(),
         tracked: cycle.tracked.map(|point| [point.x_m, point.y_m]),

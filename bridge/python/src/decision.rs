@@ -128,6 +128,13 @@ impl Decision {
         self.decided.progress.map(|progress| progress.cross_track_m)
     }
 
+    /// Bound that the distance from the path keeps to `cross_track_m` with a probability of 95 %, m; None before there is an
+    /// estimate.
+    #[getter]
+    fn cross_track_bound_m(&self) -> Option<f64> {
+        self.decided.cross_track_bound_m()
+    }
+
     /// Arc length of the nearest point of the path, m; None before there is an estimate.
     #[getter]
     fn arc_length_m(&self) -> Option<f64> {

@@ -45,6 +45,7 @@ pub(super) fn controller_status(decision: &Decision, drives: &DriveResponse) -> 
             "cross_track_m",
             decision.progress.map(|progress| progress.cross_track_m),
         ),
+        ("cross_track_bound_m", decision.cross_track_bound_m()),
         (
             "solve_us",
             decision.solve.map(|solve| 1e6 * solve.solve_time_s),

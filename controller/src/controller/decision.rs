@@ -214,4 +214,11 @@ impl Decision {
     pub fn command_for_drives(&self, vehicle: &Vehicle) -> MeasuredMotorSpeeds {
         MeasuredMotorSpeeds::reaching(self.command_effective, &vehicle.encoder_scale)
     }
+
+    /// Returns the bound that the distance from the path keeps to its estimate with a probability of 95 %, m; none without
+    /// a path or an estimate.
+    pub fn cross_track_bound_m(&self) -> Option<f64> {
+        let (estimate, progress) = self.estimate.as_ref().zip(self.progress.as_ref())?;
+        Some(estimate.bound_across_m(progress.point.heading_rad))
+    }
 }

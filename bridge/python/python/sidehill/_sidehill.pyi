@@ -314,6 +314,10 @@ class Decision:
     def cross_track_m(self) -> float | None:
         """Estimated distance from the path, m, left of travel positive; None before there is an estimate."""
     @property
+    def cross_track_bound_m(self) -> float | None:
+        """Bound that the distance from the path keeps to `cross_track_m` with a probability of 95 %, m; None before there
+        is an estimate."""
+    @property
     def arc_length_m(self) -> float | None:
         """Arc length of the nearest point of the path, m; None before there is an estimate."""
     @property

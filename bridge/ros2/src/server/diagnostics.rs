@@ -175,6 +175,10 @@ pub(crate) fn diagnostic_status(
             },
         ),
         ("cross_track_m", number(cross_track_m.unwrap_or(f64::NAN))),
+        (
+            "cross_track_bound_m",
+            number(decision.cross_track_bound_m().unwrap_or(f64::NAN)),
+        ),
         ("aside_m", on_path(|at| at.aside_m)),
         ("heading_error_rad", on_path(|at| at.heading_error_rad)),
         ("distance_to_goal_m", on_path(|at| at.distance_to_goal_m)),
