@@ -6,7 +6,7 @@ use sidehill_controller::config::{ControllerConfig, ControllerKind};
 use sidehill_controller::controller::Controller;
 use sidehill_controller::course::FigureEight;
 use sidehill_controller::reference::Reference;
-use sidehill_plant::dead_reckoning::{Motion, advance};
+use sidehill_plant::dead_reckoning::{StepMotion, advance};
 use sidehill_plant::frames::{Attitude, Pose};
 use sidehill_plant::sample::Sample;
 use sidehill_plant::simulation::{Plant, TrueState};
@@ -40,7 +40,7 @@ impl Plant for FrictionRover {
         state.attitude = Attitude::from_slope(10_f64.to_radians(), state.pose.yaw_rad);
         let attitude = state.attitude;
         let velocity = Vehicle::j8().body_velocity(attitude, state.treads);
-        state.pose = advance(&state.pose, dt_s, |_, _| Motion { velocity, attitude });
+        state.pose = advance(&state.pose, dt_s, |_, _| StepMotion { velocity, attitude });
         state.time_s += dt_s;
         Ok(*state)
     }

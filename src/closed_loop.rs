@@ -96,7 +96,7 @@ pub fn run_plant<P: Plant>(
 
 /// Names of a run in tables.
 #[derive(Debug, Clone, Copy)]
-pub struct Names<'a> {
+pub struct RunNames<'a> {
     /// Controller.
     pub controller: &'a str,
     /// Plant.
@@ -111,7 +111,7 @@ pub fn run_law<P: Plant, C: Driver>(
     prepared: &Prepared,
     law: C,
     plant: P,
-    names: Names<'_>,
+    names: RunNames<'_>,
 ) -> Result<Run> {
     let mut drive = Drive::of(prepared, law, plant, names)?;
     while drive.decide().is_some() {
@@ -143,7 +143,7 @@ impl<S: Deref<Target = Prepared>, P: Plant> Drive<S, P> {
     /// Settings out of range.
     pub fn new(prepared: S, kind: ControllerKind, plant: P, name: &str) -> Result<Self> {
         let controller = prepared.controller(kind)?;
-        let names = Names {
+        let names = RunNames {
             controller: kind.name(),
             plant: name,
         };
@@ -156,7 +156,7 @@ impl<S: Deref<Target = Prepared>, P: Plant, C: Driver> Drive<S, P, C> {
     ///
     /// # Errors
     /// A control period that does not fit the plant.
-    pub fn of(prepared: S, controller: C, plant: P, names: Names<'_>) -> Result<Self> {
+    pub fn of(prepared: S, controller: C, plant: P, names: RunNames<'_>) -> Result<Self> {
         let refused = prepared.refused_place();
         let stance = prepared.stance();
         Ok(Self {

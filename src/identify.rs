@@ -19,7 +19,7 @@ use crate::progress::{self, Notice};
 use crate::simulate::Format;
 use anyhow::{Context, Result};
 use file::commented;
-use found::{Found, Logs, Stage};
+use found::{Found, Logs, StageResult};
 use logs::{recorded, simulated};
 use report::{contact_json, contact_table, extension_table, stage_json, stage_table};
 use sidehill_plant::bounds::Bounds;
@@ -47,7 +47,7 @@ impl Identified {
     /// Returns what was found of the stages and of the contact vehicle, and the verdict, by the keys of
     /// `identify --format json`.
     pub fn json(&self) -> serde_json::Value {
-        let stage = |stage: &Option<Stage>| {
+        let stage = |stage: &Option<StageResult>| {
             let stage = stage.as_ref();
             stage.map(|stage| stage_json(&stage.report, &stage.undetermined))
         };
@@ -98,7 +98,7 @@ fn identified(
     if !logs.level.is_empty() {
         let (fitted, report, undetermined) =
             identify_level_determined(&logs.level, &vehicle, settings).context("level logs")?;
-        let stage = Stage::new(report, undetermined, &vehicle)?;
+        let stage = StageResult::new(report, undetermined, &vehicle)?;
         text += &stage_table(
             "level",
             "differential drive",
@@ -111,7 +111,7 @@ fn identified(
     if !logs.slope.is_empty() {
         let (fitted, report, undetermined) =
             identify_slope_determined(&logs.slope, &vehicle, settings).context("slope logs")?;
-        let stage = Stage::new(report, undetermined, &vehicle)?;
+        let stage = StageResult::new(report, undetermined, &vehicle)?;
         text += &stage_table("slope", "ICRHK", &stage.report, &stage.undetermined);
         found.slope = Some(stage);
         vehicle = fitted;

@@ -5,7 +5,7 @@
 //! there. A turn on the spot, at a corner or as all there is, is a drive in heading.
 
 use crate::path::{Path, PathPoint, Point2, Window};
-use crate::trajectory::{Ending, Motion, ReferencePoint, Trajectory, Turn};
+use crate::trajectory::{Ending, Motion, ReferencePoint, SpotTurn, Trajectory};
 use serde::{Deserialize, Serialize};
 use sidehill_plant::frames::{PlanarPose, wrap_angle};
 
@@ -20,7 +20,7 @@ pub struct Reference {
     /// Drives along the path that are done.
     drives_done: usize,
     /// The turn on the spot that the vehicle is in.
-    turn: Option<Turn>,
+    turn: Option<SpotTurn>,
     /// Arc length of the point nearest to the vehicle, m.
     arc_length_m: f64,
     /// Heading of the vehicle on a turn on the spot, rad, unwrapped.
@@ -216,7 +216,7 @@ impl Reference {
     }
 
     /// Returns the turn on the spot that the vehicle is in.
-    pub(crate) fn turn(&self) -> Option<&Turn> {
+    pub(crate) fn turn(&self) -> Option<&SpotTurn> {
         self.turn.as_ref()
     }
 
@@ -231,7 +231,7 @@ impl Reference {
     }
 
     /// Returns where a turn on the spot is at a heading, rad.
-    pub(crate) fn turned(&self, turn: &Turn, heading_rad: f64) -> ReferencePoint {
+    pub(crate) fn turned(&self, turn: &SpotTurn, heading_rad: f64) -> ReferencePoint {
         let time_s = turn.time_of(heading_rad);
         let mut point = self.trajectory.at(time_s);
         if let Some(path) = self.path() {
@@ -394,7 +394,7 @@ impl Reference {
     fn advance_turn(
         &mut self,
         elapsed_s: f64,
-        turn: &Turn,
+        turn: &SpotTurn,
         here: &Point2,
         yaw_rad: f64,
     ) -> Progress {

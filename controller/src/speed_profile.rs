@@ -2,7 +2,7 @@
 
 use crate::mpc::limits::InputLimits;
 use crate::path::{Path, PathError, PathPoint, SAMPLE_STEP_M};
-use crate::trajectory::{Ending, Motion, NODE_STEP_S, Node, Trajectory, Turn};
+use crate::trajectory::{Ending, Motion, NODE_STEP_S, Node, SpotTurn, Trajectory};
 use serde::{Deserialize, Serialize};
 use sidehill_plant::bounds::{Bounds, RangeError};
 use sidehill_plant::vehicle::Vehicle;
@@ -329,7 +329,7 @@ fn timed(
     allowed_m_s: Vec<f64>,
 ) -> Result<Trajectory, PathError> {
     let mut corners = path.corners().peekable();
-    let mut turns: Vec<Turn> = Vec::new();
+    let mut turns: Vec<SpotTurn> = Vec::new();
     let mut times_s = vec![0.0];
     let mut duration_s = 0.0;
     for pair in knots.windows(2) {
@@ -341,7 +341,7 @@ fn timed(
         {
             let from_s = duration_s;
             duration_s += corner.turn_rad.abs() / limits.turn_rad_s();
-            turns.push(Turn {
+            turns.push(SpotTurn {
                 arc_length_m: corner.arc_length_m,
                 from_s,
                 to_s: duration_s,

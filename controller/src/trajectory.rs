@@ -71,12 +71,12 @@ pub struct Trajectory {
     /// path.
     speeds_m_s: Vec<f64>,
     /// In the order of time.
-    turns: Vec<Turn>,
+    turns: Vec<SpotTurn>,
 }
 
 /// A turn on the spot during a trajectory.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub(crate) struct Turn {
+pub(crate) struct SpotTurn {
     /// Where on the path it is, m.
     pub(crate) arc_length_m: f64,
     /// When it begins and ends, s.
@@ -87,7 +87,7 @@ pub(crate) struct Turn {
     pub(crate) to_rad: f64,
 }
 
-impl Turn {
+impl SpotTurn {
     /// Returns the yaw rate, rad/s, counter-clockwise positive.
     pub(crate) fn yaw_rate_rad_s(&self) -> f64 {
         (self.to_rad - self.from_rad) / (self.to_s - self.from_s)
@@ -113,7 +113,7 @@ struct RawTrajectory {
     path: Option<Path>,
     ending: Ending,
     speeds_m_s: Vec<f64>,
-    turns: Vec<Turn>,
+    turns: Vec<SpotTurn>,
 }
 
 impl TryFrom<RawTrajectory> for Trajectory {
@@ -181,7 +181,7 @@ impl Trajectory {
             turns: Vec::new(),
         };
         if own.path.is_none() {
-            own.turns = vec![Turn {
+            own.turns = vec![SpotTurn {
                 arc_length_m: 0.0,
                 from_s: 0.0,
                 to_s: own.duration_s(),
@@ -193,7 +193,7 @@ impl Trajectory {
     }
 
     /// Returns this trajectory with the turns on the spot along its path.
-    pub(crate) fn with_turns(mut self, turns: Vec<Turn>) -> Self {
+    pub(crate) fn with_turns(mut self, turns: Vec<SpotTurn>) -> Self {
         if self.path.is_some() {
             self.turns = turns;
         }
@@ -201,7 +201,7 @@ impl Trajectory {
     }
 
     /// Returns the turn on the spot at an arc length.
-    pub(crate) fn turn_at(&self, arc_length_m: f64) -> Option<&Turn> {
+    pub(crate) fn turn_at(&self, arc_length_m: f64) -> Option<&SpotTurn> {
         self.turns
             .iter()
             .find(|turn| turn.arc_length_m == arc_length_m)

@@ -4,7 +4,7 @@ use crate::frames::{Attitude, BodyVelocity, Pose, PoseRate, Tilt, pose_rate};
 
 /// Body velocity and attitude at one instant of a step.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Motion {
+pub struct StepMotion {
     /// Velocity in body axes.
     pub velocity: BodyVelocity,
     /// Roll and pitch.
@@ -17,16 +17,16 @@ pub struct Motion {
 /// yaw then, rad; it is asked four times. So the attitude may follow from the heading, as on a plane,
 /// or from samples, as in [`advance_between`]. The error of a step is of fifth order in `dt_s` where
 /// `motion` is smooth.
-pub fn advance(pose: &Pose, dt_s: f64, motion: impl Fn(f64, f64) -> Motion) -> Pose {
+pub fn advance(pose: &Pose, dt_s: f64, motion: impl Fn(f64, f64) -> StepMotion) -> Pose {
     integrate(pose, dt_s, |instant, yaw_rad| {
-        let Motion { velocity, attitude } = motion(SHARES[instant], yaw_rad);
+        let StepMotion { velocity, attitude } = motion(SHARES[instant], yaw_rad);
         pose_rate(&velocity, &attitude, yaw_rad)
     })
 }
 
 /// Returns the pose after `dt_s` with velocity and attitude changing evenly from `from` to `to`, as
 /// between two samples.
-pub fn advance_between(pose: &Pose, dt_s: f64, from: &Motion, to: &Motion) -> Pose {
+pub fn advance_between(pose: &Pose, dt_s: f64, from: &StepMotion, to: &StepMotion) -> Pose {
     let tilts = StepTilts::between(&from.attitude, &to.attitude);
     tilts.advance(pose, dt_s, &from.velocity, &to.velocity)
 }
@@ -106,7 +106,7 @@ mod tests {
 
     #[test]
     fn a_turn_on_level_ground_is_a_circle() {
-        let motion = Motion {
+        let motion = StepMotion {
             velocity: TURN,
             attitude: Attitude::LEVEL,
         };
@@ -126,7 +126,7 @@ mod tests {
         let normal = Vector3::new(0.2, -0.3, 1.0).normalize();
         let mut pose = Pose::default();
         for _ in 0..400 {
-            pose = advance(&pose, 0.05, |_, yaw_rad| Motion {
+            pose = advance(&pose, 0.05, |_, yaw_rad| StepMotion {
                 velocity: TURN,
                 attitude: Attitude::on_plane(&normal, yaw_rad),
             });
@@ -142,7 +142,7 @@ mod tests {
             let dt_s = 4.0 / f64::from(steps);
             let motion = |step: u32| {
                 let t = f64::from(step) * dt_s;
-                Motion {
+                StepMotion {
                     velocity: TURN,
                     attitude: Attitude {
                         roll_rad: 0.1,

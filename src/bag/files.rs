@@ -2,7 +2,7 @@
 
 use super::error::BagError;
 use super::limits::Budget;
-use super::message::{Message, Outcome, Visit};
+use super::message::{FileFindings, RecordedMessage, Visit};
 use super::{compression, mcap, sqlite};
 use crate::config::ConfigFile;
 use crate::log_file::foreign;
@@ -88,9 +88,9 @@ impl BagFile {
     }
 
     /// Calls `visit` for each message.
-    pub(super) fn read(&self, visit: Visit<'_>) -> Result<Outcome, BagError> {
+    pub(super) fn read(&self, visit: Visit<'_>) -> Result<FileFindings, BagError> {
         let (mut messages, mut chunks) = (self.budget, self.budget);
-        let mut decompress = |message: Message<'_>| {
+        let mut decompress = |message: RecordedMessage<'_>| {
             let (data, cut_off) = compression::zstd(message.data, &mut messages);
             if let Some(reason) = cut_off {
                 return Err(BagError::Content {
@@ -98,7 +98,7 @@ impl BagFile {
                     reason: format!("a message of {}: {reason}", message.topic.name),
                 });
             }
-            visit(Message {
+            visit(RecordedMessage {
                 data: &data,
                 ..message
             })

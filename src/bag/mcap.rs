@@ -3,7 +3,7 @@
 use super::compression;
 use super::error::BagError;
 use super::limits::Budget;
-use super::message::{Message, Outcome, Topic, Visit};
+use super::message::{BagTopic, FileFindings, RecordedMessage, Visit};
 use ::mcap::parse_record;
 use ::mcap::records::{ChunkHeader, Record, op};
 use crc::{CRC_32_ISO_HDLC, Crc};
@@ -20,7 +20,7 @@ pub(super) fn read(
     name: &Path,
     budget: &mut Budget,
     visit: Visit<'_>,
-) -> Result<Outcome, BagError> {
+) -> Result<FileFindings, BagError> {
     let unreadable = |reason: io::Error| BagError::Read {
         file: name.to_owned(),
         reason,
@@ -31,7 +31,7 @@ pub(super) fn read(
             reason: "not an MCAP file: it does not begin as one".to_owned(),
         });
     };
-    let mut reader = Reader {
+    let mut reader = McapState {
         name,
         schemas: BTreeMap::new(),
         channels: BTreeMap::new(),
@@ -53,23 +53,23 @@ pub(super) fn read(
             Framed::Whole { op, body } => reader.record(op, &body)?,
         }
     };
-    Ok(Outcome {
+    Ok(FileFindings {
         topics: reader.channels.into_values().collect(),
         cut_off,
     })
 }
 
 /// State while a file's records are read.
-struct Reader<'a> {
+struct McapState<'a> {
     name: &'a Path,
     /// Names of the message types.
     schemas: BTreeMap<u16, String>,
-    channels: BTreeMap<u16, Topic>,
+    channels: BTreeMap<u16, BagTopic>,
     budget: &'a mut Budget,
     visit: Visit<'a>,
 }
 
-impl Reader<'_> {
+impl McapState<'_> {
     fn damaged(&self, reason: impl std::fmt::Display) -> BagError {
         BagError::Content {
             file: self.name.to_owned(),
@@ -115,7 +115,7 @@ impl Reader<'_> {
             }
             Record::Channel(channel) => {
                 let message_type = self.schemas.get(&channel.schema_id).cloned();
-                let topic = Topic {
+                let topic = BagTopic {
                     name: channel.topic,
                     message_type: message_type.unwrap_or_default(),
                     encoding: channel.message_encoding,
@@ -129,7 +129,7 @@ impl Reader<'_> {
                         "a message is of channel {id}, which is unknown"
                     )));
                 };
-                (self.visit)(Message {
+                (self.visit)(RecordedMessage {
                     topic,
                     received_ns: i64::try_from(header.log_time).unwrap_or(i64::MAX),
                     data: &data,

@@ -4,7 +4,7 @@ use super::error::BagError;
 
 /// A topic of a bag with messages of one type.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
-pub struct Topic {
+pub struct BagTopic {
     /// Its name, such as `/odom`.
     pub name: String,
     /// Type of its messages, such as `nav_msgs/msg/Odometry`.
@@ -15,9 +15,9 @@ pub struct Topic {
 
 /// One message as recorded.
 #[derive(Debug, Clone, Copy)]
-pub struct Message<'a> {
+pub struct RecordedMessage<'a> {
     /// Its topic.
-    pub topic: &'a Topic,
+    pub topic: &'a BagTopic,
     /// When it was recorded, ns since 1970 or since the start of a simulation.
     pub received_ns: i64,
     /// Its bytes in the topic's encoding.
@@ -25,13 +25,13 @@ pub struct Message<'a> {
 }
 
 /// Callback for each message of a file; an error ends the reading.
-pub(super) type Visit<'a> = &'a mut dyn FnMut(Message<'_>) -> Result<(), BagError>;
+pub(super) type Visit<'a> = &'a mut dyn FnMut(RecordedMessage<'_>) -> Result<(), BagError>;
 
 /// What reading a file found besides its messages.
 #[derive(Debug, Default)]
-pub(super) struct Outcome {
+pub(super) struct FileFindings {
     /// Topics, including those without messages.
-    pub(super) topics: Vec<Topic>,
+    pub(super) topics: Vec<BagTopic>,
     /// Why the file is incomplete; none if it is complete.
     pub(super) cut_off: Option<String>,
 }

@@ -14,7 +14,7 @@ mod sqlite;
 pub(crate) mod tests;
 
 pub use error::BagError;
-pub use message::{Message, Topic};
+pub use message::{BagTopic, RecordedMessage};
 
 use files::{BagFile, Storage};
 use std::collections::BTreeMap;
@@ -25,7 +25,7 @@ use std::path::{Path, PathBuf};
 pub struct Bag {
     path: PathBuf,
     files: Vec<BagFile>,
-    topics: BTreeMap<Topic, usize>,
+    topics: BTreeMap<BagTopic, usize>,
     notes: Vec<String>,
 }
 
@@ -42,7 +42,7 @@ impl Bag {
     /// [`BagError`] with the file that cannot be read, is not a bag, holds too much, or contains no message.
     pub fn open(path: &Path, max_bytes: Option<u64>) -> Result<Self, BagError> {
         let (mut files, mut notes) = files::find(path, max_bytes)?;
-        let mut topics: BTreeMap<Topic, usize> = BTreeMap::new();
+        let mut topics: BTreeMap<BagTopic, usize> = BTreeMap::new();
         files.retain(|file| {
             if file.blank() {
                 let name = file.path.file_name().unwrap_or_default().display();
@@ -93,13 +93,13 @@ impl Bag {
     }
 
     /// Returns its topics and how many messages each has.
-    pub fn topics(&self) -> impl Iterator<Item = (&Topic, usize)> {
+    pub fn topics(&self) -> impl Iterator<Item = (&BagTopic, usize)> {
         self.topics.iter().map(|(topic, count)| (topic, *count))
     }
 
     /// Returns its topics as a list for a message: a line each with name, type and number of messages.
     pub fn topic_list(&self) -> String {
-        let line = |(topic, count): (&Topic, usize)| {
+        let line = |(topic, count): (&BagTopic, usize)| {
             format!(
                 "\n  {} ({}, {count} messages)",
                 topic.name, topic.message_type
@@ -114,7 +114,7 @@ impl Bag {
     /// That of `visit`, or [`BagError`] of a file that can no longer be read.
     pub fn read(
         &self,
-        visit: &mut dyn FnMut(Message<'_>) -> Result<(), BagError>,
+        visit: &mut dyn FnMut(RecordedMessage<'_>) -> Result<(), BagError>,
     ) -> Result<(), BagError> {
         for file in &self.files {
             file.read(visit)?;

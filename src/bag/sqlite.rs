@@ -2,7 +2,7 @@
 
 use super::error::BagError;
 use super::limits::{Budget, RECORD_MAX};
-use super::message::{Message, Outcome, Topic, Visit};
+use super::message::{BagTopic, FileFindings, RecordedMessage, Visit};
 use rusqlite::config::DbConfig;
 use rusqlite::limits::Limit;
 use rusqlite::{Connection, OpenFlags};
@@ -15,7 +15,7 @@ pub(super) fn read(
     name: &Path,
     budget: &mut Budget,
     visit: Visit<'_>,
-) -> Result<Outcome, BagError> {
+) -> Result<FileFindings, BagError> {
     let failed = |error: rusqlite::Error| BagError::Content {
         file: name.to_owned(),
         reason: explained(&error),
@@ -45,14 +45,14 @@ pub(super) fn read(
         .map_err(failed)?;
     let topics = query
         .query_map([], |row| {
-            let topic = Topic {
+            let topic = BagTopic {
                 name: row.get(1)?,
                 message_type: row.get(2)?,
                 encoding: row.get(3)?,
             };
             Ok((row.get(0)?, topic))
         })
-        .and_then(Iterator::collect::<Result<BTreeMap<i64, Topic>, _>>)
+        .and_then(Iterator::collect::<Result<BTreeMap<i64, BagTopic>, _>>)
         .map_err(failed)?;
     let mut query = database
         .prepare("SELECT topic_id, timestamp, data FROM messages ORDER BY timestamp, id")
@@ -68,13 +68,13 @@ pub(super) fn read(
         let data = row.get_ref(2).map_err(failed)?;
         let data = data.as_blob().map_err(|error| failed(error.into()))?;
         budget.take(data.len() as u64).map_err(content)?;
-        visit(Message {
+        visit(RecordedMessage {
             topic,
             received_ns: row.get(1).map_err(failed)?,
             data,
         })?;
     }
-    Ok(Outcome {
+    Ok(FileFindings {
         topics: topics.into_values().collect(),
         cut_off: None,
     })

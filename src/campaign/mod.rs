@@ -22,7 +22,7 @@ use std::ops::Range;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
 use std::time::Instant;
-use table::{CampaignTable, Outcome};
+use table::{CampaignTable, RunOutcome};
 
 /// Arguments of `sidehill campaign`.
 #[derive(Debug, Clone, clap::Args)]
@@ -176,7 +176,7 @@ pub(crate) fn pool(threads: Option<usize>) -> Result<rayon::ThreadPool> {
 }
 
 /// Drives one run with one controller; whatever goes wrong is part of the outcome.
-fn outcome(campaign: &Campaign, index: u32, kind: ControllerKind) -> Outcome {
+fn outcome(campaign: &Campaign, index: u32, kind: ControllerKind) -> RunOutcome {
     let (seed, values, figures) = match campaign.draw(index) {
         Ok(drawn) => {
             let figures = catch_unwind(AssertUnwindSafe(|| drive(drawn.scenario, kind)))
@@ -185,7 +185,7 @@ fn outcome(campaign: &Campaign, index: u32, kind: ControllerKind) -> Outcome {
         }
         Err(error) => (0, Vec::new(), Err(error.into())),
     };
-    Outcome {
+    RunOutcome {
         index,
         seed,
         kind,

@@ -5,7 +5,7 @@
 //! runs are done, the file is replaced by its sorted rows.
 
 use super::merge::{self, Merged};
-use super::table::{CampaignTable, Outcome};
+use super::table::{CampaignTable, RunOutcome};
 use crate::config::Campaign;
 use crate::output;
 use anyhow::{Context, Result, bail};
@@ -74,7 +74,7 @@ impl Results {
     ///
     /// # Errors
     /// An I/O error.
-    pub fn append(&self, outcome: &Outcome) -> Result<()> {
+    pub fn append(&self, outcome: &RunOutcome) -> Result<()> {
         self.write(&self.table.line(outcome)?)
     }
 

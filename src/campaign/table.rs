@@ -7,7 +7,7 @@ use serde_yaml::Value;
 use sidehill_controller::config::ControllerKind;
 
 /// Outcome of one run with one controller.
-pub struct Outcome {
+pub struct RunOutcome {
     /// Number of the run.
     pub index: u32,
     /// Its seed.
@@ -109,7 +109,7 @@ impl CampaignTable {
     ///
     /// # Errors
     /// A drawn value that cannot be written as JSON.
-    pub fn line(&self, outcome: &Outcome) -> Result<Vec<u8>> {
+    pub fn line(&self, outcome: &RunOutcome) -> Result<Vec<u8>> {
         let mut fields = vec![
             self.fingerprint.clone(),
             outcome.index.to_string(),

@@ -129,7 +129,7 @@ impl GroundFriction {
 /// Errors of the parameters that controllers use: factors, 1 by default, and offsets, 0 by default.
 #[derive(Debug, Clone, Copy, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub(super) struct ModelError {
+pub(super) struct VehicleErrors {
     /// Factor on `x_icr_left_m`.
     x_icr_left: f64,
     /// Factor on `x_icr_right_m`.
@@ -162,7 +162,7 @@ pub(super) struct ModelError {
     inner_load_share: f64,
 }
 
-impl Default for ModelError {
+impl Default for VehicleErrors {
     fn default() -> Self {
         Self {
             x_icr_left: 1.0,
@@ -184,7 +184,7 @@ impl Default for ModelError {
     }
 }
 
-impl ModelError {
+impl VehicleErrors {
     /// Returns the vehicle that controllers assume instead of `vehicle`, with wheels at the places of `wheels` where
     /// its own are not known.
     pub(super) fn apply(
@@ -276,7 +276,7 @@ mod tests {
     fn wheels_that_are_guessed_from_icrs_have_the_errors_of_these() {
         let wheels = ContactVehicle::of_base("wheels", 0.6, 1.06);
         let forward_m = |errors: &str| {
-            let errors: ModelError = serde_yaml::from_str(errors).unwrap();
+            let errors: VehicleErrors = serde_yaml::from_str(errors).unwrap();
             let known = errors.apply(Vehicle::j8(), Some(&wheels)).unwrap();
             known.contact.unwrap().centre_of_mass.forward_m
         };

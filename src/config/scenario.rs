@@ -1,7 +1,7 @@
 //! A scenario: vehicle, ground, reference, plant, sensors and controllers of a simulation.
 
 use super::ground::{TerrainConfig, on_the_ground};
-use super::plant::{ContactFiles, GroundFriction, ModelError, Plant, PlantKind};
+use super::plant::{ContactFiles, GroundFriction, Plant, PlantKind, VehicleErrors};
 use super::prepared::Prepared;
 use super::reference::{LoadedReference, RouteConfig, Source};
 use super::start::{StartOffset, with_point_at};
@@ -62,7 +62,7 @@ struct RawScenario {
     friction: Option<GroundFriction>,
     /// [Factors](#model-error) on the parameters of the controllers' vehicle.
     #[serde(default)]
-    model_error: ModelError,
+    model_error: VehicleErrors,
     /// Seed of everything random.
     seed: u64,
     /// Step of the simulation. The control period is a whole multiple of it.

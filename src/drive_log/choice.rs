@@ -1,7 +1,7 @@
 //! Chooses the topics of a bag: those of the map or, if it names none, the only one of a type.
 
 use super::topics::{AttitudeTopic, ImuAxes, PoseTopic, StampSource, TopicMap, TreadSpeedTopic};
-use crate::bag::{Bag, Topic};
+use crate::bag::{Bag, BagTopic};
 use anyhow::{Result, bail};
 use sidehill_plant::log::Reversed;
 
@@ -22,9 +22,9 @@ const OWN_POSE: &str = "/sidehill/pose";
 /// The chosen topics of a bag; only names of joints may be open.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Chosen {
-    pub(super) tread_speeds: TreadSpeeds,
+    pub(super) tread_speeds: TreadSpeedSource,
     pub(super) attitude: Attitudes,
-    pub(super) pose: Poses,
+    pub(super) pose: PoseSource,
     pub(super) time: StampSource,
     pub(super) base_frame: String,
     pub(super) heading_offset_rad: f64,
@@ -33,7 +33,7 @@ pub struct Chosen {
 }
 
 #[derive(Debug, Clone, PartialEq)]
-pub(super) enum TreadSpeeds {
+pub(super) enum TreadSpeedSource {
     JointStates {
         topic: String,
         left: Vec<String>,
@@ -58,7 +58,7 @@ pub(super) enum Attitudes {
 }
 
 #[derive(Debug, Clone, PartialEq)]
-pub(super) enum Poses {
+pub(super) enum PoseSource {
     Odometry(String),
     PoseStamped(String),
     Tf {
@@ -79,7 +79,7 @@ impl Chosen {
     /// # Errors
     /// Lists the topics of the bag and names the key of the map that decides.
     pub fn of(bag: &Bag, map: Option<&(String, TopicMap)>) -> Result<Self> {
-        let mut search = Search {
+        let mut search = TopicSearch {
             bag,
             map_name: map.map(|(name, _)| name.as_str()),
             notes: Vec::new(),
@@ -101,14 +101,14 @@ impl Chosen {
 }
 
 /// Searches a bag for topics and records its choices.
-pub(super) struct Search<'a> {
+pub(super) struct TopicSearch<'a> {
     pub(super) bag: &'a Bag,
     pub(super) map_name: Option<&'a str>,
     pub(super) notes: Vec<String>,
 }
 
-impl Search<'_> {
-    fn tread_speeds(&mut self, requested: Option<&TreadSpeedTopic>) -> Result<TreadSpeeds> {
+impl TopicSearch<'_> {
+    fn tread_speeds(&mut self, requested: Option<&TreadSpeedTopic>) -> Result<TreadSpeedSource> {
         let key = "tread_speeds";
         Ok(match requested {
             Some(TreadSpeedTopic::JointStates {
@@ -117,7 +117,7 @@ impl Search<'_> {
                 right,
                 radius_m,
                 reversed,
-            }) => TreadSpeeds::JointStates {
+            }) => TreadSpeedSource::JointStates {
                 topic: self.topic(topic.as_deref(), JOINT_STATE, key)?,
                 left: left.clone(),
                 right: right.clone(),
@@ -127,7 +127,7 @@ impl Search<'_> {
             Some(TreadSpeedTopic::Odometry {
                 topic,
                 track_width_m,
-            }) => TreadSpeeds::Odometry {
+            }) => TreadSpeedSource::Odometry {
                 topic: self.topic(topic.as_deref(), ODOMETRY, key)?,
                 track_width_m: *track_width_m,
             },
@@ -135,7 +135,7 @@ impl Search<'_> {
                 let topic = self.topic(None, JOINT_STATE, key)?;
                 let (own, joints) = OWN_TREADS;
                 let [left, right] = if topic == own { joints } else { OWN_JOINTS };
-                TreadSpeeds::JointStates {
+                TreadSpeedSource::JointStates {
                     topic,
                     left: vec![left.to_owned()],
                     right: vec![right.to_owned()],
@@ -171,16 +171,16 @@ impl Search<'_> {
         })
     }
 
-    fn pose(&mut self, requested: Option<&PoseTopic>) -> Result<Poses> {
+    fn pose(&mut self, requested: Option<&PoseTopic>) -> Result<PoseSource> {
         let key = "pose";
         Ok(match requested {
             Some(PoseTopic::Odometry { topic }) => {
-                Poses::Odometry(self.topic(topic.as_deref(), ODOMETRY, key)?)
+                PoseSource::Odometry(self.topic(topic.as_deref(), ODOMETRY, key)?)
             }
             Some(PoseTopic::PoseStamped { topic }) => {
-                Poses::PoseStamped(self.pose_stamped(topic.as_deref(), key)?)
+                PoseSource::PoseStamped(self.pose_stamped(topic.as_deref(), key)?)
             }
-            Some(PoseTopic::Tf { frame }) => Poses::Tf {
+            Some(PoseTopic::Tf { frame }) => PoseSource::Tf {
                 frame: self.tf_frame(frame, key)?,
             },
             Some(PoseTopic::Navsat {
@@ -189,21 +189,21 @@ impl Search<'_> {
                 antenna_forward_m,
                 antenna_left_m,
                 antenna_up_m,
-            }) => Poses::Navsat {
+            }) => PoseSource::Navsat {
                 topic: self.topic(topic.as_deref(), NAV_SAT_FIX, key)?,
                 heading_topic: self.topic(heading_topic.as_deref(), IMU, key)?,
                 antenna_m: [*antenna_forward_m, *antenna_left_m, *antenna_up_m],
             },
-            Some(PoseTopic::None {}) => Poses::None,
-            None if self.is_own() => Poses::PoseStamped(OWN_POSE.to_owned()),
+            Some(PoseTopic::None {}) => PoseSource::None,
+            None if self.is_own() => PoseSource::PoseStamped(OWN_POSE.to_owned()),
             None if !self.of_type(ODOMETRY).is_empty() => {
                 let topic = self.topic(None, ODOMETRY, key)?;
                 self.notes.push(format!(
                     "{topic} must not be odometry of the wheels, which cannot judge them"
                 ));
-                Poses::Odometry(topic)
+                PoseSource::Odometry(topic)
             }
-            None if !self.of_type(NAV_SAT_FIX).is_empty() => Poses::Navsat {
+            None if !self.of_type(NAV_SAT_FIX).is_empty() => PoseSource::Navsat {
                 topic: self.topic(None, NAV_SAT_FIX, key)?,
                 heading_topic: self.topic(None, IMU, key)?,
                 antenna_m: [0.0; 3],
@@ -211,7 +211,7 @@ impl Search<'_> {
             None if self.of_type(POSE_STAMPED).len() + self.of_type(POSE_WITH_COVARIANCE).len()
                 == 1 =>
             {
-                Poses::PoseStamped(self.pose_stamped(None, key)?)
+                PoseSource::PoseStamped(self.pose_stamped(None, key)?)
             }
             None => {
                 self.notes.push(format!(
@@ -219,7 +219,7 @@ impl Search<'_> {
                      {POSE_STAMPED}; for poses of /tf write \
                      `pose: {{kind: tf, frame: map}}` in a topic map (--topics)"
                 ));
-                Poses::None
+                PoseSource::None
             }
         })
     }
@@ -254,7 +254,7 @@ impl Search<'_> {
         Ok(frame.to_owned())
     }
 
-    pub(super) fn of_type(&self, message_type: &str) -> Vec<&Topic> {
+    pub(super) fn of_type(&self, message_type: &str) -> Vec<&BagTopic> {
         let topics = self.bag.topics();
         topics
             .filter(|(topic, count)| topic.message_type == message_type && *count > 0)

@@ -4,7 +4,7 @@ use super::choice::Chosen;
 use super::interpolation::seconds;
 use super::series::{self, Series};
 use super::topics::{StampSource, TopicMap};
-use crate::bag::{Bag, BagError, Message};
+use crate::bag::{Bag, BagError, RecordedMessage};
 use crate::console;
 use anyhow::{Result, bail, ensure};
 use sidehill_bridge::ros2::conversions::nanoseconds;
@@ -109,7 +109,7 @@ pub(super) fn record(
     })
 }
 
-fn twist(message: &Message<'_>, stamped: bool, time: StampSource) -> Result<(i64, Twist)> {
+fn twist(message: &RecordedMessage<'_>, stamped: bool, time: StampSource) -> Result<(i64, Twist)> {
     if !stamped {
         return Ok((message.received_ns, series::decode(message)?));
     }

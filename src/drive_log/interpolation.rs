@@ -3,7 +3,7 @@
 use sidehill_plant::log::sources;
 
 /// Values by their times, ns.
-pub(super) type Timed<T> = sources::Timed<i64, T>;
+pub(super) type Timed<T> = sources::TimedValues<i64, T>;
 
 /// Returns the time from one to another, s.
 pub(super) fn seconds(from_ns: i64, to_ns: i64) -> f64 {

@@ -4,7 +4,7 @@ use super::fixes::Fixes;
 use super::positions::Positions;
 use anyhow::{Result, bail, ensure};
 use sidehill_bridge::ros2::conversions::{from_pose, nanoseconds};
-use sidehill_bridge::ros2::position::PositionMessage;
+use sidehill_bridge::ros2::position::AnyPosition;
 
 /// Positions collected so far.
 #[derive(Default)]
@@ -20,9 +20,9 @@ impl LivePositions {
     ///
     /// # Errors
     /// Why the message has no position that continues the previous ones.
-    pub fn take(&mut self, message: PositionMessage<'_>) -> Result<()> {
+    pub fn take(&mut self, message: AnyPosition<'_>) -> Result<()> {
         match message {
-            PositionMessage::Odometry(odometry) => {
+            AnyPosition::Odometry(odometry) => {
                 let at = from_pose(&odometry.pose.pose)?.translation;
                 let frame = &odometry.header.frame_id;
                 let first = self.frame.get_or_insert_with(|| frame.clone());
@@ -32,7 +32,7 @@ impl LivePositions {
                 );
                 self.points_m.push([at.x, at.y, at.z]);
             }
-            PositionMessage::Fix(fix) => {
+            AnyPosition::Fix(fix) => {
                 let before = self.fixes.len();
                 let time_ns = nanoseconds(fix.header.stamp).map_err(Into::into);
                 self.fixes.take(time_ns, fix)?;
@@ -79,7 +79,7 @@ mod tests {
     #[test]
     fn odometry_that_does_not_continue_the_drive_is_left_out() {
         let mut live = LivePositions::default();
-        let mut take = |message: Odometry| live.take(PositionMessage::Odometry(&message));
+        let mut take = |message: Odometry| live.take(AnyPosition::Odometry(&message));
         take(odometry("odom", 1.0, 1.0)).unwrap();
         for (message, reason) in [
             (odometry("map", 2.0, 1.0), "its frame is \"map\""),
@@ -106,7 +106,7 @@ mod tests {
             ..NavSatFix::default()
         };
         let mut live = LivePositions::default();
-        let mut take = |message: NavSatFix| live.take(PositionMessage::Fix(&message));
+        let mut take = |message: NavSatFix| live.take(AnyPosition::Fix(&message));
         let error = take(fix(-1, 0.0, 0.0)).unwrap_err().to_string();
         assert!(error.contains("status -1"), "{error}");
         take(fix(0, 36.7, 60.0)).unwrap();

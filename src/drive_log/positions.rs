@@ -1,6 +1,8 @@
 //! Positions of a bag's topic, for a path.
 
-use super::choice::{Attitudes, Chosen, NAV_SAT_FIX, ODOMETRY, Poses, Search, TreadSpeeds};
+use super::choice::{
+    Attitudes, Chosen, NAV_SAT_FIX, ODOMETRY, PoseSource, TopicSearch, TreadSpeedSource,
+};
 use super::fixes;
 use super::interpolation::Timed;
 use super::series::Collected;
@@ -30,7 +32,7 @@ pub struct Positions {
 /// Lists the topics where none can be chosen; names the topic and message at fault.
 pub fn positions(bag: &Bag, topic: Option<&str>) -> Result<Positions> {
     let key = "--topic";
-    let mut search = Search {
+    let mut search = TopicSearch {
         bag,
         map_name: None,
         notes: Vec::new(),
@@ -48,19 +50,19 @@ pub fn positions(bag: &Bag, topic: Option<&str>) -> Result<Positions> {
     let message_type = if fixes_chosen { NAV_SAT_FIX } else { ODOMETRY };
     let topic = search.topic(topic, message_type, key)?;
     let chosen = Chosen {
-        tread_speeds: TreadSpeeds::Odometry {
+        tread_speeds: TreadSpeedSource::Odometry {
             topic: String::new(),
             track_width_m: 1.0,
         },
         attitude: Attitudes::Level,
         pose: if fixes_chosen {
-            Poses::Navsat {
+            PoseSource::Navsat {
                 topic,
                 heading_topic: String::new(),
                 antenna_m: [0.0; 3],
             }
         } else {
-            Poses::Odometry(topic)
+            PoseSource::Odometry(topic)
         },
         time: StampSource::Received,
         base_frame: "base_link".to_owned(),

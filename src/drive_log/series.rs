@@ -2,14 +2,14 @@
 
 use super::choice::{
     Attitudes, Chosen, IMU, JOINT_STATE, NAV_SAT_FIX, ODOMETRY, POSE_STAMPED, POSE_WITH_COVARIANCE,
-    Poses, TF_MESSAGE, TreadSpeeds,
+    PoseSource, TF_MESSAGE, TreadSpeedSource,
 };
 use super::fixes::Fixes;
 use super::interpolation::{Timed, in_order, seconds};
 use super::joints::{Joints, WheelJoints};
 use super::topics::{ImuAxes, StampSource};
 use super::transform_poses::TransformPoses;
-use crate::bag::{Bag, BagError, Message};
+use crate::bag::{Bag, BagError, RecordedMessage};
 use anyhow::{Result, anyhow, bail};
 use nalgebra::{Unit, UnitQuaternion, Vector3};
 use serde::de::DeserializeOwned;
@@ -42,7 +42,7 @@ pub(super) struct Collected<'a> {
     bag: &'a Bag,
     chosen: &'a Chosen,
     /// Messages of each topic.
-    topics: BTreeMap<String, Taken>,
+    topics: BTreeMap<String, TopicSeries>,
     joints: Joints,
     tread_speeds: Timed<MeasuredTreadSpeeds>,
     /// world_from_sensor by the topic of the Imu, with the frame of its first message.
@@ -55,7 +55,7 @@ pub(super) struct Collected<'a> {
 
 /// What was taken of a topic.
 #[derive(Default)]
-struct Taken {
+struct TopicSeries {
     count: usize,
     /// Messages without a usable value, and why the first one has none.
     unusable: Option<(usize, String)>,
@@ -73,7 +73,7 @@ pub(super) fn read(bag: &Bag, chosen: &Chosen) -> Result<Series> {
 impl<'a> Collected<'a> {
     pub(super) fn new(bag: &'a Bag, chosen: &'a Chosen) -> Self {
         let frame = match (&chosen.pose, &chosen.attitude) {
-            (Poses::Tf { frame }, _) | (_, Attitudes::Tf { frame }) => Some(frame.clone()),
+            (PoseSource::Tf { frame }, _) | (_, Attitudes::Tf { frame }) => Some(frame.clone()),
             _ => None,
         };
         Self {
@@ -90,10 +90,10 @@ impl<'a> Collected<'a> {
         }
     }
 
-    pub(super) fn take(&mut self, message: Message<'_>) -> Result<(), BagError> {
+    pub(super) fn take(&mut self, message: RecordedMessage<'_>) -> Result<(), BagError> {
         if !self.topics.contains_key(&message.topic.name) {
             self.topics
-                .insert(message.topic.name.clone(), Taken::default());
+                .insert(message.topic.name.clone(), TopicSeries::default());
         }
         let number = self.topics.get_mut(&message.topic.name).map_or(0, |taken| {
             taken.count += 1;
@@ -120,7 +120,7 @@ impl<'a> Collected<'a> {
     }
 
     /// Notes that a message has no value that can be used.
-    fn unusable(&mut self, message: &Message<'_>, reason: impl std::fmt::Display) {
+    fn unusable(&mut self, message: &RecordedMessage<'_>, reason: impl std::fmt::Display) {
         if let Some(taken) = self.topics.get_mut(&message.topic.name) {
             let (count, _) = taken
                 .unusable
@@ -129,7 +129,7 @@ impl<'a> Collected<'a> {
         }
     }
 
-    fn time_ns(&mut self, message: &Message<'_>, header: &Header) -> Result<i64> {
+    fn time_ns(&mut self, message: &RecordedMessage<'_>, header: &Header) -> Result<i64> {
         Ok(match self.chosen.time {
             StampSource::Received => message.received_ns,
             StampSource::Stamp => match nanoseconds(header.stamp)? {
@@ -148,7 +148,7 @@ impl<'a> Collected<'a> {
 
     fn wheel_joints(&self) -> Option<WheelJoints<'a>> {
         match &self.chosen.tread_speeds {
-            TreadSpeeds::JointStates {
+            TreadSpeedSource::JointStates {
                 topic,
                 left,
                 right,
@@ -161,11 +161,11 @@ impl<'a> Collected<'a> {
                 radius_m: *radius_m,
                 reversed: *reversed,
             }),
-            TreadSpeeds::Odometry { .. } => None,
+            TreadSpeedSource::Odometry { .. } => None,
         }
     }
 
-    fn joint_state(&mut self, message: &Message<'_>) -> Result<()> {
+    fn joint_state(&mut self, message: &RecordedMessage<'_>) -> Result<()> {
         let Some(wheels) = self.wheel_joints() else {
             return Ok(());
         };
@@ -178,12 +178,12 @@ impl<'a> Collected<'a> {
         Ok(())
     }
 
-    fn imu(&mut self, message: &Message<'_>) -> Result<()> {
+    fn imu(&mut self, message: &RecordedMessage<'_>) -> Result<()> {
         let name = &message.topic.name;
         let for_attitude =
             matches!(&self.chosen.attitude, Attitudes::Imu { topic, .. } if topic == name);
         let for_heading = matches!(&self.chosen.pose,
-            Poses::Navsat { heading_topic, .. } if heading_topic == name);
+            PoseSource::Navsat { heading_topic, .. } if heading_topic == name);
         if !for_attitude && !for_heading {
             return Ok(());
         }
@@ -208,10 +208,10 @@ impl<'a> Collected<'a> {
         Ok(())
     }
 
-    fn odometry(&mut self, message: &Message<'_>) -> Result<()> {
+    fn odometry(&mut self, message: &RecordedMessage<'_>) -> Result<()> {
         let name = &message.topic.name;
         let width_m = match &self.chosen.tread_speeds {
-            TreadSpeeds::Odometry {
+            TreadSpeedSource::Odometry {
                 topic,
                 track_width_m,
             } if topic == name => Some(*track_width_m),
@@ -219,7 +219,7 @@ impl<'a> Collected<'a> {
         };
         let for_attitude =
             matches!(&self.chosen.attitude, Attitudes::Odometry(topic) if topic == name);
-        let for_pose = matches!(&self.chosen.pose, Poses::Odometry(topic) if topic == name);
+        let for_pose = matches!(&self.chosen.pose, PoseSource::Odometry(topic) if topic == name);
         if width_m.is_none() && !for_attitude && !for_pose {
             return Ok(());
         }
@@ -245,11 +245,11 @@ impl<'a> Collected<'a> {
         Ok(())
     }
 
-    fn pose_stamped(&mut self, message: &Message<'_>) -> Result<()> {
+    fn pose_stamped(&mut self, message: &RecordedMessage<'_>) -> Result<()> {
         let name = &message.topic.name;
         let for_attitude =
             matches!(&self.chosen.attitude, Attitudes::PoseStamped(topic) if topic == name);
-        let for_pose = matches!(&self.chosen.pose, Poses::PoseStamped(topic) if topic == name);
+        let for_pose = matches!(&self.chosen.pose, PoseSource::PoseStamped(topic) if topic == name);
         if !for_attitude && !for_pose {
             return Ok(());
         }
@@ -268,7 +268,7 @@ impl<'a> Collected<'a> {
     /// Takes a pose of a message for the attitude, the pose or both.
     fn pose(
         &mut self,
-        message: &Message<'_>,
+        message: &RecordedMessage<'_>,
         time_ns: i64,
         pose: &message::Pose,
         [for_attitude, for_pose]: [bool; 2],
@@ -287,9 +287,9 @@ impl<'a> Collected<'a> {
         }
     }
 
-    fn fix(&mut self, message: &Message<'_>) -> Result<()> {
+    fn fix(&mut self, message: &RecordedMessage<'_>) -> Result<()> {
         match &self.chosen.pose {
-            Poses::Navsat { topic, .. } if *topic == message.topic.name => {}
+            PoseSource::Navsat { topic, .. } if *topic == message.topic.name => {}
             _ => return Ok(()),
         }
         let fix: NavSatFix = decode(message)?;
@@ -297,7 +297,7 @@ impl<'a> Collected<'a> {
         self.fixes.take(time_ns, &fix)
     }
 
-    fn transform(&mut self, message: &Message<'_>) -> Result<()> {
+    fn transform(&mut self, message: &RecordedMessage<'_>) -> Result<()> {
         let fixed = message.topic.name.ends_with("tf_static");
         if !fixed && !self.transforms.wants_moving() {
             return Ok(());
@@ -322,7 +322,7 @@ impl<'a> Collected<'a> {
             let found = self.transforms.take(parent, child, time_ns, pose, fixed);
             if let Some(world_from_base_link) = found {
                 let (pose, attitude) = pose_and_attitude(&world_from_base_link);
-                if matches!(self.chosen.pose, Poses::Tf { .. }) {
+                if matches!(self.chosen.pose, PoseSource::Tf { .. }) {
                     self.poses.push((time_ns, pose));
                 }
                 if matches!(self.chosen.attitude, Attitudes::Tf { .. }) {
@@ -357,7 +357,7 @@ impl<'a> Collected<'a> {
             }
             Attitudes::Level => None,
         };
-        if let Poses::Navsat {
+        if let PoseSource::Navsat {
             heading_topic,
             antenna_m,
             ..
@@ -372,7 +372,7 @@ impl<'a> Collected<'a> {
             self.poses = self.fixes.poses(&rotations, antenna_m);
         }
         let unconnected = match (&self.chosen.pose, &self.chosen.attitude, &attitudes) {
-            (Poses::Tf { frame }, _, _) if self.poses.is_empty() => Some(("pose", frame)),
+            (PoseSource::Tf { frame }, _, _) if self.poses.is_empty() => Some(("pose", frame)),
             (_, Attitudes::Tf { frame }, Some(none)) if none.is_empty() => {
                 Some(("attitude", frame))
             }
@@ -426,8 +426,9 @@ impl<'a> Collected<'a> {
 
     /// Checks that the stamps of all sources come from one clock, by the times at which they were recorded.
     fn check_clocks(&self) -> Result<()> {
-        let ahead =
-            |(name, taken): (&String, &Taken)| Some((median(taken.ahead_s.clone())?, name.clone()));
+        let ahead = |(name, taken): (&String, &TopicSeries)| {
+            Some((median(taken.ahead_s.clone())?, name.clone()))
+        };
         let mut ahead: Vec<(f64, String)> = self.topics.iter().filter_map(ahead).collect();
         ahead.sort_by(|a, b| a.0.total_cmp(&b.0));
         let (Some(least), Some(most)) = (ahead.first(), ahead.last()) else {
@@ -489,7 +490,7 @@ impl<'a> Collected<'a> {
     }
 }
 
-pub(super) fn decode<T: DeserializeOwned>(message: &Message<'_>) -> Result<T> {
+pub(super) fn decode<T: DeserializeOwned>(message: &RecordedMessage<'_>) -> Result<T> {
     if message.topic.encoding != "cdr" {
         bail!("its encoding is {:?}, must be cdr", message.topic.encoding);
     }

@@ -1,8 +1,8 @@
 //! What was driven, on earth: GeoJSON and KML.
 
 use super::facts::DriveFacts;
-use super::input::Input;
-use super::place::Place;
+use super::input::DecodedRecording;
+use super::place::PlaceInTime;
 use crate::report::figures::fixed;
 use anyhow::{Context, Result};
 use geojson::{Feature, FeatureCollection, GeometryValue, JsonObject};
@@ -37,7 +37,7 @@ struct NamedPlace {
 ///
 /// # Errors
 /// A recording without a place on earth.
-pub(super) fn track(input: &Input, facts: &DriveFacts) -> Result<Track> {
+pub(super) fn track(input: &DecodedRecording, facts: &DriveFacts) -> Result<Track> {
     let datum = input.datum.context(
         "it has no place on earth: its configuration has neither `datum` nor a GPX route. Add `datum: {latitude_deg: ..., \
          longitude_deg: ...}`, the place of x = 0, y = 0, before the drive is recorded",
@@ -83,7 +83,7 @@ pub(super) fn track(input: &Input, facts: &DriveFacts) -> Result<Track> {
             worst.place,
         )
     });
-    let named = |(kind, text, place): (_, _, Place)| {
+    let named = |(kind, text, place): (_, _, PlaceInTime)| {
         Some(NamedPlace {
             kind,
             text,

@@ -1,7 +1,7 @@
 //! The figures of a drive.
 
-use super::input::Input;
-use super::place::Place;
+use super::input::DecodedRecording;
+use super::place::PlaceInTime;
 use super::stops::{Stop, StopKind, stops};
 use super::weather::{FixWeather, SensorWeather, fix_weather, weather};
 use crate::recording::fact;
@@ -13,7 +13,7 @@ use std::fmt::Write as _;
 
 /// What was driven, and at what speed.
 #[derive(Debug, Clone, Copy, Serialize)]
-pub(super) struct Driven {
+pub(super) struct DrivenSummary {
     /// Distance by the treads, m, of which in reverse.
     pub(super) distance_m: f64,
     pub(super) reverse_m: f64,
@@ -43,7 +43,7 @@ pub(super) struct WorstPlace {
     pub(super) roll_deg: f64,
     pub(super) pitch_deg: f64,
     #[serde(flatten)]
-    pub(super) place: Place,
+    pub(super) place: PlaceInTime,
 }
 
 /// What the steepness guard found at worst.
@@ -56,7 +56,7 @@ pub(super) struct GuardFacts {
 
 /// A learned parameter at the end, with its 95 % interval.
 #[derive(Debug, Clone, Serialize)]
-pub(super) struct Learned {
+pub(super) struct LearnedParameter {
     pub(super) name: String,
     pub(super) value: f64,
     pub(super) low: f64,
@@ -81,7 +81,7 @@ pub(super) struct DriveFigures {
 
 /// A limit, and what the drive made of it.
 #[derive(Debug, Clone, Serialize)]
-pub(super) struct Limit {
+pub(super) struct CheckedLimit {
     /// What is limited, in words.
     pub(super) name: &'static str,
     pub(super) unit: &'static str,
@@ -107,8 +107,8 @@ pub(super) struct DriveFacts {
     pub(super) damaged: Option<String>,
     /// Whether all limits were kept; none where none was stated.
     pub(super) passed: Option<bool>,
-    pub(super) limits: Vec<Limit>,
-    pub(super) driven: Driven,
+    pub(super) limits: Vec<CheckedLimit>,
+    pub(super) driven: DrivenSummary,
     pub(super) cross_track: Option<CrossTrack>,
     pub(super) worst: Vec<WorstPlace>,
     pub(super) stops: Vec<Stop>,
@@ -116,7 +116,7 @@ pub(super) struct DriveFacts {
     pub(super) pose_age_max_s: Option<f64>,
     pub(super) guard: Option<GuardFacts>,
     pub(super) drives: DriveFigures,
-    pub(super) learned: Vec<Learned>,
+    pub(super) learned: Vec<LearnedParameter>,
     pub(super) sensors: Vec<SensorWeather>,
     /// What the fixes of a satellite receiver were worth, where poses came from one.
     pub(super) fixes: Option<FixWeather>,
@@ -125,7 +125,7 @@ pub(super) struct DriveFacts {
 }
 
 impl DriveFacts {
-    pub(super) fn of(input: &Input) -> Self {
+    pub(super) fn of(input: &DecodedRecording) -> Self {
         let get = |name: &str| input.header.facts.get(name).cloned().unwrap_or_default();
         let steps = input.steps.iter().filter(|(_, step)| follows(step));
         let following: Vec<&(f64, ControllerCycle)> = steps.collect();
@@ -154,7 +154,7 @@ impl DriveFacts {
     }
 
     /// Returns the figures with limits that were judged by them.
-    pub(super) fn judged(self, limits: Vec<Limit>) -> Self {
+    pub(super) fn judged(self, limits: Vec<CheckedLimit>) -> Self {
         let passed = (!limits.is_empty()).then(|| limits.iter().all(|limit| limit.passed));
         Self {
             passed,
@@ -277,7 +277,7 @@ impl DriveFacts {
     }
 }
 
-fn named(place: &Place) -> String {
+fn named(place: &PlaceInTime) -> String {
     match (
         place.latitude_deg,
         place.longitude_deg,
@@ -315,7 +315,7 @@ fn rms(values: impl Iterator<Item = f64>) -> Option<f64> {
 /// Longest time between two steps that counts as driven, s.
 const STEP_MAX_S: f64 = 0.5;
 
-fn driven(input: &Input) -> Driven {
+fn driven(input: &DecodedRecording) -> DrivenSummary {
     let [mut distance_m, mut reverse_m, mut time_s] = [0.0; 3];
     let (mut along_path_m, mut speed_max_m_s): (f64, f64) = (0.0, 0.0);
     for pair in input.steps.windows(2) {
@@ -336,7 +336,7 @@ fn driven(input: &Input) -> Driven {
             along_path_m = along_path_m.max(now.arc_length_m);
         }
     }
-    Driven {
+    DrivenSummary {
         distance_m,
         reverse_m,
         along_path_m,
@@ -366,7 +366,7 @@ fn cross_track(following: &[&(f64, ControllerCycle)]) -> Option<CrossTrack> {
 const WORST: usize = 5;
 const APART_S: f64 = 5.0;
 
-fn worst(input: &Input, following: &[&(f64, ControllerCycle)]) -> Vec<WorstPlace> {
+fn worst(input: &DecodedRecording, following: &[&(f64, ControllerCycle)]) -> Vec<WorstPlace> {
     let known = following
         .iter()
         .filter(|(_, step)| step.cross_track_m.is_finite());
@@ -392,7 +392,7 @@ fn worst(input: &Input, following: &[&(f64, ControllerCycle)]) -> Vec<WorstPlace
             speed_m_s: 0.5 * (step.left_m_s + step.right_m_s),
             roll_deg: degrees(step.estimated_roll_rad),
             pitch_deg: degrees(step.estimated_pitch_rad),
-            place: Place::at(input, *time_s),
+            place: PlaceInTime::at(input, *time_s),
         });
         if worst.len() == WORST {
             break;
@@ -401,7 +401,7 @@ fn worst(input: &Input, following: &[&(f64, ControllerCycle)]) -> Vec<WorstPlace
     worst
 }
 
-fn guard(input: &Input) -> Option<GuardFacts> {
+fn guard(input: &DecodedRecording) -> Option<GuardFacts> {
     let most_of =
         |get: fn(&sidehill_recording::GuardState) -> f64| most(input.guard.iter().map(get));
     Some(GuardFacts {
@@ -411,7 +411,7 @@ fn guard(input: &Input) -> Option<GuardFacts> {
     })
 }
 
-fn drives(input: &Input) -> DriveFigures {
+fn drives(input: &DecodedRecording) -> DriveFigures {
     let number = |key: &str| {
         input
             .diagnostics
@@ -441,7 +441,7 @@ fn drives(input: &Input) -> DriveFigures {
 }
 
 /// Returns the learned parameters, which diagnostics tell as `0.85 (0.80 to 0.90, not excited: prior)`.
-fn learned(input: &Input) -> Vec<Learned> {
+fn learned(input: &DecodedRecording) -> Vec<LearnedParameter> {
     let values = input.diagnostics.iter();
     values
         .filter_map(|(key, text)| {
@@ -452,7 +452,7 @@ fn learned(input: &Input) -> Vec<Learned> {
                 Some((high, _)) => (high, false),
                 None => (rest, true),
             };
-            Some(Learned {
+            Some(LearnedParameter {
                 name,
                 value: value.parse().ok()?,
                 low: low.parse().ok()?,

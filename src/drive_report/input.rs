@@ -13,10 +13,10 @@ use sidehill_recording::{
 use std::collections::BTreeMap;
 
 /// A message with its time, s: since 1970, or of the simulation.
-pub(super) type Timed<T> = (f64, T);
+pub(super) type TimedMessage<T> = (f64, T);
 
 /// A recording, decoded as far as a report needs it.
-pub(super) struct Input {
+pub(super) struct DecodedRecording {
     pub(super) name: String,
     pub(super) header: Header,
     /// Place on earth of x = 0, y = 0.
@@ -24,13 +24,13 @@ pub(super) struct Input {
     /// Times of the first and the last message, s.
     pub(super) range_s: [f64; 2],
     /// Steps of the controller.
-    pub(super) steps: Vec<Timed<ControllerCycle>>,
+    pub(super) steps: Vec<TimedMessage<ControllerCycle>>,
     /// Cycles of the control loop; none of a simulation.
-    pub(super) cycles: Vec<Timed<LoopCycle>>,
+    pub(super) cycles: Vec<TimedMessage<LoopCycle>>,
     pub(super) guard: Vec<GuardState>,
     /// Fixes of a satellite receiver, where poses came from one, at the times at which they came.
-    pub(super) fixes: Vec<Timed<FixState>>,
-    pub(super) events: Vec<Timed<LogLine>>,
+    pub(super) fixes: Vec<TimedMessage<FixState>>,
+    pub(super) events: Vec<TimedMessage<LogLine>>,
     /// Newest values of the controller's diagnostics.
     pub(super) diagnostics: BTreeMap<String, String>,
     /// Why reading ended early.
@@ -39,7 +39,7 @@ pub(super) struct Input {
     pub(super) drive: WholeDrive,
 }
 
-impl Input {
+impl DecodedRecording {
     /// Reads a recording from any of its files.
     ///
     /// # Errors

@@ -1,6 +1,6 @@
 //! What a drive has to keep to.
 
-use super::facts::{DriveFacts, Limit};
+use super::facts::{CheckedLimit, DriveFacts};
 use super::stops::StopKind;
 
 /// Limits of a drive; what is not given is not judged.
@@ -31,7 +31,7 @@ pub struct LimitArgs {
 
 impl LimitArgs {
     /// Judges a drive.
-    pub(super) fn judge(&self, facts: &DriveFacts) -> Vec<Limit> {
+    pub(super) fn judge(&self, facts: &DriveFacts) -> Vec<CheckedLimit> {
         let faults = facts
             .stops
             .iter()
@@ -94,7 +94,7 @@ impl LimitArgs {
                     }
                 };
                 let passed = found.is_some_and(within);
-                Some(Limit {
+                Some(CheckedLimit {
                     name,
                     unit,
                     is_least,

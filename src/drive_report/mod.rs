@@ -17,7 +17,7 @@ use crate::output;
 use crate::simulate::Format;
 use anyhow::{Context, Result, ensure};
 use facts::DriveFacts;
-use input::Input;
+use input::DecodedRecording;
 use limits::LimitArgs;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -86,8 +86,8 @@ pub fn write_page(recording: &Path, file: &Path, force: bool) -> Result<()> {
     output::write(file, page::html(&input, &facts)?.as_bytes(), force)
 }
 
-fn read(recording: &Path, limits: &LimitArgs) -> Result<(Input, DriveFacts)> {
-    let input = Input::read(recording)?;
+fn read(recording: &Path, limits: &LimitArgs) -> Result<(DecodedRecording, DriveFacts)> {
+    let input = DecodedRecording::read(recording)?;
     ensure!(
         !input.steps.is_empty(),
         "{}: there is no step of a controller in it, so nothing to report; recordings of `run` and `simulate` have them",

@@ -1,7 +1,7 @@
 //! The page of a drive: one file, made of the components of the live view.
 
 use super::facts::DriveFacts;
-use super::input::Input;
+use super::input::DecodedRecording;
 use anyhow::Result;
 use sidehill_recording::live::components::{
     CSS, DRIVE, DRIVE_JS, FOOT, HEAD, MAP, PLOT_JS, TOP, UPLOT_JS, VIEW_JS, WORDS,
@@ -11,7 +11,7 @@ use sidehill_recording::live::components::{
 ///
 /// # Errors
 /// Figures that have no JSON.
-pub(super) fn html(input: &Input, facts: &DriveFacts) -> Result<String> {
+pub(super) fn html(input: &DecodedRecording, facts: &DriveFacts) -> Result<String> {
     // No text of the recording may end the element it stands in.
     let data = |json: String| json.replace('<', "\\u003c");
     let parts = [

@@ -1,12 +1,12 @@
 //! Where the vehicle was at a time.
 
-use super::input::Input;
+use super::input::DecodedRecording;
 use serde::Serialize;
 use sidehill_controller::path::Point2;
 
 /// A place, and when the vehicle was there.
 #[derive(Debug, Clone, Copy, Serialize)]
-pub(super) struct Place {
+pub(super) struct PlaceInTime {
     /// On the clock of the recording, s.
     pub(super) time_s: f64,
     /// Since the recording began, s.
@@ -19,8 +19,8 @@ pub(super) struct Place {
     pub(super) longitude_deg: Option<f64>,
 }
 
-impl Place {
-    pub(super) fn at(input: &Input, time_s: f64) -> Self {
+impl PlaceInTime {
+    pub(super) fn at(input: &DecodedRecording, time_s: f64) -> Self {
         let step = input.step_at(time_s);
         let at = step.filter(|step| step.estimated_x_m.is_finite());
         let at = at.map(|step| Point2 {

@@ -1,7 +1,7 @@
 //! When and why a vehicle stopped.
 
-use super::input::Input;
-use super::place::Place;
+use super::input::DecodedRecording;
+use super::place::PlaceInTime;
 use serde::Serialize;
 use sidehill_bridge::safety::{Reason, StopCause};
 
@@ -28,14 +28,14 @@ pub(super) struct Stop {
     /// Time until it drove again, s; none where it did not.
     pub(super) stood_s: Option<f64>,
     #[serde(flatten)]
-    pub(super) place: Place,
+    pub(super) place: PlaceInTime,
 }
 
 /// Events up to so long before a stop are told with it, s.
 const BEFORE_S: f64 = 5.0;
 
 /// Returns all stops in order: of the state machine of `run`, or else of the controller.
-pub(super) fn stops(input: &Input) -> Vec<Stop> {
+pub(super) fn stops(input: &DecodedRecording) -> Vec<Stop> {
     let by_safety = input.events.iter().any(|(_, event)| event.name == "state");
     let mut stops: Vec<Stop> = Vec::new();
     let mut driving = false;
@@ -46,20 +46,20 @@ pub(super) fn stops(input: &Input) -> Vec<Stop> {
             _ => None,
         };
         match change {
-            Some(Change::Drives) => {
+            Some(StateChange::Drives) => {
                 if let Some(last) = stops.last_mut().filter(|_| !driving) {
                     last.stood_s = last.stood_s.or(Some(time_s - last.place.time_s));
                 }
                 driving = true;
             }
-            Some(Change::Stops(cause)) if driving => {
+            Some(StateChange::Stops(cause)) if driving => {
                 driving = false;
                 stops.push(Stop {
                     kind: kind(&cause),
                     before: before(input, *time_s),
                     cause,
                     stood_s: None,
-                    place: Place::at(input, *time_s),
+                    place: PlaceInTime::at(input, *time_s),
                 });
             }
             _ => {}
@@ -68,31 +68,31 @@ pub(super) fn stops(input: &Input) -> Vec<Stop> {
     stops
 }
 
-enum Change {
+enum StateChange {
     Drives,
     Stops(String),
 }
 
 /// Returns what a change of state is, told as `Driving -> Stopping: reason`.
-fn of_safety(text: &str) -> Option<Change> {
+fn of_safety(text: &str) -> Option<StateChange> {
     let (states, reason) = text.split_once(": ")?;
     let (from, to) = states.split_once(" -> ")?;
     match (from, to) {
-        (_, "Driving") => Some(Change::Drives),
-        ("Driving", _) => Some(Change::Stops(reason.to_owned())),
+        (_, "Driving") => Some(StateChange::Drives),
+        ("Driving", _) => Some(StateChange::Stops(reason.to_owned())),
         _ => None,
     }
 }
 
 /// Returns what a status is, told as `controller: stopping: reason`.
-fn of_controller(text: &str) -> Option<Change> {
+fn of_controller(text: &str) -> Option<StateChange> {
     let status = text.strip_prefix("controller: ")?;
     if status == "finished" {
-        return Some(Change::Stops(Reason::Finished.to_string()));
+        return Some(StateChange::Stops(Reason::Finished.to_string()));
     }
     match status.strip_prefix("stopping: ") {
-        Some(reason) => Some(Change::Stops(reason.to_owned())),
-        None => (status == "tracking").then_some(Change::Drives),
+        Some(reason) => Some(StateChange::Stops(reason.to_owned())),
+        None => (status == "tracking").then_some(StateChange::Drives),
     }
 }
 
@@ -111,7 +111,7 @@ fn kind(cause: &str) -> StopKind {
 }
 
 /// Returns what was said just before a time of inputs that were missing and motors that fell short.
-fn before(input: &Input, time_s: f64) -> Vec<String> {
+fn before(input: &DecodedRecording, time_s: f64) -> Vec<String> {
     let recent = input
         .events
         .iter()

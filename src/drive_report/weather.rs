@@ -1,6 +1,6 @@
 //! The weather of the sensors: how old readings were, how long none came, and how good fixes were.
 
-use super::input::Input;
+use super::input::DecodedRecording;
 use serde::Serialize;
 use sidehill_plant::sample::{Sample, Stamped};
 use sidehill_plant::statistics::quantile;
@@ -46,13 +46,13 @@ pub(super) struct FixWeather {
 }
 
 /// A reading: when it came and when it was measured, s.
-type Reading = (f64, f64);
+type ReadingTimes = (f64, f64);
 
 /// Returns the time of a sensor's reading in a sample, s.
 type ReadingTime = fn(&Sample) -> Option<f64>;
 
 /// Returns the weather of all sensors that sent something.
-pub(super) fn weather(input: &Input) -> Vec<SensorWeather> {
+pub(super) fn weather(input: &DecodedRecording) -> Vec<SensorWeather> {
     let samples: Vec<(f64, Sample)> = input
         .steps
         .iter()
@@ -80,7 +80,7 @@ pub(super) fn weather(input: &Input) -> Vec<SensorWeather> {
 }
 
 /// Returns how old fixes were when they came, and how long none came that was good enough.
-fn of_fixes(input: &Input) -> Option<SensorWeather> {
+fn of_fixes(input: &DecodedRecording) -> Option<SensorWeather> {
     let fixes = &input.fixes;
     let used = || fixes.iter().filter(|(_, fix)| fix.used);
     // The clock of the steps is that of the fixes.
@@ -96,7 +96,7 @@ fn of_fixes(input: &Input) -> Option<SensorWeather> {
 fn of(
     name: &'static str,
     mut ages_s: Vec<f64>,
-    stamps: impl Iterator<Item = Reading>,
+    stamps: impl Iterator<Item = ReadingTimes>,
     missing_share: f64,
 ) -> Option<SensorWeather> {
     let mut times_s = Vec::<f64>::new();

@@ -9,7 +9,7 @@ use crate::progress::Notice;
 use crate::simulate::Format;
 use anyhow::{Context, Result};
 use serde_json::{Value, json};
-use sidehill_plant::identification::{DriveResponse, Finding, MotorResponse, identify_drives};
+use sidehill_plant::identification::{Finding, MotorResponse, MotorResponses, identify_drives};
 use sidehill_plant::vehicle::Vehicle;
 use std::fmt::Write;
 
@@ -59,7 +59,7 @@ pub(super) fn run(args: &IdentifyArgs) -> Result<()> {
     Ok(())
 }
 
-fn motors(response: &DriveResponse) -> [(&'static str, Option<&MotorResponse>); 2] {
+fn motors(response: &MotorResponses) -> [(&'static str, Option<&MotorResponse>); 2] {
     [
         ("traction", response.traction.as_ref()),
         ("steer", response.steer.as_ref()),
@@ -127,7 +127,7 @@ fn motor_json(motor: Option<&MotorResponse>) -> Value {
 const WORTH_SAYING: f64 = 0.03;
 
 /// Returns what the responses mean, a sentence each.
-fn verdict(response: &DriveResponse) -> Vec<String> {
+fn verdict(response: &MotorResponses) -> Vec<String> {
     let mut lines = Vec::new();
     for (name, motor) in motors(response) {
         let Some(motor) = motor else {
@@ -169,7 +169,7 @@ fn verdict(response: &DriveResponse) -> Vec<String> {
 }
 
 /// Returns the mean of a quantity of both motors, weighted by how well it is known.
-fn shared(response: &DriveResponse, quantity: fn(&MotorResponse) -> Finding) -> Option<f64> {
+fn shared(response: &MotorResponses, quantity: fn(&MotorResponse) -> Finding) -> Option<f64> {
     let (mut sum, mut weights) = (0.0, 0.0);
     for (_, motor) in motors(response) {
         if let Some(Finding::Found {
@@ -186,7 +186,7 @@ fn shared(response: &DriveResponse, quantity: fn(&MotorResponse) -> Finding) -> 
 }
 
 /// Returns the responses as conditions: the keys of the controller, with comments where they are not known.
-fn conditions(response: &DriveResponse) -> String {
+fn conditions(response: &MotorResponses) -> String {
     let mut out =
         "# Identified by: sidehill identify --drives\nname: identified-drives\ncontroller:\n"
             .to_owned();
@@ -263,7 +263,7 @@ mod tests {
 
     #[test]
     fn what_is_written_are_conditions_and_unknown_keys_are_comments() {
-        let both = DriveResponse {
+        let both = MotorResponses {
             traction: Some(motor()),
             steer: Some(motor()),
         };
@@ -279,7 +279,7 @@ mod tests {
             text.contains("deceleration_m_s2: 1.500 # not reached"),
             "{text}"
         );
-        let one = DriveResponse {
+        let one = MotorResponses {
             steer: None,
             ..both
         };
@@ -294,7 +294,7 @@ mod tests {
 
     #[test]
     fn the_verdict_says_what_a_motor_reaches_and_what_is_not_known() {
-        let lines = verdict(&DriveResponse {
+        let lines = verdict(&MotorResponses {
             traction: Some(motor()),
             steer: None,
         });

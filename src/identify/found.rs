@@ -1,7 +1,9 @@
 //! The logs of an identification, and the results of its stages.
 
 use anyhow::Result;
-use sidehill_plant::identification::{ContactReport, Estimate, ExtensionReport, StageReport};
+use sidehill_plant::identification::{
+    ContactReport, ExtensionReport, FittedParameter, StageReport,
+};
 use sidehill_plant::log::DriveLog;
 use sidehill_plant::vehicle::Vehicle;
 
@@ -14,37 +16,37 @@ pub(super) struct Logs {
 }
 
 /// Result of a stage.
-pub(super) struct Stage {
+pub(super) struct StageResult {
     pub(super) report: StageReport,
     pub(super) undetermined: Vec<Undetermined>,
 }
 
 /// A parameter that the logs do not determine, and the start value that it keeps.
 pub(super) struct Undetermined {
-    pub(super) estimate: Estimate,
+    pub(super) estimate: FittedParameter,
     pub(super) kept: f64,
 }
 
 /// Results of all stages, if there were logs for them.
 #[derive(Default)]
 pub(super) struct Found {
-    pub(super) level: Option<Stage>,
-    pub(super) slope: Option<Stage>,
+    pub(super) level: Option<StageResult>,
+    pub(super) slope: Option<StageResult>,
     /// Terms beyond ICRIK.
     pub(super) extension: Option<ExtensionReport>,
     /// The contact vehicle, with --contact.
     pub(super) contact: Option<ContactReport>,
 }
 
-impl Stage {
+impl StageResult {
     /// `start` is the vehicle that the stage started from.
     pub(super) fn new(
         report: StageReport,
-        undetermined: Vec<Estimate>,
+        undetermined: Vec<FittedParameter>,
         start: &Vehicle,
     ) -> Result<Self> {
         let start = serde_json::to_value(start)?;
-        let kept = |estimate: Estimate| Undetermined {
+        let kept = |estimate: FittedParameter| Undetermined {
             estimate,
             kept: start[estimate.name].as_f64().unwrap_or(f64::NAN),
         };

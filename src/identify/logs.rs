@@ -7,8 +7,8 @@ use crate::drive_log::LogReader;
 use anyhow::{Context, Result, bail};
 use sidehill_plant::contact::{ContactModel, ContactVehicle};
 use sidehill_plant::identification::{
-    Drive, IdentificationSettings, Leg, LogNoise, Procedure, Segmentation, drive, identify_level,
-    identify_slope,
+    IdentificationSettings, Leg, LogNoise, Procedure, ProcedureDrive, Segmentation, drive,
+    identify_level, identify_slope,
 };
 use sidehill_plant::log::DriveLog;
 use sidehill_plant::speeds::EncoderScale;
@@ -108,7 +108,7 @@ pub(super) fn simulated(contact: &ContactVehicle, vehicle: &Vehicle, seed: u64) 
     let procedure = Procedure::of_the_paper();
     let encoder_scale: EncoderScale = vehicle.encoder_scale;
     let log = |terrain: Terrain, legs: &[Leg], seed: u64| {
-        let setup = Drive {
+        let setup = ProcedureDrive {
             motion: Box::new(ContactModel::new(contact.clone())),
             encoder_scale,
             terrain,

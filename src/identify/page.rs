@@ -1,6 +1,6 @@
 //! The page of an identification: its results, how far to trust them, and the logs.
 
-use super::found::{Found, Stage};
+use super::found::{Found, StageResult};
 use super::report::{contact_table, extension_table};
 use crate::report::figures::{decimals, fixed, two_digits};
 use crate::report::page::{COLOURS, ReportPage, legend_of, table};
@@ -40,7 +40,7 @@ pub(super) fn html(
     page.html()
 }
 
-fn parameters(stage: &str, baseline: &str, results: &Stage) -> Markup {
+fn parameters(stage: &str, baseline: &str, results: &StageResult) -> Markup {
     let report = &results.report;
     let rows: Vec<Vec<String>> = report
         .estimates
@@ -147,7 +147,7 @@ mod tests {
         }
     }
 
-    fn stage(warnings: Vec<Warning>) -> Stage {
+    fn stage(warnings: Vec<Warning>) -> StageResult {
         let report = StageReport {
             estimates: Vec::new(),
             segments: 20,
@@ -160,7 +160,7 @@ mod tests {
             },
             warnings,
         };
-        Stage::new(report, Vec::new(), &Vehicle::j8()).unwrap()
+        StageResult::new(report, Vec::new(), &Vehicle::j8()).unwrap()
     }
 
     fn contact(settled: bool, folds_nearer: usize) -> ContactReport {

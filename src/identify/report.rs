@@ -3,11 +3,11 @@
 use super::found::Undetermined;
 use serde_json::{Map, Value, json};
 use sidehill_plant::identification::{
-    ContactReport, Estimate, ExtensionReport, SegmentErrors, StageReport, Verdict,
+    ContactReport, ExtensionReport, FittedParameter, SegmentErrors, StageReport, Verdict,
 };
 use std::fmt::Write;
 
-fn value(estimate: &Estimate) -> String {
+fn value(estimate: &FittedParameter) -> String {
     let interval = estimate.half_width.map_or_else(
         || "(any value)".to_owned(),
         |half_width| format!("+- {half_width:.4} (95 %)"),
@@ -238,7 +238,7 @@ fn stage_fields(report: &StageReport) -> Map<String, Value> {
     fields.into_iter().collect()
 }
 
-fn estimate_json(estimate: &Estimate) -> Value {
+fn estimate_json(estimate: &FittedParameter) -> Value {
     json!({
         "value": estimate.value,
         "std": estimate.std,

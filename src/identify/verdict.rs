@@ -1,6 +1,6 @@
 //! How far to trust an identification: the steepest slope on which to drive with it.
 
-use super::found::{Found, Logs, Stage};
+use super::found::{Found, Logs, StageResult};
 use super::logs::LEVEL_DEG;
 use super::report::contact_finding;
 use serde::Serialize;
@@ -71,7 +71,7 @@ impl SlopeVerdict {
         }
     }
 
-    fn judge_level(&mut self, level: &Stage, vehicle: &Vehicle) {
+    fn judge_level(&mut self, level: &StageResult, vehicle: &Vehicle) {
         let names: Vec<&str> = level.undetermined.iter().map(|u| u.estimate.name).collect();
         if !names.is_empty() {
             self.limit(
@@ -110,7 +110,7 @@ impl SlopeVerdict {
         }
     }
 
-    fn judge_slope(&mut self, slope: Option<&Stage>, vehicle: &Vehicle) {
+    fn judge_slope(&mut self, slope: Option<&StageResult>, vehicle: &Vehicle) {
         let half_width = |name: &str| {
             let Some(stage) = slope else {
                 return UNKNOWN_S_PER_RAD;
@@ -150,7 +150,7 @@ impl SlopeVerdict {
     }
 
     /// Whether a stage predicts what it was not fitted to; otherwise the slope is `slope_deg`.
-    fn judge_fit(&mut self, name: &str, stage: &Stage, slope_deg: f64) {
+    fn judge_fit(&mut self, name: &str, stage: &StageResult, slope_deg: f64) {
         if stage.report.warnings.contains(&Warning::NotSettled) {
             self.limit(
                 0.0,

@@ -25,7 +25,7 @@ pub(crate) struct PageMap {
     path: Vec<f64>,
     /// Length and width of the vehicle, m.
     body: [f64; 2],
-    ground: Option<Ground>,
+    ground: Option<MapGround>,
     /// Latitude and longitude, deg, of the origin, and their changes over a metre along x and along y.
     earth: Option<[f64; 6]>,
     marks: Vec<Mark>,
@@ -36,10 +36,10 @@ pub(crate) struct PageMap {
 pub(crate) struct MapRun {
     name: String,
     colour: &'static str,
-    frames: Vec<Frame>,
+    frames: Vec<MapFrame>,
 }
 
-type Frame = [Option<f64>; COLUMNS.len()];
+type MapFrame = [Option<f64>; COLUMNS.len()];
 
 /// A place that the map marks.
 #[derive(Debug, Clone, Serialize)]
@@ -53,7 +53,7 @@ struct Mark {
 /// Heights, m.
 #[derive(Debug, Clone, Serialize)]
 #[serde(rename_all = "snake_case")]
-enum Ground {
+enum MapGround {
     /// Height at the origin, and its change over a metre along x and along y.
     Plane([f64; 3]),
     /// At the nodes of a grid, row by row from the corner of its lowest x and y; none where there is no ground.
@@ -166,10 +166,10 @@ impl PageMap {
     }
 
     /// Samples the ground of all that is to be seen.
-    fn ground_of(&self, terrain: &Terrain) -> Ground {
+    fn ground_of(&self, terrain: &Terrain) -> MapGround {
         if let (Terrain::Plane(_), Ok(surface)) = (terrain, terrain.surface(0.0, 0.0)) {
             let [along_x, along_y] = surface.gradient_in_world();
-            return Ground::Plane([surface.height_m, along_x, along_y]);
+            return MapGround::Plane([surface.height_m, along_x, along_y]);
         }
         let frames = self.runs.iter().flat_map(|run| &run.frames);
         let driven = frames.filter_map(|frame| Some([frame[1]?, frame[2]?]));
@@ -193,7 +193,7 @@ impl PageMap {
             let surface = terrain.surface(x_m, y_m).ok()?;
             short(surface.height_m)
         });
-        Ground::Grid {
+        MapGround::Grid {
             corner,
             size: [side; 2],
             nodes: [NODES; 2],

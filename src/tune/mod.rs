@@ -13,7 +13,7 @@ mod tried;
 
 pub use objective::{TrialComparison, TrialFigures};
 pub use options::Options;
-pub use outcome::Outcome;
+pub use outcome::TuningOutcome;
 pub use settings::{DEFAULT_KEYS, Setting};
 pub use subject::SubjectKind;
 
@@ -67,7 +67,7 @@ pub fn tune(
     options: &Options,
     tried: Option<&Path>,
     report: impl FnMut(u32, f64) -> Result<()>,
-) -> Result<Outcome> {
+) -> Result<TuningOutcome> {
     options.check()?;
     let controller = options.controller.unwrap_or(ControllerKind::IcrikMpc);
     let Value::Mapping(present) = serde_yaml::to_value(campaign.controller_settings()?)? else {
@@ -98,7 +98,7 @@ fn search_on(
     options: &Options,
     tried: Option<&Path>,
     mut report: impl FnMut(u32, f64) -> Result<()>,
-) -> Result<Outcome> {
+) -> Result<TuningOutcome> {
     let (settings, drive) = (&subject.settings, &subject.drive);
     let keys: Vec<String> = settings.iter().map(|setting| setting.key.clone()).collect();
     let mut tried = Tried::open(tried, &search_name(subject, options), &keys)?;
@@ -149,7 +149,7 @@ fn search_on(
     let held_out = subject.held_out.clone();
     let held_out = compare(held_out.clone(), &drive(&present, held_out)?)?;
     let found = settings.iter().zip(&best);
-    Ok(Outcome {
+    Ok(TuningOutcome {
         name: subject.name.clone(),
         subject: subject.kind,
         controller: subject.controller.name(),
@@ -243,7 +243,7 @@ fn of_recording(
     options: &Options,
     tried: &Path,
     report: impl FnMut(u32, f64) -> Result<()>,
-) -> Result<Outcome> {
+) -> Result<TuningOutcome> {
     options.check()?;
     let subject = recorded::subject(recording, options)?;
     search_on(&subject, options, Some(tried), report)

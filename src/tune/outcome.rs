@@ -7,7 +7,7 @@ use serde::Serialize;
 
 /// The outcome of tuning.
 #[derive(Debug, Clone, Serialize)]
-pub struct Outcome {
+pub struct TuningOutcome {
     /// Campaign, scenario or recording.
     pub name: String,
     /// Kind of data that the settings were tried on.

@@ -1,7 +1,7 @@
 //! The outcome of tuning as text, as a page, and for `simulate --conditions`.
 
 use super::objective::{TrialComparison, TrialFigures};
-use super::outcome::Outcome;
+use super::outcome::TuningOutcome;
 use super::subject::SubjectKind;
 use crate::report::figures::{significant, two_digits};
 use crate::report::page::{COLOURS, ReportPage, legend_of, section, table as html_table};
@@ -15,7 +15,7 @@ use std::fmt::Write;
 ///
 /// # Errors
 /// None that can happen; those of the YAML writer.
-pub fn yaml(outcome: &Outcome) -> Result<String> {
+pub fn yaml(outcome: &TuningOutcome) -> Result<String> {
     let mut keys = Mapping::new();
     keys.insert(
         "name".into(),
@@ -39,7 +39,7 @@ pub fn yaml(outcome: &Outcome) -> Result<String> {
 }
 
 /// Returns the outcome in a sentence.
-fn finding(outcome: &Outcome) -> String {
+fn finding(outcome: &TuningOutcome) -> String {
     let held_out = &outcome.held_out;
     let change = |cost: f64| {
         let percent = 100.0 * (cost.exp() - 1.0);
@@ -70,7 +70,7 @@ fn finding(outcome: &Outcome) -> String {
 }
 
 /// What to do with it, in a sentence.
-fn advice(outcome: &Outcome) -> String {
+fn advice(outcome: &TuningOutcome) -> String {
     match (outcome.improved, outcome.subject) {
         (false, _) => "Keep the present settings.",
         (true, SubjectKind::Campaign) => {
@@ -85,7 +85,7 @@ fn advice(outcome: &Outcome) -> String {
 }
 
 /// What the cost is, in a sentence.
-fn objective(outcome: &Outcome) -> String {
+fn objective(outcome: &TuningOutcome) -> String {
     if outcome.subject == SubjectKind::Recording {
         return "Cost of a run, 2 s of the recording from which the poses are \
                 withheld: ln(error / error before), with the RMS distance between the withheld poses and the estimates."
@@ -99,7 +99,7 @@ fn objective(outcome: &Outcome) -> String {
 }
 
 /// Returns the result as a text table.
-pub fn table(outcome: &Outcome) -> String {
+pub fn table(outcome: &TuningOutcome) -> String {
     let mut text = format!(
         "{}: {}\n{}\n",
         outcome.name,
@@ -136,14 +136,14 @@ pub fn table(outcome: &Outcome) -> String {
 }
 
 /// Returns the steer's total variation, which a recorded drive has whatever is tried.
-fn steer(outcome: &Outcome, figures: TrialFigures) -> String {
+fn steer(outcome: &TuningOutcome, figures: TrialFigures) -> String {
     match outcome.subject {
         SubjectKind::Campaign => format!("{:.2}", figures.steer_total_variation_m_s),
         SubjectKind::Recording => "-".to_owned(),
     }
 }
 
-fn rows(outcome: &Outcome) -> Vec<(String, TrialFigures, String)> {
+fn rows(outcome: &TuningOutcome) -> Vec<(String, TrialFigures, String)> {
     let both = |name: &str, comparison: &TrialComparison| {
         let runs = format!("{}..{}", comparison.runs.start, comparison.runs.end);
         let cost = format!("{:.3}", comparison.cost);
@@ -164,7 +164,7 @@ fn rows(outcome: &Outcome) -> Vec<(String, TrialFigures, String)> {
 }
 
 /// Returns the page.
-pub fn html(outcome: &Outcome) -> String {
+pub fn html(outcome: &TuningOutcome) -> String {
     let title = format!("Tuning of {} on {}", outcome.controller, outcome.name);
     let centimetres = |comparison: &TrialComparison| -> Vec<[f64; 2]> {
         let pairs = comparison.errors_m.iter();

@@ -18,7 +18,7 @@ pub enum SubjectKind {
 }
 
 /// Evaluates runs with the present settings times the given factors.
-pub(super) type Drive<'a> = dyn Fn(&[f64], Range<u32>) -> Result<Vec<Driven>> + 'a;
+pub(super) type Evaluation<'a> = dyn Fn(&[f64], Range<u32>) -> Result<Vec<Driven>> + 'a;
 
 /// Runs or recording on which settings are tried.
 pub(super) struct Subject<'a> {
@@ -31,5 +31,5 @@ pub(super) struct Subject<'a> {
     /// Training runs and held-out runs.
     pub(super) training: Range<u32>,
     pub(super) held_out: Range<u32>,
-    pub(super) drive: Box<Drive<'a>>,
+    pub(super) drive: Box<Evaluation<'a>>,
 }

@@ -13,16 +13,16 @@ use std::fmt::Write;
 #[serde(deny_unknown_fields)]
 pub struct Setup {
     vehicle: String,
-    terrain: Ground,
+    terrain: GroundChoice,
     slope_deg: f64,
     /// Heading that leads up, counter-clockwise from Y_g.
     uphill_deg: f64,
     /// Coefficient of friction; with patches the middle of it.
     friction: f64,
     patches: bool,
-    sensors: Sensors,
-    drives: Drives,
-    course: Course,
+    sensors: SensorChoice,
+    drives: DriveChoice,
+    course: CourseChoice,
     speed_m_s: f64,
     controllers: Vec<String>,
     seed: u64,
@@ -32,7 +32,7 @@ pub struct Setup {
 
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
 #[serde(rename_all = "snake_case")]
-enum Ground {
+enum GroundChoice {
     Plane,
     Terrace,
     Hummocks,
@@ -40,14 +40,14 @@ enum Ground {
 
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
 #[serde(rename_all = "snake_case")]
-enum Sensors {
+enum SensorChoice {
     Perfect,
     Realistic,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
 #[serde(rename_all = "snake_case")]
-enum Drives {
+enum DriveChoice {
     Ideal,
     Realistic,
     Late,
@@ -56,7 +56,7 @@ enum Drives {
 
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
 #[serde(rename_all = "snake_case")]
-enum Course {
+enum CourseChoice {
     FigureEight,
     Slalom,
     Circle,
@@ -140,13 +140,13 @@ impl Setup {
     fn terrain(&self, vehicle: &ShippedVehicle, texts: &mut Texts) -> serde_json::Value {
         let (slope_deg, size) = (self.slope_deg, vehicle.size);
         match self.terrain {
-            Ground::Plane => json!({
+            GroundChoice::Plane => json!({
                 "kind": "plane",
                 "slope_deg": slope_deg,
                 "uphill_heading_deg": self.uphill_deg,
             }),
             // A slope, a shelf across it, and the slope again.
-            Ground::Terrace => json!({
+            GroundChoice::Terrace => json!({
                 "kind": "zones",
                 "axis_heading_deg": self.uphill_deg,
                 "cross_slope_deg": 0.0,
@@ -157,7 +157,7 @@ impl Setup {
                     { "start_m": 1.5 * size, "slope_deg": slope_deg },
                 ],
             }),
-            Ground::Hummocks => {
+            GroundChoice::Hummocks => {
                 let file = texts.add("ground.asc", self.hummocks(size));
                 json!({ "kind": "grid", "file": file })
             }
@@ -197,32 +197,32 @@ impl Setup {
     fn course(&self, vehicle: &ShippedVehicle) -> Option<serde_json::Value> {
         let (size, speed_m_s) = (vehicle.size, self.speed_m_s);
         Some(match self.course {
-            Course::Drawn => return None,
-            Course::FigureEight => json!({
+            CourseChoice::Drawn => return None,
+            CourseChoice::FigureEight => json!({
                 "shape": "figure_eight",
                 "half_width_m": 2.4 * size,
                 "half_length_m": 3.9 * size,
                 "period_s": eight_length_m(2.4 * size, 3.9 * size) / speed_m_s,
             }),
-            Course::Slalom => json!({
+            CourseChoice::Slalom => json!({
                 "shape": "slalom",
                 "length_m": 16.0 * size,
                 "amplitude_m": size,
                 "wavelength_m": 8.0 * size,
                 "speed_m_s": speed_m_s,
             }),
-            Course::Circle => json!({
+            CourseChoice::Circle => json!({
                 "shape": "circle",
                 "radius_m": 2.5 * size,
                 "speed_m_s": speed_m_s,
                 "turns": 1,
             }),
-            Course::Straight => json!({
+            CourseChoice::Straight => json!({
                 "shape": "straight",
                 "length_m": 12.0 * size,
                 "speed_m_s": speed_m_s,
             }),
-            Course::Cusp => json!({
+            CourseChoice::Cusp => json!({
                 "shape": "cusp",
                 "radius_m": 3.0 * size,
                 "speed_m_s": speed_m_s,
@@ -250,27 +250,27 @@ impl Setup {
             _ => Mapping::new(),
         };
         match self.sensors {
-            Sensors::Realistic => keys.extend(realistic.remove_entry("sensors")),
-            Sensors::Perfect => {
+            SensorChoice::Realistic => keys.extend(realistic.remove_entry("sensors")),
+            SensorChoice::Perfect => {
                 known.remove("weights");
                 let exact = "{pose_sigma_m: 0.0001, pose_sigma_rad: 0.0001, gate: 100000}";
                 let exact = serde_yaml::from_str(exact).map_err(|error| error.to_string())?;
                 known.insert("estimator".into(), exact);
             }
         }
-        if self.drives == Drives::Ideal {
+        if self.drives == DriveChoice::Ideal {
             for key in ["command_delay_s", "motor_lag_s", "limits"] {
                 known.remove(key);
             }
         } else if let Some((key, mut drives)) = realistic.remove_entry("drive_train") {
             let changes = match self.drives {
-                Drives::Ideal | Drives::Realistic => "{}",
+                DriveChoice::Ideal | DriveChoice::Realistic => "{}",
                 // The controllers are told 0.1 s and 0.15 s.
-                Drives::Late => {
+                DriveChoice::Late => {
                     "{delay_s: 0.35, traction: {time_constant_s: 0.4}, steer: {time_constant_s: 0.4}}"
                 }
                 // The controllers are told 1 m/s.
-                Drives::Weak => {
+                DriveChoice::Weak => {
                     "{traction: {speed_max_m_s: 0.4, acceleration_max_m_s2: 0.3}, \
                      steer: {speed_max_m_s: 0.25, acceleration_max_m_s2: 0.5}}"
                 }

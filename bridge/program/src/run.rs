@@ -336,7 +336,7 @@ fn start_ros2(
         .map_err(|reason| anyhow!("parameter {reason}"))?;
     config.check_clock(file, &ros2)?;
     let fixes = config.fixes(file)?;
-    let started = server::start(server::Setup {
+    let started = server::start(server::ServerSetup {
         config: ros2,
         vehicle,
         route,

@@ -8,7 +8,7 @@ use crate::scenario::Scenario;
 use numpy::PyReadonlyArray1;
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
-use sidehill::closed_loop::{self, LoggedState, Names};
+use sidehill::closed_loop::{self, LoggedState, RunNames};
 use sidehill::config::{Overrides, PlantKind, Prepared};
 use sidehill::record;
 use sidehill::report::write_csv;
@@ -138,7 +138,7 @@ fn run_plant<P: Plant + Send>(
                 class.name().map(Bound::into_any)
             })?;
             let own = own.str()?.to_string();
-            let names = Names {
+            let names = RunNames {
                 controller: &own,
                 plant: name,
             };

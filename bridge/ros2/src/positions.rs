@@ -7,7 +7,7 @@ use ros2_client::Subscription;
 use ros2_client::dds::rustdds::{DomainParticipantStatusListener, RTPSEntity, StatusEvented};
 use sidehill_bridge::ros2::arguments::{RosArguments, RosEnvironment};
 use sidehill_bridge::ros2::message::{NavSatFix, Odometry, TopicMessage};
-use sidehill_bridge::ros2::position::{PositionMessage, PositionTopic};
+use sidehill_bridge::ros2::position::{AnyPosition, PositionTopic};
 
 enum Messages {
     Odometry(Subscription<Odometry>),
@@ -65,21 +65,21 @@ impl PositionNode {
 
     /// Passes all messages that have arrived to `take`, in their order, which returns why it cannot use one.
     /// Does not wait.
-    pub fn step(&mut self, mut take: impl FnMut(PositionMessage<'_>) -> Result<(), String>) {
+    pub fn step(&mut self, mut take: impl FnMut(AnyPosition<'_>) -> Result<(), String>) {
         while let Some(event) = self.discovery.try_recv_status() {
             self.graph.discovered(&event);
         }
         let (graph, topic) = (&mut self.graph, self.topic.name());
-        let mut judge = |message: PositionMessage<'_>| match take(message) {
+        let mut judge = |message: AnyPosition<'_>| match take(message) {
             Ok(()) => graph.accepted(topic),
             Err(reason) => graph.rejected(topic, &reason),
         };
         let unreadable = match &self.messages {
             Messages::Odometry(messages) => take_all(messages, |message, _| {
-                judge(PositionMessage::Odometry(&message));
+                judge(AnyPosition::Odometry(&message));
             }),
             Messages::Fix(messages) => take_all(messages, |message, _| {
-                judge(PositionMessage::Fix(&message));
+                judge(AnyPosition::Fix(&message));
             }),
         };
         if unreadable > 0 {

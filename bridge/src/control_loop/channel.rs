@@ -51,7 +51,7 @@ impl SharedCause {
 
 /// Requests of the client to the loop.
 #[derive(Default)]
-struct Requests {
+struct LoopRequests {
     /// Number of the newest request to arm; 0 for none.
     arm: AtomicU64,
     stop: SharedCause,
@@ -86,7 +86,7 @@ pub struct ControllerStatus {
 
 /// Returns the three ends of a new channel. The controller's horizon has at most `stages`.
 pub fn command_channel(stages: usize) -> (CommandClient, LoopEnd, ControllerEnd) {
-    let requests = Arc::new(Requests::default());
+    let requests = Arc::new(LoopRequests::default());
     let (loop_input, loop_status) = triple_buffer(&None::<LoopStatus>);
     // A clone of an empty vector has no capacity: the first cycles allocate that of each buffer.
     let (controller_input, controller_status) = triple_buffer(&ControllerStatus::default());
@@ -116,7 +116,7 @@ pub fn command_channel(stages: usize) -> (CommandClient, LoopEnd, ControllerEnd)
 
 /// The end of the client, which gives paths and requests.
 pub struct CommandClient {
-    requests: Arc<Requests>,
+    requests: Arc<LoopRequests>,
     path: Input<(u64, Option<PathCommand>)>,
     /// Paths given so far.
     serial: u64,
@@ -127,7 +127,7 @@ pub struct CommandClient {
 
 /// Halts the drives from any thread; a clone of part of a [`CommandClient`].
 #[derive(Clone)]
-pub struct HaltSwitch(Arc<Requests>);
+pub struct HaltSwitch(Arc<LoopRequests>);
 
 impl HaltSwitch {
     /// Keeps the drives at zero speed and disabled while there is a cause.
@@ -188,7 +188,7 @@ impl CommandClient {
 
 /// The loop's end.
 pub struct LoopEnd {
-    requests: Arc<Requests>,
+    requests: Arc<LoopRequests>,
     status: Input<Option<LoopStatus>>,
     /// Number of the arming requested in this cycle; 0 for none.
     arming: u64,

@@ -6,7 +6,7 @@
 //!
 //! [`LoopSetup::start`] starts the loop and the controller, each in its thread. [`ControlLoop::run`]
 //! runs until the course is finished, the time is over, or a signal comes, and returns the
-//! [`Ending`]. [`channel`] connects the loop to the client that gives it paths; [`record`] takes what is logged,
+//! [`RunEnding`]. [`channel`] connects the loop to the client that gives it paths; [`record`] takes what is logged,
 //! [`learned`] what was learned, out of it without waiting.
 
 pub mod channel;
@@ -23,6 +23,6 @@ mod timing;
 
 pub use config::CycleConfig;
 pub use cycle::ControlLoop;
-pub use run::{Ending, RunOptions, Signals};
+pub use run::{RunEnding, RunOptions, Signals};
 pub use setup::{LoopError, LoopSetup, LoopThread, RunReport};
 pub use timing::LoopTiming;

@@ -14,7 +14,7 @@ const FINAL_CYCLES: u32 = 5;
 /// How a run of the control loop ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Ending {
+pub enum RunEnding {
     /// The course was followed to its end.
     Finished,
     /// The time of the run was over while the vehicle was driving.
@@ -32,7 +32,7 @@ pub enum Ending {
     Suspended,
 }
 
-impl Ending {
+impl RunEnding {
     /// Returns the exit status of a program that ran the loop: 0 if it did what was requested, 1 if the vehicle did not
     /// drive any more, 3 if a signal came before the end of the course, 4 if the process was suspended.
     pub fn exit_code(self) -> u8 {
@@ -92,7 +92,7 @@ impl<P: Port, R: ControllerRunner> ControlLoop<P, R> {
         options: &RunOptions,
         signals: &Signals,
         mut channel: Option<LoopEnd>,
-    ) -> Ending {
+    ) -> RunEnding {
         let mut arm_pending = options.arm;
         let mut arm_until_s = f64::INFINITY;
         let mut requests = OperatorRequests::default();
@@ -156,32 +156,32 @@ impl<P: Port, R: ControllerRunner> ControlLoop<P, R> {
         options: &RunOptions,
         signals: &Signals,
         has_channel: bool,
-    ) -> Option<Ending> {
+    ) -> Option<RunEnding> {
         let finished = row.state == SafetyState::Latched
             && self.stopped_by() == Some(Reason::Finished)
             && !has_channel;
         if finished {
-            return Some(Ending::Finished);
+            return Some(RunEnding::Finished);
         }
         if options
             .duration_s
             .is_some_and(|duration_s| row.time_s >= duration_s)
         {
             return Some(match row.state {
-                SafetyState::Driving => Ending::TimeOver,
-                _ => Ending::TimeOverStopped,
+                SafetyState::Driving => RunEnding::TimeOver,
+                _ => RunEnding::TimeOverStopped,
             });
         }
         // Whoever ends a program may resume it as well, as systemd does with SIGTERM and SIGCONT.
         if signals.end.load(Ordering::Relaxed) {
             return Some(if has_channel {
-                Ending::ShutDown
+                RunEnding::ShutDown
             } else {
-                Ending::Interrupted
+                RunEnding::Interrupted
             });
         }
         let resumed = has_channel && signals.resumed.load(Ordering::Relaxed);
-        resumed.then_some(Ending::Suspended)
+        resumed.then_some(RunEnding::Suspended)
     }
 }
 
@@ -192,12 +192,12 @@ mod tests {
     #[test]
     fn only_a_run_that_did_what_it_was_asked_for_exits_with_0() {
         let endings = [
-            (Ending::Finished, "finished", 0),
-            (Ending::TimeOver, "time_over", 0),
-            (Ending::TimeOverStopped, "stopped", 1),
-            (Ending::Interrupted, "signal", 3),
-            (Ending::ShutDown, "signal", 0),
-            (Ending::Suspended, "suspended", 4),
+            (RunEnding::Finished, "finished", 0),
+            (RunEnding::TimeOver, "time_over", 0),
+            (RunEnding::TimeOverStopped, "stopped", 1),
+            (RunEnding::Interrupted, "signal", 3),
+            (RunEnding::ShutDown, "signal", 0),
+            (RunEnding::Suspended, "suspended", 4),
         ];
         for (ending, name, code) in endings {
             let printed = serde_json::to_value(ending).unwrap();

@@ -3,7 +3,7 @@ use super::config::CycleConfig;
 use super::cycle::ControlLoop;
 use super::learned::LearnedOutlet;
 use super::record::{LoopRecord, RecordSink};
-use super::run::{Ending, RunOptions, Signals};
+use super::run::{RunEnding, RunOptions, Signals};
 use super::runner::ThreadedRunner;
 use super::scheduling::{RealtimeConfig, RealtimeError};
 use super::tap::ControllerTap;
@@ -68,7 +68,7 @@ pub enum LoopError {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct RunReport {
     /// How it ended.
-    pub ended: Ending,
+    pub ended: RunEnding,
     /// State of the safety after the last cycle.
     pub state: SafetyState,
     /// How well the loop kept its times.

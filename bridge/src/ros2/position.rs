@@ -22,7 +22,7 @@ impl PositionTopic {
 
 /// A message with a position.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum PositionMessage<'a> {
+pub enum AnyPosition<'a> {
     /// Pose of the vehicle in the frame of the header.
     Odometry(&'a Odometry),
     /// Place of a satellite receiver's antenna.

@@ -192,7 +192,7 @@ impl Controller {
             .last()
             .map_or(estimate.normal_in_world, |target| target.normal_in_world);
         mpc.move_on(elapsed_s, stretch, &normal_at_end);
-        let ahead = Ahead {
+        let ahead = HorizonInputs {
             reference,
             config,
             speeds,
@@ -346,7 +346,7 @@ impl Controller {
 }
 
 /// What the targets of a cycle follow from.
-struct Ahead<'a> {
+struct HorizonInputs<'a> {
     reference: &'a Reference,
     config: &'a ControllerConfig,
     speeds: SpeedsNow,
@@ -363,7 +363,7 @@ struct Ahead<'a> {
     certain_share: f64,
 }
 
-impl<'a> Ahead<'a> {
+impl<'a> HorizonInputs<'a> {
     fn walk(&self, start: &PlanarPose, moving: MotorSpeeds) -> Walk<'a> {
         Walk::new(self.reference, self.speeds, start, moving)
     }

@@ -6,7 +6,7 @@ use super::watchdog::{DIG_S, Observation};
 use super::{Controller, Phase, Stall, Status, StopReason};
 use crate::config::AttitudePreview;
 use crate::estimator::Estimate;
-use crate::guard::Surroundings;
+use crate::guard::GuardInputs;
 use crate::mpc::{Model, QpFailure};
 use crate::reference::Progress;
 use crate::trajectory::Ending;
@@ -213,7 +213,7 @@ impl Controller {
             .terrain
             .as_ref()
             .filter(|_| self.config.attitude_preview == AttitudePreview::Terrain);
-        let stop = guard.look(&Surroundings {
+        let stop = guard.look(&GuardInputs {
             estimate,
             reference,
             map,

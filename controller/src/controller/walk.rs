@@ -6,7 +6,7 @@ use crate::mpc::limits::InputLimits;
 use crate::path::{Path, Point2};
 use crate::reference::{PROJECTION_WINDOW, Reference};
 use crate::tracked_point::TrackedPoint;
-use crate::trajectory::{Motion, Turn};
+use crate::trajectory::{Motion, SpotTurn};
 use nalgebra::Vector3;
 use sidehill_plant::frames::{PlanarPose, wrap_angle};
 use sidehill_plant::speeds::MotorSpeeds;
@@ -84,7 +84,7 @@ impl SpeedsNow {
 
 /// What the reference asks of a stage.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Asked {
+pub(super) struct StageRequest {
     pub(super) motion: Motion,
     /// Whether the plan is at the end of the drive here.
     pub(super) ends: bool,
@@ -99,7 +99,7 @@ pub(super) struct Asked {
     pub(super) pace: f64,
 }
 
-impl Asked {
+impl StageRequest {
     /// Returns what is asked of a vehicle that stands at a pose.
     fn stand(pose: &PlanarPose) -> Self {
         Self {
@@ -181,7 +181,7 @@ impl<'a> Walk<'a> {
         normal_in_world: &Vector3<f64>,
         end_s: f64,
         share: f64,
-    ) -> Asked {
+    ) -> StageRequest {
         let step_s = end_s - self.time_s;
         self.time_s = end_s;
         let (path, turn) = (self.reference.path(), self.reference.turn());
@@ -190,7 +190,7 @@ impl<'a> Walk<'a> {
             return self.turning(turn, state.z, step_s, share);
         }
         let Some(path) = path else {
-            return Asked::stand(&self.start);
+            return StageRequest::stand(&self.start);
         };
         let lever = tracked_point.lever(normal_in_world, state.z);
         let place = Point2 {
@@ -253,7 +253,7 @@ impl<'a> Walk<'a> {
     }
 
     /// Returns what a drive asks for here of a vehicle with a heading, whose turns are counted on.
-    fn driving(&self, path: &Path, yaw_rad: f64, share: f64) -> Asked {
+    fn driving(&self, path: &Path, yaw_rad: f64, share: f64) -> StageRequest {
         let stop_m = self.reference.stop_at_m();
         let at = self.reference.on_drive(path, self.at);
         let to_go_m = (stop_m - self.at).max(0.0);
@@ -261,7 +261,7 @@ impl<'a> Walk<'a> {
         let scale_m_s = self.speed_at(self.at, at.curvature_per_m);
         let speed_m_s = share * scale_m_s.min(braking_m_s);
         let sign = at.direction.sign();
-        Asked {
+        StageRequest {
             motion: Motion::Drive,
             ends: to_go_m <= AT_END,
             pose: PlanarPose {
@@ -279,7 +279,7 @@ impl<'a> Walk<'a> {
     }
 
     /// Returns what a turn on the spot asks for here of a vehicle with a heading, whose turns are counted on.
-    fn turning(&mut self, turn: &Turn, yaw_rad: f64, step_s: f64, share: f64) -> Asked {
+    fn turning(&mut self, turn: &SpotTurn, yaw_rad: f64, step_s: f64, share: f64) -> StageRequest {
         // One that has gone too far is asked back.
         let to_go_rad = turn.to_rad - self.allowed_rad;
         let sense = to_go_rad.signum();
@@ -292,7 +292,7 @@ impl<'a> Walk<'a> {
         let turn_rad = step_s * self.steer_m_s / half_track_m;
         self.allowed_rad += turn_rad.clamp(-to_go_rad.abs(), to_go_rad.abs());
         let place = self.reference.turned(turn, self.allowed_rad);
-        Asked {
+        StageRequest {
             motion: Motion::Pivot,
             ends: (turn.to_rad - self.allowed_rad).abs() <= AT_END,
             pose: PlanarPose {
@@ -313,8 +313,8 @@ impl<'a> Walk<'a> {
 mod tests {
     use super::*;
 
-    fn asked(motion: Motion) -> Asked {
-        Asked {
+    fn asked(motion: Motion) -> StageRequest {
+        StageRequest {
             motion,
             ends: false,
             pose: PlanarPose::default(),
@@ -327,7 +327,7 @@ mod tests {
     #[test]
     fn the_weight_across_the_path_grows_over_the_ramp_and_only_while_driving() {
         let weights = Weights::default();
-        let cross = |asked: Asked, end_s| asked.weights(&weights, end_s).cross_per_m2;
+        let cross = |asked: StageRequest, end_s| asked.weights(&weights, end_s).cross_per_m2;
         let full = weights.cross_per_m2;
         let drive = asked(Motion::Drive);
         assert!((cross(drive, CROSS_RAMP_S / 3.0) - full / 3.0).abs() < 1e-9);
@@ -346,7 +346,7 @@ mod tests {
         // A vehicle that stands costs the same at every allowed speed.
         let standing = weights.speed_s2_per_m2 * on_the_way.scale_m_s.powi(2);
         assert!((standing - all.speed).abs() < 1e-12);
-        let end = Asked {
+        let end = StageRequest {
             ends: true,
             ..on_the_way
         };

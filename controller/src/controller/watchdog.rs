@@ -65,7 +65,7 @@ const DIG_WAYS: usize = 400;
 
 /// A pose and how far the treads had turned then.
 #[derive(Debug, Clone, Copy)]
-struct Place {
+struct PoseThen {
     time_s: f64,
     pose: PlanarPose,
     way_m: f64,
@@ -75,7 +75,7 @@ struct Place {
 /// poses contradict each other, it believes the treads.
 #[derive(Debug, Clone)]
 pub(super) struct DigWatch {
-    places: VecDeque<Place>,
+    places: VecDeque<PoseThen>,
     /// Instants of the cycles and how far the treads had turned then, s and m.
     ways: VecDeque<(f64, f64)>,
     sigma_m: f64,
@@ -121,12 +121,12 @@ impl DigWatch {
         let Some((_, way_m)) = later.checked_sub(1).and_then(|at| self.ways.get(at)) else {
             return false;
         };
-        let newest = Place {
+        let newest = PoseThen {
             time_s: pose.time_s,
             pose: pose.value.planar(),
             way_m: *way_m,
         };
-        let is_old = |place: &Place| newest.time_s - place.time_s >= DIG_S;
+        let is_old = |place: &PoseThen| newest.time_s - place.time_s >= DIG_S;
         while self.places.get(1).is_some_and(is_old) || self.places.len() == DIG_POSES {
             self.places.pop_front();
         }
@@ -138,7 +138,7 @@ impl DigWatch {
         let moved_m = DIG_SHARE * way_m + DIG_SIGMAS * self.sigma_m;
         // At the end of its grip a vehicle turns slowly, one tread spinning.
         let turned_rad = DIG_SIGMAS * self.sigma_rad;
-        let stays = |place: &Place| {
+        let stays = |place: &PoseThen| {
             (place.pose.x_m - newest.pose.x_m).hypot(place.pose.y_m - newest.pose.y_m) < moved_m
                 && wrap_angle(place.pose.yaw_rad - newest.pose.yaw_rad).abs() < turned_rad
         };

@@ -285,7 +285,7 @@ impl Arc {
     }
 }
 
-type PathPiece = (Direction, f64, Vec<crate::path::Sample>);
+type PathPiece = (Direction, f64, Vec<crate::path::PathSample>);
 
 fn piece(curve: impl Fn(f64) -> CurvePoint, end: f64) -> PathPiece {
     let intervals = (end / 0.05).ceil().max(64.0) as usize;

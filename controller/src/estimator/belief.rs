@@ -1,9 +1,9 @@
 //! Belief of the filter: mean and covariance of pose and parameters, moved on in time and corrected by poses.
 
-use super::gains::Kept;
+use super::gains::InitialParameters;
 use super::gate::PoseSigmas;
 use super::gyro::{
-    BIAS_WALK_RAD_S_PER_SQRT_S, GyroInterval, HOLDS_S, INTERVAL_MIN_S, Turn, YawRate,
+    BIAS_WALK_RAD_S_PER_SQRT_S, GyroInterval, HOLDS_S, INTERVAL_MIN_S, TurnReading, YawRate,
 };
 use super::learned::{Drift, LearnedModel, Moved, Moving, Prior};
 use super::pose_noise::PoseNoise;
@@ -60,7 +60,7 @@ impl<const N: usize> Belief<N> {
         pose: &PlanarPose,
         sigmas: &PoseSigmas,
         bias_sigma_rad_s: f64,
-        kept: Kept<N>,
+        kept: InitialParameters<N>,
         treads: TreadSpeeds,
         attitude: Attitude,
         moving: Moving<N>,
@@ -129,8 +129,8 @@ impl<const N: usize> Belief<N> {
     }
 
     /// Returns how far the vehicle has turned by a pose and by the gyroscope.
-    pub(super) fn turn(&self, time_s: f64, pose: &PlanarPose) -> Turn {
-        Turn {
+    pub(super) fn turn(&self, time_s: f64, pose: &PlanarPose) -> TurnReading {
+        TurnReading {
             time_s,
             heading_rad: pose.yaw_rad,
             gyro_rad: self.gyro_turned_rad,
@@ -138,7 +138,7 @@ impl<const N: usize> Belief<N> {
     }
 
     /// Forgets the gyroscope's bias and scale and, with them, what was learned since `kept`.
-    pub(super) fn forget_gyro(&mut self, bias_sigma_rad_s: f64, kept: Kept<N>) {
+    pub(super) fn forget_gyro(&mut self, bias_sigma_rad_s: f64, kept: InitialParameters<N>) {
         for (entry, sigma) in [(BIAS, bias_sigma_rad_s), (SCALE, SCALE_SIGMA)] {
             self.mean[entry] = 0.0;
             self.covariance.row_mut(entry).fill(0.0);

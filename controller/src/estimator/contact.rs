@@ -2,7 +2,7 @@
 
 use super::contact_settings::ContactLearningSettings;
 use super::estimate::ContactEstimate;
-use super::learned::{Drift, LearnedModel, Moved, Moving, Prior, Velocity};
+use super::learned::{Drift, LearnedModel, ModelVelocity, Moved, Moving, Prior};
 use super::process_noise::ProcessNoise;
 use super::settings::EstimatorSettings;
 use nalgebra::SMatrix;
@@ -70,7 +70,7 @@ impl LearnedModel<PARAMETERS> for LearnedContact {
     ) -> Moved<PARAMETERS> {
         self.model.set_parameters(parameters);
         let predicted = self.model.predict(attitude, MotorSpeeds::from(treads));
-        let settled = Velocity::from((predicted.linearised.velocity, predicted.by_parameters));
+        let settled = ModelVelocity::from((predicted.linearised.velocity, predicted.by_parameters));
         let following = predicted.lag.over(time_s);
         let followed = following.from(&before.state, &settled.value);
         let mut by = following.along(&before.by_parameters, &settled.by_parameters);
@@ -88,7 +88,7 @@ impl LearnedModel<PARAMETERS> for LearnedContact {
         }
         Moved {
             settled,
-            mean: Velocity {
+            mean: ModelVelocity {
                 value: followed.mean,
                 by_parameters: by.mean,
             },

@@ -7,7 +7,7 @@ mod keeping;
 mod replaying;
 
 use super::belief::{Belief, vector};
-use super::gains::Kept;
+use super::gains::InitialParameters;
 use super::gate::{PoseGate, PoseSigmas, RefusedPose};
 use super::gyro::{GyroCheck, HOLDS_S};
 use super::learned::LearnedModel;
@@ -69,7 +69,7 @@ pub(super) struct Filter<M, const N: usize> {
     innovation: Option<Innovation>,
     model_error: ModelError,
     keeps: bool,
-    kept: Option<Kept<N>>,
+    kept: Option<InitialParameters<N>>,
 }
 
 impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
@@ -176,9 +176,9 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
     }
 
     /// Returns what is known of the parameters before the first reading.
-    fn begins_with(&self) -> Kept<N> {
+    fn begins_with(&self) -> InitialParameters<N> {
         let prior = self.model.prior();
-        self.kept.unwrap_or(Kept {
+        self.kept.unwrap_or(InitialParameters {
             mean: prior.mean,
             covariance: prior.covariance(),
         })

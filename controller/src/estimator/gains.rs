@@ -48,7 +48,7 @@ impl LearnedGains {
         }
     }
 
-    pub(super) fn fill<const N: usize>(&mut self, kept: &Kept<N>, prior: &Prior<N>) {
+    pub(super) fn fill<const N: usize>(&mut self, kept: &InitialParameters<N>, prior: &Prior<N>) {
         let put = |into: &mut Vec<f64>, values: &[f64]| {
             into.clear();
             into.extend_from_slice(values);
@@ -59,7 +59,10 @@ impl LearnedGains {
     }
 
     /// Returns the gains if their numbers are plausible, else which are not.
-    pub(super) fn kept<const N: usize>(&self, prior: &Prior<N>) -> Result<Kept<N>, &'static str> {
+    pub(super) fn kept<const N: usize>(
+        &self,
+        prior: &Prior<N>,
+    ) -> Result<InitialParameters<N>, &'static str> {
         if self.mean.len() != N || self.covariance.len() != N * N {
             return Err("gains have another number than the model");
         }
@@ -77,18 +80,18 @@ impl LearnedGains {
                 return Err("gains are out of their range");
             }
         }
-        Ok(Kept { mean, covariance })
+        Ok(InitialParameters { mean, covariance })
     }
 }
 
 /// Parameters and covariance to begin with in place of the prior's.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Kept<const N: usize> {
+pub(super) struct InitialParameters<const N: usize> {
     pub(super) mean: SVector<f64, N>,
     pub(super) covariance: SMatrix<f64, N, N>,
 }
 
-impl<const N: usize> Kept<N> {
+impl<const N: usize> InitialParameters<N> {
     /// Returns what is kept over a break.
     pub(super) fn over_a_break(self, prior: &Prior<N>) -> Self {
         Self {

@@ -34,7 +34,7 @@ pub(super) struct RefusedPose {
 
 /// Rejected poses that agree with each other.
 #[derive(Debug, Clone, Copy)]
-struct Run {
+struct RejectedRun {
     since_s: f64,
     newest: RefusedPose,
 }
@@ -64,7 +64,7 @@ impl PoseSigmas {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct PoseGate {
     believed_after_s: f64,
-    run: Option<Run>,
+    run: Option<RejectedRun>,
     noise_factor: f64,
     time_s: f64,
 }
@@ -117,7 +117,7 @@ impl PoseGate {
             Some(run) if agree(&run.newest, &refused, sigmas) => run.since_s,
             _ => refused.time_s,
         };
-        self.run = Some(Run {
+        self.run = Some(RejectedRun {
             since_s,
             newest: refused,
         });

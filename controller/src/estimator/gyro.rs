@@ -45,7 +45,7 @@ pub(super) struct GyroInterval {
 
 /// Heading of a pose, and how far the vehicle had turned by the gyroscope by then.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Turn {
+pub(super) struct TurnReading {
     pub(super) time_s: f64,
     pub(super) heading_rad: f64,
     pub(super) gyro_rad: f64,
@@ -53,8 +53,8 @@ pub(super) struct Turn {
 
 /// A turn in progress.
 #[derive(Debug, Clone, Copy)]
-struct Window {
-    since: Turn,
+struct TurnInProgress {
+    since: TurnReading,
     newest_heading_rad: f64,
     /// Turn by poses since then, not wrapped.
     by_poses_rad: f64,
@@ -66,7 +66,7 @@ struct Window {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct GyroCheck {
     tolerance_rad: f64,
-    window: Option<Window>,
+    window: Option<TurnInProgress>,
     confirmed: bool,
 }
 
@@ -93,8 +93,8 @@ impl GyroCheck {
 
     /// Takes the turn at a new pose, and whether the filter accepts that pose, as it must to begin a comparison; returns
     /// whether the gyroscope is left out from now on.
-    pub(super) fn observe(&mut self, now: Turn, accepted: bool) -> bool {
-        let begins = accepted.then_some(Window {
+    pub(super) fn observe(&mut self, now: TurnReading, accepted: bool) -> bool {
+        let begins = accepted.then_some(TurnInProgress {
             since: now,
             newest_heading_rad: now.heading_rad,
             by_poses_rad: 0.0,
@@ -114,7 +114,7 @@ impl GyroCheck {
         };
         let wrong = contradictions >= CONTRADICTIONS;
         let over = contradictions == 0 && now.time_s - before.since.time_s >= WINDOW_S;
-        self.window = (!wrong && !over).then_some(Window {
+        self.window = (!wrong && !over).then_some(TurnInProgress {
             newest_heading_rad: now.heading_rad,
             by_poses_rad: by_poses,
             contradictions,
@@ -141,7 +141,7 @@ mod tests {
         for cycle in 0..=cycles {
             let time_s = from_s + 0.1 * f64::from(cycle);
             let [heading_rad, gyro_rad] = rates.map(|rate| rate * time_s);
-            let turn = Turn {
+            let turn = TurnReading {
                 time_s,
                 heading_rad: wrap_angle(heading_rad),
                 gyro_rad,
@@ -177,7 +177,7 @@ mod tests {
         for cycle in 0..200 {
             let time_s = 0.1 * f64::from(cycle);
             let outlier = cycle % 5 < 2;
-            let turn = Turn {
+            let turn = TurnReading {
                 time_s,
                 heading_rad: wrap_angle(0.3 * time_s + if outlier { 1.5 } else { 0.0 }),
                 gyro_rad: 0.3 * time_s,

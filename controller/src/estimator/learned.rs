@@ -32,7 +32,7 @@ pub(super) struct Drift<const N: usize> {
 
 /// A body velocity (right, forward, yaw rate) and its derivatives by the parameters.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Velocity<const N: usize> {
+pub(super) struct ModelVelocity<const N: usize> {
     pub(super) value: Vector3<f64>,
     pub(super) by_parameters: SMatrix<f64, 3, N>,
 }
@@ -44,7 +44,7 @@ pub(super) struct Moving<const N: usize> {
     pub(super) by_parameters: BodyState<N>,
 }
 
-impl<const N: usize> From<(BodyVelocity, SMatrix<f64, 3, N>)> for Velocity<N> {
+impl<const N: usize> From<(BodyVelocity, SMatrix<f64, 3, N>)> for ModelVelocity<N> {
     fn from((velocity, by_parameters): (BodyVelocity, SMatrix<f64, 3, N>)) -> Self {
         Self {
             value: velocity.vector(),
@@ -55,13 +55,13 @@ impl<const N: usize> From<(BodyVelocity, SMatrix<f64, 3, N>)> for Velocity<N> {
 
 impl<const N: usize> From<(BodyVelocity, SMatrix<f64, 3, N>)> for Moving<N> {
     fn from(velocity: (BodyVelocity, SMatrix<f64, 3, N>)) -> Self {
-        Velocity::from(velocity).into()
+        ModelVelocity::from(velocity).into()
     }
 }
 
-impl<const N: usize> From<Velocity<N>> for Moving<N> {
+impl<const N: usize> From<ModelVelocity<N>> for Moving<N> {
     /// Returns a steady motion.
-    fn from(velocity: Velocity<N>) -> Self {
+    fn from(velocity: ModelVelocity<N>) -> Self {
         Self {
             state: BodyState::steady(velocity.value),
             by_parameters: BodyState::steady(velocity.by_parameters),
@@ -72,8 +72,8 @@ impl<const N: usize> From<Velocity<N>> for Moving<N> {
 /// How a vehicle moves over a time: once it has settled, in the mean, and at the end.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Moved<const N: usize> {
-    pub(super) settled: Velocity<N>,
-    pub(super) mean: Velocity<N>,
+    pub(super) settled: ModelVelocity<N>,
+    pub(super) mean: ModelVelocity<N>,
     pub(super) end: Moving<N>,
 }
 
@@ -103,7 +103,7 @@ pub(super) trait LearnedModel<const N: usize>: Clone {
         _before: &Moving<N>,
         _time_s: f64,
     ) -> Moved<N> {
-        let settled = Velocity::from(self.velocity(attitude, treads, parameters));
+        let settled = ModelVelocity::from(self.velocity(attitude, treads, parameters));
         Moved {
             settled,
             mean: settled,

@@ -44,10 +44,10 @@ use slip::{GAINS, SlipModel};
 
 /// The filter with the model it learns.
 #[derive(Clone)]
-pub struct Estimator(Kind);
+pub struct Estimator(EstimatorKind);
 
 #[derive(Clone)]
-enum Kind {
+enum EstimatorKind {
     Slip(Box<Filter<SlipModel, GAINS>>),
     Contact(Box<Filter<LearnedContact, PARAMETERS>>),
 }
@@ -57,7 +57,7 @@ impl Estimator {
     /// correction it learns.
     pub fn new(settings: EstimatorSettings, vehicle: Vehicle) -> Self {
         let model = SlipModel::new(vehicle, settings.adaptation);
-        Self(Kind::Slip(Box::new(Filter::new(settings, model))))
+        Self(EstimatorKind::Slip(Box::new(Filter::new(settings, model))))
     }
 
     /// Returns an estimator without any reading, with dead reckoning by the balance of wheel friction,
@@ -68,22 +68,24 @@ impl Estimator {
         contact: ContactPrediction,
     ) -> Self {
         let model = LearnedContact::new(vehicle, contact, settings.contact);
-        Self(Kind::Contact(Box::new(Filter::new(settings, model))))
+        Self(EstimatorKind::Contact(Box::new(Filter::new(
+            settings, model,
+        ))))
     }
 
     /// Keeps what is learned over [`Estimator::restart`].
     pub fn keep_learned(&mut self, keep: bool) {
         match &mut self.0 {
-            Kind::Slip(filter) => filter.keep_learned(keep),
-            Kind::Contact(filter) => filter.keep_learned(keep),
+            EstimatorKind::Slip(filter) => filter.keep_learned(keep),
+            EstimatorKind::Contact(filter) => filter.keep_learned(keep),
         }
     }
 
     /// Puts what has been learned into room for it; returns whether anything has.
     pub fn learned_into(&self, gains: &mut LearnedGains) -> bool {
         match &self.0 {
-            Kind::Slip(filter) => filter.learned_into(gains),
-            Kind::Contact(filter) => filter.learned_into(gains),
+            EstimatorKind::Slip(filter) => filter.learned_into(gains),
+            EstimatorKind::Contact(filter) => filter.learned_into(gains),
         }
     }
 
@@ -93,8 +95,8 @@ impl Estimator {
     /// Which value is not plausible.
     pub fn recall(&mut self, learned: &LearnedGains) -> Result<(), &'static str> {
         match &mut self.0 {
-            Kind::Slip(filter) => filter.recall(learned),
-            Kind::Contact(filter) => filter.recall(learned),
+            EstimatorKind::Slip(filter) => filter.recall(learned),
+            EstimatorKind::Contact(filter) => filter.recall(learned),
         }
     }
 
@@ -102,16 +104,16 @@ impl Estimator {
     /// accepted as the first ones were.
     pub fn restart(&mut self) {
         match &mut self.0 {
-            Kind::Slip(filter) => filter.restart(),
-            Kind::Contact(filter) => filter.restart(),
+            EstimatorKind::Slip(filter) => filter.restart(),
+            EstimatorKind::Contact(filter) => filter.restart(),
         }
     }
 
     /// Returns the innovation of the newest pose of the last update, accepted or not.
     pub fn innovation(&self) -> Option<Innovation> {
         match &self.0 {
-            Kind::Slip(filter) => filter.innovation(),
-            Kind::Contact(filter) => filter.innovation(),
+            EstimatorKind::Slip(filter) => filter.innovation(),
+            EstimatorKind::Contact(filter) => filter.innovation(),
         }
     }
 
@@ -119,8 +121,8 @@ impl Estimator {
     /// attitude and a first pose have arrived. Readings that are not finite are left out and named.
     pub fn update(&mut self, sample: &Sample) -> (Option<Estimate>, Refused) {
         match &mut self.0 {
-            Kind::Slip(filter) => filter.update(sample),
-            Kind::Contact(filter) => filter.update(sample),
+            EstimatorKind::Slip(filter) => filter.update(sample),
+            EstimatorKind::Contact(filter) => filter.update(sample),
         }
     }
 }

@@ -26,7 +26,7 @@ use crate::path::Point2;
 use crate::reference::Reference;
 use crate::trajectory::{Motion, Trajectory};
 use nalgebra::Vector3;
-use place::{Beside, Call, Judge};
+use place::{Call, Judge, ReferenceOffset};
 use serde::{Deserialize, Serialize};
 use sidehill_plant::contact::Parameter;
 use sidehill_plant::speeds::MotorSpeeds;
@@ -76,7 +76,7 @@ pub struct GuardView {
 }
 
 /// What the guard looks at in a cycle.
-pub(crate) struct Surroundings<'a> {
+pub(crate) struct GuardInputs<'a> {
     pub(crate) estimate: &'a Estimate,
     pub(crate) reference: &'a Reference,
     pub(crate) map: Option<&'a Terrain>,
@@ -89,7 +89,7 @@ pub(crate) struct Surroundings<'a> {
 
 /// A place on the way ahead.
 #[derive(Debug, Clone, Copy)]
-struct Place {
+struct PlaceAhead {
     /// Way from here, m.
     way_m: f64,
     /// Speed of the reference, m/s.
@@ -107,7 +107,7 @@ pub struct Guard {
     normal: Option<Vector3<f64>>,
     /// Places that are looked at.
     count: usize,
-    places: Vec<Place>,
+    places: Vec<PlaceAhead>,
     shares: Vec<f64>,
     /// Whether any place ahead is driven slower than the reference has it.
     limited: bool,
@@ -144,7 +144,7 @@ impl Guard {
     }
 
     /// Judges where the vehicle is and what is ahead; returns why it must be stopped now.
-    pub(crate) fn look(&mut self, around: &Surroundings<'_>) -> Option<GuardStop> {
+    pub(crate) fn look(&mut self, around: &GuardInputs<'_>) -> Option<GuardStop> {
         let estimate = around.estimate;
         let normal = self.smooth(&estimate.normal_in_world, around.elapsed_s);
         let friction = self.friction(estimate);
@@ -166,7 +166,7 @@ impl Guard {
             ahead: None,
         };
         let tilt = judge.tilt(&estimate.attitude);
-        let beside = Beside::of(&estimate.pose, &around.reference.ahead(0.0));
+        let beside = ReferenceOffset::of(&estimate.pose, &around.reference.ahead(0.0));
         self.places.clear();
         let (mut way_m, mut before_m, mut blocked_m) = (0.0, 0.0, None);
         for i in 0..self.count {
@@ -203,7 +203,7 @@ impl Guard {
                     .map(|excess| excess.at(&point, in_s, Call::Slow));
                 view.ahead = view.ahead.or(slow);
             }
-            self.places.push(Place {
+            self.places.push(PlaceAhead {
                 way_m,
                 speed_m_s,
                 square,
@@ -274,7 +274,7 @@ impl Guard {
             let way_m = next.way_m - place.way_m;
             place.square = place.square.min(next.square + twice * way_m);
         }
-        let slowed = |place: &Place| place.square < place.speed_m_s.powi(2);
+        let slowed = |place: &PlaceAhead| place.square < place.speed_m_s.powi(2);
         let was_slowed = self.limited && self.share() < 1.0;
         if was_slowed && let Some(first) = self.places.first_mut() {
             // From a slow stretch the speed grows as it fell before it.

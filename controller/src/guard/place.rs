@@ -142,14 +142,14 @@ impl Judgement {
 
 /// Where a vehicle is, seen from its reference.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Beside {
+pub(super) struct ReferenceOffset {
     right_m: f64,
     forward_m: f64,
     /// Its heading less that of the reference, rad.
     pub(super) turned_rad: f64,
 }
 
-impl Beside {
+impl ReferenceOffset {
     pub(super) fn of(pose: &PlanarPose, reference: &ReferencePoint) -> Self {
         let (sin, cos) = reference.heading_rad.sin_cos();
         let x_m = pose.x_m - reference.position.x_m;

@@ -114,7 +114,7 @@ fn drive(config: GuardConfig, terrain: &Terrain, map: bool) -> Drive {
     for cycle in 0..4000 {
         let time_s = period_s * f64::from(cycle);
         let estimate = estimate(time_s, y_m, terrain);
-        let around = Surroundings {
+        let around = GuardInputs {
             estimate: &estimate,
             reference: &reference,
             map: map.then_some(terrain),
@@ -201,7 +201,7 @@ fn a_vehicle_beside_its_path_is_stopped_before_ground_too_steep_there() {
         let mut estimate = estimate(0.0, 5.0, &Terrain::Level);
         estimate.pose.x_m = x_m;
         estimate.pose.yaw_rad = turned_rad;
-        guard.look(&Surroundings {
+        guard.look(&GuardInputs {
             estimate: &estimate,
             reference: &reference,
             map: Some(&terrain),
@@ -236,7 +236,7 @@ fn an_attitude_beyond_its_limit_stops_at_once() {
     let mut guard = Guard::new(config, stance(), 0.5);
     let reference = Reference::new(straight());
     let look = |guard: &mut Guard, estimate: &Estimate| {
-        guard.look(&Surroundings {
+        guard.look(&GuardInputs {
             estimate,
             reference: &reference,
             map: Some(&Terrain::Level),

@@ -43,7 +43,7 @@ use places::PlaceMap;
 use serde::{Deserialize, Serialize};
 use sidehill_plant::frames::PlanarPose;
 use sidehill_plant::slip_gains::SlipGains;
-use trace::{Excess, Trace};
+use trace::{ExcessMotion, Trace};
 
 /// Everything that was learned, to be kept.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -134,14 +134,14 @@ impl Memory {
     }
 
     /// Takes in a pose; returns the motion over the last second up to it by poses less by the model.
-    pub(crate) fn pose(&mut self, time_s: f64, pose: PlanarPose) -> Option<Excess> {
+    pub(crate) fn pose(&mut self, time_s: f64, pose: PlanarPose) -> Option<ExcessMotion> {
         self.trace.pose(time_s, pose)
     }
 
     /// Takes in what was seen of a place of the path, `right_m` to the right of it.
     pub(crate) fn learn_slip(
         &mut self,
-        excess: &Excess,
+        excess: &ExcessMotion,
         place: &PlanarPose,
         right_m: f64,
         time_s: f64,

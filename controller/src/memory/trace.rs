@@ -18,7 +18,7 @@ const BREAK_S: f64 = 0.3;
 
 /// Sums up to a cycle.
 #[derive(Debug, Clone, Copy, Default)]
-struct Mark {
+struct MotionSums {
     time_s: f64,
     /// Motion by the model, (x, y, yaw) in the world.
     moved: Vector3<f64>,
@@ -27,7 +27,7 @@ struct Mark {
     way_m: f64,
 }
 
-impl Mark {
+impl MotionSums {
     fn between(&self, other: &Self, ratio: f64) -> Self {
         Self {
             time_s: self.time_s + ratio * (other.time_s - self.time_s),
@@ -49,7 +49,7 @@ pub(crate) struct Step {
 }
 
 /// Motion over a while, by poses less by the model.
-pub(crate) struct Excess {
+pub(crate) struct ExcessMotion {
     /// (x, y, yaw) in the world.
     moved: Vector3<f64>,
     terms: SVector<f64, TERMS>,
@@ -64,7 +64,7 @@ pub(crate) struct Excess {
 /// The last second; nothing is allocated after it is made.
 #[derive(Debug, Clone)]
 pub(crate) struct Trace {
-    marks: VecDeque<Mark>,
+    marks: VecDeque<MotionSums>,
     poses: VecDeque<(f64, PlanarPose)>,
 }
 
@@ -87,14 +87,14 @@ impl Trace {
         let last = last.filter(|last| (0.0..BREAK_S).contains(&(step.time_s - last.time_s)));
         let Some(last) = last else {
             self.clear();
-            self.marks.push_back(Mark {
+            self.marks.push_back(MotionSums {
                 time_s: step.time_s,
-                ..Mark::default()
+                ..MotionSums::default()
             });
             return;
         };
         let time_s = step.time_s - last.time_s;
-        self.marks.push_back(Mark {
+        self.marks.push_back(MotionSums {
             time_s: step.time_s,
             moved: last.moved + step.moved,
             terms: last.terms + time_s * step.terms,
@@ -106,7 +106,7 @@ impl Trace {
     }
 
     /// Adds a pose; returns the motion over the last second up to it, where the trace reaches back so far.
-    pub(crate) fn pose(&mut self, time_s: f64, pose: PlanarPose) -> Option<Excess> {
+    pub(crate) fn pose(&mut self, time_s: f64, pose: PlanarPose) -> Option<ExcessMotion> {
         let since_s = match self.poses.back() {
             Some((last_s, _)) if *last_s >= time_s => return None,
             Some((last_s, _)) => time_s - last_s,
@@ -135,7 +135,7 @@ impl Trace {
         );
         let mut moved = seen - (end.moved - begin.moved);
         moved.z = wrap_angle(moved.z);
-        Some(Excess {
+        Some(ExcessMotion {
             moved,
             terms: end.terms - begin.terms,
             way_m: end.way_m - begin.way_m,
@@ -145,7 +145,7 @@ impl Trace {
         })
     }
 
-    fn at(&self, time_s: f64) -> Option<Mark> {
+    fn at(&self, time_s: f64) -> Option<MotionSums> {
         let after = self.marks.iter().position(|mark| mark.time_s >= time_s)?;
         let end = &self.marks[after];
         let begin = self.marks.get(after.checked_sub(1)?)?;
@@ -157,7 +157,7 @@ impl Trace {
 /// Smallest speed at which slip is learned, m/s.
 const SPEED_MIN_M_S: f64 = 0.05;
 
-impl Excess {
+impl ExcessMotion {
     /// Returns it as evidence of a place whose path has a heading, seen with `gains`; none of a vehicle that
     /// hardly moves.
     pub(crate) fn evidence(&self, heading_rad: f64, gains: &SlipGains) -> Option<Evidence> {

@@ -5,7 +5,7 @@
 //! in a fixed chain would be linearly dependent and is never active.
 
 use super::problem::QpData;
-use super::recursion::Rule;
+use super::recursion::InputRule;
 use super::rows::Rows;
 use super::stage_terms::MOTORS;
 use super::structure::ROWS_PER_STAGE;
@@ -13,17 +13,17 @@ use std::ops::RangeInclusive;
 
 /// Whether a limit is one of an input or of its change from the stage before.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Kind {
+pub enum LimitKind {
     Bound,
     Change,
 }
 
-pub const KINDS: [Kind; 2] = [Kind::Bound, Kind::Change];
+pub const KINDS: [LimitKind; 2] = [LimitKind::Bound, LimitKind::Change];
 
 /// A limit from both sides: of a kind, at a stage, of a motor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Limit {
-    pub kind: Kind,
+    pub kind: LimitKind,
     pub stage: usize,
     pub motor: usize,
 }
@@ -32,7 +32,7 @@ impl Limit {
     /// Returns what it limits, of inputs.
     pub fn of(self, inputs: &[[f64; MOTORS]]) -> f64 {
         let value = inputs[self.stage][self.motor];
-        if self.kind == Kind::Change && self.stage > 0 {
+        if self.kind == LimitKind::Change && self.stage > 0 {
             value - inputs[self.stage - 1][self.motor]
         } else {
             value
@@ -78,7 +78,7 @@ pub struct ActiveLimits {
     ranges: PerLimit<[f64; 2]>,
     /// -1 where the low side is active, 1 where the high side is, else 0.
     pub sides: PerLimit<i8>,
-    pub rules: Vec<[Rule; MOTORS]>,
+    pub rules: Vec<[InputRule; MOTORS]>,
 }
 
 impl ActiveLimits {
@@ -87,7 +87,7 @@ impl ActiveLimits {
             stages,
             ranges: PerLimit::new(stages, [0.0; 2]),
             sides: PerLimit::new(stages, 0),
-            rules: vec![[Rule::Free; MOTORS]; stages],
+            rules: vec![[InputRule::Free; MOTORS]; stages],
         }
     }
 
@@ -159,7 +159,7 @@ impl ActiveLimits {
     pub fn depends(&self, limit: Limit) -> bool {
         let Limit { stage, motor, .. } = limit;
         self.is_fixed(stage, motor)
-            && (limit.kind == Kind::Bound || stage == 0 || self.is_fixed(stage - 1, motor))
+            && (limit.kind == LimitKind::Bound || stage == 0 || self.is_fixed(stage - 1, motor))
     }
 
     /// Returns whether an input's chain has a fixed value.
@@ -172,7 +172,7 @@ impl ActiveLimits {
     }
 
     fn is_tied(&self, stage: usize, motor: usize) -> bool {
-        self.sides.values[stage][Kind::Change as usize][motor] != 0
+        self.sides.values[stage][LimitKind::Change as usize][motor] != 0
     }
 
     /// Returns the stages of the chain that begins with `first`.
@@ -187,10 +187,10 @@ impl ActiveLimits {
     /// Returns the limit that fixes a chain.
     fn fixed_at(&self, chain: RangeInclusive<usize>, motor: usize) -> Option<Limit> {
         if *chain.start() == 0 && self.is_tied(0, motor) {
-            return Some(limit(Kind::Change, 0, motor));
+            return Some(limit(LimitKind::Change, 0, motor));
         }
         chain
-            .map(|stage| limit(Kind::Bound, stage, motor))
+            .map(|stage| limit(LimitKind::Bound, stage, motor))
             .find(|bound| self.sides.get(*bound) != 0)
     }
 
@@ -206,23 +206,23 @@ impl ActiveLimits {
                 let mut value = fixed.map(|fixing| {
                     let ties = first + 1..=fixing.stage;
                     let rise: f64 = ties
-                        .map(|k| self.value(limit(Kind::Change, k, motor)))
+                        .map(|k| self.value(limit(LimitKind::Change, k, motor)))
                         .sum();
                     self.value(fixing) - rise
                 });
                 for stage in chain.clone() {
                     let tie = if stage > first {
-                        self.value(limit(Kind::Change, stage, motor))
+                        self.value(limit(LimitKind::Change, stage, motor))
                     } else {
                         0.0
                     };
                     let rule = match &mut value {
                         Some(value) => {
                             *value += tie;
-                            Rule::Fixed(*value)
+                            InputRule::Fixed(*value)
                         }
-                        None if stage == first => Rule::Free,
-                        None => Rule::Tied(tie),
+                        None if stage == first => InputRule::Free,
+                        None => InputRule::Tied(tie),
                     };
                     if self.rules[stage][motor] != rule {
                         self.rules[stage][motor] = rule;
@@ -252,12 +252,12 @@ impl ActiveLimits {
                 let mut left = 0.0;
                 for stage in first..middle {
                     left += slopes(stage, motor);
-                    put(limit(Kind::Change, stage + 1, motor), left);
+                    put(limit(LimitKind::Change, stage + 1, motor), left);
                 }
                 let mut right = 0.0;
                 for stage in (middle + 1..=last).rev() {
                     right -= slopes(stage, motor);
-                    put(limit(Kind::Change, stage, motor), right);
+                    put(limit(LimitKind::Change, stage, motor), right);
                 }
                 if let Some(fixing) = fixing {
                     put(fixing, right - left - slopes(middle, motor));
@@ -268,7 +268,7 @@ impl ActiveLimits {
     }
 }
 
-fn limit(kind: Kind, stage: usize, motor: usize) -> Limit {
+fn limit(kind: LimitKind, stage: usize, motor: usize) -> Limit {
     Limit { kind, stage, motor }
 }
 
@@ -278,5 +278,5 @@ fn row_of(limit: Limit, side: i8) -> usize {
     ROWS_PER_STAGE * limit.stage
         + 4 * limit.motor
         + 2 * below
-        + usize::from(limit.kind == Kind::Change)
+        + usize::from(limit.kind == LimitKind::Change)
 }

@@ -122,7 +122,7 @@ impl SolveLimits {
 
 /// How an interior-point solve ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Ending {
+pub enum SolveEnding {
     /// At the solution, as far as the solver can tell.
     Solved,
     /// With the iterations allowed, or with no more progress.
@@ -200,9 +200,9 @@ impl InteriorPoint {
 
     /// Solves the QP of the last update from nothing, copies the point it ends in to `point`, and returns how and
     /// after how many iterations it ended.
-    pub fn solve(&mut self, point: &mut Point) -> (Ending, u32) {
+    pub fn solve(&mut self, point: &mut Point) -> (SolveEnding, u32) {
         let Some(solver) = &mut self.solver else {
-            return (Ending::Broken, 0);
+            return (SolveEnding::Broken, 0);
         };
         solver.solve();
         let iterations = solver.info.iterations;
@@ -211,17 +211,19 @@ impl InteriorPoint {
         point.dual.copy_from_slice(&found.z);
         point.slack.copy_from_slice(&found.s);
         let ending = match found.status {
-            SolverStatus::Solved | SolverStatus::AlmostSolved => Ending::Solved,
-            SolverStatus::MaxIterations | SolverStatus::InsufficientProgress => Ending::Iterations,
-            SolverStatus::CallbackTerminated if iterations >= self.limits.iterations() => {
-                Ending::Iterations
+            SolverStatus::Solved | SolverStatus::AlmostSolved => SolveEnding::Solved,
+            SolverStatus::MaxIterations | SolverStatus::InsufficientProgress => {
+                SolveEnding::Iterations
             }
-            SolverStatus::CallbackTerminated | SolverStatus::MaxTime => Ending::Deadline,
+            SolverStatus::CallbackTerminated if iterations >= self.limits.iterations() => {
+                SolveEnding::Iterations
+            }
+            SolverStatus::CallbackTerminated | SolverStatus::MaxTime => SolveEnding::Deadline,
             SolverStatus::PrimalInfeasible
             | SolverStatus::DualInfeasible
             | SolverStatus::AlmostPrimalInfeasible
-            | SolverStatus::AlmostDualInfeasible => Ending::Infeasible,
-            SolverStatus::NumericalError | SolverStatus::Unsolved => Ending::Broken,
+            | SolverStatus::AlmostDualInfeasible => SolveEnding::Infeasible,
+            SolverStatus::NumericalError | SolverStatus::Unsolved => SolveEnding::Broken,
         };
         (ending, iterations)
     }

@@ -8,7 +8,7 @@
 //!
 //! What it finds is a guess for [`WorkingSet`](super::working_set::WorkingSet), which checks it.
 
-use super::active_limits::{ActiveLimits, Kind, Limit, PerLimit};
+use super::active_limits::{ActiveLimits, Limit, LimitKind, PerLimit};
 use super::clarabel_qp::SolveLimits;
 use super::problem::{Point, QpData};
 use super::recursion::Recursion;
@@ -235,7 +235,11 @@ impl LimitSearch {
     ) -> Result<bool, ()> {
         let Limit { stage, motor, kind } = limit;
         let force = f64::from(side);
-        let force_before = if kind == Kind::Change { -force } else { 0.0 };
+        let force_before = if kind == LimitKind::Change {
+            -force
+        } else {
+            0.0
+        };
         self.before.copy_from(&self.multipliers);
         // Each pass drops a limit.
         for _ in 0..=2 * self.active.rules.len() {

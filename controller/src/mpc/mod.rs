@@ -169,7 +169,7 @@ pub struct Horizon {
 }
 
 /// A horizon linearised about the plan: dynamics, errors and limits of each stage.
-pub struct Linearised<'a> {
+pub struct LinearisedHorizon<'a> {
     mpc: &'a mut Mpc,
     horizon: &'a Horizon,
 }
@@ -319,9 +319,9 @@ impl Mpc {
 
     /// Linearises `horizon` about the plan, at first that of [`Mpc::try_first_plan`]. The plan converges over the
     /// cycles, with one QP each. Allocates nothing.
-    pub fn linearise<'a>(&'a mut self, horizon: &'a Horizon) -> Linearised<'a> {
+    pub fn linearise<'a>(&'a mut self, horizon: &'a Horizon) -> LinearisedHorizon<'a> {
         self.linearise_about_plan(horizon);
-        Linearised { mpc: self, horizon }
+        LinearisedHorizon { mpc: self, horizon }
     }
 
     fn condense(&mut self, horizon: &Horizon) {
@@ -376,7 +376,7 @@ impl Mpc {
     }
 }
 
-impl<'a> Linearised<'a> {
+impl<'a> LinearisedHorizon<'a> {
     /// Condenses the stages into the QP's data. Allocates nothing.
     pub fn condense(self) -> CondensedQp<'a> {
         self.mpc.condense(self.horizon);

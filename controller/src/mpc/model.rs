@@ -20,10 +20,10 @@ pub enum Model {
 /// What was found for a step in the cycle before: the balances at its start and its middle, and how the vehicle
 /// follows them.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct StepStart([Place; 2]);
+pub(crate) struct StepStart([StagePlace; 2]);
 
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Place {
+struct StagePlace {
     near: Option<FoundBalance>,
     following: Following,
 }
@@ -31,7 +31,7 @@ struct Place {
 impl Default for StepStart {
     fn default() -> Self {
         Self(
-            [Place {
+            [StagePlace {
                 near: None,
                 following: Following::AT_ONCE,
             }; 2],

@@ -4,7 +4,7 @@
 //! mostly those of the cycle before, so the solver starts from them ([`WorkingSet`]). Only where that
 //! fails does it call the interior-point method, which cannot be warm-started.
 
-use super::clarabel_qp::{Ending, InteriorPoint, SolveLimits};
+use super::clarabel_qp::{InteriorPoint, SolveEnding, SolveLimits};
 use super::failure::QpFailure;
 use super::problem::{Point, QpData, Residuals};
 use super::settings::{QpMode, QpSettings};
@@ -180,16 +180,16 @@ impl QpSolver {
         let (ending, iterations) = self.interior_point.solve(&mut self.point);
         self.iterations = before + iterations;
         match ending {
-            Ending::Solved => self.check(),
+            SolveEnding::Solved => self.check(),
             // The last iterate may be good enough: check its residuals.
-            Ending::Iterations => self
+            SolveEnding::Iterations => self
                 .check()
                 .map_err(|_| QpFailure::MaxIterations { iterations }),
-            Ending::Deadline => Err(QpFailure::Deadline {
+            SolveEnding::Deadline => Err(QpFailure::Deadline {
                 iterations: self.iterations,
             }),
-            Ending::Infeasible => Err(QpFailure::Infeasible),
-            Ending::Broken => {
+            SolveEnding::Infeasible => Err(QpFailure::Infeasible),
+            SolveEnding::Broken => {
                 // A NaN inside the solver would stay there.
                 self.rebuild()?;
                 self.rebuilds += 1;

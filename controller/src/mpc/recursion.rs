@@ -13,7 +13,7 @@ const ALL: usize = STATES + MOTORS;
 
 /// What determines an input.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Rule {
+pub enum InputRule {
     /// The cost.
     Free,
     /// A value, m/s.
@@ -24,7 +24,7 @@ pub enum Rule {
 
 /// How a stage's inputs follow from (xi, inputs before): u_m = constant + gain' (xi, inputs before, u_0).
 #[derive(Debug, Clone, Copy, Default)]
-struct Feedback {
+struct InputFeedback {
     gains: [[f64; ALL - 1]; MOTORS],
     constants: [f64; MOTORS],
     /// 1 / curvature of the inputs that are free, 0 of the others.
@@ -40,7 +40,7 @@ struct CostToGo {
 
 /// Inputs, states and derivatives of the cost by the inputs, stage by stage.
 #[derive(Debug, Clone, Default)]
-pub struct Path {
+pub struct StageTrajectory {
     /// u.
     pub inputs: Vec<[f64; MOTORS]>,
     /// Derivatives of the cost by u, rows left out.
@@ -49,7 +49,7 @@ pub struct Path {
     states: Vec<[f64; 3]>,
 }
 
-impl Path {
+impl StageTrajectory {
     fn new(stages: usize) -> Self {
         Self {
             inputs: vec![[0.0; MOTORS]; stages],
@@ -62,13 +62,13 @@ impl Path {
 /// The Riccati recursion and its solutions.
 #[derive(Clone)]
 pub struct Recursion {
-    feedback: Vec<Feedback>,
+    feedback: Vec<InputFeedback>,
     /// From each stage on, and of the end.
     to_go: Vec<CostToGo>,
     /// The optimum under the rules.
-    pub optimum: Path,
+    pub optimum: StageTrajectory,
     /// How the optimum moves under a force on inputs.
-    pub direction: Path,
+    pub direction: StageTrajectory,
     constants: Vec<[f64; MOTORS]>,
 }
 
@@ -76,10 +76,10 @@ impl Recursion {
     /// Returns the workspace of a horizon of `stages`.
     pub fn new(stages: usize) -> Self {
         Self {
-            feedback: vec![Feedback::default(); stages],
+            feedback: vec![InputFeedback::default(); stages],
             to_go: vec![CostToGo::default(); stages + 1],
-            optimum: Path::new(stages),
-            direction: Path::new(stages),
+            optimum: StageTrajectory::new(stages),
+            direction: StageTrajectory::new(stages),
             constants: vec![[0.0; MOTORS]; stages],
         }
     }
@@ -89,7 +89,7 @@ impl Recursion {
     pub fn solve(
         &mut self,
         stages: &[StageTerms],
-        rules: &[[Rule; MOTORS]],
+        rules: &[[InputRule; MOTORS]],
         last: usize,
     ) -> Option<f64> {
         for k in (0..=last).rev() {
@@ -151,7 +151,7 @@ impl Recursion {
     }
 }
 
-impl Feedback {
+impl InputFeedback {
     fn inputs(
         &self,
         constants: &[f64; MOTORS],
@@ -177,7 +177,7 @@ fn forwards(terms: &StageTerms, xi: &[f64; 3], inputs: &[f64; MOTORS]) -> [f64; 
 
 /// Sets the derivatives of the cost by the inputs and returns the cost; its linear terms are multiplied
 /// by `linear`.
-fn differentiate(stages: &[StageTerms], path: &mut Path, linear: f64) -> f64 {
+fn differentiate(stages: &[StageTerms], path: &mut StageTrajectory, linear: f64) -> f64 {
     let mut cost = 0.0;
     let mut ahead = [0.0; 3];
     let mut change_after = [0.0; MOTORS];
@@ -212,9 +212,9 @@ fn differentiate(stages: &[StageTerms], path: &mut Path, linear: f64) -> f64 {
 /// Returns the feedback of a stage and the cost to go from it, of the cost to go from its end.
 fn backwards(
     terms: &StageTerms,
-    rules: [Rule; MOTORS],
+    rules: [InputRule; MOTORS],
     after: &CostToGo,
-) -> Option<(Feedback, CostToGo)> {
+) -> Option<(InputFeedback, CostToGo)> {
     let mut p = after.curvature;
     let mut slope = after.slope;
     for i in 0..3 {
@@ -270,13 +270,13 @@ fn backwards(
             m[i][j] += pull * by;
         }
     }
-    let mut feedback = Feedback::default();
+    let mut feedback = InputFeedback::default();
     for j in (0..MOTORS).rev() {
         let own = STATES + j;
         let line = m[own];
         let gains = &mut feedback.gains[j];
         match rules[j] {
-            Rule::Free => {
+            InputRule::Free => {
                 let compliance = 1.0 / line[own];
                 // No comparison with a NaN is true, so NaN fails too.
                 let curved = compliance > 0.0;
@@ -293,7 +293,7 @@ fn backwards(
                     }
                 }
             }
-            Rule::Tied(difference) => {
+            InputRule::Tied(difference) => {
                 let before = 3 + j;
                 gains[before] = 1.0;
                 feedback.constants[j] = difference;
@@ -307,7 +307,7 @@ fn backwards(
                 m[before][before] += line[own];
                 h[before] += h[own] + line[own] * difference;
             }
-            Rule::Fixed(value) => {
+            InputRule::Fixed(value) => {
                 feedback.constants[j] = value;
                 for i in 0..own {
                     h[i] += line[i] * value;

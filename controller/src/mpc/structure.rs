@@ -49,7 +49,7 @@ pub fn structure(
 ) -> (Vec<Block>, QpData) {
     let (mut blocks, variables) = blocks(stages, block_stages);
     let p = hessian(&mut blocks, variables);
-    let mut rows = Rows::default();
+    let mut rows = RowList::default();
     let continuity = rows.continuity(&blocks);
     let equalities = rows.count;
     rows.inputs(&blocks, limits, tread_rows);
@@ -128,13 +128,13 @@ fn hessian(blocks: &mut [Block], variables: usize) -> CscMatrix<f64> {
 
 /// The rows of A while they are listed.
 #[derive(Default)]
-struct Rows {
+struct RowList {
     entries: Vec<(usize, usize)>,
     values: Vec<f64>,
     count: usize,
 }
 
-impl Rows {
+impl RowList {
     fn set(&mut self, row: usize, column: usize, value: f64) {
         self.entries.push((row, column));
         self.values.push(value);

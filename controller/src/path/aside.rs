@@ -1,6 +1,6 @@
 //! A path moved aside, by a distance that changes along it.
 
-use super::{Hermite, Path, PathPoint, Piece, Point2, SAMPLE_STEP_M, Sample};
+use super::{Hermite, Path, PathPoint, PathSample, Piece, Point2, SAMPLE_STEP_M};
 
 /// How far a path is moved to the left of travel at an arc length, with the derivatives by arc length.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -49,7 +49,7 @@ impl MovedPath {
 const SPEED_MIN: f64 = 0.2;
 
 /// The moved point at an arc length of the original, and its speed relative to the original's.
-struct Moved {
+struct ShiftedPoint {
     point: PathPoint,
     speed: f64,
 }
@@ -64,10 +64,10 @@ impl Path {
         self.moved(arc_length_m, aside).point
     }
 
-    fn moved(&self, arc_length_m: f64, aside: &Aside) -> Moved {
+    fn moved(&self, arc_length_m: f64, aside: &Aside) -> ShiftedPoint {
         let point = self.at(arc_length_m);
         if *aside == Aside::NONE {
-            return Moved { point, speed: 1.0 };
+            return ShiftedPoint { point, speed: 1.0 };
         }
         let Aside {
             left_m,
@@ -84,7 +84,7 @@ impl Path {
             curvature * along + bend_per_m,
         ];
         let (sin, cos) = point.travel_heading_rad().sin_cos();
-        Moved {
+        ShiftedPoint {
             point: PathPoint {
                 position: Point2 {
                     x_m: point.position.x_m - left_m * cos,
@@ -124,7 +124,7 @@ impl Path {
         piece: &Piece,
         aside: impl Fn(f64) -> Aside,
         mut place: impl FnMut(f64, f64),
-    ) -> Option<(f64, Vec<Sample>)> {
+    ) -> Option<(f64, Vec<PathSample>)> {
         let step_m = piece.step_m();
         // The end of a piece is a cusp, at which the path is that of the next one.
         let end_m = piece.end_m().next_down();
@@ -166,7 +166,7 @@ impl Path {
             let original_m = within_m(index, share);
             place(at_m, original_m);
             let point = self.moved(original_m, &aside(original_m)).point;
-            samples.push(Sample {
+            samples.push(PathSample {
                 position: point.position,
                 heading_rad: point.heading_rad,
                 curvature_per_m: point.curvature_per_m,

@@ -1,6 +1,6 @@
 //! Arc length along an analytic curve.
 
-use super::{Direction, Point2, SAMPLE_STEP_M, Sample};
+use super::{Direction, PathSample, Point2, SAMPLE_STEP_M};
 use std::f64::consts::{PI, TAU};
 
 /// An analytic curve at a value of its parameter.
@@ -113,10 +113,10 @@ impl<F: Fn(f64) -> CurvePoint> ArcLength<F> {
 
     /// Returns samples uniform in arc length, their headings those of a vehicle that drives in
     /// `direction`.
-    pub(crate) fn samples(&self, direction: Direction) -> Vec<Sample> {
+    pub(crate) fn samples(&self, direction: Direction) -> Vec<PathSample> {
         let intervals = (self.length_m() / SAMPLE_STEP_M).ceil().max(INTERVALS_MIN) as usize;
         let step_m = self.length_m() / intervals as f64;
-        let mut samples: Vec<Sample> = Vec::with_capacity(intervals + 1);
+        let mut samples: Vec<PathSample> = Vec::with_capacity(intervals + 1);
         for i in 0..=intervals {
             let point = self.point(self.parameter_at(i as f64 * step_m));
             let heading_rad = match direction {
@@ -126,7 +126,7 @@ impl<F: Fn(f64) -> CurvePoint> ArcLength<F> {
             let turns = samples.last().map_or(0.0, |before| {
                 ((before.heading_rad - heading_rad) / TAU).round()
             });
-            samples.push(Sample {
+            samples.push(PathSample {
                 position: point.position,
                 heading_rad: heading_rad + turns * TAU,
                 curvature_per_m: point.curvature_per_m(),

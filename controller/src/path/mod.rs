@@ -114,12 +114,12 @@ pub(crate) struct Piece {
     pub(crate) start_m: f64,
     pub(crate) length_m: f64,
     pub(crate) direction: Direction,
-    pub(crate) samples: Vec<Sample>,
+    pub(crate) samples: Vec<PathSample>,
 }
 
 /// What is stored at a sample; the heading is the vehicle's.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub(crate) struct Sample {
+pub(crate) struct PathSample {
     pub(crate) position: Point2,
     pub(crate) heading_rad: f64,
     pub(crate) curvature_per_m: f64,
@@ -135,7 +135,7 @@ impl Path {
     /// [`PathError::Empty`] or [`PathError::ZeroLength`] where there is no curve, and
     /// [`PathError::NotRegular`] where one has a gap, stands still or turns back.
     pub(crate) fn from_pieces(
-        pieces: impl IntoIterator<Item = (Direction, f64, Vec<Sample>)>,
+        pieces: impl IntoIterator<Item = (Direction, f64, Vec<PathSample>)>,
         closed: bool,
     ) -> Result<Self, PathError> {
         let mut joined: Vec<Piece> = Vec::new();
@@ -317,8 +317,8 @@ impl Piece {
 
 /// Returns the first sample that is not finite, or at which the curve stands still, turns back or has a gap;
 /// samples are `step_m` of arc length apart, and `share_min` of it in distance at least.
-fn first_irregular(samples: &[Sample], step_m: f64, share_min: f64) -> Option<usize> {
-    let finite = |sample: &Sample| {
+fn first_irregular(samples: &[PathSample], step_m: f64, share_min: f64) -> Option<usize> {
+    let finite = |sample: &PathSample| {
         sample.position.is_finite()
             && sample.heading_rad.is_finite()
             && sample.curvature_per_m.is_finite()

@@ -4,7 +4,7 @@ use super::options::Smoothing;
 use super::raw::{RawPiece, split, without_repetitions};
 use super::spline::{Spline, smooth_nodes};
 use super::{
-    ArcLength, Direction, Path, PathError, Piece, Point2, RawPoint, Sample, Window, accuracy,
+    ArcLength, Direction, Path, PathError, PathSample, Piece, Point2, RawPoint, Window, accuracy,
     first_irregular,
 };
 use std::f64::consts::{FRAC_PI_2, PI};
@@ -128,7 +128,7 @@ struct Offset {
 /// A smoothed piece; the headings are of the direction of travel.
 struct SmoothPiece {
     length_m: f64,
-    samples: Vec<Sample>,
+    samples: Vec<PathSample>,
     offsets: Vec<Offset>,
 }
 
@@ -495,7 +495,7 @@ fn sharp_error(
     }
 }
 
-fn turned_back(mut samples: Vec<Sample>) -> Vec<Sample> {
+fn turned_back(mut samples: Vec<PathSample>) -> Vec<PathSample> {
     for sample in &mut samples {
         sample.heading_rad -= PI;
     }

@@ -7,7 +7,7 @@
 //! residual of 1 cm. So what the logs determine is theirs, and what they do not stays at its guess, with
 //! the guess's interval.
 
-use super::fit::{Fit, IdentificationError, IdentificationSettings, Stage, cut, smoothed};
+use super::fit::{Fit, FitStage, IdentificationError, IdentificationSettings, cut, smoothed};
 use super::segments::{Segment, SegmentErrors};
 use super::statistics::{Cluster, confidence_factor, covariance, parameters_without};
 use crate::contact::{ContactPrediction, ContactVehicle, Parameter, ParameterVector};
@@ -103,7 +103,7 @@ pub fn identify_contact(
     }
     let start = search.start.clone();
     let vehicle_with = |parameters: &[f64]| search.vehicle_with(parameters);
-    let stage = |pull_m| Stage {
+    let stage = |pull_m| FitStage {
         names: &search.names,
         model: KinematicModel::Contact,
         baseline: KinematicModel::Icrhk,

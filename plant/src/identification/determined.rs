@@ -1,6 +1,6 @@
 //! Which parameters the logs determine; those that they do not keep their start values.
 
-use super::fit::{CrossValidation, Estimate, IdentificationError, Stage, StageReport};
+use super::fit::{CrossValidation, FitStage, FittedParameter, IdentificationError, StageReport};
 use super::segments::{Segment, SegmentErrors};
 use crate::vehicle::Vehicle;
 
@@ -9,7 +9,7 @@ pub(super) struct DeterminedParameters {
     pub(super) parameters: Vec<f64>,
     pub(super) report: StageReport,
     /// Parameters that were held at their start values, as they were estimated before.
-    pub(super) undetermined: Vec<Estimate>,
+    pub(super) undetermined: Vec<FittedParameter>,
 }
 
 /// Half width of an interval up to which each parameter counts as determined.
@@ -40,7 +40,7 @@ pub(super) fn allowed_slide(gains: &[f64]) -> Vec<f64> {
     gains.iter().map(allowed).collect()
 }
 
-impl Stage<'_> {
+impl FitStage<'_> {
     /// Fits all parameters.
     pub(super) fn run_all(
         &self,
@@ -55,7 +55,7 @@ impl Stage<'_> {
         })
     }
 
-    /// Fits as [`Stage::run`]. While there are parameters with wider intervals than allowed, the one that is
+    /// Fits as [`FitStage::run`]. While there are parameters with wider intervals than allowed, the one that is
     /// widest goes back to its start value and the others are fitted again: a combination that is known well,
     /// such as the ratio of a factor and an ICR, stays known.
     pub(super) fn run_determined(
@@ -65,7 +65,7 @@ impl Stage<'_> {
         allowed: Allowed,
     ) -> Result<DeterminedParameters, IdentificationError> {
         let mut free: Vec<usize> = (0..start.len()).collect();
-        let mut undetermined: Vec<Estimate> = Vec::new();
+        let mut undetermined: Vec<FittedParameter> = Vec::new();
         let mut warnings = None;
         loop {
             let with = |values: &[f64]| {
@@ -79,7 +79,7 @@ impl Stage<'_> {
             let names: Vec<&'static str> = free.iter().map(|i| self.names[*i]).collect();
             let pull_m: Vec<f64> = free.iter().map(|i| self.pull_m[*i]).collect();
             let start_free: Vec<f64> = free.iter().map(|i| start[*i]).collect();
-            let stage = Stage {
+            let stage = FitStage {
                 names: &names,
                 model: self.model,
                 baseline: self.baseline,
@@ -91,7 +91,7 @@ impl Stage<'_> {
             let warned = warnings.get_or_insert_with(|| report.warnings.clone());
             report.warnings.clone_from(warned);
             let allowed = allowed(&parameters);
-            let width = |estimate: &Estimate, index: usize| {
+            let width = |estimate: &FittedParameter, index: usize| {
                 estimate.half_width.unwrap_or(f64::INFINITY) / allowed[index]
             };
             let widest = (0..free.len())

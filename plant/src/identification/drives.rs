@@ -73,7 +73,7 @@ pub struct MotorResponse {
 
 /// Responses of both motors.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct DriveResponse {
+pub struct MotorResponses {
     /// The motor that drives both treads alike.
     pub traction: Option<MotorResponse>,
     /// The motor that drives them against each other.
@@ -129,7 +129,7 @@ const SHARE_MIN: f64 = 0.02;
 ///
 /// # Errors
 /// [`DriveResponseError`] where there is too little to say anything.
-pub fn identify_drives(records: &[DriveRecord]) -> Result<DriveResponse, DriveResponseError> {
+pub fn identify_drives(records: &[DriveRecord]) -> Result<MotorResponses, DriveResponseError> {
     let motor = |speed: fn(&MotorSpeeds) -> f64| -> Vec<LogPiece> {
         records
             .iter()
@@ -146,7 +146,7 @@ pub fn identify_drives(records: &[DriveRecord]) -> Result<DriveResponse, DriveRe
         });
     }
     let steer = motor(|speeds| speeds.steer_m_s);
-    let response = DriveResponse {
+    let response = MotorResponses {
         traction: response(&traction),
         steer: response(&steer),
     };

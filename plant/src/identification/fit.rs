@@ -22,7 +22,7 @@ pub struct IdentificationSettings {
 
 /// A fitted parameter.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Estimate {
+pub struct FittedParameter {
     /// Key in the vehicle's YAML.
     pub name: &'static str,
     /// Value, in the key's unit.
@@ -74,7 +74,7 @@ pub enum Warning {
 #[derive(Debug, Clone, PartialEq)]
 pub struct StageReport {
     /// The fitted parameters.
-    pub estimates: Vec<Estimate>,
+    pub estimates: Vec<FittedParameter>,
     /// Segments used.
     pub segments: usize,
     /// Poses compared.
@@ -130,7 +130,7 @@ pub(super) const PULL_ICRS_M: f64 = 0.1;
 pub(super) const PULL_SLIDE_M: f64 = 0.002;
 
 /// Which parameters are fitted with which model.
-pub(super) struct Stage<'a> {
+pub(super) struct FitStage<'a> {
     pub(super) names: &'a [&'static str],
     pub(super) model: KinematicModel,
     pub(super) baseline: KinematicModel,
@@ -144,7 +144,7 @@ const FOLDS: usize = 5;
 /// Below this share of the best known combination's effect, parameters are not distinguished.
 const STRENGTH_MIN: f64 = 0.03;
 
-impl Stage<'_> {
+impl FitStage<'_> {
     pub(super) fn run(
         &self,
         segments: &[Segment],
@@ -174,7 +174,7 @@ impl Stage<'_> {
         let estimates = self.names.iter().zip(&fit.parameters).enumerate();
         let estimates = estimates.map(|(index, (name, value))| {
             let std = covariance.as_ref().map(|c| c[(index, index)].sqrt());
-            Estimate {
+            FittedParameter {
                 name,
                 value: *value,
                 std,

@@ -36,11 +36,12 @@ mod terms;
 mod tests;
 
 pub use contact::{ContactParameterEstimate, ContactReport, identify_contact};
-pub use drives::{DriveResponse, DriveResponseError, Finding, MotorResponse, identify_drives};
+pub use drives::{DriveResponseError, Finding, MotorResponse, MotorResponses, identify_drives};
 pub use fit::{
-    CrossValidation, Estimate, IdentificationError, IdentificationSettings, StageReport, Warning,
+    CrossValidation, FittedParameter, IdentificationError, IdentificationSettings, StageReport,
+    Warning,
 };
-pub use procedure::{Drive, Leg, LogNoise, Procedure, ProcedureError, drive};
+pub use procedure::{Leg, LogNoise, Procedure, ProcedureDrive, ProcedureError, drive};
 pub use segments::{Segment, SegmentErrors, Segmentation, segments};
 pub use stages::{
     identify_level, identify_level_determined, identify_slope, identify_slope_determined,

@@ -118,7 +118,7 @@ impl LogNoise {
 }
 
 /// The vehicle and the ground of a simulated log.
-pub struct Drive<'a> {
+pub struct ProcedureDrive<'a> {
     /// What moves the vehicle.
     pub motion: Box<dyn Motion>,
     /// The true c_l and c_r.
@@ -141,7 +141,11 @@ const DRIVER_LAG_S: f64 = 0.4;
 ///
 /// # Errors
 /// Says when and why the vehicle could not go on.
-pub fn drive(drive: Drive, noise: &LogNoise, seed: u64) -> Result<DriveLog, ProcedureError> {
+pub fn drive(
+    drive: ProcedureDrive,
+    noise: &LogNoise,
+    seed: u64,
+) -> Result<DriveLog, ProcedureError> {
     let encoder_scale = drive.encoder_scale;
     let mut simulation = Simulation::new(SimulationSetup {
         terrain: drive.terrain,

@@ -2,8 +2,8 @@
 
 use super::determined::{DeterminedParameters, allowed_level, allowed_slide};
 use super::fit::{
-    Estimate, IdentificationError, IdentificationSettings, PULL_ICRS_M, PULL_SLIDE_M, Stage,
-    StageReport, Warning, cut, smoothed,
+    FitStage, FittedParameter, IdentificationError, IdentificationSettings, PULL_ICRS_M,
+    PULL_SLIDE_M, StageReport, Warning, cut, smoothed,
 };
 use super::segments::Segment;
 use crate::log::DriveLog;
@@ -14,7 +14,7 @@ use crate::vehicle::Vehicle;
 fn checked(
     vehicle: Vehicle,
     found: DeterminedParameters,
-) -> Result<(Vehicle, StageReport, Vec<Estimate>), IdentificationError> {
+) -> Result<(Vehicle, StageReport, Vec<FittedParameter>), IdentificationError> {
     match vehicle.validated() {
         Ok(vehicle) => Ok((vehicle, found.report, found.undetermined)),
         Err(reason) => Err(IdentificationError::NotAVehicle {
@@ -50,7 +50,7 @@ pub fn identify_level_determined(
     logs: &[DriveLog],
     vehicle: &Vehicle,
     settings: &IdentificationSettings,
-) -> Result<(Vehicle, StageReport, Vec<Estimate>), IdentificationError> {
+) -> Result<(Vehicle, StageReport, Vec<FittedParameter>), IdentificationError> {
     level(logs, vehicle, settings, &|stage, segments, start| {
         stage.run_determined(segments, start, &allowed_level)
     })
@@ -58,7 +58,7 @@ pub fn identify_level_determined(
 
 /// Fits a stage to segments from start values.
 type StageRun<'a> = &'a dyn Fn(
-    &Stage<'_>,
+    &FitStage<'_>,
     &[Segment<'_>],
     &[f64],
 ) -> Result<DeterminedParameters, IdentificationError>;
@@ -68,8 +68,8 @@ fn level(
     vehicle: &Vehicle,
     settings: &IdentificationSettings,
     run: StageRun<'_>,
-) -> Result<(Vehicle, StageReport, Vec<Estimate>), IdentificationError> {
-    let stage = Stage {
+) -> Result<(Vehicle, StageReport, Vec<FittedParameter>), IdentificationError> {
+    let stage = FitStage {
         names: &[
             "correction_left",
             "correction_right",
@@ -130,7 +130,7 @@ pub fn identify_slope_determined(
     logs: &[DriveLog],
     vehicle: &Vehicle,
     settings: &IdentificationSettings,
-) -> Result<(Vehicle, StageReport, Vec<Estimate>), IdentificationError> {
+) -> Result<(Vehicle, StageReport, Vec<FittedParameter>), IdentificationError> {
     slope(logs, vehicle, settings, &|stage, segments, start| {
         stage.run_determined(segments, start, &allowed_slide)
     })
@@ -141,7 +141,7 @@ fn slope(
     vehicle: &Vehicle,
     settings: &IdentificationSettings,
     run: StageRun<'_>,
-) -> Result<(Vehicle, StageReport, Vec<Estimate>), IdentificationError> {
+) -> Result<(Vehicle, StageReport, Vec<FittedParameter>), IdentificationError> {
     const SHIFT: &str = "lambda_1_s_per_rad";
     const AGGRAVATED: &str = "lambda_2_s_per_rad";
     let slide_with = |shift: f64, aggravated: f64| {
@@ -152,7 +152,7 @@ fn slope(
     };
     let logs = smoothed(logs, settings);
     let segments = cut(&logs, settings);
-    let stage = |names, vehicle_with| Stage {
+    let stage = |names, vehicle_with| FitStage {
         names,
         model: KinematicModel::Icrik,
         baseline: KinematicModel::Icrhk,

@@ -42,7 +42,7 @@ fn slope_log(seed: u64, noise: &LogNoise) -> DriveLog {
 }
 
 fn driven(terrain: Terrain, legs: &[Leg], noise: &LogNoise, seed: u64) -> DriveLog {
-    let by_icrik = Drive {
+    let by_icrik = ProcedureDrive {
         motion: Box::new(IcrMotion {
             vehicle: Vehicle::j8(),
             inclined: true,
@@ -57,7 +57,7 @@ fn driven(terrain: Terrain, legs: &[Leg], noise: &LogNoise, seed: u64) -> DriveL
 const TRUTH: [f64; 7] = [1.004, 1.011, -0.980, 1.073, 0.206, 1.222, 4.965];
 const LENGTH_S: f64 = 8.0;
 
-fn identify(level: &DriveLog, slope: &DriveLog) -> (Vehicle, Vec<Estimate>) {
+fn identify(level: &DriveLog, slope: &DriveLog) -> (Vehicle, Vec<FittedParameter>) {
     let settings = settings(LENGTH_S);
     let level = std::slice::from_ref(level);
     let (vehicle, first) = identify_level(level, &before(), &settings).unwrap();
@@ -117,7 +117,7 @@ fn poses_that_jump_are_outliers() {
 #[test]
 fn turning_on_the_spot_alone_cannot_tell_speeds_from_icrs() {
     let turning = Procedure::of_the_paper().slope;
-    let on_level = Drive {
+    let on_level = ProcedureDrive {
         motion: Box::new(IcrMotion {
             vehicle: Vehicle::j8(),
             inclined: true,
@@ -173,7 +173,7 @@ fn the_contact_vehicle_is_identified_near_table_one_on_the_level() {
         serde_yaml::from_str(include_str!("../../../config/vehicles/j8_contact.yaml")).unwrap();
     let procedure = Procedure::of_the_paper();
     let log = |terrain, legs| {
-        let setup = Drive {
+        let setup = ProcedureDrive {
             motion: Box::new(ContactModel::new(contact.clone())),
             encoder_scale: Vehicle::j8().encoder_scale,
             terrain,
@@ -210,7 +210,7 @@ pub(super) fn contact_logs_of(
         (slope(), &procedure.across, seed + 2),
     ]
     .map(|(terrain, legs, seed)| {
-        let setup = Drive {
+        let setup = ProcedureDrive {
             motion: Box::new(ContactModel::new(contact.clone())),
             encoder_scale: Vehicle::j8().encoder_scale,
             terrain,
@@ -280,7 +280,7 @@ fn a_term_that_no_vehicle_file_may_have_is_named_and_left_out() {
         ..j8.clone()
     };
     let log = |terrain: Terrain, legs: &[Leg], seed| {
-        let setup = Drive {
+        let setup = ProcedureDrive {
             motion: Box::new(IcrMotion {
                 vehicle: truth.clone(),
                 inclined: true,

@@ -1,7 +1,7 @@
 //! Logs from CSV.
 
 use super::columns::{AttitudeColumns, ColumnMap, HeadingColumns, PoseColumns};
-use super::sources::{Sources, Timed};
+use super::sources::{Sources, TimedValues};
 use super::{DriveLog, LogError, LogRow, Note, ROWS_MAX};
 use crate::frames::{Attitude, Pose, RosAttitude, paper_attitude};
 use crate::speeds::MeasuredTreadSpeeds;
@@ -113,11 +113,11 @@ fn whole(rows: Vec<PartRow>) -> Result<DriveLog, LogError> {
 }
 
 fn resampled(rows: &[PartRow]) -> Result<DriveLog, LogError> {
-    fn series<T>(rows: &[PartRow], value: impl Fn(&PartRow) -> Option<T>) -> Timed<f64, T> {
+    fn series<T>(rows: &[PartRow], value: impl Fn(&PartRow) -> Option<T>) -> TimedValues<f64, T> {
         let known = rows
             .iter()
             .filter_map(|row| Some((row.time_s, value(row)?)));
-        let mut known: Timed<f64, T> = known.collect();
+        let mut known: TimedValues<f64, T> = known.collect();
         known.dedup_by(|next, before| next.0 == before.0);
         known
     }

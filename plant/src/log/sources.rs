@@ -5,17 +5,17 @@ use crate::frames::{Attitude, Pose};
 use crate::speeds::MeasuredTreadSpeeds;
 
 /// Values by their times, which are seconds or a count of ticks.
-pub type Timed<K, T> = Vec<(K, T)>;
+pub type TimedValues<K, T> = Vec<(K, T)>;
 
 /// The sources of a log, each in the order of its times, without two values at one time.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Sources<K> {
     /// Tread speeds as measured.
-    pub tread_speeds: Timed<K, MeasuredTreadSpeeds>,
+    pub tread_speeds: TimedValues<K, MeasuredTreadSpeeds>,
     /// Roll and pitch; none if the ground was level.
-    pub attitudes: Option<Timed<K, Attitude>>,
+    pub attitudes: Option<TimedValues<K, Attitude>>,
     /// Poses.
-    pub poses: Timed<K, Pose>,
+    pub poses: TimedValues<K, Pose>,
 }
 
 impl<K: Copy + PartialOrd> Sources<K> {

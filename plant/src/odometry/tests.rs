@@ -1,5 +1,5 @@
 use super::*;
-use crate::dead_reckoning::Motion;
+use crate::dead_reckoning::StepMotion;
 use crate::speeds::TreadSpeeds;
 use crate::vehicle::Vehicle;
 
@@ -18,11 +18,11 @@ fn turn_on_the_spot() -> DriveLog {
             attitude: Attitude::from_slope(3.6_f64.to_radians(), pose.yaw_rad),
             pose: (i % 20 == 0).then_some(pose),
         };
-        let motion = Motion {
+        let motion = StepMotion {
             velocity: KinematicModel::Icrik.body_velocity(&vehicle, row.attitude, speeds),
             attitude: row.attitude,
         };
-        pose = crate::dead_reckoning::advance(&pose, 0.005, |_, yaw_rad| Motion {
+        pose = crate::dead_reckoning::advance(&pose, 0.005, |_, yaw_rad| StepMotion {
             attitude: Attitude::from_slope(3.6_f64.to_radians(), yaw_rad),
             ..motion
         });

@@ -1,6 +1,6 @@
 use super::*;
 use crate::contact::{ContactModel, ContactVehicle, FrictionField};
-use crate::dead_reckoning::{Motion, advance};
+use crate::dead_reckoning::{StepMotion, advance};
 use crate::terrain::PlaneTerrain;
 use crate::test_support::motors;
 use crate::vehicle::IcrMotion;
@@ -102,7 +102,7 @@ fn motion_on_a_plane_is_the_dead_reckoning_of_equation_12() {
     for _ in 0..4000 {
         reckoned = advance(&reckoned, 0.005, |_, yaw_rad| {
             let attitude = Attitude::on_plane(&normal, yaw_rad);
-            Motion {
+            StepMotion {
                 velocity: vehicle.body_velocity(attitude, treads),
                 attitude,
             }

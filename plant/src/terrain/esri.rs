@@ -97,12 +97,12 @@ impl GridCell {
 }
 
 #[derive(Clone, Copy)]
-enum Edge {
+enum GridEdge {
     Corner(f64),
     Centre(f64),
 }
 
-impl Edge {
+impl GridEdge {
     fn centre_m(self, key: &'static str, cell_m: f64) -> Result<f64, RangeError> {
         let (place_m, to_centre_m) = match self {
             Self::Corner(place_m) => (place_m, 0.5 * cell_m),
@@ -118,8 +118,8 @@ struct GridHeader {
     columns: f64,
     rows: f64,
     cell: GridCell,
-    west: Edge,
-    south: Edge,
+    west: GridEdge,
+    south: GridEdge,
     nodata: f64,
 }
 
@@ -171,10 +171,10 @@ impl<'a, I: Iterator<Item = (usize, &'a str)>> Words<'a, I> {
                 "cellsize" => cell.replace(number).is_some(),
                 "dx" => dx.replace(number).is_some(),
                 "dy" => dy.replace(number).is_some(),
-                "xllcorner" => west.replace(Edge::Corner(number)).is_some(),
-                "xllcenter" => west.replace(Edge::Centre(number)).is_some(),
-                "yllcorner" => south.replace(Edge::Corner(number)).is_some(),
-                "yllcenter" => south.replace(Edge::Centre(number)).is_some(),
+                "xllcorner" => west.replace(GridEdge::Corner(number)).is_some(),
+                "xllcenter" => west.replace(GridEdge::Centre(number)).is_some(),
+                "yllcorner" => south.replace(GridEdge::Corner(number)).is_some(),
+                "yllcenter" => south.replace(GridEdge::Centre(number)).is_some(),
                 "nodata_value" => nodata.replace(number).is_some(),
                 _ => true,
             };

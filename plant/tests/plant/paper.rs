@@ -1,6 +1,6 @@
 //! The paper's vehicles and experiments against an independent implementation, see `../data/README.md`.
 
-use sidehill_plant::dead_reckoning::{Motion, advance};
+use sidehill_plant::dead_reckoning::{StepMotion, advance};
 use sidehill_plant::frames::{Attitude, Pose};
 use sidehill_plant::speeds::TreadSpeeds;
 use sidehill_plant::vehicle::Vehicle;
@@ -93,12 +93,12 @@ fn dead_reckoning_of_experiment_one_meets_the_reference_and_the_papers_error() {
         };
         icrik = advance(&icrik, dt_s, |_, yaw_rad| {
             let attitude = Attitude::from_slope(slope_rad, yaw_rad);
-            Motion {
+            StepMotion {
                 velocity: j8.body_velocity(attitude, treads),
                 attitude,
             }
         });
-        icrhk = advance(&icrhk, dt_s, |_, yaw_rad| Motion {
+        icrhk = advance(&icrhk, dt_s, |_, yaw_rad| StepMotion {
             velocity: j8.icrhk().body_velocity(treads),
             attitude: Attitude::from_slope(slope_rad, yaw_rad),
         });

@@ -3,15 +3,15 @@
 use super::message::lifecycle::{State, Transition, TransitionDescription, state, transition};
 
 /// A transition that may be requested.
-struct Edge {
+struct LifecycleTransition {
     id: u8,
     label: &'static str,
     from: u8,
     to: u8,
 }
 
-const fn edge(id: u8, label: &'static str, from: u8, to: u8) -> Edge {
-    Edge {
+const fn edge(id: u8, label: &'static str, from: u8, to: u8) -> LifecycleTransition {
+    LifecycleTransition {
         id,
         label,
         from,
@@ -19,7 +19,7 @@ const fn edge(id: u8, label: &'static str, from: u8, to: u8) -> Edge {
     }
 }
 
-const EDGES: [Edge; 7] = [
+const EDGES: [LifecycleTransition; 7] = [
     edge(
         transition::CONFIGURE,
         "configure",
@@ -146,7 +146,7 @@ fn named(id: u8) -> State {
     }
 }
 
-fn described(edge: &Edge) -> TransitionDescription {
+fn described(edge: &LifecycleTransition) -> TransitionDescription {
     TransitionDescription {
         transition: Transition {
             id: edge.id,

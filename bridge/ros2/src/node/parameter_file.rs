@@ -9,16 +9,16 @@ use std::collections::BTreeMap;
 /// A file: nodes by name or namespace, and below `ros__parameters` their parameters.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(transparent)]
-pub struct ParameterFile(BTreeMap<String, Entry>);
+pub struct ParameterFile(BTreeMap<String, FileEntry>);
 
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(untagged)]
-enum Entry {
+enum FileEntry {
     #[allow(non_snake_case)]
     Parameters {
         ros__parameters: BTreeMap<String, Tree>,
     },
-    Namespace(BTreeMap<String, Entry>),
+    Namespace(BTreeMap<String, FileEntry>),
 }
 
 #[derive(Debug, Clone, PartialEq, Deserialize)]
@@ -89,18 +89,18 @@ impl ParameterFile {
 }
 
 fn collect(
-    entries: &BTreeMap<String, Entry>,
+    entries: &BTreeMap<String, FileEntry>,
     above: &str,
     take: &mut impl FnMut(&[&str], &BTreeMap<String, Tree>),
 ) {
     for (name, entry) in entries {
         let path = format!("{above}/{}", name.trim_matches('/'));
         match entry {
-            Entry::Parameters { ros__parameters } => {
+            FileEntry::Parameters { ros__parameters } => {
                 let parts: Vec<&str> = path.split('/').filter(|part| !part.is_empty()).collect();
                 take(&parts, ros__parameters);
             }
-            Entry::Namespace(below) => collect(below, &path, take),
+            FileEntry::Namespace(below) => collect(below, &path, take),
         }
     }
 }

@@ -6,7 +6,7 @@ use std::ops::RangeInclusive;
 
 /// Whether and to what a parameter may be set.
 #[derive(Debug, Clone, PartialEq)]
-enum Rule {
+enum ParameterRule {
     /// Fixed once declared.
     ReadOnly,
     /// A double within a range.
@@ -16,7 +16,7 @@ enum Rule {
 #[derive(Debug, Clone, PartialEq)]
 struct Entry {
     value: ParameterValue,
-    rule: Rule,
+    rule: ParameterRule,
     description: String,
 }
 
@@ -29,7 +29,7 @@ pub struct Parameters {
 impl Parameters {
     /// Declares a parameter that cannot be set later.
     pub fn declare_read_only(&mut self, name: &str, value: ParameterValue, description: &str) {
-        self.declare(name, value, Rule::ReadOnly, description);
+        self.declare(name, value, ParameterRule::ReadOnly, description);
     }
 
     /// Declares a double that may be set within a range.
@@ -41,10 +41,16 @@ impl Parameters {
         description: &str,
     ) {
         let value = ParameterValue::Double(value);
-        self.declare(name, value, Rule::Range(range), description);
+        self.declare(name, value, ParameterRule::Range(range), description);
     }
 
-    fn declare(&mut self, name: &str, value: ParameterValue, rule: Rule, description: &str) {
+    fn declare(
+        &mut self,
+        name: &str,
+        value: ParameterValue,
+        rule: ParameterRule,
+        description: &str,
+    ) {
         let entry = Entry {
             value,
             rule,
@@ -57,7 +63,7 @@ impl Parameters {
     pub fn is_writable(&self, name: &str) -> bool {
         self.entries
             .get(name)
-            .is_some_and(|entry| entry.rule != Rule::ReadOnly)
+            .is_some_and(|entry| entry.rule != ParameterRule::ReadOnly)
     }
 
     /// Checks whether a parameter may be set. Setting a read-only parameter to its value is allowed.
@@ -70,9 +76,11 @@ impl Parameters {
             .get(name)
             .ok_or_else(|| format!("there is no parameter {name}"))?;
         match (&entry.rule, &entry.value, value) {
-            (Rule::ReadOnly, now, value) if now == value => Ok(()),
-            (Rule::ReadOnly, ..) => Err(format!("{name} is read-only: {}", entry.description)),
-            (Rule::Range(range), _, ParameterValue::Double(value)) => {
+            (ParameterRule::ReadOnly, now, value) if now == value => Ok(()),
+            (ParameterRule::ReadOnly, ..) => {
+                Err(format!("{name} is read-only: {}", entry.description))
+            }
+            (ParameterRule::Range(range), _, ParameterValue::Double(value)) => {
                 if range.contains(value) {
                     Ok(())
                 } else {
@@ -161,7 +169,7 @@ impl Parameters {
         let entry = self.entries.get(name);
         let value = entry.map_or(&ParameterValue::NotSet, |entry| &entry.value);
         let range = match entry.map(|entry| &entry.rule) {
-            Some(Rule::Range(range)) => vec![raw::FloatingPointRange {
+            Some(ParameterRule::Range(range)) => vec![raw::FloatingPointRange {
                 from_value: *range.start(),
                 to_value: *range.end(),
                 step: 0.0,
@@ -173,7 +181,7 @@ impl Parameters {
             r#type: ParameterValue::to_parameter_type_raw(value),
             description: entry.map_or_else(String::new, |entry| entry.description.clone()),
             additional_constraints: String::new(),
-            read_only: entry.is_some_and(|entry| entry.rule == Rule::ReadOnly),
+            read_only: entry.is_some_and(|entry| entry.rule == ParameterRule::ReadOnly),
             dynamic_typing: false,
             floating_point_range: range,
             integer_range: Vec::new(),

@@ -2,7 +2,7 @@
 
 use nalgebra::Matrix3;
 use sidehill_bridge::ros2::odometry::OdometryState;
-use sidehill_plant::dead_reckoning::{Motion, advance_between};
+use sidehill_plant::dead_reckoning::{StepMotion, advance_between};
 use sidehill_plant::frames::{Attitude, Pose};
 use sidehill_plant::odometry::{KinematicModel, VelocityModel};
 use sidehill_plant::sample::Stamped;
@@ -21,7 +21,7 @@ const TURN_STD_RAD: f64 = 0.05;
 pub(super) struct DeadReckoning {
     model: VelocityModel,
     timeout_s: f64,
-    newest: Option<(f64, Motion)>,
+    newest: Option<(f64, StepMotion)>,
     pose: Pose,
     covariance: Matrix3<f64>,
     gaps: u64,
@@ -54,7 +54,7 @@ impl DeadReckoning {
         attitude: Attitude,
     ) -> Option<OdometryState> {
         let velocity = self.model.body_velocity(attitude, speeds.value);
-        let motion = Motion { velocity, attitude };
+        let motion = StepMotion { velocity, attitude };
         if let Some((before_s, from)) = self.newest {
             let dt_s = speeds.time_s - before_s;
             if dt_s <= 0.0 {
@@ -204,7 +204,7 @@ mod tests {
                 };
                 let treads = j8().encoder_scale.apply(speeds_at(time_s));
                 let velocity = plant.body_velocity(&ground, treads, 0.0).unwrap();
-                Motion { velocity, attitude }
+                StepMotion { velocity, attitude }
             };
             let mut reckoning = DeadReckoning::new(&vehicle("j8_wheels_identified.yaml"), 0.5);
             let start = Pose {

@@ -68,7 +68,7 @@ struct ChordEnd {
 
 /// The heading; before it is known, how far the vehicle has turned.
 #[derive(Debug, Default)]
-pub(super) struct Course {
+pub(super) struct HeadingFromMotion {
     yaw_rad: f64,
     /// None before the first straight stretch.
     sigma_rad: Option<f64>,
@@ -84,7 +84,7 @@ pub(super) struct Course {
     marks: VecDeque<ChordEnd>,
 }
 
-impl Course {
+impl HeadingFromMotion {
     /// Way after which the heading is known, m.
     pub(super) const NEEDED_M: f64 = 2.0;
 

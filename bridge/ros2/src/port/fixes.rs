@@ -4,7 +4,7 @@
 //! pitch at the instant of the fix; so a fix waits until readings around it have arrived. The heading is that of a topic,
 //! or of the motion ([`course`](super::course)).
 
-use super::course::{Course, azimuth_rad};
+use super::course::{HeadingFromMotion, azimuth_rad};
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use sidehill_bridge::ros2::convert::pose_and_attitude;
 use sidehill_bridge::ros2::message::NavSatFix;
@@ -160,7 +160,7 @@ pub(crate) struct FixPoses {
     headings: RecentReadings<f64>,
     direction: Vector3<f64>,
     /// The heading by the motion, where no topic gives it.
-    course: Option<Course>,
+    course: Option<HeadingFromMotion>,
 }
 
 impl FixPoses {
@@ -171,7 +171,7 @@ impl FixPoses {
             attitudes: RecentReadings::new(),
             headings: RecentReadings::new(),
             direction: Vector3::x(),
-            course: heading_from_motion.then(Course::default),
+            course: heading_from_motion.then(HeadingFromMotion::default),
         }
     }
 
@@ -311,7 +311,7 @@ impl FixPoses {
             yaw_rad += corrected_rad;
             if !course.is_known() {
                 return Some(Err(FixError::NoCourse {
-                    metres: Course::NEEDED_M,
+                    metres: HeadingFromMotion::NEEDED_M,
                 }));
             }
         }

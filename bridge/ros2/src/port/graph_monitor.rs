@@ -16,7 +16,7 @@ type SeenParticipant = [u8; 12];
 
 /// A topic that is waited for.
 #[derive(Debug)]
-struct Topic {
+struct AwaitedTopic {
     /// What it carries.
     input: &'static str,
     /// As the configuration names it.
@@ -48,7 +48,7 @@ struct Publisher {
 /// The topics that are waited for, and the publishers on the graph.
 #[derive(Debug, Default)]
 pub(crate) struct GraphMonitor {
-    topics: Vec<Topic>,
+    topics: Vec<AwaitedTopic>,
     publishers: BTreeMap<GUID, Publisher>,
     /// Other participants of the domain.
     others: BTreeSet<SeenParticipant>,
@@ -72,7 +72,7 @@ impl GraphMonitor {
         kind: String,
         needed: bool,
     ) {
-        self.topics.push(Topic {
+        self.topics.push(AwaitedTopic {
             input,
             configured: configured.to_owned(),
             name,
@@ -99,7 +99,7 @@ impl GraphMonitor {
             .find_map(|topic| Some(format!("{}: {}", topic.name, self.unheard(topic)?)))
     }
 
-    fn unheard(&self, topic: &Topic) -> Option<String> {
+    fn unheard(&self, topic: &AwaitedTopic) -> Option<String> {
         let all = self.publishers.values();
         all.filter(|publisher| publisher.topic == topic.name)
             .find_map(|publisher| {
@@ -130,9 +130,9 @@ impl GraphMonitor {
 
     /// A topic may be more than one input: an IMU also of headings. One that is published as another type has no
     /// messages.
-    fn topics<'a>(&'a mut self, configured: &'a str) -> impl Iterator<Item = &'a mut Topic> {
+    fn topics<'a>(&'a mut self, configured: &'a str) -> impl Iterator<Item = &'a mut AwaitedTopic> {
         let publishers = &self.publishers;
-        let published = move |topic: &Topic, fits: bool| {
+        let published = move |topic: &AwaitedTopic, fits: bool| {
             publishers
                 .values()
                 .any(|other| other.topic == topic.name && (other.kind == topic.kind) == fits)
@@ -205,7 +205,7 @@ impl GraphMonitor {
             .collect()
     }
 
-    fn missing(&self, topic: &Topic) -> Option<String> {
+    fn missing(&self, topic: &AwaitedTopic) -> Option<String> {
         let age_s = topic.accepted.map(|at| at.elapsed().as_secs_f64());
         if age_s.is_some_and(|age_s| age_s <= MISSING_AFTER_S) {
             return None;
@@ -242,7 +242,7 @@ impl GraphMonitor {
     }
 
     /// Returns where messages of this type are published instead.
-    fn hint(&self, topic: &Topic) -> String {
+    fn hint(&self, topic: &AwaitedTopic) -> String {
         let elsewhere: BTreeSet<&str> = self
             .publishers
             .values()

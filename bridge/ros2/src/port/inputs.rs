@@ -1,6 +1,6 @@
 //! The subscriptions of the vehicle and the thread that reads them.
 
-use super::readings::{LatestInputs, PortContext, Readings};
+use super::readings::{LatestInputs, NewestReadings, PortContext};
 use crate::node::subscription::take_all;
 use crate::node::worker::Worker;
 use crate::node::{NodeError, RosNode, qos};
@@ -47,8 +47,8 @@ impl InputSubscriber {
         subscriptions.register(&poll)?;
         let (slot, latest) = triple_buffer(&LatestInputs::default());
         let worker = Worker::start("ros2 inputs", move |end| {
-            let mut reader = Reader {
-                readings: Readings::new(self.config.clone(), self.context.clone()),
+            let mut reader = InputReader {
+                readings: NewestReadings::new(self.config.clone(), self.context.clone()),
                 subscriber: self,
                 subscriptions,
                 slot,
@@ -268,14 +268,14 @@ impl Waits<'_> {
     }
 }
 
-struct Reader {
+struct InputReader {
     subscriber: InputSubscriber,
     subscriptions: Subscriptions,
-    readings: Readings,
+    readings: NewestReadings,
     slot: Input<LatestInputs>,
 }
 
-impl Reader {
+impl InputReader {
     /// Reads all messages that have arrived: the emergency stop first, then the clocks, then the rest.
     fn read(&mut self) {
         self.read_emergency_stop();

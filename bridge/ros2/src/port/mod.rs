@@ -20,4 +20,4 @@ mod stamp_clock;
 
 pub use drives::Ros2Port;
 pub use fixes::{FixReading, FixSettings};
-pub use shared_inputs::Note;
+pub use shared_inputs::InputEvent;

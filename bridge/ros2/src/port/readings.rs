@@ -95,7 +95,7 @@ pub(crate) struct PortContext {
 }
 
 /// Converts messages to the newest readings; what it rejects is counted and keeps its reason.
-pub(crate) struct Readings {
+pub(crate) struct NewestReadings {
     config: InputsConfig,
     context: PortContext,
     latest: LatestInputs,
@@ -114,7 +114,7 @@ struct StampClocks {
     joint_states: StampClock,
 }
 
-impl Readings {
+impl NewestReadings {
     /// Returns readings before the first message.
     pub(crate) fn new(config: InputsConfig, context: PortContext) -> Self {
         let pose = config.pose.as_ref();

@@ -19,7 +19,7 @@ const FIXES_MAX: usize = 200;
 
 /// An event for the screen and the log.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Note {
+pub struct InputEvent {
     /// Kind of event, such as `goal`.
     pub event: &'static str,
     /// What has happened.
@@ -31,7 +31,7 @@ pub struct Note {
 pub(crate) struct SharedInputs {
     transforms: Mutex<Transforms>,
     last_rejection: Mutex<String>,
-    notes: Mutex<VecDeque<Note>>,
+    notes: Mutex<VecDeque<InputEvent>>,
     fixes: Mutex<VecDeque<FixReading>>,
     rejected: AtomicU64,
     graph: Mutex<GraphMonitor>,
@@ -71,11 +71,11 @@ impl SharedInputs {
         if notes.len() == NOTES_MAX {
             notes.pop_front();
         }
-        notes.push_back(Note { event, message });
+        notes.push_back(InputEvent { event, message });
     }
 
     /// Returns the notes since the last call.
-    pub(crate) fn take_notes(&self) -> VecDeque<Note> {
+    pub(crate) fn take_notes(&self) -> VecDeque<InputEvent> {
         std::mem::take(&mut *locked(&self.notes))
     }
 

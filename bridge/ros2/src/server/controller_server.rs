@@ -6,7 +6,7 @@ mod watch;
 
 use super::configured_route::ConfiguredRoute;
 use super::follow_path::{FollowPathRequest, FollowPathServer};
-use super::goal_context::{Client, GoalContext, ObstacleContext};
+use super::goal_context::{GoalContext, ObstacleContext, PathSource};
 use super::goal_handler::GoalHandler;
 use super::live_parameters;
 use super::obstacles::CostmapReader;
@@ -145,7 +145,7 @@ impl ControllerServer {
         let path = self.path.as_ref().and_then(take_newest);
         if let Some(path) = path.filter(|_| self.services.lifecycle.is_active()) {
             let path = RequestedPath::from_message(&path);
-            self.handler.begin(Client::None, path, now_s);
+            self.handler.begin(PathSource::None, path, now_s);
         }
         self.begin_configured_route(now_s);
     }
@@ -170,7 +170,7 @@ impl ControllerServer {
         }
         let path = route.path.clone();
         self.log(LogLevel::Info, "the route of the configuration begins");
-        self.handler.begin(Client::None, Ok(path), now_s);
+        self.handler.begin(PathSource::None, Ok(path), now_s);
     }
 
     fn take_goal(&mut self, goal: FollowPathRequest, now_s: f64) {
@@ -192,7 +192,7 @@ impl ControllerServer {
         let message = format!("a goal of {count} poses is accepted{waits}");
         self.log(LogLevel::Info, &message);
         self.accepted_goals += 1;
-        let client = Client::Goal {
+        let client = PathSource::Goal {
             id: goal.id,
             client: self.peers.client(&goal.request),
         };

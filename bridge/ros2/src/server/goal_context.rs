@@ -14,7 +14,7 @@ use sidehill_plant::frames::PlanarPose;
 
 /// Who has sent a path.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Client {
+pub(crate) enum PathSource {
     /// The client of a goal.
     Goal {
         /// The goal.
@@ -104,7 +104,7 @@ pub(crate) enum Request {
     /// Tell a client how its goal has ended.
     Finish {
         /// The client.
-        client: Client,
+        client: PathSource,
         /// How it has ended.
         end: GoalEnd,
         /// Code and message.
@@ -114,13 +114,13 @@ pub(crate) enum Request {
 
 /// The requests of a step, in order, and what they leave behind.
 #[derive(Default)]
-pub(crate) struct Requests {
+pub(crate) struct StepRequests {
     pending: Vec<Request>,
     stop: Option<StopCause>,
     last_number: u64,
 }
 
-impl Requests {
+impl StepRequests {
     /// Returns a number that was not used before.
     pub(crate) fn next_number(&mut self) -> u64 {
         self.last_number += 1;

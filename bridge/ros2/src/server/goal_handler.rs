@@ -1,6 +1,6 @@
 //! One session at a time, and the speed that is asked of it.
 
-use super::goal_context::{Client, GoalContext, Request, Requests};
+use super::goal_context::{GoalContext, PathSource, Request, StepRequests};
 use super::goal_session::{GoalSession, PivotSettings, SessionSettings, TrackingState};
 use super::outcome::Outcome;
 use super::requested_path::RequestedPath;
@@ -24,7 +24,7 @@ pub(crate) struct GoalHandler {
     desired_speed_m_s: f64,
     limit: SpeedLimit,
     session: Option<GoalSession>,
-    requests: Requests,
+    requests: StepRequests,
 }
 
 impl GoalHandler {
@@ -46,7 +46,7 @@ impl GoalHandler {
             },
             limit: SpeedLimit::default(),
             session: None,
-            requests: Requests::default(),
+            requests: StepRequests::default(),
         }
     }
 
@@ -60,7 +60,7 @@ impl GoalHandler {
     /// Begins a session in place of the present one; a path that was refused ends it at once.
     pub(crate) fn begin(
         &mut self,
-        client: Client,
+        client: PathSource,
         path: Result<RequestedPath, Outcome>,
         now_s: f64,
     ) {
@@ -105,7 +105,7 @@ impl GoalHandler {
     /// Takes that clients have left.
     pub(crate) fn clients_left(&mut self, has_left: impl Fn(&ClientId) -> bool) {
         if let Some(session) = &mut self.session
-            && let Client::Goal { client, .. } = session.client()
+            && let PathSource::Goal { client, .. } = session.client()
             && has_left(&client)
         {
             session.lose_client();
@@ -115,8 +115,8 @@ impl GoalHandler {
     /// Returns the goal of the session, unless its path is nobody's.
     pub(crate) fn goal(&self) -> Option<GoalId> {
         match self.session.as_ref()?.client() {
-            Client::Goal { id, .. } => Some(id),
-            Client::None => None,
+            PathSource::Goal { id, .. } => Some(id),
+            PathSource::None => None,
         }
     }
 

@@ -27,11 +27,11 @@ mod waiting;
 
 use self::placed_route::PlacedRoute;
 use super::checkers::ProgressChecker;
-use super::goal_context::{Client, GoalContext, Request, Requests};
+use super::goal_context::{GoalContext, PathSource, Request, StepRequests};
 use super::outcome::Outcome;
 use super::path_frame::{inverse, pose_in};
 use super::requested_path::RequestedPath;
-use super::route::{Route, RouteSettings};
+use super::route::{ProfiledRoute, RouteSettings};
 use super::termination::{Termination, abort_cause};
 use crate::node::goals::GoalEnd;
 use crate::node::message::action::code;
@@ -68,7 +68,7 @@ pub(crate) struct SessionSettings {
 }
 
 /// What the controller follows for this session.
-enum Following {
+enum FollowedPath {
     Nothing,
     Route(Box<PlacedRoute>),
     /// A pivot to the first heading of the path, rad.
@@ -85,13 +85,13 @@ enum AfterStop {
     CheckGoal,
 }
 
-enum Phase {
+enum SessionPhase {
     Locating {
         since_s: f64,
     },
     Building {
         since_s: f64,
-        route: Receiver<Result<Route, Outcome>>,
+        route: Receiver<Result<ProfiledRoute, Outcome>>,
     },
     Stopping {
         since_s: f64,
@@ -144,14 +144,14 @@ pub(crate) struct TrackingState {
 
 /// A goal with its phase, path, client and number.
 pub(crate) struct GoalSession {
-    client: Client,
+    client: PathSource,
     /// Whether the client has left.
     client_lost: bool,
     /// Number under which the controller has the path or the pivot.
     number: u64,
     path: Arc<RequestedPath>,
-    phase: Phase,
-    following: Following,
+    phase: SessionPhase,
+    following: FollowedPath,
     /// The goal in the frame of the odometry; known from the end of locating on.
     goal: PlanarPose,
     pivoted_at_start: bool,
@@ -175,7 +175,7 @@ impl GoalSession {
     /// Returns the session of a new path. Progress is that of the session before: a client that sends newer
     /// paths again and again still learns that the vehicle makes none.
     pub(crate) fn new(
-        client: Client,
+        client: PathSource,
         path: RequestedPath,
         number: u64,
         progress: ProgressChecker,
@@ -186,8 +186,8 @@ impl GoalSession {
             client_lost: false,
             number,
             path: Arc::new(path),
-            phase: Phase::Locating { since_s: now_s },
-            following: Following::Nothing,
+            phase: SessionPhase::Locating { since_s: now_s },
+            following: FollowedPath::Nothing,
             goal: PlanarPose::default(),
             pivoted_at_start: false,
             progress,
@@ -203,7 +203,7 @@ impl GoalSession {
     }
 
     /// Returns the client.
-    pub(crate) fn client(&self) -> Client {
+    pub(crate) fn client(&self) -> PathSource {
         self.client
     }
 
@@ -215,7 +215,7 @@ impl GoalSession {
     /// Ends the session for a newer path, and returns how.
     pub(crate) fn preempt(self) -> (ProgressChecker, Request) {
         let (end, outcome) = match self.phase {
-            Phase::Ending { end, outcome, .. } => (end, outcome),
+            SessionPhase::Ending { end, outcome, .. } => (end, outcome),
             _ => {
                 let outcome = Outcome::new(code::UNKNOWN, "a newer path has arrived");
                 (GoalEnd::Aborted, outcome)
@@ -235,13 +235,13 @@ impl GoalSession {
         &mut self,
         now_s: f64,
         termination: Termination,
-        requests: &mut Requests,
+        requests: &mut StepRequests,
     ) {
-        if let Phase::Ending { .. } = self.phase {
+        if let SessionPhase::Ending { .. } = self.phase {
             return;
         }
-        self.following = Following::Nothing;
-        self.phase = Phase::Ending {
+        self.following = FollowedPath::Nothing;
+        self.phase = SessionPhase::Ending {
             since_s: now_s,
             end: termination.end,
             outcome: termination.outcome,
@@ -253,7 +253,7 @@ impl GoalSession {
     /// Returns the distance left along the path, m, and the commanded speed, m/s, while the route of a goal
     /// is followed.
     pub(crate) fn feedback(&self, decision: &Decision) -> Option<(f64, f64)> {
-        let Following::Route(placed) = &self.following else {
+        let FollowedPath::Route(placed) = &self.following else {
             return None;
         };
         let own = Some(decision).filter(|decision| decision.reference == self.number)?;
@@ -265,7 +265,7 @@ impl GoalSession {
     pub(crate) fn tracking(&self, decision: &Decision) -> Option<TrackingState> {
         let (left_m, _) = self.feedback(decision)?;
         let (progress, estimate) = (decision.progress?, decision.estimate?);
-        let Following::Route(placed) = &self.following else {
+        let FollowedPath::Route(placed) = &self.following else {
             return None;
         };
         let (pose, goal) = (&estimate.pose, &self.goal);
@@ -284,11 +284,11 @@ impl GoalSession {
     /// Changes the speeds of the route that is followed to those of the settings. A route that is being
     /// built gets them when it is finished.
     pub(crate) fn change_speeds(&mut self, settings: &RouteSettings) {
-        let Following::Route(placed) = &mut self.following else {
+        let FollowedPath::Route(placed) = &mut self.following else {
             return;
         };
         let route = match self.phase {
-            Phase::Driving { .. } => placed.route.on_the_way(&settings.limits),
+            SessionPhase::Driving { .. } => placed.route.on_the_way(&settings.limits),
             _ => placed.route.from_start(&settings.limits),
         };
         if let Ok(route) = route {
@@ -302,32 +302,32 @@ impl GoalSession {
         &mut self,
         context: &GoalContext<'_>,
         settings: &SessionSettings,
-        requests: &mut Requests,
+        requests: &mut StepRequests,
     ) -> bool {
         self.prepare(context, settings, requests);
         self.follow_frame(context, settings);
         self.hand_over_changes(context, requests);
         self.watch_obstacles(context, settings, requests);
         match self.phase {
-            Phase::Locating { .. } | Phase::Building { .. } => {
+            SessionPhase::Locating { .. } | SessionPhase::Building { .. } => {
                 if let Some(termination) = abort_cause(context) {
                     self.terminate(context.now_s, termination, requests);
                 } else {
                     Self::withdraw_stop(context, requests);
                 }
             }
-            Phase::Stopping { since_s, then } => {
+            SessionPhase::Stopping { since_s, then } => {
                 self.step_stopping((since_s, then), context, settings, requests);
             }
-            Phase::Arming { since_s, request } => {
+            SessionPhase::Arming { since_s, request } => {
                 self.step_arming((since_s, request), context, requests);
             }
-            Phase::Driving { tracked } if context.is_off() => {
+            SessionPhase::Driving { tracked } if context.is_off() => {
                 self.step_stopped(tracked, context, settings, requests);
             }
-            Phase::Driving { .. } => self.step_driving(context, requests),
-            Phase::Blocked(_) => self.step_blocked(context, settings, requests),
-            Phase::Ending { since_s, .. } => {
+            SessionPhase::Driving { .. } => self.step_driving(context, requests),
+            SessionPhase::Blocked(_) => self.step_blocked(context, settings, requests),
+            SessionPhase::Ending { since_s, .. } => {
                 return self.step_ending(since_s, context, requests);
             }
         }

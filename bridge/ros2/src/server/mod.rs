@@ -30,4 +30,4 @@ mod termination;
 pub(crate) mod test_data;
 
 pub use configured_route::ConfiguredRoute;
-pub use start::{Ros2, Ros2Inputs, Ros2Server, Setup, StartError, start};
+pub use start::{Ros2, Ros2Inputs, Ros2Server, ServerSetup, StartError, start};

@@ -48,7 +48,7 @@ struct Beside {
 
 /// A curve with its speed profile, in the frame of its path.
 #[derive(Debug, Clone)]
-pub struct Route {
+pub struct ProfiledRoute {
     /// The curve.
     path: Arc<Path>,
     /// The curve that is driven instead, to pass an obstacle.
@@ -63,7 +63,7 @@ pub struct Route {
     approach: Option<Approach>,
 }
 
-impl Route {
+impl ProfiledRoute {
     /// Returns the route of a path for a vehicle at `pose`, in the path's frame, that drives at
     /// `speed_m_s`.
     ///

@@ -10,7 +10,7 @@ use crate::node::{NodeError, RosNode};
 use crate::port::inputs::InputSubscriber;
 use crate::port::readings::PortContext;
 use crate::port::shared_inputs::SharedInputs;
-use crate::port::{FixReading, FixSettings, Note, Ros2Port};
+use crate::port::{FixReading, FixSettings, InputEvent, Ros2Port};
 use ros2_client::dds::rustdds::RTPSEntity;
 use sidehill_bridge::control_loop::channel::{ControllerEnd, LoopEnd, command_channel};
 use sidehill_bridge::control_loop::scheduling::{RealtimeConfig, RealtimeError};
@@ -41,7 +41,7 @@ pub enum StartError {
 }
 
 /// What the ROS 2 side of a run is made of.
-pub struct Setup<'a> {
+pub struct ServerSetup<'a> {
     /// The `ros2:` section.
     pub config: Ros2Config,
     /// Vehicle model of the controller.
@@ -106,7 +106,7 @@ impl InputStatus for Ros2Inputs {
 
 impl Ros2Inputs {
     /// Returns what has happened to goals and clocks since the last call, for the screen and the log.
-    pub fn take_notes(&self) -> VecDeque<Note> {
+    pub fn take_notes(&self) -> VecDeque<InputEvent> {
         self.0.take_notes()
     }
 
@@ -126,7 +126,7 @@ pub struct Ros2Server {
 ///
 /// # Errors
 /// [`StartError`] for a setting out of range, an invalid name or a network that cannot be used.
-pub fn start(setup: Setup<'_>) -> Result<Ros2, StartError> {
+pub fn start(setup: ServerSetup<'_>) -> Result<Ros2, StartError> {
     let config = setup.config;
     config.validate()?;
     let mapping = TwistMapping::new(config.commands.track_width_m, setup.vehicle)?;

@@ -194,7 +194,7 @@ impl RosVehicle {
         self.timer.count();
         let sample = self.rover.simulation_mut().sample();
         let state = self.rover.state();
-        let mut report = self.reporter.report(&report::Readings {
+        let mut report = self.reporter.report(&report::ReportReadings {
             sample,
             true_yaw_rate_rad_s: state.velocity.yaw_rate_rad_s,
             true_yaw_rad: state.pose.yaw_rad,

@@ -126,7 +126,7 @@ impl Report {
 }
 
 /// What a report is made of.
-pub(super) struct Readings {
+pub(super) struct ReportReadings {
     pub sample: Sample,
     pub true_yaw_rate_rad_s: f64,
     pub true_yaw_rad: f64,
@@ -189,7 +189,7 @@ impl Reporter {
         }
     }
 
-    pub fn report(&mut self, readings: &Readings) -> Report {
+    pub fn report(&mut self, readings: &ReportReadings) -> Report {
         if readings.frozen {
             self.frozen_s.get_or_insert(readings.time_s);
         } else {

@@ -1,6 +1,6 @@
 //! What the filter keeps of what it learned: over a break, and in a file.
 
-use super::super::gains::{Kept, LearnedGains};
+use super::super::gains::{InitialParameters, LearnedGains};
 use super::super::learned::LearnedModel;
 use super::Filter;
 use sidehill_plant::frames::Attitude;
@@ -42,10 +42,10 @@ impl<M: LearnedModel<N>, const N: usize> Filter<M, N> {
     }
 
     /// Returns what is known of the parameters to begin with after a break.
-    pub(super) fn kept(&self) -> Option<Kept<N>> {
+    pub(super) fn kept(&self) -> Option<InitialParameters<N>> {
         let learned = self.events.back().map(|event| {
             let belief = &event.belief;
-            let kept = Kept {
+            let kept = InitialParameters {
                 mean: belief.parameters,
                 covariance: belief.parameter_covariance,
             };

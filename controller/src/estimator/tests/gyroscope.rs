@@ -1,7 +1,7 @@
 //! A gyroscope beside poses: one that is right, and ones that are not.
 
 use super::super::belief::Belief;
-use super::super::gains::Kept;
+use super::super::gains::InitialParameters;
 use super::super::gate::PoseSigmas;
 use super::super::gyro::YawRate;
 use super::super::learned::LearnedModel;
@@ -107,7 +107,7 @@ fn a_reading_far_from_the_models_yaw_rate_teaches_nothing() {
     let settings = settings();
     let mut model = learned_contact(settings.contact);
     let prior = model.prior();
-    let kept = Kept {
+    let kept = InitialParameters {
         mean: prior.mean,
         covariance: prior.covariance(),
     };

@@ -1,6 +1,6 @@
 //! The search for the terms, and how a model is judged.
 
-use super::super::fit::{PULL_ICRS_M, PULL_SLIDE_M, Stage};
+use super::super::fit::{FitStage, PULL_ICRS_M, PULL_SLIDE_M};
 use super::super::problem::{Problem, Pull};
 use super::super::segments::{Segment, SegmentErrors};
 use super::super::statistics::{confidence_factor, covariance, parameters_without};
@@ -158,7 +158,7 @@ impl Search<'_> {
             .collect();
         let names: Vec<&'static str> = vec![""; start.len()];
         let vehicle_with = |parameters: &[f64]| self.vehicle_with(terms, parameters);
-        let stage = Stage {
+        let stage = FitStage {
             names: &names,
             model: KinematicModel::Extended,
             baseline: KinematicModel::Icrhk,

@@ -263,7 +263,7 @@ fn the_first_metres_straight_show_the_heading_and_standing_shows_none() {
         let mut drive = Drive::new(yaw_rad, 0.01);
         drive.drive(3.0, 0.0, 0.0);
         let needed = FixError::NoCourse {
-            metres: Course::NEEDED_M,
+            metres: HeadingFromMotion::NEEDED_M,
         };
         assert!(
             drive

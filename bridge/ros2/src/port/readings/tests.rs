@@ -8,8 +8,8 @@ use sidehill_bridge::ros2::settings::topics::{AntennaConfig, PoseConfig};
 use sidehill_controller::path::GeodeticOrigin;
 use std::f64::consts::{FRAC_PI_2, PI};
 
-/// Readings with simulated time, and the clock that sets it.
-fn readings(change: impl FnOnce(&mut InputsConfig)) -> (Readings, ExternalClock) {
+/// NewestReadings with simulated time, and the clock that sets it.
+fn readings(change: impl FnOnce(&mut InputsConfig)) -> (NewestReadings, ExternalClock) {
     let clock = ExternalClock::default();
     clock.set(10.0);
     let local = clock.clone();
@@ -23,7 +23,7 @@ fn readings(change: impl FnOnce(&mut InputsConfig)) -> (Readings, ExternalClock)
         shared: Arc::default(),
         fixes: None,
     };
-    (Readings::new(config, context), clock)
+    (NewestReadings::new(config, context), clock)
 }
 
 fn header(time_s: f64, frame: &str) -> Header {
@@ -60,7 +60,7 @@ fn odometry(time_s: f64) -> Odometry {
 }
 
 #[track_caller]
-fn assert_rejected(readings: &Readings, count: u64, reason: &str) {
+fn assert_rejected(readings: &NewestReadings, count: u64, reason: &str) {
     let shared = &readings.context.shared;
     let last = shared.last_rejection();
     assert_eq!(shared.rejected(), count, "{last}");
@@ -194,7 +194,7 @@ fn a_stamp_is_never_later_than_now() {
 }
 
 /// Publishes how the IMU is mounted.
-fn mount_imu(readings: &mut Readings, base_from_imu: UnitQuaternion<f64>) {
+fn mount_imu(readings: &mut NewestReadings, base_from_imu: UnitQuaternion<f64>) {
     let transform = TransformStamped {
         header: header(0.0, "base_link"),
         child_frame_id: "imu_link".to_owned(),
@@ -472,7 +472,7 @@ fn a_jump_of_the_clock_drops_readings_and_transforms() {
     }
 }
 
-fn fixes(change: impl FnOnce(&mut PoseConfig)) -> Readings {
+fn fixes(change: impl FnOnce(&mut PoseConfig)) -> NewestReadings {
     let mut pose = PoseConfig {
         topic: "fix".to_owned(),
         message: PoseMessage::NavSatFix,
@@ -493,7 +493,7 @@ fn fixes(change: impl FnOnce(&mut PoseConfig)) -> Readings {
         sigma_max_m: 0.03,
         heading_sigma_max_rad: 0.03,
     });
-    Readings::new(readings.config.clone(), readings.context.clone())
+    NewestReadings::new(readings.config.clone(), readings.context.clone())
 }
 
 /// A fix at the datum.

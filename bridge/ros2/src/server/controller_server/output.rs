@@ -4,7 +4,7 @@ use super::ControllerServer;
 use crate::node::goals::GoalEnd;
 use crate::node::message::action::FollowPathFeedback;
 use crate::server::diagnostics::{RecordingState, ServerStatus};
-use crate::server::goal_context::{Client, Request};
+use crate::server::goal_context::{PathSource, Request};
 use crate::server::outcome::Outcome;
 use ros2_client::RosoutRaw;
 use ros2_client::builtin_interfaces::Time;
@@ -31,7 +31,13 @@ impl ControllerServer {
         }
     }
 
-    pub(super) fn finish(&mut self, client: Client, end: GoalEnd, outcome: Outcome, now_s: f64) {
+    pub(super) fn finish(
+        &mut self,
+        client: PathSource,
+        end: GoalEnd,
+        outcome: Outcome,
+        now_s: f64,
+    ) {
         match end {
             GoalEnd::Succeeded => self.log(LogLevel::Info, "the goal is reached"),
             GoalEnd::Canceled => self.log(LogLevel::Info, "the goal is cancelled"),
@@ -42,7 +48,7 @@ impl ControllerServer {
             }
         }
         self.last_end = Some((end, outcome.message.clone()));
-        if let Client::Goal { id, .. } = client {
+        if let PathSource::Goal { id, .. } = client {
             self.action.end(&id, now_s, end, outcome);
         }
     }

@@ -45,7 +45,7 @@ struct World {
     estop_unknown: bool,
     estop_incompatible: Option<&'static str>,
     clock_jumped: bool,
-    finished: Vec<(Client, GoalEnd, Outcome)>,
+    finished: Vec<(PathSource, GoalEnd, Outcome)>,
     arm: u64,
     stop: Option<StopCause>,
     /// The check for obstacles, where it is on.
@@ -177,8 +177,8 @@ impl World {
     }
 
     /// Begins a path for a client of its own, and returns the client.
-    fn begin(&mut self, path: RequestedPath) -> Client {
-        let client = Client::Goal {
+    fn begin(&mut self, path: RequestedPath) -> PathSource {
+        let client = PathSource::Goal {
             id: GoalId::new_random(),
             client: CLIENT,
         };
@@ -200,13 +200,13 @@ impl World {
     }
 
     /// Follows a path of 10 m along x.
-    fn follow(&mut self) -> Client {
+    fn follow(&mut self) -> PathSource {
         let client = self.begin(path());
         self.build();
         client
     }
 
-    fn driving(&mut self) -> Client {
+    fn driving(&mut self) -> PathSource {
         let client = self.follow();
         self.cycles(10);
         assert_eq!(self.state, SafetyState::Driving);
@@ -233,15 +233,15 @@ impl World {
         self.cycles(3);
     }
 
-    fn cancel(&mut self, client: Client) {
-        let Client::Goal { id, .. } = client else {
+    fn cancel(&mut self, client: PathSource) {
+        let PathSource::Goal { id, .. } = client else {
             panic!("no goal");
         };
         self.handler.cancel(id, self.now_s);
     }
 
     #[track_caller]
-    fn assert_finished(&self, client: Client, end: GoalEnd, code: u16) {
+    fn assert_finished(&self, client: PathSource, end: GoalEnd, code: u16) {
         let finished: Vec<_> = self
             .finished
             .iter()

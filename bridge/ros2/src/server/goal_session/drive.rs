@@ -1,10 +1,10 @@
 //! A drive and its end: supervision, the goal, pivots.
 
-use super::{Following, GoalSession, Phase, SessionSettings};
+use super::{FollowedPath, GoalSession, SessionPhase, SessionSettings};
 use crate::node::goals::GoalEnd;
 use crate::node::message::action::code;
 use crate::server::checkers::GoalError;
-use crate::server::goal_context::{GoalContext, Request, Requests};
+use crate::server::goal_context::{GoalContext, Request, StepRequests};
 use crate::server::outcome::Outcome;
 use crate::server::pivot_slide::pivot_slide_m;
 use crate::server::route::{pivot, pivot_rate_rad_s};
@@ -16,7 +16,7 @@ use sidehill_controller::estimator::Estimate;
 use sidehill_plant::frames::PlanarPose;
 
 impl GoalSession {
-    pub(super) fn step_driving(&mut self, context: &GoalContext<'_>, requests: &mut Requests) {
+    pub(super) fn step_driving(&mut self, context: &GoalContext<'_>, requests: &mut StepRequests) {
         let own = context
             .decision
             .filter(|decision| decision.reference == self.number);
@@ -26,7 +26,7 @@ impl GoalSession {
                 Status::Tracking | Status::Fallback { .. } | Status::Finished
             )
         });
-        if let Phase::Driving { tracked } = &mut self.phase {
+        if let SessionPhase::Driving { tracked } = &mut self.phase {
             *tracked |= tracking;
         }
         if context.state != SafetyState::Stopping
@@ -76,7 +76,9 @@ impl GoalSession {
             return Some(Termination::abort_with(StopCause::NoPlan, outcome));
         }
         let estimate = own.and_then(|decision| decision.estimate)?;
-        if context.state != SafetyState::Driving || !matches!(self.following, Following::Route(_)) {
+        if context.state != SafetyState::Driving
+            || !matches!(self.following, FollowedPath::Route(_))
+        {
             return None;
         }
         let (radius_m, time_s) = (tolerances.progress_m, tolerances.progress_time_s);
@@ -95,17 +97,17 @@ impl GoalSession {
         tracked: bool,
         context: &GoalContext<'_>,
         settings: &SessionSettings,
-        requests: &mut Requests,
+        requests: &mut StepRequests,
     ) {
         let estimate = context.decision.and_then(|decision| decision.estimate);
         match estimate {
             _ if context.stopped_by != Some(Reason::Finished) => {}
             // The drive before ended as this path came.
             _ if !tracked => return self.arm(context.now_s, requests),
-            _ if matches!(self.following, Following::StartPivot(_)) => {
-                self.following = Following::Nothing;
+            _ if matches!(self.following, FollowedPath::StartPivot(_)) => {
+                self.following = FollowedPath::Nothing;
                 self.number = requests.next_number();
-                self.phase = Phase::Locating {
+                self.phase = SessionPhase::Locating {
                     since_s: context.now_s,
                 };
                 return;
@@ -127,7 +129,7 @@ impl GoalSession {
         estimate: &Estimate,
         context: &GoalContext<'_>,
         settings: &SessionSettings,
-        requests: &mut Requests,
+        requests: &mut StepRequests,
     ) {
         let tolerances = context.tolerances;
         let point = settings.route.tracked_point;
@@ -145,7 +147,7 @@ impl GoalSession {
             "the path has ended {:.2} m and {:.2} rad off the goal",
             error.distance_m, error.heading_rad
         );
-        let pivoted = matches!(self.following, Following::GoalPivot(_));
+        let pivoted = matches!(self.following, FollowedPath::GoalPivot(_));
         if settings.pivots.at_goal && !pivoted && error.distance_m <= tolerances.goal_xy_m {
             let (attitude, yaw_rad) = (estimate.attitude, estimate.pose.yaw_rad);
             let rate_rad_s = pivot_rate_rad_s(&settings.route.limits);
@@ -155,7 +157,7 @@ impl GoalSession {
             let slide_m =
                 swing_m + pivot_slide_m(vehicle, attitude, yaw_rad, angle_rad, rate_rad_s);
             if error.distance_m + slide_m <= tolerances.goal_xy_m {
-                let target = (Following::GoalPivot(self.goal.yaw_rad), angle_rad);
+                let target = (FollowedPath::GoalPivot(self.goal.yaw_rad), angle_rad);
                 return self.pivot(target, &estimate.pose, context, settings, requests);
             }
             message += &format!("; a pivot would slide {slide_m:.2} m on this slope");
@@ -168,11 +170,11 @@ impl GoalSession {
     /// Arms a standing vehicle for a pivot.
     pub(super) fn pivot(
         &mut self,
-        (following, angle_rad): (Following, f64),
+        (following, angle_rad): (FollowedPath, f64),
         pose: &PlanarPose,
         context: &GoalContext<'_>,
         settings: &SessionSettings,
-        requests: &mut Requests,
+        requests: &mut StepRequests,
     ) {
         self.frame_error = None;
         match pivot(pose, angle_rad, &settings.route.limits) {

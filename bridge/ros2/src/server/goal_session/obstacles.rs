@@ -1,9 +1,9 @@
 //! Obstacles on the way of a session: slower ahead of them, a stop in time, and on when the way is free.
 
 use super::ahead::{Mount, REFERENCE_STEP_M, along, nearer};
-use super::{Blocked, Following, GoalSession, Phase, SessionSettings};
+use super::{Blocked, FollowedPath, GoalSession, SessionPhase, SessionSettings};
 use crate::node::message::action::code;
-use crate::server::goal_context::{GoalContext, ObstacleContext, Request, Requests};
+use crate::server::goal_context::{GoalContext, ObstacleContext, Request, StepRequests};
 use crate::server::obstacles::{Ahead, Blockage, Braking, Doubt, StoppingSettings};
 use crate::server::outcome::Outcome;
 use crate::server::pivot_slide::pivot_poses;
@@ -26,7 +26,7 @@ const RESUME_M: f64 = 0.1;
 const MOVED_M: f64 = 0.02;
 
 /// What a check finds.
-enum Finding {
+enum ObstacleFinding {
     /// The way is free, or free until an arc length of the route at which the vehicle would stop.
     Go(Option<Approach>),
     /// The vehicle must stop.
@@ -37,7 +37,7 @@ impl GoalSession {
     /// Returns what keeps the vehicle from driving; none where nothing does.
     pub(crate) fn blocked_by(&self) -> Option<&str> {
         match &self.phase {
-            Phase::Blocked(blocked) => Some(&blocked.outcome.message),
+            SessionPhase::Blocked(blocked) => Some(&blocked.outcome.message),
             _ => None,
         }
     }
@@ -47,7 +47,7 @@ impl GoalSession {
         &mut self,
         context: &GoalContext<'_>,
         settings: &SessionSettings,
-        requests: &mut Requests,
+        requests: &mut StepRequests,
     ) {
         let now_s = context.now_s;
         let own = context
@@ -59,9 +59,9 @@ impl GoalSession {
         // The clock may have jumped back.
         let due = !(0.0..CHECK_PERIOD_S).contains(&(now_s - self.obstacles_checked_s));
         let was_driving = match self.phase {
-            Phase::Driving { .. } => true,
-            Phase::Arming { request, .. } => context.armed >= request,
-            Phase::Blocked(_) => false,
+            SessionPhase::Driving { .. } => true,
+            SessionPhase::Arming { request, .. } => context.armed >= request,
+            SessionPhase::Blocked(_) => false,
             _ => return,
         };
         let Some(obstacles) = context.obstacles.as_ref().filter(|_| due) else {
@@ -71,20 +71,20 @@ impl GoalSession {
         self.pass_obstacle(context, obstacles, settings, requests);
         let finding = self.check_way(context, obstacles, settings);
         match (&mut self.phase, finding) {
-            (Phase::Blocked(blocked), Finding::Go(_)) => {
+            (SessionPhase::Blocked(blocked), ObstacleFinding::Go(_)) => {
                 blocked.free_since_s.get_or_insert(now_s);
             }
-            (Phase::Blocked(blocked), Finding::Stop(_, outcome)) => {
+            (SessionPhase::Blocked(blocked), ObstacleFinding::Stop(_, outcome)) => {
                 blocked.free_since_s = None;
                 blocked.outcome = outcome;
             }
-            (_, Finding::Go(approach)) => self.slow_down(approach, settings),
-            (_, Finding::Stop(cause, outcome)) => {
+            (_, ObstacleFinding::Go(approach)) => self.slow_down(approach, settings),
+            (_, ObstacleFinding::Stop(cause, outcome)) => {
                 let message = format!("the vehicle stops and waits: {}", outcome.message);
                 requests.push(Request::Warn(message));
                 requests.push(Request::Arm(0));
                 requests.stop(Some(cause));
-                self.phase = Phase::Blocked(Blocked {
+                self.phase = SessionPhase::Blocked(Blocked {
                     since_s: now_s,
                     free_since_s: None,
                     was_driving,
@@ -100,10 +100,11 @@ impl GoalSession {
         &mut self,
         context: &GoalContext<'_>,
         settings: &SessionSettings,
-        requests: &mut Requests,
+        requests: &mut StepRequests,
     ) {
         let now_s = context.now_s;
-        let (Phase::Blocked(blocked), Some(obstacles)) = (&self.phase, &context.obstacles) else {
+        let (SessionPhase::Blocked(blocked), Some(obstacles)) = (&self.phase, &context.obstacles)
+        else {
             return;
         };
         let stopped = context.has_stopped_since(blocked.since_s);
@@ -150,29 +151,29 @@ impl GoalSession {
         estimate: &Estimate,
         context: &GoalContext<'_>,
         settings: &SessionSettings,
-        requests: &mut Requests,
+        requests: &mut StepRequests,
     ) {
         match &self.following {
-            Following::Route(placed) => {
+            FollowedPath::Route(placed) => {
                 self.number = requests.next_number();
                 let command = placed.command(self.number, self.reached_m);
                 requests.push(Request::Follow(Some(command)));
                 self.progress.reset();
                 self.arm(context.now_s, requests);
             }
-            Following::StartPivot(heading_rad) | Following::GoalPivot(heading_rad) => {
+            FollowedPath::StartPivot(heading_rad) | FollowedPath::GoalPivot(heading_rad) => {
                 let angle_rad = wrap_angle(heading_rad - estimate.pose.yaw_rad);
-                let following = std::mem::replace(&mut self.following, Following::Nothing);
+                let following = std::mem::replace(&mut self.following, FollowedPath::Nothing);
                 let target = (following, angle_rad);
                 self.pivot(target, &estimate.pose, context, settings, requests);
             }
-            Following::Nothing => {}
+            FollowedPath::Nothing => {}
         }
     }
 
     /// Changes the speeds of the route where the place of a stop has moved.
     fn slow_down(&mut self, approach: Option<Approach>, settings: &SessionSettings) {
-        let Following::Route(placed) = &mut self.following else {
+        let FollowedPath::Route(placed) = &mut self.following else {
             return;
         };
         let moved = match (placed.route.approach(), &approach) {
@@ -196,7 +197,7 @@ impl GoalSession {
         context: &GoalContext<'_>,
         obstacles: &ObstacleContext<'_>,
         settings: &SessionSettings,
-    ) -> Finding {
+    ) -> ObstacleFinding {
         let surroundings = match &obstacles.seen {
             Ok(surroundings) => surroundings,
             Err(doubt) => {
@@ -204,33 +205,35 @@ impl GoalSession {
                     Doubt::NoCostmap | Doubt::Stale { .. } => code::CONTROLLER_TIMED_OUT,
                     Doubt::NoTransform(_) => code::TF_ERROR,
                 };
-                return Finding::Stop(
+                return ObstacleFinding::Stop(
                     StopCause::CostmapUnknown,
                     Outcome::new(code, doubt.to_string()),
                 );
             }
         };
         let Some(decision) = context.decision else {
-            return Finding::Go(None);
+            return ObstacleFinding::Go(None);
         };
         let Some(estimate) = &decision.estimate else {
-            return Finding::Go(None);
+            return ObstacleFinding::Go(None);
         };
         // As the controller means to move; a plan for another drive says nothing.
         let own = decision.reference == self.number;
         let plan = context.plan.iter().filter(|_| own);
         let predicted = surroundings.clearance(along(&estimate.pose, plan));
         match &self.following {
-            Following::Nothing => Finding::Go(None),
-            Following::StartPivot(heading_rad) | Following::GoalPivot(heading_rad) => {
+            FollowedPath::Nothing => ObstacleFinding::Go(None),
+            FollowedPath::StartPivot(heading_rad) | FollowedPath::GoalPivot(heading_rad) => {
                 let sweeps = sweeps(estimate, *heading_rad, settings);
                 let [held, slid] = sweeps.map(|poses| surroundings.clearance(poses));
                 match nearer(predicted, nearer(held, slid)).blockage {
-                    Some(blockage) => Finding::Stop(StopCause::Obstacle, pivot_blocked(blockage)),
-                    None => Finding::Go(None),
+                    Some(blockage) => {
+                        ObstacleFinding::Stop(StopCause::Obstacle, pivot_blocked(blockage))
+                    }
+                    None => ObstacleFinding::Go(None),
                 }
             }
-            Following::Route(placed) => {
+            FollowedPath::Route(placed) => {
                 let trajectory = &placed.route.trajectory;
                 let here = trajectory.at(trajectory.time_at(self.reached_m));
                 let config = &obstacles.settings.config;
@@ -249,17 +252,17 @@ impl GoalSession {
                 let reference = placed.poses_ahead(self.reached_m, look_m, mount);
                 let nearest = nearer(predicted, surroundings.clearance(reference));
                 let Some(blockage) = nearest.blockage else {
-                    return Finding::Go(None);
+                    return ObstacleFinding::Go(None);
                 };
-                let waiting = matches!(self.phase, Phase::Blocked(_));
+                let waiting = matches!(self.phase, SessionPhase::Blocked(_));
                 let stop_m = config.margin_m + braking_m(&braking, decision, estimate, waiting);
                 if nearest.free_m <= stop_m {
-                    return Finding::Stop(
+                    return ObstacleFinding::Stop(
                         StopCause::Obstacle,
                         way_blocked(blockage, nearest.free_m),
                     );
                 }
-                Finding::Go(Some(Approach {
+                ObstacleFinding::Go(Some(Approach {
                     stop_at_m: self.reached_m + nearest.free_m - config.margin_m,
                     speed: approach,
                 }))

@@ -1,8 +1,8 @@
 //! An obstacle ahead is passed within the corridor, where there is room.
 
 use super::ahead::{Mount, REFERENCE_STEP_M, along};
-use super::{Following, GoalSession, SessionSettings};
-use crate::server::goal_context::{GoalContext, ObstacleContext, Request, Requests};
+use super::{FollowedPath, GoalSession, SessionSettings};
+use crate::server::goal_context::{GoalContext, ObstacleContext, Request, StepRequests};
 use crate::server::obstacles::Blockage;
 
 /// Least time between two looks for a course, s.
@@ -18,12 +18,12 @@ impl GoalSession {
         context: &GoalContext<'_>,
         obstacles: &ObstacleContext<'_>,
         settings: &SessionSettings,
-        requests: &mut Requests,
+        requests: &mut StepRequests,
     ) {
         let corridor_m = obstacles.settings.config.corridor_m;
         // The clock may have jumped back.
         let recent = (0.0..PASSING_PERIOD_S).contains(&(context.now_s - self.passing_tried_s));
-        let (Following::Route(placed), Ok(surroundings), Some(decision)) =
+        let (FollowedPath::Route(placed), Ok(surroundings), Some(decision)) =
             (&mut self.following, &obstacles.seen, context.decision)
         else {
             return;

@@ -1,12 +1,12 @@
 //! The route of a session where the odometry has it.
 
-use crate::server::route::Route;
+use crate::server::route::ProfiledRoute;
 use sidehill_bridge::control_loop::channel::PathCommand;
 use sidehill_plant::frames::PlanarPose;
 
 /// A route and the frame of its path in that of the odometry, as the controller has them.
 pub(super) struct PlacedRoute {
-    pub(super) route: Route,
+    pub(super) route: ProfiledRoute,
     pub(super) frame: PlanarPose,
     /// The controller does not have the newest speeds or frame yet.
     pub(super) changed: bool,

@@ -1,12 +1,14 @@
 //! From a requested path to a route that the controller follows.
 
-use super::{AfterStop, BUILDING_S, Following, GoalSession, Phase, PlacedRoute, SessionSettings};
+use super::{
+    AfterStop, BUILDING_S, FollowedPath, GoalSession, PlacedRoute, SessionPhase, SessionSettings,
+};
 use crate::node::message::action::code;
-use crate::server::goal_context::{GoalContext, Request, Requests};
+use crate::server::goal_context::{GoalContext, Request, StepRequests};
 use crate::server::outcome::Outcome;
 use crate::server::path_frame::{has_moved, planar, pose_in};
 use crate::server::requested_path::RequestedPath;
-use crate::server::route::Route;
+use crate::server::route::ProfiledRoute;
 use crate::server::termination::Termination;
 use nalgebra::{Isometry3, Point3, Vector3};
 use sidehill_bridge::safety::{SafetyState, StopCause};
@@ -24,10 +26,11 @@ impl GoalSession {
         &mut self,
         context: &GoalContext<'_>,
         settings: &SessionSettings,
-        requests: &mut Requests,
+        requests: &mut StepRequests,
     ) {
         let now_s = context.now_s;
-        let (Phase::Locating { since_s } | Phase::Building { since_s, .. }) = &mut self.phase
+        let (SessionPhase::Locating { since_s } | SessionPhase::Building { since_s, .. }) =
+            &mut self.phase
         else {
             return;
         };
@@ -37,7 +40,7 @@ impl GoalSession {
         }
         let waited_s = now_s - *since_s;
         let done = match &self.phase {
-            Phase::Building { route, .. } => match route.try_recv() {
+            SessionPhase::Building { route, .. } => match route.try_recv() {
                 Err(TryRecvError::Empty)
                     if waited_s <= context.tolerances.failure_s + BUILDING_S =>
                 {
@@ -64,7 +67,7 @@ impl GoalSession {
         &mut self,
         context: &GoalContext<'_>,
         settings: &SessionSettings,
-        requests: &mut Requests,
+        requests: &mut StepRequests,
     ) -> Result<(), Outcome> {
         let frame = path_frame(&self.path, context, settings)?;
         let no_pose = || Outcome::new(code::TF_ERROR, "there is no fresh pose of the vehicle");
@@ -91,10 +94,10 @@ impl GoalSession {
             .name("ros2 path".to_owned())
             .spawn(move || {
                 // The receiver is gone if a newer path has arrived.
-                let _ = sender.send(Route::build(&path, &pose, speed_m_s, &settings));
+                let _ = sender.send(ProfiledRoute::build(&path, &pose, speed_m_s, &settings));
             })
             .map_err(|error| Outcome::new(code::UNKNOWN, error.to_string()))?;
-        self.phase = Phase::Building {
+        self.phase = SessionPhase::Building {
             since_s: context.now_s,
             route,
         };
@@ -104,10 +107,10 @@ impl GoalSession {
     /// Hands the route to the controller, and arms; where it begins behind the vehicle, stops first.
     fn follow_route(
         &mut self,
-        mut route: Route,
+        mut route: ProfiledRoute,
         context: &GoalContext<'_>,
         settings: &SessionSettings,
-        requests: &mut Requests,
+        requests: &mut StepRequests,
     ) -> Result<(), Outcome> {
         if route.speed_max_m_s != settings.route.limits.speed_max_m_s {
             route = route.from_start(&settings.route.limits)?;
@@ -138,10 +141,10 @@ impl GoalSession {
             self.stop_first(then, context.is_under_way(), context, requests);
             return Ok(());
         }
-        self.following = Following::Route(Box::new(placed));
+        self.following = FollowedPath::Route(Box::new(placed));
         // A vehicle that is under way changes to the new path without a stop.
         if context.is_under_way() && requests.stop_cause().is_none() {
-            self.phase = Phase::Driving { tracked: false };
+            self.phase = SessionPhase::Driving { tracked: false };
         } else {
             self.progress.reset();
             self.arm(context.now_s, requests);
@@ -154,10 +157,10 @@ impl GoalSession {
         then: AfterStop,
         moving: bool,
         context: &GoalContext<'_>,
-        requests: &mut Requests,
+        requests: &mut StepRequests,
     ) {
         self.frame_error = None;
-        self.phase = Phase::Stopping {
+        self.phase = SessionPhase::Stopping {
             since_s: context.now_s,
             then,
         };
@@ -171,7 +174,8 @@ impl GoalSession {
         // The clock may have jumped back.
         let due = !(0.0..FRAME_PERIOD_S).contains(&(now_s - self.frame_checked_s));
         let estimate = context.decision.and_then(|decision| decision.estimate);
-        let (Following::Route(placed), Some(estimate), true) = (&mut self.following, estimate, due)
+        let (FollowedPath::Route(placed), Some(estimate), true) =
+            (&mut self.following, estimate, due)
         else {
             return;
         };
@@ -191,11 +195,15 @@ impl GoalSession {
     }
 
     /// Gives the controller a route with a new frame or new speeds, from where the vehicle is on it.
-    pub(super) fn hand_over_changes(&mut self, context: &GoalContext<'_>, requests: &mut Requests) {
+    pub(super) fn hand_over_changes(
+        &mut self,
+        context: &GoalContext<'_>,
+        requests: &mut StepRequests,
+    ) {
         let own = context
             .decision
             .filter(|decision| decision.reference == self.number);
-        if let Following::Route(placed) = &mut self.following
+        if let FollowedPath::Route(placed) = &mut self.following
             && placed.changed
             && let Some(progress) = own.and_then(|decision| decision.progress)
         {

@@ -1,8 +1,8 @@
 //! Phases in which the vehicle stands or comes to a halt: stopping, arming, ending.
 
-use super::{AfterStop, Following, GoalSession, Phase, SessionSettings};
+use super::{AfterStop, FollowedPath, GoalSession, SessionPhase, SessionSettings};
 use crate::node::message::action::code;
-use crate::server::goal_context::{GoalContext, Request, Requests};
+use crate::server::goal_context::{GoalContext, Request, StepRequests};
 use crate::server::termination::{Termination, abort_cause};
 use sidehill_bridge::safety::StopCause;
 use sidehill_plant::frames::wrap_angle;
@@ -18,13 +18,13 @@ impl GoalSession {
         &mut self,
         since_s: f64,
         context: &GoalContext<'_>,
-        requests: &mut Requests,
+        requests: &mut StepRequests,
     ) -> bool {
         let stopped = context.has_stopped_since(since_s);
         if !stopped && context.now_s - since_s <= STOPPING_S {
             return false;
         }
-        if let Phase::Ending { end, outcome, .. } = &self.phase {
+        if let SessionPhase::Ending { end, outcome, .. } = &self.phase {
             let (client, end, outcome) = (self.client, *end, outcome.clone());
             requests.push(Request::Follow(None));
             requests.stop(requests.stop_cause().filter(|_| !stopped));
@@ -37,8 +37,8 @@ impl GoalSession {
         true
     }
 
-    pub(super) fn arm(&mut self, now_s: f64, requests: &mut Requests) {
-        self.phase = Phase::Arming {
+    pub(super) fn arm(&mut self, now_s: f64, requests: &mut StepRequests) {
+        self.phase = SessionPhase::Arming {
             since_s: now_s,
             request: self.number,
         };
@@ -50,7 +50,7 @@ impl GoalSession {
         (since_s, then): (f64, AfterStop),
         context: &GoalContext<'_>,
         settings: &SessionSettings,
-        requests: &mut Requests,
+        requests: &mut StepRequests,
     ) {
         let now_s = context.now_s;
         if let Some(termination) = abort_cause(context) {
@@ -64,7 +64,7 @@ impl GoalSession {
                 AfterStop::PivotTo(heading_rad) => {
                     self.pivoted_at_start = true;
                     let angle_rad = wrap_angle(heading_rad - pose.yaw_rad);
-                    let target = (Following::StartPivot(heading_rad), angle_rad);
+                    let target = (FollowedPath::StartPivot(heading_rad), angle_rad);
                     self.pivot(target, &pose, context, settings, requests);
                 }
                 AfterStop::CheckGoal => self.check_goal(&estimate, context, settings, requests),
@@ -79,14 +79,14 @@ impl GoalSession {
         &mut self,
         (since_s, request): (f64, u64),
         context: &GoalContext<'_>,
-        requests: &mut Requests,
+        requests: &mut StepRequests,
     ) {
         if let Some(termination) = abort_cause(context) {
             self.terminate(context.now_s, termination, requests);
         } else if Self::withdraw_stop(context, requests) {
             // The safety sees it in its next cycle.
         } else if context.armed >= request {
-            self.phase = Phase::Driving { tracked: false };
+            self.phase = SessionPhase::Driving { tracked: false };
         } else if context.now_s - since_s > ARMING_S {
             let termination = Termination::abort(code::UNKNOWN, StopCause::NotArmed);
             self.terminate(context.now_s, termination, requests);
@@ -95,7 +95,7 @@ impl GoalSession {
 
     /// Withdraws a stop that was requested for the path before, once the vehicle has stopped; returns whether
     /// there was one.
-    pub(super) fn withdraw_stop(context: &GoalContext<'_>, requests: &mut Requests) -> bool {
+    pub(super) fn withdraw_stop(context: &GoalContext<'_>, requests: &mut StepRequests) -> bool {
         let withdraws = requests.stop_cause().is_some() && context.is_off();
         if withdraws {
             requests.stop(None);

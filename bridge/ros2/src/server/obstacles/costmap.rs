@@ -247,18 +247,18 @@ impl Costmap {
         self.is_hit_at(footprint, &self.place(frame_from_pose, pose))
     }
 
-    fn place(&self, frame_from_pose: &Isometry2<f64>, pose: &PlanarPose) -> Place {
+    fn place(&self, frame_from_pose: &Isometry2<f64>, pose: &PlanarPose) -> CellPose {
         let cells_from_pose = self.frame_from_cells.inverse() * frame_from_pose;
         let (sin, cos) = (cells_from_pose.rotation.angle() + pose.yaw_rad).sin_cos();
-        Place {
+        CellPose {
             centre: cells_from_pose * Point2::new(pose.x_m, pose.y_m),
             right: Vector2::new(cos, sin),
             forward: Vector2::new(-sin, cos),
         }
     }
 
-    fn is_hit_at(&self, footprint: &Footprint, place: &Place) -> bool {
-        let Place {
+    fn is_hit_at(&self, footprint: &Footprint, place: &CellPose) -> bool {
+        let CellPose {
             centre,
             right,
             forward,
@@ -287,7 +287,7 @@ impl Costmap {
 }
 
 /// A pose in the axes of the cells, m from their corner.
-struct Place {
+struct CellPose {
     centre: Point2<f64>,
     right: Vector2<f64>,
     forward: Vector2<f64>,

@@ -33,7 +33,7 @@ fn a_kink_close_to_an_end_is_smoothed_within_the_deviation_or_turned_at_on_the_s
     };
     let pose = PlanarPose::default();
     let path = at(&[(0.0, 0.0), (0.1, 0.1), (0.1, 0.2), (0.1, 0.3)]);
-    let route = Route::build(&path, &pose, 0.0, &route_settings()).unwrap();
+    let route = ProfiledRoute::build(&path, &pose, 0.0, &route_settings()).unwrap();
     let end = route.trajectory.at(1e3).position;
     assert!((end.x_m - 0.1).hypot(end.y_m - 0.3) < 1e-6, "{end:?}");
     let exact = RouteSettings {
@@ -44,7 +44,7 @@ fn a_kink_close_to_an_end_is_smoothed_within_the_deviation_or_turned_at_on_the_s
         ..route_settings()
     };
     let turns = |settings: &RouteSettings| {
-        let route = Route::build(&path, &pose, 0.0, settings).unwrap();
+        let route = ProfiledRoute::build(&path, &pose, 0.0, settings).unwrap();
         let mut times_s = (0..1000).map(|i| 0.01 * f64::from(i));
         times_s.any(|time_s| route.trajectory.at(time_s).motion == Motion::Pivot)
     };
@@ -54,7 +54,8 @@ fn a_kink_close_to_an_end_is_smoothed_within_the_deviation_or_turned_at_on_the_s
 #[test]
 fn a_single_pose_is_no_path() {
     let path = line(1);
-    let error = Route::build(&path, &PlanarPose::default(), 0.0, &route_settings()).unwrap_err();
+    let error =
+        ProfiledRoute::build(&path, &PlanarPose::default(), 0.0, &route_settings()).unwrap_err();
     assert_eq!(error.code, code::INVALID_PATH);
 }
 
@@ -66,7 +67,7 @@ fn a_path_is_joined_where_the_vehicle_is_and_at_its_speed() {
         y_m: 0.3,
         yaw_rad: -FRAC_PI_2,
     };
-    let route = Route::build(&path, &pose, 0.3, &route_settings()).unwrap();
+    let route = ProfiledRoute::build(&path, &pose, 0.3, &route_settings()).unwrap();
     let start = route.trajectory.at(0.0);
     assert!((start.position.x_m - 4.0).abs() < 0.05, "{start:?}");
     assert!((start.speed_m_s - 0.3).abs() < 1e-6, "{start:?}");
@@ -89,9 +90,9 @@ fn orientations_say_where_a_path_is_driven_in_reverse() {
         use_orientations: true,
         ..route_settings()
     };
-    let route = Route::build(&path, &path.poses[0], 0.0, &backward).unwrap();
+    let route = ProfiledRoute::build(&path, &path.poses[0], 0.0, &backward).unwrap();
     assert!(route.trajectory.at(2.0).speed_m_s < 0.0);
-    let forward = Route::build(&path, &path.poses[0], 0.0, &route_settings()).unwrap();
+    let forward = ProfiledRoute::build(&path, &path.poses[0], 0.0, &route_settings()).unwrap();
     assert!(forward.trajectory.at(2.0).speed_m_s > 0.0);
 }
 
@@ -141,7 +142,8 @@ fn a_way_back_in_one_direction_is_refused_with_its_place() {
             oriented: false,
             poses: poses.collect(),
         };
-        let error = Route::build(&path, &PlanarPose::default(), 0.0, &oriented).unwrap_err();
+        let error =
+            ProfiledRoute::build(&path, &PlanarPose::default(), 0.0, &oriented).unwrap_err();
         assert_eq!(error.code, code::INVALID_PATH);
         assert!(
             error.message.contains("turns back on the spot"),
@@ -179,7 +181,7 @@ fn poses_of_a_vehicle_that_stood_are_one_place() {
             path.poses.splice(0..0, stand(0.0, before));
             path.poses.extend(stand(3.0, after));
             let pose = path.poses[0];
-            let route = Route::build(&path, &pose, 0.0, &route_settings()).unwrap();
+            let route = ProfiledRoute::build(&path, &pose, 0.0, &route_settings()).unwrap();
             let length_m = route.trajectory.length_m();
             assert!((length_m - 3.0).abs() < 0.1, "{length_m}");
             let start = route.trajectory.at(0.0);

@@ -42,7 +42,9 @@ fn a_path_that_arrives_as_the_one_before_ends_is_armed_for_again() {
     let mut world = World::new();
     world.driving();
     let first = world.reference;
-    world.handler.begin(Client::None, Ok(path()), world.now_s);
+    world
+        .handler
+        .begin(PathSource::None, Ok(path()), world.now_s);
     world.build();
     let second = std::mem::replace(&mut world.reference, first);
     // The controller finishes the old path before it has the new one.

@@ -171,11 +171,11 @@ fn a_refused_path_ends_the_one_before_too() {
     let mut world = World::new();
     let first = world.driving();
     let refusal = Err(Outcome::invalid_path("the path has no poses"));
-    world.handler.begin(Client::None, refusal, world.now_s);
+    world.handler.begin(PathSource::None, refusal, world.now_s);
     world.look();
     world.cycles(5);
     world.assert_finished(first, GoalEnd::Aborted, code::UNKNOWN);
-    world.assert_finished(Client::None, GoalEnd::Aborted, code::INVALID_PATH);
+    world.assert_finished(PathSource::None, GoalEnd::Aborted, code::INVALID_PATH);
     assert_eq!(world.state, SafetyState::Latched);
 }
 

@@ -210,7 +210,7 @@ impl Loop {
         for _ in 0..5 {
             now_s = self.step();
         }
-        self.handler.begin(Client::None, Ok(path), now_s);
+        self.handler.begin(PathSource::None, Ok(path), now_s);
         for _ in 0..5000 {
             if self.look(now_s) {
                 return;
