@@ -2,6 +2,7 @@
 
 pub mod canopen;
 pub mod cia402;
+pub mod commissioning;
 pub mod config;
 pub mod controller_side;
 pub mod database;

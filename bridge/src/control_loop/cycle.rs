@@ -72,6 +72,11 @@ impl<P: Port, R: ControllerRunner> ControlLoop<P, R> {
         &self.port
     }
 
+    /// Returns the controller's runner.
+    pub fn runner_mut(&mut self) -> &mut R {
+        &mut self.runner
+    }
+
     /// Returns the state of the safety.
     pub fn state(&self) -> SafetyState {
         self.safety.state()
