@@ -9,6 +9,7 @@ import base64
 import json
 import math
 import pathlib
+import re
 import sys
 
 import axe_playwright_python
@@ -36,8 +37,27 @@ def significant(value):
     return f"{value:.{decimals}f}"
 
 
+def shows(found, value):
+    """Whether a text is a number, rounded to the digits that it has, two or more that count unless it is exact."""
+    decimals = len(found.partition(".")[2])
+    count = len(found.lstrip("-0.").replace(".", ""))
+    return found == f"{value:.{decimals}f}" and (count >= 2 or float(found) == value)
+
+
+# A minus before nothing but zeros.
+NO_ZERO = r"(?<![\d.])[-\u2212]0(\.0+)?(?![\d.])"
+
+
 def inspect(browser, name):
     """Looks for what no page may have."""
+    if zeros := re.findall(NO_ZERO, browser.evaluate("document.body.innerText")):
+        failed.append(f"{name}: zeros have a sign, {len(zeros)} times")
+    if not browser.evaluate("document.querySelector('#words summary').checkVisibility()"):
+        failed.append(f"{name}: the words are not explained")
+    cut = browser.evaluate("JSON.stringify([...document.querySelectorAll('table')].filter(table => table.scrollWidth > "
+                           "table.parentElement.clientWidth && !table.closest('.scroll[tabindex]')).map(table => table.innerText))")
+    if json.loads(cut):
+        failed.append(f"{name}: tables are cut: {cut[:200]}")
     if browser.complaints:
         failed.append(f"{name}: the browser's console says {browser.complaints}")
         browser.complaints.clear()
@@ -58,6 +78,8 @@ def shown(browser, folder, name, ready):
         for scheme in SCHEMES:
             browser.show((folder / f"{name}.html").as_uri(), width, height, scheme)
             browser.wait(f"document.readyState === 'complete' && {ready}")
+            # The picture is of the whole page, also of what is out of sight.
+            browser.evaluate("whole = true; renew()")
             browser.evaluate("new Promise(drawn => requestAnimationFrame(() => requestAnimationFrame(drawn)))")
             inspect(browser, f"{name}, {width} px, {scheme}")
             picture = folder / f"{name}_{width}_{scheme}.png"
@@ -76,7 +98,7 @@ def opened(browser, folder, name):
     shown(browser, folder, name, "document.body.dataset.plots")
     plots, drawn, canvases, findings = browser.evaluate(
         "[document.querySelectorAll('.plot').length, Number(document.body.dataset.plots), "
-        "document.querySelectorAll('canvas').length, document.querySelectorAll('.finding').length]")
+        "document.querySelectorAll('.plot canvas').length, document.querySelectorAll('.finding').length]")
     if plots == 0 or drawn != plots or canvases != plots:
         failed.append(f"{name}: {plots} plots, {drawn} drawn, {canvases} canvases")
     if not findings:
@@ -157,23 +179,28 @@ def main(folder):
 
         # A place on the map shows its moment in the plots, which are zoomed to it.
         x, y, time_s = browser.evaluate(
-            "(() => { const svg = document.querySelector('svg[data-frame]'); svg.scrollIntoView(); "
-            "const [left, top, width, height, west, east, south, north] = svg.dataset.frame.split(' ').map(Number); "
-            "const track = JSON.parse(svg.dataset.tracks)[0], [t, x, y] = track[Math.floor(track.length / 2)]; "
-            "const at = new DOMPoint(left + width * (x - west) / (east - west), top + height * (north - y) / (north - south))"
-            ".matrixTransform(svg.getScreenCTM()); return [at.x, at.y, t]; })()")
+            "(() => { map.scrollIntoView({ block: 'center' }); const { frames } = runs[0], frame = frames[Math.floor(frames.length / 2)], "
+            "box = map.getBoundingClientRect(); return [box.left + map.clientWidth / 2 + (get(frame, 'x') - view.x) * view.scale, "
+            "box.top + map.clientHeight / 2 - (get(frame, 'y') - view.y) * view.scale, frame[0]]; })()")
         for kind in ("mousePressed", "mouseReleased"):
             browser.ask("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
-        hint = browser.evaluate("document.querySelector('figure .hint').textContent")
-        if not hint.startswith("At ") or abs(float(hint.split()[1]) - time_s) > 30:
-            failed.append(f"simulate: a click on the map at {time_s} s says {hint!r}")
+        if abs(browser.evaluate("cursor ?? -100") - time_s) > 30:
+            failed.append(f"simulate: a click on the map at {time_s} s shows {browser.evaluate('cursor')}")
+        low, high = browser.evaluate("(({ min, max }) => [min, max])(groups.time[0].chart.scales.x)")
+        if high - low > 21:
+            failed.append(f"simulate: after a click on the map the plots show {high - low} s")
+        # A box hides a run in plots and map.
+        browser.evaluate("document.querySelector('input[data-run]').click()")
+        if not browser.evaluate("runs[0].hidden && groups.time[0].chart.series[1].show === false"):
+            failed.append("simulate: a run that is hidden is shown")
 
         figures = json.loads((folder / "odometry.json").read_text())
         opened(browser, folder, "odometry")
         table = rows(browser, "figures")
         for model in ("icrhk", "icrik", "extended", "diff_drive"):
-            expected = [f"{figures[model][key]:.4f}" for key in ("mse_x", "mse_y", "mse_z", "mse_yaw", "j_over_n")]
-            compare("odometry", model, table[model], expected)
+            for key, found in zip(("mse_x", "mse_y", "mse_z", "mse_yaw", "j_over_n"), table[model]):
+                if not shows(found, figures[model][key]):
+                    failed.append(f"odometry: {model} {key} is {found}, the program printed {figures[model][key]}")
 
         opened(browser, folder, "identify")
         table = rows(browser, "level-parameters")
@@ -183,7 +210,8 @@ def main(folder):
         names = [name for name in table if name in vehicle]
         compare("identify", "the number of parameters", len(names) >= 3, True)
         for name in names:
-            compare("identify", name, table[name][0], f"{float(vehicle[name]):.4f}")
+            value = table[name][0]
+            compare("identify", name, value, f"{float(vehicle[name]):.{len(value.partition('.')[2])}f}")
 
         opened(browser, folder, "campaign")
         table = rows(browser, "figures")
@@ -194,6 +222,7 @@ def main(folder):
             compare("campaign", own["controller"], table[own["controller"]][:5], expected)
 
         opened(browser, folder, "replay")
+        opened(browser, folder, "tune")
 
     print("\n".join(failed) or "all figures are those of the program")
     return 1 if failed else 0

@@ -6,15 +6,20 @@
 #![allow(clippy::print_stderr)]
 
 use anyhow::{Context, Result};
-use sidehill::report::drawing::{Drawing, DrawnLine, svg};
+use plotters::prelude::*;
 use sidehill_plant::contact::{ContactModel, ContactVehicle};
 use sidehill_plant::frames::{Attitude, BodyVelocity};
 use sidehill_plant::motion::{GroundState, MotionModel};
 use sidehill_plant::speeds::{MotorSpeeds, TreadSpeeds};
 use std::ops::Range;
 
-const SIZE_PX: [f64; 2] = [1000.0, 760.0];
-const COLOURS: [&str; 4] = ["#0072b2", "#d55e00", "#009e73", "#aa4499"];
+const SIZE_PX: (u32, u32) = (1000, 760);
+const COLOURS: [RGBColor; 4] = [
+    RGBColor(0, 114, 178),
+    RGBColor(213, 94, 0),
+    RGBColor(0, 158, 115),
+    RGBColor(170, 68, 153),
+];
 /// Slope on which the slide is measured, as in the paper's identification, deg.
 const SLOPE_DEG: f64 = 4.0;
 /// Steer at which it is measured, m/s.
@@ -40,8 +45,12 @@ fn main() -> Result<()> {
     let j8: ContactVehicle =
         serde_yaml::from_str(include_str!("../config/vehicles/j8_contact.yaml"))?;
     let panels = [creep(&j8)?, turn(&j8)?, heading(&j8)?, speed(&j8)?];
-    let drawings = panels.map(drawing);
-    std::fs::write(&out, svg(&drawings, 2, SIZE_PX))
+    let root = SVGBackend::new(&out, SIZE_PX).into_drawing_area();
+    root.fill(&WHITE)?;
+    for (panel, area) in panels.into_iter().zip(root.split_evenly((2, 2))) {
+        draw(panel, &area)?;
+    }
+    root.present()
         .with_context(|| format!("{out}: cannot be written"))?;
     eprintln!("{out}: written");
     Ok(())
@@ -226,24 +235,34 @@ fn speed(j8: &ContactVehicle) -> Result<ChartPanel> {
     })
 }
 
-fn drawing(panel: ChartPanel) -> Drawing {
-    let range = |range: Range<f64>| [range.start, range.end];
-    let lines = panel
-        .lines
-        .into_iter()
-        .zip(COLOURS)
-        .map(|(line, colour)| DrawnLine {
-            name: line.name,
-            colour,
-            dashed: line.dashed,
-            points: line.points.into_iter().map(|(x, y)| [x, y]).collect(),
-        });
-    Drawing {
-        title: panel.title.to_owned(),
-        x_title: panel.x.0.to_owned(),
-        y_title: panel.y.0.to_owned(),
-        x: range(panel.x.1),
-        y: range(panel.y.1),
-        lines: lines.collect(),
+fn draw(panel: ChartPanel, area: &DrawingArea<SVGBackend, plotters::coord::Shift>) -> Result<()> {
+    let mut chart = ChartBuilder::on(area)
+        .caption(panel.title, ("sans-serif", 15))
+        .margin(12)
+        .x_label_area_size(36)
+        .y_label_area_size(44)
+        .build_cartesian_2d(panel.x.1, panel.y.1)?;
+    chart
+        .configure_mesh()
+        .light_line_style(TRANSPARENT)
+        .x_desc(panel.x.0)
+        .y_desc(panel.y.0)
+        .draw()?;
+    for (line, colour) in panel.lines.into_iter().zip(COLOURS) {
+        let (style, points) = (colour.stroke_width(2), line.points);
+        let drawn = if line.dashed {
+            chart.draw_series(DashedLineSeries::new(points, 6, 4, style))?
+        } else {
+            chart.draw_series(LineSeries::new(points, style))?
+        };
+        drawn
+            .label(line.name)
+            .legend(move |(x, y)| PathElement::new([(x, y), (x + 18, y)], style));
     }
+    chart
+        .configure_series_labels()
+        .position(SeriesLabelPosition::UpperLeft)
+        .background_style(WHITE.mix(0.8))
+        .draw()?;
+    Ok(())
 }

@@ -4,13 +4,18 @@ use crate::config::Prepared;
 use crate::guard_watch::GuardWatch;
 use crate::record::{Quantiles, Row, Run, Summary};
 use anyhow::Result;
-use sidehill_controller::closed_loop::{ClosedLoop, Cycle, RunEnd, TrackingFigures};
+use serde::Serialize;
+use sidehill_controller::closed_loop::{
+    Account, ClosedLoop, Cycle, Driver, LapFigures, RunEnd, TrackingFigures,
+};
 use sidehill_controller::config::ControllerKind;
 use sidehill_controller::controller::{Controller, StopReason};
 use sidehill_controller::guard::SteepPlace;
 use sidehill_controller::mpc::SolvePath;
+use sidehill_controller::reference::stands;
 use sidehill_controller::trajectory::Ending;
-use sidehill_plant::simulation::Plant;
+use sidehill_plant::simulation::{Plant, TrueState};
+use sidehill_plant::speeds::MotorSpeeds;
 use std::ops::Deref;
 
 /// Farthest from the end of its path, or from a closed path, at which a run counts as completed, m;
@@ -89,12 +94,42 @@ pub fn run_plant<P: Plant>(
     })
 }
 
+/// Names of a run in tables.
+#[derive(Debug, Clone, Copy)]
+pub struct Names<'a> {
+    /// Controller.
+    pub controller: &'a str,
+    /// Plant.
+    pub plant: &'a str,
+}
+
+/// Returns the run of a law of the user's own with a plant.
+///
+/// # Errors
+/// As [`run`].
+pub fn run_law<P: Plant, C: Driver>(
+    prepared: &Prepared,
+    law: C,
+    plant: P,
+    names: Names<'_>,
+) -> Result<Run> {
+    let mut drive = Drive::of(prepared, law, plant, names)?;
+    while drive.decide().is_some() {
+        drive.advance();
+    }
+    Ok(Run {
+        learned: None,
+        summary: drive.summary(),
+        rows: drive.rows,
+    })
+}
+
 /// A run under way: call [`Drive::decide`] and [`Drive::advance`] in turn.
-pub struct Drive<S, P> {
+pub struct Drive<S, P, C = Controller> {
     prepared: S,
-    kind: ControllerKind,
+    controller_name: String,
     plant_name: String,
-    closed_loop: ClosedLoop<P>,
+    closed_loop: ClosedLoop<P, C>,
     guard: Option<GuardWatch>,
     refused: Option<SteepPlace>,
     rows: Vec<Row>,
@@ -107,12 +142,27 @@ impl<S: Deref<Target = Prepared>, P: Plant> Drive<S, P> {
     /// # Errors
     /// Settings out of range.
     pub fn new(prepared: S, kind: ControllerKind, plant: P, name: &str) -> Result<Self> {
+        let controller = prepared.controller(kind)?;
+        let names = Names {
+            controller: kind.name(),
+            plant: name,
+        };
+        Self::of(prepared, controller, plant, names)
+    }
+}
+
+impl<S: Deref<Target = Prepared>, P: Plant, C: Driver> Drive<S, P, C> {
+    /// Begins the run of a controller or a law of the user's own.
+    ///
+    /// # Errors
+    /// A control period that does not fit the plant.
+    pub fn of(prepared: S, controller: C, plant: P, names: Names<'_>) -> Result<Self> {
         let refused = prepared.refused_place();
         let stance = prepared.stance();
         Ok(Self {
-            kind,
-            plant_name: name.to_owned(),
-            closed_loop: ClosedLoop::new(plant, prepared.controller(kind)?)?,
+            controller_name: names.controller.to_owned(),
+            plant_name: names.plant.to_owned(),
+            closed_loop: ClosedLoop::new(plant, controller)?,
             guard: stance.map(|stance| GuardWatch::new(stance, &prepared)),
             refused,
             rows: Vec::new(),
@@ -151,7 +201,7 @@ impl<S: Deref<Target = Prepared>, P: Plant> Drive<S, P> {
     }
 
     /// Returns the controller.
-    pub fn controller(&self) -> &Controller {
+    pub fn controller(&self) -> &C {
         self.closed_loop.controller()
     }
 
@@ -174,9 +224,8 @@ impl<S: Deref<Target = Prepared>, P: Plant> Drive<S, P> {
         let solves = rows.iter().filter(|row| row.qp_iterations > 0);
         let solved = |path| rows.iter().filter(|row| row.qp_path == Some(path)).count() as u32;
         let iterations: u64 = solves.clone().map(|row| u64::from(row.qp_iterations)).sum();
-        let laps = self.closed_loop.laps();
         Summary {
-            controller: self.kind.name().to_owned(),
+            controller: self.controller_name.clone(),
             plant: self.plant_name.clone(),
             scenario: self.prepared.name.clone(),
             seed: self.prepared.seed,
@@ -187,10 +236,7 @@ impl<S: Deref<Target = Prepared>, P: Plant> Drive<S, P> {
             cross_track_max_m: figures.cross_track_max_m,
             origin_cross_track_rms_m: figures.origin_cross_track_rms_m,
             along_track_rms_m: figures.along_track_rms_m,
-            laps: match laps {
-                [_, _, ..] => laps.to_vec(),
-                _ => Vec::new(),
-            },
+            laps: several(self.closed_loop.laps()),
             guard: self.guard.as_ref().map(|guard| guard.summary(self.refused)),
             heading_rms_rad: figures.heading_rms_rad,
             steer_total_variation_m_s: figures.steer_total_variation_m_s,
@@ -245,5 +291,88 @@ fn row(cycle: &Cycle, prepared: &Prepared) -> Row {
         qp_path: decision.solve.map(|s| s.path),
         solve_us: decision.solve.map_or(0.0, |s| 1e6 * s.solve_time_s),
         cycle_us: 1e6 * cycle.duration.as_secs_f64(),
+    }
+}
+
+/// A state of a log, with what is known beside it.
+#[derive(Debug, Clone, Copy)]
+pub struct LoggedState {
+    /// Time, pose and, where they are known, attitude and effective tread speeds.
+    pub state: TrueState,
+    /// Effective command given there.
+    pub command: Option<MotorSpeeds>,
+}
+
+/// The figures of a log, as [`Summary`] has them; what a log does not tell is none.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct LogFigures {
+    completed: bool,
+    cross_track_rms_m: f64,
+    cross_track_p95_m: f64,
+    cross_track_max_m: f64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    origin_cross_track_rms_m: Option<f64>,
+    along_track_rms_m: f64,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    laps: Vec<LapFigures>,
+    heading_rms_rad: f64,
+    goal_error_m: f64,
+    mean_speed_m_s: f64,
+    time_s: f64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    steer_total_variation_m_s: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    constraint_violations: Option<u32>,
+}
+
+/// Returns how well a log follows a scenario's reference, up to its end; a step goes from one row to the next.
+pub fn figures_of_log(prepared: &Prepared, log: &[LoggedState]) -> LogFigures {
+    let mut reference = prepared.reference.clone();
+    let mut account = Account::new(&reference, &prepared.controller);
+    let mut point = reference.ahead(0.0);
+    let tracked = account.tracked_point();
+    let (mut ended, mut told, mut before_s) = (false, MotorSpeeds::STOP, None);
+    for LoggedState { state, command } in log {
+        if before_s.is_some() {
+            account.step(reference.path(), state, &point);
+        }
+        let normal = state.attitude.plane_normal(state.pose.yaw_rad);
+        let elapsed_s = state.time_s - before_s.unwrap_or(state.time_s);
+        let place = tracked.of(&state.pose.planar(), &normal);
+        let stands = command.is_some() && stands(told);
+        ended = reference.advance(elapsed_s, &place, stands).ended;
+        point = reference.ahead(0.0);
+        told = command.unwrap_or(told);
+        account.cycle(reference.path(), state, &point, told);
+        before_s = Some(state.time_s);
+        if ended {
+            break;
+        }
+    }
+    let figures = account.figures(Some(&reference), &point);
+    let commanded = log.iter().any(|row| row.command.is_some());
+    let laps = account.laps();
+    LogFigures {
+        completed: ended && missed(prepared, &figures).is_none(),
+        cross_track_rms_m: figures.cross_track_rms_m,
+        cross_track_p95_m: figures.cross_track_p95_m,
+        cross_track_max_m: figures.cross_track_max_m,
+        origin_cross_track_rms_m: figures.origin_cross_track_rms_m,
+        along_track_rms_m: figures.along_track_rms_m,
+        laps: several(laps),
+        heading_rms_rad: figures.heading_rms_rad,
+        goal_error_m: figures.goal_error_m,
+        mean_speed_m_s: figures.mean_speed_m_s,
+        time_s: figures.time_s,
+        steer_total_variation_m_s: commanded.then_some(figures.steer_total_variation_m_s),
+        constraint_violations: commanded.then_some(figures.constraint_violations),
+    }
+}
+
+/// Returns the figures of laps where there are several.
+fn several(laps: &[LapFigures]) -> Vec<LapFigures> {
+    match laps {
+        [_, _, ..] => laps.to_vec(),
+        _ => Vec::new(),
     }
 }

@@ -11,7 +11,6 @@ mod verdict;
 
 pub use args::IdentifyArgs;
 pub use logs::by_simulation;
-pub use report::stage_fields;
 
 use crate::config::ConfigFile;
 use crate::console;
@@ -20,7 +19,7 @@ use crate::progress::{self, Notice};
 use crate::simulate::Format;
 use anyhow::{Context, Result};
 use file::commented;
-use found::{Found, Stage};
+use found::{Found, Logs, Stage};
 use logs::{recorded, simulated};
 use report::{contact_json, contact_table, extension_table, stage_json, stage_table};
 use sidehill_plant::bounds::Bounds;
@@ -32,6 +31,135 @@ use sidehill_plant::identification::{
 use sidehill_plant::log::DriveLog;
 use sidehill_plant::vehicle::Vehicle;
 use verdict::SlopeVerdict;
+
+/// What identification finds in logs.
+pub struct Identified {
+    /// The vehicle.
+    pub vehicle: Vehicle,
+    found: Found,
+    /// Parameters of the contact vehicle that the logs do not determine.
+    guessed: Vec<&'static str>,
+    verdict: SlopeVerdict,
+    text: String,
+}
+
+impl Identified {
+    /// Returns what was found of the stages and of the contact vehicle, and the verdict, by the keys of
+    /// `identify --format json`.
+    pub fn json(&self) -> serde_json::Value {
+        let stage = |stage: &Option<Stage>| {
+            let stage = stage.as_ref();
+            stage.map(|stage| stage_json(&stage.report, &stage.undetermined))
+        };
+        serde_json::json!({
+            "level": stage(&self.found.level),
+            "slope": stage(&self.found.slope),
+            "contact": self.found.contact.as_ref().map(contact_json),
+            "verdict": self.verdict,
+        })
+    }
+
+    /// Returns what `identify` prints: tables of the stages, and the verdict with its reasons.
+    pub fn text(&self) -> &str {
+        &self.text
+    }
+}
+
+/// Identifies from logs on level ground and on a slope, in the paper's two stages and the terms beyond ICRIK, and with
+/// `contact` as a vehicle on wheels; `vehicle` is where it begins.
+///
+/// # Errors
+/// What the logs lack.
+pub fn of_logs(
+    level: Vec<DriveLog>,
+    slope: Vec<DriveLog>,
+    vehicle: &Vehicle,
+    settings: &IdentificationSettings,
+    contact: bool,
+) -> Result<Identified> {
+    let logs = Logs {
+        level,
+        slope,
+        across: Vec::new(),
+    };
+    identified(&logs, vehicle, settings, contact)
+}
+
+fn identified(
+    logs: &Logs,
+    start: &Vehicle,
+    settings: &IdentificationSettings,
+    contact: bool,
+) -> Result<Identified> {
+    let mut vehicle = start.clone();
+    let mut found = Found::default();
+    let mut text = String::new();
+    let mut guessed = Vec::new();
+    if !logs.level.is_empty() {
+        let (fitted, report, undetermined) =
+            identify_level_determined(&logs.level, &vehicle, settings).context("level logs")?;
+        let stage = Stage::new(report, undetermined, &vehicle)?;
+        text += &stage_table(
+            "level",
+            "differential drive",
+            &stage.report,
+            &stage.undetermined,
+        );
+        found.level = Some(stage);
+        vehicle = fitted;
+    }
+    if !logs.slope.is_empty() {
+        let (fitted, report, undetermined) =
+            identify_slope_determined(&logs.slope, &vehicle, settings).context("slope logs")?;
+        let stage = Stage::new(report, undetermined, &vehicle)?;
+        text += &stage_table("slope", "ICRHK", &stage.report, &stage.undetermined);
+        found.slope = Some(stage);
+        vehicle = fitted;
+    }
+    let mut verdict = SlopeVerdict::of(&found, &vehicle, logs);
+    let slope: Vec<DriveLog> = logs.slope.iter().chain(&logs.across).cloned().collect();
+    match identify_extension(&logs.level, &slope, &vehicle, settings) {
+        Ok((extension, report)) => {
+            text += &extension_table(&report);
+            found.extension = Some(report);
+            let extended = Vehicle {
+                extension,
+                ..vehicle.clone()
+            };
+            match extended.validated() {
+                Ok(extended) => vehicle = extended,
+                Err(reason) => text += &format!("extension: not used: {reason}\n"),
+            }
+        }
+        // The result of the two stages is valid without it.
+        Err(error) => text += &format!("extension: not tried: {error}\n"),
+    }
+    if contact {
+        let all: Vec<DriveLog> = slope
+            .iter()
+            .chain(logs.level.iter().filter(|log| !slope.contains(log)))
+            .cloned()
+            .collect();
+        let (fitted, report) =
+            identify_contact(&all, &vehicle, settings).context("contact vehicle")?;
+        text += &contact_table(&report);
+        if report.is_nearer() {
+            let unknown = report.estimates.iter().filter(|e| !e.determined);
+            guessed = unknown.map(|estimate| estimate.name).collect();
+        }
+        verdict.judge_contact(&report);
+        found.contact = Some(report);
+        vehicle = fitted;
+    }
+    text += &verdict.to_string();
+    Ok(Identified {
+        vehicle,
+        found,
+        guessed,
+        verdict,
+        text,
+    })
+}
 
 /// Identifies, prints what was found and how far to trust it, and writes the vehicle.
 ///
@@ -69,72 +197,19 @@ pub fn run(args: &IdentifyArgs) -> Result<()> {
         let contact: ContactVehicle = ConfigFile::read(path)?.parse()?;
         vehicle.contact = Some(contact.geometry_alone());
     }
-    let mut found = Found::default();
-    let mut text = String::new();
-    let mut guessed = Vec::new();
-    let mut contact = serde_json::Value::Null;
-    if !logs.level.is_empty() {
-        let (fitted, report, undetermined) =
-            identify_level_determined(&logs.level, &vehicle, &settings).context("level logs")?;
-        let stage = Stage::new(report, undetermined, &vehicle)?;
-        text += &stage_table(
-            "level",
-            "differential drive",
-            &stage.report,
-            &stage.undetermined,
-        );
-        found.level = Some(stage);
-        vehicle = fitted;
-    }
-    if !logs.slope.is_empty() {
-        let (fitted, report, undetermined) =
-            identify_slope_determined(&logs.slope, &vehicle, &settings).context("slope logs")?;
-        let stage = Stage::new(report, undetermined, &vehicle)?;
-        text += &stage_table("slope", "ICRHK", &stage.report, &stage.undetermined);
-        found.slope = Some(stage);
-        vehicle = fitted;
-    }
-    let mut verdict = SlopeVerdict::of(&found, &vehicle, &logs);
-    let slope: Vec<DriveLog> = logs.slope.iter().chain(&logs.across).cloned().collect();
-    match identify_extension(&logs.level, &slope, &vehicle, &settings) {
-        Ok((extension, report)) => {
-            text += &extension_table(&report);
-            found.extension = Some(report);
-            let extended = Vehicle {
-                extension,
-                ..vehicle.clone()
-            };
-            match extended.validated() {
-                Ok(extended) => vehicle = extended,
-                Err(reason) => text += &format!("extension: not used: {reason}\n"),
-            }
-        }
-        // The result of the two stages is valid without it.
-        Err(error) => text += &format!("extension: not tried: {error}\n"),
-    }
-    if args.contact {
-        let all: Vec<DriveLog> = slope
-            .iter()
-            .chain(logs.level.iter().filter(|log| !slope.contains(log)))
-            .cloned()
-            .collect();
-        let (fitted, report) =
-            identify_contact(&all, &vehicle, &settings).context("contact vehicle")?;
-        text += &contact_table(&report);
-        contact = contact_json(&report);
-        if report.is_nearer() {
-            let unknown = report.estimates.iter().filter(|e| !e.determined);
-            guessed = unknown.map(|estimate| estimate.name).collect();
-        }
-        verdict.judge_contact(&report);
-        found.contact = Some(report);
-        vehicle = fitted;
-    }
+    let mut identified = identified(&logs, &vehicle, &settings, args.contact)?;
     if let Some(name) = &args.name {
-        vehicle.name.clone_from(name);
+        identified.vehicle.name.clone_from(name);
     }
     drop(notice);
-    let yaml = commented(&vehicle, args, &found, &guessed)?;
+    let Identified {
+        vehicle,
+        found,
+        guessed,
+        verdict,
+        text,
+    } = &identified;
+    let yaml = commented(vehicle, args, found, guessed)?;
     output::write(&args.out, yaml.as_bytes(), args.force)?;
     if let Some(path) = &args.report {
         let level = logs.level.iter().map(|log| ("level", log));
@@ -142,27 +217,19 @@ pub fn run(args: &IdentifyArgs) -> Result<()> {
             .chain(logs.slope.iter().map(|log| ("slope", log)))
             .collect();
         let conclusions: Vec<String> = verdict.to_string().lines().map(str::to_owned).collect();
-        let page = page::html(&vehicle.name, &found, &conclusions, &read);
+        let page = page::html(&vehicle.name, found, &conclusions, &read);
         output::write(path, page.as_bytes(), args.force)?;
     }
     match args.format {
         Format::Table => {
-            console::text(format_args!("{text}{verdict}"));
+            console::text(format_args!("{text}"));
             console::line(format_args!("written: {}", args.out.display()));
         }
         Format::Json => {
-            let stage = |stage: &Option<Stage>| {
-                let stage = stage.as_ref();
-                stage.map(|stage| stage_json(&stage.report, &stage.undetermined))
-            };
-            console::line(serde_json::json!({
-                "vehicle": vehicle,
-                "level": stage(&found.level),
-                "slope": stage(&found.slope),
-                "contact": contact,
-                "verdict": verdict,
-                "written": args.out,
-            }));
+            let mut json = identified.json();
+            json["vehicle"] = serde_json::to_value(vehicle)?;
+            json["written"] = serde_json::to_value(&args.out)?;
+            console::line(json);
         }
     }
     Ok(())

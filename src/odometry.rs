@@ -1,6 +1,5 @@
 //! `sidehill odometry`: Table II for a log.
 
-mod plot;
 mod report;
 
 use crate::config::ConfigFile;
@@ -38,13 +37,10 @@ pub struct OdometryArgs {
     /// How the errors are printed.
     #[arg(long, value_enum, default_value_t)]
     pub format: Format,
-    /// SVG file for a drawing of the paths.
-    #[arg(long, value_name = "FILE")]
-    pub plot: Option<PathBuf>,
-    /// HTML file for a report with plots and conclusions.
+    /// HTML file for a report with map, plots and conclusions.
     #[arg(long, value_name = "FILE")]
     pub report: Option<PathBuf>,
-    /// Overwrite --plot and --report where they exist.
+    /// Overwrite --report where it exists.
     #[arg(long)]
     pub force: bool,
 }
@@ -89,7 +85,7 @@ impl From<MeanSquaredErrors> for OdometryFigures {
 /// # Errors
 /// Names the file, row and column at fault.
 pub fn run(args: &OdometryArgs) -> Result<()> {
-    for path in args.plot.iter().chain(&args.report) {
+    if let Some(path) = &args.report {
         output::check_writable(path, args.force)?;
     }
     let (Some(path), Some(vehicle)) = (&args.log, &args.vehicle) else {
@@ -103,14 +99,10 @@ pub fn run(args: &OdometryArgs) -> Result<()> {
         Format::Table => console::text(table(&comparisons)),
         Format::Json => console::line(serde_json::to_string(&json(&comparisons)?)?),
     }
-    if let Some(path) = &args.plot {
-        let drawing = plot::paths(&NAMES, &comparisons);
-        output::write(path, drawing.as_bytes(), args.force)?;
-    }
     if let Some(path) = &args.report {
         let page = report::html(
             &log_name,
-            &vehicle.name,
+            &vehicle,
             &NAMES,
             &comparisons,
             slope(&log, &vehicle),
@@ -184,7 +176,7 @@ fn json(comparisons: &[Vec<Comparison>]) -> Result<serde_json::Map<String, Value
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::report::page::{COLOURS, PRINTED_COLOURS};
+    use crate::report::page::COLOURS;
     use sidehill_plant::frames::Pose;
 
     fn off_by(x_m: f64) -> Vec<Comparison> {
@@ -211,10 +203,10 @@ mod tests {
     }
 
     #[test]
-    fn a_model_has_one_colour_in_legend_plots_and_drawing() {
+    fn a_model_has_one_colour_in_legend_and_map() {
         let page = report::html(
             "log",
-            "vehicle",
+            &Vehicle::j8(),
             &["icrhk", "icrik"],
             &[off_by(2.0), off_by(0.5)],
             report::Slope {
@@ -222,51 +214,14 @@ mod tests {
                 slides: true,
             },
         );
-        let page = roxmltree::Document::parse_with_options(
-            &page,
-            roxmltree::ParsingOptions {
-                allow_dtd: true,
-                ..Default::default()
-            },
-        )
-        .unwrap();
-        let legends: Vec<_> = page
-            .descendants()
-            .filter(|node| node.attribute("class") == Some("swatch"))
-            .map(|node| {
-                let colour = node.attribute("data-colour").unwrap();
-                let index = COLOURS.iter().position(|known| *known == colour);
-                let printed = PRINTED_COLOURS[index.unwrap()];
-                (node.next_sibling().unwrap().text().unwrap(), printed)
-            })
-            .collect();
-        // A name in the drawing follows the line of its colour.
-        let svg = page
-            .descendants()
-            .find(|node| node.has_tag_name("svg") && node.attribute("width").is_some())
-            .unwrap();
-        for (name, colour) in &legends {
-            let text = svg
-                .descendants()
-                .find(|node| node.is_element() && node.text() == Some(name));
-            let mut before = text
-                .unwrap()
-                .prev_siblings()
-                .filter(|node| node.is_element());
-            let line = before.find(|node| node.has_tag_name("path")).unwrap();
-            assert_eq!(line.attribute("stroke"), Some(*colour), "{name}");
-        }
-        assert_eq!(legends.len(), 2);
-    }
-
-    #[test]
-    fn the_drawing_has_a_line_for_each_path() {
-        let (one, two) = (off_by(2.0), off_by(0.5));
-        let svg = plot::paths(&["icrhk", "icrik"], &[one, two]);
-        let page = roxmltree::Document::parse(&svg).unwrap();
-        let texts: Vec<_> = page.descendants().filter_map(|node| node.text()).collect();
-        for name in ["log", "icrhk", "icrik", "x (m)", "y (m)"] {
-            assert!(texts.contains(&name), "{name}: {texts:?}");
+        for (name, colour) in [("icrhk", COLOURS[0]), ("icrik", COLOURS[1])] {
+            let run = format!("{{\"name\":\"{name}\",\"colour\":\"{colour}\"");
+            assert!(page.contains(&run), "{run}");
+            let (_, after) = page
+                .split_once(&format!("data-colour=\"{colour}\""))
+                .unwrap();
+            let (_, text) = after.split_once("</svg>").unwrap();
+            assert!(text.starts_with(name), "{name}");
         }
     }
 }

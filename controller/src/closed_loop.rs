@@ -1,24 +1,60 @@
 //! A controller that drives a plant, cycle by cycle, and how well it does.
 
 mod figures;
+mod own_law;
 
-pub use figures::{LapFigures, TrackingErrors, TrackingFigures};
+pub use figures::{Account, LapFigures, TrackingErrors, TrackingFigures};
+pub use own_law::OwnLaw;
 
 use crate::clock::Instant;
+use crate::config::ControllerConfig;
 use crate::controller::{Controller, Decision, Status, StopReason};
 use crate::path::Point2;
 use crate::reference::Reference;
+use crate::tracked_point::TrackedPoint;
 use crate::trajectory::ReferencePoint;
-use figures::Account;
 use sidehill_plant::sample::Sample;
 use sidehill_plant::simulation::{Plant, TrueState};
 use sidehill_plant::speeds::MotorSpeeds;
 use std::time::Duration;
 
+/// What drives a plant: a [`Controller`], or a law of the user's own ([`OwnLaw`]).
+pub trait Driver {
+    /// Decides on the command from this sample's time until the next.
+    fn step(&mut self, sample: &Sample) -> Decision;
+
+    /// Returns the reference and how far it has been followed; none without a path.
+    fn reference(&self) -> Option<&Reference>;
+
+    /// Returns the settings.
+    fn config(&self) -> &ControllerConfig;
+
+    /// Returns the point of the vehicle that follows the reference: the one configured, on a turn on the
+    /// spot the origin.
+    fn tracked_point(&self) -> TrackedPoint {
+        let path = self.reference().and_then(Reference::path);
+        self.config().tracked_point.along(path)
+    }
+}
+
+impl Driver for Controller {
+    fn step(&mut self, sample: &Sample) -> Decision {
+        Self::step(self, sample, None)
+    }
+
+    fn reference(&self) -> Option<&Reference> {
+        Self::reference(self)
+    }
+
+    fn config(&self) -> &ControllerConfig {
+        Self::config(self)
+    }
+}
+
 /// A controller and the plant it drives.
-pub struct ClosedLoop<P> {
+pub struct ClosedLoop<P, C = Controller> {
     plant: P,
-    controller: Controller,
+    controller: C,
     steps_per_cycle: u32,
     give_up_s: f64,
     /// Where the reference is in this cycle.
@@ -83,12 +119,12 @@ pub enum ClosedLoopError {
     },
 }
 
-impl<P: Plant> ClosedLoop<P> {
+impl<P: Plant, C: Driver> ClosedLoop<P, C> {
     /// Returns the loop of a plant and a controller that has something to follow.
     ///
     /// # Errors
     /// [`ClosedLoopError`] where they do not fit.
-    pub fn new(plant: P, controller: Controller) -> Result<Self, ClosedLoopError> {
+    pub fn new(plant: P, controller: C) -> Result<Self, ClosedLoopError> {
         let reference = controller.reference().ok_or(ClosedLoopError::NoReference)?;
         let (period_s, step_s) = (controller.config().period_s, plant.step_s());
         let steps = period_s / step_s;
@@ -126,7 +162,7 @@ impl<P: Plant> ClosedLoop<P> {
         let state = self.plant.state();
         let sample = self.plant.sample();
         let begin = Instant::now();
-        let decision = self.controller.step(&sample, None);
+        let decision = self.controller.step(&sample);
         let duration = begin.elapsed();
         let mut progress = 0.0;
         if let Some(reference) = self.controller.reference() {
@@ -137,7 +173,8 @@ impl<P: Plant> ClosedLoop<P> {
         let path = self.controller.reference().and_then(Reference::path);
         let errors = self
             .account
-            .cycle(path, &state, &self.reference, &decision, duration);
+            .cycle(path, &state, &self.reference, self.command);
+        self.account.judge(decision.status, duration);
         let point = self.controller.tracked_point();
         let tracked = (!point.is_origin()).then(|| figures::tracked_position(&point, &state));
         let ending = match decision.status {
@@ -198,7 +235,7 @@ impl<P: Plant> ClosedLoop<P> {
     }
 
     /// Returns the controller.
-    pub fn controller(&self) -> &Controller {
+    pub fn controller(&self) -> &C {
         &self.controller
     }
 }

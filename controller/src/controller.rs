@@ -50,6 +50,7 @@ enum Phase {
 const PLAN_REUSE_M: f64 = 0.5;
 
 /// Follows a reference; one [`Controller::step`] a control period.
+#[derive(Clone)]
 pub struct Controller {
     config: ControllerConfig,
     /// The vehicle as the control law models it.
@@ -73,8 +74,8 @@ pub struct Controller {
     issued: IssuedCommands,
     /// The drives as they respond.
     drives: Drives,
-    /// Arc length of the cycle before, m.
-    arc_length_m: f64,
+    /// How far the drive had come in the cycle before, m; on the spot by what was left of the turn, rad.
+    come: f64,
     /// Time by which the vehicle has fallen behind lately, s.
     behind_s: f64,
     last_time_s: Option<f64>,
@@ -124,7 +125,7 @@ impl Controller {
             ),
             dig: DigWatch::new(&config.estimator),
             phase: Phase::Driving { fallback_cycles: 0 },
-            arc_length_m: 0.0,
+            come: f64::INFINITY,
             behind_s: 0.0,
             last_time_s: None,
             adapts,
@@ -176,10 +177,10 @@ impl Controller {
     /// Returns the point of the vehicle that follows the reference: the one configured, on a turn on the
     /// spot the origin.
     pub fn tracked_point(&self) -> TrackedPoint {
-        match self.reference.as_ref().and_then(Reference::path) {
-            Some(_) => self.config.tracked_point,
-            None => TrackedPoint::ORIGIN,
-        }
+        let reference = self.reference.as_ref();
+        self.config
+            .tracked_point
+            .along(reference.and_then(Reference::path))
     }
 
     /// Returns the targets of the horizon of the last cycle; none of a law without a horizon.

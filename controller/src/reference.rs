@@ -168,9 +168,10 @@ impl Reference {
         self.arc_length_m
     }
 
-    /// Returns whether a vehicle at the end of its drive comes no nearer to it, or leaves it again.
+    /// Returns whether a vehicle at the end of its drive comes no nearer to it, or leaves it again. One that has turned too
+    /// far on the spot comes back.
     pub(crate) fn stays(&self) -> bool {
-        self.no_nearer_s >= AT_END_S || self.leaves
+        self.no_nearer_s >= AT_END_S || (self.leaves && self.turn.is_none())
     }
 
     /// Returns whether the vehicle is close to the end of its drive and comes nearer to it, if slowly.
@@ -399,7 +400,11 @@ impl Reference {
     ) -> Progress {
         self.heading_rad = self.unwrapped(yaw_rad);
         let sense = (turn.to_rad - turn.from_rad).signum();
-        let to_go_rad = sense * (turn.to_rad - self.heading_rad);
+        let mut to_go_rad = sense * (turn.to_rad - self.heading_rad);
+        if self.path().is_none() {
+            // At a corner the next drive corrects a turn that has gone too far; here nothing else does.
+            to_go_rad = to_go_rad.abs();
+        }
         self.come_nearer(elapsed_s, to_go_rad);
         let near = to_go_rad <= NEAR_RAD && self.no_nearer_s >= NEAR_END_S;
         let ended = to_go_rad <= ARRIVED_RAD || near;

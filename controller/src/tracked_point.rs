@@ -1,5 +1,6 @@
 //! The point of the vehicle that follows the path: the origin, or an implement, antenna or tool.
 
+use crate::path::Path;
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 use sidehill_plant::bounds::{Bounds, RangeError};
@@ -34,6 +35,11 @@ impl TrackedPoint {
     /// Returns whether it is the origin.
     pub fn is_origin(&self) -> bool {
         *self == Self::ORIGIN
+    }
+
+    /// Returns the point that follows a path: this one, without a path, as on a turn on the spot, the origin.
+    pub(crate) fn along(self, path: Option<&Path>) -> Self {
+        path.map_or(Self::ORIGIN, |_| self)
     }
 
     /// Checks the ranges.

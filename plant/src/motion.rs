@@ -77,3 +77,21 @@ pub trait MotionModel {
         self.body_velocity(ground, TreadSpeeds::default(), dt_s)
     }
 }
+
+/// A motion model that a simulation takes along when it is copied: every one that can be.
+pub trait Motion: MotionModel + Send {
+    /// Returns a copy with the same memory.
+    fn copied(&self) -> Box<dyn Motion>;
+}
+
+impl<M: MotionModel + Clone + Send + 'static> Motion for M {
+    fn copied(&self) -> Box<dyn Motion> {
+        Box::new(self.clone())
+    }
+}
+
+impl Clone for Box<dyn Motion> {
+    fn clone(&self) -> Self {
+        (**self).copied()
+    }
+}

@@ -2,8 +2,9 @@
 
 use super::summary::Figures;
 use super::table::CampaignRow;
+use crate::report::figures::significant;
 use crate::report::page::{COLOURS, ReportPage, legend_of, table};
-use crate::report::plot::{Line, Plot, significant};
+use crate::report::plot::{Line, Plot};
 use maud::html;
 use std::collections::BTreeMap;
 
@@ -61,16 +62,34 @@ pub(super) fn html(campaign: &str, figures: &[Figures], rows: &[&CampaignRow]) -
         title: &format!("Campaign {campaign}"),
         subtitle: "Cross-track RMS of many random runs; a run that was not completed counts as worse than every completed one",
         conclusions: &conclusions(figures, &names, &errors),
+        summary: table(
+            "figures",
+            &[
+                "Controller",
+                "runs",
+                "completed",
+                "median (cm)",
+                "p95 (cm)",
+                "worst (cm)",
+                "in run",
+                "mean speed (m/s)",
+                "tread max (m/s)",
+                "time (s)",
+            ],
+            &cells,
+        ),
+        legend: html! {},
         body: html! {
-            (table("figures", &["Controller", "runs", "completed", "median (cm)", "p95 (cm)", "worst (cm)", "in run", "mean speed (m/s)", "tread max (m/s)", "time (s)"], &cells))
-            h2 { "All runs" }
-            figure {
-                figcaption { "Each controller's runs in the order of their errors: a line further to the right and below is better." }
-                (legend_of(&names))
-                (plot.markup("runs"))
+            section.panel {
+                h2 { "All runs" }
+                figure {
+                    figcaption { "Each controller's runs in the order of their errors: a line further to the right and below is better." }
+                    (legend_of(&names))
+                    (plot.markup("runs"))
+                }
             }
         },
-        style: "",
+        map: None,
     };
     page.html()
 }

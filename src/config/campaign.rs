@@ -29,7 +29,7 @@ struct RawCampaign {
     /// [Conditions](#conditions) file applied to it.
     #[serde(default)]
     conditions: Option<PathBuf>,
-    /// Keys of the scenario that are the same in all runs.
+    /// Keys of the scenario that are the same in all runs, nested ones by names with dots.
     #[serde(default)]
     with: Mapping,
     /// [What is drawn](#draw).

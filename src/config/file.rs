@@ -185,13 +185,18 @@ impl ConfigFile {
             })
     }
 
+    /// Returns the path of a file that this one names, relative to itself.
+    pub fn path_of(&self, name: &Path) -> PathBuf {
+        let folder = self.path.parent().unwrap_or(Path::new(""));
+        normalised(&folder.join(name))
+    }
+
     /// Returns the file that this one names, relative to itself.
     ///
     /// # Errors
     /// [`ConfigError::Read`] with the whole name.
     pub fn sibling(&self, name: &Path) -> Result<Self, ConfigError> {
-        let folder = self.path.parent().unwrap_or(Path::new(""));
-        let path = normalised(&folder.join(name));
+        let path = self.path_of(name);
         let found = match &self.origin {
             Origin::Disk => Self::read(&path),
             Origin::BuiltIn => Self::built_in(&path.to_string_lossy()),
@@ -243,9 +248,8 @@ impl ConfigFile {
             Origin::Bundle { files, .. } => files.clone(),
             Origin::Disk | Origin::BuiltIn => Bundle::default(),
         };
-        let folder = self.path.parent().unwrap_or(Path::new(""));
         let named = texts.into_iter();
-        let named = named.map(|(name, text)| (normalised(&folder.join(name)), text));
+        let named = named.map(|(name, text)| (self.path_of(&name), text));
         bundle
             .lock()
             .unwrap_or_else(PoisonError::into_inner)

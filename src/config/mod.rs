@@ -41,6 +41,7 @@ pub use live_odometry::LiveOdometryConfig;
 /// The program by its sources: results of two builds are not mixed.
 pub(crate) const BUILD: &str = env!("SIDEHILL_BUILD");
 
+pub use overlay::changed;
 pub use plant::{Plant, PlantKind};
 pub use prepared::Prepared;
 pub use reference::{

@@ -4,7 +4,7 @@ use super::variation::VehicleVariation;
 use serde::Deserialize;
 use sidehill_plant::bounds::RangeError;
 use sidehill_plant::contact::{ContactModel, ContactVehicle, FrictionField, Parameter};
-use sidehill_plant::motion::MotionModel;
+use sidehill_plant::motion::Motion;
 use sidehill_plant::speeds::EncoderScale;
 use sidehill_plant::vehicle::IcrMotion;
 use sidehill_plant::vehicle::{HorizontalIcrs, SlideGains, Vehicle};
@@ -69,7 +69,7 @@ impl Plant {
         }
     }
 
-    pub(super) fn motion(&self) -> Box<dyn MotionModel + Send> {
+    pub(super) fn motion(&self) -> Box<dyn Motion> {
         match self {
             Self::Icrik(vehicle) => Box::new(IcrMotion {
                 vehicle: (**vehicle).clone(),

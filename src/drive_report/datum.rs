@@ -22,7 +22,7 @@ struct RouteOnEarth {
 
 /// Returns where x = 0, y = 0 was: the datum of the recorded configuration, or that of its GPX route; none where neither
 /// is there.
-pub(super) fn datum(header: &Header) -> Option<GeodeticOrigin> {
+pub(crate) fn datum(header: &Header) -> Option<GeodeticOrigin> {
     let name = Path::new(header.facts.get(fact::CONFIG)?);
     let text = header.files.get(name)?;
     let bundle = Arc::new(Mutex::new(header.files.clone()));

@@ -3,6 +3,7 @@
 use super::facts::DriveFacts;
 use super::input::Input;
 use super::place::Place;
+use crate::report::figures::fixed;
 use anyhow::{Context, Result};
 use geojson::{Feature, FeatureCollection, GeometryValue, JsonObject};
 use kml::types::{Coord, Geometry, LineString, Placemark, Point};
@@ -78,7 +79,7 @@ pub(super) fn track(input: &Input, facts: &DriveFacts) -> Result<Track> {
     let worst = worst.map(|worst| {
         (
             "worst place",
-            format!("cross-track error {:.3} m", worst.cross_track_m),
+            format!("cross-track error {} m", fixed(worst.cross_track_m, 3)),
             worst.place,
         )
     });

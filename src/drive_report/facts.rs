@@ -3,8 +3,9 @@
 use super::input::Input;
 use super::place::Place;
 use super::stops::{Stop, StopKind, stops};
-use super::weather::{SensorWeather, weather};
+use super::weather::{FixWeather, SensorWeather, fix_weather, weather};
 use crate::recording::fact;
+use crate::report::figures::fixed;
 use serde::Serialize;
 use sidehill_plant::statistics::quantile;
 use sidehill_recording::ControllerCycle;
@@ -117,6 +118,8 @@ pub(super) struct DriveFacts {
     pub(super) drives: DriveFigures,
     pub(super) learned: Vec<Learned>,
     pub(super) sensors: Vec<SensorWeather>,
+    /// What the fixes of a satellite receiver were worth, where poses came from one.
+    pub(super) fixes: Option<FixWeather>,
     /// Whether x = 0, y = 0 has a place on earth.
     pub(super) has_datum: bool,
 }
@@ -145,6 +148,7 @@ impl DriveFacts {
             drives: drives(input),
             learned: learned(input),
             sensors: weather(input),
+            fixes: fix_weather(&input.fixes),
             has_datum: input.datum.is_some(),
         }
     }
@@ -190,9 +194,9 @@ impl DriveFacts {
             add(
                 "  worst place",
                 format!(
-                    "{:.1} s: {:.2} cm at {}",
+                    "{:.1} s: {} cm at {}",
                     place.after_s,
-                    100.0 * worst.cross_track_m,
+                    fixed(100.0 * worst.cross_track_m, 2),
                     named(place)
                 ),
             );
@@ -217,19 +221,41 @@ impl DriveFacts {
             add(
                 sensor.name,
                 format!(
-                    "{:.1} Hz, age {:.3} s (p95 {:.3}, max {:.3}), longest gap {:.3} s",
+                    "{:.1} Hz, age {} s (p95 {}, max {}), longest gap {:.3} s",
                     sensor.rate_hz,
-                    sensor.age_p50_s,
-                    sensor.age_p95_s,
-                    sensor.age_max_s,
+                    fixed(sensor.age_p50_s, 3),
+                    fixed(sensor.age_p95_s, 3),
+                    fixed(sensor.age_max_s, 3),
                     sensor.gap_max_s
+                ),
+            );
+        }
+        if let Some(fixes) = &self.fixes {
+            let sigma = match [fixes.sigma_p50_m, fixes.sigma_max_m] {
+                [Some(p50_m), Some(max_m)] => format!(
+                    "; standard deviation {:.1} cm (max {:.1})",
+                    100.0 * p50_m,
+                    100.0 * max_m
+                ),
+                _ => String::new(),
+            };
+            add(
+                "fixes",
+                format!(
+                    "RTK {:.1} %, corrected from satellites {:.1} %, alone {:.1} %, none {:.1} %{sigma}; longest \
+                     without RTK {:.1} s",
+                    100.0 * fixes.rtk_share,
+                    100.0 * fixes.corrected_share,
+                    100.0 * fixes.alone_share,
+                    100.0 * fixes.none_share,
+                    fixes.without_rtk_max_s
                 ),
             );
         }
         for limit in &self.limits {
             let found = limit
                 .found
-                .map_or("not recorded".to_owned(), |found| format!("{found:.3}"));
+                .map_or("not recorded".to_owned(), |found| fixed(found, 3));
             let verdict = if limit.passed { "kept" } else { "EXCEEDED" };
             let bound = if limit.is_least {
                 "at least"
@@ -261,7 +287,7 @@ fn named(place: &Place) -> String {
         (Some(latitude_deg), Some(longitude_deg), ..) => {
             format!("{latitude_deg:.7}, {longitude_deg:.7}")
         }
-        (.., Some(x_m), Some(y_m)) => format!("x {x_m:.2} m, y {y_m:.2} m"),
+        (.., Some(x_m), Some(y_m)) => format!("x {} m, y {} m", fixed(x_m, 2), fixed(y_m, 2)),
         _ => "an unknown place".to_owned(),
     }
 }

@@ -8,7 +8,7 @@ use sidehill_bridge::ros2::message::cdr::from_cdr;
 use sidehill_controller::path::GeodeticOrigin;
 use sidehill_recording::live::WholeDrive;
 use sidehill_recording::{
-    ControllerCycle, GuardState, Header, LogLine, LoopCycle, Recording, Topic, scan,
+    ControllerCycle, FixState, GuardState, Header, LogLine, LoopCycle, Recording, Topic, scan,
 };
 use std::collections::BTreeMap;
 
@@ -28,6 +28,8 @@ pub(super) struct Input {
     /// Cycles of the control loop; none of a simulation.
     pub(super) cycles: Vec<Timed<LoopCycle>>,
     pub(super) guard: Vec<GuardState>,
+    /// Fixes of a satellite receiver, where poses came from one, at the times at which they came.
+    pub(super) fixes: Vec<Timed<FixState>>,
     pub(super) events: Vec<Timed<LogLine>>,
     /// Newest values of the controller's diagnostics.
     pub(super) diagnostics: BTreeMap<String, String>,
@@ -60,6 +62,7 @@ impl Input {
             steps: Vec::with_capacity(recording.cycles.len()),
             cycles: Vec::new(),
             guard: Vec::new(),
+            fixes: Vec::new(),
             events: Vec::new(),
             diagnostics: BTreeMap::new(),
             damaged: recording.damaged,
@@ -81,6 +84,7 @@ impl Input {
             Topic::ControllerCycle => push(&mut self.steps, message, |step| (time_s, step)),
             Topic::LoopCycle => push(&mut self.cycles, message, |cycle| (time_s, cycle)),
             Topic::Guard => push(&mut self.guard, message, |guard| guard),
+            Topic::Fix => push(&mut self.fixes, message, |fix| (time_s, fix)),
             Topic::Events => push(&mut self.events, message, |event| (time_s, event)),
             Topic::Diagnostics => {
                 let array: Result<DiagnosticArray, _> = from_cdr(message);

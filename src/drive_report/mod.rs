@@ -10,6 +10,8 @@ mod place;
 mod stops;
 mod weather;
 
+pub(crate) use datum::datum;
+
 use crate::console;
 use crate::output;
 use crate::simulate::Format;

@@ -3,7 +3,9 @@
 use super::facts::DriveFacts;
 use super::input::Input;
 use anyhow::Result;
-use sidehill_recording::live::components::{CSS, DRIVE, DRIVE_JS, HEAD, VIEW_JS};
+use sidehill_recording::live::components::{
+    CSS, DRIVE, DRIVE_JS, FOOT, HEAD, MAP, PLOT_JS, TOP, UPLOT_JS, VIEW_JS, WORDS,
+};
 
 /// Returns the page.
 ///
@@ -18,14 +20,21 @@ pub(super) fn html(input: &Input, facts: &DriveFacts) -> Result<String> {
         CSS,
         include_str!("page/report.css"),
         "</style>\n",
-        include_str!("page/top.html"),
+        TOP,
+        include_str!("page/main.html"),
+        MAP,
         DRIVE,
-        include_str!("page/foot.html"),
+        include_str!("page/weather.html"),
+        WORDS,
+        FOOT,
         "<script id=\"facts\" type=\"application/json\">",
         &data(serde_json::to_string(facts)?),
         "</script>\n<script id=\"drive\" type=\"application/json\">",
         &data(input.drive.json()),
         "</script>\n<script>\n",
+        UPLOT_JS,
+        "</script>\n<script>\n",
+        PLOT_JS,
         VIEW_JS,
         DRIVE_JS,
         include_str!("page/report.js"),

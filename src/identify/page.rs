@@ -2,6 +2,7 @@
 
 use super::found::{Found, Stage};
 use super::report::{contact_table, extension_table};
+use crate::report::figures::{decimals, fixed, two_digits};
 use crate::report::page::{COLOURS, ReportPage, legend_of, table};
 use crate::report::plot::{Line, Plot};
 use maud::{Markup, html};
@@ -18,20 +19,23 @@ pub(super) fn html(
         title: "Identification",
         subtitle: &format!("Vehicle {vehicle}"),
         conclusions,
-        body: html! {
+        summary: html! {
             @if let Some(level) = &found.level { (parameters("level", "differential drive", level)) }
             @if let Some(slope) = &found.slope { (parameters("slope", "ICRHK", slope)) }
             @if let Some(extension) = &found.extension {
                 h2 { "Terms beyond ICRIK" }
-                pre { (extension_table(extension)) }
+                pre tabindex="0" { (extension_table(extension)) }
             }
             @if let Some(contact) = &found.contact {
                 h2 { "Contact vehicle" }
-                pre { (contact_table(contact)) }
+                pre tabindex="0" { (contact_table(contact)) }
             }
+        },
+        legend: html! {},
+        body: html! {
             @for (index, (stage, log)) in logs.iter().enumerate() { (log_section(index + 1, stage, log)) }
         },
-        style: "",
+        map: None,
     };
     page.html()
 }
@@ -42,13 +46,14 @@ fn parameters(stage: &str, baseline: &str, results: &Stage) -> Markup {
         .estimates
         .iter()
         .map(|estimate| {
-            let interval = estimate.half_width.map_or_else(
-                || "not determined".to_owned(),
-                |width| format!("{width:.4}"),
-            );
+            // The interval tells how many decimals mean something.
+            let (shown, interval) = match estimate.half_width {
+                Some(width) => (decimals(width), two_digits(width)),
+                None => (decimals(estimate.value), "not determined".to_owned()),
+            };
             vec![
                 estimate.name.to_owned(),
-                format!("{:.4}", estimate.value),
+                fixed(estimate.value, shown),
                 interval,
             ]
         })
@@ -62,7 +67,7 @@ fn parameters(stage: &str, baseline: &str, results: &Stage) -> Markup {
     .map(|(name, errors)| {
         let mut row = vec![name.to_owned()];
         let values = [errors.lateral_m, errors.longitudinal_m, errors.yaw_rad];
-        row.extend(values.map(|value| format!("{value:.3}")));
+        row.extend(values.map(two_digits));
         row
     })
     .collect();
@@ -111,11 +116,13 @@ fn log_section(number: usize, stage: &str, log: &DriveLog) -> Markup {
         ),
     ];
     html! {
-        h2 { "Log " (number) ", " (stage) " ground" }
-        figure {
-            figcaption { "What the treads did and how the vehicle stood; " (log.pose_count()) " rows have a pose." }
-            (legend_of(&[("left, roll", COLOURS[0]), ("right, pitch", COLOURS[1])]))
-            @for plot in &plots { (plot.markup(&format!("log{number}"))) }
+        section.panel {
+            h2 { "Log " (number) ", " (stage) " ground" }
+            figure {
+                figcaption { "What the treads did and how the vehicle stood; " (log.pose_count()) " rows have a pose." }
+                (legend_of(&[("left, roll", COLOURS[0]), ("right, pitch", COLOURS[1])]))
+                @for plot in &plots { (plot.markup(&format!("log{number}"))) }
+            }
         }
     }
 }

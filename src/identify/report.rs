@@ -207,7 +207,7 @@ pub(super) fn stage_json(report: &StageReport, undetermined: &[Undetermined]) ->
 /// Returns what a stage found and how far to trust it, as the fields of JSON that are the same wherever it is
 /// reported: `estimates` (by key: `value`, `std`, `half_width_95` in the key's unit), `segments`, `poses`,
 /// `j_over_n` (13), `outlier_share`, `held_out` (RMS errors of segments left out, m and rad), `warnings`.
-pub fn stage_fields(report: &StageReport) -> Map<String, Value> {
+fn stage_fields(report: &StageReport) -> Map<String, Value> {
     let errors = |errors: &SegmentErrors| {
         json!({
             "segments": errors.segments,

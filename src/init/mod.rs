@@ -10,7 +10,7 @@ mod texts;
 mod vehicles;
 
 pub use port::PortKind;
-pub use robots::{OwnRobot, Robot};
+pub use robots::{OwnRobot, Robot, robot_name};
 
 use crate::check;
 use crate::config::ConfigFile;
@@ -18,6 +18,8 @@ use crate::console;
 use crate::output;
 use crate::progress::{self, Notice};
 use anyhow::{Context, Result, bail};
+use sidehill_plant::contact::ContactVehicle;
+use sidehill_plant::vehicle::Vehicle;
 use std::path::PathBuf;
 
 /// Arguments of `sidehill init`.
@@ -37,6 +39,30 @@ pub struct InitArgs {
     /// Overwrite files that exist.
     #[arg(long)]
     pub force: bool,
+}
+
+impl OwnRobot {
+    /// Returns the robot on wheels, as the file `contact.yaml` of its set has it.
+    ///
+    /// # Errors
+    /// [`RangeError`](sidehill_plant::vehicle::RangeError) with the argument out of its range.
+    pub fn on_wheels(&self) -> Result<ContactVehicle> {
+        Ok(serde_yaml::from_str(&vehicles::contact_vehicle(
+            &self.measures()?,
+        ))?)
+    }
+
+    /// Returns the robot as the ICR models know it, as the file `vehicle.yaml` of its set has it.
+    ///
+    /// # Errors
+    /// As [`OwnRobot::on_wheels`], or why it cannot drive the procedure of identification.
+    pub fn first_guess(&self) -> Result<Vehicle> {
+        let measures = self.measures()?;
+        let contact = vehicles::contact_vehicle(&measures);
+        Ok(serde_yaml::from_str(&vehicles::first_guess(
+            &measures, &contact,
+        )?)?)
+    }
 }
 
 /// Writes the files, checks each as `sidehill check` does, and prints what to do next.

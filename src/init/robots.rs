@@ -68,11 +68,18 @@ pub struct OwnRobot {
     #[arg(long, required = false, value_name = "M/S")]
     pub speed: f64,
     /// Name of the robot, of letters, digits, - and _; rover without it.
-    #[arg(long, value_parser = name)]
+    #[arg(long, value_parser = robot_name)]
     pub name: Option<String>,
+    /// Axles, evenly spaced along the length.
+    #[arg(skip = 2_usize)]
+    pub axles: usize,
 }
 
-fn name(text: &str) -> Result<String, String> {
+/// Returns the name of a robot: letters, digits, - and _, so that it is a YAML text and a file's name as it is.
+///
+/// # Errors
+/// What it must be.
+pub fn robot_name(text: &str) -> Result<String, String> {
     let allowed = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
     match text.starts_with(|c: char| c.is_ascii_alphabetic()) && text.chars().all(allowed) {
         true => Ok(text.to_owned()),
@@ -94,7 +101,7 @@ impl OwnRobot {
             mass_kg: Bounds::new(0.5, 50_000.0, "kg").check("--mass", self.mass)?,
             track_m: Bounds::new(0.05, 10.0, "m").check("--width", self.width)?,
             wheelbase_m: Bounds::new(0.05, 10.0, "m").check("--length", self.length)?,
-            axles: 2,
+            axles: self.axles,
             radius_m: Bounds::new(0.01, 2.0, "m").check("--wheel-radius", self.wheel_radius)?,
             // As of the known robots.
             centre_of_mass_height_m: 1.25 * self.wheel_radius,

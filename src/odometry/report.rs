@@ -1,11 +1,16 @@
 //! The report of odometry: each model's reconstruction of the drive.
 
-use super::plot::{coloured, paths};
-use crate::report::page::{ReportPage, legend_of, section, table};
+use crate::report::figures::two_digits;
+use crate::report::map::{MapRun, PageMap};
+use crate::report::page::{COLOURS, ReportPage, legend_of, section, table};
 use crate::report::plot::{Line, Plot};
-use maud::{PreEscaped, html};
+use maud::html;
 use sidehill_plant::frames::wrap_angle;
 use sidehill_plant::odometry::{Comparison, MeanSquaredErrors};
+use sidehill_plant::vehicle::Vehicle;
+
+/// Time between two poses of the log that is a gap, s.
+const GAP_S: f64 = 1.0;
 
 /// What the slope terms of a model act on.
 #[derive(Debug, Clone, Copy)]
@@ -19,12 +24,12 @@ pub(super) struct Slope {
 /// Returns the page: errors as a table and over time, and the paths.
 pub(super) fn html(
     log: &str,
-    vehicle: &str,
+    vehicle: &Vehicle,
     models: &[&str],
     comparisons: &[Vec<Comparison>],
     slope: Slope,
 ) -> String {
-    let names = coloured(models);
+    let names: Vec<(&str, &str)> = models.iter().copied().zip(COLOURS).collect();
     let errors: Vec<MeanSquaredErrors> = comparisons
         .iter()
         .map(|comparisons| MeanSquaredErrors::of(comparisons))
@@ -41,16 +46,21 @@ pub(super) fn html(
                 errors.fitness(),
             ];
             let mut row = vec![(*name).to_owned()];
-            row.extend(values.map(|value| format!("{value:.4}")));
+            row.extend(values.map(two_digits));
             row
         })
         .collect();
     let over_time = |title: &str, value: &dyn Fn(&Comparison) -> f64| {
         let line = |(comparisons, (name, colour)): (&Vec<Comparison>, &(&str, &str))| {
-            let points: Vec<[f64; 2]> = comparisons
-                .iter()
-                .map(|comparison| [comparison.time_s, value(comparison)])
-                .collect();
+            let mut points: Vec<[f64; 2]> = Vec::new();
+            for comparison in comparisons {
+                let before_s = points.last().map_or(f64::NAN, |point| point[0]);
+                // A gap of the log, after which the reckoning starts again.
+                if comparison.time_s - before_s > GAP_S {
+                    points.push([before_s + 1e-3, f64::NAN]);
+                }
+                points.push([comparison.time_s, value(comparison)]);
+            }
             Line::through(name, colour, None, &points)
         };
         let lines = comparisons.iter().zip(&names).map(line).collect();
@@ -66,29 +76,51 @@ pub(super) fn html(
             wrap_angle(error).to_degrees()
         }),
     ];
+    let paths = names.iter().zip(comparisons);
+    let paths = paths.map(|((name, colour), comparisons)| {
+        let poses = comparisons.iter();
+        let poses = poses.map(|comparison| (comparison.time_s, comparison.estimated.planar()));
+        MapRun::through(name, colour, poses, |_, _| None)
+    });
+    let measured = comparisons.first().map_or(&[][..], Vec::as_slice).iter();
+    let measured = measured.map(|comparison| (comparison.time_s, comparison.measured.planar()));
+    let log_path = MapRun::through("log", COLOURS[6], measured, |_, _| None);
+    let mut legend = names.clone();
+    legend.push(("log", COLOURS[6]));
+    let body = [
+        2.0 * vehicle.base_half_length_m,
+        2.0 * vehicle.base_half_width_m,
+    ];
     let page = ReportPage {
         title: "Odometry",
-        subtitle: &format!("Log {log}, vehicle {vehicle}"),
+        subtitle: &format!("Log {log}, vehicle {}", vehicle.name),
         conclusions: &conclusions(
             &names,
             &errors,
             comparisons.first().map_or(0, Vec::len),
             slope,
         ),
-        body: html! {
-            (table("figures", &["mean squared errors", "x (m\u{b2})", "y (m\u{b2})", "z (m\u{b2})",
-                "yaw (rad\u{b2})", "J/N"], &rows))
-            (section("Errors over time",
-                "How far each model's dead reckoning is from the log's pose: it starts at a measured pose and drifts \
-                 until it starts again after a gap of the log.",
-                &legend_of(&names), &plots))
-            h2 { "Paths" }
-            figure {
-                figcaption { "Seen from above: the log's poses in black." }
-                (PreEscaped(paths(models, comparisons)))
-            }
-        },
-        style: "",
+        summary: table(
+            "figures",
+            &[
+                "mean squared errors",
+                "x (m\u{b2})",
+                "y (m\u{b2})",
+                "z (m\u{b2})",
+                "yaw (rad\u{b2})",
+                "J/N",
+            ],
+            &rows,
+        ),
+        legend: html! {},
+        body: section(
+            "Errors over time",
+            "How far each model's dead reckoning is from the log's pose: it starts at a measured pose and drifts \
+             until it starts again after a gap of the log.",
+            &legend_of(&legend),
+            &plots,
+        ),
+        map: Some(PageMap::over(paths.chain([log_path]).collect(), &[], body)),
     };
     page.html()
 }
@@ -116,8 +148,9 @@ fn conclusions(
     };
     let share = |name: &str, of: &str| 100.0 * (fitness(name) / fitness(of) - 1.0);
     let mut sentences = vec![format!(
-        "Over {samples} poses {best} is nearest to the log (J/N {least:.4}); ideal differential drive has {:.4}.",
-        fitness("diff_drive")
+        "Over {samples} poses {best} is nearest to the log (J/N {}); ideal differential drive has {}.",
+        two_digits(least),
+        two_digits(fitness("diff_drive"))
     )];
     let slope = share("icrik", "icrhk");
     sentences.push(if slope.abs() < 0.5 {

@@ -2,7 +2,9 @@
 
 use super::compare::{ReplayComparison, cross_track_rms_m};
 use super::rebuild::{Rebuilt, slope};
+use crate::drive_report::datum;
 use crate::record::{Quantiles, Row, Run, Summary};
+use crate::report::figures::two_digits;
 use crate::report::{self, Scene};
 use anyhow::Result;
 use sidehill_controller::controller::Status;
@@ -41,14 +43,14 @@ pub(super) fn html(
     let scene = Scene {
         title: "Replay".to_owned(),
         subtitle: format!(
-            "{}: {} of {} cycles differ, by at most {:.6} m/s. Positions are the controller's estimates.{ground}",
+            "{}: {} of {} cycles differ, by at most {} m/s. Positions are the controller's estimates.{ground}",
             recording
                 .files
                 .first()
                 .map_or_else(String::new, |file| file.display().to_string()),
             comparison.different,
             comparison.cycles,
-            comparison.largest_difference_m_s
+            two_digits(comparison.largest_difference_m_s)
         ),
         path: path.map_or_else(Vec::new, |path| {
             (0..=2000)
@@ -61,7 +63,7 @@ pub(super) fn html(
         base_half_width_m: rebuilt.vehicle.base_half_width_m,
         base_half_length_m: rebuilt.vehicle.base_half_length_m,
         period_s: rebuilt.config.period_s,
-        datum: None,
+        datum: datum(&recording.header),
         perfect_sensors: false,
         guard: None,
     };

@@ -1,234 +1,232 @@
-//! The runs seen from above, over the ground's contour lines.
+//! The runs seen from above over the ground, for the map of the live page.
 
-use super::frame::{PlotFrame, px, range, ticks};
-use super::ground::GroundPicture;
-use super::relief::{self, Labels};
-use super::scene::{DRAWING_WIDTH_PX, Scene, Style};
+use super::scene::{Scene, Style};
 use crate::record::{Row, Run};
-use maud::{Markup, html};
-use sidehill_controller::guard::SteepPlace;
+use serde::Serialize;
 use sidehill_controller::path::{GeodeticOrigin, Point2};
 use sidehill_plant::frames::PlanarPose;
+use sidehill_plant::terrain::Terrain;
+use std::f64::consts::FRAC_PI_2;
 
-const LEFT_PX: f64 = 80.0;
-const TOP_PX: f64 = 8.0;
-const HEIGHT_MIN_PX: f64 = 340.0;
-const HEIGHT_MAX_PX: f64 = 740.0;
-/// Between the points of a line.
-const POINT_PX: f64 = 0.5;
+/// Frames of a run, at most.
+const FRAMES: usize = 1500;
+/// Nodes of the ground along a side.
+const NODES: usize = 160;
 
-/// Draws contours, path, tracks and the vehicle at its start on one scale for both axes.
-pub(super) fn map(scene: &Scene, runs: &[Run], styles: &[Style]) -> Markup {
-    let tracks: Vec<Vec<[f64; 2]>> = runs.iter().map(track).collect();
-    let frame = frame(scene, &tracks);
-    let metre_px = frame.width / (frame.x[1] - frame.x[0]);
-    let (x_ticks, y_ticks) = (
-        ticks(frame.x, 10.0),
-        ticks(frame.y, 10.0 * frame.height / frame.width),
-    );
-    let thin = |line: &[[f64; 2]]| frame.line(thinned(line, POINT_PX / metre_px));
-    // A controller may have begun before its first pose.
-    let start = runs.iter().find_map(|run| run.rows.iter().find(placed));
-    let ground = GroundPicture::of(scene, &frame);
-    let lines = scene.path.iter().chain(tracks.iter().flatten());
-    let taken = lines.map(|point| frame.place(*point)).collect();
-    let contours = relief::contours(
-        &frame,
-        &ground.heights,
-        Labels::beside(taken, &relief::boxes(&frame)),
-    );
-    let view = format!("0 0 {DRAWING_WIDTH_PX} {}", px(frame.bottom() + 44.0));
-    html! {
-        svg viewBox=(view) data-frame=(data(&frame)) data-earth=[scene.datum.map(earth)] data-tracks=(moments(runs)) role="img" aria-label="map" {
-            (frame.axis_below(&x_ticks, "world X_g (m)", true))
-            (frame.axis_left(&y_ticks, "world Y_g (m)"))
-            (frame.clipped("map-frame", &html! {
-                @for contour in &contours { (contour.line()) }
-                path.path d=(thin(&scene.path)) {}
-                // The first run is drawn last: it lies on top.
-                @for (run, track) in tracks.iter().enumerate().rev() {
-                    g.{ "run" (run) } {
-                        path.curve d=(thin(track)) stroke=(styles[run].colour) {}
-                        @if let Some(end) = track.last().filter(|p| frame.contains(**p)) {
-                            @let [x, y] = frame.place(*end);
-                            circle cx=(px(x)) cy=(px(y)) r="4" fill=(styles[run].colour) {}
-                        }
-                    }
-                }
-                @if !ground.even {
-                    (relief::arrows(&frame, scene))
-                }
-                @for contour in &contours { (contour.label()) }
-                @for (run, refused) in runs.iter().enumerate() {
-                    @if let Some(place) = refused.summary.guard.and_then(|guard| guard.stopped_before) {
-                        g.{ "run" (run) } { (steep(&frame, &place)) }
-                    }
-                }
-                @if let Some(row) = start {
-                    (vehicle(&frame, scene, &row.pose.planar()))
-                }
-            }))
-            (relief::slope_box(&frame, &ground))
-            (relief::scale_bar(&frame, metre_px))
-            (frame.border())
+/// What a frame holds, in this order: that of the live page. Units: s, m, rad.
+const COLUMNS: [&str; 6] = ["t", "x", "y", "heading", "downhill_x", "downhill_y"];
+
+/// The map of a page.
+#[derive(Debug, Clone, Serialize)]
+pub(crate) struct PageMap {
+    columns: [&'static str; COLUMNS.len()],
+    pub(crate) runs: Vec<MapRun>,
+    /// Path that was to be followed, x, y, x, y ..., m.
+    path: Vec<f64>,
+    /// Length and width of the vehicle, m.
+    body: [f64; 2],
+    ground: Option<Ground>,
+    /// Latitude and longitude, deg, of the origin, and their changes over a metre along x and along y.
+    earth: Option<[f64; 6]>,
+    marks: Vec<Mark>,
+}
+
+/// Where a run went.
+#[derive(Debug, Clone, Serialize)]
+pub(crate) struct MapRun {
+    name: String,
+    colour: &'static str,
+    frames: Vec<Frame>,
+}
+
+type Frame = [Option<f64>; COLUMNS.len()];
+
+/// A place that the map marks.
+#[derive(Debug, Clone, Serialize)]
+struct Mark {
+    run: usize,
+    x: f64,
+    y: f64,
+    text: String,
+}
+
+/// Heights, m.
+#[derive(Debug, Clone, Serialize)]
+#[serde(rename_all = "snake_case")]
+enum Ground {
+    /// Height at the origin, and its change over a metre along x and along y.
+    Plane([f64; 3]),
+    /// At the nodes of a grid, row by row from the corner of its lowest x and y; none where there is no ground.
+    Grid {
+        corner: [f64; 2],
+        size: [f64; 2],
+        nodes: [usize; 2],
+        heights: Vec<Option<f64>>,
+    },
+}
+
+impl MapRun {
+    /// Returns a run through poses with their times, s.
+    pub(crate) fn through(
+        name: &str,
+        colour: &'static str,
+        poses: impl ExactSizeIterator<Item = (f64, PlanarPose)>,
+        gradient: impl Fn(f64, f64) -> Option<[f64; 2]>,
+    ) -> Self {
+        let stride = poses.len().div_ceil(FRAMES).max(1);
+        let last = poses.len().saturating_sub(1);
+        let kept = poses
+            .enumerate()
+            .filter(|(index, _)| index % stride == 0 || *index == last);
+        let frame = |(_, (time_s, pose)): (usize, (f64, PlanarPose))| {
+            // The horizontal part of the ground's normal points downhill; its length is the sine of the slope.
+            let downhill = gradient(pose.x_m, pose.y_m).map(|[along_x, along_y]| {
+                let length = (1.0 + along_x * along_x + along_y * along_y).sqrt();
+                [-along_x / length, -along_y / length]
+            });
+            let [downhill_x, downhill_y] = downhill.unwrap_or([f64::NAN; 2]);
+            [
+                time_s,
+                pose.x_m,
+                pose.y_m,
+                pose.yaw_rad + FRAC_PI_2,
+                downhill_x,
+                downhill_y,
+            ]
+            .map(short)
+        };
+        Self {
+            name: name.to_owned(),
+            colour,
+            frames: kept.map(frame).collect(),
         }
     }
 }
 
-/// Returns where the frame is in the drawing and what it shows, for the script of the page.
-fn data(frame: &PlotFrame) -> String {
-    let numbers = [frame.left, frame.top, frame.width, frame.height];
-    let all = numbers.into_iter().chain(frame.x).chain(frame.y);
-    all.map(|number| number.to_string())
-        .collect::<Vec<_>>()
-        .join(" ")
+impl PageMap {
+    /// Returns the map of runs of a scene.
+    pub(super) fn of(scene: &Scene, runs: &[Run], styles: &[Style]) -> Self {
+        let gradient = |x_m: f64, y_m: f64| {
+            let surface = scene.terrain.surface(x_m, y_m).ok()?;
+            Some(surface.gradient_in_world())
+        };
+        let marks = runs.iter().enumerate().filter_map(|(run, record)| {
+            let place = record
+                .summary
+                .guard
+                .and_then(|guard| guard.stopped_before)?;
+            Some(Mark {
+                run,
+                x: place.x_m,
+                y: place.y_m,
+                text: format!(
+                    "{} {:.2}, limit {:.2}",
+                    place.measure, place.value, place.limit
+                ),
+            })
+        });
+        let marks: Vec<Mark> = marks.collect();
+        let runs = runs.iter().zip(styles);
+        let runs = runs.map(|(run, style)| {
+            MapRun::through(
+                &style.name,
+                style.colour,
+                run.rows.iter().map(tracked),
+                gradient,
+            )
+        });
+        let body = [
+            2.0 * scene.base_half_length_m,
+            2.0 * scene.base_half_width_m,
+        ];
+        let mut map = Self::over(runs.collect(), &scene.path, body);
+        map.ground = Some(map.ground_of(scene.terrain));
+        map.earth = scene.datum.map(earth);
+        map.marks = marks;
+        map
+    }
+
+    /// Returns the map of runs along a path, without ground.
+    pub(crate) fn over(runs: Vec<MapRun>, path: &[[f64; 2]], body: [f64; 2]) -> Self {
+        let path = path.as_flattened().iter();
+        Self {
+            columns: COLUMNS,
+            runs,
+            path: path.copied().filter_map(short).collect(),
+            body: body.map(|length_m| short(length_m).unwrap_or(0.0)),
+            ground: None,
+            earth: None,
+            marks: Vec::new(),
+        }
+    }
+
+    /// Returns whether there is neither a path nor a run to see.
+    pub(super) fn is_empty(&self) -> bool {
+        self.path.is_empty() && self.runs.iter().all(|run| run.frames.is_empty())
+    }
+
+    /// Samples the ground of all that is to be seen.
+    fn ground_of(&self, terrain: &Terrain) -> Ground {
+        if let (Terrain::Plane(_), Ok(surface)) = (terrain, terrain.surface(0.0, 0.0)) {
+            let [along_x, along_y] = surface.gradient_in_world();
+            return Ground::Plane([surface.height_m, along_x, along_y]);
+        }
+        let frames = self.runs.iter().flat_map(|run| &run.frames);
+        let driven = frames.filter_map(|frame| Some([frame[1]?, frame[2]?]));
+        let path = self.path.chunks_exact(2).map(|at| [at[0], at[1]]);
+        let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
+        for at in driven.chain(path) {
+            for axis in 0..2 {
+                low[axis] = low[axis].min(at[axis]);
+                high[axis] = high[axis].max(at[axis]);
+            }
+        }
+        if low[0] > high[0] {
+            (low, high) = ([0.0; 2], [0.0; 2]);
+        }
+        // A window is broader than it is high, or the other way round.
+        let side = 1.6 * (high[0] - low[0]).max(high[1] - low[1]) + 4.0 * self.body[0];
+        let corner = [0, 1].map(|axis| 0.5 * (low[axis] + high[axis]) - 0.5 * side);
+        let at = |index: usize| side * index as f64 / (NODES - 1) as f64;
+        let heights = (0..NODES * NODES).map(|node| {
+            let (x_m, y_m) = (corner[0] + at(node % NODES), corner[1] + at(node / NODES));
+            let surface = terrain.surface(x_m, y_m).ok()?;
+            short(surface.height_m)
+        });
+        Ground::Grid {
+            corner,
+            size: [side; 2],
+            nodes: [NODES; 2],
+            heights: heights.collect(),
+        }
+    }
 }
 
-/// Returns latitude and longitude, deg, of the origin and their changes over a metre along x and along y, for the script
-/// of the page. Over a map of kilometres the plane is true to millimetres.
-fn earth(datum: GeodeticOrigin) -> String {
+/// Returns a number to a thousandth; none for what is not finite.
+fn short(value: f64) -> Option<f64> {
+    value.is_finite().then(|| (value * 1e3).round() / 1e3)
+}
+
+/// Returns time and place of what is tracked.
+fn tracked(row: &Row) -> (f64, PlanarPose) {
+    let pose = row.pose.planar();
+    let [x_m, y_m] = row.tracked.unwrap_or([pose.x_m, pose.y_m]);
+    (row.time_s, PlanarPose { x_m, y_m, ..pose })
+}
+
+/// Returns where the origin is, and changes over a metre. Over a map of kilometres the plane is true to millimetres.
+fn earth(datum: GeodeticOrigin) -> [f64; 6] {
     /// Length of the steps, m.
     const STEP_M: f64 = 100.0;
     let at = |x_m, y_m| datum.unproject(Point2 { x_m, y_m });
     let (origin, x, y) = (at(0.0, 0.0), at(STEP_M, 0.0), at(0.0, STEP_M));
-    let steps = [x, y].map(|(latitude, longitude)| {
-        [
-            (latitude - origin.0) / STEP_M,
-            (longitude - origin.1) / STEP_M,
-        ]
-    });
-    let all = [[origin.0, origin.1], steps[0], steps[1]];
-    all.as_flattened()
-        .iter()
-        .map(f64::to_string)
-        .collect::<Vec<_>>()
-        .join(" ")
-}
-
-/// Returns whether it is known where the vehicle was.
-fn placed(row: &&Row) -> bool {
-    row.pose.x_m.is_finite() && row.pose.y_m.is_finite()
-}
-
-/// Moments of each run that the script of the page knows, at most.
-const MOMENTS: usize = 1500;
-
-/// Returns time, x and y of each run as JSON, for the script of the page.
-fn moments(runs: &[Run]) -> String {
-    let moments = runs.iter().map(|run| {
-        let rows = run
-            .rows
-            .iter()
-            .step_by(run.rows.len().div_ceil(MOMENTS).max(1))
-            .filter(placed);
-        let texts = rows.map(|row| {
-            let [x_m, y_m] = row.tracked.unwrap_or([row.pose.x_m, row.pose.y_m]);
-            format!("[{:.2},{x_m:.2},{y_m:.2}]", row.time_s)
-        });
-        format!("[{}]", texts.collect::<Vec<_>>().join(","))
-    });
-    format!("[{}]", moments.collect::<Vec<_>>().join(","))
-}
-
-fn track(run: &Run) -> Vec<[f64; 2]> {
-    let poses = run
-        .rows
-        .iter()
-        .map(|row| row.tracked.unwrap_or([row.pose.x_m, row.pose.y_m]));
-    poses
-        .filter(|p| p[0].is_finite() && p[1].is_finite())
-        .collect()
-}
-
-/// Returns a frame that contains everything at one scale for both axes.
-fn frame(scene: &Scene, tracks: &[Vec<[f64; 2]>]) -> PlotFrame {
-    let points = || tracks.iter().flatten().chain(&scene.path);
-    let around = 1.2 * scene.base_half_length_m.hypot(scene.base_half_width_m);
-    let extent = |axis: usize| {
-        let [low, high] = range(points().map(|point| point[axis]), 0.06);
-        [low - around, high + around]
-    };
-    let (x, y) = (extent(0), extent(1));
-    let width = DRAWING_WIDTH_PX - LEFT_PX - 20.0;
-    let aspect = (y[1] - y[0]) / (x[1] - x[0]);
-    let height = (width * aspect).clamp(HEIGHT_MIN_PX, HEIGHT_MAX_PX);
-    let metre_px = (width / (x[1] - x[0])).min(height / (y[1] - y[0]));
-    let widened = |[low, high]: [f64; 2], length_px: f64| {
-        let (middle, half) = (0.5 * (low + high), 0.5 * length_px / metre_px);
-        [middle - half, middle + half]
-    };
-    PlotFrame {
-        left: LEFT_PX,
-        top: TOP_PX,
-        width,
-        height,
-        x: widened(x, width),
-        y: widened(y, height),
-    }
-}
-
-/// Draws a cross at a place before which the guard stops, with the limit exceeded there.
-fn steep(frame: &PlotFrame, place: &SteepPlace) -> Markup {
-    let [x, y] = frame.place([place.x_m, place.y_m]);
-    let line = |dx: f64, dy: f64| {
-        html! {
-            line.steep x1=(px(x - dx)) y1=(px(y - dy)) x2=(px(x + dx)) y2=(px(y + dy)) {}
-        }
-    };
-    let text = format!(
-        "{} {:.2}, limit {}",
-        place.measure, place.value, place.limit
-    );
-    html! {
-        (line(7.0, 7.0)) (line(7.0, -7.0))
-        text.halo.strong x=(px(x + 12.0)) y=(px(y - 10.0)) { (text) }
-    }
-}
-
-/// Returns a line without the points that are nearer than `least_m` to the one before; the last
-/// one stays.
-fn thinned(line: &[[f64; 2]], least_m: f64) -> Vec<[f64; 2]> {
-    let mut kept: Vec<[f64; 2]> = Vec::new();
-    for (index, point) in line.iter().enumerate() {
-        let near = kept
-            .last()
-            .is_some_and(|k| (point[0] - k[0]).hypot(point[1] - k[1]) < least_m);
-        if !near || index + 1 == line.len() {
-            kept.push(*point);
-        }
-    }
-    kept
-}
-
-/// Draws the rectangle of the wheels' contact points with a wedge at its front.
-fn vehicle(frame: &PlotFrame, scene: &Scene, pose: &PlanarPose) -> Markup {
-    let (sin, cos) = pose.yaw_rad.sin_cos();
-    let place = |right: f64, forward: f64| {
-        let (right, forward) = (
-            right * scene.base_half_width_m,
-            forward * scene.base_half_length_m,
-        );
-        [
-            pose.x_m + cos * right - sin * forward,
-            pose.y_m + sin * right + cos * forward,
-        ]
-    };
-    let closed = |points: &[[f64; 2]]| frame.line(points.iter().copied()) + "Z";
-    let base = [
-        place(-1.0, -1.0),
-        place(1.0, -1.0),
-        place(1.0, 1.0),
-        place(-1.0, 1.0),
-    ];
-    let wedge = [place(-0.6, 0.35), place(0.6, 0.35), place(0.0, 0.9)];
-    let [x, y] = frame.place([pose.x_m, pose.y_m]);
-    let half_px = frame.width / (frame.x[1] - frame.x[0]) * scene.base_half_length_m;
-    html! {
-        path.vehicle d=(closed(&base)) {}
-        path.front d=(closed(&wedge)) {}
-        @if half_px < 6.0 {
-            circle.vehicle cx=(px(x)) cy=(px(y)) r="8" {}
-        }
-        text.halo.strong x=(px(x)) y=(px(y + half_px.max(8.0) + 16.0)) text-anchor="middle" { "start" }
-    }
+    let change = |to: f64, from: f64| (to - from) / STEP_M;
+    [
+        origin.0,
+        origin.1,
+        change(x.0, origin.0),
+        change(x.1, origin.1),
+        change(y.0, origin.0),
+        change(y.1, origin.1),
+    ]
 }

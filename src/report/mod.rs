@@ -3,30 +3,26 @@
 //! Every report of the program is a single file that works without a network.
 
 mod chart;
-mod contours;
-pub mod drawing;
-mod frame;
-mod ground;
-mod map;
+pub(crate) mod figures;
+pub(crate) mod map;
 pub(crate) mod page;
 mod panels;
 pub(crate) mod plot;
-mod relief;
 mod scene;
 mod summary;
 mod table;
-mod tuning;
 
 pub use scene::Scene;
 pub use table::write_csv;
-pub(crate) use tuning::{Scatter, progress_plot, scatter_chart};
 
 use crate::record::Run;
 use chart::Panel;
+use figures::significant;
+use map::PageMap;
 use maud::{Markup, PreEscaped, html};
 use page::{COLOURS, ReportPage, swatch};
 use panels::{attitude_panels, command_panels, cross_track_panels, icr_panels, margin_panels};
-use plot::{Line, Plot, significant};
+use plot::{Line, Plot};
 use scene::Style;
 use sidehill_controller::config::ControllerKind;
 use sidehill_controller::estimator::ContactEstimate;
@@ -41,13 +37,13 @@ pub fn html(scene: &Scene, runs: &[Run]) -> String {
         title: &scene.title,
         subtitle: &scene.subtitle,
         conclusions: &[],
-        body: html! {
+        summary: html! {
             (summary::summary(runs, &styles, scene.perfect_sensors))
-            (toggles(&styles))
             p.hint { "Drag across a plot to zoom all, double click for everything. A click on the map shows its moment in the plots." }
-            (sections(scene, runs, &styles))
         },
-        style: &switches(runs.len()),
+        legend: toggles(&styles),
+        body: sections(scene, runs, &styles),
+        map: Some(PageMap::of(scene, runs, &styles)),
     };
     page.html()
 }
@@ -75,10 +71,12 @@ fn sections(scene: &Scene, runs: &[Run], styles: &[Style]) -> Markup {
     };
     let figure = |title: &str, caption: &str, drawing: &Markup| {
         html! {
-            h2 { (title) }
-            figure {
-                figcaption { (caption) }
-                div.multiples { (drawing) }
+            section.panel {
+                h2 { (title) }
+                figure {
+                    figcaption { (caption) }
+                    div.multiples { (drawing) }
+                }
             }
         }
     };
@@ -88,13 +86,6 @@ fn sections(scene: &Scene, runs: &[Run], styles: &[Style]) -> Markup {
         _ => String::new(),
     };
     html! {
-        (figure(
-            "Map",
-            "Seen from above: the wide grey band is the path to follow, the coloured lines are where \
-             each controller drove, a dot is where it ended, and brown lines join places of the same \
-             height.",
-            &map::map(scene, runs, styles),
-        ))
         (figure(
             "Cross-track error",
             &format!(
@@ -194,19 +185,25 @@ fn learned_at_end(run: &Run) -> Option<ContactEstimate> {
 
 /// Returns a table of the contact vehicle's learned parameters at the end of a run.
 fn learned_table(controller: &str, learned: &ContactEstimate) -> Markup {
+    let row = |parameter: Parameter| {
+        let (value, (low, high)) = learned.interval(parameter);
+        let note = if learned.observed(parameter) {
+            ""
+        } else {
+            "not excited by this drive: prior"
+        };
+        vec![
+            parameter.key().to_owned(),
+            significant(value),
+            format!("{} to {}", significant(low), significant(high)),
+            note.to_owned(),
+        ]
+    };
+    let rows: Vec<Vec<String>> = Parameter::ALL.into_iter().map(row).collect();
     html! {
-        h2 { "Learned by " (controller) }
-        table {
-            tr { th { "parameter" } th { "value" } th { "95 % interval" } th {} }
-            @for parameter in Parameter::ALL {
-                @let (value, (low, high)) = learned.interval(parameter);
-                tr {
-                    td { (parameter.key()) }
-                    td { (significant(value)) }
-                    td { (significant(low)) " to " (significant(high)) }
-                    td { @if !learned.observed(parameter) { "not excited by this drive: prior" } }
-                }
-            }
+        section.panel {
+            h2 { "Learned by " (controller) }
+            (page::table(&format!("learned-by-{controller}"), &["parameter", "value", "95 % interval", ""], &rows))
         }
     }
 }
@@ -239,27 +236,20 @@ fn styles(runs: &[Run]) -> Vec<Style> {
     styles
 }
 
-/// The legend of all plots, which stays in sight. Its boxes hide and show runs, by the style sheet alone.
+/// The legend of all plots and of the map, which stays in sight. Its boxes hide and show runs.
 fn toggles(styles: &[Style]) -> Markup {
     html! {
         @if !styles.is_empty() {
             div.toggles role="group" aria-label="Shown in all plots" {
-                span { span.path-swatch {} "path" }
                 @for (run, style) in styles.iter().enumerate() {
                     label {
-                        (PreEscaped(format!("<input type=\"checkbox\" id=\"show{run}\" checked=\"checked\"/> ")))
+                        (PreEscaped(format!("<input type=\"checkbox\" data-run=\"{run}\" checked=\"checked\"/> ")))
                         (swatch(style.colour)) (style.name)
                     }
                 }
             }
         }
     }
-}
-
-fn switches(runs: usize) -> String {
-    let switch =
-        |run| format!("body:has(#show{run}:not(:checked)) .run{run} {{ display: none; }}\n");
-    (0..runs).map(switch).collect()
 }
 
 #[cfg(test)]

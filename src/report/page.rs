@@ -1,57 +1,17 @@
-//! Common parts of all reports: a single file that works without a network.
+//! Common parts of all reports: a single file that works without a network, made of the components of the live page.
 
-use super::plot::Plot;
-use maud::{DOCTYPE, Markup, PreEscaped, html};
+use super::map::PageMap;
+use super::plot::{Plot, in_script};
+use maud::{Markup, PreEscaped, html};
+use sidehill_recording::live::components::{
+    CSS, FOOT, HEAD, MAP, PLOT_JS, UPLOT_JS, VIEW_JS, WORDS,
+};
 
-/// Colours of lines, which `style.css` has for light and for dark pages: the palette of Okabe and Ito without yellow.
-/// Each has a dash of its own in `report.js`. The first four belong to the kinds of controllers, in their order.
+/// Colours of lines, variables of the style, which has them for light and for dark pages: the palette of Okabe and Ito
+/// without yellow. Each has a dash of its own in `plot.js`. The first four belong to the kinds of controllers, in their
+/// order.
 pub(crate) const COLOURS: [&str; 7] = [
-    "var(--line0)",
-    "var(--line1)",
-    "var(--line2)",
-    "var(--line3)",
-    "var(--line4)",
-    "var(--line5)",
-    "var(--line6)",
-];
-
-/// The same in drawings that stand alone.
-pub(crate) const PRINTED_COLOURS: [&str; 7] = [
-    "#0072b2", "#d55e00", "#aa4499", "#009e73", "#e69f00", "#56b4e9", "#000000",
-];
-
-/// What the words of reports mean.
-const GLOSSARY: [(&str, &str); 12] = [
-    (
-        "Cross-track error",
-        "distance from the path, positive to its left",
-    ),
-    (
-        "RMS",
-        "root mean square: large errors count more than in an average",
-    ),
-    ("p50, p95, p99", "50, 95 and 99 of 100 values are smaller"),
-    (
-        "Steer variation",
-        "sum of all changes of the steer command: large for a nervous controller",
-    ),
-    (
-        "Traction, steer",
-        "mean and half the difference of the tread speeds; positive steer turns left",
-    ),
-    ("ICR", "the point about which a tread turns on the ground"),
-    (
-        "ICRIK",
-        "kinematics whose ICRs move with the slope, by roll and pitch",
-    ),
-    ("ICRHK", "kinematics whose ICRs do not move with the slope"),
-    ("diff_drive", "kinematics without any slip"),
-    ("QP", "the optimisation that an MPC solves in each cycle"),
-    (
-        "Fallback",
-        "a cycle that drove on the plan of the cycle before",
-    ),
-    ("95 % interval", "the value lies in it in 95 of 100 cases"),
+    "--line0", "--line1", "--line2", "--line3", "--line4", "--line5", "--line6",
 ];
 
 /// A report.
@@ -60,66 +20,95 @@ pub(crate) struct ReportPage<'a> {
     pub(crate) subtitle: &'a str,
     /// Conclusions, one sentence each.
     pub(crate) conclusions: &'a [String],
+    /// What comes first, over the whole width.
+    pub(crate) summary: Markup,
+    /// Legend of map and plots, which stays in sight; empty where sections have their own.
+    pub(crate) legend: Markup,
+    /// Plots; beside the map, where there is one.
     pub(crate) body: Markup,
-    /// Further rules of style.
-    pub(crate) style: &'a str,
+    pub(crate) map: Option<PageMap>,
 }
 
 impl ReportPage<'_> {
-    /// Returns the page: XHTML that browsers read as HTML.
+    /// Returns the page.
     pub(crate) fn html(&self) -> String {
-        // A comment in HTML; in XHTML it keeps `<` and `&` from being markup.
-        let style = |css: &str| PreEscaped(format!("/*<![CDATA[*/{css}/*]]>*/"));
-        let script = |js: &str| PreEscaped(format!("//<![CDATA[\n{js}\n//]]>"));
-        let page = html! {
-            (DOCTYPE)
-            html xmlns="http://www.w3.org/1999/xhtml" lang="en" {
-                head {
-                    (PreEscaped("<meta charset=\"utf-8\"/>"))
-                    (PreEscaped("<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\"/>"))
-                    (PreEscaped("<meta name=\"color-scheme\" content=\"light dark\"/>"))
-                    title { (self.title) }
-                    style { (style(include_str!("uplot/uPlot.min.css"))) }
-                    style { (style(include_str!("style.css"))) (style(self.style)) }
+        let map = self.map.as_ref().filter(|map| !map.is_empty());
+        let main = html! {
+            div.panel {
+                @for conclusion in self.conclusions {
+                    p.finding { (conclusion) }
                 }
-                body {
-                    main {
-                        h1 { (self.title) }
-                        p.subtitle { (self.subtitle) }
-                        @for conclusion in self.conclusions {
-                            p.finding { (conclusion) }
-                        }
-                        details.words {
-                            summary { "Words" }
-                            dl {
-                                @for (word, meaning) in GLOSSARY {
-                                    dt { (word) }
-                                    dd { (meaning) }
-                                }
-                            }
-                        }
-                        noscript { p { "The plots need JavaScript; figures and tables do not." } }
-                        (self.body)
-                    }
-                    script { (script(include_str!("uplot/uPlot.iife.min.js"))) }
-                    script { (script(include_str!("report.js"))) }
-                }
+                noscript { p { "The plots need JavaScript; figures and tables do not." } }
+                (self.summary)
             }
+            (self.legend)
+            div.beside[map.is_some()] {
+                @if map.is_some() { (PreEscaped(MAP)) }
+                (self.body)
+            }
+            (PreEscaped(WORDS))
         };
-        page.into_string()
+        let title = html! { (self.title) }.into_string();
+        let subtitle = html! { (self.subtitle) }.into_string();
+        let head = HEAD.replace(
+            "<title>Sidehill",
+            &format!("<title>{title} \u{2013} Sidehill"),
+        );
+        let data = map.map_or_else(String::new, |map| {
+            let json = serde_json::to_string(map).unwrap_or_else(|_| "{}".to_owned());
+            format!(
+                "<script id=\"runs\" type=\"application/json\">{}</script>\n",
+                in_script(&json)
+            )
+        });
+        let parts = [
+            head.as_str(),
+            "<style>\n",
+            CSS,
+            include_str!("report.css"),
+            "</style>\n</head>\n",
+            if map.is_some() {
+                "<body class=\"map\">"
+            } else {
+                "<body>"
+            },
+            "\n<header id=\"head\">\n<p id=\"line\"><span id=\"brand\">Sidehill</span></p>\n<h1>",
+            title.as_str(),
+            "</h1>\n<p id=\"reason\">",
+            &subtitle,
+            "</p>\n</header>\n<main>\n",
+            &main.into_string(),
+            if map.is_some() { FOOT } else { "</main>\n" },
+            &data,
+            "<script>\n",
+            UPLOT_JS,
+            "</script>\n<script>\n",
+            PLOT_JS,
+            if map.is_some() { VIEW_JS } else { "" },
+            include_str!("report.js"),
+            if map.is_some() {
+                include_str!("map.js")
+            } else {
+                ""
+            },
+            "</script>\n",
+        ];
+        parts.concat()
     }
 }
 
 /// Returns a section: heading, what is to be seen, and plots that share a cursor with all others of the page.
 pub(crate) fn section(title: &str, caption: &str, legend: &Markup, plots: &[Plot]) -> Markup {
     html! {
-        h2 { (title) }
-        figure {
-            figcaption { (caption) }
-            (legend)
-            div.multiples {
-                @for plot in plots {
-                    (plot.markup("time"))
+        section.panel {
+            h2 { (title) }
+            figure {
+                figcaption { (caption) }
+                (legend)
+                div.multiples {
+                    @for plot in plots {
+                        (plot.markup("time"))
+                    }
                 }
             }
         }
@@ -137,11 +126,11 @@ pub(crate) fn legend_of(names: &[(&str, &str)]) -> Markup {
     }
 }
 
-/// Returns a piece of a line in its colour; `report.js` dashes it.
+/// Returns a piece of a line in its colour; the script of the page dashes it.
 pub(crate) fn swatch(colour: &str) -> Markup {
     html! {
-        svg.swatch viewBox="0 0 26 6" aria-hidden="true" data-colour=(colour) {
-            path d="M0,3h26" stroke=(colour) {}
+        svg.swatch viewBox="0 0 26 10" aria-hidden="true" data-colour=(colour) {
+            path d="M0 5h26" fill="none" stroke={ "var(" (colour) ")" } stroke-width="3" {}
         }
     }
 }

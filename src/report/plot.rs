@@ -1,5 +1,6 @@
 //! Plots with zoom and a cursor shared by all plots of a page. `report.js` draws them.
 
+use super::figures::significant;
 use maud::{Markup, PreEscaped, html};
 use serde::Serialize;
 
@@ -19,6 +20,8 @@ pub(crate) struct Plot {
     pub(crate) magnified_to: Option<f64>,
     /// Whether the vertical axis is logarithmic.
     pub(crate) logarithmic: bool,
+    /// Whether the horizontal axis is.
+    pub(crate) x_logarithmic: bool,
     /// Limits, each with its label.
     pub(crate) limits: Vec<(f64, String)>,
     pub(crate) lines: Vec<Line>,
@@ -31,6 +34,8 @@ pub(crate) struct Line {
     pub(crate) colour: String,
     /// Number of the run that the page's boxes hide and show; none for a line that always shows.
     pub(crate) run: Option<usize>,
+    /// Whether its points are dots, without a line through them.
+    pub(crate) dots: bool,
     pub(crate) x: Vec<f64>,
     /// None leaves a gap.
     pub(crate) y: Vec<Option<f64>>,
@@ -61,8 +66,29 @@ impl Line {
             name: name.to_owned(),
             colour: colour.to_owned(),
             run,
+            dots: false,
             x: points.iter().map(|point| rounded(point[0])).collect(),
             y: points.iter().map(|point| finite(point[1])).collect(),
+        }
+    }
+}
+
+impl Line {
+    /// Returns dots at points with finite coordinates.
+    pub(crate) fn dots(name: &str, colour: &str, points: &[[f64; 2]]) -> Self {
+        let mut points: Vec<[f64; 2]> = points
+            .iter()
+            .copied()
+            .filter(|point| point.iter().all(|value| value.is_finite()))
+            .collect();
+        points.sort_by(|a, b| a[0].total_cmp(&b[0]));
+        Self {
+            name: name.to_owned(),
+            colour: colour.to_owned(),
+            run: None,
+            dots: true,
+            x: points.iter().map(|point| rounded(point[0])).collect(),
+            y: points.iter().map(|point| Some(rounded(point[1]))).collect(),
         }
     }
 }
@@ -76,6 +102,7 @@ impl Plot {
             height_px,
             magnified_to: None,
             logarithmic: false,
+            x_logarithmic: false,
             limits: Vec::new(),
             lines,
         }
@@ -102,12 +129,8 @@ impl Plot {
 
     /// Returns the place of the plot in a page, with its data; plots of one `group` share cursor and zoom.
     pub(crate) fn markup(&self, group: &str) -> Markup {
-        // In JSON, characters that begin a tag or an entity occur only within strings.
         let json = serde_json::to_string(self).unwrap_or_else(|_| "{}".to_owned());
-        let json = json
-            .replace('<', "\\u003c")
-            .replace('>', "\\u003e")
-            .replace('&', "\\u0026");
+        let json = in_script(&json);
         html! {
             div.plot data-group=(group) role="img" aria-label=(self.in_words()) {
                 script type="application/json" { (PreEscaped(json)) }
@@ -116,14 +139,11 @@ impl Plot {
     }
 }
 
-/// Returns a number with two significant digits, as far as three decimals show them; a dash for what is not finite.
-pub(crate) fn significant(value: f64) -> String {
-    if !value.is_finite() {
-        return "\u{2013}".to_owned();
-    }
-    let magnitude = value.abs().max(1e-3).log10().floor() as i32;
-    let decimals = usize::try_from(1 - magnitude).unwrap_or(0).min(3);
-    format!("{value:.decimals$}")
+/// Returns JSON in which nothing ends its element or begins another: such characters are only in its strings.
+pub(super) fn in_script(json: &str) -> String {
+    json.replace('<', "\\u003c")
+        .replace('>', "\\u003e")
+        .replace('&', "\\u0026")
 }
 
 fn rounded(value: f64) -> f64 {

@@ -35,6 +35,3 @@ pub(super) struct Style {
     pub(super) name: String,
     pub(super) colour: &'static str,
 }
-
-/// Width of every drawing; the page scales them.
-pub(super) const DRAWING_WIDTH_PX: f64 = 960.0;

@@ -1,7 +1,7 @@
 //! The figures of all runs, and a sentence about the best.
 
+use super::figures::{significant, two_digits};
 use super::page::swatch;
-use super::plot::significant;
 use super::scene::Style;
 use crate::record::{Run, Summary};
 use maud::{Markup, PreEscaped, html};
@@ -124,7 +124,11 @@ fn finding(runs: &[Run], styles: &[Style]) -> String {
     );
     for (index, (rms_m, style)) in others.iter().enumerate() {
         text += if index == 0 { "; " } else { ", " };
-        text += &format!("{} was {:.1} times as far off", style.name, rms_m / best_m);
+        text += &format!(
+            "{} was {} times as far off",
+            style.name,
+            two_digits(rms_m / best_m)
+        );
     }
     text + "."
 }

@@ -3,8 +3,9 @@
 use super::objective::{TrialComparison, TrialFigures};
 use super::outcome::Outcome;
 use super::subject::SubjectKind;
-use crate::report::page::{COLOURS, ReportPage, legend_of, section};
-use crate::report::{Scatter, progress_plot, scatter_chart};
+use crate::report::figures::{significant, two_digits};
+use crate::report::page::{COLOURS, ReportPage, legend_of, section, table as html_table};
+use crate::report::plot::{Line, Plot};
 use anyhow::Result;
 use maud::html;
 use serde_yaml::{Mapping, Value};
@@ -175,65 +176,49 @@ pub fn html(outcome: &Outcome) -> String {
         centimetres(&outcome.training),
         centimetres(&outcome.held_out),
     );
-    let scatter = scatter_chart(
-        "before-after",
-        "cross-track RMS before (cm)",
-        "after (cm)",
-        &[
-            Scatter {
-                name: "training",
-                colour: "#9a9a9a",
-                points: &training,
-            },
-            Scatter {
-                name: "held out",
-                colour: "#0072b2",
-                points: &held_out,
-            },
-        ],
-    );
-    let body = html! {
-        div.scroll {
-            table {
-                thead { tr {
-                    th.name { "Runs" } th { "Completed" } th { "Median RMS (cm)" } th { "p95 RMS (cm)" }
-                    th { "Steer total variation (m/s)" } th { "Mean cost" }
-                } }
-                tbody {
-                    @for (name, figures, cost) in rows(outcome) {
-                        tr {
-                            th.name scope="row" { (name) }
-                            td { (figures.completed) " of " (figures.runs) }
-                            td { (format!("{:.2}", 100.0 * figures.median_m)) }
-                            td { (format!("{:.2}", 100.0 * figures.p95_m)) }
-                            td { (steer(outcome, figures)) }
-                            td { (cost) }
-                        }
-                    }
-                }
-            }
-        }
+    let runs: Vec<Vec<String>> = rows(outcome)
+        .into_iter()
+        .map(|(name, figures, cost)| {
+            vec![
+                name,
+                format!("{} of {}", figures.completed, figures.runs),
+                significant(100.0 * figures.median_m),
+                significant(100.0 * figures.p95_m),
+                match outcome.subject {
+                    SubjectKind::Campaign => significant(figures.steer_total_variation_m_s),
+                    SubjectKind::Recording => "-".to_owned(),
+                },
+                cost,
+            ]
+        })
+        .collect();
+    let settings: Vec<Vec<String>> = outcome
+        .settings
+        .iter()
+        .map(|setting| {
+            vec![
+                setting.key.clone(),
+                setting.before.to_string(),
+                setting.after.to_string(),
+                two_digits(setting.after / setting.before),
+            ]
+        })
+        .collect();
+    let summary = html! {
+        (html_table("figures", &["Runs", "Completed", "Median RMS (cm)", "p95 RMS (cm)", "Steer total variation (m/s)", "Mean cost"], &runs))
         h2 { "Settings" }
-        div.scroll {
-            table {
-                thead { tr { th.name { "Key of controller" } th { "Before" } th { "After" } th { "Factor" } } }
-                tbody {
-                    @for setting in &outcome.settings {
-                        tr {
-                            th.name scope="row" { (setting.key) }
-                            td { (setting.before) } td { (setting.after) }
-                            td { (format!("{:.2}", setting.after / setting.before)) }
-                        }
-                    }
+        (html_table("settings", &["Key of controller", "Before", "After", "Factor"], &settings))
+    };
+    let body = html! {
+        section.panel {
+            h2 { "Error of each run" }
+            figure {
+                figcaption {
+                    "Each dot is a run that is completed before and after; below the line its error has become smaller."
                 }
+                (legend_of(&[("training, hollow", COLOURS[4]), ("held out, full", COLOURS[0]), ("as before", COLOURS[6])]))
+                (scatter_plot(&training, &held_out).markup("errors"))
             }
-        }
-        h2 { "Error of each run" }
-        figure {
-            figcaption {
-                "Each dot is a run that is completed before and after; below the diagonal its error has become smaller."
-            }
-            (scatter)
         }
         (section(
             "Search",
@@ -246,8 +231,69 @@ pub fn html(outcome: &Outcome) -> String {
         title: &title,
         subtitle: &objective(outcome),
         conclusions: &[finding(outcome), advice(outcome)],
+        summary,
+        legend: html! {},
         body,
-        style: "",
+        map: None,
     }
     .html()
+}
+
+/// Returns the plot of errors after over those before, cm, with the line of those that are as before.
+fn scatter_plot(training: &[[f64; 2]], held_out: &[[f64; 2]]) -> Plot {
+    // A logarithmic axis has no zero.
+    let positive = |points: &[[f64; 2]]| -> Vec<[f64; 2]> {
+        let points = points.iter().copied();
+        points
+            .filter(|point| point.iter().all(|error| *error > 0.0))
+            .collect()
+    };
+    let (training, held_out) = (positive(training), positive(held_out));
+    let all = || training.iter().chain(&held_out).flatten().copied();
+    let ends = [
+        all().fold(f64::INFINITY, f64::min),
+        all().fold(f64::NEG_INFINITY, f64::max),
+    ];
+    let ends: Vec<[f64; 2]> = ends
+        .into_iter()
+        .filter(|end| end.is_finite())
+        .map(|end| [end; 2])
+        .collect();
+    Plot {
+        x_title: "cross-track RMS before (cm)".to_owned(),
+        logarithmic: true,
+        x_logarithmic: true,
+        ..Plot::over_time(
+            "after (cm)",
+            420.0,
+            vec![
+                Line::dots("training", COLOURS[4], &training),
+                Line::dots("held out", COLOURS[0], &held_out),
+                Line::through("as before", COLOURS[6], None, &ends),
+            ],
+        )
+    }
+}
+
+/// Returns the plot of the costs in order, with the lowest so far.
+fn progress_plot(costs: &[f64]) -> Plot {
+    let mut least = f64::INFINITY;
+    let (mut tried, mut best) = (Vec::new(), Vec::new());
+    for (index, cost) in costs.iter().enumerate() {
+        least = least.min(*cost);
+        let number = index as f64 + 1.0;
+        tried.push([number, *cost]);
+        best.push([number, least]);
+    }
+    Plot {
+        x_title: "choice".to_owned(),
+        ..Plot::over_time(
+            "mean cost",
+            220.0,
+            vec![
+                Line::through("choice", COLOURS[5], None, &tried),
+                Line::through("least so far", COLOURS[1], None, &best),
+            ],
+        )
+    }
 }

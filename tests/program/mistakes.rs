@@ -231,6 +231,10 @@ fn nesting_and_size_have_limits() {
     );
     let far = course.write("far.csv", "x_m,y_m\n0,0\n0,90000\n");
     let message = fail(course.simulate().arg("--path").arg(&far));
+    assert_says(&message, &["far.csv", "at most 20000 m"]);
+    let slow = Course::new("speed: {speed_m_s: 0.1}\n");
+    let long = slow.write("long.csv", "x_m,y_m\n0,0\n0,9000\n");
+    let message = fail(slow.simulate().arg("--path").arg(&long));
     assert_says(&message, &["million cycles", "shorten the path"]);
 }
 

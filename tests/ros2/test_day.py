@@ -171,6 +171,13 @@ def the_day(start, peer, tmp_path, lost):
     replayed = subprocess.run([SIDEHILL, *words("after")[0], "--format", "json"], capture_output=True, text=True)
     assert json.loads(replayed.stdout)["different"] == 0, replayed.stdout + replayed.stderr
 
+    # The report tells what the fixes were worth, and that they were lost for 8 s.
+    recording = next(word for word in words("after")[0] if word.endswith(".mcap"))
+    facts = json.loads(run_in_place(["report", recording, "--format", "json"]).stdout)
+    fixes = next(sensor for sensor in facts["sensors"] if sensor["name"] == "fixes used")
+    assert 7.5 < fixes["gap_max_s"] < 9.5 and 0.0 <= fixes["age_p50_s"] < 0.3, fixes
+    assert facts["fixes"]["rtk_share"] == 1.0 and facts["fixes"]["sigma_max_m"] < 0.1, facts["fixes"]
+
 
 def test_a_joystick_takes_over_and_the_goal_ends(start, peer, tmp_path, vehicle):
     """With a node that does what twist_mux does: the newest of the highest priority reaches the base."""

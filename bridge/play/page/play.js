@@ -1,5 +1,16 @@
 // A hillside to play on: the simulation of `sidehill simulate`, one rover for each controller.
 
+$('brand').textContent = 'Sidehill: a hillside to play on';
+$('state').textContent = 'Loading the simulation';
+$('hint').textContent = 'Drag a rover aside, or press Draw and draw a path with finger or mouse.';
+$('hint').hidden = false;
+$('tools').prepend(make('button', { id: 'draw', ariaPressed: 'false', textContent: 'Draw' }));
+for (const [kind, text] of [['path', 'path'], ['plan', 'plan'], ['slide', 'slide, 10 s'], ['believed', 'believed position']]) showKey(kind, text);
+
+$('words').querySelector('dl').append(make('dt', { textContent: 'Late, weak drives' }), make('dd', {
+  textContent: 'commands act 0.35 s late and slowly, or the motors reach only 0.4 m/s ahead and 0.25 m/s of steer; the controllers are not told',
+}));
+
 /** How rovers are drawn, in the order of their controllers. */
 const STYLES = [
   { colour: '--blue', dash: [] },
@@ -151,6 +162,7 @@ function driveScenario(text) {
     facts = JSON.parse(hillside.facts());
     parts.path = facts.path;
     parts.vehicle = facts.vehicle;
+    ground = { heights: (...at) => hillside.ground(...at), slippery: (...at) => hillside.slippery(...at) };
     begin();
   } catch (error) {
     leave();
@@ -158,7 +170,7 @@ function driveScenario(text) {
     parts.path = [];
     showRovers();
   }
-  ground = null;
+  picture = null;
   setMode('whole');
 }
 
@@ -166,7 +178,7 @@ function leave() {
   for (const run of runs) run.rover.free();
   runs.length = 0;
   if (hillside) hillside.free();
-  hillside = null;
+  hillside = ground = null;
 }
 
 /** Starts again on the same hillside. */
@@ -216,7 +228,7 @@ function tick(now) {
   } catch (error) {
     // After a panic the simulation cannot be used again.
     runs.length = 0;
-    hillside = null;
+    hillside = ground = null;
     fault = `The simulation has failed: ${error.message || error}. Load the page again.`;
     draw();
   }
@@ -256,62 +268,6 @@ function drive(now) {
 }
 
 // --- Map: ground, drawing and dragging ---
-
-/** Ground as a picture of bands of height: `canvas`, place of its corner, side and height of a band, m. */
-let ground = null;
-const GROUND_POINTS = 200;
-
-function makeGround() {
-  const side = 1.6 * Math.max(map.clientWidth, map.clientHeight) / view.scale;
-  const [x, y] = [view.x - side / 2, view.y - side / 2];
-  const heights = hillside.ground(x, y, side, GROUND_POINTS);
-  let [low, high] = [Infinity, -Infinity];
-  for (const height of heights) if (is(height)) [low, high] = [Math.min(low, height), Math.max(high, height)];
-  const band = high - low > 0.01 ? step(high - low, 12) : Infinity;
-  const canvas = make('canvas', { width: GROUND_POINTS, height: GROUND_POINTS });
-  const pen = canvas.getContext('2d');
-  const picture = pen.createImageData(GROUND_POINTS, GROUND_POINTS);
-  const dark = matchMedia('(prefers-color-scheme: dark)').matches;
-  heights.forEach((height, i) => {
-    const [row, left] = [Math.floor(i / GROUND_POINTS), i % GROUND_POINTS];
-    const at = 4 * ((GROUND_POINTS - 1 - row) * GROUND_POINTS + left);
-    picture.data.fill(dark ? 255 : 0, at, at + 3);
-    if (!is(height)) {
-      picture.data[at + 3] = 90;
-      return;
-    }
-    // Every other band is darker, with an edge as broad as a point of the picture.
-    const rise = [1, GROUND_POINTS].map(next => Math.abs((is(heights[i + next]) ? heights[i + next] : height) - height));
-    const within = Math.abs(((height / band) % 2 + 2) % 2 - 1);
-    picture.data[at + 3] = 26 * Math.min(Math.max(0.5 + (0.5 - within) * band / Math.max(rise[0] + rise[1], 1e-9), 0), 1);
-  });
-  pen.putImageData(picture, 0, 0);
-  // Slippery ground is hatched.
-  const slippery = hillside.slippery(x, y, side, GROUND_POINTS);
-  pen.fillStyle = colours['--orange'];
-  slippery.forEach((much, i) => {
-    const [row, left] = [GROUND_POINTS - 1 - Math.floor(i / GROUND_POINTS), i % GROUND_POINTS];
-    if (much < 0.2 || (row + left) % 6 > 1) return;
-    pen.globalAlpha = 0.2 + 0.6 * much;
-    pen.fillRect(left, row, 1, 1);
-  });
-  $('legend').querySelector('.slippery').hidden = !slippery.length;
-  const text = $('legend').querySelector('.bands');
-  text.hidden = !Number.isFinite(band);
-  text.querySelector('span').textContent = `bands of ${band < 1 ? `${Math.round(100 * band)} cm` : `${band} m`} of height`;
-  return { canvas, x, y, side, scale: view.scale, dark };
-}
-
-drawBelow = (pen, X, Y) => {
-  if (!hillside) return;
-  const half = [map.clientWidth / 2 / view.scale, map.clientHeight / 2 / view.scale];
-  const outside = ground && (view.x - half[0] < ground.x || view.x + half[0] > ground.x + ground.side
-    || view.y - half[1] < ground.y || view.y + half[1] > ground.y + ground.side);
-  const dark = matchMedia('(prefers-color-scheme: dark)').matches;
-  if (!ground || outside || view.scale / ground.scale > 2.5 || ground.dark !== dark) ground = makeGround();
-  const [left, top] = [X(ground.x), Y(ground.y + ground.side)];
-  pen.drawImage(ground.canvas, left, top, X(ground.x + ground.side) - left, Y(ground.y) - top);
-};
 
 let drawing = null;
 drawAbove = (pen, X, Y) => {
@@ -444,7 +400,7 @@ function showRovers() {
 }
 
 /** Returns a length of some centimetres as text: a figure that is read while it changes. */
-const centimetres = value => is(value) ? value.toFixed(Math.abs(value) < 9.95 ? 1 : 0) : '–';
+const centimetres = value => is(value) ? fixed(value, Math.abs(value) < 9.95 ? 1 : 0) : '–';
 
 const SENSING = { perfect: 'Perfect sensors', realistic: 'Realistic sensors' };
 function showFigures() {

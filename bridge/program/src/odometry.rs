@@ -26,8 +26,8 @@ const PATIENCE: Duration = Duration::from_secs(5);
 /// A file that cannot be read, a setting out of range, or a network that cannot be used.
 pub fn run(args: &OdometryArgs, ros_arguments: &[String]) -> Result<ExitCode> {
     ensure!(
-        args.maps == LogArgs::default() && args.plot.is_none(),
-        "--live: --columns, --topics and --plot are for logs"
+        args.maps == LogArgs::default(),
+        "--live: --columns and --topics are for logs"
     );
     let (config, vehicle) = configuration(args)?;
     let arguments = RosArguments::parse(ros_arguments)?;

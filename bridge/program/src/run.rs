@@ -217,6 +217,11 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
         for note in notes.iter().flat_map(Ros2Inputs::take_notes) {
             recorder.note(epoch.elapsed_s(), note.event, note.message);
         }
+        for fix in notes.iter().flat_map(Ros2Inputs::take_fixes) {
+            if let Some(recording) = &mut recording {
+                recording.fix(&fix);
+            }
+        }
         screen.record(&mut recorder, files.as_mut(), recording.as_mut());
         service.live(recorder.latest().map(|cycle| cycle.time_s));
         let now_s = epoch.elapsed_s();

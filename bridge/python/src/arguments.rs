@@ -4,6 +4,7 @@ use crate::errors::{failed, invalid};
 use pyo3::PyClass;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
+use serde_yaml::Mapping;
 use sidehill::config::ConfigFile;
 use sidehill_controller::config::ControllerKind;
 use std::path::{Path, PathBuf};
@@ -61,6 +62,17 @@ pub fn mapping(name: &str, value: &Bound<'_, PyAny>) -> PyResult<ConfigFile> {
         )));
     }
     Ok(ConfigFile::with_text(Path::new(name), json(value)?))
+}
+
+/// Returns the keys of a mapping, nested ones named with dots or in mappings.
+pub fn keys(name: &str, value: &Bound<'_, PyAny>) -> PyResult<Mapping> {
+    mapping(name, value)?.parse().map_err(failed)
+}
+
+/// Returns an HTML table of names and values, for notebooks.
+pub fn html(title: &str, rows: &Bound<'_, PyAny>) -> PyResult<String> {
+    let module = rows.py().import("sidehill._html")?;
+    module.getattr("table")?.call1((title, rows))?.extract()
 }
 
 /// Returns a Python value as JSON, which is YAML as well; numpy's numbers and arrays and paths included.

@@ -1,14 +1,17 @@
 //! The controller, one step a control period.
 
-use crate::arguments::{kind, number, numbers, object, seed};
+use crate::arguments::{html, kind, number, numbers, object, seed};
 use crate::decision::Decision;
 use crate::errors::{failed, guarded, invalid};
+use crate::history::History;
+use crate::qp::Qp;
 use crate::scenario::Scenario;
 use crate::vehicle::Vehicle;
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use sidehill::config::Overrides;
+use sidehill_controller::config::ControllerKind;
 use sidehill_controller::controller as law;
 use sidehill_plant::bounds::Bounds;
 use sidehill_plant::frames::{Attitude, Pose};
@@ -23,18 +26,103 @@ use std::time::Instant;
 /// Controller(scenario, kind="icrik-mpc", vehicle=None, seed=None). `kind` is a controller's name as in
 /// scenarios; `vehicle` what it predicts with instead of the scenario's; `seed` replaces the scenario's.
 /// Raises ValueError naming the argument or setting.
+///
+/// A copy (copy.copy) goes on bit by bit as the original does in its place: so a roll-out branches. A pickle holds the
+/// scenario and all that the controller was told, up to 10,000 calls; opening it repeats them. Equal are controllers of equal scenarios
+/// that were made alike and told the same.
 #[pyclass(frozen, module = "sidehill")]
 pub struct Controller {
-    law: Mutex<law::Controller>,
+    state: Mutex<State>,
+    origin: Origin,
     vehicle: model::Vehicle,
-    kind: &'static str,
     period_s: f64,
 }
 
+/// What a controller is made of.
+struct Origin {
+    scenario: Py<Scenario>,
+    kind: ControllerKind,
+    vehicle: Option<model::Vehicle>,
+    seed: Option<u64>,
+}
+
+#[derive(Clone)]
+struct State {
+    law: law::Controller,
+    told: History<Told>,
+    /// Whether the last cycle solved a QP.
+    solved: bool,
+}
+
+/// What a controller was told, in the order of its calls.
+#[derive(Debug, Clone, Copy)]
+enum Told {
+    Sample(Sample),
+    RequestStop,
+    Rearm,
+}
+
+/// A [`Told`] as Python's own values: the call's name, the time, and the readings of `step`.
+type Call = (
+    String,
+    f64,
+    Option<(f64, f64)>,
+    Option<(f64, f64)>,
+    Option<(f64, f64, f64, f64, f64)>,
+    Option<f64>,
+);
+
+impl State {
+    fn tell(&mut self, told: Told) {
+        match told {
+            Told::Sample(sample) => {
+                self.step(sample);
+                return;
+            }
+            Told::RequestStop => self.law.request_stop(),
+            Told::Rearm => self.law.rearm(),
+        }
+        self.told.push(told);
+    }
+
+    fn step(&mut self, sample: Sample) -> law::Decision {
+        let decided = self.law.step(&sample, None);
+        self.solved = decided.solve.is_some();
+        self.told.push(Told::Sample(sample));
+        decided
+    }
+}
+
 impl Controller {
-    fn law(&self) -> PyResult<MutexGuard<'_, law::Controller>> {
-        self.law.lock().map_err(|_| {
+    fn state(&self) -> PyResult<MutexGuard<'_, State>> {
+        self.state.lock().map_err(|_| {
             PyRuntimeError::new_err("this controller has failed before; make a new one")
+        })
+    }
+
+    fn of(py: Python<'_>, origin: Origin) -> PyResult<Self> {
+        let overrides = Overrides {
+            seed: origin.seed,
+            ..Overrides::default()
+        };
+        let scenario = origin.scenario.get();
+        let vehicle = origin.vehicle.clone();
+        let kind = origin.kind;
+        let (law, vehicle, period_s) = guarded(py, || {
+            let mut prepared = scenario.prepare(&overrides)?;
+            prepared.vehicle = vehicle.unwrap_or(prepared.vehicle);
+            let law = prepared.controller(kind).map_err(failed)?;
+            Ok((law, prepared.vehicle, prepared.controller.period_s))
+        })?;
+        Ok(Self {
+            state: Mutex::new(State {
+                law,
+                told: History::new(),
+                solved: false,
+            }),
+            origin,
+            vehicle,
+            period_s,
         })
     }
 }
@@ -50,29 +138,19 @@ impl Controller {
         vehicle: Option<&Bound<'_, PyAny>>,
         seed: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
-        let scenario = object::<Scenario>("scenario", scenario)?.get();
-        let kind = match kind {
-            Some(kind) => self::kind("kind", kind)?,
-            None => sidehill_controller::config::ControllerKind::IcrikMpc,
-        };
-        let vehicle = vehicle
-            .map(|vehicle| object::<Vehicle>("vehicle", vehicle))
-            .transpose()?
-            .map(|vehicle| vehicle.get().0.clone());
-        let overrides = Overrides {
+        let scenario = object::<Scenario>("scenario", scenario)?;
+        let origin = Origin {
+            kind: kind.map_or(Ok(ControllerKind::IcrikMpc), |kind| {
+                self::kind("kind", kind)
+            })?,
+            vehicle: vehicle
+                .map(|vehicle| object::<Vehicle>("vehicle", vehicle))
+                .transpose()?
+                .map(|vehicle| vehicle.get().0.clone()),
             seed: self::seed(seed)?,
-            ..Overrides::default()
+            scenario: scenario.clone().unbind(),
         };
-        guarded(py, || {
-            let mut prepared = scenario.prepare(&overrides)?;
-            prepared.vehicle = vehicle.unwrap_or(prepared.vehicle);
-            Ok(Self {
-                law: Mutex::new(prepared.controller(kind).map_err(failed)?),
-                vehicle: prepared.vehicle,
-                kind: kind.name(),
-                period_s: prepared.controller.period_s,
-            })
-        })
+        Self::of(py, origin)
     }
 
     /// Decides on the command from now until the next cycle.
@@ -121,30 +199,37 @@ impl Controller {
             pose: pose.map(self::pose).transpose()?,
         };
         guarded(py, || {
-            let mut law = self.law()?;
+            let mut state = self.state()?;
             let begin = Instant::now();
-            let decided = law.step(&sample, None);
+            let decided = state.step(sample);
             let cycle = begin.elapsed();
-            Ok(Decision::of(decided, &law, &self.vehicle, cycle))
+            Ok(Decision::of(decided, &state.law, &self.vehicle, cycle))
         })
     }
 
     /// Stops the vehicle at its decelerations from the next cycle on, until rearm().
     fn request_stop(&self) -> PyResult<()> {
-        self.law()?.request_stop();
+        self.state()?.tell(Told::RequestStop);
         Ok(())
     }
 
     /// Lets a stopped controller drive again, with an estimate made from nothing.
     fn rearm(&self) -> PyResult<()> {
-        self.law()?.rearm();
+        self.state()?.tell(Told::Rearm);
         Ok(())
+    }
+
+    /// The QP that the last step solved, with its solution; None where it solved none.
+    #[getter]
+    fn qp(&self) -> PyResult<Option<Qp>> {
+        let state = self.state()?;
+        Ok(state.law.mpc().filter(|_| state.solved).map(Qp::of))
     }
 
     /// Name of the controller.
     #[getter]
     fn kind(&self) -> &'static str {
-        self.kind
+        self.origin.kind.name()
     }
 
     /// The vehicle that it predicts with.
@@ -159,9 +244,184 @@ impl Controller {
         self.period_s
     }
 
-    fn __repr__(&self) -> String {
-        format!("<sidehill.Controller {}>", self.kind)
+    fn __eq__(slf: &Bound<'_, Self>, other: &Bound<'_, PyAny>) -> PyResult<bool> {
+        // Others may call it meanwhile.
+        if slf.is(other) {
+            return Ok(true);
+        }
+        let py = other.py();
+        let Ok(other) = other.cast::<Self>() else {
+            return Ok(false);
+        };
+        let (own, others) = (&slf.get().origin, &other.get().origin);
+        let alike =
+            (own.kind, &own.vehicle, own.seed) == (others.kind, &others.vehicle, others.seed);
+        if !alike || !own.scenario.bind(py).eq(others.scenario.bind(py))? {
+            return Ok(false);
+        }
+        let told = slf.get().state()?.told.summary();
+        Ok(told == other.get().state()?.told.summary())
     }
+
+    fn __copy__(&self, py: Python<'_>) -> PyResult<Self> {
+        let state = self.state()?.clone();
+        let Origin {
+            scenario,
+            kind,
+            vehicle,
+            seed,
+        } = &self.origin;
+        Ok(Self {
+            state: Mutex::new(state),
+            origin: Origin {
+                scenario: scenario.clone_ref(py),
+                kind: *kind,
+                vehicle: vehicle.clone(),
+                seed: *seed,
+            },
+            vehicle: self.vehicle.clone(),
+            period_s: self.period_s,
+        })
+    }
+
+    fn __deepcopy__(&self, py: Python<'_>, _memo: &Bound<'_, PyAny>) -> PyResult<Self> {
+        self.__copy__(py)
+    }
+
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, Pickled)> {
+        let make = py.get_type::<Self>().getattr("_repeated")?;
+        let calls = self
+            .state()?
+            .told
+            .calls("Controller")?
+            .iter()
+            .map(call)
+            .collect();
+        let Origin {
+            scenario,
+            kind,
+            vehicle,
+            seed,
+        } = &self.origin;
+        let vehicle = vehicle.clone().map(|vehicle| Py::new(py, Vehicle(vehicle)));
+        let pickled = (
+            scenario.clone_ref(py),
+            kind.name().to_owned(),
+            vehicle.transpose()?,
+            *seed,
+            calls,
+        );
+        Ok((make, pickled))
+    }
+
+    /// Returns a controller that was told all this.
+    #[staticmethod]
+    fn _repeated(
+        py: Python<'_>,
+        scenario: Py<Scenario>,
+        kind: &Bound<'_, PyAny>,
+        vehicle: Option<Py<Vehicle>>,
+        seed: Option<u64>,
+        calls: Vec<Call>,
+    ) -> PyResult<Self> {
+        let origin = Origin {
+            scenario,
+            kind: self::kind("kind", kind)?,
+            vehicle: vehicle.map(|vehicle| vehicle.get().0.clone()),
+            seed,
+        };
+        let controller = Self::of(py, origin)?;
+        guarded(py, || {
+            let mut state = controller.state()?;
+            calls.iter().for_each(|call| state.tell(told(call)));
+            drop(state);
+            Ok(controller)
+        })
+    }
+
+    fn _repr_html_(&self, py: Python<'_>) -> PyResult<String> {
+        let (calls, rows) = (self.state()?.told.count(), PyDict::new(py));
+        rows.set_item("kind", self.origin.kind.name())?;
+        rows.set_item("scenario", self.origin.scenario.get().title())?;
+        rows.set_item("vehicle", &self.vehicle.name)?;
+        rows.set_item("period_s", self.period_s)?;
+        rows.set_item("calls", calls)?;
+        html("Controller", rows.as_any())
+    }
+
+    fn __repr__(&self) -> PyResult<String> {
+        Ok(format!(
+            "<sidehill.Controller {} of {} after {} calls>",
+            self.origin.kind.name(),
+            self.origin.scenario.get().title(),
+            self.state()?.told.count()
+        ))
+    }
+}
+
+/// Arguments of [`Controller::_repeated`].
+type Pickled = (
+    Py<Scenario>,
+    String,
+    Option<Py<Vehicle>>,
+    Option<u64>,
+    Vec<Call>,
+);
+
+fn call(told: &Told) -> Call {
+    let sample = match told {
+        Told::Sample(sample) => sample,
+        Told::RequestStop => return ("request_stop".to_owned(), 0.0, None, None, None, None),
+        Told::Rearm => return ("rearm".to_owned(), 0.0, None, None, None, None),
+    };
+    let treads = sample.tread_speeds.map(|treads| treads.value);
+    let attitude = sample.attitude.map(|attitude| attitude.value);
+    (
+        "step".to_owned(),
+        sample.time_s,
+        treads.map(|treads| (treads.left_m_s, treads.right_m_s)),
+        attitude.map(|attitude| (attitude.roll_rad, attitude.pitch_rad)),
+        sample.pose.map(|Stamped { time_s, value }| {
+            (time_s, value.x_m, value.y_m, value.z_m, value.yaw_rad)
+        }),
+        sample.yaw_rate.map(|yaw_rate| yaw_rate.value),
+    )
+}
+
+fn told((name, time_s, treads, attitude, pose, yaw_rate): &Call) -> Told {
+    let time_s = *time_s;
+    match name.as_str() {
+        "request_stop" => return Told::RequestStop,
+        "rearm" => return Told::Rearm,
+        _ => {}
+    }
+    Told::Sample(Sample {
+        time_s,
+        tread_speeds: treads.map(|(left_m_s, right_m_s)| Stamped {
+            time_s,
+            value: MeasuredTreadSpeeds {
+                left_m_s,
+                right_m_s,
+            },
+        }),
+        attitude: attitude.map(|(roll_rad, pitch_rad)| Stamped {
+            time_s,
+            value: Attitude {
+                roll_rad,
+                pitch_rad,
+            },
+        }),
+        yaw_rate: yaw_rate.map(|value| Stamped { time_s, value }),
+        pose: pose.map(|(time_s, x_m, y_m, z_m, yaw_rad)| Stamped {
+            time_s,
+            value: Pose {
+                x_m,
+                y_m,
+                z_m,
+                yaw_rad,
+            },
+        }),
+    })
 }
 
 fn tread_speeds(time_s: f64, value: &Bound<'_, PyAny>) -> PyResult<Stamped<MeasuredTreadSpeeds>> {

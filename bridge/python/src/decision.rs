@@ -2,8 +2,10 @@
 
 use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
+use pyo3::types::PyDict;
 use sidehill_controller::controller::{Controller, Decision as Decided, Status};
 use sidehill_controller::estimator::Estimate as Estimated;
+use sidehill_plant::contact::Parameter;
 use sidehill_plant::vehicle::Vehicle;
 use std::time::Duration;
 
@@ -13,9 +15,17 @@ pub struct Decision {
     decided: Decided,
     drive_traction_m_s: f64,
     drive_steer_m_s: f64,
-    /// (x, y, yaw) of the plan, row by row.
-    plan: Option<Vec<f64>>,
+    plan: Option<Plan>,
     cycle: Duration,
+}
+
+/// The plan, row by row.
+struct Plan {
+    /// (x, y, yaw).
+    states: Vec<f64>,
+    /// (traction, steer).
+    inputs: Vec<f64>,
+    ends_s: Vec<f64>,
 }
 
 impl Decision {
@@ -27,11 +37,18 @@ impl Decision {
         cycle: Duration,
     ) -> Self {
         let drives = decided.command_for_drives(vehicle);
-        let plan = controller.plan().map(|plan| {
-            let states = plan.states.iter();
-            states
-                .flat_map(|state| [state.x, state.y, state.z])
-                .collect()
+        let plan = controller.mpc().and_then(|mpc| {
+            let plan = mpc.plan()?;
+            let (states, inputs, times) = (&plan.states, &plan.inputs, mpc.stage_times());
+            let ends = (0..inputs.len()).map(|k| times.end_s(k));
+            Some(Plan {
+                states: states.iter().flat_map(|x| [x.x, x.y, x.z]).collect(),
+                inputs: inputs
+                    .iter()
+                    .flat_map(|u| [u.traction_m_s, u.steer_m_s])
+                    .collect(),
+                ends_s: std::iter::once(0.0).chain(ends).collect(),
+            })
         });
         Self {
             decided,
@@ -157,8 +174,26 @@ impl Decision {
         let Some(plan) = &self.plan else {
             return Ok(None);
         };
-        let flat = PyArray1::from_slice(py, plan);
-        flat.reshape([plan.len() / 3, 3]).map(Some)
+        let flat = PyArray1::from_slice(py, &plan.states);
+        flat.reshape([plan.states.len() / 3, 3]).map(Some)
+    }
+
+    /// Planned effective inputs (traction_m_s, steer_m_s) of the stages: array of shape (N, 2); None where the law makes
+    /// no plan.
+    #[getter]
+    fn plan_inputs<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyArray2<f64>>>> {
+        let Some(plan) = &self.plan else {
+            return Ok(None);
+        };
+        let flat = PyArray1::from_slice(py, &plan.inputs);
+        flat.reshape([plan.inputs.len() / 2, 2]).map(Some)
+    }
+
+    /// Ends of the stages after the plan's begin, s, 0 first: array of shape (N + 1,); None where the law makes no plan.
+    #[getter]
+    fn plan_times_s<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyArray1<f64>>> {
+        let plan = self.plan.as_ref()?;
+        Some(PyArray1::from_slice(py, &plan.ends_s))
     }
 
     fn __repr__(&self) -> String {
@@ -225,6 +260,31 @@ impl Estimate {
     #[getter]
     fn tread_speeds_m_s(&self) -> (f64, f64) {
         (self.0.treads.left_m_s, self.0.treads.right_m_s)
+    }
+
+    /// Learned parameters of the vehicle on wheels, by the keys of a vehicle's `contact`: (value, low, high) with the ends
+    /// of the 95 % interval, in the key's unit; None of a controller that does not learn them.
+    #[getter]
+    fn learned<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyDict>>> {
+        let Some(contact) = &self.0.contact else {
+            return Ok(None);
+        };
+        let learned = PyDict::new(py);
+        for parameter in Parameter::ALL {
+            let (value, (low, high)) = contact.interval(parameter);
+            learned.set_item(parameter.key(), (value, low, high))?;
+        }
+        Ok(Some(learned))
+    }
+
+    /// Learned slip gains, zero where they are not what is learned: array of shape (3, 5), rows v_x,
+    /// v_y, omega_z, columns sigma, |sigma| alpha, |sigma| phi, sigma alpha, sigma phi (docs/adaptation.md).
+    #[getter]
+    fn slip_gains<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let gains = &self.0.slip_gains;
+        let rows = gains.row_iter();
+        let values = rows.flat_map(|row| row.iter().copied().collect::<Vec<_>>());
+        PyArray1::from_vec(py, values.collect()).reshape([gains.nrows(), gains.ncols()])
     }
 
     /// Root mean square error of the predicted velocity over the last seconds, m/s.

@@ -5,14 +5,12 @@ use crate::errors::{failed, guarded, invalid};
 use crate::vehicle::Vehicle;
 use pyo3::prelude::*;
 use serde_json::Value;
-use sidehill::identify::stage_fields;
+use sidehill::identify::of_logs;
 use sidehill::odometry::figures;
 use sidehill_plant::bounds::Bounds;
-use sidehill_plant::identification::{
-    Estimate, IdentificationSettings, Segmentation, StageReport, identify_extension,
-    identify_level_determined, identify_slope_determined,
-};
+use sidehill_plant::identification::{IdentificationSettings, Segmentation};
 use sidehill_plant::log::{ColumnMap, DriveLog};
+use sidehill_plant::vehicle as model;
 
 /// Name for messages, and the log as CSV; `sidehill._logs` makes them of paths, dicts and DataFrames.
 type Text = (String, Vec<u8>);
@@ -30,6 +28,7 @@ fn column_map(columns: Option<&Bound<'_, PyAny>>) -> PyResult<ColumnMap> {
 
 /// Identifies from logs as text; `sidehill.identify` is the function for users.
 #[pyfunction]
+#[expect(clippy::too_many_arguments, reason = "named ones in Python")]
 pub fn identify(
     py: Python<'_>,
     level: Vec<Text>,
@@ -38,8 +37,9 @@ pub fn identify(
     segment_s: &Bound<'_, PyAny>,
     smoothing_s: &Bound<'_, PyAny>,
     columns: Option<&Bound<'_, PyAny>>,
+    contact: bool,
 ) -> PyResult<Py<Identification>> {
-    let mut vehicle = object::<Vehicle>("vehicle", vehicle)?.get().0.clone();
+    let vehicle = object::<Vehicle>("vehicle", vehicle)?.get().0.clone();
     let segment_s = number("segment_s", segment_s)?;
     let settings = IdentificationSettings {
         segmentation: Segmentation::of_length(segment_s).map_err(failed)?,
@@ -48,55 +48,31 @@ pub fn identify(
             .map_err(invalid)?,
     };
     let columns = column_map(columns)?;
-    let (vehicle, reports) = guarded(py, || {
+    let (vehicle, report) = guarded(py, || {
         let logs = |texts: &[Text]| -> PyResult<Vec<DriveLog>> {
             texts.iter().map(|text| read(text, &columns)).collect()
         };
-        let (level, slope) = (logs(&level)?, logs(&slope)?);
-        let mut reports = [None, None];
-        if !level.is_empty() {
-            let (fitted, report, unknown) = identify_level_determined(&level, &vehicle, &settings)
-                .map_err(|error| invalid(format!("level: {error}")))?;
-            (vehicle, reports[0]) = (fitted, Some(summary(&report, &unknown)));
-        }
-        if !slope.is_empty() {
-            let (fitted, report, unknown) = identify_slope_determined(&slope, &vehicle, &settings)
-                .map_err(|error| invalid(format!("slope: {error}")))?;
-            (vehicle, reports[1]) = (fitted, Some(summary(&report, &unknown)));
-        }
-        // As in the program: what the two stages found holds where the terms cannot be tried.
-        if let Ok((extension, _)) = identify_extension(&level, &slope, &vehicle, &settings) {
-            vehicle.extension = extension;
-            vehicle = vehicle.validated().map_err(invalid)?;
-        }
-        Ok((vehicle, reports))
+        let found =
+            of_logs(logs(&level)?, logs(&slope)?, &vehicle, &settings, contact).map_err(failed)?;
+        let mut report = found.json();
+        report["text"] = Value::from(found.text());
+        Ok((found.vehicle, report.to_string()))
     })?;
-    let [level, slope] = reports;
-    let identification = Identification { level, slope };
-    let made = PyClassInitializer::from(Vehicle(vehicle)).add_subclass(identification);
-    Py::new(py, made)
+    Identification::make(py, vehicle, report)
 }
 
-/// Returns what a stage found, with the names of what the logs do not determine, which stays as it was.
-fn summary(report: &StageReport, undetermined: &[Estimate]) -> Value {
-    let mut fields = stage_fields(report);
-    let names = undetermined.iter().map(|estimate| estimate.name);
-    fields.insert("undetermined".to_owned(), names.collect());
-    Value::Object(fields)
-}
-
-/// An identified vehicle, with what each stage says of it.
+/// An identified vehicle, with what each stage says of it, as JSON.
 #[pyclass(frozen, extends = Vehicle, module = "sidehill")]
-pub struct Identification {
-    level: Option<Value>,
-    slope: Option<Value>,
-}
+pub struct Identification(String);
 
 impl Identification {
-    fn report<'py>(py: Python<'py>, report: Option<&Value>) -> PyResult<Option<Bound<'py, PyAny>>> {
-        report
-            .map(|report| from_json(py, &report.to_string()))
-            .transpose()
+    fn make(py: Python<'_>, vehicle: model::Vehicle, report: String) -> PyResult<Py<Self>> {
+        let made = PyClassInitializer::from(Vehicle(vehicle)).add_subclass(Self(report));
+        Py::new(py, made)
+    }
+
+    fn part<'py>(&self, py: Python<'py>, key: &str) -> PyResult<Bound<'py, PyAny>> {
+        from_json(py, &self.0)?.get_item(key)
     }
 }
 
@@ -105,23 +81,54 @@ impl Identification {
     /// Report of the level stage (ICRs, c_l, c_r), None without level logs: dict with `estimates` (by key:
     /// value, std, half_width_95 in the key's unit, None where the logs do not tell), `segments`, `poses`,
     /// `j_over_n` (13), `outlier_share`, `held_out` (RMS errors of segments left out, of the fit and of the
-    /// model without its parameters, m and rad), `warnings`, and `undetermined`, the keys that the logs do not
-    /// determine and that stay as they were.
+    /// model without its parameters, m and rad), `warnings`, and `undetermined` (by key: the same and `kept`, the value
+    /// of the start, which stays as the logs do not determine it).
     #[getter]
-    fn level<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyAny>>> {
-        Self::report(py, self.level.as_ref())
+    fn level<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        self.part(py, "level")
     }
 
     /// Report of the slope stage (lambda_1, lambda_2), None without slope logs; as `level`.
     #[getter]
-    fn slope<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyAny>>> {
-        Self::report(py, self.slope.as_ref())
+    fn slope<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        self.part(py, "slope")
+    }
+
+    /// Report of the vehicle on wheels, None where it was not asked for: dict with `estimates` (by key: value,
+    /// interval_95, determined), `not_told_apart`, `segments`, `settled`, `nearer_than_geometry_alone`.
+    #[getter]
+    fn contact_report<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        self.part(py, "contact")
+    }
+
+    /// How far to trust it: dict with `max_slope_deg`, the steepest slope on which to drive with it, deg, 0 where it is
+    /// not good enough to drive at all, and `reasons`, a list of texts.
+    #[getter]
+    fn verdict<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        self.part(py, "verdict")
+    }
+
+    /// What `sidehill identify` prints: tables of the stages, and the verdict.
+    #[getter]
+    fn text<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        self.part(py, "text")
     }
 
     /// The vehicle without the reports.
     #[getter]
     fn vehicle(slf: &Bound<'_, Self>) -> Vehicle {
         slf.as_super().get().clone()
+    }
+
+    fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<(Bound<'py, PyAny>, (Vehicle, String))> {
+        let make = slf.py().get_type::<Self>().getattr("_of")?;
+        Ok((make, (Self::vehicle(slf), slf.get().0.clone())))
+    }
+
+    #[staticmethod]
+    fn _of(py: Python<'_>, vehicle: &Bound<'_, PyAny>, report: String) -> PyResult<Py<Self>> {
+        let vehicle = object::<Vehicle>("vehicle", vehicle)?.get().0.clone();
+        Self::make(py, vehicle, report)
     }
 }
 

@@ -28,7 +28,8 @@ impl Failure {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).take()
     }
 
-    fn put(&self, error: PyErr) {
+    /// Holds what has been raised.
+    pub fn put(&self, error: PyErr) {
         *self.0.lock().unwrap_or_else(PoisonError::into_inner) = Some(error);
     }
 }
@@ -44,7 +45,7 @@ const FIELDS: [&str; 8] = [
 ];
 
 impl PythonPlant {
-    /// Returns `plant` reset to a pose and attitude.
+    /// Returns `plant` reset to a pose and attitude; what it raises later will be in `failure`.
     ///
     /// # Errors
     /// What the object raises, or a `ValueError` about what it gives.
@@ -53,6 +54,7 @@ impl PythonPlant {
         start: &TrueState,
         step_s: f64,
         encoder_scale: EncoderScale,
+        failure: Failure,
     ) -> PyResult<Self> {
         let module = plant.py().import("sidehill._plant")?;
         let adapter = module.getattr("Adapter")?.call1((plant,))?;
@@ -70,15 +72,10 @@ impl PythonPlant {
             step_s,
             state: TrueState::default(),
             measured: MeasuredTreadSpeeds::default(),
-            failure: Failure::default(),
+            failure,
         };
         plant.take(&given)?;
         Ok(plant)
-    }
-
-    /// Returns where the object's exception will be.
-    pub fn failure(&self) -> Failure {
-        self.failure.clone()
     }
 
     fn take(&mut self, given: &Bound<'_, PyAny>) -> PyResult<()> {

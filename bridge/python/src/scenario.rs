@@ -1,30 +1,75 @@
 //! Scenarios: vehicle, ground, course, sensors and controllers of a simulation.
 
-use crate::arguments::{file, from_json, kind, mapping};
+use crate::arguments::{file, from_json, html, keys, mapping};
 use crate::errors::{failed, guarded};
 use crate::vehicle::Vehicle;
+use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use sidehill::config::{ConfigFile, Overrides, Prepared};
-use sidehill_controller::config::ControllerKind;
-use std::path::Path;
+use sidehill::config::{Bundle, ConfigFile, Overrides, Prepared};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// A scenario, checked with all that it names; immutable.
 ///
 /// Keys are those of the YAML (config/scenarios/figure_eight.yaml), where each has its unit. Names of other
-/// files are relative to the scenario's own, those of a dict to the working folder.
+/// files are relative to the scenario's own, those of a dict to the working folder; they are read once.
+///
+/// Scenario(**keys) takes the YAML's keys, and objects and arrays in place of files: `vehicle` a Vehicle or a dict,
+/// `path` an array (n, 2) of points (x_m, y_m) or (n, 3) with z_m in place of `course`, `terrain` a sidehill.Grid,
+/// `contact` a dict of `vehicle` (see contact_from_geometry) and `identified` (a Vehicle). Without them it has the
+/// paper's J8 on level ground with icrik-mpc, plant icrik, seed 1 and step_s 0.005; `path` or `course` is needed.
+/// Raises ValueError with argument, or key, value and range, OSError where a file that it names cannot be read.
 #[pyclass(frozen, module = "sidehill")]
 pub struct Scenario {
     file: ConfigFile,
     prepared: Prepared,
+    /// Texts of the files that it names, by their paths.
+    files: Bundle,
 }
 
+/// Texts of files by their paths.
+type Texts = BTreeMap<PathBuf, String>;
+
 impl Scenario {
-    fn checked(py: Python<'_>, file: ConfigFile) -> PyResult<Self> {
+    /// Returns the scenario of a file, with those of the files that it names whose texts are known.
+    fn checked(py: Python<'_>, file: ConfigFile, known: Texts) -> PyResult<Self> {
         guarded(py, || {
+            let files = Arc::new(Mutex::new(known));
+            let file = file.with_bundle(Arc::clone(&files));
             let prepared = prepare(&file, &Overrides::default())?;
-            Ok(Self { file, prepared })
+            Ok(Self {
+                file,
+                prepared,
+                files,
+            })
         })
+    }
+
+    fn texts(&self) -> Texts {
+        let files = self.files.lock();
+        files.unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    fn keys(&self) -> PyResult<serde_json::Value> {
+        self.file.parse().map_err(failed)
+    }
+
+    /// Returns the keys of the YAML for those that are given.
+    fn given<'py>(
+        &self,
+        py: Python<'py>,
+        given: &Bound<'py, PyDict>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        py.import("sidehill._scenario")?
+            .getattr("keys")?
+            .call1((given, self.to_dict(py)?))
+    }
+
+    /// Returns its name in tables and plots.
+    pub fn title(&self) -> &str {
+        &self.prepared.name
     }
 
     /// Returns the file.
@@ -43,29 +88,32 @@ fn prepare(file: &ConfigFile, overrides: &Overrides) -> PyResult<Prepared> {
     scenario.prepare(overrides).map_err(failed)
 }
 
-/// Returns the controllers of an argument, none for those of the scenario.
-pub fn kinds(value: Option<&Bound<'_, PyAny>>) -> PyResult<Vec<ControllerKind>> {
-    let Some(value) = value else {
-        return Ok(Vec::new());
-    };
-    if value.extract::<String>().is_ok() {
-        return Ok(vec![kind("controllers", value)?]);
+/// Returns the texts within a value.
+fn names(value: &serde_yaml::Value) -> Vec<&str> {
+    match value {
+        serde_yaml::Value::String(text) => vec![text],
+        serde_yaml::Value::Mapping(mapping) => mapping.values().flat_map(names).collect(),
+        _ => Vec::new(),
     }
-    let names: Vec<Bound<'_, PyAny>> = value
-        .extract()
-        .map_err(|_| crate::errors::invalid("controllers: a list of names is needed"))?;
-    names.iter().map(|name| kind("controllers", name)).collect()
 }
 
 #[pymethods]
 impl Scenario {
+    #[new]
+    #[pyo3(signature = (**keys))]
+    fn new(py: Python<'_>, keys: Option<&Bound<'_, PyDict>>) -> PyResult<Self> {
+        let given = keys.cloned().unwrap_or_else(|| PyDict::new(py));
+        let module = py.import("sidehill._scenario")?;
+        Self::from_dict(py, &module.getattr("of_new")?.call1((given,))?)
+    }
+
     /// Returns the scenario of a YAML file.
     ///
     /// Raises OSError where a file cannot be read, ValueError with file, key, value and range where its
     /// content is wrong.
     #[staticmethod]
     fn load(py: Python<'_>, path: &Bound<'_, PyAny>) -> PyResult<Self> {
-        Self::checked(py, file("path", path)?)
+        Self::checked(py, file("path", path)?, Texts::new())
     }
 
     /// Returns the scenario of a dict with the YAML's keys.
@@ -73,26 +121,30 @@ impl Scenario {
     /// Raises ValueError with key, value and range, OSError where a file that it names cannot be read.
     #[staticmethod]
     fn from_dict(py: Python<'_>, keys: &Bound<'_, PyAny>) -> PyResult<Self> {
-        Self::checked(py, mapping("keys", keys)?)
+        Self::checked(py, mapping("keys", keys)?, Texts::new())
     }
 
     /// Returns a dict with the YAML's keys, as they are given: what is left out has its default.
     fn to_dict<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        let keys: serde_json::Value = self.file.parse().map_err(failed)?;
-        from_json(py, &keys.to_string())
+        from_json(py, &self.keys()?.to_string())
     }
 
-    /// Returns the scenario with these keys in place of its own; of `controller`, which is a dict, only
-    /// what is given is replaced. Example: scenario.with_(seed=2, controller={"motor_lag_s": 0.1}).
+    /// Returns the scenario with these keys in place of its own, objects and arrays as in Scenario(). Of
+    /// `controller`, which is a dict, only what is given is replaced, and of a name with dots the one key. Example:
+    /// scenario.with_(seed=2, controller={"motor_lag_s": 0.1}, **{"terrain.slope_deg": 8}).
     ///
     /// Raises ValueError with key, value and range.
     #[pyo3(signature = (**keys))]
     fn with_(&self, py: Python<'_>, keys: Option<&Bound<'_, PyDict>>) -> PyResult<Self> {
-        let Some(keys) = keys else {
-            return Self::checked(py, self.file.clone());
-        };
-        let keys = mapping("keys", keys)?.parse().map_err(failed)?;
-        Self::checked(py, self.file.with_keys(&keys).map_err(failed)?)
+        let given = keys.cloned().unwrap_or_else(|| PyDict::new(py));
+        let keys = self::keys("keys", &self.given(py, &given)?)?;
+        let file = self.file.with_keys(&keys).map_err(failed)?;
+        // A file that is named anew is read anew.
+        let mut known = self.texts();
+        for name in keys.values().flat_map(names) {
+            known.remove(&file.path_of(Path::new(name)));
+        }
+        Self::checked(py, file, known)
     }
 
     /// Name in tables and plots.
@@ -154,16 +206,74 @@ impl Scenario {
         Ok((attitude.roll_rad, attitude.pitch_rad))
     }
 
-    /// Pickles name and text of the file: another process of this machine reads what it names.
-    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, (String, String))> {
+    /// Returns the height of the ground at each place of arrays x_m and y_m of one shape, m, NaN where none is known.
+    fn height_m<'py>(
+        &self,
+        py: Python<'py>,
+        x_m: &Bound<'py, PyAny>,
+        y_m: &Bound<'py, PyAny>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let named = PyDict::new(py);
+        named.set_item("x_m", x_m)?;
+        named.set_item("y_m", y_m)?;
+        let broadcast = py.import("sidehill._arrays")?.getattr("broadcast")?;
+        let (shape, [x, y]): (Bound<'py, PyAny>, [PyReadonlyArray1<'py, f64>; 2]) =
+            broadcast.call1((named,))?.extract()?;
+        let (x, y) = (x.as_slice()?, y.as_slice()?);
+        let terrain = &self.prepared.terrain;
+        let heights = guarded(py, || {
+            let height = |(x, y): (&f64, &f64)| {
+                let surface = terrain.surface(*x, *y);
+                surface.map_or(f64::NAN, |surface| surface.height_m)
+            };
+            Ok(x.iter().zip(y).map(height).collect())
+        })?;
+        PyArray1::from_vec(py, heights).call_method1("reshape", (shape,))
+    }
+
+    /// Pickles the texts of the file and of those that it names: another machine needs none of them.
+    fn __reduce__<'py>(
+        &self,
+        py: Python<'py>,
+    ) -> PyResult<(Bound<'py, PyAny>, (String, String, Texts))> {
         let make = py.get_type::<Self>().getattr("_of_text")?;
         let path = self.file.path().display().to_string();
-        Ok((make, (path, self.file.text().to_owned())))
+        Ok((make, (path, self.file.text().to_owned(), self.texts())))
     }
 
     #[staticmethod]
-    fn _of_text(py: Python<'_>, path: &str, text: String) -> PyResult<Self> {
-        Self::checked(py, ConfigFile::with_text(Path::new(path), text))
+    fn _of_text(py: Python<'_>, path: &str, text: String, files: Texts) -> PyResult<Self> {
+        Self::checked(py, ConfigFile::with_text(Path::new(path), text), files)
+    }
+
+    /// Equal are scenarios with equal keys whose files, by their names and texts, are the same.
+    fn __eq__(&self, other: &Bound<'_, PyAny>) -> PyResult<bool> {
+        let Ok(other) = other.cast::<Self>() else {
+            return Ok(false);
+        };
+        let other = other.get();
+        let folder = |scenario: &Self| scenario.file.path().parent().map(Path::to_owned);
+        let (own, others) = (self.texts(), other.texts());
+        // A scenario made from another one has the texts of that one's files as well.
+        let same =
+            |(path, text): (&PathBuf, &String)| others.get(path).is_none_or(|other| other == text);
+        Ok(self.keys()? == other.keys()? && folder(self) == folder(other) && own.iter().all(same))
+    }
+
+    fn __copy__(slf: Bound<'_, Self>) -> Bound<'_, Self> {
+        slf
+    }
+
+    fn __deepcopy__<'py>(slf: Bound<'py, Self>, _memo: &Bound<'py, PyAny>) -> Bound<'py, Self> {
+        slf
+    }
+
+    fn _repr_html_(&self, py: Python<'_>) -> PyResult<String> {
+        let mut keys = self.keys()?;
+        if let Some(keys) = keys.as_object_mut() {
+            keys.remove("files");
+        }
+        html("Scenario", &from_json(py, &keys.to_string())?)
     }
 
     fn __repr__(&self) -> String {

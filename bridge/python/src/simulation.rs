@@ -1,13 +1,16 @@
 //! The simulated vehicle of a scenario, step by step.
 
-use crate::arguments::{number, object, seed};
+use crate::arguments::{html, number, object, seed};
 use crate::errors::{failed, guarded, invalid};
+use crate::history::History;
+use crate::measured::Ahead;
 use crate::scenario::Scenario;
 use crate::simulate::plant_kind;
 use crate::vehicle::Vehicle;
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
-use sidehill::config::Overrides;
+use pyo3::types::PyDict;
+use sidehill::config::{Overrides, PlantKind};
 use sidehill_controller::closed_loop::TrackingErrors;
 use sidehill_controller::path::Point2;
 use sidehill_controller::reference::{PROJECTION_WINDOW, Reference, stands};
@@ -22,18 +25,32 @@ use std::sync::{Mutex, MutexGuard};
 /// Simulation(scenario, plant=None, seed=None). `plant` is "icrik" or "contact" and, like `seed`, replaces
 /// the scenario's. The drive train is the scenario's; what is read is the truth, without its sensors. Raises
 /// ValueError naming the argument or setting.
+///
+/// A copy (copy.copy) goes on bit by bit as the original does in its place: so a roll-out branches. A pickle holds the
+/// scenario and the steps, up to 10,000 calls; opening it repeats them. Equal are simulations of equal scenarios with the same steps.
 #[pyclass(frozen, module = "sidehill")]
 pub struct Simulation {
     world: Mutex<World>,
+    origin: Origin,
     scale: EncoderScale,
     step_s: f64,
     vehicle: model::Vehicle,
 }
 
+/// What a simulation is made of.
+struct Origin {
+    scenario: Py<Scenario>,
+    plant: Option<PlantKind>,
+    seed: Option<u64>,
+}
+
+#[derive(Clone)]
 struct World {
     plant: core::Simulation,
     reference: Reference,
     finished: bool,
+    /// Speeds told to the drives and the steps for which they held.
+    told: History<(MeasuredTreadSpeeds, u32)>,
 }
 
 impl World {
@@ -69,6 +86,7 @@ impl World {
         scale: &EncoderScale,
         steps: u32,
     ) -> PyResult<()> {
+        self.told.push((told, steps));
         let command = MeasuredMotorSpeeds::from(told).effective(scale);
         for _ in 0..steps {
             Plant::step(&mut self.plant, command).map_err(failed)?;
@@ -92,6 +110,32 @@ impl Simulation {
             PyRuntimeError::new_err("this simulation has failed before; make a new one")
         })
     }
+
+    fn of(py: Python<'_>, origin: Origin) -> PyResult<Self> {
+        let overrides = Overrides {
+            plant: origin.plant,
+            seed: origin.seed,
+            ..Overrides::default()
+        };
+        let scenario = origin.scenario.get();
+        let (prepared, plant) = guarded(py, || {
+            let prepared = scenario.prepare(&overrides)?;
+            let plant = prepared.simulation().map_err(failed)?;
+            Ok((prepared, plant))
+        })?;
+        Ok(Self {
+            origin,
+            scale: prepared.plant.encoder_scale(),
+            step_s: prepared.step_s,
+            vehicle: prepared.vehicle,
+            world: Mutex::new(World {
+                plant,
+                reference: prepared.reference,
+                finished: false,
+                told: History::new(),
+            }),
+        })
+    }
 }
 
 #[pymethods]
@@ -104,26 +148,13 @@ impl Simulation {
         plant: Option<&Bound<'_, PyAny>>,
         seed: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
-        let scenario = object::<Scenario>("scenario", scenario)?.get();
-        let overrides = Overrides {
+        let scenario = object::<Scenario>("scenario", scenario)?;
+        let origin = Origin {
             plant: plant.map(plant_kind).transpose()?,
             seed: self::seed(seed)?,
-            ..Overrides::default()
+            scenario: scenario.clone().unbind(),
         };
-        guarded(py, || {
-            let prepared = scenario.prepare(&overrides)?;
-            let plant = prepared.simulation().map_err(failed)?;
-            Ok(Self {
-                scale: prepared.plant.encoder_scale(),
-                step_s: prepared.step_s,
-                vehicle: prepared.vehicle,
-                world: Mutex::new(World {
-                    plant,
-                    reference: prepared.reference,
-                    finished: false,
-                }),
-            })
-        })
+        Self::of(py, origin)
     }
 
     /// Moves on by dt_s, a whole number of the scenario's steps, with these speeds told to the drives, m/s
@@ -200,15 +231,12 @@ impl Simulation {
         ))
     }
 
-    /// Returns the reference (x_m, y_m, yaw_rad, speed_m_s) in so many seconds; speed negative in reverse.
-    fn reference(&self, ahead_s: &Bound<'_, PyAny>) -> PyResult<(f64, f64, f64, f64)> {
-        let ahead_s = number("ahead_s", ahead_s)?;
-        if ahead_s < 0.0 {
-            return Err(invalid(format!("ahead_s: {ahead_s} is negative")));
-        }
-        let point = self.world()?.reference.ahead(ahead_s);
-        let pose = point.pose();
-        Ok((pose.x_m, pose.y_m, pose.yaw_rad, point.speed_m_s))
+    /// Returns the reference (x_m, y_m, yaw_rad, speed_m_s) in so many seconds, for an array of n of them an array of
+    /// shape (n, 4); speed negative in reverse.
+    fn reference<'py>(&self, ahead_s: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
+        let ahead = Ahead::of(ahead_s)?;
+        let references = ahead.references(&self.world()?.reference);
+        ahead.shown(ahead_s.py(), references)
     }
 
     /// Time that following the reference from its start to its end takes, s.
@@ -222,4 +250,114 @@ impl Simulation {
     fn finished(&self) -> PyResult<bool> {
         Ok(self.world()?.finished)
     }
+
+    fn __eq__(slf: &Bound<'_, Self>, other: &Bound<'_, PyAny>) -> PyResult<bool> {
+        // Others may call it meanwhile.
+        if slf.is(other) {
+            return Ok(true);
+        }
+        let py = other.py();
+        let Ok(other) = other.cast::<Self>() else {
+            return Ok(false);
+        };
+        let (own, others) = (&slf.get().origin, &other.get().origin);
+        let alike = (own.plant, own.seed) == (others.plant, others.seed);
+        if !alike || !own.scenario.bind(py).eq(others.scenario.bind(py))? {
+            return Ok(false);
+        }
+        let told = slf.get().world()?.told.summary();
+        Ok(told == other.get().world()?.told.summary())
+    }
+
+    fn __copy__(&self, py: Python<'_>) -> PyResult<Self> {
+        let world = self.world()?.clone();
+        Ok(Self {
+            world: Mutex::new(world),
+            origin: Origin {
+                scenario: self.origin.scenario.clone_ref(py),
+                ..self.origin
+            },
+            scale: self.scale,
+            step_s: self.step_s,
+            vehicle: self.vehicle.clone(),
+        })
+    }
+
+    fn __deepcopy__(&self, py: Python<'_>, _memo: &Bound<'_, PyAny>) -> PyResult<Self> {
+        self.__copy__(py)
+    }
+
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, Pickled)> {
+        let make = py.get_type::<Self>().getattr("_repeated")?;
+        let calls = {
+            let world = self.world()?;
+            let told = world.told.calls("Simulation")?.iter();
+            let calls = told.map(|(speeds, steps)| (speeds.left_m_s, speeds.right_m_s, *steps));
+            calls.collect()
+        };
+        let plant = self.origin.plant.map(|plant| plant.name().to_owned());
+        let scenario = self.origin.scenario.clone_ref(py);
+        Ok((make, (scenario, plant, self.origin.seed, calls)))
+    }
+
+    /// Returns a simulation that has made these steps.
+    #[staticmethod]
+    fn _repeated(
+        py: Python<'_>,
+        scenario: Py<Scenario>,
+        plant: Option<&Bound<'_, PyAny>>,
+        seed: Option<u64>,
+        calls: Vec<Call>,
+    ) -> PyResult<Self> {
+        let origin = Origin {
+            scenario,
+            plant: plant.map(plant_kind).transpose()?,
+            seed,
+        };
+        let simulation = Self::of(py, origin)?;
+        guarded(py, || {
+            let mut world = simulation.world()?;
+            for (left_m_s, right_m_s, steps) in calls {
+                let told = MeasuredTreadSpeeds {
+                    left_m_s,
+                    right_m_s,
+                };
+                // A step that has failed fails again.
+                if world
+                    .step(told, &simulation.vehicle.encoder_scale, steps)
+                    .is_err()
+                {
+                    break;
+                }
+            }
+            drop(world);
+            Ok(simulation)
+        })
+    }
+
+    fn _repr_html_(&self, py: Python<'_>) -> PyResult<String> {
+        let rows = PyDict::new(py);
+        let errors = self.errors()?;
+        rows.set_item("scenario", self.origin.scenario.get().title())?;
+        rows.set_item("vehicle", &self.vehicle.name)?;
+        rows.set_item("time_s", self.time_s()?)?;
+        rows.set_item("pose", self.pose()?)?;
+        rows.set_item("cross_track_m", errors.0)?;
+        rows.set_item("finished", self.finished()?)?;
+        html("Simulation", rows.as_any())
+    }
+
+    fn __repr__(&self) -> PyResult<String> {
+        Ok(format!(
+            "<sidehill.Simulation of {} at {} s>",
+            self.origin.scenario.get().title(),
+            self.time_s()?
+        ))
+    }
 }
+
+/// Left and right speed told to the drives, m/s, and the steps for which they held.
+type Call = (f64, f64, u32);
+
+/// Arguments of [`Simulation::_repeated`].
+type Pickled = (Py<Scenario>, Option<String>, Option<u64>, Vec<Call>);

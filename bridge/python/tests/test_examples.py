@@ -3,6 +3,7 @@
 import base64
 import importlib
 import os
+import subprocess
 import sys
 from pathlib import Path
 
@@ -45,6 +46,18 @@ def test_the_figures_of_the_paper(tmp_path):
 
 
 @pytest.mark.filterwarnings("default")
+def test_an_mpc_of_ones_own_drives_beside_ours(tmp_path):
+    pytest.importorskip("matplotlib")
+    rows = importlib.import_module("own_mpc").main(tmp_path)
+    assert len(rows) == 18 and all(row["completed"] for row in rows)
+    errors = {kind: [row["cross_track_rms_m"] for row in rows if row["controller"] == kind] for kind in
+              ("icrik-mpc", "OwnMpc", "pure-pursuit")}  # fmt: skip
+    for ours, own, pursuit in zip(*errors.values(), strict=True):
+        assert ours < 0.01 and own < 0.02 and 3 * own < pursuit
+    assert (tmp_path / "own_mpc.png").stat().st_size > 40_000
+
+
+@pytest.mark.filterwarnings("default")
 def test_a_rover_in_mujoco_keeps_its_path(tmp_path):
     pytest.importorskip("mujoco")
     result = importlib.import_module("mujoco_rover").main(tmp_path)
@@ -53,6 +66,19 @@ def test_a_rover_in_mujoco_keeps_its_path(tmp_path):
     # A friction that is not the model's, on another slope than the rover was identified on.
     assert own["cross_track_rms_m"] < 0.025 and own["cross_track_rms_m"] < level["cross_track_rms_m"]
     assert (tmp_path / "mujoco_rover.png").stat().st_size > 50_000
+
+
+def test_without_a_display_and_egl_the_rover_says_that_there_is_no_picture(tmp_path):
+    pytest.importorskip("mujoco")
+    bare = {name: value for name, value in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY")}
+    code = "import mujoco_rover, pathlib; mujoco_rover.picture(None, [], pathlib.Path('none.png'))"
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        env=bare | {"MUJOCO_GL": "disable", "PYTHONPATH": str(EXAMPLES)},
+        cwd=tmp_path, capture_output=True, text=True, timeout=120,
+    )  # fmt: skip
+    assert done.returncode == 0 and done.stdout.startswith("no picture: "), done.stderr
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.filterwarnings("default")

@@ -2,6 +2,7 @@
 
 import json
 import math
+import pickle
 
 import numpy as np
 import pandas
@@ -42,15 +43,31 @@ def drive(j8):
 
 def test_identification_is_that_of_the_program_bit_by_bit(tracked, tmp_path, run):
     out = tmp_path / "identified.yaml"
-    run("identify", "--level", *LEVEL, "--slope", *SLOPE, "--segment-s", 4, "--columns", COLUMNS,
-        "--vehicle", LOGS / "vehicle.yaml", "--out", out)  # fmt: skip
+    printed = json.loads(run(
+        "identify", "--level", *LEVEL, "--slope", *SLOPE, "--segment-s", 4, "--columns", COLUMNS,
+        "--vehicle", LOGS / "vehicle.yaml", "--out", out, "--format", "json",
+    ))  # fmt: skip
     found = sidehill.identify(level=LEVEL, slope=map(str, SLOPE), vehicle=tracked, segment_s=4, columns=COLUMNS)
     assert found.vehicle == sidehill.Vehicle.load(out) != tracked
-    assert found.slope["undetermined"] == ["lambda_2_s_per_rad"] and found.level["undetermined"] == []
+    assert list(found.slope["undetermined"]) == ["lambda_2_s_per_rad"] and found.level["undetermined"] == {}
+    assert (found.level, found.slope, found.verdict) == (printed["level"], printed["slope"], printed["verdict"])
+    assert found.verdict["max_slope_deg"] < 20 and found.verdict["reasons"]
+    assert found.text.startswith("level: ") and "\nslope: " in found.text
+    verdict = found.text[found.text.index("verdict: ") :].splitlines()
+    assert verdict[1:] == [f"  - {reason}" for reason in found.verdict["reasons"]]
+    assert found.contact_report is None
+    other = pickle.loads(pickle.dumps(found))
+    assert other == found and (other.slope, other.verdict) == (found.slope, found.verdict)
     assert isinstance(found, sidehill.Vehicle) and found.x_icr_left_m == found.vehicle.x_icr_left_m
     assert found.level["estimates"]["x_icr_left_m"]["value"] == found.x_icr_left_m
     assert found.level["held_out"]["fitted"]["yaw_rad"] < found.level["held_out"]["baseline"]["yaw_rad"]
     assert "lambda_1_s_per_rad" in found.slope["estimates"] and found.slope["segments"] > 0
+
+
+def test_the_vehicle_on_wheels_is_identified_where_it_is_asked_for(j8, drive):
+    found = sidehill.identify(slope=[drive], vehicle=j8, segment_s=2, contact=True)
+    assert "friction" in found.contact_report["estimates"] and found.contact["half_width_m"] == j8.base_half_width_m
+    assert "contact vehicle: " in found.text
 
 
 def test_gains_of_a_slope_are_found_again_from_dicts_and_frames(j8, drive):

@@ -301,7 +301,7 @@ def test_what_a_plant_gives_wrongly_is_named(short, j8, given, part):
         ({"plant": object()}, "has no method reset"),
         ({"controllers": "mpc"}, "controllers: 'mpc' is not a controller"),
         ({"controllers": ["icrik-mpc", None]}, "controllers: None is not a controller"),
-        ({"controllers": 3}, "controllers: a list of names is needed"),
+        ({"controllers": 3}, "controllers: a list of names and callables is needed"),
         ({"seed": None, "scenario": "x"}, "scenario: a sidehill.Scenario is needed"),
         ({"seed": "1"}, "seed: '1'"),
     ],

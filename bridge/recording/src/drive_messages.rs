@@ -1,7 +1,7 @@
 //! From the values of a drive to messages.
 
 use super::diagnostics::{GeneralState, controller_status, recording_status, safety_status};
-use super::messages::{ControllerCycle, LogLine, Topic};
+use super::messages::{ControllerCycle, FixState, LogLine, Topic};
 use super::records::{guard_state, loop_cycle, path_command, path_poses};
 use super::scene::{BASE, Marker, SceneParts, WORLD};
 use super::sink::MessageSink;
@@ -204,6 +204,11 @@ impl DriveMessages {
     pub fn loop_cycle(&mut self, row: &CycleRow, sink: &mut impl MessageSink) {
         self.state = Some((row.state, row.bus));
         self.put(Topic::LoopCycle, row.time_s, &loop_cycle(row), sink);
+    }
+
+    /// Gives a fix that came at `time_s`.
+    pub fn fix(&self, time_s: f64, fix: &FixState, sink: &mut impl MessageSink) {
+        self.put(Topic::Fix, time_s, fix, sink);
     }
 
     /// Gives something that happened.

@@ -26,7 +26,7 @@ mod whole_file;
 pub use diagnostics::{GeneralState, drive_values, learned_values};
 pub use drive_messages::{DriveMessages, unix_ns};
 pub use mcap_file::{Header, McapRecording, RecordLimits, RecordingStatus};
-pub use messages::{ControllerCycle, GuardState, LogLine, LoopCycle, PathCommand, Topic};
+pub use messages::{ControllerCycle, FixState, GuardState, LogLine, LoopCycle, PathCommand, Topic};
 pub use reader::{Recording, RecordingError, scan};
 pub use scene::{Marker, ground};
 pub use schema::schema;

@@ -30,6 +30,8 @@ pub enum Topic {
     Treads,
     /// Margins against tipping over and sliding off, where the steepness guard is on.
     Guard,
+    /// Fixes of a satellite receiver, where poses come from one.
+    Fix,
     /// Ground, path, vehicle, slide and ICRs, to be looked at.
     Scene,
     /// States of controller, safety and recording.
@@ -40,7 +42,7 @@ pub enum Topic {
 
 impl Topic {
     /// All of them.
-    pub const ALL: [Self; 15] = [
+    pub const ALL: [Self; 16] = [
         Self::ControllerCycle,
         Self::LoopCycle,
         Self::PathCommand,
@@ -53,6 +55,7 @@ impl Topic {
         Self::ReferencePath,
         Self::Treads,
         Self::Guard,
+        Self::Fix,
         Self::Scene,
         Self::Diagnostics,
         Self::Events,
@@ -73,6 +76,7 @@ impl Topic {
             Self::ReferencePath => "/sidehill/reference_path",
             Self::Treads => "/sidehill/treads",
             Self::Guard => "/sidehill/guard",
+            Self::Fix => "/sidehill/fix",
             Self::Scene => "/sidehill/scene",
             Self::Diagnostics => "/diagnostics",
             Self::Events => "/rosout",
@@ -90,6 +94,7 @@ impl Topic {
             Self::Path | Self::PredictedPath | Self::ReferencePath => "nav_msgs/Path",
             Self::Treads => "sensor_msgs/JointState",
             Self::Guard => "sidehill_msgs/GuardState",
+            Self::Fix => "sidehill_msgs/FixState",
             Self::Scene => "visualization_msgs/MarkerArray",
             Self::Diagnostics => "diagnostic_msgs/DiagnosticArray",
             Self::Events => "rcl_interfaces/Log",
@@ -177,6 +182,14 @@ wire! {
         speed_share: f64,
         place_ahead: bool,
         place_in_s: f64,
+    }
+    /// A fix of a satellite receiver: when it was measured, its status as sensor_msgs/NavSatStatus has it, its standard
+    /// deviation, NaN where the receiver does not tell it, and whether it was good enough for a pose.
+    FixState = "sidehill_msgs" / "FixState" {
+        time_s: f64,
+        status: i8,
+        sigma_m: f64,
+        used: bool,
     }
     /// A path for the controller. `trajectory` is CDR of this version of the program.
     PathCommand = "sidehill_msgs" / "PathCommand" {

@@ -1,7 +1,7 @@
 //! Definitions of the messages that are recorded, as ROS 2 writes them in `.msg` files.
 
 /// Definitions by type; fields are in the order of the structs in [`sidehill_bridge::ros2::message`].
-const DEFINITIONS: [(&str, &str); 27] = [
+const DEFINITIONS: [(&str, &str); 28] = [
     ("builtin_interfaces/Time", "int32 sec\nuint32 nanosec\n"),
     (
         "std_msgs/Header",
@@ -93,6 +93,7 @@ const DEFINITIONS: [(&str, &str); 27] = [
     ("sidehill_msgs/LoopCycle", LOOP_CYCLE),
     ("sidehill_msgs/PathCommand", PATH_COMMAND),
     ("sidehill_msgs/GuardState", GUARD_STATE),
+    ("sidehill_msgs/FixState", FIX_STATE),
 ];
 
 /// Definition of `ControllerCycle`.
@@ -168,6 +169,15 @@ uint32 laps
 bool joined  # whether the vehicle joins the path at from_m, else at its start
 float64 from_m
 uint8[] trajectory
+";
+
+/// Definition of `FixState`.
+const FIX_STATE: &str = "\
+# A fix of a satellite receiver.
+float64 time_s  # when it was measured; nan where its stamp was refused
+int8 status  # of sensor_msgs/NavSatStatus: -1 no fix, 0 alone, 1 corrected from satellites, 2 from the ground (RTK)
+float64 sigma_m  # larger standard deviation of east and north; nan where the receiver does not tell
+bool used  # whether it was good enough for a pose
 ";
 
 /// Definition of `GuardState`.

@@ -1,7 +1,7 @@
 //! Errors of a run against its path, and their sums.
 
 use crate::config::ControllerConfig;
-use crate::controller::{Decision, Status};
+use crate::controller::Status;
 use crate::mpc::limits::{InputLimits, MotorLimits};
 use crate::path::{Path, Point2};
 use crate::reference::{PROJECTION_WINDOW, Reference};
@@ -80,7 +80,8 @@ pub struct LapFigures {
 }
 
 /// Sums and extremes of a run under way.
-pub(super) struct Account {
+#[derive(Clone)]
+pub struct Account {
     limits: InputLimits,
     period_s: f64,
     errors: TrackingErrors,
@@ -105,7 +106,8 @@ pub(super) struct Account {
 }
 
 impl Account {
-    pub(super) fn new(reference: &Reference, config: &ControllerConfig) -> Self {
+    /// Returns the account of a run that begins where `reference` is.
+    pub fn new(reference: &Reference, config: &ControllerConfig) -> Self {
         Self {
             limits: config.limits,
             period_s: config.period_s,
@@ -122,10 +124,7 @@ impl Account {
             travelled_m: 0.0,
             time_s: 0.0,
             tread_speed_max_m_s: 0.0,
-            tracked_point: match reference.path() {
-                Some(_) => config.tracked_point,
-                None => TrackedPoint::ORIGIN,
-            },
+            tracked_point: config.tracked_point.along(reference.path()),
             origin_squares: 0.0,
             lap_m: reference.trajectory().length_m(),
             last_lap: match reference.trajectory().ending() {
@@ -136,6 +135,11 @@ impl Account {
             },
             laps: Vec::new(),
         }
+    }
+
+    /// Returns the point of the vehicle that is measured.
+    pub fn tracked_point(&self) -> TrackedPoint {
+        self.tracked_point
     }
 
     /// Measures the true state against the path and `reference`.
@@ -160,12 +164,7 @@ impl Account {
     }
 
     /// Counts one step of the plant.
-    pub(super) fn step(
-        &mut self,
-        path: Option<&Path>,
-        state: &TrueState,
-        reference: &ReferencePoint,
-    ) {
+    pub fn step(&mut self, path: Option<&Path>, state: &TrueState, reference: &ReferencePoint) {
         let before = self.position;
         self.measure(path, state, reference);
         self.travelled_m += before.distance_m(&self.position);
@@ -209,21 +208,19 @@ impl Account {
     }
 
     /// Returns how well each lap so far has been driven.
-    pub(super) fn laps(&self) -> &[LapFigures] {
+    pub fn laps(&self) -> &[LapFigures] {
         &self.laps
     }
 
-    /// Counts one control cycle and returns the errors in which it began.
-    pub(super) fn cycle(
+    /// Counts the command that a control cycle gives and returns the errors in which it began.
+    pub fn cycle(
         &mut self,
         path: Option<&Path>,
         state: &TrueState,
         reference: &ReferencePoint,
-        decision: &Decision,
-        duration: Duration,
+        command: MotorSpeeds,
     ) -> TrackingErrors {
         self.measure(path, state, reference);
-        let command = decision.command_effective;
         if state.time_s > SETTLING_S {
             self.steer_variation_m_s += (command.steer_m_s - self.last_command.steer_m_s).abs();
         }
@@ -231,9 +228,13 @@ impl Account {
             self.violations += 1;
         }
         self.last_command = command;
-        self.fallbacks += u32::from(matches!(decision.status, Status::Fallback { .. }));
-        self.deadline_misses += u32::from(duration.as_secs_f64() > self.period_s);
         self.errors
+    }
+
+    /// Counts what the controller says of a cycle, and the time that it took.
+    pub(super) fn judge(&mut self, status: Status, duration: Duration) {
+        self.fallbacks += u32::from(matches!(status, Status::Fallback { .. }));
+        self.deadline_misses += u32::from(duration.as_secs_f64() > self.period_s);
     }
 
     /// Returns whether a command keeps bounds and rates, independently of the controller's own
@@ -254,7 +255,8 @@ impl Account {
                 <= self.limits.tread_speed_m_s + ROUNDING
     }
 
-    pub(super) fn figures(
+    /// Returns how well the reference, which is now at `point`, has been followed so far.
+    pub fn figures(
         &self,
         reference: Option<&Reference>,
         point: &ReferencePoint,

@@ -172,7 +172,7 @@ impl Motor {
 }
 
 /// The response of the drives, followed from cycle to cycle; nothing is allocated after [`Drives::new`].
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(super) struct Drives {
     traction: Motor,
     steer: Motor,

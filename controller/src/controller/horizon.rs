@@ -58,6 +58,7 @@ impl Controller {
         );
         // The plan ends where the drive before has ended.
         if reference.drive() != before {
+            self.come = f64::INFINITY;
             self.discard_plan();
         }
         Some(progress)
@@ -66,14 +67,29 @@ impl Controller {
     /// Keeps account of how long the vehicle has been slower than it was asked to be: the price of speed grows with
     /// that, so that no plan waits for ever beside a place that is hard to pass.
     fn fall_behind(&mut self, progress: &Progress, elapsed_s: f64) {
-        let moved_m = progress.arc_length_m - self.arc_length_m;
-        self.arc_length_m = progress.arc_length_m;
-        let asked_m = progress.point.speed_m_s.abs() * elapsed_s;
-        if progress.point.motion != Motion::Drive || asked_m <= 0.0 || moved_m.abs() > 1.0 {
+        let to_turn_rad = self
+            .reference
+            .as_ref()
+            .map_or(0.0, Reference::turn_to_go_rad);
+        let (come, asked_per_s) = match progress.point.motion {
+            Motion::Drive => (progress.arc_length_m, progress.point.speed_m_s.abs()),
+            Motion::Pivot => {
+                let most_rad_s = self.speed_limits().yaw_rate_rad_s();
+                (
+                    -to_turn_rad.abs(),
+                    progress.point.yaw_rate_rad_s.abs().min(most_rad_s),
+                )
+            }
+            Motion::Stand => (0.0, 0.0),
+        };
+        let moved = come - self.come;
+        self.come = come;
+        let asked = asked_per_s * elapsed_s;
+        if asked <= 0.0 || moved.abs() > 1.0 {
             self.behind_s = 0.0;
             return;
         }
-        let slow = 1.0 - moved_m / asked_m;
+        let slow = 1.0 - moved / asked;
         let change_s = elapsed_s * ((slow - SLOW_FREE).max(0.0) - self.behind_s / BEHIND_S);
         self.behind_s = (self.behind_s + change_s).clamp(0.0, BEHIND_S);
     }
@@ -387,8 +403,12 @@ impl<'a> Ahead<'a> {
         }
         let mut errors_share = 1.0;
         let mut weights = asked.weights(&config.weights, end_s);
+        // Whatever a plan gains by waiting is worth less from second to second.
+        let ramp = (1.0 + self.behind_s).powi(2);
+        if asked.motion == Motion::Pivot {
+            weights.heading_per_rad2 *= ramp;
+        }
         if asked.motion == Motion::Drive {
-            let ramp = (1.0 + self.behind_s).powi(2);
             weights.speed_s2_per_m2 *= ramp;
             if !asked.ends {
                 // Errors count by the way that is driven with them: to stand beside the path must not be cheap.

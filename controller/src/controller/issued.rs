@@ -10,22 +10,26 @@ struct Issued {
 }
 
 /// Commands of the last second, the newest last: those that the drives have yet to follow are among them.
+#[derive(Clone)]
 pub(super) struct IssuedCommands {
+    /// Most commands that are kept.
+    most: usize,
     commands: Vec<Issued>,
 }
 
 impl IssuedCommands {
     /// Returns room for the commands of a second at one per period.
     pub(super) fn new(period_s: f64) -> Self {
-        let commands = (1.0 / period_s).ceil() as usize + 2;
+        let most = (1.0 / period_s).ceil() as usize + 3;
         Self {
-            commands: Vec::with_capacity(commands + 1),
+            most,
+            commands: Vec::with_capacity(most),
         }
     }
 
     /// Adds a command; the oldest makes room.
     pub(super) fn push(&mut self, time_s: f64, command: MotorSpeeds) {
-        if self.commands.len() + 1 > self.commands.capacity() {
+        if self.commands.len() == self.most {
             self.commands.remove(0);
         }
         self.commands.push(Issued { time_s, command });

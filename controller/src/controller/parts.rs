@@ -34,6 +34,7 @@ pub enum ControllerError {
 }
 
 /// What turns estimate and reference into a command.
+#[derive(Clone)]
 pub(super) enum Law {
     Mpc(Box<Mpc>),
     PurePursuit,
@@ -71,13 +72,9 @@ impl Parts {
             ControllerKind::ContactMpc => config.estimator.contact.is_on(),
             ControllerKind::DiffdriveMpc | ControllerKind::PurePursuit => false,
         };
-        let contact = if kind == ControllerKind::ContactMpc {
-            Some(ContactPrediction::new(&vehicle.contact_vehicle())?)
-        } else {
-            None
-        };
-        let estimator = if let Some(contact) = &contact {
-            Estimator::with_contact(config.estimator, &vehicle.on_wheels(), contact.clone())
+        let model = Model::of_kind(kind, vehicle, config.smoothing_m_s)?;
+        let estimator = if let Some(Model::Contact(contact)) = &model {
+            Estimator::with_contact(config.estimator, &vehicle.on_wheels(), (**contact).clone())
         } else if kind == ControllerKind::IcrhkMpc && adapts {
             let mut settings = config.estimator;
             settings.adaptation.slope_sigma = 0.0;
@@ -85,26 +82,48 @@ impl Parts {
         } else {
             Estimator::new(config.estimator, vehicle.extended())
         };
-        let vehicle = match kind {
-            ControllerKind::IcrikMpc => vehicle.extended(),
-            ControllerKind::ContactMpc => vehicle.on_wheels(),
-            ControllerKind::IcrhkMpc | ControllerKind::PurePursuit => vehicle.on_level_ground(),
-            ControllerKind::DiffdriveMpc => vehicle.as_differential_drive(),
-        };
-        let law = if kind == ControllerKind::PurePursuit {
-            Law::PurePursuit
-        } else {
-            let model = match contact {
-                Some(contact) => Model::from(contact),
-                None => PredictionModel::new(vehicle.clone(), config.smoothing_m_s).into(),
-            };
-            Law::Mpc(Box::new(Mpc::new(config.mpc(), model)?))
+        let law = match model {
+            None => Law::PurePursuit,
+            Some(model) => Law::Mpc(Box::new(Mpc::new(config.mpc(), model)?)),
         };
         Ok(Self {
-            vehicle,
+            vehicle: modelled(kind, vehicle),
             estimator,
             law,
             adapts,
+        })
+    }
+}
+
+/// Returns a vehicle as the law of a kind of controller knows it.
+fn modelled(kind: ControllerKind, vehicle: &Vehicle) -> Vehicle {
+    match kind {
+        ControllerKind::IcrikMpc => vehicle.extended(),
+        ControllerKind::ContactMpc => vehicle.on_wheels(),
+        ControllerKind::IcrhkMpc | ControllerKind::PurePursuit => vehicle.on_level_ground(),
+        ControllerKind::DiffdriveMpc => vehicle.as_differential_drive(),
+    }
+}
+
+impl Model {
+    /// Returns the model by which an MPC of this kind predicts the motion of `vehicle`, before it learns; none of a law
+    /// that does not predict. `smoothing_m_s` is that of [`PredictionModel::new`].
+    ///
+    /// # Errors
+    /// [`RangeError`] where the axles do not carry the vehicle: all at one place.
+    pub fn of_kind(
+        kind: ControllerKind,
+        vehicle: &Vehicle,
+        smoothing_m_s: f64,
+    ) -> Result<Option<Self>, RangeError> {
+        Ok(match kind {
+            ControllerKind::PurePursuit => None,
+            ControllerKind::ContactMpc => {
+                Some(ContactPrediction::new(&vehicle.contact_vehicle())?.into())
+            }
+            ControllerKind::IcrikMpc | ControllerKind::IcrhkMpc | ControllerKind::DiffdriveMpc => {
+                Some(PredictionModel::new(modelled(kind, vehicle), smoothing_m_s).into())
+            }
         })
     }
 }

@@ -23,11 +23,14 @@ const SPEED_MIN_M_S: f64 = 0.02;
 const AT_END: f64 = 1e-3;
 /// Time from the begin of the horizon over which the weight across the path grows to its full value, s.
 const CROSS_RAMP_S: f64 = 0.6;
-/// Weights of the position, 1/m^2, and of the heading, 1/rad^2, while turning on the spot at the yaw rate, rad/s; at a
-/// lower one the heading counts so much more that standing costs the same.
+/// Weights of the position, 1/m^2, and of the heading, 1/rad^2, during a turn on the spot, and their factor where it ends:
+/// what a vehicle has slid across its last heading stays.
 const PIVOT_POSITION_PER_M2: f64 = 5.0;
 const PIVOT_HEADING_PER_RAD2: f64 = 5.0;
-const PIVOT_YAW_RATE_RAD_S: f64 = 0.8;
+const PIVOT_END: f64 = 10.0;
+/// Time that a turn on the spot takes to gain and lose speed, s, and how much longer than asked for it takes.
+const PIVOT_RAMPS_S: f64 = 1.0;
+const PIVOT_SLOWER: f64 = 1.2;
 /// Step with which the time for a length is summed, m.
 pub(super) const SUM_STEP_M: f64 = 0.1;
 
@@ -65,6 +68,11 @@ impl SpeedsNow {
         (2.0 * self.traction_braking_m_s2 * to_stop_m).sqrt()
     }
 
+    /// Returns the largest yaw rate on the spot, rad/s.
+    pub(super) fn yaw_rate_rad_s(&self) -> f64 {
+        self.steer_m_s / self.half_track_m
+    }
+
     /// Returns the largest speed in a bend, m/s.
     pub(super) fn at(&self, curvature_per_m: f64) -> f64 {
         let steer_share = self.half_track_m * curvature_per_m.abs();
@@ -87,8 +95,6 @@ pub(super) struct Asked {
     pub(super) inputs: MotorSpeeds,
     /// Speed allowed here without braking, m/s, positive.
     pub(super) scale_m_s: f64,
-    /// Yaw rate allowed on the spot without braking, rad/s, positive.
-    pub(super) yaw_rate_rad_s: f64,
     /// Speed along the path with which the plan comes here, over that asked for.
     pub(super) pace: f64,
 }
@@ -102,7 +108,6 @@ impl Asked {
             pose: *pose,
             inputs: MotorSpeeds::STOP,
             scale_m_s: 1.0,
-            yaw_rate_rad_s: 1.0,
             pace: 1.0,
         }
     }
@@ -111,6 +116,7 @@ impl Asked {
     /// across the path is left as it is, since motors are too slow to correct it.
     pub(super) fn weights(&self, w: &Weights, end_s: f64) -> StageWeights {
         let ramp = (end_s / CROSS_RAMP_S).min(1.0);
+        let end = if self.ends { PIVOT_END } else { 1.0 };
         match self.motion {
             Motion::Drive | Motion::Stand => StageWeights {
                 along_per_m2: if self.ends { w.cross_per_m2 } else { 0.0 },
@@ -119,12 +125,9 @@ impl Asked {
                 speed_s2_per_m2: w.speed / (self.scale_m_s * self.scale_m_s),
             },
             Motion::Pivot => StageWeights {
-                along_per_m2: PIVOT_POSITION_PER_M2,
-                cross_per_m2: PIVOT_POSITION_PER_M2,
-                heading_per_rad2: PIVOT_HEADING_PER_RAD2
-                    * (PIVOT_YAW_RATE_RAD_S / self.yaw_rate_rad_s)
-                        .powi(2)
-                        .max(1.0),
+                along_per_m2: end * PIVOT_POSITION_PER_M2,
+                cross_per_m2: end * PIVOT_POSITION_PER_M2,
+                heading_per_rad2: end * PIVOT_HEADING_PER_RAD2,
                 speed_s2_per_m2: 0.0,
             },
         }
@@ -140,7 +143,7 @@ pub(super) struct Walk<'a> {
     at: f64,
     /// Heading to which the allowed yaw rate takes it on the spot, rad.
     allowed_rad: f64,
-    /// Steer speed asked for on the spot, m/s. It grows as the motor can.
+    /// Steer speed asked for on the spot, m/s, positive counter-clockwise. It grows as the motor can.
     steer_m_s: f64,
     /// Where the plan had the vehicle before, and when.
     before: Option<(Point2, f64)>,
@@ -164,7 +167,7 @@ impl<'a> Walk<'a> {
             start: *start,
             at,
             allowed_rad: at,
-            steer_m_s: moving.steer_m_s.abs(),
+            steer_m_s: moving.steer_m_s,
             before: None,
             time_s: 0.0,
         }
@@ -220,9 +223,14 @@ impl<'a> Walk<'a> {
         }
     }
 
-    /// Returns the time that so much of the path takes, or what is left of the drive, at most `most_s`, s; on the spot
-    /// that is 0.
+    /// Returns the time that so much of the path takes, or what is left of the drive, at most `most_s`, s; on the spot that
+    /// of what is left of the turn, at most half a round.
     pub(super) fn time_for_s(&self, length_m: f64, most_s: f64) -> f64 {
+        if let Some(turn) = self.reference.turn() {
+            let to_go_rad = (turn.to_rad - self.at).abs().min(std::f64::consts::PI);
+            let yaw_rate_rad_s = turn.yaw_rate_rad_s().abs().min(self.now.yaw_rate_rad_s());
+            return (PIVOT_RAMPS_S + PIVOT_SLOWER * to_go_rad / yaw_rate_rad_s).min(most_s);
+        }
         let Some(path) = self.reference.driven_path() else {
             return 0.0;
         };
@@ -266,36 +274,36 @@ impl<'a> Walk<'a> {
                 steer_m_s: self.now.half_track_m * at.curvature_per_m * speed_m_s,
             },
             scale_m_s,
-            yaw_rate_rad_s: 1.0,
             pace: 1.0,
         }
     }
 
     /// Returns what a turn on the spot asks for here of a vehicle with a heading, whose turns are counted on.
     fn turning(&mut self, turn: &Turn, yaw_rad: f64, step_s: f64, share: f64) -> Asked {
-        let sense = (turn.to_rad - turn.from_rad).signum();
+        // One that has gone too far is asked back.
+        let to_go_rad = turn.to_rad - self.allowed_rad;
+        let sense = to_go_rad.signum();
         let half_track_m = self.now.half_track_m;
-        let to_go_rad = (sense * (turn.to_rad - self.allowed_rad)).max(0.0);
         let asked_m_s = half_track_m * turn.yaw_rate_rad_s().abs();
-        let braking = (2.0 * self.now.steer_braking_m_s2 * half_track_m * to_go_rad).sqrt();
+        let braking = (2.0 * self.now.steer_braking_m_s2 * half_track_m * to_go_rad.abs()).sqrt();
         let most_m_s = share * asked_m_s.min(self.now.steer_m_s).min(braking);
-        self.steer_m_s = (self.steer_m_s + self.now.steer_rate_m_s2 * step_s).min(most_m_s);
+        let gained_m_s = (sense * self.steer_m_s).max(0.0) + self.now.steer_rate_m_s2 * step_s;
+        self.steer_m_s = sense * gained_m_s.min(most_m_s);
         let turn_rad = step_s * self.steer_m_s / half_track_m;
-        self.allowed_rad += sense * turn_rad.min(to_go_rad);
+        self.allowed_rad += turn_rad.clamp(-to_go_rad.abs(), to_go_rad.abs());
         let place = self.reference.turned(turn, self.allowed_rad);
         Asked {
             motion: Motion::Pivot,
-            ends: sense * (turn.to_rad - self.at) <= AT_END,
+            ends: (turn.to_rad - self.allowed_rad).abs() <= AT_END,
             pose: PlanarPose {
                 yaw_rad: yaw_rad + self.allowed_rad - self.at,
                 ..place.pose()
             },
             inputs: MotorSpeeds {
                 traction_m_s: 0.0,
-                steer_m_s: sense * self.steer_m_s,
+                steer_m_s: self.steer_m_s,
             },
             scale_m_s: asked_m_s,
-            yaw_rate_rad_s: asked_m_s.min(self.now.steer_m_s) / half_track_m,
             pace: 1.0,
         }
     }
@@ -312,7 +320,6 @@ mod tests {
             pose: PlanarPose::default(),
             inputs: MotorSpeeds::STOP,
             scale_m_s: 0.4,
-            yaw_rate_rad_s: 0.4,
             pace: 1.0,
         }
     }

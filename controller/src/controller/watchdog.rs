@@ -73,7 +73,7 @@ struct Place {
 
 /// Compares the way of the treads with poses as they come, whatever the estimator makes of them: while it waits whether
 /// poses contradict each other, it believes the treads.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(super) struct DigWatch {
     places: VecDeque<Place>,
     /// Instants of the cycles and how far the treads had turned then, s and m.
@@ -147,12 +147,14 @@ impl DigWatch {
 }
 
 /// The cycles of the last `stall_time_s`; nothing is allocated after [`Watchdog::new`].
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(super) struct Watchdog {
     window_s: f64,
     share: f64,
     limits: InputLimits,
     half_track_m: f64,
+    /// Most cycles in the history.
+    cycles: usize,
     history: VecDeque<Sums>,
     before: Option<PlanarPose>,
 }
@@ -171,6 +173,7 @@ impl Watchdog {
             share: config.stall_share,
             limits,
             half_track_m,
+            cycles,
             history: VecDeque::with_capacity(cycles),
             before: None,
         }
@@ -189,7 +192,7 @@ impl Watchdog {
             .history
             .get(1)
             .is_some_and(|second| sums.time_s - second.time_s >= self.window_s)
-            || self.history.len() == self.history.capacity()
+            || self.history.len() == self.cycles
         {
             self.history.pop_front();
         }

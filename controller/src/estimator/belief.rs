@@ -12,21 +12,26 @@ use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 use sidehill_plant::frames::{Attitude, BodyVelocity, PlanarPose, pose_rate, wrap_angle};
 use sidehill_plant::speeds::TreadSpeeds;
 
-/// Entries of the first block of a belief: the pose, the gyroscope's bias, and the offset of the poses' headings.
-pub(super) const STATES: usize = 5;
+/// Entries of the first block of a belief: the pose, the gyroscope's bias, the offset of the poses' headings, and the
+/// error of the gyroscope's scale.
+pub(super) const STATES: usize = 6;
 /// Entry of the gyroscope's bias.
 const BIAS: usize = 3;
 /// Entry of the offset of the poses' headings.
 const OFFSET: usize = 4;
+/// Entry of the error of the gyroscope's scale.
+const SCALE: usize = 5;
 
 /// Standard deviation of the offset of the poses' headings before anything is known, rad.
-pub(super) const OFFSET_SIGMA_RAD: f64 = 0.01;
+pub(super) const OFFSET_SIGMA_RAD: f64 = 0.02;
+/// Standard deviation of the error of the gyroscope's scale before anything is known.
+pub(super) const SCALE_SIGMA: f64 = 0.02;
 
 /// Mean and covariance of pose and parameters, in blocks, and the inputs in force.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Belief<const N: usize> {
-    /// Pose (x, y, yaw), the bias of the gyroscope, rad/s, and by how much the headings of poses are larger than that of
-    /// the vehicle, rad.
+    /// Pose (x, y, yaw), the bias of the gyroscope, rad/s, by how much the headings of poses are larger than that of
+    /// the vehicle, rad, and the share by which the gyroscope reads more than it turns.
     pub(super) mean: SVector<f64, STATES>,
     pub(super) covariance: SMatrix<f64, STATES, STATES>,
     pub(super) parameters: SVector<f64, N>,
@@ -71,8 +76,9 @@ impl<const N: usize> Belief<N> {
         covariance[(OFFSET, OFFSET)] = offset;
         covariance[(2, OFFSET)] = -offset;
         covariance[(OFFSET, 2)] = -offset;
+        covariance[(SCALE, SCALE)] = SCALE_SIGMA.powi(2);
         Self {
-            mean: vector(pose).push(0.0).push(0.0),
+            mean: vector(pose).push(0.0).push(0.0).push(0.0),
             covariance,
             parameters: kept.mean,
             cross: SMatrix::zeros(),
@@ -131,12 +137,14 @@ impl<const N: usize> Belief<N> {
         }
     }
 
-    /// Forgets the gyroscope's bias and, with it, what was learned since `kept`.
+    /// Forgets the gyroscope's bias and scale and, with them, what was learned since `kept`.
     pub(super) fn forget_gyro(&mut self, bias_sigma_rad_s: f64, kept: Kept<N>) {
-        self.mean[BIAS] = 0.0;
-        self.covariance.row_mut(BIAS).fill(0.0);
-        self.covariance.column_mut(BIAS).fill(0.0);
-        self.covariance[(BIAS, BIAS)] = bias_sigma_rad_s.powi(2);
+        for (entry, sigma) in [(BIAS, bias_sigma_rad_s), (SCALE, SCALE_SIGMA)] {
+            self.mean[entry] = 0.0;
+            self.covariance.row_mut(entry).fill(0.0);
+            self.covariance.column_mut(entry).fill(0.0);
+            self.covariance[(entry, entry)] = sigma.powi(2);
+        }
         self.cross.fill(0.0);
         self.parameters = kept.mean;
         self.parameter_covariance = kept.covariance;
@@ -175,8 +183,7 @@ impl<const N: usize> Belief<N> {
         let confirmed = gyro.filter(|gyro| gyro.confirmed);
         let follows_gyro = confirmed.is_some();
         if let Some(gyro) = confirmed {
-            let yaw_rate_rad_s = gyro.rad_s - self.mean[BIAS];
-            moved.mean.value.z = yaw_rate_rad_s;
+            moved.mean.value.z = (gyro.rad_s - self.mean[BIAS]) / (1.0 + self.mean[SCALE]);
             moved.mean.by_parameters.row_mut(2).fill(0.0);
         }
         let velocity = BodyVelocity::from_vector(&moved.mean.value);
@@ -192,7 +199,9 @@ impl<const N: usize> Belief<N> {
         by_state[(0, 2)] = -time_s * middle.y_m_s;
         by_state[(1, 2)] = time_s * middle.x_m_s;
         if follows_gyro {
-            by_state[(2, BIAS)] = -time_s;
+            let share = 1.0 / (1.0 + self.mean[SCALE]);
+            by_state[(2, BIAS)] = -time_s * share;
+            by_state[(2, SCALE)] = -time_s * share * moved.mean.value.z;
         }
         let (sin, cos) = half_way.sin_cos();
         let to_world = Matrix3::new(cos, -sin, 0.0, sin, cos, 0.0, 0.0, 0.0, 1.0);
@@ -261,10 +270,10 @@ impl<const N: usize> Belief<N> {
             rest * self.covariance * rest.transpose() + gain * noise * gain.transpose();
     }
 
-    /// Updates with a reading of the gyroscope: the yaw rate of the model with the bias, and with the model's error
-    /// since the reading before. One that is off by more than `gate` (normalised, squared) teaches nothing.
+    /// Updates with a reading of the gyroscope: the yaw rate w of the model, scaled and with the bias, and with the model's
+    /// error since the reading before. One that is off by more than `gate` (normalised, squared) teaches nothing.
     ///
-    /// With H = (0 0 0 1 0 dw/dp) and S = H P H' + R the whole of P becomes P - (P H') (P H')' / S.
+    /// With H = (0 0 0 1 0 w (1 + scale) dw/dp) and S = H P H' + R the whole of P becomes P - (P H') (P H')' / S.
     pub(super) fn correct_yaw_rate<M: LearnedModel<N>>(
         &mut self,
         model: &mut M,
@@ -279,17 +288,20 @@ impl<const N: usize> Belief<N> {
         let (settled, by_settled) = model.velocity(self.attitude, self.treads, &self.parameters);
         let (behind_rad_s, by_behind) = self.yaw_rate_behind;
         let yaw_rate_rad_s = settled.yaw_rate_rad_s + behind_rad_s;
-        let by = by_settled.row(2).transpose() + by_behind;
+        let scale = 1.0 + self.mean[SCALE];
+        let by = scale * (by_settled.row(2).transpose() + by_behind);
         let missing_rad_s = yaw_rate_rad_s - self.late.z;
         let noise_rad_s = noise.yaw_rate(
             since_s.clamp(INTERVAL_MIN_S, HOLDS_S),
             self.noise_share() * noise_factor,
             missing_rad_s,
         );
-        let of_pose = self.covariance.column(BIAS) + self.cross * by;
-        let of_parameters = self.cross.row(BIAS).transpose() + self.parameter_covariance * by;
-        let total = of_pose[BIAS] + by.dot(&of_parameters) + noise_rad_s;
-        let difference = read.rad_s - self.mean[BIAS] - yaw_rate_rad_s;
+        let mut by_state = SVector::<f64, STATES>::zeros();
+        (by_state[BIAS], by_state[SCALE]) = (1.0, yaw_rate_rad_s);
+        let of_pose = self.covariance * by_state + self.cross * by;
+        let of_parameters = self.cross.transpose() * by_state + self.parameter_covariance * by;
+        let total = by_state.dot(&of_pose) + by.dot(&of_parameters) + noise_rad_s;
+        let difference = read.rad_s - self.mean[BIAS] - scale * yaw_rate_rad_s;
         if difference.powi(2) > gate * total {
             return;
         }

@@ -47,6 +47,7 @@ struct Event<const N: usize> {
 }
 
 /// The filter and its recent readings.
+#[derive(Clone)]
 pub(super) struct Filter<M, const N: usize> {
     settings: EstimatorSettings,
     model: M,

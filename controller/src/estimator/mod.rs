@@ -43,8 +43,10 @@ use sidehill_plant::vehicle::Vehicle;
 use slip::{GAINS, SlipModel};
 
 /// The filter with the model it learns.
+#[derive(Clone)]
 pub struct Estimator(Kind);
 
+#[derive(Clone)]
 enum Kind {
     Slip(Box<Filter<SlipModel, GAINS>>),
     Contact(Box<Filter<LearnedContact, PARAMETERS>>),

@@ -99,12 +99,14 @@ struct Place {
 }
 
 /// The guard; nothing is allocated after it is made.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Guard {
     config: GuardConfig,
     stance: Stance,
     deceleration_m_s2: f64,
     normal: Option<Vector3<f64>>,
+    /// Places that are looked at.
+    count: usize,
     places: Vec<Place>,
     shares: Vec<f64>,
     /// Whether any place ahead is driven slower than the reference has it.
@@ -115,14 +117,15 @@ pub struct Guard {
 impl Guard {
     /// Returns the guard of a vehicle that brakes with `deceleration_m_s2`.
     pub(crate) fn new(config: GuardConfig, stance: Stance, deceleration_m_s2: f64) -> Self {
-        let places = (config.look_ahead_s / STEP_S).ceil() as usize + 1;
+        let count = (config.look_ahead_s / STEP_S).ceil() as usize + 1;
         Self {
             config,
             stance,
             deceleration_m_s2,
             normal: None,
-            places: Vec::with_capacity(places),
-            shares: Vec::with_capacity(places),
+            count,
+            places: Vec::with_capacity(count),
+            shares: Vec::with_capacity(count),
             limited: false,
             view: None,
         }
@@ -164,10 +167,9 @@ impl Guard {
         };
         let tilt = judge.tilt(&estimate.attitude);
         let beside = Beside::of(&estimate.pose, &around.reference.ahead(0.0));
-        let count = self.places.capacity();
         self.places.clear();
         let (mut way_m, mut before_m, mut blocked_m) = (0.0, 0.0, None);
-        for i in 0..count {
+        for i in 0..self.count {
             let in_s = STEP_S * i as f64;
             let point = around.reference.ahead(in_s);
             if i > 0 {

@@ -104,7 +104,7 @@ fn nearness(right_m: f64) -> f64 {
 }
 
 /// The map and how it is filled; nothing is allocated after [`Memory::new`].
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(crate) struct Memory {
     pub(crate) config: MemoryConfig,
     map: PlaceMap,

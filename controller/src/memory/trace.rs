@@ -62,7 +62,7 @@ pub(crate) struct Excess {
 }
 
 /// The last second; nothing is allocated after it is made.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(crate) struct Trace {
     marks: VecDeque<Mark>,
     poses: VecDeque<(f64, PlanarPose)>,

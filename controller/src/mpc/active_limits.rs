@@ -71,6 +71,7 @@ impl<T: Copy> PerLimit<T> {
 }
 
 /// The limits and the set of the active ones.
+#[derive(Clone)]
 pub struct ActiveLimits {
     stages: usize,
     /// Low and high, m/s.

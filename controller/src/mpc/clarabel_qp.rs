@@ -41,6 +41,20 @@ pub struct SolveLimits {
 /// No look at the deadline.
 const NEVER: u32 = u32::MAX;
 
+impl Clone for SolveLimits {
+    fn clone(&self) -> Self {
+        let copy = |count: &AtomicU32| AtomicU32::new(count.load(Ordering::Relaxed));
+        Self {
+            epoch: self.epoch,
+            deadline_ns: AtomicU64::new(self.deadline_ns.load(Ordering::Relaxed)),
+            iterations: copy(&self.iterations),
+            looks: copy(&self.looks),
+            cut_at: copy(&self.cut_at),
+            was_cut_at: copy(&self.was_cut_at),
+        }
+    }
+}
+
 impl SolveLimits {
     /// Returns limits without a deadline.
     pub fn new(iterations: u32) -> Self {
@@ -123,7 +137,10 @@ pub enum Ending {
 
 /// A solver of whole QPs of one pattern.
 pub struct InteriorPoint {
-    solver: DefaultSolver<f64>,
+    /// None in a copy until it is needed.
+    solver: Option<DefaultSolver<f64>>,
+    settings: QpSettings,
+    limits: Arc<SolveLimits>,
 }
 
 impl InteriorPoint {
@@ -136,12 +153,33 @@ impl InteriorPoint {
         settings: &QpSettings,
         limits: &Arc<SolveLimits>,
     ) -> Result<Self, QpFailure> {
-        let mut solver = build(data, clarabel_settings(settings))?;
-        let limits = Arc::clone(limits);
+        let mut interior_point = Self {
+            solver: None,
+            settings: *settings,
+            limits: Arc::clone(limits),
+        };
+        interior_point.build(data)?;
+        Ok(interior_point)
+    }
+
+    /// Returns a solver under other limits that finds the same: it starts each solve from nothing.
+    pub fn copy_within(&self, limits: &Arc<SolveLimits>) -> Self {
+        Self {
+            solver: None,
+            settings: self.settings,
+            limits: Arc::clone(limits),
+        }
+    }
+
+    fn build(&mut self, data: &QpData) -> Result<(), QpFailure> {
+        let limits = Arc::clone(&self.limits);
+        let solver = self
+            .solver
+            .insert(build(data, clarabel_settings(&self.settings))?);
         solver.set_termination_callback(move |info: &DefaultInfo<f64>| {
             info.iterations >= limits.iterations() || limits.passed()
         });
-        Ok(Self { solver })
+        Ok(())
     }
 
     /// Puts the values of `data` in place of those before.
@@ -149,7 +187,9 @@ impl InteriorPoint {
     /// # Errors
     /// [`QpFailure::Rejected`] for data of another size.
     pub fn update(&mut self, data: &QpData) -> Result<(), QpFailure> {
-        let solver = &mut self.solver;
+        let Some(solver) = &mut self.solver else {
+            return self.build(data);
+        };
         solver
             .update_P(&data.p.nzval)
             .and_then(|()| solver.update_q(&data.q))
@@ -158,19 +198,22 @@ impl InteriorPoint {
             .map_err(|_| QpFailure::Rejected)
     }
 
-    /// Solves the QP from nothing, copies the point it ends in to `point`, and returns how and after
-    /// how many iterations it ended.
-    pub fn solve(&mut self, point: &mut Point, limits: &SolveLimits) -> (Ending, u32) {
-        self.solver.solve();
-        let iterations = self.solver.info.iterations;
-        let found = &self.solver.solution;
+    /// Solves the QP of the last update from nothing, copies the point it ends in to `point`, and returns how and
+    /// after how many iterations it ended.
+    pub fn solve(&mut self, point: &mut Point) -> (Ending, u32) {
+        let Some(solver) = &mut self.solver else {
+            return (Ending::Broken, 0);
+        };
+        solver.solve();
+        let iterations = solver.info.iterations;
+        let found = &solver.solution;
         point.primal.copy_from_slice(&found.x);
         point.dual.copy_from_slice(&found.z);
         point.slack.copy_from_slice(&found.s);
         let ending = match found.status {
             SolverStatus::Solved | SolverStatus::AlmostSolved => Ending::Solved,
             SolverStatus::MaxIterations | SolverStatus::InsufficientProgress => Ending::Iterations,
-            SolverStatus::CallbackTerminated if iterations >= limits.iterations() => {
+            SolverStatus::CallbackTerminated if iterations >= self.limits.iterations() => {
                 Ending::Iterations
             }
             SolverStatus::CallbackTerminated | SolverStatus::MaxTime => Ending::Deadline,
@@ -195,8 +238,22 @@ impl InteriorPoint {
 ///
 /// Clarabel regularises the diagonal: a solution is to be refined by its residuals.
 pub struct LinearSystem {
-    solver: DefaultSolver<f64>,
+    /// None in a copy until it is needed.
+    solver: Option<DefaultSolver<f64>>,
     settings: DefaultSettings<f64>,
+    /// A problem of the system's pattern.
+    pattern: QpData,
+}
+
+impl Clone for LinearSystem {
+    /// Returns a system that finds the same once it is factorised again.
+    fn clone(&self) -> Self {
+        Self {
+            solver: None,
+            settings: self.settings.clone(),
+            pattern: self.pattern.clone(),
+        }
+    }
 }
 
 impl LinearSystem {
@@ -207,8 +264,11 @@ impl LinearSystem {
     pub fn new(data: &QpData) -> Result<Self, QpFailure> {
         let mut settings = clarabel_settings(&QpSettings::default());
         settings.static_regularization_constant = REGULARISATION;
-        let solver = build(data, settings.clone())?;
-        Ok(Self { solver, settings })
+        Ok(Self {
+            solver: Some(build(data, settings.clone())?),
+            settings,
+            pattern: data.clone(),
+        })
     }
 
     /// Factorises the system of the values of P and of the equalities' rows of A; returns whether that
@@ -217,7 +277,12 @@ impl LinearSystem {
     /// # Errors
     /// [`QpFailure::Rejected`] for values of another number.
     pub fn factorise(&mut self, p: &Vec<f64>, equalities: &Vec<f64>) -> Result<bool, QpFailure> {
-        let solver = &mut self.solver;
+        let solver = match &mut self.solver {
+            Some(solver) => solver,
+            None => self
+                .solver
+                .insert(build(&self.pattern, self.settings.clone())?),
+        };
         solver
             .update_P(p)
             .and_then(|()| solver.update_A(equalities))
@@ -228,7 +293,9 @@ impl LinearSystem {
 
     /// Solves the system for q and e; returns whether the solution is finite.
     pub fn solve(&mut self, q: &[f64], e: &[f64]) -> bool {
-        let solver = &mut self.solver;
+        let Some(solver) = &mut self.solver else {
+            return false;
+        };
         solver.data.q.copy_from_slice(q);
         solver.data.b.copy_from_slice(e);
         let (x, data) = (&mut solver.variables, &solver.data);
@@ -239,12 +306,16 @@ impl LinearSystem {
 
     /// Returns x of the last solution.
     pub fn primal(&self) -> &[f64] {
-        &self.solver.variables.x
+        self.solver
+            .as_ref()
+            .map_or(&[], |solver| &solver.variables.x)
     }
 
     /// Returns y of the last solution.
     pub fn multipliers(&self) -> &[f64] {
-        &self.solver.variables.z
+        self.solver
+            .as_ref()
+            .map_or(&[], |solver| &solver.variables.z)
     }
 }
 

@@ -101,6 +101,7 @@ impl StageWeights {
 }
 
 /// Builds the QP of a horizon and reads its solution back.
+#[derive(Clone)]
 pub struct Condenser {
     blocks: Vec<Block>,
     stages: usize,

@@ -21,6 +21,7 @@ const VIOLATION: f64 = 1e-9;
 const DEPENDENT: f64 = 1e-9;
 
 /// Workspace of the method.
+#[derive(Clone)]
 pub struct DualActiveSet {
     /// The active rows in the order they were added, their multipliers, and the slots of their w.
     active: Vec<usize>,

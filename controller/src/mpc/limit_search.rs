@@ -27,6 +27,7 @@ const DROPS: u32 = 4;
 const STEPS_PER_STAGE: usize = 4;
 
 /// Workspace of the search.
+#[derive(Clone)]
 pub struct LimitSearch {
     active: ActiveLimits,
     recursion: Recursion,

@@ -203,6 +203,7 @@ pub struct SolveReport {
 }
 
 /// The controller's plan and the workspace to renew it.
+#[derive(Clone)]
 pub struct Mpc {
     settings: MpcSettings,
     model: Model,
@@ -298,6 +299,12 @@ impl Mpc {
     /// Returns the QP of the last cycle and the point that its solver ended with.
     pub fn qp(&self) -> (&QpData, &Point) {
         (self.solver.data(), self.solver.point())
+    }
+
+    /// Returns the step of each stage about the plan of the last cycle as it was before its QP was solved, and c_k, where
+    /// that step ends less the plan's next state.
+    pub fn linearised_stages(&self) -> impl Iterator<Item = (&LinearisedStep, &Vector3<f64>)> {
+        self.stages.iter().map(|stage| (&stage.step, &stage.defect))
     }
 
     /// Returns the prediction model, to be adapted.

@@ -2,9 +2,9 @@
 
 use nalgebra::Vector3;
 use sidehill_plant::contact::{BodyState, ContactPrediction, Following, FoundBalance};
-use sidehill_plant::frames::BodyVelocity;
+use sidehill_plant::frames::{Attitude, BodyVelocity};
 use sidehill_plant::prediction::{
-    LinearisedStep, PredictionModel, increment_on_plane, step_on_plane,
+    Linearised, LinearisedStep, PredictionModel, increment_on_plane, step_on_plane,
 };
 use sidehill_plant::speeds::MotorSpeeds;
 
@@ -40,6 +40,17 @@ impl Default for StepStart {
 }
 
 impl Model {
+    /// Returns the body velocity in steady motion with its derivatives. It does not depend on what was asked before.
+    pub fn body_velocity(&mut self, attitude: Attitude, motors: MotorSpeeds) -> Linearised {
+        match self {
+            Self::Icr(model) => model.body_velocity(attitude, motors),
+            Self::Contact(model) => {
+                model.forget_found();
+                model.body_velocity(attitude, motors)
+            }
+        }
+    }
+
     /// Returns one step of `step_s` with constant motor speeds in steady motion; see
     /// [`step_on_plane`](sidehill_plant::prediction::step_on_plane).
     pub fn step_on_plane(

@@ -4,6 +4,7 @@ use super::problem::{QpData, pattern};
 use super::rows::Rows;
 
 /// Where values stand in the penalised P and in A.
+#[derive(Clone)]
 pub struct Places {
     /// Of P's values.
     pub p: Vec<usize>,

@@ -42,6 +42,24 @@ pub struct QpSolver {
     rebuilds: u32,
 }
 
+impl Clone for QpSolver {
+    fn clone(&self) -> Self {
+        let limits = Arc::new(SolveLimits::clone(&self.limits));
+        Self {
+            data: self.data.clone(),
+            settings: self.settings,
+            working_set: self.working_set.clone(),
+            interior_point: self.interior_point.copy_within(&limits),
+            limits,
+            point: self.point.clone(),
+            work: self.work.clone(),
+            path: self.path,
+            iterations: self.iterations,
+            rebuilds: self.rebuilds,
+        }
+    }
+}
+
 impl QpSolver {
     /// Returns a solver for problems with the pattern of `data`.
     ///
@@ -159,7 +177,7 @@ impl QpSolver {
             QpMode::WorkingSet | QpMode::InPlace => self.interior_point.update(&self.data)?,
             QpMode::FreshDefaults => self.rebuild()?,
         }
-        let (ending, iterations) = self.interior_point.solve(&mut self.point, &self.limits);
+        let (ending, iterations) = self.interior_point.solve(&mut self.point);
         self.iterations = before + iterations;
         match ending {
             Ending::Solved => self.check(),

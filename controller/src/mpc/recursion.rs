@@ -60,6 +60,7 @@ impl Path {
 }
 
 /// The Riccati recursion and its solutions.
+#[derive(Clone)]
 pub struct Recursion {
     feedback: Vec<Feedback>,
     /// From each stage on, and of the end.

@@ -36,6 +36,7 @@ const REFINEMENTS: u32 = 3;
 const SHARPER: f64 = 0.1;
 
 /// Finds the active rows, starting from those of the last solve.
+#[derive(Clone)]
 pub struct WorkingSet {
     rows: Rows,
     system: LinearSystem,

@@ -30,8 +30,8 @@ const GROWTH: f64 = 1.1;
 /// Largest change of the reach from node to node, in nodes.
 const GRADE: f64 = 0.2;
 const ROUNDS: usize = 80;
-/// Beyond this a route holds a stray point, and its nodes would fill the memory.
-const LENGTH_MAX_M: f64 = 1e5;
+/// Beyond this a route holds a stray point: half a day's drive, and up to some seconds to smooth.
+const LENGTH_MAX_M: f64 = 2e4;
 /// Share of the curvature bound the smoothing aims at.
 const MARGIN: f64 = 0.97;
 
@@ -50,7 +50,7 @@ const MARGIN: f64 = 0.97;
 ///
 /// # Errors
 /// [`PathError::Empty`], [`PathError::SinglePoint`], [`PathError::ZeroLength`] or
-/// [`PathError::NotFinite`] for unusable points; [`PathError::TooLong`] above 100 km;
+/// [`PathError::NotFinite`] for unusable points; [`PathError::TooLong`] above 20 km;
 /// [`PathError::TooSharp`] where the curvature bound cannot be met within the deviation and there is no corner, and
 /// [`PathError::TurnsBack`] where that is because travel turns back on the spot.
 pub fn smooth(points: &[RawPoint], options: &Smoothing) -> Result<Smoothed, PathError> {

@@ -160,8 +160,10 @@ fn a_turn_on_the_spot_is_a_drive_in_heading_counted_over_whole_turns() {
             assert!((reference.time_s() - before_s).abs() < 1e-9);
         }
         assert!(reference.advance(0.05, &turned(1.0), false).ended);
-        // A vehicle that has gone too far is there as well; off the place shows.
-        let mut off = turned(1.01);
+        // A vehicle that has gone too far has to come back; off the place shows.
+        let too_far = turned(1.0 + 0.05 / f64::to_radians(turn_deg).abs());
+        assert!(!reference.advance(0.05, &too_far, false).ended);
+        let mut off = turned(1.0);
         off.x_m += 0.3;
         let progress = reference.advance(0.05, &off, false);
         assert!(progress.ended && (progress.cross_track_m - 0.3).abs() < 1e-9);
@@ -203,6 +205,39 @@ fn a_slow_turn_on_the_spot_beside_its_place_does_not_stand() {
     let turned_rad = rig.simulation.state().pose.yaw_rad - from_rad;
     // Sixty seconds at 0.02 rad/s.
     assert!((0.8..turn_rad).contains(&turned_rad), "{turned_rad}");
+}
+
+#[test]
+fn a_turn_on_the_spot_is_planned_to_end_at_its_place() {
+    // The J8 turns about a point ahead of its origin, and slides. Across its last heading nothing can be corrected.
+    for yaw_rate_rad_s in [0.1, 0.2, 0.4] {
+        let mut setup = Setup::new(course(&format!(
+            "{{shape: pivot, angle_deg: 90, yaw_rate_rad_s: {yaw_rate_rad_s}}}"
+        )));
+        setup.terrain = crate::rig::plane(12.0);
+        let start = setup.start;
+        let mut rig = setup.build();
+        let finished = (0..900).any(|_| rig.cycle().status == Status::Finished);
+        let end = rig.simulation.state().pose;
+        let off_m = (end.x_m - start.x_m).hypot(end.y_m - start.y_m);
+        assert!(finished && off_m < 0.12, "{yaw_rate_rad_s} {off_m}");
+    }
+}
+
+#[test]
+fn a_turn_that_has_gone_too_far_comes_back_before_it_is_over() {
+    let setup = Setup::new(course("{shape: pivot, angle_deg: 90}"));
+    let to_rad = setup.start.yaw_rad + std::f64::consts::FRAC_PI_2;
+    let mut rig = setup.build();
+    while rig.simulation.state().pose.yaw_rad < to_rad - 0.1 {
+        rig.cycle();
+    }
+    let mut pose = rig.simulation.state().pose;
+    pose.yaw_rad = to_rad + 0.14;
+    rig.simulation.put(pose.planar()).unwrap();
+    let finished = (0..100).any(|_| rig.cycle().status == Status::Finished);
+    let off_rad = rig.simulation.state().pose.yaw_rad - to_rad;
+    assert!(finished && off_rad.abs() < 0.1, "{finished} {off_rad}");
 }
 
 #[test]

@@ -115,6 +115,7 @@ impl Setup {
     }
 }
 
+#[derive(Clone)]
 pub struct Rig {
     pub simulation: Simulation,
     pub controller: Controller,

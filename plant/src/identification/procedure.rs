@@ -4,7 +4,7 @@ use crate::bounds::RangeError;
 use crate::drive_train::DriveTrainConfig;
 use crate::frames::{Attitude, PlanarPose, Pose};
 use crate::log::{DriveLog, LogError, LogRow};
-use crate::motion::MotionModel;
+use crate::motion::Motion;
 use crate::sensors::SensorsConfig;
 use crate::simulation::{Simulation, SimulationError, SimulationSetup, TrueState};
 use crate::speeds::EncoderScale;
@@ -120,7 +120,7 @@ impl LogNoise {
 /// The vehicle and the ground of a simulated log.
 pub struct Drive<'a> {
     /// What moves the vehicle.
-    pub motion: Box<dyn MotionModel + Send>,
+    pub motion: Box<dyn Motion>,
     /// The true c_l and c_r.
     pub encoder_scale: EncoderScale,
     /// The ground.

@@ -3,7 +3,7 @@
 use crate::bounds::{Bounds, RangeError};
 use crate::drive_train::{DriveTrain, DriveTrainConfig};
 use crate::frames::{Attitude, BodyVelocity, PlanarPose, Pose, PoseRate, pose_rate};
-use crate::motion::{GroundState, MotionError, MotionModel};
+use crate::motion::{GroundState, Motion, MotionError, MotionModel};
 use crate::sample::{Sample, Stamped};
 use crate::sensors::{Sensors, SensorsConfig, Truth};
 use crate::speeds::EncoderScale;
@@ -16,7 +16,7 @@ pub struct SimulationSetup {
     /// The ground.
     pub terrain: Terrain,
     /// What moves the vehicle over it.
-    pub motion: Box<dyn MotionModel + Send>,
+    pub motion: Box<dyn Motion>,
     /// Between command and treads.
     pub drive_train: DriveTrainConfig,
     /// Between truth and controller.
@@ -102,9 +102,10 @@ pub trait Plant {
 }
 
 /// A vehicle in its world; deterministic for a setup and its commands.
+#[derive(Clone)]
 pub struct Simulation {
     terrain: Terrain,
-    motion: Box<dyn MotionModel + Send>,
+    motion: Box<dyn Motion>,
     drive_train: DriveTrain,
     sensors: Sensors,
     encoder_scale: EncoderScale,

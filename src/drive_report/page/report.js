@@ -1,14 +1,20 @@
 // The report of a recorded drive: everything is in the page.
 
+$('brand').textContent = 'Sidehill: report of a drive';
+$('live').textContent = 'End';
+$('span').prepend(make('option', { value: '', textContent: 'all' }));
+$('span').value = '';
+
 const facts = JSON.parse($('facts').textContent), drive = JSON.parse($('drive').textContent);
 column = Object.fromEntries(drive.columns.map((name, i) => [name, i]));
 ({ parts, events } = drive);
+if (parts.ground) ground = groundOf((x, y) => heightIn(parts.ground, x, y));
 runs.push({ colour: '--blue', frames: drive.frames, plan: [] });
 const BEGIN = newest()[0] - facts.duration_s;
 
 // --- Time ---
 
-const MOMENT_S = '20';
+const MOMENT_S = '30';
 
 /** Shows the moment of a place: plots of the time about it, and the map. */
 function visit(place, button) {
@@ -46,11 +52,11 @@ map.addEventListener('click', event => {
 
 // --- Words ---
 
-const after = seconds => seconds < 100 ? `${seconds.toFixed(1)} s` : `${Math.floor(seconds / 60)}:${String(Math.floor(seconds % 60)).padStart(2, '0')} min`;
+const after = seconds => seconds < 100 ? `${fixed(seconds, 1)} s` : `${Math.floor(seconds / 60)}:${String(Math.floor(seconds % 60)).padStart(2, '0')} min`;
 const centimetres = metres => `${digits(100 * Math.abs(metres))} cm`;
 function where(place) {
   if (is(place.latitude_deg)) return `${place.latitude_deg.toFixed(7)}°, ${place.longitude_deg.toFixed(7)}°`;
-  return is(place.x_m) ? `x ${place.x_m.toFixed(2)} m, y ${place.y_m.toFixed(2)} m` : 'place not known';
+  return is(place.x_m) ? `x ${fixed(place.x_m, 2)} m, y ${fixed(place.y_m, 2)} m` : 'place not known';
 }
 const capital = text => text.charAt(0).toUpperCase() + text.slice(1);
 
@@ -119,6 +125,22 @@ $('weather').querySelector('tbody').replaceChildren(...facts.sensors.map(sensor 
   ]));
 }));
 
+const { fixes } = facts;
+if (fixes) {
+  const percent = share => `${digits(100 * share)} %`;
+  const kinds = [['with RTK', fixes.rtk_share], ['corrected from satellites', fixes.corrected_share], ['without corrections', fixes.alone_share], ['none', fixes.none_share]];
+  const texts = [
+    `Fixes: ${kinds.filter(([, share]) => share > 0).map(([name, share]) => `${percent(share)} ${name}`).join(', ')}`,
+    is(fixes.sigma_p50_m) && `standard deviation ${digits(100 * fixes.sigma_p50_m)} cm p50, ${digits(100 * fixes.sigma_p95_m)} cm p95, ${digits(100 * fixes.sigma_max_m)} cm at most`,
+  ];
+  $('fixes').textContent = `${texts.filter(Boolean).join('; ')}. `;
+  if (is(fixes.without_rtk_time_s)) {
+    const button = make('button', { textContent: `${digits(fixes.without_rtk_max_s)} s` });
+    button.onclick = () => visit({ time_s: fixes.without_rtk_time_s });
+    $('fixes').append('Longest time without RTK: ', button);
+  }
+}
+
 function showVerdict() {
   const faults = facts.stops.filter(stop => stop.kind === 'fault'), final = last(facts.stops);
   const over = facts.limits.filter(limit => !limit.passed);
@@ -133,7 +155,7 @@ function showVerdict() {
   $('icon').textContent = { done: '✓', stopped: '■', waits: '●' }[kind];
   $('state').textContent = name;
   $('reason').textContent = `${[...lines, `${digits(driven.distance_m, 3)} m in ${after(facts.duration_s)}`].join('. ')}.`;
-  $('when').textContent = BEGIN > 1e9 ? new Date(1000 * BEGIN).toLocaleString([], { dateStyle: 'medium', timeStyle: 'short' }) : '';
+  $('link').textContent = BEGIN > 1e9 ? new Date(1000 * BEGIN).toLocaleString([], { dateStyle: 'medium', timeStyle: 'short' }) : '';
   document.title = `${name} – Sidehill report`;
 }
 showVerdict();
@@ -159,10 +181,4 @@ function show() {
   $('time').setAttribute('aria-valuetext', after(time - BEGIN));
   $('live').setAttribute('aria-pressed', cursor === null);
 }
-for (const name of ['beforeprint', 'afterprint'])
-  addEventListener(name, () => {
-    whole = name === 'beforeprint';
-    readColours();
-    show();
-  });
 draw();

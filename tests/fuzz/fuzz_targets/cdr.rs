@@ -15,7 +15,7 @@ use sidehill_bridge::ros2::transforms::Transforms;
 use sidehill_controller::path::Smoothing;
 use sidehill_controller::speed_profile::SpeedLimits;
 use sidehill_controller::tracked_point::TrackedPoint;
-use sidehill_fuzz::target;
+use sidehill_fuzz::{PATH_MAX_M, target};
 use sidehill_ros2::server::requested_path::RequestedPath;
 use sidehill_ros2::server::route::{Route, RouteSettings};
 
@@ -49,6 +49,13 @@ target!(|data| {
         })),
         4 => drop(from_cdr::<Path>(bytes).map(|path| {
             let path = RequestedPath::from_message(&path)?;
+            let legs_m = path.poses.windows(2).map(|pair| {
+                let [a, b] = [&pair[0], &pair[1]];
+                (b.x_m - a.x_m).hypot(b.y_m - a.y_m)
+            });
+            if legs_m.sum::<f64>() > PATH_MAX_M {
+                return Ok(());
+            }
             let settings = RouteSettings {
                 smoothing: Smoothing::default(),
                 limits: SpeedLimits {

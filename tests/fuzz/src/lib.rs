@@ -51,7 +51,7 @@ pub fn repository(folder: &str) -> PathBuf {
 }
 
 /// Longest path that is smoothed, m: smoothing takes time in proportion to the length, up to 0.2 ms a metre.
-const PATH_MAX_M: f64 = 1000.0;
+pub const PATH_MAX_M: f64 = 1000.0;
 
 /// Does what `sidehill check` does with a file; of a longer path than [`PATH_MAX_M`] only reads it.
 pub fn check_file(path: &Path) {

@@ -14,11 +14,13 @@ use std::io::Write;
 use std::path::PathBuf;
 use wasm_bindgen_cli_support::Bindgen;
 
-const HEAD: &str = include_str!("../../../recording/src/live/page/head.html");
-const COMMON_CSS: &str = include_str!("../../../recording/src/live/page/page.css");
-const VIEW_JS: &str = include_str!("../../../recording/src/live/page/view.js");
-const CSS: &str = include_str!("../../page/play.css");
-const BODY: &str = include_str!("../../page/body.html");
+/// A part of the pages that show drives.
+macro_rules! common {
+    ($name:literal) => {
+        include_str!(concat!("../../../recording/src/live/page/", $name))
+    };
+}
+
 const JS: &str = include_str!("../../page/play.js");
 
 fn main() -> Result<()> {
@@ -40,33 +42,35 @@ fn main() -> Result<()> {
     let mut packed = GzEncoder::new(Vec::new(), Compression::best());
     packed.write_all(&output.wasm_mut().emit_wasm())?;
     let packed = base64::engine::general_purpose::STANDARD.encode(packed.finish()?);
+    let scripts = [
+        common!("uplot/uPlot.iife.min.js"),
+        &glue,
+        &[common!("plot.js"), common!("view.js"), JS].concat(),
+    ];
     // No part may end its element.
-    for (name, part) in [
-        ("the glue", glue.as_str()),
-        ("view.js", VIEW_JS),
-        ("play.js", JS),
-    ] {
-        if part.contains("</script") {
-            bail!("{name} contains the end of a script");
-        }
+    if scripts.iter().any(|script| script.contains("</script")) {
+        bail!("a script contains the end of a script");
     }
+    let scripts: Vec<String> = scripts
+        .iter()
+        .map(|script| format!("<script>\n{script}</script>\n"))
+        .collect();
     let page = [
-        HEAD,
+        common!("head.html"),
         "<style>\n",
-        COMMON_CSS,
-        CSS,
+        common!("uplot/uPlot.min.css"),
+        common!("page.css"),
+        include_str!("../../page/play.css"),
         "</style>\n",
-        BODY,
+        common!("top.html"),
+        common!("map.html"),
+        include_str!("../../page/main.html"),
+        common!("words.html"),
+        include_str!("../../page/foot.html"),
         "<script id=\"simulation\" type=\"application/gzip;base64\">",
         &packed,
         "</script>\n",
-        "<script>\n",
-        &glue,
-        "</script>\n",
-        "<script>\n",
-        VIEW_JS,
-        JS,
-        "</script>\n",
+        &scripts.concat(),
     ]
     .concat();
     std::fs::create_dir_all(&folder).with_context(|| format!("{}", folder.display()))?;

@@ -3,7 +3,8 @@ use sidehill_bridge::control_loop::record::{CycleRow, LogEntry};
 use sidehill_bridge::control_loop::tap::{ControllerLog, PathRecord, StepRecord};
 use sidehill_bridge::drives::Epoch;
 use sidehill_plant::vehicle::Vehicle;
-use sidehill_recording::{DriveMessages, GeneralState, LogLine, RecordingStatus, Sinks};
+use sidehill_recording::{DriveMessages, FixState, GeneralState, LogLine, RecordingStatus, Sinks};
+use sidehill_ros2::port::FixReading;
 use std::sync::{Arc, OnceLock};
 
 /// Records a real-time drive, or shows it, from a thread that may wait for the disk.
@@ -22,6 +23,7 @@ enum Item {
     Step(Box<StepRecord>),
     Cycle(CycleRow),
     Event { name: &'static str, text: String },
+    Fix(FixState),
 }
 
 impl DriveRecording {
@@ -69,6 +71,17 @@ impl DriveRecording {
         self.batch.push((time_s, item));
     }
 
+    /// Takes a fix of the satellite receiver.
+    pub(crate) fn fix(&mut self, fix: &FixReading) {
+        let state = FixState {
+            time_s: fix.time_s,
+            status: fix.status,
+            sigma_m: fix.sigma_m,
+            used: fix.used,
+        };
+        self.batch.push((fix.arrived_s, Item::Fix(state)));
+    }
+
     /// Writes all waiting entries, ordered by time.
     pub(crate) fn write(&mut self) {
         let sinks = &mut self.sinks;
@@ -86,6 +99,7 @@ impl DriveRecording {
             match item {
                 Item::Step(step) => self.messages.step(&step, sinks),
                 Item::Cycle(row) => self.messages.loop_cycle(&row, sinks),
+                Item::Fix(fix) => self.messages.fix(time_s, &fix, sinks),
                 Item::Event { name, text } => {
                     self.messages
                         .event(time_s, LogLine::INFO, name, &text, sinks);

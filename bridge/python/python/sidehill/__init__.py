@@ -8,19 +8,26 @@ in the names.
 
 from ._campaign import campaign
 from ._icr import icr
+from ._kinds import Kind
+from ._linearise import Linearisation, linearise
 from ._logs import Log, identify, odometry
+from ._metrics import metrics
 from ._plant import Plant
+from ._scenario import Grid
 from ._sidehill import (
     Controller,
     Decision,
     Estimate,
     Identification,
+    Measured,
+    Qp,
     Run,
     Scenario,
     Simulation,
     SimulationResult,
     Vehicle,
     __version__,
+    contact_from_geometry,
     simulate,
 )
 from ._tune import tune
@@ -29,9 +36,14 @@ __all__ = [
     "Controller",
     "Decision",
     "Estimate",
+    "Grid",
     "Identification",
+    "Kind",
+    "Linearisation",
     "Log",
+    "Measured",
     "Plant",
+    "Qp",
     "Run",
     "Scenario",
     "Simulation",
@@ -39,8 +51,11 @@ __all__ = [
     "Vehicle",
     "__version__",
     "campaign",
+    "contact_from_geometry",
     "icr",
     "identify",
+    "linearise",
+    "metrics",
     "odometry",
     "simulate",
     "tune",

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import numpy.typing as npt
 
 from . import _sidehill
+from ._arrays import broadcast
 from ._sidehill import Vehicle
 
 
@@ -36,26 +35,6 @@ def icr(
         "v_left_m_s": v_left_m_s,
         "v_right_m_s": v_right_m_s,
     }
-    arrays = {name: _array(name, value) for name, value in named.items()}
-    shape: tuple[int, ...] = ()
-    for name, array in arrays.items():
-        try:
-            shape = np.broadcast_shapes(shape, array.shape)
-        except ValueError:
-            raise ValueError(f"{name}: shape {array.shape} does not fit {shape}, that of those before") from None
-    flat = [np.broadcast_to(array, shape).ravel() for array in arrays.values()]
-    columns = _sidehill.icr(vehicle, *(np.ascontiguousarray(array) for array in flat))
+    shape, flat = broadcast(named)
+    columns = _sidehill.icr(vehicle, *flat)
     return {name: column.reshape(shape) for name, column in columns.items()}
-
-
-def _array(name: str, value: Any) -> npt.NDArray[np.float64]:
-    try:
-        array = np.asarray(value)
-        if array.dtype.kind not in "fiub":
-            raise TypeError
-        array = array.astype(np.float64)
-    except (TypeError, ValueError):
-        raise ValueError(f"{name}: numbers are needed, not {value!r}") from None
-    if not np.isfinite(array).all():
-        raise ValueError(f"{name}: {array[~np.isfinite(array)].flat[0]} is not finite")
-    return array

@@ -33,6 +33,7 @@ def identify(
     segment_s: float = 8.0,
     smoothing_s: float = 0.2,
     columns: str | os.PathLike[str] | None = None,
+    contact: bool = False,
 ) -> Identification:
     """Identifies a vehicle's parameters from logs in the paper's two stages (section III).
 
@@ -42,9 +43,11 @@ def identify(
     segment_s: length of the dead-reckoned segments, s.
     smoothing_s: standard deviation of the Gaussian that smooths roll and pitch, s, 0 to 10.
     columns: YAML file of other names, units and frames of the logs' columns, as `sidehill identify --columns`.
+    contact: whether to identify the vehicle on wheels with friction as well, from which contact-mpc starts.
 
-    Returns the identified vehicle, with reports in `level` and `slope`. Raises ValueError with log, row and column, or
-    with what the logs lack, and OSError where a log cannot be read.
+    Returns the identified vehicle, with reports in `level` and `slope`, how far to trust it in `verdict`, and in `text`
+    what `sidehill identify` prints. Raises ValueError with log, row and column, or with what the logs lack, and OSError
+    where a log cannot be read.
     """
     stages = {"level": level, "slope": slope}
     texts = {}
@@ -54,7 +57,7 @@ def identify(
         texts[stage] = [_text(f"{stage}[{index}]", log) for index, log in enumerate(logs)]
     if not any(texts.values()):
         raise ValueError("level, slope: at least one log is needed")
-    return _sidehill.identify(texts["level"], texts["slope"], vehicle, segment_s, smoothing_s, columns)
+    return _sidehill.identify(texts["level"], texts["slope"], vehicle, segment_s, smoothing_s, columns, bool(contact))
 
 
 def odometry(log: Log, vehicle: Vehicle, columns: str | os.PathLike[str] | None = None) -> dict[str, Any]:

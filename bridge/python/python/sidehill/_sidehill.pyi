@@ -1,12 +1,14 @@
 """The compiled core. Names of the package `sidehill` are meant for users, the others are its own."""
 
 import os
-from typing import Any, Literal, final
+from collections.abc import Callable, Sequence
+from typing import Any, Literal, TypeAlias, final, overload
 
 import numpy as np
 import numpy.typing as npt
-from typing_extensions import disjoint_base
+from typing_extensions import Self, disjoint_base
 
+from ._kinds import Kind
 from ._plant import Plant
 
 __version__: str
@@ -14,15 +16,54 @@ __version__: str
 _Path = str | os.PathLike[str]
 _Floats = npt.NDArray[np.float64]
 _Numbers = tuple[float, ...] | list[float] | _Floats
+_Array = npt.NDArray[np.floating[Any] | np.integer[Any]]
 _Text = tuple[str, bytes]
 
 @disjoint_base
 class Vehicle:
-    """A skid-steer vehicle as the ICR models know it; immutable.
+    """A skid-steer vehicle as the ICR models know it; immutable, compared by its values.
 
-    Attributes have the names of the YAML's keys (config/vehicles/j8.yaml).
+    Attributes have the names of the YAML's keys (config/vehicles/j8.yaml): ICRs in m in the body frame (x right, y
+    forward), slide gains in s/rad, speeds in m/s. Source: Table I of the paper.
     """
 
+    def __new__(cls, **keys: Any) -> Vehicle:
+        """Makes a vehicle of the keys that the YAML must have. Raises ValueError with key, value and range."""
+    @staticmethod
+    def j8() -> Vehicle:
+        """Returns the Argo J8 of the paper's Table I, a rover of about one tonne with eight wheels."""
+    @staticmethod
+    def from_geometry(
+        length_m: float,
+        width_m: float,
+        wheel_radius_m: float,
+        mass_kg: float,
+        axles: int | None = None,
+        speed_m_s: float | None = None,
+        name: str | None = None,
+    ) -> Vehicle:
+        """Returns the first guess of a vehicle from its measures, as `sidehill init` makes it.
+
+        It is driven through the procedure of identification in simulation, on wheels with friction and with assumptions
+        for the rest, which takes seconds: replace it by `identify` before you trust it on a slope.
+
+        length_m: distance between the first and the last axle, m; of tracks their length on the ground.
+        width_m: distance between the middles of the left and the right wheels or tracks, m.
+        wheel_radius_m: radius of the wheels or sprockets, m.
+        mass_kg: mass with payload, kg.
+        axles: their number, 2 to 64, evenly spaced; 2 without it.
+        speed_m_s: largest speed of the wheels, m/s; 1 without it.
+        name: letters, digits, - and _; rover without it.
+
+        Raises ValueError with argument, value and range.
+        """
+    def with_(self, **changes: Any) -> Vehicle:
+        """Returns the vehicle with other values of some keys.
+
+        Nested keys are given in a dict, which is merged key by key, or by names with dots:
+        vehicle.with_(lambda_2_s_per_rad=2.0, **{"contact.half_width_m": 0.5}). A key of the value None is left out.
+        Raises ValueError with key, value and range.
+        """
     @staticmethod
     def load(path: _Path) -> Vehicle:
         """Returns the vehicle of a YAML file. Raises OSError, or ValueError with file, key, value and range."""
@@ -70,6 +111,9 @@ class Vehicle:
     def contact(self) -> dict[str, Any] | None:
         """What is known of it as a vehicle on wheels, from which contact-mpc starts."""
     def __eq__(self, value: object, /) -> bool: ...
+    def __copy__(self) -> Self: ...
+    def __deepcopy__(self, memo: Any, /) -> Self: ...
+    def _repr_html_(self) -> str: ...
 
 @final
 class Identification(Vehicle):
@@ -80,23 +124,57 @@ class Identification(Vehicle):
         """Report of the level stage (ICRs, c_l, c_r), None without level logs.
 
         `estimates` (by key: value, std, half_width_95 in the key's unit, None where the logs do not tell), `segments`,
-        `poses`, `j_over_n` (13), `outlier_share`, `held_out` (RMS errors of segments left out, m and rad), `warnings`, `undetermined` (keys that stay as they were).
+        `poses`, `j_over_n` (13), `outlier_share`, `held_out` (RMS errors of segments left out, m and rad), `warnings`,
+        `undetermined` (by key: the same and `kept`, the start's value, which stays as the logs do not determine it).
         """
     @property
     def slope(self) -> dict[str, Any] | None:
         """Report of the slope stage (lambda_1, lambda_2), None without slope logs; as `level`."""
     @property
+    def contact_report(self) -> dict[str, Any] | None:
+        """Report of the vehicle on wheels, None where it was not asked for.
+
+        `estimates` (by key: value, interval_95, determined), `not_told_apart`, `segments`, `settled`,
+        `nearer_than_geometry_alone`.
+        """
+    @property
+    def verdict(self) -> dict[str, Any]:
+        """How far to trust it.
+
+        `max_slope_deg`: the steepest slope on which to drive with it, deg, 0 where it is not good enough to drive at
+        all; `reasons`: why, a list of texts.
+        """
+    @property
+    def text(self) -> str:
+        """What `sidehill identify` prints: tables of the stages, and the verdict."""
+    @property
     def vehicle(self) -> Vehicle:
         """The vehicle without the reports."""
+    @staticmethod
+    def _of(vehicle: Vehicle, report: str) -> Identification: ...
 
 @final
 class Scenario:
     """A scenario, checked with all that it names; immutable.
 
     Keys are those of the YAML (config/scenarios/figure_eight.yaml), where each has its unit. Names of other files are
-    relative to the scenario's own, those of a dict to the working folder.
+    relative to the scenario's own, those of a dict to the working folder; they are read once. Equal are scenarios with
+    equal keys and files. A pickle has the texts of all files.
     """
 
+    def __new__(cls, **keys: Any) -> Scenario:
+        """Makes a scenario of the YAML's keys, with objects and arrays in place of files.
+
+        vehicle: a Vehicle, a dict or a file; the paper's J8 without it.
+        path: array of shape (n, 2), points (x_m, y_m), or (n, 3) with z_m, smoothed as `route.smoothing` says, in place
+            of `course`. One of both is needed.
+        terrain: a dict as in the YAML, {"kind": "plane", "slope_deg": 8, "uphill_heading_deg": 60}, or a Grid; level
+            ground without it.
+        contact: for the plant contact, a dict of `vehicle` (see contact_from_geometry) and `identified` (a Vehicle).
+        name, controllers, plant, seed, step_s: "scenario", ["icrik-mpc"], "icrik", 1 and 0.005 without them.
+
+        Raises ValueError with argument, or key, value and range, OSError where a file that it names cannot be read.
+        """
     @staticmethod
     def load(path: _Path) -> Scenario:
         """Returns the scenario of a YAML file. Raises OSError, or ValueError with file, key, value and range."""
@@ -104,14 +182,20 @@ class Scenario:
     def from_dict(keys: dict[str, Any]) -> Scenario:
         """Returns the scenario of a dict with the YAML's keys. Raises ValueError, or OSError of files it names."""
     @staticmethod
-    def _of_text(path: str, text: str) -> Scenario: ...
+    def _of_text(path: str, text: str, files: dict[_Path, str]) -> Scenario: ...
     def to_dict(self) -> dict[str, Any]:
         """Returns a dict with the YAML's keys, as they are given: what is left out has its default."""
     def with_(self, **keys: Any) -> Scenario:
-        """Returns the scenario with these keys in place of its own.
+        """Returns the scenario with these keys in place of its own, objects and arrays as in Scenario().
 
-        Of `controller`, which is a dict, only what is given is replaced. Raises ValueError with key, value and range.
+        Of `controller`, which is a dict, only what is given is replaced, and of a name with dots the one key:
+        scenario.with_(seed=2, controller={"motor_lag_s": 0.1}, **{"terrain.slope_deg": 8}). Raises ValueError with key,
+        value and range.
         """
+    def __eq__(self, value: object, /) -> bool: ...
+    def __copy__(self) -> Self: ...
+    def __deepcopy__(self, memo: Any, /) -> Self: ...
+    def _repr_html_(self) -> str: ...
     @property
     def name(self) -> str:
         """Name in tables and plots."""
@@ -136,6 +220,12 @@ class Scenario:
     @property
     def start_pose(self) -> tuple[float, float, float, float]:
         """Pose (x_m, y_m, z_m, yaw_rad) at which the vehicle starts."""
+    def height_m(self, x_m: npt.ArrayLike, y_m: npt.ArrayLike) -> _Floats:
+        """Returns the height of the ground at places of the world, m, NaN where none is known.
+
+        x_m, y_m: numbers or arrays whose shapes broadcast; the result has their shape. Raises ValueError naming the
+        argument.
+        """
     @property
     def start_attitude_rad(self) -> tuple[float, float]:
         """Attitude (roll, pitch) of the ground where the vehicle starts, rad."""
@@ -168,6 +258,20 @@ class Estimate:
     @property
     def tread_speeds_m_s(self) -> tuple[float, float]:
         """Effective tread speeds (left, right), m/s."""
+    @property
+    def learned(self) -> dict[str, tuple[float, float, float]] | None:
+        """Learned parameters of the vehicle on wheels, by the keys of a vehicle's `contact`.
+
+        (value, low, high) with the ends of the 95 % interval, in the key's unit; None of a controller that does not learn
+        them.
+        """
+    @property
+    def slip_gains(self) -> _Floats:
+        """Learned slip gains, zero where they are not what is learned: array of shape (3, 5).
+
+        Rows are v_x, v_y and omega_z, columns the terms sigma, |sigma| alpha, |sigma| phi, sigma alpha and sigma phi with
+        steer sigma, roll alpha and pitch phi, in SI units with rad (docs/adaptation.md).
+        """
     @property
     def model_error_m_s(self) -> float:
         """Root mean square error of the predicted velocity over the last seconds, m/s."""
@@ -229,16 +333,70 @@ class Decision:
         """The state that the command is based on; None before there is one."""
     @property
     def plan(self) -> _Floats | None:
-        """Planned (x_m, y_m, yaw_rad) at the stages' ends, the present first: array of shape (N + 1, 3)."""
+        """Planned (x_m, y_m, yaw_rad) at the stages' ends, the present first: array of shape (N + 1, 3).
+
+        The present is when a command given now begins to act. None where the law makes no plan.
+        """
+    @property
+    def plan_inputs(self) -> _Floats | None:
+        """Planned effective inputs (traction_m_s, steer_m_s) of the stages: array of shape (N, 2); None as `plan`."""
+    @property
+    def plan_times_s(self) -> _Floats | None:
+        """Ends of the stages after the plan's begin, s, 0 first: array of shape (N + 1,); None as `plan`."""
+
+@final
+class Qp:
+    """The quadratic programme that an MPC solved in a control cycle, with its solution.
+
+    minimise 1/2 x' P x + q' x subject to l <= A x <= u. Its variables are corrections of the plan before: of the states
+    (x, y, yaw) at the begin of each block of stages but the first, and of the inputs (traction, steer) of its stages,
+    block by block. At the solution P x + q + A' y = 0, and multipliers y of inequalities are not negative.
+    """
+
+    @property
+    def P(self) -> _Floats:
+        """P, symmetric: array of shape (n, n)."""
+    @property
+    def q(self) -> _Floats:
+        """q: array of shape (n,)."""
+    @property
+    def A(self) -> _Floats:
+        """A, equalities first: array of shape (m, n)."""
+    @property
+    def l(self) -> _Floats:
+        """l: array of shape (m,), -inf where only u bounds."""
+    @property
+    def u(self) -> _Floats:
+        """u: array of shape (m,)."""
+    @property
+    def x(self) -> _Floats:
+        """The solution: array of shape (n,)."""
+    @property
+    def y(self) -> _Floats:
+        """Multipliers of the rows of A at the solution: array of shape (m,)."""
+    @property
+    def stages_A(self) -> _Floats:
+        """A of each stage about the plan before, d(x, y, yaw)+ / d(x, y, yaw): array of shape (N, 3, 3)."""
+    @property
+    def stages_B(self) -> _Floats:
+        """B of each stage, d(x, y, yaw)+ / d(traction, steer): array of shape (N, 3, 2)."""
+    @property
+    def stages_c(self) -> _Floats:
+        """c of each stage, where its step about the plan ends less the plan's next state: array of shape (N, 3)."""
 
 @final
 class Controller:
-    """Follows a scenario's path: one step() a control period."""
+    """Follows a scenario's path: one step() a control period.
+
+    A copy (copy.copy) goes on bit by bit as the original does in its place: so a roll-out branches. A pickle holds the
+    scenario and all that the controller was told, up to 10,000 calls; opening it repeats them. Equal are controllers of equal scenarios
+    that were made alike and told the same.
+    """
 
     def __new__(
         cls,
         scenario: Scenario,
-        kind: str | None = None,
+        kind: Kind | None = None,
         vehicle: Vehicle | None = None,
         seed: int | None = None,
     ) -> Controller:
@@ -278,7 +436,10 @@ class Controller:
     def rearm(self) -> None:
         """Lets a stopped controller drive again, with an estimate made from nothing."""
     @property
-    def kind(self) -> str:
+    def qp(self) -> Qp | None:
+        """The QP that the last step solved, with its solution; None where it solved none."""
+    @property
+    def kind(self) -> Kind:
         """Name of the controller."""
     @property
     def vehicle(self) -> Vehicle:
@@ -286,6 +447,62 @@ class Controller:
     @property
     def period_s(self) -> float:
         """Control period, s."""
+    @staticmethod
+    def _repeated(
+        scenario: Scenario, kind: str, vehicle: Vehicle | None, seed: int | None, calls: list[Any]
+    ) -> Controller: ...
+    def __eq__(self, value: object, /) -> bool: ...
+    def __copy__(self) -> Controller: ...
+    def __deepcopy__(self, memo: Any, /) -> Controller: ...
+    def _repr_html_(self) -> str: ...
+
+@final
+class Measured:
+    """What is measured in a control cycle, each reading as it came last, and the reference to follow.
+
+    A controller of one's own in `simulate` is called with it.
+    """
+
+    @property
+    def time_s(self) -> float:
+        """Instant of the cycle, s."""
+    @property
+    def period_s(self) -> float:
+        """Time until the next cycle, s."""
+    @property
+    def pose(self) -> tuple[float, float, float, float] | None:
+        """(x_m, y_m, z_m, yaw_rad) in the world, true at pose_time_s; None before the first."""
+    @property
+    def pose_time_s(self) -> float | None:
+        """Instant at which the pose was true, s."""
+    @property
+    def attitude_rad(self) -> tuple[float, float] | None:
+        """(roll, pitch), rad, right side down and nose up positive; None before the first."""
+    @property
+    def tread_speeds_m_s(self) -> tuple[float, float] | None:
+        """(left, right) as the encoders count them, before c_l and c_r, m/s; None before the first."""
+    @property
+    def yaw_rate_rad_s(self) -> float | None:
+        """Yaw rate about the body's upward axis, rad/s, counter-clockwise positive; None without a gyroscope."""
+    @property
+    def cross_track_m(self) -> float | None:
+        """Distance of the pose from the path, m, left of travel positive; None before there is a pose."""
+    @property
+    def arc_length_m(self) -> float | None:
+        """Arc length of the nearest point of the path, m; None before there is a pose."""
+    @property
+    def vehicle(self) -> Vehicle:
+        """The vehicle, as controllers know it."""
+    @overload
+    def reference(self, ahead_s: float) -> tuple[float, float, float, float]:
+        """Returns the reference (x_m, y_m, yaw_rad, speed_m_s) in so many seconds; speed negative in reverse.
+
+        Of an array of n of them, s, it returns an array of shape (n, 4). Raises ValueError where one is negative.
+        """
+    @overload
+    def reference(self, ahead_s: _Array | Sequence[float]) -> _Floats: ...
+
+_Law: TypeAlias = Callable[[Measured], tuple[float, float]]
 
 @final
 class Run:
@@ -314,12 +531,21 @@ class SimulationResult:
     @property
     def metrics(self) -> dict[str, Any]:
         """The figures of all runs, {"runs": [...]}, as `sidehill simulate --format json` prints them."""
+    def plot(self) -> Any:
+        """Returns a matplotlib figure of the runs.
+
+        It has the tracks on contours of the ground, m, cross-track error, cm, heading error, deg, commands, m/s, and of
+        controllers that learn wheels with friction the coefficient with its 95 % interval. Raises ImportError without
+        matplotlib (`pip install 'sidehill[plot]'`).
+        """
 
 @final
 class Simulation:
     """The simulated vehicle of a scenario with the reference that it should follow, for a loop of one's own.
 
-    The drive train is the scenario's; what is read is the truth, without its sensors.
+    The drive train is the scenario's; what is read is the truth, without its sensors. A copy (copy.copy) goes on bit by
+    bit as the original does in its place: so a roll-out branches. A pickle holds the scenario and the steps, up to 10,000
+    calls; opening it repeats them. Equal are simulations of equal scenarios with the same steps.
     """
 
     def __new__(
@@ -357,32 +583,80 @@ class Simulation:
     def errors(self) -> tuple[float, float, float]:
         """(cross_track_m, along_track_m, heading_error_rad): distance from the path, left of travel positive; by how
         much the vehicle is ahead of the reference along it; heading less that of the reference."""
+    @overload
     def reference(self, ahead_s: float) -> tuple[float, float, float, float]:
-        """Returns the reference (x_m, y_m, yaw_rad, speed_m_s) in so many seconds; speed negative in reverse."""
+        """Returns the reference (x_m, y_m, yaw_rad, speed_m_s) in so many seconds; speed negative in reverse.
+
+        Of an array of n of them, s, it returns an array of shape (n, 4). Raises ValueError where one is negative.
+        """
+    @overload
+    def reference(self, ahead_s: _Array | Sequence[float]) -> _Floats: ...
     @property
     def reference_end_s(self) -> float:
         """Time that following the reference from its start to its end takes, s."""
     @property
     def finished(self) -> bool:
         """Whether the reference has come to its end."""
+    @staticmethod
+    def _repeated(
+        scenario: Scenario, plant: str | None, seed: int | None, calls: list[tuple[float, float, int]]
+    ) -> Simulation: ...
+    def __eq__(self, value: object, /) -> bool: ...
+    def __copy__(self) -> Simulation: ...
+    def __deepcopy__(self, memo: Any, /) -> Simulation: ...
+    def _repr_html_(self) -> str: ...
 
 def simulate(
     scenario: Scenario,
-    controllers: list[str] | tuple[str, ...] | str | None = None,
+    controllers: Sequence[Kind | _Law] | Kind | _Law | None = None,
     plant: Literal["icrik", "contact"] | Plant | None = None,
     seed: int | None = None,
 ) -> SimulationResult:
     """Runs each controller through the scenario, one after the other.
 
-    controllers: names, instead of the scenario's.
+    controllers: names, instead of the scenario's, and controllers of one's own: callables that get a Measured in every
+        control cycle and return (v_left_m_s, v_right_m_s), the speeds told to the drives in what their encoders count.
+        The scenario's sensors and drive train are between them and the vehicle as for the others.
     plant: icrik or contact, instead of the scenario's; or an object that is then the vehicle, see `sidehill.Plant`. What
         it gives is what the controller hears, at once: the scenario's sensors and drive train are left out.
     seed: instead of the scenario's.
 
     The same scenario and seed give the figures of the program `sidehill simulate` bit for bit, but for times. Raises
-    ValueError naming the argument or setting; what a plant object raises comes through as it is.
+    ValueError naming the argument or setting; what a plant object or a callable raises comes through as it is.
     """
 
+def contact_from_geometry(
+    length_m: float,
+    width_m: float,
+    wheel_radius_m: float,
+    mass_kg: float,
+    axles: int | None = None,
+    name: str | None = None,
+) -> dict[str, Any]:
+    """Returns the vehicle on wheels with friction of such measures, as `sidehill init` writes it.
+
+    It is a dict with the keys of a contact vehicle's file (config/vehicles/j8_contact.yaml), for the key `contact` of a
+    scenario whose plant is contact. Arguments and errors are those of Vehicle.from_geometry.
+    """
+
+def linearise(
+    vehicle: Vehicle,
+    model: str,
+    yaw_rad: _Floats,
+    traction_m_s: _Floats,
+    steer_m_s: _Floats,
+    roll_rad: _Floats,
+    pitch_rad: _Floats,
+    step_s: float | None,
+    smoothing_m_s: float | None,
+) -> dict[str, _Floats]: ...
+def figures_of_log(
+    scenario: Scenario,
+    time_s: _Floats,
+    pose: list[_Floats],
+    attitude_rad: list[_Floats],
+    command_m_s: list[_Floats] | None,
+) -> dict[str, Any]: ...
 def icr(
     vehicle: Vehicle, roll_rad: _Floats, pitch_rad: _Floats, v_left_m_s: _Floats, v_right_m_s: _Floats
 ) -> dict[str, _Floats]: ...
@@ -407,6 +681,7 @@ def identify(
     segment_s: float,
     smoothing_s: float,
     columns: _Path | None,
+    contact: bool,
 ) -> Identification: ...
 def odometry(log: _Text, vehicle: Vehicle, columns: _Path | None) -> dict[str, Any]: ...
 @final

@@ -17,6 +17,7 @@ import gymnasium
 import numpy as np
 import numpy.typing as npt
 
+from ._kinds import Kind
 from ._sidehill import Controller, Decision, Scenario, Simulation, Vehicle
 
 _Floats = npt.NDArray[np.float32]
@@ -126,8 +127,7 @@ class PathTracking(gymnasium.Env[_Floats, _Floats]):
         numbers = [*simulation.errors, *simulation.attitude_rad]
         numbers += [self.vehicle.correction_left * left, self.vehicle.correction_right * right]
         sin, cos = math.sin(yaw_rad), math.cos(yaw_rad)
-        for ahead_s in self._preview_s:
-            to_x_m, to_y_m, heading_rad, _ = simulation.reference(ahead_s)
+        for to_x_m, to_y_m, heading_rad, _ in simulation.reference(self._preview_s).tolist():
             dx_m, dy_m = to_x_m - x_m, to_y_m - y_m
             turn_rad = math.remainder(heading_rad - yaw_rad, 2 * math.pi)
             numbers += [cos * dx_m + sin * dy_m, -sin * dx_m + cos * dy_m, turn_rad]
@@ -141,7 +141,7 @@ class Baseline:
     each observation.
     """
 
-    def __init__(self, env: gymnasium.Env[Any, Any], kind: str = "icrik-mpc") -> None:
+    def __init__(self, env: gymnasium.Env[Any, Any], kind: Kind = "icrik-mpc") -> None:
         tracking = env.unwrapped
         if not isinstance(tracking, PathTracking):
             raise ValueError(f"env: a {PathTracking.__name__} is needed, not {env!r}")

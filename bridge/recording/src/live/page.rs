@@ -3,7 +3,7 @@
 //! All is made from the messages that the Foxglove protocol sends, five times a second.
 
 use super::outgoing::TopicMessage;
-use crate::messages::{ControllerCycle, GuardState, LogLine, LoopCycle, Topic};
+use crate::messages::{ControllerCycle, FixState, GuardState, LogLine, LoopCycle, Topic};
 use crate::scene::{CUBE, MarkerArray, SLIDE_SCALE_S};
 use serde_json::{Value, json};
 use sidehill_bridge::ros2::message::cdr::from_cdr;
@@ -20,12 +20,18 @@ pub(super) const PROTOCOL: &str = "sidehill.page.v1";
 pub(super) const HTML: &str = concat!(
     include_str!("page/head.html"),
     "<style>\n",
+    include_str!("page/uplot/uPlot.min.css"),
     include_str!("page/page.css"),
     "</style>\n",
     include_str!("page/top.html"),
+    include_str!("page/map.html"),
     include_str!("page/drive.html"),
+    include_str!("page/words.html"),
     include_str!("page/foot.html"),
     "<script>\n",
+    include_str!("page/uplot/uPlot.iife.min.js"),
+    "</script>\n<script>\n",
+    include_str!("page/plot.js"),
     include_str!("page/view.js"),
     include_str!("page/drive.js"),
     include_str!("page/page.js"),
@@ -54,7 +60,7 @@ const OLD_NS: u64 = 1_000_000_000;
 
 /// What a frame holds, in this order; not a number where it is not known. Units: s, m, rad, m/s; `state` counts
 /// [`STATES`].
-const COLUMNS: [&str; 28] = [
+const COLUMNS: [&str; 30] = [
     "t",
     "state",
     "x",
@@ -69,6 +75,8 @@ const COLUMNS: [&str; 28] = [
     "steer",
     "steer_command",
     "pose_age",
+    "fix_status",
+    "fix_sigma",
     "tip_over_margin",
     "friction_use",
     "friction",
@@ -215,6 +223,9 @@ impl Page {
                     && let Some(vehicle) = vehicle(&scene)
                 {
                     self.set("vehicle", vehicle.to_string());
+                    if let Some(ground) = ground(&scene) {
+                        self.set("ground", ground.to_string());
+                    }
                 }
             }
             _ => {}
@@ -298,6 +309,10 @@ impl Page {
             frame.set("friction_use", guard.friction_use);
             frame.set("friction", guard.friction);
             frame.set("speed_share", guard.speed_share);
+        }
+        if let Some(fix) = self.present::<FixState>(Topic::Fix, time_ns) {
+            frame.set("fix_status", f64::from(fix.status));
+            frame.set("fix_sigma", fix.sigma_m);
         }
         if let Some(scene) = self.present::<MarkerArray>(Topic::Scene, time_ns) {
             frame.scene(&scene);
@@ -486,6 +501,43 @@ fn vehicle(scene: &MarkerArray) -> Option<Value> {
     });
     let wheels: Vec<Value> = wheels.collect();
     Some(json!({ "body": [body.scale.x, body.scale.y], "wheels": wheels }))
+}
+
+/// Nodes of the ground along an axis, at most.
+const NODES_MAX: usize = 500;
+
+/// Returns the heights of the scene's ground at the nodes of its grid, row by row along x; none where it has no ground.
+fn ground(scene: &MarkerArray) -> Option<Value> {
+    let points = &scene
+        .markers
+        .iter()
+        .find(|marker| marker.ns == "ground")?
+        .points;
+    let [(left, step_x, columns), (low, step_y, rows)] = [
+        nodes(points.iter().map(|point| point.x))?,
+        nodes(points.iter().map(|point| point.y))?,
+    ];
+    let mut heights = vec![None; columns * rows];
+    for point in points {
+        let column = ((point.x - left) / step_x).round() as usize;
+        let row = ((point.y - low) / step_y).round() as usize;
+        heights[row * columns + column] = Some((point.z * 1e3).round() / 1e3);
+    }
+    let size = [step_x * (columns - 1) as f64, step_y * (rows - 1) as f64];
+    Some(
+        json!({ "corner": [left, low], "size": size, "nodes": [columns, rows], "heights": heights }),
+    )
+}
+
+/// Returns the first of evenly spaced places, their distance and their count.
+fn nodes(places: impl Iterator<Item = f64>) -> Option<(f64, f64, usize)> {
+    let mut places: Vec<f64> = places.filter(|place| place.is_finite()).collect();
+    places.sort_by(f64::total_cmp);
+    let (first, last) = (*places.first()?, *places.last()?);
+    let apart = places.windows(2).map(|pair| pair[1] - pair[0]);
+    let step = apart.filter(|apart| *apart > 1e-6).min_by(f64::total_cmp)?;
+    let count = ((last - first) / step).round() as usize + 1;
+    (count <= NODES_MAX).then_some((first, step, count))
 }
 
 /// New frames in a message at most: what a slow link cannot carry is left out.

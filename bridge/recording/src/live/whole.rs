@@ -4,17 +4,32 @@ use super::outgoing::TopicMessage;
 use super::page::{Kept, Page};
 use crate::messages::Topic;
 
-/// Parts of the live page, from which other pages of a drive are made.
+/// Parts of the live page, of which the pages of reports are made as well.
 pub mod components {
     /// Head of the document, without its style.
     pub const HEAD: &str = include_str!("page/head.html");
     /// Style.
-    pub const CSS: &str = include_str!("page/page.css");
-    /// Sections: map, figures over time, drives, what was learned, events.
+    pub const CSS: &str = concat!(
+        include_str!("page/uplot/uPlot.min.css"),
+        include_str!("page/page.css")
+    );
+    /// Begin of the body: state and reason in large type.
+    pub const TOP: &str = include_str!("page/top.html");
+    /// Section: the map.
+    pub const MAP: &str = include_str!("page/map.html");
+    /// Sections: figures over time, drives, what was learned, events.
     pub const DRIVE: &str = include_str!("page/drive.html");
+    /// Section: what the words mean.
+    pub const WORDS: &str = include_str!("page/words.html");
+    /// End of the body: the time shown.
+    pub const FOOT: &str = include_str!("page/foot.html");
+    /// Script: uPlot, which draws the plots.
+    pub const UPLOT_JS: &str = include_str!("page/uplot/uPlot.iife.min.js");
+    /// Script: numbers, colours, plots.
+    pub const PLOT_JS: &str = include_str!("page/plot.js");
     /// Script: plots over time, and the map.
     pub const VIEW_JS: &str = include_str!("page/view.js");
-    /// Script: what the plots and sections show.
+    /// Script: what plots and sections of a drive show.
     pub const DRIVE_JS: &str = include_str!("page/drive.js");
 }
 

@@ -41,6 +41,34 @@ pub struct FixSettings {
     pub heading_sigma_max_rad: f64,
 }
 
+/// A fix as it came, used or not.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FixReading {
+    /// When it came, s.
+    pub arrived_s: f64,
+    /// When it was measured, s; NaN where its stamp was refused.
+    pub time_s: f64,
+    /// Status of sensor_msgs/NavSatStatus: -1 no fix, 0 alone, 1 corrected from satellites, 2 from the ground (RTK).
+    pub status: i8,
+    /// Larger standard deviation of east and north, m; NaN where the receiver does not tell.
+    pub sigma_m: f64,
+    /// Whether it was good enough for a pose.
+    pub used: bool,
+}
+
+impl FixReading {
+    /// Returns a fix that came at `arrived_s` and was measured at `time_s`.
+    pub(super) fn new(arrived_s: f64, time_s: f64, fix: &NavSatFix, used: bool) -> Self {
+        Self {
+            arrived_s,
+            time_s,
+            status: fix.status.status,
+            sigma_m: told_sigma_m(fix).unwrap_or(f64::NAN),
+            used,
+        }
+    }
+}
+
 /// Why a fix is not used.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub(crate) enum FixError {
@@ -300,18 +328,20 @@ impl FixPoses {
 /// Returns the larger standard deviation of east and north, m; where it is not known, that of the kind of fix, which for
 /// RTK is within `rtk_m`.
 fn sigma_m(fix: &NavSatFix, rtk_m: f64) -> f64 {
-    match (fix.position_covariance_type, fix.status.status) {
-        (0, STATUS_GBAS) => rtk_m,
-        (0, _) => UNCORRECTED_M,
-        _ => {
-            let [east, north] = [fix.position_covariance[0], fix.position_covariance[4]];
-            match (east + north).is_nan() {
-                // `max` would leave it out.
-                true => f64::NAN,
-                false => east.max(north).sqrt(),
-            }
-        }
-    }
+    told_sigma_m(fix).unwrap_or(match fix.status.status {
+        STATUS_GBAS => rtk_m,
+        _ => UNCORRECTED_M,
+    })
+}
+
+/// Returns the larger standard deviation of east and north, m, as the receiver tells it.
+fn told_sigma_m(fix: &NavSatFix) -> Option<f64> {
+    let [east, north] = [fix.position_covariance[0], fix.position_covariance[4]];
+    (fix.position_covariance_type != 0).then(|| match (east + north).is_nan() {
+        // `max` would leave it out.
+        true => f64::NAN,
+        false => east.max(north).sqrt(),
+    })
 }
 
 #[cfg(test)]

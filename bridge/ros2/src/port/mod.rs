@@ -19,5 +19,5 @@ pub(crate) mod shared_inputs;
 mod stamp_clock;
 
 pub use drives::Ros2Port;
-pub use fixes::FixSettings;
+pub use fixes::{FixReading, FixSettings};
 pub use shared_inputs::Note;

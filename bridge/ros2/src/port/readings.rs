@@ -1,6 +1,6 @@
 //! From messages to readings for the controller: frames, stamps and units are checked here.
 
-use super::fixes::{FixError, FixPoses, FixSettings};
+use super::fixes::{FixError, FixPoses, FixReading, FixSettings};
 use super::shared_inputs::SharedInputs;
 use super::stamp_clock::{AHEAD_S, SYSTEM_JUMP_S, StampClock};
 use crate::node::time::RosTime;
@@ -290,7 +290,14 @@ impl Readings {
 
     /// Takes a fix of a satellite receiver.
     pub(crate) fn fix(&mut self, message: &NavSatFix, publisher: Gid) {
-        if let Err(reason) = self.try_fix(message, publisher) {
+        let stamped = self.fix_time_s(message, publisher);
+        let time_s = stamped.as_ref().map_or(f64::NAN, |time_s| *time_s);
+        let result = stamped.and_then(|time_s| self.try_fix(time_s, message));
+        let context = &self.context;
+        let arrived_s = context.time.now_s();
+        let reading = FixReading::new(arrived_s, time_s, message, result.is_ok());
+        context.shared.fix(reading);
+        if let Err(reason) = result {
             self.reject_fix(&reason);
         }
         self.poses_of_fixes();
@@ -301,12 +308,16 @@ impl Readings {
         self.context.shared.reject(topic, reason);
     }
 
-    fn try_fix(&mut self, message: &NavSatFix, publisher: Gid) -> Result<(), Rejection> {
+    fn fix_time_s(&mut self, message: &NavSatFix, publisher: Gid) -> Result<f64, Rejection> {
+        let topic = self.config.pose.as_ref().map_or("", |pose| &pose.topic);
+        let clock = &mut self.stamp_clocks.pose;
+        (self.context).time_s(&message.header, clock, topic, publisher)
+    }
+
+    fn try_fix(&mut self, time_s: f64, message: &NavSatFix) -> Result<(), Rejection> {
         let (Some(config), Some(fixes)) = (&self.config.pose, &mut self.fixes) else {
             return Ok(());
         };
-        let clock = &mut self.stamp_clocks.pose;
-        let time_s = (self.context).time_s(&message.header, clock, &config.topic, publisher)?;
         let lever = match &config.antenna {
             Some(antenna) => antenna.in_base(),
             None => {

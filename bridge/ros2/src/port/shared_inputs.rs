@@ -1,6 +1,7 @@
 //! What the threads of the ROS 2 side share: transforms, the emergency stop, and counts.
 
 use super::emergency_stop::EmergencyStopMonitor;
+use super::fixes::FixReading;
 use super::graph_monitor::GraphMonitor;
 use super::stamp_clock::SYSTEM_JUMP_S;
 use sidehill_bridge::control_loop::channel::SharedCause;
@@ -12,6 +13,9 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// Notes that are kept until they are taken, at most.
 const NOTES_MAX: usize = 100;
+
+/// Fixes that are kept until they are taken, at most: 10 s of a receiver at 20 Hz.
+const FIXES_MAX: usize = 200;
 
 /// An event for the screen and the log.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -28,6 +32,7 @@ pub(crate) struct SharedInputs {
     transforms: Mutex<Transforms>,
     last_rejection: Mutex<String>,
     notes: Mutex<VecDeque<Note>>,
+    fixes: Mutex<VecDeque<FixReading>>,
     rejected: AtomicU64,
     graph: Mutex<GraphMonitor>,
     estop_publishers: Mutex<EmergencyStopMonitor>,
@@ -72,6 +77,20 @@ impl SharedInputs {
     /// Returns the notes since the last call.
     pub(crate) fn take_notes(&self) -> VecDeque<Note> {
         std::mem::take(&mut *locked(&self.notes))
+    }
+
+    /// Keeps a fix for the recording.
+    pub(crate) fn fix(&self, fix: FixReading) {
+        let mut fixes = locked(&self.fixes);
+        if fixes.len() == FIXES_MAX {
+            fixes.pop_front();
+        }
+        fixes.push_back(fix);
+    }
+
+    /// Returns the fixes since the last call.
+    pub(crate) fn take_fixes(&self) -> VecDeque<FixReading> {
+        std::mem::take(&mut *locked(&self.fixes))
     }
 
     /// Returns the topics that are waited for and their publishers.

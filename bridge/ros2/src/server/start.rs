@@ -7,11 +7,10 @@ use super::route::RouteSettings;
 use crate::node::time::RosTime;
 use crate::node::worker::Worker;
 use crate::node::{NodeError, RosNode};
-use crate::port::Note;
 use crate::port::inputs::InputSubscriber;
 use crate::port::readings::PortContext;
 use crate::port::shared_inputs::SharedInputs;
-use crate::port::{FixSettings, Ros2Port};
+use crate::port::{FixReading, FixSettings, Note, Ros2Port};
 use ros2_client::dds::rustdds::RTPSEntity;
 use sidehill_bridge::control_loop::channel::{ControllerEnd, LoopEnd, command_channel};
 use sidehill_bridge::control_loop::scheduling::{RealtimeConfig, RealtimeError};
@@ -109,6 +108,11 @@ impl Ros2Inputs {
     /// Returns what has happened to goals and clocks since the last call, for the screen and the log.
     pub fn take_notes(&self) -> VecDeque<Note> {
         self.0.take_notes()
+    }
+
+    /// Returns the fixes of the satellite receiver since the last call, for the recording.
+    pub fn take_fixes(&self) -> VecDeque<FixReading> {
+        self.0.take_fixes()
     }
 }
 

@@ -170,7 +170,7 @@ fn the_price_of_speed_grows_while_the_vehicle_does_not_move_on_and_falls_when_it
     assert!(
         after < 0.5 * before,
         "{after} {before} {first} {}",
-        controller.arc_length_m
+        controller.come
     );
 }
 

@@ -1,6 +1,6 @@
 //! Whether the covariance is that of the errors: normalised estimation error squared (NEES) over many runs.
 
-use super::super::belief::{OFFSET_SIGMA_RAD, STATES};
+use super::super::belief::{OFFSET_SIGMA_RAD, SCALE_SIGMA, STATES};
 use super::super::learned::{LearnedModel, Moving};
 use super::*;
 use nalgebra::{DMatrix, DVector, Rotation3, SVector};
@@ -107,6 +107,7 @@ fn normalised_errors_of_all<M: LearnedModel<N>, const N: usize>(
     let mut yaw_rate_before_rad_s = 0.0;
     let bias_rad_s = gaussian(settings.gyro_bias_sigma_rad_s);
     let offset_rad = gaussian(OFFSET_SIGMA_RAD);
+    let scale = gaussian(SCALE_SIGMA);
     let cycles = 200;
     for cycle in 0..=cycles {
         let time_s = DT_S * f64::from(cycle);
@@ -154,7 +155,7 @@ fn normalised_errors_of_all<M: LearnedModel<N>, const N: usize>(
             }
             yaw_rate_before_rad_s = yaw_rate_rad_s;
             let of_body = velocity.yaw_rate_rad_s / middle.yaw_rad_s;
-            read_rad_s += of_body * yaw_rate_rad_s
+            read_rad_s += (1.0 + scale) * of_body * yaw_rate_rad_s
                 + gaussian(settings.gyro_sigma_rad_per_sqrt_s / DT_S.sqrt());
             for i in 0..N {
                 parameters[i] = prior.mean[i]
@@ -179,7 +180,7 @@ fn normalised_errors_of_all<M: LearnedModel<N>, const N: usize>(
     let belief = filter.newest().unwrap();
     let mut error = DVector::zeros(STATES + N);
     let mut covariance = DMatrix::zeros(STATES + N, STATES + N);
-    let first = pose.push(bias_rad_s).push(offset_rad) - belief.mean;
+    let first = pose.push(bias_rad_s).push(offset_rad).push(scale) - belief.mean;
     error.rows_mut(0, STATES).copy_from(&first);
     error[2] = wrap_angle(error[2]);
     for i in 0..N {

@@ -74,6 +74,18 @@ fn the_heading_follows_a_gyroscope_and_its_bias_is_found() {
 }
 
 #[test]
+fn an_error_of_the_gyroscopes_scale_is_found() {
+    let (right_rad, _) = drive(Some);
+    for scale in [1.05, 0.96] {
+        let (scaled_rad, _) = drive(|rate_rad_s| Some(scale * rate_rad_s));
+        assert!(
+            scaled_rad < 1.2 * right_rad,
+            "{scale}: {scaled_rad}, {right_rad}"
+        );
+    }
+}
+
+#[test]
 fn a_gyroscope_that_poses_contradict_is_left_out() {
     let wrong: [(&str, &dyn Fn(f64) -> f64); 4] = [
         ("another sign", &|rate_rad_s| -rate_rad_s),

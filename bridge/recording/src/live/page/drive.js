@@ -1,10 +1,15 @@
 // What the live view and the report of a drive show beside the map: figures over time, events, drives, what was learned.
 
+for (const [kind, text] of [['path', 'path'], ['track', 'driven'], ['plan', 'plan'], ['slide', 'slide, 10 s'], ['icr', 'tread ICRs'],
+  ['ellipse', '95 % position']]) showKey(kind, text);
+
 /** Events as time, level, name and text. */
 let events = [];
 
 // --- Figures ---
 
+/** Kinds of fixes, as sensor_msgs/NavSatStatus counts them. */
+const FIXES = { '-1': 'none', 0: 'alone', 1: 'SBAS', 2: 'RTK' };
 const STRIPS = [
   CROSS_TRACK,
   {
@@ -37,6 +42,16 @@ const STRIPS = [
     name: 'Age of the pose', unit: 's', range: [0, 0.5],
     of: f => get(f, 'pose_age'),
     value: ([a]) => [digits(a), 's'],
+  },
+  {
+    name: 'Kind of fix', range: [-1, 2], words: FIXES,
+    of: f => get(f, 'fix_status'),
+    value: ([s]) => [FIXES[s] || '–', ''],
+  },
+  {
+    name: 'Standard deviation of fixes', unit: 'cm', least: 2,
+    of: f => is(get(f, 'fix_sigma')) ? 100 * get(f, 'fix_sigma') : null,
+    value: ([s]) => [digits(s), 'cm'],
   },
 ];
 
@@ -78,7 +93,7 @@ function showDiagnostics() {
   for (const [key, text] of learned) {
     const name = words(key.slice(8)), unit = unitOf(key);
     const [, value, low, high, prior] = /^(\S+) \((\S+) to ([^,)]+)(.*)\)$/.exec(text) || [null, text, text, text, ''];
-    const write = number => digits(Number(number)).replace('-', '\u2212');
+    const write = number => digits(Number(number));
     if (prior) others.push(`${name} ${write(value)} ${unit}`.trim());
     else rows.push(make('tr', {}, ...[name, `${write(value)} ${unit}`, `${write(low)} to ${write(high)}`].map(textContent => make('td', { textContent }))));
   }

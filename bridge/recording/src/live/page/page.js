@@ -20,6 +20,7 @@ function forget() {
   frames = [];
   events = [];
   parts = {};
+  ground = null;
   offset = Infinity;
   cursor = null;
 }
@@ -60,6 +61,7 @@ function take(message) {
   }
   if (message.parts) Object.assign(parts, message.parts);
   if (message.parts && message.parts.diagnostics) showDiagnostics();
+  if (message.parts && message.parts.ground) [ground, picture] = [groundOf((x, y) => heightIn(parts.ground, x, y)), null];
   if (message.have) have = message.have;
   draw();
 }
@@ -199,6 +201,7 @@ function showState() {
 
 // --- All of it ---
 
+$('link').textContent = 'connecting';
 STRIPS.forEach(addStrip);
 
 function show() {

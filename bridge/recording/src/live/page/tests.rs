@@ -240,6 +240,41 @@ fn turned(x: f64, y: f64, axis: [f64; 3], angle_rad: f64) -> message::Pose {
 }
 
 #[test]
+fn ground_comes_as_a_grid() {
+    // Triangles over six nodes, 2 m apart along x and 1 m along y.
+    let node = |i: u32, j: u32| Point {
+        x: 2.0 * f64::from(i) - 1.0,
+        y: f64::from(j),
+        z: 0.1 * f64::from(i) + f64::from(j),
+    };
+    let squares = [(0, 0), (1, 0)].map(|(i, j)| {
+        let (a, b, c, d) = (
+            node(i, j),
+            node(i + 1, j),
+            node(i + 1, j + 1),
+            node(i, j + 1),
+        );
+        [a.clone(), b, c.clone(), a, c, d]
+    });
+    let marker = crate::scene::Marker {
+        ns: "ground".to_owned(),
+        points: squares.concat(),
+        ..Default::default()
+    };
+    let scene = MarkerArray {
+        markers: vec![marker],
+    };
+    let grid = ground(&scene).unwrap();
+    assert_eq!(grid["corner"], json!([-1.0, 0.0]));
+    assert_eq!(
+        (&grid["size"], &grid["nodes"]),
+        (&json!([4.0, 1.0]), &json!([3, 2]))
+    );
+    assert_eq!(grid["heights"], json!([0.0, 0.1, 0.2, 1.0, 1.1, 1.2]));
+    assert!(ground(&MarkerArray::default()).is_none());
+}
+
+#[test]
 fn downhill_is_where_the_vehicle_leans() {
     // Rolled about its forward axis, which is x, so that the right side, towards -y, is down.
     let rolled = turned(0.0, 0.0, [1.0, 0.0, 0.0], 0.3);

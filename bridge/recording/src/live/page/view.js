@@ -1,15 +1,7 @@
-'use strict';
-// What the live view and `sidehill play` share: frames over time, plots of them, and the map.
+// What pages of a drive share: frames over time, plots of them, and the map.
 
 const GAP_S = 3;
 const DEG = 180 / Math.PI;
-const $ = id => document.getElementById(id);
-const make = (tag, props = {}, ...children) => {
-  const node = Object.assign(document.createElement(tag), props);
-  node.append(...children);
-  return node;
-};
-
 // --- Runs: what is shown over time ---
 
 /** What is drawn, one or several: `frames`, `plan` as x, y, x, y ..., `colour`, `dash`, `planColour`, `planDash`, and a
@@ -20,7 +12,6 @@ let column = {};
 let parts = {};
 
 const get = (frame, name) => frame ? frame[column[name]] : null;
-const is = value => value !== null && value !== undefined && !Number.isNaN(value);
 const last = frames => frames[frames.length - 1];
 
 /** Returns the newest frame of all runs. */
@@ -78,8 +69,6 @@ function showTime() {
 }
 
 let due = false;
-/** Whether plots out of sight are drawn as well, as for print. */
-let whole = false;
 /** Shows all of it, once a picture; `show` is the page's own. */
 function draw() {
   if (due) return;
@@ -89,24 +78,17 @@ function draw() {
     show();
   });
 }
+renew = draw;
 addEventListener('resize', draw);
 addEventListener('scroll', draw, { passive: true });
 
 // --- Figures ---
 
-const digits = (value, n = 2) => {
-  if (!is(value)) return '–';
-  if (Math.abs(value) < 5e-4) return '0';
-  const places = Math.max(0, n - 1 - Math.floor(Math.log10(Math.abs(value))));
-  return value.toFixed(Math.min(places, 3));
-};
 const side = (value, unit, negative, positive, floor) => {
   if (!is(value)) return ['–', ''];
   const text = Math.abs(value) < floor ? '0' : digits(Math.abs(value));
   return [text, text === '0' ? unit : `${unit} ${value < 0 ? negative : positive}`];
 };
-const signed = value => value.toFixed(1).replace('-', '\u2212');
-
 /** Returns how far the ground falls, deg, in a direction that is so far clockwise of the vehicle's. */
 function tilt(frame, clockwise) {
   if (!is(get(frame, 'downhill_x'))) return null;
@@ -138,12 +120,6 @@ const linesOf = strip => strip.lines
   ? strip.lines.map(line => ({ ...line, frames: runs[0].frames }))
   : runs.map(({ name, colour, dash, frames }) => ({ name, colour, dash, frames, of: strip.of }));
 
-const swatch = ({ colour, dash }) => {
-  const holder = make('span');
-  holder.innerHTML = `<svg viewBox="0 0 26 10" aria-hidden="true"><path d="M0 5h26" fill="none" stroke="var(${colour})" stroke-width="3" stroke-dasharray="${(dash || []).join(' ') || 'none'}"/></svg>`;
-  return holder.firstChild;
-};
-
 /** Names the lines of a strip, where there are several. */
 function showKeys(strip) {
   strip.texts = [];
@@ -155,59 +131,80 @@ function showKeys(strip) {
 }
 
 /** Adds a strip: `name`, `unit`, `least` or `range`, `zero`, `limit`; `of`, which returns the value of a frame of any run,
- * or `lines` of the only run with `of` each; `value` returns text and unit for the values. */
+ * or `lines` of the only run with `of` each; `value` returns text and unit for the values, `words` the texts of the axis. */
 function addStrip(strip) {
-  strip.canvas = make('canvas');
-  strip.canvas.setAttribute('role', 'img');
+  strip.holder = make('div', { className: 'plot' });
+  strip.holder.setAttribute('role', 'img');
   strip.text = make('p', { className: 'value' });
   strip.keys = make('p', { className: 'keys' });
   strip.box = make('article', { className: 'strip', hidden: true },
-    make('header', {}, make('h2', { textContent: strip.name }), strip.text), strip.keys, strip.canvas);
+    make('header', {}, make('h2', { textContent: strip.name }), strip.text), strip.keys, strip.holder);
   showKeys(strip);
   $('strips').append(strip.box);
   const pick = event => {
     if (!newest() || (event.type === 'pointermove' && !event.buttons)) return;
-    const { left, width } = strip.canvas.getBoundingClientRect();
-    const [from, to] = timeAxis();
-    seek(from + (to - from) * (event.clientX - left - LEFT) / (width - LEFT - RIGHT));
+    seek(strip.chart.posToVal(event.clientX - strip.chart.over.getBoundingClientRect().left, 'x'));
   };
-  strip.canvas.addEventListener('pointerdown', pick);
-  strip.canvas.addEventListener('pointermove', pick);
+  strip.holder.addEventListener('pointerdown', pick);
+  strip.holder.addEventListener('pointermove', pick);
 }
 
-const LEFT = 38, RIGHT = 10, TOP = 8, BOTTOM = 20;
+const STRIP_HEIGHT = 110;
+const TIMES = [0.1, 0.2, 0.5, 1, 2, 5, 10, 15, 20, 30, 60, 120, 180, 300, 600, 1200, 1800, 3600];
 
-/** Returns a step of 1, 2 or 5 times a power of ten that divides a range into about so many parts. */
-function step(range, count) {
-  const rough = range / count, power = 10 ** Math.floor(Math.log10(rough));
-  return power * [1, 2, 5, 10].find(factor => factor * power >= rough - 1e-12);
-}
-
-/** Sets the size of a canvas to that on the screen, and returns its context and size. */
-function prepare(canvas) {
-  const ratio = devicePixelRatio || 1, width = canvas.clientWidth, height = canvas.clientHeight;
-  if (canvas.width !== Math.round(width * ratio) || canvas.height !== Math.round(height * ratio)) {
-    canvas.width = Math.round(width * ratio);
-    canvas.height = Math.round(height * ratio);
+/** Makes the plot of a strip; a strip of other lines than before has another plot. */
+function plotStrip(strip, lines) {
+  const key = lines.map(({ name, colour }) => name + colour).join();
+  if (strip.chart && strip.key === key) return;
+  if (strip.chart) {
+    plots.splice(plots.findIndex(({ chart }) => chart === strip.chart), 1);
+    strip.chart.destroy();
   }
-  const pen = canvas.getContext('2d');
-  pen.setTransform(ratio, 0, 0, ratio, 0, 0);
-  pen.clearRect(0, 0, width, height);
-  pen.lineJoin = pen.lineCap = 'round';
-  return [pen, width, height];
+  strip.key = key;
+  const here = chart => {
+    if (cursor === null) return;
+    const x = Math.round(chart.valToPos(cursor, 'x', true)), { ctx, bbox } = chart;
+    ctx.fillStyle = colours['--ink'];
+    ctx.fillRect(x - devicePixelRatio, bbox.top, 2 * devicePixelRatio, bbox.height);
+  };
+  // The ends are whole steps, so that the axis is calm.
+  const range = (_, low, high) => {
+    [low, high] = [low ?? 0, high ?? 0];
+    if (strip.range) return [Math.min(strip.range[0], low), Math.max(strip.range[1], high)];
+    [low, high] = [Math.min(low, 0), Math.max(high, 0)];
+    const size = step(Math.max(high - low, strip.least || 0), 2.5);
+    const end = value => Math.abs(value) < 1e-9 ? 0 : Math.sign(value) * Math.ceil(Math.abs(value) / size + 0.05) * size;
+    return end(low) === end(high) ? [0, size] : [end(low), end(high)];
+  };
+  strip.chart = plotOf(strip.holder, {
+    height: STRIP_HEIGHT,
+    x: { scale: {}, axis: { incrs: TIMES, space: 68, values: (_, times) => times.map(time => time < 0 ? '' : clock(time, false)) } },
+    y: { scale: { range }, axis: strip.words ? { splits: () => Object.keys(strip.words).map(Number), values: () => Object.values(strip.words) } : {} },
+    lines,
+    limits: is(strip.limit) ? [[strip.limit, '']] : [],
+    hooks: { draw: [here] },
+  }, [[], ...lines.map(() => [])]);
 }
 
-let colours = {};
-function readColours() {
-  const style = getComputedStyle(document.documentElement);
-  for (const name of ['ground', 'panel', 'ink', 'soft', 'line', 'grid', 'path', 'blue', 'orange', 'green', 'violet'])
-    colours[`--${name}`] = style.getPropertyValue(`--${name}`).trim();
+/** Returns times and values of a line from the frame before a time until that after another; a gap has no value. */
+function valuesOf({ frames, of }, from, to) {
+  const times = [], values = [];
+  for (let i = Math.max(0, indexAt(frames, from) - 1); i < frames.length; i++) {
+    const [time] = frames[i], value = of(frames[i]);
+    if (times.length && time - times[times.length - 1] > GAP_S) {
+      times.push(times[times.length - 1] + 1e-3);
+      values.push(null);
+    }
+    times.push(time);
+    values.push(is(value) ? value : null);
+    if (time > to) break;
+  }
+  return [times, values];
 }
-readColours();
-matchMedia('(prefers-color-scheme: dark)').addEventListener('change', () => { readColours(); draw(); });
 
 function drawStrip(strip, [from, to]) {
   const lines = linesOf(strip).filter(line => line.frames.length);
+  if (!lines.length) return;
   const values = lines.map(line => line.of(shown(line.frames)));
   if (strip.box.hidden) {
     if (!lines.some(line => line.frames.some(frame => is(line.of(frame))))) return;
@@ -223,96 +220,30 @@ function drawStrip(strip, [from, to]) {
     texts.forEach((text, i) => { strip.texts[i].textContent = text; });
     label = texts.map((text, i) => `${lines[i].name} ${text}`).join(', ');
   }
-  strip.canvas.setAttribute('aria-label', `${strip.name} over time, now ${label}`);
-  const { top, bottom } = strip.canvas.getBoundingClientRect();
+  strip.holder.setAttribute('aria-label', `${strip.name} over time, now ${label}`);
+  plotStrip(strip, lines);
+  const { top, bottom } = strip.holder.getBoundingClientRect();
   if (!whole && (bottom < 0 || top > innerHeight)) return;
+  const tables = lines.map(line => valuesOf(line, from, to));
+  const together = strip.lines ? [tables[0][0], ...tables.map(([, values]) => values)] : uPlot.join(tables);
+  strip.chart.batch(() => {
+    strip.chart.setData(together, false);
+    strip.chart.setScale('x', { min: from, max: to });
+  });
+}
 
-  let [low, high] = strip.range || [-strip.least, strip.least];
-  if (!strip.range) [low, high] = [0, 0];
-  for (const { frames, of } of lines)
-    for (let i = Math.max(0, indexAt(frames, from) - 1); i < frames.length && frames[i][0] <= to; i++) {
-      const y = of(frames[i]);
-      if (is(y)) [low, high] = [Math.min(low, y), Math.max(high, y)];
-    }
-  const size = step(Math.max(high - low, strip.least || 0), 2.5);
-  if (!strip.range) {
-    // The ends are whole steps, so that the axis is calm.
-    const end = value => Math.abs(value) < 1e-9 ? 0 : Math.sign(value) * Math.ceil(Math.abs(value) / size + 0.05) * size;
-    [low, high] = [end(low), end(high)];
-    if (low === high) high = size;
+/** Sets the size of a canvas to that on the screen, and returns its context and size. */
+function prepare(canvas) {
+  const ratio = devicePixelRatio || 1, width = canvas.clientWidth, height = canvas.clientHeight;
+  if (canvas.width !== Math.round(width * ratio) || canvas.height !== Math.round(height * ratio)) {
+    canvas.width = Math.round(width * ratio);
+    canvas.height = Math.round(height * ratio);
   }
-  const [pen, width, height] = prepare(strip.canvas);
-  const x = time => LEFT + (width - LEFT - RIGHT) * (time - from) / (to - from);
-  const y = value => TOP + (height - TOP - BOTTOM) * (high - value) / (high - low);
-
-  pen.font = '12px system-ui, sans-serif';
-  pen.fillStyle = colours['--soft'];
-  pen.lineWidth = 1;
-  pen.textAlign = 'right';
-  pen.textBaseline = 'middle';
-  const places = Math.max(0, -Math.floor(Math.log10(size) + 1e-9));
-  for (let value = Math.ceil(low / size - 1e-9) * size; value <= high + 1e-9; value += size) {
-    const zero = Math.abs(value) < 1e-9;
-    pen.strokeStyle = colours[zero && strip.zero ? '--path' : '--grid'];
-    pen.beginPath();
-    pen.moveTo(LEFT, y(value));
-    pen.lineTo(width - RIGHT, y(value));
-    pen.stroke();
-    pen.fillText((zero ? 0 : value).toFixed(places).replace('-', '\u2212'), LEFT - 5, y(value));
-  }
-  if (is(strip.limit)) {
-    pen.strokeStyle = colours['--ink'];
-    pen.lineWidth = 2;
-    pen.beginPath();
-    pen.moveTo(LEFT, y(strip.limit));
-    pen.lineTo(width - RIGHT, y(strip.limit));
-    pen.stroke();
-  }
-  pen.textBaseline = 'alphabetic';
-  const wide = from > 1e9 ? 76 : 60;
-  const apart = [5, 10, 15, 20, 30, 60, 120, 180, 300].find(s => (width - LEFT - RIGHT) * s / (to - from) > wide) || 300;
-  pen.strokeStyle = colours['--grid'];
-  pen.lineWidth = 1;
-  for (let time = Math.ceil(from / apart) * apart; time <= to; time += apart) {
-    pen.beginPath();
-    pen.moveTo(x(time), TOP);
-    pen.lineTo(x(time), height - BOTTOM);
-    pen.stroke();
-    const label = clock(time, false), half = pen.measureText(label).width / 2;
-    pen.textAlign = 'center';
-    if (time >= 0) pen.fillText(label, Math.min(x(time), width - half - 1), height - 5);
-  }
-
-  pen.save();
-  pen.beginPath();
-  pen.rect(LEFT, 0, width - LEFT - RIGHT + 3, height - BOTTOM + 2);
-  pen.clip();
-  for (const { frames, of, colour, dash = [] } of lines) {
-    pen.strokeStyle = colours[colour];
-    pen.lineWidth = 2.5;
-    pen.setLineDash(dash);
-    pen.beginPath();
-    let before = null;
-    for (let i = Math.max(0, indexAt(frames, from) - 1); i < frames.length; i++) {
-      const [time] = frames[i], value = of(frames[i]);
-      if (is(value)) {
-        if (before !== null && time - before < GAP_S) pen.lineTo(x(time), y(value));
-        else pen.moveTo(x(time), y(value));
-        before = time;
-      } else before = null;
-      if (time > to) break;
-    }
-    pen.stroke();
-  }
-  pen.restore();
-  if (cursor !== null) {
-    pen.strokeStyle = colours['--ink'];
-    pen.lineWidth = 2;
-    pen.beginPath();
-    pen.moveTo(x(cursor), 0);
-    pen.lineTo(x(cursor), height - BOTTOM);
-    pen.stroke();
-  }
+  const pen = canvas.getContext('2d');
+  pen.setTransform(ratio, 0, 0, ratio, 0, 0);
+  pen.clearRect(0, 0, width, height);
+  pen.lineJoin = pen.lineCap = 'round';
+  return [pen, width, height];
 }
 
 // --- Map ---
@@ -349,8 +280,8 @@ $('out').onclick = () => zoom(1 / 1.5);
 /** Returns what a finger that touches the map holds, with `move` and `end`; nothing where it is the map itself. Places
  * are in m, and `reach` is as far as a finger is broad. */
 let touched = (place, reach) => null;
-/** Draws below and above paths and vehicles; X and Y convert m into pixels. */
-let drawBelow = (pen, X, Y) => {}, drawAbove = (pen, X, Y) => {};
+/** Draws above paths and vehicles; X and Y convert m into pixels. */
+let drawAbove = (pen, X, Y) => {};
 
 const fingers = new Map();
 const FINGER = 22;
@@ -404,11 +335,101 @@ map.addEventListener('pointermove', event => {
   setMode('free');
 });
 
+/** Returns the height at a place between the nodes of a grid that have one: null where the nearest has none, nothing outside. */
+function heightIn({ corner, size, nodes, heights }, x, y) {
+  const [u, v] = [x, y].map((place, axis) => (place - corner[axis]) / size[axis] * (nodes[axis] - 1));
+  if (!(u >= 0 && v >= 0 && u <= nodes[0] - 1 && v <= nodes[1] - 1)) return undefined;
+  const at = (i, j) => heights[j * nodes[0] + i];
+  if (!is(at(Math.round(u), Math.round(v)))) return null;
+  let [sum, weights] = [0, 0];
+  for (const i of [Math.floor(u), Math.floor(u) + 1])
+    for (const j of [Math.floor(v), Math.floor(v) + 1]) {
+      const height = i < nodes[0] && j < nodes[1] ? at(i, j) : null, weight = (1 - Math.abs(u - i)) * (1 - Math.abs(v - j));
+      if (is(height)) [sum, weights] = [sum + weight * height, weights + weight];
+    }
+  return sum / weights;
+}
+/** Returns ground with such heights. */
+const groundOf = heightAt => ({
+  heights: (x, y, side, count) => Array.from({ length: count * count }, (_, i) =>
+    heightAt(x + side * (i % count) / (count - 1), y + side * Math.floor(i / count) / (count - 1))),
+});
+
+/** Ground below the map: `heights` and `slippery` return heights, m, and how slippery it is, 0 to 1, at the nodes of a square, row
+ * by row from its corner of the lowest x and y, a side and a count of nodes along it. */
+let ground = null;
+/** The ground as a picture of bands of height: `canvas`, place of its corner, side, m, and scale of the map. */
+let picture = null;
+const GROUND_POINTS = 200;
+
+function pictureGround() {
+  const side = 1.6 * Math.max(map.clientWidth, map.clientHeight) / view.scale;
+  const [x, y] = [view.x - side / 2, view.y - side / 2];
+  const heights = ground.heights(x, y, side, GROUND_POINTS);
+  let [low, high] = [Infinity, -Infinity];
+  for (const height of heights) if (is(height)) [low, high] = [Math.min(low, height), Math.max(high, height)];
+  const band = high - low > 0.01 ? step(high - low, 12) : Infinity;
+  const canvas = make('canvas', { width: GROUND_POINTS, height: GROUND_POINTS });
+  const pen = canvas.getContext('2d');
+  const pixels = pen.createImageData(GROUND_POINTS, GROUND_POINTS);
+  const dark = matchMedia('(prefers-color-scheme: dark)').matches;
+  heights.forEach((height, i) => {
+    const [row, left] = [Math.floor(i / GROUND_POINTS), i % GROUND_POINTS];
+    const at = 4 * ((GROUND_POINTS - 1 - row) * GROUND_POINTS + left);
+    // Of what is outside nothing is known.
+    if (height === undefined) return;
+    pixels.data.fill(dark ? 255 : 0, at, at + 3);
+    if (!is(height)) {
+      pixels.data[at + 3] = 90;
+      return;
+    }
+    // Every other band is darker, with an edge as broad as a point of the picture.
+    const rise = [1, GROUND_POINTS].map(next => Math.abs((is(heights[i + next]) ? heights[i + next] : height) - height));
+    const within = Math.abs(((height / band) % 2 + 2) % 2 - 1);
+    pixels.data[at + 3] = 26 * Math.min(Math.max(0.5 + (0.5 - within) * band / Math.max(rise[0] + rise[1], 1e-9), 0), 1);
+  });
+  pen.putImageData(pixels, 0, 0);
+  // Slippery ground is hatched.
+  const slippery = ground.slippery ? ground.slippery(x, y, side, GROUND_POINTS) : [];
+  pen.fillStyle = colours['--orange'];
+  slippery.forEach((much, i) => {
+    const [row, left] = [GROUND_POINTS - 1 - Math.floor(i / GROUND_POINTS), i % GROUND_POINTS];
+    if (much < 0.2 || (row + left) % 6 > 1) return;
+    pen.globalAlpha = 0.2 + 0.6 * much;
+    pen.fillRect(left, row, 1, 1);
+  });
+  const text = band < 1 ? `${Math.round(100 * band)} cm` : `${band} m`;
+  showKey('bands', Number.isFinite(band) && `bands of ${text} of height`);
+  showKey('slippery', slippery.length && 'slippery ground');
+  return { canvas, x, y, side, scale: view.scale, dark };
+}
+
+function drawGround(pen, X, Y) {
+  if (!ground) return;
+  const half = [map.clientWidth / 2 / view.scale, map.clientHeight / 2 / view.scale];
+  const outside = picture && (view.x - half[0] < picture.x || view.x + half[0] > picture.x + picture.side
+    || view.y - half[1] < picture.y || view.y + half[1] > picture.y + picture.side);
+  const dark = matchMedia('(prefers-color-scheme: dark)').matches;
+  if (!picture || outside || view.scale / picture.scale > 2.5 || picture.dark !== dark) picture = pictureGround();
+  const [left, top] = [X(picture.x), Y(picture.y + picture.side)];
+  pen.drawImage(picture.canvas, left, top, X(picture.x + picture.side) - left, Y(picture.y) - top);
+}
+
+/** Names a line of the map in its legend, or what else is to be seen there; without a text no longer. */
+function showKey(kind, text) {
+  const key = $('legend').querySelector(`.${kind}`) || $('legend').appendChild(make('li', { className: kind }));
+  key.hidden = !text;
+  key.textContent = text || '';
+}
+
+/** Returns the runs that are not hidden. */
+const inSight = () => runs.filter(run => !run.hidden);
+
 function bounds() {
   const xs = [], ys = [];
   const path = parts.path || [];
   for (let i = 0; i + 1 < path.length; i += 2) { xs.push(path[i]); ys.push(path[i + 1]); }
-  for (const { frames } of runs)
+  for (const { frames } of inSight())
     for (let i = 0; i < frames.length; i = i < frames.length - 1 ? Math.min(i + 5, frames.length - 1) : i + 1)
       if (is(get(frames[i], 'x'))) { xs.push(get(frames[i], 'x')); ys.push(get(frames[i], 'y')); }
   const least = list => list.reduce((a, b) => Math.min(a, b), Infinity);
@@ -419,7 +440,8 @@ function bounds() {
 /** Draws the map; the vehicle of the first run is the one that it follows. */
 function drawMap() {
   const [pen, width, height] = prepare(map);
-  const frame = runs.length ? shown(runs[0].frames) : undefined, here = is(get(frame, 'x'));
+  const [first] = inSight();
+  const frame = first ? shown(first.frames) : undefined, here = is(get(frame, 'x'));
   const length = parts.vehicle ? parts.vehicle.body[0] : 0.6;
   if (view.mode === 'whole') {
     const [left, right, low, high] = bounds(), around = 2 * length;
@@ -436,7 +458,7 @@ function drawMap() {
   const s = view.scale;
   const X = x => width / 2 + (x - view.x) * s, Y = y => height / 2 - (y - view.y) * s;
 
-  drawBelow(pen, X, Y);
+  drawGround(pen, X, Y);
   const size = step(width / s, 6);
   pen.strokeStyle = colours['--grid'];
   pen.lineWidth = 1;
@@ -459,7 +481,7 @@ function drawMap() {
   stroke(parts.path || [], '--path', 8);
   pen.globalAlpha = 1;
 
-  for (const { frames, colour, dash = [] } of runs) {
+  for (const { frames, colour, dash = [] } of inSight()) {
     const at = shownIndex(frames);
     pen.strokeStyle = colours[colour];
     pen.setLineDash(dash);
@@ -478,7 +500,7 @@ function drawMap() {
     }
     pen.setLineDash([]);
   }
-  for (const run of runs) {
+  for (const run of inSight()) {
     if (cursor === null) stroke(run.plan || [], run.planColour, 3, run.planDash);
     const frame = shown(run.frames);
     if (is(get(frame, 'x'))) drawVehicle(pen, frame, X, Y, s, run);

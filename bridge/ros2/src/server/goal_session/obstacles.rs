@@ -216,12 +216,16 @@ impl GoalSession {
         let Some(estimate) = &decision.estimate else {
             return Finding::Go(None);
         };
+        // As the controller means to move; a plan for another drive says nothing.
+        let own = decision.reference == self.number;
+        let plan = context.plan.iter().filter(|_| own);
+        let predicted = surroundings.clearance(along(&estimate.pose, plan));
         match &self.following {
             Following::Nothing => Finding::Go(None),
             Following::StartPivot(heading_rad) | Following::GoalPivot(heading_rad) => {
                 let sweeps = sweeps(estimate, *heading_rad, settings);
                 let [held, slid] = sweeps.map(|poses| surroundings.clearance(poses));
-                match nearer(held, slid).blockage {
+                match nearer(predicted, nearer(held, slid)).blockage {
                     Some(blockage) => Finding::Stop(StopCause::Obstacle, pivot_blocked(blockage)),
                     None => Finding::Go(None),
                 }
@@ -237,9 +241,6 @@ impl GoalSession {
                 let look_m = approach.distance_m(settings.route.limits.speed_max_m_s)
                     + config.margin_m
                     + REFERENCE_STEP_M;
-                let own = decision.reference == self.number;
-                let plan = context.plan.iter().filter(|_| own);
-                let predicted = surroundings.clearance(along(&estimate.pose, plan));
                 // The path is that of the tracked point, the footprint is around the origin.
                 let mount = Mount {
                     point: settings.route.tracked_point,

@@ -14,7 +14,7 @@ use sidehill_controller::controller::Controller;
 use sidehill_controller::speed_profile::SpeedConfig;
 use sidehill_plant::contact::{ContactModel, ContactVehicle};
 use sidehill_plant::frames::BodyVelocity;
-use sidehill_plant::motion::{GroundState, MotionError, MotionModel};
+use sidehill_plant::motion::{GroundState, Motion, MotionError, MotionModel};
 use sidehill_plant::simulation::{Simulation, SimulationSetup};
 use sidehill_plant::speeds::{EncoderScale, TreadSpeeds};
 use sidehill_plant::terrain::{PlaneTerrain, Terrain};
@@ -38,8 +38,9 @@ pub(super) struct Slippery {
 }
 
 /// Motion on such ground.
+#[derive(Clone)]
 struct Sliding {
-    motion: Box<dyn MotionModel + Send>,
+    motion: Box<dyn Motion>,
     ground: Slippery,
 }
 
@@ -79,7 +80,7 @@ impl Loop {
         slippery: Option<Slippery>,
     ) -> Self {
         let vehicle = j8();
-        let (motion, encoder_scale): (Box<dyn MotionModel + Send>, _) = if contact {
+        let (motion, encoder_scale): (Box<dyn Motion>, _) = if contact {
             let file = include_str!("../../../../../../config/vehicles/j8_contact.yaml");
             let wheels: ContactVehicle = serde_yaml::from_str(file).unwrap();
             (

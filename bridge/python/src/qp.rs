@@ -1,0 +1,133 @@
+//! The QP of a control cycle with its solution.
+
+use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods};
+use pyo3::prelude::*;
+use sidehill_controller::mpc::{CscMatrix, Mpc, Point, QpData};
+
+/// The quadratic programme that an MPC solved in a control cycle, with its solution.
+///
+/// minimise 1/2 x' P x + q' x subject to l <= A x <= u. The multipliers y have P x + q + A' y = 0, those of inequalities are
+/// not negative.
+#[pyclass(frozen, module = "sidehill")]
+pub struct Qp {
+    data: QpData,
+    point: Point,
+    /// Values of A, B and c of the stages, row by row.
+    linearised: [Vec<f64>; 3],
+    stages: usize,
+}
+
+impl Qp {
+    /// Returns the QP that `mpc` solved last.
+    pub fn of(mpc: &Mpc) -> Self {
+        let (data, point) = mpc.qp();
+        let mut linearised = [Vec::new(), Vec::new(), Vec::new()];
+        for (step, defect) in mpc.linearised_stages() {
+            let (yaw, traction, steer) = (step.by_yaw, step.by_traction, step.by_steer);
+            let [a, b, c] = &mut linearised;
+            a.extend([1.0, 0.0, yaw.x, 0.0, 1.0, yaw.y, 0.0, 0.0, 1.0 + yaw.z]);
+            b.extend((0..3).flat_map(|i| [traction[i], steer[i]]));
+            c.extend_from_slice(defect.as_slice());
+        }
+        Self {
+            data: data.clone(),
+            point: point.clone(),
+            stages: mpc.linearised_stages().count(),
+            linearised,
+        }
+    }
+}
+
+/// Returns a matrix as an array; of a symmetric one the upper triangle is given.
+fn dense<'py>(
+    py: Python<'py>,
+    matrix: &CscMatrix<f64>,
+    symmetric: bool,
+) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    let mut values = vec![0.0; matrix.m * matrix.n];
+    for column in 0..matrix.n {
+        for entry in matrix.colptr[column]..matrix.colptr[column + 1] {
+            let (row, value) = (matrix.rowval[entry], matrix.nzval[entry]);
+            values[row * matrix.n + column] = value;
+            if symmetric {
+                values[column * matrix.n + row] = value;
+            }
+        }
+    }
+    PyArray1::from_vec(py, values).reshape([matrix.m, matrix.n])
+}
+
+#[pymethods]
+#[allow(non_snake_case)]
+impl Qp {
+    /// P, symmetric: array of shape (n, n).
+    #[getter]
+    fn P<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        dense(py, &self.data.p, true)
+    }
+
+    /// q: array of shape (n,).
+    #[getter]
+    fn q<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        PyArray1::from_slice(py, &self.data.q)
+    }
+
+    /// A: array of shape (m, n), equalities first.
+    #[getter]
+    fn A<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        dense(py, &self.data.a, false)
+    }
+
+    /// l: array of shape (m,), -inf where only u bounds.
+    #[getter]
+    fn l<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        let mut low = vec![f64::NEG_INFINITY; self.data.b.len()];
+        let equalities = self.data.equalities;
+        low[..equalities].copy_from_slice(&self.data.b[..equalities]);
+        PyArray1::from_vec(py, low)
+    }
+
+    /// u: array of shape (m,).
+    #[getter]
+    fn u<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        PyArray1::from_slice(py, &self.data.b)
+    }
+
+    /// The solution: array of shape (n,).
+    #[getter]
+    fn x<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        PyArray1::from_slice(py, &self.point.primal)
+    }
+
+    /// Multipliers of the rows of A at the solution: array of shape (m,).
+    #[getter]
+    fn y<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        PyArray1::from_slice(py, &self.point.dual)
+    }
+
+    /// A of each stage, d(x, y, yaw)+ / d(x, y, yaw): array of shape (N, 3, 3).
+    #[getter]
+    fn stages_A<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray3<f64>>> {
+        PyArray1::from_slice(py, &self.linearised[0]).reshape([self.stages, 3, 3])
+    }
+
+    /// B of each stage, d(x, y, yaw)+ / d(traction, steer): array of shape (N, 3, 2).
+    #[getter]
+    fn stages_B<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray3<f64>>> {
+        PyArray1::from_slice(py, &self.linearised[1]).reshape([self.stages, 3, 2])
+    }
+
+    /// c of each stage, where its step about the plan ends less the plan's next state: array of shape (N, 3).
+    #[getter]
+    fn stages_c<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        PyArray1::from_slice(py, &self.linearised[2]).reshape([self.stages, 3])
+    }
+
+    fn __repr__(&self) -> String {
+        format!(
+            "<sidehill.Qp of {} variables and {} rows>",
+            self.data.q.len(),
+            self.data.b.len()
+        )
+    }
+}
