@@ -34,7 +34,7 @@ pub enum Seen {
 /// What an encoder counted during a trial.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct EncoderCount {
-    /// Counts, by object 0x6064.
+    /// Counts, by object 0x6063 or 0x6064.
     pub counts: f64,
     /// Counts in a turn of the motor, by object 0x608F; none where the drive does not say.
     pub per_turn: Option<f64>,
@@ -195,7 +195,8 @@ pub fn judge(keys: &[DriveKeys; 2], trials: &[MotorTrial; 2]) -> CommissioningVe
         // A motor whose command and report agree shows the other which of its keys deviates.
         let other_agrees = gains[other].is_some_and(|gain| (gain.abs() - 1.0).abs() <= TOLERANCE);
         judged.direction(exchanged, &keys[other]);
-        judged.size(other_agrees.then_some(&keys[other]));
+        let resolution = judged.resolution(&trials[other]);
+        judged.size(other_agrees.then_some(&keys[other]), resolution);
         judged.encoder((&keys[other], &trials[other]));
         let [commanded_m, reported_m] = ways(&trials[i].samples);
         let changes = [
@@ -318,9 +319,26 @@ impl Judged<'_> {
         }
     }
 
-    /// Judges the size of its speeds by a measured way or, without one, against the other motor, if that `agrees` with
-    /// itself.
-    fn size(&mut self, other: Option<&DriveKeys>) {
+    /// Compares the resolution that its drive was told with the other's; returns theirs where they differ.
+    fn resolution(&mut self, other: &MotorTrial) -> Option<[f64; 2]> {
+        let per_turn = |trial: &MotorTrial| trial.encoder.and_then(|encoder| encoder.per_turn);
+        let [own, other] = [per_turn(self.trial)?, per_turn(other)?];
+        if (own / other - 1.0).abs() < 0.01 {
+            return None;
+        }
+        if self.trial.measured_m.is_none() {
+            self.complain(format!(
+                "has {own:.0} counts in a turn by object 0x608F, the other {other:.0}{}: right only if their encoders differ; turn \
+                 it again and measure the way to know",
+                unit_hint(own / other)
+            ));
+        }
+        Some([own, other])
+    }
+
+    /// Judges the size of its speeds by a measured way or, without one, against the `other` motor where that agrees with
+    /// itself. A way that the drives' `resolution`s explain, own and other, is no matter of the layout's scales.
+    fn size(&mut self, other: Option<&DriveKeys>, resolution: Option<[f64; 2]>) {
         let keys = self.keys;
         let moved = matches!(self.trial.seen, Seen::Forward | Seen::Backward);
         let Some(gain) = self.gain.filter(|gain| moved && *gain != 0.0) else {
@@ -331,6 +349,14 @@ impl Judged<'_> {
         let feedback = self.feedback.unwrap_or(keys.feedback_per_unit);
         if let Some(measured_m) = self.trial.measured_m {
             let [commanded_m, reported_m] = ways(&self.trial.samples);
+            if let Some([own, other]) = resolution
+                && (commanded_m / measured_m * own / other - 1.0).abs() <= WAY_TOLERANCE
+            {
+                return self.complain(format!(
+                    "was commanded {commanded_m:.3} m where its tread moved {measured_m:.3} m, as object 0x608F says {own:.0} counts \
+                     in a turn and the other's {other:.0}: set its object 0x608F:01 to {other:.0}, in the drive or the layout's setup"
+                ));
+            }
             for (way_m, key, value, is_command) in [
                 (commanded_m, &keys.command, command, true),
                 (reported_m.abs(), &keys.feedback, feedback, false),

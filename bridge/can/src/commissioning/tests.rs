@@ -202,6 +202,37 @@ fn encoders_are_compared_with_their_resolution_and_with_each_other() {
 }
 
 #[test]
+fn a_drive_that_was_told_another_resolution_is_known_by_the_other_and_the_way() {
+    // It makes a quarter of each speed and reports that it makes all of it.
+    let keys = keys();
+    let (mut trial, way_m) = turned(&RIGHT, &keys[0]);
+    trial.encoder = Some(EncoderCount {
+        counts: 0.25 * way_m * RIGHT.counts_per_m,
+        per_turn: Some(1024.0),
+    });
+    let right = turned(&RIGHT, &keys[1]).0;
+    let verdict = judge(&keys, &[trial.clone(), right.clone()]);
+    let [said] = &verdict.motors[0].complaints[..] else {
+        panic!("{:?}", verdict.motors[0]);
+    };
+    assert!(
+        said.contains("has 1024 counts in a turn by object 0x608F, the other 4096 (encoder lines"),
+        "{said}"
+    );
+    trial.measured_m = Some(0.25 * way_m);
+    let verdict = judge(&keys, &[trial.clone(), right.clone()]);
+    assert!(verdict.corrections.is_empty());
+    let [said] = &verdict.motors[0].complaints[..] else {
+        panic!("{:?}", verdict.motors[0]);
+    };
+    assert!(said.contains("set its object 0x608F:01 to 4096"), "{said}");
+    // Encoders that differ in truth.
+    trial.measured_m = Some(way_m);
+    let motors = judge(&keys, &[trial, right]).motors;
+    assert!(motors[0].complaints.is_empty(), "{:?}", motors[0]);
+}
+
+#[test]
 fn what_did_not_move_or_moved_otherwise_is_told() {
     let keys = keys();
     let right = turned(&RIGHT, &keys[1]).0;
