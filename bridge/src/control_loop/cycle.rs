@@ -83,7 +83,7 @@ impl<P: Port, R: ControllerRunner> ControlLoop<P, R> {
     }
 
     /// Returns the limits of the safety.
-    pub(super) fn safety_config(&self) -> &SafetyConfig {
+    pub fn safety_config(&self) -> &SafetyConfig {
         self.safety.config()
     }
 
