@@ -161,6 +161,10 @@ impl CommissioningVerdict {
 
 /// Deviation of speeds that is taken for none.
 const TOLERANCE: f64 = 0.15;
+/// Time of commands below which a ratio of speeds is rough, s.
+const LONG_S: f64 = 1.0;
+/// How rough it is then.
+const SHORT_TOLERANCE: f64 = 0.35;
 /// Share of its report that the command must explain, for a motor that reports little, not to be noise.
 const EXPLAINED: f64 = 0.5;
 /// Share of its command below which a motor reports little.
@@ -322,11 +326,12 @@ impl Judged<'_> {
     /// Compares the resolution that its drive was told with the other's; returns theirs where they differ.
     fn resolution(&mut self, other: &MotorTrial) -> Option<[f64; 2]> {
         let per_turn = |trial: &MotorTrial| trial.encoder.and_then(|encoder| encoder.per_turn);
+        let is_known = self.trial.measured_m.or(other.measured_m).is_some();
         let [own, other] = [per_turn(self.trial)?, per_turn(other)?];
         if (own / other - 1.0).abs() < 0.01 {
             return None;
         }
-        if self.trial.measured_m.is_none() {
+        if !is_known {
             self.complain(format!(
                 "has {own:.0} counts in a turn by object 0x608F, the other {other:.0}{}: right only if their encoders differ; turn \
                  it again and measure the way to know",
@@ -347,7 +352,7 @@ impl Judged<'_> {
         let size = gain.abs();
         let command = self.command.unwrap_or(keys.command_per_unit);
         let feedback = self.feedback.unwrap_or(keys.feedback_per_unit);
-        if let Some(measured_m) = self.trial.measured_m {
+        if let Some(measured_m) = self.trial.measured_m.filter(|_| self.is_long()) {
             let [commanded_m, reported_m] = ways(&self.trial.samples);
             if let Some([own, other]) = resolution
                 && (commanded_m / measured_m * own / other - 1.0).abs() <= WAY_TOLERANCE
@@ -390,33 +395,63 @@ impl Judged<'_> {
             (
                 same(keys.command_per_unit, other.command_per_unit),
                 same(keys.feedback_per_unit, other.feedback_per_unit),
+                other,
             )
         });
-        match as_other {
-            Some((true, false)) => {
-                let to = rounded(feedback * factor(size));
-                self.feedback = Some(to);
-                let key = &keys.feedback;
-                self.complain(format!(
-                    "reports {size:.3} times its command{hint}, and only its report is scaled unlike the other's: set {key} to {to}"
-                ));
+        let found = match as_other {
+            Some((true, false, other)) => {
+                let to = self.likely(feedback * factor(size), other.feedback_per_unit);
+                to.map(|to| ("report", &keys.feedback, to))
             }
-            Some((false, true)) => {
-                let to = rounded(command / factor(size));
-                self.command = Some(to);
-                let key = &keys.command;
-                self.complain(format!(
-                    "reports {size:.3} times its command{hint}, and only its command is scaled unlike the other's: set {key} to {to}"
-                ));
+            Some((false, true, other)) => {
+                let to = self.likely(command / factor(size), other.command_per_unit);
+                to.map(|to| ("command", &keys.command, to))
             }
-            _ => {
-                let (command, feedback) = (&keys.command, &keys.feedback);
-                self.complain(format!(
-                    "reports {size:.3} times its command{hint}: {command}, {feedback} or the drive's own scaling is wrong; turn it \
-                     again and measure the way to know which"
-                ));
-            }
+            _ => None,
+        };
+        let Some((what, key, to)) = found else {
+            let (command, feedback) = (&keys.command, &keys.feedback);
+            let remedy = match self.is_long() {
+                true => "turn it again and measure the way to know which",
+                false => {
+                    "it was stopped too soon to say more: correct the one that has another unit, roughly, and test again"
+                }
+            };
+            return self.complain(format!(
+                "reports {size:.3} times its command{hint}: {command}, {feedback} or the drive's own scaling is wrong; {remedy}"
+            ));
+        };
+        self.complain(format!(
+            "reports {size:.3} times its command{hint}, and only its {what} is scaled unlike the other's: set {key} to {to}"
+        ));
+        match what {
+            "report" => self.feedback = Some(to),
+            _ => self.command = Some(to),
         }
+    }
+
+    /// Returns the scale that is right by a measurement, the other motor's where that is near; none where the trial was too
+    /// short for more.
+    fn likely(&self, measured: f64, other: f64) -> Option<f64> {
+        let other = other.abs().copysign(measured);
+        let near = match self.is_long() {
+            true => TOLERANCE,
+            false => SHORT_TOLERANCE,
+        };
+        if (measured / other - 1.0).abs() <= near {
+            return Some(other);
+        }
+        self.is_long().then(|| rounded(measured))
+    }
+
+    /// Returns whether it was commanded for long enough to measure a ratio of speeds.
+    fn is_long(&self) -> bool {
+        let samples = &self.trial.samples;
+        let mut commanded = samples.iter().filter(|sample| sample.command_m_s != 0.0);
+        let first_s = commanded.next().map(|sample| sample.time_s);
+        let last_s = commanded.next_back().map(|sample| sample.time_s);
+        let ends = first_s.zip(last_s);
+        ends.is_some_and(|(first_s, last_s)| last_s - first_s >= LONG_S)
     }
 
     /// Compares what its encoder counted with what it reports, and with the other's.

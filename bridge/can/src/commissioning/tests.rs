@@ -175,6 +175,34 @@ fn a_unit_is_told_against_the_other_motor_or_by_a_measured_way() {
 }
 
 #[test]
+fn a_trial_that_was_cut_short_corrects_a_scale_to_the_others_or_not_at_all() {
+    let mut keys = keys();
+    let right = turned(&RIGHT, &keys[1]).0;
+    for (feedback_per_unit, feedback, corrected) in [(9.4, 940.0, Some(940.0)), (9.4, 2000.0, None)]
+    {
+        keys[0].feedback_per_unit = feedback_per_unit;
+        let motor = Motor { feedback, ..RIGHT };
+        let mut trial = turned(&motor, &keys[0]).0;
+        // The safety has ended it after 0.3 s; the reports are late by so much that the ratio is rough.
+        trial.samples.truncate(10);
+        for (i, sample) in trial.samples.iter_mut().enumerate() {
+            sample.speed_m_s *= 1.2;
+            if i > 6 {
+                sample.command_m_s = 0.0;
+            }
+        }
+        let verdict = judge(&keys, &[trial, right.clone()]);
+        assert_eq!(to(&verdict, FEEDBACK), corrected, "{:?}", verdict.motors[0]);
+        let said = verdict.motors[0].complaints.join("; ");
+        assert_eq!(
+            said.contains("stopped too soon"),
+            corrected.is_none(),
+            "{said}"
+        );
+    }
+}
+
+#[test]
 fn encoders_are_compared_with_their_resolution_and_with_each_other() {
     let keys = keys();
     let motor = Motor {

@@ -335,7 +335,7 @@ impl<'a> Bench<'a> {
             // Changes of state are told as what they mean.
             if event.from.is_none() && event.event != "refused" {
                 // It never fails.
-                let _ = writeln!(lines, "{}", event.reason);
+                let _ = writeln!(lines, "{}: {}", event.event, event.reason);
             }
         };
         self.recorder.drain(&mut Outputs {
