@@ -175,11 +175,6 @@ const WAY_TOLERANCE: f64 = 0.05;
 const TURNS_M_S: f64 = 0.015;
 /// Least command that says something, m/s.
 const COMMAND_MIN_M_S: f64 = 0.004;
-/// Delays of a report that are tried, s: up to 0.5 s.
-const DELAY_STEP_S: f64 = 0.05;
-const DELAY_STEPS: u32 = 10;
-/// Lags that are tried, s.
-const LAGS_S: [f64; 6] = [0.0, 0.05, 0.1, 0.2, 0.4, 0.8];
 
 /// Judges both motors, by themselves and against each other.
 pub fn judge(keys: &[DriveKeys; 2], trials: &[MotorTrial; 2]) -> CommissioningVerdict {
@@ -508,36 +503,19 @@ fn ways(samples: &[TrialSample]) -> [f64; 2] {
     ways
 }
 
-/// Returns reported over commanded speed, by least squares at the delay and lag that fit best; 0 where a report is noise,
-/// none where too little was commanded. `identify --drives` knows more of a motor and needs a longer log.
+/// Returns reported over commanded speed; 0 where a report is noise, none where too little was commanded. It is the ratio of
+/// the ways from rest to rest, in which delay and lag of a motor do not show.
 fn gain(samples: &[TrialSample]) -> Option<f64> {
     if largest_command(samples) < COMMAND_MIN_M_S {
         return None;
     }
-    let speed: f64 = samples.iter().map(|sample| sample.speed_m_s.powi(2)).sum();
-    let fit = |delay_s: f64, lag_s: f64| {
-        let [mut both, mut square] = [0.0; 2];
-        let (mut followed_m_s, mut before_s) = (0.0, f64::NAN);
-        for sample in samples {
-            let asked_s = sample.time_s - delay_s;
-            let index = samples.partition_point(|other| other.time_s <= asked_s);
-            let asked_m_s = index.checked_sub(1).map_or(0.0, |i| samples[i].command_m_s);
-            let elapsed_s = (sample.time_s - before_s).max(0.0);
-            before_s = sample.time_s;
-            let share = match lag_s > 0.0 {
-                true => 1.0 - (-elapsed_s / lag_s).exp(),
-                false => 1.0,
-            };
-            followed_m_s += share * (asked_m_s - followed_m_s);
-            both += followed_m_s * sample.speed_m_s;
-            square += followed_m_s * followed_m_s;
-        }
-        (square > 0.0).then(|| (both * both / square, both / square))
-    };
-    let delays_s = (0..=DELAY_STEPS).map(|step| DELAY_STEP_S * f64::from(step));
-    let fits = delays_s.flat_map(|delay_s| LAGS_S.map(|lag_s| fit(delay_s, lag_s)));
-    let (explained, gain) = fits.flatten().max_by(|one, two| one.0.total_cmp(&two.0))?;
-    let noise = gain.abs() < LITTLE && explained < EXPLAINED * speed;
+    let sum = |product: fn(&TrialSample) -> f64| samples.iter().map(product).sum::<f64>();
+    let both = sum(|sample| sample.command_m_s * sample.speed_m_s);
+    let command = sum(|sample| sample.command_m_s.powi(2));
+    let speed = sum(|sample| sample.speed_m_s.powi(2));
+    let [commanded_m, reported_m] = ways(samples);
+    let gain = reported_m / commanded_m;
+    let noise = gain.abs() < LITTLE && both * both < EXPLAINED * command * speed;
     match noise || speed == 0.0 {
         true => Some(0.0),
         false => gain.is_finite().then_some(gain),
