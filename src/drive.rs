@@ -147,6 +147,9 @@ pub struct CanScanArgs {
     /// SocketCAN interface, as can0, in place of the configuration's.
     #[arg(long)]
     pub interface: Option<String>,
+    /// EDS or DCF file of the drives' maker, to check the layout by: one for both drives, or two in their order.
+    #[arg(long, value_name = "FILE", requires = "config")]
+    pub eds: Vec<PathBuf>,
     /// How the nodes are printed.
     #[arg(long, value_enum, default_value_t)]
     pub format: Format,

@@ -222,7 +222,7 @@ impl<'a> Bench<'a> {
             armed |= held;
             ensure!(
                 armed || now_s - begun_s <= KEY_WAIT_S,
-                "the space bar was not held within {KEY_WAIT_S:.0} s"
+                "the space bar was not held within {KEY_WAIT_S:.0} s; held, it must repeat 5 times a second or more"
             );
             let row = self.cycle(OperatorRequests {
                 arm: held,
@@ -356,6 +356,10 @@ impl<'a> Bench<'a> {
 impl Drop for Bench<'_> {
     /// Commands the drives off for as long as the safety would take to stop a node that does not follow.
     fn drop(&mut self) {
+        if std::thread::panicking() {
+            // The loop itself sends what is needed, without another cycle.
+            return;
+        }
         let needed_s = match &self.layout.profile {
             Profile::Cia402(cia402) => 2.0 * cia402.quick_stop_time_s + OFF_S,
             Profile::Values(_) => OFF_S,
@@ -439,6 +443,8 @@ impl Encoders {
     }
 
     fn begin(&mut self) {
+        // Answers that came too late for the last time.
+        self.heard.try_iter().for_each(drop);
         let objects: Vec<_> = POSITION.into_iter().chain(RESOLUTION).collect();
         self.reader = ObjectReader::new(self.nodes, &objects);
     }
