@@ -47,7 +47,7 @@ impl Terminal {
         std::thread::Builder::new()
             .name("keys".to_owned())
             .spawn(move || {
-                for byte in stdin().bytes().map_while(Result::ok) {
+                for byte in stdin().lock().bytes().map_while(Result::ok) {
                     if pressed.send(byte).is_err() {
                         break;
                     }

@@ -374,3 +374,58 @@ fn a_key_that_is_let_go_and_every_other_end_stop_the_motor() {
         }
     }
 }
+
+#[test]
+#[ignore = "needs a CAN bus: run .ci/vcan"]
+fn a_test_that_was_suspended_does_not_go_on_before_the_key_is_let_go() {
+    for (name, is_cia402) in [("cia402", true), ("values", false)] {
+        let folder = Folder::new(&format!("test_suspended_{name}"));
+        let vehicle = Program::vehicle_changed(&folder, |text| match is_cia402 {
+            true => of_cia402(text),
+            false => text,
+        });
+        let config = match is_cia402 {
+            true => config(&folder, |text| text),
+            false => configuration(&folder, "run_vcan0.yaml", |text| text),
+        };
+        let mut operator = Operator::start(&folder, &config, &[]);
+        operator.wait_for("hold the space bar", 1);
+        operator.hold(true);
+        sleep_s(3.0);
+        let suspended_s = unix_now_s();
+        operator.signal(Signal::STOP);
+        sleep_s(0.8);
+        let resumed_s = unix_now_s();
+        operator.signal(Signal::CONT);
+        // The key is still held.
+        sleep_s(2.5);
+        let held_s = unix_now_s();
+        operator.hold(false);
+        assert!(operator.said().contains("stopped after"));
+        operator.type_line("f");
+        operator.wait_for("hold the space bar", 2);
+        operator.hold(true);
+        sleep_s(2.0);
+        drop(operator);
+        drop(vehicle);
+        let truth = folder.truth();
+        let greatest = |from_s: f64, to_s: f64| {
+            let rows = truth
+                .iter()
+                .filter(|row| (from_s..to_s).contains(&row.unix_s));
+            rows.map(|row| row.traction_m_s.abs().max(row.steer_m_s.abs()))
+                .fold(0.0, f64::max)
+        };
+        assert!(greatest(0.0, suspended_s) > 0.04);
+        // The drives' own time-out.
+        assert_eq!(
+            greatest(suspended_s + 0.2 + 3.0 * 0.05, resumed_s),
+            0.0,
+            "{name}"
+        );
+        let again = greatest(resumed_s, held_s);
+        println!("can test, {name}: greatest speed after it was resumed {again} m/s");
+        assert!(again < 0.005, "{name}: {again} m/s");
+        assert!(greatest(held_s, f64::INFINITY) > 0.01, "{name}");
+    }
+}
