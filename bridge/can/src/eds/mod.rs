@@ -71,8 +71,8 @@ pub enum EdsError {
     },
 }
 
-/// Keys of a section in small letters, with their line and value.
-type Keys = BTreeMap<String, (usize, String)>;
+/// EdsSection of a section in small letters, with their line and value.
+type EdsSection = BTreeMap<String, (usize, String)>;
 
 impl Eds {
     /// Reads the text of a data sheet for a drive that has this number.
@@ -83,7 +83,7 @@ impl Eds {
     /// [`EdsError`] with file and line.
     pub fn parse(file: &str, text: &str, node: NodeId) -> Result<Self, EdsError> {
         let sections = sections(file, text)?;
-        let reader = KeyReader { file, node };
+        let reader = EdsReader { file, node };
         let mut objects = BTreeMap::new();
         for (name, keys) in &sections {
             let Some((index, sub)) = address(name) else {
@@ -130,8 +130,8 @@ impl Eds {
 }
 
 /// Returns the sections of a file by their names in small letters.
-fn sections(file: &str, text: &str) -> Result<BTreeMap<String, Keys>, EdsError> {
-    let mut sections = BTreeMap::<String, Keys>::new();
+fn sections(file: &str, text: &str) -> Result<BTreeMap<String, EdsSection>, EdsError> {
+    let mut sections = BTreeMap::<String, EdsSection>::new();
     let mut name = String::new();
     for (i, line) in text.lines().enumerate() {
         let line = line.trim();
@@ -174,13 +174,13 @@ fn address(section: &str) -> Option<(u16, Option<u8>)> {
 }
 
 /// Reads the values of keys.
-struct KeyReader<'a> {
+struct EdsReader<'a> {
     file: &'a str,
     node: NodeId,
 }
 
-impl KeyReader<'_> {
-    fn object(&self, keys: &Keys) -> Result<EdsObject, EdsError> {
+impl EdsReader<'_> {
+    fn object(&self, keys: &EdsSection) -> Result<EdsObject, EdsError> {
         let kind = match self.number(keys, "DataType")? {
             Some(0x1 | 0x5) => Some(ObjectType::U8),
             Some(0x2) => Some(ObjectType::I8),
@@ -213,7 +213,7 @@ impl KeyReader<'_> {
     }
 
     /// Returns a number; none where the key is missing or empty.
-    fn number(&self, keys: &Keys, key: &'static str) -> Result<Option<i64>, EdsError> {
+    fn number(&self, keys: &EdsSection, key: &'static str) -> Result<Option<i64>, EdsError> {
         match keys.get(&key.to_ascii_lowercase()) {
             Some((line, text)) => self.parse(key, *line, text),
             None => Ok(None),

@@ -24,7 +24,7 @@ pub(super) fn corrected(file: &ConfigFile, corrections: &[Correction]) -> Result
         let candidates = text.match_indices(KEY).map(|(at, _)| {
             let from = at + KEY.len();
             let from = from + text[from..].len() - text[from..].trim_start_matches(' ').len();
-            let length = text[from..].find([',', '}', ' ', '#', '\r', '\n']);
+            let length = text[from..].find(|letter| ",} #\r\n".contains(letter));
             let end = length.map_or(text.len(), |length| from + length);
             format!("{}{to:?}{}", &text[..from], &text[end..])
         });
@@ -100,7 +100,7 @@ mod tests {
         };
         let own = "target_velocity: {signal: TargetVelocity, per_unit: 940.0}";
         let shared = TEXT
-            .replacen(own, &own.replace('{', "&v {"), 1)
+            .replacen(own, &own.replace("{", "&v {"), 1)
             .replace(&format!("        {own}\n"), "        target_velocity: *v\n");
         assert_ne!(shared, TEXT);
         let expected = format!("cia402.yaml: {key}: is not written there by itself");

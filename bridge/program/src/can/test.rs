@@ -47,8 +47,9 @@ pub(super) fn run(args: &CanTestArgs) -> Result<ExitCode> {
             layout.name()
         );
     }
-    let terminal = Terminal::take()?;
+    // From now on a signal ends the test in order, so that the terminal is left as it was.
     let interrupts = Interrupts::watch()?;
+    let terminal = Terminal::take()?;
     let printer = Printer::start()?;
     let trials = {
         let on_bus = (&bus.config, bus.interface.as_str(), &bus.layout);
