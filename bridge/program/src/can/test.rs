@@ -130,3 +130,35 @@ fn measured(motor: &MotorVerdict) -> String {
     }
     line
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use sidehill_can::commissioning::Seen;
+    use sidehill_can::message::DriveRole;
+
+    #[test]
+    fn a_motor_is_told_in_a_line_with_all_that_was_measured() {
+        let mut motor = MotorVerdict {
+            role: DriveRole::Steer,
+            seen: Seen::Forward,
+            command_m_s: 0.05,
+            gain: Some(-1.0004),
+            commanded_m: 0.2525,
+            reported_m: -0.2526,
+            measured_m: Some(0.25),
+            counts_per_m: Some(64171.4),
+            complaints: vec!["the steer motor reports backward".to_owned()],
+        };
+        assert_eq!(
+            measured(&motor),
+            "steer: commanded 0.253 m at 0.05 m/s, reported -0.253 m, -1.000 times the command, measured 0.250 m, 64171 encoder counts/m"
+        );
+        (motor.gain, motor.measured_m, motor.counts_per_m) = (None, None, None);
+        motor.complaints.clear();
+        assert_eq!(
+            measured(&motor),
+            "steer: commanded 0.253 m at 0.05 m/s, reported -0.253 m: right"
+        );
+    }
+}
