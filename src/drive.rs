@@ -133,6 +133,9 @@ pub enum CanCommand {
     Scan(CanScanArgs),
     /// Shows what the drives of a configuration say, once a second and on change. It sends nothing.
     Monitor(CanMonitorArgs),
+    /// Turns each motor slowly while the space bar is held, and says which signs, scales and encoders of the layout are
+    /// wrong. It moves the vehicle: lift it off the ground.
+    Test(CanTestArgs),
 }
 
 /// Arguments of `sidehill can scan`.
@@ -144,6 +147,9 @@ pub struct CanScanArgs {
     /// SocketCAN interface, as can0, in place of the configuration's.
     #[arg(long)]
     pub interface: Option<String>,
+    /// EDS or DCF file of the drives' maker, to check the layout by: one for both drives, or two in their order.
+    #[arg(long, value_name = "FILE", requires = "config")]
+    pub eds: Vec<PathBuf>,
     /// How the nodes are printed.
     #[arg(long, value_enum, default_value_t)]
     pub format: Format,
@@ -160,4 +166,23 @@ pub struct CanMonitorArgs {
     /// Duration, s; without it, until SIGINT or SIGTERM.
     #[arg(long)]
     pub duration_s: Option<f64>,
+}
+
+/// Arguments of `sidehill can test`.
+#[derive(Debug, clap::Args)]
+pub struct CanTestArgs {
+    /// Configuration of `run`: its interface, drives and safety.
+    pub config: PathBuf,
+    /// Speed of a motor, m/s, from 0.01 to 0.1.
+    #[arg(long, default_value_t = 0.05)]
+    pub speed_m_s: f64,
+    /// Write the corrected layout to a file beside the layout; comments stay.
+    #[arg(long, value_name = "FILE.yaml")]
+    pub write: Option<PathBuf>,
+    /// Overwrite a layout that exists.
+    #[arg(long)]
+    pub force: bool,
+    /// How the verdict is printed.
+    #[arg(long, value_enum, default_value_t)]
+    pub format: Format,
 }

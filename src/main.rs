@@ -51,7 +51,7 @@ enum Command {
     DriveRoute(drive::DriveRouteArgs),
     /// Runs a virtual rover in real time on a CAN bus or on ROS 2, where it takes --ros-args.
     Vehicle(drive::VehicleArgs),
-    /// Finds and watches drives on a CAN bus.
+    /// Finds, watches and tests drives on a CAN bus.
     Can(drive::CanArgs),
     /// Feeds the samples of a recording to the controller again, or to another one.
     Replay(replay::ReplayArgs),

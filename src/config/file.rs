@@ -139,8 +139,9 @@ impl ConfigFile {
         }
         let text = match String::from_utf8(bytes) {
             Ok(text) => text,
-            // Editors of CAN databases write Windows-1252. Only comments and units have such letters, which nothing reads.
-            Err(error) if has_ending(&["dbc"]) => {
+            // Editors of CAN databases and data sheets write Windows-1252. Only comments, names and units have such letters,
+            // which nothing reads.
+            Err(error) if has_ending(&["dbc", "eds", "dcf"]) => {
                 String::from_utf8_lossy(error.as_bytes()).into_owned()
             }
             Err(error) => {

@@ -2,9 +2,11 @@
 
 pub mod canopen;
 pub mod cia402;
+pub mod commissioning;
 pub mod config;
 pub mod controller_side;
 pub mod database;
+pub mod eds;
 pub mod frame;
 pub mod frozen;
 pub mod layout;

@@ -30,7 +30,7 @@ enum LiveCommand {
     DriveRoute(drive::DriveRouteArgs),
     /// Runs a virtual rover in real time on a CAN bus or on ROS 2, where it takes --ros-args.
     Vehicle(drive::VehicleArgs),
-    /// Finds and watches drives on a CAN bus.
+    /// Finds, watches and tests drives on a CAN bus.
     Can(drive::CanArgs),
     /// With --live, runs as a ROS 2 node that publishes slope-corrected odometry.
     Odometry(sidehill::odometry::OdometryArgs),

@@ -51,7 +51,7 @@ const PRINT_TIMEOUT: Duration = Duration::from_millis(500);
 /// Text that nobody reads and records that the disk does not take are dropped and counted: the vehicle
 /// drives on.
 ///
-/// The exit status is that of the [`Ending`](sidehill_bridge::control_loop::Ending).
+/// The exit status is that of the [`RunEnding`](sidehill_bridge::control_loop::RunEnding).
 ///
 /// # Errors
 /// A file that cannot be read, a setting out of range, a name that the CAN database does not have, or

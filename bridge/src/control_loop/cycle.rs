@@ -72,13 +72,18 @@ impl<P: Port, R: ControllerRunner> ControlLoop<P, R> {
         &self.port
     }
 
+    /// Returns the controller's runner.
+    pub fn runner_mut(&mut self) -> &mut R {
+        &mut self.runner
+    }
+
     /// Returns the state of the safety.
     pub fn state(&self) -> SafetyState {
         self.safety.state()
     }
 
     /// Returns the limits of the safety.
-    pub(super) fn safety_config(&self) -> &SafetyConfig {
+    pub fn safety_config(&self) -> &SafetyConfig {
         self.safety.config()
     }
 

@@ -12,6 +12,7 @@
 pub mod channel;
 mod config;
 mod cycle;
+mod jog;
 pub mod learned;
 pub mod record;
 mod run;
@@ -23,6 +24,7 @@ mod timing;
 
 pub use config::CycleConfig;
 pub use cycle::ControlLoop;
+pub use jog::JogRunner;
 pub use run::{RunEnding, RunOptions, Signals};
 pub use setup::{LoopError, LoopSetup, LoopThread, RunReport};
 pub use timing::LoopTiming;

@@ -12,12 +12,14 @@
 mod alarm;
 mod checks;
 mod config;
+mod dead_man;
 mod discrepancy;
 mod geofence;
 mod recent;
 mod vocabulary;
 
 pub use config::SafetyConfig;
+pub use dead_man::DeadMan;
 pub use geofence::{Geofence, GeofenceError};
 pub use vocabulary::{
     ControllerOutput, ControllerState, OperatorRequests, Reason, SafetyInputs, SafetyState,

@@ -2,8 +2,8 @@
 
 use crate::cia402::node::{Emergency, NMT, NmtCommand, NmtState, SYNC};
 use crate::cia402::objects::{
-    ABORT_OPTION, CONSUMER, MODE, Objects, PRODUCER, QUICK_STOP_OPTION, RPDO_TIMER, STATUSWORD,
-    TPDO_TIMER, TPDO_TYPE,
+    ABORT_OPTION, CONSUMER, COUNTS_PER_TURN, MODE, Objects, POSITION, PRODUCER, QUICK_STOP_OPTION,
+    RESOLUTION, RPDO_TIMER, STATUSWORD, TPDO_TIMER, TPDO_TYPE,
 };
 use crate::cia402::{Cia402, NodeId, PowerState};
 use crate::frame::{Frame, FrameId};
@@ -12,10 +12,13 @@ use crate::message::{FrameFault, Quantity};
 use sidehill_bridge::drives::DriveMode;
 use sidehill_bridge::drives::MeasuredMotorSpeeds;
 use std::collections::VecDeque;
+use std::f64::consts::TAU;
 use std::sync::Arc;
 
 /// Speed below which a motor is at standstill, m/s.
 const STANDSTILL_M_S: f64 = 1e-3;
+/// Turns of a motor in 1 m where its signal does not count turns.
+const TURNS_PER_M: f64 = 10.0;
 /// Error code of a lost heartbeat, and its bits of the error register.
 const HEARTBEAT_LOST: Emergency = Emergency {
     code: 0x8130,
@@ -109,10 +112,16 @@ impl VirtualDrives {
         for (i, drive) in self.drives.iter_mut().enumerate() {
             let codec = &self.layout.drives[i];
             let speed_m_s = codec.role.speed_m_s(motors);
-            targets_m_s[i] = drive.step(time_s, speed_m_s, emergency_stop, &mut self.outbox);
+            let rotation_rad_s = codec.message.rotation_rad_s(Quantity::Speed(codec.role));
+            let turns_per_m = rotation_rad_s.map_or(TURNS_PER_M, |speed| speed / TAU);
+            drive.count(time_s, speed_m_s * turns_per_m);
+            let target_m_s = drive.step(time_s, speed_m_s, emergency_stop, &mut self.outbox);
+            // It knows speeds by its encoder alone.
+            let scale = drive.speed_scale();
+            targets_m_s[i] = scale * target_m_s;
             if drive.pdo_is_due(time_s) {
                 let value_of = |quantity| match quantity {
-                    Quantity::Speed(_) => speed_m_s,
+                    Quantity::Speed(_) => speed_m_s / scale,
                     Quantity::DriveState => f64::from(drive.state.statusword()),
                     _ => f64::NAN,
                 };
@@ -137,6 +146,9 @@ struct SimulatedDrive {
     objects: Objects,
     controlword: u16,
     target_m_s: f64,
+    /// Turns of the motor since it was made, and until when, s.
+    turns: f64,
+    counted_s: Option<f64>,
     /// Instant of the master's last heartbeat, s; none before the first.
     heartbeat_received_s: Option<f64>,
     /// Instant of the last command, s; none before the first since the node became operational.
@@ -158,6 +170,8 @@ impl SimulatedDrive {
             objects: Objects::new(),
             controlword: 0,
             target_m_s: 0.0,
+            turns: 0.0,
+            counted_s: None,
             heartbeat_received_s: None,
             commanded_s: None,
             lost: None,
@@ -195,7 +209,10 @@ impl SimulatedDrive {
             c if c == NmtCommand::Stop as u8 => NmtState::Stopped,
             c if c == NmtCommand::EnterPreOperational as u8 => NmtState::PreOperational,
             RESET_NODE | RESET_COMMUNICATION => {
-                *self = Self::new(self.node);
+                *self = Self {
+                    turns: self.turns,
+                    ..Self::new(self.node)
+                };
                 return;
             }
             _ => return,
@@ -209,6 +226,20 @@ impl SimulatedDrive {
             self.controlword = controlword;
             self.target_m_s = target_m_s;
         }
+    }
+
+    /// Counts turns until `time_s`, where the motor does so many a second.
+    fn count(&mut self, time_s: f64, turns_s: f64) {
+        let before_s = self.counted_s.replace(time_s);
+        self.turns += turns_s * before_s.map_or(0.0, |before_s| time_s - before_s);
+        let counts = (f64::from(COUNTS_PER_TURN) * self.turns).round();
+        // As the counter of a drive, it begins anew beyond 32 bits.
+        self.objects.set(POSITION, counts as i64 as u32);
+    }
+
+    /// Returns true over reported speed: other than 1 where the drive was told another resolution than its encoder has.
+    fn speed_scale(&self) -> f64 {
+        f64::from(self.objects.get(RESOLUTION).max(1)) / f64::from(COUNTS_PER_TURN)
     }
 
     /// Moves on and returns the speed that the motor heads for, m/s.

@@ -117,6 +117,49 @@ impl NetworkScan {
     }
 }
 
+/// Reads some objects of two drives, one after the other of each. It has no socket and no clock.
+pub struct ObjectReader([ScannedNode; 2]);
+
+impl ObjectReader {
+    /// Returns a reader of these objects, by index and subindex.
+    pub fn new(nodes: [NodeId; 2], objects: &[(u16, u8)]) -> Self {
+        Self(nodes.map(|node| ScannedNode {
+            questions: objects.iter().copied().collect(),
+            ..ScannedNode::new(node)
+        }))
+    }
+
+    /// Returns the identifiers of the answers.
+    pub fn received_ids(&self) -> [FrameId; 2] {
+        self.0.each_ref().map(|node| node.node.answer())
+    }
+
+    /// Takes a frame that arrived at `time_s`. Frames that are no answers have no effect.
+    pub fn take(&mut self, frame: &Frame, time_s: f64) {
+        for node in &mut self.0 {
+            if frame.id == node.node.answer() {
+                let _ = node.reading.take(node.node, frame, time_s);
+            }
+        }
+    }
+
+    /// Returns a request that is to be sent now.
+    pub fn next(&mut self, now_s: f64) -> Option<Frame> {
+        self.0.iter_mut().for_each(|node| node.notice(now_s));
+        self.0.iter_mut().find_map(|node| node.ask(now_s))
+    }
+
+    /// Returns whether all has been asked, and answered or not.
+    pub fn is_done(&self) -> bool {
+        self.0.iter().all(ScannedNode::is_done)
+    }
+
+    /// Returns the bits of an object of a drive; none where it does not have it or has not answered.
+    pub fn read(&self, drive: usize, object: (u16, u8)) -> Option<u32> {
+        self.0.get(drive)?.objects.get(&object).copied()
+    }
+}
+
 /// A request on its way.
 #[derive(Debug, Clone, Copy)]
 struct Asked {
@@ -324,6 +367,31 @@ mod tests {
         assert!(time_s < 5.0, "{time_s}");
         // Nothing but requests to read.
         assert!(sent.iter().all(|frame| frame.data[0] == 0x40));
+    }
+
+    #[test]
+    fn objects_of_two_drives_are_read_as_far_as_there_are_any() {
+        let (first, second) = (id(1), id(2));
+        let wanted = [(0x6063, 0), (0x6064, 0), (0x608F, 1)];
+        let mut reader = ObjectReader::new([first, second], &wanted);
+        let mut objects = Objects::new();
+        objects.set((0x6064, 0), (-5_i32) as u32);
+        let mut now_s = 0.0;
+        while !reader.is_done() {
+            now_s += 0.05;
+            assert!(now_s < 2.0, "no end");
+            let Some(frame) = reader.next(now_s) else {
+                continue;
+            };
+            // The second is silent.
+            if frame.id == first.request() {
+                reader.take(&objects.answer(first, &frame).unwrap(), now_s);
+            }
+        }
+        assert_eq!(reader.read(0, (0x6063, 0)), None);
+        assert_eq!(reader.read(0, (0x6064, 0)), Some((-5_i32) as u32));
+        assert_eq!(reader.read(0, (0x608F, 1)), Some(4096));
+        assert_eq!(reader.read(1, (0x6064, 0)), None);
     }
 
     #[test]

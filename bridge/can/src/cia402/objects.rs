@@ -29,6 +29,12 @@ pub(crate) const QUICK_STOP_OPTION: Address = (0x605A, 0);
 pub(crate) const MODE: Address = (0x6060, 0);
 /// The same, to be read.
 const MODE_DISPLAY: Address = (0x6061, 0);
+/// Position by its encoder, counts.
+pub(crate) const POSITION: Address = (0x6064, 0);
+/// Counts in a turn of the motor, as the drive is told.
+pub(crate) const RESOLUTION: Address = (0x608F, 1);
+/// Counts that a turn of the motor has in truth.
+pub(crate) const COUNTS_PER_TURN: u32 = 4096;
 /// Error register.
 const ERROR_REGISTER: Address = (0x1001, 0);
 /// How many errors there were, as far as they are kept; the newest is the first.
@@ -50,8 +56,8 @@ mod abort {
 
 /// Type, value at the start, and whether it can be written. Speeds are in the PDOs alone, whose
 /// mapping is that of the database, whatever a client writes here.
-const OBJECTS: [(Address, ObjectType, u32, bool); 37] = {
-    use ObjectType::{I8, I16, U8, U16, U32};
+const OBJECTS: [(Address, ObjectType, u32, bool); 41] = {
+    use ObjectType::{I8, I16, I32, U8, U16, U32};
     [
         // A servo drive of CiA 402.
         ((0x1000, 0), U32, 0x0002_0192, false),
@@ -91,6 +97,10 @@ const OBJECTS: [(Address, ObjectType, u32, bool); 37] = {
         (QUICK_STOP_OPTION, I16, 2, true),
         (MODE, I8, 0, true),
         (MODE_DISPLAY, I8, 0, false),
+        (POSITION, I32, 0, false),
+        ((0x608F, 0), U8, 2, false),
+        (RESOLUTION, U32, COUNTS_PER_TURN, true),
+        ((0x608F, 2), U32, 1, false),
         // Profile velocity and cyclic synchronous velocity.
         ((0x6502, 0), U32, 0x104, false),
     ]

@@ -1,8 +1,12 @@
-//! `sidehill can`: finds and watches drives on a CAN bus.
+//! `sidehill can`: finds, watches and tests drives on a CAN bus.
 
+mod bench;
 mod bus;
+mod correct;
 mod monitor;
 mod scan;
+mod terminal;
+mod test;
 
 use anyhow::Result;
 use sidehill::drive::{CanArgs, CanCommand};
@@ -16,5 +20,6 @@ pub fn run(args: &CanArgs) -> Result<ExitCode> {
     match &args.command {
         CanCommand::Scan(args) => scan::run(args),
         CanCommand::Monitor(args) => monitor::run(args),
+        CanCommand::Test(args) => test::run(args),
     }
 }

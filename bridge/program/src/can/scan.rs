@@ -1,19 +1,23 @@
 //! `sidehill can scan`: the nodes of a bus.
 
 use super::bus::{BUS_KNOWN_S, ConfiguredBus};
-use anyhow::{Result, bail};
+use anyhow::{Result, bail, ensure};
 use serde::Serialize;
+use sidehill::config::ConfigFile;
 use sidehill::console;
 use sidehill::drive::CanScanArgs;
 use sidehill::simulate::Format;
 use sidehill_bridge::drives::{Epoch, LinkState, SendError};
 use sidehill_can::canopen::{FoundNode, NetworkScan};
 use sidehill_can::cia402::{
-    Cia402, NmtState, PowerState, device_words, error_words, mode_words, register_words,
+    Cia402, NmtState, NodeId, PowerState, device_words, error_words, mode_words, register_words,
 };
+use sidehill_can::config::CanConfig;
+use sidehill_can::eds::Eds;
 use sidehill_can::layout::Profile;
 use sidehill_can::message::DriveRole;
 use sidehill_can_port::{BusEvent, BusMonitor, Sender, bit_rate, bus_fault};
+use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::mpsc;
 use std::time::Duration;
@@ -68,7 +72,17 @@ pub(super) fn run(args: &CanScanArgs) -> Result<ExitCode> {
     let configured = configured.transpose()?;
     let of_file = configured.as_ref().map(|bus| bus.interface.as_str());
     let interface = args.interface.as_deref().or(of_file).unwrap_or_default();
-    let (found, foreign) = scan(interface)?;
+    let sheets = match &configured {
+        Some(bus) if !args.eds.is_empty() => DataSheet::read(bus, &args.eds)?,
+        _ => Vec::new(),
+    };
+    // Those of a layout are known without a bus, too.
+    let unfit: Vec<String> = sheets
+        .iter()
+        .flat_map(|sheet| sheet.unfit.clone())
+        .collect();
+    let scanned = scan(interface).inspect_err(|_| unfit.iter().for_each(console::complain));
+    let (found, foreign) = scanned?;
     let cia402 = configured.as_ref().map(|bus| match &bus.layout.profile {
         Profile::Cia402(cia402) => Ok((cia402, [0, 1].map(|i| bus.layout.drives[i].role))),
         Profile::Values(_) => Err(bus.file.name()),
@@ -84,6 +98,13 @@ pub(super) fn run(args: &CanScanArgs) -> Result<ExitCode> {
     complaints.extend(foreign.map(|id| {
         format!("{id}: another program reads or writes objects at the same time, so values may be mixed up: scan again without it")
     }));
+    let fits = unfit.is_empty();
+    complaints.extend(unfit);
+    complaints.extend(
+        sheets
+            .iter()
+            .filter_map(|sheet| sheet.other_product(&found)),
+    );
     let roles = match &cia402 {
         Some(Ok((cia402, roles))) => {
             complaints.extend(complaints_of(cia402, *roles, &found));
@@ -115,7 +136,75 @@ pub(super) fn run(args: &CanScanArgs) -> Result<ExitCode> {
         .iter()
         .flatten()
         .any(|(id, _)| !found.iter().any(|node| node.node == *id && node.answers));
-    Ok(ExitCode::from(u8::from(missing || found.is_empty())))
+    Ok(ExitCode::from(u8::from(
+        missing || found.is_empty() || !fits,
+    )))
+}
+
+/// What the maker's file says of a drive of the configuration.
+struct DataSheet {
+    file: String,
+    node: NodeId,
+    identity: [Option<u32>; 2],
+    /// What of the layout does not fit.
+    unfit: Vec<String>,
+}
+
+impl DataSheet {
+    fn read(bus: &ConfiguredBus, paths: &[PathBuf]) -> Result<Vec<Self>> {
+        let layout = bus.layout_file()?;
+        let config: CanConfig = layout.parse()?;
+        let (Profile::Cia402(cia402), Some(drives)) = (&bus.layout.profile, &config.cia402) else {
+            bail!(
+                "--eds: the drives of {} do not speak CANopen",
+                layout.name()
+            );
+        };
+        ensure!(
+            paths.len() <= 2,
+            "--eds: there are two drives, name at most two files"
+        );
+        let mut sheets = Vec::new();
+        for (i, drive) in drives.drives.iter().enumerate() {
+            let file = ConfigFile::read(&paths[i.min(paths.len() - 1)])?;
+            let (name, node) = (file.name(), cia402.nodes[i]);
+            let eds = Eds::parse(&name, file.text(), node)?;
+            let feedback = &bus.layout.drives[i].message;
+            let complaints = eds.complaints(drive, &bus.layout.command[i], feedback);
+            let role = drive.role.name();
+            let unfit = complaints
+                .iter()
+                .map(|complaint| format!("{role} drive, by {name}: {complaint}"));
+            sheets.push(Self {
+                unfit: unfit.collect(),
+                identity: eds.identity,
+                file: name,
+                node,
+            });
+        }
+        Ok(sheets)
+    }
+
+    /// Returns that the file is of another product than the node, if both say so.
+    fn other_product(&self, found: &[FoundNode]) -> Option<String> {
+        let found = found.iter().find(|found| found.node == self.node)?;
+        let [vendor, product, ..] = found.identity;
+        let differs =
+            |own: Option<u32>, other: Option<u32>| own.zip(other).is_some_and(|(a, b)| a != b);
+        let [of_file, product_of_file] = self.identity;
+        (differs(vendor, of_file) || differs(product, product_of_file)).then(|| {
+            let hex = |value: Option<u32>| value.map_or("-".to_owned(), |value| format!("{value:#X}"));
+            format!(
+                "node {} is product {} of vendor {}, and {} is of product {} of vendor {}: take the maker's file of this drive",
+                self.node.get(),
+                hex(product),
+                hex(vendor),
+                self.file,
+                hex(product_of_file),
+                hex(of_file)
+            )
+        })
+    }
 }
 
 /// Returns what was found, and the identifier of a request that another program has sent meanwhile.

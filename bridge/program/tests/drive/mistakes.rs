@@ -139,6 +139,29 @@ fn a_bus_that_is_not_there_is_named_on_the_screen_and_in_json() {
 }
 
 #[test]
+fn motors_are_tested_at_a_terminal_only_and_slowly() {
+    let config = repository("config/bridge/run_vcan0.yaml");
+    let elsewhere = std::env::temp_dir().join("sidehill_corrected.yaml");
+    for (arguments, expected) in [
+        (&[][..], "standard input is no terminal"),
+        (&["--speed-m-s", "0.2"], "--speed-m-s: 0.2 is out of range"),
+        (
+            &["--write", elsewhere.to_str().unwrap()],
+            "--write: name a file beside",
+        ),
+    ] {
+        let test = ["can", "test", config.to_str().unwrap()];
+        let output = run_to_end(&[&test[..], arguments].concat());
+        let complaint = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(2), "{complaint}");
+        assert!(
+            complaint.contains(expected),
+            "no `{expected}` in {complaint}"
+        );
+    }
+}
+
+#[test]
 fn a_file_of_another_kind_is_named() {
     let scenario = repository("config/scenarios/slalom.yaml");
     let output = run_to_end(&["run", scenario.to_str().unwrap()]);

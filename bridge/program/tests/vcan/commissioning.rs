@@ -24,6 +24,36 @@ fn json(arguments: &[&str]) -> (Option<i32>, Vec<Value>) {
     (output.status.code(), lines.collect())
 }
 
+/// Writes a data sheet, in Windows-1252, of the objects that the layout needs.
+fn data_sheet(folder: &Folder) -> String {
+    let mut text =
+        b"[DeviceInfo]\r\nVendorName=M\xfcller\r\nVendorNumber=0x2B\r\nProductNumber=0x402\r\n"
+            .to_vec();
+    for (section, keys) in [
+        ("1016", "DataType=7\r\nAccessType=rw\r\nCompactSubObj=1"),
+        ("1017", "DataType=6\r\nAccessType=rw"),
+        (
+            "1400sub1",
+            "DataType=7\r\nAccessType=rw\r\nDefaultValue=$NODEID+0x200",
+        ),
+        ("1400sub5", "DataType=6\r\nAccessType=rw"),
+        ("1800sub5", "DataType=6\r\nAccessType=rw"),
+        ("6007", "DataType=3\r\nAccessType=rw"),
+        ("605A", "DataType=3\r\nAccessType=rw"),
+        ("6060", "DataType=2\r\nAccessType=rw"),
+        ("6502", "DataType=7\r\nAccessType=ro\r\nDefaultValue=0xA1"),
+        ("6040", "DataType=6\r\nAccessType=rww\r\nPDOMapping=1"),
+        ("6041", "DataType=6\r\nAccessType=ro\r\nPDOMapping=1"),
+        ("606C", "DataType=4\r\nAccessType=ro\r\nPDOMapping=1"),
+        ("60FF", "DataType=4\r\nAccessType=rww\r\nPDOMapping=1"),
+    ] {
+        text.extend(format!("[{section}]\r\n{keys}\r\n").bytes());
+    }
+    let path = folder.0.join("drive.eds");
+    std::fs::write(&path, text).unwrap();
+    path.display().to_string()
+}
+
 #[test]
 #[ignore = "needs a CAN bus: run .ci/vcan"]
 fn a_scan_finds_the_drives_and_says_who_they_are_and_what_was_wrong() {
@@ -87,6 +117,18 @@ fn a_scan_finds_the_drives_and_says_who_they_are_and_what_was_wrong() {
         "error 0x3210: DC link over-voltage",
     ] {
         assert!(table.contains(part), "no `{part}`");
+    }
+
+    // By the maker's file: the vendor is another, the steer drive lacks a mode.
+    let (status, found) = json(&["scan", &config, "--eds", &data_sheet(&folder)]);
+    assert_eq!(status, Some(1));
+    let complaints = found[0]["complaints"].to_string();
+    for part in [
+        "node 2 is product 0x402 of vendor 0x2A, and",
+        "is of product 0x402 of vendor 0x2B",
+        "object 0x6060 is to be mode 3, and object 0x6502 has modes 1, 6, 8",
+    ] {
+        assert!(complaints.contains(part), "no `{part}`: {complaints}");
     }
     drop(peer);
 

@@ -20,6 +20,7 @@ mod faults;
 mod guide;
 #[path = "../support/guide_blocks.rs"]
 mod guide_blocks;
+mod jog;
 mod realtime;
 mod support;
 
