@@ -24,7 +24,7 @@ pub(super) const CLEAR: f64 = 1.5;
 const BASE: usize = 5;
 
 /// A model fitted to all segments, and its errors on each when its fold was held out.
-pub(super) struct Judged {
+pub(super) struct JudgedTerm {
     pub(super) terms: Vec<Term>,
     pub(super) parameters: Vec<f64>,
     half_widths: Vec<Option<f64>>,
@@ -32,7 +32,7 @@ pub(super) struct Judged {
     misfits_m: Vec<f64>,
 }
 
-impl Judged {
+impl JudgedTerm {
     pub(super) fn pooled(&self) -> SegmentErrors {
         SegmentErrors::of_errors(&self.errors)
     }
@@ -65,7 +65,11 @@ pub(super) struct Search<'a> {
 
 impl Search<'_> {
     /// Adds terms to ICRHK as long as one is supported.
-    pub(super) fn select(&self, candidates: &[Term], icrhk: &Judged) -> (Judged, Vec<TermReport>) {
+    pub(super) fn select(
+        &self,
+        candidates: &[Term],
+        icrhk: &JudgedTerm,
+    ) -> (JudgedTerm, Vec<TermReport>) {
         let mut model = self.judge(&[], &icrhk.parameters);
         let mut chosen: Vec<TermReport> = Vec::new();
         // Terms that were supported in a round without being the best.
@@ -75,7 +79,7 @@ impl Search<'_> {
             let rest = candidates
                 .iter()
                 .filter(|term| !model.terms.contains(term) && term.may_follow(&model.terms, creep));
-            let mut tried: Vec<(Judged, TermReport)> = rest
+            let mut tried: Vec<(JudgedTerm, TermReport)> = rest
                 .map(|term| {
                     let mut terms = model.terms.clone();
                     terms.push(*term);
@@ -148,7 +152,7 @@ impl Search<'_> {
 
     /// Fits ICRHK with `terms` to all segments and predicts each fold with what the others say.
     /// `start` has the parameters of a smaller model.
-    pub(super) fn judge(&self, terms: &[Term], start: &[f64]) -> Judged {
+    pub(super) fn judge(&self, terms: &[Term], start: &[f64]) -> JudgedTerm {
         let own = self.own();
         let start: Vec<f64> = (0..BASE + terms.len())
             .map(|i| start.get(i).or(own.get(i)).copied().unwrap_or(0.0))
@@ -196,7 +200,7 @@ impl Search<'_> {
                 misfits_m[index] = misfit_m(segment, &vehicle);
             }
         }
-        Judged {
+        JudgedTerm {
             terms: terms.to_vec(),
             parameters: fit.parameters,
             half_widths,
