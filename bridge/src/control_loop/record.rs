@@ -27,8 +27,8 @@ pub enum LogEntry {
     Event {
         /// What, in one word.
         event: &'static str,
-        /// The states before and after, of a transition.
-        states: Option<[SafetyState; 2]>,
+        /// The transition, of a change of state.
+        transition: Option<Transition>,
         /// Details.
         reason: String,
     },
@@ -41,7 +41,7 @@ impl LogEntry {
     pub fn event(event: &'static str, reason: String) -> Self {
         Self::Event {
             event,
-            states: None,
+            transition: None,
             reason,
         }
     }
@@ -99,7 +99,7 @@ impl Record for LoopRecord {
             ),
             Self::Transition(transition) => LogEntry::Event {
                 event: "state",
-                states: Some([transition.from, transition.to]),
+                transition: Some(*transition),
                 reason: transition.reason.to_string(),
             },
             Self::Drives { response, .. } => {
@@ -366,15 +366,15 @@ impl Recorder {
                 }
                 LogEntry::Event {
                     event,
-                    states,
+                    transition,
                     reason,
                 } => {
                     let line = EventLine {
                         unix_s,
                         time_s: *time_s,
                         event,
-                        from: states.map(|[from, _]| from),
-                        to: states.map(|[_, to]| to),
+                        from: transition.map(|transition| transition.from),
+                        to: transition.map(|transition| transition.to),
                         reason,
                     };
                     if let Some(take) = &mut outputs.seen {

@@ -2,6 +2,7 @@ use sidehill::recording::DIAGNOSTICS_PERIOD_S;
 use sidehill_bridge::control_loop::record::{CycleRow, LogEntry};
 use sidehill_bridge::control_loop::tap::{ControllerLog, PathRecord, StepRecord};
 use sidehill_bridge::drives::Epoch;
+use sidehill_bridge::safety::Transition;
 use sidehill_plant::vehicle::Vehicle;
 use sidehill_recording::{DriveMessages, FixState, GeneralState, LogLine, RecordingStatus, Sinks};
 use sidehill_ros2::port::FixReading;
@@ -58,15 +59,22 @@ impl DriveRecording {
             LogEntry::Cycle(row) => Item::Cycle(*row),
             LogEntry::Event {
                 event,
-                states,
+                transition,
                 reason,
-            } => Item::Event {
-                name: event,
-                text: match states {
-                    Some([from, to]) => format!("{from:?} -> {to:?}: {reason}"),
-                    None => reason.clone(),
-                },
-            },
+            } => {
+                if let (Some(live), Some(transition)) = (&self.sinks.live, transition) {
+                    live.transition(transition);
+                }
+                Item::Event {
+                    name: event,
+                    text: match transition {
+                        Some(Transition { from, to, .. }) => {
+                            format!("{from:?} -> {to:?}: {reason}")
+                        }
+                        None => reason.clone(),
+                    },
+                }
+            }
         };
         self.batch.push((time_s, item));
     }
