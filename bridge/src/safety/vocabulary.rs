@@ -320,6 +320,17 @@ impl Reason {
         }
     }
 
+    /// Returns whether this ends a drive for a fault, rather than because it is over or somebody has decided so.
+    pub fn is_fault(&self) -> bool {
+        match self {
+            Self::Armed | Self::Standing | Self::Enabled | Self::RampEnded | Self::Finished => {
+                false
+            }
+            Self::Requested(cause) => cause.is_fault(),
+            _ => true,
+        }
+    }
+
     /// Returns all that [`Reason::cause`] can return, and the names of the two reasons that it looks into.
     pub fn causes() -> impl Iterator<Item = &'static str> {
         let all = [Self::VARIANTS, StopCause::VARIANTS, StopReason::VARIANTS];

@@ -112,6 +112,7 @@ impl FaultyRover {
                             event,
                             transition,
                             reason,
+                            ..
                         } => {
                             let to = transition.map_or(String::new(), |transition| {
                                 format!(" {:?}", transition.to)

@@ -23,7 +23,11 @@ pub(crate) struct DriveRecording {
 enum Item {
     Step(Box<StepRecord>),
     Cycle(CycleRow),
-    Event { name: &'static str, text: String },
+    Event {
+        name: &'static str,
+        text: String,
+        level: u8,
+    },
     Fix(FixState),
 }
 
@@ -61,12 +65,18 @@ impl DriveRecording {
                 event,
                 transition,
                 reason,
+                warns,
             } => {
+                let level = match warns {
+                    true => LogLine::WARN,
+                    false => LogLine::INFO,
+                };
                 if let (Some(live), Some(transition)) = (&self.sinks.live, transition) {
                     live.transition(transition);
                 }
                 Item::Event {
                     name: event,
+                    level,
                     text: match transition {
                         Some(Transition { from, to, .. }) => {
                             format!("{from:?} -> {to:?}: {reason}")
@@ -108,9 +118,8 @@ impl DriveRecording {
                 Item::Step(step) => self.messages.step(&step, sinks),
                 Item::Cycle(row) => self.messages.loop_cycle(&row, sinks),
                 Item::Fix(fix) => self.messages.fix(time_s, &fix, sinks),
-                Item::Event { name, text } => {
-                    self.messages
-                        .event(time_s, LogLine::INFO, name, &text, sinks);
+                Item::Event { name, text, level } => {
+                    self.messages.event(time_s, level, name, &text, sinks);
                 }
             }
         }
