@@ -46,6 +46,17 @@ fn is_zero(count: &u64) -> bool {
     *count == 0
 }
 
+/// What makes the printed state another.
+#[derive(PartialEq)]
+struct Shown {
+    state: SafetyState,
+    missing: Vec<String>,
+    /// Whether there is an estimate of the pose.
+    located: bool,
+    /// Whether records, and the recording, are not written.
+    unwritten: [bool; 2],
+}
+
 /// Standard output and standard error of a run.
 pub(super) struct Screen<'a> {
     printer: &'a Printer,
@@ -63,8 +74,8 @@ pub(super) struct Screen<'a> {
     /// Why the state changed last.
     reason: String,
     state_s: f64,
-    /// What makes the printed state another: safety, missing inputs, and whether records and recording are written.
-    shown: Option<(SafetyState, Vec<String>, bool, bool)>,
+    /// What makes the printed state another.
+    shown: Option<Shown>,
     /// Events since the last state.
     events: u32,
     batches_unwritten: u64,
@@ -251,12 +262,12 @@ impl<'a> Screen<'a> {
         let shown = cycle.map(|cycle| {
             let names = missing.iter().map(|input| input.input.clone());
             let ended = recording.is_some_and(|(status, _)| status.ended.is_some());
-            (
-                cycle.state,
-                names.collect(),
-                self.batches_unwritten > 0,
-                ended,
-            )
+            Shown {
+                state: cycle.state,
+                missing: names.collect(),
+                located: cycle.x_m.is_finite(),
+                unwritten: [self.batches_unwritten > 0, ended],
+            }
         });
         let changed = self.format == RunFormat::Json && shown != self.shown;
         let due = self.terminal || changed || now_s >= self.state_s + STATE_EVERY_S;
