@@ -7,6 +7,7 @@ use crate::config::{
 };
 use crate::console;
 use crate::drive_log::TopicMap;
+use crate::exit::Exit;
 use crate::progress::{self, Notice};
 use anyhow::{Result, bail};
 use sidehill_controller::controller::ControllerError;
@@ -72,11 +73,7 @@ pub fn run(args: &CheckArgs) -> Result<ExitCode> {
             false
         });
     }
-    Ok(if valid {
-        ExitCode::SUCCESS
-    } else {
-        ExitCode::FAILURE
-    })
+    Ok(Exit::answer(valid).into())
 }
 
 /// Validates a file with all it names, and the route of the command line, and returns what kind of file it is.

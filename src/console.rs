@@ -3,6 +3,7 @@
 //! The reader may close its end at any time (`| head -1`, a log collector that crashes, a closed terminal). Text
 //! that cannot be written is dropped and counted, and the program continues.
 
+use crate::exit::Exit;
 use anyhow::Result;
 use std::fmt::Display;
 use std::fs::File;
@@ -219,7 +220,7 @@ pub fn end(program: &str, result: Result<ExitCode>, needs_output: bool) -> ExitC
     let fault = output_fault().filter(|_| needs_output && result.is_ok());
     if let Some(fault) = fault {
         complain(format_args!("{program}: standard output: {fault}"));
-        return ExitCode::from(2);
+        return Exit::Failed.into();
     }
     result.unwrap_or_else(|error| {
         let prefix = match is_journal(&std::io::stderr()) {
@@ -227,7 +228,7 @@ pub fn end(program: &str, result: Result<ExitCode>, needs_output: bool) -> ExitC
             false => "",
         };
         complain(format_args!("{prefix}{program}: {error:#}"));
-        ExitCode::from(2)
+        Exit::Failed.into()
     })
 }
 

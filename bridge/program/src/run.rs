@@ -16,6 +16,7 @@ use sidehill::config::{Bundle, ConfigFile, RunConfig, RunPort};
 use sidehill::console::Printer;
 use sidehill::drive::RunArgs;
 use sidehill::drive_report::write_page;
+use sidehill::exit::Exit;
 use sidehill::output;
 use sidehill::recording::{self, fact};
 use sidehill_bridge::control_loop::record::{LogEntry, LogSource, Recorder, ring};
@@ -51,7 +52,7 @@ const PRINT_TIMEOUT: Duration = Duration::from_millis(500);
 /// Text that nobody reads and records that the disk does not take are dropped and counted: the vehicle
 /// drives on.
 ///
-/// The exit status is that of the [`Ending`](sidehill_bridge::control_loop::Ending).
+/// The exit status is that of the [`Exit`].
 ///
 /// # Errors
 /// A file that cannot be read, a setting out of range, a name that the CAN database does not have, or
@@ -266,7 +267,7 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
         keeper.finish();
     }
     let report = report.with_context(|| file.name())?;
-    Ok(ExitCode::from(report.ended.exit_code()))
+    Ok(Exit::from(report.ended).into())
 }
 
 /// Returns the inputs of all ports.

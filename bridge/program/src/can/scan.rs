@@ -5,6 +5,7 @@ use anyhow::{Result, bail};
 use serde::Serialize;
 use sidehill::console;
 use sidehill::drive::CanScanArgs;
+use sidehill::exit::Exit;
 use sidehill::simulate::Format;
 use sidehill_bridge::drives::{Epoch, LinkState, SendError};
 use sidehill_can::canopen::{FoundNode, NetworkScan};
@@ -115,7 +116,7 @@ pub(super) fn run(args: &CanScanArgs) -> Result<ExitCode> {
         .iter()
         .flatten()
         .any(|(id, _)| !found.iter().any(|node| node.node == *id && node.answers));
-    Ok(ExitCode::from(u8::from(missing || found.is_empty())))
+    Ok(Exit::answer(!missing && !found.is_empty()).into())
 }
 
 /// Returns what was found, and the identifier of a request that another program has sent meanwhile.
