@@ -7,6 +7,7 @@ use crate::config::{
 };
 use crate::console;
 use crate::drive_log::TopicMap;
+use crate::exit::Exit;
 use crate::progress::{self, Notice};
 use anyhow::{Result, bail};
 use sidehill_controller::controller::ControllerError;
@@ -17,13 +18,16 @@ use sidehill_plant::contact::ContactVehicle;
 use sidehill_plant::log::{ColumnMap, DriveLog};
 use sidehill_plant::terrain::{GridTerrain, RoutePoint};
 use sidehill_plant::vehicle::Vehicle;
+use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use walkdir::WalkDir;
 
 /// Arguments of `sidehill check`.
 #[derive(Debug, Clone, clap::Args)]
 pub struct CheckArgs {
-    /// Files to validate; their kind is recognised by their keys.
+    /// Files to validate; their kind is recognised by their keys. Of a folder all YAML files, also those in folders in
+    /// it, except hidden ones and links.
     #[arg(required = true)]
     pub files: Vec<PathBuf>,
     /// Route, CSV or GPX, to check with the steepness guard of the scenario or `run` configuration
@@ -32,8 +36,22 @@ pub struct CheckArgs {
     pub route: Option<PathBuf>,
 }
 
-/// Validates each file with all it names, prints a line for each, and returns success only if all
-/// are valid.
+/// Depth of folders in a folder, and number of its entries, beyond which it is not one of configurations.
+const DEPTH_MAX: usize = 10;
+const ENTRIES_MAX: usize = 10_000;
+
+/// A file whose keys are those of no kind of file.
+#[derive(Debug, thiserror::Error)]
+#[error(
+    "{0}: neither a campaign (key draws), a scenario (controllers), a vehicle (x_icr_left_m), a contact vehicle (axles), a \
+     column map (tread_speed_left), a topic map (tread_speeds), conditions (name, with sensors, drive_train or \
+     controller), a layout of a CAN bus (database), nor a configuration of run (controller), vehicle (scenario) or \
+     odometry --live (vehicle)"
+)]
+struct UnknownKind(String);
+
+/// Validates each file with all it names, prints a line for each, and returns success only if all are valid. Files of no
+/// kind in a folder are skipped.
 ///
 /// # Errors
 /// None: errors of files are printed.
@@ -43,28 +61,92 @@ pub fn run(args: &CheckArgs) -> Result<ExitCode> {
     })?;
     let mut valid = true;
     for path in &args.files {
+        let result = match path.is_dir() {
+            true => check_folder(path, args),
+            false => checked(path, args).map(|kind| {
+                console::line(format_args!("{}: valid {kind}", path.display()));
+                true
+            }),
+        };
+        valid &= result.unwrap_or_else(|error| {
+            console::complain(format_args!("{error:#}"));
+            false
+        });
+    }
+    Ok(Exit::answer(valid).into())
+}
+
+/// Validates a file with all it names, and the route of the command line, and returns what kind of file it is.
+fn checked(path: &Path, args: &CheckArgs) -> Result<&'static str> {
+    let file = ConfigFile::read(path)?;
+    let kind = check(file.clone())?;
+    if let Some(route) = &args.route {
+        judge_route(&file, route)?;
+    }
+    Ok(kind)
+}
+
+/// Validates the YAML files of a folder, prints a line for each, and returns whether all are valid.
+///
+/// # Errors
+/// A folder that cannot be read, is too large or has no file of Sidehill.
+fn check_folder(folder: &Path, args: &CheckArgs) -> Result<bool> {
+    let name = folder.display();
+    if args.route.is_some() {
+        bail!("{name}: --route: name the scenario or configuration of run, not its folder");
+    }
+    let is_hidden = |name: &OsStr| name.as_encoded_bytes().starts_with(b".");
+    let entries = WalkDir::new(folder)
+        .max_depth(DEPTH_MAX + 1)
+        .sort_by_file_name()
+        .into_iter()
+        .filter_entry(|entry| entry.depth() == 0 || !is_hidden(entry.file_name()));
+    let (mut valid, mut any) = (true, false);
+    for (i, entry) in entries.enumerate() {
+        let entry = entry?;
+        if i >= ENTRIES_MAX || entry.depth() > DEPTH_MAX {
+            bail!(
+                "{name}: has more than {ENTRIES_MAX} entries, or more than {DEPTH_MAX} folders in one another: name a \
+                 folder of configurations"
+            );
+        }
+        let path = entry.path();
+        let ending = path.extension().and_then(OsStr::to_str);
+        if !entry.file_type().is_file() || !matches!(ending, Some("yaml" | "yml")) {
+            continue;
+        }
         let checked = ConfigFile::read(path)
             .map_err(anyhow::Error::from)
-            .and_then(|file| {
-                let kind = check(file.clone())?;
-                if let Some(route) = &args.route {
-                    judge_route(&file, route)?;
-                }
-                Ok(kind)
+            .and_then(|file| match has_keys(&file) {
+                true => check(file),
+                false => bail!(UnknownKind(file.name())),
             });
         match checked {
             Ok(kind) => console::line(format_args!("{}: valid {kind}", path.display())),
+            Err(error) if error.is::<UnknownKind>() => {
+                console::line(format_args!("{}: skipped, not of Sidehill", path.display()));
+                continue;
+            }
             Err(error) => {
                 valid = false;
                 console::complain(format_args!("{error:#}"));
             }
         }
+        any = true;
     }
-    Ok(if valid {
-        ExitCode::SUCCESS
-    } else {
-        ExitCode::FAILURE
-    })
+    if !any {
+        bail!("{name}: has no YAML file of Sidehill");
+    }
+    Ok(valid)
+}
+
+/// Returns whether a YAML file is one document with keys, as far as it can be read.
+fn has_keys(file: &ConfigFile) -> bool {
+    match file.parse::<serde_yaml::Value>() {
+        Ok(value) => value.is_mapping(),
+        // A line of only --- begins a document wherever it is.
+        Err(_) => file.text().matches("\n---\n").count() < 2,
+    }
 }
 
 /// Validates a file with all it names and returns what kind of file it is.
@@ -131,13 +213,7 @@ pub fn check(file: ConfigFile) -> Result<&'static str> {
         config.checked(&file)?;
         Ok("configuration of odometry --live")
     } else {
-        bail!(
-            "{}: neither a campaign (key draws), a scenario (controllers), a vehicle (x_icr_left_m), a \
-             contact vehicle (axles), a column map (tread_speed_left), a topic map (tread_speeds), conditions (name, \
-             with sensors, drive_train or controller), a layout of a CAN bus (database), nor a configuration of run \
-             (controller), vehicle (scenario) or odometry --live (vehicle)",
-            file.name()
-        )
+        bail!(UnknownKind(file.name()))
     }
 }
 

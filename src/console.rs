@@ -3,9 +3,13 @@
 //! The reader may close its end at any time (`| head -1`, a log collector that crashes, a closed terminal). Text
 //! that cannot be written is dropped and counted, and the program continues.
 
+use crate::exit::Exit;
 use anyhow::Result;
 use std::fmt::Display;
+use std::fs::File;
 use std::io::Write;
+use std::os::fd::AsFd;
+use std::os::unix::fs::MetadataExt;
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{SyncSender, sync_channel};
@@ -16,6 +20,42 @@ use std::time::{Duration, Instant};
 static DROPPED: AtomicU64 = AtomicU64::new(0);
 /// Why standard output cannot be written, other than that its reader has gone.
 static FAULT: OnceLock<String> = OnceLock::new();
+
+/// How much a line matters.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, clap::ValueEnum)]
+pub enum Level {
+    /// Something has failed.
+    Error,
+    /// Somebody should look at it.
+    Warn,
+    /// What happens.
+    Info,
+    /// What is of use while a fault is looked for.
+    Debug,
+}
+
+impl Level {
+    /// Returns the priority of syslog, as `<4>`, with which a line begins that the journal of systemd reads.
+    pub fn prefix(self) -> &'static str {
+        match self {
+            Self::Error => "<3>",
+            Self::Warn => "<4>",
+            Self::Info => "<6>",
+            Self::Debug => "<7>",
+        }
+    }
+}
+
+/// Returns whether the journal of systemd reads a stream: systemd names the stream's device and inode in
+/// `JOURNAL_STREAM`, which programs that write elsewhere inherit as well.
+pub fn is_journal(stream: &impl AsFd) -> bool {
+    let Ok(journal) = std::env::var("JOURNAL_STREAM") else {
+        return false;
+    };
+    let stream = stream.as_fd().try_clone_to_owned();
+    let file = stream.and_then(|stream| File::from(stream).metadata());
+    file.is_ok_and(|file| format!("{}:{}", file.dev(), file.ino()) == journal)
+}
 
 /// Prints `text` without a line break.
 pub fn text(text: impl Display) {
@@ -144,12 +184,9 @@ impl Printer {
         ));
     }
 
-    /// Returns a writer to standard error that never fails and prints complete lines.
-    pub fn errors(&self) -> ErrorLines<'_> {
-        ErrorLines {
-            printer: self,
-            line: Vec::new(),
-        }
+    /// Prints `text` and a line break to standard error.
+    pub fn error_line(&self, text: impl Display) {
+        self.send(PrintedLine::Error(format!("{text}\n").into_bytes()));
     }
 
     /// Returns how many lines were dropped.
@@ -173,29 +210,6 @@ impl Printer {
     }
 }
 
-/// Collects lines for standard error.
-pub struct ErrorLines<'a> {
-    printer: &'a Printer,
-    line: Vec<u8>,
-}
-
-impl Write for ErrorLines<'_> {
-    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
-        for &byte in bytes {
-            self.line.push(byte);
-            if byte == b'\n' {
-                let line = std::mem::take(&mut self.line);
-                self.printer.send(PrintedLine::Error(line));
-            }
-        }
-        Ok(bytes.len())
-    }
-
-    fn flush(&mut self) -> std::io::Result<()> {
-        Ok(())
-    }
-}
-
 fn count(written: std::io::Result<()>) {
     if written.is_err() {
         DROPPED.fetch_add(1, Ordering::Relaxed);
@@ -206,11 +220,15 @@ pub fn end(program: &str, result: Result<ExitCode>, needs_output: bool) -> ExitC
     let fault = output_fault().filter(|_| needs_output && result.is_ok());
     if let Some(fault) = fault {
         complain(format_args!("{program}: standard output: {fault}"));
-        return ExitCode::from(2);
+        return Exit::Failed.into();
     }
     result.unwrap_or_else(|error| {
-        complain(format_args!("{program}: {error:#}"));
-        ExitCode::from(2)
+        let prefix = match is_journal(&std::io::stderr()) {
+            true => Level::Error.prefix(),
+            false => "",
+        };
+        complain(format_args!("{prefix}{program}: {error:#}"));
+        Exit::Failed.into()
     })
 }
 

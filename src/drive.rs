@@ -1,5 +1,6 @@
 //! Hands the commands that drive over to the program `sidehill-drive`, and defines their arguments.
 
+use crate::console::Level;
 use crate::recording::LiveArgs;
 use crate::simulate::Format;
 use anyhow::{Error, anyhow};
@@ -47,10 +48,14 @@ pub struct RunArgs {
     /// earlier run are kept beside them as candump.log.1 and so on.
     #[arg(long)]
     pub out: Option<PathBuf>,
-    /// text: the inputs, then the state and missing inputs, for a person; json: a line of JSON a
-    /// second, and events on standard error. By default text on a terminal and json elsewhere.
+    /// text: the inputs, then the state and missing inputs, for a person; json: lines of JSON, the state on standard
+    /// output, events on standard error. By default text on a terminal and json elsewhere.
     #[arg(long, value_enum)]
     pub format: Option<RunFormat>,
+    /// What is printed: errors, also what somebody should look at, also other events and, on change or once a minute,
+    /// the state, or also the state each second, as on a terminal. Under systemd each line has its priority.
+    #[arg(long, value_enum, default_value_t = Level::Info)]
+    pub log_level: Level,
     /// Record the drive to an MCAP file, which `sidehill replay` and Foxglove read; instead of
     /// record.file of the configuration.
     #[arg(long, value_name = "FILE.mcap")]
@@ -74,7 +79,7 @@ pub struct RunArgs {
 pub enum RunFormat {
     /// For a person.
     Text,
-    /// A line of JSON per second.
+    /// Lines of JSON.
     Json,
 }
 

@@ -29,6 +29,8 @@ pub mod drive_log;
 #[cfg(not(target_family = "wasm"))]
 pub mod drive_report;
 #[cfg(not(target_family = "wasm"))]
+pub mod exit;
+#[cfg(not(target_family = "wasm"))]
 pub mod icr;
 #[cfg(not(target_family = "wasm"))]
 pub mod identify;

@@ -1,6 +1,7 @@
 //! Messages of long work for the user: progress, and the result of an interrupt.
 
 use crate::console;
+use crate::exit::Exit;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::iterator::Signals;
 use std::io::IsTerminal;
@@ -126,9 +127,6 @@ impl Drop for Notice {
     }
 }
 
-/// Exit status after SIGINT, by the convention of shells.
-const INTERRUPTED: i32 = 130;
-
 /// Makes an interrupt print `message` and end the program at once. Only for work whose files are written atomically
 /// or line by line, never while driving a vehicle.
 ///
@@ -141,7 +139,7 @@ pub fn explain_interrupt(message: impl Fn() -> String + Send + 'static) -> std::
         .spawn(move || {
             if signals.forever().next().is_some() {
                 console::complain(message());
-                std::process::exit(INTERRUPTED);
+                std::process::exit(Exit::Interrupted as i32);
             }
         })?;
     Ok(())

@@ -8,6 +8,7 @@ use crate::config::{
     Bundle, Conditions, ConfigFile, DEFAULT_SCENARIO, Overrides, PlantKind, Prepared, Scenario,
 };
 use crate::console;
+use crate::exit::Exit;
 use crate::learned;
 use crate::limits;
 use crate::output;
@@ -216,11 +217,7 @@ pub fn run(args: &SimulateArgs) -> Result<ExitCode> {
         )?),
     }
     let completed = summaries.iter().all(|summary| summary.completed);
-    Ok(if completed {
-        ExitCode::SUCCESS
-    } else {
-        ExitCode::FAILURE
-    })
+    Ok(Exit::answer(completed).into())
 }
 
 /// Begins the recording of the one controller.

@@ -10,6 +10,7 @@ mod place;
 mod stops;
 mod weather;
 
+use crate::exit::Exit;
 pub(crate) use datum::datum;
 
 use crate::console;
@@ -74,7 +75,7 @@ pub fn run(args: &ReportArgs) -> Result<ExitCode> {
         Format::Json => console::line(serde_json::to_string(&facts)?),
         Format::Table => console::text(facts.table()),
     }
-    Ok(ExitCode::from(u8::from(facts.passed == Some(false))))
+    Ok(Exit::answer(facts.passed != Some(false)).into())
 }
 
 /// Writes the page of a recording that has just ended.

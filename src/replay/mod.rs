@@ -9,6 +9,7 @@ mod repeat;
 mod report;
 
 use crate::console;
+use crate::exit::Exit;
 use crate::output;
 use crate::recording::{self, fact, target};
 use crate::simulate::Format;
@@ -121,7 +122,7 @@ pub fn run(args: &ReplayArgs) -> Result<ExitCode> {
     show(args, &recording, &rebuilt)?;
     let may_differ = (changes.changed() || args.closed_loop) && args.tolerance.is_none();
     let failed = lost > 0 || comparison.different > 0 && !may_differ;
-    Ok(ExitCode::from(u8::from(failed)))
+    Ok(Exit::answer(!failed).into())
 }
 
 /// Plays the recording live, if requested.

@@ -11,6 +11,7 @@ mod settings;
 mod subject;
 mod tried;
 
+use crate::exit::Exit;
 pub use objective::{TrialComparison, TrialFigures};
 pub use options::Options;
 pub use outcome::TuningOutcome;
@@ -227,15 +228,13 @@ pub fn run(args: &TuneArgs) -> Result<ExitCode> {
         crate::simulate::Format::Table => console::text(report::table(&outcome)),
         crate::simulate::Format::Json => console::line(serde_json::to_string(&outcome)?),
     }
-    Ok(if outcome.improved {
-        ExitCode::SUCCESS
-    } else {
+    if !outcome.improved {
         console::complain(format_args!(
             "{}: not written, the present settings stay",
             args.out.display()
         ));
-        ExitCode::from(1)
-    })
+    }
+    Ok(Exit::answer(outcome.improved).into())
 }
 
 fn of_recording(

@@ -1,6 +1,6 @@
 //! `sidehill check` on all of `config/` and on broken files.
 
-use crate::{Course, assert_says, fail, repository, sidehill, succeed, text};
+use crate::{Course, assert_says, fail, repository, sidehill, stderr, stdout, succeed, text};
 use std::path::PathBuf;
 
 fn yaml_files(folder: &str) -> Vec<PathBuf> {
@@ -195,4 +195,75 @@ fn a_can_database_in_windows_1252_is_read_as_its_editor_wrote_it() {
     database.extend(b"\nCM_ \"Roll in \xb0, the vehicle\x92s own\";\n");
     std::fs::write(folder.path().join("j8.dbc"), database).unwrap();
     succeed(sidehill().arg("check").arg(folder.path().join("can.yaml")));
+}
+
+#[test]
+fn of_a_folder_all_configurations_are_checked_and_other_files_are_named() {
+    let lines = succeed(sidehill().args(["check", repository("config").to_str().unwrap()]));
+    for says in [
+        "config/vehicles/j8.yaml: valid vehicle\n",
+        "config/scenarios/slalom.yaml: valid scenario\n",
+        "config/bridge/run_ros2.yaml: valid configuration of run\n",
+    ] {
+        assert!(lines.contains(says), "{says}{lines}");
+    }
+    let course = Course::new("");
+    let folder = course.path("all");
+    for inner in ["deep/er", ".hidden"] {
+        std::fs::create_dir_all(folder.join(inner)).unwrap();
+    }
+    std::os::unix::fs::symlink(&folder, folder.join("again")).unwrap();
+    let j8 = text("config/vehicles/j8.yaml");
+    for (name, text) in [
+        ("all/good.yaml", j8.clone()),
+        ("all/wrong.yml", j8.replace("y_icr", "z_icr")),
+        ("all/deep/er/syntax.yaml", "controllers: [".to_owned()),
+        ("all/.hidden/wrong.yaml", "axles: 1".to_owned()),
+        ("all/other.yaml", "services: {web: {}}".to_owned()),
+        ("all/list.yaml", "- a\n- b\n".to_owned()),
+        (
+            "all/two.yaml",
+            "---\nkind: A\n---\nkind: B\n---\nkind: C\n".to_owned(),
+        ),
+        ("all/notes.txt", "axles: 1".to_owned()),
+    ] {
+        course.write(name, &text);
+    }
+    let output = sidehill().arg("check").arg(&folder).output().unwrap();
+    assert_eq!(output.status.code(), Some(1));
+    let (lines, errors) = (stdout(&output), stderr(&output));
+    let mut said: Vec<String> = lines
+        .lines()
+        .map(|line| line.replace(folder.to_str().unwrap(), ""))
+        .collect();
+    said.sort();
+    assert_eq!(
+        said,
+        [
+            "/good.yaml: valid vehicle",
+            "/list.yaml: skipped, not of Sidehill",
+            "/other.yaml: skipped, not of Sidehill",
+            "/two.yaml: skipped, not of Sidehill",
+        ]
+    );
+    assert_says(&errors, &["wrong.yml: ", "deep/er/syntax.yaml: "]);
+    assert_eq!(errors.lines().count(), 2, "{errors}");
+
+    std::fs::remove_file(folder.join("good.yaml")).unwrap();
+    std::fs::remove_file(folder.join("wrong.yml")).unwrap();
+    std::fs::remove_dir_all(folder.join("deep")).unwrap();
+    let errors = fail(sidehill().arg("check").arg(&folder));
+    assert_says(&errors, &["has no YAML file of Sidehill"]);
+}
+
+#[test]
+fn a_folder_that_is_no_folder_of_configurations_is_refused() {
+    let course = Course::new("");
+    let deep = course.path("deep").join("a/b/c/d/e/f/g/h/i/j/k");
+    std::fs::create_dir_all(deep).unwrap();
+    let errors = fail(sidehill().arg("check").arg(course.path("deep")));
+    assert_says(&errors, &["more than 10 folders"]);
+    let route = ["--route", "path.csv"];
+    let errors = fail(sidehill().arg("check").arg(course.path("deep")).args(route));
+    assert_says(&errors, &["--route", "not its folder"]);
 }

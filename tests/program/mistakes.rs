@@ -74,7 +74,7 @@ fn files_of_another_format_are_recognised() {
         assert_says(&message, &[name, says]);
     }
     let folder = repository("config/vehicles");
-    let message = fail(sidehill().arg("check").arg(&folder));
+    let message = fail(sidehill().arg("simulate").arg(&folder));
     assert_says(&message, &["config/vehicles", "is a folder", "*.yaml"]);
 }
 

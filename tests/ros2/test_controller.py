@@ -76,7 +76,7 @@ def test_it_drives_on_while_its_output_is_closed_100_times(vehicle, peer, domain
     # Open for reading without waiting for a writer; then the writer does not wait either.
     reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
     config = adapted("run_ros2.yaml", {}, tmp_path)
-    run = Program(["run", config], domain, pipe)
+    run = Program(["run", config, "--log-level", "debug"], domain, pipe)
     os.close(reader)
     rig = Rig(rover, run, peer, "jazzy")
     try:

@@ -1,12 +1,15 @@
-"""The live view over ROS 2: parameters of the node, set by a client of the Foxglove WebSocket protocol that is not ours."""
+"""The live view over ROS 2: parameters of the node, set by a client of the Foxglove WebSocket protocol that is not ours,
+and metrics, read by the parser of the Prometheus project."""
 
 import contextlib
 import json
 import os
+import urllib.request
 
 import wire
-from peer import FollowPath
-from programs import REPOSITORY, wait_for
+from peer import FollowPath, path_of
+from programs import REPOSITORY, straight, wait_for
+from prometheus_client.openmetrics.parser import text_string_to_metric_families
 from websockets.exceptions import WebSocketException
 from websockets.sync.client import connect
 
@@ -87,3 +90,57 @@ def set_from_the_viewer(stack, port, peer):
     page.set(SPEED, 0.5)
     assert "own machine" in page.next("status")["message"]
     assert page.get(SPEED) == 0.25
+
+
+def named(key):
+    """The name of a metric of a value in /diagnostics."""
+    units = {
+        "_rad_s": "_radians_per_second",
+        "_m_s": "_meters_per_second",
+        "_rad": "_radians",
+        "_us": "_seconds",
+        "_s": "_seconds",
+        "_m": "_meters",
+    }
+    end = next((end for end in units if key.endswith(end)), "")
+    return f"sidehill_{key.removesuffix(end)}{units.get(end, '')}"
+
+
+def test_metrics_are_openmetrics_with_the_names_of_the_diagnostics(start, vehicle, peer):
+    vehicle()
+    port = 20000 + os.getpid() % 20000
+    start("run", os.path.join(REPOSITORY, "config", "bridge", "run_ros2.yaml"), "--live", f"127.0.0.1:{port}")
+    goal = FollowPath(peer).wait().send(path_of(straight(20.0)))
+    assert goal.reply.accepted
+    diagnostics = peer.reader("/diagnostics", wire.DiagnosticArray)
+
+    def metrics():
+        with urllib.request.urlopen(f"http://127.0.0.1:{port}/metrics") as answer:
+            assert answer.headers["Content-Type"] == "application/openmetrics-text; version=1.0.0; charset=utf-8"
+            return {family.name: family for family in text_string_to_metric_families(answer.read().decode())}
+
+    def driving():
+        now = metrics()
+        states = now["sidehill_safety"].samples if "sidehill_safety" in now else []
+        drives = any(state.labels["state"] == "driving" and state.value == 1.0 for state in states)
+        return now if drives and "sidehill_heading_error_radians" in now else None
+
+    now = wait_for(driving, "metrics of a drive")
+    names = {named(value.key) for value in diagnostics.next("diagnostics").status[0].values}
+    gauges = {name for name, family in now.items() if family.type == "gauge"}
+    assert gauges - {"sidehill_slack_seconds"} <= names
+    assert len(gauges) > 15, gauges
+    counters = {name for name, family in now.items() if family.type == "counter"}
+    assert counters - {"sidehill_stops"} <= names
+    assert {name for name, family in now.items() if family.type == "histogram"} == {
+        "sidehill_lateness_seconds",
+        "sidehill_solve_seconds",
+    }
+
+    def stops():
+        samples = metrics()["sidehill_stops"].samples
+        return {sample.labels["cause"]: sample.value for sample in samples if sample.value}
+
+    assert stops() == {}
+    goal.cancel()
+    assert wait_for(stops, "the stop") == {"cancelled": 1.0}

@@ -8,6 +8,7 @@ use anyhow::{Context, Result, bail, ensure};
 use sidehill::config::{ConfigFile, RunConfig};
 use sidehill::console;
 use sidehill::drive::DriveRouteArgs;
+use sidehill::exit::Exit;
 use sidehill_bridge::ros2::arguments::RosArguments;
 use sidehill_bridge::ros2::conversions::to_pose;
 use sidehill_bridge::ros2::convert::world_from_base_link;
@@ -77,7 +78,7 @@ pub fn run(args: &DriveRouteArgs, ros: &[String]) -> Result<ExitCode> {
     driver.find_server(&action.action)?;
     for leg in &legs {
         if !driver.drive(leg)? {
-            return Ok(ExitCode::FAILURE);
+            return Ok(Exit::Not.into());
         }
     }
     console::line(format_args!("the route is driven"));

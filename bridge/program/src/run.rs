@@ -16,9 +16,10 @@ use sidehill::config::{Bundle, ConfigFile, RunConfig, RunPort};
 use sidehill::console::Printer;
 use sidehill::drive::RunArgs;
 use sidehill::drive_report::write_page;
+use sidehill::exit::Exit;
 use sidehill::output;
 use sidehill::recording::{self, fact};
-use sidehill_bridge::control_loop::record::{LogSource, Recorder, ring};
+use sidehill_bridge::control_loop::record::{LogEntry, LogSource, Recorder, ring};
 use sidehill_bridge::control_loop::tap::{PathLog, PathRecord, tap};
 use sidehill_bridge::control_loop::{LoopSetup, RunOptions, Signals};
 use sidehill_bridge::drives::{Clock, Epoch, Input, InputStatus, Port};
@@ -51,7 +52,7 @@ const PRINT_TIMEOUT: Duration = Duration::from_millis(500);
 /// Text that nobody reads and records that the disk does not take are dropped and counted: the vehicle
 /// drives on.
 ///
-/// The exit status is that of the [`RunEnding`](sidehill_bridge::control_loop::RunEnding).
+/// The exit status is that of the [`Exit`].
 ///
 /// # Errors
 /// A file that cannot be read, a setting out of range, a name that the CAN database does not have, or
@@ -205,8 +206,8 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
         signals,
     };
     let printer = Printer::start()?;
-    recorder.note(0.0, "start", start);
-    let mut screen = Screen::new(args.format, &printer, files.is_none(), ready);
+    recorder.note(0.0, LogEntry::event("start", start));
+    let mut screen = Screen::new(args, &printer, ready);
     let control_loop = setup.start()?;
 
     let mut service = ServiceManager::new();
@@ -215,7 +216,7 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
     while !control_loop.is_finished() {
         std::thread::sleep(Duration::from_millis(50));
         for note in notes.iter().flat_map(Ros2Inputs::take_notes) {
-            recorder.note(epoch.elapsed_s(), note.event, note.message);
+            recorder.note(epoch.elapsed_s(), LogEntry::event(note.event, note.message));
         }
         for fix in notes.iter().flat_map(Ros2Inputs::take_fixes) {
             if let Some(recording) = &mut recording {
@@ -236,18 +237,11 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
                 .filter(|c| !c.is_ascii_digit())
                 .eq(waits_for.chars().filter(|c| !c.is_ascii_digit()))
             {
-                let event = if said.is_empty() {
-                    "inputs"
-                } else {
-                    "waits_for"
+                let entry = match said.is_empty() {
+                    true => LogEntry::event("inputs", "all inputs arrive".to_owned()),
+                    false => LogEntry::warning("waits_for", said.clone()),
                 };
-                let all_there = "all inputs arrive".to_owned();
-                let reason = if said.is_empty() {
-                    all_there
-                } else {
-                    said.clone()
-                };
-                recorder.note(now_s, event, reason);
+                recorder.note(now_s, entry);
                 waits_for = said;
             }
             screen.record(&mut recorder, files.as_mut(), recording.as_mut());
@@ -262,10 +256,10 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
     if let Some((report, status)) = args.report.as_ref().zip(status.as_ref())
         && let Err(error) = write_page(&status.file, report, args.force)
     {
-        screen.warn("no report", &format!("{error:#}"));
+        screen.fault("no report", &format!("{error:#}"));
     }
     if let Some(reason) = status.and_then(|status| status.ended) {
-        screen.warn("recording ended early", &reason.to_string());
+        screen.fault("recording ended early", &reason);
     }
     screen.end(report.as_ref().ok());
     printer.finish(PRINT_TIMEOUT);
@@ -273,7 +267,7 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
         keeper.finish();
     }
     let report = report.with_context(|| file.name())?;
-    Ok(ExitCode::from(report.ended.exit_code()))
+    Ok(Exit::from(report.ended).into())
 }
 
 /// Returns the inputs of all ports.

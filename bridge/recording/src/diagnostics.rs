@@ -7,6 +7,7 @@ use sidehill_bridge::safety::SafetyState;
 use sidehill_controller::controller::{Decision, DriveResponse, Status};
 use sidehill_controller::estimator::ContactEstimate;
 use sidehill_plant::contact::Parameter;
+use sidehill_plant::frames::wrap_angle;
 
 // Levels of diagnostic_msgs/DiagnosticStatus.
 const OK: u8 = 0;
@@ -42,10 +43,20 @@ pub(super) fn controller_status(decision: &Decision, drives: &DriveResponse) -> 
         ),
         ("pose_age_s", estimate.map(|estimate| estimate.pose_age_s)),
         (
+            "attitude_age_s",
+            estimate.map(|estimate| estimate.attitude_age_s),
+        ),
+        (
             "cross_track_m",
             decision.progress.map(|progress| progress.cross_track_m),
         ),
         ("cross_track_bound_m", decision.cross_track_bound_m()),
+        (
+            "heading_error_rad",
+            estimate.zip(decision.progress).map(|(estimate, progress)| {
+                wrap_angle(estimate.pose.yaw_rad - progress.point.heading_rad)
+            }),
+        ),
         (
             "solve_us",
             decision.solve.map(|solve| 1e6 * solve.solve_time_s),

@@ -27,10 +27,12 @@ pub enum LogEntry {
     Event {
         /// What, in one word.
         event: &'static str,
-        /// The states before and after, of a transition.
-        states: Option<[SafetyState; 2]>,
+        /// The transition, of a change of state.
+        transition: Option<Transition>,
         /// Details.
         reason: String,
+        /// Whether somebody should look at it.
+        warns: bool,
     },
     /// A control cycle.
     Cycle(CycleRow),
@@ -41,8 +43,19 @@ impl LogEntry {
     pub fn event(event: &'static str, reason: String) -> Self {
         Self::Event {
             event,
-            states: None,
+            transition: None,
             reason,
+            warns: false,
+        }
+    }
+
+    /// Returns an event that is not a transition, and that somebody should look at.
+    pub fn warning(event: &'static str, reason: String) -> Self {
+        Self::Event {
+            event,
+            transition: None,
+            reason,
+            warns: true,
         }
     }
 }
@@ -90,8 +103,8 @@ impl Record for LoopRecord {
 
     fn entry(&self) -> LogEntry {
         match self {
-            Self::Unsent { error, .. } => LogEntry::event("unsent", error.to_string()),
-            Self::ArmingExpired { within_s, .. } => LogEntry::event(
+            Self::Unsent { error, .. } => LogEntry::warning("unsent", error.to_string()),
+            Self::ArmingExpired { within_s, .. } => LogEntry::warning(
                 "arming",
                 format!(
                     "expired: the link and fresh feedback were not there within {within_s:.0} s"
@@ -99,18 +112,18 @@ impl Record for LoopRecord {
             ),
             Self::Transition(transition) => LogEntry::Event {
                 event: "state",
-                states: Some([transition.from, transition.to]),
+                transition: Some(*transition),
                 reason: transition.reason.to_string(),
+                warns: transition.reason.is_fault(),
             },
             Self::Drives { response, .. } => {
                 let text = response.to_string();
-                let all_reached = "the motors reach the commanded speeds";
-                let text = if text.is_empty() {
-                    all_reached.to_owned()
+                if text.is_empty() {
+                    let all_reached = "the motors reach the commanded speeds";
+                    LogEntry::event("drives", all_reached.to_owned())
                 } else {
-                    text
-                };
-                LogEntry::event("drives", text)
+                    LogEntry::warning("drives", text)
+                }
             }
             Self::Cycle(row) => LogEntry::Cycle(*row),
         }
@@ -306,6 +319,9 @@ pub struct EventLine<'a> {
     pub to: Option<SafetyState>,
     /// Details.
     pub reason: &'a str,
+    /// Whether somebody should look at it.
+    #[serde(skip)]
+    pub warns: bool,
 }
 
 impl Recorder {
@@ -321,9 +337,9 @@ impl Recorder {
         }
     }
 
-    /// Adds an event at `time_s` of the loop's time; the next [`Self::drain`] writes it.
-    pub fn note(&mut self, time_s: f64, event: &'static str, reason: String) {
-        self.notes.push((time_s, LogEntry::event(event, reason)));
+    /// Adds an entry at `time_s` of the loop's time; the next [`Self::drain`] writes it.
+    pub fn note(&mut self, time_s: f64, entry: LogEntry) {
+        self.notes.push((time_s, entry));
     }
 
     /// Returns the newest cycle.
@@ -366,16 +382,18 @@ impl Recorder {
                 }
                 LogEntry::Event {
                     event,
-                    states,
+                    transition,
                     reason,
+                    warns,
                 } => {
                     let line = EventLine {
                         unix_s,
                         time_s: *time_s,
                         event,
-                        from: states.map(|[from, _]| from),
-                        to: states.map(|[_, to]| to),
+                        from: transition.map(|transition| transition.from),
+                        to: transition.map(|transition| transition.to),
                         reason,
+                        warns: *warns,
                     };
                     if let Some(take) = &mut outputs.seen {
                         take(&line);

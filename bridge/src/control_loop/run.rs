@@ -33,17 +33,6 @@ pub enum RunEnding {
 }
 
 impl RunEnding {
-    /// Returns the exit status of a program that ran the loop: 0 if it did what was requested, 1 if the vehicle did not
-    /// drive any more, 3 if a signal came before the end of the course, 4 if the process was suspended.
-    pub fn exit_code(self) -> u8 {
-        match self {
-            Self::Finished | Self::TimeOver | Self::ShutDown => 0,
-            Self::TimeOverStopped => 1,
-            Self::Interrupted => 3,
-            Self::Suspended => 4,
-        }
-    }
-
     /// Returns the cause that the safety reports for halting the drives at this end.
     fn cause(self) -> StopCause {
         match self {
@@ -182,26 +171,5 @@ impl<P: Port, R: ControllerRunner> ControlLoop<P, R> {
         }
         let resumed = has_channel && signals.resumed.load(Ordering::Relaxed);
         resumed.then_some(RunEnding::Suspended)
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn only_a_run_that_did_what_it_was_asked_for_exits_with_0() {
-        let endings = [
-            (RunEnding::Finished, "finished", 0),
-            (RunEnding::TimeOver, "time_over", 0),
-            (RunEnding::TimeOverStopped, "stopped", 1),
-            (RunEnding::Interrupted, "signal", 3),
-            (RunEnding::ShutDown, "signal", 0),
-            (RunEnding::Suspended, "suspended", 4),
-        ];
-        for (ending, name, code) in endings {
-            let printed = serde_json::to_value(ending).unwrap();
-            assert_eq!((printed.as_str(), ending.exit_code()), (Some(name), code));
-        }
     }
 }

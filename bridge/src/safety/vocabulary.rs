@@ -3,6 +3,7 @@ use serde::Serialize;
 use sidehill_controller::controller::StopReason;
 use sidehill_plant::sample::Stamped;
 use sidehill_plant::speeds::MotorSpeeds;
+use strum::{IntoStaticStr, VariantNames};
 
 /// Output of the controller in a cycle.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -40,7 +41,8 @@ pub struct OperatorRequests {
 }
 
 /// Why an operator, or a client that acts as one, stops the vehicle.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error, IntoStaticStr, VariantNames)]
+#[strum(serialize_all = "snake_case")]
 pub enum StopCause {
     /// A person sent a signal to stop.
     #[error("the operator requested a stop")]
@@ -202,7 +204,8 @@ pub enum SafetyState {
 }
 
 /// Why the state changed.
-#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error, IntoStaticStr, VariantNames)]
+#[strum(serialize_all = "snake_case")]
 pub enum Reason {
     /// An operator armed.
     #[error("armed")]
@@ -304,6 +307,35 @@ pub enum Reason {
         /// Of this step, s.
         now_s: f64,
     },
+}
+
+impl Reason {
+    /// Returns its name without its figures, such as `feedback_timeout`: that of the cause where an operator or a client
+    /// stops the vehicle, and that of the controller's reason where the controller does.
+    pub fn cause(&self) -> &'static str {
+        match self {
+            Self::Requested(cause) => cause.into(),
+            Self::ControllerStopped { why } => why.into(),
+            reason => reason.into(),
+        }
+    }
+
+    /// Returns whether this ends a drive for a fault, rather than because it is over or somebody has decided so.
+    pub fn is_fault(&self) -> bool {
+        match self {
+            Self::Armed | Self::Standing | Self::Enabled | Self::RampEnded | Self::Finished => {
+                false
+            }
+            Self::Requested(cause) => cause.is_fault(),
+            _ => true,
+        }
+    }
+
+    /// Returns all that [`Reason::cause`] can return, and the names of the two reasons that it looks into.
+    pub fn causes() -> impl Iterator<Item = &'static str> {
+        let all = [Self::VARIANTS, StopCause::VARIANTS, StopReason::VARIANTS];
+        all.into_iter().flatten().copied()
+    }
 }
 
 fn link_fault(state: LinkState) -> String {

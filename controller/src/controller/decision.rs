@@ -7,6 +7,7 @@ use crate::reference::Progress;
 use serde::{Deserialize, Serialize};
 use sidehill_plant::speeds::{MeasuredMotorSpeeds, MotorSpeeds};
 use sidehill_plant::vehicle::Vehicle;
+use strum::{IntoStaticStr, VariantNames};
 
 /// Validity of a command.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -43,8 +44,19 @@ impl std::fmt::Display for Status {
 }
 
 /// Why the vehicle is stopped.
-#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error, Serialize, Deserialize)]
+#[derive(
+    Debug,
+    Clone,
+    Copy,
+    PartialEq,
+    thiserror::Error,
+    Serialize,
+    Deserialize,
+    IntoStaticStr,
+    VariantNames,
+)]
 #[serde(rename_all = "snake_case")]
+#[strum(serialize_all = "snake_case")]
 pub enum StopReason {
     /// The newest accepted pose is too old.
     #[error("the pose is {age_s:.2} s old ({gated} newer ones refused as outliers)")]

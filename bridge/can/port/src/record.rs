@@ -84,6 +84,14 @@ impl Record for CanRecord {
             } => ("restart", format!("attempt {attempt}: {answer:?}")),
             Self::Drive { node, event, .. } => ("drive", format!("node {node}: {event}")),
         };
-        LogEntry::event(event, reason)
+        let warns = match self {
+            Self::Refused { .. } | Self::Foreign { .. } | Self::Restart { .. } => true,
+            Self::Bus { state, .. } => !state.carries(),
+            Self::Frame { .. } | Self::Drive { .. } => false,
+        };
+        match warns {
+            true => LogEntry::warning(event, reason),
+            false => LogEntry::event(event, reason),
+        }
     }
 }

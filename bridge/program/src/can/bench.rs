@@ -19,7 +19,6 @@ use sidehill_can::message::DriveRole;
 use sidehill_can_port::{BusEvent, BusMonitor, CanInputs, CanPort, Sender};
 use sidehill_plant::bounds::Bounds;
 use sidehill_plant::speeds::{EncoderScale, MotorSpeeds};
-use std::io::Write;
 use std::sync::{Arc, mpsc};
 
 /// The layout alone is tested, without the corrections of a vehicle.
@@ -330,12 +329,11 @@ impl<'a> Bench<'a> {
         if row.enable {
             self.on_s = Some(row.time_s);
         }
-        let mut lines = self.printer.errors();
+        let printer = self.printer;
         let mut seen = |event: &EventLine<'_>| {
             // Changes of state are told as what they mean.
             if event.from.is_none() && event.event != "refused" {
-                // It never fails.
-                let _ = writeln!(lines, "{}: {}", event.event, event.reason);
+                printer.error_line(format_args!("{}: {}", event.event, event.reason));
             }
         };
         self.recorder.drain(&mut Outputs {
@@ -348,8 +346,7 @@ impl<'a> Bench<'a> {
     }
 
     fn say(&self, text: impl std::fmt::Display) {
-        // It never fails.
-        let _ = writeln!(self.printer.errors(), "{text}");
+        self.printer.error_line(text);
     }
 }
 

@@ -6,6 +6,7 @@ use serde::Serialize;
 use sidehill::config::ConfigFile;
 use sidehill::console;
 use sidehill::drive::CanScanArgs;
+use sidehill::exit::Exit;
 use sidehill::simulate::Format;
 use sidehill_bridge::drives::{Epoch, LinkState, SendError};
 use sidehill_can::canopen::{FoundNode, NetworkScan};
@@ -136,9 +137,7 @@ pub(super) fn run(args: &CanScanArgs) -> Result<ExitCode> {
         .iter()
         .flatten()
         .any(|(id, _)| !found.iter().any(|node| node.node == *id && node.answers));
-    Ok(ExitCode::from(u8::from(
-        missing || found.is_empty() || !fits,
-    )))
+    Ok(Exit::answer(!missing && !found.is_empty() && fits).into())
 }
 
 /// What the maker's file says of a drive of the configuration.

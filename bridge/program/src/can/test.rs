@@ -10,6 +10,7 @@ use serde::Serialize;
 use sidehill::config::ConfigFile;
 use sidehill::console::{self, Printer};
 use sidehill::drive::CanTestArgs;
+use sidehill::exit::Exit;
 use sidehill::output;
 use sidehill::simulate::Format;
 use sidehill_can::commissioning::{CommissioningVerdict, DriveKeys, MotorVerdict, judge};
@@ -76,7 +77,7 @@ pub(super) fn run(args: &CanTestArgs) -> Result<ExitCode> {
         Format::Json => console::line(serde_json::to_string(&report)?),
         Format::Table => print(&report, &layout),
     }
-    Ok(ExitCode::from(u8::from(!verdict.is_right())))
+    Ok(Exit::answer(verdict.is_right()).into())
 }
 
 fn folder(path: &Path) -> Result<PathBuf> {

@@ -110,10 +110,13 @@ impl FaultyRover {
                     match entry {
                         LogEntry::Event {
                             event,
-                            states,
+                            transition,
                             reason,
+                            ..
                         } => {
-                            let to = states.map_or(String::new(), |[_, to]| format!(" {to:?}"));
+                            let to = transition.map_or(String::new(), |transition| {
+                                format!(" {:?}", transition.to)
+                            });
                             let line = format!("{:8.2} s  {event}{to}: {reason}", record.time_s());
                             traces.events.push(line);
                         }

@@ -16,6 +16,7 @@ use rayon::iter::{IntoParallelIterator, ParallelIterator};
 use serde::Serialize;
 use sidehill::config::{ConfigFile, RunConfig, RunPort};
 use sidehill::console;
+use sidehill::exit::Exit;
 use sidehill::progress::TaskProgress;
 use sidehill_plant::statistics::quantile;
 use statrs::distribution::{Beta, ContinuousCDF};
@@ -199,9 +200,7 @@ pub fn run(args: &FaultsArgs) -> Result<ExitCode> {
         FaultsFormat::Json => console::line(serde_json::to_string(&summary)?),
         FaultsFormat::Table => print(&summary, &outcomes),
     }
-    Ok(ExitCode::from(u8::from(
-        !summary.all.unsafe_runs.is_empty(),
-    )))
+    Ok(Exit::answer(summary.all.unsafe_runs.is_empty()).into())
 }
 
 fn name(kind: FaultKind) -> String {
@@ -251,7 +250,7 @@ fn again(
             }
         }
     }
-    Ok(ExitCode::from(u8::from(outcome.unsafe_end.is_some())))
+    Ok(Exit::answer(outcome.unsafe_end.is_none()).into())
 }
 
 fn print(summary: &FaultSummary, outcomes: &[FaultOutcome]) {

@@ -2,6 +2,7 @@ use sidehill::recording::DIAGNOSTICS_PERIOD_S;
 use sidehill_bridge::control_loop::record::{CycleRow, LogEntry};
 use sidehill_bridge::control_loop::tap::{ControllerLog, PathRecord, StepRecord};
 use sidehill_bridge::drives::Epoch;
+use sidehill_bridge::safety::Transition;
 use sidehill_plant::vehicle::Vehicle;
 use sidehill_recording::{DriveMessages, FixState, GeneralState, LogLine, RecordingStatus, Sinks};
 use sidehill_ros2::port::FixReading;
@@ -22,7 +23,11 @@ pub(crate) struct DriveRecording {
 enum Item {
     Step(Box<StepRecord>),
     Cycle(CycleRow),
-    Event { name: &'static str, text: String },
+    Event {
+        name: &'static str,
+        text: String,
+        level: u8,
+    },
     Fix(FixState),
 }
 
@@ -58,15 +63,28 @@ impl DriveRecording {
             LogEntry::Cycle(row) => Item::Cycle(*row),
             LogEntry::Event {
                 event,
-                states,
+                transition,
                 reason,
-            } => Item::Event {
-                name: event,
-                text: match states {
-                    Some([from, to]) => format!("{from:?} -> {to:?}: {reason}"),
-                    None => reason.clone(),
-                },
-            },
+                warns,
+            } => {
+                let level = match warns {
+                    true => LogLine::WARN,
+                    false => LogLine::INFO,
+                };
+                if let (Some(live), Some(transition)) = (&self.sinks.live, transition) {
+                    live.transition(transition);
+                }
+                Item::Event {
+                    name: event,
+                    level,
+                    text: match transition {
+                        Some(Transition { from, to, .. }) => {
+                            format!("{from:?} -> {to:?}: {reason}")
+                        }
+                        None => reason.clone(),
+                    },
+                }
+            }
         };
         self.batch.push((time_s, item));
     }
@@ -100,9 +118,8 @@ impl DriveRecording {
                 Item::Step(step) => self.messages.step(&step, sinks),
                 Item::Cycle(row) => self.messages.loop_cycle(&row, sinks),
                 Item::Fix(fix) => self.messages.fix(time_s, &fix, sinks),
-                Item::Event { name, text } => {
-                    self.messages
-                        .event(time_s, LogLine::INFO, name, &text, sinks);
+                Item::Event { name, text, level } => {
+                    self.messages.event(time_s, level, name, &text, sinks);
                 }
             }
         }

@@ -3,22 +3,22 @@
 use super::files::Files;
 use crate::recording::DriveRecording;
 use serde::Serialize;
-use sidehill::console::Printer;
-use sidehill::drive::RunFormat;
+use sidehill::console::{Level, Printer, is_journal};
+use sidehill::drive::{RunArgs, RunFormat};
 use sidehill_bridge::control_loop::record::{CycleRow, EventLine, LogEntry, Outputs, Recorder};
 use sidehill_bridge::control_loop::{RunOptions, RunReport};
 use sidehill_bridge::drives::{Epoch, Input};
 use sidehill_bridge::safety::SafetyState;
 use sidehill_recording::RecordingStatus;
 use std::fmt::Write as _;
-use std::io::{IsTerminal, Write as _};
+use std::io::IsTerminal;
 
-/// Time between two states in text that is not on a terminal, s; what changes is an event.
+/// Time between two states that are not on a terminal, s.
 const STATE_EVERY_S: f64 = 60.0;
 /// Events other than changes of state that are printed in a second, at most.
 const EVENTS_MAX: u32 = 5;
 
-/// One line per second on standard output.
+/// The state on standard output.
 #[derive(Serialize)]
 struct StatusLine<'a> {
     unix_s: f64,
@@ -46,12 +46,27 @@ fn is_zero(count: &u64) -> bool {
     *count == 0
 }
 
+/// What makes the printed state another.
+#[derive(PartialEq)]
+struct Shown {
+    state: SafetyState,
+    missing: Vec<String>,
+    /// Whether there is an estimate of the pose.
+    located: bool,
+    /// Whether records, and the recording, are not written.
+    unwritten: [bool; 2],
+}
+
 /// Standard output and standard error of a run.
 pub(super) struct Screen<'a> {
     printer: &'a Printer,
     format: RunFormat,
     /// Whether the line of the state is replaced in place.
     terminal: bool,
+    /// What is printed.
+    level: Level,
+    /// Whether lines have priorities: those on standard output, and on standard error.
+    journals: [bool; 2],
     /// Whether events go to standard error, because they are not written to a file.
     events_to_error: bool,
     /// What it waits for when nothing is missing.
@@ -59,18 +74,15 @@ pub(super) struct Screen<'a> {
     /// Why the state changed last.
     reason: String,
     state_s: f64,
+    /// What makes the printed state another.
+    shown: Option<Shown>,
     /// Events since the last state.
     events: u32,
     batches_unwritten: u64,
 }
 
 impl<'a> Screen<'a> {
-    pub(super) fn new(
-        format: Option<RunFormat>,
-        printer: &'a Printer,
-        events_to_error: bool,
-        ready: String,
-    ) -> Self {
+    pub(super) fn new(args: &RunArgs, printer: &'a Printer, ready: String) -> Self {
         let terminal = std::io::stdout().is_terminal();
         let usual = match terminal {
             true => RunFormat::Text,
@@ -78,12 +90,18 @@ impl<'a> Screen<'a> {
         };
         Self {
             printer,
-            format: format.unwrap_or(usual),
+            format: args.format.unwrap_or(usual),
             terminal,
-            events_to_error,
+            level: args.log_level,
+            journals: [
+                is_journal(&std::io::stdout()),
+                is_journal(&std::io::stderr()),
+            ],
+            events_to_error: args.out.is_none(),
             ready,
             reason: String::new(),
             state_s: f64::NEG_INFINITY,
+            shown: None,
             events: 0,
             batches_unwritten: 0,
         }
@@ -96,13 +114,14 @@ impl<'a> Screen<'a> {
         files: Option<&mut Files>,
         mut recording: Option<&mut DriveRecording>,
     ) {
-        let printer = self.printer;
-        let text = self.format == RunFormat::Text;
-        let json_to_error = self.events_to_error && !text;
-        let mut seen = |event: &EventLine<'_>| {
-            if text {
-                self.event(event);
+        let mut seen = |event: &EventLine<'_>| match self.format {
+            RunFormat::Text => self.event(event),
+            RunFormat::Json if self.events_to_error => {
+                if let Ok(line) = serde_json::to_string(event) {
+                    self.error_line(level(event), &line);
+                }
             }
+            RunFormat::Json => {}
         };
         let mut all = |time_s: f64, entry: &LogEntry| {
             if let Some(recording) = recording.as_deref_mut() {
@@ -112,9 +131,7 @@ impl<'a> Screen<'a> {
         let written = match files {
             Some(files) => files.write(recorder, &mut seen, &mut all),
             None => {
-                let mut errors = printer.errors();
                 let outputs = &mut Outputs {
-                    events: json_to_error.then_some(&mut errors as &mut dyn std::io::Write),
                     seen: Some(&mut seen),
                     all: Some(&mut all),
                     ..Outputs::default()
@@ -127,24 +144,24 @@ impl<'a> Screen<'a> {
         }
         if let Err(error) = written {
             if self.batches_unwritten == 0 {
-                self.warn("records not written", &format!("{error:#}"));
+                self.fault("records not written", &format!("{error:#}"));
             }
             self.batches_unwritten += 1;
         }
     }
 
-    /// Prints an event that the files do not have.
-    pub(super) fn warn(&self, event: &str, reason: &str) {
+    /// Prints a fault that the files do not have.
+    pub(super) fn fault(&self, event: &str, reason: &str) {
         if self.format == RunFormat::Text {
-            self.line(&format!("{event}: {reason}"));
+            self.line(Level::Error, &format!("{event}: {reason}"));
         } else {
             let line = serde_json::json!({ "event": event, "reason": reason });
-            let _ = writeln!(self.printer.errors(), "{line}");
+            self.error_line(Level::Error, &line.to_string());
         }
     }
 
     /// Prints an event as text.
-    fn event(&mut self, event: &EventLine<'_>) {
+    fn event(&mut self, line: &EventLine<'_>) {
         let EventLine {
             time_s,
             event,
@@ -152,17 +169,18 @@ impl<'a> Screen<'a> {
             to,
             reason,
             ..
-        } = *event;
+        } = *line;
+        let level = level(line);
         match (event, to) {
-            ("start", _) => self.line(reason),
+            ("start", _) => self.line(level, reason),
             ("waits_for", _) => {
                 for input in reason.split("; waits for ") {
                     let input = input.trim_start_matches("waits for ");
-                    self.line(&format!("{time_s:7.1} s  waits for {input}"));
+                    self.line(level, &format!("{time_s:7.1} s  waits for {input}"));
                 }
             }
             (_, Some(to)) => {
-                self.line(&format!("{time_s:7.1} s  {}: {reason}", name(to)));
+                self.line(level, &format!("{time_s:7.1} s  {}: {reason}", name(to)));
                 // The end of the ramp is not why the vehicle stopped.
                 if from != Some(SafetyState::Stopping) {
                     reason.clone_into(&mut self.reason);
@@ -171,13 +189,13 @@ impl<'a> Screen<'a> {
             _ => {
                 self.events += 1;
                 if self.events <= EVENTS_MAX {
-                    self.line(&format!("{time_s:7.1} s  {event}: {reason}"));
+                    self.line(level, &format!("{time_s:7.1} s  {event}: {reason}"));
                 }
             }
         }
     }
 
-    /// Prints the state, once a second.
+    /// Prints the state, if it is to be; called once a second.
     pub(super) fn status(
         &mut self,
         now_s: f64,
@@ -187,6 +205,21 @@ impl<'a> Screen<'a> {
         epoch: Epoch,
     ) {
         let cycle = recorder.latest();
+        if self.events > EVENTS_MAX {
+            let more = self.events - EVENTS_MAX;
+            self.line(
+                Level::Info,
+                &format!("           and {more} more such events"),
+            );
+        }
+        self.events = 0;
+        let level = match self.is_due(now_s, cycle, missing, recording) {
+            true => Level::Info,
+            false => Level::Debug,
+        };
+        if level > self.level {
+            return;
+        }
         if self.format == RunFormat::Json {
             let Some(cycle) = cycle else { return };
             let line = StatusLine {
@@ -200,19 +233,10 @@ impl<'a> Screen<'a> {
                 steps_lost: recording.map_or(0, |(_, lost)| lost),
             };
             if let Ok(line) = serde_json::to_string(&line) {
-                self.printer.line(line);
+                self.output(level, &line);
             }
             return;
         }
-        if self.events > EVENTS_MAX {
-            let more = self.events - EVENTS_MAX;
-            self.line(&format!("           and {more} more such events"));
-        }
-        self.events = 0;
-        if !self.terminal && now_s < self.state_s + STATE_EVERY_S {
-            return;
-        }
-        self.state_s = now_s;
         let mut line = format!("{now_s:7.1} s  {}", self.state(cycle, missing));
         if self.batches_unwritten > 0 {
             let _ = write!(line, "; records not written: {}", self.batches_unwritten);
@@ -222,8 +246,36 @@ impl<'a> Screen<'a> {
         }
         match self.terminal {
             true => self.printer.renew(line),
-            false => self.printer.line(line),
+            false => self.output(level, &line),
         }
+    }
+
+    /// Returns whether the state is printed at the usual level: each time on a terminal, else where a minute has passed
+    /// and, in JSON, where it is another; in text its changes are events.
+    fn is_due(
+        &mut self,
+        now_s: f64,
+        cycle: Option<&CycleRow>,
+        missing: &[&Input],
+        recording: Option<(&RecordingStatus, u64)>,
+    ) -> bool {
+        let shown = cycle.map(|cycle| {
+            let names = missing.iter().map(|input| input.input.clone());
+            let ended = recording.is_some_and(|(status, _)| status.ended.is_some());
+            Shown {
+                state: cycle.state,
+                missing: names.collect(),
+                located: cycle.x_m.is_finite(),
+                unwritten: [self.batches_unwritten > 0, ended],
+            }
+        });
+        let changed = self.format == RunFormat::Json && shown != self.shown;
+        let due = self.terminal || changed || now_s >= self.state_s + STATE_EVERY_S;
+        if due {
+            self.state_s = now_s;
+            self.shown = shown;
+        }
+        due
     }
 
     /// Returns the state in words.
@@ -260,15 +312,15 @@ impl<'a> Screen<'a> {
         match (self.format, report) {
             (RunFormat::Json, Some(report)) => {
                 if let Ok(line) = serde_json::to_string(report) {
-                    self.printer.line(line);
+                    self.output(Level::Info, &line);
                 }
             }
             (RunFormat::Json, None) => {}
-            (RunFormat::Text, None) => self.line("ended by an error"),
+            (RunFormat::Text, None) => self.line(Level::Error, "ended by an error"),
             (RunFormat::Text, Some(report)) => {
                 let ended = serde_json::to_value(report.ended).unwrap_or_default();
                 let timing = &report.timing;
-                self.line(&format!(
+                self.line(Level::Info, &format!(
                     "ended: {} in state {}; {} cycles, {} skipped, {} commands not sent, start lateness {:.1} ms (99 %)",
                     ended.as_str().unwrap_or_default().replace('_', " "),
                     name(report.state),
@@ -281,12 +333,34 @@ impl<'a> Screen<'a> {
         }
     }
 
-    /// Prints a permanent line.
-    fn line(&self, line: &str) {
+    /// Prints a permanent line, if its level is.
+    fn line(&self, level: Level, line: &str) {
         match self.terminal {
+            _ if level > self.level => {}
             true => self.printer.above(line),
-            false => self.printer.line(line),
+            false => self.output(level, line),
         }
+    }
+
+    /// Prints to standard output.
+    fn output(&self, level: Level, line: &str) {
+        let prefix = if self.journals[0] { level.prefix() } else { "" };
+        self.printer.line(format_args!("{prefix}{line}"));
+    }
+
+    /// Prints to standard error, if the level is printed.
+    fn error_line(&self, level: Level, line: &str) {
+        if level <= self.level {
+            let prefix = if self.journals[1] { level.prefix() } else { "" };
+            self.printer.error_line(format_args!("{prefix}{line}"));
+        }
+    }
+}
+
+fn level(event: &EventLine<'_>) -> Level {
+    match event.warns {
+        true => Level::Warn,
+        false => Level::Info,
     }
 }
 

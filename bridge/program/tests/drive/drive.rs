@@ -13,6 +13,8 @@ fn a_simulated_vehicle_is_driven_in_real_time() {
         "run",
         file.to_str().unwrap(),
         "--arm",
+        "--log-level",
+        "debug",
         "--duration-s",
         "6",
         "--record",

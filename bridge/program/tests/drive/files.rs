@@ -96,7 +96,14 @@ fn a_recording_without_its_first_file_is_replayed_from_where_it_was_armed() {
         sidehill()
             .arg("run")
             .arg(&file)
-            .args(["--duration-s", "8", "--force", "--record"])
+            .args([
+                "--log-level",
+                "debug",
+                "--duration-s",
+                "8",
+                "--force",
+                "--record",
+            ])
             .arg(&whole)
             .stdout(Stdio::piped())
             .stderr(Stdio::null()),

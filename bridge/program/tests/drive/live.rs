@@ -1,7 +1,7 @@
 //! The live page of a drive, fetched as a browser does.
 
 use super::running::Running;
-use super::{SIMULATED, configuration, run_to_end, sidehill};
+use super::{SIMULATED, configuration, repository, run_to_end, sidehill};
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
 use std::process::{Command, Stdio};
@@ -72,10 +72,36 @@ fn a_drive_is_shown_on_a_page_to_who_knows_the_token() {
     for part in ["\"hello\":", "\"frames\":[[", "\"path\":[", "\"vehicle\":{"] {
         assert!(stream.contains(part), "{part}");
     }
+    let metrics = loop {
+        // Diagnostics come once a second.
+        let text = ask(host, &target.replacen('/', "/metrics", 1), "", "");
+        if text.contains("sidehill_cross_track_meters") {
+            break text;
+        }
+        std::thread::sleep(Duration::from_millis(100));
+    };
+    assert_all_panels_have_data(&metrics);
     for headers in ["", UPGRADE] {
-        for target in ["/", "/?token=", "/?token=0000000000"] {
+        for target in ["/", "/metrics", "/?token=", "/?token=0000000000"] {
             let refused = ask(host, target, headers, "");
             assert!(refused.starts_with("HTTP/1.1 403 "), "{refused}");
+        }
+    }
+}
+
+/// Asserts that each query of the dashboard for Grafana asks for metrics that there are.
+fn assert_all_panels_have_data(metrics: &str) {
+    let text = std::fs::read_to_string(repository("bridge/package/grafana_dashboard.json"));
+    let dashboard: serde_json::Value = serde_json::from_str(&text.unwrap()).unwrap();
+    for panel in dashboard["panels"].as_array().unwrap() {
+        let targets = panel["targets"].as_array().unwrap();
+        assert!(!targets.is_empty(), "{panel}");
+        for target in targets {
+            let query = target["expr"].as_str().unwrap();
+            let mut words = query.split(|c: char| !c.is_ascii_alphanumeric() && c != '_');
+            let name = words.find(|word| word.starts_with("sidehill_")).unwrap();
+            let sample = |line: &str| line.split([' ', '{']).next() == Some(name);
+            assert!(metrics.lines().any(sample), "{query}\n{metrics}");
         }
     }
 }

@@ -5,6 +5,8 @@ use crate::running::Running;
 use crate::sidehill;
 use std::fs::File;
 use std::io::{BufRead, BufReader};
+use std::os::unix::fs::MetadataExt;
+use std::path::Path;
 use std::process::{Command, Stdio};
 
 #[test]
@@ -29,6 +31,7 @@ fn it_survives_100_closings_of_its_output_while_it_drives() {
     let _run = Running::start(
         sidehill()
             .args(["run", file.to_str().unwrap(), "--arm"])
+            .args(["--log-level", "debug"])
             .stderr(output.try_clone().unwrap())
             .stdout(output),
     );
@@ -101,4 +104,73 @@ fn it_drives_on_when_nobody_reads_and_stops_when_the_connection_drops() {
         "ended by a signal, not killed by it"
     );
     assert_ne!(states().last().unwrap(), "driving");
+}
+
+/// Runs with its output in a file, which the environment names as the journal's, and returns its lines.
+fn journal(test: &str, config: &Path, arguments: &[&str]) -> Vec<String> {
+    let path = config.with_file_name(test);
+    let file = File::create(&path).unwrap();
+    let stream = file.metadata().unwrap();
+    sidehill()
+        .args(["run", config.to_str().unwrap()])
+        .args(arguments)
+        .env(
+            "JOURNAL_STREAM",
+            format!("{}:{}", stream.dev(), stream.ino()),
+        )
+        .stderr(file.try_clone().unwrap())
+        .stdout(file)
+        .status()
+        .unwrap();
+    let text = std::fs::read_to_string(path).unwrap();
+    text.lines().map(str::to_owned).collect()
+}
+
+#[test]
+fn without_a_terminal_the_state_is_printed_when_it_changes() {
+    let file = configuration("states", &SIMULATED);
+    let lines = journal("log", &file, &["--arm", "--duration-s", "6"]);
+    let lines: Vec<serde_json::Value> = lines
+        .iter()
+        .map(|line| serde_json::from_str(line.strip_prefix("<6>").unwrap()).unwrap())
+        .collect();
+    let is_state = |line: &&serde_json::Value| line.get("lateness_s").is_some();
+    let states: Vec<_> = lines.iter().filter(is_state).collect();
+    assert!(
+        states.iter().any(|line| line["state"] == "driving"),
+        "{lines:?}"
+    );
+    for pair in states.windows(2) {
+        let key = |line: &serde_json::Value| (line["state"].clone(), line["waits_for"].clone());
+        assert_ne!(key(pair[0]), key(pair[1]));
+    }
+    assert_eq!(lines.last().unwrap()["ended"], "time_over");
+}
+
+#[test]
+fn lines_have_the_priorities_of_syslog_for_the_journal_and_only_those_asked_for_are_printed() {
+    let file = configuration("priorities", &[("run_vcan0.yaml", "vcan0", "nocan7")]);
+    let arguments = ["--format", "text", "--duration-s", "2.5", "--log-level"];
+    let log = |level: &'static str| journal("log", &file, &[&arguments[..], &[level]].concat());
+    let lines = log("warn");
+    assert!(!lines.is_empty());
+    for line in &lines {
+        assert!(line.starts_with("<4>"), "{lines:?}");
+    }
+    assert!(
+        lines.iter().any(|line| line.contains("waits for bus")),
+        "{lines:?}"
+    );
+    let lines = log("debug");
+    let count = |prefix: &str| lines.iter().filter(|line| line.starts_with(prefix)).count();
+    // Start, state and end; a warning for each missing input; and a state each second.
+    assert!(
+        count("<6>") >= 3 && count("<4>") >= 1 && count("<7>") >= 1,
+        "{lines:?}"
+    );
+    assert_eq!(count("<"), lines.len(), "{lines:?}");
+    // A file that is wrong is told as an error.
+    let missing = file.with_file_name("no_such_file.yaml");
+    let lines = journal("log", &missing, &[]);
+    assert!(lines[0].starts_with("<3>sidehill-drive: "), "{lines:?}");
 }

@@ -5,6 +5,7 @@
 
 use super::client::{Client, serve};
 use super::lock::lock;
+use super::metrics::Form;
 use super::outgoing::Registered;
 use super::page::{HTML, PROTOCOL as PAGE_PROTOCOL};
 use super::page_client;
@@ -21,7 +22,7 @@ use tungstenite::WebSocket;
 use tungstenite::handshake::machine::TryParse;
 use tungstenite::handshake::server::{Request, create_response, write_response};
 use tungstenite::http::HeaderValue;
-use tungstenite::http::header::{HeaderName, ORIGIN, SEC_WEBSOCKET_PROTOCOL, UPGRADE};
+use tungstenite::http::header::{ACCEPT, HeaderName, ORIGIN, SEC_WEBSOCKET_PROTOCOL, UPGRADE};
 use tungstenite::protocol::{Role, WebSocketConfig};
 
 /// Longest wait for the whole head of a request.
@@ -137,14 +138,20 @@ fn answer(
         return refuse(&mut stream, "403 Forbidden", text);
     }
     if !is_upgrade(request) {
-        if request.uri().path() != "/" {
-            return refuse(&mut stream, "404 Not Found", "There is only the page at /.");
+        let path = request.uri().path();
+        if !["/", "/metrics"].contains(&path) {
+            let text = "There are only the page at / and the metrics at /metrics.";
+            return refuse(&mut stream, "404 Not Found", text);
         }
         let Some(place) = Place::take(shared, Kind::Download) else {
             return refuse(&mut stream, BUSY, "Too many clients load the page.");
         };
+        let answer = match path {
+            "/metrics" => metrics(request, shared),
+            _ => [&page_head(), HTML].concat(),
+        };
         return spawn(move || {
-            let _ = give(&mut stream, &place);
+            let _ = give(&mut stream, &answer, &place);
         });
     }
     let offered = request.headers().get_all(SEC_WEBSOCKET_PROTOCOL);
@@ -235,13 +242,24 @@ fn refuse(stream: &mut TcpStream, status: &str, text: &str) -> Result<(), tungst
     Ok(())
 }
 
-/// Sends the page, within [`PAGE_WAIT`].
-fn give(stream: &mut TcpStream, _place: &Place) -> std::io::Result<()> {
+/// Returns head and text of the metrics.
+fn metrics(request: &Request, shared: &Shared) -> String {
+    let form = Form::accepted(text(request, &ACCEPT).unwrap_or_default());
+    let body = lock(&shared.metrics).text(form);
+    format!(
+        "HTTP/1.1 200 OK\r\nContent-Type: {}\r\nContent-Length: {}\r\nX-Content-Type-Options: nosniff\r\n\
+         Cache-Control: no-store\r\nConnection: close\r\n\r\n{body}",
+        form.content_type(),
+        body.len()
+    )
+}
+
+/// Sends an answer, within [`PAGE_WAIT`].
+fn give(stream: &mut TcpStream, answer: &str, _place: &Place) -> std::io::Result<()> {
     stream.set_nonblocking(false)?;
     stream.set_write_timeout(Some(SEND_WAIT))?;
     let since = Instant::now();
-    let page = [&page_head(), HTML].concat();
-    let mut left = page.as_bytes();
+    let mut left = answer.as_bytes();
     while !left.is_empty() && since.elapsed() < PAGE_WAIT {
         let count = stream.write(left)?;
         left = &left[count..];

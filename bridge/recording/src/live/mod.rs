@@ -8,6 +8,7 @@
 mod client;
 mod door;
 mod lock;
+mod metrics;
 mod outgoing;
 mod page;
 mod page_client;
@@ -27,6 +28,7 @@ pub use parameters::{ParameterOwner, SetRequest, Values};
 use playback::Playback;
 pub use playback::{PlaybackControl, PlaybackRequest, PlaybackState, PlaybackStatus};
 use shared::{Kind, Shared};
+use sidehill_bridge::safety::Transition;
 use std::net::{SocketAddr, TcpListener};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
@@ -82,6 +84,7 @@ impl LiveView {
             clients: Mutex::default(),
             latched: Mutex::default(),
             page: Mutex::new(Page::new()),
+            metrics: Mutex::default(),
             parameters: Arc::new(LiveParameters::new(fixed)),
             playback,
             token,
@@ -117,6 +120,11 @@ impl LiveView {
     /// Returns the clients of the Foxglove protocol that are connected.
     pub fn clients(&self) -> usize {
         self.shared.taken[Kind::Foxglove as usize].load(Ordering::Relaxed)
+    }
+
+    /// Counts a change of state in the metrics, if it is a stop.
+    pub fn transition(&self, transition: &Transition) {
+        lock(&self.shared.metrics).transition(transition);
     }
 
     /// Puts something into the queues of the clients that are to have it.
@@ -163,6 +171,7 @@ impl MessageSink for LiveView {
         }
         drop(latched);
         lock(&shared.page).take(&message);
+        lock(&shared.metrics).take(&message);
         self.send(&Outgoing::Message(message), |client| {
             client.wanted.load(Ordering::Relaxed) & protocol::bit(topic) != 0
         });

@@ -56,7 +56,7 @@ const LIVE: Kept = Kept {
     events: 200,
 };
 /// Age from which on a message is not shown as the present, ns.
-const OLD_NS: u64 = 1_000_000_000;
+pub(super) const OLD_NS: u64 = 1_000_000_000;
 
 /// What a frame holds, in this order; not a number where it is not known. Units: s, m, rad, m/s; `state` counts
 /// [`STATES`].
@@ -94,7 +94,7 @@ const COLUMNS: [&str; 30] = [
 ];
 
 /// States of safety, as [`LoopCycle`] names them.
-const STATES: [&str; 6] = [
+pub(super) const STATES: [&str; 6] = [
     "disarmed", "zeroing", "enabling", "driving", "stopping", "latched",
 ];
 

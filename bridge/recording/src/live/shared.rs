@@ -1,6 +1,7 @@
 //! What the threads of the live view share.
 
 use super::lock::lock;
+use super::metrics::Metrics;
 use super::outgoing::{Registered, TopicMessage};
 use super::page::Page;
 use super::parameters::LiveParameters;
@@ -16,6 +17,7 @@ pub(super) struct Shared {
     /// Messages that a client gets when it subscribes: the newest path, and the scene that stays.
     pub(super) latched: Mutex<BTreeMap<Topic, TopicMessage>>,
     pub(super) page: Mutex<Page>,
+    pub(super) metrics: Mutex<Metrics>,
     pub(super) parameters: Arc<LiveParameters>,
     /// Control over what is played; none where nothing is.
     pub(super) playback: Option<Playback>,
@@ -34,7 +36,7 @@ pub(super) enum Kind {
     Foxglove,
     /// A page that is shown.
     Page,
-    /// A page on its way.
+    /// A page or metrics on their way.
     Download,
 }
 

@@ -392,6 +392,23 @@ fn a_page_gets_what_happens_and_cannot_say_anything() {
 }
 
 #[test]
+fn a_monitoring_system_gets_metrics() {
+    let mut view = view();
+    put_cycles(&mut view, 0..2);
+    let answer = request(&view, "/metrics");
+    let (head, text) = answer.split_once("\r\n\r\n").unwrap();
+    assert!(head.starts_with("HTTP/1.1 200 OK\r\n"), "{head}");
+    let kind = "Content-Type: application/openmetrics-text; version=1.0.0; charset=utf-8\r\n";
+    assert!(head.contains(kind), "{head}");
+    assert!(
+        head.contains(&format!("Content-Length: {}", text.len())),
+        "{head}"
+    );
+    assert!(text.contains("\nsidehill_cycles_total 10\n"), "{text}");
+    assert!(text.ends_with("# EOF\n"), "{text}");
+}
+
+#[test]
 fn without_the_token_nothing_is_shown() {
     let view = LiveView::start(here(Some("correct-horse")), Values::new()).unwrap();
     for query in [
@@ -401,8 +418,12 @@ fn without_the_token_nothing_is_shown() {
         "?token=correct-horse2",
         "?other=correct-horse",
     ] {
+        for path in ["/", "/metrics"] {
+            let answer = request(&view, &format!("{path}{query}"));
+            assert!(answer.starts_with("HTTP/1.1 403 "), "{query}: {answer}");
+            assert!(!answer.contains("# EOF"));
+        }
         let answer = request(&view, &format!("/{query}"));
-        assert!(answer.starts_with("HTTP/1.1 403 "), "{query}: {answer}");
         assert!(!answer.contains("<script>") && !answer.contains("correct-horse"));
         for protocol in [page::PROTOCOL, protocol::NAMES[0], "other"] {
             assert_eq!(open(&view, protocol, query).err(), Some(403), "{query}");

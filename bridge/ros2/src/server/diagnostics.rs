@@ -260,7 +260,7 @@ fn summary(status: &LoopStatus, decision: &Decision, server: &ServerStatus<'_>) 
         (SafetyState::Zeroing | SafetyState::Enabling, _) => with(level::OK, &"is being armed"),
         (SafetyState::Stopping, _) => with(level::WARN, &"stops"),
         (SafetyState::Disarmed | SafetyState::Latched, _) => {
-            match status.stopped_by.filter(is_fault) {
+            match status.stopped_by.filter(Reason::is_fault) {
                 Some(reason) if status.row.state == SafetyState::Latched => {
                     with(level::ERROR, &reason)
                 }
@@ -279,15 +279,6 @@ fn waits_for(inputs: &[Input]) -> String {
     let missing = inputs.iter().filter(|input| input.missing.is_some());
     let missing: Vec<String> = missing.map(Input::to_string).collect();
     missing.join("; ")
-}
-
-/// Returns whether a drive has ended for a fault.
-fn is_fault(reason: &Reason) -> bool {
-    match reason {
-        Reason::Finished => false,
-        Reason::Requested(cause) => cause.is_fault(),
-        _ => true,
-    }
 }
 
 #[cfg(test)]
