@@ -104,6 +104,22 @@ def test_the_gymnasium_baselines_keep_their_paths():
         assert slope[0] > level[0] > pursuit[0] and slope[1] < 0.05 and slope[1] < level[1]
 
 
+def test_rovers_whose_paths_cross_pass_each_other():
+    crossing = importlib.import_module("crossing")
+    fleet, nearest_m = crossing.main()
+    # Corners of two rovers of 0.9 m by 0.7 m, and their wheels, are apart.
+    assert nearest_m > 1.2
+    for rover in fleet:
+        assert rover.simulation.finished and max(map(abs, rover.errors_m)) < 0.02
+    waited = [rover.waited_s for rover in fleet]
+    assert waited[0] == 0 < waited[1] < waited[2]
+    # As in a loop without threads, and without waiting they meet.
+    again, again_m = crossing.main()
+    assert again_m == nearest_m and [rover.errors_m for rover in again] == [rover.errors_m for rover in fleet]
+    crossing.GIVES_WAY_M = 0.0
+    assert crossing.main()[1] < 0.2
+
+
 def test_the_notebook_leads_from_logs_to_a_tuned_scenario(tmp_path, monkeypatch):
     nbformat, nbclient = pytest.importorskip("nbformat"), pytest.importorskip("nbclient")
     monkeypatch.setenv("SIDEHILL_REPOSITORY", str(EXAMPLES.parents[2]))

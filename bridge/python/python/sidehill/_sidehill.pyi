@@ -625,6 +625,11 @@ def simulate(
     ValueError naming the argument or setting; what a plant object or a callable raises comes through as it is.
     """
 
+def drive(
+    simulations: list[Simulation], told_m_s: _Floats | None, dt_s: _Floats, ahead_s: _Floats, threads: int
+) -> _Floats:
+    """Drives simulations side by side; `sidehill.gym` documents it."""
+
 def contact_from_geometry(
     length_m: float,
     width_m: float,
