@@ -178,7 +178,7 @@ def by_hand(vehicle: sidehill.Vehicle, slope_deg: float, speeds: Iterator[tuple[
         rows.append((simulation.time_s, *simulation.pose, *simulation.attitude_rad, left, right))
         simulation.step(left, right, 0.05)
     names = ("time_s", "x_m", "y_m", "z_m", "yaw_rad", "roll_rad", "pitch_rad", "v_left_m_s", "v_right_m_s")
-    log = dict(zip(names, np.array(rows).T, strict=True))
+    log: Log = dict(zip(names, np.array(rows).T, strict=True))
     random = np.random.default_rng(seed)
     for key, deviation in (("x_m", POSE_NOISE_M), ("y_m", POSE_NOISE_M), ("z_m", POSE_NOISE_M), ("yaw_rad", YAW_NOISE_RAD),
                            ("roll_rad", ATTITUDE_NOISE_RAD), ("pitch_rad", ATTITUDE_NOISE_RAD)):  # fmt: skip
@@ -245,6 +245,6 @@ def main(out: Path) -> dict[str, tuple[float, float]]:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--out", type=Path, default=Path("out"))
     main(parser.parse_args().out)

@@ -63,6 +63,8 @@ def identify(
 def odometry(log: Log, vehicle: Vehicle, columns: str | os.PathLike[str] | None = None) -> dict[str, Any]:
     """Judges dead reckoning of a log against its poses, as Table II of the paper.
 
+    vehicle: whose parameters are used. columns: as in `identify`.
+
     Returns what `sidehill odometry --format json` prints: `samples`, and for `icrhk`, `icrik` and `diff_drive` the mean
     squared errors `mse_x`, `mse_y`, `mse_z` (m^2), `mse_yaw` (rad^2) and `j_over_n`, their sum.
 

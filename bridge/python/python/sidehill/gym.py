@@ -159,9 +159,10 @@ class PathTracking(gymnasium.Env[_Floats, _Floats]):
 class VectorPathTracking(gymnasium.vector.VectorEnv[_Floats, _Floats, npt.NDArray[Any]]):
     """As many PathTracking as `num_envs`, which drive on threads without the interpreter's lock.
 
+    scenario: what all drive, or a function that is called for each episode of each.
     threads: their number; as many as there are processors by default.
 
-    The other arguments, spaces, rewards and infos are those of PathTracking, with an axis for the environments first.
+    The other arguments (`keywords`), spaces, rewards and infos are those of PathTracking, with an axis for the environments first.
     Trajectories are those of `gymnasium.vector.SyncVectorEnv` of PathTracking bit by bit, on any number of threads. One
     whose episode has ended begins the next one at the next step (AutoresetMode.NEXT_STEP), which leaves out its action.
 
@@ -222,7 +223,7 @@ class VectorPathTracking(gymnasium.vector.VectorEnv[_Floats, _Floats, npt.NDArra
         begins, drives = np.flatnonzero(self._over), np.flatnonzero(~self._over)
         step = _drive(self.envs[0], [self.envs[index] for index in drives], actions[drives], self.threads)
         if begins.size:
-            spread = _Step(*(np.zeros((count, *part.shape[1:]), part.dtype) for part in step))
+            spread = _Step._make(np.zeros((count, *part.shape[1:]), part.dtype) for part in step)
             for whole, part in zip(spread, step, strict=True):
                 whole[drives] = part
             step = spread
@@ -294,7 +295,7 @@ class Baseline:
         if not isinstance(tracking, PathTracking):
             raise ValueError(f"env: a {PathTracking.__name__} is needed, not {env!r}")
         self._env = tracking
-        self._kind = kind
+        self._kind: Kind = kind
         self._controller: Controller | None = None
         self.decision: Decision | None = None
         """What the controller decided last."""
@@ -304,7 +305,7 @@ class Baseline:
         self._controller = Controller(self._env.scenario, self._kind, self._env.vehicle)
 
     def __call__(self, observation: Any = None) -> _Floats:
-        """Returns the action of this step, shape (2,)."""
+        """Returns the action of this step, shape (2,); the observation is not needed. Raises what Controller.step does."""
         if self._controller is None:
             self.reset()
         assert self._controller is not None
