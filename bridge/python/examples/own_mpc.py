@@ -88,7 +88,6 @@ def main(out: Path) -> list[dict[str, Any]]:
     vehicle = sidehill.Vehicle.from_geometry(length_m=0.9, width_m=0.7, wheel_radius_m=0.15, mass_kg=120, speed_m_s=1.2)
     scenario = sidehill.Scenario(path=path(), vehicle=vehicle, name="two bends")
     rows: list[dict[str, Any]] = []
-    result: sidehill.SimulationResult | None = None
     for slope_deg in SLOPES_DEG:
         for lambda_2_s_per_rad in LAMBDA_2_S_PER_RAD:
             result = sidehill.simulate(
@@ -105,8 +104,7 @@ def main(out: Path) -> list[dict[str, Any]]:
                     f"RMS {100 * run['cross_track_rms_m']:5.2f} cm, largest {100 * run['cross_track_max_m']:5.2f} cm"
                 )
     out.mkdir(parents=True, exist_ok=True)
-    if result is not None:
-        result.plot().savefig(out / "own_mpc.png")
+    result.plot().savefig(out / "own_mpc.png")
     return rows
 
 

@@ -2,6 +2,7 @@
 
 import importlib
 import sys
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,12 +13,12 @@ ca = pytest.importorskip("casadi")
 
 
 @pytest.fixture
-def example(monkeypatch):
+def example(monkeypatch: pytest.MonkeyPatch) -> Any:
     monkeypatch.setattr(sys, "path", [str(REPOSITORY / "bridge/python/examples"), *sys.path])
     return importlib.import_module("icrik_casadi")
 
 
-def compare(example, vehicle, state, given, attitude, smoothing_m_s=None):
+def compare(example: Any, vehicle: Any, state: Any, given: Any, attitude: Any, smoothing_m_s: Any = None) -> None:
     """Both models' rates and Jacobians, largest difference per kind."""
     smoothing = {} if smoothing_m_s is None else {"smoothing_m_s": smoothing_m_s}
     ours = sidehill.linearise(vehicle, "icrik", state, given, attitude, **smoothing)
@@ -29,12 +30,14 @@ def compare(example, vehicle, state, given, attitude, smoothing_m_s=None):
     for k in range(len(state)):
         values = [np.array(each) for each in all_of(state[k], given[k], normal[k])]
         for found, expected in zip(values, (ours.f[k][:, None], ours.A[k], ours.B[k]), strict=True):
-            np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-10, err_msg=f"{state[k]} {given[k]} {attitude[k]}")
+            np.testing.assert_allclose(
+                found, expected, rtol=1e-9, atol=1e-10, err_msg=f"{state[k]} {given[k]} {attitude[k]}"
+            )
 
 
 @pytest.mark.parametrize("name", ["j8", "lazaro"])
 @pytest.mark.parametrize("smoothing_m_s", [None, 0.1])
-def test_rates_and_jacobians_are_the_librarys(example, name, smoothing_m_s):
+def test_rates_and_jacobians_are_the_librarys(example: Any, name: Any, smoothing_m_s: Any) -> None:
     vehicle = sidehill.Vehicle.load(repository(f"config/vehicles/{name}.yaml"))
     random = np.random.default_rng(7)
     state = random.uniform([-9, -9, -7], [9, 9, 7], (400, 3))
@@ -44,20 +47,20 @@ def test_rates_and_jacobians_are_the_librarys(example, name, smoothing_m_s):
     compare(example, vehicle, state, given, attitude, smoothing_m_s)
 
 
-def test_at_kinks_both_take_the_same_side(example, j8):
+def test_at_kinks_both_take_the_same_side(example: Any, j8: sidehill.Vehicle) -> None:
     state = np.zeros((6, 3))
     given = np.array([[0, 0], [0.3, 0], [0, 0.3], [0.4, -0.2], [0.4, 0.2], [-0.4, 0.2]], float)
     for attitude in ([0, 0], [0.1, 0], [0, 0.1], [0, -0.1]):
         compare(example, j8, state, given, np.tile(np.array(attitude, float), (6, 1)))
 
 
-def test_a_vehicle_with_other_terms_is_refused(example):
+def test_a_vehicle_with_other_terms_is_refused(example: Any) -> None:
     vehicle = sidehill.Vehicle.load(repository("config/vehicles/j8_contact_identified.yaml"))
     with pytest.raises(ValueError, match="vehicle: j8-contact-identified has an extension"):
         example.icrik(vehicle)
 
 
 @pytest.mark.filterwarnings("default")
-def test_the_mpc_in_casadi_drives_beside_ours(example):
+def test_the_mpc_in_casadi_drives_beside_ours(example: Any) -> None:
     errors = example.main()
     assert errors["icrik-mpc"] < errors["CasadiMpc"] < errors["icrhk-mpc"] / 2

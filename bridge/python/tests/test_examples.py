@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 import sidehill
@@ -14,15 +15,15 @@ EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 
 
 @pytest.fixture(autouse=True)
-def found(monkeypatch):
+def found(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "path", [str(EXAMPLES), *sys.path])
 
 
-def test_the_loop_of_ones_own():
+def test_the_loop_of_ones_own() -> None:
     assert 0 < importlib.import_module("closed_loop").main() < 0.03
 
 
-def test_the_two_commands_of_the_readmes_are_those_that_ci_runs():
+def test_the_two_commands_of_the_readmes_are_those_that_ci_runs() -> None:
     repository = EXAMPLES.parents[2]
     commands = ["pip install ./bridge/python", "python bridge/python/examples/closed_loop.py"]
     for page in ("README.md", "bridge/python/README.md", "docs/python.md"):
@@ -36,7 +37,7 @@ def test_the_two_commands_of_the_readmes_are_those_that_ci_runs():
 
 
 @pytest.mark.filterwarnings("default")
-def test_the_figures_of_the_paper(tmp_path):
+def test_the_figures_of_the_paper(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
     paper = importlib.import_module("paper_figures")
     errors = paper.main(tmp_path)
@@ -54,7 +55,7 @@ def test_the_figures_of_the_paper(tmp_path):
 
 
 @pytest.mark.filterwarnings("default")
-def test_the_tables_of_the_paper():
+def test_the_tables_of_the_paper() -> None:
     pytest.importorskip("matplotlib")
     paper = importlib.import_module("paper_figures")
     for key, (value, found, half_width) in paper.table_1().items():
@@ -69,7 +70,7 @@ def test_the_tables_of_the_paper():
 
 
 @pytest.mark.filterwarnings("default")
-def test_an_mpc_of_ones_own_drives_beside_ours(tmp_path):
+def test_an_mpc_of_ones_own_drives_beside_ours(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
     rows = importlib.import_module("own_mpc").main(tmp_path)
     assert len(rows) == 18 and all(row["completed"] for row in rows)
@@ -81,7 +82,7 @@ def test_an_mpc_of_ones_own_drives_beside_ours(tmp_path):
 
 
 @pytest.mark.filterwarnings("default")
-def test_a_rover_in_mujoco_keeps_its_path(tmp_path):
+def test_a_rover_in_mujoco_keeps_its_path(tmp_path: Path) -> None:
     pytest.importorskip("mujoco")
     result = importlib.import_module("mujoco_rover").main(tmp_path)
     own, level = result.metrics["runs"]
@@ -91,7 +92,7 @@ def test_a_rover_in_mujoco_keeps_its_path(tmp_path):
     assert (tmp_path / "mujoco_rover.png").stat().st_size > 50_000
 
 
-def test_without_a_display_and_egl_the_rover_says_that_there_is_no_picture(tmp_path):
+def test_without_a_display_and_egl_the_rover_says_that_there_is_no_picture(tmp_path: Path) -> None:
     pytest.importorskip("mujoco")
     bare = {name: value for name, value in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY")}
     code = "import mujoco_rover, pathlib; mujoco_rover.picture(None, [], pathlib.Path('none.png'))"
@@ -106,7 +107,7 @@ def test_without_a_display_and_egl_the_rover_says_that_there_is_no_picture(tmp_p
 
 @pytest.mark.filterwarnings("default")
 @pytest.mark.parametrize("seeds", [0, 1])
-def test_contact_mpc_is_ahead_on_a_vehicle_in_mujoco(monkeypatch, seeds):
+def test_contact_mpc_is_ahead_on_a_vehicle_in_mujoco(monkeypatch: pytest.MonkeyPatch, seeds: Any) -> None:
     pytest.importorskip("mujoco")
     monkeypatch.setattr(sys, "path", [str(EXAMPLES.parent / "benches"), *sys.path])
     name = "six wheels, 300 kg"
@@ -117,7 +118,7 @@ def test_contact_mpc_is_ahead_on_a_vehicle_in_mujoco(monkeypatch, seeds):
 
 
 @pytest.mark.filterwarnings("default")
-def test_the_gymnasium_baselines_keep_their_paths():
+def test_the_gymnasium_baselines_keep_their_paths() -> None:
     pytest.importorskip("gymnasium")
     found = importlib.import_module("gym_baseline").main(episodes=2)
     for kind, episodes in found.items():
@@ -127,7 +128,7 @@ def test_the_gymnasium_baselines_keep_their_paths():
         assert slope[0] > level[0] > pursuit[0] and slope[1] < 0.05 and slope[1] < level[1]
 
 
-def test_rovers_whose_paths_cross_pass_each_other():
+def test_rovers_whose_paths_cross_pass_each_other(monkeypatch: pytest.MonkeyPatch) -> None:
     crossing = importlib.import_module("crossing")
     fleet, nearest_m = crossing.main()
     # Corners of two rovers of 0.9 m by 0.7 m, and their wheels, are apart.
@@ -139,11 +140,11 @@ def test_rovers_whose_paths_cross_pass_each_other():
     # As in a loop without threads, and without waiting they meet.
     again, again_m = crossing.main()
     assert again_m == nearest_m and [rover.errors_m for rover in again] == [rover.errors_m for rover in fleet]
-    crossing.GIVES_WAY_M = 0.0
+    monkeypatch.setattr(crossing, "GIVES_WAY_M", 0.0)
     assert crossing.main()[1] < 0.2
 
 
-def executed(name, folder):
+def executed(name: Any, folder: Any) -> Any:
     """Runs a notebook in a folder; returns the text that it prints and its pictures."""
     nbformat, nbclient = pytest.importorskip("nbformat"), pytest.importorskip("nbclient")
     notebook = nbformat.read(EXAMPLES / f"{name}.ipynb", as_version=4)
@@ -157,7 +158,7 @@ def executed(name, folder):
     return "".join(output.get("text", "") for output in outputs), images
 
 
-def test_the_notebook_leads_from_logs_to_a_tuned_scenario(tmp_path, monkeypatch):
+def test_the_notebook_leads_from_logs_to_a_tuned_scenario(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("SIDEHILL_REPOSITORY", str(EXAMPLES.parents[2]))
     monkeypatch.setenv("SIDEHILL_QUICK", "1")
     printed, images = executed("identify_and_tune", tmp_path)
@@ -169,7 +170,7 @@ def test_the_notebook_leads_from_logs_to_a_tuned_scenario(tmp_path, monkeypatch)
     assert tuned.vehicle.correction_left != 1 and tuned.vehicle.lambda_1_s_per_rad != 0.2
 
 
-def test_a_researchers_day_is_one_notebook(tmp_path, monkeypatch):
+def test_a_researchers_day_is_one_notebook(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for module in ("casadi", "osqp", "pandas"):
         pytest.importorskip(module)
     monkeypatch.setenv("SIDEHILL_REPOSITORY", str(EXAMPLES.parents[2]))

@@ -1,10 +1,13 @@
 """The Gymnasium environment."""
 
 import math
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import sidehill
+from conftest import untyped
 
 gymnasium = pytest.importorskip("gymnasium")
 from gymnasium.utils.env_checker import check_env  # noqa: E402
@@ -12,7 +15,7 @@ from sidehill.gym import Baseline, PathTracking, VectorPathTracking  # noqa: E40
 
 
 @pytest.mark.parametrize("plant", [None, "contact"])
-def test_gymnasiums_own_checks_pass(short, plant):
+def test_gymnasiums_own_checks_pass(short: sidehill.Scenario, plant: Any) -> None:
     pytest.importorskip("matplotlib")
     env = gymnasium.make("sidehill/PathTracking-v0", scenario=short, plant=plant, render_mode="rgb_array")
     # Warnings are errors.
@@ -20,24 +23,25 @@ def test_gymnasiums_own_checks_pass(short, plant):
     assert env.observation_space.is_bounded() and env.unwrapped.metadata["render_fps"] == 20
 
 
-def test_what_is_far_off_is_clipped_to_the_bounds(short):
+def test_what_is_far_off_is_clipped_to_the_bounds(short: sidehill.Scenario) -> None:
     env = PathTracking(short, lost_m=0.1, speed_max_m_s=0.1)
     observation, _ = env.reset(seed=1)
     assert observation in env.observation_space
+    high = untyped(env.observation_space).high
     # The path's reference soon is farther than such a slow vehicle comes.
-    assert observation[7 + 3 * 5 + 1] == env.observation_space.high[7 + 3 * 5 + 1] == np.float32(2 * (0.1 + 0.1 * 6))
+    assert observation[7 + 3 * 5 + 1] == high[7 + 3 * 5 + 1] == np.float32(2 * (0.1 + 0.1 * 6))
     over = False
     while not over:
         observation, _, over, _, _ = env.step(np.array([0.5, 1.0]))
         assert observation in env.observation_space
 
 
-def test_a_picture_shows_where_the_vehicle_is(short):
+def test_a_picture_shows_where_the_vehicle_is(short: sidehill.Scenario) -> None:
     pytest.importorskip("matplotlib")
     env = PathTracking(short, render_mode="rgb_array")
     env.reset(seed=1)
 
-    def red_at(picture):
+    def red_at(picture: Any) -> Any:
         rows, columns = np.nonzero((picture[..., 0] > 180) & (picture[..., 1] < 90) & (picture[..., 2] < 90))
         assert rows.size > 20
         return rows.mean(), columns.mean()
@@ -58,8 +62,8 @@ def test_a_picture_shows_where_the_vehicle_is(short):
         assert env.render() is None
 
 
-def random_slope(short):
-    def scenario(random):
+def random_slope(short: sidehill.Scenario) -> Any:
+    def scenario(random: Any) -> Any:
         slope_deg = float(random.uniform(0, 15))
         return short.with_(terrain={"kind": "plane", "slope_deg": slope_deg, "uphill_heading_deg": 20})
 
@@ -68,7 +72,7 @@ def random_slope(short):
 
 @pytest.mark.parametrize("threads", [1, 3])
 @pytest.mark.parametrize("plant", [None, "contact"])
-def test_a_vector_is_single_environments_bit_by_bit(short, threads, plant):
+def test_a_vector_is_single_environments_bit_by_bit(short: sidehill.Scenario, threads: Any, plant: Any) -> None:
     count, keywords = 5, {"scenario": random_slope(short), "plant": plant, "lost_m": 0.4}
     ours = gymnasium.make_vec("sidehill/PathTracking-v0", num_envs=count, threads=threads, **keywords)
     single = gymnasium.vector.SyncVectorEnv([lambda: PathTracking(**keywords)] * count)
@@ -76,7 +80,7 @@ def test_a_vector_is_single_environments_bit_by_bit(short, threads, plant):
     assert ours.observation_space == single.observation_space and ours.action_space == single.action_space
     assert ours.metadata == single.metadata
 
-    def same(found, expected):
+    def same(found: Any, expected: Any) -> None:
         *arrays, infos = found
         *others, expected_infos = expected
         for array, other in zip(arrays, others, strict=True):
@@ -101,7 +105,7 @@ def test_a_vector_is_single_environments_bit_by_bit(short, threads, plant):
     same(ours.reset(seed=[4, 5, 6, 7, 8]), single.reset(seed=[4, 5, 6, 7, 8]))
 
 
-def test_all_may_end_at_once(short):
+def test_all_may_end_at_once(short: sidehill.Scenario) -> None:
     envs = VectorPathTracking(short, num_envs=2, lost_m=0.01)
     envs.reset(seed=1)
     for _ in range(100):
@@ -113,7 +117,7 @@ def test_all_may_end_at_once(short):
     assert not terminated.any() and not rewards.any() and (observations[:, 0] == 0).all()
 
 
-def episode(env, policy, seed):
+def episode(env: Any, policy: Any, seed: Any) -> Any:
     observation, info = env.reset(seed=seed)
     if isinstance(policy, Baseline):
         policy.reset()
@@ -126,7 +130,7 @@ def episode(env, policy, seed):
             return np.array(observations), np.array(rewards), info, terminated
 
 
-def test_the_baseline_tracks_and_a_seed_repeats_every_bit(short):
+def test_the_baseline_tracks_and_a_seed_repeats_every_bit(short: sidehill.Scenario) -> None:
     env = PathTracking(short, plant="contact")
     first = episode(env, Baseline(env), seed=4)
     observations, rewards, info, terminated = first
@@ -139,7 +143,7 @@ def test_the_baseline_tracks_and_a_seed_repeats_every_bit(short):
     np.testing.assert_array_equal(first[1], again[1])
 
 
-def test_an_observation_is_what_it_is_named_for(short):
+def test_an_observation_is_what_it_is_named_for(short: sidehill.Scenario) -> None:
     env = PathTracking(short, preview_s=(0.0, 4.0))
     observation, info = env.reset(seed=1)
     assert observation.shape == env.observation_space.shape == (13,)
@@ -157,15 +161,15 @@ def test_an_observation_is_what_it_is_named_for(short):
     assert observation[0] > 0.05 and observation[2] > 0.1 and observation[7] > 0.05 and observation[12] < -0.1
 
 
-def test_who_leaves_the_path_is_lost(short):
+def test_who_leaves_the_path_is_lost(short: sidehill.Scenario) -> None:
     env = PathTracking(short, lost_m=0.4)
     observations, rewards, info, terminated = episode(env, lambda _: np.array([-1.0, 0.0]), seed=1)
     assert terminated and info["finished"] is False and rewards[-1] <= -PathTracking.LOST_COST
     assert len(rewards) < 60
 
 
-def test_a_function_makes_another_scenario_for_each_episode(short):
-    def scenario(random):
+def test_a_function_makes_another_scenario_for_each_episode(short: sidehill.Scenario) -> None:
+    def scenario(random: Any) -> Any:
         slope_deg = float(random.uniform(0, 15))
         return short.with_(terrain={"kind": "plane", "slope_deg": slope_deg, "uphill_heading_deg": 0})
 
@@ -189,7 +193,7 @@ def test_a_function_makes_another_scenario_for_each_episode(short):
         ({"render_mode": "human"}, "render_mode: "),
     ],
 )
-def test_what_is_wrong_is_named(short, keywords, part):
+def test_what_is_wrong_is_named(short: sidehill.Scenario, keywords: Any, part: Any) -> None:
     with pytest.raises(ValueError, match=part):
         PathTracking(**({"scenario": short} | keywords))
     with pytest.raises(ValueError, match=part):
@@ -198,7 +202,7 @@ def test_what_is_wrong_is_named(short, keywords, part):
         Baseline(gymnasium.Env())
 
 
-def test_a_wrong_step_is_refused_and_named(short):
+def test_a_wrong_step_is_refused_and_named(short: sidehill.Scenario) -> None:
     env, envs = PathTracking(short), VectorPathTracking(short, num_envs=3)
     env.reset(seed=1)
     envs.reset(seed=1)

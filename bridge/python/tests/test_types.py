@@ -59,9 +59,9 @@ def check(*arguments: object) -> None:
 
 def test_the_package_its_use_examples_and_tests_are_typed(tmp_path: Path) -> None:
     (tmp_path / "use.py").write_text(USE)
-    checked = (tmp_path / "use.py", PACKAGE, *sorted((WHEEL / "examples").glob("*.py")), *sorted((WHEEL / "tests").glob("*.py")))
+    checked = tmp_path / "use.py", PACKAGE, *(WHEEL / "examples").glob("*.py"), *(WHEEL / "tests").glob("*.py")
     check("mypy", "--config-file", WHEEL / "pyproject.toml", "--cache-dir", tmp_path / "cache", *checked)
-    check("pyright", "--pythonpath", sys.executable, "--level", "error", *checked)
+    check("pyright", "--project", WHEEL, "--pythonpath", sys.executable, "--level", "error", *checked)
 
 
 def test_the_stub_of_the_core_is_complete() -> None:

@@ -626,9 +626,7 @@ def simulate(
     ValueError naming the argument or setting; what a plant object or a callable raises comes through as it is.
     """
 
-def drive(
-    simulations: list[Simulation], told_m_s: _Floats | None, dt_s: _Floats, ahead_s: _Floats, threads: int
-) -> _Floats:
+def drive(simulations: list[Simulation], told_m_s: _Floats | None, dt_s: _Floats, ahead_s: _Floats, threads: int) -> _Floats:
     """Drives simulations side by side; `sidehill.gym` documents it."""
 
 def contact_from_geometry(
@@ -691,6 +689,7 @@ def identify(
     contact: bool,
 ) -> Identification: ...
 def odometry(log: _Text, vehicle: Vehicle, columns: _Path | None) -> dict[str, Any]: ...
+
 @final
 class Campaign:
     @staticmethod

@@ -127,7 +127,7 @@ class PathTracking(gymnasium.Env[_Floats, _Floats]):
         row = _sidehill.drive([self.simulation], None, np.array([period_s]), self._preview_s, 1)
         return _observed(row, self)[0], {"cross_track_m": float(row[0, 0])}
 
-    def step(self, action: _Floats) -> tuple[_Floats, float, bool, bool, dict[str, Any]]:
+    def step(self, action: npt.NDArray[np.floating[Any]]) -> tuple[_Floats, float, bool, bool, dict[str, Any]]:
         """Drives for a control period with an action of shape (2,).
 
         Returns observation, reward, terminated, truncated and info. Raises ValueError where the action has another
@@ -210,7 +210,7 @@ class VectorPathTracking(gymnasium.vector.VectorEnv[_Floats, _Floats, npt.NDArra
             "_cross_track_m": np.ones(self.num_envs, np.bool_),
         }
 
-    def step(self, actions: _Floats) -> tuple[_Floats, _Doubles, _Flags, _Flags, dict[str, Any]]:
+    def step(self, actions: npt.NDArray[np.floating[Any]]) -> tuple[_Floats, _Doubles, _Flags, _Flags, dict[str, Any]]:
         """Drives all environments for a control period with actions of shape (num_envs, 2).
 
         Returns observations, rewards, terminations, truncations, each of shape (num_envs, ...), and infos. Raises
