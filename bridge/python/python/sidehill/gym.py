@@ -96,7 +96,7 @@ class PathTracking(gymnasium.Env[_Floats, _Floats]):
         self.scenario: Scenario
         self.vehicle: Vehicle
         self.simulation: Simulation
-        self._steer_m_s = 0.0
+        self._steer_m_s = np.zeros(1)
         self._picture: Any = None
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (2,), np.float32)
         bounds = [2 * lost_m, 2 * lost_m, math.pi, math.pi / 2, math.pi / 2, 2 * speed_max_m_s, 2 * speed_max_m_s]
@@ -118,13 +118,12 @@ class PathTracking(gymnasium.Env[_Floats, _Floats]):
         plant: Any = self._plant
         self.simulation = Simulation(self.scenario, plant, int(self.np_random.integers(2**32)))
         self.vehicle = self.simulation.vehicle
-        self._steer_m_s = 0.0
+        self._steer_m_s = np.zeros(1)
         self._picture = None
-        # What `_drive` needs of each episode.
-        period_s = self.scenario.period_s
-        time_max_s = 1.5 * self.simulation.reference_end_s + 30
-        self._constants = (self.vehicle.correction_left, self.vehicle.correction_right, period_s, time_max_s)
-        row = _sidehill.drive([self.simulation], None, np.array([period_s]), self._preview_s, 1)
+        # What `_drive` needs of each episode: c_l, c_r, control period and largest duration, s.
+        constants = [self.vehicle.correction_left, self.vehicle.correction_right, self.scenario.period_s]
+        self._constants = np.array([*constants, 1.5 * self.simulation.reference_end_s + 30])
+        row = _sidehill.drive([self.simulation], None, self._constants[2:3], self._preview_s, 1)
         return _observed(row, self)[0], {"cross_track_m": float(row[0, 0])}
 
     def step(self, action: npt.NDArray[np.floating[Any]]) -> tuple[_Floats, float, bool, bool, dict[str, Any]]:
@@ -133,7 +132,8 @@ class PathTracking(gymnasium.Env[_Floats, _Floats]):
         Returns observation, reward, terminated, truncated and info. Raises ValueError where the action has another
         shape or is not finite.
         """
-        step = _drive(self, [self], np.asarray(action)[None], 1)
+        step = _drive(self, [self.simulation], self._constants[None], self._steer_m_s, np.asarray(action)[None], 1)
+        self._steer_m_s = step.steer_m_s
         terminated, truncated = bool(step.terminated[0]), bool(step.truncated[0])
         info: dict[str, Any] = {"cross_track_m": float(step.cross_track_m[0])}
         if terminated or truncated:
@@ -189,6 +189,8 @@ class VectorPathTracking(gymnasium.vector.VectorEnv[_Floats, _Floats, npt.NDArra
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self._over = np.zeros(num_envs, np.bool_)
+        self._simulations: list[Simulation] = []
+        self._constants, self._steer_m_s = np.zeros((num_envs, 4)), np.zeros(num_envs)
 
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
@@ -205,6 +207,8 @@ class VectorPathTracking(gymnasium.vector.VectorEnv[_Floats, _Floats, npt.NDArra
             raise ValueError(f"seed: {len(seeds)} for {self.num_envs} environments")
         begun = [env.reset(seed=each) for env, each in zip(self.envs, seeds, strict=True)]
         self._over = np.zeros(self.num_envs, np.bool_)
+        self._simulations = [env.simulation for env in self.envs]
+        self._constants, self._steer_m_s = np.array([env._constants for env in self.envs]), np.zeros(self.num_envs)
         return np.stack([observation for observation, _ in begun]), {
             "cross_track_m": np.array([info["cross_track_m"] for _, info in begun]),
             "_cross_track_m": np.ones(self.num_envs, np.bool_),
@@ -220,9 +224,13 @@ class VectorPathTracking(gymnasium.vector.VectorEnv[_Floats, _Floats, npt.NDArra
         count = self.num_envs
         if actions.shape != (count, 2):
             raise ValueError(f"action: the shape ({count}, 2) is needed, not {actions.shape}")
-        begins, drives = np.flatnonzero(self._over), np.flatnonzero(~self._over)
-        step = _drive(self.envs[0], [self.envs[index] for index in drives], actions[drives], self.threads)
-        if begins.size:
+        if not self._over.any():
+            step = _drive(self.envs[0], self._simulations, self._constants, self._steer_m_s, actions, self.threads)
+        else:
+            begins, drives = np.flatnonzero(self._over), np.flatnonzero(~self._over)
+            simulations = [self._simulations[index] for index in drives]
+            of_drives = self._constants[drives], self._steer_m_s[drives], actions[drives]
+            step = _drive(self.envs[0], simulations, *of_drives, self.threads)
             spread = _Step._make(np.zeros((count, *part.shape[1:]), part.dtype) for part in step)
             for whole, part in zip(spread, step, strict=True):
                 whole[drives] = part
@@ -230,6 +238,8 @@ class VectorPathTracking(gymnasium.vector.VectorEnv[_Floats, _Floats, npt.NDArra
             for index in begins:
                 step.observations[index], info = self.envs[index].reset()
                 step.cross_track_m[index] = info["cross_track_m"]
+                self._simulations[index], self._constants[index] = self.envs[index].simulation, self.envs[index]._constants
+        self._steer_m_s = step.steer_m_s
         self._over = step.terminated | step.truncated
         infos: dict[str, Any] = {"cross_track_m": step.cross_track_m, "_cross_track_m": np.ones(count, np.bool_)}
         if self._over.any():
@@ -257,28 +267,35 @@ class _Step(NamedTuple):
     truncated: _Flags
     cross_track_m: _Doubles
     finished: _Flags
+    steer_m_s: _Doubles
 
 
-def _drive(like: PathTracking, envs: list[PathTracking], actions: npt.NDArray[Any], threads: int) -> _Step:
-    """Drives environments for a control period that were made as `like` was."""
-    if actions.shape != (len(envs), 2) or not np.isfinite(actions).all():
+def _drive(
+    like: PathTracking,
+    simulations: list[Simulation],
+    constants: _Doubles,
+    steer_before_m_s: _Doubles,
+    actions: npt.NDArray[Any],
+    threads: int,
+) -> _Step:
+    """Drives the simulations of environments that were made as `like` was for a control period."""
+    if actions.shape != (len(simulations), 2) or not np.isfinite(actions).all():
         raise ValueError(f"action: two finite numbers are needed, not {actions!r}")
     told = np.clip(actions.astype(np.float64), -1, 1) * like.speed_max_m_s
     traction, steer = told[:, 0], told[:, 1]
-    left, right, dt_s, time_max_s = np.array([env._constants for env in envs]).reshape(-1, 4).T
-    before = np.array([env._steer_m_s for env in envs])
-    for env, value in zip(envs, steer.tolist(), strict=True):
-        env._steer_m_s = value
+    left, right, dt_s, time_max_s = constants.T
     # Equation (11), solved for what the drives are told.
     speeds = np.stack([(traction - steer) / left, (traction + steer) / right], -1).ravel()
-    rows = _sidehill.drive([env.simulation for env in envs], speeds, dt_s.copy(), like._preview_s, threads)
+    rows = _sidehill.drive(simulations, speeds, dt_s.copy(), like._preview_s, threads)
     distance_m, time_s, ended, failed = rows[:, -4:].T
     # A step fails where the known ground ends.
     lost = (failed > 0) | (distance_m > like.lost_m)
     scaled = distance_m / ERROR_SCALE_M
-    rewards = -STEER_CHANGE_COST * abs(steer - before) - dt_s * (scaled * scaled) - np.where(lost, like.LOST_COST, 0.0)
+    rewards = (
+        -STEER_CHANGE_COST * abs(steer - steer_before_m_s) - dt_s * (scaled * scaled) - np.where(lost, like.LOST_COST, 0.0)
+    )
     finished = (ended > 0) & ~lost
-    return _Step(_observed(rows, like), rewards, lost | finished, time_s > time_max_s, rows[:, 0].copy(), finished)
+    return _Step(_observed(rows, like), rewards, lost | finished, time_s > time_max_s, rows[:, 0].copy(), finished, steer)
 
 
 class Baseline:
