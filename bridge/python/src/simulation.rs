@@ -20,7 +20,7 @@ use sidehill_plant::simulation::{self as core, Plant, SimulationError, TrueState
 use sidehill_plant::speeds::{EncoderScale, MeasuredMotorSpeeds, MeasuredTreadSpeeds};
 use sidehill_plant::vehicle as model;
 use std::panic::resume_unwind;
-use std::sync::{Mutex, MutexGuard};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// The simulated vehicle of a scenario with the reference that it should follow, for a loop of one's own.
 ///
@@ -449,39 +449,39 @@ pub fn drive<'py>(
     };
     let width = 11 + 3 * ahead_s.len();
     let mut rows = vec![0.0; count * width];
-    let share = count.div_ceil(threads.max(1)).max(1);
     let simulations: Vec<&Simulation> = simulations.iter().map(Py::get).collect();
     guarded(py, || {
-        let drive = |begin: usize, simulations: &[&Simulation], rows: &mut [f64]| {
-            let mut each = (begin..).zip(simulations).zip(rows.chunks_exact_mut(width));
-            each.try_for_each(|((index, simulation), row)| {
-                simulation.drive(told(index), ahead_s, row)
-            })
-        };
-        let mut shares = (0..count).step_by(share).zip(
-            simulations
-                .chunks(share)
-                .zip(rows.chunks_mut(share * width)),
-        );
-        let own = shares.next();
-        std::thread::scope(|scope| {
-            let others: Vec<_> = shares
-                .map(|(begin, (simulations, rows))| {
-                    scope.spawn(move || drive(begin, simulations, rows))
-                })
-                .collect();
-            let mut done = own.map_or(Ok(()), |(begin, (simulations, rows))| {
-                drive(begin, simulations, rows)
-            });
-            for other in others {
-                let other = other.join().unwrap_or_else(|panic| resume_unwind(panic));
-                done = done.and(other);
+        let each = simulations.iter().zip(rows.chunks_exact_mut(width));
+        // Whoever is free takes the next ones, so that nobody waits for a thread that the system has put aside.
+        let waiting = Mutex::new(each.enumerate());
+        let work = || -> PyResult<()> {
+            loop {
+                let taken: Vec<_> = {
+                    let mut waiting = waiting.lock().unwrap_or_else(PoisonError::into_inner);
+                    waiting.by_ref().take(TAKEN).collect()
+                };
+                if taken.is_empty() {
+                    return Ok(());
+                }
+                for (index, (simulation, row)) in taken {
+                    simulation.drive(told(index), ahead_s, row)?;
+                }
             }
-            done
+        };
+        std::thread::scope(|scope| {
+            let threads = threads.min(count.div_ceil(TAKEN));
+            let others: Vec<_> = (1..threads).map(|_| scope.spawn(work)).collect();
+            let own = work();
+            others.into_iter().fold(own, |done, other| {
+                done.and(other.join().unwrap_or_else(|panic| resume_unwind(panic)))
+            })
         })
     })?;
     PyArray1::from_vec(py, rows).reshape([count, width])
 }
+
+/// Simulations that a thread takes at a time in [`drive`].
+const TAKEN: usize = 8;
 
 /// Left and right speed told to the drives, m/s, and the steps for which they held.
 type Call = (f64, f64, u32);

@@ -73,7 +73,7 @@ def random_slope(short: sidehill.Scenario) -> Any:
 @pytest.mark.parametrize("threads", [1, 3])
 @pytest.mark.parametrize("plant", [None, "contact"])
 def test_a_vector_is_single_environments_bit_by_bit(short: sidehill.Scenario, threads: Any, plant: Any) -> None:
-    count, keywords = 5, {"scenario": random_slope(short), "plant": plant, "lost_m": 0.4}
+    count, keywords = 20, {"scenario": random_slope(short), "plant": plant, "lost_m": 0.4}
     ours = gymnasium.make_vec("sidehill/PathTracking-v0", num_envs=count, threads=threads, **keywords)
     single = gymnasium.vector.SyncVectorEnv([lambda: PathTracking(**keywords)] * count)
     assert isinstance(ours.unwrapped, VectorPathTracking)
@@ -102,7 +102,8 @@ def test_a_vector_is_single_environments_bit_by_bit(short: sidehill.Scenario, th
     assert ended > count
     for env, other in zip(ours.unwrapped.envs, single.envs, strict=True):
         assert env.simulation == other.simulation and env.scenario == other.scenario
-    same(ours.reset(seed=[4, 5, 6, 7, 8]), single.reset(seed=[4, 5, 6, 7, 8]))
+    seeds: list[int | None] = [*range(4, 4 + count)]
+    same(ours.reset(seed=seeds), single.reset(seed=seeds))
 
 
 def test_all_may_end_at_once(short: sidehill.Scenario) -> None:
