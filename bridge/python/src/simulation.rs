@@ -11,7 +11,7 @@ use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1};
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use sidehill::config::{Overrides, PlantKind};
+use sidehill::config::PlantKind;
 use sidehill_controller::closed_loop::TrackingErrors;
 use sidehill_controller::path::Point2;
 use sidehill_controller::reference::{PROJECTION_WINDOW, Reference, stands};
@@ -174,14 +174,10 @@ impl Simulation {
     }
 
     fn of(py: Python<'_>, origin: Origin) -> PyResult<Self> {
-        let overrides = Overrides {
-            plant: origin.plant,
-            seed: origin.seed,
-            ..Overrides::default()
-        };
         let scenario = origin.scenario.get();
+        let (plant_kind, seed) = (origin.plant, origin.seed);
         let (prepared, plant) = guarded(py, || {
-            let prepared = scenario.prepare(&overrides)?;
+            let prepared = scenario.prepare_plant(plant_kind, seed)?;
             let plant = prepared.simulation().map_err(failed)?;
             Ok((prepared, plant))
         })?;

@@ -210,6 +210,20 @@ def test_a_simulation_names_the_argument(short: sidehill.Scenario) -> None:
         sidehill.Simulation(untyped(None))
 
 
+@pytest.mark.parametrize("plant", ["icrik", "contact"])
+def test_another_plant_or_seed_is_that_of_a_scenario_made_so(eight: sidehill.Scenario, plant: Any) -> None:
+    sensors = {"pose": {"timing": {"rate_hz": 10}, "errors": {"noise_std_m": 0.01}}}
+    scenario = eight.with_(sensors=sensors, drive_train={"delay_s": 0.1})
+    given = sidehill.Simulation(scenario, plant, 7)
+    made = sidehill.Simulation(scenario.with_(plant=plant, seed=7))
+    for number in range(200):
+        for simulation in (given, made):
+            simulation.step(0.3, 0.3 + 0.2 * math.sin(number / 20), 0.05)
+        assert given.pose == made.pose and given.attitude_rad == made.attitude_rad and given.errors == made.errors
+    np.testing.assert_array_equal(given.reference(np.arange(5)), made.reference(np.arange(5)))
+    assert given.vehicle == made.vehicle and given.reference_end_s == made.reference_end_s
+
+
 def test_an_object_is_the_vehicle(eight: sidehill.Scenario, j8: sidehill.Vehicle) -> None:
     rover = Rover(j8)
     scenario = eight.with_(course={"shape": "circle", "radius_m": 1.5, "speed_m_s": 0.5, "turns": 1}, step_s=0.025)
