@@ -16,6 +16,7 @@ use sidehill_plant::vehicle::Vehicle;
 use std::sync::Arc;
 
 /// A scenario with everything read, checked and built. Runs share it.
+#[derive(Clone)]
 pub struct Prepared {
     /// Name for tables.
     pub name: String,

@@ -177,7 +177,7 @@ def limits(keys: dict[str, Any], folder: Path) -> None:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("what", nargs="*", default=["equal", "efficiency", "limits"])
     parser.add_argument("--runs", type=int, default=20_000)
     parser.add_argument("--length-m", type=float, default=1.0)

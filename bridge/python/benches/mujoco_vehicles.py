@@ -329,7 +329,7 @@ def main(names: list[str], slopes_deg: list[float], seeds: int) -> dict[tuple[st
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--vehicle", action="append", choices=list(VEHICLES), help="instead of all")
     parser.add_argument("--slope", action="append", type=float, help="deg, instead of 5.3, 10 and 15")
     parser.add_argument("--realistic", type=int, default=0, metavar="SEEDS", help="realistic readings, so many drives")

@@ -83,7 +83,7 @@ def main(kinds: list[str], rounds: int, program: Path | None) -> dict[str, float
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--controllers", nargs="+", default=["icrik-mpc", "contact-mpc", "pure-pursuit"])
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--program", type=Path)

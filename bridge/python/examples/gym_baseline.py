@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import math
 from pathlib import Path
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -30,24 +31,28 @@ def slopes(random: np.random.Generator) -> sidehill.Scenario:
     )
 
 
-def episode(env: gymnasium.Env, kind: str, seed: int) -> tuple[float, float, bool]:
+def episode(env: gymnasium.Env[Any, Any], kind: sidehill.Kind, seed: int) -> tuple[float, float, bool]:
     """Returns the reward of an episode, the cross-track RMS after 2 s in m, and whether it came to its end."""
     observation, info = env.reset(seed=seed)
     policy = sidehill.gym.Baseline(env, kind)
-    total, squares, over = 0.0, [], False
+    total, over = 0.0, False
+    squares: list[float] = []
     while not over:
         observation, reward, terminated, truncated, info = env.step(policy(observation))
-        total += reward
+        total += float(reward)
         squares.append(info["cross_track_m"] ** 2)
         over = terminated or truncated
-    settled = squares[round(2 / env.unwrapped.scenario.period_s) :]
+    tracking = env.unwrapped
+    assert isinstance(tracking, sidehill.gym.PathTracking)
+    settled = squares[round(2 / tracking.scenario.period_s) :]
     return total, math.sqrt(np.mean(settled)), info["finished"]
 
 
 def main(episodes: int = 3) -> dict[str, list[tuple[float, float, bool]]]:
     env = gymnasium.make("sidehill/PathTracking-v0", scenario=slopes, plant="contact")
-    found = {}
-    for kind in ("icrik-mpc", "icrhk-mpc", "pure-pursuit"):
+    found: dict[str, list[tuple[float, float, bool]]] = {}
+    kinds: tuple[sidehill.Kind, ...] = ("icrik-mpc", "icrhk-mpc", "pure-pursuit")
+    for kind in kinds:
         found[kind] = [episode(env, kind, seed) for seed in range(episodes)]
         rewards, errors, finished = zip(*found[kind], strict=True)
         print(
@@ -58,6 +63,6 @@ def main(episodes: int = 3) -> dict[str, list[tuple[float, float, bool]]]:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--episodes", type=int, default=3)
     main(parser.parse_args().episodes)

@@ -7,6 +7,8 @@ deg; the course is on another slope, 10 deg. Without a display the picture is dr
 there is none, which it says.
 """
 
+# MuJoCo's classes are compiled and have no stubs.
+# pyright: reportAttributeAccessIssue=false
 from __future__ import annotations
 
 import argparse
@@ -14,6 +16,7 @@ import ctypes.util
 import os
 import sys
 from pathlib import Path
+from typing import Any
 
 import sidehill
 
@@ -69,7 +72,7 @@ def picture(rover: MujocoRover, runs: list[sidehill.Run], path: Path) -> None:
     camera = mujoco.MjvCamera()
     camera.lookat, camera.distance, camera.azimuth, camera.elevation = (0, 0, 0), 6.5, 60, -35
     renderer.update_scene(rover.data, camera)
-    lines = [(runs[0].log, "reference_", (1, 1, 1, 1))]
+    lines: list[tuple[dict[str, Any], str, tuple[float, ...]]] = [(runs[0].log, "reference_", (1, 1, 1, 1))]
     lines += [(run.log, "", colour) for run, colour in zip(runs, [(0.1, 0.4, 0.9, 1), (0.9, 0.4, 0.1, 1)], strict=True)]
     rise = np.tan(rover.slope_rad)
     for height, (log, prefix, colour) in enumerate(lines):
@@ -87,7 +90,7 @@ def picture(rover: MujocoRover, runs: list[sidehill.Run], path: Path) -> None:
 def main(out: Path, render: bool = True) -> sidehill.SimulationResult:
     out.mkdir(parents=True, exist_ok=True)
     vehicle = identified()
-    for stage in (vehicle.level, vehicle.slope):
+    for stage in filter(None, (vehicle.level, vehicle.slope)):
         print({key: round(found["value"], 3) for key, found in stage["estimates"].items()})
     rover = MujocoRover(SLOPE_DEG)
     result = sidehill.simulate(scenario(vehicle), plant=rover)
@@ -102,6 +105,6 @@ def main(out: Path, render: bool = True) -> sidehill.SimulationResult:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--out", type=Path, default=Path("out"))
     main(parser.parse_args().out)

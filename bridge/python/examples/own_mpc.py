@@ -87,7 +87,7 @@ def main(out: Path) -> list[dict[str, Any]]:
     """Sweeps slope and slide gain, prints a row of figures each, and writes a plot of the last runs."""
     vehicle = sidehill.Vehicle.from_geometry(length_m=0.9, width_m=0.7, wheel_radius_m=0.15, mass_kg=120, speed_m_s=1.2)
     scenario = sidehill.Scenario(path=path(), vehicle=vehicle, name="two bends")
-    rows = []
+    rows: list[dict[str, Any]] = []
     for slope_deg in SLOPES_DEG:
         for lambda_2_s_per_rad in LAMBDA_2_S_PER_RAD:
             result = sidehill.simulate(
@@ -109,6 +109,6 @@ def main(out: Path) -> list[dict[str, Any]]:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--out", type=Path, default=Path("out"))
     main(parser.parse_args().out)

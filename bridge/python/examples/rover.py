@@ -6,12 +6,15 @@ impratio (else standing wheels creep downhill), wheels with the reflected inerti
 are not stiff (their slip would read as the ground's), and a step well below the contacts' time constant.
 """
 
+# MuJoCo's classes are compiled and have no stubs.
+# pyright: reportAttributeAccessIssue=false
 from __future__ import annotations
 
 import math
 
 import mujoco
 import numpy as np
+import numpy.typing as npt
 
 WHEEL_RADIUS_M = 0.165
 TRACK_HALF_M = 0.285
@@ -108,7 +111,8 @@ class MujocoRover:
         """(x_m, y_m, z_m, yaw_rad) of the origin on the ground below the middle of the wheels."""
         rotation = self._rotation
         origin = self.data.qpos[:3] - self.radius_m * rotation[:, 2]
-        return (*map(float, origin), math.atan2(rotation[1, 0], rotation[0, 0]))
+        x_m, y_m, z_m = map(float, origin)
+        return x_m, y_m, z_m, math.atan2(rotation[1, 0], rotation[0, 0])
 
     @property
     def attitude_rad(self) -> tuple[float, float]:
@@ -127,11 +131,11 @@ class MujocoRover:
         return (float(turning[: self.side].mean()), float(turning[self.side :].mean()))
 
     @property
-    def _wheel_rates_rad_s(self) -> np.ndarray:
-        return self.data.qvel[6 : 6 + WHEELS]
+    def _wheel_rates_rad_s(self) -> npt.NDArray[np.float64]:
+        return np.asarray(self.data.qvel[6 : 6 + WHEELS])
 
     @property
-    def _rotation(self) -> np.ndarray:
+    def _rotation(self) -> npt.NDArray[np.float64]:
         rotation = np.empty(9)
         mujoco.mju_quat2Mat(rotation, self.data.qpos[3:7])
         return rotation.reshape(3, 3)

@@ -43,6 +43,7 @@ fn _sidehill(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(linearise::linearise, module)?)?;
     module.add_function(wrap_pyfunction!(simulate::simulate, module)?)?;
     module.add_function(wrap_pyfunction!(simulate::figures_of_log, module)?)?;
+    module.add_function(wrap_pyfunction!(simulation::drive, module)?)?;
     module.add_function(wrap_pyfunction!(logs::identify, module)?)?;
     module.add_function(wrap_pyfunction!(logs::odometry, module)?)?;
     module.add_function(wrap_pyfunction!(tune::tune, module)?)?;

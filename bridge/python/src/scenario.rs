@@ -6,7 +6,7 @@ use crate::vehicle::Vehicle;
 use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use sidehill::config::{Bundle, ConfigFile, Overrides, Prepared};
+use sidehill::config::{Bundle, ConfigFile, Overrides, PlantKind, Prepared};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -80,6 +80,23 @@ impl Scenario {
     /// Returns the scenario with everything read and built.
     pub fn prepare(&self, overrides: &Overrides) -> PyResult<Prepared> {
         prepare(&self.file, overrides)
+    }
+
+    /// Returns the scenario with another plant or seed than its own.
+    ///
+    /// A vehicle by ICRIK has the same ground and path with every seed, so nothing is read and built again.
+    pub fn prepare_plant(&self, plant: Option<PlantKind>, seed: Option<u64>) -> PyResult<Prepared> {
+        let own = self.prepared.plant.kind();
+        if own == PlantKind::Icrik && plant.is_none_or(|plant| plant == own) {
+            let mut prepared = self.prepared.clone();
+            prepared.seed = seed.unwrap_or(prepared.seed);
+            return Ok(prepared);
+        }
+        self.prepare(&Overrides {
+            plant,
+            seed,
+            ..Overrides::default()
+        })
     }
 }
 

@@ -7,18 +7,20 @@ use crate::measured::Ahead;
 use crate::scenario::Scenario;
 use crate::simulate::plant_kind;
 use crate::vehicle::Vehicle;
+use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1};
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use sidehill::config::{Overrides, PlantKind};
+use sidehill::config::PlantKind;
 use sidehill_controller::closed_loop::TrackingErrors;
 use sidehill_controller::path::Point2;
 use sidehill_controller::reference::{PROJECTION_WINDOW, Reference, stands};
 use sidehill_plant::frames::{PlanarPose, wrap_angle};
-use sidehill_plant::simulation::{self as core, Plant, TrueState};
+use sidehill_plant::simulation::{self as core, Plant, SimulationError, TrueState};
 use sidehill_plant::speeds::{EncoderScale, MeasuredMotorSpeeds, MeasuredTreadSpeeds};
 use sidehill_plant::vehicle as model;
-use std::sync::{Mutex, MutexGuard};
+use std::panic::resume_unwind;
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// The simulated vehicle of a scenario with the reference that it should follow, for a loop of one's own.
 ///
@@ -85,11 +87,11 @@ impl World {
         told: MeasuredTreadSpeeds,
         scale: &EncoderScale,
         steps: u32,
-    ) -> PyResult<()> {
+    ) -> Result<(), SimulationError> {
         self.told.push((told, steps));
         let command = MeasuredMotorSpeeds::from(told).effective(scale);
         for _ in 0..steps {
-            Plant::step(&mut self.plant, command).map_err(failed)?;
+            Plant::step(&mut self.plant, command)?;
         }
         let pose = self.state().pose;
         let here = PlanarPose {
@@ -111,15 +113,71 @@ impl Simulation {
         })
     }
 
+    /// Returns how many of the scenario's steps a duration has.
+    fn steps(&self, dt_s: f64) -> PyResult<u32> {
+        let steps = dt_s / self.step_s;
+        let whole = steps.round();
+        if !(1.0..=1e6).contains(&whole) || (steps - whole).abs() > 1e-6 {
+            return Err(invalid(format!(
+                "dt_s: {dt_s} s is not a whole number of steps of {} s",
+                self.step_s
+            )));
+        }
+        Ok(whole as u32)
+    }
+
+    /// Drives for `dt_s` where speeds are told, and writes to `row` what [`drive`] gives of it.
+    fn drive(
+        &self,
+        told: Option<(MeasuredTreadSpeeds, f64)>,
+        ahead_s: &[f64],
+        row: &mut [f64],
+    ) -> PyResult<()> {
+        let mut world = self.world()?;
+        let scale = &self.vehicle.encoder_scale;
+        let mut failed = false;
+        if let Some((told, dt_s)) = told {
+            failed = world.step(told, scale, self.steps(dt_s)?).is_err();
+        }
+        let (state, errors) = (world.state(), world.errors());
+        let counted = self.scale.invert(state.treads);
+        let here = state.pose;
+        let at = world.reference.ahead(0.0).position;
+        let (sin, cos) = here.yaw_rad.sin_cos();
+        let (first, rest) = row.split_at_mut(7);
+        let (previews, last) = rest.split_at_mut(3 * ahead_s.len());
+        first.copy_from_slice(&[
+            errors.cross_track_m,
+            errors.along_track_m,
+            errors.heading_error_rad,
+            state.attitude.roll_rad,
+            state.attitude.pitch_rad,
+            scale.left * counted.left_m_s,
+            scale.right * counted.right_m_s,
+        ]);
+        for (preview, ahead_s) in previews.chunks_exact_mut(3).zip(ahead_s) {
+            let to = world.reference.ahead(*ahead_s).pose();
+            let (dx_m, dy_m) = (to.x_m - here.x_m, to.y_m - here.y_m);
+            preview.copy_from_slice(&[
+                cos * dx_m + sin * dy_m,
+                -sin * dx_m + cos * dy_m,
+                wrap_angle(to.yaw_rad - here.yaw_rad),
+            ]);
+        }
+        last.copy_from_slice(&[
+            (here.x_m - at.x_m).hypot(here.y_m - at.y_m),
+            state.time_s,
+            f64::from(u8::from(world.finished)),
+            f64::from(u8::from(failed)),
+        ]);
+        Ok(())
+    }
+
     fn of(py: Python<'_>, origin: Origin) -> PyResult<Self> {
-        let overrides = Overrides {
-            plant: origin.plant,
-            seed: origin.seed,
-            ..Overrides::default()
-        };
         let scenario = origin.scenario.get();
+        let (plant_kind, seed) = (origin.plant, origin.seed);
         let (prepared, plant) = guarded(py, || {
-            let prepared = scenario.prepare(&overrides)?;
+            let prepared = scenario.prepare_plant(plant_kind, seed)?;
             let plant = prepared.simulation().map_err(failed)?;
             Ok((prepared, plant))
         })?;
@@ -172,18 +230,12 @@ impl Simulation {
             left_m_s: number("v_left_m_s", v_left_m_s)?,
             right_m_s: number("v_right_m_s", v_right_m_s)?,
         };
-        let dt_s = number("dt_s", dt_s)?;
-        let steps = dt_s / self.step_s;
-        let whole = steps.round();
-        if !(1.0..=1e6).contains(&whole) || (steps - whole).abs() > 1e-6 {
-            return Err(invalid(format!(
-                "dt_s: {dt_s} s is not a whole number of steps of {} s",
-                self.step_s
-            )));
-        }
+        let steps = self.steps(number("dt_s", dt_s)?)?;
         // As in `simulate`: what the controllers' vehicle takes for a speed is what the motors reach.
         let scale = &self.vehicle.encoder_scale;
-        guarded(py, || self.world()?.step(told, scale, whole as u32))
+        guarded(py, || {
+            self.world()?.step(told, scale, steps).map_err(failed)
+        })
     }
 
     /// The vehicle, as controllers know it with this plant.
@@ -355,6 +407,77 @@ impl Simulation {
         ))
     }
 }
+
+/// Drives simulations side by side, on threads and without the interpreter's lock, and returns what `sidehill.gym` shows
+/// of each: array of shape (n, 11 + 3 k).
+///
+/// told_m_s: left and right speeds of one after the other, n times two, m/s; none to look only. dt_s: n durations, s.
+/// ahead_s: k instants at which the reference is shown, s.
+///
+/// Columns: cross-track, along-track and heading error; roll and pitch; effective speeds of the treads; for each instant
+/// the reference to the right, ahead and its turn, seen from the vehicle; distance from the reference, time, whether the
+/// reference has ended and whether the step failed, so that the vehicle is where it was.
+#[pyfunction]
+pub fn drive<'py>(
+    py: Python<'py>,
+    simulations: Vec<Py<Simulation>>,
+    told_m_s: Option<PyReadonlyArray1<'py, f64>>,
+    dt_s: PyReadonlyArray1<'py, f64>,
+    ahead_s: PyReadonlyArray1<'py, f64>,
+    threads: usize,
+) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    let (dt_s, ahead_s) = (dt_s.as_slice()?, ahead_s.as_slice()?);
+    let told_m_s = told_m_s.as_ref().map(|told| told.as_slice()).transpose()?;
+    let count = simulations.len();
+    if dt_s.len() != count || told_m_s.is_some_and(|told| told.len() != 2 * count) {
+        return Err(invalid(format!(
+            "told_m_s, dt_s: two speeds and a duration for each of {count} simulations are needed"
+        )));
+    }
+    let told = |index: usize| {
+        told_m_s.map(|told| {
+            let speeds = MeasuredTreadSpeeds {
+                left_m_s: told[2 * index],
+                right_m_s: told[2 * index + 1],
+            };
+            (speeds, dt_s[index])
+        })
+    };
+    let width = 11 + 3 * ahead_s.len();
+    let mut rows = vec![0.0; count * width];
+    let simulations: Vec<&Simulation> = simulations.iter().map(Py::get).collect();
+    guarded(py, || {
+        let each = simulations.iter().zip(rows.chunks_exact_mut(width));
+        // Whoever is free takes the next ones, so that nobody waits for a thread that the system has put aside.
+        let waiting = Mutex::new(each.enumerate());
+        let work = || -> PyResult<()> {
+            loop {
+                let taken: Vec<_> = {
+                    let mut waiting = waiting.lock().unwrap_or_else(PoisonError::into_inner);
+                    waiting.by_ref().take(TAKEN).collect()
+                };
+                if taken.is_empty() {
+                    return Ok(());
+                }
+                for (index, (simulation, row)) in taken {
+                    simulation.drive(told(index), ahead_s, row)?;
+                }
+            }
+        };
+        std::thread::scope(|scope| {
+            let threads = threads.min(count.div_ceil(TAKEN));
+            let others: Vec<_> = (1..threads).map(|_| scope.spawn(work)).collect();
+            let own = work();
+            others.into_iter().fold(own, |done, other| {
+                done.and(other.join().unwrap_or_else(|panic| resume_unwind(panic)))
+            })
+        })
+    })?;
+    PyArray1::from_vec(py, rows).reshape([count, width])
+}
+
+/// Simulations that a thread takes at a time in [`drive`].
+const TAKEN: usize = 8;
 
 /// Left and right speed told to the drives, m/s, and the steps for which they held.
 type Call = (f64, f64, u32);

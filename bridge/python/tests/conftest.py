@@ -2,12 +2,19 @@
 
 import os
 import subprocess
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 import sidehill
 
 REPOSITORY = Path(__file__).resolve().parents[3]
+
+
+def untyped(value: object) -> Any:
+    """Returns a value of a type that a checker would refuse."""
+    return value
 
 
 def repository(name: str) -> Path:
@@ -25,14 +32,14 @@ def program() -> Path:
 
 
 @pytest.fixture
-def run(program, tmp_path):
+def run(program: Path, tmp_path: Path) -> Callable[..., str]:
     """Runs the program and returns what it prints."""
 
     def run(*arguments: object, stdin: str = "") -> str:
-        command = [program, *map(str, arguments)]
+        command = [str(program), *map(str, arguments)]
         done = subprocess.run(command, input=stdin, capture_output=True, text=True, timeout=300, cwd=tmp_path)
         assert done.returncode == 0, done.stderr
-        return done.stdout
+        return str(done.stdout)
 
     return run
 
@@ -48,7 +55,7 @@ def eight() -> sidehill.Scenario:
 
 
 @pytest.fixture(scope="session")
-def short(eight) -> sidehill.Scenario:
+def short(eight: sidehill.Scenario) -> sidehill.Scenario:
     """Seven seconds across a slope of 8 deg."""
     return eight.with_(
         name="short",

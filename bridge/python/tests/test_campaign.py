@@ -2,17 +2,20 @@
 
 import csv
 import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import sidehill
-from conftest import repository
+from conftest import repository, untyped
 
 WORDS = {"campaign", "controller", "completed", "ended_by"}
 
 
 @pytest.fixture
-def campaign():
+def campaign() -> Any:
     return {
         "name": "short",
         "seed": 5,
@@ -28,7 +31,7 @@ def campaign():
     }
 
 
-def test_rows_are_those_of_the_program_bit_by_bit(run, tmp_path):
+def test_rows_are_those_of_the_program_bit_by_bit(run: Callable[..., str], tmp_path: Path) -> None:
     named = repository("config/campaigns/default.yaml")
     run("campaign", named, "--range", "2..4", "--out", tmp_path / "out.csv")
     with open(tmp_path / "out.csv") as file:
@@ -48,7 +51,7 @@ def test_rows_are_those_of_the_program_bit_by_bit(run, tmp_path):
     assert found["index"].dtype == found["seed"].dtype == np.int64 and found["completed"].dtype == bool
 
 
-def test_a_dict_and_any_split_give_the_same_rows(campaign, monkeypatch):
+def test_a_dict_and_any_split_give_the_same_rows(campaign: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     whole = sidehill.campaign(campaign, threads=2)
     assert whole["index"].tolist() == [index for index in range(8) for _ in range(2)]
     assert whole["controller"][:2] == ["icrik-mpc", "pure-pursuit"]
@@ -60,7 +63,7 @@ def test_a_dict_and_any_split_give_the_same_rows(campaign, monkeypatch):
     assert sidehill.campaign(campaign, runs=2)["index"].tolist() == [0, 0, 1, 1]
 
 
-def test_a_run_that_cannot_start_is_a_row_with_its_reason(campaign):
+def test_a_run_that_cannot_start_is_a_row_with_its_reason(campaign: Any) -> None:
     campaign["draws"][2] = {"key": "start.right_m", "uniform": [200, 300]}
     rows = sidehill.campaign(campaign, runs=1)
     assert not rows["completed"].any() and all("start.right_m" in reason for reason in rows["ended_by"])
@@ -78,21 +81,21 @@ def test_a_run_that_cannot_start_is_a_row_with_its_reason(campaign):
         ({"controllers": []}, "controllers"),
     ],
 )
-def test_what_is_wrong_with_a_campaign_is_named(campaign, change, part):
+def test_what_is_wrong_with_a_campaign_is_named(campaign: Any, change: Any, part: Any) -> None:
     with pytest.raises(ValueError) as error:
         sidehill.campaign(campaign | change)
     assert part in str(error.value)
 
 
-def test_campaign_names_the_argument(campaign, tmp_path):
+def test_campaign_names_the_argument(campaign: Any, tmp_path: Path) -> None:
     for runs in (0, -1, range(3, 3), range(0, 10, 2), range(-1, 3), "3", 2.5, True, 2**33):
         with pytest.raises(ValueError, match="runs: "):
-            sidehill.campaign(campaign, runs=runs)
+            sidehill.campaign(campaign, runs=untyped(runs))
     for threads in (0, "2", 1.5):
         with pytest.raises(ValueError, match="threads: "):
-            sidehill.campaign(campaign, runs=1, threads=threads)
+            sidehill.campaign(campaign, runs=1, threads=untyped(threads))
     with pytest.raises(ValueError, match="campaign: a path or a dict is needed"):
-        sidehill.campaign(None)
+        sidehill.campaign(untyped(None))
     with pytest.raises(FileNotFoundError, match="none.yaml"):
         sidehill.campaign(tmp_path / "none.yaml")
     with pytest.raises(FileNotFoundError, match="none.yaml"):

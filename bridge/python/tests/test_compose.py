@@ -4,10 +4,14 @@ import copy
 import json
 import math
 import pickle
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import sidehill
+from conftest import untyped
 
 MEASURES = (0.9, 0.7, 0.15, 120.0)
 
@@ -24,7 +28,7 @@ def bend() -> np.ndarray:
     return np.column_stack([4 * np.cos(angle) - 4, 4 * np.sin(angle)])
 
 
-def test_a_vehicle_of_five_numbers_is_that_of_init(guessed, run, tmp_path):
+def test_a_vehicle_of_five_numbers_is_that_of_init(guessed: Any, run: Callable[..., str], tmp_path: Path) -> None:
     length, width, radius, mass = MEASURES
     run("init", tmp_path / "rover", "--length", length, "--width", width, "--wheel-radius", radius, "--mass", mass,
         "--speed", 1.2)  # fmt: skip
@@ -35,7 +39,7 @@ def test_a_vehicle_of_five_numbers_is_that_of_init(guessed, run, tmp_path):
     figures = [sidehill.simulate(each, "contact-mpc", "contact").metrics["runs"][0] for each in (scenario, own)]
     assert figures[0]["cross_track_rms_m"] == figures[1]["cross_track_rms_m"]
     six = sidehill.Vehicle.from_geometry(*MEASURES, axles=3, name="six")
-    assert six.name == "six" and len(six.contact["axles"]) == 3
+    assert six.name == "six" and len(untyped(six.contact)["axles"]) == 3
 
 
 @pytest.mark.parametrize(
@@ -51,14 +55,14 @@ def test_a_vehicle_of_five_numbers_is_that_of_init(guessed, run, tmp_path):
         ({"name": "a b"}, 'name: "a b"'),
     ],
 )
-def test_a_measure_that_is_wrong_is_named(keywords, part):
+def test_a_measure_that_is_wrong_is_named(keywords: Any, part: Any) -> None:
     measures = dict(zip(("length_m", "width_m", "wheel_radius_m", "mass_kg"), MEASURES, strict=True))
     with pytest.raises(ValueError) as error:
         sidehill.Vehicle.from_geometry(**measures | keywords)
     assert part in str(error.value), error.value
 
 
-def test_a_vehicle_is_made_and_changed_by_its_keys(j8, guessed):
+def test_a_vehicle_is_made_and_changed_by_its_keys(j8: sidehill.Vehicle, guessed: Any) -> None:
     assert sidehill.Vehicle(**j8.to_dict()) == j8 == sidehill.Vehicle.j8()
     other = j8.with_(lambda_2_s_per_rad=2.5, name="other")
     assert (other.lambda_2_s_per_rad, other.name, other.x_icr_left_m) == (2.5, "other", j8.x_icr_left_m)
@@ -79,13 +83,13 @@ def test_a_vehicle_is_made_and_changed_by_its_keys(j8, guessed):
         ({"y_icr_m": None}, "y_icr_m"),
     ],
 )
-def test_a_change_that_is_wrong_is_named(guessed, change, part):
+def test_a_change_that_is_wrong_is_named(guessed: Any, change: Any, part: Any) -> None:
     with pytest.raises(ValueError) as error:
         guessed.with_(**change)
     assert part in str(error.value), error.value
 
 
-def test_a_scenario_of_objects_and_arrays(guessed, bend):
+def test_a_scenario_of_objects_and_arrays(guessed: Any, bend: Any) -> None:
     scenario = sidehill.Scenario(
         path=bend,
         vehicle=guessed,
@@ -105,7 +109,7 @@ def test_a_scenario_of_objects_and_arrays(guessed, bend):
     assert tilted.start_attitude_rad[1] == pytest.approx(math.atan(0.1), abs=0.03)
 
 
-def test_another_path_keeps_how_it_is_smoothed(bend):
+def test_another_path_keeps_how_it_is_smoothed(bend: Any) -> None:
     smoothing = {"max_deviation_m": 0.02}
     scenario = sidehill.Scenario(path=bend, route={"smoothing": smoothing})
     moved = scenario.with_(path=bend + 1)
@@ -115,7 +119,9 @@ def test_another_path_keeps_how_it_is_smoothed(bend):
     assert "smoothing" not in scenario.with_(path=bend, route={}).to_dict()["route"]
 
 
-def test_a_scenario_of_objects_is_one_file_for_the_program(run, tmp_path, guessed, bend):
+def test_a_scenario_of_objects_is_one_file_for_the_program(
+    run: Callable[..., str], tmp_path: Path, guessed: Any, bend: Any
+) -> None:
     x = np.linspace(-12, 12, 49)
     scenario = sidehill.Scenario(path=bend, vehicle=guessed, terrain=sidehill.Grid(x, x, lambda x, y: 0.1 * x + 0.05 * y))
     (tmp_path / "own.yaml").write_text(json.dumps(scenario.to_dict()))
@@ -125,7 +131,7 @@ def test_a_scenario_of_objects_is_one_file_for_the_program(run, tmp_path, guesse
         assert made[key] == printed[key]
 
 
-def test_a_grid_is_the_ground_of_its_heights(bend):
+def test_a_grid_is_the_ground_of_its_heights(bend: Any) -> None:
     x, y = np.arange(-8, 8.5, 0.5), np.arange(-4, 9, 0.5)
     height = 0.2 * x[None, :] - 0.1 * y[:, None]
     by_array = sidehill.Scenario(path=bend, terrain=sidehill.Grid(x, y, height))
@@ -152,16 +158,16 @@ def test_a_grid_is_the_ground_of_its_heights(bend):
         (lambda: sidehill.Scenario(path=[[0, 0], [0, 5]], vehicle={"name": "x"}), "x_icr_left_m"),
         (lambda: sidehill.Grid([0, 1], [0, 1], [[0, 0]]), "height_m: shape (1, 2) is not (2, 2)"),
         (lambda: sidehill.Grid([0, 1, 3], [0, 1], 0), "x_m, y_m: "),
-        (lambda: sidehill.Grid([0, 1], [0, 1], [[0, math.inf], [0, 0]]), "height_m: inf is not finite"),
+        (lambda: sidehill.Grid([0, 1], [0, 1], [[0.0, math.inf], [0.0, 0.0]]), "height_m: inf is not finite"),
     ],
 )
-def test_what_is_wrong_with_a_scenario_is_named(make, part):
+def test_what_is_wrong_with_a_scenario_is_named(make: Any, part: Any) -> None:
     with pytest.raises(ValueError) as error:
         make()
     assert part in str(error.value), error.value
 
 
-def test_a_name_with_dots_changes_one_key(short):
+def test_a_name_with_dots_changes_one_key(short: sidehill.Scenario) -> None:
     steeper = short.with_(**{"terrain.slope_deg": 12, "controller.weights.cross_per_m2": 7.0})
     assert steeper.to_dict()["terrain"] == short.to_dict()["terrain"] | {"slope_deg": 12}
     assert steeper.to_dict()["controller"]["weights"] == {"cross_per_m2": 7.0}
@@ -169,7 +175,7 @@ def test_a_name_with_dots_changes_one_key(short):
         short.with_(**{"terrain.slope_dge": 12})
 
 
-def test_scenarios_are_compared_by_keys_and_files(short, guessed, tmp_path):
+def test_scenarios_are_compared_by_keys_and_files(short: sidehill.Scenario, guessed: Any, tmp_path: Path) -> None:
     assert short == short.with_() == short.with_(seed=2).with_(seed=1) != short.with_(seed=2)
     assert short != 3
     own = short.with_(vehicle=guessed)
@@ -187,7 +193,7 @@ def test_scenarios_are_compared_by_keys_and_files(short, guessed, tmp_path):
             assert other == each and other.vehicle == each.vehicle
 
 
-def readings(simulation):
+def readings(simulation: Any) -> Any:
     return {
         "tread_speeds_m_s": simulation.tread_speeds_m_s,
         "attitude_rad": simulation.attitude_rad,
@@ -195,7 +201,7 @@ def readings(simulation):
     }
 
 
-def cycle(simulation, controller):
+def cycle(simulation: Any, controller: Any) -> Any:
     """One cycle of a loop; returns everything it came to."""
     decision = controller.step(simulation.time_s, **readings(simulation))
     left = decision.drive_traction_m_s - decision.drive_steer_m_s
@@ -211,13 +217,13 @@ SLALOM = {"shape": "slalom", "length_m": 8, "amplitude_m": 0.8, "wavelength_m": 
 
 @pytest.mark.parametrize("kind", ["icrik-mpc", "contact-mpc", "pure-pursuit"])
 @pytest.mark.parametrize("way", ["copy", "deepcopy", "pickle"])
-def test_a_copy_goes_on_bit_by_bit_as_the_original_would(short, kind, way):
+def test_a_copy_goes_on_bit_by_bit_as_the_original_would(short: sidehill.Scenario, kind: Any, way: Any) -> None:
     scenario = short.with_(course=SLALOM, plant="contact")
     make = {"copy": copy.copy, "deepcopy": copy.deepcopy, "pickle": lambda one: pickle.loads(pickle.dumps(one))}[way]
     simulation, controller = sidehill.Simulation(scenario), sidehill.Controller(scenario, kind)
     for _ in range(45):
         cycle(simulation, controller)
-    branches = [(make(simulation), make(controller)) for _ in range(2)]
+    branches: Any = [(untyped(make)(simulation), untyped(make)(controller)) for _ in range(2)]
     assert branches[0] == branches[1] == (simulation, controller)
     # What happens in one branch is nothing to the others.
     stopped = branches.pop()
@@ -232,7 +238,9 @@ def test_a_copy_goes_on_bit_by_bit_as_the_original_would(short, kind, way):
     assert kind == "pure-pursuit" or max(iterations for *_, iterations in went) > 0
 
 
-def test_controllers_and_simulations_are_compared_by_what_they_were_told(short, j8):
+def test_controllers_and_simulations_are_compared_by_what_they_were_told(
+    short: sidehill.Scenario, j8: sidehill.Vehicle
+) -> None:
     assert sidehill.Controller(short) == sidehill.Controller(short)
     assert sidehill.Controller(short) != sidehill.Controller(short, "icrhk-mpc")
     assert sidehill.Controller(short) != sidehill.Controller(short, vehicle=j8.with_(name="other"))
@@ -248,7 +256,7 @@ def test_controllers_and_simulations_are_compared_by_what_they_were_told(short, 
     assert one == two and one != 3
 
 
-def test_what_drives_on_and_on_is_copied_but_not_pickled(short):
+def test_what_drives_on_and_on_is_copied_but_not_pickled(short: sidehill.Scenario) -> None:
     simulation = sidehill.Simulation(short)
     for _ in range(10_000):
         simulation.step(0.0, 0.0, 0.005)
@@ -259,7 +267,7 @@ def test_what_drives_on_and_on_is_copied_but_not_pickled(short):
     assert copy.copy(simulation) == simulation
 
 
-def test_a_simulation_that_has_left_the_ground_is_pickled(bend):
+def test_a_simulation_that_has_left_the_ground_is_pickled(bend: Any) -> None:
     x = np.linspace(-6, 6, 25)
     scenario = sidehill.Scenario(path=bend, terrain=sidehill.Grid(x, x, 0 * x[:, None] * x))
     simulation = sidehill.Simulation(scenario)
@@ -269,7 +277,7 @@ def test_a_simulation_that_has_left_the_ground_is_pickled(bend):
     assert pickle.loads(pickle.dumps(simulation)) == simulation
 
 
-def test_a_notebook_shows_a_table(short, j8):
+def test_a_notebook_shows_a_table(short: sidehill.Scenario, j8: sidehill.Vehicle) -> None:
     for each, part in (
         (j8, "x_icr_left_m"),
         (short, "terrain.slope_deg"),

@@ -4,13 +4,15 @@ import math
 import os
 import threading
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import sidehill
+from conftest import untyped
 
 
-def drive(scenario, controller, seconds=math.inf, dt_s=None):
+def drive(scenario: Any, controller: Any, seconds: Any = math.inf, dt_s: Any = None) -> Any:
     """Drives the controller on an ICRIK model of its own on a plane, and returns all decisions."""
     vehicle = controller.vehicle
     dt_s = dt_s or controller.period_s
@@ -33,9 +35,7 @@ def drive(scenario, controller, seconds=math.inf, dt_s=None):
             break
         left = decision.drive_traction_m_s - decision.drive_steer_m_s
         right = decision.drive_traction_m_s + decision.drive_steer_m_s
-        body = sidehill.icr(
-            vehicle, *attitude, vehicle.correction_left * left, vehicle.correction_right * right
-        )
+        body = sidehill.icr(vehicle, *attitude, vehicle.correction_left * left, vehicle.correction_right * right)
         x += dt_s * float(cos * body["v_x_m_s"] - sin * body["v_y_m_s"])
         y += dt_s * float(sin * body["v_x_m_s"] + cos * body["v_y_m_s"])
         yaw += dt_s * float(body["omega_z_rad_s"])
@@ -43,7 +43,7 @@ def drive(scenario, controller, seconds=math.inf, dt_s=None):
     return decisions
 
 
-def test_a_loop_of_ones_own_follows_the_path(short):
+def test_a_loop_of_ones_own_follows_the_path(short: sidehill.Scenario) -> None:
     controller = sidehill.Controller(short, "icrik-mpc", seed=1)
     decisions = drive(short, controller, seconds=60)
     assert decisions[-1].finished and decisions[-1].status == "finished"
@@ -51,7 +51,7 @@ def test_a_loop_of_ones_own_follows_the_path(short):
     assert decisions[-1].arc_length_m == pytest.approx(2, abs=0.05)
 
 
-def test_a_decision_has_what_it_is_named_for(short, j8):
+def test_a_decision_has_what_it_is_named_for(short: sidehill.Scenario, j8: sidehill.Vehicle) -> None:
     controller = sidehill.Controller(short)
     assert (controller.kind, controller.period_s, controller.vehicle) == ("icrik-mpc", 0.05, j8)
     first = controller.step(0.0)
@@ -72,7 +72,7 @@ def test_a_decision_has_what_it_is_named_for(short, j8):
     assert drive(short, sidehill.Controller(short, "pure-pursuit"), seconds=1)[-1].plan is None
 
 
-def test_a_silent_pose_ends_in_a_stop_with_its_reason(short):
+def test_a_silent_pose_ends_in_a_stop_with_its_reason(short: sidehill.Scenario) -> None:
     controller = sidehill.Controller(short)
     last = drive(short, controller, seconds=1.5)[-1]
     # It drives on for up to 12 s; treads that say that it hardly moves keep it from the end of its path.
@@ -86,7 +86,7 @@ def test_a_silent_pose_ends_in_a_stop_with_its_reason(short):
     assert controller.step(19.05).status == "stopping"
 
 
-def test_a_yaw_rate_turns_the_heading_between_poses(short):
+def test_a_yaw_rate_turns_the_heading_between_poses(short: sidehill.Scenario) -> None:
     estimated = {}
     for yaw_rate_rad_s in (None, -0.2, 0.2):
         controller = sidehill.Controller(short)
@@ -95,13 +95,13 @@ def test_a_yaw_rate_turns_the_heading_between_poses(short):
             decision = controller.step(
                 0.5 + 0.05 * cycle, tread_speeds_m_s=(0.3, 0.3), attitude_rad=(0.0, 0.0), yaw_rate_rad_s=yaw_rate_rad_s
             )
-        estimated[yaw_rate_rad_s] = decision.estimate.yaw_rad
+        estimated[yaw_rate_rad_s] = untyped(decision.estimate).yaw_rad
     # For 0.2 s or more the one vehicle turned by 0.2 rad/s to the left and the other to the right.
     assert estimated[0.2] - estimated[-0.2] > 0.04
     assert estimated[-0.2] < estimated[None] < estimated[0.2]
 
 
-def test_another_vehicle_and_seed_are_taken(short, j8):
+def test_another_vehicle_and_seed_are_taken(short: sidehill.Scenario, j8: sidehill.Vehicle) -> None:
     other = sidehill.Vehicle.from_dict(j8.to_dict() | {"name": "other", "correction_left": 1.1})
     controller = sidehill.Controller(short, kind="icrhk-mpc", vehicle=other, seed=2**63)
     assert (controller.vehicle, controller.kind) == (other, "icrhk-mpc")
@@ -117,12 +117,12 @@ def test_another_vehicle_and_seed_are_taken(short, j8):
         ({"seed": 1.5}, "seed: 1.5"),
     ],
 )
-def test_a_controller_names_the_argument(short, keywords, part):
+def test_a_controller_names_the_argument(short: sidehill.Scenario, keywords: Any, part: Any) -> None:
     with pytest.raises(ValueError) as error:
         sidehill.Controller(short, **keywords)
     assert part in str(error.value)
     with pytest.raises(ValueError, match="scenario: a sidehill.Scenario is needed"):
-        sidehill.Controller("scenario.yaml", **keywords)
+        sidehill.Controller(untyped("scenario.yaml"), **keywords)
 
 
 @pytest.mark.parametrize(
@@ -145,7 +145,7 @@ def test_a_controller_names_the_argument(short, keywords, part):
         ({"attitude_deg": (1, 2)}, "attitude_deg: unknown"),
     ],
 )
-def test_step_names_the_argument_and_changes_nothing(short, keywords, part):
+def test_step_names_the_argument_and_changes_nothing(short: sidehill.Scenario, keywords: Any, part: Any) -> None:
     controller, other = sidehill.Controller(short), sidehill.Controller(short)
     drive(short, controller, seconds=0.5), drive(short, other, seconds=0.5)
     with pytest.raises(ValueError) as error:
@@ -155,7 +155,7 @@ def test_step_names_the_argument_and_changes_nothing(short, keywords, part):
     assert (after.traction_m_s, after.steer_m_s) == (reference.traction_m_s, reference.steer_m_s)
 
 
-def test_threads_take_turns(short):
+def test_threads_take_turns(short: sidehill.Scenario) -> None:
     controller = sidehill.Controller(short)
     steps = [threading.Thread(target=lambda: [controller.step(0.0) for _ in range(200)]) for _ in range(4)]
     for step in steps:
@@ -172,7 +172,7 @@ def resident_kib() -> int:
     return int(next(line for line in status if line.startswith("VmRSS")).split()[1])
 
 
-def test_memory_does_not_grow(short):
+def test_memory_does_not_grow(short: sidehill.Scenario) -> None:
     """SIDEHILL_STEPS sets the number of steps. The rover drives in circles on a level floor, without end."""
     steps = int(os.environ.get("SIDEHILL_STEPS", "50000"))
     circles = short.with_(
@@ -193,7 +193,7 @@ def test_memory_does_not_grow(short):
             time_s, tread_speeds_m_s=(left, right), attitude_rad=(0.0, 0.0), pose=(time_s, x, y, z, yaw)
         )
         assert decision.status in ("waiting", "tracking"), decision.reason
-        assert decision.plan is not None and decision.estimate.covariance is not None
+        assert decision.plan is not None and untyped(decision.estimate).covariance is not None
         if step % 100 == 0:
             with pytest.raises(ValueError):
                 controller.step(time_s, pose=(math.nan,) * 5)
@@ -214,12 +214,13 @@ def test_memory_does_not_grow(short):
     assert resident[-1] - resident[2] < 1024, resident
 
 
-def test_controllers_and_simulations_are_freed(short):
+def test_controllers_and_simulations_are_freed(short: sidehill.Scenario) -> None:
     resident = []
     for _ in range(4):
         for _ in range(200):
             controller, simulation = sidehill.Controller(short), sidehill.Simulation(short)
-            controller.step(0.0), simulation.step(0.1, 0.1, 0.05)
+            controller.step(0.0)
+            simulation.step(0.1, 0.1, 0.05)
         resident.append(resident_kib())
     # A controller alone holds more than 100 KiB.
     assert resident[-1] - resident[1] < 4096, resident

@@ -6,10 +6,13 @@ import random
 import signal
 import subprocess
 import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
 
 import pytest
 import sidehill
-from conftest import repository
+from conftest import repository, untyped
 from sidehill import _sidehill, distributed
 
 ray = pytest.importorskip("ray")
@@ -18,7 +21,7 @@ pytestmark = pytest.mark.filterwarnings("default")
 
 
 @pytest.fixture
-def campaign(tmp_path):
+def campaign(tmp_path: Path) -> Any:
     """A campaign of short runs, two to a task's second."""
     keys = {
         "name": "short",
@@ -42,13 +45,13 @@ def campaign(tmp_path):
 
 
 @pytest.fixture
-def whole(campaign):
+def whole(campaign: Any) -> Any:
     """The file of one machine."""
     return _sidehill.Campaign.read(campaign).csv(0, 60)
 
 
 @pytest.fixture(scope="module")
-def cluster():
+def cluster() -> Iterator[Any]:
     """Two nodes of one CPU each."""
     from ray.cluster_utils import Cluster
 
@@ -60,10 +63,10 @@ def cluster():
     ray.init(address=cluster.address, log_to_driver=False)
     yield cluster
     ray.shutdown()
-    cluster.shutdown()
+    untyped(cluster).shutdown()
 
 
-def killed_at_random(bundle, start, stop):
+def killed_at_random(bundle: Any, start: Any, stop: Any) -> Any:
     """The work, whose process dies in one of five tasks, before it or after half of it."""
     if random.random() < 0.2:
         if random.random() < 0.5:
@@ -72,7 +75,7 @@ def killed_at_random(bundle, start, stop):
     return distributed._run(bundle, start, stop)
 
 
-def test_a_bundle_is_the_campaign_without_its_files(campaign, whole, tmp_path):
+def test_a_bundle_is_the_campaign_without_its_files(campaign: Any, whole: Any, tmp_path: Path) -> None:
     bundle = _sidehill.Campaign.read(campaign).bundle()
     for name in ("campaign.yaml", "a.yaml", "b.yaml"):
         (tmp_path / name).unlink()
@@ -81,7 +84,9 @@ def test_a_bundle_is_the_campaign_without_its_files(campaign, whole, tmp_path):
     assert len({line.split(b",")[5] for line in whole.splitlines()[1:]}) == 2
 
 
-def test_tasks_killed_at_random_and_a_node_lost_leave_the_file_of_one_machine(cluster, campaign, whole, tmp_path):
+def test_tasks_killed_at_random_and_a_node_lost_leave_the_file_of_one_machine(
+    cluster: Any, campaign: Any, whole: Any, tmp_path: Path
+) -> None:
     out = tmp_path / "out.csv"
     report = distributed.run(campaign, out, runs=40, task_runs=2, work=killed_at_random)
     assert out.read_bytes() == b"".join(whole.splitlines(keepends=True)[: 1 + 40 * 2])
@@ -90,21 +95,21 @@ def test_tasks_killed_at_random_and_a_node_lost_leave_the_file_of_one_machine(cl
     # More runs, and the second node goes while they are made.
     node = cluster.add_node(num_cpus=1)
     cluster.wait_for_nodes()
-    gone = []
+    gone: list[Any] = []
 
-    def work(bundle, start, stop):
+    def work(bundle: Any, start: Any, stop: Any) -> Any:
         return distributed._run(bundle, start, stop)
 
     original = _sidehill.Results.append
 
     class Removing:
-        def __init__(self, *arguments):
+        def __init__(self, *arguments: Any) -> None:
             self.results = _sidehill.Results(*arguments)
 
-        def __getattr__(self, name):
+        def __getattr__(self, name: Any) -> Any:
             return getattr(self.results, name)
 
-        def append(self, csv):
+        def append(self, csv: Any) -> None:
             original(self.results, csv)
             if not gone:
                 gone.append(cluster.remove_node(node, allow_graceful=False))
@@ -120,7 +125,7 @@ def test_tasks_killed_at_random_and_a_node_lost_leave_the_file_of_one_machine(cl
     assert out.read_bytes() == whole
 
 
-def test_a_file_with_gaps_is_filled(cluster, campaign, whole, tmp_path):
+def test_a_file_with_gaps_is_filled(cluster: Any, campaign: Any, whole: Any, tmp_path: Path) -> None:
     lines = whole.splitlines(keepends=True)
     out = tmp_path / "out.csv"
     # One controller of run 3 is missing, runs 10 to 11 and 50 on; the last line is torn.
@@ -131,36 +136,38 @@ def test_a_file_with_gaps_is_filled(cluster, campaign, whole, tmp_path):
     assert out.read_bytes() == whole
 
 
-def test_a_task_that_fails_or_is_always_lost_ends_the_campaign(cluster, campaign, tmp_path, monkeypatch):
-    def fails(bundle, start, stop):
+def test_a_task_that_fails_or_is_always_lost_ends_the_campaign(
+    cluster: Any, campaign: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails(bundle: Any, start: Any, stop: Any) -> None:
         raise ValueError("no such thing")
 
     with pytest.raises(ValueError, match="no such thing"):
-        distributed.run(campaign, tmp_path / "out.csv", work=fails)
+        distributed.run(campaign, tmp_path / "out.csv", work=untyped(fails))
 
-    def dies(bundle, start, stop):
+    def dies(bundle: Any, start: Any, stop: Any) -> None:
         os.kill(os.getpid(), signal.SIGKILL)
 
     monkeypatch.setattr(distributed, "RETRIES", 1)
     with pytest.raises(ray.exceptions.WorkerCrashedError):
-        distributed.run(campaign, tmp_path / "out.csv", work=dies)
+        distributed.run(campaign, tmp_path / "out.csv", work=untyped(dies))
 
 
-def test_parts_are_ranges_of_at_most_so_many():
+def test_parts_are_ranges_of_at_most_so_many() -> None:
     parts = distributed._parts([0, 1, 2, 3, 4, 7, 9, 10], 2)
     assert list(parts) == [range(0, 2), range(2, 4), range(4, 5), range(7, 8), range(9, 11)]
     assert list(distributed._parts([], 2)) == []
 
 
-def test_what_is_wrong_is_named(campaign, tmp_path):
+def test_what_is_wrong_is_named(campaign: Any, tmp_path: Path) -> None:
     for task_runs in (0, "5", True, 1.5):
         with pytest.raises(ValueError, match="task_runs"):
-            distributed.run(campaign, tmp_path / "out.csv", task_runs=task_runs)
+            distributed.run(campaign, tmp_path / "out.csv", task_runs=untyped(task_runs))
     assert not (tmp_path / "out.csv").exists()
 
 
-def test_the_command_line(campaign, whole, tmp_path):
-    def command(*arguments):
+def test_the_command_line(campaign: Any, whole: Any, tmp_path: Path) -> None:
+    def command(*arguments: Any) -> Any:
         command = [sys.executable, "-m", "sidehill.distributed", *map(str, arguments)]
         return subprocess.run(command, capture_output=True, text=True, timeout=300)
 

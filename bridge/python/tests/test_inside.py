@@ -3,6 +3,7 @@
 import csv
 import math
 import time
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,11 +11,11 @@ import sidehill
 from conftest import repository
 from test_compose import SLALOM, cycle, readings
 
-MODELS = ["icrik", "icrhk", "contact"]
+MODELS: list[Any] = ["icrik", "icrhk", "contact"]
 
 
 @pytest.fixture
-def states():
+def states() -> Any:
     """States, inputs and attitudes away from standstill, where the models have kinks."""
     random = np.random.default_rng(3)
     state = random.uniform([-5, -5, -3], [5, 5, 3], (50, 3))
@@ -23,7 +24,7 @@ def states():
     return state, given, attitude
 
 
-def turned(attitude, yaw_rad):
+def turned(attitude: Any, yaw_rad: Any) -> Any:
     """The attitude of a vehicle that turns on its plane."""
     roll, pitch = attitude[..., 0], attitude[..., 1]
     # Upward normal in the body's horizontal axes, turned against the heading.
@@ -36,10 +37,10 @@ def turned(attitude, yaw_rad):
 
 @pytest.mark.parametrize("model", MODELS)
 @pytest.mark.parametrize("step_s", [None, 0.1])
-def test_jacobians_are_central_differences(j8, states, model, step_s):
+def test_jacobians_are_central_differences(j8: sidehill.Vehicle, states: Any, model: Any, step_s: Any) -> None:
     state, given, attitude = states
 
-    def f(state, given, yaw_change=0.0):
+    def f(state: Any, given: Any, yaw_change: Any = 0.0) -> Any:
         return sidehill.linearise(j8, model, state, given, turned(attitude, yaw_change), step_s).f
 
     found = sidehill.linearise(j8, model, state, given, attitude, step_s)
@@ -66,7 +67,7 @@ def test_jacobians_are_central_differences(j8, states, model, step_s):
         np.testing.assert_allclose(found.body_velocity_by_input[..., column], (ahead - behind) / (2 * step), atol=2e-5)
 
 
-def test_the_model_is_the_paper_s_where_nothing_is_smoothed():
+def test_the_model_is_the_paper_s_where_nothing_is_smoothed() -> None:
     with open(repository("plant/tests/data/icrik_vectors.csv")) as file:
         rows = list(csv.DictReader(line for line in file if not line.startswith("#")))
     for name in {row["vehicle"] for row in rows}:
@@ -84,7 +85,7 @@ def test_the_model_is_the_paper_s_where_nothing_is_smoothed():
         np.testing.assert_allclose(found[turns], expected[turns], rtol=0, atol=1e-7)
 
 
-def test_on_level_ground_the_rate_is_the_body_s_velocity_turned(j8):
+def test_on_level_ground_the_rate_is_the_body_s_velocity_turned(j8: sidehill.Vehicle) -> None:
     for model in MODELS:
         found = sidehill.linearise(j8, model, [1.0, 2.0, math.pi / 2], (0.4, 0.2), (0, 0))
         v_x, v_y, omega = found.body_velocity
@@ -93,7 +94,7 @@ def test_on_level_ground_the_rate_is_the_body_s_velocity_turned(j8):
         assert found.f.shape == (3,)
 
 
-def test_a_batch_is_its_elements_and_fast(j8):
+def test_a_batch_is_its_elements_and_fast(j8: sidehill.Vehicle) -> None:
     random = np.random.default_rng(1)
     state, given = random.uniform(-1, 1, (40, 1, 3)), random.uniform(-0.5, 0.5, (25, 2))
     whole = sidehill.linearise(j8, "contact", state, given, (0.1, 0.05))
@@ -123,7 +124,7 @@ def test_a_batch_is_its_elements_and_fast(j8):
         ({"vehicle": 3}, "vehicle: a sidehill.Vehicle is needed"),
     ],
 )
-def test_linearise_names_the_argument(j8, change, part):
+def test_linearise_names_the_argument(j8: sidehill.Vehicle, change: Any, part: Any) -> None:
     arguments = {"vehicle": j8, "model": "icrik", "state": (0, 0, 0), "input": (0.3, 0), "attitude": (0, 0)}
     with pytest.raises(ValueError) as error:
         sidehill.linearise(**arguments | change)
@@ -131,7 +132,7 @@ def test_linearise_names_the_argument(j8, change, part):
 
 
 @pytest.mark.parametrize("kind", ["icrik-mpc", "icrhk-mpc", "contact-mpc"])
-def test_the_qp_of_a_cycle_has_its_solution(short, kind):
+def test_the_qp_of_a_cycle_has_its_solution(short: sidehill.Scenario, kind: Any) -> None:
     scenario = short.with_(course=SLALOM)
     simulation, controller = sidehill.Simulation(scenario), sidehill.Controller(scenario, kind)
     assert controller.qp is None
@@ -158,7 +159,7 @@ def test_the_qp_of_a_cycle_has_its_solution(short, kind):
     assert sidehill.Controller(scenario, "pure-pursuit").qp is None
 
 
-def admm(qp, steps=20_000):
+def admm(qp: Any, steps: Any = 20_000) -> Any:
     """The operator splitting of Stellato et al. (OSQP, 2020), which shares nothing with our solvers."""
     sigma, rho = 1e-6, np.where(qp.l == qp.u, 1e3, 1.0)
     system = np.linalg.inv(qp.P + sigma * np.eye(len(qp.q)) + qp.A.T @ (rho[:, None] * qp.A))
@@ -172,7 +173,7 @@ def admm(qp, steps=20_000):
     return x, y
 
 
-def test_another_solver_finds_the_same_solution(short):
+def test_another_solver_finds_the_same_solution(short: sidehill.Scenario) -> None:
     scenario = short.with_(course=SLALOM)
     simulation, controller = sidehill.Simulation(scenario), sidehill.Controller(scenario)
     for _ in range(100):
@@ -180,19 +181,21 @@ def test_another_solver_finds_the_same_solution(short):
         qp = controller.qp
         if qp is not None and (qp.y[qp.l != qp.u] > 1e-6).sum() >= 2:
             break
+    assert qp is not None
     x, y = admm(qp)
     np.testing.assert_allclose(x, qp.x, atol=1e-5)
     np.testing.assert_allclose(y, qp.y, atol=1e-3 * (1 + abs(qp.y).max()))
     assert (qp.y[qp.l != qp.u] > 1e-6).sum() >= 2
 
 
-def test_what_is_learned_is_that_of_the_log(short):
+def test_what_is_learned_is_that_of_the_log(short: sidehill.Scenario) -> None:
     scenario = short.with_(plant="contact")
     (run,) = sidehill.simulate(scenario, "contact-mpc").runs
     simulation, controller = sidehill.Simulation(scenario), sidehill.Controller(scenario, "contact-mpc")
     for _ in range(40):
         cycle(simulation, controller)
     decision = controller.step(simulation.time_s, **readings(simulation))
+    assert decision.estimate is not None and decision.estimate.learned is not None
     learned = decision.estimate.learned
     assert {f"learned_{key}" for key in learned} <= run.log.keys() and (decision.estimate.slip_gains == 0).all()
     for value, low, high in learned.values():
@@ -201,17 +204,19 @@ def test_what_is_learned_is_that_of_the_log(short):
     for _ in range(40):
         cycle(simulation, icrik)
     decision = icrik.step(simulation.time_s, **readings(simulation))
-    assert decision.estimate.learned is None and decision.estimate.slip_gains.shape == (3, 5)
+    assert (
+        decision.estimate is not None and decision.estimate.learned is None and decision.estimate.slip_gains.shape == (3, 5)
+    )
     assert (decision.estimate.slip_gains != 0).any()
 
 
-def test_the_stages_are_the_model_about_the_plan(short, j8):
+def test_the_stages_are_the_model_about_the_plan(short: sidehill.Scenario, j8: sidehill.Vehicle) -> None:
     scenario = short.with_(course=SLALOM)
     simulation, controller = sidehill.Simulation(scenario), sidehill.Controller(scenario, "icrhk-mpc")
     for _ in range(40):
         cycle(simulation, controller)
-    decision = controller.step(simulation.time_s, **readings(simulation))
-    qp = controller.qp
+    decision: Any = controller.step(simulation.time_s, **readings(simulation))
+    qp: Any = controller.qp
     stages = len(decision.plan_inputs)
     assert decision.plan.shape == (stages + 1, 3) and decision.plan_times_s.shape == (stages + 1,)
     assert decision.plan_times_s[0] == 0 and (np.diff(decision.plan_times_s) > 0).all()

@@ -3,12 +3,15 @@
 import json
 import math
 import pickle
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas
 import pytest
 import sidehill
-from conftest import repository
+from conftest import repository, untyped
 
 LOGS = repository("plant/tests/data/trento_ramps")
 LEVEL = sorted(LOGS.glob("flat_left_*.csv"))
@@ -18,12 +21,12 @@ REPLAY = repository("plant/tests/data/dead_reckoning_exp1.csv")
 
 
 @pytest.fixture(scope="module")
-def tracked():
+def tracked() -> Any:
     return sidehill.Vehicle.load(LOGS / "vehicle.yaml")
 
 
 @pytest.fixture
-def drive(j8):
+def drive(j8: sidehill.Vehicle) -> Any:
     """A log made by the ICRIK model on a plane of 4 deg that rises towards +Y_g, turning all the time."""
     rows, (x, y, yaw) = [], (0.0, 0.0, 0.0)
     slope = math.radians(4)
@@ -41,15 +44,17 @@ def drive(j8):
     return dict(zip(names, map(list, zip(*rows))))
 
 
-def test_identification_is_that_of_the_program_bit_by_bit(tracked, tmp_path, run):
+def test_identification_is_that_of_the_program_bit_by_bit(tracked: Any, tmp_path: Path, run: Callable[..., str]) -> None:
     out = tmp_path / "identified.yaml"
     printed = json.loads(run(
         "identify", "--level", *LEVEL, "--slope", *SLOPE, "--segment-s", 4, "--columns", COLUMNS,
         "--vehicle", LOGS / "vehicle.yaml", "--out", out, "--format", "json",
     ))  # fmt: skip
-    found = sidehill.identify(level=LEVEL, slope=map(str, SLOPE), vehicle=tracked, segment_s=4, columns=COLUMNS)
+    found = sidehill.identify(level=LEVEL, slope=[*map(str, SLOPE)], vehicle=tracked, segment_s=4, columns=COLUMNS)
     assert found.vehicle == sidehill.Vehicle.load(out) != tracked
-    assert list(found.slope["undetermined"]) == ["lambda_2_s_per_rad"] and found.level["undetermined"] == {}
+    assert (
+        list(untyped(found.slope)["undetermined"]) == ["lambda_2_s_per_rad"] and untyped(found.level)["undetermined"] == {}
+    )
     assert (found.level, found.slope, found.verdict) == (printed["level"], printed["slope"], printed["verdict"])
     assert found.verdict["max_slope_deg"] < 20 and found.verdict["reasons"]
     assert found.text.startswith("level: ") and "\nslope: " in found.text
@@ -59,18 +64,21 @@ def test_identification_is_that_of_the_program_bit_by_bit(tracked, tmp_path, run
     other = pickle.loads(pickle.dumps(found))
     assert other == found and (other.slope, other.verdict) == (found.slope, found.verdict)
     assert isinstance(found, sidehill.Vehicle) and found.x_icr_left_m == found.vehicle.x_icr_left_m
-    assert found.level["estimates"]["x_icr_left_m"]["value"] == found.x_icr_left_m
-    assert found.level["held_out"]["fitted"]["yaw_rad"] < found.level["held_out"]["baseline"]["yaw_rad"]
-    assert "lambda_1_s_per_rad" in found.slope["estimates"] and found.slope["segments"] > 0
+    assert untyped(found.level)["estimates"]["x_icr_left_m"]["value"] == found.x_icr_left_m
+    assert untyped(found.level)["held_out"]["fitted"]["yaw_rad"] < untyped(found.level)["held_out"]["baseline"]["yaw_rad"]
+    assert "lambda_1_s_per_rad" in untyped(found.slope)["estimates"] and untyped(found.slope)["segments"] > 0
 
 
-def test_the_vehicle_on_wheels_is_identified_where_it_is_asked_for(j8, drive):
+def test_the_vehicle_on_wheels_is_identified_where_it_is_asked_for(j8: sidehill.Vehicle, drive: Any) -> None:
     found = sidehill.identify(slope=[drive], vehicle=j8, segment_s=2, contact=True)
-    assert "friction" in found.contact_report["estimates"] and found.contact["half_width_m"] == j8.base_half_width_m
+    assert (
+        "friction" in untyped(found.contact_report)["estimates"]
+        and untyped(found.contact)["half_width_m"] == j8.base_half_width_m
+    )
     assert "contact vehicle: " in found.text
 
 
-def test_gains_of_a_slope_are_found_again_from_dicts_and_frames(j8, drive):
+def test_gains_of_a_slope_are_found_again_from_dicts_and_frames(j8: sidehill.Vehicle, drive: Any) -> None:
     flat = sidehill.Vehicle.from_dict(j8.to_dict() | {"lambda_1_s_per_rad": 0.0, "lambda_2_s_per_rad": 0.0})
     found = sidehill.identify(slope=[drive], vehicle=flat, smoothing_s=0)
     assert found.level is None
@@ -81,7 +89,9 @@ def test_gains_of_a_slope_are_found_again_from_dicts_and_frames(j8, drive):
     assert again.vehicle == found.vehicle == sidehill.identify(slope=(arrays,), vehicle=flat, smoothing_s=0).vehicle
 
 
-def test_odometry_is_that_of_the_program_bit_by_bit(j8, run, drive, tmp_path):
+def test_odometry_is_that_of_the_program_bit_by_bit(
+    j8: sidehill.Vehicle, run: Callable[..., str], drive: Any, tmp_path: Path
+) -> None:
     pandas.DataFrame(drive).to_csv(tmp_path / "drive.csv", index=False)
     log = tmp_path / "drive.csv"
     printed = json.loads(run("odometry", log, "--vehicle", repository("config/vehicles/j8.yaml"), "--format", "json"))
@@ -89,14 +99,14 @@ def test_odometry_is_that_of_the_program_bit_by_bit(j8, run, drive, tmp_path):
     assert printed["icrik"]["j_over_n"] < printed["icrhk"]["j_over_n"]
 
 
-def test_rows_without_a_pose_count_less(j8, drive):
+def test_rows_without_a_pose_count_less(j8: sidehill.Vehicle, drive: Any) -> None:
     frame = pandas.DataFrame(drive)
     frame.loc[frame.index % 4 != 0, ["x_m", "y_m", "z_m", "yaw_rad"]] = np.nan
     assert sidehill.odometry(frame, j8)["samples"] < sidehill.odometry(drive, j8)["samples"] / 3
 
 
-def test_what_is_wrong_with_a_log_is_named(j8, drive, tmp_path):
-    def fails(log, *parts):
+def test_what_is_wrong_with_a_log_is_named(j8: sidehill.Vehicle, drive: Any, tmp_path: Path) -> None:
+    def fails(log: Any, *parts: Any) -> None:
         for call in (lambda: sidehill.odometry(log, j8), lambda: sidehill.identify(slope=[log], vehicle=j8)):
             with pytest.raises(ValueError) as error:
                 call()
@@ -129,7 +139,7 @@ def test_what_is_wrong_with_a_log_is_named(j8, drive, tmp_path):
         ({"slope": [REPLAY], "vehicle": {}}, "vehicle: a sidehill.Vehicle is needed"),
     ],
 )
-def test_identify_names_the_argument(j8, keywords, part):
+def test_identify_names_the_argument(j8: sidehill.Vehicle, keywords: Any, part: Any) -> None:
     with pytest.raises(ValueError) as error:
         sidehill.identify(**({"vehicle": j8} | keywords))
     assert part in str(error.value)

@@ -3,11 +3,14 @@
 import json
 import math
 import threading
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas
 import pytest
 import sidehill
+from conftest import untyped
 
 FIGURES = (
     "cross_track_rms_m", "cross_track_p95_m", "cross_track_max_m", "along_track_rms_m", "heading_rms_rad", "goal_error_m",
@@ -18,10 +21,10 @@ FIGURES = (
 class Pursuit:
     """Steers at where the reference is in one second."""
 
-    def __init__(self):
-        self.asked = []
+    def __init__(self) -> None:
+        self.asked: list[Any] = []
 
-    def __call__(self, measured):
+    def __call__(self, measured: Any) -> Any:
         self.asked.append(measured)
         if measured.pose is None:
             return 0.0, 0.0
@@ -36,7 +39,7 @@ class Pursuit:
         return (traction - steer) / vehicle.correction_left, np.float64(traction + steer) / vehicle.correction_right
 
 
-def test_a_callable_drives_beside_ours(short):
+def test_a_callable_drives_beside_ours(short: sidehill.Scenario) -> None:
     own = Pursuit()
     result = sidehill.simulate(short, controllers=["icrik-mpc", own])
     ours, theirs = result.metrics["runs"]
@@ -59,15 +62,16 @@ def test_a_callable_drives_beside_ours(short):
     assert log["command_traction_m_s"][60] == pytest.approx(effective, abs=1e-12)
 
 
-def test_a_function_keeps_its_name_and_sees_late_and_rare_readings(short):
+def test_a_function_keeps_its_name_and_sees_late_and_rare_readings(short: sidehill.Scenario) -> None:
     seen = []
 
-    def standing(measured):
+    def standing(measured: Any) -> Any:
         seen.append(measured)
         return 0, 0
 
     late = short.with_(
-        sensors={"pose": {"timing": {"rate_hz": 4, "delay_s": 0.2}}}, course={"shape": "straight", "length_m": 1, "speed_m_s": 1}
+        sensors={"pose": {"timing": {"rate_hz": 4, "delay_s": 0.2}}},
+        course={"shape": "straight", "length_m": 1, "speed_m_s": 1},
     )
     (run,) = sidehill.simulate(late, standing).metrics["runs"]
     assert run["controller"] == "standing" and not run["completed"] and run["ended_by"].startswith("not at the end")
@@ -76,7 +80,7 @@ def test_a_function_keeps_its_name_and_sees_late_and_rare_readings(short):
     assert 0.19 < min(ages) and max(ages) < 0.46
 
 
-def test_a_callable_drives_an_object_too(short, j8):
+def test_a_callable_drives_an_object_too(short: sidehill.Scenario, j8: sidehill.Vehicle) -> None:
     from test_simulate import Rover
 
     rover = Rover(j8, 8)
@@ -94,14 +98,14 @@ def test_a_callable_drives_an_object_too(short, j8):
         (("a", 0), "controllers: v_left_m_s is 'a'"),
     ],
 )
-def test_what_a_callable_gives_wrongly_is_named(short, given, part):
+def test_what_a_callable_gives_wrongly_is_named(short: sidehill.Scenario, given: Any, part: Any) -> None:
     with pytest.raises(ValueError) as error:
         sidehill.simulate(short, lambda measured: given)
     assert part in str(error.value), error.value
 
 
-def test_what_a_callable_raises_comes_through(short):
-    def broken(measured):
+def test_what_a_callable_raises_comes_through(short: sidehill.Scenario) -> None:
+    def broken(measured: Any) -> Any:
         if measured.time_s > 1:
             raise KeyError("gain")
         return 0.2, 0.2
@@ -111,7 +115,7 @@ def test_what_a_callable_raises_comes_through(short):
     assert error.traceback[-1].name == "broken"
 
 
-def test_a_horizon_of_references_is_one_call(short):
+def test_a_horizon_of_references_is_one_call(short: sidehill.Scenario) -> None:
     simulation = sidehill.Simulation(short)
     ahead = np.linspace(0, 3, 31)
     horizon = simulation.reference(ahead)
@@ -121,14 +125,14 @@ def test_a_horizon_of_references_is_one_call(short):
     assert simulation.reference([]).shape == (0, 4)
     for wrong in ([0.0, -1.0], [[0.0]], [math.nan], "1", None):
         with pytest.raises(ValueError, match="ahead_s: "):
-            simulation.reference(wrong)
+            simulation.reference(untyped(wrong))
 
 
-def test_threads_that_share_a_simulation_wait_for_each_other(short):
+def test_threads_that_share_a_simulation_wait_for_each_other(short: sidehill.Scenario) -> None:
     simulation = sidehill.Simulation(short)
     ahead = [0.1] * 200
 
-    def work():
+    def work() -> None:
         for _ in range(300):
             simulation.reference(ahead)
             simulation.step(0.1, 0.1, 0.005)
@@ -143,13 +147,13 @@ def test_threads_that_share_a_simulation_wait_for_each_other(short):
     assert simulation.time_s == pytest.approx(6)
 
 
-def close(found, expected):
+def close(found: Any, expected: Any) -> None:
     for key in FIGURES:
         assert found[key] == pytest.approx(expected[key], rel=1e-3, abs=1e-4), key
 
 
 @pytest.mark.parametrize("kind", ["icrik-mpc", "pure-pursuit"])
-def test_figures_of_a_log_are_those_of_the_run(eight, kind):
+def test_figures_of_a_log_are_those_of_the_run(eight: sidehill.Scenario, kind: Any) -> None:
     # A row a step: the log has all that the figures are made of.
     scenario = eight.with_(step_s=0.05, controllers=[kind])
     (run,) = sidehill.simulate(scenario).runs
@@ -158,7 +162,7 @@ def test_figures_of_a_log_are_those_of_the_run(eight, kind):
     assert found["completed"] is run.metrics["completed"] is True
 
 
-def test_any_log_has_figures(short, tmp_path):
+def test_any_log_has_figures(short: sidehill.Scenario, tmp_path: Path) -> None:
     scenario = short.with_(step_s=0.05, controllers=["icrik-mpc"])
     (run,) = sidehill.simulate(scenario).runs
     known = {name: run.log[name] for name in ("time_s", "x_m", "y_m", "yaw_rad")}
@@ -192,11 +196,11 @@ def test_any_log_has_figures(short, tmp_path):
         ({"command_traction_m_s": [0.0] * 3}, "log: the column command_steer_m_s is missing"),
     ],
 )
-def test_what_is_wrong_with_a_log_is_named(short, change, part):
+def test_what_is_wrong_with_a_log_is_named(short: sidehill.Scenario, change: Any, part: Any) -> None:
     log = {"time_s": [0.0, 0.1, 0.2], "x_m": [0.0] * 3, "y_m": [0.0] * 3, "yaw_rad": [0.0] * 3} | change
     log = {name: values for name, values in log.items() if values is not None}
     with pytest.raises(ValueError) as error:
         sidehill.metrics(log, short)
     assert part in str(error.value), error.value
     with pytest.raises(ValueError, match="log: a path, a dict of columns or a DataFrame is needed, not int"):
-        sidehill.metrics(3, short)
+        sidehill.metrics(untyped(3), short)

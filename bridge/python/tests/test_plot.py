@@ -1,6 +1,7 @@
 """Plots of results."""
 
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ import sidehill
 
 
 @pytest.mark.filterwarnings("default")
-def test_a_plot_shows_the_logs_on_their_ground(short, tmp_path):
+def test_a_plot_shows_the_logs_on_their_ground(short: sidehill.Scenario, tmp_path: Path) -> None:
     matplotlib = pytest.importorskip("matplotlib")
     matplotlib.use("Agg")
     result = sidehill.simulate(short, ["contact-mpc", "pure-pursuit"], plant="contact")
@@ -28,14 +29,14 @@ def test_a_plot_shows_the_logs_on_their_ground(short, tmp_path):
     matplotlib.pyplot.close("all")
 
 
-def test_without_matplotlib_a_plot_says_what_it_needs(short, monkeypatch):
+def test_without_matplotlib_a_plot_says_what_it_needs(short: sidehill.Scenario, monkeypatch: pytest.MonkeyPatch) -> None:
     result = sidehill.simulate(short, "pure-pursuit")
     monkeypatch.setitem(sys.modules, "matplotlib.pyplot", None)
     with pytest.raises(ImportError, match="pip install matplotlib"):
         result.plot()
 
 
-def test_the_height_of_the_ground(short):
+def test_the_height_of_the_ground(short: sidehill.Scenario) -> None:
     slope = np.tan(np.radians(8))
     x, y = np.meshgrid([0.0, 1.0], [0.0, 2.0, 3.0])
     up = np.radians(60)

@@ -5,23 +5,28 @@ import csv
 import json
 import math
 import pickle
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import sidehill
-from conftest import repository
+from conftest import repository, untyped
 
 TIMES = {"solve_us", "cycle_us", "deadline_misses"}
 
 
-def figures(run):
+def figures(run: dict[str, Any]) -> Any:
     return {key: value for key, value in run.items() if key not in TIMES}
 
 
 KINDS = ["icrik-mpc", "icrhk-mpc", "contact-mpc", "diffdrive-mpc", "pure-pursuit"]
 
 
-def same_as_the_program(run, tmp_path, scenario, controllers, plant, seed):
+def same_as_the_program(
+    run: Callable[..., str], tmp_path: Path, scenario: Any, controllers: Any, plant: Any, seed: Any
+) -> None:
     """The wheel's figures and logs of a scenario's file are the program's, bit by bit."""
     named = [argument for kind in controllers for argument in ("--controller", kind)]
     arguments = ["--plant", plant, "--seed", seed, *named, "--format", "json", "--out", tmp_path / "out"]
@@ -56,16 +61,22 @@ def same_as_the_program(run, tmp_path, scenario, controllers, plant, seed):
         ("j8_route", "contact", ["icrik-mpc"]),
     ],
 )
-def test_figures_and_logs_are_those_of_the_program_bit_by_bit(run, tmp_path, name, plant, controllers):
+def test_figures_and_logs_are_those_of_the_program_bit_by_bit(
+    run: Callable[..., str], tmp_path: Path, name: Any, plant: Any, controllers: Any
+) -> None:
     same_as_the_program(run, tmp_path, repository(f"config/scenarios/{name}.yaml"), controllers, plant, 3)
 
 
-def test_a_campaigns_run_with_all_its_draws_is_that_of_the_program_bit_by_bit(run, tmp_path):
+def test_a_campaigns_run_with_all_its_draws_is_that_of_the_program_bit_by_bit(
+    run: Callable[..., str], tmp_path: Path
+) -> None:
     run("campaign", repository("config/campaigns/default.yaml"), "--write-scenario", 17, "--out", tmp_path / "run.yaml")
     same_as_the_program(run, tmp_path, tmp_path / "run.yaml", KINDS, "contact", 8)
 
 
-def test_conditions_with_sensors_and_noise_are_those_of_the_program(run, tmp_path, short):
+def test_conditions_with_sensors_and_noise_are_those_of_the_program(
+    run: Callable[..., str], tmp_path: Path, short: sidehill.Scenario
+) -> None:
     changed = short.with_(
         sensors={"pose": {"timing": {"rate_hz": 10, "delay_s": 0.1}, "errors": {"noise_std_m": 0.01}}},
         seed=11,
@@ -81,7 +92,7 @@ def test_conditions_with_sensors_and_noise_are_those_of_the_program(run, tmp_pat
     assert other["cross_track_rms_m"] != printed["runs"][0]["cross_track_rms_m"] and other["seed"] == 12
 
 
-def test_scenarios_from_dicts_name_what_is_wrong(short, tmp_path):
+def test_scenarios_from_dicts_name_what_is_wrong(short: sidehill.Scenario, tmp_path: Path) -> None:
     keys = short.to_dict() | {"vehicle": str(repository("config/vehicles/j8.yaml"))}
     again = sidehill.Scenario.from_dict(keys)
     assert again.name == "short" and again.controllers == ["icrik-mpc", "pure-pursuit"]
@@ -97,10 +108,10 @@ def test_scenarios_from_dicts_name_what_is_wrong(short, tmp_path):
         ({"seed": object()}, "object"),
     ]:
         with pytest.raises(ValueError) as error:
-            sidehill.Scenario.from_dict(keys | change)
+            sidehill.Scenario.from_dict(keys | untyped(change))
         assert part in str(error.value), error.value
         with pytest.raises(ValueError) as error:
-            short.with_(**change)
+            short.with_(**untyped(change))
         assert part in str(error.value), error.value
     with pytest.raises(FileNotFoundError, match="no.yaml"):
         short.with_(vehicle="no.yaml")
@@ -108,7 +119,7 @@ def test_scenarios_from_dicts_name_what_is_wrong(short, tmp_path):
         sidehill.Scenario.load(tmp_path / "no.yaml")
 
 
-def test_with_replaces_only_what_is_given_of_the_controller(eight):
+def test_with_replaces_only_what_is_given_of_the_controller(eight: sidehill.Scenario) -> None:
     changed = eight.with_(controller={"estimator": {"gate": 50.0}}, seed=4)
     controller = changed.to_dict()["controller"]
     assert controller["estimator"]["gate"] == 50 and controller["estimator"]["pose_sigma_m"] == 0.0001
@@ -116,7 +127,7 @@ def test_with_replaces_only_what_is_given_of_the_controller(eight):
     assert changed.vehicle == eight.vehicle and changed.name == eight.name
 
 
-def test_scenarios_and_vehicles_are_copied_and_pickled(eight, j8):
+def test_scenarios_and_vehicles_are_copied_and_pickled(eight: sidehill.Scenario, j8: sidehill.Vehicle) -> None:
     changed = eight.with_(seed=4)
     for again in (pickle.loads(pickle.dumps(changed)), copy.deepcopy(changed)):
         assert again.to_dict() == changed.to_dict() and again.vehicle == j8
@@ -126,18 +137,18 @@ def test_scenarios_and_vehicles_are_copied_and_pickled(eight, j8):
 class Rover:
     """The ICRIK model on a plane that rises towards +Y_g, as a simulator of one's own."""
 
-    def __init__(self, vehicle, slope_deg=5.3):
+    def __init__(self, vehicle: Any, slope_deg: Any = 5.3) -> None:
         self.vehicle, self.slope = vehicle, math.radians(slope_deg)
-        self.calls = []
+        self.calls: list[Any] = []
 
-    def reset(self, pose, attitude):
+    def reset(self, pose: Any, attitude: Any) -> None:
         self.pose, self.attitude_rad, self.tread_speeds_m_s = pose, attitude, (0.0, 0.0)
         self.calls.append(("reset", pose, attitude))
 
-    def step(self, v_left_m_s, v_right_m_s, dt_s):
+    def step(self, v_left_m_s: Any, v_right_m_s: Any, dt_s: Any) -> None:
         x, y, z, yaw = self.pose
         left, right = self.vehicle.correction_left * v_left_m_s, self.vehicle.correction_right * v_right_m_s
-        body = sidehill.icr(self.vehicle, *self.attitude_rad, left, right)
+        body = sidehill.icr(self.vehicle, self.attitude_rad[0], self.attitude_rad[1], left, right)
         sin, cos = math.sin(yaw), math.cos(yaw)
         x += dt_s * float(cos * body["v_x_m_s"] - sin * body["v_y_m_s"])
         y += dt_s * float(sin * body["v_x_m_s"] + cos * body["v_y_m_s"])
@@ -150,7 +161,7 @@ class Rover:
         self.calls.append(dt_s)
 
 
-def test_a_simulation_step_by_step_is_that_of_simulate(eight):
+def test_a_simulation_step_by_step_is_that_of_simulate(eight: sidehill.Scenario) -> None:
     scenario = eight.with_(course={"shape": "circle", "radius_m": 1.5, "speed_m_s": 0.5, "turns": 1})
     for plant in ("icrik", "contact"):
         log = sidehill.simulate(scenario, controllers="icrik-mpc", plant=plant).runs[0].log
@@ -173,10 +184,10 @@ def test_a_simulation_step_by_step_is_that_of_simulate(eight):
             right = decision.drive_traction_m_s + decision.drive_steer_m_s
             simulation.step(left, right, scenario.period_s)
         assert decision.finished and row == len(log["time_s"]) - 1
-        assert simulation.reference(0.0)[:2] == pytest.approx(decision.reference_pose[:2], abs=0.05)
+        assert simulation.reference(0.0)[:2] == pytest.approx(untyped(decision.reference_pose)[:2], abs=0.05)
 
 
-def test_a_simulation_names_the_argument(short):
+def test_a_simulation_names_the_argument(short: sidehill.Scenario) -> None:
     simulation = sidehill.Simulation(short)
     for arguments, part in [
         ((None, 0.1, 0.05), "v_left_m_s: None"),
@@ -186,24 +197,36 @@ def test_a_simulation_names_the_argument(short):
         ((0.1, 0.1, -0.05), "dt_s: -0.05"),
     ]:
         with pytest.raises(ValueError) as error:
-            simulation.step(*arguments)
+            simulation.step(*untyped(arguments))
         assert part in str(error.value), error.value
     assert simulation.time_s == 0 and not simulation.finished
     for ahead_s in (None, -1, math.inf):
         with pytest.raises(ValueError, match="ahead_s: "):
-            simulation.reference(ahead_s)
+            simulation.reference(untyped(ahead_s))
     for keywords in ({"plant": "mud"}, {"plant": object()}, {"seed": -1}):
         with pytest.raises(ValueError, match=f"{next(iter(keywords))}: "):
-            sidehill.Simulation(short, **keywords)
+            sidehill.Simulation(short, **untyped(keywords))
     with pytest.raises(ValueError, match="scenario: "):
-        sidehill.Simulation(None)
+        sidehill.Simulation(untyped(None))
 
 
-def test_an_object_is_the_vehicle(eight, j8):
+@pytest.mark.parametrize("plant", ["icrik", "contact"])
+def test_another_plant_or_seed_is_that_of_a_scenario_made_so(eight: sidehill.Scenario, plant: Any) -> None:
+    sensors = {"pose": {"timing": {"rate_hz": 10}, "errors": {"noise_std_m": 0.01}}}
+    scenario = eight.with_(sensors=sensors, drive_train={"delay_s": 0.1})
+    given = sidehill.Simulation(scenario, plant, 7)
+    made = sidehill.Simulation(scenario.with_(plant=plant, seed=7))
+    for number in range(200):
+        for simulation in (given, made):
+            simulation.step(0.3, 0.3 + 0.2 * math.sin(number / 20), 0.05)
+        assert given.pose == made.pose and given.attitude_rad == made.attitude_rad and given.errors == made.errors
+    np.testing.assert_array_equal(given.reference(np.arange(5)), made.reference(np.arange(5)))
+    assert given.vehicle == made.vehicle and given.reference_end_s == made.reference_end_s
+
+
+def test_an_object_is_the_vehicle(eight: sidehill.Scenario, j8: sidehill.Vehicle) -> None:
     rover = Rover(j8)
-    scenario = eight.with_(
-        course={"shape": "circle", "radius_m": 1.5, "speed_m_s": 0.5, "turns": 1}, step_s=0.025
-    )
+    scenario = eight.with_(course={"shape": "circle", "radius_m": 1.5, "speed_m_s": 0.5, "turns": 1}, step_s=0.025)
     result = sidehill.simulate(scenario, controllers=["icrik-mpc", "icrhk-mpc"], plant=rover)
     own, level = result.metrics["runs"]
     assert own["plant"] == "Rover" and own["completed"] and level["completed"]
@@ -216,9 +239,9 @@ def test_an_object_is_the_vehicle(eight, j8):
 
 
 @pytest.mark.parametrize("form", ["tuple", "dict", "methods"])
-def test_a_plant_may_return_what_it_measures(short, j8, form):
+def test_a_plant_may_return_what_it_measures(short: sidehill.Scenario, j8: sidehill.Vehicle, form: Any) -> None:
     class Other(Rover):
-        def step(self, *arguments):
+        def step(self, *arguments: Any) -> Any:
             super().step(*arguments)
             if form == "tuple":
                 return self.pose, self.attitude_rad, np.array(self.tread_speeds_m_s)
@@ -230,19 +253,19 @@ def test_a_plant_may_return_what_it_measures(short, j8, form):
     if form == "methods":
 
         class Methods:
-            def __init__(self):
+            def __init__(self) -> None:
                 self.reset, self.step = plant.reset, plant.step
 
-            def pose(self):
+            def pose(self) -> Any:
                 return plant.pose
 
-            def attitude(self):
+            def attitude(self) -> Any:
                 return plant.attitude_rad
 
-            def tread_speeds(self):
+            def tread_speeds(self) -> Any:
                 return plant.tread_speeds_m_s
 
-        plant_given = Methods()
+        plant_given: Any = Methods()
     else:
         plant_given = plant
     scenario = short.with_(terrain={"kind": "plane", "slope_deg": 8, "uphill_heading_deg": 0})
@@ -254,19 +277,19 @@ class Broken(Exception):
     pass
 
 
-def test_a_failing_plant_raises_its_own_exception(short, j8):
+def test_a_failing_plant_raises_its_own_exception(short: sidehill.Scenario, j8: sidehill.Vehicle) -> None:
     class Failing(Rover):
-        def step(self, *arguments):
+        def step(self, *arguments: Any) -> None:
             super().step(*arguments)
             if len(self.calls) > 40:
                 raise Broken("axle")
 
     with pytest.raises(Broken, match="axle") as error:
-        sidehill.simulate(short, plant=Failing(j8))
+        sidehill.simulate(short, plant=untyped(Failing(j8)))
     assert error.traceback[-1].name == "step"
 
     class NoStart(Rover):
-        def reset(self, pose, attitude):
+        def reset(self, pose: Any, attitude: Any) -> None:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
@@ -284,13 +307,13 @@ def test_a_failing_plant_raises_its_own_exception(short, j8):
         (3.0, "pose is missing after step"),
     ],
 )
-def test_what_a_plant_gives_wrongly_is_named(short, j8, given, part):
+def test_what_a_plant_gives_wrongly_is_named(short: sidehill.Scenario, j8: sidehill.Vehicle, given: Any, part: Any) -> None:
     class Wrong(Rover):
-        def step(self, *arguments):
+        def step(self, *arguments: Any) -> Any:
             return given
 
     with pytest.raises(ValueError) as error:
-        sidehill.simulate(short, plant=Wrong(j8))
+        sidehill.simulate(short, plant=untyped(Wrong(j8)))
     assert part in str(error.value)
 
 
@@ -306,7 +329,7 @@ def test_what_a_plant_gives_wrongly_is_named(short, j8, given, part):
         ({"seed": "1"}, "seed: '1'"),
     ],
 )
-def test_simulate_names_the_argument(short, keywords, part):
+def test_simulate_names_the_argument(short: sidehill.Scenario, keywords: Any, part: Any) -> None:
     with pytest.raises(ValueError) as error:
         sidehill.simulate(**({"scenario": short} | keywords))
     assert part in str(error.value)

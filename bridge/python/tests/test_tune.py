@@ -1,6 +1,7 @@
 """Search of settings."""
 
 import math
+from typing import Any
 
 import pytest
 import sidehill
@@ -8,7 +9,7 @@ from conftest import repository
 
 
 @pytest.fixture
-def bad():
+def bad() -> Any:
     """A campaign whose controller hardly heeds its path: easily bettered."""
     return {
         "name": "bad",
@@ -25,10 +26,10 @@ def bad():
     }
 
 
-BUDGET = {"training": 6, "held_out": 12, "tries": 8, "keys": ["weights.cross_per_m2"]}
+BUDGET: dict[str, Any] = {"training": 6, "held_out": 12, "tries": 8, "keys": ["weights.cross_per_m2"]}
 
 
-def test_bad_weights_become_better_and_the_same_again(bad):
+def test_bad_weights_become_better_and_the_same_again(bad: Any) -> None:
     found = sidehill.tune(bad, **BUDGET)
     assert found["improved"] and found["controller"] == "icrik-mpc" and found["name"] == "bad"
     (setting,) = found["settings"]
@@ -46,9 +47,9 @@ def test_bad_weights_become_better_and_the_same_again(bad):
     assert sidehill.tune(bad, threads=1, **BUDGET) == found
 
 
-def test_settings_that_cannot_be_bettered_stay(bad):
+def test_settings_that_cannot_be_bettered_stay(bad: Any) -> None:
     # No pose is ever late, so when the vehicle would stop for one changes nothing.
-    found = sidehill.tune(bad, **BUDGET | {"keys": ["supervisor.pose_timeout_s"]})
+    found = sidehill.tune(bad, **{**BUDGET, "keys": ["supervisor.pose_timeout_s"]})
     assert not found["improved"] and found["held_out"]["cost"] == 0
 
 
@@ -76,7 +77,7 @@ def test_settings_that_cannot_be_bettered_stay(bad):
         ({"campaign": {"name": "x", "draws": []}}, "campaign"),
     ],
 )
-def test_what_is_wrong_is_named(bad, keywords, part):
+def test_what_is_wrong_is_named(bad: Any, keywords: Any, part: Any) -> None:
     with pytest.raises(ValueError) as error:
         sidehill.tune(**({"campaign": bad} | keywords))
     assert part in str(error.value), error.value
@@ -84,6 +85,6 @@ def test_what_is_wrong_is_named(bad, keywords, part):
         sidehill.tune("none.yaml")
 
 
-def test_runs_that_are_equal_prove_nothing(short):
+def test_runs_that_are_equal_prove_nothing(short: sidehill.Scenario) -> None:
     with pytest.raises(ValueError, match="short: its 6 training runs are equal"):
         sidehill.tune(short, **BUDGET)

@@ -3,11 +3,14 @@
 import csv
 import math
 import pickle
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import sidehill
-from conftest import repository
+from conftest import repository, untyped
 
 YAML = {
     "name": "j8",
@@ -24,15 +27,15 @@ YAML = {
 }
 
 
-def test_attributes_and_dict_are_the_keys_of_the_yaml(j8):
+def test_attributes_and_dict_are_the_keys_of_the_yaml(j8: sidehill.Vehicle) -> None:
     assert j8.to_dict() == YAML
     assert {key: getattr(j8, key) for key in YAML} == YAML
     assert j8.contact is None
     with pytest.raises(AttributeError):
-        j8.name = "other"
+        setattr(j8, "name", "other")
 
 
-def test_load_save_and_dict_give_the_same_vehicle(j8, tmp_path, run):
+def test_load_save_and_dict_give_the_same_vehicle(j8: sidehill.Vehicle, tmp_path: Path, run: Callable[..., str]) -> None:
     odd = sidehill.Vehicle.from_dict(YAML | {"lambda_1_s_per_rad": 0.1 + 0.2, "name": 'a "name": yes'})
     odd.save(tmp_path / "odd.yaml")
     assert sidehill.Vehicle.load(tmp_path / "odd.yaml") == odd
@@ -54,25 +57,25 @@ def test_load_save_and_dict_give_the_same_vehicle(j8, tmp_path, run):
         ({"correction_left": math.inf}, ["correction_left"]),
     ],
 )
-def test_a_wrong_key_or_value_is_named(change, parts):
+def test_a_wrong_key_or_value_is_named(change: Any, parts: Any) -> None:
     with pytest.raises(ValueError) as error:
         sidehill.Vehicle.from_dict(YAML | change)
     assert all(part in str(error.value) for part in parts), error.value
 
 
-def test_what_is_missing_is_named(tmp_path):
+def test_what_is_missing_is_named(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="lambda_2_s_per_rad"):
         sidehill.Vehicle.from_dict({key: YAML[key] for key in YAML if key != "lambda_2_s_per_rad"})
     with pytest.raises(FileNotFoundError, match="none.yaml"):
         sidehill.Vehicle.load(tmp_path / "none.yaml")
     for wrong in (None, 3, "text", [1]):
         with pytest.raises(ValueError, match="keys: a dict is needed"):
-            sidehill.Vehicle.from_dict(wrong)
+            sidehill.Vehicle.from_dict(untyped(wrong))
     with pytest.raises(ValueError, match="path: None is not a path"):
-        sidehill.Vehicle.load(None)
+        sidehill.Vehicle.load(untyped(None))
 
 
-def test_icrs_are_those_of_an_independent_implementation():
+def test_icrs_are_those_of_an_independent_implementation() -> None:
     with open(repository("plant/tests/data/icrik_vectors.csv")) as file:
         rows = list(csv.DictReader(line for line in file if not line.startswith("#")))
     assert len(rows) > 400
@@ -85,7 +88,7 @@ def test_icrs_are_those_of_an_independent_implementation():
             np.testing.assert_allclose(found[key], columns[key], rtol=0, atol=1e-9)
 
 
-def test_icrs_are_those_of_the_program_bit_by_bit(j8, run):
+def test_icrs_are_those_of_the_program_bit_by_bit(j8: sidehill.Vehicle, run: Callable[..., str]) -> None:
     random = np.random.default_rng(5)
     inputs = random.uniform([-0.3, -0.3, -1, -1], [0.3, 0.3, 1, 1], (200, 4))
     text = "roll_rad,pitch_rad,v_left_m_s,v_right_m_s\n"
@@ -96,7 +99,7 @@ def test_icrs_are_those_of_the_program_bit_by_bit(j8, run):
         assert found[key].tolist() == [float(row[key]) for row in rows]
 
 
-def test_icr_broadcasts_and_has_the_model_for_level_ground(j8):
+def test_icr_broadcasts_and_has_the_model_for_level_ground(j8: sidehill.Vehicle) -> None:
     found = sidehill.icr(j8, 0.1, np.zeros((3, 1)), [-0.3, 0.3], 0.3)
     assert {column.shape for column in found.values()} == {(3, 2)}
     assert (found["icrhk_x_icr_left_m"] == j8.x_icr_left_m).all()
@@ -122,9 +125,9 @@ def test_icr_broadcasts_and_has_the_model_for_level_ground(j8):
         ((0, 0, [[0], [1, 2]], 0), "v_left_m_s"),
     ],
 )
-def test_icr_names_the_argument(j8, arguments, part):
+def test_icr_names_the_argument(j8: sidehill.Vehicle, arguments: Any, part: Any) -> None:
     with pytest.raises(ValueError) as error:
         sidehill.icr(j8, *arguments)
     assert part in str(error.value)
     with pytest.raises(ValueError, match="vehicle: a sidehill.Vehicle is needed"):
-        sidehill.icr("j8", 0, 0, 0, 0)
+        sidehill.icr(untyped("j8"), 0, 0, 0, 0)

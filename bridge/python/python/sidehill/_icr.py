@@ -19,10 +19,11 @@ def icr(
 ) -> dict[str, npt.NDArray[np.float64]]:
     """Returns ICRs and body velocity by ICRIK, equations (5)-(10) and (4) of the paper, and by ICRHK.
 
-    Arguments are numbers or arrays of any shapes that numpy broadcasts: roll and pitch in rad (right side down, nose
-    up positive, within +-pi/2), effective tread speeds V_l and V_r in m/s (after c_l and c_r, within +-100).
+    vehicle: whose parameters are used.
+    roll_rad, pitch_rad: right side down and nose up positive, rad, within +-pi/2; numbers or arrays.
+    v_left_m_s, v_right_m_s: effective tread speeds V_l and V_r, after c_l and c_r, m/s, within +-100; numbers or arrays.
 
-    The result has arrays of the broadcast shape: `x_icr_left_m`, `x_icr_right_m`, `y_icr_m` in the body frame (x
+    The result has arrays of the shape to which numpy broadcasts these: `x_icr_left_m`, `x_icr_right_m`, `y_icr_m` in the body frame (x
     right, y forward), `v_x_m_s`, `v_y_m_s`, `omega_z_rad_s`; and the same with `icrhk_` before the name, by the
     model for level ground.
 

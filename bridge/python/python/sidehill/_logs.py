@@ -7,14 +7,22 @@ import io
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, TypeAlias, Union
+from typing import Any, Protocol, TypeAlias, Union
 
 import numpy as np
 
 from . import _sidehill
 from ._sidehill import Identification, Vehicle
 
-Log: TypeAlias = Union[str, "os.PathLike[str]", Mapping[str, Any]]
+
+class _Columns(Protocol):
+    """A DataFrame, which is no Mapping."""
+
+    def keys(self) -> Any: ...
+    def __getitem__(self, name: Any, /) -> Any: ...
+
+
+Log: TypeAlias = Union[str, "os.PathLike[str]", Mapping[str, Any], _Columns]
 """A log: path of a CSV file, or its columns as a dict or pandas DataFrame.
 
 Columns: `time_s`, `v_left_m_s`, `v_right_m_s` (as measured, before c_l and c_r), `roll_rad`, `pitch_rad`, and where
@@ -62,6 +70,8 @@ def identify(
 
 def odometry(log: Log, vehicle: Vehicle, columns: str | os.PathLike[str] | None = None) -> dict[str, Any]:
     """Judges dead reckoning of a log against its poses, as Table II of the paper.
+
+    vehicle: whose parameters are used. columns: as in `identify`.
 
     Returns what `sidehill odometry --format json` prints: `samples`, and for `icrhk`, `icrik` and `diff_drive` the mean
     squared errors `mse_x`, `mse_y`, `mse_z` (m^2), `mse_yaw` (rad^2) and `j_over_n`, their sum.

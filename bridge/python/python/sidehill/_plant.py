@@ -16,10 +16,13 @@ class Plant(Protocol):
     """
 
     def reset(self, pose: tuple[float, float, float, float], attitude: tuple[float, float]) -> Any:
-        """Puts the vehicle, at rest, to the start of a run."""
+        """Puts the vehicle, at rest, to `pose` and `attitude`, where a run starts. What it raises ends the simulation."""
 
     def step(self, v_left_m_s: float, v_right_m_s: float, dt_s: float) -> Any:
-        """Moves on by dt_s seconds with these speeds told to the drives, m/s in what their encoders count."""
+        """Moves on by dt_s seconds. What it raises ends the simulation.
+
+        v_left_m_s, v_right_m_s: speeds told to the drives, m/s in what their encoders count.
+        """
 
 
 _PARTS = (

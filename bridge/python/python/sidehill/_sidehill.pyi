@@ -66,14 +66,14 @@ class Vehicle:
         """
     @staticmethod
     def load(path: _Path) -> Vehicle:
-        """Returns the vehicle of a YAML file. Raises OSError, or ValueError with file, key, value and range."""
+        """Returns the vehicle of the YAML file at `path`. Raises OSError, or ValueError with file, key, value and range."""
     @staticmethod
     def from_dict(keys: dict[str, Any]) -> Vehicle:
         """Returns the vehicle of a dict with the YAML's keys, all and no others. Raises ValueError."""
     def to_dict(self) -> dict[str, Any]:
         """Returns a dict with the YAML's keys."""
     def save(self, path: _Path) -> None:
-        """Writes the vehicle to a YAML file, which replaces one of that name. Raises OSError."""
+        """Writes the vehicle to a YAML file at `path`, in place of one that is there. Raises OSError."""
     @property
     def name(self) -> str:
         """Name in tables and plots."""
@@ -103,10 +103,10 @@ class Vehicle:
         """Half length of that rectangle, m."""
     @property
     def correction_left(self) -> float:
-        """c_l, from measured to effective speed of the left tread, equation (11)."""
+        """c_l, from measured to effective speed of the left tread, equation (11); without unit."""
     @property
     def correction_right(self) -> float:
-        """c_r, from measured to effective speed of the right tread, equation (11)."""
+        """c_r, from measured to effective speed of the right tread, equation (11); without unit."""
     @property
     def contact(self) -> dict[str, Any] | None:
         """What is known of it as a vehicle on wheels, from which contact-mpc starts."""
@@ -177,7 +177,7 @@ class Scenario:
         """
     @staticmethod
     def load(path: _Path) -> Scenario:
-        """Returns the scenario of a YAML file. Raises OSError, or ValueError with file, key, value and range."""
+        """Returns the scenario of the YAML file at `path`. Raises OSError, or ValueError with file, key, value and range."""
     @staticmethod
     def from_dict(keys: dict[str, Any]) -> Scenario:
         """Returns the scenario of a dict with the YAML's keys. Raises ValueError, or OSError of files it names."""
@@ -499,9 +499,9 @@ class Measured:
         """The vehicle, as controllers know it."""
     @overload
     def reference(self, ahead_s: float) -> tuple[float, float, float, float]:
-        """Returns the reference (x_m, y_m, yaw_rad, speed_m_s) in so many seconds; speed negative in reverse.
+        """Returns the reference (x_m, y_m, yaw_rad, speed_m_s) in `ahead_s` seconds; speed negative in reverse.
 
-        Of an array of n of them, s, it returns an array of shape (n, 4). Raises ValueError where one is negative.
+        Of an array of n instants it returns an array of shape (n, 4). Raises ValueError where one is negative.
         """
     @overload
     def reference(self, ahead_s: _Array | Sequence[float]) -> _Floats: ...
@@ -563,8 +563,9 @@ class Simulation:
         plant, seed: instead of the scenario's. Raises ValueError naming the argument or setting.
         """
     def step(self, v_left_m_s: float, v_right_m_s: float, dt_s: float) -> None:
-        """Moves on by dt_s, a whole number of the scenario's steps, with these speeds told to the drives, m/s before
-        `vehicle`'s c_l and c_r. The reference moves on with the vehicle, and waits where it is left behind.
+        """Moves on by dt_s seconds, a whole number of the scenario's steps.
+
+        v_left_m_s, v_right_m_s: speeds told to the drives, m/s before `vehicle`'s c_l and c_r. The reference moves on with the vehicle, and waits where it is left behind.
 
         Raises ValueError naming the argument, or where the vehicle leaves the ground that is known.
         """
@@ -589,9 +590,9 @@ class Simulation:
         much the vehicle is ahead of the reference along it; heading less that of the reference."""
     @overload
     def reference(self, ahead_s: float) -> tuple[float, float, float, float]:
-        """Returns the reference (x_m, y_m, yaw_rad, speed_m_s) in so many seconds; speed negative in reverse.
+        """Returns the reference (x_m, y_m, yaw_rad, speed_m_s) in `ahead_s` seconds; speed negative in reverse.
 
-        Of an array of n of them, s, it returns an array of shape (n, 4). Raises ValueError where one is negative.
+        Of an array of n instants it returns an array of shape (n, 4). Raises ValueError where one is negative.
         """
     @overload
     def reference(self, ahead_s: _Array | Sequence[float]) -> _Floats: ...
@@ -629,6 +630,9 @@ def simulate(
     ValueError naming the argument or setting; what a plant object or a callable raises comes through as it is.
     """
 
+def drive(simulations: list[Simulation], told_m_s: _Floats | None, dt_s: _Floats, ahead_s: _Floats, threads: int) -> _Floats:
+    """Drives simulations side by side; `sidehill.gym` documents it."""
+
 def contact_from_geometry(
     length_m: float,
     width_m: float,
@@ -640,7 +644,8 @@ def contact_from_geometry(
     """Returns the vehicle on wheels with friction of such measures, as `sidehill init` writes it.
 
     It is a dict with the keys of a contact vehicle's file (config/vehicles/j8_contact.yaml), for the key `contact` of a
-    scenario whose plant is contact. Arguments and errors are those of Vehicle.from_geometry.
+    scenario whose plant is contact. length_m, width_m, wheel_radius_m, mass_kg, axles and name, and errors are those of
+    Vehicle.from_geometry.
     """
 
 def linearise(
@@ -688,6 +693,7 @@ def identify(
     contact: bool,
 ) -> Identification: ...
 def odometry(log: _Text, vehicle: Vehicle, columns: _Path | None) -> dict[str, Any]: ...
+
 @final
 class Campaign:
     @staticmethod

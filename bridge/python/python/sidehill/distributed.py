@@ -61,6 +61,7 @@ def run(
     campaign, runs: as `sidehill.campaign`.
     out: CSV file of the results, held against a second campaign meanwhile.
     task_runs: runs of every controller in a task.
+    work: what a task does, for tests: of a bundle and the begin and end of its runs it returns their CSV.
 
     A task whose worker or node is lost is run again, up to RETRIES times. After an interrupt or an error, the rows that
     came are in the file, and the same call goes on with it. Raises ValueError as `sidehill.campaign` and for results of
@@ -146,18 +147,22 @@ def _arguments() -> argparse.ArgumentParser:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Runs the command line and returns its exit status: 0, or 2 with the reason on standard error."""
+    """Runs the command line and returns its exit status: 0, or 2 with the reason on standard error.
+
+    arguments: of the command line, those of the process without it. Raises SystemExit where they are wrong.
+    """
     given = _arguments().parse_args(arguments)
     try:
         import ray
         import tqdm  # noqa: F401
+        from ray.exceptions import RayError
     except ImportError as error:
         print(f"sidehill: {error.name} is missing: pip install 'ray' 'tqdm'", file=sys.stderr)
         return 2
     try:
         ray.init(address=given.address, log_to_driver=False)
         report = run(given.campaign, given.out, given.runs, given.task_runs)
-    except (ValueError, OSError, ray.exceptions.RayError) as error:
+    except (ValueError, OSError, RayError) as error:
         print(f"sidehill: {error}", file=sys.stderr)
         return 2
     finally:
