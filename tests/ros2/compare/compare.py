@@ -13,7 +13,7 @@ of a ROS 2 Jazzy installation. The script itself needs rclpy and the action Foll
 
 Both controllers get the same goal at 20 Hz and obey nothing else; sensors are perfect, time is real. A peer takes
 the level frame `base_footprint` for the vehicle's, moved ahead by --point-m, since Nav2's controllers take level
-paths into that frame in 3D. 0.206 m is the place of the J8's tread ICRs; docs/nav2.md says which points were best.
+paths into that frame in 3D. 0.206 m is the place of the J8's tread ICRs; benches/notes/2026-11-25-nav2.md says which points were best.
 The figure of eight is sent without its last 0.5 m, since Nav2's goal checker ends a closed path at once. Figures are
 those of `base_link`, and with --point-m also of that point, by the truth, after the first 2 s and without the last
 0.8 m. Run it where nothing else runs: a peer that gets no CPU tracks worse. Runs side by side need a network each
