@@ -10,14 +10,14 @@ use sidehill_bridge::ros2::message::{
     NavSatFix, OccupancyGrid, OccupancyGridUpdate, Odometry, Path, PoseStamped,
     PoseWithCovarianceStamped, SpeedLimit, TfMessage, TrackingFeedback, Twist, TwistStamped,
 };
-use sidehill_bridge::ros2::position::PositionMessage;
+use sidehill_bridge::ros2::position::AnyPosition;
 use sidehill_bridge::ros2::transforms::Transforms;
 use sidehill_controller::path::Smoothing;
 use sidehill_controller::speed_profile::SpeedLimits;
 use sidehill_controller::tracked_point::TrackedPoint;
 use sidehill_fuzz::{PATH_MAX_M, target};
 use sidehill_ros2::server::requested_path::RequestedPath;
-use sidehill_ros2::server::route::{Route, RouteSettings};
+use sidehill_ros2::server::route::{ProfiledRoute, RouteSettings};
 
 target!(|data| {
     let Some((which, bytes)) = data.split_first() else {
@@ -26,11 +26,11 @@ target!(|data| {
     match which % 20 {
         0 => drop(from_cdr::<Odometry>(bytes).map(|odometry| {
             let _ = from_twist(&odometry.twist.twist);
-            LivePositions::default().take(PositionMessage::Odometry(&odometry))
+            LivePositions::default().take(AnyPosition::Odometry(&odometry))
         })),
         1 => drop(from_cdr::<NavSatFix>(bytes).map(|fix| {
             let mut positions = LivePositions::default();
-            let _ = positions.take(PositionMessage::Fix(&fix));
+            let _ = positions.take(AnyPosition::Fix(&fix));
             positions.finish()
         })),
         2 => {
@@ -73,7 +73,7 @@ target!(|data| {
                 tracked_point: TrackedPoint::default(),
                 use_orientations: which & 32 > 0,
             };
-            Route::build(&path, &path.poses[0], 0.0, &settings).map(drop)
+            ProfiledRoute::build(&path, &path.poses[0], 0.0, &settings).map(drop)
         })),
         5 => drop(
             from_cdr::<PoseStamped>(bytes)

@@ -123,7 +123,8 @@ fn a_controller_drives_on_while_its_output_is_closed_100_times() {
     let config = configuration(&folder, "run_vcan0.yaml", |text| text);
     let run = Running::start(
         sidehill()
-            .args(["run", &config, "--arm", "--out"])
+            // With a state each second: it tells how many lines were dropped.
+            .args(["run", &config, "--log-level", "debug", "--arm", "--out"])
             .arg(folder.0.join("run"))
             .stderr(output.try_clone().unwrap())
             .stdout(output),
