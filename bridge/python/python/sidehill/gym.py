@@ -231,10 +231,11 @@ class VectorPathTracking(gymnasium.vector.VectorEnv[_Floats, _Floats, npt.NDArra
             simulations = [self._simulations[index] for index in drives]
             of_drives = self._constants[drives], self._steer_m_s[drives], actions[drives]
             step = _drive(self.envs[0], simulations, *of_drives, self.threads)
-            spread = _Step._make(np.zeros((count, *part.shape[1:]), part.dtype) for part in step)
-            for whole, part in zip(spread, step, strict=True):
+            parts: list[npt.NDArray[Any]] = list(step)
+            spread = [np.zeros((count, *part.shape[1:]), part.dtype) for part in parts]
+            for whole, part in zip(spread, parts, strict=True):
                 whole[drives] = part
-            step = spread
+            step = _Step._make(spread)
             for index in begins:
                 step.observations[index], info = self.envs[index].reset()
                 step.cross_track_m[index] = info["cross_track_m"]
