@@ -49,6 +49,8 @@ def start(domain, middleware, tmp_path):
         if program.running():
             program.kill()
         print(f"--- {program.log.name}\n{program.output()[-4000:]}")
+    for events in tmp_path.glob("*/events.jsonl"):
+        print(f"--- {events.parent.name}/{events.name}\n{events.read_text()[-4000:]}")
 
 
 @pytest.fixture

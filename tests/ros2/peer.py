@@ -107,7 +107,11 @@ class Goal:
         self.action, self.id, self.reply = action, goal_id, reply
 
     def result(self, timeout_s=PATIENCE_S):
-        return self.action.get_result.call(timeout_s, goal_id=self.id)
+        try:
+            return self.action.get_result.call(timeout_s, goal_id=self.id)
+        except AssertionError as late:
+            # Whether the goal has not ended, or its answer was lost.
+            raise AssertionError(f"{late}; the goal's status is {self.status()}") from late
 
     def cancel(self):
         return self.action.cancel.call(goal_info=wire.GoalInfo(goal_id=self.id))
