@@ -16,7 +16,7 @@ const AT_LIMIT: f64 = 0.95;
 /// Distance that the reference must have advanced, m, before progress along the path is judged.
 const ASKED_MIN_M: f64 = 0.3;
 /// A vehicle that has turned this much does not stand, rad.
-const TURNED_MIN_RAD: f64 = 0.2;
+const TURNED_MIN_RAD: f64 = 0.1;
 
 /// One cycle of a vehicle that drives.
 #[derive(Debug, Clone, Copy)]
@@ -280,6 +280,9 @@ impl Watchdog {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::mpc::limits::MotorLimits;
+    use crate::path::Point2;
+    use crate::trajectory::ReferencePoint;
     use sidehill_plant::frames::Pose;
     use sidehill_plant::sample::Stamped;
 
@@ -318,5 +321,59 @@ mod tests {
             assert!(!digs(late_s, 1.0), "{late_s}");
             assert!(digs(late_s, 0.0), "{late_s}");
         }
+    }
+
+    /// Returns what stalls of a vehicle with both motors at their limits that creeps along a bend, turning at a rate.
+    fn stall_of_creeping(yaw_rate_rad_s: f64) -> Option<Stall> {
+        let motor = MotorLimits {
+            speed_m_s: 1.0,
+            acceleration_m_s2: 1.0,
+            deceleration_m_s2: 1.0,
+        };
+        let limits = InputLimits {
+            traction: motor,
+            steer: motor,
+            tread_speed_m_s: 2.0,
+        };
+        let mut watchdog = Watchdog::new(&SupervisorConfig::default(), limits, 0.6, 0.05);
+        (0..120).find_map(|cycle| {
+            let time_s = 0.05 * f64::from(cycle);
+            let creep_m = 0.05 * time_s;
+            let progress = Progress {
+                point: ReferencePoint {
+                    time_s,
+                    arc_length_m: creep_m,
+                    position: Point2::default(),
+                    heading_rad: 0.0,
+                    speed_m_s: 0.5,
+                    yaw_rate_rad_s: 0.3,
+                    motion: Motion::Drive,
+                },
+                arc_length_m: creep_m,
+                cross_track_m: 0.0,
+                ended: false,
+            };
+            watchdog.observe(&Observation {
+                time_s,
+                pose: PlanarPose {
+                    x_m: 0.0,
+                    y_m: creep_m,
+                    yaw_rad: yaw_rate_rad_s * time_s,
+                },
+                command: MotorSpeeds {
+                    traction_m_s: 1.0,
+                    steer_m_s: 0.99,
+                },
+                progress: &progress,
+                allowed_m_s: 0.5,
+            })
+        })
+    }
+
+    #[test]
+    fn a_vehicle_that_turns_slowly_as_commanded_at_the_end_of_its_grip_goes_on() {
+        let rates_deg_s = [2.4_f64, 1.5, 0.8, 0.0, -2.4];
+        let stalls = rates_deg_s.map(|rate| stall_of_creeping(rate.to_radians()).is_some());
+        assert_eq!(stalls, [false, false, true, true, true]);
     }
 }
