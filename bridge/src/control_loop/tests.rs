@@ -29,11 +29,41 @@ const IDLE: OperatorRequests = OperatorRequests {
 };
 const ARM: OperatorRequests = OperatorRequests { arm: true, ..IDLE };
 
-/// Drives that follow at once, on a link that may break.
-struct Vehicle {
-    sent: Rc<RefCell<Vec<(f64, DriveCommand)>>>,
+/// What a loop runs with; times are those of its clock, s.
+struct Setup {
+    clock: Clock,
+    safety: SafetyConfig,
     link: fn(f64) -> LinkState,
-    /// Whether nothing can be sent at a time.
+    /// Whether nothing can be sent.
+    blocked: fn(f64) -> bool,
+    /// What the controller says.
+    status: fn(f64) -> Status,
+    /// Called in each cycle, to raise flags.
+    signal: Box<dyn FnMut(f64)>,
+}
+
+impl Default for Setup {
+    fn default() -> Self {
+        Self {
+            clock: Clock::Virtual { now_s: 0.0 },
+            safety: SafetyConfig::default(),
+            link: |_| LinkState::Active,
+            blocked: |_| false,
+            status: |_| Status::Tracking,
+            signal: Box::new(|_| {}),
+        }
+    }
+}
+
+/// Commands with their instants, s.
+type Sent = Rc<RefCell<Vec<(f64, DriveCommand)>>>;
+/// Whether the controller was engaged, and how long it was waited for.
+type Asked = Rc<RefCell<Vec<(bool, Option<Duration>)>>>;
+
+/// Drives that follow at once and report 0.03 s late.
+struct Vehicle {
+    sent: Sent,
+    link: fn(f64) -> LinkState,
     blocked: fn(f64) -> bool,
 }
 
@@ -52,7 +82,7 @@ impl Port for Vehicle {
                 pose: None,
             },
             feedback: Some(Stamped {
-                time_s: now_s - 0.01,
+                time_s: now_s - 0.03,
                 value: DriveFeedback {
                     speeds: command.speeds,
                     mode: match command.enable {
@@ -76,12 +106,11 @@ impl Port for Vehicle {
     }
 }
 
-/// Wants constant speeds, and says at a time that something else holds.
+/// Wants constant speeds.
 struct Pilot {
     status: fn(f64) -> Status,
-    /// Raises and clears flags at a time.
     signal: Box<dyn FnMut(f64)>,
-    asked: Rc<RefCell<Vec<(bool, Option<Duration>)>>>,
+    asked: Asked,
 }
 
 impl ControllerRunner for Pilot {
@@ -110,44 +139,28 @@ impl ControllerRunner for Pilot {
 /// A loop with what it sent, what its controller was asked, and what it recorded.
 struct Bench {
     control: ControlLoop<Vehicle, Pilot>,
-    sent: Rc<RefCell<Vec<(f64, DriveCommand)>>>,
-    asked: Rc<RefCell<Vec<(bool, Option<Duration>)>>>,
+    sent: Sent,
+    asked: Asked,
     records: RecordSource<LoopRecord>,
 }
 
 impl Bench {
-    fn new() -> Self {
-        Self::with(
-            Clock::Virtual { now_s: 0.0 },
-            |_| LinkState::Active,
-            |_| false,
-            |_| Status::Tracking,
-            |_| {},
-        )
-    }
-
-    fn with(
-        clock: Clock,
-        link: fn(f64) -> LinkState,
-        blocked: fn(f64) -> bool,
-        status: fn(f64) -> Status,
-        signal: impl FnMut(f64) + 'static,
-    ) -> Self {
-        let (sent, asked) = (Rc::default(), Rc::default());
+    fn new(setup: Setup) -> Self {
+        let (sent, asked) = (Sent::default(), Asked::default());
         let vehicle = Vehicle {
             sent: Rc::clone(&sent),
-            link,
-            blocked,
+            link: setup.link,
+            blocked: setup.blocked,
         };
         let pilot = Pilot {
-            status,
-            signal: Box::new(signal),
+            status: setup.status,
+            signal: setup.signal,
             asked: Rc::clone(&asked),
         };
         let (sink, records) = ring(4096);
-        let (cycle, safety) = (CycleConfig::default(), SafetyConfig::default());
+        let (cycle, safety) = (CycleConfig::default(), setup.safety);
         Self {
-            control: ControlLoop::new(cycle, safety, clock, vehicle, pilot, sink).unwrap(),
+            control: ControlLoop::new(cycle, safety, setup.clock, vehicle, pilot, sink).unwrap(),
             sent,
             asked,
             records,
@@ -156,7 +169,7 @@ impl Bench {
 
     /// Arms, and runs cycles until 1 s.
     fn driving() -> Self {
-        let mut bench = Self::new();
+        let mut bench = Self::new(Setup::default());
         for cycle in 0..20 {
             bench.control.step(if cycle > 1 { ARM } else { IDLE });
         }
@@ -201,13 +214,14 @@ fn assert_off(bench: &Bench, until_s: f64, cause: Option<StopCause>) {
 
 #[test]
 fn a_run_ends_where_its_course_does() {
-    let finished = |time_s| match time_s < 2.0 {
-        true => Status::Tracking,
-        false => Status::Finished,
+    let finishes = || Setup {
+        status: |time_s| match time_s < 2.0 {
+            true => Status::Tracking,
+            false => Status::Finished,
+        },
+        ..Setup::default()
     };
-    let active = |_| LinkState::Active;
-    let clock = || Clock::Virtual { now_s: 0.0 };
-    let mut bench = Bench::with(clock(), active, |_| false, finished, |_| {});
+    let mut bench = Bench::new(finishes());
     let ending = bench.control.run(&OPTIONS, &Signals::default(), None);
     assert_eq!(ending, RunEnding::Finished);
     // The ramp takes 0.25 s.
@@ -215,7 +229,7 @@ fn a_run_ends_where_its_course_does() {
     assert!((2.2..2.7).contains(&ended_s), "{ended_s}");
     assert_off(&bench, 2.3, None);
     // The end of a path that a client gave does not end the program.
-    let mut bench = Bench::with(clock(), active, |_| false, finished, |_| {});
+    let mut bench = Bench::new(finishes());
     let (_client, loop_end, _controller) = command_channel(1);
     let ending = bench
         .control
@@ -229,7 +243,7 @@ fn a_run_whose_time_is_over_halts_and_says_whether_it_was_driving() {
         (true, RunEnding::TimeOver),
         (false, RunEnding::TimeOverStopped),
     ] {
-        let mut bench = Bench::new();
+        let mut bench = Bench::new(Setup::default());
         let options = RunOptions { arm, ..OPTIONS };
         assert_eq!(
             bench.control.run(&options, &Signals::default(), None),
@@ -248,16 +262,13 @@ fn a_signal_or_a_suspension_ends_a_run_in_its_cycle() {
     let ended = |resumed: bool, channel: bool| {
         let signals = Signals::default();
         let flags = signals.clone();
-        let mut bench = Bench::with(
-            Clock::Virtual { now_s: 0.0 },
-            |_| LinkState::Active,
-            |_| false,
-            |_| Status::Tracking,
-            move |time_s| {
+        let mut bench = Bench::new(Setup {
+            signal: Box::new(move |time_s| {
                 let flag = if resumed { &flags.resumed } else { &flags.end };
                 flag.store(time_s > 1.99, Ordering::Relaxed);
-            },
-        );
+            }),
+            ..Setup::default()
+        });
         let (_client, loop_end, _controller) = command_channel(1);
         let loop_end = channel.then_some(loop_end);
         let ending = bench.control.run(&OPTIONS, &signals, loop_end);
@@ -281,20 +292,17 @@ fn a_signal_stops_on_the_ramp_and_another_arms_again() {
     let signals = Signals::default();
     let flags = signals.clone();
     let mut cycle = 0;
-    let mut bench = Bench::with(
-        Clock::Virtual { now_s: 0.0 },
-        |_| LinkState::Active,
-        |_| false,
-        |_| Status::Tracking,
-        move |_| {
+    let mut bench = Bench::new(Setup {
+        signal: Box::new(move |_| {
             cycle += 1;
             match cycle {
                 30 => flags.stop.store(true, Ordering::Relaxed),
                 50 => flags.arm.store(true, Ordering::Relaxed),
                 _ => {}
             }
-        },
-    );
+        }),
+        ..Setup::default()
+    });
     let ending = bench.control.run(&OPTIONS, &signals, None);
     assert_eq!(ending, RunEnding::TimeOver);
     let mut said = Vec::new();
@@ -321,16 +329,13 @@ fn a_signal_stops_on_the_ramp_and_another_arms_again() {
 
 #[test]
 fn a_run_waits_for_a_link_that_carries_before_it_arms() {
-    let mut bench = Bench::with(
-        Clock::Virtual { now_s: 0.0 },
-        |time_s| match time_s < 2.0 {
+    let mut bench = Bench::new(Setup {
+        link: |time_s| match time_s < 2.0 {
             true => LinkState::Down,
             false => LinkState::Active,
         },
-        |_| false,
-        |_| Status::Tracking,
-        |_| {},
-    );
+        ..Setup::default()
+    });
     let ending = bench.control.run(&OPTIONS, &Signals::default(), None);
     assert_eq!(ending, RunEnding::TimeOver);
     let first_s = bench.moving_s()[0];
@@ -338,15 +343,27 @@ fn a_run_waits_for_a_link_that_carries_before_it_arms() {
 }
 
 #[test]
+fn a_run_does_not_arm_on_feedback_that_is_too_old_for_its_settings() {
+    let mut bench = Bench::new(Setup {
+        safety: SafetyConfig {
+            feedback_timeout_s: 0.02,
+            ..SafetyConfig::default()
+        },
+        ..Setup::default()
+    });
+    let ending = bench.control.run(&OPTIONS, &Signals::default(), None);
+    assert_eq!(ending, RunEnding::TimeOverStopped);
+    // A handshake would have ended with a reason.
+    assert_eq!(bench.control.stopped_by(), None);
+}
+
+#[test]
 fn a_loop_that_cannot_send_stops_and_counts_what_was_not_sent() {
-    let mut bench = Bench::with(
-        Clock::Virtual { now_s: 0.0 },
-        |_| LinkState::Active,
+    let mut bench = Bench::new(Setup {
         // One cycle at 2 s is no outage.
-        |time_s| (1.99..2.01).contains(&time_s) || (2.99..3.21).contains(&time_s),
-        |_| Status::Tracking,
-        |_| {},
-    );
+        blocked: |time_s| (1.99..2.01).contains(&time_s) || (2.99..3.21).contains(&time_s),
+        ..Setup::default()
+    });
     let mut unsent = 0;
     for cycle in 0..80 {
         let row = bench.control.step(if cycle > 1 { ARM } else { IDLE });
@@ -379,13 +396,10 @@ fn the_controller_is_engaged_while_the_vehicle_drives_and_waited_for_in_real_tim
     assert!(asked[first..].iter().all(|asked| *asked == (true, None)));
     let clock = ExternalClock::default();
     clock.set(1.0);
-    let mut bench = Bench::with(
-        Clock::External(clock),
-        |_| LinkState::Active,
-        |_| false,
-        |_| Status::Tracking,
-        |_| {},
-    );
+    let mut bench = Bench::new(Setup {
+        clock: Clock::External(clock),
+        ..Setup::default()
+    });
     bench.control.step(IDLE);
     let waits = Duration::from_secs_f64(CycleConfig::default().decision_time_s);
     assert_eq!(*bench.asked.borrow(), [(false, Some(waits))]);
@@ -422,7 +436,7 @@ fn a_vehicle_without_an_estimate_is_not_held_back_by_its_geofence() {
     // The handshake goes on until the controller knows where it is.
     let corners = vec![[1.0, 1.0], [2.0, 1.0], [2.0, 2.0]];
     let fence = Geofence::try_from(corners).unwrap();
-    let mut bench = Bench::new();
+    let mut bench = Bench::new(Setup::default());
     bench.control = bench.control.within(Some(fence));
     for cycle in 0..20 {
         bench.control.step(if cycle > 1 { ARM } else { IDLE });
@@ -451,7 +465,7 @@ fn a_row_says_what_was_commanded_and_fed_back() {
         (row.feedback_traction_m_s, row.feedback_steer_m_s),
         (0.5, 0.1)
     );
-    assert!((row.feedback_age_s - 0.01).abs() < 1e-9);
+    assert!((row.feedback_age_s - 0.03).abs() < 1e-9);
     assert!((row.slack_s - PERIOD_S).abs() < 1e-9);
     assert!(row.enable && row.sent && row.state == SafetyState::Driving);
     assert_eq!(

@@ -76,6 +76,18 @@ impl Bench {
         self.step(MotorSpeeds::STOP, |inputs| inputs.requests.arm = true);
     }
 
+    /// Arms, and goes on until the safety drives.
+    fn begin(&mut self) {
+        self.arm();
+        for _ in 0..20 {
+            if self.safety.state() == SafetyState::Driving {
+                return;
+            }
+            self.step(MotorSpeeds::STOP, |_| {});
+        }
+        panic!("it does not drive: {:?}", self.events);
+    }
+
     /// A bench that drives at a command.
     fn driving(command: MotorSpeeds) -> Self {
         let mut bench = Self::new();
@@ -267,10 +279,7 @@ fn an_intent_from_before_the_drive_is_not_driven_on() {
 fn an_intent_from_the_cycle_in_which_the_drive_began_is_not_driven_on() {
     // The controller did not know yet that it drives.
     let mut bench = Bench::new();
-    bench.arm();
-    while bench.safety.state() != SafetyState::Driving {
-        bench.step(MotorSpeeds::STOP, |_| {});
-    }
+    bench.begin();
     let start_s = bench.inputs.time_s;
     let order = bench.step(speeds(0.5, 0.0), |s| set_command_time(s, start_s));
     assert_eq!(order.speeds, MotorSpeeds::STOP);
@@ -281,10 +290,7 @@ fn an_intent_from_the_cycle_in_which_the_drive_began_is_not_driven_on() {
 #[test]
 fn a_first_plan_may_take_long_while_the_vehicle_stands() {
     let mut bench = Bench::new();
-    bench.arm();
-    while bench.safety.state() != SafetyState::Driving {
-        bench.step(MotorSpeeds::STOP, |_| {});
-    }
+    bench.begin();
     let start_s = f64::from(bench.steps) * PERIOD_S;
     // An answer that is too old when it comes is not driven on, nor an alarm yet.
     for i in 0..10 {
@@ -318,10 +324,7 @@ fn a_first_plan_may_take_long_while_the_vehicle_stands() {
 #[test]
 fn a_first_plan_that_comes_late_leaves_the_second_its_time() {
     let mut bench = Bench::new();
-    bench.arm();
-    while bench.safety.state() != SafetyState::Driving {
-        bench.step(MotorSpeeds::STOP, |_| {});
-    }
+    bench.begin();
     let start_s = f64::from(bench.steps) * PERIOD_S;
     // The first decision reaches the loop 0.09 s after its sample, and the second takes three cycles.
     for decided_s in [0.05, 0.05, 0.05, 0.2] {

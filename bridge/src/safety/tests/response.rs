@@ -90,10 +90,7 @@ fn what_was_commanded_before_a_drive_excuses_nothing_in_it() {
         inputs.requests.halt = Some(StopCause::EmergencyStop)
     });
     bench.inputs.requests.halt = None;
-    bench.arm();
-    while bench.safety.state() != SafetyState::Driving {
-        bench.step(MotorSpeeds::STOP, |_| {});
-    }
+    bench.begin();
     // It drove at 0.8 m/s 0.4 s ago.
     let state = drives(&mut bench, MotorSpeeds::STOP, 3, |_| speeds(0.8, 0.0));
     assert_eq!(state, SafetyState::Latched);
