@@ -192,6 +192,20 @@ mod tests {
             let within = |x_max, y_max| (0.0..x_max).contains(&x) && (0.0..y_max).contains(&y);
             prop_assert_eq!(ell().contains([x, y]), within(20.0, 10.0) || within(10.0, 20.0));
         }
+
+        #[test]
+        fn a_triangle_contains_what_is_left_of_all_its_edges(x in -5.0..25.0f64, y in -5.0..25.0f64) {
+            let triangle = fence(&[[0.0, 0.0], [20.0, 5.0], [5.0, 20.0]]).unwrap();
+            let left = [20.0 * y - 5.0 * x, -15.0 * (y - 5.0) - 15.0 * (x - 20.0), 20.0 * x - 5.0 * y];
+            prop_assert_eq!(triangle.contains([x, y]), left.iter().all(|area| *area > 0.0));
+        }
+    }
+
+    #[test]
+    fn a_fence_is_written_as_it_was_read() {
+        let corners = Vec::from(ell());
+        assert_eq!(corners.len(), 6);
+        assert_eq!(fence(&corners).unwrap(), ell());
     }
 
     #[test]

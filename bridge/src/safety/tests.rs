@@ -201,6 +201,29 @@ fn drives_have_the_time_of_the_handshake_after_the_zeros() {
 }
 
 #[test]
+fn drives_have_the_time_of_the_handshake_to_be_on() {
+    for (on_after_s, drives) in [(0.9, true), (1.2, false)] {
+        let mut bench = Bench::new();
+        bench.arm();
+        let mut told_s = f64::INFINITY;
+        for _ in 0..40 {
+            let order = bench.step(speeds(0.5, 0.0), |inputs| {
+                if let Some(feedback) = &mut inputs.feedback
+                    && inputs.time_s - told_s < on_after_s
+                {
+                    feedback.value.mode = DriveMode::Disabled;
+                }
+            });
+            if order.enable {
+                told_s = told_s.min(bench.inputs.time_s);
+            }
+        }
+        let driving = bench.safety.state() == SafetyState::Driving;
+        assert_eq!(driving, drives, "{:?}", bench.events);
+    }
+}
+
+#[test]
 fn drives_may_be_set_up_while_zeros_are_sent() {
     for mode in [
         DriveMode::Fault,
