@@ -139,7 +139,7 @@ impl LatenessHistogram {
         let mut sum = 0;
         for (i, count) in self.counts.iter().enumerate() {
             sum += u64::from(*count);
-            if sum >= rank && rank > 0 {
+            if sum >= rank {
                 return ((i + 1) as f64 * Self::BIN_S).min(self.max_s);
             }
         }
