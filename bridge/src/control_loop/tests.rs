@@ -121,6 +121,7 @@ impl ControllerRunner for Pilot {
         patience: Option<Duration>,
     ) -> Option<Decision> {
         self.asked.borrow_mut().push((engaged, patience));
+        assert!(self.asked.borrow().len() < 1000, "the run does not end");
         (self.signal)(sample.time_s);
         Some(Decision {
             time_s: sample.time_s,
@@ -228,6 +229,7 @@ fn a_run_ends_where_its_course_does() {
     let ended_s = bench.sent.borrow().last().unwrap().0;
     assert!((2.2..2.7).contains(&ended_s), "{ended_s}");
     assert_off(&bench, 2.3, None);
+    assert!(bench.moving_s().last() > Some(&2.1));
     // The end of a path that a client gave does not end the program.
     let mut bench = Bench::new(finishes());
     let (_client, loop_end, _controller) = command_channel(1);
