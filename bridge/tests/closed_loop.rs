@@ -1,14 +1,20 @@
 //! The whole bridge in virtual time: controller, safety, cycle and a simulated vehicle.
 #![allow(clippy::unwrap_used)]
 
+use sidehill_bridge::control_loop::channel::{PathCommand, command_channel};
+use sidehill_bridge::control_loop::learned::learned_channel;
 use sidehill_bridge::control_loop::record::{LogEntry, LoopRecord, Record, RecordSource, ring};
-use sidehill_bridge::control_loop::runner::{ControllerRunner, InlineRunner};
-use sidehill_bridge::control_loop::{ControlLoop, CycleConfig, RunOptions, Signals};
-use sidehill_bridge::drives::{Clock, DriveCommand, Port, PortInputs, SendError};
+use sidehill_bridge::control_loop::runner::{ControllerRunner, InlineRunner, ThreadedRunner};
+use sidehill_bridge::control_loop::{
+    ControlLoop, CycleConfig, LoopSetup, RunEnding, RunOptions, Signals,
+};
+use sidehill_bridge::drives::{Clock, DriveCommand, Epoch, Port, PortInputs, SendError};
 use sidehill_bridge::rover::{DriveConfig, SimulatedPort};
-use sidehill_bridge::safety::{Geofence, OperatorRequests, Reason, SafetyConfig, SafetyState};
+use sidehill_bridge::safety::{
+    Geofence, OperatorRequests, Reason, SafetyConfig, SafetyState, StopCause,
+};
 use sidehill_controller::config::{ControllerConfig, ControllerKind};
-use sidehill_controller::controller::{Controller, Decision, Status};
+use sidehill_controller::controller::{Controller, Decision, Status, StopReason};
 use sidehill_controller::course::FigureEight;
 use sidehill_controller::path::{Point2, Window};
 use sidehill_controller::reference::Reference;
@@ -371,6 +377,118 @@ fn the_last_word_is_zero_and_off() {
 }
 
 #[test]
+fn a_client_gives_paths_arms_once_and_halts() {
+    let (mut client, mut loop_end, controller_end) = command_channel(60);
+    let controller =
+        Controller::new(ControllerKind::IcrikMpc, ControllerConfig::default(), &j8()).unwrap();
+    let (tap, paths, mut log) = sidehill_bridge::control_loop::tap::tap(60);
+    client.log_paths(paths);
+    let runner = InlineRunner::with_channel(controller, Some(controller_end), Some(tap));
+    let (mut cycle, _records) = cycle(runner);
+    let mut run = |cycles: u32| {
+        for _ in 0..cycles {
+            cycle.step_with(NOTHING, Some(&mut loop_end));
+        }
+        cycle.state()
+    };
+    let path = |number: u64| {
+        Some(PathCommand {
+            number,
+            trajectory: FigureEight::default().trajectory().unwrap(),
+            from_m: 0.0,
+        })
+    };
+    client.set_path(path(7));
+    assert_eq!(run(5), SafetyState::Disarmed);
+    client.arm(3);
+    assert_eq!(run(40), SafetyState::Driving);
+    let status = client.loop_status().unwrap();
+    assert_eq!((status.armed, status.row.state), (3, SafetyState::Driving));
+    assert!(status.row.traction_m_s > 0.0);
+    let status = client.controller_status();
+    assert_eq!(status.decision.unwrap().reference, 7);
+    assert!(status.plan.len() > 1 && status.reference.len() > 1);
+    // Without its path it stops, and the request to arm that was carried out does not arm again.
+    client.set_path(None);
+    assert_eq!(run(20), SafetyState::Latched);
+    let why = StopReason::NoPath;
+    let stopped_by = client.loop_status().unwrap().stopped_by;
+    assert_eq!(stopped_by, Some(Reason::ControllerStopped { why }));
+    client.set_path(path(8));
+    assert_eq!(run(40), SafetyState::Latched);
+    client.arm(4);
+    assert_eq!(run(40), SafetyState::Driving);
+    assert_eq!(client.loop_status().unwrap().armed, 4);
+    client.halt_switch().set(Some(StopCause::EmergencyStop));
+    assert_eq!(run(1), SafetyState::Latched);
+    let pressed = Some(Reason::Requested(StopCause::EmergencyStop));
+    assert_eq!(client.loop_status().unwrap().stopped_by, pressed);
+    // The recording tells which path was followed from which step on.
+    let given = std::iter::from_fn(|| log.next_path());
+    let given: Vec<_> = given
+        .map(|path| (path.serial, path.path.map(|path| path.number)))
+        .collect();
+    assert_eq!(given, [(1, Some(7)), (2, None), (3, Some(8))]);
+    let steps = std::iter::from_fn(|| log.steps.pop());
+    let applied: Vec<_> = steps
+        .map(|step| step.path)
+        .filter(|path| *path > 0)
+        .collect();
+    assert_eq!((applied, log.lost()), (vec![1, 2, 3], 0));
+}
+
+#[test]
+fn a_controller_in_its_thread_is_waited_for_and_ends_with_its_runner() {
+    let controller = controller(0.05);
+    let (outlet, inlet) = learned_channel(&controller, 60.0);
+    let mut runner = ThreadedRunner::start(controller, None, None, Some(outlet)).unwrap();
+    assert!(runner.thread_id().is_some() && runner.drives().is_none());
+    for cycle in 0..20 {
+        let sample = Sample {
+            time_s: 0.05 * f64::from(cycle),
+            tread_speeds: None,
+            attitude: None,
+            yaw_rate: None,
+            pose: None,
+        };
+        let decision = runner.decide(&sample, false, Some(Duration::from_secs(20)));
+        assert_eq!(decision.unwrap().time_s, sample.time_s);
+    }
+    assert!(runner.drives().is_some() && !inlet.is_abandoned());
+    drop(runner);
+    assert!(inlet.is_abandoned());
+}
+
+#[test]
+fn a_run_in_real_time_ends_and_reports() {
+    let (sink, _records) = ring(4096);
+    let thread = LoopSetup {
+        cycle: CycleConfig::default(),
+        safety: SafetyConfig::default(),
+        geofence: None,
+        realtime: Default::default(),
+        clock: Clock::Real(Epoch::now()),
+        port: Box::new(port()),
+        controller: controller(0.05),
+        channel: None,
+        tap: None,
+        learned: None,
+        records: sink,
+        options: RunOptions {
+            arm: false,
+            duration_s: Some(0.5),
+        },
+        signals: Signals::default(),
+    }
+    .start()
+    .unwrap();
+    let report = thread.join().unwrap();
+    assert_eq!(report.ended, RunEnding::TimeOverStopped);
+    assert_eq!(report.state, SafetyState::Disarmed);
+    assert!(report.timing.cycles > 5, "{report:?}");
+}
+
+#[test]
 fn a_steady_cycle_allocates_nothing() {
     let (mut cycle, _records) = cycle(constant(1e9));
     for i in 0..100 {
@@ -399,8 +517,11 @@ fn a_steady_cycle_that_is_recorded_allocates_nothing() {
         }
     });
     assert_eq!(counted.count_total, 0, "{counted:?}");
+    let row = cycle.step(ARM);
     let steps: Vec<_> = std::iter::from_fn(|| log.steps.pop()).collect();
-    assert_eq!((steps.len(), log.lost()), (200, 0));
+    assert_eq!((steps.len(), log.lost()), (201, 0));
+    let solve = steps[200].decision.solve.unwrap();
+    assert_eq!(row.solve_us, 1e6 * solve.solve_time_s);
     assert!(
         steps
             .iter()

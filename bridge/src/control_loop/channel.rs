@@ -45,7 +45,7 @@ impl SharedCause {
     pub fn get(&self) -> Option<StopCause> {
         let index = usize::from(self.0.load(Ordering::Relaxed)).checked_sub(1)?;
         // A code that no cause has still stops.
-        Some(StopCause::ALL[index.min(StopCause::ALL.len() - 1)])
+        StopCause::ALL.get(index).or(StopCause::ALL.last()).copied()
     }
 }
 

@@ -28,3 +28,6 @@ pub use jog::JogRunner;
 pub use run::{RunEnding, RunOptions, Signals};
 pub use setup::{LoopError, LoopSetup, LoopThread, RunReport};
 pub use timing::LoopTiming;
+
+#[cfg(test)]
+mod tests;

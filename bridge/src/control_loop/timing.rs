@@ -139,7 +139,7 @@ impl LatenessHistogram {
         let mut sum = 0;
         for (i, count) in self.counts.iter().enumerate() {
             sum += u64::from(*count);
-            if sum >= rank && rank > 0 {
+            if sum >= rank {
                 return ((i + 1) as f64 * Self::BIN_S).min(self.max_s);
             }
         }
@@ -150,6 +150,60 @@ impl LatenessHistogram {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::drives::ExternalClock;
+
+    /// A power of two, so that sums of periods are exact, s.
+    const P: f64 = 0.0625;
+
+    #[test]
+    fn cycles_keep_to_their_times_and_skip_those_that_have_passed() {
+        let mut schedule = Schedule::new(P);
+        let clock = |now_s: f64| Clock::Virtual { now_s };
+        // When the loop looks, when the cycle is due and begins, when it ends, and what is skipped; periods from 1 s.
+        for (looks, due, begins, ends, skipped) in [
+            (0.0, 0.0, 0.0, 0.25, 0),
+            (0.25, 1.0, 1.0, 1.75, 0),
+            // Late, and the next on time.
+            (2.5, 2.0, 2.5, 2.75, 0),
+            (2.75, 3.0, 3.0, 3.0, 0),
+            // It ends in the second period after its own.
+            (3.0, 4.0, 4.0, 6.5, 1),
+            (6.5, 6.0, 6.5, 6.75, 1),
+            // It begins two periods late and ends at once.
+            (9.25, 7.0, 9.25, 9.25, 3),
+            (9.25, 10.0, 10.0, 10.5, 3),
+        ] {
+            let mut clock = clock(1.0 + P * looks);
+            let time = schedule.wait(&mut clock);
+            assert_eq!(time.due_s, 1.0 + P * due);
+            assert_eq!(time.begin_s, 1.0 + P * begins);
+            assert_eq!(time.lateness_s(), P * (begins - due));
+            let slack_s = schedule.finish(&time, 1.0 + P * ends);
+            assert_eq!(slack_s, P * (due + 1.0 - ends));
+            assert_eq!(schedule.skipped(), skipped);
+        }
+        let timing = schedule.timing(5);
+        assert_eq!((timing.cycles, timing.skipped, timing.unsent), (8, 3, 5));
+        assert_eq!(timing.lateness_max_s, 2.25 * P);
+        assert_eq!(timing.slack_min_s, -1.5 * P);
+    }
+
+    #[test]
+    fn cycles_count_from_now_where_the_clock_was_set_back_and_only_there() {
+        let mut schedule = Schedule::new(P);
+        for (now_s, due_s) in [(10.0, 10.0), (9.5, 9.5), (9.5625, 9.5625)] {
+            let clock = ExternalClock::default();
+            clock.set(now_s);
+            let time = schedule.wait(&mut Clock::External(clock));
+            assert_eq!((time.due_s, time.begin_s), (due_s, now_s));
+            schedule.finish(&time, now_s);
+        }
+        // A clock that has not come to the time of the cycle yet.
+        let clock = ExternalClock::default();
+        clock.set(9.575);
+        let time = schedule.wait(&mut Clock::External(clock));
+        assert_eq!((time.due_s, time.begin_s), (9.625, 9.575));
+    }
 
     #[test]
     fn quantiles_lie_in_the_bin_of_their_rank() {

@@ -174,9 +174,13 @@ const WEAK_SHARE: f64 = 0.3;
 
 /// Returns whether a value below a range of commands is that of a motor that turns the right way, but more slowly.
 fn is_weak([low, high]: [f64; 2], value: f64) -> bool {
-    let least = if low > 0.0 { low } else { -high };
-    let reached = if low > 0.0 { value } else { -value };
-    least > 0.0 && (WEAK_SHARE * least..least).contains(&reached)
+    let (least, reached) = if low > 0.0 {
+        (low, value)
+    } else {
+        (-high, -value)
+    };
+    // Empty where the commands have both signs.
+    (WEAK_SHARE * least..least).contains(&reached)
 }
 
 /// Distance of a value from a range; NaN counts as far away.

@@ -130,7 +130,8 @@ mod tests {
     fn another_key_ends_the_hold() {
         let mut key = DeadMan::new();
         let holds = |key: &mut DeadMan, from: u32, pressed: bool| {
-            (from..from + 15).any(|look| key.look(CYCLE_S * f64::from(look), pressed))
+            let looks = (from..from + 15).map(|look| key.look(CYCLE_S * f64::from(look), pressed));
+            looks.fold(false, |before, held| before | held)
         };
         assert!(holds(&mut key, 0, true));
         key.let_go();

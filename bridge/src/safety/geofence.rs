@@ -160,9 +160,14 @@ fn meet([a, b]: [[f64; 2]; 2], [c, d]: [[f64; 2]; 2]) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use nalgebra::{Matrix3, Vector3};
     use proptest::prelude::*;
     use sidehill_controller::course::Course;
     use sidehill_controller::speed_profile::SpeedLimits;
+    use sidehill_plant::frames::{Attitude, BodyVelocity, PlanarPose};
+    use sidehill_plant::slip_gains::SlipGains;
+    use sidehill_plant::speeds::TreadSpeeds;
+    use std::f64::consts::PI;
 
     fn fence(corners: &[[f64; 2]]) -> Result<Geofence, GeofenceError> {
         Geofence::try_from(corners.to_vec())
@@ -187,6 +192,20 @@ mod tests {
             let within = |x_max, y_max| (0.0..x_max).contains(&x) && (0.0..y_max).contains(&y);
             prop_assert_eq!(ell().contains([x, y]), within(20.0, 10.0) || within(10.0, 20.0));
         }
+
+        #[test]
+        fn a_triangle_contains_what_is_left_of_all_its_edges(x in -5.0..25.0f64, y in -5.0..25.0f64) {
+            let triangle = fence(&[[0.0, 0.0], [20.0, 5.0], [5.0, 20.0]]).unwrap();
+            let left = [20.0 * y - 5.0 * x, -15.0 * (y - 5.0) - 15.0 * (x - 20.0), 20.0 * x - 5.0 * y];
+            prop_assert_eq!(triangle.contains([x, y]), left.iter().all(|area| *area > 0.0));
+        }
+    }
+
+    #[test]
+    fn a_fence_is_written_as_it_was_read() {
+        let corners = Vec::from(ell());
+        assert_eq!(corners.len(), 6);
+        assert_eq!(fence(&corners).unwrap(), ell());
     }
 
     #[test]
@@ -202,9 +221,140 @@ mod tests {
                 "from corner 1 and from corner 3",
             ),
             (&[[0.0, 0.0], [5.0, 0.0], [5.0, 0.0], [0.0, 5.0]], "meet"),
+            // The last corner is on the first edge.
+            (
+                &[[0.0, 0.0], [9.0, 0.0], [9.0, 9.0], [5.0, 0.0], [0.0, 9.0]],
+                "from corner 1 and from corner 3",
+            ),
         ] {
             let error = fence(corners).unwrap_err().to_string();
             assert!(error.contains(reason), "{error}");
+        }
+    }
+
+    #[test]
+    fn stretches_meet_where_they_cross_touch_or_lie_on_each_other() {
+        let long = [[0.0, 0.0], [8.0, 4.0]];
+        for (other, meets) in [
+            ([[0.0, 3.0], [6.0, 0.0]], true),
+            ([[4.0, 2.0], [3.0, 5.0]], true),
+            ([[0.0, 0.0], [-3.0, 5.0]], true),
+            ([[2.0, 1.0], [6.0, 3.0]], true),
+            ([[6.0, 3.0], [12.0, 6.0]], true),
+            // On one line, apart.
+            ([[10.0, 5.0], [12.0, 6.0]], false),
+            ([[-2.0, -1.0], [-4.0, -2.0]], false),
+            // Towards it, not as far.
+            ([[0.0, 3.0], [3.0, 1.75]], false),
+            // Across its line, beyond its end.
+            ([[9.0, 0.0], [9.0, 9.0]], false),
+            ([[-1.0, -2.0], [-1.0, 2.0]], false),
+            ([[10.0, 5.0], [10.0, 9.0]], false),
+            ([[0.0, 1.0], [8.0, 5.0]], false),
+        ] {
+            // Whichever way they run, whichever comes first, along whichever axes.
+            let back = |[a, b]: [[f64; 2]; 2]| [b, a];
+            let turned = |stretch: [[f64; 2]; 2]| stretch.map(|[x, y]| [-y, x]);
+            let (mut first, mut second) = (long, other);
+            for _ in 0..4 {
+                for (first, second) in [(first, second), (second, first)] {
+                    for first in [first, back(first)] {
+                        for second in [second, back(second)] {
+                            assert_eq!(meet(first, second), meets, "{first:?} {second:?}");
+                        }
+                    }
+                }
+                (first, second) = (turned(first), turned(second));
+            }
+        }
+    }
+
+    /// A vehicle at a place, with the covariance of its position, m^2.
+    fn vehicle(pose: PlanarPose, velocity: BodyVelocity, [xx, yy]: [f64; 2]) -> Estimate {
+        Estimate {
+            time_s: 0.0,
+            pose,
+            covariance: Matrix3::from_diagonal(&Vector3::new(xx, yy, 0.0)),
+            attitude: Attitude::default(),
+            normal_in_world: Vector3::z(),
+            treads: TreadSpeeds::default(),
+            velocity,
+            tyre_force: Vector3::zeros(),
+            slip_gains: SlipGains::zeros(),
+            contact: None,
+            gyro_bias_rad_s: None,
+            model_error_m_s: 0.0,
+            pose_age_s: 0.0,
+            attitude_age_s: 0.0,
+            speeds_age_s: 0.0,
+            poses_gated: 0,
+            poses_doubted_s: None,
+        }
+    }
+
+    #[test]
+    fn the_vehicle_brakes_where_it_would_just_stop_before_the_edge() {
+        // An edge 5 m from the origin, whatever the direction: a polygon of 60 corners.
+        let round: Vec<[f64; 2]> = (0..60)
+            .map(|corner| f64::from(corner) * std::f64::consts::TAU / 60.0)
+            .map(|angle| [5.0 * angle.cos(), 5.0 * angle.sin()])
+            .collect();
+        let fence = fence(&round).unwrap();
+        // Towards a corner and away from it, forward, backward and sliding to the right.
+        for (yaw_rad, forward_m_s, right_m_s) in [
+            (0.4 * PI, 1.2, 0.0),
+            (0.4 * PI, -1.2, 0.0),
+            (-0.9 * PI, 0.72, 0.96),
+            (0.0, 0.0, 1.2),
+        ] {
+            // Heading 0 is along Y_g, with X_g to the right.
+            let right = [f64::cos(yaw_rad), f64::sin(yaw_rad)];
+            let along = [0, 1].map(|axis| {
+                let forward = [-right[1], right[0]];
+                (forward_m_s * forward[axis] + right_m_s * right[axis]) / 1.2
+            });
+            // 1.2 m/s for 0.15 s, 1.2^2 / (2 * 0.6 * 1.5) of braking, 0.1 m and two standard deviations of 0.2 m.
+            let way_m = 0.18 + 0.8 + 0.1 + 0.4;
+            for variances_m2 in [[0.04, 0.01], [0.01, 0.04]] {
+                for (spare_m, leaves) in [(0.02, false), (-0.02, true)] {
+                    let from_m = 5.0 - way_m - spare_m;
+                    let pose = PlanarPose {
+                        x_m: from_m * along[0],
+                        y_m: from_m * along[1],
+                        yaw_rad,
+                    };
+                    let velocity = BodyVelocity {
+                        right_m_s,
+                        forward_m_s,
+                        ..BodyVelocity::default()
+                    };
+                    let vehicle = vehicle(pose, velocity, variances_m2);
+                    assert_eq!(
+                        fence.is_left_by(&vehicle, 1.5),
+                        leaves,
+                        "{spare_m} {yaw_rad} {forward_m_s} {right_m_s}"
+                    );
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_vehicle_that_stands_may_be_as_near_to_the_edge_as_it_is_inside() {
+        for (x_m, leaves) in [(19.99, false), (20.01, true)] {
+            for forward_m_s in [0.0, 5e-4] {
+                let pose = PlanarPose {
+                    x_m,
+                    y_m: 5.0,
+                    yaw_rad: -0.5 * PI,
+                };
+                let velocity = BodyVelocity {
+                    forward_m_s,
+                    ..BodyVelocity::default()
+                };
+                let vehicle = vehicle(pose, velocity, [0.01, 0.01]);
+                assert_eq!(ell().is_left_by(&vehicle, 2.0), leaves, "{x_m}");
+            }
         }
     }
 

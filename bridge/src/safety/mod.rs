@@ -110,12 +110,10 @@ impl Safety {
             let from = self.state;
             self.state = to;
             self.since_s = inputs.time_s;
-            if to == SafetyState::Enabling {
-                self.recent.clear();
-                self.commanded.clear();
-                self.following = false;
-                self.implausible = None;
-            }
+            self.recent.clear();
+            self.commanded.clear();
+            self.following = false;
+            self.implausible = None;
             Transition {
                 time_s: inputs.time_s,
                 from,
@@ -251,8 +249,7 @@ impl Safety {
 }
 
 fn toward_zero(speed_m_s: f64, step_m_s: f64) -> f64 {
-    // Adding 0 makes a negative zero positive.
-    (speed_m_s.abs() - step_m_s).max(0.0).copysign(speed_m_s) + 0.0
+    speed_m_s - speed_m_s.clamp(-step_m_s, step_m_s)
 }
 
 #[cfg(test)]

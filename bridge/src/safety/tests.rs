@@ -1,9 +1,11 @@
 mod any;
 mod faults;
 mod model;
+mod response;
 
 use super::*;
 use crate::drives::LinkState;
+use sidehill_controller::controller::StopReason;
 use sidehill_plant::sample::Stamped;
 
 const PERIOD_S: f64 = 0.05;
@@ -72,6 +74,18 @@ impl Bench {
     fn arm(&mut self) {
         self.step(MotorSpeeds::STOP, |inputs| inputs.requests.arm = false);
         self.step(MotorSpeeds::STOP, |inputs| inputs.requests.arm = true);
+    }
+
+    /// Arms, and goes on until the safety drives.
+    fn begin(&mut self) {
+        self.arm();
+        for _ in 0..20 {
+            if self.safety.state() == SafetyState::Driving {
+                return;
+            }
+            self.step(MotorSpeeds::STOP, |_| {});
+        }
+        panic!("it does not drive: {:?}", self.events);
     }
 
     /// A bench that drives at a command.
@@ -166,6 +180,73 @@ fn a_drive_that_never_answers_or_never_stands_ends_the_handshake() {
 }
 
 #[test]
+fn drives_have_the_time_of_the_handshake_after_the_zeros() {
+    // 0.2 s of zeros and 1 s of handshake.
+    for (stands_after_s, arms) in [(1.1, true), (1.3, false)] {
+        let mut bench = Bench::new();
+        bench.arm();
+        let armed_s = bench.inputs.time_s;
+        for _ in 0..40 {
+            bench.step(speeds(0.5, 0.0), |inputs| {
+                if let Some(feedback) = &mut inputs.feedback
+                    && inputs.time_s - armed_s < stands_after_s
+                {
+                    feedback.value.speeds.traction_m_s = -0.05;
+                }
+            });
+        }
+        let driving = bench.safety.state() == SafetyState::Driving;
+        assert_eq!(driving, arms, "{:?}", bench.events);
+    }
+}
+
+#[test]
+fn drives_have_the_time_of_the_handshake_to_be_on() {
+    for (on_after_s, drives) in [(0.9, true), (1.2, false)] {
+        let mut bench = Bench::new();
+        bench.arm();
+        let mut told_s = f64::INFINITY;
+        for _ in 0..40 {
+            let order = bench.step(speeds(0.5, 0.0), |inputs| {
+                if let Some(feedback) = &mut inputs.feedback
+                    && inputs.time_s - told_s < on_after_s
+                {
+                    feedback.value.mode = DriveMode::Disabled;
+                }
+            });
+            if order.enable {
+                told_s = told_s.min(bench.inputs.time_s);
+            }
+        }
+        let driving = bench.safety.state() == SafetyState::Driving;
+        assert_eq!(driving, drives, "{:?}", bench.events);
+    }
+}
+
+#[test]
+fn drives_may_be_set_up_while_zeros_are_sent() {
+    for mode in [
+        DriveMode::Fault,
+        DriveMode::NotOperational,
+        DriveMode::OtherMode,
+    ] {
+        let mut bench = Bench::new();
+        bench.arm();
+        for cycle in 0..40 {
+            let order = bench.step(speeds(0.5, 0.0), |inputs| {
+                if let Some(feedback) = &mut inputs.feedback
+                    && cycle < 10
+                {
+                    feedback.value.mode = mode;
+                }
+            });
+            assert!(cycle >= 10 || !order.enable, "{mode:?}");
+        }
+        assert_eq!(bench.safety.state(), SafetyState::Driving, "{mode:?}");
+    }
+}
+
+#[test]
 fn a_fault_may_be_forgotten_only_after_arming() {
     let fault = |inputs: &mut SafetyInputs| {
         if let Some(feedback) = &mut inputs.feedback {
@@ -218,12 +299,21 @@ fn an_intent_from_before_the_drive_is_not_driven_on() {
 }
 
 #[test]
+fn an_intent_from_the_cycle_in_which_the_drive_began_is_not_driven_on() {
+    // The controller did not know yet that it drives.
+    let mut bench = Bench::new();
+    bench.begin();
+    let start_s = bench.inputs.time_s;
+    let order = bench.step(speeds(0.5, 0.0), |s| set_command_time(s, start_s));
+    assert_eq!(order.speeds, MotorSpeeds::STOP);
+    let order = bench.step(speeds(0.5, 0.0), |_| {});
+    assert_eq!(order.speeds, speeds(0.5, 0.0));
+}
+
+#[test]
 fn a_first_plan_may_take_long_while_the_vehicle_stands() {
     let mut bench = Bench::new();
-    bench.arm();
-    while bench.safety.state() != SafetyState::Driving {
-        bench.step(MotorSpeeds::STOP, |_| {});
-    }
+    bench.begin();
     let start_s = f64::from(bench.steps) * PERIOD_S;
     // An answer that is too old when it comes is not driven on, nor an alarm yet.
     for i in 0..10 {
@@ -257,10 +347,7 @@ fn a_first_plan_may_take_long_while_the_vehicle_stands() {
 #[test]
 fn a_first_plan_that_comes_late_leaves_the_second_its_time() {
     let mut bench = Bench::new();
-    bench.arm();
-    while bench.safety.state() != SafetyState::Driving {
-        bench.step(MotorSpeeds::STOP, |_| {});
-    }
+    bench.begin();
     let start_s = f64::from(bench.steps) * PERIOD_S;
     // The first decision reaches the loop 0.09 s after its sample, and the second takes three cycles.
     for decided_s in [0.05, 0.05, 0.05, 0.2] {
@@ -281,6 +368,25 @@ fn a_first_plan_that_comes_late_leaves_the_second_its_time() {
 }
 
 #[test]
+fn a_stop_brakes_each_motor_at_the_deceleration() {
+    let mut bench = Bench::driving(speeds(-0.65, 0.3));
+    for cycle in 1..=7 {
+        let order = bench.step(speeds(-0.65, 0.3), |inputs| {
+            inputs.requests.stop = Some(StopCause::Operator)
+        });
+        // 2 m/s^2 in cycles of 0.05 s.
+        let fallen_m_s = 0.1 * f64::from(cycle);
+        let left = [0.65, 0.3].map(|speed_m_s| (speed_m_s - fallen_m_s).max(0.0));
+        let speeds = order.speeds;
+        assert!((speeds.traction_m_s + left[0]).abs() < 1e-9, "{order:?}");
+        assert!((speeds.steer_m_s - left[1]).abs() < 1e-9, "{order:?}");
+        assert!(order.enable);
+    }
+    bench.step(MotorSpeeds::STOP, |_| {});
+    assert_eq!(bench.command, DriveCommand::OFF);
+}
+
+#[test]
 fn a_ramp_catches_up_after_a_late_cycle() {
     let mut bench = Bench::driving(speeds(0.8, 0.0));
     bench.step(speeds(0.8, 0.0), |inputs| {
@@ -293,6 +399,27 @@ fn a_ramp_catches_up_after_a_late_cycle() {
 }
 
 #[test]
+fn every_reason_has_a_name_and_warns_where_it_is_a_fault() {
+    let why = StopReason::NoPath;
+    for (reason, name, is_fault) in [
+        (Reason::Armed, "armed", false),
+        (Reason::Standing, "standing", false),
+        (Reason::Enabled, "enabled", false),
+        (Reason::RampEnded, "ramp_ended", false),
+        (Reason::Finished, "finished", false),
+        (Reason::Requested(StopCause::Operator), "operator", false),
+        (Reason::Requested(StopCause::Obstacle), "obstacle", false),
+        (Reason::Requested(StopCause::Suspended), "suspended", true),
+        (Reason::ControllerStopped { why }, "no_path", true),
+        (Reason::DriveOff, "drive_off", true),
+        (Reason::Geofence, "geofence", true),
+    ] {
+        assert_eq!((reason.cause(), reason.is_fault()), (name, is_fault));
+        assert!(Reason::causes().any(|cause| cause == name), "{name}");
+    }
+}
+
+#[test]
 fn settings_out_of_range_are_named() {
     let error = Safety::new(SafetyConfig {
         deceleration_m_s2: 0.0,
@@ -300,36 +427,4 @@ fn settings_out_of_range_are_named() {
     })
     .unwrap_err();
     assert_eq!(error.key, "safety.deceleration_m_s2");
-}
-
-#[test]
-fn a_node_on_the_way_to_the_drives_may_slow_them_down_but_not_speed_them_up() {
-    let slow = |factor: f64, heard: bool, cycles: u32| {
-        let mut bench = Bench::driving(speeds(0.0, 0.0));
-        for _ in 0..cycles {
-            let before = bench.command.speeds;
-            let made = speeds(factor * before.traction_m_s, factor * before.steer_m_s);
-            bench.step(speeds(0.8, 0.0), |inputs| {
-                let time_s = inputs.time_s;
-                inputs.forwarded = heard.then_some(Stamped {
-                    time_s,
-                    value: made,
-                });
-                if let Some(feedback) = &mut inputs.feedback {
-                    feedback.value.speeds = made;
-                }
-            });
-        }
-        bench.safety.state()
-    };
-    assert_eq!(slow(0.3, true, 60), SafetyState::Driving);
-    // A weak motor is put up with until the controller has learned it, one that hardly turns is not.
-    assert_eq!(slow(0.4, false, 36), SafetyState::Driving);
-    assert_eq!(slow(0.4, false, 60), SafetyState::Latched, "weak");
-    assert_eq!(slow(0.2, false, 36), SafetyState::Latched, "stuck");
-    assert_eq!(
-        slow(1.5, true, 36),
-        SafetyState::Latched,
-        "faster than commanded"
-    );
 }

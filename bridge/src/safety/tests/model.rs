@@ -10,7 +10,6 @@
 //! and one other input is not as it should be; with `SIDEHILL_SAFETY_MODEL=full` all inputs take every combination.
 
 use super::*;
-use sidehill_controller::controller::StopReason;
 use std::collections::{HashMap, VecDeque};
 
 /// A power of two, so that sums of periods are exact, s.
