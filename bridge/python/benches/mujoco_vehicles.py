@@ -80,7 +80,7 @@ class Vehicle(MujocoRover):
 
     @property
     def _wheel_rates_rad_s(self) -> Array:
-        return self.data.qvel[self._rates]
+        return np.asarray(self.data.qvel[self._rates])
 
     def reset(self, pose: tuple[float, ...], attitude: tuple[float, ...]) -> None:
         super().reset(pose, attitude)

@@ -16,11 +16,10 @@ Array = npt.NDArray[np.float64]
 def rotation_of(yaw_rad: float, roll_rad: float, pitch_rad: float) -> Array:
     """Returns R = Rz(yaw) Ry(roll) Rx(pitch) of equation (12), from the body to the world, shape (3, 3)."""
     (cy, sy), (cr, sr), (cp, sp) = ((math.cos(angle), math.sin(angle)) for angle in (yaw_rad, roll_rad, pitch_rad))
-    return (
-        np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]])
-        @ np.array([[cr, 0, sr], [0, 1, 0], [-sr, 0, cr]])
-        @ np.array([[1, 0, 0], [0, cp, -sp], [0, sp, cp]])
-    )
+    yaw: Array = np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]])
+    roll: Array = np.array([[cr, 0, sr], [0, 1, 0], [-sr, 0, cr]])
+    pitch: Array = np.array([[1, 0, 0], [0, cp, -sp], [0, sp, cp]])
+    return np.asarray(yaw @ roll @ pitch)
 
 
 class Body:
