@@ -18,10 +18,10 @@ import math
 import sys
 
 import numpy as np
-from vehicles import GRAVITY_M_S2, SAG_M, SPRINGS_HZ, Measures, main
+from vehicles import GRAVITY_M_S2, SAG_M, SPRINGS_HZ, Gyroscope, Measures, main
 
 # vehicles.py has put the examples on the path.
-from body import Array, Body, rotation_of
+from body import Array
 
 try:
     from pydrake.geometry import AddContactMaterial, HalfSpace, ProximityProperties, Sphere
@@ -47,7 +47,7 @@ def material(friction: float, stiffness_n_m: float, dissipation_s_m: float) -> P
     return properties
 
 
-class Vehicle(Body):
+class Vehicle(Gyroscope):
     """One of the vehicles on a slope that rises towards +Y_g: the plant of `sidehill.simulate`."""
 
     def __init__(self, measures: Measures, slope_deg: float) -> None:
@@ -104,7 +104,10 @@ class Vehicle(Body):
         self._simulator.get_mutable_context().SetTime(0)
         self._plant.SetPositions(self._context, self._plant.GetDefaultPositions())
         self._plant.SetVelocities(self._context, np.zeros(self._plant.num_velocities()))
-        place = RigidTransform(RotationMatrix(rotation_of(yaw_rad, *attitude)), self._hubs_above(x_m, y_m))
+        # The middle rotation is roll: equation (12).
+        yaw, roll = RotationMatrix.MakeZRotation(yaw_rad), RotationMatrix.MakeYRotation(attitude[0])
+        rotation = yaw @ roll @ RotationMatrix.MakeXRotation(attitude[1])
+        place = RigidTransform(rotation, self._hubs_above(x_m, y_m))
         self._plant.SetFloatingBaseBodyPoseInWorldFrame(self._context, self._body, place)
         self._simulator.Initialize()
         # Until it rests on its tyres.
@@ -117,7 +120,6 @@ class Vehicle(Body):
 
     @property
     def yaw_rate_rad_s(self) -> float:
-        """About the body's upward axis."""
         turning = self._plant.EvalBodySpatialVelocityInWorld(self._context, self._body).rotational()
         return float(self._rotation[:, 2] @ turning)
 

@@ -11,7 +11,7 @@ import math
 
 import mujoco
 import numpy as np
-from vehicles import GRAVITY_M_S2, SAG_M, SPRINGS_HZ, Measures, main
+from vehicles import GRAVITY_M_S2, SAG_M, SPRINGS_HZ, Gyroscope, Measures, main
 
 # vehicles.py has put the examples on the path.
 from body import Array
@@ -67,7 +67,7 @@ def model(measures: Measures, slope_deg: float) -> mujoco.MjModel:
 </mujoco>""")
 
 
-class Vehicle(MujocoRover):
+class Vehicle(MujocoRover, Gyroscope):
     """One of the vehicles: the plant of `sidehill.simulate`."""
 
     def __init__(self, measures: Measures, slope_deg: float) -> None:
@@ -81,6 +81,10 @@ class Vehicle(MujocoRover):
     @property
     def _wheel_rates_rad_s(self) -> Array:
         return np.asarray(self.data.qvel[self._rates])
+
+    @property
+    def yaw_rate_rad_s(self) -> float:
+        return float(self.data.qvel[5])
 
     def reset(self, pose: tuple[float, ...], attitude: tuple[float, ...]) -> None:
         super().reset(pose, attitude)

@@ -82,8 +82,17 @@ VEHICLES = {
 }  # fmt: skip
 
 
-# Of measures, on a slope in deg.
-Engine = Callable[[Measures, float], Body]
+class Gyroscope(Body):
+    """A body that measures its yaw rate, too."""
+
+    @property
+    def yaw_rate_rad_s(self) -> float:
+        """About the body's upward axis."""
+        raise NotImplementedError
+
+
+# A vehicle of measures, on a slope in deg.
+Engine = Callable[[Measures, float], Gyroscope]
 
 
 def identified(engine: Engine, measures: Measures) -> sidehill.Vehicle:
@@ -151,7 +160,7 @@ class Readings:
         self.poses: deque[tuple[float, ...]] = deque()
         self.cycle = 0
 
-    def of(self, vehicle: Body, time_s: float) -> dict[str, Any]:
+    def of(self, vehicle: Gyroscope, time_s: float) -> dict[str, Any]:
         x_m, y_m, z_m, yaw_rad = vehicle.pose
         noise = self.random.normal(size=7)
         if self.cycle % 2 == 0:
@@ -175,7 +184,7 @@ class Motors:
         self.in_flight = deque([(0.0, 0.0)] * round(0.1 / PERIOD_S))
         self.speeds = np.zeros(2)
 
-    def drive(self, vehicle: Body, command: tuple[float, float]) -> None:
+    def drive(self, vehicle: Gyroscope, command: tuple[float, float]) -> None:
         self.in_flight.append(command)
         wanted = np.array(self.in_flight.popleft())
         step_s = 0.01
@@ -184,7 +193,7 @@ class Motors:
             vehicle.step(float(self.speeds[0]), float(self.speeds[1]), step_s)
 
 
-def realistic(vehicle: Body, scenario: sidehill.Scenario, measures: Measures, kind: sidehill.Kind, seed: int) -> dict[str, Any]:
+def realistic(vehicle: Gyroscope, scenario: sidehill.Scenario, measures: Measures, kind: sidehill.Kind, seed: int) -> dict[str, Any]:
     """Returns the figures of a drive with realistic readings and drives."""
     controller = sidehill.Controller(scenario, kind=kind)
     vehicle.reset(scenario.start_pose, scenario.start_attitude_rad)
@@ -262,13 +271,13 @@ def check(engine: Engine, measures: Measures) -> None:
     """Asserts what physics leaves no choice about: a vehicle that stands, slides, drives straight and turns."""
     limit_deg = math.degrees(math.atan(measures.friction))
 
-    def started(slope_deg: float) -> Body:
+    def started(slope_deg: float) -> Gyroscope:
         """Across the slope, so that its brakes do not hold it."""
         vehicle = engine(measures, slope_deg)
         vehicle.reset((0, 0, 0, -math.pi / 2), (math.radians(slope_deg), 0))
         return vehicle
 
-    def driven(vehicle: Body, left_m_s: float, right_m_s: float) -> tuple[float, float]:
+    def driven(vehicle: Gyroscope, left_m_s: float, right_m_s: float) -> tuple[float, float]:
         """Metres and radians of the next second."""
         x_m, y_m, _, yaw_rad = vehicle.pose
         vehicle.step(left_m_s, right_m_s, 1.0)

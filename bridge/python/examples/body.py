@@ -13,15 +13,6 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 
 
-def rotation_of(yaw_rad: float, roll_rad: float, pitch_rad: float) -> Array:
-    """Returns R = Rz(yaw) Ry(roll) Rx(pitch) of equation (12), from the body to the world, shape (3, 3)."""
-    (cy, sy), (cr, sr), (cp, sp) = ((math.cos(angle), math.sin(angle)) for angle in (yaw_rad, roll_rad, pitch_rad))
-    yaw: Array = np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]])
-    roll: Array = np.array([[cr, 0, sr], [0, 1, 0], [-sr, 0, cr]])
-    pitch: Array = np.array([[1, 0, 0], [0, cp, -sp], [0, sp, cp]])
-    return np.asarray(yaw @ roll @ pitch)
-
-
 class Body:
     """A rover on a plane that rises towards +Y_g. The class of an engine gives what raises here."""
 
@@ -36,11 +27,6 @@ class Body:
 
     def step(self, v_left_m_s: float, v_right_m_s: float, dt_s: float) -> None:
         """Drives for a while with the speeds that the treads are told."""
-        raise NotImplementedError
-
-    @property
-    def yaw_rate_rad_s(self) -> float:
-        """About the body's upward axis."""
         raise NotImplementedError
 
     @property

@@ -14,7 +14,7 @@ import math
 
 import mujoco
 import numpy as np
-from body import Array, Body, rotation_of
+from body import Array, Body
 
 WHEEL_RADIUS_M = 0.165
 TRACK_HALF_M = 0.285
@@ -82,8 +82,16 @@ class MujocoRover(Body):
     def reset(self, pose: tuple[float, ...], attitude: tuple[float, ...]) -> None:
         mujoco.mj_resetData(self.model, self.data)
         x_m, y_m, _, yaw_rad = pose
+        roll_rad, pitch_rad = attitude
+        # R = Rz(yaw) Ry(roll) Rx(pitch), the middle rotation is roll: equation (12).
+        quaternion = np.array([1.0, 0, 0, 0])
+        for axis, angle in (((0, 0, 1), yaw_rad), ((0, 1, 0), roll_rad), ((1, 0, 0), pitch_rad)):
+            turn, product = np.empty(4), np.empty(4)
+            mujoco.mju_axisAngle2Quat(turn, np.array(axis, dtype=float), angle)
+            mujoco.mju_mulQuat(product, quaternion, turn)
+            quaternion = product
         self.data.qpos[:3] = self._hubs_above(x_m, y_m)
-        mujoco.mju_mat2Quat(self.data.qpos[3:7], rotation_of(yaw_rad, *attitude).ravel())
+        self.data.qpos[3:7] = quaternion
         mujoco.mj_forward(self.model, self.data)
         # Until it rests on its wheels.
         self.step(0.0, 0.0, 0.5)
@@ -92,10 +100,6 @@ class MujocoRover(Body):
         self.data.ctrl[: self.side] = v_left_m_s / self.radius_m
         self.data.ctrl[self.side :] = v_right_m_s / self.radius_m
         mujoco.mj_step(self.model, self.data, nstep=round(dt_s / SUBSTEP_S))
-
-    @property
-    def yaw_rate_rad_s(self) -> float:
-        return float(self.data.qvel[5])
 
     @property
     def _hubs_m(self) -> Array:
