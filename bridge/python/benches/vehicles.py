@@ -241,7 +241,8 @@ def shown(runs: list[dict[str, Any]]) -> str:
     rms = float(np.median([100 * run["cross_track_rms_m"] if run["completed"] else math.inf for run in runs]))
     variation = float(np.median([run["steer_total_variation_m_s"] for run in runs]))
     stopped = sum(not run["completed"] for run in runs)
-    return f"{rms:.2f} ({variation:.1f})" + (f" [{stopped} of {len(runs)} stopped]" if stopped else "")
+    figure = "-" if math.isinf(rms) else f"{rms:.2f}"
+    return f"{figure} ({variation:.1f})" + (f" [{stopped} of {len(runs)} stopped]" if stopped else "")
 
 
 def table(engine: Engine, vehicles: dict[str, Measures], slopes_deg: list[float], seeds: int) -> Table:
