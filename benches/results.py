@@ -7,7 +7,7 @@
     benches/results.py --program sidehill     an installed program instead of `cargo run --release`
 
 A table stands between `<!-- table: NAME -->` and `<!-- end -->`, with the commit at which it was measured. Only the Python
-standard library is needed; the table `mujoco` needs the wheel and MuJoCo (see the page).
+standard library is needed; the tables `mujoco` and `drake` need the wheel and the engine (see the page).
 """
 
 import argparse
@@ -158,12 +158,16 @@ def campaign(name, seed, runs, controllers):
     return table(["controller", "completed", "median", "p95", "worst", "steer, m/s"], rows)
 
 
-def mujoco():
-    program = [sys.executable, "bridge/python/benches/mujoco_vehicles.py"]
+def engine(name):
+    """Vehicles in a physics engine, the least error of a row in bold."""
+    program = [sys.executable, f"bridge/python/benches/{name}_vehicles.py"]
     named = [word for name in ("J8", "four wheels, 60 kg") for word in ("--vehicle", name)]
     text = printed(["--realistic", 3, *named], program)
-    head, *rows = [line for line in text.splitlines() if line.startswith("|")]
-    return "\n".join([head, "|" + "---|" * (head.count("|") - 1), *rows])
+    head, *rows = [line.strip("| ").split(" | ") for line in text.splitlines() if line.startswith("|")]
+    for row in rows:
+        best = min(range(2, len(row)), key=lambda k: float(row[k].split()[0].replace("-", "inf")))
+        row[best] = "**" + row[best].replace(" ", "** ", 1)
+    return table(head, rows)
 
 
 TABLES = {
@@ -174,7 +178,8 @@ TABLES = {
     "robots": (robots, "a minute"),
     "campaign": (lambda: campaign("default", 4242, 1000, CONTROLLERS), "ten minutes of CPU time"),
     "vehicles": (lambda: campaign("vehicles", 202001, 10000, ["contact-mpc", "icrhk-mpc"]), "hours of CPU time"),
-    "mujoco": (mujoco, "an hour; needs the wheel and MuJoCo"),
+    "mujoco": (lambda: engine("mujoco"), "an hour; needs the wheel and MuJoCo"),
+    "drake": (lambda: engine("drake"), "ten minutes; needs the wheel and Drake"),
 }
 
 

@@ -14,7 +14,7 @@ import math
 
 import mujoco
 import numpy as np
-import numpy.typing as npt
+from body import Array, Body
 
 WHEEL_RADIUS_M = 0.165
 TRACK_HALF_M = 0.285
@@ -69,7 +69,7 @@ def model(slope_deg: float, friction: float = 0.8, mass_centre_m: float = 0.02) 
 </mujoco>""")
 
 
-class MujocoRover:
+class MujocoRover(Body):
     """The plant: reset(pose, attitude), step(v_left_m_s, v_right_m_s, dt_s), and what it measures."""
 
     radius_m, side = WHEEL_RADIUS_M, SIDE
@@ -90,63 +90,27 @@ class MujocoRover:
             mujoco.mju_axisAngle2Quat(turn, np.array(axis, dtype=float), angle)
             mujoco.mju_mulQuat(product, quaternion, turn)
             quaternion = product
-        normal = np.array([0, -math.sin(self.slope_rad), math.cos(self.slope_rad)])
-        ground = np.array([x_m, y_m, y_m * math.tan(self.slope_rad)])
-        self.data.qpos[:3] = ground + self.radius_m * normal
+        self.data.qpos[:3] = self._hubs_above(x_m, y_m)
         self.data.qpos[3:7] = quaternion
         mujoco.mj_forward(self.model, self.data)
         # Until it rests on its wheels.
-        self._advance(0.0, 0.0, 0.5)
+        self.step(0.0, 0.0, 0.5)
 
     def step(self, v_left_m_s: float, v_right_m_s: float, dt_s: float) -> None:
-        self._advance(v_left_m_s, v_right_m_s, dt_s)
-
-    def _advance(self, v_left_m_s: float, v_right_m_s: float, dt_s: float) -> None:
         self.data.ctrl[: self.side] = v_left_m_s / self.radius_m
         self.data.ctrl[self.side :] = v_right_m_s / self.radius_m
         mujoco.mj_step(self.model, self.data, nstep=round(dt_s / SUBSTEP_S))
 
     @property
-    def pose(self) -> tuple[float, float, float, float]:
-        """(x_m, y_m, z_m, yaw_rad) of the origin on the ground below the middle of the wheels."""
-        rotation = self._rotation
-        origin = self.data.qpos[:3] - self.radius_m * rotation[:, 2]
-        x_m, y_m, z_m = map(float, origin)
-        return x_m, y_m, z_m, math.atan2(rotation[1, 0], rotation[0, 0])
+    def _hubs_m(self) -> Array:
+        return np.asarray(self.data.qpos[:3])
 
     @property
-    def attitude_rad(self) -> tuple[float, float]:
-        """(roll, pitch) from the body's upward axis, seen at its heading."""
-        rotation = self._rotation
-        yaw_rad = self.pose[3]
-        cos, sin = math.cos(yaw_rad), math.sin(yaw_rad)
-        up = rotation[:, 2]
-        right, forward = cos * up[0] + sin * up[1], -sin * up[0] + cos * up[1]
-        return (math.atan2(right, up[2]), -math.asin(max(-1.0, min(1.0, forward))))
-
-    @property
-    def tread_speeds_m_s(self) -> tuple[float, float]:
-        """(left, right), the mean of a side's wheels."""
-        turning = self._wheel_rates_rad_s * self.radius_m
-        return (float(turning[: self.side].mean()), float(turning[self.side :].mean()))
-
-    @property
-    def _wheel_rates_rad_s(self) -> npt.NDArray[np.float64]:
+    def _wheel_rates_rad_s(self) -> Array:
         return np.asarray(self.data.qvel[6 : 6 + WHEELS])
 
     @property
-    def _rotation(self) -> npt.NDArray[np.float64]:
+    def _rotation(self) -> Array:
         rotation = np.empty(9)
         mujoco.mju_quat2Mat(rotation, self.data.qpos[3:7])
         return rotation.reshape(3, 3)
-
-    def drive(self, legs: list[tuple[float, float, float]], dt_s: float = 0.05) -> dict[str, list[float]]:
-        """Drives (seconds, v_left_m_s, v_right_m_s) one after the other and returns the log as columns."""
-        rows, time_s = [], 0.0
-        for seconds, left, right in legs:
-            for _ in range(round(seconds / dt_s)):
-                rows.append((time_s, *self.tread_speeds_m_s, *self.attitude_rad, *self.pose))
-                self.step(left, right, dt_s)
-                time_s += dt_s
-        names = ("time_s", "v_left_m_s", "v_right_m_s", "roll_rad", "pitch_rad", "x_m", "y_m", "z_m", "yaw_rad")
-        return {name: list(column) for name, column in zip(names, zip(*rows, strict=True), strict=True)}

@@ -111,10 +111,19 @@ def test_contact_mpc_is_ahead_on_a_vehicle_in_mujoco(monkeypatch: pytest.MonkeyP
     pytest.importorskip("mujoco")
     monkeypatch.setattr(sys, "path", [str(EXAMPLES.parent / "benches"), *sys.path])
     name = "six wheels, 300 kg"
-    table = importlib.import_module("mujoco_vehicles").main([name], [10.0], seeds)
-    contact, _, level = table[name, 10.0][0]
+    vehicles, bench = importlib.import_module("vehicles"), importlib.import_module("mujoco_vehicles")
+    table = vehicles.table(bench.Vehicle, {name: vehicles.VEHICLES[name]}, [10.0], seeds)
+    contact, _, level, _ = table[name, 10.0][0]
     assert contact["controller"] == "contact-mpc" and contact["completed"] and level["completed"]
     assert contact["cross_track_rms_m"] < 0.5 * level["cross_track_rms_m"] < 0.05
+
+
+@pytest.mark.filterwarnings("default")
+def test_a_vehicle_in_mujoco_stands_slides_and_turns_as_it_must(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("mujoco")
+    monkeypatch.setattr(sys, "path", [str(EXAMPLES.parent / "benches"), *sys.path])
+    vehicles, bench = importlib.import_module("vehicles"), importlib.import_module("mujoco_vehicles")
+    vehicles.check(bench.Vehicle, vehicles.VEHICLES["four wheels, 60 kg"])
 
 
 @pytest.mark.filterwarnings("default")
