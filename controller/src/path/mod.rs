@@ -3,6 +3,7 @@
 //! Everything is in the world frame: X_g, Y_g horizontal, heading psi counter-clockwise from Y_g.
 
 mod accuracy;
+mod actions;
 mod aside;
 mod curve;
 mod error;
@@ -13,8 +14,10 @@ mod projection;
 mod raw;
 mod read;
 mod smoothing;
+mod speeds;
 mod spline;
 
+pub use actions::{PendingActions, RouteAction};
 pub use aside::{Aside, MovedPath};
 pub use error::PathError;
 pub use gpx::{GPX_NAMESPACE, GeodeticOrigin, Route, read_gpx};
@@ -23,6 +26,7 @@ pub use point::{Direction, PathPoint, Point2, RawPoint};
 pub use projection::{Projected, Window};
 pub use read::read_csv;
 pub use smoothing::{Smoothed, estimated_accuracy_m, smooth};
+pub use speeds::{ROUTE_SPEEDS, SpeedStretch};
 
 pub(crate) use curve::{ArcLength, CurvePoint};
 
@@ -43,6 +47,9 @@ pub struct Path {
     pieces: Vec<Piece>,
     closed: bool,
     length_m: f64,
+    /// Stretches with speeds of their own, in the order of travel; none where the settings alone limit the speed.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    speeds: Vec<SpeedStretch>,
 }
 
 #[derive(Deserialize)]
@@ -50,6 +57,8 @@ struct RawPath {
     pieces: Vec<Piece>,
     closed: bool,
     length_m: f64,
+    #[serde(default)]
+    speeds: Vec<SpeedStretch>,
 }
 
 /// Returns whether two arc lengths are the same but for rounding.
@@ -71,6 +80,7 @@ impl TryFrom<RawPath> for Path {
             pieces,
             closed,
             length_m,
+            speeds,
         } = raw;
         let mut end_m = 0.0;
         for piece in &pieces {
@@ -84,11 +94,13 @@ impl TryFrom<RawPath> for Path {
         if pieces.is_empty() || !same_length(length_m, end_m) {
             return Err(PathError::ZeroLength);
         }
-        Ok(Self {
+        Self {
             pieces,
             closed,
             length_m,
-        })
+            speeds: Vec::new(),
+        }
+        .with_speeds(speeds)
     }
 }
 
@@ -166,6 +178,7 @@ impl Path {
             pieces: joined,
             closed,
             length_m,
+            speeds: Vec::new(),
         })
     }
 
