@@ -1,5 +1,6 @@
 //! How the server comes into being: what it subscribes to, serves and publishes.
 
+use super::actions::ActionTopic;
 use super::{ControllerServer, ServerLinks};
 use crate::node::peers::Peers;
 use crate::node::services::NodeServices;
@@ -59,6 +60,7 @@ impl ControllerServer {
             owner.publish(live_parameters::values(&services.parameters));
         }
         let telemetry = Telemetry::new(&mut node, vehicle, &config)?;
+        let actions = ActionTopic::new(&mut node, (registry, token))?;
         let action_name = node.names().resolve(&config.follow_path.action)?;
         let emergency_stop = node.names().resolve(&config.inputs.emergency_stop)?;
         let pivots = PivotSettings {
@@ -80,6 +82,7 @@ impl ControllerServer {
             costmap,
             services,
             telemetry,
+            actions,
             discovery,
             peers: Peers::default(),
             accepted_goals: 0,
