@@ -48,7 +48,8 @@ pub struct Path {
     closed: bool,
     length_m: f64,
     /// Stretches with speeds of their own, in the order of travel; none where the settings alone limit the speed.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    /// Recordings do without them: they have the speeds of the trajectory, which follow from these.
+    #[serde(skip)]
     speeds: Vec<SpeedStretch>,
 }
 
@@ -57,8 +58,6 @@ struct RawPath {
     pieces: Vec<Piece>,
     closed: bool,
     length_m: f64,
-    #[serde(default)]
-    speeds: Vec<SpeedStretch>,
 }
 
 /// Returns whether two arc lengths are the same but for rounding.
@@ -80,7 +79,6 @@ impl TryFrom<RawPath> for Path {
             pieces,
             closed,
             length_m,
-            speeds,
         } = raw;
         let mut end_m = 0.0;
         for piece in &pieces {
@@ -94,13 +92,12 @@ impl TryFrom<RawPath> for Path {
         if pieces.is_empty() || !same_length(length_m, end_m) {
             return Err(PathError::ZeroLength);
         }
-        Self {
+        Ok(Self {
             pieces,
             closed,
             length_m,
             speeds: Vec::new(),
-        }
-        .with_speeds(speeds)
+        })
     }
 }
 

@@ -157,7 +157,7 @@ impl Columns {
                 "would let the vehicle stand, it must be 0.01 m/s at least",
             ));
         }
-        if speed_m_s < ROUTE_SPEEDS.low || speed_m_s > ROUTE_SPEEDS.high {
+        if ROUTE_SPEEDS.check("speed_m_s", speed_m_s).is_err() {
             return Err(refused("must be from 0.01 to 20 m/s"));
         }
         Ok(Some(speed_m_s))

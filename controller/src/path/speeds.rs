@@ -1,14 +1,13 @@
 //! Speeds that stretches of a path have of their own.
 
 use super::{Path, PathError, RawPoint};
-use serde::{Deserialize, Serialize};
 use sidehill_plant::bounds::Bounds;
 
 /// Speeds that a stretch may have, m/s. A slower vehicle would stand.
 pub const ROUTE_SPEEDS: Bounds = Bounds::new(0.01, 20.0, "m/s");
 
 /// The largest speed from an arc length on, up to the next stretch.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SpeedStretch {
     /// Where it begins, m.
     pub from_m: f64,
@@ -167,16 +166,5 @@ mod tests {
         );
         assert!((moved.original_m(moved_m) - original_m).abs() < 1e-6);
         assert!(original_m - moved_m > 0.7);
-    }
-
-    #[test]
-    fn a_path_is_read_as_it_was_written_with_and_without_speeds() {
-        let path = line();
-        let text = serde_json::to_string(&path).unwrap();
-        assert_eq!(serde_json::from_str::<Path>(&text).unwrap(), path);
-        let plain = path.with_speeds(Vec::new()).unwrap();
-        let text = serde_json::to_string(&plain).unwrap();
-        assert!(!text.contains("speeds"));
-        assert_eq!(serde_json::from_str::<Path>(&text).unwrap(), plain);
     }
 }

@@ -5,7 +5,7 @@ mod create;
 mod output;
 mod watch;
 
-use self::actions::ActionTopic;
+use super::action_topic::ActionTopic;
 use super::configured_route::ConfiguredRoute;
 use super::follow_path::{FollowPathRequest, FollowPathServer};
 use super::goal_context::{GoalContext, ObstacleContext, PathSource};
@@ -63,6 +63,8 @@ pub(crate) struct ControllerServer {
     services: NodeServices,
     telemetry: Telemetry,
     actions: ActionTopic,
+    /// Whether the route of the configuration was begun and the vehicle has not driven on it since.
+    joins_route: bool,
     handler: GoalHandler,
     discovery: DomainParticipantStatusListener,
     peers: Peers,
@@ -115,12 +117,12 @@ impl ControllerServer {
         let status = self.links.commands.loop_status();
         self.step_session(now_s, status.as_ref(), clock_jumped);
         let decision = self.links.commands.controller_status().decision;
-        self.pass_actions(decision.as_ref());
+        self.pass_actions(status.as_ref(), decision.as_ref());
         for request in self.handler.take_requests() {
             self.carry_out(request, now_s);
         }
         self.watch_poses(decision.as_ref());
-        self.hear_actions();
+        self.actions.hear(&self.links.inputs);
         self.publish_feedback(now_s, decision.as_ref());
         self.publish_telemetry(now_s, status.as_ref());
         self.action.publish_status(now_s);
@@ -175,7 +177,7 @@ impl ControllerServer {
         }
         let path = route.path.clone();
         self.log(LogLevel::Info, "the route of the configuration begins");
-        self.actions.joins = true;
+        self.joins_route = true;
         self.handler.begin(PathSource::Route, Ok(path), now_s);
     }
 

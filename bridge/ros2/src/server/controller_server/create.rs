@@ -1,10 +1,10 @@
 //! How the server comes into being: what it subscribes to, serves and publishes.
 
-use super::actions::ActionTopic;
 use super::{ControllerServer, ServerLinks};
 use crate::node::peers::Peers;
 use crate::node::services::NodeServices;
 use crate::node::{NodeError, RosNode, qos};
+use crate::server::action_topic::ActionTopic;
 use crate::server::follow_path::action_server;
 use crate::server::goal_handler::GoalHandler;
 use crate::server::goal_session::PivotSettings;
@@ -83,6 +83,7 @@ impl ControllerServer {
             services,
             telemetry,
             actions,
+            joins_route: false,
             discovery,
             peers: Peers::default(),
             accepted_goals: 0,

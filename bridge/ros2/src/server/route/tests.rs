@@ -231,5 +231,14 @@ fn poses_of_a_vehicle_that_stood_are_one_place() {
     }
     // Poses 5 cm apart are a path, and so are many more within a place where nothing else is.
     let exact = line(31);
-    assert_eq!(places(&exact.poses), exact.poses);
+    let each: Vec<(PlanarPose, usize)> = exact.poses.iter().copied().zip(0..).collect();
+    assert_eq!(places(&exact.poses), each);
+    // A place has the index of its last pose, whose speed says how to go on.
+    let mut stood = line(31);
+    stood.poses.splice(10..10, vec![stood.poses[10]; 8]);
+    let indices: Vec<usize> = places(&stood.poses)
+        .into_iter()
+        .map(|(_, index)| index)
+        .collect();
+    assert_eq!(indices[9..12], [9, 18, 19]);
 }
