@@ -135,7 +135,7 @@ impl SpeedLimits {
     }
 }
 
-/// Returns the fastest trajectory along `path` within `limits` and, at each point, within
+/// Returns the fastest trajectory along `path` within `limits`, the speeds of its own stretches and, at each point,
 /// `speed_cap_m_s` (as for a slope), with a stop at every cusp and corner and at the end.
 ///
 /// With w = v^2 on a grid of arc length, speed and curvature bounds cap w, and the bounds on
@@ -220,6 +220,8 @@ impl<'a> Stretch<'a> {
         for i in 0..=intervals {
             // The end belongs to this stretch, not to the one after a cusp, nor to the next lap.
             let point = path.at((start_m + i as f64 * step_m).min(end_m.next_down()));
+            let at_m = point.arc_length_m;
+            let own = path.slowest_m_s((at_m - step_m).max(start_m), (at_m + step_m).min(end_m));
             let cap = speed_cap_m_s(&point);
             if cap.is_nan() || cap <= 0.0 {
                 return Err(PathError::Range(RangeError {
@@ -229,7 +231,7 @@ impl<'a> Stretch<'a> {
                 }));
             }
             curvatures.push(point.curvature_per_m);
-            local_caps.push(cap);
+            local_caps.push(cap.min(own));
         }
         let caps = (0..=intervals)
             .map(|i| {

@@ -6,8 +6,8 @@ use crate::progress::Notice;
 use serde::Deserialize;
 use sidehill_controller::course::Course;
 use sidehill_controller::path::{
-    GeodeticOrigin, Path as SmoothPath, Point2, RawPoint, Route, SmoothingConfig, read_csv,
-    read_gpx, smooth,
+    GeodeticOrigin, Path as SmoothPath, Point2, RawPoint, Route, RouteAction, Smoothed,
+    SmoothingConfig, read_csv, read_gpx, smooth,
 };
 use sidehill_controller::speed_profile::{SpeedLimits, speed_profile};
 use sidehill_controller::trajectory::Trajectory;
@@ -18,7 +18,7 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RouteConfig {
-    /// GPX, or CSV with `x_m,y_m` and, optionally `z_m,direction`.
+    /// GPX, or CSV with `x_m,y_m` and, optionally, `z_m,direction,speed_m_s,action`.
     pub file: PathBuf,
     /// [How its points become a path](#path-smoothing).
     #[serde(default)]
@@ -72,6 +72,8 @@ pub struct LoadedReference {
     pub trajectory: Trajectory,
     /// For a route: its file, and its points if all of them have elevations.
     pub route: Option<(ConfigFile, Option<Vec<RoutePoint>>)>,
+    /// What is to be done along a route.
+    pub actions: Vec<RouteAction>,
     /// How recorded points were processed, as text; empty for a course.
     pub note: String,
     /// What changes what is driven without being asked for, a line each.
@@ -107,6 +109,7 @@ impl LoadedReference {
                 return Ok(Self {
                     trajectory,
                     route: None,
+                    actions: Vec::new(),
                     note: String::new(),
                     warnings: Vec::new(),
                 });
@@ -136,6 +139,7 @@ impl LoadedReference {
             smoothed.path.max_curvature_per_m(),
             trajectory.duration_s(),
         );
+        note += &of_its_own(&points, &smoothed.path).unwrap_or_default();
         if let (Some(origin), None) = (&points.origin, datum) {
             note += &format!(
                 ". x = 0, y = 0 is its first point; `datum: {{latitude_deg: {:.9}, longitude_deg: {:.9}, \
@@ -148,9 +152,34 @@ impl LoadedReference {
             trajectory,
             warnings: route_warnings(&route, &points, &smoothed.path),
             route: Some((route, elevations)),
+            actions: actions(&points, &smoothed),
             note,
         })
     }
+}
+
+/// Returns the actions of a route at their places on its path.
+fn actions(route: &Route, smoothed: &Smoothed) -> Vec<RouteAction> {
+    let placed = route.actions.iter().map(|(index, text)| RouteAction {
+        at_m: smoothed.arc_lengths_m[*index],
+        text: text.clone(),
+    });
+    placed.collect()
+}
+
+/// Returns what a route has beside its points, as text to follow their description; none where it has nothing.
+fn of_its_own(route: &Route, path: &SmoothPath) -> Option<String> {
+    let speeds = path.speeds().iter().filter_map(|stretch| stretch.speed_m_s);
+    let slowest_m_s = speeds
+        .reduce(f64::min)
+        .map(|slowest_m_s| format!("its slowest stretch at up to {slowest_m_s} m/s"));
+    let actions = match route.actions.len() {
+        0 => None,
+        1 => Some("1 action".to_owned()),
+        count => Some(format!("{count} actions")),
+    };
+    let parts: Vec<String> = slowest_m_s.into_iter().chain(actions).collect();
+    (!parts.is_empty()).then(|| format!(", {}", parts.join(", ")))
 }
 
 /// Returns the ground along a route's points.

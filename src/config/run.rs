@@ -20,7 +20,7 @@ use sidehill_controller::controller::Controller;
 use sidehill_controller::course::Course;
 use sidehill_controller::estimator::EstimatorSettings;
 use sidehill_controller::guard::{Stance, first_steep_place};
-use sidehill_controller::path::{GeodeticOrigin, Path as SmoothPath};
+use sidehill_controller::path::GeodeticOrigin;
 use sidehill_controller::reference::Reference;
 use sidehill_controller::speed_profile::SpeedConfig;
 use sidehill_plant::bounds::Bounds;
@@ -154,6 +154,20 @@ impl RunConfig {
         file: &ConfigFile,
         vehicle: &Vehicle,
     ) -> Result<Controller, ConfigError> {
+        let made = self.controller_and_reference(file, vehicle);
+        made.map(|(controller, _)| controller)
+    }
+
+    /// Returns the controller as [`Self::controller`] does, and the course or route that was read for it; none if paths
+    /// come over ROS 2 alone.
+    ///
+    /// # Errors
+    /// As [`Self::controller`].
+    pub fn controller_and_reference(
+        &self,
+        file: &ConfigFile,
+        vehicle: &Vehicle,
+    ) -> Result<(Controller, Option<LoadedReference>), ConfigError> {
         let mut settings = self.settings.clone();
         if self.learned_file(file)?.is_some() {
             settings.memory.get_or_insert_default();
@@ -179,7 +193,8 @@ impl RunConfig {
             .map_err(|error| file.error(format!("settings.{error}")))?;
         let mut controller = Controller::new(self.controller, settings.clone(), vehicle)
             .map_err(|error| file.error(error))?;
-        if let Some(loaded) = self.reference(file, vehicle)? {
+        let loaded = self.reference(file, vehicle)?;
+        if let Some(loaded) = &loaded {
             if let Some(geofence) = &self.geofence
                 && let Some([x_m, y_m]) = geofence.first_outside(&loaded.trajectory)
             {
@@ -200,10 +215,11 @@ impl RunConfig {
                 controller = controller.with_terrain(ground);
             }
             if !self.over_ros2() {
-                controller.follow(Reference::new(loaded.trajectory).for_laps(self.laps));
+                let reference = Reference::new(loaded.trajectory.clone());
+                controller.follow(reference.for_laps(self.laps));
             }
         }
-        Ok(controller)
+        Ok((controller, loaded))
     }
 
     /// Returns the course or the route; none if paths come over ROS 2 alone.
@@ -225,22 +241,6 @@ impl RunConfig {
         let source = Source::of(file, course, route, self.datum, None)?;
         let limits = self.speed.limits(&self.settings.limits, vehicle);
         LoadedReference::build(file, source, &limits).map(Some)
-    }
-
-    /// Returns the curve of the route that is driven over ROS 2; none without a route.
-    ///
-    /// # Errors
-    /// As [`RunConfig::controller`].
-    pub fn route_over_ros2(
-        &self,
-        file: &ConfigFile,
-        vehicle: &Vehicle,
-    ) -> Result<Option<SmoothPath>, ConfigError> {
-        if !self.over_ros2() {
-            return Ok(None);
-        }
-        let loaded = self.reference(file, vehicle)?;
-        Ok(loaded.and_then(|loaded| loaded.trajectory.path().cloned()))
     }
 
     /// Returns a route by its file, with how it was read: a path as typed, or a name without ending of a file beside

@@ -480,7 +480,7 @@ mod tests {
                 .map(|&[x_m, y_m, z_m]| RawPoint {
                     position: Point2 { x_m, y_m },
                     elevation_m: Some(z_m),
-                    direction: None,
+                    ..RawPoint::default()
                 })
                 .collect();
             let driven = smooth(&raw, &Smoothing::default()).unwrap().path;

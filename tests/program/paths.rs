@@ -10,6 +10,44 @@ fn a_csv_path_replaces_the_course() {
     assert_says(&table, &["line.csv: 3 points, path of 2.2 m"]);
 }
 
+/// A straight route of 12 m with a slow stretch from 4 m to 8 m and two actions.
+const SLOW_STRETCH: &str = "x_m,y_m,speed_m_s,action\n0,0,,start\n0,4,0.2,\n0,8,5,probe\n0,12,,\n";
+
+#[test]
+fn every_controller_keeps_the_speed_of_a_stretch() {
+    let course = Course::new("");
+    let path = course.write("slow.csv", SLOW_STRETCH);
+    succeed(sidehill().arg("check").arg(&path));
+    let out = course.path("out");
+    let table = succeed(
+        course
+            .simulate()
+            .args(["--controller", "contact-mpc", "--controller", "icrik-mpc"])
+            .args(["--controller", "pure-pursuit", "--path"])
+            .arg(&path)
+            .arg("--out")
+            .arg(&out),
+    );
+    assert_says(&table, &["its slowest stretch at up to 0.2 m/s, 2 actions"]);
+    for name in ["contact-mpc", "icrik-mpc", "pure-pursuit"] {
+        let mut rows = csv::Reader::from_path(out.join(format!("{name}.csv"))).unwrap();
+        let header = rows.headers().unwrap().clone();
+        let column = |name: &str| header.iter().position(|column| column == name).unwrap();
+        let (y, traction) = (column("y_m"), column("motor_traction_m_s"));
+        let (mut slow_m_s, mut fast_m_s) = (0.0f64, 0.0f64);
+        for row in rows.records().map(Result::unwrap) {
+            let value = |column: usize| row[column].parse::<f64>().unwrap();
+            match value(y) {
+                4.0..8.0 => slow_m_s = slow_m_s.max(value(traction)),
+                9.0.. => fast_m_s = fast_m_s.max(value(traction)),
+                _ => {}
+            }
+        }
+        assert!((0.19..0.21).contains(&slow_m_s), "{name}: {slow_m_s}");
+        assert!(fast_m_s > 0.7, "{name}: {fast_m_s}");
+    }
+}
+
 #[test]
 fn a_gpx_path_is_driven_in_metres_on_its_own_elevation() {
     let course = Course::new("");
@@ -49,6 +87,15 @@ fn a_bad_path_is_named_with_its_line_and_value() {
             &["line 3", "x_m", "NaN"],
         ),
         ("column.csv", "x_m,z_m\n0,0\n", &["line 1", "y_m"]),
+        (
+            "stands.csv",
+            "x_m,y_m,speed_m_s\n0,0,0.5\n1,0,0\n",
+            &[
+                "line 3",
+                "speed_m_s: `0` would let the vehicle stand",
+                "leave it empty",
+            ],
+        ),
         ("short.csv", "x_m,y_m\n0,0\n1\n", &["line 3"]),
         ("none.csv", "x_m,y_m\n", &["no points"]),
         ("still.csv", "x_m,y_m\n1,1\n1,1\n", &["no length"]),

@@ -4,6 +4,7 @@ client."""
 import json
 import math
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -399,6 +400,94 @@ def test_a_route_begins_by_itself_where_that_is_asked(vehicle, start, tmp_path):
     wait_for(lambda: "the goal is reached" in run.output(), "the end of the route", 30)
     wait_for(rover.stands, "standing")
     assert run.end() == 0
+
+
+# Metres along a straight route, the speed of the stretch that begins there, m/s, and the action.
+SLOW_M_S = 0.2
+ROWS = [(0, "", ""), (1.5, "", "blade down"), (2.5, SLOW_M_S, "spray, slowly"), (4, 0.8, ""), (6, "", "blade up")]
+
+
+def write_rows(path):
+    """The rows as a file, from where the vehicle stands first."""
+    sin, cos = math.sin(START_YAW_RAD), math.cos(START_YAW_RAD)
+    lines = [f'{at * cos:.4f},{at * sin:.4f},{speed},"{action}"' for at, speed, action in ROWS]
+    path.write_text("\n".join(["x_m,y_m,speed_m_s,action", *lines, ""]))
+
+
+def along_m(row):
+    """How far a vehicle is along the rows."""
+    return row["x_m"] * math.cos(START_YAW_RAD) + row["y_m"] * math.sin(START_YAW_RAD)
+
+
+def texts_of(actions):
+    """A function that returns what has come, in order."""
+
+    def said():
+        actions.take()
+        return [message.data for message in actions.all]
+
+    return said
+
+
+def assert_speeds_of_rows(rows):
+    slow = [abs(row["traction_m_s"]) for row in rows if 2.5 < along_m(row) < 4.0]
+    fast = [abs(row["traction_m_s"]) for row in rows if not 2.0 < along_m(row) < 4.5]
+    print(f"fastest {max(slow):.3f} m/s on the slow stretch, {max(fast):.3f} m/s elsewhere")
+    # The drives of this vehicle overshoot a little.
+    assert max(slow) < 1.05 * SLOW_M_S < 0.4 < max(fast)
+
+
+def test_a_route_has_its_speeds_and_each_action_once_over_a_stop(vehicle, start, peer, tmp_path):
+    rover = vehicle()
+    write_rows(tmp_path / "route.csv")
+    actions = peer.reader("/route_action", wire.String)
+    config = adapted("run_ros2.yaml", {r"^cycle:$": "route: {file: route.csv}\ncycle:"}, tmp_path)
+    run = start("run", config, "--out", tmp_path / "run", "--record", tmp_path / "drive.mcap", "--format", "text")
+    wait_for(lambda: "listens to" in run.output(), "the start")
+    wait_for(lambda: actions.reader.get_matched_publications(), "the controller's route_action")
+    time.sleep(2.0)
+    run.signal(signal.SIGUSR1)
+    said = texts_of(actions)
+    wait_for(lambda: said() == ["blade down", "spray, slowly"], "the second action", 60)
+    # It stops on the way, just beyond the action, and drives on.
+    run.signal(signal.SIGUSR2)
+    wait_for(rover.stands, "standing")
+    assert 2.4 < along_m(rover.now()) < 3.0
+    time.sleep(1.0)
+    run.signal(signal.SIGUSR1)
+    wait_for(lambda: "the goal is reached" in run.output(), "the end of the route", 60)
+    wait_for(lambda: len(said()) == 3, "the last action")
+    assert run.end() == 0
+    assert said() == ["blade down", "spray, slowly", "blade up"]
+    with open(tmp_path / "run" / "events.jsonl") as file:
+        events = [json.loads(line) for line in file]
+    assert [event["reason"] for event in events if event["event"] == "action"] == said()
+    assert_speeds_of_rows(rover.truth())
+
+
+def test_a_stored_route_has_its_speeds_and_actions_to_and_fro(vehicle, start, peer, tmp_path):
+    rover = vehicle()
+    write_rows(tmp_path / "lane.csv")
+    actions = peer.reader("/route_action", wire.String)
+    config = adapted("run_ros2.yaml", {}, tmp_path)
+    run = start("run", config, "--out", tmp_path / "run")
+    wait_for(lambda: re.search(r'"x_m":-?[0-9]', run.output()), "poses")
+    driver = start("drive-route", config, "lane", "--passes", "2")
+    said = texts_of(actions)
+    wait_for(lambda: said() == ["blade down", "spray, slowly"], "the second action", 60)
+    driver.signal(signal.SIGUSR2)
+    wait_for(lambda: "paused" in driver.output(), "pause")
+    wait_for(rover.stands, "standing")
+    driver.signal(signal.SIGUSR1)
+    assert driver.process.wait(120) == 0, driver.output() + run.output()
+    there, back = ["blade down", "spray, slowly", "blade up"], ["blade up", "spray, slowly", "blade down"]
+    wait_for(lambda: len(said()) == 6, "the last action")
+    assert said() == there + back
+    assert run.end() == 0
+    with open(tmp_path / "run" / "events.jsonl") as file:
+        events = [json.loads(line) for line in file]
+    assert [event["reason"] for event in events if event["event"] == "action"] == said()
+    assert_speeds_of_rows(rover.truth())
 
 
 def test_drives_that_no_longer_obey_end_the_goal(rig):

@@ -51,6 +51,7 @@ def service(name, request, reply):
 Time = wire("builtin_interfaces/msg/Time", sec=int32, nanosec=uint32)
 Header = wire("std_msgs/msg/Header", stamp=Time, frame_id=str)
 Bool = wire("std_msgs/msg/Bool", data=bool)
+String = wire("std_msgs/msg/String", data=str)
 Float64 = wire("std_msgs/msg/Float64", data=float64)
 Empty = wire("std_msgs/msg/Empty", structure_needs_at_least_one_member=uint8)
 Dimension = wire("std_msgs/msg/MultiArrayDimension", label=str, size=uint32, stride=uint32)

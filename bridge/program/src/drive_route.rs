@@ -10,10 +10,10 @@ use sidehill::console;
 use sidehill::drive::DriveRouteArgs;
 use sidehill::exit::Exit;
 use sidehill_bridge::ros2::arguments::RosArguments;
-use sidehill_bridge::ros2::conversions::to_pose;
+use sidehill_bridge::ros2::conversions::{stamp, to_pose};
 use sidehill_bridge::ros2::convert::world_from_base_link;
-use sidehill_bridge::ros2::message::{self, PoseStamped};
-use sidehill_controller::path::{Aside, Direction, Path};
+use sidehill_bridge::ros2::message::{self, Header, PoseStamped};
+use sidehill_controller::path::{Aside, Direction, Path, PendingActions, RouteAction};
 use sidehill_plant::bounds::Bounds;
 use sidehill_plant::frames::{Attitude, PlanarPose, Pose};
 use sidehill_ros2::client::{FollowPathClient, GoalEvent};
@@ -65,7 +65,7 @@ pub fn run(args: &DriveRouteArgs, ros: &[String]) -> Result<ExitCode> {
             args.route.display()
         );
     }
-    let legs = legs(args, curve, ros2.tolerances.goal_xy_m)?;
+    let legs = legs(args, (curve, &loaded.actions), ros2.tolerances.goal_xy_m)?;
     let arguments = RosArguments::parse(ros)?;
     let operator = Operator::watch()?;
     let action = &ros2.follow_path;
@@ -88,24 +88,58 @@ pub fn run(args: &DriveRouteArgs, ros: &[String]) -> Result<ExitCode> {
 /// A stretch that is driven as a goal.
 struct RouteLeg {
     name: String,
-    poses: Vec<PlanarPose>,
+    path: RequestedPath,
+    actions: Vec<RouteAction>,
 }
 
 impl RouteLeg {
     fn length_m(&self) -> f64 {
-        let steps = self.poses.windows(2);
-        steps.map(|pair| apart_m(&pair[0], &pair[1])).sum()
+        self.path.length_m(0)
     }
 
-    /// Returns the poses from a little before the place on at which so much is left.
-    fn rest(&self, left_m: f64) -> &[PlanarPose] {
+    /// Returns the index of the pose a little before the place on at which so much is left.
+    fn rest(&self, left_m: f64) -> usize {
+        let poses = &self.path.poses;
         let mut behind_m = 0.0;
-        let mut from = self.poses.len() - 1;
+        let mut from = poses.len() - 1;
         while from > 0 && behind_m < left_m + BEFORE_M {
             from -= 1;
-            behind_m += apart_m(&self.poses[from], &self.poses[from + 1]);
+            behind_m += apart_m(&poses[from], &poses[from + 1]);
         }
-        &self.poses[from..]
+        from
+    }
+}
+
+/// A path beside the route, and the actions along it.
+#[derive(Clone)]
+struct Lane {
+    path: RequestedPath,
+    actions: Vec<RouteAction>,
+}
+
+impl Lane {
+    fn new(curve: &Path, actions: Vec<RouteAction>) -> Self {
+        Self {
+            path: RequestedPath::from_curve("", curve),
+            actions,
+        }
+    }
+
+    /// Returns the lane back the way it came.
+    fn reversed(mut self) -> Self {
+        let length_m = self.path.length_m(0);
+        let RequestedPath {
+            poses, speeds_m_s, ..
+        } = &mut self.path;
+        poses.reverse();
+        poses.iter_mut().for_each(|pose| pose.yaw_rad += PI);
+        // The speed of the last pose is none's; that of each other is of the stretch to the next.
+        speeds_m_s.pop();
+        speeds_m_s.reverse();
+        for action in &mut self.actions {
+            action.at_m = (length_m - action.at_m).max(0.0);
+        }
+        self
     }
 }
 
@@ -114,7 +148,11 @@ fn apart_m(a: &PlanarPose, b: &PlanarPose) -> f64 {
 }
 
 /// Returns lanes beside a curve and the ways from one to the next, in the order in which they are driven.
-fn legs(args: &DriveRouteArgs, curve: &Path, goal_xy_m: f64) -> Result<Vec<RouteLeg>> {
+fn legs(
+    args: &DriveRouteArgs,
+    (curve, actions): (&Path, &[RouteAction]),
+    goal_xy_m: f64,
+) -> Result<Vec<RouteLeg>> {
     let count = Bounds::new(1.0, LANES_MAX, "");
     count.check("--lanes", f64::from(args.lanes))?;
     count.check("--passes", f64::from(args.passes))?;
@@ -128,7 +166,7 @@ fn legs(args: &DriveRouteArgs, curve: &Path, goal_xy_m: f64) -> Result<Vec<Route
     let lanes = (0..args.lanes).map(|lane| {
         let left_m = f64::from(lane) * lane_m;
         if left_m == 0.0 {
-            return Ok(RequestedPath::from_curve("", curve).poses);
+            return Ok(Lane::new(curve, actions.to_vec()));
         }
         let aside = Aside {
             left_m,
@@ -137,9 +175,13 @@ fn legs(args: &DriveRouteArgs, curve: &Path, goal_xy_m: f64) -> Result<Vec<Route
         let moved = curve.moved_aside(|_| aside).with_context(|| {
             format!("--lane-m: lane {} is beyond the centre of a bend", lane + 1)
         })?;
-        Ok(RequestedPath::from_curve("", &moved.path).poses)
+        let actions = actions.iter().map(|action| RouteAction {
+            at_m: moved.moved_m(action.at_m),
+            text: action.text.clone(),
+        });
+        Ok(Lane::new(&moved.path, actions.collect()))
     });
-    let lanes: Vec<Vec<PlanarPose>> = lanes.collect::<Result<_>>()?;
+    let lanes: Vec<Lane> = lanes.collect::<Result<_>>()?;
     let mut legs: Vec<RouteLeg> = Vec::new();
     for pass in 0..args.passes {
         for index in 0..args.lanes {
@@ -148,26 +190,33 @@ fn legs(args: &DriveRouteArgs, curve: &Path, goal_xy_m: f64) -> Result<Vec<Route
                 0 => index,
                 _ => args.lanes - 1 - index,
             };
-            let mut poses = lanes[lane as usize].clone();
+            let mut driven = lanes[lane as usize].clone();
             if !is_loop && (pass * args.lanes + index) % 2 == 1 {
-                poses.reverse();
-                poses.iter_mut().for_each(|pose| pose.yaw_rad += PI);
+                driven = driven.reversed();
             }
-            if let (Some(from), Some(to)) =
-                (legs.last().and_then(|leg| leg.poses.last()), poses.first())
+            if let (Some(before), Some(to)) = (legs.last(), driven.path.poses.first())
+                && let Some(from) = before.path.poses.last()
                 && apart_m(from, to) > goal_xy_m
             {
-                let across = across(from, to);
+                let path = RequestedPath {
+                    poses: across(from, to),
+                    ..RequestedPath::default()
+                };
                 legs.push(RouteLeg {
                     name: format!("way to lane {}", lane + 1),
-                    poses: across,
+                    path,
+                    actions: Vec::new(),
                 });
             }
             let mut name = format!("lane {} of {}", lane + 1, args.lanes);
             if args.passes > 1 {
                 name += &format!(", pass {} of {}", pass + 1, args.passes);
             }
-            legs.push(RouteLeg { name, poses });
+            legs.push(RouteLeg {
+                name,
+                path: driven.path,
+                actions: driven.actions,
+            });
         }
     }
     Ok(legs)
@@ -252,11 +301,24 @@ impl Driver {
 
     /// Drives a leg, with its pauses; returns whether it was driven to its end.
     fn drive(&mut self, leg: &RouteLeg) -> Result<bool> {
-        let mut left_m = leg.length_m();
+        let length_m = leg.length_m();
+        let mut left_m = length_m;
+        let mut actions = PendingActions::new(leg.actions.clone());
         console::line(format_args!("{}: {left_m:.1} m", leg.name));
         loop {
-            self.client.send(self.message(leg.rest(left_m)));
-            let Some(reason) = self.follow(&mut left_m) else {
+            let message = message_of(&self.frame, &leg.path, leg.rest(left_m));
+            self.client.send(message);
+            let mut joins = true;
+            let ended = self.follow(|client, now_left_m| {
+                left_m = left_m.min(now_left_m);
+                let come_m = (length_m - now_left_m).max(0.0);
+                if std::mem::take(&mut joins) {
+                    actions.join(come_m);
+                }
+                act(client, actions.pass(come_m));
+            });
+            let Some(reason) = ended else {
+                act(&self.client, actions.finish());
                 return Ok(true);
             };
             let name = &leg.name;
@@ -278,12 +340,12 @@ impl Driver {
         }
     }
 
-    /// Follows a goal to its end; returns why it ended early.
-    fn follow(&mut self, left_m: &mut f64) -> Option<String> {
+    /// Follows a goal to its end, and passes on what is left of it, m; returns why it ended early.
+    fn follow(&mut self, mut left: impl FnMut(&FollowPathClient, f64)) -> Option<String> {
         let mut cancelled: Option<Instant> = None;
         loop {
             match self.client.poll() {
-                Some(GoalEvent::Left(metres)) => *left_m = left_m.min(metres),
+                Some(GoalEvent::Left(left_m)) => left(&self.client, left_m),
                 Some(GoalEvent::Succeeded) => return None,
                 Some(GoalEvent::Rejected) => {
                     return Some("the server rejects the goal; its log says why".to_owned());
@@ -307,26 +369,39 @@ impl Driver {
             std::thread::sleep(PERIOD);
         }
     }
+}
 
-    fn message(&self, poses: &[PlanarPose]) -> message::Path {
-        let mut path = message::Path::default();
-        path.header.frame_id = self.frame.clone();
-        path.poses = poses
-            .iter()
-            .map(|pose| {
-                let pose = Pose {
-                    x_m: pose.x_m,
-                    y_m: pose.y_m,
-                    z_m: 0.0,
-                    yaw_rad: pose.yaw_rad,
-                };
-                PoseStamped {
-                    header: path.header.clone(),
-                    pose: to_pose(&world_from_base_link(&pose, &Attitude::LEVEL)),
-                }
-            })
-            .collect();
-        path
+/// Returns the poses from an index on, stamped with the times from 0 at which the vehicle may be there at the earliest.
+fn message_of(frame: &str, path: &RequestedPath, from: usize) -> message::Path {
+    let mut message = message::Path::default();
+    message.header.frame_id = frame.to_owned();
+    let mut time_s = 0.0;
+    for (index, at) in path.poses.iter().enumerate().skip(from) {
+        let pose = Pose {
+            x_m: at.x_m,
+            y_m: at.y_m,
+            z_m: 0.0,
+            yaw_rad: at.yaw_rad,
+        };
+        message.poses.push(PoseStamped {
+            header: Header {
+                stamp: stamp((1e9 * time_s) as i64),
+                frame_id: frame.to_owned(),
+            },
+            pose: to_pose(&world_from_base_link(&pose, &Attitude::LEVEL)),
+        });
+        if let (Some(speed_m_s), Some(next)) = (path.speed_m_s(index), path.poses.get(index + 1)) {
+            time_s += apart_m(at, next) / speed_m_s;
+        }
+    }
+    message
+}
+
+/// Says what is to be done where the vehicle is, here and to other programs.
+fn act(client: &FollowPathClient, actions: &[RouteAction]) {
+    for RouteAction { text, .. } in actions {
+        console::line(format_args!("action: {text}"));
+        client.publish_action(text);
     }
 }
 
@@ -340,8 +415,7 @@ mod tests {
             .iter()
             .map(|&(x_m, y_m)| RawPoint {
                 position: Point2 { x_m, y_m },
-                elevation_m: None,
-                direction: None,
+                ..RawPoint::default()
             })
             .collect();
         smooth(&points, &Smoothing::default()).unwrap().path
@@ -363,7 +437,10 @@ mod tests {
             let centimetres = |value: f64| (100.0 * value).round() / 100.0 + 0.0;
             (centimetres(pose.x_m), centimetres(pose.y_m))
         };
-        let both = |leg: &RouteLeg| [place(&leg.poses[0]), place(leg.poses.last().unwrap())];
+        let both = |leg: &RouteLeg| {
+            let poses = &leg.path.poses;
+            [place(&poses[0]), place(poses.last().unwrap())]
+        };
         legs.iter().map(both).collect()
     }
 
@@ -371,7 +448,7 @@ mod tests {
     fn lanes_lie_beside_each_other_and_are_driven_to_and_fro() {
         // Along Y_g: left is towards -X_g.
         let straight = curve(&[(0.0, 0.0), (0.0, 10.0)]);
-        let found = legs(&arguments(3, Some(0.8), 1), &straight, 0.25).unwrap();
+        let found = legs(&arguments(3, Some(0.8), 1), (&straight, &[]), 0.25).unwrap();
         let expected = [
             [(0.0, 0.0), (0.0, 10.0)],
             [(0.0, 10.0), (-0.8, 10.0)],
@@ -382,19 +459,19 @@ mod tests {
         assert_eq!(ends(&found), expected);
         // Poses look where the vehicle drives: forward is (-sin psi, cos psi).
         for leg in &found {
-            let (a, b) = (&leg.poses[0], &leg.poses[1]);
+            let (a, b) = (&leg.path.poses[0], &leg.path.poses[1]);
             let (sin, cos) = a.yaw_rad.sin_cos();
             let along = -sin * (b.x_m - a.x_m) + cos * (b.y_m - a.y_m);
             assert!((along - apart_m(a, b)).abs() < 1e-9, "{}", leg.name);
         }
         // Two passes end where they began; lanes closer than the goal's tolerance need no way between them.
-        let found = legs(&arguments(1, None, 2), &straight, 0.25).unwrap();
+        let found = legs(&arguments(1, None, 2), (&straight, &[]), 0.25).unwrap();
         assert_eq!(
             ends(&found),
             [[(0.0, 0.0), (0.0, 10.0)], [(0.0, 10.0), (0.0, 0.0)]]
         );
-        assert!(legs(&arguments(2, None, 1), &straight, 0.25).is_err());
-        assert!(legs(&arguments(0, None, 1), &straight, 0.25).is_err());
+        assert!(legs(&arguments(2, None, 1), (&straight, &[]), 0.25).is_err());
+        assert!(legs(&arguments(0, None, 1), (&straight, &[]), 0.25).is_err());
     }
 
     #[test]
@@ -404,7 +481,7 @@ mod tests {
             (5.0 * angle.cos(), 5.0 * angle.sin())
         };
         let points: Vec<(f64, f64)> = (0..=60).map(round).collect();
-        let found = legs(&arguments(2, Some(0.8), 1), &curve(&points), 0.25).unwrap();
+        let found = legs(&arguments(2, Some(0.8), 1), (&curve(&points), &[]), 0.25).unwrap();
         let lanes = [&found[0], &found[2]];
         // Counter-clockwise: the second lane is inside.
         let lengths = lanes.map(|leg| leg.length_m() / std::f64::consts::TAU);
@@ -412,20 +489,104 @@ mod tests {
             (lengths[0] - 5.0).abs() < 0.02 && (lengths[1] - 4.2).abs() < 0.02,
             "{lengths:?}"
         );
-        assert!(lanes.iter().all(|leg| leg.poses[5].y_m > 0.0));
+        assert!(lanes.iter().all(|leg| leg.path.poses[5].y_m > 0.0));
         // No lane fits beyond the centre.
-        assert!(legs(&arguments(2, Some(6.0), 1), &curve(&points), 0.25).is_err());
+        assert!(legs(&arguments(2, Some(6.0), 1), (&curve(&points), &[]), 0.25).is_err());
     }
 
     #[test]
     fn what_is_left_begins_a_little_before_the_pause() {
         let straight = curve(&[(0.0, 0.0), (0.0, 10.0)]);
-        let [leg] = &legs(&arguments(1, None, 1), &straight, 0.25).unwrap()[..] else {
+        let [leg] = &legs(&arguments(1, None, 1), (&straight, &[]), 0.25).unwrap()[..] else {
             panic!("one lane");
         };
-        let rest = leg.rest(4.0);
-        assert!((rest[0].y_m - 5.5).abs() < 0.11, "{}", rest[0].y_m);
-        assert_eq!(leg.rest(leg.length_m()).len(), leg.poses.len());
-        assert!(leg.rest(0.0).len() >= 2);
+        let from_m = leg.path.poses[leg.rest(4.0)].y_m;
+        assert!((from_m - 5.5).abs() < 0.11, "{from_m}");
+        assert_eq!(leg.rest(leg.length_m()), 0);
+        assert!(leg.rest(0.0) <= leg.path.poses.len() - 2);
+    }
+
+    /// A straight route of 10 m with a slow stretch from 2 m to 5 m and an action at 4 m.
+    fn slow_stretch() -> (Path, Vec<RouteAction>) {
+        let rows = [(0.0, None), (2.0, Some(0.25)), (5.0, None), (10.0, None)];
+        let points = rows.map(|(y_m, speed_m_s)| RawPoint {
+            position: Point2 { x_m: 0.0, y_m },
+            speed_m_s,
+            ..RawPoint::default()
+        });
+        let action = RouteAction {
+            at_m: 4.0,
+            text: "probe".to_owned(),
+        };
+        let path = smooth(&points, &Smoothing::default()).unwrap().path;
+        (path, vec![action])
+    }
+
+    #[test]
+    fn lanes_have_the_speeds_and_actions_at_the_same_places_to_and_fro() {
+        let (path, actions) = slow_stretch();
+        let found = legs(&arguments(2, Some(0.8), 1), (&path, &actions), 0.25).unwrap();
+        let [out, across, back] = &found[..] else {
+            panic!("two lanes and the way between them");
+        };
+        assert!(across.actions.is_empty() && across.path.speeds_m_s.is_empty());
+        assert!((out.actions[0].at_m - 4.0).abs() < 0.01);
+        assert!((back.actions[0].at_m - 6.0).abs() < 0.01);
+        for leg in [out, back] {
+            let slow_m: f64 = (0..leg.path.poses.len() - 1)
+                .filter(|&index| {
+                    let [a, b] = [index, index + 1].map(|index| leg.path.poses[index].y_m);
+                    let slow = leg.path.speed_m_s(index) == Some(0.25);
+                    let within = (1.99..5.01).contains(&a) && (1.99..5.01).contains(&b);
+                    assert_eq!(slow, within, "{}: {a} to {b}", leg.name);
+                    slow
+                })
+                .map(|index| apart_m(&leg.path.poses[index], &leg.path.poses[index + 1]))
+                .sum();
+            assert!((slow_m - 3.0).abs() < 0.01, "{}: {slow_m}", leg.name);
+        }
+    }
+
+    #[test]
+    fn the_stamps_of_a_goal_say_the_speeds_of_its_stretches() {
+        let (path, actions) = slow_stretch();
+        let [leg] = &legs(&arguments(1, None, 1), (&path, &actions), 0.25).unwrap()[..] else {
+            panic!("one lane");
+        };
+        let message = message_of("map", &leg.path, 0);
+        let read = RequestedPath::from_message(&message).unwrap();
+        assert_eq!(read.poses.len(), leg.path.poses.len());
+        for (index, pose) in leg.path.poses.iter().enumerate() {
+            match (read.speed_m_s(index), leg.path.speed_m_s(index)) {
+                (Some(found), Some(expected)) => assert!((found / expected - 1.0).abs() < 1e-6),
+                // Between poses at one place no time passes.
+                (None, Some(_)) => {
+                    assert!(apart_m(pose, &leg.path.poses[index + 1]) < 1e-9);
+                }
+                (found, expected) => assert_eq!(found, expected, "{}", pose.y_m),
+            }
+        }
+        // What is left begins anew at 0, and without slow stretches there are no stamps.
+        let rest = message_of("map", &leg.path, leg.rest(6.5));
+        let stamps: Vec<f64> = rest
+            .poses
+            .iter()
+            .map(|p| seconds(&p.header.stamp))
+            .collect();
+        assert_eq!(stamps[0], 0.0);
+        assert!(
+            (stamps[stamps.len() - 1] - (5.0 - 3.0) / 0.25).abs() < 0.5,
+            "{stamps:?}"
+        );
+        let rest = message_of("map", &leg.path, leg.rest(3.0));
+        assert!(
+            rest.poses
+                .iter()
+                .all(|pose| seconds(&pose.header.stamp) == 0.0)
+        );
+    }
+
+    fn seconds(stamp: &message::Time) -> f64 {
+        f64::from(stamp.sec) + 1e-9 * f64::from(stamp.nanosec)
     }
 }

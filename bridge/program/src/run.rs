@@ -26,6 +26,7 @@ use sidehill_bridge::drives::{Clock, Epoch, Input, InputStatus, Port};
 use sidehill_bridge::ros2::arguments::RosArguments;
 use sidehill_bridge::ros2::names::Names;
 use sidehill_can_port::CanPort;
+use sidehill_controller::path::PendingActions;
 use sidehill_plant::vehicle::Vehicle;
 use sidehill_recording::Sinks;
 use sidehill_recording::live::{LiveView, ParameterOwner};
@@ -62,7 +63,7 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
     let file = ConfigFile::read(&args.config)?.with_bundle(bundle.clone());
     let config: RunConfig = file.parse()?;
     let vehicle = config.load_vehicle(&file)?;
-    let mut controller = config.controller(&file, &vehicle)?;
+    let (mut controller, reference) = config.controller_and_reference(&file, &vehicle)?;
     let (keeper, outlet, begun_with) = match config.learned_file(&file)? {
         Some(kept) => {
             let (keeper, outlet, begun_with) = Keeper::start(kept, &mut controller)?;
@@ -99,9 +100,20 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
     };
     let mut arm = args.arm;
     let frame = config.ros2.clone().unwrap_or_default().frames.odometry;
-    let curve = config.route_over_ros2(&file, &vehicle)?;
-    let route = curve.map(|curve| ConfiguredRoute {
-        path: RequestedPath::from_curve(&frame, &curve),
+    let mut actions = PendingActions::default();
+    let mut over_ros2 = None;
+    match reference {
+        Some(loaded) if config.over_ros2() => over_ros2 = Some(loaded),
+        Some(loaded) => actions = PendingActions::new(loaded.actions),
+        None => {}
+    }
+    let route = over_ros2.and_then(|loaded| {
+        let path = RequestedPath::from_curve(&frame, loaded.trajectory.path()?);
+        Some((path, PendingActions::new(loaded.actions)))
+    });
+    let route = route.map(|(path, actions)| ConfiguredRoute {
+        path,
+        actions,
         // The operator arms the route: the server arms the drives for it.
         begin: std::mem::take(&mut signals.arm),
         at_start: std::mem::take(&mut arm),
@@ -177,7 +189,7 @@ pub fn run(args: &RunArgs, ros_arguments: &[String]) -> Result<ExitCode> {
         let (initial, ended) = (initial.as_ref(), recording_ended);
         DriveRecording::new(sinks, controller_log, &vehicle, epoch, initial, ended)
     });
-    let mut recorder = Recorder::new(logs, epoch, &interface);
+    let mut recorder = Recorder::new(logs, epoch, &interface).with_actions(actions);
     let period_s = config.cycle.period_s;
     let start = format!(
         "sidehill-drive {}: {} steers {} at {:.0} Hz over {interface}{}",

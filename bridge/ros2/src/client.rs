@@ -10,9 +10,10 @@ use ros2_client::action::{ActionClientQosPolicies, GoalId, GoalStatusEnum};
 use ros2_client::dds::rustdds::{
     DomainParticipantStatusEvent, DomainParticipantStatusListener, GUID, StatusEvented,
 };
-use ros2_client::{ActionClient, ActionTypeName, Message, RmwRequestId};
+use ros2_client::{ActionClient, ActionTypeName, Message, Publisher, RmwRequestId};
+use sidehill_bridge::ros2::ROUTE_ACTION;
 use sidehill_bridge::ros2::arguments::{RosArguments, RosEnvironment};
-use sidehill_bridge::ros2::message::Path;
+use sidehill_bridge::ros2::message::{Path, Text};
 use sidehill_bridge::ros2::settings::server::{Definition, FollowPathConfig};
 use std::collections::BTreeSet;
 use std::time::{Duration, Instant};
@@ -107,6 +108,7 @@ pub struct FollowPathClient {
     writers: BTreeSet<GUID>,
     readers: BTreeSet<GUID>,
     goal: Option<SentGoal>,
+    actions: Publisher<Text>,
     // Dropped last, after all that it has created.
     _node: RosNode,
 }
@@ -150,6 +152,7 @@ impl FollowPathClient {
             writers: BTreeSet::new(),
             readers: BTreeSet::new(),
             goal: None,
+            actions: node.publisher(ROUTE_ACTION, &qos::RELIABLE_10)?,
             _node: node,
         })
     }
@@ -161,8 +164,8 @@ impl FollowPathClient {
         while let Some(event) = self.discovery.try_recv_status() {
             match event {
                 DomainParticipantStatusEvent::RemoteReaderMatched { local_writer, .. } => {
-                    self.writers
-                        .extend(of_user(&local_writer).then_some(local_writer));
+                    let of_action = of_user(&local_writer) && local_writer != self.actions.guid();
+                    self.writers.extend(of_action.then_some(local_writer));
                 }
                 DomainParticipantStatusEvent::RemoteWriterMatched { local_reader, .. } => {
                     self.readers
@@ -190,6 +193,13 @@ impl FollowPathClient {
         if let Some(goal) = &self.goal {
             self.calls.cancel(goal.id);
         }
+    }
+
+    /// Publishes that the vehicle has passed an action of its route.
+    pub fn publish_action(&self, text: &str) {
+        let data = text.to_owned();
+        // A full queue drops it.
+        let _ = self.actions.publish(Text { data });
     }
 
     /// Returns what is new. After the end there is no goal any more.

@@ -243,6 +243,7 @@ fn row(
         y_m: pose.map_or(f64::NAN, |pose| pose.y_m),
         yaw_rad: pose.map_or(f64::NAN, |pose| pose.yaw_rad),
         cross_track_m: progress.map(|progress| progress.cross_track_m),
+        arc_length_m: progress.map(|progress| progress.arc_length_m),
         solve_us: solve.map_or(f64::NAN, |solve| 1e6 * solve.solve_time_s),
         refused: inputs.refused,
         skipped: 0,

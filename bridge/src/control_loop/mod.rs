@@ -9,6 +9,7 @@
 //! [`RunEnding`]. [`channel`] connects the loop to the client that gives it paths; [`record`] takes what is logged,
 //! [`learned`] what was learned, out of it without waiting.
 
+mod actions;
 pub mod channel;
 mod config;
 mod cycle;

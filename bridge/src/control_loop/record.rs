@@ -1,10 +1,12 @@
 //! What is logged: the loop, and each port's threads, leave plain values in bounded rings without
 //! waiting; [`Recorder`], outside the real-time threads, makes text of them.
 
+use super::actions::ActionWatch;
 use crate::drives::{Epoch, LinkState, SendError};
-use crate::safety::{SafetyState, Transition};
+use crate::safety::{Reason, SafetyState, Transition};
 use serde::Serialize;
 use sidehill_controller::controller::DriveResponse;
+use sidehill_controller::path::{PendingActions, RouteAction};
 use std::io::{Error, Write};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -189,6 +191,8 @@ pub struct CycleRow {
     pub yaw_rad: f64,
     /// Estimated distance from the path, m, left positive; none without a path or an estimate.
     pub cross_track_m: Option<f64>,
+    /// Arc length of the nearest point of the path, m; none without a path or an estimate.
+    pub arc_length_m: Option<f64>,
     /// Time in the QP solver, us; NaN without a solution.
     pub solve_us: f64,
     /// Messages refused since the start.
@@ -276,6 +280,7 @@ pub struct Recorder {
     latest: Option<CycleRow>,
     /// Events that no thread has left.
     notes: Vec<(f64, LogEntry)>,
+    actions: ActionWatch,
 }
 
 /// Takes an event.
@@ -334,7 +339,15 @@ impl Recorder {
             batch: Vec::new(),
             latest: None,
             notes: Vec::new(),
+            actions: ActionWatch::default(),
         }
+    }
+
+    /// Writes an event where the vehicle passes each of these actions of the controller's path.
+    #[must_use]
+    pub fn with_actions(mut self, actions: PendingActions) -> Self {
+        self.actions = ActionWatch::new(actions);
+        self
     }
 
     /// Adds an entry at `time_s` of the loop's time; the next [`Self::drain`] writes it.
@@ -352,6 +365,27 @@ impl Recorder {
         self.sources.iter().map(|source| source.lost()).sum()
     }
 
+    /// Adds the actions that the vehicle has passed to the batch, each after the cycle in which it did.
+    fn add_actions(&mut self) {
+        let mut passed = Vec::new();
+        for (time_s, entry) in &self.batch {
+            let actions = match entry {
+                LogEntry::Cycle(row) => self.actions.cycle(row.state, row.arc_length_m),
+                LogEntry::Event {
+                    transition: Some(transition),
+                    ..
+                } if transition.reason == Reason::Finished => self.actions.finish(),
+                _ => &[],
+            };
+            let event = |action: &RouteAction| LogEntry::event("action", action.text.clone());
+            passed.extend(actions.iter().map(|action| (*time_s, event(action))));
+        }
+        if !passed.is_empty() {
+            self.batch.append(&mut passed);
+            self.batch.sort_by(|(a_s, _), (b_s, _)| a_s.total_cmp(b_s));
+        }
+    }
+
     /// Writes everything that has been left since the last call, in the order of time.
     ///
     /// # Errors
@@ -363,6 +397,7 @@ impl Recorder {
             source.drain(&mut self.batch);
         }
         self.batch.sort_by(|(a_s, _), (b_s, _)| a_s.total_cmp(b_s));
+        self.add_actions();
         for (time_s, entry) in &self.batch {
             let unix_s = self.epoch.unix_s(*time_s);
             if let Some(all) = &mut outputs.all {

@@ -13,3 +13,6 @@ pub mod position;
 pub mod rover;
 pub mod settings;
 pub mod transforms;
+
+/// Topic, std_msgs/String, of the actions that a vehicle passes on its route.
+pub const ROUTE_ACTION: &str = "route_action";

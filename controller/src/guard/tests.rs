@@ -43,8 +43,7 @@ fn straight() -> Trajectory {
                 x_m: 0.0,
                 y_m: 0.5 * f64::from(i),
             },
-            elevation_m: None,
-            direction: None,
+            ..crate::path::RawPoint::default()
         })
         .collect();
     let path = crate::path::smooth(&points, &crate::path::Smoothing::default()).unwrap();

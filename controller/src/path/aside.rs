@@ -1,6 +1,6 @@
 //! A path moved aside, by a distance that changes along it.
 
-use super::{Hermite, Path, PathPoint, PathSample, Piece, Point2, SAMPLE_STEP_M};
+use super::{Hermite, Path, PathPoint, PathSample, Piece, Point2, SAMPLE_STEP_M, SpeedStretch};
 
 /// How far a path is moved to the left of travel at an arc length, with the derivatives by arc length.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -40,6 +40,17 @@ impl MovedPath {
             .clamp(1, self.places_m.len() - 1);
         let ([from, a], [to, b]) = (self.places_m[after - 1], self.places_m[after]);
         let share = ((arc_length_m - from) / (to - from)).clamp(0.0, 1.0);
+        a + share * (b - a)
+    }
+
+    /// Returns the arc length of this path at which an arc length of the original is, m.
+    pub fn moved_m(&self, original_m: f64) -> f64 {
+        let after = self
+            .places_m
+            .partition_point(|[_, at_m]| *at_m < original_m)
+            .clamp(1, self.places_m.len() - 1);
+        let ([a, from], [b, to]) = (self.places_m[after - 1], self.places_m[after]);
+        let share = ((original_m - from) / (to - from).max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
         a + share * (b - a)
     }
 }
@@ -99,7 +110,7 @@ impl Path {
     }
 
     /// Returns this path, which must be open, moved aside by what is smooth along it, and none at the ends of
-    /// each piece; none where it would be moved into the centre of a bend.
+    /// each piece, with the speeds of its stretches; none where it would be moved into the centre of a bend.
     pub fn moved_aside(&self, aside: impl Fn(f64) -> Aside) -> Option<MovedPath> {
         let mut pieces = Vec::with_capacity(self.pieces.len());
         let mut places_m = Vec::new();
@@ -112,10 +123,17 @@ impl Path {
             pieces.push((piece.direction, length_m, samples));
         }
         places_m.dedup_by(|next, last| next[0] <= last[0]);
-        Some(MovedPath {
+        let mut moved = MovedPath {
             path: Path::from_pieces(pieces, false).ok()?,
             places_m,
-        })
+        };
+        let speeds = self.speeds.iter().map(|stretch| SpeedStretch {
+            from_m: moved.moved_m(stretch.from_m),
+            ..*stretch
+        });
+        let speeds = speeds.collect();
+        moved.path = moved.path.with_speeds(speeds).ok()?;
+        Some(moved)
     }
 
     /// Returns length and samples of a piece; `place` gets arc lengths on the moved and on the original one.
@@ -195,8 +213,8 @@ mod tests {
         let points: Vec<RawPoint> = points
             .map(|([x_m, y_m], direction)| RawPoint {
                 position: Point2 { x_m, y_m },
-                elevation_m: None,
                 direction: Some(direction),
+                ..RawPoint::default()
             })
             .collect();
         smooth(&points, &Smoothing::default()).unwrap().path

@@ -11,6 +11,8 @@ use std::io::Read;
 pub struct Route {
     /// The points in the order they are driven.
     pub points: Vec<RawPoint>,
+    /// What is to be done at points: the index of each, from 0, in ascending order, and the text.
+    pub actions: Vec<(usize, String)>,
     /// Where the world's origin is, for a route given in latitude and longitude.
     pub origin: Option<GeodeticOrigin>,
     /// What was done with the file and changes what is driven, a line each.
@@ -193,6 +195,7 @@ pub fn read_gpx(mut reader: impl Read, datum: Option<&GeodeticOrigin>) -> Result
     let notes = joined(&segments, &places, &points)?;
     Ok(Route {
         points,
+        actions: Vec::new(),
         origin: Some(origin),
         notes,
     })
@@ -232,7 +235,7 @@ impl GpxPoint {
         RawPoint {
             position: origin.project(self.latitude_deg, self.longitude_deg),
             elevation_m: self.elevation_m.map(|z_m| z_m - origin.elevation_m),
-            direction: None,
+            ..RawPoint::default()
         }
     }
 }

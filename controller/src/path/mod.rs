@@ -3,6 +3,7 @@
 //! Everything is in the world frame: X_g, Y_g horizontal, heading psi counter-clockwise from Y_g.
 
 mod accuracy;
+mod actions;
 mod aside;
 mod curve;
 mod error;
@@ -13,8 +14,10 @@ mod projection;
 mod raw;
 mod read;
 mod smoothing;
+mod speeds;
 mod spline;
 
+pub use actions::{PendingActions, RouteAction};
 pub use aside::{Aside, MovedPath};
 pub use error::PathError;
 pub use gpx::{GPX_NAMESPACE, GeodeticOrigin, Route, read_gpx};
@@ -23,6 +26,7 @@ pub use point::{Direction, PathPoint, Point2, RawPoint};
 pub use projection::{Projected, Window};
 pub use read::read_csv;
 pub use smoothing::{Smoothed, estimated_accuracy_m, smooth};
+pub use speeds::{ROUTE_SPEEDS, SpeedStretch};
 
 pub(crate) use curve::{ArcLength, CurvePoint};
 
@@ -43,6 +47,10 @@ pub struct Path {
     pieces: Vec<Piece>,
     closed: bool,
     length_m: f64,
+    /// Stretches with speeds of their own, in the order of travel; none where the settings alone limit the speed.
+    /// Recordings do without them: they have the speeds of the trajectory, which follow from these.
+    #[serde(skip)]
+    speeds: Vec<SpeedStretch>,
 }
 
 #[derive(Deserialize)]
@@ -88,6 +96,7 @@ impl TryFrom<RawPath> for Path {
             pieces,
             closed,
             length_m,
+            speeds: Vec::new(),
         })
     }
 }
@@ -166,6 +175,7 @@ impl Path {
             pieces: joined,
             closed,
             length_m,
+            speeds: Vec::new(),
         })
     }
 

@@ -114,6 +114,8 @@ pub struct RawPoint {
     pub elevation_m: Option<f64>,
     /// Which way to drive from this point to the next, where given.
     pub direction: Option<Direction>,
+    /// Largest speed from this point to the next, m/s, positive; none where only the settings limit it.
+    pub speed_m_s: Option<f64>,
 }
 
 /// Returns the finite number that a text is.

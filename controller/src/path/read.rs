@@ -1,12 +1,18 @@
 //! Routes from CSV text.
 
 use super::point::finite;
-use super::{Direction, PathError, Point2, RawPoint, Route};
+use super::{Direction, PathError, Point2, ROUTE_SPEEDS, RawPoint, Route};
 use std::io::Read;
 
-/// Returns the points of a CSV with the columns `x_m`, `y_m` and, if wanted, `z_m` and `direction`
-/// (`forward` or `reverse`: the way to drive from this point to the next; empty: as before), in any
-/// order.
+/// Length of an action, characters.
+const ACTION_MAX: usize = 64;
+
+/// Returns the points of a CSV with the columns `x_m`, `y_m` and, if wanted, these, in any order:
+///
+/// - `z_m`;
+/// - `direction`, `forward` or `reverse`: the way to drive from this point to the next; empty: as before;
+/// - `speed_m_s`: the largest speed from this point to the next; empty: as before, and at first none;
+/// - `action`: what is to be done where the vehicle passes the point, at most 64 characters; empty: nothing.
 ///
 /// # Errors
 /// [`PathError::Csv`] with the line for text that is not such a table, [`PathError::Empty`] where
@@ -24,15 +30,26 @@ pub fn read_csv(reader: impl Read) -> Result<Route, PathError> {
         .map(|name| name.trim_start_matches('\u{feff}'))
         .collect();
     let columns = Columns::of(&header)?;
-    let mut points = Vec::new();
+    let mut points: Vec<RawPoint> = Vec::new();
+    let mut actions = Vec::new();
     for record in table.records() {
-        points.push(columns.point(&record.map_err(csv_error)?)?);
+        let record = record.map_err(csv_error)?;
+        let mut point = columns.point(&record)?;
+        point.speed_m_s = match columns.speed(&record)? {
+            None => points.last().and_then(|before| before.speed_m_s),
+            given => given,
+        };
+        if let Some(action) = columns.action(&record)? {
+            actions.push((points.len(), action));
+        }
+        points.push(point);
     }
     if points.is_empty() {
         return Err(PathError::Empty);
     }
     Ok(Route {
         points,
+        actions,
         origin: None,
         notes: Vec::new(),
     })
@@ -58,15 +75,18 @@ struct Columns {
     y: usize,
     z: Option<usize>,
     direction: Option<usize>,
+    speed: Option<usize>,
+    action: Option<usize>,
 }
 
 impl Columns {
     fn of(headers: &csv::StringRecord) -> Result<Self, PathError> {
         let at_line_1 = |what: String| PathError::Csv { line: 1, what };
-        let allowed = ["x_m", "y_m", "z_m", "direction"];
+        let allowed = ["x_m", "y_m", "z_m", "direction", "speed_m_s", "action"];
         if let Some(name) = headers.iter().find(|name| !allowed.contains(name)) {
             return Err(at_line_1(format!(
-                "column `{name}` is unknown, must be one of x_m, y_m, z_m, direction{}",
+                "column `{name}` is unknown, must be one of {}{}",
+                allowed.join(", "),
                 likely_cause(name)
             )));
         }
@@ -84,11 +104,13 @@ impl Columns {
             y: need("y_m")?,
             z: find("z_m"),
             direction: find("direction"),
+            speed: find("speed_m_s"),
+            action: find("action"),
         })
     }
 
     fn point(&self, record: &csv::StringRecord) -> Result<RawPoint, PathError> {
-        let line = record.position().map_or(0, csv::Position::line);
+        let line = line(record);
         let number = |column: usize, name: &str| {
             let text = record.get(column).unwrap_or_default();
             finite(text).ok_or_else(|| PathError::Csv {
@@ -114,8 +136,64 @@ impl Columns {
             },
             elevation_m: self.z.map(|column| number(column, "z_m")).transpose()?,
             direction,
+            speed_m_s: None,
         })
     }
+
+    /// Returns the speed that a row gives, m/s.
+    fn speed(&self, record: &csv::StringRecord) -> Result<Option<f64>, PathError> {
+        let Some(text) = field(record, self.speed) else {
+            return Ok(None);
+        };
+        let refused = |why: &str| PathError::Csv {
+            line: line(record),
+            what: format!(
+                "speed_m_s: `{text}` {why}; leave it empty to go on at the speed of the row before"
+            ),
+        };
+        let speed_m_s = finite(text).ok_or_else(|| refused("is not a finite number"))?;
+        if speed_m_s == 0.0 {
+            return Err(refused(
+                "would let the vehicle stand, it must be 0.01 m/s at least",
+            ));
+        }
+        if ROUTE_SPEEDS.check("speed_m_s", speed_m_s).is_err() {
+            return Err(refused("must be from 0.01 to 20 m/s"));
+        }
+        Ok(Some(speed_m_s))
+    }
+
+    /// Returns the action that a row gives.
+    fn action(&self, record: &csv::StringRecord) -> Result<Option<String>, PathError> {
+        let Some(text) = field(record, self.action) else {
+            return Ok(None);
+        };
+        let count = text.chars().count();
+        let what = if count > ACTION_MAX {
+            format!(
+                "action: the text has {count} characters, at most {ACTION_MAX} are allowed; give a name, and what it \
+                 means to the program that acts"
+            )
+        } else if text.chars().any(char::is_control) {
+            "action: the text has a line break or another control character; write it on one line"
+                .to_owned()
+        } else {
+            return Ok(Some(text.to_owned()));
+        };
+        Err(PathError::Csv {
+            line: line(record),
+            what,
+        })
+    }
+}
+
+/// Returns what a row has in a column, unless that is empty.
+fn field(record: &csv::StringRecord, column: Option<usize>) -> Option<&str> {
+    record.get(column?).filter(|text| !text.is_empty())
+}
+
+fn line(record: &csv::StringRecord) -> u64 {
+    record.position().map_or(0, csv::Position::line)
 }
 
 fn csv_error(error: csv::Error) -> PathError {

@@ -2,6 +2,7 @@
 
 use super::options::Smoothing;
 use super::raw::{RawPiece, split, without_repetitions};
+use super::speeds::stretches;
 use super::spline::{Spline, smooth_nodes};
 use super::{
     ArcLength, Direction, Path, PathError, PathSample, Piece, Point2, RawPoint, Window, accuracy,
@@ -48,7 +49,10 @@ const MARGIN: f64 = 0.97;
 /// forward. A corner, where the vehicle stops and turns on the spot, is where travel turns by 30 deg or more and the
 /// curvature bound cannot be met within the deviation.
 ///
+/// The speeds of the points hold on the path from where each point is nearest to it.
+///
 /// # Errors
+/// [`PathError::Range`] for a speed outside [`ROUTE_SPEEDS`](super::ROUTE_SPEEDS);
 /// [`PathError::Empty`], [`PathError::SinglePoint`], [`PathError::ZeroLength`] or
 /// [`PathError::NotFinite`] for unusable points; [`PathError::TooLong`] above 20 km;
 /// [`PathError::TooSharp`] where the curvature bound cannot be met within the deviation and there is no corner, and
@@ -96,14 +100,15 @@ pub fn smooth(points: &[RawPoint], options: &Smoothing) -> Result<Smoothed, Path
         };
         pieces.push((direction, piece.length_m, samples));
     }
-    let path = Path::from_pieces(pieces, false)?;
+    let arc_lengths_m = spread(&offsets, points.len());
+    let path = Path::from_pieces(pieces, false)?.with_speeds(stretches(points, &arc_lengths_m))?;
     let squares: f64 = offsets.iter().map(|o| o.distance_m * o.distance_m).sum();
     Ok(Smoothed {
         path,
         accuracy_m: raw.accuracy_m,
         deviation_max_m: offsets.iter().fold(0.0, |max, o| o.distance_m.max(max)),
         deviation_rms_m: (squares / offsets.len() as f64).sqrt(),
-        arc_lengths_m: spread(&offsets, points.len()),
+        arc_lengths_m,
     })
 }
 
@@ -402,6 +407,7 @@ fn with_offsets(mut piece: SmoothPiece, raw: &RawPiece, window_m: f64) -> Smooth
         }],
         closed: false,
         length_m: piece.length_m,
+        speeds: Vec::new(),
     };
     let last = raw.points.len() - 1;
     let mut reached_m = 0.0;

@@ -201,6 +201,17 @@ fn directions_in_a_csv_are_kept() {
 }
 
 #[test]
+fn speeds_of_a_csv_hold_until_the_next_and_actions_belong_to_their_rows() {
+    let text =
+        "action,speed_m_s,x_m,y_m\n,,0,0\n\"stop, look\",0.3,0,2\n,,0,4\nprobe,0.8,0,6\n,,0,8\n";
+    let route = read_csv(text.as_bytes()).unwrap();
+    let speeds: Vec<Option<f64>> = route.points.iter().map(|point| point.speed_m_s).collect();
+    assert_eq!(speeds, [None, Some(0.3), Some(0.3), Some(0.8), Some(0.8)]);
+    let actions = [(1, "stop, look".to_owned()), (3, "probe".to_owned())];
+    assert_eq!(route.actions, actions);
+}
+
+#[test]
 fn faults_in_a_csv_carry_their_line() {
     let fault = |text: &str| read_csv(text.as_bytes()).unwrap_err().to_string();
     assert!(fault("x_m,y_m\n0,0\n1,nan\n").contains("line 3"));
@@ -208,6 +219,25 @@ fn faults_in_a_csv_carry_their_line() {
     assert!(fault("x_m\n0\n").contains("`y_m` is missing"));
     assert!(fault("x_m,y_m,w\n0,0,0\n").contains("`w` is unknown"));
     assert!(fault("x_m,y_m,direction\n0,0,up\n").contains("`up` is unknown"));
+    for (speed, cause) in [
+        ("fast", "`fast` is not a finite number"),
+        ("0", "`0` would let the vehicle stand"),
+        ("-0.3", "must be from 0.01 to 20 m/s"),
+        ("25", "must be from 0.01 to 20 m/s"),
+        ("inf", "not a finite number"),
+    ] {
+        let found = fault(&format!("x_m,y_m,speed_m_s\n0,0,\n1,0,{speed}\n"));
+        for part in ["line 3", cause, "leave it empty"] {
+            assert!(found.contains(part), "{found}");
+        }
+    }
+    let long = fault(&format!("x_m,y_m,action\n0,0,{}\n", "a".repeat(65)));
+    assert!(long.contains("line 2") && long.contains("65 characters, at most 64"));
+    let broken = fault("x_m,y_m,action\n0,0,\"a\nb\"\n");
+    assert!(
+        broken.contains("line 2") && broken.contains("on one line"),
+        "{broken}"
+    );
     assert_eq!(read_csv("x_m,y_m\n".as_bytes()), Err(PathError::Empty));
 }
 
@@ -624,8 +654,8 @@ fn any_points() -> impl Strategy<Value = Vec<RawPoint>> {
                     x_m: scale * x + offset_m,
                     y_m: scale * y,
                 },
-                elevation_m: None,
                 direction: direction.filter(|_| marked),
+                ..RawPoint::default()
             })
             .collect()
     })

@@ -2,7 +2,7 @@
 
 use crate::path::{noisy_route, raw, slalom};
 use proptest::prelude::*;
-use sidehill_controller::path::{Path, Smoothing, smooth};
+use sidehill_controller::path::{Path, Point2, RawPoint, Smoothing, smooth};
 use sidehill_controller::speed_profile::{SpeedLimits, speed_profile};
 
 pub const LIMITS: SpeedLimits = SpeedLimits {
@@ -48,6 +48,50 @@ fn a_local_cap_and_an_initial_speed_are_kept() {
         let here = trajectory.at(slow_s);
         assert!(!steep(here.arc_length_m) || here.speed_m_s <= 0.2 + 1e-9);
         slow_s += 0.01;
+    }
+}
+
+#[test]
+fn the_speeds_of_stretches_are_kept_in_time_and_by_place() {
+    // The speed of each stretch, whose ends are no places of a grid; the third is shorter than a step of the profile.
+    let speeds = [None, Some(0.3), Some(0.11), None, Some(0.25), None];
+    let ends_m = [0.0, 3.333, 7.77, 7.8, 12.1, 16.07, 20.0];
+    let points: Vec<RawPoint> = (0..7)
+        .map(|i| RawPoint {
+            position: Point2 {
+                x_m: 0.0,
+                y_m: ends_m[i],
+            },
+            speed_m_s: speeds.get(i).copied().flatten(),
+            ..RawPoint::default()
+        })
+        .collect();
+    let path = smooth(&points, &Smoothing::default()).unwrap().path;
+    let trajectory = speed_profile(&path, &LIMITS, |_| f64::INFINITY).unwrap();
+    let limit_m_s = |at_m: f64| {
+        let stretch = (0..6).find(|&i| at_m < ends_m[i + 1]);
+        stretch.and_then(|i| speeds[i]).unwrap_or(0.8)
+    };
+    let mut fastest = [0.0f64; 6];
+    for i in 0..20_000 {
+        let at_m = 1e-3 * f64::from(i);
+        let speed_m_s = trajectory.speed_at(at_m);
+        assert!(speed_m_s <= limit_m_s(at_m) + 1e-9, "{speed_m_s} at {at_m}");
+        let stretch = (0..6).find(|&i| at_m < ends_m[i + 1]).unwrap();
+        fastest[stretch] = fastest[stretch].max(speed_m_s);
+    }
+    for i in 0..10_000 {
+        let here = trajectory.at(f64::from(i) / 1e4 * trajectory.duration_s());
+        let speed_m_s = here.speed_m_s;
+        assert!(speed_m_s <= limit_m_s(here.arc_length_m) + 1e-9, "{here:?}");
+    }
+    // Nor slower than they ask for, where there is room.
+    assert!(
+        fastest[0] > 0.79 && fastest[3] > 0.79 && fastest[5] > 0.79,
+        "{fastest:?}"
+    );
+    for (stretch, speed_m_s) in [(1, 0.3), (2, 0.11), (4, 0.25)] {
+        assert!((fastest[stretch] - speed_m_s).abs() < 1e-9, "{fastest:?}");
     }
 }
 

@@ -67,6 +67,95 @@ fn a_simulated_vehicle_is_driven_in_real_time() {
 }
 
 #[test]
+fn a_route_is_driven_at_its_speeds_and_its_actions_are_events() {
+    let file = configuration("route_with_actions", &SIMULATED);
+    let text = std::fs::read_to_string(&file).unwrap();
+    let course = "course: {shape: figure_eight}";
+    assert!(text.contains(course));
+    std::fs::write(&file, text.replace(course, "route: {file: route.csv}")).unwrap();
+    // The last action is where the vehicle stops. It starts at the origin and looks along (0.776, 0.631).
+    let rows = [
+        (0.0, "", ""),
+        (0.5, "", "\"gate, left\""),
+        (1.0, "0.2", ""),
+        (1.6, "5", "probe"),
+        (2.6, "", "gate"),
+    ];
+    let rows = rows.map(|(at_m, speed, action)| {
+        let (x_m, y_m) = (0.776 * at_m, 0.631 * at_m);
+        format!("{x_m},{y_m},{speed},{action}\n")
+    });
+    let route = format!("x_m,y_m,speed_m_s,action\n{}", rows.concat());
+    std::fs::write(file.with_file_name("route.csv"), route).unwrap();
+    let out = file.with_file_name("run");
+    let recording = file.with_file_name("drive.mcap");
+    let output = run_to_end(&[
+        "run",
+        file.to_str().unwrap(),
+        "--arm",
+        "--format",
+        "text",
+        "--duration-s",
+        "60",
+        "--out",
+        out.to_str().unwrap(),
+        "--record",
+        recording.to_str().unwrap(),
+        "--force",
+    ]);
+    let said = String::from_utf8(output.stdout).unwrap();
+    assert!(said.contains("ended: finished"), "{said}");
+    let expected = ["gate, left", "probe", "gate"];
+    let shown: Vec<&str> = said
+        .lines()
+        .filter_map(|line| line.split_once("s  action: ").map(|(_, text)| text))
+        .collect();
+    assert_eq!(shown, expected, "{said}");
+    let events = std::fs::read_to_string(out.join("events.jsonl")).unwrap();
+    let events: Vec<serde_json::Value> = events
+        .lines()
+        .map(|line| serde_json::from_str(line).unwrap())
+        .filter(|event: &serde_json::Value| event["event"] == "action")
+        .collect();
+    let reasons: Vec<&str> = events
+        .iter()
+        .map(|e| e["reason"].as_str().unwrap())
+        .collect();
+    assert_eq!(reasons, expected);
+    // Each is told in the cycle in which the vehicle passes.
+    let mut rows = csv::Reader::from_path(out.join("cycles.csv")).unwrap();
+    let header = rows.headers().unwrap().clone();
+    let column = |name: &str| header.iter().position(|column| column == name).unwrap();
+    let columns = ["time_s", "arc_length_m", "traction_m_s"].map(column);
+    let rows: Vec<[f64; 3]> = rows
+        .records()
+        .map(|row| {
+            let row = row.unwrap();
+            columns.map(|column| row[column].parse().unwrap_or(f64::NAN))
+        })
+        .collect();
+    for (event, at_m) in events.iter().zip([0.5, 1.6, 2.6]) {
+        let time_s = event["time_s"].as_f64().unwrap();
+        let row = rows.iter().find(|row| row[0] == time_s).unwrap();
+        assert!((row[1] - at_m).abs() < 0.1, "{event}: {row:?}");
+    }
+    let fastest = |from_m: f64, to_m: f64| {
+        let driven = rows.iter().filter(|row| (from_m..to_m).contains(&row[1]));
+        driven.map(|row| row[2]).fold(0.0, f64::max)
+    };
+    assert!(
+        (0.1..0.21).contains(&fastest(1.0, 1.6)),
+        "{}",
+        fastest(1.0, 1.6)
+    );
+    assert!(fastest(1.8, 2.6) > 0.3);
+    // The recorded path has its speeds: the commands are the same again.
+    let replayed = run_to_end(&["replay", recording.to_str().unwrap(), "--format", "json"]);
+    let replayed: serde_json::Value = serde_json::from_slice(&replayed.stdout).unwrap();
+    assert_eq!(replayed["different"], 0, "{replayed}");
+}
+
+#[test]
 fn a_route_is_driven_on_wheels() {
     let changes = [
         ("run_vcan0.yaml", "port: can", "port: simulated"),

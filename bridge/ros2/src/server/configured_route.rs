@@ -1,6 +1,7 @@
 //! The route of the configuration.
 
 use super::requested_path::RequestedPath;
+use sidehill_controller::path::PendingActions;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
@@ -8,6 +9,8 @@ use std::sync::atomic::AtomicBool;
 pub struct ConfiguredRoute {
     /// The path.
     pub path: RequestedPath,
+    /// What is to be done along it; arc lengths are those of its poses.
+    pub actions: PendingActions,
     /// Set by the operator to begin it from where the vehicle is.
     pub begin: Arc<AtomicBool>,
     /// Whether it begins once by itself, as soon as the vehicle has a pose.

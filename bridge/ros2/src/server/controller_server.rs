@@ -1,9 +1,11 @@
 //! The thread that serves FollowPath, parameters and lifecycle, and publishes telemetry.
 
+mod actions;
 mod create;
 mod output;
 mod watch;
 
+use super::action_topic::ActionTopic;
 use super::configured_route::ConfiguredRoute;
 use super::follow_path::{FollowPathRequest, FollowPathServer};
 use super::goal_context::{GoalContext, ObstacleContext, PathSource};
@@ -60,6 +62,9 @@ pub(crate) struct ControllerServer {
     costmap: Option<CostmapReader>,
     services: NodeServices,
     telemetry: Telemetry,
+    actions: ActionTopic,
+    /// Whether the route of the configuration was begun and the vehicle has not driven on it since.
+    joins_route: bool,
     handler: GoalHandler,
     discovery: DomainParticipantStatusListener,
     peers: Peers,
@@ -112,10 +117,12 @@ impl ControllerServer {
         let status = self.links.commands.loop_status();
         self.step_session(now_s, status.as_ref(), clock_jumped);
         let decision = self.links.commands.controller_status().decision;
+        self.pass_actions(status.as_ref(), decision.as_ref());
         for request in self.handler.take_requests() {
             self.carry_out(request, now_s);
         }
         self.watch_poses(decision.as_ref());
+        self.actions.hear(&self.links.inputs);
         self.publish_feedback(now_s, decision.as_ref());
         self.publish_telemetry(now_s, status.as_ref());
         self.action.publish_status(now_s);
@@ -170,7 +177,8 @@ impl ControllerServer {
         }
         let path = route.path.clone();
         self.log(LogLevel::Info, "the route of the configuration begins");
-        self.handler.begin(PathSource::None, Ok(path), now_s);
+        self.joins_route = true;
+        self.handler.begin(PathSource::Route, Ok(path), now_s);
     }
 
     fn take_goal(&mut self, goal: FollowPathRequest, now_s: f64) {

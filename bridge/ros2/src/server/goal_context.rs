@@ -22,7 +22,9 @@ pub(crate) enum PathSource {
         /// Who has sent it.
         client: ClientId,
     },
-    /// Nobody: the path is that of the topic, or of the configuration.
+    /// The operator: the path is the route of the configuration.
+    Route,
+    /// Nobody: the path is that of the topic.
     None,
 }
 

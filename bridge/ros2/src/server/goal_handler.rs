@@ -116,7 +116,7 @@ impl GoalHandler {
     pub(crate) fn goal(&self) -> Option<GoalId> {
         match self.session.as_ref()?.client() {
             PathSource::Goal { id, .. } => Some(id),
-            PathSource::None => None,
+            PathSource::Route | PathSource::None => None,
         }
     }
 
@@ -124,6 +124,15 @@ impl GoalHandler {
     /// is followed.
     pub(crate) fn feedback(&self, decision: &Decision) -> Option<(f64, f64)> {
         self.session.as_ref()?.feedback(decision)
+    }
+
+    /// Returns how much of the route of the configuration is left, m, while it is followed.
+    pub(crate) fn left_on_route_m(&self, decision: &Decision) -> Option<f64> {
+        let session = self.session.as_ref()?;
+        match session.client() {
+            PathSource::Route => session.left_on_route_m(decision),
+            PathSource::Goal { .. } | PathSource::None => None,
+        }
     }
 
     /// Returns where the vehicle is on the route of a goal that is followed.

@@ -261,6 +261,18 @@ impl GoalSession {
         Some((left_m.max(0.0), own.command_effective.traction_m_s))
     }
 
+    /// Returns how much of the route is left, m, while the vehicle drives it; a detour past an obstacle counts as the
+    /// stretch beside it.
+    pub(crate) fn left_on_route_m(&self, decision: &Decision) -> Option<f64> {
+        let (FollowedPath::Route(placed), SessionPhase::Driving { .. }) =
+            (&self.following, &self.phase)
+        else {
+            return None;
+        };
+        let own = Some(decision).filter(|decision| decision.reference == self.number)?;
+        Some(placed.route.left_m(own.progress?.arc_length_m))
+    }
+
     /// Returns where the vehicle is on the route of a goal that is followed.
     pub(crate) fn tracking(&self, decision: &Decision) -> Option<TrackingState> {
         let (left_m, _) = self.feedback(decision)?;

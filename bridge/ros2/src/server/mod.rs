@@ -7,6 +7,7 @@
 //! One [`goal_session`] owns a goal from its acceptance to its result. One thread serves the action, the
 //! parameters and the lifecycle; neither the control loop nor the controller waits for it.
 
+mod action_topic;
 pub mod checkers;
 mod configured_route;
 mod controller_server;

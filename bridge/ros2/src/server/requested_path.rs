@@ -4,7 +4,7 @@ use super::outcome::Outcome;
 use sidehill_bridge::ros2::conversions::from_pose;
 use sidehill_bridge::ros2::convert::pose_and_attitude;
 use sidehill_bridge::ros2::message;
-use sidehill_controller::path::Path;
+use sidehill_controller::path::{Path, ROUTE_SPEEDS};
 use sidehill_plant::frames::PlanarPose;
 
 /// A path as a client has sent it, checked.
@@ -14,6 +14,8 @@ pub struct RequestedPath {
     pub frame: String,
     /// Its poses.
     pub poses: Vec<PlanarPose>,
+    /// Largest speed from each pose to the next, m/s, infinite where there is none; empty where there is none at all.
+    pub speeds_m_s: Vec<f64>,
     /// Whether the orientations of the poses say the direction of driving, whatever the settings are.
     pub oriented: bool,
 }
@@ -67,26 +69,42 @@ impl RequestedPath {
             .collect::<Result<Vec<_>, _>>()?;
         Ok(Self {
             frame: frame.to_owned(),
+            speeds_m_s: speeds_of_stamps(path, &poses)?,
             poses,
             oriented: false,
         })
     }
 
-    /// Returns the poses along a curve in a frame.
+    /// Returns the poses along a curve in a frame, with the speeds of its stretches.
     pub fn from_curve(frame: &str, curve: &Path) -> Self {
         let length_m = curve.length_m();
         let steps = (length_m / CURVE_STEP_M).ceil().max(1.0) as usize;
         let mut places_m: Vec<f64> = (0..=steps)
             .map(|index| length_m * index as f64 / steps as f64)
             .chain(curve.stops_m())
+            .chain(curve.speeds().iter().map(|stretch| stretch.from_m))
             .collect();
         places_m.sort_by(f64::total_cmp);
         let poses = places_m.iter().map(|at_m| curve.at(*at_m).pose());
+        let speeds_m_s = match curve.speeds() {
+            [] => Vec::new(),
+            _ => places_m
+                .iter()
+                .map(|at_m| curve.speed_m_s(*at_m).unwrap_or(f64::INFINITY))
+                .collect(),
+        };
         Self {
             frame: frame.trim_start_matches('/').to_owned(),
             poses: poses.collect(),
+            speeds_m_s,
             oriented: true,
         }
+    }
+
+    /// Returns the largest speed from a pose to the next, m/s, where it has one.
+    pub fn speed_m_s(&self, index: usize) -> Option<f64> {
+        let speed_m_s = self.speeds_m_s.get(index).copied();
+        speed_m_s.filter(|speed_m_s| speed_m_s.is_finite())
     }
 
     /// Returns the goal, which is the last pose.
@@ -122,7 +140,7 @@ impl RequestedPath {
     }
 
     /// Returns the length from a pose to the end, m.
-    fn length_m(&self, from: usize) -> f64 {
+    pub fn length_m(&self, from: usize) -> f64 {
         let steps = self.poses[from..].windows(2);
         steps
             .map(|pair| (pair[1].x_m - pair[0].x_m).hypot(pair[1].y_m - pair[0].y_m))
@@ -152,11 +170,67 @@ impl RequestedPath {
     }
 }
 
+/// Longest time that stamps count from 0, s: clocks show more.
+const STAMPS_MAX_S: f64 = 1e6;
+
+/// Returns the speeds with which a vehicle would be at each pose at its stamp, where the stamps count from 0 at the first
+/// pose; infinite where the time stands still, empty where the stamps count from elsewhere.
+///
+/// # Errors
+/// `INVALID_PATH` where the stamps count back or ask for a speed outside [`ROUTE_SPEEDS`].
+fn speeds_of_stamps(path: &message::Path, poses: &[PlanarPose]) -> Result<Vec<f64>, Outcome> {
+    let times = path.poses.iter().map(|pose| pose.header.stamp);
+    let times_s: Vec<f64> = times
+        .map(|stamp| f64::from(stamp.sec) + 1e-9 * f64::from(stamp.nanosec))
+        .collect();
+    let largest_s = times_s.iter().copied().fold(0.0, f64::max);
+    if times_s.first() != Some(&0.0) || largest_s == 0.0 || largest_s > STAMPS_MAX_S {
+        return Ok(Vec::new());
+    }
+    let refused = |index: usize, what: String| {
+        Outcome::invalid_path(format!(
+            "pose {index}: stamps from 0 on are times at which the vehicle is there at the earliest, and {what}"
+        ))
+    };
+    let stretch = |index: usize| {
+        let (a, b) = (&poses[index], &poses[index + 1]);
+        let length_m = (b.x_m - a.x_m).hypot(b.y_m - a.y_m);
+        let time_s = times_s[index + 1] - times_s[index];
+        if time_s < 0.0 {
+            return Err(refused(index + 1, "this one counts back".to_owned()));
+        }
+        if time_s == 0.0 {
+            return Ok(f64::INFINITY);
+        }
+        let speed_m_s = length_m / time_s;
+        if speed_m_s < ROUTE_SPEEDS.low {
+            return Err(refused(
+                index + 1,
+                format!(
+                    "this one asks for {speed_m_s:.3} m/s; at least {} m/s are allowed",
+                    ROUTE_SPEEDS.low
+                ),
+            ));
+        }
+        // Faster than that is no limit.
+        Ok(if speed_m_s > ROUTE_SPEEDS.high {
+            f64::INFINITY
+        } else {
+            speed_m_s
+        })
+    };
+    let mut speeds_m_s = (0..poses.len() - 1)
+        .map(stretch)
+        .collect::<Result<Vec<f64>, Outcome>>()?;
+    speeds_m_s.push(f64::INFINITY);
+    Ok(speeds_m_s)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::node::message::action::code;
-    use sidehill_bridge::ros2::conversions::to_pose;
+    use sidehill_bridge::ros2::conversions::{stamp, to_pose};
     use sidehill_bridge::ros2::convert::world_from_base_link;
     use sidehill_controller::path::{Direction, Point2, RawPoint, SmoothingConfig, smooth};
     use sidehill_plant::frames::{Attitude, Pose};
@@ -237,6 +311,51 @@ mod tests {
         assert!(code_of(&path).1.contains("frame"));
     }
 
+    fn stamped(times_s: &[f64]) -> message::Path {
+        let mut path = message(&line(times_s.len()));
+        for (pose, time_s) in path.poses.iter_mut().zip(times_s) {
+            pose.header.stamp = stamp((1e9 * time_s) as i64);
+        }
+        path
+    }
+
+    #[test]
+    fn stamps_from_0_on_say_how_fast_the_path_may_be_driven() {
+        // Poses are 0.1 m apart.
+        let path = stamped(&[0.0, 0.0, 0.5, 1.5, 1.5]);
+        let path = RequestedPath::from_message(&path).unwrap();
+        let speeds = [0, 1, 2, 3, 4].map(|index| path.speed_m_s(index));
+        assert_eq!(speeds[0], None);
+        assert!((speeds[1].unwrap() - 0.2).abs() < 1e-6);
+        assert!((speeds[2].unwrap() - 0.1).abs() < 1e-6);
+        assert_eq!(speeds[3..], [None, None]);
+        // A clock's stamps, those of a planner and none at all.
+        for times_s in [
+            [1e9, 1e9 + 1.0, 1e9 + 2.0],
+            [7.0; 3],
+            [0.0; 3],
+            [0.0, 1e9, 1e9],
+        ] {
+            let path = RequestedPath::from_message(&stamped(&times_s)).unwrap();
+            assert!(path.speeds_m_s.is_empty(), "{times_s:?}");
+        }
+    }
+
+    #[test]
+    fn stamps_that_count_back_or_let_the_vehicle_stand_are_refused() {
+        let (code, message) = code_of(&stamped(&[0.0, 2.0, 1.0]));
+        assert_eq!(code, code::INVALID_PATH);
+        assert!(
+            message.contains("pose 2") && message.contains("counts back"),
+            "{message}"
+        );
+        let (_, message) = code_of(&stamped(&[0.0, 1.0, 21.0]));
+        assert!(
+            message.contains("pose 2") && message.contains("0.005 m/s"),
+            "{message}"
+        );
+    }
+
     #[test]
     fn a_curve_keeps_its_places_headings_and_directions() {
         // 2 m along Y_g, and back in reverse to its half.
@@ -246,16 +365,16 @@ mod tests {
                     x_m: 0.0,
                     y_m: 0.05 * f64::from(i),
                 },
-                elevation_m: None,
                 direction: Some(Direction::Forward),
+                ..RawPoint::default()
             })
             .chain((1..=20).map(|i| RawPoint {
                 position: Point2 {
                     x_m: 0.0,
                     y_m: 2.0 - 0.05 * f64::from(i),
                 },
-                elevation_m: None,
                 direction: Some(Direction::Reverse),
+                ..RawPoint::default()
             }))
             .collect();
         let smoothing = SmoothingConfig::default().planned(2.0);

@@ -77,7 +77,9 @@ impl ProfiledRoute {
     ) -> Result<Self, Outcome> {
         let first = path.first_passage(pose);
         let poses = &path.poses[first.min(path.poses.len().saturating_sub(2))..];
-        let poses = &places(poses)[..];
+        let count = poses.len();
+        let (poses, indices): (Vec<PlanarPose>, Vec<usize>) = places(poses).into_iter().unzip();
+        let skipped = path.poses.len() - count;
         let points: Vec<RawPoint> = (0..poses.len())
             .map(|index| RawPoint {
                 position: Point2 {
@@ -86,7 +88,8 @@ impl ProfiledRoute {
                 },
                 elevation_m: None,
                 direction: (settings.use_orientations || path.oriented)
-                    .then(|| direction(poses, index)),
+                    .then(|| direction(&poses, index)),
+                speed_m_s: path.speed_m_s(skipped + indices[index]),
             })
             .collect();
         let smoothed = smooth(&points, &settings.smoothing).map_err(Outcome::invalid_path)?;
@@ -176,6 +179,11 @@ impl ProfiledRoute {
         })
     }
 
+    /// Returns how much of the curve is left at an arc length of the route, m.
+    pub(crate) fn left_m(&self, arc_length_m: f64) -> f64 {
+        (self.path.length_m() - self.on_the_curve_m(arc_length_m)).max(0.0)
+    }
+
     /// Returns the arc length of the curve at an arc length of the route, m.
     fn on_the_curve_m(&self, arc_length_m: f64) -> f64 {
         self.beside
@@ -260,8 +268,10 @@ const PLACE_M: f64 = 0.045;
 /// Number of poses from which on they are: a vehicle stood there while its path was recorded.
 const STANDING: usize = 5;
 
-/// Returns the poses, those of a place at which many are made one in their middle.
-fn places(poses: &[PlanarPose]) -> Vec<PlanarPose> {
+/// Returns the poses, those of a place at which many are made one in their middle, and the index of each, that of the
+/// last one at a place.
+fn places(poses: &[PlanarPose]) -> Vec<(PlanarPose, usize)> {
+    let each = |range: std::ops::Range<usize>| range.map(|index| (poses[index], index));
     let mut found = Vec::with_capacity(poses.len());
     let mut from = 0;
     while from < poses.len() {
@@ -278,15 +288,15 @@ fn places(poses: &[PlanarPose]) -> Vec<PlanarPose> {
         }
         if to - from >= STANDING {
             middle.yaw_rad = poses[to - 1].yaw_rad;
-            found.push(middle);
+            found.push((middle, to - 1));
         } else {
-            found.extend_from_slice(&poses[from..to]);
+            found.extend(each(from..to));
         }
         from = to;
     }
     // All that is left is where the vehicle stands.
     match found.len() {
-        1 => poses.to_vec(),
+        1 => each(0..poses.len()).collect(),
         _ => found,
     }
 }

@@ -79,6 +79,7 @@ pub(crate) fn loop_status(state: SafetyState) -> LoopStatus {
             y_m: 0.0,
             yaw_rad: 0.0,
             cross_track_m: None,
+            arc_length_m: None,
             solve_us: f64::NAN,
             refused: 0,
             skipped: 0,

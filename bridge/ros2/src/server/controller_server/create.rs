@@ -4,6 +4,7 @@ use super::{ControllerServer, ServerLinks};
 use crate::node::peers::Peers;
 use crate::node::services::NodeServices;
 use crate::node::{NodeError, RosNode, qos};
+use crate::server::action_topic::ActionTopic;
 use crate::server::follow_path::action_server;
 use crate::server::goal_handler::GoalHandler;
 use crate::server::goal_session::PivotSettings;
@@ -59,6 +60,7 @@ impl ControllerServer {
             owner.publish(live_parameters::values(&services.parameters));
         }
         let telemetry = Telemetry::new(&mut node, vehicle, &config)?;
+        let actions = ActionTopic::new(&mut node, (registry, token))?;
         let action_name = node.names().resolve(&config.follow_path.action)?;
         let emergency_stop = node.names().resolve(&config.inputs.emergency_stop)?;
         let pivots = PivotSettings {
@@ -80,6 +82,8 @@ impl ControllerServer {
             costmap,
             services,
             telemetry,
+            actions,
+            joins_route: false,
             discovery,
             peers: Peers::default(),
             accepted_goals: 0,

@@ -48,8 +48,10 @@ impl ControllerServer {
             }
         }
         self.last_end = Some((end, outcome.message.clone()));
-        if let PathSource::Goal { id, .. } = client {
-            self.action.end(&id, now_s, end, outcome);
+        match client {
+            PathSource::Goal { id, .. } => self.action.end(&id, now_s, end, outcome),
+            PathSource::Route if end == GoalEnd::Succeeded => self.finish_actions(),
+            PathSource::Route | PathSource::None => {}
         }
     }
 

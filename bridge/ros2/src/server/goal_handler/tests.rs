@@ -263,8 +263,8 @@ fn path() -> RequestedPath {
     });
     RequestedPath {
         frame: "map".to_owned(),
-        oriented: false,
         poses: poses.collect(),
+        ..RequestedPath::default()
     }
 }
 

@@ -12,8 +12,8 @@ fn line(count: usize) -> RequestedPath {
     });
     RequestedPath {
         frame: "map".to_owned(),
-        oriented: false,
         poses: poses.collect(),
+        ..RequestedPath::default()
     }
 }
 
@@ -21,7 +21,6 @@ fn line(count: usize) -> RequestedPath {
 fn a_kink_close_to_an_end_is_smoothed_within_the_deviation_or_turned_at_on_the_spot() {
     let at = |places: &[(f64, f64)]| RequestedPath {
         frame: "map".to_owned(),
-        oriented: false,
         poses: places
             .iter()
             .map(|&(x_m, y_m)| PlanarPose {
@@ -30,6 +29,7 @@ fn a_kink_close_to_an_end_is_smoothed_within_the_deviation_or_turned_at_on_the_s
                 yaw_rad: 0.0,
             })
             .collect(),
+        ..RequestedPath::default()
     };
     let pose = PlanarPose::default();
     let path = at(&[(0.0, 0.0), (0.1, 0.1), (0.1, 0.2), (0.1, 0.3)]);
@@ -78,6 +78,43 @@ fn a_path_is_joined_where_the_vehicle_is_and_at_its_speed() {
     });
     let slow = slow.unwrap().trajectory;
     assert!((slow.at(slow.duration_s() / 2.0).speed_m_s - 0.2).abs() < 1e-6);
+}
+
+#[test]
+fn a_route_keeps_the_speeds_of_its_poses_at_other_speeds_too() {
+    let mut path = line(101);
+    // Slow from 5 m to 6 m; the vehicle joins at 4 m.
+    path.speeds_m_s = (0..101)
+        .map(|index| {
+            if (50..60).contains(&index) {
+                0.2
+            } else {
+                f64::INFINITY
+            }
+        })
+        .collect();
+    let pose = PlanarPose {
+        x_m: 4.0,
+        ..path.poses[0]
+    };
+    let route = ProfiledRoute::build(&path, &pose, 0.0, &route_settings()).unwrap();
+    let fastest = |route: &ProfiledRoute, from_m: f64, to_m: f64| {
+        (0..=100)
+            .map(|i| from_m + f64::from(i) / 100.0 * (to_m - from_m))
+            .map(|at_m| route.trajectory.speed_at(at_m))
+            .fold(0.0, f64::max)
+    };
+    assert_eq!(fastest(&route, 1.0, 2.0), 0.2);
+    assert_eq!(fastest(&route, 2.0, 6.0), 0.5);
+    for (speed_max_m_s, slow_m_s, open_m_s) in [(0.3, 0.2, 0.3), (0.1, 0.1, 0.1)] {
+        let limits = SpeedLimits {
+            speed_max_m_s,
+            ..route_settings().limits
+        };
+        let limited = route.on_the_way(&limits).unwrap();
+        assert_eq!(fastest(&limited, 1.0, 2.0), slow_m_s);
+        assert_eq!(fastest(&limited, 2.0, 6.0), open_m_s);
+    }
 }
 
 #[test]
@@ -139,8 +176,8 @@ fn a_way_back_in_one_direction_is_refused_with_its_place() {
         });
         let path = RequestedPath {
             frame: "map".to_owned(),
-            oriented: false,
             poses: poses.collect(),
+            ..RequestedPath::default()
         };
         let error =
             ProfiledRoute::build(&path, &PlanarPose::default(), 0.0, &oriented).unwrap_err();
@@ -194,5 +231,14 @@ fn poses_of_a_vehicle_that_stood_are_one_place() {
     }
     // Poses 5 cm apart are a path, and so are many more within a place where nothing else is.
     let exact = line(31);
-    assert_eq!(places(&exact.poses), exact.poses);
+    let each: Vec<(PlanarPose, usize)> = exact.poses.iter().copied().zip(0..).collect();
+    assert_eq!(places(&exact.poses), each);
+    // A place has the index of its last pose, whose speed says how to go on.
+    let mut stood = line(31);
+    stood.poses.splice(10..10, vec![stood.poses[10]; 8]);
+    let indices: Vec<usize> = places(&stood.poses)
+        .into_iter()
+        .map(|(_, index)| index)
+        .collect();
+    assert_eq!(indices[9..12], [9, 18, 19]);
 }

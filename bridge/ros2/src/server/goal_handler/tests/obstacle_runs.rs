@@ -72,8 +72,8 @@ pub(super) fn arc(curvature_per_m: f64, length_m: f64) -> RequestedPath {
     }
     RequestedPath {
         frame: "map".to_owned(),
-        oriented: false,
         poses,
+        ..RequestedPath::default()
     }
 }
 

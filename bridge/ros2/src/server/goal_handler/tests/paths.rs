@@ -81,8 +81,8 @@ fn a_path_within_the_goal_tolerance_only_checks_the_goal() {
             };
             let client = world.begin(RequestedPath {
                 frame: "map".to_owned(),
-                oriented: false,
                 poses: vec![pose; count],
+                ..RequestedPath::default()
             });
             world.look();
             world.cycle();

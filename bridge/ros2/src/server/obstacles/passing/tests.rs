@@ -10,8 +10,8 @@ fn path(along: impl Iterator<Item = (f64, Direction)>) -> Path {
     let points: Vec<RawPoint> = along
         .map(|(y_m, direction)| RawPoint {
             position: Point2 { x_m: 0.0, y_m },
-            elevation_m: None,
             direction: Some(direction),
+            ..RawPoint::default()
         })
         .collect();
     smooth(&points, &Smoothing::default()).unwrap().path
